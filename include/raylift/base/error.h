@@ -1,0 +1,57 @@
+// The two kinds of errors that leave a function, and the check for our own mistakes.
+//
+// Bad input (a file, a value in it) is an InputError: one line that names the file, the place in
+// it, what was expected and what was found. A bad option is an OptionError. Both are caught once,
+// in main. "No pose was found" is neither: it is a result (see PoseEstimate).
+
+#pragma once
+
+#include <filesystem>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+namespace raylift {
+
+// Bad input. what() is one line: "FILE: PLACE: expected ..., found ...".
+class InputError : public std::runtime_error {
+ public:
+  explicit InputError(const std::string& message);
+  InputError(const std::filesystem::path& file, std::string_view message);
+  // `place` is a line ("line 12"), a JSON path or a field ("camera 3, width").
+  InputError(const std::filesystem::path& file, std::string_view place, std::string_view message);
+};
+
+// A bad option: "--name = value: constraint".
+class OptionError : public std::runtime_error {
+ public:
+  explicit OptionError(const std::string& message);
+  OptionError(std::string_view name, std::string_view value, std::string_view constraint);
+};
+
+namespace internal {
+[[noreturn]] void CheckFailed(const char* file, int line, const char* condition,
+                              const std::string& detail);
+}  // namespace internal
+
+// States what must hold if our code is right; never used on input. Throws std::logic_error.
+#define RAYLIFT_CHECK(condition)                                            \
+  do {                                                                      \
+    if (!(condition)) {                                                     \
+      ::raylift::internal::CheckFailed(__FILE__, __LINE__, #condition, {}); \
+    }                                                                       \
+  } while (false)
+
+// As RAYLIFT_CHECK for a == b, and prints both values.
+#define RAYLIFT_CHECK_EQ(a, b)                                                \
+  do {                                                                        \
+    const auto& check_a_ = (a);                                               \
+    const auto& check_b_ = (b);                                               \
+    if (!(check_a_ == check_b_)) {                                            \
+      ::raylift::internal::CheckFailed(                                       \
+          __FILE__, __LINE__, #a " == " #b,                                   \
+          std::to_string(check_a_) + " against " + std::to_string(check_b_)); \
+    }                                                                         \
+  } while (false)
+
+}  // namespace raylift

@@ -1,0 +1,37 @@
+// Whole files in and out. Output appears under its name only when it is complete.
+
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <string_view>
+
+namespace raylift {
+
+// The bytes of a file. InputError where it is missing, a folder or not readable.
+std::string ReadFile(const std::filesystem::path& path);
+
+// Writes to a temporary name beside `path` and renames it, so that a killed run leaves no half
+// file. Makes the parent folders. InputError naming the file if it cannot be written.
+void WriteFile(const std::filesystem::path& path, std::string_view contents);
+
+// Gives the temporary name for a writer that opens files itself (HDF5, OpenCV); Commit() renames.
+// Without Commit() the temporary file is removed.
+class AtomicFile {
+ public:
+  // The temporary name keeps the extension of `path`, as some writers choose the format by it.
+  explicit AtomicFile(std::filesystem::path path);
+  ~AtomicFile();
+  AtomicFile(const AtomicFile&) = delete;
+  AtomicFile& operator=(const AtomicFile&) = delete;
+
+  const std::filesystem::path& temporary_path() const { return temporary_path_; }
+  void Commit();
+
+ private:
+  std::filesystem::path path_;
+  std::filesystem::path temporary_path_;
+  bool committed_ = false;
+};
+
+}  // namespace raylift

@@ -1,0 +1,61 @@
+// Plain text files of numbers and names, read strictly: a wrong token is an error with its line.
+
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raylift {
+
+// The white-space separated tokens of a line; views into it.
+std::vector<std::string_view> SplitTokens(std::string_view line);
+
+// The tokens of a line separated by `separator`, each trimmed; views into it.
+std::vector<std::string_view> SplitBy(std::string_view line, char separator);
+
+std::string_view Trim(std::string_view text);
+
+// The whole token as a number, or none. Any finite or non-finite double is accepted here.
+std::optional<double> ParseDouble(std::string_view token);
+std::optional<int64_t> ParseInt(std::string_view token);
+std::optional<uint64_t> ParseUint(std::string_view token);
+
+// The shortest text that reads back as the same double.
+std::string FormatDouble(double value);
+
+// Walks the lines of a text and knows where it is, for the messages.
+class LineReader {
+ public:
+  // Reads the file; InputError where it cannot be read.
+  explicit LineReader(const std::filesystem::path& path);
+  LineReader(std::filesystem::path path_for_messages, std::string contents);
+
+  // The next line without its end (LF or CRLF), or none at the end of the file.
+  std::optional<std::string_view> Next();
+
+  // The next line that is neither blank nor a `#` comment, or none.
+  std::optional<std::string_view> NextContent();
+
+  int line_number() const { return line_number_; }
+  const std::filesystem::path& path() const { return path_; }
+
+  // Throws InputError "FILE: line N: MESSAGE".
+  [[noreturn]] void Fail(std::string_view message) const;
+
+  // A finite number / a count from one token; `field` names it in the message.
+  double Double(std::string_view token, std::string_view field) const;
+  int64_t Int(std::string_view token, std::string_view field) const;
+  uint64_t Uint(std::string_view token, std::string_view field) const;
+
+ private:
+  std::filesystem::path path_;
+  std::string contents_;
+  size_t position_ = 0;
+  int line_number_ = 0;
+};
+
+}  // namespace raylift

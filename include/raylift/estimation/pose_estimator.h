@@ -1,0 +1,136 @@
+// From matches to a camera pose: the methods of Panek, Sattler and Kukelova, "Combining Absolute
+// and Semi-Generalized Relative Poses for Visual Localization" (2024), behind one interface.
+//
+//   P3P       LO-RANSAC on the 2D-3D matches (reprojection error).
+//   E5+1      LO-RANSAC on the 2D-2D matches: an essential matrix from five matches to one
+//   reference,
+//             the translation's scale from one match to another (Sampson error). No geometry
+//             needed.
+//   Adaptive  both samples in every iteration, all poses scored on both match sets (Sec. 3).
+//   Select    P3P and E5+1 apart, then one of the two poses by its 2D-2D inliers (Eq. 6).
+
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/geometry/rigid3.h"
+#include "raylift/scene/pose_problem.h"
+
+namespace raylift {
+
+enum class Method { kP3p, kE5p1, kAdaptive, kSelect };
+
+// How the scores of the two match sets become one (Eqs. 1 to 5): I inliers, N matches, M MSAC sums.
+enum class ScoreCombination {
+  kSumInliers,       // I_3D + I_2D (Camposeco et al. 2018)
+  kSumInlierRatios,  // I_3D / N_3D + I_2D / N_2D
+  kMultInliers,      // I_3D * I_2D
+  kSumMsac,          // M_3D / t_3D^2 + M_2D / t_2D^2
+  kMultMsac,         // M_3D * M_2D
+};
+
+// Which residuals refine a new best pose of Adaptive.
+enum class LocalOptimization {
+  kHybrid,  // both kinds
+  kSplit,   // the kind of the solver that made the hypothesis
+};
+
+enum class Solver { kP3p, kE5p1 };
+
+struct EstimatorOptions {
+  Method method = Method::kAdaptive;
+  ScoreCombination score = ScoreCombination::kSumMsac;
+  LocalOptimization local_optimization = LocalOptimization::kHybrid;
+  double alpha = 0.8;  // Select's
+
+  double reprojection_threshold_px = 8.0;  // t_3D
+  double sampson_threshold_px = 2.0;       // t_2D
+  int min_iterations = 100;
+  int max_iterations = 10000;
+  double confidence = 0.9999;
+  uint64_t seed = 0;  // results depend on (seed, problem name, problem) alone
+
+  // Throws OptionError for a value out of its range.
+  void Validate() const;
+};
+
+// Why there is no pose.
+enum class FailureReason {
+  kNone,
+  kTooFewMatches,       // fewer than the method's minimal samples need
+  kNoReferencePair,     // E5+1 alone: no reference with five matches and another with one
+  kNoConsistentSample,  // no sample gave a pose that enough matches agree on
+};
+
+// The score of one match set under one pose.
+struct MatchSetScore {
+  int num_matches = 0;
+  int num_inliers = 0;
+  double msac_cost = 0;  // sum of min(e^2 / t^2, 1)
+};
+
+struct PoseEstimate {
+  std::optional<Rigid3> cam_from_world;
+  FailureReason failure = FailureReason::kNone;
+
+  // Of the final pose, with the thresholds of the options; always over both match sets.
+  MatchSetScore score_2d3d;
+  MatchSetScore score_2d2d;
+  std::vector<bool> inliers_2d3d;  // one per match of the problem
+  std::vector<bool> inliers_2d2d;
+
+  Solver solver = Solver::kP3p;  // which solver the pose comes from
+  int iterations = 0;
+
+  // Of the step (w, v) in the camera's tangent frame (geometry/residuals.h), from the normal
+  // equations at the final pose with the residuals' own spread; none where the inliers do not
+  // determine the pose.
+  std::optional<Eigen::Matrix<double, 6, 6>> covariance;
+  double rotation_sigma_deg = 0;  // root mean square over the axes' sum; 0 without a covariance
+  double position_sigma = 0;      // of the camera centre, scene units
+
+  // False where only the orientation is determined (E5+1 with all references at one centre).
+  bool position_observable = true;
+
+  // Select and Adaptive keep both candidates, for the diagnostics.
+  std::optional<Rigid3> p3p_cam_from_world;
+  std::optional<Rigid3> e5p1_cam_from_world;
+};
+
+// Thread safe: Estimate() keeps no state between calls.
+class PoseEstimator {
+ public:
+  virtual ~PoseEstimator() = default;
+  virtual PoseEstimate Estimate(const PoseProblem& problem) const = 0;
+};
+
+// Throws OptionError where the options are out of range. Matches that are not finite, or whose
+// pixel has no ray, count as outliers.
+std::unique_ptr<PoseEstimator> MakePoseEstimator(const EstimatorOptions& options);
+
+// One table of names drives options, help and result tables.
+struct MethodName {
+  Method method;
+  std::string_view name;         // on the command line and in files, e.g. "e5p1"
+  std::string_view title;        // in tables, e.g. "E5+1"
+  std::string_view description;  // one line of help
+};
+std::span<const MethodName> AllMethods();
+std::string_view ToString(Method method);
+std::string_view ToString(ScoreCombination score);
+std::string_view ToString(LocalOptimization local_optimization);
+std::string_view ToString(Solver solver);
+std::string_view ToString(FailureReason reason);  // one readable phrase
+std::optional<Method> MethodFromName(std::string_view name);
+std::optional<ScoreCombination> ScoreCombinationFromName(std::string_view name);
+std::optional<LocalOptimization> LocalOptimizationFromName(std::string_view name);
+
+}  // namespace raylift

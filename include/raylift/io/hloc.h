@@ -1,0 +1,91 @@
+// The files of hloc: features.h5, matches.h5, global-feats*.h5, pairs lists. All conventions are
+// converted here: hloc's keypoints put the first pixel's centre at (0, 0), ours are COLMAP's
+// (0.5, 0.5).
+
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/scene/features.h"
+
+namespace raylift {
+
+// hloc's local features file: one (nested) group per image name.
+class FeatureFile {
+ public:
+  // Opens for reading; InputError where it is missing or no HDF5 file.
+  explicit FeatureFile(const std::filesystem::path& path);
+  ~FeatureFile();
+  FeatureFile(FeatureFile&&) noexcept;
+  FeatureFile& operator=(FeatureFile&&) noexcept;
+
+  std::vector<std::string> ImageNames() const;  // sorted
+  bool Contains(const std::string& image_name) const;
+  // InputError naming file and image where it is absent or malformed. Safe to call from several
+  // threads (HDF5 itself is serialized inside).
+  Features Read(const std::string& image_name) const;
+  // Warnings met so far, e.g. float16 keypoints of an image so wide that they lose precision.
+  std::vector<std::string> Warnings() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// Writes such a file at once; float32 keypoints and scores, float16 descriptors as hloc does where
+// `half_descriptors`.
+void WriteFeatureFile(const std::filesystem::path& path,
+                      const std::map<std::string, Features>& features_by_image,
+                      bool half_descriptors);
+
+// hloc's matches file.
+class MatchFile {
+ public:
+  explicit MatchFile(const std::filesystem::path& path);
+  ~MatchFile();
+  MatchFile(MatchFile&&) noexcept;
+  MatchFile& operator=(MatchFile&&) noexcept;
+
+  // The matches of a pair whichever way round and in whichever naming (new or old) it is stored;
+  // none where the pair is not in the file.
+  std::optional<std::vector<FeatureMatch>> Read(const std::string& query_name,
+                                                const std::string& reference_name) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+struct PairMatches {
+  std::string query_name;
+  std::string reference_name;
+  size_t num_query_keypoints;
+  std::vector<FeatureMatch> matches;
+};
+void WriteMatchFile(const std::filesystem::path& path, std::span<const PairMatches> pairs);
+
+// hloc's global descriptors: one row per image in the order of `names`.
+struct GlobalDescriptors {
+  std::vector<std::string> names;
+  Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> descriptors;
+};
+GlobalDescriptors ReadGlobalDescriptors(const std::filesystem::path& path);
+void WriteGlobalDescriptors(const std::filesystem::path& path, const GlobalDescriptors& global);
+
+// `query reference` per line; the order of a query's lines is the rank. Also takes the comma
+// separated forms of MeshLoc and kapture (query, reference, score).
+using RetrievalPairs = std::map<std::string, std::vector<std::string>>;
+RetrievalPairs ReadPairs(const std::filesystem::path& path);
+void WritePairs(const std::filesystem::path& path,
+                std::span<const std::pair<std::string, std::string>> pairs);
+
+}  // namespace raylift

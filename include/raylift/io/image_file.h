@@ -1,0 +1,20 @@
+// Photographs and pictures, by OpenCV. Orientation tags are ignored: pixels are those that the
+// camera's intrinsics mean.
+
+#pragma once
+
+#include <filesystem>
+
+#include "raylift/scene/image.h"
+
+namespace raylift {
+
+enum class ImageChannels { kGrey, kRgb };
+
+// InputError where the file is missing or no image.
+Image ReadImage(const std::filesystem::path& path, ImageChannels channels);
+
+// The format follows the extension: png, jpg.
+void WriteImage(const std::filesystem::path& path, const Image& image, int jpeg_quality = 92);
+
+}  // namespace raylift

@@ -1,0 +1,39 @@
+// Pose problems on disk: JSON, "format": "pose-problem/1", the interchange file of pose estimators.
+// Beyond the format's own members, "matches_2d3d_reference" (an index or null per 2D-3D match) and
+// "matches_2d3d_sigma" (a number or null) keep what the format has no place for; readers that do
+// not know them lose nothing else.
+
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "raylift/geometry/rigid3.h"
+#include "raylift/scene/pose_problem.h"
+
+namespace raylift {
+
+// What a file holds: the problem and, apart from it, the ground truth that only an evaluation may
+// look at.
+struct PoseProblemFile {
+  PoseProblem problem;
+  std::optional<Rigid3> gt_cam_from_world;
+};
+
+// InputError with the JSON path for anything wrong: a missing member, a reference index out of
+// range, a value that is not finite.
+PoseProblemFile ReadPoseProblem(const std::filesystem::path& path);
+PoseProblemFile ParsePoseProblem(std::string_view json,
+                                 const std::filesystem::path& path_for_messages);
+
+// Numbers are written so that they read back as the same doubles.
+void WritePoseProblem(const std::filesystem::path& path, const PoseProblemFile& file);
+std::string FormatPoseProblem(const PoseProblemFile& file);
+
+// The .json files of a folder in the order of their names, or the file itself.
+std::vector<std::filesystem::path> ListPoseProblems(const std::filesystem::path& file_or_folder);
+
+}  // namespace raylift

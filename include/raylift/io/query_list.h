@@ -1,0 +1,39 @@
+// Lists of query photographs with intrinsics, and lists of poses: the field's plain text files.
+
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "raylift/geometry/camera.h"
+#include "raylift/geometry/rigid3.h"
+
+namespace raylift {
+
+struct Query {
+  std::string name;
+  Camera camera;
+};
+
+// Lines `name MODEL width height params...`; `#` comments and empty lines are skipped. The file
+// name may hold `*` and `?` (several lists, in the order of their names). A name that stands twice
+// is an error.
+std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern);
+void WriteQueryList(const std::filesystem::path& path, const std::vector<Query>& queries);
+
+// One image name per line.
+std::vector<std::string> ReadImageList(const std::filesystem::path& path);
+
+struct NamedPose {
+  std::string name;
+  Rigid3 cam_from_world;
+};
+
+// Lines `name qw qx qy qz tx ty tz`, world to camera. Quaternions are normalized; one that is not
+// of unit length within 1e-3 is an error, as is a NaN.
+std::vector<NamedPose> ReadPoseFile(const std::filesystem::path& path);
+// Numbers in their shortest form that reads back as the same double.
+void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPose>& poses);
+
+}  // namespace raylift

@@ -1,0 +1,38 @@
+// A source of scene geometry: it says which 3D point a pixel of a reference photograph shows.
+
+#pragma once
+
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/scene/posed_image.h"
+
+namespace raylift {
+
+// Where the ray of a pixel meets the scene, and how far that can be trusted.
+struct SurfacePoint {
+  Eigen::Vector3d point_in_world;
+  Eigen::Vector3d normal_in_world;  // unit, turned toward the camera
+  double depth_z;                   // along the reference's optical axis, scene units
+  double incidence_deg;             // angle between the normal and the ray back to the camera
+  bool back_face;                   // the surface was met from behind (by its winding)
+};
+
+class GeometrySource {
+ public:
+  virtual ~GeometrySource() = default;
+
+  // For messages and diagnostics, e.g. "mesh:room.ply".
+  virtual std::string Description() const = 0;
+
+  // The surface points of a batch of pixels of one reference, in order; none where the source has
+  // no surface. Thread safe.
+  virtual std::vector<std::optional<SurfacePoint>> Lift(
+      const PosedImage& reference, std::span<const Eigen::Vector2d> pixels) const = 0;
+};
+
+}  // namespace raylift

@@ -1,0 +1,32 @@
+// Local features of one image and matches between two images, as the front end makes them and as
+// hloc's files hold them.
+
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include <Eigen/Core>
+
+namespace raylift {
+
+// One row per keypoint. Pixels are COLMAP's (the first pixel's centre is (0.5, 0.5)).
+struct Features {
+  int image_width_px = 0;
+  int image_height_px = 0;
+  std::vector<Eigen::Vector2d> keypoints_px;
+  // D x N: a feature's descriptor is a column, unit length for RootSIFT. Empty where not stored.
+  Eigen::MatrixXf descriptors;
+  std::vector<float> scores;  // empty where not stored
+  // Standard deviation of the keypoints in pixels, as hloc's attribute "uncertainty".
+  float uncertainty_px = 1.0f;
+};
+
+struct FeatureMatch {
+  int query_index;
+  int reference_index;
+  float score;
+  bool operator==(const FeatureMatch&) const = default;
+};
+
+}  // namespace raylift

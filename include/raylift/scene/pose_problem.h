@@ -1,0 +1,41 @@
+// All that an estimator sees of one query: the seam between lifting and estimation. It holds no
+// ground truth, so no estimator can peek. On disk it is the JSON format pose-problem/1 (io).
+
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/geometry/camera.h"
+#include "raylift/scene/posed_image.h"
+
+namespace raylift {
+
+// A query pixel that shows the same thing as a reference pixel.
+struct Match2D2D {
+  int reference = 0;  // index into PoseProblem::references
+  Eigen::Vector2d query_px;
+  Eigen::Vector2d reference_px;
+};
+
+// A query pixel that shows a point of the scene.
+struct Match2D3D {
+  Eigen::Vector2d query_px;
+  Eigen::Vector3d point_in_world;
+  std::optional<int> reference;  // the reference it was lifted from, where it was from one
+  // Standard deviation of the point in scene units (isotropic), where the geometry source knows it.
+  std::optional<double> point_sigma;
+};
+
+struct PoseProblem {
+  std::string name;  // the query's
+  Camera query_camera;
+  std::vector<PosedImage> references;
+  std::vector<Match2D2D> matches_2d2d;
+  std::vector<Match2D3D> matches_2d3d;
+};
+
+}  // namespace raylift

@@ -1,0 +1,95 @@
+#include "raylift/base/file.h"
+
+#include <atomic>
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <system_error>
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+// Beside the target, so that the rename stays on one file system; unique to process and call.
+std::filesystem::path TemporaryName(const std::filesystem::path& path) {
+  static std::atomic<unsigned> counter{0};
+  return path.parent_path() / fmt::format(".{}.{}-{}.tmp{}", path.stem().string(), getpid(),
+                                          counter++, path.extension().string());
+}
+
+}  // namespace
+
+std::string ReadFile(const std::filesystem::path& path) {
+  std::error_code error;
+  const auto status = std::filesystem::status(path, error);
+  if (!std::filesystem::exists(status)) {
+    throw InputError(path, "no such file");
+  }
+  if (std::filesystem::is_directory(status)) {
+    throw InputError(path, "expected a file, found a folder");
+  }
+  std::ifstream stream(path, std::ios::binary);
+  if (!stream) {
+    throw InputError(path, fmt::format("cannot be read: {}", std::strerror(errno)));
+  }
+  std::string contents;
+  const auto size = std::filesystem::file_size(path, error);
+  if (!error) {
+    contents.reserve(size);
+  }
+  char buffer[1 << 16];
+  while (stream.read(buffer, sizeof(buffer)) || stream.gcount() > 0) {
+    contents.append(buffer, static_cast<size_t>(stream.gcount()));
+  }
+  if (stream.bad()) {
+    throw InputError(path, "cannot be read to its end");
+  }
+  return contents;
+}
+
+void WriteFile(const std::filesystem::path& path, std::string_view contents) {
+  AtomicFile file(path);
+  {
+    std::ofstream stream(file.temporary_path(), std::ios::binary);
+    stream.write(contents.data(), static_cast<std::streamsize>(contents.size()));
+    stream.close();
+    if (!stream) {
+      throw InputError(path, fmt::format("cannot be written: {}", std::strerror(errno)));
+    }
+  }
+  file.Commit();
+}
+
+AtomicFile::AtomicFile(std::filesystem::path path) : path_(std::move(path)) {
+  if (path_.has_parent_path()) {
+    std::error_code error;
+    std::filesystem::create_directories(path_.parent_path(), error);
+    if (error) {
+      throw InputError(path_.parent_path(),
+                       fmt::format("the folder cannot be made: {}", error.message()));
+    }
+  }
+  temporary_path_ = TemporaryName(path_);
+}
+
+AtomicFile::~AtomicFile() {
+  if (!committed_) {
+    std::error_code ignored;
+    std::filesystem::remove(temporary_path_, ignored);
+  }
+}
+
+void AtomicFile::Commit() {
+  std::error_code error;
+  std::filesystem::rename(temporary_path_, path_, error);
+  if (error) {
+    throw InputError(path_, fmt::format("cannot be written: {}", error.message()));
+  }
+  committed_ = true;
+}
+
+}  // namespace raylift

@@ -1,0 +1,62 @@
+#include "raylift/base/parallel.h"
+
+#include <algorithm>
+#include <exception>
+#include <limits>
+#include <mutex>
+#include <thread>
+
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+namespace raylift {
+
+int ResolveThreads(int threads) {
+  if (threads > 0) {
+    return threads;
+  }
+  return std::max(1u, std::thread::hardware_concurrency());
+}
+
+void ParallelFor(size_t count, int threads, const std::function<void(size_t)>& body) {
+  const int num_threads = ResolveThreads(threads);
+  if (num_threads == 1 || count <= 1) {
+    for (size_t i = 0; i < count; ++i) {
+      body(i);
+    }
+    return;
+  }
+  std::mutex mutex;
+  std::exception_ptr first_exception;
+  size_t first_index = std::numeric_limits<size_t>::max();
+  tbb::task_arena arena(num_threads);
+  arena.execute([&] {
+    tbb::parallel_for(
+        tbb::blocked_range<size_t>(0, count, 1),
+        [&](const tbb::blocked_range<size_t>& range) {
+          for (size_t i = range.begin(); i != range.end(); ++i) {
+            {
+              const std::lock_guard<std::mutex> lock(mutex);
+              if (first_index < i) {
+                return;
+              }
+            }
+            try {
+              body(i);
+            } catch (...) {
+              const std::lock_guard<std::mutex> lock(mutex);
+              if (i < first_index) {
+                first_index = i;
+                first_exception = std::current_exception();
+              }
+            }
+          }
+        },
+        tbb::simple_partitioner());
+  });
+  if (first_exception) {
+    std::rethrow_exception(first_exception);
+  }
+}
+
+}  // namespace raylift

@@ -1,0 +1,57 @@
+#include "raylift/base/progress.h"
+
+#include <algorithm>
+#include <cstdio>
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+namespace raylift {
+namespace {
+
+std::string FormatSeconds(double seconds) {
+  if (seconds < 100) return fmt::format("{:.0f} s", seconds);
+  if (seconds < 6000) return fmt::format("{:.0f} min", seconds / 60);
+  return fmt::format("{:.1f} h", seconds / 3600);
+}
+
+}  // namespace
+
+Progress::Progress(std::string what, size_t total, Show show)
+    : what_(std::move(what)),
+      total_(total),
+      visible_(show == Show::kAuto && isatty(STDERR_FILENO) != 0),
+      start_(std::chrono::steady_clock::now()),
+      last_print_(start_) {}
+
+Progress::~Progress() {
+  if (visible_) {
+    Print(done_);
+    std::fputc('\n', stderr);
+  }
+}
+
+void Progress::Advance() {
+  const size_t done = ++done_;
+  if (!visible_) {
+    return;
+  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const auto now = std::chrono::steady_clock::now();
+  if (now - last_print_ > std::chrono::milliseconds(200)) {
+    last_print_ = now;
+    Print(done);
+  }
+}
+
+void Progress::Print(size_t done) {
+  const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start_;
+  const double rate = static_cast<double>(done) / std::max(elapsed.count(), 1e-9);
+  const double left_s = rate > 0 ? static_cast<double>(total_ - done) / rate : 0;
+  const std::string line = fmt::format("\r{} / {} {}, {:.1f} / s, {} left\033[K", done, total_,
+                                       what_, rate, FormatSeconds(left_s));
+  std::fputs(line.c_str(), stderr);
+  std::fflush(stderr);
+}
+
+}  // namespace raylift

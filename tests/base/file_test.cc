@@ -1,0 +1,41 @@
+#include "raylift/base/file.h"
+
+#include "support/matchers.h"
+#include "support/test_data.h"
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+TEST(File, WritesWhatItReadsAndMakesFolders) {
+  const auto path = TestFolder() / "a" / "b.bin";
+  const std::string contents("one\0two\n", 8);
+  WriteFile(path, contents);
+  EXPECT_EQ(ReadFile(path), contents);
+  // No temporary file is left beside it.
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(path.parent_path()),
+                          std::filesystem::directory_iterator()),
+            1);
+}
+
+TEST(File, MissingFileAndFolderAreNamed) {
+  const auto folder = TestFolder();
+  EXPECT_TRUE(FailsWithInputError([&] { ReadFile(folder / "x.txt"); }, {"x.txt", "no such file"}));
+  EXPECT_TRUE(FailsWithInputError([&] { ReadFile(folder); }, {"found a folder"}));
+  WriteFile(folder / "file", "");
+  EXPECT_TRUE(FailsWithInputError([&] { WriteFile(folder / "file" / "x", ""); }, {"file"}));
+}
+
+TEST(File, AnUncommittedFileLeavesNothing) {
+  const auto folder = TestFolder();
+  {
+    AtomicFile file(folder / "x.png");
+    EXPECT_EQ(file.temporary_path().extension(), ".png");
+    WriteFile(file.temporary_path(), "half");
+  }
+  EXPECT_TRUE(std::filesystem::is_empty(folder));
+}
+
+}  // namespace
+}  // namespace raylift
