@@ -13,6 +13,7 @@
 #include <Eigen/Core>
 
 #include "raylift/geometry/camera_models.h"
+#include "raylift/geometry/lens.h"
 
 namespace raylift {
 
@@ -31,10 +32,10 @@ class Camera {
   std::span<const double> params() const {
     return {params_.data(), static_cast<size_t>(GetCameraModelInfo(model_).num_params)};
   }
-  double focal_x_px() const;
-  double focal_y_px() const;
+  double focal_x_px() const { return focal_px_.x(); }
+  double focal_y_px() const { return focal_px_.y(); }
   double MeanFocalPx() const { return 0.5 * (focal_x_px() + focal_y_px()); }
-  Eigen::Vector2d principal_point_px() const;
+  Eigen::Vector2d principal_point_px() const { return principal_point_px_; }
 
   // The pixel of a point; none where the point is behind the camera (or at its centre) or outside
   // the domain in which the model's distortion is one-to-one. The pixel may lie outside the image.
@@ -56,18 +57,27 @@ class Camera {
 
   // The same lens on an image whose sides are scaled: principal point, focal lengths and size are
   // multiplied by the ratios. COLMAP's pixel convention makes this exact (no half-pixel shift).
+  // Where the ratios differ, a model with one focal length becomes its sibling with two.
   Camera Scaled(int new_width_px, int new_height_px) const;
 
   // "MODEL width height params...", as in COLMAP's cameras.txt and hloc's query lists.
   std::string ToString() const;
 
-  bool operator==(const Camera&) const = default;
+  // The same model, size and parameters.
+  bool operator==(const Camera& other) const {
+    return model_ == other.model_ && width_px_ == other.width_px_ &&
+           height_px_ == other.height_px_ && params_ == other.params_;
+  }
 
  private:
   CameraModel model_ = CameraModel::kPinhole;
   int width_px_ = 1;
   int height_px_ = 1;
   std::array<double, kMaxCameraParams> params_ = {1, 1, 0.5, 0.5};
+  // What the parameters say, unpacked once for every projection.
+  Eigen::Vector2d focal_px_ = {1, 1};
+  Eigen::Vector2d principal_point_px_ = {0.5, 0.5};
+  Lens lens_;
 };
 
 }  // namespace raylift

@@ -1,0 +1,96 @@
+// What a camera does to a point before focal lengths and principal point turn it into a pixel: the
+// point is flattened to two coordinates (on the plane z = 1, or by its angle for fisheye lenses)
+// and distorted. All of COLMAP's models fit one normal form:
+//
+//   u = flatten(point),  x = s(|u|^2) u,  s = (1 + n1 q + ... + n6 q^6) / (1 + d1 q + d2 q^2 + d3
+//   q^3) distorted = x + tangential(y) + prism(y),  where y = u, or y = x for
+//   RAD_TAN_THIN_PRISM_FISHEYE.
+//
+// The valid domain is where this is one-to-one: |u| below the first radius at which |x| stops
+// growing with |u|, and the Jacobian of the distortion positive. For the plane z must be positive;
+// fisheye and division lenses may see beyond 90 degrees off the axis.
+
+#pragma once
+
+#include <array>
+#include <limits>
+#include <optional>
+#include <span>
+
+#include <Eigen/Core>
+
+#include "raylift/geometry/camera_models.h"
+
+namespace raylift {
+
+class Lens {
+ public:
+  // A pinhole.
+  Lens() = default;
+
+  // `params` are the model's, behind focal lengths and principal point; finite, of the right count.
+  Lens(CameraModel model, std::span<const double> params);
+
+  // The distorted coordinates of a point in the camera's frame; none outside the valid domain.
+  std::optional<Eigen::Vector2d> Project(const Eigen::Vector3d& point_in_cam) const;
+
+  struct Projection {
+    Eigen::Vector2d distorted;
+    Eigen::Matrix<double, 2, 3> jacobian;  // d distorted / d point_in_cam
+  };
+  std::optional<Projection> ProjectWithJacobian(const Eigen::Vector3d& point_in_cam) const;
+
+  // The unit ray that projects to `distorted`; none outside the image of the valid domain.
+  std::optional<Eigen::Vector3d> Unproject(const Eigen::Vector2d& distorted) const;
+
+ private:
+  // How a point becomes two coordinates: (x, y) / z; angle * (x, y) / |(x, y)|; or the division
+  // model's (x, y) r with r so that (u, 1 + k |u|^2) is parallel to the point.
+  enum class Flattening { kPlane, kAngle, kDivision };
+  enum class Radial { kNone, kRational, kFov };
+  // What the tangential and prism terms are functions of.
+  enum class Offset { kNone, kOfFlat, kOfRadial };
+
+  struct Scale {
+    double value;
+    double slope;  // d value / d squared radius
+  };
+  struct Distortion {
+    Eigen::Vector2d distorted;
+    Eigen::Matrix2d jacobian;
+    bool IsOneToOne() const { return jacobian.determinant() > 0 && jacobian.trace() > 0; }
+  };
+
+  void LimitDomain();
+
+  std::optional<Eigen::Vector2d> Flatten(const Eigen::Vector3d& point) const;
+  Eigen::Matrix<double, 2, 3> FlattenJacobian(const Eigen::Vector3d& point,
+                                              const Eigen::Vector2d& flat) const;
+  Eigen::Vector3d Unflatten(const Eigen::Vector2d& flat) const;
+
+  Scale RationalScale(double squared_radius) const;
+  Scale FovScale(double squared_radius) const;
+  Distortion RadialPart(const Eigen::Vector2d& flat) const;
+  Distortion OffsetPart(const Eigen::Vector2d& point) const;
+  Distortion Distort(const Eigen::Vector2d& flat) const;
+
+  std::optional<Eigen::Vector2d> Undistort(const Eigen::Vector2d& distorted) const;
+  double UndistortRadius(double distorted_radius) const;
+  std::optional<Eigen::Vector2d> UndistortByNewton(const Eigen::Vector2d& start,
+                                                   const Eigen::Vector2d& distorted) const;
+
+  Flattening flattening_ = Flattening::kPlane;
+  Radial radial_ = Radial::kNone;
+  Offset offset_ = Offset::kNone;
+  std::array<double, 6> numerator_ = {};    // of q, q^2, ...; before them a 1
+  std::array<double, 3> denominator_ = {};  // likewise
+  std::array<double, 2> tangential_ = {};   // OpenCV's p1 p2
+  std::array<double, 2> prism_x_ = {};      // of |y|^2, |y|^4
+  std::array<double, 2> prism_y_ = {};      // likewise
+  double fov_omega_ = 0;
+  double division_k_ = 0;
+  double max_radius_ = std::numeric_limits<double>::infinity();            // of u, excluded
+  double max_distorted_radius_ = std::numeric_limits<double>::infinity();  // of x, excluded
+};
+
+}  // namespace raylift

@@ -1,0 +1,452 @@
+#include "raylift/geometry/lens.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "first_positive_root.h"
+#include <Eigen/LU>
+
+namespace raylift {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+// 1 + c0 q + c1 q^2 + ..., and its derivative.
+struct ValueAndSlope {
+  double value;
+  double slope;
+};
+template <size_t kCount>
+ValueAndSlope OnePlusPolynomial(const std::array<double, kCount>& coefficients, double q) {
+  double value = 0;
+  double slope = 0;
+  for (size_t i = kCount; i-- > 0;) {
+    slope = slope * q + value;
+    value = value * q + coefficients[i];
+  }
+  return {1 + value * q, value + slope * q};
+}
+
+template <size_t kCount>
+Polynomial ToPolynomial(const std::array<double, kCount>& coefficients) {
+  Polynomial polynomial = {1};
+  std::copy(coefficients.begin(), coefficients.end(), polynomial.begin() + 1);
+  return polynomial;
+}
+
+// The numerator of d(r s(r^2)) / dr as a polynomial in q = r^2, for s = n / d:
+// n d + 2 q (n' d - n d').
+Polynomial RadialGrowth(const Polynomial& n, const Polynomial& d) {
+  const Polynomial two_q = {0, 2};
+  const Polynomial rise = Product(Product(two_q, Derivative(n)), d);
+  const Polynomial fall = Product(Product(two_q, n), Derivative(d));
+  Polynomial growth = Product(n, d);
+  for (size_t i = 0; i < growth.size(); ++i) {
+    growth[i] += rise[i] - fall[i];
+  }
+  return growth;
+}
+
+}  // namespace
+
+Lens::Lens(CameraModel model, std::span<const double> params) {
+  const auto p = [&params](size_t i) { return params[i]; };
+  switch (model) {
+    case CameraModel::kSimplePinhole:
+    case CameraModel::kPinhole:
+      break;
+    case CameraModel::kSimpleFisheye:
+    case CameraModel::kFisheye:
+      flattening_ = Flattening::kAngle;
+      break;
+    case CameraModel::kSimpleRadial:
+      numerator_ = {p(0)};
+      break;
+    case CameraModel::kRadial:
+      numerator_ = {p(0), p(1)};
+      break;
+    case CameraModel::kSimpleRadialFisheye:
+      flattening_ = Flattening::kAngle;
+      numerator_ = {p(0)};
+      break;
+    case CameraModel::kRadialFisheye:
+      flattening_ = Flattening::kAngle;
+      numerator_ = {p(0), p(1)};
+      break;
+    case CameraModel::kOpenCv:
+      numerator_ = {p(0), p(1)};
+      tangential_ = {p(2), p(3)};
+      break;
+    case CameraModel::kOpenCvFisheye:
+      flattening_ = Flattening::kAngle;
+      numerator_ = {p(0), p(1), p(2), p(3)};
+      break;
+    case CameraModel::kFullOpenCv:
+      numerator_ = {p(0), p(1), p(4)};
+      denominator_ = {p(5), p(6), p(7)};
+      tangential_ = {p(2), p(3)};
+      break;
+    case CameraModel::kFov:
+      fov_omega_ = p(0);
+      break;
+    case CameraModel::kThinPrismFisheye:
+      flattening_ = Flattening::kAngle;
+      numerator_ = {p(0), p(1), p(4), p(5)};
+      tangential_ = {p(2), p(3)};
+      prism_x_ = {p(6)};
+      prism_y_ = {p(7)};
+      break;
+    case CameraModel::kRadTanThinPrismFisheye:
+      flattening_ = Flattening::kAngle;
+      numerator_ = {p(0), p(1), p(2), p(3), p(4), p(5)};
+      tangential_ = {p(7), p(6)};  // its p0 is OpenCV's p2
+      prism_x_ = {p(8), p(9)};
+      prism_y_ = {p(10), p(11)};
+      offset_ = Offset::kOfRadial;
+      break;
+    case CameraModel::kSimpleDivision:
+    case CameraModel::kDivision:
+      flattening_ = Flattening::kDivision;
+      division_k_ = p(0);
+      break;
+  }
+  const auto any = [](const auto& values) {
+    return std::any_of(values.begin(), values.end(), [](double value) { return value != 0; });
+  };
+  if (fov_omega_ != 0) {
+    radial_ = Radial::kFov;
+  } else if (any(numerator_) || any(denominator_)) {
+    radial_ = Radial::kRational;
+  }
+  if (!any(tangential_) && !any(prism_x_) && !any(prism_y_)) {
+    offset_ = Offset::kNone;
+  } else if (offset_ == Offset::kNone) {
+    offset_ = Offset::kOfFlat;
+  }
+  LimitDomain();
+}
+
+void Lens::LimitDomain() {
+  switch (flattening_) {
+    case Flattening::kPlane:
+      break;
+    case Flattening::kAngle:
+      max_radius_ = std::numbers::pi;
+      break;
+    case Flattening::kDivision:
+      max_radius_ = division_k_ > 0 ? 1 / std::sqrt(division_k_) : kInfinity;
+      break;
+  }
+  switch (radial_) {
+    case Radial::kNone:
+      max_distorted_radius_ = max_radius_;
+      break;
+    case Radial::kFov: {
+      const double omega = std::abs(fov_omega_);
+      max_radius_ = omega < std::numbers::pi ? kInfinity : 0;
+      max_distorted_radius_ = omega < std::numbers::pi ? 0.5 * std::numbers::pi / omega : 0;
+      break;
+    }
+    case Radial::kRational: {
+      const Polynomial numerator = ToPolynomial(numerator_);
+      const Polynomial denominator = ToPolynomial(denominator_);
+      const double fold = std::sqrt(FirstPositiveRoot(RadialGrowth(numerator, denominator)));
+      const double pole = std::sqrt(FirstPositiveRoot(denominator));
+      max_radius_ = std::min({max_radius_, fold, pole});
+      // Where nothing folds, the radius grows without bounds.
+      max_distorted_radius_ = max_radius_ < pole && max_radius_ < kInfinity
+                                  ? max_radius_ * RationalScale(max_radius_ * max_radius_).value
+                                  : kInfinity;
+      break;
+    }
+  }
+}
+
+std::optional<Eigen::Vector2d> Lens::Flatten(const Eigen::Vector3d& point) const {
+  const Eigen::Vector2d xy = point.head<2>();
+  const double z = point.z();
+  switch (flattening_) {
+    case Flattening::kPlane:
+      if (!(z > 0)) {
+        return std::nullopt;
+      }
+      return xy / z;
+    case Flattening::kAngle: {
+      const double rho = std::hypot(xy.x(), xy.y());
+      if (rho > 0) {
+        return std::atan2(rho, z) / rho * xy;
+      }
+      if (!(z > 0)) {
+        return std::nullopt;
+      }
+      return Eigen::Vector2d::Zero();
+    }
+    case Flattening::kDivision: {
+      // u = r (x, y) with k rho^2 r^2 - z r + 1 = 0.
+      const double four_k_rho2 = 4 * division_k_ * xy.squaredNorm();
+      const double squared_root = z * z - four_k_rho2;
+      if (!(squared_root > 0) || (division_k_ > 0 && z < 0)) {
+        return std::nullopt;
+      }
+      const double root = std::sqrt(squared_root);
+      const double sum = z > 0 ? z + root : -four_k_rho2 / (root - z);
+      if (!(sum > 0)) {
+        return std::nullopt;
+      }
+      return 2 / sum * xy;
+    }
+  }
+  return std::nullopt;
+}
+
+Eigen::Matrix<double, 2, 3> Lens::FlattenJacobian(const Eigen::Vector3d& point,
+                                                  const Eigen::Vector2d& flat) const {
+  const Eigen::Vector2d xy = point.head<2>();
+  const double z = point.z();
+  Eigen::Matrix<double, 2, 3> jacobian;
+  switch (flattening_) {
+    case Flattening::kPlane:
+      jacobian << 1 / z, 0, -flat.x() / z, 0, 1 / z, -flat.y() / z;
+      break;
+    case Flattening::kAngle: {
+      const double rho = std::hypot(xy.x(), xy.y());
+      const double squared_norm = point.squaredNorm();
+      const double factor = rho > 0 ? std::atan2(rho, z) / rho : 1 / z;
+      const Eigen::Vector2d direction = rho > 0 ? Eigen::Vector2d(xy / rho) : xy;
+      jacobian.leftCols<2>() = factor * Eigen::Matrix2d::Identity() +
+                               (z / squared_norm - factor) * direction * direction.transpose();
+      jacobian.col(2) = -xy / squared_norm;
+      break;
+    }
+    case Flattening::kDivision: {
+      const double root = std::sqrt(z * z - 4 * division_k_ * xy.squaredNorm());
+      // 2 / (z + root), by the coordinate that is not lost in rounding.
+      const double factor =
+          z > 0 ? 2 / (z + root) : (root - z) / (-2 * division_k_ * xy.squaredNorm());
+      jacobian.leftCols<2>() =
+          factor * Eigen::Matrix2d::Identity() + 2 * division_k_ / root * flat * flat.transpose();
+      jacobian.col(2) = -flat / root;
+      break;
+    }
+  }
+  return jacobian;
+}
+
+Eigen::Vector3d Lens::Unflatten(const Eigen::Vector2d& flat) const {
+  switch (flattening_) {
+    case Flattening::kPlane:
+      return flat.homogeneous().normalized();
+    case Flattening::kAngle: {
+      const double angle = flat.norm();
+      const double sine_over_angle = angle > 0 ? std::sin(angle) / angle : 1;
+      return {sine_over_angle * flat.x(), sine_over_angle * flat.y(), std::cos(angle)};
+    }
+    case Flattening::kDivision:
+      return Eigen::Vector3d(flat.x(), flat.y(), 1 + division_k_ * flat.squaredNorm()).normalized();
+  }
+  return Eigen::Vector3d::UnitZ();
+}
+
+Lens::Scale Lens::RationalScale(double squared_radius) const {
+  const ValueAndSlope n = OnePlusPolynomial(numerator_, squared_radius);
+  const ValueAndSlope d = OnePlusPolynomial(denominator_, squared_radius);
+  const double value = n.value / d.value;
+  return {value, (n.slope - value * d.slope) / d.value};
+}
+
+// atan(a r) / (omega r) with a = 2 tan(omega / 2).
+Lens::Scale Lens::FovScale(double squared_radius) const {
+  const double a = 2 * std::tan(0.5 * fov_omega_);
+  const double y = a * a * squared_radius;
+  // atan(sqrt(y)) / sqrt(y) and its derivative, by the series where the latter would lose digits.
+  double value = 1 + y * (-1. / 3 + y * (1. / 5 + y * (-1. / 7 + y * (1. / 9 - y / 11))));
+  double slope = -1. / 3 + y * (2. / 5 + y * (-3. / 7 + y * (4. / 9 - y * 5. / 11)));
+  if (y > 1e-3) {
+    const double x = std::sqrt(y);
+    value = std::atan(x) / x;
+    slope = 0.5 * (1 / (1 + y) - value) / y;
+  }
+  return {a / fov_omega_ * value, a / fov_omega_ * a * a * slope};
+}
+
+Lens::Distortion Lens::RadialPart(const Eigen::Vector2d& flat) const {
+  if (radial_ == Radial::kNone) {
+    return {flat, Eigen::Matrix2d::Identity()};
+  }
+  const double squared_radius = flat.squaredNorm();
+  const Scale scale =
+      radial_ == Radial::kFov ? FovScale(squared_radius) : RationalScale(squared_radius);
+  const Eigen::Matrix2d jacobian =
+      scale.value * Eigen::Matrix2d::Identity() + 2 * scale.slope * flat * flat.transpose();
+  return {scale.value * flat, jacobian};
+}
+
+Lens::Distortion Lens::OffsetPart(const Eigen::Vector2d& point) const {
+  const double x = point.x();
+  const double y = point.y();
+  const double q = point.squaredNorm();
+  const auto [p1, p2] = tangential_;
+  Distortion offset;
+  offset.distorted << 2 * p1 * x * y + p2 * (q + 2 * x * x) + q * (prism_x_[0] + q * prism_x_[1]),
+      2 * p2 * x * y + p1 * (q + 2 * y * y) + q * (prism_y_[0] + q * prism_y_[1]);
+  const Eigen::Vector2d prism_slope(prism_x_[0] + 2 * q * prism_x_[1],
+                                    prism_y_[0] + 2 * q * prism_y_[1]);
+  const double cross = 2 * (p1 * x + p2 * y);
+  offset.jacobian << 2 * p1 * y + 6 * p2 * x, cross, cross, 2 * p2 * x + 6 * p1 * y;
+  offset.jacobian += 2 * prism_slope * point.transpose();
+  return offset;
+}
+
+Lens::Distortion Lens::Distort(const Eigen::Vector2d& flat) const {
+  Distortion distortion = RadialPart(flat);
+  switch (offset_) {
+    case Offset::kNone:
+      break;
+    case Offset::kOfFlat: {
+      const Distortion offset = OffsetPart(flat);
+      distortion.distorted += offset.distorted;
+      distortion.jacobian += offset.jacobian;
+      break;
+    }
+    case Offset::kOfRadial: {
+      const Distortion offset = OffsetPart(distortion.distorted);
+      distortion.distorted += offset.distorted;
+      distortion.jacobian += (offset.jacobian * distortion.jacobian).eval();
+      break;
+    }
+  }
+  return distortion;
+}
+
+std::optional<Eigen::Vector2d> Lens::Project(const Eigen::Vector3d& point_in_cam) const {
+  const auto flat = Flatten(point_in_cam);
+  if (!flat || !(flat->squaredNorm() < max_radius_ * max_radius_)) {
+    return std::nullopt;
+  }
+  const Distortion distortion = Distort(*flat);
+  if ((offset_ != Offset::kNone && !distortion.IsOneToOne()) || !distortion.distorted.allFinite()) {
+    return std::nullopt;
+  }
+  return distortion.distorted;
+}
+
+std::optional<Lens::Projection> Lens::ProjectWithJacobian(
+    const Eigen::Vector3d& point_in_cam) const {
+  const auto flat = Flatten(point_in_cam);
+  if (!flat || !(flat->squaredNorm() < max_radius_ * max_radius_)) {
+    return std::nullopt;
+  }
+  const Distortion distortion = Distort(*flat);
+  if ((offset_ != Offset::kNone && !distortion.IsOneToOne()) || !distortion.distorted.allFinite()) {
+    return std::nullopt;
+  }
+  const Projection projection = {distortion.distorted,
+                                 distortion.jacobian * FlattenJacobian(point_in_cam, *flat)};
+  if (!projection.jacobian.allFinite()) {
+    return std::nullopt;
+  }
+  return projection;
+}
+
+std::optional<Eigen::Vector3d> Lens::Unproject(const Eigen::Vector2d& distorted) const {
+  if (!distorted.allFinite()) {
+    return std::nullopt;
+  }
+  const auto flat = Undistort(distorted);
+  if (!flat || !(flat->squaredNorm() < max_radius_ * max_radius_)) {
+    return std::nullopt;
+  }
+  const Eigen::Vector3d ray = Unflatten(*flat);
+  if (!ray.allFinite()) {
+    return std::nullopt;
+  }
+  return ray;
+}
+
+std::optional<Eigen::Vector2d> Lens::Undistort(const Eigen::Vector2d& distorted) const {
+  Eigen::Vector2d flat = distorted;
+  const double radius = distorted.norm();
+  if (radial_ != Radial::kNone && radius > 0) {
+    // With an offset the purely radial solution is only a start, so that one beyond the limit will
+    // do from inside it.
+    const bool inside = radius < max_distorted_radius_;
+    if (!inside && offset_ == Offset::kNone) {
+      return std::nullopt;
+    }
+    flat *= (inside ? UndistortRadius(radius) : 0.99 * max_radius_) / radius;
+  }
+  if (offset_ == Offset::kNone) {
+    return flat;
+  }
+  return UndistortByNewton(flat, distorted);
+}
+
+// Newton's method kept between bounds: the distorted radius grows with the radius up to
+// max_radius_.
+double Lens::UndistortRadius(double distorted_radius) const {
+  if (radial_ == Radial::kFov) {
+    return std::tan(distorted_radius * fov_omega_) / (2 * std::tan(0.5 * fov_omega_));
+  }
+  double low = 0;
+  double high = max_radius_;
+  double radius = distorted_radius < high ? distorted_radius : 0.5 * high;
+  for (int i = 0; i < 200; ++i) {
+    const Scale scale = RationalScale(radius * radius);
+    const double excess = radius * scale.value - distorted_radius;
+    const double step = excess / (scale.value + 2 * radius * radius * scale.slope);
+    if (std::abs(step) <= 1e-15 * radius || high - low <= 1e-15 * low) {
+      break;
+    }
+    (excess > 0 ? high : low) = radius;
+    radius -= step;
+    if (!(radius > low && radius < high)) {
+      radius = high < kInfinity ? 0.5 * (low + high) : 2 * low;
+    }
+  }
+  return radius;
+}
+
+// Steps are halved until they stay in the valid domain and reduce the error.
+std::optional<Eigen::Vector2d> Lens::UndistortByNewton(const Eigen::Vector2d& start,
+                                                       const Eigen::Vector2d& distorted) const {
+  constexpr int kMaxHalvings = 30;
+  const auto is_valid = [this](const Eigen::Vector2d& flat, const Distortion& distortion) {
+    return flat.squaredNorm() < max_radius_ * max_radius_ && distortion.IsOneToOne();
+  };
+  Eigen::Vector2d flat = start;
+  Distortion distortion = Distort(flat);
+  for (int i = 0; i < kMaxHalvings && !is_valid(flat, distortion); ++i) {
+    flat *= 0.5;
+    distortion = Distort(flat);
+  }
+  const double tolerance = 1e-14 * (1 + distorted.norm());
+  double error = (distortion.distorted - distorted).norm();
+  for (int iteration = 0; iteration < 100 && error > tolerance; ++iteration) {
+    const Eigen::Vector2d full_step =
+        distortion.jacobian.inverse() * (distortion.distorted - distorted);
+    bool improved = false;
+    double fraction = 1;
+    for (int i = 0; i < kMaxHalvings && !improved; ++i, fraction *= 0.5) {
+      const Eigen::Vector2d trial = flat - fraction * full_step;
+      const Distortion trial_distortion = Distort(trial);
+      const double trial_error = (trial_distortion.distorted - distorted).norm();
+      if (trial_error < error && is_valid(trial, trial_distortion)) {
+        flat = trial;
+        distortion = trial_distortion;
+        error = trial_error;
+        improved = true;
+      }
+    }
+    if (!improved) {
+      break;
+    }
+  }
+  constexpr double kConverged = 1e-11;
+  if (!is_valid(flat, distortion) || !(error <= kConverged * (1 + distorted.norm()))) {
+    return std::nullopt;
+  }
+  return flat;
+}
+
+}  // namespace raylift
