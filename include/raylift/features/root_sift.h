@@ -1,0 +1,30 @@
+// The built-in local features: SIFT keypoints (Lowe 2004) with RootSIFT descriptors (Arandjelovic
+// and Zisserman 2012), that is descriptors divided by their sum, then the square root of each
+// value. Their Euclidean distance is the Hellinger distance of the gradient histograms.
+
+#pragma once
+
+#include "raylift/scene/features.h"
+#include "raylift/scene/image.h"
+
+namespace raylift {
+
+struct RootSiftOptions {
+  // The best by contrast are kept.
+  int max_features = 4096;
+  // A larger image is shrunk (by area averaging) until its longer side has this many pixels; the
+  // keypoints are given in the original's pixels all the same.
+  int max_image_side_px = 1600;
+  // Least contrast of a keypoint, of a range of 0..1.
+  double contrast_threshold = 0.04;
+};
+
+// Features of a grey image, the strongest first; a keypoint with several dominant orientations
+// appears once for each. Scores are the contrasts. No features in an empty or tiny image.
+//
+// The result does not depend on threads: run it for many images at once (ParallelFor). The first
+// call makes OpenCV single-threaded for the whole process (cv::setNumThreads), lest each of those
+// runs start threads of its own.
+Features ExtractRootSift(const Image& grey, const RootSiftOptions& options = {});
+
+}  // namespace raylift

@@ -1,0 +1,98 @@
+#include "raylift/features/matcher.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <span>
+
+#include "quantized_descriptors.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+// So many of the query's features at once that their products with a reference of some thousand
+// features stay in the second-level cache.
+constexpr Eigen::Index kBlockRows = 32;
+
+struct Candidate {
+  int reference_index;
+  int32_t dot;
+  bool passes_ratio_test;
+};
+
+// Whether a feature of the reference, at another place than the best one, is so near to the query's
+// that d_best < ratio d_second fails, with d^2 = 2 - 2 dot.
+bool IsAmbiguous(std::span<const int32_t> dots, size_t best, const Features& reference,
+                 const MatchOptions& options) {
+  if (options.max_ratio >= 1) {
+    return false;
+  }
+  constexpr auto kOne = static_cast<double>(kQuantizedOneSquared);
+  const double largest_second_dot =
+      kOne - std::max(0.0, kOne - dots[best]) / (options.max_ratio * options.max_ratio);
+  const Eigen::Vector2d best_px = reference.keypoints_px[best];
+  const double same_place_px2 = options.same_place_px * options.same_place_px;
+  for (size_t j = 0; j < dots.size(); ++j) {
+    if (dots[j] >= largest_second_dot && j != best &&
+        (reference.keypoints_px[j] - best_px).squaredNorm() > same_place_px2) {
+      return true;
+    }
+  }
+  return false;
+}
+
+void CheckDescriptors(const Features& query, const Features& reference) {
+  for (const Features* features : {&query, &reference}) {
+    RAYLIFT_CHECK_EQ(static_cast<size_t>(features->descriptors.cols()),
+                     features->keypoints_px.size());
+  }
+  if (query.descriptors.rows() != reference.descriptors.rows()) {
+    throw InputError(fmt::format("the query's descriptors have {} values, the reference's {}",
+                                 query.descriptors.rows(), reference.descriptors.rows()));
+  }
+}
+
+}  // namespace
+
+std::vector<FeatureMatch> MatchMutualNearest(const Features& query, const Features& reference,
+                                             const MatchOptions& options) {
+  if (query.descriptors.size() == 0 || reference.descriptors.size() == 0) {
+    return {};
+  }
+  CheckDescriptors(query, reference);
+  const QuantizedDescriptors rows = QuantizeDirections(query.descriptors);
+  const QuantizedDescriptors columns = QuantizeDirections(reference.descriptors);
+  const auto num_columns = static_cast<size_t>(columns.count);
+
+  std::vector<Candidate> candidates;
+  candidates.reserve(rows.count);
+  std::vector<int32_t> column_best(num_columns, std::numeric_limits<int32_t>::min());
+  std::vector<int32_t> column_best_row(num_columns, 0);
+  std::vector<int32_t> dots(kBlockRows * DotStride(columns));
+  for (Eigen::Index first = 0; first < rows.count; first += kBlockRows) {
+    const Eigen::Index num_rows = std::min(kBlockRows, rows.count - first);
+    ComputeDots(rows, first, num_rows, columns, dots);
+    for (Eigen::Index i = 0; i < num_rows; ++i) {
+      const std::span<const int32_t> row(dots.data() + i * DotStride(columns), num_columns);
+      const size_t best = IndexOfMax(row);
+      candidates.push_back(
+          {static_cast<int>(best), row[best], !IsAmbiguous(row, best, reference, options)});
+      UpdateColumnBest(row, static_cast<int32_t>(first + i), column_best, column_best_row);
+    }
+  }
+
+  std::vector<FeatureMatch> matches;
+  for (int i = 0; i < static_cast<int>(candidates.size()); ++i) {
+    const Candidate& candidate = candidates[i];
+    if (candidate.passes_ratio_test && column_best_row[candidate.reference_index] == i) {
+      const double cosine = candidate.dot / static_cast<double>(kQuantizedOneSquared);
+      matches.push_back({i, candidate.reference_index, static_cast<float>(0.5 * (1 + cosine))});
+    }
+  }
+  return matches;
+}
+
+}  // namespace raylift

@@ -1,0 +1,127 @@
+#include "raylift/features/vlad.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "quantized_descriptors.h"
+#include "vocabulary_kmeans.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/parallel.h"
+#include "raylift/base/rng.h"
+
+namespace raylift {
+namespace {
+
+void CheckDimension(Eigen::Index expected, Eigen::Index found) {
+  if (expected != found) {
+    throw InputError(fmt::format("expected descriptors of {} values, found {}", expected, found));
+  }
+}
+
+// Every choice of max_descriptors is equally likely (Knuth's selection sampling).
+Eigen::MatrixXf SampleDescriptors(std::span<const Features> images, int max_descriptors, Rng& rng) {
+  int64_t total = 0;
+  Eigen::Index dimension = 0;
+  for (const Features& image : images) {
+    if (image.descriptors.cols() == 0) {
+      continue;
+    }
+    if (dimension > 0) {
+      CheckDimension(dimension, image.descriptors.rows());
+    }
+    dimension = image.descriptors.rows();
+    total += image.descriptors.cols();
+  }
+  const int64_t count = std::min<int64_t>(total, std::max(0, max_descriptors));
+  Eigen::MatrixXf sample(dimension, static_cast<Eigen::Index>(count));
+  int64_t seen = 0;
+  int64_t taken = 0;
+  for (const Features& image : images) {
+    for (const auto descriptor : image.descriptors.colwise()) {
+      if (rng.Uniform() * static_cast<double>(total - seen) < static_cast<double>(count - taken)) {
+        sample.col(taken) = descriptor;
+        ++taken;
+      }
+      ++seen;
+    }
+  }
+  return sample;
+}
+
+// Columns to unit length; zero columns stay.
+void NormalizeColumns(Eigen::Ref<Eigen::MatrixXf> matrix) {
+  for (auto column : matrix.colwise()) {
+    const float norm = column.norm();
+    if (norm > 0) {
+      column /= norm;
+    }
+  }
+}
+
+std::vector<RetrievedReference> BestReferences(const Eigen::VectorXf& scores, int k) {
+  std::vector<RetrievedReference> ranked(scores.size());
+  for (int i = 0; i < static_cast<int>(ranked.size()); ++i) {
+    ranked[i] = {i, scores[i]};
+  }
+  const auto count = std::min<size_t>(std::max(0, k), ranked.size());
+  std::partial_sort(ranked.begin(), ranked.begin() + static_cast<std::ptrdiff_t>(count),
+                    ranked.end(), [](const RetrievedReference& a, const RetrievedReference& b) {
+                      return a.score != b.score ? a.score > b.score
+                                                : a.reference_index < b.reference_index;
+                    });
+  ranked.resize(count);
+  return ranked;
+}
+
+}  // namespace
+
+Vocabulary TrainVocabulary(std::span<const Features> images, const VocabularyOptions& options) {
+  Rng rng(StreamSeed(options.seed, "vocabulary", "k-means"));
+  const QuantizedDescriptors descriptors =
+      QuantizeDirections(SampleDescriptors(images, options.max_descriptors, rng));
+  const QuantizedDescriptors words = ClusterDescriptors(
+      descriptors, options.num_words, options.max_iterations, options.threads, rng);
+  Vocabulary vocabulary;
+  vocabulary.words =
+      words.values.topLeftCorner(words.dimension, words.count).cast<float>() / kQuantizedOne;
+  return vocabulary;
+}
+
+Eigen::VectorXf ComputeVlad(const Features& features, const Vocabulary& vocabulary) {
+  const Eigen::MatrixXf& words = vocabulary.words;
+  Eigen::MatrixXf sums = Eigen::MatrixXf::Zero(words.rows(), words.cols());
+  if (words.cols() > 0 && features.descriptors.cols() > 0) {
+    CheckDimension(words.rows(), features.descriptors.rows());
+    const QuantizedDescriptors descriptors = QuantizeDirections(features.descriptors);
+    const std::vector<int> word_of = AssignToWords(descriptors, QuantizeWords(words), 1);
+    for (Eigen::Index i = 0; i < descriptors.count; ++i) {
+      sums.col(word_of[i]) +=
+          descriptors.values.col(i).head(words.rows()).cast<float>() / kQuantizedOne -
+          words.col(word_of[i]);
+    }
+  }
+  NormalizeColumns(sums);
+  sums = sums.array().sign() * sums.array().abs().sqrt();
+  Eigen::VectorXf vlad = sums.reshaped();
+  NormalizeColumns(vlad);
+  return vlad;
+}
+
+std::vector<std::vector<RetrievedReference>> RetrieveTopK(const Eigen::MatrixXf& query_vectors,
+                                                          const Eigen::MatrixXf& reference_vectors,
+                                                          int k, int threads) {
+  std::vector<std::vector<RetrievedReference>> results(query_vectors.cols());
+  if (query_vectors.cols() == 0 || reference_vectors.cols() == 0) {
+    return results;
+  }
+  RAYLIFT_CHECK_EQ(query_vectors.rows(), reference_vectors.rows());
+  ParallelFor(results.size(), threads, [&](size_t i) {
+    const auto query = query_vectors.col(static_cast<Eigen::Index>(i));
+    results[i] = BestReferences(reference_vectors.transpose() * query, k);
+  });
+  return results;
+}
+
+}  // namespace raylift
