@@ -77,8 +77,8 @@ struct ColmapFrame {
 };
 
 struct ColmapModel {
-  // Keyed by id; ids need not be contiguous. Written in the order of `*_order` where it is not
-  // empty (the order of the file that was read), else by id.
+  // Keyed by id; ids need not be contiguous. Written in the order of `*_order` (that of the file
+  // that was read, empty where it is that of the ids), then whatever it does not list, by id.
   std::map<uint32_t, Camera> cameras;
   std::map<uint32_t, ColmapImage> images;
   std::map<uint64_t, ColmapPoint3D> points3d;
@@ -101,11 +101,13 @@ enum class ColmapForm { kText, kBinary };
 std::optional<ColmapForm> DetectColmapForm(const std::filesystem::path& folder);
 
 // Reads a folder in either form. points3D.* may be absent (then there are none). InputError naming
-// the file and the field for anything wrong.
+// the file and the record for anything wrong. Tracks and the points' ids in images may point to
+// records that are not there, as in models that were cut down.
 ColmapModel ReadColmapModel(const std::filesystem::path& folder);
 ColmapModel ReadColmapModel(const std::filesystem::path& folder, ColmapForm form);
 
-// Writes all files of the form; rigs and frames only if the model has frames.
+// Writes all files of the form; rigs and frames only if the model has frames (else those that a
+// former model left in the folder are removed, as they would override its poses).
 void WriteColmapModel(const std::filesystem::path& folder, const ColmapModel& model,
                       ColmapForm form);
 

@@ -1,0 +1,76 @@
+// What the text and the binary form of a COLMAP model share. Private to io.
+
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <string_view>
+#include <unordered_set>
+#include <vector>
+
+#include "raylift/io/colmap_model.h"
+
+namespace raylift::colmap {
+
+// COLMAP's "no point".
+inline constexpr uint64_t kNoPoint3D = ~uint64_t{0};
+
+inline constexpr std::string_view kCameras = "cameras";
+inline constexpr std::string_view kImages = "images";
+inline constexpr std::string_view kPoints3D = "points3D";
+inline constexpr std::string_view kRigs = "rigs";
+inline constexpr std::string_view kFrames = "frames";
+
+std::filesystem::path FilePath(const std::filesystem::path& folder, std::string_view file,
+                               ColmapForm form);
+
+// Read the records of one file each; all but the relations between files is checked.
+void ReadCamerasText(const std::filesystem::path& path, ColmapModel* model);
+void ReadImagesText(const std::filesystem::path& path, ColmapModel* model);
+void ReadPoints3DText(const std::filesystem::path& path, ColmapModel* model);
+void ReadRigsText(const std::filesystem::path& path, ColmapModel* model);
+void ReadFramesText(const std::filesystem::path& path, ColmapModel* model);
+void ReadCamerasBinary(const std::filesystem::path& path, ColmapModel* model);
+void ReadImagesBinary(const std::filesystem::path& path, ColmapModel* model);
+void ReadPoints3DBinary(const std::filesystem::path& path, ColmapModel* model);
+void ReadRigsBinary(const std::filesystem::path& path, ColmapModel* model);
+void ReadFramesBinary(const std::filesystem::path& path, ColmapModel* model);
+
+void WriteCamerasText(const std::filesystem::path& path, const ColmapModel& model);
+void WriteImagesText(const std::filesystem::path& path, const ColmapModel& model);
+void WritePoints3DText(const std::filesystem::path& path, const ColmapModel& model);
+void WriteRigsText(const std::filesystem::path& path, const ColmapModel& model);
+void WriteFramesText(const std::filesystem::path& path, const ColmapModel& model);
+void WriteCamerasBinary(const std::filesystem::path& path, const ColmapModel& model);
+void WriteImagesBinary(const std::filesystem::path& path, const ColmapModel& model);
+void WritePoints3DBinary(const std::filesystem::path& path, const ColmapModel& model);
+void WriteRigsBinary(const std::filesystem::path& path, const ColmapModel& model);
+void WriteFramesBinary(const std::filesystem::path& path, const ColmapModel& model);
+
+// Poses the images of rigs by sensor_from_rig * rig_from_world, as COLMAP does. Where that differs
+// from what the images file says, a warning tells so.
+void ComposePosesOfFrames(const std::filesystem::path& folder, ColmapForm form, ColmapModel* model);
+
+// The ids in the order to write: those of `order` that still exist, then all others by id.
+template <typename Id, typename Record>
+std::vector<Id> IdsInOrder(const std::map<Id, Record>& records, const std::vector<Id>& order) {
+  std::vector<Id> ids;
+  ids.reserve(records.size());
+  std::unordered_set<Id> written;
+  for (const Id id : order) {
+    if (records.contains(id) && written.insert(id).second) {
+      ids.push_back(id);
+    }
+  }
+  if (ids.size() == records.size()) {
+    return ids;
+  }
+  for (const auto& [id, record] : records) {
+    if (!written.contains(id)) {
+      ids.push_back(id);
+    }
+  }
+  return ids;
+}
+
+}  // namespace raylift::colmap
