@@ -1,4 +1,5 @@
-// A triangle mesh as the renderers need it, from any file that assimp reads.
+// A triangle mesh as the renderers need it, from PLY, OBJ (both read in double), and any other file
+// that assimp reads (GLB/glTF, STL, DAE, FBX, ...; in float).
 
 #pragma once
 
@@ -38,8 +39,10 @@ struct TriangleMesh {
 };
 
 // Reads a mesh. Faces with more than three corners are triangulated; triangles with a non-finite
-// vertex, an index out of range or no area are removed and counted in `warnings`. InputError naming
-// the file where it is missing, unreadable, or has no triangle left (a point cloud says so).
+// vertex or no area are removed and counted in `warnings`, vertices that no triangle uses are
+// dropped. A texture that cannot be read is a warning. InputError naming the file where it is
+// missing, unreadable, has an index out of range (naming the face), or has no triangle left (a
+// point cloud says so).
 TriangleMesh ReadMesh(const std::filesystem::path& path);
 
 }  // namespace raylift

@@ -1,0 +1,39 @@
+// ReadMesh: chooses the reader by the file's extension.
+
+#include <algorithm>
+#include <cctype>
+
+#include "assimp_reader.h"
+#include "obj_reader.h"
+#include "ply_reader.h"
+#include "raw_mesh.h"
+
+#include "raylift/base/error.h"
+#include "raylift/renderers/triangle_mesh.h"
+
+namespace raylift {
+namespace {
+
+RawMesh ReadByExtension(const std::filesystem::path& path) {
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  if (extension == ".ply") return ReadPly(path);
+  if (extension == ".obj") return ReadObj(path);
+  return ReadWithAssimp(path);
+}
+
+}  // namespace
+
+TriangleMesh ReadMesh(const std::filesystem::path& path) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(path, ignored)) {
+    throw InputError(path, "no such file");
+  }
+  if (std::filesystem::is_directory(path, ignored)) {
+    throw InputError(path, "expected a mesh file, found a folder");
+  }
+  return FinishMesh(path, ReadByExtension(path));
+}
+
+}  // namespace raylift

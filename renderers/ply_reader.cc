@@ -1,0 +1,578 @@
+#include "ply_reader.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+
+#include "texture_file.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+enum class PlyType { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat, kDouble };
+
+std::optional<PlyType> PlyTypeFromName(std::string_view name) {
+  using enum PlyType;
+  static constexpr std::pair<std::string_view, PlyType> kNames[] = {
+      {"char", kInt8},   {"int8", kInt8},     {"uchar", kUint8},   {"uint8", kUint8},
+      {"short", kInt16}, {"int16", kInt16},   {"ushort", kUint16}, {"uint16", kUint16},
+      {"int", kInt32},   {"int32", kInt32},   {"uint", kUint32},   {"uint32", kUint32},
+      {"float", kFloat}, {"float32", kFloat}, {"double", kDouble}, {"float64", kDouble},
+  };
+  for (const auto& [known, type] : kNames) {
+    if (known == name) return type;
+  }
+  return std::nullopt;
+}
+
+size_t SizeOf(PlyType type) {
+  using enum PlyType;
+  switch (type) {
+    case kInt8:
+    case kUint8:
+      return 1;
+    case kInt16:
+    case kUint16:
+      return 2;
+    case kInt32:
+    case kUint32:
+    case kFloat:
+      return 4;
+    case kDouble:
+      return 8;
+  }
+  return 0;
+}
+
+struct PlyProperty {
+  std::string name;
+  PlyType type;
+  std::optional<PlyType> count_type;  // of a list
+};
+
+struct PlyElement {
+  std::string name;
+  uint64_t count = 0;
+  std::vector<PlyProperty> properties;
+};
+
+struct PlyHeader {
+  enum class Format { kAscii, kLittleEndian, kBigEndian };
+  Format format = Format::kAscii;
+  std::vector<PlyElement> elements;
+  std::vector<std::string> texture_files;
+  size_t size_bytes = 0;
+};
+
+// ---- header ----
+
+class HeaderParser {
+ public:
+  HeaderParser(const std::filesystem::path& path, std::string_view contents)
+      : path_(path), contents_(contents) {}
+
+  PlyHeader Parse() {
+    if (NextLine() != "ply") {
+      throw InputError(path_, "expected a PLY file, whose first line is \"ply\"");
+    }
+    bool has_format = false;
+    while (true) {
+      const std::string_view line = NextLine();
+      const auto tokens = SplitTokens(line);
+      if (tokens.empty()) continue;
+      const std::string_view keyword = tokens[0];
+      if (keyword == "end_header") break;
+      if (keyword == "format") {
+        ParseFormat(tokens);
+        has_format = true;
+      } else if (keyword == "element") {
+        ParseElement(tokens);
+      } else if (keyword == "property") {
+        ParseProperty(tokens);
+      } else if (keyword == "comment") {
+        ParseComment(line, tokens);
+      } else if (keyword != "obj_info") {
+        Fail(fmt::format("expected a PLY header line, found \"{}\"", Printable(keyword)));
+      }
+    }
+    if (!has_format) {
+      throw InputError(path_, "header", "expected a line \"format ...\", found none");
+    }
+    header_.size_bytes = position_;
+    return std::move(header_);
+  }
+
+ private:
+  std::string_view NextLine() {
+    const size_t end = contents_.find('\n', position_);
+    if (end == std::string_view::npos) {
+      throw InputError(path_, "header", "the file ends before \"end_header\"");
+    }
+    std::string_view line = contents_.substr(position_, end - position_);
+    position_ = end + 1;
+    ++line_number_;
+    return Trim(line);
+  }
+
+  [[noreturn]] void Fail(std::string_view message) const {
+    throw InputError(path_, fmt::format("line {}", line_number_), message);
+  }
+
+  static std::string Printable(std::string_view token) {
+    std::string text(token.substr(0, 40));
+    std::replace_if(
+        text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
+    return text;
+  }
+
+  void ParseFormat(const std::vector<std::string_view>& tokens) {
+    using enum PlyHeader::Format;
+    const std::string_view name = tokens.size() > 1 ? tokens[1] : "";
+    if (name == "ascii") {
+      header_.format = kAscii;
+    } else if (name == "binary_little_endian") {
+      header_.format = kLittleEndian;
+    } else if (name == "binary_big_endian") {
+      header_.format = kBigEndian;
+    } else {
+      Fail(fmt::format(
+          "expected format ascii, binary_little_endian or binary_big_endian, found \"{}\"",
+          Printable(name)));
+    }
+  }
+
+  void ParseElement(const std::vector<std::string_view>& tokens) {
+    const auto count = tokens.size() == 3 ? ParseUint(tokens[2]) : std::nullopt;
+    if (!count) {
+      Fail("expected \"element NAME COUNT\"");
+    }
+    for (const PlyElement& element : header_.elements) {
+      if (element.name == tokens[1]) Fail(fmt::format("a second element {}", Printable(tokens[1])));
+    }
+    header_.elements.push_back({std::string(tokens[1]), *count, {}});
+  }
+
+  void ParseProperty(const std::vector<std::string_view>& tokens) {
+    if (header_.elements.empty()) {
+      Fail("a property before the first element");
+    }
+    const bool is_list = tokens.size() > 1 && tokens[1] == "list";
+    if (tokens.size() != (is_list ? 5u : 3u)) {
+      Fail("expected \"property TYPE NAME\" or \"property list TYPE TYPE NAME\"");
+    }
+    PlyProperty property;
+    property.name = tokens.back();
+    property.type = Type(tokens[tokens.size() - 2]);
+    if (is_list) {
+      property.count_type = Type(tokens[2]);
+      if (*property.count_type == PlyType::kFloat || *property.count_type == PlyType::kDouble) {
+        Fail("expected an integer type for the length of a list");
+      }
+    }
+    header_.elements.back().properties.push_back(std::move(property));
+  }
+
+  PlyType Type(std::string_view name) const {
+    const auto type = PlyTypeFromName(name);
+    if (!type) {
+      Fail(fmt::format("expected a PLY type, found \"{}\"", Printable(name)));
+    }
+    return *type;
+  }
+
+  void ParseComment(std::string_view line, const std::vector<std::string_view>& tokens) {
+    if (tokens.size() >= 3 && tokens[1] == "TextureFile") {
+      header_.texture_files.emplace_back(
+          line.substr(static_cast<size_t>(tokens[2].data() - line.data())));
+    }
+  }
+
+  const std::filesystem::path& path_;
+  std::string_view contents_;
+  size_t position_ = 0;
+  int line_number_ = 0;
+  PlyHeader header_;
+};
+
+// ---- values ----
+
+// What is wrong at the cursor; the element loop adds where.
+struct ValueError {
+  std::string message;
+};
+
+[[noreturn]] void FailAtEnd() { throw ValueError{"the file ends early"}; }
+
+template <bool kSwapBytes>
+class BinaryCursor {
+ public:
+  explicit BinaryCursor(std::string_view bytes)
+      : next_(bytes.data()), end_(bytes.data() + bytes.size()) {}
+
+  double Read(PlyType type) {
+    using enum PlyType;
+    switch (type) {
+      case kInt8:
+        return Take<int8_t>();
+      case kUint8:
+        return Take<uint8_t>();
+      case kInt16:
+        return Take<int16_t>();
+      case kUint16:
+        return Take<uint16_t>();
+      case kInt32:
+        return Take<int32_t>();
+      case kUint32:
+        return Take<uint32_t>();
+      case kFloat:
+        return static_cast<double>(Take<float>());
+      case kDouble:
+        return Take<double>();
+    }
+    return 0;
+  }
+
+  size_t remaining_bytes() const { return static_cast<size_t>(end_ - next_); }
+  static size_t MinBytes(PlyType type) { return SizeOf(type); }
+
+ private:
+  template <typename T>
+  T Take() {
+    if (remaining_bytes() < sizeof(T)) FailAtEnd();
+    char bytes[sizeof(T)];
+    std::memcpy(bytes, next_, sizeof(T));
+    if constexpr (kSwapBytes) std::reverse(bytes, bytes + sizeof(T));
+    next_ += sizeof(T);
+    T value;
+    std::memcpy(&value, bytes, sizeof(T));
+    return value;
+  }
+
+  const char* next_;
+  const char* end_;
+};
+
+class AsciiCursor {
+ public:
+  explicit AsciiCursor(std::string_view text) : text_(text) {}
+
+  double Read(PlyType) {
+    while (!text_.empty() && IsSpace(text_.front())) text_.remove_prefix(1);
+    if (text_.empty()) FailAtEnd();
+    size_t size = 0;
+    while (size < text_.size() && !IsSpace(text_[size])) ++size;
+    const auto value = ParseDouble(text_.substr(0, size));
+    if (!value) {
+      std::string token(text_.substr(0, std::min<size_t>(size, 40)));
+      std::replace_if(
+          token.begin(), token.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
+      throw ValueError{fmt::format("expected a number, found \"{}\"", token)};
+    }
+    text_.remove_prefix(size);
+    return *value;
+  }
+
+  size_t remaining_bytes() const { return text_.size() + 1; }  // the last needs no separator
+  static size_t MinBytes(PlyType) { return 2; }                // a digit and a separator
+
+ private:
+  static bool IsSpace(char c) { return c == ' ' || c == '\n' || c == '\r' || c == '\t'; }
+
+  std::string_view text_;
+};
+
+// ---- elements ----
+
+// Which number of a vertex a property holds.
+enum VertexSlot { kX, kY, kZ, kRed, kGreen, kBlue, kU, kV, kNumVertexSlots };
+
+std::optional<VertexSlot> SlotOf(std::string_view name) {
+  static constexpr std::pair<std::string_view, VertexSlot> kNames[] = {
+      {"x", kX},
+      {"y", kY},
+      {"z", kZ},
+      {"red", kRed},
+      {"green", kGreen},
+      {"blue", kBlue},
+      {"r", kRed},
+      {"g", kGreen},
+      {"b", kBlue},
+      {"diffuse_red", kRed},
+      {"diffuse_green", kGreen},
+      {"diffuse_blue", kBlue},
+      {"u", kU},
+      {"v", kV},
+      {"s", kU},
+      {"t", kV},
+      {"texture_u", kU},
+      {"texture_v", kV},
+  };
+  for (const auto& [known, slot] : kNames) {
+    if (known == name) return slot;
+  }
+  return std::nullopt;
+}
+
+// Full intensity of a colour of this type.
+double ColorRange(PlyType type) {
+  using enum PlyType;
+  switch (type) {
+    case kInt8:
+    case kUint8:
+      return 255;
+    case kInt16:
+    case kUint16:
+      return 65535;
+    case kInt32:
+    case kUint32:
+      return 255;
+    case kFloat:
+    case kDouble:
+      return 1;
+  }
+  return 255;
+}
+
+uint8_t ColorByte(double value, PlyType type) {
+  const double byte = value / ColorRange(type) * 255;
+  return byte > 0 ? static_cast<uint8_t>(std::min(byte, 255.0) + 0.5) : uint8_t{0};
+}
+
+template <typename Cursor>
+class ElementReader {
+ public:
+  ElementReader(const std::filesystem::path& path, const PlyHeader& header, Cursor cursor,
+                RawMesh& mesh)
+      : path_(path), header_(header), cursor_(cursor), mesh_(mesh) {}
+
+  void ReadAll() {
+    bool has_vertices = false;
+    for (const PlyElement& element : header_.elements) {
+      CheckCount(element);
+      if (element.name == "vertex") {
+        ReadVertices(element);
+        has_vertices = true;
+      } else if (element.name == "face") {
+        if (!has_vertices) {
+          throw InputError(path_, "header", "expected the element vertex before the element face");
+        }
+        ReadFaces(element);
+      } else {
+        ForEach(element, [&](uint64_t) {
+          for (const PlyProperty& property : element.properties) Skip(property);
+        });
+      }
+    }
+  }
+
+ private:
+  void CheckCount(const PlyElement& element) const {
+    size_t min_bytes = 0;
+    for (const PlyProperty& property : element.properties) {
+      min_bytes += Cursor::MinBytes(property.count_type.value_or(property.type));
+    }
+    if (element.properties.empty() ? element.count > 0
+                                   : element.count > cursor_.remaining_bytes() / min_bytes) {
+      throw InputError(
+          path_, fmt::format("element {}", element.name),
+          fmt::format("the header claims {} of them, the file has room for {}", element.count,
+                      min_bytes == 0 ? 0 : cursor_.remaining_bytes() / min_bytes));
+    }
+  }
+
+  // Calls body(i) for each entry of the element; names the entry where a value is wrong.
+  template <typename Body>
+  void ForEach(const PlyElement& element, const Body& body) {
+    uint64_t i = 0;
+    try {
+      for (; i < element.count; ++i) body(i);
+    } catch (const ValueError& error) {
+      throw InputError(path_, fmt::format("{} {} of {}", element.name, i, element.count),
+                       error.message);
+    }
+  }
+
+  uint64_t ReadListSize(const PlyProperty& property) {
+    const double size = cursor_.Read(*property.count_type);
+    if (!(size >= 0) || size != std::floor(size)) {
+      throw ValueError{
+          fmt::format("expected the length of list {}, found {}", property.name, size)};
+    }
+    const size_t room = cursor_.remaining_bytes() / Cursor::MinBytes(property.type);
+    if (size > static_cast<double>(room)) {
+      FailAtEnd();
+    }
+    return static_cast<uint64_t>(size);
+  }
+
+  void Skip(const PlyProperty& property) {
+    const uint64_t count = property.count_type ? ReadListSize(property) : 1;
+    for (uint64_t i = 0; i < count; ++i) {
+      cursor_.Read(property.type);
+    }
+  }
+
+  void ReadVertices(const PlyElement& element) {
+    std::array<std::optional<PlyType>, kNumVertexSlots> types;
+    std::vector<std::optional<VertexSlot>> slots;
+    for (const PlyProperty& property : element.properties) {
+      slots.push_back(property.count_type ? std::nullopt : SlotOf(property.name));
+      if (slots.back()) types[*slots.back()] = property.type;
+    }
+    if (!types[kX] || !types[kY] || !types[kZ]) {
+      throw InputError(path_, "element vertex", "expected the properties x, y and z");
+    }
+    if (element.count >= RawMesh::kNone) {
+      throw InputError(path_, "element vertex",
+                       fmt::format("{} vertices are too many", element.count));
+    }
+    const bool has_colors = types[kRed] && types[kGreen] && types[kBlue];
+    const bool has_uvs = types[kU] && types[kV];
+    mesh_.positions.reserve(element.count);
+    if (has_colors) mesh_.position_colors.reserve(element.count);
+    if (has_uvs) mesh_.uvs.reserve(element.count);
+    std::array<double, kNumVertexSlots> values{};
+    ForEach(element, [&](uint64_t) {
+      for (size_t i = 0; i < slots.size(); ++i) {
+        if (slots[i]) {
+          values[*slots[i]] = cursor_.Read(element.properties[i].type);
+        } else {
+          Skip(element.properties[i]);
+        }
+      }
+      mesh_.positions.emplace_back(values[kX], values[kY], values[kZ]);
+      if (has_colors) {
+        mesh_.position_colors.push_back({ColorByte(values[kRed], *types[kRed]),
+                                         ColorByte(values[kGreen], *types[kGreen]),
+                                         ColorByte(values[kBlue], *types[kBlue])});
+      }
+      if (has_uvs) {
+        mesh_.uvs.emplace_back(static_cast<float>(values[kU]), static_cast<float>(values[kV]));
+      }
+    });
+  }
+
+  void ReadFaces(const PlyElement& element) {
+    const auto find = [&](std::string_view name) -> const PlyProperty* {
+      for (const PlyProperty& property : element.properties) {
+        if (property.name == name) return &property;
+      }
+      return nullptr;
+    };
+    const PlyProperty* indices = find("vertex_indices");
+    if (indices == nullptr) indices = find("vertex_index");
+    if (indices == nullptr || !indices->count_type) {
+      throw InputError(path_, "element face", "expected the list vertex_indices");
+    }
+    const PlyProperty* texcoords = find("texcoord");
+    if (texcoords != nullptr && !texcoords->count_type) texcoords = nullptr;
+    const PlyProperty* texnumber = find("texnumber");
+    if (texnumber != nullptr && texnumber->count_type) texnumber = nullptr;
+    if (texcoords != nullptr) mesh_.uvs.clear();  // the corners' own are finer
+    const size_t num_materials = mesh_.materials.size();
+    mesh_.triangles.reserve(element.count);
+
+    uint64_t too_small = 0;
+    std::vector<uint32_t> corners;
+    std::vector<uint32_t> corner_uvs;
+    ForEach(element, [&](uint64_t) {
+      corners.clear();
+      corner_uvs.clear();
+      double texture = 0;
+      for (const PlyProperty& property : element.properties) {
+        if (&property == indices) {
+          ReadCorners(property, corners);
+        } else if (&property == texcoords) {
+          ReadTexcoords(property, corner_uvs);
+        } else if (&property == texnumber) {
+          texture = cursor_.Read(property.type);
+        } else {
+          Skip(property);
+        }
+      }
+      if (corners.size() < 3) {
+        ++too_small;
+        return;
+      }
+      if (texcoords != nullptr) corner_uvs.resize(corners.size(), RawMesh::kNone);
+      const size_t added = AddFace(corners, corner_uvs, mesh_);
+      if (num_materials > 0) {
+        const bool known = texture >= 0 && texture < static_cast<double>(num_materials);
+        mesh_.triangle_materials.insert(mesh_.triangle_materials.end(), added,
+                                        known ? static_cast<uint32_t>(texture) : RawMesh::kNone);
+      }
+    });
+    if (too_small > 0) {
+      mesh_.warnings.push_back(fmt::format("{}: {} of {} faces skipped: fewer than three corners",
+                                           path_.string(), too_small, element.count));
+    }
+  }
+
+  void ReadCorners(const PlyProperty& property, std::vector<uint32_t>& corners) {
+    const uint64_t count = ReadListSize(property);
+    for (uint64_t k = 0; k < count; ++k) {
+      const double index = cursor_.Read(property.type);
+      if (!(index >= 0 && index < static_cast<double>(mesh_.positions.size())) ||
+          index != std::floor(index)) {
+        throw ValueError{fmt::format("expected a vertex index below {}, found {}",
+                                     mesh_.positions.size(), index)};
+      }
+      corners.push_back(static_cast<uint32_t>(index));
+    }
+  }
+
+  void ReadTexcoords(const PlyProperty& property, std::vector<uint32_t>& corner_uvs) {
+    const uint64_t count = ReadListSize(property);
+    for (uint64_t k = 0; k + 1 < count; k += 2) {
+      const auto u = static_cast<float>(cursor_.Read(property.type));
+      const auto v = static_cast<float>(cursor_.Read(property.type));
+      corner_uvs.push_back(static_cast<uint32_t>(mesh_.uvs.size()));
+      mesh_.uvs.emplace_back(u, v);
+    }
+    if (count % 2 == 1) cursor_.Read(property.type);
+  }
+
+  const std::filesystem::path& path_;
+  const PlyHeader& header_;
+  Cursor cursor_;
+  RawMesh& mesh_;
+};
+
+template <typename Cursor>
+void ReadElements(const std::filesystem::path& path, const PlyHeader& header, std::string_view body,
+                  RawMesh& mesh) {
+  ElementReader<Cursor>(path, header, Cursor(body), mesh).ReadAll();
+}
+
+}  // namespace
+
+RawMesh ReadPly(const std::filesystem::path& path) {
+  const std::string contents = ReadFile(path);
+  const PlyHeader header = HeaderParser(path, contents).Parse();
+  RawMesh mesh;
+  for (const std::string& name : header.texture_files) {
+    mesh.materials.push_back({AddTextureFile(path, name, mesh), std::nullopt});
+  }
+  const std::string_view body = std::string_view(contents).substr(header.size_bytes);
+  constexpr bool kLittleHost = std::endian::native == std::endian::little;
+  switch (header.format) {
+    case PlyHeader::Format::kAscii:
+      ReadElements<AsciiCursor>(path, header, body, mesh);
+      break;
+    case PlyHeader::Format::kLittleEndian:
+      ReadElements<BinaryCursor<!kLittleHost>>(path, header, body, mesh);
+      break;
+    case PlyHeader::Format::kBigEndian:
+      ReadElements<BinaryCursor<kLittleHost>>(path, header, body, mesh);
+      break;
+  }
+  return mesh;
+}
+
+}  // namespace raylift

@@ -1,0 +1,246 @@
+#include "raw_mesh.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "polygon.h"
+#include <Eigen/Geometry>
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+// Embree takes no coordinate beyond 1.844e18; nothing that was measured comes near.
+constexpr double kMaxCoordinate = 1e18;
+
+// A surface without any colour in a mesh that has colours elsewhere (the default of MTL files).
+constexpr Rgb kDefaultColor = {204, 204, 204};
+
+bool IsUsable(const Eigen::Vector3d& p) {
+  return p.allFinite() && p.cwiseAbs().maxCoeff() <= kMaxCoordinate;
+}
+
+// Removes the triangles for which `remove` is true, with what belongs to them.
+template <typename Predicate>
+size_t RemoveTriangles(RawMesh& raw, const Predicate& remove) {
+  size_t kept = 0;
+  for (size_t i = 0; i < raw.triangles.size(); ++i) {
+    if (remove(raw.triangles[i])) {
+      continue;
+    }
+    raw.triangles[kept] = raw.triangles[i];
+    if (!raw.triangle_uvs.empty()) raw.triangle_uvs[kept] = raw.triangle_uvs[i];
+    if (!raw.triangle_materials.empty()) raw.triangle_materials[kept] = raw.triangle_materials[i];
+    ++kept;
+  }
+  const size_t removed = raw.triangles.size() - kept;
+  raw.triangles.resize(kept);
+  if (!raw.triangle_uvs.empty()) raw.triangle_uvs.resize(kept);
+  if (!raw.triangle_materials.empty()) raw.triangle_materials.resize(kept);
+  return removed;
+}
+
+// The centre of the used vertices, rounded to a multiple of a power of two above their extent: so
+// it is zero for a mesh around the origin, and the difference of a float coordinate to it is exact.
+Eigen::Vector3d ChooseOrigin(const RawMesh& raw) {
+  const double infinity = std::numeric_limits<double>::infinity();
+  Eigen::Vector3d low = Eigen::Vector3d::Constant(infinity);
+  Eigen::Vector3d high = -low;
+  for (const auto& triangle : raw.triangles) {
+    for (const uint32_t index : triangle) {
+      low = low.cwiseMin(raw.positions[index]);
+      high = high.cwiseMax(raw.positions[index]);
+    }
+  }
+  const double extent = (high - low).maxCoeff();
+  if (!(extent > 0)) {
+    return raw.triangles.empty() ? Eigen::Vector3d::Zero() : low;
+  }
+  const double step = std::exp2(std::ceil(std::log2(extent)));
+  const Eigen::Vector3d center = 0.5 * low + 0.5 * high;
+  return center.unaryExpr([step](double c) { return step * std::round(c / step) + 0.0; });
+}
+
+bool HasNoArea(const Eigen::Vector3f& a, const Eigen::Vector3f& b, const Eigen::Vector3f& c) {
+  const Eigen::Vector3d ab = b.cast<double>() - a.cast<double>();
+  const Eigen::Vector3d ac = c.cast<double>() - a.cast<double>();
+  return ab.cross(ac).squaredNorm() == 0;
+}
+
+Rgb Product(const Rgb& a, const Rgb& b) {
+  Rgb product;
+  for (size_t i = 0; i < 3; ++i) {
+    product[i] = static_cast<uint8_t>((a[i] * b[i] + 127) / 255);
+  }
+  return product;
+}
+
+// Unites positions, texture coordinates and material colours to vertices: a position gets one
+// vertex per combination that its corners use, none if no triangle uses it.
+class VertexUniter {
+ public:
+  VertexUniter(const RawMesh& raw, TriangleMesh& mesh)
+      : raw_(raw),
+        mesh_(mesh),
+        has_colors_(
+            !raw.position_colors.empty() ||
+            std::any_of(raw.materials.begin(), raw.materials.end(),
+                        [](const auto& m) { return m.texture < 0 && m.color_rgb.has_value(); })),
+        first_vertex_(raw.positions.size(), RawMesh::kNone) {
+    mesh_.vertices.reserve(raw.positions.size() + 1);  // one more: RayCaster can share it
+  }
+
+  void AddTriangle(size_t triangle) {
+    std::array<uint32_t, 3> corners;
+    for (size_t k = 0; k < 3; ++k) {
+      const uint32_t position = raw_.triangles[triangle][k];
+      const uint32_t uv = raw_.uvs.empty()            ? RawMesh::kNone
+                          : raw_.triangle_uvs.empty() ? position
+                                                      : raw_.triangle_uvs[triangle][k];
+      corners[k] = FindOrAdd(position, uv, Color(position, triangle));
+    }
+    mesh_.triangles.push_back(corners);
+  }
+
+ private:
+  struct Attributes {
+    uint32_t uv;
+    uint32_t next_vertex;  // of the same position
+  };
+
+  Rgb Color(uint32_t position, size_t triangle) const {
+    if (!has_colors_) {
+      return {};
+    }
+    const uint32_t material =
+        raw_.triangle_materials.empty() ? RawMesh::kNone : raw_.triangle_materials[triangle];
+    const bool is_plain = material != RawMesh::kNone && raw_.materials[material].texture < 0;
+    const std::optional<Rgb> tint = is_plain ? raw_.materials[material].color_rgb : std::nullopt;
+    if (raw_.position_colors.empty()) {
+      return tint.value_or(kDefaultColor);
+    }
+    const Rgb& own = raw_.position_colors[position];
+    return tint ? Product(own, *tint) : own;
+  }
+
+  uint32_t FindOrAdd(uint32_t position, uint32_t uv, const Rgb& color) {
+    uint32_t* link = &first_vertex_[position];
+    while (*link != RawMesh::kNone) {
+      Attributes& vertex = attributes_[*link];
+      if (vertex.uv == uv && (!has_colors_ || mesh_.vertex_colors_rgb[*link] == color)) {
+        return *link;
+      }
+      link = &vertex.next_vertex;
+    }
+    const auto added = static_cast<uint32_t>(attributes_.size());
+    *link = added;  // before the vector moves what it points into
+    attributes_.push_back({uv, RawMesh::kNone});
+    mesh_.vertices.push_back((raw_.positions[position] - mesh_.origin_in_world).cast<float>());
+    if (has_colors_) mesh_.vertex_colors_rgb.push_back(color);
+    if (!raw_.uvs.empty()) {
+      mesh_.texture_coordinates.push_back(uv == RawMesh::kNone ? Eigen::Vector2f(0, 0)
+                                                               : raw_.uvs[uv]);
+    }
+    return added;
+  }
+
+  const RawMesh& raw_;
+  TriangleMesh& mesh_;
+  bool has_colors_;
+  std::vector<uint32_t> first_vertex_;
+  std::vector<Attributes> attributes_;
+};
+
+void SetTriangleTextures(const RawMesh& raw, TriangleMesh& mesh) {
+  const bool textured =
+      std::any_of(raw.triangle_materials.begin(), raw.triangle_materials.end(),
+                  [&](uint32_t m) { return m != RawMesh::kNone && raw.materials[m].texture >= 0; });
+  if (!textured || raw.uvs.empty()) {
+    return;
+  }
+  mesh.triangle_textures.reserve(raw.triangles.size());
+  for (size_t i = 0; i < raw.triangles.size(); ++i) {
+    const uint32_t material = raw.triangle_materials[i];
+    const bool has_uvs =
+        raw.triangle_uvs.empty() ||
+        std::count(raw.triangle_uvs[i].begin(), raw.triangle_uvs[i].end(), RawMesh::kNone) == 0;
+    mesh.triangle_textures.push_back(
+        material != RawMesh::kNone && has_uvs ? raw.materials[material].texture : -1);
+  }
+}
+
+}  // namespace
+
+size_t AddFace(std::span<const uint32_t> corners, std::span<const uint32_t> corner_uvs,
+               RawMesh& mesh) {
+  const auto add = [&](uint32_t a, uint32_t b, uint32_t c) {
+    mesh.triangles.push_back({corners[a], corners[b], corners[c]});
+    if (!corner_uvs.empty()) {
+      mesh.triangle_uvs.push_back({corner_uvs[a], corner_uvs[b], corner_uvs[c]});
+    }
+  };
+  if (corners.size() == 3) {
+    add(0, 1, 2);
+    return 1;
+  }
+  std::vector<Eigen::Vector3d> points;
+  points.reserve(corners.size());
+  for (const uint32_t corner : corners) {
+    points.push_back(mesh.positions[corner]);
+  }
+  const auto triangles = TriangulatePolygon(points);
+  for (const auto& [a, b, c] : triangles) {
+    add(a, b, c);
+  }
+  return triangles.size();
+}
+
+TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw) {
+  if (raw.triangles.empty()) {
+    if (raw.positions.empty()) {
+      throw InputError(path, "expected a mesh, found no vertices and no faces");
+    }
+    throw InputError(path,
+                     fmt::format("expected a mesh, found a point cloud: {} vertices, no faces",
+                                 raw.positions.size()));
+  }
+  const size_t triangles_in_file = raw.triangles.size();
+  const size_t not_finite = RemoveTriangles(raw, [&](const auto& t) {
+    return !(IsUsable(raw.positions[t[0]]) && IsUsable(raw.positions[t[1]]) &&
+             IsUsable(raw.positions[t[2]]));
+  });
+  TriangleMesh mesh;
+  mesh.origin_in_world = ChooseOrigin(raw);
+  const auto local = [&](uint32_t index) -> Eigen::Vector3f {
+    return (raw.positions[index] - mesh.origin_in_world).cast<float>();
+  };
+  const size_t without_area = RemoveTriangles(
+      raw, [&](const auto& t) { return HasNoArea(local(t[0]), local(t[1]), local(t[2])); });
+  mesh.warnings = std::move(raw.warnings);
+  if (not_finite > 0) {
+    mesh.warnings.push_back(fmt::format("{}: {} of {} triangles removed: a vertex is not finite",
+                                        path.string(), not_finite, triangles_in_file));
+  }
+  if (without_area > 0) {
+    mesh.warnings.push_back(fmt::format("{}: {} of {} triangles removed: they have no area",
+                                        path.string(), without_area, triangles_in_file));
+  }
+  if (raw.triangles.empty()) {
+    throw InputError(path, fmt::format("expected a mesh, found {} triangles, none of which has "
+                                       "finite vertices and an area",
+                                       triangles_in_file));
+  }
+  mesh.triangles.reserve(raw.triangles.size());
+  VertexUniter uniter(raw, mesh);
+  for (size_t i = 0; i < raw.triangles.size(); ++i) {
+    uniter.AddTriangle(i);
+  }
+  SetTriangleTextures(raw, mesh);
+  mesh.textures = std::move(raw.textures);
+  return mesh;
+}
+
+}  // namespace raylift

@@ -1,0 +1,53 @@
+// What a mesh file holds, before it becomes a TriangleMesh: positions in double, texture
+// coordinates with indices of their own, materials. The readers fill it; FinishMesh cleans it,
+// recentres it and unites positions and attributes to vertices.
+
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/renderers/triangle_mesh.h"
+
+namespace raylift {
+
+using Rgb = std::array<uint8_t, 3>;
+
+struct RawMesh {
+  static constexpr uint32_t kNone = 0xffffffffu;
+
+  struct Material {
+    int32_t texture = -1;          // index into `textures`, -1 = none
+    std::optional<Rgb> color_rgb;  // what a surface without texture looks like
+  };
+
+  std::vector<Eigen::Vector3d> positions;
+  std::vector<Rgb> position_colors;                // empty, or one per position
+  std::vector<std::array<uint32_t, 3>> triangles;  // indices into `positions`, all in range
+
+  std::vector<Eigen::Vector2f> uvs;
+  // Indices into `uvs` (or kNone), one per triangle; empty where `uvs` is empty or per position.
+  std::vector<std::array<uint32_t, 3>> triangle_uvs;
+  std::vector<uint32_t> triangle_materials;  // empty, or one per triangle; kNone allowed
+
+  std::vector<Material> materials;
+  std::vector<Image> textures;
+  std::vector<std::string> warnings;
+};
+
+// Adds a face: triangles as they are, larger polygons cut. `corner_uvs` is empty or as long as
+// `corners`; the material is left to the caller. Returns the number of triangles added.
+size_t AddFace(std::span<const uint32_t> corners, std::span<const uint32_t> corner_uvs,
+               RawMesh& mesh);
+
+// `path` is for messages only.
+TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw);
+
+}  // namespace raylift

@@ -1,0 +1,330 @@
+#include "raylift/renderers/ray_caster.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <stdexcept>
+
+#include "embree_shim.h"
+#include <Eigen/Geometry>
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+constexpr size_t kPacket = 16;
+
+// Where a hit in float and its refinement in double are further apart than these shares of the
+// ray's length and of the scene's size, the ray grazes the triangle's plane, and the float's is the
+// better one.
+constexpr double kMaxRefinementOfRay = 1e-3;
+constexpr double kMaxRefinementOfScene = 4e-6;
+
+// Embree's robust test lets no ray through an edge, but a few in a thousand of those that aim at a
+// vertex itself slip between its triangles, as their edge functions are rounded one by one. A ray
+// that hits nothing is therefore tried once more, turned by this angle, which is what float rounds.
+constexpr float kNudge = 0x1p-21f;
+
+Eigen::Vector3f Nudged(const Eigen::Vector3f& direction) {
+  return direction + kNudge * direction.unitOrthogonal();
+}
+
+// A ray as Embree gets it: float, relative to the mesh's origin, of unit length, and started near
+// the mesh where the camera is far away, since float would lose its position there.
+struct LocalRay {
+  Eigen::Vector3d origin;     // before the shift
+  Eigen::Vector3d direction;  // unit
+  double shift;               // Embree's ray starts here
+  Eigen::Vector3f float_origin;
+  Eigen::Vector3f float_direction;
+};
+
+struct Bounds {
+  Eigen::Vector3d center = Eigen::Vector3d::Zero();
+  double radius = 0;
+};
+
+Bounds BoundsOf(const TriangleMesh& mesh) {
+  if (mesh.triangles.empty()) {
+    return {};
+  }
+  Eigen::AlignedBox3f box;
+  for (const auto& triangle : mesh.triangles) {
+    for (const uint32_t index : triangle) box.extend(mesh.vertices[index]);
+  }
+  const Eigen::Vector3d low = box.min().cast<double>();
+  const Eigen::Vector3d high = box.max().cast<double>();
+  return {0.5 * (low + high), 0.5 * (high - low).norm()};
+}
+
+void CheckIndices(const TriangleMesh& mesh) {
+  for (const auto& triangle : mesh.triangles) {
+    RAYLIFT_CHECK(std::max({triangle[0], triangle[1], triangle[2]}) < mesh.vertices.size());
+  }
+}
+
+}  // namespace
+
+struct RayCaster::Impl {
+  Impl(std::shared_ptr<const TriangleMesh> mesh_in, const RayCasterOptions& options)
+      : mesh(std::move(mesh_in)),
+        bounds(BoundsOf(*mesh)),
+        reach(bounds.center.norm() + bounds.radius) {
+    device.reset(rtcNewDevice(nullptr));
+    if (!device) {
+      throw std::runtime_error(
+          fmt::format("Embree: no device, error {}", static_cast<int>(rtcGetDeviceError(nullptr))));
+    }
+    rtcSetDeviceErrorFunction(device.get(), &Impl::OnError, &error_text);
+    has_packets16 = rtcGetDeviceProperty(device.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED);
+    has_packets8 = rtcGetDeviceProperty(device.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED);
+    BuildScene(options);
+    ThrowOnError();
+    // Later errors would come from many threads; a valid scene has none.
+    rtcSetDeviceErrorFunction(device.get(), nullptr, nullptr);
+  }
+
+  static void OnError(void* text, RTCError code, const char* message) {
+    auto& stored = *static_cast<std::string*>(text);
+    if (stored.empty()) {
+      stored = fmt::format("Embree: error {}: {}", static_cast<int>(code),
+                           message != nullptr ? message : "no text");
+    }
+  }
+
+  void ThrowOnError() const {
+    if (!error_text.empty()) throw std::runtime_error(error_text);
+  }
+
+  void BuildScene(const RayCasterOptions& options) {
+    const RTCBuildQuality quality = options.build_quality == RayCasterOptions::BuildQuality::kLow
+                                        ? RTC_BUILD_QUALITY_LOW
+                                        : RTC_BUILD_QUALITY_MEDIUM;
+    scene.reset(rtcNewScene(device.get()));
+    rtcSetSceneFlags(scene.get(), RTC_SCENE_FLAG_ROBUST);
+    rtcSetSceneBuildQuality(scene.get(), quality);
+    if (!mesh->triangles.empty()) {
+      AttachMesh(quality);
+    }
+    rtcCommitScene(scene.get());
+  }
+
+  void AttachMesh(RTCBuildQuality quality) {
+    const embree::Geometry geometry(rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_TRIANGLE));
+    // Embree reads 16 bytes at each vertex of 12.
+    const std::vector<Eigen::Vector3f>* vertices = &mesh->vertices;
+    if (vertices->capacity() == vertices->size()) {
+      padded_vertices.reserve(vertices->size() + 1);
+      padded_vertices = *vertices;
+      vertices = &padded_vertices;
+    }
+    rtcSetSharedGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                               vertices->data(), 0, sizeof(Eigen::Vector3f), vertices->size());
+    rtcSetSharedGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                               mesh->triangles.data(), 0, 3 * sizeof(uint32_t),
+                               mesh->triangles.size());
+    rtcSetGeometryBuildQuality(geometry.get(), quality);
+    rtcCommitGeometry(geometry.get());
+    rtcAttachGeometry(scene.get(), geometry.get());
+  }
+
+  // None where a number is not finite or the direction has no length.
+  std::optional<LocalRay> MakeLocalRay(const Eigen::Vector3d& origin_in_world,
+                                       const Eigen::Vector3d& direction, double length) const {
+    LocalRay ray;
+    ray.origin = origin_in_world - mesh->origin_in_world;
+    ray.direction = direction / length;
+    const double nearest = (bounds.center - ray.origin).dot(ray.direction);
+    ray.shift = std::max(0.0, nearest - 2 * bounds.radius);
+    ray.float_origin = (ray.origin + ray.shift * ray.direction).cast<float>();
+    ray.float_direction = ray.direction.cast<float>();
+    if (!ray.float_origin.allFinite() || !ray.float_direction.allFinite()) {
+      return std::nullopt;
+    }
+    return ray;
+  }
+
+  // The hit with the triangle's plane, in double. `length` is that of the caller's direction.
+  RayHit Refine(const LocalRay& ray, double length, uint32_t triangle, float float_t) const {
+    const auto& [i0, i1, i2] = mesh->triangles[triangle];
+    const Eigen::Vector3d v0 = mesh->vertices[i0].cast<double>();
+    const Eigen::Vector3d e1 = mesh->vertices[i1].cast<double>() - v0;
+    const Eigen::Vector3d e2 = mesh->vertices[i2].cast<double>() - v0;
+    const Eigen::Vector3d normal = e1.cross(e2);
+    const double coarse_t = ray.shift + static_cast<double>(float_t);
+    double t = (v0 - ray.origin).dot(normal) / ray.direction.dot(normal);
+    if (!(std::abs(t - coarse_t) <=
+          kMaxRefinementOfRay * std::abs(coarse_t) + kMaxRefinementOfScene * reach)) {
+      t = coarse_t;
+    }
+    const Eigen::Vector3d offset = ray.origin + t * ray.direction - v0;
+    const double scale = 1 / normal.squaredNorm();
+    const double u = std::clamp(offset.cross(e2).dot(normal) * scale, 0.0, 1.0);
+    const double v = std::clamp(e1.cross(offset).dot(normal) * scale, 0.0, 1.0 - u);
+    return {t / length, normal.normalized(), triangle, {u, v}};
+  }
+
+  template <typename Packet, typename Intersect>
+  void CastPackets(std::span<const std::optional<LocalRay>> rays, std::span<const double> lengths,
+                   std::span<std::optional<RayHit>> hits, const Intersect& intersect) const {
+    constexpr size_t kSize = sizeof(Packet::ray.tfar) / sizeof(float);
+    for (size_t begin = 0; begin < rays.size(); begin += kSize) {
+      const size_t count = std::min(kSize, rays.size() - begin);
+      CastPacket<Packet>(rays.subspan(begin, count), lengths.subspan(begin, count),
+                         hits.subspan(begin, count), intersect);
+    }
+  }
+
+  template <typename Packet, typename Intersect>
+  void CastPacket(std::span<const std::optional<LocalRay>> rays, std::span<const double> lengths,
+                  std::span<std::optional<RayHit>> hits, const Intersect& intersect) const {
+    constexpr size_t kSize = sizeof(Packet::ray.tfar) / sizeof(float);
+    static constexpr float kNoRay[3] = {0, 0, 1};
+    alignas(64) Packet packet{};
+    alignas(64) std::array<int, kSize> valid{};
+    for (size_t i = 0; i < kSize; ++i) {
+      const LocalRay* ray = i < rays.size() && rays[i] ? &*rays[i] : nullptr;
+      valid[i] = ray != nullptr ? -1 : 0;
+      embree::SetRay(packet, i, ray != nullptr ? ray->float_origin.data() : kNoRay,
+                     ray != nullptr ? ray->float_direction.data() : kNoRay, 0);
+    }
+    intersect(valid.data(), packet);
+    const size_t missed = TakeHits(packet, rays, lengths, valid, hits);
+    if (missed == 0 || missed == kSize) {  // all missed: the sky, not the gap at a vertex
+      return;
+    }
+    for (size_t i = 0; i < rays.size(); ++i) {
+      if (valid[i] != 0) {
+        embree::SetRay(packet, i, rays[i]->float_origin.data(),
+                       Nudged(rays[i]->float_direction).data(), 0);
+      }
+    }
+    intersect(valid.data(), packet);
+    TakeHits(packet, rays, lengths, valid, hits);
+  }
+
+  // Moves the valid lanes' hits to `hits`, leaves valid those without, and returns their number.
+  template <typename Packet, size_t kSize>
+  size_t TakeHits(const Packet& packet, std::span<const std::optional<LocalRay>> rays,
+                  std::span<const double> lengths, std::array<int, kSize>& valid,
+                  std::span<std::optional<RayHit>> hits) const {
+    size_t missed = 0;
+    for (size_t i = 0; i < rays.size(); ++i) {
+      if (valid[i] == 0) {
+        continue;
+      }
+      if (packet.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID) {
+        ++missed;
+        continue;
+      }
+      hits[i] = Refine(*rays[i], lengths[i], packet.hit.primID[i], packet.ray.tfar[i]);
+      valid[i] = 0;
+    }
+    return missed;
+  }
+
+  std::optional<RayHit> CastOne(const LocalRay& ray, double length, double t_near,
+                                embree::IntersectState& state) const {
+    const float float_near = FloatNear(ray, length, t_near);
+    for (const Eigen::Vector3f& direction : {ray.float_direction, Nudged(ray.float_direction)}) {
+      RTCRayHit ray_hit = embree::MakeRayHit(ray.float_origin.data(), direction.data(), float_near);
+      state.Intersect1(scene.get(), &ray_hit);
+      if (ray_hit.hit.geomID != RTC_INVALID_GEOMETRY_ID) {
+        return Refine(ray, length, ray_hit.hit.primID, ray_hit.ray.tfar);
+      }
+    }
+    return std::nullopt;
+  }
+
+  static float FloatNear(const LocalRay& ray, double length, double t_near) {
+    return static_cast<float>(std::max(0.0, t_near * length - ray.shift));
+  }
+
+  std::shared_ptr<const TriangleMesh> mesh;
+  std::vector<Eigen::Vector3f> padded_vertices;  // empty where the mesh's own are shared
+  Bounds bounds;
+  double reach;  // the largest local coordinate, about
+  std::string error_text;
+  embree::Device device;
+  embree::Scene scene;
+  bool has_packets16 = false;
+  bool has_packets8 = false;
+};
+
+RayCaster::RayCaster(std::shared_ptr<const TriangleMesh> mesh, const RayCasterOptions& options) {
+  RAYLIFT_CHECK(mesh != nullptr);
+  CheckIndices(*mesh);
+  impl_ = std::make_unique<Impl>(std::move(mesh), options);
+}
+
+RayCaster::~RayCaster() = default;
+RayCaster::RayCaster(RayCaster&&) noexcept = default;
+RayCaster& RayCaster::operator=(RayCaster&&) noexcept = default;
+
+const TriangleMesh& RayCaster::mesh() const { return *impl_->mesh; }
+
+std::vector<std::optional<RayHit>> RayCaster::Cast(std::span<const Ray> rays) const {
+  std::vector<std::optional<RayHit>> hits(rays.size());
+  embree::IntersectState state(embree::Coherence::kIncoherent);
+  for (size_t i = 0; i < rays.size(); ++i) {
+    const double length = rays[i].direction_in_world.norm();
+    const auto ray =
+        impl_->MakeLocalRay(rays[i].origin_in_world, rays[i].direction_in_world, length);
+    if (ray) {
+      hits[i] = impl_->CastOne(*ray, length, rays[i].ray_t_near, state);
+    }
+  }
+  return hits;
+}
+
+void RayCaster::CastCoherent(const Eigen::Vector3d& origin_in_world,
+                             std::span<const Eigen::Vector3d> directions_in_world,
+                             std::span<std::optional<RayHit>> hits) const {
+  RAYLIFT_CHECK_EQ(directions_in_world.size(), hits.size());
+  embree::IntersectState state(embree::Coherence::kCoherent);
+  std::array<std::optional<LocalRay>, kPacket> rays;
+  std::array<double, kPacket> lengths;
+  for (size_t begin = 0; begin < hits.size(); begin += kPacket) {
+    const size_t count = std::min(kPacket, hits.size() - begin);
+    for (size_t i = 0; i < count; ++i) {
+      const Eigen::Vector3d& direction = directions_in_world[begin + i];
+      lengths[i] = direction.norm();
+      rays[i] = impl_->MakeLocalRay(origin_in_world, direction, lengths[i]);
+    }
+    const auto packet_hits = hits.subspan(begin, count);
+    std::fill(packet_hits.begin(), packet_hits.end(), std::nullopt);
+    const std::span<const std::optional<LocalRay>> packet_rays(rays.data(), count);
+    if (impl_->has_packets16) {
+      impl_->CastPackets<RTCRayHit16>(packet_rays, lengths, packet_hits,
+                                      [&](const int* valid, RTCRayHit16& packet) {
+                                        state.Intersect16(valid, impl_->scene.get(), &packet);
+                                      });
+    } else if (impl_->has_packets8) {
+      impl_->CastPackets<RTCRayHit8>(packet_rays, lengths, packet_hits,
+                                     [&](const int* valid, RTCRayHit8& packet) {
+                                       state.Intersect8(valid, impl_->scene.get(), &packet);
+                                     });
+    } else {
+      for (size_t i = 0; i < count; ++i) {
+        if (rays[i]) packet_hits[i] = impl_->CastOne(*rays[i], lengths[i], 0, state);
+      }
+    }
+  }
+}
+
+bool RayCaster::IsOccluded(const Ray& ray) const {
+  const double length = ray.direction_in_world.norm();
+  const auto local = impl_->MakeLocalRay(ray.origin_in_world, ray.direction_in_world, length);
+  if (!local) {
+    return false;
+  }
+  embree::IntersectState state(embree::Coherence::kIncoherent);
+  RTCRay embree_ray = embree::MakeRay(local->float_origin.data(), local->float_direction.data(),
+                                      Impl::FloatNear(*local, length, ray.ray_t_near));
+  state.Occluded1(impl_->scene.get(), &embree_ray);
+  return embree_ray.tfar < 0;
+}
+
+}  // namespace raylift

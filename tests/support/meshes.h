@@ -1,0 +1,36 @@
+// Meshes with known shapes, and every kind of camera to look at them.
+
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "raylift/geometry/camera.h"
+#include "raylift/geometry/rigid3.h"
+#include "raylift/renderers/triangle_mesh.h"
+
+namespace raylift {
+
+// A mesh of these world positions, recentred as ReadMesh does.
+TriangleMesh MakeMesh(const std::vector<Eigen::Vector3d>& positions,
+                      std::vector<std::array<uint32_t, 3>> triangles);
+
+// The square [-half, half]^2 at z = 0 in the frame of `world_from_plane`, wound so that its normal
+// is -z, in cells x cells pairs of triangles.
+TriangleMesh MakePlane(const Rigid3& world_from_plane, double half, int cells);
+
+// An axis-aligned box, normals outward, two triangles per side.
+TriangleMesh MakeBox(const Eigen::Vector3d& center, const Eigen::Vector3d& half_size);
+
+// A sphere of latitude rings and longitude segments, normals outward, closed, vertices on the
+// sphere.
+TriangleMesh MakeSphere(const Eigen::Vector3d& center, double radius, int rings, int segments);
+
+// A camera of each of COLMAP's models, 64 x 48 pixels, with distortion; all pixels have a ray.
+std::vector<Camera> CamerasOfEveryModel();
+
+// The pose of a camera at `center` that looks at `target`, image up roughly along -y of the world.
+Rigid3 LookAt(const Eigen::Vector3d& center, const Eigen::Vector3d& target);
+
+}  // namespace raylift
