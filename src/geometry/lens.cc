@@ -12,20 +12,34 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
+// The polar grid on which lenses with offsets are examined.
+constexpr int kNumDirections = 16;
+constexpr int kNumRadii = 40;
+constexpr double kMaxGridRadius = 8;  // on the plane z = 1: 83 degrees off the axis
+
 // 1 + c0 q + c1 q^2 + ..., and its derivative.
 struct ValueAndSlope {
   double value;
   double slope;
 };
-template <size_t kCount>
-ValueAndSlope OnePlusPolynomial(const std::array<double, kCount>& coefficients, double q) {
+ValueAndSlope OnePlusPolynomial(std::span<const double> coefficients, double q) {
   double value = 0;
   double slope = 0;
-  for (size_t i = kCount; i-- > 0;) {
+  for (size_t i = coefficients.size(); i-- > 0;) {
     slope = slope * q + value;
     value = value * q + coefficients[i];
   }
   return {1 + value * q, value + slope * q};
+}
+
+// The count of coefficients without the zeros at the end.
+template <size_t kCount>
+size_t NumTerms(const std::array<double, kCount>& coefficients) {
+  size_t count = kCount;
+  while (count > 0 && coefficients[count - 1] == 0) {
+    --count;
+  }
+  return count;
 }
 
 template <size_t kCount>
@@ -33,6 +47,10 @@ Polynomial ToPolynomial(const std::array<double, kCount>& coefficients) {
   Polynomial polynomial = {1};
   std::copy(coefficients.begin(), coefficients.end(), polynomial.begin() + 1);
   return polynomial;
+}
+
+bool IsPositive(const Eigen::Matrix2d& jacobian) {
+  return jacobian.determinant() > 0 && jacobian.trace() > 0;
 }
 
 // The numerator of d(r s(r^2)) / dr as a polynomial in q = r^2, for s = n / d:
@@ -111,23 +129,23 @@ Lens::Lens(CameraModel model, std::span<const double> params) {
       division_k_ = p(0);
       break;
   }
-  const auto any = [](const auto& values) {
-    return std::any_of(values.begin(), values.end(), [](double value) { return value != 0; });
-  };
+  num_numerator_terms_ = NumTerms(numerator_);
+  num_denominator_terms_ = NumTerms(denominator_);
   if (fov_omega_ != 0) {
     radial_ = Radial::kFov;
-  } else if (any(numerator_) || any(denominator_)) {
+  } else if (num_numerator_terms_ + num_denominator_terms_ > 0) {
     radial_ = Radial::kRational;
   }
-  if (!any(tangential_) && !any(prism_x_) && !any(prism_y_)) {
+  if (NumTerms(tangential_) + NumTerms(prism_x_) + NumTerms(prism_y_) == 0) {
     offset_ = Offset::kNone;
   } else if (offset_ == Offset::kNone) {
     offset_ = Offset::kOfFlat;
   }
-  LimitDomain();
+  LimitRadialDomain();
+  LimitOffsetDomain();
 }
 
-void Lens::LimitDomain() {
+void Lens::LimitRadialDomain() {
   switch (flattening_) {
     case Flattening::kPlane:
       break;
@@ -161,6 +179,55 @@ void Lens::LimitDomain() {
       break;
     }
   }
+}
+
+// A map whose Jacobian has a positive definite symmetric part on a convex region is one-to-one
+// there: this finds the largest such disc, to one step of a polar grid.
+void Lens::LimitOffsetDomain() {
+  if (offset_ == Offset::kNone) {
+    safe_radius_ = max_radius_;
+    return;
+  }
+  safe_radius_ = GridPoint(0, kNumRadii - 1).norm();
+  for (int direction = 0; direction < kNumDirections; ++direction) {
+    double good_radius = 0;
+    for (int i = 1; i < kNumRadii && good_radius < safe_radius_; ++i) {
+      const Eigen::Vector2d flat = GridPoint(direction, i);
+      const Eigen::Matrix2d jacobian = Distort(flat).jacobian;
+      if (!IsPositive(0.5 * (jacobian + jacobian.transpose()))) {
+        safe_radius_ = good_radius;
+        break;
+      }
+      good_radius = flat.norm();
+    }
+  }
+}
+
+Eigen::Vector2d Lens::GridPoint(int direction, int radius) const {
+  const double angle = 2 * std::numbers::pi * direction / kNumDirections;
+  const double length = std::min(max_radius_, kMaxGridRadius) * radius / kNumRadii;
+  return {length * std::cos(angle), length * std::sin(angle)};
+}
+
+bool Lens::IsInDomain(const Eigen::Vector2d& flat) const {
+  const double squared_radius = flat.squaredNorm();
+  if (squared_radius < safe_radius_ * safe_radius_) {
+    return true;
+  }
+  if (offset_ == Offset::kNone || !(squared_radius < max_radius_ * max_radius_)) {
+    return false;
+  }
+  // Close to the limit the offsets decide, differently in every direction: no fold may lie on the
+  // way from the safe disc.
+  constexpr int kNumSteps = 24;
+  const double safe_part = safe_radius_ / std::sqrt(squared_radius);
+  for (int i = 1; i <= kNumSteps; ++i) {
+    const double part = safe_part + (1 - safe_part) * i / kNumSteps;
+    if (!IsPositive(Distort(part * flat).jacobian)) {
+      return false;
+    }
+  }
+  return true;
 }
 
 std::optional<Eigen::Vector2d> Lens::Flatten(const Eigen::Vector3d& point) const {
@@ -249,8 +316,13 @@ Eigen::Vector3d Lens::Unflatten(const Eigen::Vector2d& flat) const {
 }
 
 Lens::Scale Lens::RationalScale(double squared_radius) const {
-  const ValueAndSlope n = OnePlusPolynomial(numerator_, squared_radius);
-  const ValueAndSlope d = OnePlusPolynomial(denominator_, squared_radius);
+  const ValueAndSlope n =
+      OnePlusPolynomial({numerator_.data(), num_numerator_terms_}, squared_radius);
+  if (num_denominator_terms_ == 0) {
+    return {n.value, n.slope};
+  }
+  const ValueAndSlope d =
+      OnePlusPolynomial({denominator_.data(), num_denominator_terms_}, squared_radius);
   const double value = n.value / d.value;
   return {value, (n.slope - value * d.slope) / d.value};
 }
@@ -321,11 +393,11 @@ Lens::Distortion Lens::Distort(const Eigen::Vector2d& flat) const {
 
 std::optional<Eigen::Vector2d> Lens::Project(const Eigen::Vector3d& point_in_cam) const {
   const auto flat = Flatten(point_in_cam);
-  if (!flat || !(flat->squaredNorm() < max_radius_ * max_radius_)) {
+  if (!flat || !IsInDomain(*flat)) {
     return std::nullopt;
   }
   const Distortion distortion = Distort(*flat);
-  if ((offset_ != Offset::kNone && !distortion.IsOneToOne()) || !distortion.distorted.allFinite()) {
+  if (!distortion.distorted.allFinite()) {
     return std::nullopt;
   }
   return distortion.distorted;
@@ -334,11 +406,11 @@ std::optional<Eigen::Vector2d> Lens::Project(const Eigen::Vector3d& point_in_cam
 std::optional<Lens::Projection> Lens::ProjectWithJacobian(
     const Eigen::Vector3d& point_in_cam) const {
   const auto flat = Flatten(point_in_cam);
-  if (!flat || !(flat->squaredNorm() < max_radius_ * max_radius_)) {
+  if (!flat || !IsInDomain(*flat)) {
     return std::nullopt;
   }
   const Distortion distortion = Distort(*flat);
-  if ((offset_ != Offset::kNone && !distortion.IsOneToOne()) || !distortion.distorted.allFinite()) {
+  if (!distortion.distorted.allFinite()) {
     return std::nullopt;
   }
   const Projection projection = {distortion.distorted,
@@ -354,7 +426,7 @@ std::optional<Eigen::Vector3d> Lens::Unproject(const Eigen::Vector2d& distorted)
     return std::nullopt;
   }
   const auto flat = Undistort(distorted);
-  if (!flat || !(flat->squaredNorm() < max_radius_ * max_radius_)) {
+  if (!flat || !IsInDomain(*flat)) {
     return std::nullopt;
   }
   const Eigen::Vector3d ray = Unflatten(*flat);
@@ -379,7 +451,27 @@ std::optional<Eigen::Vector2d> Lens::Undistort(const Eigen::Vector2d& distorted)
   if (offset_ == Offset::kNone) {
     return flat;
   }
-  return UndistortByNewton(flat, distorted);
+  if (const auto solution = UndistortByNewton(flat, distorted)) {
+    return solution;
+  }
+  return UndistortByNewton(NearestOnGrid(distorted), distorted);
+}
+
+// Where offsets are so strong that the radial solution is no good start.
+Eigen::Vector2d Lens::NearestOnGrid(const Eigen::Vector2d& distorted) const {
+  Eigen::Vector2d nearest = Eigen::Vector2d::Zero();
+  double least_error = distorted.norm();
+  for (int direction = 0; direction < kNumDirections; ++direction) {
+    for (int i = 1; i < kNumRadii; ++i) {
+      const Eigen::Vector2d flat = GridPoint(direction, i);
+      const double error = (Distort(flat).distorted - distorted).norm();
+      if (error < least_error && IsInDomain(flat)) {
+        nearest = flat;
+        least_error = error;
+      }
+    }
+  }
+  return nearest;
 }
 
 // Newton's method kept between bounds: the distorted radius grows with the radius up to
@@ -395,11 +487,12 @@ double Lens::UndistortRadius(double distorted_radius) const {
     const Scale scale = RationalScale(radius * radius);
     const double excess = radius * scale.value - distorted_radius;
     const double step = excess / (scale.value + 2 * radius * radius * scale.slope);
-    if (std::abs(step) <= 1e-15 * radius || high - low <= 1e-15 * low) {
-      break;
-    }
     (excess > 0 ? high : low) = radius;
     radius -= step;
+    // A step this small leaves its square.
+    if (std::abs(step) <= 1e-9 * radius || high - low <= 1e-15 * low) {
+      break;
+    }
     if (!(radius > low && radius < high)) {
       radius = high < kInfinity ? 0.5 * (low + high) : 2 * low;
     }
@@ -410,40 +503,31 @@ double Lens::UndistortRadius(double distorted_radius) const {
 // Steps are halved until they stay in the valid domain and reduce the error.
 std::optional<Eigen::Vector2d> Lens::UndistortByNewton(const Eigen::Vector2d& start,
                                                        const Eigen::Vector2d& distorted) const {
+  constexpr int kMaxSteps = 100;
   constexpr int kMaxHalvings = 30;
-  const auto is_valid = [this](const Eigen::Vector2d& flat, const Distortion& distortion) {
-    return flat.squaredNorm() < max_radius_ * max_radius_ && distortion.IsOneToOne();
-  };
   Eigen::Vector2d flat = start;
-  Distortion distortion = Distort(flat);
-  for (int i = 0; i < kMaxHalvings && !is_valid(flat, distortion); ++i) {
+  for (int i = 0; i < kMaxHalvings && !IsInDomain(flat); ++i) {
     flat *= 0.5;
-    distortion = Distort(flat);
   }
-  const double tolerance = 1e-14 * (1 + distorted.norm());
+  const double scale = 1 + distorted.norm();
+  Distortion distortion = Distort(flat);
   double error = (distortion.distorted - distorted).norm();
-  for (int iteration = 0; iteration < 100 && error > tolerance; ++iteration) {
-    const Eigen::Vector2d full_step =
-        distortion.jacobian.inverse() * (distortion.distorted - distorted);
-    bool improved = false;
-    double fraction = 1;
-    for (int i = 0; i < kMaxHalvings && !improved; ++i, fraction *= 0.5) {
-      const Eigen::Vector2d trial = flat - fraction * full_step;
-      const Distortion trial_distortion = Distort(trial);
-      const double trial_error = (trial_distortion.distorted - distorted).norm();
-      if (trial_error < error && is_valid(trial, trial_distortion)) {
-        flat = trial;
-        distortion = trial_distortion;
+  bool improves = true;
+  for (int i = 0; i < kMaxSteps && improves && error > 1e-15 * scale; ++i) {
+    Eigen::Vector2d step = distortion.jacobian.inverse() * (distorted - distortion.distorted);
+    improves = false;
+    for (int j = 0; j < kMaxHalvings && !improves; ++j, step *= 0.5) {
+      const Distortion trial = Distort(flat + step);
+      const double trial_error = (trial.distorted - distorted).norm();
+      improves = trial_error < error && IsInDomain(flat + step);
+      if (improves) {
+        flat += step;
+        distortion = trial;
         error = trial_error;
-        improved = true;
       }
     }
-    if (!improved) {
-      break;
-    }
   }
-  constexpr double kConverged = 1e-11;
-  if (!is_valid(flat, distortion) || !(error <= kConverged * (1 + distorted.norm()))) {
+  if (!(error <= 1e-11 * scale)) {
     return std::nullopt;
   }
   return flat;

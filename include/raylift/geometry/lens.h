@@ -7,8 +7,8 @@
 //   RAD_TAN_THIN_PRISM_FISHEYE.
 //
 // The valid domain is where this is one-to-one: |u| below the first radius at which |x| stops
-// growing with |u|, and the Jacobian of the distortion positive. For the plane z must be positive;
-// fisheye and division lenses may see beyond 90 degrees off the axis.
+// growing with |u|, and the Jacobian of the distortion positive all the way from the axis. For the
+// plane z must be positive; fisheye and division lenses may see beyond 90 degrees off the axis.
 
 #pragma once
 
@@ -58,10 +58,10 @@ class Lens {
   struct Distortion {
     Eigen::Vector2d distorted;
     Eigen::Matrix2d jacobian;
-    bool IsOneToOne() const { return jacobian.determinant() > 0 && jacobian.trace() > 0; }
   };
 
-  void LimitDomain();
+  void LimitRadialDomain();
+  void LimitOffsetDomain();
 
   std::optional<Eigen::Vector2d> Flatten(const Eigen::Vector3d& point) const;
   Eigen::Matrix<double, 2, 3> FlattenJacobian(const Eigen::Vector3d& point,
@@ -73,9 +73,12 @@ class Lens {
   Distortion RadialPart(const Eigen::Vector2d& flat) const;
   Distortion OffsetPart(const Eigen::Vector2d& point) const;
   Distortion Distort(const Eigen::Vector2d& flat) const;
+  Eigen::Vector2d GridPoint(int direction, int radius) const;
+  bool IsInDomain(const Eigen::Vector2d& flat) const;
 
   std::optional<Eigen::Vector2d> Undistort(const Eigen::Vector2d& distorted) const;
   double UndistortRadius(double distorted_radius) const;
+  Eigen::Vector2d NearestOnGrid(const Eigen::Vector2d& distorted) const;
   std::optional<Eigen::Vector2d> UndistortByNewton(const Eigen::Vector2d& start,
                                                    const Eigen::Vector2d& distorted) const;
 
@@ -84,12 +87,15 @@ class Lens {
   Offset offset_ = Offset::kNone;
   std::array<double, 6> numerator_ = {};    // of q, q^2, ...; before them a 1
   std::array<double, 3> denominator_ = {};  // likewise
-  std::array<double, 2> tangential_ = {};   // OpenCV's p1 p2
-  std::array<double, 2> prism_x_ = {};      // of |y|^2, |y|^4
-  std::array<double, 2> prism_y_ = {};      // likewise
+  size_t num_numerator_terms_ = 0;
+  size_t num_denominator_terms_ = 0;
+  std::array<double, 2> tangential_ = {};  // OpenCV's p1 p2
+  std::array<double, 2> prism_x_ = {};     // of |y|^2, |y|^4
+  std::array<double, 2> prism_y_ = {};     // likewise
   double fov_omega_ = 0;
   double division_k_ = 0;
-  double max_radius_ = std::numeric_limits<double>::infinity();            // of u, excluded
+  double safe_radius_ = std::numeric_limits<double>::infinity();  // of u: all below it is valid
+  double max_radius_ = std::numeric_limits<double>::infinity();   // of u, excluded
   double max_distorted_radius_ = std::numeric_limits<double>::infinity();  // of x, excluded
 };
 
