@@ -1,8 +1,10 @@
 #include "raylift/features/matcher.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <limits>
+#include <map>
 #include <span>
 
 #include "quantized_descriptors.h"
@@ -42,6 +44,30 @@ bool IsAmbiguous(std::span<const int32_t> dots, size_t best, const Features& ref
     }
   }
   return false;
+}
+
+// A place with several orientations can match another such place more than once. Of matches that
+// join the same two pixels the best is kept, or the estimator would count them as independent.
+std::vector<FeatureMatch> OnePerPixelPair(const std::vector<FeatureMatch>& matches,
+                                          const Features& query, const Features& reference) {
+  using PixelPair = std::array<double, 4>;
+  std::map<PixelPair, size_t> place_of;
+  std::vector<FeatureMatch> kept;
+  for (const FeatureMatch& match : matches) {
+    const Eigen::Vector2d& q = query.keypoints_px[match.query_index];
+    const Eigen::Vector2d& r = reference.keypoints_px[match.reference_index];
+    const auto [place, is_new] =
+        place_of.try_emplace(PixelPair{q.x(), q.y(), r.x(), r.y()}, kept.size());
+    if (is_new) {
+      kept.push_back(match);
+    } else if (match.score > kept[place->second].score) {
+      kept[place->second] = match;
+    }
+  }
+  std::sort(kept.begin(), kept.end(), [](const FeatureMatch& a, const FeatureMatch& b) {
+    return a.query_index < b.query_index;
+  });
+  return kept;
 }
 
 void CheckDescriptors(const Features& query, const Features& reference) {
@@ -92,7 +118,7 @@ std::vector<FeatureMatch> MatchMutualNearest(const Features& query, const Featur
       matches.push_back({i, candidate.reference_index, static_cast<float>(0.5 * (1 + cosine))});
     }
   }
-  return matches;
+  return OnePerPixelPair(matches, query, reference);
 }
 
 }  // namespace raylift

@@ -68,8 +68,9 @@ QuantizedDescriptors QuantizeDirections(const Eigen::MatrixXf& descriptors) {
       continue;
     }
     for (Eigen::Index k = 0; k < descriptors.rows(); ++k) {
-      quantized.values(k, i) =
-          static_cast<int16_t>(std::lround(descriptors(k, i) / norm * kQuantizedOne));
+      const float value = descriptors(k, i) * (kQuantizedOne / norm);
+      // Rounds to the nearest; unlike std::lround, this is vectorized.
+      quantized.values(k, i) = static_cast<int16_t>(value + std::copysign(0.5f, value));
     }
   }
   return quantized;

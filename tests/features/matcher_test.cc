@@ -155,6 +155,19 @@ TEST(MatchMutualNearest, TheSamePlaceAgainIsNotAmbiguous) {
   EXPECT_TRUE(MatchMutualNearest(query, reference).empty());
 }
 
+TEST(MatchMutualNearest, JoinsTheSameTwoPixelsOnce) {
+  Rng rng = TestRng();
+  Features query = RandomFeatures(rng, 2);
+  Features reference = query;
+  query.descriptors(0, 0) += 0.1f;
+  EXPECT_EQ(MatchMutualNearest(query, reference).size(), 2u);
+  query.keypoints_px[1] = query.keypoints_px[0];
+  reference.keypoints_px[1] = reference.keypoints_px[0];
+  const auto matches = MatchMutualNearest(query, reference);
+  ASSERT_EQ(matches.size(), 1u);
+  EXPECT_EQ(matches[0].query_index, 1);
+}
+
 TEST(MatchMutualNearest, EqualDescriptorsAtTwoPlacesAreAmbiguous) {
   Rng rng = TestRng();
   const Features query = RandomFeatures(rng, 1);
