@@ -99,6 +99,9 @@ void SetRay(RayHitN& packet, size_t i, const float* origin, const float* directi
   packet.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
   packet.hit.primID[i] = RTC_INVALID_GEOMETRY_ID;
   packet.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+#if defined(RTC_GEOMETRY_INSTANCE_ARRAY)  // from Embree 4.3 on
+  packet.hit.instPrimID[0][i] = RTC_INVALID_GEOMETRY_ID;
+#endif
 }
 
 inline RTCRay MakeRay(const float* origin, const float* direction, float t_near) {
@@ -124,6 +127,9 @@ inline RTCRayHit MakeRayHit(const float* origin, const float* direction, float t
   ray_hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
   ray_hit.hit.primID = RTC_INVALID_GEOMETRY_ID;
   ray_hit.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+#if defined(RTC_GEOMETRY_INSTANCE_ARRAY)
+  ray_hit.hit.instPrimID[0] = RTC_INVALID_GEOMETRY_ID;
+#endif
   return ray_hit;
 }
 

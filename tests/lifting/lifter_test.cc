@@ -1,0 +1,85 @@
+#include "raylift/lifting/lifter.h"
+
+#include "support/matchers.h"
+#include "support/meshes.h"
+#include <Eigen/Geometry>
+#include <gtest/gtest.h>
+
+#include "raylift/lifting/mesh_source.h"
+
+namespace raylift {
+namespace {
+
+// Looks from the box's inside (its faces point outward) and has a surface for every pixel, but for
+// pixels right of x = 50; counts the batches.
+class HalfBlindSource final : public GeometrySource {
+ public:
+  HalfBlindSource()
+      : inside_("mesh:box", std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(
+                                MakeBox({0, 0, 0}, {2, 3, 4})))) {}
+  std::string Description() const override { return inside_.Description(); }
+  std::vector<std::optional<SurfacePoint>> Lift(
+      const PosedImage& reference, std::span<const Eigen::Vector2d> pixels) const override {
+    ++num_batches;
+    auto points = inside_.Lift(reference, pixels);
+    for (size_t i = 0; i < pixels.size(); ++i) {
+      if (pixels[i].x() > 50) points[i].reset();
+    }
+    return points;
+  }
+  mutable int num_batches = 0;
+
+ private:
+  MeshSource inside_;
+};
+
+TEST(LiftMatches, KeepsTheOrderOfTheMatchesAndCountsWhatItDrops) {
+  Rng rng = TestRng();
+  const Camera camera = CamerasOfEveryModel()[4];
+  std::vector<PosedImage> references;
+  for (int i = 0; i < 4; ++i) {
+    references.push_back({"r" + std::to_string(i), camera,
+                          LookAt({0.1 * i, 0.2, -0.3}, {rng.Normal(), rng.Normal(), 2})});
+  }
+  std::vector<Match2D2D> matches;
+  for (int i = 0; i < 200; ++i) {
+    const int reference = static_cast<int>(rng.UniformIndex(3));  // none of the fourth
+    matches.push_back({reference, {1.0 * i, 2.0 * i}, {rng.Uniform(0, 64), rng.Uniform(0, 48)}});
+  }
+  const HalfBlindSource source;
+  const LiftResult result = LiftMatches(source, references, matches);
+  EXPECT_EQ(source.num_batches, 3);
+
+  size_t next = 0;
+  for (size_t i = 0; i < matches.size(); ++i) {
+    if (matches[i].reference_px.x() > 50) continue;
+    ASSERT_LT(next, result.lifted.size());
+    const LiftedMatch& lifted = result.lifted[next++];
+    EXPECT_EQ(lifted.match_2d2d, i);
+    EXPECT_EQ(lifted.match.query_px, matches[i].query_px);
+    EXPECT_EQ(lifted.match.reference, matches[i].reference);
+    EXPECT_EQ(lifted.match.point_in_world, lifted.surface.point_in_world);
+    const PosedImage& reference = references[static_cast<size_t>(matches[i].reference)];
+    const auto pixel =
+        reference.camera.ImgFromCam(reference.cam_from_world * lifted.match.point_in_world);
+    ASSERT_TRUE(pixel);
+    EXPECT_LT((*pixel - matches[i].reference_px).norm(), 1e-4);
+  }
+  EXPECT_EQ(next, result.lifted.size());
+  EXPECT_EQ(result.counts.matches, 200u);
+  EXPECT_EQ(result.counts.hits, next);
+  EXPECT_EQ(result.counts.misses, 200 - next);
+  EXPECT_GT(result.counts.misses, 10u);
+  EXPECT_EQ(result.counts.back_faces, next);
+  EXPECT_EQ(Matches2D3D(result).size(), next);
+}
+
+TEST(LiftMatches, NoMatchesGiveAnEmptyResult) {
+  const HalfBlindSource source;
+  const LiftResult result = LiftMatches(source, {}, {});
+  EXPECT_TRUE(result.lifted.empty());
+  EXPECT_EQ(result.counts.matches, 0u);
+}
+
+}  // namespace
+}  // namespace raylift

@@ -1,0 +1,138 @@
+#include "raylift/lifting/mesh_source.h"
+
+#include <cmath>
+#include <numbers>
+
+#include "support/matchers.h"
+#include "support/meshes.h"
+#include <Eigen/Geometry>
+#include <gtest/gtest.h>
+
+namespace raylift {
+namespace {
+
+const Eigen::Vector3d kGeoreferenced(4e5, 5e6, 300);
+
+MeshSource MakeSource(TriangleMesh mesh) {
+  return MeshSource("mesh:test", std::make_shared<const RayCaster>(
+                                     std::make_shared<const TriangleMesh>(std::move(mesh))));
+}
+
+std::vector<Eigen::Vector2d> RandomPixels(const Camera& camera, size_t count, Rng& rng) {
+  std::vector<Eigen::Vector2d> pixels;
+  for (size_t i = 0; i < count; ++i) {
+    pixels.emplace_back(rng.Uniform(0, camera.width_px()), rng.Uniform(0, camera.height_px()));
+  }
+  return pixels;
+}
+
+// Lifts random pixels of every camera model; compares with the closed form's length of the ray,
+// given the ray from the eye in the world's directions (none: do not compare), and checks that
+// the points project back onto their pixels.
+template <typename RayLength>
+void CheckSource(const MeshSource& source, const Rigid3& cam_from_world,
+                 const RayLength& expected) {
+  Rng rng = TestRng();
+  for (const Camera& camera : CamerasOfEveryModel()) {
+    const auto pixels = RandomPixels(camera, 1000, rng);
+    const auto points = source.Lift({"reference", camera, cam_from_world}, pixels);
+    ASSERT_EQ(points.size(), pixels.size());
+    int compared = 0;
+    for (size_t i = 0; i < pixels.size(); ++i) {
+      const Eigen::Vector3d ray_in_cam = camera.RayInCam(pixels[i]).value();
+      const Eigen::Vector3d ray = cam_from_world.rotation.conjugate() * ray_in_cam;
+      const std::optional<double> length = expected(ray);
+      if (!length) continue;
+      ++compared;
+      ASSERT_TRUE(points[i]) << camera.ToString();
+      const double z = *length * ray_in_cam.z();
+      EXPECT_NEAR(points[i]->depth_z, z, 1e-5 * z) << camera.ToString();
+      const auto back = camera.ImgFromCam(cam_from_world * points[i]->point_in_world);
+      ASSERT_TRUE(back) << camera.ToString();
+      EXPECT_LT((*back - pixels[i]).norm(), 1e-4) << camera.ToString();
+      EXPECT_LE(points[i]->normal_in_world.dot(ray), 0) << "turned to the camera";
+    }
+    EXPECT_GT(compared, 100) << camera.ToString();
+  }
+}
+
+TEST(MeshSource, PlaneIsLiftedSubPixelExact) {
+  for (const Eigen::Vector3d& center : {Eigen::Vector3d(0, 0, 0), kGeoreferenced}) {
+    const MeshSource source =
+        MakeSource(MakePlane({Eigen::Quaterniond::Identity(), center}, 60, 30));
+    const Eigen::Vector3d eye(0.4, -0.7, -4);
+    CheckSource(
+        source, LookAt(center + eye, center + Eigen::Vector3d(1.5, 0.3, 0)),
+        [&](const Eigen::Vector3d& ray) -> std::optional<double> { return -eye.z() / ray.z(); });
+  }
+}
+
+TEST(MeshSource, SphereIsLiftedSubPixelExact) {
+  for (const Eigen::Vector3d& center : {Eigen::Vector3d(0, 0, 0), kGeoreferenced}) {
+    const MeshSource source = MakeSource(MakeSphere(center, 1, 500, 1000));
+    const Eigen::Vector3d eye(1.2, -2.1, 0.8);
+    CheckSource(source, LookAt(center + eye, center),
+                [&](const Eigen::Vector3d& ray) -> std::optional<double> {
+                  const double along = -eye.dot(ray);
+                  const double cosine2 = 1 - (eye.squaredNorm() - along * along);
+                  // A facet is up to 1e-5 inside the sphere; an oblique ray sees that enlarged.
+                  if (cosine2 < 0.25) return std::nullopt;
+                  return along - std::sqrt(cosine2);
+                });
+  }
+}
+
+TEST(MeshSource, BoxIsLiftedSubPixelExact) {
+  const Eigen::Vector3d half(3, 2, 4);
+  for (const Eigen::Vector3d& center : {Eigen::Vector3d(0, 0, 0), kGeoreferenced}) {
+    const MeshSource source = MakeSource(MakeBox(center, half));
+    const Eigen::Vector3d eye(0.5, -0.3, -1);
+    CheckSource(
+        source, LookAt(center + eye, center + Eigen::Vector3d(2, 1.5, 3)),
+        [&](const Eigen::Vector3d& ray) -> std::optional<double> {
+          return ((half.array() * ray.array().sign() - eye.array()) / ray.array()).minCoeff();
+        });
+  }
+}
+
+TEST(MeshSource, SaysIncidenceAndWhichSideItMet) {
+  // Seen along z, the plane's normal is turned away by 50 degrees.
+  const double turn_deg = 50;
+  const Eigen::Quaterniond turn(
+      Eigen::AngleAxisd(turn_deg * std::numbers::pi / 180, Eigen::Vector3d(0, 1, 0)));
+  TriangleMesh mesh = MakePlane({turn, {0, 0, 3}}, 2, 1);
+  const PosedImage reference{"reference", Camera(), Rigid3()};
+  const Eigen::Vector2d pixel(0.5, 0.5);
+  const Eigen::Vector3d toward_camera = turn * Eigen::Vector3d(0, 0, -1);
+
+  const auto front = MakeSource(mesh).Lift(reference, {&pixel, 1})[0];
+  ASSERT_TRUE(front);
+  EXPECT_FALSE(front->back_face);
+  EXPECT_NEAR(front->incidence_deg, turn_deg, 1e-5);
+  EXPECT_LT((front->normal_in_world - toward_camera).norm(), 1e-6);
+  EXPECT_NEAR(front->depth_z, 3, 1e-6);
+
+  for (auto& triangle : mesh.triangles) std::swap(triangle[0], triangle[1]);
+  const auto back = MakeSource(mesh).Lift(reference, {&pixel, 1})[0];
+  ASSERT_TRUE(back);
+  EXPECT_TRUE(back->back_face);
+  EXPECT_NEAR(back->incidence_deg, turn_deg, 1e-5);
+  EXPECT_LT((back->normal_in_world - toward_camera).norm(), 1e-6);
+}
+
+TEST(MeshSource, PixelsWithoutRayOrSurfaceHaveNoPoint) {
+  const MeshSource source = MakeSource(MakeBox({0, 0, 10}, {1, 1, 1}));
+  // Barrel distortion that folds over within the image's corner.
+  const double params[] = {50, 50, 50, -0.3};
+  const Camera camera(CameraModel::kSimpleRadial, 100, 100, params);
+  const std::vector<Eigen::Vector2d> pixels = {{50, 50}, {70, 50}, {0, 0}, {51, 52}};
+  ASSERT_FALSE(camera.RayInCam(pixels[2]));
+  const auto points = source.Lift({"reference", camera, Rigid3()}, pixels);
+  EXPECT_TRUE(points[0]);
+  EXPECT_FALSE(points[1]);
+  EXPECT_FALSE(points[2]);
+  EXPECT_TRUE(points[3]);
+}
+
+}  // namespace
+}  // namespace raylift
