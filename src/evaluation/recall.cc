@@ -1,0 +1,93 @@
+#include "raylift/evaluation/recall.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+double Median(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  const size_t upper = values.size() / 2;
+  if (values.size() % 2 == 1) {
+    return values[upper];
+  }
+  return 0.5 * values[upper - 1] + 0.5 * values[upper];
+}
+
+}  // namespace
+
+std::vector<Threshold> ParseThresholds(std::string_view text) {
+  const auto fail = [text](std::string_view part) {
+    return OptionError("--thresholds", text,
+                       fmt::format("expected POSITION,DEGREES[:POSITION,DEGREES...], all positive "
+                                   "numbers, found \"{}\"",
+                                   part));
+  };
+  std::vector<Threshold> thresholds;
+  for (const std::string_view part : SplitBy(text, ':')) {
+    const auto numbers = SplitBy(part, ',');
+    if (numbers.size() != 2) {
+      throw fail(part);
+    }
+    const auto position = ParseDouble(numbers[0]);
+    const auto rotation_deg = ParseDouble(numbers[1]);
+    for (const auto& value : {position, rotation_deg}) {
+      if (!value || !std::isfinite(*value) || *value <= 0) {
+        throw fail(part);
+      }
+    }
+    thresholds.push_back({*position, *rotation_deg});
+  }
+  return thresholds;
+}
+
+ResultSummary Summarize(std::string name, const Comparison& comparison,
+                        std::span<const Threshold> thresholds) {
+  if (comparison.queries.empty()) {
+    throw InputError(fmt::format("{}: the ground truth holds no queries", name));
+  }
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  ResultSummary summary;
+  summary.name = std::move(name);
+  summary.uses_ground_truth = comparison.uses_ground_truth;
+  summary.unknown_names = comparison.unknown_names;
+  summary.num_queries = comparison.queries.size();
+  std::vector<double> positions;
+  std::vector<double> rotations_deg;
+  for (const QueryError& query : comparison.queries) {
+    if (query.error) {
+      ++summary.num_localized;
+    } else {
+      summary.missing_names.push_back(query.name);
+    }
+    positions.push_back(query.error ? query.error->position : kInfinity);
+    rotations_deg.push_back(query.error ? query.error->rotation_deg : kInfinity);
+  }
+  summary.median_position = Median(std::move(positions));
+  summary.median_rotation_deg = Median(std::move(rotations_deg));
+  for (const Threshold& threshold : thresholds) {
+    const auto accepted = std::count_if(
+        comparison.queries.begin(), comparison.queries.end(),
+        [&](const QueryError& query) { return query.error && threshold.Accepts(*query.error); });
+    summary.recalls_percent.push_back(100 * static_cast<double>(accepted) /
+                                      static_cast<double>(summary.num_queries));
+  }
+  return summary;
+}
+
+std::string UnknownNamesWarning(const ResultSummary& summary) {
+  if (summary.unknown_names.empty()) {
+    return {};
+  }
+  return fmt::format("{}: {} of the poses are not in the ground truth, e.g. \"{}\"", summary.name,
+                     summary.unknown_names.size(), summary.unknown_names.front());
+}
+
+}  // namespace raylift
