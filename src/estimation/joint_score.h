@@ -1,0 +1,72 @@
+// The scores of a pose on both match sets, and the one number by which poses are compared (Eqs. 1
+// to 5 of the paper).
+
+#pragma once
+
+#include <limits>
+#include <vector>
+
+#include "estimation/prepared_problem.h"
+#include "estimation/solvers/p3p.h"
+
+#include "raylift/estimation/pose_estimator.h"
+
+namespace raylift {
+
+// A match set's part: `cost` is the MSAC sum over the squared threshold, M / t^2, over all matches.
+struct SetScore {
+  double cost = 0;
+  int inliers = 0;
+};
+
+struct JointScore {
+  SetScore points;  // 2D-3D
+  SetScore pairs;   // 2D-2D
+};
+
+// What an estimator optimizes: one set's MSAC score, or a combination of both.
+class Objective {
+ public:
+  enum class Sets { kPoints, kPairs, kBoth };
+
+  Objective(Sets sets, ScoreCombination combination, int num_points, int num_pairs);
+
+  bool UsesPoints() const { return sets_ != Sets::kPairs; }
+  bool UsesPairs() const { return sets_ != Sets::kPoints; }
+
+  // Smaller is better. Monotone: it grows with either cost and falls with either inlier count, so a
+  // bound on each gives a bound on the whole.
+  double Value(const JointScore& score) const;
+
+ private:
+  Sets sets_;
+  ScoreCombination combination_;
+  double num_points_;
+  double num_pairs_;
+};
+
+// Scores poses of one problem with the kernels. Holds references to its arguments.
+class Scorer {
+ public:
+  Scorer(const PreparedProblem& problem, const Objective& objective);
+
+  // The full score, or none as soon as the pose cannot beat `best_value` any more.
+  std::optional<JointScore> ScoreIfBetter(const SolverPose& pose, double best_value) const;
+
+  // Both sets, whatever the objective uses.
+  JointScore ScoreAll(const SolverPose& pose) const;
+
+  const Objective& objective() const { return objective_; }
+
+ private:
+  const PreparedProblem& problem_;
+  const Objective& objective_;
+};
+
+// The pose as the kernels take it, and the reference centres in the camera's frame.
+template <typename T>
+kernels::KernelPose<T> ToKernelPose(const SolverPose& pose);
+template <typename T>
+std::vector<T> CentresInCam(const PreparedProblem& problem, const SolverPose& pose);
+
+}  // namespace raylift

@@ -1,0 +1,62 @@
+// The layout of matches for the SIMD kernels: blocks of 64-byte rows, one row per component, so
+// that a kernel streams through memory and every row is one AVX-512 register, two of AVX or four of
+// SSE. Plain data only: this header is compiled for several instruction sets.
+
+#pragma once
+
+namespace raylift::kernels {
+
+// 16 floats or 8 doubles.
+template <typename T>
+inline constexpr int kLanes = 64 / sizeof(T);
+
+// 2D-3D matches. With p = R x + t and n = image_from_ray * p, the residual is n.xy / n.z: pixels
+// over the threshold, exact for a pinhole camera and to first order for any other lens (see
+// PixelFrame in geometry/residuals.h; its rows are divided by the threshold here). A match counts
+// only where n.z > 0. Unused lanes have all rows zero and so never count.
+template <typename T>
+struct alignas(64) PointBlock {
+  T x[3][kLanes<T>];
+  T image_from_ray[9][kLanes<T>];  // row-major
+};
+
+// 2D-2D matches of one reference. Rays are unit vectors, the reference's turned to the problem's
+// world axes. The gradients are d ray / d pixel times the threshold, so that
+//   e^2 = (q . E r)^2 / (|G_q' E r|^2 + |G_r' E' q|^2)
+// is the squared Sampson error over the squared threshold. Unused lanes are zero and never count.
+template <typename T>
+struct alignas(64) PairBlock {
+  T query_ray[3][kLanes<T>];
+  T reference_ray[3][kLanes<T>];
+  T query_gradient[6][kLanes<T>];      // two vectors: xyz xyz
+  T reference_gradient[6][kLanes<T>];  // two vectors, in world axes
+};
+
+// A pose, cam_from_world, row-major.
+template <typename T>
+struct KernelPose {
+  T rotation[9];
+  T translation[3];
+};
+
+struct KernelScore {
+  double cost;  // sum over the lanes of min(e^2, 1); lanes that do not count cost 1
+  int inliers;  // e^2 < 1 and in front of the cameras
+};
+
+// How a refinement weighs a squared residual e^2 (in units of the squared threshold): as the MSAC
+// score does, rho = min(e^2, limit), with a limit of 1; a larger one reaches further for inliers.
+struct KernelLoss {
+  double limit = 1;
+};
+
+// Sums of a Gauss-Newton step over a match set, for the residuals in units of the threshold: the
+// upper triangle of J' W J row by row (21), J' W e (6).
+struct KernelNormals {
+  double hessian[21];
+  double gradient[6];
+  double cost;  // sum of rho, over all lanes
+  int inliers;
+};
+
+}  // namespace raylift::kernels

@@ -1,0 +1,411 @@
+// The kernels themselves, on vectors of RAYLIFT_KERNEL_BYTES bytes. Included once by each of
+// kernels_sse2.cc, kernels_avx2.cc and kernels_avx512.cc, which are compiled with different flags:
+// so everything here has internal linkage, and no library header is used whose inline functions
+// could leak instructions that another processor lacks into the rest of the program.
+
+#pragma once
+
+#include "estimation/kernels/blocks.h"
+#include "estimation/kernels/kernel_variants.h"
+
+namespace raylift::kernels {
+namespace {
+
+// 64 bytes of T as native vectors, with arithmetic lane by lane.
+template <typename T>
+struct Lanes {
+  typedef T Native __attribute__((vector_size(RAYLIFT_KERNEL_BYTES)));
+  static constexpr int kParts = 64 / RAYLIFT_KERNEL_BYTES;
+  static constexpr int kPartLanes = RAYLIFT_KERNEL_BYTES / sizeof(T);
+  Native part[kParts];
+
+  static Lanes Load(const T* values) {
+    Lanes r;
+    for (int i = 0; i < kParts; ++i) {
+      __builtin_memcpy(&r.part[i], values + i * kPartLanes, sizeof(Native));
+    }
+    return r;
+  }
+  void Store(T* values) const {
+    for (int i = 0; i < kParts; ++i) {
+      __builtin_memcpy(values + i * kPartLanes, &part[i], sizeof(Native));
+    }
+  }
+  static Lanes Fill(T value) {
+    Lanes r;
+    for (int i = 0; i < kParts; ++i) r.part[i] = value - Native{};
+    return r;
+  }
+  // Summed in the order of the lanes, halving: the same for every width of the native vectors.
+  double Sum() const {
+    alignas(64) T v[kLanes<T>];
+    Store(v);
+    for (int width = kLanes<T> / 2; width > 0; width /= 2) {
+      for (int i = 0; i < width; ++i) v[i] += v[i + width];
+    }
+    return static_cast<double>(v[0]);
+  }
+};
+
+#define RAYLIFT_LANES_OPERATOR(op)                                    \
+  template <typename T>                                               \
+  inline Lanes<T> operator op(const Lanes<T>& a, const Lanes<T>& b) { \
+    Lanes<T> r;                                                       \
+    for (int i = 0; i < Lanes<T>::kParts; ++i) {                      \
+      r.part[i] = a.part[i] op b.part[i];                             \
+    }                                                                 \
+    return r;                                                         \
+  }
+RAYLIFT_LANES_OPERATOR(+)
+RAYLIFT_LANES_OPERATOR(-)
+RAYLIFT_LANES_OPERATOR(*)
+RAYLIFT_LANES_OPERATOR(/)
+#undef RAYLIFT_LANES_OPERATOR
+
+// condition(a < b and c > 0 and d > 0) ? x : y, the one selection that the kernels need.
+template <typename T>
+inline Lanes<T> SelectInlier(const Lanes<T>& a, const Lanes<T>& b, const Lanes<T>& c,
+                             const Lanes<T>& d, const Lanes<T>& x, const Lanes<T>& y) {
+  Lanes<T> r;
+  for (int i = 0; i < Lanes<T>::kParts; ++i) {
+    const typename Lanes<T>::Native zero{};
+    r.part[i] =
+        ((a.part[i] < b.part[i]) & (c.part[i] > zero) & (d.part[i] > zero)) ? x.part[i] : y.part[i];
+  }
+  return r;
+}
+
+template <typename T>
+inline Lanes<T> SquareRoot(const Lanes<T>& a) {
+  alignas(64) T v[kLanes<T>];
+  a.Store(v);
+  for (int i = 0; i < kLanes<T>; ++i) {
+    v[i] = sizeof(T) == 4 ? static_cast<T>(__builtin_sqrtf(static_cast<float>(v[i])))
+                          : static_cast<T>(__builtin_sqrt(static_cast<double>(v[i])));
+  }
+  return Lanes<T>::Load(v);
+}
+
+template <typename T>
+struct Vec3 {
+  Lanes<T> x, y, z;
+};
+template <typename T>
+inline Vec3<T> LoadVec3(const T (*rows)[kLanes<T>]) {
+  return {Lanes<T>::Load(rows[0]), Lanes<T>::Load(rows[1]), Lanes<T>::Load(rows[2])};
+}
+template <typename T>
+inline Lanes<T> Dot(const Vec3<T>& a, const Vec3<T>& b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+template <typename T>
+inline Vec3<T> Cross(const Vec3<T>& a, const Vec3<T>& b) {
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+template <typename T>
+inline Vec3<T> Fill3(const T* v) {
+  return {Lanes<T>::Fill(v[0]), Lanes<T>::Fill(v[1]), Lanes<T>::Fill(v[2])};
+}
+template <typename T>
+inline Vec3<T> operator+(const Vec3<T>& a, const Vec3<T>& b) {
+  return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+template <typename T>
+inline Vec3<T> operator-(const Vec3<T>& a, const Vec3<T>& b) {
+  return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+template <typename T>
+inline Vec3<T> operator*(const Vec3<T>& a, const Lanes<T>& s) {
+  return {a.x * s, a.y * s, a.z * s};
+}
+
+// A pose with every coefficient in all lanes.
+template <typename T>
+struct WidePose {
+  Vec3<T> row[3];
+  Vec3<T> translation;
+
+  explicit WidePose(const KernelPose<T>& pose)
+      : row{Fill3(pose.rotation), Fill3(pose.rotation + 3), Fill3(pose.rotation + 6)},
+        translation(Fill3(pose.translation)) {}
+  Vec3<T> Rotate(const Vec3<T>& v) const {
+    return {Dot(row[0], v), Dot(row[1], v), Dot(row[2], v)};
+  }
+  Vec3<T> RotateBack(const Vec3<T>& v) const { return row[0] * v.x + row[1] * v.y + row[2] * v.z; }
+};
+
+// One block of 2D-3D matches under a pose.
+template <typename T>
+struct PointTerms {
+  Vec3<T> frame0, frame1, frame2;  // the rows of image_from_ray
+  Vec3<T> point_in_cam;
+  Lanes<T> n0, n1, depth;
+
+  PointTerms(const PointBlock<T>& block, const WidePose<T>& pose)
+      : frame0(LoadVec3<T>(block.image_from_ray)),
+        frame1(LoadVec3<T>(block.image_from_ray + 3)),
+        frame2(LoadVec3<T>(block.image_from_ray + 6)),
+        point_in_cam(pose.Rotate(LoadVec3<T>(block.x)) + pose.translation),
+        n0(Dot(frame0, point_in_cam)),
+        n1(Dot(frame1, point_in_cam)),
+        depth(Dot(frame2, point_in_cam)) {}
+
+  Lanes<T> SquaredNumerator() const { return n0 * n0 + n1 * n1; }
+  Lanes<T> SquaredDenominator() const { return depth * depth; }
+};
+
+// One block of 2D-2D matches under a pose. `centre` is the reference's camera centre in the query's
+// frame.
+template <typename T>
+struct PairTerms {
+  Vec3<T> query_ray, g;         // g: the reference's ray in the query's frame
+  Vec3<T> normal;               // of the epipolar plane: centre x g = E r
+  Vec3<T> h;                    // query ray x centre; E' q in the query's frame
+  Lanes<T> numerator;           // q . E r
+  Lanes<T> eq0, eq1, er0, er1;  // the gradient
+  Lanes<T> squared_denominator;
+  // Signs of the depths along the two rays; a little below zero still counts, as far as rounding
+  // reaches for rays that are parallel.
+  Lanes<T> query_depth, reference_depth;
+
+  PairTerms(const PairBlock<T>& block, const WidePose<T>& pose, const Vec3<T>& centre,
+            const Lanes<T>& tolerance)
+      : query_ray(LoadVec3<T>(block.query_ray)),
+        g(pose.Rotate(LoadVec3<T>(block.reference_ray))),
+        normal(Cross(centre, g)),
+        h(Cross(query_ray, centre)),
+        numerator(Dot(query_ray, normal)) {
+    eq0 = Dot(LoadVec3<T>(block.query_gradient), normal);
+    eq1 = Dot(LoadVec3<T>(block.query_gradient + 3), normal);
+    const Vec3<T> u = pose.RotateBack(h);
+    er0 = Dot(LoadVec3<T>(block.reference_gradient), u);
+    er1 = Dot(LoadVec3<T>(block.reference_gradient + 3), u);
+    squared_denominator = eq0 * eq0 + eq1 * eq1 + er0 * er0 + er1 * er1;
+    const Lanes<T> a = Dot(centre, query_ray);
+    const Lanes<T> b = Dot(centre, g);
+    const Lanes<T> c = Dot(query_ray, g);
+    query_depth = a - b * c + tolerance;
+    reference_depth = a * c - b + tolerance;
+  }
+};
+
+// Rounding of unit rays in T, times the length of the baseline.
+template <typename T>
+inline Lanes<T> DepthTolerance(const T* centre) {
+  const T length2 = centre[0] * centre[0] + centre[1] * centre[1] + centre[2] * centre[2];
+  const T length = sizeof(T) == 4 ? static_cast<T>(__builtin_sqrtf(static_cast<float>(length2)))
+                                  : static_cast<T>(__builtin_sqrt(static_cast<double>(length2)));
+  return Lanes<T>::Fill(length * static_cast<T>(1e-6));
+}
+
+KernelScore ScorePoints(const PointBlock<float>* blocks, int count, const KernelPose<float>& pose) {
+  using L = Lanes<float>;
+  const WidePose<float> wide(pose);
+  const L one = L::Fill(1.0f);
+  const L zero = L::Fill(0.0f);
+  L cost = zero;
+  L inliers = zero;
+  for (int i = 0; i < count; ++i) {
+    const PointTerms<float> m(blocks[i], wide);
+    const L numerator = m.SquaredNumerator();
+    const L denominator = m.SquaredDenominator();
+    cost = cost + SelectInlier(numerator, denominator, m.depth, one, numerator / denominator, one);
+    inliers = inliers + SelectInlier(numerator, denominator, m.depth, one, one, zero);
+  }
+  return {cost.Sum(), static_cast<int>(inliers.Sum())};
+}
+
+KernelScore ScorePairs(const PairBlock<float>* blocks, const int* block_reference, int count,
+                       const KernelPose<float>& pose, const float* centres) {
+  using L = Lanes<float>;
+  const WidePose<float> wide(pose);
+  const L one = L::Fill(1.0f);
+  const L zero = L::Fill(0.0f);
+  L cost = zero;
+  L inliers = zero;
+  for (int i = 0; i < count; ++i) {
+    const float* centre = centres + 3 * block_reference[i];
+    const PairTerms<float> m(blocks[i], wide, Fill3(centre), DepthTolerance(centre));
+    const L squared = m.numerator * m.numerator;
+    cost = cost + SelectInlier(squared, m.squared_denominator, m.query_depth, m.reference_depth,
+                               squared / m.squared_denominator, one);
+    inliers = inliers + SelectInlier(squared, m.squared_denominator, m.query_depth,
+                                     m.reference_depth, one, zero);
+  }
+  return {cost.Sum(), static_cast<int>(inliers.Sum())};
+}
+
+template <typename T>
+void PointResiduals(const PointBlock<T>* blocks, int count, const KernelPose<T>& pose,
+                    T* squared_residuals) {
+  using L = Lanes<T>;
+  const WidePose<T> wide(pose);
+  const L one = L::Fill(1);
+  const L infinity = L::Fill(static_cast<T>(__builtin_inf()));
+  const L zero = L::Fill(0);
+  for (int i = 0; i < count; ++i) {
+    const PointTerms<T> m(blocks[i], wide);
+    const L denominator = m.SquaredDenominator();
+    SelectInlier(zero, denominator, m.depth, one, m.SquaredNumerator() / denominator, infinity)
+        .Store(squared_residuals + i * kLanes<T>);
+  }
+}
+
+template <typename T>
+void PairResiduals(const PairBlock<T>* blocks, const int* block_reference, int count,
+                   const KernelPose<T>& pose, const T* centres, T* squared_residuals) {
+  using L = Lanes<T>;
+  const WidePose<T> wide(pose);
+  const L infinity = L::Fill(static_cast<T>(__builtin_inf()));
+  const L zero = L::Fill(0);
+  for (int i = 0; i < count; ++i) {
+    const T* centre = centres + 3 * block_reference[i];
+    const PairTerms<T> m(blocks[i], wide, Fill3(centre), DepthTolerance(centre));
+    SelectInlier(zero, m.squared_denominator, m.query_depth, m.reference_depth,
+                 m.numerator * m.numerator / m.squared_denominator, infinity)
+        .Store(squared_residuals + i * kLanes<T>);
+  }
+}
+
+// The 21 + 6 sums over lanes.
+template <typename T>
+struct NormalLanes {
+  Lanes<T> hessian[21];
+  Lanes<T> gradient[6];
+  Lanes<T> cost, inliers;
+
+  NormalLanes() {
+    for (auto& h : hessian) h = Lanes<T>::Fill(0);
+    for (auto& g : gradient) g = Lanes<T>::Fill(0);
+    cost = inliers = Lanes<T>::Fill(0);
+  }
+  // A residual with its derivatives by rotation and translation.
+  void Add(const Vec3<T>& by_rotation, const Vec3<T>& by_translation, const Lanes<T>& residual) {
+    const Lanes<T> j[6] = {by_rotation.x,    by_rotation.y,    by_rotation.z,
+                           by_translation.x, by_translation.y, by_translation.z};
+    int k = 0;
+    for (int r = 0; r < 6; ++r) {
+      gradient[r] = gradient[r] + j[r] * residual;
+      for (int c = r; c < 6; ++c, ++k) {
+        hessian[k] = hessian[k] + j[r] * j[c];
+      }
+    }
+  }
+  KernelNormals Sum() const {
+    KernelNormals n;
+    for (int k = 0; k < 21; ++k) n.hessian[k] = hessian[k].Sum();
+    for (int k = 0; k < 6; ++k) n.gradient[k] = gradient[k].Sum();
+    n.cost = cost.Sum();
+    n.inliers = static_cast<int>(inliers.Sum());
+    return n;
+  }
+};
+
+// Cost of a squared residual, and its weight: one inside the limit, zero beyond.
+template <typename T>
+struct LossTerms {
+  Lanes<T> cost, inlier;
+
+  LossTerms(const Lanes<T>& numerator, const Lanes<T>& denominator, const Lanes<T>& depth0,
+            const Lanes<T>& depth1, const KernelLoss& loss) {
+    using L = Lanes<T>;
+    const L one = L::Fill(1);
+    const L zero = L::Fill(0);
+    const L limit = L::Fill(static_cast<T>(loss.limit));
+    const L bound = denominator * limit;
+    inlier = SelectInlier(numerator, bound, depth0, depth1, one, zero);
+    cost = SelectInlier(numerator, bound, depth0, depth1, numerator / denominator, limit);
+  }
+};
+
+// Zero in the lanes that do not count: they may hold infinities and NaN, which a weight of zero
+// would not silence.
+template <typename T>
+inline Vec3<T> Silence(const Vec3<T>& v, const Lanes<T>& inlier) {
+  const Lanes<T> zero = Lanes<T>::Fill(0);
+  const Lanes<T> one = Lanes<T>::Fill(1);
+  return {SelectInlier(zero, inlier, one, one, v.x, zero),
+          SelectInlier(zero, inlier, one, one, v.y, zero),
+          SelectInlier(zero, inlier, one, one, v.z, zero)};
+}
+template <typename T>
+inline Lanes<T> Silence(const Lanes<T>& v, const Lanes<T>& inlier) {
+  const Lanes<T> zero = Lanes<T>::Fill(0);
+  const Lanes<T> one = Lanes<T>::Fill(1);
+  return SelectInlier(zero, inlier, one, one, v, zero);
+}
+
+template <typename T>
+KernelNormals PointNormals(const PointBlock<T>* blocks, int count, const KernelPose<T>& pose,
+                           const KernelLoss& loss) {
+  using L = Lanes<T>;
+  const WidePose<T> wide(pose);
+  const L one = L::Fill(1);
+  NormalLanes<T> sums;
+  for (int i = 0; i < count; ++i) {
+    const PointTerms<T> m(blocks[i], wide);
+    const LossTerms<T> terms(m.SquaredNumerator(), m.SquaredDenominator(), m.depth, one, loss);
+    sums.cost = sums.cost + terms.cost;
+    sums.inliers = sums.inliers + terms.inlier;
+    // d e / d p = (frame_k - e_k frame_2) / depth; a step (w, v) moves p by w x p + v.
+    const L inverse_depth = Silence(one / m.depth, terms.inlier);
+    const L e0 = m.n0 * inverse_depth;
+    const L e1 = m.n1 * inverse_depth;
+    const Vec3<T> a0 = (m.frame0 - m.frame2 * e0) * inverse_depth;
+    const Vec3<T> a1 = (m.frame1 - m.frame2 * e1) * inverse_depth;
+    sums.Add(Cross(m.point_in_cam, a0), a0, e0);
+    sums.Add(Cross(m.point_in_cam, a1), a1, e1);
+  }
+  return sums.Sum();
+}
+
+template <typename T>
+KernelNormals PairNormals(const PairBlock<T>* blocks, const int* block_reference, int count,
+                          const KernelPose<T>& pose, const T* centres, const KernelLoss& loss) {
+  using L = Lanes<T>;
+  const WidePose<T> wide(pose);
+  const L one = L::Fill(1);
+  NormalLanes<T> sums;
+  for (int i = 0; i < count; ++i) {
+    const T* centre_values = centres + 3 * block_reference[i];
+    const Vec3<T> centre = Fill3(centre_values);
+    const PairTerms<T> m(blocks[i], wide, centre, DepthTolerance(centre_values));
+    const LossTerms<T> terms(m.numerator * m.numerator, m.squared_denominator, m.query_depth,
+                             m.reference_depth, loss);
+    sums.cost = sums.cost + terms.cost;
+    sums.inliers = sums.inliers + terms.inlier;
+
+    // s = num / sqrt(den). Under (w, v), g turns by w, the centre moves by w x centre + v:
+    //   d num = w . (n x q) + v . (g x q)                        with n = centre x g
+    //   d (G_q . n) = w . (n x G_q) + v . (g x G_q)
+    //   d (G_r . R' h) = w . (k x h + centre x (k x q)) + v . (k x q)   with k = R G_r
+    const L inverse = Silence(one / SquareRoot(m.squared_denominator), terms.inlier);
+    const L s = Silence(m.numerator * inverse, terms.inlier);
+    const L pull = s * inverse * inverse;  // num / den^(3/2)
+    const Vec3<T> q0 = LoadVec3<T>(blocks[i].query_gradient);
+    const Vec3<T> q1 = LoadVec3<T>(blocks[i].query_gradient + 3);
+    const Vec3<T> k0 = wide.Rotate(LoadVec3<T>(blocks[i].reference_gradient));
+    const Vec3<T> k1 = wide.Rotate(LoadVec3<T>(blocks[i].reference_gradient + 3));
+    // The weighted sums of the gradient's derivatives are linear in G_q and in k.
+    const Vec3<T> q_mix = q0 * m.eq0 + q1 * m.eq1;
+    const Vec3<T> k_mix = k0 * m.er0 + k1 * m.er1;
+    const Vec3<T> k_cross_q = Cross(k_mix, m.query_ray);
+    const Vec3<T> by_rotation =
+        Cross(m.normal, m.query_ray) * inverse -
+        (Cross(m.normal, q_mix) + Cross(k_mix, m.h) + Cross(centre, k_cross_q)) * pull;
+    const Vec3<T> by_translation =
+        Cross(m.g, m.query_ray) * inverse - (Cross(m.g, q_mix) + k_cross_q) * pull;
+    sums.Add(Silence(by_rotation, terms.inlier), Silence(by_translation, terms.inlier), s);
+  }
+  return sums.Sum();
+}
+
+constexpr KernelTable MakeKernelTable() {
+  return {
+      ScorePoints,           ScorePairs,           PointResiduals<double>, PairResiduals<double>,
+      PointResiduals<float>, PairResiduals<float>, PointNormals<double>,   PairNormals<double>,
+      PointNormals<float>,   PairNormals<float>};
+}
+
+}  // namespace
+}  // namespace raylift::kernels

@@ -1,0 +1,88 @@
+// A pose problem made ready for estimation: checked once, in a frame of its own, and laid out for
+// the kernels.
+//
+// The local frame is centred on the references and scaled by their spread, so that nothing that
+// follows depends on the scene's unit or origin: local = (world - origin) / scale, axes unchanged.
+
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "estimation/kernels/blocks.h"
+#include "estimation/solvers/p3p.h"
+#include <Eigen/Core>
+
+#include "raylift/base/rng.h"
+#include "raylift/geometry/rigid3.h"
+#include "raylift/scene/pose_problem.h"
+
+namespace raylift {
+
+struct PreparedPoint {
+  Eigen::Vector3d ray;             // unit, query camera frame
+  Eigen::Matrix3d image_from_ray;  // PixelFrame's, its pixel rows over the threshold
+  Eigen::Vector3d point;           // local frame
+  int match;                       // index into PoseProblem::matches_2d3d
+};
+
+struct PreparedPair {
+  Eigen::Vector3d query_ray;                       // unit, query camera frame
+  Eigen::Vector3d reference_ray;                   // unit, local (= world) axes
+  Eigen::Matrix<double, 3, 2> query_gradient;      // d ray / d pixel times the threshold
+  Eigen::Matrix<double, 3, 2> reference_gradient;  // the same, in local axes
+  int reference;                                   // index into PoseProblem::references
+  int match;                                       // index into PoseProblem::matches_2d2d
+};
+
+// A run of `pairs` that belong to one reference.
+struct ReferenceRun {
+  int reference;
+  int begin, end;
+  int size() const { return end - begin; }
+};
+
+struct PreparedProblem {
+  // `rng` shuffles the matches, so that any prefix of the blocks is a fair sample.
+  PreparedProblem(const PoseProblem& problem, double reprojection_threshold_px,
+                  double sampson_threshold_px, Rng& rng);
+
+  Eigen::Vector3d origin_in_world;
+  double scale;
+
+  // The matches that can count; matches that are not finite or have no ray are left out here but
+  // stay in the totals.
+  std::vector<PreparedPoint> points;
+  std::vector<PreparedPair> pairs;  // grouped by reference
+  int num_matches_2d3d;
+  int num_matches_2d2d;
+
+  std::vector<Eigen::Vector3d> centres;  // of all references, local frame
+  std::vector<ReferenceRun> runs;        // references that have pairs
+
+  std::vector<kernels::PointBlock<float>> point_blocks;
+  std::vector<kernels::PairBlock<float>> pair_blocks;
+  std::vector<int> pair_block_reference;
+
+  SolverPose CamFromLocal(const Rigid3& cam_from_world) const;
+  Rigid3 CamFromWorld(const SolverPose& cam_from_local) const;
+};
+
+// Fills blocks with some of the matches, in the given order; unused lanes are zero.
+template <typename T>
+std::vector<kernels::PointBlock<T>> MakePointBlocks(const std::vector<PreparedPoint>& points,
+                                                    const std::vector<int>& selection);
+
+template <typename T>
+struct PairBlocks {
+  std::vector<kernels::PairBlock<T>> blocks;
+  std::vector<int> block_reference;
+  // The pair in each lane, -1 for an unused one.
+  std::vector<int> lane_pair;
+};
+// `selection` must list the pairs of a reference next to each other.
+template <typename T>
+PairBlocks<T> MakePairBlocks(const std::vector<PreparedPair>& pairs,
+                             const std::vector<int>& selection);
+
+}  // namespace raylift

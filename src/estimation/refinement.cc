@@ -1,0 +1,259 @@
+#include "estimation/refinement.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "estimation/kernels/kernel_table.h"
+#include <Eigen/Cholesky>
+
+#include "raylift/geometry/rigid3.h"
+
+namespace raylift {
+namespace {
+
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+
+// Near enough to a pose to become inliers in a few steps: three thresholds.
+constexpr double kNearSquared = 9;
+
+// The matches that a refinement works on.
+template <typename T>
+struct ActiveMatches {
+  std::vector<kernels::PointBlock<T>> point_blocks;
+  std::vector<kernels::PairBlock<T>> pair_blocks;
+  std::vector<int> pair_block_reference;
+};
+
+struct KindWeights {
+  double point_weight = 1;
+  double pair_weight = 1;
+  kernels::KernelLoss loss;  // of both kinds
+};
+
+struct NormalEquations {
+  Matrix6d hessian = Matrix6d::Zero();
+  Vector6d gradient = Vector6d::Zero();
+  double cost = 0;
+
+  void Add(const kernels::KernelNormals& normals, double weight) {
+    int k = 0;
+    for (int r = 0; r < 6; ++r) {
+      gradient[r] += weight * normals.gradient[r];
+      for (int c = r; c < 6; ++c, ++k) {
+        hessian(r, c) += weight * normals.hessian[k];
+        hessian(c, r) = hessian(r, c);
+      }
+    }
+    cost += weight * normals.cost;
+  }
+};
+
+kernels::KernelNormals PointNormals(const ActiveMatches<float>& m,
+                                    const kernels::KernelPose<float>& pose,
+                                    const kernels::KernelLoss& loss) {
+  return kernels::ActiveKernels().point_normals_float(
+      m.point_blocks.data(), static_cast<int>(m.point_blocks.size()), pose, loss);
+}
+kernels::KernelNormals PointNormals(const ActiveMatches<double>& m,
+                                    const kernels::KernelPose<double>& pose,
+                                    const kernels::KernelLoss& loss) {
+  return kernels::ActiveKernels().point_normals(
+      m.point_blocks.data(), static_cast<int>(m.point_blocks.size()), pose, loss);
+}
+kernels::KernelNormals PairNormals(const ActiveMatches<float>& m,
+                                   const kernels::KernelPose<float>& pose,
+                                   const std::vector<float>& centres,
+                                   const kernels::KernelLoss& loss) {
+  return kernels::ActiveKernels().pair_normals_float(
+      m.pair_blocks.data(), m.pair_block_reference.data(), static_cast<int>(m.pair_blocks.size()),
+      pose, centres.data(), loss);
+}
+kernels::KernelNormals PairNormals(const ActiveMatches<double>& m,
+                                   const kernels::KernelPose<double>& pose,
+                                   const std::vector<double>& centres,
+                                   const kernels::KernelLoss& loss) {
+  return kernels::ActiveKernels().pair_normals(m.pair_blocks.data(), m.pair_block_reference.data(),
+                                               static_cast<int>(m.pair_blocks.size()), pose,
+                                               centres.data(), loss);
+}
+
+template <typename T>
+NormalEquations Linearize(const PreparedProblem& problem, const ActiveMatches<T>& matches,
+                          const SolverPose& pose, const KindWeights& weights) {
+  NormalEquations equations;
+  const auto kernel_pose = ToKernelPose<T>(pose);
+  if (!matches.point_blocks.empty()) {
+    equations.Add(PointNormals(matches, kernel_pose, weights.loss), weights.point_weight);
+  }
+  if (!matches.pair_blocks.empty()) {
+    equations.Add(PairNormals(matches, kernel_pose, CentresInCam<T>(problem, pose), weights.loss),
+                  weights.pair_weight);
+  }
+  return equations;
+}
+
+SolverPose Moved(const SolverPose& pose, const Vector6d& step) {
+  const Eigen::Matrix3d turn = RotationFromVector(step.head<3>()).toRotationMatrix();
+  return {turn * pose.rotation, turn * pose.translation + step.tail<3>()};
+}
+
+// Levenberg-Marquardt with Marquardt's scaling, which makes the damping blind to units.
+template <typename T>
+SolverPose Minimize(const PreparedProblem& problem, const ActiveMatches<T>& matches,
+                    SolverPose pose, const KindWeights& weights, int max_steps,
+                    double relative_tolerance) {
+  NormalEquations equations = Linearize(problem, matches, pose, weights);
+  double damping = 1e-4;
+  for (int i = 0; i < max_steps; ++i) {
+    Matrix6d damped = equations.hessian;
+    const double floor = 1e-12 * damped.diagonal().maxCoeff();
+    damped.diagonal() += damping * damped.diagonal() + Vector6d::Constant(floor);
+    const Vector6d step = damped.ldlt().solve(-equations.gradient);
+    if (!step.allFinite() || step.head<3>().norm() > 1) {
+      break;
+    }
+    const SolverPose candidate = Moved(pose, step);
+    const NormalEquations next = Linearize(problem, matches, candidate, weights);
+    if (next.cost < equations.cost) {
+      const double gain = equations.cost - next.cost;
+      pose = candidate;
+      equations = next;
+      damping *= 0.1;
+      if (gain < relative_tolerance * next.cost) {
+        break;
+      }
+    } else {
+      damping *= 10;
+      if (damping > 1e4 || step.norm() < 1e-10) {
+        break;
+      }
+    }
+  }
+  // Many small turns leave the matrix a rounding error away from a rotation.
+  pose.rotation = Eigen::Quaterniond(pose.rotation).normalized().toRotationMatrix();
+  return pose;
+}
+
+// The matches whose squared residual is below `limit`.
+template <typename T>
+ActiveMatches<T> Gather(const PreparedProblem& problem, const std::vector<int>& points,
+                        const std::vector<int>& pairs) {
+  ActiveMatches<T> active;
+  active.point_blocks = MakePointBlocks<T>(problem.points, points);
+  PairBlocks<T> blocks = MakePairBlocks<T>(problem.pairs, pairs);
+  active.pair_blocks = std::move(blocks.blocks);
+  active.pair_block_reference = std::move(blocks.block_reference);
+  return active;
+}
+
+std::vector<int> IndicesBelow(const std::vector<double>& values, double limit) {
+  std::vector<int> indices;
+  for (int i = 0; i < static_cast<int>(values.size()); ++i) {
+    if (values[i] < limit) {
+      indices.push_back(i);
+    }
+  }
+  return indices;
+}
+
+// The variance of one residual component in units of the squared threshold, from the median of the
+// squared residuals of the inliers; `median_of_unit` is that median for unit variance.
+double NoiseVariance(const std::vector<double>& squared, double median_of_unit) {
+  std::vector<double> inliers;
+  for (const double e2 : squared) {
+    if (e2 < 1) inliers.push_back(e2);
+  }
+  if (inliers.empty()) {
+    return 1;
+  }
+  const auto middle = inliers.begin() + static_cast<std::ptrdiff_t>(inliers.size() / 2);
+  std::nth_element(inliers.begin(), middle, inliers.end());
+  // Never below a hundredth of the threshold: no keypoint is that exact, and a few matches that fit
+  // perfectly must not silence the others.
+  return std::max(*middle / median_of_unit, 1e-4);
+}
+
+}  // namespace
+
+Residuals ComputeResiduals(const PreparedProblem& problem, const SolverPose& pose) {
+  constexpr int kLanes = kernels::kLanes<double>;
+  const auto& kernel = kernels::ActiveKernels();
+  const auto kernel_pose = ToKernelPose<double>(pose);
+  std::vector<int> all_points(problem.points.size());
+  std::iota(all_points.begin(), all_points.end(), 0);
+  std::vector<int> all_pairs(problem.pairs.size());
+  std::iota(all_pairs.begin(), all_pairs.end(), 0);
+
+  Residuals residuals;
+  const auto point_blocks = MakePointBlocks<double>(problem.points, all_points);
+  residuals.points.resize(point_blocks.size() * kLanes);
+  kernel.point_residuals(point_blocks.data(), static_cast<int>(point_blocks.size()), kernel_pose,
+                         residuals.points.data());
+  residuals.points.resize(problem.points.size());
+
+  const auto pair_blocks = MakePairBlocks<double>(problem.pairs, all_pairs);
+  const auto centres = CentresInCam<double>(problem, pose);
+  std::vector<double> lanes(pair_blocks.lane_pair.size());
+  kernel.pair_residuals(pair_blocks.blocks.data(), pair_blocks.block_reference.data(),
+                        static_cast<int>(pair_blocks.blocks.size()), kernel_pose, centres.data(),
+                        lanes.data());
+  residuals.pairs.resize(problem.pairs.size());
+  for (size_t i = 0; i < lanes.size(); ++i) {
+    if (pair_blocks.lane_pair[i] >= 0) {
+      residuals.pairs[pair_blocks.lane_pair[i]] = lanes[i];
+    }
+  }
+  return residuals;
+}
+
+SolverPose OptimizeLocally(const PreparedProblem& problem, const SolverPose& pose,
+                           ResidualKinds kinds, int max_steps) {
+  ActiveMatches<float> active;
+  if (kinds.points) {
+    active.point_blocks = problem.point_blocks;
+  }
+  if (kinds.pairs) {
+    active.pair_blocks = problem.pair_blocks;
+    active.pair_block_reference = problem.pair_block_reference;
+  }
+  // A minimal sample's pose may be so far off that many inliers lie beyond the threshold: first
+  // reach for those, then settle on the score's own cost.
+  KindWeights wide;
+  wide.loss.limit = kNearSquared;
+  const SolverPose near = Minimize(problem, active, pose, wide, 2, 1e-2);
+  return Minimize(problem, active, near, KindWeights{}, max_steps, 1e-4);
+}
+
+FinalPose RefineFinally(const PreparedProblem& problem, const SolverPose& pose,
+                        ResidualKinds kinds) {
+  FinalPose result{pose, std::nullopt};
+  KindWeights weights;
+  ActiveMatches<double> active;
+  // The noise is estimated at the pose that the noise's estimate shapes: twice is enough.
+  for (int round = 0; round < 2; ++round) {
+    const Residuals residuals = ComputeResiduals(problem, result.pose);
+    // Medians of chi-squared variables with two degrees of freedom and with one.
+    const double point_variance = NoiseVariance(residuals.points, 1.3863);
+    const double pair_variance = NoiseVariance(residuals.pairs, 0.4549);
+    weights.point_weight = 1 / point_variance;
+    weights.pair_weight = 1 / pair_variance;
+    const std::vector<int> none;
+    active =
+        Gather<double>(problem, kinds.points ? IndicesBelow(residuals.points, kNearSquared) : none,
+                       kinds.pairs ? IndicesBelow(residuals.pairs, kNearSquared) : none);
+    result.pose = Minimize(problem, active, result.pose, weights, 20, 1e-9);
+  }
+  const NormalEquations equations = Linearize(problem, active, result.pose, weights);
+  const Eigen::LDLT<Matrix6d> factors(equations.hessian);
+  if (factors.isPositive() && factors.rcond() > 1e-13) {
+    const Matrix6d covariance = factors.solve(Matrix6d::Identity());
+    if (covariance.allFinite()) {
+      result.covariance = 0.5 * (covariance + covariance.transpose());
+    }
+  }
+  return result;
+}
+
+}  // namespace raylift

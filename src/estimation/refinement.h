@@ -1,0 +1,45 @@
+// Refining a pose by Levenberg-Marquardt on fixed-size normal equations that the kernels sum.
+
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "estimation/joint_score.h"
+#include "estimation/prepared_problem.h"
+#include "estimation/solvers/p3p.h"
+#include <Eigen/Core>
+
+namespace raylift {
+
+// Which residuals take part.
+struct ResidualKinds {
+  bool points = true;
+  bool pairs = true;
+};
+
+// Local optimization inside RANSAC: a few steps on the MSAC cost (the sum of both kinds' normalized
+// truncated residuals, as in scoring) of the matches near the pose, in single precision.
+SolverPose OptimizeLocally(const PreparedProblem& problem, const SolverPose& pose,
+                           ResidualKinds kinds, int max_steps);
+
+struct FinalPose {
+  SolverPose pose;
+  // Of the step (w, v) in the camera's tangent frame, v in local units; none where singular.
+  std::optional<Eigen::Matrix<double, 6, 6>> covariance;
+};
+
+// The final refinement, in double precision: maximum likelihood with each kind's noise estimated
+// from its own inliers, so that inaccurate geometry does not drag the pose, and a robust loss.
+FinalPose RefineFinally(const PreparedProblem& problem, const SolverPose& pose,
+                        ResidualKinds kinds);
+
+// The squared normalized residual of every prepared match, in double precision; infinite where a
+// match lies behind a camera.
+struct Residuals {
+  std::vector<double> points;
+  std::vector<double> pairs;
+};
+Residuals ComputeResiduals(const PreparedProblem& problem, const SolverPose& pose);
+
+}  // namespace raylift

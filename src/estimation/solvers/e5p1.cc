@@ -1,0 +1,34 @@
+#include "estimation/solvers/e5p1.h"
+
+#include <cmath>
+
+#include <Eigen/Geometry>
+
+namespace raylift {
+
+SolverPose QueryPose(const RelativePose& relative, const Eigen::Vector3d& centre, double length) {
+  return {relative.rotation, length * relative.direction - relative.rotation * centre};
+}
+
+std::optional<double> TranslationLength(const RelativePose& relative, const Eigen::Vector3d& centre,
+                                        const RayPair& sixth, const Eigen::Vector3d& sixth_centre) {
+  // In the query's frame the sixth reference sits at a + length * direction.
+  const Eigen::Vector3d a = relative.rotation * (sixth_centre - centre);
+  const Eigen::Vector3d g = relative.rotation * sixth.reference_ray;
+  const Eigen::Vector3d plane_normal = g.cross(sixth.query_ray);
+  const double length = -plane_normal.dot(a) / plane_normal.dot(relative.direction);
+  if (!(length > 0) || !std::isfinite(length)) {
+    return std::nullopt;
+  }
+  const Eigen::Vector3d baseline = a + length * relative.direction;
+  const double along_query = baseline.dot(sixth.query_ray);
+  const double along_reference = baseline.dot(g);
+  const double cosine = sixth.query_ray.dot(g);
+  if (!(along_query - along_reference * cosine > 0) ||
+      !(along_query * cosine - along_reference > 0)) {
+    return std::nullopt;
+  }
+  return length;
+}
+
+}  // namespace raylift
