@@ -1,0 +1,51 @@
+// Values of a JSON text, read strictly and named by their path in messages
+// ("references[2].camera.width"). Private to io.
+
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include <nlohmann/json.hpp>
+
+namespace raylift {
+
+// A value and where it is. Children point to their parent, which must outlive them.
+class JsonPlace {
+ public:
+  JsonPlace(const nlohmann::json& root, std::string_view file) : value_(&root), file_(file) {}
+
+  // A member; fails where it is missing or where this is no object.
+  JsonPlace Member(std::string_view name) const&;
+  JsonPlace Member(std::string_view name) && = delete;
+  bool Has(std::string_view name) const;
+  JsonPlace At(size_t index) const&;
+  JsonPlace At(size_t index) && = delete;
+  // The length of an array; fails where this is none.
+  size_t ArraySize() const;
+  void ExpectArraySize(size_t size) const;
+
+  bool IsNull() const { return value_->is_null(); }
+  std::string String() const;
+  double Number() const;  // JSON has only finite ones
+  int Int() const;
+
+  // Throws InputError "FILE: PATH: MESSAGE".
+  [[noreturn]] void Fail(std::string_view message) const;
+
+ private:
+  JsonPlace(const nlohmann::json& value, const JsonPlace& parent, std::string_view name,
+            size_t index)
+      : value_(&value), file_(parent.file_), parent_(&parent), name_(name), index_(index) {}
+
+  [[noreturn]] void FailToBe(std::string_view expected) const;
+  std::string Path() const;
+
+  const nlohmann::json* value_;
+  std::string_view file_;
+  const JsonPlace* parent_ = nullptr;
+  std::string_view name_;  // empty: an element of an array
+  size_t index_ = 0;
+};
+
+}  // namespace raylift

@@ -1,0 +1,150 @@
+// Writing of pose problems: one match per line, numbers in their shortest form that reads back as
+// the same double, so that equal problems give equal bytes.
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/text.h"
+#include "raylift/io/pose_problem_json.h"
+
+namespace raylift {
+namespace {
+
+void AppendNumber(double value, std::string* text) {
+  RAYLIFT_CHECK(std::isfinite(value));
+  // Readers take "-0" for an integer, which has no sign.
+  *text += value == 0 && std::signbit(value) ? "-0.0" : FormatDouble(value);
+}
+
+template <typename Numbers>
+void AppendNumbers(const Numbers& numbers, std::string* text) {
+  *text += '[';
+  bool is_first = true;
+  for (const double number : numbers) {
+    *text += is_first ? "" : ", ";
+    is_first = false;
+    AppendNumber(number, text);
+  }
+  *text += ']';
+}
+
+void AppendString(const std::string& string, std::string* text) {
+  try {
+    *text += nlohmann::json(string).dump();
+  } catch (const nlohmann::json::exception&) {
+    throw InputError(fmt::format("the name \"{}\" is not UTF-8, which JSON demands", string));
+  }
+}
+
+void AppendCamera(const Camera& camera, std::string* text) {
+  *text +=
+      fmt::format(R"({{"model": "{}", "width": {}, "height": {}, "params": )",
+                  GetCameraModelInfo(camera.model()).name, camera.width_px(), camera.height_px());
+  AppendNumbers(camera.params(), text);
+  *text += '}';
+}
+
+void AppendPose(const Rigid3& pose, std::string* text) {
+  const Eigen::Quaterniond& q = pose.rotation;
+  *text += R"({"qvec": )";
+  AppendNumbers(Eigen::Vector4d(q.w(), q.x(), q.y(), q.z()), text);
+  *text += R"(, "tvec": )";
+  AppendNumbers(pose.translation, text);
+  *text += '}';
+}
+
+// ",\n" and `"name": [`, then one row per line.
+template <typename Row, typename AppendRow>
+void AppendArray(std::string_view name, const std::vector<Row>& rows, AppendRow append_row,
+                 std::string* text) {
+  *text += fmt::format(",\n\"{}\": [", name);
+  bool is_first = true;
+  for (const Row& row : rows) {
+    *text += is_first ? "\n" : ",\n";
+    is_first = false;
+    append_row(row, text);
+  }
+  *text += rows.empty() ? "]" : "\n]";
+}
+
+void AppendReference(const PosedImage& reference, std::string* text) {
+  *text += R"({"name": )";
+  AppendString(reference.name, text);
+  *text += R"(, "camera": )";
+  AppendCamera(reference.camera, text);
+  *text += R"(, "cam_from_world": )";
+  AppendPose(reference.cam_from_world, text);
+  *text += '}';
+}
+
+void AppendMatch2D2D(const Match2D2D& match, std::string* text) {
+  *text += fmt::format("[{}", match.reference);
+  for (const double number :
+       {match.query_px.x(), match.query_px.y(), match.reference_px.x(), match.reference_px.y()}) {
+    *text += ", ";
+    AppendNumber(number, text);
+  }
+  *text += ']';
+}
+
+void AppendMatch2D3D(const Match2D3D& match, std::string* text) {
+  Eigen::Matrix<double, 5, 1> row;
+  row << match.query_px, match.point_in_world;
+  AppendNumbers(row, text);
+}
+
+void AppendReferenceIndex(const Match2D3D& match, std::string* text) {
+  *text += match.reference ? std::to_string(*match.reference) : "null";
+}
+
+void AppendSigma(const Match2D3D& match, std::string* text) {
+  if (match.point_sigma) {
+    AppendNumber(*match.point_sigma, text);
+  } else {
+    *text += "null";
+  }
+}
+
+}  // namespace
+
+std::string FormatPoseProblem(const PoseProblemFile& file) {
+  const PoseProblem& problem = file.problem;
+  std::string text = "{\n\"format\": \"pose-problem/1\",\n\"name\": ";
+  AppendString(problem.name, &text);
+  text += ",\n\"query\": {\"camera\": ";
+  AppendCamera(problem.query_camera, &text);
+  if (file.gt_cam_from_world) {
+    text += ", \"gt_cam_from_world\": ";
+    AppendPose(*file.gt_cam_from_world, &text);
+  }
+  text += '}';
+  AppendArray("references", problem.references, AppendReference, &text);
+  AppendArray("matches_2d2d", problem.matches_2d2d, AppendMatch2D2D, &text);
+  const auto& matches = problem.matches_2d3d;
+  AppendArray("matches_2d3d", matches, AppendMatch2D3D, &text);
+  if (std::any_of(matches.begin(), matches.end(), [](const auto& m) { return m.reference; })) {
+    AppendArray("matches_2d3d_reference", matches, AppendReferenceIndex, &text);
+  }
+  if (std::any_of(matches.begin(), matches.end(), [](const auto& m) { return m.point_sigma; })) {
+    AppendArray("matches_2d3d_sigma", matches, AppendSigma, &text);
+  }
+  text += "\n}\n";
+  return text;
+}
+
+void WritePoseProblem(const std::filesystem::path& path, const PoseProblemFile& file) {
+  std::string text;
+  try {
+    text = FormatPoseProblem(file);
+  } catch (const InputError& error) {
+    throw InputError(path, error.what());
+  }
+  WriteFile(path, text);
+}
+
+}  // namespace raylift

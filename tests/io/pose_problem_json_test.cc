@@ -1,0 +1,245 @@
+#include "raylift/io/pose_problem_json.h"
+
+#include <cmath>
+
+#include "support/matchers.h"
+#include "support/test_data.h"
+#include <gmock/gmock.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+PoseProblemFile RandomProblem(Rng& rng) {
+  PoseProblemFile file;
+  PoseProblem& problem = file.problem;
+  problem.name = "query/\"odd\" \xC3\xA9.jpg";
+  problem.query_camera =
+      Camera(CameraModel::kOpenCv, 640, 480,
+             std::vector<double>{525.4, 526.4, 320.5, 238.4, 0.1, -0.2, 1e-5, 1e-300});
+  file.gt_cam_from_world = RandomRigid3(rng, 1e7);
+  for (int i = 0; i < 3; ++i) {
+    problem.references.push_back(
+        {"ref/" + std::to_string(i) + ".jpg",
+         Camera(CameraModel::kSimplePinhole, 64, 48, std::vector<double>{50.0 / 3, 32, 24}),
+         RandomRigid3(rng, 10)});
+  }
+  for (int i = 0; i < 20; ++i) {
+    problem.matches_2d2d.push_back({i % 3,
+                                    {rng.Uniform(0, 640), rng.Uniform(0, 480)},
+                                    {rng.Uniform(0, 64), rng.Uniform(0, 48)}});
+    problem.matches_2d3d.push_back({{rng.Uniform(0, 640), std::ldexp(rng.Normal(), -i * 20)},
+                                    {rng.Normal() * 1e20, -0.0, static_cast<double>(i)},
+                                    {},
+                                    {}});
+  }
+  return file;
+}
+
+void ExpectSamePose(const Rigid3& a, const Rigid3& b) {
+  EXPECT_EQ(a.rotation.coeffs(), b.rotation.coeffs());
+  EXPECT_EQ(a.translation, b.translation);
+}
+
+void ExpectSameProblem(const PoseProblemFile& a, const PoseProblemFile& b) {
+  EXPECT_EQ(a.problem.name, b.problem.name);
+  EXPECT_EQ(a.problem.query_camera, b.problem.query_camera);
+  ASSERT_EQ(a.gt_cam_from_world.has_value(), b.gt_cam_from_world.has_value());
+  if (a.gt_cam_from_world) {
+    ExpectSamePose(*a.gt_cam_from_world, *b.gt_cam_from_world);
+  }
+  ASSERT_EQ(a.problem.references.size(), b.problem.references.size());
+  for (size_t i = 0; i < a.problem.references.size(); ++i) {
+    EXPECT_EQ(a.problem.references[i].name, b.problem.references[i].name);
+    EXPECT_EQ(a.problem.references[i].camera, b.problem.references[i].camera);
+    ExpectSamePose(a.problem.references[i].cam_from_world, b.problem.references[i].cam_from_world);
+  }
+  ASSERT_EQ(a.problem.matches_2d2d.size(), b.problem.matches_2d2d.size());
+  for (size_t i = 0; i < a.problem.matches_2d2d.size(); ++i) {
+    EXPECT_EQ(a.problem.matches_2d2d[i].reference, b.problem.matches_2d2d[i].reference);
+    EXPECT_EQ(a.problem.matches_2d2d[i].query_px, b.problem.matches_2d2d[i].query_px);
+    EXPECT_EQ(a.problem.matches_2d2d[i].reference_px, b.problem.matches_2d2d[i].reference_px);
+  }
+  ASSERT_EQ(a.problem.matches_2d3d.size(), b.problem.matches_2d3d.size());
+  for (size_t i = 0; i < a.problem.matches_2d3d.size(); ++i) {
+    const Match2D3D& x = a.problem.matches_2d3d[i];
+    const Match2D3D& y = b.problem.matches_2d3d[i];
+    EXPECT_EQ(x.query_px, y.query_px);
+    EXPECT_EQ(x.point_in_world, y.point_in_world);
+    EXPECT_EQ(std::signbit(x.point_in_world.y()), std::signbit(y.point_in_world.y()));
+    EXPECT_EQ(x.reference, y.reference);
+    EXPECT_EQ(x.point_sigma, y.point_sigma);
+  }
+}
+
+TEST(PoseProblemJson, NumbersReadBackAsTheSameDoubles) {
+  Rng rng = TestRng();
+  const auto path = TestFolder() / "p.json";
+  const PoseProblemFile file = RandomProblem(rng);
+  WritePoseProblem(path, file);
+  ExpectSameProblem(ReadPoseProblem(path), file);
+  EXPECT_EQ(FormatPoseProblem(ReadPoseProblem(path)), ReadFile(path));
+}
+
+TEST(PoseProblemJson, ReferencesAndSigmasOf3DPointsAreKept) {
+  Rng rng = TestRng();
+  PoseProblemFile file = RandomProblem(rng);
+  file.gt_cam_from_world.reset();
+  file.problem.matches_2d3d[4].reference = 2;
+  file.problem.matches_2d3d[5].point_sigma = 0.01;
+  const std::string json = FormatPoseProblem(file);
+  ExpectSameProblem(ParsePoseProblem(json, "p.json"), file);
+}
+
+TEST(PoseProblemJson, OptionalMembersAreLeftOutWhereTheyHoldNothing) {
+  Rng rng = TestRng();
+  PoseProblemFile file = RandomProblem(rng);
+  file.gt_cam_from_world.reset();
+  const std::string json = FormatPoseProblem(file);
+  EXPECT_THAT(json, testing::Not(testing::HasSubstr("matches_2d3d_")));
+  EXPECT_THAT(json, testing::Not(testing::HasSubstr("gt_cam_from_world")));
+}
+
+TEST(PoseProblemJson, EmptyProblemsSurvive) {
+  PoseProblemFile file;
+  ExpectSameProblem(ParsePoseProblem(FormatPoseProblem(file), "p.json"), file);
+}
+
+TEST(PoseProblemJson, PythonReadsTheSameNumbers) {
+  if (!HasProgram("/usr/bin/python3")) GTEST_SKIP() << "python3 is not installed";
+  Rng rng = TestRng();
+  const auto folder = TestFolder();
+  const PoseProblemFile file = RandomProblem(rng);
+  WritePoseProblem(folder / "p.json", file);
+  WriteFile(folder / "copy.py", R"(
+import json, sys
+def refuse(token): raise ValueError(token)
+problem = json.load(open(sys.argv[1]), parse_constant=refuse)
+json.dump(problem, open(sys.argv[2], 'w'))
+)");
+  RunProgram("/usr/bin/python3 " + (folder / "copy.py").string() + " " +
+             (folder / "p.json").string() + " " + (folder / "q.json").string());
+  ExpectSameProblem(ReadPoseProblem(folder / "q.json"), file);
+}
+
+TEST(PoseProblemJson, RealProblemsSurvive) {
+  const auto data = FindTestData("rgbd_small");
+  if (!data) GTEST_SKIP() << "rgbd_small is not on this machine";
+  const auto paths = ListPoseProblems(*data / "problems" / "mesh");
+  ASSERT_FALSE(paths.empty());
+  EXPECT_TRUE(std::is_sorted(paths.begin(), paths.end()));
+  for (const auto& path : paths) {
+    const PoseProblemFile file = ReadPoseProblem(path);
+    EXPECT_TRUE(file.gt_cam_from_world);
+    EXPECT_FALSE(file.problem.matches_2d2d.empty());
+    ExpectSameProblem(ParsePoseProblem(FormatPoseProblem(file), path), file);
+  }
+}
+
+constexpr std::string_view kValid = R"({"format": "pose-problem/1", "name": "q",
+"query": {"camera": {"model": "PINHOLE", "width": 4, "height": 3, "params": [5, 5, 2, 1.5]}},
+"references": [
+{"name": "a", "camera": {"model": "PINHOLE", "width": 4, "height": 3, "params": [5, 5, 2, 1.5]},
+"cam_from_world": {"qvec": [1, 0, 0, 0], "tvec": [0, 0, 7]}}],
+"matches_2d2d": [[0, 1, 2, 3, 4], [0, 9, 8, 7, 6]],
+"matches_2d3d": [[1, 2, 3, 4, 5]],
+"matches_2d3d_reference": [0], "matches_2d3d_sigma": [0.5]})";
+
+// The valid text with the first `from` replaced must fail with all of `parts`.
+void ExpectFailure(const std::string& from, const std::string& to,
+                   const std::vector<std::string>& parts) {
+  std::string json(kValid);
+  const size_t position = json.find(from);
+  ASSERT_NE(position, std::string::npos) << from;
+  json.replace(position, from.size(), to);
+  EXPECT_TRUE(FailsWithInputError([&] { ParsePoseProblem(json, "p.json"); }, parts)) << to;
+}
+
+TEST(PoseProblemJson, WrongValuesAreNamedByTheirPath) {
+  EXPECT_EQ(ParsePoseProblem(kValid, "p.json").problem.matches_2d3d[0].point_sigma, 0.5);
+  ExpectFailure("pose-problem/1", "pose-problem/2",
+                {"p.json: format: expected \"pose-problem/1\", found \"pose-problem/2\""});
+  ExpectFailure("\"name\": \"q\",", "", {"p.json: the member \"name\" is missing"});
+  ExpectFailure("\"name\": \"a\",", "", {"p.json: references[0]: the member \"name\" is missing"});
+  ExpectFailure("\"name\": \"q\"", "\"name\": 3", {"p.json: name: expected a string, found 3"});
+  ExpectFailure("PINHOLE", "FOO", {"p.json: query.camera.model: unknown camera model \"FOO\""});
+  ExpectFailure("\"width\": 4", "\"width\": 4.5",
+                {"p.json: query.camera.width: expected an integer, found 4.5"});
+  ExpectFailure("\"width\": 4", "\"width\": 4000000000", {"query.camera.width", "4000000000"});
+  ExpectFailure("\"width\": 4", "\"width\": 0", {"p.json: query.camera: "});
+  ExpectFailure("[5, 5, 2, 1.5]", "[5, 5, 2]", {"p.json: query.camera: "});
+  ExpectFailure("[5, 5, 2, 1.5]", "[5, 5, 2, \"x\"]",
+                {"p.json: query.camera.params[3]: expected a number, found \"x\""});
+  ExpectFailure("[1, 0, 0, 0]", "[1, 1, 0, 0]",
+                {"references[0].cam_from_world.qvec: expected a quaternion of length 1, found one "
+                 "of length 1.41421"});
+  ExpectFailure("[0, 0, 7]", "[0, 0]",
+                {"references[0].cam_from_world.tvec: expected 3 elements, found 2"});
+  ExpectFailure("[0, 9,", "[7, 9,",
+                {"matches_2d2d[1][0]: reference index 7 is out of range, there are 1 references"});
+  ExpectFailure("[0, 9,", "[-1, 9,", {"matches_2d2d[1][0]: reference index -1 is out of range"});
+  ExpectFailure("[0, 9, 8, 7, 6]", "[0, 9, 8, 7]", {"matches_2d2d[1]: expected 5 elements"});
+  ExpectFailure("[0, 9, 8, 7, 6]", "{}", {"matches_2d2d[1]: expected an array, found an object"});
+  ExpectFailure("[[1, 2, 3, 4, 5]]", "[[1, 2, 3, 4, null]]",
+                {"matches_2d3d[0][4]: expected a number, found null"});
+  ExpectFailure("_reference\": [0]", "_reference\": [3]",
+                {"matches_2d3d_reference[0]: reference index 3 is out of range"});
+  ExpectFailure("_reference\": [0]", "_reference\": []",
+                {"matches_2d3d_reference: expected 1 elements, found 0"});
+  ExpectFailure("_sigma\": [0.5]", "_sigma\": [-0.5]", {"matches_2d3d_sigma[0]", "-0.5"});
+}
+
+TEST(PoseProblemJson, TextThatIsNoJsonIsNamedByItsLine) {
+  ExpectFailure("[0, 9, 8", "[0, NaN, 8", {"p.json: parse error at line 6", "invalid literal"});
+  ExpectFailure("[0, 9, 8", "[0, -Infinity, 8", {"p.json: parse error at line 6"});
+  ExpectFailure("[0, 9, 8", "[0, 1e999, 8", {"p.json: ", "1e999"});
+  EXPECT_TRUE(FailsWithInputError([] { ParsePoseProblem("", "p.json"); }, {"p.json: parse error"}));
+  EXPECT_TRUE(FailsWithInputError([] { ParsePoseProblem("[]", "p.json"); },
+                                  {"p.json: expected an object, found an array"}));
+  EXPECT_TRUE(FailsWithInputError([] { ParsePoseProblem(std::string(100000, '['), "p.json"); },
+                                  {"p.json: parse error"}));
+}
+
+TEST(PoseProblemJson, TruncatedAnywhereIsAnInputError) {
+  for (size_t size = 0; size < kValid.size(); ++size) {
+    EXPECT_TRUE(FailsWithInputError([&] { ParsePoseProblem(kValid.substr(0, size), "p.json"); },
+                                    {"p.json: parse error"}))
+        << size;
+  }
+}
+
+TEST(PoseProblemJson, FlippedBytesNeverCrash) {
+  Rng rng = TestRng();
+  for (int round = 0; round < 5000; ++round) {
+    std::string json(kValid);
+    const uint32_t position = rng.UniformIndex(static_cast<uint32_t>(json.size()));
+    json[position] = static_cast<char>(rng.UniformIndex(256));
+    try {
+      ParsePoseProblem(json, "p.json");
+    } catch (const InputError&) {
+    }
+  }
+}
+
+TEST(PoseProblemJson, NamesMustBeUtf8) {
+  PoseProblemFile file;
+  file.problem.name = "\xff.jpg";
+  EXPECT_TRUE(FailsWithInputError([&] { WritePoseProblem(TestFolder() / "p.json", file); },
+                                  {"p.json: the name", "is not UTF-8"}));
+}
+
+TEST(PoseProblemJson, FoldersListTheirJsonFilesInOrder) {
+  const auto folder = TestFolder();
+  EXPECT_TRUE(FailsWithInputError([&] { ListPoseProblems(folder); }, {"found none"}));
+  EXPECT_TRUE(FailsWithInputError([&] { ListPoseProblems(folder / "x"); }, {"x: no such file"}));
+  for (const char* name : {"b.json", "a.json", "c.txt", ".hidden.json"}) {
+    WriteFile(folder / name, "");
+  }
+  EXPECT_THAT(ListPoseProblems(folder), testing::ElementsAre(folder / "a.json", folder / "b.json"));
+  EXPECT_THAT(ListPoseProblems(folder / "c.txt"), testing::ElementsAre(folder / "c.txt"));
+}
+
+}  // namespace
+}  // namespace raylift

@@ -1,0 +1,132 @@
+#include "raylift/io/query_list.h"
+
+#include "support/matchers.h"
+#include "support/test_data.h"
+#include <gmock/gmock.h>
+
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+TEST(QueryList, ReadsWhatItWritesAndSkipsComments) {
+  const auto folder = TestFolder();
+  WriteFile(folder / "a.txt",
+            "# comment\n\nquery/b.jpg PINHOLE 640 480 525.4 526.4 320.5 238.4\r\n"
+            "a.jpg SIMPLE_RADIAL 4 3 5.1 2 1.5 -0.01");
+  const auto queries = ReadQueryList(folder / "a.txt");
+  ASSERT_EQ(queries.size(), 2u);
+  EXPECT_EQ(queries[0].name, "query/b.jpg");
+  EXPECT_EQ(queries[0].camera, Camera(CameraModel::kPinhole, 640, 480,
+                                      std::vector<double>{525.4, 526.4, 320.5, 238.4}));
+  EXPECT_EQ(queries[1].camera.model(), CameraModel::kSimpleRadial);
+  WriteQueryList(folder / "b.txt", queries);
+  const auto again = ReadQueryList(folder / "b.txt");
+  ASSERT_EQ(again.size(), 2u);
+  for (size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(again[i].name, queries[i].name);
+    EXPECT_EQ(again[i].camera, queries[i].camera);
+  }
+}
+
+TEST(QueryList, PatternsNameSeveralLists) {
+  const auto folder = TestFolder() / "with [brackets]";
+  WriteFile(folder / "night_queries.txt", "n.jpg PINHOLE 4 3 5 5 2 1\n");
+  WriteFile(folder / "day_queries.txt", "d.jpg PINHOLE 4 3 5 5 2 1\n");
+  WriteFile(folder / "other.txt", "not a list");
+  const auto queries = ReadQueryList(folder / "*_queries.txt");
+  ASSERT_EQ(queries.size(), 2u);
+  EXPECT_EQ(queries[0].name, "d.jpg");
+  EXPECT_EQ(queries[1].name, "n.jpg");
+  EXPECT_EQ(ReadQueryList(folder / "da?_queries.txt").size(), 1u);
+  EXPECT_TRUE(FailsWithInputError([&] { ReadQueryList(folder / "*_none.txt"); },
+                                  {"*_none.txt: no file has such a name"}));
+  WriteFile(folder / "night2_queries.txt", "\nd.jpg PINHOLE 4 3 5 5 2 1\n");
+  EXPECT_TRUE(FailsWithInputError(
+      [&] { ReadQueryList(folder / "*_queries.txt"); },
+      {"night2_queries.txt: line 2: name: \"d.jpg\" stands twice", "day_queries.txt: line 1"}));
+}
+
+TEST(QueryList, WrongLinesAreNamed) {
+  const auto path = TestFolder() / "q.txt";
+  const auto expect_failure = [&](const std::string& text, const std::vector<std::string>& parts) {
+    WriteFile(path, text);
+    EXPECT_TRUE(FailsWithInputError([&] { ReadQueryList(path); }, parts)) << text;
+  };
+  expect_failure("a.jpg\n", {"q.txt: line 1: camera model", "the line ends here"});
+  expect_failure("a.jpg FOO 4 3 5\n", {"q.txt: line 1: camera model", "found \"FOO\""});
+  expect_failure("a.jpg PINHOLE 4 x 5 5 2 1\n", {"line 1: height: expected an integer"});
+  expect_failure("a.jpg PINHOLE 4.5 3 5 5 2 1\n", {"line 1: width: expected an integer"});
+  expect_failure("a.jpg PINHOLE 4 3 5 5 2 nan\n", {"line 1: params: expected a finite number"});
+  expect_failure("# c\na.jpg PINHOLE 4 3 5 5 2\n", {"q.txt: line 2: "});
+  expect_failure("a.jpg PINHOLE 4 3 5 5 2 1 0\n", {"q.txt: line 1: "});
+  expect_failure("a.jpg PINHOLE -4 3 5 5 2 1\n", {"q.txt: line 1: "});
+  expect_failure("a.jpg PINHOLE 4000000000 3 5 5 2 1\n", {"q.txt: line 1: width"});
+}
+
+TEST(QueryList, RealListsAreRead) {
+  const auto data = FindTestData("rgbd_small");
+  if (!data) GTEST_SKIP() << "rgbd_small is not on this machine";
+  const auto queries = ReadQueryList(*data / "queries_with_intrinsics.txt");
+  ASSERT_FALSE(queries.empty());
+  EXPECT_EQ(queries[0].name, "query/frame-000700.jpg");
+}
+
+TEST(ImageList, OneNamePerLine) {
+  const auto path = TestFolder() / "list.txt";
+  WriteFile(path, "b.jpg\n\n# comment\n a/with blank.jpg \r\nlast.jpg");
+  EXPECT_THAT(ReadImageList(path), testing::ElementsAre("b.jpg", "a/with blank.jpg", "last.jpg"));
+}
+
+TEST(PoseFile, NumbersReadBackAsTheSameDoubles) {
+  Rng rng = TestRng();
+  const auto path = TestFolder() / "poses.txt";
+  std::vector<NamedPose> poses;
+  for (int i = 0; i < 100; ++i) {
+    poses.push_back({"query/" + std::to_string(i) + ".jpg", RandomRigid3(rng, 1e6)});
+  }
+  WritePoseFile(path, poses);
+  const auto back = ReadPoseFile(path);
+  ASSERT_EQ(back.size(), poses.size());
+  for (size_t i = 0; i < poses.size(); ++i) {
+    EXPECT_EQ(back[i].name, poses[i].name);
+    EXPECT_EQ(back[i].cam_from_world.rotation.coeffs(), poses[i].cam_from_world.rotation.coeffs());
+    EXPECT_EQ(back[i].cam_from_world.translation, poses[i].cam_from_world.translation);
+  }
+}
+
+TEST(PoseFile, RoundedQuaternionsAreNormalized) {
+  const auto path = TestFolder() / "poses.txt";
+  WriteFile(path, "a.jpg 0.7071 0 0.7071 0 1 2 3\n");
+  const auto poses = ReadPoseFile(path);
+  ASSERT_EQ(poses.size(), 1u);
+  EXPECT_NEAR(poses[0].cam_from_world.rotation.norm(), 1, 1e-15);
+  EXPECT_EQ(poses[0].cam_from_world.translation, Eigen::Vector3d(1, 2, 3));
+}
+
+TEST(PoseFile, WrongLinesAreNamed) {
+  const auto path = TestFolder() / "p.txt";
+  const auto expect_failure = [&](const std::string& text, const std::vector<std::string>& parts) {
+    WriteFile(path, text);
+    EXPECT_TRUE(FailsWithInputError([&] { ReadPoseFile(path); }, parts)) << text;
+  };
+  expect_failure("a 1 0 0 0 1 2\n", {"p.txt: line 1: tvec", "the line ends here"});
+  expect_failure("a 1 0 0 0 1 2 3 4\n", {"line 1: expected the end of the line, found \"4\""});
+  expect_failure("a 1 0 0 0 1 2 3\nb 1 0 0 0 nan 2 3\n", {"line 2: tvec", "finite", "nan"});
+  expect_failure("a 1 0 0 zero 1 2 3\n", {"line 1: qvec: expected a number, found \"zero\""});
+  expect_failure("a 0.5 0 0 0 1 2 3\n", {"line 1: qvec: expected a quaternion of length 1", "0.5"});
+  expect_failure("a 0 0 0 0 1 2 3\n", {"line 1: qvec: expected a quaternion of length 1"});
+}
+
+TEST(PoseFile, NamesThatWouldNotReadBackAreRefused) {
+  const auto path = TestFolder() / "p.txt";
+  EXPECT_TRUE(FailsWithInputError(
+      [&] {
+        WritePoseFile(path, {{"a b.jpg", Rigid3()}});
+      },
+      {"p.txt: the file cannot hold the name \"a b.jpg\""}));
+  EXPECT_FALSE(std::filesystem::exists(path));
+}
+
+}  // namespace
+}  // namespace raylift
