@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "first_positive_root.h"
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 
 namespace raylift {

@@ -1,5 +1,7 @@
 #include "raylift/evaluation/pose_errors.h"
 
+#include <numbers>
+
 #include "support/matchers.h"
 #include <gmock/gmock.h>
 
@@ -25,7 +27,7 @@ TEST(ComparePoses, MeasuresCentresAndAngle) {
   estimate.translation = -(estimate.rotation * Eigen::Vector3d(1, 2.3, 3.4));
   const PoseError error = ComparePoses(estimate, truth);
   EXPECT_NEAR(error.position, 0.5, 1e-14);
-  EXPECT_NEAR(error.rotation_deg, 0.01 * 180 / M_PI, 1e-12);
+  EXPECT_NEAR(error.rotation_deg, 0.01 * 180 / std::numbers::pi, 1e-12);
 }
 
 TEST(ComparePoses, DoesNotDependOnTheWorldFrame) {
@@ -96,7 +98,7 @@ TEST(Comparison, RefusesAmbiguousNames) {
 TEST(Oracle, TakesTheSmallerMaximumOfCentimetresAndDegrees) {
   const PosesByName truth = {
       {"a", Shifted(0)}, {"b", Shifted(0)}, {"c", Shifted(0)}, {"d", Shifted(0)}};
-  const double deg = M_PI / 180;
+  const double deg = std::numbers::pi / 180;
   const PosesByName p3p = {{"a", Shifted(0.03)},                          // max(3 cm, 0 deg)
                            {"b", PoseAt({0.01, 0, 0}, {0, 0, 2 * deg})},  // max(1 cm, 2 deg)
                            {"c", Shifted(1)}};
