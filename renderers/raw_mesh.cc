@@ -126,11 +126,16 @@ class VertexUniter {
     return tint ? Product(own, *tint) : own;
   }
 
+  // Many writers repeat the same coordinates at each corner.
+  bool IsSameUv(uint32_t a, uint32_t b) const {
+    return a == b || (a != RawMesh::kNone && b != RawMesh::kNone && raw_.uvs[a] == raw_.uvs[b]);
+  }
+
   uint32_t FindOrAdd(uint32_t position, uint32_t uv, const Rgb& color) {
     uint32_t* link = &first_vertex_[position];
     while (*link != RawMesh::kNone) {
       Attributes& vertex = attributes_[*link];
-      if (vertex.uv == uv && (!has_colors_ || mesh_.vertex_colors_rgb[*link] == color)) {
+      if (IsSameUv(vertex.uv, uv) && (!has_colors_ || mesh_.vertex_colors_rgb[*link] == color)) {
         return *link;
       }
       link = &vertex.next_vertex;
