@@ -30,8 +30,9 @@ class FeatureFile {
 
   std::vector<std::string> ImageNames() const;  // sorted
   bool Contains(const std::string& image_name) const;
-  // InputError naming file and image where it is absent or malformed. Safe to call from several
-  // threads (HDF5 itself is serialized inside).
+  // Only the keypoints must be there; without `image_size` the image's sides are 0. InputError
+  // naming file and image where it is absent or malformed (a wrong shape, a number that is not
+  // finite). Safe to call from several threads (HDF5 itself is serialized inside).
   Features Read(const std::string& image_name) const;
   // Warnings met so far, e.g. float16 keypoints of an image so wide that they lose precision.
   std::vector<std::string> Warnings() const;
@@ -56,7 +57,8 @@ class MatchFile {
   MatchFile& operator=(MatchFile&&) noexcept;
 
   // The matches of a pair whichever way round and in whichever naming (new or old) it is stored;
-  // none where the pair is not in the file.
+  // none where the pair is not in the file. Whether the indices fit the keypoints is the caller's
+  // to check. Safe to call from several threads.
   std::optional<std::vector<FeatureMatch>> Read(const std::string& query_name,
                                                 const std::string& reference_name) const;
 
@@ -71,9 +73,11 @@ struct PairMatches {
   size_t num_query_keypoints;
   std::vector<FeatureMatch> matches;
 };
+// InputError where the format cannot hold the matches: two of one query keypoint, or two pairs
+// whose names differ only by "/" and "-".
 void WriteMatchFile(const std::filesystem::path& path, std::span<const PairMatches> pairs);
 
-// hloc's global descriptors: one row per image in the order of `names`.
+// hloc's global descriptors: one row per image in the order of `names` (sorted when read).
 struct GlobalDescriptors {
   std::vector<std::string> names;
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> descriptors;
@@ -81,8 +85,9 @@ struct GlobalDescriptors {
 GlobalDescriptors ReadGlobalDescriptors(const std::filesystem::path& path);
 void WriteGlobalDescriptors(const std::filesystem::path& path, const GlobalDescriptors& global);
 
-// `query reference` per line; the order of a query's lines is the rank. Also takes the comma
-// separated forms of MeshLoc and kapture (query, reference, score).
+// `query reference` per line; the order of a query's lines is the rank; a reference that stands
+// twice keeps its better one. Also takes the comma separated forms of MeshLoc and kapture (query,
+// reference, score).
 using RetrievalPairs = std::map<std::string, std::vector<std::string>>;
 RetrievalPairs ReadPairs(const std::filesystem::path& path);
 void WritePairs(const std::filesystem::path& path,
