@@ -16,6 +16,11 @@
 
 #include "raylift/base/file.h"
 
+#if defined(__SANITIZE_ADDRESS__)
+// assimp leaks where it gives up on a file.
+extern "C" const char* __lsan_default_suppressions() { return "leak:libassimp"; }
+#endif
+
 namespace raylift {
 namespace {
 
