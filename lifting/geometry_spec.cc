@@ -39,9 +39,9 @@ NamedGeometry MakeMeshSource(const std::string& spec, std::string_view rest) {
   auto mesh = std::make_shared<const TriangleMesh>(ReadMesh(path));
   NamedGeometry geometry;
   geometry.warnings = mesh->warnings;
+  geometry.mesh = std::make_shared<const RayCaster>(std::move(mesh), options);
   geometry.source =
-      std::make_unique<MeshSource>(fmt::format("mesh:{}", path.string()),
-                                   std::make_shared<const RayCaster>(std::move(mesh), options));
+      std::make_unique<MeshSource>(fmt::format("mesh:{}", path.string()), geometry.mesh);
   return geometry;
 }
 

@@ -6,6 +6,7 @@
 #include <mutex>
 #include <thread>
 
+#include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
@@ -29,6 +30,9 @@ void ParallelFor(size_t count, int threads, const std::function<void(size_t)>& b
   std::mutex mutex;
   std::exception_ptr first_exception;
   size_t first_index = std::numeric_limits<size_t>::max();
+  // TBB's pool is as large as the hardware; a user may ask for more.
+  const tbb::global_control allow(tbb::global_control::max_allowed_parallelism,
+                                  static_cast<size_t>(std::max(num_threads, ResolveThreads(0))));
   tbb::task_arena arena(num_threads);
   arena.execute([&] {
     tbb::parallel_for(

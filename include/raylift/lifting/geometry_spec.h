@@ -7,12 +7,14 @@
 #include <vector>
 
 #include "raylift/lifting/geometry_source.h"
+#include "raylift/renderers/ray_caster.h"
 
 namespace raylift {
 
 struct NamedGeometry {
   std::unique_ptr<GeometrySource> source;
-  std::vector<std::string> warnings;  // what the user should know of the file
+  std::shared_ptr<const RayCaster> mesh;  // of a mesh source, for pictures; else null
+  std::vector<std::string> warnings;      // what the user should know of the file
 };
 
 // Opens "mesh:PATH[,key=value...]". Keys of a mesh: build=low (the default: fast to build) or

@@ -1,0 +1,51 @@
+// One query in, one pose out: matches are lifted, made a pose problem and estimated. The counts of
+// every stage come out with the pose, so that a failure explains itself.
+
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+#include "raylift/estimation/pose_estimator.h"
+#include "raylift/io/query_list.h"
+#include "raylift/lifting/geometry_source.h"
+#include "raylift/localization/match_source.h"
+#include "raylift/scene/pose_problem.h"
+
+namespace raylift {
+
+struct StageCounts {
+  size_t retrieved = 0;   // references
+  size_t matched = 0;     // 2D-2D matches
+  size_t hit = 0;         // of those, lifted to the scene
+  size_t consistent = 0;  // of those, kept by the filter
+  size_t inliers_2d3d = 0;
+  size_t inliers_2d2d = 0;
+};
+
+struct LocalizedQuery {
+  std::string name;
+  std::string reason;  // why there is no pose; empty where there is one
+  StageCounts counts;
+  PoseEstimate estimate;
+  double match_ms = 0;
+  double lift_ms = 0;
+  double estimate_ms = 0;
+
+  // Localized: the whole pose is known.
+  bool localized() const { return reason.empty(); }
+};
+
+// Why an estimate is no localization; empty where it is one.
+std::string ReasonNotLocalized(const PoseEstimate& estimate);
+
+struct QueryResult {
+  LocalizedQuery localized;
+  PoseProblem problem;  // what was estimated
+};
+
+// `geometry` may be null: then there are no 2D-3D matches.
+QueryResult LocalizeQuery(const Query& query, const MatchSource& match_source,
+                          const GeometrySource* geometry, const PoseEstimator& estimator);
+
+}  // namespace raylift

@@ -1,0 +1,80 @@
+// Where the 2D-2D matches of a query come from: from hloc's files, or from the built-in front end.
+
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "raylift/io/query_list.h"
+#include "raylift/scene/pose_problem.h"
+#include "raylift/scene/posed_image.h"
+
+namespace raylift {
+
+struct QueryMatches {
+  std::vector<PosedImage> references;  // the retrieved ones, best first
+  std::vector<Match2D2D> matches;      // `reference` counts in `references`
+};
+
+class MatchSource {
+ public:
+  virtual ~MatchSource() = default;
+
+  // The matches of a query with its retrieved references; both may be empty. Thread safe.
+  // InputError where a file is malformed.
+  virtual QueryMatches Match(const Query& query) const = 0;
+
+  // What the user should be told, collected so far.
+  virtual std::vector<std::string> Warnings() const = 0;
+};
+
+// The references of a scene: those in use, and the names that exist but are thinned out, which a
+// retrieval list may name without being wrong.
+struct ReferenceSet {
+  std::filesystem::path model;  // for messages
+  std::vector<PosedImage> images;
+  std::vector<std::string> thinned_out;
+};
+
+// The images of a COLMAP model, every `every`-th of them by name from the first on.
+struct LoadedReferences {
+  ReferenceSet references;
+  std::vector<std::string> warnings;
+};
+LoadedReferences LoadReferences(const std::filesystem::path& model, int every);
+
+struct HlocFiles {
+  std::filesystem::path features;
+  std::filesystem::path matches;
+  std::filesystem::path pairs;
+};
+
+// Reads hloc's files. The pairs file ranks the references of each query; `top_k` of those in use
+// are taken. InputError where it names a reference that the model does not hold.
+std::unique_ptr<MatchSource> OpenHlocMatches(const HlocFiles& files, const ReferenceSet& references,
+                                             int top_k);
+
+struct FrontEndOptions {
+  std::filesystem::path reference_images;
+  std::filesystem::path query_images;
+  // Features and retrieval are kept here in hloc's layout; features are used again where nothing
+  // changed.
+  std::filesystem::path cache;
+  int top_k = 10;
+  int max_features = 4096;
+  double max_ratio = 0.8;
+  uint64_t seed = 0;
+  int threads = 0;
+  bool show_progress = true;
+};
+
+// Extracts RootSIFT features of all images and retrieves references by VLAD here; Match() matches.
+// InputError where an image is missing or does not have its camera's size.
+std::unique_ptr<MatchSource> MakeFrontEndMatches(const FrontEndOptions& options,
+                                                 const ReferenceSet& references,
+                                                 const std::vector<Query>& queries);
+
+}  // namespace raylift

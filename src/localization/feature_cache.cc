@@ -1,0 +1,80 @@
+#include "localization/feature_cache.h"
+
+#include <algorithm>
+#include <chrono>
+#include <fstream>
+
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/parallel.h"
+#include "raylift/base/progress.h"
+#include "raylift/features/root_sift.h"
+#include "raylift/io/hloc.h"
+#include "raylift/io/image_file.h"
+
+namespace raylift {
+namespace {
+
+// Changes whenever extraction changes, so that old caches are not used.
+constexpr int kExtractionVersion = 1;
+
+// A line per image: what the features depend on.
+std::string DescribeInputs(const std::vector<ImageFile>& images,
+                           const FeatureCacheOptions& options) {
+  std::string text = fmt::format("rootsift version {} max_features {}\n", kExtractionVersion,
+                                 options.max_features);
+  for (const ImageFile& image : images) {
+    std::error_code error;
+    const auto size = std::filesystem::file_size(image.path, error);
+    if (error) {
+      throw InputError(image.path, "no such image");
+    }
+    const auto time = std::filesystem::last_write_time(image.path, error).time_since_epoch();
+    text += fmt::format("{} {} {}\n", image.name, size, time.count());
+  }
+  return text;
+}
+
+}  // namespace
+
+std::map<std::string, Features> ExtractOrReadFeatures(const std::vector<ImageFile>& images,
+                                                      const FeatureCacheOptions& options) {
+  std::vector<ImageFile> sorted = images;
+  std::sort(sorted.begin(), sorted.end(),
+            [](const ImageFile& a, const ImageFile& b) { return a.name < b.name; });
+  const std::filesystem::path file = options.folder / "features.h5";
+  const std::filesystem::path inputs_file = options.folder / "features.inputs.txt";
+  const std::string inputs = DescribeInputs(sorted, options);
+  std::error_code error;
+  const bool cached = std::filesystem::exists(file, error) &&
+                      std::filesystem::exists(inputs_file, error) &&
+                      ReadFile(inputs_file) == inputs;
+  if (!cached) {
+    std::vector<Features> extracted(sorted.size());
+    {
+      Progress progress("images", sorted.size(),
+                        options.show_progress ? Progress::Show::kAuto : Progress::Show::kNever);
+      ParallelFor(sorted.size(), options.threads, [&](size_t i) {
+        extracted[i] = ExtractRootSift(ReadImage(sorted[i].path, ImageChannels::kGrey),
+                                       {.max_features = options.max_features});
+        progress.Advance();
+      });
+    }
+    std::map<std::string, Features> by_name;
+    for (size_t i = 0; i < sorted.size(); ++i) {
+      by_name.emplace(sorted[i].name, std::move(extracted[i]));
+    }
+    WriteFeatureFile(file, by_name, /*half_descriptors=*/true);
+    WriteFile(inputs_file, inputs);
+  }
+  const FeatureFile features(file);
+  std::map<std::string, Features> result;
+  for (const ImageFile& image : sorted) {
+    result.emplace(image.name, features.Read(image.name));
+  }
+  return result;
+}
+
+}  // namespace raylift

@@ -1,0 +1,33 @@
+// The front end's work on single images, kept on disk in hloc's layout.
+
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "raylift/scene/features.h"
+
+namespace raylift {
+
+// An image and where its file is.
+struct ImageFile {
+  std::string name;
+  std::filesystem::path path;
+};
+
+struct FeatureCacheOptions {
+  std::filesystem::path folder;
+  int max_features;
+  int threads;
+  bool show_progress;
+};
+
+// The RootSIFT features of all images: read from `folder`/features.h5 where that was made from the
+// same files (by size and time of change) with the same options, else extracted and written there.
+// In both cases they are the file's, so that a second run sees the same numbers as the first.
+std::map<std::string, Features> ExtractOrReadFeatures(const std::vector<ImageFile>& images,
+                                                      const FeatureCacheOptions& options);
+
+}  // namespace raylift

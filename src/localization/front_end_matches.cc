@@ -1,0 +1,135 @@
+// Matches made here: RootSIFT, retrieval by VLAD, mutual nearest neighbours.
+
+#include <map>
+
+#include "localization/feature_cache.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/parallel.h"
+#include "raylift/features/matcher.h"
+#include "raylift/features/vlad.h"
+#include "raylift/io/hloc.h"
+#include "raylift/localization/match_source.h"
+
+namespace raylift {
+namespace {
+
+class FrontEndMatches final : public MatchSource {
+ public:
+  FrontEndMatches(const FrontEndOptions& options, const ReferenceSet& references,
+                  const std::vector<Query>& queries)
+      : options_(options), references_(references.images) {
+    std::vector<ImageFile> files;
+    for (const PosedImage& image : references_) {
+      files.push_back({image.name, options.reference_images / image.name});
+    }
+    for (const Query& query : queries) {
+      if (std::any_of(references_.begin(), references_.end(),
+                      [&](const PosedImage& image) { return image.name == query.name; })) {
+        throw InputError(fmt::format("the query \"{}\" is also a reference of the model {}",
+                                     query.name, references.model.string()));
+      }
+      files.push_back({query.name, options.query_images / query.name});
+    }
+    features_ = ExtractOrReadFeatures(files, {.folder = options.cache,
+                                              .max_features = options.max_features,
+                                              .threads = options.threads,
+                                              .show_progress = options.show_progress});
+    CheckSizes(queries);
+    Retrieve(queries);
+  }
+
+  QueryMatches Match(const Query& query) const override {
+    QueryMatches result;
+    const Features& query_features = features_.at(query.name);
+    for (const int index : retrieved_.at(query.name)) {
+      const PosedImage& reference = references_[static_cast<size_t>(index)];
+      const Features& reference_features = features_.at(reference.name);
+      const int rank = static_cast<int>(result.references.size());
+      result.references.push_back(reference);
+      for (const FeatureMatch& match : MatchMutualNearest(query_features, reference_features,
+                                                          {.max_ratio = options_.max_ratio})) {
+        result.matches.push_back(
+            {rank, query_features.keypoints_px[static_cast<size_t>(match.query_index)],
+             reference_features.keypoints_px[static_cast<size_t>(match.reference_index)]});
+      }
+    }
+    return result;
+  }
+
+  std::vector<std::string> Warnings() const override { return {}; }
+
+ private:
+  void CheckSizes(const std::vector<Query>& queries) const {
+    for (const PosedImage& image : references_) {
+      CheckSize(options_.reference_images / image.name, image.name, image.camera);
+    }
+    for (const Query& query : queries) {
+      CheckSize(options_.query_images / query.name, query.name, query.camera);
+    }
+  }
+
+  void CheckSize(const std::filesystem::path& path, const std::string& name,
+                 const Camera& camera) const {
+    const Features& features = features_.at(name);
+    if (features.image_width_px != camera.width_px() ||
+        features.image_height_px != camera.height_px()) {
+      throw InputError(
+          path, fmt::format("the image is {} x {}, its camera {} x {}", features.image_width_px,
+                            features.image_height_px, camera.width_px(), camera.height_px()));
+    }
+  }
+
+  // The vocabulary is learned from the references alone, so that a query's references do not depend
+  // on the other queries.
+  void Retrieve(const std::vector<Query>& queries) {
+    std::vector<Features> reference_features;
+    for (const PosedImage& image : references_) {
+      reference_features.push_back(features_.at(image.name));
+    }
+    const Vocabulary vocabulary =
+        TrainVocabulary(reference_features, {.seed = options_.seed, .threads = options_.threads});
+    const auto stack = [&](size_t count, const auto& features_of) {
+      std::vector<Eigen::VectorXf> columns(count);
+      ParallelFor(count, options_.threads,
+                  [&](size_t i) { columns[i] = ComputeVlad(features_of(i), vocabulary); });
+      Eigen::MatrixXf stacked(count > 0 ? columns[0].size() : 0, static_cast<Eigen::Index>(count));
+      for (size_t i = 0; i < count; ++i) {
+        stacked.col(static_cast<Eigen::Index>(i)) = columns[i];
+      }
+      return stacked;
+    };
+    const Eigen::MatrixXf reference_vectors = stack(
+        references_.size(), [&](size_t i) -> const Features& { return reference_features[i]; });
+    const Eigen::MatrixXf query_vectors = stack(
+        queries.size(), [&](size_t i) -> const Features& { return features_.at(queries[i].name); });
+    const auto ranks =
+        RetrieveTopK(query_vectors, reference_vectors, options_.top_k, options_.threads);
+    std::vector<std::pair<std::string, std::string>> pairs;
+    for (size_t i = 0; i < queries.size(); ++i) {
+      std::vector<int>& indices = retrieved_[queries[i].name];
+      for (const RetrievedReference& r : ranks[i]) {
+        indices.push_back(r.reference_index);
+        pairs.emplace_back(queries[i].name,
+                           references_[static_cast<size_t>(r.reference_index)].name);
+      }
+    }
+    WritePairs(options_.cache / "pairs.txt", pairs);
+  }
+
+  FrontEndOptions options_;
+  std::vector<PosedImage> references_;
+  std::map<std::string, Features> features_;
+  std::map<std::string, std::vector<int>> retrieved_;  // indices into references_, best first
+};
+
+}  // namespace
+
+std::unique_ptr<MatchSource> MakeFrontEndMatches(const FrontEndOptions& options,
+                                                 const ReferenceSet& references,
+                                                 const std::vector<Query>& queries) {
+  return std::make_unique<FrontEndMatches>(options, references, queries);
+}
+
+}  // namespace raylift

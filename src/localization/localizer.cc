@@ -1,0 +1,74 @@
+#include "raylift/localization/localizer.h"
+
+#include <chrono>
+
+#include "raylift/lifting/lifter.h"
+
+namespace raylift {
+namespace {
+
+class Stopwatch {
+ public:
+  // Milliseconds since the last call.
+  double Lap() {
+    const auto now = std::chrono::steady_clock::now();
+    const std::chrono::duration<double, std::milli> elapsed = now - last_;
+    last_ = now;
+    return elapsed.count();
+  }
+
+ private:
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
+
+}  // namespace
+
+std::string ReasonNotLocalized(const PoseEstimate& estimate) {
+  if (!estimate.cam_from_world) {
+    return std::string(ToString(estimate.failure));
+  }
+  if (!estimate.position_observable) {
+    return "only the orientation is known: all references with matches share one centre";
+  }
+  return {};
+}
+
+QueryResult LocalizeQuery(const Query& query, const MatchSource& match_source,
+                          const GeometrySource* geometry, const PoseEstimator& estimator) {
+  QueryResult result;
+  LocalizedQuery& localized = result.localized;
+  PoseProblem& problem = result.problem;
+  localized.name = problem.name = query.name;
+  problem.query_camera = query.camera;
+
+  Stopwatch stopwatch;
+  QueryMatches matches = match_source.Match(query);
+  problem.references = std::move(matches.references);
+  problem.matches_2d2d = std::move(matches.matches);
+  localized.counts.retrieved = problem.references.size();
+  localized.counts.matched = problem.matches_2d2d.size();
+  localized.match_ms = stopwatch.Lap();
+
+  if (geometry != nullptr) {
+    const LiftResult lifted = LiftMatches(*geometry, problem.references, problem.matches_2d2d);
+    problem.matches_2d3d = Matches2D3D(lifted);
+    localized.counts.hit = lifted.counts.hits;
+    localized.counts.consistent = problem.matches_2d3d.size();
+  }
+  localized.lift_ms = stopwatch.Lap();
+
+  localized.estimate = estimator.Estimate(problem);
+  localized.counts.inliers_2d3d = static_cast<size_t>(localized.estimate.score_2d3d.num_inliers);
+  localized.counts.inliers_2d2d = static_cast<size_t>(localized.estimate.score_2d2d.num_inliers);
+  localized.estimate_ms = stopwatch.Lap();
+  if (localized.counts.retrieved == 0) {
+    localized.reason = "no retrieved references";
+  } else if (localized.counts.matched == 0) {
+    localized.reason = "no matches with the retrieved references";
+  } else {
+    localized.reason = ReasonNotLocalized(localized.estimate);
+  }
+  return result;
+}
+
+}  // namespace raylift

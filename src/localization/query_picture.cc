@@ -1,0 +1,65 @@
+#include "raylift/localization/query_picture.h"
+
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/renderers/view_renderer.h"
+
+namespace raylift {
+namespace {
+
+// Fixed point pixels for OpenCV's anti-aliased drawing; its centre of the first pixel is (0, 0).
+constexpr int kShift = 4;
+cv::Point FixedPoint(const Eigen::Vector2d& pixel) {
+  return {static_cast<int>(std::lround((pixel.x() - 0.5) * (1 << kShift))),
+          static_cast<int>(std::lround((pixel.y() - 0.5) * (1 << kShift)))};
+}
+
+void DrawMark(cv::Mat& canvas, const Eigen::Vector2d& pixel, const cv::Scalar& color) {
+  cv::circle(canvas, FixedPoint(pixel), 4 << kShift, cv::Scalar(20, 20, 20), 3, cv::LINE_AA,
+             kShift);
+  cv::circle(canvas, FixedPoint(pixel), 4 << kShift, color, 1, cv::LINE_AA, kShift);
+}
+
+}  // namespace
+
+Image DrawQueryPicture(const QueryResult& result, const Image& photograph, const RayCaster& mesh,
+                       int threads) {
+  const PoseProblem& problem = result.problem;
+  const PoseEstimate& estimate = result.localized.estimate;
+  RAYLIFT_CHECK(estimate.cam_from_world.has_value());
+  const Camera& camera = problem.query_camera;
+  ColorOptions colors;
+  colors.samples_per_pixel_side = 2;
+  const TriangleMesh& triangles = mesh.mesh();
+  if (triangles.textures.empty() && triangles.vertex_colors_rgb.empty()) {
+    colors.shading = ColorOptions::Shading::kHeadlight;
+  }
+  Image rendered = RenderColor(mesh, camera, *estimate.cam_from_world, colors, threads);
+
+  const int width = camera.width_px();
+  const int height = camera.height_px();
+  Image picture{2 * width, height, 3,
+                std::vector<uint8_t>(static_cast<size_t>(2) * width * height * 3)};
+  cv::Mat canvas(height, 2 * width, CV_8UC3, picture.data.data());
+  cv::Mat left = canvas.colRange(0, width);
+  cv::Mat right = canvas.colRange(width, 2 * width);
+  Image photo = photograph;
+  cv::Mat(photo.height_px, photo.width_px, CV_8UC3, photo.data.data()).copyTo(left);
+  cv::Mat(height, width, CV_8UC3, rendered.data.data()).copyTo(right);
+  for (size_t i = 0; i < problem.matches_2d3d.size(); ++i) {
+    if (!estimate.inliers_2d3d[i]) {
+      continue;
+    }
+    const Match2D3D& match = problem.matches_2d3d[i];
+    const cv::Scalar color(255, 176, 0);
+    DrawMark(left, match.query_px, color);
+    if (const auto pixel = camera.ImgFromCam(*estimate.cam_from_world * match.point_in_world)) {
+      DrawMark(right, *pixel, color);
+    }
+  }
+  return picture;
+}
+
+}  // namespace raylift

@@ -1,0 +1,28 @@
+// The references of a scene from a COLMAP model.
+
+#include "raylift/base/error.h"
+#include "raylift/io/colmap_model.h"
+#include "raylift/localization/match_source.h"
+
+namespace raylift {
+
+LoadedReferences LoadReferences(const std::filesystem::path& model, int every) {
+  ColmapModel colmap = ReadColmapModel(model);
+  LoadedReferences loaded;
+  loaded.warnings = std::move(colmap.warnings);
+  loaded.references.model = model;
+  const std::vector<PosedImage> images = colmap.PosedImages();
+  if (images.empty()) {
+    throw InputError(model, "the model has no images with a pose");
+  }
+  for (size_t i = 0; i < images.size(); ++i) {
+    if (i % static_cast<size_t>(every) == 0) {
+      loaded.references.images.push_back(images[i]);
+    } else {
+      loaded.references.thinned_out.push_back(images[i].name);
+    }
+  }
+  return loaded;
+}
+
+}  // namespace raylift

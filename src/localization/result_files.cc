@@ -1,0 +1,120 @@
+#include "raylift/localization/result_files.h"
+
+#include <algorithm>
+
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/file.h"
+#include "raylift/io/query_list.h"
+
+namespace raylift {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json PoseJson(const Rigid3& pose) {
+  const Eigen::Quaterniond& q = pose.rotation;
+  const Eigen::Vector3d& t = pose.translation;
+  return {{"qvec", {q.w(), q.x(), q.y(), q.z()}}, {"tvec", {t.x(), t.y(), t.z()}}};
+}
+
+Json ScoreJson(const MatchSetScore& score) {
+  return {{"matches", score.num_matches},
+          {"inliers", score.num_inliers},
+          {"msac_cost", score.msac_cost}};
+}
+
+Json QueryJson(const LocalizedQuery& query) {
+  const PoseEstimate& estimate = query.estimate;
+  Json json = {{"name", query.name},
+               {"status", query.localized() ? "ok" : "not localized"},
+               {"reason", query.reason},
+               {"retrieved", query.counts.retrieved},
+               {"matched", query.counts.matched},
+               {"hit", query.counts.hit},
+               {"consistent", query.counts.consistent},
+               {"inliers_2d3d", query.counts.inliers_2d3d},
+               {"inliers_2d2d", query.counts.inliers_2d2d},
+               {"iterations", estimate.iterations}};
+  if (estimate.cam_from_world) {
+    json["solver"] = ToString(estimate.solver);
+    json["cam_from_world"] = PoseJson(*estimate.cam_from_world);
+    json["score_2d3d"] = ScoreJson(estimate.score_2d3d);
+    json["score_2d2d"] = ScoreJson(estimate.score_2d2d);
+  }
+  if (estimate.covariance) {
+    json["rotation_sigma_deg"] = estimate.rotation_sigma_deg;
+    json["position_sigma"] = estimate.position_sigma;
+    Json rows = Json::array();
+    for (int r = 0; r < 6; ++r) {
+      const Eigen::Matrix<double, 1, 6> row = estimate.covariance->row(r);
+      rows.push_back(std::vector<double>(row.data(), row.data() + 6));
+    }
+    json["covariance"] = std::move(rows);
+  }
+  json["milliseconds"] = {
+      {"match", query.match_ms}, {"lift", query.lift_ms}, {"estimate", query.estimate_ms}};
+  return json;
+}
+
+double Median(std::vector<double> values) {
+  if (values.empty()) {
+    return 0;
+  }
+  std::sort(values.begin(), values.end());
+  return values[values.size() / 2];
+}
+
+}  // namespace
+
+void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries) {
+  std::vector<NamedPose> poses;
+  for (const LocalizedQuery& query : queries) {
+    if (query.localized()) {
+      poses.push_back({query.name, *query.estimate.cam_from_world});
+    }
+  }
+  WritePoseFile(path, poses);
+}
+
+void WriteQueryDiagnostics(const std::filesystem::path& path,
+                           const std::vector<LocalizedQuery>& queries) {
+  std::string text;
+  for (const LocalizedQuery& query : queries) {
+    text += QueryJson(query).dump();
+    text += '\n';
+  }
+  WriteFile(path, text);
+}
+
+void WriteSummary(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries,
+                  const RunSummary& summary) {
+  const auto median_of = [&queries](const auto& value) {
+    std::vector<double> values;
+    for (const LocalizedQuery& query : queries) {
+      values.push_back(static_cast<double>(value(query)));
+    }
+    return Median(std::move(values));
+  };
+  Json json = {
+      {"queries", queries.size()},
+      {"localized", std::count_if(queries.begin(), queries.end(),
+                                  [](const LocalizedQuery& q) { return q.localized(); })},
+      {"references", summary.num_references},
+      {"geometry", summary.geometry},
+      {"medians",
+       {{"retrieved", median_of([](const LocalizedQuery& q) { return q.counts.retrieved; })},
+        {"matched", median_of([](const LocalizedQuery& q) { return q.counts.matched; })},
+        {"hit", median_of([](const LocalizedQuery& q) { return q.counts.hit; })},
+        {"consistent", median_of([](const LocalizedQuery& q) { return q.counts.consistent; })},
+        {"inliers_2d3d", median_of([](const LocalizedQuery& q) { return q.counts.inliers_2d3d; })},
+        {"inliers_2d2d", median_of([](const LocalizedQuery& q) { return q.counts.inliers_2d2d; })},
+        {"match_ms", median_of([](const LocalizedQuery& q) { return q.match_ms; })},
+        {"lift_ms", median_of([](const LocalizedQuery& q) { return q.lift_ms; })},
+        {"estimate_ms", median_of([](const LocalizedQuery& q) { return q.estimate_ms; })}}},
+      {"seconds", summary.seconds},
+      {"warnings", summary.warnings}};
+  WriteFile(path, json.dump(2) + "\n");
+}
+
+}  // namespace raylift
