@@ -179,7 +179,7 @@ std::vector<std::filesystem::path> ListPoseProblems(const std::filesystem::path&
     return {file_or_folder};
   }
   std::vector<std::filesystem::path> files;
-  for (const auto& entry : std::filesystem::directory_iterator(file_or_folder)) {
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(file_or_folder)) {
     const std::string name = entry.path().filename().string();
     if (entry.path().extension() == ".json" && !name.starts_with('.')) {
       files.push_back(entry.path());

@@ -1,5 +1,9 @@
 #include "raylift/localization/query_picture.h"
 
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -16,11 +20,15 @@ cv::Point FixedPoint(const Eigen::Vector2d& pixel) {
           static_cast<int>(std::lround((pixel.y() - 0.5) * (1 << kShift)))};
 }
 
-void DrawMark(cv::Mat& canvas, const Eigen::Vector2d& pixel, const cv::Scalar& color) {
-  cv::circle(canvas, FixedPoint(pixel), 4 << kShift, cv::Scalar(20, 20, 20), 3, cv::LINE_AA,
+void DrawMark(cv::Mat& canvas, const Eigen::Vector2d& pixel) {
+  cv::circle(canvas, FixedPoint(pixel), 3 << kShift, cv::Scalar(20, 20, 20), 3, cv::LINE_AA,
              kShift);
-  cv::circle(canvas, FixedPoint(pixel), 4 << kShift, color, 1, cv::LINE_AA, kShift);
+  cv::circle(canvas, FixedPoint(pixel), 3 << kShift, cv::Scalar(255, 196, 40), 1, cv::LINE_AA,
+             kShift);
 }
+
+// More marks would hide the picture.
+constexpr size_t kMaxMarks = 150;
 
 }  // namespace
 
@@ -48,15 +56,18 @@ Image DrawQueryPicture(const QueryResult& result, const Image& photograph, const
   Image photo = photograph;
   cv::Mat(photo.height_px, photo.width_px, CV_8UC3, photo.data.data()).copyTo(left);
   cv::Mat(height, width, CV_8UC3, rendered.data.data()).copyTo(right);
+  std::vector<size_t> inliers;
   for (size_t i = 0; i < problem.matches_2d3d.size(); ++i) {
-    if (!estimate.inliers_2d3d[i]) {
-      continue;
+    if (estimate.inliers_2d3d[i]) {
+      inliers.push_back(i);
     }
-    const Match2D3D& match = problem.matches_2d3d[i];
-    const cv::Scalar color(255, 176, 0);
-    DrawMark(left, match.query_px, color);
+  }
+  const size_t marks = std::min(inliers.size(), kMaxMarks);
+  for (size_t k = 0; k < marks; ++k) {
+    const Match2D3D& match = problem.matches_2d3d[inliers[k * inliers.size() / marks]];
+    DrawMark(left, match.query_px);
     if (const auto pixel = camera.ImgFromCam(*estimate.cam_from_world * match.point_in_world)) {
-      DrawMark(right, *pixel, color);
+      DrawMark(right, *pixel);
     }
   }
   return picture;

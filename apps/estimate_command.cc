@@ -1,0 +1,140 @@
+// raylift estimate: pose problems in, poses out. Needs no geometry.
+
+#include <chrono>
+#include <cstdio>
+
+#include "commands.h"
+#include "options.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/parallel.h"
+#include "raylift/base/progress.h"
+#include "raylift/base/text.h"
+#include "raylift/io/pose_problem_json.h"
+#include "raylift/io/query_list.h"
+#include "raylift/localization/localizer.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+struct EstimateFlags {
+  std::vector<path> problems;
+  path csv, poses;
+  EstimatorFlags estimator;
+  RunFlags run;
+};
+
+struct Row {
+  std::string name;
+  PoseEstimate estimate;
+  double time_ms = 0;
+
+  bool ok() const { return ReasonNotLocalized(estimate).empty(); }
+};
+
+// RFC 4180: quoted where it must be.
+std::string CsvField(const std::string& text) {
+  if (text.find_first_of(",\"\r\n") == std::string::npos) {
+    return text;
+  }
+  std::string quoted = "\"";
+  for (const char c : text) {
+    quoted += c;
+    if (c == '"') quoted += c;
+  }
+  return quoted + "\"";
+}
+
+std::string FormatCsv(const std::vector<Row>& rows, std::string_view method) {
+  std::string text =
+      "name,method,status,qw,qx,qy,qz,tx,ty,tz,inliers_2d3d,inliers_2d2d,iterations,solver,time_"
+      "ms\n";
+  for (const Row& row : rows) {
+    std::string pose = ",,,,,,";
+    std::string solver;
+    if (row.estimate.cam_from_world) {
+      const Rigid3& p = *row.estimate.cam_from_world;
+      const Eigen::Quaterniond& q = p.rotation;
+      pose = fmt::format("{},{},{},{},{},{},{}", FormatDouble(q.w()), FormatDouble(q.x()),
+                         FormatDouble(q.y()), FormatDouble(q.z()), FormatDouble(p.translation.x()),
+                         FormatDouble(p.translation.y()), FormatDouble(p.translation.z()));
+      solver = ToString(row.estimate.solver);
+    }
+    text += fmt::format("{},{},{},{},{},{},{},{},{:.3f}\n", CsvField(row.name), method,
+                        row.ok() ? "ok" : CsvField(ReasonNotLocalized(row.estimate)), pose,
+                        row.estimate.score_2d3d.num_inliers, row.estimate.score_2d2d.num_inliers,
+                        row.estimate.iterations, solver, row.time_ms);
+  }
+  return text;
+}
+
+std::vector<path> ListAll(const std::vector<path>& files_or_folders) {
+  std::vector<path> files;
+  for (const path& entry : files_or_folders) {
+    const auto listed = ListPoseProblems(entry);
+    files.insert(files.end(), listed.begin(), listed.end());
+  }
+  return files;
+}
+
+void Run(const EstimateFlags& flags) {
+  const EstimatorOptions options = flags.estimator.Resolve();
+  const auto estimator = MakePoseEstimator(options);
+  const std::vector<path> files = ListAll(flags.problems);
+  std::vector<Row> rows(files.size());
+  {
+    Progress progress("problems", files.size(),
+                      flags.run.quiet ? Progress::Show::kNever : Progress::Show::kAuto);
+    ParallelFor(files.size(), flags.run.threads, [&](size_t i) {
+      const PoseProblem problem = ReadPoseProblem(files[i]).problem;
+      const auto start = std::chrono::steady_clock::now();
+      PoseEstimate estimate = estimator->Estimate(problem);
+      const std::chrono::duration<double, std::milli> elapsed =
+          std::chrono::steady_clock::now() - start;
+      rows[i] = {problem.name, std::move(estimate), elapsed.count()};
+      progress.Advance();
+    });
+  }
+  if (!flags.csv.empty()) {
+    WriteFile(flags.csv, FormatCsv(rows, ToString(options.method)));
+  }
+  std::vector<NamedPose> poses;
+  for (const Row& row : rows) {
+    if (row.ok()) {
+      poses.push_back({row.name, *row.estimate.cam_from_world});
+    } else if (!flags.run.quiet) {
+      fmt::print("no pose: {}: {}\n", row.name, ReasonNotLocalized(row.estimate));
+    }
+  }
+  if (!flags.poses.empty()) {
+    WritePoseFile(flags.poses, poses);
+  }
+  if (!flags.run.quiet) {
+    fmt::print("{}: {} of {} problems have a pose\n", ToString(options.method), poses.size(),
+               rows.size());
+  }
+}
+
+}  // namespace
+
+void AddEstimateCommand(CLI::App& program) {
+  auto flags = std::make_shared<EstimateFlags>();
+  CLI::App* command = program.add_subcommand(
+      "estimate", "Poses from pose problems (JSON files of matches); needs no geometry");
+  command->add_option("problems", flags->problems, "Files, or folders of .json files")->required();
+  command->add_option("--csv", flags->csv, "One row per problem")->group("Output");
+  command->add_option("--poses", flags->poses, "Pose file: name qw qx qy qz tx ty tz")
+      ->group("Output");
+  AddEstimatorOptions(*command, flags->estimator);
+  AddRunOptions(*command, flags->run);
+  command->footer(
+      "Example:\n"
+      "  raylift estimate problems --method select --alpha 0.9 --csv select.csv");
+  command->callback([flags] { Run(*flags); });
+}
+
+}  // namespace raylift

@@ -1,0 +1,267 @@
+// raylift localize: a scene and query photographs in, poses out.
+
+#include <chrono>
+#include <cstdio>
+#include <memory>
+#include <optional>
+
+#include "commands.h"
+#include "options.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/parallel.h"
+#include "raylift/base/progress.h"
+#include "raylift/io/image_file.h"
+#include "raylift/io/pose_problem_json.h"
+#include "raylift/io/query_list.h"
+#include "raylift/lifting/geometry_spec.h"
+#include "raylift/localization/localizer.h"
+#include "raylift/localization/match_source.h"
+#include "raylift/localization/query_picture.h"
+#include "raylift/localization/result_files.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+struct LocalizeFlags {
+  path model, images, queries, query_images;
+  int every = 1;
+  std::vector<std::string> geometry;
+  path features, matches, pairs;
+  int top_k = 10;
+  int max_features = 4096;
+  double max_ratio = 0.8;
+  path cache, out, write_problems;
+  int pictures = 0;
+  EstimatorFlags estimator;
+  RunFlags run;
+};
+
+void RequirePositive(int value, std::string_view name) {
+  if (value < 1) {
+    throw OptionError(name, std::to_string(value), "must be at least 1");
+  }
+}
+
+// What the options alone can tell, before any work.
+void Check(const LocalizeFlags& flags, const EstimatorOptions& estimator) {
+  RequirePositive(flags.every, "--every");
+  RequirePositive(flags.top_k, "--top-k");
+  RequirePositive(flags.max_features, "--max-features");
+  const bool any_hloc = !flags.features.empty() || !flags.matches.empty() || !flags.pairs.empty();
+  const bool all_hloc = !flags.features.empty() && !flags.matches.empty() && !flags.pairs.empty();
+  if (any_hloc && !all_hloc) {
+    throw OptionError("--features, --matches and --pairs go together: give all three or none");
+  }
+  if (!any_hloc && flags.images.empty()) {
+    throw OptionError("--images is required where no --features, --matches and --pairs are given");
+  }
+  if (flags.geometry.empty() && estimator.method != Method::kE5p1) {
+    throw OptionError(fmt::format("--geometry is required by --method {} (e5p1 needs none)",
+                                  ToString(estimator.method)));
+  }
+  if (flags.geometry.size() > 1) {
+    throw OptionError("--geometry", flags.geometry[1], "only one source is supported");
+  }
+  if (flags.pictures > 0 && flags.images.empty() && flags.query_images.empty()) {
+    throw OptionError("--pictures", std::to_string(flags.pictures),
+                      "needs --images or --query-images");
+  }
+}
+
+// A file name from a query's name, whose folders are kept.
+path WithExtension(const path& folder, const std::string& query, const char* extension) {
+  return (folder / query).replace_extension(extension);
+}
+
+class LocalizeRun {
+ public:
+  LocalizeRun(const LocalizeFlags& flags, const EstimatorOptions& estimator_options)
+      : flags_(flags),
+        query_images_(flags.query_images.empty() ? flags.images : flags.query_images),
+        estimator_(MakePoseEstimator(estimator_options)),
+        queries_(ReadQueryList(flags.queries)),
+        seed_(estimator_options.seed) {
+    LoadedReferences loaded = LoadReferences(flags.model, flags.every);
+    references_ = std::move(loaded.references);
+    Take(std::move(loaded.warnings));
+    if (!flags.geometry.empty()) {
+      geometry_ = MakeGeometrySource(flags.geometry.front());
+      Take(std::move(geometry_.warnings));
+    }
+    match_source_ = OpenMatches();
+  }
+
+  void Run(const std::string& options_json) {
+    const auto start = std::chrono::steady_clock::now();
+    std::vector<LocalizedQuery> localized(queries_.size());
+    {
+      Progress progress("queries", queries_.size(), Show());
+      ParallelFor(queries_.size(), flags_.run.threads, [&](size_t i) {
+        localized[i] = Localize(i);
+        progress.Advance();
+      });
+    }
+    Take(match_source_->Warnings());
+    for (const std::string& warning : warnings_) {
+      PrintWarning(warning);
+    }
+    const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
+    WritePoses(flags_.out / "poses.txt", localized);
+    WriteQueryDiagnostics(flags_.out / "queries.jsonl", localized);
+    WriteFile(flags_.out / "options.json", options_json);
+    WriteSummary(flags_.out / "summary.json", localized,
+                 {.num_references = references_.images.size(),
+                  .geometry = flags_.geometry,
+                  .warnings = warnings_,
+                  .seconds = elapsed.count()});
+    if (!flags_.run.quiet) {
+      Print(localized);
+    }
+  }
+
+ private:
+  Progress::Show Show() const {
+    return flags_.run.quiet ? Progress::Show::kNever : Progress::Show::kAuto;
+  }
+
+  void Take(std::vector<std::string> warnings) {
+    warnings_.insert(warnings_.end(), warnings.begin(), warnings.end());
+  }
+
+  std::unique_ptr<MatchSource> OpenMatches() const {
+    if (!flags_.features.empty()) {
+      return OpenHlocMatches({flags_.features, flags_.matches, flags_.pairs}, references_,
+                             flags_.top_k);
+    }
+    return MakeFrontEndMatches({.reference_images = flags_.images,
+                                .query_images = query_images_,
+                                .cache = flags_.cache.empty() ? flags_.out / "cache" : flags_.cache,
+                                .top_k = flags_.top_k,
+                                .max_features = flags_.max_features,
+                                .max_ratio = flags_.max_ratio,
+                                .seed = seed_,
+                                .threads = flags_.run.threads,
+                                .show_progress = !flags_.run.quiet},
+                               references_, queries_);
+  }
+
+  LocalizedQuery Localize(size_t index) const {
+    QueryResult result =
+        LocalizeQuery(queries_[index], *match_source_, geometry_.source.get(), *estimator_);
+    if (!flags_.write_problems.empty()) {
+      WritePoseProblem(WithExtension(flags_.write_problems, queries_[index].name, ".json"),
+                       {result.problem, std::nullopt});
+    }
+    if (static_cast<int>(index) < flags_.pictures && result.localized.localized() &&
+        geometry_.mesh != nullptr) {
+      const Image photograph = ReadImage(query_images_ / queries_[index].name, ImageChannels::kRgb);
+      WriteImage(WithExtension(flags_.out / "pictures", queries_[index].name, ".jpg"),
+                 DrawQueryPicture(result, photograph, *geometry_.mesh, 1));
+    }
+    return std::move(result.localized);
+  }
+
+  void Print(const std::vector<LocalizedQuery>& localized) const {
+    size_t count = 0;
+    for (const LocalizedQuery& query : localized) {
+      count += query.localized() ? 1 : 0;
+      if (!query.localized()) {
+        fmt::print("not localized: {}: {}\n", query.name, query.reason);
+      }
+    }
+    fmt::print("localized {} of {} queries against {} references: {}\n", count, localized.size(),
+               references_.images.size(), (flags_.out / "poses.txt").string());
+  }
+
+  const LocalizeFlags& flags_;
+  path query_images_;
+  std::unique_ptr<PoseEstimator> estimator_;
+  std::vector<Query> queries_;
+  uint64_t seed_;
+  ReferenceSet references_;
+  NamedGeometry geometry_;
+  std::vector<std::string> warnings_;
+  std::unique_ptr<MatchSource> match_source_;
+};
+
+}  // namespace
+
+void AddLocalizeCommand(CLI::App& program) {
+  auto flags = std::make_shared<LocalizeFlags>();
+  CLI::App* command =
+      program.add_subcommand("localize", "Poses of query photographs in a known scene");
+  command->add_option("--model", flags->model, "References: COLMAP model folder, text or binary")
+      ->required()
+      ->group("References");
+  command->add_option("--images", flags->images, "Folder of the reference photographs")
+      ->group("References");
+  command->add_option("--every", flags->every, "Use every N-th reference (by name)")
+      ->capture_default_str()
+      ->group("References");
+  command
+      ->add_option("--geometry", flags->geometry,
+                   "Where 3D points come from: mesh:PATH[,key=value...]")
+      ->group("Geometry");
+  command
+      ->add_option("--queries", flags->queries,
+                   "List of queries: name MODEL width height params...")
+      ->required()
+      ->group("Queries");
+  command
+      ->add_option("--query-images", flags->query_images,
+                   "Folder of the query photographs (default: --images)")
+      ->group("Queries");
+  command->add_option("--features", flags->features, "hloc's features.h5; without it, RootSIFT")
+      ->group("Matches");
+  command->add_option("--matches", flags->matches, "hloc's matches.h5")->group("Matches");
+  command->add_option("--pairs", flags->pairs, "hloc's pairs list: query reference")
+      ->group("Matches");
+  command->add_option("--top-k", flags->top_k, "Retrieved references per query")
+      ->capture_default_str()
+      ->group("Matches");
+  command
+      ->add_option("--max-features", flags->max_features,
+                   "RootSIFT features per image, the strongest")
+      ->capture_default_str()
+      ->group("Matches");
+  command->add_option("--max-ratio", flags->max_ratio, "Ratio test of RootSIFT matches")
+      ->capture_default_str()
+      ->group("Matches");
+  command
+      ->add_option("--cache", flags->cache, "Where RootSIFT features are kept (default: OUT/cache)")
+      ->group("Matches");
+  command->add_option("--out", flags->out, "Folder for poses.txt, queries.jsonl, summary.json")
+      ->required()
+      ->group("Output");
+  command
+      ->add_option("--write-problems", flags->write_problems,
+                   "Also write each query's pose problem (JSON) here")
+      ->group("Output");
+  command
+      ->add_option("--pictures", flags->pictures,
+                   "Draw the first N queries beside the mesh seen from their poses")
+      ->capture_default_str()
+      ->group("Output");
+  AddEstimatorOptions(*command, flags->estimator);
+  AddRunOptions(*command, flags->run);
+  command->footer(
+      "Examples:\n"
+      "  From photographs alone:\n"
+      "    raylift localize --model sfm --images photos --geometry mesh:scene.ply \\\n"
+      "        --queries queries.txt --query-images photos --out result\n"
+      "  With features and matches made by hloc:\n"
+      "    raylift localize --model sfm --geometry mesh:scene.ply --queries queries.txt \\\n"
+      "        --features features.h5 --matches matches.h5 --pairs pairs.txt --out result");
+  command->callback([flags, command] {
+    const EstimatorOptions estimator = flags->estimator.Resolve();
+    Check(*flags, estimator);
+    LocalizeRun(*flags, estimator).Run(EffectiveOptionsJson(*command));
+  });
+}
+
+}  // namespace raylift

@@ -1,0 +1,132 @@
+#include "options.h"
+
+#include <cstdio>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+std::string MethodNames() {
+  std::string names;
+  for (const MethodName& method : AllMethods()) {
+    names += fmt::format("{}{}", names.empty() ? "" : "|", method.name);
+  }
+  return names;
+}
+
+std::string MethodHelp() {
+  std::string text = "Estimator:";
+  for (const MethodName& method : AllMethods()) {
+    text += fmt::format("\n{} = {}: {}", method.name, method.title, method.description);
+  }
+  return text;
+}
+
+}  // namespace
+
+EstimatorOptions EstimatorFlags::Resolve() const {
+  EstimatorOptions options = values;
+  const auto method_value = MethodFromName(method);
+  if (!method_value) {
+    throw OptionError("--method", method, fmt::format("expected {}", MethodNames()));
+  }
+  options.method = *method_value;
+  const auto score_value = ScoreCombinationFromName(score);
+  if (!score_value) {
+    throw OptionError("--score", score, "expected sum_inl|sum_inl_rat|mult_inl|sum_msac|mult_msac");
+  }
+  options.score = *score_value;
+  const auto lo_value = LocalOptimizationFromName(local_optimization);
+  if (!lo_value) {
+    throw OptionError("--lo", local_optimization, "expected hybrid|split");
+  }
+  options.local_optimization = *lo_value;
+  options.Validate();
+  return options;
+}
+
+void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags) {
+  const std::string group = "Estimator";
+  EstimatorOptions& values = flags.values;
+  app.add_option("--method", flags.method, MethodHelp())->capture_default_str()->group(group);
+  app.add_option("--score", flags.score,
+                 "Score that Adaptive compares poses by:\n"
+                 "sum_inl|sum_inl_rat|mult_inl|sum_msac|mult_msac")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--lo", flags.local_optimization, "Adaptive's local optimization: hybrid|split")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--alpha", values.alpha,
+                 "Select takes the P3P pose if it has more than alpha times\n"
+                 "the E5+1 pose's 2D-2D inliers")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--reprojection-threshold-px", values.reprojection_threshold_px,
+                 "Inlier threshold of 2D-3D matches")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--sampson-threshold-px", values.sampson_threshold_px,
+                 "Inlier threshold of 2D-2D matches")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--min-iterations", values.min_iterations, "RANSAC")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--max-iterations", values.max_iterations, "RANSAC")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--confidence", values.confidence,
+                 "RANSAC stops when a sample of inliers alone has\n"
+                 "been drawn with this probability")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--seed", values.seed, "Seed of all random choices")
+      ->capture_default_str()
+      ->group(group);
+}
+
+void AddRunOptions(CLI::App& app, RunFlags& flags) {
+  const std::string group = "Running";
+  app.add_option("--threads", flags.threads, "Threads; 0: all. Never changes a result")
+      ->capture_default_str()
+      ->group(group);
+  app.add_flag("--quiet", flags.quiet, "No progress, no table")->group(group);
+  app.set_config("--config", "", "TOML file with any of these options")->group(group);
+}
+
+void PrintWarning(const std::string& warning) {
+  std::fputs(fmt::format("raylift: warning: {}\n", warning).c_str(), stderr);
+}
+
+std::string EffectiveOptionsJson(const CLI::App& app) {
+  nlohmann::ordered_json options;
+  options["command"] = app.get_name();
+  options["raylift_version"] = RAYLIFT_VERSION;
+  for (const CLI::Option* option : app.get_options()) {
+    const std::string name = option->get_single_name();
+    if (name == "help" || name == "config") {
+      continue;
+    }
+    const std::vector<std::string> given =
+        option->count() > 0 ? option->reduced_results() : std::vector<std::string>{};
+    if (option->get_type_size() == 0) {  // a flag
+      options[name] = option->count() > 0;
+    } else if (option->get_items_expected_max() > 1) {
+      options[name] = given;
+    } else if (!given.empty()) {
+      options[name] = given.back();
+    } else if (!option->get_default_str().empty()) {
+      options[name] = option->get_default_str();
+    } else {
+      options[name] = nullptr;
+    }
+  }
+  return options.dump(2) + "\n";
+}
+
+}  // namespace raylift

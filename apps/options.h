@@ -1,0 +1,39 @@
+// The options that several commands share: the same name means the same thing everywhere.
+
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "raylift/estimation/pose_estimator.h"
+
+namespace raylift {
+
+// Enums arrive as their names; Resolve() turns the whole into the library's options.
+struct EstimatorFlags {
+  std::string method = "adaptive";
+  std::string score = "sum_msac";
+  std::string local_optimization = "hybrid";
+  EstimatorOptions values;  // the numbers
+
+  // Throws OptionError.
+  EstimatorOptions Resolve() const;
+};
+void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags);
+
+struct RunFlags {
+  int threads = 0;
+  bool quiet = false;
+};
+void AddRunOptions(CLI::App& app, RunFlags& flags);
+
+// One line on stderr.
+void PrintWarning(const std::string& warning);
+
+// The options of a command with the values in effect, as JSON, for `options.json`.
+std::string EffectiveOptionsJson(const CLI::App& app);
+
+}  // namespace raylift
