@@ -15,6 +15,7 @@ namespace raylift {
 namespace {
 
 constexpr size_t kPacket = 16;
+constexpr size_t kBatch = 64;
 
 // Where a hit in float and its refinement in double are further apart than these shares of the
 // ray's length and of the scene's size, the ray grazes the triangle's plane, and the float's is the
@@ -225,17 +226,47 @@ struct RayCaster::Impl {
     return missed;
   }
 
-  std::optional<RayHit> CastOne(const LocalRay& ray, double length, double t_near,
-                                embree::IntersectState& state) const {
-    const float float_near = FloatNear(ray, length, t_near);
+  struct FloatHit {
+    uint32_t triangle;
+    float t;
+  };
+  std::optional<FloatHit> CastOne(const LocalRay& ray, float t_near,
+                                  embree::IntersectState& state) const {
     for (const Eigen::Vector3f& direction : {ray.float_direction, Nudged(ray.float_direction)}) {
-      RTCRayHit ray_hit = embree::MakeRayHit(ray.float_origin.data(), direction.data(), float_near);
+      RTCRayHit ray_hit = embree::MakeRayHit(ray.float_origin.data(), direction.data(), t_near);
       state.Intersect1(scene.get(), &ray_hit);
       if (ray_hit.hit.geomID != RTC_INVALID_GEOMETRY_ID) {
-        return Refine(ray, length, ray_hit.hit.primID, ray_hit.ray.tfar);
+        return FloatHit{ray_hit.hit.primID, ray_hit.ray.tfar};
       }
     }
     return std::nullopt;
+  }
+
+  // Casts all, then refines all: the triangles and then their vertices, which are rarely in the
+  // cache, are on their way meanwhile.
+  void CastBatch(std::span<const Ray> rays, std::span<std::optional<RayHit>> hits,
+                 embree::IntersectState& state) const {
+    std::array<std::optional<LocalRay>, kBatch> local;
+    std::array<double, kBatch> lengths;
+    std::array<std::optional<FloatHit>, kBatch> float_hits;
+    for (size_t i = 0; i < rays.size(); ++i) {
+      lengths[i] = rays[i].direction_in_world.norm();
+      local[i] = MakeLocalRay(rays[i].origin_in_world, rays[i].direction_in_world, lengths[i]);
+      if (!local[i]) continue;
+      float_hits[i] =
+          CastOne(*local[i], FloatNear(*local[i], lengths[i], rays[i].ray_t_near), state);
+      if (float_hits[i]) __builtin_prefetch(&mesh->triangles[float_hits[i]->triangle]);
+    }
+    for (size_t i = 0; i < rays.size(); ++i) {
+      if (!float_hits[i]) continue;
+      for (const uint32_t index : mesh->triangles[float_hits[i]->triangle]) {
+        __builtin_prefetch(&mesh->vertices[index]);
+      }
+    }
+    for (size_t i = 0; i < rays.size(); ++i) {
+      if (!float_hits[i]) continue;
+      hits[i] = Refine(*local[i], lengths[i], float_hits[i]->triangle, float_hits[i]->t);
+    }
   }
 
   static float FloatNear(const LocalRay& ray, double length, double t_near) {
@@ -268,13 +299,9 @@ const TriangleMesh& RayCaster::mesh() const { return *impl_->mesh; }
 std::vector<std::optional<RayHit>> RayCaster::Cast(std::span<const Ray> rays) const {
   std::vector<std::optional<RayHit>> hits(rays.size());
   embree::IntersectState state(embree::Coherence::kIncoherent);
-  for (size_t i = 0; i < rays.size(); ++i) {
-    const double length = rays[i].direction_in_world.norm();
-    const auto ray =
-        impl_->MakeLocalRay(rays[i].origin_in_world, rays[i].direction_in_world, length);
-    if (ray) {
-      hits[i] = impl_->CastOne(*ray, length, rays[i].ray_t_near, state);
-    }
+  for (size_t begin = 0; begin < rays.size(); begin += kBatch) {
+    const size_t count = std::min(kBatch, rays.size() - begin);
+    impl_->CastBatch(rays.subspan(begin, count), std::span(hits).subspan(begin, count), state);
   }
   return hits;
 }
@@ -308,7 +335,10 @@ void RayCaster::CastCoherent(const Eigen::Vector3d& origin_in_world,
                                      });
     } else {
       for (size_t i = 0; i < count; ++i) {
-        if (rays[i]) packet_hits[i] = impl_->CastOne(*rays[i], lengths[i], 0, state);
+        if (!rays[i]) continue;
+        if (const auto hit = impl_->CastOne(*rays[i], 0, state)) {
+          packet_hits[i] = impl_->Refine(*rays[i], lengths[i], hit->triangle, hit->t);
+        }
       }
     }
   }
