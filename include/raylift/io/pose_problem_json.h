@@ -33,8 +33,8 @@ PoseProblemFile ParsePoseProblem(std::string_view json,
 void WritePoseProblem(const std::filesystem::path& path, const PoseProblemFile& file);
 std::string FormatPoseProblem(const PoseProblemFile& file);
 
-// The .json files of a folder and the folders in it, in the order of their paths, or the file itself. InputError where
-// there are none.
+// The .json files of a folder and the folders in it, in the order of their paths, or the file
+// itself. InputError where there are none.
 std::vector<std::filesystem::path> ListPoseProblems(const std::filesystem::path& file_or_folder);
 
 }  // namespace raylift
