@@ -1,0 +1,25 @@
+// The demo's place: a courtyard of 16 m x 12 m between four house fronts, with a fountain in its
+// middle. World: metres, z up, the ground at z = 0, x to the east, y to the north, the origin in
+// the south-west corner.
+
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "mesh_builder.h"
+
+namespace raylift::demo {
+
+struct Courtyard {
+  std::vector<std::string> texture_names;
+  std::vector<Image> textures;
+  MeshBuilder scene;  // what the mesh file and the references show
+  // What only the queries see: some things were put there since.
+  MeshBuilder newcomers;
+};
+
+Courtyard BuildCourtyard(uint64_t seed);
+
+}  // namespace raylift::demo
