@@ -37,6 +37,7 @@ struct LocalizeFlags {
   double max_ratio = 0.8;
   path cache, out, write_problems;
   int pictures = 0;
+  FilterFlags filter;
   EstimatorFlags estimator;
   RunFlags run;
 };
@@ -80,8 +81,10 @@ path WithExtension(const path& folder, const std::string& query, const char* ext
 
 class LocalizeRun {
  public:
-  LocalizeRun(const LocalizeFlags& flags, const EstimatorOptions& estimator_options)
+  LocalizeRun(const LocalizeFlags& flags, const FilterOptions& filter,
+              const EstimatorOptions& estimator_options)
       : flags_(flags),
+        filter_(filter),
         query_images_(flags.query_images.empty() ? flags.images : flags.query_images),
         estimator_(MakePoseEstimator(estimator_options)),
         queries_(ReadQueryList(flags.queries)),
@@ -151,8 +154,10 @@ class LocalizeRun {
   }
 
   LocalizedQuery Localize(size_t index) const {
-    QueryResult result =
-        LocalizeQuery(queries_[index], *match_source_, geometry_.source.get(), *estimator_);
+    QueryResult result = LocalizeQuery(queries_[index], {.match_source = *match_source_,
+                                                         .geometry = geometry_.source.get(),
+                                                         .filter = filter_,
+                                                         .estimator = *estimator_});
     if (!flags_.write_problems.empty()) {
       WritePoseProblem(WithExtension(flags_.write_problems, queries_[index].name, ".json"),
                        {result.problem, std::nullopt});
@@ -179,6 +184,7 @@ class LocalizeRun {
   }
 
   const LocalizeFlags& flags_;
+  FilterOptions filter_;
   path query_images_;
   std::unique_ptr<PoseEstimator> estimator_;
   std::vector<Query> queries_;
@@ -247,6 +253,7 @@ void AddLocalizeCommand(CLI::App& program) {
                    "Draw the first N queries beside the mesh seen from their poses")
       ->capture_default_str()
       ->group("Output");
+  AddFilterOptions(*command, flags->filter);
   AddEstimatorOptions(*command, flags->estimator);
   AddRunOptions(*command, flags->run);
   command->footer(
@@ -258,9 +265,10 @@ void AddLocalizeCommand(CLI::App& program) {
       "    raylift localize --model sfm --geometry mesh:scene.ply --queries queries.txt \\\n"
       "        --features features.h5 --matches matches.h5 --pairs pairs.txt --out result");
   command->callback([flags, command] {
+    const FilterOptions filter = flags->filter.Resolve();
     const EstimatorOptions estimator = flags->estimator.Resolve();
     Check(*flags, estimator);
-    LocalizeRun(*flags, estimator).Run(EffectiveOptionsJson(*command));
+    LocalizeRun(*flags, filter, estimator).Run(EffectiveOptionsJson(*command));
   });
 }
 

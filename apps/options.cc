@@ -90,6 +90,38 @@ void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags) {
       ->group(group);
 }
 
+FilterOptions FilterFlags::Resolve() const {
+  const auto mode_value = FilterModeFromName(mode);
+  if (!mode_value) {
+    throw OptionError("--filter", mode, "expected off|fixed");
+  }
+  thresholds.Validate();
+  return {*mode_value, thresholds};
+}
+
+void AddFilterOptions(CLI::App& app, FilterFlags& flags) {
+  const std::string group = "Consistency filter";
+  app.add_option("--filter", flags.mode,
+                 "Drop lifted points that too few references agree on:\n"
+                 "off|fixed. Helps noisy geometry, hurts accurate geometry")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--filter-reprojection-px", flags.thresholds.reprojection_px,
+                 "A reference agrees where the point lands this close to\n"
+                 "the matched keypoint")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--filter-min-views", flags.thresholds.min_views,
+                 "References that must agree, the point's own included")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--filter-min-ratio", flags.thresholds.min_ratio,
+                 "Share that must agree of the references that observe\n"
+                 "the keypoint; 0: any")
+      ->capture_default_str()
+      ->group(group);
+}
+
 void AddRunOptions(CLI::App& app, RunFlags& flags) {
   const std::string group = "Running";
   app.add_option("--threads", flags.threads, "Threads; 0: all. Never changes a result")

@@ -9,6 +9,7 @@
 #include <CLI/CLI.hpp>
 
 #include "raylift/estimation/pose_estimator.h"
+#include "raylift/lifting/consistency_filter.h"
 
 namespace raylift {
 
@@ -23,6 +24,15 @@ struct EstimatorFlags {
   EstimatorOptions Resolve() const;
 };
 void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags);
+
+struct FilterFlags {
+  std::string mode = "off";
+  ConsistencyThresholds thresholds;
+
+  // Throws OptionError.
+  FilterOptions Resolve() const;
+};
+void AddFilterOptions(CLI::App& app, FilterFlags& flags);
 
 struct RunFlags {
   int threads = 0;

@@ -21,6 +21,19 @@ class Stopwatch {
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
+void LiftAndFilter(const GeometrySource& geometry, const FilterOptions& options,
+                   PoseProblem& problem, StageCounts& counts) {
+  const LiftResult lifted = LiftMatches(geometry, problem.references, problem.matches_2d2d);
+  const std::vector<Match2D3D> points = Matches2D3D(lifted);
+  const FilterResult filtered =
+      FilterPoints(problem.references, problem.matches_2d2d, points, options);
+  for (size_t i = 0; i < points.size(); ++i) {
+    if (filtered.keep[i]) problem.matches_2d3d.push_back(points[i]);
+  }
+  counts.hit = points.size();
+  counts.filter = filtered.counts;
+}
+
 }  // namespace
 
 std::string ReasonNotLocalized(const PoseEstimate& estimate) {
@@ -33,8 +46,7 @@ std::string ReasonNotLocalized(const PoseEstimate& estimate) {
   return {};
 }
 
-QueryResult LocalizeQuery(const Query& query, const MatchSource& match_source,
-                          const GeometrySource* geometry, const PoseEstimator& estimator) {
+QueryResult LocalizeQuery(const Query& query, const LocalizerParts& parts) {
   QueryResult result;
   LocalizedQuery& localized = result.localized;
   PoseProblem& problem = result.problem;
@@ -42,22 +54,19 @@ QueryResult LocalizeQuery(const Query& query, const MatchSource& match_source,
   problem.query_camera = query.camera;
 
   Stopwatch stopwatch;
-  QueryMatches matches = match_source.Match(query);
+  QueryMatches matches = parts.match_source.Match(query);
   problem.references = std::move(matches.references);
   problem.matches_2d2d = std::move(matches.matches);
   localized.counts.retrieved = problem.references.size();
   localized.counts.matched = problem.matches_2d2d.size();
   localized.match_ms = stopwatch.Lap();
 
-  if (geometry != nullptr) {
-    const LiftResult lifted = LiftMatches(*geometry, problem.references, problem.matches_2d2d);
-    problem.matches_2d3d = Matches2D3D(lifted);
-    localized.counts.hit = lifted.counts.hits;
-    localized.counts.consistent = problem.matches_2d3d.size();
+  if (parts.geometry != nullptr) {
+    LiftAndFilter(*parts.geometry, parts.filter, problem, localized.counts);
   }
   localized.lift_ms = stopwatch.Lap();
 
-  localized.estimate = estimator.Estimate(problem);
+  localized.estimate = parts.estimator.Estimate(problem);
   localized.counts.inliers_2d3d = static_cast<size_t>(localized.estimate.score_2d3d.num_inliers);
   localized.counts.inliers_2d2d = static_cast<size_t>(localized.estimate.score_2d2d.num_inliers);
   localized.estimate_ms = stopwatch.Lap();

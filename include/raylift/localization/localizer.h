@@ -8,6 +8,7 @@
 
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/io/query_list.h"
+#include "raylift/lifting/consistency_filter.h"
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/scene/pose_problem.h"
@@ -15,10 +16,10 @@
 namespace raylift {
 
 struct StageCounts {
-  size_t retrieved = 0;   // references
-  size_t matched = 0;     // 2D-2D matches
-  size_t hit = 0;         // of those, lifted to the scene
-  size_t consistent = 0;  // of those, kept by the filter
+  size_t retrieved = 0;  // references
+  size_t matched = 0;    // 2D-2D matches
+  size_t hit = 0;        // of those, lifted to the scene
+  FilterCounts filter;   // of those, kept and dropped by the filter
   size_t inliers_2d3d = 0;
   size_t inliers_2d2d = 0;
 };
@@ -44,8 +45,13 @@ struct QueryResult {
   PoseProblem problem;  // what was estimated
 };
 
-// `geometry` may be null: then there are no 2D-3D matches.
-QueryResult LocalizeQuery(const Query& query, const MatchSource& match_source,
-                          const GeometrySource* geometry, const PoseEstimator& estimator);
+// What a query is localized with.
+struct LocalizerParts {
+  const MatchSource& match_source;
+  const GeometrySource* geometry;  // null: there are no 2D-3D matches
+  const FilterOptions& filter;
+  const PoseEstimator& estimator;
+};
+QueryResult LocalizeQuery(const Query& query, const LocalizerParts& parts);
 
 }  // namespace raylift

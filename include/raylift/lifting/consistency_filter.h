@@ -1,0 +1,61 @@
+// Keeps the lifted points that several references agree on (Panek et al., Sec. 4): a point counts
+// the references, among those that hold a match of its query keypoint, in which it lands close to
+// the matched keypoint, and is dropped where they are too few. This helps noisy geometry a lot and
+// hurts accurate geometry, so it is off unless asked for.
+
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "raylift/scene/pose_problem.h"
+
+namespace raylift {
+
+enum class FilterMode { kOff, kFixed };
+std::string_view ToString(FilterMode mode);
+std::optional<FilterMode> FilterModeFromName(std::string_view name);
+
+// "all the retrieved reference images containing the corresponding 2D point" (the paper) include
+// the one that the point was lifted from, so it counts as well, on both sides: with min_views 3 two
+// others must agree, and the ratio of a keypoint seen by one reference alone is 1.
+struct ConsistencyThresholds {
+  double reprojection_px = 4;  // the paper's "RE thr."
+  int min_views = 3;           // "in. thr."
+  double min_ratio = 0.8;      // "rel. thr.", of the references that observe the keypoint; 0: none
+
+  // Throws OptionError for a value out of its range.
+  void Validate() const;
+};
+
+struct FilterOptions {
+  FilterMode mode = FilterMode::kOff;
+  ConsistencyThresholds thresholds;  // of kFixed
+};
+
+struct FilterCounts {
+  size_t consistent = 0;
+  size_t dropped_by_views = 0;
+  size_t dropped_by_ratio = 0;  // of those that enough views agree on
+};
+
+struct FilterResult {
+  std::vector<bool> keep;  // one per point
+  FilterCounts counts;
+};
+
+// The points that the options keep: all of them where the filter is off.
+FilterResult FilterPoints(std::span<const PosedImage> references,
+                          std::span<const Match2D2D> matches_2d2d,
+                          std::span<const Match2D3D> points, const FilterOptions& options);
+
+// The points that the thresholds keep.
+FilterResult FilterByConsistency(std::span<const PosedImage> references,
+                                 std::span<const Match2D2D> matches_2d2d,
+                                 std::span<const Match2D3D> points,
+                                 const ConsistencyThresholds& thresholds);
+
+}  // namespace raylift
