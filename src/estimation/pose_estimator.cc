@@ -115,15 +115,21 @@ class RansacEstimator final : public PoseEstimator {
                                                               : enough_points || enough_pairs;
     if (!supported || !estimate.cam_from_world->IsFinite()) {
       estimate.cam_from_world.reset();
-      estimate.covariance.reset();
+      DropCovariance(estimate);
       estimate.failure = FailureReason::kNoConsistentSample;
       return;
     }
     estimate.position_observable =
         e5p1.PositionObservable() || (options_.method != Method::kE5p1 && enough_points);
     if (!estimate.position_observable) {
-      estimate.covariance.reset();
+      DropCovariance(estimate);
     }
+  }
+
+  static void DropCovariance(PoseEstimate& estimate) {
+    estimate.covariance.reset();
+    estimate.rotation_sigma_deg = 0;
+    estimate.position_sigma = 0;
   }
 
   EstimatorOptions options_;

@@ -129,6 +129,8 @@ std::optional<PreparedPair> PreparePair(const PoseProblem& problem, const Match2
   pair.reference_ray = world_from_cam * (reference_frame->ray_from_image.col(2) / reference_norm);
   pair.reference_gradient = world_from_cam * reference_frame->ray_from_image.leftCols<2>() *
                             (threshold_px / reference_norm);
+  pair.parallax = std::sqrt(pair.query_gradient.colwise().squaredNorm().maxCoeff() +
+                            pair.reference_gradient.colwise().squaredNorm().maxCoeff());
   pair.reference = match.reference;
   pair.match = index;
   return pair;
@@ -183,6 +185,7 @@ PairBlocks<T> MakePairBlocks(const std::vector<PreparedPair>& pairs,
         block.reference_gradient[3 * g + k][lane] = static_cast<T>(pair.reference_gradient(k, g));
       }
     }
+    block.parallax[lane] = static_cast<T>(pair.parallax);
     ++lane;
   }
   return result;

@@ -31,8 +31,9 @@ struct PreparedPair {
   Eigen::Vector3d reference_ray;                   // unit, local (= world) axes
   Eigen::Matrix<double, 3, 2> query_gradient;      // d ray / d pixel times the threshold
   Eigen::Matrix<double, 3, 2> reference_gradient;  // the same, in local axes
-  int reference;                                   // index into PoseProblem::references
-  int match;                                       // index into PoseProblem::matches_2d2d
+  double parallax;  // the angle between the rays that an error of one threshold can make, radians
+  int reference;    // index into PoseProblem::references
+  int match;        // index into PoseProblem::matches_2d2d
 };
 
 // A run of `pairs` that belong to one reference.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <numeric>
 
 #include "estimation/kernels/kernel_table.h"
@@ -18,6 +19,10 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 // Near enough to a pose to become inliers in a few steps: three thresholds.
 constexpr double kNearSquared = 9;
 
+// Noise that is assumed as if so many matches had shown it, in units of the squared threshold.
+constexpr double kPriorVariance = 0.1;
+constexpr double kPriorMatches = 4;
+
 // The matches that a refinement works on.
 template <typename T>
 struct ActiveMatches {
@@ -29,7 +34,8 @@ struct ActiveMatches {
 struct KindWeights {
   double point_weight = 1;
   double pair_weight = 1;
-  kernels::KernelLoss loss;  // of both kinds
+  kernels::KernelLoss point_loss;
+  kernels::KernelLoss pair_loss;
 };
 
 struct NormalEquations {
@@ -85,11 +91,12 @@ NormalEquations Linearize(const PreparedProblem& problem, const ActiveMatches<T>
   NormalEquations equations;
   const auto kernel_pose = ToKernelPose<T>(pose);
   if (!matches.point_blocks.empty()) {
-    equations.Add(PointNormals(matches, kernel_pose, weights.loss), weights.point_weight);
+    equations.Add(PointNormals(matches, kernel_pose, weights.point_loss), weights.point_weight);
   }
   if (!matches.pair_blocks.empty()) {
-    equations.Add(PairNormals(matches, kernel_pose, CentresInCam<T>(problem, pose), weights.loss),
-                  weights.pair_weight);
+    equations.Add(
+        PairNormals(matches, kernel_pose, CentresInCam<T>(problem, pose), weights.pair_loss),
+        weights.pair_weight);
   }
   return equations;
 }
@@ -158,21 +165,60 @@ std::vector<int> IndicesBelow(const std::vector<double>& values, double limit) {
   return indices;
 }
 
-// The variance of one residual component in units of the squared threshold, from the median of the
-// squared residuals of the inliers; `median_of_unit` is that median for unit variance.
-double NoiseVariance(const std::vector<double>& squared, double median_of_unit) {
-  std::vector<double> inliers;
-  for (const double e2 : squared) {
-    if (e2 < 1) inliers.push_back(e2);
+// What the noise of one kind of residual is estimated with: the mean square of a residual of unit
+// variance that is cut at a limit, and where the robust loss ends for unit variance.
+struct NoiseModel {
+  double (*mean_square_below)(double squared_limit);
+  double squared_loss_limit;  // 95 % of the efficiency of least squares on normal residuals
+};
+
+// Pairs have one residual, points two.
+double MeanSquareBelow1D(double squared_limit) {
+  const double limit = std::sqrt(squared_limit);
+  const double density = std::exp(-0.5 * squared_limit) / std::sqrt(2 * std::numbers::pi);
+  return 1 - 2 * limit * density / std::erf(limit / std::numbers::sqrt2);
+}
+double MeanSquareBelow2D(double squared_limit) {
+  const double rest = std::exp(-0.5 * squared_limit);
+  return 2 - squared_limit * rest / (1 - rest);
+}
+constexpr NoiseModel kPairNoise = {MeanSquareBelow1D, 22};
+constexpr NoiseModel kPointNoise = {MeanSquareBelow2D, 30};
+
+// The variance of one residual component in units of the squared threshold: the one that explains
+// the mean square of the residuals within two and a half standard deviations. Where the residuals
+// spread evenly over all that lies near, as with inaccurate geometry, it grows beyond bounds.
+double NoiseVariance(const std::vector<double>& squared, const NoiseModel& model) {
+  // No keypoint is better than a hundredth of the threshold, and a few matches that fit perfectly
+  // must not silence the others.
+  constexpr double kSmallest = 1e-4;
+  constexpr double kLargest = 100;
+  double variance = 0.1;
+  for (int i = 0; i < 30; ++i) {
+    const double limit = std::min(6.25 * variance, kNearSquared);
+    double sum = 0;
+    int count = 0;
+    for (const double e2 : squared) {
+      if (e2 < limit) {
+        sum += e2;
+        ++count;
+      }
+    }
+    // A prior of the weight of a few matches.
+    const double expected = model.mean_square_below(limit / variance);
+    const double next = std::clamp(
+        (sum + kPriorMatches * expected * kPriorVariance) / ((count + kPriorMatches) * expected),
+        kSmallest, kLargest);
+    const bool settled = std::abs(next - variance) < 0.01 * variance;
+    variance = next;
+    if (settled) break;
   }
-  if (inliers.empty()) {
-    return 1;
-  }
-  const auto middle = inliers.begin() + static_cast<std::ptrdiff_t>(inliers.size() / 2);
-  std::nth_element(inliers.begin(), middle, inliers.end());
-  // Never below a hundredth of the threshold: no keypoint is that exact, and a few matches that fit
-  // perfectly must not silence the others.
-  return std::max(*middle / median_of_unit, 1e-4);
+  return variance;
+}
+
+kernels::KernelLoss RobustLoss(double variance, const NoiseModel& model) {
+  return {kernels::LossShape::kBiweight,
+          std::min(model.squared_loss_limit * variance, kNearSquared)};
 }
 
 }  // namespace
@@ -221,7 +267,7 @@ SolverPose OptimizeLocally(const PreparedProblem& problem, const SolverPose& pos
   // A minimal sample's pose may be so far off that many inliers lie beyond the threshold: first
   // reach for those, then settle on the score's own cost.
   KindWeights wide;
-  wide.loss.limit = kNearSquared;
+  wide.point_loss.limit = wide.pair_loss.limit = kNearSquared;
   const SolverPose near = Minimize(problem, active, pose, wide, 2, 1e-2);
   return Minimize(problem, active, near, KindWeights{}, max_steps, 1e-4);
 }
@@ -234,11 +280,12 @@ FinalPose RefineFinally(const PreparedProblem& problem, const SolverPose& pose,
   // The noise is estimated at the pose that the noise's estimate shapes: twice is enough.
   for (int round = 0; round < 2; ++round) {
     const Residuals residuals = ComputeResiduals(problem, result.pose);
-    // Medians of chi-squared variables with two degrees of freedom and with one.
-    const double point_variance = NoiseVariance(residuals.points, 1.3863);
-    const double pair_variance = NoiseVariance(residuals.pairs, 0.4549);
+    const double point_variance = NoiseVariance(residuals.points, kPointNoise);
+    const double pair_variance = NoiseVariance(residuals.pairs, kPairNoise);
     weights.point_weight = 1 / point_variance;
     weights.pair_weight = 1 / pair_variance;
+    weights.point_loss = RobustLoss(point_variance, kPointNoise);
+    weights.pair_loss = RobustLoss(pair_variance, kPairNoise);
     const std::vector<int> none;
     active =
         Gather<double>(problem, kinds.points ? IndicesBelow(residuals.points, kNearSquared) : none,

@@ -30,6 +30,9 @@ struct alignas(64) PairBlock {
   T reference_ray[3][kLanes<T>];
   T query_gradient[6][kLanes<T>];      // two vectors: xyz xyz
   T reference_gradient[6][kLanes<T>];  // two vectors, in world axes
+  // By which angle an error of one threshold may turn the two rays against each other, radians: a
+  // point that seems to lie behind the cameras by less than that may be far away in front of them.
+  T parallax[kLanes<T>];
 };
 
 // A pose, cam_from_world, row-major.
@@ -44,9 +47,13 @@ struct KernelScore {
   int inliers;  // e^2 < 1 and in front of the cameras
 };
 
-// How a refinement weighs a squared residual e^2 (in units of the squared threshold): as the MSAC
-// score does, rho = min(e^2, limit), with a limit of 1; a larger one reaches further for inliers.
+// How a refinement weighs a squared residual e^2 (in units of the squared threshold).
+enum class LossShape {
+  kTruncated,  // rho = min(e^2, limit), as the MSAC score has it with a limit of 1
+  kBiweight,   // Tukey's: rho = limit / 3 * (1 - (1 - e^2 / limit)^3), limit / 3 beyond
+};
 struct KernelLoss {
+  LossShape shape = LossShape::kTruncated;
   double limit = 1;
 };
 

@@ -164,12 +164,12 @@ struct PairTerms {
   Lanes<T> numerator;           // q . E r
   Lanes<T> eq0, eq1, er0, er1;  // the gradient
   Lanes<T> squared_denominator;
-  // Signs of the depths along the two rays; a little below zero still counts, as far as rounding
-  // reaches for rays that are parallel.
+  // Signs of the depths along the two rays; a little below zero still counts, as rays that are
+  // parallel but for the noise of their pixels meet behind the cameras half of the time.
   Lanes<T> query_depth, reference_depth;
 
   PairTerms(const PairBlock<T>& block, const WidePose<T>& pose, const Vec3<T>& centre,
-            const Lanes<T>& tolerance)
+            const Lanes<T>& baseline)
       : query_ray(LoadVec3<T>(block.query_ray)),
         g(pose.Rotate(LoadVec3<T>(block.reference_ray))),
         normal(Cross(centre, g)),
@@ -184,18 +184,18 @@ struct PairTerms {
     const Lanes<T> a = Dot(centre, query_ray);
     const Lanes<T> b = Dot(centre, g);
     const Lanes<T> c = Dot(query_ray, g);
+    const Lanes<T> tolerance = baseline * Lanes<T>::Load(block.parallax);
     query_depth = a - b * c + tolerance;
     reference_depth = a * c - b + tolerance;
   }
 };
 
-// Rounding of unit rays in T, times the length of the baseline.
 template <typename T>
-inline Lanes<T> DepthTolerance(const T* centre) {
-  const T length2 = centre[0] * centre[0] + centre[1] * centre[1] + centre[2] * centre[2];
-  const T length = sizeof(T) == 4 ? static_cast<T>(__builtin_sqrtf(static_cast<float>(length2)))
-                                  : static_cast<T>(__builtin_sqrt(static_cast<double>(length2)));
-  return Lanes<T>::Fill(length * static_cast<T>(1e-6));
+inline Lanes<T> Length(const T* v) {
+  const T length2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
+  return Lanes<T>::Fill(sizeof(T) == 4
+                            ? static_cast<T>(__builtin_sqrtf(static_cast<float>(length2)))
+                            : static_cast<T>(__builtin_sqrt(static_cast<double>(length2))));
 }
 
 KernelScore ScorePoints(const PointBlock<float>* blocks, int count, const KernelPose<float>& pose) {
@@ -225,7 +225,7 @@ KernelScore ScorePairs(const PairBlock<float>* blocks, const int* block_referenc
   L inliers = zero;
   for (int i = 0; i < count; ++i) {
     const float* centre = centres + 3 * block_reference[i];
-    const PairTerms<float> m(blocks[i], wide, Fill3(centre), DepthTolerance(centre));
+    const PairTerms<float> m(blocks[i], wide, Fill3(centre), Length(centre));
     const L squared = m.numerator * m.numerator;
     cost = cost + SelectInlier(squared, m.squared_denominator, m.query_depth, m.reference_depth,
                                squared / m.squared_denominator, one);
@@ -260,7 +260,7 @@ void PairResiduals(const PairBlock<T>* blocks, const int* block_reference, int c
   const L zero = L::Fill(0);
   for (int i = 0; i < count; ++i) {
     const T* centre = centres + 3 * block_reference[i];
-    const PairTerms<T> m(blocks[i], wide, Fill3(centre), DepthTolerance(centre));
+    const PairTerms<T> m(blocks[i], wide, Fill3(centre), Length(centre));
     SelectInlier(zero, m.squared_denominator, m.query_depth, m.reference_depth,
                  m.numerator * m.numerator / m.squared_denominator, infinity)
         .Store(squared_residuals + i * kLanes<T>);
@@ -301,10 +301,11 @@ struct NormalLanes {
   }
 };
 
-// Cost of a squared residual, and its weight: one inside the limit, zero beyond.
+// Cost of a squared residual, and the root of its weight, by which the residual and its derivatives
+// are multiplied: zero beyond the limit.
 template <typename T>
 struct LossTerms {
-  Lanes<T> cost, inlier;
+  Lanes<T> cost, inlier, root_weight;
 
   LossTerms(const Lanes<T>& numerator, const Lanes<T>& denominator, const Lanes<T>& depth0,
             const Lanes<T>& depth1, const KernelLoss& loss) {
@@ -313,8 +314,16 @@ struct LossTerms {
     const L zero = L::Fill(0);
     const L limit = L::Fill(static_cast<T>(loss.limit));
     const L bound = denominator * limit;
+    const L squared = numerator / denominator;
     inlier = SelectInlier(numerator, bound, depth0, depth1, one, zero);
-    cost = SelectInlier(numerator, bound, depth0, depth1, numerator / denominator, limit);
+    if (loss.shape == LossShape::kTruncated) {
+      root_weight = inlier;
+      cost = SelectInlier(numerator, bound, depth0, depth1, squared, limit);
+    } else {
+      root_weight = SelectInlier(numerator, bound, depth0, depth1, one - squared / limit, zero);
+      cost =
+          L::Fill(static_cast<T>(loss.limit / 3)) * (one - root_weight * root_weight * root_weight);
+    }
   }
 };
 
@@ -351,10 +360,11 @@ KernelNormals PointNormals(const PointBlock<T>* blocks, int count, const KernelP
     const L inverse_depth = Silence(one / m.depth, terms.inlier);
     const L e0 = m.n0 * inverse_depth;
     const L e1 = m.n1 * inverse_depth;
-    const Vec3<T> a0 = (m.frame0 - m.frame2 * e0) * inverse_depth;
-    const Vec3<T> a1 = (m.frame1 - m.frame2 * e1) * inverse_depth;
-    sums.Add(Cross(m.point_in_cam, a0), a0, e0);
-    sums.Add(Cross(m.point_in_cam, a1), a1, e1);
+    const L scale = inverse_depth * terms.root_weight;
+    const Vec3<T> a0 = (m.frame0 - m.frame2 * e0) * scale;
+    const Vec3<T> a1 = (m.frame1 - m.frame2 * e1) * scale;
+    sums.Add(Cross(m.point_in_cam, a0), a0, e0 * terms.root_weight);
+    sums.Add(Cross(m.point_in_cam, a1), a1, e1 * terms.root_weight);
   }
   return sums.Sum();
 }
@@ -369,7 +379,7 @@ KernelNormals PairNormals(const PairBlock<T>* blocks, const int* block_reference
   for (int i = 0; i < count; ++i) {
     const T* centre_values = centres + 3 * block_reference[i];
     const Vec3<T> centre = Fill3(centre_values);
-    const PairTerms<T> m(blocks[i], wide, centre, DepthTolerance(centre_values));
+    const PairTerms<T> m(blocks[i], wide, centre, Length(centre_values));
     const LossTerms<T> terms(m.numerator * m.numerator, m.squared_denominator, m.query_depth,
                              m.reference_depth, loss);
     sums.cost = sums.cost + terms.cost;
@@ -379,8 +389,10 @@ KernelNormals PairNormals(const PairBlock<T>* blocks, const int* block_reference
     //   d num = w . (n x q) + v . (g x q)                        with n = centre x g
     //   d (G_q . n) = w . (n x G_q) + v . (g x G_q)
     //   d (G_r . R' h) = w . (k x h + centre x (k x q)) + v . (k x q)   with k = R G_r
+    // All times the root of the weight.
     const L inverse = Silence(one / SquareRoot(m.squared_denominator), terms.inlier);
-    const L s = Silence(m.numerator * inverse, terms.inlier);
+    const L weighted = inverse * terms.root_weight;
+    const L s = Silence(m.numerator * weighted, terms.inlier);
     const L pull = s * inverse * inverse;  // num / den^(3/2)
     const Vec3<T> q0 = LoadVec3<T>(blocks[i].query_gradient);
     const Vec3<T> q1 = LoadVec3<T>(blocks[i].query_gradient + 3);
@@ -391,10 +403,10 @@ KernelNormals PairNormals(const PairBlock<T>* blocks, const int* block_reference
     const Vec3<T> k_mix = k0 * m.er0 + k1 * m.er1;
     const Vec3<T> k_cross_q = Cross(k_mix, m.query_ray);
     const Vec3<T> by_rotation =
-        Cross(m.normal, m.query_ray) * inverse -
+        Cross(m.normal, m.query_ray) * weighted -
         (Cross(m.normal, q_mix) + Cross(k_mix, m.h) + Cross(centre, k_cross_q)) * pull;
     const Vec3<T> by_translation =
-        Cross(m.g, m.query_ray) * inverse - (Cross(m.g, q_mix) + k_cross_q) * pull;
+        Cross(m.g, m.query_ray) * weighted - (Cross(m.g, q_mix) + k_cross_q) * pull;
     sums.Add(Silence(by_rotation, terms.inlier), Silence(by_translation, terms.inlier), s);
   }
   return sums.Sum();

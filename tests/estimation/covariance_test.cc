@@ -1,0 +1,83 @@
+// The pose covariance against the errors that it predicts: for a correct one the squared
+// Mahalanobis distance of the error is chi-squared with six degrees of freedom, of mean 6.
+
+#include <cmath>
+
+#include "estimation/standard_options.h"
+#include "support/matchers.h"
+#include "support/synthetic_problem.h"
+
+namespace raylift {
+namespace {
+
+#ifdef __SANITIZE_ADDRESS__
+constexpr int kProblems = 30;
+#else
+constexpr int kProblems = 200;
+#endif
+
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+
+// The step (w, v) that turns the true pose into the estimated one.
+Vector6d StepBetween(const Rigid3& from, const Rigid3& to) {
+  const Eigen::AngleAxisd turn(to.rotation * from.rotation.conjugate());
+  const double angle = std::remainder(turn.angle(), 2 * std::acos(-1));
+  Vector6d step;
+  step << angle * turn.axis(), to.translation - turn * from.translation;
+  return step;
+}
+
+double MeanSquaredMahalanobis(Method method, const SyntheticOptions& synthetic) {
+  Rng rng = TestRng();
+  double sum = 0;
+  for (int i = 0; i < kProblems; ++i) {
+    const SyntheticProblem made = MakeSyntheticProblem("covariance", synthetic, rng);
+    const PoseEstimate estimate = EstimateWith(method, made.problem);
+    EXPECT_TRUE(estimate.covariance);
+    if (!estimate.covariance) continue;
+    const Vector6d error = StepBetween(made.query_from_world, *estimate.cam_from_world);
+    sum += error.dot(estimate.covariance->ldlt().solve(error));
+  }
+  return sum / kProblems;
+}
+
+// Three standard deviations of the mean of so many distances, and a bias: the noise is estimated
+// per problem from its inliers among outliers, and the robust loss costs up to a tenth.
+const double kTolerance = 3 * std::sqrt(12.0 / kProblems) + 0.75;
+
+SyntheticOptions FewMatches() {
+  SyntheticOptions options;
+  options.num_2d3d = 200;
+  options.num_2d2d = 400;
+  return options;
+}
+
+TEST(Covariance, PredictsTheErrorsOfP3p) {
+  EXPECT_NEAR(MeanSquaredMahalanobis(Method::kP3p, FewMatches()), 6, kTolerance);
+}
+
+TEST(Covariance, PredictsTheErrorsOfE5p1) {
+  EXPECT_NEAR(MeanSquaredMahalanobis(Method::kE5p1, FewMatches()), 6, kTolerance);
+}
+
+TEST(Covariance, PredictsTheErrorsOfAdaptive) {
+  EXPECT_NEAR(MeanSquaredMahalanobis(Method::kAdaptive, FewMatches()), 6, kTolerance);
+}
+
+TEST(Covariance, StandardDeviationsFollowFromIt) {
+  Rng rng = TestRng();
+  const SyntheticProblem made = MakeSyntheticProblem("covariance", FewMatches(), rng);
+  const PoseEstimate estimate = EstimateWith(Method::kAdaptive, made.problem);
+  ASSERT_TRUE(estimate.covariance);
+  // The centre is -R' t; a step (w, v) moves it by -R' v.
+  const Eigen::Matrix3d rotation = estimate.cam_from_world->rotation.toRotationMatrix();
+  const Eigen::Matrix3d centre =
+      rotation.transpose() * estimate.covariance->bottomRightCorner<3, 3>() * rotation;
+  EXPECT_NEAR(estimate.position_sigma, std::sqrt(centre.trace()), 1e-12);
+  EXPECT_NEAR(estimate.rotation_sigma_deg,
+              std::sqrt(estimate.covariance->topLeftCorner<3, 3>().trace()) * 180 / std::acos(-1),
+              1e-12);
+}
+
+}  // namespace
+}  // namespace raylift

@@ -1,0 +1,439 @@
+// The SIMD kernels against each other, byte by byte, and against the reference implementations of
+// the residuals in double precision.
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <numbers>
+#include <numeric>
+
+#include "estimation/joint_score.h"
+#include "estimation/kernels/kernel_table.h"
+#include "estimation/prepared_problem.h"
+#include "geometry/test_cameras.h"
+#include "support/matchers.h"
+#include "support/synthetic_problem.h"
+#include <Eigen/QR>
+
+#include "raylift/geometry/residuals.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector3d;
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+
+constexpr double kPointThresholdPx = 4;
+constexpr double kPairThresholdPx = 2;
+
+// A problem, its preparation, and a pose near the truth, in both forms.
+struct NearTruth {
+  SyntheticProblem synthetic;
+  PreparedProblem prepared;
+  Rigid3 pose;  // cam_from_world
+  SolverPose local;
+
+  NearTruth(SyntheticProblem problem, const Rigid3& query_from_world, Rng& rng)
+      : synthetic(std::move(problem)),
+        prepared(synthetic.problem, kPointThresholdPx, kPairThresholdPx, rng),
+        pose(query_from_world),
+        local(prepared.CamFromLocal(query_from_world)) {}
+};
+
+NearTruth MakeNearTruth(Rng& rng, const SyntheticOptions& options, double turn_deg = 0.1,
+                        double shift = 0.01) {
+  SyntheticProblem problem = MakeSyntheticProblem("kernels", options, rng);
+  const Vector3d axis = Vector3d{rng.Normal(), rng.Normal(), rng.Normal()}.normalized();
+  const Vector3d way = Vector3d{rng.Normal(), rng.Normal(), rng.Normal()}.normalized();
+  const Rigid3 change{RotationFromVector(turn_deg * std::numbers::pi / 180 * axis), shift * way};
+  const Rigid3 pose = change * problem.query_from_world;
+  return NearTruth(std::move(problem), pose, rng);
+}
+
+std::vector<int> AllIndices(size_t count) {
+  std::vector<int> indices(count);
+  std::iota(indices.begin(), indices.end(), 0);
+  return indices;
+}
+
+constexpr kernels::KernelLoss kLosses[] = {{kernels::LossShape::kTruncated, 1},
+                                           {kernels::LossShape::kTruncated, 9},
+                                           {kernels::LossShape::kBiweight, 4}};
+
+// Everything that a table computes for a problem, in one row of bytes.
+template <typename T>
+void Append(const T& value, std::vector<unsigned char>& bytes) {
+  const auto* begin = reinterpret_cast<const unsigned char*>(&value);
+  bytes.insert(bytes.end(), begin, begin + sizeof(T));
+}
+void AppendScore(const kernels::KernelScore& score, std::vector<unsigned char>& bytes) {
+  Append(score.cost, bytes);
+  Append(score.inliers, bytes);
+}
+void AppendNormals(const kernels::KernelNormals& normals, std::vector<unsigned char>& bytes) {
+  Append(normals.hessian, bytes);
+  Append(normals.gradient, bytes);
+  Append(normals.cost, bytes);
+  Append(normals.inliers, bytes);
+}
+
+std::vector<unsigned char> AllOutputs(const kernels::KernelTable& table, const NearTruth& near) {
+  const PreparedProblem& problem = near.prepared;
+  const auto points = MakePointBlocks<double>(problem.points, AllIndices(problem.points.size()));
+  const auto pairs = MakePairBlocks<double>(problem.pairs, AllIndices(problem.pairs.size()));
+  const auto pose = ToKernelPose<double>(near.local);
+  const auto pose_float = ToKernelPose<float>(near.local);
+  const auto centres = CentresInCam<double>(problem, near.local);
+  const auto centres_float = CentresInCam<float>(problem, near.local);
+  const auto& points_float = problem.point_blocks;
+  const auto& pairs_float = problem.pair_blocks;
+  const int* reference_float = problem.pair_block_reference.data();
+  const auto size = [](const auto& blocks) { return static_cast<int>(blocks.size()); };
+
+  std::vector<unsigned char> bytes;
+  AppendScore(table.score_points(points_float.data(), size(points_float), pose_float), bytes);
+  AppendScore(table.score_pairs(pairs_float.data(), reference_float, size(pairs_float), pose_float,
+                                centres_float.data()),
+              bytes);
+  std::vector<double> residuals(points.size() * kernels::kLanes<double>);
+  table.point_residuals(points.data(), size(points), pose, residuals.data());
+  for (const double r : residuals) Append(r, bytes);
+  residuals.resize(pairs.blocks.size() * kernels::kLanes<double>);
+  table.pair_residuals(pairs.blocks.data(), pairs.block_reference.data(), size(pairs.blocks), pose,
+                       centres.data(), residuals.data());
+  for (const double r : residuals) Append(r, bytes);
+  std::vector<float> float_residuals(points_float.size() * kernels::kLanes<float>);
+  table.point_residuals_float(points_float.data(), size(points_float), pose_float,
+                              float_residuals.data());
+  for (const float r : float_residuals) Append(r, bytes);
+  float_residuals.resize(pairs_float.size() * kernels::kLanes<float>);
+  table.pair_residuals_float(pairs_float.data(), reference_float, size(pairs_float), pose_float,
+                             centres_float.data(), float_residuals.data());
+  for (const float r : float_residuals) Append(r, bytes);
+  for (const kernels::KernelLoss& loss : kLosses) {
+    AppendNormals(table.point_normals(points.data(), size(points), pose, loss), bytes);
+    AppendNormals(table.pair_normals(pairs.blocks.data(), pairs.block_reference.data(),
+                                     size(pairs.blocks), pose, centres.data(), loss),
+                  bytes);
+    AppendNormals(
+        table.point_normals_float(points_float.data(), size(points_float), pose_float, loss),
+        bytes);
+    AppendNormals(table.pair_normals_float(pairs_float.data(), reference_float, size(pairs_float),
+                                           pose_float, centres_float.data(), loss),
+                  bytes);
+  }
+  return bytes;
+}
+
+SyntheticOptions WithCounts(int num_2d3d, int num_2d2d, int num_references) {
+  SyntheticOptions options;
+  options.num_2d3d = num_2d3d;
+  options.num_2d2d = num_2d2d;
+  options.num_references = num_references;
+  return options;
+}
+
+TEST(Kernels, EverySimdLevelGivesTheSameBytes) {
+  Rng rng = TestRng();
+  const kernels::KernelTable& baseline = *kernels::FindKernels(kernels::SimdLevel::kSse2);
+  for (const int count : {0, 1, 2, 7, 8, 9, 15, 16, 17, 31, 33, 100, 500}) {
+    const NearTruth near = MakeNearTruth(rng, WithCounts(count, 2 * count, 5));
+    const auto expected = AllOutputs(baseline, near);
+    for (const auto level : {kernels::SimdLevel::kAvx2, kernels::SimdLevel::kAvx512}) {
+      const kernels::KernelTable* table = kernels::FindKernels(level);
+      if (table == nullptr) continue;
+      EXPECT_TRUE(AllOutputs(*table, near) == expected)
+          << kernels::ToString(level) << " with " << count << " matches";
+    }
+  }
+}
+
+TEST(Kernels, FarOffPosesGiveTheSameBytesToo) {
+  Rng rng = TestRng();
+  const kernels::KernelTable& baseline = *kernels::FindKernels(kernels::SimdLevel::kSse2);
+  for (int trial = 0; trial < 20; ++trial) {
+    const NearTruth near = MakeNearTruth(rng, WithCounts(100, 100, 3), rng.Uniform(0, 180), 3);
+    const auto expected = AllOutputs(baseline, near);
+    for (const auto level : {kernels::SimdLevel::kAvx2, kernels::SimdLevel::kAvx512}) {
+      const kernels::KernelTable* table = kernels::FindKernels(level);
+      if (table == nullptr) continue;
+      EXPECT_TRUE(AllOutputs(*table, near) == expected) << kernels::ToString(level);
+    }
+  }
+}
+
+// Squared errors over the squared threshold by the reference implementations, by prepared match;
+// infinite where a point lies behind a camera.
+std::vector<double> ReferencePointErrors(const NearTruth& near) {
+  std::vector<double> squared;
+  for (const PreparedPoint& point : near.prepared.points) {
+    const Match2D3D& match = near.synthetic.problem.matches_2d3d[point.match];
+    const auto error = ReprojectionError(near.synthetic.problem.query_camera, near.pose,
+                                         match.point_in_world, match.query_px);
+    squared.push_back(error ? error->error_px.squaredNorm() / std::pow(kPointThresholdPx, 2)
+                            : std::numeric_limits<double>::infinity());
+  }
+  return squared;
+}
+
+// Whether both rays meet in front of the cameras, or would after a turn by less than what noise of
+// a threshold explains.
+bool LiesInFront(const NearTruth& near, const PreparedPair& pair) {
+  const PosedImage& reference = near.synthetic.problem.references[pair.reference];
+  const Rigid3 query_from_reference = near.pose * reference.cam_from_world.Inverse();
+  const Match2D2D& match = near.synthetic.problem.matches_2d2d[pair.match];
+  const auto q = near.synthetic.problem.query_camera.RayInCam(match.query_px);
+  const auto r = reference.camera.RayInCam(match.reference_px);
+  Eigen::Matrix<double, 3, 2> rays;
+  rays << *q, -(query_from_reference.rotation * *r);
+  const Eigen::Vector2d along = rays.colPivHouseholderQr().solve(query_from_reference.translation);
+  const double sine2 = 1 - std::pow(q->dot(query_from_reference.rotation * *r), 2);
+  return along.minCoeff() * sine2 + query_from_reference.translation.norm() * pair.parallax > 0;
+}
+
+std::vector<double> ReferencePairErrors(const NearTruth& near) {
+  std::vector<double> squared;
+  const PoseProblem& problem = near.synthetic.problem;
+  for (const PreparedPair& pair : near.prepared.pairs) {
+    const Match2D2D& match = problem.matches_2d2d[pair.match];
+    const PosedImage& reference = problem.references[pair.reference];
+    const auto error = SampsonError(problem.query_camera, near.pose, match.query_px,
+                                    reference.camera, reference.cam_from_world, match.reference_px);
+    const bool counts = error && LiesInFront(near, pair);
+    squared.push_back(counts ? std::pow(error->error_px / kPairThresholdPx, 2)
+                             : std::numeric_limits<double>::infinity());
+  }
+  return squared;
+}
+
+struct KernelErrors {
+  std::vector<double> points;
+  std::vector<double> pairs;
+};
+KernelErrors ErrorsByKernels(const NearTruth& near) {
+  const auto& table = kernels::ActiveKernels();
+  const PreparedProblem& problem = near.prepared;
+  const auto pose = ToKernelPose<double>(near.local);
+  const auto centres = CentresInCam<double>(problem, near.local);
+  const auto points = MakePointBlocks<double>(problem.points, AllIndices(problem.points.size()));
+  const auto pairs = MakePairBlocks<double>(problem.pairs, AllIndices(problem.pairs.size()));
+  KernelErrors errors;
+  errors.points.resize(points.size() * kernels::kLanes<double>);
+  table.point_residuals(points.data(), static_cast<int>(points.size()), pose, errors.points.data());
+  errors.points.resize(problem.points.size());
+  std::vector<double> lanes(pairs.lane_pair.size());
+  table.pair_residuals(pairs.blocks.data(), pairs.block_reference.data(),
+                       static_cast<int>(pairs.blocks.size()), pose, centres.data(), lanes.data());
+  errors.pairs.resize(problem.pairs.size());
+  for (size_t i = 0; i < lanes.size(); ++i) {
+    if (pairs.lane_pair[i] >= 0) errors.pairs[pairs.lane_pair[i]] = lanes[i];
+  }
+  return errors;
+}
+
+double MsacCost(const std::vector<double>& squared) {
+  return std::accumulate(squared.begin(), squared.end(), 0.0,
+                         [](double sum, double e2) { return sum + std::min(e2, 1.0); });
+}
+int CountInliers(const std::vector<double>& squared) {
+  return static_cast<int>(
+      std::count_if(squared.begin(), squared.end(), [](double e2) { return e2 < 1; }));
+}
+
+TEST(Kernels, PinholeErrorsAreTheReferenceErrors) {
+  Rng rng = TestRng();
+  for (const double turn_deg : {0.0, 0.2, 20.0, 170.0}) {
+    const NearTruth near = MakeNearTruth(rng, SyntheticOptions{}, turn_deg, 0.05);
+    const KernelErrors errors = ErrorsByKernels(near);
+    const auto points = ReferencePointErrors(near);
+    for (size_t i = 0; i < points.size(); ++i) {
+      ASSERT_EQ(std::isfinite(errors.points[i]), std::isfinite(points[i]));
+      if (std::isfinite(points[i])) {
+        EXPECT_NEAR(errors.points[i], points[i], 1e-9 * (1 + points[i]));
+      }
+    }
+    const auto pairs = ReferencePairErrors(near);
+    for (size_t i = 0; i < pairs.size(); ++i) {
+      ASSERT_EQ(std::isfinite(errors.pairs[i]), std::isfinite(pairs[i]));
+      if (std::isfinite(pairs[i])) {
+        EXPECT_NEAR(errors.pairs[i], pairs[i], 1e-9 * (1 + pairs[i]));
+      }
+    }
+  }
+}
+
+TEST(Kernels, PinholeScoresAreTheSumsOfTheReferenceErrors) {
+  Rng rng = TestRng();
+  for (int trial = 0; trial < 20; ++trial) {
+    const NearTruth near = MakeNearTruth(rng, SyntheticOptions{}, rng.Uniform(0, 0.3), 0.02);
+    const Objective objective(Objective::Sets::kBoth, ScoreCombination::kSumMsac, 1, 1);
+    const JointScore score = Scorer(near.prepared, objective).ScoreAll(near.local);
+    const auto points = ReferencePointErrors(near);
+    const auto pairs = ReferencePairErrors(near);
+    // Single precision: 1e-5 of a match's cost each.
+    EXPECT_NEAR(score.points.cost, MsacCost(points), 1e-5 * static_cast<double>(points.size()));
+    EXPECT_NEAR(score.pairs.cost, MsacCost(pairs), 1e-5 * static_cast<double>(pairs.size()));
+    EXPECT_NEAR(score.points.inliers, CountInliers(points), 1);
+    EXPECT_NEAR(score.pairs.inliers, CountInliers(pairs), 1);
+  }
+}
+
+TEST(Kernels, EarlyExitNeverChangesWhichPoseIsBetter) {
+  Rng rng = TestRng();
+  const Objective objective(Objective::Sets::kBoth, ScoreCombination::kSumMsac, 500, 1000);
+  for (int trial = 0; trial < 50; ++trial) {
+    const NearTruth near = MakeNearTruth(rng, SyntheticOptions{}, rng.Uniform(0, 1), 0.05);
+    const Scorer scorer(near.prepared, objective);
+    const double value = objective.Value(scorer.ScoreAll(near.local));
+    EXPECT_FALSE(scorer.ScoreIfBetter(near.local, value - 0.01));
+    const auto better = scorer.ScoreIfBetter(near.local, value + 0.01);
+    ASSERT_TRUE(better);
+    EXPECT_NEAR(objective.Value(*better), value, 1e-3);
+  }
+}
+
+class EveryCameraKernel : public ::testing::TestWithParam<TestCamera> {};
+INSTANTIATE_TEST_SUITE_P(Models, EveryCameraKernel, ::testing::ValuesIn(TypicalCameras()),
+                         [](const auto& test) { return test.param.name; });
+
+TEST_P(EveryCameraKernel, ErrorsOfNearPointsAgreeToFirstOrder) {
+  Rng rng = TestRng();
+  SyntheticOptions options;
+  options.camera = GetParam().camera;
+  const NearTruth near = MakeNearTruth(rng, options, 0.1, 0.01);
+  const KernelErrors errors = ErrorsByKernels(near);
+  const auto points = ReferencePointErrors(near);
+  int compared = 0;
+  for (size_t i = 0; i < points.size(); ++i) {
+    if (!(points[i] < 1)) continue;
+    ++compared;
+    // What is left is of second order: at most a seventh of the error at the threshold's four
+    // pixels, for the fisheye with the shortest focal length (150 px).
+    EXPECT_NEAR(std::sqrt(errors.points[i]), std::sqrt(points[i]), 0.15 * points[i] + 1e-9);
+  }
+  EXPECT_GT(compared, 300);
+  // The Sampson error is linearized in the reference implementation as well.
+  const auto pairs = ReferencePairErrors(near);
+  int disagree = 0;  // by rounding, about the side on which nearly parallel rays meet
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    disagree += std::isfinite(errors.pairs[i]) == std::isfinite(pairs[i]) ? 0 : 1;
+    if (std::isfinite(pairs[i]) && std::isfinite(errors.pairs[i])) {
+      EXPECT_NEAR(errors.pairs[i], pairs[i], 1e-9 * (1 + pairs[i]));
+    }
+  }
+  EXPECT_LE(disagree, 2);
+}
+
+struct KindNormals {
+  kernels::KernelNormals points;
+  kernels::KernelNormals pairs;
+};
+KindNormals NormalsAt(const NearTruth& near, const SolverPose& local,
+                      const kernels::KernelLoss& loss) {
+  const auto& table = kernels::ActiveKernels();
+  const PreparedProblem& problem = near.prepared;
+  const auto points = MakePointBlocks<double>(problem.points, AllIndices(problem.points.size()));
+  const auto pairs = MakePairBlocks<double>(problem.pairs, AllIndices(problem.pairs.size()));
+  const auto pose = ToKernelPose<double>(local);
+  const auto centres = CentresInCam<double>(problem, local);
+  return {table.point_normals(points.data(), static_cast<int>(points.size()), pose, loss),
+          table.pair_normals(pairs.blocks.data(), pairs.block_reference.data(),
+                             static_cast<int>(pairs.blocks.size()), pose, centres.data(), loss)};
+}
+
+SolverPose Moved(const SolverPose& pose, const Vector6d& step) {
+  const Eigen::Matrix3d turn = RotationFromVector(step.head<3>()).toRotationMatrix();
+  return {turn * pose.rotation, turn * pose.translation + step.tail<3>()};
+}
+
+TEST(Kernels, GradientsMatchCentralDifferencesOfTheCost) {
+  Rng rng = TestRng();
+  constexpr double kStep = 1e-7;
+  for (const kernels::KernelLoss& loss : kLosses) {
+    const NearTruth near = MakeNearTruth(rng, SyntheticOptions{});
+    const KindNormals normals = NormalsAt(near, near.local, loss);
+    for (int i = 0; i < 6; ++i) {
+      const Vector6d step = kStep * Vector6d::Unit(i);
+      const KindNormals plus = NormalsAt(near, Moved(near.local, step), loss);
+      const KindNormals minus = NormalsAt(near, Moved(near.local, -step), loss);
+      // The gradient is that of half the cost.
+      const auto check = [&](const kernels::KernelNormals& at, const kernels::KernelNormals& p,
+                             const kernels::KernelNormals& m) {
+        const double scale = std::sqrt(at.hessian[0] * at.cost);
+        EXPECT_NEAR(at.gradient[i], (p.cost - m.cost) / (4 * kStep), 1e-4 * scale);
+      };
+      check(normals.points, plus.points, minus.points);
+      check(normals.pairs, plus.pairs, minus.pairs);
+    }
+  }
+}
+
+Matrix6d Unpacked(const kernels::KernelNormals& normals) {
+  Matrix6d hessian;
+  int k = 0;
+  for (int r = 0; r < 6; ++r) {
+    for (int c = r; c < 6; ++c, ++k) hessian(r, c) = hessian(c, r) = normals.hessian[k];
+  }
+  return hessian;
+}
+
+TEST(Kernels, NormalEquationsSumTheReferenceJacobians) {
+  Rng rng = TestRng();
+  const NearTruth near = MakeNearTruth(rng, SyntheticOptions{});
+  const PoseProblem& problem = near.synthetic.problem;
+  // A step's translation is in local units there, in scene units here.
+  Vector6d unit = Vector6d::Ones();
+  unit.tail<3>().setConstant(near.prepared.scale);
+  const auto errors = ErrorsByKernels(near);
+  Matrix6d points = Matrix6d::Zero();
+  for (size_t i = 0; i < errors.points.size(); ++i) {
+    if (!(errors.points[i] < 1)) continue;
+    const Match2D3D& match = problem.matches_2d3d[near.prepared.points[i].match];
+    const auto residual =
+        ReprojectionError(problem.query_camera, near.pose, match.point_in_world, match.query_px);
+    const Eigen::Matrix<double, 2, 6> j = residual->jacobian * unit.asDiagonal();
+    points += j.transpose() * j / std::pow(kPointThresholdPx, 2);
+  }
+  Matrix6d pairs = Matrix6d::Zero();
+  for (size_t i = 0; i < errors.pairs.size(); ++i) {
+    if (!(errors.pairs[i] < 1)) continue;
+    const Match2D2D& match = problem.matches_2d2d[near.prepared.pairs[i].match];
+    const PosedImage& reference = problem.references[match.reference];
+    const auto residual =
+        SampsonError(problem.query_camera, near.pose, match.query_px, reference.camera,
+                     reference.cam_from_world, match.reference_px);
+    const Eigen::Matrix<double, 1, 6> j = residual->jacobian * unit.asDiagonal();
+    pairs += j.transpose() * j / std::pow(kPairThresholdPx, 2);
+  }
+  const KindNormals normals = NormalsAt(near, near.local, kLosses[0]);
+  EXPECT_LT((Unpacked(normals.points) - points).norm(), 1e-9 * points.norm());
+  EXPECT_LT((Unpacked(normals.pairs) - pairs).norm(), 1e-9 * pairs.norm());
+}
+
+TEST(Kernels, SinglePrecisionNormalEquationsAgreeWithDouble) {
+  Rng rng = TestRng();
+  const NearTruth near = MakeNearTruth(rng, SyntheticOptions{});
+  const PreparedProblem& problem = near.prepared;
+  const auto& table = kernels::ActiveKernels();
+  const KindNormals exact = NormalsAt(near, near.local, kLosses[1]);
+  const auto pose = ToKernelPose<float>(near.local);
+  const auto centres = CentresInCam<float>(problem, near.local);
+  const kernels::KernelLoss& loss = kLosses[1];
+  const auto points = table.point_normals_float(
+      problem.point_blocks.data(), static_cast<int>(problem.point_blocks.size()), pose, loss);
+  const auto pairs = table.pair_normals_float(
+      problem.pair_blocks.data(), problem.pair_block_reference.data(),
+      static_cast<int>(problem.pair_blocks.size()), pose, centres.data(), loss);
+  EXPECT_LT((Unpacked(points) - Unpacked(exact.points)).norm(), 1e-3 * Unpacked(points).norm());
+  EXPECT_LT((Unpacked(pairs) - Unpacked(exact.pairs)).norm(), 1e-3 * Unpacked(pairs).norm());
+}
+
+TEST(Kernels, UnknownLevelsAreNotOffered) {
+  EXPECT_NE(kernels::FindKernels(kernels::SimdLevel::kSse2), nullptr);
+  EXPECT_NE(kernels::FindKernels(kernels::BestSimdLevel()), nullptr);
+}
+
+}  // namespace
+}  // namespace raylift

@@ -1,0 +1,28 @@
+// What the tests of whole estimators share.
+
+#pragma once
+
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "raylift/estimation/pose_estimator.h"
+
+namespace raylift {
+
+// The settings of the standard regimes: 4 px and 2 px, 100 to 10000 iterations, 0.9999.
+EstimatorOptions StandardOptions(Method method);
+
+PoseEstimate EstimateWith(const EstimatorOptions& options, const PoseProblem& problem);
+PoseEstimate EstimateWith(Method method, const PoseProblem& problem);
+
+inline constexpr Method kEveryMethod[] = {Method::kP3p, Method::kE5p1, Method::kAdaptive,
+                                          Method::kSelect};
+
+// No NaN anywhere, sizes that fit the problem, and either a pose or a reason.
+::testing::AssertionResult IsSound(const PoseEstimate& estimate, const PoseProblem& problem);
+
+// Every number and flag of two estimates is the same.
+::testing::AssertionResult IsIdentical(const PoseEstimate& a, const PoseEstimate& b);
+
+}  // namespace raylift
