@@ -2,15 +2,18 @@
 # Installs what is missing, builds Raylift and runs it on the demo scene: query photographs of a
 # courtyard are localized against its mesh from nothing but the images and the reference poses.
 # Usage: assets/demo/run.sh [OUTPUT_FOLDER]   (default: build/demo)
+# With RAYLIFT=/path/to/raylift that program is run and nothing is installed or built.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 out=${1:-build/demo}
 demo=assets/demo
 
-.ci/install-packages build
-cmake --preset release > /dev/null
-cmake --build --preset release
-raylift=build/release/bin/raylift
+if [ -z "${RAYLIFT:-}" ]; then
+  .ci/install-packages build
+  cmake --preset release > /dev/null
+  cmake --build --preset release
+fi
+raylift=${RAYLIFT:-build/release/bin/raylift}
 
 "$raylift" localize --model "$demo/model" --images "$demo/images" \
   --geometry "mesh:$demo/scene.obj" --queries "$demo/queries.txt" \

@@ -40,6 +40,7 @@ Image DrawQueryPicture(const QueryResult& result, const Image& photograph, const
   const Camera& camera = problem.query_camera;
   ColorOptions colors;
   colors.samples_per_pixel_side = 2;
+  colors.background_rgb = {222, 226, 232};
   const TriangleMesh& triangles = mesh.mesh();
   if (triangles.textures.empty() && triangles.vertex_colors_rgb.empty()) {
     colors.shading = ColorOptions::Shading::kHeadlight;
