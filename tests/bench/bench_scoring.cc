@@ -1,0 +1,155 @@
+// Scoring, normal equations and local optimization: time per match (items per second, inverted by
+// Google Benchmark's counter `per_match`), on every SIMD level that the processor has. Scores are
+// taken in full, without early exit.
+
+#include <vector>
+
+#include "estimation/joint_score.h"
+#include "estimation/kernels/kernel_table.h"
+#include "estimation/prepared_problem.h"
+#include "estimation/refinement.h"
+#include "support/synthetic_problem.h"
+#include <benchmark/benchmark.h>
+
+namespace raylift {
+namespace {
+
+using kernels::SimdLevel;
+
+struct ScoringProblem {
+  SyntheticProblem synthetic;
+  PreparedProblem prepared;
+  SolverPose truth;
+
+  ScoringProblem(SyntheticProblem problem, Rng& rng)
+      : synthetic(std::move(problem)),
+        prepared(synthetic.problem, 4, 2, rng),
+        truth(prepared.CamFromLocal(synthetic.query_from_world)) {}
+};
+
+ScoringProblem MakeScoringProblem(int num_matches) {
+  SyntheticOptions options;
+  options.num_2d3d = num_matches;
+  options.num_2d2d = num_matches;
+  options.num_references = num_matches >= 500 ? 20 : 2;
+  Rng rng(1);
+  SyntheticProblem problem = MakeSyntheticProblem("scoring", options, rng);
+  return ScoringProblem(std::move(problem), rng);
+}
+
+void SetPerMatch(benchmark::State& state, int num_matches) {
+  state.counters["per_match"] = benchmark::Counter(
+      num_matches, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+}
+
+// Skips levels that this processor lacks.
+const kernels::KernelTable* TableOf(benchmark::State& state) {
+  const auto level = static_cast<SimdLevel>(state.range(0));
+  state.SetLabel(std::string(kernels::ToString(level)));
+  const kernels::KernelTable* table = kernels::FindKernels(level);
+  if (table == nullptr) {
+    state.SkipWithError("not on this processor");
+  }
+  return table;
+}
+
+void ScorePoints(benchmark::State& state) {
+  const kernels::KernelTable* table = TableOf(state);
+  if (table == nullptr) return;
+  const int count = static_cast<int>(state.range(1));
+  const ScoringProblem problem = MakeScoringProblem(count);
+  const auto pose = ToKernelPose<float>(problem.truth);
+  const auto& blocks = problem.prepared.point_blocks;
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(
+        table->score_points(blocks.data(), static_cast<int>(blocks.size()), pose));
+  }
+  SetPerMatch(state, count);
+}
+
+void ScorePairs(benchmark::State& state) {
+  const kernels::KernelTable* table = TableOf(state);
+  if (table == nullptr) return;
+  const int count = static_cast<int>(state.range(1));
+  const ScoringProblem problem = MakeScoringProblem(count);
+  const auto pose = ToKernelPose<float>(problem.truth);
+  const auto centres = CentresInCam<float>(problem.prepared, problem.truth);
+  const auto& blocks = problem.prepared.pair_blocks;
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(
+        table->score_pairs(blocks.data(), problem.prepared.pair_block_reference.data(),
+                           static_cast<int>(blocks.size()), pose, centres.data()));
+  }
+  SetPerMatch(state, count);
+}
+
+void PointNormals(benchmark::State& state) {
+  const kernels::KernelTable* table = TableOf(state);
+  if (table == nullptr) return;
+  const int count = static_cast<int>(state.range(1));
+  const ScoringProblem problem = MakeScoringProblem(count);
+  const auto pose = ToKernelPose<float>(problem.truth);
+  const auto& blocks = problem.prepared.point_blocks;
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(table->point_normals_float(
+        blocks.data(), static_cast<int>(blocks.size()), pose, kernels::KernelLoss{}));
+  }
+  SetPerMatch(state, count);
+}
+
+void PairNormals(benchmark::State& state) {
+  const kernels::KernelTable* table = TableOf(state);
+  if (table == nullptr) return;
+  const int count = static_cast<int>(state.range(1));
+  const ScoringProblem problem = MakeScoringProblem(count);
+  const auto pose = ToKernelPose<float>(problem.truth);
+  const auto centres = CentresInCam<float>(problem.prepared, problem.truth);
+  const auto& blocks = problem.prepared.pair_blocks;
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(table->pair_normals_float(
+        blocks.data(), problem.prepared.pair_block_reference.data(),
+        static_cast<int>(blocks.size()), pose, centres.data(), kernels::KernelLoss{}));
+  }
+  SetPerMatch(state, count);
+}
+
+void EveryLevel(benchmark::internal::Benchmark* benchmark) {
+  benchmark->ArgNames({"level", "matches"});
+  for (const auto level : {SimdLevel::kSse2, SimdLevel::kAvx2, SimdLevel::kAvx512}) {
+    for (const int count : {100, 1000}) benchmark->Args({static_cast<int>(level), count});
+  }
+}
+BENCHMARK(ScorePoints)->Apply(EveryLevel);
+BENCHMARK(ScorePairs)->Apply(EveryLevel);
+BENCHMARK(PointNormals)->Apply(EveryLevel);
+BENCHMARK(PairNormals)->Apply(EveryLevel);
+
+void LocalOptimizationHybrid(benchmark::State& state) {
+  const ScoringProblem problem = MakeScoringProblem(static_cast<int>(state.range(0)));
+  SolverPose start = problem.truth;
+  start.translation.x() += 0.01;
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(OptimizeLocally(problem.prepared, start, ResidualKinds{}, 6));
+  }
+}
+BENCHMARK(LocalOptimizationHybrid)->Arg(100)->Arg(1000)->Unit(benchmark::kMicrosecond);
+
+void FinalRefinement(benchmark::State& state) {
+  const ScoringProblem problem = MakeScoringProblem(static_cast<int>(state.range(0)));
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(RefineFinally(problem.prepared, problem.truth, ResidualKinds{}));
+  }
+}
+BENCHMARK(FinalRefinement)->Arg(100)->Arg(1000)->Unit(benchmark::kMicrosecond);
+
+void Preparation(benchmark::State& state) {
+  const ScoringProblem problem = MakeScoringProblem(static_cast<int>(state.range(0)));
+  for (auto _ : state) {
+    Rng rng(1);
+    benchmark::DoNotOptimize(PreparedProblem(problem.synthetic.problem, 4, 2, rng));
+  }
+}
+BENCHMARK(Preparation)->Arg(100)->Arg(1000)->Unit(benchmark::kMicrosecond);
+
+}  // namespace
+}  // namespace raylift
