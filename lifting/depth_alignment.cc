@@ -1,0 +1,363 @@
+#include "raylift/lifting/depth_alignment.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <memory>
+#include <utility>
+
+#include <ceres/ceres.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/parallel.h"
+#include "raylift/geometry/residuals.h"
+
+namespace raylift {
+namespace {
+
+constexpr std::array<std::pair<AlignMode, std::string_view>, 4> kModeNames = {{
+    {AlignMode::kOff, "off"},
+    {AlignMode::kScale, "scale"},
+    {AlignMode::kAffine, "affine"},
+    {AlignMode::kGrid, "grid"},
+}};
+
+// A match as one of its two references sees it.
+struct HalfMatch {
+  Eigen::Vector2d pixel;
+  int other;
+  Eigen::Vector2d other_px;
+};
+
+// A keypoint of a map and its match in another image, whose camera sees it at
+// origin_in_other + z * ray_in_other if its depth is z.
+struct Observation {
+  Eigen::Vector2d pixel;
+  double z;  // as the source says
+  Eigen::Vector3d origin_in_other;
+  Eigen::Vector3d ray_in_other;
+  const Camera* other_camera;
+  Eigen::Vector2d other_px;
+
+  Eigen::Vector3d PointInOther(double depth_z) const {
+    return origin_in_other + depth_z * ray_in_other;
+  }
+};
+
+double Median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+std::optional<Observation> MakeObservation(const PosedImage& map, const PosedImage& other,
+                                           const HalfMatch& match, double z,
+                                           const AlignOptions& options) {
+  const auto ray_in_map = map.camera.RayInCam(match.pixel);
+  const auto epipolar = SampsonError(map.camera, map.cam_from_world, match.pixel, other.camera,
+                                     other.cam_from_world, match.other_px);
+  if (!ray_in_map || !(ray_in_map->z() > 0) || !epipolar ||
+      std::abs(epipolar->error_px) > options.epipolar_threshold_px) {
+    return std::nullopt;
+  }
+  const Rigid3 other_from_map = other.cam_from_world * map.cam_from_world.Inverse();
+  return Observation{.pixel = match.pixel,
+                     .z = z,
+                     .origin_in_other = other_from_map.translation,
+                     .ray_in_other = other_from_map.rotation * (*ray_in_map / ray_in_map->z()),
+                     .other_camera = &other.camera,
+                     .other_px = match.other_px};
+}
+
+std::vector<Observation> MakeObservations(const GeometrySource& source,
+                                          std::span<const PosedImage> references,
+                                          const PosedImage& map,
+                                          const std::vector<HalfMatch>& matches,
+                                          const AlignOptions& options) {
+  std::vector<Eigen::Vector2d> pixels;
+  for (const HalfMatch& match : matches) pixels.push_back(match.pixel);
+  const auto points = source.Lift(map, pixels);
+  std::vector<Observation> observations;
+  for (size_t i = 0; i < matches.size(); ++i) {
+    if (!points[i]) continue;
+    const PosedImage& other = references[static_cast<size_t>(matches[i].other)];
+    if (const auto made = MakeObservation(map, other, matches[i], points[i]->depth_z, options)) {
+      observations.push_back(*made);
+    }
+  }
+  return observations;
+}
+
+// How far the projections are from the matches: the median; none counts as infinitely far.
+std::vector<double> Distances(const std::vector<Observation>& observations, const Camera& camera,
+                              const DepthCorrection& correction) {
+  std::vector<double> distances;
+  for (const Observation& o : observations) {
+    const double z = correction.Correct(o.z, camera, o.pixel);
+    const auto projected = o.other_camera->ImgFromCam(o.PointInOther(z));
+    distances.push_back(projected ? (*projected - o.other_px).norm()
+                                  : std::numeric_limits<double>::infinity());
+  }
+  return distances;
+}
+
+struct WeightedValue {
+  double value;
+  double weight;
+};
+
+double WeightedMedian(std::vector<WeightedValue> values) {
+  std::sort(values.begin(), values.end(),
+            [](const WeightedValue& a, const WeightedValue& b) { return a.value < b.value; });
+  double total = 0;
+  for (const WeightedValue& v : values) total += v.weight;
+  double below = 0;
+  for (const WeightedValue& v : values) {
+    below += v.weight;
+    if (below >= 0.5 * total) return v.value;
+  }
+  return 0;
+}
+
+// The depth at which the keypoint's ray passes closest to its match's ray, and what one unit of its
+// logarithm moves the projection, in pixels: the more, the better the depth is known. None where
+// it is behind either camera.
+std::optional<WeightedValue> TriangulatedLogFactor(const Observation& o) {
+  const auto other_ray = o.other_camera->RayInCam(o.other_px);
+  if (!other_ray) return std::nullopt;
+  const Eigen::Vector3d a = other_ray->cross(o.origin_in_other);
+  const Eigen::Vector3d b = other_ray->cross(o.ray_in_other);
+  const double z = -b.dot(a) / b.squaredNorm();
+  if (!(z > 0) || !std::isfinite(z)) return std::nullopt;
+  const auto projection = o.other_camera->ImgFromCamWithJacobian(o.PointInOther(z));
+  if (!projection) return std::nullopt;
+  return WeightedValue{std::log(z / o.z), (projection->jacobian * o.ray_in_other).norm() * z};
+}
+
+double RobustLogFactor(const std::vector<Observation>& observations) {
+  std::vector<WeightedValue> factors;
+  for (const Observation& o : observations) {
+    if (const auto factor = TriangulatedLogFactor(o)) factors.push_back(*factor);
+  }
+  return WeightedMedian(std::move(factors));
+}
+
+// The distance of a keypoint's projection from its match, over a map's log factors and, if there is
+// one more parameter, its shift.
+class ProjectedDepthCost final : public ceres::CostFunction {
+ public:
+  ProjectedDepthCost(const Observation& observation, const std::array<GridWeight, 4>& weights,
+                     size_t num_nodes, bool has_shift)
+      : observation_(observation), weights_(weights), num_nodes_(num_nodes), has_shift_(has_shift) {
+    set_num_residuals(2);
+    mutable_parameter_block_sizes()->push_back(static_cast<int>(num_nodes + (has_shift ? 1 : 0)));
+  }
+
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override {
+    double log_factor = 0;
+    for (const auto& [node, weight] : weights_) log_factor += weight * parameters[0][node];
+    const double scaled_z = observation_.z * std::exp(log_factor);
+    const double z = scaled_z + (has_shift_ ? parameters[0][num_nodes_] : 0);
+    const auto projection =
+        observation_.other_camera->ImgFromCamWithJacobian(observation_.PointInOther(z));
+    if (!projection) return false;
+    Eigen::Map<Eigen::Vector2d> error(residuals);
+    error = projection->pixel - observation_.other_px;
+    if (jacobians != nullptr && jacobians[0] != nullptr) {
+      const Eigen::Vector2d along = projection->jacobian * observation_.ray_in_other;
+      Eigen::Map<Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>> jacobian(
+          jacobians[0], 2, parameter_block_sizes()[0]);
+      jacobian.setZero();
+      for (const auto& [node, weight] : weights_) {
+        jacobian.col(static_cast<Eigen::Index>(node)) += weight * scaled_z * along;
+      }
+      if (has_shift_) jacobian.rightCols(1) = along;
+    }
+    return true;
+  }
+
+ private:
+  Observation observation_;
+  std::array<GridWeight, 4> weights_;
+  size_t num_nodes_;
+  bool has_shift_;
+};
+
+// A weighted sum of parameters that should be near 0.
+class LinearPrior final : public ceres::CostFunction {
+ public:
+  LinearPrior(std::vector<GridWeight> terms, double sigma, int num_parameters)
+      : terms_(std::move(terms)), sigma_(sigma) {
+    set_num_residuals(1);
+    mutable_parameter_block_sizes()->push_back(num_parameters);
+  }
+
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override {
+    residuals[0] = 0;
+    for (const auto& [index, weight] : terms_) {
+      residuals[0] += weight * parameters[0][index] / sigma_;
+    }
+    if (jacobians != nullptr && jacobians[0] != nullptr) {
+      std::fill_n(jacobians[0], parameter_block_sizes()[0], 0.0);
+      for (const auto& [index, weight] : terms_) jacobians[0][index] += weight / sigma_;
+    }
+    return true;
+  }
+
+ private:
+  std::vector<GridWeight> terms_;
+  double sigma_;
+};
+
+// Monocular depth drifts by a few percent over a fifth of the image: where there are no matches,
+// neighbouring nodes follow each other.
+void AddSmoothness(const DepthCorrection& correction, double* parameters, ceres::Problem& problem) {
+  constexpr double kSigma = 0.05;
+  const auto columns = static_cast<size_t>(correction.columns);
+  const auto rows = static_cast<size_t>(correction.rows);
+  const int size = static_cast<int>(correction.log_factors.size());
+  const auto add = [&](size_t a, size_t b) {
+    problem.AddResidualBlock(
+        new LinearPrior({{a, 1.0}, {b, -1.0}}, kSigma, size), nullptr, parameters);
+  };
+  for (size_t y = 0; y < rows; ++y) {
+    for (size_t x = 0; x < columns; ++x) {
+      const size_t node = y * columns + x;
+      if (x + 1 < columns) add(node, node + 1);
+      if (y + 1 < rows) add(node, node + columns);
+    }
+  }
+}
+
+// The correction that starts from one factor and fits the observations best.
+DepthCorrection Fit(const std::vector<Observation>& observations, const Camera& camera,
+                    double log_factor, const AlignOptions& options) {
+  DepthCorrection correction;
+  if (options.mode == AlignMode::kGrid) {
+    correction.columns = options.grid_columns;
+    correction.rows = options.grid_rows;
+  }
+  const size_t num_nodes = static_cast<size_t>(correction.columns * correction.rows);
+  const bool has_shift = options.mode == AlignMode::kAffine;
+  correction.log_factors.assign(num_nodes, log_factor);
+
+  std::vector<double> parameters(num_nodes + (has_shift ? 1 : 0), 0);
+  std::fill_n(parameters.begin(), num_nodes, log_factor);
+  const DepthCorrection start = correction;
+  ceres::Problem problem;
+  std::vector<double> depths;
+  for (const Observation& o : observations) {
+    const double z = start.Correct(o.z, camera, o.pixel);
+    if (!o.other_camera->ImgFromCam(o.PointInOther(z))) continue;
+    depths.push_back(z);
+    problem.AddResidualBlock(
+        new ProjectedDepthCost(o,
+                               GridWeights(correction.columns, correction.rows, camera, o.pixel),
+                               num_nodes, has_shift),
+        new ceres::CauchyLoss(options.loss_width_px), parameters.data());
+  }
+  if (depths.empty()) return correction;
+  if (num_nodes > 1) AddSmoothness(correction, parameters.data(), problem);
+  if (has_shift) {
+    // Factor and shift are told apart by the range of depths alone; without one, no shift.
+    constexpr double kShareOfDepth = 0.3;
+    problem.AddResidualBlock(new LinearPrior({{num_nodes, 1.0}}, kShareOfDepth * Median(depths),
+                                             static_cast<int>(parameters.size())),
+                             nullptr, parameters.data());
+  }
+  ceres::Solver::Options solver_options;
+  solver_options.linear_solver_type = ceres::DENSE_QR;
+  solver_options.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(solver_options, &problem, &summary);
+  if (summary.IsSolutionUsable()) {
+    std::copy_n(parameters.begin(), num_nodes, correction.log_factors.begin());
+    if (has_shift) correction.shift = parameters[num_nodes];
+  }
+  return correction;
+}
+
+std::vector<std::vector<HalfMatch>> SplitByReference(std::span<const ReferenceMatch> matches,
+                                                     size_t num_references) {
+  std::vector<std::vector<HalfMatch>> halves(num_references);
+  for (const ReferenceMatch& m : matches) {
+    halves[static_cast<size_t>(m.reference_a)].push_back({m.a_px, m.reference_b, m.b_px});
+    halves[static_cast<size_t>(m.reference_b)].push_back({m.b_px, m.reference_a, m.a_px});
+  }
+  return halves;
+}
+
+}  // namespace
+
+std::string_view ToString(AlignMode mode) {
+  for (const auto& [value, name] : kModeNames) {
+    if (value == mode) return name;
+  }
+  return {};
+}
+
+std::optional<AlignMode> AlignModeFromName(std::string_view name) {
+  for (const auto& [value, known] : kModeNames) {
+    if (known == name) return value;
+  }
+  return std::nullopt;
+}
+
+std::map<std::string, DepthCorrection> DepthAlignment::Corrections() const {
+  std::map<std::string, DepthCorrection> corrections;
+  for (const MapAlignment& map : maps) corrections.emplace(map.reference, map.correction);
+  return corrections;
+}
+
+DepthAlignment AlignDepth(const GeometrySource& source, std::span<const PosedImage> references,
+                          std::span<const ReferenceMatch> matches, const AlignOptions& options,
+                          int threads) {
+  RAYLIFT_CHECK(options.mode != AlignMode::kOff);
+  const auto halves = SplitByReference(matches, references.size());
+  std::vector<std::vector<Observation>> observations(references.size());
+  std::vector<double> log_factors(references.size(), 0);
+  DepthAlignment alignment;
+  alignment.maps.resize(references.size());
+  ParallelFor(references.size(), threads, [&](size_t i) {
+    observations[i] = MakeObservations(source, references, references[i], halves[i], options);
+    log_factors[i] = RobustLogFactor(observations[i]);
+    MapAlignment& map = alignment.maps[i];
+    map.reference = references[i].name;
+    map.num_matches = observations[i].size();
+    map.own_correction = map.num_matches >= options.min_matches;
+  });
+
+  std::vector<double> own_log_factors;
+  for (size_t i = 0; i < references.size(); ++i) {
+    if (alignment.maps[i].own_correction) own_log_factors.push_back(log_factors[i]);
+  }
+  const double median_log_factor = Median(own_log_factors);
+  alignment.median_factor = std::exp(median_log_factor);
+
+  std::vector<std::vector<double>> before(references.size()), after(references.size());
+  ParallelFor(references.size(), threads, [&](size_t i) {
+    MapAlignment& map = alignment.maps[i];
+    const Camera& camera = references[i].camera;
+    map.correction.log_factors = {median_log_factor};
+    if (map.own_correction) {
+      map.correction = Fit(observations[i], camera, log_factors[i], options);
+    }
+    before[i] = Distances(observations[i], camera, {});
+    after[i] = Distances(observations[i], camera, map.correction);
+    map.median_before_px = Median(before[i]);
+    map.median_after_px = Median(after[i]);
+  });
+  const auto median_of_all = [](const std::vector<std::vector<double>>& lists) {
+    std::vector<double> all;
+    for (const auto& list : lists) all.insert(all.end(), list.begin(), list.end());
+    return Median(std::move(all));
+  };
+  alignment.median_before_px = median_of_all(before);
+  alignment.median_after_px = median_of_all(after);
+  return alignment;
+}
+
+}  // namespace raylift

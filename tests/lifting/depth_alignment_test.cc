@@ -1,0 +1,177 @@
+#include "raylift/lifting/depth_alignment.h"
+
+#include <cmath>
+
+#include "room.h"
+#include "support/matchers.h"
+#include <gtest/gtest.h>
+
+namespace raylift {
+namespace {
+
+// A different number for each reference.
+double NumberOf(const PosedImage& reference) { return std::stod(reference.name.substr(1)); }
+
+double FactorOf(const PosedImage& reference) { return std::exp(0.07 * (NumberOf(reference) - 2)); }
+
+double RelativeError(const GeometrySource& source, const Room& room, Rng& rng) {
+  double worst = 0;
+  for (const PosedImage& reference : room.references) {
+    std::vector<Eigen::Vector2d> pixels;
+    for (int i = 0; i < 200; ++i) pixels.emplace_back(rng.Uniform(0, 640), rng.Uniform(0, 480));
+    const auto truth = room.walls->Lift(reference, pixels);
+    const auto points = source.Lift(reference, pixels);
+    for (size_t i = 0; i < pixels.size(); ++i) {
+      worst = std::max(worst, std::abs(points[i]->depth_z / truth[i]->depth_z - 1));
+      const auto back =
+          reference.camera.ImgFromCam(reference.cam_from_world * points[i]->point_in_world);
+      EXPECT_LT((*back - pixels[i]).norm(), 1e-3) << "still on its pixel's ray";
+    }
+  }
+  return worst;
+}
+
+struct Aligned {
+  DepthAlignment alignment;
+  AlignedSource source;
+};
+
+Aligned Align(const Room& room, DistortedSource::Distortion distortion,
+              const std::vector<ReferenceMatch>& matches, AlignMode mode) {
+  const auto source = std::make_shared<DistortedSource>(room.walls, std::move(distortion));
+  DepthAlignment alignment = AlignDepth(*source, room.references, matches, {.mode = mode}, 1);
+  const auto corrections = alignment.Corrections();
+  return {std::move(alignment), AlignedSource(source, corrections)};
+}
+
+TEST(AlignDepth, FindsEachMapsFactor) {
+  Rng rng = TestRng();
+  const Room room(5, rng);
+  const auto distort = [](const PosedImage& r, const Eigen::Vector2d&, double z) {
+    return z * FactorOf(r);
+  };
+  for (const AlignMode mode : {AlignMode::kScale, AlignMode::kAffine, AlignMode::kGrid}) {
+    const Aligned aligned = Align(room, distort, room.MatchAll(100, 0, rng), mode);
+    EXPECT_LT(RelativeError(aligned.source, room, rng), 2e-3) << ToString(mode);
+    EXPECT_GT(aligned.alignment.median_before_px, 3) << ToString(mode);
+    EXPECT_LT(aligned.alignment.median_after_px, 0.1) << ToString(mode);
+    for (const MapAlignment& map : aligned.alignment.maps) EXPECT_TRUE(map.own_correction);
+  }
+}
+
+TEST(AlignDepth, FindsAUnitThatIsAThousandTimesOff) {
+  Rng rng = TestRng();
+  const Room room(4, rng);
+  const auto in_millimetres = [](const PosedImage&, const Eigen::Vector2d&, double z) {
+    return 1000 * z;
+  };
+  const Aligned aligned =
+      Align(room, in_millimetres, room.MatchAll(100, 0, rng), AlignMode::kScale);
+  EXPECT_NEAR(aligned.alignment.median_factor, 0.001, 1e-6);
+  EXPECT_LT(RelativeError(aligned.source, room, rng), 1e-3);
+}
+
+TEST(AlignDepth, FindsFactorAndShift) {
+  Rng rng = TestRng();
+  const Room room(5, rng);
+  const auto distort = [](const PosedImage& r, const Eigen::Vector2d&, double z) {
+    return (z - 0.3) / FactorOf(r);
+  };
+  const Aligned aligned = Align(room, distort, room.MatchAll(100, 0, rng), AlignMode::kAffine);
+  EXPECT_LT(RelativeError(aligned.source, room, rng), 3e-3);
+  for (size_t i = 0; i < room.references.size(); ++i) {
+    const DepthCorrection& correction = aligned.alignment.maps[i].correction;
+    EXPECT_NEAR(correction.shift, 0.3, 0.02);
+    EXPECT_NEAR(correction.log_factors[0], std::log(FactorOf(room.references[i])), 0.01);
+  }
+}
+
+TEST(AlignDepth, FindsASlowDriftOverTheImageDespiteNoiseAndWrongMatches) {
+  Rng rng = TestRng();
+  const Room room(5, rng);
+  const auto distort = [](const PosedImage& r, const Eigen::Vector2d& px, double z) {
+    return z * FactorOf(r) * std::exp(0.06 * std::sin(px.x() / 150) * std::cos(px.y() / 200));
+  };
+  std::vector<ReferenceMatch> matches = room.MatchAll(400, 0.5, rng);
+  for (size_t i = 0; i < matches.size(); i += 4) {
+    matches[i].b_px = {rng.Uniform(0, 640), rng.Uniform(0, 480)};
+  }
+  const Aligned scale = Align(room, distort, matches, AlignMode::kScale);
+  const Aligned grid = Align(room, distort, matches, AlignMode::kGrid);
+  EXPECT_GT(RelativeError(scale.source, room, rng), 0.04) << "one factor cannot";
+  EXPECT_LT(RelativeError(grid.source, room, rng), 0.03);
+  EXPECT_LT(grid.alignment.median_after_px, 0.5 * scale.alignment.median_after_px);
+}
+
+TEST(AlignDepth, MapsWithFewMatchesTakeTheOthersFactor) {
+  Rng rng = TestRng();
+  const Room room(5, rng);
+  const auto distort = [](const PosedImage& r, const Eigen::Vector2d&, double z) {
+    return z * FactorOf(r);
+  };
+  std::vector<ReferenceMatch> matches = room.MatchAll(100, 0, rng);
+  std::erase_if(matches, [](const ReferenceMatch& m) {
+    return m.reference_a == 4 || m.reference_b == 4;
+  });
+  const Aligned aligned = Align(room, distort, matches, AlignMode::kScale);
+  const MapAlignment& lonely = aligned.alignment.maps[4];
+  EXPECT_EQ(lonely.num_matches, 0u);
+  EXPECT_FALSE(lonely.own_correction);
+  EXPECT_EQ(lonely.correction.log_factors[0], std::log(aligned.alignment.median_factor));
+}
+
+TEST(AlignDepth, ThreadsDoNotChangeTheResult) {
+  Rng rng = TestRng();
+  const Room room(4, rng);
+  const auto matches = room.MatchAll(50, 1, rng);
+  const AlignOptions options{.mode = AlignMode::kGrid};
+  const auto one = AlignDepth(*room.walls, room.references, matches, options, 1);
+  const auto three = AlignDepth(*room.walls, room.references, matches, options, 3);
+  for (size_t i = 0; i < one.maps.size(); ++i) {
+    EXPECT_EQ(one.maps[i].correction.log_factors, three.maps[i].correction.log_factors);
+  }
+}
+
+TEST(AlignedSource, DropsPointsThatWouldLieBehindTheCamera) {
+  Rng rng = TestRng();
+  const Room room(2, rng);
+  const AlignedSource source(room.walls, {{"r0", {.shift = -100}}});
+  const Eigen::Vector2d pixel(100, 100);
+  EXPECT_FALSE(source.Lift(room.references[0], {&pixel, 1})[0]);
+  EXPECT_EQ(source.Lift(room.references[1], {&pixel, 1})[0]->depth_z,
+            room.walls->Lift(room.references[1], {&pixel, 1})[0]->depth_z)
+      << "no correction for this reference";
+}
+
+TEST(GridWeights, AreBilinearFromCornerToCorner) {
+  const double params[] = {500, 500, 320, 240};
+  const Camera camera(CameraModel::kPinhole, 640, 480, params);
+  const auto at = [&](double x, double y) {
+    std::vector<double> weights(20, 0);
+    for (const auto& [node, weight] : GridWeights(5, 4, camera, {x, y})) weights[node] += weight;
+    return weights;
+  };
+  EXPECT_EQ(at(0, 0)[0], 1);
+  EXPECT_EQ(at(640, 480)[19], 1);
+  EXPECT_EQ(at(700, -9)[4], 1) << "the border continues outside";
+  EXPECT_DOUBLE_EQ(at(40, 80)[0], 0.75 * 0.5);
+  EXPECT_DOUBLE_EQ(at(40, 80)[1], 0.25 * 0.5);
+  EXPECT_DOUBLE_EQ(at(40, 80)[5], 0.75 * 0.5);
+  EXPECT_DOUBLE_EQ(at(40, 80)[6], 0.25 * 0.5);
+}
+
+TEST(TransitiveMatches, JoinReferencesThatAreMatchedWithOneQueryKeypoint) {
+  const std::vector<Match2D2D> matches = {
+      {2, {1, 1}, {20, 21}}, {0, {1, 1}, {10, 11}}, {1, {5, 5}, {30, 31}},
+      {0, {1, 1}, {12, 13}}, {1, {1, 1}, {40, 41}},
+  };
+  const auto pairs = TransitiveMatches(matches);
+  ASSERT_EQ(pairs.size(), 5u) << "two keypoints of one reference are no pair";
+  EXPECT_EQ(pairs[0].reference_a, 0);
+  EXPECT_EQ(pairs[0].reference_b, 1);
+  EXPECT_EQ(pairs[0].a_px, Eigen::Vector2d(10, 11));
+  EXPECT_EQ(pairs[0].b_px, Eigen::Vector2d(40, 41));
+}
+
+}  // namespace
+}  // namespace raylift
