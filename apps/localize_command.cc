@@ -16,11 +16,13 @@
 #include "raylift/io/image_file.h"
 #include "raylift/io/pose_problem_json.h"
 #include "raylift/io/query_list.h"
+#include "raylift/lifting/depth_alignment.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/query_picture.h"
 #include "raylift/localization/result_files.h"
+#include "raylift/localization/scene_matches.h"
 
 namespace raylift {
 namespace {
@@ -31,6 +33,7 @@ struct LocalizeFlags {
   path model, images, queries, query_images;
   int every = 1;
   std::vector<std::string> geometry;
+  std::string align_depth = "off";
   path features, matches, pairs;
   int top_k = 10;
   int max_features = 4096;
@@ -74,6 +77,17 @@ void Check(const LocalizeFlags& flags, const EstimatorOptions& estimator) {
   }
 }
 
+AlignMode ResolveAlignMode(const LocalizeFlags& flags) {
+  const auto mode = AlignModeFromName(flags.align_depth);
+  if (!mode) {
+    throw OptionError("--align-depth", flags.align_depth, "expected off|scale|affine|grid");
+  }
+  if (*mode != AlignMode::kOff && flags.geometry.empty()) {
+    throw OptionError("--align-depth", flags.align_depth, "needs --geometry");
+  }
+  return *mode;
+}
+
 // A file name from a query's name, whose folders are kept.
 path WithExtension(const path& folder, const std::string& query, const char* extension) {
   return (folder / query).replace_extension(extension);
@@ -97,6 +111,7 @@ class LocalizeRun {
       Take(std::move(geometry_.warnings));
     }
     match_source_ = OpenMatches();
+    AlignGeometry(ResolveAlignMode(flags));
   }
 
   void Run(const std::string& options_json) {
@@ -120,6 +135,7 @@ class LocalizeRun {
     WriteSummary(flags_.out / "summary.json", localized,
                  {.num_references = references_.images.size(),
                   .geometry = flags_.geometry,
+                  .alignment = alignment_ ? &*alignment_ : nullptr,
                   .warnings = warnings_,
                   .seconds = elapsed.count()});
     if (!flags_.run.quiet) {
@@ -153,6 +169,17 @@ class LocalizeRun {
                                references_, queries_);
   }
 
+  void AlignGeometry(AlignMode mode) {
+    if (mode == AlignMode::kOff) return;
+    const auto matches =
+        CollectReferenceMatches(queries_, *match_source_, references_, flags_.run.threads);
+    alignment_ = AlignDepth(*geometry_.source, references_.images, matches, {.mode = mode},
+                            flags_.run.threads);
+    geometry_.source =
+        std::make_unique<AlignedSource>(std::move(geometry_.source), alignment_->Corrections());
+    WriteAlignment(flags_.out / "depth_alignment.jsonl", *alignment_);
+  }
+
   LocalizedQuery Localize(size_t index) const {
     QueryResult result = LocalizeQuery(queries_[index], {.match_source = *match_source_,
                                                          .geometry = geometry_.source.get(),
@@ -172,6 +199,11 @@ class LocalizeRun {
   }
 
   void Print(const std::vector<LocalizedQuery>& localized) const {
+    if (alignment_) {
+      fmt::print(
+          "aligned depth: keypoints were {:.2f} px from their matches, now {:.2f} px (median)\n",
+          alignment_->median_before_px, alignment_->median_after_px);
+    }
     size_t count = 0;
     for (const LocalizedQuery& query : localized) {
       count += query.localized() ? 1 : 0;
@@ -191,6 +223,7 @@ class LocalizeRun {
   uint64_t seed_;
   ReferenceSet references_;
   NamedGeometry geometry_;
+  std::optional<DepthAlignment> alignment_;
   std::vector<std::string> warnings_;
   std::unique_ptr<MatchSource> match_source_;
 };
@@ -212,6 +245,12 @@ void AddLocalizeCommand(CLI::App& program) {
   command
       ->add_option("--geometry", flags->geometry,
                    "Where 3D points come from: mesh:PATH[,key=value...]")
+      ->group("Geometry");
+  command
+      ->add_option("--align-depth", flags->align_depth,
+                   "Correct each reference's depth by the matches between references:\n"
+                   "off|scale|affine|grid. For depth maps that do not agree with each other")
+      ->capture_default_str()
       ->group("Geometry");
   command
       ->add_option("--queries", flags->queries,

@@ -220,8 +220,8 @@ void AddSmoothness(const DepthCorrection& correction, double* parameters, ceres:
   const auto rows = static_cast<size_t>(correction.rows);
   const int size = static_cast<int>(correction.log_factors.size());
   const auto add = [&](size_t a, size_t b) {
-    problem.AddResidualBlock(
-        new LinearPrior({{a, 1.0}, {b, -1.0}}, kSigma, size), nullptr, parameters);
+    problem.AddResidualBlock(new LinearPrior({{a, 1.0}, {b, -1.0}}, kSigma, size), nullptr,
+                             parameters);
   };
   for (size_t y = 0; y < rows; ++y) {
     for (size_t x = 0; x < columns; ++x) {
@@ -254,8 +254,7 @@ DepthCorrection Fit(const std::vector<Observation>& observations, const Camera& 
     if (!o.other_camera->ImgFromCam(o.PointInOther(z))) continue;
     depths.push_back(z);
     problem.AddResidualBlock(
-        new ProjectedDepthCost(o,
-                               GridWeights(correction.columns, correction.rows, camera, o.pixel),
+        new ProjectedDepthCost(o, GridWeights(correction.columns, correction.rows, camera, o.pixel),
                                num_nodes, has_shift),
         new ceres::CauchyLoss(options.loss_width_px), parameters.data());
   }

@@ -89,6 +89,24 @@ void WriteQueryDiagnostics(const std::filesystem::path& path,
   WriteFile(path, text);
 }
 
+void WriteAlignment(const std::filesystem::path& path, const DepthAlignment& alignment) {
+  std::string text;
+  for (const MapAlignment& map : alignment.maps) {
+    const Json json = {{"reference", map.reference},
+                       {"matches", map.num_matches},
+                       {"own_correction", map.own_correction},
+                       {"columns", map.correction.columns},
+                       {"rows", map.correction.rows},
+                       {"log_factors", map.correction.log_factors},
+                       {"shift", map.correction.shift},
+                       {"median_before_px", map.median_before_px},
+                       {"median_after_px", map.median_after_px}};
+    text += json.dump();
+    text += '\n';
+  }
+  WriteFile(path, text);
+}
+
 void WriteSummary(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries,
                   const RunSummary& summary) {
   const auto median_of = [&queries](const auto& value) {
@@ -121,6 +139,11 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
         {"estimate_ms", median_of([](const LocalizedQuery& q) { return q.estimate_ms; })}}},
       {"seconds", summary.seconds},
       {"warnings", summary.warnings}};
+  if (summary.alignment != nullptr) {
+    json["alignment"] = {{"median_factor", summary.alignment->median_factor},
+                         {"median_before_px", summary.alignment->median_before_px},
+                         {"median_after_px", summary.alignment->median_after_px}};
+  }
   WriteFile(path, json.dump(2) + "\n");
 }
 

@@ -110,9 +110,8 @@ TEST(AlignDepth, MapsWithFewMatchesTakeTheOthersFactor) {
     return z * FactorOf(r);
   };
   std::vector<ReferenceMatch> matches = room.MatchAll(100, 0, rng);
-  std::erase_if(matches, [](const ReferenceMatch& m) {
-    return m.reference_a == 4 || m.reference_b == 4;
-  });
+  std::erase_if(matches,
+                [](const ReferenceMatch& m) { return m.reference_a == 4 || m.reference_b == 4; });
   const Aligned aligned = Align(room, distort, matches, AlignMode::kScale);
   const MapAlignment& lonely = aligned.alignment.maps[4];
   EXPECT_EQ(lonely.num_matches, 0u);

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "raylift/lifting/depth_alignment.h"
 #include "raylift/localization/localizer.h"
 
 namespace raylift {
@@ -19,10 +20,15 @@ void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQu
 void WriteQueryDiagnostics(const std::filesystem::path& path,
                            const std::vector<LocalizedQuery>& queries);
 
+// `depth_alignment.jsonl`: one JSON object per reference: how its depth was corrected, on how many
+// matches that rests, how far these were from the projected keypoints before and after.
+void WriteAlignment(const std::filesystem::path& path, const DepthAlignment& alignment);
+
 // `summary.json`: totals, medians of the stages' counts, warnings, seconds.
 struct RunSummary {
   size_t num_references = 0;
   std::vector<std::string> geometry;
+  const DepthAlignment* alignment = nullptr;  // null where depth was not aligned
   std::vector<std::string> warnings;
   double seconds = 0;
 };

@@ -1,0 +1,24 @@
+// The matches between a scene's references that the queries' matches imply: what depth alignment
+// and the check of the input rest on.
+
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "raylift/io/query_list.h"
+#include "raylift/lifting/reference_matches.h"
+#include "raylift/localization/match_source.h"
+
+namespace raylift {
+
+// Indices count in references.images; sorted, each match once, whatever the number of threads.
+// References that have `enough` matches already take no more from later queries, so that memory
+// stays bounded.
+std::vector<ReferenceMatch> CollectReferenceMatches(std::span<const Query> queries,
+                                                    const MatchSource& match_source,
+                                                    const ReferenceSet& references, int threads,
+                                                    size_t enough = 5000);
+
+}  // namespace raylift

@@ -1,0 +1,69 @@
+#include "raylift/localization/scene_matches.h"
+
+#include <algorithm>
+#include <string>
+#include <tuple>
+#include <unordered_map>
+
+#include "raylift/base/parallel.h"
+
+namespace raylift {
+namespace {
+
+auto KeyOf(const ReferenceMatch& m) {
+  return std::tuple(m.reference_a, m.reference_b, m.a_px.x(), m.a_px.y(), m.b_px.x(), m.b_px.y());
+}
+
+void SortAndDropRepeated(std::vector<ReferenceMatch>& matches) {
+  std::sort(matches.begin(), matches.end(),
+            [](const ReferenceMatch& a, const ReferenceMatch& b) { return KeyOf(a) < KeyOf(b); });
+  const auto end = std::unique(
+      matches.begin(), matches.end(),
+      [](const ReferenceMatch& a, const ReferenceMatch& b) { return KeyOf(a) == KeyOf(b); });
+  matches.erase(end, matches.end());
+}
+
+}  // namespace
+
+std::vector<ReferenceMatch> CollectReferenceMatches(std::span<const Query> queries,
+                                                    const MatchSource& match_source,
+                                                    const ReferenceSet& references, int threads,
+                                                    size_t enough) {
+  std::unordered_map<std::string, int> index_of_name;
+  for (size_t i = 0; i < references.images.size(); ++i) {
+    index_of_name.emplace(references.images[i].name, static_cast<int>(i));
+  }
+  std::vector<size_t> count(references.images.size(), 0);
+  std::vector<ReferenceMatch> collected;
+  // Queries in batches: matched in parallel, taken in order.
+  constexpr size_t kBatch = 64;
+  for (size_t begin = 0; begin < queries.size(); begin += kBatch) {
+    const auto batch = queries.subspan(begin, std::min(kBatch, queries.size() - begin));
+    std::vector<std::vector<ReferenceMatch>> found(batch.size());
+    ParallelFor(batch.size(), threads, [&](size_t i) {
+      const QueryMatches matches = match_source.Match(batch[i]);
+      found[i] = TransitiveMatches(matches.matches);
+      for (ReferenceMatch& m : found[i]) {
+        m.reference_a =
+            index_of_name.at(matches.references[static_cast<size_t>(m.reference_a)].name);
+        m.reference_b =
+            index_of_name.at(matches.references[static_cast<size_t>(m.reference_b)].name);
+      }
+    });
+    for (const auto& of_query : found) {
+      const std::vector<size_t> before = count;
+      for (const ReferenceMatch& m : of_query) {
+        const auto a = static_cast<size_t>(m.reference_a);
+        const auto b = static_cast<size_t>(m.reference_b);
+        if (before[a] >= enough && before[b] >= enough) continue;
+        collected.push_back(m);
+        ++count[a];
+        ++count[b];
+      }
+    }
+  }
+  SortAndDropRepeated(collected);
+  return collected;
+}
+
+}  // namespace raylift
