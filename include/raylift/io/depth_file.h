@@ -1,0 +1,126 @@
+// Depth maps (and any other picture of one float per pixel) in the formats of the field. Reading
+// gives the numbers as they are stored: what they mean (z or ray length, unit, which of them are
+// holes) is for the caller to say, see lifting/depth_convention.h.
+
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "raylift/scene/depth_map.h"
+
+namespace raylift {
+
+enum class DepthFileFormat {
+  kExr,     // OpenEXR: float16, float32 or uint32; scan lines or tiles, one or several parts
+  kPng,     // grey, 8 or 16 bits
+  kTiff,    // grey, uint8, uint16, float32 or float64
+  kPgm,     // binary, 8 or 16 bits
+  kNpy,     // numpy: float16/32/64 and (u)int8/16/32/64, either byte order, C or Fortran order
+  kNpz,     // numpy: a ZIP of those
+  kNpyGz,   // an NPY in gzip, as nerfstudio writes it
+  kColmap,  // COLMAP's dense maps (.bin)
+  kPfm,     // portable float map, one channel
+  kRaw,     // float32, little endian, without any header (kapture, ETH3D)
+};
+std::string_view ToString(DepthFileFormat format);
+// The format that a file name asks for: .exr, .png, .tif, .tiff, .pgm, .npy, .npz, .npy.gz, .bin,
+// .pfm, .depth.
+std::optional<DepthFileFormat> DepthFileFormatFromName(const std::filesystem::path& path);
+
+struct PlaneSize {
+  int width_px = 0;
+  int height_px = 0;
+  bool operator==(const PlaneSize&) const = default;
+};
+
+// A depth map as it is stored.
+struct StoredDepth {
+  int width_px = 0;
+  int height_px = 0;
+  std::vector<float> values;  // row-major, the top row first, whatever the order in the file
+  // What the file itself says.
+  DepthFileFormat format = DepthFileFormat::kRaw;
+  std::string sample_type;               // "uint16", "float32", ...
+  std::string layer;                     // the channel of an EXR, the key of an NPZ
+  std::optional<double> declared_scale;  // of a PFM, without its sign; not applied
+};
+
+struct DepthReadOptions {
+  // The channel of an EXR ("Z", "part.Z", "layer.Z") or the key of an NPZ. Empty: Z, depth, R, Y,
+  // else the first channel; the key depth, else the only array.
+  std::string layer = {};
+  // Of files without a header: the file then is read as kRaw, whatever it looks like.
+  std::optional<PlaneSize> raw_size = std::nullopt;
+};
+
+// The format is told by the content. InputError naming the file for anything wrong: unknown
+// content, a truncated file, a size that cannot be in a file of this length, samples of a wrong
+// type, several channels where one is expected. Memory is never taken on a header's word. Thread
+// safe.
+StoredDepth ReadDepthFile(const std::filesystem::path& path, const DepthReadOptions& options = {});
+StoredDepth ParseDepthFile(const std::filesystem::path& path_for_messages, std::string bytes,
+                           const DepthReadOptions& options = {});
+
+enum class ExrCompression { kNone, kZips, kZip, kPiz, kPxr24, kDwaa };
+std::string_view ToString(ExrCompression compression);
+std::optional<ExrCompression> ExrCompressionFromName(std::string_view name);  // "pxr24", ...
+
+enum class FloatSample { kFloat32, kFloat16 };
+
+// One float per pixel, row-major, the top row first.
+struct FloatPlane {
+  int width_px;
+  int height_px;
+  std::span<const float> values;
+
+  FloatPlane(int width, int height, std::span<const float> plane_values)
+      : width_px(width), height_px(height), values(plane_values) {}
+  FloatPlane(const DepthMap& map)  // NOLINT(google-explicit-constructor): it is a view of it
+      : width_px(map.width_px), height_px(map.height_px), values(map.z) {}
+};
+
+struct DepthWriteOptions {
+  // By default the one that the file name asks for. kPgm, kNpyGz and kRaw are only read.
+  std::optional<DepthFileFormat> format = std::nullopt;
+  FloatSample sample = FloatSample::kFloat32;  // of EXR, NPY and NPZ
+  // PXR24 keeps 24 of a float32's bits (relative error below 2^-16), float16 exactly.
+  ExrCompression exr_compression = ExrCompression::kPxr24;
+  bool deflate_npz = false;  // numpy reads both; stored is some 20 times faster to write
+  std::string layer = {};    // default: channel "Z" of an EXR, key "depth" of an NPZ
+  double png_step = 0.001;   // scene units per count of a 16-bit PNG
+  int png_compression = 1;   // 0 .. 9
+  // A value that the format cannot hold (above 65535 steps of a PNG, or 65504 in float16): refuse
+  // the file, or store it as 0 (none) and count it.
+  enum class OutOfRange { kRefuse, kDrop };
+  OutOfRange out_of_range = OutOfRange::kRefuse;
+};
+
+struct DepthWriteReport {
+  size_t bytes = 0;
+  size_t dropped = 0;       // stored as 0 although they are not: out of range, or below a step
+  double max_rounding = 0;  // the largest change of a value that was kept, scene units
+};
+
+// The file appears complete or not at all, and the same values give the same bytes. Thread safe;
+// uses no threads of its own. InputError naming the file where it cannot be written or a value is
+// out of range, OptionError for an option that the format does not know.
+DepthWriteReport WriteDepthFile(const std::filesystem::path& path, const FloatPlane& plane,
+                                const DepthWriteOptions& options = {});
+
+// Several channels of one size in one EXR file (normals, for instance).
+struct ExrChannel {
+  std::string name;
+  std::span<const float> values;
+};
+void WriteExrChannels(const std::filesystem::path& path, PlaneSize size,
+                      std::span<const ExrChannel> channels,
+                      ExrCompression compression = ExrCompression::kPxr24,
+                      FloatSample sample = FloatSample::kFloat32);
+
+}  // namespace raylift

@@ -1,0 +1,62 @@
+// The readers and writers of single depth map formats, between bytes and floats. Private to io.
+
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <string_view>
+
+#include "raylift/io/depth_file.h"
+
+namespace raylift {
+
+// Deflate makes at most 1032 bytes of one, so whatever claims more is lying.
+inline constexpr uint64_t kMaxInflation = 1032;
+
+// InputError where a header claims a size that is no depth map's, or that takes more than
+// `max_pixels_in_file`.
+void CheckClaimedSize(const std::filesystem::path& path, uint64_t width, uint64_t height,
+                      uint64_t max_pixels_in_file);
+
+bool IsExr(std::string_view bytes);
+StoredDepth DecodeExr(const std::filesystem::path& path, std::string_view bytes,
+                      const std::string& channel);
+std::string EncodeExr(const std::filesystem::path& path, PlaneSize size,
+                      std::span<const ExrChannel> channels, ExrCompression compression,
+                      FloatSample sample);
+
+bool IsNpy(std::string_view bytes);
+StoredDepth DecodeNpy(const std::filesystem::path& path, std::string_view bytes);
+std::string EncodeNpy(const FloatPlane& plane, FloatSample sample);
+
+bool IsZip(std::string_view bytes);
+StoredDepth DecodeNpz(const std::filesystem::path& path, std::string_view bytes,
+                      const std::string& key);
+std::string EncodeNpz(const std::filesystem::path& path, const FloatPlane& plane,
+                      FloatSample sample, const std::string& key, bool deflate);
+
+bool IsGzip(std::string_view bytes);
+StoredDepth DecodeNpyGz(const std::filesystem::path& path, std::string_view bytes);
+
+bool IsPng(std::string_view bytes);
+bool IsTiff(std::string_view bytes);
+bool IsPgm(std::string_view bytes);
+StoredDepth DecodePng(const std::filesystem::path& path, std::string& bytes);
+StoredDepth DecodeTiff(const std::filesystem::path& path, std::string& bytes);
+StoredDepth DecodePgm(const std::filesystem::path& path, std::string& bytes);
+std::string EncodePng16(const std::filesystem::path& path, PlaneSize size,
+                        std::span<const uint16_t> counts, int compression);
+std::string EncodeTiff(const std::filesystem::path& path, const FloatPlane& plane);
+
+bool IsColmapMap(std::string_view bytes);
+StoredDepth DecodeColmapMap(const std::filesystem::path& path, std::string_view bytes);
+std::string EncodeColmapMap(const FloatPlane& plane);
+
+bool IsPfm(std::string_view bytes);
+StoredDepth DecodePfm(const std::filesystem::path& path, std::string_view bytes);
+std::string EncodePfm(const FloatPlane& plane);
+
+StoredDepth DecodeRaw(const std::filesystem::path& path, std::string_view bytes, PlaneSize size);
+
+}  // namespace raylift

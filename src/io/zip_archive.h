@@ -1,0 +1,40 @@
+// ZIP files in memory, by libzip. Private to io.
+
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raylift {
+
+bool IsZip(std::string_view bytes);
+
+class ZipReader {
+ public:
+  // `bytes` must outlive the reader. InputError where they are no whole archive.
+  ZipReader(std::filesystem::path path_for_messages, std::string_view bytes);
+  ~ZipReader();
+
+  const std::vector<std::string>& names() const { return names_; }
+
+  // The contents of an entry. InputError where it is damaged, or where it is said to be larger than
+  // its compressed bytes can become.
+  std::string Read(const std::string& name) const;
+
+ private:
+  struct Archive;
+  std::filesystem::path path_;
+  std::unique_ptr<Archive> archive_;
+  std::vector<std::string> names_;
+};
+
+enum class ZipMethod { kStore, kDeflate };
+
+// An archive of one entry; the same contents give the same bytes, as its time is that of 1980.
+std::string MakeZip(const std::filesystem::path& path_for_messages, const std::string& name,
+                    const std::string& contents, ZipMethod method);
+
+}  // namespace raylift
