@@ -55,10 +55,8 @@ void P3pGenerator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
   poses.assign(solutions.begin(), solutions.begin() + count);
 }
 
-double P3pGenerator::RequiredSamples(const std::vector<bool>& is_inlier_point,
-                                     const std::vector<bool>&, double confidence) const {
-  const auto inliers = std::count(is_inlier_point.begin(), is_inlier_point.end(), true);
-  const double ratio = static_cast<double>(inliers) / static_cast<double>(problem_.points.size());
+double P3pGenerator::RequiredSamples(const InlierCounts& inliers, double confidence) const {
+  const double ratio = inliers.points / static_cast<double>(problem_.points.size());
   return SamplesForConfidence(ratio * ratio * ratio, confidence);
 }
 
@@ -136,25 +134,20 @@ void E5p1Generator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
   }
 }
 
-double E5p1Generator::RequiredSamples(const std::vector<bool>&,
-                                      const std::vector<bool>& is_inlier_pair,
-                                      double confidence) const {
-  const auto inliers_of = [&is_inlier_pair](const ReferenceRun& run) {
-    return static_cast<double>(
-        std::count(is_inlier_pair.begin() + run.begin, is_inlier_pair.begin() + run.end, true));
-  };
+double E5p1Generator::RequiredSamples(const InlierCounts& inliers, double confidence) const {
   double success = 0;
   for (const FiveSource& source : sources_) {
-    const double five = std::pow(inliers_of(source.run) / source.run.size(), 5);
+    const double ratio =
+        inliers.pairs[source.run.reference] / static_cast<double>(source.run.size());
     double sixth = 1;
     if (position_observable_) {
-      double inliers = 0;
+      double sixth_inliers = 0;
       for (const ReferenceRun& run : source.sixth_runs) {
-        inliers += inliers_of(run);
+        sixth_inliers += inliers.pairs[run.reference];
       }
-      sixth = 1 - std::pow(1 - inliers / source.num_sixth, kSixthMatchesPerSample);
+      sixth = 1 - std::pow(1 - sixth_inliers / source.num_sixth, kSixthMatchesPerSample);
     }
-    success += five * sixth * source.run.size() / num_five_;
+    success += std::pow(ratio, 5) * sixth * source.run.size() / num_five_;
   }
   return SamplesForConfidence(success, confidence);
 }

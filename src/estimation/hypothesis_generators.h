@@ -4,6 +4,7 @@
 
 #include <vector>
 
+#include "estimation/joint_score.h"
 #include "estimation/prepared_problem.h"
 #include "estimation/solvers/p3p.h"
 
@@ -20,9 +21,7 @@ class HypothesisGenerator {
 
   // The number of samples after which one of inliers alone has been drawn with the given
   // confidence, if the inliers of a pose are the true ones.
-  virtual double RequiredSamples(const std::vector<bool>& is_inlier_point,
-                                 const std::vector<bool>& is_inlier_pair,
-                                 double confidence) const = 0;
+  virtual double RequiredSamples(const InlierCounts& inliers, double confidence) const = 0;
 };
 
 // Three 2D-3D matches, uniformly.
@@ -32,8 +31,7 @@ class P3pGenerator final : public HypothesisGenerator {
   static bool CanSample(const PreparedProblem& problem);
 
   void Generate(Rng& rng, std::vector<SolverPose>& poses) const override;
-  double RequiredSamples(const std::vector<bool>& is_inlier_point,
-                         const std::vector<bool>& is_inlier_pair, double confidence) const override;
+  double RequiredSamples(const InlierCounts& inliers, double confidence) const override;
 
  private:
   const PreparedProblem& problem_;
@@ -51,8 +49,7 @@ class E5p1Generator final : public HypothesisGenerator {
   bool PositionObservable() const { return position_observable_; }
 
   void Generate(Rng& rng, std::vector<SolverPose>& poses) const override;
-  double RequiredSamples(const std::vector<bool>& is_inlier_point,
-                         const std::vector<bool>& is_inlier_pair, double confidence) const override;
+  double RequiredSamples(const InlierCounts& inliers, double confidence) const override;
 
  private:
   // A reference for the five, and the pairs that may be the sixth.

@@ -1,6 +1,7 @@
 #include "estimation/joint_score.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "estimation/kernels/kernel_table.h"
 
@@ -9,6 +10,25 @@ namespace {
 
 // Between two checks against the best score: long enough to keep the reductions cheap.
 constexpr int kBlocksPerCheck = 8;
+
+// The score of the part of a set that has been seen. A match gains what it costs less than one.
+struct PartialScore {
+  double gain = 0;
+  int inliers = 0;
+
+  // The best score of the whole that is still likely: the matches are in random order, so the part
+  // tells what the whole will be within the spread of a count (four standard deviations).
+  SetScore Optimistic(int num_matches, double share) const {
+    const auto whole = [num_matches, share](double part) {
+      return std::min<double>(num_matches, (part + 4 * std::sqrt(part + 1)) / share);
+    };
+    return {num_matches - std::min(whole(gain), gain + (1 - share) * num_matches + kSlack),
+            static_cast<int>(whole(inliers))};
+  }
+
+  // Blocks are not filled evenly.
+  static constexpr double kSlack = 2 * kernels::kLanes<float>;
+};
 
 }  // namespace
 
@@ -79,60 +99,47 @@ Scorer::Scorer(const PreparedProblem& problem, const Objective& objective)
 std::optional<JointScore> Scorer::ScoreIfBetter(const SolverPose& pose, double best_value) const {
   const auto& kernel = kernels::ActiveKernels();
   const auto kernel_pose = ToKernelPose<float>(pose);
-  // Starts from the best that is possible and takes away what the blocks show.
+  // What has not been scored yet is taken for the best that it may be.
   JointScore score;
-  score.points.inliers = problem_.num_matches_2d3d;
-  score.pairs.inliers = problem_.num_matches_2d2d;
+  score.points = {0, problem_.num_matches_2d3d};
+  score.pairs = {0, problem_.num_matches_2d2d};
 
-  // Every lane that does not count costs one; unused lanes are given back, and matches that were
-  // left out of the blocks are added, before the first block.
-  const auto take = [](SetScore& set, const kernels::KernelScore& part, int lanes) {
-    set.cost += part.cost;
-    set.inliers -= lanes - part.inliers;
-  };
-  const auto begin_set = [](SetScore& set, int num_matches, size_t num_blocks) {
-    const int lanes = static_cast<int>(num_blocks) * kernels::kLanes<float>;
-    set.cost = num_matches - lanes;
-    set.inliers = lanes;
-  };
-  const auto optimistic = [this](const JointScore& s) {
-    JointScore bound = s;
-    bound.points.cost = std::max(bound.points.cost, 0.0);
-    bound.pairs.cost = std::max(bound.pairs.cost, 0.0);
-    bound.points.inliers = std::min(bound.points.inliers, problem_.num_matches_2d3d);
-    bound.pairs.inliers = std::min(bound.pairs.inliers, problem_.num_matches_2d2d);
-    return objective_.Value(bound);
+  // Scores a set block by block; false as soon as the whole cannot beat the best value any more.
+  const auto scan = [&](SetScore& set, int num_matches, int num_blocks, const auto& score_blocks) {
+    PartialScore partial;
+    for (int i = 0; i < num_blocks; i += kBlocksPerCheck) {
+      const int n = std::min(kBlocksPerCheck, num_blocks - i);
+      const kernels::KernelScore part = score_blocks(i, n);
+      partial.gain += n * kernels::kLanes<float> - part.cost;
+      partial.inliers += part.inliers;
+      set = partial.Optimistic(num_matches, static_cast<double>(i + n) / num_blocks);
+      if (objective_.Value(score) >= best_value) {
+        return false;
+      }
+    }
+    set = {num_matches - partial.gain, partial.inliers};
+    return objective_.Value(score) < best_value;
   };
 
   if (objective_.UsesPoints()) {
-    const int count = static_cast<int>(problem_.point_blocks.size());
-    begin_set(score.points, problem_.num_matches_2d3d, problem_.point_blocks.size());
-    for (int i = 0; i < count; i += kBlocksPerCheck) {
-      const int n = std::min(kBlocksPerCheck, count - i);
-      take(score.points, kernel.score_points(&problem_.point_blocks[i], n, kernel_pose),
-           n * kernels::kLanes<float>);
-      if (optimistic(score) >= best_value) {
-        return std::nullopt;
-      }
+    const auto score_blocks = [&](int begin, int count) {
+      return kernel.score_points(&problem_.point_blocks[begin], count, kernel_pose);
+    };
+    if (!scan(score.points, problem_.num_matches_2d3d,
+              static_cast<int>(problem_.point_blocks.size()), score_blocks)) {
+      return std::nullopt;
     }
   }
   if (objective_.UsesPairs()) {
-    const int count = static_cast<int>(problem_.pair_blocks.size());
-    begin_set(score.pairs, problem_.num_matches_2d2d, problem_.pair_blocks.size());
     const auto centres = CentresInCam<float>(problem_, pose);
-    for (int i = 0; i < count; i += kBlocksPerCheck) {
-      const int n = std::min(kBlocksPerCheck, count - i);
-      take(score.pairs,
-           kernel.score_pairs(&problem_.pair_blocks[i], &problem_.pair_block_reference[i], n,
-                              kernel_pose, centres.data()),
-           n * kernels::kLanes<float>);
-      if (optimistic(score) >= best_value) {
-        return std::nullopt;
-      }
+    const auto score_blocks = [&](int begin, int count) {
+      return kernel.score_pairs(&problem_.pair_blocks[begin], &problem_.pair_block_reference[begin],
+                                count, kernel_pose, centres.data());
+    };
+    if (!scan(score.pairs, problem_.num_matches_2d2d, static_cast<int>(problem_.pair_blocks.size()),
+              score_blocks)) {
+      return std::nullopt;
     }
-  }
-  if (objective_.Value(score) >= best_value) {
-    return std::nullopt;
   }
   return score;
 }
@@ -151,6 +158,26 @@ JointScore Scorer::ScoreAll(const SolverPose& pose) const {
   constexpr int kLanes = kernels::kLanes<float>;
   return {{points.cost + problem_.num_matches_2d3d - num_point_blocks * kLanes, points.inliers},
           {pairs.cost + problem_.num_matches_2d2d - num_pair_blocks * kLanes, pairs.inliers}};
+}
+
+InlierCounts Scorer::CountInliers(const SolverPose& pose) const {
+  const auto& kernel = kernels::ActiveKernels();
+  const auto kernel_pose = ToKernelPose<float>(pose);
+  const auto centres = CentresInCam<float>(problem_, pose);
+  InlierCounts counts;
+  counts.points = kernel
+                      .score_points(problem_.point_blocks.data(),
+                                    static_cast<int>(problem_.point_blocks.size()), kernel_pose)
+                      .inliers;
+  counts.pairs.assign(problem_.centres.size(), 0);
+  for (size_t i = 0; i < problem_.pair_blocks.size(); ++i) {
+    counts.pairs[problem_.pair_block_reference[i]] +=
+        kernel
+            .score_pairs(&problem_.pair_blocks[i], &problem_.pair_block_reference[i], 1,
+                         kernel_pose, centres.data())
+            .inliers;
+  }
+  return counts;
 }
 
 }  // namespace raylift

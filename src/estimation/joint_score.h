@@ -24,6 +24,12 @@ struct JointScore {
   SetScore pairs;   // 2D-2D
 };
 
+// The inliers of a pose.
+struct InlierCounts {
+  int points = 0;
+  std::vector<int> pairs;  // one per reference of the problem
+};
+
 // What an estimator optimizes: one set's MSAC score, or a combination of both.
 class Objective {
  public:
@@ -50,11 +56,15 @@ class Scorer {
  public:
   Scorer(const PreparedProblem& problem, const Objective& objective);
 
-  // The full score, or none as soon as the pose cannot beat `best_value` any more.
+  // The full score, or none if it is not below `best_value`, or as soon as a part of the matches
+  // leaves little hope that it will be.
   std::optional<JointScore> ScoreIfBetter(const SolverPose& pose, double best_value) const;
 
   // Both sets, whatever the objective uses.
   JointScore ScoreAll(const SolverPose& pose) const;
+
+  // Inliers of both sets, whatever the objective uses.
+  InlierCounts CountInliers(const SolverPose& pose) const;
 
   const Objective& objective() const { return objective_; }
 

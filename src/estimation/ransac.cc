@@ -15,14 +15,6 @@ constexpr int kFirstOptimization = 10;
 constexpr double kNearBestGain = 0.85;
 constexpr int kMaxNearBest = 10;
 
-std::vector<bool> BelowOne(const std::vector<double>& squared_residuals) {
-  std::vector<bool> inliers(squared_residuals.size());
-  for (size_t i = 0; i < inliers.size(); ++i) {
-    inliers[i] = squared_residuals[i] < 1;
-  }
-  return inliers;
-}
-
 // The state of one run.
 class Ransac {
  public:
@@ -102,13 +94,11 @@ class Ransac {
   }
 
   void UpdateRequiredIterations() {
-    const Residuals residuals = ComputeResiduals(problem_, best_->pose);
-    const std::vector<bool> points = BelowOne(residuals.points);
-    const std::vector<bool> pairs = BelowOne(residuals.pairs);
+    const InlierCounts inliers = scorer_.CountInliers(best_->pose);
     required_iterations_ = std::numeric_limits<double>::infinity();
     for (const RansacSolver& s : solvers_) {
-      required_iterations_ = std::min(
-          required_iterations_, s.generator->RequiredSamples(points, pairs, options_.confidence));
+      required_iterations_ = std::min(required_iterations_,
+                                      s.generator->RequiredSamples(inliers, options_.confidence));
     }
   }
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <span>
 
 #include "estimation/kernels/kernel_table.h"
 #include <Eigen/Cholesky>
@@ -23,12 +24,12 @@ constexpr double kNearSquared = 9;
 constexpr double kPriorVariance = 0.1;
 constexpr double kPriorMatches = 4;
 
-// The matches that a refinement works on.
+// The matches that a refinement works on; blocks that live elsewhere.
 template <typename T>
 struct ActiveMatches {
-  std::vector<kernels::PointBlock<T>> point_blocks;
-  std::vector<kernels::PairBlock<T>> pair_blocks;
-  std::vector<int> pair_block_reference;
+  std::span<const kernels::PointBlock<T>> point_blocks;
+  std::span<const kernels::PairBlock<T>> pair_blocks;
+  std::span<const int> pair_block_reference;
 };
 
 struct KindWeights {
@@ -143,18 +144,15 @@ SolverPose Minimize(const PreparedProblem& problem, const ActiveMatches<T>& matc
   return pose;
 }
 
-// The matches whose squared residual is below `limit`.
-template <typename T>
-ActiveMatches<T> Gather(const PreparedProblem& problem, const std::vector<int>& points,
-                        const std::vector<int>& pairs) {
-  ActiveMatches<T> active;
-  active.point_blocks = MakePointBlocks<T>(problem.points, points);
-  PairBlocks<T> blocks = MakePairBlocks<T>(problem.pairs, pairs);
-  active.pair_blocks = std::move(blocks.blocks);
-  active.pair_block_reference = std::move(blocks.block_reference);
-  return active;
-}
+// Blocks of some matches, for a refinement.
+struct GatheredMatches {
+  std::vector<kernels::PointBlock<double>> points;
+  PairBlocks<double> pairs;
 
+  ActiveMatches<double> Active() const { return {points, pairs.blocks, pairs.block_reference}; }
+};
+
+// The matches whose squared residual is below `limit`.
 std::vector<int> IndicesBelow(const std::vector<double>& values, double limit) {
   std::vector<int> indices;
   for (int i = 0; i < static_cast<int>(values.size()); ++i) {
@@ -276,7 +274,7 @@ FinalPose RefineFinally(const PreparedProblem& problem, const SolverPose& pose,
                         ResidualKinds kinds) {
   FinalPose result{pose, std::nullopt};
   KindWeights weights;
-  ActiveMatches<double> active;
+  GatheredMatches near;
   // The noise is estimated at the pose that the noise's estimate shapes: twice is enough.
   for (int round = 0; round < 2; ++round) {
     const Residuals residuals = ComputeResiduals(problem, result.pose);
@@ -287,12 +285,13 @@ FinalPose RefineFinally(const PreparedProblem& problem, const SolverPose& pose,
     weights.point_loss = RobustLoss(point_variance, kPointNoise);
     weights.pair_loss = RobustLoss(pair_variance, kPairNoise);
     const std::vector<int> none;
-    active =
-        Gather<double>(problem, kinds.points ? IndicesBelow(residuals.points, kNearSquared) : none,
-                       kinds.pairs ? IndicesBelow(residuals.pairs, kNearSquared) : none);
-    result.pose = Minimize(problem, active, result.pose, weights, 20, 1e-9);
+    near.points = MakePointBlocks<double>(
+        problem.points, kinds.points ? IndicesBelow(residuals.points, kNearSquared) : none);
+    near.pairs = MakePairBlocks<double>(
+        problem.pairs, kinds.pairs ? IndicesBelow(residuals.pairs, kNearSquared) : none);
+    result.pose = Minimize(problem, near.Active(), result.pose, weights, 20, 1e-9);
   }
-  const NormalEquations equations = Linearize(problem, active, result.pose, weights);
+  const NormalEquations equations = Linearize(problem, near.Active(), result.pose, weights);
   const Eigen::LDLT<Matrix6d> factors(equations.hessian);
   if (factors.isPositive() && factors.rcond() > 1e-13) {
     const Matrix6d covariance = factors.solve(Matrix6d::Identity());

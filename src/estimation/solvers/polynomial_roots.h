@@ -102,11 +102,13 @@ double RefineRoot(const std::array<double, kDegree + 1>& p, double a, double b) 
     }
     ((value < 0) == rising ? a : b) = x;
     double next = x - value / slope;
-    if (!(next > a && next < b) || 2 * std::abs(next - x) > std::abs(last_step)) {
+    const bool newton = next > a && next < b && 2 * std::abs(next - x) <= std::abs(last_step);
+    if (!newton) {
       next = halve();
     }
     last_step = next - x;
-    if (std::abs(last_step) <= 4e-16 * std::abs(x)) {
+    // Newton's steps converge quadratically: after one of 1e-9 nothing is left to gain.
+    if (std::abs(last_step) <= (newton ? 1e-9 : 4e-16) * std::abs(x)) {
       return next;
     }
     x = next;
