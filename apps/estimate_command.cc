@@ -1,11 +1,13 @@
 // raylift estimate: pose problems in, poses out. Needs no geometry.
 
+#include <algorithm>
 #include <chrono>
 #include <cstdio>
 
 #include "commands.h"
 #include "options.h"
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
@@ -23,7 +25,8 @@ using std::filesystem::path;
 
 struct EstimateFlags {
   std::vector<path> problems;
-  path csv, poses;
+  path csv, json, poses;
+  int repeat = 1;
   EstimatorFlags estimator;
   RunFlags run;
 };
@@ -81,26 +84,72 @@ std::vector<path> ListAll(const std::vector<path>& files_or_folders) {
   return files;
 }
 
-void Run(const EstimateFlags& flags) {
-  const EstimatorOptions options = flags.estimator.Resolve();
-  const auto estimator = MakePoseEstimator(options);
+std::string FormatJson(const std::vector<Row>& rows, std::string_view method) {
+  nlohmann::ordered_json json = nlohmann::ordered_json::array();
+  for (const Row& row : rows) {
+    const PoseEstimate& estimate = row.estimate;
+    nlohmann::ordered_json object = {{"name", row.name},
+                                     {"method", method},
+                                     {"status", row.ok() ? "ok" : ReasonNotLocalized(estimate)},
+                                     {"inliers_2d3d", estimate.score_2d3d.num_inliers},
+                                     {"inliers_2d2d", estimate.score_2d2d.num_inliers},
+                                     {"iterations", estimate.iterations},
+                                     {"time_ms", row.time_ms}};
+    if (estimate.cam_from_world) {
+      const Eigen::Quaterniond& q = estimate.cam_from_world->rotation;
+      const Eigen::Vector3d& t = estimate.cam_from_world->translation;
+      object["solver"] = ToString(estimate.solver);
+      object["qvec"] = {q.w(), q.x(), q.y(), q.z()};
+      object["tvec"] = {t.x(), t.y(), t.z()};
+    }
+    if (estimate.covariance) {
+      object["rotation_sigma_deg"] = estimate.rotation_sigma_deg;
+      object["position_sigma"] = estimate.position_sigma;
+    }
+    json.push_back(std::move(object));
+  }
+  return json.dump(1) + "\n";
+}
+
+// The estimate, and the median time of `repeat` runs, which all give the same.
+Row Estimate(const PoseEstimator& estimator, const PoseProblem& problem, int repeat) {
+  Row row{.name = problem.name, .estimate = {}, .time_ms = 0};
+  std::vector<double> times_ms;
+  for (int i = 0; i < repeat; ++i) {
+    const auto start = std::chrono::steady_clock::now();
+    row.estimate = estimator.Estimate(problem);
+    const std::chrono::duration<double, std::milli> elapsed =
+        std::chrono::steady_clock::now() - start;
+    times_ms.push_back(elapsed.count());
+  }
+  std::sort(times_ms.begin(), times_ms.end());
+  row.time_ms = times_ms[times_ms.size() / 2];
+  return row;
+}
+
+std::vector<Row> EstimateAll(const EstimateFlags& flags, const PoseEstimator& estimator) {
   const std::vector<path> files = ListAll(flags.problems);
   std::vector<Row> rows(files.size());
-  {
-    Progress progress("problems", files.size(),
-                      flags.run.quiet ? Progress::Show::kNever : Progress::Show::kAuto);
-    ParallelFor(files.size(), flags.run.threads, [&](size_t i) {
-      const PoseProblem problem = ReadPoseProblem(files[i]).problem;
-      const auto start = std::chrono::steady_clock::now();
-      PoseEstimate estimate = estimator->Estimate(problem);
-      const std::chrono::duration<double, std::milli> elapsed =
-          std::chrono::steady_clock::now() - start;
-      rows[i] = {problem.name, std::move(estimate), elapsed.count()};
-      progress.Advance();
-    });
+  Progress progress("problems", files.size(),
+                    flags.run.quiet ? Progress::Show::kNever : Progress::Show::kAuto);
+  ParallelFor(files.size(), flags.run.threads, [&](size_t i) {
+    rows[i] = Estimate(estimator, ReadPoseProblem(files[i]).problem, flags.repeat);
+    progress.Advance();
+  });
+  return rows;
+}
+
+void Run(const EstimateFlags& flags) {
+  if (flags.repeat < 1) {
+    throw OptionError("--repeat", std::to_string(flags.repeat), "must be at least 1");
   }
+  const EstimatorOptions options = flags.estimator.Resolve();
+  const std::vector<Row> rows = EstimateAll(flags, *MakePoseEstimator(options));
   if (!flags.csv.empty()) {
     WriteFile(flags.csv, FormatCsv(rows, ToString(options.method)));
+  }
+  if (!flags.json.empty()) {
+    WriteFile(flags.json, FormatJson(rows, ToString(options.method)));
   }
   std::vector<NamedPose> poses;
   for (const Row& row : rows) {
@@ -127,8 +176,14 @@ void AddEstimateCommand(CLI::App& program) {
       "estimate", "Poses from pose problems (JSON files of matches); needs no geometry");
   command->add_option("problems", flags->problems, "Files, or folders of .json files")->required();
   command->add_option("--csv", flags->csv, "One row per problem")->group("Output");
+  command->add_option("--json", flags->json, "One object per problem")->group("Output");
   command->add_option("--poses", flags->poses, "Pose file: name qw qx qy qz tx ty tz")
       ->group("Output");
+  command
+      ->add_option("--repeat", flags->repeat,
+                   "Estimate each problem N times; time_ms is the median")
+      ->capture_default_str()
+      ->group("Running");
   AddEstimatorOptions(*command, flags->estimator);
   AddRunOptions(*command, flags->run);
   command->footer(

@@ -105,6 +105,7 @@ class LocalizeRun {
         seed_(estimator_options.seed) {
     LoadedReferences loaded = LoadReferences(flags.model, flags.every);
     references_ = std::move(loaded.references);
+    covisibility_ = std::move(loaded.covisibility);
     Take(std::move(loaded.warnings));
     if (!flags.geometry.empty()) {
       geometry_ = MakeGeometrySource(flags.geometry.front());
@@ -182,6 +183,7 @@ class LocalizeRun {
 
   LocalizedQuery Localize(size_t index) const {
     QueryResult result = LocalizeQuery(queries_[index], {.match_source = *match_source_,
+                                                         .covisibility = covisibility_,
                                                          .geometry = geometry_.source.get(),
                                                          .filter = filter_,
                                                          .estimator = *estimator_});
@@ -222,6 +224,7 @@ class LocalizeRun {
   std::vector<Query> queries_;
   uint64_t seed_;
   ReferenceSet references_;
+  Covisibility covisibility_;
   NamedGeometry geometry_;
   std::optional<DepthAlignment> alignment_;
   std::vector<std::string> warnings_;

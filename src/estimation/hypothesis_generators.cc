@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 
 #include "estimation/solvers/e5p1.h"
 
@@ -26,16 +25,6 @@ std::array<int, kCount> DrawDistinct(Rng& rng, int n) {
   return indices;
 }
 
-double SamplesForConfidence(double success_probability, double confidence) {
-  if (success_probability <= 0) {
-    return std::numeric_limits<double>::infinity();
-  }
-  if (success_probability >= 1) {
-    return 1;
-  }
-  return std::log(1 - confidence) / std::log1p(-success_probability);
-}
-
 RayPair ToRayPair(const PreparedPair& pair) { return {pair.query_ray, pair.reference_ray}; }
 
 }  // namespace
@@ -55,9 +44,9 @@ void P3pGenerator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
   poses.assign(solutions.begin(), solutions.begin() + count);
 }
 
-double P3pGenerator::RequiredSamples(const InlierCounts& inliers, double confidence) const {
+double P3pGenerator::SuccessProbability(const InlierCounts& inliers) const {
   const double ratio = inliers.points / static_cast<double>(problem_.points.size());
-  return SamplesForConfidence(ratio * ratio * ratio, confidence);
+  return ratio * ratio * ratio;
 }
 
 E5p1Generator::E5p1Generator(const PreparedProblem& problem) : problem_(problem) {
@@ -134,7 +123,7 @@ void E5p1Generator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
   }
 }
 
-double E5p1Generator::RequiredSamples(const InlierCounts& inliers, double confidence) const {
+double E5p1Generator::SuccessProbability(const InlierCounts& inliers) const {
   double success = 0;
   for (const FiveSource& source : sources_) {
     const double ratio =
@@ -149,7 +138,7 @@ double E5p1Generator::RequiredSamples(const InlierCounts& inliers, double confid
     }
     success += std::pow(ratio, 5) * sixth * source.run.size() / num_five_;
   }
-  return SamplesForConfidence(success, confidence);
+  return success;
 }
 
 }  // namespace raylift

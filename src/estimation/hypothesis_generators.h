@@ -19,9 +19,8 @@ class HypothesisGenerator {
   // Draws one sample and writes the poses that it gives (none for a degenerate sample).
   virtual void Generate(Rng& rng, std::vector<SolverPose>& poses) const = 0;
 
-  // The number of samples after which one of inliers alone has been drawn with the given
-  // confidence, if the inliers of a pose are the true ones.
-  virtual double RequiredSamples(const InlierCounts& inliers, double confidence) const = 0;
+  // The probability that a sample is of inliers alone, if the inliers of a pose are the true ones.
+  virtual double SuccessProbability(const InlierCounts& inliers) const = 0;
 };
 
 // Three 2D-3D matches, uniformly.
@@ -31,7 +30,7 @@ class P3pGenerator final : public HypothesisGenerator {
   static bool CanSample(const PreparedProblem& problem);
 
   void Generate(Rng& rng, std::vector<SolverPose>& poses) const override;
-  double RequiredSamples(const InlierCounts& inliers, double confidence) const override;
+  double SuccessProbability(const InlierCounts& inliers) const override;
 
  private:
   const PreparedProblem& problem_;
@@ -49,7 +48,7 @@ class E5p1Generator final : public HypothesisGenerator {
   bool PositionObservable() const { return position_observable_; }
 
   void Generate(Rng& rng, std::vector<SolverPose>& poses) const override;
-  double RequiredSamples(const InlierCounts& inliers, double confidence) const override;
+  double SuccessProbability(const InlierCounts& inliers) const override;
 
  private:
   // A reference for the five, and the pairs that may be the sixth.

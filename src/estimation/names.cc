@@ -14,6 +14,10 @@ constexpr std::array kMethods = {
                "both samples in every iteration, scored on both match sets"},
     MethodName{Method::kSelect, "select", "Select",
                "P3P and E5+1 apart, then one of them by its 2D-2D inliers"},
+    MethodName{Method::kHybridRansac, "hybrid_ransac", "Hybrid RANSAC",
+               "solver drawn by probability, summed inliers (Camposeco et al. 2018)"},
+    MethodName{Method::kHloc, "hloc", "HLoc",
+               "P3P per covisibility cluster of the references, best by inliers"},
 };
 
 template <typename Enum>

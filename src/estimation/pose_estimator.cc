@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "estimation/covisibility.h"
 #include "estimation/hypothesis_generators.h"
 #include "estimation/joint_score.h"
 #include "estimation/prepared_problem.h"
@@ -53,10 +54,54 @@ void DescribePose(const PreparedProblem& problem, const PoseProblem& original,
   }
 }
 
-// P3P, E5+1 and Adaptive.
+// How a method configures the one RANSAC loop.
+struct RansacMethod {
+  Objective::Sets scored_sets;
+  ScoreCombination score;
+  SolverSchedule schedule = SolverSchedule::kAll;
+  // The residuals that refine a pose, by the solver that made it; none: the solver is not used.
+  std::optional<ResidualKinds> refined_after_p3p;
+  std::optional<ResidualKinds> refined_after_e5p1;
+};
+
+RansacMethod Configure(const EstimatorOptions& options) {
+  constexpr ResidualKinds kPoints{.points = true, .pairs = false};
+  constexpr ResidualKinds kPairs{.points = false, .pairs = true};
+  constexpr ResidualKinds kBoth{.points = true, .pairs = true};
+  switch (options.method) {
+    case Method::kP3p:
+    case Method::kHloc:  // of one cluster
+      return {.scored_sets = Objective::Sets::kPoints,
+              .score = options.score,
+              .refined_after_p3p = kPoints,
+              .refined_after_e5p1 = std::nullopt};
+    case Method::kE5p1:
+      return {.scored_sets = Objective::Sets::kPairs,
+              .score = options.score,
+              .refined_after_p3p = std::nullopt,
+              .refined_after_e5p1 = kPairs};
+    case Method::kHybridRansac:
+      return {.scored_sets = Objective::Sets::kBoth,
+              .score = ScoreCombination::kSumInliers,
+              .schedule = SolverSchedule::kByProbability,
+              .refined_after_p3p = kPoints,
+              .refined_after_e5p1 = kPoints};
+    case Method::kAdaptive:
+    case Method::kSelect:  // made of two others
+      break;
+  }
+  const bool split = options.local_optimization == LocalOptimization::kSplit;
+  return {.scored_sets = Objective::Sets::kBoth,
+          .score = options.score,
+          .refined_after_p3p = split ? kPoints : kBoth,
+          .refined_after_e5p1 = split ? kPairs : kBoth};
+}
+
+// P3P, E5+1, Adaptive and Hybrid RANSAC.
 class RansacEstimator final : public PoseEstimator {
  public:
-  explicit RansacEstimator(const EstimatorOptions& options) : options_(options) {}
+  explicit RansacEstimator(const EstimatorOptions& options)
+      : options_(options), method_(Configure(options)) {}
 
   PoseEstimate Estimate(const PoseProblem& problem) const override {
     Rng rng(StreamSeed(options_.seed, problem.name, ToString(options_.method)));
@@ -68,30 +113,27 @@ class RansacEstimator final : public PoseEstimator {
     estimate.inliers_2d3d.assign(problem.matches_2d3d.size(), false);
     estimate.inliers_2d2d.assign(problem.matches_2d2d.size(), false);
 
-    const bool adaptive = options_.method == Method::kAdaptive;
-    const bool split = options_.local_optimization == LocalOptimization::kSplit;
     const P3pGenerator p3p(prepared);
     const E5p1Generator e5p1(prepared);
     std::vector<RansacSolver> solvers;
-    if (options_.method != Method::kE5p1 && P3pGenerator::CanSample(prepared)) {
-      solvers.push_back({&p3p, Solver::kP3p, {.points = true, .pairs = adaptive && !split}});
+    if (method_.refined_after_p3p && P3pGenerator::CanSample(prepared)) {
+      solvers.push_back({&p3p, Solver::kP3p, *method_.refined_after_p3p});
     }
-    if (options_.method != Method::kP3p && E5p1Generator::CanSample(prepared)) {
-      solvers.push_back({&e5p1, Solver::kE5p1, {.points = adaptive && !split, .pairs = true}});
+    if (method_.refined_after_e5p1 && E5p1Generator::CanSample(prepared)) {
+      solvers.push_back({&e5p1, Solver::kE5p1, *method_.refined_after_e5p1});
     }
     if (solvers.empty()) {
-      const bool enough_pairs = prepared.pairs.size() >= 5 && options_.method != Method::kP3p;
+      const bool enough_pairs =
+          prepared.pairs.size() >= 5 && method_.refined_after_e5p1.has_value();
       estimate.failure =
           enough_pairs ? FailureReason::kNoReferencePair : FailureReason::kTooFewMatches;
       return estimate;
     }
-    const Objective objective(adaptive
-                                  ? Objective::Sets::kBoth
-                                  : (options_.method == Method::kP3p ? Objective::Sets::kPoints
-                                                                     : Objective::Sets::kPairs),
-                              options_.score, static_cast<int>(prepared.points.size()),
+    const Objective objective(method_.scored_sets, method_.score,
+                              static_cast<int>(prepared.points.size()),
                               static_cast<int>(prepared.pairs.size()));
-    const RansacReport report = RunRansac(prepared, objective, solvers, options_, rng);
+    const RansacReport report =
+        RunRansac(prepared, objective, solvers, method_.schedule, options_, rng);
     estimate.iterations = report.iterations;
     if (!report.best) {
       estimate.failure = FailureReason::kNoConsistentSample;
@@ -110,9 +152,8 @@ class RansacEstimator final : public PoseEstimator {
     const bool enough_points = estimate.score_2d3d.num_inliers >= 3;
     const bool enough_pairs =
         estimate.score_2d2d.num_inliers >= (e5p1.PositionObservable() ? 6 : 5);
-    const bool supported = options_.method == Method::kP3p    ? enough_points
-                           : options_.method == Method::kE5p1 ? enough_pairs
-                                                              : enough_points || enough_pairs;
+    const bool supported = (method_.refined_after_p3p && enough_points) ||
+                           (method_.refined_after_e5p1 && enough_pairs);
     if (!supported || !estimate.cam_from_world->IsFinite()) {
       estimate.cam_from_world.reset();
       DropCovariance(estimate);
@@ -120,7 +161,7 @@ class RansacEstimator final : public PoseEstimator {
       return;
     }
     estimate.position_observable =
-        e5p1.PositionObservable() || (options_.method != Method::kE5p1 && enough_points);
+        e5p1.PositionObservable() || (method_.refined_after_p3p && enough_points);
     if (!estimate.position_observable) {
       DropCovariance(estimate);
     }
@@ -133,7 +174,13 @@ class RansacEstimator final : public PoseEstimator {
   }
 
   EstimatorOptions options_;
+  RansacMethod method_;
 };
+
+EstimatorOptions WithMethod(EstimatorOptions options, Method method) {
+  options.method = method;
+  return options;
+}
 
 // Eq. 6: the P3P pose if it explains nearly as many 2D-2D matches as the E5+1 pose does.
 class SelectEstimator final : public PoseEstimator {
@@ -160,14 +207,65 @@ class SelectEstimator final : public PoseEstimator {
   }
 
  private:
-  static EstimatorOptions WithMethod(EstimatorOptions options, Method method) {
-    options.method = method;
-    return options;
-  }
-
   double alpha_;
   RansacEstimator p3p_;
   RansacEstimator e5p1_;
+};
+
+// P3P for each covisibility cluster, as hloc does (Sarlin et al., CVPR 2019).
+class HlocEstimator final : public PoseEstimator {
+ public:
+  explicit HlocEstimator(const EstimatorOptions& options) : p3p_(options) {}
+
+  PoseEstimate Estimate(const PoseProblem& problem) const override {
+    const std::vector<int> clusters = problem.reference_clusters.empty()
+                                          ? ClusterBySharedKeypoints(problem)
+                                          : problem.reference_clusters;
+    const int num_clusters =
+        clusters.empty() ? 1 : 1 + *std::max_element(clusters.begin(), clusters.end());
+    PoseEstimate best;
+    int iterations = 0;
+    for (int cluster = 0; cluster < num_clusters; ++cluster) {
+      PoseEstimate estimate = EstimateCluster(problem, clusters, cluster);
+      iterations += estimate.iterations;
+      const bool better =
+          estimate.cam_from_world &&
+          (!best.cam_from_world || estimate.score_2d3d.num_inliers > best.score_2d3d.num_inliers);
+      if (better || cluster == 0) {
+        best = std::move(estimate);
+      }
+    }
+    best.iterations = iterations;
+    return best;
+  }
+
+ private:
+  // The estimate from the cluster's matches, its inliers counted among all matches of the problem.
+  PoseEstimate EstimateCluster(const PoseProblem& problem, const std::vector<int>& clusters,
+                               int cluster) const {
+    PoseProblem part = problem;
+    part.matches_2d3d.clear();
+    std::vector<size_t> kept;
+    for (size_t i = 0; i < problem.matches_2d3d.size(); ++i) {
+      const auto& reference = problem.matches_2d3d[i].reference;
+      if (!reference || clusters[static_cast<size_t>(*reference)] == cluster) {
+        kept.push_back(i);
+        part.matches_2d3d.push_back(problem.matches_2d3d[i]);
+      }
+    }
+    PoseEstimate estimate = p3p_.Estimate(part);
+    std::vector<bool> inliers(problem.matches_2d3d.size(), false);
+    for (size_t k = 0; k < kept.size(); ++k) {
+      inliers[kept[k]] = estimate.inliers_2d3d[k];
+    }
+    estimate.inliers_2d3d = std::move(inliers);
+    const int left_out = static_cast<int>(problem.matches_2d3d.size() - kept.size());
+    estimate.score_2d3d.num_matches += left_out;
+    estimate.score_2d3d.msac_cost += left_out;
+    return estimate;
+  }
+
+  RansacEstimator p3p_;
 };
 
 void Require(bool condition, std::string_view name, const std::string& value,
@@ -201,9 +299,12 @@ std::unique_ptr<PoseEstimator> MakePoseEstimator(const EstimatorOptions& options
     case Method::kP3p:
     case Method::kE5p1:
     case Method::kAdaptive:
+    case Method::kHybridRansac:
       return std::make_unique<RansacEstimator>(options);
     case Method::kSelect:
       return std::make_unique<SelectEstimator>(options);
+    case Method::kHloc:
+      return std::make_unique<HlocEstimator>(options);
   }
   return nullptr;
 }

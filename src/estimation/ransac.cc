@@ -1,6 +1,7 @@
 #include "estimation/ransac.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 namespace raylift {
@@ -15,12 +16,36 @@ constexpr int kFirstOptimization = 10;
 constexpr double kNearBestGain = 0.85;
 constexpr int kMaxNearBest = 10;
 
+double SamplesForConfidence(double success_probability, double confidence) {
+  if (success_probability <= 0) {
+    return std::numeric_limits<double>::infinity();
+  }
+  if (success_probability >= 1) {
+    return 1;
+  }
+  return std::log(1 - confidence) / std::log1p(-success_probability);
+}
+
+// A solver and how far it has got.
+struct SolverProgress {
+  RansacSolver solver;
+  int samples = 0;
+  double success_probability = 0;  // of a sample, by the best pose so far
+  double required = std::numeric_limits<double>::infinity();
+
+  bool Done() const { return samples >= required; }
+};
+
 // The state of one run.
 class Ransac {
  public:
   Ransac(const PreparedProblem& problem, const Objective& objective,
-         const std::vector<RansacSolver>& solvers, const EstimatorOptions& options)
-      : problem_(problem), solvers_(solvers), options_(options), scorer_(problem, objective) {
+         const std::vector<RansacSolver>& solvers, SolverSchedule schedule,
+         const EstimatorOptions& options)
+      : problem_(problem), schedule_(schedule), options_(options), scorer_(problem, objective) {
+    for (const RansacSolver& solver : solvers) {
+      solvers_.push_back({solver});
+    }
     JointScore none;
     none.points.cost = problem.num_matches_2d3d;
     none.pairs.cost = problem.num_matches_2d2d;
@@ -28,15 +53,15 @@ class Ransac {
   }
 
   RansacReport Run(Rng& rng) {
-    std::vector<SolverPose> poses;
     int iteration = 0;
     while (iteration < options_.max_iterations &&
-           (iteration < options_.min_iterations || iteration < required_iterations_)) {
+           (iteration < options_.min_iterations || !AnyDone())) {
       ++iteration;
-      for (const RansacSolver& solver : solvers_) {
-        solver.generator->Generate(rng, poses);
-        for (const SolverPose& pose : poses) {
-          Consider({pose, solver.solver, solver.refined_kinds});
+      if (schedule_ == SolverSchedule::kByProbability) {
+        Sample(Choose(rng), rng);
+      } else {
+        for (SolverProgress& progress : solvers_) {
+          Sample(progress, rng);
         }
       }
       if (iteration >= kFirstOptimization) {
@@ -48,6 +73,40 @@ class Ransac {
   }
 
  private:
+  bool AnyDone() const {
+    return std::any_of(solvers_.begin(), solvers_.end(),
+                       [](const SolverProgress& progress) { return progress.Done(); });
+  }
+
+  // Eq. 1 of Camposeco et al.: the probability that the next sample of a solver is the first that
+  // is of inliers alone; alike for all as long as no pose is known.
+  SolverProgress& Choose(Rng& rng) {
+    std::vector<double> weights;
+    double sum = 0;
+    for (const SolverProgress& progress : solvers_) {
+      weights.push_back(progress.success_probability * std::pow(1 - progress.success_probability,
+                                                                std::max(progress.samples - 1, 0)));
+      sum += weights.back();
+    }
+    if (!(sum > 0)) {
+      return solvers_[rng.UniformIndex(static_cast<uint32_t>(solvers_.size()))];
+    }
+    double draw = rng.Uniform(0, sum);
+    size_t chosen = 0;
+    while (chosen + 1 < weights.size() && draw >= weights[chosen]) {
+      draw -= weights[chosen++];
+    }
+    return solvers_[chosen];
+  }
+
+  void Sample(SolverProgress& progress, Rng& rng) {
+    ++progress.samples;
+    progress.solver.generator->Generate(rng, poses_);
+    for (const SolverPose& pose : poses_) {
+      Consider({pose, progress.solver.solver, progress.solver.refined_kinds});
+    }
+  }
+
   // Keeps a sample's pose for optimization if it beats those of all samples before. As the optimum
   // of a second best sample can be the better one (a plane has two, half as many more are made by
   // noise), a few that come near the best are optimized as well.
@@ -78,7 +137,7 @@ class Ransac {
         OptimizeLocally(problem_, pending_->pose, pending_->refined_kinds, kLocalSteps);
     improved = TakeIfBetter(optimized) || improved;
     if (improved) {
-      UpdateRequiredIterations();
+      UpdateRequiredSamples();
     }
     pending_.reset();
   }
@@ -93,19 +152,20 @@ class Ransac {
     return true;
   }
 
-  void UpdateRequiredIterations() {
+  void UpdateRequiredSamples() {
     const InlierCounts inliers = scorer_.CountInliers(best_->pose);
-    required_iterations_ = std::numeric_limits<double>::infinity();
-    for (const RansacSolver& s : solvers_) {
-      required_iterations_ = std::min(required_iterations_,
-                                      s.generator->RequiredSamples(inliers, options_.confidence));
+    for (SolverProgress& progress : solvers_) {
+      progress.success_probability = progress.solver.generator->SuccessProbability(inliers);
+      progress.required = SamplesForConfidence(progress.success_probability, options_.confidence);
     }
   }
 
   const PreparedProblem& problem_;
-  const std::vector<RansacSolver>& solvers_;
+  SolverSchedule schedule_;
   const EstimatorOptions& options_;
   Scorer scorer_;
+  std::vector<SolverProgress> solvers_;
+  std::vector<SolverPose> poses_;                                  // of the last sample
   double worst_value_;                                             // of a pose that nothing fits
   double sample_value_ = std::numeric_limits<double>::infinity();  // of the best sample
   int near_best_left_ = kMaxNearBest;
@@ -113,18 +173,17 @@ class Ransac {
   double pending_value_ = std::numeric_limits<double>::infinity();
   std::optional<RansacResult> best_;
   double best_value_ = std::numeric_limits<double>::infinity();
-  double required_iterations_ = std::numeric_limits<double>::infinity();
 };
 
 }  // namespace
 
 RansacReport RunRansac(const PreparedProblem& problem, const Objective& objective,
-                       const std::vector<RansacSolver>& solvers, const EstimatorOptions& options,
-                       Rng& rng) {
+                       const std::vector<RansacSolver>& solvers, SolverSchedule schedule,
+                       const EstimatorOptions& options, Rng& rng) {
   if (solvers.empty()) {
     return {};
   }
-  return Ransac(problem, objective, solvers, options).Run(rng);
+  return Ransac(problem, objective, solvers, schedule, options).Run(rng);
 }
 
 }  // namespace raylift

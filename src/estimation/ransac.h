@@ -22,6 +22,12 @@ struct RansacSolver {
   ResidualKinds refined_kinds;
 };
 
+// Which solvers draw a sample in an iteration.
+enum class SolverSchedule {
+  kAll,            // each of them (Adaptive)
+  kByProbability,  // one, drawn by how likely it is to succeed now (Camposeco et al. 2018, Eq. 1)
+};
+
 struct RansacResult {
   SolverPose pose;
   Solver solver;
@@ -33,11 +39,12 @@ struct RansacReport {
   int iterations = 0;
 };
 
-// In every iteration each solver draws one sample and all poses are scored; a new best is locally
-// optimized. Ends when, for one of the solvers, a sample of inliers alone has been drawn with the
-// wanted confidence (inliers of the jointly best pose), within the limits of the options.
+// In every iteration the scheduled solvers draw one sample each and all poses are scored; a new
+// best is locally optimized. Ends when one of the solvers has drawn so many samples that, with the
+// wanted confidence, one of them was of inliers alone (inliers of the jointly best pose), within
+// the limits of the options.
 RansacReport RunRansac(const PreparedProblem& problem, const Objective& objective,
-                       const std::vector<RansacSolver>& solvers, const EstimatorOptions& options,
-                       Rng& rng);
+                       const std::vector<RansacSolver>& solvers, SolverSchedule schedule,
+                       const EstimatorOptions& options, Rng& rng);
 
 }  // namespace raylift

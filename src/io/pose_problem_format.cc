@@ -124,6 +124,13 @@ std::string FormatPoseProblem(const PoseProblemFile& file) {
   }
   text += '}';
   AppendArray("references", problem.references, AppendReference, &text);
+  if (!problem.reference_clusters.empty()) {
+    text += ",\n\"reference_clusters\": [";
+    for (size_t i = 0; i < problem.reference_clusters.size(); ++i) {
+      text += fmt::format("{}{}", i > 0 ? ", " : "", problem.reference_clusters[i]);
+    }
+    text += ']';
+  }
   AppendArray("matches_2d2d", problem.matches_2d2d, AppendMatch2D2D, &text);
   const auto& matches = problem.matches_2d3d;
   AppendArray("matches_2d3d", matches, AppendMatch2D3D, &text);

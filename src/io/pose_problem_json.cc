@@ -128,6 +128,19 @@ void ReadSigmasOf2D3D(const JsonPlace& place, PoseProblem* problem) {
   }
 }
 
+void ReadReferenceClusters(const JsonPlace& place, PoseProblem* problem) {
+  const size_t count = problem->references.size();
+  place.ExpectArraySize(count);
+  for (size_t i = 0; i < count; ++i) {
+    const JsonPlace cluster = place.At(i);
+    const int number = cluster.Int();
+    if (number < 0 || static_cast<size_t>(number) >= count) {
+      cluster.Fail(fmt::format("expected a cluster below {}, found {}", count, number));
+    }
+    problem->reference_clusters.push_back(number);
+  }
+}
+
 PoseProblemFile ReadRoot(const JsonPlace& root) {
   const JsonPlace format = root.Member("format");
   if (format.String() != kFormat) {
@@ -148,6 +161,9 @@ PoseProblemFile ReadRoot(const JsonPlace& root) {
   }
   ReadMatches2D2D(root.Member("matches_2d2d"), &problem);
   ReadMatches2D3D(root.Member("matches_2d3d"), &problem);
+  if (root.Has("reference_clusters")) {
+    ReadReferenceClusters(root.Member("reference_clusters"), &problem);
+  }
   if (root.Has("matches_2d3d_reference")) {
     ReadReferencesOf2D3D(root.Member("matches_2d3d_reference"), &problem);
   }

@@ -56,6 +56,7 @@ QueryResult LocalizeQuery(const Query& query, const LocalizerParts& parts) {
   Stopwatch stopwatch;
   QueryMatches matches = parts.match_source.Match(query);
   problem.references = std::move(matches.references);
+  problem.reference_clusters = parts.covisibility.Clusters(problem.references);
   problem.matches_2d2d = std::move(matches.matches);
   localized.counts.retrieved = problem.references.size();
   localized.counts.matched = problem.matches_2d2d.size();

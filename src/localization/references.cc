@@ -10,6 +10,7 @@ LoadedReferences LoadReferences(const std::filesystem::path& model, int every) {
   ColmapModel colmap = ReadColmapModel(model);
   LoadedReferences loaded;
   loaded.warnings = std::move(colmap.warnings);
+  loaded.covisibility = Covisibility(colmap);
   loaded.references.model = model;
   const std::vector<PosedImage> images = colmap.PosedImages();
   if (images.empty()) {

@@ -8,6 +8,10 @@
 //             needed.
 //   Adaptive  both samples in every iteration, all poses scored on both match sets (Sec. 3).
 //   Select    P3P and E5+1 apart, then one of the two poses by its 2D-2D inliers (Eq. 6).
+//   Hybrid RANSAC  (Camposeco et al., CVPR 2018) each iteration first draws which solver; poses are
+//             compared by the sum of inliers and refined on the 2D-3D matches.
+//   HLoc      the structure-based baseline: the retrieved references are clustered by covisibility,
+//             P3P is run for each cluster, and the pose with the most inliers is taken.
 
 #pragma once
 
@@ -26,7 +30,7 @@
 
 namespace raylift {
 
-enum class Method { kP3p, kE5p1, kAdaptive, kSelect };
+enum class Method { kP3p, kE5p1, kAdaptive, kSelect, kHybridRansac, kHloc };
 
 // How the scores of the two match sets become one (Eqs. 1 to 5): I inliers, N matches, M MSAC sums.
 enum class ScoreCombination {

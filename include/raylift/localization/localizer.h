@@ -48,6 +48,7 @@ struct QueryResult {
 // What a query is localized with.
 struct LocalizerParts {
   const MatchSource& match_source;
+  const Covisibility& covisibility;
   const GeometrySource* geometry;  // null: there are no 2D-3D matches
   const FilterOptions& filter;
   const PoseEstimator& estimator;

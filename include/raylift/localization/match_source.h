@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "raylift/io/query_list.h"
+#include "raylift/localization/covisibility.h"
 #include "raylift/scene/pose_problem.h"
 #include "raylift/scene/posed_image.h"
 
@@ -42,6 +43,7 @@ struct ReferenceSet {
 // The images of a COLMAP model, every `every`-th of them by name from the first on.
 struct LoadedReferences {
   ReferenceSet references;
+  Covisibility covisibility;
   std::vector<std::string> warnings;
 };
 LoadedReferences LoadReferences(const std::filesystem::path& model, int every);

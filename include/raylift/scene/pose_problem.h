@@ -34,6 +34,8 @@ struct PoseProblem {
   std::string name;  // the query's
   Camera query_camera;
   std::vector<PosedImage> references;
+  // The covisibility cluster of each reference, numbered from 0; empty where it is not known.
+  std::vector<int> reference_clusters;
   std::vector<Match2D2D> matches_2d2d;
   std::vector<Match2D3D> matches_2d3d;
 };
