@@ -7,6 +7,7 @@
 #include <span>
 
 #include "estimation/kernels/kernel_table.h"
+#include "estimation/reliable_pairs.h"
 #include <Eigen/Cholesky>
 
 #include "raylift/geometry/rigid3.h"
@@ -288,7 +289,9 @@ FinalPose RefineFinally(const PreparedProblem& problem, const SolverPose& pose,
     near.points = MakePointBlocks<double>(
         problem.points, kinds.points ? IndicesBelow(residuals.points, kNearSquared) : none);
     near.pairs = MakePairBlocks<double>(
-        problem.pairs, kinds.pairs ? IndicesBelow(residuals.pairs, kNearSquared) : none);
+        problem.pairs, kinds.pairs ? ReliablePairs(problem, result.pose, residuals.pairs,
+                                                   pair_variance, kNearSquared)
+                                   : none);
     result.pose = Minimize(problem, near.Active(), result.pose, weights, 20, 1e-9);
   }
   const NormalEquations equations = Linearize(problem, near.Active(), result.pose, weights);
