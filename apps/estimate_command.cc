@@ -27,6 +27,7 @@ struct EstimateFlags {
   std::vector<path> problems;
   path csv, json, poses;
   int repeat = 1;
+  FilterFlags filter;
   EstimatorFlags estimator;
   RunFlags run;
 };
@@ -127,13 +128,16 @@ Row Estimate(const PoseEstimator& estimator, const PoseProblem& problem, int rep
   return row;
 }
 
-std::vector<Row> EstimateAll(const EstimateFlags& flags, const PoseEstimator& estimator) {
+std::vector<Row> EstimateAll(const EstimateFlags& flags, const FilterOptions& filter,
+                             const PoseEstimator& estimator) {
   const std::vector<path> files = ListAll(flags.problems);
   std::vector<Row> rows(files.size());
   Progress progress("problems", files.size(),
                     flags.run.quiet ? Progress::Show::kNever : Progress::Show::kAuto);
   ParallelFor(files.size(), flags.run.threads, [&](size_t i) {
-    rows[i] = Estimate(estimator, ReadPoseProblem(files[i]).problem, flags.repeat);
+    PoseProblem problem = ReadPoseProblem(files[i]).problem;
+    FilterProblem(filter, problem);
+    rows[i] = Estimate(estimator, problem, flags.repeat);
     progress.Advance();
   });
   return rows;
@@ -144,7 +148,8 @@ void Run(const EstimateFlags& flags) {
     throw OptionError("--repeat", std::to_string(flags.repeat), "must be at least 1");
   }
   const EstimatorOptions options = flags.estimator.Resolve();
-  const std::vector<Row> rows = EstimateAll(flags, *MakePoseEstimator(options));
+  const FilterOptions filter = flags.filter.Resolve(options.method);
+  const std::vector<Row> rows = EstimateAll(flags, filter, *MakePoseEstimator(options));
   if (!flags.csv.empty()) {
     WriteFile(flags.csv, FormatCsv(rows, ToString(options.method)));
   }
@@ -184,6 +189,7 @@ void AddEstimateCommand(CLI::App& program) {
                    "Estimate each problem N times; time_ms is the median")
       ->capture_default_str()
       ->group("Running");
+  AddFilterOptions(*command, flags->filter);
   AddEstimatorOptions(*command, flags->estimator);
   AddRunOptions(*command, flags->run);
   command->footer(

@@ -307,8 +307,8 @@ void AddLocalizeCommand(CLI::App& program) {
       "    raylift localize --model sfm --geometry mesh:scene.ply --queries queries.txt \\\n"
       "        --features features.h5 --matches matches.h5 --pairs pairs.txt --out result");
   command->callback([flags, command] {
-    const FilterOptions filter = flags->filter.Resolve();
     const EstimatorOptions estimator = flags->estimator.Resolve();
+    const FilterOptions filter = flags->filter.Resolve(estimator.method);
     Check(*flags, estimator);
     LocalizeRun(*flags, filter, estimator).Run(EffectiveOptionsJson(*command));
   });

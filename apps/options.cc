@@ -90,20 +90,25 @@ void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags) {
       ->group(group);
 }
 
-FilterOptions FilterFlags::Resolve() const {
+FilterOptions FilterFlags::Resolve(Method method) const {
   const auto mode_value = FilterModeFromName(mode);
   if (!mode_value) {
-    throw OptionError("--filter", mode, "expected off|fixed");
+    throw OptionError("--filter", mode, "expected off|fixed|auto");
   }
   thresholds.Validate();
-  return {*mode_value, thresholds};
+  const bool needs_points = method == Method::kP3p || method == Method::kHloc;
+  return {.mode = *mode_value,
+          .thresholds = thresholds,
+          .few_points = needs_points ? FewPoints::kKeepBest : FewPoints::kDropAll};
 }
 
 void AddFilterOptions(CLI::App& app, FilterFlags& flags) {
   const std::string group = "Consistency filter";
   app.add_option("--filter", flags.mode,
                  "Drop lifted points that too few references agree on:\n"
-                 "off|fixed. Helps noisy geometry, hurts accurate geometry")
+                 "off|fixed|auto. fixed helps noisy geometry and hurts accurate\n"
+                 "geometry; auto leaves accurate geometry alone and needs none\n"
+                 "of the options below")
       ->capture_default_str()
       ->group(group);
   app.add_option("--filter-reprojection-px", flags.thresholds.reprojection_px,

@@ -29,8 +29,8 @@ struct FilterFlags {
   std::string mode = "off";
   ConsistencyThresholds thresholds;
 
-  // Throws OptionError.
-  FilterOptions Resolve() const;
+  // What the method can do without matters to the automatic filter. Throws OptionError.
+  FilterOptions Resolve(Method method) const;
 };
 void AddFilterOptions(CLI::App& app, FilterFlags& flags);
 

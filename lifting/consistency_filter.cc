@@ -11,9 +11,10 @@
 namespace raylift {
 namespace {
 
-constexpr std::array<std::pair<FilterMode, std::string_view>, 2> kModeNames = {{
+constexpr std::array<std::pair<FilterMode, std::string_view>, 3> kModeNames = {{
     {FilterMode::kOff, "off"},
     {FilterMode::kFixed, "fixed"},
+    {FilterMode::kAuto, "auto"},
 }};
 
 size_t CountAgreeing(std::span<const ViewError> views, double threshold_px) {
@@ -21,6 +22,50 @@ size_t CountAgreeing(std::span<const ViewError> views, double threshold_px) {
       std::count_if(views.begin(), views.end(), [threshold_px](const ViewError& view) {
         return view.error_px && view.error_px->squaredNorm() <= threshold_px * threshold_px;
       }));
+}
+
+// Geometry whose depth adds up to this many deviations of the keypoints is left alone: on real
+// scans, at every density of references, meshes are below 1.8 and monocular depth is above 2.9.
+constexpr double kAccurateGeometry = 2.3;
+
+// A point's expected error may be this many deviations of the keypoints.
+constexpr double kTrustedError = 1.5;
+
+FilterResult KeepAll(size_t num_points) {
+  return {.keep = std::vector<bool>(num_points, true),
+          .counts = {.consistent = num_points},
+          .noise = std::nullopt};
+}
+
+void KeepTrusted(const MultiViewTrust& trust, FilterResult& result) {
+  const double most_px = kTrustedError * trust.noise.keypoints_px;
+  for (size_t i = 0; i < trust.points.size(); ++i) {
+    const PointTrust& point = trust.points[i];
+    result.keep[i] = !point.in_doubt && point.expected_error_px <= most_px;
+    if (result.keep[i]) {
+      ++result.counts.consistent;
+    } else if (point.in_doubt) {
+      ++result.counts.dropped_by_ratio;
+    } else if (point.seen_by_others) {
+      ++result.counts.dropped_by_error;
+    } else {
+      ++result.counts.dropped_by_views;
+    }
+  }
+}
+
+void KeepBest(const MultiViewTrust& trust, size_t count, FilterResult& result) {
+  std::vector<double> errors;
+  for (const PointTrust& point : trust.points) errors.push_back(point.expected_error_px);
+  count = std::min(count, errors.size());
+  std::nth_element(errors.begin(), errors.begin() + static_cast<std::ptrdiff_t>(count) - 1,
+                   errors.end());
+  const double worst = errors[count - 1];
+  result.counts = {};
+  for (size_t i = 0; i < trust.points.size(); ++i) {
+    result.keep[i] = trust.points[i].expected_error_px <= worst;
+    ++(result.keep[i] ? result.counts.consistent : result.counts.dropped_by_error);
+  }
 }
 
 }  // namespace
@@ -57,12 +102,25 @@ FilterResult FilterPoints(std::span<const PosedImage> references,
                           std::span<const Match2D3D> points, const FilterOptions& options) {
   switch (options.mode) {
     case FilterMode::kOff:
-      return {.keep = std::vector<bool>(points.size(), true),
-              .counts = {.consistent = points.size()}};
+      return KeepAll(points.size());
     case FilterMode::kFixed:
       return FilterByConsistency(references, matches_2d2d, points, options.thresholds);
+    case FilterMode::kAuto:
+      return FilterByTrust(references, matches_2d2d, points, options.few_points,
+                           options.min_points);
   }
   RAYLIFT_CHECK(false);
+}
+
+FilterResult FilterProblem(const FilterOptions& options, PoseProblem& problem) {
+  FilterResult result =
+      FilterPoints(problem.references, problem.matches_2d2d, problem.matches_2d3d, options);
+  std::vector<Match2D3D> kept;
+  for (size_t i = 0; i < problem.matches_2d3d.size(); ++i) {
+    if (result.keep[i]) kept.push_back(problem.matches_2d3d[i]);
+  }
+  problem.matches_2d3d = std::move(kept);
+  return result;
 }
 
 FilterResult FilterByConsistency(std::span<const PosedImage> references,
@@ -87,6 +145,30 @@ FilterResult FilterByConsistency(std::span<const PosedImage> references,
     } else {
       ++result.counts.consistent;
     }
+  }
+  return result;
+}
+
+FilterResult FilterByTrust(std::span<const PosedImage> references,
+                           std::span<const Match2D2D> matches_2d2d,
+                           std::span<const Match2D3D> points, FewPoints few_points,
+                           size_t min_points) {
+  const auto trust = EstimateTrust(references, matches_2d2d, points);
+  if (!trust) return KeepAll(points.size());
+  FilterResult result = KeepAll(points.size());
+  result.noise = trust->noise;
+  if (trust->noise.geometry_px <= kAccurateGeometry * trust->noise.keypoints_px) return result;
+  result.counts = {};
+  KeepTrusted(*trust, result);
+  if (result.counts.consistent >= min_points) return result;
+  switch (few_points) {
+    case FewPoints::kDropAll:
+      result.keep.assign(points.size(), false);
+      result.counts.dropped_as_too_few = std::exchange(result.counts.consistent, 0);
+      break;
+    case FewPoints::kKeepBest:
+      KeepBest(*trust, min_points, result);
+      break;
   }
   return result;
 }

@@ -24,14 +24,11 @@ class Stopwatch {
 void LiftAndFilter(const GeometrySource& geometry, const FilterOptions& options,
                    PoseProblem& problem, StageCounts& counts) {
   const LiftResult lifted = LiftMatches(geometry, problem.references, problem.matches_2d2d);
-  const std::vector<Match2D3D> points = Matches2D3D(lifted);
-  const FilterResult filtered =
-      FilterPoints(problem.references, problem.matches_2d2d, points, options);
-  for (size_t i = 0; i < points.size(); ++i) {
-    if (filtered.keep[i]) problem.matches_2d3d.push_back(points[i]);
-  }
-  counts.hit = points.size();
+  problem.matches_2d3d = Matches2D3D(lifted);
+  counts.hit = problem.matches_2d3d.size();
+  const FilterResult filtered = FilterProblem(options, problem);
   counts.filter = filtered.counts;
+  counts.noise = filtered.noise;
 }
 
 }  // namespace

@@ -35,9 +35,15 @@ Json QueryJson(const LocalizedQuery& query) {
                {"consistent", query.counts.filter.consistent},
                {"dropped_by_views", query.counts.filter.dropped_by_views},
                {"dropped_by_ratio", query.counts.filter.dropped_by_ratio},
+               {"dropped_by_error", query.counts.filter.dropped_by_error},
+               {"dropped_as_too_few", query.counts.filter.dropped_as_too_few},
                {"inliers_2d3d", query.counts.inliers_2d3d},
                {"inliers_2d2d", query.counts.inliers_2d2d},
                {"iterations", estimate.iterations}};
+  if (query.counts.noise) {
+    json["keypoint_noise_px"] = query.counts.noise->keypoints_px;
+    json["geometry_noise_px"] = query.counts.noise->geometry_px;
+  }
   if (estimate.cam_from_world) {
     json["solver"] = ToString(estimate.solver);
     json["cam_from_world"] = PoseJson(*estimate.cam_from_world);
@@ -132,6 +138,10 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
          median_of([](const LocalizedQuery& q) { return q.counts.filter.dropped_by_views; })},
         {"dropped_by_ratio",
          median_of([](const LocalizedQuery& q) { return q.counts.filter.dropped_by_ratio; })},
+        {"dropped_by_error",
+         median_of([](const LocalizedQuery& q) { return q.counts.filter.dropped_by_error; })},
+        {"dropped_as_too_few",
+         median_of([](const LocalizedQuery& q) { return q.counts.filter.dropped_as_too_few; })},
         {"inliers_2d3d", median_of([](const LocalizedQuery& q) { return q.counts.inliers_2d3d; })},
         {"inliers_2d2d", median_of([](const LocalizedQuery& q) { return q.counts.inliers_2d2d; })},
         {"match_ms", median_of([](const LocalizedQuery& q) { return q.match_ms; })},

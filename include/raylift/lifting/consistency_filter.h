@@ -11,11 +11,16 @@
 #include <string_view>
 #include <vector>
 
+#include "raylift/lifting/auto_filter.h"
 #include "raylift/scene/pose_problem.h"
 
 namespace raylift {
 
-enum class FilterMode { kOff, kFixed };
+enum class FilterMode {
+  kOff,
+  kFixed,  // the paper's, with the thresholds of the options
+  kAuto,   // by each point's expected error, see auto_filter.h; leaves accurate geometry alone
+};
 std::string_view ToString(FilterMode mode);
 std::optional<FilterMode> FilterModeFromName(std::string_view name);
 
@@ -31,20 +36,33 @@ struct ConsistencyThresholds {
   void Validate() const;
 };
 
+// What kAuto does where it would keep fewer than `min_points`.
+enum class FewPoints {
+  kDropAll,   // a handful of noisy points only disturbs an estimator that can do without
+  kKeepBest,  // the best `min_points`, for an estimator that has nothing else
+};
+
 struct FilterOptions {
   FilterMode mode = FilterMode::kOff;
   ConsistencyThresholds thresholds;  // of kFixed
+  FewPoints few_points = FewPoints::kDropAll;
+  size_t min_points = 30;
 };
 
 struct FilterCounts {
   size_t consistent = 0;
   size_t dropped_by_views = 0;
   size_t dropped_by_ratio = 0;  // of those that enough views agree on
+  // kAuto counts here what its views say is too far off; as dropped by views what no other
+  // reference sees, as dropped by ratio what half of the others contradict.
+  size_t dropped_by_error = 0;
+  size_t dropped_as_too_few = 0;  // consistent, but too few remained
 };
 
 struct FilterResult {
   std::vector<bool> keep;  // one per point
   FilterCounts counts;
+  std::optional<MultiViewNoise> noise;  // that kAuto found
 };
 
 // The points that the options keep: all of them where the filter is off.
@@ -52,10 +70,19 @@ FilterResult FilterPoints(std::span<const PosedImage> references,
                           std::span<const Match2D2D> matches_2d2d,
                           std::span<const Match2D3D> points, const FilterOptions& options);
 
+// Drops the 2D-3D matches of a problem that the options do not keep.
+FilterResult FilterProblem(const FilterOptions& options, PoseProblem& problem);
+
 // The points that the thresholds keep.
 FilterResult FilterByConsistency(std::span<const PosedImage> references,
                                  std::span<const Match2D2D> matches_2d2d,
                                  std::span<const Match2D3D> points,
                                  const ConsistencyThresholds& thresholds);
+
+// The points that kAuto keeps.
+FilterResult FilterByTrust(std::span<const PosedImage> references,
+                           std::span<const Match2D2D> matches_2d2d,
+                           std::span<const Match2D3D> points, FewPoints few_points,
+                           size_t min_points);
 
 }  // namespace raylift

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <string>
 
 #include "raylift/estimation/pose_estimator.h"
@@ -16,10 +17,11 @@
 namespace raylift {
 
 struct StageCounts {
-  size_t retrieved = 0;  // references
-  size_t matched = 0;    // 2D-2D matches
-  size_t hit = 0;        // of those, lifted to the scene
-  FilterCounts filter;   // of those, kept and dropped by the filter
+  size_t retrieved = 0;                 // references
+  size_t matched = 0;                   // 2D-2D matches
+  size_t hit = 0;                       // of those, lifted to the scene
+  FilterCounts filter;                  // of those, kept and dropped by the filter
+  std::optional<MultiViewNoise> noise;  // as the automatic filter found it
   size_t inliers_2d3d = 0;
   size_t inliers_2d2d = 0;
 };

@@ -1,0 +1,144 @@
+#include "raylift/lifting/auto_filter.h"
+
+#include <cmath>
+
+#include "room.h"
+#include "support/matchers.h"
+#include <gtest/gtest.h>
+
+#include "raylift/lifting/consistency_filter.h"
+#include "raylift/lifting/lifter.h"
+
+namespace raylift {
+namespace {
+
+struct Problem {
+  Room room;
+  std::vector<Match2D2D> matches;
+};
+
+// Places on the walls seen by a query and, with the keypoints' noise, by all references.
+Problem MakeProblem(int num_points, double noise_px, Rng& rng) {
+  Problem problem{Room(6, rng), {}};
+  std::vector<Eigen::Vector2d> pixels;
+  for (int i = 0; i < num_points; ++i) {
+    pixels.emplace_back(rng.Uniform(0, 640), rng.Uniform(0, 480));
+  }
+  // The first camera doubles as the query's.
+  const auto points = problem.room.walls->Lift(problem.room.references[0], pixels);
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    for (size_t r = 1; r < problem.room.references.size(); ++r) {
+      const PosedImage& reference = problem.room.references[r];
+      const auto seen =
+          reference.camera.ImgFromCam(reference.cam_from_world * points[i]->point_in_world);
+      if (!seen || !reference.camera.Contains(*seen)) continue;
+      const Eigen::Vector2d noise(rng.Normal(), rng.Normal());
+      problem.matches.push_back({static_cast<int>(r), pixels[i], *seen + noise_px * noise});
+    }
+  }
+  return problem;
+}
+
+std::vector<Match2D3D> LiftAll(const Problem& problem, double log_depth_noise, Rng& rng) {
+  const DistortedSource source(problem.room.walls,
+                               [&](const PosedImage&, const Eigen::Vector2d&, double z) {
+                                 return z * std::exp(log_depth_noise * rng.Normal());
+                               });
+  return Matches2D3D(LiftMatches(source, problem.room.references, problem.matches));
+}
+
+TEST(EstimateTrust, TellsTheNoiseOfKeypointsFromThatOfGeometry) {
+  Rng rng = TestRng();
+  const Problem problem = MakeProblem(400, 0.8, rng);
+  const auto accurate =
+      EstimateTrust(problem.room.references, problem.matches, LiftAll(problem, 0, rng));
+  const auto noisy =
+      EstimateTrust(problem.room.references, problem.matches, LiftAll(problem, 0.1, rng));
+  ASSERT_TRUE(accurate && noisy);
+  // The noise of both ends of an error adds up to sqrt(2) of a keypoint's, give or take the change
+  // of scale between the views.
+  EXPECT_NEAR(accurate->noise.keypoints_px, 0.8 * std::sqrt(2), 0.15);
+  EXPECT_NEAR(noisy->noise.keypoints_px, accurate->noise.keypoints_px, 0.05);
+  EXPECT_LT(accurate->noise.geometry_px, accurate->noise.keypoints_px);
+  EXPECT_GT(noisy->noise.geometry_px, 4 * noisy->noise.keypoints_px);
+}
+
+TEST(EstimateTrust, ExpectsTheErrorThatADepthHas) {
+  Rng rng = TestRng();
+  const Problem problem = MakeProblem(400, 0.5, rng);
+  const auto truth = LiftAll(problem, 0, rng);
+  const auto points = LiftAll(problem, 0.1, rng);
+  const auto trust = EstimateTrust(problem.room.references, problem.matches, points);
+  ASSERT_TRUE(trust);
+  // Of the points that are expected to be good, the depth must be better than of all.
+  double squares_of_good = 0, squares_of_all = 0;
+  size_t num_good = 0;
+  for (size_t i = 0; i < points.size(); ++i) {
+    const PosedImage& own = problem.room.references[static_cast<size_t>(*points[i].reference)];
+    const Eigen::Vector3d center = own.cam_from_world.OriginInSource();
+    const double log_error = std::log((points[i].point_in_world - center).norm() /
+                                      (truth[i].point_in_world - center).norm());
+    squares_of_all += log_error * log_error;
+    if (trust->points[i].expected_error_px <= 1.5 * trust->noise.keypoints_px) {
+      squares_of_good += log_error * log_error;
+      ++num_good;
+    }
+  }
+  EXPECT_GT(num_good, 30u);
+  EXPECT_LT(std::sqrt(squares_of_good / static_cast<double>(num_good)),
+            0.25 * std::sqrt(squares_of_all / static_cast<double>(points.size())));
+}
+
+TEST(EstimateTrust, NeedsSeveralReferences) {
+  Rng rng = TestRng();
+  const Problem problem = MakeProblem(3, 0.5, rng);
+  EXPECT_FALSE(EstimateTrust(problem.room.references, problem.matches, {}));
+}
+
+TEST(FilterByTrust, LeavesAccurateGeometryAlone) {
+  Rng rng = TestRng();
+  Problem problem = MakeProblem(300, 1, rng);
+  for (size_t i = 0; i < problem.matches.size(); i += 4) {
+    problem.matches[i].reference_px = {rng.Uniform(0, 640), rng.Uniform(0, 480)};
+  }
+  const auto points = LiftAll(problem, 0.005, rng);
+  const FilterResult result =
+      FilterByTrust(problem.room.references, problem.matches, points, FewPoints::kDropAll, 30);
+  EXPECT_EQ(result.counts.consistent, points.size());
+  ASSERT_TRUE(result.noise);
+}
+
+TEST(FilterByTrust, DropsNoisyAndUnseenPointsAndCountsThem) {
+  Rng rng = TestRng();
+  Problem problem = MakeProblem(400, 0.5, rng);
+  problem.matches.push_back({1, {-1, -1}, {100, 100}});  // no other reference sees it
+  const auto points = LiftAll(problem, 0.1, rng);
+  const FilterResult result =
+      FilterByTrust(problem.room.references, problem.matches, points, FewPoints::kDropAll, 30);
+  EXPECT_FALSE(result.keep.back());
+  EXPECT_GT(result.counts.consistent, 30u);
+  EXPECT_GT(result.counts.dropped_by_error, points.size() / 2);
+  EXPECT_GE(result.counts.dropped_by_views, 1u);
+  EXPECT_EQ(result.counts.consistent + result.counts.dropped_by_error +
+                result.counts.dropped_by_views + result.counts.dropped_by_ratio,
+            points.size());
+}
+
+TEST(FilterByTrust, WhereFewRemainDropsAllOrKeepsTheBest) {
+  Rng rng = TestRng();
+  const Problem problem = MakeProblem(60, 0.3, rng);
+  const auto points = LiftAll(problem, 0.5, rng);
+  const size_t more_than_good = 60;
+  const FilterResult none = FilterByTrust(problem.room.references, problem.matches, points,
+                                          FewPoints::kDropAll, more_than_good);
+  EXPECT_EQ(none.counts.consistent, 0u);
+  EXPECT_GT(none.counts.dropped_as_too_few, 0u);
+  const FilterResult best = FilterByTrust(problem.room.references, problem.matches, points,
+                                          FewPoints::kKeepBest, more_than_good);
+  EXPECT_EQ(best.counts.consistent, more_than_good);
+  EXPECT_EQ(std::count(best.keep.begin(), best.keep.end(), true),
+            static_cast<std::ptrdiff_t>(more_than_good));
+}
+
+}  // namespace
+}  // namespace raylift
