@@ -81,27 +81,27 @@ class IntersectState {
 
 #endif
 
-// Rays in a packet, and one ray of it; every field is set, as Embree reads them all.
 template <typename RayHitN>
-void SetRay(RayHitN& packet, size_t i, const float* origin, const float* direction, float t_near) {
-  packet.ray.org_x[i] = origin[0];
-  packet.ray.org_y[i] = origin[1];
-  packet.ray.org_z[i] = origin[2];
-  packet.ray.tnear[i] = t_near;
-  packet.ray.dir_x[i] = direction[0];
-  packet.ray.dir_y[i] = direction[1];
-  packet.ray.dir_z[i] = direction[2];
-  packet.ray.time[i] = 0;
-  packet.ray.tfar[i] = std::numeric_limits<float>::infinity();
-  packet.ray.mask[i] = 0xffffffffu;
-  packet.ray.id[i] = 0;
-  packet.ray.flags[i] = 0;
-  packet.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
-  packet.hit.primID[i] = RTC_INVALID_GEOMETRY_ID;
-  packet.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+inline constexpr size_t kPacketSize = sizeof(RayHitN::ray.tfar) / sizeof(float);
+
+// What stays the same for all packets from one point; every field is set, as Embree reads them all.
+template <typename RayHitN>
+void SetConstants(RayHitN& packet, const float* origin) {
+  for (size_t i = 0; i < kPacketSize<RayHitN>; ++i) {
+    packet.ray.org_x[i] = origin[0];
+    packet.ray.org_y[i] = origin[1];
+    packet.ray.org_z[i] = origin[2];
+    packet.ray.tnear[i] = 0;
+    packet.ray.time[i] = 0;
+    packet.ray.mask[i] = 0xffffffffu;
+    packet.ray.id[i] = 0;
+    packet.ray.flags[i] = 0;
+    packet.hit.primID[i] = RTC_INVALID_GEOMETRY_ID;
+    packet.hit.Ng_x[i] = packet.hit.Ng_y[i] = packet.hit.Ng_z[i] = 0;
 #if defined(RTC_GEOMETRY_INSTANCE_ARRAY)  // from Embree 4.3 on
-  packet.hit.instPrimID[0][i] = RTC_INVALID_GEOMETRY_ID;
+    packet.hit.instPrimID[0][i] = RTC_INVALID_GEOMETRY_ID;
 #endif
+  }
 }
 
 inline RTCRay MakeRay(const float* origin, const float* direction, float t_near) {

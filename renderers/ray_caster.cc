@@ -2,9 +2,12 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
+#include <mutex>
 #include <stdexcept>
 
+#include "block_kernels.h"
 #include "embree_shim.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -14,7 +17,6 @@
 namespace raylift {
 namespace {
 
-constexpr size_t kPacket = 16;
 constexpr size_t kBatch = 64;
 
 // Where a hit in float and its refinement in double are further apart than these shares of the
@@ -27,6 +29,10 @@ constexpr double kMaxRefinementOfScene = 4e-6;
 // vertex itself slip between its triangles, as their edge functions are rounded one by one. A ray
 // that hits nothing is therefore tried once more, turned by this angle, which is what float rounds.
 constexpr float kNudge = 0x1p-21f;
+
+// From further away than this many radii of the scene, blocks are cast ray by ray, each started
+// near the mesh: float would round the camera's place too coarsely.
+constexpr double kMaxBlockDistance = 100;
 
 Eigen::Vector3f Nudged(const Eigen::Vector3f& direction) {
   return direction + kNudge * direction.unitOrthogonal();
@@ -79,6 +85,7 @@ struct RayCaster::Impl {
           fmt::format("Embree: no device, error {}", static_cast<int>(rtcGetDeviceError(nullptr))));
     }
     rtcSetDeviceErrorFunction(device.get(), &Impl::OnError, &error_text);
+    rtcSetDeviceMemoryMonitorFunction(device.get(), &Impl::OnMemory, &memory_bytes);
     has_packets16 = rtcGetDeviceProperty(device.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED);
     has_packets8 = rtcGetDeviceProperty(device.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED);
     BuildScene(options);
@@ -95,6 +102,28 @@ struct RayCaster::Impl {
     }
   }
 
+  static bool OnMemory(void* counter, ssize_t bytes, bool) {
+    *static_cast<std::atomic<int64_t>*>(counter) += bytes;
+    return true;
+  }
+
+  // Embree's threads report at will, and not always in order.
+  struct BuildProgress {
+    const std::function<void(double)>& report;
+    std::mutex mutex;
+    double reported;
+
+    static bool OnProgress(void* progress, double share) {
+      auto& self = *static_cast<BuildProgress*>(progress);
+      const std::lock_guard<std::mutex> lock(self.mutex);
+      if (share > self.reported) {
+        self.reported = share;
+        self.report(std::min(share, 1.0));
+      }
+      return true;
+    }
+  };
+
   void ThrowOnError() const {
     if (!error_text.empty()) throw std::runtime_error(error_text);
   }
@@ -109,7 +138,12 @@ struct RayCaster::Impl {
     if (!mesh->triangles.empty()) {
       AttachMesh(quality);
     }
+    BuildProgress progress{options.on_build_progress, {}, 0};
+    if (options.on_build_progress) {
+      rtcSetSceneProgressMonitorFunction(scene.get(), &BuildProgress::OnProgress, &progress);
+    }
     rtcCommitScene(scene.get());
+    rtcSetSceneProgressMonitorFunction(scene.get(), nullptr, nullptr);
   }
 
   void AttachMesh(RTCBuildQuality quality) {
@@ -148,13 +182,12 @@ struct RayCaster::Impl {
   }
 
   // The hit with the triangle's plane, in double. `length` is that of the caller's direction.
-  RayHit Refine(const LocalRay& ray, double length, uint32_t triangle, float float_t) const {
+  RayHit Refine(const LocalRay& ray, double length, uint32_t triangle, double coarse_t) const {
     const auto& [i0, i1, i2] = mesh->triangles[triangle];
     const Eigen::Vector3d v0 = mesh->vertices[i0].cast<double>();
     const Eigen::Vector3d e1 = mesh->vertices[i1].cast<double>() - v0;
     const Eigen::Vector3d e2 = mesh->vertices[i2].cast<double>() - v0;
     const Eigen::Vector3d normal = e1.cross(e2);
-    const double coarse_t = ray.shift + static_cast<double>(float_t);
     double t = (v0 - ray.origin).dot(normal) / ray.direction.dot(normal);
     if (!(std::abs(t - coarse_t) <=
           kMaxRefinementOfRay * std::abs(coarse_t) + kMaxRefinementOfScene * reach)) {
@@ -167,63 +200,84 @@ struct RayCaster::Impl {
     return {t / length, normal.normalized(), triangle, {u, v}};
   }
 
-  template <typename Packet, typename Intersect>
-  void CastPackets(std::span<const std::optional<LocalRay>> rays, std::span<const double> lengths,
-                   std::span<std::optional<RayHit>> hits, const Intersect& intersect) const {
-    constexpr size_t kSize = sizeof(Packet::ray.tfar) / sizeof(float);
-    for (size_t begin = 0; begin < rays.size(); begin += kSize) {
-      const size_t count = std::min(kSize, rays.size() - begin);
-      CastPacket<Packet>(rays.subspan(begin, count), lengths.subspan(begin, count),
-                         hits.subspan(begin, count), intersect);
-    }
-  }
+  // Where the rays of a block start: in float, and by how much that is off.
+  struct BlockOrigin {
+    Eigen::Vector3d origin;  // relative to the mesh's
+    Eigen::Vector3f rounded;
+    Eigen::Vector3f offset;  // rounded - origin
+  };
 
+  // A part of a block as one packet, whose constant fields are set.
   template <typename Packet, typename Intersect>
-  void CastPacket(std::span<const std::optional<LocalRay>> rays, std::span<const double> lengths,
-                  std::span<std::optional<RayHit>> hits, const Intersect& intersect) const {
-    constexpr size_t kSize = sizeof(Packet::ray.tfar) / sizeof(float);
-    static constexpr float kNoRay[3] = {0, 0, 1};
-    alignas(64) Packet packet{};
-    alignas(64) std::array<int, kSize> valid{};
-    for (size_t i = 0; i < kSize; ++i) {
-      const LocalRay* ray = i < rays.size() && rays[i] ? &*rays[i] : nullptr;
-      valid[i] = ray != nullptr ? -1 : 0;
-      embree::SetRay(packet, i, ray != nullptr ? ray->float_origin.data() : kNoRay,
-                     ray != nullptr ? ray->float_direction.data() : kNoRay, 0);
-    }
-    intersect(valid.data(), packet);
-    const size_t missed = TakeHits(packet, rays, lengths, valid, hits);
-    if (missed == 0 || missed == kSize) {  // all missed: the sky, not the gap at a vertex
+  void CastPart(const BlockOrigin& from, const RayBlock& rays, size_t begin, Packet& packet,
+                HitBlock& hits, const Intersect& intersect) const {
+    constexpr size_t kSize = embree::kPacketSize<Packet>;
+    alignas(64) std::array<int, kSize> valid;
+    alignas(64) std::array<int, kSize> grazes;
+    const PacketDirections directions{packet.ray.dir_x, packet.ray.dir_y,  packet.ray.dir_z,
+                                      packet.ray.tfar,  packet.hit.geomID, packet.hit.instID[0]};
+    const PacketHits results{packet.ray.dir_x, packet.ray.dir_y,  packet.ray.dir_z,
+                             packet.ray.tfar,  packet.hit.Ng_x,   packet.hit.Ng_y,
+                             packet.hit.Ng_z,  packet.hit.geomID, packet.hit.primID};
+    if (!SetDirections<kSize>(rays, begin, directions, valid.data())) {
       return;
     }
-    for (size_t i = 0; i < rays.size(); ++i) {
-      if (valid[i] != 0) {
-        embree::SetRay(packet, i, rays[i]->float_origin.data(),
-                       Nudged(rays[i]->float_direction).data(), 0);
-      }
+    intersect(valid.data(), packet);
+    const HitSummary first =
+        TakeHits<kSize>(results, from.offset, valid.data(), begin, grazes.data(), hits);
+    if (first.any_grazing) MarkGrazing(grazes, begin, hits);
+    if (first.missed == 0 || first.missed == kSize) {  // all missed: the sky, not a vertex's gap
+      return;
+    }
+    for (size_t i = 0; i < kSize; ++i) {
+      const size_t k = begin + i;
+      if (hits.triangle[k] != HitBlock::kNoTriangle) valid[i] = 0;
+      if (valid[i] == 0) continue;
+      const Eigen::Vector3f nudged = Nudged({rays.x[k], rays.y[k], rays.z[k]});
+      packet.ray.dir_x[i] = nudged.x();
+      packet.ray.dir_y[i] = nudged.y();
+      packet.ray.dir_z[i] = nudged.z();
     }
     intersect(valid.data(), packet);
-    TakeHits(packet, rays, lengths, valid, hits);
+    if (TakeHits<kSize>(results, from.offset, valid.data(), begin, grazes.data(), hits)
+            .any_grazing) {
+      MarkGrazing(grazes, begin, hits);
+    }
   }
 
-  // Moves the valid lanes' hits to `hits`, leaves valid those without, and returns their number.
-  template <typename Packet, size_t kSize>
-  size_t TakeHits(const Packet& packet, std::span<const std::optional<LocalRay>> rays,
-                  std::span<const double> lengths, std::array<int, kSize>& valid,
-                  std::span<std::optional<RayHit>> hits) const {
-    size_t missed = 0;
-    for (size_t i = 0; i < rays.size(); ++i) {
-      if (valid[i] == 0) {
-        continue;
-      }
-      if (packet.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID) {
-        ++missed;
-        continue;
-      }
-      hits[i] = Refine(*rays[i], lengths[i], packet.hit.primID[i], packet.ray.tfar[i]);
-      valid[i] = 0;
+  template <size_t kSize>
+  static void MarkGrazing(const std::array<int, kSize>& grazes, size_t begin, HitBlock& hits) {
+    for (size_t i = 0; i < kSize; ++i) {
+      hits.grazing |= (grazes[i] != 0 ? 1u : 0u) << (begin + i);
     }
-    return missed;
+  }
+
+  template <typename Packet, typename Intersect>
+  void CastAllBlocks(const BlockOrigin& from, std::span<const RayBlock> rays,
+                     std::span<HitBlock> hits, const Intersect& intersect) const {
+    alignas(64) Packet packet;
+    embree::SetConstants(packet, from.rounded.data());
+    for (size_t block = 0; block < rays.size(); ++block) {
+      for (size_t begin = 0; begin < RayBlock::kSize; begin += embree::kPacketSize<Packet>) {
+        CastPart(from, rays[block], begin, packet, hits[block], intersect);
+      }
+    }
+  }
+
+  void CastOneByOne(const Eigen::Vector3d& origin_in_world, const RayBlock& rays, HitBlock& hits,
+                    embree::IntersectState& state) const {
+    for (size_t i = 0; i < RayBlock::kSize; ++i) {
+      const Eigen::Vector3d direction =
+          Eigen::Vector3f(rays.x[i], rays.y[i], rays.z[i]).cast<double>();
+      const double length = direction.norm();
+      const auto ray = MakeLocalRay(origin_in_world, direction, length);
+      const auto hit = ray ? CastOne(*ray, 0, state) : std::nullopt;
+      if (!hit) continue;
+      const RayHit refined = Refine(*ray, length, hit->triangle, ray->shift + double{hit->t});
+      hits.ray_t[i] = static_cast<float>(refined.ray_t);
+      hits.triangle[i] = refined.triangle;
+      hits.grazing |= 1u << i;  // the direction is in float here, too
+    }
   }
 
   struct FloatHit {
@@ -265,7 +319,8 @@ struct RayCaster::Impl {
     }
     for (size_t i = 0; i < rays.size(); ++i) {
       if (!float_hits[i]) continue;
-      hits[i] = Refine(*local[i], lengths[i], float_hits[i]->triangle, float_hits[i]->t);
+      hits[i] = Refine(*local[i], lengths[i], float_hits[i]->triangle,
+                       local[i]->shift + double{float_hits[i]->t});
     }
   }
 
@@ -278,6 +333,7 @@ struct RayCaster::Impl {
   Bounds bounds;
   double reach;  // the largest local coordinate, about
   std::string error_text;
+  std::atomic<int64_t> memory_bytes{0};
   embree::Device device;
   embree::Scene scene;
   bool has_packets16 = false;
@@ -306,42 +362,49 @@ std::vector<std::optional<RayHit>> RayCaster::Cast(std::span<const Ray> rays) co
   return hits;
 }
 
-void RayCaster::CastCoherent(const Eigen::Vector3d& origin_in_world,
-                             std::span<const Eigen::Vector3d> directions_in_world,
-                             std::span<std::optional<RayHit>> hits) const {
-  RAYLIFT_CHECK_EQ(directions_in_world.size(), hits.size());
-  embree::IntersectState state(embree::Coherence::kCoherent);
-  std::array<std::optional<LocalRay>, kPacket> rays;
-  std::array<double, kPacket> lengths;
-  for (size_t begin = 0; begin < hits.size(); begin += kPacket) {
-    const size_t count = std::min(kPacket, hits.size() - begin);
-    for (size_t i = 0; i < count; ++i) {
-      const Eigen::Vector3d& direction = directions_in_world[begin + i];
-      lengths[i] = direction.norm();
-      rays[i] = impl_->MakeLocalRay(origin_in_world, direction, lengths[i]);
-    }
-    const auto packet_hits = hits.subspan(begin, count);
-    std::fill(packet_hits.begin(), packet_hits.end(), std::nullopt);
-    const std::span<const std::optional<LocalRay>> packet_rays(rays.data(), count);
-    if (impl_->has_packets16) {
-      impl_->CastPackets<RTCRayHit16>(packet_rays, lengths, packet_hits,
-                                      [&](const int* valid, RTCRayHit16& packet) {
-                                        state.Intersect16(valid, impl_->scene.get(), &packet);
-                                      });
-    } else if (impl_->has_packets8) {
-      impl_->CastPackets<RTCRayHit8>(packet_rays, lengths, packet_hits,
-                                     [&](const int* valid, RTCRayHit8& packet) {
-                                       state.Intersect8(valid, impl_->scene.get(), &packet);
-                                     });
-    } else {
-      for (size_t i = 0; i < count; ++i) {
-        if (!rays[i]) continue;
-        if (const auto hit = impl_->CastOne(*rays[i], 0, state)) {
-          packet_hits[i] = impl_->Refine(*rays[i], lengths[i], hit->triangle, hit->t);
-        }
-      }
-    }
+void RayCaster::CastBlocks(const Eigen::Vector3d& origin_in_world, std::span<const RayBlock> rays,
+                           std::span<HitBlock> hits) const {
+  RAYLIFT_CHECK_EQ(rays.size(), hits.size());
+  for (HitBlock& block : hits) {
+    block.ray_t.fill(0);
+    block.triangle.fill(HitBlock::kNoTriangle);
+    block.grazing = 0;
   }
+  const Impl& impl = *impl_;
+  Impl::BlockOrigin from;
+  from.origin = origin_in_world - impl.mesh->origin_in_world;
+  from.rounded = from.origin.cast<float>();
+  from.offset = (from.rounded.cast<double>() - from.origin).cast<float>();
+  const double distance = (from.origin - impl.bounds.center).norm();
+  embree::IntersectState state(embree::Coherence::kCoherent);
+  if (!(distance <= kMaxBlockDistance * impl.bounds.radius) ||
+      !(impl.has_packets16 || impl.has_packets8)) {
+    for (size_t i = 0; i < rays.size(); ++i) {
+      impl.CastOneByOne(origin_in_world, rays[i], hits[i], state);
+    }
+  } else if (impl.has_packets16) {
+    impl.CastAllBlocks<RTCRayHit16>(from, rays, hits, [&](const int* valid, RTCRayHit16& packet) {
+      state.Intersect16(valid, impl.scene.get(), &packet);
+    });
+  } else {
+    impl.CastAllBlocks<RTCRayHit8>(from, rays, hits, [&](const int* valid, RTCRayHit8& packet) {
+      state.Intersect8(valid, impl.scene.get(), &packet);
+    });
+  }
+}
+
+RayHit RayCaster::RefineHit(const Eigen::Vector3d& origin_in_world,
+                            const Eigen::Vector3d& direction_in_world, uint32_t triangle,
+                            double coarse_t) const {
+  const double length = direction_in_world.norm();
+  LocalRay ray;
+  ray.origin = origin_in_world - impl_->mesh->origin_in_world;
+  ray.direction = direction_in_world / length;
+  return impl_->Refine(ray, length, triangle, coarse_t * length);
+}
+
+size_t RayCaster::MemoryBytes() const {
+  return static_cast<size_t>(std::max<int64_t>(impl_->memory_bytes, 0));
 }
 
 bool RayCaster::IsOccluded(const Ray& ray) const {

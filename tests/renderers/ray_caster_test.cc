@@ -148,39 +148,84 @@ TEST(RayCaster, ClosedMeshHasNoLeaks) {
   }
 }
 
-TEST(RayCaster, CoherentPacketsHaveNoLeaksAndAgreeWithSingleRays) {
+// Directions around an axis, as blocks; the last block is filled up with rays that are none.
+std::vector<RayBlock> Blocks(const std::vector<Eigen::Vector3d>& directions) {
+  std::vector<RayBlock> blocks((directions.size() + RayBlock::kSize - 1) / RayBlock::kSize);
+  for (size_t i = 0; i < directions.size(); ++i) {
+    const Eigen::Vector3f direction = directions[i].normalized().cast<float>();
+    blocks[i / RayBlock::kSize].x[i % RayBlock::kSize] = direction.x();
+    blocks[i / RayBlock::kSize].y[i % RayBlock::kSize] = direction.y();
+    blocks[i / RayBlock::kSize].z[i % RayBlock::kSize] = direction.z();
+  }
+  return blocks;
+}
+
+TEST(RayCaster, BlocksHaveNoLeaksAndAgreeWithSingleRays) {
   Rng rng = TestRng();
   const TriangleMesh mesh = MakeSphere(kGeoreferenced, 7, 60, 120);
   const RayCaster caster = MakeCaster(mesh);
-  for (const size_t count : {1u, 15u, 16u, 64u, 1000u}) {
-    const Eigen::Vector3d origin = kGeoreferenced + 5 * RandomDirection(rng);
-    const Eigen::Vector3d axis = RandomDirection(rng);
+  for (const double distance : {5.0, 300.0, 7e4}) {  // inside, outside, ray by ray
+    const Eigen::Vector3d away = RandomDirection(rng);
+    const Eigen::Vector3d origin = kGeoreferenced + distance * away;
     std::vector<Eigen::Vector3d> directions;
-    std::vector<Ray> rays;
-    for (size_t i = 0; i < count; ++i) {
-      directions.emplace_back(axis + 0.5 * RandomDirection(rng));
-      rays.push_back({origin, directions.back()});
+    for (size_t i = 0; i < 1000; ++i) {
+      directions.emplace_back(kGeoreferenced + 6.5 * RandomDirection(rng) - origin);
     }
-    std::vector<std::optional<RayHit>> hits(count);
-    caster.CastCoherent(origin, directions, hits);
-    const auto expected = caster.Cast(rays);
-    for (size_t i = 0; i < count; ++i) {
-      ASSERT_TRUE(hits[i]);
-      EXPECT_NEAR(hits[i]->ray_t, expected[i]->ray_t, 1e-6);
+    const auto blocks = Blocks(directions);
+    std::vector<HitBlock> hits(blocks.size());
+    caster.CastBlocks(origin, blocks, hits);
+    for (size_t i = 0; i < directions.size(); ++i) {
+      const HitBlock& block = hits[i / RayBlock::kSize];
+      const size_t k = i % RayBlock::kSize;
+      ASSERT_NE(block.triangle[k], HitBlock::kNoTriangle) << distance;
+      const auto expected = CastOne(caster, {origin, directions[i].normalized()});
+      ASSERT_TRUE(expected);
+      if ((block.grazing >> k & 1u) == 0) {
+        // The direction is rounded to float; seen from outside the limb is oblique.
+        EXPECT_NEAR(double{block.ray_t[k]}, expected->ray_t, 6e-6 * expected->ray_t);
+      }
     }
   }
 }
 
-TEST(RayCaster, CoherentPacketsSkipRaysWithoutDirection) {
-  const RayCaster caster = MakeCaster(MakeBox({0, 0, 0}, {1, 1, 1}));
-  std::vector<Eigen::Vector3d> directions(20, Eigen::Vector3d(0, 0, 1));
-  directions[3].setZero();
-  directions[17].setConstant(std::numeric_limits<double>::quiet_NaN());
-  std::vector<std::optional<RayHit>> hits(20);
-  caster.CastCoherent({0.1, 0.2, 0}, directions, hits);
-  for (size_t i = 0; i < hits.size(); ++i) {
-    EXPECT_EQ(hits[i].has_value(), i != 3 && i != 17) << i;
+TEST(RayCaster, BlocksAimedAtVerticesAndEdgesHaveNoLeaks) {
+  Rng rng = TestRng();
+  const TriangleMesh mesh = MakeSphere(kGeoreferenced, 7, 60, 120);
+  const RayCaster caster = MakeCaster(mesh);
+  const Eigen::Vector3d origin = kGeoreferenced + 5 * RandomDirection(rng);
+  std::vector<Eigen::Vector3d> directions;
+  for (const auto& triangle : mesh.triangles) {
+    for (size_t k = 0; k < 3; ++k) {
+      const Eigen::Vector3d a = mesh.VertexInWorld(triangle[k]);
+      const Eigen::Vector3d b = mesh.VertexInWorld(triangle[(k + 1) % 3]);
+      directions.push_back(a - origin);
+      directions.emplace_back(a + rng.Uniform() * (b - a) - origin);
+    }
   }
+  const auto blocks = Blocks(directions);
+  std::vector<HitBlock> hits(blocks.size());
+  caster.CastBlocks(origin, blocks, hits);
+  size_t leaks = 0;
+  for (size_t i = 0; i < directions.size(); ++i) {
+    leaks += hits[i / RayBlock::kSize].triangle[i % RayBlock::kSize] == HitBlock::kNoTriangle;
+  }
+  EXPECT_EQ(leaks, 0u) << "of " << directions.size();
+}
+
+TEST(RayCaster, BlocksSkipRaysWithoutDirection) {
+  const RayCaster caster = MakeCaster(MakeBox({0, 0, 0}, {1, 1, 1}));
+  auto blocks = Blocks(std::vector<Eigen::Vector3d>(20, Eigen::Vector3d(0, 0, 1)));
+  blocks[0].z[3] = 0;
+  blocks[1].x[1] = std::numeric_limits<float>::quiet_NaN();
+  std::vector<HitBlock> hits(2);
+  caster.CastBlocks({0.1, 0.2, 0}, blocks, hits);
+  for (size_t i = 0; i < 32; ++i) {
+    const uint32_t triangle = hits[i / 16].triangle[i % 16];
+    EXPECT_EQ(triangle != HitBlock::kNoTriangle, i != 3 && i != 17 && i < 20) << i;
+  }
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  caster.CastBlocks({nan, 0, 0}, blocks, hits);
+  EXPECT_EQ(hits[0].triangle[0], HitBlock::kNoTriangle);
 }
 
 TEST(RayCaster, NearLimitCountsInTheCallersDirection) {

@@ -3,7 +3,10 @@
 
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -35,6 +38,29 @@ struct RayCasterOptions {
     kMedium,  // for many views
   };
   BuildQuality build_quality = BuildQuality::kMedium;
+
+  // Called from any thread, one call at a time, with the share of the build that is done.
+  std::function<void(double)> on_build_progress = {};
+};
+
+// The unit directions of 16 rays from one point, in float, as the hardware traces them: those of a
+// block of 4 x 4 pixels, row by row. A direction of zero length is no ray.
+struct alignas(64) RayBlock {
+  static constexpr size_t kSide = 4;
+  static constexpr size_t kSize = kSide * kSide;
+  std::array<float, kSize> x{};
+  std::array<float, kSize> y{};
+  std::array<float, kSize> z{};
+};
+
+// What a RayBlock hits.
+struct alignas(64) HitBlock {
+  static constexpr uint32_t kNoTriangle = 0xffffffffu;
+  std::array<float, RayBlock::kSize> ray_t;        // 0 where nothing is hit
+  std::array<uint32_t, RayBlock::kSize> triangle;  // kNoTriangle where nothing is hit
+  // Bit i: ray i grazes its triangle, so that the rounding of its direction moves the hit by more
+  // than a few 1e-6 of its distance; RefineHit with the direction in double is the remedy.
+  uint32_t grazing;
 };
 
 class RayCaster {
@@ -55,15 +81,23 @@ class RayCaster {
   // against the triangle's plane. Thread safe.
   std::vector<std::optional<RayHit>> Cast(std::span<const Ray> rays) const;
 
-  // As Cast for rays from one point, several times faster where each 16 in a row run close together
-  // (a block of 4 x 4 pixels). A direction of zero length has no hit. At silhouettes a hit may
-  // differ from Cast's by the rounding of float. hits.size() == directions_in_world.size().
-  void CastCoherent(const Eigen::Vector3d& origin_in_world,
-                    std::span<const Eigen::Vector3d> directions_in_world,
-                    std::span<std::optional<RayHit>> hits) const;
+  // As Cast for rays from one point, several times faster where the rays of a block run close
+  // together. The coherent packets and Cast may differ by the rounding of float, and at
+  // silhouettes. hits.size() == rays.size(). Thread safe.
+  void CastBlocks(const Eigen::Vector3d& origin_in_world, std::span<const RayBlock> rays,
+                  std::span<HitBlock> hits) const;
+
+  // The hit of a ray that is known to hit `triangle` at about `coarse_t` (in units of the
+  // direction's length), in double.
+  RayHit RefineHit(const Eigen::Vector3d& origin_in_world,
+                   const Eigen::Vector3d& direction_in_world, uint32_t triangle,
+                   double coarse_t) const;
 
   // Whether anything lies on the ray beyond its ray_t_near. Thread safe.
   bool IsOccluded(const Ray& ray) const;
+
+  // What the acceleration structure holds, without the mesh.
+  size_t MemoryBytes() const;
 
  private:
   struct Impl;

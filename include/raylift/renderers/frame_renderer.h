@@ -1,0 +1,80 @@
+// Everything that a camera sees of a mesh, in one pass over its pixels: depth, normals, colour,
+// which triangle, how obliquely.
+
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "raylift/geometry/rigid3.h"
+#include "raylift/renderers/pixel_rays.h"
+#include "raylift/renderers/ray_caster.h"
+#include "raylift/scene/image.h"
+
+namespace raylift {
+
+struct ColorOptions {
+  enum class Shading {
+    kUnlit,      // the surface's own colour
+    kHeadlight,  // times the cosine to the viewer; what untextured meshes need
+    kSun,        // a directional light with shadows, and ambient light
+  };
+  Shading shading = Shading::kUnlit;
+  Eigen::Vector3d sun_direction_in_world{0.3, 0.4, -0.85};  // the way the light travels
+  double ambient = 0.45;
+  int samples_per_pixel_side = 1;  // n: n x n samples per pixel, on a regular grid
+  std::array<uint8_t, 3> background_rgb{0, 0, 0};
+  std::array<uint8_t, 3> untextured_rgb{190, 190, 190};
+};
+
+struct FrameOptions {
+  // Which of a Frame's maps are made.
+  bool depth = false;
+  bool distance = false;
+  bool normals = false;
+  bool color = false;
+  bool triangle = false;
+  bool incidence = false;
+  bool mask = false;
+
+  enum class NormalsIn { kWorld, kCamera };
+  NormalsIn normals_in = NormalsIn::kWorld;
+  ColorOptions color_options;
+};
+
+// Row-major maps of one picture; empty where they were not asked for.
+struct Frame {
+  int width_px = 0;
+  int height_px = 0;
+  size_t num_hits = 0;          // pixels that see the mesh
+  std::vector<float> depth;     // z along the optical axis (a panorama: the distance); 0 = none
+  std::vector<float> distance;  // along the ray; 0 = none
+  // x, y, z per pixel: the triangle's unit normal on the side that the camera sees; 0 = none.
+  std::vector<float> normals;
+  Image color;
+  std::vector<uint32_t> triangle;    // HitBlock::kNoTriangle = none
+  std::vector<float> incidence_deg;  // 0: seen from straight ahead, 90: grazing; -1 = none
+  Image mask;                        // 255 where there is a surface, else 0
+};
+
+class FrameRenderer {
+ public:
+  FrameRenderer(std::shared_ptr<const RayCaster> caster, const FrameOptions& options);
+  ~FrameRenderer();
+  FrameRenderer(FrameRenderer&&) noexcept;
+  FrameRenderer& operator=(FrameRenderer&&) noexcept;
+
+  // Fills `frame`, whose memory is used again. Depth and distance are within 1e-5 of the mesh's as
+  // it stands in float, at any incidence. Points that are behind the image plane (lenses of more
+  // than 180 degrees) have a distance but a depth of 0. The same bytes for any number of threads,
+  // and whatever else is asked for. Thread safe.
+  void Render(const PixelRays& rays, const Rigid3& cam_from_world, int threads, Frame& frame) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace raylift
