@@ -4,8 +4,10 @@
 #include <cctype>
 
 #include "assimp_reader.h"
+#include "mapped_file.h"
 #include "obj_reader.h"
 #include "ply_reader.h"
+#include "ply_triangle_reader.h"
 #include "raw_mesh.h"
 
 #include "raylift/base/error.h"
@@ -14,13 +16,22 @@
 namespace raylift {
 namespace {
 
-RawMesh ReadByExtension(const std::filesystem::path& path) {
+TriangleMesh ReadPlyMesh(const std::filesystem::path& path) {
+  const MappedFile file(path);
+  const PlyHeader header = ParsePlyHeader(path, file.contents());
+  if (auto mesh = ReadPlyTriangles(path, header, file.contents())) {
+    return std::move(*mesh);
+  }
+  return FinishMesh(path, ReadPly(path, header, file.contents()));
+}
+
+TriangleMesh ReadByExtension(const std::filesystem::path& path) {
   std::string extension = path.extension().string();
   std::transform(extension.begin(), extension.end(), extension.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  if (extension == ".ply") return ReadPly(path);
-  if (extension == ".obj") return ReadObj(path);
-  return ReadWithAssimp(path);
+  if (extension == ".ply") return ReadPlyMesh(path);
+  if (extension == ".obj") return FinishMesh(path, ReadObj(path));
+  return FinishMesh(path, ReadWithAssimp(path));
 }
 
 }  // namespace
@@ -33,7 +44,7 @@ TriangleMesh ReadMesh(const std::filesystem::path& path) {
   if (std::filesystem::is_directory(path, ignored)) {
     throw InputError(path, "expected a mesh file, found a folder");
   }
-  return FinishMesh(path, ReadByExtension(path));
+  return ReadByExtension(path);
 }
 
 }  // namespace raylift

@@ -4,7 +4,9 @@
 #pragma once
 
 #include <filesystem>
+#include <string_view>
 
+#include "ply_header.h"
 #include "raw_mesh.h"
 
 namespace raylift {
@@ -12,6 +14,8 @@ namespace raylift {
 // Vertices with colours (red, green, blue) and texture coordinates (u v, s t, texture_u texture_v),
 // polygon faces with per-corner `texcoord` lists and `texnumber`, pictures from the header's
 // `comment TextureFile NAME`. Other elements and properties are skipped.
-RawMesh ReadPly(const std::filesystem::path& path);
+// `contents` is the whole file; `path` is for messages and for the pictures beside it.
+RawMesh ReadPly(const std::filesystem::path& path, const PlyHeader& header,
+                std::string_view contents);
 
 }  // namespace raylift

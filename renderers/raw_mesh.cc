@@ -19,10 +19,6 @@ constexpr double kMaxCoordinate = 1e18;
 // A surface without any colour in a mesh that has colours elsewhere (the default of MTL files).
 constexpr Rgb kDefaultColor = {204, 204, 204};
 
-bool IsUsable(const Eigen::Vector3d& p) {
-  return p.allFinite() && p.cwiseAbs().maxCoeff() <= kMaxCoordinate;
-}
-
 // Removes the triangles for which `remove` is true, with what belongs to them.
 template <typename Predicate>
 size_t RemoveTriangles(RawMesh& raw, const Predicate& remove) {
@@ -43,8 +39,7 @@ size_t RemoveTriangles(RawMesh& raw, const Predicate& remove) {
   return removed;
 }
 
-// The centre of the used vertices, rounded to a multiple of a power of two above their extent: so
-// it is zero for a mesh around the origin, and the difference of a float coordinate to it is exact.
+// That of the used vertices.
 Eigen::Vector3d ChooseOrigin(const RawMesh& raw) {
   const double infinity = std::numeric_limits<double>::infinity();
   Eigen::Vector3d low = Eigen::Vector3d::Constant(infinity);
@@ -55,19 +50,7 @@ Eigen::Vector3d ChooseOrigin(const RawMesh& raw) {
       high = high.cwiseMax(raw.positions[index]);
     }
   }
-  const double extent = (high - low).maxCoeff();
-  if (!(extent > 0)) {
-    return raw.triangles.empty() ? Eigen::Vector3d::Zero() : low;
-  }
-  const double step = std::exp2(std::ceil(std::log2(extent)));
-  const Eigen::Vector3d center = 0.5 * low + 0.5 * high;
-  return center.unaryExpr([step](double c) { return step * std::round(c / step) + 0.0; });
-}
-
-bool HasNoArea(const Eigen::Vector3f& a, const Eigen::Vector3f& b, const Eigen::Vector3f& c) {
-  const Eigen::Vector3d ab = b.cast<double>() - a.cast<double>();
-  const Eigen::Vector3d ac = c.cast<double>() - a.cast<double>();
-  return ab.cross(ac).squaredNorm() == 0;
+  return raw.triangles.empty() ? Eigen::Vector3d::Zero() : ChooseMeshOrigin(low, high);
 }
 
 Rgb Product(const Rgb& a, const Rgb& b) {
@@ -203,6 +186,27 @@ size_t AddFace(std::span<const uint32_t> corners, std::span<const uint32_t> corn
   return triangles.size();
 }
 
+bool IsUsablePosition(const Eigen::Vector3d& position) {
+  return position.allFinite() && position.cwiseAbs().maxCoeff() <= kMaxCoordinate;
+}
+
+Eigen::Vector3d ChooseMeshOrigin(const Eigen::Vector3d& low, const Eigen::Vector3d& high) {
+  const double extent = (high - low).maxCoeff();
+  if (!(extent > 0)) {
+    return low;
+  }
+  const double step = std::exp2(std::ceil(std::log2(extent)));
+  const Eigen::Vector3d center = 0.5 * low + 0.5 * high;
+  return center.unaryExpr([step](double c) { return step * std::round(c / step) + 0.0; });
+}
+
+bool TriangleHasNoArea(const Eigen::Vector3f& a, const Eigen::Vector3f& b,
+                       const Eigen::Vector3f& c) {
+  const Eigen::Vector3d ab = b.cast<double>() - a.cast<double>();
+  const Eigen::Vector3d ac = c.cast<double>() - a.cast<double>();
+  return ab.cross(ac).squaredNorm() == 0;
+}
+
 TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw) {
   if (raw.triangles.empty()) {
     if (raw.positions.empty()) {
@@ -214,8 +218,8 @@ TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw) {
   }
   const size_t triangles_in_file = raw.triangles.size();
   const size_t not_finite = RemoveTriangles(raw, [&](const auto& t) {
-    return !(IsUsable(raw.positions[t[0]]) && IsUsable(raw.positions[t[1]]) &&
-             IsUsable(raw.positions[t[2]]));
+    return !(IsUsablePosition(raw.positions[t[0]]) && IsUsablePosition(raw.positions[t[1]]) &&
+             IsUsablePosition(raw.positions[t[2]]));
   });
   TriangleMesh mesh;
   mesh.origin_in_world = ChooseOrigin(raw);
@@ -223,7 +227,7 @@ TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw) {
     return (raw.positions[index] - mesh.origin_in_world).cast<float>();
   };
   const size_t without_area = RemoveTriangles(
-      raw, [&](const auto& t) { return HasNoArea(local(t[0]), local(t[1]), local(t[2])); });
+      raw, [&](const auto& t) { return TriangleHasNoArea(local(t[0]), local(t[1]), local(t[2])); });
   mesh.warnings = std::move(raw.warnings);
   if (not_finite > 0) {
     mesh.warnings.push_back(fmt::format("{}: {} of {} triangles removed: a vertex is not finite",

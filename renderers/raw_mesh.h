@@ -47,6 +47,17 @@ struct RawMesh {
 size_t AddFace(std::span<const uint32_t> corners, std::span<const uint32_t> corner_uvs,
                RawMesh& mesh);
 
+// Finite, and within what Embree takes.
+bool IsUsablePosition(const Eigen::Vector3d& position);
+
+// The origin of a mesh in this box: its centre, rounded to a multiple of a power of two above its
+// extent, so that it is zero for a mesh around the world's origin, and the difference of a float
+// coordinate to it is exact.
+Eigen::Vector3d ChooseMeshOrigin(const Eigen::Vector3d& low, const Eigen::Vector3d& high);
+
+bool TriangleHasNoArea(const Eigen::Vector3f& a, const Eigen::Vector3f& b,
+                       const Eigen::Vector3f& c);
+
 // `path` is for messages only.
 TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw);
 
