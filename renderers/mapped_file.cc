@@ -47,6 +47,16 @@ MappedFile::~MappedFile() {
   }
 }
 
+void ReleaseMapped(std::string_view part) {
+  const auto page = static_cast<uintptr_t>(sysconf(_SC_PAGESIZE));
+  const auto begin = reinterpret_cast<uintptr_t>(part.data());
+  const uintptr_t first = (begin + page - 1) / page * page;  // whole pages only
+  const uintptr_t last = (begin + part.size()) / page * page;
+  if (last > first) {
+    madvise(reinterpret_cast<void*>(first), last - first, MADV_DONTNEED);
+  }
+}
+
 void AdviseLargePages(void* data, size_t size_bytes) {
 #if defined(MADV_HUGEPAGE)
   constexpr size_t kLargePage = size_t{2} << 20;

@@ -24,6 +24,10 @@ class MappedFile {
   size_t size_ = 0;
 };
 
+// Gives back the memory of a part of a mapped file's contents, which comes back from the file if
+// it is looked at again.
+void ReleaseMapped(std::string_view part);
+
 // Asks for large pages for memory that is about to be filled: first touch is what costs.
 void AdviseLargePages(void* data, size_t size_bytes);
 

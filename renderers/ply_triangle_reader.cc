@@ -4,7 +4,6 @@
 #include <atomic>
 #include <bit>
 #include <cstring>
-#include <limits>
 
 #include "mapped_file.h"
 #include "raw_mesh.h"
@@ -127,10 +126,12 @@ class TriangleReader {
         face_bytes_(face_bytes) {}
 
   std::optional<TriangleMesh> Read(const std::filesystem::path& path) {
-    if (!ReadTriangles()) return std::nullopt;
     const bool is_float = vertices_.position_type == PlyType::kFloat;
-    if (!(is_float ? ReadVertices<float>() : ReadVertices<double>())) return std::nullopt;
-    const size_t removed = RemoveTrianglesWithoutArea();
+    if (!(is_float ? ReadAll<float>() : ReadAll<double>())) return std::nullopt;
+    const size_t removed =
+        any_without_area_
+            ? std::erase_if(mesh_.triangles, [&](const auto& t) { return HasNoArea(t); })
+            : 0;
     if (removed > 0) {
       mesh_.warnings.push_back(fmt::format("{}: {} of {} triangles removed: they have no area",
                                            path.string(), removed, num_faces_));
@@ -145,6 +146,30 @@ class TriangleReader {
   }
 
  private:
+  // Supposes that all vertices are used, and does the vertices again where that is not so and
+  // another origin follows from it.
+  template <typename T>
+  bool ReadAll() {
+    const Eigen::AlignedBox3d all = Bounds<T>([](size_t) { return true; });
+    if (all.isEmpty()) return false;
+    mesh_.origin_in_world = ChooseMeshOrigin(all.min(), all.max());
+    ConvertVertices<T>();
+    if (!ReadTriangles()) return false;
+    if (std::find(used_.begin(), used_.end(), uint8_t{0}) == used_.end()) {
+      return !any_unusable_;
+    }
+    any_unusable_ = false;
+    const Eigen::AlignedBox3d used = Bounds<T>([&](size_t i) { return used_[i] != 0; });
+    if (any_unusable_ || used.isEmpty()) return false;
+    const Eigen::Vector3d origin = ChooseMeshOrigin(used.min(), used.max());
+    if (origin != mesh_.origin_in_world) {
+      mesh_.origin_in_world = origin;
+      ConvertVertices<T>();
+      any_without_area_ = true;  // to be looked for again
+    }
+    return true;
+  }
+
   // False where a face is no triangle or has an index that is none.
   bool ReadTriangles() {
     mesh_.triangles.reserve(num_faces_);
@@ -154,21 +179,22 @@ class TriangleReader {
     std::atomic<bool> good{true};
     ForEachChunk(num_faces_, [&](size_t begin, size_t end) {
       const char* record = face_bytes_ + begin * faces_.stride;
-      uint32_t largest = 0;
-      bool all_triangles = true;
+      std::array<uint32_t, 3>* const triangles = mesh_.triangles.data();
+      bool without_area = false;
       for (size_t i = begin; i < end; ++i, record += faces_.stride) {
-        std::array<uint32_t, 3>& triangle = mesh_.triangles[i];
+        std::array<uint32_t, 3> triangle;
         std::memcpy(triangle.data(), record + faces_.corners, sizeof(triangle));
-        all_triangles &= record[faces_.count] == 3;
-        largest = std::max({largest, triangle[0], triangle[1], triangle[2]});
+        if (record[faces_.count] != 3 ||
+            std::max({triangle[0], triangle[1], triangle[2]}) >= num_vertices_) {
+          good = false;
+          return;
+        }
+        for (const uint32_t corner : triangle) MarkUsed(corner);
+        without_area |= HasNoArea(triangle);
+        triangles[i] = triangle;
       }
-      if (!all_triangles || largest >= num_vertices_) {
-        good = false;
-        return;
-      }
-      for (size_t i = begin; i < end; ++i) {
-        for (const uint32_t corner : mesh_.triangles[i]) MarkUsed(corner);
-      }
+      if (without_area) any_without_area_ = true;
+      ReleaseMapped({face_bytes_ + begin * faces_.stride, (end - begin) * faces_.stride});
     });
     return good;
   }
@@ -178,40 +204,27 @@ class TriangleReader {
     std::atomic_ref<uint8_t>(used_[vertex]).store(1, std::memory_order_relaxed);
   }
 
-  // False where a vertex that a triangle uses is not usable.
-  template <typename T>
-  bool ReadVertices() {
-    const size_t num_chunks = (num_vertices_ + kChunk - 1) / kChunk;
-    const double infinity = std::numeric_limits<double>::infinity();
-    std::vector<Eigen::Vector3d> lows(num_chunks, Eigen::Vector3d::Constant(infinity));
-    std::vector<Eigen::Vector3d> highs(num_chunks, Eigen::Vector3d::Constant(-infinity));
-    std::atomic<bool> good{true};
+  // Of the usable ones among the vertices for which include(i) is true; notes whether there are
+  // others.
+  template <typename T, typename Include>
+  Eigen::AlignedBox3d Bounds(const Include& include) {
+    std::vector<Eigen::AlignedBox3d> boxes((num_vertices_ + kChunk - 1) / kChunk);
     ForEachChunk(num_vertices_, [&](size_t begin, size_t end) {
-      Eigen::Vector3d low = lows[begin / kChunk];
-      Eigen::Vector3d high = highs[begin / kChunk];
+      Eigen::AlignedBox3d box;
       for (size_t i = begin; i < end; ++i) {
-        if (used_[i] == 0) continue;
+        if (!include(i)) continue;
         const Eigen::Vector3d p = PositionAt<T>(vertex_bytes_ + i * vertices_.stride, vertices_);
-        if (!IsUsablePosition(p)) {
-          good = false;
-          return;
+        if (IsUsablePosition(p)) {
+          box.extend(p);
+        } else {
+          any_unusable_ = true;
         }
-        low = low.cwiseMin(p);
-        high = high.cwiseMax(p);
       }
-      lows[begin / kChunk] = low;
-      highs[begin / kChunk] = high;
+      boxes[begin / kChunk] = box;
     });
-    if (!good) return false;
-    Eigen::Vector3d low = lows.front();
-    Eigen::Vector3d high = highs.front();
-    for (size_t i = 1; i < num_chunks; ++i) {
-      low = low.cwiseMin(lows[i]);
-      high = high.cwiseMax(highs[i]);
-    }
-    mesh_.origin_in_world = ChooseMeshOrigin(low, high);
-    ConvertVertices<T>();
-    return true;
+    Eigen::AlignedBox3d all;
+    for (const Eigen::AlignedBox3d& box : boxes) all.extend(box);
+    return all;
   }
 
   template <typename T>
@@ -230,21 +243,18 @@ class TriangleReader {
           mesh_.vertex_colors_rgb[i][c] = static_cast<uint8_t>(record[(*vertices_.color)[c]]);
         }
       }
+      ReleaseMapped({vertex_bytes_ + begin * vertices_.stride, (end - begin) * vertices_.stride});
     });
   }
 
-  size_t RemoveTrianglesWithoutArea() {
-    std::atomic<bool> any{false};
-    ForEachChunk(num_faces_, [&](size_t begin, size_t end) {
-      bool found = false;
-      for (size_t i = begin; i < end; ++i) found |= HasNoArea(mesh_.triangles[i]);
-      if (found) any = true;
-    });
-    return any ? std::erase_if(mesh_.triangles, [&](const auto& t) { return HasNoArea(t); }) : 0;
-  }
-
+  // Decided in float where that is beyond doubt.
   bool HasNoArea(const std::array<uint32_t, 3>& t) const {
-    return TriangleHasNoArea(mesh_.vertices[t[0]], mesh_.vertices[t[1]], mesh_.vertices[t[2]]);
+    const Eigen::Vector3f& a = mesh_.vertices[t[0]];
+    const Eigen::Vector3f ab = mesh_.vertices[t[1]] - a;
+    const Eigen::Vector3f ac = mesh_.vertices[t[2]] - a;
+    constexpr float kSurely = 1e-10f;
+    if (ab.cross(ac).squaredNorm() > kSurely * ab.squaredNorm() * ac.squaredNorm()) return false;
+    return TriangleHasNoArea(a, mesh_.vertices[t[1]], mesh_.vertices[t[2]]);
   }
 
   void RemoveUnusedVertices() {
@@ -274,6 +284,8 @@ class TriangleReader {
   const char* face_bytes_;
   TriangleMesh mesh_;
   std::vector<uint8_t> used_;
+  std::atomic<bool> any_unusable_{false};
+  std::atomic<bool> any_without_area_{false};
 };
 
 }  // namespace

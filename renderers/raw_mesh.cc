@@ -13,9 +13,6 @@
 namespace raylift {
 namespace {
 
-// Embree takes no coordinate beyond 1.844e18; nothing that was measured comes near.
-constexpr double kMaxCoordinate = 1e18;
-
 // A surface without any colour in a mesh that has colours elsewhere (the default of MTL files).
 constexpr Rgb kDefaultColor = {204, 204, 204};
 
@@ -184,10 +181,6 @@ size_t AddFace(std::span<const uint32_t> corners, std::span<const uint32_t> corn
     add(a, b, c);
   }
   return triangles.size();
-}
-
-bool IsUsablePosition(const Eigen::Vector3d& position) {
-  return position.allFinite() && position.cwiseAbs().maxCoeff() <= kMaxCoordinate;
 }
 
 Eigen::Vector3d ChooseMeshOrigin(const Eigen::Vector3d& low, const Eigen::Vector3d& high) {

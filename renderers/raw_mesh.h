@@ -5,6 +5,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -47,8 +48,14 @@ struct RawMesh {
 size_t AddFace(std::span<const uint32_t> corners, std::span<const uint32_t> corner_uvs,
                RawMesh& mesh);
 
+// Embree takes no coordinate beyond 1.844e18; nothing that was measured comes near.
+inline constexpr double kMaxCoordinate = 1e18;
+
 // Finite, and within what Embree takes.
-bool IsUsablePosition(const Eigen::Vector3d& position);
+inline bool IsUsablePosition(const Eigen::Vector3d& p) {
+  return std::abs(p.x()) <= kMaxCoordinate && std::abs(p.y()) <= kMaxCoordinate &&
+         std::abs(p.z()) <= kMaxCoordinate;
+}
 
 // The origin of a mesh in this box: its centre, rounded to a multiple of a power of two above its
 // extent, so that it is zero for a mesh around the world's origin, and the difference of a float
