@@ -103,6 +103,9 @@ std::string FormatJson(const std::vector<Row>& rows, std::string_view method) {
       object["qvec"] = {q.w(), q.x(), q.y(), q.z()};
       object["tvec"] = {t.x(), t.y(), t.z()};
     }
+    if (estimate.refined_camera) {
+      object["refined_camera"] = estimate.refined_camera->ToString();
+    }
     if (estimate.covariance) {
       object["rotation_sigma_deg"] = estimate.rotation_sigma_deg;
       object["position_sigma"] = estimate.position_sigma;

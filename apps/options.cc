@@ -74,6 +74,14 @@ void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags) {
                  "Inlier threshold of 2D-2D matches")
       ->capture_default_str()
       ->group(group);
+  app.add_option("--point-sigma", values.point_sigma,
+                 "Standard deviation of the 3D points, in scene units:\n"
+                 "widens the inlier threshold of 2D-3D matches")
+      ->capture_default_str()
+      ->group(group);
+  app.add_flag("--refine-focal", values.refine_focal,
+               "Refine the query's focal length with the pose")
+      ->group(group);
   app.add_option("--min-iterations", values.min_iterations, "RANSAC")
       ->capture_default_str()
       ->group(group);

@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "estimation/covisibility.h"
+#include "estimation/focal_refinement.h"
 #include "estimation/hypothesis_generators.h"
 #include "estimation/joint_score.h"
 #include "estimation/prepared_problem.h"
@@ -106,7 +107,7 @@ class RansacEstimator final : public PoseEstimator {
   PoseEstimate Estimate(const PoseProblem& problem) const override {
     Rng rng(StreamSeed(options_.seed, problem.name, ToString(options_.method)));
     const PreparedProblem prepared(problem, options_.reprojection_threshold_px,
-                                   options_.sampson_threshold_px, rng);
+                                   options_.sampson_threshold_px, rng, options_.point_sigma);
     PoseEstimate estimate;
     estimate.score_2d3d.num_matches = prepared.num_matches_2d3d;
     estimate.score_2d2d.num_matches = prepared.num_matches_2d2d;
@@ -143,10 +144,30 @@ class RansacEstimator final : public PoseEstimator {
     DescribePose(prepared, problem,
                  RefineFinally(prepared, report.best->pose, report.best->refined_kinds), estimate);
     CheckSupport(e5p1, estimate);
+    if (options_.refine_focal && estimate.cam_from_world && estimate.position_observable) {
+      return EstimateWithRefinedFocal(problem, report.best->refined_kinds, estimate);
+    }
     return estimate;
   }
 
  private:
+  // The focal length is refined at the pose found with the given one; the estimate is then made
+  // anew, as a better focal length has more inliers.
+  PoseEstimate EstimateWithRefinedFocal(const PoseProblem& problem, ResidualKinds kinds,
+                                        const PoseEstimate& first) const {
+    PoseProblem refined = problem;
+    refined.query_camera = RefineFocal(problem, *first.cam_from_world, kinds, options_).camera;
+    EstimatorOptions fixed_focal = options_;
+    fixed_focal.refine_focal = false;
+    PoseEstimate second = RansacEstimator(fixed_focal).Estimate(refined);
+    if (!second.cam_from_world) {
+      return first;
+    }
+    second.iterations += first.iterations;
+    second.refined_camera = refined.query_camera;
+    return second;
+  }
+
   // A pose that its own minimal sample alone supports says nothing.
   void CheckSupport(const E5p1Generator& e5p1, PoseEstimate& estimate) const {
     const bool enough_points = estimate.score_2d3d.num_inliers >= 3;
@@ -285,6 +306,8 @@ void EstimatorOptions::Validate() const {
   positive(sampson_threshold_px, "--sampson-threshold-px");
   Require(std::isfinite(alpha) && alpha >= 0, "--alpha", fmt::format("{}", alpha),
           "must not be negative");
+  Require(std::isfinite(point_sigma) && point_sigma >= 0, "--point-sigma",
+          fmt::format("{}", point_sigma), "must not be negative");
   Require(confidence > 0 && confidence < 1, "--confidence", fmt::format("{}", confidence),
           "must lie between 0 and 1");
   Require(min_iterations >= 1, "--min-iterations", fmt::format("{}", min_iterations),

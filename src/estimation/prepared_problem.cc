@@ -84,7 +84,8 @@ Frame ChooseFrame(const PoseProblem& problem) {
 }
 
 std::optional<PreparedPoint> PreparePoint(const Camera& camera, const Match2D3D& match,
-                                          const Frame& frame, double threshold_px, int index) {
+                                          const Frame& frame, double threshold_px,
+                                          double point_sigma, int index) {
   if (!match.query_px.allFinite() || !match.point_in_world.allFinite()) {
     return std::nullopt;
   }
@@ -97,9 +98,12 @@ std::optional<PreparedPoint> PreparePoint(const Camera& camera, const Match2D3D&
   point.image_from_ray = pixel_frame->image_from_ray;
   point.image_from_ray.topRows<2>() /= threshold_px;
   point.point = (match.point_in_world - frame.origin) / frame.scale;
+  // An isotropic error of the point shows in the image as an error of both pixel rows' mean scale.
+  const double local_sigma = match.point_sigma.value_or(point_sigma) / frame.scale;
+  point.spread = 0.5 * point.image_from_ray.topRows<2>().squaredNorm() * local_sigma * local_sigma;
   point.match = index;
   // A point so far away that float arithmetic would overflow cannot be told from none.
-  if (!(point.point.norm() < 1e15)) {
+  if (!(point.point.norm() < 1e15) || !std::isfinite(point.spread)) {
     return std::nullopt;
   }
   return point;
@@ -150,6 +154,7 @@ std::vector<kernels::PointBlock<T>> MakePointBlocks(const std::vector<PreparedPo
     const PreparedPoint& point = points[selection[i]];
     kernels::PointBlock<T>& block = blocks[i / kLanes];
     const size_t lane = i % kLanes;
+    block.spread[lane] = static_cast<T>(point.spread);
     for (int k = 0; k < 3; ++k) {
       block.x[k][lane] = static_cast<T>(point.point[k]);
       for (int c = 0; c < 3; ++c) {
@@ -201,7 +206,7 @@ template PairBlocks<double> MakePairBlocks<double>(const std::vector<PreparedPai
                                                    const std::vector<int>&);
 
 PreparedProblem::PreparedProblem(const PoseProblem& problem, double reprojection_threshold_px,
-                                 double sampson_threshold_px, Rng& rng)
+                                 double sampson_threshold_px, Rng& rng, double point_sigma)
     : num_matches_2d3d(static_cast<int>(problem.matches_2d3d.size())),
       num_matches_2d2d(static_cast<int>(problem.matches_2d2d.size())) {
   const Frame frame = ChooseFrame(problem);
@@ -213,7 +218,7 @@ PreparedProblem::PreparedProblem(const PoseProblem& problem, double reprojection
   points.reserve(problem.matches_2d3d.size());
   for (int i = 0; i < num_matches_2d3d; ++i) {
     if (const auto point = PreparePoint(problem.query_camera, problem.matches_2d3d[i], frame,
-                                        reprojection_threshold_px, i)) {
+                                        reprojection_threshold_px, point_sigma, i)) {
       points.push_back(*point);
     }
   }

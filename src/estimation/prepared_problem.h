@@ -23,6 +23,7 @@ struct PreparedPoint {
   Eigen::Vector3d ray;             // unit, query camera frame
   Eigen::Matrix3d image_from_ray;  // PixelFrame's, its pixel rows over the threshold
   Eigen::Vector3d point;           // local frame
+  double spread;                   // see kernels::PointBlock
   int match;                       // index into PoseProblem::matches_2d3d
 };
 
@@ -44,9 +45,10 @@ struct ReferenceRun {
 };
 
 struct PreparedProblem {
-  // `rng` shuffles the matches, so that any prefix of the blocks is a fair sample.
+  // `rng` shuffles the matches, so that any prefix of the blocks is a fair sample. `point_sigma`
+  // (scene units) is the standard deviation of 3D points that carry none.
   PreparedProblem(const PoseProblem& problem, double reprojection_threshold_px,
-                  double sampson_threshold_px, Rng& rng);
+                  double sampson_threshold_px, Rng& rng, double point_sigma = 0);
 
   Eigen::Vector3d origin_in_world;
   double scale;

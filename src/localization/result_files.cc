@@ -50,6 +50,9 @@ Json QueryJson(const LocalizedQuery& query) {
     json["score_2d3d"] = ScoreJson(estimate.score_2d3d);
     json["score_2d2d"] = ScoreJson(estimate.score_2d2d);
   }
+  if (estimate.refined_camera) {
+    json["refined_camera"] = estimate.refined_camera->ToString();
+  }
   if (estimate.covariance) {
     json["rotation_sigma_deg"] = estimate.rotation_sigma_deg;
     json["position_sigma"] = estimate.position_sigma;

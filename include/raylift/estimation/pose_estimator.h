@@ -57,6 +57,12 @@ struct EstimatorOptions {
 
   double reprojection_threshold_px = 8.0;  // t_3D
   double sampson_threshold_px = 2.0;       // t_2D
+  // Standard deviation (scene units) of the 3D points whose match carries none: it widens a match's
+  // threshold by the point's error in pixels at its depth. 0: points are exact.
+  double point_sigma = 0;
+  // Refine the query's focal length with the pose, for photographs of unknown calibration.
+  bool refine_focal = false;
+
   int min_iterations = 100;
   int max_iterations = 10000;
   double confidence = 0.9999;
@@ -104,7 +110,10 @@ struct PoseEstimate {
   // False where only the orientation is determined (E5+1 with all references at one centre).
   bool position_observable = true;
 
-  // Select and Adaptive keep both candidates, for the diagnostics.
+  // The query's camera with the refined focal length, where that was asked for.
+  std::optional<Camera> refined_camera;
+
+  // Select keeps both candidates, for the diagnostics.
   std::optional<Rigid3> p3p_cam_from_world;
   std::optional<Rigid3> e5p1_cam_from_world;
 };

@@ -18,6 +18,9 @@ template <typename T>
 struct alignas(64) PointBlock {
   T x[3][kLanes<T>];
   T image_from_ray[9][kLanes<T>];  // row-major
+  // The variance of the 3D point times the squared scale of the pixel rows: with it the squared
+  // residual is |n.xy|^2 / (n.z^2 + spread), that is over t^2 plus the point's variance in pixels.
+  T spread[kLanes<T>];
 };
 
 // 2D-2D matches of one reference. Rays are unit vectors, the reference's turned to the problem's

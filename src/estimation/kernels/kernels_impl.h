@@ -139,7 +139,7 @@ template <typename T>
 struct PointTerms {
   Vec3<T> frame0, frame1, frame2;  // the rows of image_from_ray
   Vec3<T> point_in_cam;
-  Lanes<T> n0, n1, depth;
+  Lanes<T> n0, n1, depth, spread;
 
   PointTerms(const PointBlock<T>& block, const WidePose<T>& pose)
       : frame0(LoadVec3<T>(block.image_from_ray)),
@@ -148,10 +148,11 @@ struct PointTerms {
         point_in_cam(pose.Rotate(LoadVec3<T>(block.x)) + pose.translation),
         n0(Dot(frame0, point_in_cam)),
         n1(Dot(frame1, point_in_cam)),
-        depth(Dot(frame2, point_in_cam)) {}
+        depth(Dot(frame2, point_in_cam)),
+        spread(Lanes<T>::Load(block.spread)) {}
 
   Lanes<T> SquaredNumerator() const { return n0 * n0 + n1 * n1; }
-  Lanes<T> SquaredDenominator() const { return depth * depth; }
+  Lanes<T> SquaredDenominator() const { return depth * depth + spread; }
 };
 
 // One block of 2D-2D matches under a pose. `centre` is the reference's camera centre in the query's
@@ -356,13 +357,15 @@ KernelNormals PointNormals(const PointBlock<T>* blocks, int count, const KernelP
     const LossTerms<T> terms(m.SquaredNumerator(), m.SquaredDenominator(), m.depth, one, loss);
     sums.cost = sums.cost + terms.cost;
     sums.inliers = sums.inliers + terms.inlier;
-    // d e / d p = (frame_k - e_k frame_2) / depth; a step (w, v) moves p by w x p + v.
-    const L inverse_depth = Silence(one / m.depth, terms.inlier);
-    const L e0 = m.n0 * inverse_depth;
-    const L e1 = m.n1 * inverse_depth;
-    const L scale = inverse_depth * terms.root_weight;
-    const Vec3<T> a0 = (m.frame0 - m.frame2 * e0) * scale;
-    const Vec3<T> a1 = (m.frame1 - m.frame2 * e1) * scale;
+    // e = n / s with s^2 = depth^2 + spread, so d e / d p = (frame_k - e_k (depth / s) frame_2) /
+    // s; a step (w, v) moves p by w x p + v.
+    const L inverse = Silence(one / SquareRoot(m.SquaredDenominator()), terms.inlier);
+    const L e0 = m.n0 * inverse;
+    const L e1 = m.n1 * inverse;
+    const L depth_share = m.depth * inverse;
+    const L scale = inverse * terms.root_weight;
+    const Vec3<T> a0 = (m.frame0 - m.frame2 * (e0 * depth_share)) * scale;
+    const Vec3<T> a1 = (m.frame1 - m.frame2 * (e1 * depth_share)) * scale;
     sums.Add(Cross(m.point_in_cam, a0), a0, e0 * terms.root_weight);
     sums.Add(Cross(m.point_in_cam, a1), a1, e1 * terms.root_weight);
   }
