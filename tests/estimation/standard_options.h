@@ -16,8 +16,8 @@ EstimatorOptions StandardOptions(Method method);
 PoseEstimate EstimateWith(const EstimatorOptions& options, const PoseProblem& problem);
 PoseEstimate EstimateWith(Method method, const PoseProblem& problem);
 
-inline constexpr Method kEveryMethod[] = {Method::kP3p, Method::kE5p1, Method::kAdaptive,
-                                          Method::kSelect};
+inline constexpr Method kEveryMethod[] = {Method::kP3p,    Method::kE5p1,         Method::kAdaptive,
+                                          Method::kSelect, Method::kHybridRansac, Method::kHloc};
 
 // No NaN anywhere, sizes that fit the problem, and either a pose or a reason.
 ::testing::AssertionResult IsSound(const PoseEstimate& estimate, const PoseProblem& problem);
