@@ -301,7 +301,9 @@ TEST(DegenerateProblems, OutliersAloneEndInTime) {
       limited.max_iterations = 1000;
       const PoseEstimate estimate = EstimateWith(limited, made.problem);
       EXPECT_TRUE(IsSound(estimate, made.problem));
-      EXPECT_LE(estimate.iterations, 2000);
+      // Select runs RANSAC twice, HLoc once for each cluster: here each reference is one.
+      const int runs = method == Method::kHloc ? options.num_references : 2;
+      EXPECT_LE(estimate.iterations, runs * limited.max_iterations);
       if (estimate.cam_from_world) {
         EXPECT_LT(estimate.score_2d3d.num_inliers + estimate.score_2d2d.num_inliers, 150)
             << "few matches fall together by chance";
