@@ -229,10 +229,7 @@ PreparedProblem::PreparedProblem(const PoseProblem& problem, double reprojection
     }
   }
   Shuffle(points, rng);
-  Shuffle(pairs, rng);
-  std::stable_sort(pairs.begin(), pairs.end(), [](const PreparedPair& a, const PreparedPair& b) {
-    return a.reference < b.reference;
-  });
+  GroupByReference(rng);
   for (int i = 0; i < static_cast<int>(pairs.size()); ++i) {
     if (runs.empty() || runs.back().reference != pairs[i].reference) {
       runs.push_back({pairs[i].reference, i, i});
@@ -254,6 +251,20 @@ PreparedProblem::PreparedProblem(const PoseProblem& problem, double reprojection
     pair_blocks.push_back(grouped.blocks[i]);
     pair_block_reference.push_back(grouped.block_reference[i]);
   }
+}
+
+void PreparedProblem::GroupByReference(Rng& rng) {
+  std::vector<int> order(pairs.size());
+  std::iota(order.begin(), order.end(), 0);
+  Shuffle(order, rng);
+  std::stable_sort(order.begin(), order.end(),
+                   [this](int a, int b) { return pairs[a].reference < pairs[b].reference; });
+  std::vector<PreparedPair> grouped;
+  grouped.reserve(pairs.size());
+  for (const int i : order) {
+    grouped.push_back(pairs[i]);
+  }
+  pairs = std::move(grouped);
 }
 
 SolverPose PreparedProblem::CamFromLocal(const Rigid3& cam_from_world) const {

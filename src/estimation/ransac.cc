@@ -50,6 +50,10 @@ class Ransac {
     none.points.cost = problem.num_matches_2d3d;
     none.pairs.cost = problem.num_matches_2d2d;
     worst_value_ = objective.Value(none);
+    JointScore all;
+    all.points.inliers = problem.num_matches_2d3d;
+    all.pairs.inliers = problem.num_matches_2d2d;
+    best_possible_ = objective.Value(all);
   }
 
   RansacReport Run(Rng& rng) {
@@ -112,8 +116,10 @@ class Ransac {
   // noise), a few that come near the best are optimized as well.
   void Consider(const RansacResult& hypothesis) {
     const Objective& objective = scorer_.objective();
+    // A sample that all matches fit exactly leaves nothing to optimize.
+    const bool is_exact = sample_value_ - best_possible_ < 1e-6 * (worst_value_ - best_possible_);
     const double near_best =
-        near_best_left_ > 0
+        near_best_left_ > 0 && !is_exact
             ? worst_value_ - kNearBestGain * (worst_value_ - std::min(sample_value_, worst_value_))
             : sample_value_;
     const double bound = pending_ ? std::min(near_best, pending_value_) : near_best;
@@ -165,8 +171,9 @@ class Ransac {
   const EstimatorOptions& options_;
   Scorer scorer_;
   std::vector<SolverProgress> solvers_;
-  std::vector<SolverPose> poses_;                                  // of the last sample
-  double worst_value_;                                             // of a pose that nothing fits
+  std::vector<SolverPose> poses_;  // of the last sample
+  double worst_value_;             // of a pose that nothing fits
+  double best_possible_;           // of one that everything fits exactly
   double sample_value_ = std::numeric_limits<double>::infinity();  // of the best sample
   int near_best_left_ = kMaxNearBest;
   std::optional<RansacResult> pending_;  // to be optimized

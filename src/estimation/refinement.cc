@@ -240,36 +240,44 @@ double PullOnPairs(const PreparedProblem& problem, ActiveMatches<double> matches
   return pairs.gradient.dot(pairs.hessian.ldlt().solve(pairs.gradient));
 }
 
-}  // namespace
+std::vector<int> AllIndices(size_t count) {
+  std::vector<int> indices(count);
+  std::iota(indices.begin(), indices.end(), 0);
+  return indices;
+}
 
-Residuals ComputeResiduals(const PreparedProblem& problem, const SolverPose& pose) {
-  constexpr int kLanes = kernels::kLanes<double>;
-  const auto& kernel = kernels::ActiveKernels();
-  const auto kernel_pose = ToKernelPose<double>(pose);
-  std::vector<int> all_points(problem.points.size());
-  std::iota(all_points.begin(), all_points.end(), 0);
-  std::vector<int> all_pairs(problem.pairs.size());
-  std::iota(all_pairs.begin(), all_pairs.end(), 0);
+std::vector<double> PointResiduals(const PreparedProblem& problem, const SolverPose& pose) {
+  const auto blocks = MakePointBlocks<double>(problem.points, AllIndices(problem.points.size()));
+  std::vector<double> residuals(blocks.size() * kernels::kLanes<double>);
+  kernels::ActiveKernels().point_residuals(blocks.data(), static_cast<int>(blocks.size()),
+                                           ToKernelPose<double>(pose), residuals.data());
+  residuals.resize(problem.points.size());
+  return residuals;
+}
 
-  Residuals residuals;
-  const auto point_blocks = MakePointBlocks<double>(problem.points, all_points);
-  residuals.points.resize(point_blocks.size() * kLanes);
-  kernel.point_residuals(point_blocks.data(), static_cast<int>(point_blocks.size()), kernel_pose,
-                         residuals.points.data());
-  residuals.points.resize(problem.points.size());
-
-  const auto pair_blocks = MakePairBlocks<double>(problem.pairs, all_pairs);
+std::vector<double> PairResiduals(const PreparedProblem& problem, const SolverPose& pose) {
+  const auto blocks = MakePairBlocks<double>(problem.pairs, AllIndices(problem.pairs.size()));
   const auto centres = CentresInCam<double>(problem, pose);
-  std::vector<double> lanes(pair_blocks.lane_pair.size());
-  kernel.pair_residuals(pair_blocks.blocks.data(), pair_blocks.block_reference.data(),
-                        static_cast<int>(pair_blocks.blocks.size()), kernel_pose, centres.data(),
-                        lanes.data());
-  residuals.pairs.resize(problem.pairs.size());
+  std::vector<double> lanes(blocks.lane_pair.size());
+  kernels::ActiveKernels().pair_residuals(blocks.blocks.data(), blocks.block_reference.data(),
+                                          static_cast<int>(blocks.blocks.size()),
+                                          ToKernelPose<double>(pose), centres.data(), lanes.data());
+  std::vector<double> residuals(problem.pairs.size());
   for (size_t i = 0; i < lanes.size(); ++i) {
-    if (pair_blocks.lane_pair[i] >= 0) {
-      residuals.pairs[pair_blocks.lane_pair[i]] = lanes[i];
+    if (blocks.lane_pair[i] >= 0) {
+      residuals[blocks.lane_pair[i]] = lanes[i];
     }
   }
+  return residuals;
+}
+
+}  // namespace
+
+Residuals ComputeResiduals(const PreparedProblem& problem, const SolverPose& pose,
+                           ResidualKinds kinds) {
+  Residuals residuals;
+  if (kinds.points) residuals.points = PointResiduals(problem, pose);
+  if (kinds.pairs) residuals.pairs = PairResiduals(problem, pose);
   return residuals;
 }
 
@@ -298,7 +306,7 @@ FinalPose RefineFinally(const PreparedProblem& problem, const SolverPose& pose,
   GatheredMatches near;
   // The noise is estimated at the pose that the noise's estimate shapes: twice is enough.
   for (int round = 0; round < 2; ++round) {
-    const Residuals residuals = ComputeResiduals(problem, result.pose);
+    const Residuals residuals = ComputeResiduals(problem, result.pose, kinds);
     const double point_variance = NoiseVariance(residuals.points, kPointNoise);
     const double pair_variance = NoiseVariance(residuals.pairs, kPairNoise);
     weights.point_weight = 1 / point_variance;

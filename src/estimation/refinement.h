@@ -34,12 +34,13 @@ struct FinalPose {
 FinalPose RefineFinally(const PreparedProblem& problem, const SolverPose& pose,
                         ResidualKinds kinds);
 
-// The squared normalized residual of every prepared match, in double precision; infinite where a
-// match lies behind a camera.
+// The squared normalized residual of every prepared match of some kinds (of the others none), in
+// double precision; infinite where a match lies behind a camera.
 struct Residuals {
   std::vector<double> points;
   std::vector<double> pairs;
 };
-Residuals ComputeResiduals(const PreparedProblem& problem, const SolverPose& pose);
+Residuals ComputeResiduals(const PreparedProblem& problem, const SolverPose& pose,
+                           ResidualKinds kinds = {});
 
 }  // namespace raylift
