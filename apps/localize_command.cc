@@ -108,7 +108,8 @@ class LocalizeRun {
     covisibility_ = std::move(loaded.covisibility);
     Take(std::move(loaded.warnings));
     if (!flags.geometry.empty()) {
-      geometry_ = MakeGeometrySource(flags.geometry.front());
+      geometry_ = MakeGeometrySource(flags.geometry.front(),
+                                     {.model = flags.model, .references = references_.images});
       Take(std::move(geometry_.warnings));
     }
     match_source_ = OpenMatches();
@@ -245,10 +246,7 @@ void AddLocalizeCommand(CLI::App& program) {
   command->add_option("--every", flags->every, "Use every N-th reference (by name)")
       ->capture_default_str()
       ->group("References");
-  command
-      ->add_option("--geometry", flags->geometry,
-                   "Where 3D points come from: mesh:PATH[,key=value...]")
-      ->group("Geometry");
+  command->add_option("--geometry", flags->geometry, GeometryHelp())->group("Geometry");
   command
       ->add_option("--align-depth", flags->align_depth,
                    "Correct each reference's depth by the matches between references:\n"

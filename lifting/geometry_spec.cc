@@ -1,58 +1,182 @@
 #include "raylift/lifting/geometry_spec.h"
 
+#include <array>
+#include <utility>
+
+#include "spec_keys.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
+#include "raylift/lifting/depth_source.h"
 #include "raylift/lifting/mesh_source.h"
-#include "raylift/renderers/triangle_mesh.h"
+#include "raylift/renderers/mesh_tiles.h"
 
 namespace raylift {
 namespace {
 
-[[noreturn]] void Fail(const std::string& spec, std::string_view constraint) {
-  throw OptionError("--geometry", spec, constraint);
+constexpr std::string_view kForms = "expected mesh:PATH[,key=value...] or depth:DIR[,key=value...]";
+constexpr std::string_view kMeshKeys =
+    "near, far, max_incidence_deg, max_depth_jump, jump_radius_px, back_faces=keep|drop, "
+    "build=low|medium";
+constexpr std::string_view kDepthKeys =
+    "preset, pattern, kind=z|ray|inverse, unit=m|cm|mm|NUMBER, scale, invalid, max_depth, layer, "
+    "size=WxH, confidence, confidence_threshold, interpolation=edge|nearest, max_jump, near, far, "
+    "max_incidence_deg, max_depth_jump";
+
+void TakeLimits(SpecKeys& keys, SurfaceLimits& limits) {
+  limits.near_z = keys.TakeNumber("near", 0).value_or(limits.near_z);
+  limits.far_z = keys.TakeNumber("far", 0).value_or(limits.far_z);
+  limits.max_incidence_deg =
+      keys.TakeNumber("max_incidence_deg", 0).value_or(limits.max_incidence_deg);
+  limits.max_depth_jump = keys.TakeNumber("max_depth_jump", 0).value_or(limits.max_depth_jump);
 }
 
-RayCasterOptions::BuildQuality ParseBuild(const std::string& spec, std::string_view value) {
-  using enum RayCasterOptions::BuildQuality;
-  if (value == "low") return kLow;
-  if (value == "medium") return kMedium;
-  Fail(spec, "expected build=low or build=medium");
+// The value of a key out of a few words.
+template <typename T, size_t N>
+T TakeWord(SpecKeys& keys, const std::string& key,
+           const std::array<std::pair<std::string_view, T>, N>& words, T otherwise) {
+  const auto text = keys.Take(key);
+  if (!text) return otherwise;
+  std::string names;
+  for (const auto& [name, value] : words) {
+    if (name == *text) return value;
+    names += (names.empty() ? "" : "|") + std::string(name);
+  }
+  keys.Fail(fmt::format("expected {}={}", key, names));
 }
 
-NamedGeometry MakeMeshSource(const std::string& spec, std::string_view rest) {
-  const auto parts = SplitBy(rest, ',');
-  if (parts.front().empty()) {
-    Fail(spec, "expected mesh:PATH[,key=value...]");
-  }
-  RayCasterOptions options{.build_quality = RayCasterOptions::BuildQuality::kLow};
-  for (size_t i = 1; i < parts.size(); ++i) {
-    const size_t equals = parts[i].find('=');
-    const std::string_view key = parts[i].substr(0, equals);
-    if (key != "build" || equals == std::string_view::npos) {
-      Fail(spec, fmt::format("unknown key \"{}\"; a mesh has build=low|medium", key));
-    }
-    options.build_quality = ParseBuild(spec, parts[i].substr(equals + 1));
-  }
-  const std::filesystem::path path(parts.front());
-  auto mesh = std::make_shared<const TriangleMesh>(ReadMesh(path));
+using BuildQuality = RayCasterOptions::BuildQuality;
+constexpr std::array<std::pair<std::string_view, BuildQuality>, 2> kBuilds = {
+    {{"low", BuildQuality::kLow}, {"medium", BuildQuality::kMedium}}};
+using BackFaces = SurfaceLimits::BackFaces;
+constexpr std::array<std::pair<std::string_view, BackFaces>, 2> kBackFaces = {
+    {{"keep", BackFaces::kKeep}, {"drop", BackFaces::kDrop}}};
+constexpr std::array<std::pair<std::string_view, DepthInterpolation>, 2> kInterpolations = {
+    {{"edge", DepthInterpolation::kEdgeAware}, {"nearest", DepthInterpolation::kNearest}}};
+
+NamedGeometry MakeMesh(SpecKeys keys) {
+  if (keys.path().empty()) keys.Fail(kForms);
+  RayCasterOptions caster;
+  caster.build_quality = TakeWord(keys, "build", kBuilds, BuildQuality::kLow);
+  MeshOptions options;
+  TakeLimits(keys, options.limits);
+  options.limits.back_faces = TakeWord(keys, "back_faces", kBackFaces, BackFaces::kKeep);
+  options.jump_radius_px = keys.TakeNumber("jump_radius_px", 0).value_or(options.jump_radius_px);
+  keys.ExpectAllTaken(kMeshKeys);
+
+  auto mesh = std::make_shared<const TriangleMesh>(ReadMeshes(ListMeshFiles(keys.path())));
   NamedGeometry geometry;
   geometry.warnings = mesh->warnings;
-  geometry.mesh = std::make_shared<const RayCaster>(std::move(mesh), options);
-  geometry.source =
-      std::make_unique<MeshSource>(fmt::format("mesh:{}", path.string()), geometry.mesh);
+  geometry.mesh = std::make_shared<const RayCaster>(std::move(mesh), caster);
+  geometry.source = std::make_unique<MeshSource>(fmt::format("mesh:{}", keys.path()), geometry.mesh, options);
+  return geometry;
+}
+
+double ParseUnit(const SpecKeys& keys, const std::string& text) {
+  constexpr std::array<std::pair<std::string_view, double>, 3> kUnits = {
+      {{"m", 1}, {"cm", 0.01}, {"mm", 0.001}}};
+  for (const auto& [name, value] : kUnits) {
+    if (name == text) return value;
+  }
+  const auto number = ParseDouble(text);
+  if (!number || !(*number > 0) || !std::isfinite(*number)) {
+    keys.Fail("expected unit=m|cm|mm or a positive number of scene units");
+  }
+  return *number;
+}
+
+PlaneSize ParseSize(const SpecKeys& keys, const std::string& text) {
+  const auto sides = SplitBy(text, 'x');
+  const auto width = ParseInt(sides.front());
+  const auto height = ParseInt(sides.back());
+  constexpr int64_t kMaxSide = 1 << 20;
+  if (sides.size() != 2 || !width || !height || *width < 1 || *height < 1 || *width > kMaxSide ||
+      *height > kMaxSide) {
+    keys.Fail("expected size=WIDTHxHEIGHT");
+  }
+  return {static_cast<int>(*width), static_cast<int>(*height)};
+}
+
+DepthConvention TakeConvention(SpecKeys& keys) {
+  DepthConvention convention;
+  if (const auto name = keys.Take("preset")) {
+    const auto preset = DepthPreset(*name);
+    if (!preset) keys.Fail(fmt::format("expected preset={}", DepthPresetNames()));
+    convention = *preset;
+  }
+  if (const auto kind = keys.Take("kind")) {
+    const auto value = DepthKindFromName(*kind);
+    if (!value) keys.Fail("expected kind=z|ray|inverse");
+    convention.kind = *value;
+  }
+  if (const auto unit = keys.Take("unit")) convention.unit = ParseUnit(keys, *unit);
+  convention.scale = keys.TakeNumber("scale", 0).value_or(convention.scale);
+  if (!(convention.scale > 0)) keys.Fail("expected a positive scale");
+  if (auto invalid = keys.TakeNumbers("invalid"); !invalid.empty()) {
+    convention.invalid_values = std::move(invalid);
+  }
+  convention.max_depth = keys.TakeNumber("max_depth", 0).value_or(convention.max_depth);
+  if (const auto pattern = keys.Take("pattern")) convention.patterns = {*pattern};
+  convention.layer = keys.Take("layer").value_or(convention.layer);
+  if (const auto size = keys.Take("size")) {
+    convention.raw_size = ParseSize(keys, *size);
+    convention.headerless = true;
+  }
+  convention.confidence_pattern = keys.Take("confidence").value_or("");
+  convention.confidence_threshold =
+      keys.TakeNumber("confidence_threshold", 0).value_or(convention.confidence_threshold);
+  return convention;
+}
+
+NamedGeometry MakeDepth(SpecKeys keys, const GeometryContext& context) {
+  if (keys.path().empty()) keys.Fail(kForms);
+  DepthConvention convention = TakeConvention(keys);
+  DepthSamplingOptions sampling;
+  sampling.interpolation = TakeWord(keys, "interpolation", kInterpolations, sampling.interpolation);
+  sampling.max_jump = keys.TakeNumber("max_jump", 0).value_or(sampling.max_jump);
+  SurfaceLimits limits;
+  TakeLimits(keys, limits);
+  keys.ExpectAllTaken(kDepthKeys);
+
+  auto maps =
+      std::make_shared<const DepthFolder>(keys.path(), std::move(convention), context.references);
+  NamedGeometry geometry;
+  geometry.understood = maps->understood();
+  geometry.warnings = maps->warnings();
+  geometry.source = std::make_unique<DepthSource>(fmt::format("depth:{}", keys.path()), std::move(maps), sampling, limits);
   return geometry;
 }
 
 }  // namespace
 
-NamedGeometry MakeGeometrySource(const std::string& spec) {
+NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext& context) {
   const size_t colon = spec.find(':');
-  if (spec.substr(0, colon) == "mesh" && colon != std::string::npos) {
-    return MakeMeshSource(spec, std::string_view(spec).substr(colon + 1));
+  const std::string kind = spec.substr(0, colon);
+  const std::string_view rest =
+      colon == std::string::npos ? std::string_view() : std::string_view(spec).substr(colon + 1);
+  if (colon != std::string::npos) {
+    if (kind == "mesh") return MakeMesh(SpecKeys(spec, rest));
+    if (kind == "depth") return MakeDepth(SpecKeys(spec, rest), context);
   }
-  Fail(spec, "expected mesh:PATH[,key=value...]");
+  throw OptionError("--geometry", spec, kForms);
+}
+
+std::string GeometryHelp() {
+  return fmt::format(
+      "Where 3D points come from:\n"
+      "mesh:PATH[,key=value...]: a mesh; a.ply+b.ply, tiles/*.ply or a folder\n"
+      "  are one scene. Keys: near, far (depths), max_incidence_deg,\n"
+      "  max_depth_jump (relative, near silhouettes), jump_radius_px,\n"
+      "  back_faces=keep|drop, build=low|medium\n"
+      "depth:DIR[,key=value...]: depth maps. Keys:\n"
+      "  preset={}\n"
+      "  pattern (file of an image: {{name}}, {{dir}}, {{stem}}, {{base}}),\n"
+      "  kind=z|ray|inverse, unit=m|cm|mm|NUMBER, scale, invalid=V[/V...],\n"
+      "  max_depth, layer, size=WxH (of headerless files), confidence=PATTERN,\n"
+      "  confidence_threshold, interpolation=edge|nearest, max_jump, near, far,\n"
+      "  max_incidence_deg, max_depth_jump",
+      DepthPresetNames());
 }
 
 }  // namespace raylift

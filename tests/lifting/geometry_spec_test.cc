@@ -38,14 +38,49 @@ TEST(MakeGeometrySource, OpensAMeshAndPassesItsWarningsOn) {
 }
 
 TEST(MakeGeometrySource, UnknownKindsKeysAndValuesAreOptionErrors) {
-  EXPECT_EQ(OptionErrorOf("foo:x"), "--geometry = foo:x: expected mesh:PATH[,key=value...]");
-  EXPECT_EQ(OptionErrorOf("mesh"), "--geometry = mesh: expected mesh:PATH[,key=value...]");
-  EXPECT_EQ(OptionErrorOf("mesh:"), "--geometry = mesh:: expected mesh:PATH[,key=value...]");
-  EXPECT_EQ(OptionErrorOf(""), "--geometry = : expected mesh:PATH[,key=value...]");
-  EXPECT_EQ(OptionErrorOf("mesh:a.ply,size=3"),
-            "--geometry = mesh:a.ply,size=3: unknown key \"size\"; a mesh has build=low|medium");
-  EXPECT_EQ(OptionErrorOf("mesh:a.ply,build=best"),
-            "--geometry = mesh:a.ply,build=best: expected build=low or build=medium");
+  const std::string forms = ": expected mesh:PATH[,key=value...] or depth:DIR[,key=value...]";
+  for (const std::string spec : {"foo:x", "mesh", "mesh:", "depth:", ""}) {
+    EXPECT_EQ(OptionErrorOf(spec).substr(0, ("--geometry = " + spec + forms).size()),
+              "--geometry = " + spec + forms);
+  }
+  const auto says = [](const std::string& spec, const std::string& constraint) {
+    const std::string message = OptionErrorOf(spec);
+    EXPECT_TRUE(message.starts_with("--geometry = " + spec + ": ")) << message;
+    EXPECT_NE(message.find(constraint), std::string::npos) << message;
+  };
+  says("mesh:a.ply,size=3", "unknown key \"size\"; there are near, far");
+  says("mesh:a.ply,build=best", "expected build=low|medium");
+  says("mesh:a.ply,build", "expected key=value, found \"build\"");
+  says("mesh:a.ply,near=1,near=2", "the key near stands twice");
+  says("mesh:a.ply,far=-1", "expected far=NUMBER of at least 0, found \"-1\"");
+  says("mesh:a.ply,near=x", "expected near=NUMBER");
+  says("mesh:a.ply,back_faces=no", "expected back_faces=keep|drop");
+  says("depth:d,preset=foo", "expected preset=colmap|nerfstudio|");
+  says("depth:d,kind=y", "expected kind=z|ray|inverse");
+  says("depth:d,unit=foot", "expected unit=m|cm|mm");
+  says("depth:d,unit=0", "expected unit=m|cm|mm");
+  says("depth:d,scale=0", "expected a positive scale");
+  says("depth:d,size=3", "expected size=WIDTHxHEIGHT");
+  says("depth:d,size=3x0", "expected size=WIDTHxHEIGHT");
+  says("depth:d,invalid=0/x", "expected invalid=NUMBER[/NUMBER...]");
+  says("depth:d,interpolation=cubic", "expected interpolation=edge|nearest");
+  says("depth:d,build=low", "unknown key \"build\"; there are preset");
+}
+
+TEST(MakeGeometrySource, EveryKeyOfAMeshWorks) {
+  const std::string path = WriteTriangle("one.obj");  // 2 in front of the camera
+  const auto lifts = [&](const std::string& keys) {
+    const NamedGeometry geometry = MakeGeometrySource("mesh:" + path + keys);
+    const Eigen::Vector2d pixel(0.5, 0.5);
+    return geometry.source->Lift({}, {&pixel, 1})[0].has_value();
+  };
+  EXPECT_TRUE(lifts(",near=1.9,far=2.1,max_incidence_deg=1"));
+  EXPECT_FALSE(lifts(",near=2.1"));
+  EXPECT_FALSE(lifts(",far=1.9"));
+  EXPECT_FALSE(lifts(",back_faces=drop"));
+  EXPECT_TRUE(lifts(",back_faces=keep"));
+  EXPECT_TRUE(lifts(",max_depth_jump=0.1,jump_radius_px=0.01"));
+  EXPECT_FALSE(lifts(",max_depth_jump=0.1,jump_radius_px=2"));
 }
 
 TEST(MakeGeometrySource, AFileThatIsMissingIsAnInputError) {

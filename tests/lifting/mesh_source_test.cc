@@ -8,6 +8,8 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
+#include "raylift/renderers/mesh_tiles.h"
+
 namespace raylift {
 namespace {
 
@@ -118,6 +120,50 @@ TEST(MeshSource, SaysIncidenceAndWhichSideItMet) {
   EXPECT_TRUE(back->back_face);
   EXPECT_NEAR(back->incidence_deg, turn_deg, 1e-5);
   EXPECT_LT((back->normal_in_world - toward_camera).norm(), 1e-6);
+}
+
+TEST(MeshSource, DepthJumpIsLargeAtSilhouettesAndSmallOnSlantedWalls) {
+  const auto caster = std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(
+      MergeMeshes({MakeBox({0, 0, 0}, {1, 1, 1}),
+                   MakePlane({Eigen::Quaterniond::Identity(), {0, 0, 3}}, 60, 1)})));
+  const double params[] = {500, 500, 320, 240};
+  const PosedImage reference{"reference", Camera(CameraModel::kPinhole, 640, 480, params),
+                             LookAt({0.4, 0.1, -5}, {0.4, 0.1, 0})};
+  // The box's right side is at x = 0.6 of depth 4 in front: 75 px right of the centre.
+  const std::vector<Eigen::Vector2d> pixels = {{394, 240}, {396, 240}, {390, 240}, {400, 240}};
+  const MeshSource all("mesh", caster, {.limits = {.max_depth_jump = 1e9}});
+  const auto points = all.Lift(reference, pixels);
+  for (const auto& point : points) ASSERT_TRUE(point);
+  EXPECT_NEAR(*points[0]->depth_jump, 1, 0.1);  // 8 behind 4
+  EXPECT_NEAR(*points[1]->depth_jump, 1, 0.1);
+  EXPECT_LT(*points[2]->depth_jump, 1e-5);
+  EXPECT_LT(*points[3]->depth_jump, 1e-5);
+  const MeshSource some("mesh", caster, {.limits = {.max_depth_jump = 0.1}});
+  const auto kept = some.Lift(reference, pixels);
+  EXPECT_FALSE(kept[0] || kept[1]);
+  EXPECT_TRUE(kept[2] && kept[3]);
+
+  const PosedImage oblique{"reference", reference.camera, LookAt({30, 0, -5}, {20, 0, 3})};
+  const auto wall = all.Lift(oblique, pixels);
+  ASSERT_TRUE(wall[0]);
+  EXPECT_LT(*wall[0]->depth_jump, 1e-5) << "a slanted wall has no jump";
+  EXPECT_GT(wall[0]->incidence_deg, 40);
+}
+
+TEST(MeshSource, NearLooksThroughAndFarAndIncidenceDrop) {
+  const auto caster = std::make_shared<const RayCaster>(
+      std::make_shared<const TriangleMesh>(MakeBox({0, 0, 5}, {1, 1, 1})));
+  const PosedImage reference{"reference", Camera(), Rigid3()};
+  const Eigen::Vector2d pixel(0.5, 0.5);
+  const auto depth = [&](const SurfaceLimits& limits) {
+    const auto point = MeshSource("mesh", caster, {.limits = limits}).Lift(reference, {&pixel, 1});
+    return point[0] ? point[0]->depth_z : 0;
+  };
+  EXPECT_NEAR(depth({}), 4, 1e-6);
+  EXPECT_NEAR(depth({.near_z = 4.5}), 6, 1e-6);
+  EXPECT_EQ(depth({.near_z = 4.5, .back_faces = SurfaceLimits::BackFaces::kDrop}), 0);
+  EXPECT_EQ(depth({.far_z = 3.9}), 0);
+  EXPECT_EQ(depth({.near_z = 7}), 0);
 }
 
 TEST(MeshSource, PixelsWithoutRayOrSurfaceHaveNoPoint) {

@@ -16,10 +16,15 @@ namespace raylift {
 // Where the ray of a pixel meets the scene, and how far that can be trusted.
 struct SurfacePoint {
   Eigen::Vector3d point_in_world;
-  Eigen::Vector3d normal_in_world;  // unit, turned toward the camera
-  double depth_z;                   // along the reference's optical axis, scene units
-  double incidence_deg;             // angle between the normal and the ray back to the camera
-  bool back_face;                   // the surface was met from behind (by its winding)
+  // Unit, turned toward the camera; straight at it where the source does not know the surface.
+  Eigen::Vector3d normal_in_world;
+  double depth_z;        // along the reference's optical axis, scene units
+  double incidence_deg;  // angle between the normal and the ray back to the camera
+  bool back_face;        // the surface was met from behind (by its winding)
+  // The largest relative difference of depth, close around the keypoint, between what is there and
+  // the point's plane: near a silhouette it is large, in the middle of a slanted wall it is not.
+  // None where the source did not look.
+  std::optional<double> depth_jump = std::nullopt;
 };
 
 class GeometrySource {

@@ -2,24 +2,37 @@
 
 #pragma once
 
+#include <filesystem>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/renderers/ray_caster.h"
+#include "raylift/scene/posed_image.h"
 
 namespace raylift {
 
 struct NamedGeometry {
   std::unique_ptr<GeometrySource> source;
   std::shared_ptr<const RayCaster> mesh;  // of a mesh source, for pictures; else null
-  std::vector<std::string> warnings;      // what the user should know of the file
+  // How the files were read ("PNG uint16 640 x 480, z"); empty where there is no doubt.
+  std::string understood = {};
+  std::vector<std::string> warnings;  // what the user should know of the files
 };
 
-// Opens "mesh:PATH[,key=value...]". Keys of a mesh: build=low (the default: fast to build) or
-// build=medium (faster rays, worth it for many thousand references). OptionError for an unknown
-// kind, key or value, InputError where the file cannot be read.
-NamedGeometry MakeGeometrySource(const std::string& spec);
+// What a specification does not say.
+struct GeometryContext {
+  std::filesystem::path model = {};             // the references' COLMAP model
+  std::span<const PosedImage> references = {};  // that will be lifted from
+};
+
+// Opens "mesh:PATH[,key=value...]" or "depth:DIR[,key=value...]"; GeometryHelp() lists the keys.
+// OptionError for an unknown kind, key or value, InputError where a file cannot be read.
+NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext& context = {});
+
+// The forms of a specification and their keys, for --help.
+std::string GeometryHelp();
 
 }  // namespace raylift

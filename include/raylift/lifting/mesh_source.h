@@ -5,13 +5,22 @@
 #include <memory>
 
 #include "raylift/lifting/geometry_source.h"
+#include "raylift/lifting/surface_limits.h"
 #include "raylift/renderers/ray_caster.h"
 
 namespace raylift {
 
+struct MeshOptions {
+  SurfaceLimits limits;
+  // Where the limits ask for it, four more rays per keypoint, this far from it, tell the depth jump
+  // around it. Where one of them leaves the mesh, the jump is infinite.
+  double jump_radius_px = 2;
+};
+
 class MeshSource final : public GeometrySource {
  public:
-  MeshSource(std::string description, std::shared_ptr<const RayCaster> caster);
+  MeshSource(std::string description, std::shared_ptr<const RayCaster> caster,
+             const MeshOptions& options = {});
 
   std::string Description() const override;
   std::vector<std::optional<SurfacePoint>> Lift(
@@ -20,6 +29,7 @@ class MeshSource final : public GeometrySource {
  private:
   std::string description_;
   std::shared_ptr<const RayCaster> caster_;
+  MeshOptions options_;
 };
 
 }  // namespace raylift

@@ -1,0 +1,247 @@
+#include "raylift/lifting/depth_convention.h"
+
+#include <array>
+#include <utility>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+constexpr std::array<std::pair<DepthKind, std::string_view>, 3> kKindNames = {{
+    {DepthKind::kZ, "z"},
+    {DepthKind::kRay, "ray"},
+    {DepthKind::kInverse, "inverse"},
+}};
+
+constexpr double kMillimetre = 0.001;
+
+// COLMAP's maps belong to the undistorted cameras of its dense workspace.
+DepthConvention Colmap() {
+  return {.unit = 1,
+          .patterns = {"stereo/depth_maps/{name}.geometric.bin", "{name}.geometric.bin",
+                       "depth_maps/{name}.geometric.bin", "{name}.bin"}};
+}
+
+// nerfacto's: expected distance along the unit ray, already divided by the dataparser's scale.
+DepthConvention Nerfstudio() {
+  return {.kind = DepthKind::kRay,
+          .unit = 1,
+          .patterns = {"raw-depth/{dir}/{stem}.npy.gz", "raw-depth/{name}.npy.gz",
+                       "{dir}/{stem}.npy.gz", "{name}.npy.gz"}};
+}
+
+DepthConvention Metric3d() {
+  return {.unit = 1, .patterns = {"{dir}/{stem}.npy", "{name}.npy", "{stem}.npy"}};
+}
+
+// The sensor's, or the ones rendered into the colour camera for DSAC*, which hloc uses.
+DepthConvention SevenScenes() {
+  return {.unit = kMillimetre,
+          .invalid_values = {65535},
+          .max_depth = 1000,
+          .patterns = {"{flat7}.pose.depth.tiff", "{dir}/{base}.depth.png"}};
+}
+
+DepthConvention TwelveScenes() {
+  return {.unit = kMillimetre,
+          .patterns = {"{dir}/{base}.depth.png", "data/{base}.depth.png", "{base}.depth.png"}};
+}
+
+DepthConvention ScanNet() {
+  return {.unit = kMillimetre,
+          .patterns = {"{dir}/../depth/{stem}.png", "depth/{stem}.png", "{dir}/{base}.depth.pgm",
+                       "{stem}.png"}};
+}
+
+DepthConvention Tum() {
+  return {.unit = 1.0 / 5000,
+          .patterns = {"{dir}/../depth/{time}.png", "depth/{time}.png", "{time}.png"}};
+}
+
+// As 3dv-tools renders them; "name" ends at its first dot.
+DepthConvention MeshLoc() {
+  return {.unit = 1, .patterns = {"{dir}/{base}_depth.npz", "{flat}_depth.npz"}, .layer = "depth"};
+}
+
+DepthConvention Lamar() {
+  return {.unit = kMillimetre,
+          .patterns = {"{name}.png", "{dir}/{stem}.png", "{dir}/{stem}.depth.png"}};
+}
+
+// Of the distorted originals; infinity where the laser saw nothing.
+DepthConvention Eth3d() {
+  return {.unit = 1,
+          .patterns = {"ground_truth_depth/{name}", "{name}", "{dir}/{stem}.JPG"},
+          .headerless = true};
+}
+
+DepthConvention Kapture() {
+  return {.unit = 1,
+          .patterns = {"{dir}/{stem}.depth", "{name}.depth", "sensors/records_data/{name}.depth",
+                       "sensors/records_data/{dir}/{stem}.depth"},
+          .headerless = true};
+}
+
+struct Preset {
+  std::string_view name;
+  DepthConvention (*make)();
+};
+constexpr std::array<Preset, 11> kPresets = {{{"colmap", &Colmap},
+                                              {"nerfstudio", &Nerfstudio},
+                                              {"metric3d", &Metric3d},
+                                              {"7scenes", &SevenScenes},
+                                              {"12scenes", &TwelveScenes},
+                                              {"scannet", &ScanNet},
+                                              {"tum", &Tum},
+                                              {"meshloc", &MeshLoc},
+                                              {"lamar", &Lamar},
+                                              {"eth3d", &Eth3d},
+                                              {"kapture", &Kapture}}};
+
+void ReplaceAll(std::string& text, std::string_view placeholder, std::string_view value) {
+  for (size_t at = text.find(placeholder); at != std::string::npos;
+       at = text.find(placeholder, at + value.size())) {
+    text.replace(at, placeholder.size(), value);
+  }
+}
+
+// The stored depth in scene units, 0 where it means none.
+class ValueReader {
+ public:
+  ValueReader(const StoredDepth& stored, const DepthConvention& convention)
+      : convention_(convention), factor_(convention.scale) {
+    const bool floats = stored.sample_type.starts_with("float");
+    factor_ *= convention.unit.value_or(floats ? 1 : kMillimetre);
+  }
+
+  double Read(float stored) const {
+    const double value = static_cast<double>(stored);
+    if (!(value > 0) || !std::isfinite(value)) return 0;
+    for (const double invalid : convention_.invalid_values) {
+      if (value == invalid) return 0;
+    }
+    const double depth =
+        convention_.kind == DepthKind::kInverse ? 1 / (value * factor_) : value * factor_;
+    return depth <= convention_.max_depth ? depth : 0;
+  }
+
+ private:
+  const DepthConvention& convention_;
+  double factor_;
+};
+
+bool IsTrusted(const StoredDepth& confidence, const DepthMap& map, int x, int y, double threshold) {
+  // The pixel of the confidence map in which this pixel's centre lies.
+  const auto scaled = [](int at, int size, int other_size) {
+    return static_cast<size_t>((2 * int64_t{at} + 1) * other_size / (2 * int64_t{size}));
+  };
+  const size_t column = scaled(x, map.width_px, confidence.width_px);
+  const size_t row = scaled(y, map.height_px, confidence.height_px);
+  const float value = confidence.values[row * static_cast<size_t>(confidence.width_px) + column];
+  return static_cast<double>(value) >= threshold;
+}
+
+void DropUntrusted(const StoredDepth& confidence, double threshold, DepthMap& map) {
+  for (int y = 0; y < map.height_px; ++y) {
+    for (int x = 0; x < map.width_px; ++x) {
+      if (!IsTrusted(confidence, map, x, y, threshold)) {
+        map.z[static_cast<size_t>(y) * static_cast<size_t>(map.width_px) + static_cast<size_t>(x)] =
+            0;
+      }
+    }
+  }
+}
+
+}  // namespace
+
+std::string_view ToString(DepthKind kind) {
+  for (const auto& [value, name] : kKindNames) {
+    if (value == kind) return name;
+  }
+  return {};
+}
+
+std::optional<DepthKind> DepthKindFromName(std::string_view name) {
+  for (const auto& [value, known] : kKindNames) {
+    if (known == name) return value;
+  }
+  return std::nullopt;
+}
+
+std::optional<DepthConvention> DepthPreset(std::string_view name) {
+  for (const Preset& preset : kPresets) {
+    if (preset.name == name) return preset.make();
+  }
+  return std::nullopt;
+}
+
+std::string DepthPresetNames() {
+  std::string names;
+  for (const Preset& preset : kPresets) {
+    names += (names.empty() ? "" : "|") + std::string(preset.name);
+  }
+  return names;
+}
+
+std::string ExpandPattern(std::string_view pattern, std::string_view image_name) {
+  const size_t slash = image_name.rfind('/');
+  const bool has_folder = slash != std::string_view::npos;
+  const std::string folder(has_folder ? image_name.substr(0, slash) : std::string_view());
+  const std::string_view file = has_folder ? image_name.substr(slash + 1) : image_name;
+  const std::string base(file.substr(0, file.find('.')));
+  std::string joined = folder;
+  std::replace(joined.begin(), joined.end(), '/', '_');
+  std::string joined7 = joined;
+  std::erase(joined7, '-');
+  const std::string separator = has_folder ? "_" : "";
+
+  std::string path(pattern);
+  // A pattern without folder must not become an absolute path.
+  if (!has_folder) ReplaceAll(path, "{dir}/", "");
+  ReplaceAll(path, "{dir}", folder);
+  ReplaceAll(path, "{stem}", file.substr(0, file.rfind('.')));
+  ReplaceAll(path, "{base}", base);
+  ReplaceAll(path, "{flat}", joined + separator + base);
+  ReplaceAll(path, "{flat7}", joined7 + separator + base);
+  ReplaceAll(path, "{name}", image_name);
+  return path;
+}
+
+std::vector<float> RayZOfPixels(const Camera& camera) {
+  std::vector<float> ray_z;
+  ray_z.reserve(static_cast<size_t>(camera.width_px()) * static_cast<size_t>(camera.height_px()));
+  for (int y = 0; y < camera.height_px(); ++y) {
+    for (int x = 0; x < camera.width_px(); ++x) {
+      const auto ray = camera.RayInCam({x + 0.5, y + 0.5});
+      ray_z.push_back(ray ? static_cast<float>(ray->z()) : 0.0f);
+    }
+  }
+  return ray_z;
+}
+
+DepthMap ToDepthMap(const StoredDepth& stored, const Camera& camera,
+                    const DepthConvention& convention, const StoredDepth* confidence,
+                    std::span<const float> ray_z) {
+  const ValueReader reader(stored, convention);
+  DepthMap map{stored.width_px, stored.height_px, {}};
+  map.z.reserve(stored.values.size());
+  for (const float value : stored.values) {
+    map.z.push_back(static_cast<float>(reader.Read(value)));
+  }
+  if (convention.kind == DepthKind::kRay) {
+    std::vector<float> computed;
+    if (ray_z.empty()) {
+      computed = RayZOfPixels(camera.Scaled(map.width_px, map.height_px));
+      ray_z = computed;
+    }
+    RAYLIFT_CHECK_EQ(ray_z.size(), map.z.size());
+    for (size_t i = 0; i < map.z.size(); ++i) map.z[i] *= std::max(ray_z[i], 0.0f);
+  }
+  if (confidence != nullptr) {
+    DropUntrusted(*confidence, convention.confidence_threshold, map);
+  }
+  return map;
+}
+
+}  // namespace raylift
