@@ -1,13 +1,21 @@
-// The commands of the program: each adds its subcommand with what runs it.
+// The commands of the program.
 
 #pragma once
+
+#include <functional>
 
 #include <CLI/CLI.hpp>
 
 namespace raylift {
 
-void AddLocalizeCommand(CLI::App& program);
-void AddEstimateCommand(CLI::App& program);
-void AddEvaluateCommand(CLI::App& program);
+struct Command {
+  CLI::App* app;  // owned by the program; parses into flags that `run` keeps alive
+  std::function<void()> run;
+};
+
+// Each adds its subcommand to the program.
+Command AddLocalizeCommand(CLI::App& program);
+Command AddEstimateCommand(CLI::App& program);
+Command AddEvaluateCommand(CLI::App& program);
 
 }  // namespace raylift

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
+#include <map>
+#include <memory>
 
 #include "commands.h"
 #include "options.h"
@@ -112,7 +114,8 @@ std::string FormatJson(const std::vector<Row>& rows, std::string_view method) {
     }
     json.push_back(std::move(object));
   }
-  return json.dump(1) + "\n";
+  // File names need not be UTF-8; what is not is replaced.
+  return json.dump(1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 
 // The estimate, and the median time of `repeat` runs, which all give the same.
@@ -131,9 +134,21 @@ Row Estimate(const PoseEstimator& estimator, const PoseProblem& problem, int rep
   return row;
 }
 
-std::vector<Row> EstimateAll(const EstimateFlags& flags, const FilterOptions& filter,
-                             const PoseEstimator& estimator) {
-  const std::vector<path> files = ListAll(flags.problems);
+// A pose file holds a name once.
+void RequireDistinctNames(const std::vector<path>& files, const std::vector<Row>& rows) {
+  std::map<std::string_view, size_t> first;
+  for (size_t i = 0; i < rows.size(); ++i) {
+    const auto [other, is_new] = first.emplace(rows[i].name, i);
+    if (!is_new) {
+      throw InputError(files[i], "name",
+                       fmt::format("\"{}\" stands twice (also in {}): --poses needs distinct names",
+                                   rows[i].name, files[other->second].string()));
+    }
+  }
+}
+
+std::vector<Row> EstimateAll(const std::vector<path>& files, const EstimateFlags& flags,
+                             const FilterOptions& filter, const PoseEstimator& estimator) {
   std::vector<Row> rows(files.size());
   Progress progress("problems", files.size(),
                     flags.run.quiet ? Progress::Show::kNever : Progress::Show::kAuto);
@@ -152,7 +167,15 @@ void Run(const EstimateFlags& flags) {
   }
   const EstimatorOptions options = flags.estimator.Resolve();
   const FilterOptions filter = flags.filter.Resolve(options.method);
-  const std::vector<Row> rows = EstimateAll(flags, filter, *MakePoseEstimator(options));
+  flags.run.Check();
+  const auto estimator = MakePoseEstimator(options);
+  for (const path& output : {flags.csv, flags.json, flags.poses}) {
+    if (!output.empty()) {
+      RequireWritable(output);
+    }
+  }
+  const std::vector<path> files = ListAll(flags.problems);
+  const std::vector<Row> rows = EstimateAll(files, flags, filter, *estimator);
   if (!flags.csv.empty()) {
     WriteFile(flags.csv, FormatCsv(rows, ToString(options.method)));
   }
@@ -168,6 +191,7 @@ void Run(const EstimateFlags& flags) {
     }
   }
   if (!flags.poses.empty()) {
+    RequireDistinctNames(files, rows);
     WritePoseFile(flags.poses, poses);
   }
   if (!flags.run.quiet) {
@@ -178,7 +202,7 @@ void Run(const EstimateFlags& flags) {
 
 }  // namespace
 
-void AddEstimateCommand(CLI::App& program) {
+Command AddEstimateCommand(CLI::App& program) {
   auto flags = std::make_shared<EstimateFlags>();
   CLI::App* command = program.add_subcommand(
       "estimate", "Poses from pose problems (JSON files of matches); needs no geometry");
@@ -198,7 +222,7 @@ void AddEstimateCommand(CLI::App& program) {
   command->footer(
       "Example:\n"
       "  raylift estimate problems --method select --alpha 0.9 --csv select.csv");
-  command->callback([flags] { Run(*flags); });
+  return {command, [flags] { Run(*flags); }};
 }
 
 }  // namespace raylift

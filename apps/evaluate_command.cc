@@ -62,6 +62,11 @@ void Run(const EvaluateFlags& flags) {
     throw OptionError(
         fmt::format("--names: {} names for {} pose files", flags.names.size(), flags.poses.size()));
   }
+  for (const path& output : {flags.json, flags.csv}) {
+    if (!output.empty()) {
+      RequireWritable(output);
+    }
+  }
   const PosesByName ground_truth = ReadGroundTruth(flags.ground_truth);
   std::vector<ResultSummary> results;
   for (size_t i = 0; i < flags.poses.size(); ++i) {
@@ -87,7 +92,7 @@ void Run(const EvaluateFlags& flags) {
 
 }  // namespace
 
-void AddEvaluateCommand(CLI::App& program) {
+Command AddEvaluateCommand(CLI::App& program) {
   auto flags = std::make_shared<EvaluateFlags>();
   CLI::App* command =
       program.add_subcommand("evaluate", "Recalls and median errors of poses against the truth");
@@ -105,12 +110,12 @@ void AddEvaluateCommand(CLI::App& program) {
   command->add_option("--json", flags->json, "The table as JSON");
   command->add_option("--csv", flags->csv, "The table as CSV");
   command->add_flag("--quiet", flags->quiet, "Print no table");
-  command->set_config("--config", "", "TOML file with any of these options");
+  AddConfigOption(*command);
   command->footer(
       "Example:\n"
       "  raylift evaluate --ground-truth truth --poses p3p.txt adaptive.txt \\\n"
       "      --thresholds 0.05,5:0.1,1:0.25,2 --csv table.csv");
-  command->callback([flags] { Run(*flags); });
+  return {command, [flags] { Run(*flags); }};
 }
 
 }  // namespace raylift

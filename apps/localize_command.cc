@@ -13,6 +13,7 @@
 #include "raylift/base/file.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/progress.h"
+#include "raylift/base/text.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/pose_problem_json.h"
 #include "raylift/io/query_list.h"
@@ -56,6 +57,14 @@ void Check(const LocalizeFlags& flags, const EstimatorOptions& estimator) {
   RequirePositive(flags.every, "--every");
   RequirePositive(flags.top_k, "--top-k");
   RequirePositive(flags.max_features, "--max-features");
+  if (!(flags.max_ratio > 0 && flags.max_ratio <= 1)) {
+    throw OptionError("--max-ratio", FormatDouble(flags.max_ratio),
+                      "must be above 0 and at most 1");
+  }
+  if (flags.pictures < 0) {
+    throw OptionError("--pictures", std::to_string(flags.pictures), "must not be negative");
+  }
+  flags.run.Check();
   const bool any_hloc = !flags.features.empty() || !flags.matches.empty() || !flags.pairs.empty();
   const bool all_hloc = !flags.features.empty() && !flags.matches.empty() && !flags.pairs.empty();
   if (any_hloc && !all_hloc) {
@@ -88,14 +97,21 @@ AlignMode ResolveAlignMode(const LocalizeFlags& flags) {
   return *mode;
 }
 
-// A file name from a query's name, whose folders are kept.
-path WithExtension(const path& folder, const std::string& query, const char* extension) {
-  return (folder / query).replace_extension(extension);
+// A file of a query of its own: its folders and its extension are kept, as a.jpg and a.png may both
+// be queries; nothing leaves `folder`.
+path FileOfQuery(const path& folder, const std::string& query, const char* extension) {
+  path file = folder;
+  for (const path& part : path(query).relative_path()) {
+    if (part != "..") {
+      file /= part;
+    }
+  }
+  return file += extension;
 }
 
 class LocalizeRun {
  public:
-  LocalizeRun(const LocalizeFlags& flags, const FilterOptions& filter,
+  LocalizeRun(const LocalizeFlags& flags, const FilterOptions& filter, AlignMode align,
               const EstimatorOptions& estimator_options)
       : flags_(flags),
         filter_(filter),
@@ -112,8 +128,12 @@ class LocalizeRun {
                                      {.model = flags.model, .references = references_.images});
       Take(std::move(geometry_.warnings));
     }
+    RequireWritable(flags.out / "poses.txt");
+    if (!flags.write_problems.empty()) {
+      RequireWritable(flags.write_problems / "problem.json");
+    }
     match_source_ = OpenMatches();
-    AlignGeometry(ResolveAlignMode(flags));
+    AlignGeometry(align);
   }
 
   void Run(const std::string& options_json) {
@@ -189,13 +209,13 @@ class LocalizeRun {
                                                          .filter = filter_,
                                                          .estimator = *estimator_});
     if (!flags_.write_problems.empty()) {
-      WritePoseProblem(WithExtension(flags_.write_problems, queries_[index].name, ".json"),
+      WritePoseProblem(FileOfQuery(flags_.write_problems, queries_[index].name, ".json"),
                        {result.problem, std::nullopt});
     }
     if (static_cast<int>(index) < flags_.pictures && result.localized.localized() &&
         geometry_.mesh != nullptr) {
       const Image photograph = ReadImage(query_images_ / queries_[index].name, ImageChannels::kRgb);
-      WriteImage(WithExtension(flags_.out / "pictures", queries_[index].name, ".jpg"),
+      WriteImage(FileOfQuery(flags_.out / "pictures", queries_[index].name, ".jpg"),
                  DrawQueryPicture(result, photograph, *geometry_.mesh, 1));
     }
     return std::move(result.localized);
@@ -234,7 +254,7 @@ class LocalizeRun {
 
 }  // namespace
 
-void AddLocalizeCommand(CLI::App& program) {
+Command AddLocalizeCommand(CLI::App& program) {
   auto flags = std::make_shared<LocalizeFlags>();
   CLI::App* command =
       program.add_subcommand("localize", "Poses of query photographs in a known scene");
@@ -246,7 +266,9 @@ void AddLocalizeCommand(CLI::App& program) {
   command->add_option("--every", flags->every, "Use every N-th reference (by name)")
       ->capture_default_str()
       ->group("References");
-  command->add_option("--geometry", flags->geometry, GeometryHelp())->group("Geometry");
+  command->add_option("--geometry", flags->geometry, GeometryHelp())
+      ->allow_extra_args(false)
+      ->group("Geometry");
   command
       ->add_option("--align-depth", flags->align_depth,
                    "Correct each reference's depth by the matches between references:\n"
@@ -304,12 +326,13 @@ void AddLocalizeCommand(CLI::App& program) {
       "  With features and matches made by hloc:\n"
       "    raylift localize --model sfm --geometry mesh:scene.ply --queries queries.txt \\\n"
       "        --features features.h5 --matches matches.h5 --pairs pairs.txt --out result");
-  command->callback([flags, command] {
-    const EstimatorOptions estimator = flags->estimator.Resolve();
-    const FilterOptions filter = flags->filter.Resolve(estimator.method);
-    Check(*flags, estimator);
-    LocalizeRun(*flags, filter, estimator).Run(EffectiveOptionsJson(*command));
-  });
+  return {command, [flags, command] {
+            const EstimatorOptions estimator = flags->estimator.Resolve();
+            const FilterOptions filter = flags->filter.Resolve(estimator.method);
+            Check(*flags, estimator);
+            const AlignMode align = ResolveAlignMode(*flags);
+            LocalizeRun(*flags, filter, align, estimator).Run(EffectiveOptionsJson(*command));
+          }};
 }
 
 }  // namespace raylift

@@ -2,14 +2,22 @@
 //   0 done (queries that could not be localized are results)   1 a bug
 //   2 a bad option                                             3 bad input
 
+#include <algorithm>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
 
 #include "commands.h"
+#include "config_file.h"
+#include "options.h"
 #include <CLI/CLI.hpp>
 
 #include "raylift/base/error.h"
 
+namespace raylift {
 namespace {
 
 enum ExitCode { kDone = 0, kBug = 1, kBadOption = 2, kBadInput = 3 };
@@ -19,40 +27,110 @@ int Fail(ExitCode code, const char* message) {
   return code;
 }
 
-}  // namespace
+struct Program {
+  std::unique_ptr<CLI::App> app;
+  std::vector<Command> commands;
 
-int main(int argc, char** argv) {
+  // The one that was parsed.
+  const Command& Chosen() const {
+    return *std::find_if(commands.begin(), commands.end(),
+                         [](const Command& command) { return command.app->parsed(); });
+  }
+};
+
+Program MakeProgram() {
+  Program program{std::make_unique<CLI::App>(
+                      "Raylift estimates where photographs were taken, against a mesh of the "
+                      "scene.",
+                      "raylift"),
+                  {}};
+  CLI::App& app = *program.app;
+  app.set_version_flag("--version", "raylift " RAYLIFT_VERSION);
+  app.require_subcommand(1);
+  app.footer(
+      "Examples:\n"
+      "  raylift localize --model sfm --images photos --geometry mesh:scene.ply \\\n"
+      "      --queries queries.txt --out result\n"
+      "  raylift evaluate --ground-truth truth --poses result/poses.txt --thresholds "
+      "0.05,5:0.25,2\n"
+      "  raylift COMMAND --help");
+  program.commands = {AddLocalizeCommand(app), AddEstimateCommand(app), AddEvaluateCommand(app)};
+  for (const Command& command : program.commands) {
+    CheckNumbers(*command.app);
+  }
+  return program;
+}
+
+// The same program, but nothing is required: it tells what a command line gives, and finds unknown
+// options and malformed values first.
+Program MakeSurvey() {
+  Program program = MakeProgram();
+  program.app->require_subcommand(0, 1);
+  for (const Command& command : program.commands) {
+    for (CLI::Option* option : command.app->get_options()) {
+      option->required(false);
+    }
+  }
+  return program;
+}
+
+void Parse(const Program& program, std::vector<std::string> arguments) {
+  std::reverse(arguments.begin(), arguments.end());  // as CLI11 wants them
+  program.app->parse(std::move(arguments));
+}
+
+// Adds what the --config file of the surveyed command holds.
+std::vector<std::string> WithConfigFile(const Program& survey, std::vector<std::string> arguments) {
+  if (survey.app->get_subcommands().empty()) {
+    return arguments;
+  }
+  const CLI::App& command = *survey.Chosen().app;
+  const CLI::Option& config = *command.get_option("--config");
+  if (config.count() == 0) {
+    return arguments;
+  }
+  const std::filesystem::path file = config.as<std::string>();
+  std::vector<std::string> from_file = ConfigArguments(file, command);
+  from_file.insert(from_file.begin(), command.get_name());
   try {
-    CLI::App program(
-        "Raylift estimates where photographs were taken, against a mesh of the scene.");
-    program.set_version_flag("--version", "raylift " RAYLIFT_VERSION);
-    program.require_subcommand(1);
-    program.footer(
-        "Examples:\n"
-        "  raylift localize --model sfm --images photos --geometry mesh:scene.ply \\\n"
-        "      --queries queries.txt --out result\n"
-        "  raylift evaluate --ground-truth truth --poses result/poses.txt --thresholds "
-        "0.05,5:0.25,2\n"
-        "  raylift COMMAND --help");
-    raylift::AddLocalizeCommand(program);
-    raylift::AddEstimateCommand(program);
-    raylift::AddEvaluateCommand(program);
+    Parse(MakeSurvey(), from_file);
+  } catch (const CLI::ParseError& error) {
+    throw InputError(file, error.what());
+  }
+  const auto name = std::find(arguments.begin(), arguments.end(), command.get_name());
+  arguments.insert(name + 1, from_file.begin() + 1, from_file.end());
+  return arguments;
+}
+
+int Main(const std::vector<std::string>& arguments) {
+  try {
+    const Program survey = MakeSurvey();
+    const Program program = MakeProgram();
     try {
-      program.parse(argc, argv);
-    } catch (const CLI::FileError& error) {
-      return Fail(kBadInput, error.what());
+      Parse(survey, arguments);
+      Parse(program, WithConfigFile(survey, arguments));
     } catch (const CLI::Success& success) {  // --help, --version
-      return program.exit(success);
+      return survey.app->exit(success);
     } catch (const CLI::ParseError& error) {
       return Fail(kBadOption, error.what());
     }
-  } catch (const raylift::OptionError& error) {
+    program.Chosen().run();
+  } catch (const OptionError& error) {
     return Fail(kBadOption, error.what());
-  } catch (const raylift::InputError& error) {
+  } catch (const InputError& error) {
+    return Fail(kBadInput, error.what());
+  } catch (const std::filesystem::filesystem_error& error) {
     return Fail(kBadInput, error.what());
   } catch (const std::exception& error) {
     std::fprintf(stderr, "raylift: this is a bug: %s\n", error.what());
     return kBug;
   }
   return kDone;
+}
+
+}  // namespace
+}  // namespace raylift
+
+int main(int argc, char** argv) {
+  return raylift::Main(std::vector<std::string>(argv + 1, argv + argc));
 }

@@ -1,14 +1,18 @@
 #include "options.h"
 
+#include <cmath>
 #include <cstdio>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/base/text.h"
 
 namespace raylift {
 namespace {
+
+using Json = nlohmann::ordered_json;
 
 std::string MethodNames() {
   std::string names;
@@ -24,6 +28,23 @@ std::string MethodHelp() {
     text += fmt::format("\n{} = {}: {}", method.name, method.title, method.description);
   }
   return text;
+}
+
+Json EffectiveValue(const CLI::Option& option) {
+  if (option.get_items_expected_max() == 0) {  // a flag
+    return option.count() > 0 && option.as<bool>();
+  }
+  if (option.get_items_expected_max() > 1) {
+    return option.count() > 0 ? option.reduced_results() : std::vector<std::string>{};
+  }
+  if (option.count() == 0 && option.get_default_str().empty()) {
+    return nullptr;
+  }
+  const std::string type = option.get_type_name();
+  if (type == "INT") return option.as<int64_t>();
+  if (type == "UINT") return option.as<uint64_t>();
+  if (type == "FLOAT") return option.as<double>();
+  return option.as<std::string>();
 }
 
 }  // namespace
@@ -141,7 +162,48 @@ void AddRunOptions(CLI::App& app, RunFlags& flags) {
       ->capture_default_str()
       ->group(group);
   app.add_flag("--quiet", flags.quiet, "No progress, no table")->group(group);
-  app.set_config("--config", "", "TOML file with any of these options")->group(group);
+  AddConfigOption(app);
+}
+
+void RunFlags::Check() const {
+  if (threads < 0) {
+    throw OptionError("--threads", std::to_string(threads), "must not be negative");
+  }
+}
+
+void AddConfigOption(CLI::App& app) {
+  app.add_option("--config", "TOML file with any of these options")
+      ->type_name("TEXT")
+      ->configurable(false)
+      ->group("Running");
+}
+
+void CheckNumbers(CLI::App& app) {
+  for (CLI::Option* option : app.get_options()) {
+    const std::string type = option->get_type_name();
+    if (type == "INT" || type == "UINT") {
+      const bool is_unsigned = type == "UINT";
+      option->transform(CLI::Validator(
+          [is_unsigned](std::string& text) -> std::string {
+            if (const auto number = ParseUint(text)) {
+              text = std::to_string(*number);
+            } else if (const auto signed_number = ParseInt(text); signed_number && !is_unsigned) {
+              text = std::to_string(*signed_number);
+            } else {
+              return fmt::format("expected a whole number{}, found \"{}\"",
+                                 is_unsigned ? " of at least 0" : "", text);
+            }
+            return {};
+          },
+          ""));
+    } else if (type == "FLOAT") {
+      option->check([](const std::string& text) -> std::string {
+        const auto number = ParseDouble(text);
+        if (number && std::isfinite(*number)) return {};
+        return fmt::format("expected a number, found \"{}\"", text);
+      });
+    }
+  }
 }
 
 void PrintWarning(const std::string& warning) {
@@ -149,29 +211,16 @@ void PrintWarning(const std::string& warning) {
 }
 
 std::string EffectiveOptionsJson(const CLI::App& app) {
-  nlohmann::ordered_json options;
+  Json options;
   options["command"] = app.get_name();
   options["raylift_version"] = RAYLIFT_VERSION;
   for (const CLI::Option* option : app.get_options()) {
-    const std::string name = option->get_single_name();
-    if (name == "help" || name == "config") {
-      continue;
-    }
-    const std::vector<std::string> given =
-        option->count() > 0 ? option->reduced_results() : std::vector<std::string>{};
-    if (option->get_type_size() == 0) {  // a flag
-      options[name] = option->count() > 0;
-    } else if (option->get_items_expected_max() > 1) {
-      options[name] = given;
-    } else if (!given.empty()) {
-      options[name] = given.back();
-    } else if (!option->get_default_str().empty()) {
-      options[name] = option->get_default_str();
-    } else {
-      options[name] = nullptr;
+    if (option->get_configurable()) {
+      options[option->get_single_name()] = EffectiveValue(*option);
     }
   }
-  return options.dump(2) + "\n";
+  // File names need not be UTF-8; what is not is replaced.
+  return options.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace raylift

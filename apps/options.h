@@ -37,13 +37,24 @@ void AddFilterOptions(CLI::App& app, FilterFlags& flags);
 struct RunFlags {
   int threads = 0;
   bool quiet = false;
+
+  // Throws OptionError.
+  void Check() const;
 };
 void AddRunOptions(CLI::App& app, RunFlags& flags);
+
+// `--config`, which main reads before the command runs (config_file.h).
+void AddConfigOption(CLI::App& app);
+
+// Makes options that are numbers take plain decimal ones only: CLI11 alone reads 010 as 8 and -1 as
+// the largest unsigned number.
+void CheckNumbers(CLI::App& app);
 
 // One line on stderr.
 void PrintWarning(const std::string& warning);
 
-// The options of a command with the values in effect, as JSON, for `options.json`.
+// The options of a command with the values in effect, as JSON, for `options.json`: numbers and
+// booleans as such, null where an option has no value.
 std::string EffectiveOptionsJson(const CLI::App& app);
 
 }  // namespace raylift

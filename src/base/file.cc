@@ -64,6 +64,17 @@ void WriteFile(const std::filesystem::path& path, std::string_view contents) {
   file.Commit();
 }
 
+void RequireWritable(const std::filesystem::path& path) {
+  std::error_code ignored;
+  if (std::filesystem::is_directory(path, ignored)) {
+    throw InputError(path, "cannot be written: it is a folder");
+  }
+  const AtomicFile file(path);
+  if (!std::ofstream(file.temporary_path(), std::ios::binary)) {
+    throw InputError(path, fmt::format("cannot be written: {}", std::strerror(errno)));
+  }
+}
+
 AtomicFile::AtomicFile(std::filesystem::path path) : path_(std::move(path)) {
   if (path_.has_parent_path()) {
     std::error_code error;

@@ -66,6 +66,8 @@ std::map<std::string, Features> ExtractOrReadFeatures(const std::vector<ImageFil
     for (size_t i = 0; i < sorted.size(); ++i) {
       by_name.emplace(sorted[i].name, std::move(extracted[i]));
     }
+    // Killed in between, the new features must not pass for what the old list describes.
+    std::filesystem::remove(inputs_file, error);
     WriteFeatureFile(file, by_name, /*half_descriptors=*/true);
     WriteFile(inputs_file, inputs);
   }

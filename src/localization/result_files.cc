@@ -12,6 +12,11 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+// File names need not be UTF-8; what is not is replaced.
+std::string Dump(const Json& json, int indent) {
+  return json.dump(indent, ' ', false, Json::error_handler_t::replace);
+}
+
 Json PoseJson(const Rigid3& pose) {
   const Eigen::Quaterniond& q = pose.rotation;
   const Eigen::Vector3d& t = pose.translation;
@@ -92,7 +97,7 @@ void WriteQueryDiagnostics(const std::filesystem::path& path,
                            const std::vector<LocalizedQuery>& queries) {
   std::string text;
   for (const LocalizedQuery& query : queries) {
-    text += QueryJson(query).dump();
+    text += Dump(QueryJson(query), -1);
     text += '\n';
   }
   WriteFile(path, text);
@@ -157,7 +162,7 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
                          {"median_before_px", summary.alignment->median_before_px},
                          {"median_after_px", summary.alignment->median_after_px}};
   }
-  WriteFile(path, json.dump(2) + "\n");
+  WriteFile(path, Dump(json, 2) + "\n");
 }
 
 }  // namespace raylift

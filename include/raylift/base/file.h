@@ -15,6 +15,10 @@ std::string ReadFile(const std::filesystem::path& path);
 // file. Makes the parent folders. InputError naming the file if it cannot be written.
 void WriteFile(const std::filesystem::path& path, std::string_view contents);
 
+// Tells before long work whether a file can be written later: makes the parent folders and tries.
+// InputError naming the file or folder otherwise.
+void RequireWritable(const std::filesystem::path& path);
+
 // Gives the temporary name for a writer that opens files itself (HDF5, OpenCV); Commit() renames.
 // Without Commit() the temporary file is removed.
 class AtomicFile {

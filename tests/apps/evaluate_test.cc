@@ -1,0 +1,111 @@
+// evaluate: the table in its three forms, against either form of ground truth.
+
+#include "apps/program.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/file.h"
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::vector<std::string> Fields(const std::string& line, const std::string& separators) {
+  std::vector<std::string> fields;
+  for (const auto field :
+       separators == " " ? SplitTokens(line) : SplitBy(line, separators.front())) {
+    fields.emplace_back(field);
+  }
+  return fields;
+}
+
+TEST(Evaluate, RecallsAreFullOnTheCleanSceneInAllThreeForms) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  Arguments evaluate = {"evaluate", "--ground-truth", scene.truth(), "--poses"};
+  const std::vector<std::string> methods = {"p3p", "e5p1", "adaptive", "select"};
+  for (const std::string& method : methods) {
+    const fs::path out = scene.folder / method;
+    ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--method", method})));
+    evaluate.push_back(out / "poses.txt");
+  }
+  const fs::path json_file = scene.folder / "new" / "table.json";
+  const fs::path csv_file = scene.folder / "new" / "table.csv";
+  const CommandResult result =
+      RunRaylift(evaluate + Arguments{"--thresholds", "0.0001,0.001:0.25,2", "--json", json_file,
+                                      "--csv", csv_file});
+  EXPECT_TRUE(Succeeds(result));
+
+  const auto text = Lines(result.out);
+  const auto csv = Lines(ReadFile(csv_file));
+  const auto json = nlohmann::json::parse(ReadFile(json_file));
+  ASSERT_EQ(text.size(), 5u) << result.out;
+  ASSERT_EQ(csv.size(), 5u);
+  ASSERT_EQ(json["results"].size(), 4u);
+  for (size_t i = 0; i < methods.size(); ++i) {
+    const auto row = json["results"][i];
+    EXPECT_EQ(row["name"], methods[i]);  // from the folder, as all files are called poses.txt
+    EXPECT_EQ(row["recalls_percent"], nlohmann::json::array({100.0, 100.0})) << methods[i];
+    EXPECT_EQ(row["localized"], 2);
+    // name, uses_ground_truth, queries, localized, unknown, two recalls, two medians
+    auto fields = Fields(csv[i + 1], ",");
+    ASSERT_EQ(fields.size(), 9u);
+    EXPECT_EQ(ParseDouble(fields[7]), row["median_position"].get<double>());
+    EXPECT_EQ(ParseDouble(fields[8]), row["median_rotation_deg"].get<double>());
+    fields.erase(fields.begin() + 1);
+    EXPECT_EQ(Fields(text[i + 1], " "), fields);
+  }
+}
+
+TEST(Evaluate, APoseFileIsAsGoodAGroundTruthAsAModel) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path poses = scene.folder / "out" / "poses.txt";
+  ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, scene.folder / "out"))));
+  std::vector<NamedPose> truth;
+  for (const PosedImage& query : scene.queries) {
+    truth.push_back({query.name, query.cam_from_world});
+  }
+  WritePoseFile(scene.folder / "truth.txt", truth);
+  const CommandResult by_file =
+      RunRaylift({"evaluate", "--ground-truth", scene.folder / "truth.txt", "--poses", poses});
+  const CommandResult by_model =
+      RunRaylift({"evaluate", "--ground-truth", scene.truth(), "--poses", poses});
+  EXPECT_TRUE(Succeeds(by_file));
+  EXPECT_TRUE(Succeeds(by_model));
+  EXPECT_EQ(by_file.out, by_model.out);
+}
+
+TEST(Evaluate, MissingQueriesCountAndUnknownOnesAreWarnedAbout) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path poses = scene.folder / "some.txt";
+  WritePoseFile(poses, {{scene.queries[0].name, scene.queries[0].cam_from_world},
+                        {"other.png", scene.queries[1].cam_from_world}});
+  const fs::path json_file = scene.folder / "table.json";
+  const CommandResult result = RunRaylift({"evaluate", "--ground-truth", scene.truth(), "--poses",
+                                           poses, "--names", "mine", "--json", json_file});
+  EXPECT_EQ(result.exit_code, 0);
+  ASSERT_EQ(Lines(result.err).size(), 1u) << result.err;
+  EXPECT_NE(result.err.find("other.png"), std::string::npos);
+  const auto row = nlohmann::json::parse(ReadFile(json_file))["results"][0];
+  EXPECT_EQ(row["name"], "mine");
+  EXPECT_EQ(row["queries"], 2);
+  EXPECT_EQ(row["localized"], 1);
+  EXPECT_EQ(row["recalls_percent"], nlohmann::json::array({50.0, 50.0, 50.0}));
+  EXPECT_TRUE(row["median_position"].is_null());
+  EXPECT_EQ(row["missing_names"], nlohmann::json::array({scene.queries[1].name}));
+}
+
+TEST(Evaluate, QuietPrintsNoTable) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path poses = scene.folder / "some.txt";
+  WritePoseFile(poses, {{scene.queries[0].name, scene.queries[0].cam_from_world}});
+  const CommandResult result =
+      RunRaylift({"evaluate", "--ground-truth", scene.truth(), "--poses", poses, "--quiet"});
+  EXPECT_TRUE(Succeeds(result));
+  EXPECT_EQ(result.out, "");
+}
+
+}  // namespace
+}  // namespace raylift

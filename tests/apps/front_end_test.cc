@@ -1,0 +1,119 @@
+// localize from images alone: determinism and the cache of features.
+
+#include <algorithm>
+#include <chrono>
+
+#include "apps/program.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+namespace fs = std::filesystem;
+
+class FrontEnd : public ::testing::Test {
+ protected:
+  CommandResult Run(const std::string& out, const Arguments& more = {}) const {
+    return RunRaylift(LocalizeFromImages(scene_, scene_.folder / out) +
+                      Arguments{"--cache", cache_} + more);
+  }
+  fs::file_time_type FeaturesTime() const { return fs::last_write_time(cache_ / "features.h5"); }
+  std::string Poses(const std::string& out) const {
+    return ReadFile(scene_.folder / out / "poses.txt");
+  }
+  std::map<std::string, std::string> QueryDiagnostics(const std::string& out) const {
+    return Diagnostics(scene_.folder / out / "queries.jsonl");
+  }
+
+  RoomScene scene_ = WriteRoomScene(TestFolder(), {.matches = false, .pictures = true});
+  fs::path cache_ = scene_.folder / "cache";
+};
+
+TEST_F(FrontEnd, LocalizesFromImagesAlone) {
+  const CommandResult result = RunRaylift(LocalizeFromImages(scene_, scene_.folder / "out"));
+  EXPECT_TRUE(Succeeds(result));
+  // A pixel is about 0.2 degrees and 7 mm here; SIFT is good for a fraction of it.
+  EXPECT_TRUE(HoldsTruePoses(scene_.folder / "out" / "poses.txt", scene_.queries, 0.3, 0.02));
+  EXPECT_EQ(
+      FilesBelow(scene_.folder / "out"),
+      (std::vector<std::string>{"cache/features.h5", "cache/features.inputs.txt", "cache/pairs.txt",
+                                "options.json", "poses.txt", "queries.jsonl", "summary.json"}));
+}
+
+TEST_F(FrontEnd, WritesTheSameBytesForAnyThreadsAndOrderOfQueries) {
+  ASSERT_TRUE(Succeeds(Run("one", {"--threads", "1"})));
+  const std::string features = ReadFile(cache_ / "features.h5");
+  fs::remove_all(cache_);
+  ASSERT_TRUE(Succeeds(Run("four", {"--threads", "4"})));
+  EXPECT_EQ(Poses("one"), Poses("four"));
+  EXPECT_EQ(QueryDiagnostics("one"), QueryDiagnostics("four"));
+
+  fs::remove_all(cache_);
+  auto queries = ReadQueryList(scene_.query_list());
+  std::reverse(queries.begin(), queries.end());
+  WriteQueryList(scene_.query_list(), queries);
+  ASSERT_TRUE(Succeeds(Run("turned")));
+  EXPECT_EQ(PoseLines(scene_.folder / "one" / "poses.txt"),
+            PoseLines(scene_.folder / "turned" / "poses.txt"));
+  EXPECT_EQ(QueryDiagnostics("one"), QueryDiagnostics("turned"));
+}
+
+TEST_F(FrontEnd, ASecondRunStartsFromTheCache) {
+  ASSERT_TRUE(Succeeds(Run("first")));
+  const auto time = FeaturesTime();
+  ASSERT_TRUE(Succeeds(Run("second", {"--top-k", "10", "--max-ratio", "0.8"})));
+  EXPECT_EQ(FeaturesTime(), time);
+  EXPECT_EQ(Poses("first"), Poses("second"));
+  EXPECT_EQ(QueryDiagnostics("first"), QueryDiagnostics("second"));
+}
+
+TEST_F(FrontEnd, AChangedImageIsExtractedAgain) {
+  ASSERT_TRUE(Succeeds(Run("first")));
+  const auto time = FeaturesTime();
+  const fs::path a = scene_.images() / "query/a.png";
+  const fs::path b = scene_.images() / "query/b.png";
+  fs::rename(a, scene_.folder / "old.png");
+  fs::copy_file(b, a);
+  ASSERT_TRUE(Succeeds(Run("changed")));
+  EXPECT_NE(FeaturesTime(), time);
+  // The two queries are the same picture now.
+  const auto poses = ReadPoseFile(scene_.folder / "changed" / "poses.txt");
+  ASSERT_EQ(poses.size(), 2u);
+  EXPECT_LT(
+      (poses[0].cam_from_world.OriginInSource() - poses[1].cam_from_world.OriginInSource()).norm(),
+      0.02);
+}
+
+TEST_F(FrontEnd, AFileTouchedLaterIsExtractedAgain) {
+  ASSERT_TRUE(Succeeds(Run("first")));
+  const auto time = FeaturesTime();
+  const fs::path a = scene_.images() / "query/a.png";
+  fs::last_write_time(a, fs::last_write_time(a) + std::chrono::seconds(1));
+  ASSERT_TRUE(Succeeds(Run("second")));
+  EXPECT_NE(FeaturesTime(), time);
+  EXPECT_EQ(Poses("first"), Poses("second"));
+}
+
+TEST_F(FrontEnd, AChangedOptionIsExtractedAgain) {
+  ASSERT_TRUE(Succeeds(Run("first")));
+  const auto time = FeaturesTime();
+  const std::string inputs = ReadFile(cache_ / "features.inputs.txt");
+  ASSERT_TRUE(Succeeds(Run("fewer", {"--max-features", "300"})));
+  EXPECT_NE(FeaturesTime(), time);
+  EXPECT_NE(ReadFile(cache_ / "features.inputs.txt"), inputs);
+  EXPECT_NE(QueryDiagnostics("first"), QueryDiagnostics("fewer"));
+}
+
+TEST_F(FrontEnd, FeaturesWithoutTheirListOfInputsAreNotUsed) {
+  ASSERT_TRUE(Succeeds(Run("first")));
+  WriteFile(cache_ / "features.h5", "the rest of a run that was killed");
+  fs::remove(cache_ / "features.inputs.txt");
+  ASSERT_TRUE(Succeeds(Run("second")));
+  EXPECT_EQ(Poses("first"), Poses("second"));
+}
+
+}  // namespace
+}  // namespace raylift

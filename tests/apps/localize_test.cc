@@ -1,0 +1,182 @@
+// localize with hloc's files: the same results however it runs, and complete output.
+
+#include <algorithm>
+
+#include "apps/program.h"
+#include "support/matchers.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+namespace fs = std::filesystem;
+
+TEST(Localize, FindsTheTruePosesByEveryMethod) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  for (const std::string method : {"p3p", "e5p1", "adaptive", "select"}) {
+    const fs::path out = scene.folder / method;
+    ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--method", method})));
+    EXPECT_TRUE(HoldsTruePoses(out / "poses.txt", scene.queries, 1e-3, 1e-4)) << method;
+  }
+}
+
+TEST(Localize, E5p1NeedsNoGeometry) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path out = scene.folder / "out";
+  EXPECT_TRUE(
+      Succeeds(RunRaylift({"localize", "--method", "e5p1", "--model", scene.model(), "--queries",
+                           scene.query_list(), "--features", scene.features(), "--matches",
+                           scene.matches(), "--pairs", scene.pairs(), "--out", out})));
+  EXPECT_TRUE(HoldsTruePoses(out / "poses.txt", scene.queries, 1e-3, 1e-4));
+}
+
+TEST(Localize, WritesTheSameBytesForAnyThreadsAndOrderOfQueries) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path one = scene.folder / "one";
+  const fs::path four = scene.folder / "four";
+  const fs::path turned = scene.folder / "turned";
+  ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, one) + Arguments{"--threads", "1"})));
+  ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, four) + Arguments{"--threads", "4"})));
+  EXPECT_EQ(ReadFile(one / "poses.txt"), ReadFile(four / "poses.txt"));
+  EXPECT_EQ(Diagnostics(one / "queries.jsonl"), Diagnostics(four / "queries.jsonl"));
+
+  auto queries = ReadQueryList(scene.query_list());
+  std::reverse(queries.begin(), queries.end());
+  WriteQueryList(scene.query_list(), queries);
+  ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, turned) + Arguments{"--threads", "4"})));
+  EXPECT_EQ(PoseLines(one / "poses.txt"), PoseLines(turned / "poses.txt"));
+  EXPECT_EQ(Diagnostics(one / "queries.jsonl"), Diagnostics(turned / "queries.jsonl"));
+  EXPECT_TRUE(ReadFile(turned / "poses.txt").starts_with(queries.front().name + " "));
+}
+
+TEST(Localize, OneQueryAloneGetsTheSamePose) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, scene.folder / "both"))));
+  const auto queries = ReadQueryList(scene.query_list());
+  WriteQueryList(scene.query_list(), {queries[1]});
+  ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, scene.folder / "alone"))));
+  EXPECT_EQ(PoseLines(scene.folder / "both" / "poses.txt").at(queries[1].name),
+            PoseLines(scene.folder / "alone" / "poses.txt").at(queries[1].name));
+}
+
+TEST(Localize, LeavesExactlyTheFilesItPromises) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path out = scene.folder / "new" / "deep" / "out";
+  ASSERT_TRUE(Succeeds(
+      RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--write-problems", out / "problems"})));
+  EXPECT_EQ(FilesBelow(out), (std::vector<std::string>{
+                                 "options.json", "poses.txt", "problems/query/a.png.json",
+                                 "problems/query/b.png.json", "queries.jsonl", "summary.json"}));
+}
+
+TEST(Localize, SummaryCountsQueries) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path out = scene.folder / "out";
+  ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--every", "2"})));
+  const auto summary = nlohmann::json::parse(ReadFile(out / "summary.json"));
+  EXPECT_EQ(summary["queries"], 2);
+  EXPECT_EQ(summary["localized"], 2);
+  EXPECT_EQ(summary["references"], 3);
+  EXPECT_EQ(summary["medians"]["retrieved"], 3);
+  EXPECT_EQ(summary["warnings"], nlohmann::json::array());
+  EXPECT_EQ(summary["geometry"][0], "mesh:" + scene.mesh().string());
+}
+
+TEST(Localize, StdoutHoldsResultsAndQuietNothing) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const CommandResult loud = RunRaylift(LocalizeWithHloc(scene, scene.folder / "out"));
+  EXPECT_TRUE(Succeeds(loud));  // no progress on a stderr that is no terminal
+  ASSERT_EQ(Lines(loud.out).size(), 1u) << loud.out;
+  EXPECT_TRUE(loud.out.starts_with("localized 2 of 2 queries against 6 references")) << loud.out;
+  const CommandResult quiet =
+      RunRaylift(LocalizeWithHloc(scene, scene.folder / "out") + Arguments{"--quiet"});
+  EXPECT_TRUE(Succeeds(quiet));
+  EXPECT_EQ(quiet.out, "");
+}
+
+TEST(Localize, AnOutFolderThatCannotBeWrittenIsNamedBeforeAnyWork) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path blocked = scene.folder / "blocked";
+  WriteFile(blocked, "a file, no folder");
+  EXPECT_TRUE(FailsWith(3, {blocked.string()}, RunRaylift(LocalizeWithHloc(scene, blocked))));
+  EXPECT_TRUE(
+      FailsWith(3, {blocked.string()}, RunRaylift(LocalizeWithHloc(scene, blocked / "out"))));
+  EXPECT_TRUE(FailsWith(3, {blocked.string()},
+                        RunRaylift(LocalizeWithHloc(scene, scene.folder / "out") +
+                                   Arguments{"--write-problems", blocked})));
+  EXPECT_FALSE(fs::exists(scene.folder / "out" / "queries.jsonl"));
+  if (geteuid() == 0) {
+    return;  // who may write everywhere
+  }
+  fs::create_directories(scene.folder / "closed");
+  chmod((scene.folder / "closed").c_str(), 0500);
+  EXPECT_TRUE(FailsWith(3, {(scene.folder / "closed").string()},
+                        RunRaylift(LocalizeWithHloc(scene, scene.folder / "closed"))));
+}
+
+TEST(Localize, QueriesThatDifferByExtensionOnlyKeepTheirProblemsApart) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  std::string list = ReadFile(scene.query_list());
+  auto queries = ReadQueryList(scene.query_list());
+  queries.push_back({"query/a.jpg", queries[0].camera});
+  queries.push_back({"/query/../../c.png", queries[0].camera});
+  WriteQueryList(scene.query_list(), queries);
+  const fs::path problems = scene.folder / "out" / "problems";
+  const CommandResult result = RunRaylift(LocalizeWithHloc(scene, scene.folder / "out") +
+                                          Arguments{"--write-problems", problems});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_EQ(FilesBelow(problems),
+            (std::vector<std::string>{"query/a.jpg.json", "query/a.png.json", "query/b.png.json",
+                                      "query/c.png.json"}));
+}
+
+TEST(Localize, NamesThatAreNotUtf8AreResultsAllTheSame) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  auto queries = ReadQueryList(scene.query_list());
+  queries.push_back({"query/caf\xe9.png", queries[0].camera});
+  WriteQueryList(scene.query_list(), queries);
+  const CommandResult result = RunRaylift(LocalizeWithHloc(scene, scene.folder / "out"));
+  EXPECT_TRUE(Succeeds(result));
+  EXPECT_EQ(Diagnostics(scene.folder / "out" / "queries.jsonl").size(), 3u);
+}
+
+TEST(Localize, AGeoreferencedSceneGivesTheSamePosesMoved) {
+  const fs::path folder = TestFolder();
+  const Eigen::Vector3d offset(4e5, 5e6, 300);
+  const RoomScene near = WriteRoomScene(folder / "near");
+  const RoomScene far = WriteRoomScene(folder / "far", {.offset = offset});
+  for (const std::string method : {"p3p", "e5p1", "adaptive", "select"}) {
+    std::vector<std::vector<NamedPose>> poses;
+    for (const RoomScene* scene : {&near, &far}) {
+      const fs::path out = scene->folder / method;
+      ASSERT_TRUE(
+          Succeeds(RunRaylift(LocalizeWithHloc(*scene, out) + Arguments{"--method", method})));
+      poses.push_back(ReadPoseFile(out / "poses.txt"));
+      ASSERT_EQ(poses.back().size(), 2u);
+    }
+    for (size_t i = 0; i < 2; ++i) {
+      Rigid3 moved = poses[0][i].cam_from_world;
+      moved.translation -= moved.rotation * offset;
+      // 1e-6 of the room's 6 units, and that as an angle.
+      EXPECT_TRUE(IsNearPose(poses[1][i].cam_from_world, moved, 6e-5, 6e-6))
+          << method << " " << poses[0][i].name;
+    }
+  }
+}
+
+TEST(Localize, PicturesAreDrawnBesideTheMesh) {
+  const RoomScene scene = WriteRoomScene(TestFolder(), {.pictures = true});
+  const fs::path out = scene.folder / "out";
+  ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, out) +
+                                  Arguments{"--pictures", "1", "--images", scene.images()})));
+  EXPECT_EQ(FilesBelow(out / "pictures"), std::vector<std::string>{"query/a.png.jpg"});
+}
+
+}  // namespace
+}  // namespace raylift

@@ -1,0 +1,169 @@
+// Options, help and exit codes.
+
+#include "apps/program.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+void ExpectHelpLists(const std::string& command, const std::vector<std::string>& options) {
+  const CommandResult result = RunRaylift({command, "--help"});
+  EXPECT_TRUE(Succeeds(result));
+  for (const std::string& option : options) {
+    EXPECT_NE(result.out.find("\n  " + option + " "), std::string::npos)
+        << command << " " << option;
+  }
+  EXPECT_NE(result.out.find("Example"), std::string::npos) << command;
+}
+
+const std::vector<std::string> kEstimatorOptions = {"--method",
+                                                    "--score",
+                                                    "--lo",
+                                                    "--alpha",
+                                                    "--reprojection-threshold-px",
+                                                    "--sampson-threshold-px",
+                                                    "--min-iterations",
+                                                    "--max-iterations",
+                                                    "--confidence",
+                                                    "--seed"};
+
+TEST(Options, VersionIsOneLine) {
+  const CommandResult result = RunRaylift({"--version"});
+  EXPECT_TRUE(Succeeds(result));
+  EXPECT_TRUE(result.out.starts_with("raylift ")) << result.out;
+  EXPECT_EQ(Lines(result.out).size(), 1u);
+}
+
+TEST(Options, HelpNamesTheCommands) {
+  const CommandResult result = RunRaylift({"--help"});
+  EXPECT_TRUE(Succeeds(result));
+  for (const std::string command : {"localize", "estimate", "evaluate"}) {
+    EXPECT_NE(result.out.find("\n  " + command + " "), std::string::npos) << command;
+  }
+}
+
+TEST(Options, HelpOfACommandListsItsOptions) {
+  ExpectHelpLists("localize", {"--model",
+                               "--images",
+                               "--every",
+                               "--geometry",
+                               "--queries",
+                               "--query-images",
+                               "--features",
+                               "--matches",
+                               "--pairs",
+                               "--top-k",
+                               "--filter",
+                               "--filter-reprojection-px",
+                               "--filter-min-views",
+                               "--filter-min-ratio",
+                               "--out",
+                               "--threads",
+                               "--quiet",
+                               "--config",
+                               "--write-problems",
+                               "--pictures"});
+  ExpectHelpLists("localize", kEstimatorOptions);
+  ExpectHelpLists("estimate", {"--csv", "--poses", "--threads", "--quiet", "--config"});
+  ExpectHelpLists("estimate", kEstimatorOptions);
+  ExpectHelpLists("evaluate", {"--ground-truth", "--poses", "--names", "--thresholds", "--json",
+                               "--csv", "--quiet", "--config"});
+}
+
+TEST(Options, HelpNeedsNoOtherOption) {
+  EXPECT_EQ(RunRaylift({"localize", "--model", "nowhere", "--help"}).exit_code, 0);
+}
+
+TEST(Options, NoCommandOrAnUnknownOneExitsWith2) {
+  EXPECT_TRUE(FailsWith(2, {"subcommand"}, RunRaylift({})));
+  EXPECT_TRUE(FailsWith(2, {"localise"}, RunRaylift({"localise"})));
+}
+
+TEST(Options, UnknownOptionsAreNamedBeforeMissingOnes) {
+  EXPECT_TRUE(FailsWith(2, {"--modle"}, RunRaylift({"localize", "--modle", "sfm"})));
+  EXPECT_TRUE(FailsWith(2, {"--model"}, RunRaylift({"localize", "--queries", "q.txt"})));
+  EXPECT_TRUE(FailsWith(2, {"--top-k"}, RunRaylift({"estimate", "x", "--top-k", "3"})));
+  EXPECT_TRUE(FailsWith(2, {"problems"}, RunRaylift({"estimate"})));
+}
+
+TEST(Options, ValuesOutOfTheirRangeExitWith2AndTheOptionsName) {
+  const std::vector<std::vector<std::string>> options = {{"--method", "foo"},
+                                                         {"--score", "foo"},
+                                                         {"--lo", "foo"},
+                                                         {"--alpha", "nan"},
+                                                         {"--alpha", "-1"},
+                                                         {"--alpha", "one"},
+                                                         {"--seed", "-1"},
+                                                         {"--seed", "1.5"},
+                                                         {"--threads", "-2"},
+                                                         {"--threads", "abc"},
+                                                         {"--reprojection-threshold-px", "0"},
+                                                         {"--sampson-threshold-px", "inf"},
+                                                         {"--min-iterations", "1e3"},
+                                                         {"--max-iterations", "99999999999"},
+                                                         {"--max-iterations", "0"},
+                                                         {"--confidence", "1.5"},
+                                                         {"--confidence", ""}};
+  for (const auto& option : options) {
+    EXPECT_TRUE(
+        FailsWith(2, {option[0]}, RunRaylift({"estimate", "x", option[0] + "=" + option[1]})))
+        << option[0] << " " << option[1];
+  }
+}
+
+TEST(Options, AnOptionGivenTwiceIsAnError) {
+  EXPECT_TRUE(
+      FailsWith(2, {"--alpha"}, RunRaylift({"estimate", "x", "--alpha", "1", "--alpha", "2"})));
+}
+
+TEST(Options, NumbersAreDecimal) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const auto out = scene.folder / "out";
+  ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--top-k", "010"})));
+  EXPECT_NE(ReadFile(out / "options.json").find("\"top-k\": 10"), std::string::npos);
+}
+
+TEST(Options, LocalizeChecksWhatOptionsAloneCanTell) {
+  const Arguments base = {"localize", "--model", "m", "--queries", "q", "--out", "o"};
+  const auto fails = [&](const std::string& part, const Arguments& more) {
+    return FailsWith(2, {part}, RunRaylift(base + more));
+  };
+  EXPECT_TRUE(fails("--geometry", {"--images", "i"}));
+  EXPECT_TRUE(fails("--images", {"--method", "e5p1"}));
+  EXPECT_TRUE(fails("--pairs", {"--method", "e5p1", "--features", "f", "--matches", "m"}));
+  const Arguments complete = {"--images", "i", "--geometry", "mesh:x.ply"};
+  EXPECT_TRUE(fails("--every", complete + Arguments{"--every", "0"}));
+  EXPECT_TRUE(fails("--top-k", complete + Arguments{"--top-k", "0"}));
+  EXPECT_TRUE(fails("--max-features", complete + Arguments{"--max-features", "-3"}));
+  EXPECT_TRUE(fails("--max-ratio", complete + Arguments{"--max-ratio", "0"}));
+  EXPECT_TRUE(fails("--max-ratio", complete + Arguments{"--max-ratio", "1.01"}));
+  EXPECT_TRUE(fails("--pictures", complete + Arguments{"--pictures", "-1"}));
+  EXPECT_TRUE(fails("--threads", complete + Arguments{"--threads", "-1"}));
+  EXPECT_TRUE(fails("--align-depth", complete + Arguments{"--align-depth", "often"}));
+  EXPECT_TRUE(fails("--filter", complete + Arguments{"--filter", "sometimes"}));
+  EXPECT_TRUE(fails("--geometry", complete + Arguments{"--geometry", "mesh:y.ply"}));
+  EXPECT_TRUE(fails("stray", complete + Arguments{"stray"}));
+}
+
+TEST(Options, GeometryOfAnUnknownKindOrKeyExitsWith2) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  for (const std::string spec : {"voxels:x", "mesh", "mesh:room.ply,colour=red"}) {
+    EXPECT_TRUE(FailsWith(
+        2, {"--geometry"},
+        RunRaylift({"localize", "--model", scene.model(), "--images", "i", "--queries",
+                    scene.query_list(), "--out", scene.folder / "out", "--geometry", spec})))
+        << spec;
+  }
+}
+
+TEST(Options, EvaluateNamesBadThresholdsAndNames) {
+  const Arguments base = {"evaluate", "--ground-truth", "g", "--poses", "p"};
+  EXPECT_TRUE(FailsWith(2, {"--thresholds"}, RunRaylift(base + Arguments{"--thresholds", "1"})));
+  EXPECT_TRUE(FailsWith(2, {"--names"}, RunRaylift(base + Arguments{"--names", "a", "b"})));
+}
+
+}  // namespace
+}  // namespace raylift
