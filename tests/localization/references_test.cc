@@ -1,0 +1,52 @@
+#include "support/matchers.h"
+#include "support/room_scene.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+
+#include "raylift/base/file.h"
+#include "raylift/localization/match_source.h"
+
+namespace raylift {
+namespace {
+
+std::vector<std::string> Names(const std::vector<PosedImage>& images) {
+  std::vector<std::string> names;
+  for (const PosedImage& image : images) names.push_back(image.name);
+  return names;
+}
+
+using StringVector = std::vector<std::string>;
+
+TEST(References, EveryNthIsTakenByNameFromTheFirstOn) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const auto load = [&](int every) { return LoadReferences(scene.model(), every).references; };
+  EXPECT_EQ(Names(load(1).images).size(), 6u);
+  EXPECT_TRUE(load(1).thinned_out.empty());
+  EXPECT_EQ(Names(load(2).images), (StringVector{"ref/00.png", "ref/02.png", "ref/04.png"}));
+  EXPECT_EQ(load(2).thinned_out, (StringVector{"ref/01.png", "ref/03.png", "ref/05.png"}));
+  EXPECT_EQ(Names(load(4).images), (StringVector{"ref/00.png", "ref/04.png"}));
+  EXPECT_EQ(Names(load(100).images), StringVector{"ref/00.png"});
+  EXPECT_EQ(load(100).thinned_out.size(), 5u);
+  EXPECT_EQ(load(2).model, scene.model());
+}
+
+TEST(References, KeepTheirPosesAndCameras) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const auto images = LoadReferences(scene.model(), 1).references.images;
+  ASSERT_EQ(images.size(), scene.references.size());
+  for (size_t i = 0; i < images.size(); ++i) {
+    EXPECT_EQ(images[i].camera, scene.references[i].camera);
+    EXPECT_TRUE(
+        IsNearPose(images[i].cam_from_world, scene.references[i].cam_from_world, 1e-12, 1e-14));
+  }
+}
+
+TEST(References, AModelWithoutImagesIsBadInput) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  WriteFile(scene.model() / "images.txt", "");
+  EXPECT_TRUE(FailsWithInputError([&] { LoadReferences(scene.model(), 1); },
+                                  {scene.model().string(), "no images"}));
+}
+
+}  // namespace
+}  // namespace raylift
