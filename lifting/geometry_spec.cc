@@ -69,7 +69,8 @@ NamedGeometry MakeMesh(SpecKeys keys) {
   NamedGeometry geometry;
   geometry.warnings = mesh->warnings;
   geometry.mesh = std::make_shared<const RayCaster>(std::move(mesh), caster);
-  geometry.source = std::make_unique<MeshSource>(fmt::format("mesh:{}", keys.path()), geometry.mesh, options);
+  geometry.source =
+      std::make_unique<MeshSource>(fmt::format("mesh:{}", keys.path()), geometry.mesh, options);
   return geometry;
 }
 
@@ -144,7 +145,8 @@ NamedGeometry MakeDepth(SpecKeys keys, const GeometryContext& context) {
   NamedGeometry geometry;
   geometry.understood = maps->understood();
   geometry.warnings = maps->warnings();
-  geometry.source = std::make_unique<DepthSource>(fmt::format("depth:{}", keys.path()), std::move(maps), sampling, limits);
+  geometry.source = std::make_unique<DepthSource>(fmt::format("depth:{}", keys.path()),
+                                                  std::move(maps), sampling, limits);
   return geometry;
 }
 
