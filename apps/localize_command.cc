@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "commands.h"
+#include "geometry_options.h"
 #include "options.h"
 #include <fmt/format.h>
 
@@ -33,8 +34,7 @@ using std::filesystem::path;
 struct LocalizeFlags {
   path model, images, queries, query_images;
   int every = 1;
-  std::vector<std::string> geometry;
-  std::string align_depth = "off";
+  GeometryFlags geometry;
   path features, matches, pairs;
   int top_k = 10;
   int max_features = 4096;
@@ -73,28 +73,14 @@ void Check(const LocalizeFlags& flags, const EstimatorOptions& estimator) {
   if (!any_hloc && flags.images.empty()) {
     throw OptionError("--images is required where no --features, --matches and --pairs are given");
   }
-  if (flags.geometry.empty() && estimator.method != Method::kE5p1) {
+  if (flags.geometry.specs.empty() && estimator.method != Method::kE5p1) {
     throw OptionError(fmt::format("--geometry is required by --method {} (e5p1 needs none)",
                                   ToString(estimator.method)));
-  }
-  if (flags.geometry.size() > 1) {
-    throw OptionError("--geometry", flags.geometry[1], "only one source is supported");
   }
   if (flags.pictures > 0 && flags.images.empty() && flags.query_images.empty()) {
     throw OptionError("--pictures", std::to_string(flags.pictures),
                       "needs --images or --query-images");
   }
-}
-
-AlignMode ResolveAlignMode(const LocalizeFlags& flags) {
-  const auto mode = AlignModeFromName(flags.align_depth);
-  if (!mode) {
-    throw OptionError("--align-depth", flags.align_depth, "expected off|scale|affine|grid");
-  }
-  if (*mode != AlignMode::kOff && flags.geometry.empty()) {
-    throw OptionError("--align-depth", flags.align_depth, "needs --geometry");
-  }
-  return *mode;
 }
 
 // A file of a query of its own: its folders and its extension are kept, as a.jpg and a.png may both
@@ -111,9 +97,10 @@ path FileOfQuery(const path& folder, const std::string& query, const char* exten
 
 class LocalizeRun {
  public:
-  LocalizeRun(const LocalizeFlags& flags, const FilterOptions& filter, AlignMode align,
-              const EstimatorOptions& estimator_options)
+  LocalizeRun(const LocalizeFlags& flags, const GeometryOptions& geometry_options,
+              const FilterOptions& filter, const EstimatorOptions& estimator_options)
       : flags_(flags),
+        geometry_options_(geometry_options),
         filter_(filter),
         query_images_(flags.query_images.empty() ? flags.images : flags.query_images),
         estimator_(MakePoseEstimator(estimator_options)),
@@ -123,17 +110,14 @@ class LocalizeRun {
     references_ = std::move(loaded.references);
     covisibility_ = std::move(loaded.covisibility);
     Take(std::move(loaded.warnings));
-    if (!flags.geometry.empty()) {
-      geometry_ = MakeGeometrySource(flags.geometry.front(),
-                                     {.model = flags.model, .references = references_.images});
-      Take(std::move(geometry_.warnings));
-    }
+    OpenGeometry();
     RequireWritable(flags.out / "poses.txt");
     if (!flags.write_problems.empty()) {
       RequireWritable(flags.write_problems / "problem.json");
     }
     match_source_ = OpenMatches();
-    AlignGeometry(align);
+    AlignGeometry();
+    for (const NamedGeometry& geometry : geometry_) sources_.push_back(geometry.source.get());
   }
 
   void Run(const std::string& options_json) {
@@ -156,8 +140,7 @@ class LocalizeRun {
     WriteFile(flags_.out / "options.json", options_json);
     WriteSummary(flags_.out / "summary.json", localized,
                  {.num_references = references_.images.size(),
-                  .geometry = flags_.geometry,
-                  .alignment = alignment_ ? &*alignment_ : nullptr,
+                  .geometry = used_geometry_,
                   .warnings = warnings_,
                   .seconds = elapsed.count()});
     if (!flags_.run.quiet) {
@@ -172,6 +155,17 @@ class LocalizeRun {
 
   void Take(std::vector<std::string> warnings) {
     warnings_.insert(warnings_.end(), warnings.begin(), warnings.end());
+  }
+
+  void OpenGeometry() {
+    for (const std::string& spec : flags_.geometry.specs) {
+      NamedGeometry geometry =
+          MakeGeometrySource(spec, {.model = flags_.model, .references = references_.images});
+      Take(std::move(geometry.warnings));
+      used_geometry_.push_back({spec, geometry.understood, std::nullopt});
+      if (mesh_ == nullptr) mesh_ = geometry.mesh;
+      geometry_.push_back(std::move(geometry));
+    }
   }
 
   std::unique_ptr<MatchSource> OpenMatches() const {
@@ -191,21 +185,28 @@ class LocalizeRun {
                                references_, queries_);
   }
 
-  void AlignGeometry(AlignMode mode) {
-    if (mode == AlignMode::kOff) return;
+  // Each source by itself; the points of an SfM model agree with the references as they are.
+  void AlignGeometry() {
+    if (geometry_options_.align == AlignMode::kOff) return;
     const auto matches =
         CollectReferenceMatches(queries_, *match_source_, references_, flags_.run.threads);
-    alignment_ = AlignDepth(*geometry_.source, references_.images, matches, {.mode = mode},
-                            flags_.run.threads);
-    geometry_.source =
-        std::make_unique<AlignedSource>(std::move(geometry_.source), alignment_->Corrections());
-    WriteAlignment(flags_.out / "depth_alignment.jsonl", *alignment_);
+    for (size_t i = 0; i < geometry_.size(); ++i) {
+      NamedGeometry& geometry = geometry_[i];
+      if (geometry.kind == GeometryKind::kSfm) continue;
+      auto& alignment = used_geometry_[i].alignment;
+      alignment = AlignDepth(*geometry.source, references_.images, matches,
+                             {.mode = geometry_options_.align}, flags_.run.threads);
+      geometry.source =
+          std::make_unique<AlignedSource>(std::move(geometry.source), alignment->Corrections());
+    }
+    WriteAlignment(flags_.out / "depth_alignment.jsonl", used_geometry_);
   }
 
   LocalizedQuery Localize(size_t index) const {
     QueryResult result = LocalizeQuery(queries_[index], {.match_source = *match_source_,
                                                          .covisibility = covisibility_,
-                                                         .geometry = geometry_.source.get(),
+                                                         .geometry = sources_,
+                                                         .geometry_mode = geometry_options_.mode,
                                                          .filter = filter_,
                                                          .estimator = *estimator_});
     if (!flags_.write_problems.empty()) {
@@ -213,19 +214,20 @@ class LocalizeRun {
                        {result.problem, std::nullopt});
     }
     if (static_cast<int>(index) < flags_.pictures && result.localized.localized() &&
-        geometry_.mesh != nullptr) {
+        mesh_ != nullptr) {
       const Image photograph = ReadImage(query_images_ / queries_[index].name, ImageChannels::kRgb);
       WriteImage(FileOfQuery(flags_.out / "pictures", queries_[index].name, ".jpg"),
-                 DrawQueryPicture(result, photograph, *geometry_.mesh, 1));
+                 DrawQueryPicture(result, photograph, *mesh_, 1));
     }
     return std::move(result.localized);
   }
 
   void Print(const std::vector<LocalizedQuery>& localized) const {
-    if (alignment_) {
+    for (const UsedGeometry& used : used_geometry_) {
+      if (!used.alignment) continue;
       fmt::print(
-          "aligned depth: keypoints were {:.2f} px from their matches, now {:.2f} px (median)\n",
-          alignment_->median_before_px, alignment_->median_after_px);
+          "aligned {}: keypoints were {:.2f} px from their matches, now {:.2f} px (median)\n",
+          used.spec, used.alignment->median_before_px, used.alignment->median_after_px);
     }
     size_t count = 0;
     for (const LocalizedQuery& query : localized) {
@@ -239,6 +241,7 @@ class LocalizeRun {
   }
 
   const LocalizeFlags& flags_;
+  GeometryOptions geometry_options_;
   FilterOptions filter_;
   path query_images_;
   std::unique_ptr<PoseEstimator> estimator_;
@@ -246,8 +249,10 @@ class LocalizeRun {
   uint64_t seed_;
   ReferenceSet references_;
   Covisibility covisibility_;
-  NamedGeometry geometry_;
-  std::optional<DepthAlignment> alignment_;
+  std::vector<NamedGeometry> geometry_;
+  std::vector<UsedGeometry> used_geometry_;     // one for each of geometry_
+  std::vector<const GeometrySource*> sources_;  // of geometry_
+  std::shared_ptr<const RayCaster> mesh_;       // for pictures; null where no source is a mesh
   std::vector<std::string> warnings_;
   std::unique_ptr<MatchSource> match_source_;
 };
@@ -266,15 +271,7 @@ Command AddLocalizeCommand(CLI::App& program) {
   command->add_option("--every", flags->every, "Use every N-th reference (by name)")
       ->capture_default_str()
       ->group("References");
-  command->add_option("--geometry", flags->geometry, GeometryHelp())
-      ->allow_extra_args(false)
-      ->group("Geometry");
-  command
-      ->add_option("--align-depth", flags->align_depth,
-                   "Correct each reference's depth by the matches between references:\n"
-                   "off|scale|affine|grid. For depth maps that do not agree with each other")
-      ->capture_default_str()
-      ->group("Geometry");
+  AddGeometryOptions(*command, flags->geometry);
   command
       ->add_option("--queries", flags->queries,
                    "List of queries: name MODEL width height params...")
@@ -330,8 +327,8 @@ Command AddLocalizeCommand(CLI::App& program) {
             const EstimatorOptions estimator = flags->estimator.Resolve();
             const FilterOptions filter = flags->filter.Resolve(estimator.method);
             Check(*flags, estimator);
-            const AlignMode align = ResolveAlignMode(*flags);
-            LocalizeRun(*flags, filter, align, estimator).Run(EffectiveOptionsJson(*command));
+            const GeometryOptions geometry = flags->geometry.Resolve();
+            LocalizeRun(*flags, geometry, filter, estimator).Run(EffectiveOptionsJson(*command));
           }};
 }
 

@@ -1,6 +1,8 @@
 #include "raylift/lifting/geometry_spec.h"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <utility>
 
 #include "spec_keys.h"
@@ -8,14 +10,17 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
+#include "raylift/io/colmap_model.h"
 #include "raylift/lifting/depth_source.h"
 #include "raylift/lifting/mesh_source.h"
+#include "raylift/lifting/sfm_source.h"
 #include "raylift/renderers/mesh_tiles.h"
 
 namespace raylift {
 namespace {
 
-constexpr std::string_view kForms = "expected mesh:PATH[,key=value...] or depth:DIR[,key=value...]";
+constexpr std::string_view kForms =
+    "expected mesh:PATH[,key=value...], depth:DIR[,key=value...] or sfm[:DIR][,key=value...]";
 constexpr std::string_view kMeshKeys =
     "near, far, max_incidence_deg, max_depth_jump, jump_radius_px, back_faces=keep|drop, "
     "build=low|medium";
@@ -23,6 +28,7 @@ constexpr std::string_view kDepthKeys =
     "preset, pattern, kind=z|ray|inverse, unit=m|cm|mm|NUMBER, scale, invalid, max_depth, layer, "
     "size=WxH, confidence, confidence_threshold, interpolation=edge|nearest, max_jump, near, far, "
     "max_incidence_deg, max_depth_jump";
+constexpr std::string_view kSfmKeys = "radius (px), min_track, max_error (px), near, far";
 
 void TakeLimits(SpecKeys& keys, SurfaceLimits& limits) {
   limits.near_z = keys.TakeNumber("near", 0).value_or(limits.near_z);
@@ -67,6 +73,8 @@ NamedGeometry MakeMesh(SpecKeys keys) {
 
   auto mesh = std::make_shared<const TriangleMesh>(ReadMeshes(ListMeshFiles(keys.path())));
   NamedGeometry geometry;
+  geometry.kind = GeometryKind::kMesh;
+  geometry.understood = fmt::format("{} triangles", mesh->triangles.size());
   geometry.warnings = mesh->warnings;
   geometry.mesh = std::make_shared<const RayCaster>(std::move(mesh), caster);
   geometry.source =
@@ -143,6 +151,7 @@ NamedGeometry MakeDepth(SpecKeys keys, const GeometryContext& context) {
   auto maps =
       std::make_shared<const DepthFolder>(keys.path(), std::move(convention), context.references);
   NamedGeometry geometry;
+  geometry.kind = GeometryKind::kDepth;
   geometry.understood = maps->understood();
   geometry.warnings = maps->warnings();
   geometry.source = std::make_unique<DepthSource>(fmt::format("depth:{}", keys.path()),
@@ -150,23 +159,50 @@ NamedGeometry MakeDepth(SpecKeys keys, const GeometryContext& context) {
   return geometry;
 }
 
+NamedGeometry MakeSfm(SpecKeys keys, const GeometryContext& context) {
+  const std::filesystem::path folder =
+      keys.path().empty() ? context.model : std::filesystem::path(keys.path());
+  if (folder.empty()) keys.Fail("expected sfm:DIR, the folder of a COLMAP model");
+  SfmOptions options;
+  options.radius_px = keys.TakeNumber("radius", 0).value_or(options.radius_px);
+  constexpr double kMaxTrack = 1e9;
+  options.min_track_length =
+      static_cast<size_t>(std::min(keys.TakeNumber("min_track", 0).value_or(0), kMaxTrack));
+  options.max_error_px = keys.TakeNumber("max_error", 0).value_or(options.max_error_px);
+  options.limits.near_z = keys.TakeNumber("near", 0).value_or(options.limits.near_z);
+  options.limits.far_z = keys.TakeNumber("far", 0).value_or(options.limits.far_z);
+  keys.ExpectAllTaken(kSfmKeys);
+
+  const ColmapModel model = ReadColmapModel(folder);
+  if (model.points3d.empty()) throw InputError(folder, "the model has no 3D points");
+  SfmFit fit = CheckSfmModel(model, context.references);
+  NamedGeometry geometry;
+  geometry.kind = GeometryKind::kSfm;
+  geometry.understood = std::move(fit.understood);
+  for (const std::string& warning : fit.warnings) {
+    geometry.warnings.push_back(fmt::format("{}: {}", folder.string(), warning));
+  }
+  geometry.source =
+      std::make_unique<SfmSource>(fmt::format("sfm:{}", folder.string()), model, options);
+  return geometry;
+}
+
 }  // namespace
 
 NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext& context) {
-  const size_t colon = spec.find(':');
-  const std::string kind = spec.substr(0, colon);
-  const std::string_view rest =
-      colon == std::string::npos ? std::string_view() : std::string_view(spec).substr(colon + 1);
-  if (colon != std::string::npos) {
-    if (kind == "mesh") return MakeMesh(SpecKeys(spec, rest));
-    if (kind == "depth") return MakeDepth(SpecKeys(spec, rest), context);
-  }
+  const size_t end = std::min(spec.find_first_of(":,"), spec.size());
+  const std::string kind = spec.substr(0, end);
+  const bool has_path = end < spec.size() && spec[end] == ':';
+  const std::string_view rest = std::string_view(spec).substr(end + (has_path ? 1 : 0));
+  if (kind == "mesh" && has_path) return MakeMesh(SpecKeys(spec, rest));
+  if (kind == "depth" && has_path) return MakeDepth(SpecKeys(spec, rest), context);
+  if (kind == "sfm") return MakeSfm(SpecKeys(spec, rest), context);
   throw OptionError("--geometry", spec, kForms);
 }
 
 std::string GeometryHelp() {
   return fmt::format(
-      "Where 3D points come from:\n"
+      "Where 3D points come from; several sources are asked in order:\n"
       "mesh:PATH[,key=value...]: a mesh; a.ply+b.ply, tiles/*.ply or a folder\n"
       "  are one scene. Keys: near, far (depths), max_incidence_deg,\n"
       "  max_depth_jump (relative, near silhouettes), jump_radius_px,\n"
@@ -177,7 +213,10 @@ std::string GeometryHelp() {
       "  kind=z|ray|inverse, unit=m|cm|mm|NUMBER, scale, invalid=V[/V...],\n"
       "  max_depth, layer, size=WxH (of headerless files), confidence=PATTERN,\n"
       "  confidence_threshold, interpolation=edge|nearest, max_jump, near, far,\n"
-      "  max_incidence_deg, max_depth_jump",
+      "  max_incidence_deg, max_depth_jump\n"
+      "sfm[:DIR][,key=value...]: the points of a COLMAP model (default: --model).\n"
+      "  Keys: radius (px, of features that are not the model's), min_track,\n"
+      "  max_error (px), near, far",
       DepthPresetNames());
 }
 

@@ -3,40 +3,99 @@
 #include "raylift/base/error.h"
 
 namespace raylift {
+namespace {
 
-LiftResult LiftMatches(const GeometrySource& geometry, std::span<const PosedImage> references,
-                       std::span<const Match2D2D> matches) {
-  std::vector<std::vector<size_t>> matches_of_reference(references.size());
+// One per match; none where the source has no surface, or where the match was not asked for.
+using PointPerMatch = std::vector<std::optional<SurfacePoint>>;
+
+std::vector<std::vector<size_t>> GroupByReference(std::span<const Match2D2D> matches,
+                                                  size_t num_references) {
+  std::vector<std::vector<size_t>> groups(num_references);
   for (size_t i = 0; i < matches.size(); ++i) {
     const int reference = matches[i].reference;
-    RAYLIFT_CHECK(reference >= 0 && static_cast<size_t>(reference) < references.size());
-    matches_of_reference[static_cast<size_t>(reference)].push_back(i);
+    RAYLIFT_CHECK(reference >= 0 && static_cast<size_t>(reference) < num_references);
+    groups[static_cast<size_t>(reference)].push_back(i);
   }
-  std::vector<std::optional<SurfacePoint>> surface(matches.size());
-  for (size_t r = 0; r < references.size(); ++r) {
-    std::vector<Eigen::Vector2d> pixels;
-    for (const size_t i : matches_of_reference[r]) pixels.push_back(matches[i].reference_px);
-    if (pixels.empty()) continue;
-    const auto points = geometry.Lift(references[r], pixels);
-    RAYLIFT_CHECK_EQ(points.size(), pixels.size());
-    for (size_t k = 0; k < points.size(); ++k) surface[matches_of_reference[r][k]] = points[k];
+  return groups;
+}
+
+// Lifts those of the matches, all of one reference, that are asked for.
+void LiftReference(const GeometrySource& source, const PosedImage& reference,
+                   std::span<const Match2D2D> matches, const std::vector<size_t>& asked,
+                   PointPerMatch& points) {
+  if (asked.empty()) return;
+  std::vector<Eigen::Vector2d> pixels;
+  pixels.reserve(asked.size());
+  for (const size_t i : asked) pixels.push_back(matches[i].reference_px);
+  const auto lifted = source.Lift(reference, pixels);
+  RAYLIFT_CHECK_EQ(lifted.size(), pixels.size());
+  for (size_t k = 0; k < asked.size(); ++k) points[asked[k]] = lifted[k];
+}
+
+std::vector<PointPerMatch> LiftBySource(std::span<const GeometrySource* const> sources,
+                                        GeometryMode mode, std::span<const PosedImage> references,
+                                        std::span<const Match2D2D> matches) {
+  std::vector<std::vector<size_t>> asked = GroupByReference(matches, references.size());
+  std::vector<PointPerMatch> points_of_source;
+  for (const GeometrySource* source : sources) {
+    PointPerMatch& points = points_of_source.emplace_back(matches.size());
+    for (size_t r = 0; r < references.size(); ++r) {
+      LiftReference(*source, references[r], matches, asked[r], points);
+      if (mode == GeometryMode::kFirst) {
+        std::erase_if(asked[r], [&points](size_t i) { return points[i].has_value(); });
+      }
+    }
   }
+  return points_of_source;
+}
+
+}  // namespace
+
+std::string_view ToString(GeometryMode mode) {
+  switch (mode) {
+    case GeometryMode::kFirst:
+      return "first";
+    case GeometryMode::kAll:
+      return "all";
+  }
+  return {};
+}
+
+std::optional<GeometryMode> GeometryModeFromName(std::string_view name) {
+  for (const GeometryMode mode : {GeometryMode::kFirst, GeometryMode::kAll}) {
+    if (ToString(mode) == name) return mode;
+  }
+  return std::nullopt;
+}
+
+LiftResult LiftMatches(std::span<const GeometrySource* const> sources, GeometryMode mode,
+                       std::span<const PosedImage> references, std::span<const Match2D2D> matches) {
+  const auto points_of_source = LiftBySource(sources, mode, references, matches);
   LiftResult result;
   result.counts.matches = matches.size();
+  result.counts.points_of_source.assign(sources.size(), 0);
   for (size_t i = 0; i < matches.size(); ++i) {
-    if (!surface[i]) {
-      ++result.counts.misses;
-      continue;
+    const size_t before = result.lifted.size();
+    for (size_t s = 0; s < sources.size(); ++s) {
+      const auto& surface = points_of_source[s][i];
+      if (!surface) continue;
+      ++result.counts.points_of_source[s];
+      result.counts.back_faces += surface->back_face ? 1 : 0;
+      const Match2D3D match{.query_px = matches[i].query_px,
+                            .point_in_world = surface->point_in_world,
+                            .reference = matches[i].reference,
+                            .point_sigma = std::nullopt};
+      result.lifted.push_back({match, *surface, i, s});
     }
-    ++result.counts.hits;
-    result.counts.back_faces += surface[i]->back_face ? 1 : 0;
-    const Match2D3D match{.query_px = matches[i].query_px,
-                          .point_in_world = surface[i]->point_in_world,
-                          .reference = matches[i].reference,
-                          .point_sigma = std::nullopt};
-    result.lifted.push_back({match, *surface[i], i});
+    ++(result.lifted.size() > before ? result.counts.hits : result.counts.misses);
   }
   return result;
+}
+
+LiftResult LiftMatches(const GeometrySource& source, std::span<const PosedImage> references,
+                       std::span<const Match2D2D> matches) {
+  const GeometrySource* const sources[] = {&source};
+  return LiftMatches(sources, GeometryMode::kFirst, references, matches);
 }
 
 std::vector<Match2D3D> Matches2D3D(const LiftResult& result) {

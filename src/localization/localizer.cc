@@ -2,8 +2,6 @@
 
 #include <chrono>
 
-#include "raylift/lifting/lifter.h"
-
 namespace raylift {
 namespace {
 
@@ -21,12 +19,13 @@ class Stopwatch {
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
-void LiftAndFilter(const GeometrySource& geometry, const FilterOptions& options,
-                   PoseProblem& problem, StageCounts& counts) {
-  const LiftResult lifted = LiftMatches(geometry, problem.references, problem.matches_2d2d);
+void LiftAndFilter(const LocalizerParts& parts, PoseProblem& problem, StageCounts& counts) {
+  const LiftResult lifted =
+      LiftMatches(parts.geometry, parts.geometry_mode, problem.references, problem.matches_2d2d);
   problem.matches_2d3d = Matches2D3D(lifted);
-  counts.hit = problem.matches_2d3d.size();
-  const FilterResult filtered = FilterProblem(options, problem);
+  counts.hit = lifted.counts.hits;
+  counts.points_of_source = lifted.counts.points_of_source;
+  const FilterResult filtered = FilterProblem(parts.filter, problem);
   counts.filter = filtered.counts;
   counts.noise = filtered.noise;
 }
@@ -59,8 +58,8 @@ QueryResult LocalizeQuery(const Query& query, const LocalizerParts& parts) {
   localized.counts.matched = problem.matches_2d2d.size();
   localized.match_ms = stopwatch.Lap();
 
-  if (parts.geometry != nullptr) {
-    LiftAndFilter(*parts.geometry, parts.filter, problem, localized.counts);
+  if (!parts.geometry.empty()) {
+    LiftAndFilter(parts, problem, localized.counts);
   }
   localized.lift_ms = stopwatch.Lap();
 

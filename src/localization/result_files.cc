@@ -37,6 +37,7 @@ Json QueryJson(const LocalizedQuery& query) {
                {"retrieved", query.counts.retrieved},
                {"matched", query.counts.matched},
                {"hit", query.counts.hit},
+               {"points_by_geometry", query.counts.points_of_source},
                {"consistent", query.counts.filter.consistent},
                {"dropped_by_views", query.counts.filter.dropped_by_views},
                {"dropped_by_ratio", query.counts.filter.dropped_by_ratio},
@@ -73,6 +74,20 @@ Json QueryJson(const LocalizedQuery& query) {
   return json;
 }
 
+Json GeometryJson(std::span<const UsedGeometry> geometry) {
+  Json list = Json::array();
+  for (const UsedGeometry& used : geometry) {
+    Json json = {{"spec", used.spec}, {"understood", used.understood}};
+    if (used.alignment) {
+      json["alignment"] = {{"median_factor", used.alignment->median_factor},
+                           {"median_before_px", used.alignment->median_before_px},
+                           {"median_after_px", used.alignment->median_after_px}};
+    }
+    list.push_back(std::move(json));
+  }
+  return list;
+}
+
 double Median(std::vector<double> values) {
   if (values.empty()) {
     return 0;
@@ -103,20 +118,24 @@ void WriteQueryDiagnostics(const std::filesystem::path& path,
   WriteFile(path, text);
 }
 
-void WriteAlignment(const std::filesystem::path& path, const DepthAlignment& alignment) {
+void WriteAlignment(const std::filesystem::path& path, std::span<const UsedGeometry> geometry) {
   std::string text;
-  for (const MapAlignment& map : alignment.maps) {
-    const Json json = {{"reference", map.reference},
-                       {"matches", map.num_matches},
-                       {"own_correction", map.own_correction},
-                       {"columns", map.correction.columns},
-                       {"rows", map.correction.rows},
-                       {"log_factors", map.correction.log_factors},
-                       {"shift", map.correction.shift},
-                       {"median_before_px", map.median_before_px},
-                       {"median_after_px", map.median_after_px}};
-    text += json.dump();
-    text += '\n';
+  for (const UsedGeometry& used : geometry) {
+    if (!used.alignment) continue;
+    for (const MapAlignment& map : used.alignment->maps) {
+      const Json json = {{"geometry", used.spec},
+                         {"reference", map.reference},
+                         {"matches", map.num_matches},
+                         {"own_correction", map.own_correction},
+                         {"columns", map.correction.columns},
+                         {"rows", map.correction.rows},
+                         {"log_factors", map.correction.log_factors},
+                         {"shift", map.correction.shift},
+                         {"median_before_px", map.median_before_px},
+                         {"median_after_px", map.median_after_px}};
+      text += Dump(json, -1);
+      text += '\n';
+    }
   }
   WriteFile(path, text);
 }
@@ -135,7 +154,7 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
       {"localized", std::count_if(queries.begin(), queries.end(),
                                   [](const LocalizedQuery& q) { return q.localized(); })},
       {"references", summary.num_references},
-      {"geometry", summary.geometry},
+      {"geometry", GeometryJson(summary.geometry)},
       {"medians",
        {{"retrieved", median_of([](const LocalizedQuery& q) { return q.counts.retrieved; })},
         {"matched", median_of([](const LocalizedQuery& q) { return q.counts.matched; })},
@@ -157,11 +176,6 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
         {"estimate_ms", median_of([](const LocalizedQuery& q) { return q.estimate_ms; })}}},
       {"seconds", summary.seconds},
       {"warnings", summary.warnings}};
-  if (summary.alignment != nullptr) {
-    json["alignment"] = {{"median_factor", summary.alignment->median_factor},
-                         {"median_before_px", summary.alignment->median_before_px},
-                         {"median_after_px", summary.alignment->median_after_px}};
-  }
   WriteFile(path, Dump(json, 2) + "\n");
 }
 

@@ -85,7 +85,36 @@ TEST(Localize, SummaryCountsQueries) {
   EXPECT_EQ(summary["references"], 3);
   EXPECT_EQ(summary["medians"]["retrieved"], 3);
   EXPECT_EQ(summary["warnings"], nlohmann::json::array());
-  EXPECT_EQ(summary["geometry"][0], "mesh:" + scene.mesh().string());
+  ASSERT_EQ(summary["geometry"].size(), 1u);
+  EXPECT_EQ(summary["geometry"][0]["spec"], "mesh:" + scene.mesh().string());
+  EXPECT_TRUE(summary["geometry"][0]["understood"].get<std::string>().ends_with(" triangles"));
+}
+
+TEST(Localize, AsksSeveralGeometriesInOrder) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const auto run = [&](const std::string& mode) {
+    const fs::path out = scene.folder / mode;
+    EXPECT_TRUE(
+        Succeeds(RunRaylift(LocalizeWithHloc(scene, out) +
+                            Arguments{"--geometry", "mesh:" + scene.mesh().string() + ",far=3",  //
+                                      "--geometry-mode", mode})));
+    EXPECT_TRUE(HoldsTruePoses(out / "poses.txt", scene.queries, 1e-3, 1e-4));
+    const auto summary = nlohmann::json::parse(ReadFile(out / "summary.json"));
+    EXPECT_EQ(summary["geometry"].size(), 2u);
+    EXPECT_EQ(nlohmann::json::parse(ReadFile(out / "options.json"))["geometry-mode"], mode);
+    return nlohmann::json::parse(Lines(ReadFile(out / "queries.jsonl")).at(0));
+  };
+  // The first knows all there is, the second, the same mesh up to a depth of 3, a part of it.
+  const auto first = run("first");
+  const auto all = run("all");
+  const size_t matched = first["matched"];
+  EXPECT_EQ(first["points_by_geometry"], (std::vector<size_t>{matched, 0}));
+  EXPECT_EQ(all["points_by_geometry"][0], matched);
+  const size_t of_second = all["points_by_geometry"][1];
+  EXPECT_GT(of_second, 0u);
+  EXPECT_LT(of_second, matched);
+  EXPECT_EQ(all["hit"], matched);
+  EXPECT_EQ(all["consistent"], matched + of_second);
 }
 
 TEST(Localize, StdoutHoldsResultsAndQuietNothing) {

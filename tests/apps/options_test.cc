@@ -144,7 +144,7 @@ TEST(Options, LocalizeChecksWhatOptionsAloneCanTell) {
   EXPECT_TRUE(fails("--threads", complete + Arguments{"--threads", "-1"}));
   EXPECT_TRUE(fails("--align-depth", complete + Arguments{"--align-depth", "often"}));
   EXPECT_TRUE(fails("--filter", complete + Arguments{"--filter", "sometimes"}));
-  EXPECT_TRUE(fails("--geometry", complete + Arguments{"--geometry", "mesh:y.ply"}));
+  EXPECT_TRUE(fails("--geometry-mode", complete + Arguments{"--geometry-mode", "last"}));
   EXPECT_TRUE(fails("stray", complete + Arguments{"stray"}));
 }
 

@@ -38,8 +38,9 @@ TEST(MakeGeometrySource, OpensAMeshAndPassesItsWarningsOn) {
 }
 
 TEST(MakeGeometrySource, UnknownKindsKeysAndValuesAreOptionErrors) {
-  const std::string forms = ": expected mesh:PATH[,key=value...] or depth:DIR[,key=value...]";
-  for (const std::string spec : {"foo:x", "mesh", "mesh:", "depth:", ""}) {
+  const std::string forms =
+      ": expected mesh:PATH[,key=value...], depth:DIR[,key=value...] or sfm[:DIR][,key=value...]";
+  for (const std::string spec : {"foo:x", "mesh", "mesh:", "mesh,far=1", "depth:", "sfmx:a", ""}) {
     EXPECT_EQ(OptionErrorOf(spec).substr(0, ("--geometry = " + spec + forms).size()),
               "--geometry = " + spec + forms);
   }
@@ -64,6 +65,9 @@ TEST(MakeGeometrySource, UnknownKindsKeysAndValuesAreOptionErrors) {
   says("depth:d,size=3x0", "expected size=WIDTHxHEIGHT");
   says("depth:d,invalid=0/x", "expected invalid=NUMBER[/NUMBER...]");
   says("depth:d,interpolation=cubic", "expected interpolation=edge|nearest");
+  says("sfm", "expected sfm:DIR");
+  says("sfm:m,radius=-1", "expected radius=NUMBER of at least 0");
+  says("sfm:m,preset=tum", "unknown key \"preset\"; there are radius");
   says("depth:d,build=low", "unknown key \"build\"; there are preset");
 }
 

@@ -74,6 +74,78 @@ TEST(LiftMatches, KeepsTheOrderOfTheMatchesAndCountsWhatItDrops) {
   EXPECT_EQ(Matches2D3D(result).size(), next);
 }
 
+// Knows one depth for the pixels from `begin_x` to `end_x`.
+class StripSource final : public GeometrySource {
+ public:
+  StripSource(double begin_x, double end_x, double depth_z)
+      : begin_x_(begin_x), end_x_(end_x), depth_z_(depth_z) {}
+  std::string Description() const override { return "strip"; }
+  std::vector<std::optional<SurfacePoint>> Lift(
+      const PosedImage& reference, std::span<const Eigen::Vector2d> pixels) const override {
+    std::vector<std::optional<SurfacePoint>> points(pixels.size());
+    for (size_t i = 0; i < pixels.size(); ++i) {
+      ++num_asked;
+      if (pixels[i].x() < begin_x_ || pixels[i].x() >= end_x_) continue;
+      const Eigen::Vector3d ray = reference.camera.RayInCam(pixels[i]).value();
+      points[i] = {.point_in_world = ray * (depth_z_ / ray.z()),
+                   .normal_in_world = -ray,
+                   .depth_z = depth_z_,
+                   .incidence_deg = 0,
+                   .back_face = false};
+    }
+    return points;
+  }
+  mutable size_t num_asked = 0;
+
+ private:
+  double begin_x_, end_x_, depth_z_;
+};
+
+// Source 0 knows x < 30, source 1 20 <= x < 50, of matches at x = 0, 1, ..., 59.
+struct TwoStrips {
+  StripSource left{0, 30, 2}, middle{20, 50, 3};
+  std::vector<PosedImage> references = {{"r", CamerasOfEveryModel()[4], Rigid3()}};
+  std::vector<Match2D2D> matches;
+
+  TwoStrips() {
+    for (int i = 0; i < 60; ++i) matches.push_back({0, {1.0 * i, 7}, {1.0 * i, 24}});
+  }
+  LiftResult Lift(GeometryMode mode) const {
+    const GeometrySource* const sources[] = {&left, &middle};
+    return LiftMatches(sources, mode, references, matches);
+  }
+};
+
+TEST(LiftMatches, FirstAsksALaterSourceForWhatTheEarlierDoesNotKnow) {
+  const TwoStrips strips;
+  const LiftResult result = strips.Lift(GeometryMode::kFirst);
+  ASSERT_EQ(result.lifted.size(), 50u);
+  for (size_t i = 0; i < 50; ++i) {
+    EXPECT_EQ(result.lifted[i].match_2d2d, i);
+    EXPECT_EQ(result.lifted[i].source, i < 30 ? 0u : 1u);
+    EXPECT_EQ(result.lifted[i].surface.depth_z, i < 30 ? 2 : 3);
+  }
+  EXPECT_EQ(result.counts.hits, 50u);
+  EXPECT_EQ(result.counts.misses, 10u);
+  EXPECT_EQ(result.counts.points_of_source, (std::vector<size_t>{30, 20}));
+  EXPECT_EQ(strips.left.num_asked, 60u);
+  EXPECT_EQ(strips.middle.num_asked, 30u);
+}
+
+TEST(LiftMatches, AllGivesThePointsOfEverySource) {
+  const LiftResult result = TwoStrips().Lift(GeometryMode::kAll);
+  ASSERT_EQ(result.lifted.size(), 60u);
+  EXPECT_EQ(result.counts.hits, 50u);
+  EXPECT_EQ(result.counts.misses, 10u);
+  EXPECT_EQ(result.counts.points_of_source, (std::vector<size_t>{30, 30}));
+  // Matches 20 to 29 have two points, in the order of the sources.
+  EXPECT_EQ(result.lifted[20].match_2d2d, 20u);
+  EXPECT_EQ(result.lifted[20].source, 0u);
+  EXPECT_EQ(result.lifted[21].match_2d2d, 20u);
+  EXPECT_EQ(result.lifted[21].source, 1u);
+  EXPECT_EQ(result.lifted[21].match.query_px, result.lifted[20].match.query_px);
+}
+
 TEST(LiftMatches, NoMatchesGiveAnEmptyResult) {
   const HalfBlindSource source;
   const LiftResult result = LiftMatches(source, {}, {});

@@ -28,10 +28,12 @@ class Localizer : public ::testing::Test {
     EstimatorOptions options;
     options.method = method;
     const auto estimator = MakePoseEstimator(options);
+    std::vector<const GeometrySource*> geometry;
+    if (method != Method::kE5p1) geometry.push_back(geometry_.source.get());
     return LocalizeQuery({scene_.queries[0].name, scene_.queries[0].camera},
                          {.match_source = source,
                           .covisibility = covisibility_,
-                          .geometry = method == Method::kE5p1 ? nullptr : geometry_.source.get(),
+                          .geometry = geometry,
                           .filter = filter,
                           .estimator = *estimator});
   }
@@ -58,6 +60,7 @@ TEST_F(Localizer, CountsEveryStage) {
   EXPECT_EQ(counts.matched, AllMatches().matches.size());
   // All points lie on the closed mesh and all matches are right.
   EXPECT_EQ(counts.hit, counts.matched);
+  EXPECT_EQ(counts.points_of_source, std::vector<size_t>{counts.matched});
   EXPECT_EQ(counts.filter.consistent, counts.matched);
   EXPECT_EQ(counts.inliers_2d3d, counts.matched);
   EXPECT_EQ(counts.inliers_2d2d, counts.matched);

@@ -25,7 +25,8 @@ PosesByName Poses(const fs::path& model) {
 }
 
 Comparison Localize(const std::vector<Query>& queries, const MatchSource& matches,
-                    const GeometrySource* geometry, Method method, const PosesByName& truth) {
+                    std::vector<const GeometrySource*> geometry, Method method,
+                    const PosesByName& truth) {
   EstimatorOptions options;
   options.method = method;
   const auto estimator = MakePoseEstimator(options);
@@ -90,7 +91,7 @@ TEST_F(RgbdSmall, LocalizesAllQueriesWithHlocsFiles) {
       {data_ / "features.h5", data_ / "matches.h5", data_ / "pairs.txt"}, references_, 10);
   for (const Method method : {Method::kP3p, Method::kAdaptive}) {
     const Comparison comparison =
-        Localize(queries_, *matches, geometry_.source.get(), method, truth_);
+        Localize(queries_, *matches, {geometry_.source.get()}, method, truth_);
     EXPECT_EQ(CountWithin(comparison, kCoarse), 10u) << ToString(method) << "\n"
                                                      << Describe(comparison);
     EXPECT_GE(CountWithin(comparison, kFine), 9u) << ToString(method) << "\n"
@@ -112,7 +113,7 @@ TEST_F(RgbdSmall, LocalizesFromImagesAlone) {
                                            references_, queries_);
   for (const Method method : {Method::kP3p, Method::kAdaptive}) {
     const Comparison comparison =
-        Localize(queries_, *matches, geometry_.source.get(), method, truth_);
+        Localize(queries_, *matches, {geometry_.source.get()}, method, truth_);
     EXPECT_GE(CountWithin(comparison, kCoarse), 9u) << ToString(method) << "\n"
                                                     << Describe(comparison);
     const ResultSummary summary = Summarize("", comparison, {});
@@ -125,6 +126,24 @@ TEST_F(RgbdSmall, LocalizesFromImagesAlone) {
   }
 }
 
+constexpr double kSceauxExtent = 11.61;  // between the two cameras farthest apart
+
+TEST(SceauxSfm, P3pLocalizesWithThePointsOfTheModel) {
+  const auto data = FindTestData("sceaux_sfm");
+  if (!data) GTEST_SKIP() << "sceaux_sfm is not on this machine";
+  const auto queries = ReadQueryList(*data / "queries_with_intrinsics.txt");
+  const ReferenceSet references = LoadReferences(*data / "model_ref", 1).references;
+  const auto matches = OpenHlocMatches(
+      {*data / "features.h5", *data / "matches.h5", *data / "pairs.txt"}, references, 10);
+  const NamedGeometry sfm =
+      MakeGeometrySource("sfm", {.model = *data / "model_ref", .references = references.images});
+  EXPECT_TRUE(sfm.warnings.empty());
+  const Comparison comparison = Localize(queries, *matches, {sfm.source.get()}, Method::kP3p,
+                                         Poses(*data / "model_query_gt"));
+  // OpenCV's baseline is at 0.049 to 0.065 % of the extent and 0.033 to 0.046 deg.
+  EXPECT_EQ(CountWithin(comparison, {0.001 * kSceauxExtent, 0.05}), 3u) << Describe(comparison);
+}
+
 TEST(SceauxSfm, E5p1LocalizesWithoutAnyGeometry) {
   const auto data = FindTestData("sceaux_sfm");
   if (!data) GTEST_SKIP() << "sceaux_sfm is not on this machine";
@@ -133,16 +152,16 @@ TEST(SceauxSfm, E5p1LocalizesWithoutAnyGeometry) {
       OpenHlocMatches({*data / "features.h5", *data / "matches.h5", *data / "pairs.txt"},
                       LoadReferences(*data / "model_ref", 1).references, 10);
   const Comparison comparison =
-      Localize(queries, *matches, nullptr, Method::kE5p1, Poses(*data / "model_query_gt"));
+      Localize(queries, *matches, {}, Method::kE5p1, Poses(*data / "model_query_gt"));
   ASSERT_EQ(comparison.queries.size(), 3u);
-  constexpr double kExtent = 11.61;  // between the two cameras farthest apart
   // The lowest cost lies at 0.32 % and 0.18 deg for the worst position and at 0.2021 deg for the
   // worst rotation, whatever the seed and the threshold (1 to 4 px).
-  EXPECT_EQ(CountWithin(comparison, {0.005 * kExtent, 0.21}), 3u) << Describe(comparison);
+  EXPECT_EQ(CountWithin(comparison, {0.005 * kSceauxExtent, 0.21}), 3u) << Describe(comparison);
   for (const QueryError& query : comparison.queries) {
     if (!query.error) continue;
     const std::string stem = fs::path(query.name).stem().string();
-    RecordProperty("percent_" + stem, fmt::format("{:.4f}", 100 * query.error->position / kExtent));
+    RecordProperty("percent_" + stem,
+                   fmt::format("{:.4f}", 100 * query.error->position / kSceauxExtent));
     RecordProperty("deg_" + stem, fmt::format("{:.4f}", query.error->rotation_deg));
   }
 }

@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <span>
 #include <string>
@@ -25,6 +26,12 @@ struct SurfacePoint {
   // the point's plane: near a silhouette it is large, in the middle of a slanted wall it is not.
   // None where the source did not look.
   std::optional<double> depth_jump = std::nullopt;
+  // Of a triangulated point.
+  struct Track {
+    size_t length = 0;               // images that observe it
+    std::optional<double> error_px;  // its mean reprojection error in them
+  };
+  std::optional<Track> track = std::nullopt;
 };
 
 class GeometrySource {

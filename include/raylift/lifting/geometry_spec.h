@@ -14,10 +14,13 @@
 
 namespace raylift {
 
+enum class GeometryKind { kMesh, kDepth, kSfm };
+
 struct NamedGeometry {
+  GeometryKind kind = GeometryKind::kMesh;
   std::unique_ptr<GeometrySource> source;
   std::shared_ptr<const RayCaster> mesh;  // of a mesh source, for pictures; else null
-  // How the files were read ("PNG uint16 640 x 480, z"); empty where there is no doubt.
+  // How the files were read ("PNG uint16 640 x 480, z").
   std::string understood = {};
   std::vector<std::string> warnings;  // what the user should know of the files
 };
@@ -28,7 +31,8 @@ struct GeometryContext {
   std::span<const PosedImage> references = {};  // that will be lifted from
 };
 
-// Opens "mesh:PATH[,key=value...]" or "depth:DIR[,key=value...]"; GeometryHelp() lists the keys.
+// Opens "mesh:PATH[,key=value...]", "depth:DIR[,key=value...]" or "sfm[:DIR][,key=value...]" (by
+// default the references' own model); GeometryHelp() lists the keys.
 // OptionError for an unknown kind, key or value, InputError where a file cannot be read.
 NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext& context = {});
 

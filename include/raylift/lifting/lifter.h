@@ -4,7 +4,9 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <span>
+#include <string_view>
 #include <vector>
 
 #include "raylift/lifting/geometry_source.h"
@@ -12,26 +14,39 @@
 
 namespace raylift {
 
+// What several sources of geometry give for one keypoint.
+enum class GeometryMode {
+  kFirst,  // the point of the first source that has one
+  kAll,    // the points of all sources that have one
+};
+std::string_view ToString(GeometryMode mode);
+std::optional<GeometryMode> GeometryModeFromName(std::string_view name);
+
 struct LiftedMatch {
   Match2D3D match;       // with the reference it was lifted from
   SurfacePoint surface;  // where, and how far it can be trusted
   size_t match_2d2d;     // index of the 2D-2D match that it comes from
+  size_t source = 0;     // index of the source that it is from
 };
 
 struct LiftCounts {
   size_t matches = 0;
-  size_t hits = 0;
+  size_t hits = 0;  // matches that were lifted, by one source or several
   size_t misses = 0;
-  size_t back_faces = 0;  // of the hits
+  size_t back_faces = 0;                 // of the lifted points
+  std::vector<size_t> points_of_source;  // how many each source gave
 };
 
 struct LiftResult {
-  std::vector<LiftedMatch> lifted;  // in the order of the 2D-2D matches
+  std::vector<LiftedMatch> lifted;  // in the order of the 2D-2D matches, then of the sources
   LiftCounts counts;
 };
 
-// Lifts every match whose reference pixel shows a surface, in one batch per reference.
-LiftResult LiftMatches(const GeometrySource& geometry, std::span<const PosedImage> references,
+// Lifts every match whose reference pixel shows a surface, in one batch per reference and source.
+// With kFirst a source is asked only for what those before it do not know.
+LiftResult LiftMatches(std::span<const GeometrySource* const> sources, GeometryMode mode,
+                       std::span<const PosedImage> references, std::span<const Match2D2D> matches);
+LiftResult LiftMatches(const GeometrySource& source, std::span<const PosedImage> references,
                        std::span<const Match2D2D> matches);
 
 // The lifted matches as a PoseProblem holds them.

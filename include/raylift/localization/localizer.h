@@ -5,22 +5,27 @@
 
 #include <cstddef>
 #include <optional>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/io/query_list.h"
 #include "raylift/lifting/consistency_filter.h"
 #include "raylift/lifting/geometry_source.h"
+#include "raylift/lifting/lifter.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/scene/pose_problem.h"
 
 namespace raylift {
 
 struct StageCounts {
-  size_t retrieved = 0;                 // references
-  size_t matched = 0;                   // 2D-2D matches
-  size_t hit = 0;                       // of those, lifted to the scene
-  FilterCounts filter;                  // of those, kept and dropped by the filter
+  size_t retrieved = 0;  // references
+  size_t matched = 0;    // 2D-2D matches
+  size_t hit = 0;        // of those, lifted to the scene
+  // The 3D points that each source of geometry gave; their sum is `hit` unless all are asked.
+  std::vector<size_t> points_of_source;
+  FilterCounts filter;                  // of the points, kept and dropped by the filter
   std::optional<MultiViewNoise> noise;  // as the automatic filter found it
   size_t inliers_2d3d = 0;
   size_t inliers_2d2d = 0;
@@ -51,7 +56,8 @@ struct QueryResult {
 struct LocalizerParts {
   const MatchSource& match_source;
   const Covisibility& covisibility;
-  const GeometrySource* geometry;  // null: there are no 2D-3D matches
+  std::span<const GeometrySource* const> geometry;  // none: there are no 2D-3D matches
+  GeometryMode geometry_mode = GeometryMode::kFirst;
   const FilterOptions& filter;
   const PoseEstimator& estimator;
 };

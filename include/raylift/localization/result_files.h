@@ -4,6 +4,8 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -20,15 +22,22 @@ void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQu
 void WriteQueryDiagnostics(const std::filesystem::path& path,
                            const std::vector<LocalizedQuery>& queries);
 
-// `depth_alignment.jsonl`: one JSON object per reference: how its depth was corrected, on how many
-// matches that rests, how far these were from the projected keypoints before and after.
-void WriteAlignment(const std::filesystem::path& path, const DepthAlignment& alignment);
+// A source of geometry that was used.
+struct UsedGeometry {
+  std::string spec;        // as in the option --geometry
+  std::string understood;  // how its files were read
+  std::optional<DepthAlignment> alignment;
+};
 
-// `summary.json`: totals, medians of the stages' counts, warnings, seconds.
+// `depth_alignment.jsonl`: one JSON object per aligned source and reference: how its depth was
+// corrected, on how many matches that rests, how far these were from the projected keypoints before
+// and after.
+void WriteAlignment(const std::filesystem::path& path, std::span<const UsedGeometry> geometry);
+
+// `summary.json`: totals, geometry, medians of the stages' counts, warnings, seconds.
 struct RunSummary {
   size_t num_references = 0;
-  std::vector<std::string> geometry;
-  const DepthAlignment* alignment = nullptr;  // null where depth was not aligned
+  std::span<const UsedGeometry> geometry;
   std::vector<std::string> warnings;
   double seconds = 0;
 };

@@ -1,0 +1,30 @@
+// The options that say where 3D points come from.
+
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "raylift/lifting/depth_alignment.h"
+#include "raylift/lifting/lifter.h"
+
+namespace raylift {
+
+struct GeometryOptions {
+  GeometryMode mode = GeometryMode::kFirst;
+  AlignMode align = AlignMode::kOff;
+};
+
+struct GeometryFlags {
+  std::vector<std::string> specs;  // in the order in which sources are asked
+  std::string mode = "first";
+  std::string align_depth = "off";
+
+  // Throws OptionError.
+  GeometryOptions Resolve() const;
+};
+void AddGeometryOptions(CLI::App& app, GeometryFlags& flags);
+
+}  // namespace raylift
