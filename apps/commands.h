@@ -17,5 +17,6 @@ struct Command {
 Command AddLocalizeCommand(CLI::App& program);
 Command AddEstimateCommand(CLI::App& program);
 Command AddEvaluateCommand(CLI::App& program);
+Command AddPerturbCommand(CLI::App& program);
 
 }  // namespace raylift

@@ -54,7 +54,8 @@ Program MakeProgram() {
       "  raylift evaluate --ground-truth truth --poses result/poses.txt --thresholds "
       "0.05,5:0.25,2\n"
       "  raylift COMMAND --help");
-  program.commands = {AddLocalizeCommand(app), AddEstimateCommand(app), AddEvaluateCommand(app)};
+  program.commands = {AddLocalizeCommand(app), AddEstimateCommand(app), AddEvaluateCommand(app),
+                      AddPerturbCommand(app)};
   for (const Command& command : program.commands) {
     CheckNumbers(*command.app);
   }

@@ -154,6 +154,7 @@ NamedGeometry MakeDepth(SpecKeys keys, const GeometryContext& context) {
   geometry.kind = GeometryKind::kDepth;
   geometry.understood = maps->understood();
   geometry.warnings = maps->warnings();
+  geometry.maps = maps;
   geometry.source = std::make_unique<DepthSource>(fmt::format("depth:{}", keys.path()),
                                                   std::move(maps), sampling, limits);
   return geometry;

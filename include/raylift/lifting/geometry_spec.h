@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "raylift/lifting/depth_folder.h"
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/posed_image.h"
@@ -19,7 +20,8 @@ enum class GeometryKind { kMesh, kDepth, kSfm };
 struct NamedGeometry {
   GeometryKind kind = GeometryKind::kMesh;
   std::unique_ptr<GeometrySource> source;
-  std::shared_ptr<const RayCaster> mesh;  // of a mesh source, for pictures; else null
+  std::shared_ptr<const RayCaster> mesh;              // of a mesh source, for pictures; else null
+  std::shared_ptr<const DepthFolder> maps = nullptr;  // of depth maps; else null
   // How the files were read ("PNG uint16 640 x 480, z").
   std::string understood = {};
   std::vector<std::string> warnings;  // what the user should know of the files

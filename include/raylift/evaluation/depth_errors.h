@@ -1,0 +1,119 @@
+// How far depth is from the true depth, by the figures of merit of the depth estimation literature
+// (Eigen, Puhrsch, Fergus 2014; KITTI). All of them look at pixels where both maps have depth; what
+// one of them lacks is coverage, which is counted apart.
+//
+//   AbsRel |e - t| / t     SqRel (e - t)^2 / t     MAE |e - t|     means
+//   RMSE, RMSE log         root mean squares of e - t and of d = ln e - ln t
+//   SILog                  100 sqrt(mean d^2 - (mean d)^2), KITTI's: a common factor costs nothing
+//   delta k                share of max(e / t, t / e) < 1.25^k
+//
+// Inputs are z-depths, row-major and of one size; 0 = none.
+
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <vector>
+
+namespace raylift {
+
+struct DepthErrors {
+  size_t count = 0;  // pixels that both maps know
+  double abs_rel = 0;
+  double sq_rel = 0;  // scene units
+  double rmse = 0;    // scene units
+  double rmse_log = 0;
+  double si_log = 0;
+  std::array<double, 3> delta_percent = {0, 0, 0};
+  double mae = 0;                  // scene units
+  double median_signed_error = 0;  // e - t, scene units
+};
+
+// None where no pixel is known to both.
+std::optional<DepthErrors> ComputeDepthErrors(std::span<const float> estimated,
+                                              std::span<const float> truth);
+
+// e becomes scale * e + shift.
+struct DepthFit {
+  double scale = 1;
+  double shift = 0;
+};
+enum class DepthFitKind {
+  kMedian,  // the ratio of the medians (Zhou et al. 2017)
+  kAffine,  // least squares of scale and shift (Ranftl et al. 2020)
+};
+// None where too few pixels (1, or 2 different ones) are known to both.
+std::optional<DepthFit> FitDepth(std::span<const float> estimated, std::span<const float> truth,
+                                 DepthFitKind kind);
+// Values that are not positive afterwards become 0.
+std::vector<float> ApplyFit(std::span<const float> estimated, const DepthFit& fit);
+
+// Errors as a function of something that is known at each pixel: distance, incidence angle,
+// distance to a depth edge. Bin i covers [edges[i], edges[i + 1]); what lies outside is not
+// counted.
+class BinnedDepthErrors {
+ public:
+  struct Bin {
+    size_t count = 0;
+    double sum_abs_rel = 0;
+    double sum_abs = 0;         // scene units
+    double sum_signed_rel = 0;  // (e - t) / t
+    double AbsRel() const { return count > 0 ? sum_abs_rel / static_cast<double>(count) : 0; }
+    double Mae() const { return count > 0 ? sum_abs / static_cast<double>(count) : 0; }
+    double Bias() const { return count > 0 ? sum_signed_rel / static_cast<double>(count) : 0; }
+  };
+
+  BinnedDepthErrors() = default;
+  explicit BinnedDepthErrors(std::vector<double> edges);  // ascending, at least two
+
+  // `at` holds the value that decides on each pixel's bin; negative: unknown.
+  void Add(std::span<const float> estimated, std::span<const float> truth,
+           std::span<const float> at);
+  void Add(const BinnedDepthErrors& other);  // of the same edges
+
+  const std::vector<double>& edges() const { return edges_; }
+  const std::vector<Bin>& bins() const { return bins_; }
+
+ private:
+  std::vector<double> edges_;
+  std::vector<Bin> bins_;
+};
+
+// The angle between two fields of unit normals (x, y, z per pixel; 0, 0, 0 = none).
+struct NormalErrors {
+  size_t count = 0;
+  double mean_deg = 0;
+  double median_deg = 0;
+  std::array<double, 3> within_percent = {0, 0, 0};  // of 11.25, 22.5 and 30 degrees
+};
+std::optional<NormalErrors> ComputeNormalErrors(std::span<const float> estimated,
+                                                std::span<const float> truth);
+
+// How much of what the truth knows a map knows, and how its holes are spread.
+struct DepthCoverage {
+  double covered_percent = 0;      // of the truth's pixels (of all pixels where there is no truth)
+  double holes_per_megapixel = 0;  // connected holes (4-neighbours) of at least 4 pixels
+  double invented_percent = 0;     // of all pixels: the map has depth where the truth has none
+};
+// `truth` may be empty: then nothing is invented.
+DepthCoverage ComputeCoverage(std::span<const float> estimated, std::span<const float> truth,
+                              int width_px);
+
+// Accuracy and completeness of points against a surface (Knapitsch et al. 2017): the shares of the
+// distances below a threshold, and their harmonic mean.
+struct SurfaceScore {
+  double threshold = 0;  // scene units
+  double accuracy_percent = 0;
+  double completeness_percent = 0;
+  double f_percent = 0;
+};
+SurfaceScore ComputeSurfaceScore(std::span<const float> to_truth, std::span<const float> from_truth,
+                                 double threshold);
+
+// The middle value, or the mean of the middle two. The values are reordered; at least one.
+double MedianOf(std::span<double> values);
+double MedianOf(std::span<float> values);
+
+}  // namespace raylift

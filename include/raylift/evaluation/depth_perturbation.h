@@ -1,0 +1,37 @@
+// Depth maps made worse on purpose, each in the way that some source of depth is bad: to learn what
+// a localizer stands, and to check that a comparison names what is wrong. The same seed and image
+// give the same map; each kind draws from a stream of its own, so that adding one leaves the others
+// as they were. Holes stay holes.
+
+#pragma once
+
+#include <cstdint>
+#include <string_view>
+
+#include "raylift/scene/depth_map.h"
+
+namespace raylift {
+
+// Applied in this order; 0 (a factor of 1) leaves the depth alone.
+struct DepthPerturbation {
+  double scale = 1;           // one factor for all images
+  double scale_sigma = 0;     // ln of a factor per image
+  double warp_sigma = 0;      // ln of a smooth field's factors, nodes of a 5 x 4 grid
+  int bubbles = 0;            // per image: smooth domes towards the camera (Poisson meshing)
+  double bubble_height = .2;  // of a bubble, relative to the depth
+  int floaters = 0;           // per image: small blobs in front of the surface (over-fitted NeRFs)
+  double flying_share = 0;    // of the pixels at depth edges: moved between the two surfaces
+  double noise_sigma = 0;     // scene units, per pixel
+  double relative_noise_sigma = 0;  // times the depth, per pixel
+  double quantization_step = 0;     // scene units
+  double hole_share = 0;            // of the pixels, in blobs
+  uint64_t seed = 0;
+
+  // Throws OptionError naming the option of `raylift perturb`.
+  void Validate() const;
+};
+
+DepthMap PerturbDepth(const DepthMap& map, const DepthPerturbation& perturbation,
+                      std::string_view image_name);
+
+}  // namespace raylift

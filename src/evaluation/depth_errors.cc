@@ -1,0 +1,262 @@
+#include "raylift/evaluation/depth_errors.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+constexpr double kDegPerRad = 180 / std::numbers::pi;
+
+// What both maps know, in order.
+struct Common {
+  std::vector<double> estimated;
+  std::vector<double> truth;
+  size_t size() const { return truth.size(); }
+};
+
+bool IsKnown(float z) { return z > 0 && std::isfinite(z); }
+
+Common Intersect(std::span<const float> estimated, std::span<const float> truth) {
+  RAYLIFT_CHECK_EQ(estimated.size(), truth.size());
+  Common common;
+  for (size_t i = 0; i < truth.size(); ++i) {
+    if (IsKnown(estimated[i]) && IsKnown(truth[i])) {
+      common.estimated.push_back(static_cast<double>(estimated[i]));
+      common.truth.push_back(static_cast<double>(truth[i]));
+    }
+  }
+  return common;
+}
+
+template <typename T>
+double Median(std::span<T> values) {
+  RAYLIFT_CHECK(!values.empty());
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  const double upper = static_cast<double>(*middle);
+  if (values.size() % 2 == 1) return upper;
+  return 0.5 * (upper + static_cast<double>(*std::max_element(values.begin(), middle)));
+}
+
+double Percent(size_t part, size_t whole) {
+  return whole > 0 ? 100.0 * static_cast<double>(part) / static_cast<double>(whole) : 0;
+}
+
+}  // namespace
+
+double MedianOf(std::span<double> values) { return Median(values); }
+double MedianOf(std::span<float> values) { return Median(values); }
+
+std::optional<DepthErrors> ComputeDepthErrors(std::span<const float> estimated,
+                                              std::span<const float> truth) {
+  const Common common = Intersect(estimated, truth);
+  if (common.size() == 0) return std::nullopt;
+  double abs_rel = 0, sq_rel = 0, square = 0, log_square = 0, log_sum = 0, absolute = 0;
+  std::array<size_t, 3> within = {0, 0, 0};
+  std::vector<double> signed_errors;
+  signed_errors.reserve(common.size());
+  for (size_t i = 0; i < common.size(); ++i) {
+    const double e = common.estimated[i], t = common.truth[i];
+    const double difference = e - t;
+    const double log_ratio = std::log(e / t);
+    abs_rel += std::abs(difference) / t;
+    sq_rel += difference * difference / t;
+    square += difference * difference;
+    absolute += std::abs(difference);
+    log_sum += log_ratio;
+    log_square += log_ratio * log_ratio;
+    signed_errors.push_back(difference);
+    const double ratio = std::max(e / t, t / e);
+    within[0] += ratio < 1.25;
+    within[1] += ratio < 1.25 * 1.25;
+    within[2] += ratio < 1.25 * 1.25 * 1.25;
+  }
+  const auto n = static_cast<double>(common.size());
+  const double log_mean = log_sum / n;
+  DepthErrors errors;
+  errors.count = common.size();
+  errors.abs_rel = abs_rel / n;
+  errors.sq_rel = sq_rel / n;
+  errors.rmse = std::sqrt(square / n);
+  errors.rmse_log = std::sqrt(log_square / n);
+  errors.si_log = 100 * std::sqrt(std::max(0.0, log_square / n - log_mean * log_mean));
+  for (size_t k = 0; k < within.size(); ++k) {
+    errors.delta_percent[k] = Percent(within[k], common.size());
+  }
+  errors.mae = absolute / n;
+  errors.median_signed_error = MedianOf(std::span<double>(signed_errors));
+  return errors;
+}
+
+std::optional<DepthFit> FitDepth(std::span<const float> estimated, std::span<const float> truth,
+                                 DepthFitKind kind) {
+  Common common = Intersect(estimated, truth);
+  if (common.size() == 0) return std::nullopt;
+  if (kind == DepthFitKind::kMedian) {
+    return DepthFit{
+        MedianOf(std::span<double>(common.truth)) / MedianOf(std::span<double>(common.estimated)),
+        0};
+  }
+  const auto n = static_cast<double>(common.size());
+  double mean_e = 0, mean_t = 0;
+  for (size_t i = 0; i < common.size(); ++i) {
+    mean_e += common.estimated[i] / n;
+    mean_t += common.truth[i] / n;
+  }
+  double covariance = 0, variance = 0;
+  for (size_t i = 0; i < common.size(); ++i) {
+    covariance += (common.estimated[i] - mean_e) * (common.truth[i] - mean_t);
+    variance += (common.estimated[i] - mean_e) * (common.estimated[i] - mean_e);
+  }
+  if (!(variance > 0)) return std::nullopt;
+  const double scale = covariance / variance;
+  return DepthFit{scale, mean_t - scale * mean_e};
+}
+
+std::vector<float> ApplyFit(std::span<const float> estimated, const DepthFit& fit) {
+  std::vector<float> fitted(estimated.size(), 0.0F);
+  for (size_t i = 0; i < estimated.size(); ++i) {
+    if (!IsKnown(estimated[i])) continue;
+    const double z = fit.scale * static_cast<double>(estimated[i]) + fit.shift;
+    fitted[i] = z > 0 ? static_cast<float>(z) : 0.0F;
+  }
+  return fitted;
+}
+
+BinnedDepthErrors::BinnedDepthErrors(std::vector<double> edges) : edges_(std::move(edges)) {
+  RAYLIFT_CHECK(edges_.size() >= 2 && std::is_sorted(edges_.begin(), edges_.end()));
+  bins_.resize(edges_.size() - 1);
+}
+
+void BinnedDepthErrors::Add(std::span<const float> estimated, std::span<const float> truth,
+                            std::span<const float> at) {
+  RAYLIFT_CHECK_EQ(estimated.size(), truth.size());
+  RAYLIFT_CHECK_EQ(estimated.size(), at.size());
+  for (size_t i = 0; i < at.size(); ++i) {
+    const auto x = static_cast<double>(at[i]);
+    if (!IsKnown(estimated[i]) || !IsKnown(truth[i]) || x < edges_.front() || x >= edges_.back()) {
+      continue;
+    }
+    const auto next = std::upper_bound(edges_.begin(), edges_.end(), x);
+    Bin& bin = bins_[static_cast<size_t>(next - edges_.begin()) - 1];
+    const auto t = static_cast<double>(truth[i]);
+    const double difference = static_cast<double>(estimated[i]) - t;
+    ++bin.count;
+    bin.sum_abs_rel += std::abs(difference) / t;
+    bin.sum_abs += std::abs(difference);
+    bin.sum_signed_rel += difference / t;
+  }
+}
+
+void BinnedDepthErrors::Add(const BinnedDepthErrors& other) {
+  RAYLIFT_CHECK(edges_ == other.edges_);
+  for (size_t i = 0; i < bins_.size(); ++i) {
+    bins_[i].count += other.bins_[i].count;
+    bins_[i].sum_abs_rel += other.bins_[i].sum_abs_rel;
+    bins_[i].sum_abs += other.bins_[i].sum_abs;
+    bins_[i].sum_signed_rel += other.bins_[i].sum_signed_rel;
+  }
+}
+
+std::optional<NormalErrors> ComputeNormalErrors(std::span<const float> estimated,
+                                                std::span<const float> truth) {
+  RAYLIFT_CHECK_EQ(estimated.size(), truth.size());
+  std::vector<double> angles_deg;
+  double sum_deg = 0;
+  std::array<size_t, 3> within = {0, 0, 0};
+  for (size_t i = 0; i + 2 < truth.size(); i += 3) {
+    double dot = 0, norm_e = 0, norm_t = 0;
+    for (size_t k = i; k < i + 3; ++k) {
+      const auto e = static_cast<double>(estimated[k]), t = static_cast<double>(truth[k]);
+      dot += e * t;
+      norm_e += e * e;
+      norm_t += t * t;
+    }
+    if (!(norm_e > 0) || !(norm_t > 0)) continue;
+    const double cosine = dot / std::sqrt(norm_e * norm_t);
+    const double angle_deg = std::acos(std::clamp(cosine, -1.0, 1.0)) * kDegPerRad;
+    angles_deg.push_back(angle_deg);
+    sum_deg += angle_deg;
+    within[0] += angle_deg < 11.25;
+    within[1] += angle_deg < 22.5;
+    within[2] += angle_deg < 30;
+  }
+  if (angles_deg.empty()) return std::nullopt;
+  NormalErrors errors;
+  errors.count = angles_deg.size();
+  errors.mean_deg = sum_deg / static_cast<double>(angles_deg.size());
+  errors.median_deg = MedianOf(std::span<double>(angles_deg));
+  for (size_t k = 0; k < within.size(); ++k) {
+    errors.within_percent[k] = Percent(within[k], angles_deg.size());
+  }
+  return errors;
+}
+
+DepthCoverage ComputeCoverage(std::span<const float> estimated, std::span<const float> truth,
+                              int width_px) {
+  RAYLIFT_CHECK(truth.empty() || truth.size() == estimated.size());
+  RAYLIFT_CHECK(width_px > 0);
+  const auto width = static_cast<size_t>(width_px);
+  const auto is_wanted = [&](size_t i) { return truth.empty() || IsKnown(truth[i]); };
+  size_t wanted = 0, covered = 0, invented = 0, holes = 0;
+  std::vector<bool> is_hole(estimated.size(), false);
+  for (size_t i = 0; i < estimated.size(); ++i) {
+    if (is_wanted(i)) {
+      ++wanted;
+      IsKnown(estimated[i]) ? ++covered : is_hole[i] = true;
+    } else if (IsKnown(estimated[i])) {
+      ++invented;
+    }
+  }
+  constexpr size_t kMinPixels = 4;
+  std::vector<size_t> stack;
+  for (size_t start = 0; start < is_hole.size(); ++start) {
+    if (!is_hole[start]) continue;
+    size_t pixels = 0;
+    const auto take = [&](size_t i) {
+      is_hole[i] = false;
+      stack.push_back(i);
+      ++pixels;
+    };
+    take(start);
+    while (!stack.empty()) {
+      const size_t i = stack.back();
+      stack.pop_back();
+      if (i % width > 0 && is_hole[i - 1]) take(i - 1);
+      if (i % width + 1 < width && is_hole[i + 1]) take(i + 1);
+      if (i >= width && is_hole[i - width]) take(i - width);
+      if (i + width < is_hole.size() && is_hole[i + width]) take(i + width);
+    }
+    holes += pixels >= kMinPixels;
+  }
+  DepthCoverage coverage;
+  coverage.covered_percent = Percent(covered, wanted);
+  coverage.invented_percent = Percent(invented, estimated.size());
+  if (wanted > 0) {
+    coverage.holes_per_megapixel = 1e6 * static_cast<double>(holes) / static_cast<double>(wanted);
+  }
+  return coverage;
+}
+
+SurfaceScore ComputeSurfaceScore(std::span<const float> to_truth, std::span<const float> from_truth,
+                                 double threshold) {
+  const auto share = [threshold](std::span<const float> distances) {
+    const auto close = std::count_if(distances.begin(), distances.end(), [threshold](float d) {
+      return static_cast<double>(d) < threshold;
+    });
+    return Percent(static_cast<size_t>(close), distances.size());
+  };
+  SurfaceScore score;
+  score.threshold = threshold;
+  score.accuracy_percent = share(to_truth);
+  score.completeness_percent = share(from_truth);
+  const double sum = score.accuracy_percent + score.completeness_percent;
+  score.f_percent = sum > 0 ? 2 * score.accuracy_percent * score.completeness_percent / sum : 0;
+  return score;
+}
+
+}  // namespace raylift

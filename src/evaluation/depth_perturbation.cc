@@ -1,0 +1,240 @@
+#include "raylift/evaluation/depth_perturbation.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "raylift/base/error.h"
+#include "raylift/base/rng.h"
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+constexpr int kGridColumns = 5;
+constexpr int kGridRows = 4;
+
+struct Ellipse {
+  double x, y, radius_x, radius_y;
+
+  // Below 1 inside.
+  double SquaredDistance(int pixel_x, int pixel_y) const {
+    const double dx = (pixel_x - x) / radius_x, dy = (pixel_y - y) / radius_y;
+    return dx * dx + dy * dy;
+  }
+};
+
+class Perturber {
+ public:
+  Perturber(DepthMap map, const DepthPerturbation& options, std::string_view image_name)
+      : map_(std::move(map)), options_(options), image_name_(image_name) {}
+
+  DepthMap Run() {
+    Scale();
+    Warp();
+    Bubbles();
+    Floaters();
+    FlyingPixels();
+    Noise();
+    Quantize();
+    Holes();
+    return std::move(map_);
+  }
+
+ private:
+  Rng Stream(std::string_view purpose) const {
+    return Rng(StreamSeed(options_.seed, image_name_, purpose));
+  }
+
+  // factor(x, y, z) of every pixel with depth. What is no longer positive becomes a hole.
+  template <typename Function>
+  void ForEachDepth(Function new_depth) {
+    for (int y = 0; y < map_.height_px; ++y) {
+      for (int x = 0; x < map_.width_px; ++x) {
+        float& z = Pixel(x, y);
+        if (!(z > 0)) continue;
+        const double changed = new_depth(x, y, static_cast<double>(z));
+        z = changed > 0 && std::isfinite(changed) ? static_cast<float>(changed) : 0.0F;
+      }
+    }
+  }
+
+  template <typename Function>
+  void ForEachDepthIn(const Ellipse& ellipse, Function new_depth) {
+    const int x0 = std::max(0, static_cast<int>(std::floor(ellipse.x - ellipse.radius_x)));
+    const int y0 = std::max(0, static_cast<int>(std::floor(ellipse.y - ellipse.radius_y)));
+    const int x1 = std::min(map_.width_px - 1, static_cast<int>(ellipse.x + ellipse.radius_x) + 1);
+    const int y1 = std::min(map_.height_px - 1, static_cast<int>(ellipse.y + ellipse.radius_y) + 1);
+    for (int y = y0; y <= y1; ++y) {
+      for (int x = x0; x <= x1; ++x) {
+        const double squared = ellipse.SquaredDistance(x, y);
+        float& z = Pixel(x, y);
+        if (z > 0 && squared < 1)
+          z = static_cast<float>(new_depth(squared, static_cast<double>(z)));
+      }
+    }
+  }
+
+  // Radii are shares of the image's width.
+  Ellipse DrawEllipse(Rng& rng, double min_radius, double max_radius) const {
+    Ellipse ellipse{};
+    ellipse.x = rng.Uniform(0, map_.width_px);
+    ellipse.y = rng.Uniform(0, map_.height_px);
+    ellipse.radius_x = std::max(1.5, rng.Uniform(min_radius, max_radius) * map_.width_px);
+    ellipse.radius_y = std::max(1.5, rng.Uniform(0.6, 1.4) * ellipse.radius_x);
+    return ellipse;
+  }
+
+  float& Pixel(int x, int y) {
+    return map_
+        .z[static_cast<size_t>(y) * static_cast<size_t>(map_.width_px) + static_cast<size_t>(x)];
+  }
+
+  void Scale() {
+    if (options_.scale == 1 && options_.scale_sigma == 0) return;
+    Rng rng = Stream("scale");
+    const double factor = options_.scale * std::exp(options_.scale_sigma * rng.Normal());
+    ForEachDepth([factor](int, int, double z) { return factor * z; });
+  }
+
+  // Between the nodes by cubic smoothing: no edge appears.
+  void Warp() {
+    if (options_.warp_sigma == 0) return;
+    Rng rng = Stream("warp");
+    std::array<double, static_cast<size_t>(kGridColumns) * kGridRows> nodes{};
+    for (double& node : nodes) node = options_.warp_sigma * rng.Normal();
+    const auto smooth = [](double t) { return t * t * (3 - 2 * t); };
+    const auto place = [&](int pixel, int count_px, int nodes_along) {
+      const double u = (pixel + 0.5) / count_px * (nodes_along - 1);
+      const int cell = std::min(static_cast<int>(u), nodes_along - 2);
+      return std::pair(static_cast<size_t>(cell), smooth(u - cell));
+    };
+    ForEachDepth([&](int x, int y, double z) {
+      const auto [column, u] = place(x, map_.width_px, kGridColumns);
+      const auto [row, v] = place(y, map_.height_px, kGridRows);
+      const double* corner = &nodes[row * kGridColumns + column];
+      const double log_factor = (1 - v) * ((1 - u) * corner[0] + u * corner[1]) +
+                                v * ((1 - u) * corner[kGridColumns] + u * corner[kGridColumns + 1]);
+      return z * std::exp(log_factor);
+    });
+  }
+
+  void Bubbles() {
+    Rng rng = Stream("bubbles");
+    for (int i = 0; i < options_.bubbles; ++i) {
+      const Ellipse ellipse = DrawEllipse(rng, 0.06, 0.14);
+      const double height = options_.bubble_height * rng.Uniform(0.6, 1.2);
+      ForEachDepthIn(ellipse, [height](double squared, double z) {
+        return z * (1 - std::min(0.95, height) * (1 - squared) * (1 - squared));
+      });
+    }
+  }
+
+  void Floaters() {
+    Rng rng = Stream("floaters");
+    for (int i = 0; i < options_.floaters; ++i) {
+      const Ellipse ellipse = DrawEllipse(rng, 0.004, 0.02);
+      const double share = rng.Uniform(0.3, 0.8);
+      const double behind =
+          static_cast<double>(Pixel(std::min(static_cast<int>(ellipse.x), map_.width_px - 1),
+                                    std::min(static_cast<int>(ellipse.y), map_.height_px - 1)));
+      if (!(behind > 0)) continue;
+      ForEachDepthIn(ellipse, [&](double, double z) { return std::min(z, share * behind); });
+    }
+  }
+
+  // A pixel whose 3 x 3 neighbourhood holds a jump lands anywhere between its two surfaces.
+  void FlyingPixels() {
+    if (options_.flying_share == 0) return;
+    Rng rng = Stream("flying");
+    const DepthMap before = map_;
+    ForEachDepth([&](int x, int y, double z) {
+      double nearest = z, farthest = z;
+      for (int v = std::max(0, y - 1); v <= std::min(map_.height_px - 1, y + 1); ++v) {
+        for (int u = std::max(0, x - 1); u <= std::min(map_.width_px - 1, x + 1); ++u) {
+          const auto other = static_cast<double>(before.At(u, v));
+          if (!(other > 0)) continue;
+          nearest = std::min(nearest, other);
+          farthest = std::max(farthest, other);
+        }
+      }
+      constexpr double kMinJump = 0.05;
+      if (farthest < (1 + kMinJump) * nearest || rng.Uniform() >= options_.flying_share) return z;
+      return rng.Uniform(nearest, farthest);
+    });
+  }
+
+  void Noise() {
+    if (options_.noise_sigma == 0 && options_.relative_noise_sigma == 0) return;
+    Rng additive = Stream("noise");
+    Rng relative = Stream("relative noise");
+    ForEachDepth([&](int, int, double z) {
+      return z * (1 + options_.relative_noise_sigma * relative.Normal()) +
+             options_.noise_sigma * additive.Normal();
+    });
+  }
+
+  void Quantize() {
+    const double step = options_.quantization_step;
+    if (step == 0) return;
+    ForEachDepth([step](int, int, double z) { return step * std::round(z / step); });
+  }
+
+  void Holes() {
+    if (options_.hole_share == 0) return;
+    Rng rng = Stream("holes");
+    const auto wanted =
+        static_cast<size_t>(options_.hole_share * static_cast<double>(map_.z.size()));
+    // Blobs may overlap each other and holes that are there; the share is of all pixels.
+    constexpr int kMaxBlobs = 100000;
+    size_t removed = 0;
+    for (int i = 0; i < kMaxBlobs && removed < wanted; ++i) {
+      ForEachDepthIn(DrawEllipse(rng, 0.005, 0.04), [&](double, double z) {
+        if (removed == wanted) return z;
+        ++removed;
+        return 0.0;
+      });
+    }
+  }
+
+  DepthMap map_;
+  const DepthPerturbation& options_;
+  std::string_view image_name_;
+};
+
+void RequireAtLeast(double value, double least, std::string_view option) {
+  if (!(value >= least) || !std::isfinite(value)) {
+    throw OptionError(option, FormatDouble(value), "must be at least " + FormatDouble(least));
+  }
+}
+
+void RequireShare(double value, std::string_view option) {
+  if (!(value >= 0 && value <= 1)) {
+    throw OptionError(option, FormatDouble(value), "must be between 0 and 1");
+  }
+}
+
+}  // namespace
+
+void DepthPerturbation::Validate() const {
+  if (!(scale > 0) || !std::isfinite(scale)) {
+    throw OptionError("--scale", FormatDouble(scale), "must be positive");
+  }
+  RequireAtLeast(scale_sigma, 0, "--scale-sigma");
+  RequireAtLeast(warp_sigma, 0, "--warp");
+  RequireAtLeast(bubbles, 0, "--bubbles");
+  RequireShare(bubble_height, "--bubble-height");
+  RequireAtLeast(floaters, 0, "--floaters");
+  RequireShare(flying_share, "--flying");
+  RequireAtLeast(noise_sigma, 0, "--noise");
+  RequireAtLeast(relative_noise_sigma, 0, "--relative-noise");
+  RequireAtLeast(quantization_step, 0, "--quantize");
+  RequireShare(hole_share, "--holes");
+}
+
+DepthMap PerturbDepth(const DepthMap& map, const DepthPerturbation& perturbation,
+                      std::string_view image_name) {
+  return Perturber(map, perturbation, image_name).Run();
+}
+
+}  // namespace raylift
