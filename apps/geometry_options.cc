@@ -17,7 +17,15 @@ GeometryOptions GeometryFlags::Resolve() const {
   if (*align_value != AlignMode::kOff && specs.empty()) {
     throw OptionError("--align-depth", align_depth, "needs --geometry");
   }
-  return {.mode = *mode_value, .align = *align_value};
+  const auto candidates_value = CandidateModeFromName(candidates);
+  if (!candidates_value) {
+    throw OptionError("--candidates", candidates, "expected keep|merge|triangulate");
+  }
+  GeometryOptions options{
+      .mode = *mode_value, .align = *align_value, .candidates = candidate_values};
+  options.candidates.mode = *candidates_value;
+  options.candidates.Validate();
+  return options;
 }
 
 void AddGeometryOptions(CLI::App& app, GeometryFlags& flags) {
@@ -31,6 +39,23 @@ void AddGeometryOptions(CLI::App& app, GeometryFlags& flags) {
   app.add_option("--align-depth", flags.align_depth,
                  "Correct each reference's depth by the matches between references:\n"
                  "off|scale|affine|grid. For depth maps that do not agree with each other")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--candidates", flags.candidates,
+                 "The 3D points of a query keypoint, one per matched reference:\n"
+                 "keep|merge|triangulate. Keep all, merge them to one by the\n"
+                 "references' matched keypoints, or triangulate these and use no\n"
+                 "--geometry")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--candidates-error-px", flags.candidate_values.max_error_px,
+                 "A reference counts for a merged or triangulated point that\n"
+                 "projects this close to its keypoint")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--candidates-min-angle-deg", flags.candidate_values.min_angle_deg,
+                 "Smallest angle between rays that a point is triangulated or\n"
+                 "refined from")
       ->capture_default_str()
       ->group(group);
 }

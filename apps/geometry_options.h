@@ -7,6 +7,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "raylift/lifting/candidates.h"
 #include "raylift/lifting/depth_alignment.h"
 #include "raylift/lifting/lifter.h"
 
@@ -15,12 +16,15 @@ namespace raylift {
 struct GeometryOptions {
   GeometryMode mode = GeometryMode::kFirst;
   AlignMode align = AlignMode::kOff;
+  CandidateOptions candidates;
 };
 
 struct GeometryFlags {
   std::vector<std::string> specs;  // in the order in which sources are asked
   std::string mode = "first";
   std::string align_depth = "off";
+  std::string candidates = "keep";
+  CandidateOptions candidate_values;  // the numbers
 
   // Throws OptionError.
   GeometryOptions Resolve() const;

@@ -53,7 +53,8 @@ void RequirePositive(int value, std::string_view name) {
 }
 
 // What the options alone can tell, before any work.
-void Check(const LocalizeFlags& flags, const EstimatorOptions& estimator) {
+void Check(const LocalizeFlags& flags, const GeometryOptions& geometry,
+           const EstimatorOptions& estimator) {
   RequirePositive(flags.every, "--every");
   RequirePositive(flags.top_k, "--top-k");
   RequirePositive(flags.max_features, "--max-features");
@@ -73,9 +74,11 @@ void Check(const LocalizeFlags& flags, const EstimatorOptions& estimator) {
   if (!any_hloc && flags.images.empty()) {
     throw OptionError("--images is required where no --features, --matches and --pairs are given");
   }
-  if (flags.geometry.specs.empty() && estimator.method != Method::kE5p1) {
-    throw OptionError(fmt::format("--geometry is required by --method {} (e5p1 needs none)",
-                                  ToString(estimator.method)));
+  if (flags.geometry.specs.empty() && estimator.method != Method::kE5p1 &&
+      geometry.candidates.mode != CandidateMode::kTriangulate) {
+    throw OptionError(fmt::format(
+        "--geometry is required by --method {} (e5p1 and --candidates triangulate need none)",
+        ToString(estimator.method)));
   }
   if (flags.pictures > 0 && flags.images.empty() && flags.query_images.empty()) {
     throw OptionError("--pictures", std::to_string(flags.pictures),
@@ -111,6 +114,9 @@ class LocalizeRun {
     covisibility_ = std::move(loaded.covisibility);
     Take(std::move(loaded.warnings));
     OpenGeometry();
+    if (geometry_options.candidates.mode == CandidateMode::kTriangulate && !geometry_.empty()) {
+      Take({"--candidates triangulate lifts nothing: --geometry is not used for points"});
+    }
     RequireWritable(flags.out / "poses.txt");
     if (!flags.write_problems.empty()) {
       RequireWritable(flags.write_problems / "problem.json");
@@ -208,6 +214,7 @@ class LocalizeRun {
                                                          .geometry = sources_,
                                                          .geometry_mode = geometry_options_.mode,
                                                          .filter = filter_,
+                                                         .candidates = geometry_options_.candidates,
                                                          .estimator = *estimator_});
     if (!flags_.write_problems.empty()) {
       WritePoseProblem(FileOfQuery(flags_.write_problems, queries_[index].name, ".json"),
@@ -326,8 +333,8 @@ Command AddLocalizeCommand(CLI::App& program) {
   return {command, [flags, command] {
             const EstimatorOptions estimator = flags->estimator.Resolve();
             const FilterOptions filter = flags->filter.Resolve(estimator.method);
-            Check(*flags, estimator);
             const GeometryOptions geometry = flags->geometry.Resolve();
+            Check(*flags, geometry, estimator);
             LocalizeRun(*flags, geometry, filter, estimator).Run(EffectiveOptionsJson(*command));
           }};
 }

@@ -19,15 +19,30 @@ class Stopwatch {
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
-void LiftAndFilter(const LocalizerParts& parts, PoseProblem& problem, StageCounts& counts) {
+void LiftOrTriangulate(const LocalizerParts& parts, PoseProblem& problem, StageCounts& counts) {
+  if (parts.candidates.mode == CandidateMode::kTriangulate) {
+    problem.matches_2d3d =
+        TriangulateMatches(problem.references, problem.matches_2d2d, parts.candidates);
+    return;
+  }
   const LiftResult lifted =
       LiftMatches(parts.geometry, parts.geometry_mode, problem.references, problem.matches_2d2d);
   problem.matches_2d3d = Matches2D3D(lifted);
   counts.hit = lifted.counts.hits;
   counts.points_of_source = lifted.counts.points_of_source;
+}
+
+// The filter judges each candidate by itself, so that bad ones do not come into the merged point.
+void MakePoints(const LocalizerParts& parts, PoseProblem& problem, StageCounts& counts) {
+  LiftOrTriangulate(parts, problem, counts);
   const FilterResult filtered = FilterProblem(parts.filter, problem);
   counts.filter = filtered.counts;
   counts.noise = filtered.noise;
+  if (parts.candidates.mode == CandidateMode::kMerge) {
+    problem.matches_2d3d = MergeCandidates(problem.references, problem.matches_2d2d,
+                                           problem.matches_2d3d, parts.candidates);
+  }
+  counts.points = problem.matches_2d3d.size();
 }
 
 }  // namespace
@@ -58,9 +73,7 @@ QueryResult LocalizeQuery(const Query& query, const LocalizerParts& parts) {
   localized.counts.matched = problem.matches_2d2d.size();
   localized.match_ms = stopwatch.Lap();
 
-  if (!parts.geometry.empty()) {
-    LiftAndFilter(parts, problem, localized.counts);
-  }
+  MakePoints(parts, problem, localized.counts);
   localized.lift_ms = stopwatch.Lap();
 
   localized.estimate = parts.estimator.Estimate(problem);

@@ -43,6 +43,7 @@ Json QueryJson(const LocalizedQuery& query) {
                {"dropped_by_ratio", query.counts.filter.dropped_by_ratio},
                {"dropped_by_error", query.counts.filter.dropped_by_error},
                {"dropped_as_too_few", query.counts.filter.dropped_as_too_few},
+               {"points", query.counts.points},
                {"inliers_2d3d", query.counts.inliers_2d3d},
                {"inliers_2d2d", query.counts.inliers_2d2d},
                {"iterations", estimate.iterations}};
@@ -169,6 +170,7 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
          median_of([](const LocalizedQuery& q) { return q.counts.filter.dropped_by_error; })},
         {"dropped_as_too_few",
          median_of([](const LocalizedQuery& q) { return q.counts.filter.dropped_as_too_few; })},
+        {"points", median_of([](const LocalizedQuery& q) { return q.counts.points; })},
         {"inliers_2d3d", median_of([](const LocalizedQuery& q) { return q.counts.inliers_2d3d; })},
         {"inliers_2d2d", median_of([](const LocalizedQuery& q) { return q.counts.inliers_2d2d; })},
         {"match_ms", median_of([](const LocalizedQuery& q) { return q.match_ms; })},

@@ -145,6 +145,10 @@ TEST(Options, LocalizeChecksWhatOptionsAloneCanTell) {
   EXPECT_TRUE(fails("--align-depth", complete + Arguments{"--align-depth", "often"}));
   EXPECT_TRUE(fails("--filter", complete + Arguments{"--filter", "sometimes"}));
   EXPECT_TRUE(fails("--geometry-mode", complete + Arguments{"--geometry-mode", "last"}));
+  EXPECT_TRUE(fails("--candidates", complete + Arguments{"--candidates", "mean"}));
+  EXPECT_TRUE(fails("--candidates-error-px", complete + Arguments{"--candidates-error-px", "0"}));
+  EXPECT_TRUE(fails("--candidates-min-angle-deg",
+                    complete + Arguments{"--candidates-min-angle-deg", "90"}));
   EXPECT_TRUE(fails("stray", complete + Arguments{"stray"}));
 }
 

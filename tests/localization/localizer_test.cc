@@ -24,7 +24,7 @@ class GivenMatches final : public MatchSource {
 class Localizer : public ::testing::Test {
  protected:
   QueryResult Run(const MatchSource& source, Method method = Method::kAdaptive,
-                  const FilterOptions& filter = {}) const {
+                  const FilterOptions& filter = {}, const CandidateOptions& candidates = {}) const {
     EstimatorOptions options;
     options.method = method;
     const auto estimator = MakePoseEstimator(options);
@@ -35,6 +35,7 @@ class Localizer : public ::testing::Test {
                           .covisibility = covisibility_,
                           .geometry = geometry,
                           .filter = filter,
+                          .candidates = candidates,
                           .estimator = *estimator});
   }
 
@@ -101,6 +102,26 @@ TEST_F(Localizer, TheFilterDropsWhatReferencesDisagreeOn) {
       counts.hit);
   EXPECT_EQ(result.problem.matches_2d3d.size(), counts.filter.consistent);
   EXPECT_TRUE(result.localized.localized());
+}
+
+TEST_F(Localizer, MergesWhatTheFilterKeepsAndTriangulatesWithoutGeometry) {
+  const auto source = HlocSource();
+  const FilterOptions filter{FilterMode::kFixed, {}};
+  const auto run = [&](CandidateMode mode) {
+    QueryResult result = Run(*source, Method::kP3p, filter, {.mode = mode});
+    EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world,
+                           scene_.queries[0].cam_from_world, 1e-3, 1e-4));
+    EXPECT_EQ(result.localized.counts.points, result.problem.matches_2d3d.size());
+    return result.localized.counts;
+  };
+  const StageCounts kept = run(CandidateMode::kKeep);
+  EXPECT_EQ(kept.points, kept.filter.consistent);
+  const StageCounts merged = run(CandidateMode::kMerge);
+  EXPECT_EQ(merged.filter.consistent, kept.filter.consistent);
+  EXPECT_LT(merged.points, merged.filter.consistent / 2);
+  const StageCounts triangulated = run(CandidateMode::kTriangulate);
+  EXPECT_EQ(triangulated.hit, 0u);
+  EXPECT_GT(triangulated.points, merged.points / 2);
 }
 
 TEST_F(Localizer, WithoutGeometryThereAreNoPoints) {

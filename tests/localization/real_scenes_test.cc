@@ -26,7 +26,7 @@ PosesByName Poses(const fs::path& model) {
 
 Comparison Localize(const std::vector<Query>& queries, const MatchSource& matches,
                     std::vector<const GeometrySource*> geometry, Method method,
-                    const PosesByName& truth) {
+                    const PosesByName& truth, CandidateMode candidates = CandidateMode::kKeep) {
   EstimatorOptions options;
   options.method = method;
   const auto estimator = MakePoseEstimator(options);
@@ -37,6 +37,7 @@ Comparison Localize(const std::vector<Query>& queries, const MatchSource& matche
                                               .covisibility = covisibility,
                                               .geometry = geometry,
                                               .filter = {},
+                                              .candidates = {.mode = candidates},
                                               .estimator = *estimator})
                        .localized;
   });
@@ -103,6 +104,26 @@ TEST_F(RgbdSmall, LocalizesAllQueriesWithHlocsFiles) {
                    fmt::format("{:.4f}", summary.median_rotation_deg));
   }
   EXPECT_TRUE(matches->Warnings().empty());
+}
+
+TEST_F(RgbdSmall, MergedOrTriangulatedPointsMakeUpForMonocularDepth) {
+  const auto matches = OpenHlocMatches(
+      {data_ / "features.h5", data_ / "matches.h5", data_ / "pairs.txt"}, references_, 10);
+  const NamedGeometry depth = MakeGeometrySource("depth:" + (data_ / "depth_mono_sim").string(),
+                                                 {.references = references_.images});
+  const auto run = [&](CandidateMode mode) {
+    const Comparison comparison =
+        Localize(queries_, *matches, {depth.source.get()}, Method::kP3p, truth_, mode);
+    RecordProperty(std::string(ToString(mode)), Describe(comparison));
+    return comparison;
+  };
+  const Comparison kept = run(CandidateMode::kKeep);
+  const Comparison merged = run(CandidateMode::kMerge);
+  const Comparison triangulated = run(CandidateMode::kTriangulate);
+  EXPECT_GT(CountWithin(merged, kCoarse), CountWithin(kept, kCoarse));
+  EXPECT_LT(Summarize("", merged, {}).median_position,
+            0.5 * Summarize("", kept, {}).median_position);
+  EXPECT_EQ(CountWithin(triangulated, kFine), 10u) << Describe(triangulated);
 }
 
 TEST_F(RgbdSmall, LocalizesFromImagesAlone) {

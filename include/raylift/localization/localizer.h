@@ -11,6 +11,7 @@
 
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/io/query_list.h"
+#include "raylift/lifting/candidates.h"
 #include "raylift/lifting/consistency_filter.h"
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/lifting/lifter.h"
@@ -27,6 +28,7 @@ struct StageCounts {
   std::vector<size_t> points_of_source;
   FilterCounts filter;                  // of the points, kept and dropped by the filter
   std::optional<MultiViewNoise> noise;  // as the automatic filter found it
+  size_t points = 0;                    // 2D-3D matches that were estimated from
   size_t inliers_2d3d = 0;
   size_t inliers_2d2d = 0;
 };
@@ -56,9 +58,10 @@ struct QueryResult {
 struct LocalizerParts {
   const MatchSource& match_source;
   const Covisibility& covisibility;
-  std::span<const GeometrySource* const> geometry;  // none: there are no 2D-3D matches
+  std::span<const GeometrySource* const> geometry;  // none: nothing is lifted
   GeometryMode geometry_mode = GeometryMode::kFirst;
   const FilterOptions& filter;
+  CandidateOptions candidates = {};  // merged are those that the filter keeps
   const PoseEstimator& estimator;
 };
 QueryResult LocalizeQuery(const Query& query, const LocalizerParts& parts);
