@@ -18,5 +18,6 @@ Command AddLocalizeCommand(CLI::App& program);
 Command AddEstimateCommand(CLI::App& program);
 Command AddEvaluateCommand(CLI::App& program);
 Command AddPerturbCommand(CLI::App& program);
+Command AddRenderCommand(CLI::App& program);
 
 }  // namespace raylift

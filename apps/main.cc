@@ -1,6 +1,7 @@
 // The program: parses, runs one command, turns errors into exit codes.
 //   0 done (queries that could not be localized are results)   1 a bug
 //   2 a bad option                                             3 bad input
+//   4 stopped by SIGINT or SIGTERM, in good order
 
 #include <algorithm>
 #include <cstdio>
@@ -12,6 +13,7 @@
 
 #include "commands.h"
 #include "config_file.h"
+#include "interrupt.h"
 #include "options.h"
 #include <CLI/CLI.hpp>
 
@@ -20,7 +22,7 @@
 namespace raylift {
 namespace {
 
-enum ExitCode { kDone = 0, kBug = 1, kBadOption = 2, kBadInput = 3 };
+enum ExitCode { kDone = 0, kBug = 1, kBadOption = 2, kBadInput = 3, kInterrupted = 4 };
 
 int Fail(ExitCode code, const char* message) {
   std::fprintf(stderr, "raylift: %s\n", message);
@@ -55,7 +57,7 @@ Program MakeProgram() {
       "0.05,5:0.25,2\n"
       "  raylift COMMAND --help");
   program.commands = {AddLocalizeCommand(app), AddEstimateCommand(app), AddEvaluateCommand(app),
-                      AddPerturbCommand(app)};
+                      AddPerturbCommand(app), AddRenderCommand(app)};
   for (const Command& command : program.commands) {
     CheckNumbers(*command.app);
   }
@@ -120,6 +122,8 @@ int Main(const std::vector<std::string>& arguments) {
     return Fail(kBadOption, error.what());
   } catch (const InputError& error) {
     return Fail(kBadInput, error.what());
+  } catch (const Interrupted& interrupted) {
+    return Fail(kInterrupted, interrupted.what());
   } catch (const std::filesystem::filesystem_error& error) {
     return Fail(kBadInput, error.what());
   } catch (const std::exception& error) {

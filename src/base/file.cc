@@ -4,6 +4,7 @@
 #include <cerrno>
 #include <cstring>
 #include <fstream>
+#include <regex>
 #include <system_error>
 
 #include <fmt/format.h>
@@ -73,6 +74,15 @@ void RequireWritable(const std::filesystem::path& path) {
   if (!std::ofstream(file.temporary_path(), std::ios::binary)) {
     throw InputError(path, fmt::format("cannot be written: {}", std::strerror(errno)));
   }
+}
+
+std::optional<std::filesystem::path> TargetOfTemporary(const std::filesystem::path& path) {
+  // ".STEM.PID-COUNT.tmp.EXTENSION", see TemporaryName.
+  static const std::regex kPattern(R"(\.(.*)\.[0-9]+-[0-9]+\.tmp(\.[^.]*)?)");
+  const std::string name = path.filename().string();
+  std::smatch match;
+  if (!std::regex_match(name, match, kPattern)) return std::nullopt;
+  return path.parent_path() / (match[1].str() + match[2].str());
 }
 
 AtomicFile::AtomicFile(std::filesystem::path path) : path_(std::move(path)) {

@@ -31,12 +31,18 @@ Progress::~Progress() {
   }
 }
 
-void Progress::Advance() {
+void Progress::CountAlso(std::string unit, double total) {
+  unit_ = std::move(unit);
+  total_amount_ = total;
+}
+
+void Progress::Advance(double amount) {
   const size_t done = ++done_;
   if (!visible_) {
     return;
   }
   const std::lock_guard<std::mutex> lock(mutex_);
+  amount_ += amount;
   const auto now = std::chrono::steady_clock::now();
   if (now - last_print_ > std::chrono::milliseconds(200)) {
     last_print_ = now;
@@ -46,10 +52,16 @@ void Progress::Advance() {
 
 void Progress::Print(size_t done) {
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start_;
-  const double rate = static_cast<double>(done) / std::max(elapsed.count(), 1e-9);
-  const double left_s = rate > 0 ? static_cast<double>(total_ - done) / rate : 0;
-  const std::string line = fmt::format("\r{} / {} {}, {:.1f} / s, {} left\033[K", done, total_,
-                                       what_, rate, FormatSeconds(left_s));
+  const double seconds = std::max(elapsed.count(), 1e-9);
+  const double rate = static_cast<double>(done) / seconds;
+  const bool by_amount = !unit_.empty() && amount_ > 0;
+  const double left_s = by_amount  ? (total_amount_ - amount_) / (amount_ / seconds)
+                        : rate > 0 ? static_cast<double>(total_ - done) / rate
+                                   : 0;
+  const std::string amounts =
+      unit_.empty() ? "" : fmt::format(", {:.1f} {} / s", amount_ / seconds, unit_);
+  const std::string line = fmt::format("\r{} / {} {}, {:.1f} / s{}, {} left\033[K", done, total_,
+                                       what_, rate, amounts, FormatSeconds(std::max(left_s, 0.0)));
   std::fputs(line.c_str(), stderr);
   std::fflush(stderr);
 }

@@ -220,6 +220,7 @@ Imf::Compression ToImf(ExrCompression compression) {
 
 // Samples of one channel as they go into the file.
 struct ChannelSamples {
+  std::string name;
   std::vector<Eigen::half> halves;  // where the file holds float16
   const char* data;
   size_t bytes_per_sample;
@@ -227,6 +228,7 @@ struct ChannelSamples {
 
 ChannelSamples MakeSamples(const ExrChannel& channel, FloatSample sample) {
   ChannelSamples samples;
+  samples.name = channel.name;
   if (sample == FloatSample::kFloat16) {
     samples.halves.reserve(channel.values.size());
     for (const float value : channel.values) samples.halves.emplace_back(value);
@@ -237,6 +239,31 @@ ChannelSamples MakeSamples(const ExrChannel& channel, FloatSample sample) {
     samples.bytes_per_sample = sizeof(float);
   }
   return samples;
+}
+
+std::string EncodeSlices(const path& file, PlaneSize size, Imf::PixelType type,
+                         std::span<const ChannelSamples> channels, ExrCompression compression) {
+  try {
+    Imf::Header header(size.width_px, size.height_px);
+    header.compression() = ToImf(compression);
+    Imf::FrameBuffer buffer;
+    for (const ChannelSamples& channel : channels) {
+      header.channels().insert(channel.name, Imf::Channel(type));
+      // OpenEXR's slices are for reading and writing alike; here they are only read.
+      buffer.insert(channel.name,
+                    Imf::Slice(type, const_cast<char*>(channel.data), channel.bytes_per_sample,
+                               channel.bytes_per_sample * static_cast<size_t>(size.width_px)));
+    }
+    MemoryOutput stream;
+    {
+      Imf::OutputFile output(stream, header, 0);
+      output.setFrameBuffer(buffer);
+      output.writePixels(size.height_px);
+    }
+    return stream.TakeBytes();
+  } catch (const std::exception& error) {
+    throw InputError(file, fmt::format("the EXR file cannot be made: {}", OneLine(error.what())));
+  }
 }
 
 }  // namespace
@@ -260,30 +287,17 @@ StoredDepth DecodeExr(const path& file, std::string_view bytes, const std::strin
 std::string EncodeExr(const path& file, PlaneSize size, std::span<const ExrChannel> channels,
                       ExrCompression compression, FloatSample sample) {
   const Imf::PixelType type = sample == FloatSample::kFloat16 ? Imf::HALF : Imf::FLOAT;
-  try {
-    Imf::Header header(size.width_px, size.height_px);
-    header.compression() = ToImf(compression);
-    Imf::FrameBuffer buffer;
-    std::vector<ChannelSamples> samples;
-    samples.reserve(channels.size());
-    for (const ExrChannel& channel : channels) {
-      samples.push_back(MakeSamples(channel, sample));
-      const size_t step = samples.back().bytes_per_sample;
-      header.channels().insert(channel.name, Imf::Channel(type));
-      // OpenEXR's slices are for reading and writing alike; here they are only read.
-      buffer.insert(channel.name, Imf::Slice(type, const_cast<char*>(samples.back().data), step,
-                                             step * static_cast<size_t>(size.width_px)));
-    }
-    MemoryOutput stream;
-    {
-      Imf::OutputFile output(stream, header, 0);
-      output.setFrameBuffer(buffer);
-      output.writePixels(size.height_px);
-    }
-    return stream.TakeBytes();
-  } catch (const std::exception& error) {
-    throw InputError(file, fmt::format("the EXR file cannot be made: {}", OneLine(error.what())));
-  }
+  std::vector<ChannelSamples> samples;
+  samples.reserve(channels.size());
+  for (const ExrChannel& channel : channels) samples.push_back(MakeSamples(channel, sample));
+  return EncodeSlices(file, size, type, samples, compression);
+}
+
+std::string EncodeExrIndices(const path& file, PlaneSize size, std::span<const uint32_t> indices,
+                             ExrCompression compression) {
+  const ChannelSamples samples{
+      "id", {}, reinterpret_cast<const char*>(indices.data()), sizeof(uint32_t)};
+  return EncodeSlices(file, size, Imf::UINT, std::span(&samples, 1), compression);
 }
 
 }  // namespace raylift

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -25,9 +26,15 @@ StoredDepth DecodeExr(const std::filesystem::path& path, std::string_view bytes,
 std::string EncodeExr(const std::filesystem::path& path, PlaneSize size,
                       std::span<const ExrChannel> channels, ExrCompression compression,
                       FloatSample sample);
+// One channel "id" of uint32.
+std::string EncodeExrIndices(const std::filesystem::path& path, PlaneSize size,
+                             std::span<const uint32_t> indices, ExrCompression compression);
 
 bool IsNpy(std::string_view bytes);
 StoredDepth DecodeNpy(const std::filesystem::path& path, std::string_view bytes);
+// What stands before the data of an array, for instance of ("<f4", "(480, 640)").
+std::string NpyHeaderBytes(std::string_view descr, std::string_view shape);
+void AppendSamples(std::span<const float> values, FloatSample sample, std::string& bytes);
 std::string EncodeNpy(const FloatPlane& plane, FloatSample sample);
 
 bool IsZip(std::string_view bytes);

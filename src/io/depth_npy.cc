@@ -252,27 +252,36 @@ StoredDepth DecodeNpy(const path& file, std::string_view bytes) {
   return depth;
 }
 
-std::string EncodeNpy(const FloatPlane& plane, FloatSample sample) {
-  const bool half = sample == FloatSample::kFloat16;
-  std::string text = fmt::format("{{'descr': '{}', 'fortran_order': False, 'shape': ({}, {}), }}",
-                                 half ? "<f2" : "<f4", plane.height_px, plane.width_px);
+std::string NpyHeaderBytes(std::string_view descr, std::string_view shape) {
+  std::string text =
+      fmt::format("{{'descr': '{}', 'fortran_order': False, 'shape': {}, }}", descr, shape);
   // The data start at a multiple of 64 bytes.
   const size_t unpadded = kMagic.size() + 4 + text.size() + 1;
   text += std::string((64 - unpadded % 64) % 64, ' ') + '\n';
   std::string bytes(kMagic);
   bytes +=
       {'\x01', '\x00', static_cast<char>(text.size() & 0xff), static_cast<char>(text.size() >> 8)};
-  bytes += text;
-  const size_t offset = bytes.size();
-  if (half) {
-    bytes.resize(offset + plane.values.size() * sizeof(Eigen::half));
-    for (size_t i = 0; i < plane.values.size(); ++i) {
-      const Eigen::half value(plane.values[i]);
-      std::memcpy(bytes.data() + offset + i * sizeof(value), &value, sizeof(value));
-    }
-  } else {
-    bytes.append(reinterpret_cast<const char*>(plane.values.data()), plane.values.size_bytes());
+  return bytes + text;
+}
+
+void AppendSamples(std::span<const float> values, FloatSample sample, std::string& bytes) {
+  if (sample == FloatSample::kFloat32) {
+    bytes.append(reinterpret_cast<const char*>(values.data()), values.size_bytes());
+    return;
   }
+  const size_t offset = bytes.size();
+  bytes.resize(offset + values.size() * sizeof(Eigen::half));
+  for (size_t i = 0; i < values.size(); ++i) {
+    const Eigen::half value(values[i]);
+    std::memcpy(bytes.data() + offset + i * sizeof(value), &value, sizeof(value));
+  }
+}
+
+std::string EncodeNpy(const FloatPlane& plane, FloatSample sample) {
+  const bool half = sample == FloatSample::kFloat16;
+  std::string bytes = NpyHeaderBytes(half ? "<f2" : "<f4",
+                                     fmt::format("({}, {})", plane.height_px, plane.width_px));
+  AppendSamples(plane.values, sample, bytes);
   return bytes;
 }
 

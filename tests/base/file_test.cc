@@ -37,5 +37,14 @@ TEST(File, AnUncommittedFileLeavesNothing) {
   EXPECT_TRUE(std::filesystem::is_empty(folder));
 }
 
+TEST(File, TemporaryNamesTellTheirTarget) {
+  const auto folder = TestFolder();
+  for (const std::string name : {"x.png", "a.b.jpg", "plain", "x.tmp.png"}) {
+    const AtomicFile file(folder / name);
+    EXPECT_EQ(TargetOfTemporary(file.temporary_path()), folder / name);
+    EXPECT_FALSE(TargetOfTemporary(folder / name));
+  }
+}
+
 }  // namespace
 }  // namespace raylift

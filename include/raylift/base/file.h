@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -37,5 +38,9 @@ class AtomicFile {
   std::filesystem::path temporary_path_;
   bool committed_ = false;
 };
+
+// The file that a temporary name, as AtomicFile and WriteFile make them, stands for: what a killed
+// run has left of it. None where the name is no such name.
+std::optional<std::filesystem::path> TargetOfTemporary(const std::filesystem::path& path);
 
 }  // namespace raylift

@@ -20,8 +20,12 @@ class Progress {
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
 
-  // One item is done. May be called from any thread.
-  void Advance();
+  // A second quantity whose rate is shown ("Mrays"); the time left is then told by it. Before the
+  // first Advance().
+  void CountAlso(std::string unit, double total);
+
+  // One item is done, and so much of the second quantity. May be called from any thread.
+  void Advance(double amount = 0);
 
  private:
   void Print(size_t done);
@@ -31,6 +35,9 @@ class Progress {
   bool visible_;
   std::atomic<size_t> done_{0};
   std::mutex mutex_;
+  std::string unit_;  // of the second quantity; empty: there is none
+  double total_amount_ = 0;
+  double amount_ = 0;
   std::chrono::steady_clock::time_point start_;
   std::chrono::steady_clock::time_point last_print_;
 };

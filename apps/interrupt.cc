@@ -1,0 +1,34 @@
+#include "interrupt.h"
+
+#include <csignal>
+
+namespace raylift {
+namespace {
+
+std::atomic<bool> stop_wanted{false};
+static_assert(std::atomic<bool>::is_always_lock_free, "set by a signal handler");
+
+void OnSignal(int) { stop_wanted = true; }
+
+void Handle(void (*handler)(int), int flags) {
+  struct sigaction action {};
+  action.sa_handler = handler;
+  sigemptyset(&action.sa_mask);
+  action.sa_flags = flags;
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+}
+
+}  // namespace
+
+SignalGuard::SignalGuard() {
+  stop_wanted = false;
+  // SA_RESETHAND: a second signal has its usual effect.
+  Handle(&OnSignal, SA_RESTART | static_cast<int>(SA_RESETHAND));
+}
+
+SignalGuard::~SignalGuard() { Handle(SIG_DFL, 0); }
+
+const std::atomic<bool>& SignalGuard::stop() { return stop_wanted; }
+
+}  // namespace raylift

@@ -1,0 +1,28 @@
+// SIGINT and SIGTERM as a wish to stop soon: long commands finish what they have in hand.
+
+#pragma once
+
+#include <atomic>
+#include <stdexcept>
+#include <string>
+
+namespace raylift {
+
+// A command was stopped by a signal and has left all in order. Exit code 4.
+class Interrupted : public std::runtime_error {
+ public:
+  explicit Interrupted(const std::string& message) : std::runtime_error(message) {}
+};
+
+// While one exists, the first signal sets stop(); a second one ends the program at once.
+class SignalGuard {
+ public:
+  SignalGuard();
+  ~SignalGuard();
+  SignalGuard(const SignalGuard&) = delete;
+  SignalGuard& operator=(const SignalGuard&) = delete;
+
+  static const std::atomic<bool>& stop();
+};
+
+}  // namespace raylift

@@ -1,0 +1,156 @@
+// raylift render: a mesh and cameras in, depth maps and other pictures out.
+
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+#include <optional>
+
+#include "commands.h"
+#include "interrupt.h"
+#include "render_options.h"
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <unistd.h>
+
+#include "raylift/base/progress.h"
+#include "raylift/io/view_list.h"
+#include "raylift/rendering/mesh_scene.h"
+#include "raylift/rendering/render_job.h"
+#include "raylift/rendering/task_list.h"
+
+namespace raylift {
+namespace {
+
+// What is going on before the first image, on stderr where that is a terminal.
+class Steps {
+ public:
+  explicit Steps(bool quiet) : visible_(!quiet && isatty(STDERR_FILENO) != 0) {}
+  ~Steps() {
+    if (visible_) std::fputs("\r\033[K", stderr);
+  }
+  Steps(const Steps&) = delete;
+  Steps& operator=(const Steps&) = delete;
+
+  void Show(const std::string& step) const {
+    if (visible_) std::fputs(fmt::format("\r{}\033[K", step).c_str(), stderr);
+  }
+
+ private:
+  bool visible_;
+};
+
+void PrintJsonLine(const RenderedImage& image) {
+  auto json = nlohmann::ordered_json::parse(ToJsonLine(image.entry));
+  json.erase("key");
+  json["coverage"] = image.entry.Coverage();
+  json["render_ms"] = 1e3 * image.render_s;
+  json["write_ms"] = 1e3 * image.write_s;
+  json["rays"] = image.rays;
+  fmt::print("{}\n", json.dump());
+  std::fflush(stdout);
+}
+
+class RenderRun {
+ public:
+  RenderRun(const RenderFlags& flags, RenderJobOptions options, const TaskSelection& selection)
+      : flags_(flags), options_(std::move(options)) {
+    tasks_ = SelectTasks(
+        flags.model.empty() ? ReadViewList(flags.cameras) : ReadModelViews(flags.model, warnings_),
+        selection);
+    const Steps steps(flags.run.quiet);
+    scene_ = LoadMeshScene(flags.geometry, [&steps](const std::string& s) { steps.Show(s); });
+    options_.frame.color_options.shading = ResolveShading(flags, scene_.caster->mesh());
+  }
+
+  void Run() {
+    warnings_.insert(warnings_.end(), scene_.warnings.begin(), scene_.warnings.end());
+    for (const std::string& warning : warnings_) PrintWarning(warning);
+    const size_t total = tasks_.size();
+    RenderSummary summary;
+    {
+      const SignalGuard signals;
+      std::optional<Progress> progress;
+      const RenderHooks hooks{.on_start =
+                                  [&](size_t images, size_t rays) {
+                                    const auto show = flags_.run.quiet ? Progress::Show::kNever
+                                                                       : Progress::Show::kAuto;
+                                    progress.emplace("images", images, show);
+                                    progress->CountAlso("Mrays", 1e-6 * static_cast<double>(rays));
+                                  },
+                              .on_image =
+                                  [&](const RenderedImage& image) {
+                                    if (flags_.log_json) PrintJsonLine(image);
+                                    progress->Advance(1e-6 * static_cast<double>(image.rays));
+                                  },
+                              .stop = &SignalGuard::stop()};
+      summary = RunRenderJob(scene_.caster, std::move(tasks_), options_, hooks);
+    }
+    if (!flags_.run.quiet && !flags_.log_json) Print(summary, total);
+    if (summary.dropped > 0) {
+      PrintWarning(fmt::format("{} values are stored as \"none\", as their format cannot hold them",
+                               summary.dropped));
+    }
+    if (summary.left > 0) {
+      throw Interrupted(
+          fmt::format("stopped by a signal with {} images left; --resume goes on", summary.left));
+    }
+  }
+
+ private:
+  void Print(const RenderSummary& summary, size_t total) const {
+    const TriangleMesh& mesh = scene_.caster->mesh();
+    constexpr double kMega = 1e6;
+    fmt::print(
+        "mesh: {} triangles, {} vertices; {:.1f} MB and {:.1f} MB to trace; read in {:.2f} s, "
+        "built in {:.2f} s\n",
+        mesh.triangles.size(), mesh.vertices.size(), static_cast<double>(scene_.mesh_bytes) / kMega,
+        static_cast<double>(scene_.tree_bytes) / kMega, scene_.read_s, scene_.build_s);
+    if (!options_.shard.IsAll()) {
+      fmt::print("shard {}/{} of {} images{}\n", options_.shard.index, options_.shard.count, total,
+                 summary.complete ? ": all shards are complete" : "");
+    }
+    const double seconds = std::max(summary.seconds, 1e-9);
+    fmt::print("images: {} ({} rendered, {} kept{}); {:.1f} s, {:.1f} images/s, {:.1f} Mrays/s\n",
+               summary.images, summary.rendered, summary.kept,
+               summary.left > 0 ? fmt::format(", {} left", summary.left) : "", summary.seconds,
+               static_cast<double>(summary.rendered) / seconds,
+               static_cast<double>(summary.rays) / kMega / seconds);
+    fmt::print("coverage: {:.1f} % of the pixels; depth {}; {:.1f} MB in {}\n",
+               100 * summary.coverage,
+               summary.depth_range ? fmt::format("{:.4g} to {:.4g}", summary.depth_range->first,
+                                                 summary.depth_range->second)
+                                   : "none",
+               static_cast<double>(summary.bytes) / kMega, options_.out.string());
+  }
+
+  const RenderFlags& flags_;
+  RenderJobOptions options_;
+  std::vector<RenderTask> tasks_;
+  MeshScene scene_;
+  std::vector<std::string> warnings_;
+};
+
+}  // namespace
+
+Command AddRenderCommand(CLI::App& program) {
+  auto flags = std::make_shared<RenderFlags>();
+  CLI::App* command = program.add_subcommand(
+      "render", "Depth maps, normals, colour, ids of a mesh for all images of a data set");
+  AddRenderOptions(*command, *flags);
+  command->footer(
+      "SIGINT and SIGTERM finish the images in hand; the exit code then is 4, and --resume goes "
+      "on.\n"
+      "Examples:\n"
+      "  raylift render --geometry mesh:scene.ply --model sfm --out rendered --resume --preview\n"
+      "  raylift render --geometry mesh:scene.ply --model sfm --out dense/stereo/depth_maps \\\n"
+      "      --format bin --pattern {name}.geometric\n"
+      "  raylift render --geometry mesh:tiles --model sfm --out rendered --shard auto \\\n"
+      "      --products depth,normals,color --format normals=npy --format color=jpg --scale 0.5");
+  return {command, [flags] {
+            CheckSources(*flags);
+            const TaskSelection selection = ResolveSelection(*flags);
+            RenderRun(*flags, ResolveJob(*flags), selection).Run();
+          }};
+}
+
+}  // namespace raylift

@@ -1,0 +1,25 @@
+// A fast 64-bit hash of large memory, to tell whether two meshes or jobs are the same. Not for
+// protection against intent.
+
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace raylift {
+
+uint64_t HashBytes64(std::string_view bytes, uint64_t seed = 0);
+
+// The same for any number of threads.
+uint64_t HashLarge(std::string_view bytes, int threads);
+
+template <typename T>
+std::string_view AsBytes(std::span<const T> values) {
+  return {reinterpret_cast<const char*>(values.data()), values.size_bytes()};
+}
+
+std::string HexText(uint64_t hash);  // 16 digits
+
+}  // namespace raylift

@@ -1,0 +1,17 @@
+// Lists of views: cameras with poses, one per line.
+
+#pragma once
+
+#include <filesystem>
+#include <vector>
+
+#include "raylift/scene/view.h"
+
+namespace raylift {
+
+// Lines `name qw qx qy qz tx ty tz MODEL width height params...` (a line of a pose file, world to
+// camera, followed by one of COLMAP's cameras, or by EQUIRECTANGULAR width height); `#` comments
+// and empty lines are skipped. InputError for anything else, and for a name that stands twice.
+std::vector<View> ReadViewList(const std::filesystem::path& path);
+
+}  // namespace raylift

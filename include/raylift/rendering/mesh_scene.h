@@ -1,0 +1,30 @@
+// The mesh that a job renders, from the options --geometry.
+
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "raylift/renderers/ray_caster.h"
+
+namespace raylift {
+
+struct MeshScene {
+  std::shared_ptr<const RayCaster> caster;
+  std::vector<std::string> warnings;
+  double read_s = 0;
+  double build_s = 0;
+  size_t mesh_bytes = 0;
+  size_t tree_bytes = 0;  // what the rays are traced through
+};
+
+// "mesh:PATH[,build=low|medium]" each; all are one scene. `on_step` is told what is going on
+// ("reading a.ply", "building, 40 %"), from any thread, one call at a time. OptionError for a
+// specification that is none, InputError where a file cannot be read or is no mesh.
+MeshScene LoadMeshScene(const std::vector<std::string>& specs,
+                        const std::function<void(const std::string&)>& on_step);
+
+}  // namespace raylift

@@ -1,0 +1,61 @@
+// What is rendered of each view, and how it is stored.
+
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "raylift/io/depth_file.h"
+#include "raylift/renderers/frame_renderer.h"
+
+namespace raylift {
+
+enum class Product {
+  kDepth,      // z along the optical axis; 0 = none
+  kDistance,   // along the ray; 0 = none
+  kNormals,    // unit, towards the camera; 0 = none
+  kColor,      // RGB
+  kTriangle,   // index in the mesh; 4294967295 = none
+  kIncidence,  // angle between normal and ray, degrees; -1 = none
+  kMask,       // 255 where there is a surface
+};
+inline constexpr std::array kAllProducts = {
+    Product::kDepth,    Product::kDistance,  Product::kNormals, Product::kColor,
+    Product::kTriangle, Product::kIncidence, Product::kMask};
+std::string_view ToString(Product product);
+std::optional<Product> ProductFromName(std::string_view name);
+
+struct ProductOutput {
+  Product product;
+  std::string format;  // one of FormatsOf(product); also the files' extension
+};
+
+// The formats that can hold a product, the default first: of "exr", "npy", "npz", "png", "tiff",
+// "bin" (COLMAP), "pfm", "jpg".
+std::span<const std::string_view> FormatsOf(Product product);
+
+struct StorageOptions {
+  DepthWriteOptions floats;  // `format` and `layer` are set for each file
+  int jpeg_quality = 92;
+};
+
+// Asks for the maps that the products need.
+void Request(std::span<const ProductOutput> products, FrameOptions& options);
+
+struct WrittenFile {
+  std::filesystem::path file;
+  size_t bytes = 0;
+  size_t dropped = 0;  // values that the format could not hold
+};
+
+// Writes one product of a frame. Errors as WriteDepthFile; thread safe.
+WrittenFile WriteProduct(const std::filesystem::path& file, const ProductOutput& output,
+                         const Frame& frame, const StorageOptions& options);
+
+}  // namespace raylift

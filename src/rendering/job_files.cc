@@ -1,0 +1,191 @@
+#include "job_files.h"
+
+#include <algorithm>
+#include <set>
+#include <unordered_set>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/file.h"
+#include "raylift/base/hash.h"
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+using Json = nlohmann::ordered_json;
+using std::filesystem::path;
+
+constexpr std::string_view kManifest = "manifest";
+
+template <typename T>
+uint64_t HashOf(const std::vector<T>& values) {
+  return HashLarge(AsBytes(std::span<const T>(values)), 0);
+}
+
+std::string MeshHash(const TriangleMesh& mesh) {
+  std::vector<uint64_t> parts = {
+      HashBytes64(AsBytes(std::span<const double>(mesh.origin_in_world.data(), 3))),
+      HashOf(mesh.vertices),
+      HashOf(mesh.triangles),
+      HashOf(mesh.vertex_colors_rgb),
+      HashOf(mesh.texture_coordinates),
+      HashOf(mesh.triangle_textures)};
+  for (const Image& texture : mesh.textures) {
+    parts.push_back(HashOf(texture.data));
+    parts.push_back(static_cast<uint64_t>(texture.width_px));
+  }
+  return HexText(HashOf(parts));
+}
+
+std::string_view ShadingName(ColorOptions::Shading shading) {
+  switch (shading) {
+    case ColorOptions::Shading::kUnlit:
+      return "unlit";
+    case ColorOptions::Shading::kHeadlight:
+      return "headlight";
+    case ColorOptions::Shading::kSun:
+      return "sun";
+  }
+  return {};
+}
+
+Json ColorJson(const ColorOptions& options) {
+  const Eigen::Vector3d& sun = options.sun_direction_in_world;
+  return {{"shading", ShadingName(options.shading)},
+          {"samples_per_pixel_side", options.samples_per_pixel_side},
+          {"sun_direction", {sun.x(), sun.y(), sun.z()}},
+          {"ambient", options.ambient},
+          {"background_rgb", options.background_rgb},
+          {"untextured_rgb", options.untextured_rgb}};
+}
+
+Json ProductJson(const ProductOutput& output, const RenderJobOptions& options) {
+  const DepthWriteOptions& floats = options.storage.floats;
+  Json json = {{"format", output.format}};
+  const bool is_float = output.product != Product::kColor && output.product != Product::kMask;
+  if (output.format == "exr") json["compression"] = ToString(floats.exr_compression);
+  if (output.format == "npz") json["deflate"] = floats.deflate_npz;
+  if (is_float && output.product != Product::kTriangle) {
+    json["sample"] = floats.sample == FloatSample::kFloat16 ? "half" : "float";
+  }
+  if (is_float && output.format == "png") {
+    json["step"] = floats.png_step;
+    json["png_compression"] = floats.png_compression;
+  }
+  if (is_float) {
+    json["out_of_range"] =
+        floats.out_of_range == DepthWriteOptions::OutOfRange::kDrop ? "drop" : "refuse";
+  }
+  if (output.format == "jpg") json["quality"] = options.storage.jpeg_quality;
+  if (output.product == Product::kColor) json["color"] = ColorJson(options.frame.color_options);
+  if (output.product == Product::kNormals) {
+    json["in"] = options.frame.normals_in == FrameOptions::NormalsIn::kCamera ? "camera" : "world";
+  }
+  return json;
+}
+
+}  // namespace
+
+std::string JobHeader(const TriangleMesh& mesh, const RenderJobOptions& options) {
+  Json json = {{"raylift_version", RAYLIFT_VERSION},
+               {"mesh",
+                {{"vertices", mesh.vertices.size()},
+                 {"triangles", mesh.triangles.size()},
+                 {"hash", MeshHash(mesh)}}}};
+  Json products = Json::object();
+  for (const ProductOutput& output : options.products) {
+    products[std::string(ToString(output.product))] = ProductJson(output, options);
+  }
+  json["products"] = std::move(products);
+  return json.dump();
+}
+
+std::string TaskKey(const std::string& header, const RenderTask& task) {
+  const Eigen::Quaterniond& q = task.view.cam_from_world.rotation;
+  const Eigen::Vector3d& t = task.view.cam_from_world.translation;
+  std::string text =
+      fmt::format("{}\n{}\n{}\n{}", header, task.view.name, task.stem, task.view.camera.ToString());
+  for (const double number : {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()}) {
+    text += ' ' + FormatDouble(number);
+  }
+  return HexText(HashBytes64(text));
+}
+
+std::vector<std::string> TaskFiles(const RenderTask& task,
+                                   std::span<const ProductOutput> products) {
+  std::vector<std::string> files;
+  for (const ProductOutput& output : products) {
+    files.push_back(fmt::format("{}/{}.{}", ToString(output.product), task.stem, output.format));
+  }
+  return files;
+}
+
+path ManifestPath(const path& out, const Shard& shard) {
+  if (shard.IsAll()) return out / fmt::format("{}.jsonl", kManifest);
+  return out / fmt::format("{}.{}-of-{}.jsonl", kManifest, shard.index, shard.count);
+}
+
+std::vector<path> ListManifests(const path& out) {
+  std::vector<path> manifests;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator(out, error)) {
+    const std::string name = entry.path().filename().string();
+    if (name.starts_with(kManifest) && name.ends_with(".jsonl")) manifests.push_back(entry.path());
+  }
+  std::sort(manifests.begin(), manifests.end());
+  return manifests;
+}
+
+void RemoveLeftovers(const path& out, std::span<const std::string> files) {
+  std::set<path> folders;
+  std::unordered_set<std::string> ours;
+  for (const std::string& file : files) {
+    const path target = out / file;
+    folders.insert(target.parent_path());
+    ours.insert(target.string());
+  }
+  for (const path& folder : folders) {
+    std::error_code error;
+    std::vector<path> leftovers;
+    for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
+      const auto target = TargetOfTemporary(entry.path());
+      if (target && ours.contains(target->string())) leftovers.push_back(entry.path());
+    }
+    for (const path& leftover : leftovers) std::filesystem::remove(leftover, error);
+  }
+}
+
+std::string SummaryJson(const std::string& header, const ManifestEntries& entries) {
+  size_t pixels = 0, hits = 0, bytes = 0, dropped = 0;
+  std::optional<std::pair<float, float>> range;
+  Json empty = Json::array();
+  double least_coverage = 1;
+  for (const auto& [name, entry] : entries) {
+    pixels += entry.pixels;
+    hits += entry.hits;
+    dropped += entry.dropped;
+    least_coverage = std::min(least_coverage, entry.Coverage());
+    if (entry.hits == 0) empty.push_back(name);
+    for (const ManifestEntry::File& file : entry.files) bytes += file.bytes;
+    if (!entry.depth_range) continue;
+    const auto [low, high] = *entry.depth_range;
+    range = range ? std::pair(std::min(range->first, low), std::max(range->second, high))
+                  : std::pair(low, high);
+  }
+  Json json = {
+      {"images", entries.size()},
+      {"pixels", pixels},
+      {"coverage", pixels == 0 ? 0 : static_cast<double>(hits) / static_cast<double>(pixels)},
+      {"least_coverage", entries.empty() ? 0 : least_coverage},
+      {"images_without_surface", std::move(empty)},
+      {"depth_range", nullptr},
+      {"dropped_values", dropped},
+      {"bytes", bytes},
+      {"job", Json::parse(header)}};
+  if (range) json["depth_range"] = {range->first, range->second};
+  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace raylift

@@ -1,0 +1,277 @@
+// raylift render: what a user sees of it, and what is left of it when it is killed.
+
+#include <cmath>
+#include <cstdlib>
+
+#include "apps/program.h"
+#include "support/matchers.h"
+#include "support/test_data.h"
+#include <Eigen/Geometry>
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+#include <signal.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "raylift/base/file.h"
+#include "raylift/base/text.h"
+#include "raylift/io/depth_file.h"
+#include "raylift/io/image_file.h"
+#include "raylift/rendering/manifest.h"
+
+namespace raylift {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::map<std::string, std::string> Contents(const fs::path& folder) {
+  std::map<std::string, std::string> contents;
+  for (const std::string& file : FilesBelow(folder)) contents[file] = ReadFile(folder / file);
+  return contents;
+}
+
+class Render : public ::testing::Test {
+ protected:
+  Arguments Command(const fs::path& out) const {
+    return {"render", "--geometry", "mesh:" + scene_.mesh().string(), "--model", scene_.truth(),
+            "--out",  out};
+  }
+
+  // Cameras that turn around in the room, to keep the program busy.
+  fs::path WriteCameras(int count, const std::string& size) const {
+    std::string text;
+    const Rigid3 start = scene_.references.front().cam_from_world;
+    for (int i = 0; i < count; ++i) {
+      const double angle = 0.37 * i;
+      const Eigen::Quaterniond q =
+          Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitY()) * start.rotation;
+      const Eigen::Vector3d t = -(q * start.OriginInSource());
+      text += fmt::format("seq{}/{:04}.jpg {} {} {} {} {} {} {} SIMPLE_RADIAL {} 60 40 30 -0.1\n",
+                          i % 3, i, FormatDouble(q.w()), FormatDouble(q.x()), FormatDouble(q.y()),
+                          FormatDouble(q.z()), FormatDouble(t.x()), FormatDouble(t.y()),
+                          FormatDouble(t.z()), size);
+    }
+    const fs::path file = scene_.folder / "cameras.txt";
+    WriteFile(file, text);
+    return file;
+  }
+
+  Arguments ManyImages(const fs::path& cameras, const fs::path& out) const {
+    return {"render",
+            "--geometry",
+            "mesh:" + scene_.mesh().string(),
+            "--cameras",
+            cameras,
+            "--products",
+            "depth,normals,color",
+            "--format",
+            "normals=npy",
+            "--preview",
+            "--out",
+            out};
+  }
+
+  RoomScene scene_ = WriteRoomScene(TestFolder(), {.matches = false});
+  fs::path out_ = scene_.folder / "out";
+};
+
+// Starts the program and does not wait for it; its output is lost.
+pid_t Start(const Arguments& arguments) {
+  const Arguments all = Arguments{RAYLIFT_PROGRAM} + arguments;
+  std::vector<std::string> copies = all;
+  std::vector<char*> argv;
+  for (std::string& argument : copies) argv.push_back(argument.data());
+  argv.push_back(nullptr);
+  const pid_t process = fork();
+  if (process == 0) {
+    if (std::freopen("/dev/null", "w", stdout) == nullptr) _exit(126);
+    if (std::freopen("/dev/null", "w", stderr) == nullptr) _exit(126);
+    execv(argv[0], argv.data());
+    _exit(127);
+  }
+  return process;
+}
+
+int WaitFor(pid_t process) {
+  int status = 0;
+  waitpid(process, &status, 0);
+  return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+}
+
+// Until the manifest lists more than `count` images, or the program has ended.
+void WaitForImages(pid_t process, const fs::path& manifest, size_t count) {
+  siginfo_t ended{};
+  while (ReadManifest(manifest).size() <= count) {
+    ended.si_pid = 0;
+    waitid(P_PID, static_cast<id_t>(process), &ended, WEXITED | WNOHANG | WNOWAIT);
+    if (ended.si_pid != 0) return;
+    usleep(2000);
+  }
+}
+
+TEST_F(Render, WritesDepthAndSaysWhat) {
+  const CommandResult result = RunRaylift(Command(out_) + Arguments{"--preview"});
+  ASSERT_TRUE(Succeeds(result));
+  EXPECT_NE(result.out.find("coverage: "), std::string::npos) << result.out;
+  EXPECT_NE(result.out.find("to trace"), std::string::npos) << result.out;
+  const size_t images = scene_.queries.size();
+  EXPECT_EQ(ReadManifest(out_ / "manifest.jsonl").size(), images);
+  EXPECT_EQ(FilesBelow(out_ / "depth").size(), images);
+  const StoredDepth depth =
+      ReadDepthFile(out_ / "depth" / fs::path(scene_.queries[0].name).replace_extension(".exr"));
+  EXPECT_EQ(depth.width_px, scene_.queries[0].camera.width_px());
+  EXPECT_GT(ReadImage(out_ / "preview.png", ImageChannels::kRgb).width_px, 240);
+}
+
+TEST_F(Render, LogJsonIsALinePerImage) {
+  const CommandResult result = RunRaylift(Command(out_) + Arguments{"--log-json"});
+  ASSERT_TRUE(Succeeds(result));
+  const auto lines = Lines(result.out);
+  ASSERT_EQ(lines.size(), scene_.queries.size());
+  for (const std::string& line : lines) {
+    const auto json = nlohmann::json::parse(line);
+    EXPECT_GT(json.at("coverage"), 0.5);
+    EXPECT_GT(json.at("rays"), 0);
+    EXPECT_GE(json.at("write_ms"), 0);
+    EXPECT_EQ(json.at("files").size(), 1u);
+  }
+}
+
+TEST_F(Render, WrongOptionsAreNamed) {
+  const auto fails = [&](const Arguments& more, const std::vector<std::string>& parts) {
+    return FailsWith(2, parts, RunRaylift(Command(out_) + more));
+  };
+  EXPECT_TRUE(fails({"--products", "depth,colour"}, {"--products", "colour", "normals"}));
+  EXPECT_TRUE(fails({"--products", "depth,depth"}, {"--products", "twice"}));
+  EXPECT_TRUE(fails({"--format", "jpg"}, {"--format", "jpg"}));
+  EXPECT_TRUE(fails({"--format", "depth=jpg"}, {"--format", "exr|npy"}));
+  EXPECT_TRUE(fails({"--scale", "0"}, {"--scale"}));
+  EXPECT_TRUE(fails({"--scale", "2", "--size", "4x4"}, {"--scale, --size"}));
+  EXPECT_TRUE(fails({"--size", "640"}, {"--size", "WIDTHxHEIGHT"}));
+  EXPECT_TRUE(fails({"--every", "0"}, {"--every"}));
+  EXPECT_TRUE(fails({"--shard", "7/3"}, {"--shard", "7/3"}));
+  EXPECT_TRUE(fails({"--shading", "moon"}, {"--shading"}));
+  EXPECT_TRUE(fails({"--png-step", "-1"}, {"--png-step"}));
+  EXPECT_TRUE(fails({"--background", "1,2"}, {"--background"}));
+  EXPECT_TRUE(fails({"--exr-compression", "zap"}, {"--exr-compression", "pxr24"}));
+  EXPECT_TRUE(fails({"--cameras", "x"}, {"either --model or --cameras"}));
+  EXPECT_FALSE(fs::exists(out_));
+}
+
+TEST_F(Render, PointCloudsAreRefused) {
+  const fs::path cloud = scene_.folder / "cloud.ply";
+  WriteFile(cloud,
+            "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+            "property float z\nend_header\n0 0 1\n1 0 1\n");
+  EXPECT_TRUE(FailsWith(3, {cloud.string(), "expected a mesh, found a point cloud"},
+                        RunRaylift({"render", "--geometry", "mesh:" + cloud.string(), "--model",
+                                    scene_.truth(), "--out", out_})));
+  EXPECT_FALSE(fs::exists(out_));
+}
+
+TEST_F(Render, DepthBeyondAPngIsRefusedUnlessAllowed) {
+  const Arguments png = Command(out_) + Arguments{"--format", "png", "--png-step", "1e-5"};
+  EXPECT_TRUE(FailsWith(3, {out_.string(), "65535 steps"}, RunRaylift(png)));
+  const CommandResult dropped = RunRaylift(png + Arguments{"--out-of-range", "drop"});
+  EXPECT_EQ(dropped.exit_code, 0);
+  EXPECT_NE(dropped.err.find("values are stored as \"none\""), std::string::npos) << dropped.err;
+}
+
+TEST_F(Render, PanoramasSeeAllAround) {
+  ASSERT_TRUE(
+      Succeeds(RunRaylift(Command(out_) + Arguments{"--panorama", "64x32", "--format", "npy"})));
+  const std::string file = FilesBelow(out_ / "depth").front();
+  const StoredDepth depth = ReadDepthFile(out_ / "depth" / file);
+  EXPECT_EQ(depth.width_px, 64);
+  EXPECT_EQ(depth.height_px, 32);
+}
+
+TEST_F(Render, WorksWithoutDisplayAndWithAHomeThatIsReadOnly) {
+  const fs::path home = scene_.folder / "home";
+  fs::create_directories(home);
+  fs::permissions(home, fs::perms::owner_read | fs::perms::owner_exec);
+  const Arguments command =
+      Arguments{"/usr/bin/env",          "-u",           "DISPLAY", "-u", "WAYLAND_DISPLAY",
+                "HOME=" + home.string(), RAYLIFT_PROGRAM} +
+      Command(out_);
+  EXPECT_TRUE(Succeeds(RunCommand(command)));
+  EXPECT_TRUE(fs::is_empty(home));
+}
+
+TEST_F(Render, ASignalFinishesTheImageInHandAndResumeGoesOn) {
+  const fs::path cameras = WriteCameras(60, "320 240");
+  ASSERT_TRUE(Succeeds(
+      RunRaylift(ManyImages(cameras, scene_.folder / "whole") + Arguments{"--threads", "1"})));
+  for (const int signal : {SIGINT, SIGTERM}) {
+    fs::remove_all(out_);
+    const pid_t process = Start(ManyImages(cameras, out_));
+    WaitForImages(process, out_ / "manifest.jsonl", 2);
+    kill(process, signal);
+    EXPECT_EQ(WaitFor(process), 4);
+    const size_t done = ReadManifest(out_ / "manifest.jsonl").size();
+    EXPECT_GT(done, 2u);
+    EXPECT_LT(done, 60u);
+    // All that is there is listed.
+    EXPECT_EQ(FilesBelow(out_).size(), 3 * done + 1);
+    ASSERT_TRUE(Succeeds(RunRaylift(ManyImages(cameras, out_) + Arguments{"--resume"})));
+    EXPECT_EQ(Contents(out_), Contents(scene_.folder / "whole"));
+  }
+}
+
+TEST_F(Render, KilledTwentyTimesAtRandomItLeavesTheSameFiles) {
+  const fs::path cameras = WriteCameras(400, "96 72");
+  ASSERT_TRUE(Succeeds(RunRaylift(ManyImages(cameras, scene_.folder / "whole"))));
+  Rng rng = TestRng();
+  int kills = 0;
+  for (int i = 0; i < 20; ++i) {
+    const pid_t process = Start(ManyImages(cameras, out_) + Arguments{"--resume"});
+    // In the middle of the work, wherever that is: after some more images, plus a little.
+    WaitForImages(process, out_ / "manifest.jsonl",
+                  ReadManifest(out_ / "manifest.jsonl").size() + rng.UniformIndex(16));
+    usleep(rng.UniformIndex(4000));
+    kill(process, SIGKILL);
+    kills += WaitFor(process) == 128 + SIGKILL ? 1 : 0;
+  }
+  EXPECT_GT(kills, 15);
+  ASSERT_TRUE(Succeeds(RunRaylift(ManyImages(cameras, out_) + Arguments{"--resume"})));
+  EXPECT_EQ(Contents(out_), Contents(scene_.folder / "whole"));
+}
+
+TEST_F(Render, ShardsSideBySideAreOneRun) {
+  const fs::path cameras = WriteCameras(40, "96 72");
+  ASSERT_TRUE(Succeeds(RunRaylift(ManyImages(cameras, scene_.folder / "whole"))));
+  const pid_t first = Start(ManyImages(cameras, out_) + Arguments{"--shard", "1/2"});
+  const pid_t second = Start(ManyImages(cameras, out_) + Arguments{"--shard", "2/2"});
+  EXPECT_EQ(WaitFor(first), 0);
+  EXPECT_EQ(WaitFor(second), 0);
+  EXPECT_EQ(Contents(out_), Contents(scene_.folder / "whole"));
+}
+
+// Resident memory of a running process in kilobytes, 0 where that cannot be told.
+size_t ResidentKb(pid_t process) {
+  const fs::path file = fmt::format("/proc/{}/statm", process);
+  if (!fs::exists(file)) return 0;
+  const std::string statm = ReadFile(file);
+  const auto tokens = SplitTokens(statm);
+  const auto pages = tokens.size() > 1 ? ParseUint(tokens[1]) : std::nullopt;
+  return pages.value_or(0) * static_cast<size_t>(sysconf(_SC_PAGESIZE)) / 1024;
+}
+
+TEST_F(Render, MemoryStaysFlat) {
+  constexpr size_t kImages = 2000;
+  const fs::path cameras = WriteCameras(kImages, "96 72");
+  const pid_t process = Start(ManyImages(cameras, out_));
+  WaitForImages(process, out_ / "manifest.jsonl", kImages / 10);
+  const size_t early = ResidentKb(process);
+  WaitForImages(process, out_ / "manifest.jsonl", kImages * 9 / 10);
+  const size_t late = ResidentKb(process);
+  EXPECT_EQ(WaitFor(process), 0);
+  if (early == 0 || late == 0) GTEST_SKIP() << "no /proc, or the program was too fast";
+  // The manifest's entries, under a kilobyte each, and what the allocators keep.
+  EXPECT_LT(late, early + 8 * 1024) << early << " kB after a tenth of the images";
+}
+
+}  // namespace
+}  // namespace raylift
