@@ -19,5 +19,6 @@ Command AddEstimateCommand(CLI::App& program);
 Command AddEvaluateCommand(CLI::App& program);
 Command AddPerturbCommand(CLI::App& program);
 Command AddRenderCommand(CLI::App& program);
+Command AddCompareCommand(CLI::App& program);
 
 }  // namespace raylift

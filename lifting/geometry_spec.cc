@@ -148,8 +148,8 @@ NamedGeometry MakeDepth(SpecKeys keys, const GeometryContext& context) {
   TakeLimits(keys, limits);
   keys.ExpectAllTaken(kDepthKeys);
 
-  auto maps =
-      std::make_shared<const DepthFolder>(keys.path(), std::move(convention), context.references);
+  auto maps = std::make_shared<const DepthFolder>(keys.path(), std::move(convention),
+                                                  context.references, context.max_cache_bytes);
   NamedGeometry geometry;
   geometry.kind = GeometryKind::kDepth;
   geometry.understood = maps->understood();

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string_view>
 #include <vector>
 
 #include <fmt/format.h>
@@ -10,6 +9,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
+#include "raylift/base/text_table.h"
 
 namespace raylift {
 namespace {
@@ -29,48 +29,7 @@ nlohmann::ordered_json JsonNumber(const std::string& text) {
   return *value;
 }
 
-std::string CsvField(const std::string& text) {
-  const bool is_plain = text.find_first_of(",\"\r\n") == std::string::npos && Trim(text) == text;
-  if (is_plain) {
-    return text;
-  }
-  std::string quoted = "\"";
-  for (const char c : text) {
-    quoted += c;
-    if (c == '"') {
-      quoted += c;
-    }
-  }
-  return quoted + '"';
-}
-
-std::string Join(const std::vector<std::string>& fields, std::string_view separator) {
-  std::string line;
-  for (size_t i = 0; i < fields.size(); ++i) {
-    line += i > 0 ? separator : "";
-    line += fields[i];
-  }
-  return line;
-}
-
-// Control characters would break the lines of a table.
-std::string Printable(std::string text) {
-  for (char& c : text) {
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) {
-      c = '?';
-    }
-  }
-  return text;
-}
-
-// Characters, not bytes, of UTF-8.
-size_t Width(std::string_view text) {
-  return static_cast<size_t>(std::count_if(text.begin(), text.end(), [](char c) {
-    return (static_cast<unsigned char>(c) & 0xc0) != 0x80;
-  }));
-}
-
-using Row = std::vector<std::string>;
+using Row = TableRow;
 
 // The numbers of a result, in the order of the columns.
 Row Numbers(const ResultSummary& result) {
@@ -82,25 +41,6 @@ Row Numbers(const ResultSummary& result) {
   numbers.push_back(Median(result.median_position));
   numbers.push_back(Median(result.median_rotation_deg));
   return numbers;
-}
-
-// The first column to the left, numbers to the right.
-std::string Align(const std::vector<Row>& rows) {
-  std::vector<size_t> widths(rows.front().size(), 0);
-  for (const Row& row : rows) {
-    for (size_t i = 0; i < row.size(); ++i) {
-      widths[i] = std::max(widths[i], Width(row[i]));
-    }
-  }
-  std::string text;
-  for (const Row& row : rows) {
-    for (size_t i = 0; i < row.size(); ++i) {
-      const std::string padding(widths[i] - Width(row[i]), ' ');
-      text += i == 0 ? row[i] + padding : "  " + padding + row[i];
-    }
-    text += '\n';
-  }
-  return text;
 }
 
 }  // namespace
@@ -120,7 +60,7 @@ std::string FormatTableText(const ResultTable& table) {
     rows.push_back(std::move(row));
     any_uses_ground_truth = any_uses_ground_truth || result.uses_ground_truth;
   }
-  return Align(rows) + (any_uses_ground_truth ? "* chosen with the ground truth\n" : "");
+  return AlignColumns(rows) + (any_uses_ground_truth ? "* chosen with the ground truth\n" : "");
 }
 
 std::string FormatTableCsv(const ResultTable& table) {
@@ -130,11 +70,11 @@ std::string FormatTableCsv(const ResultTable& table) {
                                  FormatDouble(threshold.rotation_deg)));
   }
   header.insert(header.end(), {"median_position", "median_rotation_deg"});
-  std::string text = Join(header, ",") + '\n';
+  std::string text = CsvLine(header);
   for (const ResultSummary& result : table.results) {
     Row row = Numbers(result);
-    row.insert(row.begin(), {CsvField(result.name), result.uses_ground_truth ? "true" : "false"});
-    text += Join(row, ",") + '\n';
+    row.insert(row.begin(), {result.name, result.uses_ground_truth ? "true" : "false"});
+    text += CsvLine(row);
   }
   return text;
 }

@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <memory>
 #include <span>
@@ -31,6 +32,7 @@ struct NamedGeometry {
 struct GeometryContext {
   std::filesystem::path model = {};             // the references' COLMAP model
   std::span<const PosedImage> references = {};  // that will be lifted from
+  size_t max_cache_bytes = size_t{1} << 29;     // of depth maps that are kept in memory
 };
 
 // Opens "mesh:PATH[,key=value...]", "depth:DIR[,key=value...]" or "sfm[:DIR][,key=value...]" (by

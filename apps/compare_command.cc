@@ -1,0 +1,228 @@
+// raylift compare: several sources of geometry side by side.
+
+#include <cstdio>
+#include <memory>
+#include <set>
+
+#include "commands.h"
+#include "options.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/progress.h"
+#include "raylift/comparison/comparison_tables.h"
+#include "raylift/comparison/depth_comparison.h"
+#include "raylift/lifting/geometry_spec.h"
+#include "raylift/localization/match_source.h"
+#include "raylift/localization/scene_matches.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+// Of the depth maps of one source: several large ones, as images are compared with their
+// neighbours.
+constexpr size_t kMaxCacheBytes = size_t{1} << 27;
+
+struct CompareFlags {
+  path model;
+  int every = 1;
+  std::vector<std::string> geometry;
+  std::string truth;
+  int max_side_px = 640;
+  int overlaps = 5;
+  std::vector<double> surface_thresholds;
+  path queries, features, matches, pairs;
+  int top_k = 10;
+  path out;
+  RunFlags run;
+};
+
+struct NamedSpec {
+  std::string name;
+  std::string spec;
+};
+
+// "name=SPEC"; without a name, the specification is its own.
+NamedSpec ParseNamedSpec(const std::string& text) {
+  const size_t equals = text.find('=');
+  const bool is_named = equals != std::string::npos && equals < text.find(':');
+  if (!is_named) return {text, text};
+  if (equals == 0) throw OptionError("--geometry", text, "expected name=SPEC");
+  return {text.substr(0, equals), text.substr(equals + 1)};
+}
+
+std::vector<NamedSpec> ParseSpecs(const CompareFlags& flags) {
+  std::vector<NamedSpec> specs;
+  std::set<std::string> names;
+  for (const std::string& text : flags.geometry) {
+    specs.push_back(ParseNamedSpec(text));
+    if (!names.insert(specs.back().name).second) {
+      throw OptionError("--geometry", text,
+                        fmt::format("the name {} stands twice", specs.back().name));
+    }
+  }
+  if (!flags.truth.empty() && !names.contains(flags.truth)) {
+    throw OptionError("--truth", flags.truth, "must be the name of a --geometry");
+  }
+  return specs;
+}
+
+void Check(const CompareFlags& flags) {
+  flags.run.Check();
+  for (const auto& [name, value, least] :
+       {std::tuple("--every", flags.every, 1), std::tuple("--top-k", flags.top_k, 1),
+        std::tuple("--max-side", flags.max_side_px, 16),
+        std::tuple("--overlaps", flags.overlaps, 0)}) {
+    if (value < least) {
+      throw OptionError(name, std::to_string(value), fmt::format("must be at least {}", least));
+    }
+  }
+  for (const double threshold : flags.surface_thresholds) {
+    if (!(threshold > 0)) {
+      throw OptionError("--surface-thresholds", fmt::format("{}", threshold), "must be positive");
+    }
+  }
+  const bool any = !flags.features.empty() || !flags.matches.empty() || !flags.pairs.empty();
+  const bool all = !flags.features.empty() && !flags.matches.empty() && !flags.pairs.empty() &&
+                   !flags.queries.empty();
+  if (any && !all) {
+    throw OptionError("--queries, --features, --matches and --pairs go together");
+  }
+}
+
+class CompareRun {
+ public:
+  explicit CompareRun(const CompareFlags& flags)
+      : flags_(flags),
+        specs_(ParseSpecs(flags)),
+        loaded_(LoadReferences(flags.model, flags.every)) {
+    for (const std::string& warning : loaded_.warnings) PrintWarning(warning);
+    for (const NamedSpec& named : specs_) {
+      geometry_.push_back(MakeGeometrySource(named.spec, {.model = flags.model,
+                                                          .references = loaded_.references.images,
+                                                          .max_cache_bytes = kMaxCacheBytes}));
+      const NamedGeometry& geometry = geometry_.back();
+      for (const std::string& warning : geometry.warnings) {
+        PrintWarning(fmt::format("{}: {}", named.name, warning));
+      }
+      sources_.push_back({.name = named.name,
+                          .spec = named.spec,
+                          .understood = geometry.understood,
+                          .source = geometry.source.get(),
+                          .mesh = geometry.mesh ? &geometry.mesh->mesh() : nullptr});
+      if (named.name == flags.truth) truth_ = sources_.size() - 1;
+    }
+    if (!flags.out.empty()) RequireWritable(flags.out / "comparison.json");
+  }
+
+  void Run(const std::string& options_json) {
+    const std::vector<PosedImage>& images = loaded_.references.images;
+    const std::vector<ReferenceMatch> matches = CollectMatches();
+    DepthComparison comparison;
+    {
+      Progress progress("images", images.size(),
+                        flags_.run.quiet ? Progress::Show::kNever : Progress::Show::kAuto);
+      DepthComparisonOptions options;
+      options.truth = truth_;
+      options.max_side_px = flags_.max_side_px;
+      options.max_overlaps = flags_.overlaps;
+      options.surface_thresholds = flags_.surface_thresholds;
+      options.threads = flags_.run.threads;
+      options.on_progress = [&progress] { progress.Advance(); };
+      comparison = CompareDepth(sources_, images, matches, options);
+    }
+    if (!flags_.out.empty()) {
+      WriteFile(flags_.out / "sources.csv", FormatSourcesCsv(comparison));
+      WriteFile(flags_.out / "images.csv", FormatImagesCsv(comparison));
+      WriteFile(flags_.out / "curves.csv", FormatCurvesCsv(comparison));
+      WriteFile(flags_.out / "comparison.json", FormatComparisonJson(comparison));
+      WriteFile(flags_.out / "options.json", options_json);
+    }
+    if (!flags_.run.quiet) fmt::print("{}", FormatComparisonText(comparison));
+  }
+
+ private:
+  std::vector<ReferenceMatch> CollectMatches() const {
+    if (flags_.features.empty()) return {};
+    const auto queries = ReadQueryList(flags_.queries);
+    const auto source = OpenHlocMatches({flags_.features, flags_.matches, flags_.pairs},
+                                        loaded_.references, flags_.top_k);
+    auto matches =
+        CollectReferenceMatches(queries, *source, loaded_.references, flags_.run.threads);
+    for (const std::string& warning : source->Warnings()) PrintWarning(warning);
+    return matches;
+  }
+
+  const CompareFlags& flags_;
+  std::vector<NamedSpec> specs_;
+  LoadedReferences loaded_;
+  std::vector<NamedGeometry> geometry_;
+  std::vector<ComparedSource> sources_;
+  std::optional<size_t> truth_;
+};
+
+}  // namespace
+
+Command AddCompareCommand(CLI::App& program) {
+  auto flags = std::make_shared<CompareFlags>();
+  CLI::App* command = program.add_subcommand(
+      "compare", "Which source of geometry is best, where, and what is wrong with the others");
+  command->add_option("--model", flags->model, "References: COLMAP model folder, text or binary")
+      ->required()
+      ->group("References");
+  command->add_option("--every", flags->every, "Use every N-th reference (by name)")
+      ->capture_default_str()
+      ->group("References");
+  command->add_option("--geometry", flags->geometry, "name=SPEC, repeated. " + GeometryHelp())
+      ->required()
+      ->allow_extra_args(false)
+      ->group("Geometry");
+  command->add_option("--truth", flags->truth, "Name of the geometry to take for the truth")
+      ->group("Geometry");
+  command
+      ->add_option("--max-side", flags->max_side_px,
+                   "Maps are compared at images of this longer side, pixels")
+      ->capture_default_str()
+      ->group("Geometry");
+  command
+      ->add_option("--overlaps", flags->overlaps,
+                   "Overlapping images that each image is compared with; 0: none")
+      ->capture_default_str()
+      ->group("Geometry");
+  command
+      ->add_option("--surface-thresholds", flags->surface_thresholds,
+                   "Of accuracy, completeness and F-score against a mesh, scene units\n"
+                   "(default: 1, 2 and 5 % of the median depth)")
+      ->delimiter(',')
+      ->group("Geometry");
+  command->add_option("--queries", flags->queries, "List of queries, whose matches are used")
+      ->group("Matches");
+  command->add_option("--features", flags->features, "hloc's features.h5")->group("Matches");
+  command->add_option("--matches", flags->matches, "hloc's matches.h5")->group("Matches");
+  command->add_option("--pairs", flags->pairs, "hloc's pairs list: query reference")
+      ->group("Matches");
+  command->add_option("--top-k", flags->top_k, "Retrieved references per query")
+      ->capture_default_str()
+      ->group("Matches");
+  command
+      ->add_option("--out", flags->out,
+                   "Folder for sources.csv, images.csv, curves.csv, comparison.json")
+      ->group("Output");
+  AddRunOptions(*command, flags->run);
+  command->footer(
+      "Examples:\n"
+      "  raylift compare --model sfm --geometry mesh=mesh:scene.ply \\\n"
+      "      --geometry mono=depth:metric3d --truth mesh --out comparison\n"
+      "  Without a truth, by overlapping views and matches:\n"
+      "  raylift compare --model sfm --geometry a=depth:a --geometry b=depth:b \\\n"
+      "      --queries queries.txt --features features.h5 --matches matches.h5 --pairs pairs.txt");
+  return {command, [flags, command] {
+            Check(*flags);
+            CompareRun(*flags).Run(EffectiveOptionsJson(*command));
+          }};
+}
+
+}  // namespace raylift

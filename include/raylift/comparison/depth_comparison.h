@@ -1,0 +1,111 @@
+// Which source of depth is best, where, and what is wrong with the others: every source is looked
+// at through every image, against one of them that is taken for the truth and, as often there is
+// none, against itself from other images and against matches. Images are streamed: memory holds the
+// maps of a few images, whatever their number.
+
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raylift/comparison/depth_diagnosis.h"
+#include "raylift/comparison/source_view.h"
+#include "raylift/comparison/view_consistency.h"
+#include "raylift/evaluation/depth_edges.h"
+#include "raylift/evaluation/depth_errors.h"
+#include "raylift/lifting/geometry_source.h"
+#include "raylift/lifting/reference_matches.h"
+#include "raylift/renderers/triangle_mesh.h"
+
+namespace raylift {
+
+struct ComparedSource {
+  std::string name;
+  std::string spec;
+  std::string understood;  // how its files were read
+  const GeometrySource* source = nullptr;
+  const TriangleMesh* mesh = nullptr;  // where it is one
+};
+
+// How far lifted keypoints land from their matches in other images.
+inline constexpr std::array<double, 6> kMatchErrorThresholdsPx = {1, 2, 4, 8, 16, 32};
+struct MatchErrors {
+  size_t count = 0;    // ends of matches that could be lifted and projected
+  size_t missing = 0;  // that the source has no depth for
+  double median_px = 0;
+  std::array<double, kMatchErrorThresholdsPx.size()> within_percent = {};  // of count + missing
+};
+
+// One source in one image.
+struct ImageComparison {
+  std::string image;
+  double median_depth = 0;       // 0: no depth at all
+  DepthCoverage coverage;        // of the truth, else of the image
+  double quantization_step = 0;  // scene units
+  // Against the truth; none where the image has none in common.
+  std::optional<DepthErrors> raw, median_fitted, affine_fitted;
+  std::optional<DepthDeviation> deviation;
+  std::optional<EdgeErrors> edges;
+  std::optional<NormalErrors> normals;
+  // Against other images.
+  ImageConsistency consistency;
+  std::optional<double> relative_log_scale;  // to the mean of the images, by consistency
+  // Against matches.
+  std::optional<MatchErrors> matches;
+  std::optional<double> match_log_scale;  // by which the depths are too large
+};
+
+struct SourceComparison {
+  std::string name;
+  std::string spec;
+  std::string understood;
+  bool is_truth = false;
+  std::vector<ImageComparison> images;
+  BinnedDepthErrors by_distance, by_incidence, by_edge_distance;
+  std::vector<SurfaceScore> surface;       // where a mesh is the truth
+  std::optional<double> common_log_scale;  // by consistency
+  std::optional<double> match_warp_sigma;  // by matches
+  std::optional<MatchErrors> matches;      // of all images
+  SourceTraits traits;
+  std::vector<Finding> findings;
+};
+
+struct DepthComparison {
+  std::vector<SourceComparison> sources;
+  std::optional<size_t> truth;
+  std::vector<std::vector<size_t>> overlaps;  // of each image
+};
+
+struct DepthComparisonOptions {
+  std::optional<size_t> truth;  // index of a source
+  int max_side_px = 640;        // maps are compared at this size
+  int max_overlaps = 5;
+  ConsistencyOptions consistency;
+  std::vector<double> surface_thresholds;  // scene units; empty: 1, 2 and 5 % of the median depth
+  int threads = 0;
+  // Sees the maps of each image once, one call per image, from several threads.
+  std::function<void(size_t image, const PosedImage& view, std::span<const SourceView> views)>
+      on_views = {};
+  std::function<void()> on_progress = {};  // once per image
+};
+
+// `matches` count in `images` and may be empty. Results do not depend on the number of threads.
+DepthComparison CompareDepth(std::span<const ComparedSource> sources,
+                             std::span<const PosedImage> images,
+                             std::span<const ReferenceMatch> matches,
+                             const DepthComparisonOptions& options);
+
+// The mean over the images that have the value; none where no image has.
+std::optional<double> MeanOverImages(
+    const SourceComparison& source,
+    const std::function<std::optional<double>(const ImageComparison&)>& value);
+std::optional<double> MedianOverImages(
+    const SourceComparison& source,
+    const std::function<std::optional<double>(const ImageComparison&)>& value);
+
+}  // namespace raylift

@@ -1,0 +1,74 @@
+// How far points are from a surface, be it triangles or a cloud of points: accuracy and
+// completeness of reconstructions (Knapitsch et al., "Tanks and Temples", 2017).
+
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <unordered_set>
+#include <vector>
+
+#include <Eigen/Geometry>
+
+#include "raylift/renderers/triangle_mesh.h"
+
+namespace raylift {
+
+// Finds the nearest of many triangles (or points) by a tree of bounding boxes. In double
+// throughout.
+class SurfaceTree {
+ public:
+  explicit SurfaceTree(const TriangleMesh& mesh);
+  explicit SurfaceTree(std::span<const Eigen::Vector3d> points);
+
+  bool empty() const { return nodes_.empty(); }
+  // The distance to the nearest triangle or point, or `max_distance` where that is nearer. Thread
+  // safe.
+  double Distance(const Eigen::Vector3d& point, double max_distance) const;
+
+ private:
+  using Triangle = std::array<uint32_t, 3>;  // indices of corners_
+  struct Node {
+    Eigen::AlignedBox3d box;
+    uint32_t first =
+        0;  // of `count` triangles; of an inner node: its right child, the left is next
+    uint32_t count = 0;  // 0: an inner node
+  };
+
+  void Build();
+  void BuildNode(size_t begin, size_t end, std::vector<Eigen::Vector3d>& centers);
+  double SquaredDistance(const Triangle& triangle, const Eigen::Vector3d& point) const;
+
+  std::vector<Eigen::Vector3d> corners_;
+  std::vector<Triangle> triangles_;
+  std::vector<Node> nodes_;
+};
+
+// The squared distance of a point to a triangle, which may be a segment or a point (Ericson,
+// "Real-Time Collision Detection", 5.1.5).
+double SquaredDistanceToTriangle(const Eigen::Vector3d& point, const Eigen::Vector3d& a,
+                                 const Eigen::Vector3d& b, const Eigen::Vector3d& c);
+
+// Keeps the first point of each cell of a grid, so that memory follows the surface and not the
+// number of images that show it.
+class ThinnedCloud {
+ public:
+  explicit ThinnedCloud(double cell_size);
+
+  void Add(std::span<const Eigen::Vector3d> points);
+  const std::vector<Eigen::Vector3d>& points() const { return points_; }
+
+ private:
+  using Cell = std::array<int64_t, 3>;
+  struct CellHash {
+    size_t operator()(const Cell& cell) const;
+  };
+
+  double cell_size_;
+  std::unordered_set<Cell, CellHash> cells_;
+  std::vector<Eigen::Vector3d> points_;
+};
+
+}  // namespace raylift

@@ -1,0 +1,166 @@
+#include "raylift/comparison/surface_distance.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+constexpr size_t kLeafSize = 4;
+
+}  // namespace
+
+double SquaredDistanceToTriangle(const Eigen::Vector3d& point, const Eigen::Vector3d& a,
+                                 const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
+  const Eigen::Vector3d ab = b - a, ac = c - a, ap = point - a;
+  const double d1 = ab.dot(ap), d2 = ac.dot(ap);
+  if (d1 <= 0 && d2 <= 0) return ap.squaredNorm();
+  const Eigen::Vector3d bp = point - b;
+  const double d3 = ab.dot(bp), d4 = ac.dot(bp);
+  if (d3 >= 0 && d4 <= d3) return bp.squaredNorm();
+  const double vc = d1 * d4 - d3 * d2;
+  if (vc <= 0 && d1 >= 0 && d3 <= 0) {
+    return (ap - d1 / (d1 - d3) * ab).squaredNorm();
+  }
+  const Eigen::Vector3d cp = point - c;
+  const double d5 = ab.dot(cp), d6 = ac.dot(cp);
+  if (d6 >= 0 && d5 <= d6) return cp.squaredNorm();
+  const double vb = d5 * d2 - d1 * d6;
+  if (vb <= 0 && d2 >= 0 && d6 <= 0) {
+    return (ap - d2 / (d2 - d6) * ac).squaredNorm();
+  }
+  const double va = d3 * d6 - d5 * d4;
+  if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) {
+    const double w = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+    return (bp - w * (c - b)).squaredNorm();
+  }
+  const double sum = va + vb + vc;
+  return (ap - vb / sum * ab - vc / sum * ac).squaredNorm();
+}
+
+SurfaceTree::SurfaceTree(const TriangleMesh& mesh) {
+  corners_.reserve(mesh.vertices.size());
+  for (const Eigen::Vector3f& vertex : mesh.vertices) {
+    corners_.push_back(mesh.origin_in_world + vertex.cast<double>());
+  }
+  triangles_.assign(mesh.triangles.begin(), mesh.triangles.end());
+  Build();
+}
+
+SurfaceTree::SurfaceTree(std::span<const Eigen::Vector3d> points)
+    : corners_(points.begin(), points.end()) {
+  triangles_.reserve(corners_.size());
+  for (uint32_t i = 0; i < corners_.size(); ++i) triangles_.push_back({i, i, i});
+  Build();
+}
+
+void SurfaceTree::Build() {
+  if (triangles_.empty()) return;
+  std::vector<Eigen::Vector3d> centers;
+  centers.reserve(triangles_.size());
+  for (const Triangle& t : triangles_) {
+    centers.push_back((corners_[t[0]] + corners_[t[1]] + corners_[t[2]]) / 3);
+  }
+  nodes_.reserve(2 * triangles_.size() / kLeafSize + 1);
+  BuildNode(0, triangles_.size(), centers);
+}
+
+// Splits at the median along the longest side of the box.
+void SurfaceTree::BuildNode(size_t begin, size_t end, std::vector<Eigen::Vector3d>& centers) {
+  const size_t index = nodes_.size();
+  nodes_.emplace_back();
+  Eigen::AlignedBox3d box, box_of_centers;
+  for (size_t i = begin; i < end; ++i) {
+    for (const uint32_t corner : triangles_[i]) box.extend(corners_[corner]);
+    box_of_centers.extend(centers[i]);
+  }
+  nodes_[index].box = box;
+  if (end - begin <= kLeafSize) {
+    nodes_[index].first = static_cast<uint32_t>(begin);
+    nodes_[index].count = static_cast<uint32_t>(end - begin);
+    return;
+  }
+  int axis = 0;
+  box_of_centers.sizes().maxCoeff(&axis);
+  const size_t middle = begin + (end - begin) / 2;
+  std::vector<size_t> order(end - begin);
+  std::iota(order.begin(), order.end(), begin);
+  std::nth_element(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(middle - begin),
+                   order.end(), [&](size_t a, size_t b) {
+                     return std::pair(centers[a][axis], a) < std::pair(centers[b][axis], b);
+                   });
+  std::vector<Triangle> triangles;
+  std::vector<Eigen::Vector3d> moved;
+  for (const size_t i : order) {
+    triangles.push_back(triangles_[i]);
+    moved.push_back(centers[i]);
+  }
+  std::copy(triangles.begin(), triangles.end(),
+            triangles_.begin() + static_cast<std::ptrdiff_t>(begin));
+  std::copy(moved.begin(), moved.end(), centers.begin() + static_cast<std::ptrdiff_t>(begin));
+  BuildNode(begin, middle, centers);
+  nodes_[index].first = static_cast<uint32_t>(nodes_.size());
+  BuildNode(middle, end, centers);
+}
+
+double SurfaceTree::SquaredDistance(const Triangle& triangle, const Eigen::Vector3d& point) const {
+  return SquaredDistanceToTriangle(point, corners_[triangle[0]], corners_[triangle[1]],
+                                   corners_[triangle[2]]);
+}
+
+double SurfaceTree::Distance(const Eigen::Vector3d& point, double max_distance) const {
+  double best = max_distance * max_distance;
+  if (nodes_.empty()) return max_distance;
+  constexpr size_t kMaxDepth = 64;
+  std::array<uint32_t, kMaxDepth> stack{};
+  size_t depth = 0;
+  stack[depth++] = 0;
+  while (depth > 0) {
+    const uint32_t index = stack[--depth];
+    const Node& node = nodes_[index];
+    if (node.box.squaredExteriorDistance(point) >= best) continue;
+    if (node.count > 0) {
+      for (uint32_t i = node.first; i < node.first + node.count; ++i) {
+        best = std::min(best, SquaredDistance(triangles_[i], point));
+      }
+      continue;
+    }
+    uint32_t near = index + 1, far = node.first;
+    if (nodes_[far].box.squaredExteriorDistance(point) <
+        nodes_[near].box.squaredExteriorDistance(point)) {
+      std::swap(near, far);
+    }
+    stack[depth++] = far;
+    stack[depth++] = near;
+  }
+  return std::sqrt(best);
+}
+
+ThinnedCloud::ThinnedCloud(double cell_size) : cell_size_(cell_size) {
+  RAYLIFT_CHECK(cell_size > 0);
+}
+
+size_t ThinnedCloud::CellHash::operator()(const Cell& cell) const {
+  uint64_t hash = 0;
+  for (const int64_t value : cell) {
+    hash = (hash ^ static_cast<uint64_t>(value)) * 0x9e3779b97f4a7c15ULL;
+    hash ^= hash >> 29;
+  }
+  return static_cast<size_t>(hash);
+}
+
+void ThinnedCloud::Add(std::span<const Eigen::Vector3d> points) {
+  for (const Eigen::Vector3d& point : points) {
+    const Eigen::Vector3d scaled = point / cell_size_;
+    if (!(scaled.cwiseAbs().maxCoeff() < 1e15)) continue;
+    const Cell cell = {static_cast<int64_t>(std::floor(scaled.x())),
+                       static_cast<int64_t>(std::floor(scaled.y())),
+                       static_cast<int64_t>(std::floor(scaled.z()))};
+    if (cells_.insert(cell).second) points_.push_back(point);
+  }
+}
+
+}  // namespace raylift

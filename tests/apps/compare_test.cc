@@ -1,0 +1,111 @@
+#include <map>
+#include <set>
+
+#include "program.h"
+#include "support/test_data.h"
+#include <gmock/gmock.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::Contains;
+using ::testing::Not;
+
+std::set<std::string> FindingsOf(const nlohmann::json& comparison, const std::string& source) {
+  std::set<std::string> names;
+  for (const auto& entry : comparison["sources"]) {
+    if (entry["name"] != source) continue;
+    for (const auto& finding : entry["findings"]) names.insert(finding["distortion"]);
+  }
+  return names;
+}
+
+TEST(Compare, NamesAPlantedScaleAndWritesAllItsTables) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const std::string mesh = "mesh:" + scene.mesh().string();
+  const fs::path worse = scene.folder / "worse", out = scene.folder / "out";
+  ASSERT_TRUE(Succeeds(RunRaylift({"perturb", "--model", scene.model(), "--geometry", mesh, "--out",
+                                   worse, "--scale", "0.9", "--quiet"})));
+  const CommandResult result = RunRaylift(
+      {"compare", "--model", scene.model(), "--geometry", "mesh=" + mesh, "--geometry",
+       "worse=depth:" + worse.string(), "--truth", "mesh", "--max-side", "160", "--out", out});
+  ASSERT_TRUE(Succeeds(result));
+  EXPECT_THAT(result.out, ::testing::HasSubstr("worse: scale: depth is 10.0 % too small"));
+  EXPECT_EQ(FilesBelow(out),
+            (std::vector<std::string>{"comparison.json", "curves.csv", "images.csv", "options.json",
+                                      "sources.csv"}));
+  const auto json = nlohmann::json::parse(ReadFile(out / "comparison.json"));
+  EXPECT_NEAR(json["sources"][1]["means"]["abs_rel"].get<double>(), 0.1, 1e-3);
+  EXPECT_EQ(Lines(ReadFile(out / "images.csv")).size(), 1 + 2 * scene.references.size());
+}
+
+TEST(Compare, BadOptionsAreTold) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const Arguments compare = {"compare", "--model", scene.model(), "--geometry",
+                             "mesh=mesh:" + scene.mesh().string()};
+  EXPECT_TRUE(FailsWith(2, {"--truth = other", "the name of a --geometry"},
+                        RunRaylift(compare + Arguments{"--truth", "other"})));
+  EXPECT_TRUE(FailsWith(2, {"--geometry", "mesh stands twice"},
+                        RunRaylift(compare + Arguments{"--geometry", "mesh=mesh:x.ply"})));
+  EXPECT_TRUE(FailsWith(2, {"go together"},
+                        RunRaylift(compare + Arguments{"--features", scene.features()})));
+}
+
+// The real scene: simulated monocular depth, sensor depth, and planted distortions.
+TEST(Compare, NamesWhatIsWrongWithRealDepth) {
+  const auto data = FindTestData("rgbd_small");
+  if (!data) GTEST_SKIP() << "rgbd_small is not on this machine";
+  const fs::path folder = TestFolder();
+  const std::string model = *data / "model_ref", every = "5";
+  const std::string sensor = "depth:" + (*data / "depth_sensor").string() + ",unit=mm";
+  const std::vector<std::pair<std::string, Arguments>> planted = {{"scaled", {"--scale", "1.1"}},
+                                                                  {"warped", {"--warp", "0.06"}},
+                                                                  {"holes", {"--holes", "0.3"}}};
+  Arguments compare = {"compare",
+                       "--model",
+                       model,
+                       "--every",
+                       every,
+                       "--geometry",
+                       "mesh=mesh:" + (*data / "mesh.ply").string(),
+                       "--geometry",
+                       "sensor=" + sensor,
+                       "--geometry",
+                       "mono=depth:" + (*data / "depth_mono_sim").string(),
+                       "--truth",
+                       "mesh",
+                       "--max-side",
+                       "320",
+                       "--out",
+                       folder / "out"};
+  for (const auto& [name, options] : planted) {
+    ASSERT_TRUE(
+        Succeeds(RunRaylift(Arguments{"perturb", "--model", model, "--every", every, "--geometry",
+                                      sensor, "--out", folder / name, "--quiet"} +
+                            options)));
+    compare = compare + Arguments{"--geometry", name + "=depth:" + (folder / name).string()};
+  }
+  ASSERT_TRUE(Succeeds(RunRaylift(compare)));
+  const auto json = nlohmann::json::parse(ReadFile(folder / "out" / "comparison.json"));
+  EXPECT_THAT(FindingsOf(json, "scaled"), Contains("scale"));
+  EXPECT_THAT(FindingsOf(json, "sensor"), Not(Contains("scale")));
+  EXPECT_THAT(FindingsOf(json, "warped"), Contains("warp"));
+  EXPECT_THAT(FindingsOf(json, "sensor"), Not(Contains("warp")));
+  EXPECT_THAT(FindingsOf(json, "holes"), Contains("holes"));
+  EXPECT_THAT(FindingsOf(json, "mono"), Contains("per-image scale"));
+  EXPECT_THAT(FindingsOf(json, "mono"), Contains("warp"));
+  std::map<std::string, double> abs_rel;
+  for (const auto& source : json["sources"]) {
+    if (!source["is_truth"]) abs_rel[source["name"]] = source["means"]["abs_rel"];
+  }
+  EXPECT_LT(abs_rel["sensor"], abs_rel["warped"]);
+  EXPECT_LT(abs_rel["warped"], abs_rel["mono"]);
+  EXPECT_LT(abs_rel["mono"], abs_rel["scaled"]);
+}
+
+}  // namespace
+}  // namespace raylift

@@ -1,0 +1,178 @@
+#include "raylift/comparison/depth_comparison.h"
+
+#include <cmath>
+
+#include "compared_room.h"
+#include "support/test_data.h"
+#include <gmock/gmock.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/rng.h"
+#include "raylift/comparison/comparison_tables.h"
+
+namespace raylift {
+namespace {
+
+using ::testing::AnyOf;
+using ::testing::IsEmpty;
+using ::testing::SizeIs;
+
+std::vector<Distortion> Named(const SourceComparison& source) {
+  std::vector<Distortion> named;
+  for (const Finding& finding : source.findings) named.push_back(finding.distortion);
+  return named;
+}
+
+struct Planted {
+  std::string name;
+  DepthPerturbation perturbation;
+  Distortion expected;
+};
+
+std::vector<Planted> EveryDistortion() {
+  return {{"scale", {.scale = 1.1}, Distortion::kScale},
+          {"scales", {.scale_sigma = 0.1}, Distortion::kPerImageScale},
+          {"warp", {.warp_sigma = 0.06}, Distortion::kWarp},
+          {"noise", {.relative_noise_sigma = 0.02}, Distortion::kNoise},
+          {"edges", {.flying_share = 0.8}, Distortion::kEdges},
+          {"floaters", {.floaters = 25}, Distortion::kFloaters},
+          {"bubbles", {.bubbles = 4}, Distortion::kBubbles},
+          {"steps", {.quantization_step = 0.2}, Distortion::kQuantization},
+          {"holes", {.hole_share = 0.2}, Distortion::kHoles}};
+}
+
+class Sources {
+ public:
+  explicit Sources(const ComparedRoom& room) {
+    compared_.push_back({"mesh", "", "", &room.truth, room.mesh.get()});
+    for (const Planted& planted : EveryDistortion()) {
+      maps_.emplace_back(new MapSource(room.Perturbed(planted.perturbation)));
+      compared_.push_back({planted.name, "", "", maps_.back().get(), nullptr});
+    }
+  }
+  std::span<const ComparedSource> compared() const { return compared_; }
+
+ private:
+  std::vector<std::unique_ptr<MapSource>> maps_;
+  std::vector<ComparedSource> compared_;
+};
+
+DepthComparison CompareWithMesh(const ComparedRoom& room, const Sources& sources, int threads) {
+  DepthComparisonOptions options;
+  options.truth = 0;
+  options.max_overlaps = 2;
+  options.threads = threads;
+  return CompareDepth(sources.compared(), room.images, {}, options);
+}
+
+TEST(CompareDepth, NamesWhatWasPlanted) {
+  const ComparedRoom room(4);
+  const Sources sources(room);
+  const DepthComparison comparison = CompareWithMesh(room, sources, 0);
+  EXPECT_THAT(comparison.sources[0].findings, IsEmpty());
+  EXPECT_TRUE(comparison.sources[0].is_truth);
+  const auto planted = EveryDistortion();
+  for (size_t i = 0; i < planted.size(); ++i) {
+    const SourceComparison& source = comparison.sources[i + 1];
+    ASSERT_THAT(source.findings, SizeIs(::testing::Ge(1u))) << planted[i].name << "\n"
+                                                            << FormatComparisonText(comparison);
+    EXPECT_EQ(source.findings.front().distortion, planted[i].expected)
+        << planted[i].name << "\n"
+        << FormatComparisonText(comparison);
+  }
+  EXPECT_NEAR(comparison.sources[1].findings.front().amount, std::log(1.1), 1e-3);
+
+  // And measures as much of it as was planted.
+  const auto mean = [&](size_t source, std::string_view key) {
+    for (const DepthMetric& metric : DepthMetrics()) {
+      if (metric.key == key) return *MeanOverImages(comparison.sources[source], metric.value);
+    }
+    throw std::logic_error("no such metric");
+  };
+  EXPECT_NEAR(mean(1, "abs_rel"), 0.1, 1e-3);
+  EXPECT_NEAR(mean(1, "median_abs_rel"), 0, 1e-3);
+  EXPECT_NEAR(mean(1, "delta1_percent"), 100, 1e-9);
+  EXPECT_NEAR(mean(4, "noise_percent"), 2, 0.2);
+  EXPECT_NEAR(mean(9, "coverage_percent"), 80, 0.5);
+  EXPECT_NEAR(mean(0, "coverage_percent"), 100, 1e-9);
+  // A scale of 1.1 moves surfaces by a tenth of their depth: F-scores at 1, 2 and 5 % are low, and
+  // those of the map with holes are not.
+  ASSERT_THAT(comparison.sources[1].surface, SizeIs(3));
+  EXPECT_LT(comparison.sources[1].surface[0].f_percent, 35);
+  EXPECT_GT(comparison.sources[9].surface[2].f_percent, 95);
+}
+
+TEST(CompareDepth, WithoutATruthViewsTellScales) {
+  const ComparedRoom room;
+  const MapSource scaled = room.Perturbed({.scale = 1.1});
+  const MapSource good = room.Perturbed({});
+  const MapSource uneven = room.Perturbed({.scale_sigma = 0.08});
+  const std::vector<ComparedSource> sources = {{"good", "", "", &good, nullptr},
+                                               {"scaled", "", "", &scaled, nullptr},
+                                               {"uneven", "", "", &uneven, nullptr}};
+  const DepthComparison comparison = CompareDepth(sources, room.images, {}, {});
+  EXPECT_THAT(Named(comparison.sources[0]), IsEmpty()) << FormatComparisonText(comparison);
+  EXPECT_THAT(Named(comparison.sources[1]), ::testing::Contains(Distortion::kScale))
+      << FormatComparisonText(comparison);
+  EXPECT_THAT(Named(comparison.sources[2]), ::testing::Contains(Distortion::kPerImageScale))
+      << FormatComparisonText(comparison);
+}
+
+TEST(CompareDepth, MatchesTellScalesWithoutATruth) {
+  const ComparedRoom room;
+  Rng rng(StreamSeed(0, "CompareDepth.Matches", ""));
+  std::vector<ReferenceMatch> matches;
+  for (int a = 0; a < 6; ++a) {
+    for (int b = a + 1; b < 6; ++b) {
+      for (int k = 0; k < 60; ++k) {
+        const std::vector<Eigen::Vector2d> pixel = {{rng.Uniform(5, 187), rng.Uniform(5, 139)}};
+        const auto points = room.truth.Lift(room.images[static_cast<size_t>(a)], pixel);
+        const PosedImage& other = room.images[static_cast<size_t>(b)];
+        const auto seen =
+            other.camera.ImgFromCam(other.cam_from_world * points.at(0).value().point_in_world);
+        if (seen && other.camera.Contains(*seen)) matches.push_back({a, b, pixel[0], *seen});
+      }
+    }
+  }
+  const MapSource scaled = room.Perturbed({.scale = 1.1});
+  const std::vector<ComparedSource> sources = {{"good", "", "", &room.truth, nullptr},
+                                               {"scaled", "", "", &scaled, nullptr}};
+  const DepthComparison comparison = CompareDepth(sources, room.images, matches, {});
+  ASSERT_TRUE(comparison.sources[0].matches.has_value());
+  // What the match sees may be hidden in the other image, but its reprojection is right.
+  EXPECT_LT(comparison.sources[0].matches->median_px, 0.01);
+  EXPECT_GT(comparison.sources[1].matches->median_px, 1);
+  EXPECT_THAT(Named(comparison.sources[0]), IsEmpty());
+  ASSERT_THAT(comparison.sources[1].findings, SizeIs(::testing::Ge(1u)));
+  EXPECT_EQ(comparison.sources[1].findings.front().distortion, Distortion::kScale);
+  EXPECT_NEAR(std::exp(comparison.sources[1].findings.front().amount), 1.1, 0.01);
+}
+
+TEST(CompareDepth, TheSameForAnyNumberOfThreads) {
+  const ComparedRoom room(2);
+  const Sources sources(room);
+  EXPECT_EQ(FormatComparisonJson(CompareWithMesh(room, sources, 1)),
+            FormatComparisonJson(CompareWithMesh(room, sources, 4)));
+}
+
+TEST(ComparisonTables, HoldTheSameNumbers) {
+  const ComparedRoom room(3);
+  const MapSource scaled = room.Perturbed({.scale = 1.1});
+  const std::vector<ComparedSource> sources = {{"mesh", "", "", &room.truth, room.mesh.get()},
+                                               {"scaled, twice", "", "", &scaled, nullptr}};
+  DepthComparisonOptions options;
+  options.truth = 0;
+  const DepthComparison comparison = CompareDepth(sources, room.images, {}, options);
+  const auto json = nlohmann::json::parse(FormatComparisonJson(comparison));
+  EXPECT_EQ(json["truth"], "mesh");
+  EXPECT_EQ(json["sources"][1]["images"].size(), 3u);
+  EXPECT_NEAR(json["sources"][1]["means"]["abs_rel"].get<double>(), 0.1, 1e-3);
+  EXPECT_TRUE(json["sources"][0]["means"]["abs_rel"].is_null());
+  EXPECT_THAT(FormatSourcesCsv(comparison), ::testing::HasSubstr("\n\"scaled, twice\",false,"));
+  const std::string text = FormatComparisonText(comparison);
+  EXPECT_THAT(text, ::testing::HasSubstr("mesh (truth)"));
+  EXPECT_THAT(text, ::testing::HasSubstr("scale: depth is 10.0 % too large"));
+}
+
+}  // namespace
+}  // namespace raylift
