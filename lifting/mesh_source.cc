@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <numbers>
 
+#include "curve_order.h"
 #include <Eigen/Geometry>
 
 #include "raylift/base/error.h"
@@ -15,88 +17,164 @@ namespace {
 
 constexpr double kDegPerRad = 180 / std::numbers::pi;
 
-// `ray_in_cam` and `ray_in_world` are the same unit ray.
-SurfacePoint MakeSurfacePoint(const Ray& ray_in_world, const Eigen::Vector3d& ray_in_cam,
-                              const RayHit& hit) {
-  SurfacePoint point;
-  point.point_in_world = ray_in_world.origin_in_world + hit.ray_t * ray_in_world.direction_in_world;
-  const double along = hit.normal_in_world.dot(ray_in_world.direction_in_world);
-  point.back_face = along > 0;
-  point.normal_in_world = point.back_face ? -hit.normal_in_world : hit.normal_in_world;
-  point.depth_z = hit.ray_t * ray_in_cam.z();
-  const double sine = hit.normal_in_world.cross(ray_in_world.direction_in_world).norm();
-  point.incidence_deg = std::atan2(sine, std::abs(along)) * kDegPerRad;
-  return point;
-}
+// Pixels that are lifted at once: their rays and hits stay in the fastest cache.
+constexpr size_t kBatch = 128;
 
-// The rays of one reference's pixels; those without a ray are left out.
-class ReferenceRays {
+struct PixelRay {
+  Eigen::Vector3d in_cam;  // unit
+  Eigen::Vector3d in_world;
+  uint32_t pixel;  // its index
+};
+
+// A triangle that a ray hits at about this distance, if it hits one.
+struct CoarseHit {
+  uint32_t triangle = HitBlock::kNoTriangle;
+  double ray_t = 0;
+
+  bool IsHit() const { return triangle != HitBlock::kNoTriangle; }
+};
+
+// Lifts pixels of one reference, some at a time. Rays that follow each other should run close
+// together: they are cast as blocks.
+class ReferenceLifter {
  public:
-  ReferenceRays(const PosedImage& reference, double near_z)
-      : camera_(reference.camera),
+  ReferenceLifter(const RayCaster& caster, const PosedImage& reference, const MeshOptions& options)
+      : caster_(caster),
+        camera_(reference.camera),
         center_in_world_(reference.cam_from_world.OriginInSource()),
         world_from_cam_(reference.cam_from_world.rotation.conjugate().toRotationMatrix()),
-        near_z_(near_z) {}
+        near_z_(options.limits.near_z),
+        jump_radius_px_(options.jump_radius_px) {}
 
-  // Returns whether there is one.
-  bool Add(const Eigen::Vector2d& pixel) {
-    const auto ray_in_cam = camera_.RayInCam(pixel);
-    if (!ray_in_cam) return false;
-    const double ray_t_near = ray_in_cam->z() > 0 ? near_z_ / ray_in_cam->z() : 0;
-    rays.push_back({center_in_world_, world_from_cam_ * *ray_in_cam, ray_t_near});
-    rays_in_cam.push_back(*ray_in_cam);
-    return true;
+  // Sets the points of the pixels `indices`; none where there is no ray or no surface.
+  void Lift(std::span<const Eigen::Vector2d> pixels, std::span<const uint32_t> indices,
+            std::span<std::optional<SurfacePoint>> points) {
+    rays_.clear();
+    for (const uint32_t i : indices) AddRay(pixels[i], i);
+    Cast();
+    PrefetchVertices();
+    for (size_t k = 0; k < rays_.size(); ++k) {
+      if (!hits_[k].IsHit()) continue;
+      const RayHit hit =
+          caster_.RefineHit(center_in_world_, rays_[k].in_world, hits_[k].triangle, hits_[k].ray_t);
+      if (hit.ray_t > 0) points[rays_[k].pixel] = MakeSurfacePoint(rays_[k], hit);
+    }
   }
 
-  void Reserve(size_t count) {
-    rays.reserve(count);
-    rays_in_cam.reserve(count);
+  // Sets `depth_jump` of these pixels' points.
+  void MeasureJumps(std::span<const Eigen::Vector2d> pixels, std::span<const uint32_t> indices,
+                    std::span<std::optional<SurfacePoint>> points) {
+    const double r = jump_radius_px_;
+    const std::array<Eigen::Vector2d, 4> offsets = {Eigen::Vector2d(r, 0), Eigen::Vector2d(0, r),
+                                                    Eigen::Vector2d(-r, 0), Eigen::Vector2d(0, -r)};
+    rays_.clear();
+    for (const uint32_t i : indices) {
+      if (!points[i]) continue;
+      points[i]->depth_jump = 0;
+      for (const Eigen::Vector2d& offset : offsets) AddRay(pixels[i] + offset, i);
+    }
+    Cast();
+    for (size_t k = 0; k < rays_.size(); ++k) {
+      SurfacePoint& point = *points[rays_[k].pixel];
+      point.depth_jump = std::max(*point.depth_jump, JumpTo(point, rays_[k], hits_[k]));
+    }
   }
-
-  std::vector<Ray> rays;
-  std::vector<Eigen::Vector3d> rays_in_cam;
 
  private:
+  void AddRay(const Eigen::Vector2d& pixel, uint32_t index) {
+    const auto ray_in_cam = camera_.RayInCam(pixel);
+    if (ray_in_cam) rays_.push_back({*ray_in_cam, world_from_cam_ * *ray_in_cam, index});
+  }
+
+  // Sets hits_ of rays_. Blocks know no near limit.
+  void Cast() {
+    hits_.assign(rays_.size(), CoarseHit());
+    if (near_z_ > 0) {
+      CastFromNear();
+    } else {
+      CastAsBlocks();
+    }
+  }
+
+  void CastFromNear() {
+    std::vector<Ray> rays;
+    rays.reserve(rays_.size());
+    for (const PixelRay& ray : rays_) {
+      const double ray_t_near = ray.in_cam.z() > 0 ? near_z_ / ray.in_cam.z() : 0;
+      rays.push_back({center_in_world_, ray.in_world, ray_t_near});
+    }
+    const auto hits = caster_.Cast(rays);
+    for (size_t k = 0; k < hits.size(); ++k) {
+      if (hits[k]) hits_[k] = {hits[k]->triangle, hits[k]->ray_t};
+    }
+  }
+
+  void CastAsBlocks() {
+    constexpr size_t kSize = RayBlock::kSize;
+    const size_t num_blocks = (rays_.size() + kSize - 1) / kSize;
+    ray_blocks_.assign(num_blocks, RayBlock());
+    hit_blocks_.resize(num_blocks);
+    for (size_t k = 0; k < rays_.size(); ++k) {
+      const Eigen::Vector3f direction = rays_[k].in_world.cast<float>();
+      RayBlock& block = ray_blocks_[k / kSize];
+      block.x[k % kSize] = direction.x();
+      block.y[k % kSize] = direction.y();
+      block.z[k % kSize] = direction.z();
+    }
+    caster_.CastBlocks(center_in_world_, ray_blocks_, hit_blocks_);
+    for (size_t k = 0; k < rays_.size(); ++k) {
+      const HitBlock& block = hit_blocks_[k / kSize];
+      hits_[k] = {block.triangle[k % kSize], double{block.ray_t[k % kSize]}};
+    }
+  }
+
+  // The vertices of a large mesh are rarely in the cache.
+  void PrefetchVertices() const {
+    const TriangleMesh& mesh = caster_.mesh();
+    for (const CoarseHit& hit : hits_) {
+      if (!hit.IsHit()) continue;
+      for (const uint32_t index : mesh.triangles[hit.triangle]) {
+        __builtin_prefetch(&mesh.vertices[index]);
+      }
+    }
+  }
+
+  SurfacePoint MakeSurfacePoint(const PixelRay& ray, const RayHit& hit) const {
+    SurfacePoint point;
+    point.point_in_world = center_in_world_ + hit.ray_t * ray.in_world;
+    const double along = hit.normal_in_world.dot(ray.in_world);
+    point.back_face = along > 0;
+    point.normal_in_world = point.back_face ? -hit.normal_in_world : hit.normal_in_world;
+    point.depth_z = hit.ray_t * ray.in_cam.z();
+    const double sine = hit.normal_in_world.cross(ray.in_world).norm();
+    point.incidence_deg = std::atan2(sine, std::abs(along)) * kDegPerRad;
+    return point;
+  }
+
+  // How far the hit of a neighbouring ray (none: it leaves the scene) is from the point's plane.
+  double JumpTo(const SurfacePoint& point, const PixelRay& ray, const CoarseHit& hit) const {
+    if (!hit.IsHit()) return std::numeric_limits<double>::infinity();
+    const Eigen::Vector3d point_from_center = point.point_in_world - center_in_world_;
+    const double on_plane =
+        point_from_center.dot(point.normal_in_world) / ray.in_world.dot(point.normal_in_world);
+    // Where the ray runs along the plane or away from it, compare with the point itself.
+    const double expected =
+        on_plane > 0 && std::isfinite(on_plane) ? on_plane : point_from_center.norm();
+    return std::abs(hit.ray_t - expected) / std::min(hit.ray_t, expected);
+  }
+
+  const RayCaster& caster_;
   const Camera& camera_;
   Eigen::Vector3d center_in_world_;
   Eigen::Matrix3d world_from_cam_;
   double near_z_;
+  double jump_radius_px_;
+  // Of the current batch; kept for the next one.
+  std::vector<PixelRay> rays_;
+  std::vector<CoarseHit> hits_;
+  std::vector<RayBlock> ray_blocks_;
+  std::vector<HitBlock> hit_blocks_;
 };
-
-// How far the hit of a neighbouring ray (none: it leaves the scene) is from the point's plane.
-double JumpTo(const SurfacePoint& point, const Ray& ray, const std::optional<RayHit>& hit) {
-  if (!hit) return std::numeric_limits<double>::infinity();
-  const double on_plane = (point.point_in_world - ray.origin_in_world).dot(point.normal_in_world) /
-                          ray.direction_in_world.dot(point.normal_in_world);
-  // Where the ray runs along the plane or away from it, compare with the point itself.
-  const double expected = on_plane > 0 && std::isfinite(on_plane)
-                              ? on_plane
-                              : (point.point_in_world - ray.origin_in_world).norm();
-  return std::abs(hit->ray_t - expected) / std::min(hit->ray_t, expected);
-}
-
-// Sets `depth_jump` of the points, pixel by pixel.
-void MeasureJumps(const RayCaster& caster, const PosedImage& reference, const MeshOptions& options,
-                  std::span<const Eigen::Vector2d> pixels,
-                  std::span<std::optional<SurfacePoint>> points) {
-  const double r = options.jump_radius_px;
-  const std::array<Eigen::Vector2d, 4> offsets = {Eigen::Vector2d(r, 0), Eigen::Vector2d(0, r),
-                                                  Eigen::Vector2d(-r, 0), Eigen::Vector2d(0, -r)};
-  ReferenceRays neighbors(reference, options.limits.near_z);
-  std::vector<size_t> point_of_ray;
-  for (size_t i = 0; i < pixels.size(); ++i) {
-    if (!points[i]) continue;
-    points[i]->depth_jump = 0;
-    for (const Eigen::Vector2d& offset : offsets) {
-      if (neighbors.Add(pixels[i] + offset)) point_of_ray.push_back(i);
-    }
-  }
-  const auto hits = caster.Cast(neighbors.rays);
-  for (size_t k = 0; k < hits.size(); ++k) {
-    SurfacePoint& point = *points[point_of_ray[k]];
-    point.depth_jump = std::max(*point.depth_jump, JumpTo(point, neighbors.rays[k], hits[k]));
-  }
-}
 
 }  // namespace
 
@@ -110,25 +188,18 @@ std::string MeshSource::Description() const { return description_; }
 
 std::vector<std::optional<SurfacePoint>> MeshSource::Lift(
     const PosedImage& reference, std::span<const Eigen::Vector2d> pixels) const {
-  ReferenceRays rays(reference, options_.limits.near_z);
-  rays.Reserve(pixels.size());
-  std::vector<size_t> pixel_of_ray;
-  pixel_of_ray.reserve(pixels.size());
-  for (size_t i = 0; i < pixels.size(); ++i) {
-    if (rays.Add(pixels[i])) pixel_of_ray.push_back(i);
-  }
-  const auto hits = caster_->Cast(rays.rays);
   std::vector<std::optional<SurfacePoint>> points(pixels.size());
-  for (size_t i = 0; i < hits.size(); ++i) {
-    if (hits[i] && hits[i]->ray_t > 0) {
-      points[pixel_of_ray[i]] = MakeSurfacePoint(rays.rays[i], rays.rays_in_cam[i], *hits[i]);
+  const std::vector<uint32_t> order = OrderAlongCurve(reference.camera, pixels);
+  ReferenceLifter lifter(*caster_, reference, options_);
+  for (size_t begin = 0; begin < pixels.size(); begin += kBatch) {
+    const auto indices = std::span(order).subspan(begin, std::min(kBatch, pixels.size() - begin));
+    lifter.Lift(pixels, indices, points);
+    if (std::isfinite(options_.limits.max_depth_jump)) {
+      lifter.MeasureJumps(pixels, indices, points);
     }
-  }
-  if (std::isfinite(options_.limits.max_depth_jump)) {
-    MeasureJumps(*caster_, reference, options_, pixels, points);
-  }
-  for (auto& point : points) {
-    if (point && !options_.limits.Keep(*point)) point.reset();
+    for (const uint32_t i : indices) {
+      if (points[i] && !options_.limits.Keep(*points[i])) points[i].reset();
+    }
   }
   return points;
 }

@@ -286,14 +286,14 @@ struct RayCaster::Impl {
   };
   std::optional<FloatHit> CastOne(const LocalRay& ray, float t_near,
                                   embree::IntersectState& state) const {
-    for (const Eigen::Vector3f& direction : {ray.float_direction, Nudged(ray.float_direction)}) {
+    const auto cast = [&](const Eigen::Vector3f& direction) -> std::optional<FloatHit> {
       RTCRayHit ray_hit = embree::MakeRayHit(ray.float_origin.data(), direction.data(), t_near);
       state.Intersect1(scene.get(), &ray_hit);
-      if (ray_hit.hit.geomID != RTC_INVALID_GEOMETRY_ID) {
-        return FloatHit{ray_hit.hit.primID, ray_hit.ray.tfar};
-      }
-    }
-    return std::nullopt;
+      if (ray_hit.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
+      return FloatHit{ray_hit.hit.primID, ray_hit.ray.tfar};
+    };
+    const auto hit = cast(ray.float_direction);
+    return hit ? hit : cast(Nudged(ray.float_direction));
   }
 
   // Casts all, then refines all: the triangles and then their vertices, which are rarely in the

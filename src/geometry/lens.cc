@@ -438,6 +438,9 @@ std::optional<Eigen::Vector3d> Lens::Unproject(const Eigen::Vector2d& distorted)
 }
 
 std::optional<Eigen::Vector2d> Lens::Undistort(const Eigen::Vector2d& distorted) const {
+  if (radial_ == Radial::kNone && offset_ == Offset::kNone) {
+    return distorted;
+  }
   Eigen::Vector2d flat = distorted;
   const double radius = distorted.norm();
   if (radial_ != Radial::kNone && radius > 0) {

@@ -30,6 +30,33 @@ BareLoop::BareLoop(const TriangleMesh& mesh, SceneFlag flag) : impl_(std::make_u
 
 BareLoop::~BareLoop() = default;
 
+void BareLoop::Cast(std::span<const BareRay> rays, std::span<float> ray_t) const {
+  embree::IntersectState state(embree::Coherence::kIncoherent);
+  for (size_t i = 0; i < rays.size(); ++i) {
+    RTCRayHit ray = embree::MakeRayHit(rays[i].origin.data(), rays[i].direction.data(), 0);
+    state.Intersect1(impl_->scene.get(), &ray);
+    ray_t[i] = ray.ray.tfar;
+  }
+}
+
+void BareLoop::CastPixels(const Camera& camera, const Rigid3& cam_from_world,
+                          std::span<const Eigen::Vector2d> pixels, std::span<float> ray_t) const {
+  embree::IntersectState state(embree::Coherence::kIncoherent);
+  const Eigen::Matrix3d r = cam_from_world.rotation.conjugate().toRotationMatrix();
+  const Eigen::Vector3f origin = cam_from_world.OriginInSource().cast<float>();
+  const Eigen::Vector2d pp = camera.principal_point_px();
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    const Eigen::Vector3f direction =
+        (r * Eigen::Vector3d((pixels[i].x() - pp.x()) / camera.focal_x_px(),
+                             (pixels[i].y() - pp.y()) / camera.focal_y_px(), 1))
+            .normalized()
+            .cast<float>();
+    RTCRayHit ray = embree::MakeRayHit(origin.data(), direction.data(), 0);
+    state.Intersect1(impl_->scene.get(), &ray);
+    ray_t[i] = ray.ray.tfar;
+  }
+}
+
 void BareLoop::Render(const Camera& camera, const Rigid3& cam_from_world,
                       std::vector<float>& depth) const {
   _MM_SET_FLUSH_ZERO_MODE(_MM_FLUSH_ZERO_ON);

@@ -1,6 +1,7 @@
 #include "raylift/lifting/mesh_source.h"
 
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "support/matchers.h"
@@ -166,18 +167,52 @@ TEST(MeshSource, NearLooksThroughAndFarAndIncidenceDrop) {
   EXPECT_EQ(depth({.near_z = 7}), 0);
 }
 
+TEST(MeshSource, APointDoesNotDependOnWhatElseIsLifted) {
+  Rng rng = TestRng();
+  const auto caster = std::make_shared<const RayCaster>(
+      std::make_shared<const TriangleMesh>(MakeSphere({0, 0, 0}, 1, 100, 200)));
+  const double params[] = {500, 510, 322, 238};
+  const PosedImage reference{"reference", Camera(CameraModel::kPinhole, 640, 480, params),
+                             LookAt({1.2, -2.1, 0.8}, {0, 0, 0})};
+  const auto pixels = RandomPixels(reference.camera, 700, rng);
+  const MeshSource source("mesh", caster, {.limits = {.max_depth_jump = 1e9}});
+  const MeshSource with_near("mesh", caster, {.limits = {.near_z = 0.01, .max_depth_jump = 1e9}});
+  const auto together = source.Lift(reference, pixels);
+  const auto from_near = with_near.Lift(reference, pixels);
+  int num_lifted = 0;
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    const auto alone = source.Lift(reference, {&pixels[i], 1})[0];
+    ASSERT_EQ(together[i].has_value(), alone.has_value());
+    ASSERT_EQ(together[i].has_value(), from_near[i].has_value());
+    if (!alone) continue;
+    ++num_lifted;
+    // Float decides which of two neighbouring triangles is hit at their edge.
+    EXPECT_LT((together[i]->point_in_world - alone->point_in_world).norm(), 1e-6);
+    EXPECT_LT((together[i]->point_in_world - from_near[i]->point_in_world).norm(), 1e-6);
+    if (alone->incidence_deg < 70) {
+      EXPECT_NEAR(*together[i]->depth_jump, *alone->depth_jump, 1e-5);
+      EXPECT_NEAR(*together[i]->depth_jump, *from_near[i]->depth_jump, 1e-5);
+    }
+  }
+  EXPECT_GT(num_lifted, 200);
+}
+
 TEST(MeshSource, PixelsWithoutRayOrSurfaceHaveNoPoint) {
   const MeshSource source = MakeSource(MakeBox({0, 0, 10}, {1, 1, 1}));
   // Barrel distortion that folds over within the image's corner.
   const double params[] = {50, 50, 50, -0.3};
   const Camera camera(CameraModel::kSimpleRadial, 100, 100, params);
-  const std::vector<Eigen::Vector2d> pixels = {{50, 50}, {70, 50}, {0, 0}, {51, 52}};
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double infinity = std::numeric_limits<double>::infinity();
+  const std::vector<Eigen::Vector2d> pixels = {{50, 50}, {70, 50},  {0, 0},         {51, 52},
+                                               {nan, 5}, {5, -1e9}, {infinity, nan}};
   ASSERT_FALSE(camera.RayInCam(pixels[2]));
   const auto points = source.Lift({"reference", camera, Rigid3()}, pixels);
   EXPECT_TRUE(points[0]);
   EXPECT_FALSE(points[1]);
   EXPECT_FALSE(points[2]);
   EXPECT_TRUE(points[3]);
+  for (size_t i = 4; i < pixels.size(); ++i) EXPECT_FALSE(points[i]);
 }
 
 }  // namespace
