@@ -14,6 +14,14 @@ constexpr std::array<std::pair<DepthKind, std::string_view>, 3> kKindNames = {{
     {DepthKind::kInverse, "inverse"},
 }};
 
+constexpr std::array<std::pair<MapOrientation, std::string_view>, 5> kOrientationNames = {{
+    {MapOrientation::kAsStored, "as_stored"},
+    {MapOrientation::kFlippedX, "flipped_x"},
+    {MapOrientation::kFlippedY, "flipped_y"},
+    {MapOrientation::kHalfTurn, "half_turn"},
+    {MapOrientation::kTransposed, "transposed"},
+}};
+
 constexpr double kMillimetre = 0.001;
 
 // COLMAP's maps belong to the undistorted cameras of its dense workspace.
@@ -169,6 +177,28 @@ std::optional<DepthKind> DepthKindFromName(std::string_view name) {
   return std::nullopt;
 }
 
+std::string_view ToString(MapOrientation orientation) {
+  for (const auto& [value, name] : kOrientationNames) {
+    if (value == orientation) return name;
+  }
+  return {};
+}
+
+std::optional<MapOrientation> MapOrientationFromName(std::string_view name) {
+  for (const auto& [value, known] : kOrientationNames) {
+    if (known == name) return value;
+  }
+  return std::nullopt;
+}
+
+std::string MapOrientationNames() {
+  std::string names;
+  for (const auto& [value, name] : kOrientationNames) {
+    names += (names.empty() ? "" : "|") + std::string(name);
+  }
+  return names;
+}
+
 std::optional<DepthConvention> DepthPreset(std::string_view name) {
   for (const Preset& preset : kPresets) {
     if (preset.name == name) return preset.make();
@@ -218,6 +248,27 @@ std::vector<float> RayZOfPixels(const Camera& camera) {
     }
   }
   return ray_z;
+}
+
+StoredDepth Oriented(StoredDepth stored, MapOrientation orientation) {
+  using enum MapOrientation;
+  if (orientation == kAsStored) return stored;
+  const auto width = static_cast<size_t>(stored.width_px);
+  const auto height = static_cast<size_t>(stored.height_px);
+  const bool flip_x = orientation == kFlippedX || orientation == kHalfTurn;
+  const bool flip_y = orientation == kFlippedY || orientation == kHalfTurn;
+  std::vector<float> values(stored.values.size());
+  for (size_t y = 0; y < height; ++y) {
+    for (size_t x = 0; x < width; ++x) {
+      const size_t to = orientation == kTransposed
+                            ? x * height + y
+                            : (flip_y ? height - 1 - y : y) * width + (flip_x ? width - 1 - x : x);
+      values[to] = stored.values[y * width + x];
+    }
+  }
+  stored.values = std::move(values);
+  if (orientation == kTransposed) std::swap(stored.width_px, stored.height_px);
+  return stored;
 }
 
 DepthMap ToDepthMap(const StoredDepth& stored, const Camera& camera,

@@ -172,11 +172,13 @@ struct DepthFolder::Impl {
   }
 
   MapPointer Read(const PosedImage& reference, const path& file) const {
-    const StoredDepth stored = ReadDepthFile(file, ReadOptions(reference.camera));
+    const StoredDepth stored =
+        Oriented(ReadDepthFile(file, ReadOptions(reference.camera)), convention.orientation);
     std::optional<StoredDepth> confidence;
     if (!convention.confidence_pattern.empty()) {
-      confidence =
-          ReadDepthFile(folder / ExpandPattern(convention.confidence_pattern, reference.name));
+      confidence = Oriented(
+          ReadDepthFile(folder / ExpandPattern(convention.confidence_pattern, reference.name)),
+          convention.orientation);
     }
     std::shared_ptr<const std::vector<float>> rays;
     if (convention.kind == DepthKind::kRay) {
@@ -268,7 +270,9 @@ DepthFolder::DepthFolder(path folder, DepthConvention convention,
   if (!impl_->convention.unit && !stored.sample_type.starts_with("float")) {
     warnings_.push_back(fmt::format("{}: integers, taken as millimetres (unit=mm says so)", file));
   }
-  const double aspect = static_cast<double>(stored.width_px) / stored.height_px;
+  const StoredDepth oriented = Oriented(stored, impl_->convention.orientation);
+  size_px_ = {oriented.width_px, oriented.height_px};
+  const double aspect = static_cast<double>(size_px_.width_px) / size_px_.height_px;
   const double image_aspect =
       static_cast<double>(first->camera.width_px()) / first->camera.height_px();
   if (std::abs(aspect / image_aspect - 1) > kMaxAspectDifference) {

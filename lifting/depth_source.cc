@@ -52,7 +52,9 @@ std::vector<std::optional<SurfacePoint>> LiftByDepthMap(const DepthMap& map,
   for (size_t i = 0; i < pixels.size(); ++i) {
     const auto ray = camera.RayInCam(pixels[i]);
     if (!ray || ray->z() <= 0) continue;
-    const auto sample = SampleDepth(map, pixels[i].cwiseQuotient(image_px_per_map_px), options);
+    const Eigen::Vector2d position_px =
+        pixels[i].cwiseQuotient(image_px_per_map_px).array() + (0.5 - options.first_sample_px);
+    const auto sample = SampleDepth(map, position_px, options);
     if (!sample) continue;
     const Eigen::Vector3d point_in_cam = AtDepth(*ray, sample->z);
     const Eigen::Vector3d normal_in_cam =

@@ -26,8 +26,8 @@ constexpr std::string_view kMeshKeys =
     "build=low|medium";
 constexpr std::string_view kDepthKeys =
     "preset, pattern, kind=z|ray|inverse, unit=m|cm|mm|NUMBER, scale, invalid, max_depth, layer, "
-    "size=WxH, confidence, confidence_threshold, interpolation=edge|nearest, max_jump, near, far, "
-    "max_incidence_deg, max_depth_jump";
+    "size=WxH, orientation, first_sample_px, confidence, confidence_threshold, "
+    "interpolation=edge|nearest, max_jump, near, far, max_incidence_deg, max_depth_jump";
 constexpr std::string_view kSfmKeys = "radius (px), min_track, max_error (px), near, far";
 
 void TakeLimits(SpecKeys& keys, SurfaceLimits& limits) {
@@ -119,6 +119,11 @@ DepthConvention TakeConvention(SpecKeys& keys) {
     if (!value) keys.Fail("expected kind=z|ray|inverse");
     convention.kind = *value;
   }
+  if (const auto orientation = keys.Take("orientation")) {
+    const auto value = MapOrientationFromName(*orientation);
+    if (!value) keys.Fail("expected orientation=" + MapOrientationNames());
+    convention.orientation = *value;
+  }
   if (const auto unit = keys.Take("unit")) convention.unit = ParseUnit(keys, *unit);
   convention.scale = keys.TakeNumber("scale", 0).value_or(convention.scale);
   if (!(convention.scale > 0)) keys.Fail("expected a positive scale");
@@ -144,14 +149,20 @@ NamedGeometry MakeDepth(SpecKeys keys, const GeometryContext& context) {
   DepthSamplingOptions sampling;
   sampling.interpolation = TakeWord(keys, "interpolation", kInterpolations, sampling.interpolation);
   sampling.max_jump = keys.TakeNumber("max_jump", 0).value_or(sampling.max_jump);
+  sampling.first_sample_px =
+      keys.TakeNumber("first_sample_px", 0).value_or(sampling.first_sample_px);
   SurfaceLimits limits;
   TakeLimits(keys, limits);
   keys.ExpectAllTaken(kDepthKeys);
 
-  auto maps = std::make_shared<const DepthFolder>(keys.path(), std::move(convention),
-                                                  context.references, context.max_cache_bytes);
+  auto maps = std::make_shared<const DepthFolder>(keys.path(), convention, context.references,
+                                                  context.max_cache_bytes);
   NamedGeometry geometry;
   geometry.kind = GeometryKind::kDepth;
+  geometry.depth_reading = InputReading{.kind = convention.kind,
+                                        .orientation = convention.orientation,
+                                        .first_sample_px = sampling.first_sample_px,
+                                        .scale = convention.scale};
   geometry.understood = maps->understood();
   geometry.warnings = maps->warnings();
   geometry.maps = maps;
@@ -214,11 +225,12 @@ std::string GeometryHelp() {
       "  kind=z|ray|inverse, unit=m|cm|mm|NUMBER, scale, invalid=V[/V...],\n"
       "  max_depth, layer, size=WxH (of headerless files), confidence=PATTERN,\n"
       "  confidence_threshold, interpolation=edge|nearest, max_jump, near, far,\n"
-      "  max_incidence_deg, max_depth_jump\n"
+      "  max_incidence_deg, max_depth_jump, first_sample_px (0.5),\n"
+      "  orientation={}\n"
       "sfm[:DIR][,key=value...]: the points of a COLMAP model (default: --model).\n"
       "  Keys: radius (px, of features that are not the model's), min_track,\n"
       "  max_error (px), near, far",
-      DepthPresetNames());
+      DepthPresetNames(), MapOrientationNames());
 }
 
 }  // namespace raylift

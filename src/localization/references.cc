@@ -6,13 +6,15 @@
 
 namespace raylift {
 
-LoadedReferences LoadReferences(const std::filesystem::path& model, int every) {
+LoadedReferences LoadReferences(const std::filesystem::path& model, int every,
+                                PoseConvention poses) {
   ColmapModel colmap = ReadColmapModel(model);
   LoadedReferences loaded;
   loaded.warnings = std::move(colmap.warnings);
   loaded.covisibility = Covisibility(colmap);
   loaded.references.model = model;
-  const std::vector<PosedImage> images = colmap.PosedImages();
+  std::vector<PosedImage> images = colmap.PosedImages();
+  for (PosedImage& image : images) image.cam_from_world = CamFromWorld(image.cam_from_world, poses);
   if (images.empty()) {
     throw InputError(model, "the model has no images with a pose");
   }

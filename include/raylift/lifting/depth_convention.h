@@ -25,8 +25,21 @@ enum class DepthKind {
 std::string_view ToString(DepthKind kind);
 std::optional<DepthKind> DepthKindFromName(std::string_view name);
 
+// How the samples of a file lie in its image; each undoes itself.
+enum class MapOrientation {
+  kAsStored,
+  kFlippedX,    // left and right exchanged
+  kFlippedY,    // the bottom row first
+  kHalfTurn,    // both
+  kTransposed,  // columns first
+};
+std::string_view ToString(MapOrientation orientation);
+std::optional<MapOrientation> MapOrientationFromName(std::string_view name);
+std::string MapOrientationNames();  // "as_stored|..."
+
 struct DepthConvention {
   DepthKind kind = DepthKind::kZ;
+  MapOrientation orientation = MapOrientation::kAsStored;
   // Scene units of a stored 1 (of kInverse: 1 / scene units). None: 1 where the file holds floats,
   // 0.001 (millimetres) where it holds integers.
   std::optional<double> unit = std::nullopt;
@@ -60,9 +73,13 @@ std::string ExpandPattern(std::string_view pattern, std::string_view image_name)
 // The z component of the unit ray through each pixel's centre; 0 where there is no ray.
 std::vector<float> RayZOfPixels(const Camera& camera);
 
+// The samples as they lie in the image.
+StoredDepth Oriented(StoredDepth stored, MapOrientation orientation);
+
 // The map in our convention, for an image with this camera (of any resolution: the intrinsics are
 // scaled by the ratio of the sizes). `ray_z` may hold RayZOfPixels of the scaled camera, else it is
-// computed where it is needed. `confidence` (may be null) may be of another size.
+// computed where it is needed. `confidence` (may be null) may be of another size. Both
+// are already oriented.
 DepthMap ToDepthMap(const StoredDepth& stored, const Camera& camera,
                     const DepthConvention& convention, const StoredDepth* confidence = nullptr,
                     std::span<const float> ray_z = {});

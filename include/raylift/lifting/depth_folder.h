@@ -28,6 +28,8 @@ class DepthFolder {
 
   // What was understood of the files ("PNG uint16 640 x 480, z, 1 is 0.001").
   const std::string& understood() const { return understood_; }
+  // Of the first reference's map, as it lies in the image.
+  PlaneSize size_px() const { return size_px_; }
   // What the user should know: references without a map, a unit that was guessed.
   const std::vector<std::string>& warnings() const { return warnings_; }
 
@@ -35,6 +37,7 @@ class DepthFolder {
   struct Impl;
   std::unique_ptr<Impl> impl_;
   std::string understood_;
+  PlaneSize size_px_;
   std::vector<std::string> warnings_;
 };
 

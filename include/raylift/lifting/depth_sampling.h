@@ -21,6 +21,10 @@ enum class DepthInterpolation { kEdgeAware, kNearest };
 struct DepthSamplingOptions {
   DepthInterpolation interpolation = DepthInterpolation::kEdgeAware;
   double max_jump = 0.05;  // relative, from pixel to pixel
+  // Where the first sample of a map lies, in its pixels: 0.5 where samples are at pixel centres, 0
+  // where the map was made for integer coordinates. For LiftByDepthMap; SampleDepth takes positions
+  // with centres at 0.5.
+  double first_sample_px = 0.5;
 };
 
 struct DepthSample {

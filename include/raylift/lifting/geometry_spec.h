@@ -5,12 +5,14 @@
 #include <cstddef>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "raylift/lifting/depth_folder.h"
 #include "raylift/lifting/geometry_source.h"
+#include "raylift/lifting/input_reading.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/posed_image.h"
 
@@ -26,6 +28,7 @@ struct NamedGeometry {
   // How the files were read ("PNG uint16 640 x 480, z").
   std::string understood = {};
   std::vector<std::string> warnings;  // what the user should know of the files
+  std::optional<InputReading> depth_reading = std::nullopt;  // of depth maps
 };
 
 // What a specification does not say.

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "raylift/geometry/pose_convention.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/covisibility.h"
 #include "raylift/scene/pose_problem.h"
@@ -40,13 +41,15 @@ struct ReferenceSet {
   std::vector<std::string> thinned_out;
 };
 
-// The images of a COLMAP model, every `every`-th of them by name from the first on.
+// The images of a COLMAP model whose poses may be in another convention, every `every`-th of them
+// by name from the first on.
 struct LoadedReferences {
   ReferenceSet references;
   Covisibility covisibility;
   std::vector<std::string> warnings;
 };
-LoadedReferences LoadReferences(const std::filesystem::path& model, int every);
+LoadedReferences LoadReferences(const std::filesystem::path& model, int every,
+                                PoseConvention poses = PoseConvention::kCamFromWorld);
 
 struct HlocFiles {
   std::filesystem::path features;

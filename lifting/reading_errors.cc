@@ -1,0 +1,273 @@
+#include "reading_errors.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <set>
+#include <utility>
+
+#include "raylift/base/error.h"
+#include "raylift/base/parallel.h"
+
+namespace raylift {
+namespace {
+
+constexpr size_t kFewestOfMap = 10;
+// Matches farther from the epipolar line tell nothing of depth.
+constexpr double kEpipolarThresholdPx = 3;
+
+struct WeightedValue {
+  double value;
+  double weight;
+};
+
+double WeightedMedian(std::vector<WeightedValue> values) {
+  std::sort(values.begin(), values.end(),
+            [](const WeightedValue& a, const WeightedValue& b) { return a.value < b.value; });
+  double total = 0;
+  for (const WeightedValue& v : values) total += v.weight;
+  double below = 0;
+  for (const WeightedValue& v : values) {
+    below += v.weight;
+    if (below >= 0.5 * total) return v.value;
+  }
+  return 0;
+}
+
+// The standard error of the median of values, from their median deviation as of normal ones.
+double StandardErrorOfMedian(const std::vector<double>& values) {
+  const double median = Median(values);
+  std::vector<double> deviations;
+  for (const double value : values) deviations.push_back(std::abs(value - median));
+  return 1.2533 * 1.4826 * Median(std::move(deviations)) /
+         std::sqrt(std::max<double>(1, static_cast<double>(values.size())));
+}
+
+Eigen::Vector2d Oriented(const Eigen::Vector2d& pixel, const Camera& camera,
+                         MapOrientation orientation) {
+  const double width = camera.width_px();
+  const double height = camera.height_px();
+  switch (orientation) {
+    case MapOrientation::kAsStored:
+      return pixel;
+    case MapOrientation::kFlippedX:
+      return {width - pixel.x(), pixel.y()};
+    case MapOrientation::kFlippedY:
+      return {pixel.x(), height - pixel.y()};
+    case MapOrientation::kHalfTurn:
+      return {width - pixel.x(), height - pixel.y()};
+    case MapOrientation::kTransposed:
+      return {pixel.y() * width / height, pixel.x() * height / width};
+  }
+  RAYLIFT_CHECK(false);
+}
+
+}  // namespace
+
+double Median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+double KnownUnit(double log_factor) {
+  // Powers of ten, inches, feet, and TUM's 1/5000 taken as millimetres.
+  constexpr std::array<double, 10> kUnits = {1, 10, 100, 1000, 1e4, 1e5, 0.0254, 0.3048, 0.2, 5000};
+  constexpr double kNear = 0.03;
+  for (const double unit : kUnits) {
+    for (const double known : {std::log(unit), -std::log(unit)}) {
+      if (std::abs(log_factor - known) < kNear) return known;
+    }
+  }
+  return log_factor;
+}
+
+InputReading Scaled(const InputReading& reading, double log_factor) {
+  InputReading scaled = reading;
+  scaled.scale *=
+      reading.kind == DepthKind::kInverse ? std::exp(-log_factor) : std::exp(log_factor);
+  return scaled;
+}
+
+ReadingErrors::ReadingErrors(const DoctorInput& input, size_t max_matches) : input_(input) {
+  const size_t count = std::min(max_matches, input.matches.size());
+  const auto add = [&](int map, const Eigen::Vector2d& pixel, int other,
+                       const Eigen::Vector2d& other_px) {
+    const auto ray = input_.references[static_cast<size_t>(map)].camera.RayInCam(pixel);
+    if (ray && ray->z() > 0) keypoints_.push_back({map, other, pixel, other_px, ray->z()});
+  };
+  for (size_t i = 0; i < count; ++i) {
+    const ReferenceMatch& m = input.matches[i * input.matches.size() / count];
+    add(m.reference_a, m.a_px, m.reference_b, m.b_px);
+    add(m.reference_b, m.b_px, m.reference_a, m.a_px);
+  }
+  std::stable_sort(keypoints_.begin(), keypoints_.end(),
+                   [](const Keypoint& a, const Keypoint& b) { return a.map < b.map; });
+}
+
+size_t ReadingErrors::NumPairs() const {
+  std::set<std::pair<int, int>> pairs;
+  for (const Keypoint& keypoint : keypoints_) {
+    pairs.insert(std::minmax(keypoint.map, keypoint.other));
+  }
+  return pairs.size();
+}
+
+ReadingErrors::Key ReadingErrors::KeyOf(const InputReading& reading) const {
+  // What a depth map stores does not depend on the poses.
+  return {reading.orientation, reading.first_sample_px,
+          input_.map_size_px ? input_.as_read.poses : reading.poses};
+}
+
+void ReadingErrors::Prepare(std::span<const InputReading> readings, int threads) {
+  for (const InputReading& reading : readings) {
+    const Key key = KeyOf(reading);
+    if (!stored_.contains(key)) stored_.emplace(key, LookUp(reading, threads));
+    if (sights_.contains(reading.poses)) continue;
+    std::vector<Sight>& sights = sights_[reading.poses];
+    sights.resize(keypoints_.size());
+    ParallelFor(keypoints_.size(), threads,
+                [&](size_t i) { sights[i] = See(keypoints_[i], reading.poses); });
+  }
+}
+
+PosedImage ReadingErrors::ReadAs(const PosedImage& reference, PoseConvention poses) const {
+  PosedImage image = reference;
+  image.cam_from_world =
+      CamFromWorld(StoredPose(reference.cam_from_world, input_.as_read.poses), poses);
+  return image;
+}
+
+// Where the source, as it is read, has what the other reading finds at the keypoint.
+Eigen::Vector2d ReadingErrors::PlaceInMap(const Keypoint& keypoint,
+                                          const InputReading& reading) const {
+  if (!input_.map_size_px) return keypoint.pixel;
+  const Camera& camera = input_.references[static_cast<size_t>(keypoint.map)].camera;
+  const auto relative = Combined(input_.as_read.orientation, reading.orientation);
+  RAYLIFT_CHECK(relative.has_value());
+  const Eigen::Vector2d image_px_per_map_px(
+      static_cast<double>(camera.width_px()) / input_.map_size_px->width_px,
+      static_cast<double>(camera.height_px()) / input_.map_size_px->height_px);
+  const double shift_px = input_.as_read.first_sample_px - reading.first_sample_px;
+  return Oriented(keypoint.pixel + shift_px * image_px_per_map_px, camera, *relative);
+}
+
+std::vector<std::optional<double>> ReadingErrors::LookUp(const InputReading& reading,
+                                                         int threads) const {
+  std::vector<size_t> begins = {0};
+  for (size_t i = 1; i < keypoints_.size(); ++i) {
+    if (keypoints_[i].map != keypoints_[i - 1].map) begins.push_back(i);
+  }
+  begins.push_back(keypoints_.size());
+  std::vector<std::optional<double>> stored(keypoints_.size());
+  ParallelFor(begins.size() - 1, threads, [&](size_t group) {
+    const size_t begin = begins[group];
+    const PosedImage& reference = input_.references[static_cast<size_t>(keypoints_[begin].map)];
+    std::vector<Eigen::Vector2d> places;
+    for (size_t i = begin; i < begins[group + 1]; ++i) {
+      places.push_back(PlaceInMap(keypoints_[i], reading));
+    }
+    const auto points = input_.source.Lift(ReadAs(reference, reading.poses), places);
+    for (size_t i = 0; i < places.size(); ++i) {
+      if (!points[i]) continue;
+      const double z = points[i]->depth_z;
+      const auto ray = reference.camera.RayInCam(places[i]);
+      if (!(z > 0) || !ray || !(ray->z() > 0)) continue;
+      stored[begin + i] = input_.as_read.kind == DepthKind::kInverse ? 1 / z
+                          : input_.as_read.kind == DepthKind::kRay   ? z / ray->z()
+                                                                     : z;
+    }
+  });
+  return stored;
+}
+
+ReadingErrors::Sight ReadingErrors::See(const Keypoint& keypoint, PoseConvention poses) const {
+  const PosedImage map = ReadAs(input_.references[static_cast<size_t>(keypoint.map)], poses);
+  const PosedImage other = ReadAs(input_.references[static_cast<size_t>(keypoint.other)], poses);
+  const auto ray = map.camera.RayInCam(keypoint.pixel);
+  const Rigid3 other_from_map = other.cam_from_world * map.cam_from_world.Inverse();
+  Sight sight{.origin_in_other = other_from_map.translation,
+              .ray_in_other = other_from_map.rotation * (*ray / ray->z()),
+              .triangulated_z = std::nullopt};
+  const auto other_ray = other.camera.RayInCam(keypoint.other_px);
+  if (!other_ray) return sight;
+  const Eigen::Vector3d a = other_ray->cross(sight.origin_in_other);
+  const Eigen::Vector3d b = other_ray->cross(sight.ray_in_other);
+  const double z = -b.dot(a) / b.squaredNorm();
+  if (!(z > 0) || !std::isfinite(z)) return sight;
+  const auto projection =
+      other.camera.ImgFromCamWithJacobian(sight.origin_in_other + z * sight.ray_in_other);
+  if (!projection) return sight;
+  if ((projection->pixel - keypoint.other_px).norm() > kEpipolarThresholdPx) return sight;
+  sight.triangulated_z = z;
+  sight.gain_px = (projection->jacobian * sight.ray_in_other).norm() * z;
+  return sight;
+}
+
+std::vector<std::optional<double>> ReadingErrors::Depths(const InputReading& reading) const {
+  std::vector<std::optional<double>> depths = stored_.at(KeyOf(reading));
+  const double change = reading.scale / input_.as_read.scale;
+  for (size_t i = 0; i < depths.size(); ++i) {
+    if (!depths[i]) continue;
+    double& depth = *depths[i];
+    depth *= change;
+    if (reading.kind == DepthKind::kRay) depth *= keypoints_[i].ray_z;
+    if (reading.kind == DepthKind::kInverse) depth = 1 / depth;
+  }
+  return depths;
+}
+
+MapScales ReadingErrors::FitScales(const InputReading& reading) const {
+  MapScales scales;
+  scales.log_factors.assign(num_maps(), 0);
+  if (!input_.map_size_px) return scales;
+  const std::vector<Sight>& sights = sights_.at(reading.poses);
+  const auto depths = Depths(reading);
+  std::vector<std::vector<WeightedValue>> of_map(num_maps());
+  for (size_t i = 0; i < keypoints_.size(); ++i) {
+    if (!depths[i] || !sights[i].triangulated_z) continue;
+    of_map[static_cast<size_t>(keypoints_[i].map)].push_back(
+        {std::log(*sights[i].triangulated_z / *depths[i]), sights[i].gain_px});
+  }
+  std::vector<WeightedValue> all;
+  std::vector<double> own;
+  for (const auto& values : of_map) {
+    all.insert(all.end(), values.begin(), values.end());
+    if (values.size() >= kFewestOfMap) own.push_back(WeightedMedian(values));
+  }
+  scales.common = {WeightedMedian(std::move(all)), StandardErrorOfMedian(own)};
+  for (size_t m = 0; m < of_map.size(); ++m) {
+    scales.log_factors[m] =
+        of_map[m].size() >= kFewestOfMap ? WeightedMedian(of_map[m]) : scales.common.log_factor;
+  }
+  return scales;
+}
+
+std::vector<std::optional<double>> ReadingErrors::Errors(
+    const InputReading& reading, std::span<const double> log_factor_of_map) const {
+  const std::vector<Sight>& sights = sights_.at(reading.poses);
+  const auto depths = Depths(reading);
+  std::vector<std::optional<double>> errors(keypoints_.size());
+  for (size_t i = 0; i < keypoints_.size(); ++i) {
+    if (!depths[i]) {
+      if (!input_.map_size_px) errors[i] = kLargestPx;  // the ray passes the surface by
+      continue;
+    }
+    const Keypoint& keypoint = keypoints_[i];
+    const double z = *depths[i] * std::exp(log_factor_of_map[static_cast<size_t>(keypoint.map)]);
+    const Camera& camera = input_.references[static_cast<size_t>(keypoint.other)].camera;
+    const auto projected =
+        camera.ImgFromCam(sights[i].origin_in_other + z * sights[i].ray_in_other);
+    errors[i] =
+        projected ? std::min((*projected - keypoint.other_px).norm(), kLargestPx) : kLargestPx;
+  }
+  return errors;
+}
+
+std::vector<std::optional<double>> ReadingErrors::Errors(const InputReading& reading,
+                                                         double log_factor) const {
+  return Errors(reading, std::vector<double>(num_maps(), log_factor));
+}
+
+}  // namespace raylift
