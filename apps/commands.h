@@ -15,6 +15,7 @@ struct Command {
 
 // Each adds its subcommand to the program.
 Command AddLocalizeCommand(CLI::App& program);
+Command AddDoctorCommand(CLI::App& program);
 Command AddEstimateCommand(CLI::App& program);
 Command AddEvaluateCommand(CLI::App& program);
 Command AddPerturbCommand(CLI::App& program);

@@ -20,6 +20,7 @@
 #include "raylift/io/query_list.h"
 #include "raylift/lifting/depth_alignment.h"
 #include "raylift/lifting/geometry_spec.h"
+#include "raylift/localization/input_check.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/query_picture.h"
@@ -34,6 +35,7 @@ using std::filesystem::path;
 struct LocalizeFlags {
   path model, images, queries, query_images;
   int every = 1;
+  ModelPosesFlags model_poses;
   GeometryFlags geometry;
   path features, matches, pairs;
   int top_k = 10;
@@ -41,6 +43,7 @@ struct LocalizeFlags {
   double max_ratio = 0.8;
   path cache, out, write_problems;
   int pictures = 0;
+  bool no_doctor = false;
   FilterFlags filter;
   EstimatorFlags estimator;
   RunFlags run;
@@ -103,13 +106,15 @@ class LocalizeRun {
   LocalizeRun(const LocalizeFlags& flags, const GeometryOptions& geometry_options,
               const FilterOptions& filter, const EstimatorOptions& estimator_options)
       : flags_(flags),
+        model_poses_(flags.model_poses.Resolve()),
         geometry_options_(geometry_options),
         filter_(filter),
         query_images_(flags.query_images.empty() ? flags.images : flags.query_images),
         estimator_(MakePoseEstimator(estimator_options)),
         queries_(ReadQueryList(flags.queries)),
+        input_check_(queries_),
         seed_(estimator_options.seed) {
-    LoadedReferences loaded = LoadReferences(flags.model, flags.every);
+    LoadedReferences loaded = LoadReferences(flags.model, flags.every, model_poses_);
     references_ = std::move(loaded.references);
     covisibility_ = std::move(loaded.covisibility);
     Take(std::move(loaded.warnings));
@@ -137,6 +142,7 @@ class LocalizeRun {
       });
     }
     Take(match_source_->Warnings());
+    CheckInput();
     for (const std::string& warning : warnings_) {
       PrintWarning(warning);
     }
@@ -208,7 +214,17 @@ class LocalizeRun {
     WriteAlignment(flags_.out / "depth_alignment.jsonl", used_geometry_);
   }
 
-  LocalizedQuery Localize(size_t index) const {
+  void CheckInput() {
+    if (flags_.no_doctor) return;
+    for (const NamedGeometry& geometry : geometry_) {
+      if (auto warning =
+              input_check_.Warn(geometry, references_, model_poses_, flags_.run.threads)) {
+        Take({*warning});
+      }
+    }
+  }
+
+  LocalizedQuery Localize(size_t index) {
     QueryResult result = LocalizeQuery(queries_[index], {.match_source = *match_source_,
                                                          .covisibility = covisibility_,
                                                          .geometry = sources_,
@@ -216,6 +232,9 @@ class LocalizeRun {
                                                          .filter = filter_,
                                                          .candidates = geometry_options_.candidates,
                                                          .estimator = *estimator_});
+    if (!flags_.no_doctor && input_check_.Wants(index)) {
+      input_check_.Add(index, result.problem.references, result.problem.matches_2d2d);
+    }
     if (!flags_.write_problems.empty()) {
       WritePoseProblem(FileOfQuery(flags_.write_problems, queries_[index].name, ".json"),
                        {result.problem, std::nullopt});
@@ -248,11 +267,13 @@ class LocalizeRun {
   }
 
   const LocalizeFlags& flags_;
+  PoseConvention model_poses_;
   GeometryOptions geometry_options_;
   FilterOptions filter_;
   path query_images_;
   std::unique_ptr<PoseEstimator> estimator_;
   std::vector<Query> queries_;
+  InputCheck input_check_;
   uint64_t seed_;
   ReferenceSet references_;
   Covisibility covisibility_;
@@ -278,7 +299,12 @@ Command AddLocalizeCommand(CLI::App& program) {
   command->add_option("--every", flags->every, "Use every N-th reference (by name)")
       ->capture_default_str()
       ->group("References");
+  AddModelPosesOption(*command, flags->model_poses);
   AddGeometryOptions(*command, flags->geometry);
+  command
+      ->add_flag("--no-doctor", flags->no_doctor,
+                 "Do not check whether depth and poses are read as they were meant")
+      ->group("Geometry");
   command
       ->add_option("--queries", flags->queries,
                    "List of queries: name MODEL width height params...")

@@ -57,7 +57,8 @@ Program MakeProgram() {
       "0.05,5:0.25,2\n"
       "  raylift COMMAND --help");
   program.commands = {AddLocalizeCommand(app), AddEstimateCommand(app), AddEvaluateCommand(app),
-                      AddPerturbCommand(app),  AddRenderCommand(app),   AddCompareCommand(app)};
+                      AddPerturbCommand(app),  AddRenderCommand(app),   AddCompareCommand(app),
+                      AddDoctorCommand(app)};
   for (const Command& command : program.commands) {
     CheckNumbers(*command.app);
   }

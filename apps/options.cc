@@ -156,6 +156,22 @@ void AddFilterOptions(CLI::App& app, FilterFlags& flags) {
       ->group(group);
 }
 
+PoseConvention ModelPosesFlags::Resolve() const {
+  const auto value = PoseConventionFromName(convention);
+  if (!value) {
+    throw OptionError("--model-poses", convention, "expected " + PoseConventionNames());
+  }
+  return *value;
+}
+
+void AddModelPosesOption(CLI::App& app, ModelPosesFlags& flags) {
+  app.add_option("--model-poses", flags.convention,
+                 "What the model's poses are, where they are not as COLMAP writes\n"
+                 "them: cam_from_world|world_from_cam|opengl|world_from_opengl")
+      ->capture_default_str()
+      ->group("References");
+}
+
 void AddRunOptions(CLI::App& app, RunFlags& flags) {
   const std::string group = "Running";
   app.add_option("--threads", flags.threads, "Threads; 0: all. Never changes a result")

@@ -9,6 +9,7 @@
 #include <CLI/CLI.hpp>
 
 #include "raylift/estimation/pose_estimator.h"
+#include "raylift/geometry/pose_convention.h"
 #include "raylift/lifting/consistency_filter.h"
 
 namespace raylift {
@@ -33,6 +34,15 @@ struct FilterFlags {
   FilterOptions Resolve(Method method) const;
 };
 void AddFilterOptions(CLI::App& app, FilterFlags& flags);
+
+// What the poses of --model mean.
+struct ModelPosesFlags {
+  std::string convention = "cam_from_world";
+
+  // Throws OptionError.
+  PoseConvention Resolve() const;
+};
+void AddModelPosesOption(CLI::App& app, ModelPosesFlags& flags);
 
 struct RunFlags {
   int threads = 0;

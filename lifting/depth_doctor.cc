@@ -260,6 +260,17 @@ class Examination {
 
 }  // namespace
 
+DoctorInput MakeDoctorInput(const NamedGeometry& geometry, std::span<const PosedImage> references,
+                            std::span<const ReferenceMatch> matches, PoseConvention poses) {
+  DoctorInput input{.source = *geometry.source,
+                    .references = references,
+                    .matches = matches,
+                    .as_read = geometry.depth_reading.value_or(InputReading{})};
+  input.as_read.poses = poses;
+  if (geometry.maps != nullptr) input.map_size_px = geometry.maps->size_px();
+  return input;
+}
+
 const ReadingEvidence& Diagnosis::EvidenceOf(const InputReading& reading) const {
   const auto found =
       std::find_if(readings.begin(), readings.end(),

@@ -110,7 +110,7 @@ RepairOptions FindRepair(const InputReading& as_read, const InputReading& other)
   }
   if (other.scale != as_read.scale) keys.push_back(fmt::format("scale={:.4g}", other.scale));
   if (other.poses != as_read.poses) {
-    repair.options.push_back(fmt::format("--poses {}", ToString(other.poses)));
+    repair.options.push_back(fmt::format("--model-poses {}", ToString(other.poses)));
   }
   return repair;
 }

@@ -5,6 +5,8 @@
 #include "support/matchers.h"
 #include <Eigen/LU>
 
+#include "raylift/geometry/pose_convention.h"
+
 namespace raylift {
 namespace {
 
@@ -83,6 +85,21 @@ TEST(AngleBetweenDeg, IsExactForTinyAndLargeAngles) {
     EXPECT_NEAR(AngleBetweenDeg(a, minus_b), deg, 5e-14);
     EXPECT_NEAR(AngleBetweenDeg(b, a), deg, 5e-14);
   }
+}
+
+TEST(PoseConvention, StoredPosesComeBack) {
+  Rng rng = TestRng();
+  const Rigid3 pose = RandomRigid3(rng, 5);
+  using enum PoseConvention;
+  for (const auto convention :
+       {kCamFromWorld, kWorldFromCam, kOpenGlCamFromWorld, kWorldFromOpenGlCamera}) {
+    const Rigid3 stored = StoredPose(pose, convention);
+    EXPECT_TRUE(IsNearPose(CamFromWorld(stored, convention), pose, 1e-9, 1e-9));
+    EXPECT_EQ(PoseConventionFromName(ToString(convention)), convention);
+  }
+  // OpenGL's camera looks along -z, its y is up.
+  const Rigid3 gl = StoredPose({}, kOpenGlCamFromWorld);
+  EXPECT_LT((gl * Eigen::Vector3d(1, 2, 3) - Eigen::Vector3d(1, -2, -3)).norm(), 1e-12);
 }
 
 }  // namespace

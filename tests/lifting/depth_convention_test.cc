@@ -96,5 +96,23 @@ TEST(DepthConvention, PresetsAreKnownByName) {
   EXPECT_EQ(DepthPreset("tum")->unit, 1.0 / 5000);
 }
 
+TEST(Oriented, TellsWhereSamplesLie) {
+  using enum MapOrientation;
+  const StoredDepth stored{3, 2, {1, 2, 3, 4, 5, 6}};
+  const auto values = [&](MapOrientation orientation) {
+    return Oriented(stored, orientation).values;
+  };
+  EXPECT_EQ(values(kAsStored), stored.values);
+  EXPECT_EQ(values(kFlippedX), (std::vector<float>{3, 2, 1, 6, 5, 4}));
+  EXPECT_EQ(values(kFlippedY), (std::vector<float>{4, 5, 6, 1, 2, 3}));
+  EXPECT_EQ(values(kHalfTurn), (std::vector<float>{6, 5, 4, 3, 2, 1}));
+  EXPECT_EQ(values(kTransposed), (std::vector<float>{1, 4, 2, 5, 3, 6}));
+  EXPECT_EQ(Oriented(stored, kTransposed).width_px, 2);
+  for (const MapOrientation o : {kFlippedX, kFlippedY, kHalfTurn, kTransposed}) {
+    EXPECT_EQ(Oriented(Oriented(stored, o), o).values, stored.values) << ToString(o);
+    EXPECT_EQ(MapOrientationFromName(ToString(o)), o);
+  }
+}
+
 }  // namespace
 }  // namespace raylift

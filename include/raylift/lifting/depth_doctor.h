@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "raylift/lifting/geometry_source.h"
+#include "raylift/lifting/geometry_spec.h"
 #include "raylift/lifting/input_reading.h"
 #include "raylift/lifting/reference_matches.h"
 
@@ -33,6 +34,10 @@ struct DoctorInput {
   // Of depth maps. None: a surface in the world (a mesh), of which only the poses are in doubt.
   std::optional<PlaneSize> map_size_px = std::nullopt;
 };
+
+// Of a mesh or depth maps; what is passed must outlive the input.
+DoctorInput MakeDoctorInput(const NamedGeometry& geometry, std::span<const PosedImage> references,
+                            std::span<const ReferenceMatch> matches, PoseConvention poses);
 
 struct DoctorOptions {
   size_t max_matches = 20000;  // evenly out of all

@@ -35,11 +35,11 @@ std::string DescribeDifference(const InputReading& as_read, const InputReading& 
 // program.
 struct RepairOptions {
   std::vector<std::string> geometry_keys;  // "kind=ray"
-  std::vector<std::string> options;        // "--poses opengl"
+  std::vector<std::string> options;        // "--model-poses opengl"
 };
 RepairOptions FindRepair(const InputReading& as_read, const InputReading& other);
 
-// "in --geometry: kind=ray,scale=0.001; --poses opengl"
+// "in --geometry: kind=ray,scale=0.001; --model-poses opengl"
 std::string ToString(const RepairOptions& repair);
 
 }  // namespace raylift

@@ -1,0 +1,186 @@
+// raylift doctor: is a scene's input read as it was meant?
+
+#include <cstdio>
+#include <memory>
+#include <optional>
+
+#include "commands.h"
+#include "options.h"
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/lifting/depth_doctor.h"
+#include "raylift/lifting/geometry_spec.h"
+#include "raylift/localization/match_source.h"
+#include "raylift/localization/scene_matches.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+using Json = nlohmann::ordered_json;
+
+struct DoctorFlags {
+  path model, images, queries, query_images;
+  int every = 1;
+  ModelPosesFlags model_poses;
+  std::string geometry;
+  path features, matches, pairs;
+  int top_k = 10;
+  path cache, json;
+  RunFlags run;
+};
+
+void Check(const DoctorFlags& flags) {
+  for (const auto& [name, value] : {std::pair("--every", flags.every), {"--top-k", flags.top_k}}) {
+    if (value < 1) throw OptionError(name, std::to_string(value), "must be at least 1");
+  }
+  flags.run.Check();
+  const bool any_hloc = !flags.features.empty() || !flags.matches.empty() || !flags.pairs.empty();
+  const bool all_hloc = !flags.features.empty() && !flags.matches.empty() && !flags.pairs.empty();
+  if (any_hloc && !all_hloc) {
+    throw OptionError("--features, --matches and --pairs go together: give all three or none");
+  }
+  if (!any_hloc && (flags.images.empty() || flags.queries.empty() || flags.cache.empty())) {
+    throw OptionError(
+        "--images, --queries and --cache are required where no --features, --matches and --pairs "
+        "are given");
+  }
+}
+
+std::unique_ptr<MatchSource> OpenMatches(const DoctorFlags& flags, const ReferenceSet& references,
+                                         const std::vector<Query>& queries) {
+  if (!flags.features.empty()) {
+    return OpenHlocMatches({flags.features, flags.matches, flags.pairs}, references, flags.top_k);
+  }
+  return MakeFrontEndMatches(
+      {.reference_images = flags.images,
+       .query_images = flags.query_images.empty() ? flags.images : flags.query_images,
+       .cache = flags.cache,
+       .top_k = flags.top_k,
+       .threads = flags.run.threads,
+       .show_progress = !flags.run.quiet},
+      references, queries);
+}
+
+// Pairs lists may match references with each other.
+std::vector<Query> QueriesOf(const DoctorFlags& flags, const ReferenceSet& references) {
+  if (!flags.queries.empty()) return ReadQueryList(flags.queries);
+  std::vector<Query> queries;
+  for (const PosedImage& image : references.images) queries.push_back({image.name, image.camera});
+  return queries;
+}
+
+Json EvidenceJson(const ReadingEvidence& evidence, const InputReading& as_read) {
+  const RepairOptions repair = FindRepair(as_read, evidence.reading);
+  return {{"reading", DescribeDifference(as_read, evidence.reading)},
+          {"keypoints", evidence.num_keypoints},
+          {"median_px", evidence.median_px},
+          {"share_within_5px", evidence.share_within_5px},
+          {"median_own_scale_px", evidence.median_own_scale_px},
+          {"gain", evidence.gain},
+          {"standard_errors", evidence.sigmas},
+          {"geometry_keys", repair.geometry_keys},
+          {"options", repair.options}};
+}
+
+Json DiagnosisJson(const Diagnosis& diagnosis) {
+  Json readings = Json::array();
+  for (const ReadingEvidence& evidence : diagnosis.readings) {
+    readings.push_back(EvidenceJson(evidence, diagnosis.as_read));
+  }
+  return {{"suspicious", diagnosis.suspicious()},
+          {"too_few_matches", diagnosis.too_few_matches},
+          {"summary", Summary(diagnosis)},
+          {"best", DescribeDifference(diagnosis.as_read, diagnosis.best)},
+          {"readings", std::move(readings)}};
+}
+
+void Print(const Diagnosis& diagnosis) {
+  if (!diagnosis.readings.empty()) {
+    fmt::print("{:>10} {:>9} {:>10} {:>8} {:>9}  {}\n", "median px", "in 5 px", "own scale", "gain",
+               "std. err.", "reading");
+  }
+  for (const ReadingEvidence& evidence : diagnosis.readings) {
+    fmt::print("{:>10.2f} {:>8.1f}% {:>10.2f} {:>+8.3f} {:>+9.1f}  {}\n", evidence.median_px,
+               100 * evidence.share_within_5px, evidence.median_own_scale_px, evidence.gain,
+               evidence.sigmas, DescribeDifference(diagnosis.as_read, evidence.reading));
+  }
+  fmt::print("{}\n", Summary(diagnosis));
+}
+
+void Run(const DoctorFlags& flags) {
+  const PoseConvention poses = flags.model_poses.Resolve();
+  const LoadedReferences loaded = LoadReferences(flags.model, flags.every, poses);
+  const ReferenceSet& references = loaded.references;
+  const NamedGeometry geometry =
+      MakeGeometrySource(flags.geometry, {.model = flags.model, .references = references.images});
+  if (geometry.kind == GeometryKind::kSfm) {
+    throw OptionError("--geometry", flags.geometry, "expected mesh:... or depth:...");
+  }
+  std::vector<std::string> warnings = loaded.warnings;
+  warnings.insert(warnings.end(), geometry.warnings.begin(), geometry.warnings.end());
+  if (!flags.json.empty()) RequireWritable(flags.json);
+  const std::vector<Query> queries = QueriesOf(flags, references);
+  const auto match_source = OpenMatches(flags, references, queries);
+  const auto matches =
+      CollectReferenceMatches(queries, *match_source, references, flags.run.threads);
+  for (const std::string& warning : warnings) PrintWarning(warning);
+  for (const std::string& warning : match_source->Warnings()) PrintWarning(warning);
+
+  const Diagnosis diagnosis = Diagnose(MakeDoctorInput(geometry, references.images, matches, poses),
+                                       {.threads = flags.run.threads});
+  if (!flags.json.empty()) WriteFile(flags.json, DiagnosisJson(diagnosis).dump(2) + "\n");
+  if (!flags.run.quiet) Print(diagnosis);
+}
+
+}  // namespace
+
+Command AddDoctorCommand(CLI::App& program) {
+  auto flags = std::make_shared<DoctorFlags>();
+  CLI::App* command = program.add_subcommand(
+      "doctor", "Whether depth and poses are read as they were meant, by multi-view consistency");
+  command->add_option("--model", flags->model, "References: COLMAP model folder, text or binary")
+      ->required()
+      ->group("References");
+  command->add_option("--images", flags->images, "Folder of the reference photographs")
+      ->group("References");
+  command->add_option("--every", flags->every, "Use every N-th reference (by name)")
+      ->capture_default_str()
+      ->group("References");
+  AddModelPosesOption(*command, flags->model_poses);
+  command->add_option("--geometry", flags->geometry, GeometryHelp())->required()->group("Geometry");
+  command
+      ->add_option("--queries", flags->queries,
+                   "List of queries, whose matches join the references (default: the\n"
+                   "references themselves)")
+      ->group("Matches");
+  command
+      ->add_option("--query-images", flags->query_images,
+                   "Folder of the query photographs (default: --images)")
+      ->group("Matches");
+  command->add_option("--features", flags->features, "hloc's features.h5; without it, RootSIFT")
+      ->group("Matches");
+  command->add_option("--matches", flags->matches, "hloc's matches.h5")->group("Matches");
+  command->add_option("--pairs", flags->pairs, "hloc's pairs list: query reference")
+      ->group("Matches");
+  command->add_option("--top-k", flags->top_k, "Retrieved references per query")
+      ->capture_default_str()
+      ->group("Matches");
+  command->add_option("--cache", flags->cache, "Where RootSIFT features are kept")
+      ->group("Matches");
+  command->add_option("--json", flags->json, "Also write the table as JSON")->group("Output");
+  AddRunOptions(*command, flags->run);
+  command->footer(
+      "Columns: distance of projected keypoints from their matches in other references (median,\n"
+      "share within 5 px), the median with each map at its own best scale, and by how much the\n"
+      "reading explains the matches better than the one as read.");
+  return {command, [flags] {
+            Check(*flags);
+            Run(*flags);
+          }};
+}
+
+}  // namespace raylift

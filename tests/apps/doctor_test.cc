@@ -1,0 +1,77 @@
+// doctor, and its quick form in localize: the program around the library's diagnosis.
+
+#include "apps/program.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+namespace fs = std::filesystem;
+
+Arguments DoctorWithHloc(const RoomScene& scene) {
+  return {"doctor",
+          "--model",
+          scene.model(),
+          "--geometry",
+          "mesh:" + scene.mesh().string(),
+          "--queries",
+          scene.query_list(),
+          "--features",
+          scene.features(),
+          "--matches",
+          scene.matches(),
+          "--pairs",
+          scene.pairs()};
+}
+
+TEST(Doctor, SaysThatARightReadingIsRight) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path json = scene.folder / "doctor.json";
+  const CommandResult result = RunRaylift(DoctorWithHloc(scene) + Arguments{"--json", json});
+  EXPECT_TRUE(Succeeds(result));
+  EXPECT_TRUE(Lines(result.out).back().starts_with("the input is read as the matches suggest"))
+      << result.out;
+  const auto written = nlohmann::json::parse(ReadFile(json));
+  EXPECT_EQ(written["suspicious"], false);
+  EXPECT_EQ(written["readings"][0]["reading"], "as read");
+}
+
+TEST(Doctor, NamesTheOptionThatRepairs) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const CommandResult result =
+      RunRaylift(DoctorWithHloc(scene) + Arguments{"--model-poses", "opengl"});
+  EXPECT_TRUE(Succeeds(result));
+  EXPECT_TRUE(Lines(result.out).back().ends_with("Repair: --model-poses cam_from_world"))
+      << result.out;
+}
+
+TEST(Doctor, RefusesOptionsThatDoNotFit) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  EXPECT_TRUE(FailsWith(2, {"--model-poses = colmap", "cam_from_world|world_from_cam"},
+                        RunRaylift(DoctorWithHloc(scene) + Arguments{"--model-poses", "colmap"})));
+  EXPECT_TRUE(FailsWith(2, {"--images", "--cache"},
+                        RunRaylift({"doctor", "--model", scene.model(), "--geometry",
+                                    "mesh:" + scene.mesh().string()})));
+}
+
+TEST(Localize, WarnsWhereAnotherReadingIsFarBetter) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path out = scene.folder / "out";
+  const Arguments wrong =
+      LocalizeWithHloc(scene, out) + Arguments{"--model-poses", "world_from_cam"};
+  const CommandResult result = RunRaylift(wrong);
+  EXPECT_EQ(result.exit_code, 0);
+  ASSERT_EQ(Lines(result.err).size(), 1u) << result.err;
+  EXPECT_NE(result.err.find("Repair: --model-poses cam_from_world"), std::string::npos)
+      << result.err;
+  const auto summary = nlohmann::json::parse(ReadFile(out / "summary.json"));
+  EXPECT_EQ(summary["warnings"].size(), 1u);
+  EXPECT_TRUE(Succeeds(RunRaylift(wrong + Arguments{"--no-doctor"})));
+}
+
+}  // namespace
+}  // namespace raylift
