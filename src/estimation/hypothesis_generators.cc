@@ -42,6 +42,12 @@ void P3pGenerator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
   std::array<SolverPose, 4> solutions;
   const int count = SolveP3p({a.ray, b.ray, c.ray}, {a.point, b.point, c.point}, solutions);
   poses.assign(solutions.begin(), solutions.begin() + count);
+  // Where the matches cannot tell solutions apart (three of them fit each exactly), the one nearest
+  // to the references, whose centre is the origin, is the likeliest: they were retrieved for what
+  // the query sees.
+  std::sort(poses.begin(), poses.end(), [](const SolverPose& a, const SolverPose& b) {
+    return a.translation.squaredNorm() < b.translation.squaredNorm();
+  });
 }
 
 double P3pGenerator::SuccessProbability(const InlierCounts& inliers) const {

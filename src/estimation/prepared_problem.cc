@@ -254,15 +254,15 @@ PreparedProblem::PreparedProblem(const PoseProblem& problem, double reprojection
 }
 
 void PreparedProblem::GroupByReference(Rng& rng) {
-  std::vector<int> order(pairs.size());
-  std::iota(order.begin(), order.end(), 0);
-  Shuffle(order, rng);
-  std::stable_sort(order.begin(), order.end(),
-                   [this](int a, int b) { return pairs[a].reference < pairs[b].reference; });
-  std::vector<PreparedPair> grouped;
-  grouped.reserve(pairs.size());
-  for (const int i : order) {
-    grouped.push_back(pairs[i]);
+  Shuffle(pairs, rng);
+  std::vector<size_t> next(centres.size() + 1, 0);  // where a reference's next pair goes
+  for (const PreparedPair& pair : pairs) {
+    ++next[static_cast<size_t>(pair.reference) + 1];
+  }
+  std::partial_sum(next.begin(), next.end(), next.begin());
+  std::vector<PreparedPair> grouped(pairs.size());
+  for (const PreparedPair& pair : pairs) {
+    grouped[next[static_cast<size_t>(pair.reference)]++] = pair;
   }
   pairs = std::move(grouped);
 }

@@ -58,7 +58,7 @@ class Ransac {
 
   RansacReport Run(Rng& rng) {
     int iteration = 0;
-    while (iteration < options_.max_iterations &&
+    while (iteration < options_.max_iterations && !IsExact(sample_value_) &&
            (iteration < options_.min_iterations || !AnyDone())) {
       ++iteration;
       if (schedule_ == SolverSchedule::kByProbability) {
@@ -80,6 +80,12 @@ class Ransac {
   bool AnyDone() const {
     return std::any_of(solvers_.begin(), solvers_.end(),
                        [](const SolverProgress& progress) { return progress.Done(); });
+  }
+
+  // All matches fit a sample but for rounding, so that no other can be told to be better. Of the
+  // solutions of one sample the first is then taken.
+  bool IsExact(double value) const {
+    return value - best_possible_ < 1e-6 * (worst_value_ - best_possible_);
   }
 
   // Eq. 1 of Camposeco et al.: the probability that the next sample of a solver is the first that
@@ -115,11 +121,12 @@ class Ransac {
   // of a second best sample can be the better one (a plane has two, half as many more are made by
   // noise), a few that come near the best are optimized as well.
   void Consider(const RansacResult& hypothesis) {
+    if (IsExact(sample_value_)) {
+      return;
+    }
     const Objective& objective = scorer_.objective();
-    // A sample that all matches fit exactly leaves nothing to optimize.
-    const bool is_exact = sample_value_ - best_possible_ < 1e-6 * (worst_value_ - best_possible_);
     const double near_best =
-        near_best_left_ > 0 && !is_exact
+        near_best_left_ > 0
             ? worst_value_ - kNearBestGain * (worst_value_ - std::min(sample_value_, worst_value_))
             : sample_value_;
     const double bound = pending_ ? std::min(near_best, pending_value_) : near_best;

@@ -21,13 +21,14 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 // Near enough to a pose to become inliers in a few steps: three thresholds.
 constexpr double kNearSquared = 9;
 
-// Where both kinds disagree by more than noise explains (one case in 350),
-// the geometry is to blame, which pairs do not need: its errors are common to many points, and
-// their residuals do not show them. The points' variance is then raised fourfold until both agree
-// well.
-constexpr double kLargestPull = 20;
+// Where both kinds disagree by more than noise explains (one case in 100), the geometry is to
+// blame, which pairs do not need: its errors are common to many points, and their residuals do not
+// show them. The refinement then starts anew from where the pairs alone lead, and the points'
+// variance is raised fourfold until both agree well.
+constexpr double kLargestPull = 16.8;
 constexpr double kSettledPull = 2;
 constexpr int kMaxInflations = 8;
+constexpr int kStepsOfPairsAlone = 20;
 
 // Noise that is assumed as if so many matches had shown it, in units of the squared threshold.
 constexpr double kPriorVariance = 0.1;
@@ -153,6 +154,18 @@ SolverPose Minimize(const PreparedProblem& problem, const ActiveMatches<T>& matc
   return pose;
 }
 
+// Local optimization needs no more matches than these of each kind to come as near as its score can
+// tell; the final refinement takes all. Blocks are in random order.
+constexpr size_t kBlocksToReach = 24;
+constexpr size_t kBlocksToSettle = 32;
+
+template <typename T>
+ActiveMatches<T> FirstBlocks(ActiveMatches<T> matches, size_t count) {
+  matches.point_blocks = matches.point_blocks.first(std::min(matches.point_blocks.size(), count));
+  matches.pair_blocks = matches.pair_blocks.first(std::min(matches.pair_blocks.size(), count));
+  return matches;
+}
+
 // Blocks of some matches, for a refinement.
 struct GatheredMatches {
   std::vector<kernels::PointBlock<double>> points;
@@ -228,18 +241,6 @@ kernels::KernelLoss RobustLoss(double variance, const NoiseModel& model) {
           std::min(model.squared_loss_limit * variance, kNearSquared)};
 }
 
-// How far the points hold the pose away from where the pairs alone want it: the squared Mahalanobis
-// length of the pairs' own step. Chi-squared with at most six degrees of freedom if both kinds
-// agree but for noise.
-double PullOnPairs(const PreparedProblem& problem, ActiveMatches<double> matches,
-                   const SolverPose& pose, const KindWeights& weights) {
-  matches.point_blocks = {};
-  NormalEquations pairs = Linearize(problem, matches, pose, weights);
-  // Directions that the pairs do not determine pull at nothing.
-  pairs.hessian.diagonal() += Vector6d::Constant(1e-9 * pairs.hessian.diagonal().maxCoeff());
-  return pairs.gradient.dot(pairs.hessian.ldlt().solve(pairs.gradient));
-}
-
 std::vector<int> AllIndices(size_t count) {
   std::vector<int> indices(count);
   std::iota(indices.begin(), indices.end(), 0);
@@ -295,52 +296,109 @@ SolverPose OptimizeLocally(const PreparedProblem& problem, const SolverPose& pos
   // reach for those, then settle on the score's own cost.
   KindWeights wide;
   wide.point_loss.limit = wide.pair_loss.limit = kNearSquared;
-  const SolverPose near = Minimize(problem, active, pose, wide, 2, 1e-2);
-  return Minimize(problem, active, near, KindWeights{}, max_steps, 1e-4);
+  const SolverPose near =
+      Minimize(problem, FirstBlocks(active, kBlocksToReach), pose, wide, 2, 1e-2);
+  return Minimize(problem, FirstBlocks(active, kBlocksToSettle), near, KindWeights{}, max_steps,
+                  1e-4);
 }
+
+namespace {
+
+// Refines a pose with each kind's noise estimated from its own inliers.
+class MaximumLikelihood {
+ public:
+  MaximumLikelihood(const PreparedProblem& problem, ResidualKinds kinds)
+      : problem_(problem), kinds_(kinds) {}
+
+  void Refine(const SolverPose& start) {
+    pose_ = start;
+    // The noise is estimated at the pose that the noise's estimate shapes: twice is enough.
+    for (int round = 0; round < 2; ++round) {
+      Gather();
+      Minimize();
+    }
+  }
+
+  // How far the points hold the pose away from where the pairs alone want it: the squared
+  // Mahalanobis length of the pairs' own step. Chi-squared with at most six degrees of freedom if
+  // both kinds agree but for noise.
+  double PullOnPairs() const {
+    ActiveMatches<double> pairs_alone = near_.Active();
+    pairs_alone.point_blocks = {};
+    NormalEquations pairs = Linearize(problem_, pairs_alone, pose_, weights_);
+    // Directions that the pairs do not determine pull at nothing.
+    pairs.hessian.diagonal() += Vector6d::Constant(1e-9 * pairs.hessian.diagonal().maxCoeff());
+    return pairs.gradient.dot(pairs.hessian.ldlt().solve(pairs.gradient));
+  }
+
+  void DistrustPoints() {
+    for (int i = 0; i < kMaxInflations && PullOnPairs() > kSettledPull; ++i) {
+      weights_.point_weight *= 0.25;
+      Minimize();
+    }
+  }
+
+  // Of the step (w, v) in the camera's tangent frame; none where singular.
+  std::optional<Matrix6d> Covariance() const {
+    const NormalEquations equations = Linearize(problem_, near_.Active(), pose_, weights_);
+    const Eigen::LDLT<Matrix6d> factors(equations.hessian);
+    if (!factors.isPositive() || !(factors.rcond() > 1e-13)) {
+      return std::nullopt;
+    }
+    const Matrix6d covariance = factors.solve(Matrix6d::Identity());
+    if (!covariance.allFinite()) {
+      return std::nullopt;
+    }
+    return Matrix6d(0.5 * (covariance + covariance.transpose()));
+  }
+
+  const SolverPose& pose() const { return pose_; }
+
+ private:
+  // The matches near the pose, and what they say of the noise.
+  void Gather() {
+    const Residuals residuals = ComputeResiduals(problem_, pose_, kinds_);
+    const double point_variance = NoiseVariance(residuals.points, kPointNoise);
+    const double pair_variance = NoiseVariance(residuals.pairs, kPairNoise);
+    weights_ = {.point_weight = 1 / point_variance,
+                .pair_weight = 1 / pair_variance,
+                .point_loss = RobustLoss(point_variance, kPointNoise),
+                .pair_loss = RobustLoss(pair_variance, kPairNoise)};
+    near_ = {};
+    if (kinds_.points) {
+      near_.points =
+          MakePointBlocks<double>(problem_.points, IndicesBelow(residuals.points, kNearSquared));
+    }
+    if (kinds_.pairs) {
+      near_.pairs = MakePairBlocks<double>(
+          problem_.pairs,
+          ReliablePairs(problem_, pose_, residuals.pairs, pair_variance, kNearSquared));
+    }
+  }
+
+  void Minimize() {
+    pose_ = raylift::Minimize(problem_, near_.Active(), pose_, weights_, 20, 1e-9);
+  }
+
+  const PreparedProblem& problem_;
+  ResidualKinds kinds_;
+  SolverPose pose_;
+  KindWeights weights_;
+  GatheredMatches near_;
+};
+
+}  // namespace
 
 FinalPose RefineFinally(const PreparedProblem& problem, const SolverPose& pose,
                         ResidualKinds kinds) {
-  FinalPose result{pose, std::nullopt};
-  KindWeights weights;
-  GatheredMatches near;
-  // The noise is estimated at the pose that the noise's estimate shapes: twice is enough.
-  for (int round = 0; round < 2; ++round) {
-    const Residuals residuals = ComputeResiduals(problem, result.pose, kinds);
-    const double point_variance = NoiseVariance(residuals.points, kPointNoise);
-    const double pair_variance = NoiseVariance(residuals.pairs, kPairNoise);
-    weights.point_weight = 1 / point_variance;
-    weights.pair_weight = 1 / pair_variance;
-    weights.point_loss = RobustLoss(point_variance, kPointNoise);
-    weights.pair_loss = RobustLoss(pair_variance, kPairNoise);
-    const std::vector<int> none;
-    near.points = MakePointBlocks<double>(
-        problem.points, kinds.points ? IndicesBelow(residuals.points, kNearSquared) : none);
-    near.pairs = MakePairBlocks<double>(
-        problem.pairs, kinds.pairs ? ReliablePairs(problem, result.pose, residuals.pairs,
-                                                   pair_variance, kNearSquared)
-                                   : none);
-    result.pose = Minimize(problem, near.Active(), result.pose, weights, 20, 1e-9);
+  MaximumLikelihood refinement(problem, kinds);
+  refinement.Refine(pose);
+  if (kinds.points && kinds.pairs && refinement.PullOnPairs() > kLargestPull) {
+    constexpr ResidualKinds kPairsAlone{.points = false, .pairs = true};
+    refinement.Refine(OptimizeLocally(problem, pose, kPairsAlone, kStepsOfPairsAlone));
+    refinement.DistrustPoints();
   }
-  if (kinds.points && kinds.pairs) {
-    double largest_pull = kLargestPull;
-    for (int i = 0; i < kMaxInflations &&
-                    PullOnPairs(problem, near.Active(), result.pose, weights) > largest_pull;
-         ++i) {
-      largest_pull = kSettledPull;
-      weights.point_weight *= 0.25;
-      result.pose = Minimize(problem, near.Active(), result.pose, weights, 20, 1e-9);
-    }
-  }
-  const NormalEquations equations = Linearize(problem, near.Active(), result.pose, weights);
-  const Eigen::LDLT<Matrix6d> factors(equations.hessian);
-  if (factors.isPositive() && factors.rcond() > 1e-13) {
-    const Matrix6d covariance = factors.solve(Matrix6d::Identity());
-    if (covariance.allFinite()) {
-      result.covariance = 0.5 * (covariance + covariance.transpose());
-    }
-  }
-  return result;
+  return {refinement.pose(), refinement.Covariance()};
 }
 
 }  // namespace raylift

@@ -19,7 +19,8 @@ struct ResidualKinds {
 };
 
 // Local optimization inside RANSAC: a few steps on the MSAC cost (the sum of both kinds' normalized
-// truncated residuals, as in scoring) of the matches near the pose, in single precision.
+// truncated residuals, as in scoring) of the matches near the pose, in single precision. Of many
+// matches, a random part.
 SolverPose OptimizeLocally(const PreparedProblem& problem, const SolverPose& pose,
                            ResidualKinds kinds, int max_steps);
 

@@ -76,7 +76,32 @@ std::optional<SampsonResidual> SampsonError(const Camera& query_camera,
   return residual;
 }
 
+namespace {
+
+// In closed form; the plane z = 1 makes it exact.
+PixelFrame MakePinholeFrame(const Camera& camera, const Eigen::Vector2d& slope) {
+  const Eigen::Vector2d focal(camera.focal_x_px(), camera.focal_y_px());
+  PixelFrame frame;
+  frame.image_from_ray << focal.x(), 0, -focal.x() * slope.x(),  //
+      0, focal.y(), -focal.y() * slope.y(),                      //
+      0, 0, 1;
+  frame.ray_from_image << 1 / focal.x(), 0, slope.x(),  //
+      0, 1 / focal.y(), slope.y(),                      //
+      0, 0, 1;
+  return frame;
+}
+
+}  // namespace
+
 std::optional<PixelFrame> MakePixelFrame(const Camera& camera, const Eigen::Vector2d& pixel) {
+  static const double kMaxSlope = std::tan(80 * std::numbers::pi / 180);
+  if (camera.model() == CameraModel::kPinhole || camera.model() == CameraModel::kSimplePinhole) {
+    const Eigen::Vector2d focal(camera.focal_x_px(), camera.focal_y_px());
+    const Eigen::Vector2d slope = (pixel - camera.principal_point_px()).cwiseQuotient(focal);
+    if (slope.squaredNorm() < kMaxSlope * kMaxSlope) {
+      return MakePinholeFrame(camera, slope);
+    }
+  }
   const auto ray = camera.RayInCam(pixel);
   if (!ray) {
     return std::nullopt;

@@ -237,7 +237,7 @@ bool Polish(const Rays& query_rays, const Rays& reference_rays, RelativePose& po
       a[i][4] = by_translation.dot(tangent1);
       a[i][5] = -residual;
     }
-    if (largest < 1e-15) {
+    if (largest < 1e-13) {
       return true;
     }
     for (int k = 0; k < 5; ++k) {
@@ -268,7 +268,7 @@ bool Polish(const Rays& query_rays, const Rays& reference_rays, RelativePose& po
     }
     pose.rotation = RotationFromVector(w).toRotationMatrix() * pose.rotation;
     pose.direction = (axis + step[3] * tangent0 + step[4] * tangent1).normalized();
-    if (size2 < 1e-18) {
+    if (size2 < 1e-12) {
       return true;
     }
   }
