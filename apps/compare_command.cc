@@ -6,13 +6,16 @@
 
 #include "commands.h"
 #include "options.h"
+#include "pose_files.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/progress.h"
+#include "raylift/base/text.h"
 #include "raylift/comparison/comparison_tables.h"
 #include "raylift/comparison/depth_comparison.h"
+#include "raylift/comparison/localization_comparison.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene_matches.h"
@@ -36,6 +39,12 @@ struct CompareFlags {
   std::vector<double> surface_thresholds;
   path queries, features, matches, pairs;
   int top_k = 10;
+  path ground_truth;
+  std::string thresholds = "0.05,5:0.1,1:0.25,2";
+  std::string methods = "p3p,e5p1,adaptive,select";
+  std::string filters = "off";
+  std::string alignments = "off";
+  EstimatorOptions estimator;
   path out;
   RunFlags run;
 };
@@ -91,6 +100,38 @@ void Check(const CompareFlags& flags) {
   if (any && !all) {
     throw OptionError("--queries, --features, --matches and --pairs go together");
   }
+  if (!flags.ground_truth.empty() && !all) {
+    throw OptionError("--ground-truth", flags.ground_truth.string(),
+                      "needs --queries, --features, --matches and --pairs");
+  }
+}
+
+// One value of each word of a list.
+template <typename T>
+std::vector<T> ParseNames(std::string_view option, const std::string& text,
+                          std::optional<T> (*from_name)(std::string_view),
+                          std::string_view expected) {
+  std::vector<T> values;
+  for (const std::string_view part : SplitBy(text, ',')) {
+    const auto value = from_name(part);
+    if (!value) throw OptionError(option, text, expected);
+    values.push_back(*value);
+  }
+  return values;
+}
+
+LocalizationGrid ParseGrid(const CompareFlags& flags) {
+  LocalizationGrid grid;
+  flags.estimator.Validate();
+  grid.methods = ParseMethods(flags.methods, flags.estimator);
+  grid.filters = ParseNames("--filters", flags.filters, FilterModeFromName,
+                            "expected a list of off|fixed|auto");
+  grid.alignments = ParseNames("--alignments", flags.alignments, AlignModeFromName,
+                               "expected a list of off|scale|affine|grid");
+  grid.thresholds = ParseThresholds(flags.thresholds);
+  grid.seed = flags.estimator.seed;
+  grid.threads = flags.run.threads;
+  return grid;
 }
 
 class CompareRun {
@@ -98,6 +139,7 @@ class CompareRun {
   explicit CompareRun(const CompareFlags& flags)
       : flags_(flags),
         specs_(ParseSpecs(flags)),
+        grid_(ParseGrid(flags)),
         loaded_(LoadReferences(flags.model, flags.every)) {
     for (const std::string& warning : loaded_.warnings) PrintWarning(warning);
     for (const NamedSpec& named : specs_) {
@@ -120,7 +162,11 @@ class CompareRun {
 
   void Run(const std::string& options_json) {
     const std::vector<PosedImage>& images = loaded_.references.images;
-    const std::vector<ReferenceMatch> matches = CollectMatches();
+    OpenMatches();
+    const std::vector<ReferenceMatch> matches =
+        match_source_ ? CollectReferenceMatches(queries_, *match_source_, loaded_.references,
+                                                flags_.run.threads)
+                      : std::vector<ReferenceMatch>();
     DepthComparison comparison;
     {
       Progress progress("images", images.size(),
@@ -142,27 +188,68 @@ class CompareRun {
       WriteFile(flags_.out / "options.json", options_json);
     }
     if (!flags_.run.quiet) fmt::print("{}", FormatComparisonText(comparison));
+    if (!flags_.ground_truth.empty()) CompareByLocalization(matches);
+    if (match_source_) {
+      for (const std::string& warning : match_source_->Warnings()) PrintWarning(warning);
+    }
   }
 
  private:
-  std::vector<ReferenceMatch> CollectMatches() const {
-    if (flags_.features.empty()) return {};
-    const auto queries = ReadQueryList(flags_.queries);
-    const auto source = OpenHlocMatches({flags_.features, flags_.matches, flags_.pairs},
-                                        loaded_.references, flags_.top_k);
-    auto matches =
-        CollectReferenceMatches(queries, *source, loaded_.references, flags_.run.threads);
-    for (const std::string& warning : source->Warnings()) PrintWarning(warning);
-    return matches;
+  void CompareByLocalization(const std::vector<ReferenceMatch>& matches) const {
+    const PosesByName truth = ReadGroundTruth(flags_.ground_truth);
+    LocalizationComparison comparison;
+    {
+      Progress progress("queries", queries_.size(),
+                        flags_.run.quiet ? Progress::Show::kNever : Progress::Show::kAuto);
+      comparison =
+          CompareLocalization(sources_, queries_, *match_source_, loaded_.references.images,
+                              matches, truth, grid_, [&progress] { progress.Advance(); });
+    }
+    if (!flags_.out.empty()) {
+      WriteFile(flags_.out / "localization.csv", FormatLocalizationCsv(comparison));
+      WriteFile(flags_.out / "localization.json", FormatLocalizationJson(comparison));
+    }
+    if (!flags_.run.quiet) fmt::print("\n{}", FormatLocalizationText(comparison));
+  }
+
+  void OpenMatches() {
+    if (flags_.features.empty()) return;
+    queries_ = ReadQueryList(flags_.queries);
+    match_source_ = OpenHlocMatches({flags_.features, flags_.matches, flags_.pairs},
+                                    loaded_.references, flags_.top_k);
   }
 
   const CompareFlags& flags_;
   std::vector<NamedSpec> specs_;
+  LocalizationGrid grid_;
   LoadedReferences loaded_;
+  std::vector<Query> queries_;
+  std::unique_ptr<MatchSource> match_source_;
   std::vector<NamedGeometry> geometry_;
   std::vector<ComparedSource> sources_;
   std::optional<size_t> truth_;
 };
+
+void AddLocalizationOptions(CLI::App& command, CompareFlags& flags) {
+  const std::string group = "Localization with every source, on the same matches";
+  const auto add = [&](const char* name, auto& value, const std::string& help) {
+    command.add_option(name, value, help)->capture_default_str()->group(group);
+  };
+  add("--ground-truth", flags.ground_truth,
+      "True poses of the queries: COLMAP model folder or pose file");
+  add("--thresholds", flags.thresholds,
+      "Recall thresholds: position,degrees between colons, or those of\n" + ThresholdPresetNames());
+  add("--methods", flags.methods,
+      "List of p3p|e5p1|adaptive[:SCORE]|select[:ALPHA]|hybrid_ransac|hloc");
+  add("--filters", flags.filters, "List of off|fixed|auto");
+  add("--alignments", flags.alignments, "List of off|scale|affine|grid");
+  add("--reprojection-threshold-px", flags.estimator.reprojection_threshold_px,
+      "Inlier threshold of 2D-3D matches");
+  add("--sampson-threshold-px", flags.estimator.sampson_threshold_px,
+      "Inlier threshold of 2D-2D matches");
+  add("--max-iterations", flags.estimator.max_iterations, "RANSAC");
+  add("--seed", flags.estimator.seed, "Seed of all random choices");
+}
 
 }  // namespace
 
@@ -207,6 +294,7 @@ Command AddCompareCommand(CLI::App& program) {
   command->add_option("--top-k", flags->top_k, "Retrieved references per query")
       ->capture_default_str()
       ->group("Matches");
+  AddLocalizationOptions(*command, *flags);
   command
       ->add_option("--out", flags->out,
                    "Folder for sources.csv, images.csv, curves.csv, comparison.json")
@@ -218,7 +306,9 @@ Command AddCompareCommand(CLI::App& program) {
       "      --geometry mono=depth:metric3d --truth mesh --out comparison\n"
       "  Without a truth, by overlapping views and matches:\n"
       "  raylift compare --model sfm --geometry a=depth:a --geometry b=depth:b \\\n"
-      "      --queries queries.txt --features features.h5 --matches matches.h5 --pairs pairs.txt");
+      "      --queries queries.txt --features features.h5 --matches matches.h5 --pairs pairs.txt\n"
+      "  and what the sources do to localization, with --ground-truth truth \\\n"
+      "      --methods p3p,e5p1,adaptive,select:0.7,select:0.9 --filters off,auto");
   return {command, [flags, command] {
             Check(*flags);
             CompareRun(*flags).Run(EffectiveOptionsJson(*command));

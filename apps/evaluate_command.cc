@@ -4,15 +4,20 @@
 
 #include "commands.h"
 #include "options.h"
+#include "pose_files.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/text_table.h"
+#include "raylift/comparison/dense_errors.h"
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/evaluation/recall.h"
+#include "raylift/evaluation/submission.h"
 #include "raylift/evaluation/tables.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
+#include "raylift/lifting/geometry_spec.h"
 
 namespace raylift {
 namespace {
@@ -25,69 +30,123 @@ struct EvaluateFlags {
   std::vector<std::string> names;
   std::string thresholds = "0.25,2:0.5,5:5,10";
   path json, csv;
-  bool quiet = false;
+  std::string geometry;
+  path dcre_csv;
+  bool submission = false;
+  path queries, model;
+  RunFlags run;
 };
 
-PosesByName ReadPoses(const path& file) {
-  PosesByName poses;
-  for (const NamedPose& pose : ReadPoseFile(file)) {
-    if (!poses.emplace(pose.name, pose.cam_from_world).second) {
-      throw InputError(file, fmt::format("the name {} stands twice", pose.name));
-    }
-  }
-  return poses;
-}
-
-PosesByName ReadGroundTruth(const path& model_or_file) {
-  if (!std::filesystem::is_directory(model_or_file)) {
-    return ReadPoses(model_or_file);
-  }
-  PosesByName poses;
-  for (const PosedImage& image : ReadColmapModel(model_or_file).PosedImages()) {
-    poses.emplace(image.name, image.cam_from_world);
-  }
-  return poses;
-}
-
-// Result files are mostly called poses.txt: then the folder tells them apart.
-std::string ResultName(const path& file) {
-  const std::string stem = file.stem().string();
-  const std::string folder = file.parent_path().filename().string();
-  return stem == "poses" && !folder.empty() ? folder : stem;
-}
-
-void Run(const EvaluateFlags& flags) {
-  const std::vector<Threshold> thresholds = ParseThresholds(flags.thresholds);
+void Check(const EvaluateFlags& flags) {
   if (!flags.names.empty() && flags.names.size() != flags.poses.size()) {
     throw OptionError(
         fmt::format("--names: {} names for {} pose files", flags.names.size(), flags.poses.size()));
   }
-  for (const path& output : {flags.json, flags.csv}) {
-    if (!output.empty()) {
-      RequireWritable(output);
+  if (flags.submission && flags.queries.empty()) {
+    throw OptionError("--check-submission needs --queries");
+  }
+  if (!flags.submission && flags.ground_truth.empty()) {
+    throw OptionError("--ground-truth is required");
+  }
+  if (flags.geometry.empty() && !flags.dcre_csv.empty()) {
+    throw OptionError("--dcre-csv", flags.dcre_csv.string(), "needs --geometry");
+  }
+  flags.run.Check();
+}
+
+// Tells what is wrong with each file; InputError at the end where anything is.
+void CheckSubmissions(const EvaluateFlags& flags) {
+  std::vector<std::string> names;
+  for (const Query& query : ReadQueryList(flags.queries)) names.push_back(query.name);
+  std::vector<Eigen::Vector3d> centers;
+  if (!flags.model.empty()) {
+    for (const PosedImage& image : ReadColmapModel(flags.model).PosedImages()) {
+      centers.push_back(image.cam_from_world.OriginInSource());
     }
+  }
+  path first_wrong;
+  size_t num_problems = 0;
+  for (const path& file : flags.poses) {
+    const SubmissionReport report = CheckSubmission(file, names, centers);
+    if (!flags.run.quiet) {
+      fmt::print("{}: poses of {} of {} queries, {} problems\n", file.string(), report.num_poses,
+                 report.num_queries, report.problems.size());
+      for (const auto* lines : {&report.problems, &report.remarks}) {
+        for (const std::string& line : *lines) fmt::print("  {}\n", line);
+      }
+    }
+    if (!report.problems.empty() && first_wrong.empty()) first_wrong = file;
+    num_problems += report.problems.size();
+  }
+  if (num_problems > 0) {
+    throw InputError(first_wrong,
+                     fmt::format("not fit to be handed in ({} problems)", num_problems));
+  }
+}
+
+// Per query and result; shares of the diagonal in percent.
+std::string FormatDcreCsv(const std::vector<std::string>& names,
+                          const std::vector<std::vector<DcreQuery>>& results) {
+  std::string text = "result,query,has_depth,points,mean_percent,max_percent\n";
+  for (size_t r = 0; r < results.size(); ++r) {
+    for (const DcreQuery& query : results[r]) {
+      TableRow row = {names[r], query.name, query.has_depth ? "true" : "false", "0", "", ""};
+      if (query.dcre) {
+        row[3] = std::to_string(query.dcre->count);
+        row[4] = fmt::format("{:.6g}", 100 * query.dcre->mean);
+        row[5] = fmt::format("{:.6g}", 100 * query.dcre->max);
+      }
+      text += CsvLine(row);
+    }
+  }
+  return text;
+}
+
+// The dense errors of all results, printed and written.
+void EvaluateDense(const EvaluateFlags& flags, const std::vector<std::string>& names,
+                   const PosesByName& ground_truth, const std::vector<PosesByName>& estimated) {
+  const std::vector<PosedImage> views = ReadPosedQueries(flags.ground_truth, flags.queries);
+  const NamedGeometry geometry =
+      MakeGeometrySource(flags.geometry, {.model = flags.ground_truth, .references = views});
+  for (const std::string& warning : geometry.warnings) PrintWarning(warning);
+  std::vector<PosesByName> matched;
+  for (const PosesByName& poses : estimated) matched.push_back(MatchNames(ground_truth, poses));
+  constexpr int kPixels = 5000;
+  const auto results = MeasureDcre(*geometry.source, views, matched, kPixels, flags.run.threads);
+  if (!flags.dcre_csv.empty()) WriteFile(flags.dcre_csv, FormatDcreCsv(names, results));
+  if (flags.run.quiet) return;
+  std::vector<DcreSummary> summaries;
+  for (size_t r = 0; r < results.size(); ++r) {
+    summaries.push_back(SummarizeDcre(names[r], results[r]));
+  }
+  fmt::print("{}", FormatDcreText(summaries));
+}
+
+void Run(const EvaluateFlags& flags) {
+  const std::vector<Threshold> thresholds = ParseThresholds(flags.thresholds);
+  Check(flags);
+  if (flags.submission) CheckSubmissions(flags);
+  if (flags.ground_truth.empty()) return;
+  for (const path& output : {flags.json, flags.csv, flags.dcre_csv}) {
+    if (!output.empty()) RequireWritable(output);
   }
   const PosesByName ground_truth = ReadGroundTruth(flags.ground_truth);
+  std::vector<PosesByName> estimated;
+  std::vector<std::string> names;
   std::vector<ResultSummary> results;
   for (size_t i = 0; i < flags.poses.size(); ++i) {
-    const std::string name = flags.names.empty() ? ResultName(flags.poses[i]) : flags.names[i];
+    names.push_back(flags.names.empty() ? ResultName(flags.poses[i]) : flags.names[i]);
+    estimated.push_back(ReadPoses(flags.poses[i]));
     results.push_back(Summarize(
-        name, CompareWithGroundTruth(ground_truth, ReadPoses(flags.poses[i])), thresholds));
+        names.back(), CompareWithGroundTruth(ground_truth, estimated.back()), thresholds));
     const std::string warning = UnknownNamesWarning(results.back());
-    if (!warning.empty()) {
-      PrintWarning(warning);
-    }
+    if (!warning.empty()) PrintWarning(warning);
   }
   const ResultTable table{thresholds, results};
-  if (!flags.json.empty()) {
-    WriteFile(flags.json, FormatTableJson(table));
-  }
-  if (!flags.csv.empty()) {
-    WriteFile(flags.csv, FormatTableCsv(table));
-  }
-  if (!flags.quiet) {
-    fmt::print("{}", FormatTableText(table));
-  }
+  if (!flags.json.empty()) WriteFile(flags.json, FormatTableJson(table));
+  if (!flags.csv.empty()) WriteFile(flags.csv, FormatTableCsv(table));
+  if (!flags.run.quiet) fmt::print("{}", FormatTableText(table));
+  if (!flags.geometry.empty()) EvaluateDense(flags, names, ground_truth, estimated);
 }
 
 }  // namespace
@@ -96,8 +155,7 @@ Command AddEvaluateCommand(CLI::App& program) {
   auto flags = std::make_shared<EvaluateFlags>();
   CLI::App* command =
       program.add_subcommand("evaluate", "Recalls and median errors of poses against the truth");
-  command->add_option("--ground-truth", flags->ground_truth, "COLMAP model folder, or a pose file")
-      ->required();
+  command->add_option("--ground-truth", flags->ground_truth, "COLMAP model folder, or a pose file");
   command
       ->add_option("--poses", flags->poses,
                    "Pose files (name qw qx qy qz tx ty tz), one row of the table each")
@@ -105,12 +163,33 @@ Command AddEvaluateCommand(CLI::App& program) {
   command->add_option("--names", flags->names, "Names of the rows (default: from the file names)");
   command
       ->add_option("--thresholds", flags->thresholds,
-                   "Recall thresholds: position,degrees between colons")
+                   "Recall thresholds: position,degrees between colons, or those of\n" +
+                       ThresholdPresetNames())
       ->capture_default_str();
   command->add_option("--json", flags->json, "The table as JSON");
   command->add_option("--csv", flags->csv, "The table as CSV");
-  command->add_flag("--quiet", flags->quiet, "Print no table");
-  AddConfigOption(*command);
+  command
+      ->add_option("--geometry", flags->geometry,
+                   "Also report how far the scene moves in the images (DCRE): a mesh,\n"
+                   "or depth maps of the queries. " +
+                       GeometryHelp())
+      ->group("Dense errors");
+  command->add_option("--dcre-csv", flags->dcre_csv, "DCRE of each query")->group("Dense errors");
+  command
+      ->add_flag("--check-submission", flags->submission,
+                 "Check that the files can be handed in at visuallocalization.net;\n"
+                 "then --ground-truth is not required")
+      ->group("Submission");
+  command
+      ->add_option("--queries", flags->queries,
+                   "List of queries: for --check-submission, and for --geometry where\n"
+                   "the ground truth is a pose file")
+      ->group("Submission");
+  command
+      ->add_option("--model", flags->model,
+                   "COLMAP model of the references, to tell where the scene is")
+      ->group("Submission");
+  AddRunOptions(*command, flags->run);
   command->footer(
       "Example:\n"
       "  raylift evaluate --ground-truth truth --poses p3p.txt adaptive.txt \\\n"

@@ -86,6 +86,15 @@ Comparison CompareWithGroundTruth(const PosesByName& ground_truth, const PosesBy
   return comparison;
 }
 
+PosesByName MatchNames(const PosesByName& ground_truth, const PosesByName& estimated) {
+  const NameMatcher matcher(ground_truth, estimated);
+  PosesByName poses;
+  for (const auto& [true_name, name] : matcher.estimate_of_true_name()) {
+    poses.emplace(true_name, estimated.at(name));
+  }
+  return poses;
+}
+
 Comparison ChooseByOracle(const Comparison& a, const Comparison& b, double cm_per_scene_unit) {
   RAYLIFT_CHECK_EQ(a.queries.size(), b.queries.size());
   const auto cost = [cm_per_scene_unit](const PoseError& error) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -11,6 +12,18 @@
 
 namespace raylift {
 namespace {
+
+// As the data sets' own papers and benchmarks report them.
+constexpr std::pair<std::string_view, std::string_view> kPresets[] = {
+    {"aachen", "0.25,2:0.5,5:5,10"},
+    {"robotcar", "0.25,2:0.5,5:5,10"},
+    {"cmu", "0.25,2:0.5,5:5,10"},
+    {"gangnam", "0.1,1:0.25,2:1,5"},
+    {"inloc", "0.25,10:0.5,10:1,10"},
+    {"cambridge", "0.1,1"},
+    {"7scenes", "0.05,5"},
+    {"12scenes", "0.05,5"},
+};
 
 double Median(std::vector<double> values) {
   std::sort(values.begin(), values.end());
@@ -24,11 +37,14 @@ double Median(std::vector<double> values) {
 }  // namespace
 
 std::vector<Threshold> ParseThresholds(std::string_view text) {
+  for (const auto& [name, thresholds] : kPresets) {
+    if (name == text) return ParseThresholds(thresholds);
+  }
   const auto fail = [text](std::string_view part) {
     return OptionError("--thresholds", text,
                        fmt::format("expected POSITION,DEGREES[:POSITION,DEGREES...], all positive "
-                                   "numbers, found \"{}\"",
-                                   part));
+                                   "numbers, or {}, found \"{}\"",
+                                   ThresholdPresetNames(), part));
   };
   std::vector<Threshold> thresholds;
   for (const std::string_view part : SplitBy(text, ':')) {
@@ -46,6 +62,14 @@ std::vector<Threshold> ParseThresholds(std::string_view text) {
     thresholds.push_back({*position, *rotation_deg});
   }
   return thresholds;
+}
+
+std::string ThresholdPresetNames() {
+  std::string names;
+  for (const auto& [name, thresholds] : kPresets) {
+    names += (names.empty() ? "" : "|") + std::string(name);
+  }
+  return names;
 }
 
 ResultSummary Summarize(std::string name, const Comparison& comparison,

@@ -43,6 +43,43 @@ TEST(Compare, NamesAPlantedScaleAndWritesAllItsTables) {
   EXPECT_EQ(Lines(ReadFile(out / "images.csv")).size(), 1 + 2 * scene.references.size());
 }
 
+TEST(Compare, LocalizesWithEverySourceOnTheSameMatches) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path out = scene.folder / "out";
+  const CommandResult result = RunRaylift({"compare",
+                                           "--model",
+                                           scene.model(),
+                                           "--geometry",
+                                           "mesh=mesh:" + scene.mesh().string(),
+                                           "--max-side",
+                                           "64",
+                                           "--overlaps",
+                                           "0",
+                                           "--queries",
+                                           scene.query_list(),
+                                           "--features",
+                                           scene.features(),
+                                           "--matches",
+                                           scene.matches(),
+                                           "--pairs",
+                                           scene.pairs(),
+                                           "--ground-truth",
+                                           scene.truth(),
+                                           "--methods",
+                                           "p3p,e5p1,adaptive:mult_inl,select:0.9",
+                                           "--thresholds",
+                                           "0.01,0.1",
+                                           "--filters",
+                                           "off,auto",
+                                           "--out",
+                                           out});
+  ASSERT_TRUE(Succeeds(result));
+  const auto rows = nlohmann::json::parse(ReadFile(out / "localization.json"))["rows"];
+  ASSERT_EQ(rows.size(), 9u);  // e5p1, 2 filters x 3 methods, 2 oracles
+  for (const auto& row : rows) EXPECT_EQ(row["recalls"][0]["percent"], 100.0) << row["method"];
+  EXPECT_EQ(Lines(ReadFile(out / "localization.csv")).size(), 10u);
+}
+
 TEST(Compare, BadOptionsAreTold) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const Arguments compare = {"compare", "--model", scene.model(), "--geometry",
@@ -53,6 +90,10 @@ TEST(Compare, BadOptionsAreTold) {
                         RunRaylift(compare + Arguments{"--geometry", "mesh=mesh:x.ply"})));
   EXPECT_TRUE(FailsWith(2, {"go together"},
                         RunRaylift(compare + Arguments{"--features", scene.features()})));
+  EXPECT_TRUE(
+      FailsWith(2, {"--methods = p4p"}, RunRaylift(compare + Arguments{"--methods", "p4p"})));
+  EXPECT_TRUE(FailsWith(2, {"--filters = all", "off|fixed|auto"},
+                        RunRaylift(compare + Arguments{"--filters", "all"})));
 }
 
 // The real scene: simulated monocular depth, sensor depth, and planted distortions.

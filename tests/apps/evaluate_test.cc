@@ -97,6 +97,48 @@ TEST(Evaluate, MissingQueriesCountAndUnknownOnesAreWarnedAbout) {
   EXPECT_EQ(row["missing_names"], nlohmann::json::array({scene.queries[1].name}));
 }
 
+TEST(Evaluate, TellsHowFarTheSceneMovesInTheImages) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path good = scene.folder / "good.txt", one = scene.folder / "one.txt";
+  WritePoseFile(good, {{scene.queries[0].name, scene.queries[0].cam_from_world},
+                       {scene.queries[1].name, scene.queries[1].cam_from_world}});
+  Rigid3 moved = scene.queries[0].cam_from_world;
+  moved.translation.x() += 0.05;
+  WritePoseFile(one, {{scene.queries[0].name, moved}});
+  const fs::path csv = scene.folder / "dcre.csv";
+  const CommandResult result =
+      RunRaylift({"evaluate", "--ground-truth", scene.truth(), "--poses", good, one, "--geometry",
+                  "mesh:" + scene.mesh().string(), "--dcre-csv", csv});
+  ASSERT_TRUE(Succeeds(result));
+  EXPECT_NE(result.out.find("DCRE"), std::string::npos);
+  const auto lines = Lines(ReadFile(csv));
+  ASSERT_EQ(lines.size(), 5u);
+  const auto exact = Fields(lines[1], ","), wrong = Fields(lines[3], ","),
+             lost = Fields(lines[4], ",");
+  EXPECT_NEAR(*ParseDouble(exact[4]), 0, 1e-6);
+  EXPECT_GT(*ParseDouble(wrong[4]), 0.1);
+  EXPECT_LT(*ParseDouble(wrong[4]), 10);
+  EXPECT_EQ(lost[4], "");
+}
+
+TEST(Evaluate, ChecksSubmissions) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path poses = scene.folder / "poses.txt";
+  WritePoseFile(poses, {{scene.queries[0].name, scene.queries[0].cam_from_world}});
+  const Arguments check = {"evaluate",  "--poses",          poses,     "--check-submission",
+                           "--queries", scene.query_list(), "--model", scene.model()};
+  const CommandResult right = RunRaylift(check);
+  EXPECT_TRUE(Succeeds(right));
+  EXPECT_NE(right.out.find("1 of 2 queries have no pose"), std::string::npos);
+  WritePoseFile(poses, {{"unknown.jpg", scene.queries[0].cam_from_world}});
+  const CommandResult wrong = RunRaylift(check);
+  EXPECT_EQ(wrong.exit_code, 3);
+  EXPECT_NE(wrong.err.find("poses.txt: not fit to be handed in (1 problems)"), std::string::npos);
+  EXPECT_NE(wrong.out.find("line 1: unknown.jpg is no query"), std::string::npos);
+  EXPECT_TRUE(
+      FailsWith(2, {"--ground-truth is required"}, RunRaylift({"evaluate", "--poses", poses})));
+}
+
 TEST(Evaluate, QuietPrintsNoTable) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const fs::path poses = scene.folder / "some.txt";

@@ -35,6 +35,13 @@ TEST(Thresholds, AreParsedInOrder) {
   EXPECT_THAT(ParseThresholds(" 5 , 10 "), ElementsAre(Threshold{5, 10}));
 }
 
+TEST(Thresholds, DataSetsHaveTheirOwn) {
+  EXPECT_THAT(ParseThresholds("gangnam"),
+              ElementsAre(Threshold{0.1, 1}, Threshold{0.25, 2}, Threshold{1, 5}));
+  EXPECT_THAT(ParseThresholds("7scenes"), ElementsAre(Threshold{0.05, 5}));
+  EXPECT_THAT(ThresholdPresetNames(), HasSubstr("|cambridge|"));
+}
+
 TEST(Thresholds, RefuseNonsense) {
   for (const char* text : {"", ":", "1", "1,2,3", "1,2:", "a,1", "1,b", "0,1", "1,0", "-1,2",
                            "nan,1", "1,inf", "1;2", "0.05m,5deg"}) {

@@ -39,6 +39,10 @@ struct Comparison {
 // pose counts as not localized.
 Comparison CompareWithGroundTruth(const PosesByName& ground_truth, const PosesByName& estimated);
 
+// The estimated poses under the names of the ground truth, by the same rule; unknown ones are left
+// out.
+PosesByName MatchNames(const PosesByName& ground_truth, const PosesByName& estimated);
+
 // The paper's Oracle: of two methods' poses of a query, the one with the smaller
 // max(position error in cm, rotation error in deg). An upper bound for choosing between them, made
 // with the ground truth. Both comparisons must be with the same ground truth.

@@ -1,0 +1,73 @@
+// The same matches, many geometries: identical 2D-2D matches are lifted through every source,
+// corrected and filtered in every way asked for, and estimated by every method, so that what
+// differs in the results is what differs in the geometry.
+
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "raylift/comparison/depth_comparison.h"
+#include "raylift/estimation/pose_estimator.h"
+#include "raylift/evaluation/bootstrap.h"
+#include "raylift/evaluation/pose_errors.h"
+#include "raylift/evaluation/recall.h"
+#include "raylift/lifting/consistency_filter.h"
+#include "raylift/lifting/depth_alignment.h"
+#include "raylift/localization/match_source.h"
+
+namespace raylift {
+
+// "p3p", "e5p1", "adaptive" or "adaptive:SCORE", "select" or "select:ALPHA", "hybrid_ransac",
+// "hloc". OptionError in the name of --methods otherwise.
+std::vector<EstimatorOptions> ParseMethods(std::string_view text, const EstimatorOptions& base);
+std::string MethodTitle(const EstimatorOptions& options);  // "adaptive:sum_msac"
+
+struct LocalizationGrid {
+  std::vector<EstimatorOptions> methods;
+  std::vector<FilterMode> filters = {FilterMode::kOff};
+  ConsistencyThresholds filter_thresholds;  // of FilterMode::kFixed
+  std::vector<AlignMode> alignments = {AlignMode::kOff};
+  std::vector<Threshold> thresholds;
+  uint64_t seed = 0;  // of the bootstrap
+  int threads = 0;
+};
+
+// One way to localize, rated. What does not matter to a method (E5+1 needs no geometry) is empty.
+struct LocalizationRow {
+  std::string source, alignment, filter, method;
+  bool is_oracle = false;  // chosen with the ground truth
+  Comparison comparison;
+  ResultSummary summary;
+  std::vector<Interval> recalls;  // 95 %, one per threshold
+  Interval median_position;
+  // Per threshold, recall minus that of the best row that is no oracle; noise where it contains 0.
+  std::vector<Interval> difference_to_best;
+  bool is_best = false;                // at any threshold
+  std::vector<double> median_inliers;  // 2D-3D and 2D-2D
+
+  std::string Name() const;  // "mesh, off, off, p3p"
+};
+
+struct LocalizationComparison {
+  std::vector<Threshold> thresholds;
+  std::vector<LocalizationRow> rows;
+};
+
+// `reference_matches` align depth where the grid asks for it; `ground_truth` must hold the queries.
+LocalizationComparison CompareLocalization(
+    std::span<const ComparedSource> sources, std::span<const Query> queries,
+    const MatchSource& matches, std::span<const PosedImage> references,
+    std::span<const ReferenceMatch> reference_matches, const PosesByName& ground_truth,
+    const LocalizationGrid& grid, const std::function<void()>& on_progress = {});
+
+std::string FormatLocalizationText(const LocalizationComparison& comparison);
+std::string FormatLocalizationCsv(const LocalizationComparison& comparison);
+std::string FormatLocalizationJson(const LocalizationComparison& comparison);
+
+}  // namespace raylift

@@ -1,0 +1,45 @@
+// Whether a difference between two methods is more than luck with the queries: the bootstrap
+// (Efron 1979). Queries are drawn with replacement, all methods are rated on the same draws, and
+// the middle 95 % of what comes out is the interval.
+
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "raylift/evaluation/pose_errors.h"
+#include "raylift/evaluation/recall.h"
+
+namespace raylift {
+
+struct Interval {
+  double low = 0;
+  double high = 0;
+  bool Contains(double value) const { return low <= value && value <= high; }
+};
+
+class QueryBootstrap {
+ public:
+  // Draws depend on the seed and the numbers alone. num_queries > 0.
+  QueryBootstrap(size_t num_queries, uint64_t seed, int num_draws = 2000);
+
+  // Of the recall in percent. The comparison must have `num_queries` queries.
+  Interval RecallPercent(const Comparison& comparison, const Threshold& threshold) const;
+
+  // Of recall(a) - recall(b) in percent. Where it contains 0, the difference is noise.
+  Interval RecallDifferencePercent(const Comparison& a, const Comparison& b,
+                                   const Threshold& threshold) const;
+
+  // Of the median position error; infinite where half of a draw has no pose.
+  Interval MedianPosition(const Comparison& comparison) const;
+
+ private:
+  Interval MeanOf(std::span<const double> per_query) const;
+
+  size_t num_queries_;
+  std::vector<uint32_t> draws_;  // num_queries_ indices per draw
+};
+
+}  // namespace raylift

@@ -1,0 +1,87 @@
+#include "raylift/evaluation/bootstrap.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "raylift/base/error.h"
+#include "raylift/base/rng.h"
+
+namespace raylift {
+namespace {
+
+Interval Middle95(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  const auto at = [&](double share) {
+    return values[static_cast<size_t>(std::lround(share * static_cast<double>(values.size() - 1)))];
+  };
+  return {at(0.025), at(0.975)};
+}
+
+std::vector<double> Hits(const Comparison& comparison, const Threshold& threshold) {
+  std::vector<double> hits;
+  for (const QueryError& query : comparison.queries) {
+    hits.push_back(query.error && threshold.Accepts(*query.error) ? 100 : 0);
+  }
+  return hits;
+}
+
+}  // namespace
+
+QueryBootstrap::QueryBootstrap(size_t num_queries, uint64_t seed, int num_draws)
+    : num_queries_(num_queries) {
+  RAYLIFT_CHECK(num_queries > 0 && num_draws > 0);
+  Rng rng(StreamSeed(seed, "", "bootstrap"));
+  draws_.reserve(num_queries * static_cast<size_t>(num_draws));
+  for (size_t i = 0; i < num_queries * static_cast<size_t>(num_draws); ++i) {
+    draws_.push_back(rng.UniformIndex(static_cast<uint32_t>(num_queries)));
+  }
+}
+
+Interval QueryBootstrap::MeanOf(std::span<const double> per_query) const {
+  RAYLIFT_CHECK_EQ(per_query.size(), num_queries_);
+  std::vector<double> means;
+  for (size_t begin = 0; begin < draws_.size(); begin += num_queries_) {
+    double sum = 0;
+    for (size_t i = begin; i < begin + num_queries_; ++i) sum += per_query[draws_[i]];
+    means.push_back(sum / static_cast<double>(num_queries_));
+  }
+  return Middle95(std::move(means));
+}
+
+Interval QueryBootstrap::RecallPercent(const Comparison& comparison,
+                                       const Threshold& threshold) const {
+  return MeanOf(Hits(comparison, threshold));
+}
+
+Interval QueryBootstrap::RecallDifferencePercent(const Comparison& a, const Comparison& b,
+                                                 const Threshold& threshold) const {
+  std::vector<double> differences = Hits(a, threshold);
+  const std::vector<double> subtracted = Hits(b, threshold);
+  RAYLIFT_CHECK_EQ(differences.size(), subtracted.size());
+  for (size_t i = 0; i < differences.size(); ++i) differences[i] -= subtracted[i];
+  return MeanOf(differences);
+}
+
+Interval QueryBootstrap::MedianPosition(const Comparison& comparison) const {
+  RAYLIFT_CHECK_EQ(comparison.queries.size(), num_queries_);
+  std::vector<double> errors;
+  for (const QueryError& query : comparison.queries) {
+    errors.push_back(query.error ? query.error->position : std::numeric_limits<double>::infinity());
+  }
+  std::vector<double> medians, drawn(num_queries_);
+  for (size_t begin = 0; begin < draws_.size(); begin += num_queries_) {
+    for (size_t i = 0; i < num_queries_; ++i) drawn[i] = errors[draws_[begin + i]];
+    const auto middle = drawn.begin() + static_cast<std::ptrdiff_t>(num_queries_ / 2);
+    std::nth_element(drawn.begin(), middle, drawn.end());
+    double median = *middle;
+    if (num_queries_ % 2 == 0) {
+      const double lower = *std::max_element(drawn.begin(), middle);
+      median = 0.5 * lower + 0.5 * median;
+    }
+    medians.push_back(median);
+  }
+  return Middle95(std::move(medians));
+}
+
+}  // namespace raylift
