@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <exception>
 #include <filesystem>
+#include <iostream>
 #include <memory>
 #include <string>
 #include <vector>
@@ -138,5 +139,7 @@ int Main(const std::vector<std::string>& arguments) {
 }  // namespace raylift
 
 int main(int argc, char** argv) {
+  // OpenCV writes there what it cannot decode, in its own words; errors are one line, on stderr.
+  std::cerr.rdbuf(nullptr);
   return raylift::Main(std::vector<std::string>(argv + 1, argv + argc));
 }

@@ -8,8 +8,10 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/io/colmap_model.h"
+#include "raylift/io/depth_file.h"
 #include "raylift/io/image_file.h"
 #include "raylift/renderers/triangle_mesh.h"
 
@@ -226,6 +228,34 @@ TEST_F(BadInput, AMeshWithNanVerticesAndDegenerateTrianglesLocalizesWithAWarning
   EXPECT_TRUE(HoldsTruePoses(out_ / "poses.txt", scene_.queries, 1e-3, 1e-4));
   const auto summary = nlohmann::json::parse(ReadFile(out_ / "summary.json"));
   EXPECT_FALSE(summary["warnings"].empty());
+}
+
+TEST_F(BadInput, ADamagedTiffIsNamedOnOneLine) {
+  const DepthMap wall{32, 24, std::vector<float>(size_t{32} * 24, 2.5f)};
+  const fs::path file = scene_.folder / "a.tiff";
+  WriteDepthFile(file, wall);
+  const std::string whole = ReadFile(file);
+  const auto is_refused = [&](const std::string& bytes) {
+    try {
+      ParseDepthFile(file, bytes);
+    } catch (const InputError&) {
+      return true;
+    }
+    return false;
+  };
+  // In the picture itself, behind which the directory stands: OpenCV notices it.
+  std::string damaged = whole;
+  for (size_t i = 8; i < whole.size() && !is_refused(damaged); ++i) {
+    damaged = whole;
+    damaged[i] = static_cast<char>(damaged[i] ^ 0xff);
+  }
+  ASSERT_TRUE(is_refused(damaged));
+  const fs::path depth = scene_.folder / "depth";
+  for (const PosedImage& reference : scene_.references) {
+    WriteFile(depth / (reference.name + ".tiff"), damaged);
+  }
+  EXPECT_TRUE(
+      Fails({depth.string(), "damaged or truncated"}, {"--geometry", "depth:" + depth.string()}));
 }
 
 TEST_F(BadInput, EstimateNamesTheProblemAndThePlace) {

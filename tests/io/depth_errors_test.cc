@@ -1,9 +1,12 @@
 // Depth map files that are truncated, damaged or lie about their size.
 
+#include <array>
+#include <cstdint>
 #include <cstring>
 
 #include "io/depth_test_files.h"
 #include "support/matchers.h"
+#include <zlib.h>
 
 #include "raylift/base/error.h"
 
@@ -35,6 +38,34 @@ template <typename T>
 void Overwrite(std::string& bytes, size_t offset, T value) {
   ASSERT_LE(offset + sizeof(T), bytes.size());
   std::memcpy(bytes.data() + offset, &value, sizeof(T));
+}
+
+// Little endian, 32-bit floats, not compressed, of which there are a few.
+std::string TiffThatClaims(uint32_t width, uint32_t height) {
+  constexpr uint32_t kLong = 4;  // the type of all entries
+  const std::vector<std::array<uint32_t, 2>> entries = {
+      {256, width}, {257, height}, {258, 32},     {259, 1},  {262, 1},
+      {273, 8},     {277, 1},      {278, height}, {279, 16}, {339, 3}};
+  std::string bytes("II*\0\x18\0\0\0", 8);
+  const auto append = [&bytes](auto value) {
+    bytes.append(reinterpret_cast<const char*>(&value), sizeof(value));
+  };
+  for (int i = 0; i < 4; ++i) append(1.5f);
+  append(static_cast<uint16_t>(entries.size()));
+  for (const auto& [tag, value] : entries) {
+    append(static_cast<uint16_t>(tag));
+    append(static_cast<uint16_t>(kLong));
+    append(uint32_t{1});
+    append(value);
+  }
+  append(uint32_t{0});  // no further directory
+  return bytes;
+}
+
+TEST(DepthErrors, ASmallTiffWithoutCompressionReads) {
+  const StoredDepth depth = ParseDepthFile(kName, TiffThatClaims(2, 2));
+  EXPECT_EQ(depth.values, std::vector<float>(4, 1.5f));
+  EXPECT_EQ(depth.sample_type, "float32");
 }
 
 TEST(DepthErrors, EveryTruncationIsAnError) {
@@ -78,6 +109,7 @@ TEST(DepthErrors, SizesThatNoDepthMapHasAreRefused) {
   Overwrite(png, 16, __builtin_bswap32(1000000000));
   Overwrite(png, 20, __builtin_bswap32(1000000000));
   ExpectRefused(png, parts);
+  ExpectRefused(TiffThatClaims(1000000000, 1000000000), parts);
   std::string exr = BytesOf(".exr");
   for (const char* window : {"dataWindow", "displayWindow"}) {
     // name, 0, "box2i", 0, a size of 4 bytes, then x and y of both corners
@@ -100,6 +132,7 @@ TEST(DepthErrors, SizesThatTheFileCannotHoldAreRefused) {
   Overwrite(png, 16, __builtin_bswap32(9000));
   Overwrite(png, 20, __builtin_bswap32(8000));
   ExpectRefused(png, parts);
+  ExpectRefused(TiffThatClaims(9000, 8000), parts);
   std::string exr = BytesOf(".exr");
   for (const char* window : {"dataWindow", "displayWindow"}) {
     const size_t corner = exr.find(window) + std::strlen(window) + 1 + 6 + 4 + 8;
@@ -107,6 +140,37 @@ TEST(DepthErrors, SizesThatTheFileCannotHoldAreRefused) {
     Overwrite(exr, corner + 4, 7999);
   }
   ExpectRefused(exr, {});
+}
+
+// A gzip member of one stored block.
+std::string GzipOf(const std::string& bytes) {
+  std::string gzip("\x1f\x8b\x08\0\0\0\0\0\0\xff\x01", 11);
+  const auto append = [&gzip](auto value) {
+    gzip.append(reinterpret_cast<const char*>(&value), sizeof(value));
+  };
+  append(static_cast<uint16_t>(bytes.size()));
+  append(static_cast<uint16_t>(~bytes.size()));
+  gzip += bytes;
+  append(static_cast<uint32_t>(
+      crc32(0, reinterpret_cast<const Bytef*>(bytes.data()), static_cast<uInt>(bytes.size()))));
+  append(static_cast<uint32_t>(bytes.size()));
+  return gzip;
+}
+
+TEST(DepthErrors, GzippedArraysAreCheckedAsWell) {
+  const std::string npy = BytesOf(".npy");
+  const std::string gzip = GzipOf(npy);
+  EXPECT_TRUE(IsRamp(ParseDepthFile(kName, gzip)));
+  for (size_t size = 0; size < gzip.size(); ++size) {
+    EXPECT_THROW(ParseDepthFile(kName, gzip.substr(0, size)), InputError) << size;
+  }
+  std::string damaged = gzip;
+  damaged[100] = static_cast<char>(damaged[100] ^ 1);
+  ExpectRefused(damaged, {});
+  ExpectRefused(GzipOf(NpyBytes("{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000, "
+                                "1000000000), }\n",
+                                "abcd")),
+                {"claims 1000000000 x 1000000000 pixels"});
 }
 
 TEST(DepthErrors, ZipEntriesThatClaimMoreThanTheyHoldAreRefused) {
@@ -147,6 +211,19 @@ TEST(DepthErrors, NetpbmHeadersAreReadStrictly) {
   ExpectRefused("PF\n7 5\n-1\nabcd", {"one channel (Pf), found three"});
   ExpectRefused("P5\n7 5\n70000\nabcd", {"largest value", "70000"});
   ExpectRefused("P5\n7 5 # no end", {"the file ends here"});
+}
+
+TEST(DepthErrors, TruncatedPgmAndRawFilesAreRefused) {
+  const std::string pgm = "P5\n7 5\n65535\n" + std::string(70, 'a');
+  EXPECT_NO_THROW(ParseDepthFile(kName, pgm));
+  for (size_t size = 0; size < pgm.size(); ++size) {
+    EXPECT_THROW(ParseDepthFile(kName, pgm.substr(0, size)), InputError) << size;
+  }
+  const DepthReadOptions raw{.raw_size = PlaneSize{7, 5}};
+  EXPECT_NO_THROW(ParseDepthFile(kName, std::string(140, 'a'), raw));
+  for (const size_t size : {0, 1, 139, 141, 280}) {
+    EXPECT_THROW(ParseDepthFile(kName, std::string(size, 'a'), raw), InputError) << size;
+  }
 }
 
 TEST(DepthErrors, OtherFilesAreNamedAsSuch) {
