@@ -129,6 +129,10 @@ class LocalizeRun {
     match_source_ = OpenMatches();
     AlignGeometry();
     for (const NamedGeometry& geometry : geometry_) sources_.push_back(geometry.source.get());
+    if (filter_.mode == FilterMode::kAuto &&
+        geometry_options.candidates.mode != CandidateMode::kTriangulate) {
+      filter_.scene_noise = EstimateSceneNoise(queries_, Parts(), flags.run.threads);
+    }
   }
 
   void Run(const std::string& options_json) {
@@ -224,14 +228,18 @@ class LocalizeRun {
     }
   }
 
+  LocalizerParts Parts() const {
+    return {.match_source = *match_source_,
+            .covisibility = covisibility_,
+            .geometry = sources_,
+            .geometry_mode = geometry_options_.mode,
+            .filter = filter_,
+            .candidates = geometry_options_.candidates,
+            .estimator = *estimator_};
+  }
+
   LocalizedQuery Localize(size_t index) {
-    QueryResult result = LocalizeQuery(queries_[index], {.match_source = *match_source_,
-                                                         .covisibility = covisibility_,
-                                                         .geometry = sources_,
-                                                         .geometry_mode = geometry_options_.mode,
-                                                         .filter = filter_,
-                                                         .candidates = geometry_options_.candidates,
-                                                         .estimator = *estimator_});
+    QueryResult result = LocalizeQuery(queries_[index], Parts());
     if (!flags_.no_doctor && input_check_.Wants(index)) {
       input_check_.Add(index, result.problem.references, result.problem.matches_2d2d);
     }

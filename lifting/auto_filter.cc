@@ -131,7 +131,7 @@ std::optional<MultiViewTrust> EstimateTrust(std::span<const PosedImage> referenc
   const double typical_gain_px = MedianGain(agreeing);
   // A hundredth of a pixel, so that perfect geometry has a finite precision.
   const double prior_deviation = std::max(geometry_px, 0.01) / typical_gain_px;
-  MultiViewTrust trust{.noise = {keypoints_px, geometry_px}, .points = {}};
+  MultiViewTrust trust{.noise = {keypoints_px, geometry_px, agreeing.size()}, .points = {}};
   for (const DepthEvidence& e : evidence) {
     const double precision = e.precision + 1 / (prior_deviation * prior_deviation);
     const double mean = e.weighted_sum / precision;
@@ -141,6 +141,22 @@ std::optional<MultiViewTrust> EstimateTrust(std::span<const PosedImage> referenc
          .expected_error_px = typical_gain_px * std::sqrt(mean * mean + 1 / precision)});
   }
   return trust;
+}
+
+std::optional<MultiViewNoise> PooledNoise(std::span<const MultiViewNoise> of_queries) {
+  MultiViewNoise pooled;
+  double keypoints_px2 = 0, geometry_px2 = 0;
+  for (const MultiViewNoise& noise : of_queries) {
+    const auto weight = static_cast<double>(noise.num_views);
+    keypoints_px2 += weight * noise.keypoints_px * noise.keypoints_px;
+    geometry_px2 += weight * noise.geometry_px * noise.geometry_px;
+    pooled.num_views += noise.num_views;
+  }
+  if (pooled.num_views == 0) return std::nullopt;
+  const auto total = static_cast<double>(pooled.num_views);
+  pooled.keypoints_px = std::sqrt(keypoints_px2 / total);
+  pooled.geometry_px = std::sqrt(geometry_px2 / total);
+  return pooled;
 }
 
 }  // namespace raylift

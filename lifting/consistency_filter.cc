@@ -24,8 +24,9 @@ size_t CountAgreeing(std::span<const ViewError> views, double threshold_px) {
       }));
 }
 
-// Geometry whose depth adds up to this many deviations of the keypoints is left alone: on real
-// scans, at every density of references, meshes are below 1.8 and monocular depth is above 2.9.
+// Geometry whose depth adds up to this many deviations of the keypoints is left alone: over the
+// queries of a real scene, at every density of references, meshes and sensor depth are below 2,
+// monocular depth is above 3.5.
 constexpr double kAccurateGeometry = 2.3;
 
 // A point's expected error may be this many deviations of the keypoints.
@@ -35,6 +36,17 @@ FilterResult KeepAll(size_t num_points) {
   return {.keep = std::vector<bool>(num_points, true),
           .counts = {.consistent = num_points},
           .noise = std::nullopt};
+}
+
+bool IsAccurate(const MultiViewNoise& noise) {
+  return noise.geometry_px <= kAccurateGeometry * noise.keypoints_px;
+}
+
+// An estimator can do without points where there are matches with two references.
+bool SeveralReferences(std::span<const Match2D2D> matches) {
+  return std::any_of(matches.begin(), matches.end(), [&](const Match2D2D& match) {
+    return match.reference != matches.front().reference;
+  });
 }
 
 void KeepTrusted(const MultiViewTrust& trust, FilterResult& result) {
@@ -106,8 +118,8 @@ FilterResult FilterPoints(std::span<const PosedImage> references,
     case FilterMode::kFixed:
       return FilterByConsistency(references, matches_2d2d, points, options.thresholds);
     case FilterMode::kAuto:
-      return FilterByTrust(references, matches_2d2d, points, options.few_points,
-                           options.min_points);
+      return FilterByTrust(references, matches_2d2d, points, options.few_points, options.min_points,
+                           options.scene_noise);
   }
   RAYLIFT_CHECK(false);
 }
@@ -152,12 +164,21 @@ FilterResult FilterByConsistency(std::span<const PosedImage> references,
 FilterResult FilterByTrust(std::span<const PosedImage> references,
                            std::span<const Match2D2D> matches_2d2d,
                            std::span<const Match2D3D> points, FewPoints few_points,
-                           size_t min_points) {
+                           size_t min_points, const std::optional<MultiViewNoise>& scene_noise) {
   const auto trust = EstimateTrust(references, matches_2d2d, points);
-  if (!trust) return KeepAll(points.size());
   FilterResult result = KeepAll(points.size());
+  if (!trust) {
+    if (!scene_noise || IsAccurate(*scene_noise) || few_points == FewPoints::kKeepBest ||
+        !SeveralReferences(matches_2d2d)) {
+      return result;
+    }
+    // As the points of other queries that no other reference sees.
+    return {.keep = std::vector<bool>(points.size(), false),
+            .counts = {.dropped_by_views = points.size()},
+            .noise = scene_noise};
+  }
   result.noise = trust->noise;
-  if (trust->noise.geometry_px <= kAccurateGeometry * trust->noise.keypoints_px) return result;
+  if (IsAccurate(scene_noise.value_or(trust->noise))) return result;
   result.counts = {};
   KeepTrusted(*trust, result);
   if (result.counts.consistent >= min_points) return result;

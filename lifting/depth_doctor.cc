@@ -15,7 +15,9 @@
 namespace raylift {
 namespace {
 
-constexpr size_t kFewestPairs = 6;
+// Of images, that standard errors can rest on; a shift, whose gain is small, needs more.
+constexpr size_t kFewestPairs = 10;
+constexpr size_t kFewestPairsForShift = 40;
 constexpr size_t kFewestKeypoints = 50;
 // A smaller mean gain in c changes no result: errors that are smaller by a hundredth.
 constexpr double kSmallestGain = 0.02;
@@ -126,7 +128,7 @@ class Examination {
     candidates_ = Explain(data_, readings, options_.threads);
     Candidate best = candidates_[ChooseDiscrete()];
     if (input_.map_size_px) {
-      best = ChooseShift(best);
+      if (options_.shifts && data_.NumPairs() >= kFewestPairsForShift) best = ChooseShift(best);
       diagnosis_.best = ChooseScale(best);
     } else {
       diagnosis_.best = best.reading;

@@ -1,12 +1,11 @@
 #include "raylift/localization/input_check.h"
 
-#include <algorithm>
-#include <numeric>
 #include <unordered_map>
 
 #include <fmt/format.h>
 
 #include "raylift/lifting/depth_doctor.h"
+#include "raylift/localization/scene_matches.h"
 
 namespace raylift {
 namespace {
@@ -17,16 +16,10 @@ constexpr size_t kMatches = 1500;
 }  // namespace
 
 InputCheck::InputCheck(std::span<const Query> queries)
-    : wanted_(queries.size(), false), matches_(queries.size()) {
-  std::vector<size_t> sorted(queries.size());
-  std::iota(sorted.begin(), sorted.end(), size_t{0});
-  std::sort(sorted.begin(), sorted.end(),
-            [&](size_t a, size_t b) { return queries[a].name < queries[b].name; });
-  const size_t count = std::min(kQueries, sorted.size());
-  for (size_t i = 0; i < count; ++i) {
-    by_name_.push_back(sorted[i * sorted.size() / count]);
-    wanted_[by_name_.back()] = true;
-  }
+    : wanted_(queries.size(), false),
+      by_name_(SampleByName(queries, kQueries)),
+      matches_(queries.size()) {
+  for (const size_t query : by_name_) wanted_[query] = true;
 }
 
 void InputCheck::Add(size_t query, std::span<const PosedImage> references,
@@ -53,8 +46,9 @@ std::optional<std::string> InputCheck::Warn(const NamedGeometry& geometry,
       all.push_back(match);
     }
   }
-  const Diagnosis diagnosis = Diagnose(MakeDoctorInput(geometry, references.images, all, poses),
-                                       {.max_matches = kMatches, .threads = threads});
+  const Diagnosis diagnosis =
+      Diagnose(MakeDoctorInput(geometry, references.images, all, poses),
+               {.max_matches = kMatches, .shifts = false, .threads = threads});
   if (!diagnosis.suspicious()) return std::nullopt;
   return fmt::format("{}: {}", geometry.source->Description(), Summary(diagnosis));
 }

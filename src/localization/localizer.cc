@@ -2,6 +2,9 @@
 
 #include <chrono>
 
+#include "raylift/base/parallel.h"
+#include "raylift/localization/scene_matches.h"
+
 namespace raylift {
 namespace {
 
@@ -55,6 +58,25 @@ std::string ReasonNotLocalized(const PoseEstimate& estimate) {
     return "only the orientation is known: all references with matches share one centre";
   }
   return {};
+}
+
+std::optional<MultiViewNoise> EstimateSceneNoise(std::span<const Query> queries,
+                                                 const LocalizerParts& parts, int threads) {
+  constexpr size_t kQueries = 30;
+  const std::vector<size_t> sample = SampleByName(queries, kQueries);
+  std::vector<std::optional<MultiViewNoise>> found(sample.size());
+  ParallelFor(sample.size(), threads, [&](size_t i) {
+    const QueryMatches matches = parts.match_source.Match(queries[sample[i]]);
+    const LiftResult lifted =
+        LiftMatches(parts.geometry, parts.geometry_mode, matches.references, matches.matches);
+    const auto trust = EstimateTrust(matches.references, matches.matches, Matches2D3D(lifted));
+    if (trust) found[i] = trust->noise;
+  });
+  std::vector<MultiViewNoise> noise;
+  for (const auto& of_query : found) {
+    if (of_query) noise.push_back(*of_query);
+  }
+  return PooledNoise(noise);
 }
 
 QueryResult LocalizeQuery(const Query& query, const LocalizerParts& parts) {

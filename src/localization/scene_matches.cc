@@ -1,6 +1,7 @@
 #include "raylift/localization/scene_matches.h"
 
 #include <algorithm>
+#include <numeric>
 #include <string>
 #include <tuple>
 #include <unordered_map>
@@ -24,6 +25,17 @@ void SortAndDropRepeated(std::vector<ReferenceMatch>& matches) {
 }
 
 }  // namespace
+
+std::vector<size_t> SampleByName(std::span<const Query> queries, size_t count) {
+  std::vector<size_t> sorted(queries.size());
+  std::iota(sorted.begin(), sorted.end(), size_t{0});
+  std::sort(sorted.begin(), sorted.end(),
+            [&](size_t a, size_t b) { return queries[a].name < queries[b].name; });
+  std::vector<size_t> sample;
+  count = std::min(count, sorted.size());
+  for (size_t i = 0; i < count; ++i) sample.push_back(sorted[i * sorted.size() / count]);
+  return sample;
+}
 
 std::vector<ReferenceMatch> CollectReferenceMatches(std::span<const Query> queries,
                                                     const MatchSource& match_source,

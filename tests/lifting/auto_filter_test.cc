@@ -140,5 +140,45 @@ TEST(FilterByTrust, WhereFewRemainDropsAllOrKeepsTheBest) {
             static_cast<std::ptrdiff_t>(more_than_good));
 }
 
+TEST(PooledNoise, CountsEachView) {
+  EXPECT_FALSE(PooledNoise({}));
+  const std::vector<MultiViewNoise> queries = {{1, 10, 1}, {1, 2, 99}, {5, 50, 0}};
+  const auto pooled = PooledNoise(queries);
+  ASSERT_TRUE(pooled);
+  EXPECT_EQ(pooled->num_views, 100u);
+  EXPECT_DOUBLE_EQ(pooled->keypoints_px, 1);
+  EXPECT_NEAR(pooled->geometry_px, std::sqrt(0.01 * 100 + 0.99 * 4), 1e-12);
+}
+
+TEST(FilterByTrust, WhatTheSceneShowsDecidesWhetherGeometryIsAccurate) {
+  Rng rng = TestRng();
+  const Problem problem = MakeProblem(400, 0.5, rng);
+  const auto points = LiftAll(problem, 0.1, rng);
+  const FilterResult result = FilterByTrust(problem.room.references, problem.matches, points,
+                                            FewPoints::kDropAll, 30, MultiViewNoise{1, 1, 9999});
+  EXPECT_EQ(result.counts.consistent, points.size());
+}
+
+TEST(FilterByTrust, WhereViewsAreTooFewTheSceneDecides) {
+  Rng rng = TestRng();
+  Problem problem = MakeProblem(30, 0.5, rng);
+  for (size_t i = 0; i < problem.matches.size(); ++i) {
+    problem.matches[i].query_px.x() += static_cast<double>(i);  // none is seen twice
+  }
+  const auto points = LiftAll(problem, 0.1, rng);
+  const MultiViewNoise noisy{1, 5, 1000};
+  const auto num_kept = [&](FewPoints few_points, const std::optional<MultiViewNoise>& scene) {
+    return FilterByTrust(problem.room.references, problem.matches, points, few_points, 30, scene)
+        .counts.consistent;
+  };
+  EXPECT_EQ(num_kept(FewPoints::kDropAll, std::nullopt), points.size());
+  EXPECT_EQ(num_kept(FewPoints::kDropAll, MultiViewNoise{1, 1, 1000}), points.size());
+  EXPECT_EQ(num_kept(FewPoints::kKeepBest, noisy), points.size());
+  EXPECT_EQ(num_kept(FewPoints::kDropAll, noisy), 0u);
+  // With one reference there is no estimator that could do without.
+  for (Match2D2D& match : problem.matches) match.reference = 1;
+  EXPECT_EQ(num_kept(FewPoints::kDropAll, noisy), points.size());
+}
+
 }  // namespace
 }  // namespace raylift

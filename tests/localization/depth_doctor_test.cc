@@ -149,7 +149,11 @@ class RgbdSmallDoctor : public ::testing::Test {
     const auto data = FindTestData("rgbd_small");
     if (!data) GTEST_SKIP() << "rgbd_small is not on this machine";
     data_ = *data;
-    const ReferenceSet references = LoadReferences(data_ / "model_ref", 1).references;
+    Load(1);
+  }
+
+  void Load(int every) {
+    const ReferenceSet references = LoadReferences(data_ / "model_ref", every).references;
     const auto queries = ReadQueryList(data_ / "queries_with_intrinsics.txt");
     const auto matches = OpenHlocMatches(
         {data_ / "features.h5", data_ / "matches.h5", data_ / "pairs.txt"}, references, 10);
@@ -181,8 +185,16 @@ TEST_F(RgbdSmallDoctor, IsSilentOnTheRightReading) {
   EXPECT_TRUE(Finds({}, 0, Examine(With("depth_mono_sim"))));
 }
 
+TEST_F(RgbdSmallDoctor, IsSilentWhereReferencesAreFew) {
+  for (const int every : {2, 3, 5}) {
+    Load(every);
+    EXPECT_TRUE(Finds({}, 0, Examine(With("depth_sensor")))) << every;
+    EXPECT_TRUE(Finds({}, 0, Examine(With("depth_mono_sim")))) << every;
+  }
+}
+
 TEST_F(RgbdSmallDoctor, FewMatchesTellGrossErrorsAndRaiseNoFalseAlarm) {
-  const DoctorOptions quick{.max_matches = 1500};
+  const DoctorOptions quick{.max_matches = 1500, .shifts = false};
   const Scene sensor = With("depth_sensor");
   const Scene monocular = With("depth_mono_sim");
   EXPECT_TRUE(Finds({}, 0, Examine(sensor, {}, quick)));

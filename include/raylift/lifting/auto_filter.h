@@ -12,6 +12,9 @@
 // before any view it is 0 with deviation s_g / G, G being the median of g. The point's expected
 // error in a further view, G sqrt(mean^2 + variance), must be of the order of s_n. So a point that
 // no other reference sees well enough is as good as the geometry is on the whole.
+//
+// Whether geometry is accurate is better said by all queries of a scene together than by the few
+// views of one.
 
 #pragma once
 
@@ -28,6 +31,7 @@ namespace raylift {
 struct MultiViewNoise {
   double keypoints_px = 0;
   double geometry_px = 0;  // what wrong depth adds along epipolar lines, at a typical baseline
+  size_t num_views = 0;    // that say so
 };
 
 struct PointTrust {
@@ -45,5 +49,8 @@ struct MultiViewTrust {
 std::optional<MultiViewTrust> EstimateTrust(std::span<const PosedImage> references,
                                             std::span<const Match2D2D> matches_2d2d,
                                             std::span<const Match2D3D> points);
+
+// The noise of a scene from that of its queries, over all of their views. None of none.
+std::optional<MultiViewNoise> PooledNoise(std::span<const MultiViewNoise> of_queries);
 
 }  // namespace raylift

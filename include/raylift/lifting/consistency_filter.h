@@ -47,6 +47,9 @@ struct FilterOptions {
   ConsistencyThresholds thresholds;  // of kFixed
   FewPoints few_points = FewPoints::kDropAll;
   size_t min_points = 30;
+  // Of kAuto: what the scene's queries show together, which says better than one query's views
+  // whether the geometry is accurate.
+  std::optional<MultiViewNoise> scene_noise = std::nullopt;
 };
 
 struct FilterCounts {
@@ -83,6 +86,7 @@ FilterResult FilterByConsistency(std::span<const PosedImage> references,
 FilterResult FilterByTrust(std::span<const PosedImage> references,
                            std::span<const Match2D2D> matches_2d2d,
                            std::span<const Match2D3D> points, FewPoints few_points,
-                           size_t min_points);
+                           size_t min_points,
+                           const std::optional<MultiViewNoise>& scene_noise = std::nullopt);
 
 }  // namespace raylift

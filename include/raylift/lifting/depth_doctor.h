@@ -42,6 +42,7 @@ DoctorInput MakeDoctorInput(const NamedGeometry& geometry, std::span<const Posed
 struct DoctorOptions {
   size_t max_matches = 20000;  // evenly out of all
   double min_sigmas = 5;
+  bool shifts = true;  // also test half a pixel, which takes many matches
   int threads = 0;
 };
 

@@ -64,6 +64,10 @@ struct LocalizerParts {
   CandidateOptions candidates = {};  // merged are those that the filter keeps
   const PoseEstimator& estimator;
 };
+// How noisy the geometry is in the views of some 30 queries, the same ones whatever their order,
+// for the automatic filter (FilterOptions::scene_noise). None where no query tells.
+std::optional<MultiViewNoise> EstimateSceneNoise(std::span<const Query> queries,
+                                                 const LocalizerParts& parts, int threads);
 QueryResult LocalizeQuery(const Query& query, const LocalizerParts& parts);
 
 }  // namespace raylift
