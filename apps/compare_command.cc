@@ -16,6 +16,7 @@
 #include "raylift/comparison/comparison_tables.h"
 #include "raylift/comparison/depth_comparison.h"
 #include "raylift/comparison/localization_comparison.h"
+#include "raylift/comparison/report.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene_matches.h"
@@ -45,7 +46,7 @@ struct CompareFlags {
   std::string filters = "off";
   std::string alignments = "off";
   EstimatorOptions estimator;
-  path out;
+  path out, report, images, query_images;
   RunFlags run;
 };
 
@@ -167,6 +168,12 @@ class CompareRun {
         match_source_ ? CollectReferenceMatches(queries_, *match_source_, loaded_.references,
                                                 flags_.run.threads)
                       : std::vector<ReferenceMatch>();
+    const ReportOptions report_options = ReportOptionsOf();
+    std::unique_ptr<ReportPictures> pictures;
+    if (!flags_.report.empty()) {
+      RequireWritable(flags_.report / "index.html");
+      pictures = std::make_unique<ReportPictures>(sources_, images, truth_, report_options);
+    }
     DepthComparison comparison;
     {
       Progress progress("images", images.size(),
@@ -178,24 +185,53 @@ class CompareRun {
       options.surface_thresholds = flags_.surface_thresholds;
       options.threads = flags_.run.threads;
       options.on_progress = [&progress] { progress.Advance(); };
+      if (pictures) {
+        options.on_views = [&pictures](size_t image, const PosedImage& view,
+                                       std::span<const SourceView> views) {
+          pictures->Take(image, view, views);
+        };
+      }
       comparison = CompareDepth(sources_, images, matches, options);
     }
-    if (!flags_.out.empty()) {
-      WriteFile(flags_.out / "sources.csv", FormatSourcesCsv(comparison));
-      WriteFile(flags_.out / "images.csv", FormatImagesCsv(comparison));
-      WriteFile(flags_.out / "curves.csv", FormatCurvesCsv(comparison));
-      WriteFile(flags_.out / "comparison.json", FormatComparisonJson(comparison));
-      WriteFile(flags_.out / "options.json", options_json);
+    for (const path& folder : {flags_.out, flags_.report}) {
+      if (!folder.empty()) WriteTables(folder, comparison, options_json);
     }
     if (!flags_.run.quiet) fmt::print("{}", FormatComparisonText(comparison));
-    if (!flags_.ground_truth.empty()) CompareByLocalization(matches);
+    std::optional<LocalizationComparison> localization;
+    if (!flags_.ground_truth.empty()) localization = CompareByLocalization(matches);
+    if (pictures) {
+      const std::vector<PosedImage> true_queries =
+          flags_.ground_truth.empty() ? std::vector<PosedImage>()
+                                      : ReadPosedQueries(flags_.ground_truth, flags_.queries);
+      WriteFile(flags_.report / "index.html",
+                FormatReport(comparison, localization ? &*localization : nullptr, *pictures, images,
+                             true_queries, report_options));
+    }
     if (match_source_) {
       for (const std::string& warning : match_source_->Warnings()) PrintWarning(warning);
     }
   }
 
  private:
-  void CompareByLocalization(const std::vector<ReferenceMatch>& matches) const {
+  ReportOptions ReportOptionsOf() const {
+    ReportOptions options;
+    options.title = fmt::format("Raylift: {}", flags_.model.lexically_normal().string());
+    options.images = flags_.images;
+    options.query_images = flags_.query_images.empty() ? flags_.images : flags_.query_images;
+    options.threads = flags_.run.threads;
+    return options;
+  }
+
+  static void WriteTables(const path& folder, const DepthComparison& comparison,
+                          const std::string& options_json) {
+    WriteFile(folder / "sources.csv", FormatSourcesCsv(comparison));
+    WriteFile(folder / "images.csv", FormatImagesCsv(comparison));
+    WriteFile(folder / "curves.csv", FormatCurvesCsv(comparison));
+    WriteFile(folder / "comparison.json", FormatComparisonJson(comparison));
+    WriteFile(folder / "options.json", options_json);
+  }
+
+  LocalizationComparison CompareByLocalization(const std::vector<ReferenceMatch>& matches) const {
     const PosesByName truth = ReadGroundTruth(flags_.ground_truth);
     LocalizationComparison comparison;
     {
@@ -205,11 +241,13 @@ class CompareRun {
           CompareLocalization(sources_, queries_, *match_source_, loaded_.references.images,
                               matches, truth, grid_, [&progress] { progress.Advance(); });
     }
-    if (!flags_.out.empty()) {
-      WriteFile(flags_.out / "localization.csv", FormatLocalizationCsv(comparison));
-      WriteFile(flags_.out / "localization.json", FormatLocalizationJson(comparison));
+    for (const path& folder : {flags_.out, flags_.report}) {
+      if (folder.empty()) continue;
+      WriteFile(folder / "localization.csv", FormatLocalizationCsv(comparison));
+      WriteFile(folder / "localization.json", FormatLocalizationJson(comparison));
     }
     if (!flags_.run.quiet) fmt::print("\n{}", FormatLocalizationText(comparison));
+    return comparison;
   }
 
   void OpenMatches() {
@@ -298,6 +336,16 @@ Command AddCompareCommand(CLI::App& program) {
   command
       ->add_option("--out", flags->out,
                    "Folder for sources.csv, images.csv, curves.csv, comparison.json")
+      ->group("Output");
+  command
+      ->add_option("--report", flags->report,
+                   "Folder for one HTML page to look at (index.html), and the same tables")
+      ->group("Output");
+  command->add_option("--images", flags->images, "Photographs of the references, for the page")
+      ->group("Output");
+  command
+      ->add_option("--query-images", flags->query_images,
+                   "Photographs of the queries, for the page (default: --images)")
       ->group("Output");
   AddRunOptions(*command, flags->run);
   command->footer(

@@ -11,6 +11,7 @@
 #include "raylift/base/file.h"
 #include "raylift/base/text_table.h"
 #include "raylift/comparison/dense_errors.h"
+#include "raylift/comparison/report.h"
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/evaluation/recall.h"
 #include "raylift/evaluation/submission.h"
@@ -33,7 +34,7 @@ struct EvaluateFlags {
   std::string geometry;
   path dcre_csv;
   bool submission = false;
-  path queries, model;
+  path queries, model, report;
   RunFlags run;
 };
 
@@ -122,6 +123,21 @@ void EvaluateDense(const EvaluateFlags& flags, const std::vector<std::string>& n
   fmt::print("{}", FormatDcreText(summaries));
 }
 
+// The page, and the table beside it.
+void WriteReport(const EvaluateFlags& flags, const std::vector<Threshold>& thresholds,
+                 const PosesByName& ground_truth, const std::vector<PosesByName>& estimated,
+                 const ResultTable& table) {
+  std::vector<EvaluatedResult> results;
+  for (size_t i = 0; i < estimated.size(); ++i) {
+    results.push_back({table.results[i], CompareWithGroundTruth(ground_truth, estimated[i]),
+                       MatchNames(ground_truth, estimated[i])});
+  }
+  WriteFile(flags.report / "index.html",
+            FormatEvaluationReport(thresholds, results, ground_truth, "Raylift: results"));
+  WriteFile(flags.report / "table.csv", FormatTableCsv(table));
+  WriteFile(flags.report / "table.json", FormatTableJson(table));
+}
+
 void Run(const EvaluateFlags& flags) {
   const std::vector<Threshold> thresholds = ParseThresholds(flags.thresholds);
   Check(flags);
@@ -130,6 +146,7 @@ void Run(const EvaluateFlags& flags) {
   for (const path& output : {flags.json, flags.csv, flags.dcre_csv}) {
     if (!output.empty()) RequireWritable(output);
   }
+  if (!flags.report.empty()) RequireWritable(flags.report / "index.html");
   const PosesByName ground_truth = ReadGroundTruth(flags.ground_truth);
   std::vector<PosesByName> estimated;
   std::vector<std::string> names;
@@ -146,6 +163,7 @@ void Run(const EvaluateFlags& flags) {
   if (!flags.json.empty()) WriteFile(flags.json, FormatTableJson(table));
   if (!flags.csv.empty()) WriteFile(flags.csv, FormatTableCsv(table));
   if (!flags.run.quiet) fmt::print("{}", FormatTableText(table));
+  if (!flags.report.empty()) WriteReport(flags, thresholds, ground_truth, estimated, table);
   if (!flags.geometry.empty()) EvaluateDense(flags, names, ground_truth, estimated);
 }
 
@@ -168,6 +186,8 @@ Command AddEvaluateCommand(CLI::App& program) {
       ->capture_default_str();
   command->add_option("--json", flags->json, "The table as JSON");
   command->add_option("--csv", flags->csv, "The table as CSV");
+  command->add_option("--report", flags->report,
+                      "Folder for one HTML page to look at (index.html), and the table");
   command
       ->add_option("--geometry", flags->geometry,
                    "Also report how far the scene moves in the images (DCRE): a mesh,\n"

@@ -22,7 +22,10 @@ struct Variant {
   size_t method = 0;
   std::string source, alignment;
   std::vector<PoseEstimate> estimates;
+  std::vector<QueryDetail> details;
 };
+
+constexpr size_t kShownKeypoints = 120;
 
 bool NeedsGeometry(Method method) { return method != Method::kE5p1; }
 
@@ -56,7 +59,10 @@ class Runner {
   }
 
   LocalizationComparison Run(const std::function<void()>& on_progress) {
-    for (Variant& variant : variants_) variant.estimates.resize(queries_.size());
+    for (Variant& variant : variants_) {
+      variant.estimates.resize(queries_.size());
+      variant.details.resize(queries_.size());
+    }
     ParallelFor(queries_.size(), grid_.threads, [&](size_t i) {
       EstimateAll(i);
       if (on_progress) on_progress();
@@ -89,17 +95,24 @@ class Runner {
   void ListVariants() {
     for (size_t m = 0; m < grid_.methods.size(); ++m) {
       if (!NeedsGeometry(grid_.methods[m].method)) {
-        variants_.push_back({std::nullopt, FilterMode::kOff, m, "", "", {}});
+        variants_.push_back({std::nullopt, FilterMode::kOff, m, "", "", {}, {}});
       }
     }
     for (size_t g = 0; g < geometries_.size(); ++g) {
       for (const FilterMode filter : grid_.filters) {
         for (size_t m = 0; m < grid_.methods.size(); ++m) {
           if (!NeedsGeometry(grid_.methods[m].method)) continue;
-          variants_.push_back({g, filter, m, geometries_[g].source, geometries_[g].alignment, {}});
+          variants_.push_back(
+              {g, filter, m, geometries_[g].source, geometries_[g].alignment, {}, {}});
         }
       }
     }
+  }
+
+  // Without filter and alignment: the rows whose keypoints are worth keeping.
+  static bool IsPlain(const Variant& variant) {
+    return variant.filter == FilterMode::kOff &&
+           (variant.alignment.empty() || variant.alignment == ToString(AlignMode::kOff));
   }
 
   FilterOptions FilterOf(const Variant& variant) const {
@@ -126,8 +139,15 @@ class Runner {
     for (Variant& variant : variants_) {
       problem.matches_2d3d =
           variant.geometry ? lifted[*variant.geometry] : std::vector<Match2D3D>();
+      const size_t hit = problem.matches_2d3d.size();
       FilterProblem(FilterOf(variant), problem);
-      variant.estimates[index] = estimators_[variant.method]->Estimate(problem);
+      PoseEstimate& estimate = variant.estimates[index];
+      estimate = estimators_[variant.method]->Estimate(problem);
+      if (const auto pose = truth_.find(query.name); pose != truth_.end()) {
+        variant.details[index] =
+            DescribeQuery(problem, hit, estimate, grid_.methods[variant.method], pose->second,
+                          IsPlain(variant) ? kShownKeypoints : 0);
+      }
     }
   }
 
@@ -143,6 +163,9 @@ class Runner {
       const PoseEstimate& estimate = variant.estimates[i];
       if (ReasonNotLocalized(estimate).empty()) {
         poses.emplace(queries_[i].name, *estimate.cam_from_world);
+      }
+      if (truth_.contains(queries_[i].name)) {
+        row.details.emplace(queries_[i].name, variant.details[i]);
       }
       points.push_back(estimate.score_2d3d.num_inliers);
       matches.push_back(estimate.score_2d2d.num_inliers);
@@ -165,6 +188,7 @@ class Runner {
       LocalizationRow oracle = row;
       oracle.method = "oracle";
       oracle.is_oracle = true;
+      oracle.details.clear();
       oracle.comparison = ChooseByOracle(row.comparison, without_geometry);
       oracles.push_back(std::move(oracle));
     }

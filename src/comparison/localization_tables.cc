@@ -31,6 +31,29 @@ nlohmann::ordered_json ToJson(const Interval& interval) {
   return {number(interval.low), number(interval.high)};
 }
 
+// What the stages left of a query's matches, and why its pose is what it is.
+void AddDetail(const QueryDetail& detail, nlohmann::ordered_json& entry) {
+  entry["retrieved"] = detail.retrieved;
+  entry["matched"] = detail.matched;
+  entry["hit"] = detail.hit;
+  entry["consistent"] = detail.consistent;
+  entry["inliers_2d3d"] = detail.inliers_2d3d;
+  entry["inliers_2d2d"] = detail.inliers_2d2d;
+  entry["solver"] = detail.solver;
+  for (const QueryDetail::Candidate& candidate : detail.candidates) {
+    entry["candidates"].push_back({{"solver", candidate.solver},
+                                   {"position", candidate.error.position},
+                                   {"rotation_deg", candidate.error.rotation_deg},
+                                   {"inliers_2d2d", candidate.inliers_2d2d},
+                                   {"chosen", candidate.chosen}});
+  }
+  for (const QueryDetail::Keypoint& keypoint : detail.keypoints) {
+    entry["keypoints"].push_back({std::round(keypoint.pixel.x() * 10) / 10,
+                                  std::round(keypoint.pixel.y() * 10) / 10,
+                                  keypoint.is_inlier ? 1 : 0});
+  }
+}
+
 }  // namespace
 
 std::string FormatLocalizationText(const LocalizationComparison& comparison) {
@@ -118,10 +141,14 @@ std::string FormatLocalizationJson(const LocalizationComparison& comparison) {
         entry["position"] = query.error->position;
         entry["rotation_deg"] = query.error->rotation_deg;
       }
+      if (const auto detail = row.details.find(query.name); detail != row.details.end()) {
+        AddDetail(detail->second, entry);
+      }
       errors.push_back(std::move(entry));
     }
     const double median = row.summary.median_position;
-    rows.push_back({{"method", row.method},
+    rows.push_back({{"name", row.Name() + (row.is_oracle ? " *" : "")},
+                    {"method", row.method},
                     {"geometry", row.source},
                     {"align", row.alignment},
                     {"filter", row.filter},

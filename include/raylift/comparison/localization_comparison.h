@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <functional>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -13,6 +14,7 @@
 #include <vector>
 
 #include "raylift/comparison/depth_comparison.h"
+#include "raylift/comparison/query_detail.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/evaluation/bootstrap.h"
 #include "raylift/evaluation/pose_errors.h"
@@ -48,8 +50,9 @@ struct LocalizationRow {
   Interval median_position;
   // Per threshold, recall minus that of the best row that is no oracle; noise where it contains 0.
   std::vector<Interval> difference_to_best;
-  bool is_best = false;                // at any threshold
-  std::vector<double> median_inliers;  // 2D-3D and 2D-2D
+  bool is_best = false;                        // at any threshold
+  std::vector<double> median_inliers;          // 2D-3D and 2D-2D
+  std::map<std::string, QueryDetail> details;  // by the query's name; of an oracle: none
 
   std::string Name() const;  // "mesh, off, off, p3p"
 };

@@ -1,0 +1,204 @@
+// The page itself.
+function header() {
+  const page = document.getElementById("page");
+  page.append(element("h1", {}, data.title),
+    element("p", { class: "soft" }, data.subtitle), element("nav", { "aria-label": "Sections" }));
+}
+
+function fillNavigation() {
+  document.querySelector("nav").append(...[...document.querySelectorAll("section[id]")].map((node) =>
+    element("a", { href: `#${node.id}` }, node.querySelector("h2").textContent)));
+}
+
+function sourceSummary() {
+  const node = section("summary", "Summary", data.truth
+    ? `Errors are against ${data.truth}; means over the images. 1, 2, 3: best, second, third.`
+    : "There is no truth: sources are judged by overlapping views and by matches. 1, 2, 3: best, second, third.");
+  node.append(element("div", { class: "grid" }, ...data.sources.map((source, index) =>
+    element("article", { class: "panel" }, element("h3", {}, swatch(index), source.name + (source.is_truth ? " (truth)" : "")),
+      source.findings.length
+        ? element("ul", {}, ...source.findings.map((finding) => element("li", {}, finding.text)))
+        : element("span", { class: "soft" }, source.is_truth ? "taken for the truth" : "nothing to complain of")))));
+  node.append(element("p", {}));
+  const wanted = ["coverage_percent", "abs_rel", "median_abs_rel", "rmse", "delta1_percent", "mae", "edge_accuracy_px",
+    "edge_completeness_px", "normal_median_deg", "consistent_2_percent", "contradicted_percent", "match_median_px", "match_within_4px_percent"];
+  const columns = data.metrics.filter((metric) => wanted.includes(metric.key) && data.sources.some((s) => s.means[metric.key] !== null));
+  const rows = data.sources.map((source, index) => ({ source, index, unranked: source.is_truth }));
+  node.append(sortableTable([
+    { title: "source", value: (row) => row.source.name, better: "neither",
+      node: (row) => element("span", {}, swatch(row.index), row.source.name) },
+    ...columns.map((metric) => ({ title: metric.title, better: metric.better,
+      value: (row) => row.source.means[metric.key], text: (row) => number(row.source.means[metric.key], metric.digits) })),
+  ], rows, { medals: true }));
+  const scored = data.sources.filter((source) => source.surface.length);
+  if (scored.length) {
+    node.append(element("p", {}), element("h3", {}, "Surfaces against the mesh, % within a distance"), sortableTable([
+      { title: "source", value: (s) => s.name },
+      ...scored[0].surface.flatMap((score, k) => ["accuracy", "completeness", "f"].map((what) => ({
+        title: `${what === "f" ? "F" : what} ${number(score.threshold)}`, better: "high",
+        value: (s) => s.surface[k][`${what}_percent`], text: (s) => number(s.surface[k][`${what}_percent`], 1) }))),
+    ], scored, { medals: true }));
+  }
+}
+
+function sourceCurves() {
+  const kinds = [["distance", "distance"], ["incidence_deg", "incidence angle, degrees"], ["edge_distance_px", "distance to a depth edge, px"]];
+  const node = section("curves", "Where the errors are");
+  const measures = [["abs_rel", "AbsRel"], ["mae", "MAE"], ["bias", "relative bias"]];
+  const charts = element("div", { class: "grid" });
+  function draw(which) {
+    const [key, title] = measures[which];
+    charts.replaceChildren();
+    for (const [kind, label] of data.truth ? kinds : []) {
+      const series = data.sources.map((source, index) => ({ index, name: source.name,
+        points: (source.curves[kind] || []).filter((bin) => bin.count > 0).map((bin) => [(bin.from + bin.to) / 2, bin[key]]) }))
+        .filter((line) => line.points.length);
+      charts.append(lineChart(series, { x: label, y: `${title} over ${label}` }));
+    }
+    const matched = data.sources.map((source, index) => ({ index, name: source.name,
+      points: (source.curves.reprojection_px || []).map((bin) => [bin.to, bin.percent]) })).filter((line) => line.points.length);
+    if (matched.length) {
+      charts.append(lineChart(matched, { x: "reprojection error, px (log)", y: "Matches within an error, %", yMin: 0, yMax: 100, log: true }));
+    }
+  }
+  if (data.truth) node.append(element("div", { class: "controls" }, choice("measure", measures.map((m) => m[1]), draw)));
+  node.append(charts);
+  draw(0);
+}
+
+function recallSection(rows, thresholds) {
+  const node = section("localization", "Localization", "Recalls with 95 % intervals (bootstrap over the queries, paired for differences). "
+    + "“noise”: the difference to the best row may be luck. Rows marked * were chosen with the ground truth.");
+  const degrees = [...new Set([...thresholds.map((t) => t.rotation_deg), 2, 5])].sort((a, b) => a - b);
+  const plain = (name) => name.replace(/, off, off( \*)?$/, "$1");
+  const charts = element("div", { class: "grid" });
+  const shown = rows.filter((row) => (row.align || "off") === "off" && (row.filter || "off") === "off").slice(0, 12);
+  function draw(which) {
+    charts.replaceChildren(lineChart(shown.map((row, index) => ({ index, name: plain(row.name), points: recallCurve(row.queries, degrees[which]) })),
+      { x: "position error (log)", y: `Recall over position error, rotation within ${degrees[which]}°`, yMin: 0, yMax: 100, log: true }));
+  }
+  node.append(element("div", { class: "controls" }, choice("rotation within, degrees", degrees.map(String), draw, degrees.length - 1)), charts, element("p", {}));
+  draw(degrees.length - 1);
+  node.append(sortableTable([
+    { title: "method", value: (row) => plain(row.name) },
+    ...thresholds.flatMap((threshold, t) => [
+      { title: `${number(threshold.position)}, ${number(threshold.rotation_deg)}° %`, better: "high",
+        value: (row) => row.recalls[t].percent,
+        text: (row) => number(row.recalls[t].percent, 1) + (row.recalls[t].interval ? ` [${number(row.recalls[t].interval[0], 0)}, ${number(row.recalls[t].interval[1], 0)}]` : "") },
+      ...(rows[0].recalls[t].verdict ? [{ title: "to the best", value: (row) => row.recalls[t].verdict }] : []),
+    ]),
+    { title: "median position", better: "low", value: (row) => row.median_position, text: (row) => number(row.median_position) },
+  ], rows.map((row) => ({ ...row, unranked: row.uses_ground_truth })), { medals: true, tall: rows.length > 16 }));
+}
+
+function funnel(query) {
+  const stages = [["retrieved", query.retrieved], ["matched", query.matched], ["hit", query.hit], ["consistent", query.consistent],
+    ["inliers 2D-3D", query.inliers_2d3d], ["inliers 2D-2D", query.inliers_2d2d]];
+  const most = Math.max(1, ...stages.slice(1).map((stage) => stage[1] || 0));
+  return element("div", { class: "funnel" }, ...stages.flatMap(([name, count]) => [element("span", {}, name),
+    element("i", { style: `width:${Math.min(100, (100 * (count || 0)) / most)}%` }), element("span", {}, String(count ?? "–"))]));
+}
+
+function querySection(rows) {
+  const names = rows[0].queries.map((query) => query.query);
+  const node = section("queries", "Query by query", "What every stage left of the matches, and how far the pose is off.");
+  const place = element("div", { class: "grid" });
+  const first = Math.max(0, rows.findIndex((row) => row.queries[0].candidates), rows.findIndex((row) => row.queries[0].keypoints));
+  const chosen = { query: 0, row: first };
+  function draw() {
+    const row = rows[chosen.row];
+    const query = row.queries[chosen.query];
+    const facts = [query.position === null ? "no pose" : `position error ${number(query.position)}, rotation error ${number(query.rotation_deg)}°`];
+    if (query.solver) facts.push(`the pose comes from ${query.solver}`);
+    for (const candidate of query.candidates || []) {
+      facts.push(`${candidate.solver} candidate: position ${number(candidate.position)}, rotation ${number(candidate.rotation_deg)}°, `
+        + `${candidate.inliers_2d2d} 2D-2D inliers${candidate.chosen ? " (chosen)" : ""}`);
+    }
+    if ((query.candidates || []).length === 2) {
+      facts.push(`Select keeps P3P's pose where it has more than ${row.method.split(":")[1]} times the 2D-2D inliers of E5+1's`);
+    }
+    const cards = [element("article", { class: "panel" }, element("h3", {}, `${query.query}, ${row.name}`),
+      element("ul", {}, ...facts.map((fact) => element("li", {}, fact))), query.retrieved !== undefined ? funnel(query) : null)];
+    const photo = (data.query_photos || {})[query.query];
+    if (photo && query.keypoints) {
+      const drawing = element("div", { class: "photo" }, element("img", { src: photo.uri, alt: `photograph ${query.query}` }));
+      const circles = query.keypoints.map(([x, y, inlier]) => inlier
+        ? `<circle cx="${x}" cy="${y}" r="${photo.width / 130}" fill="none" stroke="#ffab4a" stroke-width="${photo.width / 320}"/>`
+        : `<path d="M${x - photo.width / 200} ${y}h${photo.width / 100}M${x} ${y - photo.width / 200}v${photo.width / 100}" stroke="#56b4e9" stroke-width="${photo.width / 420}"/>`);
+      drawing.insertAdjacentHTML("beforeend", `<svg viewBox="0 0 ${photo.width} ${photo.height}" preserveAspectRatio="none">${circles.join("")}</svg>`);
+      cards.push(element("article", { class: "panel" }, element("h3", {}, "Lifted keypoints: circles are inliers, crosses are not"), drawing));
+    }
+    place.replaceChildren(...cards);
+  }
+  node.append(element("div", { class: "controls" },
+    choice("query", names, (index) => { chosen.query = index; draw(); }),
+    choice("method", rows.map((row) => row.name), (index) => { chosen.row = index; draw(); }, first)), place);
+  draw();
+}
+
+function imageSection() {
+  const node = section("images", "Image by image", "Click a column's title to sort.");
+  const keys = ["coverage_percent", "abs_rel", "median_abs_rel", "scale_error_percent", "warp_percent", "edge_accuracy_px",
+    "consistent_2_percent", "contradicted_percent", "relative_scale_percent", "match_median_px", "match_scale_percent"];
+  const metrics = data.metrics.filter((metric) => keys.includes(metric.key)
+    && data.sources.some((source) => source.images.some((image) => image[metric.key] !== null)));
+  const place = element("div");
+  const draw = (index) => place.replaceChildren(sortableTable([
+    { title: "image", value: (row) => row.image },
+    ...metrics.map((metric) => ({ title: metric.title, better: metric.better, value: (row) => row[metric.key],
+      text: (row) => number(row[metric.key], metric.digits) })),
+  ], [...data.sources[index].images], { tall: true }));
+  const first = data.sources.length > 1 && data.sources[0].is_truth ? 1 : 0;
+  node.append(element("div", { class: "controls" }, choice("source", data.sources.map((source) => source.name), draw, first)), place);
+  draw(first);
+}
+
+function stripSection() {
+  if (!data.strips || data.strips.length === 0) return;
+  const node = section("strips", "Depth side by side",
+    `One colour scale of depth for all: dark is ${number(data.depth_range[0])}, yellow ${number(data.depth_range[1])}; grey is a hole.`
+    + (data.truth ? ` Errors: blue is too near, orange too far, full colour at ${number(100 * data.full_error, 0)} %; histograms cover the same range.` : ""));
+  for (const strip of data.strips) {
+    const tile = (uri, caption, extra) => element("figure", { style: `width:${data.tile_width}px` },
+      element("img", { src: uri, width: data.tile_width, loading: "lazy", alt: caption }), extra || null, element("figcaption", {}, caption));
+    node.append(element("article", { class: "panel strip" }, element("h3", {}, strip.image),
+      element("div", { class: "tiles", tabindex: "0" }, ...(strip.photo ? [tile(strip.photo, "photograph")] : []),
+        ...strip.sources.map((source, index) => tile(source.depth, data.sources[index].name)),
+        ...strip.sources.flatMap((source, index) => (source.error
+          ? [tile(source.error, `${data.sources[index].name}: error`, histogram(source.histogram))] : [])))));
+  }
+}
+
+function sceneSection() {
+  if (!data.scene) return;
+  const node = section("scene", "The scene", "Drag to turn, wheel or pinch to zoom, shift and drag to move; arrow keys work, too.");
+  const canvas = element("canvas", { tabindex: "0", "aria-label": "3D view of points and cameras", id: "scene-view" });
+  const kinds = [...new Set(data.scene.cameras.map((camera) => camera.kind))];
+  const controls = element("div", { class: "controls" });
+  node.append(controls, element("div", {}, canvas));
+  const view = new SceneView(canvas, data.scene);
+  for (const kind of kinds) {
+    const box = element("input", { type: "checkbox", checked: "", onchange: () => {
+      if (box.checked) view.shown.add(kind); else view.shown.delete(kind);
+      view.draw();
+    } });
+    controls.append(element("label", {}, box, ` ${{ reference: "references", true: "true queries", estimated: "estimated queries" }[kind] || kind}`));
+  }
+}
+
+header();
+if (data.sources) {
+  sourceSummary();
+  if (data.truth || data.sources.some((source) => source.curves.reprojection_px)) sourceCurves();
+}
+if (data.rows && data.rows.length) {
+  recallSection(data.rows, data.rows[0].recalls);
+  querySection(data.rows);
+}
+if (data.sources) {
+  imageSection();
+  stripSection();
+}
+sceneSection();
+fillNavigation();
+document.documentElement.dataset.ready = "true";

@@ -1,0 +1,183 @@
+// A view of points and cameras on a canvas: drag to turn, wheel or pinch to zoom, shift-drag to move.
+function decodeFloats(text) {
+  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  return new Float32Array(bytes.buffer);
+}
+function decodeBytes(text) { return Uint8Array.from(atob(text), (c) => c.charCodeAt(0)); }
+
+class SceneView {
+  // scene: {points, colors (base64), cameras: [{kind, name, center, axes (right, down, forward), ratio}]}
+  constructor(canvas, scene) {
+    this.canvas = canvas;
+    this.points = decodeFloats(scene.points);
+    this.colors = decodeBytes(scene.colors);
+    this.cameras = scene.cameras;
+    this.shown = new Set(scene.cameras.map((camera) => camera.kind));
+    this.up = scene.up;
+    const { center, radius } = this.bounds();
+    this.target = center;
+    this.radius = radius;
+    this.distance = 1.9 * radius;
+    this.azimuth = 0.7;
+    this.elevation = 0.55;
+    this.frames = 0;
+    this.listen();
+    new ResizeObserver(() => this.draw()).observe(canvas);
+    this.draw();
+  }
+
+  bounds() {
+    const axes = [[], [], []];
+    for (let i = 0; i < this.points.length; ++i) axes[i % 3].push(this.points[i]);
+    for (const camera of this.cameras) camera.center.forEach((value, axis) => axes[axis].push(value));
+    const center = [], half = [];
+    for (const values of axes) {
+      values.sort((a, b) => a - b);
+      const low = values[Math.floor(0.02 * (values.length - 1))] || 0;
+      const high = values[Math.ceil(0.98 * (values.length - 1))] || 0;
+      center.push((low + high) / 2);
+      half.push((high - low) / 2);
+    }
+    return { center, radius: Math.hypot(...half) || 1 };
+  }
+
+  listen() {
+    const pointers = new Map();
+    const canvas = this.canvas;
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      pointers.set(event.pointerId, [event.clientX, event.clientY]);
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      const before = pointers.get(event.pointerId);
+      if (!before) return;
+      const dx = event.clientX - before[0], dy = event.clientY - before[1];
+      const others = [...pointers].filter(([id]) => id !== event.pointerId).map(([, place]) => place);
+      if (others.length > 0) {
+        const span = (place) => Math.hypot(place[0] - others[0][0], place[1] - others[0][1]) || 1;
+        this.distance *= span(before) / span([event.clientX, event.clientY]);
+      } else if (event.shiftKey) {
+        this.move(-dx, -dy);
+      } else {
+        this.azimuth -= dx * 0.008;
+        this.elevation = Math.max(-1.5, Math.min(1.5, this.elevation + dy * 0.008));
+      }
+      pointers.set(event.pointerId, [event.clientX, event.clientY]);
+      this.draw();
+    });
+    for (const name of ["pointerup", "pointercancel"]) {
+      canvas.addEventListener(name, (event) => pointers.delete(event.pointerId));
+    }
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.distance *= Math.exp(event.deltaY * 0.001);
+      this.draw();
+    }, { passive: false });
+    canvas.addEventListener("keydown", (event) => {
+      const turn = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+      if (turn) {
+        this.azimuth += 0.1 * turn[0];
+        this.elevation = Math.max(-1.5, Math.min(1.5, this.elevation + 0.1 * turn[1]));
+      } else if (event.key === "+" || event.key === "-") {
+        this.distance *= event.key === "+" ? 0.9 : 1.1;
+      } else {
+        return;
+      }
+      event.preventDefault();
+      this.draw();
+    });
+  }
+
+  // The viewer's right, down and forward axes.
+  axes() {
+    const [u, v, w] = this.up; // the world's axes: two level ones and the one that points up
+    const level = (i) => Math.cos(this.azimuth) * u[i] + Math.sin(this.azimuth) * v[i];
+    const across = (i) => -Math.sin(this.azimuth) * u[i] + Math.cos(this.azimuth) * v[i];
+    const sin = Math.sin(this.elevation), cos = Math.cos(this.elevation);
+    return [
+      [0, 1, 2].map((i) => across(i)),
+      [0, 1, 2].map((i) => sin * level(i) - cos * w[i]),
+      [0, 1, 2].map((i) => -cos * level(i) - sin * w[i]),
+    ];
+  }
+
+  move(dx, dy) {
+    const [right, down] = this.axes();
+    const unit = this.distance / this.canvas.clientHeight;
+    for (let i = 0; i < 3; ++i) this.target[i] += unit * (dx * right[i] + dy * down[i]);
+  }
+
+  draw() {
+    if (this.pending) return;
+    this.pending = true;
+    requestAnimationFrame(() => {
+      this.pending = false;
+      this.paint();
+    });
+  }
+
+  paint() {
+    const canvas = this.canvas;
+    const scale = Math.min(2, window.devicePixelRatio || 1);
+    const width = Math.max(1, Math.round(canvas.clientWidth * scale));
+    const height = Math.max(1, Math.round(canvas.clientHeight * scale));
+    if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
+    const context = canvas.getContext("2d");
+    const image = context.createImageData(width, height);
+    const pixels = new Uint32Array(image.data.buffer).fill(0xff171310);
+    const depths = new Float32Array(width * height).fill(Infinity);
+    const [right, down, forward] = this.axes();
+    const eye = this.target.map((t, i) => t - this.distance * forward[i]);
+    const focal = 1.1 * Math.min(width, height);
+    this.project = (p) => {
+      const d = [p[0] - eye[0], p[1] - eye[1], p[2] - eye[2]];
+      const dot = (a) => a[0] * d[0] + a[1] * d[1] + a[2] * d[2];
+      const z = dot(forward);
+      return z > 1e-6 * this.radius ? [width / 2 + (focal * dot(right)) / z, height / 2 + (focal * dot(down)) / z, z] : null;
+    };
+    const size = Math.max(1, Math.round(1.4 * scale));
+    for (let i = 0; i < this.points.length; i += 3) {
+      const place = this.project([this.points[i], this.points[i + 1], this.points[i + 2]]);
+      if (!place) continue;
+      const x = Math.round(place[0]), y = Math.round(place[1]);
+      const color = 0xff000000 | (this.colors[i + 2] << 16) | (this.colors[i + 1] << 8) | this.colors[i];
+      for (let v = y; v < y + size; ++v) {
+        for (let u = x; u < x + size; ++u) {
+          if (u < 0 || v < 0 || u >= width || v >= height) continue;
+          const at = v * width + u;
+          if (place[2] < depths[at]) { depths[at] = place[2]; pixels[at] = color; }
+        }
+      }
+    }
+    context.putImageData(image, 0, 0);
+    context.lineWidth = 1.5 * scale;
+    for (const camera of this.cameras) if (this.shown.has(camera.kind)) this.paintCamera(context, camera);
+    this.frames += 1;
+    canvas.dataset.frames = this.frames;
+  }
+
+  paintCamera(context, camera) {
+    const length = 0.05 * this.radius;
+    const corner = (x, y) => [0, 1, 2].map((i) => camera.center[i] + length *
+      (x * camera.axes[0][i] + y * camera.ratio * camera.axes[1][i] + 1.2 * camera.axes[2][i]));
+    const corners = [corner(-0.7, -0.7), corner(0.7, -0.7), corner(0.7, 0.7), corner(-0.7, 0.7)].map(this.project);
+    const center = this.project(camera.center);
+    if (!center || corners.some((c) => !c)) return;
+    context.strokeStyle = SceneView.colorOf(camera.kind);
+    context.beginPath();
+    corners.forEach((c, i) => {
+      context.moveTo(center[0], center[1]);
+      context.lineTo(c[0], c[1]);
+      context.lineTo(...corners[(i + 1) % 4].slice(0, 2));
+    });
+    if (camera.from) {
+      const from = this.project(camera.from);
+      if (from) { context.moveTo(center[0], center[1]); context.lineTo(from[0], from[1]); }
+    }
+    context.stroke();
+  }
+
+  static colorOf(kind) {
+    return { reference: "#9aa5b1", true: "#56d3a5", estimated: "#ffab4a" }[kind] || "#ffffff";
+  }
+}

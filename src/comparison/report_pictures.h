@@ -1,0 +1,30 @@
+// Small pictures of depth and its errors, as they stand in an HTML page.
+
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "raylift/scene/depth_map.h"
+#include "raylift/scene/image.h"
+
+namespace raylift {
+
+// Dark blue (near) to yellow (far), even in brightness and for the colour blind; holes are grey.
+Image ColorizeDepth(const DepthMap& map, double near, double far);
+
+// ln(estimated / true): blue where the estimate is too near, orange where it is too far, white
+// where it is right, full colour from `full` on; grey where one of them is unknown.
+Image ColorizeError(const DepthMap& estimated, const DepthMap& truth, double full);
+
+// Counts of ln(estimated / true) in `bins` equal bins over [-full, full]; the ends hold the rest.
+std::vector<int> ErrorHistogram(const DepthMap& estimated, const DepthMap& truth, double full,
+                                int bins);
+
+// "data:image/jpeg;base64,...", shrunk to at most this width.
+std::string JpegDataUri(const Image& image, int max_width_px);
+
+std::string EncodeBase64(std::string_view bytes);
+
+}  // namespace raylift

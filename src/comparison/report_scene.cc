@@ -1,0 +1,81 @@
+#include "report_scene.h"
+
+#include <cmath>
+#include <cstring>
+
+#include "report_pictures.h"
+
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+// Short numbers: five digits are plenty for a drawing.
+Json ToJson(const Eigen::Vector3d& v) {
+  Json json = Json::array();
+  for (const double value : {v.x(), v.y(), v.z()}) {
+    json.push_back(std::round(value * 1e5) / 1e5);
+  }
+  return json;
+}
+
+}  // namespace
+
+void SceneJson::AddPoint(const Eigen::Vector3d& point_in_world,
+                         const std::array<uint8_t, 3>& color_rgb) {
+  points_.push_back(point_in_world);
+  for (const uint8_t channel : color_rgb) colors_ += static_cast<char>(channel);
+}
+
+void SceneJson::AddCamera(const std::string& kind, const PosedImage& image,
+                          const std::optional<Eigen::Vector3d>& from) {
+  cameras_.push_back({kind, image.name, image.cam_from_world,
+                      static_cast<double>(image.camera.height_px()) / image.camera.width_px(),
+                      from});
+}
+
+void SceneJson::AddCamera(const std::string& kind, const std::string& name,
+                          const Rigid3& cam_from_world,
+                          const std::optional<Eigen::Vector3d>& from) {
+  constexpr double kUsualRatio = 0.75;
+  cameras_.push_back({kind, name, cam_from_world, kUsualRatio, from});
+}
+
+Json SceneJson::Build() const {
+  const Eigen::Vector3d origin =
+      cameras_.empty() ? Eigen::Vector3d::Zero() : cameras_.front().cam_from_world.OriginInSource();
+  std::string floats;
+  for (const Eigen::Vector3d& point : points_) {
+    const Eigen::Vector3f relative = (point - origin).cast<float>();
+    char bytes[sizeof(float) * 3];
+    std::memcpy(bytes, relative.data(), sizeof(bytes));
+    floats.append(bytes, sizeof(bytes));
+  }
+  Eigen::Vector3d up = Eigen::Vector3d::Zero();
+  nlohmann::ordered_json cameras = nlohmann::ordered_json::array();
+  for (const Camera3D& camera : cameras_) {
+    const Eigen::Matrix3d axes = camera.cam_from_world.rotation.toRotationMatrix();
+    up -= axes.row(1).transpose();
+    nlohmann::ordered_json json = {
+        {"kind", camera.kind},
+        {"name", camera.name},
+        {"center", ToJson(camera.cam_from_world.OriginInSource() - origin)},
+        {"axes",
+         {ToJson(axes.row(0).transpose()), ToJson(axes.row(1).transpose()),
+          ToJson(axes.row(2).transpose())}},
+        {"ratio", camera.ratio}};
+    if (camera.from) json["from"] = ToJson(*camera.from - origin);
+    cameras.push_back(std::move(json));
+  }
+  if (!(up.norm() > 0)) up = Eigen::Vector3d::UnitZ();
+  up.normalize();
+  const Eigen::Vector3d first = up.unitOrthogonal();
+  return {{"points", EncodeBase64(floats)},
+          {"colors", EncodeBase64(colors_)},
+          {"cameras", cameras},
+          {"up", {ToJson(first), ToJson(up.cross(first)), ToJson(up)}}};
+}
+
+}  // namespace raylift

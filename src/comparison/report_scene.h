@@ -1,0 +1,44 @@
+// Points and cameras for the page's 3D view.
+
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+#include <nlohmann/json.hpp>
+
+#include "raylift/scene/posed_image.h"
+
+namespace raylift {
+
+class SceneJson {
+ public:
+  void AddPoint(const Eigen::Vector3d& point_in_world, const std::array<uint8_t, 3>& color_rgb);
+  // `kind`: "reference", "true", "estimated". `from`: where a line to the camera starts.
+  void AddCamera(const std::string& kind, const PosedImage& image,
+                 const std::optional<Eigen::Vector3d>& from = std::nullopt);
+  // For poses without intrinsics.
+  void AddCamera(const std::string& kind, const std::string& name, const Rigid3& cam_from_world,
+                 const std::optional<Eigen::Vector3d>& from = std::nullopt);
+
+  // Coordinates are relative to the first camera, so that float is enough for any world.
+  nlohmann::ordered_json Build() const;
+
+ private:
+  struct Camera3D {
+    std::string kind, name;
+    Rigid3 cam_from_world;
+    double ratio;  // of height to width
+    std::optional<Eigen::Vector3d> from;
+  };
+  std::vector<Eigen::Vector3d> points_;
+  std::string colors_;
+  std::vector<Camera3D> cameras_;
+};
+
+}  // namespace raylift

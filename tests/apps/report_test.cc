@@ -1,0 +1,171 @@
+// The report's page in a real browser: no errors, tables sort, the 3D view turns.
+
+#include "program.h"
+#include "support/test_data.h"
+#include <gmock/gmock.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/file.h"
+#include "raylift/io/query_list.h"
+
+namespace raylift {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+constexpr std::string_view kCollectErrors = R"html(<script>
+window.found = { errors: [] };
+window.addEventListener("error", (event) => window.found.errors.push(event.message));
+console.error = (...what) => window.found.errors.push(what.join(" "));
+</script>)html";
+
+constexpr std::string_view kProbe = R"html(<script>
+setTimeout(() => {
+  const found = window.found;
+  found.ready = document.documentElement.dataset.ready;
+  found.sections = [...document.querySelectorAll("section")].map((node) => node.id);
+  found.wide = document.documentElement.scrollWidth > window.innerWidth;
+  const table = document.querySelector("#images table, #localization table");
+  const column = () => [...table.querySelectorAll("tbody tr td:nth-child(2)")].map((cell) => parseFloat(cell.textContent));
+  const button = table.querySelectorAll("th button")[1];
+  button.click();
+  found.once = column();
+  button.click();
+  found.twice = column();
+  const canvas = document.querySelector("canvas");
+  const pixels = () => [...canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data].join();
+  const before = pixels();
+  const point = (type, x) => canvas.dispatchEvent(new PointerEvent(type, { pointerId: 1, clientX: x, clientY: 50, bubbles: true }));
+  canvas.setPointerCapture = () => {};
+  point("pointerdown", 50); point("pointermove", 150); point("pointerup", 150);
+  setTimeout(() => {
+    found.turned = pixels() !== before;
+    const result = document.createElement("pre");
+    result.id = "found";
+    result.textContent = "FOUND" + JSON.stringify(found) + "END";
+    document.body.append(result);
+  }, 500);
+}, 500);
+</script>)html";
+
+// Opens the page with a probe in it and returns what the probe found.
+nlohmann::json Probe(const fs::path& page, int width_px) {
+  std::string html = ReadFile(page);
+  html.insert(html.find("<main"), kCollectErrors);
+  html.insert(html.rfind("</body>"), kProbe);
+  const fs::path probed = page.parent_path() / "probed.html";
+  WriteFile(probed, html);
+  const fs::path profile = page.parent_path() / "profile";
+  const CommandResult result =
+      RunCommand({"/usr/bin/chromium", "--headless=new", "--no-sandbox", "--disable-gpu",
+                  "--disable-dev-shm-usage", "--user-data-dir=" + profile.string(),
+                  "--window-size=" + std::to_string(width_px) + ",900",
+                  "--virtual-time-budget=8000", "--dump-dom", "file://" + probed.string()});
+  const size_t begin = result.out.rfind("FOUND{"), end = result.out.rfind("END");
+  if (begin == std::string::npos || end == std::string::npos) {
+    return {{"errors", {"the probe did not end: " + result.err}}};
+  }
+  std::string json = result.out.substr(begin + 5, end - begin - 5);
+  for (size_t at = 0; (at = json.find("&amp;", at)) != std::string::npos;) json.erase(at + 1, 4);
+  return nlohmann::json::parse(json);
+}
+
+void ExpectWorks(const nlohmann::json& found) {
+  EXPECT_EQ(found["errors"], nlohmann::json::array());
+  ASSERT_EQ(found.value("ready", ""), "true");
+  EXPECT_FALSE(found["wide"]) << "the page is wider than the window";
+  const auto once = found["once"].get<std::vector<double>>();
+  auto twice = found["twice"].get<std::vector<double>>();
+  EXPECT_TRUE(std::is_sorted(once.begin(), once.end()) ||
+              std::is_sorted(once.rbegin(), once.rend()));
+  std::reverse(twice.begin(), twice.end());
+  EXPECT_EQ(once, twice);
+  EXPECT_TRUE(found["turned"]);
+}
+
+class Report : public ::testing::Test {
+ protected:
+  const RoomScene scene_ = WriteRoomScene(TestFolder(), {.pictures = true});
+  const fs::path folder_ = scene_.folder / "report";
+
+  // A comparison with everything that the page can show.
+  void Compare() {
+    const std::string mesh = "mesh:" + scene_.mesh().string();
+    const fs::path worse = scene_.folder / "worse";
+    ASSERT_TRUE(Succeeds(
+        RunRaylift({"perturb", "--model", scene_.model(), "--geometry", mesh, "--out", worse,
+                    "--scale", "1.1", "--relative-noise", "0.01", "--holes", "0.1", "--quiet"})));
+    ASSERT_TRUE(Succeeds(RunRaylift({"compare",
+                                     "--model",
+                                     scene_.model(),
+                                     "--geometry",
+                                     "mesh=" + mesh,
+                                     "--geometry",
+                                     "</script><b>worse=depth:" + worse.string(),
+                                     "--truth",
+                                     "mesh",
+                                     "--max-side",
+                                     "160",
+                                     "--queries",
+                                     scene_.query_list(),
+                                     "--features",
+                                     scene_.features(),
+                                     "--matches",
+                                     scene_.matches(),
+                                     "--pairs",
+                                     scene_.pairs(),
+                                     "--ground-truth",
+                                     scene_.truth(),
+                                     "--methods",
+                                     "p3p,e5p1,select:0.8",
+                                     "--images",
+                                     scene_.images(),
+                                     "--report",
+                                     folder_})));
+  }
+};
+
+TEST_F(Report, IsOneFileThatNeedsNoNetwork) {
+  Compare();
+  const std::string page = ReadFile(folder_ / "index.html");
+  EXPECT_THAT(page, Not(HasSubstr("http:")));
+  EXPECT_THAT(page, Not(HasSubstr("https:")));
+  EXPECT_THAT(page, Not(HasSubstr("</script><b>")));
+  EXPECT_LT(page.size(), 15u << 20);
+  EXPECT_EQ(FilesBelow(folder_),
+            (std::vector<std::string>{"comparison.json", "curves.csv", "images.csv", "index.html",
+                                      "localization.csv", "localization.json", "options.json",
+                                      "sources.csv"}));
+}
+
+TEST_F(Report, WorksInABrowserOfAnyWidth) {
+  if (!HasProgram("/usr/bin/chromium")) GTEST_SKIP() << "chromium is not installed";
+  Compare();
+  for (const int width_px : {1280, 500}) {
+    const auto found = Probe(folder_ / "index.html", width_px);
+    ExpectWorks(found);
+    EXPECT_EQ(found["sections"], nlohmann::json({"summary", "curves", "localization", "queries",
+                                                 "images", "strips", "scene"}));
+  }
+}
+
+TEST_F(Report, OfAnEvaluationWorksInABrowser) {
+  if (!HasProgram("/usr/bin/chromium")) GTEST_SKIP() << "chromium is not installed";
+  const fs::path poses = scene_.folder / "poses.txt";
+  Rigid3 moved = scene_.queries[0].cam_from_world;
+  moved.translation.x() += 0.05;
+  WritePoseFile(poses, {{scene_.queries[0].name, moved}});
+  const fs::path good = scene_.folder / "good.txt";
+  WritePoseFile(good, {{scene_.queries[0].name, scene_.queries[0].cam_from_world},
+                       {scene_.queries[1].name, scene_.queries[1].cam_from_world}});
+  ASSERT_TRUE(Succeeds(RunRaylift({"evaluate", "--ground-truth", scene_.truth(), "--poses", poses,
+                                   good, "--report", folder_})));
+  const auto found = Probe(folder_ / "index.html", 1280);
+  ExpectWorks(found);
+  EXPECT_EQ(found["sections"], nlohmann::json({"localization", "queries", "scene"}));
+}
+
+}  // namespace
+}  // namespace raylift
