@@ -47,7 +47,8 @@ T TakeWord(SpecKeys& keys, const std::string& key,
   std::string names;
   for (const auto& [name, value] : words) {
     if (name == *text) return value;
-    names += (names.empty() ? "" : "|") + std::string(name);
+    if (!names.empty()) names += '|';
+    names += name;
   }
   keys.Fail(fmt::format("expected {}={}", key, names));
 }
