@@ -21,5 +21,6 @@ Command AddEvaluateCommand(CLI::App& program);
 Command AddPerturbCommand(CLI::App& program);
 Command AddRenderCommand(CLI::App& program);
 Command AddCompareCommand(CLI::App& program);
+Command AddViewsCommand(CLI::App& program);
 
 }  // namespace raylift

@@ -13,18 +13,6 @@
 namespace raylift {
 namespace {
 
-PlaneSize ParseSize(std::string_view option, const std::string& text) {
-  constexpr int64_t kMaxSide = 1 << 16;
-  const auto sides = SplitBy(text, 'x');
-  const auto width = ParseInt(sides.front());
-  const auto height = ParseInt(sides.back());
-  if (sides.size() != 2 || !width || !height || *width < 1 || *height < 1 || *width > kMaxSide ||
-      *height > kMaxSide) {
-    throw OptionError(option, text, fmt::format("expected WIDTHxHEIGHT of 1 to {}", kMaxSide));
-  }
-  return {static_cast<int>(*width), static_cast<int>(*height)};
-}
-
 Product ResolveProduct(std::string_view option, const std::string& name) {
   const auto product = ProductFromName(name);
   if (!product) {

@@ -56,4 +56,21 @@ std::vector<View> ReadViewList(const std::filesystem::path& path) {
   return views;
 }
 
+Camera ParseCamera(const std::string& what, const std::string& text) {
+  const LineReader lines(what, "");
+  LineTokens tokens(lines, text);
+  return tokens.CameraToEnd();
+}
+
+std::vector<Eigen::Vector3d> ReadPointList(const std::filesystem::path& path) {
+  std::vector<Eigen::Vector3d> points;
+  LineReader lines(path);
+  while (const auto line = lines.NextContent()) {
+    LineTokens tokens(lines, *line);
+    points.push_back(tokens.Vector<3>("point"));
+    tokens.ExpectEnd();
+  }
+  return points;
+}
+
 }  // namespace raylift

@@ -10,6 +10,7 @@
 #include <fnmatch.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
 #include "raylift/lifting/depth_convention.h"
@@ -80,6 +81,17 @@ std::string StemOf(const std::string& name, const std::string& pattern) {
 }
 
 }  // namespace
+
+PlaneSize ParseSize(std::string_view option, const std::string& text) {
+  const auto sides = SplitBy(text, 'x');
+  const auto width = ParseInt(sides.front());
+  const auto height = ParseInt(sides.back());
+  if (sides.size() != 2 || !width || !height || *width < 1 || *height < 1 || *width > kMaxSide ||
+      *height > kMaxSide) {
+    throw OptionError(option, text, fmt::format("expected WIDTHxHEIGHT of 1 to {}", kMaxSide));
+  }
+  return {static_cast<int>(*width), static_cast<int>(*height)};
+}
 
 std::vector<View> ReadModelViews(const std::filesystem::path& model,
                                  std::vector<std::string>& warnings) {

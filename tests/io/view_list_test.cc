@@ -43,5 +43,23 @@ TEST(ViewList, WrongLinesAreNamed) {
   EXPECT_TRUE(FailsWithInputError([&] { ReadViewList(file); }, {"line 2", "\"a\" stands twice"}));
 }
 
+TEST(PointList, HoldsPointsAndNamesWrongLines) {
+  const auto file = TestFolder() / "line.txt";
+  WriteFile(file, "# x y z\n1 2 3\n\n4 5 -6e1\n");
+  const auto points = ReadPointList(file);
+  ASSERT_EQ(points.size(), 2u);
+  EXPECT_EQ(points[1], Eigen::Vector3d(4, 5, -60));
+  WriteFile(file, "1 2\n");
+  EXPECT_TRUE(FailsWithInputError([&] { ReadPointList(file); }, {"line.txt", "line 1", "point"}));
+  WriteFile(file, "1 2 3 4\n");
+  EXPECT_TRUE(FailsWithInputError([&] { ReadPointList(file); }, {"line.txt", "line 1"}));
+}
+
+TEST(ParseCamera, TakesWhatListsHold) {
+  EXPECT_EQ(ParseCamera("--camera", " PINHOLE 64 48  50 51 32 24").ToString(),
+            "PINHOLE 64 48 50 51 32 24");
+  EXPECT_TRUE(FailsWithInputError([] { ParseCamera("--camera", "PINHOLE 64"); }, {"--camera"}));
+}
+
 }  // namespace
 }  // namespace raylift

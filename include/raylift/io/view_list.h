@@ -3,7 +3,10 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 #include <vector>
+
+#include <Eigen/Core>
 
 #include "raylift/scene/view.h"
 
@@ -13,5 +16,11 @@ namespace raylift {
 // camera, followed by one of COLMAP's cameras, or by EQUIRECTANGULAR width height); `#` comments
 // and empty lines are skipped. InputError for anything else, and for a name that stands twice.
 std::vector<View> ReadViewList(const std::filesystem::path& path);
+
+// "MODEL width height params..." as in the lists. InputError naming `what` for anything else.
+Camera ParseCamera(const std::string& what, const std::string& text);
+
+// Lines `x y z`; `#` comments and empty lines are skipped.
+std::vector<Eigen::Vector3d> ReadPointList(const std::filesystem::path& path);
 
 }  // namespace raylift

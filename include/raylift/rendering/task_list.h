@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "raylift/io/depth_file.h"
@@ -12,6 +13,9 @@
 #include "raylift/scene/view.h"
 
 namespace raylift {
+
+// "WIDTHxHEIGHT"; OptionError naming the option for anything else.
+PlaneSize ParseSize(std::string_view option, const std::string& text);
 
 struct TaskSelection {
   std::filesystem::path list = {};  // only the images in this list; empty: all

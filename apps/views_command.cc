@@ -1,0 +1,278 @@
+// raylift views: camera poses on a mesh, for scenes without photographs.
+
+#include <array>
+#include <cmath>
+#include <memory>
+#include <numbers>
+#include <optional>
+
+#include "commands.h"
+#include "options.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/text.h"
+#include "raylift/io/colmap_model.h"
+#include "raylift/io/image_file.h"
+#include "raylift/io/view_list.h"
+#include "raylift/rendering/contact_sheet.h"
+#include "raylift/rendering/mesh_scene.h"
+#include "raylift/rendering/sampled_model.h"
+#include "raylift/rendering/task_list.h"
+#include "raylift/rendering/view_sampler.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+struct ViewsFlags {
+  std::vector<std::string> geometry;
+  std::string mode = "inside";
+  path line;
+  int count = 48;
+  std::string camera, size = "640x480";
+  double fov_deg = 75;
+  std::string up = "z";
+  bool level = false;
+  double clearance = 0.3;
+  uint64_t seed = 0;
+  bool any_side = false;
+  InsideOptions inside;
+  AroundOptions around;
+  std::string distance;
+  int rig_cameras = 1;
+  bool text = false;
+  path out;
+  bool preview = false;
+  RunFlags run;
+};
+
+Eigen::Vector3d ParseUp(const std::string& text) {
+  constexpr std::array<std::string_view, 3> kAxes = {"x", "y", "z"};
+  for (int axis = 0; axis < 3; ++axis) {
+    const std::string name(kAxes[static_cast<size_t>(axis)]);
+    if (text == name) return Eigen::Vector3d::Unit(axis);
+    if (text == "-" + name) return -Eigen::Vector3d::Unit(axis);
+  }
+  const auto parts = SplitBy(text, ',');
+  Eigen::Vector3d up = Eigen::Vector3d::Zero();
+  for (size_t i = 0; parts.size() == 3 && i < 3; ++i) {
+    up[static_cast<int>(i)] = ParseDouble(parts[i]).value_or(std::nan(""));
+  }
+  if (!up.allFinite() || up.norm() == 0) {
+    throw OptionError("--up", text, "expected x|y|z|-x|-y|-z or X,Y,Z");
+  }
+  return up;
+}
+
+Camera ResolveCamera(const ViewsFlags& flags) {
+  if (!flags.camera.empty()) {
+    try {
+      return ParseCamera("--camera", flags.camera);
+    } catch (const InputError&) {
+      throw OptionError("--camera", flags.camera,
+                        "expected \"MODEL width height params...\" of one of COLMAP's models");
+    }
+  }
+  if (!(flags.fov_deg > 0 && flags.fov_deg < 180)) {
+    throw OptionError("--fov-deg", FormatDouble(flags.fov_deg), "must be above 0 and below 180");
+  }
+  const PlaneSize size = ParseSize("--size", flags.size);
+  const double focal_px =
+      0.5 * size.width_px / std::tan(0.5 * flags.fov_deg * std::numbers::pi / 180);
+  const double params[] = {focal_px, focal_px, 0.5 * size.width_px, 0.5 * size.height_px};
+  return {CameraModel::kPinhole, size.width_px, size.height_px, params};
+}
+
+void RequirePositive(std::string_view name, double value) {
+  if (!(value > 0)) throw OptionError(name, FormatDouble(value), "must be positive");
+}
+
+void Check(const ViewsFlags& flags) {
+  flags.run.Check();
+  if (flags.mode != "inside" && flags.mode != "around" && flags.mode != "along") {
+    throw OptionError("--mode", flags.mode, "expected inside|around|along");
+  }
+  if (flags.line.empty() != (flags.mode != "along")) {
+    throw OptionError("--line and --mode along go together");
+  }
+  RequirePositive("--count", flags.count);
+  RequirePositive("--rig-cameras", flags.rig_cameras);
+  RequirePositive("--eye-height", flags.inside.eye_height);
+  RequirePositive("--max-step", flags.inside.max_step);
+  if (!(flags.clearance >= 0)) {
+    throw OptionError("--clearance", FormatDouble(flags.clearance), "must not be negative");
+  }
+  if (!(std::abs(flags.inside.look_down_deg) < 90)) {
+    throw OptionError("--look-down-deg", FormatDouble(flags.inside.look_down_deg),
+                      "must be above -90 and below 90");
+  }
+  if (!(flags.inside.min_coverage >= 0 && flags.inside.min_coverage <= 1)) {
+    throw OptionError("--min-coverage", FormatDouble(flags.inside.min_coverage), "must be 0 to 1");
+  }
+  const double low = flags.around.min_elevation_deg;
+  const double high = flags.around.max_elevation_deg;
+  if (!(low >= -90 && low <= high && high <= 90)) {
+    throw OptionError("--min-elevation-deg", FormatDouble(low),
+                      "expected -90 <= --min-elevation-deg <= --max-elevation-deg <= 90");
+  }
+}
+
+AroundOptions ResolveAround(const ViewsFlags& flags) {
+  AroundOptions around = flags.around;
+  if (!flags.distance.empty()) {
+    const auto distance = ParseDouble(flags.distance);
+    if (!distance || !(*distance > 0) || !std::isfinite(*distance)) {
+      throw OptionError("--distance", flags.distance, "must be a positive number");
+    }
+    around.distance = *distance;
+  }
+  return around;
+}
+
+SampledViews Sample(const ViewsFlags& flags, const RayCaster& mesh,
+                    const ViewSamplerOptions& options, const AroundOptions& around) {
+  if (flags.mode == "around") return SampleAround(mesh, options, around);
+  if (flags.mode == "along") return SampleAlong(mesh, options, ReadPointList(flags.line));
+  return SampleInside(mesh, options, flags.inside);
+}
+
+void Run(const ViewsFlags& flags) {
+  Check(flags);
+  ViewSamplerOptions options{.camera = ResolveCamera(flags),
+                             .count = flags.count,
+                             .up_in_world = ParseUp(flags.up),
+                             .clearance = flags.clearance,
+                             .seed = flags.seed,
+                             .any_side = flags.any_side};
+  const AroundOptions around = ResolveAround(flags);
+  const MeshScene scene = LoadMeshScene(flags.geometry, [](const std::string&) {});
+  for (const std::string& warning : scene.warnings) PrintWarning(warning);
+  if (flags.level) options.up_in_world = LevelUp(scene.caster->mesh(), options.up_in_world);
+  const SampledViews views = Sample(flags, *scene.caster, options, around);
+  for (const std::string& warning : views.warnings) PrintWarning(warning);
+  const ColmapModel model =
+      MakeSampledModel(options.camera, views.cam_from_world, flags.rig_cameras);
+  WriteColmapModel(flags.out, model, flags.text ? ColmapForm::kText : ColmapForm::kBinary);
+  if (flags.preview) {
+    std::vector<View> shown;
+    for (const PosedImage& image : model.PosedImages()) {
+      shown.push_back({image.name, image.camera, image.cam_from_world});
+    }
+    WriteImage(flags.out / "preview.png", MakeContactSheet(scene.caster, shown, flags.run.threads));
+  }
+  if (!flags.run.quiet) {
+    fmt::print("wrote {} poses, {} images: {}\n", views.cam_from_world.size(), model.images.size(),
+               flags.out.string());
+  }
+}
+
+void AddPlaceOptions(CLI::App& command, ViewsFlags& flags) {
+  const std::string group = "Places";
+  command
+      .add_option(
+          "--mode", flags.mode,
+          "inside: at eye height over the ground, clear of walls, looking along free space\n"
+          "around: on a sphere or ring around the mesh, looking at its middle\n"
+          "along: on a line")
+      ->capture_default_str()
+      ->group(group);
+  command.add_option("--count", flags.count, "Poses")->capture_default_str()->group(group);
+  command.add_option("--up", flags.up, "x|y|z|-x|-y|-z or X,Y,Z in the mesh's coordinates")
+      ->capture_default_str()
+      ->group(group);
+  command
+      .add_flag("--level", flags.level,
+                "Turn --up to what the mesh's floors and tables face (within 30 degrees)")
+      ->group(group);
+  command
+      .add_option("--clearance", flags.clearance,
+                  "Distance to the nearest surface, in all directions")
+      ->capture_default_str()
+      ->group(group);
+  command.add_option("--eye-height", flags.inside.eye_height, "inside: above the ground")
+      ->capture_default_str()
+      ->group(group);
+  command.add_option("--max-step", flags.inside.max_step, "inside: what one can walk over")
+      ->capture_default_str()
+      ->group(group);
+  command.add_option("--look-down-deg", flags.inside.look_down_deg, "inside: below the horizon")
+      ->capture_default_str()
+      ->group(group);
+  command
+      .add_option("--min-coverage", flags.inside.min_coverage,
+                  "inside: share of each picture that must see a surface")
+      ->capture_default_str()
+      ->group(group);
+  command
+      .add_flag("--any-side", flags.any_side,
+                "The mesh's triangles are not wound consistently: do not ask which side is seen")
+      ->group(group);
+  command
+      .add_option("--distance", flags.distance,
+                  "around: from the middle (default: the whole mesh is in the picture)")
+      ->group(group);
+  command.add_option("--min-elevation-deg", flags.around.min_elevation_deg, "around")
+      ->capture_default_str()
+      ->group(group);
+  command
+      .add_option("--max-elevation-deg", flags.around.max_elevation_deg,
+                  "around; equal elevations make a ring")
+      ->capture_default_str()
+      ->group(group);
+  command.add_option("--line", flags.line, "along: file of camera centres, x y z per line")
+      ->group(group);
+  command.add_option("--seed", flags.seed, "Seed of all random choices")
+      ->capture_default_str()
+      ->group(group);
+}
+
+void AddCameraOptions(CLI::App& command, ViewsFlags& flags) {
+  const std::string group = "Camera";
+  command
+      .add_option("--camera", flags.camera,
+                  "\"MODEL width height params...\" (default: a pinhole camera)")
+      ->group(group);
+  command.add_option("--size", flags.size, "WIDTHxHEIGHT of the pinhole camera")
+      ->capture_default_str()
+      ->group(group);
+  command.add_option("--fov-deg", flags.fov_deg, "Horizontal angle of the pinhole camera")
+      ->capture_default_str()
+      ->group(group);
+  command
+      .add_option("--rig-cameras", flags.rig_cameras,
+                  "N: each pose is a rig of N cameras that look all around; writes rigs and\n"
+                  "frames, too")
+      ->capture_default_str()
+      ->group(group);
+}
+
+}  // namespace
+
+Command AddViewsCommand(CLI::App& program) {
+  auto flags = std::make_shared<ViewsFlags>();
+  CLI::App* command =
+      program.add_subcommand("views", "Camera poses on a mesh, for scenes without photographs");
+  command->add_option("--geometry", flags->geometry, "mesh:PATH, as of render")
+      ->required()
+      ->allow_extra_args(false)
+      ->group("Places");
+  AddPlaceOptions(*command, *flags);
+  AddCameraOptions(*command, *flags);
+  command->add_option("--out", flags->out, "Folder for the COLMAP model, ready for render --model")
+      ->required()
+      ->group("Output");
+  command->add_flag("--text", flags->text, "Write the model as text")->group("Output");
+  command->add_flag("--preview", flags->preview, "Also write preview.png, a sheet of small depths")
+      ->group("Output");
+  AddRunOptions(*command, flags->run);
+  command->footer(
+      "Example:\n"
+      "  raylift views --geometry mesh:scene.ply --count 100 --out views --preview\n"
+      "  raylift render --geometry mesh:scene.ply --model views --out rendered");
+  return {command, [flags] { Run(*flags); }};
+}
+
+}  // namespace raylift

@@ -1,0 +1,72 @@
+// Camera poses on a mesh, for scenes that come without photographs: around an object, inside an
+// environment, along a path. All keep clear of the surfaces.
+
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/geometry/camera.h"
+#include "raylift/geometry/rigid3.h"
+#include "raylift/renderers/ray_caster.h"
+
+namespace raylift {
+
+struct ViewSamplerOptions {
+  Camera camera;
+  int count = 48;
+  Eigen::Vector3d up_in_world{0, 0, 1};
+  double clearance = 0.3;  // scene units to the nearest surface, in all directions
+  uint64_t seed = 0;
+  // Ignore which side of a triangle is seen: for meshes that are not wound consistently.
+  bool any_side = false;
+};
+
+struct SampledViews {
+  std::vector<Rigid3> cam_from_world;
+  std::vector<std::string> warnings;  // fewer places than wanted, ...
+};
+
+// The direction that the surfaces facing `hint` (within 30 degrees) face on the whole: what is up
+// where the world's axes are only roughly level.
+Eigen::Vector3d LevelUp(const TriangleMesh& mesh, const Eigen::Vector3d& hint);
+
+// On a sphere around the mesh, evenly spread between two elevations (of the camera above the
+// horizon; equal ones make a ring), looking at the mesh's middle.
+struct AroundOptions {
+  double min_elevation_deg = -20;
+  double max_elevation_deg = 60;
+  std::optional<double> distance = std::nullopt;  // none: so that the whole mesh is in the picture
+};
+SampledViews SampleAround(const RayCaster& mesh, const ViewSamplerOptions& options,
+                          const AroundOptions& around);
+
+// At eye height above the ground on which one can walk: the largest area of upward faces that are
+// connected without high steps and have room above them, so that neither roofs nor tables count.
+// Places are spread over it; each camera looks along free space at surfaces whose front
+// faces it. By the winding of the triangles, unless `any_side`. InputError where there is no place.
+struct InsideOptions {
+  double eye_height = 1.6;
+  double max_step = 0.4;      // between neighbouring places
+  double look_down_deg = 0;   // below the horizon
+  double min_coverage = 0.6;  // share of the picture that must see a surface
+};
+SampledViews SampleInside(const RayCaster& mesh, const ViewSamplerOptions& options,
+                          const InsideOptions& inside);
+
+// Evenly spaced along a line of camera centres, looking along it. What is not clear of surfaces
+// or inside a body is left out with a warning; InputError where nothing is left.
+SampledViews SampleAlong(const RayCaster& mesh, const ViewSamplerOptions& options,
+                         std::span<const Eigen::Vector3d> line);
+
+// The pose of a camera that looks along `forward`, with the picture's top towards `up`.
+Rigid3 LookAlong(const Eigen::Vector3d& center, const Eigen::Vector3d& forward,
+                 const Eigen::Vector3d& up);
+
+}  // namespace raylift

@@ -1,0 +1,76 @@
+// raylift views: poses on a mesh, ready for render.
+
+#include "apps/program.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/file.h"
+#include "raylift/io/colmap_model.h"
+
+namespace raylift {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Views : public ::testing::Test {
+ protected:
+  Views() : demo_(fs::path(RAYLIFT_DEMO_FOLDER)) {}
+
+  Arguments Command() const {
+    return {"views", "--geometry", "mesh:" + (demo_ / "scene.obj").string(), "--out", out_};
+  }
+
+  fs::path demo_;
+  fs::path folder_ = TestFolder();
+  fs::path out_ = folder_ / "views";
+};
+
+TEST_F(Views, OfTheDemoSeeItsCourtyardAndCanBeRendered) {
+  ASSERT_TRUE(
+      Succeeds(RunRaylift(Command() + Arguments{"--count", "20", "--size", "80x60", "--preview"})));
+  EXPECT_EQ(ReadColmapModel(out_).images.size(), 20u);
+  EXPECT_TRUE(fs::exists(out_ / "preview.png"));
+  for (const PosedImage& image : ReadColmapModel(out_).PosedImages()) {
+    const Eigen::Vector3d eye = image.cam_from_world.OriginInSource();
+    EXPECT_NEAR(eye.z(), 1.6, 0.2) << image.name;  // the ground is at 0, with a kerb
+    EXPECT_GT(std::min(eye.x(), eye.y()), 0) << image.name;
+    EXPECT_LT(eye.x(), 16) << image.name;
+    EXPECT_LT(eye.y(), 12) << image.name;
+  }
+  const fs::path rendered = folder_ / "rendered";
+  ASSERT_TRUE(Succeeds(RunRaylift({"render", "--geometry", "mesh:" + (demo_ / "scene.obj").string(),
+                                   "--model", out_, "--out", rendered})));
+  const auto summary = nlohmann::json::parse(ReadFile(rendered / "summary.json"));
+  EXPECT_GT(summary.at("coverage"), 0.8);
+  EXPECT_GT(summary.at("least_coverage"), 0.5);
+  EXPECT_GT(summary.at("depth_range").at(0), 0.2);
+}
+
+TEST_F(Views, RigsComeWithTheirFrames) {
+  ASSERT_TRUE(
+      Succeeds(RunRaylift(Command() + Arguments{"--count", "3", "--rig-cameras", "4", "--text"})));
+  const ColmapModel model = ReadColmapModel(out_);
+  EXPECT_TRUE(model.warnings.empty());
+  EXPECT_EQ(model.images.size(), 12u);
+  EXPECT_EQ(model.frames.size(), 3u);
+}
+
+TEST_F(Views, WrongOptionsAreNamed) {
+  const auto fails = [&](const Arguments& more, const std::string& part) {
+    return FailsWith(2, {part}, RunRaylift(Command() + more));
+  };
+  EXPECT_TRUE(fails({"--mode", "above"}, "inside|around|along"));
+  EXPECT_TRUE(fails({"--mode", "along"}, "--line"));
+  EXPECT_TRUE(fails({"--up", "w"}, "--up"));
+  EXPECT_TRUE(fails({"--up", "0,0,0"}, "--up"));
+  EXPECT_TRUE(fails({"--count", "0"}, "--count"));
+  EXPECT_TRUE(fails({"--camera", "PINHOLE 640"}, "--camera"));
+  EXPECT_TRUE(fails({"--fov-deg", "180"}, "--fov-deg"));
+  EXPECT_TRUE(fails({"--distance", "-1"}, "--distance"));
+  EXPECT_TRUE(fails({"--min-elevation-deg", "70"}, "--min-elevation-deg"));
+  EXPECT_FALSE(fs::exists(out_));
+}
+
+}  // namespace
+}  // namespace raylift
