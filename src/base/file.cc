@@ -53,10 +53,16 @@ std::string ReadFile(const std::filesystem::path& path) {
 }
 
 void WriteFile(const std::filesystem::path& path, std::string_view contents) {
+  WriteFile(path, std::span(&contents, 1));
+}
+
+void WriteFile(const std::filesystem::path& path, std::span<const std::string_view> parts) {
   AtomicFile file(path);
   {
     std::ofstream stream(file.temporary_path(), std::ios::binary);
-    stream.write(contents.data(), static_cast<std::streamsize>(contents.size()));
+    for (const std::string_view part : parts) {
+      stream.write(part.data(), static_cast<std::streamsize>(part.size()));
+    }
     stream.close();
     if (!stream) {
       throw InputError(path, fmt::format("cannot be written: {}", std::strerror(errno)));

@@ -1,6 +1,7 @@
 #include "raylift/io/depth_file.h"
 
 #include <array>
+#include <bit>
 #include <cctype>
 #include <limits>
 #include <utility>
@@ -166,6 +167,28 @@ std::string Encode(const path& file, const FloatPlane& plane, DepthFileFormat fo
   throw InputError(file, fmt::format("{} files are read only", ToString(format)));
 }
 
+// What stands before the values where the format holds them as they are in memory; none otherwise.
+std::optional<std::string> PlainHeader(const FloatPlane& plane, DepthFileFormat format,
+                                       const DepthWriteOptions& options) {
+  if (std::endian::native != std::endian::little || options.sample != FloatSample::kFloat32) {
+    return std::nullopt;
+  }
+  if (format == DepthFileFormat::kNpy) {
+    return NpyHeaderBytes("<f4", fmt::format("({}, {})", plane.height_px, plane.width_px));
+  }
+  if (format == DepthFileFormat::kColmap) {
+    return fmt::format("{}&{}&1&", plane.width_px, plane.height_px);
+  }
+  return std::nullopt;
+}
+
+size_t WritePlain(const path& file, const std::string& header, const FloatPlane& plane) {
+  const std::array<std::string_view, 2> parts = {
+      header, {reinterpret_cast<const char*>(plane.values.data()), plane.values.size_bytes()}};
+  WriteFile(file, parts);
+  return parts[0].size() + parts[1].size();
+}
+
 bool HoldsHalf(DepthFileFormat format) {
   return format == DepthFileFormat::kExr || format == DepthFileFormat::kNpy ||
          format == DepthFileFormat::kNpz;
@@ -249,6 +272,10 @@ DepthWriteReport WriteDepthFile(const path& file, const FloatPlane& plane,
                    static_cast<size_t>(plane.width_px) * static_cast<size_t>(plane.height_px));
   const DepthFileFormat format = FormatToWrite(file, options);
   DepthWriteReport report;
+  if (const auto header = PlainHeader(plane, format, options)) {
+    report.bytes = WritePlain(file, *header, plane);
+    return report;
+  }
   std::string bytes;
   if (format == DepthFileFormat::kPng) {
     const std::vector<uint16_t> counts = CountSteps(file, plane, options, report);

@@ -1,5 +1,7 @@
 #include "raylift/base/file.h"
 
+#include <array>
+
 #include "support/matchers.h"
 #include "support/test_data.h"
 
@@ -17,6 +19,13 @@ TEST(File, WritesWhatItReadsAndMakesFolders) {
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(path.parent_path()),
                           std::filesystem::directory_iterator()),
             1);
+}
+
+TEST(File, PartsFollowEachOther) {
+  const auto path = TestFolder() / "parts.bin";
+  const std::array<std::string_view, 3> parts = {"one ", "", "two"};
+  WriteFile(path, parts);
+  EXPECT_EQ(ReadFile(path), "one two");
 }
 
 TEST(File, MissingFileAndFolderAreNamed) {

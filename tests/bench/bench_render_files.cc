@@ -57,7 +57,7 @@ std::vector<Format> Formats() {
 }
 
 void Run(double millions, int rounds, const std::filesystem::path& folder) {
-  constexpr int kViews = 16;
+  constexpr int kViews = 32;
   const auto mesh =
       std::make_shared<const TriangleMesh>(MakeCity(static_cast<size_t>(millions * 1e6)));
   const BareLoop bare(*mesh, BareLoop::SceneFlag::kNone);

@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -15,6 +16,8 @@ std::string ReadFile(const std::filesystem::path& path);
 // Writes to a temporary name beside `path` and renames it, so that a killed run leaves no half
 // file. Makes the parent folders. InputError naming the file if it cannot be written.
 void WriteFile(const std::filesystem::path& path, std::string_view contents);
+// The same of several parts, one after the other, without joining them in memory.
+void WriteFile(const std::filesystem::path& path, std::span<const std::string_view> parts);
 
 // Tells before long work whether a file can be written later: makes the parent folders and tries.
 // InputError naming the file or folder otherwise.
