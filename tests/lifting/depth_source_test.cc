@@ -325,6 +325,33 @@ RealComparison CompareWithMesh(const std::filesystem::path& data, const std::str
           count / static_cast<double>(on_mesh)};
 }
 
+// A plane whose 1/z grows with the column, stored by rows and by columns.
+TEST(DepthSource, ReadsSamplesWhereTheSpecificationPutsThem) {
+  const std::filesystem::path folder = TestFolder();
+  const Camera camera = MakeCamera();
+  const std::vector<PosedImage> references = {{"a.png", camera, {}}};
+  std::vector<float> by_rows, by_columns;
+  for (int y = 0; y < 480; ++y) {
+    for (int x = 0; x < 640; ++x) by_rows.push_back(1 / (2.0f + 0.01f * static_cast<float>(x)));
+  }
+  for (int x = 0; x < 640; ++x) {
+    for (int y = 0; y < 480; ++y) by_columns.push_back(1 / (2.0f + 0.01f * static_cast<float>(x)));
+  }
+  WriteDepthFile(folder / "rows" / "a.npy", FloatPlane(640, 480, by_rows));
+  WriteDepthFile(folder / "columns" / "a.npy", FloatPlane(480, 640, by_columns));
+  const Eigen::Vector2d pixel(100.5, 60.5);
+  const auto inverse_z = [&](const std::string& name) {
+    const NamedGeometry geometry =
+        MakeGeometrySource("depth:" + (folder / name).string(), {.references = references});
+    return 1 / geometry.source->Lift(references[0], {&pixel, 1})[0]->depth_z;
+  };
+  EXPECT_NEAR(inverse_z("rows"), 2 + 0.01 * 100, 1e-5);
+  EXPECT_NEAR(inverse_z("columns,orientation=transposed"), 2 + 0.01 * 100, 1e-5);
+  EXPECT_NEAR(inverse_z("rows,orientation=flipped_x"), 2 + 0.01 * 539, 1e-5);
+  EXPECT_NEAR(inverse_z("rows,first_sample_px=0"), 2 + 0.01 * 100.5, 1e-5);
+  EXPECT_NEAR(inverse_z("rows,first_sample_px=1"), 2 + 0.01 * 99.5, 1e-5);
+}
+
 TEST(DepthSource, SensorAndMonocularDepthOfARealRoomLieNearItsMesh) {
   const auto data = FindTestData("rgbd_small");
   if (!data) GTEST_SKIP() << "rgbd_small is not on this machine";

@@ -58,6 +58,7 @@ TEST(MakeGeometrySource, UnknownKindsKeysAndValuesAreOptionErrors) {
   says("mesh:a.ply,back_faces=no", "expected back_faces=keep|drop");
   says("depth:d,preset=foo", "expected preset=colmap|nerfstudio|");
   says("depth:d,kind=y", "expected kind=z|ray|inverse");
+  says("depth:d,orientation=left", "expected orientation=as_stored|flipped_x|");
   says("depth:d,unit=foot", "expected unit=m|cm|mm");
   says("depth:d,unit=0", "expected unit=m|cm|mm");
   says("depth:d,scale=0", "expected a positive scale");
