@@ -357,11 +357,11 @@ std::string AutoMinus(const Cells& cells, CellKey key, std::span<const std::stri
 
 void PrintFilterFindings(const Cells& cells) {
   constexpr std::array<std::string_view, 1> kOff = {"off"};
-  constexpr std::array<std::string_view, 5> kFixed = {"off", "4 px 3", "4 px 3 + 0.8",
-                                                      "2 px 3 + 0.8", "2 px 18"};
+  constexpr std::array<std::string_view, 4> kFixed = {"4 px 3", "4 px 3 + 0.8", "2 px 3 + 0.8",
+                                                      "2 px 18"};
   fmt::print(
       "The automatic filter, in points of recall, without alignment:\n\n"
-      "| references | depth | estimator | auto - off | auto - best of off and fixed |\n"
+      "| references | depth | estimator | auto - off | auto - best fixed |\n"
       "|---|---|---|---|---|\n");
   for (const auto& [key, cell] : cells) {
     if (key.align != AlignMode::kOff || key.filter != "auto") continue;
