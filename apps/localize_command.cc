@@ -15,6 +15,7 @@
 #include "raylift/base/parallel.h"
 #include "raylift/base/progress.h"
 #include "raylift/base/text.h"
+#include "raylift/comparison/localization_report.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/pose_problem_json.h"
 #include "raylift/io/query_list.h"
@@ -41,7 +42,7 @@ struct LocalizeFlags {
   int top_k = 10;
   int max_features = 4096;
   double max_ratio = 0.8;
-  path cache, out, write_problems;
+  path cache, out, write_problems, report;
   int pictures = 0;
   bool no_doctor = false;
   FilterFlags filter;
@@ -123,6 +124,10 @@ class LocalizeRun {
       Take({"--candidates triangulate lifts nothing: --geometry is not used for points"});
     }
     RequireWritable(flags.out / "poses.txt");
+    if (!flags.report.empty()) {
+      RequireWritable(flags.report / "index.html");
+      report_ = std::make_unique<LocalizationReport>(queries_.size(), query_images_);
+    }
     if (!flags.write_problems.empty()) {
       RequireWritable(flags.write_problems / "problem.json");
     }
@@ -154,6 +159,10 @@ class LocalizeRun {
     WritePoses(flags_.out / "poses.txt", localized);
     WriteQueryDiagnostics(flags_.out / "queries.jsonl", localized);
     WriteFile(flags_.out / "options.json", options_json);
+    if (report_) {
+      WriteFile(flags_.report / "index.html",
+                report_->Format("Raylift: " + flags_.out.string(), references_.images));
+    }
     WriteSummary(flags_.out / "summary.json", localized,
                  {.num_references = references_.images.size(),
                   .geometry = used_geometry_,
@@ -253,6 +262,7 @@ class LocalizeRun {
       WriteImage(FileOfQuery(flags_.out / "pictures", queries_[index].name, ".jpg"),
                  DrawQueryPicture(result, photograph, *mesh_, 1));
     }
+    if (report_) report_->Take(index, result);
     return std::move(result.localized);
   }
 
@@ -291,6 +301,7 @@ class LocalizeRun {
   std::shared_ptr<const RayCaster> mesh_;       // for pictures; null where no source is a mesh
   std::vector<std::string> warnings_;
   std::unique_ptr<MatchSource> match_source_;
+  std::unique_ptr<LocalizationReport> report_;  // null where none is asked for
 };
 
 }  // namespace
@@ -347,6 +358,8 @@ Command AddLocalizeCommand(CLI::App& program) {
   command
       ->add_option("--write-problems", flags->write_problems,
                    "Also write each query's pose problem (JSON) here")
+      ->group("Output");
+  command->add_option("--report", flags->report, "Folder for one HTML page to look at (index.html)")
       ->group("Output");
   command
       ->add_option("--pictures", flags->pictures,

@@ -27,7 +27,7 @@ setTimeout(() => {
   found.ready = document.documentElement.dataset.ready;
   found.sections = [...document.querySelectorAll("section")].map((node) => node.id);
   found.wide = document.documentElement.scrollWidth > window.innerWidth;
-  const table = document.querySelector("#images table, #localization table");
+  const table = document.querySelector("#images table, #localization table, #queries table");
   const column = () => [...table.querySelectorAll("tbody tr td:nth-child(2)")].map((cell) => parseFloat(cell.textContent));
   const button = table.querySelectorAll("th button")[1];
   button.click();
@@ -149,6 +149,16 @@ TEST_F(Report, WorksInABrowserOfAnyWidth) {
     EXPECT_EQ(found["sections"], nlohmann::json({"summary", "curves", "localization", "queries",
                                                  "images", "strips", "scene"}));
   }
+}
+
+TEST_F(Report, OfALocalizationWorksInABrowser) {
+  if (!HasProgram("/usr/bin/chromium")) GTEST_SKIP() << "chromium is not installed";
+  ASSERT_TRUE(
+      Succeeds(RunRaylift(LocalizeWithHloc(scene_, scene_.folder / "out") +
+                          Arguments{"--query-images", scene_.images(), "--report", folder_})));
+  const auto found = Probe(folder_ / "index.html", 1280);
+  ExpectWorks(found);
+  EXPECT_EQ(found["sections"], nlohmann::json({"queries", "scene"}));
 }
 
 TEST_F(Report, OfAnEvaluationWorksInABrowser) {

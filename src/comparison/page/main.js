@@ -108,8 +108,11 @@ function querySection(rows) {
   function draw() {
     const row = rows[chosen.row];
     const query = row.queries[chosen.query];
-    const facts = [query.position === null ? "no pose" : `position error ${number(query.position)}, rotation error ${number(query.rotation_deg)}°`];
+    const facts = [query.reason !== undefined ? (query.reason ? `not localized: ${query.reason}` : "localized") : query.position === null ? "no pose" : `position error ${number(query.position)}, rotation error ${number(query.rotation_deg)}°`];
     if (query.solver) facts.push(`the pose comes from ${query.solver}`);
+    if (query.position_sigma !== undefined) {
+      facts.push(`expected error: position ${number(query.position_sigma)}, rotation ${number(query.rotation_sigma_deg)}° (one standard deviation)`);
+    }
     for (const candidate of query.candidates || []) {
       facts.push(`${candidate.solver} candidate: position ${number(candidate.position)}, rotation ${number(candidate.rotation_deg)}°, `
         + `${candidate.inliers_2d2d} 2D-2D inliers${candidate.chosen ? " (chosen)" : ""}`);
@@ -130,9 +133,27 @@ function querySection(rows) {
     }
     place.replaceChildren(...cards);
   }
+  const list = element("div");
+  const columns = [["retrieved", "retrieved"], ["matched", "matched"], ["hit", "hit"], ["consistent", "consistent"],
+    ["inliers_2d3d", "inliers 2D-3D"], ["inliers_2d2d", "inliers 2D-2D"], ["position", "position error"], ["rotation_deg", "rotation error, °"],
+    ["position_sigma", "position ±"], ["rotation_sigma_deg", "rotation ±, °"]];
+  function drawList() {
+    const queries = rows[chosen.row].queries;
+    const known = columns.filter(([key]) => queries.some((query) => query[key] !== undefined && query[key] !== null));
+    list.replaceChildren(element("p", {}), sortableTable([
+      { title: "query", value: (query) => query.query,
+        node: (query) => element("a", { href: "#queries" }, query.query) },
+      ...known.map(([key, title]) => ({ title, value: (query) => query[key], text: (query) => number(query[key]) })),
+      ...(queries.some((query) => query.reason !== undefined)
+        ? [{ title: "status", value: (query) => query.reason || "localized" }] : []),
+    ], [...queries], { tall: true, onRow: (query) => { chosen.query = names.indexOf(query.query); select.selectedIndex = chosen.query; draw(); } }));
+  }
+  const queryChoice = choice("query", names, (index) => { chosen.query = index; draw(); });
+  const select = queryChoice.querySelector("select");
   node.append(element("div", { class: "controls" },
-    choice("query", names, (index) => { chosen.query = index; draw(); }),
-    choice("method", rows.map((row) => row.name), (index) => { chosen.row = index; draw(); }, first)), place);
+    queryChoice,
+    rows.length > 1 ? choice("method", rows.map((row) => row.name), (index) => { chosen.row = index; draw(); drawList(); }, first) : null), place, list);
+  drawList();
   draw();
 }
 
@@ -163,9 +184,9 @@ function stripSection() {
       element("img", { src: uri, width: data.tile_width, loading: "lazy", alt: caption }), extra || null, element("figcaption", {}, caption));
     node.append(element("article", { class: "panel strip" }, element("h3", {}, strip.image),
       element("div", { class: "tiles", tabindex: "0" }, ...(strip.photo ? [tile(strip.photo, "photograph")] : []),
-        ...strip.sources.map((source, index) => tile(source.depth, data.sources[index].name)),
-        ...strip.sources.flatMap((source, index) => (source.error
-          ? [tile(source.error, `${data.sources[index].name}: error`, histogram(source.histogram))] : [])))));
+        ...strip.sources.map((source, index) => tile(source.depth, data.sources[index].name, source.error
+          ? element("div", {}, element("img", { src: source.error, width: data.tile_width, loading: "lazy", alt: `${data.sources[index].name}: error` }),
+            histogram(source.histogram)) : null)))));
   }
 }
 
@@ -192,7 +213,7 @@ if (data.sources) {
   if (data.truth || data.sources.some((source) => source.curves.reprojection_px)) sourceCurves();
 }
 if (data.rows && data.rows.length) {
-  recallSection(data.rows, data.rows[0].recalls);
+  if (data.rows[0].recalls.length) recallSection(data.rows, data.rows[0].recalls);
   querySection(data.rows);
 }
 if (data.sources) {

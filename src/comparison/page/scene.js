@@ -17,7 +17,7 @@ class SceneView {
     const { center, radius } = this.bounds();
     this.target = center;
     this.radius = radius;
-    this.distance = 1.9 * radius;
+    this.distance = 1.4 * radius;
     this.azimuth = 0.7;
     this.elevation = 0.55;
     this.frames = 0;
@@ -135,7 +135,7 @@ class SceneView {
       const z = dot(forward);
       return z > 1e-6 * this.radius ? [width / 2 + (focal * dot(right)) / z, height / 2 + (focal * dot(down)) / z, z] : null;
     };
-    const size = Math.max(1, Math.round(1.4 * scale));
+    const size = Math.max(1, Math.round(2 * scale));
     for (let i = 0; i < this.points.length; i += 3) {
       const place = this.project([this.points[i], this.points[i + 1], this.points[i + 2]]);
       if (!place) continue;
