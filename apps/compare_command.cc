@@ -1,5 +1,6 @@
 // raylift compare: several sources of geometry side by side.
 
+#include <algorithm>
 #include <cstdio>
 #include <memory>
 #include <set>
@@ -26,9 +27,17 @@ namespace {
 
 using std::filesystem::path;
 
-// Of the depth maps of one source: several large ones, as images are compared with their
-// neighbours.
-constexpr size_t kMaxCacheBytes = size_t{1} << 27;
+// An image's maps and those of its neighbours, for two threads: more would only grow with the
+// scene.
+size_t CacheBytes(std::span<const PosedImage> images) {
+  constexpr size_t kMaps = 24;
+  size_t pixels = 1;
+  for (const PosedImage& image : images) {
+    pixels = std::max(pixels, static_cast<size_t>(image.camera.width_px()) *
+                                  static_cast<size_t>(image.camera.height_px()));
+  }
+  return kMaps * sizeof(float) * pixels;
+}
 
 struct CompareFlags {
   path model;
@@ -144,9 +153,10 @@ class CompareRun {
         loaded_(LoadReferences(flags.model, flags.every)) {
     for (const std::string& warning : loaded_.warnings) PrintWarning(warning);
     for (const NamedSpec& named : specs_) {
-      geometry_.push_back(MakeGeometrySource(named.spec, {.model = flags.model,
-                                                          .references = loaded_.references.images,
-                                                          .max_cache_bytes = kMaxCacheBytes}));
+      geometry_.push_back(MakeGeometrySource(
+          named.spec, {.model = flags.model,
+                       .references = loaded_.references.images,
+                       .max_cache_bytes = CacheBytes(loaded_.references.images)}));
       const NamedGeometry& geometry = geometry_.back();
       for (const std::string& warning : geometry.warnings) {
         PrintWarning(fmt::format("{}: {}", named.name, warning));

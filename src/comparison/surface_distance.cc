@@ -11,6 +11,14 @@ namespace {
 
 constexpr size_t kLeafSize = 4;
 
+// The finalizer of splitmix64.
+uint64_t MixIn(uint64_t hash, int64_t value) {
+  uint64_t x = hash + 0x9e3779b97f4a7c15ULL + static_cast<uint64_t>(value);
+  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
+  x = (x ^ (x >> 27)) * 0x94d049bb133111ebULL;
+  return x ^ (x >> 31);
+}
+
 }  // namespace
 
 double SquaredDistanceToTriangle(const Eigen::Vector3d& point, const Eigen::Vector3d& a,
@@ -143,22 +151,14 @@ ThinnedCloud::ThinnedCloud(double cell_size) : cell_size_(cell_size) {
   RAYLIFT_CHECK(cell_size > 0);
 }
 
-size_t ThinnedCloud::CellHash::operator()(const Cell& cell) const {
-  uint64_t hash = 0;
-  for (const int64_t value : cell) {
-    hash = (hash ^ static_cast<uint64_t>(value)) * 0x9e3779b97f4a7c15ULL;
-    hash ^= hash >> 29;
-  }
-  return static_cast<size_t>(hash);
-}
-
 void ThinnedCloud::Add(std::span<const Eigen::Vector3d> points) {
   for (const Eigen::Vector3d& point : points) {
     const Eigen::Vector3d scaled = point / cell_size_;
     if (!(scaled.cwiseAbs().maxCoeff() < 1e15)) continue;
-    const Cell cell = {static_cast<int64_t>(std::floor(scaled.x())),
-                       static_cast<int64_t>(std::floor(scaled.y())),
-                       static_cast<int64_t>(std::floor(scaled.z()))};
+    uint64_t cell = 0;
+    for (const double coordinate : scaled) {
+      cell = MixIn(cell, static_cast<int64_t>(std::floor(coordinate)));
+    }
     if (cells_.insert(cell).second) points_.push_back(point);
   }
 }

@@ -61,13 +61,8 @@ class ThinnedCloud {
   const std::vector<Eigen::Vector3d>& points() const { return points_; }
 
  private:
-  using Cell = std::array<int64_t, 3>;
-  struct CellHash {
-    size_t operator()(const Cell& cell) const;
-  };
-
   double cell_size_;
-  std::unordered_set<Cell, CellHash> cells_;
+  std::unordered_set<uint64_t> cells_;  // by hashes: two of 64 bits hardly ever agree
   std::vector<Eigen::Vector3d> points_;
 };
 
