@@ -9,6 +9,7 @@
 #include <ceres/ceres.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 #include "raylift/geometry/residuals.h"
 
@@ -43,13 +44,6 @@ struct Observation {
     return origin_in_other + depth_z * ray_in_other;
   }
 };
-
-double Median(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 std::optional<Observation> MakeObservation(const PosedImage& map, const PosedImage& other,
                                            const HalfMatch& match, double z,
@@ -100,24 +94,6 @@ std::vector<double> Distances(const std::vector<Observation>& observations, cons
                                   : std::numeric_limits<double>::infinity());
   }
   return distances;
-}
-
-struct WeightedValue {
-  double value;
-  double weight;
-};
-
-double WeightedMedian(std::vector<WeightedValue> values) {
-  std::sort(values.begin(), values.end(),
-            [](const WeightedValue& a, const WeightedValue& b) { return a.value < b.value; });
-  double total = 0;
-  for (const WeightedValue& v : values) total += v.weight;
-  double below = 0;
-  for (const WeightedValue& v : values) {
-    below += v.weight;
-    if (below >= 0.5 * total) return v.value;
-  }
-  return 0;
 }
 
 // The depth at which the keypoint's ray passes closest to its match's ray, and what one unit of its

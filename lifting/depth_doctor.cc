@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 
 namespace raylift {

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "raylift/base/error.h"
+#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 
 namespace raylift {
@@ -15,24 +16,6 @@ namespace {
 constexpr size_t kFewestOfMap = 10;
 // Matches farther from the epipolar line tell nothing of depth.
 constexpr double kEpipolarThresholdPx = 3;
-
-struct WeightedValue {
-  double value;
-  double weight;
-};
-
-double WeightedMedian(std::vector<WeightedValue> values) {
-  std::sort(values.begin(), values.end(),
-            [](const WeightedValue& a, const WeightedValue& b) { return a.value < b.value; });
-  double total = 0;
-  for (const WeightedValue& v : values) total += v.weight;
-  double below = 0;
-  for (const WeightedValue& v : values) {
-    below += v.weight;
-    if (below >= 0.5 * total) return v.value;
-  }
-  return 0;
-}
 
 // The standard error of the median of values, from their median deviation as of normal ones.
 double StandardErrorOfMedian(const std::vector<double>& values) {
@@ -63,13 +46,6 @@ Eigen::Vector2d Oriented(const Eigen::Vector2d& pixel, const Camera& camera,
 }
 
 }  // namespace
-
-double Median(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 double KnownUnit(double log_factor) {
   // Powers of ten, inches, feet, and TUM's 1/5000 taken as millimetres.

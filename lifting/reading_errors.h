@@ -16,8 +16,6 @@
 
 namespace raylift {
 
-double Median(std::vector<double> values);  // 0 of none
-
 // The log factor of a well-known unit where one is near.
 double KnownUnit(double log_factor);
 

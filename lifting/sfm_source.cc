@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/median.h"
 
 namespace raylift {
 namespace {
@@ -62,13 +63,6 @@ class Keypoints {
 
   std::vector<Keypoint> sorted_;
 };
-
-double Median(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 SurfacePoint::Track TrackOf(const ColmapPoint3D& point) {
   SurfacePoint::Track track{.length = point.track.size(), .error_px = std::nullopt};

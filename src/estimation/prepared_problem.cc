@@ -5,6 +5,7 @@
 #include <cstring>
 #include <numeric>
 
+#include "raylift/base/median.h"
 #include "raylift/geometry/residuals.h"
 
 namespace raylift {
@@ -18,12 +19,6 @@ void Shuffle(Container& values, Rng& rng) {
   for (size_t i = values.size(); i > 1; --i) {
     std::swap(values[i - 1], values[rng.UniformIndex(static_cast<uint32_t>(i))]);
   }
-}
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 struct Frame {

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
+#include "raylift/base/median.h"
 #include "raylift/io/query_list.h"
 
 namespace raylift {
@@ -87,14 +88,6 @@ Json GeometryJson(std::span<const UsedGeometry> geometry) {
     list.push_back(std::move(json));
   }
   return list;
-}
-
-double Median(std::vector<double> values) {
-  if (values.empty()) {
-    return 0;
-  }
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
 }
 
 }  // namespace

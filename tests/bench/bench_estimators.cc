@@ -10,16 +10,11 @@
 #include "support/synthetic_problem.h"
 #include <benchmark/benchmark.h>
 
+#include "raylift/base/median.h"
 #include "raylift/estimation/pose_estimator.h"
 
 namespace raylift {
 namespace {
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 struct Tally {
   std::vector<double> ms, rotation_deg, position, iterations;

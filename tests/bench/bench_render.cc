@@ -13,6 +13,7 @@
 #include "city.h"
 #include <time.h>
 
+#include "raylift/base/median.h"
 #include "raylift/renderers/frame_renderer.h"
 
 namespace raylift {
@@ -22,11 +23,6 @@ double CpuSeconds() {
   timespec now{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
-
-double Median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
 }
 
 struct Contestant {

@@ -17,6 +17,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/evaluation/pose_errors.h"
@@ -61,12 +62,6 @@ std::vector<Variant> AllVariants() {
     }
   }
   return variants;
-}
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 struct Problem {

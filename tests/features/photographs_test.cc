@@ -9,6 +9,7 @@
 #include "support/test_data.h"
 #include <opencv2/imgcodecs.hpp>
 
+#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 #include "raylift/features/matcher.h"
 #include "raylift/features/root_sift.h"
@@ -25,12 +26,6 @@ Image ReadGrey(const std::filesystem::path& path) {
   Image image{.width_px = grey.cols, .height_px = grey.rows, .channels = 1, .data = {}};
   image.data.assign(grey.data, grey.data + grey.total());
   return image;
-}
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 std::vector<Features> ExtractAll(const std::filesystem::path& image_folder,
