@@ -45,8 +45,8 @@ void P3pGenerator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
   // Where the matches cannot tell solutions apart (three of them fit each exactly), the one nearest
   // to the references, whose centre is the origin, is the likeliest: they were retrieved for what
   // the query sees.
-  std::sort(poses.begin(), poses.end(), [](const SolverPose& a, const SolverPose& b) {
-    return a.translation.squaredNorm() < b.translation.squaredNorm();
+  std::sort(poses.begin(), poses.end(), [](const SolverPose& left, const SolverPose& right) {
+    return left.translation.squaredNorm() < right.translation.squaredNorm();
   });
 }
 
