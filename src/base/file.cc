@@ -4,7 +4,6 @@
 #include <cerrno>
 #include <cstring>
 #include <fstream>
-#include <regex>
 #include <system_error>
 
 #include <fmt/format.h>
@@ -20,6 +19,16 @@ std::filesystem::path TemporaryName(const std::filesystem::path& path) {
   static std::atomic<unsigned> counter{0};
   return path.parent_path() / fmt::format(".{}.{}-{}.tmp{}", path.stem().string(), getpid(),
                                           counter++, path.extension().string());
+}
+
+// ".PID-COUNT"
+bool IsProcessAndCount(std::string_view text) {
+  const size_t hyphen = text.find('-');
+  const auto is_number = [](std::string_view digits) {
+    return !digits.empty() && digits.find_first_not_of("0123456789") == std::string_view::npos;
+  };
+  return text.starts_with('.') && hyphen != std::string_view::npos &&
+         is_number(text.substr(1, hyphen - 1)) && is_number(text.substr(hyphen + 1));
 }
 
 }  // namespace
@@ -83,12 +92,19 @@ void RequireWritable(const std::filesystem::path& path) {
 }
 
 std::optional<std::filesystem::path> TargetOfTemporary(const std::filesystem::path& path) {
-  // ".STEM.PID-COUNT.tmp.EXTENSION", see TemporaryName.
-  static const std::regex kPattern(R"(\.(.*)\.[0-9]+-[0-9]+\.tmp(\.[^.]*)?)");
-  const std::string name = path.filename().string();
-  std::smatch match;
-  if (!std::regex_match(name, match, kPattern)) return std::nullopt;
-  return path.parent_path() / (match[1].str() + match[2].str());
+  // ".STEM.PID-COUNT.tmp.EXTENSION" or, of a target without one, ".STEM.PID-COUNT.tmp".
+  std::filesystem::path name = path.filename();
+  std::filesystem::path extension;
+  if (name.stem().extension() == ".tmp") {
+    extension = name.extension();
+    name = name.stem();
+  }
+  if (name.extension() != ".tmp") return std::nullopt;
+  name = name.stem();
+  if (!IsProcessAndCount(name.extension().string())) return std::nullopt;
+  const std::string stem = name.stem().string();
+  if (!stem.starts_with('.')) return std::nullopt;
+  return path.parent_path() / (stem.substr(1) + extension.string());
 }
 
 AtomicFile::AtomicFile(std::filesystem::path path) : path_(std::move(path)) {
