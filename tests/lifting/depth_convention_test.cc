@@ -98,7 +98,10 @@ TEST(DepthConvention, PresetsAreKnownByName) {
 
 TEST(Oriented, TellsWhereSamplesLie) {
   using enum MapOrientation;
-  const StoredDepth stored{3, 2, {1, 2, 3, 4, 5, 6}};
+  StoredDepth stored;
+  stored.width_px = 3;
+  stored.height_px = 2;
+  stored.values = {1, 2, 3, 4, 5, 6};
   const auto values = [&](MapOrientation orientation) {
     return Oriented(stored, orientation).values;
   };

@@ -57,7 +57,10 @@ Scene Plant(const Scene& scene, const InputReading& true_reading) {
     if (!scene.maps.contains(reference.name)) continue;
     const DepthMap& map = *scene.maps.at(reference.name);
     const auto ray_z = RayZOfPixels(reference.camera.Scaled(map.width_px, map.height_px));
-    StoredDepth stored{map.width_px, map.height_px, map.z};
+    StoredDepth stored;
+    stored.width_px = map.width_px;
+    stored.height_px = map.height_px;
+    stored.values = map.z;
     for (size_t i = 0; i < stored.values.size(); ++i) {
       float& value = stored.values[i];
       if (value == 0) continue;
