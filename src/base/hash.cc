@@ -37,7 +37,8 @@ uint64_t HashBytes64(std::string_view bytes, uint64_t seed) {
     b = Mix(b, words[1]);
   }
   uint64_t rest[2] = {0, 0};
-  std::memcpy(rest, bytes.data() + i, bytes.size() - i);
+  // An empty view may have no data to point to.
+  if (i < bytes.size()) std::memcpy(rest, bytes.data() + i, bytes.size() - i);
   // Each state is scrambled in its own way before they meet.
   const uint64_t last_a = Mix(a, rest[0]);
   const uint64_t last_b = Mix(b, rest[1]);

@@ -21,6 +21,7 @@ TEST(Hash, EveryBitAndTheLengthCount) {
   }
   EXPECT_EQ(hashes.size(), 3 + 8 * bytes.size());
   EXPECT_NE(HashBytes64(""), HashBytes64(std::string(1, '\0')));
+  EXPECT_EQ(HashBytes64(std::string_view()), HashBytes64(""));
 }
 
 TEST(Hash, ThreadsDoNotChangeIt) {
