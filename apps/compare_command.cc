@@ -8,6 +8,7 @@
 #include "commands.h"
 #include "options.h"
 #include "pose_files.h"
+#include "scene_options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -40,15 +41,14 @@ size_t CacheBytes(std::span<const PosedImage> images) {
 }
 
 struct CompareFlags {
-  path model;
-  int every = 1;
+  ReferenceFlags references;
   std::vector<std::string> geometry;
   std::string truth;
   int max_side_px = 640;
   int overlaps = 5;
   std::vector<double> surface_thresholds;
-  path queries, features, matches, pairs;
-  int top_k = 10;
+  path queries;
+  HlocFlags hloc;
   path ground_truth;
   std::string thresholds = "0.05,5:0.1,1:0.25,2";
   std::string methods = "p3p,e5p1,adaptive,select";
@@ -91,25 +91,19 @@ std::vector<NamedSpec> ParseSpecs(const CompareFlags& flags) {
 
 void Check(const CompareFlags& flags) {
   flags.run.Check();
-  for (const auto& [name, value, least] :
-       {std::tuple("--every", flags.every, 1), std::tuple("--top-k", flags.top_k, 1),
-        std::tuple("--max-side", flags.max_side_px, 16),
-        std::tuple("--overlaps", flags.overlaps, 0)}) {
-    if (value < least) {
-      throw OptionError(name, std::to_string(value), fmt::format("must be at least {}", least));
-    }
-  }
+  flags.references.Check();
+  RequireAtLeast(16, "--max-side", flags.max_side_px);
+  RequireAtLeast(0, "--overlaps", flags.overlaps);
   for (const double threshold : flags.surface_thresholds) {
     if (!(threshold > 0)) {
       throw OptionError("--surface-thresholds", fmt::format("{}", threshold), "must be positive");
     }
   }
-  const bool any = !flags.features.empty() || !flags.matches.empty() || !flags.pairs.empty();
-  const bool all = !flags.features.empty() && !flags.matches.empty() && !flags.pairs.empty() &&
-                   !flags.queries.empty();
-  if (any && !all) {
+  const bool all = flags.hloc.All() && !flags.queries.empty();
+  if (flags.hloc.Any() && !all) {
     throw OptionError("--queries, --features, --matches and --pairs go together");
   }
+  flags.hloc.Check();
   if (!flags.ground_truth.empty() && !all) {
     throw OptionError("--ground-truth", flags.ground_truth.string(),
                       "needs --queries, --features, --matches and --pairs");
@@ -150,11 +144,11 @@ class CompareRun {
       : flags_(flags),
         specs_(ParseSpecs(flags)),
         grid_(ParseGrid(flags)),
-        loaded_(LoadReferences(flags.model, flags.every)) {
-    for (const std::string& warning : loaded_.warnings) PrintWarning(warning);
+        loaded_(LoadReferences(flags.references.model, flags.references.every)) {
+    PrintWarnings(loaded_.warnings);
     for (const NamedSpec& named : specs_) {
       geometry_.push_back(MakeGeometrySource(
-          named.spec, {.model = flags.model,
+          named.spec, {.model = flags.references.model,
                        .references = loaded_.references.images,
                        .max_cache_bytes = CacheBytes(loaded_.references.images)}));
       const NamedGeometry& geometry = geometry_.back();
@@ -186,8 +180,7 @@ class CompareRun {
     }
     DepthComparison comparison;
     {
-      Progress progress("images", images.size(),
-                        flags_.run.quiet ? Progress::Show::kNever : Progress::Show::kAuto);
+      Progress progress("images", images.size(), flags_.run.Show());
       DepthComparisonOptions options;
       options.truth = truth_;
       options.max_side_px = flags_.max_side_px;
@@ -218,14 +211,14 @@ class CompareRun {
                              true_queries, report_options));
     }
     if (match_source_) {
-      for (const std::string& warning : match_source_->Warnings()) PrintWarning(warning);
+      PrintWarnings(match_source_->Warnings());
     }
   }
 
  private:
   ReportOptions ReportOptionsOf() const {
     ReportOptions options;
-    options.title = fmt::format("Raylift: {}", flags_.model.lexically_normal().string());
+    options.title = fmt::format("Raylift: {}", flags_.references.model.lexically_normal().string());
     options.images = flags_.images;
     options.query_images = flags_.query_images.empty() ? flags_.images : flags_.query_images;
     options.threads = flags_.run.threads;
@@ -245,8 +238,7 @@ class CompareRun {
     const PosesByName truth = ReadGroundTruth(flags_.ground_truth);
     LocalizationComparison comparison;
     {
-      Progress progress("queries", queries_.size(),
-                        flags_.run.quiet ? Progress::Show::kNever : Progress::Show::kAuto);
+      Progress progress("queries", queries_.size(), flags_.run.Show());
       comparison =
           CompareLocalization(sources_, queries_, *match_source_, loaded_.references.images,
                               matches, truth, grid_, [&progress] { progress.Advance(); });
@@ -261,10 +253,9 @@ class CompareRun {
   }
 
   void OpenMatches() {
-    if (flags_.features.empty()) return;
+    if (!flags_.hloc.All()) return;
     queries_ = ReadQueryList(flags_.queries);
-    match_source_ = OpenHlocMatches({flags_.features, flags_.matches, flags_.pairs},
-                                    loaded_.references, flags_.top_k);
+    match_source_ = OpenHlocMatches(flags_.hloc.files, loaded_.references, flags_.hloc.top_k);
   }
 
   const CompareFlags& flags_;
@@ -305,12 +296,7 @@ Command AddCompareCommand(CLI::App& program) {
   auto flags = std::make_shared<CompareFlags>();
   CLI::App* command = program.add_subcommand(
       "compare", "Which source of geometry is best, where, and what is wrong with the others");
-  command->add_option("--model", flags->model, "References: COLMAP model folder, text or binary")
-      ->required()
-      ->group("References");
-  command->add_option("--every", flags->every, "Use every N-th reference (by name)")
-      ->capture_default_str()
-      ->group("References");
+  AddReferenceOptions(*command, flags->references);
   command->add_option("--geometry", flags->geometry, "name=SPEC, repeated. " + GeometryHelp())
       ->required()
       ->allow_extra_args(false)
@@ -335,13 +321,7 @@ Command AddCompareCommand(CLI::App& program) {
       ->group("Geometry");
   command->add_option("--queries", flags->queries, "List of queries, whose matches are used")
       ->group("Matches");
-  command->add_option("--features", flags->features, "hloc's features.h5")->group("Matches");
-  command->add_option("--matches", flags->matches, "hloc's matches.h5")->group("Matches");
-  command->add_option("--pairs", flags->pairs, "hloc's pairs list: query reference")
-      ->group("Matches");
-  command->add_option("--top-k", flags->top_k, "Retrieved references per query")
-      ->capture_default_str()
-      ->group("Matches");
+  AddHlocOptions(*command, flags->hloc);
   AddLocalizationOptions(*command, *flags);
   command
       ->add_option("--out", flags->out,

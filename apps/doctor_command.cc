@@ -6,6 +6,7 @@
 
 #include "commands.h"
 #include "options.h"
+#include "scene_options.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -23,27 +24,20 @@ using std::filesystem::path;
 using Json = nlohmann::ordered_json;
 
 struct DoctorFlags {
-  path model, images, queries, query_images;
-  int every = 1;
+  ReferenceFlags references;
+  path images, queries, query_images;
   ModelPosesFlags model_poses;
   std::string geometry;
-  path features, matches, pairs;
-  int top_k = 10;
+  HlocFlags hloc;
   path cache, json;
   RunFlags run;
 };
 
 void Check(const DoctorFlags& flags) {
-  for (const auto& [name, value] : {std::pair("--every", flags.every), {"--top-k", flags.top_k}}) {
-    if (value < 1) throw OptionError(name, std::to_string(value), "must be at least 1");
-  }
+  flags.references.Check();
   flags.run.Check();
-  const bool any_hloc = !flags.features.empty() || !flags.matches.empty() || !flags.pairs.empty();
-  const bool all_hloc = !flags.features.empty() && !flags.matches.empty() && !flags.pairs.empty();
-  if (any_hloc && !all_hloc) {
-    throw OptionError("--features, --matches and --pairs go together: give all three or none");
-  }
-  if (!any_hloc && (flags.images.empty() || flags.queries.empty() || flags.cache.empty())) {
+  flags.hloc.Check();
+  if (!flags.hloc.Any() && (flags.images.empty() || flags.queries.empty() || flags.cache.empty())) {
     throw OptionError(
         "--images, --queries and --cache are required where no --features, --matches and --pairs "
         "are given");
@@ -52,14 +46,14 @@ void Check(const DoctorFlags& flags) {
 
 std::unique_ptr<MatchSource> OpenMatches(const DoctorFlags& flags, const ReferenceSet& references,
                                          const std::vector<Query>& queries) {
-  if (!flags.features.empty()) {
-    return OpenHlocMatches({flags.features, flags.matches, flags.pairs}, references, flags.top_k);
+  if (flags.hloc.All()) {
+    return OpenHlocMatches(flags.hloc.files, references, flags.hloc.top_k);
   }
   return MakeFrontEndMatches(
       {.reference_images = flags.images,
        .query_images = flags.query_images.empty() ? flags.images : flags.query_images,
        .cache = flags.cache,
-       .top_k = flags.top_k,
+       .top_k = flags.hloc.top_k,
        .threads = flags.run.threads,
        .show_progress = !flags.run.quiet},
       references, queries);
@@ -113,22 +107,22 @@ void Print(const Diagnosis& diagnosis) {
 
 void Run(const DoctorFlags& flags) {
   const PoseConvention poses = flags.model_poses.Resolve();
-  const LoadedReferences loaded = LoadReferences(flags.model, flags.every, poses);
+  const LoadedReferences loaded =
+      LoadReferences(flags.references.model, flags.references.every, poses);
   const ReferenceSet& references = loaded.references;
-  const NamedGeometry geometry =
-      MakeGeometrySource(flags.geometry, {.model = flags.model, .references = references.images});
+  const NamedGeometry geometry = MakeGeometrySource(
+      flags.geometry, {.model = flags.references.model, .references = references.images});
   if (geometry.kind == GeometryKind::kSfm) {
     throw OptionError("--geometry", flags.geometry, "expected mesh:... or depth:...");
   }
-  std::vector<std::string> warnings = loaded.warnings;
-  warnings.insert(warnings.end(), geometry.warnings.begin(), geometry.warnings.end());
   if (!flags.json.empty()) RequireWritable(flags.json);
   const std::vector<Query> queries = QueriesOf(flags, references);
   const auto match_source = OpenMatches(flags, references, queries);
   const auto matches =
       CollectReferenceMatches(queries, *match_source, references, flags.run.threads);
-  for (const std::string& warning : warnings) PrintWarning(warning);
-  for (const std::string& warning : match_source->Warnings()) PrintWarning(warning);
+  PrintWarnings(loaded.warnings);
+  PrintWarnings(geometry.warnings);
+  PrintWarnings(match_source->Warnings());
 
   const Diagnosis diagnosis = Diagnose(MakeDoctorInput(geometry, references.images, matches, poses),
                                        {.threads = flags.run.threads});
@@ -142,13 +136,8 @@ Command AddDoctorCommand(CLI::App& program) {
   auto flags = std::make_shared<DoctorFlags>();
   CLI::App* command = program.add_subcommand(
       "doctor", "Whether depth and poses are read as they were meant, by multi-view consistency");
-  command->add_option("--model", flags->model, "References: COLMAP model folder, text or binary")
-      ->required()
-      ->group("References");
+  AddReferenceOptions(*command, flags->references);
   command->add_option("--images", flags->images, "Folder of the reference photographs")
-      ->group("References");
-  command->add_option("--every", flags->every, "Use every N-th reference (by name)")
-      ->capture_default_str()
       ->group("References");
   AddModelPosesOption(*command, flags->model_poses);
   command->add_option("--geometry", flags->geometry, GeometryHelp())->required()->group("Geometry");
@@ -161,14 +150,7 @@ Command AddDoctorCommand(CLI::App& program) {
       ->add_option("--query-images", flags->query_images,
                    "Folder of the query photographs (default: --images)")
       ->group("Matches");
-  command->add_option("--features", flags->features, "hloc's features.h5; without it, RootSIFT")
-      ->group("Matches");
-  command->add_option("--matches", flags->matches, "hloc's matches.h5")->group("Matches");
-  command->add_option("--pairs", flags->pairs, "hloc's pairs list: query reference")
-      ->group("Matches");
-  command->add_option("--top-k", flags->top_k, "Retrieved references per query")
-      ->capture_default_str()
-      ->group("Matches");
+  AddHlocOptions(*command, flags->hloc, "; without it, RootSIFT");
   command->add_option("--cache", flags->cache, "Where RootSIFT features are kept")
       ->group("Matches");
   command->add_option("--json", flags->json, "Also write the table as JSON")->group("Output");

@@ -150,8 +150,7 @@ void RequireDistinctNames(const std::vector<path>& files, const std::vector<Row>
 std::vector<Row> EstimateAll(const std::vector<path>& files, const EstimateFlags& flags,
                              const FilterOptions& filter, const PoseEstimator& estimator) {
   std::vector<Row> rows(files.size());
-  Progress progress("problems", files.size(),
-                    flags.run.quiet ? Progress::Show::kNever : Progress::Show::kAuto);
+  Progress progress("problems", files.size(), flags.run.Show());
   ParallelFor(files.size(), flags.run.threads, [&](size_t i) {
     PoseProblem problem = ReadPoseProblem(files[i]).problem;
     FilterProblem(filter, problem);
@@ -162,9 +161,7 @@ std::vector<Row> EstimateAll(const std::vector<path>& files, const EstimateFlags
 }
 
 void Run(const EstimateFlags& flags) {
-  if (flags.repeat < 1) {
-    throw OptionError("--repeat", std::to_string(flags.repeat), "must be at least 1");
-  }
+  RequireAtLeast(1, "--repeat", flags.repeat);
   const EstimatorOptions options = flags.estimator.Resolve();
   const FilterOptions filter = flags.filter.Resolve(options.method);
   flags.run.Check();

@@ -109,7 +109,7 @@ void EvaluateDense(const EvaluateFlags& flags, const std::vector<std::string>& n
   const std::vector<PosedImage> views = ReadPosedQueries(flags.ground_truth, flags.queries);
   const NamedGeometry geometry =
       MakeGeometrySource(flags.geometry, {.model = flags.ground_truth, .references = views});
-  for (const std::string& warning : geometry.warnings) PrintWarning(warning);
+  PrintWarnings(geometry.warnings);
   std::vector<PosesByName> matched;
   for (const PosesByName& poses : estimated) matched.push_back(MatchNames(ground_truth, poses));
   constexpr int kPixels = 5000;

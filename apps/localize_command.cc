@@ -8,6 +8,7 @@
 #include "commands.h"
 #include "geometry_options.h"
 #include "options.h"
+#include "scene_options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -34,12 +35,11 @@ namespace {
 using std::filesystem::path;
 
 struct LocalizeFlags {
-  path model, images, queries, query_images;
-  int every = 1;
+  ReferenceFlags references;
+  path images, queries, query_images;
   ModelPosesFlags model_poses;
   GeometryFlags geometry;
-  path features, matches, pairs;
-  int top_k = 10;
+  HlocFlags hloc;
   int max_features = 4096;
   double max_ratio = 0.8;
   path cache, out, write_problems, report;
@@ -50,18 +50,11 @@ struct LocalizeFlags {
   RunFlags run;
 };
 
-void RequirePositive(int value, std::string_view name) {
-  if (value < 1) {
-    throw OptionError(name, std::to_string(value), "must be at least 1");
-  }
-}
-
 // What the options alone can tell, before any work.
 void Check(const LocalizeFlags& flags, const GeometryOptions& geometry,
            const EstimatorOptions& estimator) {
-  RequirePositive(flags.every, "--every");
-  RequirePositive(flags.top_k, "--top-k");
-  RequirePositive(flags.max_features, "--max-features");
+  flags.references.Check();
+  RequireAtLeast(1, "--max-features", flags.max_features);
   if (!(flags.max_ratio > 0 && flags.max_ratio <= 1)) {
     throw OptionError("--max-ratio", FormatDouble(flags.max_ratio),
                       "must be above 0 and at most 1");
@@ -70,12 +63,8 @@ void Check(const LocalizeFlags& flags, const GeometryOptions& geometry,
     throw OptionError("--pictures", std::to_string(flags.pictures), "must not be negative");
   }
   flags.run.Check();
-  const bool any_hloc = !flags.features.empty() || !flags.matches.empty() || !flags.pairs.empty();
-  const bool all_hloc = !flags.features.empty() && !flags.matches.empty() && !flags.pairs.empty();
-  if (any_hloc && !all_hloc) {
-    throw OptionError("--features, --matches and --pairs go together: give all three or none");
-  }
-  if (!any_hloc && flags.images.empty()) {
+  flags.hloc.Check();
+  if (!flags.hloc.Any() && flags.images.empty()) {
     throw OptionError("--images is required where no --features, --matches and --pairs are given");
   }
   if (flags.geometry.specs.empty() && estimator.method != Method::kE5p1 &&
@@ -93,13 +82,7 @@ void Check(const LocalizeFlags& flags, const GeometryOptions& geometry,
 // A file of a query of its own: its folders and its extension are kept, as a.jpg and a.png may both
 // be queries; nothing leaves `folder`.
 path FileOfQuery(const path& folder, const std::string& query, const char* extension) {
-  path file = folder;
-  for (const path& part : path(query).relative_path()) {
-    if (part != "..") {
-      file /= part;
-    }
-  }
-  return file += extension;
+  return PathBelow(folder, query) += extension;
 }
 
 class LocalizeRun {
@@ -115,7 +98,8 @@ class LocalizeRun {
         queries_(ReadQueryList(flags.queries)),
         input_check_(queries_),
         seed_(estimator_options.seed) {
-    LoadedReferences loaded = LoadReferences(flags.model, flags.every, model_poses_);
+    LoadedReferences loaded =
+        LoadReferences(flags.references.model, flags.references.every, model_poses_);
     references_ = std::move(loaded.references);
     covisibility_ = std::move(loaded.covisibility);
     Take(std::move(loaded.warnings));
@@ -144,7 +128,7 @@ class LocalizeRun {
     const auto start = std::chrono::steady_clock::now();
     std::vector<LocalizedQuery> localized(queries_.size());
     {
-      Progress progress("queries", queries_.size(), Show());
+      Progress progress("queries", queries_.size(), flags_.run.Show());
       ParallelFor(queries_.size(), flags_.run.threads, [&](size_t i) {
         localized[i] = Localize(i);
         progress.Advance();
@@ -152,9 +136,7 @@ class LocalizeRun {
     }
     Take(match_source_->Warnings());
     CheckInput();
-    for (const std::string& warning : warnings_) {
-      PrintWarning(warning);
-    }
+    PrintWarnings(warnings_);
     const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
     WritePoses(flags_.out / "poses.txt", localized);
     WriteQueryDiagnostics(flags_.out / "queries.jsonl", localized);
@@ -174,18 +156,14 @@ class LocalizeRun {
   }
 
  private:
-  Progress::Show Show() const {
-    return flags_.run.quiet ? Progress::Show::kNever : Progress::Show::kAuto;
-  }
-
   void Take(std::vector<std::string> warnings) {
     warnings_.insert(warnings_.end(), warnings.begin(), warnings.end());
   }
 
   void OpenGeometry() {
     for (const std::string& spec : flags_.geometry.specs) {
-      NamedGeometry geometry =
-          MakeGeometrySource(spec, {.model = flags_.model, .references = references_.images});
+      NamedGeometry geometry = MakeGeometrySource(
+          spec, {.model = flags_.references.model, .references = references_.images});
       Take(std::move(geometry.warnings));
       used_geometry_.push_back({spec, geometry.understood, std::nullopt});
       if (mesh_ == nullptr) mesh_ = geometry.mesh;
@@ -194,14 +172,13 @@ class LocalizeRun {
   }
 
   std::unique_ptr<MatchSource> OpenMatches() const {
-    if (!flags_.features.empty()) {
-      return OpenHlocMatches({flags_.features, flags_.matches, flags_.pairs}, references_,
-                             flags_.top_k);
+    if (flags_.hloc.All()) {
+      return OpenHlocMatches(flags_.hloc.files, references_, flags_.hloc.top_k);
     }
     return MakeFrontEndMatches({.reference_images = flags_.images,
                                 .query_images = query_images_,
                                 .cache = flags_.cache.empty() ? flags_.out / "cache" : flags_.cache,
-                                .top_k = flags_.top_k,
+                                .top_k = flags_.hloc.top_k,
                                 .max_features = flags_.max_features,
                                 .max_ratio = flags_.max_ratio,
                                 .seed = seed_,
@@ -310,13 +287,8 @@ Command AddLocalizeCommand(CLI::App& program) {
   auto flags = std::make_shared<LocalizeFlags>();
   CLI::App* command =
       program.add_subcommand("localize", "Poses of query photographs in a known scene");
-  command->add_option("--model", flags->model, "References: COLMAP model folder, text or binary")
-      ->required()
-      ->group("References");
+  AddReferenceOptions(*command, flags->references);
   command->add_option("--images", flags->images, "Folder of the reference photographs")
-      ->group("References");
-  command->add_option("--every", flags->every, "Use every N-th reference (by name)")
-      ->capture_default_str()
       ->group("References");
   AddModelPosesOption(*command, flags->model_poses);
   AddGeometryOptions(*command, flags->geometry);
@@ -333,14 +305,7 @@ Command AddLocalizeCommand(CLI::App& program) {
       ->add_option("--query-images", flags->query_images,
                    "Folder of the query photographs (default: --images)")
       ->group("Queries");
-  command->add_option("--features", flags->features, "hloc's features.h5; without it, RootSIFT")
-      ->group("Matches");
-  command->add_option("--matches", flags->matches, "hloc's matches.h5")->group("Matches");
-  command->add_option("--pairs", flags->pairs, "hloc's pairs list: query reference")
-      ->group("Matches");
-  command->add_option("--top-k", flags->top_k, "Retrieved references per query")
-      ->capture_default_str()
-      ->group("Matches");
+  AddHlocOptions(*command, flags->hloc, "; without it, RootSIFT");
   command
       ->add_option("--max-features", flags->max_features,
                    "RootSIFT features per image, the strongest")

@@ -187,6 +187,20 @@ void RunFlags::Check() const {
   }
 }
 
+void RequireAtLeast(int least, std::string_view option, int value) {
+  if (value < least) {
+    throw OptionError(option, std::to_string(value), fmt::format("must be at least {}", least));
+  }
+}
+
+double ParsePositive(std::string_view option, const std::string& text) {
+  const auto value = ParseDouble(text);
+  if (!value || !(*value > 0) || !std::isfinite(*value)) {
+    throw OptionError(option, text, "must be a positive number");
+  }
+  return *value;
+}
+
 void AddConfigOption(CLI::App& app) {
   app.add_option("--config", "TOML file with any of these options")
       ->type_name("TEXT")
@@ -224,6 +238,10 @@ void CheckNumbers(CLI::App& app) {
 
 void PrintWarning(const std::string& warning) {
   std::fputs(fmt::format("raylift: warning: {}\n", warning).c_str(), stderr);
+}
+
+void PrintWarnings(const std::vector<std::string>& warnings) {
+  for (const std::string& warning : warnings) PrintWarning(warning);
 }
 
 std::string EffectiveOptionsJson(const CLI::App& app) {

@@ -8,6 +8,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "raylift/base/progress.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/geometry/pose_convention.h"
 #include "raylift/lifting/consistency_filter.h"
@@ -48,10 +49,15 @@ struct RunFlags {
   int threads = 0;
   bool quiet = false;
 
+  Progress::Show Show() const { return quiet ? Progress::Show::kNever : Progress::Show::kAuto; }
   // Throws OptionError.
   void Check() const;
 };
 void AddRunOptions(CLI::App& app, RunFlags& flags);
+
+// Both throw OptionError.
+void RequireAtLeast(int least, std::string_view option, int value);
+double ParsePositive(std::string_view option, const std::string& text);
 
 // `--config`, which main reads before the command runs (config_file.h).
 void AddConfigOption(CLI::App& app);
@@ -62,6 +68,7 @@ void CheckNumbers(CLI::App& app);
 
 // One line on stderr.
 void PrintWarning(const std::string& warning);
+void PrintWarnings(const std::vector<std::string>& warnings);
 
 // The options of a command with the values in effect, as JSON, for `options.json`: numbers and
 // booleans as such, null where an option has no value.

@@ -6,6 +6,7 @@
 
 #include "commands.h"
 #include "options.h"
+#include "scene_options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -24,8 +25,7 @@ namespace {
 using std::filesystem::path;
 
 struct PerturbFlags {
-  path model;
-  int every = 1;
+  ReferenceFlags references;
   std::string geometry;
   std::string format = "exr";
   path out;
@@ -45,11 +45,7 @@ std::optional<DepthMap> LoadMap(const NamedGeometry& geometry, const PosedImage&
 
 // Where `--geometry depth:OUT` finds it without being told.
 path FileOfImage(const path& folder, const std::string& image, const std::string& format) {
-  path file = folder;
-  for (const path& part : path(image).relative_path()) {
-    if (part != "..") file /= part;
-  }
-  return file.replace_extension(format);
+  return PathBelow(folder, image).replace_extension(format);
 }
 
 // PNG holds millimetres, all others scene units.
@@ -65,27 +61,23 @@ DepthWriteOptions WriteOptionsOf(const PerturbFlags& flags) {
 
 void Run(const PerturbFlags& flags, const std::string& options_json) {
   flags.run.Check();
-  if (flags.every < 1) {
-    throw OptionError("--every", std::to_string(flags.every), "must be at least 1");
-  }
+  flags.references.Check();
   flags.perturbation.Validate();
   const DepthWriteOptions write_options = WriteOptionsOf(flags);
-  const LoadedReferences loaded = LoadReferences(flags.model, flags.every);
+  const LoadedReferences loaded = LoadReferences(flags.references.model, flags.references.every);
   const std::vector<PosedImage>& images = loaded.references.images;
   const NamedGeometry geometry =
-      MakeGeometrySource(flags.geometry, {.model = flags.model, .references = images});
+      MakeGeometrySource(flags.geometry, {.model = flags.references.model, .references = images});
   if (geometry.mesh == nullptr && geometry.maps == nullptr) {
     throw OptionError("--geometry", flags.geometry, "must be a mesh or depth maps");
   }
-  for (const auto* warnings : {&loaded.warnings, &geometry.warnings}) {
-    for (const std::string& warning : *warnings) PrintWarning(warning);
-  }
+  PrintWarnings(loaded.warnings);
+  PrintWarnings(geometry.warnings);
   RequireWritable(flags.out / "perturbation.json");
   std::atomic<size_t> written{0};
   std::atomic<size_t> dropped{0};
   {
-    Progress progress("maps", images.size(),
-                      flags.run.quiet ? Progress::Show::kNever : Progress::Show::kAuto);
+    Progress progress("maps", images.size(), flags.run.Show());
     ParallelFor(images.size(), flags.run.threads, [&](size_t i) {
       if (const auto map = LoadMap(geometry, images[i])) {
         const DepthMap worse = PerturbDepth(*map, flags.perturbation, images[i].name);
@@ -132,10 +124,7 @@ Command AddPerturbCommand(CLI::App& program) {
   auto flags = std::make_shared<PerturbFlags>();
   CLI::App* command =
       program.add_subcommand("perturb", "Depth maps made worse on purpose, to test with");
-  command->add_option("--model", flags->model, "References: COLMAP model folder, text or binary")
-      ->required();
-  command->add_option("--every", flags->every, "Use every N-th reference (by name)")
-      ->capture_default_str();
+  AddReferenceOptions(*command, flags->references);
   command->add_option("--geometry", flags->geometry, GeometryHelp())->required();
   command->add_option("--out", flags->out, "Folder for the maps, DIR/STEM.FORMAT of each image")
       ->required()

@@ -64,7 +64,7 @@ class RenderRun {
 
   void Run() {
     warnings_.insert(warnings_.end(), scene_.warnings.begin(), scene_.warnings.end());
-    for (const std::string& warning : warnings_) PrintWarning(warning);
+    PrintWarnings(warnings_);
     const size_t total = tasks_.size();
     RenderSummary summary;
     {
@@ -72,9 +72,7 @@ class RenderRun {
       std::optional<Progress> progress;
       const RenderHooks hooks{.on_start =
                                   [&](size_t images, size_t rays) {
-                                    const auto show = flags_.run.quiet ? Progress::Show::kNever
-                                                                       : Progress::Show::kAuto;
-                                    progress.emplace("images", images, show);
+                                    progress.emplace("images", images, flags_.run.Show());
                                     progress->CountAlso("Mrays", 1e-6 * static_cast<double>(rays));
                                   },
                               .on_image =

@@ -274,15 +274,9 @@ TaskSelection ResolveSelection(const RenderFlags& flags) {
                           .glob = flags.glob,
                           .every = flags.every,
                           .pattern = flags.pattern};
-  if (flags.every < 1) {
-    throw OptionError("--every", std::to_string(flags.every), "must be at least 1");
-  }
+  RequireAtLeast(1, "--every", flags.every);
   if (!flags.scale.empty()) {
-    const auto scale = ParseDouble(flags.scale);
-    if (!scale || !(*scale > 0) || !std::isfinite(*scale)) {
-      throw OptionError("--scale", flags.scale, "must be a positive number");
-    }
-    selection.scale = *scale;
+    selection.scale = ParsePositive("--scale", flags.scale);
   }
   if (!flags.size.empty()) selection.size = ParseSize("--size", flags.size);
   if (!flags.panorama.empty()) selection.panorama = ParseSize("--panorama", flags.panorama);

@@ -123,11 +123,7 @@ void Check(const ViewsFlags& flags) {
 AroundOptions ResolveAround(const ViewsFlags& flags) {
   AroundOptions around = flags.around;
   if (!flags.distance.empty()) {
-    const auto distance = ParseDouble(flags.distance);
-    if (!distance || !(*distance > 0) || !std::isfinite(*distance)) {
-      throw OptionError("--distance", flags.distance, "must be a positive number");
-    }
-    around.distance = *distance;
+    around.distance = ParsePositive("--distance", flags.distance);
   }
   return around;
 }
@@ -149,10 +145,10 @@ void Run(const ViewsFlags& flags) {
                              .any_side = flags.any_side};
   const AroundOptions around = ResolveAround(flags);
   const MeshScene scene = LoadMeshScene(flags.geometry, [](const std::string&) {});
-  for (const std::string& warning : scene.warnings) PrintWarning(warning);
+  PrintWarnings(scene.warnings);
   if (flags.level) options.up_in_world = LevelUp(scene.caster->mesh(), options.up_in_world);
   const SampledViews views = Sample(flags, *scene.caster, options, around);
-  for (const std::string& warning : views.warnings) PrintWarning(warning);
+  PrintWarnings(views.warnings);
   const ColmapModel model =
       MakeSampledModel(options.camera, views.cam_from_world, flags.rig_cameras);
   WriteColmapModel(flags.out, model, flags.text ? ColmapForm::kText : ColmapForm::kBinary);

@@ -107,6 +107,15 @@ std::optional<std::filesystem::path> TargetOfTemporary(const std::filesystem::pa
   return path.parent_path() / (stem.substr(1) + extension.string());
 }
 
+std::filesystem::path PathBelow(const std::filesystem::path& folder,
+                                const std::filesystem::path& name) {
+  std::filesystem::path file = folder;
+  for (const std::filesystem::path& part : name.relative_path()) {
+    if (part != "..") file /= part;
+  }
+  return file;
+}
+
 AtomicFile::AtomicFile(std::filesystem::path path) : path_(std::move(path)) {
   if (path_.has_parent_path()) {
     std::error_code error;

@@ -82,8 +82,8 @@ class Ransac {
                        [](const SolverProgress& progress) { return progress.Done(); });
   }
 
-  // All matches fit a sample but for rounding, so that no other can be told to be better. Of the
-  // solutions of one sample the first is then taken.
+  // Nothing can score better: all matches fit but for rounding or, where inliers are counted, all
+  // are inliers. Of the solutions of one sample the first is then taken.
   bool IsExact(double value) const {
     return value - best_possible_ < 1e-6 * (worst_value_ - best_possible_);
   }

@@ -272,38 +272,6 @@ std::vector<double> PairResiduals(const PreparedProblem& problem, const SolverPo
   return residuals;
 }
 
-}  // namespace
-
-Residuals ComputeResiduals(const PreparedProblem& problem, const SolverPose& pose,
-                           ResidualKinds kinds) {
-  Residuals residuals;
-  if (kinds.points) residuals.points = PointResiduals(problem, pose);
-  if (kinds.pairs) residuals.pairs = PairResiduals(problem, pose);
-  return residuals;
-}
-
-SolverPose OptimizeLocally(const PreparedProblem& problem, const SolverPose& pose,
-                           ResidualKinds kinds, int max_steps) {
-  ActiveMatches<float> active;
-  if (kinds.points) {
-    active.point_blocks = problem.point_blocks;
-  }
-  if (kinds.pairs) {
-    active.pair_blocks = problem.pair_blocks;
-    active.pair_block_reference = problem.pair_block_reference;
-  }
-  // A minimal sample's pose may be so far off that many inliers lie beyond the threshold: first
-  // reach for those, then settle on the score's own cost.
-  KindWeights wide;
-  wide.point_loss.limit = wide.pair_loss.limit = kNearSquared;
-  const SolverPose near =
-      Minimize(problem, FirstBlocks(active, kBlocksToReach), pose, wide, 2, 1e-2);
-  return Minimize(problem, FirstBlocks(active, kBlocksToSettle), near, KindWeights{}, max_steps,
-                  1e-4);
-}
-
-namespace {
-
 // Refines a pose with each kind's noise estimated from its own inliers.
 class MaximumLikelihood {
  public:
@@ -388,6 +356,34 @@ class MaximumLikelihood {
 };
 
 }  // namespace
+
+Residuals ComputeResiduals(const PreparedProblem& problem, const SolverPose& pose,
+                           ResidualKinds kinds) {
+  Residuals residuals;
+  if (kinds.points) residuals.points = PointResiduals(problem, pose);
+  if (kinds.pairs) residuals.pairs = PairResiduals(problem, pose);
+  return residuals;
+}
+
+SolverPose OptimizeLocally(const PreparedProblem& problem, const SolverPose& pose,
+                           ResidualKinds kinds, int max_steps) {
+  ActiveMatches<float> active;
+  if (kinds.points) {
+    active.point_blocks = problem.point_blocks;
+  }
+  if (kinds.pairs) {
+    active.pair_blocks = problem.pair_blocks;
+    active.pair_block_reference = problem.pair_block_reference;
+  }
+  // A minimal sample's pose may be so far off that many inliers lie beyond the threshold: first
+  // reach for those, then settle on the score's own cost.
+  KindWeights wide;
+  wide.point_loss.limit = wide.pair_loss.limit = kNearSquared;
+  const SolverPose near =
+      Minimize(problem, FirstBlocks(active, kBlocksToReach), pose, wide, 2, 1e-2);
+  return Minimize(problem, FirstBlocks(active, kBlocksToSettle), near, KindWeights{}, max_steps,
+                  1e-4);
+}
 
 FinalPose RefineFinally(const PreparedProblem& problem, const SolverPose& pose,
                         ResidualKinds kinds) {

@@ -46,33 +46,13 @@ TEST(Compare, NamesAPlantedScaleAndWritesAllItsTables) {
 TEST(Compare, LocalizesWithEverySourceOnTheSameMatches) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const fs::path out = scene.folder / "out";
-  const CommandResult result = RunRaylift({"compare",
-                                           "--model",
-                                           scene.model(),
-                                           "--geometry",
-                                           "mesh=mesh:" + scene.mesh().string(),
-                                           "--max-side",
-                                           "64",
-                                           "--overlaps",
-                                           "0",
-                                           "--queries",
-                                           scene.query_list(),
-                                           "--features",
-                                           scene.features(),
-                                           "--matches",
-                                           scene.matches(),
-                                           "--pairs",
-                                           scene.pairs(),
-                                           "--ground-truth",
-                                           scene.truth(),
-                                           "--methods",
-                                           "p3p,e5p1,adaptive:mult_inl,select:0.9",
-                                           "--thresholds",
-                                           "0.01,0.1",
-                                           "--filters",
-                                           "off,auto",
-                                           "--out",
-                                           out});
+  const CommandResult result =
+      RunRaylift(Arguments{"compare", "--model", scene.model(), "--geometry",
+                           "mesh=mesh:" + scene.mesh().string(), "--max-side", "64", "--overlaps",
+                           "0", "--ground-truth", scene.truth(), "--methods",
+                           "p3p,e5p1,adaptive:mult_inl,select:0.9", "--thresholds", "0.01,0.1",
+                           "--filters", "off,auto", "--out", out} +
+                 HlocMatches(scene));
   ASSERT_TRUE(Succeeds(result));
   const auto rows = nlohmann::json::parse(ReadFile(out / "localization.json"))["rows"];
   ASSERT_EQ(rows.size(), 9u);  // e5p1, 2 filters x 3 methods, 2 oracles

@@ -13,19 +13,9 @@ namespace {
 namespace fs = std::filesystem;
 
 Arguments DoctorWithHloc(const RoomScene& scene) {
-  return {"doctor",
-          "--model",
-          scene.model(),
-          "--geometry",
-          "mesh:" + scene.mesh().string(),
-          "--queries",
-          scene.query_list(),
-          "--features",
-          scene.features(),
-          "--matches",
-          scene.matches(),
-          "--pairs",
-          scene.pairs()};
+  return Arguments{"doctor", "--model", scene.model(), "--geometry",
+                   "mesh:" + scene.mesh().string()} +
+         HlocMatches(scene);
 }
 
 TEST(Doctor, SaysThatARightReadingIsRight) {

@@ -21,22 +21,16 @@ CommandResult RunRaylift(const Arguments& arguments) {
   return RunCommand(Arguments{RAYLIFT_PROGRAM} + arguments);
 }
 
+Arguments HlocMatches(const RoomScene& scene) {
+  return {"--queries", scene.query_list(), "--features", scene.features(),
+          "--matches", scene.matches(),    "--pairs",    scene.pairs()};
+}
+
 Arguments LocalizeWithHloc(const RoomScene& scene, const fs::path& out) {
-  return {"localize",
-          "--model",
-          scene.model(),
-          "--geometry",
-          "mesh:" + scene.mesh().string(),
-          "--queries",
-          scene.query_list(),
-          "--features",
-          scene.features(),
-          "--matches",
-          scene.matches(),
-          "--pairs",
-          scene.pairs(),
-          "--out",
-          out};
+  return Arguments{
+             "localize", "--model", scene.model(), "--geometry", "mesh:" + scene.mesh().string(),
+             "--out",    out} +
+         HlocMatches(scene);
 }
 
 Arguments LocalizeFromImages(const RoomScene& scene, const fs::path& out) {

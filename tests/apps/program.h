@@ -20,6 +20,9 @@ Arguments operator+(Arguments a, const Arguments& b);
 
 CommandResult RunRaylift(const Arguments& arguments);
 
+// The options of a scene's queries with hloc's files.
+Arguments HlocMatches(const RoomScene& scene);
+
 // `localize` with hloc's files and the mesh, to `out`.
 Arguments LocalizeWithHloc(const RoomScene& scene, const std::filesystem::path& out);
 // `localize` from the images and the mesh, to `out`.

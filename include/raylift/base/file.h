@@ -23,6 +23,10 @@ void WriteFile(const std::filesystem::path& path, std::span<const std::string_vi
 // InputError naming the file or folder otherwise.
 void RequireWritable(const std::filesystem::path& path);
 
+// The file of an image that is named by a relative path: below `folder`, whatever the name says.
+std::filesystem::path PathBelow(const std::filesystem::path& folder,
+                                const std::filesystem::path& name);
+
 // Gives the temporary name for a writer that opens files itself (HDF5, OpenCV); Commit() renames.
 // Without Commit() the temporary file is removed.
 class AtomicFile {

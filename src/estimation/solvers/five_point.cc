@@ -268,6 +268,7 @@ bool Polish(const Rays& query_rays, const Rays& reference_rays, RelativePose& po
     }
     pose.rotation = RotationFromVector(w).toRotationMatrix() * pose.rotation;
     pose.direction = (axis + step[3] * tangent0 + step[4] * tangent1).normalized();
+    // Steps converge quadratically: after one of 1e-6 nothing is left to gain.
     if (size2 < 1e-12) {
       return true;
     }

@@ -1,0 +1,36 @@
+// The options that say what a scene is seen from: its references, and hloc's matches with them.
+
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include <CLI/CLI.hpp>
+
+#include "raylift/localization/match_source.h"
+
+namespace raylift {
+
+struct ReferenceFlags {
+  std::filesystem::path model;
+  int every = 1;
+
+  // Throws OptionError.
+  void Check() const;
+};
+void AddReferenceOptions(CLI::App& app, ReferenceFlags& flags);
+
+struct HlocFlags {
+  HlocFiles files;
+  int top_k = 10;
+
+  // Any of the three files is named; all of them.
+  bool Any() const;
+  bool All() const;
+  // The three files go together. Throws OptionError.
+  void Check() const;
+};
+// `without` ends the help of --features: what a command does where it is not given.
+void AddHlocOptions(CLI::App& app, HlocFlags& flags, const std::string& without = "");
+
+}  // namespace raylift
