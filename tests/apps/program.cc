@@ -27,10 +27,9 @@ Arguments HlocMatches(const RoomScene& scene) {
 }
 
 Arguments LocalizeWithHloc(const RoomScene& scene, const fs::path& out) {
-  return Arguments{
-             "localize", "--model", scene.model(), "--geometry", "mesh:" + scene.mesh().string(),
-             "--out",    out} +
-         HlocMatches(scene);
+  return Arguments{"localize", "--model", scene.model(), "--geometry",
+                   "mesh:" + scene.mesh().string()} +
+         HlocMatches(scene) + Arguments{"--out", out};
 }
 
 Arguments LocalizeFromImages(const RoomScene& scene, const fs::path& out) {
