@@ -97,4 +97,13 @@ Camera LineTokens::CameraToEnd() {
   }
 }
 
+void CheckName(const std::filesystem::path& file, const std::string& name) {
+  if (name.empty() || name.starts_with('#') ||
+      name.find_first_of(" \t\r\n\v\f") != std::string::npos) {
+    throw InputError(file, fmt::format("the file cannot hold the name \"{}\": expected one without "
+                                       "white space that does not start with #",
+                                       name));
+  }
+}
+
 }  // namespace raylift

@@ -3,6 +3,8 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
+#include <string>
 #include <string_view>
 
 #include <Eigen/Core>
@@ -50,5 +52,9 @@ class LineTokens {
   const LineReader& lines_;
   std::string_view rest_;
 };
+
+// Names end at white space in such files, and `#` starts a comment. InputError for a name that
+// would not read back.
+void CheckName(const std::filesystem::path& file, const std::string& name);
 
 }  // namespace raylift

@@ -49,16 +49,6 @@ std::vector<std::filesystem::path> ListedFiles(const std::filesystem::path& path
   return files;
 }
 
-// Names end at white space in these files, and `#` starts a comment.
-void CheckName(const std::filesystem::path& path, const std::string& name) {
-  if (name.empty() || name.starts_with('#') ||
-      name.find_first_of(" \t\r\n\v\f") != std::string::npos) {
-    throw InputError(path, fmt::format("the file cannot hold the name \"{}\": expected one without "
-                                       "white space that does not start with #",
-                                       name));
-  }
-}
-
 }  // namespace
 
 std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern) {

@@ -1,0 +1,70 @@
+// A scene in one file: where its references, queries, times, groups, ground truth and geometry are,
+// and how results on it are judged. Commands take from it what their options do not say. TOML:
+//
+//   format = "raylift-scene/1"
+//   name = "chess"
+//   references = "references"        # COLMAP model
+//   images = "../7scenes/chess"      # folder of the references' photographs
+//   queries = "queries.txt"          # name MODEL width height params...
+//   query_images = "../7scenes/chess"
+//   ground_truth = "ground_truth"    # COLMAP model or pose file of the queries, where public
+//   times = "times.txt"              # name seconds, of references and queries
+//   groups = "groups.txt"            # name group, of queries
+//   thresholds = "7scenes"           # as --thresholds takes them
+//   [[geometry]]                     # the first is the default
+//   name = "sensor"
+//   spec = "depth:../7scenes/chess,preset=7scenes"
+//   [provenance]                     # any strings
+//   dataset = "7scenes"
+//
+// Only `format` is required. Paths are relative to the file.
+
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace raylift {
+
+struct SceneGeometry {
+  std::string name;
+  std::string spec;  // as --geometry takes it
+};
+
+// Empty where the file does not say. In memory, paths (also those within `spec`) are relative to
+// the working directory, not to the file.
+struct SceneFile {
+  std::string name;
+  std::filesystem::path references;
+  std::filesystem::path images;
+  std::filesystem::path queries;
+  std::filesystem::path query_images;
+  std::filesystem::path ground_truth;
+  std::filesystem::path times;
+  std::filesystem::path groups;
+  std::string thresholds;
+  std::vector<SceneGeometry> geometries;                        // in the file's order
+  std::vector<std::pair<std::string, std::string>> provenance;  // by key
+};
+
+// InputError with the line for anything else than the above, a geometry's name that stands twice
+// included. Does not look whether the files are there: their readers say it better.
+SceneFile ReadSceneFile(const std::filesystem::path& file);
+
+// Paths are written relative to `file`, so that scenes can be moved with what they refer to.
+void WriteSceneFile(const std::filesystem::path& file, const SceneFile& scene);
+
+// Lines `name seconds`: when images were taken, from any origin. `#` comments and empty lines are
+// skipped. InputError for anything else, and for a name that stands twice.
+std::map<std::string, double> ReadTimes(const std::filesystem::path& file);
+void WriteTimes(const std::filesystem::path& file, const std::map<std::string, double>& times);
+
+// Lines `name group`, such as day or night, the same way.
+std::map<std::string, std::string> ReadGroups(const std::filesystem::path& file);
+void WriteGroups(const std::filesystem::path& file,
+                 const std::map<std::string, std::string>& groups);
+
+}  // namespace raylift
