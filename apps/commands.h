@@ -18,6 +18,7 @@ Command AddLocalizeCommand(CLI::App& program);
 Command AddDoctorCommand(CLI::App& program);
 Command AddEstimateCommand(CLI::App& program);
 Command AddEvaluateCommand(CLI::App& program);
+Command AddPairsCommand(CLI::App& program);
 Command AddPerturbCommand(CLI::App& program);
 Command AddRenderCommand(CLI::App& program);
 Command AddCompareCommand(CLI::App& program);

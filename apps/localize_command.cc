@@ -8,6 +8,7 @@
 #include "commands.h"
 #include "geometry_options.h"
 #include "options.h"
+#include "retrieval_options.h"
 #include "scene_options.h"
 #include <fmt/format.h>
 
@@ -40,6 +41,7 @@ struct LocalizeFlags {
   ModelPosesFlags model_poses;
   GeometryFlags geometry;
   HlocFlags hloc;
+  RetrievalFlags retrieval;
   int max_features = 4096;
   double max_ratio = 0.8;
   path cache, out, write_problems, report;
@@ -66,6 +68,15 @@ void Check(const LocalizeFlags& flags, const GeometryOptions& geometry,
   flags.hloc.Check();
   if (!flags.hloc.Any() && flags.images.empty()) {
     throw OptionError("--images is required where no --features, --matches and --pairs are given");
+  }
+  if (flags.hloc.Any() && flags.retrieval.Any()) {
+    throw OptionError("--pairs", flags.hloc.files.pairs.string(),
+                      "names the references: no options of retrieval go with it");
+  }
+  const RetrievalOptions retrieval =
+      flags.retrieval.Resolve(flags.geometry.specs, RetrievalFlags::Queries::kOwn);
+  if (retrieval.method == RetrievalMethod::kCovisibility) {
+    throw OptionError("--retrieval", "covisibility", "queries observe no points of the model");
   }
   if (flags.geometry.specs.empty() && estimator.method != Method::kE5p1 &&
       geometry.candidates.mode != CandidateMode::kTriangulate) {
@@ -171,7 +182,22 @@ class LocalizeRun {
     }
   }
 
-  std::unique_ptr<MatchSource> OpenMatches() const {
+  // None by VLAD, which is the front end's own.
+  std::optional<RetrievedLists> Retrieve() {
+    RetrievalOptions options =
+        flags_.retrieval.Resolve(flags_.geometry.specs, RetrievalFlags::Queries::kOwn);
+    if (options.method == RetrievalMethod::kVlad) return std::nullopt;
+    options.top_k = flags_.hloc.top_k;
+    options.mesh = mesh_;
+    options.threads = flags_.run.threads;
+    options.show_progress = !flags_.run.quiet;
+    flags_.retrieval.ReadPriorPoses(&options);
+    Retrieval retrieval = RetrieveReferences(queries_, references_.images, options);
+    Take(std::move(retrieval.warnings));
+    return std::move(retrieval.lists);
+  }
+
+  std::unique_ptr<MatchSource> OpenMatches() {
     if (flags_.hloc.All()) {
       return OpenHlocMatches(flags_.hloc.files, references_, flags_.hloc.top_k);
     }
@@ -183,7 +209,8 @@ class LocalizeRun {
                                 .max_ratio = flags_.max_ratio,
                                 .seed = seed_,
                                 .threads = flags_.run.threads,
-                                .show_progress = !flags_.run.quiet},
+                                .show_progress = !flags_.run.quiet,
+                                .retrieved = Retrieve()},
                                references_, queries_);
   }
 
@@ -306,6 +333,7 @@ Command AddLocalizeCommand(CLI::App& program) {
                    "Folder of the query photographs (default: --images)")
       ->group("Queries");
   AddHlocOptions(*command, flags->hloc, "; without it, RootSIFT");
+  AddRetrievalOptions(*command, flags->retrieval);
   command
       ->add_option("--max-features", flags->max_features,
                    "RootSIFT features per image, the strongest")

@@ -59,7 +59,7 @@ Program MakeProgram() {
       "  raylift COMMAND --help");
   program.commands = {AddLocalizeCommand(app), AddEstimateCommand(app), AddEvaluateCommand(app),
                       AddPerturbCommand(app),  AddRenderCommand(app),   AddCompareCommand(app),
-                      AddDoctorCommand(app),   AddViewsCommand(app)};
+                      AddDoctorCommand(app),   AddViewsCommand(app),    AddPairsCommand(app)};
   for (const Command& command : program.commands) {
     CheckNumbers(*command.app);
   }

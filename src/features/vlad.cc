@@ -8,7 +8,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/parallel.h"
 #include "raylift/base/rng.h"
 
 namespace raylift {
@@ -60,21 +59,6 @@ void NormalizeColumns(Eigen::Ref<Eigen::MatrixXf> matrix) {
   }
 }
 
-std::vector<RetrievedReference> BestReferences(const Eigen::VectorXf& scores, int k) {
-  std::vector<RetrievedReference> ranked(scores.size());
-  for (int i = 0; i < static_cast<int>(ranked.size()); ++i) {
-    ranked[i] = {i, scores[i]};
-  }
-  const auto count = std::min<size_t>(std::max(0, k), ranked.size());
-  std::partial_sort(ranked.begin(), ranked.begin() + static_cast<std::ptrdiff_t>(count),
-                    ranked.end(), [](const RetrievedReference& a, const RetrievedReference& b) {
-                      return a.score != b.score ? a.score > b.score
-                                                : a.reference_index < b.reference_index;
-                    });
-  ranked.resize(count);
-  return ranked;
-}
-
 }  // namespace
 
 Vocabulary TrainVocabulary(std::span<const Features> images, const VocabularyOptions& options) {
@@ -109,19 +93,11 @@ Eigen::VectorXf ComputeVlad(const Features& features, const Vocabulary& vocabula
   return vlad;
 }
 
-std::vector<std::vector<RetrievedReference>> RetrieveTopK(const Eigen::MatrixXf& query_vectors,
-                                                          const Eigen::MatrixXf& reference_vectors,
-                                                          int k, int threads) {
-  std::vector<std::vector<RetrievedReference>> results(query_vectors.cols());
-  if (query_vectors.cols() == 0 || reference_vectors.cols() == 0) {
-    return results;
-  }
-  RAYLIFT_CHECK_EQ(query_vectors.rows(), reference_vectors.rows());
-  ParallelFor(results.size(), threads, [&](size_t i) {
-    const auto query = query_vectors.col(static_cast<Eigen::Index>(i));
-    results[i] = BestReferences(reference_vectors.transpose() * query, k);
-  });
-  return results;
+RetrievedLists RetrieveTopK(const Eigen::MatrixXf& query_vectors,
+                            const Eigen::MatrixXf& reference_vectors, int k, int threads) {
+  DotProductSearch search(query_vectors, k);
+  search.Add(reference_vectors, threads);
+  return search.Best();
 }
 
 }  // namespace raylift

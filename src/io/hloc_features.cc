@@ -1,13 +1,13 @@
-// hloc's features.h5 and global-feats*.h5.
+// hloc's features.h5.
 
 #include <algorithm>
 #include <cmath>
 #include <mutex>
 #include <set>
 
+#include "io/hdf5_checks.h"
 #include "io/hdf5_file.h"
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include "raylift/base/error.h"
 #include "raylift/io/hloc.h"
@@ -20,19 +20,6 @@ constexpr double kPixelShift = 0.5;
 
 // From here on float16 has steps of half a pixel and more.
 constexpr double kCoarseHalfPx = 512;
-
-template <typename T>
-void CheckFinite(const Hdf5Reader& file, const std::string& dataset, const std::vector<T>& values) {
-  for (size_t i = 0; i < values.size(); ++i) {
-    if (!std::isfinite(values[i])) {
-      file.Fail(dataset, fmt::format("expected finite numbers, number {} is {}", i + 1, values[i]));
-    }
-  }
-}
-
-std::string ToString(const std::vector<size_t>& shape) {
-  return shape.empty() ? "one number" : fmt::format("{}", fmt::join(shape, " x "));
-}
 
 Hdf5Kind ReadKeypoints(const Hdf5Reader& file, const std::string& image, Features* features) {
   const std::string dataset = image + "/keypoints";
@@ -204,42 +191,6 @@ void WriteFeatureFile(const std::filesystem::path& path,
   Hdf5Writer file(path);
   for (const auto& [image, features] : features_by_image) {
     WriteFeatures(image, features, half_descriptors ? Hdf5Kind::kHalf : Hdf5Kind::kFloat, &file);
-  }
-  file.Commit();
-}
-
-GlobalDescriptors ReadGlobalDescriptors(const std::filesystem::path& path) {
-  const Hdf5Reader file(path);
-  GlobalDescriptors global;
-  global.names = file.GroupsWith("global_descriptor");
-  for (size_t i = 0; i < global.names.size(); ++i) {
-    const std::string dataset = global.names[i] + "/global_descriptor";
-    const auto array = file.Read<float>(dataset);
-    if (array.shape.size() != 1) {
-      file.Fail(dataset, fmt::format("expected a vector, found {}", ToString(array.shape)));
-    }
-    CheckFinite(file, dataset, array.values);
-    const auto size = static_cast<Eigen::Index>(array.values.size());
-    if (i == 0) {
-      global.descriptors.resize(static_cast<Eigen::Index>(global.names.size()), size);
-    }
-    if (size != global.descriptors.cols()) {
-      file.Fail(dataset, fmt::format("expected {} numbers as in \"{}\", found {}",
-                                     global.descriptors.cols(), global.names[0], size));
-    }
-    global.descriptors.row(static_cast<Eigen::Index>(i)) =
-        Eigen::Map<const Eigen::RowVectorXf>(array.values.data(), size);
-  }
-  return global;
-}
-
-void WriteGlobalDescriptors(const std::filesystem::path& path, const GlobalDescriptors& global) {
-  RAYLIFT_CHECK_EQ(global.names.size(), static_cast<size_t>(global.descriptors.rows()));
-  const auto size = static_cast<size_t>(global.descriptors.cols());
-  Hdf5Writer file(path);
-  for (size_t i = 0; i < global.names.size(); ++i) {
-    file.WriteFloats(global.names[i] + "/global_descriptor", std::array{size},
-                     {global.descriptors.data() + i * size, size}, Hdf5Kind::kFloat);
   }
   file.Commit();
 }

@@ -1,8 +1,12 @@
 #include "raylift/localization/covisibility.h"
 
+#include <algorithm>
 #include <unordered_map>
 
+#include "localization/retrieved_lists.h"
+
 #include "raylift/base/disjoint_sets.h"
+#include "raylift/base/parallel.h"
 
 namespace raylift {
 
@@ -36,6 +40,47 @@ std::vector<int> Covisibility::Clusters(const std::vector<PosedImage>& reference
     }
   }
   return sets.Numbers();
+}
+
+bool Covisibility::Knows(const std::string& image) const {
+  const auto points = points_of_image_.find(image);
+  return points != points_of_image_.end() && !points->second.empty();
+}
+
+RetrievedLists Covisibility::MostShared(std::span<const std::string> queries,
+                                        std::span<const std::string> references, int k,
+                                        int threads) const {
+  std::unordered_map<uint64_t, std::vector<int>> observers;
+  for (size_t i = 0; i < references.size(); ++i) {
+    const auto points = points_of_image_.find(references[i]);
+    if (points == points_of_image_.end()) continue;
+    for (const uint64_t point : points->second) {
+      std::vector<int>& images = observers[point];
+      // A track may hold an image twice.
+      if (images.empty() || images.back() != static_cast<int>(i)) {
+        images.push_back(static_cast<int>(i));
+      }
+    }
+  }
+  RetrievedLists lists(queries.size());
+  ParallelFor(queries.size(), threads, [&](size_t query) {
+    if (!Knows(queries[query])) return;
+    std::vector<uint64_t> points = points_of_image_.at(queries[query]);
+    std::sort(points.begin(), points.end());
+    points.erase(std::unique(points.begin(), points.end()), points.end());
+    std::map<int, int> shared;
+    for (const uint64_t point : points) {
+      const auto found = observers.find(point);
+      if (found == observers.end()) continue;
+      for (const int image : found->second) ++shared[image];
+    }
+    for (const auto& [image, count] : shared) {
+      if (references[static_cast<size_t>(image)] == queries[query]) continue;
+      lists[query].push_back({image, static_cast<double>(count)});
+    }
+    KeepBest(&lists[query], k);
+  });
+  return lists;
 }
 
 }  // namespace raylift

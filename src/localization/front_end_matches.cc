@@ -1,14 +1,13 @@
-// Matches made here: RootSIFT, retrieval by VLAD, mutual nearest neighbours.
+// Matches made here: RootSIFT, retrieval by VLAD unless it is given, mutual nearest neighbours.
 
 #include <map>
 
 #include "localization/feature_cache.h"
+#include "localization/vlad_retrieval.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/parallel.h"
 #include "raylift/features/matcher.h"
-#include "raylift/features/vlad.h"
 #include "raylift/io/hloc.h"
 #include "raylift/localization/match_source.h"
 
@@ -81,38 +80,21 @@ class FrontEndMatches final : public MatchSource {
     }
   }
 
-  // The vocabulary is learned from the references alone, so that a query's references do not depend
-  // on the other queries.
   void Retrieve(const std::vector<Query>& queries) {
-    std::vector<Features> reference_features;
-    for (const PosedImage& image : references_) {
-      reference_features.push_back(features_.at(image.name));
-    }
-    const Vocabulary vocabulary =
-        TrainVocabulary(reference_features, {.seed = options_.seed, .threads = options_.threads});
-    const auto stack = [&](size_t count, const auto& features_of) {
-      std::vector<Eigen::VectorXf> columns(count);
-      ParallelFor(count, options_.threads,
-                  [&](size_t i) { columns[i] = ComputeVlad(features_of(i), vocabulary); });
-      Eigen::MatrixXf stacked(count > 0 ? columns[0].size() : 0, static_cast<Eigen::Index>(count));
-      for (size_t i = 0; i < count; ++i) {
-        stacked.col(static_cast<Eigen::Index>(i)) = columns[i];
-      }
-      return stacked;
-    };
-    const Eigen::MatrixXf reference_vectors = stack(
-        references_.size(), [&](size_t i) -> const Features& { return reference_features[i]; });
-    const Eigen::MatrixXf query_vectors = stack(
-        queries.size(), [&](size_t i) -> const Features& { return features_.at(queries[i].name); });
-    const auto ranks =
-        RetrieveTopK(query_vectors, reference_vectors, options_.top_k, options_.threads);
+    std::vector<std::string> query_names, reference_names;
+    for (const Query& query : queries) query_names.push_back(query.name);
+    for (const PosedImage& image : references_) reference_names.push_back(image.name);
+    const RetrievedLists ranks =
+        options_.retrieved ? *options_.retrieved
+                           : RetrieveByVlad(query_names, reference_names, features_, options_.top_k,
+                                            options_.seed, options_.threads);
+    RAYLIFT_CHECK_EQ(ranks.size(), queries.size());
     std::vector<std::pair<std::string, std::string>> pairs;
     for (size_t i = 0; i < queries.size(); ++i) {
-      std::vector<int>& indices = retrieved_[queries[i].name];
+      std::vector<int>& indices = retrieved_[query_names[i]];
       for (const RetrievedReference& r : ranks[i]) {
         indices.push_back(r.reference_index);
-        pairs.emplace_back(queries[i].name,
-                           references_[static_cast<size_t>(r.reference_index)].name);
+        pairs.emplace_back(query_names[i], reference_names[static_cast<size_t>(r.reference_index)]);
       }
     }
     WritePairs(options_.cache / "pairs.txt", pairs);

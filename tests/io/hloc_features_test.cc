@@ -309,32 +309,5 @@ TEST_F(HlocFeatures, RealFilesAreRead) {
   }
 }
 
-TEST_F(HlocFeatures, GlobalDescriptorsAreReadAndWritten) {
-  RunH5py(path_, "w", R"(
-for i, name in enumerate(['query/b.jpg', 'a.jpg']):
-    g = f.create_group(name)
-    g.create_dataset('global_descriptor', data=np.array([i, 0.5, -1], np.float16))
-    g.create_dataset('image_size', data=np.array([640, 480]))
-)");
-  const GlobalDescriptors global = ReadGlobalDescriptors(path_);
-  EXPECT_THAT(global.names, testing::ElementsAre("a.jpg", "query/b.jpg"));
-  EXPECT_EQ(global.descriptors.row(0), Eigen::RowVector3f(1, 0.5, -1));
-  EXPECT_EQ(global.descriptors.row(1), Eigen::RowVector3f(0, 0.5, -1));
-  WriteGlobalDescriptors(path_, global);
-  EXPECT_EQ(ReadGlobalDescriptors(path_).descriptors, global.descriptors);
-  EXPECT_EQ(RunH5py(path_, "r", "print(f['query/b.jpg/global_descriptor'][:].tolist())"),
-            "[0.0, 0.5, -1.0]\n");
-}
-
-TEST_F(HlocFeatures, WrongGlobalDescriptorsAreNamed) {
-  RunH5py(path_, "w", R"(
-f.create_dataset('a/global_descriptor', data=np.zeros(4, np.float32))
-f.create_dataset('b/global_descriptor', data=np.zeros(3, np.float32))
-)");
-  EXPECT_TRUE(FailsWithInputError(
-      [&] { ReadGlobalDescriptors(path_); },
-      {"features.h5: b/global_descriptor: expected 4 numbers as in \"a\", found 3"}));
-}
-
 }  // namespace
 }  // namespace raylift

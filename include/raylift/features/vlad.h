@@ -13,6 +13,7 @@
 
 #include <Eigen/Core>
 
+#include "raylift/features/dot_product_search.h"
 #include "raylift/scene/features.h"
 
 namespace raylift {
@@ -41,16 +42,9 @@ Vocabulary TrainVocabulary(std::span<const Features> images, const VocabularyOpt
 // InputError if the descriptors' size is not the vocabulary's.
 Eigen::VectorXf ComputeVlad(const Features& features, const Vocabulary& vocabulary);
 
-struct RetrievedReference {
-  int reference_index;
-  float score;  // cosine of the two vectors
-  bool operator==(const RetrievedReference&) const = default;
-};
-
 // For each query (a column) the k references (columns) of the largest cosine, best first, the lower
 // index first among equals. The vectors must have unit length (or zero). Exact.
-std::vector<std::vector<RetrievedReference>> RetrieveTopK(const Eigen::MatrixXf& query_vectors,
-                                                          const Eigen::MatrixXf& reference_vectors,
-                                                          int k, int threads = 0);
+RetrievedLists RetrieveTopK(const Eigen::MatrixXf& query_vectors,
+                            const Eigen::MatrixXf& reference_vectors, int k, int threads = 0);
 
 }  // namespace raylift

@@ -1,12 +1,15 @@
-// Which references see the same points of an SfM model: hloc's covisibility clustering.
+// Which references see the same points of an SfM model: hloc's covisibility clustering, and
+// retrieval by the number of shared points.
 
 #pragma once
 
 #include <cstdint>
 #include <map>
+#include <span>
 #include <string>
 #include <vector>
 
+#include "raylift/features/dot_product_search.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/scene/posed_image.h"
 
@@ -21,6 +24,13 @@ class Covisibility {
   // The cluster of each reference: references that observe a common 3D point are in one, directly
   // or through others of the list. Empty where the model has no points.
   std::vector<int> Clusters(const std::vector<PosedImage>& references) const;
+
+  // Whether an image of this name observes points.
+  bool Knows(const std::string& image) const;
+  // Of each query, an image of the model, the k references that observe most of the points that it
+  // observes, their number being the score; without itself and those that observe none.
+  RetrievedLists MostShared(std::span<const std::string> queries,
+                            std::span<const std::string> references, int k, int threads) const;
 
  private:
   std::map<std::string, std::vector<uint64_t>> points_of_image_;

@@ -5,9 +5,11 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "raylift/features/dot_product_search.h"
 #include "raylift/geometry/pose_convention.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/covisibility.h"
@@ -74,9 +76,11 @@ struct FrontEndOptions {
   uint64_t seed = 0;
   int threads = 0;
   bool show_progress = true;
+  // The references of each query where they were not to be retrieved by VLAD.
+  std::optional<RetrievedLists> retrieved = std::nullopt;
 };
 
-// Extracts RootSIFT features of all images and retrieves references by VLAD here; Match() matches.
+// Extracts RootSIFT features of all images and retrieves references by VLAD; Match() matches.
 // InputError where an image is missing or does not have its camera's size.
 std::unique_ptr<MatchSource> MakeFrontEndMatches(const FrontEndOptions& options,
                                                  const ReferenceSet& references,

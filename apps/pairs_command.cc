@@ -1,0 +1,192 @@
+// raylift pairs: which references each query, or each reference, is to be matched with.
+
+#include <memory>
+
+#include "commands.h"
+#include "options.h"
+#include "retrieval_options.h"
+#include "scene_options.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/text.h"
+#include "raylift/io/hloc.h"
+#include "raylift/io/query_list.h"
+#include "raylift/lifting/geometry_spec.h"
+#include "raylift/localization/match_source.h"
+#include "raylift/localization/retrieval.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+struct PairsFlags {
+  ReferenceFlags references;
+  ModelPosesFlags model_poses;
+  std::string geometry;
+  path queries, images, query_images, cache;
+  int max_features = 4096;
+  uint64_t seed = 0;
+  RetrievalFlags retrieval;
+  int top_k = 20;
+  path out, scores;
+  RunFlags run;
+};
+
+RetrievalOptions Resolve(const PairsFlags& flags) {
+  flags.references.Check();
+  flags.run.Check();
+  RequireAtLeast(1, "--top-k", flags.top_k);
+  RequireAtLeast(1, "--max-features", flags.max_features);
+  RetrievalOptions options = flags.retrieval.Resolve(
+      {flags.geometry},
+      flags.queries.empty() ? RetrievalFlags::Queries::kReferences : RetrievalFlags::Queries::kOwn);
+  options.top_k = flags.top_k;
+  options.threads = flags.run.threads;
+  options.show_progress = !flags.run.quiet;
+  if (options.method == RetrievalMethod::kVlad && flags.images.empty()) {
+    throw OptionError("--retrieval vlad needs --images");
+  }
+  if (!flags.geometry.empty() && options.method != RetrievalMethod::kOverlap) {
+    throw OptionError("--geometry", flags.geometry, "goes with --retrieval overlap");
+  }
+  return options;
+}
+
+class PairsRun {
+ public:
+  PairsRun(const PairsFlags& flags, RetrievalOptions options)
+      : flags_(flags),
+        options_(std::move(options)),
+        loaded_(LoadReferences(flags.references.model, flags.references.every,
+                               flags.model_poses.Resolve())) {
+    PrintWarnings(loaded_.warnings);
+    RequireWritable(flags.out);
+    if (!flags.scores.empty()) RequireWritable(flags.scores);
+    if (!flags.queries.empty()) {
+      queries_ = ReadQueryList(flags.queries);
+      flags.retrieval.ReadPriorPoses(&options_);
+    } else {
+      for (const PosedImage& image : References()) {
+        queries_.push_back({image.name, image.camera});
+        options_.prior_poses.emplace(image.name, image.cam_from_world);
+      }
+    }
+    if (options_.method == RetrievalMethod::kOverlap) {
+      NamedGeometry geometry = MakeGeometrySource(flags.geometry);
+      PrintWarnings(geometry.warnings);
+      options_.mesh = geometry.mesh;
+    }
+    options_.covisibility = std::move(loaded_.covisibility);
+  }
+
+  void Run() const {
+    const Retrieval retrieval = Retrieve();
+    PrintWarnings(retrieval.warnings);
+    std::vector<std::pair<std::string, std::string>> pairs;
+    std::string scores;
+    size_t without = 0;
+    for (size_t i = 0; i < queries_.size(); ++i) {
+      without += retrieval.lists[i].empty();
+      for (const RetrievedReference& found : retrieval.lists[i]) {
+        const std::string& reference =
+            References()[static_cast<size_t>(found.reference_index)].name;
+        pairs.emplace_back(queries_[i].name, reference);
+        scores +=
+            fmt::format("{}, {}, {}\n", queries_[i].name, reference, FormatDouble(found.score));
+      }
+    }
+    WritePairs(flags_.out, pairs);
+    if (!flags_.scores.empty()) WriteFile(flags_.scores, scores);
+    if (flags_.run.quiet) return;
+    fmt::print("{} pairs of {} {} with {} references by {}", pairs.size(), queries_.size(),
+               flags_.queries.empty() ? "references" : "queries", References().size(),
+               ToString(options_.method));
+    if (without > 0) fmt::print("; {} have none", without);
+    fmt::print(": {}\n", flags_.out.string());
+  }
+
+ private:
+  const std::vector<PosedImage>& References() const { return loaded_.references.images; }
+
+  Retrieval Retrieve() const {
+    if (options_.method != RetrievalMethod::kVlad) {
+      return RetrieveReferences(queries_, References(), options_);
+    }
+    return {RetrieveByVlad(
+                queries_, References(),
+                {.reference_images = flags_.images,
+                 .query_images = flags_.query_images.empty() ? flags_.images : flags_.query_images,
+                 .cache = flags_.cache.empty() ? flags_.out.parent_path() / "cache" : flags_.cache,
+                 .top_k = flags_.top_k,
+                 .max_features = flags_.max_features,
+                 .seed = flags_.seed,
+                 .threads = flags_.run.threads,
+                 .show_progress = !flags_.run.quiet}),
+            {}};
+  }
+
+  const PairsFlags& flags_;
+  RetrievalOptions options_;
+  LoadedReferences loaded_;
+  std::vector<Query> queries_;
+};
+
+}  // namespace
+
+Command AddPairsCommand(CLI::App& program) {
+  auto flags = std::make_shared<PairsFlags>();
+  CLI::App* command = program.add_subcommand(
+      "pairs", "Which references to match with each query or reference, as hloc's pairs list");
+  AddReferenceOptions(*command, flags->references);
+  AddModelPosesOption(*command, flags->model_poses);
+  command
+      ->add_option("--queries", flags->queries,
+                   "List of queries: name MODEL width height params...\n"
+                   "(default: pairs among the references)")
+      ->group("Queries");
+  AddRetrievalOptions(*command, flags->retrieval);
+  command->add_option("--top-k", flags->top_k, "References per query")
+      ->capture_default_str()
+      ->group("Retrieval");
+  command->add_option("--geometry", flags->geometry, "mesh:PATH, for --retrieval overlap")
+      ->group("Retrieval");
+  const std::string group = "Images, for --retrieval vlad";
+  command->add_option("--images", flags->images, "Folder of the reference photographs")
+      ->group(group);
+  command
+      ->add_option("--query-images", flags->query_images,
+                   "Folder of the query photographs (default: --images)")
+      ->group(group);
+  command
+      ->add_option("--max-features", flags->max_features,
+                   "RootSIFT features per image, the strongest")
+      ->capture_default_str()
+      ->group(group);
+  command
+      ->add_option("--cache", flags->cache,
+                   "Where RootSIFT features are kept (default: cache beside --out)")
+      ->group(group);
+  command->add_option("--seed", flags->seed, "Seed of the vocabulary")
+      ->capture_default_str()
+      ->group(group);
+  command->add_option("--out", flags->out, "Pairs list: query reference, best first")
+      ->required()
+      ->group("Output");
+  command
+      ->add_option("--scores", flags->scores,
+                   "Also write them with scores: query, reference, score")
+      ->group("Output");
+  AddRunOptions(*command, flags->run);
+  command->footer(
+      "Examples:\n"
+      "  raylift pairs --model sfm --queries queries.txt \\\n"
+      "      --global-features global-feats-netvlad.h5 --top-k 50 --out pairs.txt\n"
+      "  Pairs of references that see the same part of a mesh:\n"
+      "  raylift pairs --model sfm --retrieval overlap --geometry mesh:scene.ply --out pairs.txt");
+  return {command, [flags] { PairsRun(*flags, Resolve(*flags)).Run(); }};
+}
+
+}  // namespace raylift

@@ -1,0 +1,78 @@
+#include "io/h5py.h"
+#include "support/matchers.h"
+#include "support/test_data.h"
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "raylift/io/hloc.h"
+
+namespace raylift {
+namespace {
+
+class HlocGlobalFeatures : public ::testing::Test {
+ protected:
+  std::filesystem::path path_ = TestFolder() / "global.h5";
+};
+
+TEST_F(HlocGlobalFeatures, AreReadAndWritten) {
+  RunH5py(path_, "w", R"(
+for i, name in enumerate(['query/b.jpg', 'a.jpg']):
+    g = f.create_group(name)
+    g.create_dataset('global_descriptor', data=np.array([i, 0.5, -1], np.float16))
+    g.create_dataset('image_size', data=np.array([640, 480]))
+)");
+  const GlobalDescriptors global = ReadGlobalDescriptors(path_);
+  EXPECT_THAT(global.names, testing::ElementsAre("a.jpg", "query/b.jpg"));
+  EXPECT_EQ(global.descriptors.row(0), Eigen::RowVector3f(1, 0.5, -1));
+  EXPECT_EQ(global.descriptors.row(1), Eigen::RowVector3f(0, 0.5, -1));
+  WriteGlobalDescriptors(path_, global);
+  EXPECT_EQ(ReadGlobalDescriptors(path_).descriptors, global.descriptors);
+  EXPECT_EQ(RunH5py(path_, "r", "print(f['query/b.jpg/global_descriptor'][:].tolist())"),
+            "[0.0, 0.5, -1.0]\n");
+}
+
+TEST_F(HlocGlobalFeatures, AreColumnsOfTheImagesThatAreAskedFor) {
+  RunH5py(path_, "w", R"(
+f.create_dataset('db/1.jpg/global_descriptor', data=np.array([1, 2], np.float32))
+f.create_dataset('db/2.jpg/global_descriptor', data=np.array([3, 4], np.float16))
+f.create_dataset('db/day/3.jpg/global_descriptor', data=np.array([5, 6], np.float64))
+)");
+  const GlobalFeatureFile file(path_);
+  EXPECT_EQ(file.Read(std::vector<std::string>{"db/day/3.jpg", "db/1.jpg"}),
+            (Eigen::Matrix2f() << 5, 1, 6, 2).finished());
+  EXPECT_EQ(file.Read(std::vector<std::string>{"db/2.jpg"}),
+            Eigen::MatrixXf(Eigen::Vector2f(3, 4)));
+  EXPECT_EQ(file.Read({}).size(), 0);
+  EXPECT_THAT(file.ImageNames(), testing::ElementsAre("db/1.jpg", "db/2.jpg", "db/day/3.jpg"));
+}
+
+TEST_F(HlocGlobalFeatures, WrongOnesAreNamed) {
+  RunH5py(path_, "w", R"(
+f.create_dataset('a/global_descriptor', data=np.zeros(4, np.float32))
+f.create_dataset('b/global_descriptor', data=np.zeros(3, np.float32))
+f.create_dataset('c/global_descriptor', data=np.array([0, 1, np.nan, 1], np.float16))
+f.create_dataset('d/global_descriptor', data=np.zeros((1, 4), np.float32))
+f.create_dataset('e/global_descriptor', data=np.zeros(0, np.float32))
+f.create_group('f')
+)");
+  const auto read = [&](const std::vector<std::string>& names) {
+    return [this, names] { GlobalFeatureFile(path_).Read(names); };
+  };
+  EXPECT_TRUE(FailsWithInputError(
+      read({"a", "b"}),
+      {"global.h5: b/global_descriptor: expected 4 numbers as in \"a\", found 3"}));
+  EXPECT_TRUE(FailsWithInputError(
+      read({"c"}), {"global.h5: c/global_descriptor: expected finite numbers, number 3 is nan"}));
+  EXPECT_TRUE(FailsWithInputError(
+      read({"d"}), {"global.h5: d/global_descriptor: expected a vector, found 1 x 4"}));
+  EXPECT_TRUE(FailsWithInputError(read({"e"}),
+                                  {"global.h5: e/global_descriptor: expected a vector, found 0"}));
+  EXPECT_TRUE(
+      FailsWithInputError(read({"f"}), {"global.h5: f/global_descriptor: is not in the file"}));
+  EXPECT_TRUE(FailsWithInputError(read({"a", "db/x.jpg"}),
+                                  {"global.h5: db/x.jpg/global_descriptor: is not in the file"}));
+  EXPECT_TRUE(FailsWithInputError([&] { ReadGlobalDescriptors(path_); }, {"b/global_descriptor"}));
+}
+
+}  // namespace
+}  // namespace raylift
