@@ -14,13 +14,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-template <typename Container>
-void Shuffle(Container& values, Rng& rng) {
-  for (size_t i = values.size(); i > 1; --i) {
-    std::swap(values[i - 1], values[rng.UniformIndex(static_cast<uint32_t>(i))]);
-  }
-}
-
 struct Frame {
   Vector3d origin = Vector3d::Zero();
   double scale = 1;
@@ -106,8 +99,7 @@ std::optional<PreparedPoint> PreparePoint(const Camera& camera, const Match2D3D&
 
 std::optional<PreparedPair> PreparePair(const PoseProblem& problem, const Match2D2D& match,
                                         double threshold_px, int index) {
-  if (match.reference < 0 || match.reference >= static_cast<int>(problem.references.size()) ||
-      !match.query_px.allFinite() || !match.reference_px.allFinite()) {
+  if (!match.query_px.allFinite() || !match.reference_px.allFinite()) {
     return std::nullopt;
   }
   const PosedImage& reference = problem.references[match.reference];
@@ -133,6 +125,47 @@ std::optional<PreparedPair> PreparePair(const PoseProblem& problem, const Match2
   pair.reference = match.reference;
   pair.match = index;
   return pair;
+}
+
+// A random order of `count` things.
+std::vector<int> RandomOrder(size_t count, Rng& rng) {
+  std::vector<int> order(count);
+  std::iota(order.begin(), order.end(), 0);
+  for (size_t i = count; i > 1; --i) {
+    std::swap(order[i - 1], order[rng.UniformIndex(static_cast<uint32_t>(i))]);
+  }
+  return order;
+}
+
+// The 2D-2D matches grouped by reference, in random order within one; without those of a reference
+// that does not exist.
+std::vector<int> RandomOrderByReference(const PoseProblem& problem, Rng& rng) {
+  std::vector<std::vector<int>> by_reference(problem.references.size());
+  for (const int i : RandomOrder(problem.matches_2d2d.size(), rng)) {
+    const int reference = problem.matches_2d2d[i].reference;
+    if (reference >= 0 && reference < static_cast<int>(by_reference.size())) {
+      by_reference[reference].push_back(i);
+    }
+  }
+  std::vector<int> order;
+  order.reserve(problem.matches_2d2d.size());
+  for (const std::vector<int>& matches : by_reference) {
+    order.insert(order.end(), matches.begin(), matches.end());
+  }
+  return order;
+}
+
+// How many blocks some pairs fill, each with those of one reference.
+size_t CountBlocks(const std::vector<PreparedPair>& pairs, const std::vector<int>& selection,
+                   int lanes) {
+  size_t count = 0;
+  int used = 0;
+  for (size_t i = 0; i < selection.size(); ++i) {
+    const bool same = i > 0 && pairs[selection[i]].reference == pairs[selection[i - 1]].reference;
+    used = same && used < lanes ? used + 1 : 1;
+    count += used == 1 ? 1 : 0;
+  }
+  return count;
 }
 
 }  // namespace
@@ -165,6 +198,10 @@ PairBlocks<T> MakePairBlocks(const std::vector<PreparedPair>& pairs,
                              const std::vector<int>& selection) {
   constexpr int kLanes = kernels::kLanes<T>;
   PairBlocks<T> result;
+  const size_t num_blocks = CountBlocks(pairs, selection, kLanes);
+  result.blocks.reserve(num_blocks);
+  result.block_reference.reserve(num_blocks);
+  result.lane_pair.reserve(num_blocks * kLanes);
   int lane = kLanes;
   for (const int index : selection) {
     const PreparedPair& pair = pairs[index];
@@ -211,20 +248,18 @@ PreparedProblem::PreparedProblem(const PoseProblem& problem, double reprojection
     centres.push_back((reference.cam_from_world.OriginInSource() - frame.origin) / frame.scale);
   }
   points.reserve(problem.matches_2d3d.size());
-  for (int i = 0; i < num_matches_2d3d; ++i) {
+  for (const int i : RandomOrder(problem.matches_2d3d.size(), rng)) {
     if (const auto point = PreparePoint(problem.query_camera, problem.matches_2d3d[i], frame,
                                         reprojection_threshold_px, point_sigma, i)) {
       points.push_back(*point);
     }
   }
   pairs.reserve(problem.matches_2d2d.size());
-  for (int i = 0; i < num_matches_2d2d; ++i) {
+  for (const int i : RandomOrderByReference(problem, rng)) {
     if (const auto pair = PreparePair(problem, problem.matches_2d2d[i], sampson_threshold_px, i)) {
       pairs.push_back(*pair);
     }
   }
-  Shuffle(points, rng);
-  GroupByReference(rng);
   for (int i = 0; i < static_cast<int>(pairs.size()); ++i) {
     if (runs.empty() || runs.back().reference != pairs[i].reference) {
       runs.push_back({pairs[i].reference, i, i});
@@ -237,29 +272,13 @@ PreparedProblem::PreparedProblem(const PoseProblem& problem, double reprojection
 
   std::vector<int> all_pairs(pairs.size());
   std::iota(all_pairs.begin(), all_pairs.end(), 0);
-  PairBlocks<float> grouped = MakePairBlocks<float>(pairs, all_pairs);
-  std::vector<int> order(grouped.blocks.size());
-  std::iota(order.begin(), order.end(), 0);
-  Shuffle(order, rng);  // so that a prefix of the blocks sees all references
-  pair_blocks.reserve(order.size());
-  for (const int i : order) {
+  const PairBlocks<float> grouped = MakePairBlocks<float>(pairs, all_pairs);
+  pair_blocks.reserve(grouped.blocks.size());
+  // So that a prefix of the blocks sees all references.
+  for (const int i : RandomOrder(grouped.blocks.size(), rng)) {
     pair_blocks.push_back(grouped.blocks[i]);
     pair_block_reference.push_back(grouped.block_reference[i]);
   }
-}
-
-void PreparedProblem::GroupByReference(Rng& rng) {
-  Shuffle(pairs, rng);
-  std::vector<size_t> next(centres.size() + 1, 0);  // where a reference's next pair goes
-  for (const PreparedPair& pair : pairs) {
-    ++next[static_cast<size_t>(pair.reference) + 1];
-  }
-  std::partial_sum(next.begin(), next.end(), next.begin());
-  std::vector<PreparedPair> grouped(pairs.size());
-  for (const PreparedPair& pair : pairs) {
-    grouped[next[static_cast<size_t>(pair.reference)]++] = pair;
-  }
-  pairs = std::move(grouped);
 }
 
 SolverPose PreparedProblem::CamFromLocal(const Rigid3& cam_from_world) const {

@@ -69,10 +69,6 @@ struct PreparedProblem {
 
   SolverPose CamFromLocal(const Rigid3& cam_from_world) const;
   Rigid3 CamFromWorld(const SolverPose& cam_from_local) const;
-
- private:
-  // Random order within a reference.
-  void GroupByReference(Rng& rng);
 };
 
 // Fills blocks with some of the matches, in the given order; unused lanes are zero.

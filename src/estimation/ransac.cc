@@ -14,7 +14,7 @@ constexpr int kFirstOptimization = 10;
 
 // A sample comes near the best one if it gains so much of what that gains over no fit at all.
 constexpr double kNearBestGain = 0.85;
-constexpr int kMaxNearBest = 10;
+constexpr int kMaxNearBest = 6;
 
 double SamplesForConfidence(double success_probability, double confidence) {
   if (success_probability <= 0) {
