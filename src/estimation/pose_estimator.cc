@@ -141,8 +141,11 @@ class RansacEstimator final : public PoseEstimator {
       return estimate;
     }
     estimate.solver = report.best->solver;
-    DescribePose(prepared, problem,
-                 RefineFinally(prepared, report.best->pose, report.best->refined_kinds), estimate);
+    const auto search_by_pairs = [&] { return SearchByPairs(prepared, solvers, rng); };
+    DescribePose(
+        prepared, problem,
+        RefineFinally(prepared, report.best->pose, report.best->refined_kinds, search_by_pairs),
+        estimate);
     CheckSupport(e5p1, estimate);
     if (options_.refine_focal && estimate.cam_from_world && estimate.position_observable) {
       return EstimateWithRefinedFocal(problem, report.best->refined_kinds, estimate);
@@ -151,6 +154,24 @@ class RansacEstimator final : public PoseEstimator {
   }
 
  private:
+  // What E5+1 finds by itself, if it is one of the solvers.
+  std::optional<SolverPose> SearchByPairs(const PreparedProblem& problem,
+                                          const std::vector<RansacSolver>& solvers,
+                                          Rng& rng) const {
+    std::vector<RansacSolver> e5p1;
+    for (RansacSolver solver : solvers) {
+      if (solver.solver == Solver::kE5p1) {
+        solver.refined_kinds = {.points = false, .pairs = true};
+        e5p1.push_back(solver);
+      }
+    }
+    const Objective pairs_alone(Objective::Sets::kPairs, method_.score, 0,
+                                static_cast<int>(problem.pairs.size()));
+    const RansacReport report =
+        RunRansac(problem, pairs_alone, e5p1, SolverSchedule::kAll, options_, rng);
+    return report.best ? std::optional(report.best->pose) : std::nullopt;
+  }
+
   // The focal length is refined at the pose found with the given one; the estimate is then made
   // anew, as a better focal length has more inliers.
   PoseEstimate EstimateWithRefinedFocal(const PoseProblem& problem, ResidualKinds kinds,

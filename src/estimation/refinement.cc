@@ -385,13 +385,33 @@ SolverPose OptimizeLocally(const PreparedProblem& problem, const SolverPose& pos
                   1e-4);
 }
 
-FinalPose RefineFinally(const PreparedProblem& problem, const SolverPose& pose,
-                        ResidualKinds kinds) {
+namespace {
+
+double PairCost(const PreparedProblem& problem, const SolverPose& pose) {
+  double cost = 0;
+  for (const double e2 : PairResiduals(problem, pose)) {
+    cost += std::min(e2, 1.0);
+  }
+  return cost;
+}
+
+// Where the pairs lead from a pose, or what a search by them finds if that fits them better.
+SolverPose BestByPairs(const PreparedProblem& problem, const SolverPose& pose,
+                       const PoseSearch& search_by_pairs) {
+  constexpr ResidualKinds kPairsAlone{.points = false, .pairs = true};
+  const SolverPose led = OptimizeLocally(problem, pose, kPairsAlone, kStepsOfPairsAlone);
+  const auto found = search_by_pairs ? search_by_pairs() : std::nullopt;
+  return found && PairCost(problem, *found) < PairCost(problem, led) ? *found : led;
+}
+
+}  // namespace
+
+FinalPose RefineFinally(const PreparedProblem& problem, const SolverPose& pose, ResidualKinds kinds,
+                        const PoseSearch& search_by_pairs) {
   MaximumLikelihood refinement(problem, kinds);
   refinement.Refine(pose);
   if (kinds.points && kinds.pairs && refinement.PullOnPairs() > kLargestPull) {
-    constexpr ResidualKinds kPairsAlone{.points = false, .pairs = true};
-    refinement.Refine(OptimizeLocally(problem, pose, kPairsAlone, kStepsOfPairsAlone));
+    refinement.Refine(BestByPairs(problem, pose, search_by_pairs));
     refinement.DistrustPoints();
   }
   return {refinement.pose(), refinement.Covariance()};

@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -32,8 +33,13 @@ struct FinalPose {
 
 // The final refinement, in double precision: maximum likelihood with each kind's noise estimated
 // from its own inliers, so that inaccurate geometry does not drag the pose, and a robust loss.
-FinalPose RefineFinally(const PreparedProblem& problem, const SolverPose& pose,
-                        ResidualKinds kinds);
+//
+// Where points and pairs contradict each other, the geometry is to blame: `search_by_pairs` is then
+// asked for a pose that the pairs alone find (none: no search), and the refinement starts anew from
+// that or from where the pairs lead from `pose`, whichever fits the pairs better.
+using PoseSearch = std::function<std::optional<SolverPose>()>;
+FinalPose RefineFinally(const PreparedProblem& problem, const SolverPose& pose, ResidualKinds kinds,
+                        const PoseSearch& search_by_pairs = {});
 
 // The squared normalized residual of every prepared match of some kinds (of the others none), in
 // double precision; infinite where a match lies behind a camera.
