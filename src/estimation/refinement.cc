@@ -26,7 +26,7 @@ constexpr double kNearSquared = 9;
 // show them. The refinement then starts anew from where the pairs alone lead, and the points'
 // variance is raised fourfold until both agree well.
 constexpr double kLargestPull = 16.8;
-constexpr double kSettledPull = 2;
+constexpr double kSettledPull = 0.5;
 constexpr int kMaxInflations = 8;
 constexpr int kStepsOfPairsAlone = 20;
 
