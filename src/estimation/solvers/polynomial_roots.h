@@ -107,8 +107,8 @@ double RefineRoot(const std::array<double, kDegree + 1>& p, double a, double b) 
       next = halve();
     }
     last_step = next - x;
-    // Newton's steps converge quadratically: after one of 1e-9 nothing is left to gain.
-    if (std::abs(last_step) <= (newton ? 1e-5 : 4e-16) * std::abs(x)) {
+    // Newton's steps converge quadratically: after one of 1e-7 nothing is left to gain.
+    if (std::abs(last_step) <= (newton ? 1e-7 : 4e-16) * std::abs(x)) {
       return next;
     }
     x = next;
