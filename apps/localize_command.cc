@@ -7,6 +7,7 @@
 
 #include "commands.h"
 #include "geometry_options.h"
+#include "mesh_only_options.h"
 #include "options.h"
 #include "retrieval_options.h"
 #include "scene_options.h"
@@ -50,12 +51,33 @@ struct LocalizeFlags {
   FilterFlags filter;
   EstimatorFlags estimator;
   RunFlags run;
+  MeshOnlyFlags mesh_only;
+
+  // The references are rendered from the mesh.
+  bool RendersReferences() const { return references.model.empty(); }
 };
+
+// What needs --model, or is needed without it.
+void CheckReferences(const LocalizeFlags& flags) {
+  flags.references.Check();
+  flags.hloc.Check();
+  flags.mesh_only.Check();
+  if (!flags.RendersReferences()) {
+    if (!flags.hloc.Any() && flags.images.empty()) {
+      throw OptionError(
+          "--images is required where no --features, --matches and --pairs are given");
+    }
+    return;
+  }
+  RequireMeshOnly(flags.geometry.specs, flags.hloc.Any() ? "--features" : "--images",
+                  flags.hloc.Any() || !flags.images.empty());
+  if (flags.query_images.empty()) throw OptionError("--query-images is required without --model");
+}
 
 // What the options alone can tell, before any work.
 void Check(const LocalizeFlags& flags, const GeometryOptions& geometry,
            const EstimatorOptions& estimator) {
-  flags.references.Check();
+  CheckReferences(flags);
   RequireAtLeast(1, "--max-features", flags.max_features);
   if (!(flags.max_ratio > 0 && flags.max_ratio <= 1)) {
     throw OptionError("--max-ratio", FormatDouble(flags.max_ratio),
@@ -65,10 +87,6 @@ void Check(const LocalizeFlags& flags, const GeometryOptions& geometry,
     throw OptionError("--pictures", std::to_string(flags.pictures), "must not be negative");
   }
   flags.run.Check();
-  flags.hloc.Check();
-  if (!flags.hloc.Any() && flags.images.empty()) {
-    throw OptionError("--images is required where no --features, --matches and --pairs are given");
-  }
   if (flags.hloc.Any() && flags.retrieval.Any()) {
     throw OptionError("--pairs", flags.hloc.files.pairs.string(),
                       "names the references: no options of retrieval go with it");
@@ -101,6 +119,8 @@ class LocalizeRun {
   LocalizeRun(const LocalizeFlags& flags, const GeometryOptions& geometry_options,
               const FilterOptions& filter, const EstimatorOptions& estimator_options)
       : flags_(flags),
+        model_(flags.references.model),
+        images_(flags.images),
         model_poses_(flags.model_poses.Resolve()),
         geometry_options_(geometry_options),
         filter_(filter),
@@ -109,12 +129,14 @@ class LocalizeRun {
         queries_(ReadQueryList(flags.queries)),
         input_check_(queries_),
         seed_(estimator_options.seed) {
-    LoadedReferences loaded =
-        LoadReferences(flags.references.model, flags.references.every, model_poses_);
-    references_ = std::move(loaded.references);
-    covisibility_ = std::move(loaded.covisibility);
-    Take(std::move(loaded.warnings));
-    OpenGeometry();
+    if (flags.RendersReferences()) {
+      OpenGeometry();
+      RenderModel();
+      LoadModel();
+    } else {
+      LoadModel();
+      OpenGeometry();
+    }
     if (geometry_options.candidates.mode == CandidateMode::kTriangulate && !geometry_.empty()) {
       Take({"--candidates triangulate lifts nothing: --geometry is not used for points"});
     }
@@ -171,10 +193,33 @@ class LocalizeRun {
     warnings_.insert(warnings_.end(), warnings.begin(), warnings.end());
   }
 
+  void LoadModel() {
+    LoadedReferences loaded = LoadReferences(model_, flags_.references.every, model_poses_);
+    references_ = std::move(loaded.references);
+    covisibility_ = std::move(loaded.covisibility);
+    Take(std::move(loaded.warnings));
+  }
+
+  // The references, from the mesh alone.
+  void RenderModel() {
+    std::vector<Camera> cameras;
+    for (const Query& query : queries_) cameras.push_back(query.camera);
+    const RenderedReferences rendered = RenderReferencesWithProgress(
+        mesh_, flags_.mesh_only.Resolve(cameras, flags_.out / "references"), flags_.run.Show());
+    Take(rendered.warnings);
+    model_ = rendered.model;
+    images_ = rendered.images;
+    model_poses_ = PoseConvention::kCamFromWorld;
+    if (!flags_.run.quiet) {
+      fmt::print("references: {} views of the mesh ({}), {} rendered now: {}\n", rendered.count,
+                 ToString(rendered.kind), rendered.rendered, rendered.images.string());
+    }
+  }
+
   void OpenGeometry() {
     for (const std::string& spec : flags_.geometry.specs) {
-      NamedGeometry geometry = MakeGeometrySource(
-          spec, {.model = flags_.references.model, .references = references_.images});
+      NamedGeometry geometry =
+          MakeGeometrySource(spec, {.model = model_, .references = references_.images});
       Take(std::move(geometry.warnings));
       used_geometry_.push_back({spec, geometry.understood, std::nullopt});
       if (mesh_ == nullptr) mesh_ = geometry.mesh;
@@ -201,7 +246,7 @@ class LocalizeRun {
     if (flags_.hloc.All()) {
       return OpenHlocMatches(flags_.hloc.files, references_, flags_.hloc.top_k);
     }
-    return MakeFrontEndMatches({.reference_images = flags_.images,
+    return MakeFrontEndMatches({.reference_images = images_,
                                 .query_images = query_images_,
                                 .cache = flags_.cache.empty() ? flags_.out / "cache" : flags_.cache,
                                 .top_k = flags_.hloc.top_k,
@@ -289,6 +334,7 @@ class LocalizeRun {
   }
 
   const LocalizeFlags& flags_;
+  path model_, images_;  // of the references
   PoseConvention model_poses_;
   GeometryOptions geometry_options_;
   FilterOptions filter_;
@@ -315,6 +361,7 @@ Command AddLocalizeCommand(CLI::App& program) {
   CLI::App* command =
       program.add_subcommand("localize", "Poses of query photographs in a known scene");
   AddReferenceOptions(*command, flags->references);
+  command->get_option("--model")->required(false);
   command->add_option("--images", flags->images, "Folder of the reference photographs")
       ->group("References");
   AddModelPosesOption(*command, flags->model_poses);
@@ -359,6 +406,7 @@ Command AddLocalizeCommand(CLI::App& program) {
                    "Draw the first N queries beside the mesh seen from their poses")
       ->capture_default_str()
       ->group("Output");
+  AddMeshOnlyOptions(*command, flags->mesh_only);
   AddFilterOptions(*command, flags->filter);
   AddEstimatorOptions(*command, flags->estimator);
   AddRunOptions(*command, flags->run);
@@ -367,6 +415,9 @@ Command AddLocalizeCommand(CLI::App& program) {
       "  From photographs alone:\n"
       "    raylift localize --model sfm --images photos --geometry mesh:scene.ply \\\n"
       "        --queries queries.txt --query-images photos --out result\n"
+      "  From a mesh and the queries alone:\n"
+      "    raylift localize --geometry mesh:scene.ply --queries queries.txt \\\n"
+      "        --query-images photos --out result\n"
       "  With features and matches made by hloc:\n"
       "    raylift localize --model sfm --geometry mesh:scene.ply --queries queries.txt \\\n"
       "        --features features.h5 --matches matches.h5 --pairs pairs.txt --out result");

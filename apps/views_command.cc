@@ -1,12 +1,12 @@
 // raylift views: camera poses on a mesh, for scenes without photographs.
 
-#include <array>
 #include <cmath>
 #include <memory>
 #include <numbers>
 #include <optional>
 
 #include "commands.h"
+#include "mesh_only_options.h"
 #include "options.h"
 #include <fmt/format.h>
 
@@ -48,24 +48,6 @@ struct ViewsFlags {
   bool preview = false;
   RunFlags run;
 };
-
-Eigen::Vector3d ParseUp(const std::string& text) {
-  constexpr std::array<std::string_view, 3> kAxes = {"x", "y", "z"};
-  for (int axis = 0; axis < 3; ++axis) {
-    const std::string name(kAxes[static_cast<size_t>(axis)]);
-    if (text == name) return Eigen::Vector3d::Unit(axis);
-    if (text == "-" + name) return -Eigen::Vector3d::Unit(axis);
-  }
-  const auto parts = SplitBy(text, ',');
-  Eigen::Vector3d up = Eigen::Vector3d::Zero();
-  for (size_t i = 0; parts.size() == 3 && i < 3; ++i) {
-    up[static_cast<int>(i)] = ParseDouble(parts[i]).value_or(std::nan(""));
-  }
-  if (!up.allFinite() || up.norm() == 0) {
-    throw OptionError("--up", text, "expected x|y|z|-x|-y|-z or X,Y,Z");
-  }
-  return up;
-}
 
 Camera ResolveCamera(const ViewsFlags& flags) {
   if (!flags.camera.empty()) {
@@ -139,7 +121,7 @@ void Run(const ViewsFlags& flags) {
   Check(flags);
   ViewSamplerOptions options{.camera = ResolveCamera(flags),
                              .count = flags.count,
-                             .up_in_world = ParseUp(flags.up),
+                             .up_in_world = ParseUp("--up", flags.up),
                              .clearance = flags.clearance,
                              .seed = flags.seed,
                              .any_side = flags.any_side};

@@ -1,0 +1,138 @@
+#include "mesh_only_options.h"
+
+#include <array>
+#include <cmath>
+#include <optional>
+
+#include "options.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/text.h"
+#include "raylift/rendering/task_list.h"
+
+namespace raylift {
+namespace {
+
+void RequirePositive(std::string_view option, double value) {
+  if (!(value > 0)) throw OptionError(option, FormatDouble(value), "must be positive");
+}
+
+std::optional<PlaneSize> ParseOptionalSize(const std::string& text) {
+  if (text.empty()) return std::nullopt;
+  return ParseSize("--view-size", text);
+}
+
+std::optional<double> ParseFov(const std::string& text) {
+  if (text.empty()) return std::nullopt;
+  const double fov_deg = ParsePositive("--view-fov-deg", text);
+  if (!(fov_deg < 180)) throw OptionError("--view-fov-deg", text, "must be below 180");
+  return fov_deg;
+}
+
+ViewKind ParseKind(const std::string& text) {
+  const auto kind = ViewKindFromName(text);
+  if (!kind) throw OptionError("--view-kind", text, "expected auto|inside|around|cover");
+  return *kind;
+}
+
+}  // namespace
+
+Eigen::Vector3d ParseUp(std::string_view option, const std::string& text) {
+  constexpr std::array<std::string_view, 3> kAxes = {"x", "y", "z"};
+  for (int axis = 0; axis < 3; ++axis) {
+    const std::string name(kAxes[static_cast<size_t>(axis)]);
+    if (text == name) return Eigen::Vector3d::Unit(axis);
+    if (text == "-" + name) return -Eigen::Vector3d::Unit(axis);
+  }
+  const auto parts = SplitBy(text, ',');
+  Eigen::Vector3d up = Eigen::Vector3d::Zero();
+  for (size_t i = 0; parts.size() == 3 && i < 3; ++i) {
+    up[static_cast<int>(i)] = ParseDouble(parts[i]).value_or(std::nan(""));
+  }
+  if (!up.allFinite() || up.norm() == 0) {
+    throw OptionError(option, text, "expected x|y|z|-x|-y|-z or X,Y,Z");
+  }
+  return up;
+}
+
+void MeshOnlyFlags::Check() const {
+  RequireAtLeast(1, "--views", views);
+  ParseKind(kind);
+  ParseOptionalSize(size);
+  ParseFov(fov_deg);
+  ParseUp("--view-up", up);
+  RequirePositive("--view-eye-height", eye_height);
+  if (!(clearance >= 0)) {
+    throw OptionError("--view-clearance", FormatDouble(clearance), "must not be negative");
+  }
+}
+
+RenderedReferenceOptions MeshOnlyFlags::Resolve(std::span<const Camera> queries,
+                                                const std::filesystem::path& out) const {
+  RenderedReferenceOptions options;
+  options.out = out;
+  options.kind = ParseKind(kind);
+  options.views.camera = CameraLikeQueries(queries, ParseOptionalSize(size), ParseFov(fov_deg));
+  options.views.count = views;
+  options.views.up_in_world = ParseUp("--view-up", up);
+  options.views.clearance = clearance;
+  options.inside.eye_height = eye_height;
+  return options;
+}
+
+void AddMeshOnlyOptions(CLI::App& app, MeshOnlyFlags& flags) {
+  const std::string group = "Without --model: references rendered from the mesh";
+  app.add_option("--views", flags.views, "How many; they are kept in OUT/references")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--view-kind", flags.kind,
+                 "Where from: auto|inside|around|cover. inside: at eye height above\n"
+                 "the ground; around: from outside, looking at the middle; cover: from\n"
+                 "wherever there is room in front of surfaces; auto: inside where there\n"
+                 "is a ground, else cover")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--view-size", flags.size, "WIDTHxHEIGHT (default: as sharp as the queries)")
+      ->group(group);
+  app.add_option("--view-fov-deg", flags.fov_deg,
+                 "Horizontal angle of view (default: the queries', 60 to 100)")
+      ->group(group);
+  app.add_option("--view-up", flags.up, "x|y|z|-x|-y|-z or X,Y,Z in the mesh's coordinates")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--view-eye-height", flags.eye_height, "inside: above the ground")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--view-clearance", flags.clearance,
+                 "Distance to the nearest surface (but for inside, at most 5 % of the\n"
+                 "mesh's size)")
+      ->capture_default_str()
+      ->group(group);
+}
+
+void RequireMeshOnly(std::span<const std::string> geometry, std::string_view needless,
+                     bool is_given) {
+  if (geometry.empty()) {
+    throw OptionError(
+        "--model is required (or --geometry mesh:PATH, to render the references from it)");
+  }
+  if (geometry.size() != 1 || !geometry.front().starts_with("mesh:")) {
+    throw OptionError("--geometry", fmt::format("{}", fmt::join(geometry, " ")),
+                      "without --model the references are rendered from a mesh: expected one "
+                      "mesh:PATH");
+  }
+  if (is_given) throw OptionError(fmt::format("{} needs --model", needless));
+}
+
+RenderedReferences RenderReferencesWithProgress(const std::shared_ptr<const RayCaster>& mesh,
+                                                const RenderedReferenceOptions& options,
+                                                Progress::Show show) {
+  std::optional<Progress> progress;
+  const RenderHooks hooks{
+      .on_start = [&](size_t images, size_t) { progress.emplace("views", images, show); },
+      .on_image = [&](const RenderedImage&) { progress->Advance(); }};
+  return RenderReferences(mesh, options, hooks);
+}
+
+}  // namespace raylift

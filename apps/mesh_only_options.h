@@ -1,0 +1,49 @@
+// The options of localization against a mesh without photographs of the scene.
+
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include <CLI/CLI.hpp>
+#include <Eigen/Core>
+
+#include "raylift/base/progress.h"
+#include "raylift/rendering/rendered_references.h"
+
+namespace raylift {
+
+// "x", "-y", ... or "X,Y,Z". Throws OptionError.
+Eigen::Vector3d ParseUp(std::string_view option, const std::string& text);
+
+struct MeshOnlyFlags {
+  int views = 48;
+  std::string kind = "auto";
+  std::string size;     // empty: as the queries'
+  std::string fov_deg;  // empty: as the queries'
+  std::string up = "z";
+  double eye_height = 1.6;
+  double clearance = 0.3;
+
+  // All of these throw OptionError.
+  void Check() const;
+  // Of queries with these cameras, to `out`.
+  RenderedReferenceOptions Resolve(std::span<const Camera> queries,
+                                   const std::filesystem::path& out) const;
+};
+void AddMeshOnlyOptions(CLI::App& app, MeshOnlyFlags& flags);
+
+// Without --model there must be one mesh to render the references from, and nothing that only a
+// model has: `needless` is the name of such an option, where `is_given`. Throws OptionError.
+void RequireMeshOnly(std::span<const std::string> geometry, std::string_view needless,
+                     bool is_given);
+
+// Renders, and says on stderr how far it is.
+RenderedReferences RenderReferencesWithProgress(const std::shared_ptr<const RayCaster>& mesh,
+                                                const RenderedReferenceOptions& options,
+                                                Progress::Show show);
+
+}  // namespace raylift
