@@ -28,6 +28,7 @@
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/query_picture.h"
+#include "raylift/localization/rerender.h"
 #include "raylift/localization/result_files.h"
 #include "raylift/localization/scene_matches.h"
 
@@ -149,6 +150,7 @@ class LocalizeRun {
       RequireWritable(flags.write_problems / "problem.json");
     }
     match_source_ = OpenMatches();
+    PrepareRerender(estimator_options.reprojection_threshold_px);
     AlignGeometry();
     for (const NamedGeometry& geometry : geometry_) sources_.push_back(geometry.source.get());
     if (filter_.mode == FilterMode::kAuto &&
@@ -259,6 +261,16 @@ class LocalizeRun {
                                references_, queries_);
   }
 
+  void PrepareRerender(double reprojection_threshold_px) {
+    if (flags_.mesh_only.rerender == 0) return;
+    if (mesh_ == nullptr) throw OptionError("--rerender needs --geometry mesh:PATH");
+    rerenderer_.emplace(mesh_, ColorsLikePhotographs(mesh_->mesh()), query_images_,
+                        RerenderOptions{.rounds = flags_.mesh_only.rerender,
+                                        .max_features = flags_.max_features,
+                                        .max_ratio = flags_.max_ratio,
+                                        .reprojection_threshold_px = reprojection_threshold_px});
+  }
+
   // Each source by itself; the points of an SfM model agree with the references as they are.
   void AlignGeometry() {
     if (geometry_options_.align == AlignMode::kOff) return;
@@ -301,6 +313,7 @@ class LocalizeRun {
     if (!flags_.no_doctor && input_check_.Wants(index)) {
       input_check_.Add(index, result.problem.references, result.problem.matches_2d2d);
     }
+    if (rerenderer_) rerenderer_->Improve(queries_[index], *estimator_, result);
     if (!flags_.write_problems.empty()) {
       WritePoseProblem(FileOfQuery(flags_.write_problems, queries_[index].name, ".json"),
                        {result.problem, std::nullopt});
@@ -329,6 +342,10 @@ class LocalizeRun {
         fmt::print("not localized: {}: {}\n", query.name, query.reason);
       }
     }
+    if (const RerenderCounts counts = CountRerendered(localized); counts.asked) {
+      fmt::print("rendered again: {} poses sharpened in {} rounds\n", counts.improved,
+                 counts.rounds_kept);
+    }
     fmt::print("localized {} of {} queries against {} references: {}\n", count, localized.size(),
                references_.images.size(), (flags_.out / "poses.txt").string());
   }
@@ -351,6 +368,7 @@ class LocalizeRun {
   std::shared_ptr<const RayCaster> mesh_;       // for pictures; null where no source is a mesh
   std::vector<std::string> warnings_;
   std::unique_ptr<MatchSource> match_source_;
+  std::optional<Rerenderer> rerenderer_;        // none where it is not asked for
   std::unique_ptr<LocalizationReport> report_;  // null where none is asked for
 };
 

@@ -63,6 +63,9 @@ void MeshOnlyFlags::Check() const {
   ParseFov(fov_deg);
   ParseUp("--view-up", up);
   RequirePositive("--view-eye-height", eye_height);
+  if (rerender < 0) {
+    throw OptionError("--rerender", std::to_string(rerender), "must not be negative");
+  }
   if (!(clearance >= 0)) {
     throw OptionError("--view-clearance", FormatDouble(clearance), "must not be negative");
   }
@@ -109,6 +112,12 @@ void AddMeshOnlyOptions(CLI::App& app, MeshOnlyFlags& flags) {
                  "mesh's size)")
       ->capture_default_str()
       ->group(group);
+  app.add_option("--rerender", flags.rerender,
+                 "Rounds of rendering the mesh from the estimated pose, matching the\n"
+                 "query with that and estimating again; a pose is kept where the 2D-3D\n"
+                 "matches support it better. For meshes that look like the photographs")
+      ->capture_default_str()
+      ->group("Estimator");
 }
 
 void RequireMeshOnly(std::span<const std::string> geometry, std::string_view needless,

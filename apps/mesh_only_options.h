@@ -27,6 +27,7 @@ struct MeshOnlyFlags {
   std::string up = "z";
   double eye_height = 1.6;
   double clearance = 0.3;
+  int rerender = 0;  // rounds
 
   // All of these throw OptionError.
   void Check() const;

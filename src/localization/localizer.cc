@@ -50,6 +50,12 @@ void MakePoints(const LocalizerParts& parts, PoseProblem& problem, StageCounts& 
 
 }  // namespace
 
+void LocalizedQuery::TakeEstimate(PoseEstimate taken) {
+  estimate = std::move(taken);
+  counts.inliers_2d3d = static_cast<size_t>(estimate.score_2d3d.num_inliers);
+  counts.inliers_2d2d = static_cast<size_t>(estimate.score_2d2d.num_inliers);
+}
+
 std::string ReasonNotLocalized(const PoseEstimate& estimate) {
   if (!estimate.cam_from_world) {
     return std::string(ToString(estimate.failure));
@@ -98,9 +104,7 @@ QueryResult LocalizeQuery(const Query& query, const LocalizerParts& parts) {
   MakePoints(parts, problem, localized.counts);
   localized.lift_ms = stopwatch.Lap();
 
-  localized.estimate = parts.estimator.Estimate(problem);
-  localized.counts.inliers_2d3d = static_cast<size_t>(localized.estimate.score_2d3d.num_inliers);
-  localized.counts.inliers_2d2d = static_cast<size_t>(localized.estimate.score_2d2d.num_inliers);
+  localized.TakeEstimate(parts.estimator.Estimate(problem));
   localized.estimate_ms = stopwatch.Lap();
   if (localized.counts.retrieved == 0) {
     localized.reason = "no retrieved references";

@@ -73,6 +73,10 @@ Json QueryJson(const LocalizedQuery& query) {
   }
   json["milliseconds"] = {
       {"match", query.match_ms}, {"lift", query.lift_ms}, {"estimate", query.estimate_ms}};
+  if (query.rerender_rounds) {
+    json["rerender_rounds_kept"] = *query.rerender_rounds;
+    json["milliseconds"]["rerender"] = query.rerender_ms;
+  }
   return json;
 }
 
@@ -91,6 +95,17 @@ Json GeometryJson(std::span<const UsedGeometry> geometry) {
 }
 
 }  // namespace
+
+RerenderCounts CountRerendered(std::span<const LocalizedQuery> queries) {
+  RerenderCounts counts;
+  for (const LocalizedQuery& query : queries) {
+    counts.asked = counts.asked || query.rerender_rounds.has_value();
+    const int kept = query.rerender_rounds.value_or(0);
+    counts.rounds_kept += static_cast<size_t>(kept);
+    counts.improved += kept > 0 ? 1 : 0;
+  }
+  return counts;
+}
 
 void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries) {
   std::vector<NamedPose> poses;
@@ -171,6 +186,11 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
         {"estimate_ms", median_of([](const LocalizedQuery& q) { return q.estimate_ms; })}}},
       {"seconds", summary.seconds},
       {"warnings", summary.warnings}};
+  const RerenderCounts rerender = CountRerendered(queries);
+  if (rerender.asked) {
+    json["rerender"] = {{"queries_improved", rerender.improved},
+                        {"rounds_kept", rerender.rounds_kept}};
+  }
   WriteFile(path, Dump(json, 2) + "\n");
 }
 

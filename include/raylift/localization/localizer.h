@@ -41,9 +41,13 @@ struct LocalizedQuery {
   double match_ms = 0;
   double lift_ms = 0;
   double estimate_ms = 0;
+  std::optional<int> rerender_rounds;  // that were kept; none where it was not asked for
+  double rerender_ms = 0;
 
   // Localized: the whole pose is known.
   bool localized() const { return reason.empty(); }
+  // Also counts its inliers.
+  void TakeEstimate(PoseEstimate taken);
 };
 
 // Why an estimate is no localization; empty where it is one.

@@ -34,6 +34,14 @@ struct UsedGeometry {
 // and after.
 void WriteAlignment(const std::filesystem::path& path, std::span<const UsedGeometry> geometry);
 
+// What rendering again from the estimated poses did (localization/rerender.h).
+struct RerenderCounts {
+  bool asked = false;
+  size_t improved = 0;  // queries
+  size_t rounds_kept = 0;
+};
+RerenderCounts CountRerendered(std::span<const LocalizedQuery> queries);
+
 // `summary.json`: totals, geometry, medians of the stages' counts, warnings, seconds.
 struct RunSummary {
   size_t num_references = 0;

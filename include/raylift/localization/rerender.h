@@ -1,0 +1,59 @@
+// Sharpens a pose against a mesh: the mesh is rendered as the query saw it from the estimated pose,
+// and from a few poses around that; the query is matched with these pictures, which differ less in
+// viewpoint than any reference, and its pose is estimated anew. The new pose is kept only where the
+// matches support it better.
+
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+
+#include "raylift/lifting/mesh_source.h"
+#include "raylift/localization/localizer.h"
+#include "raylift/renderers/frame_renderer.h"
+#include "raylift/renderers/ray_caster.h"
+
+namespace raylift {
+
+struct RerenderOptions {
+  int rounds = 1;  // at most; a pose that is not kept ends them
+  // Poses around the estimated one: to the left, right, above and below of it on a circle of this
+  // angle around the middle of what the query shows; 0: none.
+  double around_deg = 4;
+  // Larger queries are rendered at this size.
+  int max_image_side_px = 1600;
+  int max_features = 4096;
+  double max_ratio = 0.8;
+  double reprojection_threshold_px = 8;  // the estimator's
+};
+
+// How well 2D-3D matches support a pose: the sum over the query's keypoints of 1 - e^2 / t^2, not
+// below 0, e being the smallest reprojection error of the keypoint's matches and t the threshold. A
+// keypoint with many matches counts once.
+double PoseSupport(const Camera& camera, const Rigid3& cam_from_world,
+                   std::span<const Match2D3D> matches, double threshold_px);
+
+class Rerenderer {
+ public:
+  // Colours and light as in `look`.
+  Rerenderer(const std::shared_ptr<const RayCaster>& mesh, const ColorOptions& look,
+             std::filesystem::path query_images, const RerenderOptions& options);
+
+  // Does nothing for a query that is not localized. Otherwise the rounds: each takes the matches
+  // with the retrieved references and with the pictures of this round, and its pose is kept where
+  // PoseSupport by these 2D-3D matches is above that of the pose before. The result then is that of
+  // the kept round, with its matches, and counts the rounds. The same on any thread; InputError
+  // where the query's photograph cannot be read or does not have its camera's size.
+  void Improve(const Query& query, const PoseEstimator& estimator, QueryResult& result) const;
+
+ private:
+  MeshSource source_;
+  FrameRenderer renderer_;
+  std::filesystem::path query_images_;
+  RerenderOptions options_;
+};
+
+}  // namespace raylift

@@ -1,0 +1,218 @@
+#include "raylift/localization/rerender.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/median.h"
+#include "raylift/features/matcher.h"
+#include "raylift/features/root_sift.h"
+#include "raylift/io/image_file.h"
+#include "raylift/lifting/lifter.h"
+
+namespace raylift {
+namespace {
+
+constexpr double kRadPerDeg = std::numbers::pi / 180;
+
+FrameOptions ColorOnly(const ColorOptions& look) {
+  FrameOptions options;
+  options.color = true;
+  options.color_options = look;
+  return options;
+}
+
+// ITU-R BT.601, as decoders make grey of colour.
+Image Grey(const Image& rgb) {
+  Image grey{rgb.width_px, rgb.height_px, 1, {}};
+  grey.data.resize(static_cast<size_t>(rgb.width_px) * static_cast<size_t>(rgb.height_px));
+  for (size_t i = 0; i < grey.data.size(); ++i) {
+    const uint8_t* color = rgb.data.data() + 3 * i;
+    grey.data[i] =
+        static_cast<uint8_t>((299 * color[0] + 587 * color[1] + 114 * color[2] + 500) / 1000);
+  }
+  return grey;
+}
+
+Camera AtMost(const Camera& camera, int max_side_px) {
+  const int side_px = std::max(camera.width_px(), camera.height_px());
+  if (side_px <= max_side_px) return camera;
+  const double scale = static_cast<double>(max_side_px) / side_px;
+  const auto scaled = [scale](int length_px) {
+    return std::max(1, static_cast<int>(std::lround(scale * length_px)));
+  };
+  return camera.Scaled(scaled(camera.width_px()), scaled(camera.height_px()));
+}
+
+// As far as the estimator knows it.
+Camera CameraOf(const Query& query, const PoseEstimate& estimate) {
+  return estimate.refined_camera.value_or(query.camera);
+}
+
+// Of the inliers, along the optical axis.
+double MedianDepth(const QueryResult& result) {
+  std::vector<double> depths;
+  const auto& matches = result.problem.matches_2d3d;
+  for (size_t i = 0; i < matches.size(); ++i) {
+    const PoseEstimate& estimate = result.localized.estimate;
+    if (i < estimate.inliers_2d3d.size() && estimate.inliers_2d3d[i]) {
+      depths.push_back((*estimate.cam_from_world * matches[i].point_in_world).z());
+    }
+  }
+  return Median(std::move(depths));
+}
+
+// The pose itself, then those around it, all looking at the point at `depth` on its axis.
+std::vector<Rigid3> PosesAround(const Rigid3& cam_from_world, double depth, double around_deg) {
+  std::vector<Rigid3> poses = {cam_from_world};
+  if (!(around_deg > 0) || !(depth > 0)) return poses;
+  const Rigid3 middle_from_cam{Eigen::Quaterniond::Identity(), {0, 0, -depth}};
+  for (const auto& [axis, sign] : {std::pair{0, 1}, {0, -1}, {1, 1}, {1, -1}}) {
+    const Eigen::AngleAxisd turn(sign * around_deg * kRadPerDeg, Eigen::Vector3d::Unit(axis));
+    const Rigid3 turned{Eigen::Quaterniond(turn), Eigen::Vector3d::Zero()};
+    poses.push_back(middle_from_cam.Inverse() * (turned * (middle_from_cam * cam_from_world)));
+  }
+  return poses;
+}
+
+// One query's rounds.
+class Rounds {
+ public:
+  Rounds(const Query& query, const GeometrySource& source, const FrameRenderer& renderer,
+         const std::filesystem::path& photograph, const RerenderOptions& options)
+      : source_(source),
+        renderer_(renderer),
+        options_(options),
+        query_features_(Extract(ReadImage(photograph, ImageChannels::kGrey))) {
+    if (query_features_.image_width_px != query.camera.width_px() ||
+        query_features_.image_height_px != query.camera.height_px()) {
+      throw InputError(photograph,
+                       fmt::format("the image is {} x {}, its camera {} x {}",
+                                   query_features_.image_width_px, query_features_.image_height_px,
+                                   query.camera.width_px(), query.camera.height_px()));
+    }
+  }
+
+  // `base` with pictures through `query_camera` from these poses as further references, their
+  // matches and points.
+  PoseProblem AddPictures(const PoseProblem& base, const Camera& query_camera,
+                          const std::vector<Rigid3>& poses, int round) const {
+    const Camera camera = AtMost(query_camera, options_.max_image_side_px);
+    const PixelRays rays(camera, 1);
+    PoseProblem pictures;
+    for (size_t i = 0; i < poses.size(); ++i) {
+      AddPicture(rays, {fmt::format("rerender/{}/{}", round, i), camera, poses[i]}, pictures);
+    }
+    pictures.matches_2d3d =
+        Matches2D3D(LiftMatches(source_, pictures.references, pictures.matches_2d2d));
+    return Join(base, std::move(pictures));
+  }
+
+ private:
+  Features Extract(const Image& grey) const {
+    return ExtractRootSift(grey, {.max_features = options_.max_features});
+  }
+
+  void AddPicture(const PixelRays& rays, PosedImage view, PoseProblem& pictures) const {
+    Frame frame;
+    renderer_.Render(rays, view.cam_from_world, 1, frame);
+    const Features features = Extract(Grey(frame.color));
+    const int reference = static_cast<int>(pictures.references.size());
+    for (const FeatureMatch& match :
+         MatchMutualNearest(query_features_, features, {.max_ratio = options_.max_ratio})) {
+      pictures.matches_2d2d.push_back(
+          {reference, query_features_.keypoints_px[static_cast<size_t>(match.query_index)],
+           features.keypoints_px[static_cast<size_t>(match.reference_index)]});
+    }
+    pictures.references.push_back(std::move(view));
+  }
+
+  // References of `more` follow those of `base`, in a cluster of their own.
+  static PoseProblem Join(const PoseProblem& base, PoseProblem more) {
+    PoseProblem joint = base;
+    const int offset = static_cast<int>(base.references.size());
+    if (!base.reference_clusters.empty()) {
+      const int cluster =
+          *std::max_element(base.reference_clusters.begin(), base.reference_clusters.end()) + 1;
+      joint.reference_clusters.resize(base.references.size() + more.references.size(), cluster);
+    }
+    for (Match2D2D& match : more.matches_2d2d) {
+      match.reference += offset;
+      joint.matches_2d2d.push_back(match);
+    }
+    for (Match2D3D& match : more.matches_2d3d) {
+      if (match.reference) *match.reference += offset;
+      joint.matches_2d3d.push_back(match);
+    }
+    for (PosedImage& reference : more.references) joint.references.push_back(std::move(reference));
+    return joint;
+  }
+
+  const GeometrySource& source_;
+  const FrameRenderer& renderer_;
+  const RerenderOptions& options_;
+  Features query_features_;
+};
+
+}  // namespace
+
+double PoseSupport(const Camera& camera, const Rigid3& cam_from_world,
+                   std::span<const Match2D3D> matches, double threshold_px) {
+  std::map<std::pair<double, double>, double> support_of_keypoint;
+  for (const Match2D3D& match : matches) {
+    const auto pixel = camera.ImgFromCam(cam_from_world * match.point_in_world);
+    if (!pixel) continue;
+    const double error2 = (*pixel - match.query_px).squaredNorm() / (threshold_px * threshold_px);
+    if (!(error2 < 1)) continue;
+    double& support = support_of_keypoint[{match.query_px.x(), match.query_px.y()}];
+    support = std::max(support, 1 - error2);
+  }
+  double sum = 0;
+  for (const auto& [keypoint, support] : support_of_keypoint) sum += support;
+  return sum;
+}
+
+Rerenderer::Rerenderer(const std::shared_ptr<const RayCaster>& mesh, const ColorOptions& look,
+                       std::filesystem::path query_images, const RerenderOptions& options)
+    : source_("the mesh, rendered again", mesh),
+      renderer_(mesh, ColorOnly(look)),
+      query_images_(std::move(query_images)),
+      options_(options) {}
+
+void Rerenderer::Improve(const Query& query, const PoseEstimator& estimator,
+                         QueryResult& result) const {
+  result.localized.rerender_rounds = 0;
+  if (!result.localized.localized()) return;
+  const auto start = std::chrono::steady_clock::now();
+  const Rounds rounds(query, source_, renderer_, query_images_ / query.name, options_);
+  const PoseProblem base = result.problem;
+  LocalizedQuery& localized = result.localized;
+  for (int round = 1; round <= options_.rounds; ++round) {
+    const PoseEstimate& before = localized.estimate;
+    PoseProblem problem = rounds.AddPictures(
+        base, CameraOf(query, before),
+        PosesAround(*before.cam_from_world, MedianDepth(result), options_.around_deg), round);
+    PoseEstimate after = estimator.Estimate(problem);
+    if (!ReasonNotLocalized(after).empty()) break;
+    const auto support = [&](const PoseEstimate& estimate) {
+      return PoseSupport(CameraOf(query, estimate), *estimate.cam_from_world, problem.matches_2d3d,
+                         options_.reprojection_threshold_px);
+    };
+    if (!(support(after) > support(before))) break;
+    result.problem = std::move(problem);
+    localized.TakeEstimate(std::move(after));
+    localized.counts.points = result.problem.matches_2d3d.size();
+    localized.rerender_rounds = round;
+  }
+  const std::chrono::duration<double, std::milli> elapsed =
+      std::chrono::steady_clock::now() - start;
+  localized.rerender_ms = elapsed.count();
+}
+
+}  // namespace raylift

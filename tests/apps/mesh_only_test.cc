@@ -1,0 +1,73 @@
+// localize without --model: references rendered from the mesh.
+
+#include "apps/program.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/file.h"
+#include "raylift/io/query_list.h"
+
+namespace raylift {
+namespace {
+
+namespace fs = std::filesystem;
+
+class MeshOnly : public ::testing::Test {
+ protected:
+  Arguments Command(const std::string& out) const {
+    return {"localize",       "--geometry",    mesh(),  "--queries",        scene_.query_list(),
+            "--query-images", scene_.images(), "--out", scene_.folder / out};
+  }
+  Arguments Localize(const std::string& out, const Arguments& more = {}) const {
+    return Command(out) + Arguments{"--view-up=-y", "--view-kind", "cover", "--views", "20"} + more;
+  }
+  std::string mesh() const { return "mesh:" + scene_.mesh().string(); }
+
+  RoomScene scene_ = WriteRoomScene(TestFolder(), {.matches = false, .pictures = true});
+};
+
+TEST_F(MeshOnly, LocalizesFromAMeshAndQueriesAlone) {
+  const CommandResult result = RunRaylift(Localize("out"));
+  EXPECT_TRUE(Succeeds(result));
+  // A pixel is about 0.2 degrees and 7 mm here.
+  EXPECT_TRUE(HoldsTruePoses(scene_.folder / "out" / "poses.txt", scene_.queries, 0.3, 0.02));
+  EXPECT_NE(result.out.find("20 views of the mesh (cover), 20 rendered now"), std::string::npos)
+      << result.out;
+}
+
+TEST_F(MeshOnly, ASecondRunUsesTheSamePictures) {
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize("out", {"--threads", "1"}))));
+  const std::string poses = ReadFile(scene_.folder / "out" / "poses.txt");
+  const fs::path features = scene_.folder / "out" / "cache" / "features.h5";
+  const auto time = fs::last_write_time(features);
+  const CommandResult again = RunRaylift(Localize("out", {"--threads", "4"}));
+  ASSERT_TRUE(Succeeds(again));
+  EXPECT_NE(again.out.find(", 0 rendered now"), std::string::npos) << again.out;
+  EXPECT_EQ(fs::last_write_time(features), time);
+  EXPECT_EQ(ReadFile(scene_.folder / "out" / "poses.txt"), poses);
+}
+
+TEST_F(MeshOnly, WrongOptionsAreNamed) {
+  const auto fails = [&](const Arguments& more, const std::vector<std::string>& parts) {
+    return FailsWith(2, parts, RunRaylift(Command("bad") + more));
+  };
+  EXPECT_TRUE(fails({"--geometry", "depth:maps"}, {"--geometry", "--model", "one mesh:PATH"}));
+  EXPECT_TRUE(fails({"--images", "photos"}, {"--images needs --model"}));
+  EXPECT_TRUE(fails({"--features", "f.h5", "--matches", "m.h5", "--pairs", "p.txt"},
+                    {"--features needs --model"}));
+  EXPECT_TRUE(fails({"--views", "0"}, {"--views"}));
+  EXPECT_TRUE(fails({"--view-kind", "above"}, {"--view-kind", "auto|inside|around|cover"}));
+  EXPECT_TRUE(fails({"--view-size", "640"}, {"--view-size", "WIDTHxHEIGHT"}));
+  EXPECT_TRUE(fails({"--view-fov-deg", "180"}, {"--view-fov-deg"}));
+  EXPECT_TRUE(fails({"--view-up", "w"}, {"--view-up"}));
+  const Arguments bare = {"localize", "--queries", scene_.query_list(), "--out", scene_.folder};
+  EXPECT_TRUE(FailsWith(2, {"--model", "mesh:PATH"}, RunRaylift(bare)));
+  EXPECT_TRUE(FailsWith(2, {"--geometry", "depth:maps"},
+                        RunRaylift(bare + Arguments{"--geometry", "depth:maps"})));
+  EXPECT_TRUE(FailsWith(2, {"--query-images"}, RunRaylift(bare + Arguments{"--geometry", mesh()})));
+  EXPECT_FALSE(fs::exists(scene_.folder / "bad"));
+}
+
+}  // namespace
+}  // namespace raylift
