@@ -84,7 +84,7 @@ TEST(Options, NoCommandOrAnUnknownOneExitsWith2) {
 
 TEST(Options, UnknownOptionsAreNamedBeforeMissingOnes) {
   EXPECT_TRUE(FailsWith(2, {"--modle"}, RunRaylift({"localize", "--modle", "sfm"})));
-  EXPECT_TRUE(FailsWith(2, {"--model"}, RunRaylift({"localize", "--queries", "q.txt"})));
+  EXPECT_TRUE(FailsWith(2, {"--out"}, RunRaylift({"localize", "--queries", "q.txt"})));
   EXPECT_TRUE(FailsWith(2, {"--top-k"}, RunRaylift({"estimate", "x", "--top-k", "3"})));
   EXPECT_TRUE(FailsWith(2, {"problems"}, RunRaylift({"estimate"})));
 }
