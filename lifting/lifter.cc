@@ -84,7 +84,7 @@ LiftResult LiftMatches(std::span<const GeometrySource* const> sources, GeometryM
       const Match2D3D match{.query_px = matches[i].query_px,
                             .point_in_world = surface->point_in_world,
                             .reference = matches[i].reference,
-                            .point_sigma = std::nullopt};
+                            .point_sigma = surface->point_sigma};
       result.lifted.push_back({match, *surface, i, s});
     }
     ++(result.lifted.size() > before ? result.counts.hits : result.counts.misses);

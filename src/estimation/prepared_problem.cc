@@ -97,6 +97,14 @@ std::optional<PreparedPoint> PreparePoint(const Camera& camera, const Match2D3D&
   return point;
 }
 
+// By which factor an uncertain reference's pixel spreads more than a certain one's. A threshold is
+// some two and a half standard deviations of the keypoints' noise, and stays so of both errors
+// together: t^2 becomes t^2 + (2.5 sigma)^2 for the reference's part of the Sampson error.
+double SpreadOfReference(const Match2D2D& match, double threshold_px) {
+  if (!match.reference_sigma_px) return 1;
+  return std::hypot(1, 2.5 * *match.reference_sigma_px / threshold_px);
+}
+
 std::optional<PreparedPair> PreparePair(const PoseProblem& problem, const Match2D2D& match,
                                         double threshold_px, int index) {
   if (!match.query_px.allFinite() || !match.reference_px.allFinite()) {
@@ -118,10 +126,14 @@ std::optional<PreparedPair> PreparePair(const PoseProblem& problem, const Match2
   pair.query_ray = query_frame->ray_from_image.col(2) / query_norm;
   pair.query_gradient = query_frame->ray_from_image.leftCols<2>() * (threshold_px / query_norm);
   pair.reference_ray = world_from_cam * (reference_frame->ray_from_image.col(2) / reference_norm);
-  pair.reference_gradient = world_from_cam * reference_frame->ray_from_image.leftCols<2>() *
-                            (threshold_px / reference_norm);
+  pair.reference_gradient =
+      world_from_cam * reference_frame->ray_from_image.leftCols<2>() *
+      (threshold_px / reference_norm * SpreadOfReference(match, threshold_px));
   pair.parallax = std::sqrt(pair.query_gradient.colwise().squaredNorm().maxCoeff() +
                             pair.reference_gradient.colwise().squaredNorm().maxCoeff());
+  if (!std::isfinite(pair.parallax)) {
+    return std::nullopt;
+  }
   pair.reference = match.reference;
   pair.match = index;
   return pair;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -102,12 +103,18 @@ void AppendReferenceIndex(const Match2D3D& match, std::string* text) {
   *text += match.reference ? std::to_string(*match.reference) : "null";
 }
 
-void AppendSigma(const Match2D3D& match, std::string* text) {
-  if (match.point_sigma) {
-    AppendNumber(*match.point_sigma, text);
+void AppendSigma(const std::optional<double>& sigma, std::string* text) {
+  if (sigma) {
+    AppendNumber(*sigma, text);
   } else {
     *text += "null";
   }
+}
+void AppendPointSigma(const Match2D3D& match, std::string* text) {
+  AppendSigma(match.point_sigma, text);
+}
+void AppendReferenceSigma(const Match2D2D& match, std::string* text) {
+  AppendSigma(match.reference_sigma_px, text);
 }
 
 }  // namespace
@@ -138,7 +145,11 @@ std::string FormatPoseProblem(const PoseProblemFile& file) {
     AppendArray("matches_2d3d_reference", matches, AppendReferenceIndex, &text);
   }
   if (std::any_of(matches.begin(), matches.end(), [](const auto& m) { return m.point_sigma; })) {
-    AppendArray("matches_2d3d_sigma", matches, AppendSigma, &text);
+    AppendArray("matches_2d3d_sigma", matches, AppendPointSigma, &text);
+  }
+  const auto& pairs = problem.matches_2d2d;
+  if (std::any_of(pairs.begin(), pairs.end(), [](const auto& m) { return m.reference_sigma_px; })) {
+    AppendArray("matches_2d2d_sigma_px", pairs, AppendReferenceSigma, &text);
   }
   text += "\n}\n";
   return text;

@@ -3,6 +3,7 @@
 #include "raylift/io/pose_problem_json.h"
 
 #include <algorithm>
+#include <optional>
 
 #include "io/json_place.h"
 #include "io/unit_quaternion.h"
@@ -114,17 +115,26 @@ void ReadReferencesOf2D3D(const JsonPlace& place, PoseProblem* problem) {
   }
 }
 
+std::optional<double> ReadSigma(const JsonPlace& place) {
+  if (place.IsNull()) return std::nullopt;
+  const double sigma = place.Number();
+  if (sigma < 0) {
+    place.Fail(fmt::format("expected a standard deviation, found {}", sigma));
+  }
+  return sigma;
+}
+
 void ReadSigmasOf2D3D(const JsonPlace& place, PoseProblem* problem) {
   place.ExpectArraySize(problem->matches_2d3d.size());
   for (size_t i = 0; i < problem->matches_2d3d.size(); ++i) {
-    const JsonPlace sigma = place.At(i);
-    if (sigma.IsNull()) {
-      continue;
-    }
-    problem->matches_2d3d[i].point_sigma = sigma.Number();
-    if (sigma.Number() < 0) {
-      sigma.Fail(fmt::format("expected a standard deviation, found {}", sigma.Number()));
-    }
+    problem->matches_2d3d[i].point_sigma = ReadSigma(place.At(i));
+  }
+}
+
+void ReadSigmasOf2D2D(const JsonPlace& place, PoseProblem* problem) {
+  place.ExpectArraySize(problem->matches_2d2d.size());
+  for (size_t i = 0; i < problem->matches_2d2d.size(); ++i) {
+    problem->matches_2d2d[i].reference_sigma_px = ReadSigma(place.At(i));
   }
 }
 
@@ -166,6 +176,9 @@ PoseProblemFile ReadRoot(const JsonPlace& root) {
   }
   if (root.Has("matches_2d3d_reference")) {
     ReadReferencesOf2D3D(root.Member("matches_2d3d_reference"), &problem);
+  }
+  if (root.Has("matches_2d2d_sigma_px")) {
+    ReadSigmasOf2D2D(root.Member("matches_2d2d_sigma_px"), &problem);
   }
   if (root.Has("matches_2d3d_sigma")) {
     ReadSigmasOf2D3D(root.Member("matches_2d3d_sigma"), &problem);

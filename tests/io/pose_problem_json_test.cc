@@ -61,6 +61,8 @@ void ExpectSameProblem(const PoseProblemFile& a, const PoseProblemFile& b) {
     EXPECT_EQ(a.problem.matches_2d2d[i].reference, b.problem.matches_2d2d[i].reference);
     EXPECT_EQ(a.problem.matches_2d2d[i].query_px, b.problem.matches_2d2d[i].query_px);
     EXPECT_EQ(a.problem.matches_2d2d[i].reference_px, b.problem.matches_2d2d[i].reference_px);
+    EXPECT_EQ(a.problem.matches_2d2d[i].reference_sigma_px,
+              b.problem.matches_2d2d[i].reference_sigma_px);
   }
   ASSERT_EQ(a.problem.matches_2d3d.size(), b.problem.matches_2d3d.size());
   for (size_t i = 0; i < a.problem.matches_2d3d.size(); ++i) {
@@ -83,12 +85,13 @@ TEST(PoseProblemJson, NumbersReadBackAsTheSameDoubles) {
   EXPECT_EQ(FormatPoseProblem(ReadPoseProblem(path)), ReadFile(path));
 }
 
-TEST(PoseProblemJson, ReferencesAndSigmasOf3DPointsAreKept) {
+TEST(PoseProblemJson, ReferencesOf3DPointsAndSigmasAreKept) {
   Rng rng = TestRng();
   PoseProblemFile file = RandomProblem(rng);
   file.gt_cam_from_world.reset();
   file.problem.matches_2d3d[4].reference = 2;
   file.problem.matches_2d3d[5].point_sigma = 0.01;
+  file.problem.matches_2d2d[1].reference_sigma_px = 3.5;
   const std::string json = FormatPoseProblem(file);
   ExpectSameProblem(ParsePoseProblem(json, "p.json"), file);
 }
@@ -99,6 +102,7 @@ TEST(PoseProblemJson, OptionalMembersAreLeftOutWhereTheyHoldNothing) {
   file.gt_cam_from_world.reset();
   const std::string json = FormatPoseProblem(file);
   EXPECT_THAT(json, testing::Not(testing::HasSubstr("matches_2d3d_")));
+  EXPECT_THAT(json, testing::Not(testing::HasSubstr("matches_2d2d_")));
   EXPECT_THAT(json, testing::Not(testing::HasSubstr("gt_cam_from_world")));
 }
 
@@ -145,7 +149,8 @@ constexpr std::string_view kValid = R"({"format": "pose-problem/1", "name": "q",
 "cam_from_world": {"qvec": [1, 0, 0, 0], "tvec": [0, 0, 7]}}],
 "matches_2d2d": [[0, 1, 2, 3, 4], [0, 9, 8, 7, 6]],
 "matches_2d3d": [[1, 2, 3, 4, 5]],
-"matches_2d3d_reference": [0], "matches_2d3d_sigma": [0.5]})";
+"matches_2d3d_reference": [0], "matches_2d3d_sigma": [0.5],
+"matches_2d2d_sigma_px": [null, 2]})";
 
 // The valid text with the first `from` replaced must fail with all of `parts`.
 void ExpectFailure(const std::string& from, const std::string& to,
@@ -189,6 +194,8 @@ TEST(PoseProblemJson, WrongValuesAreNamedByTheirPath) {
   ExpectFailure("_reference\": [0]", "_reference\": []",
                 {"matches_2d3d_reference: expected 1 elements, found 0"});
   ExpectFailure("_sigma\": [0.5]", "_sigma\": [-0.5]", {"matches_2d3d_sigma[0]", "-0.5"});
+  ExpectFailure("[null, 2]", "[null, -2]", {"matches_2d2d_sigma_px[1]", "-2"});
+  ExpectFailure("[null, 2]", "[2]", {"matches_2d2d_sigma_px: expected 2 elements, found 1"});
 }
 
 TEST(PoseProblemJson, TextThatIsNoJsonIsNamedByItsLine) {

@@ -1,8 +1,8 @@
 // Pose problems on disk: JSON, "format": "pose-problem/1", the interchange file of pose estimators.
 // Beyond the format's own members, "reference_clusters" (the covisibility cluster of each
-// reference), "matches_2d3d_reference" (an index or null per 2D-3D match) and "matches_2d3d_sigma"
-// (a number or null) keep what the format has no place for; readers that do not know them lose
-// nothing else.
+// reference), "matches_2d3d_reference" (an index or null per 2D-3D match), "matches_2d3d_sigma" and
+// "matches_2d2d_sigma_px" (a number or null per match: of the point, of the reference pixel) keep
+// what the format has no place for; readers that do not know them lose nothing else.
 
 #pragma once
 

@@ -32,6 +32,8 @@ struct SurfacePoint {
     std::optional<double> error_px;  // its mean reprojection error in them
   };
   std::optional<Track> track = std::nullopt;
+  // Standard deviation in scene units (isotropic), where the source knows it.
+  std::optional<double> point_sigma = std::nullopt;
 };
 
 class GeometrySource {

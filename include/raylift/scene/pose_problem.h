@@ -19,6 +19,9 @@ struct Match2D2D {
   int reference = 0;  // index into PoseProblem::references
   Eigen::Vector2d query_px;
   Eigen::Vector2d reference_px;
+  // Standard deviation (isotropic) of the reference pixel beyond a keypoint's own noise, where the
+  // reference's pose is uncertain: by so much the pose may show the same point elsewhere.
+  std::optional<double> reference_sigma_px = std::nullopt;
 };
 
 // A query pixel that shows a point of the scene.
