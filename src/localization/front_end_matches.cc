@@ -1,12 +1,16 @@
 // Matches made here: RootSIFT, retrieval by VLAD unless it is given, mutual nearest neighbours.
 
+#include <algorithm>
 #include <map>
+#include <memory>
 
 #include "localization/feature_cache.h"
+#include "localization/joined_retrieval.h"
 #include "localization/vlad_retrieval.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/parallel.h"
 #include "raylift/features/matcher.h"
 #include "raylift/io/hloc.h"
 #include "raylift/localization/match_source.h"
@@ -37,29 +41,53 @@ class FrontEndMatches final : public MatchSource {
                                               .show_progress = options.show_progress});
     CheckSizes(queries);
     Retrieve(queries);
+    if (options.max_joined) {
+      joined_ =
+          std::make_unique<JoinedRetrieval>(references_, features_, options.seed, options.threads);
+    }
   }
 
   QueryMatches Match(const Query& query) const override {
     QueryMatches result;
+    result.references = ReferencesOf(query);
     const Features& query_features = features_.at(query.name);
-    for (const int index : retrieved_.at(query.name)) {
-      const PosedImage& reference = references_[static_cast<size_t>(index)];
-      const Features& reference_features = features_.at(reference.name);
-      const int rank = static_cast<int>(result.references.size());
-      result.references.push_back(reference);
-      for (const FeatureMatch& match : MatchMutualNearest(query_features, reference_features,
-                                                          {.max_ratio = options_.max_ratio})) {
+    std::vector<std::vector<FeatureMatch>> matches(result.references.size());
+    // Where queries follow each other, the references of one are matched side by side.
+    ParallelFor(matches.size(), joined_ ? options_.threads : 1, [&](size_t i) {
+      matches[i] = MatchMutualNearest(query_features, features_.at(result.references[i].name),
+                                      {.max_ratio = options_.max_ratio});
+    });
+    for (size_t rank = 0; rank < matches.size(); ++rank) {
+      const Features& reference_features = features_.at(result.references[rank].name);
+      for (const FeatureMatch& match : matches[rank]) {
         result.matches.push_back(
-            {rank, query_features.keypoints_px[static_cast<size_t>(match.query_index)],
+            {static_cast<int>(rank),
+             query_features.keypoints_px[static_cast<size_t>(match.query_index)],
              reference_features.keypoints_px[static_cast<size_t>(match.reference_index)]});
       }
     }
     return result;
   }
 
+  void Join(const PosedImage& localized_query) override {
+    RAYLIFT_CHECK(joined_ != nullptr);
+    joined_->Join(localized_query, features_.at(localized_query.name));
+  }
+
   std::vector<std::string> Warnings() const override { return {}; }
 
  private:
+  std::vector<PosedImage> ReferencesOf(const Query& query) const {
+    std::vector<PosedImage> references;
+    for (const int index : retrieved_.at(query.name)) {
+      references.push_back(references_[static_cast<size_t>(index)]);
+    }
+    if (!joined_) return references;
+    return joined_->Merge(query.name, features_.at(query.name), references,
+                          static_cast<size_t>(options_.top_k),
+                          static_cast<size_t>(*options_.max_joined));
+  }
+
   void CheckSizes(const std::vector<Query>& queries) const {
     for (const PosedImage& image : references_) {
       CheckSize(options_.reference_images / image.name, image.name, image.camera);
@@ -104,6 +132,7 @@ class FrontEndMatches final : public MatchSource {
   std::vector<PosedImage> references_;
   std::map<std::string, Features> features_;
   std::map<std::string, std::vector<int>> retrieved_;  // indices into references_, best first
+  std::unique_ptr<JoinedRetrieval> joined_;            // null: no query becomes a reference
 };
 
 }  // namespace

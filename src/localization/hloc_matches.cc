@@ -15,12 +15,15 @@ namespace {
 
 class HlocMatches final : public MatchSource {
  public:
-  HlocMatches(const HlocFiles& files, const ReferenceSet& references, int top_k)
+  HlocMatches(const HlocFiles& files, const ReferenceSet& references, int top_k,
+              const JoiningQueries& joining)
       : files_(files),
         features_(files.features),
         matches_(files.matches),
         pairs_(ReadPairs(files.pairs)),
-        top_k_(static_cast<size_t>(top_k)) {
+        top_k_(static_cast<size_t>(top_k)),
+        max_joined_(static_cast<size_t>(joining.max_joined)) {
+    for (const Query& query : joining.queries) joining_.insert(query.name);
     for (const PosedImage& image : references.images) {
       references_.emplace(image.name, image);
     }
@@ -28,7 +31,8 @@ class HlocMatches final : public MatchSource {
                                             references.thinned_out.end());
     for (auto& [query, retrieved] : pairs_) {
       for (const std::string& name : retrieved) {
-        if (!references_.contains(name) && !thinned_out.contains(name)) {
+        if (!references_.contains(name) && !thinned_out.contains(name) &&
+            !joining_.contains(name)) {
           throw InputError(files.pairs, fmt::format("query {}", query),
                            fmt::format("the retrieved reference \"{}\" has no pose in the model {}",
                                        name, references.model.string()));
@@ -45,9 +49,16 @@ class HlocMatches final : public MatchSource {
       return result;
     }
     const Features query_features = ReadFeatures(query.name, query.camera);
+    size_t num_joined = 0;
     for (const std::string& name : retrieved->second) {
       if (result.references.size() == top_k_) {
         break;
+      }
+      if (joining_.contains(name)) {
+        if (name == query.name || !references_.contains(name) || num_joined == max_joined_) {
+          continue;
+        }
+        ++num_joined;
       }
       const int reference = static_cast<int>(result.references.size());
       result.references.push_back(references_.at(name));
@@ -67,6 +78,11 @@ class HlocMatches final : public MatchSource {
       }
     }
     return result;
+  }
+
+  void Join(const PosedImage& localized_query) override {
+    RAYLIFT_CHECK(joining_.contains(localized_query.name));
+    references_.insert_or_assign(localized_query.name, localized_query);
   }
 
   std::vector<std::string> Warnings() const override {
@@ -108,6 +124,8 @@ class HlocMatches final : public MatchSource {
   MatchFile matches_;
   RetrievalPairs pairs_;
   size_t top_k_;
+  size_t max_joined_;
+  std::set<std::string> joining_;
   std::unordered_map<std::string, PosedImage> references_;
   mutable std::mutex mutex_;
   mutable std::set<std::string> warnings_;
@@ -116,8 +134,8 @@ class HlocMatches final : public MatchSource {
 }  // namespace
 
 std::unique_ptr<MatchSource> OpenHlocMatches(const HlocFiles& files, const ReferenceSet& references,
-                                             int top_k) {
-  return std::make_unique<HlocMatches>(files, references, top_k);
+                                             int top_k, const JoiningQueries& joining) {
+  return std::make_unique<HlocMatches>(files, references, top_k, joining);
 }
 
 }  // namespace raylift

@@ -41,8 +41,12 @@ std::optional<std::string> InputCheck::Warn(const NamedGeometry& geometry,
   for (const size_t query : by_name_) {
     const MatchesOfQuery& kept = matches_[query];
     for (ReferenceMatch match : kept.matches) {
-      match.reference_a = index_of_name.at(kept.references[static_cast<size_t>(match.reference_a)]);
-      match.reference_b = index_of_name.at(kept.references[static_cast<size_t>(match.reference_b)]);
+      const auto a = index_of_name.find(kept.references[static_cast<size_t>(match.reference_a)]);
+      const auto b = index_of_name.find(kept.references[static_cast<size_t>(match.reference_b)]);
+      // Localized queries that have become references tell nothing of the input.
+      if (a == index_of_name.end() || b == index_of_name.end()) continue;
+      match.reference_a = a->second;
+      match.reference_b = b->second;
       all.push_back(match);
     }
   }

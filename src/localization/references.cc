@@ -1,10 +1,16 @@
 // The references of a scene from a COLMAP model.
 
+#include <stdexcept>
+
 #include "raylift/base/error.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/localization/match_source.h"
 
 namespace raylift {
+
+void MatchSource::Join(const PosedImage& localized_query) {
+  throw std::logic_error("this source of matches was not opened for " + localized_query.name);
+}
 
 LoadedReferences LoadReferences(const std::filesystem::path& model, int every,
                                 PoseConvention poses) {

@@ -117,11 +117,15 @@ void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQu
   WritePoseFile(path, poses);
 }
 
+std::string FormatQueryDiagnostics(const LocalizedQuery& query) {
+  return Dump(QueryJson(query), -1);
+}
+
 void WriteQueryDiagnostics(const std::filesystem::path& path,
                            const std::vector<LocalizedQuery>& queries) {
   std::string text;
   for (const LocalizedQuery& query : queries) {
-    text += Dump(QueryJson(query), -1);
+    text += FormatQueryDiagnostics(query);
     text += '\n';
   }
   WriteFile(path, text);

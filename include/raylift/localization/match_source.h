@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -30,6 +31,10 @@ class MatchSource {
   // The matches of a query with its retrieved references; both may be empty. Thread safe.
   // InputError where a file is malformed.
   virtual QueryMatches Match(const Query& query) const = 0;
+
+  // From now on this query, localized, is also a reference. Not while Match() runs. Only for
+  // sources that were opened for it.
+  virtual void Join(const PosedImage& localized_query);
 
   // What the user should be told, collected so far.
   virtual std::vector<std::string> Warnings() const = 0;
@@ -59,10 +64,18 @@ struct HlocFiles {
   std::filesystem::path pairs;
 };
 
+// Queries that may become references by Join(), and how many of them a query may have among its
+// references; none may by default.
+struct JoiningQueries {
+  std::span<const Query> queries = {};
+  int max_joined = 0;
+};
+
 // Reads hloc's files. The pairs file ranks the references of each query; `top_k` of those in use
-// are taken. InputError where it names a reference that the model does not hold.
+// are taken. InputError where it names a reference that the model does not hold. References that
+// are joining queries stand in the files like others, and are passed over until they join.
 std::unique_ptr<MatchSource> OpenHlocMatches(const HlocFiles& files, const ReferenceSet& references,
-                                             int top_k);
+                                             int top_k, const JoiningQueries& joining = {});
 
 struct FrontEndOptions {
   std::filesystem::path reference_images;
@@ -78,6 +91,9 @@ struct FrontEndOptions {
   bool show_progress = true;
   // The references of each query where they were not to be retrieved by VLAD.
   std::optional<RetrievedLists> retrieved = std::nullopt;
+  // With a number, queries may become references, up to so many of the top_k; Match() itself
+  // then uses `threads`.
+  std::optional<int> max_joined = std::nullopt;
 };
 
 // Extracts RootSIFT features of all images and retrieves references by VLAD; Match() matches.

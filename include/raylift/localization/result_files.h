@@ -22,6 +22,9 @@ void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQu
 void WriteQueryDiagnostics(const std::filesystem::path& path,
                            const std::vector<LocalizedQuery>& queries);
 
+// A line of it, without the line's end.
+std::string FormatQueryDiagnostics(const LocalizedQuery& query);
+
 // A source of geometry that was used.
 struct UsedGeometry {
   std::string spec;        // as in the option --geometry

@@ -1,0 +1,124 @@
+// The references that continuous localization adds: queries that have been localized. What such a
+// reference knows of the scene are the 3D points that its own keypoints were localized by, and its
+// pose is uncertain: matches with it count the less, the farther its pose may move what they show.
+
+#pragma once
+
+#include <cstddef>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/lifting/geometry_source.h"
+#include "raylift/localization/localizer.h"
+#include "raylift/localization/match_source.h"
+#include "raylift/scene/pose_problem.h"
+#include "raylift/scene/posed_image.h"
+
+namespace raylift {
+
+using PoseCovariance = Eigen::Matrix<double, 6, 6>;
+
+// A keypoint and the point of the scene that it shows.
+struct PointLink {
+  Eigen::Vector2d pixel;
+  Eigen::Vector3d point_in_world;
+};
+
+struct JoinedReference {
+  PosedImage image;
+  // Of the step (w, v) in the camera's tangent frame (geometry/residuals.h); none: not known.
+  std::optional<PoseCovariance> covariance;
+  double distance = 0;  // from the camera to what it sees (median), scene units; 0: not known
+  std::vector<PointLink> links;
+};
+
+// The links of a localized query: its 2D-3D inliers; of several points of one keypoint the one of
+// the median depth.
+std::vector<PointLink> LinksOfInliers(const QueryResult& result);
+
+// The median distance of what a localized query sees: of its 2D-3D inliers, or, where it has none,
+// of the points in which the rays of its 2D-2D inliers meet. 0 where neither tells.
+double SceneDistance(const QueryResult& result);
+
+class JoinedReferences {
+ public:
+  // With `weigh` off joined references count as if their poses were exact.
+  explicit JoinedReferences(bool weigh) : weigh_(weigh) {}
+
+  void Add(const JoinedReference& reference);
+  bool Contains(const std::string& name) const { return references_.contains(name); }
+  size_t size() const { return references_.size(); }
+
+  // The point that a keypoint of a joined reference is linked to.
+  std::optional<Eigen::Vector3d> LinkedPoint(const std::string& name,
+                                             const Eigen::Vector2d& pixel) const;
+
+  // By how many pixels (standard deviation, isotropic) the pose of a joined reference moves what it
+  // shows at a pixel, to first order: of the point that the pixel is linked to, or else of one at
+  // the reference's distance. None of other references, and where it is not known.
+  std::optional<double> SigmaPx(const std::string& name, const Eigen::Vector2d& pixel) const;
+  // The same of a point.
+  std::optional<double> SigmaPx(const std::string& name,
+                                const Eigen::Vector3d& point_in_world) const;
+
+  // Sets `reference_sigma_px` of the matches with joined references.
+  void Weigh(QueryMatches& matches) const;
+
+  // What the uncertainty of joined references adds to the covariance of a query that rests on them.
+  // The error of a reference is common to all matches with it, so that many do not average it away:
+  // a reference that holds a share s of the inliers passes on s times its error.
+  PoseCovariance PassedOn(const QueryResult& result) const;
+
+ private:
+  struct Entry {
+    JoinedReference reference;
+    std::map<std::pair<double, double>, size_t> link_of_pixel;
+  };
+  const Entry* Find(const std::string& name) const;
+  std::optional<double> SigmaPx(const JoinedReference& reference,
+                                const Eigen::Vector3d& point_in_cam) const;
+
+  bool weigh_;
+  std::map<std::string, Entry> references_;
+};
+
+// The matches of another source, those with joined references weighed. Both must outlive it.
+class WeighedMatches final : public MatchSource {
+ public:
+  WeighedMatches(const MatchSource& source, const JoinedReferences& joined)
+      : source_(source), joined_(joined) {}
+  QueryMatches Match(const Query& query) const override;
+  std::vector<std::string> Warnings() const override { return source_.Warnings(); }
+
+ private:
+  const MatchSource& source_;
+  const JoinedReferences& joined_;
+};
+
+// A source of geometry that knows joined references, too: their linked points, and where there is
+// none what the source says for the estimated pose (a mesh lifts from any), uncertain by that pose.
+// Both must outlive it.
+class JoinedGeometry final : public GeometrySource {
+ public:
+  // Of several sources only the first should give the links.
+  enum class Links { kGive, kLeaveOut };
+  JoinedGeometry(const GeometrySource& source, const JoinedReferences& joined, Links links)
+      : source_(source), joined_(joined), links_(links) {}
+
+  std::string Description() const override { return source_.Description(); }
+  std::vector<std::optional<SurfacePoint>> Lift(
+      const PosedImage& reference, std::span<const Eigen::Vector2d> pixels) const override;
+
+ private:
+  const GeometrySource& source_;
+  const JoinedReferences& joined_;
+  Links links_;
+};
+
+}  // namespace raylift

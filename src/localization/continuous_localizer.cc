@@ -1,0 +1,125 @@
+#include "raylift/localization/continuous_localizer.h"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/localization/result_files.h"
+
+namespace raylift {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+// Both solvers are asked where both have what they need.
+std::optional<SolverPoses> AskSolvers(const QueryResult& result, const ContinuousOptions& options) {
+  if (!options.gate.needs_agreement || result.problem.matches_2d3d.empty()) return std::nullopt;
+  const PoseEstimate& estimate = result.localized.estimate;
+  if (estimate.p3p_cam_from_world && estimate.e5p1_cam_from_world) {
+    return SolverPoses{estimate.p3p_cam_from_world, estimate.e5p1_cam_from_world};
+  }
+  return EstimateBySolvers(result.problem, options.estimator, options.threads);
+}
+
+size_t CountJoined(const PoseProblem& problem, const JoinedReferences& joined) {
+  size_t count = 0;
+  for (const PosedImage& reference : problem.references) {
+    count += joined.Contains(reference.name) ? 1 : 0;
+  }
+  return count;
+}
+
+// Decides on a query that was just localized.
+ContinuousRecord MakeRecord(const QueryResult& result, size_t place, const GrowingScene& scene,
+                            const ContinuousOptions& options) {
+  const PoseEstimate& estimate = result.localized.estimate;
+  ContinuousRecord record;
+  record.localized = result.localized;
+  Json json = Json::parse(FormatQueryDiagnostics(result.localized));
+  json["place_in_order"] = place;
+  json["retrieved_joined"] = CountJoined(result.problem, scene.joined());
+  std::string reason = "not localized";
+  if (result.localized.localized()) {
+    const JoinEvidence evidence =
+        CollectEvidence(result, scene.joined(), AskSolvers(result, options));
+    reason = ReasonNotToJoin(evidence, options.gate);
+    if (evidence.difference_deg) {
+      json["solvers_differ_deg"] = *evidence.difference_deg;
+      json["solvers_differ_position"] = *evidence.difference_position;
+    }
+    if (evidence.covariance) {
+      json["joint_rotation_sigma_deg"] = evidence.rotation_sigma_deg;
+      json["joint_position_sigma"] = evidence.position_sigma;
+    }
+    if (reason.empty()) {
+      record.joined = {.image = {result.localized.name,
+                                 estimate.refined_camera.value_or(result.problem.query_camera),
+                                 *estimate.cam_from_world},
+                       .covariance = evidence.covariance,
+                       .distance = evidence.distance,
+                       .links = LinksOfInliers(result)};
+    }
+  }
+  json["joined"] = reason.empty();
+  json["not_joined_because"] = reason;
+  record.diagnostics = json.dump();
+  return record;
+}
+
+}  // namespace
+
+GrowingScene::GrowingScene(MatchSource& matches, std::span<const GeometrySource* const> geometry,
+                           bool weigh)
+    : source_(matches), joined_(weigh), weighed_(source_, joined_) {
+  for (const GeometrySource* source : geometry) {
+    const auto links =
+        owned_geometry_.empty() ? JoinedGeometry::Links::kGive : JoinedGeometry::Links::kLeaveOut;
+    owned_geometry_.push_back(std::make_unique<JoinedGeometry>(*source, joined_, links));
+    geometry_.push_back(owned_geometry_.back().get());
+  }
+}
+
+void GrowingScene::Join(const JoinedReference& reference) {
+  joined_.Add(reference);
+  source_.Join(reference.image);
+}
+
+size_t CountMissing(const ContinuousRecords& records) {
+  return static_cast<size_t>(
+      std::count_if(records.begin(), records.end(), [](const auto& record) { return !record; }));
+}
+
+void WriteQueryDiagnostics(const std::filesystem::path& path, const ContinuousRecords& records) {
+  std::string text;
+  for (const auto& record : records) text += record->diagnostics + "\n";
+  WriteFile(path, text);
+}
+
+ContinuousRecords LocalizeContinuously(std::span<const Query> queries,
+                                       std::span<const size_t> order, GrowingScene& scene,
+                                       const ContinuousCheckpoint& checkpoint,
+                                       const ContinuousOptions& options,
+                                       const ContinuousHooks& hooks) {
+  RAYLIFT_CHECK_EQ(order.size(), queries.size());
+  ContinuousRecords records(queries.size());
+  for (size_t place = 0; place < order.size(); ++place) {
+    const size_t query = order[place];
+    records[query] = checkpoint.Read(place, queries[query]);
+    std::optional<QueryResult> result;
+    if (!records[query]) {
+      if (options.stop != nullptr && *options.stop) break;
+      result = hooks.localize(query);
+      records[query] = MakeRecord(*result, place, scene, options);
+    }
+    if (result) checkpoint.Write(place, *records[query]);
+    if (records[query]->joined) scene.Join(*records[query]->joined);
+    hooks.on_done(query, result ? &*result : nullptr);
+  }
+  return records;
+}
+
+}  // namespace raylift

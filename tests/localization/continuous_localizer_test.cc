@@ -1,0 +1,173 @@
+#include "raylift/localization/continuous_localizer.h"
+
+#include <atomic>
+#include <map>
+
+#include "support/matchers.h"
+#include "support/room_scene.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/file.h"
+#include "raylift/io/hloc.h"
+#include "raylift/lifting/geometry_spec.h"
+#include "raylift/localization/continuous_order.h"
+
+namespace raylift {
+namespace {
+
+namespace fs = std::filesystem;
+
+using Pairs = std::vector<std::pair<std::string, std::string>>;
+
+// A mesh that lifts the pixels of references alone, as depth maps of theirs would.
+class ReferencesOnly final : public GeometrySource {
+ public:
+  explicit ReferencesOnly(const GeometrySource& mesh) : mesh_(mesh) {}
+  std::string Description() const override { return mesh_.Description(); }
+  std::vector<std::optional<SurfacePoint>> Lift(
+      const PosedImage& reference, std::span<const Eigen::Vector2d> pixels) const override {
+    if (reference.name.starts_with("ref/")) return mesh_.Lift(reference, pixels);
+    return std::vector<std::optional<SurfacePoint>>(pixels.size());
+  }
+
+ private:
+  const GeometrySource& mesh_;
+};
+
+class ContinuousLocalizer : public ::testing::Test {
+ protected:
+  // b is matched with a alone, a with the references.
+  ContinuousLocalizer() {
+    AddMatchesBetweenQueries();
+    Pairs pairs = {{"query/b.png", "query/a.png"}};
+    for (const PosedImage& reference : scene_.references) {
+      pairs.emplace_back("query/a.png", reference.name);
+    }
+    WritePairs(scene_.pairs(), pairs);
+  }
+
+  // To the matches that both queries have with the references, those that follow between them.
+  void AddMatchesBetweenQueries() {
+    std::vector<PairMatches> all;
+    std::map<int, std::pair<int, float>> b_of_a;
+    {
+      const MatchFile file(scene_.matches());
+      for (const PosedImage& reference : scene_.references) {
+        std::map<int, int> a_of_reference;
+        const auto of_a = file.Read("query/a.png", reference.name).value();
+        const auto of_b = file.Read("query/b.png", reference.name).value();
+        for (const FeatureMatch& match : of_a) {
+          a_of_reference.emplace(match.reference_index, match.query_index);
+        }
+        for (const FeatureMatch& match : of_b) {
+          const auto a = a_of_reference.find(match.reference_index);
+          if (a != a_of_reference.end()) b_of_a[a->second] = {match.query_index, 1.0f};
+        }
+        all.push_back({"query/a.png", reference.name, 5000, of_a});
+      }
+    }
+    all.push_back({"query/a.png", "query/b.png", 5000, {}});
+    for (const auto& [a, b] : b_of_a) all.back().matches.push_back({a, b.first, b.second});
+    WriteMatchFile(scene_.matches(), all);
+  }
+
+  // Stops after so many queries.
+  ContinuousRecords Run(const fs::path& folder, bool resume = false, size_t stop_after = 9,
+                        const JoinGateOptions& gate = {}) {
+    const auto source =
+        OpenHlocMatches({scene_.features(), scene_.matches(), scene_.pairs()},
+                        LoadReferences(scene_.model(), 1).references, 10, {queries_, 5});
+    const GeometrySource* const geometry[] = {&references_only_};
+    GrowingScene growing(*source, geometry, true);
+    EstimatorOptions options;
+    options.method = Method::kP3p;
+    const auto estimator = MakePoseEstimator(options);
+    const Covisibility covisibility;
+    const FilterOptions filter;
+    std::atomic<bool> stop = false;
+    size_t done = 0;
+    return LocalizeContinuously(
+        queries_, OrderByName(queries_), growing, ContinuousCheckpoint(folder, "key", resume),
+        {.gate = gate, .estimator = options, .threads = 2, .stop = &stop},
+        {.localize =
+             [&](size_t i) {
+               ++localized_;
+               return LocalizeQuery(queries_[i], {.match_source = growing.matches(),
+                                                  .covisibility = covisibility,
+                                                  .geometry = growing.geometry(),
+                                                  .filter = filter,
+                                                  .estimator = *estimator});
+             },
+         .on_done = [&](size_t, const QueryResult*) { stop = ++done >= stop_after; }});
+  }
+
+  static std::string WithoutTimes(const std::string& line) {
+    auto json = nlohmann::json::parse(line);
+    json.erase("milliseconds");
+    return json.dump();
+  }
+
+  RoomScene scene_ = WriteRoomScene(TestFolder());
+  std::vector<Query> queries_ = ReadQueryList(scene_.query_list());
+  NamedGeometry mesh_ = MakeGeometrySource("mesh:" + scene_.mesh().string());
+  ReferencesOnly references_only_{*mesh_.source};
+  int localized_ = 0;
+};
+
+TEST_F(ContinuousLocalizer, AQueryIsFoundThroughAnotherAndItsLinks) {
+  const ContinuousRecords records = Run(scene_.folder / "out");
+  ASSERT_EQ(CountMissing(records), 0u);
+  EXPECT_TRUE(records[0]->joined.has_value());
+  for (size_t i = 0; i < 2; ++i) {
+    ASSERT_TRUE(records[i]->localized.localized()) << records[i]->localized.reason;
+    EXPECT_TRUE(IsNearPose(*records[i]->localized.estimate.cam_from_world,
+                           scene_.queries[i].cam_from_world, 1e-3, 1e-4));
+  }
+  const auto b = nlohmann::json::parse(records[1]->diagnostics);
+  EXPECT_EQ(b["retrieved_joined"], 1);
+  EXPECT_EQ(b["place_in_order"], 1);
+  EXPECT_EQ(b["hit"], records[1]->localized.counts.matched);
+  // With one reference there is no E5+1.
+  EXPECT_EQ(b["joined"], false);
+  EXPECT_EQ(b["not_joined_because"], "P3P or E5+1 alone finds no pose");
+}
+
+TEST_F(ContinuousLocalizer, WhatTheGateKeepsOutIsNoReference) {
+  const ContinuousRecords records =
+      Run(scene_.folder / "out", false, 9, {.min_inliers_2d2d = 100000});
+  EXPECT_TRUE(records[0]->localized.localized());
+  EXPECT_FALSE(records[0]->joined.has_value());
+  EXPECT_EQ(records[1]->localized.reason, "no retrieved references");
+}
+
+TEST_F(ContinuousLocalizer, ARunThatWasStoppedGoesOnToTheSameBytes) {
+  const fs::path whole = scene_.folder / "whole";
+  const fs::path stopped = scene_.folder / "stopped";
+  const ContinuousRecords expected = Run(whole);
+  EXPECT_EQ(CountMissing(Run(stopped, false, 1)), 1u);
+  localized_ = 0;
+  const ContinuousRecords records = Run(stopped, true);
+  EXPECT_EQ(localized_, 1);
+  for (size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(WithoutTimes(records[i]->diagnostics), WithoutTimes(expected[i]->diagnostics));
+    EXPECT_TRUE(IsNearPose(*records[i]->localized.estimate.cam_from_world,
+                           *expected[i]->localized.estimate.cam_from_world, 0, 0));
+  }
+  localized_ = 0;
+  Run(stopped, true);
+  EXPECT_EQ(localized_, 0);
+}
+
+TEST_F(ContinuousLocalizer, AQueryThatMayNotJoinIsAnErrorInThePairs) {
+  EXPECT_TRUE(FailsWithInputError(
+      [&] {
+        OpenHlocMatches({scene_.features(), scene_.matches(), scene_.pairs()},
+                        LoadReferences(scene_.model(), 1).references, 10);
+      },
+      {scene_.pairs().string(), "query/a.png"}));
+}
+
+}  // namespace
+}  // namespace raylift
