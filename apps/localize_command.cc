@@ -6,7 +6,9 @@
 #include <optional>
 
 #include "commands.h"
+#include "continuous_options.h"
 #include "geometry_options.h"
+#include "interrupt.h"
 #include "mesh_only_options.h"
 #include "options.h"
 #include "retrieval_options.h"
@@ -24,6 +26,7 @@
 #include "raylift/io/query_list.h"
 #include "raylift/lifting/depth_alignment.h"
 #include "raylift/lifting/geometry_spec.h"
+#include "raylift/localization/continuous_localizer.h"
 #include "raylift/localization/input_check.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/match_source.h"
@@ -51,6 +54,7 @@ struct LocalizeFlags {
   bool no_doctor = false;
   FilterFlags filter;
   EstimatorFlags estimator;
+  ContinuousFlags continuous;
   RunFlags run;
   MeshOnlyFlags mesh_only;
 
@@ -88,6 +92,7 @@ void Check(const LocalizeFlags& flags, const GeometryOptions& geometry,
     throw OptionError("--pictures", std::to_string(flags.pictures), "must not be negative");
   }
   flags.run.Check();
+  flags.continuous.Check(!flags.report.empty());
   if (flags.hloc.Any() && flags.retrieval.Any()) {
     throw OptionError("--pairs", flags.hloc.files.pairs.string(),
                       "names the references: no options of retrieval go with it");
@@ -126,10 +131,10 @@ class LocalizeRun {
         geometry_options_(geometry_options),
         filter_(filter),
         query_images_(flags.query_images.empty() ? flags.images : flags.query_images),
+        estimator_options_(estimator_options),
         estimator_(MakePoseEstimator(estimator_options)),
         queries_(ReadQueryList(flags.queries)),
-        input_check_(queries_),
-        seed_(estimator_options.seed) {
+        input_check_(queries_) {
     if (flags.RendersReferences()) {
       OpenGeometry();
       RenderModel();
@@ -161,20 +166,16 @@ class LocalizeRun {
 
   void Run(const std::string& options_json) {
     const auto start = std::chrono::steady_clock::now();
-    std::vector<LocalizedQuery> localized(queries_.size());
-    {
-      Progress progress("queries", queries_.size(), flags_.run.Show());
-      ParallelFor(queries_.size(), flags_.run.threads, [&](size_t i) {
-        localized[i] = Localize(i);
-        progress.Advance();
-      });
-    }
+    const std::vector<LocalizedQuery> localized =
+        flags_.continuous.enabled ? LocalizeInOrder(options_json) : LocalizeAll();
     Take(match_source_->Warnings());
     CheckInput();
     PrintWarnings(warnings_);
     const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
     WritePoses(flags_.out / "poses.txt", localized);
-    WriteQueryDiagnostics(flags_.out / "queries.jsonl", localized);
+    if (!flags_.continuous.enabled) {
+      WriteQueryDiagnostics(flags_.out / "queries.jsonl", localized);
+    }
     WriteFile(flags_.out / "options.json", options_json);
     if (report_) {
       WriteFile(flags_.report / "index.html",
@@ -245,8 +246,12 @@ class LocalizeRun {
   }
 
   std::unique_ptr<MatchSource> OpenMatches() {
+    std::optional<int> max_joined;
+    if (flags_.continuous.enabled) max_joined = flags_.continuous.MaxJoined(flags_.hloc.top_k);
     if (flags_.hloc.All()) {
-      return OpenHlocMatches(flags_.hloc.files, references_, flags_.hloc.top_k);
+      JoiningQueries joining;
+      if (max_joined) joining = {queries_, *max_joined};
+      return OpenHlocMatches(flags_.hloc.files, references_, flags_.hloc.top_k, joining);
     }
     return MakeFrontEndMatches({.reference_images = images_,
                                 .query_images = query_images_,
@@ -254,10 +259,11 @@ class LocalizeRun {
                                 .top_k = flags_.hloc.top_k,
                                 .max_features = flags_.max_features,
                                 .max_ratio = flags_.max_ratio,
-                                .seed = seed_,
+                                .seed = estimator_options_.seed,
                                 .threads = flags_.run.threads,
                                 .show_progress = !flags_.run.quiet,
-                                .retrieved = Retrieve()},
+                                .retrieved = Retrieve(),
+                                .max_joined = max_joined},
                                references_, queries_);
   }
 
@@ -299,21 +305,70 @@ class LocalizeRun {
   }
 
   LocalizerParts Parts() const {
-    return {.match_source = *match_source_,
+    return {.match_source = growing_ ? growing_->matches() : *match_source_,
             .covisibility = covisibility_,
-            .geometry = sources_,
+            .geometry = growing_ ? growing_->geometry() : sources_,
             .geometry_mode = geometry_options_.mode,
             .filter = filter_,
             .candidates = geometry_options_.candidates,
             .estimator = *estimator_};
   }
 
-  LocalizedQuery Localize(size_t index) {
+  std::vector<LocalizedQuery> LocalizeAll() {
+    std::vector<LocalizedQuery> localized(queries_.size());
+    Progress progress("queries", queries_.size(), flags_.run.Show());
+    ParallelFor(queries_.size(), flags_.run.threads, [&](size_t i) {
+      QueryResult result = Localize(i);
+      Show(i, result);
+      localized[i] = std::move(result.localized);
+      progress.Advance();
+    });
+    return localized;
+  }
+
+  // Also writes queries.jsonl, whose lines say which queries joined the references.
+  std::vector<LocalizedQuery> LocalizeInOrder(const std::string& options_json) {
+    const std::vector<size_t> order = flags_.continuous.Order(queries_, references_);
+    const ContinuousCheckpoint checkpoint(
+        flags_.out / "continuous", ContinuousRunKey(options_json, references_, queries_, order),
+        flags_.continuous.resume);
+    covisibility_ = {};  // which knows nothing of queries: estimators tell clusters by the matches
+    growing_.emplace(*match_source_, sources_, !flags_.continuous.trust_joined);
+    const SignalGuard signals;
+    Progress progress("queries", queries_.size(), flags_.run.Show());
+    const ContinuousRecords records =
+        LocalizeContinuously(queries_, order, *growing_, checkpoint,
+                             {.gate = flags_.continuous.Gate(),
+                              .estimator = estimator_options_,
+                              .threads = flags_.run.threads,
+                              .stop = &SignalGuard::stop()},
+                             {.localize = [this](size_t i) { return Localize(i); },
+                              .on_done =
+                                  [&](size_t i, const QueryResult* result) {
+                                    if (result != nullptr) Show(i, *result);
+                                    progress.Advance();
+                                  }});
+    if (const size_t left = CountMissing(records); left > 0) {
+      throw Interrupted(
+          fmt::format("stopped by a signal with {} queries left; --resume goes on", left));
+    }
+    WriteQueryDiagnostics(flags_.out / "queries.jsonl", records);
+    std::vector<LocalizedQuery> localized;
+    for (const auto& record : records) localized.push_back(record->localized);
+    return localized;
+  }
+
+  QueryResult Localize(size_t index) {
     QueryResult result = LocalizeQuery(queries_[index], Parts());
     if (!flags_.no_doctor && input_check_.Wants(index)) {
       input_check_.Add(index, result.problem.references, result.problem.matches_2d2d);
     }
     if (rerenderer_) rerenderer_->Improve(queries_[index], *estimator_, result);
+    return result;
+  }
+
+  // Writes what is to be seen of a query beside its pose.
+  void Show(size_t index, const QueryResult& result) {
     if (!flags_.write_problems.empty()) {
       WritePoseProblem(FileOfQuery(flags_.write_problems, queries_[index].name, ".json"),
                        {result.problem, std::nullopt});
@@ -325,7 +380,6 @@ class LocalizeRun {
                  DrawQueryPicture(result, photograph, *mesh_, 1));
     }
     if (report_) report_->Take(index, result);
-    return std::move(result.localized);
   }
 
   void Print(const std::vector<LocalizedQuery>& localized) const {
@@ -346,6 +400,9 @@ class LocalizeRun {
       fmt::print("rendered again: {} poses sharpened in {} rounds\n", counts.improved,
                  counts.rounds_kept);
     }
+    if (growing_) {
+      fmt::print("{} localized queries joined the references\n", growing_->joined().size());
+    }
     fmt::print("localized {} of {} queries against {} references: {}\n", count, localized.size(),
                references_.images.size(), (flags_.out / "poses.txt").string());
   }
@@ -356,10 +413,10 @@ class LocalizeRun {
   GeometryOptions geometry_options_;
   FilterOptions filter_;
   path query_images_;
+  EstimatorOptions estimator_options_;
   std::unique_ptr<PoseEstimator> estimator_;
   std::vector<Query> queries_;
   InputCheck input_check_;
-  uint64_t seed_;
   ReferenceSet references_;
   Covisibility covisibility_;
   std::vector<NamedGeometry> geometry_;
@@ -369,6 +426,7 @@ class LocalizeRun {
   std::vector<std::string> warnings_;
   std::unique_ptr<MatchSource> match_source_;
   std::optional<Rerenderer> rerenderer_;        // none where it is not asked for
+  std::optional<GrowingScene> growing_;         // with --continuous, once localization starts
   std::unique_ptr<LocalizationReport> report_;  // null where none is asked for
 };
 
@@ -427,6 +485,7 @@ Command AddLocalizeCommand(CLI::App& program) {
   AddMeshOnlyOptions(*command, flags->mesh_only);
   AddFilterOptions(*command, flags->filter);
   AddEstimatorOptions(*command, flags->estimator);
+  AddContinuousOptions(*command, flags->continuous);
   AddRunOptions(*command, flags->run);
   command->footer(
       "Examples:\n"

@@ -127,6 +127,10 @@ LocalizedQuery LocalizedOf(const Json& json, const std::string& name) {
   localized.match_ms = milliseconds.at("match").get<double>();
   localized.lift_ms = milliseconds.at("lift").get<double>();
   localized.estimate_ms = milliseconds.at("estimate").get<double>();
+  if (json.contains("rerender_rounds_kept")) {
+    localized.rerender_rounds = json.at("rerender_rounds_kept").get<int>();
+    localized.rerender_ms = milliseconds.at("rerender").get<double>();
+  }
   return localized;
 }
 

@@ -1,0 +1,113 @@
+#include "continuous_options.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "options.h"
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/base/hash.h"
+#include "raylift/base/text.h"
+#include "raylift/localization/continuous_order.h"
+
+namespace raylift {
+
+void ContinuousFlags::Check(bool report) const {
+  const auto needs_continuous = [this](std::string_view option, bool given) {
+    if (given && !enabled) throw OptionError(fmt::format("{} needs --continuous", option));
+  };
+  needs_continuous("--times", !times.empty());
+  needs_continuous("--resume", resume);
+  needs_continuous("--max-joined", max_joined.has_value());
+  needs_continuous("--trust-joined", trust_joined);
+  if (max_joined) RequireAtLeast(0, "--max-joined", *max_joined);
+  if (resume && report) {
+    throw OptionError(
+        "--report cannot go on with --resume: it shows queries as they are localized");
+  }
+  gate.Validate();
+}
+
+JoinGateOptions ContinuousFlags::Gate() const {
+  JoinGateOptions options = gate;
+  options.needs_agreement = !join_any_difference;
+  return options;
+}
+
+int ContinuousFlags::MaxJoined(int top_k) const {
+  return std::min(max_joined.value_or(std::max(1, top_k / 2)), top_k);
+}
+
+std::vector<size_t> ContinuousFlags::Order(std::span<const Query> queries,
+                                           const ReferenceSet& references) const {
+  if (times.empty()) return OrderByName(queries);
+  return OrderByTime(queries, references.images, ReadCaptureTimes(times), times);
+}
+
+void AddContinuousOptions(CLI::App& app, ContinuousFlags& flags) {
+  const std::string group = "Continuous localization";
+  app.add_flag("--continuous", flags.enabled,
+               "Localize one query after the other; each that is localized well\n"
+               "becomes a reference for those that follow")
+      ->group(group);
+  app.add_option("--times", flags.times,
+                 "Their order: lines `name seconds` of queries and references. Those\n"
+                 "older than the references first, backwards (default: by name)")
+      ->group(group);
+  app.add_flag("--resume", flags.resume, "Go on where a run was stopped or killed")->group(group);
+  app.add_option("--max-joined", flags.max_joined,
+                 "Joined queries among a query's references (default: half of --top-k)")
+      ->group(group);
+  app.add_flag("--trust-joined", flags.trust_joined, "Take the poses of joined queries for exact")
+      ->group(group);
+  JoinGateOptions& gate = flags.gate;
+  app.add_option("--join-min-inliers-2d2d", gate.min_inliers_2d2d, "To join, a query needs so many")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--join-min-inliers-2d3d", gate.min_inliers_2d3d,
+                 "The same of 2D-3D inliers, where there is geometry")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--join-max-rotation-sigma-deg", gate.max_rotation_sigma_deg,
+                 "Largest standard deviation of its rotation")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--join-max-position-sigma", gate.max_position_sigma,
+                 "The same of its position, scene units (default: 2 % of the distance\n"
+                 "to what it sees)")
+      ->group(group);
+  app.add_option("--join-max-difference-deg", gate.max_difference_deg,
+                 "Largest difference of its poses by P3P alone and by E5+1 alone")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--join-max-difference-position", gate.max_difference_position,
+                 "The same of the positions, scene units (default: 5 % of the distance)")
+      ->group(group);
+  app.add_flag("--join-any-difference", flags.join_any_difference,
+               "Do not ask for poses by P3P and E5+1 alone")
+      ->group(group);
+}
+
+std::string ContinuousRunKey(const std::string& options_json, const ReferenceSet& references,
+                             std::span<const Query> queries, std::span<const size_t> order) {
+  auto options = nlohmann::ordered_json::parse(options_json);
+  for (const char* name : {"threads", "quiet", "resume", "config", "cache", "report", "pictures",
+                           "write-problems", "no-doctor", "out", "times"}) {
+    options.erase(name);
+  }
+  std::string text = options.dump();
+  for (const PosedImage& image : references.images) {
+    const Eigen::Quaterniond& q = image.cam_from_world.rotation;
+    const Eigen::Vector3d& t = image.cam_from_world.translation;
+    text += fmt::format("\n{} {} {} {} {} {} {} {} {}", image.name, image.camera.ToString(), q.w(),
+                        q.x(), q.y(), q.z(), t.x(), t.y(), t.z());
+  }
+  for (const size_t i : order) {
+    text += fmt::format("\n{} {}", queries[i].name, queries[i].camera.ToString());
+  }
+  return HexText(HashBytes64(text));
+}
+
+}  // namespace raylift
