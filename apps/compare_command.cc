@@ -6,6 +6,7 @@
 #include <set>
 
 #include "commands.h"
+#include "front_end_options.h"
 #include "options.h"
 #include "pose_files.h"
 #include "scene_options.h"
@@ -49,6 +50,7 @@ struct CompareFlags {
   std::vector<double> surface_thresholds;
   path queries;
   HlocFlags hloc;
+  FrontEndFlags front_end;
   path ground_truth;
   std::string thresholds = "0.05,5:0.1,1:0.25,2";
   std::string methods = "p3p,e5p1,adaptive,select";
@@ -99,14 +101,22 @@ void Check(const CompareFlags& flags) {
       throw OptionError("--surface-thresholds", fmt::format("{}", threshold), "must be positive");
     }
   }
-  const bool all = flags.hloc.All() && !flags.queries.empty();
-  if (flags.hloc.Any() && !all) {
+  flags.front_end.Check();
+  flags.hloc.Check();
+  if (flags.hloc.Any() && flags.queries.empty()) {
     throw OptionError("--queries, --features, --matches and --pairs go together");
   }
-  flags.hloc.Check();
-  if (!flags.ground_truth.empty() && !all) {
-    throw OptionError("--ground-truth", flags.ground_truth.string(),
-                      "needs --queries, --features, --matches and --pairs");
+  if (!flags.ground_truth.empty() && flags.queries.empty()) {
+    throw OptionError("--ground-truth", flags.ground_truth.string(), "needs --queries");
+  }
+  if (!flags.queries.empty() && !flags.hloc.Any()) {
+    if (flags.images.empty()) {
+      throw OptionError("--queries", flags.queries.string(),
+                        "needs --images, or hloc's --features, --matches and --pairs");
+    }
+    if (flags.front_end.cache.empty() && flags.out.empty() && flags.report.empty()) {
+      throw OptionError("--queries", flags.queries.string(), "needs --cache, --out or --report");
+    }
   }
 }
 
@@ -216,11 +226,15 @@ class CompareRun {
   }
 
  private:
+  const path& QueryImages() const {
+    return flags_.query_images.empty() ? flags_.images : flags_.query_images;
+  }
+
   ReportOptions ReportOptionsOf() const {
     ReportOptions options;
     options.title = fmt::format("Raylift: {}", flags_.references.model.lexically_normal().string());
     options.images = flags_.images;
-    options.query_images = flags_.query_images.empty() ? flags_.images : flags_.query_images;
+    options.query_images = QueryImages();
     options.threads = flags_.run.threads;
     return options;
   }
@@ -253,9 +267,21 @@ class CompareRun {
   }
 
   void OpenMatches() {
-    if (!flags_.hloc.All()) return;
+    if (flags_.queries.empty()) return;
     queries_ = ReadQueryList(flags_.queries);
-    match_source_ = OpenHlocMatches(flags_.hloc.files, loaded_.references, flags_.hloc.top_k);
+    if (flags_.hloc.All()) {
+      match_source_ = OpenHlocMatches(flags_.hloc.files, loaded_.references, flags_.hloc.top_k);
+      return;
+    }
+    FrontEndOptions options =
+        flags_.front_end.Resolve((flags_.out.empty() ? flags_.report : flags_.out) / "cache");
+    options.reference_images = flags_.images;
+    options.query_images = QueryImages();
+    options.top_k = flags_.hloc.top_k;
+    options.seed = flags_.estimator.seed;
+    options.threads = flags_.run.threads;
+    options.show_progress = !flags_.run.quiet;
+    match_source_ = MakeFrontEndMatches(options, loaded_.references, queries_);
   }
 
   const CompareFlags& flags_;
@@ -321,7 +347,8 @@ Command AddCompareCommand(CLI::App& program) {
       ->group("Geometry");
   command->add_option("--queries", flags->queries, "List of queries, whose matches are used")
       ->group("Matches");
-  AddHlocOptions(*command, flags->hloc);
+  AddHlocOptions(*command, flags->hloc, "; without it, RootSIFT of --images");
+  AddFrontEndOptions(*command, flags->front_end, "OUT/cache or REPORT/cache");
   AddLocalizationOptions(*command, *flags);
   command
       ->add_option("--out", flags->out,
@@ -331,12 +358,14 @@ Command AddCompareCommand(CLI::App& program) {
       ->add_option("--report", flags->report,
                    "Folder for one HTML page to look at (index.html), and the same tables")
       ->group("Output");
-  command->add_option("--images", flags->images, "Photographs of the references, for the page")
-      ->group("Output");
+  command
+      ->add_option("--images", flags->images,
+                   "Photographs of the references, for matches and the page")
+      ->group("Matches");
   command
       ->add_option("--query-images", flags->query_images,
-                   "Photographs of the queries, for the page (default: --images)")
-      ->group("Output");
+                   "Photographs of the queries (default: --images)")
+      ->group("Matches");
   AddRunOptions(*command, flags->run);
   command->footer(
       "Examples:\n"
@@ -344,7 +373,7 @@ Command AddCompareCommand(CLI::App& program) {
       "      --geometry mono=depth:metric3d --truth mesh --out comparison\n"
       "  Without a truth, by overlapping views and matches:\n"
       "  raylift compare --model sfm --geometry a=depth:a --geometry b=depth:b \\\n"
-      "      --queries queries.txt --features features.h5 --matches matches.h5 --pairs pairs.txt\n"
+      "      --queries queries.txt --images photos --out comparison\n"
       "  and what the sources do to localization, with --ground-truth truth \\\n"
       "      --methods p3p,e5p1,adaptive,select:0.7,select:0.9 --filters off,auto");
   return {command, [flags, command] {

@@ -60,6 +60,41 @@ TEST(Compare, LocalizesWithEverySourceOnTheSameMatches) {
   EXPECT_EQ(Lines(ReadFile(out / "localization.csv")).size(), 10u);
 }
 
+// The matches that hloc's files hold are of the same room.
+TEST(Compare, MakesItsOwnMatchesFromImages) {
+  const RoomScene scene = WriteRoomScene(TestFolder(), {.matches = false, .pictures = true});
+  const fs::path out = scene.folder / "out";
+  const CommandResult result = RunRaylift({"compare",
+                                           "--model",
+                                           scene.model(),
+                                           "--geometry",
+                                           "mesh=mesh:" + scene.mesh().string(),
+                                           "--max-side",
+                                           "64",
+                                           "--overlaps",
+                                           "0",
+                                           "--queries",
+                                           scene.query_list(),
+                                           "--images",
+                                           scene.images(),
+                                           "--ground-truth",
+                                           scene.truth(),
+                                           "--methods",
+                                           "p3p,adaptive",
+                                           "--thresholds",
+                                           "0.02,0.3",
+                                           "--out",
+                                           out});
+  ASSERT_TRUE(Succeeds(result));
+  EXPECT_TRUE(fs::exists(out / "cache" / "features.h5"));
+  const auto rows = nlohmann::json::parse(ReadFile(out / "localization.json"))["rows"];
+  ASSERT_EQ(rows.size(), 2u);
+  // A pixel is about 0.2 degrees and 7 mm here; SIFT is good for a fraction of it.
+  for (const auto& row : rows) EXPECT_EQ(row["recalls"][0]["percent"], 100.0) << row["method"];
+  const auto source = nlohmann::json::parse(ReadFile(out / "comparison.json"))["sources"][0];
+  EXPECT_LT(source["means"]["match_median_px"].get<double>(), 1);
+}
+
 TEST(Compare, BadOptionsAreTold) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const Arguments compare = {"compare", "--model", scene.model(), "--geometry",
@@ -70,6 +105,11 @@ TEST(Compare, BadOptionsAreTold) {
                         RunRaylift(compare + Arguments{"--geometry", "mesh=mesh:x.ply"})));
   EXPECT_TRUE(FailsWith(2, {"go together"},
                         RunRaylift(compare + Arguments{"--features", scene.features()})));
+  EXPECT_TRUE(FailsWith(2, {"--queries", "needs --images, or hloc's"},
+                        RunRaylift(compare + Arguments{"--queries", scene.query_list()})));
+  EXPECT_TRUE(FailsWith(2, {"--queries", "needs --cache, --out or --report"},
+                        RunRaylift(compare + Arguments{"--queries", scene.query_list(), "--images",
+                                                       scene.images()})));
   EXPECT_TRUE(
       FailsWith(2, {"--methods = p4p"}, RunRaylift(compare + Arguments{"--methods", "p4p"})));
   EXPECT_TRUE(FailsWith(2, {"--filters = all", "off|fixed|auto"},
