@@ -3,13 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <memory>
 
 #include "image_comparison.h"
 #include "match_errors.h"
+#include "surface_scorer.h"
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
-#include "raylift/comparison/surface_distance.h"
 #include "raylift/geometry/residuals.h"
 
 namespace raylift {
@@ -61,14 +62,18 @@ class Comparer {
       source.by_distance = curves.by_distance;
       source.by_incidence = curves.by_incidence;
       source.by_edge_distance = curves.by_edge_distance;
-      clouds_.emplace_back(0.5 * thresholds_.front());
+    }
+    if (options_.truth && sources_[*options_.truth].mesh != nullptr) {
+      const ComparedSource& truth = sources_[*options_.truth];
+      surfaces_ = std::make_unique<SurfaceScorer>(*truth.mesh, *truth.source, views_,
+                                                  sources_.size(), thresholds_, options_.threads);
     }
     CompareImages(curves, result);
     for (size_t s = 0; s < sources_.size(); ++s) {
       MeasureByMatches(*sources_[s].source, result.sources[s]);
       FinishConsistency(result.sources[s]);
+      if (surfaces_ && s != *options_.truth) result.sources[s].surface = surfaces_->Score(s);
     }
-    ScoreSurfaces(result.sources);
     for (SourceComparison& source : result.sources) Judge(source);
     return result;
   }
@@ -126,8 +131,8 @@ class Comparer {
           source.by_distance.Add(image.curves[s].by_distance);
           source.by_incidence.Add(image.curves[s].by_incidence);
           source.by_edge_distance.Add(image.curves[s].by_edge_distance);
-          clouds_[s].Add(image.points_of_source[s]);
         }
+        if (surfaces_) surfaces_->Add(image.points_of_source, *options_.truth);
       }
     }
   }
@@ -170,33 +175,6 @@ class Comparer {
       source.images[i].relative_log_scale = scales[i];
     }
     source.common_log_scale = CommonLogScale(consistency, options_.consistency);
-  }
-
-  std::vector<float> Distances(const SurfaceTree& tree,
-                               const std::vector<Eigen::Vector3d>& points) const {
-    std::vector<float> distances(points.size());
-    constexpr size_t kBlock = 4096;
-    ParallelFor((points.size() + kBlock - 1) / kBlock, options_.threads, [&](size_t block) {
-      for (size_t i = block * kBlock; i < std::min(points.size(), (block + 1) * kBlock); ++i) {
-        distances[i] = static_cast<float>(tree.Distance(points[i], 2 * thresholds_.back()));
-      }
-    });
-    return distances;
-  }
-
-  // Accuracy against the whole mesh; completeness of what the images see of it.
-  void ScoreSurfaces(std::vector<SourceComparison>& results) const {
-    if (!options_.truth || sources_[*options_.truth].mesh == nullptr) return;
-    const SurfaceTree truth(*sources_[*options_.truth].mesh);
-    for (size_t s = 0; s < sources_.size(); ++s) {
-      if (s == *options_.truth || clouds_[s].points().empty()) continue;
-      const auto to_truth = Distances(truth, clouds_[s].points());
-      const auto from_truth =
-          Distances(SurfaceTree(clouds_[s].points()), clouds_[*options_.truth].points());
-      for (const double threshold : thresholds_) {
-        results[s].surface.push_back(ComputeSurfaceScore(to_truth, from_truth, threshold));
-      }
-    }
   }
 
   void Judge(SourceComparison& source) const {
@@ -275,7 +253,7 @@ class Comparer {
   const DepthComparisonOptions& options_;
   std::vector<PosedImage> views_;
   std::vector<double> thresholds_;
-  std::vector<ThinnedCloud> clouds_;
+  std::unique_ptr<SurfaceScorer> surfaces_;  // null where no mesh is the truth
 };
 
 }  // namespace

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 
+#include "surface_scorer.h"
+
 namespace raylift {
 namespace {
-
-constexpr int kPointStride = 4;
 
 double MedianDepth(const DepthMap& map) {
   std::vector<float> known;
@@ -35,14 +35,12 @@ void CompareWithTruth(const SourceView& view, const SourceView& truth,
 std::vector<Eigen::Vector3d> PointsOf(const DepthMap& map, const PosedImage& view) {
   const Rigid3 world_from_cam = view.cam_from_world.Inverse();
   std::vector<Eigen::Vector3d> points;
-  for (int y = kPointStride / 2; y < map.height_px; y += kPointStride) {
-    for (int x = kPointStride / 2; x < map.width_px; x += kPointStride) {
-      const float z = map.At(x, y);
-      if (!(z > 0)) continue;
-      const auto ray = view.camera.RayInCam({x + 0.5, y + 0.5});
-      if (ray && ray->z() > 0) {
-        points.push_back(world_from_cam * (*ray * (static_cast<double>(z) / ray->z())));
-      }
+  for (const Eigen::Vector2d& pixel : ScoredPixels(view.camera)) {
+    const float z = map.At(static_cast<int>(pixel.x()), static_cast<int>(pixel.y()));
+    if (!(z > 0)) continue;
+    const auto ray = view.camera.RayInCam(pixel);
+    if (ray && ray->z() > 0) {
+      points.push_back(world_from_cam * (*ray * (static_cast<double>(z) / ray->z())));
     }
   }
   return points;
@@ -72,7 +70,7 @@ ImageResults CompareImage(std::span<const ComparedSource> sources, const PosedIm
     const std::span<const float> true_z =
         truth ? std::span<const float>(views[*truth].depth.z) : std::span<const float>();
     result.coverage = ComputeCoverage(views[s].depth.z, true_z, view.camera.width_px());
-    if (wants_points) results.points_of_source[s] = PointsOf(views[s].depth, view);
+    if (wants_points && s != *truth) results.points_of_source[s] = PointsOf(views[s].depth, view);
     if (!truth || s == *truth) continue;
     CompareWithTruth(views[s], views[*truth], true_edges, to_true_edge_px, result);
     ImageCurves& curves = results.curves[s];

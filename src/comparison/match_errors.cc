@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <numeric>
 
 #include "raylift/base/parallel.h"
@@ -17,16 +18,22 @@ struct MatchEnd {
   Eigen::Vector2d to_px;
 };
 
-std::vector<std::vector<MatchEnd>> EndsByImage(size_t num_images,
-                                               std::span<const ReferenceMatch> matches) {
-  std::vector<std::vector<MatchEnd>> ends(num_images);
-  for (const ReferenceMatch& match : matches) {
-    const auto a = static_cast<size_t>(match.reference_a);
-    const auto b = static_cast<size_t>(match.reference_b);
-    ends[a].push_back({match.a_px, b, match.b_px});
-    ends[b].push_back({match.b_px, a, match.a_px});
+// Indices of the matches of each image.
+std::vector<std::vector<uint32_t>> MatchesByImage(size_t num_images,
+                                                  std::span<const ReferenceMatch> matches) {
+  std::vector<std::vector<uint32_t>> indices(num_images);
+  for (uint32_t i = 0; i < matches.size(); ++i) {
+    indices[static_cast<size_t>(matches[i].reference_a)].push_back(i);
+    indices[static_cast<size_t>(matches[i].reference_b)].push_back(i);
   }
-  return ends;
+  return indices;
+}
+
+MatchEnd EndIn(size_t image, const ReferenceMatch& match) {
+  if (static_cast<size_t>(match.reference_a) == image) {
+    return {match.a_px, static_cast<size_t>(match.reference_b), match.b_px};
+  }
+  return {match.b_px, static_cast<size_t>(match.reference_a), match.a_px};
 }
 
 }  // namespace
@@ -35,21 +42,25 @@ std::vector<LiftedMatchErrors> MeasureMatches(const GeometrySource& source,
                                               std::span<const PosedImage> images,
                                               std::span<const ReferenceMatch> matches,
                                               int threads) {
-  const auto ends = EndsByImage(images.size(), matches);
+  const auto indices = MatchesByImage(images.size(), matches);
   std::vector<LiftedMatchErrors> errors(images.size());
   ParallelFor(images.size(), threads, [&](size_t i) {
+    std::vector<MatchEnd> ends;
     std::vector<Eigen::Vector2d> pixels;
-    for (const MatchEnd& end : ends[i]) pixels.push_back(end.from_px);
+    for (const uint32_t index : indices[i]) {
+      ends.push_back(EndIn(i, matches[index]));
+      pixels.push_back(ends.back().from_px);
+    }
     const auto points = source.Lift(images[i], pixels);
     for (size_t k = 0; k < points.size(); ++k) {
       if (!points[k]) {
         ++errors[i].missing;
         continue;
       }
-      const PosedImage& to = images[ends[i][k].to_image];
+      const PosedImage& to = images[ends[k].to_image];
       const auto pixel = to.camera.ImgFromCam(to.cam_from_world * points[k]->point_in_world);
       if (pixel) {
-        errors[i].errors_px.push_back((*pixel - ends[i][k].to_px).norm());
+        errors[i].errors_px.push_back((*pixel - ends[k].to_px).norm());
       } else {
         ++errors[i].missing;
       }

@@ -147,8 +147,9 @@ double SurfaceTree::Distance(const Eigen::Vector3d& point, double max_distance) 
   return std::sqrt(best);
 }
 
-ThinnedCloud::ThinnedCloud(double cell_size) : cell_size_(cell_size) {
-  RAYLIFT_CHECK(cell_size > 0);
+ThinnedCloud::ThinnedCloud(double cell_size, size_t max_points)
+    : cell_size_(cell_size), max_points_(max_points) {
+  RAYLIFT_CHECK(cell_size > 0 && max_points > 0);
 }
 
 void ThinnedCloud::Add(std::span<const Eigen::Vector3d> points) {
@@ -159,8 +160,27 @@ void ThinnedCloud::Add(std::span<const Eigen::Vector3d> points) {
     for (const double coordinate : scaled) {
       cell = MixIn(cell, static_cast<int64_t>(std::floor(coordinate)));
     }
-    if (cells_.insert(cell).second) points_.push_back(point);
+    if (cell > largest_cell_ || !cells_.insert(cell).second) continue;
+    points_.push_back(point);
+    cell_of_point_.push_back(cell);
+    while (points_.size() > max_points_) GiveUpHalf();
   }
+}
+
+void ThinnedCloud::GiveUpHalf() {
+  largest_cell_ /= 2;
+  size_t kept = 0;
+  for (size_t i = 0; i < points_.size(); ++i) {
+    if (cell_of_point_[i] > largest_cell_) {
+      cells_.erase(cell_of_point_[i]);
+      continue;
+    }
+    points_[kept] = points_[i];
+    cell_of_point_[kept] = cell_of_point_[i];
+    ++kept;
+  }
+  points_.resize(kept);
+  cell_of_point_.resize(kept);
 }
 
 }  // namespace raylift

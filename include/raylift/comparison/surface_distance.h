@@ -51,18 +51,24 @@ class SurfaceTree {
 double SquaredDistanceToTriangle(const Eigen::Vector3d& point, const Eigen::Vector3d& a,
                                  const Eigen::Vector3d& b, const Eigen::Vector3d& c);
 
-// Keeps the first point of each cell of a grid, so that memory follows the surface and not the
-// number of images that show it.
+// Keeps the first point of each cell of a grid, so that what many images show counts once. Where
+// the points become more than `max_points`, a random half of all cells is given up, seen or not:
+// the others remain a fair sample, and memory is bounded.
 class ThinnedCloud {
  public:
-  explicit ThinnedCloud(double cell_size);
+  ThinnedCloud(double cell_size, size_t max_points);
 
   void Add(std::span<const Eigen::Vector3d> points);
   const std::vector<Eigen::Vector3d>& points() const { return points_; }
 
  private:
+  void GiveUpHalf();
+
   double cell_size_;
-  std::unordered_set<uint64_t> cells_;  // by hashes: two of 64 bits hardly ever agree
+  size_t max_points_;
+  uint64_t largest_cell_ = ~uint64_t{0};  // cells of larger hashes are given up
+  std::unordered_set<uint64_t> cells_;    // by hashes: two of 64 bits hardly ever agree
+  std::vector<uint64_t> cell_of_point_;
   std::vector<Eigen::Vector3d> points_;
 };
 
