@@ -213,6 +213,7 @@ class Comparer {
     traits.log_scale_sigma = RobustSigma(Collect(source, log_scale));
     traits.warp_sigma = MedianOverImages(source, of_deviation(&DepthDeviation::warp_sigma));
     traits.noise_sigma = MedianOverImages(source, of_deviation(&DepthDeviation::noise_sigma));
+    JudgeNoise(source);
     traits.edge_outliers_percent =
         MedianOverImages(source, [](const ImageComparison& image) -> std::optional<double> {
           if (!image.deviation) return std::nullopt;
@@ -224,6 +225,21 @@ class Comparer {
     const auto sharpness =
         MeanOverImages(source, of_deviation(&DepthDeviation::edges_per_pixel_in_front));
     traits.front_is_smooth = sharpness && *sharpness < kSmoothFront;
+  }
+
+  // Images together see more different depths than one.
+  static void JudgeNoise(SourceComparison& source) {
+    std::vector<NoiseLevel> levels;
+    std::vector<double> lengths;
+    for (const ImageComparison& image : source.images) {
+      if (!image.deviation) continue;
+      for (const NoiseLevel& level : image.deviation->noise_levels) {
+        levels.push_back(level);
+        lengths.push_back(level.depth * level.sigma);
+      }
+    }
+    source.traits.noise_exponent = NoiseExponent(levels);
+    if (!lengths.empty()) source.traits.noise_length = MedianOf(std::span(lengths));
   }
 
   // Matches say more of the scale than views do, where there are some.

@@ -4,7 +4,9 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 
+#include <Eigen/Core>
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -22,6 +24,10 @@ constexpr size_t kMinBlockPixels = 50;
 constexpr float kAtEdgePx = 3;
 constexpr float kInteriorPx = 8;
 constexpr double kOutlier = 0.05;
+constexpr size_t kNoiseLevels = 5;
+constexpr double kMinDepthRatio = 1.5;
+// An exponent this near to the one of a kind of noise makes it that kind.
+constexpr double kSameExponent = 0.4;
 constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
 
 double Percent(size_t part, size_t whole) {
@@ -69,22 +75,54 @@ class LogRatios {
     return medians;
   }
 
-  // From the second differences along rows, which a smooth error hardly has: of independent noise
-  // their variance is six times its own.
+  // From the second differences along rows, which a smooth error hardly has.
   double NoiseSigma() const {
-    std::vector<float> differences;
-    for (size_t y = 0; y < height_; ++y) {
-      for (size_t x = 1; x + 1 < width_; ++x) {
-        const float* r = &ratios_[y * width_ + x];
-        const float difference = std::abs(r[-1] - 2 * r[0] + r[1]);
-        if (!std::isnan(difference)) differences.push_back(difference);
-      }
+    const auto differences = SecondDifferences();
+    return differences.empty() ? 0 : SigmaOf(differences);
+  }
+
+  // The same of the pixels of similar depth.
+  std::vector<NoiseLevel> NoiseLevels(const DepthMap& truth) const {
+    auto differences = SecondDifferences();
+    std::sort(differences.begin(), differences.end(), [&](const auto& a, const auto& b) {
+      return std::pair(truth.z[a.pixel], a.pixel) < std::pair(truth.z[b.pixel], b.pixel);
+    });
+    std::vector<NoiseLevel> levels;
+    const size_t size = differences.size() / kNoiseLevels;
+    for (size_t level = 0; level < kNoiseLevels && size >= kMinPixels; ++level) {
+      const auto part = std::span(differences).subspan(level * size, size);
+      levels.push_back({static_cast<double>(truth.z[part[size / 2].pixel]), SigmaOf(part)});
     }
-    if (differences.empty()) return 0;
-    return kSigmaPerMad * MedianOf(std::span(differences)) / std::sqrt(6.0);
+    return levels;
   }
 
  private:
+  struct SecondDifference {
+    size_t pixel;
+    float absolute;
+  };
+
+  std::vector<SecondDifference> SecondDifferences() const {
+    std::vector<SecondDifference> differences;
+    for (size_t y = 0; y < height_; ++y) {
+      for (size_t x = 1; x + 1 < width_; ++x) {
+        const size_t pixel = y * width_ + x;
+        const float* r = &ratios_[pixel];
+        const float difference = std::abs(r[-1] - 2 * r[0] + r[1]);
+        if (!std::isnan(difference)) differences.push_back({pixel, difference});
+      }
+    }
+    return differences;
+  }
+
+  // Of independent noise their variance is six times its own.
+  static double SigmaOf(std::span<const SecondDifference> differences) {
+    std::vector<float> absolute;
+    absolute.reserve(differences.size());
+    for (const SecondDifference& difference : differences) absolute.push_back(difference.absolute);
+    return kSigmaPerMad * MedianOf(std::span(absolute)) / std::sqrt(6.0);
+  }
+
   size_t width_, height_;
   std::vector<float> ratios_;
   std::vector<float> known_;
@@ -108,6 +146,12 @@ std::string Describe(Distortion distortion, double value) {
       return fmt::format("warp: smooth errors of {:.1f} % within images", 100 * value);
     case Distortion::kNoise:
       return fmt::format("noise: {:.1f} % from pixel to pixel", 100 * value);
+    case Distortion::kAdditiveNoise:
+      return fmt::format("additive noise: {:.1f} % from pixel to pixel, the less the farther",
+                         100 * value);
+    case Distortion::kMultiplicativeNoise:
+      return fmt::format("multiplicative noise: {:.1f} % from pixel to pixel at every depth",
+                         100 * value);
     case Distortion::kEdges:
       return fmt::format("edges: {:.0f} % more outliers at depth edges than elsewhere", value);
     case Distortion::kFloaters:
@@ -120,6 +164,12 @@ std::string Describe(Distortion distortion, double value) {
       return fmt::format("holes: {:.1f} % of the scene is missing", value);
   }
   return {};
+}
+
+Distortion KindOfNoise(std::optional<double> exponent) {
+  if (exponent && std::abs(*exponent + 1) <= kSameExponent) return Distortion::kAdditiveNoise;
+  if (exponent && std::abs(*exponent) <= kSameExponent) return Distortion::kMultiplicativeNoise;
+  return Distortion::kNoise;
 }
 
 }  // namespace
@@ -142,6 +192,7 @@ std::optional<DepthDeviation> MeasureDeviation(const DepthMap& estimated, const 
   deviation.log_scale = ratios.Median();
   deviation.warp_sigma = RobustSigma(ratios.BlockMedians());
   deviation.noise_sigma = ratios.NoiseSigma();
+  deviation.noise_levels = ratios.NoiseLevels(truth);
 
   const double outlier = std::max(kOutlier, 4 * (deviation.noise_sigma + deviation.warp_sigma));
   const auto spurious = FindDepthEdges(estimated, std::max(0.05, 8 * deviation.noise_sigma));
@@ -168,6 +219,28 @@ std::optional<DepthDeviation> MeasureDeviation(const DepthMap& estimated, const 
         static_cast<double>(spurious_edges) / static_cast<double>(in_front);
   }
   return deviation;
+}
+
+// The slope of a line through the logarithms.
+std::optional<double> NoiseExponent(std::span<const NoiseLevel> levels) {
+  std::vector<Eigen::Vector2d> logs;
+  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+  double least = std::numeric_limits<double>::infinity(), largest = 0;
+  for (const NoiseLevel& level : levels) {
+    if (!(level.depth > 0) || !(level.sigma > 0)) continue;
+    logs.emplace_back(std::log(level.depth), std::log(level.sigma));
+    mean += logs.back();
+    least = std::min(least, level.depth);
+    largest = std::max(largest, level.depth);
+  }
+  if (!(largest > kMinDepthRatio * least)) return std::nullopt;
+  mean /= static_cast<double>(logs.size());
+  double covariance = 0, variance = 0;
+  for (const Eigen::Vector2d& log : logs) {
+    covariance += (log - mean).x() * (log - mean).y();
+    variance += (log - mean).x() * (log - mean).x();
+  }
+  return covariance / variance;
 }
 
 double FindQuantizationStep(const DepthMap& map) {
@@ -202,6 +275,10 @@ std::string_view ToString(Distortion distortion) {
       return "warp";
     case Distortion::kNoise:
       return "noise";
+    case Distortion::kAdditiveNoise:
+      return "additive noise";
+    case Distortion::kMultiplicativeNoise:
+      return "multiplicative noise";
     case Distortion::kEdges:
       return "edges";
     case Distortion::kFloaters:
@@ -217,12 +294,13 @@ std::string_view ToString(Distortion distortion) {
 }
 
 std::vector<Finding> Diagnose(const SourceTraits& traits) {
+  const Distortion noise = KindOfNoise(traits.noise_exponent);
   const Distortion front = traits.front_is_smooth ? Distortion::kBubbles : Distortion::kFloaters;
   const std::array<Rule, 8> rules = {{
       {Distortion::kScale, traits.log_scale, 0.02},
       {Distortion::kPerImageScale, traits.log_scale_sigma, 0.02},
       {Distortion::kWarp, traits.warp_sigma, 0.012},
-      {Distortion::kNoise, traits.noise_sigma, 0.008},
+      {noise, traits.noise_sigma, 0.008},
       {Distortion::kEdges, traits.edge_outliers_percent, 15},
       {front, traits.in_front_percent, 1},
       {Distortion::kQuantization, traits.relative_quantization, 0.004},
@@ -233,6 +311,12 @@ std::vector<Finding> Diagnose(const SourceTraits& traits) {
     if (!rule.value || std::abs(*rule.value) < rule.least) continue;
     findings.push_back({rule.distortion, *rule.value, std::abs(*rule.value) / rule.least,
                         Describe(rule.distortion, *rule.value)});
+    if (rule.distortion == Distortion::kAdditiveNoise && traits.noise_length) {
+      findings.back().text = fmt::format(
+          "additive noise: {:.2g} units from pixel to pixel at "
+          "every depth",
+          *traits.noise_length);
+    }
   }
   std::stable_sort(findings.begin(), findings.end(),
                    [](const Finding& a, const Finding& b) { return a.severity > b.severity; });

@@ -33,12 +33,13 @@ std::vector<Planted> EveryDistortion() {
   return {{"scale", {.scale = 1.1}, Distortion::kScale},
           {"scales", {.scale_sigma = 0.1}, Distortion::kPerImageScale},
           {"warp", {.warp_sigma = 0.06}, Distortion::kWarp},
-          {"noise", {.relative_noise_sigma = 0.02}, Distortion::kNoise},
+          {"noise", {.relative_noise_sigma = 0.02}, Distortion::kMultiplicativeNoise},
           {"edges", {.flying_share = 0.8}, Distortion::kEdges},
           {"floaters", {.floaters = 25}, Distortion::kFloaters},
           {"bubbles", {.bubbles = 4}, Distortion::kBubbles},
           {"steps", {.quantization_step = 0.2}, Distortion::kQuantization},
-          {"holes", {.hole_share = 0.2}, Distortion::kHoles}};
+          {"holes", {.hole_share = 0.2}, Distortion::kHoles},
+          {"additive noise", {.noise_sigma = 0.08}, Distortion::kAdditiveNoise}};
 }
 
 class Sources {
@@ -93,6 +94,9 @@ TEST(CompareDepth, NamesWhatWasPlanted) {
   EXPECT_NEAR(mean(1, "median_abs_rel"), 0, 1e-3);
   EXPECT_NEAR(mean(1, "delta1_percent"), 100, 1e-9);
   EXPECT_NEAR(mean(4, "noise_percent"), 2, 0.2);
+  EXPECT_NEAR(*comparison.sources[4].traits.noise_exponent, 0, 0.1);
+  EXPECT_NEAR(*comparison.sources[10].traits.noise_exponent, -1, 0.15);
+  EXPECT_NEAR(*comparison.sources[10].traits.noise_length, 0.08, 0.008);
   EXPECT_NEAR(mean(9, "coverage_percent"), 80, 0.5);
   EXPECT_NEAR(mean(0, "coverage_percent"), 100, 1e-9);
   // A scale of 1.1 moves surfaces by a tenth of their depth: F-scores at 1, 2 and 5 % are low, and
@@ -100,6 +104,32 @@ TEST(CompareDepth, NamesWhatWasPlanted) {
   ASSERT_THAT(comparison.sources[1].surface, SizeIs(3));
   EXPECT_LT(comparison.sources[1].surface[0].f_percent, 35);
   EXPECT_GT(comparison.sources[9].surface[2].f_percent, 95);
+}
+
+TEST(NoiseExponent, IsThePowerOfDepth) {
+  for (const double exponent : {-1.0, 0.0, 1.0}) {
+    std::vector<NoiseLevel> levels = {{0, 1}, {3, 0}};  // say nothing
+    for (const double depth : {1.0, 1.3, 2.0, 5.0}) {
+      levels.push_back({depth, 0.02 * std::pow(depth, exponent)});
+    }
+    EXPECT_NEAR(*NoiseExponent(levels), exponent, 1e-12);
+  }
+  EXPECT_FALSE(NoiseExponent(std::vector<NoiseLevel>{{2, 0.1}, {2.9, 0.2}}));
+  EXPECT_FALSE(NoiseExponent({}));
+}
+
+TEST(Diagnose, NamesNoiseByHowItGrows) {
+  const auto named = [](std::optional<double> exponent) {
+    SourceTraits traits;
+    traits.noise_sigma = 0.02;
+    traits.noise_exponent = exponent;
+    return Diagnose(traits).at(0).distortion;
+  };
+  EXPECT_EQ(named(-1.1), Distortion::kAdditiveNoise);
+  EXPECT_EQ(named(0.2), Distortion::kMultiplicativeNoise);
+  EXPECT_EQ(named(-0.5), Distortion::kNoise);  // a mixture
+  EXPECT_EQ(named(1), Distortion::kNoise);
+  EXPECT_EQ(named(std::nullopt), Distortion::kNoise);
 }
 
 TEST(CompareDepth, WithoutATruthViewsTellScales) {

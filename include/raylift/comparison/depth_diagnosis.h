@@ -3,7 +3,8 @@
 //
 //   scale            the median of r over everything       per-image scale   its spread over images
 //   warp             the spread of the medians of r over blocks of an image
-//   noise            differences of r between neighbours
+//   noise            differences of r between neighbours: additive where they fall as 1 / depth,
+//                    multiplicative where they are the same at every depth
 //   edges            outliers within 3 px of true depth edges that are none in the interior
 //   floaters         interior pixels well in front of the surface, with edges of their own
 //   bubbles          the same, but smooth
@@ -23,12 +24,19 @@
 
 namespace raylift {
 
+// How large the noise is among pixels of similar depth.
+struct NoiseLevel {
+  double depth;
+  double sigma;  // of r
+};
+
 // The traces in one image. Deviations are of r, robust (1.4826 times the median absolute one).
 struct DepthDeviation {
   size_t count = 0;  // pixels that both maps know
   double log_scale = 0;
   double warp_sigma = 0;
   double noise_sigma = 0;
+  std::vector<NoiseLevel> noise_levels;  // of a fifth of the pixels each
   double edge_outliers_percent = 0;
   double interior_outliers_percent = 0;
   double in_front_percent = 0;          // of the interior
@@ -39,6 +47,10 @@ struct DepthDeviation {
 std::optional<DepthDeviation> MeasureDeviation(const DepthMap& estimated, const DepthMap& truth,
                                                std::span<const float> to_true_edge_px);
 
+// The power of depth that the noise of r grows with: about -1 for additive noise, 0 for
+// multiplicative, 1 for that of stereo and structured light. None where all is of similar depth.
+std::optional<double> NoiseExponent(std::span<const NoiseLevel> levels);
+
 // The step that the depths of a map are multiples of, in scene units; 0 where they seem continuous.
 double FindQuantizationStep(const DepthMap& map);
 
@@ -46,7 +58,9 @@ enum class Distortion {
   kScale,
   kPerImageScale,
   kWarp,
-  kNoise,
+  kNoise,  // neither of the next two, or not known which
+  kAdditiveNoise,
+  kMultiplicativeNoise,
   kEdges,
   kFloaters,
   kBubbles,
@@ -68,6 +82,8 @@ struct SourceTraits {
   std::optional<double> log_scale_sigma;  // between images
   std::optional<double> warp_sigma;
   std::optional<double> noise_sigma;
+  std::optional<double> noise_exponent;         // as NoiseExponent
+  std::optional<double> noise_length;           // standard deviation of the depth, scene units
   std::optional<double> edge_outliers_percent;  // beyond those of the interior
   std::optional<double> in_front_percent;
   bool front_is_smooth = false;
