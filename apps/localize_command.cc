@@ -67,6 +67,8 @@ void CheckReferences(const LocalizeFlags& flags) {
   flags.references.Check();
   flags.hloc.Check();
   flags.mesh_only.Check();
+  CheckRerender(flags.mesh_only.rerender, flags.geometry.specs,
+                !flags.query_images.empty() || !flags.images.empty());
   if (!flags.RendersReferences()) {
     if (!flags.hloc.Any() && flags.images.empty()) {
       throw OptionError(
@@ -269,7 +271,6 @@ class LocalizeRun {
 
   void PrepareRerender(double reprojection_threshold_px) {
     if (flags_.mesh_only.rerender == 0) return;
-    if (mesh_ == nullptr) throw OptionError("--rerender needs --geometry mesh:PATH");
     rerenderer_.emplace(mesh_, ColorsLikePhotographs(mesh_->mesh()), query_images_,
                         RerenderOptions{.rounds = flags_.mesh_only.rerender,
                                         .max_features = flags_.max_features,

@@ -16,6 +16,7 @@
 #include "config_file.h"
 #include "interrupt.h"
 #include "options.h"
+#include "program_help.h"
 #include <CLI/CLI.hpp>
 
 #include "raylift/base/error.h"
@@ -42,24 +43,14 @@ struct Program {
 };
 
 Program MakeProgram() {
-  Program program{std::make_unique<CLI::App>(
-                      "Raylift estimates where photographs were taken, against a mesh of the "
-                      "scene.",
-                      "raylift"),
-                  {}};
+  Program program{std::make_unique<CLI::App>("", "raylift"), {}};
   CLI::App& app = *program.app;
   app.set_version_flag("--version", "raylift " RAYLIFT_VERSION);
   app.require_subcommand(1);
-  app.footer(
-      "Examples:\n"
-      "  raylift localize --model sfm --images photos --geometry mesh:scene.ply \\\n"
-      "      --queries queries.txt --out result\n"
-      "  raylift evaluate --ground-truth truth --poses result/poses.txt --thresholds "
-      "0.05,5:0.25,2\n"
-      "  raylift COMMAND --help");
   program.commands = {AddLocalizeCommand(app), AddEstimateCommand(app), AddEvaluateCommand(app),
                       AddPerturbCommand(app),  AddRenderCommand(app),   AddCompareCommand(app),
                       AddDoctorCommand(app),   AddViewsCommand(app),    AddPairsCommand(app)};
+  AddProgramHelp(app);
   for (const Command& command : program.commands) {
     CheckNumbers(*command.app);
   }

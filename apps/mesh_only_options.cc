@@ -1,5 +1,6 @@
 #include "mesh_only_options.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <optional>
@@ -63,9 +64,6 @@ void MeshOnlyFlags::Check() const {
   ParseFov(fov_deg);
   ParseUp("--view-up", up);
   RequirePositive("--view-eye-height", eye_height);
-  if (rerender < 0) {
-    throw OptionError("--rerender", std::to_string(rerender), "must not be negative");
-  }
   if (!(clearance >= 0)) {
     throw OptionError("--view-clearance", FormatDouble(clearance), "must not be negative");
   }
@@ -132,6 +130,17 @@ void RequireMeshOnly(std::span<const std::string> geometry, std::string_view nee
                       "mesh:PATH");
   }
   if (is_given) throw OptionError(fmt::format("{} needs --model", needless));
+}
+
+void CheckRerender(int rounds, std::span<const std::string> geometry, bool has_photographs) {
+  const std::string value = std::to_string(rounds);
+  if (rounds < 0) throw OptionError("--rerender", value, "must not be negative");
+  if (rounds == 0) return;
+  if (std::none_of(geometry.begin(), geometry.end(),
+                   [](const std::string& spec) { return spec.starts_with("mesh:"); })) {
+    throw OptionError("--rerender", value, "needs --geometry mesh:PATH");
+  }
+  if (!has_photographs) throw OptionError("--rerender", value, "needs --query-images");
 }
 
 RenderedReferences RenderReferencesWithProgress(const std::shared_ptr<const RayCaster>& mesh,

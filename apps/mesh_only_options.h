@@ -42,6 +42,9 @@ void AddMeshOnlyOptions(CLI::App& app, MeshOnlyFlags& flags);
 void RequireMeshOnly(std::span<const std::string> geometry, std::string_view needless,
                      bool is_given);
 
+// What --rerender needs: a mesh, and the queries' photographs. Throws OptionError.
+void CheckRerender(int rounds, std::span<const std::string> geometry, bool has_photographs);
+
 // Renders, and says on stderr how far it is.
 RenderedReferences RenderReferencesWithProgress(const std::shared_ptr<const RayCaster>& mesh,
                                                 const RenderedReferenceOptions& options,

@@ -36,16 +36,31 @@ TEST_F(MeshOnly, LocalizesFromAMeshAndQueriesAlone) {
       << result.out;
 }
 
-TEST_F(MeshOnly, ASecondRunUsesTheSamePictures) {
-  ASSERT_TRUE(Succeeds(RunRaylift(Localize("out", {"--threads", "1"}))));
+TEST_F(MeshOnly, ASecondRunUsesTheSamePicturesAndAnyThreads) {
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize("out", {"--rerender", "1", "--threads", "1"}))));
   const std::string poses = ReadFile(scene_.folder / "out" / "poses.txt");
   const fs::path features = scene_.folder / "out" / "cache" / "features.h5";
   const auto time = fs::last_write_time(features);
-  const CommandResult again = RunRaylift(Localize("out", {"--threads", "4"}));
+  const CommandResult again = RunRaylift(Localize("out", {"--rerender", "1", "--threads", "4"}));
   ASSERT_TRUE(Succeeds(again));
   EXPECT_NE(again.out.find(", 0 rendered now"), std::string::npos) << again.out;
   EXPECT_EQ(fs::last_write_time(features), time);
   EXPECT_EQ(ReadFile(scene_.folder / "out" / "poses.txt"), poses);
+}
+
+TEST_F(MeshOnly, RerenderWorksWithAModelAndIsCounted) {
+  const fs::path out = scene_.folder / "out";
+  ASSERT_TRUE(Succeeds(RunRaylift(LocalizeFromImages(scene_, out) + Arguments{"--rerender", "2"})));
+  EXPECT_TRUE(HoldsTruePoses(out / "poses.txt", scene_.queries, 0.1, 0.005));
+  size_t kept = 0;
+  for (const std::string& line : Lines(ReadFile(out / "queries.jsonl"))) {
+    const auto query = nlohmann::json::parse(line);
+    kept += query.at("rerender_rounds_kept").get<size_t>();
+    EXPECT_GT(query.at("milliseconds").at("rerender"), 0);
+  }
+  EXPECT_EQ(nlohmann::json::parse(ReadFile(out / "summary.json")).at("rerender").at("rounds_kept"),
+            kept);
+  EXPECT_GT(kept, 0u);
 }
 
 TEST_F(MeshOnly, WrongOptionsAreNamed) {
@@ -61,11 +76,19 @@ TEST_F(MeshOnly, WrongOptionsAreNamed) {
   EXPECT_TRUE(fails({"--view-size", "640"}, {"--view-size", "WIDTHxHEIGHT"}));
   EXPECT_TRUE(fails({"--view-fov-deg", "180"}, {"--view-fov-deg"}));
   EXPECT_TRUE(fails({"--view-up", "w"}, {"--view-up"}));
+  EXPECT_TRUE(fails({"--rerender=-1"}, {"--rerender", "negative"}));
   const Arguments bare = {"localize", "--queries", scene_.query_list(), "--out", scene_.folder};
   EXPECT_TRUE(FailsWith(2, {"--model", "mesh:PATH"}, RunRaylift(bare)));
   EXPECT_TRUE(FailsWith(2, {"--geometry", "depth:maps"},
                         RunRaylift(bare + Arguments{"--geometry", "depth:maps"})));
   EXPECT_TRUE(FailsWith(2, {"--query-images"}, RunRaylift(bare + Arguments{"--geometry", mesh()})));
+  const Arguments with_model = bare + Arguments{"--model", scene_.model(), "--rerender", "1"};
+  EXPECT_TRUE(FailsWith(
+      2, {"--rerender", "mesh:PATH"},
+      RunRaylift(with_model + Arguments{"--images", scene_.images(), "--geometry", "sfm"})));
+  EXPECT_TRUE(FailsWith(2, {"--rerender", "--query-images"},
+                        RunRaylift(with_model + Arguments{"--geometry", mesh(), "--features", "f",
+                                                          "--matches", "m", "--pairs", "p"})));
   EXPECT_FALSE(fs::exists(scene_.folder / "bad"));
 }
 

@@ -43,6 +43,12 @@ TEST(Options, HelpNamesTheCommands) {
   for (const std::string command : {"localize", "estimate", "evaluate"}) {
     EXPECT_NE(result.out.find("\n  " + command + " "), std::string::npos) << command;
   }
+  // Each job with what to type for it, within the width of a terminal.
+  const std::vector<std::string> lines = Lines(result.out);
+  for (const std::string command : {"localize", "compare", "render"}) {
+    EXPECT_NE(result.out.find("\n    raylift " + command + " "), std::string::npos) << command;
+  }
+  for (const std::string& line : lines) EXPECT_LE(line.size(), 110u) << line;
 }
 
 TEST(Options, HelpOfACommandListsItsOptions) {

@@ -1,0 +1,139 @@
+#include "raylift/localization/rerender.h"
+
+#include "support/matchers.h"
+#include "support/room_scene.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+
+#include "raylift/io/image_file.h"
+#include "raylift/lifting/geometry_spec.h"
+
+namespace raylift {
+namespace {
+
+TEST(PoseSupport, TakesTheBestMatchOfEachKeypoint) {
+  const double params[] = {100, 100, 50, 50};
+  const Camera camera(CameraModel::kPinhole, 100, 100, params);
+  const auto match = [](double x, double error_px) {
+    // At depth 1 the point (x / 100, 0) is at the pixel (50 + x, 50).
+    return Match2D3D{{50 + x + error_px, 50}, {x / 100, 0, 1}, std::nullopt, std::nullopt};
+  };
+  const std::vector<Match2D3D> matches = {
+      match(0, 2),                                           // 1 - (2 / 4)^2
+      {{52, 50}, {0.03, 0, 1}, std::nullopt, std::nullopt},  // the same keypoint, off by 1
+      match(10, 4),                                          // at the threshold
+      {{20, 20}, {0, 0, -1}, std::nullopt, std::nullopt},    // behind the camera
+      match(20, 0)};
+  EXPECT_NEAR(PoseSupport(camera, Rigid3(), matches, 4), (1 - 1 / 16.0) + 1, 1e-12);
+  EXPECT_EQ(PoseSupport(camera, Rigid3(), {}, 4), 0);
+}
+
+// The same pose for every problem.
+class GivenPose final : public PoseEstimator {
+ public:
+  explicit GivenPose(std::optional<Rigid3> pose) : pose_(std::move(pose)) {}
+  PoseEstimate Estimate(const PoseProblem& problem) const override {
+    PoseEstimate estimate;
+    estimate.cam_from_world = pose_;
+    if (!pose_) estimate.failure = FailureReason::kNoConsistentSample;
+    estimate.inliers_2d3d.assign(problem.matches_2d3d.size(), pose_.has_value());
+    estimate.inliers_2d2d.assign(problem.matches_2d2d.size(), pose_.has_value());
+    return estimate;
+  }
+
+ private:
+  std::optional<Rigid3> pose_;
+};
+
+Rigid3 MovedBy(const Rigid3& cam_from_world, const Eigen::Vector3d& in_cam) {
+  return {cam_from_world.rotation, cam_from_world.translation + in_cam};
+}
+
+class Rerender : public ::testing::Test {
+ protected:
+  Query query() const { return {scene_.queries[0].name, scene_.queries[0].camera}; }
+  const Rigid3& truth() const { return scene_.queries[0].cam_from_world; }
+
+  // As if the query had been localized at this pose, with hloc's matches or without any.
+  QueryResult LocalizedAt(const std::optional<Rigid3>& pose, bool with_matches) const {
+    QueryResult result;
+    result.problem.name = result.localized.name = query().name;
+    result.problem.query_camera = query().camera;
+    if (with_matches) {
+      const auto source = OpenHlocMatches({scene_.features(), scene_.matches(), scene_.pairs()},
+                                          LoadReferences(scene_.model(), 1).references, 2);
+      QueryMatches matches = source->Match(query());
+      result.problem.references = std::move(matches.references);
+      result.problem.reference_clusters = {0, 0};
+      result.problem.matches_2d2d = std::move(matches.matches);
+      result.problem.matches_2d3d = Matches2D3D(
+          LiftMatches(*mesh_.source, result.problem.references, result.problem.matches_2d2d));
+    }
+    result.localized.estimate = GivenPose(pose).Estimate(result.problem);
+    if (!pose) result.localized.reason = ReasonNotLocalized(result.localized.estimate);
+    return result;
+  }
+
+  Rerenderer Make(const RerenderOptions& options = {}) const {
+    ColorOptions look;
+    look.samples_per_pixel_side = 2;
+    return {mesh_.mesh, look, scene_.images(), options};
+  }
+
+  RoomScene scene_ = WriteRoomScene(TestFolder(), {.matches = true, .pictures = true});
+  NamedGeometry mesh_ = MakeGeometrySource("mesh:" + scene_.mesh().string());
+};
+
+TEST_F(Rerender, SharpensARoughPoseFromTheMeshAlone) {
+  QueryResult result = LocalizedAt(MovedBy(truth(), {0.06, -0.04, 0.08}), false);
+  Make({.rounds = 2}).Improve(query(), *MakePoseEstimator({}), result);
+  EXPECT_GE(result.localized.rerender_rounds, 1);
+  EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 0.1, 0.005));
+  EXPECT_GT(result.localized.counts.inliers_2d3d, 100u);
+  EXPECT_EQ(result.localized.counts.points, result.problem.matches_2d3d.size());
+  EXPECT_EQ(result.localized.estimate.inliers_2d3d.size(), result.problem.matches_2d3d.size());
+}
+
+TEST_F(Rerender, KeepsTheMatchesOfTheReferences) {
+  QueryResult result = LocalizedAt(MovedBy(truth(), {0.05, 0, 0}), true);
+  const PoseProblem before = result.problem;
+  Make().Improve(query(), GivenPose(truth()), result);
+  EXPECT_EQ(result.localized.rerender_rounds, 1);
+  ASSERT_EQ(result.problem.references.size(), before.references.size() + 5);
+  EXPECT_EQ(result.problem.references[0].name, before.references[0].name);
+  EXPECT_EQ(result.problem.references[2].name, "rerender/1/0");
+  EXPECT_EQ(result.problem.reference_clusters, (std::vector<int>{0, 0, 1, 1, 1, 1, 1}));
+  EXPECT_GT(result.problem.matches_2d2d.size(), before.matches_2d2d.size());
+  for (size_t i = before.matches_2d3d.size(); i < result.problem.matches_2d3d.size(); ++i) {
+    EXPECT_GE(result.problem.matches_2d3d[i].reference, 2);
+  }
+}
+
+TEST_F(Rerender, KeepsThePoseUnlessMatchesSupportTheNewOneBetter) {
+  for (const std::optional<Rigid3>& other : {std::optional(MovedBy(truth(), {0.1, 0, 0})),
+                                             std::optional(truth()), std::optional<Rigid3>()}) {
+    QueryResult result = LocalizedAt(truth(), true);
+    const size_t references = result.problem.references.size();
+    Make({.rounds = 3, .around_deg = 0}).Improve(query(), GivenPose(other), result);
+    EXPECT_EQ(result.localized.rerender_rounds, 0);
+    EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 1e-9, 1e-9));
+    EXPECT_EQ(result.problem.references.size(), references);
+  }
+}
+
+TEST_F(Rerender, LeavesAQueryThatIsNotLocalized) {
+  QueryResult result = LocalizedAt(std::nullopt, false);
+  Make().Improve({"no photograph.png", query().camera}, GivenPose(truth()), result);
+  EXPECT_FALSE(result.localized.localized());
+  EXPECT_EQ(result.localized.rerender_rounds, 0);
+}
+
+TEST_F(Rerender, SaysWhereThePhotographIsNotItsCameras) {
+  QueryResult result = LocalizedAt(truth(), false);
+  const Query other{query().name, query().camera.Scaled(160, 120)};
+  EXPECT_TRUE(FailsWithInputError([&] { Make().Improve(other, GivenPose(truth()), result); },
+                                  {query().name, "320 x 240", "160 x 120"}));
+}
+
+}  // namespace
+}  // namespace raylift
