@@ -157,7 +157,7 @@ class LocalizeRun {
       RequireWritable(flags.write_problems / "problem.json");
     }
     match_source_ = OpenMatches();
-    PrepareRerender(estimator_options.reprojection_threshold_px);
+    PrepareRerender(estimator_options);
     AlignGeometry();
     for (const NamedGeometry& geometry : geometry_) sources_.push_back(geometry.source.get());
     if (filter_.mode == FilterMode::kAuto &&
@@ -269,13 +269,14 @@ class LocalizeRun {
                                references_, queries_);
   }
 
-  void PrepareRerender(double reprojection_threshold_px) {
+  void PrepareRerender(const EstimatorOptions& estimator) {
     if (flags_.mesh_only.rerender == 0) return;
-    rerenderer_.emplace(mesh_, ColorsLikePhotographs(mesh_->mesh()), query_images_,
-                        RerenderOptions{.rounds = flags_.mesh_only.rerender,
-                                        .max_features = flags_.max_features,
-                                        .max_ratio = flags_.max_ratio,
-                                        .reprojection_threshold_px = reprojection_threshold_px});
+    rerenderer_.emplace(
+        mesh_, ColorsLikePhotographs(mesh_->mesh()), query_images_,
+        RerenderOptions{.rounds = flags_.mesh_only.rerender,
+                        .use_pairs = estimator.method == Method::kE5p1,
+                        .max_features = flags_.max_features,
+                        .reprojection_threshold_px = estimator.reprojection_threshold_px});
   }
 
   // Each source by itself; the points of an SfM model agree with the references as they are.

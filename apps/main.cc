@@ -47,13 +47,16 @@ Program MakeProgram() {
   CLI::App& app = *program.app;
   app.set_version_flag("--version", "raylift " RAYLIFT_VERSION);
   app.require_subcommand(1);
+  app.footer(
+      "All options of a command, with examples:\n"
+      "  raylift COMMAND --help");
   program.commands = {AddLocalizeCommand(app), AddEstimateCommand(app), AddEvaluateCommand(app),
                       AddPerturbCommand(app),  AddRenderCommand(app),   AddCompareCommand(app),
                       AddDoctorCommand(app),   AddViewsCommand(app),    AddPairsCommand(app)};
-  AddProgramHelp(app);
   for (const Command& command : program.commands) {
     CheckNumbers(*command.app);
   }
+  AddProgramHelp(app);
   return program;
 }
 

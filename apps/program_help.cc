@@ -35,20 +35,19 @@ RENDER DEPTH
     raylift views --geometry mesh:scene.ply --out views
 
 queries.txt holds a photograph per line: NAME MODEL WIDTH HEIGHT PARAMS..., as in COLMAP and hloc.
+assets/demo/run.sh tries it on a small scene.
 )";
-
-constexpr std::string_view kFooter =
-    "raylift COMMAND --help lists all options. To try it on a small scene: assets/demo/run.sh";
 
 constexpr std::string_view kLocalize = "Localize photographs";
 constexpr std::string_view kCompare = "Compare depth";
 constexpr std::string_view kRender = "Render depth";
-constexpr std::array<std::pair<std::string_view, std::string_view>, 10> kGroupOfCommand = {
+constexpr std::array<std::pair<std::string_view, std::string_view>, 11> kGroupOfCommand = {
     {{"localize", kLocalize},
      {"estimate", kLocalize},
      {"evaluate", kLocalize},
      {"pairs", kLocalize},
      {"import", kLocalize},
+     {"experiment", kLocalize},
      {"compare", kCompare},
      {"doctor", kCompare},
      {"perturb", kCompare},
@@ -59,7 +58,6 @@ constexpr std::array<std::pair<std::string_view, std::string_view>, 10> kGroupOf
 
 void AddProgramHelp(CLI::App& program) {
   program.description(std::string(kDescription));
-  program.footer(std::string(kFooter));
   for (CLI::App* command : program.get_subcommands([](const CLI::App*) { return true; })) {
     const auto* known =
         std::find_if(kGroupOfCommand.begin(), kGroupOfCommand.end(),

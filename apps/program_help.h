@@ -6,7 +6,7 @@
 
 namespace raylift {
 
-// The description and footer of the program, and the groups of its commands; a command that is in
+// The description of the program, and the groups of its commands; a command that is in
 // none stays under "More". Call it when all commands are there.
 void AddProgramHelp(CLI::App& program);
 

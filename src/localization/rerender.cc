@@ -109,8 +109,7 @@ class Rounds {
     for (size_t i = 0; i < poses.size(); ++i) {
       AddPicture(rays, {fmt::format("rerender/{}/{}", round, i), camera, poses[i]}, pictures);
     }
-    pictures.matches_2d3d =
-        Matches2D3D(LiftMatches(source_, pictures.references, pictures.matches_2d2d));
+    KeepNear(poses.front(), query_camera, pictures);
     return Join(base, std::move(pictures));
   }
 
@@ -131,6 +130,22 @@ class Rounds {
            features.keypoints_px[static_cast<size_t>(match.reference_index)]});
     }
     pictures.references.push_back(std::move(view));
+  }
+
+  // Lifts the matches and keeps those whose point is seen near the keypoint from the pose so far.
+  void KeepNear(const Rigid3& cam_from_world, const Camera& query_camera,
+                PoseProblem& pictures) const {
+    const double radius_px =
+        options_.search_radius * std::max(query_camera.width_px(), query_camera.height_px());
+    const LiftResult lifted = LiftMatches(source_, pictures.references, pictures.matches_2d2d);
+    const std::vector<Match2D2D> all = std::move(pictures.matches_2d2d);
+    pictures.matches_2d2d.clear();
+    for (const LiftedMatch& point : lifted.lifted) {
+      const auto pixel = query_camera.ImgFromCam(cam_from_world * point.match.point_in_world);
+      if (!pixel || (*pixel - point.match.query_px).norm() > radius_px) continue;
+      pictures.matches_2d3d.push_back(point.match);
+      if (options_.use_pairs) pictures.matches_2d2d.push_back(all[point.match_2d2d]);
+    }
   }
 
   // References of `more` follow those of `base`, in a cluster of their own.

@@ -94,6 +94,21 @@ class CoveringSampler {
     return views;
   }
 
+  // What the views add up to, each for what those before it do not show.
+  double Measure(std::span<const Rigid3> cam_from_world) {
+    candidates_.resize(cam_from_world.size());
+    ParallelFor(cam_from_world.size(), 0, [&](size_t i) {
+      candidates_[i] = {cam_from_world[i], WhatIsSeen(cam_from_world[i])};
+    });
+    Index();
+    double sum = 0;
+    for (Candidate& candidate : candidates_) {
+      sum += Gain(candidate);
+      Take(candidate);
+    }
+    return samples_.empty() ? 0 : sum / static_cast<double>(samples_.size());
+  }
+
  private:
   std::vector<Candidate> FindCandidates() const {
     const size_t count =
@@ -183,14 +198,19 @@ class CoveringSampler {
     }
   }
 
+  static double Gain(const Candidate& candidate) {
+    double gain = 0;
+    for (const Seen& seen : candidate.seen) gain += 1.0 / (1 + seen.similar);
+    return gain;
+  }
+
   // The first of those that add most; null where none adds anything.
   Candidate* FindBest() {
     Candidate* best = nullptr;
     double most = 0;
     for (Candidate& candidate : candidates_) {
       if (candidate.taken) continue;
-      double gain = 0;
-      for (const Seen& seen : candidate.seen) gain += 1.0 / (1 + seen.similar);
+      const double gain = Gain(candidate);
       if (gain > most) {
         most = gain;
         best = &candidate;
@@ -223,6 +243,11 @@ class CoveringSampler {
 SampledViews SampleCovering(const RayCaster& mesh, const ViewSamplerOptions& options,
                             const CoveringOptions& covering) {
   return CoveringSampler(mesh, options, covering).Run();
+}
+
+double CoverageOf(const RayCaster& mesh, const ViewSamplerOptions& options,
+                  std::span<const Rigid3> cam_from_world) {
+  return CoveringSampler(mesh, options, {}).Measure(cam_from_world);
 }
 
 double MeshSize(const TriangleMesh& mesh, uint64_t seed) {

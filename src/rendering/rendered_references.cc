@@ -48,6 +48,26 @@ struct SampledKind {
   SampledViews views;
 };
 
+// Inside, unless there is no ground or it shows far less of the mesh than other places would: a
+// table's top can pass for a ground.
+SampledKind SampleAuto(const RayCaster& mesh, const ViewSamplerOptions& options,
+                       const ViewSamplerOptions& close, const InsideOptions& inside_options) {
+  constexpr double kMinShare = 0.25;
+  std::optional<SampledViews> inside;
+  try {
+    inside = SampleInside(mesh, options, inside_options);
+  } catch (const InputError&) {  // no ground
+  }
+  SampledViews cover = SampleCovering(mesh, close, {});
+  const auto shown = [&](const SampledViews& views) {
+    return CoverageOf(mesh, close, views.cam_from_world);
+  };
+  if (inside && inside->warnings.empty() && shown(*inside) >= kMinShare * shown(cover)) {
+    return {ViewKind::kInside, std::move(*inside)};
+  }
+  return {ViewKind::kCover, std::move(cover)};
+}
+
 SampledKind Sample(const RayCaster& mesh, const RenderedReferenceOptions& options) {
   ViewSamplerOptions views = options.views;
   const double size = MeshSize(mesh.mesh(), views.seed);
@@ -63,12 +83,7 @@ SampledKind Sample(const RayCaster& mesh, const RenderedReferenceOptions& option
     case ViewKind::kAuto:
       break;
   }
-  try {
-    SampledViews inside = SampleInside(mesh, views, options.inside);
-    if (inside.warnings.empty()) return {ViewKind::kInside, std::move(inside)};
-  } catch (const InputError&) {  // no ground
-  }
-  return {ViewKind::kCover, SampleCovering(mesh, close, {})};
+  return SampleAuto(mesh, views, close, options.inside);
 }
 
 // Names that no photograph is likely to have.

@@ -103,10 +103,25 @@ TEST_F(Rerender, KeepsTheMatchesOfTheReferences) {
   EXPECT_EQ(result.problem.references[0].name, before.references[0].name);
   EXPECT_EQ(result.problem.references[2].name, "rerender/1/0");
   EXPECT_EQ(result.problem.reference_clusters, (std::vector<int>{0, 0, 1, 1, 1, 1, 1}));
-  EXPECT_GT(result.problem.matches_2d2d.size(), before.matches_2d2d.size());
+  EXPECT_EQ(result.problem.matches_2d2d.size(), before.matches_2d2d.size());
+  EXPECT_GT(result.problem.matches_2d3d.size(), before.matches_2d3d.size());
   for (size_t i = before.matches_2d3d.size(); i < result.problem.matches_2d3d.size(); ++i) {
     EXPECT_GE(result.problem.matches_2d3d[i].reference, 2);
   }
+}
+
+TEST_F(Rerender, GivesPairsToEstimatorsThatNeedThem) {
+  QueryResult result = LocalizedAt(MovedBy(truth(), {0.05, 0, 0}), false);
+  Make({.around_deg = 0, .use_pairs = true}).Improve(query(), GivenPose(truth()), result);
+  EXPECT_GT(result.problem.matches_2d2d.size(), 100u);
+  EXPECT_EQ(result.problem.matches_2d2d.size(), result.problem.matches_2d3d.size());
+}
+
+TEST_F(Rerender, LooksForMatchesNearWhereThePoseSaysOnly) {
+  // Off by far more than the radius: nothing is found, and the pose stays.
+  QueryResult result = LocalizedAt(MovedBy(truth(), {0.1, 0, 0}), false);
+  Make({.around_deg = 0, .search_radius = 0.001}).Improve(query(), GivenPose(truth()), result);
+  EXPECT_EQ(result.localized.rerender_rounds, 0);
 }
 
 TEST_F(Rerender, KeepsThePoseUnlessMatchesSupportTheNewOneBetter) {

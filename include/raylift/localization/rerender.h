@@ -22,11 +22,19 @@ struct RerenderOptions {
   int rounds = 1;  // at most; a pose that is not kept ends them
   // Poses around the estimated one: to the left, right, above and below of it on a circle of this
   // angle around the middle of what the query shows; 0: none.
-  double around_deg = 4;
+  double around_deg = 6;
+  // A match with a picture counts only where its point, seen from the pose so far, lies this near
+  // to the query's keypoint, as a share of the longer side: a pose that is roughly right tells
+  // where to look, which is why the ratio test can be weaker than among the references.
+  double search_radius = 0.05;
+  double max_ratio = 0.9;
+  // Also take the 2D-2D matches with the pictures. These are taken from nearly one place, that of
+  // the query, where they say little on its position, and the 2D-3D matches hold all they know:
+  // without them poses are sharper. For estimators that take nothing else.
+  bool use_pairs = false;
   // Larger queries are rendered at this size.
   int max_image_side_px = 1600;
   int max_features = 4096;
-  double max_ratio = 0.8;
   double reprojection_threshold_px = 8;  // the estimator's
 };
 
@@ -43,10 +51,11 @@ class Rerenderer {
              std::filesystem::path query_images, const RerenderOptions& options);
 
   // Does nothing for a query that is not localized. Otherwise the rounds: each takes the matches
-  // with the retrieved references and with the pictures of this round, and its pose is kept where
-  // PoseSupport by these 2D-3D matches is above that of the pose before. The result then is that of
-  // the kept round, with its matches, and counts the rounds. The same on any thread; InputError
-  // where the query's photograph cannot be read or does not have its camera's size.
+  // with the retrieved references and the 2D-3D matches with the pictures of this round, and its
+  // pose is kept where PoseSupport by these 2D-3D matches is above that of the pose before. The
+  // result then is that of the kept round, with its matches, and counts the rounds. The same on any
+  // thread; InputError where the query's photograph cannot be read or does not have its camera's
+  // size.
   void Improve(const Query& query, const PoseEstimator& estimator, QueryResult& result) const;
 
  private:

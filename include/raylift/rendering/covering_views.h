@@ -4,6 +4,9 @@
 
 #pragma once
 
+#include <cstdint>
+#include <span>
+
 #include "raylift/rendering/view_sampler.h"
 
 namespace raylift {
@@ -22,6 +25,12 @@ struct CoveringOptions {
 // InputError where there is no place.
 SampledViews SampleCovering(const RayCaster& mesh, const ViewSamplerOptions& options,
                             const CoveringOptions& covering);
+
+// How well views show the mesh's surfaces: the sum, over points spread over them, of what
+// SampleCovering counts for each view, per point. More views give more, views from other sides far
+// more.
+double CoverageOf(const RayCaster& mesh, const ViewSamplerOptions& options,
+                  std::span<const Rigid3> cam_from_world);
 
 // The diagonal of the mesh's bounds, the outermost 2 % of its area left out on each side.
 double MeshSize(const TriangleMesh& mesh, uint64_t seed);

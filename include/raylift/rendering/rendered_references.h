@@ -22,7 +22,7 @@
 namespace raylift {
 
 enum class ViewKind {
-  kAuto,    // inside where there is a ground to walk on, else covering
+  kAuto,    // inside where there is a ground and the mesh is seen well from it, else covering
   kInside,  // at eye height above the ground (SampleInside)
   kAround,  // on a sphere around the mesh (SampleAround)
   kCover,   // wherever there is room in front of surfaces (SampleCovering)
