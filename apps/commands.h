@@ -19,6 +19,7 @@ Command AddDoctorCommand(CLI::App& program);
 Command AddEstimateCommand(CLI::App& program);
 Command AddEvaluateCommand(CLI::App& program);
 Command AddPairsCommand(CLI::App& program);
+Command AddExperimentCommand(CLI::App& program);
 Command AddPerturbCommand(CLI::App& program);
 Command AddRenderCommand(CLI::App& program);
 Command AddCompareCommand(CLI::App& program);

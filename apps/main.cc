@@ -50,9 +50,10 @@ Program MakeProgram() {
   app.footer(
       "All options of a command, with examples:\n"
       "  raylift COMMAND --help");
-  program.commands = {AddLocalizeCommand(app), AddEstimateCommand(app), AddEvaluateCommand(app),
-                      AddPerturbCommand(app),  AddRenderCommand(app),   AddCompareCommand(app),
-                      AddDoctorCommand(app),   AddViewsCommand(app),    AddPairsCommand(app)};
+  program.commands = {AddLocalizeCommand(app),  AddEstimateCommand(app), AddEvaluateCommand(app),
+                      AddPerturbCommand(app),   AddRenderCommand(app),   AddCompareCommand(app),
+                      AddDoctorCommand(app),    AddViewsCommand(app),    AddPairsCommand(app),
+                      AddExperimentCommand(app)};
   for (const Command& command : program.commands) {
     CheckNumbers(*command.app);
   }

@@ -38,7 +38,7 @@ QueryBootstrap::QueryBootstrap(size_t num_queries, uint64_t seed, int num_draws)
   }
 }
 
-Interval QueryBootstrap::MeanOf(std::span<const double> per_query) const {
+Interval QueryBootstrap::Mean(std::span<const double> per_query) const {
   RAYLIFT_CHECK_EQ(per_query.size(), num_queries_);
   std::vector<double> means;
   for (size_t begin = 0; begin < draws_.size(); begin += num_queries_) {
@@ -51,7 +51,7 @@ Interval QueryBootstrap::MeanOf(std::span<const double> per_query) const {
 
 Interval QueryBootstrap::RecallPercent(const Comparison& comparison,
                                        const Threshold& threshold) const {
-  return MeanOf(Hits(comparison, threshold));
+  return Mean(Hits(comparison, threshold));
 }
 
 Interval QueryBootstrap::RecallDifferencePercent(const Comparison& a, const Comparison& b,
@@ -60,7 +60,7 @@ Interval QueryBootstrap::RecallDifferencePercent(const Comparison& a, const Comp
   const std::vector<double> subtracted = Hits(b, threshold);
   RAYLIFT_CHECK_EQ(differences.size(), subtracted.size());
   for (size_t i = 0; i < differences.size(); ++i) differences[i] -= subtracted[i];
-  return MeanOf(differences);
+  return Mean(differences);
 }
 
 Interval QueryBootstrap::MedianPosition(const Comparison& comparison) const {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <fstream>
+#include <set>
 
 #include <fmt/format.h>
 
@@ -10,6 +11,7 @@
 #include "raylift/base/file.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/progress.h"
+#include "raylift/base/text.h"
 #include "raylift/features/root_sift.h"
 #include "raylift/io/hloc.h"
 #include "raylift/io/image_file.h"
@@ -37,6 +39,15 @@ std::string DescribeInputs(const std::vector<ImageFile>& images,
   return text;
 }
 
+// Whether the stored features are those of at least these inputs: thinned references are a part.
+bool HoldsInputs(const std::string& stored, const std::string& wanted) {
+  const std::vector<std::string_view> stored_lines = SplitBy(stored, '\n');
+  const std::set<std::string_view> known(stored_lines.begin(), stored_lines.end());
+  const std::vector<std::string_view> lines = SplitBy(wanted, '\n');
+  return std::all_of(lines.begin(), lines.end(),
+                     [&](std::string_view line) { return known.contains(line); });
+}
+
 }  // namespace
 
 std::map<std::string, Features> ExtractOrReadFeatures(const std::vector<ImageFile>& images,
@@ -50,7 +61,7 @@ std::map<std::string, Features> ExtractOrReadFeatures(const std::vector<ImageFil
   std::error_code error;
   const bool cached = std::filesystem::exists(file, error) &&
                       std::filesystem::exists(inputs_file, error) &&
-                      ReadFile(inputs_file) == inputs;
+                      HoldsInputs(ReadFile(inputs_file), inputs);
   if (!cached) {
     std::vector<Features> extracted(sorted.size());
     {

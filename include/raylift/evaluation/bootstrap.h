@@ -32,12 +32,13 @@ class QueryBootstrap {
   Interval RecallDifferencePercent(const Comparison& a, const Comparison& b,
                                    const Threshold& threshold) const;
 
+  // Of the mean of one value per query.
+  Interval Mean(std::span<const double> per_query) const;
+
   // Of the median position error; infinite where half of a draw has no pose.
   Interval MedianPosition(const Comparison& comparison) const;
 
  private:
-  Interval MeanOf(std::span<const double> per_query) const;
-
   size_t num_queries_;
   std::vector<uint32_t> draws_;  // num_queries_ indices per draw
 };

@@ -220,6 +220,11 @@ if (data.sources) {
   imageSection();
   stripSection();
 }
+if (data.experiment) {
+  if (data.experiment.tables.length) experimentTables(data.experiment.tables);
+  if (data.experiment.figures.length) experimentFigures(data.experiment.figures);
+  if (data.experiment.claims.length) experimentClaims(data.experiment.claims);
+}
 sceneSection();
 fillNavigation();
 document.documentElement.dataset.ready = "true";

@@ -1,0 +1,84 @@
+// The pieces of work of an experiment. A cell is one setting with one seed on a block of a scene's
+// queries; what comes out of it is kept in a file that is named by the hash of all that went in, so
+// that a cell is estimated once and a changed input is noticed.
+
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raylift/estimation/pose_estimator.h"
+#include "raylift/experiment/experiment.h"
+#include "raylift/geometry/rigid3.h"
+#include "raylift/io/query_list.h"
+
+namespace raylift {
+
+// What came out for one query.
+struct QueryOutcome {
+  std::string name;
+  std::optional<Rigid3> cam_from_world;
+  bool position_observable = true;
+  std::string reason;  // why it counts as not localized; empty: localized
+  int inliers_2d3d = 0, inliers_2d2d = 0;
+  int matches_2d3d = 0, matches_2d2d = 0;
+  Solver solver = Solver::kP3p;
+
+  bool operator==(const QueryOutcome&) const;
+};
+
+struct Cell {
+  Setting setting;
+  uint64_t seed = 0;
+  size_t begin = 0, end = 0;  // of the scene's queries
+  std::string inputs;         // all that went in, as JSON
+
+  std::string Key() const;  // the hash of the inputs
+};
+
+// Says whether a file or folder is still the same: by its contents, or, where it is large, by sizes
+// and times of modification. Remembers what it looked at. InputError where there is nothing.
+class InputIdentity {
+ public:
+  const std::string& Of(const std::filesystem::path& path);
+
+ private:
+  std::map<std::filesystem::path, std::string> known_;
+};
+
+// The experiment's paths with the thinning put in for "{every}".
+std::filesystem::path ForThinning(const std::filesystem::path& path, const std::string& every);
+// The files or folders of a specification of geometry; none where it names none ("sfm").
+std::vector<std::filesystem::path> PathsOfSpec(const std::string& spec);
+
+// The inputs of the settings' scenes that are not there.
+std::vector<std::filesystem::path> MissingInputs(const Experiment& experiment,
+                                                 std::span<const Setting> settings);
+
+// The cells of the settings, by scene, thinning, block of queries, geometry. InputError where an
+// input is missing.
+std::vector<Cell> ListCells(const Experiment& experiment, std::span<const Setting> settings);
+
+// A folder of cells' files.
+class CellStore {
+ public:
+  explicit CellStore(std::filesystem::path folder);
+
+  bool Has(const Cell& cell) const { return Read(cell).has_value(); }
+  // None where the cell was not estimated, or its file is no good.
+  std::optional<std::vector<QueryOutcome>> Read(const Cell& cell) const;
+  void Write(const Cell& cell, std::span<const QueryOutcome> outcomes) const;
+
+ private:
+  std::filesystem::path FileOf(const Cell& cell) const;
+
+  std::filesystem::path folder_;
+};
+
+}  // namespace raylift

@@ -1,0 +1,50 @@
+// Whether an experiment shows what its file claims: the paired bootstrap over the queries says for
+// each place where a claim applies whether a difference is more than luck.
+
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raylift/evaluation/bootstrap.h"
+#include "raylift/experiment/experiment.h"
+#include "raylift/experiment/results.h"
+
+namespace raylift {
+
+enum class Verdict {
+  kShown,         // the whole interval is above 0
+  kHolds,         // of "not worse" alone: not below 0, but the interval contains it
+  kNoise,         // the interval contains 0
+  kContradicted,  // the whole interval is below 0
+};
+std::string_view ToString(Verdict verdict);
+
+struct ClaimLine {
+  std::string place;          // "The demo, 1/5, mesh"
+  std::string first, second;  // "Adaptive, sum. msac"
+  std::string measure;        // "recall (0.1, 1deg)", "AUC (0.1, 1deg)"
+  double first_percent = 0, second_percent = 0;
+  Interval difference_percent;  // 95 %
+  Verdict verdict = Verdict::kNoise;
+};
+
+struct JudgedClaim {
+  std::string name, text;
+  std::vector<ClaimLine> lines;
+
+  size_t Count(Verdict verdict) const;
+};
+
+// Each claim at every combination of the axes that are not of the method and that the claim leaves
+// open. AUC is judged beside the recalls, as these are the same for all where the data are easy.
+std::vector<JudgedClaim> JudgeClaims(const Experiment& experiment,
+                                     std::span<const SettingResult> results);
+
+std::string FormatClaimsText(std::span<const JudgedClaim> claims);  // a summary
+std::string FormatClaimsMarkdown(std::span<const JudgedClaim> claims);
+std::string FormatClaimsCsv(std::span<const JudgedClaim> claims);
+
+}  // namespace raylift

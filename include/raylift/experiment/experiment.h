@@ -1,0 +1,129 @@
+// What an experiment is: scenes, a grid of ways to localize in them, and the tables, figures and
+// claims that are made of the results. The form of its file is in experiment_file.h.
+
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "raylift/estimation/pose_estimator.h"
+#include "raylift/evaluation/depth_perturbation.h"
+#include "raylift/evaluation/recall.h"
+#include "raylift/experiment/setting.h"
+#include "raylift/lifting/consistency_filter.h"
+
+namespace raylift {
+
+// A source of geometry. "{every}" in the specification stands for the thinning.
+struct ExperimentGeometry {
+  std::string name;
+  std::string title;  // in tables
+  std::string spec;   // as in --geometry
+  // Depth maps of the source at the references' size, made worse.
+  std::optional<DepthPerturbation> perturbation;
+};
+
+// "{every}" in the paths of features, matches and pairs stands for the thinning.
+struct ExperimentScene {
+  std::string name;
+  std::string title;
+  std::filesystem::path model;
+  std::string model_poses = "cam_from_world";
+  std::filesystem::path images, query_images;  // for the built-in features
+  std::filesystem::path queries;
+  std::filesystem::path ground_truth;  // empty: poses are written for a benchmark's server
+  std::filesystem::path features, matches, pairs;
+  int top_k = 20;
+  int max_features = 4096;
+  std::vector<Threshold> thresholds;
+  std::vector<ExperimentGeometry> geometry;
+
+  const ExperimentGeometry* FindGeometry(const std::string& name) const;
+};
+
+struct NamedFilter {
+  std::string name;
+  FilterMode mode = FilterMode::kOff;
+  ConsistencyThresholds thresholds;
+};
+
+// All combinations of the values; an empty list: the axis' default.
+struct GridBlock {
+  Selection axes;
+};
+
+enum class TableValue {
+  kRecalls,    // at all thresholds of the scene
+  kMedian,     // position and rotation error
+  kAuc,        // under the recall curve up to each threshold
+  kLocalized,  // share of queries with a pose
+};
+std::string_view ToString(TableValue value);
+std::optional<TableValue> TableValueFromName(std::string_view name);
+
+struct TableLayout {
+  std::string name;  // of its files
+  std::string title;
+  std::vector<std::string> rows, columns;  // axes, or filter_reprojection_px|min_views|min_ratio
+  TableValue value = TableValue::kRecalls;
+  Selection where;
+};
+
+// Curves over the thinning: one panel per value of `panels`, one line per value of `lines`.
+struct FigureLayout {
+  std::string name;
+  std::string title;
+  std::vector<std::string> panels, lines;
+  TableValue value = TableValue::kRecalls;
+  Selection where;
+};
+
+// That one way is better than another, or not worse, judged by the paired bootstrap.
+struct Claim {
+  enum class Relation { kBetter, kNotWorse };
+  std::string name;
+  std::string text;
+  Selection where;
+  Selection first;
+  Selection second;  // of several, the best one
+  Relation relation = Relation::kBetter;
+  // Where both are given, what is compared is not the value but how it changes between the two.
+  Selection from, to;
+};
+
+struct Experiment {
+  std::filesystem::path file;
+  std::string title;
+  std::vector<ExperimentScene> scenes;
+  std::vector<NamedFilter> filters;
+  std::vector<GridBlock> blocks;
+  std::vector<uint64_t> seeds = {0};
+  EstimatorOptions estimator;  // all but method, score, local optimization, alpha and seed
+  std::vector<TableLayout> tables;
+  std::vector<FigureLayout> figures;
+  std::vector<Claim> claims;
+
+  const ExperimentScene& SceneOf(const Setting& setting) const;
+  const NamedFilter& FilterNamed(const std::string& name) const;
+};
+
+// Every setting of the grid once, in the order of the file. InputError naming the file where a
+// block names what is not there.
+std::vector<Setting> ExpandGrid(const Experiment& experiment);
+
+// Whether the results of a setting are chosen from those of P3P and E5+1, without estimating: the
+// oracle's always, Select's unless the filter is automatic, which treats P3P alone differently.
+bool IsChosen(const Setting& setting, const Experiment& experiment);
+
+// The settings that must be estimated for these, each once.
+std::vector<Setting> SettingsToEstimate(const std::vector<Setting>& settings,
+                                        const Experiment& experiment);
+// The P3P and E5+1 settings that a chosen one is chosen from.
+Setting P3pOf(const Setting& setting);
+Setting E5p1Of(const Setting& setting);
+
+}  // namespace raylift

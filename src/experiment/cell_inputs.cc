@@ -1,0 +1,273 @@
+// What goes into a cell, and how a change of it is noticed.
+
+#include <algorithm>
+#include <chrono>
+#include <set>
+#include <tuple>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/hash.h"
+#include "raylift/base/text.h"
+#include "raylift/experiment/cells.h"
+
+namespace raylift {
+namespace {
+
+using Json = nlohmann::ordered_json;
+using std::filesystem::path;
+
+// Of the form of cells and of what fills them: a change of either makes all cells anew.
+constexpr int kCellVersion = 1;
+// A cell's queries are in memory with all their matches.
+constexpr size_t kQueriesPerCell = 256;
+// Larger inputs are told by sizes and times.
+constexpr uintmax_t kMaxHashedBytes = uintmax_t{64} << 20;
+
+struct FoundFile {
+  std::string name;  // relative to the input
+  path file;
+  uintmax_t bytes;
+};
+
+std::vector<FoundFile> FilesOf(const path& input) {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  if (fs::is_regular_file(input, error)) return {{"", input, fs::file_size(input)}};
+  if (!fs::is_directory(input, error)) throw InputError(input, "does not exist");
+  std::vector<FoundFile> files;
+  for (const auto& entry :
+       fs::recursive_directory_iterator(input, fs::directory_options::follow_directory_symlink)) {
+    if (!entry.is_regular_file()) continue;
+    files.push_back(
+        {entry.path().lexically_relative(input).string(), entry.path(), entry.file_size()});
+  }
+  std::sort(files.begin(), files.end(),
+            [](const FoundFile& a, const FoundFile& b) { return a.name < b.name; });
+  return files;
+}
+
+std::string DescribeInput(const path& input) {
+  const std::vector<FoundFile> files = FilesOf(input);
+  uintmax_t bytes = 0;
+  for (const FoundFile& file : files) bytes += file.bytes;
+  std::string all;
+  for (const FoundFile& file : files) {
+    all += fmt::format("{} {} ", file.name, file.bytes);
+    if (bytes <= kMaxHashedBytes) {
+      all += HexText(HashBytes64(ReadFile(file.file)));
+    } else {
+      const auto time = std::filesystem::last_write_time(file.file).time_since_epoch();
+      all += std::to_string(std::chrono::duration_cast<std::chrono::nanoseconds>(time).count());
+    }
+    all += '\n';
+  }
+  return fmt::format("{} files, {} bytes, {}", files.size(), bytes, HexText(HashBytes64(all)));
+}
+
+std::string Replaced(std::string text, const std::string& from, const std::string& to) {
+  for (size_t at = 0; (at = text.find(from, at)) != std::string::npos; at += to.size()) {
+    text.replace(at, from.size(), to);
+  }
+  return text;
+}
+
+// Of "kind:PLACE[,key=value...]".
+std::string PlaceOfSpec(const std::string& spec) {
+  const size_t colon = spec.find(':');
+  const size_t comma = spec.find(',');
+  if (colon == std::string::npos || colon > comma) return {};
+  return spec.substr(colon + 1, comma == std::string::npos ? comma : comma - colon - 1);
+}
+
+Json PerturbationJson(const DepthPerturbation& p) {
+  return {{"scale", p.scale},
+          {"scale_sigma", p.scale_sigma},
+          {"warp", p.warp_sigma},
+          {"bubbles", p.bubbles},
+          {"bubble_height", p.bubble_height},
+          {"floaters", p.floaters},
+          {"flying", p.flying_share},
+          {"noise", p.noise_sigma},
+          {"relative_noise", p.relative_noise_sigma},
+          {"quantize", p.quantization_step},
+          {"holes", p.hole_share},
+          {"seed", p.seed}};
+}
+
+// Collects the inputs of cells; what many cells share is looked at once.
+class InputCollector {
+ public:
+  explicit InputCollector(const Experiment& experiment) : experiment_(experiment) {}
+
+  std::string Describe(const Setting& setting, uint64_t seed, size_t begin, size_t end) {
+    Json inputs = {{"version", kCellVersion},
+                   {"raylift_version", RAYLIFT_VERSION},
+                   {"scene", SceneJson(setting)},
+                   {"every", setting[Axis::kEvery]}};
+    if (!setting[Axis::kGeometry].empty()) {
+      inputs["geometry"] = GeometryJson(setting);
+      inputs["align"] = setting[Axis::kAlign];
+      inputs["filter"] = FilterJson(setting);
+    }
+    inputs["method"] = MethodJson(setting);
+    inputs["seed"] = seed;
+    inputs["queries"] = {begin, end};
+    return inputs.dump(-1, ' ', false, Json::error_handler_t::replace);
+  }
+
+ private:
+  Json SceneJson(const Setting& setting) {
+    const ExperimentScene& scene = experiment_.SceneOf(setting);
+    const std::string& every = setting[Axis::kEvery];
+    Json json = {{"model", identity_.Of(scene.model)},
+                 {"model_poses", scene.model_poses},
+                 {"queries", identity_.Of(scene.queries)},
+                 {"top_k", scene.top_k}};
+    if (scene.features.empty()) {
+      json["images"] = identity_.Of(scene.images);
+      json["query_images"] = identity_.Of(scene.query_images);
+      json["max_features"] = scene.max_features;
+    } else {
+      json["features"] = identity_.Of(ForThinning(scene.features, every));
+      json["matches"] = identity_.Of(ForThinning(scene.matches, every));
+      json["pairs"] = identity_.Of(ForThinning(scene.pairs, every));
+    }
+    return json;
+  }
+
+  Json GeometryJson(const Setting& setting) {
+    const ExperimentScene& scene = experiment_.SceneOf(setting);
+    const ExperimentGeometry& geometry = *scene.FindGeometry(setting[Axis::kGeometry]);
+    const std::string spec = Replaced(geometry.spec, "{every}", setting[Axis::kEvery]);
+    // The path itself may change where the data were moved.
+    const std::string place = PlaceOfSpec(spec);
+    Json json = {{"spec", place.empty() ? spec : Replaced(spec, place, "")}};
+    std::vector<path> inputs = PathsOfSpec(spec);
+    if (inputs.empty()) inputs.push_back(scene.model);
+    for (const path& input : inputs) json["data"].push_back(identity_.Of(input));
+    if (geometry.perturbation) json["perturbation"] = PerturbationJson(*geometry.perturbation);
+    return json;
+  }
+
+  Json FilterJson(const Setting& setting) const {
+    const NamedFilter& filter = experiment_.FilterNamed(setting[Axis::kFilter]);
+    Json json = {{"mode", ToString(filter.mode)}};
+    if (filter.mode == FilterMode::kFixed) {
+      json["reprojection_px"] = filter.thresholds.reprojection_px;
+      json["min_views"] = filter.thresholds.min_views;
+      json["min_ratio"] = filter.thresholds.min_ratio;
+    }
+    return json;
+  }
+
+  Json MethodJson(const Setting& setting) const {
+    const EstimatorOptions& options = experiment_.estimator;
+    return {{"name", setting[Axis::kMethod]},
+            {"score", setting[Axis::kScore]},
+            {"lo", setting[Axis::kLo]},
+            {"alpha", setting[Axis::kAlpha]},
+            {"reprojection_threshold_px", options.reprojection_threshold_px},
+            {"sampson_threshold_px", options.sampson_threshold_px},
+            {"min_iterations", options.min_iterations},
+            {"max_iterations", options.max_iterations},
+            {"confidence", options.confidence}};
+  }
+
+  const Experiment& experiment_;
+  InputIdentity identity_;
+};
+
+// In the order of the work: what is opened together stands together.
+void SortByWork(std::vector<Cell>& cells, const Experiment& experiment) {
+  const auto scene_index = [&](const Cell& cell) {
+    return &experiment.SceneOf(cell.setting) - experiment.scenes.data();
+  };
+  std::stable_sort(cells.begin(), cells.end(), [&](const Cell& a, const Cell& b) {
+    const auto key = [&](const Cell& cell) {
+      const std::string& every = cell.setting[Axis::kEvery];
+      return std::tuple(scene_index(cell), every.size(), every, cell.begin);
+    };
+    return key(a) < key(b);
+  });
+}
+
+}  // namespace
+
+const std::string& InputIdentity::Of(const path& input) {
+  const auto known = known_.find(input);
+  if (known != known_.end()) return known->second;
+  return known_.emplace(input, DescribeInput(input)).first->second;
+}
+
+path ForThinning(const path& input, const std::string& every) {
+  return Replaced(input.string(), "{every}", every);
+}
+
+std::vector<path> PathsOfSpec(const std::string& spec) {
+  const std::string place = PlaceOfSpec(spec);
+  std::vector<path> paths;
+  if (place.empty()) return paths;
+  std::error_code ignored;
+  if (std::filesystem::exists(place, ignored)) return {place};
+  for (const std::string_view part : SplitBy(place, '+')) {
+    path file(part);
+    if (part.find('*') != std::string_view::npos) file = file.parent_path();
+    paths.push_back(file.empty() ? path(".") : file);
+  }
+  return paths;
+}
+
+std::vector<path> MissingInputs(const Experiment& experiment, std::span<const Setting> settings) {
+  std::vector<path> missing;
+  std::set<path> seen;
+  const auto look = [&](const path& input) {
+    std::error_code ignored;
+    if (input.empty() || !seen.insert(input).second) return;
+    if (!std::filesystem::exists(input, ignored)) missing.push_back(input);
+  };
+  for (const Setting& setting : settings) {
+    const ExperimentScene& scene = experiment.SceneOf(setting);
+    const std::string& every = setting[Axis::kEvery];
+    look(scene.model);
+    look(scene.queries);
+    look(scene.ground_truth);
+    if (scene.features.empty()) {
+      look(scene.images);
+      look(scene.query_images);
+    }
+    for (const path& file : {scene.features, scene.matches, scene.pairs}) {
+      look(ForThinning(file, every));
+    }
+    if (const auto* geometry = scene.FindGeometry(setting[Axis::kGeometry])) {
+      for (const path& file : PathsOfSpec(ForThinning(geometry->spec, every).string())) look(file);
+    }
+  }
+  return missing;
+}
+
+std::vector<Cell> ListCells(const Experiment& experiment, std::span<const Setting> settings) {
+  InputCollector collector(experiment);
+  std::map<std::string, size_t> num_queries;  // by scene
+  std::vector<Cell> cells;
+  for (const Setting& setting : settings) {
+    const ExperimentScene& scene = experiment.SceneOf(setting);
+    auto count = num_queries.find(scene.name);
+    if (count == num_queries.end()) {
+      count = num_queries.emplace(scene.name, ReadQueryList(scene.queries).size()).first;
+    }
+    for (const uint64_t seed : experiment.seeds) {
+      for (size_t begin = 0; begin < count->second; begin += kQueriesPerCell) {
+        const size_t end = std::min(begin + kQueriesPerCell, count->second);
+        cells.push_back({setting, seed, begin, end, collector.Describe(setting, seed, begin, end)});
+      }
+    }
+  }
+  SortByWork(cells, experiment);
+  return cells;
+}
+
+}  // namespace raylift

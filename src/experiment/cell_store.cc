@@ -1,0 +1,96 @@
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/hash.h"
+#include "raylift/experiment/cells.h"
+
+namespace raylift {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json PoseJson(const std::optional<Rigid3>& pose) {
+  if (!pose) return nullptr;
+  const Eigen::Quaterniond& q = pose->rotation;
+  const Eigen::Vector3d& t = pose->translation;
+  return {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()};
+}
+
+std::optional<Rigid3> PoseFromJson(const Json& json) {
+  if (json.is_null()) return std::nullopt;
+  const auto at = [&](size_t i) { return json.at(i).get<double>(); };
+  Rigid3 pose;
+  pose.rotation = Eigen::Quaterniond(at(0), at(1), at(2), at(3));
+  pose.translation = {at(4), at(5), at(6)};
+  return pose;
+}
+
+Json ToJson(const QueryOutcome& outcome) {
+  return {{"name", outcome.name},
+          {"pose", PoseJson(outcome.cam_from_world)},
+          {"position_observable", outcome.position_observable},
+          {"reason", outcome.reason},
+          {"inliers_2d3d", outcome.inliers_2d3d},
+          {"inliers_2d2d", outcome.inliers_2d2d},
+          {"matches_2d3d", outcome.matches_2d3d},
+          {"matches_2d2d", outcome.matches_2d2d},
+          {"solver", ToString(outcome.solver)}};
+}
+
+QueryOutcome FromJson(const Json& json) {
+  QueryOutcome outcome;
+  outcome.name = json.at("name");
+  outcome.cam_from_world = PoseFromJson(json.at("pose"));
+  outcome.position_observable = json.at("position_observable");
+  outcome.reason = json.at("reason");
+  outcome.inliers_2d3d = json.at("inliers_2d3d");
+  outcome.inliers_2d2d = json.at("inliers_2d2d");
+  outcome.matches_2d3d = json.at("matches_2d3d");
+  outcome.matches_2d2d = json.at("matches_2d2d");
+  outcome.solver = json.at("solver") == ToString(Solver::kE5p1) ? Solver::kE5p1 : Solver::kP3p;
+  return outcome;
+}
+
+}  // namespace
+
+bool QueryOutcome::operator==(const QueryOutcome& other) const {
+  return ToJson(*this) == ToJson(other);
+}
+
+std::string Cell::Key() const { return HexText(HashBytes64(inputs)); }
+
+CellStore::CellStore(std::filesystem::path folder) : folder_(std::move(folder)) {}
+
+std::filesystem::path CellStore::FileOf(const Cell& cell) const {
+  return folder_ / (cell.Key() + ".json");
+}
+
+std::optional<std::vector<QueryOutcome>> CellStore::Read(const Cell& cell) const {
+  const auto file = FileOf(cell);
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(file, ignored)) return std::nullopt;
+  try {
+    const Json json = Json::parse(ReadFile(file));
+    if (json.at("inputs") != Json::parse(cell.inputs)) return std::nullopt;
+    std::vector<QueryOutcome> outcomes;
+    for (const Json& outcome : json.at("outcomes")) outcomes.push_back(FromJson(outcome));
+    if (outcomes.size() != cell.end - cell.begin) return std::nullopt;
+    return outcomes;
+  } catch (const nlohmann::json::exception&) {
+    return std::nullopt;  // damaged: made again
+  }
+}
+
+void CellStore::Write(const Cell& cell, std::span<const QueryOutcome> outcomes) const {
+  RAYLIFT_CHECK_EQ(outcomes.size(), cell.end - cell.begin);
+  Json list = Json::array();
+  for (const QueryOutcome& outcome : outcomes) list.push_back(ToJson(outcome));
+  const Json json = {{"setting", cell.setting.Name()},
+                     {"inputs", Json::parse(cell.inputs)},
+                     {"outcomes", std::move(list)}};
+  // File names need not be UTF-8; what is not is replaced.
+  WriteFile(FileOf(cell), json.dump(-1, ' ', false, Json::error_handler_t::replace) + '\n');
+}
+
+}  // namespace raylift

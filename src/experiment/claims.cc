@@ -1,0 +1,280 @@
+#include "raylift/experiment/claims.h"
+
+#include <algorithm>
+#include <functional>
+
+#include <fmt/format.h>
+
+#include "raylift/base/text.h"
+#include "raylift/base/text_table.h"
+#include "raylift/experiment/pivot.h"
+
+namespace raylift {
+namespace {
+
+// What is judged: a value of each query.
+struct Measure {
+  std::string name;
+  std::function<std::vector<double>(const SettingResult&)> per_query;
+};
+
+std::vector<Measure> MeasuresOf(const std::vector<Threshold>& thresholds) {
+  std::vector<Measure> measures;
+  for (size_t t = 0; t < thresholds.size(); ++t) {
+    const std::string limit = fmt::format("({}, {}deg)", FormatDouble(thresholds[t].position),
+                                          FormatDouble(thresholds[t].rotation_deg));
+    measures.push_back(
+        {"recall " + limit, [t](const SettingResult& result) { return result.RecallPerQuery(t); }});
+    measures.push_back(
+        {"AUC " + limit, [t](const SettingResult& result) { return result.AucPerQuery(t); }});
+  }
+  return measures;
+}
+
+double MeanOf(const std::vector<double>& values) {
+  double sum = 0;
+  for (const double value : values) sum += value;
+  return values.empty() ? 0 : sum / static_cast<double>(values.size());
+}
+
+Verdict Judge(Claim::Relation relation, double mean, const Interval& interval) {
+  if (interval.low > 0) return Verdict::kShown;
+  if (interval.high < 0) return Verdict::kContradicted;
+  return relation == Claim::Relation::kNotWorse && mean >= 0 ? Verdict::kHolds : Verdict::kNoise;
+}
+
+class ClaimJudge {
+ public:
+  ClaimJudge(const Experiment& experiment, const Claim& claim,
+             std::span<const SettingResult> results)
+      : experiment_(experiment), claim_(claim), results_(results) {
+    for (const Axis axis : kAllAxes) {
+      const bool is_named = claim.first.values.contains(axis) ||
+                            claim.second.values.contains(axis) || claim.to.values.contains(axis);
+      if (!IsOfMethod(axis) && !is_named) open_axes_.push_back(axis);
+    }
+  }
+
+  JudgedClaim Judged() {
+    JudgedClaim judged{claim_.name, claim_.text, {}};
+    for (const Setting& place : Places()) {
+      const auto firsts = Find(claim_.first, place);
+      const auto seconds = Find(claim_.second, place);
+      if (seconds.empty()) continue;
+      for (const SettingResult* first : firsts) {
+        for (const Measure& measure : MeasuresOf(first->thresholds)) {
+          judged.lines.push_back(Compare(place, *first, seconds, measure));
+        }
+      }
+    }
+    return judged;
+  }
+
+ private:
+  bool Takes(const Selection& selection, const SettingResult& result) const {
+    return !result.comparisons.empty() && claim_.where.Matches(result.setting) &&
+           selection.Matches(result.setting) && claim_.to.Matches(result.setting) &&
+           (claim_.to.values.empty() || FindBefore(result) != nullptr);
+  }
+
+  // The combinations of values on the open axes, those that matter to some setting.
+  std::vector<Setting> Places() const {
+    std::vector<Setting> places, incomplete;
+    for (const SettingResult& result : results_) {
+      if (!Takes(claim_.first, result) && !Takes(claim_.second, result)) continue;
+      Setting place;
+      bool complete = true;
+      for (const Axis axis : open_axes_) {
+        place[axis] = result.setting[axis];
+        complete = complete && !place[axis].empty();
+      }
+      std::vector<Setting>& list = complete ? places : incomplete;
+      if (std::find(list.begin(), list.end(), place) == list.end()) list.push_back(place);
+    }
+    return places.empty() ? incomplete : places;
+  }
+
+  std::vector<const SettingResult*> Find(const Selection& selection, const Setting& place) const {
+    std::vector<const SettingResult*> found;
+    for (const SettingResult& result : results_) {
+      const bool fits = std::all_of(open_axes_.begin(), open_axes_.end(), [&](Axis axis) {
+        const std::string& value = result.setting[axis];
+        return value.empty() || value == place[axis];
+      });
+      if (fits && Takes(selection, result)) found.push_back(&result);
+    }
+    return found;
+  }
+
+  // The same setting where the change begins.
+  const SettingResult* FindBefore(const SettingResult& result) const {
+    for (const SettingResult& other : results_) {
+      Setting moved = other.setting;
+      for (const auto& [axis, values] : claim_.from.values) moved[axis] = result.setting[axis];
+      if (moved == result.setting && claim_.from.Matches(other.setting)) return &other;
+    }
+    return nullptr;
+  }
+
+  // Values of the queries, or how they change.
+  std::vector<double> PerQuery(const SettingResult& result, const Measure& measure) const {
+    std::vector<double> values = measure.per_query(result);
+    if (claim_.from.values.empty()) return values;
+    const std::vector<double> before = measure.per_query(*FindBefore(result));
+    for (size_t q = 0; q < values.size(); ++q) values[q] -= before[q];
+    return values;
+  }
+
+  ClaimLine Compare(const Setting& place, const SettingResult& first,
+                    const std::vector<const SettingResult*>& seconds,
+                    const Measure& measure) const {
+    const std::vector<double> of_first = PerQuery(first, measure);
+    const SettingResult* best = nullptr;
+    std::vector<double> of_best;
+    for (const SettingResult* second : seconds) {
+      std::vector<double> values = PerQuery(*second, measure);
+      if (best == nullptr || MeanOf(values) > MeanOf(of_best)) {
+        best = second;
+        of_best = std::move(values);
+      }
+    }
+    std::vector<double> differences = of_first;
+    for (size_t q = 0; q < differences.size(); ++q) differences[q] -= of_best[q];
+    const Interval interval = QueryBootstrap(differences.size(), 0).Mean(differences);
+    return {.place = PlaceTitle(place, first),
+            .first = MethodTitleOf(first),
+            .second = MethodTitleOf(*best),
+            .measure = measure.name,
+            .first_percent = MeanOf(of_first),
+            .second_percent = MeanOf(of_best),
+            .difference_percent = interval,
+            .verdict = Judge(claim_.relation, MeanOf(differences), interval)};
+  }
+
+  std::string PlaceTitle(const Setting& place, const SettingResult& first) const {
+    Setting named = place;
+    if (named[Axis::kScene].empty()) named[Axis::kScene] = first.setting[Axis::kScene];
+    std::string title;
+    for (const Axis axis : open_axes_) {
+      const std::string text = ValueTitle(experiment_, named, std::string(ToString(axis)));
+      if (text.empty() || text == "off") continue;
+      title += (title.empty() ? "" : ", ") + text;
+    }
+    return title;
+  }
+
+  // What the claim names and the method's own values.
+  std::string MethodTitleOf(const SettingResult& result) const {
+    std::string title;
+    for (const Axis axis : kAllAxes) {
+      const bool is_open =
+          std::find(open_axes_.begin(), open_axes_.end(), axis) != open_axes_.end();
+      if (is_open || result.setting[axis].empty()) continue;
+      title += (title.empty() ? "" : ", ") +
+               ValueTitle(experiment_, result.setting, std::string(ToString(axis)));
+    }
+    return title;
+  }
+
+  const Experiment& experiment_;
+  const Claim& claim_;
+  std::span<const SettingResult> results_;
+  std::vector<Axis> open_axes_;
+};
+
+TableRow Fields(const ClaimLine& line) {
+  return {line.place,
+          line.first,
+          line.second,
+          line.measure,
+          fmt::format("{:.1f}", line.first_percent),
+          fmt::format("{:.1f}", line.second_percent),
+          fmt::format("{:+.1f}", line.first_percent - line.second_percent),
+          fmt::format("{:+.1f}", line.difference_percent.low),
+          fmt::format("{:+.1f}", line.difference_percent.high),
+          std::string(ToString(line.verdict))};
+}
+
+std::string Summary(const JudgedClaim& claim) {
+  std::string text;
+  for (const Verdict verdict :
+       {Verdict::kShown, Verdict::kHolds, Verdict::kNoise, Verdict::kContradicted}) {
+    const size_t count = claim.Count(verdict);
+    if (count == 0) continue;
+    text += fmt::format("{}{} {}", text.empty() ? "" : ", ", ToString(verdict), count);
+  }
+  return text.empty() ? "nothing to compare" : text;
+}
+
+}  // namespace
+
+std::string_view ToString(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::kShown:
+      return "shown";
+    case Verdict::kHolds:
+      return "holds";
+    case Verdict::kNoise:
+      return "noise";
+    case Verdict::kContradicted:
+      return "contradicted";
+  }
+  return {};
+}
+
+size_t JudgedClaim::Count(Verdict verdict) const {
+  return static_cast<size_t>(std::count_if(
+      lines.begin(), lines.end(), [&](const ClaimLine& line) { return line.verdict == verdict; }));
+}
+
+std::vector<JudgedClaim> JudgeClaims(const Experiment& experiment,
+                                     std::span<const SettingResult> results) {
+  std::vector<JudgedClaim> judged;
+  for (const Claim& claim : experiment.claims) {
+    judged.push_back(ClaimJudge(experiment, claim, results).Judged());
+  }
+  return judged;
+}
+
+std::string FormatClaimsText(std::span<const JudgedClaim> claims) {
+  std::string text;
+  for (const JudgedClaim& claim : claims) {
+    text += fmt::format("{}: {}\n    {}\n", claim.name, claim.text, Summary(claim));
+  }
+  return text;
+}
+
+std::string FormatClaimsMarkdown(std::span<const JudgedClaim> claims) {
+  std::string text =
+      "Differences of means over the queries with their 95 % intervals (paired bootstrap). Shown: "
+      "the interval is above 0; holds: not worse, within the noise; noise: it contains 0; "
+      "contradicted: it is below 0.\n";
+  for (const JudgedClaim& claim : claims) {
+    text += fmt::format("\n**{}. {}** {}.\n\n", claim.name, claim.text, Summary(claim));
+    if (claim.lines.empty()) continue;
+    text +=
+        "| where | first | second | measure | first % | second % | difference | low | high | |\n"
+        "|---|---|---|---|---|---|---|---|---|---|\n";
+    for (const ClaimLine& line : claim.lines) {
+      text += "|";
+      for (const std::string& field : Fields(line)) text += " " + field + " |";
+      text += "\n";
+    }
+  }
+  return text;
+}
+
+std::string FormatClaimsCsv(std::span<const JudgedClaim> claims) {
+  std::string text = CsvLine({"claim", "where", "first", "second", "measure", "first_percent",
+                              "second_percent", "difference", "low", "high", "verdict"});
+  for (const JudgedClaim& claim : claims) {
+    for (const ClaimLine& line : claim.lines) {
+      TableRow fields = Fields(line);
+      fields.insert(fields.begin(), claim.name);
+      text += CsvLine(fields);
+    }
+  }
+  return text;
+}
+
+}  // namespace raylift

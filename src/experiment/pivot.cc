@@ -1,0 +1,282 @@
+#include "raylift/experiment/pivot.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <set>
+
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+constexpr std::array<std::pair<TableValue, std::string_view>, 4> kValueNames = {
+    {{TableValue::kRecalls, "recalls"},
+     {TableValue::kMedian, "median"},
+     {TableValue::kAuc, "auc"},
+     {TableValue::kLocalized, "localized"}}};
+
+std::string ScoreTitle(const std::string& score) {
+  static const std::map<std::string, std::string> kTitles = {{"sum_inl", "sum. inl."},
+                                                             {"sum_inl_rat", "sum. inl. rat."},
+                                                             {"mult_inl", "mult. inl."},
+                                                             {"sum_msac", "sum. msac"},
+                                                             {"mult_msac", "mult. msac"}};
+  return kTitles.at(score);
+}
+
+std::string MethodTitleOf(const std::string& method) {
+  if (method == kOracle) return "Oracle";
+  for (const MethodName& name : AllMethods()) {
+    if (name.name == method) return std::string(name.title);
+  }
+  return method;
+}
+
+std::string FilterTitle(const Experiment& experiment, const Setting& setting,
+                        const std::string& axis) {
+  const std::string& name = setting[Axis::kFilter];
+  if (name.empty()) return {};
+  const NamedFilter& filter = experiment.FilterNamed(name);
+  if (filter.mode == FilterMode::kOff) return "-";
+  if (filter.mode == FilterMode::kAuto) return "auto";
+  if (axis == "filter_reprojection_px") return FormatDouble(filter.thresholds.reprojection_px);
+  if (axis == "filter_min_views") return std::to_string(filter.thresholds.min_views);
+  return filter.thresholds.min_ratio > 0 ? FormatDouble(filter.thresholds.min_ratio) : "-";
+}
+
+// What tells settings apart on an axis; empty: it does not matter.
+std::string Value(const Experiment& experiment, const Setting& setting, const std::string& axis) {
+  if (const auto known = AxisFromName(axis)) return setting[*known];
+  return FilterTitle(experiment, setting, axis);
+}
+
+std::vector<std::string> ValuesOf(const Experiment& experiment, const Setting& setting,
+                                  const std::vector<std::string>& axes) {
+  std::vector<std::string> values;
+  for (const std::string& axis : axes) values.push_back(Value(experiment, setting, axis));
+  return values;
+}
+
+// Equal but for axes that do not matter to the setting.
+bool Fits(const std::vector<std::string>& of_setting, const std::vector<std::string>& column) {
+  for (size_t i = 0; i < column.size(); ++i) {
+    if (!of_setting[i].empty() && of_setting[i] != column[i]) return false;
+  }
+  return true;
+}
+
+struct PrintedValue {
+  double value;
+  std::string text;
+};
+
+PrintedValue Printed(double value, int digits) {
+  if (!std::isfinite(value)) return {value, "inf"};
+  std::string text = fmt::format("{:.{}f}", value, digits);
+  return {ParseDouble(text).value(), std::move(text)};
+}
+
+std::vector<PrintedValue> PrintedValues(const SettingResult& result, TableValue value) {
+  std::vector<PrintedValue> printed;
+  switch (value) {
+    case TableValue::kRecalls:
+      for (size_t t = 0; t < result.thresholds.size(); ++t) {
+        printed.push_back(Printed(result.RecallPercent(t), 1));
+      }
+      break;
+    case TableValue::kAuc:
+      for (size_t t = 0; t < result.thresholds.size(); ++t) {
+        printed.push_back(Printed(result.AucPercent(t), 1));
+      }
+      break;
+    case TableValue::kMedian:
+      printed.push_back(Printed(result.MedianPosition(), 4));
+      printed.push_back(Printed(result.MedianRotationDeg(), 3));
+      break;
+    case TableValue::kLocalized:
+      printed.push_back(Printed(result.LocalizedPercent(), 1));
+      break;
+  }
+  return printed;
+}
+
+// The thresholds where all scenes have the same, else their numbers.
+std::vector<std::string> NamesOfValues(TableValue value,
+                                       std::span<const SettingResult* const> all) {
+  if (value == TableValue::kMedian) return {"position", "deg"};
+  if (value == TableValue::kLocalized) return {"localized %"};
+  std::vector<std::string> names;
+  size_t count = 0;
+  for (const SettingResult* result : all) count = std::max(count, result->thresholds.size());
+  for (size_t t = 0; t < count; ++t) {
+    std::set<std::string> texts;
+    for (const SettingResult* result : all) {
+      if (t >= result->thresholds.size()) continue;
+      texts.insert(fmt::format("({}, {}deg)", FormatDouble(result->thresholds[t].position),
+                               FormatDouble(result->thresholds[t].rotation_deg)));
+    }
+    names.push_back(texts.size() == 1 ? *texts.begin() : fmt::format("threshold {}", t + 1));
+  }
+  return names;
+}
+
+void RankColumn(PivotTable& table, size_t column) {
+  for (size_t v = 0; v < table.value_names.size(); ++v) {
+    std::set<double> values;
+    const auto ranked = [&](const PivotTable::Row& row) {
+      return !row.uses_ground_truth && row.cells[column].known &&
+             v < row.cells[column].values.size();
+    };
+    for (const PivotTable::Row& row : table.rows) {
+      if (ranked(row)) values.insert(row.cells[column].values[v]);
+    }
+    std::vector<double> order(values.begin(), values.end());
+    if (!table.low_is_better) std::reverse(order.begin(), order.end());
+    for (PivotTable::Row& row : table.rows) {
+      if (!ranked(row)) continue;
+      PivotCell& cell = row.cells[column];
+      const auto place = std::find(order.begin(), order.end(), cell.values[v]) - order.begin();
+      cell.places[v] = place < 3 ? static_cast<int>(place) + 1 : 0;
+    }
+  }
+}
+
+}  // namespace
+
+std::string_view ToString(TableValue value) {
+  for (const auto& [known, name] : kValueNames) {
+    if (known == value) return name;
+  }
+  return {};
+}
+
+std::optional<TableValue> TableValueFromName(std::string_view name) {
+  for (const auto& [value, known] : kValueNames) {
+    if (known == name) return value;
+  }
+  return std::nullopt;
+}
+
+std::string AxisTitle(const std::string& axis) {
+  static const std::map<std::string, std::string> kTitles = {{"scene", "Scene"},
+                                                             {"every", "References"},
+                                                             {"geometry", "Geometry"},
+                                                             {"align", "Alignment"},
+                                                             {"filter", "Filter"},
+                                                             {"method", "Method"},
+                                                             {"score", "Scoring"},
+                                                             {"lo", "LO"},
+                                                             {"alpha", "alpha"},
+                                                             {"filter_reprojection_px", "RE thr."},
+                                                             {"filter_min_views", "in. thr."},
+                                                             {"filter_min_ratio", "rel. thr."}};
+  return kTitles.at(axis);
+}
+
+std::string ValueTitle(const Experiment& experiment, const Setting& setting,
+                       const std::string& axis) {
+  const std::string value = Value(experiment, setting, axis);
+  const auto known = AxisFromName(axis);
+  if (value.empty() || !known) return value;
+  const ExperimentScene& scene = experiment.SceneOf(setting);
+  switch (*known) {
+    case Axis::kScene:
+      return scene.title;
+    case Axis::kEvery:
+      return "1/" + value;
+    case Axis::kGeometry:
+      return scene.FindGeometry(value)->title;
+    case Axis::kMethod:
+      return MethodTitleOf(value);
+    case Axis::kScore:
+      return ScoreTitle(value);
+    case Axis::kAlign:
+    case Axis::kFilter:
+    case Axis::kLo:
+    case Axis::kAlpha:
+      return value;
+  }
+  return value;
+}
+
+PivotTable MakePivot(const Experiment& experiment, const TableLayout& layout,
+                     std::span<const SettingResult> results) {
+  PivotTable table;
+  table.name = layout.name;
+  table.title = layout.title;
+  table.low_is_better = layout.value == TableValue::kMedian;
+  for (const std::string& axis : layout.rows) table.row_axes.push_back(AxisTitle(axis));
+  for (const std::string& axis : layout.columns) table.column_axes.push_back(AxisTitle(axis));
+
+  std::vector<const SettingResult*> shown;
+  for (const SettingResult& result : results) {
+    if (layout.where.Matches(result.setting)) shown.push_back(&result);
+  }
+  table.value_names = NamesOfValues(layout.value, shown);
+
+  std::vector<std::vector<std::string>> row_keys, column_keys;
+  const auto has_all = [](const std::vector<std::string>& values) {
+    return std::none_of(values.begin(), values.end(),
+                        [](const std::string& value) { return value.empty(); });
+  };
+  const auto add = [](std::vector<std::vector<std::string>>& keys,
+                      const std::vector<std::string>& key) {
+    const bool is_new = std::find(keys.begin(), keys.end(), key) == keys.end();
+    if (is_new) keys.push_back(key);
+    return is_new;
+  };
+  const auto titles = [&](const Setting& setting, const std::vector<std::string>& axes) {
+    std::vector<std::string> texts;
+    for (const std::string& axis : axes) texts.push_back(ValueTitle(experiment, setting, axis));
+    return texts;
+  };
+  for (const bool complete : {true, false}) {
+    if (!complete && !column_keys.empty()) break;
+    for (const SettingResult* result : shown) {
+      const auto key = ValuesOf(experiment, result->setting, layout.columns);
+      if (has_all(key) != complete) continue;
+      if (add(column_keys, key)) table.columns.push_back(titles(result->setting, layout.columns));
+    }
+  }
+  for (const SettingResult* result : shown) {
+    if (!add(row_keys, ValuesOf(experiment, result->setting, layout.rows))) continue;
+    PivotTable::Row& row = table.rows.emplace_back();
+    row.titles = titles(result->setting, layout.rows);
+    row.uses_ground_truth = result->uses_ground_truth;
+    row.cells.resize(column_keys.size());
+  }
+  std::map<std::pair<size_t, size_t>, const Setting*> taken;
+  for (const SettingResult* result : shown) {
+    const auto row_key = ValuesOf(experiment, result->setting, layout.rows);
+    const auto r = static_cast<size_t>(std::find(row_keys.begin(), row_keys.end(), row_key) -
+                                       row_keys.begin());
+    const auto column_key = ValuesOf(experiment, result->setting, layout.columns);
+    for (size_t c = 0; c < column_keys.size(); ++c) {
+      if (!Fits(column_key, column_keys[c])) continue;
+      const auto [other, is_first] = taken.emplace(std::pair(r, c), &result->setting);
+      if (!is_first) {
+        throw InputError(experiment.file, "table " + layout.name,
+                         fmt::format("{} and {} fall into one cell: name what tells them apart in "
+                                     "rows, columns or where",
+                                     other->second->Name(), result->setting.Name()));
+      }
+      PivotCell& cell = table.rows[r].cells[c];
+      cell.known = !result->comparisons.empty();
+      if (!cell.known) continue;
+      for (PrintedValue& printed : PrintedValues(*result, layout.value)) {
+        cell.values.push_back(printed.value);
+        cell.texts.push_back(std::move(printed.text));
+      }
+      cell.places.assign(cell.values.size(), 0);
+    }
+  }
+  for (size_t c = 0; c < column_keys.size(); ++c) RankColumn(table, c);
+  return table;
+}
+
+}  // namespace raylift

@@ -1,0 +1,85 @@
+#include "raylift/experiment/claims.h"
+
+#include "experiment/test_experiments.h"
+#include <gmock/gmock.h>
+
+namespace raylift {
+namespace {
+
+// The first `within` of 40 queries are exact, the others have no pose.
+SettingResult Result(const Setting& setting, int within) {
+  SettingResult result;
+  result.setting = setting;
+  result.thresholds = {{0.1, 1}};
+  Comparison& comparison = result.comparisons.emplace_back();
+  for (int q = 0; q < 40; ++q) {
+    comparison.queries.push_back({std::to_string(q), std::nullopt});
+    if (q < within) comparison.queries.back().error = PoseError{0, 0};
+  }
+  return result;
+}
+
+std::vector<JudgedClaim> Judged(const std::string& claim,
+                                const std::vector<SettingResult>& results) {
+  const Experiment experiment =
+      ReadText(kTwoScenes + "[[grid]]\nscene = \"room\"\n[[claim]]\ntext = \"t\"\n" + claim);
+  return JudgeClaims(experiment, results);
+}
+
+const std::vector<SettingResult> kResults = {
+    Result(RoomSetting("1", "mesh", "p3p"), 38),
+    Result(RoomSetting("1", "noisy", "p3p"), 10),
+    Result(RoomSetting("5", "mesh", "p3p"), 15),
+    Result(RoomSetting("1", "", "e5p1"), 24),
+    Result(RoomSetting("5", "", "e5p1"), 20),
+    Result(RoomSetting("1", "mesh", "adaptive", "sum_msac"), 38)};
+
+TEST(Claims, ADifferenceOfManyQueriesIsShown) {
+  const auto judged = Judged(
+      "first = {method = \"p3p\"}\nsecond = {method = \"e5p1\"}\nwhere = {every = 1}\n", kResults);
+  ASSERT_EQ(judged.size(), 1u);
+  // Recall and AUC in two places: by the mesh and by noisy depth.
+  ASSERT_EQ(judged[0].lines.size(), 4u);
+  const ClaimLine& mesh = judged[0].lines[0];
+  EXPECT_EQ(mesh.place, "The room, 1/1, mesh");
+  EXPECT_EQ(mesh.first, "P3P");
+  EXPECT_EQ(mesh.second, "E5+1");
+  EXPECT_EQ(mesh.first_percent, 95);
+  EXPECT_EQ(mesh.second_percent, 60);
+  EXPECT_EQ(mesh.verdict, Verdict::kShown);
+  EXPECT_EQ(judged[0].lines[2].verdict, Verdict::kContradicted);
+}
+
+TEST(Claims, TheBetterOfSeveralIsTaken) {
+  const auto judged = Judged(
+      "first = {method = \"adaptive\"}\nsecond = {method = [\"p3p\", \"e5p1\"]}\n"
+      "where = {every = 1, geometry = \"mesh\"}\nrelation = \"not_worse\"\n",
+      kResults);
+  ASSERT_EQ(judged[0].lines.size(), 2u);
+  EXPECT_EQ(judged[0].lines[0].second, "P3P");
+  EXPECT_EQ(judged[0].lines[0].verdict, Verdict::kHolds);
+}
+
+TEST(Claims, ChangesAreCompared) {
+  const auto judged = Judged(
+      "first = {method = \"e5p1\"}\nsecond = {method = \"p3p\"}\n"
+      "where = {geometry = \"mesh\"}\nfrom = {every = 1}\nto = {every = 5}\n",
+      kResults);
+  ASSERT_EQ(judged[0].lines.size(), 2u);
+  EXPECT_NEAR(judged[0].lines[0].first_percent, -10, 1e-9);
+  EXPECT_NEAR(judged[0].lines[0].second_percent, -57.5, 1e-9);
+  EXPECT_EQ(judged[0].lines[0].verdict, Verdict::kShown);
+}
+
+TEST(Claims, FormsNameTheVerdict) {
+  const auto judged = Judged(
+      "first = {method = \"p3p\"}\nsecond = {method = \"e5p1\"}\nwhere = {every = 1}\n", kResults);
+  EXPECT_THAT(FormatClaimsText(judged), ::testing::HasSubstr("shown 2, contradicted 2"));
+  EXPECT_THAT(FormatClaimsCsv(judged),
+              ::testing::HasSubstr("1,\"The room, 1/1, mesh\",P3P,E5+1,\"recall (0.1, 1deg)\",95.0,"
+                                   "60.0,+35.0,"));
+  EXPECT_THAT(FormatClaimsMarkdown(judged), ::testing::HasSubstr("**1. t** shown 2"));
+}
+
+}  // namespace
+}  // namespace raylift

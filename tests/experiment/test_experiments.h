@@ -1,0 +1,55 @@
+// Experiments from texts, for tests.
+
+#pragma once
+
+#include <string>
+
+#include "support/test_data.h"
+
+#include "raylift/base/file.h"
+#include "raylift/experiment/experiment_file.h"
+
+namespace raylift {
+
+// A scene "room" with two geometries and a scene "hall" without any; nothing of it exists.
+inline const std::string kTwoScenes = R"(
+[scenes.room]
+title = "The room"
+model = "room/model"
+images = "room/images"
+queries = "room/queries.txt"
+ground_truth = "room/truth"
+thresholds = "0.1,1:0.5,5"
+[scenes.room.geometry]
+mesh = "mesh:room/room.ply,back_faces=drop"
+noisy = { spec = "mesh:room/room.ply", title = "noisy depth", scale_sigma = 0.1 }
+[scenes.hall]
+model = "hall/model"
+images = "hall/images"
+queries = "hall/queries.txt"
+thresholds = "7scenes"
+)";
+
+inline Experiment ReadText(const std::string& text) {
+  const auto file = TestFolder() / "experiment.toml";
+  WriteFile(file, text);
+  return ReadExperiment(file, [](const std::string& name) {
+    return name == "KNOWN" ? std::optional<std::string>("/known") : std::nullopt;
+  });
+}
+
+// A setting of kTwoScenes' room; values in the order of the axes.
+inline Setting RoomSetting(const std::string& every, const std::string& geometry,
+                           const std::string& method, const std::string& score = "") {
+  Setting setting;
+  setting[Axis::kScene] = "room";
+  setting[Axis::kEvery] = every;
+  setting[Axis::kGeometry] = geometry;
+  setting[Axis::kAlign] = setting[Axis::kFilter] = geometry.empty() ? "" : "off";
+  setting[Axis::kMethod] = method;
+  setting[Axis::kScore] = score;
+  if (!score.empty()) setting[Axis::kLo] = "hybrid";
+  return setting;
+}
+
+}  // namespace raylift
