@@ -27,6 +27,7 @@ struct ExperimentFlags {
   path file, out;
   std::string datasets;
   std::vector<std::string> variables;  // NAME=VALUE
+  bool own_features = false;
   bool dry_run = false;
   RunFlags run;
 };
@@ -50,11 +51,24 @@ VariableLookup Variables(const ExperimentFlags& flags) {
   };
 }
 
+Experiment ReadWithOptions(const ExperimentFlags& flags) {
+  Experiment experiment = ReadExperiment(flags.file, Variables(flags));
+  if (!flags.own_features) return experiment;
+  for (ExperimentScene& scene : experiment.scenes) {
+    if (scene.images.empty() && !scene.file_is_missing) {
+      throw InputError(experiment.file, "scenes." + scene.name + ".images",
+                       "is missing: --own-features needs it");
+    }
+    for (path* file : {&scene.features, &scene.matches, &scene.pairs}) file->clear();
+  }
+  return experiment;
+}
+
 class ExperimentRun {
  public:
   explicit ExperimentRun(const ExperimentFlags& flags)
       : flags_(flags),
-        experiment_(ReadExperiment(flags.file, Variables(flags))),
+        experiment_(ReadWithOptions(flags)),
         settings_(ExpandGrid(experiment_)),
         estimated_(SettingsToEstimate(settings_, experiment_)),
         store_(flags.out / "cells") {}
@@ -164,6 +178,10 @@ Command AddExperimentCommand(CLI::App& program) {
       ->add_option("--set", flags->variables,
                    "NAME=VALUE, repeated: ${NAME} in the file (default: of the environment)")
       ->allow_extra_args(false)
+      ->group("Input");
+  command
+      ->add_flag("--own-features", flags->own_features,
+                 "RootSIFT and VLAD made here instead of the file's features, matches and pairs")
       ->group("Input");
   command
       ->add_option("--out", flags->out,

@@ -13,6 +13,7 @@
 #include "raylift/base/hash.h"
 #include "raylift/base/text.h"
 #include "raylift/experiment/cells.h"
+#include "raylift/io/scene_file.h"
 
 namespace raylift {
 namespace {
@@ -127,6 +128,7 @@ class InputCollector {
                  {"model_poses", scene.model_poses},
                  {"queries", identity_.Of(scene.queries)},
                  {"top_k", scene.top_k}};
+    if (!scene.group.empty()) json["group"] = {identity_.Of(scene.groups), scene.group};
     if (scene.features.empty()) {
       json["images"] = identity_.Of(scene.images);
       json["query_images"] = identity_.Of(scene.query_images);
@@ -221,6 +223,23 @@ std::vector<path> PathsOfSpec(const std::string& spec) {
   return paths;
 }
 
+std::vector<Query> QueriesOf(const ExperimentScene& scene) {
+  std::vector<Query> queries = ReadQueryList(scene.queries);
+  if (!scene.group.empty()) {
+    const std::map<std::string, std::string> groups = ReadGroups(scene.groups);
+    std::erase_if(queries, [&](const Query& query) {
+      const auto group = groups.find(query.name);
+      return group == groups.end() || group->second != scene.group;
+    });
+  }
+  if (queries.empty()) {
+    throw InputError(scene.queries, scene.group.empty()
+                                        ? std::string("holds no queries")
+                                        : fmt::format("no query is of group {}", scene.group));
+  }
+  return queries;
+}
+
 std::vector<path> MissingInputs(const Experiment& experiment, std::span<const Setting> settings) {
   std::vector<path> missing;
   std::set<path> seen;
@@ -232,8 +251,10 @@ std::vector<path> MissingInputs(const Experiment& experiment, std::span<const Se
   for (const Setting& setting : settings) {
     const ExperimentScene& scene = experiment.SceneOf(setting);
     const std::string& every = setting[Axis::kEvery];
+    look(scene.file);
     look(scene.model);
     look(scene.queries);
+    look(scene.groups);
     look(scene.ground_truth);
     if (scene.features.empty()) {
       look(scene.images);
@@ -257,7 +278,7 @@ std::vector<Cell> ListCells(const Experiment& experiment, std::span<const Settin
     const ExperimentScene& scene = experiment.SceneOf(setting);
     auto count = num_queries.find(scene.name);
     if (count == num_queries.end()) {
-      count = num_queries.emplace(scene.name, ReadQueryList(scene.queries).size()).first;
+      count = num_queries.emplace(scene.name, QueriesOf(scene).size()).first;
     }
     for (const uint64_t seed : experiment.seeds) {
       for (size_t begin = 0; begin < count->second; begin += kQueriesPerCell) {

@@ -3,15 +3,15 @@
 #include <algorithm>
 #include <charconv>
 #include <limits>
-#include <set>
 
+#include "experiment_layouts.h"
 #include "toml_table.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
 #include "raylift/geometry/pose_convention.h"
-#include "raylift/lifting/depth_alignment.h"
+#include "raylift/io/scene_file.h"
 
 namespace raylift {
 namespace {
@@ -53,9 +53,7 @@ class ExperimentReader {
     ReadFilters();
     for (TomlTable& block : top_.Tables("grid")) experiment_.blocks.push_back(ReadBlock(block));
     if (experiment_.blocks.empty()) top_.Fail("grid", "is missing");
-    for (TomlTable& table : top_.Tables("table")) ReadTable(table);
-    for (TomlTable& figure : top_.Tables("figure")) ReadFigure(figure);
-    for (TomlTable& claim : top_.Tables("claim")) ReadClaim(claim);
+    ReadLayouts(top_, experiment_);
     top_.RequireAllRead();
     return std::move(experiment_);
   }
@@ -64,10 +62,6 @@ class ExperimentReader {
   path Resolve(const std::string& text) const {
     if (text.empty()) return {};
     return (file_.parent_path() / text).lexically_normal();
-  }
-
-  path OptionalPath(TomlTable& table, std::string_view key) const {
-    return Resolve(table.Text(key).value_or(""));
   }
 
   static void ReadPositive(TomlTable& table, std::string_view key, int& value) {
@@ -140,38 +134,82 @@ class ExperimentReader {
     ExperimentScene scene;
     scene.name = name;
     scene.title = table.Text("title").value_or(name);
-    scene.model = Resolve(table.RequiredText("model"));
+    std::string thresholds;
+    if (const auto file = table.Text("scene")) thresholds = TakeSceneFile(Resolve(*file), scene);
+    TakePath(table, "model", scene.model);
     scene.model_poses = table.Text("model_poses").value_or(scene.model_poses);
     if (!PoseConventionFromName(scene.model_poses)) {
       table.Fail("model_poses", "expected " + PoseConventionNames());
     }
-    scene.images = OptionalPath(table, "images");
-    scene.query_images = OptionalPath(table, "query_images");
+    TakePath(table, "images", scene.images);
+    TakePath(table, "query_images", scene.query_images);
     if (scene.query_images.empty()) scene.query_images = scene.images;
-    scene.queries = Resolve(table.RequiredText("queries"));
-    scene.ground_truth = OptionalPath(table, "ground_truth");
-    scene.features = OptionalPath(table, "features");
-    scene.matches = OptionalPath(table, "matches");
-    scene.pairs = OptionalPath(table, "pairs");
+    TakePath(table, "queries", scene.queries);
+    TakePath(table, "groups", scene.groups);
+    scene.group = table.Text("group").value_or("");
+    TakePath(table, "ground_truth", scene.ground_truth);
+    for (const auto& [key, file] : {std::pair("features", &scene.features),
+                                    {"matches", &scene.matches},
+                                    {"pairs", &scene.pairs}}) {
+      TakePath(table, key, *file);
+    }
+    ReadPositive(table, "top_k", scene.top_k);
+    ReadPositive(table, "max_features", scene.max_features);
+    thresholds = table.Text("thresholds").value_or(thresholds);
+    if (!thresholds.empty()) {
+      scene.thresholds = Checked(table, "thresholds", [&] { return ParseThresholds(thresholds); });
+    }
+    if (auto geometry = table.Table("geometry")) TakeGeometries(*geometry, scene.geometry);
+    CheckScene(table, scene);
+    table.RequireAllRead();
+    return scene;
+  }
+
+  void TakePath(TomlTable& table, std::string_view key, path& value) const {
+    if (const auto text = table.Text(key)) value = Resolve(*text);
+  }
+
+  // Returns the thresholds.
+  static std::string TakeSceneFile(const path& file, ExperimentScene& scene) {
+    scene.file = file;
+    std::error_code ignored;
+    scene.file_is_missing = !std::filesystem::exists(file, ignored);
+    if (scene.file_is_missing) return {};
+    const SceneFile read = ReadSceneFile(file);
+    scene.model = read.references;
+    scene.images = read.images;
+    scene.queries = read.queries;
+    scene.query_images = read.query_images;
+    scene.ground_truth = read.ground_truth;
+    scene.groups = read.groups;
+    for (const SceneGeometry& geometry : read.geometries) {
+      scene.geometry.push_back({geometry.name, geometry.name, geometry.spec, std::nullopt});
+    }
+    return read.thresholds;
+  }
+
+  // What a scene cannot do without; a scene file that is missing may hold it.
+  static void CheckScene(const TomlTable& table, const ExperimentScene& scene) {
     const auto hloc = {scene.features, scene.matches, scene.pairs};
     const bool any =
         std::any_of(hloc.begin(), hloc.end(), [](const path& p) { return !p.empty(); });
     const bool all =
         std::all_of(hloc.begin(), hloc.end(), [](const path& p) { return !p.empty(); });
     if (any && !all) table.Fail("features", "features, matches and pairs go together");
+    if (scene.file_is_missing) return;
+    if (scene.model.empty()) table.Fail("model", "is missing");
+    if (scene.queries.empty()) table.Fail("queries", "is missing");
+    if (scene.thresholds.empty()) table.Fail("thresholds", "is missing");
     if (!any && scene.images.empty()) {
       table.Fail("images", "is missing: needed where there are no features, matches and pairs");
     }
-    ReadPositive(table, "top_k", scene.top_k);
-    ReadPositive(table, "max_features", scene.max_features);
-    const std::string thresholds = table.RequiredText("thresholds");
-    scene.thresholds = Checked(table, "thresholds", [&] { return ParseThresholds(thresholds); });
-    if (auto geometry = table.Table("geometry")) scene.geometry = ReadGeometries(*geometry);
-    table.RequireAllRead();
-    return scene;
+    if (!scene.group.empty() && scene.groups.empty()) {
+      table.Fail("group", "needs groups, a list of lines \"query group\"");
+    }
   }
 
-  std::vector<ExperimentGeometry> ReadGeometries(TomlTable& table) {
+  // After those of the scene file; one of the same name takes its place.
+  void TakeGeometries(TomlTable& table, std::vector<ExperimentGeometry>& all) {
     std::vector<ExperimentGeometry> geometries;
     for (const std::string& name : table.Keys()) {
       ExperimentGeometry& geometry = geometries.emplace_back();
@@ -190,7 +228,11 @@ class ExperimentReader {
                      [&](const ExperimentGeometry& a, const ExperimentGeometry& b) {
                        return table.LineOf(a.name) < table.LineOf(b.name);
                      });
-    return geometries;
+    for (ExperimentGeometry& geometry : geometries) {
+      std::erase_if(all,
+                    [&](const ExperimentGeometry& other) { return other.name == geometry.name; });
+      all.push_back(std::move(geometry));
+    }
   }
 
   // "mesh:PATH,key=value": the path is relative to the file.
@@ -248,174 +290,15 @@ class ExperimentReader {
     }
   }
 
-  GridBlock ReadBlock(TomlTable& table) {
-    GridBlock block{ReadSelection(table)};
+  GridBlock ReadBlock(TomlTable& table) const {
+    GridBlock block{ReadSelection(table, experiment_)};
     table.RequireAllRead();
     return block;
-  }
-
-  // Every axis that the table names, with values that the axis can have.
-  Selection ReadSelection(TomlTable& table) const {
-    Selection selection;
-    for (const Axis axis : kAllAxes) {
-      std::vector<std::string> values = table.Values(ToString(axis));
-      if (values.empty()) continue;
-      for (std::string& value : values) value = CheckValue(table, axis, value);
-      selection.values.emplace(axis, std::move(values));
-    }
-    return selection;
-  }
-
-  Selection ReadSelection(TomlTable& parent, std::string_view key) const {
-    auto table = parent.Table(key);
-    if (!table) return {};
-    Selection selection = ReadSelection(*table);
-    table->RequireAllRead();
-    return selection;
-  }
-
-  // The value as settings hold it.
-  std::string CheckValue(const TomlTable& table, Axis axis, const std::string& value) const {
-    const auto require = [&](bool good, const std::string& expected) {
-      if (!good) {
-        table.Fail(ToString(axis), fmt::format("expected {}, found \"{}\"", expected, value));
-      }
-    };
-    switch (axis) {
-      case Axis::kScene:
-        require(std::any_of(experiment_.scenes.begin(), experiment_.scenes.end(),
-                            [&](const ExperimentScene& scene) { return scene.name == value; }),
-                "names of [scenes]");
-        return value;
-      case Axis::kEvery: {
-        const auto number = ParseInt(value);
-        require(number && *number >= 1 && *number <= 1'000'000, "numbers of at least 1");
-        return std::to_string(*number);
-      }
-      case Axis::kGeometry:
-        require(std::any_of(experiment_.scenes.begin(), experiment_.scenes.end(),
-                            [&](const ExperimentScene& scene) {
-                              return scene.FindGeometry(value) != nullptr;
-                            }),
-                "names of a scene's geometry");
-        return value;
-      case Axis::kAlign:
-        require(AlignModeFromName(value).has_value(), "off|scale|affine|grid");
-        return value;
-      case Axis::kFilter:
-        require(std::any_of(experiment_.filters.begin(), experiment_.filters.end(),
-                            [&](const NamedFilter& filter) { return filter.name == value; }),
-                "off|fixed|auto or names of [filters]");
-        return value;
-      case Axis::kMethod:
-        require(value == kOracle || MethodFromName(value).has_value(),
-                "p3p|e5p1|adaptive|select|hybrid_ransac|hloc|oracle");
-        return value;
-      case Axis::kScore:
-        require(ScoreCombinationFromName(value).has_value(),
-                "sum_inl|sum_inl_rat|mult_inl|sum_msac|mult_msac");
-        return value;
-      case Axis::kLo:
-        require(LocalOptimizationFromName(value).has_value(), "hybrid|split");
-        return value;
-      case Axis::kAlpha: {
-        const auto number = ParseDouble(value);
-        require(number && *number >= 0, "numbers of at least 0");
-        return FormatDouble(*number);
-      }
-    }
-    return value;
-  }
-
-  std::vector<std::string> ReadAxes(TomlTable& table, std::string_view key) const {
-    static const std::set<std::string> kOfFilter = {"filter_reprojection_px", "filter_min_views",
-                                                    "filter_min_ratio"};
-    std::vector<std::string> axes = table.Values(key);
-    for (const std::string& axis : axes) {
-      if (!AxisFromName(axis) && !kOfFilter.contains(axis)) {
-        table.Fail(key, fmt::format("expected {}, filter_reprojection_px|filter_min_views|"
-                                    "filter_min_ratio, found \"{}\"",
-                                    AxisNames(), axis));
-      }
-    }
-    return axes;
-  }
-
-  // Of a file of results, hence a plain one, once.
-  std::string ReadName(TomlTable& table) {
-    const std::string name = table.RequiredText("name");
-    const bool plain = !name.empty() && std::all_of(name.begin(), name.end(), [](char c) {
-      return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
-             c == '_' || c == '-';
-    });
-    if (!plain) table.Fail("name", "expected letters, digits, _ and -");
-    if (!names_.insert(name).second) table.Fail("name", "stands twice");
-    return name;
-  }
-
-  static TableValue ReadValue(TomlTable& table) {
-    return table.Named("value", &TableValueFromName, "recalls|median|auc|localized")
-        .value_or(TableValue::kRecalls);
-  }
-
-  void ReadTable(TomlTable& table) {
-    TableLayout layout;
-    layout.name = ReadName(table);
-    layout.title = table.Text("title").value_or(layout.name);
-    layout.rows = ReadAxes(table, "rows");
-    layout.columns = ReadAxes(table, "columns");
-    if (layout.rows.empty()) table.Fail("rows", "is missing");
-    layout.value = ReadValue(table);
-    layout.where = ReadSelection(table, "where");
-    table.RequireAllRead();
-    experiment_.tables.push_back(std::move(layout));
-  }
-
-  void ReadFigure(TomlTable& table) {
-    FigureLayout layout;
-    layout.name = ReadName(table);
-    layout.title = table.Text("title").value_or(layout.name);
-    layout.panels = ReadAxes(table, "panels");
-    layout.lines = ReadAxes(table, "lines");
-    if (layout.lines.empty()) table.Fail("lines", "is missing");
-    layout.value = ReadValue(table);
-    layout.where = ReadSelection(table, "where");
-    table.RequireAllRead();
-    experiment_.figures.push_back(std::move(layout));
-  }
-
-  static std::optional<Claim::Relation> RelationFromName(std::string_view name) {
-    if (name == "better") return Claim::Relation::kBetter;
-    if (name == "not_worse") return Claim::Relation::kNotWorse;
-    return std::nullopt;
-  }
-
-  void ReadClaim(TomlTable& table) {
-    Claim claim;
-    claim.text = table.RequiredText("text");
-    claim.name = table.Text("name").value_or(std::to_string(experiment_.claims.size() + 1));
-    claim.where = ReadSelection(table, "where");
-    claim.first = ReadSelection(table, "first");
-    claim.second = ReadSelection(table, "second");
-    claim.relation =
-        table.Named("relation", &RelationFromName, "better|not_worse").value_or(claim.relation);
-    claim.from = ReadSelection(table, "from");
-    claim.to = ReadSelection(table, "to");
-    for (const auto& [key, selection] :
-         {std::pair("first", &claim.first), {"second", &claim.second}}) {
-      if (selection->values.empty()) table.Fail(key, "is missing");
-    }
-    if (claim.from.values.empty() != claim.to.values.empty()) {
-      table.Fail("from", "from and to go together");
-    }
-    table.RequireAllRead();
-    experiment_.claims.push_back(std::move(claim));
   }
 
   path file_;
   TomlTable top_;
   Experiment experiment_;
-  std::set<std::string> names_;
 };
 
 }  // namespace

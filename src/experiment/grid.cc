@@ -49,7 +49,7 @@ class GridExpansion {
     if (axis == Axis::kGeometry) {
       const ExperimentScene& scene = experiment_.SceneOf(setting);
       for (const std::string& name : given->second) {
-        if (scene.FindGeometry(name) == nullptr) {
+        if (scene.FindGeometry(name) == nullptr && !scene.file_is_missing) {
           throw InputError(
               experiment_.file, place_,
               fmt::format("geometry: the scene {} has none called \"{}\"", scene.name, name));
@@ -97,7 +97,8 @@ class GridExpansion {
 
   void Add(Setting setting) {
     if (setting[Axis::kMethod] == kE5p1Name) setting = E5p1Of(setting);
-    if (setting[Axis::kMethod] != kE5p1Name && setting[Axis::kGeometry].empty()) {
+    if (setting[Axis::kMethod] != kE5p1Name && setting[Axis::kGeometry].empty() &&
+        !experiment_.SceneOf(setting).file_is_missing) {
       throw InputError(experiment_.file, place_,
                        fmt::format("the method {} needs geometry, the scene {} has none",
                                    setting[Axis::kMethod], setting[Axis::kScene]));

@@ -79,7 +79,7 @@ class ThinnedScene {
         scene_(scene),
         every_(std::move(every)),
         options_(options),
-        queries_(ReadQueryList(scene.queries)) {
+        queries_(QueriesOf(scene)) {
     LoadedReferences loaded =
         LoadReferences(scene.model, static_cast<int>(ParseInt(every_).value()),
                        PoseConventionFromName(scene.model_poses).value());

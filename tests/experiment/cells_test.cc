@@ -87,6 +87,21 @@ TEST(Cells, MissingInputsAreFound) {
   EXPECT_THROW(ListCells(planned.experiment, settings), InputError);
 }
 
+TEST(Cells, AGroupIsAPartOfTheQueries) {
+  ExperimentScene scene;
+  scene.queries = TestFolder() / "queries.txt";
+  scene.groups = TestFolder() / "groups.txt";
+  WriteFile(scene.queries,
+            "a.jpg PINHOLE 640 480 500 500 320 240\nb.jpg PINHOLE 640 480 500 500 320 240\n");
+  WriteFile(scene.groups, "a.jpg day\nb.jpg night\n");
+  EXPECT_EQ(QueriesOf(scene).size(), 2u);
+  scene.group = "night";
+  ASSERT_EQ(QueriesOf(scene).size(), 1u);
+  EXPECT_EQ(QueriesOf(scene).front().name, "b.jpg");
+  scene.group = "dusk";
+  EXPECT_THROW(QueriesOf(scene), InputError);
+}
+
 QueryOutcome SomeOutcome(const std::string& name) {
   QueryOutcome outcome;
   outcome.name = name;

@@ -40,6 +40,41 @@ TEST(ExperimentFile, ReadsScenesInTheirOrderWithPathsRelativeToItself) {
   EXPECT_EQ(experiment.scenes[1].thresholds, ParseThresholds("7scenes"));
 }
 
+TEST(ExperimentFile, TakesFromASceneFileWhatItDoesNotSay) {
+  const auto folder = TestFolder();
+  WriteFile(folder / "data" / "scene.toml", R"(
+format = "raylift-scene/1"
+references = "sfm"
+images = "photos"
+queries = "queries.txt"
+groups = "groups.txt"
+thresholds = "aachen"
+[[geometry]]
+name = "mesh"
+spec = "mesh:a.ply"
+[[geometry]]
+name = "sfm"
+spec = "sfm"
+)");
+  const std::string text = R"(
+[scenes.night]
+scene = "data/scene.toml"
+group = "night"
+[scenes.night.geometry]
+mesh = "mesh:b.ply"
+[[grid]]
+)";
+  const ExperimentScene scene = ReadText(text, folder).scenes.front();
+  EXPECT_EQ(scene.model, folder / "data/sfm");
+  EXPECT_EQ(scene.query_images, folder / "data/photos");
+  EXPECT_EQ(scene.groups, folder / "data/groups.txt");
+  EXPECT_EQ(scene.group, "night");
+  EXPECT_EQ(scene.thresholds, ParseThresholds("aachen"));
+  ASSERT_EQ(scene.geometry.size(), 2u);
+  EXPECT_EQ(scene.FindGeometry("mesh")->spec, "mesh:" + (folder / "b.ply").string());
+  EXPECT_EQ(scene.FindGeometry("sfm")->spec, "sfm");
+}
+
 TEST(ExperimentFile, VariablesStandForTexts) {
   const std::string scene = R"(
 [scenes.a]

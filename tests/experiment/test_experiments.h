@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <filesystem>
 #include <string>
 
 #include "support/test_data.h"
@@ -30,8 +31,10 @@ queries = "hall/queries.txt"
 thresholds = "7scenes"
 )";
 
-inline Experiment ReadText(const std::string& text) {
-  const auto file = TestFolder() / "experiment.toml";
+// Written to `folder`, by default one that is empty.
+inline Experiment ReadText(const std::string& text,
+                           const std::filesystem::path& folder = TestFolder()) {
+  const auto file = folder / "experiment.toml";
   WriteFile(file, text);
   return ReadExperiment(file, [](const std::string& name) {
     return name == "KNOWN" ? std::optional<std::string>("/known") : std::nullopt;

@@ -57,6 +57,9 @@ std::filesystem::path ForThinning(const std::filesystem::path& path, const std::
 // The files or folders of a specification of geometry; none where it names none ("sfm").
 std::vector<std::filesystem::path> PathsOfSpec(const std::string& spec);
 
+// The queries of a scene, or those of its group. InputError where there are none.
+std::vector<Query> QueriesOf(const ExperimentScene& scene);
+
 // The inputs of the settings' scenes that are not there.
 std::vector<std::filesystem::path> MissingInputs(const Experiment& experiment,
                                                  std::span<const Setting> settings);

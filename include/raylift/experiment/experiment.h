@@ -31,10 +31,14 @@ struct ExperimentGeometry {
 struct ExperimentScene {
   std::string name;
   std::string title;
+  std::filesystem::path file;  // a scene file (io/scene_file.h) that gave what follows, or empty
+  bool file_is_missing = false;
   std::filesystem::path model;
   std::string model_poses = "cam_from_world";
   std::filesystem::path images, query_images;  // for the built-in features
   std::filesystem::path queries;
+  std::filesystem::path groups;        // of queries
+  std::string group;                   // only the queries of this group; empty: all
   std::filesystem::path ground_truth;  // empty: poses are written for a benchmark's server
   std::filesystem::path features, matches, pairs;
   int top_k = 20;

@@ -4,10 +4,12 @@
 //   seeds = [0, 1, 2]
 //
 //   [scenes.demo]
+//   scene = "demo/scene.toml"         # a scene file, and what it does not hold or shall not hold:
 //   model = "demo/model"              # as the options of `raylift localize`: images, queries,
 //   queries = "demo/queries.txt"      # query_images, features, matches, pairs, top_k, ...
 //   ground_truth = "demo/truth"       # without: poses are written for a benchmark's server
 //   thresholds = "0.1,1:0.25,2"
+//   group = "night"                   # only the queries of this group
 //   [scenes.demo.geometry]
 //   mesh = "mesh:demo/scene.obj"
 //   noisy = { spec = "mesh:demo/scene.obj", scale_sigma = 0.05 }   # as `raylift perturb`
@@ -46,8 +48,9 @@ namespace raylift {
 
 using VariableLookup = std::function<std::optional<std::string>(const std::string& name)>;
 
-// InputError with the file and the key for what is missing, unknown, of the wrong kind or out of
-// range.
+// A scene file that is not there is only noted (ExperimentScene::file_is_missing), so that a file
+// can be looked at without its data. InputError with the file and the key for what is missing,
+// unknown, of the wrong kind or out of range.
 Experiment ReadExperiment(const std::filesystem::path& file, const VariableLookup& variables);
 
 }  // namespace raylift
