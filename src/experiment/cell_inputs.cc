@@ -128,6 +128,9 @@ class InputCollector {
                  {"model_poses", scene.model_poses},
                  {"queries", identity_.Of(scene.queries)},
                  {"top_k", scene.top_k}};
+    if (scene.continuous) {
+      json["continuous"] = scene.times.empty() ? "by name" : identity_.Of(scene.times);
+    }
     if (!scene.group.empty()) json["group"] = {identity_.Of(scene.groups), scene.group};
     if (scene.features.empty()) {
       json["images"] = identity_.Of(scene.images);
@@ -255,6 +258,7 @@ std::vector<path> MissingInputs(const Experiment& experiment, std::span<const Se
     look(scene.model);
     look(scene.queries);
     look(scene.groups);
+    if (scene.continuous) look(scene.times);
     look(scene.ground_truth);
     if (scene.features.empty()) {
       look(scene.images);
@@ -281,8 +285,9 @@ std::vector<Cell> ListCells(const Experiment& experiment, std::span<const Settin
       count = num_queries.emplace(scene.name, QueriesOf(scene).size()).first;
     }
     for (const uint64_t seed : experiment.seeds) {
-      for (size_t begin = 0; begin < count->second; begin += kQueriesPerCell) {
-        const size_t end = std::min(begin + kQueriesPerCell, count->second);
+      const size_t step = scene.continuous ? count->second : kQueriesPerCell;
+      for (size_t begin = 0; begin < count->second; begin += step) {
+        const size_t end = std::min(begin + step, count->second);
         cells.push_back({setting, seed, begin, end, collector.Describe(setting, seed, begin, end)});
       }
     }

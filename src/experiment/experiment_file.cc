@@ -147,6 +147,8 @@ class ExperimentReader {
     TakePath(table, "queries", scene.queries);
     TakePath(table, "groups", scene.groups);
     scene.group = table.Text("group").value_or("");
+    scene.continuous = table.Boolean("continuous").value_or(false);
+    TakePath(table, "times", scene.times);
     TakePath(table, "ground_truth", scene.ground_truth);
     for (const auto& [key, file] : {std::pair("features", &scene.features),
                                     {"matches", &scene.matches},
@@ -182,6 +184,7 @@ class ExperimentReader {
     scene.query_images = read.query_images;
     scene.ground_truth = read.ground_truth;
     scene.groups = read.groups;
+    scene.times = read.times;
     for (const SceneGeometry& geometry : read.geometries) {
       scene.geometry.push_back({geometry.name, geometry.name, geometry.spec, std::nullopt});
     }

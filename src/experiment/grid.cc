@@ -157,7 +157,9 @@ Setting E5p1Of(const Setting& setting) {
 
 bool IsChosen(const Setting& setting, const Experiment& experiment) {
   if (setting[Axis::kMethod] == kOracle) return true;
+  // With localized queries among the references, each method has references of its own.
   return setting[Axis::kMethod] == ToString(Method::kSelect) &&
+         !experiment.SceneOf(setting).continuous &&
          experiment.FilterNamed(setting[Axis::kFilter]).mode != FilterMode::kAuto;
 }
 

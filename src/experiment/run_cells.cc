@@ -6,6 +6,7 @@
 #include <memory>
 #include <tuple>
 
+#include "continuous_cells.h"
 #include "perturbed_depth.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -91,6 +92,10 @@ class ThinnedScene {
 
   // Cells of one block of queries.
   void Run(std::span<const Cell> cells, const CellStore& store) {
+    if (scene_.continuous) {
+      for (const Cell& cell : cells) store.Write(cell, RunContinuously(cell));
+      return;
+    }
     const std::vector<PoseProblem> matched = MatchQueries(cells.front().begin, cells.front().end);
     std::map<GeometryKey, std::vector<Cell>> by_geometry;
     for (const Cell& cell : cells) {
@@ -125,12 +130,15 @@ class ThinnedScene {
     }
   }
 
-  std::unique_ptr<MatchSource> OpenMatches() const {
+  // With a number, up to so many localized queries may be among a query's references.
+  std::unique_ptr<MatchSource> OpenMatches(std::optional<int> max_joined = std::nullopt) const {
     if (!scene_.features.empty()) {
+      JoiningQueries joining;
+      if (max_joined) joining = {queries_, *max_joined};
       return OpenHlocMatches(
           {ForThinning(scene_.features, every_), ForThinning(scene_.matches, every_),
            ForThinning(scene_.pairs, every_)},
-          references_, scene_.top_k);
+          references_, scene_.top_k, joining);
     }
     return MakeFrontEndMatches({.reference_images = scene_.images,
                                 .query_images = scene_.query_images,
@@ -138,7 +146,8 @@ class ThinnedScene {
                                 .top_k = scene_.top_k,
                                 .max_features = scene_.max_features,
                                 .threads = options_.threads,
-                                .show_progress = false},
+                                .show_progress = false,
+                                .max_joined = max_joined},
                                references_, queries_);
   }
 
@@ -200,14 +209,42 @@ class ThinnedScene {
 
   std::vector<PoseProblem> Filter(const GeometryKey& key, const std::string& name,
                                   FewPoints few_points, std::span<const PoseProblem> lifted) {
-    const NamedFilter& filter = experiment_.FilterNamed(name);
-    FilterOptions options{
-        .mode = filter.mode, .thresholds = filter.thresholds, .few_points = few_points};
-    if (filter.mode == FilterMode::kAuto) options.scene_noise = SceneNoise(key);
+    const FilterOptions options = FilterOf(key, name, few_points);
     std::vector<PoseProblem> problems(lifted.begin(), lifted.end());
     ParallelFor(problems.size(), options_.threads,
                 [&](size_t i) { FilterProblem(options, problems[i]); });
     return problems;
+  }
+
+  FilterOptions FilterOf(const GeometryKey& key, const std::string& name, FewPoints few_points) {
+    const NamedFilter& filter = experiment_.FilterNamed(name);
+    FilterOptions options{
+        .mode = filter.mode, .thresholds = filter.thresholds, .few_points = few_points};
+    if (filter.mode == FilterMode::kAuto) options.scene_noise = SceneNoise(key);
+    return options;
+  }
+
+  std::vector<QueryOutcome> RunContinuously(const Cell& cell) {
+    const GeometryKey key(cell.setting[Axis::kGeometry], cell.setting[Axis::kAlign]);
+    std::vector<const GeometrySource*> geometry;
+    FilterOptions filter;
+    if (!key.first.empty()) {
+      OpenSource(key, cell);
+      geometry.push_back(sources_.at(key).get());
+      filter = FilterOf(key, cell.setting[Axis::kFilter], FewPointsOf(cell.setting));
+    }
+    const auto matches = OpenMatches(std::max(1, scene_.top_k / 2));
+    return RunContinuousCell({.scene = scene_,
+                              .queries = queries_,
+                              .references = references_,
+                              .matches = *matches,
+                              .geometry = geometry,
+                              .filter = filter,
+                              .estimator = EstimatorOf(experiment_, cell),
+                              .checkpoint = options_.cache / "continuous" / cell.Key(),
+                              .key = cell.Key(),
+                              .threads = options_.threads,
+                              .on_estimate = options_.on_estimate});
   }
 
   std::optional<MultiViewNoise> SceneNoise(const GeometryKey& key) {

@@ -69,6 +69,14 @@ std::optional<double> TomlTable::Number(std::string_view key) {
   Fail(key, "expected a number");
 }
 
+std::optional<bool> TomlTable::Boolean(std::string_view key) {
+  const toml::node* node = Find(key);
+  if (node == nullptr) return std::nullopt;
+  const auto* value = node->as_boolean();
+  if (value == nullptr) Fail(key, "expected true or false");
+  return value->get();
+}
+
 std::optional<int64_t> TomlTable::Integer(std::string_view key) {
   const toml::node* node = Find(key);
   if (node == nullptr) return std::nullopt;

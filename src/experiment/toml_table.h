@@ -33,6 +33,7 @@ class TomlTable {
   std::optional<std::string> Text(std::string_view key);
   std::string RequiredText(std::string_view key);
   std::optional<double> Number(std::string_view key);
+  std::optional<bool> Boolean(std::string_view key);
   std::optional<int64_t> Integer(std::string_view key);
   // One value or a list, of texts and numbers; as texts.
   std::vector<std::string> Values(std::string_view key);

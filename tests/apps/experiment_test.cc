@@ -107,6 +107,19 @@ TEST(Experiment, ScenesWithoutGroundTruthLeavePosesForAServer) {
   EXPECT_THAT(ReadFile(out / "tables" / "methods.md"), HasSubstr("| E5+1 |  | - | - | - | - |"));
 }
 
+TEST(Experiment, LocalizedQueriesJoinTheReferencesOfAContinuousScene) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path file = WriteExperiment(scene), out = scene.folder / "out";
+  Replace(file, "model = ", "continuous = true\nmodel = ");
+  Replace(file, "every = [1, 2]", "geometry = \"mesh\"");
+  Replace(file, "seeds = [0, 1]", "seeds = 0");
+  const CommandResult result = RunRaylift({"experiment", file, "--out", out});
+  ASSERT_TRUE(Succeeds(result));
+  EXPECT_THAT(result.out, HasSubstr("7 cells estimated"));  // Select is estimated, too
+  EXPECT_THAT(ReadFile(out / "tables" / "methods.csv"), HasSubstr("\nAdaptive,off,100.0\n"));
+  EXPECT_FALSE(fs::exists(out / "cache" / "continuous" / "run.json"));
+}
+
 TEST(Experiment, ReadyExperimentsAreListed) {
   const fs::path folder = RAYLIFT_EXPERIMENTS_FOLDER;
   for (const auto& entry : fs::directory_iterator(folder)) {

@@ -38,6 +38,8 @@ struct ExperimentScene {
   std::filesystem::path images, query_images;  // for the built-in features
   std::filesystem::path queries;
   std::filesystem::path groups;        // of queries
+  bool continuous = false;             // localized queries join the references
+  std::filesystem::path times;         // their order; empty: by name
   std::string group;                   // only the queries of this group; empty: all
   std::filesystem::path ground_truth;  // empty: poses are written for a benchmark's server
   std::filesystem::path features, matches, pairs;
@@ -120,7 +122,8 @@ struct Experiment {
 std::vector<Setting> ExpandGrid(const Experiment& experiment);
 
 // Whether the results of a setting are chosen from those of P3P and E5+1, without estimating: the
-// oracle's always, Select's unless the filter is automatic, which treats P3P alone differently.
+// oracle's always, Select's unless the filter is automatic, which treats P3P alone differently, or
+// localization is continuous.
 bool IsChosen(const Setting& setting, const Experiment& experiment);
 
 // The settings that must be estimated for these, each once.

@@ -10,6 +10,7 @@
 //   ground_truth = "demo/truth"       # without: poses are written for a benchmark's server
 //   thresholds = "0.1,1:0.25,2"
 //   group = "night"                   # only the queries of this group
+//   continuous = true                 # localized queries join the references
 //   [scenes.demo.geometry]
 //   mesh = "mesh:demo/scene.obj"
 //   noisy = { spec = "mesh:demo/scene.obj", scale_sigma = 0.05 }   # as `raylift perturb`
