@@ -104,19 +104,21 @@ class InputCollector {
  public:
   explicit InputCollector(const Experiment& experiment) : experiment_(experiment) {}
 
-  std::string Describe(const Setting& setting, uint64_t seed, size_t begin, size_t end) {
+  std::string Describe(const Cell& cell) {
+    const Setting& setting = cell.setting;
     Json inputs = {{"version", kCellVersion},
                    {"raylift_version", RAYLIFT_VERSION},
                    {"scene", SceneJson(setting)},
-                   {"every", setting[Axis::kEvery]}};
+                   {"every", setting[Axis::kEvery]},
+                   {"offset", cell.offset}};
     if (!setting[Axis::kGeometry].empty()) {
       inputs["geometry"] = GeometryJson(setting);
       inputs["align"] = setting[Axis::kAlign];
       inputs["filter"] = FilterJson(setting);
     }
     inputs["method"] = MethodJson(setting);
-    inputs["seed"] = seed;
-    inputs["queries"] = {begin, end};
+    inputs["seed"] = cell.seed;
+    inputs["queries"] = {cell.begin, cell.end};
     return inputs.dump(-1, ' ', false, Json::error_handler_t::replace);
   }
 
@@ -194,7 +196,7 @@ void SortByWork(std::vector<Cell>& cells, const Experiment& experiment) {
   std::stable_sort(cells.begin(), cells.end(), [&](const Cell& a, const Cell& b) {
     const auto key = [&](const Cell& cell) {
       const std::string& every = cell.setting[Axis::kEvery];
-      return std::tuple(scene_index(cell), every.size(), every, cell.begin);
+      return std::tuple(scene_index(cell), every.size(), every, cell.offset, cell.begin);
     };
     return key(a) < key(b);
   });
@@ -274,6 +276,10 @@ std::vector<path> MissingInputs(const Experiment& experiment, std::span<const Se
   return missing;
 }
 
+size_t NumOffsets(const Experiment& experiment, const Setting& setting) {
+  return experiment.all_offsets ? ParseUint(setting[Axis::kEvery]).value() : 1;
+}
+
 std::vector<Cell> ListCells(const Experiment& experiment, std::span<const Setting> settings) {
   InputCollector collector(experiment);
   std::map<std::string, size_t> num_queries;  // by scene
@@ -284,11 +290,14 @@ std::vector<Cell> ListCells(const Experiment& experiment, std::span<const Settin
     if (count == num_queries.end()) {
       count = num_queries.emplace(scene.name, QueriesOf(scene).size()).first;
     }
+    const size_t step = scene.continuous ? count->second : kQueriesPerCell;
     for (const uint64_t seed : experiment.seeds) {
-      const size_t step = scene.continuous ? count->second : kQueriesPerCell;
-      for (size_t begin = 0; begin < count->second; begin += step) {
-        const size_t end = std::min(begin + step, count->second);
-        cells.push_back({setting, seed, begin, end, collector.Describe(setting, seed, begin, end)});
+      for (size_t offset = 0; offset < NumOffsets(experiment, setting); ++offset) {
+        for (size_t begin = 0; begin < count->second; begin += step) {
+          Cell cell{setting, seed, offset, begin, std::min(begin + step, count->second), {}};
+          cell.inputs = collector.Describe(cell);
+          cells.push_back(std::move(cell));
+        }
       }
     }
   }

@@ -48,6 +48,7 @@ class ExperimentReader {
     experiment_.file = file_;
     experiment_.title = top_.Text("title").value_or(file_.stem().string());
     ReadSeeds();
+    ReadOffsets();
     ReadEstimator();
     ReadScenes();
     ReadFilters();
@@ -95,6 +96,12 @@ class ExperimentReader {
       if (!seed) top_.Fail("seeds", "expected whole numbers of at least 0");
       experiment_.seeds.push_back(*seed);
     }
+  }
+
+  void ReadOffsets() {
+    const std::string offsets = top_.Text("offsets").value_or("first");
+    if (offsets != "first" && offsets != "all") top_.Fail("offsets", "expected first|all");
+    experiment_.all_offsets = offsets == "all";
   }
 
   void ReadEstimator() {

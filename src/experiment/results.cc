@@ -32,6 +32,9 @@ PosesByName ReadTruth(const path& model_or_file) {
   return poses;
 }
 
+// A seed and an offset of the thinning.
+using Run = std::pair<uint64_t, size_t>;
+
 // Of the queries of a scene, by name.
 using Outcomes = std::map<std::string, QueryOutcome>;
 
@@ -51,13 +54,13 @@ class ResultCollector {
   }
 
   // None where there is no ground truth of these queries.
-  std::optional<Comparison> Compare(const Setting& setting, uint64_t seed) {
+  std::optional<Comparison> Compare(const Setting& setting, Run run) {
     const ExperimentScene& scene = experiment_.SceneOf(setting);
     if (scene.ground_truth.empty()) return std::nullopt;
     if (setting[Axis::kMethod] == kOracle) {
-      return ChooseByOracle(*Compare(P3pOf(setting), seed), *Compare(E5p1Of(setting), seed));
+      return ChooseByOracle(*Compare(P3pOf(setting), run), *Compare(E5p1Of(setting), run));
     }
-    const Outcomes outcomes = OutcomesOf(setting, seed);
+    const Outcomes outcomes = OutcomesOf(setting, run);
     PosesByName poses;
     for (const auto& [name, outcome] : outcomes) {
       if (outcome.reason.empty()) poses.emplace(name, *outcome.cam_from_world);
@@ -65,11 +68,11 @@ class ResultCollector {
     return CompareWithGroundTruth(TruthOf(scene, outcomes), poses);
   }
 
-  Outcomes OutcomesOf(const Setting& setting, uint64_t seed) const {
+  Outcomes OutcomesOf(const Setting& setting, Run run) const {
     if (setting[Axis::kMethod] == ToString(Method::kSelect) && IsChosen(setting, experiment_)) {
       const double alpha = ParseDouble(setting[Axis::kAlpha]).value();
-      Outcomes chosen = OutcomesOf(P3pOf(setting), seed);
-      const Outcomes e5p1 = OutcomesOf(E5p1Of(setting), seed);
+      Outcomes chosen = OutcomesOf(P3pOf(setting), run);
+      const Outcomes e5p1 = OutcomesOf(E5p1Of(setting), run);
       for (auto& [name, outcome] : chosen) {
         outcome = ChooseBySelect(outcome, e5p1.at(name), alpha);
       }
@@ -79,7 +82,7 @@ class ResultCollector {
     const auto cells = cells_.find(setting);
     RAYLIFT_CHECK(cells != cells_.end());
     for (const Cell* cell : cells->second) {
-      if (cell->seed != seed) continue;
+      if (Run(cell->seed, cell->offset) != run) continue;
       const auto read = store_.Read(*cell);
       if (!read) throw InputError("a result is missing or damaged: " + setting.Name());
       for (const QueryOutcome& outcome : *read) outcomes.emplace(outcome.name, outcome);
@@ -110,7 +113,15 @@ double MeanOf(const std::vector<double>& values) {
   return values.empty() ? 0 : sum / static_cast<double>(values.size());
 }
 
-// The mean over the seeds of a value of each query's error.
+std::vector<Run> RunsOf(const Experiment& experiment, const Setting& setting) {
+  std::vector<Run> runs;
+  for (size_t offset = 0; offset < NumOffsets(experiment, setting); ++offset) {
+    for (const uint64_t seed : experiment.seeds) runs.emplace_back(seed, offset);
+  }
+  return runs;
+}
+
+// The mean over the runs of a value of each query's error.
 template <typename Value>
 std::vector<double> PerQuery(const std::vector<Comparison>& comparisons, const Value& value) {
   std::vector<double> means(comparisons.empty() ? 0 : comparisons.front().queries.size(), 0.0);
@@ -139,7 +150,7 @@ double MedianOver(const std::vector<Comparison>& comparisons, const Value& value
 }
 
 // A name that any file system takes.
-std::string FileName(const Setting& setting, uint64_t seed) {
+std::string FileName(const Setting& setting, Run run) {
   std::string name;
   for (const Axis axis : kAllAxes) {
     if (axis == Axis::kScene || setting[axis].empty()) continue;
@@ -152,7 +163,8 @@ std::string FileName(const Setting& setting, uint64_t seed) {
         std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '-' || c == '.' || c == '_';
     if (!plain) c = '_';
   }
-  return fmt::format("{}-seed{}.txt", name, seed);
+  if (run.second > 0) name += fmt::format("-offset{}", run.second);
+  return fmt::format("{}-seed{}.txt", name, run.first);
 }
 
 }  // namespace
@@ -204,8 +216,8 @@ std::vector<SettingResult> CollectResults(const Experiment& experiment,
     result.setting = setting;
     result.uses_ground_truth = setting[Axis::kMethod] == kOracle;
     result.thresholds = experiment.SceneOf(setting).thresholds;
-    for (const uint64_t seed : experiment.seeds) {
-      if (auto comparison = collector.Compare(setting, seed)) {
+    for (const Run& run : RunsOf(experiment, setting)) {
+      if (auto comparison = collector.Compare(setting, run)) {
         result.comparisons.push_back(*std::move(comparison));
       }
     }
@@ -217,9 +229,9 @@ std::string FormatResultsCsv(std::span<const SettingResult> results) {
   TableRow header;
   for (const Axis axis : kAllAxes) header.emplace_back(ToString(axis));
   for (const char* name :
-       {"uses_ground_truth", "queries", "seeds", "localized_percent", "threshold_position",
-        "threshold_deg", "recall_percent", "recall_lowest_seed", "recall_highest_seed",
-        "auc_percent", "median_position", "median_rotation_deg"}) {
+       {"uses_ground_truth", "queries", "runs", "localized_percent", "threshold_position",
+        "threshold_deg", "recall_percent", "recall_lowest_run", "recall_highest_run", "auc_percent",
+        "median_position", "median_rotation_deg"}) {
     header.emplace_back(name);
   }
   std::string text = CsvLine(header);
@@ -257,12 +269,12 @@ size_t WriteSubmissions(const path& folder, const Experiment& experiment,
   for (const Setting& setting : settings) {
     const ExperimentScene& scene = experiment.SceneOf(setting);
     if (!scene.ground_truth.empty() || setting[Axis::kMethod] == kOracle) continue;
-    for (const uint64_t seed : experiment.seeds) {
+    for (const Run& run : RunsOf(experiment, setting)) {
       std::vector<NamedPose> poses;
-      for (const auto& [name, outcome] : collector.OutcomesOf(setting, seed)) {
+      for (const auto& [name, outcome] : collector.OutcomesOf(setting, run)) {
         if (outcome.reason.empty()) poses.push_back({name, *outcome.cam_from_world});
       }
-      WritePoseFile(folder / scene.name / FileName(setting, seed), poses);
+      WritePoseFile(folder / scene.name / FileName(setting, run), poses);
       ++written;
     }
   }

@@ -68,6 +68,23 @@ std::string GeometryHash(const Cell& cell) {
   return HexText(HashBytes64(inputs.at("geometry").dump() + inputs.at("scene").at("model").dump()));
 }
 
+// Every n-th reference from `first` on.
+ReferenceSet Thinned(ReferenceSet all, size_t every, size_t first) {
+  ReferenceSet thinned;
+  thinned.model = std::move(all.model);
+  for (size_t i = 0; i < all.images.size(); ++i) {
+    if (i % every == first) {
+      thinned.images.push_back(std::move(all.images[i]));
+    } else {
+      thinned.thinned_out.push_back(std::move(all.images[i].name));
+    }
+  }
+  if (thinned.images.empty()) {
+    throw InputError(thinned.model, fmt::format("holds no more than {} references", first));
+  }
+  return thinned;
+}
+
 // The geometry and alignment that cells share.
 using GeometryKey = std::pair<std::string, std::string>;
 
@@ -75,16 +92,15 @@ using GeometryKey = std::pair<std::string, std::string>;
 class ThinnedScene {
  public:
   ThinnedScene(const Experiment& experiment, const ExperimentScene& scene, std::string every,
-               const RunCellsOptions& options)
+               size_t offset, const RunCellsOptions& options)
       : experiment_(experiment),
         scene_(scene),
         every_(std::move(every)),
         options_(options),
         queries_(QueriesOf(scene)) {
     LoadedReferences loaded =
-        LoadReferences(scene.model, static_cast<int>(ParseInt(every_).value()),
-                       PoseConventionFromName(scene.model_poses).value());
-    references_ = std::move(loaded.references);
+        LoadReferences(scene.model, 1, PoseConventionFromName(scene.model_poses).value());
+    references_ = Thinned(std::move(loaded.references), ParseUint(every_).value(), offset);
     covisibility_ = std::move(loaded.covisibility);
     Take(std::move(loaded.warnings));
     matches_ = OpenMatches();
@@ -314,12 +330,13 @@ std::vector<std::string> RunCells(const Experiment& experiment, std::span<const 
                                   const CellStore& store, const RunCellsOptions& options) {
   std::vector<std::string> warnings;
   const auto thinning = [](const Cell& cell) {
-    return std::tuple(cell.setting[Axis::kScene], cell.setting[Axis::kEvery]);
+    return std::tuple(cell.setting[Axis::kScene], cell.setting[Axis::kEvery], cell.offset);
   };
   for (size_t begin = 0; begin < cells.size();) {
     const size_t end = EndOfGroup(cells, begin, thinning);
     const Setting& setting = cells[begin].setting;
-    ThinnedScene scene(experiment, experiment.SceneOf(setting), setting[Axis::kEvery], options);
+    ThinnedScene scene(experiment, experiment.SceneOf(setting), setting[Axis::kEvery],
+                       cells[begin].offset, options);
     const auto of_scene = cells.subspan(begin, end - begin);
     for (size_t first = 0; first < of_scene.size();) {
       const size_t last = EndOfGroup(of_scene, first, [](const Cell& cell) { return cell.begin; });

@@ -77,6 +77,12 @@ TEST(Cells, KeysFollowTheOptions) {
   }
 }
 
+TEST(Cells, AllOffsetsAreCellsOfTheirOwn) {
+  const Planned planned = Plan("offsets = \"all\"\n");
+  EXPECT_EQ(planned.cells.size(), (1u + 5u) * 3u);  // 1/1 and 1/5, P3P by two geometries and E5+1
+  EXPECT_EQ(Keys(planned.cells).size(), planned.cells.size());
+}
+
 TEST(Cells, MissingInputsAreFound) {
   const Planned planned = Plan();
   const auto settings = ExpandGrid(planned.experiment);
@@ -114,7 +120,7 @@ QueryOutcome SomeOutcome(const std::string& name) {
 
 TEST(CellStore, ReadsBackWhatItWrote) {
   const CellStore store(TestFolder() / "cells");
-  Cell cell{RoomSetting("1", "mesh", "p3p"), 3, 0, 2, R"({"every":"1"})"};
+  Cell cell{RoomSetting("1", "mesh", "p3p"), 3, 0, 0, 2, R"({"every":"1"})"};
   QueryOutcome failed;
   failed.name = "b";
   failed.reason = "too few matches";
@@ -131,7 +137,7 @@ TEST(CellStore, ReadsBackWhatItWrote) {
 TEST(CellStore, ADamagedFileCountsAsNotThere) {
   const fs::path folder = TestFolder() / "cells";
   const CellStore store(folder);
-  const Cell cell{RoomSetting("1", "mesh", "p3p"), 3, 0, 1, "{}"};
+  const Cell cell{RoomSetting("1", "mesh", "p3p"), 3, 0, 0, 1, "{}"};
   store.Write(cell, std::vector{SomeOutcome("a")});
   const fs::path file = folder / (cell.Key() + ".json");
   const std::string good = ReadFile(file);

@@ -36,6 +36,7 @@ struct QueryOutcome {
 struct Cell {
   Setting setting;
   uint64_t seed = 0;
+  size_t offset = 0;          // of the first reference that is taken
   size_t begin = 0, end = 0;  // of the scene's queries
   std::string inputs;         // all that went in, as JSON
 
@@ -63,6 +64,9 @@ std::vector<Query> QueriesOf(const ExperimentScene& scene);
 // The inputs of the settings' scenes that are not there.
 std::vector<std::filesystem::path> MissingInputs(const Experiment& experiment,
                                                  std::span<const Setting> settings);
+
+// The offsets that thinning is run with.
+size_t NumOffsets(const Experiment& experiment, const Setting& setting);
 
 // The cells of the settings, by scene, thinning, block of queries, geometry. InputError where an
 // input is missing.

@@ -108,6 +108,8 @@ struct Experiment {
   std::vector<NamedFilter> filters;
   std::vector<GridBlock> blocks;
   std::vector<uint64_t> seeds = {0};
+  // Every way to take every N-th reference, pooled as seeds are; else from the first on alone.
+  bool all_offsets = false;
   EstimatorOptions estimator;  // all but method, score, local optimization, alpha and seed
   std::vector<TableLayout> tables;
   std::vector<FigureLayout> figures;

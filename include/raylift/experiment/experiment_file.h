@@ -2,6 +2,7 @@
 //
 //   title = "The demo"
 //   seeds = [0, 1, 2]
+//   offsets = "all"                   # from each of the first N references every N-th, pooled
 //
 //   [scenes.demo]
 //   scene = "demo/scene.toml"         # a scene file, and what it does not hold or shall not hold:

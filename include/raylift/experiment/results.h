@@ -1,4 +1,5 @@
-// What the cells of an experiment say: pose errors against the ground truth, pooled over seeds.
+// What the cells of an experiment say: pose errors against the ground truth, pooled over runs: the
+// seeds, times the offsets of the thinning.
 
 #pragma once
 
@@ -15,21 +16,21 @@
 
 namespace raylift {
 
-// Values per query are means over the seeds.
+// Values per query are means over the runs.
 struct SettingResult {
   Setting setting;
   bool uses_ground_truth = false;       // an oracle's
   std::vector<Threshold> thresholds;    // of its scene
-  std::vector<Comparison> comparisons;  // one per seed; none: no ground truth is known
+  std::vector<Comparison> comparisons;  // one per run; none: no ground truth is known
 
   size_t NumQueries() const;
   double RecallPercent(size_t threshold) const;
   double AucPercent(size_t threshold) const;
   double LocalizedPercent() const;
-  double MedianPosition() const;  // over all queries and seeds; infinite for no pose
+  double MedianPosition() const;  // over all queries and runs; infinite for no pose
   double MedianRotationDeg() const;
 
-  // Share of the seeds in which the query was within the threshold, in percent.
+  // Share of the runs in which the query was within the threshold, in percent.
   std::vector<double> RecallPerQuery(size_t threshold) const;
   // The area under the recall curve up to the threshold: 100 for no error at all, 0 beyond it.
   std::vector<double> AucPerQuery(size_t threshold) const;
