@@ -3,12 +3,7 @@
 #include <cmath>
 #include <limits>
 
-#if defined(__x86_64__) && defined(__linux__) && defined(__GNUC__) && !defined(__clang__) && \
-    !defined(__SANITIZE_ADDRESS__)
-#define RAYLIFT_FOR_EACH_ISA __attribute__((target_clones("avx512f", "avx2", "default")))
-#else
-#define RAYLIFT_FOR_EACH_ISA
-#endif
+#include "raylift/base/instruction_sets.h"
 
 namespace raylift {
 namespace {
@@ -22,20 +17,21 @@ constexpr float kMaxShift = 1e-3f;
 constexpr unsigned kInvalid = ~0u;  // RTC_INVALID_GEOMETRY_ID
 
 template <size_t kSize>
-[[gnu::always_inline]] inline int SetLanes(const float* __restrict x, const float* __restrict y,
-                                           const float* __restrict z,
-                                           const PacketDirections& packet, int* __restrict valid) {
+[[gnu::always_inline]] inline size_t SetLanes(const float* __restrict x, const float* __restrict y,
+                                              const float* __restrict z,
+                                              const PacketDirections& packet,
+                                              int* __restrict valid) {
   float* __restrict out_x = packet.x;
   float* __restrict out_y = packet.y;
   float* __restrict out_z = packet.z;
-  int any = 0;
-#pragma omp simd reduction(| : any)
+  int count = 0;
+#pragma omp simd reduction(+ : count)
   for (size_t i = 0; i < kSize; ++i) {
     const float squared = x[i] * x[i] + y[i] * y[i] + z[i] * z[i];
     // A comparison with NaN is false.
     const int is_ray = (squared > 0 ? -1 : 0) & (squared < 3e38f ? -1 : 0);
     valid[i] = is_ray;
-    any |= is_ray;
+    count -= is_ray;
     out_x[i] = x[i];
     out_y[i] = y[i];
     out_z[i] = z[i];
@@ -49,7 +45,7 @@ template <size_t kSize>
     geometry[i] = kInvalid;
     instance[i] = kInvalid;
   }
-  return any;
+  return static_cast<size_t>(count);
 }
 
 template <size_t kSize>
@@ -82,7 +78,9 @@ template <size_t kSize>
     const float shift = (ox * nx + oy * ny + oz * nz) / along;
     const float shifted = std::abs(shift) < kMaxShift * t ? t + shift : t;
     const int hit = valid[i] & (geometry[i] != kInvalid ? -1 : 0);
-    const float steep = kGrazingCosine * kGrazingCosine * (nx * nx + ny * ny + nz * nz);
+    const float squared_length = px[i] * px[i] + py[i] * py[i] + pz[i] * pz[i];
+    const float steep =
+        kGrazingCosine * kGrazingCosine * squared_length * (nx * nx + ny * ny + nz * nz);
     grazes[i] = hit & (along * along < steep ? -1 : 0);
     any_grazing |= grazes[i];
     missed -= valid[i] & ~hit;
@@ -114,6 +112,25 @@ void RotateBlock(const Eigen::Matrix3f& rotation, const RayBlock& in, RayBlock& 
 }
 
 RAYLIFT_FOR_EACH_ISA
+void RotateSlopes(const Eigen::Matrix3f& rotation, const PixelRays::Slopes& columns,
+                  const PixelRays::Slopes& rows, RayBlock& out) {
+  const float* const r = rotation.data();  // by columns
+  const float r0 = r[0], r1 = r[1], r2 = r[2], r3 = r[3], r4 = r[4];
+  const float r5 = r[5], r6 = r[6], r7 = r[7], r8 = r[8];
+  const float* const __restrict u = columns.data();
+  const float* const __restrict v = rows.data();
+  float* const __restrict out_x = out.x.data();
+  float* const __restrict out_y = out.y.data();
+  float* const __restrict out_z = out.z.data();
+#pragma omp simd
+  for (size_t i = 0; i < RayBlock::kSize; ++i) {
+    out_x[i] = r0 * u[i] + r3 * v[i] + r6;
+    out_y[i] = r1 * u[i] + r4 * v[i] + r7;
+    out_z[i] = r2 * u[i] + r5 * v[i] + r8;
+  }
+}
+
+RAYLIFT_FOR_EACH_ISA
 void DepthOfBlock(const HitBlock& hits, const RayBlock& rays_in_cam, float* out) {
   const float* const __restrict t = hits.ray_t.data();
   const float* const __restrict z = rays_in_cam.z.data();
@@ -126,25 +143,28 @@ void DepthOfBlock(const HitBlock& hits, const RayBlock& rays_in_cam, float* out)
 }
 
 RAYLIFT_FOR_EACH_ISA
-size_t CountHits(const HitBlock& hits) {
-  int count = 0;
-#pragma omp simd reduction(+ : count)
+void DistanceOfBlock(const HitBlock& hits, const PixelRays::Slopes& columns,
+                     const PixelRays::Slopes& rows, float* out) {
+  const float* const __restrict t = hits.ray_t.data();
+  const float* const __restrict u = columns.data();
+  const float* const __restrict v = rows.data();
+  float* const __restrict distance = out;
+#pragma omp simd
   for (size_t i = 0; i < RayBlock::kSize; ++i) {
-    count += hits.triangle[i] != HitBlock::kNoTriangle ? 1 : 0;
+    distance[i] = t[i] * std::sqrt(u[i] * u[i] + v[i] * v[i] + 1);
   }
-  return static_cast<size_t>(count);
 }
 
 template <>
-RAYLIFT_FOR_EACH_ISA bool SetDirections<16>(const RayBlock& rays, size_t begin,
-                                            const PacketDirections& packet, int* valid) {
-  return SetLanes<16>(&rays.x[begin], &rays.y[begin], &rays.z[begin], packet, valid) != 0;
+RAYLIFT_FOR_EACH_ISA size_t SetDirections<16>(const RayBlock& rays, size_t begin,
+                                              const PacketDirections& packet, int* valid) {
+  return SetLanes<16>(&rays.x[begin], &rays.y[begin], &rays.z[begin], packet, valid);
 }
 
 template <>
-RAYLIFT_FOR_EACH_ISA bool SetDirections<8>(const RayBlock& rays, size_t begin,
-                                           const PacketDirections& packet, int* valid) {
-  return SetLanes<8>(&rays.x[begin], &rays.y[begin], &rays.z[begin], packet, valid) != 0;
+RAYLIFT_FOR_EACH_ISA size_t SetDirections<8>(const RayBlock& rays, size_t begin,
+                                             const PacketDirections& packet, int* valid) {
+  return SetLanes<8>(&rays.x[begin], &rays.y[begin], &rays.z[begin], packet, valid);
 }
 
 template <>

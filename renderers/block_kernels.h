@@ -8,6 +8,7 @@
 
 #include <Eigen/Core>
 
+#include "raylift/renderers/pixel_rays.h"
 #include "raylift/renderers/ray_caster.h"
 
 namespace raylift {
@@ -15,10 +16,16 @@ namespace raylift {
 // out = rotation * in for every ray.
 void RotateBlock(const Eigen::Matrix3f& rotation, const RayBlock& in, RayBlock& out);
 
+// out = rotation * (x slope, y slope, 1) for the rays of a pinhole.
+void RotateSlopes(const Eigen::Matrix3f& rotation, const PixelRays::Slopes& columns,
+                  const PixelRays::Slopes& rows, RayBlock& out);
+
 // out[i] = max(0, ray_t[i] * z[i]) for the 16 rays of a block.
 void DepthOfBlock(const HitBlock& hits, const RayBlock& rays_in_cam, float* out);
 
-size_t CountHits(const HitBlock& hits);
+// out[i] = ray_t[i] * the length of (x slope, y slope, 1).
+void DistanceOfBlock(const HitBlock& hits, const PixelRays::Slopes& columns,
+                     const PixelRays::Slopes& rows, float* out);
 
 // Fields of a packet of Embree's, lanes in a row; all have kSize lanes.
 struct PacketDirections {
@@ -31,9 +38,10 @@ struct PacketDirections {
 };
 
 // Sets directions that have not hit anything; valid[i] is 0 where a direction has no length (or is
-// not finite), else -1. False where none is valid.
+// not finite), else -1. Returns how many are valid.
 template <size_t kSize>
-bool SetDirections(const RayBlock& rays, size_t begin, const PacketDirections& packet, int* valid);
+size_t SetDirections(const RayBlock& rays, size_t begin, const PacketDirections& packet,
+                     int* valid);
 
 struct PacketHits {
   const float* x;  // the direction

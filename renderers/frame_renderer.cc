@@ -20,16 +20,13 @@ constexpr int kSide = static_cast<int>(RayBlock::kSide);
 constexpr int kTileBlocks = 2;  // per side: tiles of 8 x 8 pixels
 constexpr int kTileSide = kTileBlocks * kSide;
 constexpr size_t kBlocksPerTile = kTileBlocks * kTileBlocks;
+// Tiles in a row that are cast at a time; what they need stays in the first cache.
+constexpr size_t kTilesAtATime = 8;
 constexpr double kDegPerRad = 180 / std::numbers::pi;
 
 Eigen::Vector3f Lane(const RayBlock& rays, size_t i) { return {rays.x[i], rays.y[i], rays.z[i]}; }
 
 // How the ray changes from pixel to pixel; zero where the lens has no ray beside this one.
-struct RayDifferential {
-  Eigen::Vector3f along_x = Eigen::Vector3f::Zero();
-  Eigen::Vector3f along_y = Eigen::Vector3f::Zero();
-};
-
 }  // namespace
 
 struct FrameRenderer::Impl {
@@ -69,44 +66,49 @@ class View {
 
   // Returns the number of pixels that see the mesh.
   size_t RenderTileRow(int tile_y) const {
+    constexpr int kWidth = static_cast<int>(kTilesAtATime) * kTileSide;
     size_t num_hits = 0;
-    Tile tile;
-    for (int tile_x = 0; tile_x < rays_.width_px(); tile_x += kTileSide) {
-      num_hits += RenderTile(tile_x, tile_y, tile);
+    Batch batch;
+    for (int x = 0; x < rays_.width_px(); x += kWidth) {
+      batch.count = 0;
+      for (int tile_x = x; tile_x < std::min(x + kWidth, rays_.width_px()); tile_x += kTileSide) {
+        AddTile(tile_x, tile_y, batch);
+      }
+      num_hits += RenderBatch(batch);
     }
     return num_hits;
   }
 
  private:
-  struct Tile {
-    std::array<RayBlock, kBlocksPerTile> rays_in_world;
-    std::array<HitBlock, kBlocksPerTile> hits;
+  struct Batch {
+    static constexpr size_t kCapacity = kTilesAtATime * kBlocksPerTile;
+    size_t count = 0;
+    std::array<int, kCapacity> xs;  // of the first pixel
+    std::array<int, kCapacity> ys;
+    std::array<RayBlock, kCapacity> rays_in_world;
+    std::array<HitBlock, kCapacity> hits;
   };
 
-  size_t RenderTile(int tile_x, int tile_y, Tile& tile) const {
-    std::array<int, kBlocksPerTile> xs{};
-    std::array<int, kBlocksPerTile> ys{};
-    size_t count = 0;
+  void AddTile(int tile_x, int tile_y, Batch& batch) const {
     for (int i = 0; i < static_cast<int>(kBlocksPerTile); ++i) {
       const int x = tile_x + i % kTileBlocks * kSide;
       const int y = tile_y + i / kTileBlocks * kSide;
       if (x >= rays_.width_px() || y >= rays_.height_px()) continue;
-      RotateBlock(world_from_cam_float_, rays_.Block(x / kSide, y / kSide),
-                  tile.rays_in_world[count]);
-      xs[count] = x;
-      ys[count] = y;
-      ++count;
-      if (x + kTileSide < rays_.width_px()) {
-        Prefetch(rays_.Block((x + kTileSide) / kSide, y / kSide));
-      }
+      TurnBlock(x / kSide, y / kSide, batch.rays_in_world[batch.count]);
+      batch.xs[batch.count] = x;
+      batch.ys[batch.count] = y;
+      ++batch.count;
     }
-    caster_.CastBlocks(center_in_world_, std::span(tile.rays_in_world).first(count),
-                       std::span(tile.hits).first(count));
-    size_t num_hits = 0;
-    for (size_t i = 0; i < count; ++i) {
-      num_hits += StoreBlock(xs[i], ys[i], tile.rays_in_world[i], tile.hits[i]);
+  }
+
+  void TurnBlock(int bx, int by, RayBlock& in_world) const {
+    if (rays_.is_pinhole()) {
+      RotateSlopes(world_from_cam_float_, rays_.ColumnSlopes(bx), rays_.RowSlopes(by), in_world);
+      return;
     }
-    return num_hits;
+    RotateBlock(world_from_cam_float_, rays_.Block(bx, by), in_world);
+    constexpr int kAhead = static_cast<int>(kTilesAtATime) * kTileBlocks;
+    if ((bx + kAhead) * kSide < rays_.width_px()) Prefetch(rays_.Block(bx + kAhead, by));
   }
 
   // The table of rays is larger than the caches: it is on its way while packets are cast.
@@ -116,24 +118,37 @@ class View {
     __builtin_prefetch(rays.z.data());
   }
 
-  size_t StoreBlock(int x0, int y0, const RayBlock& rays_in_world, HitBlock& hits) const {
-    const RayBlock& rays_in_cam = rays_.Block(x0 / kSide, y0 / kSide);
+  size_t RenderBatch(Batch& batch) const {
+    const size_t num_hits =
+        caster_.CastBlocks(center_in_world_, std::span(batch.rays_in_world).first(batch.count),
+                           std::span(batch.hits).first(batch.count));
+    for (size_t i = 0; i < batch.count; ++i) {
+      StoreBlock(batch.xs[i], batch.ys[i], batch.rays_in_world[i], batch.hits[i]);
+    }
+    return num_hits;  // pixels outside the picture have no ray
+  }
+
+  void StoreBlock(int x0, int y0, const RayBlock& rays_in_world, HitBlock& hits) const {
     if (hits.grazing != 0) {
       RefineGrazing(x0, y0, hits);
     }
     const int width = std::min(kSide, rays_.width_px() - x0);
     const int height = std::min(kSide, rays_.height_px() - y0);
-    alignas(64) std::array<float, RayBlock::kSize> depth;
-    if (options_.depth && !rays_.is_panorama()) DepthOfBlock(hits, rays_in_cam, depth.data());
-    const float* const depths = rays_.is_panorama() ? hits.ray_t.data() : depth.data();
-    for (int y = 0; y < height; ++y) {
-      const auto lane = static_cast<size_t>(y * kSide);
-      const size_t pixel = PixelIndex(x0, y0 + y);
-      if (width == kSide) {
-        StoreRow(depths, hits, lane, pixel, static_cast<size_t>(kSide));
-      } else {
-        StoreRow(depths, hits, lane, pixel, static_cast<size_t>(width));
-      }
+    alignas(64) BlockValues depth_storage;
+    alignas(64) BlockValues distance_storage;
+    const float* const depth = Depths(x0, y0, hits, depth_storage);
+    const float* const distance = Distances(x0, y0, hits, distance_storage);
+    if (options_.depth) StoreBlockOf(depth, x0, y0, width, height, frame_.depth);
+    if (options_.distance) StoreBlockOf(distance, x0, y0, width, height, frame_.distance);
+    if (options_.triangle) {
+      StoreBlockOf(hits.triangle.data(), x0, y0, width, height, frame_.triangle);
+    }
+    if (options_.mask) {
+      std::array<uint8_t, RayBlock::kSize> mask;
+      std::transform(hits.triangle.begin(), hits.triangle.end(), mask.begin(), [](uint32_t id) {
+        return id != HitBlock::kNoTriangle ? uint8_t{255} : uint8_t{0};
+      });
+      StoreBlockOf(mask.data(), x0, y0, width, height, frame_.mask.data);
     }
     if (refine_) {
       StoreRefined(x0, y0, width, height, rays_in_world, hits);
@@ -141,7 +156,23 @@ class View {
     if (options_.color && !refine_color()) {
       StoreSupersampled(x0, y0, width, height);
     }
-    return CountHits(hits);  // pixels outside the picture have no ray
+  }
+
+  using BlockValues = std::array<float, RayBlock::kSize>;
+
+  // A pinhole's rays have z = 1, so that their ray_t is the depth. A panorama's depth is the
+  // distance.
+  const float* Depths(int x0, int y0, const HitBlock& hits, BlockValues& storage) const {
+    if (!options_.depth || rays_.is_pinhole() || rays_.is_panorama()) return hits.ray_t.data();
+    DepthOfBlock(hits, rays_.Block(x0 / kSide, y0 / kSide), storage.data());
+    return storage.data();
+  }
+
+  const float* Distances(int x0, int y0, const HitBlock& hits, BlockValues& storage) const {
+    if (!options_.distance || !rays_.is_pinhole()) return hits.ray_t.data();
+    DistanceOfBlock(hits, rays_.ColumnSlopes(x0 / kSide), rays_.RowSlopes(y0 / kSide),
+                    storage.data());
+    return storage.data();
   }
 
   // Few pixels; the ray is made again in double.
@@ -149,32 +180,27 @@ class View {
     for (size_t i = 0; i < RayBlock::kSize; ++i) {
       if ((hits.grazing >> i & 1u) == 0) continue;
       const auto k = static_cast<int>(i);
-      const auto ray = rays_.RayInCam(x0 + k % kSide, y0 + k / kSide);
+      auto ray = rays_.RayInCam(x0 + k % kSide, y0 + k / kSide);
       if (!ray) continue;
+      if (rays_.is_pinhole()) *ray /= ray->z();
       const RayHit hit = caster_.RefineHit(center_in_world_, world_from_cam_ * *ray,
                                            hits.triangle[i], double{hits.ray_t[i]});
       hits.ray_t[i] = static_cast<float>(std::max(hit.ray_t, 0.0));
     }
   }
 
-  // What the packets' own results give. Inlined, for the constant count of whole blocks.
-  [[gnu::always_inline]] void StoreRow(const float* depths, const HitBlock& hits, size_t lane,
-                                       size_t pixel, size_t count) const {
-    if (options_.depth) {
-      std::copy_n(depths + lane, count, &frame_.depth[pixel]);
+  template <typename T>
+  void StoreBlockOf(const T* values, int x0, int y0, int width, int height,
+                    std::vector<T>& map) const {
+    T* row = &map[PixelIndex(x0, y0)];
+    const auto stride = static_cast<size_t>(rays_.width_px());
+    if (width == kSide && height == kSide) {  // counts that the compiler knows
+      for (int y = 0; y < kSide; ++y)
+        std::copy_n(values + y * kSide, kSide, row + static_cast<size_t>(y) * stride);
+      return;
     }
-    if (options_.distance) {
-      std::copy_n(&hits.ray_t[lane], count, &frame_.distance[pixel]);
-    }
-    if (options_.triangle) {
-      std::copy_n(&hits.triangle[lane], count, &frame_.triangle[pixel]);
-    }
-    if (options_.mask) {
-      for (size_t i = 0; i < count; ++i) {
-        frame_.mask.data[pixel + i] =
-            hits.triangle[lane + i] != HitBlock::kNoTriangle ? uint8_t{255} : uint8_t{0};
-      }
-    }
+    for (int y = 0; y < height; ++y)
+      std::copy_n(values + y * kSide, width, row + static_cast<size_t>(y) * stride);
   }
 
   // What needs the triangle itself.
@@ -189,12 +215,14 @@ class View {
           continue;
         }
         const Eigen::Vector3d direction = Lane(rays_in_world, i).cast<double>();
-        const RayHit hit =
+        RayHit hit =
             caster_.RefineHit(center_in_world_, direction, hits.triangle[i], double{hits.ray_t[i]});
         StoreNormal(pixel, hit, direction);
         if (refine_color()) {
-          StoreColor(pixel, shader_->Color(hit, center_in_world_, direction,
-                                           SolidAngle(Differential(x0 + x, y0 + y))));
+          const double length = direction.norm();
+          hit.ray_t *= length;
+          StoreColor(pixel, shader_->Color(hit, center_in_world_, direction / length,
+                                           rays_.DifferentialAt(x0 + x, y0 + y).SolidAngle()));
         }
       }
     }
@@ -234,9 +262,9 @@ class View {
     const int side = options_.color_options.samples_per_pixel_side;
     std::array<Eigen::Vector3f, RayBlock::kSize> sums;
     sums.fill(Eigen::Vector3f::Zero());
-    std::array<RayDifferential, RayBlock::kSize> differentials;
+    std::array<PixelRays::Differential, RayBlock::kSize> differentials;
     for (int i = 0; i < width * height; ++i) {
-      differentials[LaneOf(i, width)] = Differential(x0 + i % width, y0 + i / width);
+      differentials[LaneOf(i, width)] = rays_.DifferentialAt(x0 + i % width, y0 + i / width);
     }
     for (int sample = 0; sample < side * side; ++sample) {
       const float dx = (static_cast<float>(sample % side) + 0.5f) / static_cast<float>(side) - 0.5f;
@@ -250,12 +278,12 @@ class View {
   }
 
   void AddSample(int x0, int y0, float dx, float dy,
-                 const std::array<RayDifferential, RayBlock::kSize>& differentials,
+                 const std::array<PixelRays::Differential, RayBlock::kSize>& differentials,
                  std::array<Eigen::Vector3f, RayBlock::kSize>& sums) const {
-    const RayBlock& centers = rays_.Block(x0 / kSide, y0 / kSide);
     RayBlock moved;
     for (size_t i = 0; i < RayBlock::kSize; ++i) {
-      const Eigen::Vector3f center = Lane(centers, i);
+      const auto k = static_cast<int>(i);
+      const Eigen::Vector3f center = rays_.UnitRay(x0 + k % kSide, y0 + k / kSide);
       if (center.isZero()) continue;
       const Eigen::Vector3f ray =
           (center + dx * differentials[i].along_x + dy * differentials[i].along_y).normalized();
@@ -277,38 +305,12 @@ class View {
       const RayHit hit =
           caster_.RefineHit(center_in_world_, direction, hits.triangle[i], double{hits.ray_t[i]});
       sums[i] += shader_->Color(hit, center_in_world_, direction,
-                                SolidAngle(differentials[i]) / (side * side));
+                                differentials[i].SolidAngle() / (side * side));
     }
   }
 
   static size_t LaneOf(int i, int width) {
     return static_cast<size_t>(i / width * kSide + i % width);
-  }
-
-  RayDifferential Differential(int x, int y) const {
-    const Eigen::Vector3f center = RayAt(x, y);
-    return {Slope(center, RayAt(x - 1, y), RayAt(x + 1, y)),
-            Slope(center, RayAt(x, y - 1), RayAt(x, y + 1))};
-  }
-
-  Eigen::Vector3f RayAt(int x, int y) const {
-    if (x < 0 || y < 0 || x >= rays_.width_px() || y >= rays_.height_px()) {
-      return Eigen::Vector3f::Zero();
-    }
-    return Lane(rays_.Block(x / kSide, y / kSide),
-                static_cast<size_t>(y % kSide * kSide + x % kSide));
-  }
-
-  static Eigen::Vector3f Slope(const Eigen::Vector3f& here, const Eigen::Vector3f& before,
-                               const Eigen::Vector3f& after) {
-    if (!before.isZero() && !after.isZero()) return 0.5f * (after - before);
-    if (!after.isZero()) return after - here;
-    if (!before.isZero()) return here - before;
-    return Eigen::Vector3f::Zero();
-  }
-
-  static double SolidAngle(const RayDifferential& differential) {
-    return double{differential.along_x.cross(differential.along_y).norm()};
   }
 
   size_t PixelIndex(int x, int y) const {

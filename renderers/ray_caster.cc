@@ -35,7 +35,7 @@ constexpr float kNudge = 0x1p-21f;
 constexpr double kMaxBlockDistance = 100;
 
 Eigen::Vector3f Nudged(const Eigen::Vector3f& direction) {
-  return direction + kNudge * direction.unitOrthogonal();
+  return direction + kNudge * direction.norm() * direction.unitOrthogonal();
 }
 
 // A ray as Embree gets it: float, relative to the mesh's origin, of unit length, and started near
@@ -207,10 +207,10 @@ struct RayCaster::Impl {
     Eigen::Vector3f offset;  // rounded - origin
   };
 
-  // A part of a block as one packet, whose constant fields are set.
+  // A part of a block as one packet, whose constant fields are set. Returns the number of hits.
   template <typename Packet, typename Intersect>
-  void CastPart(const BlockOrigin& from, const RayBlock& rays, size_t begin, Packet& packet,
-                HitBlock& hits, const Intersect& intersect) const {
+  size_t CastPart(const BlockOrigin& from, const RayBlock& rays, size_t begin, Packet& packet,
+                  HitBlock& hits, const Intersect& intersect) const {
     constexpr size_t kSize = embree::kPacketSize<Packet>;
     alignas(64) std::array<int, kSize> valid;
     alignas(64) std::array<int, kSize> grazes;
@@ -219,15 +219,14 @@ struct RayCaster::Impl {
     const PacketHits results{packet.ray.dir_x, packet.ray.dir_y,  packet.ray.dir_z,
                              packet.ray.tfar,  packet.hit.Ng_x,   packet.hit.Ng_y,
                              packet.hit.Ng_z,  packet.hit.geomID, packet.hit.primID};
-    if (!SetDirections<kSize>(rays, begin, directions, valid.data())) {
-      return;
-    }
+    const size_t count = SetDirections<kSize>(rays, begin, directions, valid.data());
+    if (count == 0) return 0;
     intersect(valid.data(), packet);
     const HitSummary first =
         TakeHits<kSize>(results, from.offset, valid.data(), begin, grazes.data(), hits);
     if (first.any_grazing) MarkGrazing(grazes, begin, hits);
-    if (first.missed == 0 || first.missed == kSize) {  // all missed: the sky, not a vertex's gap
-      return;
+    if (first.missed == 0 || first.missed == count) {  // all missed: the sky, not a vertex's gap
+      return count - first.missed;
     }
     for (size_t i = 0; i < kSize; ++i) {
       const size_t k = begin + i;
@@ -239,10 +238,10 @@ struct RayCaster::Impl {
       packet.ray.dir_z[i] = nudged.z();
     }
     intersect(valid.data(), packet);
-    if (TakeHits<kSize>(results, from.offset, valid.data(), begin, grazes.data(), hits)
-            .any_grazing) {
-      MarkGrazing(grazes, begin, hits);
-    }
+    const HitSummary second =
+        TakeHits<kSize>(results, from.offset, valid.data(), begin, grazes.data(), hits);
+    if (second.any_grazing) MarkGrazing(grazes, begin, hits);
+    return count - second.missed;
   }
 
   template <size_t kSize>
@@ -253,19 +252,22 @@ struct RayCaster::Impl {
   }
 
   template <typename Packet, typename Intersect>
-  void CastAllBlocks(const BlockOrigin& from, std::span<const RayBlock> rays,
-                     std::span<HitBlock> hits, const Intersect& intersect) const {
+  size_t CastAllBlocks(const BlockOrigin& from, std::span<const RayBlock> rays,
+                       std::span<HitBlock> hits, const Intersect& intersect) const {
     alignas(64) Packet packet;
     embree::SetConstants(packet, from.rounded.data());
+    size_t num_hits = 0;
     for (size_t block = 0; block < rays.size(); ++block) {
       for (size_t begin = 0; begin < RayBlock::kSize; begin += embree::kPacketSize<Packet>) {
-        CastPart(from, rays[block], begin, packet, hits[block], intersect);
+        num_hits += CastPart(from, rays[block], begin, packet, hits[block], intersect);
       }
     }
+    return num_hits;
   }
 
-  void CastOneByOne(const Eigen::Vector3d& origin_in_world, const RayBlock& rays, HitBlock& hits,
-                    embree::IntersectState& state) const {
+  size_t CastOneByOne(const Eigen::Vector3d& origin_in_world, const RayBlock& rays, HitBlock& hits,
+                      embree::IntersectState& state) const {
+    size_t num_hits = 0;
     for (size_t i = 0; i < RayBlock::kSize; ++i) {
       const Eigen::Vector3d direction =
           Eigen::Vector3f(rays.x[i], rays.y[i], rays.z[i]).cast<double>();
@@ -277,7 +279,9 @@ struct RayCaster::Impl {
       hits.ray_t[i] = static_cast<float>(refined.ray_t);
       hits.triangle[i] = refined.triangle;
       hits.grazing |= 1u << i;  // the direction is in float here, too
+      ++num_hits;
     }
+    return num_hits;
   }
 
   struct FloatHit {
@@ -362,8 +366,8 @@ std::vector<std::optional<RayHit>> RayCaster::Cast(std::span<const Ray> rays) co
   return hits;
 }
 
-void RayCaster::CastBlocks(const Eigen::Vector3d& origin_in_world, std::span<const RayBlock> rays,
-                           std::span<HitBlock> hits) const {
+size_t RayCaster::CastBlocks(const Eigen::Vector3d& origin_in_world, std::span<const RayBlock> rays,
+                             std::span<HitBlock> hits) const {
   RAYLIFT_CHECK_EQ(rays.size(), hits.size());
   for (HitBlock& block : hits) {
     block.ray_t.fill(0);
@@ -379,18 +383,22 @@ void RayCaster::CastBlocks(const Eigen::Vector3d& origin_in_world, std::span<con
   embree::IntersectState state(embree::Coherence::kCoherent);
   if (!(distance <= kMaxBlockDistance * impl.bounds.radius) ||
       !(impl.has_packets16 || impl.has_packets8)) {
+    size_t num_hits = 0;
     for (size_t i = 0; i < rays.size(); ++i) {
-      impl.CastOneByOne(origin_in_world, rays[i], hits[i], state);
+      num_hits += impl.CastOneByOne(origin_in_world, rays[i], hits[i], state);
     }
-  } else if (impl.has_packets16) {
-    impl.CastAllBlocks<RTCRayHit16>(from, rays, hits, [&](const int* valid, RTCRayHit16& packet) {
-      state.Intersect16(valid, impl.scene.get(), &packet);
-    });
-  } else {
-    impl.CastAllBlocks<RTCRayHit8>(from, rays, hits, [&](const int* valid, RTCRayHit8& packet) {
-      state.Intersect8(valid, impl.scene.get(), &packet);
-    });
+    return num_hits;
   }
+  if (impl.has_packets16) {
+    return impl.CastAllBlocks<RTCRayHit16>(from, rays, hits,
+                                           [&](const int* valid, RTCRayHit16& packet) {
+                                             state.Intersect16(valid, impl.scene.get(), &packet);
+                                           });
+  }
+  return impl.CastAllBlocks<RTCRayHit8>(from, rays, hits,
+                                        [&](const int* valid, RTCRayHit8& packet) {
+                                          state.Intersect8(valid, impl.scene.get(), &packet);
+                                        });
 }
 
 RayHit RayCaster::RefineHit(const Eigen::Vector3d& origin_in_world,

@@ -1,8 +1,10 @@
 // The rays through all pixel centres of a picture. They depend on the lens alone, so that one table
-// serves all views of a camera; what makes a distorted lens dear, its inversion, is done once.
+// serves all views of a camera; what makes a distorted lens dear, its inversion, is done once. A
+// pinhole needs no table but one slope per column and row.
 
 #pragma once
 
+#include <array>
 #include <optional>
 #include <vector>
 
@@ -27,23 +29,55 @@ class PixelRays {
   // The unit ray through the centre of a pixel in the camera's frame, in double.
   std::optional<Eigen::Vector3d> RayInCam(int x, int y) const;
 
-  // The same in float for the pixels (4 bx, 4 by) ... (4 bx + 3, 4 by + 3); no ray (zero length)
-  // where the lens has none, and outside the picture.
+  // Whether the rays are those of a lens without distortion. Then they are (x slope of the column,
+  // y slope of the row, 1) in the camera's frame, and their z is 1 instead of their length.
+  bool is_pinhole() const { return !column_slopes_.empty(); }
+
+  // Of a pinhole: the x slopes of the pixels (4 bx, ...) ... (4 bx + 3, ...), and the y slopes of
+  // the pixels (..., 4 by) ... (..., 4 by + 3), in the order of a RayBlock. NaN outside the
+  // picture.
+  using Slopes = std::array<float, RayBlock::kSize>;
+  const Slopes& ColumnSlopes(int bx) const { return column_slopes_[static_cast<size_t>(bx)]; }
+  const Slopes& RowSlopes(int by) const { return row_slopes_[static_cast<size_t>(by)]; }
+
+  // Of any other camera: the unit rays of the pixels (4 bx, 4 by) ... (4 bx + 3, 4 by + 3); no ray
+  // (zero length) where the lens has none, and outside the picture.
   const RayBlock& Block(int bx, int by) const {
     return blocks_[static_cast<size_t>(by) * static_cast<size_t>(blocks_per_row_) +
                    static_cast<size_t>(bx)];
   }
 
-  size_t MemoryBytes() const { return blocks_.size() * sizeof(RayBlock); }
+  // The unit ray of a pixel of any camera, in float; zero where there is none.
+  Eigen::Vector3f UnitRay(int x, int y) const;
+
+  // How the unit ray changes from one pixel to the next.
+  struct Differential {
+    Eigen::Vector3f along_x = Eigen::Vector3f::Zero();
+    Eigen::Vector3f along_y = Eigen::Vector3f::Zero();
+
+    double SolidAngle() const { return double{along_x.cross(along_y).norm()}; }
+  };
+  Differential DifferentialAt(int x, int y) const;
+
+  size_t MemoryBytes() const {
+    return blocks_.size() * sizeof(RayBlock) +
+           (column_slopes_.size() + row_slopes_.size()) * sizeof(Slopes);
+  }
 
  private:
   PixelRays(std::optional<Camera> camera, int width_px, int height_px, int threads);
+
+  void MakeSlopes(const Camera& camera);
+  void MakeBlocks(int threads);
+  int NumBlockRows() const;
 
   std::optional<Camera> camera_;  // none: a panorama
   int width_px_;
   int height_px_;
   int blocks_per_row_;
-  std::vector<RayBlock> blocks_;
+  std::vector<RayBlock> blocks_;       // empty for a pinhole
+  std::vector<Slopes> column_slopes_;  // empty for any other camera
+  std::vector<Slopes> row_slopes_;
 };
 
 }  // namespace raylift

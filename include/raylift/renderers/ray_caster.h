@@ -43,8 +43,8 @@ struct RayCasterOptions {
   std::function<void(double)> on_build_progress = {};
 };
 
-// The unit directions of 16 rays from one point, in float, as the hardware traces them: those of a
-// block of 4 x 4 pixels, row by row. A direction of zero length is no ray.
+// The directions of 16 rays from one point, in float, as the hardware traces them: those of a block
+// of 4 x 4 pixels, row by row. A direction whose length is zero or not finite is no ray.
 struct alignas(64) RayBlock {
   static constexpr size_t kSide = 4;
   static constexpr size_t kSize = kSide * kSide;
@@ -56,7 +56,7 @@ struct alignas(64) RayBlock {
 // What a RayBlock hits.
 struct alignas(64) HitBlock {
   static constexpr uint32_t kNoTriangle = 0xffffffffu;
-  std::array<float, RayBlock::kSize> ray_t;        // 0 where nothing is hit
+  std::array<float, RayBlock::kSize> ray_t;        // in lengths of the ray's direction; 0: no hit
   std::array<uint32_t, RayBlock::kSize> triangle;  // kNoTriangle where nothing is hit
   // Bit i: ray i grazes its triangle, so that the rounding of its direction moves the hit by more
   // than a few 1e-6 of its distance; RefineHit with the direction in double is the remedy.
@@ -83,9 +83,9 @@ class RayCaster {
 
   // As Cast for rays from one point, several times faster where the rays of a block run close
   // together. The coherent packets and Cast may differ by the rounding of float, and at
-  // silhouettes. hits.size() == rays.size(). Thread safe.
-  void CastBlocks(const Eigen::Vector3d& origin_in_world, std::span<const RayBlock> rays,
-                  std::span<HitBlock> hits) const;
+  // silhouettes. hits.size() == rays.size(). Returns how many rays hit something. Thread safe.
+  size_t CastBlocks(const Eigen::Vector3d& origin_in_world, std::span<const RayBlock> rays,
+                    std::span<HitBlock> hits) const;
 
   // The hit of a ray that is known to hit `triangle` at about `coarse_t` (in units of the
   // direction's length), in double.
