@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "io/depth_formats.h"
+#include "io/sample_rounding.h"
 #include <Imath/ImathBox.h>
 #include <OpenEXR/ImfChannelList.h>
 #include <OpenEXR/ImfFrameBuffer.h>
@@ -221,7 +222,7 @@ Imf::Compression ToImf(ExrCompression compression) {
 // Samples of one channel as they go into the file.
 struct ChannelSamples {
   std::string name;
-  std::vector<Eigen::half> halves;  // where the file holds float16
+  std::vector<uint16_t> halves;  // where the file holds float16
   const char* data;
   size_t bytes_per_sample;
 };
@@ -230,10 +231,11 @@ ChannelSamples MakeSamples(const ExrChannel& channel, FloatSample sample) {
   ChannelSamples samples;
   samples.name = channel.name;
   if (sample == FloatSample::kFloat16) {
-    samples.halves.reserve(channel.values.size());
-    for (const float value : channel.values) samples.halves.emplace_back(value);
+    samples.halves.resize(channel.values.size());
+    DepthWriteReport ignored;
+    RoundToHalf(channel.values, samples.halves, ignored);
     samples.data = reinterpret_cast<const char*>(samples.halves.data());
-    samples.bytes_per_sample = sizeof(Eigen::half);
+    samples.bytes_per_sample = sizeof(uint16_t);
   } else {
     samples.data = reinterpret_cast<const char*>(channel.values.data());
     samples.bytes_per_sample = sizeof(float);

@@ -3,10 +3,12 @@
 #include <array>
 #include <bit>
 #include <cctype>
-#include <limits>
+#include <cmath>
 #include <utility>
 
 #include "io/depth_formats.h"
+#include "io/png_writer.h"
+#include "io/sample_rounding.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -19,7 +21,6 @@ using std::filesystem::path;
 
 constexpr uint64_t kMaxSide = uint64_t{1} << 20;
 constexpr uint64_t kMaxPixels = uint64_t{1} << 28;
-constexpr double kMaxHalf = 65504;
 
 constexpr std::array<std::pair<DepthFileFormat, std::string_view>, 10> kFormatNames = {{
     {DepthFileFormat::kExr, "EXR"},
@@ -57,31 +58,16 @@ constexpr std::array<std::pair<ExrCompression, std::string_view>, 6> kCompressio
     {ExrCompression::kDwaa, "dwaa"},
 }};
 
-// The values as the format will hold them where it cannot hold all.
-struct Rounded {
-  std::vector<float> values;
-  DepthWriteReport report;
-};
-
-void Keep(double rounded, double value, DepthWriteReport& report) {
-  report.max_rounding = std::max(report.max_rounding, std::abs(rounded - value));
-}
-
-// Applies the rule for values that the format cannot hold: those for which `fits` is false.
+// For a value that the format cannot hold: the first one for which `fits` is false.
 template <typename Fits>
-bool DropOrRefuse(const path& file, const FloatPlane& plane, size_t index, const Fits& fits,
-                  std::string_view limit, const DepthWriteOptions& options,
-                  DepthWriteReport& report) {
-  const float value = plane.values[index];
-  if (fits(value)) return false;
-  if (options.out_of_range == DepthWriteOptions::OutOfRange::kRefuse) {
-    throw InputError(file,
-                     fmt::format("pixel ({}, {})", index % static_cast<size_t>(plane.width_px),
-                                 index / static_cast<size_t>(plane.width_px)),
-                     fmt::format("expected a value of at most {}, found {}", limit, value));
-  }
-  ++report.dropped;
-  return true;
+[[noreturn]] void Refuse(const path& file, const FloatPlane& plane, std::string_view limit,
+                         const Fits& fits) {
+  const auto found = std::find_if_not(plane.values.begin(), plane.values.end(), fits);
+  RAYLIFT_CHECK(found != plane.values.end());
+  const auto index = static_cast<size_t>(found - plane.values.begin());
+  const auto width = static_cast<size_t>(plane.width_px);
+  throw InputError(file, fmt::format("pixel ({}, {})", index % width, index / width),
+                   fmt::format("expected a value of at most {}, found {}", limit, *found));
 }
 
 std::vector<uint16_t> CountSteps(const path& file, const FloatPlane& plane,
@@ -90,43 +76,24 @@ std::vector<uint16_t> CountSteps(const path& file, const FloatPlane& plane,
   if (!(step > 0) || !std::isfinite(step)) {
     throw OptionError(fmt::format("the step of a PNG is {}: must be positive", step));
   }
-  const double max_count = std::numeric_limits<uint16_t>::max();
-  const std::string limit = fmt::format("65535 steps of {}, that is {}", step, max_count * step);
-  std::vector<uint16_t> counts(plane.values.size(), 0);
-  for (size_t i = 0; i < counts.size(); ++i) {
-    const double value = plane.values[i];
-    if (value == 0) continue;
-    const double count = std::round(value / step);
-    if (DropOrRefuse(
-            file, plane, i, [&](float) { return count >= 0 && count <= max_count; }, limit, options,
-            report)) {
-      continue;
-    }
-    if (count == 0) {
-      ++report.dropped;
-      continue;
-    }
-    counts[i] = static_cast<uint16_t>(count);
-    Keep(count * step, value, report);
+  std::vector<uint16_t> counts(plane.values.size());
+  const size_t beyond = RoundToSteps(plane.values, step, counts, report);
+  if (beyond > 0 && options.out_of_range == DepthWriteOptions::OutOfRange::kRefuse) {
+    Refuse(file, plane, fmt::format("65535 steps of {}, that is {}", step, 65535 * step),
+           [step](float value) { return value / step > -0.5 && value / step < 65535.5; });
   }
   return counts;
 }
 
-// Where float16 is asked for: what of the values it cannot hold is 0 after this.
-std::vector<float> FitHalf(const path& file, const FloatPlane& plane,
-                           const DepthWriteOptions& options, DepthWriteReport& report) {
-  std::vector<float> values(plane.values.begin(), plane.values.end());
-  for (size_t i = 0; i < values.size(); ++i) {
-    const auto fits = [](float v) { return !std::isfinite(v) || std::abs(v) <= kMaxHalf; };
-    if (DropOrRefuse(file, plane, i, fits, "65504, float16's largest", options, report)) {
-      values[i] = 0;
-      continue;
-    }
-    const float rounded = static_cast<float>(Eigen::half(values[i]));
-    if (rounded == 0 && values[i] != 0) ++report.dropped;
-    if (std::isfinite(rounded)) Keep(rounded, values[i], report);
+// What float16 does to the values. The encoders round in the same way.
+void CheckHalf(const path& file, const FloatPlane& plane, const DepthWriteOptions& options,
+               DepthWriteReport& report) {
+  std::vector<uint16_t> halves(plane.values.size());
+  const size_t beyond = RoundToHalf(plane.values, halves, report);
+  if (beyond > 0 && options.out_of_range == DepthWriteOptions::OutOfRange::kRefuse) {
+    Refuse(file, plane, "65504, float16's largest",
+           [](float value) { return !std::isfinite(value) || std::abs(value) <= kMaxHalf; });
   }
-  return values;
 }
 
 DepthFileFormat FormatToWrite(const path& file, const DepthWriteOptions& options) {
@@ -284,8 +251,8 @@ DepthWriteReport WriteDepthFile(const path& file, const FloatPlane& plane,
     if (!HoldsHalf(format)) {
       throw OptionError(fmt::format("{} files hold no float16", ToString(format)));
     }
-    const std::vector<float> values = FitHalf(file, plane, options, report);
-    bytes = Encode(file, {plane.width_px, plane.height_px, values}, format, options);
+    CheckHalf(file, plane, options, report);
+    bytes = Encode(file, plane, format, options);
   } else {
     bytes = Encode(file, plane, format, options);
   }

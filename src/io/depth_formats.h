@@ -52,8 +52,6 @@ bool IsPgm(std::string_view bytes);
 StoredDepth DecodePng(const std::filesystem::path& path, std::string& bytes);
 StoredDepth DecodeTiff(const std::filesystem::path& path, std::string& bytes);
 StoredDepth DecodePgm(const std::filesystem::path& path, std::string& bytes);
-std::string EncodePng16(const std::filesystem::path& path, PlaneSize size,
-                        std::span<const uint16_t> counts, int compression);
 std::string EncodeTiff(const std::filesystem::path& path, const FloatPlane& plane);
 
 bool IsColmapMap(std::string_view bytes);

@@ -209,13 +209,6 @@ StoredDepth DecodePng(const path& file, std::string& bytes) {
   return ToStored(file, Decode(file, bytes), DepthFileFormat::kPng);
 }
 
-std::string EncodePng16(const path& file, PlaneSize size, std::span<const uint16_t> counts,
-                        int compression) {
-  cv::Mat picture(size.height_px, size.width_px, CV_16U);
-  std::memcpy(picture.data, counts.data(), counts.size_bytes());
-  return EncodeByOpenCv(file, ".png", picture, {cv::IMWRITE_PNG_COMPRESSION, compression});
-}
-
 bool IsTiff(std::string_view bytes) {
   using namespace std::string_view_literals;
   return bytes.starts_with("II*\0"sv) || bytes.starts_with("MM\0*"sv) ||

@@ -7,6 +7,7 @@
 
 #include "io/depth_formats.h"
 #include "io/inflate.h"
+#include "io/sample_rounding.h"
 #include "io/zip_archive.h"
 #include <fmt/format.h>
 
@@ -269,12 +270,10 @@ void AppendSamples(std::span<const float> values, FloatSample sample, std::strin
     bytes.append(reinterpret_cast<const char*>(values.data()), values.size_bytes());
     return;
   }
-  const size_t offset = bytes.size();
-  bytes.resize(offset + values.size() * sizeof(Eigen::half));
-  for (size_t i = 0; i < values.size(); ++i) {
-    const Eigen::half value(values[i]);
-    std::memcpy(bytes.data() + offset + i * sizeof(value), &value, sizeof(value));
-  }
+  std::vector<uint16_t> halves(values.size());
+  DepthWriteReport ignored;
+  RoundToHalf(values, halves, ignored);
+  bytes.append(reinterpret_cast<const char*>(halves.data()), halves.size() * sizeof(uint16_t));
 }
 
 std::string EncodeNpy(const FloatPlane& plane, FloatSample sample) {
