@@ -239,6 +239,29 @@ TEST_F(Render, KilledTwentyTimesAtRandomItLeavesTheSameFiles) {
   EXPECT_EQ(Contents(out_), Contents(scene_.folder / "whole"));
 }
 
+TEST_F(Render, AFullDiskNamesTheFileAndTheRestIsResumed) {
+  // No file may be larger than 64 kB: the small images fit, the large one, which is the last, not.
+  const fs::path cameras = WriteCameras(6, "96 72");
+  const std::string small = ReadFile(cameras);
+  WriteFile(cameras, small + "large.jpg 1 0 0 0 0 0 0 SIMPLE_RADIAL 960 720 600 480 360 -0.1\n");
+  const Arguments command = Arguments{"render",    "--geometry", "mesh:" + scene_.mesh().string(),
+                                      "--cameras", cameras,      "--format",
+                                      "npy",       "--threads",  "1",
+                                      "--out"};
+  ASSERT_TRUE(Succeeds(RunRaylift(command + Arguments{scene_.folder / "whole"})));
+  const CommandResult full =
+      RunCommand(Arguments{"/bin/sh", "-c", "trap '' XFSZ; ulimit -f 128; exec \"$@\"", "sh",
+                           RAYLIFT_PROGRAM} +
+                 command + Arguments{out_});
+  EXPECT_TRUE(FailsWith(3, {(out_ / "depth" / "large.npy").string(), "cannot be written"}, full));
+  EXPECT_EQ(ReadManifest(out_ / "manifest.jsonl").size(), 6u);
+  EXPECT_EQ(FilesBelow(out_).size(), 7u) << "the small images and the manifest";
+  const CommandResult resumed = RunRaylift(command + Arguments{out_, "--resume"});
+  ASSERT_TRUE(Succeeds(resumed));
+  EXPECT_NE(resumed.out.find("6 kept"), std::string::npos) << resumed.out;
+  EXPECT_EQ(Contents(out_), Contents(scene_.folder / "whole"));
+}
+
 TEST_F(Render, ShardsSideBySideAreOneRun) {
   const fs::path cameras = WriteCameras(40, "96 72");
   ASSERT_TRUE(Succeeds(RunRaylift(ManyImages(cameras, scene_.folder / "whole"))));
