@@ -186,12 +186,20 @@ NamedGeometry MakeSfm(SpecKeys keys, const GeometryContext& context) {
   options.limits.far_z = keys.TakeNumber("far", 0).value_or(options.limits.far_z);
   keys.ExpectAllTaken(kSfmKeys);
 
-  const ColmapModel model = ReadColmapModel(folder);
+  ColmapModel model = ReadColmapModel(folder);
   if (model.points3d.empty()) throw InputError(folder, "the model has no 3D points");
+  const size_t num_points = model.points3d.size();
+  RemoveImages(model, context.thinned_out);
+  if (model.points3d.empty()) {
+    throw InputError(folder, "no 3D point is seen by two of the images that thinning has left");
+  }
   SfmFit fit = CheckSfmModel(model, context.references);
   NamedGeometry geometry;
   geometry.kind = GeometryKind::kSfm;
   geometry.understood = std::move(fit.understood);
+  if (model.points3d.size() < num_points) {
+    geometry.understood += fmt::format(", of {} before thinning", num_points);
+  }
   for (const std::string& warning : fit.warnings) {
     geometry.warnings.push_back(fmt::format("{}: {}", folder.string(), warning));
   }

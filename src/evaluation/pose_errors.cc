@@ -95,6 +95,19 @@ PosesByName MatchNames(const PosesByName& ground_truth, const PosesByName& estim
   return poses;
 }
 
+std::map<std::string, Comparison> SplitByGroup(
+    const Comparison& comparison, const std::map<std::string, std::string>& group_of_query) {
+  std::map<std::string, Comparison> groups;
+  for (const QueryError& query : comparison.queries) {
+    const auto group = group_of_query.find(query.name);
+    if (group == group_of_query.end()) continue;
+    Comparison& part = groups[group->second];
+    part.uses_ground_truth = comparison.uses_ground_truth;
+    part.queries.push_back(query);
+  }
+  return groups;
+}
+
 Comparison ChooseByOracle(const Comparison& a, const Comparison& b, double cm_per_scene_unit) {
   RAYLIFT_CHECK_EQ(a.queries.size(), b.queries.size());
   const auto cost = [cm_per_scene_unit](const PoseError& error) {

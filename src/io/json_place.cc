@@ -96,4 +96,15 @@ std::string JsonPlace::Path() const {
   return parent.empty() ? std::string(name_) : fmt::format("{}.{}", parent, name_);
 }
 
+nlohmann::json ParseJson(std::string_view json, const std::filesystem::path& file) {
+  try {
+    return nlohmann::json::parse(json);
+  } catch (const nlohmann::json::exception& error) {
+    // "[json.exception.parse_error.101] parse error at line 1, column 2: ..."
+    const std::string_view message = error.what();
+    const size_t id_end = message.find("] ");
+    throw InputError(file, message.substr(id_end == std::string_view::npos ? 0 : id_end + 2));
+  }
+}
+
 }  // namespace raylift

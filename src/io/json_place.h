@@ -1,8 +1,9 @@
 // Values of a JSON text, read strictly and named by their path in messages
-// ("references[2].camera.width"). Private to io.
+// ("references[2].camera.width"). Private to io and datasets.
 
 #pragma once
 
+#include <filesystem>
 #include <string>
 #include <string_view>
 
@@ -47,5 +48,8 @@ class JsonPlace {
   std::string_view name_;  // empty: an element of an array
   size_t index_ = 0;
 };
+
+// The value that a text holds. InputError naming the file for malformed JSON.
+nlohmann::json ParseJson(std::string_view json, const std::filesystem::path& file);
 
 }  // namespace raylift

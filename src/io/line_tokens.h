@@ -1,4 +1,5 @@
-// The tokens of one line, taken one after the other and named in messages. Private to io.
+// The tokens of one line, taken one after the other and named in messages. Private to io
+// and datasets.
 
 #pragma once
 

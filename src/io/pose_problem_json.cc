@@ -17,17 +17,6 @@ namespace {
 
 constexpr std::string_view kFormat = "pose-problem/1";
 
-nlohmann::json ParseJson(std::string_view json, const std::filesystem::path& path) {
-  try {
-    return nlohmann::json::parse(json);
-  } catch (const nlohmann::json::exception& error) {
-    // "[json.exception.parse_error.101] parse error at line 1, column 2: ..."
-    const std::string_view message = error.what();
-    const size_t id_end = message.find("] ");
-    throw InputError(path, message.substr(id_end == std::string_view::npos ? 0 : id_end + 2));
-  }
-}
-
 template <int N>
 Eigen::Matrix<double, N, 1> ReadVector(const JsonPlace& place) {
   place.ExpectArraySize(N);

@@ -1,4 +1,4 @@
-// Quaternions of files that promise unit length. Private to io.
+// Quaternions of files that promise unit length. Private to io and datasets.
 
 #pragma once
 

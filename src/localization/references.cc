@@ -1,6 +1,9 @@
 // The references of a scene from a COLMAP model.
 
 #include <stdexcept>
+#include <string_view>
+
+#include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/io/colmap_model.h"
@@ -8,11 +11,37 @@
 
 namespace raylift {
 
+namespace {
+
+std::vector<size_t> Keep(const std::filesystem::path& model, const std::vector<PosedImage>& images,
+                         const Thinning& thinning) {
+  std::vector<std::string> cameras;
+  for (const PosedImage& image : images) cameras.push_back(image.camera.ToString());
+  const std::vector<size_t> kept = KeptIndices(cameras, thinning);
+  const auto fail = [&](std::string_view what) {
+    throw InputError(model, fmt::format("{} of {} images by every {}, offset {}", what,
+                                        images.size(), thinning.every, thinning.offset));
+  };
+  if (kept.empty()) fail("none is left");
+  if (thinning.per_camera && !thinning.KeepsAll() && kept.size() == images.size() &&
+      images.size() > 1) {
+    fail("each has a camera of its own, which leaves all");
+  }
+  return kept;
+}
+
+}  // namespace
+
 void MatchSource::Join(const PosedImage& localized_query) {
   throw std::logic_error("this source of matches was not opened for " + localized_query.name);
 }
 
 LoadedReferences LoadReferences(const std::filesystem::path& model, int every,
+                                PoseConvention poses) {
+  return LoadReferences(model, Thinning{.every = every}, poses);
+}
+
+LoadedReferences LoadReferences(const std::filesystem::path& model, const Thinning& thinning,
                                 PoseConvention poses) {
   ColmapModel colmap = ReadColmapModel(model);
   LoadedReferences loaded;
@@ -24,13 +53,12 @@ LoadedReferences LoadReferences(const std::filesystem::path& model, int every,
   if (images.empty()) {
     throw InputError(model, "the model has no images with a pose");
   }
-  for (size_t i = 0; i < images.size(); ++i) {
-    if (i % static_cast<size_t>(every) == 0) {
-      loaded.references.images.push_back(images[i]);
-    } else {
-      loaded.references.thinned_out.push_back(images[i].name);
-    }
+  size_t next = 0;
+  for (const size_t kept : Keep(model, images, thinning)) {
+    for (; next < kept; ++next) loaded.references.thinned_out.push_back(images[next].name);
+    loaded.references.images.push_back(images[next++]);
   }
+  for (; next < images.size(); ++next) loaded.references.thinned_out.push_back(images[next].name);
   return loaded;
 }
 

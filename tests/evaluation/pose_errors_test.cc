@@ -95,6 +95,20 @@ TEST(Comparison, RefusesAmbiguousNames) {
   EXPECT_THAT(exact.unknown_names, ElementsAre("a.png"));
 }
 
+TEST(Comparison, SplitsByGroup) {
+  const PosesByName truth = {{"a", Shifted(0)}, {"b", Shifted(0)}, {"c", Shifted(0)}};
+  const PosesByName estimated = {{"a", Shifted(1)}, {"c", Shifted(2)}, {"unknown", Shifted(0)}};
+  const auto groups = SplitByGroup(CompareWithGroundTruth(truth, estimated),
+                                   {{"a", "day"}, {"b", "day"}, {"elsewhere", "dawn"}});
+  ASSERT_EQ(groups.size(), 1u);
+  const Comparison& day = groups.at("day");
+  ASSERT_EQ(day.queries.size(), 2u);
+  EXPECT_EQ(day.queries[0].name, "a");
+  EXPECT_NEAR(day.queries[0].error->position, 1, 1e-12);
+  EXPECT_FALSE(day.queries[1].error.has_value());
+  EXPECT_THAT(day.unknown_names, IsEmpty());
+}
+
 TEST(Oracle, TakesTheSmallerMaximumOfCentimetresAndDegrees) {
   const PosesByName truth = {
       {"a", Shifted(0)}, {"b", Shifted(0)}, {"c", Shifted(0)}, {"d", Shifted(0)}};

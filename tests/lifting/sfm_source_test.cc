@@ -183,6 +183,20 @@ TEST(MakeGeometrySource, OpensSfmModels) {
   EXPECT_FALSE(lifts("sfm,far=5", own));
 }
 
+TEST(MakeGeometrySource, SfmPointsAreThinnedOutWithTheirImages) {
+  const TinyModel tiny;
+  const std::string folder = (TestFolder() / "model").string();
+  WriteColmapModel(folder, tiny.model, ColmapForm::kBinary);
+  const std::vector<PosedImage> kept = {tiny.images[0]};
+  const std::vector<std::string> thinned_out = {tiny.images[1].name};
+  EXPECT_TRUE(FailsWithInputError(
+      [&] {
+        MakeGeometrySource("sfm",
+                           {.model = folder, .references = kept, .thinned_out = thinned_out});
+      },
+      {folder, "no 3D point is seen by two"}));
+}
+
 TEST(MakeGeometrySource, AModelWithoutPointsIsAnInputError) {
   TinyModel tiny;
   tiny.model.points3d.clear();

@@ -30,6 +30,34 @@ TEST(References, EveryNthIsTakenByNameFromTheFirstOn) {
   EXPECT_EQ(load(2).model, scene.model());
 }
 
+TEST(References, ThinningStartsAtTheOffset) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const auto load = [&](const Thinning& thinning) {
+    return LoadReferences(scene.model(), thinning).references;
+  };
+  const ReferenceSet references = load({.every = 3, .offset = 1});
+  EXPECT_EQ(Names(references.images), (StringVector{"ref/01.png", "ref/04.png"}));
+  EXPECT_EQ(references.thinned_out,
+            (StringVector{"ref/00.png", "ref/02.png", "ref/03.png", "ref/05.png"}));
+  EXPECT_TRUE(FailsWithInputError([&] { load({.every = 9, .offset = 6}); },
+                                  {scene.model().string(), "none is left of 6 images"}));
+}
+
+TEST(References, ThinningPerCameraNeedsSharedCameras) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const Thinning thinning{.every = 2, .per_camera = true};
+  // Equal parameters are one camera, whatever its ids.
+  EXPECT_EQ(LoadReferences(scene.model(), thinning).references.images.size(), 3u);
+  std::string cameras;
+  for (int id = 1; id <= 6; ++id) {
+    cameras +=
+        std::to_string(id) + " SIMPLE_RADIAL 320 240 26" + std::to_string(id) + " 160 120 0\n";
+  }
+  WriteFile(scene.model() / "cameras.txt", cameras);
+  EXPECT_TRUE(FailsWithInputError([&] { LoadReferences(scene.model(), thinning); },
+                                  {"each has a camera of its own"}));
+}
+
 TEST(References, KeepTheirPosesAndCameras) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const auto images = LoadReferences(scene.model(), 1).references.images;

@@ -43,6 +43,11 @@ Comparison CompareWithGroundTruth(const PosesByName& ground_truth, const PosesBy
 // out.
 PosesByName MatchNames(const PosesByName& ground_truth, const PosesByName& estimated);
 
+// The comparison of each group of queries (such as day and night), by the group's name. Queries
+// that `group_of_query` does not know are in none, unknown names neither.
+std::map<std::string, Comparison> SplitByGroup(
+    const Comparison& comparison, const std::map<std::string, std::string>& group_of_query);
+
 // The paper's Oracle: of two methods' poses of a query, the one with the smaller
 // max(position error in cm, rotation error in deg). An upper bound for choosing between them, made
 // with the ground truth. Both comparisons must be with the same ground truth.

@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -94,6 +95,11 @@ struct ColmapModel {
   // The images with their cameras, sorted by name.
   std::vector<PosedImage> PosedImages() const;
 };
+
+// Takes images out of a model, and with them their observations: points that lose some and keep
+// fewer than two are taken out, too. The others stay where they were triangulated. Names that are
+// not in the model are passed over.
+void RemoveImages(ColmapModel& model, std::span<const std::string> names);
 
 enum class ColmapForm { kText, kBinary };
 

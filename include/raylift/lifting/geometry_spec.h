@@ -35,7 +35,9 @@ struct NamedGeometry {
 struct GeometryContext {
   std::filesystem::path model = {};             // the references' COLMAP model
   std::span<const PosedImage> references = {};  // that will be lifted from
-  size_t max_cache_bytes = size_t{1} << 29;     // of depth maps that are kept in memory
+  // Names of references that are not in use: an SfM model's points are without them, too.
+  std::span<const std::string> thinned_out = {};
+  size_t max_cache_bytes = size_t{1} << 29;  // of depth maps that are kept in memory
 };
 
 // Opens "mesh:PATH[,key=value...]", "depth:DIR[,key=value...]" or "sfm[:DIR][,key=value...]" (by

@@ -16,6 +16,7 @@
 #include "raylift/localization/covisibility.h"
 #include "raylift/scene/pose_problem.h"
 #include "raylift/scene/posed_image.h"
+#include "raylift/scene/thinning.h"
 
 namespace raylift {
 
@@ -48,13 +49,17 @@ struct ReferenceSet {
   std::vector<std::string> thinned_out;
 };
 
-// The images of a COLMAP model whose poses may be in another convention, every `every`-th of them
-// by name from the first on.
+// The images of a COLMAP model whose poses may be in another convention, thinned out. Cameras of
+// equal parameters count as one. InputError where no image is left, or where thinning per camera
+// drops none as each image has a camera of its own.
 struct LoadedReferences {
   ReferenceSet references;
   Covisibility covisibility;
   std::vector<std::string> warnings;
 };
+LoadedReferences LoadReferences(const std::filesystem::path& model, const Thinning& thinning,
+                                PoseConvention poses = PoseConvention::kCamFromWorld);
+// Every `every`-th from the first on.
 LoadedReferences LoadReferences(const std::filesystem::path& model, int every,
                                 PoseConvention poses = PoseConvention::kCamFromWorld);
 

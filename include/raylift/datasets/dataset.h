@@ -1,0 +1,72 @@
+// The field's data sets, each in the layout in which it is published, as scenes. Every convention
+// of theirs (camera to world, camera centres, quaternions with w last, OpenGL's axes) is converted
+// here, once. Photographs and depth maps stay where they are.
+
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "raylift/geometry/camera.h"
+#include "raylift/io/query_list.h"
+#include "raylift/io/scene_file.h"
+#include "raylift/scene/posed_image.h"
+
+namespace raylift {
+
+struct ImportOptions {
+  // Of data sets that have no queries of their own: every N-th frame is one, the N-th first.
+  int query_every = 8;
+  // Whose photographs the queries of Gangnam are.
+  std::string split = "validation";
+  // Instead of the data set's intrinsics, for all images.
+  std::optional<Camera> camera = std::nullopt;
+};
+
+struct ImportedScene {
+  std::string name;
+  std::filesystem::path folder;  // of its files, below the output folder; empty: that itself
+  // References are either images with poses or a COLMAP model that is used where it is.
+  std::vector<PosedImage> references;
+  std::filesystem::path reference_model;
+  std::filesystem::path images;
+  std::vector<Query> queries;
+  std::filesystem::path query_images;
+  std::vector<NamedPose> ground_truth;        // of queries, where it is public
+  std::map<std::string, double> times;        // seconds, of references and queries
+  std::map<std::string, std::string> groups;  // of queries
+  std::string thresholds;                     // as --thresholds takes them
+  std::vector<SceneGeometry> geometries;
+  std::vector<std::string> warnings;  // what was skipped, what does not agree
+  std::vector<std::string> notes;     // what holds for every copy of the data set
+};
+
+struct Dataset {
+  std::string_view name;    // as the command takes it
+  std::string_view title;   // "7-Scenes"
+  std::string_view layout;  // what its folder must hold
+  std::vector<ImportedScene> (*import)(const std::filesystem::path& folder,
+                                       const ImportOptions& options);
+};
+
+// All that can be imported.
+std::span<const Dataset> AllDatasets();
+std::string DatasetNames();  // "7scenes|12scenes|..."
+
+// The scenes in a folder of the data set of this name: one, but for Extended CMU Seasons, where a
+// folder of several slices is one scene each. OptionError for an unknown name, InputError naming
+// file and field where the folder does not have the layout, or where no image is left.
+std::vector<ImportedScene> ImportDataset(std::string_view name, const std::filesystem::path& folder,
+                                         const ImportOptions& options = {});
+
+// Writes scene.toml, the query list and, where there are any, references, ground truth (COLMAP
+// models, binary), times and groups into `folder`. Returns the scene file.
+std::filesystem::path WriteImportedScene(const std::filesystem::path& folder,
+                                         const ImportedScene& scene, std::string_view dataset);
+
+}  // namespace raylift

@@ -1,0 +1,123 @@
+// Cambridge Landmarks (Kendall et al., ICCV 2015): dataset_{train,test}.txt with three header lines
+// and rows `seq/frame.png X Y Z W P Q R`: the camera's centre and the quaternion world to camera.
+// The focal lengths are in reconstruction.nvm alone, whose names end in .jpg.
+
+#include <cmath>
+
+#include "datasets/importers.h"
+#include "datasets/nvm.h"
+#include "io/line_tokens.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/io/image_file.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+struct Focal {
+  double focal_px;
+  double radial_distortion;
+};
+
+std::string WithoutExtension(const std::string& name) {
+  return path(name).replace_extension().generic_string();
+}
+
+std::vector<NamedPose> ReadRows(const path& file) {
+  std::vector<NamedPose> poses;
+  LineReader lines(file);
+  for (int i = 0; i < 3; ++i) lines.Next();
+  while (const auto line = lines.NextContent()) {
+    LineTokens tokens(lines, *line);
+    NamedPose& pose = poses.emplace_back();
+    pose.name = tokens.Token("name");
+    const Eigen::Vector3d center_in_world = tokens.Vector<3>("camera position");
+    const Eigen::Vector4d q = tokens.Quaternion("quaternion");
+    const Eigen::Quaterniond rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized();
+    pose.cam_from_world = {rotation, -(rotation * center_in_world)};
+    tokens.ExpectEnd();
+  }
+  return poses;
+}
+
+// The cameras of the images, one per image.
+class Cameras {
+ public:
+  Cameras(const path& folder, const ImportOptions& options) : folder_(folder), given_(options) {
+    if (given_.camera) return;
+    const path file = folder / "reconstruction.nvm";
+    if (!std::filesystem::exists(file)) {
+      throw InputError(file, "the file with the focal lengths is missing: give --camera instead");
+    }
+    for (const NvmCamera& camera : ReadNvmCameras(file)) {
+      focals_.emplace(WithoutExtension(camera.name),
+                      Focal{camera.focal_px, camera.radial_distortion});
+    }
+  }
+
+  std::optional<Camera> Find(const std::string& name) {
+    if (given_.camera) return given_.camera;
+    const auto focal = focals_.find(WithoutExtension(name));
+    if (focal == focals_.end()) return std::nullopt;
+    const ImageSize size = ReadImageSize(folder_ / name);
+    if (focal->second.radial_distortion != 0) ++num_distorted_;
+    return Camera(
+        CameraModel::kSimplePinhole, size.width_px, size.height_px,
+        std::vector<double>{focal->second.focal_px, 0.5 * size.width_px, 0.5 * size.height_px});
+  }
+
+  size_t num_distorted() const { return num_distorted_; }
+
+ private:
+  path folder_;
+  ImportOptions given_;
+  std::map<std::string, Focal> focals_;
+  size_t num_distorted_ = 0;
+};
+
+std::vector<PosedImage> ReadImages(const path& folder, const path& list, Cameras& cameras,
+                                   Skipped& skipped) {
+  std::vector<PosedImage> images;
+  for (const NamedPose& row : ReadRows(folder / list)) {
+    if (!std::filesystem::exists(folder / row.name)) {
+      skipped.Add("the photograph is missing", row.name);
+      continue;
+    }
+    const auto camera = cameras.Find(row.name);
+    if (!camera) {
+      skipped.Add("reconstruction.nvm does not hold its focal length", row.name);
+      continue;
+    }
+    images.push_back({row.name, *camera, row.cam_from_world});
+  }
+  return images;
+}
+
+}  // namespace
+
+ImportedScenes ImportCambridge(const path& folder, const ImportOptions& options) {
+  ImportedScene scene = SceneOfFolder(folder);
+  Cameras cameras(folder, options);
+  Skipped skipped;
+  scene.references = ReadImages(folder, "dataset_train.txt", cameras, skipped);
+  for (const PosedImage& image : ReadImages(folder, "dataset_test.txt", cameras, skipped)) {
+    AddQuery(image, scene);
+    scene.groups.emplace(image.name, path(image.name).parent_path().generic_string());
+  }
+  std::erase_if(scene.groups, [](const auto& entry) { return entry.second.empty(); });
+  skipped.AddWarnings(scene.warnings);
+  if (cameras.num_distorted() > 0) {
+    scene.warnings.push_back(fmt::format(
+        "the radial distortion of {} images in reconstruction.nvm is not used: it is of "
+        "VisualSFM's own model",
+        cameras.num_distorted()));
+  }
+  RequireImages(folder, scene);
+  scene.thresholds = "cambridge";
+  return {std::move(scene)};
+}
+
+}  // namespace raylift

@@ -1,0 +1,186 @@
+// Extended CMU Seasons (Sattler et al., CVPR 2018; Badino et al., 2011): a folder per slice with
+// database/, query/, sparse/ (COLMAP), ground-truth-database-images-sliceN.txt, test-images-
+// sliceN.txt and camera-poses/*.txt, rows `name qw qx qy qz cx cy cz` with the camera's centre; one
+// intrinsics.txt of both cameras for all slices. Slices have nothing in common: each is a scene.
+
+#include <algorithm>
+
+#include "datasets/importers.h"
+#include "io/line_tokens.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/io/colmap_model.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+// The fields of img_00119_c0_1303398474779439us.jpg, from 0.
+std::string FieldOfName(const std::string& name, size_t index) {
+  const std::string stem = path(name).stem().string();
+  const auto fields = SplitBy(stem, '_');
+  return index < fields.size() ? std::string(fields[index]) : "";
+}
+
+std::optional<double> SecondsOfName(const std::string& name) {
+  const std::string field = FieldOfName(name, 3);
+  if (!field.ends_with("us")) return std::nullopt;
+  const auto microseconds = ParseUint(field.substr(0, field.size() - 2));
+  if (!microseconds) return std::nullopt;
+  return static_cast<double>(*microseconds) * 1e-6;
+}
+
+class Intrinsics {
+ public:
+  Intrinsics(const path& slice, const ImportOptions& options) : given_(options.camera) {
+    if (given_) return;
+    file_ = slice / "intrinsics.txt";
+    const path of_all = (slice / ".." / "intrinsics.txt").lexically_normal();
+    if (!std::filesystem::exists(file_) && std::filesystem::exists(of_all)) file_ = of_all;
+    LineReader lines(file_);
+    while (const auto line = lines.NextContent()) {
+      LineTokens tokens(lines, *line);
+      const std::string name(tokens.Token("camera"));
+      cameras_.emplace(name, tokens.CameraToEnd());
+    }
+  }
+
+  Camera Of(const std::string& image) const {
+    if (given_) return *given_;
+    const auto camera = cameras_.find(FieldOfName(image, 2));
+    if (camera == cameras_.end()) {
+      throw InputError(
+          file_, fmt::format("no camera \"{}\" as \"{}\" names it", FieldOfName(image, 2), image));
+    }
+    return camera->second;
+  }
+
+ private:
+  std::optional<Camera> given_;
+  path file_;
+  std::map<std::string, Camera> cameras_;
+};
+
+std::map<std::string, Rigid3> ReadPosesByCenter(const path& file) {
+  std::map<std::string, Rigid3> poses;
+  LineReader lines(file);
+  while (const auto line = lines.NextContent()) {
+    LineTokens tokens(lines, *line);
+    const std::string name(tokens.Token("name"));
+    const Eigen::Vector4d q = tokens.Quaternion("quaternion");
+    const Eigen::Vector3d center_in_world = tokens.Vector<3>("camera centre");
+    tokens.ExpectEnd();
+    const Eigen::Quaterniond rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized();
+    poses[name] = {rotation, -(rotation * center_in_world)};
+  }
+  return poses;
+}
+
+// The model and the list of poses should be the same.
+void CompareReferences(const std::map<std::string, Rigid3>& listed, ImportedScene& scene) {
+  constexpr double kFar = 0.01;
+  size_t num_far = 0, num_common = 0;
+  for (const PosedImage& image : ReadColmapModel(scene.reference_model).PosedImages()) {
+    const auto pose = listed.find(image.name);
+    if (pose == listed.end()) continue;
+    ++num_common;
+    const Eigen::Vector3d difference =
+        pose->second.OriginInSource() - image.cam_from_world.OriginInSource();
+    if (difference.norm() > kFar) ++num_far;
+  }
+  if (num_far > 0) {
+    scene.warnings.push_back(fmt::format(
+        "{} of {} references are elsewhere in sparse/ than in the list of poses; sparse/ is used",
+        num_far, num_common));
+  }
+}
+
+void TakeReferences(const path& slice, const Intrinsics& intrinsics, ImportedScene& scene) {
+  const path list = slice / fmt::format("ground-truth-database-images-{}.txt", scene.name);
+  const auto poses =
+      std::filesystem::exists(list) ? ReadPosesByCenter(list) : std::map<std::string, Rigid3>();
+  if (DetectColmapForm(slice / "sparse")) {
+    scene.reference_model = slice / "sparse";
+    scene.geometries = {{"sfm", "sfm"}};
+    for (const PosedImage& image : ReadColmapModel(scene.reference_model).PosedImages()) {
+      if (const auto seconds = SecondsOfName(image.name)) scene.times.emplace(image.name, *seconds);
+    }
+    CompareReferences(poses, scene);
+    return;
+  }
+  if (poses.empty()) {
+    throw InputError(list,
+                     "expected the poses of the references there, or a COLMAP model in "
+                     "sparse/");
+  }
+  for (const auto& [name, pose] : poses) {
+    scene.references.push_back({name, intrinsics.Of(name), pose});
+    if (const auto seconds = SecondsOfName(name)) scene.times.emplace(name, *seconds);
+  }
+}
+
+void TakeQueries(const path& slice, const Intrinsics& intrinsics, ImportedScene& scene) {
+  std::map<std::string, Rigid3> poses;
+  if (std::filesystem::is_directory(slice / "camera-poses")) {
+    for (const std::string& file : ListFiles(slice / "camera-poses", ".txt")) {
+      poses.merge(ReadPosesByCenter(slice / "camera-poses" / file));
+    }
+  }
+  for (const std::string& name :
+       ReadImageList(slice / fmt::format("test-images-{}.txt", scene.name))) {
+    scene.queries.push_back({name, intrinsics.Of(name)});
+    scene.groups.emplace(name, scene.name);
+    if (const auto seconds = SecondsOfName(name)) scene.times.emplace(name, *seconds);
+    const auto pose = poses.find(name);
+    if (pose != poses.end()) scene.ground_truth.push_back({name, pose->second});
+  }
+  if (scene.ground_truth.size() < scene.queries.size()) {
+    scene.notes.push_back(fmt::format("poses of {} of {} queries are public",
+                                      scene.ground_truth.size(), scene.queries.size()));
+  }
+}
+
+ImportedScene ImportSlice(const path& slice, const ImportOptions& options) {
+  ImportedScene scene = SceneOfFolder(slice);
+  scene.images = slice / "database";
+  scene.query_images = slice / "query";
+  const Intrinsics intrinsics(slice, options);
+  TakeReferences(slice, intrinsics, scene);
+  TakeQueries(slice, intrinsics, scene);
+  RequireImages(slice, scene);
+  scene.thresholds = "cmu";
+  return scene;
+}
+
+std::vector<std::string> ListSlices(const path& folder) {
+  std::vector<std::pair<uint64_t, std::string>> slices;
+  constexpr std::string_view kPrefix = "slice";
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    const std::string name = entry.path().filename().string();
+    if (!entry.is_directory() || !name.starts_with(kPrefix)) continue;
+    const auto number = ParseUint(name.substr(kPrefix.size()));
+    if (number) slices.emplace_back(*number, name);
+  }
+  std::sort(slices.begin(), slices.end());
+  std::vector<std::string> names;
+  for (const auto& [number, name] : slices) names.push_back(name);
+  return names;
+}
+
+}  // namespace
+
+ImportedScenes ImportCmu(const path& folder, const ImportOptions& options) {
+  SceneOfFolder(folder);
+  const std::vector<std::string> slices = ListSlices(folder);
+  if (slices.empty()) return {ImportSlice(folder, options)};
+  ImportedScenes scenes;
+  for (const std::string& slice : slices) {
+    scenes.push_back(ImportSlice(folder / slice, options));
+    scenes.back().folder = slice;
+  }
+  return scenes;
+}
+
+}  // namespace raylift

@@ -1,0 +1,90 @@
+// One importer per data set, and what they share. Private to datasets.
+
+#pragma once
+
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/base/text.h"
+#include "raylift/datasets/dataset.h"
+
+namespace raylift {
+
+using ImportedScenes = std::vector<ImportedScene>;
+
+ImportedScenes Import7Scenes(const std::filesystem::path& folder, const ImportOptions& options);
+ImportedScenes Import12Scenes(const std::filesystem::path& folder, const ImportOptions& options);
+ImportedScenes ImportCambridge(const std::filesystem::path& folder, const ImportOptions& options);
+ImportedScenes ImportAachen(const std::filesystem::path& folder, const ImportOptions& options);
+ImportedScenes ImportCmu(const std::filesystem::path& folder, const ImportOptions& options);
+ImportedScenes ImportGangnam(const std::filesystem::path& folder, const ImportOptions& options);
+ImportedScenes ImportNerfstudio(const std::filesystem::path& folder, const ImportOptions& options);
+ImportedScenes ImportTum(const std::filesystem::path& folder, const ImportOptions& options);
+ImportedScenes ImportScanNet(const std::filesystem::path& folder, const ImportOptions& options);
+
+// A scene named after its folder.
+ImportedScene SceneOfFolder(const std::filesystem::path& folder);
+
+// Counts what cannot be used, by reason.
+class Skipped {
+ public:
+  void Add(const std::string& reason, const std::string& name);
+  // "3 frames are skipped: REASON (first: NAME)", by reason.
+  void AddWarnings(std::vector<std::string>& warnings) const;
+
+ private:
+  struct Entry {
+    size_t count = 0;
+    std::string first;
+  };
+  std::map<std::string, Entry> entries_;
+};
+
+// A query with its true pose.
+void AddQuery(const PosedImage& image, ImportedScene& scene);
+
+// Every N-th frame becomes a query, the others references. InputError in the name of `source` where
+// that leaves none of either.
+void SplitFrames(const std::vector<PosedImage>& frames, int query_every,
+                 const std::filesystem::path& source, ImportedScene& scene);
+
+// InputError in the name of the folder where there are no references or no queries.
+void RequireImages(const std::filesystem::path& folder, const ImportedScene& scene);
+
+// The camera of all frames of a data set.
+class SharedCamera {
+ public:
+  // The given one, if there is one.
+  explicit SharedCamera(const ImportOptions& options);
+  // Else made for the first photograph that asks.
+  const Camera& Get(const std::function<Camera()>& make);
+
+ private:
+  bool known_;
+  Camera camera_;
+};
+
+// The camera scaled to the photograph's size, as for folders of resized pictures.
+Camera FitToPhotograph(const Camera& camera, const std::filesystem::path& photograph);
+
+// The rigid motion of a 4x4 matrix with its last row 0 0 0 1. None where it is not one: its
+// rotation is orthogonal only within the rounding of text files, and is made so.
+std::optional<Rigid3> RigidFromMatrix(const Eigen::Matrix4d& matrix);
+
+// A text file of a 4x4 matrix, a row per line, of a camera in the world. None where a number is
+// infinite or not one, as in frames that were not tracked. InputError for anything else.
+std::optional<Rigid3> ReadWorldFromCam(const std::filesystem::path& file);
+
+// The same matrix as it is, all numbers finite.
+Eigen::Matrix4d ReadMatrix(const std::filesystem::path& file);
+
+// The file names in a folder that end in `suffix`, by the number in front of it if that is one,
+// else by name. InputError where the folder is missing.
+std::vector<std::string> ListFiles(const std::filesystem::path& folder, const std::string& suffix);
+
+}  // namespace raylift

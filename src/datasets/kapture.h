@@ -1,0 +1,28 @@
+// The sensors, records and trajectories of a kapture data set (format 1.x): CSV files below
+// `sensors`. Private to datasets.
+
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "raylift/geometry/camera.h"
+#include "raylift/geometry/rigid3.h"
+
+namespace raylift {
+
+struct KaptureImage {
+  std::string name;  // below sensors/records_data
+  uint64_t timestamp = 0;
+  std::optional<Camera> camera;          // none: its model is unknown
+  std::optional<Rigid3> cam_from_world;  // none: not in the trajectories, or only a part of it
+};
+
+// All records of cameras, by name. Poses of rigs are composed with the sensors' places in them.
+// `folder` holds the folder `sensors`. InputError naming file and line for anything else.
+std::vector<KaptureImage> ReadKapture(const std::filesystem::path& folder);
+
+}  // namespace raylift

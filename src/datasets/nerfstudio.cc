@@ -1,0 +1,280 @@
+// nerfstudio: transforms.json with camera-to-world matrices of cameras in OpenGL's axes (x right, y
+// up, z back), intrinsics for all frames or per frame. The scene is in the world that the images
+// were in before nerfstudio's `applied_transform` and `applied_scale`.
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <set>
+
+#include "datasets/importers.h"
+#include "io/json_place.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/geometry/pose_convention.h"
+#include "raylift/io/image_file.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+struct Frame {
+  PosedImage image;
+  std::string depth;  // as named in the file; empty: none
+};
+
+// What was done to the world: q = scale * (transform * p).
+struct AppliedTransform {
+  Rigid3 transform;
+  double scale = 1;
+
+  Rigid3 Undo(const Rigid3& world_from_cam) const {
+    Rigid3 unscaled = world_from_cam;
+    unscaled.translation /= scale;
+    return transform.Inverse() * unscaled;
+  }
+};
+
+// Rows of a matrix; the last one may be left out. An element that is no number (null, as written
+// for infinity) makes all of it not finite.
+Eigen::Matrix4d ReadRows(const JsonPlace& place) {
+  Eigen::Matrix4d matrix = Eigen::Matrix4d::Identity();
+  const size_t num_rows = place.ArraySize();
+  if (num_rows != 3 && num_rows != 4) place.Fail("expected 3 or 4 rows");
+  for (size_t r = 0; r < num_rows; ++r) {
+    const JsonPlace row = place.At(r);
+    row.ExpectArraySize(4);
+    for (size_t c = 0; c < 4; ++c) {
+      const JsonPlace element = row.At(c);
+      matrix(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(c)) =
+          element.IsNull() ? std::nan("") : element.Number();
+    }
+  }
+  return matrix;
+}
+
+class Reader {
+ public:
+  Reader(const path& file, const ImportOptions& options)
+      : file_(file),
+        folder_(file.has_parent_path() ? file.parent_path() : path(".")),
+        file_name_(file.string()),
+        document_(ParseJson(ReadFile(file), file)),
+        root_(document_, file_name_),
+        options_(options) {
+    if (root_.Has("applied_transform")) {
+      const JsonPlace place = root_.Member("applied_transform");
+      const auto transform = RigidFromMatrix(ReadRows(place));
+      if (!transform) place.Fail("expected a rotation and a translation");
+      applied_.transform = *transform;
+    }
+    if (root_.Has("applied_scale")) {
+      const JsonPlace place = root_.Member("applied_scale");
+      applied_.scale = place.Number();
+      if (!(applied_.scale > 0)) place.Fail("expected a positive number");
+    }
+  }
+
+  std::vector<Frame> Frames(Skipped& skipped) const {
+    std::vector<Frame> frames;
+    const JsonPlace list = root_.Member("frames");
+    for (size_t i = 0; i < list.ArraySize(); ++i) {
+      const JsonPlace place = list.At(i);
+      if (auto frame = ReadFrame(place, skipped)) frames.push_back(std::move(*frame));
+    }
+    // As nerfstudio itself orders them.
+    std::sort(frames.begin(), frames.end(),
+              [](const Frame& a, const Frame& b) { return a.image.name < b.image.name; });
+    for (size_t i = 1; i < frames.size(); ++i) {
+      if (frames[i].image.name == frames[i - 1].image.name) {
+        throw InputError(file_, "frames", fmt::format("\"{}\" stands twice", frames[i].image.name));
+      }
+    }
+    return frames;
+  }
+
+  // The names of a split; none where the file has no such list.
+  std::optional<std::set<std::string>> Names(std::string_view key) const {
+    if (!root_.Has(key)) return std::nullopt;
+    std::set<std::string> names;
+    const JsonPlace list = root_.Member(key);
+    for (size_t i = 0; i < list.ArraySize(); ++i) {
+      const JsonPlace place = list.At(i);
+      names.insert(NameOf(place.String()));
+    }
+    return names;
+  }
+
+  const path& folder() const { return folder_; }
+  double applied_scale() const { return applied_.scale; }
+
+ private:
+  // "./images/1" of the Blender scenes is images/1.png.
+  std::string NameOf(const std::string& file_path) const {
+    path name = path(file_path).lexically_normal();
+    if (!name.has_extension() && !std::filesystem::exists(folder_ / name)) name += ".png";
+    return name.generic_string();
+  }
+
+  std::optional<Frame> ReadFrame(const JsonPlace& place, Skipped& skipped) const {
+    const JsonPlace file_path = place.Member("file_path");
+    const std::string name = NameOf(file_path.String());
+    if (name.starts_with("..") || path(name).is_absolute()) {
+      file_path.Fail("expected a file below the folder of transforms.json");
+    }
+    const JsonPlace matrix_place = place.Member("transform_matrix");
+    const Eigen::Matrix4d matrix = ReadRows(matrix_place);
+    if (!matrix.allFinite()) {
+      skipped.Add("the pose is not finite", name);
+      return std::nullopt;
+    }
+    const auto world_from_opengl = RigidFromMatrix(matrix);
+    if (!world_from_opengl) matrix_place.Fail("expected a rotation and a translation");
+    if (!std::filesystem::exists(folder_ / name)) {
+      skipped.Add("the photograph is missing", name);
+      return std::nullopt;
+    }
+    Frame frame{
+        {name, ReadCamera(place, name),
+         CamFromWorld(applied_.Undo(*world_from_opengl), PoseConvention::kWorldFromOpenGlCamera)},
+        ""};
+    if (place.Has("depth_file_path")) {
+      const JsonPlace depth = place.Member("depth_file_path");
+      frame.depth = path(depth.String()).lexically_normal().generic_string();
+    }
+    return frame;
+  }
+
+  // A number of the frame, else of all.
+  std::optional<double> Number(const JsonPlace& frame, std::string_view key) const {
+    for (const JsonPlace* place : {&frame, &root_}) {
+      if (!place->Has(key)) continue;
+      const JsonPlace value = place->Member(key);
+      return value.Number();
+    }
+    return std::nullopt;
+  }
+
+  std::string ModelName(const JsonPlace& frame) const {
+    for (const JsonPlace* place : {&frame, &root_}) {
+      if (!place->Has("camera_model")) continue;
+      const JsonPlace value = place->Member("camera_model");
+      return value.String();
+    }
+    return "OPENCV";
+  }
+
+  Camera ReadCamera(const JsonPlace& frame, const std::string& name) const {
+    if (options_.camera) return *options_.camera;
+    auto width = Number(frame, "w"), height = Number(frame, "h");
+    if (!width || !height) {
+      const ImageSize size = ReadImageSize(folder_ / name);
+      width = width.value_or(size.width_px);
+      height = height.value_or(size.height_px);
+    }
+    auto focal_x = Number(frame, "fl_x");
+    const auto angle_x = Number(frame, "camera_angle_x");
+    if (!focal_x && angle_x) focal_x = 0.5 * *width / std::tan(0.5 * *angle_x);
+    if (!focal_x) frame.Fail("expected fl_x or camera_angle_x, in the frame or for all");
+    const double focal_y = Number(frame, "fl_y").value_or(*focal_x);
+    const double cx = Number(frame, "cx").value_or(0.5 * *width);
+    const double cy = Number(frame, "cy").value_or(0.5 * *height);
+    const auto distortion = [&](std::string_view key) { return Number(frame, key).value_or(0); };
+    const double k1 = distortion("k1"), k2 = distortion("k2"), k3 = distortion("k3"),
+                 k4 = distortion("k4"), p1 = distortion("p1"), p2 = distortion("p2");
+    const std::string model = ModelName(frame);
+    const auto make = [&](CameraModel colmap, const std::vector<double>& lens) {
+      std::vector<double> params = {*focal_x, focal_y, cx, cy};
+      params.insert(params.end(), lens.begin(), lens.end());
+      try {
+        return Camera(colmap, static_cast<int>(*width), static_cast<int>(*height), params);
+      } catch (const InputError& error) {
+        frame.Fail(error.what());
+      }
+    };
+    if (!(*width >= 1 && *width <= 1 << 20 && *height >= 1 && *height <= 1 << 20)) {
+      frame.Fail("w, h: expected a size in pixels");
+    }
+    if (model == "OPENCV_FISHEYE") return make(CameraModel::kOpenCvFisheye, {k1, k2, k3, k4});
+    if (model != "OPENCV" && model != "PINHOLE" && model != "SIMPLE_PINHOLE") {
+      frame.Fail(
+          fmt::format("camera_model: expected OPENCV, OPENCV_FISHEYE or PINHOLE, found "
+                      "\"{}\"",
+                      model));
+    }
+    if (k3 != 0 || k4 != 0) {
+      return make(CameraModel::kFullOpenCv, {k1, k2, p1, p2, k3, k4, 0, 0});
+    }
+    if (k1 == 0 && k2 == 0 && p1 == 0 && p2 == 0) return make(CameraModel::kPinhole, {});
+    return make(CameraModel::kOpenCv, {k1, k2, p1, p2});
+  }
+
+  path file_, folder_;
+  std::string file_name_;
+  nlohmann::json document_;
+  JsonPlace root_;
+  const ImportOptions& options_;
+  AppliedTransform applied_;
+};
+
+// Depth maps of all frames, if they are called after the photographs.
+void TakeDepth(const Reader& reader, const std::vector<Frame>& frames, ImportedScene& scene) {
+  const auto with_depth =
+      std::find_if(frames.begin(), frames.end(), [](const Frame& f) { return !f.depth.empty(); });
+  if (with_depth == frames.end()) return;
+  const path first = with_depth->depth;
+  const auto expected = [&first](const Frame& frame) {
+    return (first.parent_path() / path(frame.image.name).stem()).generic_string() +
+           first.extension().string();
+  };
+  for (const Frame& frame : frames) {
+    if (!frame.depth.empty() && frame.depth != expected(frame)) {
+      scene.warnings.push_back(
+          fmt::format("depth maps are not used: \"{}\" is not called after \"{}\"", frame.depth,
+                      frame.image.name));
+      return;
+    }
+  }
+  // nerfstudio's `depth_unit_scale_factor`: counts of integers are millimetres.
+  const bool is_integer = first.extension() == ".png";
+  const std::string pattern =
+      (first.parent_path() / "{stem}").generic_string() + first.extension().string();
+  scene.geometries.push_back(
+      {"depth", fmt::format("depth:{},pattern={},unit={}", reader.folder().string(), pattern,
+                            FormatDouble((is_integer ? 1e-3 : 1) / reader.applied_scale()))});
+}
+
+}  // namespace
+
+ImportedScenes ImportNerfstudio(const path& folder, const ImportOptions& options) {
+  const bool is_file = std::filesystem::is_regular_file(folder);
+  const path file = is_file ? folder : folder / "transforms.json";
+  const Reader reader(file, options);
+  ImportedScene scene = SceneOfFolder(reader.folder());
+  Skipped skipped;
+  const std::vector<Frame> frames = reader.Frames(skipped);
+  skipped.AddWarnings(scene.warnings);
+  TakeDepth(reader, frames, scene);
+  std::vector<PosedImage> images;
+  for (const Frame& frame : frames) images.push_back(frame.image);
+  auto tests = reader.Names("test_filenames");
+  if (!tests || tests->empty()) tests = reader.Names("val_filenames");
+  if (tests && !tests->empty()) {
+    for (const PosedImage& image : images) {
+      if (tests->contains(image.name)) {
+        AddQuery(image, scene);
+      } else {
+        scene.references.push_back(image);
+      }
+    }
+  } else {
+    SplitFrames(images, options.query_every, file, scene);
+  }
+  RequireImages(file, scene);
+  return {std::move(scene)};
+}
+
+}  // namespace raylift
