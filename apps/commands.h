@@ -24,5 +24,6 @@ Command AddPerturbCommand(CLI::App& program);
 Command AddRenderCommand(CLI::App& program);
 Command AddCompareCommand(CLI::App& program);
 Command AddViewsCommand(CLI::App& program);
+Command AddImportCommand(CLI::App& program);
 
 }  // namespace raylift

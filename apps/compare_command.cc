@@ -9,6 +9,7 @@
 #include "front_end_options.h"
 #include "options.h"
 #include "pose_files.h"
+#include "scene_arguments.h"
 #include "scene_options.h"
 #include <fmt/format.h>
 
@@ -154,12 +155,13 @@ class CompareRun {
       : flags_(flags),
         specs_(ParseSpecs(flags)),
         grid_(ParseGrid(flags)),
-        loaded_(LoadReferences(flags.references.model, flags.references.every)) {
+        loaded_(LoadReferences(flags.references.model, flags.references.thinning)) {
     PrintWarnings(loaded_.warnings);
     for (const NamedSpec& named : specs_) {
       geometry_.push_back(MakeGeometrySource(
           named.spec, {.model = flags.references.model,
                        .references = loaded_.references.images,
+                       .thinned_out = loaded_.references.thinned_out,
                        .max_cache_bytes = CacheBytes(loaded_.references.images)}));
       const NamedGeometry& geometry = geometry_.back();
       for (const std::string& warning : geometry.warnings) {
@@ -322,6 +324,7 @@ Command AddCompareCommand(CLI::App& program) {
   auto flags = std::make_shared<CompareFlags>();
   CLI::App* command = program.add_subcommand(
       "compare", "Which source of geometry is best, where, and what is wrong with the others");
+  AddSceneOption(*command);
   AddReferenceOptions(*command, flags->references);
   command->add_option("--geometry", flags->geometry, "name=SPEC, repeated. " + GeometryHelp())
       ->required()

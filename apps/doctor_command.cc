@@ -6,6 +6,7 @@
 
 #include "commands.h"
 #include "options.h"
+#include "scene_arguments.h"
 #include "scene_options.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -108,7 +109,7 @@ void Print(const Diagnosis& diagnosis) {
 void Run(const DoctorFlags& flags) {
   const PoseConvention poses = flags.model_poses.Resolve();
   const LoadedReferences loaded =
-      LoadReferences(flags.references.model, flags.references.every, poses);
+      LoadReferences(flags.references.model, flags.references.thinning, poses);
   const ReferenceSet& references = loaded.references;
   const NamedGeometry geometry = MakeGeometrySource(
       flags.geometry, {.model = flags.references.model, .references = references.images});
@@ -136,6 +137,7 @@ Command AddDoctorCommand(CLI::App& program) {
   auto flags = std::make_shared<DoctorFlags>();
   CLI::App* command = program.add_subcommand(
       "doctor", "Whether depth and poses are read as they were meant, by multi-view consistency");
+  AddSceneOption(*command);
   AddReferenceOptions(*command, flags->references);
   command->add_option("--images", flags->images, "Folder of the reference photographs")
       ->group("References");

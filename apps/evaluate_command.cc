@@ -1,10 +1,12 @@
 // raylift evaluate: estimated poses against the ground truth.
 
 #include <cstdio>
+#include <map>
 
 #include "commands.h"
 #include "options.h"
 #include "pose_files.h"
+#include "scene_arguments.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -18,6 +20,7 @@
 #include "raylift/evaluation/tables.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
+#include "raylift/io/scene_file.h"
 #include "raylift/lifting/geometry_spec.h"
 
 namespace raylift {
@@ -30,6 +33,7 @@ struct EvaluateFlags {
   std::vector<path> poses;
   std::vector<std::string> names;
   std::string thresholds = "0.25,2:0.5,5:5,10";
+  path groups;
   path json, csv;
   std::string geometry;
   path dcre_csv;
@@ -47,7 +51,7 @@ void Check(const EvaluateFlags& flags) {
     throw OptionError("--check-submission needs --queries");
   }
   if (!flags.submission && flags.ground_truth.empty()) {
-    throw OptionError("--ground-truth is required");
+    throw OptionError("--ground-truth is required (a --scene has none where it is not public)");
   }
   if (flags.geometry.empty() && !flags.dcre_csv.empty()) {
     throw OptionError("--dcre-csv", flags.dcre_csv.string(), "needs --geometry");
@@ -123,13 +127,33 @@ void EvaluateDense(const EvaluateFlags& flags, const std::vector<std::string>& n
   fmt::print("{}", FormatDcreText(summaries));
 }
 
+// Each result, and after it the same for each group of queries.
+std::vector<ResultSummary> WithGroups(const std::vector<ResultSummary>& results,
+                                      const PosesByName& ground_truth,
+                                      const std::vector<PosesByName>& estimated,
+                                      const std::vector<Threshold>& thresholds,
+                                      const path& groups_file) {
+  if (groups_file.empty()) return results;
+  const std::map<std::string, std::string> groups = ReadGroups(groups_file);
+  std::vector<ResultSummary> rows;
+  for (size_t i = 0; i < results.size(); ++i) {
+    rows.push_back(results[i]);
+    const Comparison whole = CompareWithGroundTruth(ground_truth, estimated[i]);
+    for (const auto& [group, comparison] : SplitByGroup(whole, groups)) {
+      rows.push_back(
+          Summarize(fmt::format("{}[{}]", results[i].name, group), comparison, thresholds));
+    }
+  }
+  return rows;
+}
+
 // The page, and the table beside it.
 void WriteReport(const EvaluateFlags& flags, const std::vector<Threshold>& thresholds,
                  const PosesByName& ground_truth, const std::vector<PosesByName>& estimated,
-                 const ResultTable& table) {
+                 const std::vector<ResultSummary>& summaries, const ResultTable& table) {
   std::vector<EvaluatedResult> results;
   for (size_t i = 0; i < estimated.size(); ++i) {
-    results.push_back({table.results[i], CompareWithGroundTruth(ground_truth, estimated[i]),
+    results.push_back({summaries[i], CompareWithGroundTruth(ground_truth, estimated[i]),
                        MatchNames(ground_truth, estimated[i])});
   }
   WriteFile(flags.report / "index.html",
@@ -159,11 +183,14 @@ void Run(const EvaluateFlags& flags) {
     const std::string warning = UnknownNamesWarning(results.back());
     if (!warning.empty()) PrintWarning(warning);
   }
-  const ResultTable table{thresholds, results};
+  const std::vector<ResultSummary> rows =
+      WithGroups(results, ground_truth, estimated, thresholds, flags.groups);
+  const ResultTable table{thresholds, rows};
   if (!flags.json.empty()) WriteFile(flags.json, FormatTableJson(table));
   if (!flags.csv.empty()) WriteFile(flags.csv, FormatTableCsv(table));
   if (!flags.run.quiet) fmt::print("{}", FormatTableText(table));
-  if (!flags.report.empty()) WriteReport(flags, thresholds, ground_truth, estimated, table);
+  if (!flags.report.empty())
+    WriteReport(flags, thresholds, ground_truth, estimated, results, table);
   if (!flags.geometry.empty()) EvaluateDense(flags, names, ground_truth, estimated);
 }
 
@@ -173,6 +200,7 @@ Command AddEvaluateCommand(CLI::App& program) {
   auto flags = std::make_shared<EvaluateFlags>();
   CLI::App* command =
       program.add_subcommand("evaluate", "Recalls and median errors of poses against the truth");
+  AddSceneOption(*command);
   command->add_option("--ground-truth", flags->ground_truth, "COLMAP model folder, or a pose file");
   command
       ->add_option("--poses", flags->poses,
@@ -184,6 +212,8 @@ Command AddEvaluateCommand(CLI::App& program) {
                    "Recall thresholds: position,degrees between colons, or those of\n" +
                        ThresholdPresetNames())
       ->capture_default_str();
+  command->add_option("--groups", flags->groups,
+                      "Groups of queries (name group), such as day and night: one more row each");
   command->add_option("--json", flags->json, "The table as JSON");
   command->add_option("--csv", flags->csv, "The table as CSV");
   command->add_option("--report", flags->report,

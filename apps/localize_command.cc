@@ -12,6 +12,7 @@
 #include "mesh_only_options.h"
 #include "options.h"
 #include "retrieval_options.h"
+#include "scene_arguments.h"
 #include "scene_options.h"
 #include <fmt/format.h>
 
@@ -199,7 +200,7 @@ class LocalizeRun {
   }
 
   void LoadModel() {
-    LoadedReferences loaded = LoadReferences(model_, flags_.references.every, model_poses_);
+    LoadedReferences loaded = LoadReferences(model_, flags_.references.thinning, model_poses_);
     references_ = std::move(loaded.references);
     covisibility_ = std::move(loaded.covisibility);
     Take(std::move(loaded.warnings));
@@ -223,8 +224,9 @@ class LocalizeRun {
 
   void OpenGeometry() {
     for (const std::string& spec : flags_.geometry.specs) {
-      NamedGeometry geometry =
-          MakeGeometrySource(spec, {.model = model_, .references = references_.images});
+      NamedGeometry geometry = MakeGeometrySource(spec, {.model = model_,
+                                                         .references = references_.images,
+                                                         .thinned_out = references_.thinned_out});
       Take(std::move(geometry.warnings));
       used_geometry_.push_back({spec, geometry.understood, std::nullopt});
       if (mesh_ == nullptr) mesh_ = geometry.mesh;
@@ -438,6 +440,7 @@ Command AddLocalizeCommand(CLI::App& program) {
   auto flags = std::make_shared<LocalizeFlags>();
   CLI::App* command =
       program.add_subcommand("localize", "Poses of query photographs in a known scene");
+  AddSceneOption(*command);
   AddReferenceOptions(*command, flags->references);
   command->get_option("--model")->required(false);
   command->add_option("--images", flags->images, "Folder of the reference photographs")

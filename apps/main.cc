@@ -17,9 +17,11 @@
 #include "interrupt.h"
 #include "options.h"
 #include "program_help.h"
+#include "scene_arguments.h"
 #include <CLI/CLI.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/io/scene_file.h"
 
 namespace raylift {
 namespace {
@@ -50,10 +52,10 @@ Program MakeProgram() {
   app.footer(
       "All options of a command, with examples:\n"
       "  raylift COMMAND --help");
-  program.commands = {AddLocalizeCommand(app),  AddEstimateCommand(app), AddEvaluateCommand(app),
-                      AddPerturbCommand(app),   AddRenderCommand(app),   AddCompareCommand(app),
-                      AddDoctorCommand(app),    AddViewsCommand(app),    AddPairsCommand(app),
-                      AddExperimentCommand(app)};
+  program.commands = {AddLocalizeCommand(app),   AddEstimateCommand(app), AddEvaluateCommand(app),
+                      AddPerturbCommand(app),    AddRenderCommand(app),   AddCompareCommand(app),
+                      AddDoctorCommand(app),     AddViewsCommand(app),    AddPairsCommand(app),
+                      AddExperimentCommand(app), AddImportCommand(app)};
   for (const Command& command : program.commands) {
     CheckNumbers(*command.app);
   }
@@ -79,6 +81,13 @@ void Parse(const Program& program, std::vector<std::string> arguments) {
   program.app->parse(std::move(arguments));
 }
 
+// Puts arguments before those that the command was given.
+void Insert(const std::vector<std::string>& added, const std::string& command,
+            std::vector<std::string>& arguments) {
+  const auto name = std::find(arguments.begin(), arguments.end(), command);
+  arguments.insert(name + 1, added.begin(), added.end());
+}
+
 // Adds what the --config file of the surveyed command holds.
 std::vector<std::string> WithConfigFile(const Program& survey, std::vector<std::string> arguments) {
   if (survey.app->get_subcommands().empty()) {
@@ -91,14 +100,28 @@ std::vector<std::string> WithConfigFile(const Program& survey, std::vector<std::
   }
   const std::filesystem::path file = config.as<std::string>();
   std::vector<std::string> from_file = ConfigArguments(file, command);
-  from_file.insert(from_file.begin(), command.get_name());
   try {
-    Parse(MakeSurvey(), from_file);
+    std::vector<std::string> alone = from_file;
+    alone.insert(alone.begin(), command.get_name());
+    Parse(MakeSurvey(), alone);
   } catch (const CLI::ParseError& error) {
     throw InputError(file, error.what());
   }
-  const auto name = std::find(arguments.begin(), arguments.end(), command.get_name());
-  arguments.insert(name + 1, from_file.begin() + 1, from_file.end());
+  Insert(from_file, command.get_name(), arguments);
+  return arguments;
+}
+
+// Adds what the --scene file of the command says, and lets `program` know its names.
+std::vector<std::string> WithSceneFile(const Program& program, std::vector<std::string> arguments) {
+  const Program survey = MakeSurvey();
+  Parse(survey, arguments);
+  if (survey.app->get_subcommands().empty()) return arguments;
+  const CLI::App& command = *survey.Chosen().app;
+  const CLI::Option* option = command.get_option_no_throw("--scene");
+  if (option == nullptr || option->count() == 0) return arguments;
+  const SceneFile scene = ReadSceneFile(option->as<std::string>());
+  TakeGeometryNames(scene, *program.app->get_subcommand(command.get_name()));
+  Insert(SceneArguments(scene, command), command.get_name(), arguments);
   return arguments;
 }
 
@@ -108,7 +131,7 @@ int Main(const std::vector<std::string>& arguments) {
     const Program program = MakeProgram();
     try {
       Parse(survey, arguments);
-      Parse(program, WithConfigFile(survey, arguments));
+      Parse(program, WithSceneFile(program, WithConfigFile(survey, arguments)));
     } catch (const CLI::Success& success) {  // --help, --version
       return survey.app->exit(success);
     } catch (const CLI::ParseError& error) {

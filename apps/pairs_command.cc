@@ -60,7 +60,7 @@ class PairsRun {
   PairsRun(const PairsFlags& flags, RetrievalOptions options)
       : flags_(flags),
         options_(std::move(options)),
-        loaded_(LoadReferences(flags.references.model, flags.references.every,
+        loaded_(LoadReferences(flags.references.model, flags.references.thinning,
                                flags.model_poses.Resolve())) {
     PrintWarnings(loaded_.warnings);
     RequireWritable(flags.out);

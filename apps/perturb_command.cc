@@ -6,6 +6,7 @@
 
 #include "commands.h"
 #include "options.h"
+#include "scene_arguments.h"
 #include "scene_options.h"
 #include <fmt/format.h>
 
@@ -64,10 +65,12 @@ void Run(const PerturbFlags& flags, const std::string& options_json) {
   flags.references.Check();
   flags.perturbation.Validate();
   const DepthWriteOptions write_options = WriteOptionsOf(flags);
-  const LoadedReferences loaded = LoadReferences(flags.references.model, flags.references.every);
+  const LoadedReferences loaded = LoadReferences(flags.references.model, flags.references.thinning);
   const std::vector<PosedImage>& images = loaded.references.images;
   const NamedGeometry geometry =
-      MakeGeometrySource(flags.geometry, {.model = flags.references.model, .references = images});
+      MakeGeometrySource(flags.geometry, {.model = flags.references.model,
+                                          .references = images,
+                                          .thinned_out = loaded.references.thinned_out});
   if (geometry.mesh == nullptr && geometry.maps == nullptr) {
     throw OptionError("--geometry", flags.geometry, "must be a mesh or depth maps");
   }
@@ -124,6 +127,7 @@ Command AddPerturbCommand(CLI::App& program) {
   auto flags = std::make_shared<PerturbFlags>();
   CLI::App* command =
       program.add_subcommand("perturb", "Depth maps made worse on purpose, to test with");
+  AddSceneOption(*command);
   AddReferenceOptions(*command, flags->references);
   command->add_option("--geometry", flags->geometry, GeometryHelp())->required();
   command->add_option("--out", flags->out, "Folder for the maps, DIR/STEM.FORMAT of each image")

@@ -5,6 +5,8 @@
 #include <optional>
 #include <utility>
 
+#include "scene_arguments.h"
+#include "scene_options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -156,9 +158,7 @@ void AddInputOptions(CLI::App& command, RenderFlags& flags) {
       ->group("Scene");
   command.add_option("--glob", flags.glob, "Only images whose name matches, as in a shell")
       ->group("Scene");
-  command.add_option("--every", flags.every, "Only every N-th of these, by name")
-      ->capture_default_str()
-      ->group("Scene");
+  AddThinningOptions(command, flags.thinning, "of these (by name)", "Scene");
   command.add_option("--scale", flags.scale, "Factor of the images' sides")->group("Scene");
   command.add_option("--size", flags.size, "WIDTHxHEIGHT of all images")->group("Scene");
   command
@@ -256,6 +256,7 @@ void AddOutputOptions(CLI::App& command, RenderFlags& flags) {
 }  // namespace
 
 void AddRenderOptions(CLI::App& command, RenderFlags& flags) {
+  AddSceneOption(command);
   AddInputOptions(command, flags);
   AddProductOptions(command, flags);
   AddOutputOptions(command, flags);
@@ -272,9 +273,9 @@ void CheckSources(const RenderFlags& flags) {
 TaskSelection ResolveSelection(const RenderFlags& flags) {
   TaskSelection selection{.list = flags.list_images,
                           .glob = flags.glob,
-                          .every = flags.every,
+                          .thinning = flags.thinning,
                           .pattern = flags.pattern};
-  RequireAtLeast(1, "--every", flags.every);
+  CheckThinning(flags.thinning);
   if (!flags.scale.empty()) {
     selection.scale = ParsePositive("--scale", flags.scale);
   }

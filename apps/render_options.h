@@ -11,6 +11,7 @@
 
 #include "raylift/rendering/render_job.h"
 #include "raylift/rendering/task_list.h"
+#include "raylift/scene/thinning.h"
 
 namespace raylift {
 
@@ -19,7 +20,7 @@ struct RenderFlags {
   std::filesystem::path model, cameras;
   std::filesystem::path list_images;
   std::string glob;
-  int every = 1;
+  Thinning thinning;
   std::string scale, size, panorama;
   std::string products = "depth";
   std::vector<std::string> formats;

@@ -1,20 +1,41 @@
 #include "scene_options.h"
 
 #include "options.h"
+#include <fmt/format.h>
 
 #include "raylift/base/error.h"
 
 namespace raylift {
 
-void ReferenceFlags::Check() const { RequireAtLeast(1, "--every", every); }
+void AddThinningOptions(CLI::App& app, Thinning& thinning, const std::string& of_what,
+                        const std::string& group) {
+  app.add_option("--every", thinning.every, "Use every N-th " + of_what)
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--every-offset", thinning.offset, "The first of them, from 0 to N - 1")
+      ->capture_default_str()
+      ->group(group);
+  app.add_flag("--every-per-camera", thinning.per_camera,
+               "Every N-th of each camera, where cameras take turns")
+      ->group(group);
+}
+
+void CheckThinning(const Thinning& thinning) {
+  RequireAtLeast(1, "--every", thinning.every);
+  RequireAtLeast(0, "--every-offset", thinning.offset);
+  if (thinning.offset >= thinning.every) {
+    throw OptionError("--every-offset", std::to_string(thinning.offset),
+                      fmt::format("must be below --every, {}", thinning.every));
+  }
+}
+
+void ReferenceFlags::Check() const { CheckThinning(thinning); }
 
 void AddReferenceOptions(CLI::App& app, ReferenceFlags& flags) {
   app.add_option("--model", flags.model, "References: COLMAP model folder, text or binary")
       ->required()
       ->group("References");
-  app.add_option("--every", flags.every, "Use every N-th reference (by name)")
-      ->capture_default_str()
-      ->group("References");
+  AddThinningOptions(app, flags.thinning, "reference (by name)", "References");
 }
 
 bool HlocFlags::Any() const {

@@ -8,12 +8,19 @@
 #include <CLI/CLI.hpp>
 
 #include "raylift/localization/match_source.h"
+#include "raylift/scene/thinning.h"
 
 namespace raylift {
 
+// `--every` and what goes with it. `of_what` ends the help of --every.
+void AddThinningOptions(CLI::App& app, Thinning& thinning, const std::string& of_what,
+                        const std::string& group);
+// Throws OptionError.
+void CheckThinning(const Thinning& thinning);
+
 struct ReferenceFlags {
   std::filesystem::path model;
-  int every = 1;
+  Thinning thinning;
 
   // Throws OptionError.
   void Check() const;

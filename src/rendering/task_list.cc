@@ -39,11 +39,11 @@ void KeepMatching(const std::string& glob, std::vector<View>& views) {
   });
 }
 
-void KeepEvery(int every, std::vector<View>& views) {
+void Thin(const Thinning& thinning, std::vector<View>& views) {
+  std::vector<std::string> cameras;
+  for (const View& view : views) cameras.push_back(view.camera.ToString());
   std::vector<View> kept;
-  for (size_t i = 0; i < views.size(); i += static_cast<size_t>(every)) {
-    kept.push_back(std::move(views[i]));
-  }
+  for (const size_t i : KeptIndices(cameras, thinning)) kept.push_back(std::move(views[i]));
   views = std::move(kept);
 }
 
@@ -109,7 +109,7 @@ std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection
             [](const View& a, const View& b) { return a.name < b.name; });
   if (!selection.list.empty()) KeepListed(selection.list, views);
   if (!selection.glob.empty()) KeepMatching(selection.glob, views);
-  if (selection.every > 1) KeepEvery(selection.every, views);
+  if (!selection.thinning.KeepsAll()) Thin(selection.thinning, views);
   if (views.empty()) throw InputError("there are no images to render");
   std::vector<RenderTask> tasks;
   std::unordered_map<std::string, std::string> name_of_stem;

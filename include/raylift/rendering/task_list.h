@@ -10,6 +10,7 @@
 
 #include "raylift/io/depth_file.h"
 #include "raylift/rendering/render_job.h"
+#include "raylift/scene/thinning.h"
 #include "raylift/scene/view.h"
 
 namespace raylift {
@@ -20,7 +21,7 @@ PlaneSize ParseSize(std::string_view option, const std::string& text);
 struct TaskSelection {
   std::filesystem::path list = {};  // only the images in this list; empty: all
   std::string glob = {};            // only names that match, as in a shell; empty: all
-  int every = 1;                    // only every N-th of those, by name
+  Thinning thinning = {};           // only every N-th of those, by name
   // Of the images; the lens is scaled with it. At most one of the two.
   std::optional<double> scale = std::nullopt;
   std::optional<PlaneSize> size = std::nullopt;
