@@ -80,8 +80,9 @@ TEST(SceneOption, OptionsWinAndGeometriesHaveNames) {
 TEST(SceneOption, OtherCommandsTakeWhatTheyCanUse) {
   const RoomScene room = WriteRoomScene(TestFolder());
   const auto scene = WriteScene(room);
-  EXPECT_TRUE(Succeeds(RunRaylift({"render", "--scene", scene, "--every", "3", "--every-offset",
-                                   "2", "--out", room.folder / "rendered", "--quiet"})));
+  EXPECT_TRUE(
+      Succeeds(RunRaylift({"render", "--scene", scene, "--geometry", "all", "--every", "3",
+                           "--every-offset", "2", "--out", room.folder / "rendered", "--quiet"})));
   EXPECT_TRUE(std::filesystem::exists(room.folder / "rendered/depth/ref/05.exr"));
   EXPECT_FALSE(std::filesystem::exists(room.folder / "rendered/depth/ref/00.exr"));
   EXPECT_TRUE(Succeeds(RunRaylift({"compare", "--scene", scene, "--truth", "all", "--max-side",
