@@ -18,9 +18,10 @@ using std::filesystem::path;
 double SecondsPerTick(const std::vector<KaptureImage>& images) {
   uint64_t latest = 0;
   for (const KaptureImage& image : images) latest = std::max(latest, image.timestamp);
-  constexpr uint64_t kSecondsOfToday = 1'000'000'000;
+  uint64_t largest_seconds = 100'000'000'000;
   double seconds = 1;
-  for (uint64_t scale = kSecondsOfToday * 100; latest > scale && seconds > 1e-9; scale *= 1000) {
+  for (int thousandths = 0; thousandths < 3 && latest > largest_seconds; ++thousandths) {
+    largest_seconds *= 1000;
     seconds *= 1e-3;
   }
   return seconds;

@@ -50,6 +50,12 @@ TEST_F(Gangnam, TimesAreSeconds) {
   EXPECT_EQ(scene.times.size(), 8u);
   EXPECT_NEAR(scene.times.at(layout_.references[1].name), 1575366894.1, 1e-6);
   EXPECT_EQ(scene.thresholds, "gangnam");
+
+  const fs::path records = Sensors("validation") / "records_camera.txt";
+  for (const std::string zeros : {"", "000", "000000", "000000000"}) {
+    WriteFile(records, header_ + "1575366894" + zeros + ", 40027089_00, a.jpg\n");
+    EXPECT_NEAR(Import().times.at("a.jpg"), 1575366894, 1e-3) << zeros;
+  }
 }
 
 TEST_F(Gangnam, ReferencesWithoutPoseOrCameraAreCounted) {
