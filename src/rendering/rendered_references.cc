@@ -86,6 +86,10 @@ SampledKind Sample(const RayCaster& mesh, const RenderedReferenceOptions& option
   return SampleAuto(mesh, views, close, options.inside);
 }
 
+bool HasColors(const TriangleMesh& mesh) {
+  return !mesh.textures.empty() || !mesh.vertex_colors_rgb.empty();
+}
+
 // Names that no photograph is likely to have.
 void RenameImages(ColmapModel& model) {
   for (auto& [id, image] : model.images) image.name = "rendered/" + image.name;
@@ -139,9 +143,7 @@ ColorOptions ColorsLikePhotographs(const TriangleMesh& mesh) {
   ColorOptions colors;
   colors.samples_per_pixel_side = 2;
   colors.background_rgb = {128, 128, 128};
-  if (mesh.textures.empty() && mesh.vertex_colors_rgb.empty()) {
-    colors.shading = ColorOptions::Shading::kHeadlight;
-  }
+  if (!HasColors(mesh)) colors.shading = ColorOptions::Shading::kHeadlight;
   return colors;
 }
 
@@ -154,6 +156,11 @@ RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh
                                 .kind = sampled.kind,
                                 .count = sampled.views.cam_from_world.size(),
                                 .warnings = std::move(sampled.views.warnings)};
+  if (!HasColors(mesh->mesh())) {
+    references.warnings.push_back(
+        "the mesh has neither texture nor vertex colours: pictures of its shape rarely match "
+        "photographs by RootSIFT, and poses with few inliers are then wrong");
+  }
   ColmapModel model =
       MakeSampledModel(options.views.camera, sampled.views.cam_from_world, /*rig_cameras=*/1);
   RenameImages(model);

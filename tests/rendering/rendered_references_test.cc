@@ -115,6 +115,16 @@ TEST(RenderReferences, TakeTheKindThatIsAskedFor) {
   EXPECT_FALSE(ViewKindFromName("above"));
 }
 
+TEST(RenderReferences, WarnOfAMeshWithoutColours) {
+  TriangleMesh bare = Room()->mesh();
+  bare.vertex_colors_rgb.clear();
+  const auto mesh =
+      std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(std::move(bare)));
+  const auto warnings = RenderReferences(mesh, SmallViews(TestFolder()), {}).warnings;
+  ASSERT_EQ(warnings.size(), 1u);
+  EXPECT_NE(warnings[0].find("neither texture nor vertex colours"), std::string::npos);
+}
+
 TEST(ColorsLikePhotographs, LightMeshesWithoutColours) {
   EXPECT_EQ(ColorsLikePhotographs(Room()->mesh()).shading, ColorOptions::Shading::kUnlit);
   EXPECT_EQ(ColorsLikePhotographs(MakeBox({0, 0, 0}, {1, 1, 1})).shading,

@@ -54,8 +54,8 @@ struct RenderedReferences {
 };
 
 // Renders what is not in `out` yet from the same mesh and views. Unlit where the mesh has colours,
-// else shaded by a light at the camera. The same bytes for any number of threads. InputError where
-// there is no place for a camera, or a file cannot be written.
+// else shaded by a light at the camera, with a warning. The same bytes for any number of threads.
+// InputError where there is no place for a camera, or a file cannot be written.
 RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh,
                                     const RenderedReferenceOptions& options,
                                     const RenderHooks& hooks);
