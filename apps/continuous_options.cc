@@ -9,7 +9,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/hash.h"
-#include "raylift/base/text.h"
+#include "raylift/io/scene_file.h"
 #include "raylift/localization/continuous_order.h"
 
 namespace raylift {
@@ -43,7 +43,7 @@ int ContinuousFlags::MaxJoined(int top_k) const {
 std::vector<size_t> ContinuousFlags::Order(std::span<const Query> queries,
                                            const ReferenceSet& references) const {
   if (times.empty()) return OrderByName(queries);
-  return OrderByTime(queries, references.images, ReadCaptureTimes(times), times);
+  return OrderByTime(queries, references.images, ReadTimes(times), times);
 }
 
 void AddContinuousOptions(CLI::App& app, ContinuousFlags& flags) {

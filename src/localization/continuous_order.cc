@@ -7,7 +7,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/text.h"
 
 namespace raylift {
 namespace {
@@ -23,22 +22,6 @@ std::optional<double> OldestOf(std::span<const PosedImage> images, const Capture
 }
 
 }  // namespace
-
-CaptureTimes ReadCaptureTimes(const std::filesystem::path& path) {
-  CaptureTimes times;
-  LineReader lines(path);
-  while (const auto line = lines.NextContent()) {
-    const auto tokens = SplitTokens(*line);
-    if (tokens.size() != 2) {
-      lines.Fail(fmt::format("expected \"name seconds\", found {} values", tokens.size()));
-    }
-    const std::string name(tokens[0]);
-    if (!times.emplace(name, lines.Double(tokens[1], "seconds")).second) {
-      lines.Fail(fmt::format("\"{}\" stands twice", name));
-    }
-  }
-  return times;
-}
 
 std::vector<size_t> OrderByTime(std::span<const Query> queries,
                                 std::span<const PosedImage> references, const CaptureTimes& times,

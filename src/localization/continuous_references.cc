@@ -171,15 +171,17 @@ PoseCovariance JoinedReferences::PassedOn(const QueryResult& result) const {
     total += weight;
   }
   PoseCovariance sum = PoseCovariance::Zero();
+  double joined_share = 0;
   for (size_t r = 0; r < weights.size(); ++r) {
     const Entry* entry = Find(problem.references[r].name);
     if (entry == nullptr || !entry->reference.covariance || !(total > 0)) continue;
     const PoseCovariance adjoint =
         Adjoint(*estimate.cam_from_world * problem.references[r].cam_from_world.Inverse());
     const double share = weights[r] / total;
-    sum += share * share * (adjoint * *entry->reference.covariance * adjoint.transpose());
+    sum += share * (adjoint * *entry->reference.covariance * adjoint.transpose());
+    joined_share += share;
   }
-  return sum;
+  return joined_share * sum;
 }
 
 QueryMatches WeighedMatches::Match(const Query& query) const {

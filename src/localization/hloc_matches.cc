@@ -38,7 +38,9 @@ class HlocMatches final : public MatchSource {
                                        name, references.model.string()));
         }
       }
-      std::erase_if(retrieved, [&](const std::string& name) { return thinned_out.contains(name); });
+      std::erase_if(retrieved, [&](const std::string& name) {
+        return thinned_out.contains(name) && !joining_.contains(name);
+      });
     }
   }
 

@@ -160,6 +160,16 @@ TEST_F(ContinuousLocalizer, ARunThatWasStoppedGoesOnToTheSameBytes) {
   EXPECT_EQ(localized_, 0);
 }
 
+TEST_F(ContinuousLocalizer, AThinnedOutReferenceMayComeBackAsAQuery) {
+  ReferenceSet references = LoadReferences(scene_.model(), 1).references;
+  references.thinned_out.push_back("query/a.png");
+  const auto source = OpenHlocMatches({scene_.features(), scene_.matches(), scene_.pairs()},
+                                      references, 10, {queries_, 5});
+  EXPECT_TRUE(source->Match(queries_[1]).references.empty());
+  source->Join(scene_.queries[0]);
+  EXPECT_EQ(source->Match(queries_[1]).references.size(), 1u);
+}
+
 TEST_F(ContinuousLocalizer, AQueryThatMayNotJoinIsAnErrorInThePairs) {
   EXPECT_TRUE(FailsWithInputError(
       [&] {

@@ -1,10 +1,7 @@
 #include "raylift/localization/continuous_order.h"
 
 #include "support/matchers.h"
-#include "support/test_data.h"
 #include <gtest/gtest.h>
-
-#include "raylift/base/file.h"
 
 namespace raylift {
 namespace {
@@ -65,21 +62,6 @@ TEST(ContinuousOrder, AQueryWithoutATimeIsNamed) {
         OrderByTime(QueriesNamed({"a"}), {}, {{"b", 1}}, "times.txt");
       },
       {"times.txt", "\"a\""}));
-}
-
-TEST(ContinuousOrder, TimesAreReadStrictly) {
-  const auto file = TestFolder() / "times.txt";
-  WriteFile(file, "# name seconds\n\nref/a.png 1.5e9\nq.png -2\r\n");
-  EXPECT_EQ(ReadCaptureTimes(file), (CaptureTimes{{"ref/a.png", 1.5e9}, {"q.png", -2}}));
-  for (const auto& [text, part] :
-       std::map<std::string, std::string>{{"a 1\nb\n", "line 2"},
-                                          {"a 1 2\n", "found 3"},
-                                          {"a noon\n", "noon"},
-                                          {"a nan\n", "nan"},
-                                          {"a 1\na 2\n", "\"a\" stands twice"}}) {
-    WriteFile(file, text);
-    EXPECT_TRUE(FailsWithInputError([&] { ReadCaptureTimes(file); }, {"times.txt", part})) << text;
-  }
 }
 
 }  // namespace

@@ -18,10 +18,6 @@ namespace raylift {
 // When photographs were taken, in seconds since any moment.
 using CaptureTimes = std::map<std::string, double>;
 
-// Lines `name seconds`; `#` comments and empty lines are skipped. InputError where a name stands
-// twice.
-CaptureTimes ReadCaptureTimes(const std::filesystem::path& path);
-
 // Indices of the queries. Those that are older than the oldest reference go first, backwards in
 // time; then the others, from the oldest on. Of one time, by name. References whose times are not
 // known do not count; where none is known, all queries go from the oldest on. InputError naming the

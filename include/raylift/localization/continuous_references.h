@@ -72,7 +72,9 @@ class JoinedReferences {
 
   // What the uncertainty of joined references adds to the covariance of a query that rests on them.
   // The error of a reference is common to all matches with it, so that many do not average it away:
-  // a reference that holds a share s of the inliers passes on s times its error.
+  // a reference that holds a share s of the inliers passes on s times its error. As references may
+  // rest on each other, their errors may be alike in any way: the bound sum(s) * sum(s *
+  // covariance) holds for all.
   PoseCovariance PassedOn(const QueryResult& result) const;
 
  private:

@@ -1,0 +1,177 @@
+// localize --continuous on the demo scene with few references: what it gains, and what is left of
+// it when it is stopped or killed.
+
+#include <csignal>
+#include <cstdio>
+#include <map>
+
+#include "apps/program.h"
+#include "support/matchers.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "raylift/base/file.h"
+#include "raylift/io/colmap_model.h"
+#include "raylift/io/query_list.h"
+
+namespace raylift {
+namespace {
+
+namespace fs = std::filesystem;
+
+const fs::path kDemo = RAYLIFT_DEMO_FOLDER;
+
+// Quick.
+const Arguments kFewFeatures = {"--every", "4", "--max-features", "800"};
+
+class Continuous : public ::testing::Test {
+ protected:
+  Arguments Localize(const fs::path& out, const Arguments& more) const {
+    return Arguments{"localize",
+                     "--model",
+                     kDemo / "model",
+                     "--images",
+                     kDemo / "images",
+                     "--geometry",
+                     "mesh:" + (kDemo / "scene.obj").string(),
+                     "--queries",
+                     kDemo / "queries.txt",
+                     "--cache",
+                     folder_ / "cache",
+                     "--quiet",
+                     "--out",
+                     out} +
+           more;
+  }
+  // The records of a run, without times.
+  static std::vector<std::string> Records(const fs::path& out) {
+    std::vector<std::string> records;
+    for (const std::string& name : FilesBelow(out / "continuous")) {
+      auto json = nlohmann::json::parse(ReadFile(out / "continuous" / name));
+      if (json.contains("diagnostics")) json["diagnostics"].erase("milliseconds");
+      records.push_back(name + json.dump());
+    }
+    return records;
+  }
+  void ExpectSameRun(const fs::path& a, const fs::path& b) const {
+    EXPECT_EQ(ReadFile(a / "poses.txt"), ReadFile(b / "poses.txt"));
+    EXPECT_EQ(Diagnostics(a / "queries.jsonl"), Diagnostics(b / "queries.jsonl"));
+    EXPECT_EQ(Records(a), Records(b));
+  }
+
+  fs::path folder_ = TestFolder();
+};
+
+// Starts the program and does not wait for it; its output is lost.
+pid_t Start(const Arguments& arguments) {
+  Arguments all = Arguments{RAYLIFT_PROGRAM} + arguments;
+  std::vector<char*> argv;
+  for (std::string& argument : all) argv.push_back(argument.data());
+  argv.push_back(nullptr);
+  const pid_t process = fork();
+  if (process == 0) {
+    if (std::freopen("/dev/null", "w", stdout) == nullptr) _exit(126);
+    if (std::freopen("/dev/null", "w", stderr) == nullptr) _exit(126);
+    execv(argv[0], argv.data());
+    _exit(127);
+  }
+  return process;
+}
+
+int WaitFor(pid_t process) {
+  int status = 0;
+  waitpid(process, &status, 0);
+  return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+}
+
+// Until the file is there, or the program has ended.
+void WaitForFile(pid_t process, const fs::path& file) {
+  siginfo_t ended{};
+  while (!fs::exists(file)) {
+    waitid(P_PID, static_cast<id_t>(process), &ended, WEXITED | WNOHANG | WNOWAIT);
+    if (ended.si_pid != 0) return;
+    usleep(1000);
+  }
+}
+
+TEST_F(Continuous, StoppedOrKilledItGoesOnToTheSameBytes) {
+  const fs::path whole = folder_ / "whole";
+  ASSERT_TRUE(Succeeds(
+      RunRaylift(Localize(whole, kFewFeatures + Arguments{"--continuous", "--threads", "1"}))));
+  EXPECT_EQ(FilesBelow(whole / "continuous").size(), 13u);
+  for (const int signal : {SIGINT, SIGKILL}) {
+    const fs::path out = folder_ / std::to_string(signal);
+    const pid_t process =
+        Start(Localize(out, kFewFeatures + Arguments{"--continuous", "--threads", "2"}));
+    WaitForFile(process, out / "continuous" / "000003.json");
+    kill(process, signal);
+    EXPECT_EQ(WaitFor(process), signal == SIGINT ? 4 : 128 + signal);
+    EXPECT_FALSE(fs::exists(out / "poses.txt"));
+    ASSERT_TRUE(
+        Succeeds(RunRaylift(Localize(out, kFewFeatures + Arguments{"--continuous", "--resume"}))));
+    ExpectSameRun(whole, out);
+  }
+  EXPECT_TRUE(
+      FailsWith(3, {"run.json", "other options"},
+                RunRaylift(Localize(
+                    whole, kFewFeatures + Arguments{"--continuous", "--resume", "--seed", "1"}))));
+}
+
+// How many of the demo's queries are within 10 cm and one degree.
+size_t CountGoodPoses(const fs::path& out) {
+  const ColmapModel truth = ReadColmapModel(kDemo / "ground_truth");
+  std::map<std::string, Rigid3> true_poses;
+  for (const PosedImage& image : truth.PosedImages()) {
+    true_poses.emplace(image.name, image.cam_from_world);
+  }
+  size_t count = 0;
+  for (const NamedPose& pose : ReadPoseFile(out / "poses.txt")) {
+    count += IsNearPose(pose.cam_from_world, true_poses.at(pose.name), 1, 0.1) ? 1 : 0;
+  }
+  return count;
+}
+
+TEST_F(Continuous, FewReferencesThatGrowGoFurther) {
+  const fs::path alone = folder_ / "alone";
+  const fs::path continuous = folder_ / "continuous";
+  const Arguments few = {"--every", "3", "--max-features", "4096"};
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(alone, few))));
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(continuous, few + Arguments{"--continuous"}))));
+  // 10 and 12 of 12.
+  EXPECT_GT(CountGoodPoses(continuous), CountGoodPoses(alone));
+}
+
+TEST_F(Continuous, OlderQueriesAreTakenBackwardsInTime) {
+  std::string times = "ref/ref_01.jpg 1000\n";
+  const auto queries = ReadQueryList(kDemo / "queries.txt");
+  for (size_t i = 0; i < queries.size(); ++i) {
+    times += queries[i].name + " " + std::to_string(i < 4 ? 100 + i : 2000 - i) + "\n";
+  }
+  WriteFile(folder_ / "times.txt", times);
+  const fs::path out = folder_ / "out";
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, {"--continuous", "--times", folder_ / "times.txt",
+                                                 "--every", "4", "--max-features", "300"}))));
+  std::vector<size_t> places;
+  for (const std::string& line : Lines(ReadFile(out / "queries.jsonl"))) {
+    places.push_back(nlohmann::json::parse(line)["place_in_order"]);
+  }
+  EXPECT_EQ(places, (std::vector<size_t>{3, 2, 1, 0, 11, 10, 9, 8, 7, 6, 5, 4}));
+}
+
+TEST_F(Continuous, OptionsThatNeedItSaySo) {
+  EXPECT_TRUE(FailsWith(2, {"--resume needs --continuous"},
+                        RunRaylift(Localize(folder_ / "out", {"--resume"}))));
+  EXPECT_TRUE(FailsWith(2, {"--report"},
+                        RunRaylift(Localize(folder_ / "out", {"--continuous", "--resume",
+                                                              "--report", folder_ / "report"}))));
+  EXPECT_TRUE(
+      FailsWith(2, {"--join-max-rotation-sigma-deg = -1"},
+                RunRaylift(Localize(folder_ / "out",
+                                    {"--continuous", "--join-max-rotation-sigma-deg", "-1"}))));
+}
+
+}  // namespace
+}  // namespace raylift
