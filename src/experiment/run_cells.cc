@@ -185,8 +185,10 @@ class ThinnedScene {
   void OpenSource(const GeometryKey& key, const Cell& cell) {
     if (sources_.contains(key)) return;
     const ExperimentGeometry& geometry = *scene_.FindGeometry(key.first);
-    NamedGeometry opened = MakeGeometrySource(
-        SpecOf(geometry, cell), {.model = scene_.model, .references = references_.images});
+    NamedGeometry opened =
+        MakeGeometrySource(SpecOf(geometry, cell), {.model = scene_.model,
+                                                    .references = references_.images,
+                                                    .thinned_out = references_.thinned_out});
     Take(std::move(opened.warnings));
     std::shared_ptr<const GeometrySource> source = std::move(opened.source);
     const AlignMode mode = AlignModeFromName(key.second).value();
