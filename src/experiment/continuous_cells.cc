@@ -1,6 +1,7 @@
 #include "continuous_cells.h"
 
 #include "raylift/base/error.h"
+#include "raylift/io/scene_file.h"
 #include "raylift/localization/continuous_localizer.h"
 #include "raylift/localization/continuous_order.h"
 #include "raylift/localization/localizer.h"
@@ -10,7 +11,7 @@ namespace {
 
 std::vector<size_t> Order(const ContinuousCell& cell) {
   if (cell.scene.times.empty()) return OrderByName(cell.queries);
-  return OrderByTime(cell.queries, cell.references.images, ReadCaptureTimes(cell.scene.times),
+  return OrderByTime(cell.queries, cell.references.images, ReadTimes(cell.scene.times),
                      cell.scene.times);
 }
 

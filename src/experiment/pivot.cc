@@ -70,6 +70,24 @@ bool Fits(const std::vector<std::string>& of_setting, const std::vector<std::str
   return true;
 }
 
+// By the first axis, then the second ..., each in the order in which its values come in the grid.
+std::vector<const SettingResult*> OrderedBy(const Experiment& experiment,
+                                            const std::vector<std::string>& axes,
+                                            std::vector<const SettingResult*> results) {
+  std::vector<std::map<std::string, size_t>> ranks(axes.size());
+  std::map<const SettingResult*, std::vector<size_t>> keys;
+  for (const SettingResult* result : results) {
+    const auto values = ValuesOf(experiment, result->setting, axes);
+    for (size_t i = 0; i < axes.size(); ++i) {
+      keys[result].push_back(ranks[i].emplace(values[i], ranks[i].size()).first->second);
+    }
+  }
+  std::stable_sort(
+      results.begin(), results.end(),
+      [&](const SettingResult* a, const SettingResult* b) { return keys.at(a) < keys.at(b); });
+  return results;
+}
+
 struct PrintedValue {
   double value;
   std::string text;
@@ -237,13 +255,13 @@ PivotTable MakePivot(const Experiment& experiment, const TableLayout& layout,
   };
   for (const bool complete : {true, false}) {
     if (!complete && !column_keys.empty()) break;
-    for (const SettingResult* result : shown) {
+    for (const SettingResult* result : OrderedBy(experiment, layout.columns, shown)) {
       const auto key = ValuesOf(experiment, result->setting, layout.columns);
       if (has_all(key) != complete) continue;
       if (add(column_keys, key)) table.columns.push_back(titles(result->setting, layout.columns));
     }
   }
-  for (const SettingResult* result : shown) {
+  for (const SettingResult* result : OrderedBy(experiment, layout.rows, shown)) {
     if (!add(row_keys, ValuesOf(experiment, result->setting, layout.rows))) continue;
     PivotTable::Row& row = table.rows.emplace_back();
     row.titles = titles(result->setting, layout.rows);
