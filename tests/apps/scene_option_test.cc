@@ -22,7 +22,7 @@ std::filesystem::path WriteScene(const RoomScene& room) {
   scene.thresholds = "cambridge";
   scene.groups = room.folder / "groups.txt";
   WriteGroups(scene.groups, {{room.queries[0].name, "day"}, {room.queries[1].name, "night"}});
-  scene.geometries = {{"near", "mesh:" + room.mesh().string() + ",far=2"},
+  scene.geometries = {{"near", "mesh:" + room.mesh().string() + ",far=50"},
                       {"all", "mesh:" + room.mesh().string()}};
   const std::filesystem::path file = room.folder / "scene.toml";
   WriteSceneFile(file, scene);
@@ -45,7 +45,7 @@ TEST(SceneOption, LocalizesAndEvaluates) {
   const Json options = EffectiveOptions(room);
   EXPECT_EQ(options["model"], room.model().string());
   EXPECT_EQ(options["queries"], room.query_list().string());
-  EXPECT_EQ(options["geometry"], Json::array({"mesh:" + room.mesh().string() + ",far=2"}));
+  EXPECT_EQ(options["geometry"], Json::array({"mesh:" + room.mesh().string() + ",far=50"}));
   EXPECT_EQ(options["images"], nullptr);
 
   const auto poses = room.folder / "out" / "poses.txt";
