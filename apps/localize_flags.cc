@@ -1,0 +1,130 @@
+#include "localize_flags.h"
+
+#include "scene_arguments.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+// What needs --model, or is needed without it.
+void CheckReferences(const LocalizeFlags& flags) {
+  flags.references.Check();
+  flags.hloc.Check();
+  flags.mesh_only.Check();
+  CheckRerender(flags.mesh_only.rerender, flags.geometry.specs,
+                !flags.query_images.empty() || !flags.images.empty());
+  if (!flags.RendersReferences()) {
+    if (!flags.hloc.Any() && flags.images.empty()) {
+      throw OptionError(
+          "--images is required where no --features, --matches and --pairs are given");
+    }
+    return;
+  }
+  RequireMeshOnly(flags.geometry.specs, flags.hloc.Any() ? "--features" : "--images",
+                  flags.hloc.Any() || !flags.images.empty());
+  if (flags.query_images.empty()) throw OptionError("--query-images is required without --model");
+}
+
+}  // namespace
+
+void LocalizeFlags::Check(const GeometryOptions& geometry_options,
+                          const EstimatorOptions& estimator_options) const {
+  CheckReferences(*this);
+  RequireAtLeast(1, "--max-features", max_features);
+  if (!(max_ratio > 0 && max_ratio <= 1)) {
+    throw OptionError("--max-ratio", FormatDouble(max_ratio), "must be above 0 and at most 1");
+  }
+  if (pictures < 0) {
+    throw OptionError("--pictures", std::to_string(pictures), "must not be negative");
+  }
+  run.Check();
+  continuous.Check(!report.empty());
+  if (hloc.Any() && retrieval.Any()) {
+    throw OptionError("--pairs", hloc.files.pairs.string(),
+                      "names the references: no options of retrieval go with it");
+  }
+  const RetrievalOptions resolved =
+      retrieval.Resolve(geometry.specs, RetrievalFlags::Queries::kOwn);
+  if (resolved.method == RetrievalMethod::kCovisibility) {
+    throw OptionError("--retrieval", "covisibility", "queries observe no points of the model");
+  }
+  if (geometry.specs.empty() && estimator_options.method != Method::kE5p1 &&
+      geometry_options.candidates.mode != CandidateMode::kTriangulate) {
+    throw OptionError(fmt::format(
+        "--geometry is required by --method {} (e5p1 and --candidates triangulate need none)",
+        ToString(estimator_options.method)));
+  }
+  if (pictures > 0 && images.empty() && query_images.empty()) {
+    throw OptionError("--pictures", std::to_string(pictures), "needs --images or --query-images");
+  }
+}
+
+void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
+  AddSceneOption(command);
+  AddReferenceOptions(command, flags.references);
+  command.get_option("--model")->required(false);
+  command.add_option("--images", flags.images, "Folder of the reference photographs")
+      ->group("References");
+  AddModelPosesOption(command, flags.model_poses);
+  AddGeometryOptions(command, flags.geometry);
+  command
+      .add_flag("--no-doctor", flags.no_doctor,
+                "Do not check whether depth and poses are read as they were meant")
+      ->group("Geometry");
+  command
+      .add_option("--queries", flags.queries, "List of queries: name MODEL width height params...")
+      ->required()
+      ->group("Queries");
+  command
+      .add_option("--query-images", flags.query_images,
+                  "Folder of the query photographs (default: --images)")
+      ->group("Queries");
+  AddHlocOptions(command, flags.hloc, "; without it, RootSIFT");
+  AddRetrievalOptions(command, flags.retrieval);
+  command
+      .add_option("--max-features", flags.max_features,
+                  "RootSIFT features per image, the strongest")
+      ->capture_default_str()
+      ->group("Matches");
+  command.add_option("--max-ratio", flags.max_ratio, "Ratio test of RootSIFT matches")
+      ->capture_default_str()
+      ->group("Matches");
+  command
+      .add_option("--cache", flags.cache, "Where RootSIFT features are kept (default: OUT/cache)")
+      ->group("Matches");
+  command.add_option("--out", flags.out, "Folder for poses.txt, queries.jsonl, summary.json")
+      ->required()
+      ->group("Output");
+  command
+      .add_option("--write-problems", flags.write_problems,
+                  "Also write each query's pose problem (JSON) here")
+      ->group("Output");
+  command.add_option("--report", flags.report, "Folder for one HTML page to look at (index.html)")
+      ->group("Output");
+  command
+      .add_option("--pictures", flags.pictures,
+                  "Draw the first N queries beside the mesh seen from their poses")
+      ->capture_default_str()
+      ->group("Output");
+  AddMeshOnlyOptions(command, flags.mesh_only);
+  AddFilterOptions(command, flags.filter);
+  AddEstimatorOptions(command, flags.estimator);
+  AddContinuousOptions(command, flags.continuous);
+  AddRunOptions(command, flags.run);
+  command.footer(
+      "Examples:\n"
+      "  From photographs alone:\n"
+      "    raylift localize --model sfm --images photos --geometry mesh:scene.ply \\\n"
+      "        --queries queries.txt --query-images photos --out result\n"
+      "  From a mesh and the queries alone:\n"
+      "    raylift localize --geometry mesh:scene.ply --queries queries.txt \\\n"
+      "        --query-images photos --out result\n"
+      "  With features and matches made by hloc:\n"
+      "    raylift localize --model sfm --geometry mesh:scene.ply --queries queries.txt \\\n"
+      "        --features features.h5 --matches matches.h5 --pairs pairs.txt --out result");
+}
+
+}  // namespace raylift

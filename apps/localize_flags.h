@@ -1,0 +1,48 @@
+// The options of `raylift localize`.
+
+#pragma once
+
+#include <filesystem>
+
+#include "continuous_options.h"
+#include "geometry_options.h"
+#include "mesh_only_options.h"
+#include "options.h"
+#include "retrieval_options.h"
+#include "scene_options.h"
+#include <CLI/CLI.hpp>
+
+#include "raylift/estimation/pose_estimator.h"
+
+namespace raylift {
+
+struct LocalizeFlags {
+  ReferenceFlags references;
+  std::filesystem::path images, queries, query_images;
+  ModelPosesFlags model_poses;
+  GeometryFlags geometry;
+  HlocFlags hloc;
+  RetrievalFlags retrieval;
+  int max_features = 4096;
+  double max_ratio = 0.8;
+  std::filesystem::path cache, out, write_problems, report;
+  int pictures = 0;
+  bool no_doctor = false;
+  FilterFlags filter;
+  EstimatorFlags estimator;
+  ContinuousFlags continuous;
+  RunFlags run;
+  MeshOnlyFlags mesh_only;
+
+  // The references are rendered from the mesh.
+  bool RendersReferences() const { return references.model.empty(); }
+
+  // OptionError for what the options alone can tell, before any work.
+  void Check(const GeometryOptions& geometry_options,
+             const EstimatorOptions& estimator_options) const;
+};
+
+// With examples.
+void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags);
+
+}  // namespace raylift
