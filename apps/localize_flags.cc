@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/text.h"
 
 namespace raylift {
 namespace {
@@ -33,10 +32,7 @@ void CheckReferences(const LocalizeFlags& flags) {
 void LocalizeFlags::Check(const GeometryOptions& geometry_options,
                           const EstimatorOptions& estimator_options) const {
   CheckReferences(*this);
-  RequireAtLeast(1, "--max-features", max_features);
-  if (!(max_ratio > 0 && max_ratio <= 1)) {
-    throw OptionError("--max-ratio", FormatDouble(max_ratio), "must be above 0 and at most 1");
-  }
+  front_end.Check();
   if (pictures < 0) {
     throw OptionError("--pictures", std::to_string(pictures), "must not be negative");
   }
@@ -84,17 +80,7 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
       ->group("Queries");
   AddHlocOptions(command, flags.hloc, "; without it, RootSIFT");
   AddRetrievalOptions(command, flags.retrieval);
-  command
-      .add_option("--max-features", flags.max_features,
-                  "RootSIFT features per image, the strongest")
-      ->capture_default_str()
-      ->group("Matches");
-  command.add_option("--max-ratio", flags.max_ratio, "Ratio test of RootSIFT matches")
-      ->capture_default_str()
-      ->group("Matches");
-  command
-      .add_option("--cache", flags.cache, "Where RootSIFT features are kept (default: OUT/cache)")
-      ->group("Matches");
+  AddFrontEndOptions(command, flags.front_end, "OUT/cache");
   command.add_option("--out", flags.out, "Folder for poses.txt, queries.jsonl, summary.json")
       ->required()
       ->group("Output");

@@ -5,6 +5,7 @@
 #include <filesystem>
 
 #include "continuous_options.h"
+#include "front_end_options.h"
 #include "geometry_options.h"
 #include "mesh_only_options.h"
 #include "options.h"
@@ -23,9 +24,8 @@ struct LocalizeFlags {
   GeometryFlags geometry;
   HlocFlags hloc;
   RetrievalFlags retrieval;
-  int max_features = 4096;
-  double max_ratio = 0.8;
-  std::filesystem::path cache, out, write_problems, report;
+  FrontEndFlags front_end;
+  std::filesystem::path out, write_problems, report;
   int pictures = 0;
   bool no_doctor = false;
   FilterFlags filter;

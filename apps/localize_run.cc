@@ -172,18 +172,16 @@ class LocalizeRun {
       if (max_joined) joining = {queries_, *max_joined};
       return OpenHlocMatches(flags_.hloc.files, references_, flags_.hloc.top_k, joining);
     }
-    return MakeFrontEndMatches({.reference_images = images_,
-                                .query_images = query_images_,
-                                .cache = flags_.cache.empty() ? flags_.out / "cache" : flags_.cache,
-                                .top_k = flags_.hloc.top_k,
-                                .max_features = flags_.max_features,
-                                .max_ratio = flags_.max_ratio,
-                                .seed = estimator_options_.seed,
-                                .threads = flags_.run.threads,
-                                .show_progress = !flags_.run.quiet,
-                                .retrieved = Retrieve(),
-                                .max_joined = max_joined},
-                               references_, queries_);
+    FrontEndOptions options = flags_.front_end.Resolve(flags_.out / "cache");
+    options.reference_images = images_;
+    options.query_images = query_images_;
+    options.top_k = flags_.hloc.top_k;
+    options.seed = estimator_options_.seed;
+    options.threads = flags_.run.threads;
+    options.show_progress = !flags_.run.quiet;
+    options.retrieved = Retrieve();
+    options.max_joined = max_joined;
+    return MakeFrontEndMatches(options, references_, queries_);
   }
 
   void PrepareRerender(const EstimatorOptions& estimator) {
@@ -192,7 +190,7 @@ class LocalizeRun {
         mesh_, ColorsLikePhotographs(mesh_->mesh()), query_images_,
         RerenderOptions{.rounds = flags_.mesh_only.rerender,
                         .use_pairs = estimator.method == Method::kE5p1,
-                        .max_features = flags_.max_features,
+                        .max_features = flags_.front_end.max_features,
                         .reprojection_threshold_px = estimator.reprojection_threshold_px});
   }
 
