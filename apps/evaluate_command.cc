@@ -115,6 +115,7 @@ void EvaluateDense(const EvaluateFlags& flags, const std::vector<std::string>& n
       MakeGeometrySource(flags.geometry, {.model = flags.ground_truth, .references = views});
   PrintWarnings(geometry.warnings);
   std::vector<PosesByName> matched;
+  matched.reserve(estimated.size());
   for (const PosesByName& poses : estimated) matched.push_back(MatchNames(ground_truth, poses));
   constexpr int kPixels = 5000;
   const auto results = MeasureDcre(*geometry.source, views, matched, kPixels, flags.run.threads);

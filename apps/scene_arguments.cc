@@ -34,7 +34,7 @@ bool Wants(const CLI::App& command, const char* option) {
 
 // Whether the scene's value can stand beside what the command was given.
 bool Fits(const SceneFile& scene, const CLI::App& command, std::string_view option) {
-  const std::string name = command.get_name();
+  const std::string& name = command.get_name();
   // Without a model, references are rendered.
   if (option == "--images" && scene.references.empty()) return IsGiven(command, "--model");
   if (option == "--times") return IsGiven(command, "--continuous");
@@ -45,7 +45,7 @@ bool Fits(const SceneFile& scene, const CLI::App& command, std::string_view opti
 }
 
 bool CanUse(const CLI::App& command, const SceneGeometry& geometry) {
-  const std::string name = command.get_name();
+  const std::string& name = command.get_name();
   if (name == "render") return geometry.spec.starts_with("mesh:");
   if (name == "doctor") return !geometry.spec.starts_with("sfm");
   return name != "evaluate";  // there it asks for another figure of merit
