@@ -13,8 +13,8 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/lifting/depth_doctor.h"
 #include "raylift/lifting/geometry_spec.h"
+#include "raylift/lifting/input_doctor.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene_matches.h"
 

@@ -19,10 +19,10 @@
 #include "raylift/lifting/depth_alignment.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/localization/continuous_localizer.h"
-#include "raylift/localization/input_check.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/query_picture.h"
+#include "raylift/localization/quick_doctor.h"
 #include "raylift/localization/rerender.h"
 #include "raylift/localization/result_files.h"
 #include "raylift/localization/scene_matches.h"
@@ -52,7 +52,7 @@ class LocalizeRun {
         estimator_options_(estimator_options),
         estimator_(MakePoseEstimator(estimator_options)),
         queries_(ReadQueryList(flags.queries)),
-        input_check_(queries_) {
+        quick_doctor_(queries_) {
     if (flags.RendersReferences()) {
       OpenGeometry();
       RenderModel();
@@ -215,7 +215,7 @@ class LocalizeRun {
     if (flags_.no_doctor) return;
     for (const NamedGeometry& geometry : geometry_) {
       if (auto warning =
-              input_check_.Warn(geometry, references_, model_poses_, flags_.run.threads)) {
+              quick_doctor_.Warn(geometry, references_, model_poses_, flags_.run.threads)) {
         Take({*warning});
       }
     }
@@ -277,8 +277,8 @@ class LocalizeRun {
 
   QueryResult Localize(size_t index) {
     QueryResult result = LocalizeQuery(queries_[index], Parts());
-    if (!flags_.no_doctor && input_check_.Wants(index)) {
-      input_check_.Add(index, result.problem.references, result.problem.matches_2d2d);
+    if (!flags_.no_doctor && quick_doctor_.Wants(index)) {
+      quick_doctor_.Add(index, result.problem.references, result.problem.matches_2d2d);
     }
     if (rerenderer_) rerenderer_->Improve(queries_[index], *estimator_, result);
     return result;
@@ -333,7 +333,7 @@ class LocalizeRun {
   EstimatorOptions estimator_options_;
   std::unique_ptr<PoseEstimator> estimator_;
   std::vector<Query> queries_;
-  InputCheck input_check_;
+  QuickDoctor quick_doctor_;
   ReferenceSet references_;
   Covisibility covisibility_;
   std::vector<NamedGeometry> geometry_;

@@ -10,7 +10,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
-#include "raylift/rendering/task_list.h"
+#include "raylift/views/task_list.h"
 
 namespace raylift {
 namespace {

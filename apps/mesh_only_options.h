@@ -12,7 +12,7 @@
 #include <Eigen/Core>
 
 #include "raylift/base/progress.h"
-#include "raylift/rendering/rendered_references.h"
+#include "raylift/views/rendered_references.h"
 
 namespace raylift {
 

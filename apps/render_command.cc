@@ -14,9 +14,9 @@
 
 #include "raylift/base/progress.h"
 #include "raylift/io/view_list.h"
-#include "raylift/rendering/mesh_scene.h"
-#include "raylift/rendering/render_job.h"
-#include "raylift/rendering/task_list.h"
+#include "raylift/views/mesh_scene.h"
+#include "raylift/views/render_job.h"
+#include "raylift/views/task_list.h"
 
 namespace raylift {
 namespace {

@@ -9,9 +9,9 @@
 #include "options.h"
 #include <CLI/CLI.hpp>
 
-#include "raylift/rendering/render_job.h"
-#include "raylift/rendering/task_list.h"
 #include "raylift/scene/thinning.h"
+#include "raylift/views/render_job.h"
+#include "raylift/views/task_list.h"
 
 namespace raylift {
 

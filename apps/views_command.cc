@@ -16,11 +16,11 @@
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/view_list.h"
-#include "raylift/rendering/contact_sheet.h"
-#include "raylift/rendering/mesh_scene.h"
-#include "raylift/rendering/sampled_model.h"
-#include "raylift/rendering/task_list.h"
-#include "raylift/rendering/view_sampler.h"
+#include "raylift/views/contact_sheet.h"
+#include "raylift/views/mesh_scene.h"
+#include "raylift/views/sampled_model.h"
+#include "raylift/views/task_list.h"
+#include "raylift/views/view_sampler.h"
 
 namespace raylift {
 namespace {

@@ -1,4 +1,4 @@
-// The data of the depth doctor: keypoints of references with their matches in other references, and
+// The data of the doctor: keypoints of references with their matches in other references, and
 // how far they project from them under a reading of the input. Private to lifting.
 
 #pragma once
@@ -12,7 +12,7 @@
 
 #include <Eigen/Core>
 
-#include "raylift/lifting/depth_doctor.h"
+#include "raylift/lifting/input_doctor.h"
 
 namespace raylift {
 

@@ -228,7 +228,7 @@ Json SourceJson(const SourceComparison& source) {
   }
   Json findings = Json::array();
   for (const Finding& finding : source.findings) {
-    findings.push_back({{"distortion", ToString(finding.distortion)},
+    findings.push_back({{"distortion", ToString(finding.fault)},
                         {"amount", finding.amount},
                         {"severity", finding.severity},
                         {"text", finding.text}});
@@ -305,7 +305,7 @@ std::string FormatSourcesCsv(const DepthComparison& comparison) {
   for (const SourceComparison& source : comparison.sources) {
     std::string findings;
     for (const Finding& finding : source.findings) {
-      findings += (findings.empty() ? "" : "; ") + std::string(ToString(finding.distortion));
+      findings += (findings.empty() ? "" : "; ") + std::string(ToString(finding.fault));
     }
     TableRow row = {source.name, source.is_truth ? "true" : "false",
                     Exact(PercentOf(source.traits.log_scale)),

@@ -197,7 +197,7 @@ class Comparer {
           });
       if (covered) traits.missing_percent = 100 - *covered;
     }
-    source.findings = Diagnose(traits);
+    source.findings = FindFaults(traits);
   }
 
   static void JudgeByTruth(SourceComparison& source) {

@@ -6,7 +6,7 @@
 
 #include "datasets/importers.h"
 #include "datasets/nvm.h"
-#include "io/line_tokens.h"
+#include "io/text/line_tokens.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

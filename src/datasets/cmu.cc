@@ -6,7 +6,7 @@
 #include <algorithm>
 
 #include "datasets/importers.h"
-#include "io/line_tokens.h"
+#include "io/text/line_tokens.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

@@ -4,8 +4,8 @@
 #include <array>
 #include <cmath>
 
-#include "io/line_tokens.h"
-#include "io/unit_quaternion.h"
+#include "io/text/line_tokens.h"
+#include "io/text/unit_quaternion.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

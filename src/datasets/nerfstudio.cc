@@ -8,7 +8,7 @@
 #include <set>
 
 #include "datasets/importers.h"
-#include "io/json_place.h"
+#include "io/text/json_place.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

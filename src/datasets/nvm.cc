@@ -1,6 +1,6 @@
 #include "datasets/nvm.h"
 
-#include "io/line_tokens.h"
+#include "io/text/line_tokens.h"
 #include <fmt/format.h>
 
 #include "raylift/base/text.h"

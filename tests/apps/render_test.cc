@@ -19,7 +19,7 @@
 #include "raylift/base/text.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/io/image_file.h"
-#include "raylift/rendering/manifest.h"
+#include "raylift/views/manifest.h"
 
 namespace raylift {
 namespace {

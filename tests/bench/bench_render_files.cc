@@ -26,7 +26,7 @@
 #include <unistd.h>
 
 #include "raylift/base/median.h"
-#include "raylift/rendering/render_job.h"
+#include "raylift/views/render_job.h"
 
 namespace raylift {
 namespace {

@@ -17,29 +17,29 @@ using ::testing::AnyOf;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
 
-std::vector<Distortion> Named(const SourceComparison& source) {
-  std::vector<Distortion> named;
-  for (const Finding& finding : source.findings) named.push_back(finding.distortion);
+std::vector<DepthFault> Named(const SourceComparison& source) {
+  std::vector<DepthFault> named;
+  for (const Finding& finding : source.findings) named.push_back(finding.fault);
   return named;
 }
 
 struct Planted {
   std::string name;
   DepthPerturbation perturbation;
-  Distortion expected;
+  DepthFault expected;
 };
 
 std::vector<Planted> EveryDistortion() {
-  return {{"scale", {.scale = 1.1}, Distortion::kScale},
-          {"scales", {.scale_sigma = 0.1}, Distortion::kPerImageScale},
-          {"warp", {.warp_sigma = 0.06}, Distortion::kWarp},
-          {"noise", {.relative_noise_sigma = 0.02}, Distortion::kMultiplicativeNoise},
-          {"edges", {.flying_share = 0.8}, Distortion::kEdges},
-          {"floaters", {.floaters = 25}, Distortion::kFloaters},
-          {"bubbles", {.bubbles = 4}, Distortion::kBubbles},
-          {"steps", {.quantization_step = 0.2}, Distortion::kQuantization},
-          {"holes", {.hole_share = 0.2}, Distortion::kHoles},
-          {"additive noise", {.noise_sigma = 0.08}, Distortion::kAdditiveNoise}};
+  return {{"scale", {.scale = 1.1}, DepthFault::kScale},
+          {"scales", {.scale_sigma = 0.1}, DepthFault::kPerImageScale},
+          {"warp", {.warp_sigma = 0.06}, DepthFault::kWarp},
+          {"noise", {.relative_noise_sigma = 0.02}, DepthFault::kMultiplicativeNoise},
+          {"edges", {.flying_share = 0.8}, DepthFault::kEdges},
+          {"floaters", {.floaters = 25}, DepthFault::kFloaters},
+          {"bubbles", {.bubbles = 4}, DepthFault::kBubbles},
+          {"steps", {.quantization_step = 0.2}, DepthFault::kQuantization},
+          {"holes", {.hole_share = 0.2}, DepthFault::kHoles},
+          {"additive noise", {.noise_sigma = 0.08}, DepthFault::kAdditiveNoise}};
 }
 
 class Sources {
@@ -77,7 +77,7 @@ TEST(CompareDepth, NamesWhatWasPlanted) {
     const SourceComparison& source = comparison.sources[i + 1];
     ASSERT_THAT(source.findings, SizeIs(::testing::Ge(1u))) << planted[i].name << "\n"
                                                             << FormatComparisonText(comparison);
-    EXPECT_EQ(source.findings.front().distortion, planted[i].expected)
+    EXPECT_EQ(source.findings.front().fault, planted[i].expected)
         << planted[i].name << "\n"
         << FormatComparisonText(comparison);
   }
@@ -123,13 +123,13 @@ TEST(Diagnose, NamesNoiseByHowItGrows) {
     SourceTraits traits;
     traits.noise_sigma = 0.02;
     traits.noise_exponent = exponent;
-    return Diagnose(traits).at(0).distortion;
+    return FindFaults(traits).at(0).fault;
   };
-  EXPECT_EQ(named(-1.1), Distortion::kAdditiveNoise);
-  EXPECT_EQ(named(0.2), Distortion::kMultiplicativeNoise);
-  EXPECT_EQ(named(-0.5), Distortion::kNoise);  // a mixture
-  EXPECT_EQ(named(1), Distortion::kNoise);
-  EXPECT_EQ(named(std::nullopt), Distortion::kNoise);
+  EXPECT_EQ(named(-1.1), DepthFault::kAdditiveNoise);
+  EXPECT_EQ(named(0.2), DepthFault::kMultiplicativeNoise);
+  EXPECT_EQ(named(-0.5), DepthFault::kNoise);  // a mixture
+  EXPECT_EQ(named(1), DepthFault::kNoise);
+  EXPECT_EQ(named(std::nullopt), DepthFault::kNoise);
 }
 
 TEST(CompareDepth, WithoutATruthViewsTellScales) {
@@ -142,9 +142,9 @@ TEST(CompareDepth, WithoutATruthViewsTellScales) {
                                                {"uneven", "", "", &uneven, nullptr}};
   const DepthComparison comparison = CompareDepth(sources, room.images, {}, {});
   EXPECT_THAT(Named(comparison.sources[0]), IsEmpty()) << FormatComparisonText(comparison);
-  EXPECT_THAT(Named(comparison.sources[1]), ::testing::Contains(Distortion::kScale))
+  EXPECT_THAT(Named(comparison.sources[1]), ::testing::Contains(DepthFault::kScale))
       << FormatComparisonText(comparison);
-  EXPECT_THAT(Named(comparison.sources[2]), ::testing::Contains(Distortion::kPerImageScale))
+  EXPECT_THAT(Named(comparison.sources[2]), ::testing::Contains(DepthFault::kPerImageScale))
       << FormatComparisonText(comparison);
 }
 
@@ -174,7 +174,7 @@ TEST(CompareDepth, MatchesTellScalesWithoutATruth) {
   EXPECT_GT(comparison.sources[1].matches->median_px, 1);
   EXPECT_THAT(Named(comparison.sources[0]), IsEmpty());
   ASSERT_THAT(comparison.sources[1].findings, SizeIs(::testing::Ge(1u)));
-  EXPECT_EQ(comparison.sources[1].findings.front().distortion, Distortion::kScale);
+  EXPECT_EQ(comparison.sources[1].findings.front().fault, DepthFault::kScale);
   EXPECT_NEAR(std::exp(comparison.sources[1].findings.front().amount), 1.1, 0.01);
 }
 

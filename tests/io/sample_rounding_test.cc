@@ -1,6 +1,6 @@
 // Rounding to 16 bits, against Eigen's float16 and against arithmetic in double.
 
-#include "io/sample_rounding.h"
+#include "io/depth/sample_rounding.h"
 
 #include <array>
 #include <bit>

@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "raylift/comparison/depth_diagnosis.h"
+#include "raylift/comparison/depth_faults.h"
 #include "raylift/comparison/source_view.h"
 #include "raylift/comparison/view_consistency.h"
 #include "raylift/evaluation/depth_edges.h"

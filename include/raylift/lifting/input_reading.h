@@ -1,5 +1,5 @@
 // How a scene's input is read: what the numbers of the depth maps and of the poses are taken to
-// mean. The depth doctor compares readings, and says by which options one is chosen.
+// mean. The doctor compares readings, and says by which options one is chosen.
 
 #pragma once
 

@@ -1,0 +1,99 @@
+// What is wrong with a source of depth, by name: each kind of error leaves its own trace in
+// r = ln(estimated / true).
+//
+//   scale            the median of r over everything       per-image scale   its spread over images
+//   warp             the spread of the medians of r over blocks of an image
+//   noise            differences of r between neighbours: additive where they fall as 1 / depth,
+//                    multiplicative where they are the same at every depth
+//   edges            outliers within 3 px of true depth edges that are none in the interior
+//   floaters         interior pixels well in front of the surface, with edges of their own
+//   bubbles          the same, but smooth
+//   quantization     few different values of depth
+//   holes            the truth has depth where the source has none
+
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "raylift/scene/depth_map.h"
+
+namespace raylift {
+
+// How large the noise is among pixels of similar depth.
+struct NoiseLevel {
+  double depth;
+  double sigma;  // of r
+};
+
+// The traces in one image. Deviations are of r, robust (1.4826 times the median absolute one).
+struct DepthDeviation {
+  size_t count = 0;  // pixels that both maps know
+  double log_scale = 0;
+  double warp_sigma = 0;
+  double noise_sigma = 0;
+  std::vector<NoiseLevel> noise_levels;  // of a fifth of the pixels each
+  double edge_outliers_percent = 0;
+  double interior_outliers_percent = 0;
+  double in_front_percent = 0;          // of the interior
+  double edges_per_pixel_in_front = 0;  // that the truth does not have
+};
+// `to_true_edge_px` is the distance of each pixel to the nearest depth edge of the truth. None
+// where the maps have fewer than 100 pixels in common.
+std::optional<DepthDeviation> MeasureDeviation(const DepthMap& estimated, const DepthMap& truth,
+                                               std::span<const float> to_true_edge_px);
+
+// The power of depth that the noise of r grows with: about -1 for additive noise, 0 for
+// multiplicative, 1 for that of stereo and structured light. None where all is of similar depth.
+std::optional<double> NoiseExponent(std::span<const NoiseLevel> levels);
+
+// The step that the depths of a map are multiples of, in scene units; 0 where they seem continuous.
+double FindQuantizationStep(const DepthMap& map);
+
+enum class DepthFault {
+  kScale,
+  kPerImageScale,
+  kWarp,
+  kNoise,  // neither of the next two, or not known which
+  kAdditiveNoise,
+  kMultiplicativeNoise,
+  kEdges,
+  kFloaters,
+  kBubbles,
+  kQuantization,
+  kHoles,
+};
+std::string_view ToString(DepthFault fault);
+
+struct Finding {
+  DepthFault fault;
+  double amount = 0;    // what the text says, as a number
+  double severity = 0;  // in units of the least that is worth a word
+  std::string text;     // "scale: depth is 10.2 % too large"
+};
+
+// What is known of one source, from the images together. None: not measured.
+struct SourceTraits {
+  std::optional<double> log_scale;        // of the median image
+  std::optional<double> log_scale_sigma;  // between images
+  std::optional<double> warp_sigma;
+  std::optional<double> noise_sigma;
+  std::optional<double> noise_exponent;         // as NoiseExponent
+  std::optional<double> noise_length;           // standard deviation of the depth, scene units
+  std::optional<double> edge_outliers_percent;  // beyond those of the interior
+  std::optional<double> in_front_percent;
+  bool front_is_smooth = false;
+  std::optional<double> relative_quantization;  // step over median depth
+  std::optional<double> missing_percent;
+};
+// The gravest first.
+std::vector<Finding> FindFaults(const SourceTraits& traits);
+
+// 1.4826 times the median absolute deviation from the median; 0 for no values.
+double RobustSigma(std::vector<double> values);
+
+}  // namespace raylift

@@ -1,0 +1,66 @@
+// Pictures of a mesh in the place of reference photographs, for scenes that have none: views are
+// sampled, rendered, and left as a COLMAP model and a folder of images, as photographs would be.
+
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "raylift/geometry/camera.h"
+#include "raylift/io/depth_file.h"
+#include "raylift/renderers/ray_caster.h"
+#include "raylift/views/render_job.h"
+#include "raylift/views/view_sampler.h"
+
+namespace raylift {
+
+enum class ViewKind {
+  kAuto,    // inside where there is a ground and the mesh is seen well from it, else covering
+  kInside,  // at eye height above the ground (SampleInside)
+  kAround,  // on a sphere around the mesh (SampleAround)
+  kCover,   // wherever there is room in front of surfaces (SampleCovering)
+};
+std::string_view ToString(ViewKind kind);
+std::optional<ViewKind> ViewKindFromName(std::string_view name);
+
+// A pinhole camera whose pictures match those of the queries' cameras: of their median angle of
+// view (at least 60 and at most 100 degrees wide), and as sharp as the median query in its middle,
+// up to 1600 pixels. `size` and `fov_deg` (horizontal) override. At least one query.
+Camera CameraLikeQueries(std::span<const Camera> queries, const std::optional<PlaneSize>& size,
+                         const std::optional<double>& fov_deg);
+
+struct RenderedReferenceOptions {
+  std::filesystem::path out;
+  ViewKind kind = ViewKind::kAuto;
+  ViewSamplerOptions views;  // camera, count, up, clearance, seed
+  InsideOptions inside;
+  int threads = 0;
+};
+
+struct RenderedReferences {
+  std::filesystem::path model;   // OUT/model
+  std::filesystem::path images;  // OUT/color
+  ViewKind kind;                 // that was used
+  size_t count = 0;
+  size_t rendered = 0;  // the others were there already
+  std::vector<std::string> warnings;
+};
+
+// Renders what is not in `out` yet from the same mesh and views. Unlit where the mesh has colours,
+// else shaded by a light at the camera, with a warning. The same bytes for any number of threads.
+// InputError where there is no place for a camera, or a file cannot be written.
+RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh,
+                                    const RenderedReferenceOptions& options,
+                                    const RenderHooks& hooks);
+
+// How a picture of this mesh is to look like a photograph: anti-aliased, on grey.
+ColorOptions ColorsLikePhotographs(const TriangleMesh& mesh);
+
+}  // namespace raylift

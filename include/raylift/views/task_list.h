@@ -1,0 +1,42 @@
+// Which views a job renders, at which size, and how their files are called.
+
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "raylift/io/depth_file.h"
+#include "raylift/scene/thinning.h"
+#include "raylift/scene/view.h"
+#include "raylift/views/render_job.h"
+
+namespace raylift {
+
+// "WIDTHxHEIGHT"; OptionError naming the option for anything else.
+PlaneSize ParseSize(std::string_view option, const std::string& text);
+
+struct TaskSelection {
+  std::filesystem::path list = {};  // only the images in this list; empty: all
+  std::string glob = {};            // only names that match, as in a shell; empty: all
+  Thinning thinning = {};           // only every N-th of those, by name
+  // Of the images; the lens is scaled with it. At most one of the two.
+  std::optional<double> scale = std::nullopt;
+  std::optional<PlaneSize> size = std::nullopt;
+  // Instead of the cameras: a panorama of this size from each camera's place.
+  std::optional<PlaneSize> panorama = std::nullopt;
+  // How files are called, without extension: {name}, {dir}, {stem}, {base}, see ExpandPattern.
+  std::string pattern = "{dir}/{stem}";
+};
+
+// The views of a COLMAP model. Its warnings are added to `warnings`.
+std::vector<View> ReadModelViews(const std::filesystem::path& model,
+                                 std::vector<std::string>& warnings);
+
+// The tasks by name. InputError where an image of the list is not among the views, where none is
+// left, or where two images would be written to one file or outside of the output folder.
+std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection& selection);
+
+}  // namespace raylift

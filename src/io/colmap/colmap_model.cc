@@ -1,0 +1,136 @@
+// COLMAP models as a whole: which form a folder holds, and what must hold between the files.
+
+#include "raylift/io/colmap_model.h"
+
+#include <algorithm>
+#include <unordered_map>
+
+#include "io/colmap/colmap_files.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+using colmap::FilePath;
+
+bool HasFile(const std::filesystem::path& folder, std::string_view file, ColmapForm form) {
+  std::error_code ignored;
+  return std::filesystem::exists(FilePath(folder, file, form), ignored);
+}
+
+void ReadFiles(const std::filesystem::path& folder, ColmapForm form, ColmapModel* model) {
+  using namespace colmap;
+  const bool text = form == ColmapForm::kText;
+  const auto read = [&](std::string_view file, auto read_text, auto read_binary) {
+    (text ? read_text : read_binary)(FilePath(folder, file, form), model);
+  };
+  read(kCameras, ReadCamerasText, ReadCamerasBinary);
+  read(kImages, ReadImagesText, ReadImagesBinary);
+  if (HasFile(folder, kPoints3D, form)) {
+    read(kPoints3D, ReadPoints3DText, ReadPoints3DBinary);
+  }
+  if (HasFile(folder, kRigs, form)) {
+    read(kRigs, ReadRigsText, ReadRigsBinary);
+  }
+  if (HasFile(folder, kFrames, form)) {
+    read(kFrames, ReadFramesText, ReadFramesBinary);
+  }
+}
+
+void CheckImages(const std::filesystem::path& path, const ColmapModel& model) {
+  std::unordered_map<std::string_view, uint32_t> id_of_name;
+  for (const auto& [id, image] : model.images) {
+    const std::string place = fmt::format("image {} (\"{}\")", id, image.name);
+    if (!model.cameras.contains(image.camera_id)) {
+      throw InputError(
+          path, place,
+          fmt::format("refers to camera {}, which is not in the cameras file", image.camera_id));
+    }
+    const auto [other, is_new] = id_of_name.emplace(image.name, id);
+    if (!is_new) {
+      throw InputError(path, place, fmt::format("image {} has the same name", other->second));
+    }
+  }
+}
+
+}  // namespace
+
+std::filesystem::path colmap::FilePath(const std::filesystem::path& folder, std::string_view file,
+                                       ColmapForm form) {
+  return folder / fmt::format("{}.{}", file, form == ColmapForm::kText ? "txt" : "bin");
+}
+
+Rigid3 ColmapImage::CamFromWorld() const {
+  Eigen::Quaterniond rotation(qvec_wxyz[0], qvec_wxyz[1], qvec_wxyz[2], qvec_wxyz[3]);
+  return {rotation.normalized(), tvec};
+}
+
+void ColmapImage::SetCamFromWorld(const Rigid3& cam_from_world) {
+  const Eigen::Quaterniond& q = cam_from_world.rotation;
+  qvec_wxyz = {q.w(), q.x(), q.y(), q.z()};
+  tvec = cam_from_world.translation;
+}
+
+std::vector<PosedImage> ColmapModel::PosedImages() const {
+  std::vector<PosedImage> posed;
+  posed.reserve(images.size());
+  for (const auto& [id, image] : images) {
+    posed.push_back({image.name, cameras.at(image.camera_id), image.CamFromWorld()});
+  }
+  std::sort(posed.begin(), posed.end(),
+            [](const PosedImage& a, const PosedImage& b) { return a.name < b.name; });
+  return posed;
+}
+
+std::optional<ColmapForm> DetectColmapForm(const std::filesystem::path& folder) {
+  for (const ColmapForm form : {ColmapForm::kBinary, ColmapForm::kText}) {
+    if (HasFile(folder, colmap::kCameras, form) && HasFile(folder, colmap::kImages, form)) {
+      return form;
+    }
+  }
+  return std::nullopt;
+}
+
+ColmapModel ReadColmapModel(const std::filesystem::path& folder) {
+  const auto form = DetectColmapForm(folder);
+  if (!form) {
+    throw InputError(
+        folder,
+        "no COLMAP model: expected cameras.bin and images.bin, or cameras.txt and images.txt");
+  }
+  return ReadColmapModel(folder, *form);
+}
+
+ColmapModel ReadColmapModel(const std::filesystem::path& folder, ColmapForm form) {
+  ColmapModel model;
+  ReadFiles(folder, form, &model);
+  CheckImages(FilePath(folder, colmap::kImages, form), model);
+  colmap::ComposePosesOfFrames(folder, form, &model);
+  return model;
+}
+
+void WriteColmapModel(const std::filesystem::path& folder, const ColmapModel& model,
+                      ColmapForm form) {
+  using namespace colmap;
+  const bool text = form == ColmapForm::kText;
+  const auto write = [&](std::string_view file, auto write_text, auto write_binary) {
+    (text ? write_text : write_binary)(FilePath(folder, file, form), model);
+  };
+  write(kCameras, WriteCamerasText, WriteCamerasBinary);
+  write(kImages, WriteImagesText, WriteImagesBinary);
+  write(kPoints3D, WritePoints3DText, WritePoints3DBinary);
+  if (!model.frames.empty()) {
+    write(kRigs, WriteRigsText, WriteRigsBinary);
+    write(kFrames, WriteFramesText, WriteFramesBinary);
+    return;
+  }
+  // Those of a former model would override the poses of this one.
+  for (const std::string_view file : {kRigs, kFrames}) {
+    std::error_code ignored;
+    std::filesystem::remove(FilePath(folder, file, form), ignored);
+  }
+}
+
+}  // namespace raylift

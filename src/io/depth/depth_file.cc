@@ -1,0 +1,273 @@
+#include "raylift/io/depth_file.h"
+
+#include <array>
+#include <bit>
+#include <cctype>
+#include <cmath>
+#include <utility>
+
+#include "io/depth/depth_formats.h"
+#include "io/depth/sample_rounding.h"
+#include "io/image/png_writer.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+constexpr uint64_t kMaxSide = uint64_t{1} << 20;
+constexpr uint64_t kMaxPixels = uint64_t{1} << 28;
+
+constexpr std::array<std::pair<DepthFileFormat, std::string_view>, 10> kFormatNames = {{
+    {DepthFileFormat::kExr, "EXR"},
+    {DepthFileFormat::kPng, "PNG"},
+    {DepthFileFormat::kTiff, "TIFF"},
+    {DepthFileFormat::kPgm, "PGM"},
+    {DepthFileFormat::kNpy, "NPY"},
+    {DepthFileFormat::kNpz, "NPZ"},
+    {DepthFileFormat::kNpyGz, "NPY.GZ"},
+    {DepthFileFormat::kColmap, "COLMAP"},
+    {DepthFileFormat::kPfm, "PFM"},
+    {DepthFileFormat::kRaw, "raw"},
+}};
+
+constexpr std::array<std::pair<std::string_view, DepthFileFormat>, 11> kExtensions = {{
+    {".exr", DepthFileFormat::kExr},
+    {".png", DepthFileFormat::kPng},
+    {".tif", DepthFileFormat::kTiff},
+    {".tiff", DepthFileFormat::kTiff},
+    {".pgm", DepthFileFormat::kPgm},
+    {".npy", DepthFileFormat::kNpy},
+    {".npz", DepthFileFormat::kNpz},
+    {".npy.gz", DepthFileFormat::kNpyGz},
+    {".bin", DepthFileFormat::kColmap},
+    {".pfm", DepthFileFormat::kPfm},
+    {".depth", DepthFileFormat::kRaw},
+}};
+
+constexpr std::array<std::pair<ExrCompression, std::string_view>, 6> kCompressionNames = {{
+    {ExrCompression::kNone, "none"},
+    {ExrCompression::kZips, "zips"},
+    {ExrCompression::kZip, "zip"},
+    {ExrCompression::kPiz, "piz"},
+    {ExrCompression::kPxr24, "pxr24"},
+    {ExrCompression::kDwaa, "dwaa"},
+}};
+
+// For a value that the format cannot hold: the first one for which `fits` is false.
+template <typename Fits>
+[[noreturn]] void Refuse(const path& file, const FloatPlane& plane, std::string_view limit,
+                         const Fits& fits) {
+  const auto found = std::find_if_not(plane.values.begin(), plane.values.end(), fits);
+  RAYLIFT_CHECK(found != plane.values.end());
+  const auto index = static_cast<size_t>(found - plane.values.begin());
+  const auto width = static_cast<size_t>(plane.width_px);
+  throw InputError(file, fmt::format("pixel ({}, {})", index % width, index / width),
+                   fmt::format("expected a value of at most {}, found {}", limit, *found));
+}
+
+std::vector<uint16_t> CountSteps(const path& file, const FloatPlane& plane,
+                                 const DepthWriteOptions& options, DepthWriteReport& report) {
+  const double step = options.png_step;
+  if (!(step > 0) || !std::isfinite(step)) {
+    throw OptionError(fmt::format("the step of a PNG is {}: must be positive", step));
+  }
+  std::vector<uint16_t> counts(plane.values.size());
+  const size_t beyond = RoundToSteps(plane.values, step, counts, report);
+  if (beyond > 0 && options.out_of_range == DepthWriteOptions::OutOfRange::kRefuse) {
+    Refuse(file, plane, fmt::format("65535 steps of {}, that is {}", step, 65535 * step),
+           [step](float value) { return value / step > -0.5 && value / step < 65535.5; });
+  }
+  return counts;
+}
+
+// What float16 does to the values. The encoders round in the same way.
+void CheckHalf(const path& file, const FloatPlane& plane, const DepthWriteOptions& options,
+               DepthWriteReport& report) {
+  std::vector<uint16_t> halves(plane.values.size());
+  const size_t beyond = RoundToHalf(plane.values, halves, report);
+  if (beyond > 0 && options.out_of_range == DepthWriteOptions::OutOfRange::kRefuse) {
+    Refuse(file, plane, "65504, float16's largest",
+           [](float value) { return !std::isfinite(value) || std::abs(value) <= kMaxHalf; });
+  }
+}
+
+DepthFileFormat FormatToWrite(const path& file, const DepthWriteOptions& options) {
+  const auto format = options.format ? options.format : DepthFileFormatFromName(file);
+  if (!format) {
+    throw InputError(file,
+                     "the name of a depth map to write must end in .exr, .npy, .npz, .png, .tif, "
+                     ".tiff, .bin or .pfm");
+  }
+  return *format;
+}
+
+std::string Encode(const path& file, const FloatPlane& plane, DepthFileFormat format,
+                   const DepthWriteOptions& options) {
+  const PlaneSize size{plane.width_px, plane.height_px};
+  switch (format) {
+    case DepthFileFormat::kExr: {
+      const ExrChannel channel{options.layer.empty() ? "Z" : options.layer, plane.values};
+      return EncodeExr(file, size, {&channel, 1}, options.exr_compression, options.sample);
+    }
+    case DepthFileFormat::kNpy:
+      return EncodeNpy(plane, options.sample);
+    case DepthFileFormat::kNpz:
+      return EncodeNpz(file, plane, options.sample, options.layer.empty() ? "depth" : options.layer,
+                       options.deflate_npz);
+    case DepthFileFormat::kTiff:
+      return EncodeTiff(file, plane);
+    case DepthFileFormat::kColmap:
+      return EncodeColmapMap(plane);
+    case DepthFileFormat::kPfm:
+      return EncodePfm(plane);
+    case DepthFileFormat::kPng:
+    case DepthFileFormat::kPgm:
+    case DepthFileFormat::kNpyGz:
+    case DepthFileFormat::kRaw:
+      break;
+  }
+  throw InputError(file, fmt::format("{} files are read only", ToString(format)));
+}
+
+// What stands before the values where the format holds them as they are in memory; none otherwise.
+std::optional<std::string> PlainHeader(const FloatPlane& plane, DepthFileFormat format,
+                                       const DepthWriteOptions& options) {
+  if (std::endian::native != std::endian::little || options.sample != FloatSample::kFloat32) {
+    return std::nullopt;
+  }
+  if (format == DepthFileFormat::kNpy) {
+    return NpyHeaderBytes("<f4", fmt::format("({}, {})", plane.height_px, plane.width_px));
+  }
+  if (format == DepthFileFormat::kColmap) {
+    return fmt::format("{}&{}&1&", plane.width_px, plane.height_px);
+  }
+  return std::nullopt;
+}
+
+size_t WritePlain(const path& file, const std::string& header, const FloatPlane& plane) {
+  const std::array<std::string_view, 2> parts = {
+      header, {reinterpret_cast<const char*>(plane.values.data()), plane.values.size_bytes()}};
+  WriteFile(file, parts);
+  return parts[0].size() + parts[1].size();
+}
+
+bool HoldsHalf(DepthFileFormat format) {
+  return format == DepthFileFormat::kExr || format == DepthFileFormat::kNpy ||
+         format == DepthFileFormat::kNpz;
+}
+
+}  // namespace
+
+std::string_view ToString(DepthFileFormat format) {
+  for (const auto& [value, name] : kFormatNames) {
+    if (value == format) return name;
+  }
+  return {};
+}
+
+std::optional<DepthFileFormat> DepthFileFormatFromName(const path& file) {
+  std::string name = file.filename().string();
+  for (char& c : name) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  for (const auto& [extension, format] : kExtensions) {
+    if (name.size() > extension.size() && name.ends_with(extension)) return format;
+  }
+  return std::nullopt;
+}
+
+std::string_view ToString(ExrCompression compression) {
+  for (const auto& [value, name] : kCompressionNames) {
+    if (value == compression) return name;
+  }
+  return {};
+}
+
+std::optional<ExrCompression> ExrCompressionFromName(std::string_view name) {
+  for (const auto& [value, known] : kCompressionNames) {
+    if (known == name) return value;
+  }
+  return std::nullopt;
+}
+
+void CheckClaimedSize(const path& file, uint64_t width, uint64_t height,
+                      uint64_t max_pixels_in_file) {
+  if (width == 0 || height == 0) {
+    throw InputError(file,
+                     fmt::format("expected at least one pixel, found {} x {}", width, height));
+  }
+  if (width > kMaxSide || height > kMaxSide || width * height > kMaxPixels) {
+    throw InputError(file, fmt::format("claims {} x {} pixels; a depth map has at most {}", width,
+                                       height, kMaxPixels));
+  }
+  if (width * height > max_pixels_in_file) {
+    throw InputError(file, fmt::format("claims {} x {} pixels, more than the file can hold: it is "
+                                       "truncated or its header is wrong",
+                                       width, height));
+  }
+}
+
+StoredDepth ParseDepthFile(const path& file, std::string bytes, const DepthReadOptions& options) {
+  if (options.raw_size) return DecodeRaw(file, bytes, *options.raw_size);
+  if (IsExr(bytes)) return DecodeExr(file, bytes, options.layer);
+  if (IsNpy(bytes)) return DecodeNpy(file, bytes);
+  if (IsZip(bytes)) return DecodeNpz(file, bytes, options.layer);
+  if (IsGzip(bytes)) return DecodeNpyGz(file, bytes);
+  if (IsPng(bytes)) return DecodePng(file, bytes);
+  if (IsTiff(bytes)) return DecodeTiff(file, bytes);
+  if (IsPgm(bytes)) return DecodePgm(file, bytes);
+  if (IsPfm(bytes)) return DecodePfm(file, bytes);
+  if (IsColmapMap(bytes)) return DecodeColmapMap(file, bytes);
+  throw InputError(file, bytes.empty()
+                             ? "expected a depth map, found an empty file"
+                             : "expected a depth map (EXR, PNG, TIFF, PGM, NPY, NPZ, NPY.GZ, PFM, "
+                               "COLMAP's .bin), found none of them; one without a header needs its "
+                               "size");
+}
+
+StoredDepth ReadDepthFile(const path& file, const DepthReadOptions& options) {
+  return ParseDepthFile(file, ReadFile(file), options);
+}
+
+DepthWriteReport WriteDepthFile(const path& file, const FloatPlane& plane,
+                                const DepthWriteOptions& options) {
+  RAYLIFT_CHECK(plane.width_px > 0 && plane.height_px > 0);
+  RAYLIFT_CHECK_EQ(plane.values.size(),
+                   static_cast<size_t>(plane.width_px) * static_cast<size_t>(plane.height_px));
+  const DepthFileFormat format = FormatToWrite(file, options);
+  DepthWriteReport report;
+  if (const auto header = PlainHeader(plane, format, options)) {
+    report.bytes = WritePlain(file, *header, plane);
+    return report;
+  }
+  std::string bytes;
+  if (format == DepthFileFormat::kPng) {
+    const std::vector<uint16_t> counts = CountSteps(file, plane, options, report);
+    bytes = EncodePng16(file, {plane.width_px, plane.height_px}, counts, options.png_compression);
+  } else if (options.sample == FloatSample::kFloat16) {
+    if (!HoldsHalf(format)) {
+      throw OptionError(fmt::format("{} files hold no float16", ToString(format)));
+    }
+    CheckHalf(file, plane, options, report);
+    bytes = Encode(file, plane, format, options);
+  } else {
+    bytes = Encode(file, plane, format, options);
+  }
+  WriteFile(file, bytes);
+  report.bytes = bytes.size();
+  return report;
+}
+
+void WriteExrChannels(const path& file, PlaneSize size, std::span<const ExrChannel> channels,
+                      ExrCompression compression, FloatSample sample) {
+  for (const ExrChannel& channel : channels) {
+    RAYLIFT_CHECK_EQ(channel.values.size(),
+                     static_cast<size_t>(size.width_px) * static_cast<size_t>(size.height_px));
+  }
+  WriteFile(file, EncodeExr(file, size, channels, compression, sample));
+}
+
+}  // namespace raylift

@@ -1,0 +1,421 @@
+#include "io/hloc/hdf5_file.h"
+
+#include <algorithm>
+#include <mutex>
+#include <utility>
+
+#include <Eigen/Core>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <hdf5.h>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+// Deflate, the usual filter of chunked data sets, cannot do better.
+constexpr size_t kMaxCompression = 1032;
+
+// Nested groups beyond this are a cycle, not folders of images.
+constexpr int kMaxDepth = 64;
+
+std::mutex& GlobalMutex() {
+  static std::mutex mutex;
+  return mutex;
+}
+
+class Lock {
+ public:
+  // The setting belongs to the thread where the library knows threads.
+  Lock() : lock_(GlobalMutex()) { H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr); }
+
+ private:
+  std::scoped_lock<std::mutex> lock_;
+};
+
+// The innermost message of the library's last error; it tells most.
+std::string LastError() {
+  std::string text;
+  const auto take_first = [](unsigned n, const H5E_error2_t* error, void* out) -> herr_t {
+    if (n == 0 && error->desc != nullptr) {
+      *static_cast<std::string*>(out) = error->desc;
+    }
+    return 0;
+  };
+  H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD, take_first, &text);
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  return text.empty() ? "unknown error of HDF5" : text;
+}
+
+class Handle {
+ public:
+  using Close = herr_t (*)(hid_t);
+  Handle(hid_t id, Close close) : id_(id), close_(close) {}
+  Handle(Handle&& other) noexcept : id_(std::exchange(other.id_, -1)), close_(other.close_) {}
+  Handle& operator=(Handle&&) = delete;
+  ~Handle() {
+    if (id_ >= 0) {
+      close_(id_);
+    }
+  }
+  bool IsValid() const { return id_ >= 0; }
+  hid_t get() const { return id_; }
+
+ private:
+  hid_t id_;
+  Close close_;
+};
+
+// H5Lexists wants every group on the way to exist.
+bool PathExists(hid_t file, const std::string& path) {
+  if (path.empty() || path.find('\0') != std::string::npos) {
+    return false;
+  }
+  for (size_t end = path.find('/', 1);; end = path.find('/', end + 1)) {
+    const std::string prefix = path.substr(0, end);
+    if (H5Lexists(file, prefix.c_str(), H5P_DEFAULT) <= 0) {
+      return false;
+    }
+    if (end == std::string::npos) {
+      return H5Oexists_by_name(file, path.c_str(), H5P_DEFAULT) > 0;
+    }
+  }
+}
+
+std::vector<std::string> LinkNames(hid_t group) {
+  std::vector<std::string> names;
+  const auto append = [](hid_t, const char* name, const H5L_info_t*, void* out) -> herr_t {
+    static_cast<std::vector<std::string>*>(out)->emplace_back(name);
+    return 0;
+  };
+  H5Literate(group, H5_INDEX_NAME, H5_ITER_INC, nullptr, append, &names);
+  return names;
+}
+
+void CollectGroupsWith(hid_t group, const std::string& path, const std::string& member, int depth,
+                       std::vector<std::string>* paths) {
+  if (H5Lexists(group, member.c_str(), H5P_DEFAULT) > 0) {
+    paths->push_back(path);
+    return;
+  }
+  if (depth == kMaxDepth) {
+    return;
+  }
+  for (const std::string& name : LinkNames(group)) {
+    const Handle object(H5Oopen(group, name.c_str(), H5P_DEFAULT), H5Oclose);
+    if (object.IsValid() && H5Iget_type(object.get()) == H5I_GROUP) {
+      CollectGroupsWith(object.get(), path.empty() ? name : path + "/" + name, member, depth + 1,
+                        paths);
+    }
+  }
+}
+
+// As numpy's and h5py's float16.
+Handle HalfType() {
+  Handle type(H5Tcopy(H5T_IEEE_F32LE), H5Tclose);
+  H5Tset_fields(type.get(), 15, 10, 5, 0, 10);
+  H5Tset_size(type.get(), 2);
+  H5Tset_ebias(type.get(), 15);
+  return type;
+}
+
+std::optional<Hdf5Kind> KindOf(hid_t type) {
+  switch (H5Tget_class(type)) {
+    case H5T_INTEGER:
+      return Hdf5Kind::kInteger;
+    case H5T_FLOAT:
+      return H5Tget_size(type) <= 2   ? Hdf5Kind::kHalf
+             : H5Tget_size(type) <= 4 ? Hdf5Kind::kFloat
+                                      : Hdf5Kind::kDouble;
+    default:
+      return std::nullopt;
+  }
+}
+
+template <typename T>
+hid_t NativeType();
+template <>
+hid_t NativeType<float>() {
+  return H5T_NATIVE_FLOAT;
+}
+template <>
+hid_t NativeType<double>() {
+  return H5T_NATIVE_DOUBLE;
+}
+template <>
+hid_t NativeType<int64_t>() {
+  return H5T_NATIVE_INT64;
+}
+
+// The library's own conversion from float16 takes a tenth of a microsecond per number.
+template <typename T>
+bool ReadHalves(hid_t dataset, std::vector<T>* values) {
+  std::vector<uint16_t> bits(values->size());
+  const Handle half = HalfType();
+  if (H5Dread(dataset, half.get(), H5S_ALL, H5S_ALL, H5P_DEFAULT, bits.data()) < 0) {
+    return false;
+  }
+  std::transform(bits.begin(), bits.end(), values->begin(), [](uint16_t b) {
+    return static_cast<T>(static_cast<float>(Eigen::half(Eigen::half_impl::raw_uint16_to_half(b))));
+  });
+  return true;
+}
+
+template <typename T>
+bool ReadValues(hid_t dataset, hid_t type, std::vector<T>* values) {
+  if (values->empty()) {
+    return true;
+  }
+  if constexpr (std::is_floating_point_v<T>) {
+    const Handle half = HalfType();
+    if (H5Tequal(type, half.get()) > 0) {
+      return ReadHalves(dataset, values);
+    }
+  }
+  return H5Dread(dataset, NativeType<T>(), H5S_ALL, H5S_ALL, H5P_DEFAULT, values->data()) >= 0;
+}
+
+std::vector<size_t> ShapeOf(hid_t space) {
+  const int rank = H5Sget_simple_extent_ndims(space);
+  std::vector<hsize_t> dims(static_cast<size_t>(std::max(rank, 0)));
+  if (!dims.empty()) {
+    H5Sget_simple_extent_dims(space, dims.data(), nullptr);
+  }
+  return {dims.begin(), dims.end()};
+}
+
+// The number of elements, or none where the file cannot hold so many.
+std::optional<size_t> CountElements(hid_t dataset, size_t num_bytes_each,
+                                    const std::vector<size_t>& shape, size_t file_size) {
+  const Handle properties(H5Dget_create_plist(dataset), H5Pclose);
+  const bool is_chunked = H5Pget_layout(properties.get()) == H5D_CHUNKED;
+  const size_t stored = std::min<size_t>(H5Dget_storage_size(dataset), file_size);
+  const size_t limit = is_chunked ? stored * kMaxCompression : stored;
+  if (std::find(shape.begin(), shape.end(), size_t{0}) != shape.end()) {
+    return 0;
+  }
+  size_t count = 1;
+  for (const size_t side : shape) {
+    if (count > limit / side) {
+      return std::nullopt;
+    }
+    count *= side;
+  }
+  return count <= limit / num_bytes_each ? std::optional(count) : std::nullopt;
+}
+
+Handle SpaceOf(std::span<const size_t> shape) {
+  const std::vector<hsize_t> dims(shape.begin(), shape.end());
+  return {H5Screate_simple(static_cast<int>(dims.size()), dims.data(), nullptr), H5Sclose};
+}
+
+// Without times, so that equal contents give equal bytes.
+bool WriteDataset(hid_t file, const std::string& name, std::span<const size_t> shape,
+                  hid_t type_in_file, hid_t type_in_memory, const void* data) {
+  const Handle links(H5Pcreate(H5P_LINK_CREATE), H5Pclose);
+  H5Pset_create_intermediate_group(links.get(), 1);
+  H5Pset_char_encoding(links.get(), H5T_CSET_UTF8);
+  const Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
+  H5Pset_obj_track_times(properties.get(), false);
+  const Handle space = SpaceOf(shape);
+  const Handle dataset(H5Dcreate2(file, name.c_str(), type_in_file, space.get(), links.get(),
+                                  properties.get(), H5P_DEFAULT),
+                       H5Dclose);
+  if (!dataset.IsValid()) {
+    return false;
+  }
+  const bool is_empty = std::find(shape.begin(), shape.end(), size_t{0}) != shape.end();
+  return is_empty ||
+         H5Dwrite(dataset.get(), type_in_memory, H5S_ALL, H5S_ALL, H5P_DEFAULT, data) >= 0;
+}
+
+}  // namespace
+
+Hdf5Reader::Hdf5Reader(std::filesystem::path path) : path_(std::move(path)) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(path_, ignored)) {
+    throw InputError(path_, "no such file");
+  }
+  if (std::filesystem::is_directory(path_, ignored)) {
+    throw InputError(path_, "expected a file, found a folder");
+  }
+  const Lock lock;
+  if (H5Fis_hdf5(path_.c_str()) == 0) {
+    throw InputError(path_, "expected an HDF5 file, found something else");
+  }
+  file_ = H5Fopen(path_.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
+  if (file_ < 0) {
+    throw InputError(path_, fmt::format("cannot be opened: {}", LastError()));
+  }
+}
+
+Hdf5Reader::~Hdf5Reader() {
+  const Lock lock;
+  H5Fclose(file_);
+}
+
+bool Hdf5Reader::Has(const std::string& object) const {
+  const Lock lock;
+  return PathExists(file_, object);
+}
+
+std::vector<std::string> Hdf5Reader::GroupsWith(const std::string& member) const {
+  std::vector<std::string> paths;
+  {
+    const Lock lock;
+    const Handle root(H5Gopen2(file_, "/", H5P_DEFAULT), H5Gclose);
+    if (!root.IsValid()) {
+      Fail("/", LastError());
+    }
+    CollectGroupsWith(root.get(), "", member, 0, &paths);
+  }
+  std::sort(paths.begin(), paths.end());
+  return paths;
+}
+
+template <typename T>
+Hdf5Array<T> Hdf5Reader::Read(const std::string& name) const {
+  const Lock lock;
+  if (!PathExists(file_, name)) {
+    Fail(name, "is not in the file");
+  }
+  const Handle dataset(H5Dopen2(file_, name.c_str(), H5P_DEFAULT), H5Dclose);
+  if (!dataset.IsValid()) {
+    Fail(name, fmt::format("expected a data set: {}", LastError()));
+  }
+  const Handle type(H5Dget_type(dataset.get()), H5Tclose);
+  const Handle space(H5Dget_space(dataset.get()), H5Sclose);
+  const auto kind = KindOf(type.get());
+  if (!kind || H5Sget_simple_extent_type(space.get()) == H5S_NULL) {
+    Fail(name, "expected numbers, found another type");
+  }
+  if (std::is_integral_v<T> && kind != Hdf5Kind::kInteger) {
+    Fail(name, "expected integers, found floating-point numbers");
+  }
+  Hdf5Array<T> array{ShapeOf(space.get()), {}, *kind};
+  std::error_code ignored;
+  const auto count = CountElements(dataset.get(), H5Tget_size(type.get()), array.shape,
+                                   std::filesystem::file_size(path_, ignored));
+  if (!count) {
+    Fail(name, fmt::format("the file is too short for {} numbers", fmt::join(array.shape, " x ")));
+  }
+  array.values.resize(*count);
+  if (!ReadValues(dataset.get(), type.get(), &array.values)) {
+    Fail(name, fmt::format("cannot be read: {}", LastError()));
+  }
+  return array;
+}
+
+template Hdf5Array<float> Hdf5Reader::Read<float>(const std::string&) const;
+template Hdf5Array<double> Hdf5Reader::Read<double>(const std::string&) const;
+template Hdf5Array<int64_t> Hdf5Reader::Read<int64_t>(const std::string&) const;
+
+std::optional<std::vector<double>> Hdf5Reader::ReadAttribute(const std::string& object,
+                                                             const std::string& name) const {
+  const Lock lock;
+  if (!PathExists(file_, object) ||
+      H5Aexists_by_name(file_, object.c_str(), name.c_str(), H5P_DEFAULT) <= 0) {
+    return std::nullopt;
+  }
+  const Handle attribute(
+      H5Aopen_by_name(file_, object.c_str(), name.c_str(), H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
+  const Handle type(H5Aget_type(attribute.get()), H5Tclose);
+  const Handle space(H5Aget_space(attribute.get()), H5Sclose);
+  constexpr hssize_t kMaxNumbers = 1024;  // attributes are small
+  const hssize_t count = H5Sget_simple_extent_npoints(space.get());
+  if (!KindOf(type.get()) || count < 0 || count > kMaxNumbers) {
+    Fail(object, fmt::format("attribute \"{}\": expected numbers, found another type", name));
+  }
+  std::vector<double> values(static_cast<size_t>(count));
+  if (count > 0 && H5Aread(attribute.get(), H5T_NATIVE_DOUBLE, values.data()) < 0) {
+    Fail(object, fmt::format("attribute \"{}\": cannot be read: {}", name, LastError()));
+  }
+  return values;
+}
+
+void Hdf5Reader::Fail(const std::string& object, std::string_view message) const {
+  throw InputError(path_, object, message);
+}
+
+Hdf5Writer::Hdf5Writer(std::filesystem::path path) : path_(std::move(path)), file_on_disk_(path_) {
+  const Lock lock;
+  const Handle access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
+  // Groups as of HDF5 1.8: small, and every reader of today knows them.
+  H5Pset_libver_bounds(access.get(), H5F_LIBVER_V18, H5F_LIBVER_LATEST);
+  file_ =
+      H5Fcreate(file_on_disk_.temporary_path().c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access.get());
+  if (file_ < 0) {
+    throw InputError(path_, fmt::format("cannot be written: {}", LastError()));
+  }
+}
+
+Hdf5Writer::~Hdf5Writer() {
+  if (file_ >= 0) {
+    const Lock lock;
+    H5Fclose(file_);
+  }
+}
+
+bool Hdf5Writer::Has(const std::string& object) const {
+  const Lock lock;
+  return PathExists(file_, object);
+}
+
+void Hdf5Writer::WriteFloats(const std::string& dataset, std::span<const size_t> shape,
+                             std::span<const float> values, Hdf5Kind kind) {
+  RAYLIFT_CHECK(kind == Hdf5Kind::kHalf || kind == Hdf5Kind::kFloat);
+  const Lock lock;
+  bool is_written = false;
+  if (kind == Hdf5Kind::kHalf) {
+    std::vector<uint16_t> bits(values.size());
+    std::transform(values.begin(), values.end(), bits.begin(), [](float value) {
+      return Eigen::numext::bit_cast<uint16_t>(Eigen::half(value));
+    });
+    const Handle half = HalfType();
+    is_written = WriteDataset(file_, dataset, shape, half.get(), half.get(), bits.data());
+  } else {
+    is_written =
+        WriteDataset(file_, dataset, shape, H5T_IEEE_F32LE, H5T_NATIVE_FLOAT, values.data());
+  }
+  if (!is_written) {
+    throw InputError(path_, dataset, fmt::format("cannot be written: {}", LastError()));
+  }
+}
+
+void Hdf5Writer::WriteIntegers(const std::string& dataset, std::span<const size_t> shape,
+                               std::span<const int64_t> values, int num_bytes_in_file) {
+  const Lock lock;
+  const hid_t type = num_bytes_in_file == 2   ? H5T_STD_I16LE
+                     : num_bytes_in_file == 4 ? H5T_STD_I32LE
+                                              : H5T_STD_I64LE;
+  if (!WriteDataset(file_, dataset, shape, type, H5T_NATIVE_INT64, values.data())) {
+    throw InputError(path_, dataset, fmt::format("cannot be written: {}", LastError()));
+  }
+}
+
+void Hdf5Writer::WriteAttribute(const std::string& object, const std::string& name, double value) {
+  const Lock lock;
+  const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
+  const Handle attribute(H5Acreate_by_name(file_, object.c_str(), name.c_str(), H5T_IEEE_F64LE,
+                                           space.get(), H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT),
+                         H5Aclose);
+  if (!attribute.IsValid() || H5Awrite(attribute.get(), H5T_NATIVE_DOUBLE, &value) < 0) {
+    throw InputError(path_, object, fmt::format("cannot be written: {}", LastError()));
+  }
+}
+
+void Hdf5Writer::Commit() {
+  {
+    const Lock lock;
+    const bool is_flushed = H5Fflush(file_, H5F_SCOPE_LOCAL) >= 0;
+    const std::string error = is_flushed ? "" : LastError();
+    const bool is_closed = H5Fclose(std::exchange(file_, -1)) >= 0;
+    if (!is_flushed || !is_closed) {
+      throw InputError(path_, fmt::format("cannot be written: {}", error));
+    }
+  }
+  file_on_disk_.Commit();
+}
+
+}  // namespace raylift

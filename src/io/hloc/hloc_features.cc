@@ -1,0 +1,198 @@
+// hloc's features.h5.
+
+#include <algorithm>
+#include <cmath>
+#include <mutex>
+#include <set>
+
+#include "io/hloc/hdf5_checks.h"
+#include "io/hloc/hdf5_file.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/io/hloc.h"
+
+namespace raylift {
+namespace {
+
+// hloc puts the centre of the first pixel at (0, 0), COLMAP at (0.5, 0.5).
+constexpr double kPixelShift = 0.5;
+
+// From here on float16 has steps of half a pixel and more.
+constexpr double kCoarseHalfPx = 512;
+
+Hdf5Kind ReadKeypoints(const Hdf5Reader& file, const std::string& image, Features* features) {
+  const std::string dataset = image + "/keypoints";
+  const auto array = file.Read<double>(dataset);
+  if (array.shape.size() != 2 || array.shape[1] != 2) {
+    file.Fail(dataset, fmt::format("expected N x 2 numbers, found {}", ToString(array.shape)));
+  }
+  CheckFinite(file, dataset, array.values);
+  features->keypoints_px.resize(array.shape[0]);
+  for (size_t i = 0; i < features->keypoints_px.size(); ++i) {
+    features->keypoints_px[i] = {array.values[2 * i] + kPixelShift,
+                                 array.values[2 * i + 1] + kPixelShift};
+  }
+  const auto uncertainty = file.ReadAttribute(dataset, "uncertainty");
+  if (uncertainty) {
+    if (uncertainty->size() != 1 || !std::isfinite(uncertainty->front()) ||
+        uncertainty->front() <= 0) {
+      file.Fail(dataset, "attribute \"uncertainty\": expected a positive number");
+    }
+    features->uncertainty_px = static_cast<float>(uncertainty->front());
+  }
+  return array.kind_in_file;
+}
+
+void ReadDescriptors(const Hdf5Reader& file, const std::string& image, Features* features) {
+  const std::string dataset = image + "/descriptors";
+  if (!file.Has(dataset)) {
+    return;
+  }
+  const auto array = file.Read<float>(dataset);
+  const size_t num_keypoints = features->keypoints_px.size();
+  if (array.shape.size() != 2 || array.shape[1] != num_keypoints) {
+    file.Fail(dataset, fmt::format("expected D x {} numbers, one column per keypoint, found {}",
+                                   num_keypoints, ToString(array.shape)));
+  }
+  CheckFinite(file, dataset, array.values);
+  using RowMajor = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  features->descriptors =
+      Eigen::Map<const RowMajor>(array.values.data(), static_cast<Eigen::Index>(array.shape[0]),
+                                 static_cast<Eigen::Index>(num_keypoints));
+}
+
+void ReadScores(const Hdf5Reader& file, const std::string& image, Features* features) {
+  // Semi-dense matchers write the singular.
+  for (const char* name : {"/scores", "/score"}) {
+    const std::string dataset = image + name;
+    if (!file.Has(dataset)) {
+      continue;
+    }
+    auto array = file.Read<float>(dataset);
+    if (array.shape.size() != 1 || array.shape[0] != features->keypoints_px.size()) {
+      file.Fail(dataset, fmt::format("expected {} numbers, found {}", features->keypoints_px.size(),
+                                     ToString(array.shape)));
+    }
+    CheckFinite(file, dataset, array.values);
+    features->scores = std::move(array.values);
+    return;
+  }
+}
+
+void ReadImageSize(const Hdf5Reader& file, const std::string& image, Features* features) {
+  std::optional<std::vector<double>> size;
+  const std::string dataset = image + "/image_size";
+  if (file.Has(dataset)) {
+    size = file.Read<double>(dataset).values;
+  } else {
+    size = file.ReadAttribute(image, "image_size");
+  }
+  if (!size) {
+    return;
+  }
+  const auto is_side = [](double side) { return side >= 1 && side <= 1 << 30; };
+  if (size->size() != 2 || !std::all_of(size->begin(), size->end(), is_side)) {
+    file.Fail(dataset, "expected width and height");
+  }
+  features->image_width_px = static_cast<int>((*size)[0]);
+  features->image_height_px = static_cast<int>((*size)[1]);
+}
+
+double LargestCoordinate(const Features& features) {
+  double largest = std::max(features.image_width_px, features.image_height_px);
+  for (const Eigen::Vector2d& keypoint : features.keypoints_px) {
+    largest = std::max(largest, keypoint.maxCoeff());
+  }
+  return largest;
+}
+
+void WriteFeatures(const std::string& image, const Features& features, Hdf5Kind descriptor_kind,
+                   Hdf5Writer* file) {
+  const size_t n = features.keypoints_px.size();
+  std::vector<float> keypoints;
+  keypoints.reserve(2 * n);
+  for (const Eigen::Vector2d& keypoint : features.keypoints_px) {
+    keypoints.push_back(static_cast<float>(keypoint.x() - kPixelShift));
+    keypoints.push_back(static_cast<float>(keypoint.y() - kPixelShift));
+  }
+  file->WriteFloats(image + "/keypoints", std::array{n, size_t{2}}, keypoints, Hdf5Kind::kFloat);
+  file->WriteAttribute(image + "/keypoints", "uncertainty", features.uncertainty_px);
+  if (features.descriptors.size() > 0) {
+    RAYLIFT_CHECK_EQ(static_cast<size_t>(features.descriptors.cols()), n);
+    const Eigen::MatrixXf transposed = features.descriptors.transpose();
+    file->WriteFloats(image + "/descriptors",
+                      std::array{static_cast<size_t>(features.descriptors.rows()), n},
+                      {transposed.data(), static_cast<size_t>(transposed.size())}, descriptor_kind);
+  }
+  if (!features.scores.empty()) {
+    RAYLIFT_CHECK_EQ(features.scores.size(), n);
+    file->WriteFloats(image + "/scores", std::array{n}, features.scores, Hdf5Kind::kFloat);
+  }
+  if (features.image_width_px > 0) {
+    const std::array<int64_t, 2> size{features.image_width_px, features.image_height_px};
+    file->WriteIntegers(image + "/image_size", std::array{size_t{2}}, size, 8);
+  }
+}
+
+}  // namespace
+
+struct FeatureFile::Impl {
+  explicit Impl(const std::filesystem::path& path) : file(path) {}
+  Hdf5Reader file;
+  mutable std::mutex mutex;
+  std::set<std::string> coarse_images;
+};
+
+FeatureFile::FeatureFile(const std::filesystem::path& path) : impl_(std::make_unique<Impl>(path)) {}
+FeatureFile::~FeatureFile() = default;
+FeatureFile::FeatureFile(FeatureFile&&) noexcept = default;
+FeatureFile& FeatureFile::operator=(FeatureFile&&) noexcept = default;
+
+std::vector<std::string> FeatureFile::ImageNames() const {
+  return impl_->file.GroupsWith("keypoints");
+}
+
+bool FeatureFile::Contains(const std::string& image_name) const {
+  return impl_->file.Has(image_name + "/keypoints");
+}
+
+Features FeatureFile::Read(const std::string& image_name) const {
+  const Hdf5Reader& file = impl_->file;
+  if (!file.Has(image_name)) {
+    file.Fail(image_name, "the image is not in the file");
+  }
+  Features features;
+  const Hdf5Kind keypoint_kind = ReadKeypoints(file, image_name, &features);
+  ReadDescriptors(file, image_name, &features);
+  ReadScores(file, image_name, &features);
+  ReadImageSize(file, image_name, &features);
+  if (keypoint_kind == Hdf5Kind::kHalf && LargestCoordinate(features) > kCoarseHalfPx) {
+    const std::scoped_lock lock(impl_->mutex);
+    impl_->coarse_images.insert(image_name);
+  }
+  return features;
+}
+
+std::vector<std::string> FeatureFile::Warnings() const {
+  const std::scoped_lock lock(impl_->mutex);
+  if (impl_->coarse_images.empty()) {
+    return {};
+  }
+  return {fmt::format(
+      "{}: the keypoints are float16, which rounds them to 0.5 px beyond 512 px "
+      "and to 1 px beyond 1024 px: {} images are that large, e.g. \"{}\"",
+      impl_->file.path().string(), impl_->coarse_images.size(), *impl_->coarse_images.begin())};
+}
+
+void WriteFeatureFile(const std::filesystem::path& path,
+                      const std::map<std::string, Features>& features_by_image,
+                      bool half_descriptors) {
+  Hdf5Writer file(path);
+  for (const auto& [image, features] : features_by_image) {
+    WriteFeatures(image, features, half_descriptors ? Hdf5Kind::kHalf : Hdf5Kind::kFloat, &file);
+  }
+  file.Commit();
+}
+
+}  // namespace raylift

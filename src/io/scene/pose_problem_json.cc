@@ -1,0 +1,213 @@
+// Reading of pose problems; writing is in pose_problem_format.cc.
+
+#include "raylift/io/pose_problem_json.h"
+
+#include <algorithm>
+#include <optional>
+
+#include "io/text/json_place.h"
+#include "io/text/unit_quaternion.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+constexpr std::string_view kFormat = "pose-problem/1";
+
+template <int N>
+Eigen::Matrix<double, N, 1> ReadVector(const JsonPlace& place) {
+  place.ExpectArraySize(N);
+  Eigen::Matrix<double, N, 1> vector;
+  for (int i = 0; i < N; ++i) {
+    vector[i] = place.At(static_cast<size_t>(i)).Number();
+  }
+  return vector;
+}
+
+Camera ReadCamera(const JsonPlace& place) {
+  const JsonPlace model_place = place.Member("model");
+  const std::string name = model_place.String();
+  const auto model = CameraModelFromName(name);
+  if (!model) {
+    model_place.Fail(fmt::format("unknown camera model \"{}\"", name));
+  }
+  const JsonPlace params_place = place.Member("params");
+  std::vector<double> params(params_place.ArraySize());
+  for (size_t i = 0; i < params.size(); ++i) {
+    params[i] = params_place.At(i).Number();
+  }
+  const int width_px = place.Member("width").Int();
+  const int height_px = place.Member("height").Int();
+  try {
+    return Camera(*model, width_px, height_px, params);
+  } catch (const InputError& error) {
+    place.Fail(error.what());
+  }
+}
+
+Rigid3 ReadPose(const JsonPlace& place) {
+  const JsonPlace qvec_place = place.Member("qvec");
+  const Eigen::Vector4d qvec_wxyz = ReadVector<4>(qvec_place);
+  const auto rotation = UnitQuaternion(qvec_wxyz);
+  if (!rotation) {
+    qvec_place.Fail(fmt::format("expected a quaternion of length 1, found one of length {:.6g}",
+                                qvec_wxyz.norm()));
+  }
+  return {*rotation, ReadVector<3>(place.Member("tvec"))};
+}
+
+PosedImage ReadReference(const JsonPlace& place) {
+  return {place.Member("name").String(), ReadCamera(place.Member("camera")),
+          ReadPose(place.Member("cam_from_world"))};
+}
+
+int ReadReferenceIndex(const JsonPlace& place, size_t num_references) {
+  const int index = place.Int();
+  if (index < 0 || static_cast<size_t>(index) >= num_references) {
+    place.Fail(fmt::format("reference index {} is out of range, there are {} references", index,
+                           num_references));
+  }
+  return index;
+}
+
+void ReadMatches2D2D(const JsonPlace& place, PoseProblem* problem) {
+  problem->matches_2d2d.resize(place.ArraySize());
+  for (size_t i = 0; i < problem->matches_2d2d.size(); ++i) {
+    const JsonPlace row = place.At(i);
+    row.ExpectArraySize(5);
+    Match2D2D& match = problem->matches_2d2d[i];
+    match.reference = ReadReferenceIndex(row.At(0), problem->references.size());
+    match.query_px = {row.At(1).Number(), row.At(2).Number()};
+    match.reference_px = {row.At(3).Number(), row.At(4).Number()};
+  }
+}
+
+void ReadMatches2D3D(const JsonPlace& place, PoseProblem* problem) {
+  problem->matches_2d3d.resize(place.ArraySize());
+  for (size_t i = 0; i < problem->matches_2d3d.size(); ++i) {
+    const auto row = ReadVector<5>(place.At(i));
+    problem->matches_2d3d[i].query_px = row.head<2>();
+    problem->matches_2d3d[i].point_in_world = row.tail<3>();
+  }
+}
+
+void ReadReferencesOf2D3D(const JsonPlace& place, PoseProblem* problem) {
+  place.ExpectArraySize(problem->matches_2d3d.size());
+  for (size_t i = 0; i < problem->matches_2d3d.size(); ++i) {
+    const JsonPlace index = place.At(i);
+    if (!index.IsNull()) {
+      problem->matches_2d3d[i].reference = ReadReferenceIndex(index, problem->references.size());
+    }
+  }
+}
+
+std::optional<double> ReadSigma(const JsonPlace& place) {
+  if (place.IsNull()) return std::nullopt;
+  const double sigma = place.Number();
+  if (sigma < 0) {
+    place.Fail(fmt::format("expected a standard deviation, found {}", sigma));
+  }
+  return sigma;
+}
+
+void ReadSigmasOf2D3D(const JsonPlace& place, PoseProblem* problem) {
+  place.ExpectArraySize(problem->matches_2d3d.size());
+  for (size_t i = 0; i < problem->matches_2d3d.size(); ++i) {
+    problem->matches_2d3d[i].point_sigma = ReadSigma(place.At(i));
+  }
+}
+
+void ReadSigmasOf2D2D(const JsonPlace& place, PoseProblem* problem) {
+  place.ExpectArraySize(problem->matches_2d2d.size());
+  for (size_t i = 0; i < problem->matches_2d2d.size(); ++i) {
+    problem->matches_2d2d[i].reference_sigma_px = ReadSigma(place.At(i));
+  }
+}
+
+void ReadReferenceClusters(const JsonPlace& place, PoseProblem* problem) {
+  const size_t count = problem->references.size();
+  place.ExpectArraySize(count);
+  for (size_t i = 0; i < count; ++i) {
+    const JsonPlace cluster = place.At(i);
+    const int number = cluster.Int();
+    if (number < 0 || static_cast<size_t>(number) >= count) {
+      cluster.Fail(fmt::format("expected a cluster below {}, found {}", count, number));
+    }
+    problem->reference_clusters.push_back(number);
+  }
+}
+
+PoseProblemFile ReadRoot(const JsonPlace& root) {
+  const JsonPlace format = root.Member("format");
+  if (format.String() != kFormat) {
+    format.Fail(fmt::format("expected \"{}\", found \"{}\"", kFormat, format.String()));
+  }
+  PoseProblemFile file;
+  PoseProblem& problem = file.problem;
+  problem.name = root.Member("name").String();
+  const JsonPlace query = root.Member("query");
+  problem.query_camera = ReadCamera(query.Member("camera"));
+  if (query.Has("gt_cam_from_world")) {
+    file.gt_cam_from_world = ReadPose(query.Member("gt_cam_from_world"));
+  }
+  const JsonPlace references = root.Member("references");
+  const size_t num_references = references.ArraySize();
+  for (size_t i = 0; i < num_references; ++i) {
+    problem.references.push_back(ReadReference(references.At(i)));
+  }
+  ReadMatches2D2D(root.Member("matches_2d2d"), &problem);
+  ReadMatches2D3D(root.Member("matches_2d3d"), &problem);
+  if (root.Has("reference_clusters")) {
+    ReadReferenceClusters(root.Member("reference_clusters"), &problem);
+  }
+  if (root.Has("matches_2d3d_reference")) {
+    ReadReferencesOf2D3D(root.Member("matches_2d3d_reference"), &problem);
+  }
+  if (root.Has("matches_2d2d_sigma_px")) {
+    ReadSigmasOf2D2D(root.Member("matches_2d2d_sigma_px"), &problem);
+  }
+  if (root.Has("matches_2d3d_sigma")) {
+    ReadSigmasOf2D3D(root.Member("matches_2d3d_sigma"), &problem);
+  }
+  return file;
+}
+
+}  // namespace
+
+PoseProblemFile ReadPoseProblem(const std::filesystem::path& path) {
+  return ParsePoseProblem(ReadFile(path), path);
+}
+
+PoseProblemFile ParsePoseProblem(std::string_view json,
+                                 const std::filesystem::path& path_for_messages) {
+  const nlohmann::json root = ParseJson(json, path_for_messages);
+  const std::string file = path_for_messages.string();
+  return ReadRoot(JsonPlace(root, file));
+}
+
+std::vector<std::filesystem::path> ListPoseProblems(const std::filesystem::path& file_or_folder) {
+  std::error_code ignored;
+  if (!std::filesystem::is_directory(file_or_folder, ignored)) {
+    if (!std::filesystem::exists(file_or_folder, ignored)) {
+      throw InputError(file_or_folder, "no such file or folder");
+    }
+    return {file_or_folder};
+  }
+  std::vector<std::filesystem::path> files;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(file_or_folder)) {
+    const std::string name = entry.path().filename().string();
+    if (entry.path().extension() == ".json" && !name.starts_with('.')) {
+      files.push_back(entry.path());
+    }
+  }
+  if (files.empty()) {
+    throw InputError(file_or_folder, "expected pose problems (*.json), found none");
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+}  // namespace raylift

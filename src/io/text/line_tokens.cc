@@ -1,0 +1,109 @@
+#include "io/text/line_tokens.h"
+
+#include <climits>
+
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+constexpr std::string_view kBlanks = " \t\r\v\f";
+
+std::string NamesOfCameraModels() {
+  std::string names;
+  for (const CameraModelInfo& info : AllCameraModels()) {
+    names += names.empty() ? "" : ", ";
+    names += info.name;
+  }
+  return names;
+}
+
+}  // namespace
+
+void LineTokens::SkipBlanks() {
+  rest_.remove_prefix(std::min(rest_.find_first_not_of(kBlanks), rest_.size()));
+}
+
+bool LineTokens::AtEnd() {
+  SkipBlanks();
+  return rest_.empty();
+}
+
+std::string_view LineTokens::Token(std::string_view field) {
+  if (AtEnd()) {
+    Fail(fmt::format("{}: expected a value, the line ends here", field));
+  }
+  const size_t size = std::min(rest_.find_first_of(kBlanks), rest_.size());
+  const std::string_view token = rest_.substr(0, size);
+  rest_.remove_prefix(size);
+  return token;
+}
+
+uint32_t LineTokens::Uint32(std::string_view field) {
+  const uint64_t value = Uint64(field);
+  if (value > UINT32_MAX) {
+    Fail(fmt::format("{}: expected at most {}, found {}", field, UINT32_MAX, value));
+  }
+  return static_cast<uint32_t>(value);
+}
+
+int LineTokens::Int(std::string_view field) {
+  const int64_t value = lines_.Int(Token(field), field);
+  if (value > INT_MAX || value < INT_MIN) {
+    Fail(fmt::format("{}: expected at most {} in size, found {}", field, INT_MAX, value));
+  }
+  return static_cast<int>(value);
+}
+
+std::string_view LineTokens::Rest() {
+  const std::string_view rest = Trim(rest_);
+  rest_ = {};
+  return rest;
+}
+
+void LineTokens::ExpectEnd() {
+  if (!AtEnd()) {
+    Fail(fmt::format("expected the end of the line, found \"{}\"", Token("")));
+  }
+}
+
+Eigen::Vector4d LineTokens::Quaternion(std::string_view field) {
+  const Eigen::Vector4d qvec_wxyz = Vector<4>(field);
+  if (qvec_wxyz.isZero(0)) {
+    Fail(fmt::format("{}: expected a rotation, found the quaternion 0 0 0 0", field));
+  }
+  return qvec_wxyz;
+}
+
+Camera LineTokens::CameraToEnd() {
+  const std::string_view name = Token("camera model");
+  const auto model = CameraModelFromName(name);
+  if (!model) {
+    Fail(
+        fmt::format("camera model: expected one of {}, found \"{}\"", NamesOfCameraModels(), name));
+  }
+  const int width_px = Int("width");
+  const int height_px = Int("height");
+  std::vector<double> params;
+  while (!AtEnd()) {
+    params.push_back(Double("params"));
+  }
+  try {
+    return Camera(*model, width_px, height_px, params);
+  } catch (const InputError& error) {
+    Fail(error.what());
+  }
+}
+
+void CheckName(const std::filesystem::path& file, const std::string& name) {
+  if (name.empty() || name.starts_with('#') ||
+      name.find_first_of(" \t\r\n\v\f") != std::string::npos) {
+    throw InputError(file, fmt::format("the file cannot hold the name \"{}\": expected one without "
+                                       "white space that does not start with #",
+                                       name));
+  }
+}
+
+}  // namespace raylift

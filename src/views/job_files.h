@@ -1,0 +1,36 @@
+// Names and contents of the files that a rendering job keeps beside the pictures. Private to
+// rendering.
+
+#pragma once
+
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raylift/renderers/triangle_mesh.h"
+#include "raylift/views/render_job.h"
+
+namespace raylift {
+
+// The first line of a manifest: JSON of all that the bytes of the files depend on, but for the
+// views.
+std::string JobHeader(const TriangleMesh& mesh, const RenderJobOptions& options);
+
+// Of everything that a view's files depend on.
+std::string TaskKey(const std::string& header, const RenderTask& task);
+
+// "PRODUCT/stem.FORMAT" of each product.
+std::vector<std::string> TaskFiles(const RenderTask& task, std::span<const ProductOutput> products);
+
+std::filesystem::path ManifestPath(const std::filesystem::path& out, const Shard& shard);
+// Of the whole job and of any shard, sorted.
+std::vector<std::filesystem::path> ListManifests(const std::filesystem::path& out);
+
+// Removes what a killed run has left of these files: half-written ones under temporary names.
+void RemoveLeftovers(const std::filesystem::path& out, std::span<const std::string> files);
+
+// summary.json of a complete job.
+std::string SummaryJson(const std::string& header, const ManifestEntries& entries);
+
+}  // namespace raylift

@@ -1,0 +1,151 @@
+#include "raylift/views/product.h"
+
+#include <algorithm>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/io/image_file.h"
+#include "raylift/io/map_file.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+constexpr std::array<std::pair<Product, std::string_view>, kAllProducts.size()> kNames = {{
+    {Product::kDepth, "depth"},
+    {Product::kDistance, "distance"},
+    {Product::kNormals, "normals"},
+    {Product::kColor, "color"},
+    {Product::kTriangle, "triangle"},
+    {Product::kIncidence, "incidence"},
+    {Product::kMask, "mask"},
+}};
+
+constexpr std::array<std::string_view, 7> kOfDepth = {"exr", "npy",  "npz", "png",
+                                                      "bin", "tiff", "pfm"};
+constexpr std::array<std::string_view, 5> kOfAngles = {"exr", "npy", "npz", "tiff", "pfm"};
+constexpr std::array<std::string_view, 5> kOfNormals = {"exr", "npy", "npz", "png", "bin"};
+constexpr std::array<std::string_view, 3> kOfIndices = {"exr", "npy", "npz"};
+constexpr std::array<std::string_view, 2> kOfColor = {"png", "jpg"};
+constexpr std::array<std::string_view, 1> kOfMask = {"png"};
+
+// Normals as a picture to look at: -1 .. 1 is 0 .. 255, grey where there is none.
+Image NormalPicture(const Frame& frame) {
+  Image image{frame.width_px, frame.height_px, 3, std::vector<uint8_t>(frame.normals.size())};
+  std::transform(frame.normals.begin(), frame.normals.end(), image.data.begin(), [](float n) {
+    return static_cast<uint8_t>(std::clamp(127.5f * (n + 1), 0.0f, 255.0f) + 0.5f);
+  });
+  return image;
+}
+
+WrittenFile WritePicture(const path& file, const Image& image, int jpeg_quality) {
+  WriteImage(file, image, jpeg_quality);
+  return {file, static_cast<size_t>(std::filesystem::file_size(file))};
+}
+
+WrittenFile WriteFloats(const path& file, const Frame& frame, const std::vector<float>& values,
+                        const DepthWriteOptions& options) {
+  const DepthWriteReport report =
+      WriteDepthFile(file, {frame.width_px, frame.height_px, values}, options);
+  return {file, report.bytes, report.dropped};
+}
+
+DepthWriteOptions OptionsFor(const ProductOutput& output, const DepthWriteOptions& floats) {
+  DepthWriteOptions options = floats;
+  options.format = std::nullopt;
+  const bool holds_half =
+      output.format == "exr" || output.format == "npy" || output.format == "npz";
+  if (!holds_half) options.sample = FloatSample::kFloat32;
+  switch (output.product) {
+    case Product::kDistance:
+      options.layer = output.format == "npz" ? "distance" : "Z";
+      break;
+    case Product::kIncidence:
+      options.layer = output.format == "npz" ? "incidence" : "Y";
+      break;
+    case Product::kDepth:
+    case Product::kNormals:
+    case Product::kColor:
+    case Product::kTriangle:
+    case Product::kMask:
+      options.layer = {};
+      break;
+  }
+  return options;
+}
+
+}  // namespace
+
+std::string_view ToString(Product product) {
+  for (const auto& [value, name] : kNames) {
+    if (value == product) return name;
+  }
+  return {};
+}
+
+std::optional<Product> ProductFromName(std::string_view name) {
+  for (const auto& [value, known] : kNames) {
+    if (known == name) return value;
+  }
+  return std::nullopt;
+}
+
+std::span<const std::string_view> FormatsOf(Product product) {
+  switch (product) {
+    case Product::kDepth:
+    case Product::kDistance:
+      return kOfDepth;
+    case Product::kNormals:
+      return kOfNormals;
+    case Product::kColor:
+      return kOfColor;
+    case Product::kTriangle:
+      return kOfIndices;
+    case Product::kIncidence:
+      return kOfAngles;
+    case Product::kMask:
+      return kOfMask;
+  }
+  RAYLIFT_CHECK(false);
+}
+
+void Request(std::span<const ProductOutput> products, FrameOptions& options) {
+  for (const ProductOutput& output : products) {
+    options.depth |= output.product == Product::kDepth;
+    options.distance |= output.product == Product::kDistance;
+    options.normals |= output.product == Product::kNormals;
+    options.color |= output.product == Product::kColor;
+    options.triangle |= output.product == Product::kTriangle;
+    options.incidence |= output.product == Product::kIncidence;
+    options.mask |= output.product == Product::kMask;
+  }
+}
+
+WrittenFile WriteProduct(const path& file, const ProductOutput& output, const Frame& frame,
+                         const StorageOptions& storage) {
+  const DepthWriteOptions options = OptionsFor(output, storage.floats);
+  const PlaneSize size{frame.width_px, frame.height_px};
+  switch (output.product) {
+    case Product::kDepth:
+      return WriteFloats(file, frame, frame.depth, options);
+    case Product::kDistance:
+      return WriteFloats(file, frame, frame.distance, options);
+    case Product::kIncidence:
+      return WriteFloats(file, frame, frame.incidence_deg, options);
+    case Product::kNormals:
+      if (output.format == "png") return WritePicture(file, NormalPicture(frame), 0);
+      return {file, WriteNormalMap(file, size, frame.normals, options)};
+    case Product::kColor:
+      return WritePicture(file, frame.color, storage.jpeg_quality);
+    case Product::kTriangle:
+      return {file, WriteIndexMap(file, size, frame.triangle, options)};
+    case Product::kMask:
+      return WritePicture(file, frame.mask, 0);
+  }
+  RAYLIFT_CHECK(false);
+}
+
+}  // namespace raylift

@@ -1,0 +1,314 @@
+#include "raylift/views/render_job.h"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <limits>
+#include <mutex>
+
+#include "folder_lock.h"
+#include "job_files.h"
+#include "ray_tables.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/parallel.h"
+#include "raylift/io/image_file.h"
+#include "raylift/views/contact_sheet.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+using Clock = std::chrono::steady_clock;
+
+double SecondsSince(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+// Of the depths that are not 0. In lanes, which compilers turn into vector instructions.
+std::optional<std::pair<float, float>> DepthRange(const std::vector<float>& depth) {
+  constexpr size_t kLanes = 16;
+  std::array<float, kLanes> lows, highs;
+  lows.fill(std::numeric_limits<float>::infinity());
+  highs.fill(0);
+  const auto take = [&](size_t lane, float z) {
+    const float low = z > 0 ? z : std::numeric_limits<float>::infinity();
+    lows[lane] = low < lows[lane] ? low : lows[lane];
+    highs[lane] = z > highs[lane] ? z : highs[lane];
+  };
+  const size_t whole = depth.size() / kLanes * kLanes;
+  for (size_t i = 0; i < whole; i += kLanes) {
+    for (size_t lane = 0; lane < kLanes; ++lane) take(lane, depth[i + lane]);
+  }
+  for (size_t i = whole; i < depth.size(); ++i) take(i - whole, depth[i]);
+  const float high = *std::max_element(highs.begin(), highs.end());
+  if (high == 0) return std::nullopt;
+  return std::pair(*std::min_element(lows.begin(), lows.end()), high);
+}
+
+// Frames that are not in use, so that their memory is used again.
+class FramePool {
+ public:
+  std::unique_ptr<Frame> Take() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (frames_.empty()) return std::make_unique<Frame>();
+    std::unique_ptr<Frame> frame = std::move(frames_.back());
+    frames_.pop_back();
+    return frame;
+  }
+  void Return(std::unique_ptr<Frame> frame) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    frames_.push_back(std::move(frame));
+  }
+
+ private:
+  std::mutex mutex_;
+  std::vector<std::unique_ptr<Frame>> frames_;
+};
+
+FrameOptions OptionsOfFrames(const RenderJobOptions& options) {
+  FrameOptions frame = options.frame;
+  frame.depth = true;  // for the summary; it costs next to nothing
+  Request(options.products, frame);
+  return frame;
+}
+
+class Job {
+ public:
+  Job(const std::shared_ptr<const RayCaster>& scene, std::vector<RenderTask> tasks,
+      const RenderJobOptions& options, const RenderHooks& hooks)
+      : options_(options),
+        hooks_(hooks),
+        scene_(scene),
+        tasks_(std::move(tasks)),
+        renderer_(scene, OptionsOfFrames(options)),
+        threads_(ResolveThreads(options.threads)),
+        tables_(static_cast<size_t>(threads_) + 1),
+        header_(JobHeader(scene->mesh(), options)) {
+    // Views of one camera follow each other, so that few tables of rays are needed at a time.
+    std::sort(tasks_.begin(), tasks_.end(), [](const RenderTask& a, const RenderTask& b) {
+      return std::pair(a.view.camera.ToString(), a.view.name) <
+             std::pair(b.view.camera.ToString(), b.view.name);
+    });
+    for (const RenderTask& task : tasks_) keys_.push_back(TaskKey(header_, task));
+  }
+
+  RenderSummary Run() {
+    const auto start = Clock::now();
+    const path manifest = ManifestPath(options_.out, options_.shard);
+    RequireWritable(manifest);
+    const FolderLock lock(options_.out, options_.shard.IsAll() ? FolderLock::Mode::kExclusive
+                                                               : FolderLock::Mode::kShared);
+    RemoveLeftoversOfShard();
+    const std::vector<size_t> to_do = ListWork();
+    WriteManifest(manifest, header_, done_);
+    const bool all_done = RenderAll(to_do, manifest);
+    WriteManifest(manifest, header_, done_);
+    RenderSummary summary = Summarize();
+    summary.left = to_do.size() - rendered_;
+    summary.complete = all_done && Finish();
+    summary.seconds = SecondsSince(start);
+    return summary;
+  }
+
+ private:
+  bool IsMine(const RenderTask& task) const { return options_.shard.Contains(task.view.name); }
+
+  void RemoveLeftoversOfShard() const {
+    std::vector<std::string> files = {"summary.json", "preview.png",
+                                      ManifestPath({}, options_.shard).string()};
+    for (const RenderTask& task : tasks_) {
+      if (!IsMine(task)) continue;
+      for (std::string& file : TaskFiles(task, options_.products)) {
+        files.push_back(std::move(file));
+      }
+    }
+    RemoveLeftovers(options_.out, files);
+  }
+
+  // Whether all files of the task are there as the entry says, and are what would be made now.
+  bool IsComplete(size_t index, const ManifestEntry& entry) const {
+    const auto files = TaskFiles(tasks_[index], options_.products);
+    if (entry.key != keys_[index] || entry.files.size() != files.size()) return false;
+    for (size_t i = 0; i < files.size(); ++i) {
+      std::error_code error;
+      const auto size = std::filesystem::file_size(options_.out / files[i], error);
+      if (error || entry.files[i].path != files[i] || size != entry.files[i].bytes) return false;
+    }
+    return true;
+  }
+
+  // The entries of tasks that are complete, from all manifests.
+  ManifestEntries ReadComplete() const {
+    std::map<std::string, size_t> index_of_name;
+    for (size_t i = 0; i < tasks_.size(); ++i) index_of_name.emplace(tasks_[i].view.name, i);
+    ManifestEntries complete;
+    for (const path& manifest : ListManifests(options_.out)) {
+      for (auto& [name, entry] : ReadManifest(manifest)) {
+        const auto index = index_of_name.find(name);
+        if (index != index_of_name.end() && IsComplete(index->second, entry)) {
+          complete.insert_or_assign(name, std::move(entry));
+        }
+      }
+    }
+    return complete;
+  }
+
+  // The tasks to do, after which `done_` holds those that are kept.
+  std::vector<size_t> ListWork() {
+    ManifestEntries complete;
+    if (options_.resume) complete = ReadComplete();
+    std::vector<size_t> to_do;
+    size_t rays = 0;
+    for (size_t i = 0; i < tasks_.size(); ++i) {
+      if (!IsMine(tasks_[i])) continue;
+      const auto entry = complete.find(tasks_[i].view.name);
+      if (entry != complete.end()) {
+        done_.insert(*entry);
+      } else {
+        to_do.push_back(i);
+        rays += NumRays(tasks_[i].view.camera);
+      }
+    }
+    kept_ = done_.size();
+    if (hooks_.on_start) hooks_.on_start(to_do.size(), rays);
+    return to_do;
+  }
+
+  size_t NumRays(const ViewCamera& camera) const {
+    const size_t pixels =
+        static_cast<size_t>(camera.width_px) * static_cast<size_t>(camera.height_px);
+    const auto side = static_cast<size_t>(options_.frame.color_options.samples_per_pixel_side);
+    const bool has_color =
+        std::any_of(options_.products.begin(), options_.products.end(),
+                    [](const ProductOutput& output) { return output.product == Product::kColor; });
+    return has_color && side > 1 ? pixels * (1 + side * side) : pixels;
+  }
+
+  // Whether none was left out.
+  bool RenderAll(const std::vector<size_t>& to_do, const path& manifest) {
+    if (to_do.empty()) return true;
+    ManifestAppender appender(manifest);
+    std::atomic<bool> failed{false};
+    const int frame_threads = std::max(1, threads_ / static_cast<int>(to_do.size()));
+    ParallelFor(to_do.size(), threads_, [&](size_t i) {
+      if (failed || (hooks_.stop != nullptr && *hooks_.stop)) return;
+      try {
+        RenderOne(to_do[i], frame_threads, appender);
+      } catch (...) {
+        failed = true;
+        throw;
+      }
+    });
+    return rendered_ == to_do.size();
+  }
+
+  void RenderOne(size_t index, int frame_threads, ManifestAppender& appender) {
+    const RenderTask& task = tasks_[index];
+    const auto start = Clock::now();
+    std::unique_ptr<Frame> frame = frames_.Take();
+    renderer_.Render(*tables_.Get(task.view.camera), task.view.cam_from_world, frame_threads,
+                     *frame);
+    const double render_s = SecondsSince(start);
+    ManifestEntry entry{.name = task.view.name,
+                        .key = keys_[index],
+                        .camera = task.view.camera.ToString(),
+                        .pixels = frame->depth.size(),
+                        .hits = frame->num_hits,
+                        .depth_range = DepthRange(frame->depth)};
+    const auto files = TaskFiles(task, options_.products);
+    for (size_t i = 0; i < files.size(); ++i) {
+      const WrittenFile written =
+          WriteProduct(options_.out / files[i], options_.products[i], *frame, options_.storage);
+      entry.dropped += written.dropped;
+      entry.files.push_back({files[i], written.bytes});
+    }
+    frames_.Return(std::move(frame));
+    appender.Append(entry);
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const size_t rays = NumRays(task.view.camera);
+    rays_ += rays;
+    ++rendered_;
+    if (hooks_.on_image) {
+      hooks_.on_image({entry, render_s, SecondsSince(start) - render_s, rays});
+    }
+    done_.insert_or_assign(entry.name, std::move(entry));
+  }
+
+  RenderSummary Summarize() const {
+    RenderSummary summary{.images = done_.size(), .rendered = rendered_, .kept = kept_};
+    summary.rays = rays_;
+    size_t pixels = 0, hits = 0;
+    for (const auto& [name, entry] : done_) {
+      pixels += entry.pixels;
+      hits += entry.hits;
+      summary.dropped += entry.dropped;
+      for (const ManifestEntry::File& file : entry.files) summary.bytes += file.bytes;
+      if (!entry.depth_range) continue;
+      const auto [low, high] = *entry.depth_range;
+      summary.depth_range = summary.depth_range
+                                ? std::pair(std::min(summary.depth_range->first, low),
+                                            std::max(summary.depth_range->second, high))
+                                : std::pair(low, high);
+    }
+    summary.coverage = pixels == 0 ? 0 : static_cast<double>(hits) / static_cast<double>(pixels);
+    return summary;
+  }
+
+  // What the job as a whole leaves, once all shards are complete; the last one to see that does it
+  // (or several, which then write the same). Whether they are.
+  bool Finish() const {
+    const ManifestEntries all = options_.shard.IsAll() ? done_ : ReadComplete();
+    if (all.size() != tasks_.size()) return false;
+    const path whole = ManifestPath(options_.out, Shard());
+    if (options_.preview) {
+      WriteImage(options_.out / "preview.png", MakeContactSheet(scene_, Views(), threads_));
+    }
+    WriteFile(options_.out / "summary.json", SummaryJson(header_, all));
+    WriteManifest(whole, header_, all);
+    for (const path& manifest : ListManifests(options_.out)) {
+      std::error_code ignored;
+      if (manifest != whole) std::filesystem::remove(manifest, ignored);
+    }
+    return true;
+  }
+
+  std::vector<View> Views() const {
+    std::vector<View> views;
+    for (const RenderTask& task : tasks_) views.push_back(task.view);
+    std::sort(views.begin(), views.end(),
+              [](const View& a, const View& b) { return a.name < b.name; });
+    return views;
+  }
+
+  const RenderJobOptions& options_;
+  const RenderHooks& hooks_;
+  std::shared_ptr<const RayCaster> scene_;
+  std::vector<RenderTask> tasks_;
+  std::vector<std::string> keys_;  // of the tasks
+  FrameRenderer renderer_;
+  int threads_;
+  RayTables tables_;
+  std::string header_;
+  FramePool frames_;
+
+  std::mutex mutex_;  // guards what follows while images are rendered
+  ManifestEntries done_;
+  size_t kept_ = 0;
+  size_t rendered_ = 0;
+  size_t rays_ = 0;
+};
+
+}  // namespace
+
+RenderSummary RunRenderJob(const std::shared_ptr<const RayCaster>& scene,
+                           std::vector<RenderTask> tasks, const RenderJobOptions& options,
+                           const RenderHooks& hooks) {
+  RAYLIFT_CHECK(scene != nullptr);
+  RAYLIFT_CHECK(!options.products.empty());
+  return Job(scene, std::move(tasks), options, hooks).Run();
+}
+
+}  // namespace raylift

@@ -1,0 +1,182 @@
+#include "raylift/views/rendered_references.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/median.h"
+#include "raylift/io/colmap_model.h"
+#include "raylift/views/covering_views.h"
+#include "raylift/views/sampled_model.h"
+#include "raylift/views/task_list.h"
+
+namespace raylift {
+namespace {
+
+constexpr double kRadPerDeg = std::numbers::pi / 180;
+constexpr int kMaxSidePx = 1600;  // features are not looked for in larger pictures
+constexpr double kMinFovDeg = 60;
+constexpr double kMaxFovDeg = 100;
+constexpr int kJpegQuality = 96;
+// Below this share of the mesh's size nothing is gained by keeping away from surfaces.
+constexpr double kMaxClearance = 0.05;
+
+constexpr std::array<std::pair<ViewKind, std::string_view>, 4> kKinds = {
+    {{ViewKind::kAuto, "auto"},
+     {ViewKind::kInside, "inside"},
+     {ViewKind::kAround, "around"},
+     {ViewKind::kCover, "cover"}}};
+
+// Through the middle row; none where the lens does not see it.
+std::optional<double> HorizontalFovDeg(const Camera& camera) {
+  const double y = 0.5 * camera.height_px();
+  const auto left = camera.RayInCam({0.0, y});
+  const auto right = camera.RayInCam({static_cast<double>(camera.width_px()), y});
+  if (!left || !right) return std::nullopt;
+  return std::atan2(left->cross(*right).norm(), left->dot(*right)) / kRadPerDeg;
+}
+
+double HalfTan(double fov_deg) { return std::tan(0.5 * fov_deg * kRadPerDeg); }
+
+struct SampledKind {
+  ViewKind kind;
+  SampledViews views;
+};
+
+// Inside, unless there is no ground or it shows far less of the mesh than other places would: a
+// table's top can pass for a ground.
+SampledKind SampleAuto(const RayCaster& mesh, const ViewSamplerOptions& options,
+                       const ViewSamplerOptions& close, const InsideOptions& inside_options) {
+  constexpr double kMinShare = 0.25;
+  std::optional<SampledViews> inside;
+  try {
+    inside = SampleInside(mesh, options, inside_options);
+  } catch (const InputError&) {  // no ground
+  }
+  SampledViews cover = SampleCovering(mesh, close, {});
+  const auto shown = [&](const SampledViews& views) {
+    return CoverageOf(mesh, close, views.cam_from_world);
+  };
+  if (inside && inside->warnings.empty() && shown(*inside) >= kMinShare * shown(cover)) {
+    return {ViewKind::kInside, std::move(*inside)};
+  }
+  return {ViewKind::kCover, std::move(cover)};
+}
+
+SampledKind Sample(const RayCaster& mesh, const RenderedReferenceOptions& options) {
+  ViewSamplerOptions views = options.views;
+  const double size = MeshSize(mesh.mesh(), views.seed);
+  ViewSamplerOptions close = views;
+  close.clearance = std::min(views.clearance, kMaxClearance * size);
+  switch (options.kind) {
+    case ViewKind::kInside:
+      return {ViewKind::kInside, SampleInside(mesh, views, options.inside)};
+    case ViewKind::kAround:
+      return {ViewKind::kAround, SampleAround(mesh, close, {})};
+    case ViewKind::kCover:
+      return {ViewKind::kCover, SampleCovering(mesh, close, {})};
+    case ViewKind::kAuto:
+      break;
+  }
+  return SampleAuto(mesh, views, close, options.inside);
+}
+
+bool HasColors(const TriangleMesh& mesh) {
+  return !mesh.textures.empty() || !mesh.vertex_colors_rgb.empty();
+}
+
+// Names that no photograph is likely to have.
+void RenameImages(ColmapModel& model) {
+  for (auto& [id, image] : model.images) image.name = "rendered/" + image.name;
+}
+
+}  // namespace
+
+std::string_view ToString(ViewKind kind) {
+  for (const auto& [value, name] : kKinds) {
+    if (value == kind) return name;
+  }
+  return {};
+}
+
+std::optional<ViewKind> ViewKindFromName(std::string_view name) {
+  for (const auto& [value, text] : kKinds) {
+    if (text == name) return value;
+  }
+  return std::nullopt;
+}
+
+Camera CameraLikeQueries(std::span<const Camera> queries, const std::optional<PlaneSize>& size,
+                         const std::optional<double>& fov_deg) {
+  RAYLIFT_CHECK(!queries.empty());
+  std::vector<double> fovs_deg, focals_px, aspects;
+  for (const Camera& camera : queries) {
+    fovs_deg.push_back(HorizontalFovDeg(camera).value_or(kMaxFovDeg));
+    const double side_px = std::max(camera.width_px(), camera.height_px());
+    focals_px.push_back(camera.MeanFocalPx() * std::min(1.0, kMaxSidePx / side_px));
+    aspects.push_back(static_cast<double>(camera.height_px()) / camera.width_px());
+  }
+  const double fov =
+      fov_deg.value_or(std::clamp(Median(std::move(fovs_deg)), kMinFovDeg, kMaxFovDeg));
+  PlaneSize plane;
+  if (size) {
+    plane = *size;
+  } else {
+    const double aspect = Median(std::move(aspects));
+    const double most_px = kMaxSidePx / std::max(1.0, aspect);
+    const double width_px =
+        std::clamp(std::round(2 * HalfTan(fov) * Median(std::move(focals_px))), 1.0, most_px);
+    plane.width_px = static_cast<int>(width_px);
+    plane.height_px = std::max(1, static_cast<int>(std::round(width_px * aspect)));
+  }
+  const double focal_px = 0.5 * plane.width_px / HalfTan(fov);
+  const double params[] = {focal_px, focal_px, 0.5 * plane.width_px, 0.5 * plane.height_px};
+  return {CameraModel::kPinhole, plane.width_px, plane.height_px, params};
+}
+
+ColorOptions ColorsLikePhotographs(const TriangleMesh& mesh) {
+  ColorOptions colors;
+  colors.samples_per_pixel_side = 2;
+  colors.background_rgb = {128, 128, 128};
+  if (!HasColors(mesh)) colors.shading = ColorOptions::Shading::kHeadlight;
+  return colors;
+}
+
+RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh,
+                                    const RenderedReferenceOptions& options,
+                                    const RenderHooks& hooks) {
+  SampledKind sampled = Sample(*mesh, options);
+  RenderedReferences references{.model = options.out / "model",
+                                .images = options.out / "color",
+                                .kind = sampled.kind,
+                                .count = sampled.views.cam_from_world.size(),
+                                .warnings = std::move(sampled.views.warnings)};
+  if (!HasColors(mesh->mesh())) {
+    references.warnings.push_back(
+        "the mesh has neither texture nor vertex colours: pictures of its shape rarely match "
+        "photographs by RootSIFT, and poses with few inliers are then wrong");
+  }
+  ColmapModel model =
+      MakeSampledModel(options.views.camera, sampled.views.cam_from_world, /*rig_cameras=*/1);
+  RenameImages(model);
+  std::vector<View> views;
+  for (const PosedImage& image : model.PosedImages()) {
+    views.push_back({image.name, image.camera, image.cam_from_world});
+  }
+  WriteColmapModel(references.model, model, ColmapForm::kText);
+  RenderJobOptions job{.out = options.out,
+                       .products = {{Product::kColor, "jpg"}},
+                       .threads = options.threads,
+                       .resume = true};
+  job.frame.color_options = ColorsLikePhotographs(mesh->mesh());
+  job.storage.jpeg_quality = kJpegQuality;
+  references.rendered = RunRenderJob(mesh, SelectTasks(std::move(views), {}), job, hooks).rendered;
+  return references;
+}
+
+}  // namespace raylift

@@ -1,0 +1,131 @@
+#include "raylift/views/task_list.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <unordered_map>
+#include <unordered_set>
+
+#include <fmt/format.h>
+#include <fnmatch.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/text.h"
+#include "raylift/io/colmap_model.h"
+#include "raylift/io/query_list.h"
+#include "raylift/lifting/depth_convention.h"
+
+namespace raylift {
+namespace {
+
+constexpr int kMaxSide = 1 << 16;
+
+void KeepListed(const std::filesystem::path& list, std::vector<View>& views) {
+  const std::vector<std::string> names = ReadImageList(list);
+  const std::unordered_set<std::string> wanted(names.begin(), names.end());
+  std::erase_if(views, [&wanted](const View& view) { return !wanted.contains(view.name); });
+  if (views.size() == wanted.size()) return;
+  for (const std::string& name : names) {
+    if (std::none_of(views.begin(), views.end(),
+                     [&name](const View& view) { return view.name == name; })) {
+      throw InputError(list, fmt::format("\"{}\" is not among the images of the model", name));
+    }
+  }
+}
+
+void KeepMatching(const std::string& glob, std::vector<View>& views) {
+  std::erase_if(views, [&glob](const View& view) {
+    return fnmatch(glob.c_str(), view.name.c_str(), 0) != 0;
+  });
+}
+
+void Thin(const Thinning& thinning, std::vector<View>& views) {
+  std::vector<std::string> cameras;
+  for (const View& view : views) cameras.push_back(view.camera.ToString());
+  std::vector<View> kept;
+  for (const size_t i : KeptIndices(cameras, thinning)) kept.push_back(std::move(views[i]));
+  views = std::move(kept);
+}
+
+int ScaledSide(const std::string& name, int side, double scale) {
+  const double scaled = std::round(side * scale);
+  if (!(scaled >= 1 && scaled <= kMaxSide)) {
+    throw InputError(fmt::format("{}: {} pixels times {} make no picture of 1 to {} pixels", name,
+                                 side, scale, kMaxSide));
+  }
+  return static_cast<int>(scaled);
+}
+
+ViewCamera CameraOf(const View& view, const TaskSelection& selection) {
+  if (selection.panorama) {
+    return ViewCamera::Panorama(selection.panorama->width_px, selection.panorama->height_px);
+  }
+  const ViewCamera& camera = view.camera;
+  if (selection.size) return camera.Scaled(selection.size->width_px, selection.size->height_px);
+  if (!selection.scale) return camera;
+  return camera.Scaled(ScaledSide(view.name, camera.width_px, *selection.scale),
+                       ScaledSide(view.name, camera.height_px, *selection.scale));
+}
+
+// A relative path without "..", so that nothing is written elsewhere.
+std::string StemOf(const std::string& name, const std::string& pattern) {
+  const std::filesystem::path path =
+      std::filesystem::path(ExpandPattern(pattern, name)).lexically_normal();
+  const bool leaves = path.is_absolute() || path.empty() || *path.begin() == "..";
+  if (leaves || !path.has_filename() || path.filename() == ".") {
+    throw InputError(fmt::format(
+        "the image \"{}\" would be written to \"{}\", which is not below the output folder", name,
+        path.string()));
+  }
+  return path.generic_string();
+}
+
+}  // namespace
+
+PlaneSize ParseSize(std::string_view option, const std::string& text) {
+  const auto sides = SplitBy(text, 'x');
+  const auto width = ParseInt(sides.front());
+  const auto height = ParseInt(sides.back());
+  if (sides.size() != 2 || !width || !height || *width < 1 || *height < 1 || *width > kMaxSide ||
+      *height > kMaxSide) {
+    throw OptionError(option, text, fmt::format("expected WIDTHxHEIGHT of 1 to {}", kMaxSide));
+  }
+  return {static_cast<int>(*width), static_cast<int>(*height)};
+}
+
+std::vector<View> ReadModelViews(const std::filesystem::path& model,
+                                 std::vector<std::string>& warnings) {
+  const ColmapModel read = ReadColmapModel(model);
+  warnings.insert(warnings.end(), read.warnings.begin(), read.warnings.end());
+  std::vector<View> views;
+  for (PosedImage& image : read.PosedImages()) {
+    views.push_back({std::move(image.name), image.camera, image.cam_from_world});
+  }
+  return views;
+}
+
+std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection& selection) {
+  std::sort(views.begin(), views.end(),
+            [](const View& a, const View& b) { return a.name < b.name; });
+  if (!selection.list.empty()) KeepListed(selection.list, views);
+  if (!selection.glob.empty()) KeepMatching(selection.glob, views);
+  if (!selection.thinning.KeepsAll()) Thin(selection.thinning, views);
+  if (views.empty()) throw InputError("there are no images to render");
+  std::vector<RenderTask> tasks;
+  std::unordered_map<std::string, std::string> name_of_stem;
+  for (View& view : views) {
+    std::string stem = StemOf(view.name, selection.pattern);
+    const auto [other, is_new] = name_of_stem.emplace(stem, view.name);
+    if (!is_new) {
+      throw InputError(fmt::format(
+          "the images \"{}\" and \"{}\" would both be written to \"{}\": give a --pattern that "
+          "tells them apart, for instance {{name}}",
+          other->second, view.name, stem));
+    }
+    view.camera = CameraOf(view, selection);
+    tasks.push_back({std::move(view), std::move(stem)});
+  }
+  return tasks;
+}
+
+}  // namespace raylift

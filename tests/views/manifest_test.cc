@@ -1,0 +1,54 @@
+#include "raylift/views/manifest.h"
+
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+ManifestEntry Entry(const std::string& name) {
+  return {.name = name,
+          .key = "0123",
+          .camera = "PINHOLE 4 3 1 1 2 1.5",
+          .pixels = 12,
+          .hits = 7,
+          .depth_range = std::pair(0.1f, 1e6f),
+          .dropped = 2,
+          .files = {{"depth/" + name + ".exr", 99}, {"mask/" + name + ".png", 5}}};
+}
+
+TEST(Manifest, EntriesComeBackAsTheyWere) {
+  const auto file = TestFolder() / "manifest.jsonl";
+  ManifestEntry nothing = Entry("b \"quoted\"");
+  nothing.depth_range = std::nullopt;
+  WriteManifest(file, R"({"job":1})", {{"a", Entry("a")}, {nothing.name, nothing}});
+  ManifestAppender(file).Append(Entry("c"));
+  const ManifestEntries entries = ReadManifest(file);
+  ASSERT_EQ(entries.size(), 3u);
+  EXPECT_EQ(ToJsonLine(entries.at("a")), ToJsonLine(Entry("a")));
+  EXPECT_EQ(ToJsonLine(entries.at(nothing.name)), ToJsonLine(nothing));
+  EXPECT_EQ(ToJsonLine(entries.at("c")), ToJsonLine(Entry("c")));
+  EXPECT_EQ(entries.at("a").depth_range, Entry("a").depth_range);
+}
+
+TEST(Manifest, ALineThatWasCutOffIsNotThere) {
+  const auto file = TestFolder() / "manifest.jsonl";
+  WriteManifest(file, R"({"job":1})", {{"a", Entry("a")}, {"b", Entry("b")}});
+  const std::string whole = ReadFile(file);
+  const size_t last = whole.rfind("{\"name\"");
+  for (size_t size = last; size < whole.size() - 1; ++size) {
+    WriteFile(file, whole.substr(0, size));
+    const ManifestEntries entries = ReadManifest(file);
+    ASSERT_EQ(entries.size(), 1u) << size;
+    EXPECT_TRUE(entries.contains("a"));
+  }
+}
+
+TEST(Manifest, AMissingOneIsEmpty) {
+  EXPECT_TRUE(ReadManifest(TestFolder() / "none.jsonl").empty());
+}
+
+}  // namespace
+}  // namespace raylift

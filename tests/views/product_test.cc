@@ -1,0 +1,157 @@
+#include "raylift/views/product.h"
+
+#include <cmath>
+#include <cstring>
+
+#include "support/matchers.h"
+#include "support/meshes.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+
+#include "raylift/base/file.h"
+#include "raylift/io/image_file.h"
+
+namespace raylift {
+namespace {
+
+// A frame of a sphere before nothing, with all maps.
+Frame RenderSphere(FrameOptions options = {}) {
+  const auto caster = std::make_shared<const RayCaster>(
+      std::make_shared<const TriangleMesh>(MakeSphere({0, 0, 4}, 1, 40, 80)));
+  std::vector<ProductOutput> all;
+  for (const Product product : kAllProducts) all.push_back({product, ""});
+  Request(all, options);
+  const double params[] = {40, 40, 16, 12};
+  Frame frame;
+  FrameRenderer(caster, options)
+      .Render(PixelRays(Camera(CameraModel::kPinhole, 33, 25, params), 1), Rigid3(), 1, frame);
+  return frame;
+}
+
+const std::vector<float>& FloatsOf(const Frame& frame, Product product) {
+  return product == Product::kDepth      ? frame.depth
+         : product == Product::kDistance ? frame.distance
+                                         : frame.incidence_deg;
+}
+
+TEST(Product, NamesAreTheirOwn) {
+  for (const Product product : kAllProducts) {
+    EXPECT_EQ(ProductFromName(ToString(product)), product);
+    EXPECT_FALSE(FormatsOf(product).empty());
+  }
+  EXPECT_FALSE(ProductFromName("depths"));
+}
+
+TEST(Product, FloatsComeBackFromEveryFormat) {
+  const auto folder = TestFolder();
+  const Frame frame = RenderSphere();
+  for (const Product product : {Product::kDepth, Product::kDistance, Product::kIncidence}) {
+    const std::vector<float>& expected = FloatsOf(frame, product);
+    for (const std::string_view format : FormatsOf(product)) {
+      const auto file = folder / (std::string(ToString(product)) + "." + std::string(format));
+      const WrittenFile written = WriteProduct(file, {product, std::string(format)}, frame, {});
+      EXPECT_EQ(written.bytes, std::filesystem::file_size(file));
+      EXPECT_EQ(written.dropped, 0u);
+      const StoredDepth stored = ReadDepthFile(file);
+      ASSERT_EQ(stored.width_px, 33);
+      ASSERT_EQ(stored.height_px, 25);
+      const float unit = format == "png" ? 0.001f : 1.0f;
+      for (size_t i = 0; i < expected.size(); ++i) {
+        // PXR24 keeps 16 bits of the mantissa; PNG half a step.
+        ASSERT_NEAR(stored.values[i] * unit, expected[i],
+                    format == "png" ? 0.00051 : std::abs(expected[i]) * 0x1p-16)
+            << file << " " << i;
+      }
+    }
+  }
+}
+
+TEST(Product, NormalsComeBackFromEveryFormat) {
+  const auto folder = TestFolder();
+  const Frame frame = RenderSphere();
+  for (const std::string format : {"npy", "npz", "bin"}) {
+    const auto file = folder / ("normals." + format);
+    WriteProduct(file, {Product::kNormals, format}, frame, {});
+    const std::string bytes = ReadFile(file);
+    const size_t data_bytes = frame.normals.size() * sizeof(float);
+    EXPECT_GT(bytes.size(), data_bytes);
+    if (format == "npz") continue;
+    std::vector<float> values(frame.normals.size());
+    std::memcpy(values.data(), bytes.data() + bytes.size() - data_bytes, data_bytes);
+    const size_t pixels = values.size() / 3;
+    for (size_t i = 0; i < pixels; ++i) {
+      for (size_t c = 0; c < 3; ++c) {
+        const float value = format == "npy" ? values[3 * i + c] : values[c * pixels + i];
+        ASSERT_EQ(value, frame.normals[3 * i + c]) << format;
+      }
+    }
+  }
+  const auto exr = folder / "normals.exr";
+  WriteProduct(exr, {Product::kNormals, "exr"}, frame, {});
+  const std::array<std::string, 3> layers = {"N.X", "N.Y", "N.Z"};
+  for (size_t c = 0; c < 3; ++c) {
+    const StoredDepth stored = ReadDepthFile(exr, {.layer = layers[c]});
+    for (size_t i = 0; i < stored.values.size(); ++i) {
+      ASSERT_NEAR(stored.values[i], frame.normals[3 * i + c], 0x1p-16);
+    }
+  }
+  const auto png = folder / "normals.png";
+  WriteProduct(png, {Product::kNormals, "png"}, frame, {});
+  const Image picture = ReadImage(png, ImageChannels::kRgb);
+  EXPECT_EQ(picture.Pixel(0, 0)[0], 128);  // nothing there
+  EXPECT_LT(picture.Pixel(16, 12)[2], 3);  // straight at the camera, -z
+}
+
+TEST(Product, TriangleIdsComeBackExactly) {
+  const auto folder = TestFolder();
+  Frame frame = RenderSphere();
+  frame.triangle[0] = 16777217;  // no float
+  for (const std::string format : {"exr", "npy", "npz"}) {
+    const auto file = folder / ("triangle." + format);
+    WriteProduct(file, {Product::kTriangle, format}, frame, {});
+    if (format == "npy") {
+      const std::string bytes = ReadFile(file);
+      const size_t data_bytes = frame.triangle.size() * sizeof(uint32_t);
+      std::vector<uint32_t> ids(frame.triangle.size());
+      std::memcpy(ids.data(), bytes.data() + bytes.size() - data_bytes, data_bytes);
+      EXPECT_EQ(ids, frame.triangle);
+    }
+    const StoredDepth stored = ReadDepthFile(file);
+    EXPECT_EQ(stored.sample_type, "uint32");
+    for (size_t i = 0; i < stored.values.size(); ++i) {
+      ASSERT_EQ(stored.values[i], static_cast<float>(frame.triangle[i])) << format;
+    }
+  }
+}
+
+TEST(Product, ColourAndMaskComeBack) {
+  const auto folder = TestFolder();
+  FrameOptions options;
+  options.color_options.background_rgb = {9, 8, 7};
+  const Frame frame = RenderSphere(options);
+  WriteProduct(folder / "c.png", {Product::kColor, "png"}, frame, {});
+  EXPECT_EQ(ReadImage(folder / "c.png", ImageChannels::kRgb).data, frame.color.data);
+  WriteProduct(folder / "m.png", {Product::kMask, "png"}, frame, {});
+  EXPECT_EQ(ReadImage(folder / "m.png", ImageChannels::kGrey).data, frame.mask.data);
+  WriteProduct(folder / "c.jpg", {Product::kColor, "jpg"}, frame, {});
+  EXPECT_EQ(ReadImage(folder / "c.jpg", ImageChannels::kRgb).width_px, 33);
+}
+
+TEST(Product, DepthBeyondAPngIsRefusedOrDropped) {
+  const auto folder = TestFolder();
+  const Frame frame = RenderSphere();
+  StorageOptions storage;
+  storage.floats.png_step = 1e-5;  // up to 0.65
+  const auto file = folder / "depth.png";
+  EXPECT_TRUE(FailsWithInputError(
+      [&] {
+        WriteProduct(file, {Product::kDepth, "png"}, frame, storage);
+      },
+      {file.string()}));
+  EXPECT_FALSE(std::filesystem::exists(file));
+  storage.floats.out_of_range = DepthWriteOptions::OutOfRange::kDrop;
+  EXPECT_EQ(WriteProduct(file, {Product::kDepth, "png"}, frame, storage).dropped, frame.num_hits);
+}
+
+}  // namespace
+}  // namespace raylift
