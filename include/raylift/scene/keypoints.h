@@ -1,0 +1,63 @@
+// Which keypoint of the query a match is of. A keypoint that is matched with several references has
+// one error in all of its matches, and they show one point of the scene.
+//
+// Matches that are read or made from features carry the keypoint's index. Matches that carry none,
+// as a caller may fill them in, are of one keypoint where their query pixels are equal, so that
+// leaving indices out is never wrong for exact copies of a pixel. Nothing else compares pixels for
+// equality: everything that groups matches asks for their numbers here.
+
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <optional>
+#include <span>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/scene/pose_problem.h"
+
+namespace raylift {
+
+// The keypoints of one image by their places.
+class KeypointsByPixel {
+ public:
+  // The keypoint at this pixel; where there is none yet, `index` becomes it. One that is not finite
+  // is at no place and found by nobody.
+  int FindOrAdd(const Eigen::Vector2d& pixel, int index);
+  std::optional<int> Find(const Eigen::Vector2d& pixel) const;
+
+ private:
+  using Place = std::pair<double, double>;
+  struct HashOfPlace {
+    size_t operator()(const Place& place) const {
+      return 31 * std::hash<double>()(place.first) + std::hash<double>()(place.second);
+    }
+  };
+  std::unordered_map<Place, int, HashOfPlace> index_of_place_;
+};
+
+// For each feature of an image the index of the first one at the same place: several features at
+// one place, such as those of several orientations, are one keypoint.
+std::vector<int> CanonicalKeypoints(std::span<const Eigen::Vector2d> pixels);
+
+// The query keypoints of matches, numbered from 0 in the order of their first matches, those of
+// `of_2d2d` before those of `of_2d3d`.
+struct KeypointNumbers {
+  std::vector<size_t> of_2d2d;
+  std::vector<size_t> of_2d3d;
+  size_t count = 0;
+};
+// Equal indices are one keypoint wherever its pixels are. A match without an index is of the first
+// keypoint at its pixel that has one, or else of that of the other matches without at this pixel.
+KeypointNumbers NumberQueryKeypoints(std::span<const Match2D2D> matches_2d2d,
+                                     std::span<const Match2D3D> matches_2d3d);
+
+// Gives an index, by the same rule, to the matches that have none; indices of new keypoints follow
+// the highest that there is.
+void AssignKeypointsByPixel(PoseProblem& problem);
+
+}  // namespace raylift
