@@ -1,6 +1,7 @@
 #include "render_options.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <optional>
 #include <utility>

@@ -1,5 +1,6 @@
 #include "raylift/lifting/consistency_filter.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <string>

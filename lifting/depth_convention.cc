@@ -1,6 +1,8 @@
 #include "raylift/lifting/depth_convention.h"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <utility>
 
 #include "raylift/base/error.h"

@@ -1,6 +1,9 @@
 #include "raylift/lifting/depth_folder.h"
 
+#include <algorithm>
+#include <cmath>
 #include <future>
+#include <iterator>
 #include <list>
 #include <map>
 #include <mutex>

@@ -1,5 +1,6 @@
 #include "raylift/lifting/depth_source.h"
 
+#include <array>
 #include <cmath>
 #include <numbers>
 

@@ -1,6 +1,7 @@
 #include "assimp_reader.h"
 
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <cmath>
 #include <map>

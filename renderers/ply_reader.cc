@@ -1,6 +1,7 @@
 #include "ply_reader.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstring>

@@ -1,6 +1,7 @@
 #include "ply_triangle_reader.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <bit>
 #include <cstring>

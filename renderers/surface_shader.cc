@@ -1,6 +1,7 @@
 #include "surface_shader.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <Eigen/Geometry>

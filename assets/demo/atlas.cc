@@ -1,5 +1,7 @@
 #include "atlas.h"
 
+#include <algorithm>
+#include <cmath>
 #include <stdexcept>
 
 namespace raylift::demo {

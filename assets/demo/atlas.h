@@ -2,6 +2,8 @@
 
 #pragma once
 
+#include <algorithm>
+
 #include "canvas.h"
 #include "mesh_builder.h"
 

@@ -1,5 +1,7 @@
 #include "courtyard.h"
 
+#include <array>
+
 #include "atlas.h"
 #include "facade.h"
 #include "props.h"

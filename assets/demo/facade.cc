@@ -1,6 +1,9 @@
 #include "facade.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 #include <set>
 

@@ -1,5 +1,7 @@
 #include "materials.h"
 
+#include <algorithm>
+#include <cmath>
 #include <numbers>
 #include <string>
 

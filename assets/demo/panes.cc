@@ -1,5 +1,8 @@
 #include "panes.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include "noise.h"
 #include "surfaces.h"
 

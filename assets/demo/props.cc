@@ -1,5 +1,6 @@
 #include "props.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 

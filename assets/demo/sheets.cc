@@ -1,5 +1,7 @@
 #include "sheets.h"
 
+#include <algorithm>
+#include <cmath>
 #include <numbers>
 
 #include "noise.h"

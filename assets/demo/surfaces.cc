@@ -1,5 +1,7 @@
 #include "surfaces.h"
 
+#include <algorithm>
+#include <cmath>
 #include <numbers>
 
 #include "noise.h"

@@ -1,5 +1,6 @@
 #include "raylift/comparison/comparison_tables.h"
 
+#include <array>
 #include <cmath>
 
 #include <fmt/format.h>

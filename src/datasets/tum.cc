@@ -2,6 +2,7 @@
 // tz qx qy qz qw`, camera to world, the quaternion with w last), taken at times of their own.
 
 #include <cmath>
+#include <iterator>
 
 #include "datasets/importers.h"
 #include "io/text/line_tokens.h"

@@ -1,6 +1,7 @@
 #include "raylift/evaluation/submission.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 

@@ -1,5 +1,6 @@
 // Retrieval by cameras: which references look at what a query looks at.
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 

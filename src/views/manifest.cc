@@ -1,5 +1,6 @@
 #include "raylift/views/manifest.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 

@@ -1,5 +1,6 @@
 #include "raylift/views/shard.h"
 
+#include <algorithm>
 #include <cstdlib>
 #include <limits>
 

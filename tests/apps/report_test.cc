@@ -1,5 +1,7 @@
 // The report's page in a real browser: no errors, tables sort, the 3D view turns.
 
+#include <algorithm>
+
 #include "program.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>

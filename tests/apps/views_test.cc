@@ -1,5 +1,7 @@
 // raylift views: poses on a mesh, ready for render.
 
+#include <algorithm>
+
 #include "apps/program.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>

@@ -1,6 +1,7 @@
 #include "raylift/base/file.h"
 
 #include <array>
+#include <iterator>
 
 #include "support/matchers.h"
 #include "support/test_data.h"

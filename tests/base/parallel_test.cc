@@ -1,5 +1,6 @@
 #include "raylift/base/parallel.h"
 
+#include <algorithm>
 #include <numeric>
 #include <stdexcept>
 

@@ -2,6 +2,8 @@
 
 #pragma once
 
+#include <array>
+#include <cmath>
 #include <functional>
 #include <map>
 #include <memory>

@@ -1,5 +1,8 @@
 #include "raylift/comparison/localization_comparison.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include "compared_room.h"
 #include <gmock/gmock.h>
 

@@ -2,6 +2,8 @@
 
 #include "raylift/datasets/dataset.h"
 
+#include <algorithm>
+
 #include "datasets/test_input.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>

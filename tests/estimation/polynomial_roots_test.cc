@@ -1,6 +1,8 @@
 #include "estimation/solvers/polynomial_roots.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <limits>
 
 #include "support/matchers.h"

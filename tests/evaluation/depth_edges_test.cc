@@ -1,5 +1,6 @@
 #include "raylift/evaluation/depth_edges.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <vector>

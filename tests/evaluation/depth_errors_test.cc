@@ -1,5 +1,6 @@
 #include "raylift/evaluation/depth_errors.h"
 
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <numbers>

@@ -1,6 +1,7 @@
 // The whole front end on real photographs with known poses.
 
 #include <algorithm>
+#include <cmath>
 #include <fstream>
 #include <map>
 #include <set>

@@ -1,5 +1,6 @@
 // OpenCV's projections as an independent reference for the models that come from it.
 
+#include <cmath>
 #include <fstream>
 #include <sstream>
 

@@ -1,5 +1,6 @@
 #include "raylift/geometry/residuals.h"
 
+#include <cmath>
 #include <functional>
 
 #include "geometry/test_cameras.h"

@@ -1,5 +1,7 @@
 #include "raylift/geometry/rigid3.h"
 
+#include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "support/matchers.h"

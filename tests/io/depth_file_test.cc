@@ -1,5 +1,8 @@
 #include "raylift/io/depth_file.h"
 
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <limits>
 #include <thread>
 

@@ -1,5 +1,6 @@
 #include "raylift/io/pose_problem_json.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "support/matchers.h"

@@ -2,6 +2,7 @@
 
 #include "io/depth/sample_rounding.h"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>

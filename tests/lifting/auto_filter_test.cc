@@ -1,5 +1,6 @@
 #include "raylift/lifting/auto_filter.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "room.h"

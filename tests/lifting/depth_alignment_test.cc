@@ -1,5 +1,6 @@
 #include "raylift/lifting/depth_alignment.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "room.h"

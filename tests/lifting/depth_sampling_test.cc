@@ -1,5 +1,6 @@
 #include "raylift/lifting/depth_sampling.h"
 
+#include <cmath>
 #include <functional>
 
 #include "support/matchers.h"

@@ -1,6 +1,8 @@
 #include "raylift/lifting/depth_source.h"
 
+#include <algorithm>
 #include <atomic>
+#include <cmath>
 
 #include "support/matchers.h"
 #include "support/meshes.h"

@@ -1,5 +1,6 @@
 #include "localization/feature_cache.h"
 
+#include <algorithm>
 #include <chrono>
 
 #include "support/matchers.h"

@@ -1,5 +1,7 @@
 // The whole chain on real photographs with known poses.
 
+#include <algorithm>
+
 #include "support/test_data.h"
 #include <fmt/format.h>
 #include <gtest/gtest.h>

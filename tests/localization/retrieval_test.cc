@@ -1,6 +1,8 @@
 #include "raylift/localization/retrieval.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 
 #include "io/h5py.h"
 #include "support/matchers.h"

@@ -1,5 +1,7 @@
 // What ReadMesh does for every format.
 
+#include <cmath>
+
 #include "mesh_files.h"
 #include "support/matchers.h"
 #include "support/test_data.h"

@@ -1,5 +1,7 @@
 #include "raylift/renderers/mesh_tiles.h"
 
+#include <array>
+
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include "support/test_data.h"

@@ -1,5 +1,7 @@
 // ReadMesh on OBJ files and their materials.
 
+#include <array>
+
 #include "mesh_files.h"
 #include "support/matchers.h"
 #include "support/test_data.h"

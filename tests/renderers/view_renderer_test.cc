@@ -1,5 +1,7 @@
 #include "raylift/renderers/view_renderer.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "support/matchers.h"

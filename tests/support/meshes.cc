@@ -1,5 +1,6 @@
 #include "support/meshes.h"
 
+#include <array>
 #include <cmath>
 #include <numbers>
 

@@ -1,5 +1,7 @@
 #include "raylift/views/covering_views.h"
 
+#include <cmath>
+
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include <gtest/gtest.h>

@@ -1,5 +1,6 @@
 #include "raylift/views/product.h"
 
+#include <array>
 #include <cmath>
 #include <cstring>
 

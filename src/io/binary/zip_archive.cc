@@ -1,5 +1,7 @@
 #include "io/binary/zip_archive.h"
 
+#include <algorithm>
+
 #include "io/depth/depth_formats.h"
 #include <fmt/format.h>
 #include <zip.h>

@@ -1,5 +1,6 @@
 // Depth maps in OpenEXR.
 
+#include <algorithm>
 #include <cctype>
 #include <climits>
 #include <utility>

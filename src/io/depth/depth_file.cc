@@ -1,5 +1,6 @@
 #include "raylift/io/depth_file.h"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cctype>

@@ -1,6 +1,7 @@
 // Depth maps in PNG, TIFF and PGM, by OpenCV. The headers are looked at first: OpenCV takes the
 // memory that they claim, and reads some sample types as if they were others.
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cctype>

@@ -1,9 +1,11 @@
 // Depth maps in the netpbm family: PGM (big endian, top row first) and PFM (either byte order,
 // bottom row first).
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cctype>
+#include <cmath>
 #include <cstring>
 
 #include "io/depth/depth_formats.h"

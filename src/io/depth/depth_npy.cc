@@ -1,5 +1,6 @@
 // Depth maps in numpy's NPY, NPZ and gzipped NPY. Format: numpy's lib/format.py.
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstring>

@@ -1,6 +1,7 @@
 // Depth maps as plain little-endian floats: COLMAP's with a line of sizes before them, kapture's
 // and ETH3D's with nothing.
 
+#include <array>
 #include <cstring>
 
 #include "io/depth/depth_formats.h"

@@ -1,6 +1,7 @@
 // hloc's features.h5.
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <mutex>
 #include <set>

@@ -1,5 +1,6 @@
 #include "raylift/io/image_file.h"
 
+#include <algorithm>
 #include <string>
 #include <vector>
 

@@ -1,5 +1,6 @@
 #include "raylift/io/scene_file.h"
 
+#include <algorithm>
 #include <array>
 #include <functional>
 #include <set>

@@ -1,5 +1,6 @@
 #include "io/text/line_tokens.h"
 
+#include <algorithm>
 #include <climits>
 
 #include <fmt/format.h>
