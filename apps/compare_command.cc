@@ -21,8 +21,8 @@
 #include "raylift/comparison/depth_comparison.h"
 #include "raylift/comparison/localization_comparison.h"
 #include "raylift/comparison/report.h"
-#include "raylift/lifting/geometry_spec.h"
-#include "raylift/localization/match_source.h"
+#include "raylift/localization/matching.h"
+#include "raylift/localization/scene.h"
 #include "raylift/localization/scene_matches.h"
 
 namespace raylift {
@@ -44,6 +44,7 @@ size_t CacheBytes(std::span<const PosedImage> images) {
 
 struct CompareFlags {
   ReferenceFlags references;
+  ModelPosesFlags model_poses;
   std::vector<std::string> geometry;
   std::string truth;
   int max_side_px = 640;
@@ -149,39 +150,42 @@ LocalizationGrid ParseGrid(const CompareFlags& flags) {
   return grid;
 }
 
+// The references and all sources.
+Scene OpenSceneOf(const CompareFlags& flags) {
+  Scene scene = OpenScene({.model = flags.references.model,
+                           .model_poses = flags.model_poses.Resolve(),
+                           .thinning = flags.references.thinning,
+                           .images = flags.images});
+  PrintWarnings(scene.warnings);
+  for (const NamedSpec& named : ParseSpecs(flags)) {
+    OpenGeometry(scene, named.spec, {.max_cache_bytes = CacheBytes(scene.references.images)});
+    SceneSource& opened = scene.sources.back();
+    opened.name = named.name;
+    for (const std::string& warning : opened.geometry.warnings) {
+      PrintWarning(fmt::format("{}: {}", named.name, warning));
+    }
+  }
+  return scene;
+}
+
 class CompareRun {
  public:
   explicit CompareRun(const CompareFlags& flags)
       : flags_(flags),
-        specs_(ParseSpecs(flags)),
         grid_(ParseGrid(flags)),
-        loaded_(LoadReferences(flags.references.model, flags.references.thinning)) {
-    PrintWarnings(loaded_.warnings);
-    for (const NamedSpec& named : specs_) {
-      geometry_.push_back(MakeGeometrySource(
-          named.spec, {.model = flags.references.model,
-                       .references = loaded_.references.images,
-                       .thinned_out = loaded_.references.thinned_out,
-                       .max_cache_bytes = CacheBytes(loaded_.references.images)}));
-      const NamedGeometry& geometry = geometry_.back();
-      for (const std::string& warning : geometry.warnings) {
-        PrintWarning(fmt::format("{}: {}", named.name, warning));
-      }
-      sources_.push_back({.name = named.name,
-                          .spec = named.spec,
-                          .understood = geometry.understood,
-                          .source = geometry.source.get(),
-                          .mesh = geometry.mesh ? &geometry.mesh->mesh() : nullptr});
-      if (named.name == flags.truth) truth_ = sources_.size() - 1;
+        scene_(OpenSceneOf(flags)),
+        sources_(ComparedSourcesOf(scene_)) {
+    for (size_t i = 0; i < sources_.size(); ++i) {
+      if (sources_[i].name == flags.truth) truth_ = i;
     }
     if (!flags.out.empty()) RequireWritable(flags.out / "comparison.json");
   }
 
   void Run(const std::string& options_json) {
-    const std::vector<PosedImage>& images = loaded_.references.images;
-    OpenMatches();
+    const std::vector<PosedImage>& images = scene_.references.images;
+    OpenMatchSource();
     const std::vector<ReferenceMatch> matches =
-        match_source_ ? CollectReferenceMatches(queries_, *match_source_, loaded_.references,
+        match_source_ ? CollectReferenceMatches(queries_, *match_source_, scene_.references,
                                                 flags_.run.threads)
                       : std::vector<ReferenceMatch>();
     const ReportOptions report_options = ReportOptionsOf();
@@ -255,9 +259,8 @@ class CompareRun {
     LocalizationComparison comparison;
     {
       Progress progress("queries", queries_.size(), flags_.run.Show());
-      comparison =
-          CompareLocalization(sources_, queries_, *match_source_, loaded_.references.images,
-                              matches, truth, grid_, [&progress] { progress.Advance(); });
+      comparison = CompareLocalization(scene_, queries_, match_source_, matches, truth, grid_,
+                                       [&progress] { progress.Advance(); });
     }
     for (const path& folder : {flags_.out, flags_.report}) {
       if (folder.empty()) continue;
@@ -268,31 +271,25 @@ class CompareRun {
     return comparison;
   }
 
-  void OpenMatches() {
+  void OpenMatchSource() {
     if (flags_.queries.empty()) return;
     queries_ = ReadQueryList(flags_.queries);
-    if (flags_.hloc.All()) {
-      match_source_ = OpenHlocMatches(flags_.hloc.files, loaded_.references, flags_.hloc.top_k);
-      return;
-    }
-    FrontEndOptions options =
+    MatchingOptions matching{.top_k = flags_.hloc.top_k};
+    if (flags_.hloc.All()) matching.hloc = flags_.hloc.files;
+    matching.front_end =
         flags_.front_end.Resolve((flags_.out.empty() ? flags_.report : flags_.out) / "cache");
-    options.reference_images = flags_.images;
-    options.query_images = QueryImages();
-    options.top_k = flags_.hloc.top_k;
-    options.seed = flags_.estimator.seed;
-    options.threads = flags_.run.threads;
-    options.show_progress = !flags_.run.quiet;
-    match_source_ = MakeFrontEndMatches(options, loaded_.references, queries_);
+    matching.front_end.query_images = QueryImages();
+    matching.front_end.seed = flags_.estimator.seed;
+    matching.front_end.threads = flags_.run.threads;
+    matching.front_end.show_progress = !flags_.run.quiet;
+    match_source_ = OpenMatches(scene_, queries_, matching);
   }
 
   const CompareFlags& flags_;
-  std::vector<NamedSpec> specs_;
   LocalizationGrid grid_;
-  LoadedReferences loaded_;
+  Scene scene_;
   std::vector<Query> queries_;
-  std::unique_ptr<MatchSource> match_source_;
-  std::vector<NamedGeometry> geometry_;
+  std::shared_ptr<MatchSource> match_source_;
   std::vector<ComparedSource> sources_;
   std::optional<size_t> truth_;
 };
@@ -326,6 +323,7 @@ Command AddCompareCommand(CLI::App& program) {
       "compare", "Which source of geometry is best, where, and what is wrong with the others");
   AddSceneOption(*command);
   AddReferenceOptions(*command, flags->references);
+  AddModelPosesOption(*command, flags->model_poses);
   command->add_option("--geometry", flags->geometry, "name=SPEC, repeated. " + GeometryHelp())
       ->required()
       ->allow_extra_args(false)

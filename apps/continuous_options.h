@@ -12,7 +12,7 @@
 
 #include "raylift/io/query_list.h"
 #include "raylift/localization/continuous_gate.h"
-#include "raylift/localization/match_source.h"
+#include "raylift/localization/references.h"
 
 namespace raylift {
 

@@ -13,9 +13,9 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/lifting/geometry_spec.h"
 #include "raylift/lifting/input_doctor.h"
-#include "raylift/localization/match_source.h"
+#include "raylift/localization/matching.h"
+#include "raylift/localization/scene.h"
 #include "raylift/localization/scene_matches.h"
 
 namespace raylift {
@@ -45,19 +45,15 @@ void Check(const DoctorFlags& flags) {
   }
 }
 
-std::unique_ptr<MatchSource> OpenMatches(const DoctorFlags& flags, const ReferenceSet& references,
-                                         const std::vector<Query>& queries) {
-  if (flags.hloc.All()) {
-    return OpenHlocMatches(flags.hloc.files, references, flags.hloc.top_k);
-  }
-  return MakeFrontEndMatches(
-      {.reference_images = flags.images,
-       .query_images = flags.query_images.empty() ? flags.images : flags.query_images,
-       .cache = flags.cache,
-       .top_k = flags.hloc.top_k,
-       .threads = flags.run.threads,
-       .show_progress = !flags.run.quiet},
-      references, queries);
+MatchingOptions MatchingOf(const DoctorFlags& flags) {
+  MatchingOptions matching{.top_k = flags.hloc.top_k};
+  if (flags.hloc.All()) matching.hloc = flags.hloc.files;
+  matching.front_end = {
+      .query_images = flags.query_images.empty() ? flags.images : flags.query_images,
+      .cache = flags.cache,
+      .threads = flags.run.threads,
+      .show_progress = !flags.run.quiet};
+  return matching;
 }
 
 // Pairs lists may match references with each other.
@@ -107,26 +103,26 @@ void Print(const Diagnosis& diagnosis) {
 }
 
 void Run(const DoctorFlags& flags) {
-  const PoseConvention poses = flags.model_poses.Resolve();
-  const LoadedReferences loaded =
-      LoadReferences(flags.references.model, flags.references.thinning, poses);
-  const ReferenceSet& references = loaded.references;
-  const NamedGeometry geometry = MakeGeometrySource(
-      flags.geometry, {.model = flags.references.model, .references = references.images});
+  const Scene scene = OpenScene({.model = flags.references.model,
+                                 .model_poses = flags.model_poses.Resolve(),
+                                 .thinning = flags.references.thinning,
+                                 .images = flags.images,
+                                 .geometry = {flags.geometry}});
+  const NamedGeometry& geometry = scene.sources.front().geometry;
   if (geometry.kind == GeometryKind::kSfm) {
     throw OptionError("--geometry", flags.geometry, "expected mesh:... or depth:...");
   }
   if (!flags.json.empty()) RequireWritable(flags.json);
-  const std::vector<Query> queries = QueriesOf(flags, references);
-  const auto match_source = OpenMatches(flags, references, queries);
+  const std::vector<Query> queries = QueriesOf(flags, scene.references);
+  const auto match_source = OpenMatches(scene, queries, MatchingOf(flags));
   const auto matches =
-      CollectReferenceMatches(queries, *match_source, references, flags.run.threads);
-  PrintWarnings(loaded.warnings);
-  PrintWarnings(geometry.warnings);
+      CollectReferenceMatches(queries, *match_source, scene.references, flags.run.threads);
+  PrintWarnings(scene.warnings);
   PrintWarnings(match_source->Warnings());
 
-  const Diagnosis diagnosis = Diagnose(MakeDoctorInput(geometry, references.images, matches, poses),
-                                       {.threads = flags.run.threads});
+  const Diagnosis diagnosis =
+      Diagnose(MakeDoctorInput(geometry, scene.references.images, matches, scene.model_poses),
+               {.threads = flags.run.threads});
   if (!flags.json.empty()) WriteFile(flags.json, DiagnosisJson(diagnosis).dump(2) + "\n");
   if (!flags.run.quiet) Print(diagnosis);
 }

@@ -163,7 +163,8 @@ std::vector<Row> EstimateAll(const std::vector<path>& files, const EstimateFlags
 void Run(const EstimateFlags& flags) {
   RequireAtLeast(1, "--repeat", flags.repeat);
   const EstimatorOptions options = flags.estimator.Resolve();
-  const FilterOptions filter = flags.filter.Resolve(options.method);
+  FilterOptions filter = flags.filter.Resolve();
+  filter.few_points = FewPointsFor(options.method);
   flags.run.Check();
   const auto estimator = MakePoseEstimator(options);
   for (const path& output : {flags.csv, flags.json, flags.poses}) {

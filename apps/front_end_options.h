@@ -7,7 +7,7 @@
 
 #include <CLI/CLI.hpp>
 
-#include "raylift/localization/match_source.h"
+#include "raylift/localization/front_end.h"
 
 namespace raylift {
 

@@ -16,10 +16,15 @@ Command AddLocalizeCommand(CLI::App& program) {
   AddLocalizeOptions(*command, *flags);
   return {command, [flags, command] {
             const EstimatorOptions estimator = flags->estimator.Resolve();
-            const FilterOptions filter = flags->filter.Resolve(estimator.method);
+            const FilterOptions filter = flags->filter.Resolve();
             const GeometryOptions geometry = flags->geometry.Resolve();
             flags->Check(geometry, estimator);
-            RunLocalize(*flags, geometry, filter, estimator, EffectiveOptionsJson(*command));
+            RunLocalize(*flags,
+                        {.estimator = estimator,
+                         .filter = filter,
+                         .geometry_mode = geometry.mode,
+                         .candidates = geometry.candidates},
+                        geometry.align, EffectiveOptionsJson(*command));
           }};
 }
 

@@ -37,6 +37,10 @@ struct LocalizeFlags {
   // The references are rendered from the mesh.
   bool RendersReferences() const { return references.model.empty(); }
 
+  const std::filesystem::path& QueryImages() const {
+    return query_images.empty() ? images : query_images;
+  }
+
   // OptionError for what the options alone can tell, before any work.
   void Check(const GeometryOptions& geometry_options,
              const EstimatorOptions& estimator_options) const;

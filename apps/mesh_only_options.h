@@ -12,6 +12,7 @@
 #include <Eigen/Core>
 
 #include "raylift/base/progress.h"
+#include "raylift/localization/scene.h"
 #include "raylift/views/rendered_references.h"
 
 namespace raylift {
@@ -45,9 +46,8 @@ void RequireMeshOnly(std::span<const std::string> geometry, std::string_view nee
 // What --rerender needs: a mesh, and the queries' photographs. Throws OptionError.
 void CheckRerender(int rounds, std::span<const std::string> geometry, bool has_photographs);
 
-// Renders, and says on stderr how far it is.
-RenderedReferences RenderReferencesWithProgress(const std::shared_ptr<const RayCaster>& mesh,
-                                                const RenderedReferenceOptions& options,
-                                                Progress::Show show);
+// Renders the references of a scene, and says on stderr how far it is.
+Scene RenderSceneWithProgress(const std::string& mesh_spec, const Thinning& thinning,
+                              const RenderedReferenceOptions& options, Progress::Show show);
 
 }  // namespace raylift

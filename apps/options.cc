@@ -119,16 +119,13 @@ void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags) {
       ->group(group);
 }
 
-FilterOptions FilterFlags::Resolve(Method method) const {
+FilterOptions FilterFlags::Resolve() const {
   const auto mode_value = FilterModeFromName(mode);
   if (!mode_value) {
     throw OptionError("--filter", mode, "expected off|fixed|auto");
   }
   thresholds.Validate();
-  const bool needs_points = method == Method::kP3p || method == Method::kHloc;
-  return {.mode = *mode_value,
-          .thresholds = thresholds,
-          .few_points = needs_points ? FewPoints::kKeepBest : FewPoints::kDropAll};
+  return {.mode = *mode_value, .thresholds = thresholds};
 }
 
 void AddFilterOptions(CLI::App& app, FilterFlags& flags) {

@@ -31,8 +31,8 @@ struct FilterFlags {
   std::string mode = "off";
   ConsistencyThresholds thresholds;
 
-  // What the method can do without matters to the automatic filter. Throws OptionError.
-  FilterOptions Resolve(Method method) const;
+  // Throws OptionError.
+  FilterOptions Resolve() const;
 };
 void AddFilterOptions(CLI::App& app, FilterFlags& flags);
 

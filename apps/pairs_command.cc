@@ -14,7 +14,7 @@
 #include "raylift/io/hloc.h"
 #include "raylift/io/query_list.h"
 #include "raylift/lifting/geometry_spec.h"
-#include "raylift/localization/match_source.h"
+#include "raylift/localization/references.h"
 #include "raylift/localization/retrieval.h"
 
 namespace raylift {

@@ -17,7 +17,7 @@
 #include "raylift/evaluation/depth_perturbation.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/lifting/geometry_spec.h"
-#include "raylift/localization/match_source.h"
+#include "raylift/localization/references.h"
 #include "raylift/renderers/view_renderer.h"
 
 namespace raylift {

@@ -7,7 +7,7 @@
 
 #include <CLI/CLI.hpp>
 
-#include "raylift/localization/match_source.h"
+#include "raylift/localization/hloc_matches.h"
 #include "raylift/scene/thinning.h"
 
 namespace raylift {

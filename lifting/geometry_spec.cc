@@ -79,7 +79,7 @@ NamedGeometry MakeMesh(SpecKeys keys) {
   geometry.warnings = mesh->warnings;
   geometry.mesh = std::make_shared<const RayCaster>(std::move(mesh), caster);
   geometry.source =
-      std::make_unique<MeshSource>(fmt::format("mesh:{}", keys.path()), geometry.mesh, options);
+      std::make_shared<const MeshSource>(fmt::format("mesh:{}", keys.path()), geometry.mesh, options);
   return geometry;
 }
 
@@ -167,7 +167,7 @@ NamedGeometry MakeDepth(SpecKeys keys, const GeometryContext& context) {
   geometry.understood = maps->understood();
   geometry.warnings = maps->warnings();
   geometry.maps = maps;
-  geometry.source = std::make_unique<DepthSource>(fmt::format("depth:{}", keys.path()),
+  geometry.source = std::make_shared<const DepthSource>(fmt::format("depth:{}", keys.path()),
                                                   std::move(maps), sampling, limits);
   return geometry;
 }
@@ -204,7 +204,7 @@ NamedGeometry MakeSfm(SpecKeys keys, const GeometryContext& context) {
     geometry.warnings.push_back(fmt::format("{}: {}", folder.string(), warning));
   }
   geometry.source =
-      std::make_unique<SfmSource>(fmt::format("sfm:{}", folder.string()), model, options);
+      std::make_shared<const SfmSource>(fmt::format("sfm:{}", folder.string()), model, options);
   return geometry;
 }
 

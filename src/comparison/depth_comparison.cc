@@ -274,6 +274,19 @@ class Comparer {
 
 }  // namespace
 
+std::vector<ComparedSource> ComparedSourcesOf(const Scene& scene) {
+  std::vector<ComparedSource> sources;
+  for (const SceneSource& source : scene.sources) {
+    const NamedGeometry& geometry = source.geometry;
+    sources.push_back({.name = source.name,
+                       .spec = source.spec,
+                       .understood = geometry.understood,
+                       .source = geometry.source.get(),
+                       .mesh = geometry.mesh ? &geometry.mesh->mesh() : nullptr});
+  }
+  return sources;
+}
+
 DepthComparison CompareDepth(std::span<const ComparedSource> sources,
                              std::span<const PosedImage> images,
                              std::span<const ReferenceMatch> matches,

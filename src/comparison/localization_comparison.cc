@@ -3,172 +3,146 @@
 #include <algorithm>
 #include <memory>
 #include <tuple>
+#include <utility>
 
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/text.h"
-#include "raylift/lifting/lifter.h"
-#include "raylift/localization/localizer.h"
+#include "raylift/evaluation/depth_errors.h"
+#include "raylift/localization/grid_localizer.h"
 
 namespace raylift {
 namespace {
 
-// The estimates of one way to localize, query by query.
-struct Variant {
-  std::optional<size_t> geometry;  // index of lifted geometries; none: needs none
-  FilterMode filter = FilterMode::kOff;
-  size_t method = 0;
-  std::string source, alignment;
-  std::vector<PoseEstimate> estimates;
-  std::vector<QueryDetail> details;
+// What tells one way to localize from the others; what does not matter to it is empty.
+struct Way {
+  std::string source, alignment, filter;
+  EstimatorOptions method;
+
+  // Without filter and alignment: the rows whose keypoints are worth keeping.
+  bool IsPlain() const {
+    const auto is_off = [](const std::string& name) { return name.empty() || name == "off"; };
+    return is_off(filter) && is_off(alignment);
+  }
+};
+
+// What is kept of one way's result for one query.
+struct Outcome {
+  std::optional<Rigid3> cam_from_world;  // none: not localized
+  double inliers_2d3d = 0, inliers_2d2d = 0;
+  QueryDetail detail;
 };
 
 constexpr size_t kShownKeypoints = 120;
 
 bool NeedsGeometry(Method method) { return method != Method::kE5p1; }
 
-// A source with one way of correcting its depth.
-struct Geometry {
-  std::string source, alignment;
-  const GeometrySource* lifted = nullptr;
-};
-
 class Runner {
  public:
-  Runner(std::span<const ComparedSource> sources, std::span<const Query> queries,
-         const MatchSource& matches, std::span<const PosedImage> references,
+  Runner(const Scene& scene, std::span<const Query> queries,
+         std::shared_ptr<const MatchSource> matches,
          std::span<const ReferenceMatch> reference_matches, const PosesByName& ground_truth,
          const LocalizationGrid& grid)
-      : queries_(queries), matches_(matches), grid_(grid) {
+      : queries_(queries), matches_(std::move(matches)), grid_(grid) {
     for (const Query& query : queries) {
       const auto pose = ground_truth.find(query.name);
       if (pose != ground_truth.end()) truth_.insert(*pose);
     }
     if (truth_.empty()) throw InputError("the ground truth holds none of the queries");
-    for (const ComparedSource& source : sources) {
+    Scene without_geometry = scene;
+    without_geometry.sources.clear();
+    AddWaysWithoutGeometry(without_geometry);
+    for (const SceneSource& source : scene.sources) {
+      Scene alone = without_geometry;
+      alone.sources = {source};
       for (const AlignMode mode : grid.alignments) {
-        AddGeometry(source, mode, references, reference_matches);
+        AddWays(Aligned(alone, mode, reference_matches, grid.threads), mode);
       }
     }
-    for (const EstimatorOptions& options : grid.methods) {
-      estimators_.push_back(MakePoseEstimator(options));
-    }
-    ListVariants();
   }
 
   LocalizationComparison Run(const std::function<void()>& on_progress) {
-    for (Variant& variant : variants_) {
-      variant.estimates.resize(queries_.size());
-      variant.details.resize(queries_.size());
-    }
-    ParallelFor(queries_.size(), grid_.threads, [&](size_t i) {
-      EstimateAll(i);
+    const GridLocalizer localizer(localizers_);
+    outcomes_.assign(ways_.size(), std::vector<Outcome>(queries_.size()));
+    ParallelFor(queries_.size(), grid_.threads, [&](size_t query) {
+      localizer.Localize(queries_[query], 1, [&](size_t way, const QueryResult& result) {
+        outcomes_[way][query] = Keep(ways_[way], result);
+      });
       if (on_progress) on_progress();
     });
     LocalizationComparison result;
     result.thresholds = grid_.thresholds;
-    for (const Variant& variant : variants_) result.rows.push_back(MakeRow(variant));
+    for (size_t way = 0; way < ways_.size(); ++way) {
+      result.rows.push_back(MakeRow(ways_[way], outcomes_[way]));
+    }
     AddOracles(result.rows);
     Rate(result.rows);
     return result;
   }
 
  private:
-  void AddGeometry(const ComparedSource& source, AlignMode mode,
-                   std::span<const PosedImage> references,
-                   std::span<const ReferenceMatch> reference_matches) {
-    Geometry geometry{source.name, std::string(ToString(mode)), source.source};
-    if (mode != AlignMode::kOff) {
-      const DepthAlignment alignment =
-          AlignDepth(*source.source, references, reference_matches, {.mode = mode}, grid_.threads);
-      // The source outlives this run.
-      const std::shared_ptr<const GeometrySource> borrowed(source.source,
-                                                           [](const GeometrySource*) {});
-      aligned_.push_back(std::make_unique<AlignedSource>(borrowed, alignment.Corrections()));
-      geometry.lifted = aligned_.back().get();
+  void AddWaysWithoutGeometry(const Scene& scene) {
+    const auto shared = std::make_shared<const Scene>(scene);
+    for (const EstimatorOptions& method : grid_.methods) {
+      if (!NeedsGeometry(method.method)) AddWay(shared, {"", "", "", method}, {});
     }
-    geometries_.push_back(std::move(geometry));
   }
 
-  void ListVariants() {
-    for (size_t m = 0; m < grid_.methods.size(); ++m) {
-      if (!NeedsGeometry(grid_.methods[m].method)) {
-        variants_.push_back({std::nullopt, FilterMode::kOff, m, "", "", {}, {}});
+  void AddWays(const Scene& scene, AlignMode alignment) {
+    const auto shared = std::make_shared<const Scene>(scene);
+    for (const FilterMode mode : grid_.filters) {
+      FilterOptions filter{.mode = mode, .thresholds = grid_.filter_thresholds};
+      if (mode == FilterMode::kAuto) {
+        filter.scene_noise =
+            EstimateSceneNoise(queries_, scene, *matches_, GeometryMode::kFirst, grid_.threads);
       }
-    }
-    for (size_t g = 0; g < geometries_.size(); ++g) {
-      for (const FilterMode filter : grid_.filters) {
-        for (size_t m = 0; m < grid_.methods.size(); ++m) {
-          if (!NeedsGeometry(grid_.methods[m].method)) continue;
-          variants_.push_back(
-              {g, filter, m, geometries_[g].source, geometries_[g].alignment, {}, {}});
-        }
+      for (const EstimatorOptions& method : grid_.methods) {
+        if (!NeedsGeometry(method.method)) continue;
+        AddWay(shared,
+               {scene.sources.front().name, std::string(ToString(alignment)),
+                std::string(ToString(mode)), method},
+               filter);
       }
     }
   }
 
-  // Without filter and alignment: the rows whose keypoints are worth keeping.
-  static bool IsPlain(const Variant& variant) {
-    return variant.filter == FilterMode::kOff &&
-           (variant.alignment.empty() || variant.alignment == ToString(AlignMode::kOff));
+  void AddWay(const std::shared_ptr<const Scene>& scene, Way way, const FilterOptions& filter) {
+    localizers_.emplace_back(
+        scene, matches_,
+        LocalizerOptions{
+            .estimator = way.method, .filter = filter, .candidates = grid_.candidates});
+    ways_.push_back(std::move(way));
   }
 
-  FilterOptions FilterOf(const Variant& variant) const {
-    const Method method = grid_.methods[variant.method].method;
-    const bool needs_points = method == Method::kP3p || method == Method::kHloc;
-    return {.mode = variant.filter,
-            .thresholds = grid_.filter_thresholds,
-            .few_points = needs_points ? FewPoints::kKeepBest : FewPoints::kDropAll};
-  }
-
-  void EstimateAll(size_t index) {
-    const Query& query = queries_[index];
-    QueryMatches matches = matches_.Match(query);
-    PoseProblem problem;
-    problem.name = query.name;
-    problem.query_camera = query.camera;
-    problem.references = std::move(matches.references);
-    problem.matches_2d2d = std::move(matches.matches);
-    std::vector<std::vector<Match2D3D>> lifted;
-    for (const Geometry& geometry : geometries_) {
-      lifted.push_back(
-          Matches2D3D(LiftMatches(*geometry.lifted, problem.references, problem.matches_2d2d)));
+  Outcome Keep(const Way& way, const QueryResult& result) const {
+    const LocalizedQuery& localized = result.localized;
+    Outcome outcome;
+    if (localized.localized()) outcome.cam_from_world = localized.estimate.cam_from_world;
+    outcome.inliers_2d3d = localized.estimate.score_2d3d.num_inliers;
+    outcome.inliers_2d2d = localized.estimate.score_2d2d.num_inliers;
+    if (const auto pose = truth_.find(localized.name); pose != truth_.end()) {
+      outcome.detail = DescribeQuery(result.problem, localized.counts.hit, localized.estimate,
+                                     way.method, pose->second, way.IsPlain() ? kShownKeypoints : 0);
     }
-    for (Variant& variant : variants_) {
-      problem.matches_2d3d =
-          variant.geometry ? lifted[*variant.geometry] : std::vector<Match2D3D>();
-      const size_t hit = problem.matches_2d3d.size();
-      FilterProblem(FilterOf(variant), problem);
-      PoseEstimate& estimate = variant.estimates[index];
-      estimate = estimators_[variant.method]->Estimate(problem);
-      if (const auto pose = truth_.find(query.name); pose != truth_.end()) {
-        variant.details[index] =
-            DescribeQuery(problem, hit, estimate, grid_.methods[variant.method], pose->second,
-                          IsPlain(variant) ? kShownKeypoints : 0);
-      }
-    }
+    return outcome;
   }
 
-  LocalizationRow MakeRow(const Variant& variant) const {
+  LocalizationRow MakeRow(const Way& way, std::span<const Outcome> outcomes) const {
     LocalizationRow row;
-    row.source = variant.source;
-    row.alignment = variant.alignment;
-    if (variant.geometry) row.filter = ToString(variant.filter);
-    row.method = MethodTitle(grid_.methods[variant.method]);
+    row.source = way.source;
+    row.alignment = way.alignment;
+    row.filter = way.filter;
+    row.method = MethodTitle(way.method);
     PosesByName poses;
     std::vector<double> points, matches;
     for (size_t i = 0; i < queries_.size(); ++i) {
-      const PoseEstimate& estimate = variant.estimates[i];
-      if (ReasonNotLocalized(estimate).empty()) {
-        poses.emplace(queries_[i].name, *estimate.cam_from_world);
-      }
-      if (truth_.contains(queries_[i].name)) {
-        row.details.emplace(queries_[i].name, variant.details[i]);
-      }
-      points.push_back(estimate.score_2d3d.num_inliers);
-      matches.push_back(estimate.score_2d2d.num_inliers);
+      const Outcome& outcome = outcomes[i];
+      if (outcome.cam_from_world) poses.emplace(queries_[i].name, *outcome.cam_from_world);
+      if (truth_.contains(queries_[i].name)) row.details.emplace(queries_[i].name, outcome.detail);
+      points.push_back(outcome.inliers_2d3d);
+      matches.push_back(outcome.inliers_2d2d);
     }
     row.comparison = CompareWithGroundTruth(truth_, poses);
     row.median_inliers = {MedianOf(std::span(points)), MedianOf(std::span(matches))};
@@ -224,13 +198,12 @@ class Runner {
   }
 
   std::span<const Query> queries_;
-  const MatchSource& matches_;
+  std::shared_ptr<const MatchSource> matches_;
   const LocalizationGrid& grid_;
   PosesByName truth_;
-  std::vector<Geometry> geometries_;
-  std::vector<std::unique_ptr<AlignedSource>> aligned_;
-  std::vector<std::unique_ptr<PoseEstimator>> estimators_;
-  std::vector<Variant> variants_;
+  std::vector<Way> ways_;
+  std::vector<Localizer> localizers_;           // one for each way
+  std::vector<std::vector<Outcome>> outcomes_;  // of each way, of each query
 };
 
 EstimatorOptions ParseMethod(std::string_view text, EstimatorOptions options) {
@@ -291,12 +264,13 @@ std::string LocalizationRow::Name() const {
   return name;
 }
 
-LocalizationComparison CompareLocalization(
-    std::span<const ComparedSource> sources, std::span<const Query> queries,
-    const MatchSource& matches, std::span<const PosedImage> references,
-    std::span<const ReferenceMatch> reference_matches, const PosesByName& ground_truth,
-    const LocalizationGrid& grid, const std::function<void()>& on_progress) {
-  return Runner(sources, queries, matches, references, reference_matches, ground_truth, grid)
+LocalizationComparison CompareLocalization(const Scene& scene, std::span<const Query> queries,
+                                           std::shared_ptr<const MatchSource> matches,
+                                           std::span<const ReferenceMatch> reference_matches,
+                                           const PosesByName& ground_truth,
+                                           const LocalizationGrid& grid,
+                                           const std::function<void()>& on_progress) {
+  return Runner(scene, queries, std::move(matches), reference_matches, ground_truth, grid)
       .Run(on_progress);
 }
 

@@ -149,14 +149,31 @@ class InputCollector {
   Json GeometryJson(const Setting& setting) {
     const ExperimentScene& scene = experiment_.SceneOf(setting);
     const ExperimentGeometry& geometry = *scene.FindGeometry(setting[Axis::kGeometry]);
-    const std::string spec = Replaced(geometry.spec, "{every}", setting[Axis::kEvery]);
+    Json json = Json::object();
+    for (const std::string& spec : geometry.specs) {
+      Json source = SourceJson(scene, Replaced(spec, "{every}", setting[Axis::kEvery]));
+      if (json.empty()) {
+        json = std::move(source);
+      } else {
+        json["then"].push_back(std::move(source));
+      }
+    }
+    if (geometry.specs.size() > 1) json["mode"] = ToString(geometry.mode);
+    if (geometry.candidates.mode != CandidateMode::kKeep) {
+      json["candidates"] = {ToString(geometry.candidates.mode), geometry.candidates.max_error_px,
+                            geometry.candidates.min_angle_deg};
+    }
+    if (geometry.perturbation) json["perturbation"] = PerturbationJson(*geometry.perturbation);
+    return json;
+  }
+
+  Json SourceJson(const ExperimentScene& scene, const std::string& spec) {
     // The path itself may change where the data were moved.
     const std::string place = PlaceOfSpec(spec);
     Json json = {{"spec", place.empty() ? spec : Replaced(spec, place, "")}};
     std::vector<path> inputs = PathsOfSpec(spec);
     if (inputs.empty()) inputs.push_back(scene.model);
     for (const path& input : inputs) json["data"].push_back(identity_.Of(input));
-    if (geometry.perturbation) json["perturbation"] = PerturbationJson(*geometry.perturbation);
     return json;
   }
 
@@ -270,7 +287,9 @@ std::vector<path> MissingInputs(const Experiment& experiment, std::span<const Se
       look(ForThinning(file, every));
     }
     if (const auto* geometry = scene.FindGeometry(setting[Axis::kGeometry])) {
-      for (const path& file : PathsOfSpec(ForThinning(geometry->spec, every).string())) look(file);
+      for (const std::string& spec : geometry->specs) {
+        for (const path& file : PathsOfSpec(ForThinning(spec, every).string())) look(file);
+      }
     }
   }
   return missing;

@@ -193,7 +193,8 @@ class ExperimentReader {
     scene.groups = read.groups;
     scene.times = read.times;
     for (const SceneGeometry& geometry : read.geometries) {
-      scene.geometry.push_back({geometry.name, geometry.name, geometry.spec, std::nullopt});
+      scene.geometry.push_back(
+          {.name = geometry.name, .title = geometry.name, .specs = {geometry.spec}});
     }
     return read.thresholds;
   }
@@ -226,12 +227,11 @@ class ExperimentReader {
       geometry.name = geometry.title = name;
       if (table.IsTable(name)) {
         TomlTable entry = *table.Table(name);
-        geometry.spec = ResolveSpec(entry.RequiredText("spec"));
         geometry.title = entry.Text("title").value_or(name);
-        geometry.perturbation = ReadPerturbation(entry);
+        ReadPoints(entry, geometry);
         entry.RequireAllRead();
       } else {
-        geometry.spec = ResolveSpec(table.RequiredText(name));
+        geometry.specs = {ResolveSpec(table.RequiredText(name))};
       }
     }
     std::stable_sort(geometries.begin(), geometries.end(),
@@ -242,6 +242,28 @@ class ExperimentReader {
       std::erase_if(all,
                     [&](const ExperimentGeometry& other) { return other.name == geometry.name; });
       all.push_back(std::move(geometry));
+    }
+  }
+
+  void ReadPoints(TomlTable& table, ExperimentGeometry& geometry) {
+    geometry.mode = table.Named("mode", GeometryModeFromName, "first|all").value_or(geometry.mode);
+    CandidateOptions& candidates = geometry.candidates;
+    candidates.mode = table.Named("candidates", CandidateModeFromName, "keep|merge|triangulate")
+                          .value_or(candidates.mode);
+    ReadNumber(table, "candidates_error_px", candidates.max_error_px);
+    ReadNumber(table, "candidates_min_angle_deg", candidates.min_angle_deg);
+    Checked(table, "candidates", [&] { candidates.Validate(); });
+    if (table.Has("spec")) {
+      for (const std::string& spec : table.Values("spec")) {
+        geometry.specs.push_back(ResolveSpec(spec));
+      }
+    }
+    if (geometry.specs.empty() && candidates.mode != CandidateMode::kTriangulate) {
+      table.Fail("spec", "is missing");
+    }
+    geometry.perturbation = ReadPerturbation(table);
+    if (geometry.perturbation && geometry.specs.size() != 1) {
+      table.Fail("spec", "expected one source, whose depth is made worse");
     }
   }
 

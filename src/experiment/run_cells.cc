@@ -6,7 +6,6 @@
 #include <memory>
 #include <tuple>
 
-#include "continuous_cells.h"
 #include "perturbed_depth.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -16,12 +15,12 @@
 #include "raylift/base/parallel.h"
 #include "raylift/base/text.h"
 #include "raylift/geometry/pose_convention.h"
-#include "raylift/lifting/aligned_source.h"
-#include "raylift/lifting/depth_alignment.h"
-#include "raylift/lifting/geometry_spec.h"
-#include "raylift/lifting/lifter.h"
-#include "raylift/localization/localizer.h"
-#include "raylift/localization/match_source.h"
+#include "raylift/io/scene_file.h"
+#include "raylift/localization/continuous_localizer.h"
+#include "raylift/localization/continuous_order.h"
+#include "raylift/localization/grid_localizer.h"
+#include "raylift/localization/matching.h"
+#include "raylift/localization/scene.h"
 #include "raylift/localization/scene_matches.h"
 
 namespace raylift {
@@ -42,22 +41,17 @@ EstimatorOptions EstimatorOf(const Experiment& experiment, const Cell& cell) {
   return options;
 }
 
-FewPoints FewPointsOf(const Setting& setting) {
-  const auto method = MethodFromName(setting[Axis::kMethod]);
-  const bool needs_points = method == Method::kP3p || method == Method::kHloc;
-  return needs_points ? FewPoints::kKeepBest : FewPoints::kDropAll;
-}
-
-QueryOutcome OutcomeOf(const PoseProblem& problem, const PoseEstimate& estimate) {
+QueryOutcome OutcomeOf(const LocalizedQuery& localized) {
+  const PoseEstimate& estimate = localized.estimate;
   QueryOutcome outcome;
-  outcome.name = problem.name;
+  outcome.name = localized.name;
   outcome.cam_from_world = estimate.cam_from_world;
   outcome.position_observable = estimate.position_observable;
-  outcome.reason = ReasonNotLocalized(estimate);
-  outcome.inliers_2d3d = estimate.score_2d3d.num_inliers;
-  outcome.inliers_2d2d = estimate.score_2d2d.num_inliers;
-  outcome.matches_2d3d = static_cast<int>(problem.matches_2d3d.size());
-  outcome.matches_2d2d = static_cast<int>(problem.matches_2d2d.size());
+  outcome.reason = localized.reason;
+  outcome.inliers_2d3d = static_cast<int>(localized.counts.inliers_2d3d);
+  outcome.inliers_2d2d = static_cast<int>(localized.counts.inliers_2d2d);
+  outcome.matches_2d3d = static_cast<int>(localized.counts.points);
+  outcome.matches_2d2d = static_cast<int>(localized.counts.matched);
   outcome.solver = estimate.solver;
   return outcome;
 }
@@ -66,23 +60,6 @@ QueryOutcome OutcomeOf(const PoseProblem& problem, const PoseEstimate& estimate)
 std::string GeometryHash(const Cell& cell) {
   const auto inputs = nlohmann::json::parse(cell.inputs);
   return HexText(HashBytes64(inputs.at("geometry").dump() + inputs.at("scene").at("model").dump()));
-}
-
-// Every n-th reference from `first` on.
-ReferenceSet Thinned(ReferenceSet all, size_t every, size_t first) {
-  ReferenceSet thinned;
-  thinned.model = std::move(all.model);
-  for (size_t i = 0; i < all.images.size(); ++i) {
-    if (i % every == first) {
-      thinned.images.push_back(std::move(all.images[i]));
-    } else {
-      thinned.thinned_out.push_back(std::move(all.images[i].name));
-    }
-  }
-  if (thinned.images.empty()) {
-    throw InputError(thinned.model, fmt::format("holds no more than {} references", first));
-  }
-  return thinned;
 }
 
 // The geometry and alignment that cells share.
@@ -94,44 +71,51 @@ class ThinnedScene {
   ThinnedScene(const Experiment& experiment, const ExperimentScene& scene, std::string every,
                size_t offset, const RunCellsOptions& options)
       : experiment_(experiment),
-        scene_(scene),
+        settings_(scene),
         every_(std::move(every)),
         options_(options),
-        queries_(QueriesOf(scene)) {
-    LoadedReferences loaded =
-        LoadReferences(scene.model, 1, PoseConventionFromName(scene.model_poses).value());
-    references_ = Thinned(std::move(loaded.references), ParseUint(every_).value(), offset);
-    covisibility_ = std::move(loaded.covisibility);
-    Take(std::move(loaded.warnings));
-    matches_ = OpenMatches();
+        queries_(QueriesOf(scene)),
+        references_(OpenScene({.model = scene.model,
+                               .model_poses = PoseConventionFromName(scene.model_poses).value(),
+                               .thinning = {.every = static_cast<int>(ParseUint(every_).value()),
+                                            .offset = static_cast<int>(offset)},
+                               .images = scene.images})),
+        matches_(OpenMatches()) {
+    Take(references_.warnings);
   }
 
   // Cells of one block of queries.
   void Run(std::span<const Cell> cells, const CellStore& store) {
-    if (scene_.continuous) {
+    if (settings_.continuous) {
       for (const Cell& cell : cells) store.Write(cell, RunContinuously(cell));
       return;
     }
-    const std::vector<PoseProblem> matched = MatchQueries(cells.front().begin, cells.front().end);
-    std::map<GeometryKey, std::vector<Cell>> by_geometry;
+    std::vector<Localizer> ways;
     for (const Cell& cell : cells) {
-      by_geometry[{cell.setting[Axis::kGeometry], cell.setting[Axis::kAlign]}].push_back(cell);
+      ways.emplace_back(SceneOf(cell), matches_, LocalizerOptionsOf(cell));
     }
-    for (const auto& [key, of_geometry] : by_geometry) {
-      if (key.first.empty()) {
-        Estimate(of_geometry, matched, store);
-        continue;
-      }
-      OpenSource(key, of_geometry.front());
-      const std::vector<PoseProblem> lifted = Lift(*sources_.at(key), matched);
-      std::map<std::pair<std::string, FewPoints>, std::vector<Cell>> by_filter;
-      for (const Cell& cell : of_geometry) {
-        by_filter[{cell.setting[Axis::kFilter], FewPointsOf(cell.setting)}].push_back(cell);
-      }
-      for (const auto& [filter, of_filter] : by_filter) {
-        Estimate(of_filter, Filter(key, filter.first, filter.second, lifted), store);
-      }
+    const GridLocalizer localizer(std::move(ways));
+    const auto queries =
+        std::span(queries_).subspan(cells.front().begin, cells.front().end - cells.front().begin);
+    struct InHand {
+      std::vector<QueryOutcome> outcomes;
+      std::atomic<size_t> left;
+    };
+    std::vector<InHand> in_hand(cells.size());
+    for (InHand& cell : in_hand) {
+      cell.outcomes.resize(queries.size());
+      cell.left = queries.size();
     }
+    // A cell is written by who estimates its last query.
+    ParallelFor(queries.size(), options_.threads, [&](size_t query) {
+      localizer.Localize(queries[query], options_.threads,
+                         [&](size_t way, const QueryResult& result) {
+                           InHand& cell = in_hand[way];
+                           cell.outcomes[query] = OutcomeOf(result.localized);
+                           if (options_.on_estimate) options_.on_estimate();
+                           if (--cell.left == 0) store.Write(cells[way], cell.outcomes);
+                         });
+    });
   }
 
   std::vector<std::string> TakeWarnings() {
@@ -142,179 +126,120 @@ class ThinnedScene {
  private:
   void Take(std::vector<std::string> warnings) {
     for (std::string& warning : warnings) {
-      warnings_.push_back(fmt::format("{}, 1/{}: {}", scene_.name, every_, warning));
+      warnings_.push_back(fmt::format("{}, 1/{}: {}", settings_.name, every_, warning));
     }
   }
 
   // With a number, up to so many localized queries may be among a query's references.
-  std::unique_ptr<MatchSource> OpenMatches(std::optional<int> max_joined = std::nullopt) const {
-    if (!scene_.features.empty()) {
-      JoiningQueries joining;
-      if (max_joined) joining = {queries_, *max_joined};
-      return OpenHlocMatches(
-          {ForThinning(scene_.features, every_), ForThinning(scene_.matches, every_),
-           ForThinning(scene_.pairs, every_)},
-          references_, scene_.top_k, joining);
+  std::shared_ptr<MatchSource> OpenMatches(std::optional<int> max_joined = std::nullopt) const {
+    MatchingOptions matching{.top_k = settings_.top_k, .max_joined = max_joined};
+    if (!settings_.features.empty()) {
+      matching.hloc =
+          HlocFiles{ForThinning(settings_.features, every_), ForThinning(settings_.matches, every_),
+                    ForThinning(settings_.pairs, every_)};
     }
-    return MakeFrontEndMatches({.reference_images = scene_.images,
-                                .query_images = scene_.query_images,
-                                .cache = options_.cache / "features" / scene_.name,
-                                .top_k = scene_.top_k,
-                                .max_features = scene_.max_features,
-                                .threads = options_.threads,
-                                .show_progress = false,
-                                .max_joined = max_joined},
-                               references_, queries_);
+    matching.front_end = {.query_images = settings_.query_images,
+                          .cache = options_.cache / "features" / settings_.name,
+                          .max_features = settings_.max_features,
+                          .threads = options_.threads};
+    return raylift::OpenMatches(references_, queries_, matching);
   }
 
-  std::vector<PoseProblem> MatchQueries(size_t begin, size_t end) const {
-    std::vector<PoseProblem> problems(end - begin);
-    ParallelFor(problems.size(), options_.threads, [&](size_t i) {
-      const Query& query = queries_[begin + i];
-      QueryMatches matches = matches_->Match(query);
-      PoseProblem& problem = problems[i];
-      problem.name = query.name;
-      problem.query_camera = query.camera;
-      problem.references = std::move(matches.references);
-      problem.reference_clusters = covisibility_.Clusters(problem.references);
-      problem.matches_2d2d = std::move(matches.matches);
-    });
-    return problems;
-  }
-
-  void OpenSource(const GeometryKey& key, const Cell& cell) {
-    if (sources_.contains(key)) return;
-    const ExperimentGeometry& geometry = *scene_.FindGeometry(key.first);
-    NamedGeometry opened =
-        MakeGeometrySource(SpecOf(geometry, cell), {.model = scene_.model,
-                                                    .references = references_.images,
-                                                    .thinned_out = references_.thinned_out});
-    Take(std::move(opened.warnings));
-    std::shared_ptr<const GeometrySource> source = std::move(opened.source);
-    const AlignMode mode = AlignModeFromName(key.second).value();
-    if (mode != AlignMode::kOff && opened.kind != GeometryKind::kSfm) {
-      if (!reference_matches_) {
-        reference_matches_ =
-            CollectReferenceMatches(queries_, *matches_, references_, options_.threads);
+  // The scene with the cell's geometry; with none where it needs none.
+  std::shared_ptr<const Scene> SceneOf(const Cell& cell) {
+    const GeometryKey key(cell.setting[Axis::kGeometry], cell.setting[Axis::kAlign]);
+    const auto known = scenes_.find(key);
+    if (known != scenes_.end()) return known->second;
+    Scene scene = references_;
+    if (!key.first.empty()) {
+      scene.warnings.clear();
+      const ExperimentGeometry& geometry = *settings_.FindGeometry(key.first);
+      for (const std::string& spec : geometry.specs) {
+        OpenGeometry(scene, SpecOf(geometry, spec, cell), {.wrap_source = options_.wrap_source});
       }
-      const DepthAlignment alignment = AlignDepth(*source, references_.images, *reference_matches_,
-                                                  {.mode = mode}, options_.threads);
-      source = std::make_shared<AlignedSource>(source, alignment.Corrections());
+      Take(scene.warnings);
+      const AlignMode mode = AlignModeFromName(key.second).value();
+      if (mode != AlignMode::kOff) scene = Aligned(scene, mode, Matches(), options_.threads);
     }
-    sources_.emplace(key, std::move(source));
+    return scenes_.emplace(key, std::make_shared<const Scene>(std::move(scene))).first->second;
   }
 
   // Depth that is made worse is written for all references: other thinnings use it, too.
-  std::string SpecOf(const ExperimentGeometry& geometry, const Cell& cell) const {
-    const std::string spec = ForThinning(geometry.spec, every_).string();
+  std::string SpecOf(const ExperimentGeometry& geometry, const std::string& text,
+                     const Cell& cell) const {
+    const std::string spec = ForThinning(text, every_).string();
     if (!geometry.perturbation) return spec;
-    const LoadedReferences all =
-        LoadReferences(scene_.model, 1, PoseConventionFromName(scene_.model_poses).value());
-    return WritePerturbedDepth(options_.cache / "depth" / scene_.name / GeometryHash(cell), spec,
-                               {.model = scene_.model, .references = all.references.images},
+    const Scene all = OpenScene({.model = settings_.model, .model_poses = references_.model_poses});
+    return WritePerturbedDepth(options_.cache / "depth" / settings_.name / GeometryHash(cell), spec,
+                               {.model = settings_.model, .references = all.references.images},
                                *geometry.perturbation, options_.threads);
   }
 
-  std::vector<PoseProblem> Lift(const GeometrySource& source,
-                                std::span<const PoseProblem> matched) const {
-    std::vector<PoseProblem> problems(matched.begin(), matched.end());
-    ParallelFor(problems.size(), options_.threads, [&](size_t i) {
-      problems[i].matches_2d3d =
-          Matches2D3D(LiftMatches(source, problems[i].references, problems[i].matches_2d2d));
-    });
-    return problems;
+  const std::vector<ReferenceMatch>& Matches() {
+    if (!reference_matches_) {
+      reference_matches_ =
+          CollectReferenceMatches(queries_, *matches_, references_.references, options_.threads);
+    }
+    return *reference_matches_;
   }
 
-  std::vector<PoseProblem> Filter(const GeometryKey& key, const std::string& name,
-                                  FewPoints few_points, std::span<const PoseProblem> lifted) {
-    const FilterOptions options = FilterOf(key, name, few_points);
-    std::vector<PoseProblem> problems(lifted.begin(), lifted.end());
-    ParallelFor(problems.size(), options_.threads,
-                [&](size_t i) { FilterProblem(options, problems[i]); });
-    return problems;
-  }
-
-  FilterOptions FilterOf(const GeometryKey& key, const std::string& name, FewPoints few_points) {
-    const NamedFilter& filter = experiment_.FilterNamed(name);
-    FilterOptions options{
-        .mode = filter.mode, .thresholds = filter.thresholds, .few_points = few_points};
-    if (filter.mode == FilterMode::kAuto) options.scene_noise = SceneNoise(key);
+  LocalizerOptions LocalizerOptionsOf(const Cell& cell) {
+    LocalizerOptions options{.estimator = EstimatorOf(experiment_, cell)};
+    if (cell.setting[Axis::kGeometry].empty()) return options;
+    const NamedFilter& filter = experiment_.FilterNamed(cell.setting[Axis::kFilter]);
+    options.filter = {.mode = filter.mode, .thresholds = filter.thresholds};
+    const ExperimentGeometry& geometry = *settings_.FindGeometry(cell.setting[Axis::kGeometry]);
+    options.geometry_mode = geometry.mode;
+    options.candidates = geometry.candidates;
+    if (filter.mode == FilterMode::kAuto) options.filter.scene_noise = NoiseOf(cell);
     return options;
   }
 
-  std::vector<QueryOutcome> RunContinuously(const Cell& cell) {
-    const GeometryKey key(cell.setting[Axis::kGeometry], cell.setting[Axis::kAlign]);
-    std::vector<const GeometrySource*> geometry;
-    FilterOptions filter;
-    if (!key.first.empty()) {
-      OpenSource(key, cell);
-      geometry.push_back(sources_.at(key).get());
-      filter = FilterOf(key, cell.setting[Axis::kFilter], FewPointsOf(cell.setting));
-    }
-    const auto matches = OpenMatches(std::max(1, scene_.top_k / 2));
-    return RunContinuousCell({.scene = scene_,
-                              .queries = queries_,
-                              .references = references_,
-                              .matches = *matches,
-                              .geometry = geometry,
-                              .filter = filter,
-                              .estimator = EstimatorOf(experiment_, cell),
-                              .checkpoint = options_.cache / "continuous" / cell.Key(),
-                              .key = cell.Key(),
-                              .threads = options_.threads,
-                              .on_estimate = options_.on_estimate});
-  }
-
-  std::optional<MultiViewNoise> SceneNoise(const GeometryKey& key) {
-    const auto known = noise_.find(key);
+  std::optional<MultiViewNoise> NoiseOf(const Cell& cell) {
+    const std::shared_ptr<const Scene> scene = SceneOf(cell);
+    const auto known = noise_.find(scene);
     if (known != noise_.end()) return known->second;
-    const GeometrySource* source = sources_.at(key).get();
-    const auto estimator = MakePoseEstimator(experiment_.estimator);
-    const FilterOptions off;
-    const auto noise = EstimateSceneNoise(queries_,
-                                          {.match_source = *matches_,
-                                           .covisibility = covisibility_,
-                                           .geometry = std::span(&source, 1),
-                                           .filter = off,
-                                           .estimator = *estimator},
-                                          options_.threads);
-    return noise_.emplace(key, noise).first->second;
+    const auto noise = EstimateSceneNoise(
+        queries_, *scene, *matches_, settings_.FindGeometry(cell.setting[Axis::kGeometry])->mode,
+        options_.threads);
+    return noise_.emplace(scene, noise).first->second;
   }
 
-  // All queries of all cells at once; a cell is written by who estimates its last query.
-  void Estimate(std::span<const Cell> cells, std::span<const PoseProblem> problems,
-                const CellStore& store) const {
-    struct InHand {
-      std::unique_ptr<PoseEstimator> estimator;
-      std::vector<QueryOutcome> outcomes;
-      std::atomic<size_t> left;
-    };
-    std::vector<InHand> in_hand(cells.size());
-    for (size_t c = 0; c < cells.size(); ++c) {
-      in_hand[c].estimator = MakePoseEstimator(EstimatorOf(experiment_, cells[c]));
-      in_hand[c].outcomes.resize(problems.size());
-      in_hand[c].left = problems.size();
-    }
-    ParallelFor(cells.size() * problems.size(), options_.threads, [&](size_t i) {
-      InHand& cell = in_hand[i / problems.size()];
-      const size_t q = i % problems.size();
-      cell.outcomes[q] = OutcomeOf(problems[q], cell.estimator->Estimate(problems[q]));
-      if (options_.on_estimate) options_.on_estimate();
-      if (--cell.left == 0) store.Write(cells[i / problems.size()], cell.outcomes);
-    });
+  // A run that was killed goes on at the query it was at.
+  std::vector<QueryOutcome> RunContinuously(const Cell& cell) {
+    const path checkpoint_folder = options_.cache / "continuous" / cell.Key();
+    const ContinuousCheckpoint checkpoint(checkpoint_folder, cell.Key(), /*resume=*/true);
+    GrowingScene growing(*SceneOf(cell), OpenMatches(std::max(1, settings_.top_k / 2)),
+                         LocalizerOptionsOf(cell), /*weigh=*/true);
+    const ContinuousRecords records = LocalizeContinuously(
+        queries_, ContinuousOrder(), growing, checkpoint, {.gate = {}, .threads = options_.threads},
+        {.on_done = [&](size_t, const QueryResult*) {
+          if (options_.on_estimate) options_.on_estimate();
+        }});
+    RAYLIFT_CHECK_EQ(CountMissing(records), size_t{0});
+    std::vector<QueryOutcome> outcomes;
+    for (const auto& record : records) outcomes.push_back(OutcomeOf(record->localized));
+    std::error_code ignored;
+    std::filesystem::remove_all(checkpoint_folder, ignored);
+    return outcomes;
+  }
+
+  std::vector<size_t> ContinuousOrder() const {
+    if (settings_.times.empty()) return OrderByName(queries_);
+    return OrderByTime(queries_, references_.references.images, ReadTimes(settings_.times),
+                       settings_.times);
   }
 
   const Experiment& experiment_;
-  const ExperimentScene& scene_;
+  const ExperimentScene& settings_;
   std::string every_;
   const RunCellsOptions& options_;
   std::vector<Query> queries_;
-  ReferenceSet references_;
-  Covisibility covisibility_;
-  std::unique_ptr<MatchSource> matches_;
-  std::map<GeometryKey, std::shared_ptr<const GeometrySource>> sources_;
+  Scene references_;  // without geometry
+  std::shared_ptr<MatchSource> matches_;
+  std::map<GeometryKey, std::shared_ptr<const Scene>> scenes_;
   std::optional<std::vector<ReferenceMatch>> reference_matches_;
-  std::map<GeometryKey, std::optional<MultiViewNoise>> noise_;
+  std::map<std::shared_ptr<const Scene>, std::optional<MultiViewNoise>> noise_;
   std::vector<std::string> warnings_;
 };
 

@@ -16,13 +16,14 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 // Both solvers are asked where both have what they need.
-std::optional<SolverPoses> AskSolvers(const QueryResult& result, const ContinuousOptions& options) {
+std::optional<SolverPoses> AskSolvers(const QueryResult& result, const EstimatorOptions& estimator,
+                                      const ContinuousOptions& options) {
   if (!options.gate.needs_agreement || result.problem.matches_2d3d.empty()) return std::nullopt;
   const PoseEstimate& estimate = result.localized.estimate;
   if (estimate.p3p_cam_from_world && estimate.e5p1_cam_from_world) {
     return SolverPoses{estimate.p3p_cam_from_world, estimate.e5p1_cam_from_world};
   }
-  return EstimateBySolvers(result.problem, options.estimator, options.threads);
+  return EstimateBySolvers(result.problem, estimator, options.threads);
 }
 
 size_t CountJoined(const PoseProblem& problem, const JoinedReferences& joined) {
@@ -44,8 +45,8 @@ ContinuousRecord MakeRecord(const QueryResult& result, size_t place, const Growi
   json["retrieved_joined"] = CountJoined(result.problem, scene.joined());
   std::string reason = "not localized";
   if (result.localized.localized()) {
-    const JoinEvidence evidence =
-        CollectEvidence(result, scene.joined(), AskSolvers(result, options));
+    const JoinEvidence evidence = CollectEvidence(
+        result, scene.joined(), AskSolvers(result, scene.localizer().options().estimator, options));
     reason = ReasonNotToJoin(evidence, options.gate);
     if (evidence.difference_deg) {
       json["solvers_differ_deg"] = *evidence.difference_deg;
@@ -70,22 +71,32 @@ ContinuousRecord MakeRecord(const QueryResult& result, size_t place, const Growi
   return record;
 }
 
-}  // namespace
-
-GrowingScene::GrowingScene(MatchSource& matches, std::span<const GeometrySource* const> geometry,
-                           bool weigh)
-    : source_(matches), joined_(weigh), weighed_(source_, joined_) {
-  for (const GeometrySource* source : geometry) {
-    const auto links =
-        owned_geometry_.empty() ? JoinedGeometry::Links::kGive : JoinedGeometry::Links::kLeaveOut;
-    owned_geometry_.push_back(std::make_unique<JoinedGeometry>(*source, joined_, links));
-    geometry_.push_back(owned_geometry_.back().get());
+// The scene as one sees it whose references may also be joined queries.
+std::shared_ptr<const Scene> WithJoined(const Scene& scene,
+                                        const std::shared_ptr<const JoinedReferences>& joined) {
+  auto growing = std::make_shared<Scene>(scene);
+  growing->covisibility = nullptr;
+  auto links = JoinedGeometry::Links::kGive;
+  for (SceneSource& source : growing->sources) {
+    source.geometry.source =
+        std::make_shared<JoinedGeometry>(std::move(source.geometry.source), joined, links);
+    links = JoinedGeometry::Links::kLeaveOut;
   }
+  return growing;
 }
 
+}  // namespace
+
+GrowingScene::GrowingScene(const Scene& scene, std::shared_ptr<MatchSource> matches,
+                           const LocalizerOptions& options, bool weigh)
+    : source_(std::move(matches)),
+      joined_(std::make_shared<JoinedReferences>(weigh)),
+      localizer_(WithJoined(scene, joined_), std::make_shared<WeighedMatches>(source_, joined_),
+                 options) {}
+
 void GrowingScene::Join(const JoinedReference& reference) {
-  joined_.Add(reference);
-  source_.Join(reference.image);
+  joined_->Add(reference);
+  source_->Join(reference.image);
 }
 
 size_t CountMissing(const ContinuousRecords& records) {
@@ -112,12 +123,13 @@ ContinuousRecords LocalizeContinuously(std::span<const Query> queries,
     std::optional<QueryResult> result;
     if (!records[query]) {
       if (options.stop != nullptr && *options.stop) break;
-      result = hooks.localize(query);
+      result = scene.localizer().Localize(queries[query]);
+      if (hooks.on_localized) hooks.on_localized(query, *result);
       records[query] = MakeRecord(*result, place, scene, options);
     }
     if (result) checkpoint.Write(place, *records[query]);
     if (records[query]->joined) scene.Join(*records[query]->joined);
-    hooks.on_done(query, result ? &*result : nullptr);
+    if (hooks.on_done) hooks.on_done(query, result ? &*result : nullptr);
   }
   return records;
 }

@@ -185,30 +185,30 @@ PoseCovariance JoinedReferences::PassedOn(const QueryResult& result) const {
 }
 
 QueryMatches WeighedMatches::Match(const Query& query) const {
-  QueryMatches matches = source_.Match(query);
-  joined_.Weigh(matches);
+  QueryMatches matches = source_->Match(query);
+  joined_->Weigh(matches);
   return matches;
 }
 
 std::vector<std::optional<SurfacePoint>> JoinedGeometry::Lift(
     const PosedImage& reference, std::span<const Eigen::Vector2d> pixels) const {
-  if (!joined_.Contains(reference.name)) return source_.Lift(reference, pixels);
+  if (!joined_->Contains(reference.name)) return source_->Lift(reference, pixels);
   std::vector<std::optional<SurfacePoint>> points(pixels.size());
   std::vector<size_t> asked;
   std::vector<Eigen::Vector2d> asked_pixels;
   for (size_t i = 0; i < pixels.size(); ++i) {
-    if (const auto linked = joined_.LinkedPoint(reference.name, pixels[i])) {
+    if (const auto linked = joined_->LinkedPoint(reference.name, pixels[i])) {
       if (links_ == Links::kGive) points[i] = MakeSurfacePoint(reference, *linked);
       continue;
     }
     asked.push_back(i);
     asked_pixels.push_back(pixels[i]);
   }
-  auto lifted = source_.Lift(reference, asked_pixels);
+  auto lifted = source_->Lift(reference, asked_pixels);
   for (size_t k = 0; k < asked.size(); ++k) {
     if (!lifted[k]) continue;
     // As far beside the ray as the pose may be wrong there.
-    const auto sigma_px = joined_.SigmaPx(reference.name, lifted[k]->point_in_world);
+    const auto sigma_px = joined_->SigmaPx(reference.name, lifted[k]->point_in_world);
     if (sigma_px) {
       lifted[k]->point_sigma = *sigma_px * lifted[k]->depth_z / reference.camera.MeanFocalPx();
     }

@@ -15,12 +15,14 @@
 #include "raylift/features/root_sift.h"
 #include "raylift/io/hloc.h"
 #include "raylift/io/image_file.h"
+#include "raylift/localization/front_end.h"
 
 namespace raylift {
 namespace {
 
 // Changes whenever extraction changes, so that old caches are not used.
 constexpr int kExtractionVersion = 1;
+constexpr bool kHalfDescriptors = true;
 
 // A line per image: what the features depend on.
 std::string DescribeInputs(const std::vector<ImageFile>& images,
@@ -48,13 +50,37 @@ bool HoldsInputs(const std::string& stored, const std::string& wanted) {
                      [&](std::string_view line) { return known.contains(line); });
 }
 
+// As they are read back from the cache.
+std::map<std::string, Features> ExtractAll(const std::vector<ImageFile>& images,
+                                           const FeatureCacheOptions& options) {
+  std::vector<Features> extracted(images.size());
+  Progress progress("images", images.size(),
+                    options.show_progress ? Progress::Show::kAuto : Progress::Show::kNever);
+  ParallelFor(images.size(), options.threads, [&](size_t i) {
+    extracted[i] = ExtractFrontEndFeatures(ReadImage(images[i].path, ImageChannels::kGrey),
+                                           options.max_features);
+    progress.Advance();
+  });
+  std::map<std::string, Features> by_name;
+  for (size_t i = 0; i < images.size(); ++i) {
+    by_name.emplace(images[i].name, std::move(extracted[i]));
+  }
+  return by_name;
+}
+
 }  // namespace
+
+Features ExtractFrontEndFeatures(const Image& photograph, int max_features) {
+  return AsStored(ExtractRootSift(ToGrey(photograph), {.max_features = max_features}),
+                  kHalfDescriptors);
+}
 
 std::map<std::string, Features> ExtractOrReadFeatures(const std::vector<ImageFile>& images,
                                                       const FeatureCacheOptions& options) {
   std::vector<ImageFile> sorted = images;
   std::sort(sorted.begin(), sorted.end(),
             [](const ImageFile& a, const ImageFile& b) { return a.name < b.name; });
+  if (options.folder.empty()) return ExtractAll(sorted, options);
   const std::filesystem::path file = options.folder / "features.h5";
   const std::filesystem::path inputs_file = options.folder / "features.inputs.txt";
   const std::string inputs = DescribeInputs(sorted, options);
@@ -63,23 +89,10 @@ std::map<std::string, Features> ExtractOrReadFeatures(const std::vector<ImageFil
                       std::filesystem::exists(inputs_file, error) &&
                       HoldsInputs(ReadFile(inputs_file), inputs);
   if (!cached) {
-    std::vector<Features> extracted(sorted.size());
-    {
-      Progress progress("images", sorted.size(),
-                        options.show_progress ? Progress::Show::kAuto : Progress::Show::kNever);
-      ParallelFor(sorted.size(), options.threads, [&](size_t i) {
-        extracted[i] = ExtractRootSift(ReadImage(sorted[i].path, ImageChannels::kGrey),
-                                       {.max_features = options.max_features});
-        progress.Advance();
-      });
-    }
-    std::map<std::string, Features> by_name;
-    for (size_t i = 0; i < sorted.size(); ++i) {
-      by_name.emplace(sorted[i].name, std::move(extracted[i]));
-    }
+    const std::map<std::string, Features> by_name = ExtractAll(sorted, options);
     // Killed in between, the new features must not pass for what the old list describes.
     std::filesystem::remove(inputs_file, error);
-    WriteFeatureFile(file, by_name, /*half_descriptors=*/true);
+    WriteFeatureFile(file, by_name, kHalfDescriptors);
     WriteFile(inputs_file, inputs);
   }
   const FeatureFile features(file);

@@ -27,6 +27,7 @@ struct FeatureCacheOptions {
 // The RootSIFT features of all images: read from `folder`/features.h5 where that was made from the
 // same files (by size and time of change) with the same options, else extracted and written there.
 // In both cases they are the file's, so that a second run sees the same numbers as the first.
+// Without a folder they are extracted, to the same numbers.
 std::map<std::string, Features> ExtractOrReadFeatures(const std::vector<ImageFile>& images,
                                                       const FeatureCacheOptions& options);
 

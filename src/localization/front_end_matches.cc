@@ -3,17 +3,19 @@
 #include <algorithm>
 #include <map>
 #include <memory>
+#include <mutex>
+#include <utility>
 
 #include "localization/feature_cache.h"
 #include "localization/joined_retrieval.h"
-#include "localization/vlad_retrieval.h"
+#include "localization/vlad_index.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
 #include "raylift/features/matcher.h"
 #include "raylift/io/hloc.h"
-#include "raylift/localization/match_source.h"
+#include "raylift/localization/front_end.h"
 
 namespace raylift {
 namespace {
@@ -24,33 +26,73 @@ class FrontEndMatches final : public MatchSource {
                   const std::vector<Query>& queries)
       : options_(options), references_(references.images) {
     std::vector<ImageFile> files;
-    for (const PosedImage& image : references_) {
-      files.push_back({image.name, options.reference_images / image.name});
-    }
+    const auto want = [&](const std::string& name, const std::filesystem::path& folder) {
+      if (!options.features.contains(name)) files.push_back({name, folder / name});
+    };
+    for (const PosedImage& image : references_) want(image.name, options.reference_images);
     for (const Query& query : queries) {
       if (std::any_of(references_.begin(), references_.end(),
                       [&](const PosedImage& image) { return image.name == query.name; })) {
         throw InputError(fmt::format("the query \"{}\" is also a reference of the model {}",
                                      query.name, references.model.string()));
       }
-      files.push_back({query.name, options.query_images / query.name});
+      want(query.name, options.query_images);
     }
-    features_ = ExtractOrReadFeatures(files, {.folder = options.cache,
-                                              .max_features = options.max_features,
-                                              .threads = options.threads,
-                                              .show_progress = options.show_progress});
+    features_ = std::move(options_.features);
+    if (!files.empty()) {
+      features_.merge(ExtractOrReadFeatures(files, {.folder = options.cache,
+                                                    .max_features = options.max_features,
+                                                    .threads = options.threads,
+                                                    .show_progress = options.show_progress}));
+    }
     CheckSizes(queries);
     Retrieve(queries);
-    if (options.max_joined) {
-      joined_ =
-          std::make_unique<JoinedRetrieval>(references_, features_, options.seed, options.threads);
-    }
+    if (options.max_joined) joined_ = std::make_unique<JoinedRetrieval>(Index());
   }
 
   QueryMatches Match(const Query& query) const override {
+    const auto retrieved = retrieved_.find(query.name);
+    if (retrieved == retrieved_.end()) {
+      throw InputError(fmt::format(
+          "the query \"{}\" is not among those that the features were extracted of", query.name));
+    }
+    return MatchWith(query, features_.at(query.name), retrieved->second);
+  }
+
+  QueryMatches MatchPhotograph(const Query& query, const Image& photograph) const override {
+    return MatchFeatures(query, ExtractFrontEndFeatures(photograph, options_.max_features));
+  }
+
+  QueryMatches MatchFeatures(const Query& query, const Features& features) const override {
+    CheckSize(query.name, query.camera, features);
+    std::vector<int> retrieved;
+    const std::string name[] = {query.name};
+    for (const RetrievedReference& r :
+         Index()->Best(name, Index()->VectorOf(features), options_.top_k, 1).front()) {
+      retrieved.push_back(r.reference_index);
+    }
+    return MatchWith(query, features, retrieved);
+  }
+
+  void Join(const PosedImage& localized_query) override {
+    RAYLIFT_CHECK(joined_ != nullptr);
+    joined_->Join(localized_query, features_.at(localized_query.name));
+  }
+
+  std::vector<std::string> Warnings() const override { return {}; }
+
+ private:
+  QueryMatches MatchWith(const Query& query, const Features& query_features,
+                         const std::vector<int>& retrieved) const {
     QueryMatches result;
-    result.references = ReferencesOf(query);
-    const Features& query_features = features_.at(query.name);
+    for (const int index : retrieved) {
+      result.references.push_back(references_[static_cast<size_t>(index)]);
+    }
+    if (joined_) {
+      result.references = joined_->Merge(query.name, query_features, result.references,
+                                         static_cast<size_t>(options_.top_k),
+                                         static_cast<size_t>(*options_.max_joined));
+    }
     std::vector<std::vector<FeatureMatch>> matches(result.references.size());
     // Where queries follow each other, the references of one are matched side by side.
     ParallelFor(matches.size(), joined_ ? options_.threads : 1, [&](size_t i) {
@@ -69,53 +111,46 @@ class FrontEndMatches final : public MatchSource {
     return result;
   }
 
-  void Join(const PosedImage& localized_query) override {
-    RAYLIFT_CHECK(joined_ != nullptr);
-    joined_->Join(localized_query, features_.at(localized_query.name));
-  }
-
-  std::vector<std::string> Warnings() const override { return {}; }
-
- private:
-  std::vector<PosedImage> ReferencesOf(const Query& query) const {
-    std::vector<PosedImage> references;
-    for (const int index : retrieved_.at(query.name)) {
-      references.push_back(references_[static_cast<size_t>(index)]);
-    }
-    if (!joined_) return references;
-    return joined_->Merge(query.name, features_.at(query.name), references,
-                          static_cast<size_t>(options_.top_k),
-                          static_cast<size_t>(*options_.max_joined));
+  // Made when it is first wanted: other ways to retrieve need none.
+  const std::shared_ptr<const VladIndex>& Index() const {
+    std::call_once(index_is_made_, [this] {
+      std::vector<std::string> names;
+      for (const PosedImage& image : references_) names.push_back(image.name);
+      index_ = std::make_shared<const VladIndex>(std::move(names), features_, options_.seed,
+                                                 options_.threads);
+    });
+    return index_;
   }
 
   void CheckSizes(const std::vector<Query>& queries) const {
     for (const PosedImage& image : references_) {
-      CheckSize(options_.reference_images / image.name, image.name, image.camera);
+      CheckSize(options_.reference_images / image.name, image.camera, features_.at(image.name));
     }
     for (const Query& query : queries) {
-      CheckSize(options_.query_images / query.name, query.name, query.camera);
+      CheckSize(options_.query_images / query.name, query.camera, features_.at(query.name));
     }
   }
 
-  void CheckSize(const std::filesystem::path& path, const std::string& name,
-                 const Camera& camera) const {
-    const Features& features = features_.at(name);
-    if (features.image_width_px != camera.width_px() ||
-        features.image_height_px != camera.height_px()) {
-      throw InputError(
-          path, fmt::format("the image is {} x {}, its camera {} x {}", features.image_width_px,
-                            features.image_height_px, camera.width_px(), camera.height_px()));
+  static void CheckSize(const std::filesystem::path& image, const Camera& camera,
+                        const Features& features) {
+    if (features.image_width_px == camera.width_px() &&
+        features.image_height_px == camera.height_px()) {
+      return;
     }
+    throw InputError(
+        image, fmt::format("the image is {} x {}, its camera {} x {}", features.image_width_px,
+                           features.image_height_px, camera.width_px(), camera.height_px()));
   }
 
   void Retrieve(const std::vector<Query>& queries) {
     std::vector<std::string> query_names, reference_names;
     for (const Query& query : queries) query_names.push_back(query.name);
     for (const PosedImage& image : references_) reference_names.push_back(image.name);
+    if (queries.empty()) return;
     const RetrievedLists ranks =
-        options_.retrieved ? *options_.retrieved
-                           : RetrieveByVlad(query_names, reference_names, features_, options_.top_k,
-                                            options_.seed, options_.threads);
+        options_.retrieved
+            ? *options_.retrieved
+            : RetrieveByVlad(*Index(), query_names, features_, options_.top_k, options_.threads);
     RAYLIFT_CHECK_EQ(ranks.size(), queries.size());
     std::vector<std::pair<std::string, std::string>> pairs;
     for (size_t i = 0; i < queries.size(); ++i) {
@@ -125,7 +160,7 @@ class FrontEndMatches final : public MatchSource {
         pairs.emplace_back(query_names[i], reference_names[static_cast<size_t>(r.reference_index)]);
       }
     }
-    WritePairs(options_.cache / "pairs.txt", pairs);
+    if (!options_.cache.empty()) WritePairs(options_.cache / "pairs.txt", pairs);
   }
 
   FrontEndOptions options_;
@@ -133,6 +168,8 @@ class FrontEndMatches final : public MatchSource {
   std::map<std::string, Features> features_;
   std::map<std::string, std::vector<int>> retrieved_;  // indices into references_, best first
   std::unique_ptr<JoinedRetrieval> joined_;            // null: no query becomes a reference
+  mutable std::once_flag index_is_made_;
+  mutable std::shared_ptr<const VladIndex> index_;
 };
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Matches from hloc's files.
+#include "raylift/localization/hloc_matches.h"
 
 #include <mutex>
 #include <set>
@@ -8,7 +8,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/io/hloc.h"
-#include "raylift/localization/match_source.h"
 
 namespace raylift {
 namespace {

@@ -2,8 +2,6 @@
 
 #include <algorithm>
 
-#include "raylift/base/parallel.h"
-
 namespace raylift {
 namespace {
 
@@ -13,29 +11,15 @@ double Cosine(const Eigen::VectorXf& a, const Eigen::VectorXf& b) {
 
 }  // namespace
 
-JoinedRetrieval::JoinedRetrieval(std::span<const PosedImage> references,
-                                 const std::map<std::string, Features>& features, uint64_t seed,
-                                 int threads) {
-  std::vector<Features> of_references;
-  for (const PosedImage& image : references) of_references.push_back(features.at(image.name));
-  vocabulary_ = TrainVocabulary(of_references, {.seed = seed, .threads = threads});
-  std::vector<Eigen::VectorXf> vectors(references.size());
-  ParallelFor(references.size(), threads,
-              [&](size_t i) { vectors[i] = ComputeVlad(of_references[i], vocabulary_); });
-  for (size_t i = 0; i < references.size(); ++i) {
-    vector_of_reference_.emplace(references[i].name, std::move(vectors[i]));
-  }
-}
-
 void JoinedRetrieval::Join(const PosedImage& image, const Features& features) {
-  joined_.push_back({image, ComputeVlad(features, vocabulary_)});
+  joined_.push_back({image, references_->VectorOf(features)});
 }
 
 std::vector<PosedImage> JoinedRetrieval::Merge(const std::string& query,
                                                const Features& query_features,
                                                const std::vector<PosedImage>& retrieved,
                                                size_t top_k, size_t max_joined) const {
-  const Eigen::VectorXf query_vector = ComputeVlad(query_features, vocabulary_);
+  const Eigen::VectorXf query_vector = references_->VectorOf(query_features);
   struct Ranked {
     double cosine;
     const PosedImage* image;
@@ -52,7 +36,7 @@ std::vector<PosedImage> JoinedRetrieval::Merge(const std::string& query,
   std::vector<PosedImage> merged;
   auto next = ranked.begin();
   for (const PosedImage& image : retrieved) {
-    const double cosine = Cosine(query_vector, vector_of_reference_.at(image.name));
+    const double cosine = Cosine(query_vector, references_->VectorOfReference(image.name));
     while (next != ranked.end() && next->cosine > cosine) merged.push_back(*(next++)->image);
     merged.push_back(image);
   }

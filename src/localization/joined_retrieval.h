@@ -4,15 +4,14 @@
 #pragma once
 
 #include <cstddef>
-#include <cstdint>
-#include <map>
-#include <span>
+#include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "localization/vlad_index.h"
 #include <Eigen/Core>
 
-#include "raylift/features/vlad.h"
 #include "raylift/scene/features.h"
 #include "raylift/scene/posed_image.h"
 
@@ -20,9 +19,8 @@ namespace raylift {
 
 class JoinedRetrieval {
  public:
-  // Learns the vocabulary from the references' features.
-  JoinedRetrieval(std::span<const PosedImage> references,
-                  const std::map<std::string, Features>& features, uint64_t seed, int threads);
+  explicit JoinedRetrieval(std::shared_ptr<const VladIndex> references)
+      : references_(std::move(references)) {}
 
   void Join(const PosedImage& image, const Features& features);
 
@@ -33,8 +31,7 @@ class JoinedRetrieval {
                                 size_t max_joined) const;
 
  private:
-  Vocabulary vocabulary_;
-  std::map<std::string, Eigen::VectorXf> vector_of_reference_;
+  std::shared_ptr<const VladIndex> references_;
   struct Joined {
     PosedImage image;
     Eigen::VectorXf vector;

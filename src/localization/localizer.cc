@@ -1,51 +1,36 @@
 #include "raylift/localization/localizer.h"
 
 #include <chrono>
+#include <utility>
 
+#include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
 #include "raylift/localization/scene_matches.h"
 
 namespace raylift {
 namespace {
 
-class Stopwatch {
+// Adds the milliseconds that it lives to a sum.
+class StageTimer {
  public:
-  // Milliseconds since the last call.
-  double Lap() {
-    const auto now = std::chrono::steady_clock::now();
-    const std::chrono::duration<double, std::milli> elapsed = now - last_;
-    last_ = now;
-    return elapsed.count();
+  explicit StageTimer(double& sum_ms) : sum_ms_(sum_ms) {}
+  ~StageTimer() {
+    const std::chrono::duration<double, std::milli> elapsed =
+        std::chrono::steady_clock::now() - start_;
+    sum_ms_ += elapsed.count();
   }
+  StageTimer(const StageTimer&) = delete;
+  StageTimer& operator=(const StageTimer&) = delete;
 
  private:
-  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+  double& sum_ms_;
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
-void LiftOrTriangulate(const LocalizerParts& parts, PoseProblem& problem, StageCounts& counts) {
-  if (parts.candidates.mode == CandidateMode::kTriangulate) {
-    problem.matches_2d3d =
-        TriangulateMatches(problem.references, problem.matches_2d2d, parts.candidates);
-    return;
-  }
-  const LiftResult lifted =
-      LiftMatches(parts.geometry, parts.geometry_mode, problem.references, problem.matches_2d2d);
-  problem.matches_2d3d = Matches2D3D(lifted);
-  counts.hit = lifted.counts.hits;
-  counts.points_of_source = lifted.counts.points_of_source;
-}
-
-// The filter judges each candidate by itself, so that bad ones do not come into the merged point.
-void MakePoints(const LocalizerParts& parts, PoseProblem& problem, StageCounts& counts) {
-  LiftOrTriangulate(parts, problem, counts);
-  const FilterResult filtered = FilterProblem(parts.filter, problem);
-  counts.filter = filtered.counts;
-  counts.noise = filtered.noise;
-  if (parts.candidates.mode == CandidateMode::kMerge) {
-    problem.matches_2d3d = MergeCandidates(problem.references, problem.matches_2d2d,
-                                           problem.matches_2d3d, parts.candidates);
-  }
-  counts.points = problem.matches_2d3d.size();
+std::string ReasonOf(const LocalizedQuery& localized) {
+  if (localized.counts.retrieved == 0) return "no retrieved references";
+  if (localized.counts.matched == 0) return "no matches with the retrieved references";
+  return ReasonNotLocalized(localized.estimate);
 }
 
 }  // namespace
@@ -54,6 +39,11 @@ void LocalizedQuery::TakeEstimate(PoseEstimate taken) {
   estimate = std::move(taken);
   counts.inliers_2d3d = static_cast<size_t>(estimate.score_2d3d.num_inliers);
   counts.inliers_2d2d = static_cast<size_t>(estimate.score_2d2d.num_inliers);
+}
+
+FewPoints FewPointsFor(Method method) {
+  const bool needs_points = method == Method::kP3p || method == Method::kHloc;
+  return needs_points ? FewPoints::kKeepBest : FewPoints::kDropAll;
 }
 
 std::string ReasonNotLocalized(const PoseEstimate& estimate) {
@@ -66,16 +56,142 @@ std::string ReasonNotLocalized(const PoseEstimate& estimate) {
   return {};
 }
 
-std::optional<MultiViewNoise> EstimateSceneNoise(std::span<const Query> queries,
-                                                 const LocalizerParts& parts, int threads) {
+Localizer::Localizer(std::shared_ptr<const Scene> scene, std::shared_ptr<const MatchSource> matches,
+                     const LocalizerOptions& options)
+    : Localizer(std::move(scene), std::move(matches), options,
+                MakePoseEstimator(options.estimator)) {}
+
+Localizer::Localizer(std::shared_ptr<const Scene> scene, std::shared_ptr<const MatchSource> matches,
+                     const LocalizerOptions& options,
+                     std::shared_ptr<const PoseEstimator> estimator)
+    : scene_(std::move(scene)),
+      matches_(std::move(matches)),
+      options_(options),
+      estimator_(std::move(estimator)),
+      geometry_(scene_->Geometry()) {
+  options_.filter.few_points = FewPointsFor(options.estimator.method);
+}
+
+QueryResult Localizer::Localize(const Query& query) const { return Finish(Match(query)); }
+
+QueryResult Localizer::Localize(const Query& query, const Image& photograph) const {
+  return Finish(Match(query, photograph));
+}
+
+QueryResult Localizer::Localize(const Query& query, const Features& features) const {
+  return Finish(Match(query, features));
+}
+
+QueryResult Localizer::Localize(const Query& query, QueryMatches matches) const {
+  return Finish(Match(query, std::move(matches)));
+}
+
+QueryResult Localizer::Finish(QueryResult result) const {
+  Lift(result);
+  Filter(result);
+  Estimate(result);
+  return result;
+}
+
+template <typename MakeMatches>
+QueryResult Localizer::Begin(const Query& query, const MakeMatches& make_matches) const {
+  QueryResult result;
+  LocalizedQuery& localized = result.localized;
+  PoseProblem& problem = result.problem;
+  const StageTimer timer(localized.match_ms);
+  localized.name = problem.name = query.name;
+  problem.query_camera = query.camera;
+  QueryMatches matches = make_matches();
+  problem.references = std::move(matches.references);
+  problem.matches_2d2d = std::move(matches.matches);
+  if (scene_->covisibility != nullptr) {
+    problem.reference_clusters = scene_->covisibility->Clusters(problem.references);
+  }
+  localized.counts.retrieved = problem.references.size();
+  localized.counts.matched = problem.matches_2d2d.size();
+  return result;
+}
+
+QueryResult Localizer::Match(const Query& query) const {
+  return Begin(query, [&] { return matches_->Match(query); });
+}
+
+QueryResult Localizer::Match(const Query& query, const Image& photograph) const {
+  return Begin(query, [&] { return matches_->MatchPhotograph(query, photograph); });
+}
+
+QueryResult Localizer::Match(const Query& query, const Features& features) const {
+  return Begin(query, [&] { return matches_->MatchFeatures(query, features); });
+}
+
+QueryResult Localizer::Match(const Query& query, QueryMatches matches) const {
+  return Begin(query, [&] { return std::move(matches); });
+}
+
+void Localizer::Lift(QueryResult& result) const {
+  PoseProblem& problem = result.problem;
+  StageCounts& counts = result.localized.counts;
+  const StageTimer timer(result.localized.lift_ms);
+  if (options_.candidates.mode == CandidateMode::kTriangulate) {
+    problem.matches_2d3d =
+        TriangulateMatches(problem.references, problem.matches_2d2d, options_.candidates);
+  } else {
+    std::vector<const GeometrySource*> sources;
+    for (const auto& source : geometry_) sources.push_back(source.get());
+    const LiftResult lifted =
+        LiftMatches(sources, options_.geometry_mode, problem.references, problem.matches_2d2d);
+    problem.matches_2d3d = Matches2D3D(lifted);
+    counts.hit = lifted.counts.hits;
+    counts.points_of_source = lifted.counts.points_of_source;
+  }
+  counts.points = problem.matches_2d3d.size();
+}
+
+// The filter judges each candidate by itself, so that bad ones do not come into the merged point.
+void Localizer::Filter(QueryResult& result) const {
+  PoseProblem& problem = result.problem;
+  StageCounts& counts = result.localized.counts;
+  const StageTimer timer(result.localized.filter_ms);
+  const FilterResult filtered = FilterProblem(options_.filter, problem);
+  counts.filter = filtered.counts;
+  counts.noise = filtered.noise;
+  if (options_.candidates.mode == CandidateMode::kMerge) {
+    problem.matches_2d3d = MergeCandidates(problem.references, problem.matches_2d2d,
+                                           problem.matches_2d3d, options_.candidates);
+  }
+  counts.points = problem.matches_2d3d.size();
+}
+
+void Localizer::Estimate(QueryResult& result) const {
+  LocalizedQuery& localized = result.localized;
+  const StageTimer timer(localized.estimate_ms);
+  localized.TakeEstimate(estimator_->Estimate(result.problem));
+  localized.reason = ReasonOf(localized);
+}
+
+bool Localizer::LiftsAlike(const Localizer& other) const {
+  return geometry_ == other.geometry_ && options_.geometry_mode == other.options_.geometry_mode &&
+         options_.candidates == other.options_.candidates;
+}
+
+bool Localizer::FiltersAlike(const Localizer& other) const {
+  return options_.filter == other.options_.filter &&
+         options_.candidates == other.options_.candidates;
+}
+
+std::optional<MultiViewNoise> EstimateSceneNoise(std::span<const Query> queries, const Scene& scene,
+                                                 const MatchSource& matches, GeometryMode mode,
+                                                 int threads) {
   constexpr size_t kQueries = 30;
+  const auto geometry = scene.Geometry();
+  std::vector<const GeometrySource*> sources;
+  for (const auto& source : geometry) sources.push_back(source.get());
   const std::vector<size_t> sample = SampleByName(queries, kQueries);
   std::vector<std::optional<MultiViewNoise>> found(sample.size());
   ParallelFor(sample.size(), threads, [&](size_t i) {
-    const QueryMatches matches = parts.match_source.Match(queries[sample[i]]);
-    const LiftResult lifted =
-        LiftMatches(parts.geometry, parts.geometry_mode, matches.references, matches.matches);
-    const auto trust = EstimateTrust(matches.references, matches.matches, Matches2D3D(lifted));
+    const QueryMatches of_query = matches.Match(queries[sample[i]]);
+    const LiftResult lifted = LiftMatches(sources, mode, of_query.references, of_query.matches);
+    const auto trust = EstimateTrust(of_query.references, of_query.matches, Matches2D3D(lifted));
     if (trust) found[i] = trust->noise;
   });
   std::vector<MultiViewNoise> noise;
@@ -83,37 +199,6 @@ std::optional<MultiViewNoise> EstimateSceneNoise(std::span<const Query> queries,
     if (of_query) noise.push_back(*of_query);
   }
   return PooledNoise(noise);
-}
-
-QueryResult LocalizeQuery(const Query& query, const LocalizerParts& parts) {
-  QueryResult result;
-  LocalizedQuery& localized = result.localized;
-  PoseProblem& problem = result.problem;
-  localized.name = problem.name = query.name;
-  problem.query_camera = query.camera;
-
-  Stopwatch stopwatch;
-  QueryMatches matches = parts.match_source.Match(query);
-  problem.references = std::move(matches.references);
-  problem.reference_clusters = parts.covisibility.Clusters(problem.references);
-  problem.matches_2d2d = std::move(matches.matches);
-  localized.counts.retrieved = problem.references.size();
-  localized.counts.matched = problem.matches_2d2d.size();
-  localized.match_ms = stopwatch.Lap();
-
-  MakePoints(parts, problem, localized.counts);
-  localized.lift_ms = stopwatch.Lap();
-
-  localized.TakeEstimate(parts.estimator.Estimate(problem));
-  localized.estimate_ms = stopwatch.Lap();
-  if (localized.counts.retrieved == 0) {
-    localized.reason = "no retrieved references";
-  } else if (localized.counts.matched == 0) {
-    localized.reason = "no matches with the retrieved references";
-  } else {
-    localized.reason = ReasonNotLocalized(localized.estimate);
-  }
-  return result;
 }
 
 }  // namespace raylift

@@ -1,13 +1,11 @@
-// The references of a scene from a COLMAP model.
+#include "raylift/localization/references.h"
 
-#include <stdexcept>
 #include <string_view>
 
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/io/colmap_model.h"
-#include "raylift/localization/match_source.h"
 
 namespace raylift {
 
@@ -31,10 +29,6 @@ std::vector<size_t> Keep(const std::filesystem::path& model, const std::vector<P
 }
 
 }  // namespace
-
-void MatchSource::Join(const PosedImage& localized_query) {
-  throw std::logic_error("this source of matches was not opened for " + localized_query.name);
-}
 
 LoadedReferences LoadReferences(const std::filesystem::path& model, int every,
                                 PoseConvention poses) {

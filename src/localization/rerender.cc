@@ -28,18 +28,6 @@ FrameOptions ColorOnly(const ColorOptions& look) {
   return options;
 }
 
-// ITU-R BT.601, as decoders make grey of colour.
-Image Grey(const Image& rgb) {
-  Image grey{rgb.width_px, rgb.height_px, 1, {}};
-  grey.data.resize(static_cast<size_t>(rgb.width_px) * static_cast<size_t>(rgb.height_px));
-  for (size_t i = 0; i < grey.data.size(); ++i) {
-    const uint8_t* color = rgb.data.data() + 3 * i;
-    grey.data[i] =
-        static_cast<uint8_t>((299 * color[0] + 587 * color[1] + 114 * color[2] + 500) / 1000);
-  }
-  return grey;
-}
-
 Camera AtMost(const Camera& camera, int max_side_px) {
   const int side_px = std::max(camera.width_px(), camera.height_px());
   if (side_px <= max_side_px) return camera;
@@ -81,23 +69,25 @@ std::vector<Rigid3> PosesAround(const Rigid3& cam_from_world, double depth, doub
   return poses;
 }
 
+void RequireSize(const Image& photograph, const Camera& camera, const std::string& name) {
+  if (photograph.width_px == camera.width_px() && photograph.height_px == camera.height_px()) {
+    return;
+  }
+  throw InputError(std::filesystem::path(name),
+                   fmt::format("the image is {} x {}, its camera {} x {}", photograph.width_px,
+                               photograph.height_px, camera.width_px(), camera.height_px()));
+}
+
 // One query's rounds.
 class Rounds {
  public:
-  Rounds(const Query& query, const GeometrySource& source, const FrameRenderer& renderer,
-         const std::filesystem::path& photograph, const RerenderOptions& options)
+  // `photograph` is grey.
+  Rounds(const Image& photograph, const GeometrySource& source, const FrameRenderer& renderer,
+         const RerenderOptions& options)
       : source_(source),
         renderer_(renderer),
         options_(options),
-        query_features_(Extract(ReadImage(photograph, ImageChannels::kGrey))) {
-    if (query_features_.image_width_px != query.camera.width_px() ||
-        query_features_.image_height_px != query.camera.height_px()) {
-      throw InputError(photograph,
-                       fmt::format("the image is {} x {}, its camera {} x {}",
-                                   query_features_.image_width_px, query_features_.image_height_px,
-                                   query.camera.width_px(), query.camera.height_px()));
-    }
-  }
+        query_features_(Extract(photograph)) {}
 
   // `base` with pictures through `query_camera` from these poses as further references, their
   // matches and points.
@@ -121,7 +111,7 @@ class Rounds {
   void AddPicture(const PixelRays& rays, PosedImage view, PoseProblem& pictures) const {
     Frame frame;
     renderer_.Render(rays, view.cam_from_world, 1, frame);
-    const Features features = Extract(Grey(frame.color));
+    const Features features = Extract(ToGrey(frame.color));
     const int reference = static_cast<int>(pictures.references.size());
     for (const FeatureMatch& match :
          MatchMutualNearest(query_features_, features, {.max_ratio = options_.max_ratio})) {
@@ -204,8 +194,19 @@ void Rerenderer::Improve(const Query& query, const PoseEstimator& estimator,
                          QueryResult& result) const {
   result.localized.rerender_rounds = 0;
   if (!result.localized.localized()) return;
+  const auto path = query_images_ / query.name;
+  const Image photograph = ReadImage(path, ImageChannels::kGrey);
+  RequireSize(photograph, query.camera, path.string());
+  Improve(query, photograph, estimator, result);
+}
+
+void Rerenderer::Improve(const Query& query, const Image& photograph,
+                         const PoseEstimator& estimator, QueryResult& result) const {
+  result.localized.rerender_rounds = 0;
+  if (!result.localized.localized()) return;
+  RequireSize(photograph, query.camera, query.name);
   const auto start = std::chrono::steady_clock::now();
-  const Rounds rounds(query, source_, renderer_, query_images_ / query.name, options_);
+  const Rounds rounds(ToGrey(photograph), source_, renderer_, options_);
   const PoseProblem base = result.problem;
   LocalizedQuery& localized = result.localized;
   for (int round = 1; round <= options_.rounds; ++round) {

@@ -71,8 +71,10 @@ Json QueryJson(const LocalizedQuery& query) {
     }
     json["covariance"] = std::move(rows);
   }
-  json["milliseconds"] = {
-      {"match", query.match_ms}, {"lift", query.lift_ms}, {"estimate", query.estimate_ms}};
+  json["milliseconds"] = {{"match", query.match_ms},
+                          {"lift", query.lift_ms},
+                          {"filter", query.filter_ms},
+                          {"estimate", query.estimate_ms}};
   if (query.rerender_rounds) {
     json["rerender_rounds_kept"] = *query.rerender_rounds;
     json["milliseconds"]["rerender"] = query.rerender_ms;
@@ -80,10 +82,10 @@ Json QueryJson(const LocalizedQuery& query) {
   return json;
 }
 
-Json GeometryJson(std::span<const UsedGeometry> geometry) {
+Json GeometryJson(std::span<const SceneSource> geometry) {
   Json list = Json::array();
-  for (const UsedGeometry& used : geometry) {
-    Json json = {{"spec", used.spec}, {"understood", used.understood}};
+  for (const SceneSource& used : geometry) {
+    Json json = {{"spec", used.spec}, {"understood", used.geometry.understood}};
     if (used.alignment) {
       json["alignment"] = {{"median_factor", used.alignment->median_factor},
                            {"median_before_px", used.alignment->median_before_px},
@@ -131,9 +133,9 @@ void WriteQueryDiagnostics(const std::filesystem::path& path,
   WriteFile(path, text);
 }
 
-void WriteAlignment(const std::filesystem::path& path, std::span<const UsedGeometry> geometry) {
+void WriteAlignment(const std::filesystem::path& path, std::span<const SceneSource> geometry) {
   std::string text;
-  for (const UsedGeometry& used : geometry) {
+  for (const SceneSource& used : geometry) {
     if (!used.alignment) continue;
     for (const MapAlignment& map : used.alignment->maps) {
       const Json json = {{"geometry", used.spec},
@@ -187,6 +189,7 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
         {"inliers_2d2d", median_of([](const LocalizedQuery& q) { return q.counts.inliers_2d2d; })},
         {"match_ms", median_of([](const LocalizedQuery& q) { return q.match_ms; })},
         {"lift_ms", median_of([](const LocalizedQuery& q) { return q.lift_ms; })},
+        {"filter_ms", median_of([](const LocalizedQuery& q) { return q.filter_ms; })},
         {"estimate_ms", median_of([](const LocalizedQuery& q) { return q.estimate_ms; })}}},
       {"seconds", summary.seconds},
       {"warnings", summary.warnings}};

@@ -67,13 +67,21 @@ struct ComparedRoom {
   }
 
   MapSource Perturbed(const DepthPerturbation& perturbation) const {
-    return MapSource([caster = caster, perturbation](const PosedImage& image) {
-      return PerturbDepth(RenderDepth(*caster, image.camera, image.cam_from_world, 1), perturbation,
-                          image.name);
-    });
+    return MapSource(PerturbedMaps(perturbation));
+  }
+  std::shared_ptr<const MapSource> Scaled(double factor) const {
+    return std::make_shared<const MapSource>(PerturbedMaps({.scale = factor}));
   }
 
  private:
+  std::function<DepthMap(const PosedImage&)> PerturbedMaps(
+      const DepthPerturbation& perturbation) const {
+    return [caster = caster, perturbation](const PosedImage& image) {
+      return PerturbDepth(RenderDepth(*caster, image.camera, image.cam_from_world, 1), perturbation,
+                          image.name);
+    };
+  }
+
   static std::shared_ptr<const TriangleMesh> MakeRoom() {
     std::vector<Eigen::Vector3d> positions;
     std::vector<std::array<uint32_t, 3>> triangles;

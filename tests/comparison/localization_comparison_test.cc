@@ -80,14 +80,15 @@ const LocalizationRow& RowOf(const LocalizationComparison& comparison, const std
 
 TEST(CompareLocalization, RatesEveryCombinationOnTheSameMatches) {
   const Setting setting;
-  const ExactMatches matches(setting.room, setting.true_queries);
-  const MapSource scaled = setting.room.Perturbed({.scale = 1.15});
-  const std::vector<ComparedSource> sources = {
-      {"mesh", "", "", &setting.room.truth, setting.room.mesh.get()},
-      {"scaled", "", "", &scaled, nullptr}};
+  const auto matches = std::make_shared<ExactMatches>(setting.room, setting.true_queries);
+  Scene scene;
+  scene.references.images = setting.room.images;
+  scene.AddGeometry(std::make_shared<const MeshSource>("mesh", setting.room.caster));
+  scene.AddGeometry(setting.room.Scaled(1.15));
+  scene.sources[1].name = "scaled";
   std::vector<ReferenceMatch> reference_matches;
   for (const Query& query : setting.queries) {
-    const auto found = TransitiveMatches(matches.Match(query).matches);
+    const auto found = TransitiveMatches(matches->Match(query).matches);
     reference_matches.insert(reference_matches.end(), found.begin(), found.end());
   }
   LocalizationGrid grid;
@@ -99,8 +100,8 @@ TEST(CompareLocalization, RatesEveryCombinationOnTheSameMatches) {
   grid.thresholds = {{0.02, 0.5}};
   const auto run = [&](int threads) {
     grid.threads = threads;
-    return CompareLocalization(sources, setting.queries, matches, setting.room.images,
-                               reference_matches, setting.truth, grid);
+    return CompareLocalization(scene, setting.queries, matches, reference_matches, setting.truth,
+                               grid);
   };
   const LocalizationComparison comparison = run(1);
   // E5+1 once; 2 sources x 2 alignments x 2 filters x 3 methods; an oracle for each P3P.

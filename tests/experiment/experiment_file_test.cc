@@ -8,6 +8,7 @@
 namespace raylift {
 namespace {
 
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 const std::string kGrid = "[[grid]]\nscene = \"room\"\n";
@@ -32,7 +33,7 @@ TEST(ExperimentFile, ReadsScenesInTheirOrderWithPathsRelativeToItself) {
   EXPECT_EQ(room.query_images, folder / "room/images");
   EXPECT_EQ(room.thresholds, (std::vector<Threshold>{{0.1, 1}, {0.5, 5}}));
   ASSERT_EQ(room.geometry.size(), 2u);
-  EXPECT_EQ(room.geometry[0].spec,
+  EXPECT_EQ(room.geometry[0].specs.at(0),
             "mesh:" + (folder / "room/room.ply").string() + ",back_faces=drop");
   EXPECT_FALSE(room.geometry[0].perturbation);
   EXPECT_EQ(room.geometry[1].title, "noisy depth");
@@ -71,8 +72,8 @@ mesh = "mesh:b.ply"
   EXPECT_EQ(scene.group, "night");
   EXPECT_EQ(scene.thresholds, ParseThresholds("aachen"));
   ASSERT_EQ(scene.geometry.size(), 2u);
-  EXPECT_EQ(scene.FindGeometry("mesh")->spec, "mesh:" + (folder / "b.ply").string());
-  EXPECT_EQ(scene.FindGeometry("sfm")->spec, "sfm");
+  EXPECT_EQ(scene.FindGeometry("mesh")->specs.at(0), "mesh:" + (folder / "b.ply").string());
+  EXPECT_EQ(scene.FindGeometry("sfm")->specs.at(0), "sfm");
 }
 
 TEST(ExperimentFile, VariablesStandForTexts) {
@@ -126,6 +127,37 @@ TEST(ExperimentFile, ReadyExperimentsAreGood) {
     ++count;
   }
   EXPECT_GE(count, 3u);
+}
+
+TEST(ExperimentFile, AGeometryMayBeSeveralSourcesAndWhatIsMadeOfTheirPoints) {
+  const auto folder = TestFolder();
+  const Experiment experiment = ReadText(kTwoScenes + R"(
+[scenes.attic]
+model = "attic/model"
+images = "attic/images"
+queries = "attic/queries.txt"
+thresholds = "0.1,1"
+[scenes.attic.geometry]
+both = { spec = ["sfm", "mesh:a.ply"], mode = "all", candidates = "merge" }
+none = { candidates = "triangulate", candidates_error_px = 2 }
+[[grid]]
+method = "p3p"
+)",
+                                         folder);
+  const ExperimentScene& attic = experiment.scenes.at(2);
+  const ExperimentGeometry& both = *attic.FindGeometry("both");
+  EXPECT_THAT(both.specs, ElementsAre("sfm", "mesh:" + (folder / "a.ply").string()));
+  EXPECT_EQ(both.mode, GeometryMode::kAll);
+  EXPECT_EQ(both.candidates.mode, CandidateMode::kMerge);
+  const ExperimentGeometry& none = *attic.FindGeometry("none");
+  EXPECT_TRUE(none.specs.empty());
+  EXPECT_EQ(none.candidates.max_error_px, 2);
+  for (const std::string bad : {"{ mode = \"all\" }", "{ spec = \"sfm\", mode = \"some\" }",
+                                "{ spec = [\"sfm\", \"mesh:a.ply\"], scale = 1.1 }"}) {
+    const std::string text =
+        kTwoScenes + "[scenes.hall.geometry]\nx = " + bad + "\n[[grid]]\nmethod = \"p3p\"\n";
+    EXPECT_THAT(ErrorOf(text), HasSubstr("scenes.hall.geometry.x")) << bad;
+  }
 }
 
 }  // namespace

@@ -13,7 +13,8 @@
 #include "raylift/base/rng.h"
 #include "raylift/lifting/depth_source.h"
 #include "raylift/lifting/mesh_source.h"
-#include "raylift/localization/match_source.h"
+#include "raylift/localization/hloc_matches.h"
+#include "raylift/localization/references.h"
 #include "raylift/localization/scene_matches.h"
 #include "raylift/renderers/view_renderer.h"
 

@@ -11,8 +11,9 @@
 
 #include "raylift/base/file.h"
 #include "raylift/io/hloc.h"
-#include "raylift/lifting/geometry_spec.h"
 #include "raylift/localization/continuous_order.h"
+#include "raylift/localization/hloc_matches.h"
+#include "raylift/localization/scene.h"
 
 namespace raylift {
 namespace {
@@ -24,16 +25,16 @@ using Pairs = std::vector<std::pair<std::string, std::string>>;
 // A mesh that lifts the pixels of references alone, as depth maps of theirs would.
 class ReferencesOnly final : public GeometrySource {
  public:
-  explicit ReferencesOnly(const GeometrySource& mesh) : mesh_(mesh) {}
-  std::string Description() const override { return mesh_.Description(); }
+  explicit ReferencesOnly(std::shared_ptr<const GeometrySource> mesh) : mesh_(std::move(mesh)) {}
+  std::string Description() const override { return mesh_->Description(); }
   std::vector<std::optional<SurfacePoint>> Lift(
       const PosedImage& reference, std::span<const Eigen::Vector2d> pixels) const override {
-    if (reference.name.starts_with("ref/")) return mesh_.Lift(reference, pixels);
+    if (reference.name.starts_with("ref/")) return mesh_->Lift(reference, pixels);
     return std::vector<std::optional<SurfacePoint>>(pixels.size());
   }
 
  private:
-  const GeometrySource& mesh_;
+  std::shared_ptr<const GeometrySource> mesh_;
 };
 
 class ContinuousLocalizer : public ::testing::Test {
@@ -76,30 +77,22 @@ class ContinuousLocalizer : public ::testing::Test {
   // Stops after so many queries.
   ContinuousRecords Run(const fs::path& folder, bool resume = false, size_t stop_after = 9,
                         const JoinGateOptions& gate = {}) {
-    const auto source =
-        OpenHlocMatches({scene_.features(), scene_.matches(), scene_.pairs()},
-                        LoadReferences(scene_.model(), 1).references, 10, {queries_, 5});
-    const GeometrySource* const geometry[] = {&references_only_};
-    GrowingScene growing(*source, geometry, true);
-    EstimatorOptions options;
-    options.method = Method::kP3p;
-    const auto estimator = MakePoseEstimator(options);
-    const Covisibility covisibility;
-    const FilterOptions filter;
+    const Scene scene = OpenScene({.model = scene_.model(),
+                                   .geometry = {"mesh:" + scene_.mesh().string()},
+                                   .wrap_source = [](std::shared_ptr<const GeometrySource> mesh) {
+                                     return std::make_shared<const ReferencesOnly>(std::move(mesh));
+                                   }});
+    std::shared_ptr<MatchSource> source = OpenHlocMatches(
+        {scene_.features(), scene_.matches(), scene_.pairs()}, scene.references, 10, {queries_, 5});
+    LocalizerOptions options;
+    options.estimator.method = Method::kP3p;
+    GrowingScene growing(scene, std::move(source), options, true);
     std::atomic<bool> stop = false;
     size_t done = 0;
     return LocalizeContinuously(
         queries_, OrderByName(queries_), growing, ContinuousCheckpoint(folder, "key", resume),
-        {.gate = gate, .estimator = options, .threads = 2, .stop = &stop},
-        {.localize =
-             [&](size_t i) {
-               ++localized_;
-               return LocalizeQuery(queries_[i], {.match_source = growing.matches(),
-                                                  .covisibility = covisibility,
-                                                  .geometry = growing.geometry(),
-                                                  .filter = filter,
-                                                  .estimator = *estimator});
-             },
+        {.gate = gate, .threads = 2, .stop = &stop},
+        {.on_localized = [&](size_t, QueryResult&) { ++localized_; },
          .on_done = [&](size_t, const QueryResult*) { stop = ++done >= stop_after; }});
   }
 
@@ -111,8 +104,6 @@ class ContinuousLocalizer : public ::testing::Test {
 
   RoomScene scene_ = WriteRoomScene(TestFolder());
   std::vector<Query> queries_ = ReadQueryList(scene_.query_list());
-  NamedGeometry mesh_ = MakeGeometrySource("mesh:" + scene_.mesh().string());
-  ReferencesOnly references_only_{*mesh_.source};
   int localized_ = 0;
 };
 

@@ -89,9 +89,9 @@ class Wall final : public GeometrySource {
 };
 
 TEST(JoinedGeometry, LinksGoBeforeTheSource) {
-  JoinedReferences joined(true);
-  joined.Add(MakeReference(Diagonal(1e-6, 0)));
-  const Wall wall;
+  const auto joined = std::make_shared<JoinedReferences>(true);
+  joined->Add(MakeReference(Diagonal(1e-6, 0)));
+  const auto wall = std::make_shared<const Wall>();
   const JoinedGeometry geometry(wall, joined, JoinedGeometry::Links::kGive);
   const std::vector<Eigen::Vector2d> pixels = {{320, 240}, {321, 240}};
   const auto points = geometry.Lift(MakeReference(PoseCovariance::Zero()).image, pixels);

@@ -1,3 +1,5 @@
+#include "raylift/localization/hloc_matches.h"
+
 #include "support/matchers.h"
 #include "support/room_scene.h"
 #include "support/test_data.h"
@@ -6,6 +8,7 @@
 #include "raylift/base/file.h"
 #include "raylift/io/hloc.h"
 #include "raylift/localization/match_source.h"
+#include "raylift/localization/references.h"
 
 namespace raylift {
 namespace {

@@ -5,56 +5,54 @@
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
-#include "raylift/lifting/geometry_spec.h"
+#include "raylift/base/file.h"
+#include "raylift/io/image_file.h"
+#include "raylift/io/query_list.h"
+#include "raylift/lifting/mesh_source.h"
+#include "raylift/localization/grid_localizer.h"
+#include "raylift/localization/matching.h"
 
 namespace raylift {
 namespace {
 
-// Gives the same matches to every query.
-class GivenMatches final : public MatchSource {
- public:
-  explicit GivenMatches(QueryMatches matches) : matches_(std::move(matches)) {}
-  QueryMatches Match(const Query&) const override { return matches_; }
-  std::vector<std::string> Warnings() const override { return {}; }
-
- private:
-  QueryMatches matches_;
-};
-
-class Localizer : public ::testing::Test {
+class LocalizerTest : public ::testing::Test {
  protected:
-  QueryResult Run(const MatchSource& source, Method method = Method::kAdaptive,
+  Localizer Make(std::shared_ptr<const MatchSource> source, Method method = Method::kAdaptive,
+                 const FilterOptions& filter = {}, const CandidateOptions& candidates = {}) const {
+    Scene scene = scene_;
+    if (method == Method::kE5p1) scene.sources.clear();
+    LocalizerOptions options{.filter = filter, .candidates = candidates};
+    options.estimator.method = method;
+    return {std::make_shared<const Scene>(std::move(scene)), std::move(source), options};
+  }
+  QueryResult Run(std::shared_ptr<const MatchSource> source, Method method = Method::kAdaptive,
                   const FilterOptions& filter = {}, const CandidateOptions& candidates = {}) const {
-    EstimatorOptions options;
-    options.method = method;
-    const auto estimator = MakePoseEstimator(options);
-    std::vector<const GeometrySource*> geometry;
-    if (method != Method::kE5p1) geometry.push_back(geometry_.source.get());
-    return LocalizeQuery({scene_.queries[0].name, scene_.queries[0].camera},
-                         {.match_source = source,
-                          .covisibility = covisibility_,
-                          .geometry = geometry,
-                          .filter = filter,
-                          .candidates = candidates,
-                          .estimator = *estimator});
+    return Make(std::move(source), method, filter, candidates).Localize(query_);
+  }
+  QueryResult RunGiven(const QueryMatches& matches, Method method = Method::kAdaptive,
+                       const FilterOptions& filter = {}) const {
+    return Make(nullptr, method, filter).Localize(query_, matches);
   }
 
-  std::unique_ptr<MatchSource> HlocSource() const {
-    return OpenHlocMatches({scene_.features(), scene_.matches(), scene_.pairs()},
-                           LoadReferences(scene_.model(), 1).references, 10);
+  std::shared_ptr<MatchSource> HlocSource() const {
+    return OpenMatches(scene_, queries_,
+                       {.hloc = HlocFiles{room_.features(), room_.matches(), room_.pairs()}});
   }
-  QueryMatches AllMatches() const {
-    return HlocSource()->Match({scene_.queries[0].name, scene_.queries[0].camera});
-  }
+  QueryMatches AllMatches() const { return HlocSource()->Match(query_); }
 
-  RoomScene scene_ = WriteRoomScene(TestFolder());
-  Covisibility covisibility_;
-  NamedGeometry geometry_ = MakeGeometrySource("mesh:" + scene_.mesh().string());
+  const Rigid3& truth() const { return room_.queries[0].cam_from_world; }
+
+  RoomScene room_ = WriteRoomScene(TestFolder(), {.matches = true, .pictures = true});
+  std::vector<Query> queries_ = ReadQueryList(room_.query_list());
+  Query query_ = queries_.front();
+  Scene scene_ = OpenScene({.model = room_.model(),
+                            .images = room_.images(),
+                            .geometry = {"mesh:" + room_.mesh().string()}});
 };
 
-TEST_F(Localizer, CountsEveryStage) {
+TEST_F(LocalizerTest, CountsEveryStage) {
   const auto source = HlocSource();
-  const QueryResult result = Run(*source);
+  const QueryResult result = Run(source);
   const StageCounts& counts = result.localized.counts;
   EXPECT_TRUE(result.localized.localized()) << result.localized.reason;
   EXPECT_EQ(counts.retrieved, 6u);
@@ -67,11 +65,10 @@ TEST_F(Localizer, CountsEveryStage) {
   EXPECT_EQ(counts.inliers_2d2d, counts.matched);
   EXPECT_EQ(result.problem.matches_2d2d.size(), counts.matched);
   EXPECT_EQ(result.problem.matches_2d3d.size(), counts.matched);
-  EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world,
-                         scene_.queries[0].cam_from_world, 1e-3, 1e-4));
+  EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 1e-3, 1e-4));
 }
 
-TEST_F(Localizer, MatchesBeyondTheMeshAreNotHits) {
+TEST_F(LocalizerTest, MatchesBeyondTheMeshAreNotHits) {
   QueryMatches matches = AllMatches();
   const size_t right = matches.matches.size();
   // The room is closed: only a camera outside that looks away sees nothing.
@@ -81,19 +78,19 @@ TEST_F(Localizer, MatchesBeyondTheMeshAreNotHits) {
   for (int i = 0; i < 7; ++i) {
     matches.matches.push_back({6, {100.0 + i, 100}, {160, 120.0 + i}});
   }
-  const StageCounts counts = Run(GivenMatches(matches)).localized.counts;
+  const StageCounts counts = RunGiven(matches).localized.counts;
   EXPECT_EQ(counts.matched, right + 7);
   EXPECT_EQ(counts.hit, right);
 }
 
-TEST_F(Localizer, TheFilterDropsWhatReferencesDisagreeOn) {
+TEST_F(LocalizerTest, TheFilterDropsWhatReferencesDisagreeOn) {
   QueryMatches matches = AllMatches();
   const size_t right = matches.matches.size();
   for (int i = 0; i < 20; ++i) {
     matches.matches.push_back({0, {10.0 + 10 * i, 33.25}, {300.0 - 10 * i, 200}});
   }
   const FilterOptions filter{FilterMode::kFixed, {}};
-  const QueryResult result = Run(GivenMatches(matches), Method::kP3p, filter);
+  const QueryResult result = RunGiven(matches, Method::kP3p, filter);
   const StageCounts& counts = result.localized.counts;
   EXPECT_EQ(counts.hit, right + 20);
   EXPECT_LE(counts.filter.consistent, right);
@@ -104,13 +101,12 @@ TEST_F(Localizer, TheFilterDropsWhatReferencesDisagreeOn) {
   EXPECT_TRUE(result.localized.localized());
 }
 
-TEST_F(Localizer, MergesWhatTheFilterKeepsAndTriangulatesWithoutGeometry) {
+TEST_F(LocalizerTest, MergesWhatTheFilterKeepsAndTriangulatesWithoutGeometry) {
   const auto source = HlocSource();
   const FilterOptions filter{FilterMode::kFixed, {}};
   const auto run = [&](CandidateMode mode) {
-    QueryResult result = Run(*source, Method::kP3p, filter, {.mode = mode});
-    EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world,
-                           scene_.queries[0].cam_from_world, 1e-3, 1e-4));
+    QueryResult result = Run(source, Method::kP3p, filter, {.mode = mode});
+    EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 1e-3, 1e-4));
     EXPECT_EQ(result.localized.counts.points, result.problem.matches_2d3d.size());
     return result.localized.counts;
   };
@@ -124,34 +120,131 @@ TEST_F(Localizer, MergesWhatTheFilterKeepsAndTriangulatesWithoutGeometry) {
   EXPECT_GT(triangulated.points, merged.points / 2);
 }
 
-TEST_F(Localizer, WithoutGeometryThereAreNoPoints) {
+TEST_F(LocalizerTest, WithoutGeometryThereAreNoPoints) {
   const auto source = HlocSource();
-  const QueryResult result = Run(*source, Method::kE5p1);
+  const QueryResult result = Run(source, Method::kE5p1);
   EXPECT_EQ(result.localized.counts.hit, 0u);
   EXPECT_TRUE(result.problem.matches_2d3d.empty());
   EXPECT_TRUE(result.localized.localized());
-  EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world,
-                         scene_.queries[0].cam_from_world, 1e-3, 1e-4));
+  EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 1e-3, 1e-4));
 }
 
-TEST_F(Localizer, ReasonsNameTheFirstStageThatCameUpEmpty) {
+TEST_F(LocalizerTest, ReasonsNameTheFirstStageThatCameUpEmpty) {
   const auto reason = [&](const QueryMatches& matches) {
-    return Run(GivenMatches(matches)).localized.reason;
+    return RunGiven(matches).localized.reason;
   };
   EXPECT_EQ(reason({}), "no retrieved references");
-  EXPECT_EQ(reason({scene_.references, {}}), "no matches with the retrieved references");
+  EXPECT_EQ(reason({room_.references, {}}), "no matches with the retrieved references");
   QueryMatches two = AllMatches();
   two.matches.resize(2);
   EXPECT_EQ(reason(two), ToString(FailureReason::kTooFewMatches));
 }
 
-TEST_F(Localizer, ReferencesAtOneCentreGiveAnOrientationOnly) {
+TEST_F(LocalizerTest, ReferencesAtOneCentreGiveAnOrientationOnly) {
   QueryMatches matches = AllMatches();
   std::erase_if(matches.matches, [](const Match2D2D& m) { return m.reference != 0; });
   matches.references.resize(1);
-  const QueryResult result = Run(GivenMatches(matches), Method::kE5p1);
+  const QueryResult result = RunGiven(matches, Method::kE5p1);
   EXPECT_FALSE(result.localized.localized());
   EXPECT_FALSE(result.localized.reason.empty());
+}
+
+TEST_F(LocalizerTest, StagesCanBeCalledOneByOne) {
+  const Localizer localizer = Make(HlocSource(), Method::kP3p, {FilterMode::kFixed, {}});
+  QueryResult result = localizer.Match(query_);
+  EXPECT_GT(result.localized.counts.matched, 0u);
+  EXPECT_TRUE(result.problem.matches_2d3d.empty());
+  localizer.Lift(result);
+  EXPECT_EQ(result.problem.matches_2d3d.size(), result.localized.counts.hit);
+  localizer.Filter(result);
+  EXPECT_EQ(result.problem.matches_2d3d.size(), result.localized.counts.points);
+  EXPECT_FALSE(result.localized.estimate.cam_from_world.has_value());
+  localizer.Estimate(result);
+  const QueryResult whole = localizer.Localize(query_);
+  EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world,
+                         *whole.localized.estimate.cam_from_world, 0, 0));
+  EXPECT_EQ(result.localized.counts.filter.consistent, whole.localized.counts.filter.consistent);
+  for (const LocalizedQuery* q : {&result.localized, &whole.localized}) {
+    EXPECT_GT(q->match_ms, 0);
+    EXPECT_GT(q->lift_ms, 0);
+    EXPECT_GT(q->filter_ms, 0);
+    EXPECT_GT(q->estimate_ms, 0);
+  }
+}
+
+// The built-in front end: a photograph in memory is the same as one on disk.
+TEST_F(LocalizerTest, APhotographInMemoryIsLocalizedLikeOneOnDisk) {
+  const MatchingOptions matching{.front_end = {.query_images = room_.images()}};
+  const Localizer with_files = Make(OpenMatches(scene_, queries_, matching), Method::kP3p);
+  const Localizer from_memory = Make(OpenMatches(scene_, {}, {}), Method::kP3p);
+  const Image photograph = ReadImage(room_.images() / query_.name, ImageChannels::kGrey);
+  const QueryResult expected = with_files.Localize(query_);
+  ASSERT_TRUE(expected.localized.localized()) << expected.localized.reason;
+  EXPECT_TRUE(IsNearPose(*expected.localized.estimate.cam_from_world, truth(), 0.5, 0.05));
+  const Features features = ExtractFrontEndFeatures(photograph, FrontEndOptions().max_features);
+  for (const QueryResult& result :
+       {from_memory.Localize(query_, photograph), from_memory.Localize(query_, features),
+        from_memory.Localize(query_, from_memory.Match(query_, features).problem.references.empty()
+                                         ? QueryMatches{}
+                                         : with_files.matches()->Match(query_))}) {
+    ASSERT_EQ(result.problem.matches_2d2d.size(), expected.problem.matches_2d2d.size());
+    EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world,
+                           *expected.localized.estimate.cam_from_world, 0, 0));
+  }
+  EXPECT_TRUE(FailsWithInputError([&] { from_memory.Localize(query_); }, {query_.name}));
+  EXPECT_TRUE(FailsWithInputError(
+      [&] {
+        from_memory.Localize({query_.name, query_.camera.Scaled(160, 120)}, photograph);
+      },
+      {query_.name, "320 x 240", "160 x 120"}));
+  EXPECT_TRUE(FailsWithInputError([&] { Make(HlocSource()).Localize(query_, photograph); },
+                                  {query_.name, "in memory"}));
+}
+
+TEST_F(LocalizerTest, ASceneCanBeFilledByHand) {
+  Scene scene;
+  scene.references.images = room_.references;
+  scene.AddGeometry(std::make_shared<const MeshSource>("the room", scene_.Mesh()));
+  const Localizer localizer(std::make_shared<const Scene>(scene), nullptr, {});
+  const QueryResult result = localizer.Localize(query_, AllMatches());
+  ASSERT_TRUE(result.localized.localized());
+  EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 1e-3, 1e-4));
+  EXPECT_EQ(scene.sources[0].spec, "the room");
+}
+
+TEST_F(LocalizerTest, ASceneFileOpensTheSameScene) {
+  WriteFile(room_.folder / "scene.toml",
+            "format = \"raylift-scene/1\"\nreferences = \"model\"\nimages = \"images\"\n"
+            "[[geometry]]\nname = \"mesh\"\nspec = \"mesh:room.obj\"\n"
+            "[[geometry]]\nname = \"far\"\nspec = \"mesh:room.obj,near=100\"\n");
+  const SceneFile file = ReadSceneFile(room_.folder / "scene.toml");
+  EXPECT_EQ(OpenScene(SceneOptionsOf(file)).sources.size(), 1u);
+  EXPECT_EQ(OpenScene(SceneOptionsOf(file)).references.images.size(), 6u);
+  const std::string far[] = {"far"};
+  const Scene scene = OpenScene(SceneOptionsOf(file, far));
+  const Localizer localizer(std::make_shared<const Scene>(scene), HlocSource(), {});
+  EXPECT_EQ(localizer.Localize(query_).localized.counts.hit, 0u);
+  const std::string unknown[] = {"near"};
+  EXPECT_TRUE(FailsWithInputError([&] { SceneOptionsOf(file, unknown); }, {"geometry near"}));
+}
+
+TEST_F(LocalizerTest, AGridGivesWhatEachOfItsWaysGivesAlone) {
+  const std::shared_ptr<const MatchSource> source = HlocSource();
+  const FilterOptions fixed{FilterMode::kFixed, {}};
+  const std::vector<Localizer> ways = {Make(source, Method::kP3p), Make(source, Method::kE5p1),
+                                       Make(source, Method::kAdaptive, fixed),
+                                       Make(source, Method::kP3p, fixed, {CandidateMode::kMerge})};
+  const GridLocalizer grid(ways);
+  std::vector<std::optional<QueryResult>> results(ways.size());
+  grid.Localize(query_, 2, [&](size_t way, const QueryResult& result) { results[way] = result; });
+  for (size_t i = 0; i < ways.size(); ++i) {
+    const QueryResult alone = ways[i].Localize(query_);
+    ASSERT_TRUE(results[i].has_value());
+    EXPECT_TRUE(IsNearPose(*results[i]->localized.estimate.cam_from_world,
+                           *alone.localized.estimate.cam_from_world, 0, 0));
+    EXPECT_EQ(results[i]->localized.counts.points, alone.localized.counts.points);
+    EXPECT_EQ(results[i]->localized.counts.hit, alone.localized.counts.hit);
+  }
 }
 
 }  // namespace

@@ -6,12 +6,12 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include "raylift/base/parallel.h"
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/evaluation/recall.h"
 #include "raylift/io/colmap_model.h"
-#include "raylift/lifting/geometry_spec.h"
-#include "raylift/localization/localizer.h"
+#include "raylift/io/query_list.h"
+#include "raylift/localization/batch_localizer.h"
+#include "raylift/localization/matching.h"
 
 namespace raylift {
 namespace {
@@ -26,25 +26,14 @@ PosesByName Poses(const fs::path& model) {
   return poses;
 }
 
-Comparison Localize(const std::vector<Query>& queries, const MatchSource& matches,
-                    std::vector<const GeometrySource*> geometry, Method method,
-                    const PosesByName& truth, CandidateMode candidates = CandidateMode::kKeep) {
-  EstimatorOptions options;
-  options.method = method;
-  const auto estimator = MakePoseEstimator(options);
-  const Covisibility covisibility;
-  std::vector<LocalizedQuery> localized(queries.size());
-  ParallelFor(queries.size(), 0, [&](size_t i) {
-    localized[i] = LocalizeQuery(queries[i], {.match_source = matches,
-                                              .covisibility = covisibility,
-                                              .geometry = geometry,
-                                              .filter = {},
-                                              .candidates = {.mode = candidates},
-                                              .estimator = *estimator})
-                       .localized;
-  });
+Comparison Localize(const std::vector<Query>& queries, const std::shared_ptr<MatchSource>& matches,
+                    const Scene& scene, Method method, const PosesByName& truth,
+                    CandidateMode candidates = CandidateMode::kKeep) {
+  LocalizerOptions options{.candidates = {.mode = candidates}};
+  options.estimator.method = method;
+  BatchLocalizer localizer(scene, queries, matches, {.localizer = options, .check_input = false});
   PosesByName poses;
-  for (const LocalizedQuery& query : localized) {
+  for (const LocalizedQuery& query : localizer.LocalizeAll()) {
     if (query.localized()) poses.emplace(query.name, *query.estimate.cam_from_world);
   }
   return CompareWithGroundTruth(truth, poses);
@@ -76,25 +65,24 @@ class RgbdSmall : public ::testing::Test {
     if (!data) GTEST_SKIP() << "rgbd_small is not on this machine";
     data_ = *data;
     queries_ = ReadQueryList(data_ / "queries_with_intrinsics.txt");
-    references_ = LoadReferences(data_ / "model_ref", 1).references;
+    scene_ = OpenScene({.model = data_ / "model_ref",
+                        .images = data_ / "images",
+                        .geometry = {"mesh:" + (data_ / "mesh.ply").string()}});
     truth_ = Poses(data_ / "model_query_gt");
-    geometry_ = MakeGeometrySource("mesh:" + (data_ / "mesh.ply").string());
     ASSERT_EQ(queries_.size(), 10u);
   }
 
   fs::path data_;
   std::vector<Query> queries_;
-  ReferenceSet references_;
+  Scene scene_;
   PosesByName truth_;
-  NamedGeometry geometry_;
 };
 
 TEST_F(RgbdSmall, LocalizesAllQueriesWithHlocsFiles) {
-  const auto matches = OpenHlocMatches(
-      {data_ / "features.h5", data_ / "matches.h5", data_ / "pairs.txt"}, references_, 10);
+  const std::shared_ptr<MatchSource> matches = OpenHlocMatches(
+      {data_ / "features.h5", data_ / "matches.h5", data_ / "pairs.txt"}, scene_.references, 10);
   for (const Method method : {Method::kP3p, Method::kAdaptive}) {
-    const Comparison comparison =
-        Localize(queries_, *matches, {geometry_.source.get()}, method, truth_);
+    const Comparison comparison = Localize(queries_, matches, scene_, method, truth_);
     EXPECT_EQ(CountWithin(comparison, kCoarse), 10u) << ToString(method) << "\n"
                                                      << Describe(comparison);
     EXPECT_GE(CountWithin(comparison, kFine), 9u) << ToString(method) << "\n"
@@ -109,13 +97,12 @@ TEST_F(RgbdSmall, LocalizesAllQueriesWithHlocsFiles) {
 }
 
 TEST_F(RgbdSmall, MergedOrTriangulatedPointsMakeUpForMonocularDepth) {
-  const auto matches = OpenHlocMatches(
-      {data_ / "features.h5", data_ / "matches.h5", data_ / "pairs.txt"}, references_, 10);
-  const NamedGeometry depth = MakeGeometrySource("depth:" + (data_ / "depth_mono_sim").string(),
-                                                 {.references = references_.images});
+  const std::shared_ptr<MatchSource> matches = OpenHlocMatches(
+      {data_ / "features.h5", data_ / "matches.h5", data_ / "pairs.txt"}, scene_.references, 10);
+  const Scene depth = OpenScene(
+      {.model = data_ / "model_ref", .geometry = {"depth:" + (data_ / "depth_mono_sim").string()}});
   const auto run = [&](CandidateMode mode) {
-    const Comparison comparison =
-        Localize(queries_, *matches, {depth.source.get()}, Method::kP3p, truth_, mode);
+    const Comparison comparison = Localize(queries_, matches, depth, Method::kP3p, truth_, mode);
     RecordProperty(std::string(ToString(mode)), Describe(comparison));
     return comparison;
   };
@@ -129,14 +116,11 @@ TEST_F(RgbdSmall, MergedOrTriangulatedPointsMakeUpForMonocularDepth) {
 }
 
 TEST_F(RgbdSmall, LocalizesFromImagesAlone) {
-  const auto matches = MakeFrontEndMatches({.reference_images = data_ / "images",
-                                            .query_images = data_ / "images",
-                                            .cache = TestFolder() / "cache",
-                                            .show_progress = false},
-                                           references_, queries_);
+  const std::shared_ptr<MatchSource> matches = OpenMatches(
+      scene_, queries_,
+      {.front_end = {.query_images = data_ / "images", .cache = TestFolder() / "cache"}});
   for (const Method method : {Method::kP3p, Method::kAdaptive}) {
-    const Comparison comparison =
-        Localize(queries_, *matches, {geometry_.source.get()}, method, truth_);
+    const Comparison comparison = Localize(queries_, matches, scene_, method, truth_);
     EXPECT_GE(CountWithin(comparison, kCoarse), 9u) << ToString(method) << "\n"
                                                     << Describe(comparison);
     const ResultSummary summary = Summarize("", comparison, {});
@@ -155,14 +139,12 @@ TEST(SceauxSfm, P3pLocalizesWithThePointsOfTheModel) {
   const auto data = FindTestData("sceaux_sfm");
   if (!data) GTEST_SKIP() << "sceaux_sfm is not on this machine";
   const auto queries = ReadQueryList(*data / "queries_with_intrinsics.txt");
-  const ReferenceSet references = LoadReferences(*data / "model_ref", 1).references;
-  const auto matches = OpenHlocMatches(
-      {*data / "features.h5", *data / "matches.h5", *data / "pairs.txt"}, references, 10);
-  const NamedGeometry sfm =
-      MakeGeometrySource("sfm", {.model = *data / "model_ref", .references = references.images});
-  EXPECT_TRUE(sfm.warnings.empty());
-  const Comparison comparison = Localize(queries, *matches, {sfm.source.get()}, Method::kP3p,
-                                         Poses(*data / "model_query_gt"));
+  const Scene scene = OpenScene({.model = *data / "model_ref", .geometry = {"sfm"}});
+  const std::shared_ptr<MatchSource> matches = OpenHlocMatches(
+      {*data / "features.h5", *data / "matches.h5", *data / "pairs.txt"}, scene.references, 10);
+  EXPECT_TRUE(scene.sources.front().geometry.warnings.empty());
+  const Comparison comparison =
+      Localize(queries, matches, scene, Method::kP3p, Poses(*data / "model_query_gt"));
   // OpenCV's baseline is at 0.049 to 0.065 % of the extent and 0.033 to 0.046 deg.
   EXPECT_EQ(CountWithin(comparison, {0.001 * kSceauxExtent, 0.05}), 3u) << Describe(comparison);
 }
@@ -171,11 +153,11 @@ TEST(SceauxSfm, E5p1LocalizesWithoutAnyGeometry) {
   const auto data = FindTestData("sceaux_sfm");
   if (!data) GTEST_SKIP() << "sceaux_sfm is not on this machine";
   const auto queries = ReadQueryList(*data / "queries_with_intrinsics.txt");
-  const auto matches =
-      OpenHlocMatches({*data / "features.h5", *data / "matches.h5", *data / "pairs.txt"},
-                      LoadReferences(*data / "model_ref", 1).references, 10);
+  const Scene scene = OpenScene({.model = *data / "model_ref"});
+  const std::shared_ptr<MatchSource> matches = OpenHlocMatches(
+      {*data / "features.h5", *data / "matches.h5", *data / "pairs.txt"}, scene.references, 10);
   const Comparison comparison =
-      Localize(queries, *matches, {}, Method::kE5p1, Poses(*data / "model_query_gt"));
+      Localize(queries, matches, scene, Method::kE5p1, Poses(*data / "model_query_gt"));
   ASSERT_EQ(comparison.queries.size(), 3u);
   // The lowest cost lies at 0.32 % and 0.18 deg for the worst position and at 0.2021 deg for the
   // worst rotation, whatever the seed and the threshold (1 to 4 px).

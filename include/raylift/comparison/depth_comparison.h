@@ -20,6 +20,7 @@
 #include "raylift/evaluation/depth_errors.h"
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/lifting/reference_matches.h"
+#include "raylift/localization/scene.h"
 #include "raylift/renderers/triangle_mesh.h"
 
 namespace raylift {
@@ -31,6 +32,9 @@ struct ComparedSource {
   const GeometrySource* source = nullptr;
   const TriangleMesh* mesh = nullptr;  // where it is one
 };
+
+// The sources of a scene, which must outlive them.
+std::vector<ComparedSource> ComparedSourcesOf(const Scene& scene);
 
 // How far lifted keypoints land from their matches in other images.
 inline constexpr std::array<double, 6> kMatchErrorThresholdsPx = {1, 2, 4, 8, 16, 32};

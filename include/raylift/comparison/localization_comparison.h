@@ -7,21 +7,23 @@
 #include <cstddef>
 #include <functional>
 #include <map>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
-#include "raylift/comparison/depth_comparison.h"
 #include "raylift/comparison/query_detail.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/evaluation/bootstrap.h"
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/evaluation/recall.h"
+#include "raylift/lifting/candidates.h"
 #include "raylift/lifting/consistency_filter.h"
 #include "raylift/lifting/depth_alignment.h"
 #include "raylift/localization/match_source.h"
+#include "raylift/localization/scene.h"
 
 namespace raylift {
 
@@ -35,6 +37,7 @@ struct LocalizationGrid {
   std::vector<FilterMode> filters = {FilterMode::kOff};
   ConsistencyThresholds filter_thresholds;  // of FilterMode::kFixed
   std::vector<AlignMode> alignments = {AlignMode::kOff};
+  CandidateOptions candidates = {};
   std::vector<Threshold> thresholds;
   uint64_t seed = 0;  // of the bootstrap
   int threads = 0;
@@ -62,12 +65,14 @@ struct LocalizationComparison {
   std::vector<LocalizationRow> rows;
 };
 
-// `reference_matches` align depth where the grid asks for it; `ground_truth` must hold the queries.
-LocalizationComparison CompareLocalization(
-    std::span<const ComparedSource> sources, std::span<const Query> queries,
-    const MatchSource& matches, std::span<const PosedImage> references,
-    std::span<const ReferenceMatch> reference_matches, const PosesByName& ground_truth,
-    const LocalizationGrid& grid, const std::function<void()>& on_progress = {});
+// Each source of the scene alone. `reference_matches` align depth where the grid asks for it;
+// `ground_truth` must hold queries.
+LocalizationComparison CompareLocalization(const Scene& scene, std::span<const Query> queries,
+                                           std::shared_ptr<const MatchSource> matches,
+                                           std::span<const ReferenceMatch> reference_matches,
+                                           const PosesByName& ground_truth,
+                                           const LocalizationGrid& grid,
+                                           const std::function<void()>& on_progress = {});
 
 std::string FormatLocalizationText(const LocalizationComparison& comparison);
 std::string FormatLocalizationCsv(const LocalizationComparison& comparison);

@@ -14,17 +14,23 @@
 #include "raylift/evaluation/depth_perturbation.h"
 #include "raylift/evaluation/recall.h"
 #include "raylift/experiment/setting.h"
+#include "raylift/lifting/candidates.h"
 #include "raylift/lifting/consistency_filter.h"
+#include "raylift/lifting/lifter.h"
 
 namespace raylift {
 
-// A source of geometry. "{every}" in the specification stands for the thinning.
+// Where 3D points come from: sources of geometry, and what is made of their points. "{every}" in a
+// specification stands for the thinning.
 struct ExperimentGeometry {
   std::string name;
   std::string title;  // in tables
-  std::string spec;   // as in --geometry
-  // Depth maps of the source at the references' size, made worse.
-  std::optional<DepthPerturbation> perturbation;
+  // As in --geometry, in the order in which they are asked; none where points are triangulated.
+  std::vector<std::string> specs;
+  GeometryMode mode = GeometryMode::kFirst;
+  CandidateOptions candidates = {};
+  // Depth maps of the one source at the references' size, made worse.
+  std::optional<DepthPerturbation> perturbation = std::nullopt;
 };
 
 // "{every}" in the paths of features, matches and pairs stands for the thinning.

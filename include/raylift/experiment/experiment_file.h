@@ -15,6 +15,7 @@
 //   [scenes.demo.geometry]
 //   mesh = "mesh:demo/scene.obj"
 //   noisy = { spec = "mesh:demo/scene.obj", scale_sigma = 0.05 }   # as `raylift perturb`
+//   both = { spec = ["sfm", "mesh:demo/scene.obj"], mode = "all", candidates = "merge" }
 //
 //   [filters."2 px"]
 //   reprojection_px = 2

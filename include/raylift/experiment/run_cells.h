@@ -11,6 +11,7 @@
 
 #include "raylift/experiment/cells.h"
 #include "raylift/experiment/experiment.h"
+#include "raylift/localization/scene.h"
 
 namespace raylift {
 
@@ -19,6 +20,7 @@ struct RunCellsOptions {
   std::filesystem::path cache;
   int threads = 0;
   std::function<void()> on_estimate = {};  // of one query of one cell; from any thread
+  WrapSource wrap_source = {};
 };
 
 // `cells` as ListCells() orders them. Each is written to the store the moment it is complete.

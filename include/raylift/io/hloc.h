@@ -48,6 +48,9 @@ void WriteFeatureFile(const std::filesystem::path& path,
                       const std::map<std::string, Features>& features_by_image,
                       bool half_descriptors);
 
+// The features as they are read back from a file that they were written to.
+Features AsStored(Features features, bool half_descriptors);
+
 // hloc's matches file.
 class MatchFile {
  public:

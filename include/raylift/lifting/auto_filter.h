@@ -32,6 +32,8 @@ struct MultiViewNoise {
   double keypoints_px = 0;
   double geometry_px = 0;  // what wrong depth adds along epipolar lines, at a typical baseline
   size_t num_views = 0;    // that say so
+
+  bool operator==(const MultiViewNoise&) const = default;
 };
 
 struct PointTrust {

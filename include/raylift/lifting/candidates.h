@@ -32,6 +32,8 @@ struct CandidateOptions {
   double max_error_px = 4;
   double min_angle_deg = 1;
 
+  bool operator==(const CandidateOptions&) const = default;
+
   // Throws OptionError for a value out of its range.
   void Validate() const;
 };

@@ -32,6 +32,8 @@ struct ConsistencyThresholds {
   int min_views = 3;           // "in. thr."
   double min_ratio = 0.8;      // "rel. thr.", of the references that observe the keypoint; 0: none
 
+  bool operator==(const ConsistencyThresholds&) const = default;
+
   // Throws OptionError for a value out of its range.
   void Validate() const;
 };
@@ -50,6 +52,8 @@ struct FilterOptions {
   // Of kAuto: what the scene's queries show together, which says better than one query's views
   // whether the geometry is accurate.
   std::optional<MultiViewNoise> scene_noise = std::nullopt;
+
+  bool operator==(const FilterOptions&) const = default;
 };
 
 struct FilterCounts {

@@ -22,7 +22,7 @@ enum class GeometryKind { kMesh, kDepth, kSfm };
 
 struct NamedGeometry {
   GeometryKind kind = GeometryKind::kMesh;
-  std::unique_ptr<GeometrySource> source;
+  std::shared_ptr<const GeometrySource> source;
   std::shared_ptr<const RayCaster> mesh;              // of a mesh source, for pictures; else null
   std::shared_ptr<const DepthFolder> maps = nullptr;  // of depth maps; else null
   // How the files were read ("PNG uint16 640 x 480, z").

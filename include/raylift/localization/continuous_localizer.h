@@ -23,40 +23,39 @@
 
 namespace raylift {
 
-// A scene whose references grow: what LocalizeQuery() sees of it. Matches and geometry must outlive
-// it.
+// A scene whose references grow, and a localizer that sees what it holds now. The covisibility of
+// the references is not used, as it knows nothing of queries: clusters follow from the matches.
 class GrowingScene {
  public:
-  // With `weigh` off joined references count as if their poses were exact.
-  GrowingScene(MatchSource& matches, std::span<const GeometrySource* const> geometry, bool weigh);
+  // `matches` must have been opened for queries that join. With `weigh` off joined references count
+  // as if their poses were exact.
+  GrowingScene(const Scene& scene, std::shared_ptr<MatchSource> matches,
+               const LocalizerOptions& options, bool weigh);
   GrowingScene(const GrowingScene&) = delete;
   GrowingScene& operator=(const GrowingScene&) = delete;
 
-  const MatchSource& matches() const { return weighed_; }
-  std::span<const GeometrySource* const> geometry() const { return geometry_; }
-  const JoinedReferences& joined() const { return joined_; }
+  const Localizer& localizer() const { return localizer_; }
+  const JoinedReferences& joined() const { return *joined_; }
 
   void Join(const JoinedReference& reference);
 
  private:
-  MatchSource& source_;
-  JoinedReferences joined_;
-  WeighedMatches weighed_;
-  std::vector<std::unique_ptr<JoinedGeometry>> owned_geometry_;
-  std::vector<const GeometrySource*> geometry_;
+  std::shared_ptr<MatchSource> source_;
+  std::shared_ptr<JoinedReferences> joined_;
+  Localizer localizer_;
 };
 
 struct ContinuousOptions {
   JoinGateOptions gate;
-  EstimatorOptions estimator;  // of the solvers that have to agree
   int threads = 0;
   const std::atomic<bool>* stop = nullptr;  // finish the query in hand
 };
 
 struct ContinuousHooks {
-  std::function<QueryResult(size_t query)> localize;  // with what the scene holds now
+  // A query was localized with what the scene holds now, and may be changed before it is judged.
+  std::function<void(size_t query, QueryResult& result)> on_localized = {};
   // A query is done; `result` is null where it was done by an earlier run.
-  std::function<void(size_t query, const QueryResult* result)> on_done;
+  std::function<void(size_t query, const QueryResult* result)> on_done = {};
 };
 
 // The records of the queries, one for each, in the order of the list; with `stop`, those that were

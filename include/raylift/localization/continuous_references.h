@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <map>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -90,36 +91,37 @@ class JoinedReferences {
   std::map<std::string, Entry> references_;
 };
 
-// The matches of another source, those with joined references weighed. Both must outlive it.
+// The matches of another source, those with joined references weighed.
 class WeighedMatches final : public MatchSource {
  public:
-  WeighedMatches(const MatchSource& source, const JoinedReferences& joined)
-      : source_(source), joined_(joined) {}
+  WeighedMatches(std::shared_ptr<const MatchSource> source,
+                 std::shared_ptr<const JoinedReferences> joined)
+      : source_(std::move(source)), joined_(std::move(joined)) {}
   QueryMatches Match(const Query& query) const override;
-  std::vector<std::string> Warnings() const override { return source_.Warnings(); }
+  std::vector<std::string> Warnings() const override { return source_->Warnings(); }
 
  private:
-  const MatchSource& source_;
-  const JoinedReferences& joined_;
+  std::shared_ptr<const MatchSource> source_;
+  std::shared_ptr<const JoinedReferences> joined_;
 };
 
 // A source of geometry that knows joined references, too: their linked points, and where there is
 // none what the source says for the estimated pose (a mesh lifts from any), uncertain by that pose.
-// Both must outlive it.
 class JoinedGeometry final : public GeometrySource {
  public:
   // Of several sources only the first should give the links.
   enum class Links { kGive, kLeaveOut };
-  JoinedGeometry(const GeometrySource& source, const JoinedReferences& joined, Links links)
-      : source_(source), joined_(joined), links_(links) {}
+  JoinedGeometry(std::shared_ptr<const GeometrySource> source,
+                 std::shared_ptr<const JoinedReferences> joined, Links links)
+      : source_(std::move(source)), joined_(std::move(joined)), links_(links) {}
 
-  std::string Description() const override { return source_.Description(); }
+  std::string Description() const override { return source_->Description(); }
   std::vector<std::optional<SurfacePoint>> Lift(
       const PosedImage& reference, std::span<const Eigen::Vector2d> pixels) const override;
 
  private:
-  const GeometrySource& source_;
-  const JoinedReferences& joined_;
+  std::shared_ptr<const GeometrySource> source_;
+  std::shared_ptr<const JoinedReferences> joined_;
   Links links_;
 };
 

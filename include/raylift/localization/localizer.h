@@ -1,9 +1,17 @@
-// One query in, one pose out: matches are lifted, made a pose problem and estimated. The counts of
-// every stage come out with the pose, so that a failure explains itself.
+// One query in, one pose out, in four stages, each of which can be called by itself:
+//
+//   Match     the query's 2D-2D matches with retrieved references
+//   Lift      each matched reference keypoint to the 3D point that it shows (or triangulates)
+//   Filter    drops points that the references disagree on; merges those of one keypoint
+//   Estimate  the pose, from both match sets
+//
+// Each stage adds to the QueryResult of those before it, with its counts and its time, so that a
+// failure explains itself.
 
 #pragma once
 
 #include <cstddef>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -16,6 +24,7 @@
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/lifting/lifter.h"
 #include "raylift/localization/match_source.h"
+#include "raylift/localization/scene.h"
 #include "raylift/scene/pose_problem.h"
 
 namespace raylift {
@@ -40,6 +49,7 @@ struct LocalizedQuery {
   PoseEstimate estimate;
   double match_ms = 0;
   double lift_ms = 0;
+  double filter_ms = 0;
   double estimate_ms = 0;
   std::optional<int> rerender_rounds;  // that were kept; none where it was not asked for
   double rerender_ms = 0;
@@ -55,23 +65,72 @@ std::string ReasonNotLocalized(const PoseEstimate& estimate);
 
 struct QueryResult {
   LocalizedQuery localized;
-  PoseProblem problem;  // what was estimated
+  PoseProblem problem;  // what is estimated
 };
 
-// What a query is localized with.
-struct LocalizerParts {
-  const MatchSource& match_source;
-  const Covisibility& covisibility;
-  std::span<const GeometrySource* const> geometry;  // none: nothing is lifted
+// What the automatic filter does with few points for a method: those that have nothing but points
+// keep the best, as a handful of noisy ones only disturbs the others.
+FewPoints FewPointsFor(Method method);
+
+struct LocalizerOptions {
+  EstimatorOptions estimator = {};
+  // What becomes of few points follows from the method. The scene's noise should be given where the
+  // filter is automatic (EstimateSceneNoise()).
+  FilterOptions filter = {};
   GeometryMode geometry_mode = GeometryMode::kFirst;
-  const FilterOptions& filter;
   CandidateOptions candidates = {};  // merged are those that the filter keeps
-  const PoseEstimator& estimator;
 };
-// How noisy the geometry is in the views of some 30 queries, the same ones whatever their order,
-// for the automatic filter (FilterOptions::scene_noise). None where no query tells.
-std::optional<MultiViewNoise> EstimateSceneNoise(std::span<const Query> queries,
-                                                 const LocalizerParts& parts, int threads);
-QueryResult LocalizeQuery(const Query& query, const LocalizerParts& parts);
+
+// Cheap to copy. Thread safe: no call changes it.
+class Localizer {
+ public:
+  // `matches` may be null where matches are always given.
+  Localizer(std::shared_ptr<const Scene> scene, std::shared_ptr<const MatchSource> matches,
+            const LocalizerOptions& options);
+  // With an estimator of one's own; options.estimator then only says what it can do without.
+  Localizer(std::shared_ptr<const Scene> scene, std::shared_ptr<const MatchSource> matches,
+            const LocalizerOptions& options, std::shared_ptr<const PoseEstimator> estimator);
+
+  // All stages.
+  QueryResult Localize(const Query& query) const;                           // known by its name
+  QueryResult Localize(const Query& query, const Image& photograph) const;  // grey or RGB
+  QueryResult Localize(const Query& query, const Features& features) const;
+  QueryResult Localize(const Query& query, QueryMatches matches) const;
+
+  // The stages, in this order. Match() begins a result, the others go on with it.
+  QueryResult Match(const Query& query) const;
+  QueryResult Match(const Query& query, const Image& photograph) const;
+  QueryResult Match(const Query& query, const Features& features) const;
+  QueryResult Match(const Query& query, QueryMatches matches) const;
+  void Lift(QueryResult& result) const;
+  void Filter(QueryResult& result) const;
+  void Estimate(QueryResult& result) const;
+
+  const Scene& scene() const { return *scene_; }
+  const std::shared_ptr<const MatchSource>& matches() const { return matches_; }
+  const LocalizerOptions& options() const { return options_; }
+  const PoseEstimator& estimator() const { return *estimator_; }
+
+  // Whether the other one's stage gives the same from the same.
+  bool LiftsAlike(const Localizer& other) const;
+  bool FiltersAlike(const Localizer& other) const;
+
+ private:
+  template <typename MakeMatches>
+  QueryResult Begin(const Query& query, const MakeMatches& make_matches) const;
+  QueryResult Finish(QueryResult result) const;
+
+  std::shared_ptr<const Scene> scene_;
+  std::shared_ptr<const MatchSource> matches_;
+  LocalizerOptions options_;
+  std::shared_ptr<const PoseEstimator> estimator_;
+  std::vector<std::shared_ptr<const GeometrySource>> geometry_;  // the scene's
+};
+
+// How noisy the scene's geometry is in the views of some 30 queries, the same ones whatever their
+// order, for the automatic filter (FilterOptions::scene_noise). None where no query tells.
+std::optional<MultiViewNoise> EstimateSceneNoise(std::span<const Query> queries, const Scene& scene,
+                                                 const MatchSource& matches, GeometryMode mode,
+                                                 int threads);
 
 }  // namespace raylift

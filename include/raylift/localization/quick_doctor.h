@@ -14,6 +14,7 @@
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/lifting/reference_matches.h"
 #include "raylift/localization/match_source.h"
+#include "raylift/localization/references.h"
 
 namespace raylift {
 

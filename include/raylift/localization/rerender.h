@@ -57,6 +57,9 @@ class Rerenderer {
   // thread; InputError where the query's photograph cannot be read or does not have its camera's
   // size.
   void Improve(const Query& query, const PoseEstimator& estimator, QueryResult& result) const;
+  // The same of a photograph in memory, grey or RGB.
+  void Improve(const Query& query, const Image& photograph, const PoseEstimator& estimator,
+               QueryResult& result) const;
 
  private:
   MeshSource source_;

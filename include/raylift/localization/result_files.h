@@ -4,13 +4,12 @@
 
 #include <cstddef>
 #include <filesystem>
-#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
-#include "raylift/lifting/depth_alignment.h"
 #include "raylift/localization/localizer.h"
+#include "raylift/localization/scene.h"
 
 namespace raylift {
 
@@ -25,17 +24,10 @@ void WriteQueryDiagnostics(const std::filesystem::path& path,
 // A line of it, without the line's end.
 std::string FormatQueryDiagnostics(const LocalizedQuery& query);
 
-// A source of geometry that was used.
-struct UsedGeometry {
-  std::string spec;        // as in the option --geometry
-  std::string understood;  // how its files were read
-  std::optional<DepthAlignment> alignment;
-};
-
 // `depth_alignment.jsonl`: one JSON object per aligned source and reference: how its depth was
 // corrected, on how many matches that rests, how far these were from the projected keypoints before
 // and after.
-void WriteAlignment(const std::filesystem::path& path, std::span<const UsedGeometry> geometry);
+void WriteAlignment(const std::filesystem::path& path, std::span<const SceneSource> geometry);
 
 // What rendering again from the estimated poses did (localization/rerender.h).
 struct RerenderCounts {
@@ -48,7 +40,7 @@ RerenderCounts CountRerendered(std::span<const LocalizedQuery> queries);
 // `summary.json`: totals, geometry, medians of the stages' counts, warnings, seconds.
 struct RunSummary {
   size_t num_references = 0;
-  std::span<const UsedGeometry> geometry;
+  std::span<const SceneSource> geometry;
   std::vector<std::string> warnings;
   double seconds = 0;
 };

@@ -23,7 +23,7 @@
 #include "raylift/features/dot_product_search.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/covisibility.h"
-#include "raylift/localization/match_source.h"
+#include "raylift/localization/front_end.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/posed_image.h"
 

@@ -10,6 +10,7 @@
 #include "raylift/io/query_list.h"
 #include "raylift/lifting/reference_matches.h"
 #include "raylift/localization/match_source.h"
+#include "raylift/localization/references.h"
 
 namespace raylift {
 

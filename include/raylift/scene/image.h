@@ -23,4 +23,7 @@ struct Image {
   }
 };
 
+// Of an RGB picture by ITU-R BT.601, as decoders make grey of colour; a grey one as it is.
+Image ToGrey(const Image& image);
+
 }  // namespace raylift

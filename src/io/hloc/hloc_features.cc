@@ -196,4 +196,17 @@ void WriteFeatureFile(const std::filesystem::path& path,
   file.Commit();
 }
 
+Features AsStored(Features features, bool half_descriptors) {
+  const auto stored = [](double coordinate) {
+    return static_cast<double>(static_cast<float>(coordinate - kPixelShift)) + kPixelShift;
+  };
+  for (Eigen::Vector2d& pixel : features.keypoints_px) {
+    pixel = {stored(pixel.x()), stored(pixel.y())};
+  }
+  if (half_descriptors) {
+    features.descriptors = features.descriptors.cast<Eigen::half>().cast<float>();
+  }
+  return features;
+}
+
 }  // namespace raylift

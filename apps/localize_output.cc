@@ -1,0 +1,91 @@
+#include "localize_output.h"
+
+#include <optional>
+
+#include <fmt/format.h>
+
+#include "raylift/base/file.h"
+#include "raylift/io/image_file.h"
+#include "raylift/io/pose_problem_json.h"
+#include "raylift/localization/query_picture.h"
+#include "raylift/localization/result_files.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+// A file of a query of its own: its folders and its extension are kept, as a.jpg and a.png may both
+// be queries; nothing leaves `folder`.
+path FileOfQuery(const path& folder, const std::string& query, const char* extension) {
+  return PathBelow(folder, query) += extension;
+}
+
+}  // namespace
+
+LocalizeOutput::LocalizeOutput(const LocalizeFlags& flags, size_t num_queries,
+                               std::shared_ptr<const RayCaster> mesh)
+    : flags_(flags), query_images_(flags.QueryImages()), mesh_(std::move(mesh)) {
+  RequireWritable(flags.out / "poses.txt");
+  if (!flags.report.empty()) {
+    RequireWritable(flags.report / "index.html");
+    report_ = std::make_unique<LocalizationReport>(num_queries, query_images_);
+  }
+  if (!flags.write_problems.empty()) RequireWritable(flags.write_problems / "problem.json");
+}
+
+void LocalizeOutput::Show(size_t index, const QueryResult& result) {
+  const std::string& name = result.localized.name;
+  if (!flags_.write_problems.empty()) {
+    WritePoseProblem(FileOfQuery(flags_.write_problems, name, ".json"),
+                     {result.problem, std::nullopt});
+  }
+  if (static_cast<int>(index) < flags_.pictures && result.localized.localized() &&
+      mesh_ != nullptr) {
+    const Image photograph = ReadImage(query_images_ / name, ImageChannels::kRgb);
+    WriteImage(FileOfQuery(flags_.out / "pictures", name, ".jpg"),
+               DrawQueryPicture(result, photograph, *mesh_, 1));
+  }
+  if (report_) report_->Take(index, result);
+}
+
+void LocalizeOutput::Finish(const std::vector<LocalizedQuery>& localized, const Run& run,
+                            const std::string& options_json) const {
+  const Scene& scene = run.scene;
+  WritePoses(flags_.out / "poses.txt", localized);
+  WriteFile(flags_.out / "options.json", options_json);
+  if (report_) {
+    WriteFile(flags_.report / "index.html",
+              report_->Format("Raylift: " + flags_.out.string(), scene.references.images));
+  }
+  WriteSummary(flags_.out / "summary.json", localized,
+               {.num_references = scene.references.images.size(),
+                .geometry = scene.sources,
+                .warnings = {run.warnings.begin(), run.warnings.end()},
+                .seconds = run.seconds});
+  if (!flags_.run.quiet) Print(localized, run);
+}
+
+void LocalizeOutput::Print(const std::vector<LocalizedQuery>& localized, const Run& run) const {
+  for (const SceneSource& source : run.scene.sources) {
+    if (!source.alignment) continue;
+    fmt::print("aligned {}: keypoints were {:.2f} px from their matches, now {:.2f} px (median)\n",
+               source.spec, source.alignment->median_before_px, source.alignment->median_after_px);
+  }
+  size_t count = 0;
+  for (const LocalizedQuery& query : localized) {
+    count += query.localized() ? 1 : 0;
+    if (!query.localized()) fmt::print("not localized: {}: {}\n", query.name, query.reason);
+  }
+  if (const RerenderCounts counts = CountRerendered(localized); counts.asked) {
+    fmt::print("rendered again: {} poses sharpened in {} rounds\n", counts.improved,
+               counts.rounds_kept);
+  }
+  if (flags_.continuous.enabled) {
+    fmt::print("{} localized queries joined the references\n", run.joined);
+  }
+  fmt::print("localized {} of {} queries against {} references: {}\n", count, localized.size(),
+             run.scene.references.images.size(), (flags_.out / "poses.txt").string());
+}
+
+}  // namespace raylift

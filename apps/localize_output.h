@@ -1,0 +1,50 @@
+// What `raylift localize` leaves behind and prints.
+
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "localize_flags.h"
+
+#include "raylift/comparison/localization_report.h"
+#include "raylift/localization/continuous_localizer.h"
+#include "raylift/localization/localizer.h"
+#include "raylift/localization/scene.h"
+
+namespace raylift {
+
+class LocalizeOutput {
+ public:
+  // InputError where something cannot be written, before any work. `mesh` is for pictures, and may
+  // be null.
+  LocalizeOutput(const LocalizeFlags& flags, size_t num_queries,
+                 std::shared_ptr<const RayCaster> mesh);
+
+  // What is to be seen of a query beside its pose: its problem, its picture, its part of the page.
+  // From any thread.
+  void Show(size_t index, const QueryResult& result);
+
+  struct Run {
+    const Scene& scene;
+    std::span<const std::string> warnings;
+    double seconds;
+    size_t joined;  // localized queries that became references
+  };
+  // All files but queries.jsonl, and the summary on stdout.
+  void Finish(const std::vector<LocalizedQuery>& localized, const Run& run,
+              const std::string& options_json) const;
+
+ private:
+  void Print(const std::vector<LocalizedQuery>& localized, const Run& run) const;
+
+  const LocalizeFlags& flags_;
+  const std::filesystem::path& query_images_;
+  std::shared_ptr<const RayCaster> mesh_;
+  std::unique_ptr<LocalizationReport> report_;  // null where none is asked for
+};
+
+}  // namespace raylift

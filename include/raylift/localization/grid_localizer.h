@@ -1,0 +1,40 @@
+// The same queries localized in many ways, for comparisons: what ways have in common, their matches
+// above all, is made once, so that what differs in the results is what differs in the ways.
+
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <vector>
+
+#include "raylift/localization/localizer.h"
+
+namespace raylift {
+
+class GridLocalizer {
+ public:
+  // All have the same source of matches and the same references. At least one.
+  explicit GridLocalizer(std::vector<Localizer> ways);
+
+  size_t size() const { return ways_.size(); }
+  const Localizer& way(size_t index) const { return ways_[index]; }
+
+  // Hands each way's result to `take`, whose calls may come in any order and, for different ways,
+  // from several threads. Results do not depend on the number of threads.
+  void Localize(const Query& query, int threads,
+                const std::function<void(size_t way, const QueryResult& result)>& take) const;
+
+ private:
+  // Ways that filter alike, among those that lift alike.
+  struct Filtered {
+    std::vector<size_t> ways;
+  };
+  struct Lifted {
+    std::vector<Filtered> filtered;
+  };
+
+  std::vector<Localizer> ways_;
+  std::vector<Lifted> tree_;
+};
+
+}  // namespace raylift

@@ -1,0 +1,34 @@
+// Matches that hloc's tools, or others that write its files, have made.
+
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <span>
+
+#include "raylift/io/query_list.h"
+#include "raylift/localization/match_source.h"
+#include "raylift/localization/references.h"
+
+namespace raylift {
+
+struct HlocFiles {
+  std::filesystem::path features;
+  std::filesystem::path matches;
+  std::filesystem::path pairs;
+};
+
+// Queries that may become references by Join(), and how many of them a query may have among its
+// references; none may by default.
+struct JoiningQueries {
+  std::span<const Query> queries = {};
+  int max_joined = 0;
+};
+
+// Reads hloc's files. The pairs file ranks the references of each query; `top_k` of those in use
+// are taken. InputError where it names a reference that the model does not hold. References that
+// are joining queries stand in the files like others, and are passed over until they join.
+std::unique_ptr<MatchSource> OpenHlocMatches(const HlocFiles& files, const ReferenceSet& references,
+                                             int top_k, const JoiningQueries& joining = {});
+
+}  // namespace raylift

@@ -1,0 +1,34 @@
+// The matches of a scene's queries by whatever there is: hloc's files, or the built-in front end
+// with any kind of retrieval.
+
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+
+#include "raylift/localization/front_end.h"
+#include "raylift/localization/hloc_matches.h"
+#include "raylift/localization/match_source.h"
+#include "raylift/localization/retrieval.h"
+#include "raylift/localization/scene.h"
+
+namespace raylift {
+
+struct MatchingOptions {
+  std::optional<HlocFiles> hloc = std::nullopt;  // none: the front end
+  int top_k = 10;                                // references per query
+  // With a number, localized queries may join the references, up to so many among the top_k.
+  std::optional<int> max_joined = std::nullopt;
+
+  // Of the front end. Its top_k, max_joined and reference images are set from here and the scene.
+  FrontEndOptions front_end = {};
+  // None: by VLAD. The mesh of `overlap` and top_k are set from the scene and from here.
+  std::optional<RetrievalOptions> retrieval = std::nullopt;
+};
+
+// Warnings of the retrieval come with those of the source.
+std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Query> queries,
+                                         const MatchingOptions& options);
+
+}  // namespace raylift

@@ -1,0 +1,102 @@
+// What queries are localized in: references with known poses, and the geometry that their keypoints
+// are lifted by. A scene is opened from a COLMAP model, from a scene file or from a mesh alone, or
+// filled by hand:
+//
+//   Scene scene = OpenScene({.model = "sfm", .images = "photos", .geometry = {"mesh:a.ply"}});
+//
+//   Scene scene;
+//   scene.references.images = {{"left.jpg", camera, cam_from_world}, ...};
+//   scene.AddGeometry(std::make_shared<MeshSource>("room", caster));
+//
+// All that is large is shared and const: copies are cheap, and a copy with other geometry leaves
+// the first one as it is.
+
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raylift/geometry/pose_convention.h"
+#include "raylift/io/scene_file.h"
+#include "raylift/lifting/depth_alignment.h"
+#include "raylift/lifting/geometry_spec.h"
+#include "raylift/localization/covisibility.h"
+#include "raylift/localization/references.h"
+#include "raylift/renderers/ray_caster.h"
+#include "raylift/scene/thinning.h"
+#include "raylift/views/rendered_references.h"
+
+namespace raylift {
+
+// A source of geometry of a scene.
+struct SceneSource {
+  NamedGeometry geometry;
+  std::string spec;  // as in the option --geometry; of a source from memory its description
+  std::string name;  // what tables call it: the specification, unless someone named it
+  // How its depth was corrected (Aligned()); geometry.source then gives the corrected points.
+  std::optional<DepthAlignment> alignment = std::nullopt;
+};
+
+struct Scene {
+  ReferenceSet references;
+  // What the references' poses in the model's files meant; in memory they are cam_from_world.
+  PoseConvention model_poses = PoseConvention::kCamFromWorld;
+  std::filesystem::path images;  // folder of the references' photographs; may be empty
+  // Null: nothing is known of it.
+  std::shared_ptr<const Covisibility> covisibility = nullptr;
+  std::vector<SceneSource> sources;  // in the order in which they are asked
+  // Where the references were rendered: what was found there, and what was made.
+  std::optional<RenderedReferences> rendered = std::nullopt;
+  std::vector<std::string> warnings;  // what the user should know of the files
+
+  // Named by its description.
+  void AddGeometry(std::shared_ptr<const GeometrySource> source);
+  // Of the first source that is a mesh, for pictures and retrieval; null where none is.
+  std::shared_ptr<const RayCaster> Mesh() const;
+  // The sources to lift by.
+  std::vector<std::shared_ptr<const GeometrySource>> Geometry() const;
+};
+
+// Sees each source as it is opened and returns the one to use in its place: for counting, caching.
+using WrapSource = std::function<std::shared_ptr<const GeometrySource>(
+    std::shared_ptr<const GeometrySource> source)>;
+
+struct SceneOptions {
+  std::filesystem::path model = {};  // COLMAP model of the references
+  PoseConvention model_poses = PoseConvention::kCamFromWorld;
+  Thinning thinning = {};
+  std::filesystem::path images = {};
+  std::vector<std::string> geometry = {};    // as the option --geometry takes them
+  size_t max_cache_bytes = size_t{1} << 29;  // of depth maps, per source
+  WrapSource wrap_source = {};
+};
+
+// OptionError for a specification of geometry that is none, InputError where a file cannot be read.
+Scene OpenScene(const SceneOptions& options);
+
+// What a scene file says of the references and the geometry: its first one, or those named.
+// InputError where there is none of a name.
+SceneOptions SceneOptionsOf(const SceneFile& file, std::span<const std::string> geometries = {});
+
+// A scene whose references are rendered from its one geometry, a mesh. What `rendered.out` holds
+// from before is used again.
+Scene OpenMeshScene(const std::string& mesh_spec, const Thinning& thinning,
+                    const RenderedReferenceOptions& rendered, const RenderHooks& hooks = {});
+
+// Opens a specification of geometry for the scene's references; what is said of it goes to the
+// scene's warnings.
+void OpenGeometry(Scene& scene, const std::string& spec, const SceneOptions& options = {});
+
+// The scene with the depth of its sources corrected, each by itself, by matches between the
+// references (indices count in references.images). The points of SfM models stay: they agree with
+// the references as they are.
+Scene Aligned(const Scene& scene, AlignMode mode, std::span<const ReferenceMatch> matches,
+              int threads);
+
+}  // namespace raylift
