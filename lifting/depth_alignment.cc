@@ -24,13 +24,6 @@ constexpr std::array<std::pair<AlignMode, std::string_view>, 4> kModeNames = {{
     {AlignMode::kGrid, "grid"},
 }};
 
-// A match as one of its two references sees it.
-struct HalfMatch {
-  Eigen::Vector2d pixel;
-  int other;
-  Eigen::Vector2d other_px;
-};
-
 // A keypoint of a map and its match in another image, whose camera sees it at
 // origin_in_other + z * ray_in_other if its depth is z.
 struct Observation {
@@ -256,16 +249,6 @@ DepthCorrection Fit(const std::vector<Observation>& observations, const Camera& 
   return correction;
 }
 
-std::vector<std::vector<HalfMatch>> SplitByReference(std::span<const ReferenceMatch> matches,
-                                                     size_t num_references) {
-  std::vector<std::vector<HalfMatch>> halves(num_references);
-  for (const ReferenceMatch& m : matches) {
-    halves[static_cast<size_t>(m.reference_a)].push_back({m.a_px, m.reference_b, m.b_px});
-    halves[static_cast<size_t>(m.reference_b)].push_back({m.b_px, m.reference_a, m.a_px});
-  }
-  return halves;
-}
-
 }  // namespace
 
 std::string_view ToString(AlignMode mode) {
@@ -292,7 +275,7 @@ DepthAlignment AlignDepth(const GeometrySource& source, std::span<const PosedIma
                           std::span<const ReferenceMatch> matches, const AlignOptions& options,
                           int threads) {
   RAYLIFT_CHECK(options.mode != AlignMode::kOff);
-  const auto halves = SplitByReference(matches, references.size());
+  const auto halves = HalvesByReference(matches, references.size());
   std::vector<std::vector<Observation>> observations(references.size());
   std::vector<double> log_factors(references.size(), 0);
   DepthAlignment alignment;

@@ -68,18 +68,19 @@ InputReading Scaled(const InputReading& reading, double log_factor) {
 
 ReadingErrors::ReadingErrors(const DoctorInput& input, size_t max_matches) : input_(input) {
   const size_t count = std::min(max_matches, input.matches.size());
-  const auto add = [&](int map, const Eigen::Vector2d& pixel, int other,
-                       const Eigen::Vector2d& other_px) {
-    const auto ray = input_.references[static_cast<size_t>(map)].camera.RayInCam(pixel);
-    if (ray && ray->z() > 0) keypoints_.push_back({map, other, pixel, other_px, ray->z()});
-  };
+  std::vector<ReferenceMatch> chosen;
   for (size_t i = 0; i < count; ++i) {
-    const ReferenceMatch& m = input.matches[i * input.matches.size() / count];
-    add(m.reference_a, m.a_px, m.reference_b, m.b_px);
-    add(m.reference_b, m.b_px, m.reference_a, m.a_px);
+    chosen.push_back(input.matches[i * input.matches.size() / count]);
   }
-  std::stable_sort(keypoints_.begin(), keypoints_.end(),
-                   [](const Keypoint& a, const Keypoint& b) { return a.map < b.map; });
+  const auto halves = HalvesByReference(chosen, input.references.size());
+  for (size_t map = 0; map < halves.size(); ++map) {
+    for (const HalfMatch& match : halves[map]) {
+      const auto ray = input_.references[map].camera.RayInCam(match.pixel);
+      if (!ray || !(ray->z() > 0)) continue;
+      keypoints_.push_back(
+          {static_cast<int>(map), match.other, match.pixel, match.other_px, ray->z()});
+    }
+  }
 }
 
 size_t ReadingErrors::NumPairs() const {

@@ -32,4 +32,14 @@ std::vector<ReferenceMatch> TransitiveMatches(std::span<const Match2D2D> matches
   return pairs;
 }
 
+std::vector<std::vector<HalfMatch>> HalvesByReference(std::span<const ReferenceMatch> matches,
+                                                      size_t num_references) {
+  std::vector<std::vector<HalfMatch>> halves(num_references);
+  for (const ReferenceMatch& m : matches) {
+    halves[static_cast<size_t>(m.reference_a)].push_back({m.a_px, m.reference_b, m.b_px});
+    halves[static_cast<size_t>(m.reference_b)].push_back({m.b_px, m.reference_a, m.a_px});
+  }
+  return halves;
+}
+
 }  // namespace raylift

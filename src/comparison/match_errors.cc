@@ -2,65 +2,34 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <numeric>
 
 #include "raylift/base/parallel.h"
 #include "raylift/lifting/depth_alignment.h"
+#include "raylift/lifting/reference_matches.h"
 
 namespace raylift {
-namespace {
-
-// One end of a match: where it is lifted and where it should land.
-struct MatchEnd {
-  Eigen::Vector2d from_px;
-  size_t to_image;
-  Eigen::Vector2d to_px;
-};
-
-// Indices of the matches of each image.
-std::vector<std::vector<uint32_t>> MatchesByImage(size_t num_images,
-                                                  std::span<const ReferenceMatch> matches) {
-  std::vector<std::vector<uint32_t>> indices(num_images);
-  for (uint32_t i = 0; i < matches.size(); ++i) {
-    indices[static_cast<size_t>(matches[i].reference_a)].push_back(i);
-    indices[static_cast<size_t>(matches[i].reference_b)].push_back(i);
-  }
-  return indices;
-}
-
-MatchEnd EndIn(size_t image, const ReferenceMatch& match) {
-  if (static_cast<size_t>(match.reference_a) == image) {
-    return {match.a_px, static_cast<size_t>(match.reference_b), match.b_px};
-  }
-  return {match.b_px, static_cast<size_t>(match.reference_a), match.a_px};
-}
-
-}  // namespace
 
 std::vector<LiftedMatchErrors> MeasureMatches(const GeometrySource& source,
                                               std::span<const PosedImage> images,
                                               std::span<const ReferenceMatch> matches,
                                               int threads) {
-  const auto indices = MatchesByImage(images.size(), matches);
+  const auto halves = HalvesByReference(matches, images.size());
   std::vector<LiftedMatchErrors> errors(images.size());
   ParallelFor(images.size(), threads, [&](size_t i) {
-    std::vector<MatchEnd> ends;
     std::vector<Eigen::Vector2d> pixels;
-    for (const uint32_t index : indices[i]) {
-      ends.push_back(EndIn(i, matches[index]));
-      pixels.push_back(ends.back().from_px);
-    }
+    for (const HalfMatch& match : halves[i]) pixels.push_back(match.pixel);
     const auto points = source.Lift(images[i], pixels);
     for (size_t k = 0; k < points.size(); ++k) {
       if (!points[k]) {
         ++errors[i].missing;
         continue;
       }
-      const PosedImage& to = images[ends[k].to_image];
+      const HalfMatch& match = halves[i][k];
+      const PosedImage& to = images[static_cast<size_t>(match.other)];
       const auto pixel = to.camera.ImgFromCam(to.cam_from_world * points[k]->point_in_world);
       if (pixel) {
-        errors[i].errors_px.push_back((*pixel - ends[k].to_px).norm());
+        errors[i].errors_px.push_back((*pixel - match.other_px).norm());
       } else {
         ++errors[i].missing;
       }

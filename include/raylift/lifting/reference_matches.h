@@ -26,4 +26,15 @@ struct ReferenceMatch {
 // same query pixel; each pair once.
 std::vector<ReferenceMatch> TransitiveMatches(std::span<const Match2D2D> matches);
 
+// A match as one of its two references sees it.
+struct HalfMatch {
+  Eigen::Vector2d pixel;
+  int other;  // reference
+  Eigen::Vector2d other_px;
+};
+
+// Both halves of every match, by the reference that sees them, in the order of the matches.
+std::vector<std::vector<HalfMatch>> HalvesByReference(std::span<const ReferenceMatch> matches,
+                                                      size_t num_references);
+
 }  // namespace raylift
