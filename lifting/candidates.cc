@@ -13,6 +13,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
+#include "raylift/geometry/triangulation.h"
 #include "raylift/lifting/multi_view_errors.h"
 
 namespace raylift {
@@ -173,27 +174,18 @@ std::vector<RefinedPoint> RefineBest(std::span<const PosedImage> references,
 // The ray of a matched reference keypoint.
 struct KeypointRay {
   int reference;
-  Eigen::Vector3d origin_in_world;
-  Eigen::Vector3d direction_in_world;  // unit
+  SightLine line_in_world;  // of unit direction
 };
 
 // Halfway between the rays where they are closest; none where they meet at less than the angle or
 // behind a camera.
 std::optional<Eigen::Vector3d> Midpoint(const KeypointRay& a, const KeypointRay& b,
                                         double min_angle_deg) {
-  const double cosine = a.direction_in_world.dot(b.direction_in_world);
-  const double sine2 = a.direction_in_world.cross(b.direction_in_world).squaredNorm();
-  if (cosine > std::cos(min_angle_deg * std::numbers::pi / 180) || !(sine2 > 0)) {
-    return std::nullopt;
-  }
-  const Eigen::Vector3d b_from_a = b.origin_in_world - a.origin_in_world;
-  const double along_a = b_from_a.dot(a.direction_in_world);
-  const double along_b = b_from_a.dot(b.direction_in_world);
-  const double ray_t_a = (along_a - cosine * along_b) / sine2;
-  const double ray_t_b = (cosine * along_a - along_b) / sine2;
-  if (!(ray_t_a > 0 && ray_t_b > 0)) return std::nullopt;
-  return 0.5 * (a.origin_in_world + ray_t_a * a.direction_in_world + b.origin_in_world +
-                ray_t_b * b.direction_in_world);
+  const double cosine = a.line_in_world.direction.dot(b.line_in_world.direction);
+  if (cosine > std::cos(min_angle_deg * std::numbers::pi / 180)) return std::nullopt;
+  const auto approach = Approach(a.line_in_world, b.line_in_world);
+  if (!approach || !(approach->ray_t_a > 0 && approach->ray_t_b > 0)) return std::nullopt;
+  return 0.5 * (a.line_in_world.At(approach->ray_t_a) + b.line_in_world.At(approach->ray_t_b));
 }
 
 std::vector<KeypointRay> RaysOf(std::span<const PosedImage> references,
@@ -204,8 +196,9 @@ std::vector<KeypointRay> RaysOf(std::span<const PosedImage> references,
     const PosedImage& reference = references[static_cast<size_t>(matches[i].reference)];
     const auto ray_in_cam = reference.camera.RayInCam(matches[i].reference_px);
     if (!ray_in_cam) continue;
-    rays.push_back({matches[i].reference, reference.cam_from_world.OriginInSource(),
-                    reference.cam_from_world.rotation.conjugate() * *ray_in_cam});
+    rays.push_back({matches[i].reference,
+                    {reference.cam_from_world.OriginInSource(),
+                     reference.cam_from_world.rotation.conjugate() * *ray_in_cam}});
   }
   return rays;
 }

@@ -7,6 +7,7 @@
 #include <memory>
 #include <utility>
 
+#include "keypoint_sight.h"
 #include <ceres/ceres.h>
 
 #include "raylift/base/error.h"
@@ -24,36 +25,27 @@ constexpr std::array<std::pair<AlignMode, std::string_view>, 4> kModeNames = {{
     {AlignMode::kGrid, "grid"},
 }};
 
-// A keypoint of a map and its match in another image, whose camera sees it at
-// origin_in_other + z * ray_in_other if its depth is z.
+// A keypoint of a map and its match in another image.
 struct Observation {
   Eigen::Vector2d pixel;
   double z;  // as the source says
-  Eigen::Vector3d origin_in_other;
-  Eigen::Vector3d ray_in_other;
+  KeypointSight sight;
   const Camera* other_camera;
   Eigen::Vector2d other_px;
-
-  Eigen::Vector3d PointInOther(double depth_z) const {
-    return origin_in_other + depth_z * ray_in_other;
-  }
 };
 
 std::optional<Observation> MakeObservation(const PosedImage& map, const PosedImage& other,
                                            const HalfMatch& match, double z,
                                            const AlignOptions& options) {
-  const auto ray_in_map = map.camera.RayInCam(match.pixel);
+  const auto sight = SeeFromOther(map, match.pixel, other);
   const auto epipolar = SampsonError(map.camera, map.cam_from_world, match.pixel, other.camera,
                                      other.cam_from_world, match.other_px);
-  if (!ray_in_map || !(ray_in_map->z() > 0) || !epipolar ||
-      std::abs(epipolar->error_px) > options.epipolar_threshold_px) {
+  if (!sight || !epipolar || std::abs(epipolar->error_px) > options.epipolar_threshold_px) {
     return std::nullopt;
   }
-  const Rigid3 other_from_map = other.cam_from_world * map.cam_from_world.Inverse();
   return Observation{.pixel = match.pixel,
                      .z = z,
-                     .origin_in_other = other_from_map.translation,
-                     .ray_in_other = other_from_map.rotation * (*ray_in_map / ray_in_map->z()),
+                     .sight = *sight,
                      .other_camera = &other.camera,
                      .other_px = match.other_px};
 }
@@ -83,32 +75,18 @@ std::vector<double> Distances(const std::vector<Observation>& observations, cons
   std::vector<double> distances;
   for (const Observation& o : observations) {
     const double z = correction.Correct(o.z, camera, o.pixel);
-    const auto projected = o.other_camera->ImgFromCam(o.PointInOther(z));
+    const auto projected = o.other_camera->ImgFromCam(o.sight.PointInOther(z));
     distances.push_back(projected ? (*projected - o.other_px).norm()
                                   : std::numeric_limits<double>::infinity());
   }
   return distances;
 }
 
-// The depth at which the keypoint's ray passes closest to its match's ray, and what one unit of its
-// logarithm moves the projection, in pixels: the more, the better the depth is known. None where
-// it is behind either camera.
-std::optional<WeightedValue> TriangulatedLogFactor(const Observation& o) {
-  const auto other_ray = o.other_camera->RayInCam(o.other_px);
-  if (!other_ray) return std::nullopt;
-  const Eigen::Vector3d a = other_ray->cross(o.origin_in_other);
-  const Eigen::Vector3d b = other_ray->cross(o.ray_in_other);
-  const double z = -b.dot(a) / b.squaredNorm();
-  if (!(z > 0) || !std::isfinite(z)) return std::nullopt;
-  const auto projection = o.other_camera->ImgFromCamWithJacobian(o.PointInOther(z));
-  if (!projection) return std::nullopt;
-  return WeightedValue{std::log(z / o.z), (projection->jacobian * o.ray_in_other).norm() * z};
-}
-
 double RobustLogFactor(const std::vector<Observation>& observations) {
   std::vector<WeightedValue> factors;
   for (const Observation& o : observations) {
-    if (const auto factor = TriangulatedLogFactor(o)) factors.push_back(*factor);
+    const auto depth = TriangulateDepth(o.sight, *o.other_camera, o.other_px);
+    if (depth) factors.push_back({std::log(depth->z / o.z), depth->gain_px});
   }
   return WeightedMedian(std::move(factors));
 }
@@ -131,12 +109,13 @@ class ProjectedDepthCost final : public ceres::CostFunction {
     const double scaled_z = observation_.z * std::exp(log_factor);
     const double z = scaled_z + (has_shift_ ? parameters[0][num_nodes_] : 0);
     const auto projection =
-        observation_.other_camera->ImgFromCamWithJacobian(observation_.PointInOther(z));
+        observation_.other_camera->ImgFromCamWithJacobian(observation_.sight.PointInOther(z));
     if (!projection) return false;
     Eigen::Map<Eigen::Vector2d> error(residuals);
     error = projection->pixel - observation_.other_px;
     if (jacobians != nullptr && jacobians[0] != nullptr) {
-      const Eigen::Vector2d along = projection->jacobian * observation_.ray_in_other;
+      const Eigen::Vector2d along =
+          projection->jacobian * observation_.sight.line_in_other.direction;
       Eigen::Map<Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>> jacobian(
           jacobians[0], 2, parameter_block_sizes()[0]);
       jacobian.setZero();
@@ -221,7 +200,7 @@ DepthCorrection Fit(const std::vector<Observation>& observations, const Camera& 
   std::vector<double> depths;
   for (const Observation& o : observations) {
     const double z = start.Correct(o.z, camera, o.pixel);
-    if (!o.other_camera->ImgFromCam(o.PointInOther(z))) continue;
+    if (!o.other_camera->ImgFromCam(o.sight.PointInOther(z))) continue;
     depths.push_back(z);
     problem.AddResidualBlock(
         new ProjectedDepthCost(o, GridWeights(correction.columns, correction.rows, camera, o.pixel),

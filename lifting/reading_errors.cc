@@ -162,23 +162,13 @@ std::vector<std::optional<double>> ReadingErrors::LookUp(const InputReading& rea
 ReadingErrors::Sight ReadingErrors::See(const Keypoint& keypoint, PoseConvention poses) const {
   const PosedImage map = ReadAs(input_.references[static_cast<size_t>(keypoint.map)], poses);
   const PosedImage other = ReadAs(input_.references[static_cast<size_t>(keypoint.other)], poses);
-  const auto ray = map.camera.RayInCam(keypoint.pixel);
-  const Rigid3 other_from_map = other.cam_from_world * map.cam_from_world.Inverse();
-  Sight sight{.origin_in_other = other_from_map.translation,
-              .ray_in_other = other_from_map.rotation * (*ray / ray->z()),
-              .triangulated_z = std::nullopt};
-  const auto other_ray = other.camera.RayInCam(keypoint.other_px);
-  if (!other_ray) return sight;
-  const Eigen::Vector3d a = other_ray->cross(sight.origin_in_other);
-  const Eigen::Vector3d b = other_ray->cross(sight.ray_in_other);
-  const double z = -b.dot(a) / b.squaredNorm();
-  if (!(z > 0) || !std::isfinite(z)) return sight;
-  const auto projection =
-      other.camera.ImgFromCamWithJacobian(sight.origin_in_other + z * sight.ray_in_other);
-  if (!projection) return sight;
-  if ((projection->pixel - keypoint.other_px).norm() > kEpipolarThresholdPx) return sight;
-  sight.triangulated_z = z;
-  sight.gain_px = (projection->jacobian * sight.ray_in_other).norm() * z;
+  const auto seen = SeeFromOther(map, keypoint.pixel, other);
+  RAYLIFT_CHECK(seen.has_value());
+  Sight sight{*seen, TriangulateDepth(*seen, other.camera, keypoint.other_px)};
+  if (sight.depth &&
+      (sight.depth->projected_px - keypoint.other_px).norm() > kEpipolarThresholdPx) {
+    sight.depth.reset();
+  }
   return sight;
 }
 
@@ -203,9 +193,9 @@ MapScales ReadingErrors::FitScales(const InputReading& reading) const {
   const auto depths = Depths(reading);
   std::vector<std::vector<WeightedValue>> of_map(num_maps());
   for (size_t i = 0; i < keypoints_.size(); ++i) {
-    if (!depths[i] || !sights[i].triangulated_z) continue;
+    if (!depths[i] || !sights[i].depth) continue;
     of_map[static_cast<size_t>(keypoints_[i].map)].push_back(
-        {std::log(*sights[i].triangulated_z / *depths[i]), sights[i].gain_px});
+        {std::log(sights[i].depth->z / *depths[i]), sights[i].depth->gain_px});
   }
   std::vector<WeightedValue> all;
   std::vector<double> own;
@@ -234,8 +224,7 @@ std::vector<std::optional<double>> ReadingErrors::Errors(
     const Keypoint& keypoint = keypoints_[i];
     const double z = *depths[i] * std::exp(log_factor_of_map[static_cast<size_t>(keypoint.map)]);
     const Camera& camera = input_.references[static_cast<size_t>(keypoint.other)].camera;
-    const auto projected =
-        camera.ImgFromCam(sights[i].origin_in_other + z * sights[i].ray_in_other);
+    const auto projected = camera.ImgFromCam(sights[i].seen.PointInOther(z));
     errors[i] =
         projected ? std::min((*projected - keypoint.other_px).norm(), kLargestPx) : kLargestPx;
   }

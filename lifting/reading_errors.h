@@ -10,6 +10,7 @@
 #include <tuple>
 #include <vector>
 
+#include "keypoint_sight.h"
 #include <Eigen/Core>
 
 #include "raylift/lifting/input_doctor.h"
@@ -66,13 +67,10 @@ class ReadingErrors {
   std::vector<std::optional<double>> Errors(const InputReading& reading, double log_factor) const;
 
  private:
-  // A keypoint as the other camera sees it: at origin + z * ray.
+  // A keypoint as the other camera sees it, and its depth by the match, where that fits.
   struct Sight {
-    Eigen::Vector3d origin_in_other;
-    Eigen::Vector3d ray_in_other;  // of z = 1
-    // By the match's ray: its z, and by how many pixels a unit of log z moves the projection.
-    std::optional<double> triangulated_z;
-    double gain_px = 0;
+    KeypointSight seen;
+    std::optional<TriangulatedDepth> depth;
   };
   using Key = std::tuple<MapOrientation, double, PoseConvention>;
 

@@ -7,6 +7,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/median.h"
+#include "raylift/geometry/triangulation.h"
 
 namespace raylift {
 namespace {
@@ -32,17 +33,13 @@ std::optional<double> DistanceByRays(const PoseProblem& problem, const Rigid3& c
   const auto query_ray = problem.query_camera.RayInCam(match.query_px);
   const auto reference_ray = reference.camera.RayInCam(match.reference_px);
   if (!query_ray || !reference_ray) return std::nullopt;
-  const Eigen::Vector3d a = cam_from_world.rotation.conjugate() * *query_ray;
-  const Eigen::Vector3d b = reference.cam_from_world.rotation.conjugate() * *reference_ray;
-  const Eigen::Vector3d baseline =
-      reference.cam_from_world.OriginInSource() - cam_from_world.OriginInSource();
-  const double cosine = a.dot(b);
-  const double sine2 = a.cross(b).squaredNorm();
-  if (!(sine2 > kMinSine * kMinSine)) return std::nullopt;
-  const double along_a = (baseline.dot(a) - cosine * baseline.dot(b)) / sine2;
-  const double along_b = (cosine * baseline.dot(a) - baseline.dot(b)) / sine2;
-  if (!(along_a > 0 && along_b > 0)) return std::nullopt;
-  return along_a;
+  const auto approach =
+      Approach({cam_from_world.OriginInSource(), cam_from_world.rotation.conjugate() * *query_ray},
+               {reference.cam_from_world.OriginInSource(),
+                reference.cam_from_world.rotation.conjugate() * *reference_ray});
+  if (!approach || !(approach->sine > kMinSine)) return std::nullopt;
+  if (!(approach->ray_t_a > 0 && approach->ray_t_b > 0)) return std::nullopt;
+  return approach->ray_t_a;
 }
 
 // The step (w, v) of b's camera frame that a step of a's makes where both move with the world.

@@ -1,0 +1,36 @@
+// Where two rays come closest to each other: the point that two matched keypoints show.
+//
+// With n = a x b of the directions and d from the origin of a to that of b,
+//   ray_t_a = ((d x b) . n) / |n|^2   and   ray_t_b = ((d x a) . n) / |n|^2.
+// Where one camera stands ahead of the other the rays are nearly parallel and d is long: the
+// formula in dot products then subtracts numbers that are almost equal, and loses twice as many
+// digits.
+
+#pragma once
+
+#include <optional>
+
+#include <Eigen/Core>
+
+namespace raylift {
+
+// The points origin + ray_t * direction; the direction may have any length but zero.
+struct SightLine {
+  Eigen::Vector3d origin;
+  Eigen::Vector3d direction;
+
+  Eigen::Vector3d At(double ray_t) const { return origin + ray_t * direction; }
+};
+
+// The points of either line that are closest to the other; behind the origin where ray_t is
+// negative. What is good enough to be a point is for the caller to say.
+struct ClosestApproach {
+  double ray_t_a;
+  double ray_t_b;
+  double sine;  // of the angle between the lines
+};
+
+// None where the lines are parallel or numbers are not finite.
+std::optional<ClosestApproach> Approach(const SightLine& a, const SightLine& b);
+
+}  // namespace raylift
