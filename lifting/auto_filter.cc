@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "raylift/base/median.h"
 #include "raylift/lifting/multi_view_errors.h"
 
 namespace raylift {
@@ -73,9 +74,7 @@ double DeviationAmongOutliers(const std::vector<double>& errors_px, double range
 double MedianGain(const std::vector<EpipolarError>& errors) {
   std::vector<double> gains;
   for (const EpipolarError& e : errors) gains.push_back(e.gain_px);
-  const auto middle = gains.begin() + static_cast<std::ptrdiff_t>(gains.size() / 2);
-  std::nth_element(gains.begin(), middle, gains.end());
-  return *middle;
+  return UpperMedianInPlace(std::span(gains));
 }
 
 double OutlierRange(std::span<const PosedImage> references) {

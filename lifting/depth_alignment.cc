@@ -212,9 +212,10 @@ DepthCorrection Fit(const std::vector<Observation>& observations, const Camera& 
   if (has_shift) {
     // Factor and shift are told apart by the range of depths alone; without one, no shift.
     constexpr double kShareOfDepth = 0.3;
-    problem.AddResidualBlock(new LinearPrior({{num_nodes, 1.0}}, kShareOfDepth * Median(depths),
-                                             static_cast<int>(parameters.size())),
-                             nullptr, parameters.data());
+    problem.AddResidualBlock(
+        new LinearPrior({{num_nodes, 1.0}}, kShareOfDepth * UpperMedianOr(depths, 0),
+                        static_cast<int>(parameters.size())),
+        nullptr, parameters.data());
   }
   ceres::Solver::Options solver_options;
   solver_options.linear_solver_type = ceres::DENSE_QR;
@@ -272,7 +273,7 @@ DepthAlignment AlignDepth(const GeometrySource& source, std::span<const PosedIma
   for (size_t i = 0; i < references.size(); ++i) {
     if (alignment.maps[i].own_correction) own_log_factors.push_back(log_factors[i]);
   }
-  const double median_log_factor = Median(own_log_factors);
+  const double median_log_factor = UpperMedianOr(own_log_factors, 0);
   alignment.median_factor = std::exp(median_log_factor);
 
   std::vector<std::vector<double>> before(references.size()), after(references.size());
@@ -285,13 +286,13 @@ DepthAlignment AlignDepth(const GeometrySource& source, std::span<const PosedIma
     }
     before[i] = Distances(observations[i], camera, {});
     after[i] = Distances(observations[i], camera, map.correction);
-    map.median_before_px = Median(before[i]);
-    map.median_after_px = Median(after[i]);
+    map.median_before_px = UpperMedianOr(before[i], 0);
+    map.median_after_px = UpperMedianOr(after[i], 0);
   });
   const auto median_of_all = [](const std::vector<std::vector<double>>& lists) {
     std::vector<double> all;
     for (const auto& list : lists) all.insert(all.end(), list.begin(), list.end());
-    return Median(std::move(all));
+    return UpperMedianOr(std::move(all), 0);
   };
   alignment.median_before_px = median_of_all(before);
   alignment.median_after_px = median_of_all(after);

@@ -210,7 +210,7 @@ class Examination {
     const auto within =
         std::count_if(sorted.begin(), sorted.end(), [](double error) { return error <= 5; });
     evidence.num_keypoints = sorted.size();
-    evidence.median_px = Median(sorted);
+    evidence.median_px = UpperMedianOr(sorted, 0);
     evidence.share_within_5px =
         static_cast<double>(within) / std::max<double>(1, static_cast<double>(sorted.size()));
     const ErrorsPx own_scale = data_.Errors(reading, data_.FitScales(reading).log_factors);
@@ -218,7 +218,7 @@ class Examination {
     for (const auto& error : own_scale) {
       if (error) own_sorted.push_back(*error);
     }
-    evidence.median_own_scale_px = Median(std::move(own_sorted));
+    evidence.median_own_scale_px = UpperMedianOr(std::move(own_sorted), 0);
     const Gain gain =
         reading.scale != as_read.scale
             ? Compare(data_, data_.Errors(as_read, 0), errors)

@@ -172,7 +172,7 @@ SfmFit CheckSfmModel(const ColmapModel& model, std::span<const PosedImage> refer
 
   SfmFit fit;
   fit.understood = fmt::format("{} points, tracks of {:.0f} images (median)", model.points3d.size(),
-                               Median(std::move(lengths)));
+                               UpperMedianOr(std::move(lengths), 0));
   if (num_known < references.size()) {
     fit.warnings.push_back(fmt::format("{} of {} references are not in the model",
                                        references.size() - num_known, references.size()));
@@ -181,7 +181,7 @@ SfmFit CheckSfmModel(const ColmapModel& model, std::span<const PosedImage> refer
     fit.warnings.emplace_back("no keypoint of a reference has a 3D point");
     return fit;
   }
-  const double median_px = Median(std::move(distances_px));
+  const double median_px = UpperMedianOr(std::move(distances_px), 0);
   fit.understood += fmt::format(", {:.2f} px from the references' keypoints (median)", median_px);
   constexpr double kFarPx = 10;
   if (median_px > kFarPx) {

@@ -10,6 +10,7 @@
 #include "surface_scorer.h"
 
 #include "raylift/base/error.h"
+#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 #include "raylift/geometry/residuals.h"
 
@@ -239,7 +240,7 @@ class Comparer {
       }
     }
     source.traits.noise_exponent = NoiseExponent(levels);
-    if (!lengths.empty()) source.traits.noise_length = MedianOf(std::span(lengths));
+    if (!lengths.empty()) source.traits.noise_length = MidpointMedianInPlace(std::span(lengths));
   }
 
   // Matches say more of the scale than views do, where there are some.
@@ -305,7 +306,7 @@ std::optional<double> MeanOverImages(const SourceComparison& source, const Value
 std::optional<double> MedianOverImages(const SourceComparison& source, const Value& value) {
   auto values = Collect(source, value);
   if (values.empty()) return std::nullopt;
-  return MedianOf(std::span(values));
+  return MidpointMedianInPlace(std::span(values));
 }
 
 }  // namespace raylift

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/median.h"
 #include "raylift/evaluation/depth_edges.h"
 #include "raylift/evaluation/depth_errors.h"
 
@@ -52,7 +53,7 @@ class LogRatios {
   float At(size_t i) const { return ratios_[i]; }
   double Median() const {
     std::vector<float> values = known_;
-    return MedianOf(std::span(values));
+    return MidpointMedianInPlace(std::span(values));
   }
 
   // The median of each block that has enough pixels.
@@ -69,7 +70,9 @@ class LogRatios {
             if (!std::isnan(ratio)) values.push_back(ratio);
           }
         }
-        if (values.size() >= kMinBlockPixels) medians.push_back(MedianOf(std::span(values)));
+        if (values.size() >= kMinBlockPixels) {
+          medians.push_back(MidpointMedianInPlace(std::span(values)));
+        }
       }
     }
     return medians;
@@ -120,7 +123,7 @@ class LogRatios {
     std::vector<float> absolute;
     absolute.reserve(differences.size());
     for (const SecondDifference& difference : differences) absolute.push_back(difference.absolute);
-    return kSigmaPerMad * MedianOf(std::span(absolute)) / std::sqrt(6.0);
+    return kSigmaPerMad * MidpointMedianInPlace(std::span(absolute)) / std::sqrt(6.0);
   }
 
   size_t width_, height_;
@@ -176,9 +179,9 @@ DepthFault KindOfNoise(std::optional<double> exponent) {
 
 double RobustSigma(std::vector<double> values) {
   if (values.empty()) return 0;
-  const double median = MedianOf(std::span(values));
+  const double median = MidpointMedianInPlace(std::span(values));
   for (double& value : values) value = std::abs(value - median);
-  return kSigmaPerMad * MedianOf(std::span(values));
+  return kSigmaPerMad * MidpointMedianInPlace(std::span(values));
 }
 
 std::optional<DepthDeviation> MeasureDeviation(const DepthMap& estimated, const DepthMap& truth,

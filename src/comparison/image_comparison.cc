@@ -4,6 +4,8 @@
 
 #include "surface_scorer.h"
 
+#include "raylift/base/median.h"
+
 namespace raylift {
 namespace {
 
@@ -12,7 +14,7 @@ double MedianDepth(const DepthMap& map) {
   for (const float z : map.z) {
     if (z > 0) known.push_back(z);
   }
-  return known.empty() ? 0 : MedianOf(std::span(known));
+  return known.empty() ? 0 : MidpointMedianInPlace(std::span(known));
 }
 
 void CompareWithTruth(const SourceView& view, const SourceView& truth,

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/text.h"
 #include "raylift/evaluation/depth_errors.h"
@@ -145,7 +146,8 @@ class Runner {
       matches.push_back(outcome.inliers_2d2d);
     }
     row.comparison = CompareWithGroundTruth(truth_, poses);
-    row.median_inliers = {MedianOf(std::span(points)), MedianOf(std::span(matches))};
+    row.median_inliers = {MidpointMedianInPlace(std::span(points)),
+                          MidpointMedianInPlace(std::span(matches))};
     return row;
   }
 

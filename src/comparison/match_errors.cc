@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 #include "raylift/lifting/depth_alignment.h"
 #include "raylift/lifting/reference_matches.h"
@@ -54,7 +55,7 @@ std::optional<MatchErrors> SummarizeMatches(std::span<const LiftedMatchErrors* c
     summary.within_percent[k] =
         100.0 * static_cast<double>(within) / static_cast<double>(summary.count + summary.missing);
   }
-  if (!all.empty()) summary.median_px = MedianOf(std::span(all));
+  if (!all.empty()) summary.median_px = MidpointMedianInPlace(std::span(all));
   return summary;
 }
 
@@ -82,7 +83,7 @@ MatchScales ScalesByMatches(const GeometrySource& source, std::span<const PosedI
     for (const double node : nodes) square += (node - mean) * (node - mean) / n;
     sigmas.push_back(std::sqrt(square));
   }
-  if (!sigmas.empty()) scales.warp_sigma = MedianOf(std::span(sigmas));
+  if (!sigmas.empty()) scales.warp_sigma = MidpointMedianInPlace(std::span(sigmas));
   return scales;
 }
 

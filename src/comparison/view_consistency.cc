@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 #include "raylift/comparison/source_view.h"
-#include "raylift/evaluation/depth_errors.h"
 
 namespace raylift {
 namespace {
@@ -70,7 +70,7 @@ std::optional<PairConsistency> SummarizePair(size_t other, std::span<const doubl
     if (std::abs(rho) < kSameSurface) close.push_back(rho);
   }
   if (close.size() < kMinPairPixels) return std::nullopt;
-  return PairConsistency{other, close.size(), MedianOf(std::span(close))};
+  return PairConsistency{other, close.size(), MidpointMedianInPlace(std::span(close))};
 }
 
 double LogScaleOfStep(const ConsistencyOptions& options, int step) {
@@ -153,7 +153,7 @@ ImageConsistency MeasureConsistency(const GeometrySource& source,
   }
   result.contradicted_percent = Percent(contradicted, all.size());
   result.behind_percent = Percent(behind, all.size());
-  result.median_abs_rho = MedianOf(std::span(all));
+  result.median_abs_rho = MidpointMedianInPlace(std::span(all));
   return result;
 }
 

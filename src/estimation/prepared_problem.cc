@@ -54,7 +54,7 @@ Frame ChooseFrame(const PoseProblem& problem) {
     for (int axis = 0; axis < 3; ++axis) {
       std::vector<double> values;
       for (const Vector3d& p : points) values.push_back(p[axis]);
-      frame.origin[axis] = Median(std::move(values));
+      frame.origin[axis] = UpperMedianOr(std::move(values), 0);
     }
     frame.scale = 0;
   }
@@ -63,7 +63,7 @@ Frame ChooseFrame(const PoseProblem& problem) {
   if (!(frame.scale > rounding) && !points.empty()) {
     std::vector<double> distances;
     for (const Vector3d& p : points) distances.push_back((p - frame.origin).norm());
-    frame.scale = Median(std::move(distances));
+    frame.scale = UpperMedianOr(std::move(distances), 0);
   }
   if (!(frame.scale > rounding) || !std::isfinite(frame.scale)) {
     frame.scale = 1;

@@ -6,6 +6,8 @@
 
 #include <Eigen/Geometry>
 
+#include "raylift/base/median.h"
+
 namespace raylift {
 namespace {
 
@@ -58,10 +60,8 @@ std::vector<int> ReliablePairs(const PreparedProblem& problem, const SolverPose&
   if (inner_distances.empty()) {
     return {};
   }
-  const auto middle =
-      inner_distances.begin() + static_cast<std::ptrdiff_t>(inner_distances.size() / 2);
-  std::nth_element(inner_distances.begin(), middle, inner_distances.end());
-  const auto bin_of = [median = *middle](double inverse_distance) {
+  const double median = UpperMedianInPlace(std::span(inner_distances));
+  const auto bin_of = [median](double inverse_distance) {
     size_t bin = 0;
     while (bin < kBinEnds.size() && inverse_distance > kBinEnds[bin] * median) ++bin;
     return bin;

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "raylift/base/error.h"
+#include "raylift/base/median.h"
 #include "raylift/base/rng.h"
 
 namespace raylift {
@@ -72,14 +73,7 @@ Interval QueryBootstrap::MedianPosition(const Comparison& comparison) const {
   std::vector<double> medians, drawn(num_queries_);
   for (size_t begin = 0; begin < draws_.size(); begin += num_queries_) {
     for (size_t i = 0; i < num_queries_; ++i) drawn[i] = errors[draws_[begin + i]];
-    const auto middle = drawn.begin() + static_cast<std::ptrdiff_t>(num_queries_ / 2);
-    std::nth_element(drawn.begin(), middle, drawn.end());
-    double median = *middle;
-    if (num_queries_ % 2 == 0) {
-      const double lower = *std::max_element(drawn.begin(), middle);
-      median = 0.5 * lower + 0.5 * median;
-    }
-    medians.push_back(median);
+    medians.push_back(MidpointMedianInPlace(std::span(drawn)));
   }
   return Middle95(std::move(medians));
 }

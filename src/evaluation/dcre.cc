@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "raylift/base/median.h"
 #include "raylift/base/text.h"
 #include "raylift/base/text_table.h"
 #include "raylift/evaluation/depth_errors.h"
@@ -20,14 +21,6 @@ double RecallPercent(const std::vector<double>& errors, double threshold) {
   const auto close = std::count_if(errors.begin(), errors.end(),
                                    [threshold](double error) { return error <= threshold; });
   return 100.0 * static_cast<double>(close) / static_cast<double>(errors.size());
-}
-
-// The upper of the middle two, so that no mean of infinities is taken.
-double UpperMedian(std::vector<double> errors) {
-  if (errors.empty()) return kInfinity;
-  const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
-  std::nth_element(errors.begin(), middle, errors.end());
-  return *middle;
 }
 
 }  // namespace
@@ -66,8 +59,8 @@ DcreSummary SummarizeDcre(std::string name, std::span<const DcreQuery> queries) 
     summary.mean_recalls_percent.push_back(RecallPercent(means, threshold));
     summary.max_recalls_percent.push_back(RecallPercent(maxima, threshold));
   }
-  summary.median_of_mean = UpperMedian(std::move(means));
-  summary.median_of_max = UpperMedian(std::move(maxima));
+  summary.median_of_mean = UpperMedianOr(std::move(means), kInfinity);
+  summary.median_of_max = UpperMedianOr(std::move(maxima), kInfinity);
   return summary;
 }
 

@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "raylift/base/error.h"
+#include "raylift/base/median.h"
 
 namespace raylift {
 namespace {
@@ -32,24 +33,11 @@ Common Intersect(std::span<const float> estimated, std::span<const float> truth)
   return common;
 }
 
-template <typename T>
-double Median(std::span<T> values) {
-  RAYLIFT_CHECK(!values.empty());
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  const double upper = static_cast<double>(*middle);
-  if (values.size() % 2 == 1) return upper;
-  return 0.5 * (upper + static_cast<double>(*std::max_element(values.begin(), middle)));
-}
-
 double Percent(size_t part, size_t whole) {
   return whole > 0 ? 100.0 * static_cast<double>(part) / static_cast<double>(whole) : 0;
 }
 
 }  // namespace
-
-double MedianOf(std::span<double> values) { return Median(values); }
-double MedianOf(std::span<float> values) { return Median(values); }
 
 std::optional<DepthErrors> ComputeDepthErrors(std::span<const float> estimated,
                                               std::span<const float> truth) {
@@ -88,7 +76,7 @@ std::optional<DepthErrors> ComputeDepthErrors(std::span<const float> estimated,
     errors.delta_percent[k] = Percent(within[k], common.size());
   }
   errors.mae = absolute / n;
-  errors.median_signed_error = MedianOf(std::span<double>(signed_errors));
+  errors.median_signed_error = MidpointMedianInPlace(std::span(signed_errors));
   return errors;
 }
 
@@ -97,9 +85,9 @@ std::optional<DepthFit> FitDepth(std::span<const float> estimated, std::span<con
   Common common = Intersect(estimated, truth);
   if (common.size() == 0) return std::nullopt;
   if (kind == DepthFitKind::kMedian) {
-    return DepthFit{
-        MedianOf(std::span<double>(common.truth)) / MedianOf(std::span<double>(common.estimated)),
-        0};
+    return DepthFit{MidpointMedianInPlace(std::span(common.truth)) /
+                        MidpointMedianInPlace(std::span(common.estimated)),
+                    0};
   }
   const auto n = static_cast<double>(common.size());
   double mean_e = 0, mean_t = 0;
@@ -189,7 +177,7 @@ std::optional<NormalErrors> ComputeNormalErrors(std::span<const float> estimated
   NormalErrors errors;
   errors.count = angles_deg.size();
   errors.mean_deg = sum_deg / static_cast<double>(angles_deg.size());
-  errors.median_deg = MedianOf(std::span<double>(angles_deg));
+  errors.median_deg = MidpointMedianInPlace(std::span(angles_deg));
   for (size_t k = 0; k < within.size(); ++k) {
     errors.within_percent[k] = Percent(within[k], angles_deg.size());
   }

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/median.h"
 #include "raylift/base/text.h"
 
 namespace raylift {
@@ -24,15 +25,6 @@ constexpr std::pair<std::string_view, std::string_view> kPresets[] = {
     {"7scenes", "0.05,5"},
     {"12scenes", "0.05,5"},
 };
-
-double Median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  const size_t upper = values.size() / 2;
-  if (values.size() % 2 == 1) {
-    return values[upper];
-  }
-  return 0.5 * values[upper - 1] + 0.5 * values[upper];
-}
 
 }  // namespace
 
@@ -94,8 +86,8 @@ ResultSummary Summarize(std::string name, const Comparison& comparison,
     positions.push_back(query.error ? query.error->position : kInfinity);
     rotations_deg.push_back(query.error ? query.error->rotation_deg : kInfinity);
   }
-  summary.median_position = Median(std::move(positions));
-  summary.median_rotation_deg = Median(std::move(rotations_deg));
+  summary.median_position = MidpointMedianInPlace(std::span(positions));
+  summary.median_rotation_deg = MidpointMedianInPlace(std::span(rotations_deg));
   for (const Threshold& threshold : thresholds) {
     const auto accepted = std::count_if(
         comparison.queries.begin(), comparison.queries.end(),

@@ -82,14 +82,14 @@ double SceneDistance(const QueryResult& result) {
     if (!estimate.inliers_2d3d[i]) continue;
     distances.push_back((result.problem.matches_2d3d[i].point_in_world - center_in_world).norm());
   }
-  if (!distances.empty()) return Median(std::move(distances));
+  if (!distances.empty()) return UpperMedianOr(std::move(distances), 0);
   for (size_t i = 0; i < estimate.inliers_2d2d.size(); ++i) {
     if (!estimate.inliers_2d2d[i]) continue;
     const auto distance =
         DistanceByRays(result.problem, *estimate.cam_from_world, result.problem.matches_2d2d[i]);
     if (distance) distances.push_back(*distance);
   }
-  return Median(std::move(distances));
+  return UpperMedianOr(std::move(distances), 0);
 }
 
 void JoinedReferences::Add(const JoinedReference& reference) {

@@ -53,7 +53,7 @@ double MedianDepth(const QueryResult& result) {
       depths.push_back((*estimate.cam_from_world * matches[i].point_in_world).z());
     }
   }
-  return Median(std::move(depths));
+  return UpperMedianOr(std::move(depths), 0);
 }
 
 // The pose itself, then those around it, all looking at the point at `depth` on its axis.

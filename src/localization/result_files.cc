@@ -162,7 +162,7 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
     for (const LocalizedQuery& query : queries) {
       values.push_back(static_cast<double>(value(query)));
     }
-    return Median(std::move(values));
+    return UpperMedianOr(std::move(values), 0);
   };
   Json json = {
       {"queries", queries.size()},

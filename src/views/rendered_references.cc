@@ -122,15 +122,15 @@ Camera CameraLikeQueries(std::span<const Camera> queries, const std::optional<Pl
     aspects.push_back(static_cast<double>(camera.height_px()) / camera.width_px());
   }
   const double fov =
-      fov_deg.value_or(std::clamp(Median(std::move(fovs_deg)), kMinFovDeg, kMaxFovDeg));
+      fov_deg.value_or(std::clamp(UpperMedianOr(std::move(fovs_deg), 0), kMinFovDeg, kMaxFovDeg));
   PlaneSize plane;
   if (size) {
     plane = *size;
   } else {
-    const double aspect = Median(std::move(aspects));
+    const double aspect = UpperMedianOr(std::move(aspects), 0);
     const double most_px = kMaxSidePx / std::max(1.0, aspect);
-    const double width_px =
-        std::clamp(std::round(2 * HalfTan(fov) * Median(std::move(focals_px))), 1.0, most_px);
+    const double width_px = std::clamp(
+        std::round(2 * HalfTan(fov) * UpperMedianOr(std::move(focals_px), 0)), 1.0, most_px);
     plane.width_px = static_cast<int>(width_px);
     plane.height_px = std::max(1, static_cast<int>(std::round(width_px * aspect)));
   }

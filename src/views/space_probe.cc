@@ -5,6 +5,8 @@
 #include <limits>
 #include <numbers>
 
+#include "raylift/base/median.h"
+
 namespace raylift {
 namespace {
 
@@ -62,10 +64,9 @@ Sight LookThrough(const RayCaster& mesh, const Camera& camera, const Rigid3& cam
     front += hits[i]->normal_in_world.dot(rays[i].direction_in_world) < 0 ? 1 : 0;
   }
   if (ranges.empty()) return {};
-  const auto middle = ranges.begin() + static_cast<std::ptrdiff_t>(ranges.size() / 2);
-  std::nth_element(ranges.begin(), middle, ranges.end());
   const auto seen = static_cast<double>(ranges.size());
-  return {seen / static_cast<double>(rays.size()), front / seen, *middle};
+  return {seen / static_cast<double>(rays.size()), front / seen,
+          UpperMedianInPlace(std::span(ranges))};
 }
 
 }  // namespace raylift

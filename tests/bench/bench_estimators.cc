@@ -45,10 +45,10 @@ void RunRegime(benchmark::State& state, const EstimatorOptions& options,
       tally.Add(estimate, made.query_from_world, taken.count());
     }
   }
-  state.counters["ms"] = Median(tally.ms);
-  state.counters["rot_deg"] = Median(tally.rotation_deg);
-  state.counters["pos_mm"] = 1000 * Median(tally.position);
-  state.counters["iterations"] = Median(tally.iterations);
+  state.counters["ms"] = UpperMedianOr(tally.ms, 0);
+  state.counters["rot_deg"] = UpperMedianOr(tally.rotation_deg, 0);
+  state.counters["pos_mm"] = 1000 * UpperMedianOr(tally.position, 0);
+  state.counters["iterations"] = UpperMedianOr(tally.iterations, 0);
   state.counters["solved_%"] = 100.0 * tally.solved / static_cast<double>(tally.ms.size());
 }
 

@@ -120,9 +120,9 @@ void Run(size_t num_triangles, int rounds, size_t num_keypoints, const std::stri
       for (size_t i = 0; i < reference.seconds.size(); ++i) {
         ratios.push_back(contestant.seconds[i] / reference.seconds[i]);
       }
-      return Median(std::move(ratios));
+      return UpperMedianOr(std::move(ratios), 0);
     };
-    const double ms = 1e3 * Median(contestant.seconds);
+    const double ms = 1e3 * UpperMedianOr(contestant.seconds, 0);
     std::printf("%-46s %8.3f %10.0f %8.2f %10.2f %10.2f\n", contestant.name.c_str(), ms,
                 static_cast<double>(num_keypoints) / ms, times_of(contestants[0]),
                 times_of(contestants[contestants.size() > 1 ? 1 : 0]),

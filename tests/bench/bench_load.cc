@@ -25,6 +25,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "raylift/base/median.h"
+
 namespace raylift {
 namespace {
 
@@ -125,11 +127,6 @@ Cost Measure(const std::function<void()>& load) {
   return cost;
 }
 
-double Median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
-}
-
 void WriteCity(const std::filesystem::path& path, double millions) {
   if (fork() == 0) {  // so that the measured processes do not inherit its memory
     WritePly(path, MakeCity(static_cast<size_t>(millions * 1e6)));
@@ -168,10 +165,10 @@ void Run(double millions, int rounds) {
     const auto ratio = [&](const std::vector<double>& reference, const std::vector<double>& own) {
       std::vector<double> ratios;
       for (size_t i = 0; i < own.size(); ++i) ratios.push_back(reference[i] / own[i]);
-      return Median(std::move(ratios));
+      return UpperMedianOr(std::move(ratios), 0);
     };
     std::printf("%-20s %8.1f %8.1f %12.2f %15.2f %15.2f\n", contestant.name.c_str(),
-                Median(contestant.wall_s) * 1e3, Median(contestant.cpu_s) * 1e3,
+                UpperMedianOr(contestant.wall_s, 0) * 1e3, UpperMedianOr(contestant.cpu_s, 0) * 1e3,
                 contestant.peak_mb * 1.048576 / megabytes,
                 ratio(contestants[0].wall_s, contestant.wall_s),
                 ratio(contestants[0].cpu_s, contestant.cpu_s));

@@ -82,9 +82,9 @@ void Run(size_t num_triangles, int rounds, const std::string& only) {
       for (size_t i = 0; i < reference.seconds.size(); ++i) {
         ratios.push_back(reference.seconds[i] / contestant.seconds[i]);
       }
-      return Median(std::move(ratios));
+      return UpperMedianOr(std::move(ratios), 0);
     };
-    const double seconds = Median(contestant.seconds);
+    const double seconds = UpperMedianOr(contestant.seconds, 0);
     std::printf("%-42s %8.1f %8.1f %10.2f %12.2f\n", contestant.name.c_str(), seconds * 1e3,
                 pixels / seconds / 1e6, ratio(contestants[0]),
                 ratio(contestants[contestants.size() > 1 ? 1 : 0]));

@@ -86,7 +86,7 @@ std::vector<Format> Formats() {
 double MedianRatio(const std::vector<double>& a, const std::vector<double>& b) {
   std::vector<double> ratios;
   for (size_t i = 0; i < a.size(); ++i) ratios.push_back(a[i] / b[i]);
-  return Median(std::move(ratios));
+  return UpperMedianOr(std::move(ratios), 0);
 }
 
 class Bench {
@@ -126,8 +126,8 @@ class Bench {
       const double share = MedianRatio(format.bare_loop, format.job);
       std::printf(
           "%-16s %8.1f %9.1f %9.1f %12.2f %12.2f %12.2f %10.2f %9.2f\n", format.name.c_str(),
-          1 / Median(format.bare_loop), 1 / Median(format.bare_pipeline), 1 / Median(format.job),
-          share, MedianRatio(format.robust_loop, format.job),
+          1 / UpperMedianOr(format.bare_loop, 0), 1 / UpperMedianOr(format.bare_pipeline, 0),
+          1 / UpperMedianOr(format.job, 0), share, MedianRatio(format.robust_loop, format.job),
           MedianRatio(format.bare_pipeline, format.job), format.limit, share / format.limit);
     }
   }
@@ -146,8 +146,9 @@ class Bench {
         wall_two.push_back(two.wall_s);
       }
       std::printf("%-16s %15.1f %10.1f %15.1f %10.1f %12.2f\n", format.name.c_str(),
-                  Median(cpu_one) * 1e3, Median(cpu_two) * 1e3, 1 / Median(wall_one),
-                  1 / Median(wall_two), MedianRatio(cpu_one, cpu_two));
+                  UpperMedianOr(cpu_one, 0) * 1e3, UpperMedianOr(cpu_two, 0) * 1e3,
+                  1 / UpperMedianOr(wall_one, 0), 1 / UpperMedianOr(wall_two, 0),
+                  MedianRatio(cpu_one, cpu_two));
     }
   }
 

@@ -120,7 +120,8 @@ void PrintRegimes() {
     fmt::print("| {} |", variant.title);
     for (const std::vector<Problem>& problems : regimes) {
       const Outcome outcome = Run(variant, problems, 1);
-      fmt::print(" {:.0f} ({:.4f}) |", outcome.RecallPercent(0.1, 1), Median(outcome.position));
+      fmt::print(" {:.0f} ({:.4f}) |", outcome.RecallPercent(0.1, 1),
+                 UpperMedianOr(outcome.position, 0));
     }
     fmt::print("\n");
   }
@@ -148,8 +149,8 @@ void PrintFolder(const std::string& folder, const PosesByName& truth) {
     const Outcome outcome = Run(variant, problems, kSeeds);
     fmt::print("| {} | {:.0f} | {:.0f} | {:.0f} | {:.2f} | {:.2f} | {:.2f} |\n", variant.title,
                outcome.RecallPercent(0.02, 0.5), outcome.RecallPercent(0.05, 5),
-               outcome.RecallPercent(0.1, 1), 100 * Median(outcome.position),
-               Median(outcome.rotation_deg), Median(outcome.ms));
+               outcome.RecallPercent(0.1, 1), 100 * UpperMedianOr(outcome.position, 0),
+               UpperMedianOr(outcome.rotation_deg, 0), UpperMedianOr(outcome.ms, 0));
   }
 }
 

@@ -112,8 +112,4 @@ struct SurfaceScore {
 SurfaceScore ComputeSurfaceScore(std::span<const float> to_truth, std::span<const float> from_truth,
                                  double threshold);
 
-// The middle value, or the mean of the middle two. The values are reordered; at least one.
-double MedianOf(std::span<double> values);
-double MedianOf(std::span<float> values);
-
 }  // namespace raylift
