@@ -1,17 +1,17 @@
 // From matches to a camera pose: the methods of Panek, Sattler and Kukelova, "Combining Absolute
 // and Semi-Generalized Relative Poses for Visual Localization" (2024), behind one interface.
 //
-//   P3P       LO-RANSAC on the 2D-3D matches (reprojection error).
-//   E5+1      LO-RANSAC on the 2D-2D matches: an essential matrix from five matches to one
-//   reference,
-//             the translation's scale from one match to another (Sampson error). No geometry
-//             needed.
-//   Adaptive  both samples in every iteration, all poses scored on both match sets (Sec. 3).
-//   Select    P3P and E5+1 apart, then one of the two poses by its 2D-2D inliers (Eq. 6).
-//   Hybrid RANSAC  (Camposeco et al., CVPR 2018) each iteration first draws which solver; poses are
-//             compared by the sum of inliers and refined on the 2D-3D matches.
-//   HLoc      the structure-based baseline: the retrieved references are clustered by covisibility,
-//             P3P is run for each cluster, and the pose with the most inliers is taken.
+//   P3P            LO-RANSAC on the 2D-3D matches (reprojection error).
+//   E5+1           LO-RANSAC on the 2D-2D matches: an essential matrix from five matches to one
+//                  reference, the translation's scale from one match to another (Sampson error). No
+//                  geometry needed.
+//   Adaptive       Both samples in every iteration, all poses scored on both match sets (Sec. 3).
+//   Select         P3P and E5+1 apart, then one of the two poses by its 2D-2D inliers (Eq. 6).
+//   Hybrid RANSAC  Each iteration first draws which solver; poses are compared by the sum of
+//                  inliers and refined on the 2D-3D matches (Camposeco et al., CVPR 2018).
+//   HLoc           The structure-based baseline: the retrieved references are clustered by
+//                  covisibility, P3P is run for each cluster, and the pose with the most inliers is
+//                  taken.
 
 #pragma once
 
