@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// The polar grid on which lenses with offsets are examined.
+// The polar grid on which lenses with tangential or prism terms are examined.
 constexpr int kNumDirections = 16;
 constexpr int kNumRadii = 40;
 constexpr double kMaxGridRadius = 8;  // on the plane z = 1: 83 degrees off the axis
@@ -77,7 +77,7 @@ Lens::Lens(CameraModel model, std::span<const double> params) {
       break;
     case CameraModel::kSimpleFisheye:
     case CameraModel::kFisheye:
-      flattening_ = Flattening::kAngle;
+      projection_type_ = ProjectionType::kEquidistant;
       break;
     case CameraModel::kSimpleRadial:
       numerator_ = {p(0)};
@@ -86,11 +86,11 @@ Lens::Lens(CameraModel model, std::span<const double> params) {
       numerator_ = {p(0), p(1)};
       break;
     case CameraModel::kSimpleRadialFisheye:
-      flattening_ = Flattening::kAngle;
+      projection_type_ = ProjectionType::kEquidistant;
       numerator_ = {p(0)};
       break;
     case CameraModel::kRadialFisheye:
-      flattening_ = Flattening::kAngle;
+      projection_type_ = ProjectionType::kEquidistant;
       numerator_ = {p(0), p(1)};
       break;
     case CameraModel::kOpenCv:
@@ -98,7 +98,7 @@ Lens::Lens(CameraModel model, std::span<const double> params) {
       tangential_ = {p(2), p(3)};
       break;
     case CameraModel::kOpenCvFisheye:
-      flattening_ = Flattening::kAngle;
+      projection_type_ = ProjectionType::kEquidistant;
       numerator_ = {p(0), p(1), p(2), p(3)};
       break;
     case CameraModel::kFullOpenCv:
@@ -110,23 +110,23 @@ Lens::Lens(CameraModel model, std::span<const double> params) {
       fov_omega_ = p(0);
       break;
     case CameraModel::kThinPrismFisheye:
-      flattening_ = Flattening::kAngle;
+      projection_type_ = ProjectionType::kEquidistant;
       numerator_ = {p(0), p(1), p(4), p(5)};
       tangential_ = {p(2), p(3)};
       prism_x_ = {p(6)};
       prism_y_ = {p(7)};
       break;
     case CameraModel::kRadTanThinPrismFisheye:
-      flattening_ = Flattening::kAngle;
+      projection_type_ = ProjectionType::kEquidistant;
       numerator_ = {p(0), p(1), p(2), p(3), p(4), p(5)};
       tangential_ = {p(7), p(6)};  // its p0 is OpenCV's p2
       prism_x_ = {p(8), p(9)};
       prism_y_ = {p(10), p(11)};
-      offset_ = Offset::kOfRadial;
+      non_radial_ = NonRadial::kOfRadial;
       break;
     case CameraModel::kSimpleDivision:
     case CameraModel::kDivision:
-      flattening_ = Flattening::kDivision;
+      projection_type_ = ProjectionType::kDivision;
       division_k_ = p(0);
       break;
   }
@@ -138,22 +138,22 @@ Lens::Lens(CameraModel model, std::span<const double> params) {
     radial_ = Radial::kRational;
   }
   if (NumTerms(tangential_) + NumTerms(prism_x_) + NumTerms(prism_y_) == 0) {
-    offset_ = Offset::kNone;
-  } else if (offset_ == Offset::kNone) {
-    offset_ = Offset::kOfFlat;
+    non_radial_ = NonRadial::kNone;
+  } else if (non_radial_ == NonRadial::kNone) {
+    non_radial_ = NonRadial::kOfProjected;
   }
   LimitRadialDomain();
-  LimitOffsetDomain();
+  LimitNonRadialDomain();
 }
 
 void Lens::LimitRadialDomain() {
-  switch (flattening_) {
-    case Flattening::kPlane:
+  switch (projection_type_) {
+    case ProjectionType::kPerspective:
       break;
-    case Flattening::kAngle:
+    case ProjectionType::kEquidistant:
       max_radius_ = std::numbers::pi;
       break;
-    case Flattening::kDivision:
+    case ProjectionType::kDivision:
       max_radius_ = division_k_ > 0 ? 1 / std::sqrt(division_k_) : kInfinity;
       break;
   }
@@ -184,8 +184,8 @@ void Lens::LimitRadialDomain() {
 
 // A map whose Jacobian has a positive definite symmetric part on a convex region is one-to-one
 // there: this finds the largest such disc, to one step of a polar grid.
-void Lens::LimitOffsetDomain() {
-  if (offset_ == Offset::kNone) {
+void Lens::LimitNonRadialDomain() {
+  if (non_radial_ == NonRadial::kNone) {
     safe_radius_ = max_radius_;
     return;
   }
@@ -193,13 +193,13 @@ void Lens::LimitOffsetDomain() {
   for (int direction = 0; direction < kNumDirections; ++direction) {
     double good_radius = 0;
     for (int i = 1; i < kNumRadii && good_radius < safe_radius_; ++i) {
-      const Eigen::Vector2d flat = GridPoint(direction, i);
-      const Eigen::Matrix2d jacobian = Distort(flat).jacobian;
+      const Eigen::Vector2d projected = GridPoint(direction, i);
+      const Eigen::Matrix2d jacobian = Distort(projected).jacobian;
       if (!IsPositive(0.5 * (jacobian + jacobian.transpose()))) {
         safe_radius_ = good_radius;
         break;
       }
-      good_radius = flat.norm();
+      good_radius = projected.norm();
     }
   }
 }
@@ -210,37 +210,37 @@ Eigen::Vector2d Lens::GridPoint(int direction, int radius) const {
   return {length * std::cos(angle), length * std::sin(angle)};
 }
 
-bool Lens::IsInDomain(const Eigen::Vector2d& flat) const {
-  const double squared_radius = flat.squaredNorm();
+bool Lens::IsInDomain(const Eigen::Vector2d& projected) const {
+  const double squared_radius = projected.squaredNorm();
   if (squared_radius < safe_radius_ * safe_radius_) {
     return true;
   }
-  if (offset_ == Offset::kNone || !(squared_radius < max_radius_ * max_radius_)) {
+  if (non_radial_ == NonRadial::kNone || !(squared_radius < max_radius_ * max_radius_)) {
     return false;
   }
-  // Close to the limit the offsets decide, differently in every direction: no fold may lie on the
-  // way from the safe disc.
+  // Close to the limit the tangential and prism terms decide, differently in every direction: no
+  // fold may lie on the way from the safe disc.
   constexpr int kNumSteps = 24;
   const double safe_part = safe_radius_ / std::sqrt(squared_radius);
   for (int i = 1; i <= kNumSteps; ++i) {
     const double part = safe_part + (1 - safe_part) * i / kNumSteps;
-    if (!IsPositive(Distort(part * flat).jacobian)) {
+    if (!IsPositive(Distort(part * projected).jacobian)) {
       return false;
     }
   }
   return true;
 }
 
-std::optional<Eigen::Vector2d> Lens::Flatten(const Eigen::Vector3d& point) const {
+std::optional<Eigen::Vector2d> Lens::ApplyProjection(const Eigen::Vector3d& point) const {
   const Eigen::Vector2d xy = point.head<2>();
   const double z = point.z();
-  switch (flattening_) {
-    case Flattening::kPlane:
+  switch (projection_type_) {
+    case ProjectionType::kPerspective:
       if (!(z > 0)) {
         return std::nullopt;
       }
       return xy / z;
-    case Flattening::kAngle: {
+    case ProjectionType::kEquidistant: {
       const double rho = std::hypot(xy.x(), xy.y());
       if (rho > 0) {
         return std::atan2(rho, z) / rho * xy;
@@ -250,7 +250,7 @@ std::optional<Eigen::Vector2d> Lens::Flatten(const Eigen::Vector3d& point) const
       }
       return Eigen::Vector2d::Zero();
     }
-    case Flattening::kDivision: {
+    case ProjectionType::kDivision: {
       // u = r (x, y) with k rho^2 r^2 - z r + 1 = 0.
       const double four_k_rho2 = 4 * division_k_ * xy.squaredNorm();
       const double squared_root = z * z - four_k_rho2;
@@ -268,16 +268,16 @@ std::optional<Eigen::Vector2d> Lens::Flatten(const Eigen::Vector3d& point) const
   return std::nullopt;
 }
 
-Eigen::Matrix<double, 2, 3> Lens::FlattenJacobian(const Eigen::Vector3d& point,
-                                                  const Eigen::Vector2d& flat) const {
+Eigen::Matrix<double, 2, 3> Lens::ProjectionJacobian(const Eigen::Vector3d& point,
+                                                     const Eigen::Vector2d& projected) const {
   const Eigen::Vector2d xy = point.head<2>();
   const double z = point.z();
   Eigen::Matrix<double, 2, 3> jacobian;
-  switch (flattening_) {
-    case Flattening::kPlane:
-      jacobian << 1 / z, 0, -flat.x() / z, 0, 1 / z, -flat.y() / z;
+  switch (projection_type_) {
+    case ProjectionType::kPerspective:
+      jacobian << 1 / z, 0, -projected.x() / z, 0, 1 / z, -projected.y() / z;
       break;
-    case Flattening::kAngle: {
+    case ProjectionType::kEquidistant: {
       const double rho = std::hypot(xy.x(), xy.y());
       const double squared_norm = point.squaredNorm();
       const double factor = rho > 0 ? std::atan2(rho, z) / rho : 1 / z;
@@ -287,31 +287,33 @@ Eigen::Matrix<double, 2, 3> Lens::FlattenJacobian(const Eigen::Vector3d& point,
       jacobian.col(2) = -xy / squared_norm;
       break;
     }
-    case Flattening::kDivision: {
+    case ProjectionType::kDivision: {
       const double root = std::sqrt(z * z - 4 * division_k_ * xy.squaredNorm());
       // 2 / (z + root), by the coordinate that is not lost in rounding.
       const double factor =
           z > 0 ? 2 / (z + root) : (root - z) / (-2 * division_k_ * xy.squaredNorm());
-      jacobian.leftCols<2>() =
-          factor * Eigen::Matrix2d::Identity() + 2 * division_k_ / root * flat * flat.transpose();
-      jacobian.col(2) = -flat / root;
+      jacobian.leftCols<2>() = factor * Eigen::Matrix2d::Identity() +
+                               2 * division_k_ / root * projected * projected.transpose();
+      jacobian.col(2) = -projected / root;
       break;
     }
   }
   return jacobian;
 }
 
-Eigen::Vector3d Lens::Unflatten(const Eigen::Vector2d& flat) const {
-  switch (flattening_) {
-    case Flattening::kPlane:
-      return flat.homogeneous().normalized();
-    case Flattening::kAngle: {
-      const double angle = flat.norm();
+Eigen::Vector3d Lens::InvertProjection(const Eigen::Vector2d& projected) const {
+  switch (projection_type_) {
+    case ProjectionType::kPerspective:
+      return projected.homogeneous().normalized();
+    case ProjectionType::kEquidistant: {
+      const double angle = projected.norm();
       const double sine_over_angle = angle > 0 ? std::sin(angle) / angle : 1;
-      return {sine_over_angle * flat.x(), sine_over_angle * flat.y(), std::cos(angle)};
+      return {sine_over_angle * projected.x(), sine_over_angle * projected.y(), std::cos(angle)};
     }
-    case Flattening::kDivision:
-      return Eigen::Vector3d(flat.x(), flat.y(), 1 + division_k_ * flat.squaredNorm()).normalized();
+    case ProjectionType::kDivision:
+      return Eigen::Vector3d(projected.x(), projected.y(),
+                             1 + division_k_ * projected.squaredNorm())
+          .normalized();
   }
   return Eigen::Vector3d::UnitZ();
 }
@@ -343,49 +345,50 @@ Lens::Scale Lens::FovScale(double squared_radius) const {
   return {a / fov_omega_ * value, a / fov_omega_ * a * a * slope};
 }
 
-Lens::Distortion Lens::RadialPart(const Eigen::Vector2d& flat) const {
+Lens::Distortion Lens::RadialPart(const Eigen::Vector2d& projected) const {
   if (radial_ == Radial::kNone) {
-    return {flat, Eigen::Matrix2d::Identity()};
+    return {projected, Eigen::Matrix2d::Identity()};
   }
-  const double squared_radius = flat.squaredNorm();
+  const double squared_radius = projected.squaredNorm();
   const Scale scale =
       radial_ == Radial::kFov ? FovScale(squared_radius) : RationalScale(squared_radius);
-  const Eigen::Matrix2d jacobian =
-      scale.value * Eigen::Matrix2d::Identity() + 2 * scale.slope * flat * flat.transpose();
-  return {scale.value * flat, jacobian};
+  const Eigen::Matrix2d jacobian = scale.value * Eigen::Matrix2d::Identity() +
+                                   2 * scale.slope * projected * projected.transpose();
+  return {scale.value * projected, jacobian};
 }
 
-Lens::Distortion Lens::OffsetPart(const Eigen::Vector2d& point) const {
+Lens::Distortion Lens::NonRadialPart(const Eigen::Vector2d& point) const {
   const double x = point.x();
   const double y = point.y();
   const double q = point.squaredNorm();
   const auto [p1, p2] = tangential_;
-  Distortion offset;
-  offset.distorted << 2 * p1 * x * y + p2 * (q + 2 * x * x) + q * (prism_x_[0] + q * prism_x_[1]),
+  Distortion non_radial;
+  non_radial.distorted << 2 * p1 * x * y + p2 * (q + 2 * x * x) +
+                              q * (prism_x_[0] + q * prism_x_[1]),
       2 * p2 * x * y + p1 * (q + 2 * y * y) + q * (prism_y_[0] + q * prism_y_[1]);
   const Eigen::Vector2d prism_slope(prism_x_[0] + 2 * q * prism_x_[1],
                                     prism_y_[0] + 2 * q * prism_y_[1]);
   const double cross = 2 * (p1 * x + p2 * y);
-  offset.jacobian << 2 * p1 * y + 6 * p2 * x, cross, cross, 2 * p2 * x + 6 * p1 * y;
-  offset.jacobian += 2 * prism_slope * point.transpose();
-  return offset;
+  non_radial.jacobian << 2 * p1 * y + 6 * p2 * x, cross, cross, 2 * p2 * x + 6 * p1 * y;
+  non_radial.jacobian += 2 * prism_slope * point.transpose();
+  return non_radial;
 }
 
-Lens::Distortion Lens::Distort(const Eigen::Vector2d& flat) const {
-  Distortion distortion = RadialPart(flat);
-  switch (offset_) {
-    case Offset::kNone:
+Lens::Distortion Lens::Distort(const Eigen::Vector2d& projected) const {
+  Distortion distortion = RadialPart(projected);
+  switch (non_radial_) {
+    case NonRadial::kNone:
       break;
-    case Offset::kOfFlat: {
-      const Distortion offset = OffsetPart(flat);
-      distortion.distorted += offset.distorted;
-      distortion.jacobian += offset.jacobian;
+    case NonRadial::kOfProjected: {
+      const Distortion non_radial = NonRadialPart(projected);
+      distortion.distorted += non_radial.distorted;
+      distortion.jacobian += non_radial.jacobian;
       break;
     }
-    case Offset::kOfRadial: {
-      const Distortion offset = OffsetPart(distortion.distorted);
-      distortion.distorted += offset.distorted;
-      distortion.jacobian += (offset.jacobian * distortion.jacobian).eval();
+    case NonRadial::kOfRadial: {
+      const Distortion non_radial = NonRadialPart(distortion.distorted);
+      distortion.distorted += non_radial.distorted;
+      distortion.jacobian += (non_radial.jacobian * distortion.jacobian).eval();
       break;
     }
   }
@@ -393,11 +396,11 @@ Lens::Distortion Lens::Distort(const Eigen::Vector2d& flat) const {
 }
 
 std::optional<Eigen::Vector2d> Lens::Project(const Eigen::Vector3d& point_in_cam) const {
-  const auto flat = Flatten(point_in_cam);
-  if (!flat || !IsInDomain(*flat)) {
+  const auto projected = ApplyProjection(point_in_cam);
+  if (!projected || !IsInDomain(*projected)) {
     return std::nullopt;
   }
-  const Distortion distortion = Distort(*flat);
+  const Distortion distortion = Distort(*projected);
   if (!distortion.distorted.allFinite()) {
     return std::nullopt;
   }
@@ -406,16 +409,16 @@ std::optional<Eigen::Vector2d> Lens::Project(const Eigen::Vector3d& point_in_cam
 
 std::optional<Lens::Projection> Lens::ProjectWithJacobian(
     const Eigen::Vector3d& point_in_cam) const {
-  const auto flat = Flatten(point_in_cam);
-  if (!flat || !IsInDomain(*flat)) {
+  const auto projected = ApplyProjection(point_in_cam);
+  if (!projected || !IsInDomain(*projected)) {
     return std::nullopt;
   }
-  const Distortion distortion = Distort(*flat);
+  const Distortion distortion = Distort(*projected);
   if (!distortion.distorted.allFinite()) {
     return std::nullopt;
   }
-  const Projection projection = {distortion.distorted,
-                                 distortion.jacobian * FlattenJacobian(point_in_cam, *flat)};
+  const Projection projection = {
+      distortion.distorted, distortion.jacobian * ProjectionJacobian(point_in_cam, *projected)};
   if (!projection.jacobian.allFinite()) {
     return std::nullopt;
   }
@@ -426,11 +429,11 @@ std::optional<Eigen::Vector3d> Lens::Unproject(const Eigen::Vector2d& distorted)
   if (!distorted.allFinite()) {
     return std::nullopt;
   }
-  const auto flat = Undistort(distorted);
-  if (!flat || !IsInDomain(*flat)) {
+  const auto projected = Undistort(distorted);
+  if (!projected || !IsInDomain(*projected)) {
     return std::nullopt;
   }
-  const Eigen::Vector3d ray = Unflatten(*flat);
+  const Eigen::Vector3d ray = InvertProjection(*projected);
   if (!ray.allFinite()) {
     return std::nullopt;
   }
@@ -438,39 +441,39 @@ std::optional<Eigen::Vector3d> Lens::Unproject(const Eigen::Vector2d& distorted)
 }
 
 std::optional<Eigen::Vector2d> Lens::Undistort(const Eigen::Vector2d& distorted) const {
-  if (radial_ == Radial::kNone && offset_ == Offset::kNone) {
+  if (radial_ == Radial::kNone && non_radial_ == NonRadial::kNone) {
     return distorted;
   }
-  Eigen::Vector2d flat = distorted;
+  Eigen::Vector2d projected = distorted;
   const double radius = distorted.norm();
   if (radial_ != Radial::kNone && radius > 0) {
-    // With an offset the purely radial solution is only a start, so that one beyond the limit will
-    // do from inside it.
+    // With tangential or prism terms the radial solution is only a start, so that one beyond the
+    // limit will do from inside it.
     const bool inside = radius < max_distorted_radius_;
-    if (!inside && offset_ == Offset::kNone) {
+    if (!inside && non_radial_ == NonRadial::kNone) {
       return std::nullopt;
     }
-    flat *= (inside ? UndistortRadius(radius) : 0.99 * max_radius_) / radius;
+    projected *= (inside ? UndistortRadius(radius) : 0.99 * max_radius_) / radius;
   }
-  if (offset_ == Offset::kNone) {
-    return flat;
+  if (non_radial_ == NonRadial::kNone) {
+    return projected;
   }
-  if (const auto solution = UndistortByNewton(flat, distorted)) {
+  if (const auto solution = UndistortByNewton(projected, distorted)) {
     return solution;
   }
   return UndistortByNewton(NearestOnGrid(distorted), distorted);
 }
 
-// Where offsets are so strong that the radial solution is no good start.
+// Where tangential or prism terms are so strong that the radial solution is no good start.
 Eigen::Vector2d Lens::NearestOnGrid(const Eigen::Vector2d& distorted) const {
   Eigen::Vector2d nearest = Eigen::Vector2d::Zero();
   double least_error = distorted.norm();
   for (int direction = 0; direction < kNumDirections; ++direction) {
     for (int i = 1; i < kNumRadii; ++i) {
-      const Eigen::Vector2d flat = GridPoint(direction, i);
-      const double error = (Distort(flat).distorted - distorted).norm();
-      if (error < least_error && IsInDomain(flat)) {
-        nearest = flat;
+      const Eigen::Vector2d projected = GridPoint(direction, i);
+      const double error = (Distort(projected).distorted - distorted).norm();
+      if (error < least_error && IsInDomain(projected)) {
+        nearest = projected;
         least_error = error;
       }
     }
@@ -509,23 +512,23 @@ std::optional<Eigen::Vector2d> Lens::UndistortByNewton(const Eigen::Vector2d& st
                                                        const Eigen::Vector2d& distorted) const {
   constexpr int kMaxSteps = 100;
   constexpr int kMaxHalvings = 30;
-  Eigen::Vector2d flat = start;
-  for (int i = 0; i < kMaxHalvings && !IsInDomain(flat); ++i) {
-    flat *= 0.5;
+  Eigen::Vector2d projected = start;
+  for (int i = 0; i < kMaxHalvings && !IsInDomain(projected); ++i) {
+    projected *= 0.5;
   }
   const double scale = 1 + distorted.norm();
-  Distortion distortion = Distort(flat);
+  Distortion distortion = Distort(projected);
   double error = (distortion.distorted - distorted).norm();
   bool improves = true;
   for (int i = 0; i < kMaxSteps && improves && error > 1e-15 * scale; ++i) {
     Eigen::Vector2d step = distortion.jacobian.inverse() * (distorted - distortion.distorted);
     improves = false;
     for (int j = 0; j < kMaxHalvings && !improves; ++j, step *= 0.5) {
-      const Distortion trial = Distort(flat + step);
+      const Distortion trial = Distort(projected + step);
       const double trial_error = (trial.distorted - distorted).norm();
-      improves = trial_error < error && IsInDomain(flat + step);
+      improves = trial_error < error && IsInDomain(projected + step);
       if (improves) {
-        flat += step;
+        projected += step;
         distortion = trial;
         error = trial_error;
       }
@@ -534,7 +537,7 @@ std::optional<Eigen::Vector2d> Lens::UndistortByNewton(const Eigen::Vector2d& st
   if (!(error <= 1e-11 * scale)) {
     return std::nullopt;
   }
-  return flat;
+  return projected;
 }
 
 }  // namespace raylift

@@ -1,10 +1,12 @@
 // What a camera does to a point before focal lengths and principal point turn it into a pixel: the
-// point is flattened to two coordinates (on the plane z = 1, or by its angle for fisheye lenses)
+// point is projected to two coordinates (on the plane z = 1, or by its angle for fisheye lenses)
 // and distorted. All of COLMAP's models fit one normal form:
 //
-//   u = flatten(point),  x = s(|u|^2) u,  s = (1 + n1 q + ... + n6 q^6) / (1 + d1 q + d2 q^2 + d3
-//   q^3) distorted = x + tangential(y) + prism(y),  where y = u, or y = x for
-//   RAD_TAN_THIN_PRISM_FISHEYE.
+//   u = projection(point),  q = |u|^2,
+//   x = u (1 + n1 q + ... + n6 q^6) / (1 + d1 q + d2 q^2 + d3 q^3),
+//   distorted = x + tangential(y) + prism(y),
+//
+// where y = u, or y = x for RAD_TAN_THIN_PRISM_FISHEYE.
 //
 // The valid domain is where this is one-to-one: |u| below the first radius at which |x| stops
 // growing with |u|, and the Jacobian of the distortion positive all the way from the axis. For the
@@ -46,10 +48,10 @@ class Lens {
  private:
   // How a point becomes two coordinates: (x, y) / z; angle * (x, y) / |(x, y)|; or the division
   // model's (x, y) r with r so that (u, 1 + k |u|^2) is parallel to the point.
-  enum class Flattening { kPlane, kAngle, kDivision };
+  enum class ProjectionType { kPerspective, kEquidistant, kDivision };
   enum class Radial { kNone, kRational, kFov };
-  // What the tangential and prism terms are functions of.
-  enum class Offset { kNone, kOfFlat, kOfRadial };
+  // What the tangential and thin prism terms are functions of.
+  enum class NonRadial { kNone, kOfProjected, kOfRadial };
 
   struct Scale {
     double value;
@@ -61,20 +63,20 @@ class Lens {
   };
 
   void LimitRadialDomain();
-  void LimitOffsetDomain();
+  void LimitNonRadialDomain();
 
-  std::optional<Eigen::Vector2d> Flatten(const Eigen::Vector3d& point) const;
-  Eigen::Matrix<double, 2, 3> FlattenJacobian(const Eigen::Vector3d& point,
-                                              const Eigen::Vector2d& flat) const;
-  Eigen::Vector3d Unflatten(const Eigen::Vector2d& flat) const;
+  std::optional<Eigen::Vector2d> ApplyProjection(const Eigen::Vector3d& point) const;
+  Eigen::Matrix<double, 2, 3> ProjectionJacobian(const Eigen::Vector3d& point,
+                                                 const Eigen::Vector2d& projected) const;
+  Eigen::Vector3d InvertProjection(const Eigen::Vector2d& projected) const;
 
   Scale RationalScale(double squared_radius) const;
   Scale FovScale(double squared_radius) const;
-  Distortion RadialPart(const Eigen::Vector2d& flat) const;
-  Distortion OffsetPart(const Eigen::Vector2d& point) const;
-  Distortion Distort(const Eigen::Vector2d& flat) const;
+  Distortion RadialPart(const Eigen::Vector2d& projected) const;
+  Distortion NonRadialPart(const Eigen::Vector2d& point) const;
+  Distortion Distort(const Eigen::Vector2d& projected) const;
   Eigen::Vector2d GridPoint(int direction, int radius) const;
-  bool IsInDomain(const Eigen::Vector2d& flat) const;
+  bool IsInDomain(const Eigen::Vector2d& projected) const;
 
   std::optional<Eigen::Vector2d> Undistort(const Eigen::Vector2d& distorted) const;
   double UndistortRadius(double distorted_radius) const;
@@ -82,9 +84,9 @@ class Lens {
   std::optional<Eigen::Vector2d> UndistortByNewton(const Eigen::Vector2d& start,
                                                    const Eigen::Vector2d& distorted) const;
 
-  Flattening flattening_ = Flattening::kPlane;
+  ProjectionType projection_type_ = ProjectionType::kPerspective;
   Radial radial_ = Radial::kNone;
-  Offset offset_ = Offset::kNone;
+  NonRadial non_radial_ = NonRadial::kNone;
   std::array<double, 6> numerator_ = {};    // of q, q^2, ...; before them a 1
   std::array<double, 3> denominator_ = {};  // likewise
   size_t num_numerator_terms_ = 0;
