@@ -1,3 +1,12 @@
+// A frame is rendered in tiles of 8 x 8 pixels: each is four blocks of 4 x 4, whose 16 rays Embree
+// traces as one packet. Some tiles of a row are turned into the world, cast and stored at a time,
+// so that their packets stay in the first cache; rows of tiles run on different threads.
+//
+// Depth and distance come from the packets themselves, in float. What needs the triangle (normals,
+// incidence, colour) is refined hit by hit in double, and so is the depth of grazing rays, which
+// the rounding of their direction would move. Supersampled colour is cast anew: its rays are those
+// of the pixels' centres, moved by how the ray changes from pixel to pixel.
+
 #include "raylift/renderers/frame_renderer.h"
 
 #include <algorithm>
@@ -26,7 +35,6 @@ constexpr double kDegPerRad = 180 / std::numbers::pi;
 
 Eigen::Vector3f Lane(const RayBlock& rays, size_t i) { return {rays.x[i], rays.y[i], rays.z[i]}; }
 
-// How the ray changes from pixel to pixel; zero where the lens has no ray beside this one.
 }  // namespace
 
 struct FrameRenderer::Impl {
@@ -49,11 +57,11 @@ struct FrameRenderer::Impl {
 
 namespace {
 
-// One view being rendered.
-class View {
+// One view being rendered: fills the maps of its frame.
+class ViewPass {
  public:
-  View(const RayCaster& caster, const FrameOptions& options, const SurfaceShader* shader,
-       bool refine, const PixelRays& rays, const Rigid3& cam_from_world, Frame& frame)
+  ViewPass(const RayCaster& caster, const FrameOptions& options, const SurfaceShader* shader,
+           bool refine, const PixelRays& rays, const Rigid3& cam_from_world, Frame& frame)
       : caster_(caster),
         options_(options),
         shader_(shader),
@@ -367,12 +375,12 @@ FrameRenderer& FrameRenderer::operator=(FrameRenderer&&) noexcept = default;
 void FrameRenderer::Render(const PixelRays& rays, const Rigid3& cam_from_world, int threads,
                            Frame& frame) const {
   Resize(impl_->options, rays.width_px(), rays.height_px(), frame);
-  const View view(*impl_->caster, impl_->options, impl_->shader ? &*impl_->shader : nullptr,
-                  impl_->NeedsRefinedHits(), rays, cam_from_world, frame);
+  const ViewPass pass(*impl_->caster, impl_->options, impl_->shader ? &*impl_->shader : nullptr,
+                      impl_->NeedsRefinedHits(), rays, cam_from_world, frame);
   const int rows = (rays.height_px() + kTileSide - 1) / kTileSide;
   std::atomic<size_t> num_hits{0};
   ParallelFor(static_cast<size_t>(rows), threads, [&](size_t row) {
-    num_hits += view.RenderTileRow(static_cast<int>(row) * kTileSide);
+    num_hits += pass.RenderTileRow(static_cast<int>(row) * kTileSide);
   });
   frame.num_hits = num_hits;
 }
