@@ -1,5 +1,5 @@
-// Embree 3.13 and Embree 4 behind one interface: handles that release themselves, and the calls
-// whose signatures differ between the two.
+// Embree 3 (from 3.12 on) and 4 behind one interface: handles that release themselves, and the
+// calls whose signatures differ between the two.
 
 #pragma once
 

@@ -1,5 +1,5 @@
-// Casting rays at a mesh, on Embree (3.13 or 4). All coordinates are the world's, in double; the
-// recentring that float needs happens inside.
+// Casting rays at a mesh, on Embree 3 (from 3.12 on) or 4. All coordinates are the world's, in
+// double; the recentring that float needs happens inside.
 
 #pragma once
 
