@@ -13,7 +13,8 @@ namespace {
 
 constexpr size_t kChunk = size_t{1} << 20;
 
-// Odd numbers without pattern.
+// Both odd, so that a multiplication loses nothing: 2^64 over the golden ratio, as in Knuth's
+// multiplicative hashing, and the multiplier of degski's 64-bit mixer.
 constexpr uint64_t kMultiplier = 0x9E3779B97F4A7C15ull;
 constexpr uint64_t kFinisher = 0xD6E8FEB86659FD93ull;
 
