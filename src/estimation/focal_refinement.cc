@@ -5,6 +5,9 @@
 #include <numbers>
 #include <vector>
 
+#include "estimation/final_refinement.h"
+#include "estimation/local_optimization.h"
+
 #include "raylift/base/rng.h"
 
 namespace raylift {

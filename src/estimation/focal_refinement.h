@@ -2,7 +2,7 @@
 
 #pragma once
 
-#include "estimation/refinement.h"
+#include "estimation/match_residuals.h"
 
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/geometry/camera.h"

@@ -5,12 +5,13 @@
 #include <numbers>
 
 #include "estimation/covisibility.h"
+#include "estimation/final_refinement.h"
 #include "estimation/focal_refinement.h"
 #include "estimation/hypothesis_generators.h"
 #include "estimation/joint_score.h"
+#include "estimation/match_residuals.h"
 #include "estimation/prepared_problem.h"
 #include "estimation/ransac.h"
-#include "estimation/refinement.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

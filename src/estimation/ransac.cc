@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "estimation/local_optimization.h"
+
 namespace raylift {
 namespace {
 

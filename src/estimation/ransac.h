@@ -7,8 +7,8 @@
 
 #include "estimation/hypothesis_generators.h"
 #include "estimation/joint_score.h"
+#include "estimation/match_residuals.h"
 #include "estimation/prepared_problem.h"
-#include "estimation/refinement.h"
 
 #include "raylift/base/rng.h"
 #include "raylift/estimation/pose_estimator.h"

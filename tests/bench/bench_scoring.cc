@@ -4,10 +4,11 @@
 
 #include <vector>
 
+#include "estimation/final_refinement.h"
 #include "estimation/joint_score.h"
 #include "estimation/kernels/kernel_table.h"
+#include "estimation/local_optimization.h"
 #include "estimation/prepared_problem.h"
-#include "estimation/refinement.h"
 #include "support/synthetic_problem.h"
 #include <benchmark/benchmark.h>
 

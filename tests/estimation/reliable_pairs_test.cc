@@ -1,6 +1,6 @@
 #include "estimation/reliable_pairs.h"
 
-#include "estimation/refinement.h"
+#include "estimation/match_residuals.h"
 #include "support/matchers.h"
 #include "support/synthetic_problem.h"
 

@@ -1,0 +1,16 @@
+// Local optimization inside RANSAC (the LO of LO-RANSAC).
+
+#pragma once
+
+#include "estimation/match_residuals.h"
+#include "estimation/prepared_problem.h"
+#include "estimation/solvers/p3p.h"
+
+namespace raylift {
+
+// A few steps on the MSAC cost (the sum of both kinds' normalized truncated residuals, as in
+// scoring) of the matches near the pose, in single precision. Of many matches, a random part.
+SolverPose OptimizeLocally(const PreparedProblem& problem, const SolverPose& pose,
+                           ResidualKinds kinds, int max_steps);
+
+}  // namespace raylift

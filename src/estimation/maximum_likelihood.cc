@@ -1,0 +1,83 @@
+#include "estimation/maximum_likelihood.h"
+
+#include "estimation/noise_variance.h"
+#include "estimation/reliable_pairs.h"
+#include <Eigen/Cholesky>
+
+namespace raylift {
+namespace {
+
+std::vector<int> IndicesBelow(const std::vector<double>& values, double limit) {
+  std::vector<int> indices;
+  for (int i = 0; i < static_cast<int>(values.size()); ++i) {
+    if (values[i] < limit) {
+      indices.push_back(i);
+    }
+  }
+  return indices;
+}
+
+}  // namespace
+
+void MaximumLikelihood::Refine(const SolverPose& start) {
+  pose_ = start;
+  // The noise is estimated at the pose that the noise's estimate shapes: twice is enough.
+  for (int round = 0; round < 2; ++round) {
+    Gather();
+    Minimize();
+  }
+}
+
+double MaximumLikelihood::PullOnPairs() const {
+  ActiveMatches<double> pairs_alone = near_.Active();
+  pairs_alone.point_blocks = {};
+  NormalEquations pairs = Linearize(problem_, pairs_alone, pose_, weights_);
+  // Directions that the pairs do not determine pull at nothing.
+  pairs.hessian.diagonal() += Vector6d::Constant(1e-9 * pairs.hessian.diagonal().maxCoeff());
+  return pairs.gradient.dot(pairs.hessian.ldlt().solve(pairs.gradient));
+}
+
+void MaximumLikelihood::DistrustPoints() {
+  weights_.point_weight *= 0.25;
+  Minimize();
+}
+
+std::optional<Matrix6d> MaximumLikelihood::Covariance() const {
+  const NormalEquations equations = Linearize(problem_, near_.Active(), pose_, weights_);
+  const Eigen::LDLT<Matrix6d> factors(equations.hessian);
+  if (!factors.isPositive() || !(factors.rcond() > 1e-13)) {
+    return std::nullopt;
+  }
+  const Matrix6d covariance = factors.solve(Matrix6d::Identity());
+  if (!covariance.allFinite()) {
+    return std::nullopt;
+  }
+  return Matrix6d(0.5 * (covariance + covariance.transpose()));
+}
+
+// The matches near the pose, and what they say of the noise.
+void MaximumLikelihood::Gather() {
+  const Residuals residuals = ComputeResiduals(problem_, pose_, kinds_);
+  const double point_variance = NoiseVariance(residuals.points, kPointNoise);
+  const double pair_variance = NoiseVariance(residuals.pairs, kPairNoise);
+  weights_ = {.point_weight = 1 / point_variance,
+              .pair_weight = 1 / pair_variance,
+              .point_loss = RobustLoss(point_variance, kPointNoise),
+              .pair_loss = RobustLoss(pair_variance, kPairNoise)};
+  near_ = {};
+  if (kinds_.points) {
+    near_.points =
+        MakePointBlocks<double>(problem_.points, IndicesBelow(residuals.points, kNearSquared));
+  }
+  if (kinds_.pairs) {
+    near_.pairs = MakePairBlocks<double>(
+        problem_.pairs,
+        ReliablePairs(problem_, pose_, residuals.pairs, pair_variance, kNearSquared));
+  }
+}
+
+void MaximumLikelihood::Minimize() {
+  pose_ = raylift::Minimize(problem_, near_.Active(), pose_, weights_, 20, 1e-9);
+}
+
+}  // namespace raylift

@@ -1,0 +1,56 @@
+// Refining a pose, in double precision, with each kind's noise estimated from its own inliers, so
+// that inaccurate geometry does not drag the pose, and a robust loss.
+
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "estimation/match_residuals.h"
+#include "estimation/pose_minimizer.h"
+#include "estimation/prepared_problem.h"
+#include "estimation/solvers/p3p.h"
+
+namespace raylift {
+
+// Holds a reference to the problem.
+class MaximumLikelihood {
+ public:
+  MaximumLikelihood(const PreparedProblem& problem, ResidualKinds kinds)
+      : problem_(problem), kinds_(kinds) {}
+
+  void Refine(const SolverPose& start);
+
+  // How far the points hold the pose away from where the pairs alone want it: the squared
+  // Mahalanobis length of the pairs' own step. Chi-squared with at most six degrees of freedom if
+  // both kinds agree but for noise.
+  double PullOnPairs() const;
+
+  // Weighs the points four times less than before, and minimizes again.
+  void DistrustPoints();
+
+  // Of the step (w, v) in the camera's tangent frame; none where singular.
+  std::optional<Matrix6d> Covariance() const;
+
+  const SolverPose& pose() const { return pose_; }
+
+ private:
+  // Blocks of the matches near the pose.
+  struct GatheredMatches {
+    std::vector<kernels::PointBlock<double>> points;
+    PairBlocks<double> pairs;
+
+    ActiveMatches<double> Active() const { return {points, pairs.blocks, pairs.block_reference}; }
+  };
+
+  void Gather();
+  void Minimize();
+
+  const PreparedProblem& problem_;
+  ResidualKinds kinds_;
+  SolverPose pose_;
+  KindWeights weights_;
+  GatheredMatches near_;
+};
+
+}  // namespace raylift
