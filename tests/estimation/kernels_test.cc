@@ -10,6 +10,8 @@
 
 #include "estimation/joint_score.h"
 #include "estimation/kernels/kernel_table.h"
+#include "estimation/near_truth.h"
+#include "estimation/pose_minimizer.h"
 #include "estimation/prepared_problem.h"
 #include "geometry/test_cameras.h"
 #include "support/matchers.h"
@@ -22,35 +24,6 @@ namespace raylift {
 namespace {
 
 using Eigen::Vector3d;
-using Vector6d = Eigen::Matrix<double, 6, 1>;
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
-
-constexpr double kPointThresholdPx = 4;
-constexpr double kPairThresholdPx = 2;
-
-// A problem, its preparation, and a pose near the truth, in both forms.
-struct NearTruth {
-  SyntheticProblem synthetic;
-  PreparedProblem prepared;
-  Rigid3 pose;  // cam_from_world
-  SolverPose local;
-
-  NearTruth(SyntheticProblem problem, const Rigid3& query_from_world, Rng& rng)
-      : synthetic(std::move(problem)),
-        prepared(synthetic.problem, kPointThresholdPx, kPairThresholdPx, rng),
-        pose(query_from_world),
-        local(prepared.CamFromLocal(query_from_world)) {}
-};
-
-NearTruth MakeNearTruth(Rng& rng, const SyntheticOptions& options, double turn_deg = 0.1,
-                        double shift = 0.01) {
-  SyntheticProblem problem = MakeSyntheticProblem("kernels", options, rng);
-  const Vector3d axis = Vector3d{rng.Normal(), rng.Normal(), rng.Normal()}.normalized();
-  const Vector3d way = Vector3d{rng.Normal(), rng.Normal(), rng.Normal()}.normalized();
-  const Rigid3 change{RotationFromVector(turn_deg * std::numbers::pi / 180 * axis), shift * way};
-  const Rigid3 pose = change * problem.query_from_world;
-  return NearTruth(std::move(problem), pose, rng);
-}
 
 std::vector<int> AllIndices(size_t count) {
   std::vector<int> indices(count);
@@ -341,11 +314,6 @@ KindNormals NormalsAt(const NearTruth& near, const SolverPose& local,
   return {table.point_normals(points.data(), static_cast<int>(points.size()), pose, loss),
           table.pair_normals(pairs.blocks.data(), pairs.block_reference.data(),
                              static_cast<int>(pairs.blocks.size()), pose, centres.data(), loss)};
-}
-
-SolverPose Moved(const SolverPose& pose, const Vector6d& step) {
-  const Eigen::Matrix3d turn = RotationFromVector(step.head<3>()).toRotationMatrix();
-  return {turn * pose.rotation, turn * pose.translation + step.tail<3>()};
 }
 
 TEST(Kernels, GradientsMatchCentralDifferencesOfTheCost) {
