@@ -144,7 +144,8 @@ void AddInputOptions(CLI::App& command, RenderFlags& flags) {
   command
       .add_option("--geometry", flags.geometry,
                   "mesh:PATH[,build=low|medium]: PLY, OBJ, glTF, STL, ...; a.ply+b.ply,\n"
-                  "tiles/*.ply or a folder, and several --geometry, are one scene")
+                  "tiles/*.ply or a folder, and several --geometry, are one scene; the\n"
+                  "acceleration structure is built in medium quality by default")
       ->required()
       ->allow_extra_args(false)
       ->group("Scene");

@@ -13,6 +13,7 @@
 #include "raylift/io/colmap_model.h"
 #include "raylift/lifting/depth_source.h"
 #include "raylift/lifting/mesh_source.h"
+#include "raylift/lifting/mesh_spec.h"
 #include "raylift/lifting/sfm_source.h"
 #include "raylift/renderers/mesh_tiles.h"
 
@@ -21,65 +22,26 @@ namespace {
 
 constexpr std::string_view kForms =
     "expected mesh:PATH[,key=value...], depth:DIR[,key=value...] or sfm[:DIR][,key=value...]";
-constexpr std::string_view kMeshKeys =
-    "near, far, max_incidence_deg, max_depth_jump, jump_radius_px, back_faces=keep|drop, "
-    "build=low|medium";
 constexpr std::string_view kDepthKeys =
     "preset, pattern, kind=z|ray|inverse, unit=m|cm|mm|NUMBER, scale, invalid, max_depth, layer, "
     "size=WxH, orientation, first_sample_px, confidence, confidence_threshold, "
     "interpolation=edge|nearest, max_jump, near, far, max_incidence_deg, max_depth_jump";
 constexpr std::string_view kSfmKeys = "radius (px), min_track, max_error (px), near, far";
 
-void TakeLimits(SpecKeys& keys, SurfaceLimits& limits) {
-  limits.near_z = keys.TakeNumber("near", 0).value_or(limits.near_z);
-  limits.far_z = keys.TakeNumber("far", 0).value_or(limits.far_z);
-  limits.max_incidence_deg =
-      keys.TakeNumber("max_incidence_deg", 0).value_or(limits.max_incidence_deg);
-  limits.max_depth_jump = keys.TakeNumber("max_depth_jump", 0).value_or(limits.max_depth_jump);
-}
-
-// The value of a key out of a few words.
-template <typename T, size_t N>
-T TakeWord(SpecKeys& keys, const std::string& key,
-           const std::array<std::pair<std::string_view, T>, N>& words, T otherwise) {
-  const auto text = keys.Take(key);
-  if (!text) return otherwise;
-  std::string names;
-  for (const auto& [name, value] : words) {
-    if (name == *text) return value;
-    if (!names.empty()) names += '|';
-    names += name;
-  }
-  keys.Fail(fmt::format("expected {}={}", key, names));
-}
-
-using BuildQuality = RayCasterOptions::BuildQuality;
-constexpr std::array<std::pair<std::string_view, BuildQuality>, 2> kBuilds = {
-    {{"low", BuildQuality::kLow}, {"medium", BuildQuality::kMedium}}};
-using BackFaces = SurfaceLimits::BackFaces;
-constexpr std::array<std::pair<std::string_view, BackFaces>, 2> kBackFaces = {
-    {{"keep", BackFaces::kKeep}, {"drop", BackFaces::kDrop}}};
 constexpr std::array<std::pair<std::string_view, DepthInterpolation>, 2> kInterpolations = {
     {{"edge", DepthInterpolation::kEdgeAware}, {"nearest", DepthInterpolation::kNearest}}};
 
-NamedGeometry MakeMesh(SpecKeys keys) {
-  if (keys.path().empty()) keys.Fail(kForms);
+NamedGeometry MakeMesh(const MeshSpec& spec) {
   RayCasterOptions caster;
-  caster.build_quality = TakeWord(keys, "build", kBuilds, BuildQuality::kLow);
-  MeshOptions options;
-  TakeLimits(keys, options.limits);
-  options.limits.back_faces = TakeWord(keys, "back_faces", kBackFaces, BackFaces::kKeep);
-  options.jump_radius_px = keys.TakeNumber("jump_radius_px", 0).value_or(options.jump_radius_px);
-  keys.ExpectAllTaken(kMeshKeys);
-
-  auto mesh = std::make_shared<const TriangleMesh>(ReadMeshes(ListMeshFiles(keys.path())));
+  caster.build_quality = spec.build.value_or(RayCasterOptions::BuildQuality::kLow);
+  auto mesh = std::make_shared<const TriangleMesh>(ReadMeshes(ListMeshFiles(spec.files)));
   NamedGeometry geometry;
   geometry.kind = GeometryKind::kMesh;
   geometry.understood = fmt::format("{} triangles", mesh->triangles.size());
   geometry.warnings = mesh->warnings;
   geometry.mesh = std::make_shared<const RayCaster>(std::move(mesh), caster);
   geometry.source =
-      std::make_shared<const MeshSource>(fmt::format("mesh:{}", keys.path()), geometry.mesh, options);
+      std::make_shared<const MeshSource>(fmt::format("mesh:{}", spec.files), geometry.mesh, spec.options);
   return geometry;
 }
 
@@ -148,12 +110,13 @@ NamedGeometry MakeDepth(SpecKeys keys, const GeometryContext& context) {
   if (keys.path().empty()) keys.Fail(kForms);
   DepthConvention convention = TakeConvention(keys);
   DepthSamplingOptions sampling;
-  sampling.interpolation = TakeWord(keys, "interpolation", kInterpolations, sampling.interpolation);
+  sampling.interpolation =
+      keys.TakeWord("interpolation", kInterpolations).value_or(sampling.interpolation);
   sampling.max_jump = keys.TakeNumber("max_jump", 0).value_or(sampling.max_jump);
   sampling.first_sample_px =
       keys.TakeNumber("first_sample_px", 0).value_or(sampling.first_sample_px);
   SurfaceLimits limits;
-  TakeLimits(keys, limits);
+  keys.TakeLimits(limits);
   keys.ExpectAllTaken(kDepthKeys);
 
   auto maps = std::make_shared<const DepthFolder>(keys.path(), convention, context.references,
@@ -215,7 +178,9 @@ NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext&
   const std::string kind = spec.substr(0, end);
   const bool has_path = end < spec.size() && spec[end] == ':';
   const std::string_view rest = std::string_view(spec).substr(end + (has_path ? 1 : 0));
-  if (kind == "mesh" && has_path) return MakeMesh(SpecKeys(spec, rest));
+  if (kind == "mesh" && has_path && !rest.empty()) {
+    return MakeMesh(ParseMeshSpec(spec, MeshUse::kLift));
+  }
   if (kind == "depth" && has_path) return MakeDepth(SpecKeys(spec, rest), context);
   if (kind == "sfm") return MakeSfm(SpecKeys(spec, rest), context);
   throw OptionError("--geometry", spec, kForms);
@@ -227,7 +192,7 @@ std::string GeometryHelp() {
       "mesh:PATH[,key=value...]: a mesh; a.ply+b.ply, tiles/*.ply or a folder\n"
       "  are one scene. Keys: near, far (depths), max_incidence_deg,\n"
       "  max_depth_jump (relative, near silhouettes), jump_radius_px,\n"
-      "  back_faces=keep|drop, build=low|medium\n"
+      "  back_faces=keep|drop, build=low|medium (low: few rays are cast)\n"
       "depth:DIR[,key=value...]: depth maps. Keys:\n"
       "  preset={}\n"
       "  pattern (file of an image: {{name}}, {{dir}}, {{stem}}, {{base}}),\n"

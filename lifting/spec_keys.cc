@@ -54,6 +54,13 @@ std::vector<double> SpecKeys::TakeNumbers(const std::string& key) {
   return values;
 }
 
+void SpecKeys::TakeLimits(SurfaceLimits& limits) {
+  limits.near_z = TakeNumber("near", 0).value_or(limits.near_z);
+  limits.far_z = TakeNumber("far", 0).value_or(limits.far_z);
+  limits.max_incidence_deg = TakeNumber("max_incidence_deg", 0).value_or(limits.max_incidence_deg);
+  limits.max_depth_jump = TakeNumber("max_depth_jump", 0).value_or(limits.max_depth_jump);
+}
+
 void SpecKeys::ExpectAllTaken(std::string_view known) const {
   if (!values_.empty()) {
     Fail(fmt::format("unknown key \"{}\"; there are {}", values_.begin()->first, known));

@@ -2,11 +2,16 @@
 
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <map>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
+
+#include "raylift/lifting/surface_limits.h"
 
 namespace raylift {
 
@@ -18,11 +23,31 @@ class SpecKeys {
 
   const std::string& path() const { return path_; }
 
+  bool Has(const std::string& key) const { return values_.contains(key); }
+
   // The value of a key, which then is taken.
   std::optional<std::string> Take(const std::string& key);
   // The same, as numbers; OptionError where they are none or below the minimum.
   std::optional<double> TakeNumber(const std::string& key, double minimum);
   std::vector<double> TakeNumbers(const std::string& key);  // separated by "/"
+
+  // The value of a key out of a few words; OptionError for any other.
+  template <typename T, size_t N>
+  std::optional<T> TakeWord(const std::string& key,
+                            const std::array<std::pair<std::string_view, T>, N>& words) {
+    const auto text = Take(key);
+    if (!text) return std::nullopt;
+    std::string names;
+    for (const auto& [name, value] : words) {
+      if (name == *text) return value;
+      if (!names.empty()) names += '|';
+      names += name;
+    }
+    Fail("expected " + key + "=" + names);
+  }
+
+  // The limits that all surfaces have: near, far, max_incidence_deg, max_depth_jump.
+  void TakeLimits(SurfaceLimits& limits);
 
   // OptionError where a key was not taken: `known` says which there are.
   void ExpectAllTaken(std::string_view known) const;

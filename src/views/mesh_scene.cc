@@ -1,11 +1,14 @@
 #include "raylift/views/mesh_scene.h"
 
 #include <chrono>
+#include <optional>
+#include <string_view>
+#include <utility>
 
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/text.h"
+#include "raylift/lifting/mesh_spec.h"
 #include "raylift/renderers/mesh_tiles.h"
 
 namespace raylift {
@@ -13,28 +16,31 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr std::string_view kForm =
-    "expected mesh:PATH[,build=low|medium]; only meshes are rendered";
+using BuildQuality = RayCasterOptions::BuildQuality;
 
-struct MeshSpec {
-  std::string files;
-  RayCasterOptions::BuildQuality build = RayCasterOptions::BuildQuality::kMedium;
+std::string_view ToString(BuildQuality build) {
+  return build == BuildQuality::kLow ? "low" : "medium";
+}
+
+struct SceneSpec {
+  std::vector<std::string> files;
+  std::optional<BuildQuality> build;
 };
 
-MeshSpec ParseSpec(const std::string& spec) {
-  constexpr std::string_view kPrefix = "mesh:";
-  if (!spec.starts_with(kPrefix)) throw OptionError("--geometry", spec, kForm);
-  const auto parts = SplitBy(std::string_view(spec).substr(kPrefix.size()), ',');
-  MeshSpec parsed{std::string(parts.front())};
-  if (parsed.files.empty()) throw OptionError("--geometry", spec, kForm);
-  for (size_t i = 1; i < parts.size(); ++i) {
-    if (parts[i] == "build=low") {
-      parsed.build = RayCasterOptions::BuildQuality::kLow;
-    } else if (parts[i] != "build=medium") {
-      throw OptionError("--geometry", spec, kForm);
+// Several meshes are one scene, which is built in one way.
+SceneSpec ParseSpecs(const std::vector<std::string>& specs) {
+  SceneSpec scene;
+  for (const std::string& spec : specs) {
+    MeshSpec mesh = ParseMeshSpec(spec, MeshUse::kRender);
+    if (scene.build && mesh.build && scene.build != mesh.build) {
+      throw OptionError("--geometry", spec,
+                        fmt::format("all meshes are one scene, but another one says build={}",
+                                    ToString(*scene.build)));
     }
+    if (mesh.build) scene.build = mesh.build;
+    scene.files.push_back(std::move(mesh.files));
   }
-  return parsed;
+  return scene;
 }
 
 template <typename T>
@@ -57,12 +63,12 @@ double Seconds(Clock::duration duration) { return std::chrono::duration<double>(
 MeshScene LoadMeshScene(const std::vector<std::string>& specs,
                         const std::function<void(const std::string&)>& on_step) {
   RAYLIFT_CHECK(!specs.empty());
+  const SceneSpec parsed = ParseSpecs(specs);
   RayCasterOptions options;
+  options.build_quality = parsed.build.value_or(BuildQuality::kMedium);
   std::vector<std::filesystem::path> files;
-  for (const std::string& spec : specs) {
-    const MeshSpec parsed = ParseSpec(spec);
-    options.build_quality = parsed.build;
-    const auto listed = ListMeshFiles(parsed.files);
+  for (const std::string& named : parsed.files) {
+    const auto listed = ListMeshFiles(named);
     files.insert(files.end(), listed.begin(), listed.end());
   }
   const auto start = Clock::now();

@@ -21,9 +21,10 @@ struct MeshScene {
   size_t tree_bytes = 0;  // what the rays are traced through
 };
 
-// "mesh:PATH[,build=low|medium]" each; all are one scene. `on_step` is told what is going on
-// ("reading a.ply", "building, 40 %"), from any thread, one call at a time. OptionError for a
-// specification that is none, InputError where a file cannot be read or is no mesh.
+// "mesh:PATH[,build=low|medium]" each (by default medium); all are one scene. `on_step` is told
+// what is going on ("reading a.ply", "building, 40 %"), from any thread, one call at a time.
+// OptionError for a specification that is none or contradicts another one, InputError where a file
+// cannot be read or is no mesh.
 MeshScene LoadMeshScene(const std::vector<std::string>& specs,
                         const std::function<void(const std::string&)>& on_step);
 

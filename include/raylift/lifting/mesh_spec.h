@@ -1,0 +1,30 @@
+// A mesh by name, "mesh:PATH[,key=value...]": one grammar for all who lift from it or render it.
+
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "raylift/lifting/mesh_source.h"
+#include "raylift/renderers/ray_caster.h"
+
+namespace raylift {
+
+struct MeshSpec {
+  std::string files;  // as ListMeshFiles takes them
+  // How the acceleration structure is built, where the specification says it. What is not said is
+  // low for lifting, which casts few rays, and medium for rendering.
+  std::optional<RayCasterOptions::BuildQuality> build = std::nullopt;
+  MeshOptions options = {};  // which points are lifted
+};
+
+enum class MeshUse {
+  kLift,
+  // The whole mesh is drawn: the keys that say which points are lifted are refused.
+  kRender,
+};
+
+// OptionError where the specification is not one of a mesh, or has an unknown key or value.
+MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use);
+
+}  // namespace raylift

@@ -1,0 +1,64 @@
+#include "raylift/lifting/mesh_spec.h"
+
+#include <gtest/gtest.h>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+using BuildQuality = RayCasterOptions::BuildQuality;
+
+std::string OptionErrorOf(const std::string& spec, MeshUse use) {
+  try {
+    ParseMeshSpec(spec, use);
+  } catch (const OptionError& error) {
+    return error.what();
+  }
+  return "no OptionError";
+}
+
+TEST(ParseMeshSpec, TakesEveryKey) {
+  const MeshSpec mesh = ParseMeshSpec(
+      "mesh:a.ply+b.ply,near=1,far=9,max_incidence_deg=70,max_depth_jump=0.5,jump_radius_px=3,"
+      "back_faces=drop,build=medium",
+      MeshUse::kLift);
+  EXPECT_EQ(mesh.files, "a.ply+b.ply");
+  EXPECT_EQ(mesh.options.limits.near_z, 1);
+  EXPECT_EQ(mesh.options.limits.far_z, 9);
+  EXPECT_EQ(mesh.options.limits.max_incidence_deg, 70);
+  EXPECT_EQ(mesh.options.limits.max_depth_jump, 0.5);
+  EXPECT_EQ(mesh.options.jump_radius_px, 3);
+  EXPECT_EQ(mesh.options.limits.back_faces, SurfaceLimits::BackFaces::kDrop);
+  EXPECT_EQ(mesh.build, BuildQuality::kMedium);
+}
+
+TEST(ParseMeshSpec, LeavesTheBuildToTheUseWhereNoneIsSaid) {
+  for (const MeshUse use : {MeshUse::kLift, MeshUse::kRender}) {
+    EXPECT_FALSE(ParseMeshSpec("mesh:a.ply", use).build);
+    EXPECT_EQ(ParseMeshSpec("mesh:a.ply,build=low", use).build, BuildQuality::kLow);
+  }
+}
+
+TEST(ParseMeshSpec, RefusesToRenderWithKeysOfLifting) {
+  for (const std::string key : {"near=1", "far=9", "max_incidence_deg=70", "max_depth_jump=0.5",
+                                "jump_radius_px=3", "back_faces=drop"}) {
+    EXPECT_EQ(OptionErrorOf("mesh:a.ply," + key, MeshUse::kRender),
+              "--geometry = mesh:a.ply," + key + ": the key " + key.substr(0, key.find('=')) +
+                  " says which points are lifted, but here the whole mesh is rendered; there is "
+                  "build=low|medium");
+  }
+}
+
+TEST(ParseMeshSpec, WhatIsNoMeshSaysWhatIsWanted) {
+  for (const std::string spec : {"depth:maps", "a.ply", "mesh:", "mesh:,build=low"}) {
+    EXPECT_EQ(OptionErrorOf(spec, MeshUse::kLift),
+              "--geometry = " + spec + ": expected mesh:PATH[,key=value...]");
+    EXPECT_EQ(OptionErrorOf(spec, MeshUse::kRender),
+              "--geometry = " + spec +
+                  ": expected mesh:PATH[,build=low|medium]; only meshes are rendered");
+  }
+}
+
+}  // namespace
+}  // namespace raylift

@@ -1,0 +1,48 @@
+#include "raylift/views/mesh_scene.h"
+
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+std::string TriangleSpec(const std::string& name) {
+  const auto path = TestFolder() / name;
+  WriteFile(path, "v -1 -1 2\nv 1 -1 2\nv 0 1 2\nf 1 2 3\n");
+  return "mesh:" + path.string();
+}
+
+MeshScene Load(const std::vector<std::string>& specs) {
+  return LoadMeshScene(specs, [](const std::string&) {});
+}
+
+TEST(LoadMeshScene, SeveralMeshesAreOneScene) {
+  const std::string a = TriangleSpec("a.obj");
+  const std::string b = TriangleSpec("b.obj");
+  EXPECT_EQ(Load({a, b}).caster->mesh().triangles.size(), 2u);
+  EXPECT_EQ(Load({a + ",build=low", b}).caster->mesh().triangles.size(), 2u);
+  EXPECT_EQ(Load({a + ",build=low", b + ",build=low"}).caster->mesh().triangles.size(), 2u);
+}
+
+TEST(LoadMeshScene, ContradictoryBuildsAreAnOptionError) {
+  const std::string a = TriangleSpec("a.obj") + ",build=medium";
+  const std::string b = TriangleSpec("b.obj") + ",build=low";
+  try {
+    Load({a, b});
+    FAIL() << "no OptionError";
+  } catch (const OptionError& error) {
+    EXPECT_EQ(error.what(), "--geometry = " + b +
+                                ": all meshes are one scene, but another one says build=medium");
+  }
+}
+
+TEST(LoadMeshScene, RefusesWhatDoesNotConcernRendering) {
+  EXPECT_THROW(Load({TriangleSpec("a.obj") + ",near=1"}), OptionError);
+  EXPECT_THROW(Load({"depth:maps"}), OptionError);
+}
+
+}  // namespace
+}  // namespace raylift
