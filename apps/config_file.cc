@@ -3,11 +3,8 @@
 #include <map>
 
 #include <fmt/format.h>
-#include <toml++/toml.h>
 
-#include "raylift/base/error.h"
-#include "raylift/base/file.h"
-#include "raylift/base/text.h"
+#include "raylift/io/toml_file.h"
 
 namespace raylift {
 namespace {
@@ -16,13 +13,16 @@ using std::filesystem::path;
 
 class ConfigReader {
  public:
-  ConfigReader(const path& file, const CLI::App& command) : file_(file), command_(command) {}
+  explicit ConfigReader(const CLI::App& command) : command_(command) {}
 
-  std::vector<std::string> Arguments() {
-    const toml::table document = Parse();
-    Collect(document, /*top=*/true);
-    if (const toml::table* table = document[command_.get_name()].as_table()) {
-      Collect(*table, /*top=*/false);
+  std::vector<std::string> Arguments(const path& file) {
+    TomlTable top = ReadToml(file);
+    for (const std::string& key : top.Keys()) {
+      if (!top.IsTable(key) || !IsCommand(key)) Take(top, key);
+    }
+    if (const std::string name = command_.get_name(); top.IsTable(name)) {
+      TomlTable table = *top.Table(name);
+      for (const std::string& key : table.Keys()) Take(table, key);
     }
     // Positional arguments first: an option of several values would take them for its own.
     std::vector<std::string> positionals, options;
@@ -44,24 +44,8 @@ class ConfigReader {
   }
 
  private:
-  toml::table Parse() const {
-    const std::string text = ReadFile(file_);
-    try {
-      return toml::parse(text, file_.string());
-    } catch (const toml::parse_error& error) {
-      throw InputError(file_, Place(error.source()), error.description());
-    }
-  }
-
-  void Collect(const toml::table& table, bool top) {
-    for (const auto& [key, node] : table) {
-      const std::string name(key.str());
-      if (top && node.is_table() && IsCommand(name)) {
-        continue;
-      }
-      const std::string option = OptionName(name, node);
-      values_[option] = Values(name, node);
-    }
+  void Take(TomlTable& table, const std::string& key) {
+    values_[OptionName(table, key)] = table.Values(key);
   }
 
   bool IsCommand(const std::string& name) const {
@@ -70,43 +54,17 @@ class ConfigReader {
     return !commands.empty();
   }
 
-  std::string OptionName(const std::string& key, const toml::node& node) const {
+  std::string OptionName(const TomlTable& table, const std::string& key) const {
     for (const std::string& name : {"--" + key, key}) {
       const CLI::Option* option = command_.get_option_no_throw(name);
       if (option != nullptr && option->get_configurable() && option->get_name() == name) {
         return name;
       }
     }
-    throw InputError(file_, Place(node.source()),
-                     fmt::format("\"{}\" is no option of raylift {}", key, command_.get_name()));
+    table.FailAtLineOf(key,
+                       fmt::format("\"{}\" is no option of raylift {}", key, command_.get_name()));
   }
 
-  std::vector<std::string> Values(const std::string& key, const toml::node& node) const {
-    std::vector<std::string> values;
-    if (const toml::array* array = node.as_array()) {
-      for (const toml::node& element : *array) {
-        values.push_back(Value(key, element));
-      }
-    } else {
-      values.push_back(Value(key, node));
-    }
-    return values;
-  }
-
-  std::string Value(const std::string& key, const toml::node& node) const {
-    if (const auto* text = node.as_string()) return text->get();
-    if (const auto* integer = node.as_integer()) return std::to_string(integer->get());
-    if (const auto* number = node.as_floating_point()) return FormatDouble(number->get());
-    if (const auto* boolean = node.as_boolean()) return boolean->get() ? "true" : "false";
-    throw InputError(file_, Place(node.source()),
-                     fmt::format("{}: expected a string, a number, a boolean or a list", key));
-  }
-
-  static std::string Place(const toml::source_region& source) {
-    return fmt::format("line {}", source.begin.line);
-  }
-
-  const path& file_;
   const CLI::App& command_;
   std::map<std::string, std::vector<std::string>> values_;  // by the option's name
 };
@@ -114,7 +72,7 @@ class ConfigReader {
 }  // namespace
 
 std::vector<std::string> ConfigArguments(const path& file, const CLI::App& command) {
-  return ConfigReader(file, command).Arguments();
+  return ConfigReader(command).Arguments(file);
 }
 
 }  // namespace raylift

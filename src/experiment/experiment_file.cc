@@ -5,13 +5,13 @@
 #include <limits>
 
 #include "experiment_layouts.h"
-#include "toml_table.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
 #include "raylift/geometry/pose_convention.h"
 #include "raylift/io/scene_file.h"
+#include "raylift/io/toml_file.h"
 
 namespace raylift {
 namespace {
@@ -24,12 +24,12 @@ std::string ExpandVariables(const std::string& text, const VariableLookup& varia
   size_t position = 0;
   for (size_t begin; (begin = text.find("${", position)) != std::string::npos;) {
     const size_t end = text.find('}', begin);
-    if (end == std::string::npos) throw std::string("\"${\" is not closed");
+    if (end == std::string::npos) throw InputError("\"${\" is not closed");
     const std::string name = text.substr(begin + 2, end - begin - 2);
     const auto value = variables(name);
     if (!value) {
-      throw fmt::format("${{{}}} is not set (--datasets DIR, --set NAME=VALUE or the environment)",
-                        name);
+      throw InputError(fmt::format(
+          "${{{}}} is not set (--datasets DIR, --set NAME=VALUE or the environment)", name));
     }
     expanded += text.substr(position, begin - position) + *value;
     position = end + 1;
@@ -40,9 +40,9 @@ std::string ExpandVariables(const std::string& text, const VariableLookup& varia
 class ExperimentReader {
  public:
   ExperimentReader(const path& file, const VariableLookup& variables)
-      : file_(file), top_(file, "", ParseTomlFile(file), [variables](const std::string& text) {
+      : file_(file), top_(ReadToml(file, [variables](const std::string& text) {
           return ExpandVariables(text, variables);
-        }) {}
+        })) {}
 
   Experiment Read() {
     experiment_.file = file_;

@@ -3,9 +3,8 @@
 
 #pragma once
 
-#include "toml_table.h"
-
 #include "raylift/experiment/experiment.h"
+#include "raylift/io/toml_file.h"
 
 namespace raylift {
 

@@ -111,7 +111,7 @@ TEST(ExperimentFile, ErrorsNameTheKey) {
   EXPECT_THAT(ErrorOf(good + "[estimator]\nconfidence = 2\n"),
               HasSubstr("estimator: --confidence"));
   EXPECT_THAT(ErrorOf(good + "[filters.off]\nmin_views = 2\n"), HasSubstr("filters.off"));
-  EXPECT_THAT(ErrorOf("[scenes.a]\nmodel = 3\n"), HasSubstr("scenes.a.model: expected a text"));
+  EXPECT_THAT(ErrorOf("[scenes.a]\nmodel = 3\n"), HasSubstr("scenes.a.model: expected a string"));
 }
 
 // The files that come along are read, and their grids, tables and claims fit together.

@@ -121,7 +121,8 @@ TEST(SceneFile, WrongLinesAreNamed) {
   EXPECT_TRUE(fails(start + "[[geometry]]\nname='a'\nspec='sfm'\n[[geometry]]\nname='a'\nspec='b'",
                     {"line 5", "\"a\" stands twice"}));
   EXPECT_TRUE(fails(start + "provenance = 'a'\n", {"line 2", "provenance: expected a table"}));
-  EXPECT_TRUE(fails(start + "[provenance]\na = 1\n", {"line 3", "provenance: expected a string"}));
+  EXPECT_TRUE(
+      fails(start + "[provenance]\na = 1\n", {"line 3", "provenance.a: expected a string"}));
   EXPECT_TRUE(FailsWithInputError([&] { ReadSceneFile(TestFolder() / "none.toml"); }, {"none"}));
 }
 

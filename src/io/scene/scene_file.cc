@@ -3,17 +3,15 @@
 #include <algorithm>
 #include <array>
 #include <functional>
-#include <set>
-#include <sstream>
 #include <string_view>
 
 #include "io/text/line_tokens.h"
 #include <fmt/format.h>
-#include <toml++/toml.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
+#include "raylift/io/toml_file.h"
 
 namespace raylift {
 namespace {
@@ -57,100 +55,56 @@ path FolderOf(const path& file) { return file.has_parent_path() ? file.parent_pa
 
 class SceneReader {
  public:
-  explicit SceneReader(const path& file) : file_(file) {}
+  explicit SceneReader(const path& file) : file_(file), top_(ReadToml(file)) {}
 
   SceneFile Read() {
-    const toml::table document = Parse();
-    CheckFormat(document);
-    for (const auto& [key, node] : document) Take(key.str(), node);
+    CheckFormat();
+    scene_.name = top_.Text("name").value_or("");
+    scene_.thresholds = top_.Text("thresholds").value_or("");
+    for (const PathKey& known : kPathKeys) {
+      if (const auto text = top_.Text(known.key)) scene_.*known.member = Resolve(*text);
+    }
+    for (TomlTable& table : top_.Tables("geometry")) TakeGeometry(table);
+    if (auto provenance = top_.Table("provenance")) {
+      for (const std::string& key : provenance->Keys()) {
+        scene_.provenance.emplace_back(key, provenance->RequiredText(key));
+      }
+    }
+    RequireAllRead(top_, "a scene file");
     return std::move(scene_);
   }
 
  private:
-  toml::table Parse() const {
-    try {
-      return toml::parse(ReadFile(file_), file_.string());
-    } catch (const toml::parse_error& error) {
-      throw InputError(file_, Place(error.source()), error.description());
-    }
-  }
-
-  void CheckFormat(const toml::table& document) const {
-    const toml::node* node = document.get("format");
-    if (node == nullptr) {
+  void CheckFormat() {
+    const auto format = top_.Text("format");
+    if (!format)
       throw InputError(file_, fmt::format("expected format = \"{}\", found none", kFormat));
-    }
-    if (Text("format", *node) != kFormat) {
-      Fail(*node,
-           fmt::format("format: expected \"{}\", found \"{}\"", kFormat, Text("format", *node)));
+    if (*format != kFormat) {
+      top_.Fail("format", fmt::format("expected \"{}\", found \"{}\"", kFormat, *format));
     }
   }
 
-  void Take(std::string_view key, const toml::node& node) {
-    if (key == "format") return;
-    if (key == "name") {
-      scene_.name = Text(key, node);
-    } else if (key == "thresholds") {
-      scene_.thresholds = Text(key, node);
-    } else if (key == "geometry") {
-      TakeGeometries(node);
-    } else if (key == "provenance") {
-      TakeProvenance(node);
-    } else {
-      TakePath(key, node);
+  void TakeGeometry(TomlTable& table) {
+    SceneGeometry geometry;
+    geometry.name = table.Text("name").value_or("");
+    geometry.spec = MapSpecPaths(table.Text("spec").value_or(""),
+                                 [this](const path& given) { return Resolve(given); });
+    RequireAllRead(table, "a geometry");
+    if (geometry.name.empty() || geometry.spec.empty()) {
+      table.FailHere("expected a name and a spec");
     }
-  }
-
-  void TakePath(std::string_view key, const toml::node& node) {
-    for (const PathKey& known : kPathKeys) {
-      if (known.key == key) {
-        scene_.*known.member = Resolve(Text(key, node));
-        return;
+    for (const SceneGeometry& other : scene_.geometries) {
+      if (other.name == geometry.name) {
+        table.FailHere(fmt::format("the name \"{}\" stands twice", geometry.name));
       }
     }
-    Fail(node, fmt::format("\"{}\" is no key of a scene file", key));
+    scene_.geometries.push_back(std::move(geometry));
   }
 
-  void TakeGeometries(const toml::node& node) {
-    const toml::array* array = node.as_array();
-    if (array == nullptr) Fail(node, "geometry: expected [[geometry]] tables");
-    std::set<std::string> names;
-    for (const toml::node& element : *array) {
-      const toml::table* table = element.as_table();
-      if (table == nullptr) Fail(element, "geometry: expected [[geometry]] tables");
-      SceneGeometry geometry;
-      for (const auto& [key, value] : *table) {
-        if (key.str() == "name") {
-          geometry.name = Text("geometry.name", value);
-        } else if (key.str() == "spec") {
-          geometry.spec = MapSpecPaths(Text("geometry.spec", value),
-                                       [this](const path& given) { return Resolve(given); });
-        } else {
-          Fail(value, fmt::format("\"{}\" is no key of a geometry", key.str()));
-        }
-      }
-      if (geometry.name.empty() || geometry.spec.empty()) {
-        Fail(element, "geometry: expected a name and a spec");
-      }
-      if (!names.insert(geometry.name).second) {
-        Fail(element, fmt::format("geometry: the name \"{}\" stands twice", geometry.name));
-      }
-      scene_.geometries.push_back(std::move(geometry));
+  static void RequireAllRead(const TomlTable& table, std::string_view of_what) {
+    for (const std::string& key : table.UnreadKeys()) {
+      table.FailAtLineOf(key, fmt::format("\"{}\" is no key of {}", key, of_what));
     }
-  }
-
-  void TakeProvenance(const toml::node& node) {
-    const toml::table* table = node.as_table();
-    if (table == nullptr) Fail(node, "provenance: expected a table");
-    for (const auto& [key, value] : *table) {
-      scene_.provenance.emplace_back(key.str(), Text("provenance", value));
-    }
-  }
-
-  std::string Text(std::string_view key, const toml::node& node) const {
-    const auto* text = node.as_string();
-    if (text == nullptr) Fail(node, fmt::format("{}: expected a string", key));
-    return text->get();
   }
 
   // Absolute paths stay as they are.
@@ -158,22 +112,10 @@ class SceneReader {
     return given.empty() ? given : (FolderOf(file_) / given).lexically_normal();
   }
 
-  static std::string Place(const toml::source_region& source) {
-    return fmt::format("line {}", source.begin.line);
-  }
-  [[noreturn]] void Fail(const toml::node& node, std::string_view message) const {
-    throw InputError(file_, Place(node.source()), message);
-  }
-
   const path& file_;
+  TomlTable top_;
   SceneFile scene_;
 };
-
-std::string Quoted(const std::string& text) {
-  std::ostringstream stream;
-  stream << toml::value<std::string>(text);
-  return stream.str();
-}
 
 // As seen from a folder, whatever links lead to either.
 path RelativeTo(const path& folder, const path& target) {
@@ -205,9 +147,9 @@ void WriteSceneFile(const path& file, const SceneFile& scene) {
   const auto relative = [folder = FolderOf(file)](const path& target) {
     return RelativeTo(folder, target);
   };
-  std::string text = fmt::format("format = {}\n", Quoted(std::string(kFormat)));
+  std::string text = fmt::format("format = {}\n", TomlString(std::string(kFormat)));
   const auto add = [&text](std::string_view key, const std::string& value) {
-    if (!value.empty()) text += fmt::format("{} = {}\n", key, Quoted(value));
+    if (!value.empty()) text += fmt::format("{} = {}\n", key, TomlString(value));
   };
   add("name", scene.name);
   for (const PathKey& known : kPathKeys) {
@@ -222,7 +164,7 @@ void WriteSceneFile(const path& file, const SceneFile& scene) {
   }
   if (!scene.provenance.empty()) text += "\n[provenance]\n";
   for (const auto& [key, value] : scene.provenance) {
-    text += fmt::format("{} = {}\n", Quoted(key), Quoted(value));
+    text += fmt::format("{} = {}\n", TomlString(key), TomlString(value));
   }
   WriteFile(file, text);
 }

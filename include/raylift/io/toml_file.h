@@ -1,0 +1,87 @@
+// A TOML file, read strictly: errors name the file, the line and the key ("scenes.demo.model"), and
+// a key that nobody asked for is one.
+
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raylift {
+
+// A table of the file: all of it, or a part, which keeps the whole.
+class TomlTable {
+ public:
+  // All strings go through `expand`; the InputError that it may throw is told with its place.
+  using Expand = std::function<std::string(const std::string& text)>;
+
+  ~TomlTable();
+  TomlTable(TomlTable&&) noexcept;
+  TomlTable& operator=(TomlTable&&) noexcept;
+
+  bool Has(std::string_view key) const;
+  bool IsTable(std::string_view key) const;
+  // In alphabetical order; that of the lines is told by LineOf.
+  std::vector<std::string> Keys() const;
+  int LineOf(std::string_view key) const;
+
+  // The value of a key, which then counts as read; none where it is not there. InputError where it
+  // is of another kind.
+  std::optional<std::string> Text(std::string_view key);
+  std::string RequiredText(std::string_view key);
+  std::optional<double> Number(std::string_view key);
+  std::optional<bool> Boolean(std::string_view key);
+  std::optional<int64_t> Integer(std::string_view key);
+  // One value or a list, of strings, numbers and booleans; as texts. A list must not be empty.
+  std::vector<std::string> Values(std::string_view key);
+  std::optional<TomlTable> Table(std::string_view key);
+  // An array of tables; empty where there is none.
+  std::vector<TomlTable> Tables(std::string_view key);
+
+  // The value of a text that `from_name` knows.
+  template <typename T>
+  std::optional<T> Named(std::string_view key, std::optional<T> (*from_name)(std::string_view),
+                         std::string_view expected) {
+    const auto text = Text(key);
+    if (!text) return std::nullopt;
+    const auto value = from_name(*text);
+    if (!value) FailWith(key, expected, *text);
+    return value;
+  }
+
+  // The keys that were not asked for.
+  std::vector<std::string> UnreadKeys() const;
+  // InputError where there are any.
+  void RequireAllRead() const;
+
+  // "FILE: line N: PLACE.key: message".
+  [[noreturn]] void Fail(std::string_view key, std::string_view message) const;
+  // "FILE: line N: message", with the line of the key.
+  [[noreturn]] void FailAtLineOf(std::string_view key, std::string_view message) const;
+  // "FILE: line N: PLACE: message", of the table as a whole.
+  [[noreturn]] void FailHere(std::string_view message) const;
+
+ private:
+  friend TomlTable ReadToml(const std::filesystem::path& file, Expand expand);
+
+  struct Impl;
+  explicit TomlTable(std::unique_ptr<Impl> impl);
+
+  [[noreturn]] void FailWith(std::string_view key, std::string_view expected,
+                             std::string_view found) const;
+
+  std::unique_ptr<Impl> impl_;
+};
+
+// InputError with the line where the file is no TOML. Without `expand`, texts are as they stand.
+TomlTable ReadToml(const std::filesystem::path& file, TomlTable::Expand expand = {});
+
+// The text as a TOML string, with its quotes.
+std::string TomlString(const std::string& text);
+
+}  // namespace raylift

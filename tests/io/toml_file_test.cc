@@ -1,0 +1,122 @@
+#include "raylift/io/toml_file.h"
+
+#include "support/matchers.h"
+#include "support/test_data.h"
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::IsEmpty;
+
+TomlTable ReadText(const std::string& text, TomlTable::Expand expand = {}) {
+  const auto file = TestFolder() / "file.toml";
+  WriteFile(file, text);
+  return ReadToml(file, std::move(expand));
+}
+
+TEST(TomlFile, GivesValuesByKind) {
+  TomlTable table = ReadText(
+      "text = 'a'\nwhole = 3\nreal = 0.5\nyes = true\nlist = ['a', 1, 0.25, false]\n"
+      "[part]\nx = 1\n[[rows]]\nname = 'first'\n[[rows]]\nname = 'second'\n");
+  EXPECT_EQ(table.Text("text"), "a");
+  EXPECT_EQ(table.Integer("whole"), 3);
+  EXPECT_EQ(table.Number("whole"), 3);
+  EXPECT_EQ(table.Number("real"), 0.5);
+  EXPECT_EQ(table.Boolean("yes"), true);
+  EXPECT_THAT(table.Values("list"), ElementsAre("a", "1", "0.25", "false"));
+  EXPECT_THAT(table.Values("real"), ElementsAre("0.5"));
+  EXPECT_EQ(table.Table("part")->Integer("x"), 1);
+  EXPECT_EQ(table.LineOf("list"), 5);
+  auto rows = table.Tables("rows");
+  ASSERT_EQ(rows.size(), 2u);
+  EXPECT_EQ(rows[1].RequiredText("name"), "second");
+  EXPECT_FALSE(table.Has("none"));
+  EXPECT_FALSE(table.Text("none"));
+  EXPECT_FALSE(table.Table("none"));
+  EXPECT_THAT(table.Tables("none"), IsEmpty());
+  EXPECT_THAT(table.Values("none"), IsEmpty());
+  table.RequireAllRead();
+}
+
+TEST(TomlFile, PartsKeepTheWhole) {
+  std::optional<TomlTable> part;
+  {
+    TomlTable table = ReadText("[a.b]\nname = 'deep'\n");
+    part = table.Table("a")->Table("b");
+  }
+  EXPECT_EQ(part->RequiredText("name"), "deep");
+}
+
+TEST(TomlFile, ErrorsNameFileLineAndKey) {
+  const auto fails = [](const std::string& text, const std::function<void(TomlTable&)>& read,
+                        const std::string& message) {
+    return FailsWithInputError(
+        [&] {
+          TomlTable table = ReadText(text);
+          read(table);
+        },
+        {"file.toml: " + message});
+  };
+  EXPECT_TRUE(fails(
+      "\na = 1", [](TomlTable& t) { t.Text("a"); }, "line 2: a: expected a string"));
+  EXPECT_TRUE(fails(
+      "a = 'x'", [](TomlTable& t) { t.Number("a"); }, "line 1: a: expected a number"));
+  EXPECT_TRUE(fails(
+      "a = 0.5", [](TomlTable& t) { t.Integer("a"); }, "line 1: a: expected a whole number"));
+  EXPECT_TRUE(fails(
+      "a = 1", [](TomlTable& t) { t.Boolean("a"); }, "line 1: a: expected true or false"));
+  EXPECT_TRUE(fails(
+      "a = []", [](TomlTable& t) { t.Values("a"); }, "line 1: a: must not be empty"));
+  EXPECT_TRUE(fails(
+      "a = [1979-05-27]", [](TomlTable& t) { t.Values("a"); }, "line 1: a: expected a string, a"));
+  EXPECT_TRUE(fails(
+      "a = 1", [](TomlTable& t) { t.Table("a"); }, "line 1: a: expected a table"));
+  EXPECT_TRUE(fails(
+      "a = [1]", [](TomlTable& t) { t.Tables("a"); }, "line 1: a: expected [[a]] tables"));
+  EXPECT_TRUE(fails(
+      "[a]\nb = 1", [](TomlTable& t) { t.Table("a")->Text("b"); },
+      "line 2: a.b: expected a string"));
+  EXPECT_TRUE(fails(
+      "[[a]]\n[[a]]\n", [](TomlTable& t) { t.Tables("a")[1].RequiredText("b"); },
+      "a 2.b: is missing"));
+  EXPECT_TRUE(fails(
+      "[[a]]\n[[a]]\n", [](TomlTable& t) { t.Tables("a")[1].FailHere("is bad"); },
+      "line 2: a 2: is bad"));
+  EXPECT_TRUE(fails(
+      "a = 1\nb = 2", [](TomlTable& t) { t.FailAtLineOf("b", "bad"); }, "line 2: bad"));
+  EXPECT_TRUE(fails(
+      "a = 1\na = 2", [](TomlTable&) {}, "line 2: "));
+}
+
+TEST(TomlFile, KeysThatNobodyAskedForAreErrors) {
+  TomlTable table = ReadText("[part]\na = 1\nb = 2\n");
+  TomlTable part = *table.Table("part");
+  part.Number("a");
+  EXPECT_THAT(part.UnreadKeys(), ElementsAre("b"));
+  EXPECT_TRUE(FailsWithInputError([&] { part.RequireAllRead(); },
+                                  {"line 3: part.b: is no key that can stand here"}));
+}
+
+TEST(TomlFile, ErrorsOfExpandedTextsAreToldWithTheirPlace) {
+  TomlTable table = ReadText("a = 'good'\nb = ['bad']\n", [](const std::string& text) {
+    if (text == "bad") throw InputError("bad is bad");
+    return text + "!";
+  });
+  EXPECT_EQ(table.Text("a"), "good!");
+  EXPECT_TRUE(FailsWithInputError([&] { table.Values("b"); }, {"line 2: b: bad is bad"}));
+}
+
+TEST(TomlFile, StringsAreQuotedSoThatTheyReadBack) {
+  for (const std::string text : {"", "plain", "it's \"quoted\"", "back\\slash", "two\nlines"}) {
+    EXPECT_EQ(ReadText("a = " + TomlString(text)).Text("a"), text);
+  }
+}
+
+}  // namespace
+}  // namespace raylift
