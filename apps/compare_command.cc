@@ -15,6 +15,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/option_checks.h"
 #include "raylift/base/progress.h"
 #include "raylift/base/text.h"
 #include "raylift/comparison/comparison_tables.h"
@@ -96,8 +97,8 @@ std::vector<NamedSpec> ParseSpecs(const CompareFlags& flags) {
 void Check(const CompareFlags& flags) {
   flags.run.Check();
   flags.references.Check();
-  RequireAtLeast(16, "--max-side", flags.max_side_px);
-  RequireAtLeast(0, "--overlaps", flags.overlaps);
+  RequireAtLeast("--max-side", flags.max_side_px, 16);
+  RequireAtLeast("--overlaps", flags.overlaps, 0);
   for (const double threshold : flags.surface_thresholds) {
     if (!(threshold > 0)) {
       throw OptionError("--surface-thresholds", fmt::format("{}", threshold), "must be positive");

@@ -9,6 +9,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/hash.h"
+#include "raylift/base/option_checks.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/localization/continuous_order.h"
 
@@ -22,7 +23,7 @@ void ContinuousFlags::Check(bool report) const {
   needs_continuous("--resume", resume);
   needs_continuous("--max-joined", max_joined.has_value());
   needs_continuous("--trust-joined", trust_joined);
-  if (max_joined) RequireAtLeast(0, "--max-joined", *max_joined);
+  if (max_joined) RequireAtLeast("--max-joined", *max_joined, 0);
   if (resume && report) {
     throw OptionError(
         "--report cannot go on with --resume: it shows queries as they are localized");

@@ -13,9 +13,13 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/json_text.h"
+#include "raylift/base/option_checks.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/progress.h"
 #include "raylift/base/text.h"
+#include "raylift/base/text_table.h"
+#include "raylift/geometry/pose_json.h"
 #include "raylift/io/pose_problem_json.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/localizer.h"
@@ -42,38 +46,28 @@ struct Row {
   bool ok() const { return ReasonNotLocalized(estimate).empty(); }
 };
 
-// RFC 4180: quoted where it must be.
-std::string CsvField(const std::string& text) {
-  if (text.find_first_of(",\"\r\n") == std::string::npos) {
-    return text;
-  }
-  std::string quoted = "\"";
-  for (const char c : text) {
-    quoted += c;
-    if (c == '"') quoted += c;
-  }
-  return quoted + "\"";
-}
-
 std::string FormatCsv(const std::vector<Row>& rows, std::string_view method) {
-  std::string text =
-      "name,method,status,qw,qx,qy,qz,tx,ty,tz,inliers_2d3d,inliers_2d2d,iterations,solver,time_"
-      "ms\n";
+  std::string text = CsvLine({"name", "method", "status", "qw", "qx", "qy", "qz", "tx", "ty", "tz",
+                              "inliers_2d3d", "inliers_2d2d", "iterations", "solver", "time_ms"});
   for (const Row& row : rows) {
-    std::string pose = ",,,,,,";
-    std::string solver;
-    if (row.estimate.cam_from_world) {
-      const Rigid3& p = *row.estimate.cam_from_world;
-      const Eigen::Quaterniond& q = p.rotation;
-      pose = fmt::format("{},{},{},{},{},{},{}", FormatDouble(q.w()), FormatDouble(q.x()),
-                         FormatDouble(q.y()), FormatDouble(q.z()), FormatDouble(p.translation.x()),
-                         FormatDouble(p.translation.y()), FormatDouble(p.translation.z()));
-      solver = ToString(row.estimate.solver);
+    const PoseEstimate& estimate = row.estimate;
+    TableRow fields = {row.name, std::string(method),
+                       row.ok() ? "ok" : ReasonNotLocalized(estimate)};
+    if (estimate.cam_from_world) {
+      const Eigen::Quaterniond& q = estimate.cam_from_world->rotation;
+      const Eigen::Vector3d& t = estimate.cam_from_world->translation;
+      for (const double number : {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()}) {
+        fields.push_back(FormatDouble(number));
+      }
+    } else {
+      fields.resize(fields.size() + 7);
     }
-    text += fmt::format("{},{},{},{},{},{},{},{},{:.3f}\n", CsvField(row.name), method,
-                        row.ok() ? "ok" : CsvField(ReasonNotLocalized(row.estimate)), pose,
-                        row.estimate.score_2d3d.num_inliers, row.estimate.score_2d2d.num_inliers,
-                        row.estimate.iterations, solver, row.time_ms);
+    fields.push_back(std::to_string(estimate.score_2d3d.num_inliers));
+    fields.push_back(std::to_string(estimate.score_2d2d.num_inliers));
+    fields.push_back(std::to_string(estimate.iterations));
+    fields.emplace_back(estimate.cam_from_world ? ToString(estimate.solver) : "");
+    fields.push_back(fmt::format("{:.3f}", row.time_ms));
+    text += CsvLine(fields);
   }
   return text;
 }
@@ -99,11 +93,8 @@ std::string FormatJson(const std::vector<Row>& rows, std::string_view method) {
                                      {"iterations", estimate.iterations},
                                      {"time_ms", row.time_ms}};
     if (estimate.cam_from_world) {
-      const Eigen::Quaterniond& q = estimate.cam_from_world->rotation;
-      const Eigen::Vector3d& t = estimate.cam_from_world->translation;
       object["solver"] = ToString(estimate.solver);
-      object["qvec"] = {q.w(), q.x(), q.y(), q.z()};
-      object["tvec"] = {t.x(), t.y(), t.z()};
+      object.update(PoseJson<nlohmann::ordered_json>(*estimate.cam_from_world));
     }
     if (estimate.refined_camera) {
       object["refined_camera"] = estimate.refined_camera->ToString();
@@ -114,8 +105,7 @@ std::string FormatJson(const std::vector<Row>& rows, std::string_view method) {
     }
     json.push_back(std::move(object));
   }
-  // File names need not be UTF-8; what is not is replaced.
-  return json.dump(1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+  return JsonText(json, 1) + '\n';
 }
 
 // The estimate, and the median time of `repeat` runs, which all give the same.
@@ -161,7 +151,7 @@ std::vector<Row> EstimateAll(const std::vector<path>& files, const EstimateFlags
 }
 
 void Run(const EstimateFlags& flags) {
-  RequireAtLeast(1, "--repeat", flags.repeat);
+  RequireAtLeast("--repeat", flags.repeat, 1);
   const EstimatorOptions options = flags.estimator.Resolve();
   FilterOptions filter = flags.filter.Resolve();
   filter.few_points = FewPointsFor(options.method);

@@ -4,12 +4,13 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/option_checks.h"
 #include "raylift/base/text.h"
 
 namespace raylift {
 
 void FrontEndFlags::Check() const {
-  RequireAtLeast(1, "--max-features", max_features);
+  RequireAtLeast("--max-features", max_features, 1);
   if (!(max_ratio > 0 && max_ratio <= 1)) {
     throw OptionError("--max-ratio", FormatDouble(max_ratio), "must be above 0 and at most 1");
   }

@@ -8,6 +8,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/option_checks.h"
 #include "raylift/datasets/dataset.h"
 #include "raylift/io/view_list.h"
 
@@ -25,7 +26,7 @@ struct ImportFlags {
 };
 
 void Check(const ImportFlags& flags) {
-  RequireAtLeast(2, "--query-every", flags.options.query_every);
+  RequireAtLeast("--query-every", flags.options.query_every, 2);
   for (const Dataset& dataset : AllDatasets()) {
     if (dataset.name == flags.dataset) return;
   }

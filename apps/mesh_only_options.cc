@@ -9,15 +9,12 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/option_checks.h"
 #include "raylift/base/text.h"
 #include "raylift/views/task_list.h"
 
 namespace raylift {
 namespace {
-
-void RequirePositive(std::string_view option, double value) {
-  if (!(value > 0)) throw OptionError(option, FormatDouble(value), "must be positive");
-}
 
 std::optional<PlaneSize> ParseOptionalSize(const std::string& text) {
   if (text.empty()) return std::nullopt;
@@ -58,7 +55,7 @@ Eigen::Vector3d ParseUp(std::string_view option, const std::string& text) {
 }
 
 void MeshOnlyFlags::Check() const {
-  RequireAtLeast(1, "--views", views);
+  RequireAtLeast("--views", views, 1);
   ParseKind(kind);
   ParseOptionalSize(size);
   ParseFov(fov_deg);

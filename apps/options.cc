@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
 
 namespace raylift {
@@ -184,12 +185,6 @@ void RunFlags::Check() const {
   }
 }
 
-void RequireAtLeast(int least, std::string_view option, int value) {
-  if (value < least) {
-    throw OptionError(option, std::to_string(value), fmt::format("must be at least {}", least));
-  }
-}
-
 double ParsePositive(std::string_view option, const std::string& text) {
   const auto value = ParseDouble(text);
   if (!value || !(*value > 0) || !std::isfinite(*value)) {
@@ -250,8 +245,7 @@ std::string EffectiveOptionsJson(const CLI::App& app) {
       options[option->get_single_name()] = EffectiveValue(*option);
     }
   }
-  // File names need not be UTF-8; what is not is replaced.
-  return options.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+  return JsonText(options, 2) + '\n';
 }
 
 }  // namespace raylift

@@ -55,8 +55,7 @@ struct RunFlags {
 };
 void AddRunOptions(CLI::App& app, RunFlags& flags);
 
-// Both throw OptionError.
-void RequireAtLeast(int least, std::string_view option, int value);
+// Throws OptionError.
 double ParsePositive(std::string_view option, const std::string& text);
 
 // `--config`, which main reads before the command runs (config_file.h).

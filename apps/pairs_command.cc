@@ -10,6 +10,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/option_checks.h"
 #include "raylift/base/text.h"
 #include "raylift/io/hloc.h"
 #include "raylift/io/query_list.h"
@@ -38,8 +39,8 @@ struct PairsFlags {
 RetrievalOptions Resolve(const PairsFlags& flags) {
   flags.references.Check();
   flags.run.Check();
-  RequireAtLeast(1, "--top-k", flags.top_k);
-  RequireAtLeast(1, "--max-features", flags.max_features);
+  RequireAtLeast("--top-k", flags.top_k, 1);
+  RequireAtLeast("--max-features", flags.max_features, 1);
   RetrievalOptions options = flags.retrieval.Resolve(
       {flags.geometry},
       flags.queries.empty() ? RetrievalFlags::Queries::kReferences : RetrievalFlags::Queries::kOwn);

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/option_checks.h"
 
 namespace raylift {
 
@@ -21,8 +22,8 @@ void AddThinningOptions(CLI::App& app, Thinning& thinning, const std::string& of
 }
 
 void CheckThinning(const Thinning& thinning) {
-  RequireAtLeast(1, "--every", thinning.every);
-  RequireAtLeast(0, "--every-offset", thinning.offset);
+  RequireAtLeast("--every", thinning.every, 1);
+  RequireAtLeast("--every-offset", thinning.offset, 0);
   if (thinning.offset >= thinning.every) {
     throw OptionError("--every-offset", std::to_string(thinning.offset),
                       fmt::format("must be below --every, {}", thinning.every));
@@ -47,7 +48,7 @@ bool HlocFlags::All() const {
 }
 
 void HlocFlags::Check() const {
-  RequireAtLeast(1, "--top-k", top_k);
+  RequireAtLeast("--top-k", top_k, 1);
   if (Any() && !All()) {
     throw OptionError("--features, --matches and --pairs go together: give all three or none");
   }

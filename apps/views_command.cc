@@ -12,6 +12,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/option_checks.h"
 #include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/image_file.h"
@@ -66,10 +67,6 @@ Camera ResolveCamera(const ViewsFlags& flags) {
       0.5 * size.width_px / std::tan(0.5 * flags.fov_deg * std::numbers::pi / 180);
   const double params[] = {focal_px, focal_px, 0.5 * size.width_px, 0.5 * size.height_px};
   return {CameraModel::kPinhole, size.width_px, size.height_px, params};
-}
-
-void RequirePositive(std::string_view name, double value) {
-  if (!(value > 0)) throw OptionError(name, FormatDouble(value), "must be positive");
 }
 
 void Check(const ViewsFlags& flags) {

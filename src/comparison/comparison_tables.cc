@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "raylift/base/json_text.h"
 #include "raylift/base/text_table.h"
 
 namespace raylift {
@@ -366,8 +367,7 @@ std::string FormatComparisonJson(const DepthComparison& comparison) {
   for (const SourceComparison& source : comparison.sources) sources.push_back(SourceJson(source));
   const Json truth = comparison.truth ? Json(comparison.sources[*comparison.truth].name) : Json();
   const Json document = {{"truth", truth}, {"sources", sources}};
-  // File names need not be UTF-8; what is not is replaced.
-  return document.dump(1, ' ', false, Json::error_handler_t::replace) + '\n';
+  return JsonText(document, 1) + '\n';
 }
 
 }  // namespace raylift

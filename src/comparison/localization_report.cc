@@ -12,6 +12,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/base/json_text.h"
 #include "raylift/io/image_file.h"
 
 namespace raylift {
@@ -145,8 +146,7 @@ std::string LocalizationReport::Format(std::string_view title,
                                  queries.size(), references.size());
   data["rows"] = {{{"name", "this run"}, {"recalls", Json::array()}, {"queries", queries}}};
   data["scene"] = scene.Build();
-  // File names need not be UTF-8; what is not is replaced.
-  return MakePage(title, data.dump(-1, ' ', false, Json::error_handler_t::replace));
+  return MakePage(title, JsonText(data));
 }
 
 }  // namespace raylift

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
 #include "raylift/base/text_table.h"
 #include "raylift/comparison/localization_comparison.h"
@@ -157,8 +158,7 @@ std::string FormatLocalizationJson(const LocalizationComparison& comparison) {
                     {"median_position", std::isfinite(median) ? Json(median) : Json()},
                     {"queries", errors}});
   }
-  // File names need not be UTF-8; what is not is replaced.
-  return Json({{"rows", rows}}).dump(1, ' ', false, Json::error_handler_t::replace) + '\n';
+  return JsonText(Json({{"rows", rows}}), 1) + '\n';
 }
 
 }  // namespace raylift

@@ -12,6 +12,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/base/json_text.h"
 #include "raylift/base/parallel.h"
 #include "raylift/comparison/comparison_tables.h"
 #include "raylift/io/image_file.h"
@@ -32,11 +33,6 @@ std::vector<size_t> ChooseImages(size_t count, size_t most) {
   const size_t wanted = std::min(count, most);
   for (size_t k = 0; k < wanted; ++k) chosen.push_back(k * count / wanted);
   return chosen;
-}
-
-std::string Dump(const Json& json) {
-  // File names need not be UTF-8; what is not is replaced.
-  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
 Json MetricsJson() {
@@ -197,7 +193,7 @@ std::string FormatReport(const DepthComparison& comparison,
     }
   }
   data["scene"] = scene.Build();
-  return MakePage(options.title, Dump(data));
+  return MakePage(options.title, JsonText(data));
 }
 
 std::string FormatEvaluationReport(std::span<const Threshold> thresholds,
@@ -233,7 +229,7 @@ std::string FormatEvaluationReport(std::span<const Threshold> thresholds,
     }
   }
   data["scene"] = scene.Build();
-  return MakePage(title, Dump(data));
+  return MakePage(title, JsonText(data));
 }
 
 }  // namespace raylift

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "raylift/base/error.h"
+#include "raylift/base/option_checks.h"
 #include "raylift/base/rng.h"
 #include "raylift/base/text.h"
 
@@ -202,12 +203,6 @@ class Perturber {
   std::string_view image_name_;
 };
 
-void RequireAtLeast(double value, double least, std::string_view option) {
-  if (!(value >= least) || !std::isfinite(value)) {
-    throw OptionError(option, FormatDouble(value), "must be at least " + FormatDouble(least));
-  }
-}
-
 void RequireShare(double value, std::string_view option) {
   if (!(value >= 0 && value <= 1)) {
     throw OptionError(option, FormatDouble(value), "must be between 0 and 1");
@@ -217,18 +212,16 @@ void RequireShare(double value, std::string_view option) {
 }  // namespace
 
 void DepthPerturbation::Validate() const {
-  if (!(scale > 0) || !std::isfinite(scale)) {
-    throw OptionError("--scale", FormatDouble(scale), "must be positive");
-  }
-  RequireAtLeast(scale_sigma, 0, "--scale-sigma");
-  RequireAtLeast(warp_sigma, 0, "--warp");
-  RequireAtLeast(bubbles, 0, "--bubbles");
+  RequirePositive("--scale", scale);
+  RequireAtLeast("--scale-sigma", scale_sigma, 0);
+  RequireAtLeast("--warp", warp_sigma, 0);
+  RequireAtLeast("--bubbles", bubbles, 0);
   RequireShare(bubble_height, "--bubble-height");
-  RequireAtLeast(floaters, 0, "--floaters");
+  RequireAtLeast("--floaters", floaters, 0);
   RequireShare(flying_share, "--flying");
-  RequireAtLeast(noise_sigma, 0, "--noise");
-  RequireAtLeast(relative_noise_sigma, 0, "--relative-noise");
-  RequireAtLeast(quantization_step, 0, "--quantize");
+  RequireAtLeast("--noise", noise_sigma, 0);
+  RequireAtLeast("--relative-noise", relative_noise_sigma, 0);
+  RequireAtLeast("--quantize", quantization_step, 0);
   RequireShare(hole_share, "--holes");
 }
 

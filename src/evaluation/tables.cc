@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
 #include "raylift/base/text_table.h"
 
@@ -104,8 +105,7 @@ std::string FormatTableJson(const ResultTable& table) {
                        {"unknown_names", result.unknown_names}});
   }
   const Json document = {{"thresholds", thresholds}, {"results", results}};
-  // File names need not be UTF-8; what is not is replaced.
-  return document.dump(2, ' ', false, Json::error_handler_t::replace) + '\n';
+  return JsonText(document, 2) + '\n';
 }
 
 }  // namespace raylift

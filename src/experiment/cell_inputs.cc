@@ -11,6 +11,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/hash.h"
+#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
 #include "raylift/experiment/cells.h"
 #include "raylift/io/scene_file.h"
@@ -119,7 +120,7 @@ class InputCollector {
     inputs["method"] = MethodJson(setting);
     inputs["seed"] = cell.seed;
     inputs["queries"] = {cell.begin, cell.end};
-    return inputs.dump(-1, ' ', false, Json::error_handler_t::replace);
+    return JsonText(inputs);
   }
 
  private:

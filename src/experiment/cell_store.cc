@@ -3,32 +3,19 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/hash.h"
+#include "raylift/base/json_text.h"
 #include "raylift/experiment/cells.h"
+#include "raylift/geometry/pose_json.h"
 
 namespace raylift {
 namespace {
 
 using Json = nlohmann::ordered_json;
 
-Json PoseJson(const std::optional<Rigid3>& pose) {
-  if (!pose) return nullptr;
-  const Eigen::Quaterniond& q = pose->rotation;
-  const Eigen::Vector3d& t = pose->translation;
-  return {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()};
-}
-
-std::optional<Rigid3> PoseFromJson(const Json& json) {
-  if (json.is_null()) return std::nullopt;
-  const auto at = [&](size_t i) { return json.at(i).get<double>(); };
-  Rigid3 pose;
-  pose.rotation = Eigen::Quaterniond(at(0), at(1), at(2), at(3));
-  pose.translation = {at(4), at(5), at(6)};
-  return pose;
-}
-
 Json ToJson(const QueryOutcome& outcome) {
+  const auto& pose = outcome.cam_from_world;
   return {{"name", outcome.name},
-          {"pose", PoseJson(outcome.cam_from_world)},
+          {"pose", pose ? PoseJson<Json>(*pose) : Json()},
           {"position_observable", outcome.position_observable},
           {"reason", outcome.reason},
           {"inliers_2d3d", outcome.inliers_2d3d},
@@ -41,7 +28,7 @@ Json ToJson(const QueryOutcome& outcome) {
 QueryOutcome FromJson(const Json& json) {
   QueryOutcome outcome;
   outcome.name = json.at("name");
-  outcome.cam_from_world = PoseFromJson(json.at("pose"));
+  if (!json.at("pose").is_null()) outcome.cam_from_world = PoseFromJson(json.at("pose"));
   outcome.position_observable = json.at("position_observable");
   outcome.reason = json.at("reason");
   outcome.inliers_2d3d = json.at("inliers_2d3d");
@@ -89,8 +76,7 @@ void CellStore::Write(const Cell& cell, std::span<const QueryOutcome> outcomes) 
   const Json json = {{"setting", cell.setting.Name()},
                      {"inputs", Json::parse(cell.inputs)},
                      {"outcomes", std::move(list)}};
-  // File names need not be UTF-8; what is not is replaced.
-  WriteFile(FileOf(cell), json.dump(-1, ' ', false, Json::error_handler_t::replace) + '\n');
+  WriteFile(FileOf(cell), JsonText(json) + '\n');
 }
 
 }  // namespace raylift

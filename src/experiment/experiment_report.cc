@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
 #include "raylift/base/text_table.h"
 
@@ -125,8 +126,7 @@ std::string FormatExperimentPage(const Experiment& experiment, std::span<const P
       {"subtitle", fmt::format("{} scenes, {} settings, {} seeds", experiment.scenes.size(),
                                results.size(), experiment.seeds.size())},
       {"experiment", std::move(parts)}};
-  // File names need not be UTF-8; what is not is replaced.
-  return MakePage(experiment.title, data.dump(-1, ' ', false, Json::error_handler_t::replace));
+  return MakePage(experiment.title, JsonText(data));
 }
 
 std::string FormatFigureCsv(const Experiment& experiment, const FigureLayout& layout,

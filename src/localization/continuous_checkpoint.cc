@@ -10,8 +10,10 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
 #include "raylift/geometry/camera_models.h"
+#include "raylift/geometry/pose_json.h"
 
 namespace raylift {
 namespace {
@@ -21,11 +23,9 @@ using Json = nlohmann::ordered_json;
 constexpr std::string_view kFormat = "raylift-continuous/1";
 constexpr std::string_view kRunFile = "run.json";
 
-// File names need not be UTF-8; what is not is replaced.
-std::string Dump(const Json& json) {
-  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+std::string AsUtf8(const std::string& text) {
+  return Json::parse(JsonText(Json(text))).get<std::string>();
 }
-std::string AsUtf8(const std::string& text) { return Json::parse(Dump(text)).get<std::string>(); }
 
 template <typename Matrix>
 Json NumbersOf(const Matrix& matrix) {
@@ -39,18 +39,6 @@ Matrix MatrixOf(const Json& numbers) {
     matrix.data()[i] = numbers.at(static_cast<size_t>(i)).get<double>();
   }
   return matrix;
-}
-
-Json PoseJson(const Rigid3& pose) {
-  const Eigen::Quaterniond& q = pose.rotation;
-  const Eigen::Vector3d& t = pose.translation;
-  return {{"qvec", {q.w(), q.x(), q.y(), q.z()}}, {"tvec", {t.x(), t.y(), t.z()}}};
-}
-
-Rigid3 PoseOf(const Json& json) {
-  const auto wxyz = MatrixOf<Eigen::Vector4d>(json.at("qvec"));
-  return {Eigen::Quaterniond(wxyz[0], wxyz[1], wxyz[2], wxyz[3]),
-          MatrixOf<Eigen::Vector3d>(json.at("tvec"))};
 }
 
 Json CameraJson(const Camera& camera) {
@@ -76,7 +64,7 @@ Json JoinedJson(const std::optional<JoinedReference>& joined) {
     links.push_back(NumbersOf(row));
   }
   return {{"camera", CameraJson(joined->image.camera)},
-          {"cam_from_world", PoseJson(joined->image.cam_from_world)},
+          {"cam_from_world", PoseJson<Json>(joined->image.cam_from_world)},
           {"covariance", joined->covariance ? NumbersOf(*joined->covariance) : Json(nullptr)},
           {"distance", joined->distance},
           {"links", std::move(links)}};
@@ -85,7 +73,7 @@ Json JoinedJson(const std::optional<JoinedReference>& joined) {
 std::optional<JoinedReference> JoinedOf(const Json& json, const std::string& name) {
   if (json.is_null()) return std::nullopt;
   JoinedReference joined;
-  joined.image = {name, CameraOf(json.at("camera")), PoseOf(json.at("cam_from_world"))};
+  joined.image = {name, CameraOf(json.at("camera")), PoseFromJson(json.at("cam_from_world"))};
   if (!json.at("covariance").is_null()) {
     joined.covariance = MatrixOf<PoseCovariance>(json.at("covariance"));
   }
@@ -118,7 +106,7 @@ LocalizedQuery LocalizedOf(const Json& json, const std::string& name) {
   counts.inliers_2d2d = json.at("inliers_2d2d").get<size_t>();
   counts.points_of_source = json.at("points_by_geometry").get<std::vector<size_t>>();
   if (json.contains("cam_from_world")) {
-    localized.estimate.cam_from_world = PoseOf(json.at("cam_from_world"));
+    localized.estimate.cam_from_world = PoseFromJson(json.at("cam_from_world"));
   }
   if (localized.localized() && !localized.estimate.cam_from_world) {
     throw InputError("a localized query without a pose");
@@ -180,7 +168,7 @@ ContinuousCheckpoint::ContinuousCheckpoint(std::filesystem::path folder, const s
   // In this order: killed in between, old records are never taken for those of the new run.
   std::filesystem::remove(run_file, error);
   RemoveRecords(folder_);
-  WriteFile(run_file, Dump({{"format", kFormat}, {"key", key}}) + "\n");
+  WriteFile(run_file, JsonText(Json({{"format", kFormat}, {"key", key}})) + '\n');
 }
 
 std::filesystem::path ContinuousCheckpoint::FileOf(size_t place) const {
@@ -199,7 +187,7 @@ std::optional<ContinuousRecord> ContinuousCheckpoint::Read(size_t place, const Q
       throw InputError(
           fmt::format("expected the query \"{}\", found \"{}\"", AsUtf8(query.name), name));
     }
-    return ContinuousRecord{LocalizedOf(diagnostics, query.name), Dump(diagnostics),
+    return ContinuousRecord{LocalizedOf(diagnostics, query.name), JsonText(diagnostics),
                             JoinedOf(json.at("joined"), query.name)};
   } catch (const nlohmann::json::exception& e) {
     throw InputError(file, e.what());
@@ -212,7 +200,7 @@ void ContinuousCheckpoint::Write(size_t place, const ContinuousRecord& record) c
   const Json json = {{"format", kFormat},
                      {"diagnostics", Json::parse(record.diagnostics)},
                      {"joined", JoinedJson(record.joined)}};
-  WriteFile(FileOf(place), Dump(json) + "\n");
+  WriteFile(FileOf(place), JsonText(json) + '\n');
 }
 
 }  // namespace raylift

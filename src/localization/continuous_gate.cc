@@ -9,8 +9,8 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/option_checks.h"
 #include "raylift/base/parallel.h"
-#include "raylift/base/text.h"
 
 namespace raylift {
 namespace {
@@ -26,12 +26,6 @@ Vector6d StepBetween(const Rigid3& from, const Rigid3& to) {
   Vector6d step;
   step << angle * turn.axis(), to.translation - turn * from.translation;
   return step;
-}
-
-void RequirePositive(std::string_view option, double value) {
-  if (!(value > 0) || !std::isfinite(value)) {
-    throw OptionError(option, FormatDouble(value), "must be positive");
-  }
 }
 
 void RequireCount(std::string_view option, int value) {

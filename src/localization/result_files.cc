@@ -5,24 +5,15 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
+#include "raylift/base/json_text.h"
 #include "raylift/base/median.h"
+#include "raylift/geometry/pose_json.h"
 #include "raylift/io/query_list.h"
 
 namespace raylift {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-// File names need not be UTF-8; what is not is replaced.
-std::string Dump(const Json& json, int indent) {
-  return json.dump(indent, ' ', false, Json::error_handler_t::replace);
-}
-
-Json PoseJson(const Rigid3& pose) {
-  const Eigen::Quaterniond& q = pose.rotation;
-  const Eigen::Vector3d& t = pose.translation;
-  return {{"qvec", {q.w(), q.x(), q.y(), q.z()}}, {"tvec", {t.x(), t.y(), t.z()}}};
-}
 
 Json ScoreJson(const MatchSetScore& score) {
   return {{"matches", score.num_matches},
@@ -54,7 +45,7 @@ Json QueryJson(const LocalizedQuery& query) {
   }
   if (estimate.cam_from_world) {
     json["solver"] = ToString(estimate.solver);
-    json["cam_from_world"] = PoseJson(*estimate.cam_from_world);
+    json["cam_from_world"] = PoseJson<Json>(*estimate.cam_from_world);
     json["score_2d3d"] = ScoreJson(estimate.score_2d3d);
     json["score_2d2d"] = ScoreJson(estimate.score_2d2d);
   }
@@ -120,7 +111,7 @@ void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQu
 }
 
 std::string FormatQueryDiagnostics(const LocalizedQuery& query) {
-  return Dump(QueryJson(query), -1);
+  return JsonText(QueryJson(query));
 }
 
 void WriteQueryDiagnostics(const std::filesystem::path& path,
@@ -148,7 +139,7 @@ void WriteAlignment(const std::filesystem::path& path, std::span<const SceneSour
                          {"shift", map.correction.shift},
                          {"median_before_px", map.median_before_px},
                          {"median_after_px", map.median_after_px}};
-      text += Dump(json, -1);
+      text += JsonText(json);
       text += '\n';
     }
   }
@@ -198,7 +189,7 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
     json["rerender"] = {{"queries_improved", rerender.improved},
                         {"rounds_kept", rerender.rounds_kept}};
   }
-  WriteFile(path, Dump(json, 2) + "\n");
+  WriteFile(path, JsonText(json, 2) + '\n');
 }
 
 }  // namespace raylift

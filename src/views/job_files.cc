@@ -9,6 +9,7 @@
 
 #include "raylift/base/file.h"
 #include "raylift/base/hash.h"
+#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
 
 namespace raylift {
@@ -185,7 +186,7 @@ std::string SummaryJson(const std::string& header, const ManifestEntries& entrie
       {"bytes", bytes},
       {"job", Json::parse(header)}};
   if (range) json["depth_range"] = {range->first, range->second};
-  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+  return JsonText(json, 2) + '\n';
 }
 
 }  // namespace raylift

@@ -11,6 +11,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
 
 namespace raylift {
@@ -55,8 +56,7 @@ std::string ToJsonLine(const ManifestEntry& entry) {
     files.push_back({{"path", file.path}, {"bytes", file.bytes}});
   }
   json["files"] = std::move(files);
-  // File names need not be UTF-8; what is not is replaced.
-  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  return JsonText(json);
 }
 
 ManifestEntries ReadManifest(const path& file) {
