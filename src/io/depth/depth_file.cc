@@ -9,7 +9,7 @@
 
 #include "io/depth/depth_formats.h"
 #include "io/depth/sample_rounding.h"
-#include "io/image/png_writer.h"
+#include "io/image/png_file.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

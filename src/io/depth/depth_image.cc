@@ -1,5 +1,5 @@
-// Depth maps in PNG, TIFF and PGM, by OpenCV. The headers are looked at first: OpenCV takes the
-// memory that they claim, and reads some sample types as if they were others.
+// Depth maps in PNG, by libpng, and TIFF, by OpenCV. The headers are looked at first: both take the
+// memory that they claim, and OpenCV reads some sample types as if they were others.
 
 #include <algorithm>
 #include <array>
@@ -8,9 +8,9 @@
 #include <cstring>
 
 #include "io/depth/depth_formats.h"
+#include "io/image/png_file.h"
 #include <fmt/format.h>
 #include <opencv2/imgcodecs.hpp>
-#include <zlib.h>
 
 #include "raylift/base/error.h"
 
@@ -58,11 +58,11 @@ std::string SampleName(int depth) {
   }
 }
 
-StoredDepth ToStored(const path& file, const cv::Mat& decoded, DepthFileFormat format) {
+StoredDepth ToStored(const path& file, const cv::Mat& decoded) {
   StoredDepth depth;
   depth.width_px = decoded.cols;
   depth.height_px = decoded.rows;
-  depth.format = format;
+  depth.format = DepthFileFormat::kTiff;
   depth.sample_type = SampleName(decoded.depth());
   if (decoded.channels() != 1 || depth.sample_type.empty()) {
     throw InputError(file, fmt::format("expected one grey channel, found {}", decoded.channels()));
@@ -82,26 +82,6 @@ std::string EncodeByOpenCv(const path& file, const char* extension, const cv::Ma
     throw InputError(file, fmt::format("the picture cannot be encoded: {}", error.err));
   }
   return {bytes.begin(), bytes.end()};
-}
-
-// libpng prints what it finds wrong, so it only gets files whose chunks are whole.
-void CheckPngChunks(const path& file, std::string_view bytes) {
-  size_t position = kPngMagic.size();
-  while (bytes.size() - position >= 12) {
-    const auto length = LoadAt<uint32_t>(bytes, position, true);
-    if (length > bytes.size() - position - 12) break;
-    const std::string_view chunk = bytes.substr(position + 4, 4 + length);
-    const auto checksum = LoadAt<uint32_t>(bytes, position + 8 + length, true);
-    if (crc32(0, reinterpret_cast<const Bytef*>(chunk.data()), static_cast<uInt>(chunk.size())) !=
-        checksum) {
-      throw InputError(file,
-                       fmt::format("the PNG file is damaged: the checksum at byte {} is wrong",
-                                   position + 8 + length));
-    }
-    if (chunk.starts_with("IEND")) return;
-    position += 12 + length;
-  }
-  throw InputError(file, "the PNG file is truncated");
 }
 
 // What the first directory of a TIFF file says.
@@ -192,22 +172,23 @@ class TiffDirectory {
 
 bool IsPng(std::string_view bytes) { return bytes.starts_with(kPngMagic); }
 
-StoredDepth DecodePng(const path& file, std::string& bytes) {
-  constexpr size_t kHeaderEnd = 26;
-  if (bytes.size() < kHeaderEnd) throw InputError(file, "the PNG file is truncated");
-  const auto width = LoadAt<uint32_t>(bytes, 16, true);
-  const auto height = LoadAt<uint32_t>(bytes, 20, true);
-  const int bits = bytes[24];
-  const int color_type = bytes[25];
-  if (color_type != 0 || (bits != 8 && bits != 16)) {
+StoredDepth DecodePng(const path& file, std::string_view bytes) {
+  const PngHeader header = ReadPngHeader(file, bytes);
+  if (!header.is_grey || (header.bits != 8 && header.bits != 16)) {
     throw InputError(
-        file, fmt::format("expected a grey PNG of 16 bits, found {} of {} bits",
-                          color_type == 0 ? "a grey one" : "one in colours or with alpha", bits));
+        file,
+        fmt::format("expected a grey PNG of 16 bits, found {} of {} bits",
+                    header.is_grey ? "a grey one" : "one in colours or with alpha", header.bits));
   }
-  CheckClaimedSize(file, width, height,
-                   kMaxInflation * bytes.size() * 8 / static_cast<uint64_t>(bits));
-  CheckPngChunks(file, bytes);
-  return ToStored(file, Decode(file, bytes), DepthFileFormat::kPng);
+  CheckClaimedSize(file, header.width_px, header.height_px,
+                   kMaxInflation * bytes.size() * 8 / static_cast<uint64_t>(header.bits));
+  StoredDepth depth;
+  depth.width_px = static_cast<int>(header.width_px);
+  depth.height_px = static_cast<int>(header.height_px);
+  depth.format = DepthFileFormat::kPng;
+  depth.sample_type = header.bits == 8 ? "uint8" : "uint16";
+  depth.values = DecodeGreyPng(file, header, bytes);
+  return depth;
 }
 
 bool IsTiff(std::string_view bytes) {
@@ -232,7 +213,7 @@ StoredDepth DecodeTiff(const path& file, std::string& bytes) {
   }
   const uint64_t inflation = facts.compression == 1 ? 1 : kMaxInflation;
   CheckClaimedSize(file, facts.width, facts.height, inflation * bytes.size() * 8 / bits);
-  return ToStored(file, Decode(file, bytes), DepthFileFormat::kTiff);
+  return ToStored(file, Decode(file, bytes));
 }
 
 std::string EncodeTiff(const path& file, const FloatPlane& plane) {
