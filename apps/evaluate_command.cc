@@ -111,8 +111,9 @@ std::string FormatDcreCsv(const std::vector<std::string>& names,
 void EvaluateDense(const EvaluateFlags& flags, const std::vector<std::string>& names,
                    const PosesByName& ground_truth, const std::vector<PosesByName>& estimated) {
   const std::vector<PosedImage> views = ReadPosedQueries(flags.ground_truth, flags.queries);
-  const NamedGeometry geometry =
-      MakeGeometrySource(flags.geometry, {.model = flags.ground_truth, .references = views});
+  const NamedGeometry geometry = MakeGeometrySource(
+      flags.geometry,
+      {.model = flags.ground_truth, .references = views, .threads = flags.run.threads});
   PrintWarnings(geometry.warnings);
   std::vector<PosesByName> matched;
   matched.reserve(estimated.size());

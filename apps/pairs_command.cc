@@ -76,7 +76,7 @@ class PairsRun {
       }
     }
     if (options_.method == RetrievalMethod::kOverlap) {
-      NamedGeometry geometry = MakeGeometrySource(flags.geometry);
+      NamedGeometry geometry = MakeGeometrySource(flags.geometry, {.threads = flags.run.threads});
       PrintWarnings(geometry.warnings);
       options_.mesh = geometry.mesh;
     }

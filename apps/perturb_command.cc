@@ -70,7 +70,8 @@ void Run(const PerturbFlags& flags, const std::string& options_json) {
   const NamedGeometry geometry =
       MakeGeometrySource(flags.geometry, {.model = flags.references.model,
                                           .references = images,
-                                          .thinned_out = loaded.references.thinned_out});
+                                          .thinned_out = loaded.references.thinned_out,
+                                          .threads = flags.run.threads});
   if (geometry.mesh == nullptr && geometry.maps == nullptr) {
     throw OptionError("--geometry", flags.geometry, "must be a mesh or depth maps");
   }

@@ -58,7 +58,9 @@ class RenderRun {
         flags.model.empty() ? ReadViewList(flags.cameras) : ReadModelViews(flags.model, warnings_),
         selection);
     const Steps steps(flags.run.quiet);
-    scene_ = LoadMeshScene(flags.geometry, [&steps](const std::string& s) { steps.Show(s); });
+    scene_ = LoadMeshScene(flags.geometry,
+                           {.threads = flags.run.threads,
+                            .on_step = [&steps](const std::string& s) { steps.Show(s); }});
     options_.frame.color_options.shading = ResolveShading(flags, scene_.caster->mesh());
   }
 

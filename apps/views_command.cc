@@ -121,9 +121,10 @@ void Run(const ViewsFlags& flags) {
                              .up_in_world = ParseUp("--up", flags.up),
                              .clearance = flags.clearance,
                              .seed = flags.seed,
-                             .any_side = flags.any_side};
+                             .any_side = flags.any_side,
+                             .threads = flags.run.threads};
   const AroundOptions around = ResolveAround(flags);
-  const MeshScene scene = LoadMeshScene(flags.geometry, [](const std::string&) {});
+  const MeshScene scene = LoadMeshScene(flags.geometry, {.threads = flags.run.threads});
   PrintWarnings(scene.warnings);
   if (flags.level) options.up_in_world = LevelUp(scene.caster->mesh(), options.up_in_world);
   const SampledViews views = Sample(flags, *scene.caster, options, around);

@@ -31,10 +31,11 @@ constexpr std::string_view kSfmKeys = "radius (px), min_track, max_error (px), n
 constexpr std::array<std::pair<std::string_view, DepthInterpolation>, 2> kInterpolations = {
     {{"edge", DepthInterpolation::kEdgeAware}, {"nearest", DepthInterpolation::kNearest}}};
 
-NamedGeometry MakeMesh(const MeshSpec& spec) {
+NamedGeometry MakeMesh(const MeshSpec& spec, int threads) {
   RayCasterOptions caster;
   caster.build_quality = spec.build.value_or(RayCasterOptions::BuildQuality::kLow);
-  auto mesh = std::make_shared<const TriangleMesh>(ReadMeshes(ListMeshFiles(spec.files)));
+  auto mesh = std::make_shared<const TriangleMesh>(
+      ReadMeshes(ListMeshFiles(spec.files), {.threads = threads}));
   NamedGeometry geometry;
   geometry.kind = GeometryKind::kMesh;
   geometry.understood = fmt::format("{} triangles", mesh->triangles.size());
@@ -179,7 +180,7 @@ NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext&
   const bool has_path = end < spec.size() && spec[end] == ':';
   const std::string_view rest = std::string_view(spec).substr(end + (has_path ? 1 : 0));
   if (kind == "mesh" && has_path && !rest.empty()) {
-    return MakeMesh(ParseMeshSpec(spec, MeshUse::kLift));
+    return MakeMesh(ParseMeshSpec(spec, MeshUse::kLift), context.threads);
   }
   if (kind == "depth" && has_path) return MakeDepth(SpecKeys(spec, rest), context);
   if (kind == "sfm") return MakeSfm(SpecKeys(spec, rest), context);

@@ -111,11 +111,11 @@ std::vector<path> ListMeshFiles(const std::string& files) {
   return listed;
 }
 
-TriangleMesh ReadMeshes(std::span<const path> files) {
+TriangleMesh ReadMeshes(std::span<const path> files, const MeshReadOptions& options) {
   RAYLIFT_CHECK(!files.empty());
-  if (files.size() == 1) return ReadMesh(files.front());
+  if (files.size() == 1) return ReadMesh(files.front(), options);
   std::vector<TriangleMesh> meshes;
-  for (const path& file : files) meshes.push_back(ReadMesh(file));
+  for (const path& file : files) meshes.push_back(ReadMesh(file, options));
   return MergeMeshes(std::move(meshes));
 }
 

@@ -99,13 +99,6 @@ std::optional<FaceLayout> LayOutFaces(const PlyElement& element) {
   return found ? std::optional(layout) : std::nullopt;
 }
 
-// Calls body(begin, end) for parts of [0, count), in parallel.
-template <typename Body>
-void ForEachChunk(size_t count, const Body& body) {
-  ParallelFor((count + kChunk - 1) / kChunk, 0,
-              [&](size_t chunk) { body(chunk * kChunk, std::min(count, (chunk + 1) * kChunk)); });
-}
-
 template <typename T>
 Eigen::Vector3d PositionAt(const char* record, const VertexLayout& layout) {
   T x, y, z;
@@ -118,13 +111,14 @@ Eigen::Vector3d PositionAt(const char* record, const VertexLayout& layout) {
 class TriangleReader {
  public:
   TriangleReader(const VertexLayout& vertices, size_t num_vertices, const char* vertex_bytes,
-                 const FaceLayout& faces, size_t num_faces, const char* face_bytes)
+                 const FaceLayout& faces, size_t num_faces, const char* face_bytes, int threads)
       : vertices_(vertices),
         num_vertices_(num_vertices),
         vertex_bytes_(vertex_bytes),
         faces_(faces),
         num_faces_(num_faces),
-        face_bytes_(face_bytes) {}
+        face_bytes_(face_bytes),
+        threads_(threads) {}
 
   std::optional<TriangleMesh> Read(const std::filesystem::path& path) {
     const bool is_float = vertices_.position_type == PlyType::kFloat;
@@ -147,6 +141,13 @@ class TriangleReader {
   }
 
  private:
+  // Calls body(begin, end) for parts of [0, count), in parallel.
+  template <typename Body>
+  void ForEachChunk(size_t count, const Body& body) const {
+    ParallelFor((count + kChunk - 1) / kChunk, threads_,
+                [&](size_t chunk) { body(chunk * kChunk, std::min(count, (chunk + 1) * kChunk)); });
+  }
+
   // Supposes that all vertices are used, and does the vertices again where that is not so and
   // another origin follows from it.
   template <typename T>
@@ -283,6 +284,7 @@ class TriangleReader {
   const FaceLayout& faces_;
   size_t num_faces_;
   const char* face_bytes_;
+  int threads_;
   TriangleMesh mesh_;
   std::vector<uint8_t> used_;
   std::atomic<bool> any_unusable_{false};
@@ -292,7 +294,8 @@ class TriangleReader {
 }  // namespace
 
 std::optional<TriangleMesh> ReadPlyTriangles(const std::filesystem::path& path,
-                                             const PlyHeader& header, std::string_view contents) {
+                                             const PlyHeader& header, std::string_view contents,
+                                             int threads) {
   const auto native = std::endian::native == std::endian::little ? PlyHeader::Format::kLittleEndian
                                                                  : PlyHeader::Format::kBigEndian;
   if (header.format != native || !header.texture_files.empty() || header.elements.size() < 2 ||
@@ -312,7 +315,7 @@ std::optional<TriangleMesh> ReadPlyTriangles(const std::filesystem::path& path,
   const size_t face_begin = vertex.count * vertices->stride;
   if (face.count > (body.size() - face_begin) / faces->stride) return std::nullopt;
   return TriangleReader(*vertices, vertex.count, body.data(), *faces, face.count,
-                        body.data() + face_begin)
+                        body.data() + face_begin, threads)
       .Read(path);
 }
 

@@ -16,6 +16,7 @@ namespace raylift {
 // As FinishMesh(ReadPly(...)), but that vertices stay in the file's order. None where the file
 // needs the general reader: another layout, textures, polygons, anything wrong that it will name.
 std::optional<TriangleMesh> ReadPlyTriangles(const std::filesystem::path& path,
-                                             const PlyHeader& header, std::string_view contents);
+                                             const PlyHeader& header, std::string_view contents,
+                                             int threads);
 
 }  // namespace raylift

@@ -97,7 +97,7 @@ class CoveringSampler {
   // What the views add up to, each for what those before it do not show.
   double Measure(std::span<const Rigid3> cam_from_world) {
     candidates_.resize(cam_from_world.size());
-    ParallelFor(cam_from_world.size(), 0, [&](size_t i) {
+    ParallelFor(cam_from_world.size(), options_.threads, [&](size_t i) {
       candidates_[i] = {cam_from_world[i], WhatIsSeen(cam_from_world[i])};
     });
     Index();
@@ -116,7 +116,7 @@ class CoveringSampler {
             ? 0
             : std::max(kMinCandidates, kCandidatesPerView * static_cast<size_t>(options_.count));
     std::vector<std::optional<Candidate>> tried(count);
-    ParallelFor(count, 0, [&](size_t i) {
+    ParallelFor(count, options_.threads, [&](size_t i) {
       if (const auto pose = DrawPose(i)) tried[i] = Candidate{*pose, WhatIsSeen(*pose)};
     });
     std::vector<Candidate> found;

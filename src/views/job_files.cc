@@ -20,24 +20,22 @@ using std::filesystem::path;
 
 constexpr std::string_view kManifest = "manifest";
 
-template <typename T>
-uint64_t HashOf(const std::vector<T>& values) {
-  return HashLarge(AsBytes(std::span<const T>(values)), 0);
-}
-
-std::string MeshHash(const TriangleMesh& mesh) {
+std::string MeshHash(const TriangleMesh& mesh, int threads) {
+  const auto hash_of = [threads]<typename T>(const std::vector<T>& values) {
+    return HashLarge(AsBytes(std::span<const T>(values)), threads);
+  };
   std::vector<uint64_t> parts = {
       HashBytes64(AsBytes(std::span<const double>(mesh.origin_in_world.data(), 3))),
-      HashOf(mesh.vertices),
-      HashOf(mesh.triangles),
-      HashOf(mesh.vertex_colors_rgb),
-      HashOf(mesh.texture_coordinates),
-      HashOf(mesh.triangle_textures)};
+      hash_of(mesh.vertices),
+      hash_of(mesh.triangles),
+      hash_of(mesh.vertex_colors_rgb),
+      hash_of(mesh.texture_coordinates),
+      hash_of(mesh.triangle_textures)};
   for (const Image& texture : mesh.textures) {
-    parts.push_back(HashOf(texture.data));
+    parts.push_back(hash_of(texture.data));
     parts.push_back(static_cast<uint64_t>(texture.width_px));
   }
-  return HexText(HashOf(parts));
+  return HexText(hash_of(parts));
 }
 
 std::string_view ShadingName(ColorOptions::Shading shading) {
@@ -94,7 +92,7 @@ std::string JobHeader(const TriangleMesh& mesh, const RenderJobOptions& options)
                {"mesh",
                 {{"vertices", mesh.vertices.size()},
                  {"triangles", mesh.triangles.size()},
-                 {"hash", MeshHash(mesh)}}}};
+                 {"hash", MeshHash(mesh, options.threads)}}}};
   Json products = Json::object();
   for (const ProductOutput& output : options.products) {
     products[std::string(ToString(output.product))] = ProductJson(output, options);

@@ -60,12 +60,14 @@ double Seconds(Clock::duration duration) { return std::chrono::duration<double>(
 
 }  // namespace
 
-MeshScene LoadMeshScene(const std::vector<std::string>& specs,
-                        const std::function<void(const std::string&)>& on_step) {
+MeshScene LoadMeshScene(const std::vector<std::string>& specs, const MeshSceneOptions& options) {
   RAYLIFT_CHECK(!specs.empty());
+  const auto on_step = [&options](const std::string& step) {
+    if (options.on_step) options.on_step(step);
+  };
   const SceneSpec parsed = ParseSpecs(specs);
-  RayCasterOptions options;
-  options.build_quality = parsed.build.value_or(BuildQuality::kMedium);
+  RayCasterOptions build;
+  build.build_quality = parsed.build.value_or(BuildQuality::kMedium);
   std::vector<std::filesystem::path> files;
   for (const std::string& named : parsed.files) {
     const auto listed = ListMeshFiles(named);
@@ -75,18 +77,18 @@ MeshScene LoadMeshScene(const std::vector<std::string>& specs,
   std::vector<TriangleMesh> meshes;
   for (size_t i = 0; i < files.size(); ++i) {
     on_step(fmt::format("reading mesh {} of {}: {}", i + 1, files.size(), files[i].string()));
-    meshes.push_back(ReadMesh(files[i]));
+    meshes.push_back(ReadMesh(files[i], {.threads = options.threads}));
   }
   auto mesh = std::make_shared<const TriangleMesh>(
       meshes.size() == 1 ? std::move(meshes.front()) : MergeMeshes(std::move(meshes)));
   const auto read = Clock::now();
-  options.on_build_progress = [&on_step](double share) {
+  build.on_build_progress = [&on_step](double share) {
     on_step(fmt::format("building the acceleration structure: {:.0f} %", 100 * share));
   };
   MeshScene scene;
   scene.warnings = mesh->warnings;
   scene.mesh_bytes = BytesOf(*mesh);
-  scene.caster = std::make_shared<const RayCaster>(std::move(mesh), options);
+  scene.caster = std::make_shared<const RayCaster>(std::move(mesh), build);
   scene.tree_bytes = scene.caster->MemoryBytes();
   scene.read_s = Seconds(read - start);
   scene.build_s = Seconds(Clock::now() - read);

@@ -70,6 +70,7 @@ SampledKind SampleAuto(const RayCaster& mesh, const ViewSamplerOptions& options,
 
 SampledKind Sample(const RayCaster& mesh, const RenderedReferenceOptions& options) {
   ViewSamplerOptions views = options.views;
+  views.threads = options.threads;
   const double size = MeshSize(mesh.mesh(), views.seed);
   ViewSamplerOptions close = views;
   close.clearance = std::min(views.clearance, kMaxClearance * size);

@@ -105,7 +105,7 @@ class InsideSampler {
   std::vector<Eigen::Vector3d> ClearEyes() const {
     std::vector<Eigen::Vector3d> ground = FindWalkableGround(mesh_, options_, inside_);
     std::vector<char> is_clear(ground.size());
-    ParallelFor(ground.size(), 0, [&](size_t i) {
+    ParallelFor(ground.size(), options_.threads, [&](size_t i) {
       ground[i] += inside_.eye_height * up_;
       const Surroundings around = LookAround(mesh_, ground[i], kFewDirections);
       is_clear[i] = around.clearance >= options_.clearance &&

@@ -87,12 +87,13 @@ std::vector<double> GroundHeights(const RayCaster& mesh, const Grid& grid, int c
 }
 
 std::vector<Place> FindPlaces(const RayCaster& mesh, const Grid& grid, double headroom,
-                              bool any_side) {
+                              const ViewSamplerOptions& options) {
   std::vector<std::vector<double>> heights(static_cast<size_t>(grid.columns * grid.rows));
-  ParallelFor(static_cast<size_t>(grid.rows), 0, [&](size_t row) {
+  ParallelFor(static_cast<size_t>(grid.rows), options.threads, [&](size_t row) {
     for (int x = 0; x < grid.columns; ++x) {
       const int cell = static_cast<int>(row) * grid.columns + x;
-      heights[static_cast<size_t>(cell)] = GroundHeights(mesh, grid, cell, headroom, any_side);
+      heights[static_cast<size_t>(cell)] =
+          GroundHeights(mesh, grid, cell, headroom, options.any_side);
     }
   });
   std::vector<Place> places;
@@ -142,7 +143,7 @@ std::vector<Eigen::Vector3d> FindWalkableGround(const RayCaster& mesh,
   const Grid grid =
       MakeGrid(mesh.mesh(), options.up_in_world.normalized(), 0.5 * options.clearance);
   const std::vector<Place> places =
-      FindPlaces(mesh, grid, inside.eye_height + options.clearance, options.any_side);
+      FindPlaces(mesh, grid, inside.eye_height + options.clearance, options);
   std::vector<Eigen::Vector3d> points;
   if (places.empty()) return points;
   for (const Place& place : LargestArea(places, grid, inside.max_step)) {

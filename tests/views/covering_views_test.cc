@@ -49,6 +49,7 @@ TEST(SampleCovering, IsTheSameForTheSameSeed) {
   const RayCaster mesh = CornerOfARoom();
   ViewSamplerOptions options = kOptions;
   const SampledViews first = SampleCovering(mesh, options, {});
+  options.threads = 1;
   const SampledViews again = SampleCovering(mesh, options, {});
   options.seed = 1;
   const SampledViews other = SampleCovering(mesh, options, {});

@@ -15,23 +15,20 @@ std::string TriangleSpec(const std::string& name) {
   return "mesh:" + path.string();
 }
 
-MeshScene Load(const std::vector<std::string>& specs) {
-  return LoadMeshScene(specs, [](const std::string&) {});
-}
-
 TEST(LoadMeshScene, SeveralMeshesAreOneScene) {
   const std::string a = TriangleSpec("a.obj");
   const std::string b = TriangleSpec("b.obj");
-  EXPECT_EQ(Load({a, b}).caster->mesh().triangles.size(), 2u);
-  EXPECT_EQ(Load({a + ",build=low", b}).caster->mesh().triangles.size(), 2u);
-  EXPECT_EQ(Load({a + ",build=low", b + ",build=low"}).caster->mesh().triangles.size(), 2u);
+  EXPECT_EQ(LoadMeshScene({a, b}).caster->mesh().triangles.size(), 2u);
+  EXPECT_EQ(LoadMeshScene({a + ",build=low", b}).caster->mesh().triangles.size(), 2u);
+  EXPECT_EQ(LoadMeshScene({a + ",build=low", b + ",build=low"}).caster->mesh().triangles.size(),
+            2u);
 }
 
 TEST(LoadMeshScene, ContradictoryBuildsAreAnOptionError) {
   const std::string a = TriangleSpec("a.obj") + ",build=medium";
   const std::string b = TriangleSpec("b.obj") + ",build=low";
   try {
-    Load({a, b});
+    LoadMeshScene({a, b});
     FAIL() << "no OptionError";
   } catch (const OptionError& error) {
     EXPECT_EQ(error.what(), "--geometry = " + b +
@@ -40,8 +37,8 @@ TEST(LoadMeshScene, ContradictoryBuildsAreAnOptionError) {
 }
 
 TEST(LoadMeshScene, RefusesWhatDoesNotConcernRendering) {
-  EXPECT_THROW(Load({TriangleSpec("a.obj") + ",near=1"}), OptionError);
-  EXPECT_THROW(Load({"depth:maps"}), OptionError);
+  EXPECT_THROW(LoadMeshScene({TriangleSpec("a.obj") + ",near=1"}), OptionError);
+  EXPECT_THROW(LoadMeshScene({"depth:maps"}), OptionError);
 }
 
 }  // namespace

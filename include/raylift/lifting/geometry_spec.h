@@ -38,6 +38,7 @@ struct GeometryContext {
   // Names of references that are not in use: an SfM model's points are without them, too.
   std::span<const std::string> thinned_out = {};
   size_t max_cache_bytes = size_t{1} << 29;  // of depth maps that are kept in memory
+  int threads = 0;                           // to read a mesh; <= 0: all
 };
 
 // Opens "mesh:PATH[,key=value...]", "depth:DIR[,key=value...]" or "sfm[:DIR][,key=value...]" (by

@@ -62,7 +62,7 @@ struct RetrievalOptions {
   // kCovisibility.
   Covisibility covisibility = {};
   int threads = 0;
-  bool show_progress = true;
+  bool show_progress = false;  // on stderr
 };
 
 struct Retrieval {

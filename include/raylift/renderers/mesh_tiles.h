@@ -17,7 +17,8 @@ namespace raylift {
 std::vector<std::filesystem::path> ListMeshFiles(const std::string& files);
 
 // Reads all of them as one mesh.
-TriangleMesh ReadMeshes(std::span<const std::filesystem::path> files);
+TriangleMesh ReadMeshes(std::span<const std::filesystem::path> files,
+                        const MeshReadOptions& options = {});
 
 // One mesh of all of them, recentred. Vertex colours, texture coordinates and textures stay where
 // any mesh has them; the others' vertices are white there.

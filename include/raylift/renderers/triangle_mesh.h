@@ -38,11 +38,15 @@ struct TriangleMesh {
   }
 };
 
+struct MeshReadOptions {
+  int threads = 0;  // <= 0: all; never changes the mesh
+};
+
 // Reads a mesh. Faces with more than three corners are triangulated; triangles with a non-finite
 // vertex or no area are removed and counted in `warnings`, vertices that no triangle uses are
 // dropped. A texture that cannot be read is a warning. InputError naming the file where it is
 // missing, unreadable, has an index out of range (naming the face), or has no triangle left (a
 // point cloud says so).
-TriangleMesh ReadMesh(const std::filesystem::path& path);
+TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& options = {});
 
 }  // namespace raylift

@@ -21,11 +21,17 @@ struct MeshScene {
   size_t tree_bytes = 0;  // what the rays are traced through
 };
 
-// "mesh:PATH[,build=low|medium]" each (by default medium); all are one scene. `on_step` is told
-// what is going on ("reading a.ply", "building, 40 %"), from any thread, one call at a time.
-// OptionError for a specification that is none or contradicts another one, InputError where a file
-// cannot be read or is no mesh.
+struct MeshSceneOptions {
+  int threads = 0;  // to read the files; <= 0: all
+  // Is told what is going on ("reading a.ply", "building, 40 %"), from any thread, one call at a
+  // time.
+  std::function<void(const std::string&)> on_step = {};
+};
+
+// "mesh:PATH[,build=low|medium]" each (by default medium); all are one scene. OptionError for a
+// specification that is none or contradicts another one, InputError where a file cannot be read or
+// is no mesh.
 MeshScene LoadMeshScene(const std::vector<std::string>& specs,
-                        const std::function<void(const std::string&)>& on_step);
+                        const MeshSceneOptions& options = {});
 
 }  // namespace raylift

@@ -26,6 +26,7 @@ struct ViewSamplerOptions {
   uint64_t seed = 0;
   // Ignore which side of a triangle is seen: for meshes that are not wound consistently.
   bool any_side = false;
+  int threads = 0;  // <= 0: all; never changes the views
 };
 
 struct SampledViews {
