@@ -192,15 +192,25 @@ struct DepthFolder::Impl {
                    rays ? std::span<const float>(*rays) : std::span<const float>()));
   }
 
-  // Drops the least recently used ones; those in use stay alive with their users. Needs the lock.
+  // Drops the least recently used ones, but for those that are being read and the last one; those
+  // in use stay alive with their users. Needs the lock.
   void MakeRoom() const {
-    while (cache_bytes > max_cache_bytes && order.size() > 1) {
-      const auto oldest = cache.find(order.back());
-      if (oldest->second.bytes == 0) return;
+    for (auto place = order.end(); cache_bytes > max_cache_bytes && place != order.begin();) {
+      --place;
+      const auto oldest = cache.find(*place);
+      if (oldest->second.bytes == 0 || place == order.begin()) continue;
       cache_bytes -= oldest->second.bytes;
       cache.erase(oldest);
-      order.pop_back();
+      place = order.erase(place);
     }
+  }
+
+  // What could not be read is not kept: who asks again, reads again.
+  void Forget(const std::string& name) const {
+    const std::lock_guard<std::mutex> lock(mutex);
+    const auto entry = cache.find(name);
+    order.erase(entry->second.place);
+    cache.erase(entry);
   }
 
   // The map where it is there or another thread reads it; else its place is taken, and what comes
@@ -231,6 +241,7 @@ struct DepthFolder::Impl {
       return map;
     } catch (...) {
       promise.set_exception(std::current_exception());
+      Forget(reference.name);
       throw;
     }
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <memory>
 
 #include "support/matchers.h"
 #include "support/meshes.h"
@@ -290,6 +291,28 @@ TEST(DepthFolder, ManyThreadsReadEachMapThroughASmallCache) {
   std::filesystem::remove(wall.folder / "r5.npy");
   EXPECT_TRUE(FailsWithInputError([&] { maps.Load(wall.references[5]); }, {"r5.npy"}));
   EXPECT_EQ(kept->z[0], 7);
+}
+
+TEST(DepthFolder, AMapThatCannotBeReadKeepsNoOtherInTheCache) {
+  const Wall wall({"a.jpg", "bad.jpg", "b.jpg", "c.jpg", "d.jpg"});
+  for (size_t i = 0; i < wall.references.size(); ++i) {
+    const std::string name = std::filesystem::path(wall.references[i].name).stem();
+    WriteDepthFile(wall.folder / (name + ".npy"), wall.Map(i));
+  }
+  const auto bad = wall.folder / "bad.npy";
+  const std::string whole = ReadFile(bad);
+  WriteFile(bad, whole.substr(0, whole.size() / 2));
+  const size_t bytes_per_map = size_t{64} * 48 * sizeof(float);
+  const DepthFolder maps(wall.folder, {}, wall.references, 2 * bytes_per_map);
+  EXPECT_TRUE(FailsWithInputError([&] { maps.Load(wall.references[1]); }, {"bad.npy"}));
+  const std::weak_ptr<const DepthMap> first = maps.Load(wall.references[0]);
+  EXPECT_FALSE(first.expired());
+  maps.Load(wall.references[2]);
+  maps.Load(wall.references[3]);
+  EXPECT_TRUE(first.expired());
+  // Nor is the failure kept.
+  WriteFile(bad, whole);
+  EXPECT_EQ(maps.Load(wall.references[1])->z[0], 3);
 }
 
 struct RealComparison {
