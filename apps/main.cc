@@ -19,6 +19,7 @@
 #include "program_help.h"
 #include "scene_arguments.h"
 #include <CLI/CLI.hpp>
+#include <opencv2/core/utility.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/io/scene_file.h"
@@ -159,5 +160,7 @@ int Main(const std::vector<std::string>& arguments) {
 int main(int argc, char** argv) {
   // OpenCV writes there what it cannot decode, in its own words; errors are one line, on stderr.
   std::cerr.rdbuf(nullptr);
+  // Images are worked on side by side, on --threads; OpenCV's own threads would come on top.
+  cv::setNumThreads(1);
   return raylift::Main(std::vector<std::string>(argv + 1, argv + argc));
 }

@@ -41,12 +41,6 @@ double MeasureUpscaleShift() {
   return keypoints[0].pt.x - kCenter > 0.125 ? 0.25 : 0;
 }
 
-// What holds for the whole process: OpenCV without threads of its own, and its keypoints' shift.
-double PrepareOpenCv() {
-  cv::setNumThreads(1);
-  return MeasureUpscaleShift();
-}
-
 cv::Mat ShrinkToSide(const Image& grey, int max_side_px) {
   const cv::Mat full(grey.height_px, grey.width_px, CV_8UC1,
                      const_cast<uint8_t*>(grey.data.data()));
@@ -85,7 +79,7 @@ Eigen::VectorXf RootSift(const cv::Mat& sift_row) {
 
 Features ExtractRootSift(const Image& grey, const RootSiftOptions& options) {
   RAYLIFT_CHECK(grey.channels == 1 || grey.data.empty());
-  static const double upscale_shift_px = PrepareOpenCv();
+  static const double upscale_shift_px = MeasureUpscaleShift();
 
   Features features;
   features.image_width_px = grey.width_px;

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "support/matchers.h"
+#include <opencv2/core/utility.hpp>
 
 #include "raylift/base/parallel.h"
 #include "raylift/base/rng.h"
@@ -144,6 +145,21 @@ TEST(RootSift, GivesTheSameForAnyThreadCount) {
     EXPECT_EQ(one[i].scores, four[i].scores);
     EXPECT_EQ(one[i].descriptors, four[i].descriptors);
   }
+}
+
+TEST(RootSift, NeitherNeedsNorSetsOpenCvsThreads) {
+  Rng rng = TestRng();
+  const Image picture = RandomPicture(rng, 640, 480);
+  const int before = cv::getNumThreads();
+  cv::setNumThreads(1);
+  const Features one = ExtractRootSift(picture);
+  cv::setNumThreads(3);
+  const Features three = ExtractRootSift(picture);
+  EXPECT_EQ(cv::getNumThreads(), 3);
+  cv::setNumThreads(before);
+  EXPECT_EQ(one.keypoints_px, three.keypoints_px);
+  EXPECT_EQ(one.scores, three.scores);
+  EXPECT_EQ(one.descriptors, three.descriptors);
 }
 
 TEST(RootSift, FindsNothingInEmptyFlatOrTinyImages) {
