@@ -6,11 +6,11 @@
 
 #include "datasets/importers.h"
 #include "datasets/nvm.h"
-#include "io/text/line_tokens.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
+#include "raylift/io/line_tokens.h"
 
 namespace raylift {
 namespace {

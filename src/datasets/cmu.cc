@@ -6,11 +6,11 @@
 #include <algorithm>
 
 #include "datasets/importers.h"
-#include "io/text/line_tokens.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/io/colmap_model.h"
+#include "raylift/io/line_tokens.h"
 
 namespace raylift {
 namespace {

@@ -4,12 +4,12 @@
 #include <array>
 #include <cmath>
 
-#include "io/text/line_tokens.h"
-#include "io/text/unit_quaternion.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
+#include "raylift/io/line_tokens.h"
+#include "raylift/io/unit_quaternion.h"
 
 namespace raylift {
 namespace {

@@ -8,13 +8,13 @@
 #include <set>
 
 #include "datasets/importers.h"
-#include "io/text/json_place.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/geometry/pose_convention.h"
 #include "raylift/io/image_file.h"
+#include "raylift/io/json_document.h"
 
 namespace raylift {
 namespace {
@@ -61,9 +61,8 @@ class Reader {
   Reader(const path& file, const ImportOptions& options)
       : file_(file),
         folder_(file.has_parent_path() ? file.parent_path() : path(".")),
-        file_name_(file.string()),
-        document_(ParseJson(ReadFile(file), file)),
-        root_(document_, file_name_),
+        document_(ReadFile(file), file),
+        root_(document_.Root()),
         options_(options) {
     if (root_.Has("applied_transform")) {
       const JsonPlace place = root_.Member("applied_transform");
@@ -213,8 +212,7 @@ class Reader {
   }
 
   path file_, folder_;
-  std::string file_name_;
-  nlohmann::json document_;
+  JsonDocument document_;
   JsonPlace root_;
   const ImportOptions& options_;
   AppliedTransform applied_;

@@ -1,9 +1,9 @@
 #include "datasets/nvm.h"
 
-#include "io/text/line_tokens.h"
 #include <fmt/format.h>
 
 #include "raylift/base/text.h"
+#include "raylift/io/line_tokens.h"
 
 namespace raylift {
 namespace {

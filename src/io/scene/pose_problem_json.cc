@@ -5,12 +5,12 @@
 #include <algorithm>
 #include <optional>
 
-#include "io/text/json_place.h"
-#include "io/text/unit_quaternion.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/io/json_document.h"
+#include "raylift/io/unit_quaternion.h"
 
 namespace raylift {
 namespace {
@@ -183,9 +183,8 @@ PoseProblemFile ReadPoseProblem(const std::filesystem::path& path) {
 
 PoseProblemFile ParsePoseProblem(std::string_view json,
                                  const std::filesystem::path& path_for_messages) {
-  const nlohmann::json root = ParseJson(json, path_for_messages);
-  const std::string file = path_for_messages.string();
-  return ReadRoot(JsonPlace(root, file));
+  const JsonDocument document(json, path_for_messages);
+  return ReadRoot(document.Root());
 }
 
 std::vector<std::filesystem::path> ListPoseProblems(const std::filesystem::path& file_or_folder) {

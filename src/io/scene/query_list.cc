@@ -5,14 +5,14 @@
 #include <algorithm>
 #include <unordered_map>
 
-#include "io/text/line_tokens.h"
-#include "io/text/unit_quaternion.h"
 #include <fmt/format.h>
 #include <glob.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
+#include "raylift/io/line_tokens.h"
+#include "raylift/io/unit_quaternion.h"
 
 namespace raylift {
 namespace {

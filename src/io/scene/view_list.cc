@@ -2,11 +2,11 @@
 
 #include <unordered_set>
 
-#include "io/text/line_tokens.h"
-#include "io/text/unit_quaternion.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/io/line_tokens.h"
+#include "raylift/io/unit_quaternion.h"
 
 namespace raylift {
 namespace {

@@ -1,4 +1,4 @@
-#include "io/text/line_tokens.h"
+#include "raylift/io/line_tokens.h"
 
 #include <algorithm>
 #include <climits>

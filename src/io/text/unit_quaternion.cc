@@ -1,4 +1,4 @@
-#include "io/text/unit_quaternion.h"
+#include "raylift/io/unit_quaternion.h"
 
 #include <cmath>
 

@@ -1,5 +1,4 @@
-// The tokens of one line, taken one after the other and named in messages. Private to io
-// and datasets.
+// The tokens of one line, taken one after the other and named in messages.
 
 #pragma once
 

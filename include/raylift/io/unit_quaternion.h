@@ -1,4 +1,4 @@
-// Quaternions of files that promise unit length. Private to io and datasets.
+// Quaternions of files that promise unit length.
 
 #pragma once
 

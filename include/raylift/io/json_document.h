@@ -1,21 +1,20 @@
 // Values of a JSON text, read strictly and named by their path in messages
-// ("references[2].camera.width"). Private to io and datasets.
+// ("references[2].camera.width").
 
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <string_view>
 
-#include <nlohmann/json.hpp>
-
 namespace raylift {
 
-// A value and where it is. Children point to their parent, which must outlive them.
+// A value and where it is. Children point to their parent, which must outlive them, as the document
+// must.
 class JsonPlace {
  public:
-  JsonPlace(const nlohmann::json& root, std::string_view file) : value_(&root), file_(file) {}
-
   // A member; fails where it is missing or where this is no object.
   JsonPlace Member(std::string_view name) const&;
   JsonPlace Member(std::string_view name) && = delete;
@@ -26,7 +25,7 @@ class JsonPlace {
   size_t ArraySize() const;
   void ExpectArraySize(size_t size) const;
 
-  bool IsNull() const { return value_->is_null(); }
+  bool IsNull() const;
   std::string String() const;
   double Number() const;  // JSON has only finite ones
   int Int() const;
@@ -35,21 +34,34 @@ class JsonPlace {
   [[noreturn]] void Fail(std::string_view message) const;
 
  private:
-  JsonPlace(const nlohmann::json& value, const JsonPlace& parent, std::string_view name,
-            size_t index)
-      : value_(&value), file_(parent.file_), parent_(&parent), name_(name), index_(index) {}
+  friend class JsonDocument;
+
+  JsonPlace(const void* root, std::string_view file) : value_(root), file_(file) {}
+  JsonPlace(const void* value, const JsonPlace& parent, std::string_view name, size_t index)
+      : value_(value), file_(parent.file_), parent_(&parent), name_(name), index_(index) {}
 
   [[noreturn]] void FailToBe(std::string_view expected) const;
   std::string Path() const;
 
-  const nlohmann::json* value_;
+  const void* value_;  // of the JSON library, which no header shows
   std::string_view file_;
   const JsonPlace* parent_ = nullptr;
   std::string_view name_;  // empty: an element of an array
   size_t index_ = 0;
 };
 
-// The value that a text holds. InputError naming the file for malformed JSON.
-nlohmann::json ParseJson(std::string_view json, const std::filesystem::path& file);
+// What a text holds.
+class JsonDocument {
+ public:
+  // InputError naming the file for malformed JSON.
+  JsonDocument(std::string_view json, const std::filesystem::path& file);
+  ~JsonDocument();
+
+  JsonPlace Root() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<const Impl> impl_;
+};
 
 }  // namespace raylift

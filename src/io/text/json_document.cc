@@ -1,0 +1,131 @@
+#include "raylift/io/json_document.h"
+
+#include <climits>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+const nlohmann::json& Of(const void* value) { return *static_cast<const nlohmann::json*>(value); }
+
+nlohmann::json Parse(std::string_view json, const std::filesystem::path& file) {
+  try {
+    return nlohmann::json::parse(json);
+  } catch (const nlohmann::json::exception& error) {
+    // "[json.exception.parse_error.101] parse error at line 1, column 2: ..."
+    const std::string_view message = error.what();
+    const size_t id_end = message.find("] ");
+    throw InputError(file, message.substr(id_end == std::string_view::npos ? 0 : id_end + 2));
+  }
+}
+
+}  // namespace
+
+struct JsonDocument::Impl {
+  nlohmann::json root;
+  std::string file;
+};
+
+JsonDocument::JsonDocument(std::string_view json, const std::filesystem::path& file)
+    : impl_(std::make_unique<const Impl>(Impl{Parse(json, file), file.string()})) {}
+
+JsonDocument::~JsonDocument() = default;
+
+JsonPlace JsonDocument::Root() const { return {&impl_->root, impl_->file}; }
+
+JsonPlace JsonPlace::Member(std::string_view name) const& {
+  if (!Of(value_).is_object()) {
+    FailToBe("an object");
+  }
+  const auto member = Of(value_).find(name);
+  if (member == Of(value_).end()) {
+    Fail(fmt::format("the member \"{}\" is missing", name));
+  }
+  return JsonPlace(&*member, *this, name, 0);
+}
+
+bool JsonPlace::IsNull() const { return Of(value_).is_null(); }
+
+bool JsonPlace::Has(std::string_view name) const {
+  return Of(value_).is_object() && Of(value_).contains(name);
+}
+
+JsonPlace JsonPlace::At(size_t index) const& {
+  return JsonPlace(&Of(value_)[index], *this, {}, index);
+}
+
+size_t JsonPlace::ArraySize() const {
+  if (!Of(value_).is_array()) {
+    FailToBe("an array");
+  }
+  return Of(value_).size();
+}
+
+void JsonPlace::ExpectArraySize(size_t size) const {
+  if (ArraySize() != size) {
+    Fail(fmt::format("expected {} elements, found {}", size, ArraySize()));
+  }
+}
+
+std::string JsonPlace::String() const {
+  if (!Of(value_).is_string()) {
+    FailToBe("a string");
+  }
+  return Of(value_).get<std::string>();
+}
+
+double JsonPlace::Number() const {
+  if (!Of(value_).is_number()) {
+    FailToBe("a number");
+  }
+  return Of(value_).get<double>();
+}
+
+int JsonPlace::Int() const {
+  if (!Of(value_).is_number_integer()) {
+    FailToBe("an integer");
+  }
+  const bool fits = Of(value_).is_number_unsigned() ? Of(value_).get<uint64_t>() <= INT_MAX
+                                                    : Of(value_).get<int64_t>() >= INT_MIN;
+  if (!fits) {
+    FailToBe("an integer of 32 bits");
+  }
+  return Of(value_).get<int>();
+}
+
+void JsonPlace::Fail(std::string_view message) const {
+  const std::string path = Path();
+  if (path.empty()) {
+    throw InputError(std::filesystem::path(file_), message);
+  }
+  throw InputError(std::filesystem::path(file_), path, message);
+}
+
+void JsonPlace::FailToBe(std::string_view expected) const {
+  constexpr size_t kMaxShown = 40;
+  std::string found =
+      Of(value_).is_structured()
+          ? fmt::format("an {}", Of(value_).type_name())
+          : Of(value_).dump(-1, ' ', true, nlohmann::json::error_handler_t::replace);
+  if (found.size() > kMaxShown) {
+    found = found.substr(0, kMaxShown) + "...";
+  }
+  Fail(fmt::format("expected {}, found {}", expected, found));
+}
+
+std::string JsonPlace::Path() const {
+  if (parent_ == nullptr) {
+    return {};
+  }
+  const std::string parent = parent_->Path();
+  if (name_.empty()) {
+    return fmt::format("{}[{}]", parent, index_);
+  }
+  return parent.empty() ? std::string(name_) : fmt::format("{}.{}", parent, name_);
+}
+
+}  // namespace raylift
