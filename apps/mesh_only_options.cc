@@ -29,8 +29,8 @@ std::optional<double> ParseFov(const std::string& text) {
 }
 
 ViewKind ParseKind(const std::string& text) {
-  const auto kind = ViewKindFromName(text);
-  if (!kind) throw OptionError("--view-kind", text, "expected auto|inside|around|cover");
+  const auto kind = FromName<ViewKind>(text);
+  if (!kind) throw OptionError("--view-kind", text, "expected " + NameList<ViewKind>());
   return *kind;
 }
 
@@ -84,11 +84,13 @@ void AddMeshOnlyOptions(CLI::App& app, MeshOnlyFlags& flags) {
   app.add_option("--views", flags.views, "How many; they are kept in OUT/references")
       ->capture_default_str()
       ->group(group);
-  app.add_option("--view-kind", flags.kind,
-                 "Where from: auto|inside|around|cover. inside: at eye height above\n"
-                 "the ground; around: from outside, looking at the middle; cover: from\n"
-                 "wherever there is room in front of surfaces; auto: inside where there\n"
-                 "is a ground, else cover")
+  app.add_option(
+         "--view-kind", flags.kind,
+         fmt::format("Where from: {}. inside: at eye height above\n"
+                     "the ground; around: from outside, looking at the middle; cover: from\n"
+                     "wherever there is room in front of surfaces; auto: inside where there\n"
+                     "is a ground, else cover",
+                     NameList<ViewKind>()))
       ->capture_default_str()
       ->group(group);
   app.add_option("--view-size", flags.size, "WIDTHxHEIGHT (default: as sharp as the queries)")

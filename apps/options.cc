@@ -15,17 +15,9 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-std::string MethodNames() {
-  std::string names;
-  for (const MethodName& method : AllMethods()) {
-    names += fmt::format("{}{}", names.empty() ? "" : "|", method.name);
-  }
-  return names;
-}
-
 std::string MethodHelp() {
   std::string text = "Estimator:";
-  for (const MethodName& method : AllMethods()) {
+  for (const EnumName<Method>& method : kEnumNames<Method>) {
     text += fmt::format("\n{} = {}: {}", method.name, method.title, method.description);
   }
   return text;
@@ -52,19 +44,19 @@ Json EffectiveValue(const CLI::Option& option) {
 
 EstimatorOptions EstimatorFlags::Resolve() const {
   EstimatorOptions options = values;
-  const auto method_value = MethodFromName(method);
+  const auto method_value = FromName<Method>(method);
   if (!method_value) {
-    throw OptionError("--method", method, fmt::format("expected {}", MethodNames()));
+    throw OptionError("--method", method, "expected " + NameList<Method>());
   }
   options.method = *method_value;
-  const auto score_value = ScoreCombinationFromName(score);
+  const auto score_value = FromName<ScoreCombination>(score);
   if (!score_value) {
-    throw OptionError("--score", score, "expected sum_inl|sum_inl_rat|mult_inl|sum_msac|mult_msac");
+    throw OptionError("--score", score, "expected " + NameList<ScoreCombination>());
   }
   options.score = *score_value;
-  const auto lo_value = LocalOptimizationFromName(local_optimization);
+  const auto lo_value = FromName<LocalOptimization>(local_optimization);
   if (!lo_value) {
-    throw OptionError("--lo", local_optimization, "expected hybrid|split");
+    throw OptionError("--lo", local_optimization, "expected " + NameList<LocalOptimization>());
   }
   options.local_optimization = *lo_value;
   options.Validate();
@@ -76,11 +68,11 @@ void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags) {
   EstimatorOptions& values = flags.values;
   app.add_option("--method", flags.method, MethodHelp())->capture_default_str()->group(group);
   app.add_option("--score", flags.score,
-                 "Score that Adaptive compares poses by:\n"
-                 "sum_inl|sum_inl_rat|mult_inl|sum_msac|mult_msac")
+                 "Score that Adaptive compares poses by:\n" + NameList<ScoreCombination>())
       ->capture_default_str()
       ->group(group);
-  app.add_option("--lo", flags.local_optimization, "Adaptive's local optimization: hybrid|split")
+  app.add_option("--lo", flags.local_optimization,
+                 "Adaptive's local optimization: " + NameList<LocalOptimization>())
       ->capture_default_str()
       ->group(group);
   app.add_option("--alpha", values.alpha,
@@ -121,9 +113,9 @@ void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags) {
 }
 
 FilterOptions FilterFlags::Resolve() const {
-  const auto mode_value = FilterModeFromName(mode);
+  const auto mode_value = FromName<FilterMode>(mode);
   if (!mode_value) {
-    throw OptionError("--filter", mode, "expected off|fixed|auto");
+    throw OptionError("--filter", mode, "expected " + NameList<FilterMode>());
   }
   thresholds.Validate();
   return {.mode = *mode_value, .thresholds = thresholds};
@@ -132,10 +124,11 @@ FilterOptions FilterFlags::Resolve() const {
 void AddFilterOptions(CLI::App& app, FilterFlags& flags) {
   const std::string group = "Consistency filter";
   app.add_option("--filter", flags.mode,
-                 "Drop lifted points that too few references agree on:\n"
-                 "off|fixed|auto. fixed helps noisy geometry and hurts accurate\n"
-                 "geometry; auto leaves accurate geometry alone and needs none\n"
-                 "of the options below")
+                 fmt::format("Drop lifted points that too few references agree on:\n"
+                             "{}. fixed helps noisy geometry and hurts accurate\n"
+                             "geometry; auto leaves accurate geometry alone and needs none\n"
+                             "of the options below",
+                             NameList<FilterMode>()))
       ->capture_default_str()
       ->group(group);
   app.add_option("--filter-reprojection-px", flags.thresholds.reprojection_px,
@@ -155,9 +148,9 @@ void AddFilterOptions(CLI::App& app, FilterFlags& flags) {
 }
 
 PoseConvention ModelPosesFlags::Resolve() const {
-  const auto value = PoseConventionFromName(convention);
+  const auto value = FromName<PoseConvention>(convention);
   if (!value) {
-    throw OptionError("--model-poses", convention, "expected " + PoseConventionNames());
+    throw OptionError("--model-poses", convention, "expected " + NameList<PoseConvention>());
   }
   return *value;
 }
@@ -165,7 +158,8 @@ PoseConvention ModelPosesFlags::Resolve() const {
 void AddModelPosesOption(CLI::App& app, ModelPosesFlags& flags) {
   app.add_option("--model-poses", flags.convention,
                  "What the model's poses are, where they are not as COLMAP writes\n"
-                 "them: cam_from_world|world_from_cam|opengl|world_from_opengl")
+                 "them: " +
+                     NameList<PoseConvention>())
       ->capture_default_str()
       ->group("References");
 }

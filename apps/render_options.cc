@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <optional>
-#include <utility>
 
 #include "scene_arguments.h"
 #include "scene_options.h"
@@ -17,10 +15,9 @@ namespace raylift {
 namespace {
 
 Product ResolveProduct(std::string_view option, const std::string& name) {
-  const auto product = ProductFromName(name);
+  const auto product = FromName<Product>(name);
   if (!product) {
-    throw OptionError(option, name,
-                      "expected depth|distance|normals|color|triangle|incidence|mask");
+    throw OptionError(option, name, "expected " + NameList<Product>());
   }
   return *product;
 }
@@ -66,30 +63,20 @@ std::vector<ProductOutput> ResolveProducts(const RenderFlags& flags) {
   return outputs;
 }
 
-// One of two words.
-template <typename T>
-T ResolveWord(std::string_view option, const std::string& text,
-              const std::pair<std::string_view, T>& first,
-              const std::pair<std::string_view, T>& second) {
-  if (text == first.first) return first.second;
-  if (text == second.first) return second.second;
-  throw OptionError(option, text, fmt::format("expected {}|{}", first.first, second.first));
+template <NamedEnum Enum>
+Enum ResolveName(std::string_view option, const std::string& text) {
+  const auto value = FromName<Enum>(text);
+  if (!value) throw OptionError(option, text, "expected " + NameList<Enum>());
+  return *value;
 }
 
 StorageOptions ResolveStorage(const RenderFlags& flags) {
   StorageOptions storage;
-  const auto compression = ExrCompressionFromName(flags.exr_compression);
-  if (!compression) {
-    throw OptionError("--exr-compression", flags.exr_compression,
-                      "expected none|zips|zip|piz|pxr24|dwaa");
-  }
-  storage.floats.exr_compression = *compression;
-  storage.floats.sample = ResolveWord<FloatSample>(
-      "--sample", flags.sample, {"float", FloatSample::kFloat32}, {"half", FloatSample::kFloat16});
-  using OutOfRange = DepthWriteOptions::OutOfRange;
+  storage.floats.exr_compression =
+      ResolveName<ExrCompression>("--exr-compression", flags.exr_compression);
+  storage.floats.sample = ResolveName<FloatSample>("--sample", flags.sample);
   storage.floats.out_of_range =
-      ResolveWord<OutOfRange>("--out-of-range", flags.out_of_range, {"refuse", OutOfRange::kRefuse},
-                              {"drop", OutOfRange::kDrop});
+      ResolveName<DepthWriteOptions::OutOfRange>("--out-of-range", flags.out_of_range);
   if (!(flags.png_step > 0)) {
     throw OptionError("--png-step", FormatDouble(flags.png_step), "must be positive");
   }
@@ -115,27 +102,17 @@ std::array<uint8_t, 3> ParseRgb(std::string_view option, const std::string& text
   return rgb;
 }
 
-std::optional<ColorOptions::Shading> ShadingFromName(const std::string& name) {
-  using enum ColorOptions::Shading;
-  if (name == "unlit") return kUnlit;
-  if (name == "headlight") return kHeadlight;
-  if (name == "sun") return kSun;
-  return std::nullopt;
-}
-
 FrameOptions ResolveFrame(const RenderFlags& flags) {
   FrameOptions frame;
-  using NormalsIn = FrameOptions::NormalsIn;
-  frame.normals_in =
-      ResolveWord<NormalsIn>("--normals-in", flags.normals_in, {"world", NormalsIn::kWorld},
-                             {"camera", NormalsIn::kCamera});
+  frame.normals_in = ResolveName<FrameOptions::NormalsIn>("--normals-in", flags.normals_in);
   if (flags.supersampling < 1 || flags.supersampling > 16) {
     throw OptionError("--supersampling", std::to_string(flags.supersampling), "must be 1 to 16");
   }
   frame.color_options.samples_per_pixel_side = flags.supersampling;
   frame.color_options.background_rgb = ParseRgb("--background", flags.background);
-  if (flags.shading != "auto" && !ShadingFromName(flags.shading)) {
-    throw OptionError("--shading", flags.shading, "expected unlit|headlight|sun|auto");
+  if (flags.shading != "auto" && !FromName<ColorOptions::Shading>(flags.shading)) {
+    throw OptionError("--shading", flags.shading,
+                      fmt::format("expected {}|auto", NameList<ColorOptions::Shading>()));
   }
   return frame;
 }
@@ -172,7 +149,7 @@ void AddInputOptions(CLI::App& command, RenderFlags& flags) {
 void AddProductOptions(CLI::App& command, RenderFlags& flags) {
   const std::string group = "Products";
   std::string formats;
-  for (const Product product : kAllProducts) {
+  for (const Product product : AllValues<Product>()) {
     formats += fmt::format("\n  {}: {}", ToString(product), FormatNames(product));
   }
   command
@@ -188,10 +165,10 @@ void AddProductOptions(CLI::App& command, RenderFlags& flags) {
       ->group(group);
   command
       .add_option("--exr-compression", flags.exr_compression,
-                  "none|zips|zip|piz|pxr24|dwaa; pxr24 keeps 24 of 32 bits")
+                  NameList<ExrCompression>() + "; pxr24 keeps 24 of 32 bits")
       ->capture_default_str()
       ->group(group);
-  command.add_option("--sample", flags.sample, "float|half, of EXR, NPY and NPZ")
+  command.add_option("--sample", flags.sample, NameList<FloatSample>() + ", of EXR, NPY and NPZ")
       ->capture_default_str()
       ->group(group);
   command.add_option("--png-step", flags.png_step, "Scene units per count of a 16-bit PNG")
@@ -199,7 +176,8 @@ void AddProductOptions(CLI::App& command, RenderFlags& flags) {
       ->group(group);
   command
       .add_option("--out-of-range", flags.out_of_range,
-                  "refuse|drop: what to do with depth that a PNG or half cannot hold")
+                  NameList<DepthWriteOptions::OutOfRange>() +
+                      ": what to do with depth that a PNG or half cannot hold")
       ->capture_default_str()
       ->group(group);
   command.add_flag("--deflate-npz", flags.deflate_npz, "Smaller NPZ files, written slower")
@@ -207,12 +185,13 @@ void AddProductOptions(CLI::App& command, RenderFlags& flags) {
   command.add_option("--jpeg-quality", flags.jpeg_quality, "1 to 100")
       ->capture_default_str()
       ->group(group);
-  command.add_option("--normals-in", flags.normals_in, "world|camera")
+  command.add_option("--normals-in", flags.normals_in, NameList<FrameOptions::NormalsIn>())
       ->capture_default_str()
       ->group(group);
   command
-      .add_option("--shading", flags.shading,
-                  "unlit|headlight|sun|auto (headlight where the mesh has no colours)")
+      .add_option(
+          "--shading", flags.shading,
+          NameList<ColorOptions::Shading>() + "|auto (headlight where the mesh has no colours)")
       ->capture_default_str()
       ->group(group);
   command
@@ -302,7 +281,7 @@ RenderJobOptions ResolveJob(const RenderFlags& flags) {
 
 ColorOptions::Shading ResolveShading(const RenderFlags& flags, const TriangleMesh& mesh) {
   const bool has_colors = !mesh.vertex_colors_rgb.empty() || !mesh.triangle_textures.empty();
-  return ShadingFromName(flags.shading)
+  return FromName<ColorOptions::Shading>(flags.shading)
       .value_or(has_colors ? ColorOptions::Shading::kUnlit : ColorOptions::Shading::kHeadlight);
 }
 

@@ -38,8 +38,8 @@ RetrievalOptions RetrievalFlags::Resolve(const std::vector<std::string>& geometr
   options.method =
       global_features.references.empty() ? RetrievalMethod::kVlad : RetrievalMethod::kGlobal;
   if (!method.empty()) {
-    const auto value = RetrievalMethodFromName(method);
-    if (!value) throw OptionError("--retrieval", method, "expected " + RetrievalMethodNames());
+    const auto value = FromName<RetrievalMethod>(method);
+    if (!value) throw OptionError("--retrieval", method, "expected " + NameList<RetrievalMethod>());
     options.method = *value;
   }
   RequireMethod("--global-features", !global_features.references.empty(), RetrievalMethod::kGlobal,

@@ -1,7 +1,6 @@
 #include "raylift/lifting/candidates.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -18,12 +17,6 @@
 
 namespace raylift {
 namespace {
-
-constexpr std::array<std::pair<CandidateMode, std::string_view>, 3> kModeNames = {{
-    {CandidateMode::kKeep, "keep"},
-    {CandidateMode::kMerge, "merge"},
-    {CandidateMode::kTriangulate, "triangulate"},
-}};
 
 // A keypoint that a point should project onto.
 struct View {
@@ -222,20 +215,6 @@ std::vector<Eigen::Vector3d> PointsOfPairs(const std::vector<KeypointRay>& rays,
 }
 
 }  // namespace
-
-std::string_view ToString(CandidateMode mode) {
-  for (const auto& [value, name] : kModeNames) {
-    if (value == mode) return name;
-  }
-  return {};
-}
-
-std::optional<CandidateMode> CandidateModeFromName(std::string_view name) {
-  for (const auto& [value, known] : kModeNames) {
-    if (known == name) return value;
-  }
-  return std::nullopt;
-}
 
 void CandidateOptions::Validate() const {
   if (!(max_error_px > 0) || !std::isfinite(max_error_px)) {

@@ -1,7 +1,6 @@
 #include "raylift/lifting/consistency_filter.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <string>
 #include <utility>
@@ -11,12 +10,6 @@
 
 namespace raylift {
 namespace {
-
-constexpr std::array<std::pair<FilterMode, std::string_view>, 3> kModeNames = {{
-    {FilterMode::kOff, "off"},
-    {FilterMode::kFixed, "fixed"},
-    {FilterMode::kAuto, "auto"},
-}};
 
 size_t CountAgreeing(std::span<const ViewError> views, double threshold_px) {
   return static_cast<size_t>(
@@ -82,20 +75,6 @@ void KeepBest(const MultiViewTrust& trust, size_t count, FilterResult& result) {
 }
 
 }  // namespace
-
-std::string_view ToString(FilterMode mode) {
-  for (const auto& [value, name] : kModeNames) {
-    if (value == mode) return name;
-  }
-  return {};
-}
-
-std::optional<FilterMode> FilterModeFromName(std::string_view name) {
-  for (const auto& [value, known] : kModeNames) {
-    if (known == name) return value;
-  }
-  return std::nullopt;
-}
 
 void ConsistencyThresholds::Validate() const {
   if (!(reprojection_px > 0) || !std::isfinite(reprojection_px)) {

@@ -18,13 +18,6 @@
 namespace raylift {
 namespace {
 
-constexpr std::array<std::pair<AlignMode, std::string_view>, 4> kModeNames = {{
-    {AlignMode::kOff, "off"},
-    {AlignMode::kScale, "scale"},
-    {AlignMode::kAffine, "affine"},
-    {AlignMode::kGrid, "grid"},
-}};
-
 // A keypoint of a map and its match in another image.
 struct Observation {
   Eigen::Vector2d pixel;
@@ -230,20 +223,6 @@ DepthCorrection Fit(const std::vector<Observation>& observations, const Camera& 
 }
 
 }  // namespace
-
-std::string_view ToString(AlignMode mode) {
-  for (const auto& [value, name] : kModeNames) {
-    if (value == mode) return name;
-  }
-  return {};
-}
-
-std::optional<AlignMode> AlignModeFromName(std::string_view name) {
-  for (const auto& [value, known] : kModeNames) {
-    if (known == name) return value;
-  }
-  return std::nullopt;
-}
 
 std::map<std::string, DepthCorrection> DepthAlignment::Corrections() const {
   std::map<std::string, DepthCorrection> corrections;

@@ -10,20 +10,6 @@
 namespace raylift {
 namespace {
 
-constexpr std::array<std::pair<DepthKind, std::string_view>, 3> kKindNames = {{
-    {DepthKind::kZ, "z"},
-    {DepthKind::kRay, "ray"},
-    {DepthKind::kInverse, "inverse"},
-}};
-
-constexpr std::array<std::pair<MapOrientation, std::string_view>, 5> kOrientationNames = {{
-    {MapOrientation::kAsStored, "as_stored"},
-    {MapOrientation::kFlippedX, "flipped_x"},
-    {MapOrientation::kFlippedY, "flipped_y"},
-    {MapOrientation::kHalfTurn, "half_turn"},
-    {MapOrientation::kTransposed, "transposed"},
-}};
-
 constexpr double kMillimetre = 0.001;
 
 // COLMAP's maps belong to the undistorted cameras of its dense workspace.
@@ -164,42 +150,6 @@ void DropUntrusted(const StoredDepth& confidence, double threshold, DepthMap& ma
 }
 
 }  // namespace
-
-std::string_view ToString(DepthKind kind) {
-  for (const auto& [value, name] : kKindNames) {
-    if (value == kind) return name;
-  }
-  return {};
-}
-
-std::optional<DepthKind> DepthKindFromName(std::string_view name) {
-  for (const auto& [value, known] : kKindNames) {
-    if (known == name) return value;
-  }
-  return std::nullopt;
-}
-
-std::string_view ToString(MapOrientation orientation) {
-  for (const auto& [value, name] : kOrientationNames) {
-    if (value == orientation) return name;
-  }
-  return {};
-}
-
-std::optional<MapOrientation> MapOrientationFromName(std::string_view name) {
-  for (const auto& [value, known] : kOrientationNames) {
-    if (known == name) return value;
-  }
-  return std::nullopt;
-}
-
-std::string MapOrientationNames() {
-  std::string names;
-  for (const auto& [value, name] : kOrientationNames) {
-    names += (names.empty() ? "" : "|") + std::string(name);
-  }
-  return names;
-}
 
 std::optional<DepthConvention> DepthPreset(std::string_view name) {
   for (const Preset& preset : kPresets) {

@@ -22,14 +22,18 @@ namespace {
 
 constexpr std::string_view kForms =
     "expected mesh:PATH[,key=value...], depth:DIR[,key=value...] or sfm[:DIR][,key=value...]";
-constexpr std::string_view kDepthKeys =
-    "preset, pattern, kind=z|ray|inverse, unit=m|cm|mm|NUMBER, scale, invalid, max_depth, layer, "
-    "size=WxH, orientation, first_sample_px, confidence, confidence_threshold, "
-    "interpolation=edge|nearest, max_jump, near, far, max_incidence_deg, max_depth_jump";
 constexpr std::string_view kSfmKeys = "radius (px), min_track, max_error (px), near, far";
 
-constexpr std::array<std::pair<std::string_view, DepthInterpolation>, 2> kInterpolations = {
-    {{"edge", DepthInterpolation::kEdgeAware}, {"nearest", DepthInterpolation::kNearest}}};
+using BackFaces = SurfaceLimits::BackFaces;
+using BuildQuality = RayCasterOptions::BuildQuality;
+
+std::string DepthKeys() {
+  return fmt::format(
+      "preset, pattern, kind={}, unit=m|cm|mm|NUMBER, scale, invalid, max_depth, layer, size=WxH, "
+      "orientation, first_sample_px, confidence, confidence_threshold, interpolation={}, max_jump, "
+      "near, far, max_incidence_deg, max_depth_jump",
+      NameList<DepthKind>(), NameList<DepthInterpolation>());
+}
 
 NamedGeometry MakeMesh(const MeshSpec& spec, int threads) {
   RayCasterOptions caster;
@@ -41,8 +45,8 @@ NamedGeometry MakeMesh(const MeshSpec& spec, int threads) {
   geometry.understood = fmt::format("{} triangles", mesh->triangles.size());
   geometry.warnings = mesh->warnings;
   geometry.mesh = std::make_shared<const RayCaster>(std::move(mesh), caster);
-  geometry.source =
-      std::make_shared<const MeshSource>(fmt::format("mesh:{}", spec.files), geometry.mesh, spec.options);
+  geometry.source = std::make_shared<const MeshSource>(fmt::format("mesh:{}", spec.files),
+                                                       geometry.mesh, spec.options);
   return geometry;
 }
 
@@ -78,16 +82,9 @@ DepthConvention TakeConvention(SpecKeys& keys) {
     if (!preset) keys.Fail(fmt::format("expected preset={}", DepthPresetNames()));
     convention = *preset;
   }
-  if (const auto kind = keys.Take("kind")) {
-    const auto value = DepthKindFromName(*kind);
-    if (!value) keys.Fail("expected kind=z|ray|inverse");
-    convention.kind = *value;
-  }
-  if (const auto orientation = keys.Take("orientation")) {
-    const auto value = MapOrientationFromName(*orientation);
-    if (!value) keys.Fail("expected orientation=" + MapOrientationNames());
-    convention.orientation = *value;
-  }
+  convention.kind = keys.TakeNamed<DepthKind>("kind").value_or(convention.kind);
+  convention.orientation =
+      keys.TakeNamed<MapOrientation>("orientation").value_or(convention.orientation);
   if (const auto unit = keys.Take("unit")) convention.unit = ParseUnit(keys, *unit);
   convention.scale = keys.TakeNumber("scale", 0).value_or(convention.scale);
   if (!(convention.scale > 0)) keys.Fail("expected a positive scale");
@@ -112,13 +109,13 @@ NamedGeometry MakeDepth(SpecKeys keys, const GeometryContext& context) {
   DepthConvention convention = TakeConvention(keys);
   DepthSamplingOptions sampling;
   sampling.interpolation =
-      keys.TakeWord("interpolation", kInterpolations).value_or(sampling.interpolation);
+      keys.TakeNamed<DepthInterpolation>("interpolation").value_or(sampling.interpolation);
   sampling.max_jump = keys.TakeNumber("max_jump", 0).value_or(sampling.max_jump);
   sampling.first_sample_px =
       keys.TakeNumber("first_sample_px", 0).value_or(sampling.first_sample_px);
   SurfaceLimits limits;
   keys.TakeLimits(limits);
-  keys.ExpectAllTaken(kDepthKeys);
+  keys.ExpectAllTaken(DepthKeys());
 
   auto maps = std::make_shared<const DepthFolder>(keys.path(), convention, context.references,
                                                   context.max_cache_bytes);
@@ -132,7 +129,7 @@ NamedGeometry MakeDepth(SpecKeys keys, const GeometryContext& context) {
   geometry.warnings = maps->warnings();
   geometry.maps = maps;
   geometry.source = std::make_shared<const DepthSource>(fmt::format("depth:{}", keys.path()),
-                                                  std::move(maps), sampling, limits);
+                                                        std::move(maps), sampling, limits);
   return geometry;
 }
 
@@ -193,19 +190,20 @@ std::string GeometryHelp() {
       "mesh:PATH[,key=value...]: a mesh; a.ply+b.ply, tiles/*.ply or a folder\n"
       "  are one scene. Keys: near, far (depths), max_incidence_deg,\n"
       "  max_depth_jump (relative, near silhouettes), jump_radius_px,\n"
-      "  back_faces=keep|drop, build=low|medium (low: few rays are cast)\n"
+      "  back_faces={}, build={} (low: few rays are cast)\n"
       "depth:DIR[,key=value...]: depth maps. Keys:\n"
       "  preset={}\n"
       "  pattern (file of an image: {{name}}, {{dir}}, {{stem}}, {{base}}),\n"
-      "  kind=z|ray|inverse, unit=m|cm|mm|NUMBER, scale, invalid=V[/V...],\n"
+      "  kind={}, unit=m|cm|mm|NUMBER, scale, invalid=V[/V...],\n"
       "  max_depth, layer, size=WxH (of headerless files), confidence=PATTERN,\n"
-      "  confidence_threshold, interpolation=edge|nearest, max_jump, near, far,\n"
+      "  confidence_threshold, interpolation={}, max_jump, near, far,\n"
       "  max_incidence_deg, max_depth_jump, first_sample_px (0.5),\n"
       "  orientation={}\n"
       "sfm[:DIR][,key=value...]: the points of a COLMAP model (default: --model).\n"
       "  Keys: radius (px, of features that are not the model's), min_track,\n"
       "  max_error (px), near, far",
-      DepthPresetNames(), MapOrientationNames());
+      NameList<BackFaces>(), NameList<BuildQuality>(), DepthPresetNames(), NameList<DepthKind>(),
+      NameList<DepthInterpolation>(), NameList<MapOrientation>());
 }
 
 }  // namespace raylift

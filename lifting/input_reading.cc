@@ -7,48 +7,6 @@
 namespace raylift {
 namespace {
 
-std::string_view InWords(DepthKind kind) {
-  switch (kind) {
-    case DepthKind::kZ:
-      return "z";
-    case DepthKind::kRay:
-      return "ray length";
-    case DepthKind::kInverse:
-      return "inverse depth";
-  }
-  return {};
-}
-
-std::string_view InWords(MapOrientation orientation) {
-  switch (orientation) {
-    case MapOrientation::kAsStored:
-      return "as stored";
-    case MapOrientation::kFlippedX:
-      return "left and right exchanged";
-    case MapOrientation::kFlippedY:
-      return "top and bottom exchanged";
-    case MapOrientation::kHalfTurn:
-      return "upside down";
-    case MapOrientation::kTransposed:
-      return "transposed";
-  }
-  return {};
-}
-
-std::string_view InWords(PoseConvention poses) {
-  switch (poses) {
-    case PoseConvention::kCamFromWorld:
-      return "world to camera";
-    case PoseConvention::kWorldFromCam:
-      return "camera to world";
-    case PoseConvention::kOpenGlCamFromWorld:
-      return "world to camera in OpenGL's axes";
-    case PoseConvention::kWorldFromOpenGlCamera:
-      return "camera to world in OpenGL's axes";
-  }
-  return {};
-}
-
 // The factor of depth that a change of scale means.
 double DepthFactor(const InputReading& as_read, const InputReading& other) {
   return other.kind == DepthKind::kInverse ? as_read.scale / other.scale
@@ -79,11 +37,11 @@ int NumDifferences(const InputReading& a, const InputReading& b) {
 std::string DescribeDifference(const InputReading& as_read, const InputReading& other) {
   std::vector<std::string> parts;
   if (other.kind != as_read.kind) {
-    parts.push_back(fmt::format("depth is {}, not {}", InWords(other.kind), InWords(as_read.kind)));
+    parts.push_back(fmt::format("depth is {}, not {}", TitleOf(other.kind), TitleOf(as_read.kind)));
   }
   if (other.orientation != as_read.orientation) {
     const auto relative = Combined(as_read.orientation, other.orientation);
-    parts.push_back(fmt::format("maps are {}", InWords(relative.value_or(other.orientation))));
+    parts.push_back(fmt::format("maps are {}", TitleOf(relative.value_or(other.orientation))));
   }
   if (other.first_sample_px != as_read.first_sample_px) {
     parts.push_back(fmt::format("maps are shifted by {:+} px",
@@ -93,7 +51,7 @@ std::string DescribeDifference(const InputReading& as_read, const InputReading& 
     parts.push_back(fmt::format("depth times {:.4g}", DepthFactor(as_read, other)));
   }
   if (other.poses != as_read.poses) {
-    parts.push_back(fmt::format("poses are {}", InWords(other.poses)));
+    parts.push_back(fmt::format("poses are {}", TitleOf(other.poses)));
   }
   return parts.empty() ? "as read" : fmt::format("{}", fmt::join(parts, "; "));
 }

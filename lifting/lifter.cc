@@ -51,23 +51,6 @@ std::vector<PointPerMatch> LiftBySource(std::span<const GeometrySource* const> s
 
 }  // namespace
 
-std::string_view ToString(GeometryMode mode) {
-  switch (mode) {
-    case GeometryMode::kFirst:
-      return "first";
-    case GeometryMode::kAll:
-      return "all";
-  }
-  return {};
-}
-
-std::optional<GeometryMode> GeometryModeFromName(std::string_view name) {
-  for (const GeometryMode mode : {GeometryMode::kFirst, GeometryMode::kAll}) {
-    if (ToString(mode) == name) return mode;
-  }
-  return std::nullopt;
-}
-
 LiftResult LiftMatches(std::span<const GeometrySource* const> sources, GeometryMode mode,
                        std::span<const PosedImage> references, std::span<const Match2D2D> matches) {
   const auto points_of_source = LiftBySource(sources, mode, references, matches);

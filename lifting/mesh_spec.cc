@@ -1,8 +1,7 @@
 #include "raylift/lifting/mesh_spec.h"
 
-#include <array>
+#include <string>
 #include <string_view>
-#include <utility>
 
 #include "spec_keys.h"
 #include <fmt/format.h>
@@ -13,47 +12,49 @@ namespace raylift {
 namespace {
 
 constexpr std::string_view kPrefix = "mesh:";
-constexpr std::string_view kForm = "expected mesh:PATH[,key=value...]";
-constexpr std::string_view kRenderForm =
-    "expected mesh:PATH[,build=low|medium]; only meshes are rendered";
-constexpr std::string_view kKeys =
-    "near, far, max_incidence_deg, max_depth_jump, jump_radius_px, back_faces=keep|drop, "
-    "build=low|medium";
 
 using BuildQuality = RayCasterOptions::BuildQuality;
-constexpr std::array<std::pair<std::string_view, BuildQuality>, 2> kBuilds = {
-    {{"low", BuildQuality::kLow}, {"medium", BuildQuality::kMedium}}};
 using BackFaces = SurfaceLimits::BackFaces;
-constexpr std::array<std::pair<std::string_view, BackFaces>, 2> kBackFaces = {
-    {{"keep", BackFaces::kKeep}, {"drop", BackFaces::kDrop}}};
+
+std::string BuildKey() { return "build=" + NameList<BuildQuality>(); }
+
+std::string FormOf(MeshUse use) {
+  if (use == MeshUse::kLift) return "expected mesh:PATH[,key=value...]";
+  return fmt::format("expected mesh:PATH[,{}]; only meshes are rendered", BuildKey());
+}
+
+std::string KeysOf(MeshUse use) {
+  if (use == MeshUse::kRender) return BuildKey();
+  return fmt::format(
+      "near, far, max_incidence_deg, max_depth_jump, jump_radius_px, back_faces={}, {}",
+      NameList<BackFaces>(), BuildKey());
+}
 
 void RefuseKeysOfLifting(const SpecKeys& keys) {
   for (const std::string key :
        {"near", "far", "max_incidence_deg", "max_depth_jump", "jump_radius_px", "back_faces"}) {
     if (!keys.Has(key)) continue;
     keys.Fail(fmt::format(
-        "the key {} says which points are lifted, but here the whole mesh is rendered; there is "
-        "build=low|medium",
-        key));
+        "the key {} says which points are lifted, but here the whole mesh is rendered; there is {}",
+        key, BuildKey()));
   }
 }
 
 }  // namespace
 
 MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
-  const std::string_view form = use == MeshUse::kRender ? kRenderForm : kForm;
-  if (!spec.starts_with(kPrefix)) throw OptionError("--geometry", spec, form);
+  if (!spec.starts_with(kPrefix)) throw OptionError("--geometry", spec, FormOf(use));
   SpecKeys keys(spec, std::string_view(spec).substr(kPrefix.size()));
-  if (keys.path().empty()) keys.Fail(form);
+  if (keys.path().empty()) keys.Fail(FormOf(use));
   if (use == MeshUse::kRender) RefuseKeysOfLifting(keys);
   MeshSpec mesh{.files = keys.path()};
-  mesh.build = keys.TakeWord("build", kBuilds);
+  mesh.build = keys.TakeNamed<BuildQuality>("build");
   keys.TakeLimits(mesh.options.limits);
-  const auto back_faces = keys.TakeWord("back_faces", kBackFaces);
+  const auto back_faces = keys.TakeNamed<BackFaces>("back_faces");
   mesh.options.limits.back_faces = back_faces.value_or(mesh.options.limits.back_faces);
   mesh.options.jump_radius_px =
       keys.TakeNumber("jump_radius_px", 0).value_or(mesh.options.jump_radius_px);
-  keys.ExpectAllTaken(use == MeshUse::kRender ? "build=low|medium" : kKeys);
+  keys.ExpectAllTaken(KeysOf(use));
   return mesh;
 }
 

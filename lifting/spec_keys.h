@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/lifting/surface_limits.h"
 
 namespace raylift {
@@ -31,19 +32,14 @@ class SpecKeys {
   std::optional<double> TakeNumber(const std::string& key, double minimum);
   std::vector<double> TakeNumbers(const std::string& key);  // separated by "/"
 
-  // The value of a key out of a few words; OptionError for any other.
-  template <typename T, size_t N>
-  std::optional<T> TakeWord(const std::string& key,
-                            const std::array<std::pair<std::string_view, T>, N>& words) {
+  // The same, as the enum's value of that name; OptionError where it has none.
+  template <NamedEnum Enum>
+  std::optional<Enum> TakeNamed(const std::string& key) {
     const auto text = Take(key);
     if (!text) return std::nullopt;
-    std::string names;
-    for (const auto& [name, value] : words) {
-      if (name == *text) return value;
-      if (!names.empty()) names += '|';
-      names += name;
-    }
-    Fail("expected " + key + "=" + names);
+    const auto value = FromName<Enum>(*text);
+    if (!value) Fail("expected " + key + "=" + NameList<Enum>());
+    return value;
   }
 
   // The limits that all surfaces have: near, far, max_incidence_deg, max_depth_jump.

@@ -268,34 +268,6 @@ double FindQuantizationStep(const DepthMap& map) {
   return static_cast<double>(gaps[gaps.size() / 4]);
 }
 
-std::string_view ToString(DepthFault fault) {
-  switch (fault) {
-    case DepthFault::kScale:
-      return "scale";
-    case DepthFault::kPerImageScale:
-      return "per-image scale";
-    case DepthFault::kWarp:
-      return "warp";
-    case DepthFault::kNoise:
-      return "noise";
-    case DepthFault::kAdditiveNoise:
-      return "additive noise";
-    case DepthFault::kMultiplicativeNoise:
-      return "multiplicative noise";
-    case DepthFault::kEdges:
-      return "edges";
-    case DepthFault::kFloaters:
-      return "floaters";
-    case DepthFault::kBubbles:
-      return "bubbles";
-    case DepthFault::kQuantization:
-      return "quantization";
-    case DepthFault::kHoles:
-      return "holes";
-  }
-  return {};
-}
-
 std::vector<Finding> FindFaults(const SourceTraits& traits) {
   const DepthFault noise = KindOfNoise(traits.noise_exponent);
   const DepthFault front = traits.front_is_smooth ? DepthFault::kBubbles : DepthFault::kFloaters;

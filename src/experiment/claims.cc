@@ -48,7 +48,7 @@ class ClaimJudge {
   ClaimJudge(const Experiment& experiment, const Claim& claim,
              std::span<const SettingResult> results)
       : experiment_(experiment), claim_(claim), results_(results) {
-    for (const Axis axis : kAllAxes) {
+    for (const Axis axis : AllValues<Axis>()) {
       const bool is_named = claim.first.values.contains(axis) ||
                             claim.second.values.contains(axis) || claim.to.values.contains(axis);
       if (!IsOfMethod(axis) && !is_named) open_axes_.push_back(axis);
@@ -166,7 +166,7 @@ class ClaimJudge {
   // What the claim names and the method's own values.
   std::string MethodTitleOf(const SettingResult& result) const {
     std::string title;
-    for (const Axis axis : kAllAxes) {
+    for (const Axis axis : AllValues<Axis>()) {
       const bool is_open =
           std::find(open_axes_.begin(), open_axes_.end(), axis) != open_axes_.end();
       if (is_open || result.setting[axis].empty()) continue;
@@ -197,8 +197,7 @@ TableRow Fields(const ClaimLine& line) {
 
 std::string Summary(const JudgedClaim& claim) {
   std::string text;
-  for (const Verdict verdict :
-       {Verdict::kShown, Verdict::kHolds, Verdict::kNoise, Verdict::kContradicted}) {
+  for (const Verdict verdict : AllValues<Verdict>()) {
     const size_t count = claim.Count(verdict);
     if (count == 0) continue;
     text += fmt::format("{}{} {}", text.empty() ? "" : ", ", ToString(verdict), count);
@@ -207,20 +206,6 @@ std::string Summary(const JudgedClaim& claim) {
 }
 
 }  // namespace
-
-std::string_view ToString(Verdict verdict) {
-  switch (verdict) {
-    case Verdict::kShown:
-      return "shown";
-    case Verdict::kHolds:
-      return "holds";
-    case Verdict::kNoise:
-      return "noise";
-    case Verdict::kContradicted:
-      return "contradicted";
-  }
-  return {};
-}
 
 size_t JudgedClaim::Count(Verdict verdict) const {
   return static_cast<size_t>(std::count_if(

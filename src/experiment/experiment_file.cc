@@ -145,8 +145,8 @@ class ExperimentReader {
     if (const auto file = table.Text("scene")) thresholds = TakeSceneFile(Resolve(*file), scene);
     TakePath(table, "model", scene.model);
     scene.model_poses = table.Text("model_poses").value_or(scene.model_poses);
-    if (!PoseConventionFromName(scene.model_poses)) {
-      table.Fail("model_poses", "expected " + PoseConventionNames());
+    if (!FromName<PoseConvention>(scene.model_poses)) {
+      table.Fail("model_poses", "expected " + NameList<PoseConvention>());
     }
     TakePath(table, "images", scene.images);
     TakePath(table, "query_images", scene.query_images);
@@ -246,10 +246,9 @@ class ExperimentReader {
   }
 
   void ReadPoints(TomlTable& table, ExperimentGeometry& geometry) {
-    geometry.mode = table.Named("mode", GeometryModeFromName, "first|all").value_or(geometry.mode);
+    geometry.mode = table.Named<GeometryMode>("mode").value_or(geometry.mode);
     CandidateOptions& candidates = geometry.candidates;
-    candidates.mode = table.Named("candidates", CandidateModeFromName, "keep|merge|triangulate")
-                          .value_or(candidates.mode);
+    candidates.mode = table.Named<CandidateMode>("candidates").value_or(candidates.mode);
     ReadNumber(table, "candidates_error_px", candidates.max_error_px);
     ReadNumber(table, "candidates_min_angle_deg", candidates.min_angle_deg);
     Checked(table, "candidates", [&] { candidates.Validate(); });

@@ -40,23 +40,22 @@ std::string CheckValue(const TomlTable& table, const Experiment& experiment, Axi
               "names of a scene's geometry");
       return value;
     case Axis::kAlign:
-      require(AlignModeFromName(value).has_value(), "off|scale|affine|grid");
+      require(FromName<AlignMode>(value).has_value(), NameList<AlignMode>());
       return value;
     case Axis::kFilter:
       require(std::any_of(experiment.filters.begin(), experiment.filters.end(),
                           [&](const NamedFilter& filter) { return filter.name == value; }),
-              "off|fixed|auto or names of [filters]");
+              NameList<FilterMode>() + " or names of [filters]");
       return value;
     case Axis::kMethod:
-      require(value == kOracle || MethodFromName(value).has_value(),
-              "p3p|e5p1|adaptive|select|hybrid_ransac|hloc|oracle");
+      require(value == kOracle || FromName<Method>(value).has_value(),
+              fmt::format("{}|{}", NameList<Method>(), kOracle));
       return value;
     case Axis::kScore:
-      require(ScoreCombinationFromName(value).has_value(),
-              "sum_inl|sum_inl_rat|mult_inl|sum_msac|mult_msac");
+      require(FromName<ScoreCombination>(value).has_value(), NameList<ScoreCombination>());
       return value;
     case Axis::kLo:
-      require(LocalOptimizationFromName(value).has_value(), "hybrid|split");
+      require(FromName<LocalOptimization>(value).has_value(), NameList<LocalOptimization>());
       return value;
     case Axis::kAlpha: {
       const auto number = ParseDouble(value);
@@ -72,10 +71,10 @@ std::vector<std::string> ReadAxes(TomlTable& table, std::string_view key) {
                                                   "filter_min_ratio"};
   std::vector<std::string> axes = table.Values(key);
   for (const std::string& axis : axes) {
-    if (!AxisFromName(axis) && !kOfFilter.contains(axis)) {
+    if (!FromName<Axis>(axis) && !kOfFilter.contains(axis)) {
       table.Fail(key, fmt::format("expected {}, filter_reprojection_px|filter_min_views|"
                                   "filter_min_ratio, found \"{}\"",
-                                  AxisNames(), axis));
+                                  NameList<Axis>(), axis));
     }
   }
   return axes;
@@ -118,8 +117,7 @@ class LayoutReader {
     claim.where = ReadSelection(table, "where");
     claim.first = ReadSelection(table, "first");
     claim.second = ReadSelection(table, "second");
-    claim.relation =
-        table.Named("relation", &RelationFromName, "better|not_worse").value_or(claim.relation);
+    claim.relation = table.Named<Claim::Relation>("relation").value_or(claim.relation);
     claim.from = ReadSelection(table, "from");
     claim.to = ReadSelection(table, "to");
     for (const auto& [key, selection] :
@@ -155,14 +153,7 @@ class LayoutReader {
   }
 
   static TableValue ReadValue(TomlTable& table) {
-    return table.Named("value", &TableValueFromName, "recalls|median|auc|localized")
-        .value_or(TableValue::kRecalls);
-  }
-
-  static std::optional<Claim::Relation> RelationFromName(std::string_view name) {
-    if (name == "better") return Claim::Relation::kBetter;
-    if (name == "not_worse") return Claim::Relation::kNotWorse;
-    return std::nullopt;
+    return table.Named<TableValue>("value").value_or(TableValue::kRecalls);
   }
 
   Experiment& experiment_;
@@ -173,7 +164,7 @@ class LayoutReader {
 
 Selection ReadSelection(TomlTable& table, const Experiment& experiment) {
   Selection selection;
-  for (const Axis axis : kAllAxes) {
+  for (const Axis axis : AllValues<Axis>()) {
     std::vector<std::string> values = table.Values(ToString(axis));
     if (values.empty()) continue;
     for (std::string& value : values) value = CheckValue(table, experiment, axis, value);

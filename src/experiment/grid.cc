@@ -33,7 +33,7 @@ class GridExpansion {
       Add(setting);
       return;
     }
-    const Axis axis = kAllAxes[depth];
+    const Axis axis = AllValues<Axis>()[depth];
     for (const std::string& value : ValuesOf(block, axis, setting)) {
       setting[axis] = value;
       Descend(block, depth + 1, setting);

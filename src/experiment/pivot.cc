@@ -1,7 +1,6 @@
 #include "raylift/experiment/pivot.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 #include <set>
@@ -14,27 +13,9 @@
 namespace raylift {
 namespace {
 
-constexpr std::array<std::pair<TableValue, std::string_view>, 4> kValueNames = {
-    {{TableValue::kRecalls, "recalls"},
-     {TableValue::kMedian, "median"},
-     {TableValue::kAuc, "auc"},
-     {TableValue::kLocalized, "localized"}}};
-
-std::string ScoreTitle(const std::string& score) {
-  static const std::map<std::string, std::string> kTitles = {{"sum_inl", "sum. inl."},
-                                                             {"sum_inl_rat", "sum. inl. rat."},
-                                                             {"mult_inl", "mult. inl."},
-                                                             {"sum_msac", "sum. msac"},
-                                                             {"mult_msac", "mult. msac"}};
-  return kTitles.at(score);
-}
-
 std::string MethodTitleOf(const std::string& method) {
   if (method == kOracle) return "Oracle";
-  for (const MethodName& name : AllMethods()) {
-    if (name.name == method) return std::string(name.title);
-  }
-  return method;
+  return std::string(TitleOf(FromName<Method>(method).value()));
 }
 
 std::string FilterTitle(const Experiment& experiment, const Setting& setting,
@@ -51,7 +32,7 @@ std::string FilterTitle(const Experiment& experiment, const Setting& setting,
 
 // What tells settings apart on an axis; empty: it does not matter.
 std::string Value(const Experiment& experiment, const Setting& setting, const std::string& axis) {
-  if (const auto known = AxisFromName(axis)) return setting[*known];
+  if (const auto known = FromName<Axis>(axis)) return setting[*known];
   return FilterTitle(experiment, setting, axis);
 }
 
@@ -166,31 +147,9 @@ void RankColumn(PivotTable& table, size_t column) {
 
 }  // namespace
 
-std::string_view ToString(TableValue value) {
-  for (const auto& [known, name] : kValueNames) {
-    if (known == value) return name;
-  }
-  return {};
-}
-
-std::optional<TableValue> TableValueFromName(std::string_view name) {
-  for (const auto& [value, known] : kValueNames) {
-    if (known == name) return value;
-  }
-  return std::nullopt;
-}
-
 std::string AxisTitle(const std::string& axis) {
-  static const std::map<std::string, std::string> kTitles = {{"scene", "Scene"},
-                                                             {"every", "References"},
-                                                             {"geometry", "Geometry"},
-                                                             {"align", "Alignment"},
-                                                             {"filter", "Filter"},
-                                                             {"method", "Method"},
-                                                             {"score", "Scoring"},
-                                                             {"lo", "LO"},
-                                                             {"alpha", "alpha"},
-                                                             {"filter_reprojection_px", "RE thr."},
+  if (const auto known = FromName<Axis>(axis)) return std::string(TitleOf(*known));
+  static const std::map<std::string, std::string> kTitles = {{"filter_reprojection_px", "RE thr."},
                                                              {"filter_min_views", "in. thr."},
                                                              {"filter_min_ratio", "rel. thr."}};
   return kTitles.at(axis);
@@ -199,7 +158,7 @@ std::string AxisTitle(const std::string& axis) {
 std::string ValueTitle(const Experiment& experiment, const Setting& setting,
                        const std::string& axis) {
   const std::string value = Value(experiment, setting, axis);
-  const auto known = AxisFromName(axis);
+  const auto known = FromName<Axis>(axis);
   if (value.empty() || !known) return value;
   const ExperimentScene& scene = experiment.SceneOf(setting);
   switch (*known) {
@@ -212,7 +171,7 @@ std::string ValueTitle(const Experiment& experiment, const Setting& setting,
     case Axis::kMethod:
       return MethodTitleOf(value);
     case Axis::kScore:
-      return ScoreTitle(value);
+      return std::string(TitleOf(FromName<ScoreCombination>(value).value()));
     case Axis::kAlign:
     case Axis::kFilter:
     case Axis::kLo:

@@ -152,7 +152,7 @@ double MedianOver(const std::vector<Comparison>& comparisons, const Value& value
 // A name that any file system takes.
 std::string FileName(const Setting& setting, Run run) {
   std::string name;
-  for (const Axis axis : kAllAxes) {
+  for (const Axis axis : AllValues<Axis>()) {
     if (axis == Axis::kScene || setting[axis].empty()) continue;
     if (!name.empty()) name += '-';
     if (axis == Axis::kEvery) name += "every";
@@ -227,7 +227,7 @@ std::vector<SettingResult> CollectResults(const Experiment& experiment,
 
 std::string FormatResultsCsv(std::span<const SettingResult> results) {
   TableRow header;
-  for (const Axis axis : kAllAxes) header.emplace_back(ToString(axis));
+  for (const Axis axis : AllValues<Axis>()) header.emplace_back(ToString(axis));
   for (const char* name :
        {"uses_ground_truth", "queries", "runs", "localized_percent", "threshold_position",
         "threshold_deg", "recall_percent", "recall_lowest_run", "recall_highest_run", "auc_percent",

@@ -1,7 +1,6 @@
 #include "raylift/localization/retrieval.h"
 
 #include <algorithm>
-#include <array>
 #include <numeric>
 #include <utility>
 
@@ -11,13 +10,6 @@
 
 namespace raylift {
 namespace {
-
-constexpr std::array<std::pair<RetrievalMethod, std::string_view>, 5> kMethods = {
-    {{RetrievalMethod::kVlad, "vlad"},
-     {RetrievalMethod::kGlobal, "global"},
-     {RetrievalMethod::kPose, "pose"},
-     {RetrievalMethod::kOverlap, "overlap"},
-     {RetrievalMethod::kCovisibility, "covisibility"}}};
 
 template <typename T>
 std::vector<std::string> NamesOf(std::span<const T> images) {
@@ -108,27 +100,6 @@ Retrieval RetrieveSorted(std::span<const Query> queries, std::span<const PosedIm
 }
 
 }  // namespace
-
-std::optional<RetrievalMethod> RetrievalMethodFromName(std::string_view name) {
-  for (const auto& [method, method_name] : kMethods) {
-    if (method_name == name) return method;
-  }
-  return std::nullopt;
-}
-
-std::string_view ToString(RetrievalMethod method) {
-  return std::find_if(kMethods.begin(), kMethods.end(),
-                      [&](const auto& named) { return named.first == method; })
-      ->second;
-}
-
-std::string RetrievalMethodNames() {
-  std::string names;
-  for (const auto& [method, name] : kMethods) {
-    names += fmt::format("{}{}", names.empty() ? "" : "|", name);
-  }
-  return names;
-}
 
 Retrieval RetrieveReferences(std::span<const Query> queries, std::span<const PosedImage> references,
                              const RetrievalOptions& options) {

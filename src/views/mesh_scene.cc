@@ -18,10 +18,6 @@ using Clock = std::chrono::steady_clock;
 
 using BuildQuality = RayCasterOptions::BuildQuality;
 
-std::string_view ToString(BuildQuality build) {
-  return build == BuildQuality::kLow ? "low" : "medium";
-}
-
 struct SceneSpec {
   std::vector<std::string> files;
   std::optional<BuildQuality> build;

@@ -1,7 +1,6 @@
 #include "raylift/views/product.h"
 
 #include <algorithm>
-#include <utility>
 
 #include <fmt/format.h>
 
@@ -13,16 +12,6 @@ namespace raylift {
 namespace {
 
 using std::filesystem::path;
-
-constexpr std::array<std::pair<Product, std::string_view>, kAllProducts.size()> kNames = {{
-    {Product::kDepth, "depth"},
-    {Product::kDistance, "distance"},
-    {Product::kNormals, "normals"},
-    {Product::kColor, "color"},
-    {Product::kTriangle, "triangle"},
-    {Product::kIncidence, "incidence"},
-    {Product::kMask, "mask"},
-}};
 
 constexpr std::array<std::string_view, 7> kOfDepth = {"exr", "npy",  "npz", "png",
                                                       "bin", "tiff", "pfm"};
@@ -78,20 +67,6 @@ DepthWriteOptions OptionsFor(const ProductOutput& output, const DepthWriteOption
 }
 
 }  // namespace
-
-std::string_view ToString(Product product) {
-  for (const auto& [value, name] : kNames) {
-    if (value == product) return name;
-  }
-  return {};
-}
-
-std::optional<Product> ProductFromName(std::string_view name) {
-  for (const auto& [value, known] : kNames) {
-    if (known == name) return value;
-  }
-  return std::nullopt;
-}
 
 std::span<const std::string_view> FormatsOf(Product product) {
   switch (product) {

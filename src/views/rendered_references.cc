@@ -1,7 +1,6 @@
 #include "raylift/views/rendered_references.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
 #include <utility>
@@ -25,12 +24,6 @@ constexpr double kMaxFovDeg = 100;
 constexpr int kJpegQuality = 96;
 // Below this share of the mesh's size nothing is gained by keeping away from surfaces.
 constexpr double kMaxClearance = 0.05;
-
-constexpr std::array<std::pair<ViewKind, std::string_view>, 4> kKinds = {
-    {{ViewKind::kAuto, "auto"},
-     {ViewKind::kInside, "inside"},
-     {ViewKind::kAround, "around"},
-     {ViewKind::kCover, "cover"}}};
 
 // Through the middle row; none where the lens does not see it.
 std::optional<double> HorizontalFovDeg(const Camera& camera) {
@@ -97,20 +90,6 @@ void RenameImages(ColmapModel& model) {
 }
 
 }  // namespace
-
-std::string_view ToString(ViewKind kind) {
-  for (const auto& [value, name] : kKinds) {
-    if (value == kind) return name;
-  }
-  return {};
-}
-
-std::optional<ViewKind> ViewKindFromName(std::string_view name) {
-  for (const auto& [value, text] : kKinds) {
-    if (text == name) return value;
-  }
-  return std::nullopt;
-}
 
 Camera CameraLikeQueries(std::span<const Camera> queries, const std::optional<PlaneSize>& size,
                          const std::optional<double>& fov_deg) {

@@ -39,10 +39,10 @@ std::vector<Variant> AllVariants() {
   standard.reprojection_threshold_px = 4;
   standard.sampson_threshold_px = 2;
   std::vector<Variant> variants;
-  for (const MethodName& method : AllMethods()) {
+  for (const EnumName<Method>& method : kEnumNames<Method>) {
     EstimatorOptions options = standard;
-    options.method = method.method;
-    if (method.method == Method::kAdaptive) {
+    options.method = method.value;
+    if (method.value == Method::kAdaptive) {
       using enum ScoreCombination;
       for (const auto score : {kSumInliers, kSumInlierRatios, kMultInliers, kSumMsac, kMultMsac}) {
         for (const auto local : {LocalOptimization::kHybrid, LocalOptimization::kSplit}) {
@@ -52,7 +52,7 @@ std::vector<Variant> AllVariants() {
               {fmt::format("Adaptive {} {}", ToString(score), ToString(local)), options});
         }
       }
-    } else if (method.method == Method::kSelect) {
+    } else if (method.value == Method::kSelect) {
       for (const double alpha : {0.7, 0.8, 0.9, 1.0}) {
         options.alpha = alpha;
         variants.push_back({fmt::format("Select {:.1f}", alpha), options});

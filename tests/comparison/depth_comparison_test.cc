@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "compared_room.h"
+#include "support/enum_names.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>
 #include <nlohmann/json.hpp>
@@ -202,6 +203,10 @@ TEST(ComparisonTables, HoldTheSameNumbers) {
   const std::string text = FormatComparisonText(comparison);
   EXPECT_THAT(text, ::testing::HasSubstr("mesh (truth)"));
   EXPECT_THAT(text, ::testing::HasSubstr("scale: depth is 10.0 % too large"));
+}
+
+TEST(DepthFault, EachHasAName) {
+  EXPECT_TRUE(NamesEveryValue<DepthFault>());
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include "estimation/kernels/kernel_table.h"
 #include "estimation/standard_options.h"
+#include "support/enum_names.h"
 #include "support/matchers.h"
 #include "support/synthetic_problem.h"
 
@@ -241,23 +242,15 @@ TEST(EstimatorOptions, ValuesOutOfRangeAreRefusedByName) {
   EXPECT_NO_THROW(EstimatorOptions{}.Validate());
 }
 
-TEST(Names, EveryNameLeadsBack) {
-  for (const MethodName& entry : AllMethods()) {
-    EXPECT_EQ(MethodFromName(entry.name), entry.method);
-    EXPECT_EQ(ToString(entry.method), entry.name);
-    EXPECT_FALSE(entry.title.empty() || entry.description.empty());
+TEST(Names, EveryValueHasOne) {
+  EXPECT_TRUE(NamesEveryValue<Method>());
+  EXPECT_TRUE(NamesEveryValue<ScoreCombination>());
+  EXPECT_TRUE(NamesEveryValue<LocalOptimization>());
+  EXPECT_TRUE(NamesEveryValue<Solver>());
+  EXPECT_TRUE(NamesEveryValue<FailureReason>());
+  for (const EnumName<Method>& method : kEnumNames<Method>) {
+    EXPECT_FALSE(method.title.empty() || method.description.empty()) << method.name;
   }
-  for (const auto score :
-       {ScoreCombination::kSumInliers, ScoreCombination::kSumInlierRatios,
-        ScoreCombination::kMultInliers, ScoreCombination::kSumMsac, ScoreCombination::kMultMsac}) {
-    EXPECT_EQ(ScoreCombinationFromName(ToString(score)), score);
-  }
-  for (const auto lo : {LocalOptimization::kHybrid, LocalOptimization::kSplit}) {
-    EXPECT_EQ(LocalOptimizationFromName(ToString(lo)), lo);
-  }
-  EXPECT_FALSE(MethodFromName("magic"));
-  EXPECT_FALSE(ScoreCombinationFromName("magic"));
-  EXPECT_FALSE(LocalOptimizationFromName(""));
 }
 
 }  // namespace

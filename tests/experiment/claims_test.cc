@@ -1,6 +1,7 @@
 #include "raylift/experiment/claims.h"
 
 #include "experiment/test_experiments.h"
+#include "support/enum_names.h"
 #include <gmock/gmock.h>
 
 namespace raylift {
@@ -79,6 +80,11 @@ TEST(Claims, FormsNameTheVerdict) {
               ::testing::HasSubstr("1,\"The room, 1/1, mesh\",P3P,E5+1,\"recall (0.1, 1deg)\",95.0,"
                                    "60.0,+35.0,"));
   EXPECT_THAT(FormatClaimsMarkdown(judged), ::testing::HasSubstr("**1. t** shown 2"));
+}
+
+TEST(Claims, TheirValuesHaveNames) {
+  EXPECT_TRUE(NamesEveryValue<Verdict>());
+  EXPECT_TRUE(NamesEveryValue<Claim::Relation>());
 }
 
 }  // namespace

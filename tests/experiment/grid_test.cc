@@ -1,4 +1,5 @@
 #include "experiment/test_experiments.h"
+#include "support/enum_names.h"
 #include <gmock/gmock.h>
 
 #include "raylift/base/error.h"
@@ -74,6 +75,11 @@ TEST(Grid, AMethodThatNeedsGeometryAndHasNoneIsAnError) {
   } catch (const InputError& error) {
     EXPECT_THAT(error.what(), ::testing::HasSubstr("p3p needs geometry, the scene hall has none"));
   }
+}
+
+TEST(Axis, EachHasAName) {
+  EXPECT_TRUE(NamesEveryValue<Axis>());
+  EXPECT_TRUE(NamesEveryValue<TableValue>());
 }
 
 }  // namespace

@@ -232,7 +232,7 @@ TEST(DepthForOthers, OpenCvReadsPicturesAndExrOfEveryCompression) {
           folder / (std::string(name) + (sample == FloatSample::kFloat16 ? "_half.exr" : ".exr")),
           MakeRamp(),
           {.sample = sample,
-           .exr_compression = ExrCompressionFromName(name).value(),
+           .exr_compression = FromName<ExrCompression>(name).value(),
            .layer = "Y"});
     }
   }

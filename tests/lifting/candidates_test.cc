@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "support/enum_names.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include <gtest/gtest.h>
@@ -211,9 +212,9 @@ TEST(CandidateOptions, OutOfRangeIsAnOptionError) {
   EXPECT_THROW(CandidateOptions{.max_error_px = 0}.Validate(), OptionError);
   EXPECT_THROW(CandidateOptions{.min_angle_deg = -1}.Validate(), OptionError);
   EXPECT_THROW(CandidateOptions{.min_angle_deg = 90}.Validate(), OptionError);
-  EXPECT_EQ(CandidateModeFromName("merge"), CandidateMode::kMerge);
-  EXPECT_EQ(CandidateModeFromName("mean"), std::nullopt);
 }
+
+TEST(CandidateOptions, ModesHaveNames) { EXPECT_TRUE(NamesEveryValue<CandidateMode>()); }
 
 }  // namespace
 }  // namespace raylift

@@ -1,5 +1,6 @@
 #include "raylift/lifting/consistency_filter.h"
 
+#include "support/enum_names.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include <gtest/gtest.h>
@@ -156,6 +157,8 @@ TEST(ConsistencyThresholds, OutOfRangeIsAnOptionError) {
   EXPECT_THROW((ConsistencyThresholds{4, 3, 1.1}.Validate()), OptionError);
   EXPECT_NO_THROW(ConsistencyThresholds{}.Validate());
 }
+
+TEST(ConsistencyFilter, ModesHaveNames) { EXPECT_TRUE(NamesEveryValue<FilterMode>()); }
 
 }  // namespace
 }  // namespace raylift

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "room.h"
+#include "support/enum_names.h"
 #include "support/matchers.h"
 #include <gtest/gtest.h>
 
@@ -172,6 +173,8 @@ TEST(TransitiveMatches, JoinReferencesThatAreMatchedWithOneQueryKeypoint) {
   EXPECT_EQ(pairs[0].a_px, Eigen::Vector2d(10, 11));
   EXPECT_EQ(pairs[0].b_px, Eigen::Vector2d(40, 41));
 }
+
+TEST(AlignMode, EachHasAName) { EXPECT_TRUE(NamesEveryValue<AlignMode>()); }
 
 }  // namespace
 }  // namespace raylift

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <functional>
 
+#include "support/enum_names.h"
 #include "support/matchers.h"
 
 namespace raylift {
@@ -132,6 +133,10 @@ TEST(SampleDepth, NearestIsThePixelsOwnDepth) {
     EXPECT_FLOAT_EQ(static_cast<float>(sample->z),
                     map.At(static_cast<int>(at.x()), static_cast<int>(at.y())));
   }
+}
+
+TEST(DepthInterpolation, EachHasAName) {
+  EXPECT_TRUE(NamesEveryValue<DepthInterpolation>());
 }
 
 }  // namespace

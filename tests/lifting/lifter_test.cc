@@ -1,5 +1,6 @@
 #include "raylift/lifting/lifter.h"
 
+#include "support/enum_names.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include <Eigen/Geometry>
@@ -152,6 +153,8 @@ TEST(LiftMatches, NoMatchesGiveAnEmptyResult) {
   EXPECT_TRUE(result.lifted.empty());
   EXPECT_EQ(result.counts.matches, 0u);
 }
+
+TEST(GeometryMode, EachHasAName) { EXPECT_TRUE(NamesEveryValue<GeometryMode>()); }
 
 }  // namespace
 }  // namespace raylift

@@ -4,6 +4,7 @@
 #include <limits>
 #include <numbers>
 
+#include "support/enum_names.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include <Eigen/Geometry>
@@ -213,6 +214,11 @@ TEST(MeshSource, PixelsWithoutRayOrSurfaceHaveNoPoint) {
   EXPECT_FALSE(points[2]);
   EXPECT_TRUE(points[3]);
   for (size_t i = 4; i < pixels.size(); ++i) EXPECT_FALSE(points[i]);
+}
+
+TEST(SurfaceLimits, TheirValuesHaveNames) {
+  EXPECT_TRUE(NamesEveryValue<SurfaceLimits::BackFaces>());
+  EXPECT_TRUE(NamesEveryValue<RayCasterOptions::BuildQuality>());
 }
 
 }  // namespace

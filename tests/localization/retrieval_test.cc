@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "io/h5py.h"
+#include "support/enum_names.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include "support/test_data.h"
@@ -252,12 +253,7 @@ TEST(Covisibility, RanksBySharedPoints) {
   EXPECT_FALSE(covisibility.Knows("x"));
 }
 
-TEST(RetrievalMethods, HaveNames) {
-  EXPECT_EQ(RetrievalMethodNames(), "vlad|global|pose|overlap|covisibility");
-  EXPECT_EQ(RetrievalMethodFromName("overlap"), RetrievalMethod::kOverlap);
-  EXPECT_EQ(ToString(RetrievalMethod::kGlobal), "global");
-  EXPECT_FALSE(RetrievalMethodFromName("Global"));
-}
+TEST(RetrievalMethods, HaveNames) { EXPECT_TRUE(NamesEveryValue<RetrievalMethod>()); }
 
 }  // namespace
 }  // namespace raylift

@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 
+#include "support/enum_names.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include "support/test_data.h"
@@ -177,6 +178,11 @@ TEST(FrameRenderer, DepthOfARealMeshIsThatOfAPlainLoop) {
   EXPECT_GT(hits, 130u);
   // Rays that pass a silhouette within the rounding of float may fall on its other side.
   EXPECT_LE(differ, 1u) << "of " << hits;
+}
+
+TEST(FrameOptions, TheirValuesHaveNames) {
+  EXPECT_TRUE(NamesEveryValue<ColorOptions::Shading>());
+  EXPECT_TRUE(NamesEveryValue<FrameOptions::NormalsIn>());
 }
 
 }  // namespace

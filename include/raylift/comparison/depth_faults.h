@@ -17,9 +17,9 @@
 #include <optional>
 #include <span>
 #include <string>
-#include <string_view>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/scene/depth_map.h"
 
 namespace raylift {
@@ -67,7 +67,20 @@ enum class DepthFault {
   kQuantization,
   kHoles,
 };
-std::string_view ToString(DepthFault fault);
+template <>
+inline constexpr auto kEnumNames<DepthFault> = std::to_array<EnumName<DepthFault>>({
+    {DepthFault::kScale, "scale"},
+    {DepthFault::kPerImageScale, "per-image scale"},
+    {DepthFault::kWarp, "warp"},
+    {DepthFault::kNoise, "noise"},
+    {DepthFault::kAdditiveNoise, "additive noise"},
+    {DepthFault::kMultiplicativeNoise, "multiplicative noise"},
+    {DepthFault::kEdges, "edges"},
+    {DepthFault::kFloaters, "floaters"},
+    {DepthFault::kBubbles, "bubbles"},
+    {DepthFault::kQuantization, "quantization"},
+    {DepthFault::kHoles, "holes"},
+});
 
 struct Finding {
   DepthFault fault;

@@ -18,19 +18,34 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
-#include <span>
-#include <string>
 #include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/scene/pose_problem.h"
 
 namespace raylift {
 
 enum class Method { kP3p, kE5p1, kAdaptive, kSelect, kHybridRansac, kHloc };
+template <>
+inline constexpr auto kEnumNames<Method> = std::to_array<EnumName<Method>>({
+    {Method::kP3p, "p3p", "P3P", "LO-RANSAC on the 2D-3D matches"},
+    {Method::kE5p1, "e5p1", "E5+1", "LO-RANSAC on the 2D-2D matches; needs no geometry"},
+    {Method::kAdaptive, "adaptive", "Adaptive",
+     "both samples in every iteration, scored on both match sets"},
+    {Method::kSelect, "select", "Select",
+     "P3P and E5+1 apart, then one of them by its 2D-2D inliers"},
+    {Method::kHybridRansac, "hybrid_ransac", "Hybrid RANSAC",
+     "solver drawn by probability, summed inliers (Camposeco et al. 2018)"},
+    {Method::kHloc, "hloc", "HLoc",
+     "P3P per covisibility cluster of the references, best by inliers"},
+});
+inline std::optional<Method> MethodFromName(std::string_view name) {
+  return FromName<Method>(name);
+}
 
 // How the scores of the two match sets become one (Eqs. 1 to 5): I inliers, N matches, M MSAC sums.
 enum class ScoreCombination {
@@ -40,14 +55,38 @@ enum class ScoreCombination {
   kSumMsac,          // M_3D / t_3D^2 + M_2D / t_2D^2
   kMultMsac,         // M_3D * M_2D
 };
+template <>
+inline constexpr auto kEnumNames<ScoreCombination> = std::to_array<EnumName<ScoreCombination>>({
+    {ScoreCombination::kSumInliers, "sum_inl", "sum. inl."},
+    {ScoreCombination::kSumInlierRatios, "sum_inl_rat", "sum. inl. rat."},
+    {ScoreCombination::kMultInliers, "mult_inl", "mult. inl."},
+    {ScoreCombination::kSumMsac, "sum_msac", "sum. msac"},
+    {ScoreCombination::kMultMsac, "mult_msac", "mult. msac"},
+});
+inline std::optional<ScoreCombination> ScoreCombinationFromName(std::string_view name) {
+  return FromName<ScoreCombination>(name);
+}
 
 // Which residuals refine a new best pose of Adaptive.
 enum class LocalOptimization {
   kHybrid,  // both kinds
   kSplit,   // the kind of the solver that made the hypothesis
 };
+template <>
+inline constexpr auto kEnumNames<LocalOptimization> = std::to_array<EnumName<LocalOptimization>>({
+    {LocalOptimization::kHybrid, "hybrid"},
+    {LocalOptimization::kSplit, "split"},
+});
+inline std::optional<LocalOptimization> LocalOptimizationFromName(std::string_view name) {
+  return FromName<LocalOptimization>(name);
+}
 
 enum class Solver { kP3p, kE5p1 };
+template <>
+inline constexpr auto kEnumNames<Solver> = std::to_array<EnumName<Solver>>({
+    {Solver::kP3p, "p3p"},
+    {Solver::kE5p1, "e5p1"},
+});
 
 struct EstimatorOptions {
   Method method = Method::kAdaptive;
@@ -79,6 +118,13 @@ enum class FailureReason {
   kNoReferencePair,     // E5+1 alone: no reference with five matches and another with one
   kNoConsistentSample,  // no sample gave a pose that enough matches agree on
 };
+template <>
+inline constexpr auto kEnumNames<FailureReason> = std::to_array<EnumName<FailureReason>>({
+    {FailureReason::kNone, "ok"},
+    {FailureReason::kTooFewMatches, "too few matches"},
+    {FailureReason::kNoReferencePair, "no reference has five matches"},
+    {FailureReason::kNoConsistentSample, "no pose that enough matches agree on"},
+});
 
 // The score of one match set under one pose.
 struct MatchSetScore {
@@ -128,22 +174,5 @@ class PoseEstimator {
 // Throws OptionError where the options are out of range. Matches that are not finite, or whose
 // pixel has no ray, count as outliers.
 std::unique_ptr<PoseEstimator> MakePoseEstimator(const EstimatorOptions& options);
-
-// One table of names drives options, help and result tables.
-struct MethodName {
-  Method method;
-  std::string_view name;         // on the command line and in files, e.g. "e5p1"
-  std::string_view title;        // in tables, e.g. "E5+1"
-  std::string_view description;  // one line of help
-};
-std::span<const MethodName> AllMethods();
-std::string_view ToString(Method method);
-std::string_view ToString(ScoreCombination score);
-std::string_view ToString(LocalOptimization local_optimization);
-std::string_view ToString(Solver solver);
-std::string_view ToString(FailureReason reason);  // one readable phrase
-std::optional<Method> MethodFromName(std::string_view name);
-std::optional<ScoreCombination> ScoreCombinationFromName(std::string_view name);
-std::optional<LocalOptimization> LocalOptimizationFromName(std::string_view name);
 
 }  // namespace raylift

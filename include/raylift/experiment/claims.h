@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/evaluation/bootstrap.h"
 #include "raylift/experiment/experiment.h"
 #include "raylift/experiment/results.h"
@@ -20,7 +21,13 @@ enum class Verdict {
   kNoise,         // the interval contains 0
   kContradicted,  // the whole interval is below 0
 };
-std::string_view ToString(Verdict verdict);
+template <>
+inline constexpr auto kEnumNames<Verdict> = std::to_array<EnumName<Verdict>>({
+    {Verdict::kShown, "shown"},
+    {Verdict::kHolds, "holds"},
+    {Verdict::kNoise, "noise"},
+    {Verdict::kContradicted, "contradicted"},
+});
 
 struct ClaimLine {
   std::string place;          // "The demo, 1/5, mesh"

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/evaluation/depth_perturbation.h"
 #include "raylift/evaluation/recall.h"
@@ -74,8 +75,13 @@ enum class TableValue {
   kAuc,        // under the recall curve up to each threshold
   kLocalized,  // share of queries with a pose
 };
-std::string_view ToString(TableValue value);
-std::optional<TableValue> TableValueFromName(std::string_view name);
+template <>
+inline constexpr auto kEnumNames<TableValue> = std::to_array<EnumName<TableValue>>({
+    {TableValue::kRecalls, "recalls"},
+    {TableValue::kMedian, "median"},
+    {TableValue::kAuc, "auc"},
+    {TableValue::kLocalized, "localized"},
+});
 
 struct TableLayout {
   std::string name;  // of its files
@@ -106,6 +112,11 @@ struct Claim {
   // Where both are given, what is compared is not the value but how it changes between the two.
   Selection from, to;
 };
+template <>
+inline constexpr auto kEnumNames<Claim::Relation> = std::to_array<EnumName<Claim::Relation>>({
+    {Claim::Relation::kBetter, "better"},
+    {Claim::Relation::kNotWorse, "not_worse"},
+});
 
 struct Experiment {
   std::filesystem::path file;

@@ -7,22 +7,28 @@
 #include <compare>
 #include <cstddef>
 #include <map>
-#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
+
 namespace raylift {
 
 enum class Axis { kScene, kEvery, kGeometry, kAlign, kFilter, kMethod, kScore, kLo, kAlpha };
-constexpr size_t kNumAxes = 9;
-constexpr std::array<Axis, kNumAxes> kAllAxes = {Axis::kScene, Axis::kEvery,  Axis::kGeometry,
-                                                 Axis::kAlign, Axis::kFilter, Axis::kMethod,
-                                                 Axis::kScore, Axis::kLo,     Axis::kAlpha};
-
-std::string_view ToString(Axis axis);  // "scene", "every", ...
-std::optional<Axis> AxisFromName(std::string_view name);
-std::string AxisNames();  // "scene|every|..."
+template <>
+inline constexpr auto kEnumNames<Axis> = std::to_array<EnumName<Axis>>({
+    {Axis::kScene, "scene", "Scene"},
+    {Axis::kEvery, "every", "References"},
+    {Axis::kGeometry, "geometry", "Geometry"},
+    {Axis::kAlign, "align", "Alignment"},
+    {Axis::kFilter, "filter", "Filter"},
+    {Axis::kMethod, "method", "Method"},
+    {Axis::kScore, "score", "Scoring"},
+    {Axis::kLo, "lo", "LO"},
+    {Axis::kAlpha, "alpha"},
+});
+constexpr size_t kNumAxes = kEnumNames<Axis>.size();
 
 // The axes that say what the method is, and not what it is given.
 constexpr bool IsOfMethod(Axis axis) { return axis >= Axis::kMethod; }

@@ -4,9 +4,9 @@
 #pragma once
 
 #include <optional>
-#include <string>
 #include <string_view>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/geometry/rigid3.h"
 
 namespace raylift {
@@ -17,9 +17,17 @@ enum class PoseConvention {
   kOpenGlCamFromWorld,     // the camera's y up, z backward
   kWorldFromOpenGlCamera,  // as in NeRF's transforms.json
 };
-std::string_view ToString(PoseConvention convention);
-std::optional<PoseConvention> PoseConventionFromName(std::string_view name);
-std::string PoseConventionNames();  // "cam_from_world|..."
+template <>
+inline constexpr auto kEnumNames<PoseConvention> = std::to_array<EnumName<PoseConvention>>({
+    {PoseConvention::kCamFromWorld, "cam_from_world", "world to camera"},
+    {PoseConvention::kWorldFromCam, "world_from_cam", "camera to world"},
+    {PoseConvention::kOpenGlCamFromWorld, "opengl", "world to camera in OpenGL's axes"},
+    {PoseConvention::kWorldFromOpenGlCamera, "world_from_opengl",
+     "camera to world in OpenGL's axes"},
+});
+inline std::optional<PoseConvention> PoseConventionFromName(std::string_view name) {
+  return FromName<PoseConvention>(name);
+}
 
 // The pose that a stored one means.
 Rigid3 CamFromWorld(const Rigid3& stored, PoseConvention convention);

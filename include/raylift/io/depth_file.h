@@ -9,9 +9,9 @@
 #include <optional>
 #include <span>
 #include <string>
-#include <string_view>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/scene/depth_map.h"
 
 namespace raylift {
@@ -28,7 +28,19 @@ enum class DepthFileFormat {
   kPfm,     // portable float map, one channel
   kRaw,     // float32, little endian, without any header (kapture, ETH3D)
 };
-std::string_view ToString(DepthFileFormat format);
+template <>
+inline constexpr auto kEnumNames<DepthFileFormat> = std::to_array<EnumName<DepthFileFormat>>({
+    {DepthFileFormat::kExr, "EXR"},
+    {DepthFileFormat::kPng, "PNG"},
+    {DepthFileFormat::kTiff, "TIFF"},
+    {DepthFileFormat::kPgm, "PGM"},
+    {DepthFileFormat::kNpy, "NPY"},
+    {DepthFileFormat::kNpz, "NPZ"},
+    {DepthFileFormat::kNpyGz, "NPY.GZ"},
+    {DepthFileFormat::kColmap, "COLMAP"},
+    {DepthFileFormat::kPfm, "PFM"},
+    {DepthFileFormat::kRaw, "raw"},
+});
 // The format that a file name asks for: .exr, .png, .tif, .tiff, .pgm, .npy, .npz, .npy.gz, .bin,
 // .pfm, .depth.
 std::optional<DepthFileFormat> DepthFileFormatFromName(const std::filesystem::path& path);
@@ -68,10 +80,22 @@ StoredDepth ParseDepthFile(const std::filesystem::path& path_for_messages, std::
                            const DepthReadOptions& options = {});
 
 enum class ExrCompression { kNone, kZips, kZip, kPiz, kPxr24, kDwaa };
-std::string_view ToString(ExrCompression compression);
-std::optional<ExrCompression> ExrCompressionFromName(std::string_view name);  // "pxr24", ...
+template <>
+inline constexpr auto kEnumNames<ExrCompression> = std::to_array<EnumName<ExrCompression>>({
+    {ExrCompression::kNone, "none"},
+    {ExrCompression::kZips, "zips"},
+    {ExrCompression::kZip, "zip"},
+    {ExrCompression::kPiz, "piz"},
+    {ExrCompression::kPxr24, "pxr24"},
+    {ExrCompression::kDwaa, "dwaa"},
+});
 
 enum class FloatSample { kFloat32, kFloat16 };
+template <>
+inline constexpr auto kEnumNames<FloatSample> = std::to_array<EnumName<FloatSample>>({
+    {FloatSample::kFloat32, "float"},
+    {FloatSample::kFloat16, "half"},
+});
 
 // One float per pixel, row-major, the top row first.
 struct FloatPlane {
@@ -100,6 +124,12 @@ struct DepthWriteOptions {
   enum class OutOfRange { kRefuse, kDrop };
   OutOfRange out_of_range = OutOfRange::kRefuse;
 };
+template <>
+inline constexpr auto kEnumNames<DepthWriteOptions::OutOfRange> =
+    std::to_array<EnumName<DepthWriteOptions::OutOfRange>>({
+        {DepthWriteOptions::OutOfRange::kRefuse, "refuse"},
+        {DepthWriteOptions::OutOfRange::kDrop, "drop"},
+    });
 
 struct DepthWriteReport {
   size_t bytes = 0;

@@ -43,14 +43,13 @@ class TomlTable {
   // An array of tables; empty where there is none.
   std::vector<TomlTable> Tables(std::string_view key);
 
-  // The value of a text that `from_name` knows.
-  template <typename T>
-  std::optional<T> Named(std::string_view key, std::optional<T> (*from_name)(std::string_view),
-                         std::string_view expected) {
+  // The value of an enum that a text names.
+  template <NamedEnum Enum>
+  std::optional<Enum> Named(std::string_view key) {
     const auto text = Text(key);
     if (!text) return std::nullopt;
-    const auto value = from_name(*text);
-    if (!value) FailWith(key, expected, *text);
+    const auto value = FromName<Enum>(*text);
+    if (!value) FailWith(key, NameList<Enum>(), *text);
     return value;
   }
 

@@ -5,11 +5,10 @@
 
 #pragma once
 
-#include <optional>
 #include <span>
-#include <string_view>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/scene/pose_problem.h"
 
 namespace raylift {
@@ -19,8 +18,12 @@ enum class CandidateMode {
   kMerge,        // the one that the references agree on best, then refined
   kTriangulate,  // no geometry: the point that the matched keypoints' rays meet in
 };
-std::string_view ToString(CandidateMode mode);
-std::optional<CandidateMode> CandidateModeFromName(std::string_view name);
+template <>
+inline constexpr auto kEnumNames<CandidateMode> = std::to_array<EnumName<CandidateMode>>({
+    {CandidateMode::kKeep, "keep"},
+    {CandidateMode::kMerge, "merge"},
+    {CandidateMode::kTriangulate, "triangulate"},
+});
 
 // A reference that observes the keypoint agrees with a point that projects within max_error_px of
 // the matched keypoint. The cost of a point is the sum of min(error^2, max_error_px^2) over these

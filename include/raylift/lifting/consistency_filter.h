@@ -11,6 +11,7 @@
 #include <string_view>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/lifting/auto_filter.h"
 #include "raylift/scene/pose_problem.h"
 
@@ -21,8 +22,15 @@ enum class FilterMode {
   kFixed,  // the paper's, with the thresholds of the options
   kAuto,   // by each point's expected error, see auto_filter.h; leaves accurate geometry alone
 };
-std::string_view ToString(FilterMode mode);
-std::optional<FilterMode> FilterModeFromName(std::string_view name);
+template <>
+inline constexpr auto kEnumNames<FilterMode> = std::to_array<EnumName<FilterMode>>({
+    {FilterMode::kOff, "off"},
+    {FilterMode::kFixed, "fixed"},
+    {FilterMode::kAuto, "auto"},
+});
+inline std::optional<FilterMode> FilterModeFromName(std::string_view name) {
+  return FromName<FilterMode>(name);
+}
 
 // "all the retrieved reference images containing the corresponding 2D point" (the paper) include
 // the one that the point was lifted from, so it counts as well, on both sides: with min_views 3 two

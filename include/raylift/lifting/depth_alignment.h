@@ -12,6 +12,7 @@
 #include <string_view>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/lifting/aligned_source.h"
 #include "raylift/lifting/reference_matches.h"
 
@@ -23,8 +24,16 @@ enum class AlignMode {
   kAffine,  // factor and shift
   kGrid,    // factors on a coarse grid, bilinear between (low frequencies in log depth)
 };
-std::string_view ToString(AlignMode mode);
-std::optional<AlignMode> AlignModeFromName(std::string_view name);
+template <>
+inline constexpr auto kEnumNames<AlignMode> = std::to_array<EnumName<AlignMode>>({
+    {AlignMode::kOff, "off"},
+    {AlignMode::kScale, "scale"},
+    {AlignMode::kAffine, "affine"},
+    {AlignMode::kGrid, "grid"},
+});
+inline std::optional<AlignMode> AlignModeFromName(std::string_view name) {
+  return FromName<AlignMode>(name);
+}
 
 struct AlignOptions {
   AlignMode mode = AlignMode::kOff;

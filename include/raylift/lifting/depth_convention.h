@@ -11,6 +11,7 @@
 #include <string_view>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/geometry/camera.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/scene/depth_map.h"
@@ -22,8 +23,12 @@ enum class DepthKind {
   kRay,      // along the ray of each pixel, from the camera's centre
   kInverse,  // 1 / z
 };
-std::string_view ToString(DepthKind kind);
-std::optional<DepthKind> DepthKindFromName(std::string_view name);
+template <>
+inline constexpr auto kEnumNames<DepthKind> = std::to_array<EnumName<DepthKind>>({
+    {DepthKind::kZ, "z"},
+    {DepthKind::kRay, "ray", "ray length"},
+    {DepthKind::kInverse, "inverse", "inverse depth"},
+});
 
 // How the samples of a file lie in its image; each undoes itself.
 enum class MapOrientation {
@@ -33,9 +38,14 @@ enum class MapOrientation {
   kHalfTurn,    // both
   kTransposed,  // columns first
 };
-std::string_view ToString(MapOrientation orientation);
-std::optional<MapOrientation> MapOrientationFromName(std::string_view name);
-std::string MapOrientationNames();  // "as_stored|..."
+template <>
+inline constexpr auto kEnumNames<MapOrientation> = std::to_array<EnumName<MapOrientation>>({
+    {MapOrientation::kAsStored, "as_stored", "as stored"},
+    {MapOrientation::kFlippedX, "flipped_x", "left and right exchanged"},
+    {MapOrientation::kFlippedY, "flipped_y", "top and bottom exchanged"},
+    {MapOrientation::kHalfTurn, "half_turn", "upside down"},
+    {MapOrientation::kTransposed, "transposed"},
+});
 
 struct DepthConvention {
   DepthKind kind = DepthKind::kZ;

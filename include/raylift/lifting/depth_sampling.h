@@ -12,11 +12,17 @@
 
 #include <Eigen/Core>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/scene/depth_map.h"
 
 namespace raylift {
 
 enum class DepthInterpolation { kEdgeAware, kNearest };
+template <>
+inline constexpr auto kEnumNames<DepthInterpolation> = std::to_array<EnumName<DepthInterpolation>>({
+    {DepthInterpolation::kEdgeAware, "edge"},
+    {DepthInterpolation::kNearest, "nearest"},
+});
 
 struct DepthSamplingOptions {
   DepthInterpolation interpolation = DepthInterpolation::kEdgeAware;

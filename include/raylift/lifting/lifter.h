@@ -4,11 +4,10 @@
 #pragma once
 
 #include <cstddef>
-#include <optional>
 #include <span>
-#include <string_view>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/scene/pose_problem.h"
 
@@ -19,8 +18,11 @@ enum class GeometryMode {
   kFirst,  // the point of the first source that has one
   kAll,    // the points of all sources that have one
 };
-std::string_view ToString(GeometryMode mode);
-std::optional<GeometryMode> GeometryModeFromName(std::string_view name);
+template <>
+inline constexpr auto kEnumNames<GeometryMode> = std::to_array<EnumName<GeometryMode>>({
+    {GeometryMode::kFirst, "first"},
+    {GeometryMode::kAll, "all"},
+});
 
 struct LiftedMatch {
   Match2D3D match;       // with the reference it was lifted from

@@ -5,6 +5,7 @@
 
 #include <limits>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/lifting/geometry_source.h"
 
 namespace raylift {
@@ -25,5 +26,11 @@ struct SurfaceLimits {
            !(point.back_face && back_faces == BackFaces::kDrop);
   }
 };
+template <>
+inline constexpr auto kEnumNames<SurfaceLimits::BackFaces> =
+    std::to_array<EnumName<SurfaceLimits::BackFaces>>({
+        {SurfaceLimits::BackFaces::kKeep, "keep"},
+        {SurfaceLimits::BackFaces::kDrop, "drop"},
+    });
 
 }  // namespace raylift

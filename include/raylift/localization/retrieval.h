@@ -17,9 +17,9 @@
 #include <optional>
 #include <span>
 #include <string>
-#include <string_view>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/features/dot_product_search.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/covisibility.h"
@@ -30,10 +30,14 @@
 namespace raylift {
 
 enum class RetrievalMethod { kVlad, kGlobal, kPose, kOverlap, kCovisibility };
-
-std::optional<RetrievalMethod> RetrievalMethodFromName(std::string_view name);
-std::string_view ToString(RetrievalMethod method);
-std::string RetrievalMethodNames();  // "vlad|global|..."
+template <>
+inline constexpr auto kEnumNames<RetrievalMethod> = std::to_array<EnumName<RetrievalMethod>>({
+    {RetrievalMethod::kVlad, "vlad"},
+    {RetrievalMethod::kGlobal, "global"},
+    {RetrievalMethod::kPose, "pose"},
+    {RetrievalMethod::kOverlap, "overlap"},
+    {RetrievalMethod::kCovisibility, "covisibility"},
+});
 
 struct GlobalFeatureFiles {
   std::filesystem::path references;

@@ -8,6 +8,7 @@
 #include <memory>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/renderers/pixel_rays.h"
 #include "raylift/renderers/ray_caster.h"
@@ -28,6 +29,13 @@ struct ColorOptions {
   std::array<uint8_t, 3> background_rgb{0, 0, 0};
   std::array<uint8_t, 3> untextured_rgb{190, 190, 190};
 };
+template <>
+inline constexpr auto kEnumNames<ColorOptions::Shading> =
+    std::to_array<EnumName<ColorOptions::Shading>>({
+        {ColorOptions::Shading::kUnlit, "unlit"},
+        {ColorOptions::Shading::kHeadlight, "headlight"},
+        {ColorOptions::Shading::kSun, "sun"},
+    });
 
 struct FrameOptions {
   // Which of a Frame's maps are made.
@@ -43,6 +51,12 @@ struct FrameOptions {
   NormalsIn normals_in = NormalsIn::kWorld;
   ColorOptions color_options;
 };
+template <>
+inline constexpr auto kEnumNames<FrameOptions::NormalsIn> =
+    std::to_array<EnumName<FrameOptions::NormalsIn>>({
+        {FrameOptions::NormalsIn::kWorld, "world"},
+        {FrameOptions::NormalsIn::kCamera, "camera"},
+    });
 
 // Row-major maps of one picture; empty where they were not asked for.
 struct Frame {

@@ -14,6 +14,7 @@
 
 #include <Eigen/Core>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/renderers/triangle_mesh.h"
 
 namespace raylift {
@@ -42,6 +43,12 @@ struct RayCasterOptions {
   // Called from any thread, one call at a time, with the share of the build that is done.
   std::function<void(double)> on_build_progress = {};
 };
+template <>
+inline constexpr auto kEnumNames<RayCasterOptions::BuildQuality> =
+    std::to_array<EnumName<RayCasterOptions::BuildQuality>>({
+        {RayCasterOptions::BuildQuality::kLow, "low"},
+        {RayCasterOptions::BuildQuality::kMedium, "medium"},
+    });
 
 // The directions of 16 rays from one point, in float, as the hardware traces them: those of a block
 // of 4 x 4 pixels, row by row. A direction whose length is zero or not finite is no ray.

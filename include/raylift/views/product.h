@@ -5,12 +5,12 @@
 #include <array>
 #include <cstddef>
 #include <filesystem>
-#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/renderers/frame_renderer.h"
 
@@ -25,11 +25,16 @@ enum class Product {
   kIncidence,  // angle between normal and ray, degrees; -1 = none
   kMask,       // 255 where there is a surface
 };
-inline constexpr std::array kAllProducts = {
-    Product::kDepth,    Product::kDistance,  Product::kNormals, Product::kColor,
-    Product::kTriangle, Product::kIncidence, Product::kMask};
-std::string_view ToString(Product product);
-std::optional<Product> ProductFromName(std::string_view name);
+template <>
+inline constexpr auto kEnumNames<Product> = std::to_array<EnumName<Product>>({
+    {Product::kDepth, "depth"},
+    {Product::kDistance, "distance"},
+    {Product::kNormals, "normals"},
+    {Product::kColor, "color"},
+    {Product::kTriangle, "triangle"},
+    {Product::kIncidence, "incidence"},
+    {Product::kMask, "mask"},
+});
 
 struct ProductOutput {
   Product product;

@@ -10,9 +10,9 @@
 #include <optional>
 #include <span>
 #include <string>
-#include <string_view>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/geometry/camera.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/renderers/ray_caster.h"
@@ -27,8 +27,13 @@ enum class ViewKind {
   kAround,  // on a sphere around the mesh (SampleAround)
   kCover,   // wherever there is room in front of surfaces (SampleCovering)
 };
-std::string_view ToString(ViewKind kind);
-std::optional<ViewKind> ViewKindFromName(std::string_view name);
+template <>
+inline constexpr auto kEnumNames<ViewKind> = std::to_array<EnumName<ViewKind>>({
+    {ViewKind::kAuto, "auto"},
+    {ViewKind::kInside, "inside"},
+    {ViewKind::kAround, "around"},
+    {ViewKind::kCover, "cover"},
+});
 
 // A pinhole camera whose pictures match those of the queries' cameras: of their median angle of
 // view (at least 60 and at most 100 degrees wide), and as sharp as the median query in its middle,

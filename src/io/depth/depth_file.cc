@@ -23,19 +23,6 @@ using std::filesystem::path;
 constexpr uint64_t kMaxSide = uint64_t{1} << 20;
 constexpr uint64_t kMaxPixels = uint64_t{1} << 28;
 
-constexpr std::array<std::pair<DepthFileFormat, std::string_view>, 10> kFormatNames = {{
-    {DepthFileFormat::kExr, "EXR"},
-    {DepthFileFormat::kPng, "PNG"},
-    {DepthFileFormat::kTiff, "TIFF"},
-    {DepthFileFormat::kPgm, "PGM"},
-    {DepthFileFormat::kNpy, "NPY"},
-    {DepthFileFormat::kNpz, "NPZ"},
-    {DepthFileFormat::kNpyGz, "NPY.GZ"},
-    {DepthFileFormat::kColmap, "COLMAP"},
-    {DepthFileFormat::kPfm, "PFM"},
-    {DepthFileFormat::kRaw, "raw"},
-}};
-
 constexpr std::array<std::pair<std::string_view, DepthFileFormat>, 11> kExtensions = {{
     {".exr", DepthFileFormat::kExr},
     {".png", DepthFileFormat::kPng},
@@ -48,15 +35,6 @@ constexpr std::array<std::pair<std::string_view, DepthFileFormat>, 11> kExtensio
     {".bin", DepthFileFormat::kColmap},
     {".pfm", DepthFileFormat::kPfm},
     {".depth", DepthFileFormat::kRaw},
-}};
-
-constexpr std::array<std::pair<ExrCompression, std::string_view>, 6> kCompressionNames = {{
-    {ExrCompression::kNone, "none"},
-    {ExrCompression::kZips, "zips"},
-    {ExrCompression::kZip, "zip"},
-    {ExrCompression::kPiz, "piz"},
-    {ExrCompression::kPxr24, "pxr24"},
-    {ExrCompression::kDwaa, "dwaa"},
 }};
 
 // For a value that the format cannot hold: the first one for which `fits` is false.
@@ -164,32 +142,11 @@ bool HoldsHalf(DepthFileFormat format) {
 
 }  // namespace
 
-std::string_view ToString(DepthFileFormat format) {
-  for (const auto& [value, name] : kFormatNames) {
-    if (value == format) return name;
-  }
-  return {};
-}
-
 std::optional<DepthFileFormat> DepthFileFormatFromName(const path& file) {
   std::string name = file.filename().string();
   for (char& c : name) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   for (const auto& [extension, format] : kExtensions) {
     if (name.size() > extension.size() && name.ends_with(extension)) return format;
-  }
-  return std::nullopt;
-}
-
-std::string_view ToString(ExrCompression compression) {
-  for (const auto& [value, name] : kCompressionNames) {
-    if (value == compression) return name;
-  }
-  return {};
-}
-
-std::optional<ExrCompression> ExrCompressionFromName(std::string_view name) {
-  for (const auto& [value, known] : kCompressionNames) {
-    if (known == name) return value;
   }
   return std::nullopt;
 }
