@@ -7,6 +7,7 @@
 
 #include "commands.h"
 #include "front_end_options.h"
+#include "method_list.h"
 #include "options.h"
 #include "pose_files.h"
 #include "scene_arguments.h"
@@ -304,8 +305,7 @@ void AddLocalizationOptions(CLI::App& command, CompareFlags& flags) {
       "True poses of the queries: COLMAP model folder or pose file");
   add("--thresholds", flags.thresholds,
       "Recall thresholds: position,degrees between colons, or those of\n" + ThresholdPresetNames());
-  add("--methods", flags.methods,
-      "List of p3p|e5p1|adaptive[:SCORE]|select[:ALPHA]|hybrid_ransac|hloc");
+  add("--methods", flags.methods, "List of " + MethodForms());
   add("--filters", flags.filters, "List of off|fixed|auto");
   add("--alignments", flags.alignments, "List of off|scale|affine|grid");
   add("--reprojection-threshold-px", flags.estimator.reprojection_threshold_px,

@@ -15,6 +15,7 @@
 #include "commands.h"
 #include "config_file.h"
 #include "interrupt.h"
+#include "option_names.h"
 #include "options.h"
 #include "program_help.h"
 #include "scene_arguments.h"
@@ -140,7 +141,7 @@ int Main(const std::vector<std::string>& arguments) {
     }
     program.Chosen().run();
   } catch (const OptionError& error) {
-    return Fail(kBadOption, error.what());
+    return Fail(kBadOption, MessageInOptions(error).c_str());
   } catch (const InputError& error) {
     return Fail(kBadInput, error.what());
   } catch (const Interrupted& interrupted) {

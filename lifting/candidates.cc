@@ -218,10 +218,10 @@ std::vector<Eigen::Vector3d> PointsOfPairs(const std::vector<KeypointRay>& rays,
 
 void CandidateOptions::Validate() const {
   if (!(max_error_px > 0) || !std::isfinite(max_error_px)) {
-    throw OptionError("--candidates-error-px", FormatDouble(max_error_px), "must be positive");
+    throw OptionError("max_error_px", FormatDouble(max_error_px), "must be positive");
   }
   if (!(min_angle_deg >= 0 && min_angle_deg < 90)) {
-    throw OptionError("--candidates-min-angle-deg", FormatDouble(min_angle_deg),
+    throw OptionError("min_angle_deg", FormatDouble(min_angle_deg),
                       "must be at least 0 and below 90");
   }
 }

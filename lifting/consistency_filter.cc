@@ -78,14 +78,13 @@ void KeepBest(const MultiViewTrust& trust, size_t count, FilterResult& result) {
 
 void ConsistencyThresholds::Validate() const {
   if (!(reprojection_px > 0) || !std::isfinite(reprojection_px)) {
-    throw OptionError("--filter-reprojection-px", std::to_string(reprojection_px),
-                      "must be positive");
+    throw OptionError("reprojection_px", std::to_string(reprojection_px), "must be positive");
   }
   if (min_views < 1) {
-    throw OptionError("--filter-min-views", std::to_string(min_views), "must be at least 1");
+    throw OptionError("min_views", std::to_string(min_views), "must be at least 1");
   }
   if (!(min_ratio >= 0 && min_ratio <= 1)) {
-    throw OptionError("--filter-min-ratio", std::to_string(min_ratio), "must be between 0 and 1");
+    throw OptionError("min_ratio", std::to_string(min_ratio), "must be between 0 and 1");
   }
 }
 

@@ -181,7 +181,7 @@ NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext&
   }
   if (kind == "depth" && has_path) return MakeDepth(SpecKeys(spec, rest), context);
   if (kind == "sfm") return MakeSfm(SpecKeys(spec, rest), context);
-  throw OptionError("--geometry", spec, kForms);
+  throw OptionError("geometry", spec, kForms);
 }
 
 std::string GeometryHelp() {
@@ -199,7 +199,7 @@ std::string GeometryHelp() {
       "  confidence_threshold, interpolation={}, max_jump, near, far,\n"
       "  max_incidence_deg, max_depth_jump, first_sample_px (0.5),\n"
       "  orientation={}\n"
-      "sfm[:DIR][,key=value...]: the points of a COLMAP model (default: --model).\n"
+      "sfm[:DIR][,key=value...]: the points of a COLMAP model (default: the references').\n"
       "  Keys: radius (px, of features that are not the model's), min_track,\n"
       "  max_error (px), near, far",
       NameList<BackFaces>(), NameList<BuildQuality>(), DepthPresetNames(), NameList<DepthKind>(),

@@ -43,7 +43,7 @@ void RefuseKeysOfLifting(const SpecKeys& keys) {
 }  // namespace
 
 MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
-  if (!spec.starts_with(kPrefix)) throw OptionError("--geometry", spec, FormOf(use));
+  if (!spec.starts_with(kPrefix)) throw OptionError("geometry", spec, FormOf(use));
   SpecKeys keys(spec, std::string_view(spec).substr(kPrefix.size()));
   if (keys.path().empty()) keys.Fail(FormOf(use));
   if (use == MeshUse::kRender) RefuseKeysOfLifting(keys);

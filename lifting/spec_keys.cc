@@ -68,7 +68,7 @@ void SpecKeys::ExpectAllTaken(std::string_view known) const {
 }
 
 void SpecKeys::Fail(std::string_view constraint) const {
-  throw OptionError("--geometry", spec_, constraint);
+  throw OptionError("geometry", spec_, constraint);
 }
 
 }  // namespace raylift

@@ -16,7 +16,10 @@ InputError::InputError(const std::filesystem::path& file, std::string_view place
 OptionError::OptionError(const std::string& message) : std::runtime_error(message) {}
 
 OptionError::OptionError(std::string_view name, std::string_view value, std::string_view constraint)
-    : std::runtime_error(fmt::format("{} = {}: {}", name, value, constraint)) {}
+    : std::runtime_error(fmt::format("{} = {}: {}", name, value, constraint)),
+      name_(name),
+      value_(value),
+      constraint_(constraint) {}
 
 namespace internal {
 

@@ -208,39 +208,7 @@ class Runner {
   std::vector<std::vector<Outcome>> outcomes_;  // of each way, of each query
 };
 
-EstimatorOptions ParseMethod(std::string_view text, EstimatorOptions options) {
-  const size_t colon = text.find(':');
-  const std::string_view name = text.substr(0, colon);
-  const auto method = MethodFromName(name);
-  const auto fail = [&](std::string_view expected) {
-    return OptionError("--methods", text, expected);
-  };
-  if (!method) throw fail("expected p3p|e5p1|adaptive[:SCORE]|select[:ALPHA]|hybrid_ransac|hloc");
-  options.method = *method;
-  if (colon == std::string_view::npos) return options;
-  const std::string_view detail = text.substr(colon + 1);
-  if (*method == Method::kAdaptive) {
-    const auto score = ScoreCombinationFromName(detail);
-    if (!score) throw fail("expected adaptive:sum_inl|sum_inl_rat|mult_inl|sum_msac|mult_msac");
-    options.score = *score;
-  } else if (*method == Method::kSelect) {
-    const auto alpha = ParseDouble(detail);
-    if (!alpha) throw fail("expected select:ALPHA");
-    options.alpha = *alpha;
-  } else {
-    throw fail("only adaptive has a score and select an alpha");
-  }
-  options.Validate();
-  return options;
-}
-
 }  // namespace
-
-std::vector<EstimatorOptions> ParseMethods(std::string_view text, const EstimatorOptions& base) {
-  std::vector<EstimatorOptions> methods;
-  for (const std::string_view part : SplitBy(text, ',')) methods.push_back(ParseMethod(part, base));
-  return methods;
-}
 
 std::string MethodTitle(const EstimatorOptions& options) {
   const std::string name(ToString(options.method));

@@ -51,7 +51,7 @@ ImportedScenes ImportAachen(const path& folder, const ImportOptions& options) {
   scene.geometries = {{"sfm", "sfm"}};
   scene.notes.emplace_back(
       "the poses of the queries are not public: hand results in at visuallocalization.net "
-      "(raylift evaluate --check-submission)");
+      "(raylift evaluate checks submissions)");
   return {std::move(scene)};
 }
 

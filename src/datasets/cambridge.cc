@@ -50,7 +50,7 @@ class Cameras {
     if (given_.camera) return;
     const path file = folder / "reconstruction.nvm";
     if (!std::filesystem::exists(file)) {
-      throw InputError(file, "the file with the focal lengths is missing: give --camera instead");
+      throw InputError(file, "the file with the focal lengths is missing: give the camera instead");
     }
     for (const NvmCamera& camera : ReadNvmCameras(file)) {
       focals_.emplace(WithoutExtension(camera.name),

@@ -85,7 +85,7 @@ std::vector<ImportedScene> ImportDataset(std::string_view name, const path& fold
   for (const Dataset& dataset : kDatasets) {
     if (dataset.name == name) return dataset.import(folder, options);
   }
-  throw OptionError("DATASET", name, "expected " + DatasetNames());
+  throw OptionError("dataset", name, "expected " + DatasetNames());
 }
 
 path WriteImportedScene(const path& folder, const ImportedScene& scene, std::string_view dataset) {

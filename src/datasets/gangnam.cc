@@ -80,7 +80,7 @@ ImportedScenes ImportGangnam(const path& folder, const ImportOptions& options) {
   const path mapping = release / "mapping", queries = release / options.split;
   for (const path& part : {mapping, queries}) {
     if (!std::filesystem::is_directory(part)) {
-      throw InputError(part, "there is no such folder (--split names that of the queries)");
+      throw InputError(part, "there is no such folder (the split names that of the queries)");
     }
   }
   scene.images = mapping / "sensors" / "records_data";

@@ -88,7 +88,7 @@ void SplitFrames(const std::vector<PosedImage>& frames, int query_every, const p
   }
   if (scene.queries.empty() || scene.references.empty()) {
     throw InputError(source, fmt::format("{} frames with a pose make no references and queries by "
-                                         "every {} (--query-every)",
+                                         "query_every = {}",
                                          frames.size(), query_every));
   }
 }

@@ -324,18 +324,18 @@ void EstimatorOptions::Validate() const {
   const auto positive = [](double value, std::string_view name) {
     Require(std::isfinite(value) && value > 0, name, fmt::format("{}", value), "must be positive");
   };
-  positive(reprojection_threshold_px, "--reprojection-threshold-px");
-  positive(sampson_threshold_px, "--sampson-threshold-px");
-  Require(std::isfinite(alpha) && alpha >= 0, "--alpha", fmt::format("{}", alpha),
+  positive(reprojection_threshold_px, "reprojection_threshold_px");
+  positive(sampson_threshold_px, "sampson_threshold_px");
+  Require(std::isfinite(alpha) && alpha >= 0, "alpha", fmt::format("{}", alpha),
           "must not be negative");
-  Require(std::isfinite(point_sigma) && point_sigma >= 0, "--point-sigma",
+  Require(std::isfinite(point_sigma) && point_sigma >= 0, "point_sigma",
           fmt::format("{}", point_sigma), "must not be negative");
-  Require(confidence > 0 && confidence < 1, "--confidence", fmt::format("{}", confidence),
+  Require(confidence > 0 && confidence < 1, "confidence", fmt::format("{}", confidence),
           "must lie between 0 and 1");
-  Require(min_iterations >= 1, "--min-iterations", fmt::format("{}", min_iterations),
+  Require(min_iterations >= 1, "min_iterations", fmt::format("{}", min_iterations),
           "must be at least 1");
-  Require(max_iterations >= min_iterations, "--max-iterations", fmt::format("{}", max_iterations),
-          fmt::format("must not be below --min-iterations = {}", min_iterations));
+  Require(max_iterations >= min_iterations, "max_iterations", fmt::format("{}", max_iterations),
+          fmt::format("must not be below min_iterations = {}", min_iterations));
 }
 
 std::unique_ptr<PoseEstimator> MakePoseEstimator(const EstimatorOptions& options) {

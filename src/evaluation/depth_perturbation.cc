@@ -203,26 +203,26 @@ class Perturber {
   std::string_view image_name_;
 };
 
-void RequireShare(double value, std::string_view option) {
+void RequireShare(double value, std::string_view name) {
   if (!(value >= 0 && value <= 1)) {
-    throw OptionError(option, FormatDouble(value), "must be between 0 and 1");
+    throw OptionError(name, FormatDouble(value), "must be between 0 and 1");
   }
 }
 
 }  // namespace
 
 void DepthPerturbation::Validate() const {
-  RequirePositive("--scale", scale);
-  RequireAtLeast("--scale-sigma", scale_sigma, 0);
-  RequireAtLeast("--warp", warp_sigma, 0);
-  RequireAtLeast("--bubbles", bubbles, 0);
-  RequireShare(bubble_height, "--bubble-height");
-  RequireAtLeast("--floaters", floaters, 0);
-  RequireShare(flying_share, "--flying");
-  RequireAtLeast("--noise", noise_sigma, 0);
-  RequireAtLeast("--relative-noise", relative_noise_sigma, 0);
-  RequireAtLeast("--quantize", quantization_step, 0);
-  RequireShare(hole_share, "--holes");
+  RequirePositive("scale", scale);
+  RequireAtLeast("scale_sigma", scale_sigma, 0);
+  RequireAtLeast("warp_sigma", warp_sigma, 0);
+  RequireAtLeast("bubbles", bubbles, 0);
+  RequireShare(bubble_height, "bubble_height");
+  RequireAtLeast("floaters", floaters, 0);
+  RequireShare(flying_share, "flying_share");
+  RequireAtLeast("noise_sigma", noise_sigma, 0);
+  RequireAtLeast("relative_noise_sigma", relative_noise_sigma, 0);
+  RequireAtLeast("quantization_step", quantization_step, 0);
+  RequireShare(hole_share, "hole_share");
 }
 
 DepthMap PerturbDepth(const DepthMap& map, const DepthPerturbation& perturbation,

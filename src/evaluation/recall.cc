@@ -33,7 +33,7 @@ std::vector<Threshold> ParseThresholds(std::string_view text) {
     if (name == text) return ParseThresholds(thresholds);
   }
   const auto fail = [text](std::string_view part) {
-    return OptionError("--thresholds", text,
+    return OptionError("thresholds", text,
                        fmt::format("expected POSITION,DEGREES[:POSITION,DEGREES...], all positive "
                                    "numbers, or {}, found \"{}\"",
                                    ThresholdPresetNames(), part));

@@ -131,7 +131,7 @@ Json ParseFile(const std::filesystem::path& file) {
     }
     return json;
   } catch (const nlohmann::json::exception& error) {
-    throw InputError(file, fmt::format("no checkpoint of localize --continuous: {}", error.what()));
+    throw InputError(file, fmt::format("no checkpoint of a continuous run: {}", error.what()));
   }
 }
 
@@ -160,8 +160,8 @@ ContinuousCheckpoint::ContinuousCheckpoint(std::filesystem::path folder, const s
     const Json run = ParseFile(run_file);
     if (!run.contains("key") || run["key"] != key) {
       throw InputError(run_file,
-                       "the run that is to go on had other options, queries or references; without "
-                       "--resume all starts anew");
+                       "the run that is to go on had other options, queries or references; a run "
+                       "that does not resume starts anew");
     }
     return;
   }

@@ -28,20 +28,20 @@ Vector6d StepBetween(const Rigid3& from, const Rigid3& to) {
   return step;
 }
 
-void RequireCount(std::string_view option, int value) {
-  if (value < 0) throw OptionError(option, std::to_string(value), "must not be negative");
+void RequireCount(std::string_view name, int value) {
+  if (value < 0) throw OptionError(name, std::to_string(value), "must not be negative");
 }
 
 }  // namespace
 
 void JoinGateOptions::Validate() const {
-  RequireCount("--join-min-inliers-2d2d", min_inliers_2d2d);
-  RequireCount("--join-min-inliers-2d3d", min_inliers_2d3d);
-  RequirePositive("--join-max-rotation-sigma-deg", max_rotation_sigma_deg);
-  if (max_position_sigma) RequirePositive("--join-max-position-sigma", *max_position_sigma);
-  RequirePositive("--join-max-difference-deg", max_difference_deg);
+  RequireCount("min_inliers_2d2d", min_inliers_2d2d);
+  RequireCount("min_inliers_2d3d", min_inliers_2d3d);
+  RequirePositive("max_rotation_sigma_deg", max_rotation_sigma_deg);
+  if (max_position_sigma) RequirePositive("max_position_sigma", *max_position_sigma);
+  RequirePositive("max_difference_deg", max_difference_deg);
   if (max_difference_position) {
-    RequirePositive("--join-max-difference-position", *max_difference_position);
+    RequirePositive("max_difference_position", *max_difference_position);
   }
 }
 

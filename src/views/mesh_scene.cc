@@ -29,7 +29,7 @@ SceneSpec ParseSpecs(const std::vector<std::string>& specs) {
   for (const std::string& spec : specs) {
     MeshSpec mesh = ParseMeshSpec(spec, MeshUse::kRender);
     if (scene.build && mesh.build && scene.build != mesh.build) {
-      throw OptionError("--geometry", spec,
+      throw OptionError("geometry", spec,
                         fmt::format("all meshes are one scene, but another one says build={}",
                                     ToString(*scene.build)));
     }

@@ -24,11 +24,11 @@ Shard MakeShard(int64_t index, int64_t count) {
 int64_t Number(const Environment& environment, const std::string& name) {
   const auto text = environment(name);
   if (!text) {
-    throw OptionError("--shard", "auto", fmt::format("{} is not in the environment", name));
+    throw OptionError("shard", "auto", fmt::format("{} is not in the environment", name));
   }
   const auto number = ParseInt(*text);
   if (!number || *number < 0 || *number > std::numeric_limits<int>::max()) {
-    throw OptionError("--shard", "auto",
+    throw OptionError("shard", "auto",
                       fmt::format("expected {} to be a count, found \"{}\"", name, *text));
   }
   return *number;
@@ -40,7 +40,7 @@ int64_t NumberOr(const Environment& environment, const std::string& name, int64_
 
 Shard FromNumbers(const std::string& count_name, int64_t index, int64_t count) {
   if (count < 1 || index < 0 || index > count) {
-    throw OptionError("--shard", "auto",
+    throw OptionError("shard", "auto",
                       fmt::format("task {} of {} = {} makes no sense", index, count_name, count));
   }
   return MakeShard(index, count);
@@ -62,7 +62,7 @@ Shard AutoShard(const Environment& environment) {
     return FromNumbers("SLURM_NTASKS", Number(environment, "SLURM_PROCID"),
                        Number(environment, "SLURM_NTASKS"));
   }
-  throw OptionError("--shard", "auto",
+  throw OptionError("shard", "auto",
                     "found none of SLURM_ARRAY_TASK_ID, OMPI_COMM_WORLD_RANK and SLURM_PROCID in "
                     "the environment");
 }
@@ -81,7 +81,7 @@ Shard ParseShard(const std::string& text, const Environment& environment) {
   const auto count = ParseInt(parts.back());
   if (parts.size() != 2 || !index || !count || *count < 1 || *index < 0 || *index > *count ||
       *count > std::numeric_limits<int>::max()) {
-    throw OptionError("--shard", text, kExpected);
+    throw OptionError("shard", text, kExpected);
   }
   return MakeShard(*index, *count);
 }

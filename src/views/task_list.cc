@@ -118,7 +118,7 @@ std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection
     const auto [other, is_new] = name_of_stem.emplace(stem, view.name);
     if (!is_new) {
       throw InputError(fmt::format(
-          "the images \"{}\" and \"{}\" would both be written to \"{}\": give a --pattern that "
+          "the images \"{}\" and \"{}\" would both be written to \"{}\": give a pattern that "
           "tells them apart, for instance {{name}}",
           other->second, view.name, stem));
     }

@@ -52,8 +52,8 @@ std::pair<Eigen::Vector3d, Eigen::Vector3d> LevelAxes(const Eigen::Vector3d& up)
 void WarnIfFew(size_t found, int wanted, SampledViews& views) {
   if (found == 0) {
     throw InputError(
-        "no place for a camera was found: is --up right, and --clearance and --eye-height those of "
-        "the scene's unit?");
+        "no place for a camera was found: is the direction of up right, and are the clearance and "
+        "the eye height in the scene's unit?");
   }
   if (static_cast<int>(found) < wanted) {
     views.warnings.push_back(

@@ -120,6 +120,53 @@ TEST(Options, ValuesOutOfTheirRangeExitWith2AndTheOptionsName) {
   }
 }
 
+// "--option = value: " of a message, or the whole of it.
+void ExpectNamed(const Arguments& base, const std::vector<std::pair<std::string, std::string>>& bad,
+                 const std::string& constraint = "must be") {
+  for (const auto& [option, value] : bad) {
+    EXPECT_TRUE(FailsWith(2, {"raylift: " + option + " = " + value, ": " + constraint},
+                          RunRaylift(base + Arguments{option + "=" + value})))
+        << option;
+  }
+}
+
+TEST(Options, FieldsOfTheLibraryAreCalledByTheirOptions) {
+  const Arguments estimate = {"estimate", "x"};
+  ExpectNamed(estimate, {{"--reprojection-threshold-px", "-1"},
+                         {"--filter-reprojection-px", "0"},
+                         {"--filter-min-views", "0"},
+                         {"--filter-min-ratio", "2"}});
+  ExpectNamed(estimate, {{"--alpha", "-1"}, {"--point-sigma", "-0.5"}}, "must not be negative");
+  ExpectNamed(estimate, {{"--max-iterations", "7"}}, "must not be below --min-iterations = 100\n");
+  const Arguments localize = {"localize", "--model",    "m",          "--queries",
+                              "q",        "--out",      "o",          "--images",
+                              "i",        "--geometry", "mesh:x.ply", "--continuous"};
+  ExpectNamed(localize, {{"--candidates-error-px", "0"},
+                         {"--candidates-min-angle-deg", "90"},
+                         {"--join-max-rotation-sigma-deg", "0"},
+                         {"--join-max-position-sigma", "0"},
+                         {"--join-max-difference-deg", "0"},
+                         {"--join-max-difference-position", "0"}});
+  ExpectNamed(localize, {{"--join-min-inliers-2d2d", "-1"}, {"--join-min-inliers-2d3d", "-1"}},
+              "must not be negative");
+  const Arguments perturb = {"perturb", "--model", "m", "--geometry", "mesh:x.ply", "--out", "o"};
+  ExpectNamed(perturb, {{"--scale", "0"},
+                        {"--scale-sigma", "-1"},
+                        {"--warp", "-1"},
+                        {"--bubbles", "-1"},
+                        {"--bubble-height", "2"},
+                        {"--floaters", "-1"},
+                        {"--flying", "2"},
+                        {"--noise", "-1"},
+                        {"--relative-noise", "-1"},
+                        {"--quantize", "-1"},
+                        {"--holes", "2"}});
+  ExpectNamed({"render", "--model", "m", "--geometry", "mesh:x.ply", "--out", "o"},
+              {{"--shard", "3/2"}}, "expected i/n");
+  ExpectNamed({"evaluate", "--ground-truth", "g", "--poses", "p"}, {{"--thresholds", "1"}},
+              "expected POSITION,DEGREES");
+}
+
 TEST(Options, AnOptionGivenTwiceIsAnError) {
   EXPECT_TRUE(
       FailsWith(2, {"--alpha"}, RunRaylift({"estimate", "x", "--alpha", "1", "--alpha", "2"})));

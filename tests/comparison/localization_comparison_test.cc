@@ -92,9 +92,12 @@ TEST(CompareLocalization, RatesEveryCombinationOnTheSameMatches) {
     reference_matches.insert(reference_matches.end(), found.begin(), found.end());
   }
   LocalizationGrid grid;
-  grid.methods = ParseMethods(
-      "p3p,e5p1,adaptive:sum_msac,select:0.8",
-      {.reprojection_threshold_px = 2, .sampson_threshold_px = 0.5, .max_iterations = 300});
+  for (const Method method : {Method::kP3p, Method::kE5p1, Method::kAdaptive, Method::kSelect}) {
+    grid.methods.push_back({.method = method,
+                            .reprojection_threshold_px = 2,
+                            .sampson_threshold_px = 0.5,
+                            .max_iterations = 300});
+  }
   grid.alignments = {AlignMode::kOff, AlignMode::kScale};
   grid.filters = {FilterMode::kOff, FilterMode::kAuto};
   grid.thresholds = {{0.02, 0.5}};
@@ -121,14 +124,11 @@ TEST(CompareLocalization, RatesEveryCombinationOnTheSameMatches) {
   EXPECT_EQ(FormatLocalizationJson(comparison), FormatLocalizationJson(run(4)));
 }
 
-TEST(ParseMethods, ReadsScoresAndAlphas) {
-  const auto methods = ParseMethods("p3p, adaptive:mult_inl,select:0.7", {});
-  ASSERT_EQ(methods.size(), 3u);
-  EXPECT_EQ(MethodTitle(methods[1]), "adaptive:mult_inl");
-  EXPECT_EQ(MethodTitle(methods[2]), "select:0.7");
-  for (const char* text : {"", "p4p", "p3p:1", "adaptive:best", "select:x", "select:-1"}) {
-    EXPECT_THROW(ParseMethods(text, {}), OptionError) << text;
-  }
+TEST(MethodTitle, TellsWhatIsSpecialToTheMethod) {
+  EXPECT_EQ(MethodTitle({.method = Method::kP3p}), "p3p");
+  EXPECT_EQ(MethodTitle({.method = Method::kAdaptive, .score = ScoreCombination::kMultInliers}),
+            "adaptive:mult_inl");
+  EXPECT_EQ(MethodTitle({.method = Method::kSelect, .alpha = 0.7}), "select:0.7");
 }
 
 }  // namespace

@@ -113,7 +113,7 @@ TEST(Dataset, SequencesNeedReferencesAndQueries) {
   ImportOptions options;
   options.query_every = 20;
   EXPECT_TRUE(FailsWithInputError([&] { ImportDataset("scannet", layout.folder, options); },
-                                  {"7 frames", "--query-every"}));
+                                  {"7 frames", "query_every = "}));
   options.query_every = 3;
   const ImportedScene scene = ImportDataset("scannet", layout.folder, options).at(0);
   ASSERT_EQ(scene.queries.size(), 2u);

@@ -81,7 +81,8 @@ TEST_F(Gangnam, ReferencesWithoutPoseOrCameraAreCounted) {
 TEST_F(Gangnam, TheTestHasNoPublicPoses) {
   fs::rename(layout_.folder / "release/validation", layout_.folder / "release/test");
   fs::remove(Sensors("test") / "trajectories.txt");
-  EXPECT_TRUE(FailsWithInputError([&] { Import(); }, {"release/validation", "--split"}));
+  EXPECT_TRUE(FailsWithInputError([&] { Import(); },
+                                  {"release/validation", "the split names that of the queries"}));
   ImportOptions options;
   options.split = "test";
   const ImportedScene scene = Import(options);

@@ -86,8 +86,8 @@ TEST(Cambridge, WrongFilesAreNamed) {
   EXPECT_TRUE(fails(nvm, "NVM_V3\n\n2\na.jpg 50 1 0 0 0 1 2 3 0 0\n", {nvm, "expected 2 cameras"}));
   EXPECT_TRUE(fails(nvm, "NVM_V3\n\n1\na.jpg 0 1 0 0 0 1 2 3 0 0\n", {nvm, "focal length"}));
   fs::remove(layout.folder / nvm);
-  EXPECT_TRUE(
-      FailsWithInputError([&] { ImportDataset("cambridge", layout.folder); }, {nvm, "--camera"}));
+  EXPECT_TRUE(FailsWithInputError([&] { ImportDataset("cambridge", layout.folder); },
+                                  {nvm, "give the camera"}));
 }
 
 TEST(Aachen, GroupsAreDayAndNight) {

@@ -220,14 +220,14 @@ struct BadOptions {
 
 TEST(EstimatorOptions, ValuesOutOfRangeAreRefusedByName) {
   const BadOptions bad[] = {
-      {"--reprojection-threshold-px", [](EstimatorOptions& o) { o.reprojection_threshold_px = 0; }},
-      {"--sampson-threshold-px", [](EstimatorOptions& o) { o.sampson_threshold_px = -1; }},
-      {"--sampson-threshold-px", [](EstimatorOptions& o) { o.sampson_threshold_px = NAN; }},
-      {"--alpha", [](EstimatorOptions& o) { o.alpha = -0.1; }},
-      {"--confidence", [](EstimatorOptions& o) { o.confidence = 1; }},
-      {"--confidence", [](EstimatorOptions& o) { o.confidence = 0; }},
-      {"--min-iterations", [](EstimatorOptions& o) { o.min_iterations = 0; }},
-      {"--max-iterations", [](EstimatorOptions& o) { o.max_iterations = 99; }},
+      {"reprojection_threshold_px", [](EstimatorOptions& o) { o.reprojection_threshold_px = 0; }},
+      {"sampson_threshold_px", [](EstimatorOptions& o) { o.sampson_threshold_px = -1; }},
+      {"sampson_threshold_px", [](EstimatorOptions& o) { o.sampson_threshold_px = NAN; }},
+      {"alpha", [](EstimatorOptions& o) { o.alpha = -0.1; }},
+      {"confidence", [](EstimatorOptions& o) { o.confidence = 1; }},
+      {"confidence", [](EstimatorOptions& o) { o.confidence = 0; }},
+      {"min_iterations", [](EstimatorOptions& o) { o.min_iterations = 0; }},
+      {"max_iterations", [](EstimatorOptions& o) { o.max_iterations = 99; }},
   };
   for (const BadOptions& entry : bad) {
     EstimatorOptions options = StandardOptions(Method::kAdaptive);

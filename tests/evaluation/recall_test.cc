@@ -49,7 +49,7 @@ TEST(Thresholds, RefuseNonsense) {
       ParseThresholds(text);
       ADD_FAILURE() << "accepted \"" << text << "\"";
     } catch (const OptionError& error) {
-      EXPECT_THAT(error.what(), HasSubstr("--thresholds = " + std::string(text) + ": ")) << text;
+      EXPECT_THAT(error.what(), HasSubstr("thresholds = " + std::string(text) + ": ")) << text;
     }
   }
 }

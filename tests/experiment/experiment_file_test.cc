@@ -109,7 +109,7 @@ TEST(ExperimentFile, ErrorsNameTheKey) {
   EXPECT_THAT(ErrorOf(good + "[[claim]]\ntext = \"a\"\nfirst = {method = \"p3p\"}\n"),
               HasSubstr("claim 1.second: is missing"));
   EXPECT_THAT(ErrorOf(good + "[estimator]\nconfidence = 2\n"),
-              HasSubstr("estimator: --confidence"));
+              HasSubstr("estimator: confidence = "));
   EXPECT_THAT(ErrorOf(good + "[filters.off]\nmin_views = 2\n"), HasSubstr("filters.off"));
   EXPECT_THAT(ErrorOf("[scenes.a]\nmodel = 3\n"), HasSubstr("scenes.a.model: expected a string"));
 }

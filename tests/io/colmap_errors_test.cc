@@ -99,7 +99,7 @@ TEST_F(ColmapErrors, DuplicateIds) {
 TEST_F(ColmapErrors, CamerasThatDoNotExist) {
   ExpectTextFails("cameras.txt", "1 EQUIRECTANGULAR 200 100\n",
                   {"cameras.txt: line 1: camera model: COLMAP has no EQUIRECTANGULAR cameras",
-                   "--cameras", "--panorama"});
+                   "panoramas stand in lists of views"});
   ExpectTextFails("cameras.txt", "2 FOO 4 3 5 6 2 1\n",
                   {"cameras.txt: line 1: camera model: expected one of SIMPLE_PINHOLE, PINHOLE, ",
                    "found \"FOO\""});

@@ -41,12 +41,12 @@ TEST(MakeGeometrySource, UnknownKindsKeysAndValuesAreOptionErrors) {
   const std::string forms =
       ": expected mesh:PATH[,key=value...], depth:DIR[,key=value...] or sfm[:DIR][,key=value...]";
   for (const std::string spec : {"foo:x", "mesh", "mesh:", "mesh,far=1", "depth:", "sfmx:a", ""}) {
-    EXPECT_EQ(OptionErrorOf(spec).substr(0, ("--geometry = " + spec + forms).size()),
-              "--geometry = " + spec + forms);
+    EXPECT_EQ(OptionErrorOf(spec).substr(0, ("geometry = " + spec + forms).size()),
+              "geometry = " + spec + forms);
   }
   const auto says = [](const std::string& spec, const std::string& constraint) {
     const std::string message = OptionErrorOf(spec);
-    EXPECT_TRUE(message.starts_with("--geometry = " + spec + ": ")) << message;
+    EXPECT_TRUE(message.starts_with("geometry = " + spec + ": ")) << message;
     EXPECT_NE(message.find(constraint), std::string::npos) << message;
   };
   says("mesh:a.ply,size=3", "unknown key \"size\"; there are near, far");

@@ -72,7 +72,7 @@ TEST(SelectTasks, RefusesFilesThatCollideOrLieElsewhere) {
       [] {
         SelectTasks(Views({"a.jpg", "a.png"}), {});
       },
-      {"a.jpg", "a.png", "--pattern"}));
+      {"a.jpg", "a.png", "give a pattern"}));
   EXPECT_EQ(SelectTasks(Views({"a.jpg", "a.png"}), {.pattern = "{name}"}).size(), 2u);
   for (const std::string name : {"../a.jpg", "/etc/a.jpg", "b/../../a.jpg"}) {
     EXPECT_TRUE(FailsWithInputError([&] { SelectTasks(Views({name}), {}); },

@@ -133,7 +133,7 @@ TEST(SampleInside, TakesAnyDirectionAsUp) {
 TEST(SampleInside, SaysWhereThereIsNoPlace) {
   const RayCaster mesh = Scene(InsideOut(MakeBox({0, 0, 0.5}, {5, 5, 0.5})));  // too low
   EXPECT_TRUE(FailsWithInputError([&] { SampleInside(mesh, {.camera = Pinhole()}, {}); },
-                                  {"no place for a camera", "--eye-height"}));
+                                  {"no place for a camera", "the eye height"}));
 }
 
 TEST(SampleInside, CamerasOfARealRoomAreClearOfItsWalls) {

@@ -22,11 +22,21 @@ class InputError : public std::runtime_error {
   InputError(const std::filesystem::path& file, std::string_view place, std::string_view message);
 };
 
-// A bad option: "--name = value: constraint".
+// A bad option: "name = value: constraint". The name is that of the options' field
+// ("min_iterations"); where a constraint speaks of another field, it does so as "name = value",
+// too. Programs put their own names for the fields in their place.
 class OptionError : public std::runtime_error {
  public:
   explicit OptionError(const std::string& message);
   OptionError(std::string_view name, std::string_view value, std::string_view constraint);
+
+  // Empty where the message is no such sentence.
+  const std::string& name() const { return name_; }
+  const std::string& value() const { return value_; }
+  const std::string& constraint() const { return constraint_; }
+
+ private:
+  std::string name_, value_, constraint_;
 };
 
 namespace internal {

@@ -27,9 +27,6 @@
 
 namespace raylift {
 
-// "p3p", "e5p1", "adaptive" or "adaptive:SCORE", "select" or "select:ALPHA", "hybrid_ransac",
-// "hloc". OptionError in the name of --methods otherwise.
-std::vector<EstimatorOptions> ParseMethods(std::string_view text, const EstimatorOptions& base);
 std::string MethodTitle(const EstimatorOptions& options);  // "adaptive:sum_msac"
 
 struct LocalizationGrid {

@@ -27,7 +27,7 @@ struct DepthPerturbation {
   double hole_share = 0;            // of the pixels, in blobs
   uint64_t seed = 0;
 
-  // Throws OptionError naming the option of `raylift perturb`.
+  // Throws OptionError for a value out of its range.
   void Validate() const;
 };
 

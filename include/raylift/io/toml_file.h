@@ -12,6 +12,8 @@
 #include <string_view>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
+
 namespace raylift {
 
 // A table of the file: all of it, or a part, which keeps the whole.

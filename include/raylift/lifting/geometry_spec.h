@@ -1,4 +1,4 @@
-// Geometry sources by name, as the option --geometry gives them.
+// Geometry sources by specification: "mesh:scene.ply", "depth:maps,kind=ray", "sfm".
 
 #pragma once
 
@@ -46,7 +46,7 @@ struct GeometryContext {
 // OptionError for an unknown kind, key or value, InputError where a file cannot be read.
 NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext& context = {});
 
-// The forms of a specification and their keys, for --help.
+// The forms of a specification and their keys, for help texts.
 std::string GeometryHelp();
 
 }  // namespace raylift

@@ -1,4 +1,4 @@
-// The mesh that a job renders, from the options --geometry.
+// The mesh that a job renders, from specifications of geometry.
 
 #pragma once
 

@@ -43,8 +43,8 @@ Camera ReadCamera(LineReader&, LineTokens& tokens) {
   LineTokens ahead = tokens;
   if (ahead.Token("camera model") == "EQUIRECTANGULAR") {
     tokens.Fail(
-        "camera model: COLMAP has no EQUIRECTANGULAR cameras; panoramas stand in lists of views "
-        "(`raylift render --cameras`), or are asked for with --panorama");
+        "camera model: COLMAP has no EQUIRECTANGULAR cameras; panoramas stand in lists of views, "
+        "or are asked for of the images that are rendered");
   }
   return tokens.CameraToEnd();
 }

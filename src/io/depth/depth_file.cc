@@ -53,7 +53,7 @@ std::vector<uint16_t> CountSteps(const path& file, const FloatPlane& plane,
                                  const DepthWriteOptions& options, DepthWriteReport& report) {
   const double step = options.png_step;
   if (!(step > 0) || !std::isfinite(step)) {
-    throw OptionError(fmt::format("the step of a PNG is {}: must be positive", step));
+    throw OptionError("png_step", fmt::format("{}", step), "must be positive");
   }
   std::vector<uint16_t> counts(plane.values.size());
   const size_t beyond = RoundToSteps(plane.values, step, counts, report);
