@@ -12,6 +12,7 @@
 #include "pose_files.h"
 #include "scene_arguments.h"
 #include "scene_options.h"
+#include "typed_options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -58,8 +59,8 @@ struct CompareFlags {
   path ground_truth;
   std::string thresholds = "0.05,5:0.1,1:0.25,2";
   std::string methods = "p3p,e5p1,adaptive,select";
-  std::string filters = "off";
-  std::string alignments = "off";
+  std::vector<FilterMode> filters = {FilterMode::kOff};
+  std::vector<AlignMode> alignments = {AlignMode::kOff};
   EstimatorOptions estimator;
   path out, report, images, query_images;
   RunFlags run;
@@ -124,28 +125,12 @@ void Check(const CompareFlags& flags) {
   }
 }
 
-// One value of each word of a list.
-template <typename T>
-std::vector<T> ParseNames(std::string_view option, const std::string& text,
-                          std::optional<T> (*from_name)(std::string_view),
-                          std::string_view expected) {
-  std::vector<T> values;
-  for (const std::string_view part : SplitBy(text, ',')) {
-    const auto value = from_name(part);
-    if (!value) throw OptionError(option, text, expected);
-    values.push_back(*value);
-  }
-  return values;
-}
-
 LocalizationGrid ParseGrid(const CompareFlags& flags) {
   LocalizationGrid grid;
   flags.estimator.Validate();
   grid.methods = ParseMethods(flags.methods, flags.estimator);
-  grid.filters = ParseNames("--filters", flags.filters, FilterModeFromName,
-                            "expected a list of off|fixed|auto");
-  grid.alignments = ParseNames("--alignments", flags.alignments, AlignModeFromName,
-                               "expected a list of off|scale|affine|grid");
+  grid.filters = flags.filters;
+  grid.alignments = flags.alignments;
   grid.thresholds = ParseThresholds(flags.thresholds);
   grid.seed = flags.estimator.seed;
   grid.threads = flags.run.threads;
@@ -306,8 +291,8 @@ void AddLocalizationOptions(CLI::App& command, CompareFlags& flags) {
   add("--thresholds", flags.thresholds,
       "Recall thresholds: position,degrees between colons, or those of\n" + ThresholdPresetNames());
   add("--methods", flags.methods, "List of " + MethodForms());
-  add("--filters", flags.filters, "List of off|fixed|auto");
-  add("--alignments", flags.alignments, "List of off|scale|affine|grid");
+  AddEnumListOption(command, "--filters", flags.filters, "List of {}")->group(group);
+  AddEnumListOption(command, "--alignments", flags.alignments, "List of {}")->group(group);
   add("--reprojection-threshold-px", flags.estimator.reprojection_threshold_px,
       "Inlier threshold of 2D-3D matches");
   add("--sampson-threshold-px", flags.estimator.sampson_threshold_px,

@@ -1,6 +1,6 @@
 #include "geometry_options.h"
 
-#include <fmt/format.h>
+#include "typed_options.h"
 
 #include "raylift/base/error.h"
 #include "raylift/lifting/geometry_spec.h"
@@ -8,57 +8,37 @@
 namespace raylift {
 
 GeometryOptions GeometryFlags::Resolve() const {
-  const auto mode_value = FromName<GeometryMode>(mode);
-  if (!mode_value) {
-    throw OptionError("--geometry-mode", mode, "expected " + NameList<GeometryMode>());
+  if (values.align != AlignMode::kOff && specs.empty()) {
+    throw OptionError("--align-depth", ToString(values.align), "needs --geometry");
   }
-  const auto align_value = FromName<AlignMode>(align_depth);
-  if (!align_value) {
-    throw OptionError("--align-depth", align_depth, "expected " + NameList<AlignMode>());
-  }
-  if (*align_value != AlignMode::kOff && specs.empty()) {
-    throw OptionError("--align-depth", align_depth, "needs --geometry");
-  }
-  const auto candidates_value = FromName<CandidateMode>(candidates);
-  if (!candidates_value) {
-    throw OptionError("--candidates", candidates, "expected " + NameList<CandidateMode>());
-  }
-  GeometryOptions options{
-      .mode = *mode_value, .align = *align_value, .candidates = candidate_values};
-  options.candidates.mode = *candidates_value;
-  options.candidates.Validate();
-  return options;
+  values.candidates.Validate();
+  return values;
 }
 
 void AddGeometryOptions(CLI::App& app, GeometryFlags& flags) {
   const std::string group = "Geometry";
   app.add_option("--geometry", flags.specs, GeometryHelp())->allow_extra_args(false)->group(group);
-  app.add_option("--geometry-mode", flags.mode,
-                 fmt::format("Of several sources: {}. The point of the first that\n"
-                             "has one, or the points of all",
-                             NameList<GeometryMode>()))
-      ->capture_default_str()
+  AddEnumOption(app, "--geometry-mode", flags.values.mode,
+                "Of several sources: {}. The point of the first that\n"
+                "has one, or the points of all")
       ->group(group);
-  app.add_option("--align-depth", flags.align_depth,
-                 fmt::format("Correct each reference's depth by the matches between references:\n"
-                             "{}. For depth maps that do not agree with each other",
-                             NameList<AlignMode>()))
-      ->capture_default_str()
+  AddEnumOption(app, "--align-depth", flags.values.align,
+                "Correct each reference's depth by the matches between references:\n"
+                "{}. For depth maps that do not agree with each other")
       ->group(group);
-  app.add_option("--candidates", flags.candidates,
-                 fmt::format("The 3D points of a query keypoint, one per matched reference:\n"
-                             "{}. Keep all, merge them to one by the\n"
-                             "references' matched keypoints, or triangulate these and use no\n"
-                             "--geometry",
-                             NameList<CandidateMode>()))
-      ->capture_default_str()
+  CandidateOptions& candidates = flags.values.candidates;
+  AddEnumOption(app, "--candidates", candidates.mode,
+                "The 3D points of a query keypoint, one per matched reference:\n"
+                "{}. Keep all, merge them to one by the\n"
+                "references' matched keypoints, or triangulate these and use no\n"
+                "--geometry")
       ->group(group);
-  app.add_option("--candidates-error-px", flags.candidate_values.max_error_px,
+  app.add_option("--candidates-error-px", candidates.max_error_px,
                  "A reference counts for a merged or triangulated point that\n"
                  "projects this close to its keypoint")
       ->capture_default_str()
       ->group(group);
-  app.add_option("--candidates-min-angle-deg", flags.candidate_values.min_angle_deg,
+  app.add_option("--candidates-min-angle-deg", candidates.min_angle_deg,
                  "Smallest angle between rays that a point is triangulated or\n"
                  "refined from")
       ->capture_default_str()

@@ -21,10 +21,7 @@ struct GeometryOptions {
 
 struct GeometryFlags {
   std::vector<std::string> specs;  // in the order in which sources are asked
-  std::string mode = "first";
-  std::string align_depth = "off";
-  std::string candidates = "keep";
-  CandidateOptions candidate_values;  // the numbers
+  GeometryOptions values;
 
   // Throws OptionError.
   GeometryOptions Resolve() const;

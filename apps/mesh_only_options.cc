@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "options.h"
+#include "typed_options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -16,25 +17,11 @@
 namespace raylift {
 namespace {
 
-std::optional<PlaneSize> ParseOptionalSize(const std::string& text) {
-  if (text.empty()) return std::nullopt;
-  return ParseSize("--view-size", text);
-}
-
-std::optional<double> ParseFov(const std::string& text) {
-  if (text.empty()) return std::nullopt;
-  const double fov_deg = ParsePositive("--view-fov-deg", text);
-  if (!(fov_deg < 180)) throw OptionError("--view-fov-deg", text, "must be below 180");
+double ParseFov(std::string_view option, const std::string& text) {
+  const double fov_deg = ParsePositive(option, text);
+  if (!(fov_deg < 180)) throw OptionError(option, text, "must be below 180");
   return fov_deg;
 }
-
-ViewKind ParseKind(const std::string& text) {
-  const auto kind = FromName<ViewKind>(text);
-  if (!kind) throw OptionError("--view-kind", text, "expected " + NameList<ViewKind>());
-  return *kind;
-}
-
-}  // namespace
 
 Eigen::Vector3d ParseUp(std::string_view option, const std::string& text) {
   constexpr std::array<std::string_view, 3> kAxes = {"x", "y", "z"};
@@ -54,12 +41,16 @@ Eigen::Vector3d ParseUp(std::string_view option, const std::string& text) {
   return up;
 }
 
+}  // namespace
+
+CLI::Option* AddUpOption(CLI::App& app, const std::string& name, Eigen::Vector3d& up_in_world) {
+  up_in_world = Eigen::Vector3d::UnitZ();
+  return AddParsedOption(app, name, up_in_world, &ParseUp,
+                         "x|y|z|-x|-y|-z or X,Y,Z in the mesh's coordinates", "z");
+}
+
 void MeshOnlyFlags::Check() const {
   RequireAtLeast("--views", views, 1);
-  ParseKind(kind);
-  ParseOptionalSize(size);
-  ParseFov(fov_deg);
-  ParseUp("--view-up", up);
   RequirePositive("--view-eye-height", eye_height);
   if (!(clearance >= 0)) {
     throw OptionError("--view-clearance", FormatDouble(clearance), "must not be negative");
@@ -70,10 +61,10 @@ RenderedReferenceOptions MeshOnlyFlags::Resolve(std::span<const Camera> queries,
                                                 const std::filesystem::path& out) const {
   RenderedReferenceOptions options;
   options.out = out;
-  options.kind = ParseKind(kind);
-  options.views.camera = CameraLikeQueries(queries, ParseOptionalSize(size), ParseFov(fov_deg));
+  options.kind = kind;
+  options.views.camera = CameraLikeQueries(queries, size, fov_deg);
   options.views.count = views;
-  options.views.up_in_world = ParseUp("--view-up", up);
+  options.views.up_in_world = up_in_world;
   options.views.clearance = clearance;
   options.inside.eye_height = eye_height;
   return options;
@@ -84,23 +75,19 @@ void AddMeshOnlyOptions(CLI::App& app, MeshOnlyFlags& flags) {
   app.add_option("--views", flags.views, "How many; they are kept in OUT/references")
       ->capture_default_str()
       ->group(group);
-  app.add_option(
-         "--view-kind", flags.kind,
-         fmt::format("Where from: {}. inside: at eye height above\n"
-                     "the ground; around: from outside, looking at the middle; cover: from\n"
-                     "wherever there is room in front of surfaces; auto: inside where there\n"
-                     "is a ground, else cover",
-                     NameList<ViewKind>()))
-      ->capture_default_str()
+  AddEnumOption(app, "--view-kind", flags.kind,
+                "Where from: {}. inside: at eye height above\n"
+                "the ground; around: from outside, looking at the middle; cover: from\n"
+                "wherever there is room in front of surfaces; auto: inside where there\n"
+                "is a ground, else cover")
       ->group(group);
-  app.add_option("--view-size", flags.size, "WIDTHxHEIGHT (default: as sharp as the queries)")
+  AddParsedOption(app, "--view-size", flags.size, &ParseSize,
+                  "WIDTHxHEIGHT (default: as sharp as the queries)")
       ->group(group);
-  app.add_option("--view-fov-deg", flags.fov_deg,
-                 "Horizontal angle of view (default: the queries', 60 to 100)")
+  AddParsedOption(app, "--view-fov-deg", flags.fov_deg, &ParseFov,
+                  "Horizontal angle of view (default: the queries', 60 to 100)")
       ->group(group);
-  app.add_option("--view-up", flags.up, "x|y|z|-x|-y|-z or X,Y,Z in the mesh's coordinates")
-      ->capture_default_str()
-      ->group(group);
+  AddUpOption(app, "--view-up", flags.up_in_world)->group(group);
   app.add_option("--view-eye-height", flags.eye_height, "inside: above the ground")
       ->capture_default_str()
       ->group(group);

@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -17,20 +18,20 @@
 
 namespace raylift {
 
-// "x", "-y", ... or "X,Y,Z". Throws OptionError.
-Eigen::Vector3d ParseUp(std::string_view option, const std::string& text);
+// "x", "-y", ... or "X,Y,Z", z unless given.
+CLI::Option* AddUpOption(CLI::App& app, const std::string& name, Eigen::Vector3d& up_in_world);
 
 struct MeshOnlyFlags {
   int views = 48;
-  std::string kind = "auto";
-  std::string size;     // empty: as the queries'
-  std::string fov_deg;  // empty: as the queries'
-  std::string up = "z";
+  ViewKind kind = ViewKind::kAuto;
+  std::optional<PlaneSize> size;  // none: as the queries'
+  std::optional<double> fov_deg;  // none: as the queries'
+  Eigen::Vector3d up_in_world = Eigen::Vector3d::UnitZ();
   double eye_height = 1.6;
   double clearance = 0.3;
   int rerender = 0;  // rounds
 
-  // All of these throw OptionError.
+  // Throws OptionError.
   void Check() const;
   // Of queries with these cameras, to `out`.
   RenderedReferenceOptions Resolve(std::span<const Camera> queries,

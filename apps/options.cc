@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "typed_options.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -43,37 +44,17 @@ Json EffectiveValue(const CLI::Option& option) {
 }  // namespace
 
 EstimatorOptions EstimatorFlags::Resolve() const {
-  EstimatorOptions options = values;
-  const auto method_value = FromName<Method>(method);
-  if (!method_value) {
-    throw OptionError("--method", method, "expected " + NameList<Method>());
-  }
-  options.method = *method_value;
-  const auto score_value = FromName<ScoreCombination>(score);
-  if (!score_value) {
-    throw OptionError("--score", score, "expected " + NameList<ScoreCombination>());
-  }
-  options.score = *score_value;
-  const auto lo_value = FromName<LocalOptimization>(local_optimization);
-  if (!lo_value) {
-    throw OptionError("--lo", local_optimization, "expected " + NameList<LocalOptimization>());
-  }
-  options.local_optimization = *lo_value;
-  options.Validate();
-  return options;
+  values.Validate();
+  return values;
 }
 
 void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags) {
   const std::string group = "Estimator";
   EstimatorOptions& values = flags.values;
-  app.add_option("--method", flags.method, MethodHelp())->capture_default_str()->group(group);
-  app.add_option("--score", flags.score,
-                 "Score that Adaptive compares poses by:\n" + NameList<ScoreCombination>())
-      ->capture_default_str()
+  AddEnumOption(app, "--method", values.method, MethodHelp())->group(group);
+  AddEnumOption(app, "--score", values.score, "Score that Adaptive compares poses by:\n{}")
       ->group(group);
-  app.add_option("--lo", flags.local_optimization,
-                 "Adaptive's local optimization: " + NameList<LocalOptimization>())
-      ->capture_default_str()
+  AddEnumOption(app, "--lo", values.local_optimization, "Adaptive's local optimization: {}")
       ->group(group);
   app.add_option("--alpha", values.alpha,
                  "Select takes the P3P pose if it has more than alpha times\n"
@@ -113,23 +94,17 @@ void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags) {
 }
 
 FilterOptions FilterFlags::Resolve() const {
-  const auto mode_value = FromName<FilterMode>(mode);
-  if (!mode_value) {
-    throw OptionError("--filter", mode, "expected " + NameList<FilterMode>());
-  }
   thresholds.Validate();
-  return {.mode = *mode_value, .thresholds = thresholds};
+  return {.mode = mode, .thresholds = thresholds};
 }
 
 void AddFilterOptions(CLI::App& app, FilterFlags& flags) {
   const std::string group = "Consistency filter";
-  app.add_option("--filter", flags.mode,
-                 fmt::format("Drop lifted points that too few references agree on:\n"
-                             "{}. fixed helps noisy geometry and hurts accurate\n"
-                             "geometry; auto leaves accurate geometry alone and needs none\n"
-                             "of the options below",
-                             NameList<FilterMode>()))
-      ->capture_default_str()
+  AddEnumOption(app, "--filter", flags.mode,
+                "Drop lifted points that too few references agree on:\n"
+                "{}. fixed helps noisy geometry and hurts accurate\n"
+                "geometry; auto leaves accurate geometry alone and needs none\n"
+                "of the options below")
       ->group(group);
   app.add_option("--filter-reprojection-px", flags.thresholds.reprojection_px,
                  "A reference agrees where the point lands this close to\n"
@@ -147,20 +122,10 @@ void AddFilterOptions(CLI::App& app, FilterFlags& flags) {
       ->group(group);
 }
 
-PoseConvention ModelPosesFlags::Resolve() const {
-  const auto value = FromName<PoseConvention>(convention);
-  if (!value) {
-    throw OptionError("--model-poses", convention, "expected " + NameList<PoseConvention>());
-  }
-  return *value;
-}
-
 void AddModelPosesOption(CLI::App& app, ModelPosesFlags& flags) {
-  app.add_option("--model-poses", flags.convention,
-                 "What the model's poses are, where they are not as COLMAP writes\n"
-                 "them: " +
-                     NameList<PoseConvention>())
-      ->capture_default_str()
+  AddEnumOption(app, "--model-poses", flags.convention,
+                "What the model's poses are, where they are not as COLMAP writes\n"
+                "them: {}")
       ->group("References");
 }
 

@@ -15,12 +15,8 @@
 
 namespace raylift {
 
-// Enums arrive as their names; Resolve() turns the whole into the library's options.
 struct EstimatorFlags {
-  std::string method = "adaptive";
-  std::string score = "sum_msac";
-  std::string local_optimization = "hybrid";
-  EstimatorOptions values;  // the numbers
+  EstimatorOptions values;
 
   // Throws OptionError.
   EstimatorOptions Resolve() const;
@@ -28,7 +24,7 @@ struct EstimatorFlags {
 void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags);
 
 struct FilterFlags {
-  std::string mode = "off";
+  FilterMode mode = FilterMode::kOff;
   ConsistencyThresholds thresholds;
 
   // Throws OptionError.
@@ -38,10 +34,9 @@ void AddFilterOptions(CLI::App& app, FilterFlags& flags);
 
 // What the poses of --model mean.
 struct ModelPosesFlags {
-  std::string convention = "cam_from_world";
+  PoseConvention convention = PoseConvention::kCamFromWorld;
 
-  // Throws OptionError.
-  PoseConvention Resolve() const;
+  PoseConvention Resolve() const { return convention; }
 };
 void AddModelPosesOption(CLI::App& app, ModelPosesFlags& flags);
 

@@ -19,6 +19,7 @@
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/localization/references.h"
 #include "raylift/renderers/view_renderer.h"
+#include "raylift/views/product.h"
 
 namespace raylift {
 namespace {
@@ -55,7 +56,8 @@ DepthWriteOptions WriteOptionsOf(const PerturbFlags& flags) {
   options.out_of_range = DepthWriteOptions::OutOfRange::kDrop;
   if (!DepthFileFormatFromName(path("map." + flags.format)) || flags.format == "pgm" ||
       flags.format == "npy.gz" || flags.format == "depth") {
-    throw OptionError("--format", flags.format, "expected exr|npy|npz|png|tiff|pfm|bin");
+    throw OptionError("--format", flags.format,
+                      fmt::format("expected {}", fmt::join(FormatsOf(Product::kDepth), "|")));
   }
   return options;
 }
@@ -134,7 +136,10 @@ Command AddPerturbCommand(CLI::App& program) {
   command->add_option("--out", flags->out, "Folder for the maps, DIR/STEM.FORMAT of each image")
       ->required()
       ->group("Output");
-  command->add_option("--format", flags->format, "exr|npy|npz|png (mm)|tiff|pfm|bin (COLMAP)")
+  command
+      ->add_option("--format", flags->format,
+                   fmt::format("{}; png in millimetres, bin as COLMAP has it",
+                               fmt::join(FormatsOf(Product::kDepth), "|")))
       ->capture_default_str()
       ->group("Output");
   AddPerturbationOptions(*command, flags->perturbation);

@@ -52,11 +52,11 @@ void PrintJsonLine(const RenderedImage& image) {
 
 class RenderRun {
  public:
-  RenderRun(const RenderFlags& flags, RenderJobOptions options, const TaskSelection& selection)
+  RenderRun(const RenderFlags& flags, RenderJobOptions options)
       : flags_(flags), options_(std::move(options)) {
     tasks_ = SelectTasks(
         flags.model.empty() ? ReadViewList(flags.cameras) : ReadModelViews(flags.model, warnings_),
-        selection);
+        flags.selection);
     const Steps steps(flags.run.quiet);
     scene_ = LoadMeshScene(flags.geometry,
                            {.threads = flags.run.threads,
@@ -147,9 +147,8 @@ Command AddRenderCommand(CLI::App& program) {
       "  raylift render --geometry mesh:tiles --model sfm --out rendered --shard auto \\\n"
       "      --products depth,normals,color --format normals=npy --format color=jpg --scale 0.5");
   return {command, [flags] {
-            CheckSources(*flags);
-            const TaskSelection selection = ResolveSelection(*flags);
-            RenderRun(*flags, ResolveJob(*flags), selection).Run();
+            CheckRenderFlags(*flags);
+            RenderRun(*flags, ResolveJob(*flags)).Run();
           }};
 }
 

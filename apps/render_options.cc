@@ -6,6 +6,7 @@
 
 #include "scene_arguments.h"
 #include "scene_options.h"
+#include "typed_options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -13,14 +14,6 @@
 
 namespace raylift {
 namespace {
-
-Product ResolveProduct(std::string_view option, const std::string& name) {
-  const auto product = FromName<Product>(name);
-  if (!product) {
-    throw OptionError(option, name, "expected " + NameList<Product>());
-  }
-  return *product;
-}
 
 std::string FormatNames(Product product) {
   return fmt::format("{}", fmt::join(FormatsOf(product), "|"));
@@ -33,7 +26,7 @@ void SetFormat(const std::string& text, std::vector<ProductOutput>& outputs) {
   const std::string format(parts.back());
   bool used = false;
   for (ProductOutput& output : outputs) {
-    if (for_one && output.product != ResolveProduct("--format", std::string(parts.front()))) {
+    if (for_one && output.product != ParseEnum<Product>("--format", parts.front())) {
       continue;
     }
     const auto known = FormatsOf(output.product);
@@ -49,44 +42,42 @@ void SetFormat(const std::string& text, std::vector<ProductOutput>& outputs) {
   }
 }
 
+std::vector<Product> ParseProducts(std::string_view option, const std::string& text) {
+  std::vector<Product> products;
+  for (const std::string_view name : SplitBy(text, ',')) {
+    const auto product = ParseEnum<Product>(option, name);
+    if (std::find(products.begin(), products.end(), product) != products.end()) {
+      throw OptionError(option, text, "a product stands twice");
+    }
+    products.push_back(product);
+  }
+  return products;
+}
+
 std::vector<ProductOutput> ResolveProducts(const RenderFlags& flags) {
   std::vector<ProductOutput> outputs;
-  for (const std::string_view name : SplitBy(flags.products, ',')) {
-    const Product product = ResolveProduct("--products", std::string(name));
-    if (std::any_of(outputs.begin(), outputs.end(),
-                    [product](const ProductOutput& o) { return o.product == product; })) {
-      throw OptionError("--products", flags.products, "a product stands twice");
-    }
+  for (const Product product : flags.products) {
     outputs.push_back({product, std::string(FormatsOf(product).front())});
   }
   for (const std::string& text : flags.formats) SetFormat(text, outputs);
   return outputs;
 }
 
-template <NamedEnum Enum>
-Enum ResolveName(std::string_view option, const std::string& text) {
-  const auto value = FromName<Enum>(text);
-  if (!value) throw OptionError(option, text, "expected " + NameList<Enum>());
-  return *value;
+void CheckStorage(const StorageOptions& storage) {
+  if (!(storage.floats.png_step > 0)) {
+    throw OptionError("--png-step", FormatDouble(storage.floats.png_step), "must be positive");
+  }
+  if (storage.jpeg_quality < 1 || storage.jpeg_quality > 100) {
+    throw OptionError("--jpeg-quality", std::to_string(storage.jpeg_quality), "must be 1 to 100");
+  }
 }
 
-StorageOptions ResolveStorage(const RenderFlags& flags) {
-  StorageOptions storage;
-  storage.floats.exr_compression =
-      ResolveName<ExrCompression>("--exr-compression", flags.exr_compression);
-  storage.floats.sample = ResolveName<FloatSample>("--sample", flags.sample);
-  storage.floats.out_of_range =
-      ResolveName<DepthWriteOptions::OutOfRange>("--out-of-range", flags.out_of_range);
-  if (!(flags.png_step > 0)) {
-    throw OptionError("--png-step", FormatDouble(flags.png_step), "must be positive");
+void CheckSelection(const TaskSelection& selection) {
+  CheckThinning(selection.thinning);
+  if (selection.scale.has_value() + selection.size.has_value() + selection.panorama.has_value() >
+      1) {
+    throw OptionError("give at most one of --scale, --size and --panorama");
   }
-  storage.floats.png_step = flags.png_step;
-  storage.floats.deflate_npz = flags.deflate_npz;
-  if (flags.jpeg_quality < 1 || flags.jpeg_quality > 100) {
-    throw OptionError("--jpeg-quality", std::to_string(flags.jpeg_quality), "must be 1 to 100");
-  }
-  storage.jpeg_quality = flags.jpeg_quality;
-  return storage;
 }
 
 std::array<uint8_t, 3> ParseRgb(std::string_view option, const std::string& text) {
@@ -102,22 +93,8 @@ std::array<uint8_t, 3> ParseRgb(std::string_view option, const std::string& text
   return rgb;
 }
 
-FrameOptions ResolveFrame(const RenderFlags& flags) {
-  FrameOptions frame;
-  frame.normals_in = ResolveName<FrameOptions::NormalsIn>("--normals-in", flags.normals_in);
-  if (flags.supersampling < 1 || flags.supersampling > 16) {
-    throw OptionError("--supersampling", std::to_string(flags.supersampling), "must be 1 to 16");
-  }
-  frame.color_options.samples_per_pixel_side = flags.supersampling;
-  frame.color_options.background_rgb = ParseRgb("--background", flags.background);
-  if (flags.shading != "auto" && !FromName<ColorOptions::Shading>(flags.shading)) {
-    throw OptionError("--shading", flags.shading,
-                      fmt::format("expected {}|auto", NameList<ColorOptions::Shading>()));
-  }
-  return frame;
-}
-
 void AddInputOptions(CLI::App& command, RenderFlags& flags) {
+  TaskSelection& selection = flags.selection;
   command
       .add_option("--geometry", flags.geometry,
                   "mesh:PATH[,build=low|medium]: PLY, OBJ, glTF, STL, ...; a.ply+b.ply,\n"
@@ -133,15 +110,17 @@ void AddInputOptions(CLI::App& command, RenderFlags& flags) {
                   "Cameras: list of name qw qx qy qz tx ty tz MODEL width height params...;\n"
                   "MODEL is one of COLMAP's or EQUIRECTANGULAR (without parameters)")
       ->group("Scene");
-  command.add_option("--list-images", flags.list_images, "Only the images in this list")
+  command.add_option("--list-images", selection.list, "Only the images in this list")
       ->group("Scene");
-  command.add_option("--glob", flags.glob, "Only images whose name matches, as in a shell")
+  command.add_option("--glob", selection.glob, "Only images whose name matches, as in a shell")
       ->group("Scene");
-  AddThinningOptions(command, flags.thinning, "of these (by name)", "Scene");
-  command.add_option("--scale", flags.scale, "Factor of the images' sides")->group("Scene");
-  command.add_option("--size", flags.size, "WIDTHxHEIGHT of all images")->group("Scene");
-  command
-      .add_option("--panorama", flags.panorama,
+  AddThinningOptions(command, selection.thinning, "of these (by name)", "Scene");
+  AddParsedOption(command, "--scale", selection.scale, &ParsePositive,
+                  "Factor of the images' sides")
+      ->group("Scene");
+  AddParsedOption(command, "--size", selection.size, &ParseSize, "WIDTHxHEIGHT of all images")
+      ->group("Scene");
+  AddParsedOption(command, "--panorama", selection.panorama, &ParseSize,
                   "WIDTHxHEIGHT: an equirectangular panorama from each camera's place")
       ->group("Scene");
 }
@@ -152,78 +131,68 @@ void AddProductOptions(CLI::App& command, RenderFlags& flags) {
   for (const Product product : AllValues<Product>()) {
     formats += fmt::format("\n  {}: {}", ToString(product), FormatNames(product));
   }
-  command
-      .add_option("--products", flags.products,
+  AddParsedOption(command, "--products", flags.products, &ParseProducts,
                   "Of depth (z), distance (along the ray), normals, color, triangle,\n"
-                  "incidence (degrees), mask; separated by commas")
-      ->capture_default_str()
+                  "incidence (degrees), mask; separated by commas",
+                  "depth")
       ->group(group);
   command
       .add_option("--format", flags.formats,
                   "FORMAT or PRODUCT=FORMAT, repeatable; the first is the default:" + formats)
       ->allow_extra_args(false)
       ->group(group);
-  command
-      .add_option("--exr-compression", flags.exr_compression,
-                  NameList<ExrCompression>() + "; pxr24 keeps 24 of 32 bits")
+  DepthWriteOptions& floats = flags.job.storage.floats;
+  AddEnumOption(command, "--exr-compression", floats.exr_compression,
+                "{}; pxr24 keeps 24 of 32 bits")
+      ->group(group);
+  AddEnumOption(command, "--sample", floats.sample, "{}, of EXR, NPY and NPZ")->group(group);
+  command.add_option("--png-step", floats.png_step, "Scene units per count of a 16-bit PNG")
       ->capture_default_str()
       ->group(group);
-  command.add_option("--sample", flags.sample, NameList<FloatSample>() + ", of EXR, NPY and NPZ")
+  AddEnumOption(command, "--out-of-range", floats.out_of_range,
+                "{}: what to do with depth that a PNG or half cannot hold")
+      ->group(group);
+  command.add_flag("--deflate-npz", floats.deflate_npz, "Smaller NPZ files, written slower")
+      ->group(group);
+  command.add_option("--jpeg-quality", flags.job.storage.jpeg_quality, "1 to 100")
       ->capture_default_str()
       ->group(group);
-  command.add_option("--png-step", flags.png_step, "Scene units per count of a 16-bit PNG")
-      ->capture_default_str()
-      ->group(group);
-  command
-      .add_option("--out-of-range", flags.out_of_range,
-                  NameList<DepthWriteOptions::OutOfRange>() +
-                      ": what to do with depth that a PNG or half cannot hold")
-      ->capture_default_str()
-      ->group(group);
-  command.add_flag("--deflate-npz", flags.deflate_npz, "Smaller NPZ files, written slower")
-      ->group(group);
-  command.add_option("--jpeg-quality", flags.jpeg_quality, "1 to 100")
-      ->capture_default_str()
-      ->group(group);
-  command.add_option("--normals-in", flags.normals_in, NameList<FrameOptions::NormalsIn>())
-      ->capture_default_str()
+  FrameOptions& frame = flags.job.frame;
+  AddEnumOption(command, "--normals-in", frame.normals_in, "{}")->group(group);
+  AddEnumOption(command, "--shading", flags.shading, "{} (headlight where the mesh has no colours)",
+                "auto")
       ->group(group);
   command
-      .add_option(
-          "--shading", flags.shading,
-          NameList<ColorOptions::Shading>() + "|auto (headlight where the mesh has no colours)")
-      ->capture_default_str()
-      ->group(group);
-  command
-      .add_option("--supersampling", flags.supersampling,
+      .add_option("--supersampling", frame.color_options.samples_per_pixel_side,
                   "N: each pixel's colour is the mean of N x N samples")
       ->capture_default_str()
       ->group(group);
-  command.add_option("--background", flags.background, "RED,GREEN,BLUE where there is no surface")
-      ->capture_default_str()
+  AddParsedOption(command, "--background", frame.color_options.background_rgb, &ParseRgb,
+                  "RED,GREEN,BLUE where there is no surface", "0,0,0")
       ->group(group);
 }
 
 void AddOutputOptions(CLI::App& command, RenderFlags& flags) {
   command
-      .add_option("--out", flags.out,
+      .add_option("--out", flags.job.out,
                   "Folder for PRODUCT/NAME.FORMAT, manifest.jsonl and summary.json")
       ->required()
       ->group("Output");
   command
-      .add_option("--pattern", flags.pattern,
+      .add_option("--pattern", flags.selection.pattern,
                   "Names of the files without extension: {name}, {dir}, {stem}, {base} of the\n"
                   "image; {name}.geometric for COLMAP, {dir}/{base}_depth for MeshLoc")
       ->capture_default_str()
       ->group("Output");
-  command.add_flag("--preview", flags.preview, "Also write preview.png, a sheet of small depths")
+  command
+      .add_flag("--preview", flags.job.preview, "Also write preview.png, a sheet of small depths")
       ->group("Output");
   command
       .add_flag("--log-json", flags.log_json,
                 "A line of JSON on stdout for each image, and no table")
       ->group("Output");
   command
-      .add_flag("--resume", flags.resume,
+      .add_flag("--resume", flags.job.resume,
                 "Keep what the manifest says to be complete and not stale")
       ->group("Running");
   command
@@ -244,45 +213,31 @@ void AddRenderOptions(CLI::App& command, RenderFlags& flags) {
   AddRunOptions(command, flags.run);
 }
 
-void CheckSources(const RenderFlags& flags) {
+void CheckRenderFlags(const RenderFlags& flags) {
   flags.run.Check();
   if (flags.model.empty() == flags.cameras.empty()) {
     throw OptionError("give either --model or --cameras");
   }
-}
-
-TaskSelection ResolveSelection(const RenderFlags& flags) {
-  TaskSelection selection{.list = flags.list_images,
-                          .glob = flags.glob,
-                          .thinning = flags.thinning,
-                          .pattern = flags.pattern};
-  CheckThinning(flags.thinning);
-  if (!flags.scale.empty()) {
-    selection.scale = ParsePositive("--scale", flags.scale);
+  CheckSelection(flags.selection);
+  CheckStorage(flags.job.storage);
+  const int supersampling = flags.job.frame.color_options.samples_per_pixel_side;
+  if (supersampling < 1 || supersampling > 16) {
+    throw OptionError("--supersampling", std::to_string(supersampling), "must be 1 to 16");
   }
-  if (!flags.size.empty()) selection.size = ParseSize("--size", flags.size);
-  if (!flags.panorama.empty()) selection.panorama = ParseSize("--panorama", flags.panorama);
-  const int sizes = (flags.scale.empty() ? 0 : 1) + (flags.size.empty() ? 0 : 1) +
-                    (flags.panorama.empty() ? 0 : 1);
-  if (sizes > 1) throw OptionError("give at most one of --scale, --size and --panorama");
-  return selection;
 }
 
 RenderJobOptions ResolveJob(const RenderFlags& flags) {
-  return {.out = flags.out,
-          .products = ResolveProducts(flags),
-          .frame = ResolveFrame(flags),
-          .storage = ResolveStorage(flags),
-          .threads = flags.run.threads,
-          .resume = flags.resume,
-          .shard = ParseShard(flags.shard, &EnvironmentVariable),
-          .preview = flags.preview};
+  RenderJobOptions job = flags.job;
+  job.products = ResolveProducts(flags);
+  job.threads = flags.run.threads;
+  job.shard = ParseShard(flags.shard, &EnvironmentVariable);
+  return job;
 }
 
 ColorOptions::Shading ResolveShading(const RenderFlags& flags, const TriangleMesh& mesh) {
   const bool has_colors = !mesh.vertex_colors_rgb.empty() || !mesh.triangle_textures.empty();
-  return FromName<ColorOptions::Shading>(flags.shading)
-      .value_or(has_colors ? ColorOptions::Shading::kUnlit : ColorOptions::Shading::kHeadlight);
+  return flags.shading.value_or(has_colors ? ColorOptions::Shading::kUnlit
+                                           : ColorOptions::Shading::kHeadlight);
 }
 
 }  // namespace raylift

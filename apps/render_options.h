@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,36 +19,20 @@ namespace raylift {
 struct RenderFlags {
   std::vector<std::string> geometry;
   std::filesystem::path model, cameras;
-  std::filesystem::path list_images;
-  std::string glob;
-  Thinning thinning;
-  std::string scale, size, panorama;
-  std::string products = "depth";
+  TaskSelection selection;
+  RenderJobOptions job;  // all but what follows
+  std::vector<Product> products = {Product::kDepth};
   std::vector<std::string> formats;
-  std::string exr_compression = "pxr24";
-  std::string sample = "float";
-  double png_step = 0.001;
-  std::string out_of_range = "refuse";
-  bool deflate_npz = false;
-  int jpeg_quality = 92;
-  std::string normals_in = "world";
-  std::string shading = "auto";
-  int supersampling = 1;
-  std::string background = "0,0,0";
-  std::filesystem::path out;
-  std::string pattern = "{dir}/{stem}";
-  bool resume = false;
+  std::optional<ColorOptions::Shading> shading;  // none: by whether the mesh has colours
   std::string shard = "0/1";
-  bool preview = false;
   bool log_json = false;
   RunFlags run;
 };
 
 void AddRenderOptions(CLI::App& command, RenderFlags& flags);
 
-// All of these throw OptionError.
-void CheckSources(const RenderFlags& flags);
-TaskSelection ResolveSelection(const RenderFlags& flags);
+// Both throw OptionError.
+void CheckRenderFlags(const RenderFlags& flags);
 RenderJobOptions ResolveJob(const RenderFlags& flags);
 
 // What `--shading` means for this mesh: one without colours needs light to show its shape.

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "pose_files.h"
+#include "typed_options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -28,20 +29,15 @@ bool IsMesh(const std::string& geometry) { return geometry.starts_with("mesh:");
 }  // namespace
 
 bool RetrievalFlags::Any() const {
-  return !method.empty() || !global_features.references.empty() ||
-         !global_features.queries.empty() || !prior_poses.empty() || !view_range.empty();
+  return method || !global_features.references.empty() || !global_features.queries.empty() ||
+         !prior_poses.empty() || !view_range.empty();
 }
 
 RetrievalOptions RetrievalFlags::Resolve(const std::vector<std::string>& geometry,
                                          Queries queries) const {
   RetrievalOptions options;
-  options.method =
-      global_features.references.empty() ? RetrievalMethod::kVlad : RetrievalMethod::kGlobal;
-  if (!method.empty()) {
-    const auto value = FromName<RetrievalMethod>(method);
-    if (!value) throw OptionError("--retrieval", method, "expected " + NameList<RetrievalMethod>());
-    options.method = *value;
-  }
+  options.method = method.value_or(global_features.references.empty() ? RetrievalMethod::kVlad
+                                                                      : RetrievalMethod::kGlobal);
   RequireMethod("--global-features", !global_features.references.empty(), RetrievalMethod::kGlobal,
                 options.method);
   RequireMethod("--query-global-features", !global_features.queries.empty(),
@@ -86,14 +82,9 @@ void RetrievalFlags::ReadPriorPoses(RetrievalOptions* options) const {
 
 void AddRetrievalOptions(CLI::App& app, RetrievalFlags& flags) {
   const std::string group = "Retrieval";
-  app.add_option("--retrieval", flags.method,
-                 "How references are found:\n"
-                 "vlad: RootSIFT features are alike\n"
-                 "global: global descriptors of --global-features are alike\n"
-                 "pose: cameras look at the same part of space\n"
-                 "overlap: cameras see the same part of the mesh (by rays)\n"
-                 "covisibility: images observe the same points of the model\n"
-                 "(default: vlad, or global where --global-features is given)")
+  AddEnumOption(app, "--retrieval", flags.method,
+                "How references are found:\n" + Descriptions<RetrievalMethod>() +
+                    "\n(default: vlad, or global where --global-features is given)")
       ->group(group);
   app.add_option("--global-features", flags.global_features.references,
                  "hloc's global-feats*.h5 (NetVLAD, AP-GeM, MegaLoc, ...)")

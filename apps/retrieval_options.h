@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,7 +14,7 @@
 namespace raylift {
 
 struct RetrievalFlags {
-  std::string method;
+  std::optional<RetrievalMethod> method;
   GlobalFeatureFiles global_features;
   std::filesystem::path prior_poses;
   double max_angle_deg = 30;

@@ -8,6 +8,7 @@
 #include "commands.h"
 #include "mesh_only_options.h"
 #include "options.h"
+#include "typed_options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -28,21 +29,36 @@ namespace {
 
 using std::filesystem::path;
 
+enum class SamplingMode { kInside, kAround, kAlong };
+
+}  // namespace
+
+template <>
+inline constexpr auto kEnumNames<SamplingMode> = std::to_array<EnumName<SamplingMode>>({
+    {SamplingMode::kInside, "inside", "",
+     "at eye height over the ground, clear of walls, looking along free space"},
+    {SamplingMode::kAround, "around", "",
+     "on a sphere or ring around the mesh, looking at its middle"},
+    {SamplingMode::kAlong, "along", "", "on a line"},
+});
+
+namespace {
+
 struct ViewsFlags {
   std::vector<std::string> geometry;
-  std::string mode = "inside";
+  SamplingMode mode = SamplingMode::kInside;
   path line;
   int count = 48;
-  std::string camera, size = "640x480";
+  std::optional<Camera> camera;
+  PlaneSize size = {640, 480};
   double fov_deg = 75;
-  std::string up = "z";
+  Eigen::Vector3d up_in_world = Eigen::Vector3d::UnitZ();
   bool level = false;
   double clearance = 0.3;
   uint64_t seed = 0;
   bool any_side = false;
   InsideOptions inside;
   AroundOptions around;
-  std::string distance;
   int rig_cameras = 1;
   bool text = false;
   path out;
@@ -50,19 +66,21 @@ struct ViewsFlags {
   RunFlags run;
 };
 
-Camera ResolveCamera(const ViewsFlags& flags) {
-  if (!flags.camera.empty()) {
-    try {
-      return ParseCamera("--camera", flags.camera);
-    } catch (const InputError&) {
-      throw OptionError("--camera", flags.camera,
-                        "expected \"MODEL width height params...\" of one of COLMAP's models");
-    }
+Camera ParseCameraOption(std::string_view option, const std::string& text) {
+  try {
+    return ParseCamera(std::string(option), text);
+  } catch (const InputError&) {
+    throw OptionError(option, text,
+                      "expected \"MODEL width height params...\" of one of COLMAP's models");
   }
+}
+
+Camera ResolveCamera(const ViewsFlags& flags) {
+  if (flags.camera) return *flags.camera;
   if (!(flags.fov_deg > 0 && flags.fov_deg < 180)) {
     throw OptionError("--fov-deg", FormatDouble(flags.fov_deg), "must be above 0 and below 180");
   }
-  const PlaneSize size = ParseSize("--size", flags.size);
+  const PlaneSize size = flags.size;
   const double focal_px =
       0.5 * size.width_px / std::tan(0.5 * flags.fov_deg * std::numbers::pi / 180);
   const double params[] = {focal_px, focal_px, 0.5 * size.width_px, 0.5 * size.height_px};
@@ -71,10 +89,7 @@ Camera ResolveCamera(const ViewsFlags& flags) {
 
 void Check(const ViewsFlags& flags) {
   flags.run.Check();
-  if (flags.mode != "inside" && flags.mode != "around" && flags.mode != "along") {
-    throw OptionError("--mode", flags.mode, "expected inside|around|along");
-  }
-  if (flags.line.empty() != (flags.mode != "along")) {
+  if (flags.line.empty() != (flags.mode != SamplingMode::kAlong)) {
     throw OptionError("--line and --mode along go together");
   }
   RequirePositive("--count", flags.count);
@@ -99,35 +114,32 @@ void Check(const ViewsFlags& flags) {
   }
 }
 
-AroundOptions ResolveAround(const ViewsFlags& flags) {
-  AroundOptions around = flags.around;
-  if (!flags.distance.empty()) {
-    around.distance = ParsePositive("--distance", flags.distance);
-  }
-  return around;
-}
-
 SampledViews Sample(const ViewsFlags& flags, const RayCaster& mesh,
-                    const ViewSamplerOptions& options, const AroundOptions& around) {
-  if (flags.mode == "around") return SampleAround(mesh, options, around);
-  if (flags.mode == "along") return SampleAlong(mesh, options, ReadPointList(flags.line));
-  return SampleInside(mesh, options, flags.inside);
+                    const ViewSamplerOptions& options) {
+  switch (flags.mode) {
+    case SamplingMode::kInside:
+      return SampleInside(mesh, options, flags.inside);
+    case SamplingMode::kAround:
+      return SampleAround(mesh, options, flags.around);
+    case SamplingMode::kAlong:
+      return SampleAlong(mesh, options, ReadPointList(flags.line));
+  }
+  RAYLIFT_CHECK(false);
 }
 
 void Run(const ViewsFlags& flags) {
   Check(flags);
   ViewSamplerOptions options{.camera = ResolveCamera(flags),
                              .count = flags.count,
-                             .up_in_world = ParseUp("--up", flags.up),
+                             .up_in_world = flags.up_in_world,
                              .clearance = flags.clearance,
                              .seed = flags.seed,
                              .any_side = flags.any_side,
                              .threads = flags.run.threads};
-  const AroundOptions around = ResolveAround(flags);
   const MeshScene scene = LoadMeshScene(flags.geometry, {.threads = flags.run.threads});
   PrintWarnings(scene.warnings);
   if (flags.level) options.up_in_world = LevelUp(scene.caster->mesh(), options.up_in_world);
-  const SampledViews views = Sample(flags, *scene.caster, options, around);
+  const SampledViews views = Sample(flags, *scene.caster, options);
   PrintWarnings(views.warnings);
   const ColmapModel model =
       MakeSampledModel(options.camera, views.cam_from_world, flags.rig_cameras);
@@ -147,18 +159,9 @@ void Run(const ViewsFlags& flags) {
 
 void AddPlaceOptions(CLI::App& command, ViewsFlags& flags) {
   const std::string group = "Places";
-  command
-      .add_option(
-          "--mode", flags.mode,
-          "inside: at eye height over the ground, clear of walls, looking along free space\n"
-          "around: on a sphere or ring around the mesh, looking at its middle\n"
-          "along: on a line")
-      ->capture_default_str()
-      ->group(group);
+  AddEnumOption(command, "--mode", flags.mode, Descriptions<SamplingMode>())->group(group);
   command.add_option("--count", flags.count, "Poses")->capture_default_str()->group(group);
-  command.add_option("--up", flags.up, "x|y|z|-x|-y|-z or X,Y,Z in the mesh's coordinates")
-      ->capture_default_str()
-      ->group(group);
+  AddUpOption(command, "--up", flags.up_in_world)->group(group);
   command
       .add_flag("--level", flags.level,
                 "Turn --up to what the mesh's floors and tables face (within 30 degrees)")
@@ -186,8 +189,7 @@ void AddPlaceOptions(CLI::App& command, ViewsFlags& flags) {
       .add_flag("--any-side", flags.any_side,
                 "The mesh's triangles are not wound consistently: do not ask which side is seen")
       ->group(group);
-  command
-      .add_option("--distance", flags.distance,
+  AddParsedOption(command, "--distance", flags.around.distance, &ParsePositive,
                   "around: from the middle (default: the whole mesh is in the picture)")
       ->group(group);
   command.add_option("--min-elevation-deg", flags.around.min_elevation_deg, "around")
@@ -207,12 +209,11 @@ void AddPlaceOptions(CLI::App& command, ViewsFlags& flags) {
 
 void AddCameraOptions(CLI::App& command, ViewsFlags& flags) {
   const std::string group = "Camera";
-  command
-      .add_option("--camera", flags.camera,
+  AddParsedOption(command, "--camera", flags.camera, &ParseCameraOption,
                   "\"MODEL width height params...\" (default: a pinhole camera)")
       ->group(group);
-  command.add_option("--size", flags.size, "WIDTHxHEIGHT of the pinhole camera")
-      ->capture_default_str()
+  AddParsedOption(command, "--size", flags.size, &ParseSize, "WIDTHxHEIGHT of the pinhole camera",
+                  "640x480")
       ->group(group);
   command.add_option("--fov-deg", flags.fov_deg, "Horizontal angle of the pinhole camera")
       ->capture_default_str()

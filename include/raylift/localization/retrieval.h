@@ -32,11 +32,12 @@ namespace raylift {
 enum class RetrievalMethod { kVlad, kGlobal, kPose, kOverlap, kCovisibility };
 template <>
 inline constexpr auto kEnumNames<RetrievalMethod> = std::to_array<EnumName<RetrievalMethod>>({
-    {RetrievalMethod::kVlad, "vlad"},
-    {RetrievalMethod::kGlobal, "global"},
-    {RetrievalMethod::kPose, "pose"},
-    {RetrievalMethod::kOverlap, "overlap"},
-    {RetrievalMethod::kCovisibility, "covisibility"},
+    {RetrievalMethod::kVlad, "vlad", "", "RootSIFT features are alike"},
+    {RetrievalMethod::kGlobal, "global", "", "global descriptors of the images are alike"},
+    {RetrievalMethod::kPose, "pose", "", "cameras look at the same part of space"},
+    {RetrievalMethod::kOverlap, "overlap", "", "cameras see the same part of the mesh (by rays)"},
+    {RetrievalMethod::kCovisibility, "covisibility", "",
+     "images observe the same points of the model"},
 });
 
 struct GlobalFeatureFiles {
