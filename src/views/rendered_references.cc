@@ -46,11 +46,7 @@ struct SampledKind {
 SampledKind SampleAuto(const RayCaster& mesh, const ViewSamplerOptions& options,
                        const ViewSamplerOptions& close, const InsideOptions& inside_options) {
   constexpr double kMinShare = 0.25;
-  std::optional<SampledViews> inside;
-  try {
-    inside = SampleInside(mesh, options, inside_options);
-  } catch (const InputError&) {  // no ground
-  }
+  std::optional<SampledViews> inside = TrySampleInside(mesh, options, inside_options);
   SampledViews cover = SampleCovering(mesh, close, {});
   const auto shown = [&](const SampledViews& views) {
     return CoverageOf(mesh, close, views.cam_from_world);

@@ -49,16 +49,25 @@ std::pair<Eigen::Vector3d, Eigen::Vector3d> LevelAxes(const Eigen::Vector3d& up)
   return {first, up.cross(first)};
 }
 
-void WarnIfFew(size_t found, int wanted, SampledViews& views) {
-  if (found == 0) {
-    throw InputError(
-        "no place for a camera was found: is the direction of up right, and are the clearance and "
-        "the eye height in the scene's unit?");
-  }
+// With a warning where they are fewer than wanted; none where there are none.
+std::optional<SampledViews> Checked(SampledViews views, int wanted) {
+  const size_t found = views.cam_from_world.size();
+  if (found == 0) return std::nullopt;
   if (static_cast<int>(found) < wanted) {
     views.warnings.push_back(
         fmt::format("only {} of {} views were found that are clear of surfaces", found, wanted));
   }
+  return views;
+}
+
+// InputError where there are none.
+SampledViews Required(std::optional<SampledViews> views) {
+  if (!views) {
+    throw InputError(
+        "no place for a camera was found: is the direction of up right, and are the clearance and "
+        "the eye height in the scene's unit?");
+  }
+  return *std::move(views);
 }
 
 // The indices of points, each as far as can be from all before it.
@@ -97,7 +106,6 @@ class InsideSampler {
       AddRound(eyes, rng, views);
       failures = views.cam_from_world.size() == before ? failures + 1 : 0;
     }
-    WarnIfFew(views.cam_from_world.size(), options_.count, views);
     return views;
   }
 
@@ -249,13 +257,18 @@ SampledViews SampleAround(const RayCaster& mesh, const ViewSamplerOptions& optio
     if (LookAround(mesh, center, kManyDirections).clearance < options.clearance) continue;
     views.cam_from_world.push_back(LookAlong(center, -from_middle, up));
   }
-  WarnIfFew(views.cam_from_world.size(), options.count, views);
-  return views;
+  return Required(Checked(std::move(views), options.count));
 }
 
 SampledViews SampleInside(const RayCaster& mesh, const ViewSamplerOptions& options,
                           const InsideOptions& inside) {
-  return InsideSampler(mesh, options, inside).Run();
+  return Required(TrySampleInside(mesh, options, inside));
+}
+
+std::optional<SampledViews> TrySampleInside(const RayCaster& mesh,
+                                            const ViewSamplerOptions& options,
+                                            const InsideOptions& inside) {
+  return Checked(InsideSampler(mesh, options, inside).Run(), options.count);
 }
 
 SampledViews SampleAlong(const RayCaster& mesh, const ViewSamplerOptions& options,
@@ -269,8 +282,7 @@ SampledViews SampleAlong(const RayCaster& mesh, const ViewSamplerOptions& option
     views.cam_from_world.push_back(
         LookAlong(point.position, point.direction, options.up_in_world.normalized()));
   }
-  WarnIfFew(views.cam_from_world.size(), options.count, views);
-  return views;
+  return Required(Checked(std::move(views), options.count));
 }
 
 }  // namespace raylift

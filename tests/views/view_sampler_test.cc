@@ -134,6 +134,7 @@ TEST(SampleInside, SaysWhereThereIsNoPlace) {
   const RayCaster mesh = Scene(InsideOut(MakeBox({0, 0, 0.5}, {5, 5, 0.5})));  // too low
   EXPECT_TRUE(FailsWithInputError([&] { SampleInside(mesh, {.camera = Pinhole()}, {}); },
                                   {"no place for a camera", "the eye height"}));
+  EXPECT_FALSE(TrySampleInside(mesh, {.camera = Pinhole()}, {}));
 }
 
 TEST(SampleInside, CamerasOfARealRoomAreClearOfItsWalls) {

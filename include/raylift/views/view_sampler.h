@@ -60,6 +60,10 @@ struct InsideOptions {
 };
 SampledViews SampleInside(const RayCaster& mesh, const ViewSamplerOptions& options,
                           const InsideOptions& inside);
+// None where there is no place.
+std::optional<SampledViews> TrySampleInside(const RayCaster& mesh,
+                                            const ViewSamplerOptions& options,
+                                            const InsideOptions& inside);
 
 // Evenly spaced along a line of camera centres, looking along it. What is not clear of surfaces
 // or inside a body is left out with a warning; InputError where nothing is left.
