@@ -38,11 +38,8 @@ void Check(const DoctorFlags& flags) {
   flags.references.Check();
   flags.run.Check();
   flags.hloc.Check();
-  if (!flags.hloc.Any() && (flags.images.empty() || flags.queries.empty() || flags.cache.empty())) {
-    throw OptionError(
-        "--images, --queries and --cache are required where no --features, --matches and --pairs "
-        "are given");
-  }
+  RequireWithoutHloc(flags.hloc, "--images, --queries and --cache are",
+                     !flags.images.empty() && !flags.queries.empty() && !flags.cache.empty());
 }
 
 MatchingOptions MatchingOf(const DoctorFlags& flags) {

@@ -16,10 +16,7 @@ void CheckReferences(const LocalizeFlags& flags) {
   CheckRerender(flags.mesh_only.rerender, flags.geometry.specs,
                 !flags.query_images.empty() || !flags.images.empty());
   if (!flags.RendersReferences()) {
-    if (!flags.hloc.Any() && flags.images.empty()) {
-      throw OptionError(
-          "--images is required where no --features, --matches and --pairs are given");
-    }
+    RequireWithoutHloc(flags.hloc, "--images is", !flags.images.empty());
     return;
   }
   RequireMeshOnly(flags.geometry.specs, flags.hloc.Any() ? "--features" : "--images",
@@ -47,7 +44,7 @@ void LocalizeFlags::Check(const GeometryOptions& geometry_options,
   if (resolved.method == RetrievalMethod::kCovisibility) {
     throw OptionError("--retrieval", "covisibility", "queries observe no points of the model");
   }
-  if (geometry.specs.empty() && estimator_options.method != Method::kE5p1 &&
+  if (geometry.specs.empty() && UsesPoints(estimator_options.method) &&
       geometry_options.candidates.mode != CandidateMode::kTriangulate) {
     throw OptionError(fmt::format(
         "--geometry is required by --method {} (e5p1 and --candidates triangulate need none)",

@@ -54,6 +54,12 @@ void HlocFlags::Check() const {
   }
 }
 
+void RequireWithoutHloc(const HlocFlags& flags, std::string_view options_are, bool are_given) {
+  if (flags.Any() || are_given) return;
+  throw OptionError(
+      fmt::format("{} required where no --features, --matches and --pairs are given", options_are));
+}
+
 void AddHlocOptions(CLI::App& app, HlocFlags& flags, const std::string& without) {
   const std::string group = "Matches";
   app.add_option("--features", flags.files.features, "hloc's features.h5" + without)->group(group);

@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <string>
+#include <string_view>
 
 #include <CLI/CLI.hpp>
 
@@ -37,6 +38,9 @@ struct HlocFlags {
   // The three files go together. Throws OptionError.
   void Check() const;
 };
+// What must be given where hloc's files are not: `options_are` says so ("--images is"). Throws
+// OptionError.
+void RequireWithoutHloc(const HlocFlags& flags, std::string_view options_are, bool are_given);
 // `without` ends the help of --features: what a command does where it is not given.
 void AddHlocOptions(CLI::App& app, HlocFlags& flags, const std::string& without = "");
 

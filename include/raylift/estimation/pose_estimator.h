@@ -47,6 +47,13 @@ inline std::optional<Method> MethodFromName(std::string_view name) {
   return FromName<Method>(name);
 }
 
+// All but E5+1 use 2D-3D matches.
+constexpr bool UsesPoints(Method method) { return method != Method::kE5p1; }
+// P3P and HLoc have nothing else; the others can do without.
+constexpr bool NeedsPoints(Method method) {
+  return method == Method::kP3p || method == Method::kHloc;
+}
+
 // How the scores of the two match sets become one (Eqs. 1 to 5): I inliers, N matches, M MSAC sums.
 enum class ScoreCombination {
   kSumInliers,       // I_3D + I_2D (Camposeco et al. 2018)
