@@ -106,6 +106,12 @@ KeypointNumbers NumberQueryKeypoints(std::span<const Match2D2D> matches_2d2d,
   return numbers;
 }
 
+std::vector<std::vector<size_t>> GroupByKeypoint(std::span<const size_t> numbers, size_t count) {
+  std::vector<std::vector<size_t>> groups(count);
+  for (size_t i = 0; i < numbers.size(); ++i) groups[numbers[i]].push_back(i);
+  return groups;
+}
+
 void AssignKeypointsByPixel(PoseProblem& problem) {
   const KeypointIndices indices = CompleteIndices(problem.matches_2d2d, problem.matches_2d3d);
   for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {

@@ -97,6 +97,113 @@ TEST(PoseProblemJson, ReferencesOf3DPointsAndSigmasAreKept) {
   ExpectSameProblem(ParsePoseProblem(json, "p.json"), file);
 }
 
+TEST(PoseProblemJson, KeypointsAndWhereAPointWasLiftedFromAreKept) {
+  Rng rng = TestRng();
+  PoseProblemFile file = RandomProblem(rng);
+  PoseProblem& problem = file.problem;
+  for (size_t i = 0; i < 20; ++i) {
+    problem.matches_2d2d[i].query_keypoint = static_cast<int>(i * i % 13);
+    problem.matches_2d3d[i].query_keypoint = static_cast<int>(3 * i % 17);
+  }
+  problem.matches_2d3d.pop_back();
+  problem.matches_2d2d[4].reference_keypoint = 40;
+  problem.matches_2d3d[7].match_2d2d = 19;
+  const std::string json = FormatPoseProblem(file);
+  const PoseProblem read = ParsePoseProblem(json, "p.json").problem;
+  ExpectSameProblem({read, file.gt_cam_from_world}, file);
+  ASSERT_EQ(read.matches_2d3d.size(), 19u);
+  for (size_t i = 0; i < 20; ++i) {
+    const Match2D2D& match = problem.matches_2d2d[i];
+    EXPECT_EQ(read.matches_2d2d[i].query_keypoint, match.query_keypoint);
+    EXPECT_EQ(read.matches_2d2d[i].reference_keypoint, match.reference_keypoint);
+  }
+  for (size_t i = 0; i < 19; ++i) {
+    EXPECT_EQ(read.matches_2d3d[i].query_keypoint, problem.matches_2d3d[i].query_keypoint);
+    EXPECT_EQ(read.matches_2d3d[i].match_2d2d, problem.matches_2d3d[i].match_2d2d);
+  }
+  EXPECT_EQ(FormatPoseProblem({read, file.gt_cam_from_world}), json);
+}
+
+// The keypoints of all matches, those of 2D-2D matches first.
+std::vector<int> KeypointsOf(const PoseProblem& problem) {
+  std::vector<int> keypoints;
+  for (const Match2D2D& match : problem.matches_2d2d) {
+    keypoints.push_back(match.query_keypoint.value());
+  }
+  for (const Match2D3D& match : problem.matches_2d3d) {
+    keypoints.push_back(match.query_keypoint.value());
+  }
+  return keypoints;
+}
+
+// A file with these query pixels of matches and points, and with this text after its members.
+std::string FileOf(const std::vector<std::string>& pairs, const std::vector<std::string>& points,
+                   const std::string& more) {
+  std::string json = R"({"format": "pose-problem/1", "name": "q",
+"query": {"camera": {"model": "PINHOLE", "width": 4, "height": 3, "params": [5, 5, 2, 1.5]}},
+"references": [
+{"name": "a", "camera": {"model": "PINHOLE", "width": 4, "height": 3, "params": [5, 5, 2, 1.5]},
+"cam_from_world": {"qvec": [1, 0, 0, 0], "tvec": [0, 0, 7]}}],
+"matches_2d2d": [)";
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    json += (i > 0 ? ", [0, " : "[0, ") + pairs[i] + ", 3, 4]";
+  }
+  json += "],\n\"matches_2d3d\": [";
+  for (size_t i = 0; i < points.size(); ++i) {
+    json += (i > 0 ? ", [" : "[") + points[i] + ", 3, 4, 5]";
+  }
+  return json + "]" + more + "}";
+}
+
+TEST(PoseProblemJson, WithoutIndicesEqualPixelsAreOneKeypoint) {
+  const auto read = [](const std::string& more) {
+    return KeypointsOf(
+        ParsePoseProblem(FileOf({"1, 2", "3, 4", "1, 2"}, {"3, 4", "5, 6"}, more), "p.json")
+            .problem);
+  };
+  EXPECT_THAT(read(""), testing::ElementsAre(0, 1, 0, 1, 2));
+  EXPECT_THAT(read(R"(, "extra": {"right": [true, true, false]})"),
+              testing::ElementsAre(0, 1, 0, 1, 2));
+  EXPECT_THAT(read(R"(, "extra": "of somebody else")"), testing::ElementsAre(0, 1, 0, 1, 2));
+}
+
+TEST(PoseProblemJson, ExtraKeypointIsOfAllMatchesThatItHasOneFor) {
+  const auto read = [](const std::vector<std::string>& pairs,
+                       const std::vector<std::string>& points, const std::string& keypoint) {
+    return KeypointsOf(
+        ParsePoseProblem(FileOf(pairs, points, R"(, "extra": {"keypoint": )" + keypoint + "}"),
+                         "p.json")
+            .problem);
+  };
+  // As tools write them that lift every match: one index for the pair and for its point.
+  EXPECT_THAT(
+      read({"1, 2", "1.0000000000000002, 2", "1, 2"}, {"1, 2", "7, 7", "1, 2"}, "[30, 30, 8]"),
+      testing::ElementsAre(30, 30, 8, 30, 30, 8));
+  // Fewer points have those of their pixels.
+  EXPECT_THAT(read({"1, 2", "3, 4"}, {"3, 4"}, "[30, 8]"), testing::ElementsAre(30, 8, 8));
+  EXPECT_THAT(read({}, {"1, 2", "3, 4"}, "[30, 8]"), testing::ElementsAre(30, 8));
+  const auto fails = [&](const std::string& extra, const std::string& message) {
+    return FailsWithInputError(
+        [&] {
+          ParsePoseProblem(FileOf({"1, 2", "3, 4"}, {"3, 4"}, R"(, "extra": {)" + extra + "}"),
+                           "p.json");
+        },
+        {"p.json: extra." + message});
+  };
+  EXPECT_TRUE(fails(R"("keypoint": [1, 2, 3])", "keypoint: expected 2 elements, found 3"));
+  EXPECT_TRUE(fails(R"("keypoint": 1)", "keypoint: expected an array, found 1"));
+  EXPECT_TRUE(
+      fails(R"("keypoint": [1, -1])", "keypoint[1]: expected the index of a keypoint, found -1"));
+  EXPECT_TRUE(fails(R"("keypoint": [1, 2147483647])",
+                    "keypoint[1]: expected the index of a keypoint, found 2147483647"));
+  EXPECT_TRUE(fails(R"("keypoint": [1, null])", "keypoint[1]: expected an integer, found null"));
+  EXPECT_TRUE(fails(R"("keypoint_2d3d": [1, 2])", "keypoint_2d3d: expected 1 elements, found 2"));
+  EXPECT_TRUE(
+      fails(R"("reference_keypoint": [1])", "reference_keypoint: expected 2 elements, found 1"));
+  EXPECT_TRUE(fails(R"("match_2d2d": [2])",
+                    "match_2d2d[0]: match index 2 is out of range, there are 2 2D-2D matches"));
+}
+
 TEST(PoseProblemJson, OptionalMembersAreLeftOutWhereTheyHoldNothing) {
   Rng rng = TestRng();
   PoseProblemFile file = RandomProblem(rng);
@@ -151,7 +258,9 @@ constexpr std::string_view kValid = R"({"format": "pose-problem/1", "name": "q",
 "matches_2d2d": [[0, 1, 2, 3, 4], [0, 9, 8, 7, 6]],
 "matches_2d3d": [[1, 2, 3, 4, 5]],
 "matches_2d3d_reference": [0], "matches_2d3d_sigma": [0.5],
-"matches_2d2d_sigma_px": [null, 2]})";
+"matches_2d2d_sigma_px": [null, 2],
+"extra": {"keypoint": [3, 4], "keypoint_2d3d": [3], "reference_keypoint": [null, 0],
+"match_2d2d": [0]}})";
 
 // The valid text with the first `from` replaced must fail with all of `parts`.
 void ExpectFailure(const std::string& from, const std::string& to,

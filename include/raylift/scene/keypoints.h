@@ -2,9 +2,9 @@
 // one error in all of its matches, and they show one point of the scene.
 //
 // Matches that are read or made from features carry the keypoint's index. Matches that carry none,
-// as a caller may fill them in, are of one keypoint where their query pixels are equal, so that
-// leaving indices out is never wrong for exact copies of a pixel. Nothing else compares pixels for
-// equality: everything that groups matches asks for their numbers here.
+// as a caller may fill them in, are of one keypoint where their query pixels are equal: that is
+// right wherever pixels are copies of the features'. Whatever groups matches asks for their
+// keypoints here, and nothing else compares pixels to find them.
 
 #pragma once
 
@@ -55,6 +55,9 @@ struct KeypointNumbers {
 // keypoint at its pixel that has one, or else of that of the other matches without at this pixel.
 KeypointNumbers NumberQueryKeypoints(std::span<const Match2D2D> matches_2d2d,
                                      std::span<const Match2D3D> matches_2d3d);
+
+// The indices of each keypoint's matches, in their order, from the numbers of the matches.
+std::vector<std::vector<size_t>> GroupByKeypoint(std::span<const size_t> numbers, size_t count);
 
 // Gives an index, by the same rule, to the matches that have none; indices of new keypoints follow
 // the highest that there is.

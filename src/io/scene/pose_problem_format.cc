@@ -12,6 +12,7 @@
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
 #include "raylift/io/pose_problem_json.h"
+#include "raylift/scene/keypoints.h"
 
 namespace raylift {
 namespace {
@@ -117,6 +118,36 @@ void AppendReferenceSigma(const Match2D2D& match, std::string* text) {
   AppendSigma(match.reference_sigma_px, text);
 }
 
+// A member of "extra", in one line: an index or null per match; left out where there is none.
+template <typename Match, typename Index>
+void AppendIndices(std::string_view name, const std::vector<Match>& matches,
+                   std::optional<Index> Match::*index, std::string* extra) {
+  const auto has_index = [index](const Match& match) { return (match.*index).has_value(); };
+  if (std::none_of(matches.begin(), matches.end(), has_index)) return;
+  *extra += fmt::format("{}\n\"{}\": [", extra->empty() ? "" : ",", name);
+  for (size_t i = 0; i < matches.size(); ++i) {
+    const std::optional<Index>& value = matches[i].*index;
+    *extra += i > 0 ? ", " : "";
+    *extra += value ? std::to_string(*value) : "null";
+  }
+  *extra += ']';
+}
+
+// Which keypoints the matches are of: also where a reader would find them by equal pixels, as other
+// readers need not know that.
+void AppendExtra(const PoseProblem& problem, std::string* text) {
+  PoseProblem complete = problem;
+  AssignKeypointsByPixel(complete);
+  const std::vector<Match2D2D>& pairs = complete.matches_2d2d;
+  const std::vector<Match2D3D>& points = complete.matches_2d3d;
+  std::string extra;
+  AppendIndices("keypoint", pairs, &Match2D2D::query_keypoint, &extra);
+  AppendIndices("keypoint_2d3d", points, &Match2D3D::query_keypoint, &extra);
+  AppendIndices("reference_keypoint", pairs, &Match2D2D::reference_keypoint, &extra);
+  AppendIndices("match_2d2d", points, &Match2D3D::match_2d2d, &extra);
+  if (!extra.empty()) *text += ",\n\"extra\": {" + extra + '}';
+}
+
 }  // namespace
 
 std::string FormatPoseProblem(const PoseProblemFile& file) {
@@ -151,6 +182,7 @@ std::string FormatPoseProblem(const PoseProblemFile& file) {
   if (std::any_of(pairs.begin(), pairs.end(), [](const auto& m) { return m.reference_sigma_px; })) {
     AppendArray("matches_2d2d_sigma_px", pairs, AppendReferenceSigma, &text);
   }
+  AppendExtra(problem, &text);
   text += "\n}\n";
   return text;
 }

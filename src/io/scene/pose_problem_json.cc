@@ -11,6 +11,7 @@
 #include "raylift/base/file.h"
 #include "raylift/io/json_document.h"
 #include "raylift/io/unit_quaternion.h"
+#include "raylift/scene/keypoints.h"
 
 namespace raylift {
 namespace {
@@ -127,6 +128,69 @@ void ReadSigmasOf2D2D(const JsonPlace& place, PoseProblem* problem) {
   }
 }
 
+int ReadKeypoint(const JsonPlace& place) {
+  constexpr int kLargest = 1'000'000'000;
+  const int index = place.Int();
+  if (index < 0 || index > kLargest) {
+    place.Fail(fmt::format("expected the index of a keypoint, found {}", index));
+  }
+  return index;
+}
+
+template <typename Match>
+void ReadQueryKeypoints(const JsonPlace& place, std::vector<Match>* matches) {
+  place.ExpectArraySize(matches->size());
+  for (size_t i = 0; i < matches->size(); ++i) {
+    const JsonPlace index = place.At(i);
+    (*matches)[i].query_keypoint = ReadKeypoint(index);
+  }
+}
+
+void ReadReferenceKeypoints(const JsonPlace& place, PoseProblem* problem) {
+  place.ExpectArraySize(problem->matches_2d2d.size());
+  for (size_t i = 0; i < problem->matches_2d2d.size(); ++i) {
+    const JsonPlace index = place.At(i);
+    if (!index.IsNull()) problem->matches_2d2d[i].reference_keypoint = ReadKeypoint(index);
+  }
+}
+
+void ReadMatchesOf2D3D(const JsonPlace& place, PoseProblem* problem) {
+  place.ExpectArraySize(problem->matches_2d3d.size());
+  const size_t count = problem->matches_2d2d.size();
+  for (size_t i = 0; i < problem->matches_2d3d.size(); ++i) {
+    const JsonPlace place_of_index = place.At(i);
+    if (place_of_index.IsNull()) continue;
+    const int index = place_of_index.Int();
+    if (index < 0 || static_cast<size_t>(index) >= count) {
+      place_of_index.Fail(
+          fmt::format("match index {} is out of range, there are {} 2D-2D matches", index, count));
+    }
+    problem->matches_2d3d[i].match_2d2d = static_cast<size_t>(index);
+  }
+}
+
+// "keypoint" is of both kinds of matches where "keypoint_2d3d" is missing.
+void ReadExtra(const JsonPlace& extra, PoseProblem* problem) {
+  if (extra.Has("keypoint")) {
+    const JsonPlace keypoint = extra.Member("keypoint");
+    const size_t count = keypoint.ArraySize();
+    const bool is_of_2d3d = !extra.Has("keypoint_2d3d") && count == problem->matches_2d3d.size();
+    if (is_of_2d3d) ReadQueryKeypoints(keypoint, &problem->matches_2d3d);
+    if (!is_of_2d3d || count == problem->matches_2d2d.size()) {
+      ReadQueryKeypoints(keypoint, &problem->matches_2d2d);
+    }
+  }
+  if (extra.Has("keypoint_2d3d")) {
+    ReadQueryKeypoints(extra.Member("keypoint_2d3d"), &problem->matches_2d3d);
+  }
+  if (extra.Has("reference_keypoint")) {
+    ReadReferenceKeypoints(extra.Member("reference_keypoint"), problem);
+  }
+  if (extra.Has("match_2d2d")) {
+    ReadMatchesOf2D3D(extra.Member("match_2d2d"), problem);
+  }
+}
+
 void ReadReferenceClusters(const JsonPlace& place, PoseProblem* problem) {
   const size_t count = problem->references.size();
   place.ExpectArraySize(count);
@@ -172,6 +236,10 @@ PoseProblemFile ReadRoot(const JsonPlace& root) {
   if (root.Has("matches_2d3d_sigma")) {
     ReadSigmasOf2D3D(root.Member("matches_2d3d_sigma"), &problem);
   }
+  if (root.Has("extra")) {
+    ReadExtra(root.Member("extra"), &problem);
+  }
+  AssignKeypointsByPixel(problem);
   return file;
 }
 
