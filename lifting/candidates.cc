@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <numbers>
 #include <utility>
 
@@ -14,6 +13,7 @@
 #include "raylift/base/text.h"
 #include "raylift/geometry/triangulation.h"
 #include "raylift/lifting/multi_view_errors.h"
+#include "raylift/scene/keypoints.h"
 
 namespace raylift {
 namespace {
@@ -23,20 +23,6 @@ struct View {
   const PosedImage* reference;
   Eigen::Vector2d pixel;
 };
-
-// Indices that belong to one query pixel, in the order of the first of them.
-template <typename Match>
-std::vector<std::vector<size_t>> GroupByQueryPixel(std::span<const Match> matches) {
-  std::map<std::pair<double, double>, size_t> group_of_pixel;
-  std::vector<std::vector<size_t>> groups;
-  for (size_t i = 0; i < matches.size(); ++i) {
-    const Eigen::Vector2d& pixel = matches[i].query_px;
-    const auto [entry, is_new] = group_of_pixel.try_emplace({pixel.x(), pixel.y()}, groups.size());
-    if (is_new) groups.emplace_back();
-    groups[entry->second].push_back(i);
-  }
-  return groups;
-}
 
 double MsacCost(std::span<const ViewError> views, double max_error_px) {
   const double largest = max_error_px * max_error_px;
@@ -141,14 +127,15 @@ struct RefinedPoint {
   bool refined;
 };
 
-// One for each query pixel of the candidates.
+// One for each query keypoint of the candidates.
 std::vector<RefinedPoint> RefineBest(std::span<const PosedImage> references,
                                      std::span<const Match2D2D> matches_2d2d,
                                      std::span<const Match2D3D> candidates,
                                      const CandidateOptions& options) {
   const MultiViewErrors errors(references, matches_2d2d, candidates);
+  const KeypointNumbers keypoints = NumberQueryKeypoints({}, candidates);
   std::vector<RefinedPoint> points;
-  for (const std::vector<size_t>& group : GroupByQueryPixel(candidates)) {
+  for (const std::vector<size_t>& group : GroupByKeypoint(keypoints.of_2d3d, keypoints.count)) {
     size_t best = group.front();
     double lowest_cost = std::numeric_limits<double>::infinity();
     for (const size_t i : group) {
@@ -240,15 +227,17 @@ std::vector<Match2D3D> MergeCandidates(std::span<const PosedImage> references,
 std::vector<Match2D3D> TriangulateMatches(std::span<const PosedImage> references,
                                           std::span<const Match2D2D> matches_2d2d,
                                           const CandidateOptions& options) {
+  const KeypointNumbers keypoints = NumberQueryKeypoints(matches_2d2d, {});
   std::vector<Match2D3D> candidates;
-  for (const std::vector<size_t>& group : GroupByQueryPixel(matches_2d2d)) {
+  for (const std::vector<size_t>& group : GroupByKeypoint(keypoints.of_2d2d, keypoints.count)) {
     const auto rays = RaysOf(references, matches_2d2d, group);
     if (rays.size() < 2) continue;
     for (const Eigen::Vector3d& point : PointsOfPairs(rays, options.min_angle_deg)) {
       candidates.push_back({.query_px = matches_2d2d[group.front()].query_px,
                             .point_in_world = point,
                             .reference = std::nullopt,
-                            .point_sigma = std::nullopt});
+                            .point_sigma = std::nullopt,
+                            .query_keypoint = matches_2d2d[group.front()].query_keypoint});
     }
   }
   std::vector<Match2D3D> triangulated;

@@ -67,8 +67,10 @@ LiftResult LiftMatches(std::span<const GeometrySource* const> sources, GeometryM
       const Match2D3D match{.query_px = matches[i].query_px,
                             .point_in_world = surface->point_in_world,
                             .reference = matches[i].reference,
-                            .point_sigma = surface->point_sigma};
-      result.lifted.push_back({match, *surface, i, s});
+                            .point_sigma = surface->point_sigma,
+                            .query_keypoint = matches[i].query_keypoint,
+                            .match_2d2d = i};
+      result.lifted.push_back({match, *surface, s});
     }
     ++(result.lifted.size() > before ? result.counts.hits : result.counts.misses);
   }

@@ -1,49 +1,28 @@
 #include "raylift/lifting/multi_view_errors.h"
 
 #include <algorithm>
-#include <map>
-#include <utility>
 
 #include "raylift/base/error.h"
+#include "raylift/scene/keypoints.h"
 
 namespace raylift {
 namespace {
 
-// A query pixel as a key: keypoints are equal where their coordinates are.
-using PixelKey = std::pair<double, double>;
-
-PixelKey KeyOf(const Eigen::Vector2d& pixel) { return {pixel.x(), pixel.y()}; }
-
-// The matches of each query keypoint, by reference.
-using MatchesByKeypoint = std::map<PixelKey, std::vector<const Match2D2D*>>;
-
-MatchesByKeypoint GroupByKeypoint(std::span<const Match2D2D> matches) {
-  MatchesByKeypoint groups;
-  for (const Match2D2D& match : matches) {
-    groups[KeyOf(match.query_px)].push_back(&match);
-  }
-  for (auto& [pixel, group] : groups) {
-    std::stable_sort(group.begin(), group.end(), [](const Match2D2D* a, const Match2D2D* b) {
-      return a->reference < b->reference;
-    });
-  }
-  return groups;
-}
-
-// `matches` are those of one keypoint with one reference.
-ViewError ErrorInView(const PosedImage& reference, std::span<const Match2D2D* const> matches,
-                      const Match2D3D& point) {
-  ViewError view{.reference = matches.front()->reference,
-                 .own = point.reference == matches.front()->reference,
-                 .reference_px = matches.front()->reference_px,
+// `of_view` are the matches of one keypoint with one reference.
+ViewError ErrorInView(const PosedImage& reference, std::span<const Match2D2D> matches,
+                      std::span<const size_t> of_view, const Match2D3D& point) {
+  const Match2D2D& first = matches[of_view.front()];
+  ViewError view{.reference = first.reference,
+                 .own = point.reference == first.reference,
+                 .reference_px = first.reference_px,
                  .error_px = std::nullopt};
   const auto projected =
       reference.camera.ImgFromCam(reference.cam_from_world * point.point_in_world);
   if (!projected) return view;
-  for (const Match2D2D* match : matches) {
-    const Eigen::Vector2d error_px = *projected - match->reference_px;
+  for (const size_t i : of_view) {
+    const Eigen::Vector2d error_px = *projected - matches[i].reference_px;
     if (!view.error_px || error_px.squaredNorm() < view.error_px->squaredNorm()) {
-      view.reference_px = match->reference_px;
+      view.reference_px = matches[i].reference_px;
       view.error_px = error_px;
     }
   }
@@ -55,17 +34,21 @@ ViewError ErrorInView(const PosedImage& reference, std::span<const Match2D2D* co
 MultiViewErrors::MultiViewErrors(std::span<const PosedImage> references,
                                  std::span<const Match2D2D> matches_2d2d,
                                  std::span<const Match2D3D> points) {
-  const MatchesByKeypoint groups = GroupByKeypoint(matches_2d2d);
+  const KeypointNumbers keypoints = NumberQueryKeypoints(matches_2d2d, points);
+  auto groups = GroupByKeypoint(keypoints.of_2d2d, keypoints.count);
+  for (std::vector<size_t>& group : groups) {
+    std::stable_sort(group.begin(), group.end(), [&](size_t a, size_t b) {
+      return matches_2d2d[a].reference < matches_2d2d[b].reference;
+    });
+  }
   first_view_.push_back(0);
-  for (const Match2D3D& point : points) {
-    if (const auto group = groups.find(KeyOf(point.query_px)); group != groups.end()) {
-      const std::span matches(group->second);
-      for (size_t begin = 0, end = 0; begin < matches.size(); begin = end) {
-        const int reference = matches[begin]->reference;
-        while (end < matches.size() && matches[end]->reference == reference) ++end;
-        views_.push_back(ErrorInView(references[static_cast<size_t>(reference)],
-                                     matches.subspan(begin, end - begin), point));
-      }
+  for (size_t i = 0; i < points.size(); ++i) {
+    const std::span group(groups[keypoints.of_2d3d[i]]);
+    for (size_t begin = 0, end = 0; begin < group.size(); begin = end) {
+      const int reference = matches_2d2d[group[begin]].reference;
+      while (end < group.size() && matches_2d2d[group[end]].reference == reference) ++end;
+      views_.push_back(ErrorInView(references[static_cast<size_t>(reference)], matches_2d2d,
+                                   group.subspan(begin, end - begin), points[i]));
     }
     first_view_.push_back(views_.size());
   }

@@ -3,29 +3,44 @@
 #include <algorithm>
 #include <tuple>
 
+#include "raylift/scene/keypoints.h"
+
 namespace raylift {
 namespace {
 
-// Orders by query pixel, then by reference.
-bool ByKeypoint(const Match2D2D& a, const Match2D2D& b) {
-  return std::tuple(a.query_px.x(), a.query_px.y(), a.reference, a.reference_px.x(),
-                    a.reference_px.y()) < std::tuple(b.query_px.x(), b.query_px.y(), b.reference,
-                                                     b.reference_px.x(), b.reference_px.y());
+// The matches of each query keypoint by reference; the keypoints in the order of their places in
+// the query, so that every n-th pair is a fair sample of what it shows.
+std::vector<std::vector<size_t>> GroupByPlace(std::span<const Match2D2D> matches) {
+  const KeypointNumbers keypoints = NumberQueryKeypoints(matches, {});
+  auto groups = GroupByKeypoint(keypoints.of_2d2d, keypoints.count);
+  const auto place = [&](size_t i) {
+    return std::tuple(matches[i].query_px.x(), matches[i].query_px.y());
+  };
+  std::stable_sort(groups.begin(), groups.end(), [&](const auto& a, const auto& b) {
+    return place(a.front()) < place(b.front());
+  });
+  const auto key = [&](size_t i) {
+    const Match2D2D& match = matches[i];
+    return std::tuple(match.reference, match.reference_px.x(), match.reference_px.y());
+  };
+  for (std::vector<size_t>& group : groups) {
+    std::stable_sort(group.begin(), group.end(),
+                     [&](size_t a, size_t b) { return key(a) < key(b); });
+  }
+  return groups;
 }
 
 }  // namespace
 
 std::vector<ReferenceMatch> TransitiveMatches(std::span<const Match2D2D> matches) {
-  std::vector<Match2D2D> sorted(matches.begin(), matches.end());
-  std::sort(sorted.begin(), sorted.end(), ByKeypoint);
   std::vector<ReferenceMatch> pairs;
-  for (size_t begin = 0, end = 0; begin < sorted.size(); begin = end) {
-    while (end < sorted.size() && sorted[end].query_px == sorted[begin].query_px) ++end;
-    for (size_t a = begin; a < end; ++a) {
-      for (size_t b = a + 1; b < end; ++b) {
-        if (sorted[a].reference == sorted[b].reference) continue;
-        pairs.push_back({sorted[a].reference, sorted[b].reference, sorted[a].reference_px,
-                         sorted[b].reference_px});
+  for (const std::vector<size_t>& group : GroupByPlace(matches)) {
+    for (size_t i = 0; i < group.size(); ++i) {
+      for (size_t k = i + 1; k < group.size(); ++k) {
+        const Match2D2D& a = matches[group[i]];
+        const Match2D2D& b = matches[group[k]];
+        if (a.reference == b.reference) continue;
+        pairs.push_back({a.reference, b.reference, a.reference_px, b.reference_px});
       }
     }
   }

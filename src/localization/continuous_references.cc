@@ -8,11 +8,10 @@
 #include "raylift/base/error.h"
 #include "raylift/base/median.h"
 #include "raylift/geometry/triangulation.h"
+#include "raylift/scene/keypoints.h"
 
 namespace raylift {
 namespace {
-
-std::pair<double, double> KeyOf(const Eigen::Vector2d& pixel) { return {pixel.x(), pixel.y()}; }
 
 // The linked point as a source of geometry gives it; its surface is not known.
 SurfacePoint MakeSurfacePoint(const PosedImage& reference, const Eigen::Vector3d& point_in_world) {
@@ -59,18 +58,22 @@ std::vector<PointLink> LinksOfInliers(const QueryResult& result) {
   const auto& matches = result.problem.matches_2d3d;
   const auto& inliers = result.localized.estimate.inliers_2d3d;
   RAYLIFT_CHECK_EQ(inliers.size(), matches.size());
-  std::map<std::pair<double, double>, std::vector<size_t>> matches_of_pixel;
-  for (size_t i = 0; i < matches.size(); ++i) {
-    if (inliers[i]) matches_of_pixel[KeyOf(matches[i].query_px)].push_back(i);
-  }
+  const KeypointNumbers keypoints = NumberQueryKeypoints({}, matches);
   std::vector<PointLink> links;
-  for (auto& [pixel, indices] : matches_of_pixel) {
+  for (auto& indices : GroupByKeypoint(keypoints.of_2d3d, keypoints.count)) {
+    std::erase_if(indices, [&](size_t i) { return !inliers[i]; });
+    if (indices.empty()) continue;
     const auto depth = [&](size_t i) { return (cam_from_world * matches[i].point_in_world).z(); };
     std::sort(indices.begin(), indices.end(),
               [&](size_t a, size_t b) { return std::pair(depth(a), a) < std::pair(depth(b), b); });
     const size_t middle = indices[indices.size() / 2];
     links.push_back({matches[middle].query_px, matches[middle].point_in_world});
   }
+  const auto place = [](const PointLink& link) {
+    return std::pair(link.pixel.x(), link.pixel.y());
+  };
+  std::stable_sort(links.begin(), links.end(),
+                   [&](const PointLink& a, const PointLink& b) { return place(a) < place(b); });
   return links;
 }
 
@@ -95,7 +98,7 @@ double SceneDistance(const QueryResult& result) {
 void JoinedReferences::Add(const JoinedReference& reference) {
   Entry entry{reference, {}};
   for (size_t i = 0; i < reference.links.size(); ++i) {
-    entry.link_of_pixel.emplace(KeyOf(reference.links[i].pixel), i);
+    entry.link_of_pixel.FindOrAdd(reference.links[i].pixel, static_cast<int>(i));
   }
   references_.insert_or_assign(reference.image.name, std::move(entry));
 }
@@ -109,9 +112,9 @@ std::optional<Eigen::Vector3d> JoinedReferences::LinkedPoint(const std::string& 
                                                              const Eigen::Vector2d& pixel) const {
   const Entry* entry = Find(name);
   if (entry == nullptr) return std::nullopt;
-  const auto link = entry->link_of_pixel.find(KeyOf(pixel));
-  if (link == entry->link_of_pixel.end()) return std::nullopt;
-  return entry->reference.links[link->second].point_in_world;
+  const auto link = entry->link_of_pixel.Find(pixel);
+  if (!link) return std::nullopt;
+  return entry->reference.links[static_cast<size_t>(*link)].point_in_world;
 }
 
 // A step (w, v) moves a point p of the camera's frame by w x p + v, and its pixel by the Jacobian

@@ -16,6 +16,7 @@
 #include "raylift/features/matcher.h"
 #include "raylift/io/hloc.h"
 #include "raylift/localization/front_end.h"
+#include "raylift/scene/keypoints.h"
 
 namespace raylift {
 namespace {
@@ -46,6 +47,9 @@ class FrontEndMatches final : public MatchSource {
                                                     .show_progress = options.show_progress}));
     }
     CheckSizes(queries);
+    for (const auto& [name, features] : features_) {
+      keypoints_.emplace(name, CanonicalKeypoints(features.keypoints_px));
+    }
     Retrieve(queries);
     if (options.max_joined) joined_ = std::make_unique<JoinedRetrieval>(Index());
   }
@@ -99,13 +103,18 @@ class FrontEndMatches final : public MatchSource {
       matches[i] = MatchMutualNearest(query_features, features_.at(result.references[i].name),
                                       {.max_ratio = options_.max_ratio});
     });
+    const std::vector<int>& query_keypoints = keypoints_.at(query.name);
     for (size_t rank = 0; rank < matches.size(); ++rank) {
       const Features& reference_features = features_.at(result.references[rank].name);
+      const std::vector<int>& reference_keypoints = keypoints_.at(result.references[rank].name);
       for (const FeatureMatch& match : matches[rank]) {
-        result.matches.push_back(
-            {static_cast<int>(rank),
-             query_features.keypoints_px[static_cast<size_t>(match.query_index)],
-             reference_features.keypoints_px[static_cast<size_t>(match.reference_index)]});
+        const auto query_index = static_cast<size_t>(match.query_index);
+        const auto reference_index = static_cast<size_t>(match.reference_index);
+        result.matches.push_back({.reference = static_cast<int>(rank),
+                                  .query_px = query_features.keypoints_px[query_index],
+                                  .reference_px = reference_features.keypoints_px[reference_index],
+                                  .query_keypoint = query_keypoints[query_index],
+                                  .reference_keypoint = reference_keypoints[reference_index]});
       }
     }
     return result;
@@ -166,6 +175,7 @@ class FrontEndMatches final : public MatchSource {
   FrontEndOptions options_;
   std::vector<PosedImage> references_;
   std::map<std::string, Features> features_;
+  std::map<std::string, std::vector<int>> keypoints_;  // of each image, canonical
   std::map<std::string, std::vector<int>> retrieved_;  // indices into references_, best first
   std::unique_ptr<JoinedRetrieval> joined_;            // null: no query becomes a reference
   mutable std::once_flag index_is_made_;

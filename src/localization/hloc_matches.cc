@@ -8,6 +8,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/io/hloc.h"
+#include "raylift/scene/keypoints.h"
 
 namespace raylift {
 namespace {
@@ -49,7 +50,7 @@ class HlocMatches final : public MatchSource {
     if (retrieved == pairs_.end()) {
       return result;
     }
-    const Features query_features = ReadFeatures(query.name, query.camera);
+    const Keypoints query_keypoints = ReadKeypoints(query.name, query.camera);
     size_t num_joined = 0;
     for (const std::string& name : retrieved->second) {
       if (result.references.size() == top_k_) {
@@ -69,13 +70,18 @@ class HlocMatches final : public MatchSource {
             fmt::format("{}: no matches of {} with {}", files_.matches.string(), query.name, name));
         continue;
       }
-      const Features reference_features = ReadFeatures(name, result.references.back().camera);
+      const Keypoints reference_keypoints = ReadKeypoints(name, result.references.back().camera);
       for (const FeatureMatch& match : *matches) {
-        CheckIndex(match.query_index, query_features, query.name, query.name, name);
-        CheckIndex(match.reference_index, reference_features, name, query.name, name);
+        CheckIndex(match.query_index, query_keypoints, query.name, query.name, name);
+        CheckIndex(match.reference_index, reference_keypoints, name, query.name, name);
+        const auto query_index = static_cast<size_t>(match.query_index);
+        const auto reference_index = static_cast<size_t>(match.reference_index);
         result.matches.push_back(
-            {reference, query_features.keypoints_px[static_cast<size_t>(match.query_index)],
-             reference_features.keypoints_px[static_cast<size_t>(match.reference_index)]});
+            {.reference = reference,
+             .query_px = query_keypoints.pixels[query_index],
+             .reference_px = reference_keypoints.pixels[reference_index],
+             .query_keypoint = query_keypoints.canonical[query_index],
+             .reference_keypoint = reference_keypoints.canonical[reference_index]});
       }
     }
     return result;
@@ -94,7 +100,12 @@ class HlocMatches final : public MatchSource {
   }
 
  private:
-  Features ReadFeatures(const std::string& name, const Camera& camera) const {
+  struct Keypoints {
+    std::vector<Eigen::Vector2d> pixels;
+    std::vector<int> canonical;
+  };
+
+  Keypoints ReadKeypoints(const std::string& name, const Camera& camera) const {
     Features features = features_.Read(name);
     if (features.image_width_px > 0 && (features.image_width_px != camera.width_px() ||
                                         features.image_height_px != camera.height_px())) {
@@ -102,15 +113,16 @@ class HlocMatches final : public MatchSource {
                        files_.features.string(), name, features.image_width_px,
                        features.image_height_px, camera.width_px(), camera.height_px()));
     }
-    return features;
+    std::vector<int> canonical = CanonicalKeypoints(features.keypoints_px);
+    return {std::move(features.keypoints_px), std::move(canonical)};
   }
 
-  void CheckIndex(int index, const Features& features, const std::string& image,
+  void CheckIndex(int index, const Keypoints& keypoints, const std::string& image,
                   const std::string& query, const std::string& reference) const {
-    if (index < 0 || static_cast<size_t>(index) >= features.keypoints_px.size()) {
+    if (index < 0 || static_cast<size_t>(index) >= keypoints.pixels.size()) {
       throw InputError(files_.matches, fmt::format("pair {} {}", query, reference),
                        fmt::format("keypoint {} of {} is out of range, there are {}", index, image,
-                                   features.keypoints_px.size()));
+                                   keypoints.pixels.size()));
     }
   }
 

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <map>
 #include <numbers>
+#include <numeric>
 #include <utility>
 
 #include <fmt/format.h>
@@ -15,6 +15,7 @@
 #include "raylift/features/root_sift.h"
 #include "raylift/io/image_file.h"
 #include "raylift/lifting/lifter.h"
+#include "raylift/scene/keypoints.h"
 
 namespace raylift {
 namespace {
@@ -112,12 +113,16 @@ class Rounds {
     Frame frame;
     renderer_.Render(rays, view.cam_from_world, 1, frame);
     const Features features = Extract(ToGrey(frame.color));
+    const std::vector<int> keypoints = CanonicalKeypoints(features.keypoints_px);
     const int reference = static_cast<int>(pictures.references.size());
     for (const FeatureMatch& match :
          MatchMutualNearest(query_features_, features, {.max_ratio = options_.max_ratio})) {
+      const auto picture_index = static_cast<size_t>(match.reference_index);
       pictures.matches_2d2d.push_back(
-          {reference, query_features_.keypoints_px[static_cast<size_t>(match.query_index)],
-           features.keypoints_px[static_cast<size_t>(match.reference_index)]});
+          {.reference = reference,
+           .query_px = query_features_.keypoints_px[static_cast<size_t>(match.query_index)],
+           .reference_px = features.keypoints_px[picture_index],
+           .reference_keypoint = keypoints[picture_index]});
     }
     pictures.references.push_back(std::move(view));
   }
@@ -130,15 +135,21 @@ class Rounds {
     const LiftResult lifted = LiftMatches(source_, pictures.references, pictures.matches_2d2d);
     const std::vector<Match2D2D> all = std::move(pictures.matches_2d2d);
     pictures.matches_2d2d.clear();
-    for (const LiftedMatch& point : lifted.lifted) {
-      const auto pixel = query_camera.ImgFromCam(cam_from_world * point.match.point_in_world);
-      if (!pixel || (*pixel - point.match.query_px).norm() > radius_px) continue;
-      pictures.matches_2d3d.push_back(point.match);
-      if (options_.use_pairs) pictures.matches_2d2d.push_back(all[point.match_2d2d]);
+    for (Match2D3D match : Matches2D3D(lifted)) {
+      const auto pixel = query_camera.ImgFromCam(cam_from_world * match.point_in_world);
+      if (!pixel || (*pixel - match.query_px).norm() > radius_px) continue;
+      const size_t from = *std::exchange(match.match_2d2d, std::nullopt);
+      if (options_.use_pairs) {
+        match.match_2d2d = pictures.matches_2d2d.size();
+        pictures.matches_2d2d.push_back(all[from]);
+      }
+      pictures.matches_2d3d.push_back(match);
     }
   }
 
-  // References of `more` follow those of `base`, in a cluster of their own.
+  // References of `more` follow those of `base`, in a cluster of their own. The features of the
+  // base's matches may be others, with indices of their own: a keypoint of `more` is one of the
+  // base where its pixel is the same, and gets an index that the base does not use where not.
   static PoseProblem Join(const PoseProblem& base, PoseProblem more) {
     PoseProblem joint = base;
     const int offset = static_cast<int>(base.references.size());
@@ -153,9 +164,11 @@ class Rounds {
     }
     for (Match2D3D& match : more.matches_2d3d) {
       if (match.reference) *match.reference += offset;
+      if (match.match_2d2d) *match.match_2d2d += base.matches_2d2d.size();
       joint.matches_2d3d.push_back(match);
     }
     for (PosedImage& reference : more.references) joint.references.push_back(std::move(reference));
+    AssignKeypointsByPixel(joint);
     return joint;
   }
 
@@ -169,18 +182,18 @@ class Rounds {
 
 double PoseSupport(const Camera& camera, const Rigid3& cam_from_world,
                    std::span<const Match2D3D> matches, double threshold_px) {
-  std::map<std::pair<double, double>, double> support_of_keypoint;
-  for (const Match2D3D& match : matches) {
+  const KeypointNumbers keypoints = NumberQueryKeypoints({}, matches);
+  std::vector<double> support_of_keypoint(keypoints.count, 0);
+  for (size_t i = 0; i < matches.size(); ++i) {
+    const Match2D3D& match = matches[i];
     const auto pixel = camera.ImgFromCam(cam_from_world * match.point_in_world);
     if (!pixel) continue;
     const double error2 = (*pixel - match.query_px).squaredNorm() / (threshold_px * threshold_px);
     if (!(error2 < 1)) continue;
-    double& support = support_of_keypoint[{match.query_px.x(), match.query_px.y()}];
+    double& support = support_of_keypoint[keypoints.of_2d3d[i]];
     support = std::max(support, 1 - error2);
   }
-  double sum = 0;
-  for (const auto& [keypoint, support] : support_of_keypoint) sum += support;
-  return sum;
+  return std::accumulate(support_of_keypoint.begin(), support_of_keypoint.end(), 0.0);
 }
 
 Rerenderer::Rerenderer(const std::shared_ptr<const RayCaster>& mesh, const ColorOptions& look,

@@ -1,6 +1,7 @@
 #include "raylift/lifting/candidates.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "support/enum_names.h"
 #include "support/matchers.h"
@@ -156,6 +157,32 @@ TEST(TriangulateMatches, FindsThePointWithoutGeometryDespiteWrongMatches) {
       EXPECT_LT((found[p].point_in_world - points[p]).norm(), 1e-6) << num_references;
     }
   }
+}
+
+TEST(MergeCandidates, IndicesSayWhichPointsAreOfOneKeypoint) {
+  // The last bit of a keypoint's pixel may differ, and two keypoints may share a pixel.
+  const Eigen::Vector2d next(std::nextafter(kQueryPx.x(), 1e9), kQueryPx.y());
+  Arc arc(3);
+  arc.Match(kQueryPx, 0, kPoint);
+  arc.Match(next, 1, kPoint);
+  arc.Match(kQueryPx, 2, -kPoint);
+  arc.Lift(kQueryPx, 0, kPoint, 1.01);
+  arc.Lift(next, 1, kPoint, 0.99);
+  arc.Lift(kQueryPx, 2, -kPoint, 1);
+  const int keypoints[] = {12, 12, 4};
+  for (size_t i = 0; i < 3; ++i) {
+    arc.matches[i].query_keypoint = arc.candidates[i].query_keypoint = keypoints[i];
+  }
+  const auto merged = arc.Merge();
+  ASSERT_EQ(merged.size(), 2u);
+  EXPECT_EQ(merged[0].query_keypoint, 12);
+  EXPECT_LT((merged[0].point_in_world - kPoint).norm(), 1e-6);
+  EXPECT_EQ(merged[1].query_keypoint, 4);
+  EXPECT_EQ(merged[1].point_in_world, arc.candidates[2].point_in_world);
+  const auto triangulated = arc.Triangulate();
+  ASSERT_EQ(triangulated.size(), 1u);
+  EXPECT_EQ(triangulated[0].query_keypoint, 12);
+  EXPECT_LT((triangulated[0].point_in_world - kPoint).norm(), 1e-6);
 }
 
 TEST(TriangulateMatches, IsBestInTheLeastSquaresSense) {

@@ -1,5 +1,7 @@
 #include "raylift/lifting/consistency_filter.h"
 
+#include <cmath>
+
 #include "support/enum_names.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
@@ -131,6 +133,21 @@ TEST(FilterByConsistency, SeveralFeaturesAtOnePlaceCountOnceAndTheNearestDecides
   EXPECT_EQ(errors.ViewsOf(0)[1].reference_px, scene.Project(1, point) + Eigen::Vector2d(2, 0));
   EXPECT_EQ(scene.Filter({4, 2, 1}).keep, Kept{true});
   EXPECT_EQ(scene.Filter({4, 3, 0}).keep, Kept{false});
+}
+
+TEST(FilterByConsistency, IndicesSayWhichMatchesAreOfAPointsKeypoint) {
+  Scene scene;
+  const Eigen::Vector3d point(1, 0, 10);
+  scene.Observe({1, 1}, point, {{0, 0}, {1, 30}});
+  scene.Observe({std::nextafter(1, 2), 1}, point, {{2, 1}, {3, 2}});
+  scene.Lift({1, 1}, point, 0);
+  const int keypoints[] = {6, 5, 6, 6};
+  for (size_t i = 0; i < 4; ++i) scene.matches[i].query_keypoint = keypoints[i];
+  scene.points[0].query_keypoint = 6;
+  const MultiViewErrors errors(scene.references, scene.matches, scene.points);
+  ASSERT_EQ(errors.ViewsOf(0).size(), 3u);
+  EXPECT_EQ(errors.ViewsOf(0)[1].reference, 2);
+  EXPECT_EQ(scene.Filter({4, 3, 1}).keep, Kept{true});
 }
 
 TEST(FilterByConsistency, AKeypointBehindAReferenceDoesNotAgree) {

@@ -176,5 +176,16 @@ TEST(TransitiveMatches, JoinReferencesThatAreMatchedWithOneQueryKeypoint) {
 
 TEST(AlignMode, EachHasAName) { EXPECT_TRUE(NamesEveryValue<AlignMode>()); }
 
+TEST(TransitiveMatches, FollowTheIndicesOfKeypointsNotTheirPixels) {
+  std::vector<Match2D2D> matches = {
+      {2, {1, 1}, {20, 21}}, {0, {1, 1}, {10, 11}}, {1, {5, 5}, {30, 31}}};
+  const int keypoints[] = {3, 4, 3};
+  for (size_t i = 0; i < 3; ++i) matches[i].query_keypoint = keypoints[i];
+  const auto pairs = TransitiveMatches(matches);
+  ASSERT_EQ(pairs.size(), 1u);
+  EXPECT_EQ(pairs[0].a_px, Eigen::Vector2d(30, 31));
+  EXPECT_EQ(pairs[0].b_px, Eigen::Vector2d(20, 21));
+}
+
 }  // namespace
 }  // namespace raylift

@@ -46,6 +46,7 @@ TEST(LiftMatches, KeepsTheOrderOfTheMatchesAndCountsWhatItDrops) {
   for (int i = 0; i < 200; ++i) {
     const int reference = static_cast<int>(rng.UniformIndex(3));  // none of the fourth
     matches.push_back({reference, {1.0 * i, 2.0 * i}, {rng.Uniform(0, 64), rng.Uniform(0, 48)}});
+    matches.back().query_keypoint = 3 * i;
   }
   const HalfBlindSource source;
   const LiftResult result = LiftMatches(source, references, matches);
@@ -56,8 +57,9 @@ TEST(LiftMatches, KeepsTheOrderOfTheMatchesAndCountsWhatItDrops) {
     if (matches[i].reference_px.x() > 50) continue;
     ASSERT_LT(next, result.lifted.size());
     const LiftedMatch& lifted = result.lifted[next++];
-    EXPECT_EQ(lifted.match_2d2d, i);
+    EXPECT_EQ(lifted.match.match_2d2d, i);
     EXPECT_EQ(lifted.match.query_px, matches[i].query_px);
+    EXPECT_EQ(lifted.match.query_keypoint, matches[i].query_keypoint);
     EXPECT_EQ(lifted.match.reference, matches[i].reference);
     EXPECT_EQ(lifted.match.point_in_world, lifted.surface.point_in_world);
     const PosedImage& reference = references[static_cast<size_t>(matches[i].reference)];
@@ -122,7 +124,7 @@ TEST(LiftMatches, FirstAsksALaterSourceForWhatTheEarlierDoesNotKnow) {
   const LiftResult result = strips.Lift(GeometryMode::kFirst);
   ASSERT_EQ(result.lifted.size(), 50u);
   for (size_t i = 0; i < 50; ++i) {
-    EXPECT_EQ(result.lifted[i].match_2d2d, i);
+    EXPECT_EQ(result.lifted[i].match.match_2d2d, i);
     EXPECT_EQ(result.lifted[i].source, i < 30 ? 0u : 1u);
     EXPECT_EQ(result.lifted[i].surface.depth_z, i < 30 ? 2 : 3);
   }
@@ -140,9 +142,9 @@ TEST(LiftMatches, AllGivesThePointsOfEverySource) {
   EXPECT_EQ(result.counts.misses, 10u);
   EXPECT_EQ(result.counts.points_of_source, (std::vector<size_t>{30, 30}));
   // Matches 20 to 29 have two points, in the order of the sources.
-  EXPECT_EQ(result.lifted[20].match_2d2d, 20u);
+  EXPECT_EQ(result.lifted[20].match.match_2d2d, 20u);
   EXPECT_EQ(result.lifted[20].source, 0u);
-  EXPECT_EQ(result.lifted[21].match_2d2d, 20u);
+  EXPECT_EQ(result.lifted[21].match.match_2d2d, 20u);
   EXPECT_EQ(result.lifted[21].source, 1u);
   EXPECT_EQ(result.lifted[21].match.query_px, result.lifted[20].match.query_px);
 }

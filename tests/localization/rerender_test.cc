@@ -28,6 +28,22 @@ TEST(PoseSupport, TakesTheBestMatchOfEachKeypoint) {
   EXPECT_EQ(PoseSupport(camera, Rigid3(), {}, 4), 0);
 }
 
+TEST(PoseSupport, IndicesSayWhichMatchesAreOfOneKeypoint) {
+  const double params[] = {100, 100, 50, 50};
+  const Camera camera(CameraModel::kPinhole, 100, 100, params);
+  const auto match = [](double x, double error_px, int keypoint) {
+    return Match2D3D{.query_px = {50 + x + error_px, 50},
+                     .point_in_world = {x / 100, 0, 1},
+                     .reference = {},
+                     .point_sigma = {},
+                     .query_keypoint = keypoint};
+  };
+  const std::vector<Match2D3D> one = {match(0, 2, 7), match(1, 1, 7)};
+  const std::vector<Match2D3D> two = {match(0, 2, 7), match(1, 1, 8)};
+  EXPECT_NEAR(PoseSupport(camera, Rigid3(), one, 4), 1 - 1 / 16.0, 1e-12);
+  EXPECT_NEAR(PoseSupport(camera, Rigid3(), two, 4), 2 - 1 / 16.0 - 4 / 16.0, 1e-12);
+}
+
 // The same pose for every problem.
 class GivenPose final : public PoseEstimator {
  public:
@@ -115,6 +131,37 @@ TEST_F(Rerender, GivesPairsToEstimatorsThatNeedThem) {
   Make({.around_deg = 0, .use_pairs = true}).Improve(query(), GivenPose(truth()), result);
   EXPECT_GT(result.problem.matches_2d2d.size(), 30u);
   EXPECT_EQ(result.problem.matches_2d2d.size(), result.problem.matches_2d3d.size());
+}
+
+TEST_F(Rerender, KeypointsOfTheSamePlaceKeepTheIndexThatTheyHave) {
+  QueryResult alone = LocalizedAt(MovedBy(truth(), {0.05, 0, 0}), false);
+  Make({.around_deg = 0}).Improve(query(), GivenPose(truth()), alone);
+  ASSERT_GT(alone.problem.matches_2d3d.size(), 30u);
+  // One of the keypoints is known from features with other indices, and so is another place.
+  const Eigen::Vector2d known = alone.problem.matches_2d3d[10].query_px;
+  QueryResult result = LocalizedAt(MovedBy(truth(), {0.05, 0, 0}), false);
+  result.problem.references = {scene_.references[0]};
+  result.problem.matches_2d2d = {
+      {.reference = 0, .query_px = known, .reference_px = {9, 9}, .query_keypoint = 5000},
+      {.reference = 0, .query_px = {-3, -3}, .reference_px = {9, 9}, .query_keypoint = 6000}};
+  Make({.around_deg = 0, .use_pairs = true}).Improve(query(), GivenPose(truth()), result);
+  ASSERT_EQ(result.localized.rerender_rounds, 1);
+  const auto& pairs = result.problem.matches_2d2d;
+  EXPECT_EQ(pairs[0].query_keypoint, 5000);
+  EXPECT_EQ(pairs[1].query_keypoint, 6000);
+  size_t num_known = 0;
+  for (const Match2D3D& point : result.problem.matches_2d3d) {
+    ASSERT_TRUE(point.query_keypoint && point.match_2d2d);
+    const bool is_known = point.query_px == known;
+    num_known += is_known ? 1 : 0;
+    EXPECT_EQ(*point.query_keypoint == 5000, is_known);
+    EXPECT_TRUE(is_known || *point.query_keypoint > 6000);
+    const Match2D2D& pair = pairs.at(*point.match_2d2d);
+    EXPECT_EQ(pair.query_keypoint, point.query_keypoint);
+    EXPECT_EQ(pair.query_px, point.query_px);
+    EXPECT_EQ(pair.reference, point.reference);
+  }
+  EXPECT_GT(num_known, 0u);
 }
 
 TEST_F(Rerender, LooksForMatchesNearWhereThePoseSaysOnly) {

@@ -41,16 +41,17 @@ struct CandidateOptions {
   void Validate() const;
 };
 
-// Of the points of each query pixel the one of the lowest cost, refined; it keeps the reference
-// that it was lifted from. In the order in which the query pixels first occur in `points`.
+// Of the points of each query keypoint the one of the lowest cost, refined; it keeps the reference
+// and the match that it was lifted from. In the order in which the keypoints first occur in
+// `points`.
 std::vector<Match2D3D> MergeCandidates(std::span<const PosedImage> references,
                                        std::span<const Match2D2D> matches_2d2d,
                                        std::span<const Match2D3D> points,
                                        const CandidateOptions& options);
 
-// A point for each query pixel on which two references or more agree whose rays meet at
+// A point for each query keypoint on which two references or more agree whose rays meet at
 // min_angle_deg at least: the best of the points of pairs of references, refined. It is of no
-// single reference. In the order in which the query pixels first occur in `matches_2d2d`.
+// single reference. In the order in which the keypoints first occur in `matches_2d2d`.
 std::vector<Match2D3D> TriangulateMatches(std::span<const PosedImage> references,
                                           std::span<const Match2D2D> matches_2d2d,
                                           const CandidateOptions& options);

@@ -25,9 +25,8 @@ inline constexpr auto kEnumNames<GeometryMode> = std::to_array<EnumName<Geometry
 });
 
 struct LiftedMatch {
-  Match2D3D match;       // with the reference it was lifted from
+  Match2D3D match;       // with the reference and the 2D-2D match that it was lifted from
   SurfacePoint surface;  // where, and how far it can be trusted
-  size_t match_2d2d;     // index of the 2D-2D match that it comes from
   size_t source = 0;     // index of the source that it is from
 };
 

@@ -29,9 +29,8 @@ struct ViewError {
 // The views of all points of a query, point by point.
 class MultiViewErrors {
  public:
-  // Matches belong to the same query keypoint where they have the same query pixel: several
-  // features at one place are one keypoint. All points' query pixels should occur in
-  // `matches_2d2d`; a point of another pixel has no views.
+  // All points' query keypoints should occur in `matches_2d2d` (keypoints.h says which keypoint a
+  // match is of); a point of another keypoint has no views.
   MultiViewErrors(std::span<const PosedImage> references, std::span<const Match2D2D> matches_2d2d,
                   std::span<const Match2D3D> points);
 

@@ -22,8 +22,8 @@ struct ReferenceMatch {
   Eigen::Vector2d b_px;
 };
 
-// All pairs of keypoints of different references that are matched with one query keypoint, i.e. the
-// same query pixel; each pair once.
+// All pairs of keypoints of different references that are matched with one query keypoint; each
+// pair once.
 std::vector<ReferenceMatch> TransitiveMatches(std::span<const Match2D2D> matches);
 
 // A match as one of its two references sees it.

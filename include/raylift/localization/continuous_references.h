@@ -18,6 +18,7 @@
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/match_source.h"
+#include "raylift/scene/keypoints.h"
 #include "raylift/scene/pose_problem.h"
 #include "raylift/scene/posed_image.h"
 
@@ -40,7 +41,7 @@ struct JoinedReference {
 };
 
 // The links of a localized query: its 2D-3D inliers; of several points of one keypoint the one of
-// the median depth.
+// the median depth. In the order of their places.
 std::vector<PointLink> LinksOfInliers(const QueryResult& result);
 
 // The median distance of what a localized query sees: of its 2D-3D inliers, or, where it has none,
@@ -81,7 +82,9 @@ class JoinedReferences {
  private:
   struct Entry {
     JoinedReference reference;
-    std::map<std::pair<double, double>, size_t> link_of_pixel;
+    // By place, as sources of geometry are asked for pixels; a match with the reference repeats the
+    // pixel of the keypoint that the link is of.
+    KeypointsByPixel link_of_pixel;
   };
   const Entry* Find(const std::string& name) const;
   std::optional<double> SigmaPx(const JoinedReference& reference,
