@@ -145,7 +145,9 @@ Scene OpenSceneOf(const CompareFlags& flags) {
                            .images = flags.images});
   PrintWarnings(scene.warnings);
   for (const NamedSpec& named : ParseSpecs(flags)) {
-    OpenGeometry(scene, named.spec, {.max_cache_bytes = CacheBytes(scene.references.images)});
+    OpenGeometry(
+        scene, named.spec,
+        {.max_cache_bytes = CacheBytes(scene.references.images), .threads = flags.run.threads});
     SceneSource& opened = scene.sources.back();
     opened.name = named.name;
     for (const std::string& warning : opened.geometry.warnings) {

@@ -104,7 +104,8 @@ void Run(const DoctorFlags& flags) {
                                  .model_poses = flags.model_poses.Resolve(),
                                  .thinning = flags.references.thinning,
                                  .images = flags.images,
-                                 .geometry = {flags.geometry}});
+                                 .geometry = {flags.geometry},
+                                 .threads = flags.run.threads});
   const NamedGeometry& geometry = scene.sources.front().geometry;
   if (geometry.kind == GeometryKind::kSfm) {
     throw OptionError("--geometry", flags.geometry, "expected mesh:... or depth:...");

@@ -25,7 +25,8 @@ Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
                       .model_poses = flags.model_poses.Resolve(),
                       .thinning = flags.references.thinning,
                       .images = flags.images,
-                      .geometry = flags.geometry.specs});
+                      .geometry = flags.geometry.specs,
+                      .threads = flags.run.threads});
   }
   std::vector<Camera> cameras;
   for (const Query& query : queries) cameras.push_back(query.camera);

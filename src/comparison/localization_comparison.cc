@@ -38,8 +38,6 @@ struct Outcome {
 
 constexpr size_t kShownKeypoints = 120;
 
-bool NeedsGeometry(Method method) { return method != Method::kE5p1; }
-
 class Runner {
  public:
   Runner(const Scene& scene, std::span<const Query> queries,
@@ -87,7 +85,7 @@ class Runner {
   void AddWaysWithoutGeometry(const Scene& scene) {
     const auto shared = std::make_shared<const Scene>(scene);
     for (const EstimatorOptions& method : grid_.methods) {
-      if (!NeedsGeometry(method.method)) AddWay(shared, {"", "", "", method}, {});
+      if (!UsesPoints(method.method)) AddWay(shared, {"", "", "", method}, {});
     }
   }
 
@@ -100,7 +98,7 @@ class Runner {
             EstimateSceneNoise(queries_, scene, *matches_, GeometryMode::kFirst, grid_.threads);
       }
       for (const EstimatorOptions& method : grid_.methods) {
-        if (!NeedsGeometry(method.method)) continue;
+        if (!UsesPoints(method.method)) continue;
         AddWay(shared,
                {scene.sources.front().name, std::string(ToString(alignment)),
                 std::string(ToString(mode)), method},

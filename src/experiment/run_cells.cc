@@ -155,7 +155,8 @@ class ThinnedScene {
       scene.warnings.clear();
       const ExperimentGeometry& geometry = *settings_.FindGeometry(key.first);
       for (const std::string& spec : geometry.specs) {
-        OpenGeometry(scene, SpecOf(geometry, spec, cell), {.wrap_source = options_.wrap_source});
+        OpenGeometry(scene, SpecOf(geometry, spec, cell),
+                     {.wrap_source = options_.wrap_source, .threads = options_.threads});
       }
       Take(scene.warnings);
       const AlignMode mode = AlignModeFromName(key.second).value();

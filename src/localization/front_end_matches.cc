@@ -60,7 +60,7 @@ class FrontEndMatches final : public MatchSource {
       throw InputError(fmt::format(
           "the query \"{}\" is not among those that the features were extracted of", query.name));
     }
-    return MatchWith(query, features_.at(query.name), retrieved->second);
+    return MatchWith(query, features_.at(query.name), keypoints_.at(query.name), retrieved->second);
   }
 
   QueryMatches MatchPhotograph(const Query& query, const Image& photograph) const override {
@@ -75,7 +75,7 @@ class FrontEndMatches final : public MatchSource {
          Index()->Best(name, Index()->VectorOf(features), options_.top_k, 1).front()) {
       retrieved.push_back(r.reference_index);
     }
-    return MatchWith(query, features, retrieved);
+    return MatchWith(query, features, CanonicalKeypoints(features.keypoints_px), retrieved);
   }
 
   void Join(const PosedImage& localized_query) override {
@@ -87,6 +87,7 @@ class FrontEndMatches final : public MatchSource {
 
  private:
   QueryMatches MatchWith(const Query& query, const Features& query_features,
+                         const std::vector<int>& query_keypoints,
                          const std::vector<int>& retrieved) const {
     QueryMatches result;
     for (const int index : retrieved) {
@@ -103,7 +104,6 @@ class FrontEndMatches final : public MatchSource {
       matches[i] = MatchMutualNearest(query_features, features_.at(result.references[i].name),
                                       {.max_ratio = options_.max_ratio});
     });
-    const std::vector<int>& query_keypoints = keypoints_.at(query.name);
     for (size_t rank = 0; rank < matches.size(); ++rank) {
       const Features& reference_features = features_.at(result.references[rank].name);
       const std::vector<int>& reference_keypoints = keypoints_.at(result.references[rank].name);

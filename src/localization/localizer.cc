@@ -42,8 +42,7 @@ void LocalizedQuery::TakeEstimate(PoseEstimate taken) {
 }
 
 FewPoints FewPointsFor(Method method) {
-  const bool needs_points = method == Method::kP3p || method == Method::kHloc;
-  return needs_points ? FewPoints::kKeepBest : FewPoints::kDropAll;
+  return NeedsPoints(method) ? FewPoints::kKeepBest : FewPoints::kDropAll;
 }
 
 std::string ReasonNotLocalized(const PoseEstimate& estimate) {

@@ -53,7 +53,8 @@ void OpenGeometry(Scene& scene, const std::string& spec, const SceneOptions& opt
   opened.geometry = MakeGeometrySource(spec, {.model = scene.references.model,
                                               .references = scene.references.images,
                                               .thinned_out = scene.references.thinned_out,
-                                              .max_cache_bytes = options.max_cache_bytes});
+                                              .max_cache_bytes = options.max_cache_bytes,
+                                              .threads = options.threads});
   if (options.wrap_source) {
     opened.geometry.source = options.wrap_source(std::move(opened.geometry.source));
   }

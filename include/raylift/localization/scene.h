@@ -75,6 +75,7 @@ struct SceneOptions {
   std::vector<std::string> geometry = {};    // as the option --geometry takes them
   size_t max_cache_bytes = size_t{1} << 29;  // of depth maps, per source
   WrapSource wrap_source = {};
+  int threads = 0;  // to read meshes; 0: all
 };
 
 // OptionError for a specification of geometry that is none, InputError where a file cannot be read.
