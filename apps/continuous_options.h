@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
+#include <CLI/App.hpp>
 
 #include "raylift/io/query_list.h"
 #include "raylift/localization/continuous_gate.h"

@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <string>
 
-#include <CLI/CLI.hpp>
+#include <CLI/App.hpp>
 
 #include "raylift/localization/front_end.h"
 

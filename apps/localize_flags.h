@@ -11,7 +11,7 @@
 #include "options.h"
 #include "retrieval_options.h"
 #include "scene_options.h"
-#include <CLI/CLI.hpp>
+#include <CLI/App.hpp>
 
 #include "raylift/estimation/pose_estimator.h"
 

@@ -9,7 +9,7 @@
 #include <string>
 #include <string_view>
 
-#include <CLI/CLI.hpp>
+#include <CLI/App.hpp>
 #include <Eigen/Core>
 
 #include "raylift/base/progress.h"

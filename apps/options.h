@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
+#include <CLI/App.hpp>
 
 #include "raylift/base/progress.h"
 #include "raylift/estimation/pose_estimator.h"

@@ -2,7 +2,7 @@
 
 #pragma once
 
-#include <CLI/CLI.hpp>
+#include <CLI/App.hpp>
 
 namespace raylift {
 

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "options.h"
-#include <CLI/CLI.hpp>
+#include <CLI/App.hpp>
 
 #include "raylift/scene/thinning.h"
 #include "raylift/views/render_job.h"

@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-#include <CLI/CLI.hpp>
+#include <CLI/App.hpp>
 
 #include "raylift/localization/hloc_matches.h"
 #include "raylift/scene/thinning.h"

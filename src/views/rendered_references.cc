@@ -133,7 +133,7 @@ RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh
                                 .count = sampled.views.cam_from_world.size(),
                                 .warnings = std::move(sampled.views.warnings)};
   if (!HasColors(mesh->mesh())) {
-    references.warnings.push_back(
+    references.warnings.emplace_back(
         "the mesh has neither texture nor vertex colours: pictures of its shape rarely match "
         "photographs by RootSIFT, and poses with few inliers are then wrong");
   }

@@ -1,0 +1,52 @@
+# How each package that Raylift links is found: by the build and, installed, by find_package(raylift).
+
+# A package without targets that serve is linked as raylift_package::<name>.
+function(raylift_package name include_dir)
+  if(NOT TARGET raylift_package::${name})
+    add_library(raylift_package::${name} INTERFACE IMPORTED GLOBAL)
+    set_target_properties(raylift_package::${name} PROPERTIES
+      INTERFACE_INCLUDE_DIRECTORIES "${include_dir}" INTERFACE_LINK_LIBRARIES "${ARGN}")
+  endif()
+endfunction()
+
+# raylift_find_library(<name> <header> <arguments of find_library>...) for a package without CMake
+# files that serve.
+macro(raylift_find_library name header)
+  find_path(raylift_${name}_INCLUDE_DIR ${header} PATH_SUFFIXES hdf5/serial)
+  find_library(raylift_${name}_LIBRARY ${ARGN})
+  mark_as_advanced(raylift_${name}_INCLUDE_DIR raylift_${name}_LIBRARY)
+  set(${name}_FOUND FALSE)
+  if(raylift_${name}_INCLUDE_DIR AND raylift_${name}_LIBRARY)
+    set(${name}_FOUND TRUE)
+    raylift_package(${name} "${raylift_${name}_INCLUDE_DIR}" "${raylift_${name}_LIBRARY}")
+  endif()
+endmacro()
+
+# raylift_find(<package>) sets <package>_FOUND.
+macro(raylift_find package)
+  if("${package}" STREQUAL "Eigen3")
+    find_package(Eigen3 3.3 QUIET NO_MODULE)
+  elseif("${package}" STREQUAL "OpenCV")
+    find_package(OpenCV QUIET COMPONENTS core imgproc imgcodecs features2d)
+  elseif("${package}" STREQUAL "embree")
+    find_package(embree 4 QUIET CONFIG)
+    if(NOT embree_FOUND)
+      find_package(embree 3.12 QUIET CONFIG)
+    endif()
+  elseif("${package}" STREQUAL "OpenEXR")
+    find_package(OpenEXR QUIET CONFIG)
+    if(TARGET OpenEXR::OpenEXR)
+      raylift_package(OpenEXR "" OpenEXR::OpenEXR)
+    elseif(OpenEXR_FOUND)  # 2.5, of Ubuntu 22.04
+      raylift_package(OpenEXR "" OpenEXR::IlmImf)
+    endif()
+  elseif("${package}" STREQUAL "libzip")
+    # Its own CMake files demand its command line tools, which are another package.
+    raylift_find_library(libzip zip.h zip)
+  elseif("${package}" STREQUAL "HDF5")
+    # FindHDF5 needs C enabled and adds all that HDF5 itself is linked with.
+    raylift_find_library(HDF5 hdf5.h NAMES hdf5_serial hdf5 PATH_SUFFIXES hdf5/serial)
+  else()
+    find_package(${package} QUIET)
+  endif()
+endmacro()

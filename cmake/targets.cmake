@@ -1,0 +1,91 @@
+# What the project's targets share, and how its libraries are made.
+
+# Warnings, sanitizers, and the promise that the same source gives the same bytes (no contraction of
+# a*b+c, which differs between machines). All code is position independent, so that a static library
+# can become a part of a shared one, and one precompiled header serves libraries and programs.
+add_library(raylift_options INTERFACE)
+target_compile_features(raylift_options INTERFACE cxx_std_20)
+target_compile_options(raylift_options INTERFACE
+  -Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor -Woverloaded-virtual -Wcast-qual
+  -Wformat=2 -Wimplicit-fallthrough -ffp-contract=off -fPIC
+  $<$<BOOL:${RAYLIFT_WERROR}>:-Werror>)
+# At -O3, GCC 12 takes the copy in "text" + std::string() for one of nearly all memory (GCC bug 105651,
+# mended in 13). The other builds keep these warnings.
+if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_GREATER_EQUAL 12
+    AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
+  target_compile_options(raylift_options INTERFACE
+    $<$<CONFIG:Release>:-Wno-restrict -Wno-stringop-overflow>)
+endif()
+if(RAYLIFT_SANITIZE)
+  target_compile_options(raylift_options INTERFACE
+    -fsanitize=${RAYLIFT_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
+  target_link_options(raylift_options INTERFACE -fsanitize=${RAYLIFT_SANITIZE})
+endif()
+set(CMAKE_CXX_EXTENSIONS OFF)
+
+# What include/raylift declares is visible outside of a shared library (raylift/base/api.h); all else
+# stays inside, and so does everything of a static one. Tests call inner functions, too.
+set(CMAKE_VISIBILITY_INLINES_HIDDEN ON)
+set(CMAKE_CXX_VISIBILITY_PRESET hidden)
+if(BUILD_SHARED_LIBS AND RAYLIFT_BUILD_TESTS)
+  set(CMAKE_CXX_VISIBILITY_PRESET default)
+endif()
+if(BUILD_SHARED_LIBS)
+  set(CMAKE_INSTALL_RPATH "$ORIGIN" "$ORIGIN/../${CMAKE_INSTALL_LIBDIR}")
+endif()
+
+# raylift_add_library(<layer> SOURCES ... PUBLIC ... PRIVATE ...) makes the target raylift_<layer>
+# and its alias raylift::<layer>, which find_package(raylift COMPONENTS <layer>) gives, too.
+function(raylift_add_library layer)
+  cmake_parse_arguments(ARG "" "" "SOURCES;PUBLIC;PRIVATE" ${ARGN})
+  set(target raylift_${layer})
+  add_library(${target} ${ARG_SOURCES})
+  add_library(raylift::${layer} ALIAS ${target})
+  set_target_properties(${target} PROPERTIES
+    EXPORT_NAME ${layer}
+    VERSION ${PROJECT_VERSION}
+    SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR})
+  target_compile_features(${target} PUBLIC cxx_std_20)
+  target_include_directories(${target} PUBLIC
+    $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include> $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
+  if(BUILD_SHARED_LIBS)
+    target_compile_definitions(${target} PUBLIC RAYLIFT_SHARED)
+  endif()
+  # Who links the library needs neither our options nor JSON's headers.
+  list(TRANSFORM ARG_PRIVATE REPLACE "^nlohmann_json::.*" "$<BUILD_INTERFACE:\\0>")
+  target_link_libraries(${target} PUBLIC ${ARG_PUBLIC}
+    PRIVATE ${ARG_PRIVATE} $<BUILD_INTERFACE:raylift_options>)
+  raylift_precompile(${target} raylift_core
+    <algorithm> <cmath> <filesystem> <functional> <map> <memory> <optional> <span> <string>
+    <string_view> <vector> <Eigen/Core> <Eigen/Geometry> <fmt/format.h>)
+
+  # What the installed package has to find (cmake/install.cmake): a shared library brings along what
+  # it links privately.
+  set(needs ${ARG_PUBLIC})
+  if(NOT BUILD_SHARED_LIBS)
+    list(APPEND needs ${ARG_PRIVATE})
+  endif()
+  set(components ${needs})
+  list(FILTER components INCLUDE REGEX "^raylift::")
+  list(TRANSFORM components REPLACE "^raylift::" "")
+  set(packages ${needs})
+  list(FILTER packages EXCLUDE REGEX "^raylift::|BUILD_INTERFACE")
+  list(TRANSFORM packages REPLACE "^raylift_package::" "")
+  list(TRANSFORM packages REPLACE "^opencv_.*" "OpenCV")
+  list(TRANSFORM packages REPLACE "::.*" "")
+  list(REMOVE_DUPLICATES packages)
+  set_property(TARGET ${target} PROPERTY RAYLIFT_COMPONENTS "${components}")
+  set_property(TARGET ${target} PROPERTY RAYLIFT_PACKAGES "${packages}")
+  set_property(GLOBAL APPEND PROPERTY RAYLIFT_LIBRARIES ${layer})
+endfunction()
+
+# raylift_precompile(<target> <owner> <header>...): <owner>, which is made first, precompiles the
+# headers, and the others use its file. The options that it was made with count, not theirs, so who
+# differs in them must not share it.
+function(raylift_precompile target owner)
+  if(RAYLIFT_PRECOMPILED_HEADERS AND "${target}" STREQUAL "${owner}")
+    target_precompile_headers(${target} PRIVATE ${ARGN})
+  elseif(RAYLIFT_PRECOMPILED_HEADERS)
+    target_precompile_headers(${target} REUSE_FROM ${owner})
+  endif()
+endfunction()
