@@ -16,7 +16,7 @@ namespace {
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-SyntheticProblem Typical(std::string_view regime = "A", int index = 0) {
+SyntheticProblem Typical(std::string_view regime = "accurate", int index = 0) {
   return MakeRegime(RegimeByName(regime), index + 1)[static_cast<size_t>(index)];
 }
 
@@ -225,7 +225,7 @@ INSTANTIATE_TEST_SUITE_P(Units, EveryUnit, ::testing::Values(1e-3, 1e3, 1e-4, 1e
                          });
 
 TEST_P(EveryUnit, ResultsDoNotDependOnTheUnit) {
-  for (const std::string_view regime : {"A", "B", "D"}) {
+  for (const std::string_view regime : {"accurate", "many_outliers", "few_points"}) {
     const SyntheticProblem made = Typical(regime);
     PoseProblem scaled = made.problem;
     for (PosedImage& r : scaled.references) r.cam_from_world.translation *= GetParam();
@@ -245,7 +245,7 @@ TEST_P(EveryUnit, ResultsDoNotDependOnTheUnit) {
 }
 
 TEST(DegenerateProblems, ADistantWorldOriginCostsNoAccuracy) {
-  for (const std::string_view regime : {"A", "B", "D"}) {
+  for (const std::string_view regime : {"accurate", "many_outliers", "few_points"}) {
     const SyntheticProblem made = Typical(regime);
     // The world moved by 5e6 m, as with map coordinates.
     const Eigen::Vector3d offset(3e6, -4e6, 100);
@@ -275,7 +275,7 @@ TEST(DegenerateProblems, ADistantWorldOriginCostsNoAccuracy) {
 
 TEST(DegenerateProblems, ASharedCentreGivesTheRotationAndSaysSo) {
   for (int i = 0; i < 5; ++i) {
-    const SyntheticProblem made = Typical("E1", i);
+    const SyntheticProblem made = Typical("shared_centre", i);
     const PoseEstimate estimate = EstimateWith(Method::kE5p1, made.problem);
     ASSERT_TRUE(estimate.cam_from_world);
     EXPECT_FALSE(estimate.position_observable);

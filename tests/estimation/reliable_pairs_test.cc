@@ -40,7 +40,7 @@ Kept CountKept(const SyntheticOptions& options, Rng& rng) {
 
 TEST(ReliablePairs, KeepsInliersAndDropsWhatIsNearByChance) {
   Rng rng = TestRng();
-  const Kept kept = CountKept(RegimeByName("B").options, rng);
+  const Kept kept = CountKept(RegimeByName("many_outliers").options, rng);
   EXPECT_GE(kept.inliers, 0.97 * kept.all_inliers);
   // The others lie among the true points and pull no harder than these.
   EXPECT_LE(kept.outliers, 0.7 * kept.all_outliers);

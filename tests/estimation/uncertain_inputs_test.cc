@@ -32,7 +32,7 @@ double MedianPositionError(const std::vector<SyntheticProblem>& problems,
 }
 
 TEST(PointSigma, MakesNoisyGeometryUsable) {
-  const auto problems = MakeRegime(RegimeByName("C"), 10);
+  const auto problems = MakeRegime(RegimeByName("noisy_points"), 10);
   EstimatorOptions options = StandardOptions(Method::kP3p);
   const double exact = MedianPositionError(problems, options);
   options.point_sigma = 0.3;
@@ -41,7 +41,7 @@ TEST(PointSigma, MakesNoisyGeometryUsable) {
 }
 
 TEST(PointSigma, OfAMatchGoesBeforeThatOfTheOptions) {
-  SyntheticProblem synthetic = MakeRegime(RegimeByName("C"), 1).front();
+  SyntheticProblem synthetic = MakeRegime(RegimeByName("noisy_points"), 1).front();
   EstimatorOptions options = StandardOptions(Method::kP3p);
   options.point_sigma = 0.3;
   const PoseEstimate by_option = MakePoseEstimator(options)->Estimate(synthetic.problem);
@@ -59,7 +59,7 @@ TEST(PointSigma, OfAMatchGoesBeforeThatOfTheOptions) {
 // keypoint by five pixels, and marked as uncertain by that.
 std::vector<SyntheticProblem> MakeProblemsWithUncertainReferences(int count) {
   constexpr double kSigma = 0.5 * std::numbers::pi / 180;
-  auto problems = MakeRegime(RegimeByName("A"), count);
+  auto problems = MakeRegime(RegimeByName("accurate"), count);
   Rng rng = TestRng();
   for (SyntheticProblem& synthetic : problems) {
     PoseProblem& problem = synthetic.problem;
@@ -94,7 +94,7 @@ TEST(ReferenceSigma, KeepsUncertainReferencesFromSpoilingThePose) {
 }
 
 TEST(ReferenceSigma, OfZeroChangesNothing) {
-  SyntheticProblem synthetic = MakeRegime(RegimeByName("A"), 1).front();
+  SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
   const auto estimator = MakePoseEstimator(StandardOptions(Method::kAdaptive));
   const PoseEstimate exact = estimator->Estimate(synthetic.problem);
   for (Match2D2D& match : synthetic.problem.matches_2d2d) match.reference_sigma_px = 0;
@@ -105,7 +105,7 @@ TEST(ReferenceSigma, OfZeroChangesNothing) {
 
 TEST(RefineFocal, RecoversAFocalLengthThatIsOff) {
   for (const Method method : {Method::kP3p, Method::kE5p1, Method::kAdaptive}) {
-    for (SyntheticProblem& synthetic : MakeRegime(RegimeByName("A"), 2)) {
+    for (SyntheticProblem& synthetic : MakeRegime(RegimeByName("accurate"), 2)) {
       const Camera true_camera = synthetic.problem.query_camera;
       std::vector<double> params(true_camera.params().begin(), true_camera.params().end());
       params[0] *= 1.08;
@@ -124,7 +124,7 @@ TEST(RefineFocal, RecoversAFocalLengthThatIsOff) {
 }
 
 TEST(RefineFocal, IsOffByDefault) {
-  const SyntheticProblem synthetic = MakeRegime(RegimeByName("A"), 1).front();
+  const SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
   EXPECT_FALSE(
       MakePoseEstimator(StandardOptions(Method::kP3p))->Estimate(synthetic.problem).refined_camera);
 }

@@ -92,7 +92,7 @@ SyntheticProblem WithTurnedGeometry(SyntheticProblem synthetic) {
 }
 
 TEST(ContinuousGate, SolversAgreeWhereGeometryAndReferencesDo) {
-  const SyntheticProblem right = MakeRegime(RegimeByName("A"), 1).front();
+  const SyntheticProblem right = MakeRegime(RegimeByName("accurate"), 1).front();
   const SyntheticProblem wrong = WithTurnedGeometry(right);
   const JoinedReferences none(true);
   for (const SyntheticProblem* synthetic : {&right, &wrong}) {
@@ -107,7 +107,7 @@ TEST(ContinuousGate, SolversAgreeWhereGeometryAndReferencesDo) {
 }
 
 TEST(ContinuousGate, TheSolversDifferenceWidensTheCovariance) {
-  const QueryResult result = Localize(MakeRegime(RegimeByName("A"), 1).front());
+  const QueryResult result = Localize(MakeRegime(RegimeByName("accurate"), 1).front());
   const JoinedReferences none(true);
   const Rigid3 pose = *result.localized.estimate.cam_from_world;
   const Rigid3 beside = Rigid3{Eigen::Quaterniond::Identity(), {0.5, 0, 0}} * pose;

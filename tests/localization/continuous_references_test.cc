@@ -116,7 +116,7 @@ QueryResult Localize(const PoseProblem& problem) {
 }
 
 TEST(JoinedReferences, LinksAreTheInliersOneForEachKeypoint) {
-  SyntheticProblem synthetic = MakeRegime(RegimeByName("A"), 1).front();
+  SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
   auto& matches = synthetic.problem.matches_2d3d;
   matches[1].query_px = matches[2].query_px = matches[0].query_px;
   // Three candidates along one ray: the middle one.
@@ -137,7 +137,7 @@ TEST(JoinedReferences, LinksAreTheInliersOneForEachKeypoint) {
 }
 
 TEST(JoinedReferences, TheDistanceFollowsFromPointsOrFromRays) {
-  SyntheticProblem synthetic = MakeRegime(RegimeByName("A"), 1).front();
+  SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
   const double by_points = SceneDistance(Localize(synthetic.problem));
   EXPECT_GT(by_points, 5);
   EXPECT_LT(by_points, 15);
@@ -146,7 +146,7 @@ TEST(JoinedReferences, TheDistanceFollowsFromPointsOrFromRays) {
 }
 
 TEST(JoinedReferences, AQueryInheritsTheErrorsOfWhatItRestsOn) {
-  SyntheticProblem synthetic = MakeRegime(RegimeByName("A"), 1).front();
+  SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
   const QueryResult result = Localize(synthetic.problem);
   JoinedReferences joined(true);
   EXPECT_EQ(joined.PassedOn(result), PoseCovariance::Zero());

@@ -211,15 +211,18 @@ std::vector<SyntheticRegime> MakeRegimes() {
   tiny.sigma_px = 0.5;
   tiny.split_five_and_one = true;
   return {
-      {"A", "accurate, 10 % outliers", 50, SyntheticOptions{}},
-      {"B", "accurate, 50-70 % outliers", 50, many_outliers},
-      {"C", "0.3 m point noise", 50, noisy},
-      {"D", "30 2D-3D, 300 2D-2D", 50, sparse},
-      {"E1", "references share one centre", 20, DegenerateLayout(ReferenceLayout::kShared)},
-      {"E2", "planar scene", 20, planar},
-      {"E3", "a reference at the query", 20, DegenerateLayout(ReferenceLayout::kCoincident)},
-      {"E4", "pure forward motion", 20, DegenerateLayout(ReferenceLayout::kForward)},
-      {"F", "3 2D-3D and 6 2D-2D", 50, tiny},
+      {"accurate", "accurate, 10 % outliers", "A", 50, SyntheticOptions{}},
+      {"many_outliers", "accurate, 50-70 % outliers", "B", 50, many_outliers},
+      {"noisy_points", "0.3 m point noise", "C", 50, noisy},
+      {"few_points", "30 2D-3D, 300 2D-2D", "D", 50, sparse},
+      {"shared_centre", "references share one centre", "E1", 20,
+       DegenerateLayout(ReferenceLayout::kShared)},
+      {"planar_scene", "planar scene", "E2", 20, planar},
+      {"reference_at_query", "a reference at the query", "E3", 20,
+       DegenerateLayout(ReferenceLayout::kCoincident)},
+      {"forward_motion", "pure forward motion", "E4", 20,
+       DegenerateLayout(ReferenceLayout::kForward)},
+      {"minimal", "3 2D-3D and 6 2D-2D", "F", 50, tiny},
   };
 }
 
@@ -246,7 +249,7 @@ const SyntheticRegime& RegimeByName(std::string_view name) {
 std::vector<SyntheticProblem> MakeRegime(const SyntheticRegime& regime, int count, uint64_t seed) {
   std::vector<SyntheticProblem> problems;
   for (int i = 0; i < count; ++i) {
-    const std::string name = fmt::format("{}-{:03}", regime.name, i);
+    const std::string name = fmt::format("{}-{:03}", regime.stream, i);
     Rng rng(StreamSeed(seed, name, "synthetic"));
     problems.push_back(MakeSyntheticProblem(name, regime.options, rng));
   }

@@ -63,8 +63,10 @@ SyntheticProblem MakeSyntheticProblem(const std::string& name, const SyntheticOp
 
 // The standard regimes.
 struct SyntheticRegime {
-  std::string_view name;  // "A" to "F"
+  std::string_view name;
   std::string_view title;
+  // What its problems are named after, and so their random numbers: "A" to "F".
+  std::string_view stream;
   int num_problems;
   SyntheticOptions options;
 };
