@@ -110,11 +110,11 @@ class InputCollector {
     Json inputs = {{"version", kCellVersion},
                    {"raylift_version", RAYLIFT_VERSION},
                    {"scene", SceneJson(setting)},
-                   {"every", setting[Axis::kEvery]},
+                   {"every", TextOf(setting[Axis::kEvery])},
                    {"offset", cell.offset}};
-    if (!setting[Axis::kGeometry].empty()) {
+    if (Matters(setting[Axis::kGeometry])) {
       inputs["geometry"] = GeometryJson(setting);
-      inputs["align"] = setting[Axis::kAlign];
+      inputs["align"] = TextOf(setting[Axis::kAlign]);
       inputs["filter"] = FilterJson(setting);
     }
     inputs["method"] = MethodJson(setting);
@@ -126,9 +126,9 @@ class InputCollector {
  private:
   Json SceneJson(const Setting& setting) {
     const ExperimentScene& scene = experiment_.SceneOf(setting);
-    const std::string& every = setting[Axis::kEvery];
+    const size_t every = setting.Every();
     Json json = {{"model", identity_.Of(scene.model)},
-                 {"model_poses", scene.model_poses},
+                 {"model_poses", ToString(scene.model_poses)},
                  {"queries", identity_.Of(scene.queries)},
                  {"top_k", scene.top_k}};
     if (scene.continuous) {
@@ -149,10 +149,10 @@ class InputCollector {
 
   Json GeometryJson(const Setting& setting) {
     const ExperimentScene& scene = experiment_.SceneOf(setting);
-    const ExperimentGeometry& geometry = *scene.FindGeometry(setting[Axis::kGeometry]);
+    const ExperimentGeometry& geometry = *experiment_.GeometryOf(setting);
     Json json = Json::object();
     for (const std::string& spec : geometry.specs) {
-      Json source = SourceJson(scene, Replaced(spec, "{every}", setting[Axis::kEvery]));
+      Json source = SourceJson(scene, ForThinning(spec, setting.Every()).string());
       if (json.empty()) {
         json = std::move(source);
       } else {
@@ -179,7 +179,7 @@ class InputCollector {
   }
 
   Json FilterJson(const Setting& setting) const {
-    const NamedFilter& filter = experiment_.FilterNamed(setting[Axis::kFilter]);
+    const NamedFilter& filter = experiment_.FilterOf(setting);
     Json json = {{"mode", ToString(filter.mode)}};
     if (filter.mode == FilterMode::kFixed) {
       json["reprojection_px"] = filter.thresholds.reprojection_px;
@@ -191,10 +191,10 @@ class InputCollector {
 
   Json MethodJson(const Setting& setting) const {
     const EstimatorOptions& options = experiment_.estimator;
-    return {{"name", setting[Axis::kMethod]},
-            {"score", setting[Axis::kScore]},
-            {"lo", setting[Axis::kLo]},
-            {"alpha", setting[Axis::kAlpha]},
+    return {{"name", TextOf(setting[Axis::kMethod])},
+            {"score", TextOf(setting[Axis::kScore])},
+            {"lo", TextOf(setting[Axis::kLo])},
+            {"alpha", TextOf(setting[Axis::kAlpha])},
             {"reprojection_threshold_px", options.reprojection_threshold_px},
             {"sampson_threshold_px", options.sampson_threshold_px},
             {"min_iterations", options.min_iterations},
@@ -213,8 +213,7 @@ void SortByWork(std::vector<Cell>& cells, const Experiment& experiment) {
   };
   std::stable_sort(cells.begin(), cells.end(), [&](const Cell& a, const Cell& b) {
     const auto key = [&](const Cell& cell) {
-      const std::string& every = cell.setting[Axis::kEvery];
-      return std::tuple(scene_index(cell), every.size(), every, cell.offset, cell.begin);
+      return std::tuple(scene_index(cell), cell.setting.Every(), cell.offset, cell.begin);
     };
     return key(a) < key(b);
   });
@@ -228,8 +227,8 @@ const std::string& InputIdentity::Of(const path& input) {
   return known_.emplace(input, DescribeInput(input)).first->second;
 }
 
-path ForThinning(const path& input, const std::string& every) {
-  return Replaced(input.string(), "{every}", every);
+path ForThinning(const path& input, size_t every) {
+  return Replaced(input.string(), "{every}", std::to_string(every));
 }
 
 std::vector<path> PathsOfSpec(const std::string& spec) {
@@ -273,7 +272,7 @@ std::vector<path> MissingInputs(const Experiment& experiment, std::span<const Se
   };
   for (const Setting& setting : settings) {
     const ExperimentScene& scene = experiment.SceneOf(setting);
-    const std::string& every = setting[Axis::kEvery];
+    const size_t every = setting.Every();
     look(scene.file);
     look(scene.model);
     look(scene.queries);
@@ -287,7 +286,7 @@ std::vector<path> MissingInputs(const Experiment& experiment, std::span<const Se
     for (const path& file : {scene.features, scene.matches, scene.pairs}) {
       look(ForThinning(file, every));
     }
-    if (const auto* geometry = scene.FindGeometry(setting[Axis::kGeometry])) {
+    if (const auto* geometry = experiment.GeometryOf(setting)) {
       for (const std::string& spec : geometry->specs) {
         for (const path& file : PathsOfSpec(ForThinning(spec, every).string())) look(file);
       }
@@ -297,7 +296,7 @@ std::vector<path> MissingInputs(const Experiment& experiment, std::span<const Se
 }
 
 size_t NumOffsets(const Experiment& experiment, const Setting& setting) {
-  return experiment.all_offsets ? ParseUint(setting[Axis::kEvery]).value() : 1;
+  return experiment.offsets == ThinningOffsets::kAll ? setting.Every() : 1;
 }
 
 std::vector<Cell> ListCells(const Experiment& experiment, std::span<const Setting> settings) {

@@ -86,7 +86,7 @@ class ClaimJudge {
       bool complete = true;
       for (const Axis axis : open_axes_) {
         place[axis] = result.setting[axis];
-        complete = complete && !place[axis].empty();
+        complete = complete && Matters(place[axis]);
       }
       std::vector<Setting>& list = complete ? places : incomplete;
       if (std::find(list.begin(), list.end(), place) == list.end()) list.push_back(place);
@@ -98,8 +98,8 @@ class ClaimJudge {
     std::vector<const SettingResult*> found;
     for (const SettingResult& result : results_) {
       const bool fits = std::all_of(open_axes_.begin(), open_axes_.end(), [&](Axis axis) {
-        const std::string& value = result.setting[axis];
-        return value.empty() || value == place[axis];
+        const AxisValue& value = result.setting[axis];
+        return !Matters(value) || value == place[axis];
       });
       if (fits && Takes(selection, result)) found.push_back(&result);
     }
@@ -153,10 +153,10 @@ class ClaimJudge {
 
   std::string PlaceTitle(const Setting& place, const SettingResult& first) const {
     Setting named = place;
-    if (named[Axis::kScene].empty()) named[Axis::kScene] = first.setting[Axis::kScene];
+    if (!Matters(named[Axis::kScene])) named[Axis::kScene] = first.setting[Axis::kScene];
     std::string title;
     for (const Axis axis : open_axes_) {
-      const std::string text = ValueTitle(experiment_, named, std::string(ToString(axis)));
+      const std::string text = ValueTitle(experiment_, named, axis);
       if (text.empty() || text == "off") continue;
       title += (title.empty() ? "" : ", ") + text;
     }
@@ -169,9 +169,8 @@ class ClaimJudge {
     for (const Axis axis : AllValues<Axis>()) {
       const bool is_open =
           std::find(open_axes_.begin(), open_axes_.end(), axis) != open_axes_.end();
-      if (is_open || result.setting[axis].empty()) continue;
-      title += (title.empty() ? "" : ", ") +
-               ValueTitle(experiment_, result.setting, std::string(ToString(axis)));
+      if (is_open || !Matters(result.setting[axis])) continue;
+      title += (title.empty() ? "" : ", ") + ValueTitle(experiment_, result.setting, axis);
     }
     return title;
   }

@@ -99,9 +99,7 @@ class ExperimentReader {
   }
 
   void ReadOffsets() {
-    const std::string offsets = top_.Text("offsets").value_or("first");
-    if (offsets != "first" && offsets != "all") top_.Fail("offsets", "expected first|all");
-    experiment_.all_offsets = offsets == "all";
+    experiment_.offsets = top_.Named<ThinningOffsets>("offsets").value_or(experiment_.offsets);
   }
 
   void ReadEstimator() {
@@ -144,10 +142,7 @@ class ExperimentReader {
     std::string thresholds;
     if (const auto file = table.Text("scene")) thresholds = TakeSceneFile(Resolve(*file), scene);
     TakePath(table, "model", scene.model);
-    scene.model_poses = table.Text("model_poses").value_or(scene.model_poses);
-    if (!FromName<PoseConvention>(scene.model_poses)) {
-      table.Fail("model_poses", "expected " + NameList<PoseConvention>());
-    }
+    scene.model_poses = table.Named<PoseConvention>("model_poses").value_or(scene.model_poses);
     TakePath(table, "images", scene.images);
     TakePath(table, "query_images", scene.query_images);
     if (scene.query_images.empty()) scene.query_images = scene.images;
@@ -299,9 +294,9 @@ class ExperimentReader {
   }
 
   void ReadFilters() {
-    experiment_.filters = {{"off", FilterMode::kOff, {}},
-                           {"fixed", FilterMode::kFixed, {}},
-                           {"auto", FilterMode::kAuto, {}}};
+    for (const EnumName<FilterMode>& mode : kEnumNames<FilterMode>) {
+      experiment_.filters.push_back({std::string(mode.name), mode.value, {}});
+    }
     auto filters = top_.Table("filters");
     if (!filters) return;
     for (const std::string& name : filters->Keys()) {

@@ -7,74 +7,78 @@
 
 #include <fmt/format.h>
 
+#include "raylift/base/error.h"
 #include "raylift/base/text.h"
 #include "raylift/lifting/depth_alignment.h"
 
 namespace raylift {
 namespace {
 
-// The value as settings hold it.
-std::string CheckValue(const TomlTable& table, const Experiment& experiment, Axis axis,
-                       const std::string& value) {
+AxisValue ReadAxisValue(const TomlTable& table, const Experiment& experiment, Axis axis,
+                        const std::string& text) {
   const auto require = [&](bool good, const std::string& expected) {
     if (!good) {
-      table.Fail(ToString(axis), fmt::format("expected {}, found \"{}\"", expected, value));
+      table.Fail(ToString(axis), fmt::format("expected {}, found \"{}\"", expected, text));
     }
+  };
+  const auto named = [&]<NamedEnum Enum>(std::optional<Enum> value) {
+    require(value.has_value(), NameList<Enum>());
+    return *value;
   };
   switch (axis) {
     case Axis::kScene:
       require(std::any_of(experiment.scenes.begin(), experiment.scenes.end(),
-                          [&](const ExperimentScene& scene) { return scene.name == value; }),
+                          [&](const ExperimentScene& scene) { return scene.name == text; }),
               "names of [scenes]");
-      return value;
+      return text;
     case Axis::kEvery: {
-      const auto number = ParseInt(value);
+      const auto number = ParseInt(text);
       require(number && *number >= 1 && *number <= 1'000'000, "numbers of at least 1");
-      return std::to_string(*number);
+      return static_cast<size_t>(*number);
     }
     case Axis::kGeometry:
       require(std::any_of(experiment.scenes.begin(), experiment.scenes.end(),
                           [&](const ExperimentScene& scene) {
-                            return scene.file_is_missing || scene.FindGeometry(value) != nullptr;
+                            return scene.file_is_missing || scene.FindGeometry(text) != nullptr;
                           }),
               "names of a scene's geometry");
-      return value;
+      return text;
     case Axis::kAlign:
-      require(FromName<AlignMode>(value).has_value(), NameList<AlignMode>());
-      return value;
+      return named(FromName<AlignMode>(text));
     case Axis::kFilter:
       require(std::any_of(experiment.filters.begin(), experiment.filters.end(),
-                          [&](const NamedFilter& filter) { return filter.name == value; }),
+                          [&](const NamedFilter& filter) { return filter.name == text; }),
               NameList<FilterMode>() + " or names of [filters]");
-      return value;
-    case Axis::kMethod:
-      require(value == kOracle || FromName<Method>(value).has_value(),
-              fmt::format("{}|{}", NameList<Method>(), kOracle));
-      return value;
+      return text;
+    case Axis::kMethod: {
+      if (text == kOracleName) return Oracle();
+      const auto method = FromName<Method>(text);
+      require(method.has_value(), fmt::format("{}|{}", NameList<Method>(), kOracleName));
+      return *method;
+    }
     case Axis::kScore:
-      require(FromName<ScoreCombination>(value).has_value(), NameList<ScoreCombination>());
-      return value;
+      return named(FromName<ScoreCombination>(text));
     case Axis::kLo:
-      require(FromName<LocalOptimization>(value).has_value(), NameList<LocalOptimization>());
-      return value;
+      return named(FromName<LocalOptimization>(text));
     case Axis::kAlpha: {
-      const auto number = ParseDouble(value);
+      const auto number = ParseDouble(text);
       require(number && *number >= 0, "numbers of at least 0");
-      return FormatDouble(*number);
+      return *number;
     }
   }
-  return value;
+  RAYLIFT_CHECK(false);
 }
 
-std::vector<std::string> ReadAxes(TomlTable& table, std::string_view key) {
-  static const std::set<std::string> kOfFilter = {"filter_reprojection_px", "filter_min_views",
-                                                  "filter_min_ratio"};
-  std::vector<std::string> axes = table.Values(key);
-  for (const std::string& axis : axes) {
-    if (!FromName<Axis>(axis) && !kOfFilter.contains(axis)) {
-      table.Fail(key, fmt::format("expected {}, filter_reprojection_px|filter_min_views|"
-                                  "filter_min_ratio, found \"{}\"",
-                                  NameList<Axis>(), axis));
+std::vector<LayoutAxis> ReadAxes(TomlTable& table, std::string_view key) {
+  std::vector<LayoutAxis> axes;
+  for (const std::string& name : table.Values(key)) {
+    if (const auto axis = FromName<Axis>(name)) {
+      axes.emplace_back(*axis);
+    } else if (const auto part = FromName<FilterPart>(name)) {
+      axes.emplace_back(*part);
+    } else {
+      table.Fail(key, fmt::format("expected {}, {}, found \"{}\"", NameList<Axis>(),
+                                  NameList<FilterPart>(), name));
     }
   }
   return axes;
@@ -165,10 +169,11 @@ class LayoutReader {
 Selection ReadSelection(TomlTable& table, const Experiment& experiment) {
   Selection selection;
   for (const Axis axis : AllValues<Axis>()) {
-    std::vector<std::string> values = table.Values(ToString(axis));
-    if (values.empty()) continue;
-    for (std::string& value : values) value = CheckValue(table, experiment, axis, value);
-    selection.values.emplace(axis, std::move(values));
+    std::vector<AxisValue> values;
+    for (const std::string& text : table.Values(ToString(axis))) {
+      values.push_back(ReadAxisValue(table, experiment, axis, text));
+    }
+    if (!values.empty()) selection.values.emplace(axis, std::move(values));
   }
   return selection;
 }

@@ -58,7 +58,7 @@ PivotTable FigureTable(const Experiment& experiment, const FigureLayout& layout,
                        std::span<const SettingResult> results) {
   TableLayout table{layout.name,   layout.title, layout.lines,
                     layout.panels, layout.value, layout.where};
-  table.columns.emplace_back(ToString(Axis::kEvery));
+  table.columns.emplace_back(Axis::kEvery);
   return MakePivot(experiment, table, results);
 }
 

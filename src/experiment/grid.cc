@@ -11,9 +11,6 @@
 namespace raylift {
 namespace {
 
-const std::string kP3pName(ToString(Method::kP3p));
-const std::string kE5p1Name(ToString(Method::kE5p1));
-
 class GridExpansion {
  public:
   explicit GridExpansion(const Experiment& experiment) : experiment_(experiment) {}
@@ -34,21 +31,21 @@ class GridExpansion {
       return;
     }
     const Axis axis = AllValues<Axis>()[depth];
-    for (const std::string& value : ValuesOf(block, axis, setting)) {
+    for (const AxisValue& value : ValuesOf(block, axis, setting)) {
       setting[axis] = value;
       Descend(block, depth + 1, setting);
     }
-    setting[axis].clear();
+    setting[axis] = {};
   }
 
-  std::vector<std::string> ValuesOf(const GridBlock& block, Axis axis,
-                                    const Setting& setting) const {
-    if (!Matters(axis, setting)) return {""};
+  std::vector<AxisValue> ValuesOf(const GridBlock& block, Axis axis, const Setting& setting) const {
+    if (!IsOfSetting(axis, setting)) return {AxisValue()};
     const auto given = block.axes.values.find(axis);
     if (given == block.axes.values.end()) return Defaults(axis, setting);
     if (axis == Axis::kGeometry) {
       const ExperimentScene& scene = experiment_.SceneOf(setting);
-      for (const std::string& name : given->second) {
+      for (const AxisValue& value : given->second) {
+        const std::string& name = std::get<std::string>(value);
         if (scene.FindGeometry(name) == nullptr && !scene.file_is_missing) {
           throw InputError(
               experiment_.file, place_,
@@ -60,48 +57,49 @@ class GridExpansion {
   }
 
   // The method comes after what it is given, and takes back there what it does not need.
-  static bool Matters(Axis axis, const Setting& setting) {
-    const std::string& method = setting[Axis::kMethod];
-    if (axis == Axis::kScore || axis == Axis::kLo) return method == ToString(Method::kAdaptive);
-    if (axis == Axis::kAlpha) return method == ToString(Method::kSelect);
+  static bool IsOfSetting(Axis axis, const Setting& setting) {
+    if (axis == Axis::kScore || axis == Axis::kLo) return setting.Is(Method::kAdaptive);
+    if (axis == Axis::kAlpha) return setting.Is(Method::kSelect);
     return true;
   }
 
-  std::vector<std::string> Defaults(Axis axis, const Setting& setting) const {
-    std::vector<std::string> values;
+  std::vector<AxisValue> Defaults(Axis axis, const Setting& setting) const {
+    const EstimatorOptions defaults;
+    std::vector<AxisValue> values;
     switch (axis) {
       case Axis::kScene:
-        for (const ExperimentScene& scene : experiment_.scenes) values.push_back(scene.name);
+        for (const ExperimentScene& scene : experiment_.scenes) values.emplace_back(scene.name);
         return values;
       case Axis::kGeometry:
         for (const auto& geometry : experiment_.SceneOf(setting).geometry) {
-          values.push_back(geometry.name);
+          values.emplace_back(geometry.name);
         }
-        return values.empty() ? std::vector<std::string>{""} : values;
+        return values.empty() ? std::vector{AxisValue()} : values;
       case Axis::kEvery:
-        return {"1"};
+        return {size_t{1}};
       case Axis::kAlign:
+        return {AlignMode::kOff};
       case Axis::kFilter:
-        return {"off"};
+        return {std::string(ToString(FilterMode::kOff))};
       case Axis::kMethod:
-        return {kP3pName, kE5p1Name, "adaptive"};
+        return {Method::kP3p, Method::kE5p1, Method::kAdaptive};
       case Axis::kScore:
-        return {"sum_msac"};
+        return {defaults.score};
       case Axis::kLo:
-        return {"hybrid"};
+        return {defaults.local_optimization};
       case Axis::kAlpha:
-        return {"0.8"};
+        return {defaults.alpha};
     }
     return {};
   }
 
   void Add(Setting setting) {
-    if (setting[Axis::kMethod] == kE5p1Name) setting = E5p1Of(setting);
-    if (setting[Axis::kMethod] != kE5p1Name && setting[Axis::kGeometry].empty() &&
+    if (setting.Is(Method::kE5p1)) setting = E5p1Of(setting);
+    if (!setting.Is(Method::kE5p1) && !Matters(setting[Axis::kGeometry]) &&
         !experiment_.SceneOf(setting).file_is_missing) {
       throw InputError(experiment_.file, place_,
                        fmt::format("the method {} needs geometry, the scene {} has none",
-                                   setting[Axis::kMethod], setting[Axis::kScene]));
+                                   TextOf(setting[Axis::kMethod]), setting.Scene()));
     }
     if (seen_.insert(setting).second) settings_.push_back(std::move(setting));
   }
@@ -123,7 +121,7 @@ const ExperimentGeometry* ExperimentScene::FindGeometry(const std::string& geome
 
 const ExperimentScene& Experiment::SceneOf(const Setting& setting) const {
   const auto found = std::find_if(scenes.begin(), scenes.end(), [&](const ExperimentScene& scene) {
-    return scene.name == setting[Axis::kScene];
+    return scene.name == setting.Scene();
   });
   RAYLIFT_CHECK(found != scenes.end());
   return *found;
@@ -136,14 +134,23 @@ const NamedFilter& Experiment::FilterNamed(const std::string& name) const {
   return *found;
 }
 
+const NamedFilter& Experiment::FilterOf(const Setting& setting) const {
+  return FilterNamed(std::get<std::string>(setting[Axis::kFilter]));
+}
+
+const ExperimentGeometry* Experiment::GeometryOf(const Setting& setting) const {
+  const auto* name = setting.Find<std::string>(Axis::kGeometry);
+  return name == nullptr ? nullptr : SceneOf(setting).FindGeometry(*name);
+}
+
 std::vector<Setting> ExpandGrid(const Experiment& experiment) {
   return GridExpansion(experiment).Expand();
 }
 
 Setting P3pOf(const Setting& setting) {
   Setting p3p = setting;
-  p3p[Axis::kMethod] = kP3pName;
-  for (const Axis axis : {Axis::kScore, Axis::kLo, Axis::kAlpha}) p3p[axis].clear();
+  p3p[Axis::kMethod] = Method::kP3p;
+  for (const Axis axis : {Axis::kScore, Axis::kLo, Axis::kAlpha}) p3p[axis] = {};
   return p3p;
 }
 
@@ -151,16 +158,15 @@ Setting E5p1Of(const Setting& setting) {
   Setting e5p1;
   e5p1[Axis::kScene] = setting[Axis::kScene];
   e5p1[Axis::kEvery] = setting[Axis::kEvery];
-  e5p1[Axis::kMethod] = kE5p1Name;
+  e5p1[Axis::kMethod] = Method::kE5p1;
   return e5p1;
 }
 
 bool IsChosen(const Setting& setting, const Experiment& experiment) {
-  if (setting[Axis::kMethod] == kOracle) return true;
+  if (setting.IsOracle()) return true;
   // With localized queries among the references, each method has references of its own.
-  return setting[Axis::kMethod] == ToString(Method::kSelect) &&
-         !experiment.SceneOf(setting).continuous &&
-         experiment.FilterNamed(setting[Axis::kFilter]).mode != FilterMode::kAuto;
+  return setting.Is(Method::kSelect) && !experiment.SceneOf(setting).continuous &&
+         experiment.FilterOf(setting).mode != FilterMode::kAuto;
 }
 
 std::vector<Setting> SettingsToEstimate(const std::vector<Setting>& settings,

@@ -13,33 +13,33 @@
 namespace raylift {
 namespace {
 
-std::string MethodTitleOf(const std::string& method) {
-  if (method == kOracle) return "Oracle";
-  return std::string(TitleOf(FromName<Method>(method).value()));
-}
-
-std::string FilterTitle(const Experiment& experiment, const Setting& setting,
-                        const std::string& axis) {
-  const std::string& name = setting[Axis::kFilter];
-  if (name.empty()) return {};
-  const NamedFilter& filter = experiment.FilterNamed(name);
+std::string FilterTitle(const Experiment& experiment, const Setting& setting, FilterPart part) {
+  if (!Matters(setting[Axis::kFilter])) return {};
+  const NamedFilter& filter = experiment.FilterOf(setting);
   if (filter.mode == FilterMode::kOff) return "-";
   if (filter.mode == FilterMode::kAuto) return "auto";
-  if (axis == "filter_reprojection_px") return FormatDouble(filter.thresholds.reprojection_px);
-  if (axis == "filter_min_views") return std::to_string(filter.thresholds.min_views);
-  return filter.thresholds.min_ratio > 0 ? FormatDouble(filter.thresholds.min_ratio) : "-";
+  const ConsistencyThresholds& thresholds = filter.thresholds;
+  switch (part) {
+    case FilterPart::kReprojectionPx:
+      return FormatDouble(thresholds.reprojection_px);
+    case FilterPart::kMinViews:
+      return std::to_string(thresholds.min_views);
+    case FilterPart::kMinRatio:
+      return thresholds.min_ratio > 0 ? FormatDouble(thresholds.min_ratio) : "-";
+  }
+  RAYLIFT_CHECK(false);
 }
 
 // What tells settings apart on an axis; empty: it does not matter.
-std::string Value(const Experiment& experiment, const Setting& setting, const std::string& axis) {
-  if (const auto known = FromName<Axis>(axis)) return setting[*known];
-  return FilterTitle(experiment, setting, axis);
+std::string Value(const Experiment& experiment, const Setting& setting, LayoutAxis axis) {
+  if (const Axis* known = std::get_if<Axis>(&axis)) return TextOf(setting[*known]);
+  return FilterTitle(experiment, setting, std::get<FilterPart>(axis));
 }
 
 std::vector<std::string> ValuesOf(const Experiment& experiment, const Setting& setting,
-                                  const std::vector<std::string>& axes) {
+                                  const std::vector<LayoutAxis>& axes) {
   std::vector<std::string> values;
-  for (const std::string& axis : axes) values.push_back(Value(experiment, setting, axis));
+  for (const LayoutAxis axis : axes) values.push_back(Value(experiment, setting, axis));
   return values;
 }
 
@@ -53,7 +53,7 @@ bool Fits(const std::vector<std::string>& of_setting, const std::vector<std::str
 
 // By the first axis, then the second ..., each in the order in which its values come in the grid.
 std::vector<const SettingResult*> OrderedBy(const Experiment& experiment,
-                                            const std::vector<std::string>& axes,
+                                            const std::vector<LayoutAxis>& axes,
                                             std::vector<const SettingResult*> results) {
   std::vector<std::map<std::string, size_t>> ranks(axes.size());
   std::map<const SettingResult*, std::vector<size_t>> keys;
@@ -147,38 +147,33 @@ void RankColumn(PivotTable& table, size_t column) {
 
 }  // namespace
 
-std::string AxisTitle(const std::string& axis) {
-  if (const auto known = FromName<Axis>(axis)) return std::string(TitleOf(*known));
-  static const std::map<std::string, std::string> kTitles = {{"filter_reprojection_px", "RE thr."},
-                                                             {"filter_min_views", "in. thr."},
-                                                             {"filter_min_ratio", "rel. thr."}};
-  return kTitles.at(axis);
+std::string AxisTitle(LayoutAxis axis) {
+  return std::visit([](auto known) { return std::string(TitleOf(known)); }, axis);
 }
 
-std::string ValueTitle(const Experiment& experiment, const Setting& setting,
-                       const std::string& axis) {
-  const std::string value = Value(experiment, setting, axis);
-  const auto known = FromName<Axis>(axis);
-  if (value.empty() || !known) return value;
-  const ExperimentScene& scene = experiment.SceneOf(setting);
+std::string ValueTitle(const Experiment& experiment, const Setting& setting, LayoutAxis axis) {
+  const std::string text = Value(experiment, setting, axis);
+  const Axis* known = std::get_if<Axis>(&axis);
+  if (text.empty() || known == nullptr) return text;
   switch (*known) {
     case Axis::kScene:
-      return scene.title;
+      return experiment.SceneOf(setting).title;
     case Axis::kEvery:
-      return "1/" + value;
+      return "1/" + text;
     case Axis::kGeometry:
-      return scene.FindGeometry(value)->title;
+      return experiment.GeometryOf(setting)->title;
     case Axis::kMethod:
-      return MethodTitleOf(value);
+      return setting.IsOracle() ? "Oracle"
+                                : std::string(TitleOf(std::get<Method>(setting[Axis::kMethod])));
     case Axis::kScore:
-      return std::string(TitleOf(FromName<ScoreCombination>(value).value()));
+      return std::string(TitleOf(std::get<ScoreCombination>(setting[Axis::kScore])));
     case Axis::kAlign:
     case Axis::kFilter:
     case Axis::kLo:
     case Axis::kAlpha:
-      return value;
+      return text;
   }
-  return value;
+  RAYLIFT_CHECK(false);
 }
 
 PivotTable MakePivot(const Experiment& experiment, const TableLayout& layout,
@@ -187,8 +182,8 @@ PivotTable MakePivot(const Experiment& experiment, const TableLayout& layout,
   table.name = layout.name;
   table.title = layout.title;
   table.low_is_better = layout.value == TableValue::kMedian;
-  for (const std::string& axis : layout.rows) table.row_axes.push_back(AxisTitle(axis));
-  for (const std::string& axis : layout.columns) table.column_axes.push_back(AxisTitle(axis));
+  for (const LayoutAxis axis : layout.rows) table.row_axes.push_back(AxisTitle(axis));
+  for (const LayoutAxis axis : layout.columns) table.column_axes.push_back(AxisTitle(axis));
 
   std::vector<const SettingResult*> shown;
   for (const SettingResult& result : results) {
@@ -207,9 +202,9 @@ PivotTable MakePivot(const Experiment& experiment, const TableLayout& layout,
     if (is_new) keys.push_back(key);
     return is_new;
   };
-  const auto titles = [&](const Setting& setting, const std::vector<std::string>& axes) {
+  const auto titles = [&](const Setting& setting, const std::vector<LayoutAxis>& axes) {
     std::vector<std::string> texts;
-    for (const std::string& axis : axes) texts.push_back(ValueTitle(experiment, setting, axis));
+    for (const LayoutAxis axis : axes) texts.push_back(ValueTitle(experiment, setting, axis));
     return texts;
   };
   for (const bool complete : {true, false}) {

@@ -57,7 +57,7 @@ class ResultCollector {
   std::optional<Comparison> Compare(const Setting& setting, Run run) {
     const ExperimentScene& scene = experiment_.SceneOf(setting);
     if (scene.ground_truth.empty()) return std::nullopt;
-    if (setting[Axis::kMethod] == kOracle) {
+    if (setting.IsOracle()) {
       return ChooseByOracle(*Compare(P3pOf(setting), run), *Compare(E5p1Of(setting), run));
     }
     const Outcomes outcomes = OutcomesOf(setting, run);
@@ -69,8 +69,8 @@ class ResultCollector {
   }
 
   Outcomes OutcomesOf(const Setting& setting, Run run) const {
-    if (setting[Axis::kMethod] == ToString(Method::kSelect) && IsChosen(setting, experiment_)) {
-      const double alpha = ParseDouble(setting[Axis::kAlpha]).value();
+    if (setting.Is(Method::kSelect) && IsChosen(setting, experiment_)) {
+      const double alpha = std::get<double>(setting[Axis::kAlpha]);
       Outcomes chosen = OutcomesOf(P3pOf(setting), run);
       const Outcomes e5p1 = OutcomesOf(E5p1Of(setting), run);
       for (auto& [name, outcome] : chosen) {
@@ -153,10 +153,10 @@ double MedianOver(const std::vector<Comparison>& comparisons, const Value& value
 std::string FileName(const Setting& setting, Run run) {
   std::string name;
   for (const Axis axis : AllValues<Axis>()) {
-    if (axis == Axis::kScene || setting[axis].empty()) continue;
+    if (axis == Axis::kScene || !Matters(setting[axis])) continue;
     if (!name.empty()) name += '-';
     if (axis == Axis::kEvery) name += "every";
-    name += setting[axis];
+    name += TextOf(setting[axis]);
   }
   for (char& c : name) {
     const bool plain =
@@ -214,7 +214,7 @@ std::vector<SettingResult> CollectResults(const Experiment& experiment,
   for (const Setting& setting : settings) {
     SettingResult& result = results.emplace_back();
     result.setting = setting;
-    result.uses_ground_truth = setting[Axis::kMethod] == kOracle;
+    result.uses_ground_truth = setting.IsOracle();
     result.thresholds = experiment.SceneOf(setting).thresholds;
     for (const Run& run : RunsOf(experiment, setting)) {
       if (auto comparison = collector.Compare(setting, run)) {
@@ -237,8 +237,9 @@ std::string FormatResultsCsv(std::span<const SettingResult> results) {
   std::string text = CsvLine(header);
   for (const SettingResult& result : results) {
     for (size_t t = 0; t < result.thresholds.size(); ++t) {
-      TableRow row(result.setting.values.begin(), result.setting.values.end());
       if (result.comparisons.empty()) continue;
+      TableRow row;
+      for (const AxisValue& value : result.setting.values) row.push_back(TextOf(value));
       double lowest = 100, highest = 0;
       for (const Comparison& comparison : result.comparisons) {
         const double recall = Summarize("", comparison, result.thresholds).recalls_percent[t];
@@ -268,7 +269,7 @@ size_t WriteSubmissions(const path& folder, const Experiment& experiment,
   size_t written = 0;
   for (const Setting& setting : settings) {
     const ExperimentScene& scene = experiment.SceneOf(setting);
-    if (!scene.ground_truth.empty() || setting[Axis::kMethod] == kOracle) continue;
+    if (!scene.ground_truth.empty() || setting.IsOracle()) continue;
     for (const Run& run : RunsOf(experiment, setting)) {
       std::vector<NamedPose> poses;
       for (const auto& [name, outcome] : collector.OutcomesOf(setting, run)) {

@@ -31,12 +31,12 @@ using std::filesystem::path;
 EstimatorOptions EstimatorOf(const Experiment& experiment, const Cell& cell) {
   EstimatorOptions options = experiment.estimator;
   const Setting& setting = cell.setting;
-  options.method = MethodFromName(setting[Axis::kMethod]).value();
-  if (const auto score = ScoreCombinationFromName(setting[Axis::kScore])) options.score = *score;
-  if (const auto lo = LocalOptimizationFromName(setting[Axis::kLo])) {
+  options.method = *setting.Find<Method>(Axis::kMethod);
+  if (const auto* score = setting.Find<ScoreCombination>(Axis::kScore)) options.score = *score;
+  if (const auto* lo = setting.Find<LocalOptimization>(Axis::kLo)) {
     options.local_optimization = *lo;
   }
-  if (const auto alpha = ParseDouble(setting[Axis::kAlpha])) options.alpha = *alpha;
+  if (const auto* alpha = setting.Find<double>(Axis::kAlpha)) options.alpha = *alpha;
   options.seed = cell.seed;
   return options;
 }
@@ -63,23 +63,23 @@ std::string GeometryHash(const Cell& cell) {
 }
 
 // The geometry and alignment that cells share.
-using GeometryKey = std::pair<std::string, std::string>;
+using GeometryKey = std::pair<AxisValue, AxisValue>;
 
 // One thinning of a scene.
 class ThinnedScene {
  public:
-  ThinnedScene(const Experiment& experiment, const ExperimentScene& scene, std::string every,
+  ThinnedScene(const Experiment& experiment, const ExperimentScene& scene, size_t every,
                size_t offset, const RunCellsOptions& options)
       : experiment_(experiment),
         settings_(scene),
-        every_(std::move(every)),
+        every_(every),
         options_(options),
         queries_(QueriesOf(scene)),
-        references_(OpenScene({.model = scene.model,
-                               .model_poses = PoseConventionFromName(scene.model_poses).value(),
-                               .thinning = {.every = static_cast<int>(ParseUint(every_).value()),
-                                            .offset = static_cast<int>(offset)},
-                               .images = scene.images})),
+        references_(OpenScene(
+            {.model = scene.model,
+             .model_poses = scene.model_poses,
+             .thinning = {.every = static_cast<int>(every), .offset = static_cast<int>(offset)},
+             .images = scene.images})),
         matches_(OpenMatches()) {
     Take(references_.warnings);
   }
@@ -151,15 +151,14 @@ class ThinnedScene {
     const auto known = scenes_.find(key);
     if (known != scenes_.end()) return known->second;
     Scene scene = references_;
-    if (!key.first.empty()) {
+    if (const auto* geometry = experiment_.GeometryOf(cell.setting)) {
       scene.warnings.clear();
-      const ExperimentGeometry& geometry = *settings_.FindGeometry(key.first);
-      for (const std::string& spec : geometry.specs) {
-        OpenGeometry(scene, SpecOf(geometry, spec, cell),
+      for (const std::string& spec : geometry->specs) {
+        OpenGeometry(scene, SpecOf(*geometry, spec, cell),
                      {.wrap_source = options_.wrap_source, .threads = options_.threads});
       }
       Take(scene.warnings);
-      const AlignMode mode = AlignModeFromName(key.second).value();
+      const AlignMode mode = *cell.setting.Find<AlignMode>(Axis::kAlign);
       if (mode != AlignMode::kOff) scene = Aligned(scene, mode, Matches(), options_.threads);
     }
     return scenes_.emplace(key, std::make_shared<const Scene>(std::move(scene))).first->second;
@@ -186,12 +185,12 @@ class ThinnedScene {
 
   LocalizerOptions LocalizerOptionsOf(const Cell& cell) {
     LocalizerOptions options{.estimator = EstimatorOf(experiment_, cell)};
-    if (cell.setting[Axis::kGeometry].empty()) return options;
-    const NamedFilter& filter = experiment_.FilterNamed(cell.setting[Axis::kFilter]);
+    const ExperimentGeometry* geometry = experiment_.GeometryOf(cell.setting);
+    if (geometry == nullptr) return options;
+    const NamedFilter& filter = experiment_.FilterOf(cell.setting);
     options.filter = {.mode = filter.mode, .thresholds = filter.thresholds};
-    const ExperimentGeometry& geometry = *settings_.FindGeometry(cell.setting[Axis::kGeometry]);
-    options.geometry_mode = geometry.mode;
-    options.candidates = geometry.candidates;
+    options.geometry_mode = geometry->mode;
+    options.candidates = geometry->candidates;
     if (filter.mode == FilterMode::kAuto) options.filter.scene_noise = NoiseOf(cell);
     return options;
   }
@@ -201,8 +200,7 @@ class ThinnedScene {
     const auto known = noise_.find(scene);
     if (known != noise_.end()) return known->second;
     const auto noise = EstimateSceneNoise(
-        queries_, *scene, *matches_, settings_.FindGeometry(cell.setting[Axis::kGeometry])->mode,
-        options_.threads);
+        queries_, *scene, *matches_, experiment_.GeometryOf(cell.setting)->mode, options_.threads);
     return noise_.emplace(scene, noise).first->second;
   }
 
@@ -233,7 +231,7 @@ class ThinnedScene {
 
   const Experiment& experiment_;
   const ExperimentScene& settings_;
-  std::string every_;
+  size_t every_;
   const RunCellsOptions& options_;
   std::vector<Query> queries_;
   Scene references_;  // without geometry
@@ -263,7 +261,7 @@ std::vector<std::string> RunCells(const Experiment& experiment, std::span<const 
   for (size_t begin = 0; begin < cells.size();) {
     const size_t end = EndOfGroup(cells, begin, thinning);
     const Setting& setting = cells[begin].setting;
-    ThinnedScene scene(experiment, experiment.SceneOf(setting), setting[Axis::kEvery],
+    ThinnedScene scene(experiment, experiment.SceneOf(setting), setting.Every(),
                        cells[begin].offset, options);
     const auto of_scene = cells.subspan(begin, end - begin);
     for (size_t first = 0; first < of_scene.size();) {

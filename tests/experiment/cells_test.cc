@@ -65,7 +65,7 @@ TEST(Cells, KeysFollowTheInputsContentsAlone) {
   const std::vector<Cell> after = ListCells(before.experiment, settings);
   for (size_t i = 0; i < after.size(); ++i) {
     // E5+1 knows no mesh.
-    const bool same = after[i].setting[Axis::kMethod] == "e5p1";
+    const bool same = after[i].setting.Is(Method::kE5p1);
     EXPECT_EQ(after[i].Key() == before.cells[i].Key(), same) << after[i].setting.Name();
   }
 }
@@ -120,7 +120,7 @@ QueryOutcome SomeOutcome(const std::string& name) {
 
 TEST(CellStore, ReadsBackWhatItWrote) {
   const CellStore store(TestFolder() / "cells");
-  Cell cell{RoomSetting("1", "mesh", "p3p"), 3, 0, 0, 2, R"({"every":"1"})"};
+  Cell cell{RoomSetting(1, "mesh", Method::kP3p), 3, 0, 0, 2, R"({"every":"1"})"};
   QueryOutcome failed;
   failed.name = "b";
   failed.reason = "too few matches";
@@ -137,7 +137,7 @@ TEST(CellStore, ReadsBackWhatItWrote) {
 TEST(CellStore, ADamagedFileCountsAsNotThere) {
   const fs::path folder = TestFolder() / "cells";
   const CellStore store(folder);
-  const Cell cell{RoomSetting("1", "mesh", "p3p"), 3, 0, 0, 1, "{}"};
+  const Cell cell{RoomSetting(1, "mesh", Method::kP3p), 3, 0, 0, 1, "{}"};
   store.Write(cell, std::vector{SomeOutcome("a")});
   const fs::path file = folder / (cell.Key() + ".json");
   const std::string good = ReadFile(file);

@@ -28,12 +28,12 @@ std::vector<JudgedClaim> Judged(const std::string& claim,
 }
 
 const std::vector<SettingResult> kResults = {
-    Result(RoomSetting("1", "mesh", "p3p"), 38),
-    Result(RoomSetting("1", "noisy", "p3p"), 10),
-    Result(RoomSetting("5", "mesh", "p3p"), 15),
-    Result(RoomSetting("1", "", "e5p1"), 24),
-    Result(RoomSetting("5", "", "e5p1"), 20),
-    Result(RoomSetting("1", "mesh", "adaptive", "sum_msac"), 38)};
+    Result(RoomSetting(1, "mesh", Method::kP3p), 38),
+    Result(RoomSetting(1, "noisy", Method::kP3p), 10),
+    Result(RoomSetting(5, "mesh", Method::kP3p), 15),
+    Result(RoomSetting(1, "", Method::kE5p1), 24),
+    Result(RoomSetting(5, "", Method::kE5p1), 20),
+    Result(RoomSetting(1, "mesh", Method::kAdaptive, ScoreCombination::kSumMsac), 38)};
 
 TEST(Claims, ADifferenceOfManyQueriesIsShown) {
   const auto judged = Judged(

@@ -80,6 +80,8 @@ TEST(Grid, AMethodThatNeedsGeometryAndHasNoneIsAnError) {
 TEST(Axis, EachHasAName) {
   EXPECT_TRUE(NamesEveryValue<Axis>());
   EXPECT_TRUE(NamesEveryValue<TableValue>());
+  EXPECT_TRUE(NamesEveryValue<FilterPart>());
+  EXPECT_TRUE(NamesEveryValue<ThinningOffsets>());
 }
 
 }  // namespace

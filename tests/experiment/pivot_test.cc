@@ -24,15 +24,16 @@ SettingResult Result(const Setting& setting, int within) {
 }
 
 const TableLayout kByGeometry = {
-    "a", "A table", {"method"}, {"geometry", "every"}, TableValue::kRecalls, {}};
+    "a", "A table", {Axis::kMethod}, {Axis::kGeometry, Axis::kEvery}, TableValue::kRecalls, {}};
 
 Experiment SomeExperiment() { return ReadText(kTwoScenes + "[[grid]]\nscene = \"room\"\n"); }
 
 std::vector<SettingResult> SomeResults() {
-  return {Result(RoomSetting("1", "mesh", "p3p"), 9), Result(RoomSetting("1", "noisy", "p3p"), 2),
-          Result(RoomSetting("1", "", "e5p1"), 6),
-          Result(RoomSetting("1", "mesh", "adaptive", "sum_msac"), 9),
-          Result(RoomSetting("1", "noisy", "adaptive", "sum_msac"), 7)};
+  return {Result(RoomSetting(1, "mesh", Method::kP3p), 9),
+          Result(RoomSetting(1, "noisy", Method::kP3p), 2),
+          Result(RoomSetting(1, "", Method::kE5p1), 6),
+          Result(RoomSetting(1, "mesh", Method::kAdaptive, ScoreCombination::kSumMsac), 9),
+          Result(RoomSetting(1, "noisy", Method::kAdaptive, ScoreCombination::kSumMsac), 7)};
 }
 
 TEST(Pivot, WhatNeedsNoGeometryStandsInAllItsColumns) {
@@ -51,7 +52,7 @@ TEST(Pivot, WhatNeedsNoGeometryStandsInAllItsColumns) {
 
 TEST(Pivot, RanksEachColumnAndLeavesOutTheOracle) {
   std::vector<SettingResult> results = SomeResults();
-  results.push_back(Result(RoomSetting("1", "mesh", "oracle"), 10));
+  results.push_back(Result(RoomSetting(1, "mesh", Oracle()), 10));
   results.back().uses_ground_truth = true;
   const PivotTable table = MakePivot(SomeExperiment(), kByGeometry, results);
   EXPECT_THAT(table.rows[0].cells[0].places, ElementsAre(1, 1));  // P3P, as good as Adaptive
@@ -64,7 +65,7 @@ TEST(Pivot, RanksEachColumnAndLeavesOutTheOracle) {
 
 TEST(Pivot, TwoSettingsInOneCellAreAnError) {
   TableLayout layout = kByGeometry;
-  layout.columns = {"every"};
+  layout.columns = {Axis::kEvery};
   try {
     MakePivot(SomeExperiment(), layout, SomeResults());
     FAIL();
@@ -73,7 +74,7 @@ TEST(Pivot, TwoSettingsInOneCellAreAnError) {
     EXPECT_THAT(error.what(), HasSubstr("geometry=mesh"));
     EXPECT_THAT(error.what(), HasSubstr("geometry=noisy"));
   }
-  layout.where.values[Axis::kGeometry] = {"noisy"};
+  layout.where.values[Axis::kGeometry] = {std::string("noisy")};
   EXPECT_EQ(MakePivot(SomeExperiment(), layout, SomeResults()).rows.size(), 3u);
 }
 

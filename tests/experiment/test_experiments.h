@@ -41,17 +41,20 @@ inline Experiment ReadText(const std::string& text,
   });
 }
 
-// A setting of kTwoScenes' room; values in the order of the axes.
-inline Setting RoomSetting(const std::string& every, const std::string& geometry,
-                           const std::string& method, const std::string& score = "") {
+// A setting of kTwoScenes' room, without geometry where it is empty.
+inline Setting RoomSetting(size_t every, const std::string& geometry, const AxisValue& method,
+                           const AxisValue& score = {}) {
   Setting setting;
   setting[Axis::kScene] = "room";
   setting[Axis::kEvery] = every;
-  setting[Axis::kGeometry] = geometry;
-  setting[Axis::kAlign] = setting[Axis::kFilter] = geometry.empty() ? "" : "off";
+  if (!geometry.empty()) {
+    setting[Axis::kGeometry] = geometry;
+    setting[Axis::kAlign] = AlignMode::kOff;
+    setting[Axis::kFilter] = "off";
+  }
   setting[Axis::kMethod] = method;
   setting[Axis::kScore] = score;
-  if (!score.empty()) setting[Axis::kLo] = "hybrid";
+  if (Matters(score)) setting[Axis::kLo] = LocalOptimization::kHybrid;
   return setting;
 }
 

@@ -54,7 +54,7 @@ class InputIdentity {
 };
 
 // The experiment's paths with the thinning put in for "{every}".
-std::filesystem::path ForThinning(const std::filesystem::path& path, const std::string& every);
+std::filesystem::path ForThinning(const std::filesystem::path& path, size_t every);
 // The files or folders of a specification of geometry; none where it names none ("sfm").
 std::vector<std::filesystem::path> PathsOfSpec(const std::string& spec);
 

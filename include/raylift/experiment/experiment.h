@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "raylift/base/enum_names.h"
@@ -15,6 +16,7 @@
 #include "raylift/evaluation/depth_perturbation.h"
 #include "raylift/evaluation/recall.h"
 #include "raylift/experiment/setting.h"
+#include "raylift/geometry/pose_convention.h"
 #include "raylift/lifting/candidates.h"
 #include "raylift/lifting/consistency_filter.h"
 #include "raylift/lifting/lifter.h"
@@ -41,7 +43,7 @@ struct ExperimentScene {
   std::filesystem::path file;  // a scene file (io/scene_file.h) that gave what follows, or empty
   bool file_is_missing = false;
   std::filesystem::path model;
-  std::string model_poses = "cam_from_world";
+  PoseConvention model_poses = PoseConvention::kCamFromWorld;
   std::filesystem::path images, query_images;  // for the built-in features
   std::filesystem::path queries;
   std::filesystem::path groups;        // of queries
@@ -83,10 +85,20 @@ inline constexpr auto kEnumNames<TableValue> = std::to_array<EnumName<TableValue
     {TableValue::kLocalized, "localized"},
 });
 
+// A part of the filter, to lay tables out by.
+enum class FilterPart { kReprojectionPx, kMinViews, kMinRatio };
+template <>
+inline constexpr auto kEnumNames<FilterPart> = std::to_array<EnumName<FilterPart>>({
+    {FilterPart::kReprojectionPx, "filter_reprojection_px", "RE thr."},
+    {FilterPart::kMinViews, "filter_min_views", "in. thr."},
+    {FilterPart::kMinRatio, "filter_min_ratio", "rel. thr."},
+});
+using LayoutAxis = std::variant<Axis, FilterPart>;
+
 struct TableLayout {
   std::string name;  // of its files
   std::string title;
-  std::vector<std::string> rows, columns;  // axes, or filter_reprojection_px|min_views|min_ratio
+  std::vector<LayoutAxis> rows, columns;
   TableValue value = TableValue::kRecalls;
   Selection where;
 };
@@ -95,7 +107,7 @@ struct TableLayout {
 struct FigureLayout {
   std::string name;
   std::string title;
-  std::vector<std::string> panels, lines;
+  std::vector<LayoutAxis> panels, lines;
   TableValue value = TableValue::kRecalls;
   Selection where;
 };
@@ -118,6 +130,17 @@ inline constexpr auto kEnumNames<Claim::Relation> = std::to_array<EnumName<Claim
     {Claim::Relation::kNotWorse, "not_worse"},
 });
 
+// Where to begin to take every N-th reference.
+enum class ThinningOffsets {
+  kFirst,  // at the first
+  kAll,    // at each of the first N, pooled as seeds are
+};
+template <>
+inline constexpr auto kEnumNames<ThinningOffsets> = std::to_array<EnumName<ThinningOffsets>>({
+    {ThinningOffsets::kFirst, "first"},
+    {ThinningOffsets::kAll, "all"},
+});
+
 struct Experiment {
   std::filesystem::path file;
   std::string title;
@@ -125,8 +148,7 @@ struct Experiment {
   std::vector<NamedFilter> filters;
   std::vector<GridBlock> blocks;
   std::vector<uint64_t> seeds = {0};
-  // Every way to take every N-th reference, pooled as seeds are; else from the first on alone.
-  bool all_offsets = false;
+  ThinningOffsets offsets = ThinningOffsets::kFirst;
   EstimatorOptions estimator;  // all but method, score, local optimization, alpha and seed
   std::vector<TableLayout> tables;
   std::vector<FigureLayout> figures;
@@ -134,6 +156,10 @@ struct Experiment {
 
   const ExperimentScene& SceneOf(const Setting& setting) const;
   const NamedFilter& FilterNamed(const std::string& name) const;
+  // Of a setting to which geometry matters.
+  const NamedFilter& FilterOf(const Setting& setting) const;
+  // Null where geometry does not matter to the setting, or its scene has none of that name.
+  const ExperimentGeometry* GeometryOf(const Setting& setting) const;
 };
 
 // Every setting of the grid once, in the order of the file. InputError naming the file where a

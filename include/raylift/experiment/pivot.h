@@ -51,8 +51,7 @@ std::string FormatPivotLatex(const PivotTable& table);
 std::string EscapeLatex(std::string_view text);
 
 // A value of an axis as a table prints it ("P3P", "1/5").
-std::string ValueTitle(const Experiment& experiment, const Setting& setting,
-                       const std::string& axis);
-std::string AxisTitle(const std::string& axis);
+std::string ValueTitle(const Experiment& experiment, const Setting& setting, LayoutAxis axis);
+std::string AxisTitle(LayoutAxis axis);
 
 }  // namespace raylift

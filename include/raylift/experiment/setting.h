@@ -1,5 +1,5 @@
-// One way to localize, as a point of an experiment's grid: a value on each axis. All values are
-// texts, as the experiment's file and its tables name them.
+// One way to localize, as a point of an experiment's grid: a value on each axis. Files, tables and
+// the names of cells hold the values' texts.
 
 #pragma once
 
@@ -9,9 +9,12 @@
 #include <map>
 #include <string>
 #include <string_view>
+#include <variant>
 #include <vector>
 
 #include "raylift/base/enum_names.h"
+#include "raylift/estimation/pose_estimator.h"
+#include "raylift/lifting/depth_alignment.h"
 
 namespace raylift {
 
@@ -33,16 +36,44 @@ constexpr size_t kNumAxes = kEnumNames<Axis>.size();
 // The axes that say what the method is, and not what it is given.
 constexpr bool IsOfMethod(Axis axis) { return axis >= Axis::kMethod; }
 
-// The name of the oracle, which is chosen from the results of P3P and E5+1.
-constexpr std::string_view kOracle = "oracle";
+// Stands for a method: the better pose of P3P's and E5+1's, chosen with the ground truth.
+struct Oracle {
+  auto operator<=>(const Oracle&) const = default;
+};
+constexpr std::string_view kOracleName = "oracle";
+
+// A value on an axis:
+//   scene, geometry, filter   the name that the experiment gives it
+//   every                     size_t
+//   method                    Method or Oracle
+//   align, score, lo          the enum
+//   alpha                     double
+// None where the axis does not matter to the setting (E5+1 needs no geometry, P3P has no score).
+using AxisValue = std::variant<std::monostate, std::string, size_t, AlignMode, Method, Oracle,
+                               ScoreCombination, LocalOptimization, double>;
+inline bool Matters(const AxisValue& value) {
+  return !std::holds_alternative<std::monostate>(value);
+}
+// As files and tables have it; empty for none.
+std::string TextOf(const AxisValue& value);
 
 struct Setting {
-  // Empty: does not matter here (E5+1 needs no geometry, P3P has no score).
-  std::array<std::string, kNumAxes> values;
+  std::array<AxisValue, kNumAxes> values;
 
-  std::string& operator[](Axis axis) { return values[static_cast<size_t>(axis)]; }
-  const std::string& operator[](Axis axis) const { return values[static_cast<size_t>(axis)]; }
+  AxisValue& operator[](Axis axis) { return values[static_cast<size_t>(axis)]; }
+  const AxisValue& operator[](Axis axis) const { return values[static_cast<size_t>(axis)]; }
   auto operator<=>(const Setting&) const = default;
+
+  // The value on an axis where it matters and is of this type, else null.
+  template <typename T>
+  const T* Find(Axis axis) const {
+    return std::get_if<T>(&(*this)[axis]);
+  }
+  // The axes that matter to every setting of a grid.
+  const std::string& Scene() const { return std::get<std::string>((*this)[Axis::kScene]); }
+  size_t Every() const { return std::get<size_t>((*this)[Axis::kEvery]); }
+  bool Is(Method method) const { return (*this)[Axis::kMethod] == AxisValue(method); }
+  bool IsOracle() const { return Find<Oracle>(Axis::kMethod) != nullptr; }
 
   // "scene=demo every=5 ..." of the values that matter.
   std::string Name() const;
@@ -50,7 +81,7 @@ struct Setting {
 
 // Values that settings may have on some axes; an axis that is not named may have any.
 struct Selection {
-  std::map<Axis, std::vector<std::string>> values;
+  std::map<Axis, std::vector<AxisValue>> values;
 
   // A value that does not matter to the setting matches.
   bool Matches(const Setting& setting) const;
