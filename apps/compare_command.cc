@@ -6,7 +6,8 @@
 #include <set>
 
 #include "commands.h"
-#include "front_end_options.h"
+#include "geometry_options.h"
+#include "matching_options.h"
 #include "method_list.h"
 #include "options.h"
 #include "pose_files.h"
@@ -54,13 +55,14 @@ struct CompareFlags {
   int overlaps = 5;
   std::vector<double> surface_thresholds;
   path queries;
-  HlocFlags hloc;
-  FrontEndFlags front_end;
+  MatchingFlags matching;
   path ground_truth;
   std::string thresholds = "0.05,5:0.1,1:0.25,2";
   std::string methods = "p3p,e5p1,adaptive,select";
   std::vector<FilterMode> filters = {FilterMode::kOff};
   std::vector<AlignMode> alignments = {AlignMode::kOff};
+  ConsistencyThresholds filter_thresholds;
+  CandidateOptions candidates;
   EstimatorOptions estimator;
   path out, report, images, query_images;
   RunFlags run;
@@ -106,20 +108,23 @@ void Check(const CompareFlags& flags) {
       throw OptionError("--surface-thresholds", fmt::format("{}", threshold), "must be positive");
     }
   }
-  flags.front_end.Check();
-  flags.hloc.Check();
-  if (flags.hloc.Any() && flags.queries.empty()) {
+  std::vector<std::string> specs;
+  for (const NamedSpec& named : ParseSpecs(flags)) specs.push_back(named.spec);
+  flags.matching.Check(specs);
+  flags.filter_thresholds.Validate();
+  flags.candidates.Validate();
+  if (flags.matching.hloc.Any() && flags.queries.empty()) {
     throw OptionError("--queries, --features, --matches and --pairs go together");
   }
   if (!flags.ground_truth.empty() && flags.queries.empty()) {
     throw OptionError("--ground-truth", flags.ground_truth.string(), "needs --queries");
   }
-  if (!flags.queries.empty() && !flags.hloc.Any()) {
+  if (!flags.queries.empty() && !flags.matching.hloc.Any()) {
     if (flags.images.empty()) {
       throw OptionError("--queries", flags.queries.string(),
                         "needs --images, or hloc's --features, --matches and --pairs");
     }
-    if (flags.front_end.cache.empty() && flags.out.empty() && flags.report.empty()) {
+    if (flags.matching.front_end.cache.empty() && flags.out.empty() && flags.report.empty()) {
       throw OptionError("--queries", flags.queries.string(), "needs --cache, --out or --report");
     }
   }
@@ -130,7 +135,9 @@ LocalizationGrid ParseGrid(const CompareFlags& flags) {
   flags.estimator.Validate();
   grid.methods = ParseMethods(flags.methods, flags.estimator);
   grid.filters = flags.filters;
+  grid.filter_thresholds = flags.filter_thresholds;
   grid.alignments = flags.alignments;
+  grid.candidates = flags.candidates;
   grid.thresholds = ParseThresholds(flags.thresholds);
   grid.seed = flags.estimator.seed;
   grid.threads = flags.run.threads;
@@ -263,14 +270,11 @@ class CompareRun {
   void OpenMatchSource() {
     if (flags_.queries.empty()) return;
     queries_ = ReadQueryList(flags_.queries);
-    MatchingOptions matching{.top_k = flags_.hloc.top_k};
-    if (flags_.hloc.All()) matching.hloc = flags_.hloc.files;
-    matching.front_end =
-        flags_.front_end.Resolve((flags_.out.empty() ? flags_.report : flags_.out) / "cache");
-    matching.front_end.query_images = QueryImages();
-    matching.front_end.seed = flags_.estimator.seed;
-    matching.front_end.threads = flags_.run.threads;
-    matching.front_end.show_progress = !flags_.run.quiet;
+    std::vector<std::string> specs;
+    for (const ComparedSource& source : sources_) specs.push_back(source.spec);
+    const MatchingOptions matching = flags_.matching.Resolve(
+        specs, QueryImages(), (flags_.out.empty() ? flags_.report : flags_.out) / "cache",
+        flags_.estimator.seed, flags_.run);
     match_source_ = OpenMatches(scene_, queries_, matching);
   }
 
@@ -295,12 +299,9 @@ void AddLocalizationOptions(CLI::App& command, CompareFlags& flags) {
   add("--methods", flags.methods, "List of " + MethodForms());
   AddEnumListOption(command, "--filters", flags.filters, "List of {}")->group(group);
   AddEnumListOption(command, "--alignments", flags.alignments, "List of {}")->group(group);
-  add("--reprojection-threshold-px", flags.estimator.reprojection_threshold_px,
-      "Inlier threshold of 2D-3D matches");
-  add("--sampson-threshold-px", flags.estimator.sampson_threshold_px,
-      "Inlier threshold of 2D-2D matches");
-  add("--max-iterations", flags.estimator.max_iterations, "RANSAC");
-  add("--seed", flags.estimator.seed, "Seed of all random choices");
+  AddFilterThresholds(command, flags.filter_thresholds, group);
+  AddCandidateOptions(command, flags.candidates, group);
+  AddEstimatorNumbers(command, flags.estimator, group);
 }
 
 }  // namespace
@@ -336,8 +337,8 @@ Command AddCompareCommand(CLI::App& program) {
       ->group("Geometry");
   command->add_option("--queries", flags->queries, "List of queries, whose matches are used")
       ->group("Matches");
-  AddHlocOptions(*command, flags->hloc, "; without it, RootSIFT of --images");
-  AddFrontEndOptions(*command, flags->front_end, "OUT/cache or REPORT/cache");
+  AddMatchingOptions(*command, flags->matching, "; without it, RootSIFT of --images",
+                     "OUT/cache or REPORT/cache");
   AddLocalizationOptions(*command, *flags);
   command
       ->add_option("--out", flags->out,

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "commands.h"
+#include "matching_options.h"
 #include "options.h"
 #include "scene_arguments.h"
 #include "scene_options.h"
@@ -29,28 +30,18 @@ struct DoctorFlags {
   path images, queries, query_images;
   ModelPosesFlags model_poses;
   std::string geometry;
-  HlocFlags hloc;
-  path cache, json;
+  MatchingFlags matching;
+  path json;
   RunFlags run;
 };
 
 void Check(const DoctorFlags& flags) {
   flags.references.Check();
   flags.run.Check();
-  flags.hloc.Check();
-  RequireWithoutHloc(flags.hloc, "--images, --queries and --cache are",
-                     !flags.images.empty() && !flags.queries.empty() && !flags.cache.empty());
-}
-
-MatchingOptions MatchingOf(const DoctorFlags& flags) {
-  MatchingOptions matching{.top_k = flags.hloc.top_k};
-  if (flags.hloc.All()) matching.hloc = flags.hloc.files;
-  matching.front_end = {
-      .query_images = flags.query_images.empty() ? flags.images : flags.query_images,
-      .cache = flags.cache,
-      .threads = flags.run.threads,
-      .show_progress = !flags.run.quiet};
-  return matching;
+  flags.matching.Check({flags.geometry});
+  RequireWithoutHloc(
+      flags.matching.hloc, "--images, --queries and --cache are",
+      !flags.images.empty() && !flags.queries.empty() && !flags.matching.front_end.cache.empty());
 }
 
 // Pairs lists may match references with each other.
@@ -112,7 +103,11 @@ void Run(const DoctorFlags& flags) {
   }
   if (!flags.json.empty()) RequireWritable(flags.json);
   const std::vector<Query> queries = QueriesOf(flags, scene.references);
-  const auto match_source = OpenMatches(scene, queries, MatchingOf(flags));
+  const auto match_source = OpenMatches(
+      scene, queries,
+      flags.matching.Resolve({flags.geometry},
+                             flags.query_images.empty() ? flags.images : flags.query_images, {}, 0,
+                             flags.run));
   const auto matches =
       CollectReferenceMatches(queries, *match_source, scene.references, flags.run.threads);
   PrintWarnings(scene.warnings);
@@ -146,9 +141,8 @@ Command AddDoctorCommand(CLI::App& program) {
       ->add_option("--query-images", flags->query_images,
                    "Folder of the query photographs (default: --images)")
       ->group("Matches");
-  AddHlocOptions(*command, flags->hloc, "; without it, RootSIFT");
-  command->add_option("--cache", flags->cache, "Where RootSIFT features are kept")
-      ->group("Matches");
+  AddMatchingOptions(*command, flags->matching, "; without it, RootSIFT",
+                     "none; needed without --features");
   command->add_option("--json", flags->json, "Also write the table as JSON")->group("Output");
   AddRunOptions(*command, flags->run);
   command->footer(

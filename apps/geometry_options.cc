@@ -26,7 +26,10 @@ void AddGeometryOptions(CLI::App& app, GeometryFlags& flags) {
                 "Correct each reference's depth by the matches between references:\n"
                 "{}. For depth maps that do not agree with each other")
       ->group(group);
-  CandidateOptions& candidates = flags.values.candidates;
+  AddCandidateOptions(app, flags.values.candidates, group);
+}
+
+void AddCandidateOptions(CLI::App& app, CandidateOptions& candidates, const std::string& group) {
   AddEnumOption(app, "--candidates", candidates.mode,
                 "The 3D points of a query keypoint, one per matched reference:\n"
                 "{}. Keep all, merge them to one by the\n"

@@ -27,5 +27,7 @@ struct GeometryFlags {
   GeometryOptions Resolve() const;
 };
 void AddGeometryOptions(CLI::App& app, GeometryFlags& flags);
+// Those of them that say what is made of a keypoint's points.
+void AddCandidateOptions(CLI::App& app, CandidateOptions& candidates, const std::string& group);
 
 }  // namespace raylift

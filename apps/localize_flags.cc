@@ -11,16 +11,16 @@ namespace {
 // What needs --model, or is needed without it.
 void CheckReferences(const LocalizeFlags& flags) {
   flags.references.Check();
-  flags.hloc.Check();
+  flags.matching.hloc.Check();
   flags.mesh_only.Check();
   CheckRerender(flags.mesh_only.rerender, flags.geometry.specs,
                 !flags.query_images.empty() || !flags.images.empty());
   if (!flags.RendersReferences()) {
-    RequireWithoutHloc(flags.hloc, "--images is", !flags.images.empty());
+    RequireWithoutHloc(flags.matching.hloc, "--images is", !flags.images.empty());
     return;
   }
-  RequireMeshOnly(flags.geometry.specs, flags.hloc.Any() ? "--features" : "--images",
-                  flags.hloc.Any() || !flags.images.empty());
+  RequireMeshOnly(flags.geometry.specs, flags.matching.hloc.Any() ? "--features" : "--images",
+                  flags.matching.hloc.Any() || !flags.images.empty());
   if (flags.query_images.empty()) throw OptionError("--query-images is required without --model");
 }
 
@@ -29,21 +29,13 @@ void CheckReferences(const LocalizeFlags& flags) {
 void LocalizeFlags::Check(const GeometryOptions& geometry_options,
                           const EstimatorOptions& estimator_options) const {
   CheckReferences(*this);
-  front_end.Check();
+  matching.front_end.Check();
   if (pictures < 0) {
     throw OptionError("--pictures", std::to_string(pictures), "must not be negative");
   }
   run.Check();
   continuous.Check(!report.empty());
-  if (hloc.Any() && retrieval.Any()) {
-    throw OptionError("--pairs", hloc.files.pairs.string(),
-                      "names the references: no options of retrieval go with it");
-  }
-  const RetrievalOptions resolved =
-      retrieval.Resolve(geometry.specs, RetrievalFlags::Queries::kOwn);
-  if (resolved.method == RetrievalMethod::kCovisibility) {
-    throw OptionError("--retrieval", "covisibility", "queries observe no points of the model");
-  }
+  matching.Check(geometry.specs);
   if (geometry.specs.empty() && UsesPoints(estimator_options.method) &&
       geometry_options.candidates.mode != CandidateMode::kTriangulate) {
     throw OptionError(fmt::format(
@@ -75,9 +67,7 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
       .add_option("--query-images", flags.query_images,
                   "Folder of the query photographs (default: --images)")
       ->group("Queries");
-  AddHlocOptions(command, flags.hloc, "; without it, RootSIFT");
-  AddRetrievalOptions(command, flags.retrieval);
-  AddFrontEndOptions(command, flags.front_end, "OUT/cache");
+  AddMatchingOptions(command, flags.matching, "; without it, RootSIFT", "OUT/cache");
   command.add_option("--out", flags.out, "Folder for poses.txt, queries.jsonl, summary.json")
       ->required()
       ->group("Output");

@@ -5,11 +5,10 @@
 #include <filesystem>
 
 #include "continuous_options.h"
-#include "front_end_options.h"
 #include "geometry_options.h"
+#include "matching_options.h"
 #include "mesh_only_options.h"
 #include "options.h"
-#include "retrieval_options.h"
 #include "scene_options.h"
 #include <CLI/App.hpp>
 
@@ -22,9 +21,7 @@ struct LocalizeFlags {
   std::filesystem::path images, queries, query_images;
   ModelPosesFlags model_poses;
   GeometryFlags geometry;
-  HlocFlags hloc;
-  RetrievalFlags retrieval;
-  FrontEndFlags front_end;
+  MatchingFlags matching;
   std::filesystem::path out, write_problems, report;
   int pictures = 0;
   bool no_doctor = false;

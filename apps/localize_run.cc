@@ -42,23 +42,9 @@ Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
 }
 
 MatchingOptions MatchingOf(const LocalizeFlags& flags, uint64_t seed) {
-  MatchingOptions matching{.top_k = flags.hloc.top_k};
-  if (flags.continuous.enabled) {
-    matching.max_joined = flags.continuous.MaxJoined(flags.hloc.top_k);
-  }
-  if (flags.hloc.All()) {
-    matching.hloc = flags.hloc.files;
-    return matching;
-  }
-  matching.front_end = flags.front_end.Resolve(flags.out / "cache");
-  matching.front_end.query_images = flags.QueryImages();
-  matching.front_end.seed = seed;
-  matching.front_end.threads = flags.run.threads;
-  matching.front_end.show_progress = !flags.run.quiet;
-  matching.retrieval = flags.retrieval.Resolve(flags.geometry.specs, RetrievalFlags::Queries::kOwn);
-  matching.retrieval->threads = flags.run.threads;
-  matching.retrieval->show_progress = !flags.run.quiet;
-  flags.retrieval.ReadPriorPoses(&*matching.retrieval);
+  MatchingOptions matching = flags.matching.Resolve(flags.geometry.specs, flags.QueryImages(),
+                                                    flags.out / "cache", seed, flags.run);
+  if (flags.continuous.enabled) matching.max_joined = flags.continuous.MaxJoined(matching.top_k);
   return matching;
 }
 
@@ -70,7 +56,7 @@ std::shared_ptr<const Rerenderer> RerendererOf(const LocalizeFlags& flags, const
       mesh, ColorsLikePhotographs(mesh->mesh()), flags.QueryImages(),
       RerenderOptions{.rounds = flags.mesh_only.rerender,
                       .use_pairs = estimator.method == Method::kE5p1,
-                      .max_features = flags.front_end.max_features,
+                      .max_features = flags.matching.front_end.max_features,
                       .reprojection_threshold_px = estimator.reprojection_threshold_px});
 }
 

@@ -61,6 +61,10 @@ void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags) {
                  "the E5+1 pose's 2D-2D inliers")
       ->capture_default_str()
       ->group(group);
+  AddEstimatorNumbers(app, values, group);
+}
+
+void AddEstimatorNumbers(CLI::App& app, EstimatorOptions& values, const std::string& group) {
   app.add_option("--reprojection-threshold-px", values.reprojection_threshold_px,
                  "Inlier threshold of 2D-3D matches")
       ->capture_default_str()
@@ -106,16 +110,21 @@ void AddFilterOptions(CLI::App& app, FilterFlags& flags) {
                 "geometry; auto leaves accurate geometry alone and needs none\n"
                 "of the options below")
       ->group(group);
-  app.add_option("--filter-reprojection-px", flags.thresholds.reprojection_px,
+  AddFilterThresholds(app, flags.thresholds, group);
+}
+
+void AddFilterThresholds(CLI::App& app, ConsistencyThresholds& thresholds,
+                         const std::string& group) {
+  app.add_option("--filter-reprojection-px", thresholds.reprojection_px,
                  "A reference agrees where the point lands this close to\n"
                  "the matched keypoint")
       ->capture_default_str()
       ->group(group);
-  app.add_option("--filter-min-views", flags.thresholds.min_views,
+  app.add_option("--filter-min-views", thresholds.min_views,
                  "References that must agree, the point's own included")
       ->capture_default_str()
       ->group(group);
-  app.add_option("--filter-min-ratio", flags.thresholds.min_ratio,
+  app.add_option("--filter-min-ratio", thresholds.min_ratio,
                  "Share that must agree of the references that observe\n"
                  "the keypoint; 0: any")
       ->capture_default_str()

@@ -22,6 +22,8 @@ struct EstimatorFlags {
   EstimatorOptions Resolve() const;
 };
 void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags);
+// Those of them that do not say which method: thresholds, RANSAC, the seed.
+void AddEstimatorNumbers(CLI::App& app, EstimatorOptions& values, const std::string& group);
 
 struct FilterFlags {
   FilterMode mode = FilterMode::kOff;
@@ -31,6 +33,8 @@ struct FilterFlags {
   FilterOptions Resolve() const;
 };
 void AddFilterOptions(CLI::App& app, FilterFlags& flags);
+void AddFilterThresholds(CLI::App& app, ConsistencyThresholds& thresholds,
+                         const std::string& group);
 
 // What the poses of --model mean.
 struct ModelPosesFlags {
