@@ -62,7 +62,7 @@ class Cameras {
     if (given_.camera) return given_.camera;
     const auto focal = focals_.find(WithoutExtension(name));
     if (focal == focals_.end()) return std::nullopt;
-    const ImageSize size = ReadImageSize(folder_ / name);
+    const PlaneSize size = ReadImageSize(folder_ / name);
     if (focal->second.radial_distortion != 0) ++num_distorted_;
     return Camera(
         CameraModel::kSimplePinhole, size.width_px, size.height_px,

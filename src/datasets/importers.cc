@@ -113,7 +113,7 @@ const Camera& SharedCamera::Get(const std::function<Camera()>& make) {
 }
 
 Camera FitToPhotograph(const Camera& camera, const path& photograph) {
-  const ImageSize size = ReadImageSize(photograph);
+  const PlaneSize size = ReadImageSize(photograph);
   if (size.width_px == camera.width_px() && size.height_px == camera.height_px()) return camera;
   return camera.Scaled(size.width_px, size.height_px);
 }

@@ -170,7 +170,7 @@ class Reader {
     if (options_.camera) return *options_.camera;
     auto width = Number(frame, "w"), height = Number(frame, "h");
     if (!width || !height) {
-      const ImageSize size = ReadImageSize(folder_ / name);
+      const PlaneSize size = ReadImageSize(folder_ / name);
       width = width.value_or(size.width_px);
       height = height.value_or(size.height_px);
     }

@@ -14,7 +14,7 @@ using std::filesystem::path;
 
 Camera ReadCamera(const path& file, const path& photograph) {
   const Eigen::Matrix4d k = ReadMatrix(file);
-  const ImageSize size = ReadImageSize(photograph);
+  const PlaneSize size = ReadImageSize(photograph);
   try {
     return Camera(CameraModel::kPinhole, size.width_px, size.height_px,
                   std::vector<double>{k(0, 0), k(1, 1), k(0, 2), k(1, 2)});

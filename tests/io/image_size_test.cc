@@ -17,7 +17,7 @@ TEST(ImageSize, IsThatOfTheDecodedPicture) {
   for (const char* name : {"a.png", "a.jpg"}) {
     const auto file = TestFolder() / name;
     WriteImage(file, Grey(300, 7));
-    const ImageSize size = ReadImageSize(file);
+    const PlaneSize size = ReadImageSize(file);
     EXPECT_EQ(size.width_px, 300) << name;
     EXPECT_EQ(size.height_px, 7) << name;
   }

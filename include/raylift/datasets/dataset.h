@@ -16,6 +16,7 @@
 #include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/scene/posed_image.h"
+#include "raylift/scene/query.h"
 
 namespace raylift {
 

@@ -17,6 +17,7 @@
 #include "raylift/experiment/experiment.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/io/query_list.h"
+#include "raylift/scene/query.h"
 
 namespace raylift {
 

@@ -15,16 +15,9 @@
 
 #include <Eigen/Core>
 
+#include "raylift/scene/retrieved.h"
+
 namespace raylift {
-
-struct RetrievedReference {
-  int reference_index;
-  double score;  // the larger, the better
-  bool operator==(const RetrievedReference&) const = default;
-};
-
-// Of each query, best first, the lower index first among equals.
-using RetrievedLists = std::vector<std::vector<RetrievedReference>>;
 
 class DotProductSearch {
  public:

@@ -15,6 +15,7 @@
 
 #include "raylift/features/dot_product_search.h"
 #include "raylift/scene/features.h"
+#include "raylift/scene/retrieved.h"
 
 namespace raylift {
 

@@ -13,6 +13,7 @@
 
 #include "raylift/base/enum_names.h"
 #include "raylift/scene/depth_map.h"
+#include "raylift/scene/plane_size.h"
 
 namespace raylift {
 
@@ -44,12 +45,6 @@ inline constexpr auto kEnumNames<DepthFileFormat> = std::to_array<EnumName<Depth
 // The format that a file name asks for: .exr, .png, .tif, .tiff, .pgm, .npy, .npz, .npy.gz, .bin,
 // .pfm, .depth.
 std::optional<DepthFileFormat> DepthFileFormatFromName(const std::filesystem::path& path);
-
-struct PlaneSize {
-  int width_px = 0;
-  int height_px = 0;
-  bool operator==(const PlaneSize&) const = default;
-};
 
 // A depth map as it is stored.
 struct StoredDepth {

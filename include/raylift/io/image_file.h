@@ -6,19 +6,15 @@
 #include <filesystem>
 
 #include "raylift/scene/image.h"
+#include "raylift/scene/plane_size.h"
 
 namespace raylift {
 
 enum class ImageChannels { kGrey, kRgb };
 
-struct ImageSize {
-  int width_px = 0;
-  int height_px = 0;
-};
-
 // The size alone, from the header where the format is PNG or JPEG. InputError where the file is
 // missing or no image.
-ImageSize ReadImageSize(const std::filesystem::path& path);
+PlaneSize ReadImageSize(const std::filesystem::path& path);
 
 // InputError where the file is missing or no image.
 Image ReadImage(const std::filesystem::path& path, ImageChannels channels);

@@ -8,6 +8,7 @@
 #include <span>
 
 #include "raylift/io/depth_file.h"
+#include "raylift/scene/plane_size.h"
 
 namespace raylift {
 

@@ -8,13 +8,9 @@
 
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
+#include "raylift/scene/query.h"
 
 namespace raylift {
-
-struct Query {
-  std::string name;
-  Camera camera;
-};
 
 // Lines `name MODEL width height params...`; `#` comments and empty lines are skipped. The file
 // name may hold `*` and `?` (several lists, in the order of their names). A name that stands twice

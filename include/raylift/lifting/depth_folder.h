@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "raylift/lifting/depth_convention.h"
+#include "raylift/scene/plane_size.h"
 #include "raylift/scene/posed_image.h"
 
 namespace raylift {

@@ -23,6 +23,7 @@
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/lifting/input_reading.h"
 #include "raylift/lifting/reference_matches.h"
+#include "raylift/scene/plane_size.h"
 
 namespace raylift {
 

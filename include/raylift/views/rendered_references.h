@@ -16,6 +16,7 @@
 #include "raylift/geometry/camera.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/renderers/ray_caster.h"
+#include "raylift/scene/plane_size.h"
 #include "raylift/views/render_job.h"
 #include "raylift/views/view_sampler.h"
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "raylift/io/depth_file.h"
+#include "raylift/scene/plane_size.h"
 #include "raylift/scene/thinning.h"
 #include "raylift/scene/view.h"
 #include "raylift/views/render_job.h"

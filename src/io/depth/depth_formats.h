@@ -9,6 +9,7 @@
 #include <string_view>
 
 #include "raylift/io/depth_file.h"
+#include "raylift/scene/plane_size.h"
 
 namespace raylift {
 

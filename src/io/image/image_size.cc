@@ -28,13 +28,13 @@ std::optional<std::array<uint8_t, N>> Take(std::ifstream& file) {
   return bytes;
 }
 
-std::optional<ImageSize> Checked(uint32_t width, uint32_t height) {
+std::optional<PlaneSize> Checked(uint32_t width, uint32_t height) {
   if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide) return std::nullopt;
-  return ImageSize{static_cast<int>(width), static_cast<int>(height)};
+  return PlaneSize{static_cast<int>(width), static_cast<int>(height)};
 }
 
 // After the signature: the length and name of the header chunk, then width and height.
-std::optional<ImageSize> PngSize(std::ifstream& file) {
+std::optional<PlaneSize> PngSize(std::ifstream& file) {
   const auto header = Take<16>(file);
   if (!header || BigEndian(std::span(*header).subspan(4, 4)) != 0x49484452) return std::nullopt;
   return Checked(BigEndian(std::span(*header).subspan(8, 4)),
@@ -47,7 +47,7 @@ bool IsStartOfFrame(uint8_t marker) {
 }
 
 // After the first marker: segments of a marker and a length each.
-std::optional<ImageSize> JpegSize(std::ifstream& file) {
+std::optional<PlaneSize> JpegSize(std::ifstream& file) {
   while (const auto start = Take<4>(file)) {
     const uint8_t marker = (*start)[1];
     const uint32_t length = BigEndian(std::span(*start).subspan(2, 2));
@@ -63,7 +63,7 @@ std::optional<ImageSize> JpegSize(std::ifstream& file) {
   return std::nullopt;
 }
 
-std::optional<ImageSize> SizeFromHeader(const std::filesystem::path& path) {
+std::optional<PlaneSize> SizeFromHeader(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);
   const auto signature = Take<2>(file);
   if (!signature) return std::nullopt;
@@ -74,7 +74,7 @@ std::optional<ImageSize> SizeFromHeader(const std::filesystem::path& path) {
 
 }  // namespace
 
-ImageSize ReadImageSize(const std::filesystem::path& path) {
+PlaneSize ReadImageSize(const std::filesystem::path& path) {
   if (std::filesystem::is_regular_file(path)) {
     if (const auto size = SizeFromHeader(path)) return *size;
   }

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "raylift/io/depth_file.h"
+#include "raylift/scene/plane_size.h"
 
 namespace raylift {
 
