@@ -25,6 +25,7 @@
 #include "raylift/comparison/depth_comparison.h"
 #include "raylift/comparison/localization_comparison.h"
 #include "raylift/comparison/report.h"
+#include "raylift/io/query_list.h"
 #include "raylift/localization/matching.h"
 #include "raylift/localization/scene.h"
 #include "raylift/localization/scene_matches.h"

@@ -10,9 +10,9 @@
 
 #include <CLI/App.hpp>
 
-#include "raylift/io/query_list.h"
 #include "raylift/localization/continuous_gate.h"
 #include "raylift/localization/references.h"
+#include "raylift/scene/query.h"
 
 namespace raylift {
 

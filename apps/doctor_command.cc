@@ -14,6 +14,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/io/query_list.h"
 #include "raylift/lifting/input_doctor.h"
 #include "raylift/localization/matching.h"
 #include "raylift/localization/scene.h"

@@ -1,4 +1,4 @@
-// ReadMesh: chooses the reader by the file's extension.
+#include "raylift/renderers/mesh_reader.h"
 
 #include <algorithm>
 #include <cctype>
@@ -11,7 +11,6 @@
 #include "raw_mesh.h"
 
 #include "raylift/base/error.h"
-#include "raylift/renderers/triangle_mesh.h"
 
 namespace raylift {
 namespace {

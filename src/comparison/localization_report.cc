@@ -5,7 +5,6 @@
 #include <cmath>
 #include <vector>
 
-#include "report_page.h"
 #include "report_pictures.h"
 #include "report_scene.h"
 #include <fmt/format.h>
@@ -13,6 +12,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/json_text.h"
+#include "raylift/comparison/report_page.h"
 #include "raylift/io/image_file.h"
 
 namespace raylift {

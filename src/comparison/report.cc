@@ -5,7 +5,6 @@
 #include <cmath>
 #include <map>
 
-#include "report_page.h"
 #include "report_pictures.h"
 #include "report_scene.h"
 #include <fmt/format.h>
@@ -15,6 +14,7 @@
 #include "raylift/base/json_text.h"
 #include "raylift/base/parallel.h"
 #include "raylift/comparison/comparison_tables.h"
+#include "raylift/comparison/report_page.h"
 #include "raylift/io/image_file.h"
 
 namespace raylift {

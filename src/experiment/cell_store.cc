@@ -1,10 +1,10 @@
+#include "raylift/experiment/cell_store.h"
+
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/hash.h"
 #include "raylift/base/json_text.h"
-#include "raylift/experiment/cells.h"
 #include "raylift/geometry/pose_json.h"
 
 namespace raylift {
@@ -44,8 +44,6 @@ QueryOutcome FromJson(const Json& json) {
 bool QueryOutcome::operator==(const QueryOutcome& other) const {
   return ToJson(*this) == ToJson(other);
 }
-
-std::string Cell::Key() const { return HexText(HashBytes64(inputs)); }
 
 CellStore::CellStore(std::filesystem::path folder) : folder_(std::move(folder)) {}
 

@@ -4,13 +4,13 @@
 #include <cmath>
 #include <map>
 
-#include "comparison/report_page.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
 #include "raylift/base/text_table.h"
+#include "raylift/comparison/report_page.h"
 
 namespace raylift {
 namespace {

@@ -11,7 +11,10 @@
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
 #include "raylift/base/text_table.h"
+#include "raylift/experiment/cell_store.h"
+#include "raylift/experiment/grid.h"
 #include "raylift/io/colmap_model.h"
+#include "raylift/io/query_list.h"
 
 namespace raylift {
 namespace {

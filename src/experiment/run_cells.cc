@@ -14,6 +14,7 @@
 #include "raylift/base/hash.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/text.h"
+#include "raylift/experiment/cell_store.h"
 #include "raylift/geometry/pose_convention.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/localization/continuous_localizer.h"

@@ -9,6 +9,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/rng.h"
+#include "raylift/features/dot_product_search.h"
 
 namespace raylift {
 namespace {

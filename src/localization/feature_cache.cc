@@ -13,7 +13,7 @@
 #include "raylift/base/progress.h"
 #include "raylift/base/text.h"
 #include "raylift/features/root_sift.h"
-#include "raylift/io/hloc.h"
+#include "raylift/io/hloc_features.h"
 #include "raylift/io/image_file.h"
 #include "raylift/localization/front_end.h"
 

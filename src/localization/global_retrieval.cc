@@ -7,7 +7,8 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/progress.h"
-#include "raylift/io/hloc.h"
+#include "raylift/features/dot_product_search.h"
+#include "raylift/io/hloc_global_features.h"
 #include "raylift/localization/retrieval.h"
 
 namespace raylift {

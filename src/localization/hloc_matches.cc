@@ -7,7 +7,9 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/io/hloc.h"
+#include "raylift/io/hloc_features.h"
+#include "raylift/io/hloc_matches.h"
+#include "raylift/io/retrieval_pairs.h"
 #include "raylift/scene/keypoints.h"
 
 namespace raylift {

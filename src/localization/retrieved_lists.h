@@ -6,7 +6,7 @@
 #include <span>
 #include <string>
 
-#include "raylift/features/dot_product_search.h"
+#include "raylift/scene/retrieved.h"
 
 namespace raylift {
 

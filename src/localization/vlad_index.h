@@ -10,9 +10,9 @@
 
 #include <Eigen/Core>
 
-#include "raylift/features/dot_product_search.h"
 #include "raylift/features/vlad.h"
 #include "raylift/scene/features.h"
+#include "raylift/scene/retrieved.h"
 
 namespace raylift {
 

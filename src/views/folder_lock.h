@@ -1,4 +1,4 @@
-// Keeps two runs from writing to the same folder at the same time. Private to rendering.
+// Keeps two runs from writing to the same folder at the same time. Private to views.
 
 #pragma once
 

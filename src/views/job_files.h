@@ -1,5 +1,5 @@
 // Names and contents of the files that a rendering job keeps beside the pictures. Private to
-// rendering.
+// views.
 
 #pragma once
 

@@ -9,6 +9,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/lifting/mesh_spec.h"
+#include "raylift/renderers/mesh_reader.h"
 #include "raylift/renderers/mesh_tiles.h"
 
 namespace raylift {

@@ -1,5 +1,5 @@
 // The tables of rays of the cameras that are in use: views of one camera share one. Private to
-// rendering.
+// views.
 
 #pragma once
 

@@ -1,4 +1,4 @@
-// What the space around a point of a scene is like. Private to rendering.
+// What the space around a point of a scene is like. Private to views.
 
 #pragma once
 

@@ -1,4 +1,4 @@
-// Random points on a mesh, evenly spread by area. Private to rendering.
+// Random points on a mesh, evenly spread by area. Private to views.
 
 #pragma once
 

@@ -1,4 +1,4 @@
-// The ground of a scene on which a person could walk. Private to rendering.
+// The ground of a scene on which a person could walk. Private to views.
 
 #pragma once
 

@@ -7,6 +7,7 @@
 
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
+#include "raylift/io/query_list.h"
 
 namespace raylift {
 namespace {

@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
+#include "raylift/io/query_list.h"
 
 namespace raylift {
 namespace {

@@ -8,7 +8,9 @@
 
 #include "raylift/base/file.h"
 #include "raylift/io/image_file.h"
+#include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
+#include "raylift/renderers/mesh_reader.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/renderers/view_renderer.h"
 

@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "raylift/base/file.h"
+#include "raylift/io/query_list.h"
 
 namespace raylift {
 namespace {

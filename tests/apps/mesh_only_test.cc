@@ -6,7 +6,6 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
-#include "raylift/io/query_list.h"
 
 namespace raylift {
 namespace {

@@ -7,7 +7,8 @@
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
-#include "raylift/io/hloc.h"
+#include "raylift/io/hloc_global_features.h"
+#include "raylift/io/retrieval_pairs.h"
 
 namespace raylift {
 namespace {

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
+#include "raylift/io/query_list.h"
 
 namespace raylift {
 

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
+#include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
 
 namespace raylift {

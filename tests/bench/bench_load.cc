@@ -26,6 +26,7 @@
 #include <unistd.h>
 
 #include "raylift/base/median.h"
+#include "raylift/renderers/mesh_reader.h"
 
 namespace raylift {
 namespace {

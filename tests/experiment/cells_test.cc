@@ -7,6 +7,8 @@
 #include <gmock/gmock.h>
 
 #include "raylift/base/error.h"
+#include "raylift/experiment/cell_store.h"
+#include "raylift/experiment/grid.h"
 
 namespace raylift {
 namespace {

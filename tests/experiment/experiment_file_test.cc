@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 
 #include "raylift/base/error.h"
+#include "raylift/experiment/grid.h"
 
 namespace raylift {
 namespace {

@@ -1,3 +1,5 @@
+#include "raylift/experiment/grid.h"
+
 #include "experiment/test_experiments.h"
 #include "support/enum_names.h"
 #include <gmock/gmock.h>

@@ -1,4 +1,6 @@
 // Feature files and global descriptors, against h5py.
+#include "raylift/io/hloc_features.h"
+
 #include <thread>
 
 #include "io/h5py.h"
@@ -8,7 +10,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/io/hloc.h"
 
 namespace raylift {
 namespace {

@@ -1,11 +1,14 @@
 // Match files against h5py, and pairs lists.
+#include "raylift/io/hloc_matches.h"
+
 #include "io/h5py.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>
 
 #include "raylift/base/file.h"
-#include "raylift/io/hloc.h"
+#include "raylift/io/hloc_features.h"
+#include "raylift/io/retrieval_pairs.h"
 
 namespace raylift {
 namespace {

@@ -11,11 +11,13 @@
 #include <gtest/gtest.h>
 
 #include "raylift/base/rng.h"
+#include "raylift/io/query_list.h"
 #include "raylift/lifting/depth_source.h"
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/localization/hloc_matches.h"
 #include "raylift/localization/references.h"
 #include "raylift/localization/scene_matches.h"
+#include "raylift/renderers/mesh_reader.h"
 #include "raylift/renderers/view_renderer.h"
 
 namespace raylift {

@@ -9,7 +9,7 @@
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
-#include "raylift/io/hloc.h"
+#include "raylift/io/hloc_features.h"
 #include "raylift/lifting/geometry_spec.h"
 
 namespace raylift {

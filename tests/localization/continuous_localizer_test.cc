@@ -10,7 +10,9 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
-#include "raylift/io/hloc.h"
+#include "raylift/io/hloc_matches.h"
+#include "raylift/io/query_list.h"
+#include "raylift/io/retrieval_pairs.h"
 #include "raylift/localization/continuous_order.h"
 #include "raylift/localization/hloc_matches.h"
 #include "raylift/localization/scene.h"

@@ -2,7 +2,8 @@
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
-#include "raylift/io/hloc.h"
+#include "raylift/io/hloc_features.h"
+#include "raylift/io/query_list.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/scene/keypoints.h"
 

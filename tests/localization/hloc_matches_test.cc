@@ -7,8 +7,10 @@
 
 #include "raylift/base/file.h"
 #include "raylift/estimation/pose_estimator.h"
-#include "raylift/io/hloc.h"
+#include "raylift/io/hloc_features.h"
+#include "raylift/io/hloc_matches.h"
 #include "raylift/io/pose_problem_json.h"
+#include "raylift/io/retrieval_pairs.h"
 #include "raylift/lifting/consistency_filter.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/lifting/lifter.h"

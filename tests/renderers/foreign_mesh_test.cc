@@ -15,6 +15,7 @@
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
+#include "raylift/renderers/mesh_reader.h"
 
 #if defined(__SANITIZE_ADDRESS__)
 // assimp leaks where it gives up on a file.

@@ -14,6 +14,8 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
+#include "raylift/renderers/mesh_reader.h"
+
 namespace raylift {
 namespace {
 

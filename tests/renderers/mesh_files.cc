@@ -9,6 +9,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/renderers/mesh_reader.h"
 
 namespace raylift {
 

@@ -1,5 +1,7 @@
 // What ReadMesh does for every format.
 
+#include "raylift/renderers/mesh_reader.h"
+
 #include <cmath>
 
 #include "mesh_files.h"

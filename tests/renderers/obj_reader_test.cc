@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
+#include "raylift/renderers/mesh_reader.h"
 
 namespace raylift {
 namespace {

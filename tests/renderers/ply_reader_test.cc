@@ -11,6 +11,7 @@
 
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
+#include "raylift/renderers/mesh_reader.h"
 
 namespace raylift {
 namespace {

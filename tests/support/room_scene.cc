@@ -13,10 +13,15 @@
 #include "raylift/base/file.h"
 #include "raylift/base/rng.h"
 #include "raylift/io/colmap_model.h"
-#include "raylift/io/hloc.h"
+#include "raylift/io/hloc_features.h"
+#include "raylift/io/hloc_matches.h"
 #include "raylift/io/image_file.h"
+#include "raylift/io/query_list.h"
+#include "raylift/io/retrieval_pairs.h"
+#include "raylift/renderers/mesh_reader.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/renderers/view_renderer.h"
+#include "raylift/scene/query.h"
 
 namespace raylift {
 namespace {

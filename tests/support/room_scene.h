@@ -7,7 +7,6 @@
 
 #include <Eigen/Core>
 
-#include "raylift/io/query_list.h"
 #include "raylift/scene/posed_image.h"
 
 namespace raylift {

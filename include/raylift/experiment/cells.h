@@ -8,31 +8,14 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
-#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
-#include "raylift/estimation/pose_estimator.h"
 #include "raylift/experiment/experiment.h"
-#include "raylift/geometry/rigid3.h"
-#include "raylift/io/query_list.h"
 #include "raylift/scene/query.h"
 
 namespace raylift {
-
-// What came out for one query.
-struct QueryOutcome {
-  std::string name;
-  std::optional<Rigid3> cam_from_world;
-  bool position_observable = true;
-  std::string reason;  // why it counts as not localized; empty: localized
-  int inliers_2d3d = 0, inliers_2d2d = 0;
-  int matches_2d3d = 0, matches_2d2d = 0;
-  Solver solver = Solver::kP3p;
-
-  bool operator==(const QueryOutcome&) const;
-};
 
 struct Cell {
   Setting setting;
@@ -72,21 +55,5 @@ size_t NumOffsets(const Experiment& experiment, const Setting& setting);
 // The cells of the settings, by scene, thinning, block of queries, geometry. InputError where an
 // input is missing.
 std::vector<Cell> ListCells(const Experiment& experiment, std::span<const Setting> settings);
-
-// A folder of cells' files.
-class CellStore {
- public:
-  explicit CellStore(std::filesystem::path folder);
-
-  bool Has(const Cell& cell) const { return Read(cell).has_value(); }
-  // None where the cell was not estimated, or its file is no good.
-  std::optional<std::vector<QueryOutcome>> Read(const Cell& cell) const;
-  void Write(const Cell& cell, std::span<const QueryOutcome> outcomes) const;
-
- private:
-  std::filesystem::path FileOf(const Cell& cell) const;
-
-  std::filesystem::path folder_;
-};
 
 }  // namespace raylift

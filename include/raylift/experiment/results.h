@@ -11,6 +11,7 @@
 
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/evaluation/recall.h"
+#include "raylift/experiment/cell_store.h"
 #include "raylift/experiment/cells.h"
 #include "raylift/experiment/experiment.h"
 

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "raylift/experiment/cell_store.h"
 #include "raylift/experiment/cells.h"
 #include "raylift/experiment/experiment.h"
 #include "raylift/localization/scene.h"

@@ -13,7 +13,6 @@
 
 #include <Eigen/Core>
 
-#include "raylift/features/dot_product_search.h"
 #include "raylift/scene/features.h"
 #include "raylift/scene/retrieved.h"
 

@@ -13,13 +13,13 @@
 #include <vector>
 
 #include "raylift/estimation/pose_estimator.h"
-#include "raylift/io/query_list.h"
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/localization/continuous_checkpoint.h"
 #include "raylift/localization/continuous_gate.h"
 #include "raylift/localization/continuous_references.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/match_source.h"
+#include "raylift/scene/query.h"
 
 namespace raylift {
 

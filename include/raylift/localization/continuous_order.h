@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "raylift/io/query_list.h"
 #include "raylift/scene/posed_image.h"
+#include "raylift/scene/query.h"
 
 namespace raylift {
 

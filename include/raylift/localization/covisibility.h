@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
-#include "raylift/features/dot_product_search.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/scene/posed_image.h"
+#include "raylift/scene/retrieved.h"
 
 namespace raylift {
 

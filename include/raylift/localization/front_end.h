@@ -11,11 +11,11 @@
 #include <string>
 #include <vector>
 
-#include "raylift/features/dot_product_search.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/references.h"
 #include "raylift/scene/features.h"
 #include "raylift/scene/image.h"
+#include "raylift/scene/retrieved.h"
 
 namespace raylift {
 

@@ -6,9 +6,9 @@
 #include <memory>
 #include <span>
 
-#include "raylift/io/query_list.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/references.h"
+#include "raylift/scene/query.h"
 
 namespace raylift {
 

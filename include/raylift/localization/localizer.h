@@ -18,7 +18,6 @@
 #include <vector>
 
 #include "raylift/estimation/pose_estimator.h"
-#include "raylift/io/query_list.h"
 #include "raylift/lifting/candidates.h"
 #include "raylift/lifting/consistency_filter.h"
 #include "raylift/lifting/geometry_source.h"
@@ -26,6 +25,7 @@
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
 #include "raylift/scene/pose_problem.h"
+#include "raylift/scene/query.h"
 
 namespace raylift {
 

@@ -6,11 +6,11 @@
 #include <string>
 #include <vector>
 
-#include "raylift/io/query_list.h"
 #include "raylift/scene/features.h"
 #include "raylift/scene/image.h"
 #include "raylift/scene/pose_problem.h"
 #include "raylift/scene/posed_image.h"
+#include "raylift/scene/query.h"
 
 namespace raylift {
 

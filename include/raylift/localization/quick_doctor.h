@@ -10,11 +10,11 @@
 #include <vector>
 
 #include "raylift/geometry/pose_convention.h"
-#include "raylift/io/query_list.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/lifting/reference_matches.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/references.h"
+#include "raylift/scene/query.h"
 
 namespace raylift {
 

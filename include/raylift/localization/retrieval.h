@@ -20,12 +20,12 @@
 #include <vector>
 
 #include "raylift/base/enum_names.h"
-#include "raylift/features/dot_product_search.h"
-#include "raylift/io/query_list.h"
 #include "raylift/localization/covisibility.h"
 #include "raylift/localization/front_end.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/posed_image.h"
+#include "raylift/scene/query.h"
+#include "raylift/scene/retrieved.h"
 
 namespace raylift {
 

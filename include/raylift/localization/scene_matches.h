@@ -7,10 +7,10 @@
 #include <span>
 #include <vector>
 
-#include "raylift/io/query_list.h"
 #include "raylift/lifting/reference_matches.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/references.h"
+#include "raylift/scene/query.h"
 
 namespace raylift {
 

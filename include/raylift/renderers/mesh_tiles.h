@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "raylift/renderers/mesh_reader.h"
 #include "raylift/renderers/triangle_mesh.h"
 
 namespace raylift {

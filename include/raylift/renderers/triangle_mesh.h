@@ -1,11 +1,9 @@
-// A triangle mesh as the renderers need it, from PLY, OBJ (both read in double), and any other file
-// that assimp reads (GLB/glTF, STL, DAE, FBX, ...; in float).
+// A triangle mesh as the renderers need it.
 
 #pragma once
 
 #include <array>
 #include <cstdint>
-#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -37,16 +35,5 @@ struct TriangleMesh {
     return origin_in_world + vertices[index].cast<double>();
   }
 };
-
-struct MeshReadOptions {
-  int threads = 0;  // <= 0: all; never changes the mesh
-};
-
-// Reads a mesh. Faces with more than three corners are triangulated; triangles with a non-finite
-// vertex or no area are removed and counted in `warnings`, vertices that no triangle uses are
-// dropped. A texture that cannot be read is a warning. InputError naming the file where it is
-// missing, unreadable, has an index out of range (naming the face), or has no triangle left (a
-// point cloud says so).
-TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& options = {});
 
 }  // namespace raylift

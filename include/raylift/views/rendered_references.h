@@ -14,7 +14,6 @@
 
 #include "raylift/base/enum_names.h"
 #include "raylift/geometry/camera.h"
-#include "raylift/io/depth_file.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/plane_size.h"
 #include "raylift/views/render_job.h"

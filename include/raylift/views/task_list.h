@@ -8,7 +8,6 @@
 #include <string_view>
 #include <vector>
 
-#include "raylift/io/depth_file.h"
 #include "raylift/scene/plane_size.h"
 #include "raylift/scene/thinning.h"
 #include "raylift/scene/view.h"

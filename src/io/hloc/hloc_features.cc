@@ -1,4 +1,4 @@
-// hloc's features.h5.
+#include "raylift/io/hloc_features.h"
 
 #include <algorithm>
 #include <array>
@@ -11,7 +11,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/io/hloc.h"
 
 namespace raylift {
 namespace {

@@ -1,4 +1,4 @@
-// hloc's global-feats*.h5.
+#include "raylift/io/hloc_global_features.h"
 
 #include <array>
 #include <mutex>
@@ -8,7 +8,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/io/hloc.h"
 
 namespace raylift {
 namespace {

@@ -9,7 +9,6 @@
 #include <string_view>
 #include <vector>
 
-#include "raylift/io/depth_file.h"
 #include "raylift/scene/plane_size.h"
 
 namespace raylift {

@@ -1,4 +1,4 @@
-// What goes into a cell, and how a change of it is noticed.
+#include "raylift/experiment/cells.h"
 
 #include <algorithm>
 #include <chrono>
@@ -13,7 +13,7 @@
 #include "raylift/base/hash.h"
 #include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
-#include "raylift/experiment/cells.h"
+#include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
 
 namespace raylift {
@@ -220,6 +220,8 @@ void SortByWork(std::vector<Cell>& cells, const Experiment& experiment) {
 }
 
 }  // namespace
+
+std::string Cell::Key() const { return HexText(HashBytes64(inputs)); }
 
 const std::string& InputIdentity::Of(const path& input) {
   const auto known = known_.find(input);
