@@ -10,6 +10,7 @@
 
 namespace raylift {
 
+// XXH3.
 uint64_t HashBytes64(std::string_view bytes, uint64_t seed = 0);
 
 // The same for any number of threads.
