@@ -37,7 +37,9 @@ std::string WritePerturbedDepth(const path& folder, const std::string& spec,
                                 const DepthPerturbation& perturbation, int threads) {
   const path complete = folder / "complete";
   if (!std::filesystem::exists(complete)) {
-    const NamedGeometry geometry = MakeGeometrySource(spec, context);
+    GeometryContext opening = context;
+    opening.threads = threads;
+    const NamedGeometry geometry = MakeGeometrySource(spec, opening);
     if (geometry.mesh == nullptr && geometry.maps == nullptr) {
       throw InputError("only a mesh and depth maps can be perturbed, not " + spec);
     }

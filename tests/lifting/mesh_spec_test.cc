@@ -44,7 +44,7 @@ TEST(ParseMeshSpec, RefusesToRenderWithKeysOfLifting) {
   for (const std::string key : {"near=1", "far=9", "max_incidence_deg=70", "max_depth_jump=0.5",
                                 "jump_radius_px=3", "back_faces=drop"}) {
     EXPECT_EQ(OptionErrorOf("mesh:a.ply," + key, MeshUse::kRender),
-              "--geometry = mesh:a.ply," + key + ": the key " + key.substr(0, key.find('=')) +
+              "geometry = mesh:a.ply," + key + ": the key " + key.substr(0, key.find('=')) +
                   " says which points are lifted, but here the whole mesh is rendered; there is "
                   "build=low|medium");
   }
@@ -53,10 +53,10 @@ TEST(ParseMeshSpec, RefusesToRenderWithKeysOfLifting) {
 TEST(ParseMeshSpec, WhatIsNoMeshSaysWhatIsWanted) {
   for (const std::string spec : {"depth:maps", "a.ply", "mesh:", "mesh:,build=low"}) {
     EXPECT_EQ(OptionErrorOf(spec, MeshUse::kLift),
-              "--geometry = " + spec + ": expected mesh:PATH[,key=value...]");
-    EXPECT_EQ(OptionErrorOf(spec, MeshUse::kRender),
-              "--geometry = " + spec +
-                  ": expected mesh:PATH[,build=low|medium]; only meshes are rendered");
+              "geometry = " + spec + ": expected mesh:PATH[,key=value...]");
+    EXPECT_EQ(
+        OptionErrorOf(spec, MeshUse::kRender),
+        "geometry = " + spec + ": expected mesh:PATH[,build=low|medium]; only meshes are rendered");
   }
 }
 

@@ -31,8 +31,8 @@ TEST(LoadMeshScene, ContradictoryBuildsAreAnOptionError) {
     LoadMeshScene({a, b});
     FAIL() << "no OptionError";
   } catch (const OptionError& error) {
-    EXPECT_EQ(error.what(), "--geometry = " + b +
-                                ": all meshes are one scene, but another one says build=medium");
+    EXPECT_EQ(error.what(),
+              "geometry = " + b + ": all meshes are one scene, but another one says build=medium");
   }
 }
 
