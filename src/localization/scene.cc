@@ -92,7 +92,7 @@ SceneOptions SceneOptionsOf(const SceneFile& file, std::span<const std::string> 
 Scene OpenMeshScene(const std::string& mesh_spec, const Thinning& thinning,
                     const RenderedReferenceOptions& rendered, const RenderHooks& hooks) {
   Scene scene;
-  OpenGeometry(scene, mesh_spec);
+  OpenGeometry(scene, mesh_spec, {.threads = rendered.threads});
   const auto mesh = scene.Mesh();
   if (mesh == nullptr) throw OptionError("geometry", mesh_spec, "expected mesh:PATH");
   scene.rendered = RenderReferences(mesh, rendered, hooks);
