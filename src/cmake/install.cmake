@@ -45,13 +45,13 @@ while(layers)
   endforeach()
 endwhile()
 
-configure_package_config_file(cmake/raylift-config.cmake.in ${PROJECT_BINARY_DIR}/raylift-config.cmake
+configure_package_config_file(src/cmake/raylift-config.cmake.in ${PROJECT_BINARY_DIR}/raylift-config.cmake
   INSTALL_DESTINATION ${config_dir})
 write_basic_package_version_file(${PROJECT_BINARY_DIR}/raylift-config-version.cmake
   COMPATIBILITY SameMinorVersion)
 install(FILES
   ${PROJECT_BINARY_DIR}/raylift-config.cmake ${PROJECT_BINARY_DIR}/raylift-config-version.cmake
-  ${PROJECT_SOURCE_DIR}/cmake/raylift-packages.cmake
+  ${PROJECT_SOURCE_DIR}/src/cmake/raylift-packages.cmake
   DESTINATION ${config_dir} COMPONENT libraylift-dev)
 
 # The Debian packages.

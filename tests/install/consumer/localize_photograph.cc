@@ -1,0 +1,28 @@
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+
+#include <raylift/io/image_file.h>
+#include <raylift/localization/localizer.h>
+#include <raylift/localization/matching.h>
+
+int main(int, char** arguments) {
+  // References with known poses, their photographs, and a mesh in the same coordinates.
+  const std::filesystem::path demo = arguments[1];
+  const auto scene = std::make_shared<const raylift::Scene>(
+      raylift::OpenScene({.model = demo / "model",
+                          .images = demo / "images",
+                          .geometry = {"mesh:" + (demo / "scene.obj").string()}}));
+  const raylift::Localizer localizer(scene, raylift::OpenMatches(*scene, {}, {}), {});
+
+  const raylift::Image photograph =
+      raylift::ReadImage(demo / "images/query/query_02.jpg", raylift::ImageChannels::kRgb);
+  const double f_cx_cy_k[] = {488, 323.1, 236.4, -0.11};
+  const raylift::Camera camera(raylift::CameraModel::kSimpleRadial, photograph.width_px,
+                               photograph.height_px, f_cx_cy_k);
+  const raylift::LocalizedQuery query =
+      localizer.Localize({"a photograph", camera}, photograph).localized;
+  if (!query.localized()) return 1;
+  const Eigen::Vector3d centre = query.estimate.cam_from_world->OriginInSource();
+  std::printf("taken at (%.1f, %.1f, %.1f)\n", centre.x(), centre.y(), centre.z());
+}
