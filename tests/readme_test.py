@@ -31,6 +31,13 @@ def main():
         print(block, flush=True)
         subprocess.run(["bash", "-euo", "pipefail", "-c", block], cwd=work, env=environment, check=True)
 
+    # Its C++ programs are those that are built against the installed library.
+    programs = re.findall(r"^```cpp\n(.*?)^```", readme, flags=re.MULTILINE | re.DOTALL)
+    consumer = [file.read_text(encoding="utf-8")
+                for file in sorted((source / "tests/install/consumer").glob("*.cc"))]
+    if programs != consumer:
+        sys.exit("the programs in README.md are not those of tests/install/consumer")
+
     demo = subprocess.run([source / "assets/demo/run.sh", work / "demo"], env=environment, check=True,
                           capture_output=True, text=True).stdout
     print(demo)

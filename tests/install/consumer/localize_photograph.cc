@@ -24,5 +24,5 @@ int main(int, char** arguments) {
       localizer.Localize({"a photograph", camera}, photograph).localized;
   if (!query.localized()) return 1;
   const Eigen::Vector3d centre = query.estimate.cam_from_world->OriginInSource();
-  std::printf("taken at (%.1f, %.1f, %.1f)\n", centre.x(), centre.y(), centre.z());
+  std::printf("taken at (%.0f, %.0f, %.0f)\n", centre.x(), centre.y(), centre.z());
 }
