@@ -63,16 +63,15 @@ function(raylift_add_library layer)
     <algorithm> <cmath> <filesystem> <functional> <map> <memory> <optional> <span> <string>
     <string_view> <vector> <Eigen/Core> <Eigen/Geometry> <fmt/format.h>)
 
-  # What the installed package has to find (install.cmake): a shared library brings along what
-  # it links privately.
-  set(needs ${ARG_PUBLIC})
-  if(NOT BUILD_SHARED_LIBS)
-    list(APPEND needs ${ARG_PRIVATE})
-  endif()
-  set(components ${needs})
+  # What the installed package has to find (install.cmake). Other packages that a shared library links
+  # privately are its own matter.
+  set(components ${ARG_PUBLIC} ${ARG_PRIVATE})
   list(FILTER components INCLUDE REGEX "^raylift::")
   list(TRANSFORM components REPLACE "^raylift::" "")
-  set(packages ${needs})
+  set(packages ${ARG_PUBLIC})
+  if(NOT BUILD_SHARED_LIBS)
+    list(APPEND packages ${ARG_PRIVATE})
+  endif()
   list(FILTER packages EXCLUDE REGEX "^raylift::|BUILD_INTERFACE")
   list(TRANSFORM packages REPLACE "^raylift_package::" "")
   list(TRANSFORM packages REPLACE "^opencv_.*" "OpenCV")
