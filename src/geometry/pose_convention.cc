@@ -1,6 +1,5 @@
 #include "raylift/geometry/pose_convention.h"
 
-
 #include "raylift/base/error.h"
 
 namespace raylift {

@@ -1,5 +1,7 @@
 #include "raylift/base/enum_names.h"
 
+#include <array>
+
 #include "support/enum_names.h"
 #include <gtest/gtest.h>
 

@@ -205,9 +205,7 @@ TEST(ComparisonTables, HoldTheSameNumbers) {
   EXPECT_THAT(text, ::testing::HasSubstr("scale: depth is 10.0 % too large"));
 }
 
-TEST(DepthFault, EachHasAName) {
-  EXPECT_TRUE(NamesEveryValue<DepthFault>());
-}
+TEST(DepthFault, EachHasAName) { EXPECT_TRUE(NamesEveryValue<DepthFault>()); }
 
 }  // namespace
 }  // namespace raylift

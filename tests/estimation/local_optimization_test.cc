@@ -1,5 +1,7 @@
 #include "estimation/local_optimization.h"
 
+#include <algorithm>
+
 #include "estimation/joint_score.h"
 #include "estimation/near_truth.h"
 

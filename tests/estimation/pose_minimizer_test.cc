@@ -1,5 +1,6 @@
 #include "estimation/pose_minimizer.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numeric>
 

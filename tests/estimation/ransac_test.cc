@@ -1,5 +1,6 @@
 #include "estimation/ransac.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "estimation/near_truth.h"

@@ -1,5 +1,7 @@
 #include "raylift/io/toml_file.h"
 
+#include <functional>
+
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>

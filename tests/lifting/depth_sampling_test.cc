@@ -135,9 +135,7 @@ TEST(SampleDepth, NearestIsThePixelsOwnDepth) {
   }
 }
 
-TEST(DepthInterpolation, EachHasAName) {
-  EXPECT_TRUE(NamesEveryValue<DepthInterpolation>());
-}
+TEST(DepthInterpolation, EachHasAName) { EXPECT_TRUE(NamesEveryValue<DepthInterpolation>()); }
 
 }  // namespace
 }  // namespace raylift
