@@ -164,7 +164,8 @@ TEST_F(LocalizerTest, StagesCanBeCalledOneByOne) {
   EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world,
                          *whole.localized.estimate.cam_from_world, 0, 0));
   EXPECT_EQ(result.localized.counts.filter.consistent, whole.localized.counts.filter.consistent);
-  for (const LocalizedQuery* q : {&result.localized, &whole.localized}) {
+  for (const LocalizedQuery* q :
+       std::initializer_list<const LocalizedQuery*>{&result.localized, &whole.localized}) {
     EXPECT_GT(q->match_ms, 0);
     EXPECT_GT(q->lift_ms, 0);
     EXPECT_GT(q->filter_ms, 0);

@@ -7,6 +7,7 @@
 
 #include "raylift/io/image_file.h"
 #include "raylift/lifting/geometry_spec.h"
+#include "raylift/localization/hloc_matches.h"
 
 namespace raylift {
 namespace {

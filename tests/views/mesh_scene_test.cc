@@ -9,15 +9,16 @@
 namespace raylift {
 namespace {
 
-std::string TriangleSpec(const std::string& name) {
-  const auto path = TestFolder() / name;
+std::string TriangleSpec(const std::filesystem::path& folder, const std::string& name) {
+  const auto path = folder / name;
   WriteFile(path, "v -1 -1 2\nv 1 -1 2\nv 0 1 2\nf 1 2 3\n");
   return "mesh:" + path.string();
 }
 
 TEST(LoadMeshScene, SeveralMeshesAreOneScene) {
-  const std::string a = TriangleSpec("a.obj");
-  const std::string b = TriangleSpec("b.obj");
+  const auto folder = TestFolder();
+  const std::string a = TriangleSpec(folder, "a.obj");
+  const std::string b = TriangleSpec(folder, "b.obj");
   EXPECT_EQ(LoadMeshScene({a, b}).caster->mesh().triangles.size(), 2u);
   EXPECT_EQ(LoadMeshScene({a + ",build=low", b}).caster->mesh().triangles.size(), 2u);
   EXPECT_EQ(LoadMeshScene({a + ",build=low", b + ",build=low"}).caster->mesh().triangles.size(),
@@ -25,8 +26,9 @@ TEST(LoadMeshScene, SeveralMeshesAreOneScene) {
 }
 
 TEST(LoadMeshScene, ContradictoryBuildsAreAnOptionError) {
-  const std::string a = TriangleSpec("a.obj") + ",build=medium";
-  const std::string b = TriangleSpec("b.obj") + ",build=low";
+  const auto folder = TestFolder();
+  const std::string a = TriangleSpec(folder, "a.obj") + ",build=medium";
+  const std::string b = TriangleSpec(folder, "b.obj") + ",build=low";
   try {
     LoadMeshScene({a, b});
     FAIL() << "no OptionError";
@@ -37,7 +39,8 @@ TEST(LoadMeshScene, ContradictoryBuildsAreAnOptionError) {
 }
 
 TEST(LoadMeshScene, RefusesWhatDoesNotConcernRendering) {
-  EXPECT_THROW(LoadMeshScene({TriangleSpec("a.obj") + ",near=1"}), OptionError);
+  const auto folder = TestFolder();
+  EXPECT_THROW(LoadMeshScene({TriangleSpec(folder, "a.obj") + ",near=1"}), OptionError);
   EXPECT_THROW(LoadMeshScene({"depth:maps"}), OptionError);
 }
 

@@ -34,9 +34,10 @@ struct Match2D2D {
 struct Match2D3D {
   Eigen::Vector2d query_px;
   Eigen::Vector3d point_in_world;
-  std::optional<int> reference;  // the reference it was lifted from, where it was from one
+  // The reference it was lifted from, where it was from one.
+  std::optional<int> reference = std::nullopt;
   // Standard deviation of the point in scene units (isotropic), where the geometry source knows it.
-  std::optional<double> point_sigma;
+  std::optional<double> point_sigma = std::nullopt;
   std::optional<int> query_keypoint = std::nullopt;  // as of a Match2D2D
   // The 2D-2D match it was lifted from, where it was: an index into PoseProblem::matches_2d2d.
   std::optional<size_t> match_2d2d = std::nullopt;
