@@ -30,9 +30,10 @@ Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
   }
   std::vector<Camera> cameras;
   for (const Query& query : queries) cameras.push_back(query.camera);
+  RenderedReferenceOptions rendering = flags.mesh_only.Resolve(cameras, flags.out / "references");
+  rendering.threads = flags.run.threads;
   Scene scene = RenderSceneWithProgress(flags.geometry.specs.front(), flags.references.thinning,
-                                        flags.mesh_only.Resolve(cameras, flags.out / "references"),
-                                        flags.run.Show());
+                                        rendering, flags.run.Show());
   if (!flags.run.quiet) {
     const RenderedReferences& rendered = *scene.rendered;
     fmt::print("references: {} views of the mesh ({}), {} rendered now: {}\n", rendered.count,

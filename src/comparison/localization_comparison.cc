@@ -85,33 +85,31 @@ class Runner {
   void AddWaysWithoutGeometry(const Scene& scene) {
     const auto shared = std::make_shared<const Scene>(scene);
     for (const EstimatorOptions& method : grid_.methods) {
-      if (!UsesPoints(method.method)) AddWay(shared, {"", "", "", method}, {});
+      if (!UsesPoints(method.method))
+        AddWay(shared, {"", "", "", method}, {.candidates = grid_.candidates});
     }
   }
 
   void AddWays(const Scene& scene, AlignMode alignment) {
     const auto shared = std::make_shared<const Scene>(scene);
     for (const FilterMode mode : grid_.filters) {
-      FilterOptions filter{.mode = mode, .thresholds = grid_.filter_thresholds};
-      if (mode == FilterMode::kAuto) {
-        filter.scene_noise =
-            EstimateSceneNoise(queries_, scene, *matches_, GeometryMode::kFirst, grid_.threads);
-      }
+      LocalizerOptions options{.filter = {.mode = mode, .thresholds = grid_.filter_thresholds},
+                               .candidates = grid_.candidates};
+      options.filter.scene_noise =
+          EstimateSceneNoise(queries_, scene, *matches_, options, grid_.threads);
       for (const EstimatorOptions& method : grid_.methods) {
         if (!UsesPoints(method.method)) continue;
         AddWay(shared,
                {scene.sources.front().name, std::string(ToString(alignment)),
                 std::string(ToString(mode)), method},
-               filter);
+               options);
       }
     }
   }
 
-  void AddWay(const std::shared_ptr<const Scene>& scene, Way way, const FilterOptions& filter) {
-    localizers_.emplace_back(
-        scene, matches_,
-        LocalizerOptions{
-            .estimator = way.method, .filter = filter, .candidates = grid_.candidates});
+  void AddWay(const std::shared_ptr<const Scene>& scene, Way way, LocalizerOptions options) {
+    options.estimator = way.method;
+    localizers_.emplace_back(scene, matches_, options);
     ways_.push_back(std::move(way));
   }
 

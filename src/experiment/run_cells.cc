@@ -65,6 +65,9 @@ std::string GeometryHash(const Cell& cell) {
 
 // The geometry and alignment that cells share.
 using GeometryKey = std::pair<AxisValue, AxisValue>;
+GeometryKey KeyOf(const Cell& cell) {
+  return {cell.setting[Axis::kGeometry], cell.setting[Axis::kAlign]};
+}
 
 // One thinning of a scene.
 class ThinnedScene {
@@ -91,32 +94,17 @@ class ThinnedScene {
       for (const Cell& cell : cells) store.Write(cell, RunContinuously(cell));
       return;
     }
-    std::vector<Localizer> ways;
-    for (const Cell& cell : cells) {
-      ways.emplace_back(SceneOf(cell), matches_, LocalizerOptionsOf(cell));
+    std::map<GeometryKey, std::vector<Cell>> by_geometry;
+    for (const Cell& cell : cells) by_geometry[KeyOf(cell)].push_back(cell);
+    std::vector<QueryResult> matched;
+    for (const auto& [key, of_geometry] : by_geometry) {
+      std::vector<Localizer> ways;
+      for (const Cell& cell : of_geometry) {
+        ways.emplace_back(SceneOf(cell), matches_, LocalizerOptionsOf(cell));
+      }
+      if (matched.empty()) matched = Match(ways.front(), cells.front());
+      Estimate(of_geometry, GridLocalizer(std::move(ways)), matched, store);
     }
-    const GridLocalizer localizer(std::move(ways));
-    const auto queries =
-        std::span(queries_).subspan(cells.front().begin, cells.front().end - cells.front().begin);
-    struct InHand {
-      std::vector<QueryOutcome> outcomes;
-      std::atomic<size_t> left;
-    };
-    std::vector<InHand> in_hand(cells.size());
-    for (InHand& cell : in_hand) {
-      cell.outcomes.resize(queries.size());
-      cell.left = queries.size();
-    }
-    // A cell is written by who estimates its last query.
-    ParallelFor(queries.size(), options_.threads, [&](size_t query) {
-      localizer.Localize(queries[query], options_.threads,
-                         [&](size_t way, const QueryResult& result) {
-                           InHand& cell = in_hand[way];
-                           cell.outcomes[query] = OutcomeOf(result.localized);
-                           if (options_.on_estimate) options_.on_estimate();
-                           if (--cell.left == 0) store.Write(cells[way], cell.outcomes);
-                         });
-    });
   }
 
   std::vector<std::string> TakeWarnings() {
@@ -129,6 +117,39 @@ class ThinnedScene {
     for (std::string& warning : warnings) {
       warnings_.push_back(fmt::format("{}, 1/{}: {}", settings_.name, every_, warning));
     }
+  }
+
+  // All queries of a cell; cells that follow in the block have the same matches.
+  std::vector<QueryResult> Match(const Localizer& localizer, const Cell& cell) const {
+    std::vector<QueryResult> matched(cell.end - cell.begin);
+    ParallelFor(matched.size(), options_.threads,
+                [&](size_t i) { matched[i] = localizer.Match(queries_[cell.begin + i]); });
+    return matched;
+  }
+
+  // A cell is written by who estimates its last query.
+  void Estimate(std::span<const Cell> cells, const GridLocalizer& localizer,
+                std::span<const QueryResult> matched, const CellStore& store) const {
+    struct InHand {
+      std::vector<QueryOutcome> outcomes;
+      std::atomic<size_t> left;
+    };
+    std::vector<InHand> in_hand(cells.size());
+    for (InHand& cell : in_hand) {
+      cell.outcomes.resize(matched.size());
+      cell.left = matched.size();
+    }
+    // Few queries leave threads for the ways of each.
+    const bool enough = matched.size() >= static_cast<size_t>(ResolveThreads(options_.threads));
+    ParallelFor(matched.size(), options_.threads, [&](size_t query) {
+      localizer.Localize(matched[query], enough ? 1 : options_.threads,
+                         [&](size_t way, const QueryResult& result) {
+                           InHand& cell = in_hand[way];
+                           cell.outcomes[query] = OutcomeOf(result.localized);
+                           if (options_.on_estimate) options_.on_estimate();
+                           if (--cell.left == 0) store.Write(cells[way], cell.outcomes);
+                         });
+    });
   }
 
   // With a number, up to so many localized queries may be among a query's references.
@@ -148,7 +169,7 @@ class ThinnedScene {
 
   // The scene with the cell's geometry; with none where it needs none.
   std::shared_ptr<const Scene> SceneOf(const Cell& cell) {
-    const GeometryKey key(cell.setting[Axis::kGeometry], cell.setting[Axis::kAlign]);
+    const GeometryKey key = KeyOf(cell);
     const auto known = scenes_.find(key);
     if (known != scenes_.end()) return known->second;
     Scene scene = references_;
@@ -192,16 +213,15 @@ class ThinnedScene {
     options.filter = {.mode = filter.mode, .thresholds = filter.thresholds};
     options.geometry_mode = geometry->mode;
     options.candidates = geometry->candidates;
-    if (filter.mode == FilterMode::kAuto) options.filter.scene_noise = NoiseOf(cell);
+    if (filter.mode == FilterMode::kAuto) options.filter.scene_noise = NoiseOf(cell, options);
     return options;
   }
 
-  std::optional<MultiViewNoise> NoiseOf(const Cell& cell) {
+  std::optional<MultiViewNoise> NoiseOf(const Cell& cell, const LocalizerOptions& options) {
     const std::shared_ptr<const Scene> scene = SceneOf(cell);
     const auto known = noise_.find(scene);
     if (known != noise_.end()) return known->second;
-    const auto noise = EstimateSceneNoise(
-        queries_, *scene, *matches_, experiment_.GeometryOf(cell.setting)->mode, options_.threads);
+    const auto noise = EstimateSceneNoise(queries_, *scene, *matches_, options, options_.threads);
     return noise_.emplace(scene, noise).first->second;
   }
 

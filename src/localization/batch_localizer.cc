@@ -21,10 +21,9 @@ BatchLocalizer::BatchLocalizer(const Scene& scene, std::vector<Query> queries,
   scene_ = std::make_shared<const Scene>(
       Aligned(scene, options.align, reference_matches, options.threads));
   LocalizerOptions& localizer = options_.localizer;
-  if (localizer.filter.mode == FilterMode::kAuto &&
-      localizer.candidates.mode != CandidateMode::kTriangulate) {
+  if (!localizer.filter.scene_noise) {
     localizer.filter.scene_noise =
-        EstimateSceneNoise(queries_, *scene_, *matches_, localizer.geometry_mode, options.threads);
+        EstimateSceneNoise(queries_, *scene_, *matches_, localizer, options.threads);
   }
 }
 

@@ -114,7 +114,7 @@ LocalizedQuery LocalizedOf(const Json& json, const std::string& name) {
   const Json& milliseconds = json.at("milliseconds");
   localized.match_ms = milliseconds.at("match").get<double>();
   localized.lift_ms = milliseconds.at("lift").get<double>();
-  localized.filter_ms = milliseconds.at("filter").get<double>();
+  localized.filter_ms = milliseconds.value("filter", 0.0);
   localized.estimate_ms = milliseconds.at("estimate").get<double>();
   if (json.contains("rerender_rounds_kept")) {
     localized.rerender_rounds = json.at("rerender_rounds_kept").get<int>();

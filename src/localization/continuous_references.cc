@@ -185,7 +185,18 @@ PoseCovariance JoinedReferences::PassedOn(const QueryResult& result) const {
 }
 
 QueryMatches WeighedMatches::Match(const Query& query) const {
-  QueryMatches matches = source_->Match(query);
+  return Weighed(source_->Match(query));
+}
+
+QueryMatches WeighedMatches::MatchPhotograph(const Query& query, const Image& photograph) const {
+  return Weighed(source_->MatchPhotograph(query, photograph));
+}
+
+QueryMatches WeighedMatches::MatchFeatures(const Query& query, const Features& features) const {
+  return Weighed(source_->MatchFeatures(query, features));
+}
+
+QueryMatches WeighedMatches::Weighed(QueryMatches matches) const {
   joined_->Weigh(matches);
   return matches;
 }

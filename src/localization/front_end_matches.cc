@@ -68,13 +68,11 @@ class FrontEndMatches final : public MatchSource {
   }
 
   QueryMatches MatchFeatures(const Query& query, const Features& features) const override {
-    CheckSize(query.name, query.camera, features);
-    std::vector<int> retrieved;
+    if (features.image_width_px > 0) CheckSize(query.name, query.camera, features);
     const std::string name[] = {query.name};
-    for (const RetrievedReference& r :
-         Index()->Best(name, Index()->VectorOf(features), options_.top_k, 1).front()) {
-      retrieved.push_back(r.reference_index);
-    }
+    const RetrievedLists best = Index()->Best(name, Index()->VectorOf(features), options_.top_k, 1);
+    std::vector<int> retrieved;
+    for (const RetrievedReference& r : best.front()) retrieved.push_back(r.reference_index);
     return MatchWith(query, features, CanonicalKeypoints(features.keypoints_px), retrieved);
   }
 

@@ -26,10 +26,11 @@ GridLocalizer::GridLocalizer(std::vector<Localizer> ways) : ways_(std::move(ways
   }
 }
 
-void GridLocalizer::Localize(
-    const Query& query, int threads,
-    const std::function<void(size_t way, const QueryResult& result)>& take) const {
-  const QueryResult matched = ways_.front().Match(query);
+void GridLocalizer::Localize(const Query& query, int threads, const Take& take) const {
+  Localize(ways_.front().Match(query), threads, take);
+}
+
+void GridLocalizer::Localize(const QueryResult& matched, int threads, const Take& take) const {
   for (const Lifted& lift : tree_) {
     QueryResult lifted = matched;
     ways_[lift.filtered.front().ways.front()].Lift(lifted);

@@ -3,6 +3,8 @@
 #include <chrono>
 #include <utility>
 
+#include <fmt/format.h>
+
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
 #include "raylift/localization/scene_matches.h"
@@ -28,9 +30,11 @@ class StageTimer {
 };
 
 std::string ReasonOf(const LocalizedQuery& localized) {
+  std::string reason = ReasonNotLocalized(localized.estimate);
+  if (reason.empty()) return reason;
   if (localized.counts.retrieved == 0) return "no retrieved references";
   if (localized.counts.matched == 0) return "no matches with the retrieved references";
-  return ReasonNotLocalized(localized.estimate);
+  return reason;
 }
 
 }  // namespace
@@ -66,8 +70,11 @@ Localizer::Localizer(std::shared_ptr<const Scene> scene, std::shared_ptr<const M
     : scene_(std::move(scene)),
       matches_(std::move(matches)),
       options_(options),
-      estimator_(std::move(estimator)),
-      geometry_(scene_->Geometry()) {
+      estimator_(std::move(estimator)) {
+  RAYLIFT_CHECK(scene_ != nullptr && estimator_ != nullptr);
+  options_.filter.thresholds.Validate();
+  options_.candidates.Validate();
+  geometry_ = scene_->Geometry();
   options_.filter.few_points = FewPointsFor(options.estimator.method);
 }
 
@@ -92,19 +99,26 @@ QueryResult Localizer::Finish(QueryResult result) const {
   return result;
 }
 
+const MatchSource& Localizer::Source() const {
+  if (matches_ == nullptr) throw InputError("there is no source of matches: they must be given");
+  return *matches_;
+}
+
 template <typename MakeMatches>
 QueryResult Localizer::Begin(const Query& query, const MakeMatches& make_matches) const {
   QueryResult result;
   LocalizedQuery& localized = result.localized;
   PoseProblem& problem = result.problem;
-  const StageTimer timer(localized.match_ms);
   localized.name = problem.name = query.name;
   problem.query_camera = query.camera;
-  QueryMatches matches = make_matches();
-  problem.references = std::move(matches.references);
-  problem.matches_2d2d = std::move(matches.matches);
-  if (scene_->covisibility != nullptr) {
-    problem.reference_clusters = scene_->covisibility->Clusters(problem.references);
+  {
+    const StageTimer timer(localized.match_ms);
+    QueryMatches matches = make_matches();
+    problem.references = std::move(matches.references);
+    problem.matches_2d2d = std::move(matches.matches);
+    if (scene_->covisibility != nullptr) {
+      problem.reference_clusters = scene_->covisibility->Clusters(problem.references);
+    }
   }
   localized.counts.retrieved = problem.references.size();
   localized.counts.matched = problem.matches_2d2d.size();
@@ -112,18 +126,24 @@ QueryResult Localizer::Begin(const Query& query, const MakeMatches& make_matches
 }
 
 QueryResult Localizer::Match(const Query& query) const {
-  return Begin(query, [&] { return matches_->Match(query); });
+  return Begin(query, [&] { return Source().Match(query); });
 }
 
 QueryResult Localizer::Match(const Query& query, const Image& photograph) const {
-  return Begin(query, [&] { return matches_->MatchPhotograph(query, photograph); });
+  return Begin(query, [&] { return Source().MatchPhotograph(query, photograph); });
 }
 
 QueryResult Localizer::Match(const Query& query, const Features& features) const {
-  return Begin(query, [&] { return matches_->MatchFeatures(query, features); });
+  return Begin(query, [&] { return Source().MatchFeatures(query, features); });
 }
 
 QueryResult Localizer::Match(const Query& query, QueryMatches matches) const {
+  for (const Match2D2D& match : matches.matches) {
+    if (match.reference < 0 || static_cast<size_t>(match.reference) >= matches.references.size()) {
+      throw InputError(fmt::format("{}: a match is with reference {} of {}", query.name,
+                                   match.reference, matches.references.size()));
+    }
+  }
   return Begin(query, [&] { return std::move(matches); });
 }
 
@@ -179,9 +199,13 @@ bool Localizer::FiltersAlike(const Localizer& other) const {
 }
 
 std::optional<MultiViewNoise> EstimateSceneNoise(std::span<const Query> queries, const Scene& scene,
-                                                 const MatchSource& matches, GeometryMode mode,
-                                                 int threads) {
+                                                 const MatchSource& matches,
+                                                 const LocalizerOptions& options, int threads) {
   constexpr size_t kQueries = 30;
+  if (options.filter.mode != FilterMode::kAuto ||
+      options.candidates.mode == CandidateMode::kTriangulate) {
+    return std::nullopt;
+  }
   const auto geometry = scene.Geometry();
   std::vector<const GeometrySource*> sources;
   for (const auto& source : geometry) sources.push_back(source.get());
@@ -189,7 +213,8 @@ std::optional<MultiViewNoise> EstimateSceneNoise(std::span<const Query> queries,
   std::vector<std::optional<MultiViewNoise>> found(sample.size());
   ParallelFor(sample.size(), threads, [&](size_t i) {
     const QueryMatches of_query = matches.Match(queries[sample[i]]);
-    const LiftResult lifted = LiftMatches(sources, mode, of_query.references, of_query.matches);
+    const LiftResult lifted =
+        LiftMatches(sources, options.geometry_mode, of_query.references, of_query.matches);
     const auto trust = EstimateTrust(of_query.references, of_query.matches, Matches2D3D(lifted));
     if (trust) found[i] = trust->noise;
   });

@@ -2,6 +2,8 @@
 
 #include <utility>
 
+#include "raylift/base/error.h"
+
 namespace raylift {
 namespace {
 
@@ -47,7 +49,13 @@ std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Que
   if (options.retrieval && options.retrieval->method != RetrievalMethod::kVlad) {
     RetrievalOptions how = *options.retrieval;
     how.top_k = options.top_k;
-    how.mesh = scene.Mesh();
+    if (how.mesh == nullptr) how.mesh = scene.Mesh();
+    if (how.method == RetrievalMethod::kOverlap && how.mesh == nullptr) {
+      throw InputError("references are retrieved by overlap, but the scene has no mesh");
+    }
+    if (how.method == RetrievalMethod::kCovisibility && scene.covisibility != nullptr) {
+      how.covisibility = *scene.covisibility;
+    }
     Retrieval retrieval = RetrieveReferences(queries, scene.references.images, how);
     front_end.retrieved = std::move(retrieval.lists);
     warnings = std::move(retrieval.warnings);

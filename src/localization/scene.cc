@@ -25,9 +25,12 @@ void LoadModel(Scene& scene, const std::filesystem::path& model, const Thinning&
 
 }  // namespace
 
-void Scene::AddGeometry(std::shared_ptr<const GeometrySource> source) {
+void Scene::AddGeometry(std::shared_ptr<const GeometrySource> source,
+                        std::shared_ptr<const RayCaster> mesh, GeometryKind kind) {
   RAYLIFT_CHECK(source != nullptr);
   SceneSource added;
+  added.geometry.kind = kind;
+  added.geometry.mesh = std::move(mesh);
   added.spec = added.name = source->Description();
   added.geometry.understood = "from memory";
   added.geometry.source = std::move(source);

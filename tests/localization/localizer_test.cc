@@ -205,12 +205,18 @@ TEST_F(LocalizerTest, APhotographInMemoryIsLocalizedLikeOneOnDisk) {
 TEST_F(LocalizerTest, ASceneCanBeFilledByHand) {
   Scene scene;
   scene.references.images = room_.references;
-  scene.AddGeometry(std::make_shared<const MeshSource>("the room", scene_.Mesh()));
+  scene.AddGeometry(std::make_shared<const MeshSource>("the room", scene_.Mesh()), scene_.Mesh());
   const Localizer localizer(std::make_shared<const Scene>(scene), nullptr, {});
   const QueryResult result = localizer.Localize(query_, AllMatches());
   ASSERT_TRUE(result.localized.localized());
   EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 1e-3, 1e-4));
   EXPECT_EQ(scene.sources[0].spec, "the room");
+  EXPECT_EQ(scene.Mesh(), scene_.Mesh());
+  EXPECT_TRUE(FailsWithInputError([&] { localizer.Localize(query_); }, {"must be given"}));
+  QueryMatches beyond = AllMatches();
+  beyond.matches[3].reference = 6;
+  EXPECT_TRUE(FailsWithInputError([&] { localizer.Localize(query_, beyond); },
+                                  {query_.name, "reference 6 of 6"}));
 }
 
 TEST_F(LocalizerTest, ASceneFileOpensTheSameScene) {

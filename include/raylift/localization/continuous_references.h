@@ -101,9 +101,13 @@ class WeighedMatches final : public MatchSource {
                  std::shared_ptr<const JoinedReferences> joined)
       : source_(std::move(source)), joined_(std::move(joined)) {}
   QueryMatches Match(const Query& query) const override;
+  QueryMatches MatchPhotograph(const Query& query, const Image& photograph) const override;
+  QueryMatches MatchFeatures(const Query& query, const Features& features) const override;
   std::vector<std::string> Warnings() const override { return source_->Warnings(); }
 
  private:
+  QueryMatches Weighed(QueryMatches matches) const;
+
   std::shared_ptr<const MatchSource> source_;
   std::shared_ptr<const JoinedReferences> joined_;
 };

@@ -21,8 +21,10 @@ class GridLocalizer {
 
   // Hands each way's result to `take`, whose calls may come in any order and, for different ways,
   // from several threads. Results do not depend on the number of threads.
-  void Localize(const Query& query, int threads,
-                const std::function<void(size_t way, const QueryResult& result)>& take) const;
+  using Take = std::function<void(size_t way, const QueryResult& result)>;
+  void Localize(const Query& query, int threads, const Take& take) const;
+  // The same from what Localizer::Match() of any of the ways has made.
+  void Localize(const QueryResult& matched, int threads, const Take& take) const;
 
  private:
   // Ways that filter alike, among those that lift alike.

@@ -84,7 +84,8 @@ struct LocalizerOptions {
 // Cheap to copy. Thread safe: no call changes it.
 class Localizer {
  public:
-  // `matches` may be null where matches are always given.
+  // The scene is taken as it is now: it must not change afterwards. `matches` may be null where
+  // matches are always given. OptionError where options are out of range.
   Localizer(std::shared_ptr<const Scene> scene, std::shared_ptr<const MatchSource> matches,
             const LocalizerOptions& options);
   // With an estimator of one's own; options.estimator then only says what it can do without.
@@ -97,7 +98,8 @@ class Localizer {
   QueryResult Localize(const Query& query, const Features& features) const;
   QueryResult Localize(const Query& query, QueryMatches matches) const;
 
-  // The stages, in this order. Match() begins a result, the others go on with it.
+  // The stages, in this order. Match() begins a result, the others go on with it. InputError where
+  // given matches name a reference that is not among theirs.
   QueryResult Match(const Query& query) const;
   QueryResult Match(const Query& query, const Image& photograph) const;
   QueryResult Match(const Query& query, const Features& features) const;
@@ -116,6 +118,7 @@ class Localizer {
   bool FiltersAlike(const Localizer& other) const;
 
  private:
+  const MatchSource& Source() const;
   template <typename MakeMatches>
   QueryResult Begin(const Query& query, const MakeMatches& make_matches) const;
   QueryResult Finish(QueryResult result) const;
@@ -128,9 +131,10 @@ class Localizer {
 };
 
 // How noisy the scene's geometry is in the views of some 30 queries, the same ones whatever their
-// order, for the automatic filter (FilterOptions::scene_noise). None where no query tells.
+// order, for FilterOptions::scene_noise. None where the options do not use it (the filter is not
+// automatic, or points are triangulated) and where no query tells.
 std::optional<MultiViewNoise> EstimateSceneNoise(std::span<const Query> queries, const Scene& scene,
-                                                 const MatchSource& matches, GeometryMode mode,
-                                                 int threads);
+                                                 const MatchSource& matches,
+                                                 const LocalizerOptions& options, int threads);
 
 }  // namespace raylift

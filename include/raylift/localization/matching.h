@@ -23,7 +23,8 @@ struct MatchingOptions {
 
   // Of the front end. Its top_k, max_joined and reference images are set from here and the scene.
   FrontEndOptions front_end = {};
-  // None: by VLAD. The mesh of `overlap` and top_k are set from the scene and from here.
+  // None: by VLAD. top_k is set from here, and from the scene the covisibility, and the mesh of
+  // `overlap` unless one is given.
   std::optional<RetrievalOptions> retrieval = std::nullopt;
 };
 

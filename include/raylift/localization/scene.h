@@ -6,7 +6,7 @@
 //
 //   Scene scene;
 //   scene.references.images = {{"left.jpg", camera, cam_from_world}, ...};
-//   scene.AddGeometry(std::make_shared<MeshSource>("room", caster));
+//   scene.AddGeometry(std::make_shared<MeshSource>("room", caster), caster);
 //
 // All that is large is shared and const: copies are cheap, and a copy with other geometry leaves
 // the first one as it is.
@@ -55,8 +55,11 @@ struct Scene {
   std::optional<RenderedReferences> rendered = std::nullopt;
   std::vector<std::string> warnings;  // what the user should know of the files
 
-  // Named by its description.
-  void AddGeometry(std::shared_ptr<const GeometrySource> source);
+  // Named by its description. `mesh`: what it lifts from, where that is one, for Mesh(). The kind
+  // matters to the alignment of depth and to checks of the input: SfM points are left alone.
+  void AddGeometry(std::shared_ptr<const GeometrySource> source,
+                   std::shared_ptr<const RayCaster> mesh = nullptr,
+                   GeometryKind kind = GeometryKind::kMesh);
   // Of the first source that is a mesh, for pictures and retrieval; null where none is.
   std::shared_ptr<const RayCaster> Mesh() const;
   // The sources to lift by.
