@@ -45,7 +45,8 @@ class ConfigReader {
 
  private:
   void Take(TomlTable& table, const std::string& key) {
-    values_[OptionName(table, key)] = table.Values(key);
+    const std::string name = OptionName(table, key);  // first, for its message
+    values_[name] = table.Values(key);
   }
 
   bool IsCommand(const std::string& name) const {

@@ -16,6 +16,8 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_G
   target_compile_options(raylift_options INTERFACE
     "$<$<CONFIG:Release>:-Wno-restrict;-Wno-stringop-overflow;-Wno-array-bounds>")
 endif()
+# TBB asks this of those who link it, and the precompiled header must know it of all.
+target_compile_definitions(raylift_options INTERFACE $<$<CONFIG:Debug>:TBB_USE_DEBUG>)
 if(RAYLIFT_SANITIZE)
   target_compile_options(raylift_options INTERFACE
     -fsanitize=${RAYLIFT_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)

@@ -44,7 +44,7 @@ if(CMAKE_BUILD_TYPE OR CMAKE_CXX_COMPILER_LAUNCHER)
   message(FATAL_ERROR "The subproject chose the parent's settings.")
 endif()
 EOF
-cmake -S "$work/parent" -B "$work/parent/build" -G Ninja -DCMAKE_CXX_COMPILER="$compiler" > /dev/null
+env -u CMAKE_BUILD_TYPE -u CMAKE_CXX_COMPILER_LAUNCHER cmake -S "$work/parent" -B "$work/parent/build" -G Ninja -DCMAKE_CXX_COMPILER="$compiler" > /dev/null
 if grep -E '^build .*(_test\.dir|apps)/.*\.cc\.o' "$work/parent/build/build.ninja"; then
   echo "The subproject builds programs." >&2
   exit 1

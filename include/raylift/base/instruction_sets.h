@@ -1,6 +1,6 @@
 // Compiles a function for several instruction sets, of which the machine's best runs. For plain
 // loops that compilers turn into vector instructions; all give the same bits.
-// Clang and the address sanitizer compile it once, for any processor: slower, with the same bits.
+// Clang and the sanitizers compile it once, for any processor: slower, with the same bits.
 //
 // The kernels of the estimators are not of this kind: they are written in vectors of a width that
 // each instruction set has of its own, so that a file per set, with flags of its own and no library
