@@ -98,7 +98,8 @@ void RunLocalize(const LocalizeFlags& flags, const LocalizerOptions& options, Al
   const Scene scene = OpenSceneOf(flags, queries);
   std::vector<std::string> warnings = scene.warnings;
   if (options.candidates.mode == CandidateMode::kTriangulate && !scene.sources.empty()) {
-    warnings.push_back("--candidates triangulate lifts nothing: --geometry is not used for points");
+    warnings.emplace_back(
+        "--candidates triangulate lifts nothing: --geometry is not used for points");
   }
   LocalizeOutput output(flags, queries.size(), scene.Mesh());
   BatchLocalizer localizer(scene, queries,
