@@ -18,8 +18,10 @@
 #include "raylift/renderers/mesh_reader.h"
 
 #if defined(__SANITIZE_ADDRESS__)
-// assimp leaks where it gives up on a file.
-extern "C" const char* __lsan_default_suppressions() { return "leak:libassimp"; }
+// assimp leaks where it gives up on a file. The sanitizer's library looks for this by its name.
+extern "C" __attribute__((visibility("default"))) const char* __lsan_default_suppressions() {
+  return "leak:libassimp";
+}
 #endif
 
 namespace raylift {
