@@ -189,7 +189,7 @@ class ThinnedScene {
   // Depth that is made worse is written for all references: other thinnings use it, too.
   std::string SpecOf(const ExperimentGeometry& geometry, const std::string& text,
                      const Cell& cell) const {
-    const std::string spec = ForThinning(text, every_).string();
+    std::string spec = ForThinning(text, every_).string();
     if (!geometry.perturbation) return spec;
     const Scene all = OpenScene({.model = settings_.model, .model_poses = references_.model_poses});
     return WritePerturbedDepth(options_.cache / "depth" / settings_.name / GeometryHash(cell), spec,

@@ -37,6 +37,14 @@ std::string ReasonOf(const LocalizedQuery& localized) {
   return reason;
 }
 
+std::vector<const GeometrySource*> PointersTo(
+    const std::vector<std::shared_ptr<const GeometrySource>>& geometry) {
+  std::vector<const GeometrySource*> pointers;
+  pointers.reserve(geometry.size());
+  for (const auto& source : geometry) pointers.push_back(source.get());
+  return pointers;
+}
+
 }  // namespace
 
 void LocalizedQuery::TakeEstimate(PoseEstimate taken) {
@@ -155,10 +163,8 @@ void Localizer::Lift(QueryResult& result) const {
     problem.matches_2d3d =
         TriangulateMatches(problem.references, problem.matches_2d2d, options_.candidates);
   } else {
-    std::vector<const GeometrySource*> sources;
-    for (const auto& source : geometry_) sources.push_back(source.get());
-    const LiftResult lifted =
-        LiftMatches(sources, options_.geometry_mode, problem.references, problem.matches_2d2d);
+    const LiftResult lifted = LiftMatches(PointersTo(geometry_), options_.geometry_mode,
+                                          problem.references, problem.matches_2d2d);
     problem.matches_2d3d = Matches2D3D(lifted);
     counts.hit = lifted.counts.hits;
     counts.points_of_source = lifted.counts.points_of_source;
@@ -207,8 +213,7 @@ std::optional<MultiViewNoise> EstimateSceneNoise(std::span<const Query> queries,
     return std::nullopt;
   }
   const auto geometry = scene.Geometry();
-  std::vector<const GeometrySource*> sources;
-  for (const auto& source : geometry) sources.push_back(source.get());
+  const std::vector<const GeometrySource*> sources = PointersTo(geometry);
   const std::vector<size_t> sample = SampleByName(queries, kQueries);
   std::vector<std::optional<MultiViewNoise>> found(sample.size());
   ParallelFor(sample.size(), threads, [&](size_t i) {
