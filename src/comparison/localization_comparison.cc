@@ -207,7 +207,7 @@ class Runner {
 }  // namespace
 
 std::string MethodTitle(const EstimatorOptions& options) {
-  const std::string name(ToString(options.method));
+  std::string name(ToString(options.method));
   switch (options.method) {
     case Method::kAdaptive:
       return fmt::format("{}:{}", name, ToString(options.score));
