@@ -43,9 +43,6 @@ inline constexpr auto kEnumNames<Method> = std::to_array<EnumName<Method>>({
     {Method::kHloc, "hloc", "HLoc",
      "P3P per covisibility cluster of the references, best by inliers"},
 });
-inline std::optional<Method> MethodFromName(std::string_view name) {
-  return FromName<Method>(name);
-}
 
 // All but E5+1 use 2D-3D matches.
 constexpr bool UsesPoints(Method method) { return method != Method::kE5p1; }
@@ -70,9 +67,6 @@ inline constexpr auto kEnumNames<ScoreCombination> = std::to_array<EnumName<Scor
     {ScoreCombination::kSumMsac, "sum_msac", "sum. msac"},
     {ScoreCombination::kMultMsac, "mult_msac", "mult. msac"},
 });
-inline std::optional<ScoreCombination> ScoreCombinationFromName(std::string_view name) {
-  return FromName<ScoreCombination>(name);
-}
 
 // Which residuals refine a new best pose of Adaptive.
 enum class LocalOptimization {
@@ -84,9 +78,6 @@ inline constexpr auto kEnumNames<LocalOptimization> = std::to_array<EnumName<Loc
     {LocalOptimization::kHybrid, "hybrid"},
     {LocalOptimization::kSplit, "split"},
 });
-inline std::optional<LocalOptimization> LocalOptimizationFromName(std::string_view name) {
-  return FromName<LocalOptimization>(name);
-}
 
 enum class Solver { kP3p, kE5p1 };
 template <>

@@ -25,9 +25,6 @@ inline constexpr auto kEnumNames<PoseConvention> = std::to_array<EnumName<PoseCo
     {PoseConvention::kWorldFromOpenGlCamera, "world_from_opengl",
      "camera to world in OpenGL's axes"},
 });
-inline std::optional<PoseConvention> PoseConventionFromName(std::string_view name) {
-  return FromName<PoseConvention>(name);
-}
 
 // The pose that a stored one means.
 Rigid3 CamFromWorld(const Rigid3& stored, PoseConvention convention);

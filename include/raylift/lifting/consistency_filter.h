@@ -28,9 +28,6 @@ inline constexpr auto kEnumNames<FilterMode> = std::to_array<EnumName<FilterMode
     {FilterMode::kFixed, "fixed"},
     {FilterMode::kAuto, "auto"},
 });
-inline std::optional<FilterMode> FilterModeFromName(std::string_view name) {
-  return FromName<FilterMode>(name);
-}
 
 // "all the retrieved reference images containing the corresponding 2D point" (the paper) include
 // the one that the point was lifted from, so it counts as well, on both sides: with min_views 3 two

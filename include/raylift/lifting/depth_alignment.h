@@ -31,9 +31,6 @@ inline constexpr auto kEnumNames<AlignMode> = std::to_array<EnumName<AlignMode>>
     {AlignMode::kAffine, "affine"},
     {AlignMode::kGrid, "grid"},
 });
-inline std::optional<AlignMode> AlignModeFromName(std::string_view name) {
-  return FromName<AlignMode>(name);
-}
 
 struct AlignOptions {
   AlignMode mode = AlignMode::kOff;
