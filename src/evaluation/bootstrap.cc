@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 #include "raylift/base/error.h"
 #include "raylift/base/median.h"
@@ -48,6 +49,32 @@ Interval QueryBootstrap::Mean(std::span<const double> per_query) const {
     means.push_back(sum / static_cast<double>(num_queries_));
   }
   return Middle95(std::move(means));
+}
+
+QueryBootstrap::Difference QueryBootstrap::ToBest(
+    std::span<const double> first, std::span<const std::vector<double>> others) const {
+  RAYLIFT_CHECK(!others.empty());
+  const auto mean = [&](std::span<const double> per_query, size_t begin) {
+    RAYLIFT_CHECK_EQ(per_query.size(), num_queries_);
+    double sum = 0;
+    for (size_t i = begin; i < begin + num_queries_; ++i) sum += per_query[draws_[i]];
+    return sum / static_cast<double>(num_queries_);
+  };
+  std::vector<double> differences;
+  double sum = 0;
+  for (size_t begin = 0; begin < draws_.size(); begin += num_queries_) {
+    double best = -std::numeric_limits<double>::infinity();
+    for (const std::vector<double>& other : others) best = std::max(best, mean(other, begin));
+    differences.push_back(mean(first, begin) - best);
+    sum += differences.back();
+  }
+  const double average = sum / static_cast<double>(differences.size());
+  double squares = 0;
+  for (const double d : differences) squares += (d - average) * (d - average);
+  const double deviation = std::sqrt(squares / static_cast<double>(differences.size()));
+  double p_value = average == 0 ? 1 : 0;
+  if (deviation > 0) p_value = std::erfc(std::abs(average) / deviation / std::numbers::sqrt2);
+  return {Middle95(std::move(differences)), p_value};
 }
 
 Interval QueryBootstrap::RecallPercent(const Comparison& comparison,

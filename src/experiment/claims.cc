@@ -37,10 +37,34 @@ double MeanOf(const std::vector<double>& values) {
   return values.empty() ? 0 : sum / static_cast<double>(values.size());
 }
 
-Verdict Judge(Claim::Relation relation, double mean, const Interval& interval) {
-  if (interval.low > 0) return Verdict::kShown;
-  if (interval.high < 0) return Verdict::kContradicted;
-  return relation == Claim::Relation::kNotWorse && mean >= 0 ? Verdict::kHolds : Verdict::kNoise;
+// Holm: the smallest p-value is compared with the level over the number of lines, the next with the
+// level over one less, until one fails.
+void Judge(const std::vector<Claim>& claims, std::vector<JudgedClaim>& judged) {
+  struct Ref {
+    const Claim* claim;
+    ClaimLine* line;
+  };
+  std::vector<Ref> lines;
+  for (size_t c = 0; c < judged.size(); ++c) {
+    for (ClaimLine& line : judged[c].lines) lines.push_back({&claims[c], &line});
+  }
+  std::stable_sort(lines.begin(), lines.end(),
+                   [](const Ref& a, const Ref& b) { return a.line->p_value < b.line->p_value; });
+  bool significant = true;
+  for (size_t i = 0; i < lines.size(); ++i) {
+    ClaimLine& line = *lines[i].line;
+    significant =
+        significant && line.p_value <= kClaimLevel / static_cast<double>(lines.size() - i);
+    const double difference = line.first_percent - line.second_percent;
+    if (significant && difference != 0) {
+      line.verdict = difference > 0 ? Verdict::kShown : Verdict::kContradicted;
+    } else if (lines[i].claim->relation == Claim::Relation::kNotWorse &&
+               line.difference_percent.low > -kNotWorsePercent) {
+      line.verdict = Verdict::kHolds;
+    } else {
+      line.verdict = Verdict::kNoise;
+    }
+  }
 }
 
 class ClaimJudge {
@@ -129,26 +153,21 @@ class ClaimJudge {
                     const std::vector<const SettingResult*>& seconds,
                     const Measure& measure) const {
     const std::vector<double> of_first = PerQuery(first, measure);
-    const SettingResult* best = nullptr;
-    std::vector<double> of_best;
-    for (const SettingResult* second : seconds) {
-      std::vector<double> values = PerQuery(*second, measure);
-      if (best == nullptr || MeanOf(values) > MeanOf(of_best)) {
-        best = second;
-        of_best = std::move(values);
-      }
-    }
-    std::vector<double> differences = of_first;
-    for (size_t q = 0; q < differences.size(); ++q) differences[q] -= of_best[q];
-    const Interval interval = QueryBootstrap(differences.size(), 0).Mean(differences);
+    std::vector<std::vector<double>> of_seconds;
+    for (const SettingResult* second : seconds) of_seconds.push_back(PerQuery(*second, measure));
+    const auto best =
+        std::max_element(of_seconds.begin(), of_seconds.end(),
+                         [](const auto& a, const auto& b) { return MeanOf(a) < MeanOf(b); });
+    const QueryBootstrap::Difference difference =
+        QueryBootstrap(of_first.size(), 0).ToBest(of_first, of_seconds);
     return {.place = PlaceTitle(place, first),
             .first = MethodTitleOf(first),
-            .second = MethodTitleOf(*best),
+            .second = MethodTitleOf(*seconds[static_cast<size_t>(best - of_seconds.begin())]),
             .measure = measure.name,
             .first_percent = MeanOf(of_first),
-            .second_percent = MeanOf(of_best),
-            .difference_percent = interval,
-            .verdict = Judge(claim_.relation, MeanOf(differences), interval)};
+            .second_percent = MeanOf(*best),
+            .difference_percent = difference.interval,
+            .p_value = difference.p_value};
   }
 
   std::string PlaceTitle(const Setting& place, const SettingResult& first) const {
@@ -217,6 +236,7 @@ std::vector<JudgedClaim> JudgeClaims(const Experiment& experiment,
   for (const Claim& claim : experiment.claims) {
     judged.push_back(ClaimJudge(experiment, claim, results).Judged());
   }
+  Judge(experiment.claims, judged);
   return judged;
 }
 
@@ -230,9 +250,11 @@ std::string FormatClaimsText(std::span<const JudgedClaim> claims) {
 
 std::string FormatClaimsMarkdown(std::span<const JudgedClaim> claims) {
   std::string text =
-      "Differences of means over the queries with their 95 % intervals (paired bootstrap). Shown: "
-      "the interval is above 0; holds: not worse, within the noise; noise: it contains 0; "
-      "contradicted: it is below 0.\n";
+      "Differences of means over the queries with their 95 % intervals (paired bootstrap; to the "
+      "best "
+      "of several opponents in each draw). Shown: better, contradicted: worse, each beyond luck by "
+      "Holm's correction over all lines at 5 %; holds: not worse by more than a percentage point; "
+      "noise: the queries do not tell.\n";
   for (const JudgedClaim& claim : claims) {
     text += fmt::format("\n**{}. {}** {}.\n\n", claim.name, claim.text, Summary(claim));
     if (claim.lines.empty()) continue;

@@ -61,6 +61,29 @@ TEST(Claims, TheBetterOfSeveralIsTaken) {
   EXPECT_EQ(judged[0].lines[0].verdict, Verdict::kHolds);
 }
 
+TEST(Claims, NotWorseHoldsOnlyWhereTheQueriesCouldTell) {
+  // One query of 40 is lost: two and a half points, with an interval that reaches far below.
+  const auto judged = Judged(
+      "first = {method = \"adaptive\"}\nsecond = {method = \"p3p\"}\n"
+      "where = {every = 1, geometry = \"mesh\"}\nrelation = \"not_worse\"\n",
+      {kResults[0],
+       Result(RoomSetting(1, "mesh", Method::kAdaptive, ScoreCombination::kSumMsac), 37)});
+  ASSERT_EQ(judged[0].lines.size(), 2u);
+  EXPECT_EQ(judged[0].lines[0].verdict, Verdict::kNoise);
+}
+
+TEST(Claims, OneDifferenceAmongManyLinesIsNoise) {
+  // Five queries of 40 more: p = 0.02 by itself, but not among 40 lines.
+  const SettingResult first = Result(RoomSetting(1, "mesh", Method::kP3p), 20);
+  const SettingResult second = Result(RoomSetting(1, "", Method::kE5p1), 15);
+  const std::string claim =
+      "first = {method = \"p3p\"}\nsecond = {method = \"e5p1\"}\nwhere = {every = 1}\n";
+  EXPECT_EQ(Judged(claim, {first, second})[0].lines[0].verdict, Verdict::kShown);
+  std::string many = claim;
+  for (int i = 0; i < 19; ++i) many += "[[claim]]\ntext = \"t\"\n" + claim;
+  EXPECT_EQ(Judged(many, {first, second})[0].lines[0].verdict, Verdict::kNoise);
+}
+
 TEST(Claims, ChangesAreCompared) {
   const auto judged = Judged(
       "first = {method = \"e5p1\"}\nsecond = {method = \"p3p\"}\n"

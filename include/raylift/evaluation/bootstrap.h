@@ -35,6 +35,15 @@ class QueryBootstrap {
   // Of the mean of one value per query.
   Interval Mean(std::span<const double> per_query) const;
 
+  // Of the mean of `first` minus the largest mean of `others`, which is looked for anew in each draw:
+  // the one that is best on all queries is partly so by luck. `others` is not empty.
+  struct Difference {
+    Interval interval;
+    double p_value = 1;  // that there is none, two-sided, by the normal approximation
+  };
+  Difference ToBest(std::span<const double> first,
+                    std::span<const std::vector<double>> others) const;
+
   // Of the median position error; infinite where half of a draw has no pose.
   Interval MedianPosition(const Comparison& comparison) const;
 

@@ -16,10 +16,10 @@
 namespace raylift {
 
 enum class Verdict {
-  kShown,         // the whole interval is above 0
-  kHolds,         // of "not worse" alone: not below 0, but the interval contains it
-  kNoise,         // the interval contains 0
-  kContradicted,  // the whole interval is below 0
+  kShown,         // better, which luck does not explain
+  kHolds,         // of "not worse" alone: the interval ends above -kNotWorsePercent
+  kNoise,         // the queries do not tell
+  kContradicted,  // worse, which luck does not explain
 };
 template <>
 inline constexpr auto kEnumNames<Verdict> = std::to_array<EnumName<Verdict>>({
@@ -29,12 +29,19 @@ inline constexpr auto kEnumNames<Verdict> = std::to_array<EnumName<Verdict>>({
     {Verdict::kContradicted, "contradicted"},
 });
 
+// What counts as not worse: a percentage point.
+inline constexpr double kNotWorsePercent = 1;
+// Of all lines of all claims together, shown and contradicted are those whose difference survives
+// Holm's correction (1979) at this level.
+inline constexpr double kClaimLevel = 0.05;
+
 struct ClaimLine {
   std::string place;          // "The demo, 1/5, mesh"
   std::string first, second;  // "Adaptive, sum. msac"
   std::string measure;        // "recall (0.1, 1deg)", "AUC (0.1, 1deg)"
   double first_percent = 0, second_percent = 0;
   Interval difference_percent;  // 95 %
+  double p_value = 1;           // before the correction
   Verdict verdict = Verdict::kNoise;
 };
 
@@ -45,7 +52,8 @@ struct JudgedClaim {
   size_t Count(Verdict verdict) const;
 };
 
-// Each claim at every combination of the axes that are not of the method and that the claim leaves
+// Where a claim has several opponents, the difference is that to the best of them, which every draw
+// of the bootstrap looks for anew. Each claim at every combination of the axes that are not of the method and that the claim leaves
 // open. AUC is judged beside the recalls, as these are the same for all where the data are easy.
 std::vector<JudgedClaim> JudgeClaims(const Experiment& experiment,
                                      std::span<const SettingResult> results);
