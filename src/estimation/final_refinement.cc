@@ -1,53 +1,43 @@
 #include "estimation/final_refinement.h"
 
-#include <algorithm>
-
-#include "estimation/local_optimization.h"
+#include "estimation/joint_refinement.h"
+#include "estimation/keypoint_evidence.h"
 #include "estimation/maximum_likelihood.h"
+#include "estimation/noise_variance.h"
 
 namespace raylift {
 namespace {
 
-// Where both kinds disagree by more than noise explains (one case in 100), the geometry is to
-// blame, which pairs do not need: its errors are common to many points, and their residuals do not
-// show them. The refinement then starts anew from where the pairs alone lead, and the points'
-// variance is raised fourfold until both agree well.
-constexpr double kLargestPull = 16.8;
-constexpr double kSettledPull = 0.5;
-constexpr int kMaxInflations = 8;
-constexpr int kStepsOfPairsAlone = 20;
-
-constexpr ResidualKinds kPairsAlone{.points = false, .pairs = true};
-
-double PairCost(const PreparedProblem& problem, const SolverPose& pose) {
-  double cost = 0;
-  for (const double e2 : ComputeResiduals(problem, pose, kPairsAlone).pairs) {
-    cost += std::min(e2, 1.0);
-  }
-  return cost;
-}
-
-// Where the pairs lead from a pose, or what a search by them finds if that fits them better.
-SolverPose BestByPairs(const PreparedProblem& problem, const SolverPose& pose,
-                       const PoseSearch& search_by_pairs) {
-  const SolverPose led = OptimizeLocally(problem, pose, kPairsAlone, kStepsOfPairsAlone);
-  const auto found = search_by_pairs ? search_by_pairs() : std::nullopt;
-  return found && PairCost(problem, *found) < PairCost(problem, led) ? *found : led;
+FinalPose RefineByBoth(const PoseProblem& original, const PreparedProblem& problem,
+                       const SolverPose& pose) {
+  constexpr ResidualKinds kPairs{.points = false, .pairs = true};
+  const double threshold2 = problem.sampson_threshold_px * problem.sampson_threshold_px;
+  const double variance =
+      problem.pairs.empty()
+          ? kPriorVariance
+          : NoiseVariance(ComputeResiduals(problem, pose, kPairs).pairs, kPairNoise);
+  const JointResult result = RefineJointly(GatherEvidence(original, problem), pose,
+                                           threshold2 * variance, threshold2 * kPriorVariance);
+  return {.pose = result.pose,
+          .covariance = result.covariance,
+          .noise = result.noise,
+          .references_disagree = result.references_disagree};
 }
 
 }  // namespace
 
-FinalPose RefineFinally(const PreparedProblem& problem, const SolverPose& pose, ResidualKinds kinds,
-                        const PoseSearch& search_by_pairs) {
-  MaximumLikelihood refinement(problem, kinds);
-  refinement.Refine(pose);
-  if (kinds.points && kinds.pairs && refinement.PullOnPairs() > kLargestPull) {
-    refinement.Refine(BestByPairs(problem, pose, search_by_pairs));
-    for (int i = 0; i < kMaxInflations && refinement.PullOnPairs() > kSettledPull; ++i) {
-      refinement.DistrustPoints();
-    }
+FinalPose RefineFinally(const PoseProblem& original, const PreparedProblem& problem,
+                        const SolverPose& pose, ResidualKinds kinds, Refinement refinement) {
+  if (refinement == Refinement::kRobust && kinds.points && kinds.pairs) {
+    return RefineByBoth(original, problem, pose);
   }
-  return {refinement.pose(), refinement.Covariance()};
+  MaximumLikelihood likelihood(problem, kinds);
+  if (refinement == Refinement::kRobust) {
+    likelihood.Refine(pose);
+  } else {
+    likelihood.StayAt(pose);
+  }
+  return {.pose = likelihood.pose(), .covariance = likelihood.Covariance(), .noise = std::nullopt};
 }
 
 }  // namespace raylift

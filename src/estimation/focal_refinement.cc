@@ -5,8 +5,8 @@
 #include <numbers>
 #include <vector>
 
-#include "estimation/final_refinement.h"
 #include "estimation/local_optimization.h"
+#include "estimation/maximum_likelihood.h"
 
 #include "raylift/base/rng.h"
 
@@ -51,7 +51,12 @@ class FocalSearch {
     // Inliers under a wrong focal length lie beyond the threshold: the local optimization reaches
     // for them first.
     const SolverPose near = OptimizeLocally(prepared, prepared.CamFromLocal(start_), kinds_, 10);
-    const SolverPose pose = RefineFinally(prepared, near, kinds_).pose;
+    SolverPose pose = near;
+    if (options_.refinement == Refinement::kRobust) {
+      MaximumLikelihood likelihood(prepared, kinds_);
+      likelihood.Refine(near);
+      pose = likelihood.pose();
+    }
     const Residuals residuals = ComputeResiduals(prepared, pose);
     const double cost = (kinds_.points ? TruncatedSum(residuals.points) : 0) +
                         (kinds_.pairs ? TruncatedSum(residuals.pairs) : 0);

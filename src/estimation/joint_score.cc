@@ -16,11 +16,12 @@ struct PartialScore {
   double gain = 0;
   int inliers = 0;
 
-  // The best score of the whole that is still likely: the matches are in random order, so the part
-  // tells what the whole will be within the spread of a count (four standard deviations).
-  SetScore Optimistic(int num_matches, double share) const {
-    const auto whole = [num_matches, share](double part) {
-      return std::min<double>(num_matches, (part + 4 * std::sqrt(part + 1)) / share);
+  // The best score of the whole that is still likely: the blocks are in random order, so the part
+  // tells what the whole will be within the spread of a count (four standard deviations), which is
+  // larger where matches come in clusters.
+  SetScore Optimistic(int num_matches, double share, double clustering) const {
+    const auto whole = [num_matches, share, clustering](double part) {
+      return std::min<double>(num_matches, (part + 4 * std::sqrt(clustering * (part + 1))) / share);
     };
     return {num_matches - std::min(whole(gain), gain + (1 - share) * num_matches + kSlack),
             static_cast<int>(whole(inliers))};
@@ -105,14 +106,15 @@ std::optional<JointScore> Scorer::ScoreIfBetter(const SolverPose& pose, double b
   score.pairs = {0, problem_.num_matches_2d2d};
 
   // Scores a set block by block; false as soon as the whole cannot beat the best value any more.
-  const auto scan = [&](SetScore& set, int num_matches, int num_blocks, const auto& score_blocks) {
+  const auto scan = [&](SetScore& set, int num_matches, int num_blocks, double clustering,
+                        const auto& score_blocks) {
     PartialScore partial;
     for (int i = 0; i < num_blocks; i += kBlocksPerCheck) {
       const int n = std::min(kBlocksPerCheck, num_blocks - i);
       const kernels::KernelScore part = score_blocks(i, n);
       partial.gain += n * kernels::kLanes<float> - part.cost;
       partial.inliers += part.inliers;
-      set = partial.Optimistic(num_matches, static_cast<double>(i + n) / num_blocks);
+      set = partial.Optimistic(num_matches, static_cast<double>(i + n) / num_blocks, clustering);
       if (objective_.Value(score) >= best_value) {
         return false;
       }
@@ -126,7 +128,7 @@ std::optional<JointScore> Scorer::ScoreIfBetter(const SolverPose& pose, double b
       return kernel.score_points(&problem_.point_blocks[begin], count, kernel_pose);
     };
     if (!scan(score.points, problem_.num_matches_2d3d,
-              static_cast<int>(problem_.point_blocks.size()), score_blocks)) {
+              static_cast<int>(problem_.point_blocks.size()), 1, score_blocks)) {
       return std::nullopt;
     }
   }
@@ -137,7 +139,7 @@ std::optional<JointScore> Scorer::ScoreIfBetter(const SolverPose& pose, double b
                                 count, kernel_pose, centres.data());
     };
     if (!scan(score.pairs, problem_.num_matches_2d2d, static_cast<int>(problem_.pair_blocks.size()),
-              score_blocks)) {
+              pair_clustering_, score_blocks)) {
       return std::nullopt;
     }
   }
@@ -170,13 +172,21 @@ InlierCounts Scorer::CountInliers(const SolverPose& pose) const {
                                     static_cast<int>(problem_.point_blocks.size()), kernel_pose)
                       .inliers;
   counts.pairs.assign(problem_.centres.size(), 0);
+  double sum = 0;
+  double squares = 0;
   for (size_t i = 0; i < problem_.pair_blocks.size(); ++i) {
-    counts.pairs[problem_.pair_block_reference[i]] +=
+    const int inliers =
         kernel
             .score_pairs(&problem_.pair_blocks[i], &problem_.pair_block_reference[i], 1,
                          kernel_pose, centres.data())
             .inliers;
+    counts.pairs[problem_.pair_block_reference[i]] += inliers;
+    sum += inliers;
+    squares += inliers * inliers;
   }
+  // Of counts with this mean, Poisson's variance is the mean.
+  const double blocks = static_cast<double>(problem_.pair_blocks.size());
+  if (sum > 0) counts.pair_clustering = std::max(1.0, (squares - sum * sum / blocks) / sum);
   return counts;
 }
 

@@ -28,6 +28,9 @@ struct JointScore {
 struct InlierCounts {
   int points = 0;
   std::vector<int> pairs;  // one per reference of the problem
+  // How much more the counts of blocks vary than those of independent matches would: a block's pairs
+  // are of one reference, and references are good or bad as a whole.
+  double pair_clustering = 1;
 };
 
 // What an estimator optimizes: one set's MSAC score, or a combination of both.
@@ -60,6 +63,9 @@ class Scorer {
   // leaves little hope that it will be.
   std::optional<JointScore> ScoreIfBetter(const SolverPose& pose, double best_value) const;
 
+  // From now on a part of the pairs tells the less of the whole, the more they are clustered.
+  void ExpectClusters(double pair_clustering) { pair_clustering_ = pair_clustering; }
+
   // Both sets, whatever the objective uses.
   JointScore ScoreAll(const SolverPose& pose) const;
 
@@ -71,6 +77,7 @@ class Scorer {
  private:
   const PreparedProblem& problem_;
   const Objective& objective_;
+  double pair_clustering_ = 1;
 };
 
 // The pose as the kernels take it, and the reference centres in the camera's frame.

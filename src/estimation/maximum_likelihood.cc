@@ -28,18 +28,9 @@ void MaximumLikelihood::Refine(const SolverPose& start) {
   }
 }
 
-double MaximumLikelihood::PullOnPairs() const {
-  ActiveMatches<double> pairs_alone = near_.Active();
-  pairs_alone.point_blocks = {};
-  NormalEquations pairs = Linearize(problem_, pairs_alone, pose_, weights_);
-  // Directions that the pairs do not determine pull at nothing.
-  pairs.hessian.diagonal() += Vector6d::Constant(1e-9 * pairs.hessian.diagonal().maxCoeff());
-  return pairs.gradient.dot(pairs.hessian.ldlt().solve(pairs.gradient));
-}
-
-void MaximumLikelihood::DistrustPoints() {
-  weights_.point_weight *= 0.25;
-  Minimize();
+void MaximumLikelihood::StayAt(const SolverPose& pose) {
+  pose_ = pose;
+  Gather();
 }
 
 std::optional<Matrix6d> MaximumLikelihood::Covariance() const {

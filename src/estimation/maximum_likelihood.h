@@ -21,13 +21,8 @@ class MaximumLikelihood {
 
   void Refine(const SolverPose& start);
 
-  // How far the points hold the pose away from where the pairs alone want it: the squared
-  // Mahalanobis length of the pairs' own step. Chi-squared with at most six degrees of freedom if
-  // both kinds agree but for noise.
-  double PullOnPairs() const;
-
-  // Weighs the points four times less than before, and minimizes again.
-  void DistrustPoints();
+  // Takes the pose as it is, for its covariance.
+  void StayAt(const SolverPose& pose);
 
   // Of the step (w, v) in the camera's tangent frame; none where singular.
   std::optional<Matrix6d> Covariance() const;

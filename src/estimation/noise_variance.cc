@@ -9,8 +9,6 @@
 namespace raylift {
 namespace {
 
-// Noise that is assumed as if so many matches had shown it.
-constexpr double kPriorVariance = 0.1;
 constexpr double kPriorMatches = 4;
 
 double MeanSquareBelow1D(double squared_limit) {

@@ -9,6 +9,9 @@
 
 namespace raylift {
 
+// What is assumed of the noise's variance before anything is seen, as if a few matches had shown it.
+inline constexpr double kPriorVariance = 0.1;
+
 // What the noise of one kind of residual is estimated with: the mean square of a residual of unit
 // variance that is cut at a limit, and where the robust loss ends for unit variance.
 struct NoiseModel {

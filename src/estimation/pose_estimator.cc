@@ -12,6 +12,7 @@
 #include "estimation/match_residuals.h"
 #include "estimation/prepared_problem.h"
 #include "estimation/ransac.h"
+#include "estimation/support.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -19,6 +20,21 @@
 
 namespace raylift {
 namespace {
+
+// Less sure than this is no pose.
+constexpr double kLeastConfidence = 0.1;
+
+MatchNoise Describe(const JointNoise& noise, bool references_disagree, double scale) {
+  MatchNoise described{.keypoint_px = std::sqrt(noise.keypoint_px2),
+                       .depth = std::sqrt(noise.depth),
+                       .common_depth = std::sqrt(noise.common_depth)};
+  if (references_disagree) {
+    described.reference_factor = std::sqrt(noise.reference_factor);
+    described.reference_rotation_deg = std::sqrt(noise.reference_rotation) * 180 / std::numbers::pi;
+    described.reference_position = std::sqrt(noise.reference_centre) * scale;
+  }
+  return described;
+}
 
 // Fills what follows from the final pose: scores, inliers, covariance.
 void DescribePose(const PreparedProblem& problem, const PoseProblem& original,
@@ -42,6 +58,9 @@ void DescribePose(const PreparedProblem& problem, const PoseProblem& original,
   describe(problem.pairs, residuals.pairs, original.matches_2d2d.size(), estimate.score_2d2d,
            estimate.inliers_2d2d);
 
+  if (final_pose.noise) {
+    estimate.noise = Describe(*final_pose.noise, final_pose.references_disagree, problem.scale);
+  }
   if (final_pose.covariance) {
     Eigen::Matrix<double, 6, 1> unit;
     unit << 1, 1, 1, problem.scale, problem.scale, problem.scale;
@@ -142,35 +161,41 @@ class RansacEstimator final : public PoseEstimator {
       return estimate;
     }
     estimate.solver = report.best->solver;
-    const auto search_by_pairs = [&] { return SearchByPairs(prepared, solvers, rng); };
-    DescribePose(
-        prepared, problem,
-        RefineFinally(prepared, report.best->pose, report.best->refined_kinds, search_by_pairs),
-        estimate);
+    const RansacResult& best = *report.best;
+    const FinalPose final_pose =
+        RefineFinally(problem, prepared, best.pose, best.refined_kinds, options_.refinement);
+    DescribePose(prepared, problem, final_pose, estimate);
+    estimate.ransac_value = report.best_value;
+    estimate.refined_value = objective.Value(Scorer(prepared, objective).ScoreAll(final_pose.pose));
+    Judge(problem, prepared, report, final_pose.pose, solvers.size(), estimate);
     CheckSupport(e5p1, estimate);
     if (options_.refine_focal && estimate.cam_from_world && estimate.position_observable) {
-      return EstimateWithRefinedFocal(problem, report.best->refined_kinds, estimate);
+      return EstimateWithRefinedFocal(problem, best.refined_kinds, estimate);
     }
     return estimate;
   }
 
  private:
-  // What E5+1 finds by itself, if it is one of the solvers.
-  std::optional<SolverPose> SearchByPairs(const PreparedProblem& problem,
-                                          const std::vector<RansacSolver>& solvers,
-                                          Rng& rng) const {
-    std::vector<RansacSolver> e5p1;
-    for (RansacSolver solver : solvers) {
-      if (solver.solver == Solver::kE5p1) {
-        solver.refined_kinds = {.points = false, .pairs = true};
-        e5p1.push_back(solver);
-      }
+  // How sure the pose is, against chance and against the other poses that were found.
+  void Judge(const PoseProblem& problem, const PreparedProblem& prepared,
+             const RansacReport& report, const SolverPose& pose, size_t num_solvers,
+             PoseEstimate& estimate) const {
+    const ResidualKinds kinds{.points = method_.scored_sets != Objective::Sets::kPairs,
+                              .pairs = method_.scored_sets != Objective::Sets::kPoints};
+    // A sample gives some two poses.
+    const double tried = 2.0 * report.iterations * static_cast<double>(num_solvers);
+    const SupportAssessor assessor(problem, prepared, kinds, tried);
+    const Support support = assessor.Of(pose);
+    estimate.num_keypoints = support.keypoints;
+    estimate.inlier_keypoints = support.inlier_keypoints;
+    estimate.confidence = 1 / (1 + std::exp(std::min(support.log_false_alarms, 700.0)));
+    for (const SolverPose& other : report.rivals) {
+      const Support rival = assessor.Of(other);
+      if (ExplainTheSame(support, rival)) continue;
+      estimate.confidence = std::min(estimate.confidence, ProbabilityOverRival(support, rival));
     }
-    const Objective pairs_alone(Objective::Sets::kPairs, method_.score, 0,
-                                static_cast<int>(problem.pairs.size()));
-    const RansacReport report =
-        RunRansac(problem, pairs_alone, e5p1, SolverSchedule::kAll, options_, rng);
-    return report.best ? std::optional(report.best->pose) : std::nullopt;
+    estimate.verdict = estimate.confidence >= kLocalizedConfidence ? PoseVerdict::kLocalized
+                                                                   : PoseVerdict::kDoubtful;
   }
 
   // The focal length is refined at the pose found with the given one; the estimate is then made
@@ -190,15 +215,19 @@ class RansacEstimator final : public PoseEstimator {
     return second;
   }
 
-  // A pose that its own minimal sample alone supports says nothing.
+  // A pose that its own minimal sample alone supports, or that chance supports as well, says nothing.
   void CheckSupport(const E5p1Generator& e5p1, PoseEstimate& estimate) const {
     const bool enough_points = estimate.score_2d3d.num_inliers >= 3;
     const bool enough_pairs =
         estimate.score_2d2d.num_inliers >= (e5p1.PositionObservable() ? 6 : 5);
+    const bool by_chance =
+        options_.refinement == Refinement::kRobust && estimate.confidence < kLeastConfidence;
     const bool supported = (method_.refined_after_p3p && enough_points) ||
                            (method_.refined_after_e5p1 && enough_pairs);
-    if (!supported || !estimate.cam_from_world->IsFinite()) {
+    if (by_chance || !supported || !estimate.cam_from_world->IsFinite()) {
       estimate.cam_from_world.reset();
+      estimate.verdict = PoseVerdict::kFailed;
+      estimate.noise.reset();
       DropCovariance(estimate);
       estimate.failure = FailureReason::kNoConsistentSample;
       return;
@@ -207,6 +236,7 @@ class RansacEstimator final : public PoseEstimator {
         e5p1.PositionObservable() || (method_.refined_after_p3p && enough_points);
     if (!estimate.position_observable) {
       DropCovariance(estimate);
+      estimate.verdict = PoseVerdict::kDoubtful;
     }
   }
 

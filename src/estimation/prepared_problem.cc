@@ -71,6 +71,12 @@ Frame ChooseFrame(const PoseProblem& problem) {
   return frame;
 }
 
+// By which factor an uncertain reference's pixel spreads more than a certain one's, for its part of
+// the Sampson error.
+double SpreadOfReference(double reference_sigma_px, double threshold_px) {
+  return std::hypot(1, kSigmasOfThreshold * reference_sigma_px / threshold_px);
+}
+
 std::optional<PreparedPoint> PreparePoint(const Camera& camera, const Match2D3D& match,
                                           const Frame& frame, double threshold_px,
                                           double point_sigma, int index) {
@@ -86,23 +92,16 @@ std::optional<PreparedPoint> PreparePoint(const Camera& camera, const Match2D3D&
   point.image_from_ray = pixel_frame->image_from_ray;
   point.image_from_ray.topRows<2>() /= threshold_px;
   point.point = (match.point_in_world - frame.origin) / frame.scale;
+  point.sigma = match.point_sigma.value_or(point_sigma) / frame.scale;
   // An isotropic error of the point shows in the image as an error of both pixel rows' mean scale.
-  const double local_sigma = match.point_sigma.value_or(point_sigma) / frame.scale;
-  point.spread = 0.5 * point.image_from_ray.topRows<2>().squaredNorm() * local_sigma * local_sigma;
+  const double widened = kSigmasOfThreshold * point.sigma;
+  point.spread = 0.5 * point.image_from_ray.topRows<2>().squaredNorm() * widened * widened;
   point.match = index;
   // A point so far away that float arithmetic would overflow cannot be told from none.
   if (!(point.point.norm() < 1e15) || !std::isfinite(point.spread)) {
     return std::nullopt;
   }
   return point;
-}
-
-// By which factor an uncertain reference's pixel spreads more than a certain one's. A threshold is
-// some two and a half standard deviations of the keypoints' noise, and stays so of both errors
-// together: t^2 becomes t^2 + (2.5 sigma)^2 for the reference's part of the Sampson error.
-double SpreadOfReference(const Match2D2D& match, double threshold_px) {
-  if (!match.reference_sigma_px) return 1;
-  return std::hypot(1, 2.5 * *match.reference_sigma_px / threshold_px);
 }
 
 std::optional<PreparedPair> PreparePair(const PoseProblem& problem, const Match2D2D& match,
@@ -125,10 +124,11 @@ std::optional<PreparedPair> PreparePair(const PoseProblem& problem, const Match2
   PreparedPair pair;
   pair.query_ray = query_frame->ray_from_image.col(2) / query_norm;
   pair.query_gradient = query_frame->ray_from_image.leftCols<2>() * (threshold_px / query_norm);
+  pair.reference_sigma_px = match.reference_sigma_px.value_or(0);
   pair.reference_ray = world_from_cam * (reference_frame->ray_from_image.col(2) / reference_norm);
   pair.reference_gradient =
       world_from_cam * reference_frame->ray_from_image.leftCols<2>() *
-      (threshold_px / reference_norm * SpreadOfReference(match, threshold_px));
+      (threshold_px / reference_norm * SpreadOfReference(pair.reference_sigma_px, threshold_px));
   pair.parallax = std::sqrt(pair.query_gradient.colwise().squaredNorm().maxCoeff() +
                             pair.reference_gradient.colwise().squaredNorm().maxCoeff());
   if (!std::isfinite(pair.parallax)) {
@@ -251,7 +251,9 @@ template PairBlocks<double> MakePairBlocks<double>(const std::vector<PreparedPai
 
 PreparedProblem::PreparedProblem(const PoseProblem& problem, double reprojection_threshold_px,
                                  double sampson_threshold_px, Rng& rng, double point_sigma)
-    : num_matches_2d3d(static_cast<int>(problem.matches_2d3d.size())),
+    : reprojection_threshold_px(reprojection_threshold_px),
+      sampson_threshold_px(sampson_threshold_px),
+      num_matches_2d3d(static_cast<int>(problem.matches_2d3d.size())),
       num_matches_2d2d(static_cast<int>(problem.matches_2d2d.size())) {
   const Frame frame = ChooseFrame(problem);
   origin_in_world = frame.origin;

@@ -19,10 +19,15 @@
 
 namespace raylift {
 
+// A threshold is some two and a half standard deviations of the keypoints' noise, and stays so of
+// both errors together where a point or a reference is uncertain: t^2 becomes t^2 + (2.5 sigma)^2.
+inline constexpr double kSigmasOfThreshold = 2.5;
+
 struct PreparedPoint {
   Eigen::Vector3d ray;             // unit, query camera frame
   Eigen::Matrix3d image_from_ray;  // PixelFrame's, its pixel rows over the threshold
   Eigen::Vector3d point;           // local frame
+  double sigma;                    // standard deviation that is known of it, local units
   double spread;                   // see kernels::PointBlock
   int match;                       // index into PoseProblem::matches_2d3d
 };
@@ -32,6 +37,7 @@ struct PreparedPair {
   Eigen::Vector3d reference_ray;                   // unit, local (= world) axes
   Eigen::Matrix<double, 3, 2> query_gradient;      // d ray / d pixel times the threshold
   Eigen::Matrix<double, 3, 2> reference_gradient;  // the same, in local axes
+  double reference_sigma_px;  // of the reference's pixel, beyond a keypoint's own
   double parallax;  // the angle between the rays that an error of one threshold can make, radians
   int reference;    // index into PoseProblem::references
   int match;        // index into PoseProblem::matches_2d2d
@@ -52,6 +58,8 @@ struct PreparedProblem {
 
   Eigen::Vector3d origin_in_world;
   double scale;
+  double reprojection_threshold_px;
+  double sampson_threshold_px;
 
   // The matches that can count; matches that are not finite or have no ray are left out here but
   // stay in the totals.

@@ -18,6 +18,11 @@ constexpr int kFirstOptimization = 10;
 constexpr double kNearBestGain = 0.85;
 constexpr int kMaxNearBest = 6;
 
+// Rivals of the best pose, and how far off they are at least.
+constexpr size_t kMaxRivals = 3;
+constexpr double kRivalGain = 0.5;
+constexpr double kRivalTurn = 0.05;  // radians
+
 double SamplesForConfidence(double success_probability, double confidence) {
   if (success_probability <= 0) {
     return std::numeric_limits<double>::infinity();
@@ -51,6 +56,11 @@ class Ransac {
     JointScore none;
     none.points.cost = problem.num_matches_2d3d;
     none.pairs.cost = problem.num_matches_2d2d;
+    if (options.refinement == Refinement::kPaper) {
+      first_optimization_ = 1;
+      near_best_left_ = 0;
+      optimized_matches_ = OptimizedMatches::kAll;
+    }
     worst_value_ = objective.Value(none);
     JointScore all;
     all.points.inliers = problem.num_matches_2d3d;
@@ -70,12 +80,12 @@ class Ransac {
           Sample(progress, rng);
         }
       }
-      if (iteration >= kFirstOptimization) {
+      if (iteration >= first_optimization_) {
         Optimize();
       }
     }
     Optimize();
-    return {best_, iteration};
+    return {best_, best_value_, Rivals(), iteration};
   }
 
  private:
@@ -146,29 +156,57 @@ class Ransac {
     if (!pending_) {
       return;
     }
-    bool improved = TakeIfBetter(*pending_);
+    bool improved = TakeIfBetter(*pending_, Role::kSample);
     RansacResult optimized = *pending_;
-    optimized.pose =
-        OptimizeLocally(problem_, pending_->pose, pending_->refined_kinds, kLocalSteps);
-    improved = TakeIfBetter(optimized) || improved;
+    optimized.pose = OptimizeLocally(problem_, pending_->pose, pending_->refined_kinds, kLocalSteps,
+                                     optimized_matches_);
+    improved = TakeIfBetter(optimized, Role::kOptimized) || improved;
     if (improved) {
       UpdateRequiredSamples();
     }
     pending_.reset();
   }
 
-  bool TakeIfBetter(const RansacResult& candidate) {
-    const auto score = scorer_.ScoreIfBetter(candidate.pose, best_value_);
-    if (!score) {
+  enum class Role { kSample, kOptimized };
+
+  // By the exact score: so few poses are worth looking at all matches.
+  bool TakeIfBetter(const RansacResult& candidate, Role role) {
+    const double value = scorer_.objective().Value(scorer_.ScoreAll(candidate.pose));
+    if (role == Role::kOptimized) optimized_.push_back({value, candidate.pose});
+    if (!(value < best_value_)) {
       return false;
     }
     best_ = candidate;
-    best_value_ = scorer_.objective().Value(*score);
+    best_value_ = value;
     return true;
+  }
+
+  // The best of the optimized poses that are not near the best one.
+  std::vector<SolverPose> Rivals() {
+    if (!best_) return {};
+    std::stable_sort(optimized_.begin(), optimized_.end(),
+                     [](const Optimized& a, const Optimized& b) { return a.value < b.value; });
+    std::vector<SolverPose> rivals;
+    for (const Optimized& other : optimized_) {
+      if (worst_value_ - other.value < kRivalGain * (worst_value_ - best_value_) ||
+          rivals.size() == kMaxRivals) {
+        break;
+      }
+      if (IsElsewhere(other.pose)) rivals.push_back(other.pose);
+    }
+    return rivals;
+  }
+
+  bool IsElsewhere(const SolverPose& pose) const {
+    const Eigen::Matrix3d turn = pose.rotation * best_->pose.rotation.transpose();
+    const Eigen::Vector3d shift = pose.rotation.transpose() * pose.translation -
+                                  best_->pose.rotation.transpose() * best_->pose.translation;
+    return turn.trace() < 1 + 2 * std::cos(kRivalTurn) || shift.norm() > 1;  // local units
   }
 
   void UpdateRequiredSamples() {
     const InlierCounts inliers = scorer_.CountInliers(best_->pose);
+    scorer_.ExpectClusters(inliers.pair_clustering);
     for (SolverProgress& progress : solvers_) {
       progress.success_probability = progress.solver.generator->SuccessProbability(inliers);
       progress.required = SamplesForConfidence(progress.success_probability, options_.confidence);
@@ -184,6 +222,13 @@ class Ransac {
   double worst_value_;             // of a pose that nothing fits
   double best_possible_;           // of one that everything fits exactly
   double sample_value_ = std::numeric_limits<double>::infinity();  // of the best sample
+  int first_optimization_ = kFirstOptimization;
+  OptimizedMatches optimized_matches_ = OptimizedMatches::kEnough;
+  struct Optimized {
+    double value;
+    SolverPose pose;
+  };
+  std::vector<Optimized> optimized_;
   int near_best_left_ = kMaxNearBest;
   std::optional<RansacResult> pending_;  // to be optimized
   double pending_value_ = std::numeric_limits<double>::infinity();

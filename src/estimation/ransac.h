@@ -36,6 +36,9 @@ struct RansacResult {
 
 struct RansacReport {
   std::optional<RansacResult> best;
+  double best_value = 0;  // Objective::Value()
+  // Optimized poses elsewhere that explain at least half as much as the best one.
+  std::vector<SolverPose> rivals;
   int iterations = 0;
 };
 

@@ -138,7 +138,8 @@ BENCHMARK(LocalOptimizationHybrid)->Arg(100)->Arg(1000)->Unit(benchmark::kMicros
 void FinalRefinement(benchmark::State& state) {
   const ScoringProblem problem = MakeScoringProblem(static_cast<int>(state.range(0)));
   for (auto _ : state) {
-    benchmark::DoNotOptimize(RefineFinally(problem.prepared, problem.truth, ResidualKinds{}));
+    benchmark::DoNotOptimize(RefineFinally(problem.synthetic.problem, problem.prepared,
+                                           problem.truth, ResidualKinds{}, Refinement::kRobust));
   }
 }
 BENCHMARK(FinalRefinement)->Arg(100)->Arg(1000)->Unit(benchmark::kMicrosecond);

@@ -117,16 +117,17 @@ TEST(Adaptive, SolvesMostOfTheTinyProblems) {
 
 // Geometry that is wrong as a whole fits itself: its residuals do not show it, the pairs do.
 TEST(Adaptive, BelievesThePairsWhereTheGeometryIsOffAsAWhole) {
+  constexpr double kShift = 0.05;
   for (SyntheticProblem& made : MakeRegime(RegimeByName("accurate"), 10)) {
-    for (Match2D3D& match : made.problem.matches_2d3d) match.point_in_world.x() += 0.05;
+    for (Match2D3D& match : made.problem.matches_2d3d) match.point_in_world.x() += kShift;
     const auto error = [&made](Method method) {
       const PoseEstimate estimate = EstimateWith(method, made.problem);
       return (estimate.cam_from_world.value().OriginInSource() -
               made.query_from_world.OriginInSource())
           .norm();
     };
-    EXPECT_NEAR(error(Method::kP3p), 0.05, 0.015);
-    EXPECT_LT(error(Method::kAdaptive), error(Method::kE5p1) + 0.005);
+    EXPECT_NEAR(error(Method::kP3p), kShift, 0.3 * kShift);
+    EXPECT_LT(error(Method::kAdaptive), 0.3 * kShift);
   }
 }
 

@@ -79,6 +79,21 @@ inline constexpr auto kEnumNames<LocalOptimization> = std::to_array<EnumName<Loc
     {LocalOptimization::kSplit, "split"},
 });
 
+// What happens beyond the paper, in every method.
+enum class Refinement {
+  // The pose is refined by maximum likelihood after RANSAC, Adaptive's by both match sets together;
+  // a pose that chance explains is none.
+  kRobust,
+  // Nothing: every new best pose is optimized locally on all matches, and the best one is returned
+  // as it is.
+  kPaper,
+};
+template <>
+inline constexpr auto kEnumNames<Refinement> = std::to_array<EnumName<Refinement>>({
+    {Refinement::kRobust, "robust", "robust", "refined by maximum likelihood after RANSAC"},
+    {Refinement::kPaper, "paper", "paper", "the paper's methods and nothing beyond"},
+});
+
 enum class Solver { kP3p, kE5p1 };
 template <>
 inline constexpr auto kEnumNames<Solver> = std::to_array<EnumName<Solver>>({
@@ -91,6 +106,7 @@ struct EstimatorOptions {
   ScoreCombination score = ScoreCombination::kSumMsac;
   LocalOptimization local_optimization = LocalOptimization::kHybrid;
   double alpha = 0.8;  // Select's
+  Refinement refinement = Refinement::kRobust;
 
   double reprojection_threshold_px = 8.0;  // t_3D
   double sampson_threshold_px = 2.0;       // t_2D
@@ -131,6 +147,30 @@ struct MatchSetScore {
   double msac_cost = 0;  // sum of min(e^2 / t^2, 1)
 };
 
+// What Adaptive found the matches to be worth, as standard deviations.
+struct MatchNoise {
+  double keypoint_px = 0;  // of a keypoint's pixel
+  // Of lifted points along their rays, as a share of the distance: each by itself, what those of a
+  // keypoint have in common, and the factors of whole references (0: not looked for).
+  double depth = 0;
+  double common_depth = 0;
+  double reference_factor = 0;
+  // Of the references' poses, per axis; 0: not looked for.
+  double reference_rotation_deg = 0;
+  double reference_position = 0;  // scene units
+};
+
+// Whether a pose can be trusted.
+enum class PoseVerdict { kFailed, kDoubtful, kLocalized };
+template <>
+inline constexpr auto kEnumNames<PoseVerdict> = std::to_array<EnumName<PoseVerdict>>({
+    {PoseVerdict::kFailed, "failed"},
+    {PoseVerdict::kDoubtful, "doubtful"},
+    {PoseVerdict::kLocalized, "localized"},
+});
+// Localized from this confidence on.
+inline constexpr double kLocalizedConfidence = 0.95;
+
 struct PoseEstimate {
   std::optional<Rigid3> cam_from_world;
   FailureReason failure = FailureReason::kNone;
@@ -150,6 +190,19 @@ struct PoseEstimate {
   std::optional<Eigen::Matrix<double, 6, 6>> covariance;
   double rotation_sigma_deg = 0;  // root mean square over the axes' sum; 0 without a covariance
   double position_sigma = 0;      // of the camera centre, scene units
+
+  // The probability that the pose is right: that its inliers are not there by chance, and that no
+  // other pose that was found explains the matches as well. See support.h in src/estimation.
+  double confidence = 0;
+  PoseVerdict verdict = PoseVerdict::kFailed;
+  int inlier_keypoints = 0;  // of the query: one counts once, in however many references
+  int num_keypoints = 0;     // with matches
+
+  std::optional<MatchNoise> noise;
+  // The value by which the method compares poses (smaller is better), of the best pose of RANSAC and
+  // of the refined one.
+  double ransac_value = 0;
+  double refined_value = 0;
 
   // False where only the orientation is determined (E5+1 with all references at one centre).
   bool position_observable = true;

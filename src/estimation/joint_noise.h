@@ -1,0 +1,29 @@
+// What the matches of one query are worth: the variances and shares that the joint refinement
+// estimates together with the pose.
+
+#pragma once
+
+namespace raylift {
+
+struct JointNoise {
+  double keypoint_px2 = 1;  // of a keypoint's pixel, in either image
+  // Of the logarithm of a lifted point's distance: of each point by itself, and what the points of
+  // one keypoint have in common, as a mesh is wrong alike for all references.
+  double depth = 1e-4;
+  double common_depth = 5e-5;
+  double loose = 1e-6;  // of each coordinate of a loose point, local units squared
+  // Shares: of right matches, of right depths among those, of right loose points.
+  double right = 0.7;
+  double depth_right = 0.8;
+  double loose_right = 0.7;
+  // Of the logarithm of the distance from the query, over all keypoints.
+  double log_distance_mean = 0;
+  double log_distance_variance = 1;
+  // Of what is common to a reference: the logarithm of its depths' factor, and its pose (radians
+  // and local units, per axis). None: not looked for.
+  double reference_factor = 0;
+  double reference_rotation = 0;
+  double reference_centre = 0;
+};
+
+}  // namespace raylift

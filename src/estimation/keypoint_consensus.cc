@@ -1,0 +1,369 @@
+#include "estimation/keypoint_consensus.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <span>
+
+#include "estimation/keypoint_sight.h"
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+
+#include "raylift/base/median.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+// Beyond so many variances a density is none.
+constexpr double kFarSquared = 40;
+
+// Right matches lie within three deviations; the residual of a pair has the noise of both pixels.
+constexpr double kFitSquared = 2 * 9;
+
+// Where a point that moves along the query's ray is seen in a reference: its residual is
+// at_infinity + direction / (offset + slope * distance).
+struct RayScan {
+  Vector2d at_infinity, direction;
+  double offset, slope;
+
+  RayScan(const Sighting& sighting, const Vector3d& origin, const Vector3d& ray) {
+    const Vector3d start = sighting.image_from_ray * (origin - sighting.centre);
+    const Vector3d turn = sighting.image_from_ray * ray;
+    offset = start.z();
+    slope = turn.z();
+    at_infinity = turn.head<2>() / slope;
+    direction = start.head<2>() - offset * at_infinity;
+  }
+
+  bool InFront(double distance) const { return offset + slope * distance > 0; }
+  double SquaredError(double distance) const {
+    return (at_infinity + direction / (offset + slope * distance)).squaredNorm();
+  }
+  // The distance of the smallest error, and that error.
+  double BestDistance() const {
+    const double inverse = -at_infinity.dot(direction) / direction.squaredNorm();
+    return (1 / inverse - offset) / slope;
+  }
+  double SmallestSquaredError() const {
+    const double cross = at_infinity.x() * direction.y() - at_infinity.y() * direction.x();
+    return cross * cross / direction.squaredNorm();
+  }
+  // Pixels per unit of the distance's logarithm.
+  double Gain(double distance) const {
+    const double depth = offset + slope * distance;
+    return direction.norm() * std::abs(slope) * distance / (depth * depth);
+  }
+};
+
+struct QueryRay {
+  Vector3d origin, direction;  // local frame
+
+  QueryRay(const KeypointParts& keypoint, const SolverPose& pose)
+      : origin(-pose.rotation.transpose() * pose.translation) {
+    const Vector3d ray = keypoint.image_from_cam.row(0).cross(keypoint.image_from_cam.row(1));
+    direction = pose.rotation.transpose() *
+                (keypoint.image_from_cam.row(2).dot(ray) > 0 ? ray : -ray).normalized();
+  }
+  Vector3d At(double distance) const { return origin + distance * direction; }
+};
+
+// An error that the evidence shows, and how much of it a pixel makes.
+struct ObservedError {
+  double squared;
+  double squared_gain;  // variance of the error per squared pixel of noise
+};
+
+// A strided part is enough to tell a deviation to a few per cent.
+constexpr size_t kEnoughErrors = 400;
+std::vector<ObservedError> Part(const std::vector<ObservedError>& errors) {
+  const size_t stride = errors.size() / kEnoughErrors + 1;
+  std::vector<ObservedError> part;
+  for (size_t i = 0; i < errors.size(); i += stride) part.push_back(errors[i]);
+  return part;
+}
+
+struct VarianceAndShare {
+  double variance, share;
+};
+
+// The likeliest variance, by factors of four of the deviation, and share of right errors.
+template <typename Right, typename Wrong>
+VarianceAndShare Likeliest(const std::vector<ObservedError>& errors, double largest_variance,
+                           const Right& right, const Wrong& wrong) {
+  constexpr std::array kShares = {0.3, 0.6, 0.9};
+  double best = -std::numeric_limits<double>::infinity();
+  VarianceAndShare found{largest_variance, kShares[1]};
+  double variance = largest_variance;
+  for (int i = 0; i < 9; ++i, variance /= 9) {
+    std::array<double, kShares.size()> sums{};
+    for (const ObservedError& error : errors) {
+      const double p = right(error, variance);
+      const double q = wrong(error, variance);
+      for (size_t s = 0; s < kShares.size(); ++s) {
+        sums[s] += std::log(kShares[s] * p + (1 - kShares[s]) * q);
+      }
+    }
+    for (size_t s = 0; s < kShares.size(); ++s) {
+      if (sums[s] > best) {
+        best = sums[s];
+        found = {variance, kShares[s]};
+      }
+    }
+  }
+  return found;
+}
+
+}  // namespace
+
+JointNoise GuessNoise(const KeypointEvidence& evidence, const SolverPose& pose,
+                      double keypoint_variance_px2) {
+  JointNoise noise;
+  noise.keypoint_px2 = keypoint_variance_px2;
+  std::vector<ObservedError> depths, loose;
+  std::vector<double> log_distances;
+  for (const KeypointParts& keypoint : evidence.keypoints) {
+    const QueryRay ray(keypoint, pose);
+    for (const Sighting& sighting : evidence.SightingsOf(keypoint)) {
+      const RayScan scan(sighting, ray.origin, ray.direction);
+      const double distance = scan.BestDistance();
+      if (!(scan.SmallestSquaredError() < 9 * keypoint_variance_px2) || !(distance > 0) ||
+          !std::isfinite(distance) || !scan.InFront(distance)) {
+        continue;
+      }
+      log_distances.push_back(std::log(distance));
+      if (!sighting.HasDepth()) continue;
+      const double error =
+          std::log((ray.At(distance) - sighting.centre).norm()) - sighting.log_distance;
+      const double gain = scan.Gain(distance);
+      depths.push_back({error * error, 2 / (gain * gain)});
+    }
+    for (const LoosePoint& point : evidence.LooseOf(keypoint)) {
+      const Vector3d offset = point.point - ray.origin;
+      const double along = offset.dot(ray.direction);
+      const PixelResidual seen = ResidualOf(keypoint.image_from_cam, pose.rotation * offset);
+      if (!(along > 0) || !seen.in_front) continue;
+      const double squared = (offset - along * ray.direction).squaredNorm();
+      if (seen.error_px.squaredNorm() < 100 * keypoint_variance_px2) {
+        log_distances.push_back(std::log(along));
+      }
+      loose.push_back({squared, 2 / seen.jacobian.squaredNorm()});
+    }
+  }
+  if (!log_distances.empty()) {
+    noise.log_distance_mean = UpperMedianOr(log_distances, 0);
+    std::vector<double>& deviations = log_distances;
+    for (double& d : deviations) d = std::abs(d - noise.log_distance_mean);
+    // Half as wide again as the bulk, and a quarter of the distance at least.
+    const double deviation = 1.5 * 1.4826 * UpperMedianOr(deviations, 0);
+    noise.log_distance_variance = std::max(0.0625, deviation * deviation);
+  }
+  if (!depths.empty()) {
+    const auto [variance, share] = Likeliest(
+        Part(depths), 1,
+        [&](const ObservedError& error, double v) {
+          return Normal1D(error.squared, keypoint_variance_px2 * error.squared_gain + v);
+        },
+        [&](const ObservedError& error, double v) {
+          return Normal1D(error.squared, keypoint_variance_px2 * error.squared_gain + v +
+                                             noise.log_distance_variance);
+        });
+    noise.depth = noise.common_depth = 0.5 * variance;
+    noise.depth_right = share;
+  }
+  if (!loose.empty()) {
+    const double extent = std::exp(noise.log_distance_mean);
+    const auto [variance, share] = Likeliest(
+        Part(loose), extent * extent,
+        [&](const ObservedError& error, double v) {
+          return Normal2D(error.squared, keypoint_variance_px2 * error.squared_gain + v);
+        },
+        [&](const ObservedError& error, double) {
+          return 1 / (evidence.query_area_px2 * error.squared_gain);
+        });
+    noise.loose = variance;
+    noise.loose_right = share;
+  }
+  return noise;
+}
+
+namespace {
+
+// The density of evidence under two hypotheses, both in units of that of a wrong match.
+struct Ratios {
+  double deep = 0;     // right, and its depth too
+  double shallow = 0;  // right, its depth useless or unknown
+};
+
+// One keypoint's evidence along its ray.
+class Vote {
+ public:
+  Vote(const KeypointEvidence& evidence, const KeypointParts& keypoint, const SolverPose& pose,
+       const JointNoise& noise)
+      : sightings_(evidence.SightingsOf(keypoint)),
+        loose_(evidence.LooseOf(keypoint)),
+        ray_(keypoint, pose),
+        noise_(noise),
+        depth_variance_(noise.depth + noise.common_depth) {
+    // Both pixels' noise shows in the reference.
+    pixel_variance_ = 2 * noise.keypoint_px2;
+    right_ = noise.right / (1 - noise.right) * evidence.query_area_px2 /
+             (2 * std::numbers::pi * pixel_variance_);
+    scans_.reserve(sightings_.size());
+    depth_ratio_.reserve(sightings_.size());
+    for (const Sighting& s : sightings_) {
+      scans_.emplace_back(s, ray_.origin, ray_.direction);
+      depth_ratio_.push_back(s.HasDepth() ? DepthRatio(s) : 0);
+    }
+    for (const LoosePoint& point : loose_) {
+      const PixelResidual seen =
+          ResidualOf(keypoint.image_from_cam, pose.rotation * (point.point - ray_.origin));
+      px2_.push_back(seen.in_front ? 0.5 * seen.jacobian.squaredNorm() : 0);
+    }
+    area_px2_ = evidence.query_area_px2;
+  }
+
+  const QueryRay& ray() const { return ray_; }
+
+  // The distances that some evidence asks for.
+  void Candidates(std::vector<double>& distances) const {
+    distances.clear();
+    for (size_t i = 0; i < sightings_.size(); ++i) {
+      if (!(scans_[i].SmallestSquaredError() < kFitSquared * noise_.keypoint_px2)) continue;
+      double best = scans_[i].BestDistance();
+      if (!(best > 0) || !std::isfinite(best)) {  // rays that do not meet: as good as parallel
+        best = std::exp(noise_.log_distance_mean + 2 * std::sqrt(noise_.log_distance_variance));
+      }
+      distances.push_back(best);
+      if (sightings_[i].HasDepth()) {
+        const Vector3d lifted =
+            sightings_[i].centre + std::exp(sightings_[i].log_distance) * sightings_[i].ray;
+        const double along = (lifted - ray_.origin).dot(ray_.direction);
+        if (along > 0 && std::abs(along - best) > 1e-3 * best) distances.push_back(along);
+      }
+    }
+    for (const LoosePoint& point : loose_) {
+      const double along = (point.point - ray_.origin).dot(ray_.direction);
+      if (along > 0) distances.push_back(along);
+    }
+    // Rays that are as good as parallel fit any distance.
+    if (!distances.empty()) distances.push_back(std::exp(noise_.log_distance_mean));
+  }
+
+  Ratios OfSighting(size_t i, double distance) const {
+    const Sighting& sighting = sightings_[i];
+    if (!scans_[i].InFront(distance)) return {};
+    const double squared = scans_[i].SquaredError(distance) / pixel_variance_;
+    if (!(squared < kFarSquared)) return {};
+    const double right = right_ * std::exp(-0.5 * squared);
+    if (!sighting.HasDepth()) return {0, right};
+    const double error =
+        std::log((ray_.At(distance) - sighting.centre).norm()) - sighting.log_distance;
+    const double far = error * error / (depth_variance_ + sighting.depth_variance);
+    const double deep = far < kFarSquared ? depth_ratio_[i] * std::exp(-0.5 * far) : 0;
+    return {right * noise_.depth_right * deep, right * (1 - noise_.depth_right)};
+  }
+
+  double OfLoose(size_t i, double distance) const {
+    const Vector3d off = loose_[i].point - ray_.At(distance);
+    if (px2_[i] == 0) return 0;
+    const double along = off.dot(ray_.direction);
+    const double variance = noise_.loose + loose_[i].variance;
+    const double across = variance + noise_.keypoint_px2 / px2_[i];
+    const double prior = Normal1D(Squared(std::log(distance) - noise_.log_distance_mean),
+                                  2 * noise_.log_distance_variance) /
+                         distance;
+    return noise_.loose_right / (1 - noise_.loose_right) * area_px2_ / px2_[i] *
+           Normal2D(off.squaredNorm() - along * along, across) *
+           Normal1D(along * along, variance + 1e-12 * distance * distance) /
+           (prior + kLeastDensity / distance);
+  }
+
+  // How much likelier the evidence is with the keypoint at this distance, as a logarithm.
+  double Support(double distance) const {
+    double sum = -0.5 * Squared(std::log(distance) - noise_.log_distance_mean) /
+                 noise_.log_distance_variance;
+    double product = 1;
+    const auto take = [&](double ratio) {
+      product *= 1 + ratio;
+      if (product > 1e100) {
+        sum += std::log(product);
+        product = 1;
+      }
+    };
+    for (size_t i = 0; i < sightings_.size(); ++i) {
+      const Ratios ratios = OfSighting(i, distance);
+      take(ratios.deep + ratios.shallow);
+    }
+    for (size_t i = 0; i < loose_.size(); ++i) take(OfLoose(i, distance));
+    return sum + std::log(product);
+  }
+
+ private:
+  static constexpr double kLeastDensity = 1e-9;
+  static double Squared(double x) { return x * x; }
+
+  // The density of a right depth without error over that of any depth in the scene.
+  double DepthRatio(const Sighting& sighting) const {
+    return Normal1D(0, depth_variance_ + sighting.depth_variance) /
+           (Normal1D(Squared(sighting.log_distance - noise_.log_distance_mean),
+                     2 * noise_.log_distance_variance) +
+            kLeastDensity);
+  }
+
+  std::span<const Sighting> sightings_;
+  std::span<const LoosePoint> loose_;
+  QueryRay ray_;
+  const JointNoise& noise_;
+  double depth_variance_;
+  double pixel_variance_;
+  double right_;
+  double area_px2_;
+  std::vector<RayScan> scans_;
+  std::vector<double> depth_ratio_;
+  std::vector<double> px2_;  // squared pixels per squared local unit, of each loose point
+};
+
+}  // namespace
+
+void FindConsensus(const KeypointEvidence& evidence, const SolverPose& pose,
+                   const JointNoise& noise, std::vector<KeypointState>& states,
+                   EvidenceWeights& weights) {
+  states.assign(evidence.keypoints.size(), {});
+  weights.sighting.assign(evidence.sightings.size(), 0);
+  weights.depth.assign(evidence.sightings.size(), 0);
+  weights.loose.assign(evidence.loose.size(), 0);
+  std::vector<double> candidates;
+  for (size_t k = 0; k < evidence.keypoints.size(); ++k) {
+    const KeypointParts& keypoint = evidence.keypoints[k];
+    const Vote vote(evidence, keypoint, pose, noise);
+    vote.Candidates(candidates);
+    double distance = std::exp(noise.log_distance_mean);
+    double most = -std::numeric_limits<double>::infinity();
+    for (const double candidate : candidates) {
+      const double support = vote.Support(candidate);
+      if (support > most) {
+        most = support;
+        distance = candidate;
+      }
+    }
+    states[k].point = vote.ray().At(distance);
+    if (candidates.empty()) continue;
+    for (int i = keypoint.first_sighting; i < keypoint.end_sighting; ++i) {
+      const Ratios ratios =
+          vote.OfSighting(static_cast<size_t>(i - keypoint.first_sighting), distance);
+      const double right = ratios.deep + ratios.shallow;
+      weights.sighting[i] = right / (right + 1);
+      weights.depth[i] = right > 0 ? ratios.deep / right : 0;
+    }
+    for (int i = keypoint.first_loose; i < keypoint.end_loose; ++i) {
+      const double right = vote.OfLoose(static_cast<size_t>(i - keypoint.first_loose), distance);
+      weights.loose[i] = right / (right + 1);
+    }
+  }
+}
+
+}  // namespace raylift

@@ -1,0 +1,129 @@
+#include "estimation/keypoint_evidence.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/LU>
+
+#include "raylift/scene/keypoints.h"
+
+namespace raylift {
+namespace {
+
+// The lifted point lies on the ray of the pixel that it was lifted from, but for rounding.
+constexpr double kOnRayPx = 0.02;
+
+Eigen::Matrix3d ImageFromRay(const Eigen::Vector3d& ray,
+                             const Eigen::Matrix<double, 3, 2>& gradient, double threshold_px) {
+  Eigen::Matrix3d ray_from_image;
+  ray_from_image << gradient / threshold_px, ray;
+  return ray_from_image.inverse();
+}
+
+bool IsOnRay(const Sighting& sighting, const Eigen::Vector3d& point) {
+  const Eigen::Vector3d n = sighting.image_from_ray * (point - sighting.centre);
+  return n.z() > 0 && n.head<2>().norm() < kOnRayPx * n.z();
+}
+
+int PartOf(double at, int size) {
+  return std::clamp(static_cast<int>(at / size * kPartsPerSide), 0, kPartsPerSide - 1);
+}
+
+}  // namespace
+
+KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProblem& problem) {
+  const KeypointNumbers numbers =
+      NumberQueryKeypoints(original.matches_2d2d, original.matches_2d3d);
+  std::vector<std::vector<int>> pairs(numbers.count);
+  std::vector<std::vector<int>> points(numbers.count);
+  for (int i = 0; i < static_cast<int>(problem.pairs.size()); ++i) {
+    pairs[numbers.of_2d2d[static_cast<size_t>(problem.pairs[i].match)]].push_back(i);
+  }
+  for (int i = 0; i < static_cast<int>(problem.points.size()); ++i) {
+    points[numbers.of_2d3d[static_cast<size_t>(problem.points[i].match)]].push_back(i);
+  }
+  std::vector<int> sighting_of_match(original.matches_2d2d.size(), -1);
+  KeypointEvidence evidence;
+  evidence.query_area_px2 = static_cast<double>(original.query_camera.width_px()) *
+                            static_cast<double>(original.query_camera.height_px());
+  evidence.focal_px = original.query_camera.MeanFocalPx();
+  evidence.centres = problem.centres;
+  evidence.sightings.reserve(problem.pairs.size());
+  for (size_t k = 0; k < numbers.count; ++k) {
+    if (pairs[k].empty() && points[k].empty()) continue;
+    KeypointParts parts;
+    parts.first_sighting = static_cast<int>(evidence.sightings.size());
+    for (const int i : pairs[k]) {
+      const PreparedPair& pair = problem.pairs[i];
+      sighting_of_match[static_cast<size_t>(pair.match)] =
+          static_cast<int>(evidence.sightings.size());
+      evidence.sightings.push_back(
+          {.image_from_ray = ImageFromRay(pair.reference_ray, pair.reference_gradient,
+                                          std::hypot(problem.sampson_threshold_px,
+                                                     kSigmasOfThreshold * pair.reference_sigma_px)),
+           .centre = problem.centres[pair.reference],
+           .ray = pair.reference_ray,
+           .extra_variance_px2 = pair.reference_sigma_px * pair.reference_sigma_px,
+           .log_distance = 0,
+           .depth_variance = 0,
+           .reference = pair.reference,
+           .pair = i,
+           .point = -1});
+    }
+    parts.end_sighting = static_cast<int>(evidence.sightings.size());
+    parts.first_loose = static_cast<int>(evidence.loose.size());
+    for (size_t j = 0; j < points[k].size(); ++j) {
+      const int i = points[k][j];
+      const PreparedPoint& point = problem.points[i];
+      // A 3D point that several references have is one.
+      if (std::any_of(points[k].begin(), points[k].begin() + static_cast<std::ptrdiff_t>(j),
+                      [&](int other) { return problem.points[other].point == point.point; })) {
+        continue;
+      }
+      Sighting* owner = nullptr;
+      // The match that it says it was lifted from, or the one of its own place in the lists.
+      const auto match = static_cast<size_t>(point.match);
+      const size_t likely = original.matches_2d3d[match].match_2d2d.value_or(match);
+      if (likely < sighting_of_match.size() && sighting_of_match[likely] >= parts.first_sighting) {
+        Sighting& sighting = evidence.sightings[sighting_of_match[likely]];
+        if (sighting.point < 0 && IsOnRay(sighting, point.point)) owner = &sighting;
+      }
+      for (int n = parts.first_sighting; n < parts.end_sighting && !owner; ++n) {
+        Sighting& sighting = evidence.sightings[n];
+        if (sighting.point < 0 && IsOnRay(sighting, point.point)) owner = &sighting;
+      }
+      if (owner) {
+        owner->point = i;
+        const double distance = (point.point - owner->centre).norm();
+        owner->log_distance = std::log(distance);
+        owner->depth_variance = point.sigma * point.sigma / (distance * distance);
+        continue;
+      }
+      evidence.loose.push_back({point.point, point.sigma * point.sigma, i});
+    }
+    parts.end_loose = static_cast<int>(evidence.loose.size());
+    const Eigen::Vector2d& px =
+        pairs[k].empty()
+            ? original.matches_2d3d[static_cast<size_t>(problem.points[points[k].front()].match)]
+                  .query_px
+            : original.matches_2d2d[static_cast<size_t>(problem.pairs[pairs[k].front()].match)]
+                  .query_px;
+    parts.part_of_image = PartOf(px.y(), original.query_camera.height_px()) * kPartsPerSide +
+                          PartOf(px.x(), original.query_camera.width_px());
+    if (!pairs[k].empty()) {
+      const PreparedPair& pair = problem.pairs[pairs[k].front()];
+      parts.image_from_cam =
+          ImageFromRay(pair.query_ray, pair.query_gradient, problem.sampson_threshold_px);
+    } else {
+      parts.image_from_cam = problem.points[points[k].front()].image_from_ray;
+      parts.image_from_cam.topRows<2>() *= problem.reprojection_threshold_px;
+    }
+    evidence.keypoints.push_back(parts);
+  }
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const LoosePoint& point : evidence.loose) sum += point.point;
+  evidence.centres.push_back(sum / std::max(1.0, static_cast<double>(evidence.loose.size())));
+  return evidence;
+}
+
+}  // namespace raylift

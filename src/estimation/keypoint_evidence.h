@@ -1,0 +1,73 @@
+// All that is known of each query keypoint, together: where references show it, how deep the
+// geometry has it there, and 3D points that come from elsewhere.
+
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "estimation/prepared_problem.h"
+#include <Eigen/Core>
+
+namespace raylift {
+
+// A reference shows the keypoint (a 2D-2D match), and the geometry may say how far away.
+struct Sighting {
+  // n = image_from_ray (P - centre), P in the local frame: the residual n.xy / n.z is in pixels.
+  Eigen::Matrix3d image_from_ray;
+  Eigen::Vector3d centre;
+  Eigen::Vector3d ray;        // unit
+  double extra_variance_px2;  // of the reference's pixel, beyond a keypoint's own
+  double log_distance;        // of the lifted point from the centre, where there is one
+  double depth_variance;      // that the lifted point's match carries, of log_distance
+  int reference;
+  int pair;   // index into PreparedProblem::pairs
+  int point;  // index into PreparedProblem::points of the lifted point; -1: there is none
+
+  bool HasDepth() const { return point >= 0; }
+};
+
+// A 3D point that lies on no sighting's ray: of SfM, merged, or given without 2D-2D matches.
+struct LoosePoint {
+  Eigen::Vector3d point;  // local frame
+  double variance;        // that the match carries, local units
+  int index;              // index into PreparedProblem::points of one of the equal ones
+};
+
+// The query's image in 4 x 4 parts.
+inline constexpr int kPartsPerSide = 4;
+inline constexpr int kPartsOfImage = kPartsPerSide * kPartsPerSide;
+
+// One keypoint; its parts are ranges of KeypointEvidence's lists.
+struct KeypointParts {
+  Eigen::Matrix3d image_from_cam;  // pixels, as a sighting's
+  int part_of_image;               // of the query's, below kPartsOfImage
+  int first_sighting, end_sighting;
+  int first_loose, end_loose;
+};
+
+struct KeypointEvidence {
+  std::vector<KeypointParts> keypoints;
+  std::vector<Sighting> sightings;
+  std::vector<LoosePoint> loose;
+  // Of the references, local frame; and after them the middle of the loose points, which may be off
+  // as a whole as a reference may.
+  std::vector<Eigen::Vector3d> centres;
+  double query_area_px2 = 1;
+  double focal_px = 1000;
+
+  size_t num_references() const { return centres.size() - 1; }
+  std::span<const Sighting> SightingsOf(const KeypointParts& keypoint) const {
+    return std::span(sightings).subspan(
+        static_cast<size_t>(keypoint.first_sighting),
+        static_cast<size_t>(keypoint.end_sighting - keypoint.first_sighting));
+  }
+  std::span<const LoosePoint> LooseOf(const KeypointParts& keypoint) const {
+    return std::span(loose).subspan(static_cast<size_t>(keypoint.first_loose),
+                                    static_cast<size_t>(keypoint.end_loose - keypoint.first_loose));
+  }
+};
+
+KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProblem& problem);
+
+}  // namespace raylift

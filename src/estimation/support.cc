@@ -1,0 +1,172 @@
+#include "estimation/support.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <set>
+#include <span>
+
+#include "raylift/scene/keypoints.h"
+
+namespace raylift {
+namespace {
+
+// Keypoints in one of 16 x 16 parts of the image are neighbours.
+constexpr int kPlacesPerSide = 16;
+
+// Wrong matches are counted between so many thresholds, where even inaccurate right ones are rare.
+constexpr double kInnerRing = 5;
+constexpr double kOuterRing = 15;
+
+// One kind of matches, by keypoint.
+struct Kind {
+  std::vector<int> matches;  // of each keypoint
+  std::vector<bool> inlier;
+  double chance = 0;  // that a wrong match is an inlier
+
+  explicit Kind(size_t keypoints) : matches(keypoints, 0), inlier(keypoints, false) {}
+};
+
+// The number of wrong residuals grows with their limit's `dimensions`th power.
+Kind Count(std::span<const double> squared, const std::vector<size_t>& keypoint_of,
+           size_t keypoints, double uniform_chance, int dimensions) {
+  Kind kind(keypoints);
+  int in_ring = 0;
+  for (size_t i = 0; i < squared.size(); ++i) {
+    ++kind.matches[keypoint_of[i]];
+    if (squared[i] < 1) kind.inlier[keypoint_of[i]] = true;
+    in_ring += squared[i] > kInnerRing * kInnerRing && squared[i] < kOuterRing * kOuterRing ? 1 : 0;
+  }
+  const double ring = std::pow(kOuterRing, dimensions) - std::pow(kInnerRing, dimensions);
+  const double observed =
+      squared.empty() ? 0 : in_ring / ring / static_cast<double>(squared.size());
+  kind.chance = std::clamp(std::max(uniform_chance, observed), 1e-9, 0.5);
+  return kind;
+}
+
+// The expected number of false alarms by one kind, as a logarithm: of `trials` keypoints beyond
+// those of the sample, so many are inliers.
+struct Trials {
+  double trials = 0, inliers = 0, chance_sum = 0;
+
+  void Add(const Kind& kind, size_t keypoint) {
+    if (kind.matches[keypoint] == 0) return;
+    trials += 1;
+    inliers += kind.inlier[keypoint] ? 1 : 0;
+    chance_sum += 1 - std::pow(1 - kind.chance, kind.matches[keypoint]);
+  }
+
+  // Hoeffding's bound of the binomial tail. `sample` keypoints fit by construction.
+  double LogTail(double sample, double clustering) const {
+    const double n = (trials - sample) / clustering;
+    const double k = (inliers - sample) / clustering;
+    if (!(n > 0) || !(k > 0)) return 0;
+    const double p = chance_sum / trials;
+    const double share = std::min(k / n, 1.0);
+    if (share <= p) return 0;
+    const double miss = share < 1 ? (1 - share) * std::log((1 - share) / (1 - p)) : 0;
+    return -n * (share * std::log(share / p) + miss);
+  }
+};
+
+}  // namespace
+
+SupportAssessor::SupportAssessor(const PoseProblem& original, const PreparedProblem& problem,
+                                 ResidualKinds kinds, double num_poses_tried)
+    : problem_(problem),
+      kinds_(kinds),
+      num_poses_tried_(num_poses_tried),
+      area_px2_(static_cast<double>(original.query_camera.width_px()) *
+                static_cast<double>(original.query_camera.height_px())) {
+  const KeypointNumbers numbers =
+      NumberQueryKeypoints(original.matches_2d2d, original.matches_2d3d);
+  num_keypoints_ = numbers.count;
+  place_.assign(numbers.count, 0);
+  const auto set_place = [&](size_t keypoint, const Eigen::Vector2d& px) {
+    const auto along = [](double x, int size) {
+      return std::clamp(static_cast<int>(x / size * kPlacesPerSide), 0, kPlacesPerSide - 1);
+    };
+    place_[keypoint] = along(px.y(), original.query_camera.height_px()) * kPlacesPerSide +
+                       along(px.x(), original.query_camera.width_px());
+  };
+  for (const PreparedPoint& point : problem.points) {
+    const auto match = static_cast<size_t>(point.match);
+    of_points_.push_back(numbers.of_2d3d[match]);
+    set_place(of_points_.back(), original.matches_2d3d[match].query_px);
+  }
+  for (const PreparedPair& pair : problem.pairs) {
+    const auto match = static_cast<size_t>(pair.match);
+    of_pairs_.push_back(numbers.of_2d2d[match]);
+    set_place(of_pairs_.back(), original.matches_2d2d[match].query_px);
+  }
+}
+
+Support SupportAssessor::Of(const SolverPose& pose) const {
+  const Residuals residuals = ComputeResiduals(problem_, pose);
+  const double point_threshold = problem_.reprojection_threshold_px;
+  // The Sampson error is the distance from the epipolar line over the square root of two.
+  const double pair_threshold = std::numbers::sqrt2 * problem_.sampson_threshold_px;
+  const Kind points = Count(residuals.points, of_points_, num_keypoints_,
+                            std::numbers::pi * point_threshold * point_threshold / area_px2_, 2);
+  const Kind pairs = Count(residuals.pairs, of_pairs_, num_keypoints_,
+                           2 * pair_threshold / std::sqrt(area_px2_), 1);
+
+  Support support;
+  support.inlier.assign(num_keypoints_, false);
+  std::set<int> places;
+  for (size_t k = 0; k < num_keypoints_; ++k) {
+    if (points.matches[k] + pairs.matches[k] == 0) continue;
+    ++support.keypoints;
+    support.inlier[k] = (kinds_.points && points.inlier[k]) || (kinds_.pairs && pairs.inlier[k]);
+    if (!support.inlier[k]) continue;
+    ++support.inlier_keypoints;
+    places.insert(place_[k]);
+  }
+  if (!places.empty()) {
+    support.clustering =
+        static_cast<double>(support.inlier_keypoints) / static_cast<double>(places.size());
+  }
+
+  // A keypoint's point is lifted from its pair, so it may speak for one kind only: for points where
+  // it has one, or for pairs where it has one; the stronger of the two counts.
+  Trials by_points, rest_of_points, by_pairs, rest_of_pairs;
+  for (size_t k = 0; k < num_keypoints_; ++k) {
+    by_points.Add(points, k);
+    by_pairs.Add(pairs, k);
+    if (points.matches[k] == 0) rest_of_points.Add(pairs, k);
+    if (pairs.matches[k] == 0) rest_of_pairs.Add(points, k);
+  }
+  double tail = 0;
+  if (kinds_.points) {
+    const double rest = kinds_.pairs ? rest_of_points.LogTail(0, support.clustering) : 0;
+    tail = std::min(tail, by_points.LogTail(3, support.clustering) + rest);
+  }
+  if (kinds_.pairs) {
+    const double rest = kinds_.points ? rest_of_pairs.LogTail(0, support.clustering) : 0;
+    tail = std::min(tail, by_pairs.LogTail(6, support.clustering) + rest);
+  }
+  support.log_false_alarms = std::log(2 * std::max(1.0, num_poses_tried_)) + tail;
+  return support;
+}
+
+bool ExplainTheSame(const Support& a, const Support& b) {
+  int shared = 0;
+  for (size_t k = 0; k < a.inlier.size(); ++k) shared += a.inlier[k] && b.inlier[k] ? 1 : 0;
+  return 2 * shared > std::min(a.inlier_keypoints, b.inlier_keypoints);
+}
+
+double ProbabilityOverRival(const Support& best, const Support& rival) {
+  double only_best = 0;
+  double only_rival = 0;
+  for (size_t k = 0; k < best.inlier.size(); ++k) {
+    only_best += best.inlier[k] && !rival.inlier[k] ? 1 : 0;
+    only_rival += rival.inlier[k] && !best.inlier[k] ? 1 : 0;
+  }
+  const double clustering = std::max(best.clustering, rival.clustering);
+  const double all = (only_best + only_rival) / clustering;
+  if (!(all > 0)) return 1;  // they explain the same
+  const double z = (only_best - only_rival) / clustering / std::sqrt(all);
+  return 0.5 * std::erfc(-z / std::numbers::sqrt2);
+}
+
+}  // namespace raylift

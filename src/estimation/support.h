@@ -1,0 +1,54 @@
+// Whether the inliers of a pose are there by chance.
+//
+// An a-contrario test (Moisan and Stival, IJCV 2004): how many poses with so many inliers would
+// wrong matches give? Wrong matches fall anywhere, so each is an inlier with the share of the image
+// that its threshold covers, or with the density of the residuals well beyond the threshold if
+// that is larger. A keypoint counts once, in however many references it is matched; and keypoints that lie
+// together count as fewer, as what repeats (a sign, a window) repeats with all of its keypoints.
+// The logarithm of the expected number of such poses among those that were tried is bounded by
+// Hoeffding's inequality.
+
+#pragma once
+
+#include <vector>
+
+#include "estimation/match_residuals.h"
+#include "estimation/prepared_problem.h"
+
+namespace raylift {
+
+struct Support {
+  int keypoints = 0;         // that have matches
+  int inlier_keypoints = 0;  // of which one is an inlier, of the kinds in use
+  // The logarithm of the expected number of poses that chance supports as well.
+  double log_false_alarms = 0;
+  std::vector<bool> inlier;  // by keypoint, of the kinds in use
+  double clustering = 1;     // inlier keypoints per place in the image
+};
+
+// Of poses of one problem. Holds a reference to it.
+class SupportAssessor {
+ public:
+  SupportAssessor(const PoseProblem& original, const PreparedProblem& problem, ResidualKinds kinds,
+                  double num_poses_tried);
+
+  Support Of(const SolverPose& pose) const;
+
+ private:
+  const PreparedProblem& problem_;
+  ResidualKinds kinds_;
+  double num_poses_tried_;
+  double area_px2_;
+  size_t num_keypoints_;
+  std::vector<size_t> of_points_, of_pairs_;  // the keypoint of each prepared match
+  std::vector<int> place_;                    // of each keypoint, in the image
+};
+
+// Whether two poses explain mostly the same keypoints: then they are one answer.
+bool ExplainTheSame(const Support& a, const Support& b);
+
+// The probability that the first of two poses is right if one of them is, from the keypoints that
+// only one of them explains.
+double ProbabilityOverRival(const Support& best, const Support& rival);
+
+}  // namespace raylift

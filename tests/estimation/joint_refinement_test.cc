@@ -1,0 +1,155 @@
+// The joint refinement on scenes whose mistakes come together: as accurate as the better kind of
+// matches alone, and as sure as it may be.
+
+#include "estimation/joint_refinement.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "support/coherent_problem.h"
+#include "support/matchers.h"
+
+#include "raylift/estimation/pose_estimator.h"
+
+namespace raylift {
+namespace {
+
+#ifdef __SANITIZE_ADDRESS__
+constexpr int kProblems = 6;
+#else
+constexpr int kProblems = 40;
+#endif
+
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+
+// The step (w, v) that turns the true pose into the estimated one.
+Vector6d StepBetween(const Rigid3& from, const Rigid3& to) {
+  const Eigen::AngleAxisd turn(to.rotation * from.rotation.conjugate());
+  const double angle = std::remainder(turn.angle(), 2 * std::acos(-1));
+  Vector6d step;
+  step << angle * turn.axis(), to.translation - turn * from.translation;
+  return step;
+}
+
+double PositionError(const PoseEstimate& estimate, const Rigid3& truth) {
+  return (estimate.cam_from_world->OriginInSource() - truth.OriginInSource()).norm();
+}
+
+// What Adaptive reaches on problems of a kind, beside the better of its parts.
+struct Outcome {
+  double log_ratio = 0;          // of the position errors, Adaptive's over the better part's, mean
+  double normalized_square = 0;  // mean
+  std::vector<PoseEstimate> estimates;
+};
+
+Outcome Try(const CoherentOptions& options, Method better_part) {
+  Rng rng = TestRng();
+  Outcome outcome;
+  for (int i = 0; i < kProblems; ++i) {
+    const CoherentProblem made = MakeCoherentProblem("coherent", options, rng);
+    EstimatorOptions estimator;
+    const PoseEstimate adaptive = MakePoseEstimator(estimator)->Estimate(made.problem);
+    estimator.method = better_part;
+    const PoseEstimate part = MakePoseEstimator(estimator)->Estimate(made.problem);
+    EXPECT_TRUE(adaptive.cam_from_world && adaptive.covariance && part.cam_from_world);
+    if (!adaptive.cam_from_world || !adaptive.covariance || !part.cam_from_world) continue;
+    EXPECT_EQ(adaptive.verdict, PoseVerdict::kLocalized);
+    outcome.log_ratio += std::log(PositionError(adaptive, made.query_from_world) /
+                                  PositionError(part, made.query_from_world)) /
+                         kProblems;
+    const Vector6d error = StepBetween(made.query_from_world, *adaptive.cam_from_world);
+    outcome.normalized_square +=
+        error.dot(adaptive.covariance->ldlt().solve(error)) / 6 / kProblems;
+    outcome.estimates.push_back(adaptive);
+  }
+  return outcome;
+}
+
+// Of the mean of kProblems logarithms that vary by some 0.6: two standard deviations, above the
+// logarithm of 1.05.
+const double kLargestLogRatio = std::log(1.05) + 2 * 0.6 / std::sqrt(kProblems);
+// Of the mean of kProblems chi-squared distances of six degrees over six: three standard deviations,
+// and what is within the aim.
+const double kSpread = 3 * std::sqrt(2.0 / 6 / kProblems);
+
+void ExpectCalibrated(const Outcome& outcome) {
+  EXPECT_GT(outcome.normalized_square, 0.7 - kSpread);
+  EXPECT_LT(outcome.normalized_square, 1.4 + kSpread);
+}
+
+TEST(JointRefinement, IsAsGoodAsPointsWhereGeometryIsExact) {
+  const Outcome outcome = Try({}, Method::kP3p);
+  EXPECT_LT(outcome.log_ratio, kLargestLogRatio);
+  ExpectCalibrated(outcome);
+}
+
+TEST(JointRefinement, IsNotMisledByWhatRepeats) {
+  const Outcome many = Try({.repeated = 0.35}, Method::kP3p);
+  EXPECT_LT(many.log_ratio, kLargestLogRatio);
+  ExpectCalibrated(many);
+  const Outcome two = Try({.num_references = 2, .repeated = 0.35}, Method::kP3p);
+  EXPECT_LT(two.log_ratio, kLargestLogRatio);
+  ExpectCalibrated(two);
+}
+
+TEST(JointRefinement, IsAsGoodAsPairsWhereReferencesHaveFactors) {
+  const Outcome outcome =
+      Try({.vertical = 0.5, .reference_factor = 0.08, .surface = 0.03}, Method::kE5p1);
+  EXPECT_LT(outcome.log_ratio, kLargestLogRatio);
+  ExpectCalibrated(outcome);
+  for (const PoseEstimate& estimate : outcome.estimates) {
+    ASSERT_TRUE(estimate.noise);
+    EXPECT_GT(estimate.noise->reference_factor, 0.02);
+    EXPECT_NEAR(estimate.noise->common_depth, 0.03, 0.015);
+  }
+}
+
+TEST(JointRefinement, TellsWhatReferencesHaveInCommonFromTheirOwnErrors) {
+  const Outcome outcome = Try({.surface = 0.02}, Method::kE5p1);
+  EXPECT_LT(outcome.log_ratio, kLargestLogRatio);
+  ExpectCalibrated(outcome);
+  for (const PoseEstimate& estimate : outcome.estimates) {
+    ASSERT_TRUE(estimate.noise);
+    EXPECT_NEAR(estimate.noise->common_depth, 0.02, 0.006);
+    EXPECT_LT(estimate.noise->depth, 0.01);
+  }
+}
+
+TEST(JointRefinement, EstimatesErrorsOfTheReferencesPoses) {
+  const Outcome outcome = Try({.reference_deg = 0.05, .reference_position = 0.06}, Method::kP3p);
+  EXPECT_LT(outcome.log_ratio, kLargestLogRatio);
+  EXPECT_LT(outcome.normalized_square, 2);
+  for (const PoseEstimate& estimate : outcome.estimates) {
+    ASSERT_TRUE(estimate.noise);
+    EXPECT_GT(estimate.noise->reference_position, 0.01);
+  }
+}
+
+TEST(JointRefinement, EstimatesTheKeypointsNoise) {
+  for (const double sigma_px : {0.3, 0.7, 1.5}) {
+    Rng rng = TestRng();
+    const CoherentProblem made = MakeCoherentProblem("noise", {.sigma_px = sigma_px}, rng);
+    const PoseEstimate estimate = MakePoseEstimator({})->Estimate(made.problem);
+    ASSERT_TRUE(estimate.noise);
+    EXPECT_NEAR(estimate.noise->keypoint_px, sigma_px, 0.1 * sigma_px);
+  }
+}
+
+TEST(JointRefinement, CountsAKeypointOnceHoweverOftenItIsMatched) {
+  // Every match twice, as from two references at one place with one pixel: nothing new is known.
+  Rng rng = TestRng();
+  const CoherentProblem once = MakeCoherentProblem("once", {.wrong = 0}, rng);
+  CoherentProblem twice = once;
+  for (const Match2D3D& match : once.problem.matches_2d3d) {
+    twice.problem.matches_2d3d.push_back(match);
+  }
+  const PoseEstimate of_once = MakePoseEstimator({})->Estimate(once.problem);
+  const PoseEstimate of_twice = MakePoseEstimator({})->Estimate(twice.problem);
+  ASSERT_TRUE(of_once.covariance && of_twice.covariance);
+  EXPECT_GT(of_twice.position_sigma, 0.9 * of_once.position_sigma);
+}
+
+}  // namespace
+}  // namespace raylift

@@ -1,0 +1,128 @@
+#include "estimation/support.h"
+
+#include <vector>
+
+#include "support/coherent_problem.h"
+#include "support/matchers.h"
+
+#include "raylift/estimation/pose_estimator.h"
+
+namespace raylift {
+namespace {
+
+constexpr ResidualKinds kBoth{.points = true, .pairs = true};
+
+PoseEstimate Estimate(const PoseProblem& problem, Method method = Method::kAdaptive) {
+  EstimatorOptions options;
+  options.method = method;
+  return MakePoseEstimator(options)->Estimate(problem);
+}
+
+// Each reference pixel, and its point, is given to another query keypoint.
+void Shuffle(PoseProblem& problem, Rng& rng) {
+  for (size_t i = problem.matches_2d2d.size(); i > 1; --i) {
+    const size_t j = rng.UniformIndex(static_cast<uint32_t>(i));
+    Match2D2D& a = problem.matches_2d2d[i - 1];
+    Match2D2D& b = problem.matches_2d2d[j];
+    std::swap(a.query_px, b.query_px);
+    std::swap(a.query_keypoint, b.query_keypoint);
+    std::swap(problem.matches_2d3d[i - 1].query_px, problem.matches_2d3d[j].query_px);
+    std::swap(problem.matches_2d3d[i - 1].query_keypoint, problem.matches_2d3d[j].query_keypoint);
+  }
+}
+
+TEST(Support, RightPosesAreLocalizedAlsoByFewKeypoints) {
+  Rng rng = TestRng();
+  for (const int keypoints : {20, 40, 300}) {
+    for (int i = 0; i < 10; ++i) {
+      const CoherentProblem made = MakeCoherentProblem(
+          "right", {.num_keypoints = keypoints, .num_references = 4, .wrong = 0.3}, rng);
+      for (const Method method : {Method::kP3p, Method::kE5p1, Method::kAdaptive}) {
+        const PoseEstimate estimate = Estimate(made.problem, method);
+        EXPECT_EQ(estimate.verdict, PoseVerdict::kLocalized)
+            << keypoints << " " << ToString(method) << " " << estimate.confidence;
+      }
+    }
+  }
+}
+
+TEST(Support, ShuffledMatchesAreNotLocalized) {
+  Rng rng = TestRng();
+  for (const int keypoints : {10, 30, 100, 300}) {
+    for (int i = 0; i < 10; ++i) {
+      CoherentProblem made =
+          MakeCoherentProblem("shuffled", {.num_keypoints = keypoints, .num_references = 4}, rng);
+      Shuffle(made.problem, rng);
+      for (const Method method : {Method::kP3p, Method::kE5p1, Method::kAdaptive}) {
+        const PoseEstimate estimate = Estimate(made.problem, method);
+        // Of few matches enough may be left as they were.
+        if (estimate.cam_from_world &&
+            IsNearPose(*estimate.cam_from_world, made.query_from_world, 5, 1)) {
+          continue;
+        }
+        EXPECT_NE(estimate.verdict, PoseVerdict::kLocalized)
+            << keypoints << " keypoints, " << ToString(method) << ": " << estimate.inlier_keypoints
+            << " of " << estimate.num_keypoints << " are inliers";
+      }
+    }
+  }
+}
+
+TEST(Support, CountsAKeypointOnce) {
+  Rng rng = TestRng();
+  const CoherentProblem made = MakeCoherentProblem("once", {}, rng);
+  const PreparedProblem prepared(made.problem, 8, 2, rng);
+  const SupportAssessor assessor(made.problem, prepared, kBoth, 100);
+  const Support support = assessor.Of(prepared.CamFromLocal(made.query_from_world));
+  EXPECT_LE(support.keypoints, 300);
+  EXPECT_GT(support.keypoints, 290);
+  EXPECT_GT(support.inlier_keypoints, 0.9 * support.keypoints);
+  EXPECT_LT(support.log_false_alarms, -50);
+}
+
+TEST(Support, KeypointsInOnePlaceCountAsFewer) {
+  // Twelve matches all over the image, or all within a few pixels.
+  const auto support_of = [](double spread) {
+    Rng rng = TestRng();
+    CoherentProblem made = MakeCoherentProblem("place", {.num_keypoints = 12, .wrong = 0}, rng);
+    for (Match2D2D& match : made.problem.matches_2d2d) {
+      match.query_px =
+          Eigen::Vector2d(830, 630) + spread * (match.query_px - Eigen::Vector2d(830, 630));
+    }
+    for (Match2D3D& match : made.problem.matches_2d3d) {
+      match.query_px =
+          Eigen::Vector2d(830, 630) + spread * (match.query_px - Eigen::Vector2d(830, 630));
+      // The point moves with its pixel.
+      const Rigid3& pose = made.query_from_world;
+      const Eigen::Vector3d p = pose * match.point_in_world;
+      const Eigen::Vector2d middle(0.02, 0.02);  // of the same place, as a ray
+      Eigen::Vector3d ray;
+      ray << middle + spread * (p.head<2>() / p.z() - middle), 1;
+      match.point_in_world = pose.Inverse() * Eigen::Vector3d(p.z() * ray);
+    }
+    const PreparedProblem prepared(made.problem, 8, 2, rng);
+    const ResidualKinds points{.points = true, .pairs = false};
+    return SupportAssessor(made.problem, prepared, points, 100)
+        .Of(prepared.CamFromLocal(made.query_from_world));
+  };
+  const Support wide = support_of(1);
+  const Support narrow = support_of(0.01);
+  EXPECT_EQ(wide.inlier_keypoints, narrow.inlier_keypoints);
+  EXPECT_LT(wide.log_false_alarms, -10);
+  EXPECT_GT(narrow.log_false_alarms, -2);  // one pose in eight or more
+}
+
+TEST(ProbabilityOverRival, FollowsFromWhatOnlyOneOfThemExplains) {
+  Support best, rival;
+  best.inlier = {true, true, true, true, false, false};
+  rival.inlier = {true, true, false, false, true, true};
+  best.inlier_keypoints = rival.inlier_keypoints = 4;
+  EXPECT_DOUBLE_EQ(ProbabilityOverRival(best, rival), 0.5);
+  rival.inlier = {true, true, false, false, false, false};
+  EXPECT_GT(ProbabilityOverRival(best, rival), 0.9);
+  EXPECT_LT(ProbabilityOverRival(rival, best), 0.1);
+  EXPECT_DOUBLE_EQ(ProbabilityOverRival(best, best), 1);
+}
+
+}  // namespace
+}  // namespace raylift
