@@ -23,6 +23,7 @@ Command AddLocalizeCommand(CLI::App& program) {
                         {.estimator = estimator,
                          .filter = filter,
                          .geometry_mode = geometry.mode,
+                         .min_confidence = flags->min_confidence,
                          .candidates = geometry.candidates},
                         geometry.align, EffectiveOptionsJson(*command));
           }};

@@ -33,6 +33,10 @@ void LocalizeFlags::Check(const GeometryOptions& geometry_options,
   if (pictures < 0) {
     throw OptionError("--pictures", std::to_string(pictures), "must not be negative");
   }
+  if (!(min_confidence >= 0 && min_confidence <= 1)) {
+    throw OptionError("--min-confidence", fmt::format("{}", min_confidence),
+                      "must lie between 0 and 1");
+  }
   run.Check();
   continuous.Check(!report.empty());
   matching.Check(geometry.specs);
@@ -80,6 +84,12 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
   command
       .add_option("--pictures", flags.pictures,
                   "Draw the first N queries beside the mesh seen from their poses")
+      ->capture_default_str()
+      ->group("Output");
+  command
+      .add_option("--min-confidence", flags.min_confidence,
+                  "Queries whose pose is right with less than this\n"
+                  "probability count as not localized")
       ->capture_default_str()
       ->group("Output");
   AddMeshOnlyOptions(command, flags.mesh_only);

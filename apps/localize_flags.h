@@ -24,6 +24,7 @@ struct LocalizeFlags {
   MatchingFlags matching;
   std::filesystem::path out, write_problems, report;
   int pictures = 0;
+  double min_confidence = 0;
   bool no_doctor = false;
   FilterFlags filter;
   EstimatorFlags estimator;

@@ -73,9 +73,17 @@ void LocalizeOutput::Print(const std::vector<LocalizedQuery>& localized, const R
                source.spec, source.alignment->median_before_px, source.alignment->median_after_px);
   }
   size_t count = 0;
-  for (const LocalizedQuery& query : localized) {
-    count += query.localized() ? 1 : 0;
-    if (!query.localized()) fmt::print("not localized: {}: {}\n", query.name, query.reason);
+  for (const LocalizedQuery& query : localized) count += query.localized() ? 1 : 0;
+  size_t doubtful = 0;
+  for (const LocalizedQuery* query : NotLocalizedOrDoubtful(localized)) {
+    if (!query->localized()) {
+      fmt::print("not localized: {}: {}\n", query->name, query->reason);
+      continue;
+    }
+    ++doubtful;
+    fmt::print("doubtful: {}: right with probability {:.2g}, {} of {} keypoints are inliers\n",
+               query->name, query->confidence(), query->estimate.inlier_keypoints,
+               query->estimate.num_keypoints);
   }
   if (const RerenderCounts counts = CountRerendered(localized); counts.asked) {
     fmt::print("rendered again: {} poses sharpened in {} rounds\n", counts.improved,
@@ -84,8 +92,9 @@ void LocalizeOutput::Print(const std::vector<LocalizedQuery>& localized, const R
   if (flags_.continuous.enabled) {
     fmt::print("{} localized queries joined the references\n", run.joined);
   }
-  fmt::print("localized {} of {} queries against {} references: {}\n", count, localized.size(),
-             run.scene.references.images.size(), (flags_.out / "poses.txt").string());
+  const std::string of_which = doubtful > 0 ? fmt::format(" ({} doubtful)", doubtful) : "";
+  fmt::print("localized {} of {} queries{} against {} references: {}\n", count, localized.size(),
+             of_which, run.scene.references.images.size(), (flags_.out / "poses.txt").string());
 }
 
 }  // namespace raylift

@@ -65,6 +65,9 @@ void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags) {
 }
 
 void AddEstimatorNumbers(CLI::App& app, EstimatorOptions& values, const std::string& group) {
+  AddEnumOption(app, "--refinement", values.refinement,
+                "What happens beyond the paper, in every method:\n{}")
+      ->group(group);
   app.add_option("--reprojection-threshold-px", values.reprojection_threshold_px,
                  "Inlier threshold of 2D-3D matches")
       ->capture_default_str()

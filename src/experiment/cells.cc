@@ -199,7 +199,8 @@ class InputCollector {
             {"sampson_threshold_px", options.sampson_threshold_px},
             {"min_iterations", options.min_iterations},
             {"max_iterations", options.max_iterations},
-            {"confidence", options.confidence}};
+            {"confidence", options.confidence},
+            {"refinement", ToString(options.refinement)}};
   }
 
   const Experiment& experiment_;

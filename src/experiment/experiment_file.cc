@@ -111,6 +111,7 @@ class ExperimentReader {
     ReadPositive(*table, "min_iterations", options.min_iterations);
     ReadPositive(*table, "max_iterations", options.max_iterations);
     ReadNumber(*table, "confidence", options.confidence);
+    options.refinement = table->Named<Refinement>("refinement").value_or(options.refinement);
     table->RequireAllRead();
     Checked(top_, "estimator", [&] { options.Validate(); });
   }

@@ -108,6 +108,12 @@ LocalizedQuery LocalizedOf(const Json& json, const std::string& name) {
   if (json.contains("cam_from_world")) {
     localized.estimate.cam_from_world = PoseFromJson(json.at("cam_from_world"));
   }
+  const auto verdict = FromName<PoseVerdict>(json.at("verdict").get<std::string>());
+  if (!verdict) throw InputError("verdict: expected failed, doubtful or localized");
+  localized.estimate.verdict = *verdict;
+  localized.estimate.confidence = json.at("confidence").get<double>();
+  localized.estimate.num_keypoints = json.at("keypoints").get<int>();
+  localized.estimate.inlier_keypoints = json.at("inlier_keypoints").get<int>();
   if (localized.localized() && !localized.estimate.cam_from_world) {
     throw InputError("a localized query without a pose");
   }

@@ -29,8 +29,8 @@ class StageTimer {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
-std::string ReasonOf(const LocalizedQuery& localized) {
-  std::string reason = ReasonNotLocalized(localized.estimate);
+std::string ReasonOf(const LocalizedQuery& localized, double min_confidence) {
+  std::string reason = ReasonNotLocalized(localized.estimate, min_confidence);
   if (reason.empty()) return reason;
   if (localized.counts.retrieved == 0) return "no retrieved references";
   if (localized.counts.matched == 0) return "no matches with the retrieved references";
@@ -57,12 +57,16 @@ FewPoints FewPointsFor(Method method) {
   return NeedsPoints(method) ? FewPoints::kKeepBest : FewPoints::kDropAll;
 }
 
-std::string ReasonNotLocalized(const PoseEstimate& estimate) {
+std::string ReasonNotLocalized(const PoseEstimate& estimate, double min_confidence) {
   if (!estimate.cam_from_world) {
     return std::string(ToString(estimate.failure));
   }
   if (!estimate.position_observable) {
     return "only the orientation is known: all references with matches share one centre";
+  }
+  if (estimate.confidence < min_confidence) {
+    return fmt::format("its pose is right with probability {:.2g} only, {} was asked for",
+                       estimate.confidence, min_confidence);
   }
   return {};
 }
@@ -191,7 +195,7 @@ void Localizer::Estimate(QueryResult& result) const {
   LocalizedQuery& localized = result.localized;
   const StageTimer timer(localized.estimate_ms);
   localized.TakeEstimate(estimator_->Estimate(result.problem));
-  localized.reason = ReasonOf(localized);
+  localized.reason = ReasonOf(localized, options_.min_confidence);
 }
 
 bool Localizer::LiftsAlike(const Localizer& other) const {

@@ -1,6 +1,7 @@
 #include "raylift/localization/result_files.h"
 
 #include <algorithm>
+#include <utility>
 
 #include <nlohmann/json.hpp>
 
@@ -26,6 +27,8 @@ Json QueryJson(const LocalizedQuery& query) {
   Json json = {{"name", query.name},
                {"status", query.localized() ? "ok" : "not localized"},
                {"reason", query.reason},
+               {"verdict", ToString(query.verdict())},
+               {"confidence", query.confidence()},
                {"retrieved", query.counts.retrieved},
                {"matched", query.counts.matched},
                {"hit", query.counts.hit},
@@ -38,6 +41,8 @@ Json QueryJson(const LocalizedQuery& query) {
                {"points", query.counts.points},
                {"inliers_2d3d", query.counts.inliers_2d3d},
                {"inliers_2d2d", query.counts.inliers_2d2d},
+               {"keypoints", estimate.num_keypoints},
+               {"inlier_keypoints", estimate.inlier_keypoints},
                {"iterations", estimate.iterations}};
   if (query.counts.noise) {
     json["keypoint_noise_px"] = query.counts.noise->keypoints_px;
@@ -48,6 +53,16 @@ Json QueryJson(const LocalizedQuery& query) {
     json["cam_from_world"] = PoseJson<Json>(*estimate.cam_from_world);
     json["score_2d3d"] = ScoreJson(estimate.score_2d3d);
     json["score_2d2d"] = ScoreJson(estimate.score_2d2d);
+    json["ransac_value"] = estimate.ransac_value;
+    json["refined_value"] = estimate.refined_value;
+  }
+  if (estimate.noise) {
+    json["noise"] = {{"keypoint_px", estimate.noise->keypoint_px},
+                     {"depth", estimate.noise->depth},
+                     {"common_depth", estimate.noise->common_depth},
+                     {"reference_factor", estimate.noise->reference_factor},
+                     {"reference_rotation_deg", estimate.noise->reference_rotation_deg},
+                     {"reference_position", estimate.noise->reference_position}};
   }
   if (estimate.refined_camera) {
     json["refined_camera"] = estimate.refined_camera->ToString();
@@ -87,7 +102,41 @@ Json GeometryJson(std::span<const SceneSource> geometry) {
   return list;
 }
 
+Json VerdictsJson(std::span<const LocalizedQuery> queries) {
+  Json json = Json::object();
+  for (const EnumName<PoseVerdict>& verdict : kEnumNames<PoseVerdict>) {
+    json[std::string(verdict.name)] =
+        std::count_if(queries.begin(), queries.end(),
+                      [&](const LocalizedQuery& q) { return q.verdict() == verdict.value; });
+  }
+  return json;
+}
+
+Json LeastConfidentJson(std::span<const LocalizedQuery> queries) {
+  Json json = Json::array();
+  for (const LocalizedQuery* query : NotLocalizedOrDoubtful(queries)) {
+    json.push_back({{"name", query->name},
+                    {"verdict", ToString(query->verdict())},
+                    {"confidence", query->confidence()},
+                    {"reason", query->reason}});
+  }
+  return json;
+}
+
 }  // namespace
+
+std::vector<const LocalizedQuery*> NotLocalizedOrDoubtful(std::span<const LocalizedQuery> queries) {
+  std::vector<const LocalizedQuery*> worst;
+  for (const LocalizedQuery& query : queries) {
+    if (query.verdict() != PoseVerdict::kLocalized) worst.push_back(&query);
+  }
+  std::stable_sort(worst.begin(), worst.end(),
+                   [](const LocalizedQuery* a, const LocalizedQuery* b) {
+                     return std::pair(a->localized(), a->confidence()) <
+                            std::pair(b->localized(), b->confidence());
+                   });
+  return worst;
+}
 
 RerenderCounts CountRerendered(std::span<const LocalizedQuery> queries) {
   RerenderCounts counts;
@@ -159,6 +208,8 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
       {"queries", queries.size()},
       {"localized", std::count_if(queries.begin(), queries.end(),
                                   [](const LocalizedQuery& q) { return q.localized(); })},
+      {"verdicts", VerdictsJson(queries)},
+      {"least_confident", LeastConfidentJson(queries)},
       {"references", summary.num_references},
       {"geometry", GeometryJson(summary.geometry)},
       {"medians",

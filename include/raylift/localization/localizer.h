@@ -56,12 +56,14 @@ struct LocalizedQuery {
 
   // Localized: the whole pose is known.
   bool localized() const { return reason.empty(); }
+  PoseVerdict verdict() const { return localized() ? estimate.verdict : PoseVerdict::kFailed; }
+  double confidence() const { return localized() ? estimate.confidence : 0; }
   // Also counts its inliers.
   void TakeEstimate(PoseEstimate taken);
 };
 
 // Why an estimate is no localization; empty where it is one.
-std::string ReasonNotLocalized(const PoseEstimate& estimate);
+std::string ReasonNotLocalized(const PoseEstimate& estimate, double min_confidence = 0);
 
 struct QueryResult {
   LocalizedQuery localized;
@@ -78,6 +80,8 @@ struct LocalizerOptions {
   // filter is automatic (EstimateSceneNoise()).
   FilterOptions filter = {};
   GeometryMode geometry_mode = GeometryMode::kFirst;
+  // Queries whose pose is less sure (PoseEstimate::confidence) are not localized.
+  double min_confidence = 0;
   CandidateOptions candidates = {};  // merged are those that the filter keeps
 };
 

@@ -16,7 +16,7 @@ namespace raylift {
 // `poses.txt`: localized queries in the given order.
 void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries);
 
-// `queries.jsonl`: one JSON object per query: name, status, reason, counts of each stage, solver,
+// `queries.jsonl`: one JSON object per query: name, status, reason, verdict, confidence, counts of each stage, solver,
 // scores, iterations, pose, covariance, milliseconds.
 void WriteQueryDiagnostics(const std::filesystem::path& path,
                            const std::vector<LocalizedQuery>& queries);
@@ -36,6 +36,9 @@ struct RerenderCounts {
   size_t rounds_kept = 0;
 };
 RerenderCounts CountRerendered(std::span<const LocalizedQuery> queries);
+
+// The queries that are not localized, then the doubtful ones, the least confident first.
+std::vector<const LocalizedQuery*> NotLocalizedOrDoubtful(std::span<const LocalizedQuery> queries);
 
 // `summary.json`: totals, geometry, medians of the stages' counts, warnings, seconds.
 struct RunSummary {
