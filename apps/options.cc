@@ -66,7 +66,11 @@ void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags) {
 
 void AddEstimatorNumbers(CLI::App& app, EstimatorOptions& values, const std::string& group) {
   AddEnumOption(app, "--refinement", values.refinement,
-                "What happens beyond the paper, in every method:\n{}")
+                "What happens beyond the paper, in every method: {}.\n"
+                "robust refines the pose after RANSAC by maximum likelihood,\n"
+                "Adaptive's by both kinds of matches with what they are found\n"
+                "to be worth, and drops poses that chance explains;\n"
+                "paper optimizes each new best pose on all matches, no more")
       ->group(group);
   app.add_option("--reprojection-threshold-px", values.reprojection_threshold_px,
                  "Inlier threshold of 2D-3D matches")

@@ -41,7 +41,8 @@ constexpr double kLeastDensity = 1e-9;
 // A query's pixel is wrong, although its matches agree with each other, as often as that.
 constexpr double kQueryWrong = 0.1;
 
-constexpr int kMaxRounds = 6;
+constexpr int kFirstRounds = 2;
+constexpr int kMaxRounds = 8;
 // The squared lengths of steps, in standard deviations of the pose.
 constexpr double kFarStep = 4;
 constexpr double kSettledStep = 0.01;
@@ -102,13 +103,43 @@ struct SightingTerm {
   }
 };
 
-// The query's view, with the prior of its distance; the fourth unknown is the prior's mean.
+// The query's view, with the prior of the point's distance.
 struct QueryTerm {
   PixelResidual seen;
   Matrix23d jacobian = Matrix23d::Zero();  // by the point
-  double weight = 0;
-  Quadratic cost;
+  double weight = 0;                       // of the pixel, over its variance
+  Vector3d log_gradient = Vector3d::Zero();
+  double distance_error = 0;     // logarithm of the distance less the prior's mean
+  double prior_information = 0;  // of the distance's logarithm
+
+  Matrix3d Hessian() const {
+    Matrix3d hessian = prior_information * log_gradient * log_gradient.transpose();
+    hessian.noalias() += weight * jacobian.transpose() * jacobian;
+    return hessian;
+  }
+  Vector3d Gradient() const {
+    Vector3d gradient = prior_information * distance_error * log_gradient;
+    gradient.noalias() += weight * jacobian.transpose() * seen.error_px;
+    return gradient;
+  }
+  // With the prior's mean as the fourth unknown.
+  Quadratic Cost() const {
+    Quadratic q;
+    q.hessian.topLeftCorner<3, 3>() = Hessian();
+    q.hessian.topRightCorner<3, 1>() = -prior_information * log_gradient;
+    q.hessian.bottomLeftCorner<1, 3>() = -prior_information * log_gradient.transpose();
+    q.hessian(3, 3) = prior_information;
+    q.gradient << Gradient(), -prior_information * distance_error;
+    return q;
+  }
 };
+
+// Whether another round would change little.
+bool IsSettled(const JointNoise& before, const JointNoise& now) {
+  const auto alike = [](double a, double b) { return std::abs(a - b) < 0.05 * b; };
+  return alike(before.keypoint_px2, now.keypoint_px2) && alike(before.depth, now.depth) &&
+         alike(before.common_depth, now.common_depth) && alike(before.loose, now.loose);
+}
 
 class JointRefinement {
  public:
@@ -125,11 +156,22 @@ class JointRefinement {
   }
 
   JointResult Run() {
+    if (HasAmbiguousKeypoints()) {
+      // RANSAC's pose is so far off that some find no consensus, or a wrong one: it is looked for
+      // again at a better pose.
+      for (int i = 0; i < kFirstRounds; ++i) {
+        if (Step() > kFarStep) Step();
+        Reweigh();
+      }
+      noise_ = GuessNoise(evidence_, pose_, noise_.keypoint_px2);
+      FindConsensus(evidence_, pose_, noise_, states_, weights_);
+    }
     for (int i = 0; i < kMaxRounds; ++i) {
       const double decrement = Step();
       if (decrement > kFarStep) Step();
+      const JointNoise before = noise_;
       Reweigh();
-      if (i > 0 && decrement < kSettledStep) break;
+      if (decrement < kSettledStep && IsSettled(before, noise_)) break;
     }
     bool disagree = false;
     Step();
@@ -159,6 +201,19 @@ class JointRefinement {
     Vector4d gradient;
     Matrix4Xd views;  // d gradient / d unknowns of its views
     std::vector<int> columns;
+    // Where the query alone has unknowns: the point's, its common error eliminated.
+    Matrix3d point_covariance, of_query;
+    Vector3d point_slope, prior, by_common;
+    double common_hessian, common_slope;
+
+    // Of the point and its common error.
+    Matrix4d Covariance() const {
+      Matrix4d both;
+      const Vector3d cross = point_covariance * by_common / common_hessian;
+      both << point_covariance, cross, cross.transpose(),
+          (1 + by_common.dot(cross)) / common_hessian;
+      return both;
+    }
   };
 
   static constexpr int kQueryColumns = 7;
@@ -174,17 +229,11 @@ class JointRefinement {
     if (!term.seen.in_front) return term;
     term.weight = state.query_right / noise_.keypoint_px2;
     term.jacobian.noalias() = term.seen.jacobian * pose_.rotation;
-    term.cost.hessian.topLeftCorner<3, 3>().noalias() =
-        term.weight * term.jacobian.transpose() * term.jacobian;
-    term.cost.gradient.head<3>().noalias() =
-        term.weight * term.jacobian.transpose() * term.seen.error_px;
     const Vector3d offset = state.point - centre;
     const double squared = offset.squaredNorm();
-    Vector4d d;
-    d << offset / squared, -1;
-    const double information = 1 / noise_.log_distance_variance;
-    term.cost.hessian.noalias() += information * d * d.transpose();
-    term.cost.gradient += information * (0.5 * std::log(squared) - noise_.log_distance_mean) * d;
+    term.log_gradient = offset / squared;
+    term.distance_error = 0.5 * std::log(squared) - noise_.log_distance_mean;
+    term.prior_information = 1 / noise_.log_distance_variance;
     return term;
   }
 
@@ -243,11 +292,25 @@ class JointRefinement {
     return total;
   }
 
+  // Whether some keypoint has evidence that may contradict itself.
+  bool HasAmbiguousKeypoints() const {
+    return std::any_of(evidence_.keypoints.begin(), evidence_.keypoints.end(),
+                       [&](const KeypointParts& keypoint) {
+                         const auto sightings = evidence_.SightingsOf(keypoint);
+                         return sightings.size() + evidence_.LooseOf(keypoint).size() > 1 ||
+                                (sightings.size() == 1 && sightings[0].HasDepth());
+                       });
+  }
+
   Vector3d Centre() const { return -pose_.rotation.transpose() * pose_.translation; }
 
   // One Gauss-Newton step of all unknowns; its squared length in standard deviations (Newton's
   // decrement), 0 where there is none to take.
-  double Step();
+  double Step() { return WithReferences() ? StepOfAllViews() : StepOfQuery(); }
+  double StepOfAllViews();
+  double StepOfQuery();  // the same where no reference has unknowns, in closed form
+  void MoveQuery(const Eigen::Ref<const VectorXd>& step);
+  void MovePoint(const Vector4d& move, const Vector3d& query_centre, KeypointState& state) const;
   // The probability of each piece of evidence, by what all others of its keypoint predict, and the
   // noise that the residuals show.
   void Reweigh();
@@ -279,7 +342,7 @@ class JointRefinement {
   double log_likelihood_ = 0;
 };
 
-double JointRefinement::Step() {
+double JointRefinement::StepOfAllViews() {
   const Vector3d centre = Centre();
   hessian_.setZero(num_columns_, num_columns_);
   part_gradients_.setZero(num_columns_, kPartsOfImage);
@@ -299,8 +362,9 @@ double JointRefinement::Step() {
     Quadratic point = CommonPrior(state);
     const Quadratic loose = LooseCost(keypoint, state.point);
     point.Add(loose);
-    point.hessian.topLeftCorner<3, 3>() += query.cost.hessian.topLeftCorner<3, 3>();
-    point.gradient.head<3>() += query.cost.gradient.head<3>();
+    const Quadratic query_cost = query.Cost();
+    point.hessian.topLeftCorner<3, 3>() += query_cost.hessian.topLeftCorner<3, 3>();
+    point.gradient.head<3>() += query_cost.gradient.head<3>();
     terms.clear();
     indices.clear();
     for (int i = keypoint.first_sighting; i < keypoint.end_sighting; ++i) {
@@ -329,8 +393,8 @@ double JointRefinement::Step() {
     back.columns.clear();
     back.columns.push_back(0);
     {
-      Matrix47d columns = columns_of(query.cost);
-      add_view(0, query.cost, columns);
+      Matrix47d columns = columns_of(query_cost);
+      add_view(0, query_cost, columns);
       columns.row(3).setZero();
       back.views.leftCols<7>() = columns;
     }
@@ -392,21 +456,14 @@ double JointRefinement::Step() {
   const VectorXd step = factors.solve(-gradient);
   if (!step.allFinite() || step.head<3>().norm() > 0.5) return 0;
 
-  const Vector3d turn = step.head<3>();
-  pose_.translation += pose_.rotation * step.segment<3>(3);
-  pose_.rotation = Eigen::Quaterniond(pose_.rotation * RotationFromVector(turn).toRotationMatrix())
-                       .normalized()
-                       .toRotationMatrix();
-  noise_.log_distance_mean += step[6];
+  MoveQuery(step);
   for (size_t r = 0; r < references_.size(); ++r) {
     if (column_[r] < 0) continue;
     references_[r].turn += step.segment<3>(column_[r]);
     references_[r].shift += step.segment<3>(column_[r] + 3);
     references_[r].log_factor += step[column_[r] + 6];
   }
-  if (WithReferences()) {
-    UpdateReferenceVariances(factors.solve(MatrixXd::Identity(num_columns_, num_columns_)));
-  }
+  UpdateReferenceVariances(factors.solve(MatrixXd::Identity(num_columns_, num_columns_)));
 
   const Vector3d new_centre = Centre();
   for (size_t index = 0; index < states_.size(); ++index) {
@@ -418,14 +475,120 @@ double JointRefinement::Step() {
       pull.noalias() +=
           back.views.middleCols<7>(7 * static_cast<int>(a)) * step.segment<7>(back.columns[a]);
     }
-    Vector4d move = -back.covariance * pull;
-    // Not beyond what the linearization tells.
-    const double limit = 0.5 * (state.point - new_centre).norm();
-    const double length = move.head<3>().norm();
-    if (!move.allFinite()) continue;
-    if (length > limit) move *= limit / length;
-    state.point += move.head<3>();
-    state.common += move[3];
+    MovePoint(-back.covariance * pull, new_centre, state);
+  }
+  return -gradient.dot(step);
+}
+
+void JointRefinement::MoveQuery(const Eigen::Ref<const VectorXd>& step) {
+  pose_.translation += pose_.rotation * step.segment<3>(3);
+  const Matrix3d turn = RotationFromVector(step.head<3>()).toRotationMatrix();
+  pose_.rotation = Eigen::Quaterniond(pose_.rotation * turn).normalized().toRotationMatrix();
+  noise_.log_distance_mean += step[6];
+}
+
+void JointRefinement::MovePoint(const Vector4d& move, const Vector3d& query_centre,
+                                KeypointState& state) const {
+  // Not beyond what the linearization tells.
+  const double limit = 0.5 * (state.point - query_centre).norm();
+  const double length = move.head<3>().norm();
+  if (!std::isfinite(length + move[3])) return;
+  const double share = length > limit ? limit / length : 1;
+  state.point += share * move.head<3>();
+  state.common += share * move[3];
+}
+
+double JointRefinement::StepOfQuery() {
+  const Vector3d centre = Centre();
+  Eigen::Matrix<double, 7, 7> hessian = Eigen::Matrix<double, 7, 7>::Zero();
+  part_gradients_.setZero(7, kPartsOfImage);
+  const double common_information = 1 / noise_.common_depth;
+  for (size_t index = 0; index < states_.size(); ++index) {
+    const KeypointParts& keypoint = evidence_.keypoints[index];
+    const KeypointState& state = states_[index];
+    Back& back = backs_[index];
+    back.used = false;
+    if (TotalWeight(keypoint) < kLeastWeight) continue;
+    const QueryTerm query = LookFromQuery(index, centre);
+    if (!query.seen.in_front) continue;
+
+    // What the references know of the point; its common error is eliminated first.
+    const Quadratic loose = LooseCost(keypoint, state.point);
+    Matrix3d known = loose.hessian.topLeftCorner<3, 3>();
+    Vector3d slope = loose.gradient.head<3>();
+    Vector3d by_common = Vector3d::Zero();
+    double common_hessian = common_information;
+    double common_slope = common_information * state.common;
+    for (int i = keypoint.first_sighting; i < keypoint.end_sighting; ++i) {
+      if (weights_.sighting[i] < kLeastWeight) continue;
+      const SightingTerm term = LookFromReference(i, state);
+      if (term.weight == 0) continue;
+      known.noalias() += term.weight * term.seen.jacobian.transpose() * term.seen.jacobian;
+      slope.noalias() += term.weight * term.seen.jacobian.transpose() * term.seen.error_px;
+      if (term.depth_weight == 0) continue;
+      const Vector3d weighted = term.depth_weight * term.log_gradient;
+      known.noalias() += weighted * term.log_gradient.transpose();
+      slope += term.depth_error * weighted;
+      by_common += weighted;
+      common_hessian += term.depth_weight;
+      common_slope -= term.depth_weight * term.depth_error;
+    }
+    known.noalias() -= by_common * by_common.transpose() / common_hessian;
+    slope += common_slope / common_hessian * by_common;
+
+    const Matrix3d of_query = query.Hessian();
+    const Vector3d query_slope = query.Gradient();
+    const Matrix3d covariance = (known + of_query).inverse();
+    const Matrix3d share = of_query * covariance;
+    // What is left for the pose, and for the mean distance.
+    const Matrix3d reduced = of_query - share * of_query;
+    const Vector3d pull = query_slope - share * (slope + query_slope);
+    const Vector3d prior = -query.prior_information * query.log_gradient;
+    const Vector3d by_mean = prior - share * prior;
+    Matrix3d cross;
+    const Vector3d& p = state.point;
+    cross << 0, -p.z(), p.y(), p.z(), 0, -p.x(), -p.y(), p.x(), 0;
+    const Matrix3d turned = cross * reduced;
+    if (!std::isfinite(reduced.sum() + pull.sum())) continue;
+    hessian.topLeftCorner<3, 3>().noalias() -= turned * cross;
+    hessian.block<3, 3>(3, 0) += turned.transpose();
+    hessian.block<3, 3>(3, 3) += reduced;
+    hessian.block<1, 3>(6, 0).noalias() += (cross * by_mean).transpose();
+    hessian.block<1, 3>(6, 3) += by_mean.transpose();
+    hessian(6, 6) += query.prior_information - prior.dot(covariance * prior);
+    auto gradient = part_gradients_.col(keypoint.part_of_image);
+    gradient.head<3>().noalias() += cross * pull;
+    gradient.segment<3>(3) += pull;
+    gradient[6] += -query.prior_information * query.distance_error -
+                   prior.dot(covariance * (slope + query_slope));
+
+    back.used = true;
+    back.point_covariance = covariance;
+    back.point_slope = slope + query_slope;
+    back.of_query = of_query;
+    back.prior = prior;
+    back.by_common = by_common;
+    back.common_hessian = common_hessian;
+    back.common_slope = common_slope;
+  }
+  hessian = Eigen::Matrix<double, 7, 7>(hessian.selfadjointView<Eigen::Lower>());
+  hessian_ = hessian;
+  const Vector7d gradient = part_gradients_.rowwise().sum();
+  hessian.diagonal().array() += 1e-12 * hessian.diagonal().maxCoeff();
+  const Vector7d step = hessian.ldlt().solve(-gradient);
+  if (!step.allFinite() || step.head<3>().norm() > 0.5) return 0;
+  MoveQuery(step);
+  const Vector3d new_centre = Centre();
+  for (size_t index = 0; index < states_.size(); ++index) {
+    const Back& back = backs_[index];
+    if (!back.used) continue;
+    KeypointState& state = states_[index];
+    const Vector3d displaced = step.head<3>().cross(state.point) + step.segment<3>(3);
+    const Vector3d pull = back.point_slope + back.of_query * displaced + step[6] * back.prior;
+    Vector4d move;
+    move.head<3>() = -(back.point_covariance * pull);
+    move[3] = (back.by_common.dot(move.head<3>()) - back.common_slope) / back.common_hessian;
+    MovePoint(move, new_centre, state);
   }
   return -gradient.dot(step);
 }
@@ -669,12 +832,12 @@ bool JointRefinement::ReferencesDisagree() const {
   for (size_t index = 0; index < states_.size(); ++index) {
     const KeypointParts& keypoint = evidence_.keypoints[index];
     if (!backs_[index].used) continue;
+    const Matrix4d covariance = backs_[index].Covariance();
     Eigen::Matrix<double, 4, 7> by_view = Eigen::Matrix<double, 4, 7>::Zero();
     by_view.topLeftCorner<3, 6>() = DisplacementJacobian(states_[index].point);
     by_view(3, 6) = 1;
     const auto add = [&](size_t view, const Quadratic& cost) {
-      const Matrix4d reduced =
-          cost.hessian - cost.hessian * backs_[index].covariance * cost.hessian;
+      const Matrix4d reduced = cost.hessian - cost.hessian * covariance * cost.hessian;
       information[view].noalias() += by_view.transpose() * reduced * by_view;
       score[view].noalias() += by_view.transpose() * cost.gradient;
     };
