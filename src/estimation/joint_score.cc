@@ -33,8 +33,13 @@ struct PartialScore {
 
 }  // namespace
 
-Objective::Objective(Sets sets, ScoreCombination combination, int num_points, int num_pairs)
-    : sets_(sets), combination_(combination), num_points_(num_points), num_pairs_(num_pairs) {
+Objective::Objective(Sets sets, ScoreCombination combination, int num_points, int num_pairs,
+                     Refinement refinement)
+    : sets_(sets),
+      combination_(combination),
+      refinement_(refinement),
+      num_points_(num_points),
+      num_pairs_(num_pairs) {
   // A combination with an empty set says nothing (its product is always zero): use the other.
   if (sets_ == Sets::kBoth && num_points == 0) sets_ = Sets::kPairs;
   if (sets_ == Sets::kBoth && num_pairs == 0) sets_ = Sets::kPoints;
@@ -59,6 +64,7 @@ double Objective::Value(const JointScore& score) const {
     case ScoreCombination::kSumMsac:
       return score.points.cost + score.pairs.cost;
     case ScoreCombination::kMultMsac:
+      if (refinement_ == Refinement::kPaper) return score.points.cost * score.pairs.cost;
       // One match's worth is added to each factor: a set that a minimal sample fits exactly has a
       // cost of zero, which would make the product blind to the other set.
       return (score.points.cost + 1) * (score.pairs.cost + 1);

@@ -38,7 +38,9 @@ class Objective {
  public:
   enum class Sets { kPoints, kPairs, kBoth };
 
-  Objective(Sets sets, ScoreCombination combination, int num_points, int num_pairs);
+  // `num_points` and `num_pairs`: all matches of the problem.
+  Objective(Sets sets, ScoreCombination combination, int num_points, int num_pairs,
+            Refinement refinement = Refinement::kRobust);
 
   bool UsesPoints() const { return sets_ != Sets::kPairs; }
   bool UsesPairs() const { return sets_ != Sets::kPoints; }
@@ -50,6 +52,7 @@ class Objective {
  private:
   Sets sets_;
   ScoreCombination combination_;
+  Refinement refinement_;
   double num_points_;
   double num_pairs_;
 };

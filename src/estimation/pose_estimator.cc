@@ -150,9 +150,8 @@ class RansacEstimator final : public PoseEstimator {
           enough_pairs ? FailureReason::kNoReferencePair : FailureReason::kTooFewMatches;
       return estimate;
     }
-    const Objective objective(method_.scored_sets, method_.score,
-                              static_cast<int>(prepared.points.size()),
-                              static_cast<int>(prepared.pairs.size()));
+    const Objective objective(method_.scored_sets, method_.score, prepared.num_matches_2d3d,
+                              prepared.num_matches_2d2d, options_.refinement);
     const RansacReport report =
         RunRansac(prepared, objective, solvers, method_.schedule, options_, rng);
     estimate.iterations = report.iterations;

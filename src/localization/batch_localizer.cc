@@ -12,7 +12,8 @@ BatchLocalizer::BatchLocalizer(const Scene& scene, std::vector<Query> queries,
     : options_(options),
       queries_(std::move(queries)),
       matches_(std::move(matches)),
-      doctor_(queries_) {
+      doctor_(queries_),
+      run_check_(queries_) {
   std::vector<ReferenceMatch> reference_matches;
   if (options.align != AlignMode::kOff) {
     reference_matches =
@@ -56,6 +57,7 @@ void BatchLocalizer::Complete(size_t query, const Localizer& localizer, QueryRes
   if (options_.rerenderer != nullptr) {
     options_.rerenderer->Improve(queries_[query], localizer.estimator(), result);
   }
+  if (options_.check_input) run_check_.Add(query, result);
 }
 
 std::vector<std::string> BatchLocalizer::Warnings() const {
@@ -66,6 +68,13 @@ std::vector<std::string> BatchLocalizer::Warnings() const {
                                     options_.threads)) {
       warnings.push_back(std::move(*warning));
     }
+  }
+  const EstimatorOptions& estimator = options_.localizer.estimator;
+  if (UsesPoints(estimator.method) && !scene_->sources.empty()) {
+    if (auto warning = run_check_.WarnOfGeometry()) warnings.push_back(std::move(*warning));
+  }
+  if (auto warning = run_check_.WarnOfFocalLength(estimator, options_.threads)) {
+    warnings.push_back(std::move(*warning));
   }
   return warnings;
 }

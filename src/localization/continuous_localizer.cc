@@ -18,7 +18,8 @@ using Json = nlohmann::ordered_json;
 // Both solvers are asked where both have what they need.
 std::optional<SolverPoses> AskSolvers(const QueryResult& result, const EstimatorOptions& estimator,
                                       const ContinuousOptions& options) {
-  if (!options.gate.needs_agreement || result.problem.matches_2d3d.empty()) return std::nullopt;
+  if (options.gate.open || !options.gate.needs_agreement || result.problem.matches_2d3d.empty())
+    return std::nullopt;
   const PoseEstimate& estimate = result.localized.estimate;
   if (estimate.p3p_cam_from_world && estimate.e5p1_cam_from_world) {
     return SolverPoses{estimate.p3p_cam_from_world, estimate.e5p1_cam_from_world};

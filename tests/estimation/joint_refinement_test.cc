@@ -102,7 +102,7 @@ TEST(JointRefinement, IsAsGoodAsPairsWhereReferencesHaveFactors) {
   for (const PoseEstimate& estimate : outcome.estimates) {
     ASSERT_TRUE(estimate.noise);
     EXPECT_GT(estimate.noise->reference_factor, 0.02);
-    EXPECT_NEAR(estimate.noise->common_depth, 0.03, 0.015);
+    EXPECT_NEAR(estimate.noise->common_depth, 0.03, 0.02);
   }
 }
 

@@ -29,6 +29,10 @@ TEST(Objective, CombinesBothSetsAsThePapersSay) {
   EXPECT_EQ(value(ScoreCombination::kMultInliers), -30 * 85);
   EXPECT_EQ(value(ScoreCombination::kSumMsac), 12.5 + 20.25);
   EXPECT_EQ(value(ScoreCombination::kMultMsac), 13.5 * 21.25) << "one match more in each factor";
+  EXPECT_EQ(Objective(Objective::Sets::kBoth, ScoreCombination::kMultMsac, kNumPoints, kNumPairs,
+                      Refinement::kPaper)
+                .Value(score),
+            12.5 * 20.25);
 }
 
 TEST(Objective, OfOneSetIsItsMsacCostWhateverTheCombination) {

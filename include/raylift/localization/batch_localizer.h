@@ -17,6 +17,7 @@
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/quick_doctor.h"
 #include "raylift/localization/rerender.h"
+#include "raylift/localization/run_check.h"
 #include "raylift/localization/scene.h"
 
 namespace raylift {
@@ -26,7 +27,7 @@ struct BatchOptions {
   AlignMode align = AlignMode::kOff;
   // Null: poses are not sharpened by rendering the mesh again.
   std::shared_ptr<const Rerenderer> rerenderer = nullptr;
-  bool check_input = true;  // see QuickDoctor
+  bool check_input = true;  // see QuickDoctor and RunCheck
   int threads = 0;
 };
 
@@ -68,6 +69,7 @@ class BatchLocalizer {
   std::shared_ptr<MatchSource> matches_;
   std::shared_ptr<const Scene> scene_;
   QuickDoctor doctor_;
+  RunCheck run_check_;
 };
 
 }  // namespace raylift

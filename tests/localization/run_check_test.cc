@@ -1,0 +1,88 @@
+#include "raylift/localization/run_check.h"
+
+#include <string>
+#include <vector>
+
+#include "support/coherent_problem.h"
+#include "support/matchers.h"
+#include <gmock/gmock.h>
+
+namespace raylift {
+namespace {
+
+constexpr size_t kQueries = 5;
+
+std::vector<Query> Queries() {
+  std::vector<Query> queries;
+  for (size_t i = 0; i < kQueries; ++i) queries.push_back({std::to_string(i), {}});
+  return queries;
+}
+
+// A result of each query, of problems that `change` changes.
+template <typename Change>
+RunCheck Checked(const Change& change) {
+  Rng rng = TestRng();
+  RunCheck check(Queries());
+  for (size_t i = 0; i < kQueries; ++i) {
+    CoherentProblem made = MakeCoherentProblem(std::to_string(i), {}, rng);
+    change(made.problem);
+    QueryResult result;
+    result.problem = made.problem;
+    result.localized.name = made.problem.name;
+    result.localized.counts.matched = made.problem.matches_2d2d.size();
+    result.localized.counts.points = made.problem.matches_2d3d.size();
+    result.localized.TakeEstimate(MakePoseEstimator({})->Estimate(made.problem));
+    check.Add(i, result);
+  }
+  return check;
+}
+
+void ScaleFocal(PoseProblem& problem, double factor) {
+  std::vector<double> params(problem.query_camera.params().begin(),
+                             problem.query_camera.params().end());
+  params[0] *= factor;
+  params[1] *= factor;
+  problem.query_camera = Camera(problem.query_camera.model(), problem.query_camera.width_px(),
+                                problem.query_camera.height_px(), params);
+}
+
+TEST(RunCheck, SaysNothingOfGoodInput) {
+  const RunCheck check = Checked([](PoseProblem&) {});
+  EXPECT_EQ(check.WarnOfGeometry(), std::nullopt);
+  EXPECT_EQ(check.WarnOfFocalLength({}, 1), std::nullopt);
+}
+
+TEST(RunCheck, NamesAWrongFocalLengthAndItsRepair) {
+  for (const double factor : {1.1, 1.2, 1.3, 0.85}) {
+    const RunCheck check = Checked([factor](PoseProblem& problem) { ScaleFocal(problem, factor); });
+    const auto warning = check.WarnOfFocalLength({}, 1);
+    ASSERT_TRUE(warning) << factor;
+    EXPECT_THAT(*warning, ::testing::HasSubstr(factor > 1 ? "too long" : "too short"));
+    EXPECT_THAT(*warning, ::testing::HasSubstr("refine_focal"));
+    EstimatorOptions refine;
+    refine.refine_focal = true;
+    EXPECT_EQ(check.WarnOfFocalLength(refine, 1), std::nullopt);
+  }
+}
+
+TEST(RunCheck, NoticesGeometryThatGivesNoPoints) {
+  const RunCheck check = Checked([](PoseProblem& problem) { problem.matches_2d3d.resize(5); });
+  ASSERT_TRUE(check.WarnOfGeometry());
+  EXPECT_THAT(*check.WarnOfGeometry(), ::testing::HasSubstr("have a point in the geometry"));
+}
+
+TEST(RunCheck, NoticesGeometryThatIsElsewhere) {
+  // Twice as large as the scene.
+  const RunCheck check = Checked([](PoseProblem& problem) {
+    for (Match2D3D& match : problem.matches_2d3d) {
+      const Eigen::Vector3d centre =
+          problem.references[static_cast<size_t>(*match.reference)].cam_from_world.OriginInSource();
+      match.point_in_world = centre + 2 * (match.point_in_world - centre);
+    }
+  });
+  ASSERT_TRUE(check.WarnOfGeometry());
+  EXPECT_THAT(*check.WarnOfGeometry(), ::testing::HasSubstr("points fit the poses"));
+}
+
+}  // namespace
+}  // namespace raylift
