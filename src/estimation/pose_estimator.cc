@@ -21,6 +21,9 @@
 namespace raylift {
 namespace {
 
+// A refined pose keeps at least this share of what RANSAC's gains over a pose that nothing fits.
+constexpr double kKeptGain = 0.5;
+
 // Less sure than this is no pose.
 constexpr double kLeastConfidence = 0.1;
 
@@ -150,8 +153,10 @@ class RansacEstimator final : public PoseEstimator {
           enough_pairs ? FailureReason::kNoReferencePair : FailureReason::kTooFewMatches;
       return estimate;
     }
-    const Objective objective(method_.scored_sets, method_.score, prepared.num_matches_2d3d,
-                              prepared.num_matches_2d2d, options_.refinement);
+    // A set of which nothing can be used is none.
+    const Objective objective(
+        method_.scored_sets, method_.score, prepared.points.empty() ? 0 : prepared.num_matches_2d3d,
+        prepared.pairs.empty() ? 0 : prepared.num_matches_2d2d, options_.refinement);
     const RansacReport report =
         RunRansac(prepared, objective, solvers, method_.schedule, options_, rng);
     estimate.iterations = report.iterations;
@@ -161,11 +166,23 @@ class RansacEstimator final : public PoseEstimator {
     }
     estimate.solver = report.best->solver;
     const RansacResult& best = *report.best;
-    const FinalPose final_pose =
+    const Scorer scorer(prepared, objective);
+    const auto value_of = [&](const SolverPose& pose) {
+      return objective.Value(scorer.ScoreAll(pose));
+    };
+    FinalPose final_pose =
         RefineFinally(problem, prepared, best.pose, best.refined_kinds, options_.refinement);
-    DescribePose(prepared, problem, final_pose, estimate);
     estimate.ransac_value = report.best_value;
-    estimate.refined_value = objective.Value(Scorer(prepared, objective).ScoreAll(final_pose.pose));
+    estimate.refined_value = value_of(final_pose.pose);
+    // The likeliest pose rarely has the best score, but one that explains far less has lost its way.
+    const double nothing = objective.Value({{static_cast<double>(prepared.num_matches_2d3d), 0},
+                                            {static_cast<double>(prepared.num_matches_2d2d), 0}});
+    if (!(nothing - estimate.refined_value > kKeptGain * (nothing - estimate.ransac_value))) {
+      final_pose =
+          RefineFinally(problem, prepared, best.pose, best.refined_kinds, Refinement::kPaper);
+      estimate.refined_value = estimate.ransac_value;
+    }
+    DescribePose(prepared, problem, final_pose, estimate);
     Judge(problem, prepared, report, final_pose.pose, solvers.size(), estimate);
     CheckSupport(e5p1, estimate);
     if (options_.refine_focal && estimate.cam_from_world && estimate.position_observable) {

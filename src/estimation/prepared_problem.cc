@@ -249,10 +249,10 @@ template PairBlocks<float> MakePairBlocks<float>(const std::vector<PreparedPair>
 template PairBlocks<double> MakePairBlocks<double>(const std::vector<PreparedPair>&,
                                                    const std::vector<int>&);
 
-PreparedProblem::PreparedProblem(const PoseProblem& problem, double reprojection_threshold_px,
-                                 double sampson_threshold_px, Rng& rng, double point_sigma)
-    : reprojection_threshold_px(reprojection_threshold_px),
-      sampson_threshold_px(sampson_threshold_px),
+PreparedProblem::PreparedProblem(const PoseProblem& problem, double point_threshold_px,
+                                 double pair_threshold_px, Rng& rng, double point_sigma)
+    : reprojection_threshold_px(point_threshold_px),
+      sampson_threshold_px(pair_threshold_px),
       num_matches_2d3d(static_cast<int>(problem.matches_2d3d.size())),
       num_matches_2d2d(static_cast<int>(problem.matches_2d2d.size())) {
   const Frame frame = ChooseFrame(problem);

@@ -53,8 +53,8 @@ struct ReferenceRun {
 struct PreparedProblem {
   // `rng` shuffles the matches, so that any prefix of the blocks is a fair sample. `point_sigma`
   // (scene units) is the standard deviation of 3D points that carry none.
-  PreparedProblem(const PoseProblem& problem, double reprojection_threshold_px,
-                  double sampson_threshold_px, Rng& rng, double point_sigma = 0);
+  PreparedProblem(const PoseProblem& problem, double point_threshold_px, double pair_threshold_px,
+                  Rng& rng, double point_sigma = 0);
 
   Eigen::Vector3d origin_in_world;
   double scale;

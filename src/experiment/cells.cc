@@ -23,7 +23,7 @@ using Json = nlohmann::ordered_json;
 using std::filesystem::path;
 
 // Of the form of cells and of what fills them: a change of either makes all cells anew.
-constexpr int kCellVersion = 1;
+constexpr int kCellVersion = 2;
 // A cell's queries are in memory with all their matches.
 constexpr size_t kQueriesPerCell = 256;
 // Larger inputs are told by sizes and times.
