@@ -1,10 +1,12 @@
 #include "estimation/joint_refinement.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
+#include <utility>
+#include <vector>
 
+#include "estimation/keypoint_consensus.h"
 #include "estimation/keypoint_sight.h"
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
@@ -141,6 +143,14 @@ bool IsSettled(const JointNoise& before, const JointNoise& now) {
          alike(before.common_depth, now.common_depth) && alike(before.loose, now.loose);
 }
 
+// Whether a step of the query is one that the linearization can be believed for.
+bool IsModest(const Eigen::Ref<const VectorXd>& step) {
+  constexpr double kLargestTurn = 0.5;
+  constexpr double kLargestFactor = 1;  // of the mean distance, as a logarithm
+  return step.allFinite() && step.head<3>().norm() < kLargestTurn &&
+         std::abs(step[6]) < kLargestFactor;
+}
+
 class JointRefinement {
  public:
   JointRefinement(const KeypointEvidence& evidence, const SolverPose& start,
@@ -173,10 +183,8 @@ class JointRefinement {
       Reweigh();
       if (decrement < kSettledStep && IsSettled(before, noise_)) break;
     }
-    bool disagree = false;
     Step();
     if (ReferencesDisagree()) {
-      disagree = true;
       AdmitReferenceErrors();
       for (int i = 0; i < kReferenceRounds; ++i) {
         Step();
@@ -186,11 +194,8 @@ class JointRefinement {
     }
     return {.pose = pose_,
             .noise = noise_,
-            .weights = std::move(weights_),
-            .keypoints = std::move(states_),
             .covariance = Covariance(),
-            .log_likelihood = log_likelihood_,
-            .references_disagree = disagree};
+            .references_disagree = WithReferences()};
   }
 
  private:
@@ -339,7 +344,6 @@ class JointRefinement {
   std::vector<Back> backs_;
   MatrixXd hessian_;         // of the last step, the points eliminated
   MatrixXd part_gradients_;  // of the last step, one column for each part of the query's image
-  double log_likelihood_ = 0;
 };
 
 double JointRefinement::StepOfAllViews() {
@@ -349,6 +353,7 @@ double JointRefinement::StepOfAllViews() {
   VectorXd prior_gradient = VectorXd::Zero(num_columns_);
   std::vector<SightingTerm> terms;
   std::vector<int> indices;
+  std::vector<std::pair<int, Quadratic>> views;
   for (size_t index = 0; index < states_.size(); ++index) {
     const KeypointParts& keypoint = evidence_.keypoints[index];
     const KeypointState& state = states_[index];
@@ -373,59 +378,60 @@ double JointRefinement::StepOfAllViews() {
       indices.push_back(i);
     }
 
-    const Matrix36d displacement = DisplacementJacobian(state.point);
-    auto gradient = part_gradients_.col(keypoint.part_of_image);
-    const auto columns_of = [&](const Quadratic& q) {
-      Matrix47d columns;
-      columns.leftCols<6>().noalias() = q.hessian.leftCols<3>().lazyProduct(displacement);
-      columns.col(6) = q.hessian.col(3);
-      return columns;
-    };
-    const auto add_view = [&](int column, const Quadratic& q, const Matrix47d& columns) {
-      hessian_.block<6, 7>(column, column).noalias() +=
-          displacement.transpose().lazyProduct(columns.topRows<3>());
-      hessian_.block<1, 7>(column + 6, column) += columns.row(3);
-      gradient.segment<6>(column).noalias() += displacement.transpose() * q.gradient.head<3>();
-      gradient[column + 6] += q.gradient[3];
-    };
-    const int max_columns = 7 * (2 + static_cast<int>(terms.size()));
-    back.views.resize(4, WithReferences() ? max_columns : kQueryColumns);
-    back.columns.clear();
-    back.columns.push_back(0);
-    {
-      Matrix47d columns = columns_of(query_cost);
-      add_view(0, query_cost, columns);
-      columns.row(3).setZero();
-      back.views.leftCols<7>() = columns;
-    }
-    const auto take_view = [&](int column, const Quadratic& cost) {
-      const Matrix47d columns = columns_of(cost);
-      add_view(column, cost, columns);
-      back.views.middleCols<7>(7 * static_cast<int>(back.columns.size())) = columns;
-      back.columns.push_back(column);
-    };
-    if (column_[LooseView()] >= 0 && keypoint.end_loose > keypoint.first_loose) {
-      take_view(column_[LooseView()], loose);
-    }
+    // Each view's cost, by its column; sightings of one reference are one view.
+    views.clear();
+    views.emplace_back(0, query_cost);
     for (size_t t = 0; t < terms.size(); ++t) {
       if (terms[t].weight == 0) continue;
       const Quadratic cost = terms[t].Cost();
       point.Add(cost);
       const int column = column_[evidence_.sightings[indices[t]].reference];
-      if (column >= 0) take_view(column, cost);
+      if (column < 0) continue;
+      const auto same = std::find_if(views.begin(), views.end(),
+                                     [&](const auto& view) { return view.first == column; });
+      if (same == views.end()) {
+        views.emplace_back(column, cost);
+      } else {
+        same->second.Add(cost);
+      }
     }
+    if (column_[LooseView()] >= 0 && keypoint.end_loose > keypoint.first_loose) {
+      views.emplace_back(column_[LooseView()], loose);
+    }
+    // The lower triangle is filled.
+    std::sort(views.begin(), views.end(),
+              [](const auto& one, const auto& other) { return one.first < other.first; });
 
-    // Eliminates them.
     back.covariance = point.hessian.inverse();
     if (!back.covariance.allFinite()) continue;
+    const Matrix36d displacement = DisplacementJacobian(state.point);
+    auto gradient = part_gradients_.col(keypoint.part_of_image);
+    back.views.resize(4, 7 * static_cast<int>(views.size()));
+    back.columns.clear();
+    for (const auto& [column, cost] : views) {
+      Matrix47d columns;
+      columns.leftCols<6>().noalias() = cost.hessian.leftCols<3>().lazyProduct(displacement);
+      columns.col(6) = cost.hessian.col(3);
+      hessian_.block<6, 7>(column, column).noalias() +=
+          displacement.transpose().lazyProduct(columns.topRows<3>());
+      hessian_.block<1, 7>(column + 6, column) += columns.row(3);
+      gradient.segment<6>(column).noalias() += displacement.transpose() * cost.gradient.head<3>();
+      gradient[column + 6] += cost.gradient[3];
+      // The query's fourth unknown is the prior's mean, not the point's error.
+      if (column == 0) columns.row(3).setZero();
+      back.views.middleCols<7>(7 * static_cast<int>(back.columns.size())) = columns;
+      back.columns.push_back(column);
+    }
+
+    // Eliminates the point.
     const Vector4d solved_gradient = back.covariance * point.gradient;
-    for (size_t a = 0; a < back.columns.size(); ++a) {
-      const auto part = back.views.middleCols<7>(7 * static_cast<int>(a));
+    for (size_t i = 0; i < back.columns.size(); ++i) {
+      const auto part = back.views.middleCols<7>(7 * static_cast<int>(i));
       const Matrix47d solved = back.covariance * part;
-      gradient.segment<7>(back.columns[a]).noalias() -= part.transpose() * solved_gradient;
-      for (size_t b = 0; b <= a; ++b) {
-        hessian_.block<7, 7>(back.columns[a], back.columns[b]).noalias() -=
-            solved.transpose().lazyProduct(back.views.middleCols<7>(7 * static_cast<int>(b)));
+      gradient.segment<7>(back.columns[i]).noalias() -= part.transpose() * solved_gradient;
+      for (size_t j = 0; j <= i; ++j) {
+        hessian_.block<7, 7>(back.columns[i], back.columns[j]).noalias() -=
+            solved.transpose().lazyProduct(back.views.middleCols<7>(7 * static_cast<int>(j)));
       }
     }
     back.used = true;
@@ -447,14 +453,14 @@ double JointRefinement::StepOfAllViews() {
         to_prior.transpose() * information.asDiagonal() * to_prior;
     prior_gradient.segment<7>(column_[r]) += to_prior.transpose() * information.cwiseProduct(value);
   }
-  hessian_ = hessian_.selfadjointView<Eigen::Lower>();
+  hessian_ = MatrixXd(hessian_.selfadjointView<Eigen::Lower>());
   const VectorXd gradient = part_gradients_.rowwise().sum() + prior_gradient;
 
   MatrixXd damped = hessian_;
   damped.diagonal().head<7>().array() += 1e-12 * damped.diagonal().head<7>().maxCoeff();
   const Eigen::LDLT<MatrixXd> factors(damped);
   const VectorXd step = factors.solve(-gradient);
-  if (!step.allFinite() || step.head<3>().norm() > 0.5) return 0;
+  if (!IsModest(step)) return 0;
 
   MoveQuery(step);
   for (size_t r = 0; r < references_.size(); ++r) {
@@ -576,7 +582,7 @@ double JointRefinement::StepOfQuery() {
   const Vector7d gradient = part_gradients_.rowwise().sum();
   hessian.diagonal().array() += 1e-12 * hessian.diagonal().maxCoeff();
   const Vector7d step = hessian.ldlt().solve(-gradient);
-  if (!step.allFinite() || step.head<3>().norm() > 0.5) return 0;
+  if (!IsModest(step)) return 0;
   MoveQuery(step);
   const Vector3d new_centre = Centre();
   for (size_t index = 0; index < states_.size(); ++index) {
@@ -624,7 +630,6 @@ double Density(const Vector2d& error, const Matrix2d& covariance) {
 void JointRefinement::Reweigh() {
   const Vector3d centre = Centre();
   const double wrong = (1 - noise_.right) / evidence_.query_area_px2;
-  log_likelihood_ = 0;
   struct Sum {
     double squares = 0, count = 0;
   };
@@ -683,7 +688,6 @@ void JointRefinement::Reweigh() {
                                     Vector2d::Constant(query.weight), spread);
       const double chance = kQueryWrong / evidence_.query_area_px2;
       const double density = (1 - kQueryWrong) * Density(predicted.error, predicted.covariance);
-      log_likelihood_ += std::log((density + chance) * evidence_.query_area_px2);
       pixels.squares += trust * state.query_right * query.seen.error_px.squaredNorm();
       pixels.count += trust * (2 * state.query_right - query.weight * spread.trace());
       // A single match does not tell whose pixel is wrong: that is its own weight.
@@ -829,6 +833,7 @@ bool JointRefinement::ReferencesDisagree() const {
   std::vector<Eigen::Matrix<double, 7, 7>> information(references_.size(),
                                                        Eigen::Matrix<double, 7, 7>::Zero());
   std::vector<Vector7d> score(references_.size(), Vector7d::Zero());
+  std::vector<int> residuals(references_.size(), 0);
   for (size_t index = 0; index < states_.size(); ++index) {
     const KeypointParts& keypoint = evidence_.keypoints[index];
     if (!backs_[index].used) continue;
@@ -840,6 +845,7 @@ bool JointRefinement::ReferencesDisagree() const {
       const Matrix4d reduced = cost.hessian - cost.hessian * covariance * cost.hessian;
       information[view].noalias() += by_view.transpose() * reduced * by_view;
       score[view].noalias() += by_view.transpose() * cost.gradient;
+      residuals[view] += 3;
     };
     for (int i = keypoint.first_sighting; i < keypoint.end_sighting; ++i) {
       if (weights_.sighting[i] < 0.5) continue;
@@ -859,7 +865,7 @@ bool JointRefinement::ReferencesDisagree() const {
     if (!(trace > 0)) continue;
     information[r].diagonal().array() += 1e-9 * trace;
     statistic += score[r].dot(information[r].ldlt().solve(score[r]));
-    degrees += r == LooseView() ? 6 : 7;
+    degrees += std::min(residuals[r], r == LooseView() ? 6 : 7);
   }
   // One case in a thousand, by the normal approximation.
   return degrees > 0 && statistic > degrees + 3.1 * std::sqrt(2.0 * degrees);

@@ -14,10 +14,8 @@
 #pragma once
 
 #include <optional>
-#include <vector>
 
 #include "estimation/joint_noise.h"
-#include "estimation/keypoint_consensus.h"
 #include "estimation/keypoint_evidence.h"
 #include "estimation/solvers/p3p.h"
 #include <Eigen/Core>
@@ -27,12 +25,8 @@ namespace raylift {
 struct JointResult {
   SolverPose pose;
   JointNoise noise;
-  EvidenceWeights weights;
-  std::vector<KeypointState> keypoints;
   // Of the step (w, v) in the camera's tangent frame, local units; none where singular.
   std::optional<Eigen::Matrix<double, 6, 6>> covariance;
-  // How much likelier the query's pixels are with this pose than by chance, as a logarithm.
-  double log_likelihood = 0;
   bool references_disagree = false;
 };
 

@@ -4,11 +4,11 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <span>
 
 #include "estimation/keypoint_sight.h"
 #include <Eigen/Geometry>
-#include <Eigen/LU>
 
 #include "raylift/base/median.h"
 
@@ -17,6 +17,9 @@ namespace {
 
 using Eigen::Vector2d;
 using Eigen::Vector3d;
+
+// No depth is impossible.
+constexpr double kLeastDensity = 1e-9;
 
 // Beyond so many variances a density is none.
 constexpr double kFarSquared = 40;
@@ -90,7 +93,7 @@ struct VarianceAndShare {
   double variance, share;
 };
 
-// The likeliest variance, by factors of four of the deviation, and share of right errors.
+// The likeliest variance, by factors of three of the deviation, and share of right errors.
 template <typename Right, typename Wrong>
 VarianceAndShare Likeliest(const std::vector<ObservedError>& errors, double largest_variance,
                            const Right& right, const Wrong& wrong) {
@@ -104,7 +107,7 @@ VarianceAndShare Likeliest(const std::vector<ObservedError>& errors, double larg
       const double p = right(error, variance);
       const double q = wrong(error, variance);
       for (size_t s = 0; s < kShares.size(); ++s) {
-        sums[s] += std::log(kShares[s] * p + (1 - kShares[s]) * q);
+        sums[s] += std::log(kShares[s] * p + (1 - kShares[s]) * q + kLeastDensity);
       }
     }
     for (size_t s = 0; s < kShares.size(); ++s) {
@@ -303,7 +306,6 @@ class Vote {
   }
 
  private:
-  static constexpr double kLeastDensity = 1e-9;
   static double Squared(double x) { return x * x; }
 
   // The density of a right depth without error over that of any depth in the scene.

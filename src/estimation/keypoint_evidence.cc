@@ -26,7 +26,7 @@ bool IsOnRay(const Sighting& sighting, const Eigen::Vector3d& point) {
 }
 
 int PartOf(double at, int size) {
-  return std::clamp(static_cast<int>(at / size * kPartsPerSide), 0, kPartsPerSide - 1);
+  return static_cast<int>(std::clamp(at / size * kPartsPerSide, 0.0, kPartsPerSide - 1.0));
 }
 
 }  // namespace
@@ -55,6 +55,16 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
     parts.first_sighting = static_cast<int>(evidence.sightings.size());
     for (const int i : pairs[k]) {
       const PreparedPair& pair = problem.pairs[i];
+      const auto same = std::find_if(evidence.sightings.begin() + parts.first_sighting,
+                                     evidence.sightings.end(), [&](const Sighting& other) {
+                                       return other.reference == pair.reference &&
+                                              other.ray == pair.reference_ray;
+                                     });
+      if (same != evidence.sightings.end()) {  // one match, given twice
+        sighting_of_match[static_cast<size_t>(pair.match)] =
+            static_cast<int>(same - evidence.sightings.begin());
+        continue;
+      }
       sighting_of_match[static_cast<size_t>(pair.match)] =
           static_cast<int>(evidence.sightings.size());
       evidence.sightings.push_back(
@@ -67,11 +77,13 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
            .log_distance = 0,
            .depth_variance = 0,
            .reference = pair.reference,
-           .pair = i,
            .point = -1});
     }
     parts.end_sighting = static_cast<int>(evidence.sightings.size());
     parts.first_loose = static_cast<int>(evidence.loose.size());
+    // In the order of the matches: of several points on one ray the first is taken.
+    std::sort(points[k].begin(), points[k].end(),
+              [&](int a, int b) { return problem.points[a].match < problem.points[b].match; });
     for (size_t j = 0; j < points[k].size(); ++j) {
       const int i = points[k][j];
       const PreparedPoint& point = problem.points[i];
@@ -80,18 +92,19 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
                       [&](int other) { return problem.points[other].point == point.point; })) {
         continue;
       }
+      // The match that it says it was lifted from, or the one of its own place in the lists, or any.
       Sighting* owner = nullptr;
-      // The match that it says it was lifted from, or the one of its own place in the lists.
       const auto match = static_cast<size_t>(point.match);
       const size_t likely = original.matches_2d3d[match].match_2d2d.value_or(match);
       if (likely < sighting_of_match.size() && sighting_of_match[likely] >= parts.first_sighting) {
         Sighting& sighting = evidence.sightings[sighting_of_match[likely]];
-        if (sighting.point < 0 && IsOnRay(sighting, point.point)) owner = &sighting;
+        if (IsOnRay(sighting, point.point)) owner = &sighting;
       }
       for (int n = parts.first_sighting; n < parts.end_sighting && !owner; ++n) {
         Sighting& sighting = evidence.sightings[n];
-        if (sighting.point < 0 && IsOnRay(sighting, point.point)) owner = &sighting;
+        if (IsOnRay(sighting, point.point)) owner = &sighting;
       }
+      if (owner && owner->HasDepth()) continue;
       if (owner) {
         owner->point = i;
         const double distance = (point.point - owner->centre).norm();
@@ -99,7 +112,7 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
         owner->depth_variance = point.sigma * point.sigma / (distance * distance);
         continue;
       }
-      evidence.loose.push_back({point.point, point.sigma * point.sigma, i});
+      evidence.loose.push_back({point.point, point.sigma * point.sigma});
     }
     parts.end_loose = static_cast<int>(evidence.loose.size());
     const Eigen::Vector2d& px =

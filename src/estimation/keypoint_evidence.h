@@ -21,7 +21,6 @@ struct Sighting {
   double log_distance;        // of the lifted point from the centre, where there is one
   double depth_variance;      // that the lifted point's match carries, of log_distance
   int reference;
-  int pair;   // index into PreparedProblem::pairs
   int point;  // index into PreparedProblem::points of the lifted point; -1: there is none
 
   bool HasDepth() const { return point >= 0; }
@@ -30,8 +29,7 @@ struct Sighting {
 // A 3D point that lies on no sighting's ray: of SfM, merged, or given without 2D-2D matches.
 struct LoosePoint {
   Eigen::Vector3d point;  // local frame
-  double variance;        // that the match carries, local units
-  int index;              // index into PreparedProblem::points of one of the equal ones
+  double variance;        // that the match carries, local units squared
 };
 
 // The query's image in 4 x 4 parts.

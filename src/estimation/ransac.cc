@@ -21,7 +21,8 @@ constexpr int kMaxNearBest = 6;
 // Rivals of the best pose, and how far off they are at least.
 constexpr size_t kMaxRivals = 3;
 constexpr double kRivalGain = 0.5;
-constexpr double kRivalTurn = 0.05;  // radians
+constexpr double kRivalTurn = 0.01;  // radians
+constexpr double kRivalShift = 0.1;  // local units
 
 double SamplesForConfidence(double success_probability, double confidence) {
   if (success_probability <= 0) {
@@ -192,16 +193,19 @@ class Ransac {
           rivals.size() == kMaxRivals) {
         break;
       }
-      if (IsElsewhere(other.pose)) rivals.push_back(other.pose);
+      const bool is_new = std::all_of(rivals.begin(), rivals.end(), [&](const SolverPose& rival) {
+        return AreApart(rival, other.pose);
+      });
+      if (is_new && AreApart(best_->pose, other.pose)) rivals.push_back(other.pose);
     }
     return rivals;
   }
 
-  bool IsElsewhere(const SolverPose& pose) const {
-    const Eigen::Matrix3d turn = pose.rotation * best_->pose.rotation.transpose();
-    const Eigen::Vector3d shift = pose.rotation.transpose() * pose.translation -
-                                  best_->pose.rotation.transpose() * best_->pose.translation;
-    return turn.trace() < 1 + 2 * std::cos(kRivalTurn) || shift.norm() > 1;  // local units
+  static bool AreApart(const SolverPose& a, const SolverPose& b) {
+    const Eigen::Matrix3d turn = a.rotation * b.rotation.transpose();
+    const Eigen::Vector3d shift =
+        a.rotation.transpose() * a.translation - b.rotation.transpose() * b.translation;
+    return turn.trace() < 1 + 2 * std::cos(kRivalTurn) || shift.norm() > kRivalShift;
   }
 
   void UpdateRequiredSamples() {

@@ -84,7 +84,7 @@ SupportAssessor::SupportAssessor(const PoseProblem& original, const PreparedProb
   place_.assign(numbers.count, 0);
   const auto set_place = [&](size_t keypoint, const Eigen::Vector2d& px) {
     const auto along = [](double x, int size) {
-      return std::clamp(static_cast<int>(x / size * kPlacesPerSide), 0, kPlacesPerSide - 1);
+      return static_cast<int>(std::clamp(x / size * kPlacesPerSide, 0.0, kPlacesPerSide - 1.0));
     };
     place_[keypoint] = along(px.y(), original.query_camera.height_px()) * kPlacesPerSide +
                        along(px.x(), original.query_camera.width_px());
@@ -101,6 +101,25 @@ SupportAssessor::SupportAssessor(const PoseProblem& original, const PreparedProb
   }
 }
 
+double SupportAssessor::PointWidening(const SolverPose& pose) const {
+  double sum = 0;
+  for (const PreparedPoint& point : problem_.points) {
+    const double depth =
+        point.image_from_ray.row(2).dot(pose.rotation * point.point + pose.translation);
+    sum += 1 + (depth > 0 ? point.spread / (depth * depth) : 0);
+  }
+  return problem_.points.empty() ? 1 : sum / static_cast<double>(problem_.points.size());
+}
+
+double SupportAssessor::PairWidening() const {
+  double sum = 0;
+  for (const PreparedPair& pair : problem_.pairs) {
+    sum +=
+        std::hypot(1, kSigmasOfThreshold * pair.reference_sigma_px / problem_.sampson_threshold_px);
+  }
+  return problem_.pairs.empty() ? 1 : sum / static_cast<double>(problem_.pairs.size());
+}
+
 Support SupportAssessor::Of(const SolverPose& pose) const {
   const Residuals residuals = ComputeResiduals(problem_, pose);
   const double point_threshold = problem_.reprojection_threshold_px;
@@ -115,7 +134,9 @@ Support SupportAssessor::Of(const SolverPose& pose) const {
   support.inlier.assign(num_keypoints_, false);
   std::set<int> places;
   for (size_t k = 0; k < num_keypoints_; ++k) {
-    if (points.matches[k] + pairs.matches[k] == 0) continue;
+    const bool matched =
+        (kinds_.points && points.matches[k] > 0) || (kinds_.pairs && pairs.matches[k] > 0);
+    if (!matched) continue;
     ++support.keypoints;
     support.inlier[k] = (kinds_.points && points.inlier[k]) || (kinds_.pairs && pairs.inlier[k]);
     if (!support.inlier[k]) continue;

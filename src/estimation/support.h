@@ -35,6 +35,10 @@ class SupportAssessor {
   Support Of(const SolverPose& pose) const;
 
  private:
+  // By how much uncertain points and references widen the area or the width of an inlier, on average.
+  double PointWidening(const SolverPose& pose) const;
+  double PairWidening() const;
+
   const PreparedProblem& problem_;
   ResidualKinds kinds_;
   double num_poses_tried_;

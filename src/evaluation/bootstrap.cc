@@ -60,21 +60,40 @@ QueryBootstrap::Difference QueryBootstrap::ToBest(
     for (size_t i = begin; i < begin + num_queries_; ++i) sum += per_query[draws_[i]];
     return sum / static_cast<double>(num_queries_);
   };
-  std::vector<double> differences;
-  double sum = 0;
+  std::vector<double> to_best;
+  std::vector<double> sums(others.size(), 0), squares(others.size(), 0);
   for (size_t begin = 0; begin < draws_.size(); begin += num_queries_) {
-    double best = -std::numeric_limits<double>::infinity();
-    for (const std::vector<double>& other : others) best = std::max(best, mean(other, begin));
-    differences.push_back(mean(first, begin) - best);
-    sum += differences.back();
+    const double of_first = mean(first, begin);
+    double smallest = std::numeric_limits<double>::infinity();
+    for (size_t i = 0; i < others.size(); ++i) {
+      const double difference = of_first - mean(others[i], begin);
+      smallest = std::min(smallest, difference);
+      sums[i] += difference;
+      squares[i] += difference * difference;
+    }
+    to_best.push_back(smallest);
   }
-  const double average = sum / static_cast<double>(differences.size());
-  double squares = 0;
-  for (const double d : differences) squares += (d - average) * (d - average);
-  const double deviation = std::sqrt(squares / static_cast<double>(differences.size()));
-  double p_value = average == 0 ? 1 : 0;
-  if (deviation > 0) p_value = std::erfc(std::abs(average) / deviation / std::numbers::sqrt2);
-  return {Middle95(std::move(differences)), p_value};
+  // All queries agree by chance with this probability.
+  const double least = std::pow(0.5, static_cast<double>(num_queries_));
+  Difference result;
+  result.p_better = least;
+  for (size_t i = 0; i < others.size(); ++i) {
+    const double count = static_cast<double>(to_best.size());
+    const double average = sums[i] / count;
+    const double deviation = std::sqrt(std::max(0.0, squares[i] / count - average * average));
+    const double z = deviation > 1e-9 * std::abs(average) ? average / deviation
+                     : average == 0
+                         ? 0
+                         : std::copysign(std::numeric_limits<double>::infinity(), average);
+    const auto tail = [least](double x) {
+      return std::max(least, 0.5 * std::erfc(x / std::numbers::sqrt2));
+    };
+    // Better than all of them; worse than any of so many.
+    result.p_better = std::max(result.p_better, tail(z));
+    result.p_worse = std::min(result.p_worse, static_cast<double>(others.size()) * tail(-z));
+  }
+  result.interval = Middle95(std::move(to_best));
+  return result;
 }
 
 Interval QueryBootstrap::RecallPercent(const Comparison& comparison,

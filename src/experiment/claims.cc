@@ -167,7 +167,8 @@ class ClaimJudge {
             .first_percent = MeanOf(of_first),
             .second_percent = MeanOf(*best),
             .difference_percent = difference.interval,
-            .p_value = difference.p_value};
+            .p_value =
+                2 * (MeanOf(of_first) > MeanOf(*best) ? difference.p_better : difference.p_worse)};
   }
 
   std::string PlaceTitle(const Setting& place, const SettingResult& first) const {

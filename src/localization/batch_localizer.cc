@@ -55,7 +55,8 @@ void BatchLocalizer::Complete(size_t query, const Localizer& localizer, QueryRes
     doctor_.Add(query, result.problem.references, result.problem.matches_2d2d);
   }
   if (options_.rerenderer != nullptr) {
-    options_.rerenderer->Improve(queries_[query], localizer.estimator(), result);
+    options_.rerenderer->Improve(queries_[query], localizer.estimator(), result,
+                                 localizer.options().min_confidence);
   }
   if (options_.check_input) run_check_.Add(query, result);
 }

@@ -62,6 +62,7 @@ JoinEvidence CollectEvidence(const QueryResult& result, const JoinedReferences& 
                              const std::optional<SolverPoses>& solvers) {
   const PoseEstimate& estimate = result.localized.estimate;
   JoinEvidence evidence;
+  evidence.verdict = result.localized.verdict();
   evidence.inliers_2d2d = estimate.score_2d2d.num_inliers;
   if (!result.problem.matches_2d3d.empty()) {
     evidence.inliers_2d3d = estimate.score_2d3d.num_inliers;
@@ -88,6 +89,7 @@ JoinEvidence CollectEvidence(const QueryResult& result, const JoinedReferences& 
 
 std::string ReasonNotToJoin(const JoinEvidence& evidence, const JoinGateOptions& options) {
   if (options.open) return {};
+  if (evidence.verdict != PoseVerdict::kLocalized) return "its pose is in doubt";
   if (evidence.inliers_2d2d < options.min_inliers_2d2d) {
     return fmt::format("{} 2D-2D inliers, {} are needed", evidence.inliers_2d2d,
                        options.min_inliers_2d2d);

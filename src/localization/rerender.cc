@@ -203,18 +203,19 @@ Rerenderer::Rerenderer(const std::shared_ptr<const RayCaster>& mesh, const Color
       query_images_(std::move(query_images)),
       options_(options) {}
 
-void Rerenderer::Improve(const Query& query, const PoseEstimator& estimator,
-                         QueryResult& result) const {
+void Rerenderer::Improve(const Query& query, const PoseEstimator& estimator, QueryResult& result,
+                         double min_confidence) const {
   result.localized.rerender_rounds = 0;
   if (!result.localized.localized()) return;
   const auto path = query_images_ / query.name;
   const Image photograph = ReadImage(path, ImageChannels::kGrey);
   RequireSize(photograph, query.camera, path.string());
-  Improve(query, photograph, estimator, result);
+  Improve(query, photograph, estimator, result, min_confidence);
 }
 
 void Rerenderer::Improve(const Query& query, const Image& photograph,
-                         const PoseEstimator& estimator, QueryResult& result) const {
+                         const PoseEstimator& estimator, QueryResult& result,
+                         double min_confidence) const {
   result.localized.rerender_rounds = 0;
   if (!result.localized.localized()) return;
   RequireSize(photograph, query.camera, query.name);
@@ -228,7 +229,8 @@ void Rerenderer::Improve(const Query& query, const Image& photograph,
         base, CameraOf(query, before),
         PosesAround(*before.cam_from_world, MedianDepth(result), options_.around_deg), round);
     PoseEstimate after = estimator.Estimate(problem);
-    if (!ReasonNotLocalized(after).empty()) break;
+    // Nor one that is less sure than what was asked for.
+    if (!ReasonNotLocalized(after, min_confidence).empty()) break;
     const auto support = [&](const PoseEstimate& estimate) {
       return PoseSupport(CameraOf(query, estimate), *estimate.cam_from_world, problem.matches_2d3d,
                          options_.reprojection_threshold_px);

@@ -138,17 +138,53 @@ TEST(JointRefinement, EstimatesTheKeypointsNoise) {
 }
 
 TEST(JointRefinement, CountsAKeypointOnceHoweverOftenItIsMatched) {
-  // Every match twice, as from two references at one place with one pixel: nothing new is known.
+  // Every match twice: nothing new is known.
   Rng rng = TestRng();
   const CoherentProblem once = MakeCoherentProblem("once", {.wrong = 0}, rng);
   CoherentProblem twice = once;
+  const size_t count = once.problem.matches_2d2d.size();
+  for (const Match2D2D& match : once.problem.matches_2d2d) {
+    twice.problem.matches_2d2d.push_back(match);
+  }
   for (const Match2D3D& match : once.problem.matches_2d3d) {
     twice.problem.matches_2d3d.push_back(match);
+    *twice.problem.matches_2d3d.back().match_2d2d += count;
   }
   const PoseEstimate of_once = MakePoseEstimator({})->Estimate(once.problem);
   const PoseEstimate of_twice = MakePoseEstimator({})->Estimate(twice.problem);
   ASSERT_TRUE(of_once.covariance && of_twice.covariance);
   EXPECT_GT(of_twice.position_sigma, 0.9 * of_once.position_sigma);
+}
+
+TEST(JointRefinement, TakesPointsOfOtherOriginWhereReferencesDisagree) {
+  // Half of the keypoints have a 3D point of SfM instead of lifted ones, and the references are off.
+  Rng rng = TestRng();
+  double sum = 0;
+  for (int i = 0; i < kProblems; ++i) {
+    CoherentProblem made = MakeCoherentProblem(
+        "loose", {.wrong = 0, .reference_deg = 0.05, .reference_position = 0.06}, rng);
+    std::vector<bool> seen(300, false);
+    std::vector<Match2D3D> points;
+    for (const Match2D3D& match : made.problem.matches_2d3d) {
+      const auto keypoint = static_cast<size_t>(*match.query_keypoint);
+      if (keypoint % 2 == 0) {
+        points.push_back(match);
+      } else if (!seen[keypoint]) {
+        seen[keypoint] = true;
+        points.push_back(match);
+        points.back().match_2d2d.reset();
+        points.back().reference.reset();
+        points.back().point_in_world +=
+            0.02 * Eigen::Vector3d(rng.Normal(), rng.Normal(), rng.Normal());
+      }
+    }
+    made.problem.matches_2d3d = points;
+    const PoseEstimate estimate = MakePoseEstimator({})->Estimate(made.problem);
+    ASSERT_TRUE(estimate.cam_from_world && estimate.covariance);
+    const Vector6d error = StepBetween(made.query_from_world, *estimate.cam_from_world);
+    sum += error.dot(estimate.covariance->ldlt().solve(error)) / 6 / kProblems;
+  }
+  EXPECT_LT(sum, 2.5);
 }
 
 }  // namespace

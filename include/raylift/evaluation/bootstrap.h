@@ -39,7 +39,9 @@ class QueryBootstrap {
   // the one that is best on all queries is partly so by luck. `others` is not empty.
   struct Difference {
     Interval interval;
-    double p_value = 1;  // that there is none, two-sided, by the normal approximation
+    // That `first` is not better than one of them, or not worse than any, one-sided, by the normal
+    // approximation of each difference; not below what that many queries can show.
+    double p_better = 1, p_worse = 1;
   };
   Difference ToBest(std::span<const double> first,
                     std::span<const std::vector<double>> others) const;

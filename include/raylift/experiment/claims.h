@@ -41,7 +41,7 @@ struct ClaimLine {
   std::string measure;        // "recall (0.1, 1deg)", "AUC (0.1, 1deg)"
   double first_percent = 0, second_percent = 0;
   Interval difference_percent;  // 95 %
-  double p_value = 1;           // before the correction
+  double p_value = 1;           // of the difference's direction, two-sided, before the correction
   Verdict verdict = Verdict::kNoise;
 };
 

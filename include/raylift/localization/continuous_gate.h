@@ -40,6 +40,7 @@ SolverPoses EstimateBySolvers(const PoseProblem& problem, const EstimatorOptions
 
 // What a localized query has to show.
 struct JoinEvidence {
+  PoseVerdict verdict = PoseVerdict::kLocalized;
   int inliers_2d2d = 0;
   std::optional<int> inliers_2d3d;  // none: there were no 2D-3D matches
   double distance = 0;              // see JoinedReference
