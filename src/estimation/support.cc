@@ -40,7 +40,7 @@ Kind Count(std::span<const double> squared, const std::vector<size_t>& keypoint_
   const double ring = std::pow(kOuterRing, dimensions) - std::pow(kInnerRing, dimensions);
   const double observed =
       squared.empty() ? 0 : in_ring / ring / static_cast<double>(squared.size());
-  kind.chance = std::clamp(std::max(uniform_chance, observed), 1e-9, 0.5);
+  kind.chance = std::clamp(std::max(uniform_chance, observed), 1e-9, 1.0);
   return kind;
 }
 
@@ -125,10 +125,11 @@ Support SupportAssessor::Of(const SolverPose& pose) const {
   const double point_threshold = problem_.reprojection_threshold_px;
   // The Sampson error is the distance from the epipolar line over the square root of two.
   const double pair_threshold = std::numbers::sqrt2 * problem_.sampson_threshold_px;
+  const double inlier_area = std::numbers::pi * point_threshold * point_threshold;
   const Kind points = Count(residuals.points, of_points_, num_keypoints_,
-                            std::numbers::pi * point_threshold * point_threshold / area_px2_, 2);
+                            PointWidening(pose) * inlier_area / area_px2_, 2);
   const Kind pairs = Count(residuals.pairs, of_pairs_, num_keypoints_,
-                           2 * pair_threshold / std::sqrt(area_px2_), 1);
+                           PairWidening() * 2 * pair_threshold / std::sqrt(area_px2_), 1);
 
   Support support;
   support.inlier.assign(num_keypoints_, false);

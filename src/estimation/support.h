@@ -2,9 +2,10 @@
 //
 // An a-contrario test (Moisan and Stival, IJCV 2004): how many poses with so many inliers would
 // wrong matches give? Wrong matches fall anywhere, so each is an inlier with the share of the image
-// that its threshold covers, or with the density of the residuals well beyond the threshold if
-// that is larger. A keypoint counts once, in however many references it is matched; and keypoints that lie
-// together count as fewer, as what repeats (a sign, a window) repeats with all of its keypoints.
+// that its threshold covers (more for uncertain points and references), or with the density of the
+// residuals well beyond the threshold if that is larger. A keypoint counts once, in however many
+// references it is matched; and keypoints that lie together count as fewer, as what repeats (a sign,
+// a window) repeats with all of its keypoints.
 // The logarithm of the expected number of such poses among those that were tried is bounded by
 // Hoeffding's inequality.
 

@@ -68,6 +68,23 @@ TEST(Support, ShuffledMatchesAreNotLocalized) {
   }
 }
 
+TEST(Support, InliersOfUncertainPointsProveLittle) {
+  // Each point may be anywhere in the image: all are inliers, of any pose.
+  Rng rng = TestRng();
+  CoherentProblem made = MakeCoherentProblem("uncertain", {}, rng);
+  Shuffle(made.problem, rng);
+  const ResidualKinds points{.points = true, .pairs = false};
+  const auto log_false_alarms = [&](double point_sigma) {
+    const PreparedProblem prepared(made.problem, 8, 2, rng, point_sigma);
+    const Support support = SupportAssessor(made.problem, prepared, points, 100)
+                                .Of(prepared.CamFromLocal(made.query_from_world));
+    EXPECT_EQ(support.inlier_keypoints > 200, point_sigma > 1);
+    return support.log_false_alarms;
+  };
+  EXPECT_GT(log_false_alarms(20), 0);
+  EXPECT_GT(log_false_alarms(0), 0);
+}
+
 TEST(Support, CountsAKeypointOnce) {
   Rng rng = TestRng();
   const CoherentProblem made = MakeCoherentProblem("once", {}, rng);
