@@ -16,8 +16,11 @@ FinalPose RefineByBoth(const PoseProblem& original, const PreparedProblem& probl
       problem.pairs.empty()
           ? kPriorVariance
           : NoiseVariance(ComputeResiduals(problem, pose, kPairs).pairs, kPairNoise);
-  const JointResult result = RefineJointly(GatherEvidence(original, problem), pose,
-                                           threshold2 * variance, threshold2 * kPriorVariance);
+  // As if four pixels had shown what is assumed before anything is seen.
+  NoisePrior prior;
+  prior.keypoint_px2 = {threshold2 * kPriorVariance, 4};
+  const JointResult result =
+      RefineJointly(GatherEvidence(original, problem), pose, threshold2 * variance, prior);
   return {.pose = result.pose,
           .covariance = result.covariance,
           .noise = result.noise,

@@ -6,7 +6,9 @@
 namespace raylift {
 
 struct JointNoise {
-  double keypoint_px2 = 1;  // of a keypoint's pixel, in either image
+  // Of a keypoint's pixel, in either image: squared scale and tail of Student's t (student_t.h).
+  double keypoint_px2 = 1;
+  double keypoint_tail = 0.25;
   // Of the logarithm of a lifted point's distance: of each point by itself, and what the points of
   // one keypoint have in common, as a mesh is wrong alike for all references.
   double depth = 1e-4;
@@ -20,7 +22,7 @@ struct JointNoise {
   double log_distance_mean = 0;
   double log_distance_variance = 1;
   // Of what is common to a reference: the logarithm of its depths' factor, and its pose (radians
-  // and local units, per axis). None: not looked for.
+  // and local units, per axis). 0: not looked for.
   double reference_factor = 0;
   double reference_rotation = 0;
   double reference_centre = 0;

@@ -4,7 +4,8 @@
 // structure-less localization over several views, and nothing counts twice: a keypoint's noise is in
 // all of its matches, and a depth that follows from a pixel adds nothing to it.
 //
-// The likelihood of a match is a mixture: right with its depth, right with a useless depth, wrong.
+// The likelihood of a match is a mixture: right with its depth, right with a useless depth, wrong;
+// pixels' errors follow Student's t (student_t.h).
 // What the depths are worth is estimated with the pose: an error of each depth by itself, one that
 // the depths of a keypoint have in common (the surface is off) and, where the residuals show that
 // references disagree as wholes, a factor of each reference's depths and an error of its pose.
@@ -17,6 +18,7 @@
 
 #include "estimation/joint_noise.h"
 #include "estimation/keypoint_evidence.h"
+#include "estimation/keypoint_weighing.h"
 #include "estimation/solvers/p3p.h"
 #include <Eigen/Core>
 
@@ -30,9 +32,8 @@ struct JointResult {
   bool references_disagree = false;
 };
 
-// `keypoint_variance_px2` is a first guess; `prior_variance_px2` counts as if four pixels had shown
-// it.
+// `keypoint_variance_px2` is a first guess.
 JointResult RefineJointly(const KeypointEvidence& evidence, const SolverPose& start,
-                          double keypoint_variance_px2, double prior_variance_px2);
+                          double keypoint_variance_px2, const NoisePrior& prior);
 
 }  // namespace raylift

@@ -8,6 +8,7 @@
 #include <span>
 
 #include "estimation/keypoint_sight.h"
+#include "estimation/student_t.h"
 #include <Eigen/Geometry>
 
 #include "raylift/base/median.h"
@@ -18,14 +19,11 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// No depth is impossible.
+// No error is impossible.
 constexpr double kLeastDensity = 1e-9;
 
 // Beyond so many variances a density is none.
 constexpr double kFarSquared = 40;
-
-// Right matches lie within three deviations; the residual of a pair has the noise of both pixels.
-constexpr double kFitSquared = 2 * 9;
 
 // Where a point that moves along the query's ray is seen in a reference: its residual is
 // at_infinity + direction / (offset + slope * distance).
@@ -138,7 +136,7 @@ JointNoise GuessNoise(const KeypointEvidence& evidence, const SolverPose& pose,
         continue;
       }
       log_distances.push_back(std::log(distance));
-      if (!sighting.HasDepth()) continue;
+      if (!sighting.has_depth) continue;
       const double error =
           std::log((ray.At(distance) - sighting.centre).norm()) - sighting.log_distance;
       const double gain = scan.Gain(distance);
@@ -213,13 +211,15 @@ class Vote {
         depth_variance_(noise.depth + noise.common_depth) {
     // Both pixels' noise shows in the reference.
     pixel_variance_ = 2 * noise.keypoint_px2;
+    far_ = StudentFar(noise.keypoint_tail);
+    fit_ = StudentQuantile(0.01, noise.keypoint_tail);
     right_ = noise.right / (1 - noise.right) * evidence.query_area_px2 /
              (2 * std::numbers::pi * pixel_variance_);
     scans_.reserve(sightings_.size());
     depth_ratio_.reserve(sightings_.size());
     for (const Sighting& s : sightings_) {
       scans_.emplace_back(s, ray_.origin, ray_.direction);
-      depth_ratio_.push_back(s.HasDepth() ? DepthRatio(s) : 0);
+      depth_ratio_.push_back(s.has_depth ? DepthRatio(s) : 0);
     }
     for (const LoosePoint& point : loose_) {
       const PixelResidual seen =
@@ -235,13 +235,13 @@ class Vote {
   void Candidates(std::vector<double>& distances) const {
     distances.clear();
     for (size_t i = 0; i < sightings_.size(); ++i) {
-      if (!(scans_[i].SmallestSquaredError() < kFitSquared * noise_.keypoint_px2)) continue;
+      if (!(scans_[i].SmallestSquaredError() < fit_ * pixel_variance_)) continue;
       double best = scans_[i].BestDistance();
       if (!(best > 0) || !std::isfinite(best)) {  // rays that do not meet: as good as parallel
         best = std::exp(noise_.log_distance_mean + 2 * std::sqrt(noise_.log_distance_variance));
       }
       distances.push_back(best);
-      if (sightings_[i].HasDepth()) {
+      if (sightings_[i].has_depth) {
         const Vector3d lifted =
             sightings_[i].centre + std::exp(sightings_[i].log_distance) * sightings_[i].ray;
         const double along = (lifted - ray_.origin).dot(ray_.direction);
@@ -260,9 +260,9 @@ class Vote {
     const Sighting& sighting = sightings_[i];
     if (!scans_[i].InFront(distance)) return {};
     const double squared = scans_[i].SquaredError(distance) / pixel_variance_;
-    if (!(squared < kFarSquared)) return {};
-    const double right = right_ * std::exp(-0.5 * squared);
-    if (!sighting.HasDepth()) return {0, right};
+    if (!(squared < far_)) return {};
+    const double right = right_ * StudentDensity(squared, noise_.keypoint_tail);
+    if (!sighting.has_depth) return {0, right};
     const double error =
         std::log((ray_.At(distance) - sighting.centre).norm()) - sighting.log_distance;
     const double far = error * error / (depth_variance_ + sighting.depth_variance);
@@ -276,13 +276,10 @@ class Vote {
     const double along = off.dot(ray_.direction);
     const double variance = noise_.loose + loose_[i].variance;
     const double across = variance + noise_.keypoint_px2 / px2_[i];
-    const double prior = Normal1D(Squared(std::log(distance) - noise_.log_distance_mean),
-                                  2 * noise_.log_distance_variance) /
-                         distance;
     return noise_.loose_right / (1 - noise_.loose_right) * area_px2_ / px2_[i] *
            Normal2D(off.squaredNorm() - along * along, across) *
            Normal1D(along * along, variance + 1e-12 * distance * distance) /
-           (prior + kLeastDensity / distance);
+           (DensityOfAnyDistance(noise_, std::log(distance)) / distance);
   }
 
   // How much likelier the evidence is with the keypoint at this distance, as a logarithm.
@@ -311,9 +308,7 @@ class Vote {
   // The density of a right depth without error over that of any depth in the scene.
   double DepthRatio(const Sighting& sighting) const {
     return Normal1D(0, depth_variance_ + sighting.depth_variance) /
-           (Normal1D(Squared(sighting.log_distance - noise_.log_distance_mean),
-                     2 * noise_.log_distance_variance) +
-            kLeastDensity);
+           DensityOfAnyDistance(noise_, sighting.log_distance);
   }
 
   std::span<const Sighting> sightings_;
@@ -322,6 +317,7 @@ class Vote {
   const JointNoise& noise_;
   double depth_variance_;
   double pixel_variance_;
+  double far_, fit_;  // squared, in variances of a pixel
   double right_;
   double area_px2_;
   std::vector<RayScan> scans_;
@@ -336,6 +332,7 @@ void FindConsensus(const KeypointEvidence& evidence, const SolverPose& pose,
                    EvidenceWeights& weights) {
   states.assign(evidence.keypoints.size(), {});
   weights.sighting.assign(evidence.sightings.size(), 0);
+  weights.precision.assign(evidence.sightings.size(), 1);
   weights.depth.assign(evidence.sightings.size(), 0);
   weights.loose.assign(evidence.loose.size(), 0);
   std::vector<double> candidates;

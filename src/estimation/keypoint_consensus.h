@@ -17,11 +17,13 @@ struct KeypointState {
   Eigen::Vector3d point = Eigen::Vector3d::Zero();  // local frame
   double common = 0;                                // error of its depths, see JointNoise
   double query_right = 1;                           // probability that the query's pixel is
+  double query_precision = 1;                       // of that pixel, as a sighting's
 };
 
 // The probability that each piece of evidence is right; of a depth, given that its sighting is.
 struct EvidenceWeights {
   std::vector<double> sighting;
+  std::vector<double> precision;  // of its pixel, over the mean one (StudentPrecision())
   std::vector<double> depth;
   std::vector<double> loose;
 };

@@ -77,7 +77,7 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
            .log_distance = 0,
            .depth_variance = 0,
            .reference = pair.reference,
-           .point = -1});
+           .has_depth = false});
     }
     parts.end_sighting = static_cast<int>(evidence.sightings.size());
     parts.first_loose = static_cast<int>(evidence.loose.size());
@@ -104,9 +104,9 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
         Sighting& sighting = evidence.sightings[n];
         if (IsOnRay(sighting, point.point)) owner = &sighting;
       }
-      if (owner && owner->HasDepth()) continue;
+      if (owner && owner->has_depth) continue;
       if (owner) {
-        owner->point = i;
+        owner->has_depth = true;
         const double distance = (point.point - owner->centre).norm();
         owner->log_distance = std::log(distance);
         owner->depth_variance = point.sigma * point.sigma / (distance * distance);

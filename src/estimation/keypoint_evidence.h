@@ -21,9 +21,7 @@ struct Sighting {
   double log_distance;        // of the lifted point from the centre, where there is one
   double depth_variance;      // that the lifted point's match carries, of log_distance
   int reference;
-  int point;  // index into PreparedProblem::points of the lifted point; -1: there is none
-
-  bool HasDepth() const { return point >= 0; }
+  bool has_depth;
 };
 
 // A 3D point that lies on no sighting's ray: of SfM, merged, or given without 2D-2D matches.

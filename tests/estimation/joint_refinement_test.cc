@@ -85,6 +85,13 @@ TEST(JointRefinement, IsAsGoodAsPointsWhereGeometryIsExact) {
   ExpectCalibrated(outcome);
 }
 
+TEST(JointRefinement, IsAsSureAsItMayBeOfKeypointsWithHeavyTails) {
+  const Outcome outcome =
+      Try({.num_keypoints = 150, .sigma_px = 0.4, .tail_degrees = 2}, Method::kP3p);
+  EXPECT_LT(outcome.log_ratio, kLargestLogRatio);
+  ExpectCalibrated(outcome);
+}
+
 TEST(JointRefinement, IsNotMisledByWhatRepeats) {
   const Outcome many = Try({.repeated = 0.35}, Method::kP3p);
   EXPECT_LT(many.log_ratio, kLargestLogRatio);

@@ -29,8 +29,15 @@ Vector3d Direction(Rng& rng) {
   return Vector3d(rng.Normal(), rng.Normal(), rng.Normal()).normalized();
 }
 
-Vector2d Noisy(const Vector2d& px, double sigma, Rng& rng) {
-  return px + sigma * Vector2d(rng.Normal(), rng.Normal());
+Vector2d Noisy(const Vector2d& px, const CoherentOptions& options, Rng& rng) {
+  double chi_squared = 0;
+  for (int i = 0; i < options.tail_degrees; ++i) {
+    const double e = rng.Normal();
+    chi_squared += e * e;
+  }
+  const double scale =
+      options.tail_degrees == 0 ? 1 : std::sqrt(options.tail_degrees / chi_squared);
+  return px + scale * options.sigma_px * Vector2d(rng.Normal(), rng.Normal());
 }
 
 bool IsInside(const Vector2d& px) {
@@ -67,7 +74,7 @@ CoherentProblem MakeCoherentProblem(const std::string& name, const CoherentOptio
     const auto px = kCamera.ImgFromCam(point);
     if (!px || !IsInside(*px)) continue;
     points.push_back(point);
-    pixels.push_back(Noisy(*px, options.sigma_px, rng));
+    pixels.push_back(Noisy(*px, options, rng));
     repeated.push_back(rng.Uniform() < options.repeated);
     surface_error.push_back(options.surface * rng.Normal());
   }
@@ -98,7 +105,7 @@ CoherentProblem MakeCoherentProblem(const std::string& name, const CoherentOptio
       const Vector3d in_reference = ref_from_query * seen;
       const auto projected = kCamera.ImgFromCam(in_reference);
       if (rng.Uniform() >= options.seen || !projected || !IsInside(*projected)) continue;
-      const Vector2d px = Noisy(*projected, options.sigma_px, rng);
+      const Vector2d px = Noisy(*projected, options, rng);
       const double depth = in_reference.z() * std::exp(factor + surface_error[k]);
       const Vector3d ray = *kCamera.RayInCam(px);
       const auto keypoint = static_cast<int>(k);

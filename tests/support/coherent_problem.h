@@ -23,6 +23,7 @@ struct CoherentOptions {
   double wrong = 0.2;     // share of matches that show another keypoint
   double repeated = 0;    // share of keypoints that look like their neighbours 2.4 m away
   double sigma_px = 0.7;
+  int tail_degrees = 0;      // of freedom, where a keypoint's noise is Student's t; 0: it is normal
   double reference_deg = 0;  // standard deviations of the known poses
   double reference_position = 0;
   double reference_factor = 0;  // of the logarithm of a reference's depths

@@ -1,0 +1,358 @@
+#include "estimation/keypoint_weighing.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include <Eigen/LU>
+
+namespace raylift {
+namespace {
+
+using Eigen::Matrix2d;
+using Eigen::Matrix3d;
+using Eigen::Matrix4d;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using Eigen::Vector4d;
+using Matrix24d = Eigen::Matrix<double, 2, 4>;
+
+// A query's pixel is wrong, although its matches agree with each other, as often as that.
+constexpr double kQueryWrong = 0.1;
+
+// The leave-one-out prediction of residuals `e` with variances `variance`, of which a part
+// `information` is among the evidence that gave them; `spread` is the evidence's uncertainty in
+// them.
+template <int N>
+struct Prediction {
+  Eigen::Matrix<double, N, 1> error;
+  Eigen::Matrix<double, N, N> covariance;
+
+  Prediction(const Eigen::Matrix<double, N, 1>& e, const Eigen::Matrix<double, N, 1>& variance,
+             const Eigen::Matrix<double, N, 1>& information,
+             const Eigen::Matrix<double, N, N>& spread) {
+    const Eigen::Matrix<double, N, N> rest =
+        Eigen::Matrix<double, N, N>::Identity() - spread * information.asDiagonal();
+    const Eigen::Matrix<double, N, N> without = rest.inverse();
+    error = without * e;
+    covariance = without * spread;
+    covariance.diagonal() += variance;
+  }
+};
+
+// The squared error along the axis that is best predicted, over its variance.
+double SquaredAcross(const Vector2d& error, const Matrix2d& covariance) {
+  const double mean = 0.5 * covariance.trace();
+  const double half = 0.5 * (covariance(0, 0) - covariance(1, 1));
+  const double cross = 0.5 * (covariance(0, 1) + covariance(1, 0));
+  const double root = std::hypot(half, cross);
+  if (!(root > 0)) return error.x() * error.x() / mean;
+  // The axis of the smaller eigenvalue.
+  const double cos2 = -half / root;
+  const double sin2 = -cross / root;
+  const double squared =
+      0.5 * (error.squaredNorm() + cos2 * (error.x() * error.x() - error.y() * error.y())) +
+      sin2 * error.x() * error.y();
+  return squared / (mean - root);
+}
+
+// What errors show of their variance: the sum of their squares, and how many of them are not
+// explained by the unknowns that were fitted to them (MacKay 1992).
+struct VarianceSum {
+  double squares = 0, count = 0;
+
+  double Estimate(const VariancePrior& prior, double now, double least, double largest) const {
+    const double total = std::max(count, 0.0) + prior.count;
+    if (!(total > 1)) return now;
+    return std::clamp((squares + prior.count * prior.variance) / total, least, largest);
+  }
+};
+
+// The share of what is right, as if `prior` of each kind had been seen before.
+struct ShareSum {
+  double right = 0, count = 0;
+
+  double Estimate(double prior) const {
+    return std::clamp((right + prior) / (count + 2 * prior), 0.01, 0.99);
+  }
+};
+
+class Weighing {
+ public:
+  Weighing(double share, JointModel& model)
+      : share_(share),
+        model_(model),
+        evidence_(model.evidence),
+        noise_(model.noise),
+        centre_(model.Centre()),
+        far_(StudentFar(noise_.keypoint_tail)) {}
+
+  void WeighAll() {
+    for (size_t k = 0; k < evidence_.keypoints.size(); ++k) Weigh(k);
+  }
+  void UpdateNoise(const NoisePrior& prior);
+
+ private:
+  // What is common to the parts of one keypoint.
+  struct View {
+    QueryTerm query;
+    Matrix4d covariance;  // of the point and its common error
+    double total = 0;     // weight
+    int num_right = 0;
+    bool query_far = false;  // and nothing tells whose pixel is wrong
+    // What has not found its place yet says nothing of the noise.
+    double trust = 0;
+  };
+
+  void Weigh(size_t index);
+  void WeighQuery(View& view, KeypointState& state);
+  void WeighSighting(int i, const SightingTerm& term, const View& view);
+  void WeighLoose(int i, const KeypointParts& keypoint, const View& view,
+                  const Vector3d& displaced);
+  void Drop(const KeypointParts& keypoint);
+
+  bool IsFar(const PixelResidual& seen, double variance) const {
+    return seen.error_px.squaredNorm() > far_ * variance;
+  }
+  double Precision(const PixelResidual& seen, const Matrix2d& spread, double variance) const {
+    return StudentPrecision((seen.error_px.squaredNorm() + spread.trace()) / variance,
+                            noise_.keypoint_tail);
+  }
+  double Density(const Vector2d& error, const Matrix2d& covariance) const {
+    const double determinant = covariance.determinant();
+    if (!(determinant > 0)) return 0;
+    const double density =
+        StudentDensity(error.dot(covariance.inverse() * error), noise_.keypoint_tail) /
+        (2 * std::numbers::pi * std::sqrt(determinant));
+    return std::isfinite(density) ? density : 0;
+  }
+  void Approach(double& weight, double next) const { weight += share_ * (next - weight); }
+
+  double share_;
+  JointModel& model_;
+  const KeypointEvidence& evidence_;
+  JointNoise& noise_;
+  Vector3d centre_;
+  double far_;  // squared, in variances
+  std::vector<SightingTerm> terms_;
+
+  VarianceSum pixels_, depths_, commons_, loose_;
+  ShareSum right_, depth_right_, loose_right_;
+  std::vector<double> across_;
+};
+
+void Weighing::Weigh(size_t index) {
+  const KeypointParts& keypoint = evidence_.keypoints[index];
+  KeypointState& state = model_.keypoints[index];
+  right_.count += keypoint.end_sighting - keypoint.first_sighting;
+  loose_right_.count += keypoint.end_loose - keypoint.first_loose;
+  View view;
+  view.query = model_.LookFromQuery(index, centre_);
+  if (!view.query.seen.in_front) {
+    Drop(keypoint);
+    return;
+  }
+  Matrix4d information = model_.CommonPrior(state).hessian;
+  information += model_.LooseCost(keypoint, state.point).hessian;
+  information.topLeftCorner<3, 3>() += view.query.Cost().hessian.topLeftCorner<3, 3>();
+  bool far = IsFar(view.query.seen, noise_.keypoint_px2);
+  view.query_far = far;
+  terms_.clear();
+  for (int i = keypoint.first_sighting; i < keypoint.end_sighting; ++i) {
+    const SightingTerm& term = terms_.emplace_back(model_.LookFromReference(i, state));
+    view.num_right += model_.weights.sighting[i] > 0.5 ? 1 : 0;
+    if (term.weight == 0) continue;
+    information += term.Cost().hessian;
+    far = far || IsFar(term.seen, term.pixel_variance);
+  }
+  for (int i = keypoint.first_loose; i < keypoint.end_loose; ++i) {
+    view.num_right += model_.weights.loose[i] > 0.5 ? 1 : 0;
+  }
+  view.covariance = information.inverse();
+  if (!view.covariance.allFinite()) return;
+  view.total = model_.TotalWeight(keypoint);
+  view.query_far = view.query_far && view.num_right <= 1;
+  view.trust = far ? 0 : std::min(1.0, view.total) * state.query_right;
+
+  if (view.total > 0.1) WeighQuery(view, state);
+  double depth_weight = 0;
+  for (int i = keypoint.first_sighting; i < keypoint.end_sighting; ++i) {
+    const SightingTerm& term = terms_[static_cast<size_t>(i - keypoint.first_sighting)];
+    if (term.depth_weight > 0) {
+      depth_weight += model_.weights.sighting[i] * model_.weights.depth[i];
+    }
+    WeighSighting(i, term, view);
+  }
+  if (depth_weight > 0) {
+    commons_.squares += view.trust * state.common * state.common;
+    commons_.count += view.trust * (1 - view.covariance(3, 3) / noise_.common_depth);
+  }
+  const Vector3d displaced = model_.references[model_.LooseView()].Displaced(state.point);
+  for (int i = keypoint.first_loose; i < keypoint.end_loose; ++i) {
+    WeighLoose(i, keypoint, view, displaced);
+  }
+}
+
+void Weighing::Drop(const KeypointParts& keypoint) {
+  for (int i = keypoint.first_sighting; i < keypoint.end_sighting; ++i) {
+    model_.weights.sighting[i] = 0;
+  }
+  for (int i = keypoint.first_loose; i < keypoint.end_loose; ++i) model_.weights.loose[i] = 0;
+}
+
+void Weighing::WeighQuery(View& view, KeypointState& state) {
+  const QueryTerm& query = view.query;
+  const Matrix2d spread =
+      query.jacobian * view.covariance.topLeftCorner<3, 3>() * query.jacobian.transpose();
+  Approach(state.query_precision, Precision(query.seen, spread, noise_.keypoint_px2));
+  // The noise, with the weights that gave the point.
+  pixels_.squares +=
+      view.trust * state.query_right * state.query_precision * query.seen.error_px.squaredNorm();
+  pixels_.count += view.trust * (2 * state.query_right - query.weight * spread.trace());
+
+  // A single match does not tell whose pixel is wrong: that is its own weight.
+  double right = 1;
+  if (view.num_right >= 2) {
+    const Prediction<2> predicted(query.seen.error_px, Vector2d::Constant(noise_.keypoint_px2),
+                                  Vector2d::Constant(query.weight), spread);
+    const double chance = kQueryWrong / evidence_.query_area_px2;
+    const double density = (1 - kQueryWrong) * Density(predicted.error, predicted.covariance);
+    right = density / (density + chance);
+  }
+  Approach(state.query_right, right);
+}
+
+void Weighing::WeighSighting(int i, const SightingTerm& term, const View& view) {
+  double& weight = model_.weights.sighting[i];
+  double& of_depth = model_.weights.depth[i];
+  double& precision = model_.weights.precision[i];
+  if (!term.seen.in_front) {
+    weight = 0;
+    return;
+  }
+  const Sighting& sighting = evidence_.sightings[i];
+  Matrix24d pixel_by_point;
+  pixel_by_point << term.seen.jacobian, Vector2d::Zero();
+  Vector4d depth_by_point;
+  depth_by_point << term.log_gradient, -1;
+  const Matrix24d half = pixel_by_point * view.covariance;
+  Matrix3d spread;
+  spread.topLeftCorner<2, 2>().noalias() = half * pixel_by_point.transpose();
+  spread.topRightCorner<2, 1>().noalias() = half * depth_by_point;
+  spread.bottomLeftCorner<1, 2>() = spread.topRightCorner<2, 1>().transpose();
+  spread(2, 2) = depth_by_point.dot(view.covariance * depth_by_point);
+  const Matrix2d pixel_spread = spread.topLeftCorner<2, 2>();
+
+  Approach(precision, Precision(term.seen, pixel_spread, term.pixel_variance));
+  // The noise, with the weights that gave the point.
+  pixels_.squares += view.trust * weight * precision * term.seen.error_px.squaredNorm() *
+                     noise_.keypoint_px2 / term.pixel_variance;
+  pixels_.count += view.trust * (2 * weight - term.weight * pixel_spread.trace());
+  if (term.depth_weight > 0) {
+    const double w = weight * of_depth;
+    depths_.squares +=
+        view.trust * w * term.depth_error * term.depth_error * noise_.depth / term.depth_variance;
+    depths_.count += view.trust * (w - term.depth_weight * spread(2, 2));
+  }
+
+  // The densities of a right match with its depth and with a useless one.
+  double deep = 0;
+  double shallow = 0;
+  Vector2d error;
+  Matrix2d covariance;
+  if (sighting.has_depth) {
+    const Prediction<3> predicted(
+        {term.seen.error_px.x(), term.seen.error_px.y(), term.depth_error},
+        {term.pixel_variance, term.pixel_variance, term.depth_variance},
+        {term.weight, term.weight, term.depth_weight}, spread);
+    error = predicted.error.head<2>();
+    covariance = predicted.covariance.topLeftCorner<2, 2>();
+    const double right_pixel = noise_.right * Density(error, covariance);
+    // The depth, given the pixel.
+    const Vector2d gain = covariance.inverse() * predicted.covariance.topRightCorner<2, 1>();
+    const double depth_error = predicted.error[2] - gain.dot(error);
+    const double depth_variance =
+        std::max(predicted.covariance(2, 2) - gain.dot(predicted.covariance.topRightCorner<2, 1>()),
+                 term.depth_variance);
+    deep = right_pixel * noise_.depth_right * Normal1D(depth_error * depth_error, depth_variance) /
+           DensityOfAnyDistance(noise_, sighting.log_distance);
+    shallow = right_pixel * (1 - noise_.depth_right);
+  } else {
+    const Prediction<2> predicted(term.seen.error_px, Vector2d::Constant(term.pixel_variance),
+                                  Vector2d::Constant(term.weight), pixel_spread);
+    error = predicted.error;
+    covariance = predicted.covariance;
+    shallow = noise_.right * Density(error, covariance);
+  }
+  if (view.query_far || !std::isfinite(deep + shallow) || IsFar(term.seen, term.pixel_variance)) {
+    deep = shallow = 0;
+  }
+  const double wrong = (1 - noise_.right) / evidence_.query_area_px2;
+  const double right = (deep + shallow) / (deep + shallow + wrong);
+  if (right > 0.5 && view.trust > 0.5) across_.push_back(SquaredAcross(error, covariance));
+  Approach(weight, right);
+  Approach(of_depth, deep > 0 ? deep / (deep + shallow) : 0);
+  right_.right += weight;
+  if (sighting.has_depth) {
+    depth_right_.right += weight * of_depth;
+    depth_right_.count += weight;
+  }
+}
+
+void Weighing::WeighLoose(int i, const KeypointParts& keypoint, const View& view,
+                          const Vector3d& displaced) {
+  const LoosePoint& point = evidence_.loose[i];
+  double& weight = model_.weights.loose[i];
+  const double variance = noise_.loose + point.variance;
+  const double used = weight >= kLeastWeight ? weight / variance : 0;
+  const Vector3d e = displaced - point.point;
+  const Matrix3d spread = view.covariance.topLeftCorner<3, 3>();
+  loose_.squares += view.trust * weight * noise_.loose / variance * e.squaredNorm();
+  loose_.count += view.trust * (3 * weight - used * spread.trace());
+
+  const PixelResidual seen = ResidualOf(
+      keypoint.image_from_cam, model_.pose.rotation * point.point + model_.pose.translation);
+  if (!seen.in_front) {
+    weight = 0;
+    return;
+  }
+  const Prediction<3> predicted(e, Vector3d::Constant(variance), Vector3d::Constant(used), spread);
+  const double determinant = predicted.covariance.determinant();
+  const double density =
+      determinant > 0
+          ? std::exp(-0.5 * predicted.error.dot(predicted.covariance.inverse() * predicted.error)) /
+                std::sqrt(std::pow(2 * std::numbers::pi, 3) * determinant)
+          : 0;
+  // A wrong one is anywhere in the image, at any distance of the scene.
+  const double distance = (point.point - centre_).norm();
+  const double px2 = 0.5 * seen.jacobian.squaredNorm();
+  const double any =
+      DensityOfAnyDistance(noise_, std::log(distance)) / distance * px2 / evidence_.query_area_px2;
+  const double p = std::isfinite(density) ? noise_.loose_right * density : 0;
+  Approach(weight, p / (p + (1 - noise_.loose_right) * any));
+  loose_right_.right += weight;
+}
+
+void Weighing::UpdateNoise(const NoisePrior& prior) {
+  pixels_.count -= 6;  // the pose's own unknowns take from what the pixels show
+  noise_.keypoint_px2 = pixels_.Estimate(prior.keypoint_px2, noise_.keypoint_px2, 1e-10, 1e10);
+  noise_.depth = depths_.Estimate(prior.depth, noise_.depth, 1e-10, 1);
+  noise_.common_depth = commons_.Estimate(prior.common_depth, noise_.common_depth, 1e-10, 1);
+  const double extent2 = std::exp(2 * noise_.log_distance_mean);
+  noise_.loose = loose_.Estimate({}, noise_.loose, 1e-12 * extent2, extent2);
+  noise_.right = right_.Estimate(2);
+  noise_.depth_right = depth_right_.Estimate(1);
+  noise_.loose_right = loose_right_.Estimate(1);
+  noise_.keypoint_tail = EstimateTail(across_, prior.keypoint_tail);
+}
+
+}  // namespace
+
+void Reweigh(const NoisePrior& prior, double share, JointModel& model) {
+  Weighing weighing(share, model);
+  weighing.WeighAll();
+  weighing.UpdateNoise(prior);
+}
+
+}  // namespace raylift
