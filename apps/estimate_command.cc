@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <map>
 #include <memory>
+#include <optional>
 
 #include "commands.h"
 #include "options.h"
@@ -137,14 +138,41 @@ void RequireDistinctNames(const std::vector<path>& files, const std::vector<Row>
   }
 }
 
+PoseProblem ReadFiltered(const path& file, const FilterOptions& filter) {
+  PoseProblem problem = ReadPoseProblem(file).problem;
+  FilterProblem(filter, problem);
+  return problem;
+}
+
+// What some 30 of the problems have in common, which are taken to be of one scene.
+std::optional<SceneNoise> LearnSceneNoise(const std::vector<path>& files,
+                                          const EstimateFlags& flags, const FilterOptions& filter,
+                                          const EstimatorOptions& options) {
+  constexpr size_t kProblems = 30;
+  constexpr size_t kLeastProblems = 3;
+  if (!UsesSceneNoise(options) || files.size() < kLeastProblems) return std::nullopt;
+  const size_t count = std::min(files.size(), kProblems);
+  const auto estimator = MakePoseEstimator(options);
+  std::vector<std::optional<MatchNoise>> found(count);
+  ParallelFor(count, flags.run.threads, [&](size_t i) {
+    const PoseEstimate estimate =
+        estimator->Estimate(ReadFiltered(files[i * files.size() / count], filter));
+    if (estimate.verdict == PoseVerdict::kLocalized) found[i] = estimate.noise;
+  });
+  std::vector<MatchNoise> noise;
+  for (const auto& of_problem : found) {
+    if (of_problem) noise.push_back(*of_problem);
+  }
+  if (noise.size() < kLeastProblems) return std::nullopt;
+  return PoolNoise(noise);
+}
+
 std::vector<Row> EstimateAll(const std::vector<path>& files, const EstimateFlags& flags,
                              const FilterOptions& filter, const PoseEstimator& estimator) {
   std::vector<Row> rows(files.size());
   Progress progress("problems", files.size(), flags.run.Show());
   ParallelFor(files.size(), flags.run.threads, [&](size_t i) {
-    PoseProblem problem = ReadPoseProblem(files[i]).problem;
-    FilterProblem(filter, problem);
-    rows[i] = Estimate(estimator, problem, flags.repeat);
+    rows[i] = Estimate(estimator, ReadFiltered(files[i], filter), flags.repeat);
     progress.Advance();
   });
   return rows;
@@ -152,18 +180,18 @@ std::vector<Row> EstimateAll(const std::vector<path>& files, const EstimateFlags
 
 void Run(const EstimateFlags& flags) {
   RequireAtLeast("--repeat", flags.repeat, 1);
-  const EstimatorOptions options = flags.estimator.Resolve();
+  EstimatorOptions options = flags.estimator.Resolve();
   FilterOptions filter = flags.filter.Resolve();
   filter.few_points = FewPointsFor(options.method);
   flags.run.Check();
-  const auto estimator = MakePoseEstimator(options);
   for (const path& output : {flags.csv, flags.json, flags.poses}) {
     if (!output.empty()) {
       RequireWritable(output);
     }
   }
   const std::vector<path> files = ListAll(flags.problems);
-  const std::vector<Row> rows = EstimateAll(files, flags, filter, *estimator);
+  options.scene_noise = LearnSceneNoise(files, flags, filter, options);
+  const std::vector<Row> rows = EstimateAll(files, flags, filter, *MakePoseEstimator(options));
   if (!flags.csv.empty()) {
     WriteFile(flags.csv, FormatCsv(rows, ToString(options.method)));
   }

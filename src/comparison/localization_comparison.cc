@@ -63,12 +63,16 @@ class Runner {
   }
 
   LocalizationComparison Run(const std::function<void()>& on_progress) {
-    const GridLocalizer localizer(localizers_);
+    GridLocalizer::Matched matched(queries_.size());
+    const GridLocalizer localizer =
+        GridLocalizer(localizers_).WithSceneNoise(queries_, matched, grid_.threads);
     outcomes_.assign(ways_.size(), std::vector<Outcome>(queries_.size()));
     ParallelFor(queries_.size(), grid_.threads, [&](size_t query) {
-      localizer.Localize(queries_[query], 1, [&](size_t way, const QueryResult& result) {
+      if (!matched[query]) matched[query] = localizer.way(0).Match(queries_[query]);
+      localizer.Localize(*matched[query], 1, [&](size_t way, const QueryResult& result) {
         outcomes_[way][query] = Keep(ways_[way], result);
       });
+      matched[query].reset();
       if (on_progress) on_progress();
     });
     LocalizationComparison result;

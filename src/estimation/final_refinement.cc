@@ -8,17 +8,33 @@
 namespace raylift {
 namespace {
 
+// What the scene tells; of keypoints, where it tells nothing, as if four errors had shown what is
+// assumed before anything is seen.
+NoisePrior PriorOf(const std::optional<SceneNoise>& scene, double threshold2) {
+  NoisePrior prior;
+  prior.keypoint_px2 = {threshold2 * kPriorVariance, 4};
+  if (!scene) return prior;
+  const auto variance = [](const KnownNoise& known) {
+    return VariancePrior{known.sigma * known.sigma, known.errors};
+  };
+  if (scene->keypoint_px.errors > 4) prior.keypoint_px2 = variance(scene->keypoint_px);
+  prior.depth = variance(scene->depth);
+  prior.common_depth = variance(scene->common_depth);
+  if (scene->keypoint_tail_variance > 0) {
+    prior.keypoint_tail = TailPrior{scene->keypoint_tail, scene->keypoint_tail_variance};
+  }
+  return prior;
+}
+
 FinalPose RefineByBoth(const PoseProblem& original, const PreparedProblem& problem,
-                       const SolverPose& pose) {
+                       const SolverPose& pose, const std::optional<SceneNoise>& scene) {
   constexpr ResidualKinds kPairs{.points = false, .pairs = true};
   const double threshold2 = problem.sampson_threshold_px * problem.sampson_threshold_px;
   const double variance =
       problem.pairs.empty()
           ? kPriorVariance
           : NoiseVariance(ComputeResiduals(problem, pose, kPairs).pairs, kPairNoise);
-  // As if four pixels had shown what is assumed before anything is seen.
-  NoisePrior prior;
-  prior.keypoint_px2 = {threshold2 * kPriorVariance, 4};
+  const NoisePrior prior = PriorOf(scene, threshold2);
   const JointResult result =
       RefineJointly(GatherEvidence(original, problem), pose, threshold2 * variance, prior);
   return {.pose = result.pose,
@@ -30,12 +46,13 @@ FinalPose RefineByBoth(const PoseProblem& original, const PreparedProblem& probl
 }  // namespace
 
 FinalPose RefineFinally(const PoseProblem& original, const PreparedProblem& problem,
-                        const SolverPose& pose, ResidualKinds kinds, Refinement refinement) {
-  if (refinement == Refinement::kRobust && kinds.points && kinds.pairs) {
-    return RefineByBoth(original, problem, pose);
+                        const SolverPose& pose, ResidualKinds kinds,
+                        const EstimatorOptions& options) {
+  if (options.refinement == Refinement::kRobust && kinds.points && kinds.pairs) {
+    return RefineByBoth(original, problem, pose, options.scene_noise);
   }
   MaximumLikelihood likelihood(problem, kinds);
-  if (refinement == Refinement::kRobust) {
+  if (options.refinement == Refinement::kRobust) {
     likelihood.Refine(pose);
   } else {
     likelihood.StayAt(pose);

@@ -26,6 +26,7 @@ struct FinalPose {
 // kPaper: the pose as it is. kRobust: by both kinds together where both are asked for
 // (joint_refinement.h), by maximum likelihood of one kind otherwise.
 FinalPose RefineFinally(const PoseProblem& original, const PreparedProblem& problem,
-                        const SolverPose& pose, ResidualKinds kinds, Refinement refinement);
+                        const SolverPose& pose, ResidualKinds kinds,
+                        const EstimatorOptions& options);
 
 }  // namespace raylift

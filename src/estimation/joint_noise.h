@@ -18,6 +18,10 @@ struct JointNoise {
   double right = 0.7;
   double depth_right = 0.8;
   double loose_right = 0.7;
+  // How many errors have shown the variances of pixels, depths and common depths.
+  double keypoint_errors = 0;
+  double depth_errors = 0;
+  double common_depth_errors = 0;
   // Of the logarithm of the distance from the query, over all keypoints.
   double log_distance_mean = 0;
   double log_distance_variance = 1;

@@ -339,6 +339,9 @@ void Weighing::UpdateNoise(const NoisePrior& prior) {
   noise_.keypoint_px2 = pixels_.Estimate(prior.keypoint_px2, noise_.keypoint_px2, 1e-10, 1e10);
   noise_.depth = depths_.Estimate(prior.depth, noise_.depth, 1e-10, 1);
   noise_.common_depth = commons_.Estimate(prior.common_depth, noise_.common_depth, 1e-10, 1);
+  noise_.keypoint_errors = std::max(0.0, pixels_.count);
+  noise_.depth_errors = std::max(0.0, depths_.count);
+  noise_.common_depth_errors = std::max(0.0, commons_.count);
   const double extent2 = std::exp(2 * noise_.log_distance_mean);
   noise_.loose = loose_.Estimate({}, noise_.loose, 1e-12 * extent2, extent2);
   noise_.right = right_.Estimate(2);

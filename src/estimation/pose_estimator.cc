@@ -28,9 +28,14 @@ constexpr double kKeptGain = 0.5;
 constexpr double kLeastConfidence = 0.1;
 
 MatchNoise Describe(const JointNoise& noise, bool references_disagree, double scale) {
-  MatchNoise described{.keypoint_px = std::sqrt(noise.keypoint_px2),
-                       .depth = std::sqrt(noise.depth),
-                       .common_depth = std::sqrt(noise.common_depth)};
+  MatchNoise described;
+  described.keypoint_px = std::sqrt(noise.keypoint_px2);
+  described.keypoint_tail = noise.keypoint_tail;
+  described.depth = std::sqrt(noise.depth);
+  described.common_depth = std::sqrt(noise.common_depth);
+  described.keypoint_errors = noise.keypoint_errors;
+  described.depth_errors = noise.depth_errors;
+  described.common_depth_errors = noise.common_depth_errors;
   if (references_disagree) {
     described.reference_factor = std::sqrt(noise.reference_factor);
     described.reference_rotation_deg = std::sqrt(noise.reference_rotation) * 180 / std::numbers::pi;
@@ -171,15 +176,16 @@ class RansacEstimator final : public PoseEstimator {
       return objective.Value(scorer.ScoreAll(pose));
     };
     FinalPose final_pose =
-        RefineFinally(problem, prepared, best.pose, best.refined_kinds, options_.refinement);
+        RefineFinally(problem, prepared, best.pose, best.refined_kinds, options_);
     estimate.ransac_value = report.best_value;
     estimate.refined_value = value_of(final_pose.pose);
     // The likeliest pose rarely has the best score, but one that explains far less has lost its way.
     const double nothing = objective.Value({{static_cast<double>(prepared.num_matches_2d3d), 0},
                                             {static_cast<double>(prepared.num_matches_2d2d), 0}});
     if (!(nothing - estimate.refined_value > kKeptGain * (nothing - estimate.ransac_value))) {
-      final_pose =
-          RefineFinally(problem, prepared, best.pose, best.refined_kinds, Refinement::kPaper);
+      EstimatorOptions unrefined = options_;
+      unrefined.refinement = Refinement::kPaper;
+      final_pose = RefineFinally(problem, prepared, best.pose, best.refined_kinds, unrefined);
       estimate.refined_value = estimate.ransac_value;
     }
     DescribePose(prepared, problem, final_pose, estimate);

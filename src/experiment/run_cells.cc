@@ -84,7 +84,8 @@ class ThinnedScene {
              .model_poses = scene.model_poses,
              .thinning = {.every = static_cast<int>(every), .offset = static_cast<int>(offset)},
              .images = scene.images})),
-        matches_(OpenMatches()) {
+        matches_(OpenMatches()),
+        matched_(queries_.size()) {
     Take(references_.warnings);
   }
 
@@ -96,15 +97,17 @@ class ThinnedScene {
     }
     std::map<GeometryKey, std::vector<Cell>> by_geometry;
     for (const Cell& cell : cells) by_geometry[KeyOf(cell)].push_back(cell);
-    std::vector<QueryResult> matched;
     for (const auto& [key, of_geometry] : by_geometry) {
       std::vector<Localizer> ways;
       for (const Cell& cell : of_geometry) {
         ways.emplace_back(SceneOf(cell), matches_, LocalizerOptionsOf(cell));
       }
-      if (matched.empty()) matched = Match(ways.front(), cells.front());
-      Estimate(of_geometry, GridLocalizer(std::move(ways)), matched, store);
+      Match(ways.front(), cells.front());
+      const GridLocalizer localizer(std::move(ways));
+      Estimate(of_geometry, localizer.WithSceneNoise(queries_, matched_, options_.threads), store);
     }
+    // What the noise is learned from may lie in other blocks, and is kept.
+    for (size_t i = cells.front().begin; i < cells.front().end; ++i) matched_[i].reset();
   }
 
   std::vector<std::string> TakeWarnings() {
@@ -120,29 +123,31 @@ class ThinnedScene {
   }
 
   // All queries of a cell; cells that follow in the block have the same matches.
-  std::vector<QueryResult> Match(const Localizer& localizer, const Cell& cell) const {
-    std::vector<QueryResult> matched(cell.end - cell.begin);
-    ParallelFor(matched.size(), options_.threads,
-                [&](size_t i) { matched[i] = localizer.Match(queries_[cell.begin + i]); });
-    return matched;
+  void Match(const Localizer& localizer, const Cell& cell) {
+    ParallelFor(cell.end - cell.begin, options_.threads, [&](size_t i) {
+      auto& matched = matched_[cell.begin + i];
+      if (!matched) matched = localizer.Match(queries_[cell.begin + i]);
+    });
   }
 
   // A cell is written by who estimates its last query.
   void Estimate(std::span<const Cell> cells, const GridLocalizer& localizer,
-                std::span<const QueryResult> matched, const CellStore& store) const {
+                const CellStore& store) const {
+    const size_t begin = cells.front().begin;
+    const size_t count = cells.front().end - begin;
     struct InHand {
       std::vector<QueryOutcome> outcomes;
       std::atomic<size_t> left;
     };
     std::vector<InHand> in_hand(cells.size());
     for (InHand& cell : in_hand) {
-      cell.outcomes.resize(matched.size());
-      cell.left = matched.size();
+      cell.outcomes.resize(count);
+      cell.left = count;
     }
     // Few queries leave threads for the ways of each.
-    const bool enough = matched.size() >= static_cast<size_t>(ResolveThreads(options_.threads));
-    ParallelFor(matched.size(), options_.threads, [&](size_t query) {
-      localizer.Localize(matched[query], enough ? 1 : options_.threads,
+    const bool enough = count >= static_cast<size_t>(ResolveThreads(options_.threads));
+    ParallelFor(count, options_.threads, [&](size_t query) {
+      localizer.Localize(*matched_[begin + query], enough ? 1 : options_.threads,
                          [&](size_t way, const QueryResult& result) {
                            InHand& cell = in_hand[way];
                            cell.outcomes[query] = OutcomeOf(result.localized);
@@ -260,6 +265,7 @@ class ThinnedScene {
   std::vector<Query> queries_;
   Scene references_;  // without geometry
   std::shared_ptr<MatchSource> matches_;
+  GridLocalizer::Matched matched_;
   std::map<GeometryKey, std::shared_ptr<const Scene>> scenes_;
   std::optional<std::vector<ReferenceMatch>> reference_matches_;
   std::map<std::shared_ptr<const Scene>, std::optional<MultiViewNoise>> noise_;

@@ -1,8 +1,10 @@
 #include "raylift/localization/batch_localizer.h"
 
+#include <optional>
 #include <utility>
 
 #include "raylift/base/parallel.h"
+#include "raylift/localization/grid_localizer.h"
 #include "raylift/localization/scene_matches.h"
 
 namespace raylift {
@@ -29,10 +31,17 @@ BatchLocalizer::BatchLocalizer(const Scene& scene, std::vector<Query> queries,
 }
 
 std::vector<LocalizedQuery> BatchLocalizer::LocalizeAll(const OnResult& on_result) {
-  const Localizer localizer(scene_, matches_, options_.localizer);
+  GridLocalizer::Matched matched(queries_.size());
+  const GridLocalizer grid = GridLocalizer({Localizer(scene_, matches_, options_.localizer)})
+                                 .WithSceneNoise(queries_, matched, options_.threads);
+  const Localizer& localizer = grid.way(0);
   std::vector<LocalizedQuery> localized(queries_.size());
   ParallelFor(queries_.size(), options_.threads, [&](size_t i) {
-    QueryResult result = localizer.Localize(queries_[i]);
+    QueryResult result =
+        matched[i] ? *std::exchange(matched[i], std::nullopt) : localizer.Match(queries_[i]);
+    localizer.Lift(result);
+    localizer.Filter(result);
+    localizer.Estimate(result);
     Complete(i, localizer, result);
     if (on_result) on_result(i, result);
     localized[i] = std::move(result.localized);

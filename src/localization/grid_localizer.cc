@@ -1,9 +1,11 @@
 #include "raylift/localization/grid_localizer.h"
 
 #include <algorithm>
+#include <optional>
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
+#include "raylift/localization/scene_matches.h"
 
 namespace raylift {
 
@@ -44,6 +46,44 @@ void GridLocalizer::Localize(const QueryResult& matched, int threads, const Take
       });
     }
   }
+}
+
+GridLocalizer GridLocalizer::WithSceneNoise(std::span<const Query> queries, Matched& matched,
+                                            int threads) const {
+  constexpr size_t kQueries = 30;
+  constexpr size_t kLeastQueries = 3;
+  RAYLIFT_CHECK_EQ(matched.size(), queries.size());
+  std::vector<size_t> learning;
+  std::vector<Localizer> learners;
+  for (size_t way = 0; way < ways_.size(); ++way) {
+    if (!ways_[way].UsesSceneNoise()) continue;
+    learning.push_back(way);
+    learners.push_back(ways_[way]);
+  }
+  const std::vector<size_t> sample = SampleByName(queries, kQueries);
+  if (learning.empty() || sample.size() < kLeastQueries) return *this;
+
+  const GridLocalizer grid(learners);
+  std::vector<std::vector<std::optional<MatchNoise>>> found(
+      learners.size(), std::vector<std::optional<MatchNoise>>(sample.size()));
+  ParallelFor(sample.size(), threads, [&](size_t i) {
+    std::optional<QueryResult>& of_query = matched[sample[i]];
+    if (!of_query) of_query = ways_.front().Match(queries[sample[i]]);
+    grid.Localize(*of_query, 1, [&](size_t way, const QueryResult& result) {
+      const PoseEstimate& estimate = result.localized.estimate;
+      if (estimate.verdict == PoseVerdict::kLocalized) found[way][i] = estimate.noise;
+    });
+  });
+  std::vector<Localizer> knowing = ways_;
+  for (size_t i = 0; i < learning.size(); ++i) {
+    std::vector<MatchNoise> noise;
+    for (const auto& of_query : found[i]) {
+      if (of_query) noise.push_back(*of_query);
+    }
+    if (noise.size() < kLeastQueries) continue;
+    knowing[learning[i]] = learners[i].WithSceneNoise(PoolNoise(noise));
+  }
+  return GridLocalizer(std::move(knowing));
 }
 
 }  // namespace raylift

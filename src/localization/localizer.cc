@@ -74,7 +74,9 @@ std::string ReasonNotLocalized(const PoseEstimate& estimate, double min_confiden
 Localizer::Localizer(std::shared_ptr<const Scene> scene, std::shared_ptr<const MatchSource> matches,
                      const LocalizerOptions& options)
     : Localizer(std::move(scene), std::move(matches), options,
-                MakePoseEstimator(options.estimator)) {}
+                MakePoseEstimator(options.estimator)) {
+  own_estimator_ = true;
+}
 
 Localizer::Localizer(std::shared_ptr<const Scene> scene, std::shared_ptr<const MatchSource> matches,
                      const LocalizerOptions& options,
@@ -82,12 +84,24 @@ Localizer::Localizer(std::shared_ptr<const Scene> scene, std::shared_ptr<const M
     : scene_(std::move(scene)),
       matches_(std::move(matches)),
       options_(options),
-      estimator_(std::move(estimator)) {
+      estimator_(std::move(estimator)),
+      own_estimator_(false) {
   RAYLIFT_CHECK(scene_ != nullptr && estimator_ != nullptr);
   options_.filter.thresholds.Validate();
   options_.candidates.Validate();
   geometry_ = scene_->Geometry();
   options_.filter.few_points = FewPointsFor(options.estimator.method);
+}
+
+bool Localizer::UsesSceneNoise() const {
+  return own_estimator_ && raylift::UsesSceneNoise(options_.estimator);
+}
+
+Localizer Localizer::WithSceneNoise(const SceneNoise& noise) const {
+  Localizer knowing = *this;
+  knowing.options_.estimator.scene_noise = noise;
+  knowing.estimator_ = MakePoseEstimator(knowing.options_.estimator);
+  return knowing;
 }
 
 QueryResult Localizer::Localize(const Query& query) const { return Finish(Match(query)); }

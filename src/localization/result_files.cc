@@ -58,6 +58,7 @@ Json QueryJson(const LocalizedQuery& query) {
   }
   if (estimate.noise) {
     json["noise"] = {{"keypoint_px", estimate.noise->keypoint_px},
+                     {"keypoint_tail", estimate.noise->keypoint_tail},
                      {"depth", estimate.noise->depth},
                      {"common_depth", estimate.noise->common_depth},
                      {"reference_factor", estimate.noise->reference_factor},

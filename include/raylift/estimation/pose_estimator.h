@@ -24,6 +24,7 @@
 #include <Eigen/Core>
 
 #include "raylift/base/enum_names.h"
+#include "raylift/estimation/match_noise.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/scene/pose_problem.h"
 
@@ -113,6 +114,9 @@ struct EstimatorOptions {
   // Standard deviation (scene units) of the 3D points whose match carries none: it widens a match's
   // threshold by the point's error in pixels at its depth. 0: points are exact.
   double point_sigma = 0;
+  // What the scene's queries have in common (PoolNoise()), for the robust refinement of both match
+  // sets together. None: each query tells by itself.
+  std::optional<SceneNoise> scene_noise = std::nullopt;
   // Refine the query's focal length with the pose, for photographs of unknown calibration.
   bool refine_focal = false;
 
@@ -124,6 +128,11 @@ struct EstimatorOptions {
   // Throws OptionError for a value out of its range.
   void Validate() const;
 };
+
+// Whether an estimate tells of the scene's noise (PoseEstimate::noise) and takes it.
+constexpr bool UsesSceneNoise(const EstimatorOptions& options) {
+  return options.method == Method::kAdaptive && options.refinement == Refinement::kRobust;
+}
 
 // Why there is no pose.
 enum class FailureReason {
@@ -145,19 +154,6 @@ struct MatchSetScore {
   int num_matches = 0;
   int num_inliers = 0;
   double msac_cost = 0;  // sum of min(e^2 / t^2, 1)
-};
-
-// What Adaptive found the matches to be worth, as standard deviations.
-struct MatchNoise {
-  double keypoint_px = 0;  // of a keypoint's pixel
-  // Of lifted points along their rays, as a share of the distance: each by itself, what those of a
-  // keypoint have in common, and the factors of whole references (0: not looked for).
-  double depth = 0;
-  double common_depth = 0;
-  double reference_factor = 0;
-  // Of the references' poses, per axis; 0: not looked for.
-  double reference_rotation_deg = 0;
-  double reference_position = 0;  // scene units
 };
 
 // Whether a pose can be trusted.
@@ -192,7 +188,7 @@ struct PoseEstimate {
   double position_sigma = 0;      // of the camera centre, scene units
 
   // The probability that the pose is right: that its inliers are not there by chance, and that no
-  // other pose that was found explains the matches as well. See support.h in src/estimation.
+  // other pose that its RANSAC found explains the matches as well. See support.h in src/estimation.
   double confidence = 0;
   PoseVerdict verdict = PoseVerdict::kFailed;
   int inlier_keypoints = 0;  // of the query: one counts once, in however many references

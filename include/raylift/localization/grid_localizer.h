@@ -5,6 +5,8 @@
 
 #include <cstddef>
 #include <functional>
+#include <optional>
+#include <span>
 #include <vector>
 
 #include "raylift/localization/localizer.h"
@@ -25,6 +27,14 @@ class GridLocalizer {
   void Localize(const Query& query, int threads, const Take& take) const;
   // The same from what Localizer::Match() of any of the ways has made.
   void Localize(const QueryResult& matched, int threads, const Take& take) const;
+
+  // What Localizer::Match() has made, by query, as far as it was needed.
+  using Matched = std::vector<std::optional<QueryResult>>;
+  // The same ways, which know what the matches of the scene's queries have in common, as each way
+  // finds it (PoolNoise()): learned from some 30 of the queries, the same ones whatever their order,
+  // which are matched where they are not yet. Ways that do not use it, or localize fewer than three
+  // of these queries, stay as they are.
+  GridLocalizer WithSceneNoise(std::span<const Query> queries, Matched& matched, int threads) const;
 
  private:
   // Ways that filter alike, among those that lift alike.

@@ -117,6 +117,11 @@ class Localizer {
   const LocalizerOptions& options() const { return options_; }
   const PoseEstimator& estimator() const { return *estimator_; }
 
+  // Whether its estimates use what the scene's queries have in common, and the same localizer that
+  // knows it.
+  bool UsesSceneNoise() const;
+  Localizer WithSceneNoise(const SceneNoise& noise) const;
+
   // Whether the other one's stage gives the same from the same.
   bool LiftsAlike(const Localizer& other) const;
   bool FiltersAlike(const Localizer& other) const;
@@ -131,6 +136,7 @@ class Localizer {
   std::shared_ptr<const MatchSource> matches_;
   LocalizerOptions options_;
   std::shared_ptr<const PoseEstimator> estimator_;
+  bool own_estimator_;                                           // made from the options
   std::vector<std::shared_ptr<const GeometrySource>> geometry_;  // the scene's
 };
 
