@@ -15,6 +15,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/nearest_byte.h"
 
 namespace raylift {
 namespace {
@@ -24,10 +25,6 @@ Eigen::Affine3d ToEigen(const aiMatrix4x4& m) {
   transform.matrix() << m.a1, m.a2, m.a3, m.a4, m.b1, m.b2, m.b3, m.b4, m.c1, m.c2, m.c3, m.c4,  //
       m.d1, m.d2, m.d3, m.d4;
   return transform;
-}
-
-uint8_t ColorByte(double unit) {
-  return unit > 0 ? static_cast<uint8_t>(std::min(unit, 1.0) * 255 + 0.5) : uint8_t{0};
 }
 
 double SrgbFromLinear(double c) {
@@ -63,7 +60,9 @@ class SceneConverter {
   static constexpr int kMaxDepth = 1000;
 
   Rgb Color(const aiColor4D& color) const {
-    const auto byte = [&](double c) { return ColorByte(linear_colors_ ? SrgbFromLinear(c) : c); };
+    const auto byte = [&](double c) {
+      return NearestByte((linear_colors_ ? SrgbFromLinear(c) : c) * 255);
+    };
     return {byte(color.r), byte(color.g), byte(color.b)};
   }
 

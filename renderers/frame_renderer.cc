@@ -20,6 +20,7 @@
 #include <Eigen/Geometry>
 
 #include "raylift/base/error.h"
+#include "raylift/base/nearest_byte.h"
 #include "raylift/base/parallel.h"
 
 namespace raylift {
@@ -260,8 +261,7 @@ class ViewPass {
 
   void StoreColor(size_t pixel, const Eigen::Vector3f& rgb) const {
     for (int c = 0; c < 3; ++c) {
-      frame_.color.data[3 * pixel + static_cast<size_t>(c)] =
-          static_cast<uint8_t>(std::clamp(rgb[c], 0.0f, 255.0f) + 0.5f);
+      frame_.color.data[3 * pixel + static_cast<size_t>(c)] = NearestByte(rgb[c]);
     }
   }
 

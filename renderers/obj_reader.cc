@@ -8,16 +8,14 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/nearest_byte.h"
 #include "raylift/base/text.h"
 
 namespace raylift {
 namespace {
 
 Rgb RgbFromUnit(double red, double green, double blue) {
-  const auto byte = [](double c) {
-    return c > 0 ? static_cast<uint8_t>(std::min(c, 1.0) * 255 + 0.5) : uint8_t{0};
-  };
-  return {byte(red), byte(green), byte(blue)};
+  return {NearestByte(red * 255), NearestByte(green * 255), NearestByte(blue * 255)};
 }
 
 // What follows the keyword, as written: file names may hold blanks.

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/nearest_byte.h"
 #include "raylift/base/text.h"
 
 namespace raylift {
@@ -155,8 +156,7 @@ double ColorRange(PlyType type) {
 }
 
 uint8_t ColorByte(double value, PlyType type) {
-  const double byte = value / ColorRange(type) * 255;
-  return byte > 0 ? static_cast<uint8_t>(std::min(byte, 255.0) + 0.5) : uint8_t{0};
+  return NearestByte(value / ColorRange(type) * 255);
 }
 
 template <typename Cursor>

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/nearest_byte.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/map_file.h"
 
@@ -24,9 +25,8 @@ constexpr std::array<std::string_view, 1> kOfMask = {"png"};
 // Normals as a picture to look at: -1 .. 1 is 0 .. 255, grey where there is none.
 Image NormalPicture(const Frame& frame) {
   Image image{frame.width_px, frame.height_px, 3, std::vector<uint8_t>(frame.normals.size())};
-  std::transform(frame.normals.begin(), frame.normals.end(), image.data.begin(), [](float n) {
-    return static_cast<uint8_t>(std::clamp(127.5f * (n + 1), 0.0f, 255.0f) + 0.5f);
-  });
+  std::transform(frame.normals.begin(), frame.normals.end(), image.data.begin(),
+                 [](float n) { return NearestByte(127.5f * (n + 1)); });
   return image;
 }
 
