@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "compared_room.h"
+#include <gtest/gtest.h>
 
 namespace raylift {
 namespace {

@@ -2,6 +2,9 @@
 
 #include <cmath>
 #include <limits>
+#include <string>
+
+#include <gtest/gtest.h>
 
 namespace raylift {
 namespace {

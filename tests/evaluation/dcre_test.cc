@@ -1,6 +1,9 @@
 #include "raylift/evaluation/dcre.h"
 
 #include <cmath>
+#include <vector>
+
+#include <gtest/gtest.h>
 
 #include "raylift/base/rng.h"
 

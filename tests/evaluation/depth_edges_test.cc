@@ -5,6 +5,8 @@
 #include <limits>
 #include <vector>
 
+#include <gtest/gtest.h>
+
 #include "raylift/base/rng.h"
 
 namespace raylift {
@@ -36,7 +38,7 @@ TEST(DistanceToSet, IsExact) {
   constexpr int kWidth = 37, kHeight = 23;
   Rng rng(StreamSeed(0, "DistanceToSet.IsExact", ""));
   for (const double share : {0.002, 0.02, 0.3}) {
-    std::vector<uint8_t> mask(kWidth * kHeight, 0);
+    std::vector<uint8_t> mask(size_t{kWidth} * kHeight, 0);
     for (uint8_t& set : mask) set = rng.Uniform() < share;
     const auto distances = DistanceToSet(mask, kWidth);
     for (int i = 0; i < kWidth * kHeight; ++i) {

@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "support/test_data.h"
+#include <gtest/gtest.h>
 
 #include "raylift/base/rng.h"
 #include "raylift/base/text.h"

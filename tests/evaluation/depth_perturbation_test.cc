@@ -3,6 +3,8 @@
 #include <cmath>
 #include <vector>
 
+#include <gtest/gtest.h>
+
 #include "raylift/base/error.h"
 #include "raylift/evaluation/depth_edges.h"
 #include "raylift/evaluation/depth_errors.h"
@@ -12,12 +14,12 @@ namespace {
 
 // A wall at 4 with a box at 2 before it, and a hole.
 DepthMap Scene() {
-  DepthMap map{160, 120, std::vector<float>(160 * 120, 4.0F)};
-  for (int y = 30; y < 90; ++y) {
-    for (int x = 40; x < 100; ++x) map.z[static_cast<size_t>(y * 160 + x)] = 2;
+  DepthMap map{160, 120, std::vector<float>(size_t{160} * 120, 4.0F)};
+  for (size_t y = 30; y < 90; ++y) {
+    for (size_t x = 40; x < 100; ++x) map.z[y * 160 + x] = 2;
   }
-  for (int y = 5; y < 15; ++y) {
-    for (int x = 5; x < 15; ++x) map.z[static_cast<size_t>(y * 160 + x)] = 0;
+  for (size_t y = 5; y < 15; ++y) {
+    for (size_t x = 5; x < 15; ++x) map.z[y * 160 + x] = 0;
   }
   return map;
 }

@@ -226,9 +226,9 @@ TEST(SfmSource, FollowsTheLinksOfARealModel) {
           model.points3d.at(*keypoint.point3d_id).position_in_world);
       ++num_linked;
     }
-    const auto reference = std::find_if(images.begin(), images.end(), [&](const PosedImage& other) {
-      return other.name == image.name;
-    });
+    const auto reference =
+        std::find_if(images.begin(), images.end(),
+                     [&name = image.name](const PosedImage& other) { return other.name == name; });
     const auto pixels = features.Read(image.name).keypoints_px;
     const auto lifted = source.Lift(*reference, pixels);
     ASSERT_EQ(pixels.size(), image.points2d.size());

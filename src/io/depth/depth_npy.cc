@@ -10,6 +10,7 @@
 #include "io/binary/zip_archive.h"
 #include "io/depth/depth_formats.h"
 #include "io/depth/sample_rounding.h"
+#include <Eigen/Core>
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
