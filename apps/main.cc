@@ -63,7 +63,7 @@ Program MakeProgram() {
   }
   AddProgramHelp(app);
   return program;
-}
+}  // NOLINT(clang-analyzer-cplusplus.NewDeleteLeaks): the app is moved out with the program
 
 // The same program, but nothing is required: it tells what a command line gives, and finds unknown
 // options and malformed values first.

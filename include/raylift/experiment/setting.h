@@ -62,7 +62,8 @@ struct Setting {
 
   AxisValue& operator[](Axis axis) { return values[static_cast<size_t>(axis)]; }
   const AxisValue& operator[](Axis axis) const { return values[static_cast<size_t>(axis)]; }
-  auto operator<=>(const Setting&) const = default;
+  // What the compiler compares with zero is no pointer.
+  auto operator<=>(const Setting&) const = default;  // NOLINT(modernize-use-nullptr)
 
   // The value on an axis where it matters and is of this type, else null.
   template <typename T>
