@@ -53,7 +53,7 @@ void ReleaseMapped(std::string_view part) {
   const uintptr_t first = (begin + page - 1) / page * page;  // whole pages only
   const uintptr_t last = (begin + part.size()) / page * page;
   if (last > first) {
-    madvise(reinterpret_cast<void*>(first), last - first, MADV_DONTNEED);
+    madvise(const_cast<char*>(part.data()) + (first - begin), last - first, MADV_DONTNEED);
   }
 }
 
@@ -64,7 +64,8 @@ void AdviseLargePages(void* data, size_t size_bytes) {
   const uintptr_t first = (begin + kLargePage - 1) / kLargePage * kLargePage;
   const uintptr_t last = (begin + size_bytes) / kLargePage * kLargePage;
   if (last > first) {
-    madvise(reinterpret_cast<void*>(first), last - first, MADV_HUGEPAGE);  // advice may be refused
+    // Advice may be refused.
+    madvise(static_cast<char*>(data) + (first - begin), last - first, MADV_HUGEPAGE);
   }
 #else
   static_cast<void>(data);
