@@ -73,6 +73,7 @@ double DeviationAmongOutliers(const std::vector<double>& errors_px, double range
 
 double MedianGain(const std::vector<EpipolarError>& errors) {
   std::vector<double> gains;
+  gains.reserve(errors.size());
   for (const EpipolarError& e : errors) gains.push_back(e.gain_px);
   return UpperMedianInPlace(std::span(gains));
 }
@@ -106,6 +107,7 @@ std::optional<MultiViewTrust> EstimateTrust(std::span<const PosedImage> referenc
   const double range_px = OutlierRange(references);
 
   std::vector<double> across;
+  across.reserve(all.size());
   for (const EpipolarError& e : all) across.push_back(e.across_px);
   const double keypoints_px = DeviationAmongOutliers(across, range_px);
 
@@ -122,6 +124,7 @@ std::optional<MultiViewTrust> EstimateTrust(std::span<const PosedImage> referenc
   }
   if (agreeing.size() < kFewest) return std::nullopt;
   std::vector<double> along;
+  along.reserve(agreeing.size());
   for (const EpipolarError& e : agreeing) along.push_back(e.along_px);
   const double along_px = DeviationAmongOutliers(along, range_px);
   const double geometry_px =

@@ -49,6 +49,7 @@ std::vector<Observation> MakeObservations(const GeometrySource& source,
                                           const std::vector<HalfMatch>& matches,
                                           const AlignOptions& options) {
   std::vector<Eigen::Vector2d> pixels;
+  pixels.reserve(matches.size());
   for (const HalfMatch& match : matches) pixels.push_back(match.pixel);
   const auto points = source.Lift(map, pixels);
   std::vector<Observation> observations;

@@ -68,6 +68,7 @@ void MakeQueries(const std::filesystem::path& folder, const Courtyard& yard) {
   const std::vector<PosedImage> views = QueryViews();
   WriteViews(folder / "ground_truth", views);
   std::vector<Query> queries;
+  queries.reserve(views.size());
   for (const PosedImage& view : views) queries.push_back({view.name, view.camera});
   WriteQueryList(folder / "queries.txt", queries);
   for (size_t i = 0; i < views.size(); ++i) {

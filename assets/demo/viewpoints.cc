@@ -78,6 +78,7 @@ std::vector<PosedImage> QueryViews() {
                                     {wide, 9.7, 9.2, 1.1, 290, 12, 3},
                                     {radial, 5.6, 8.2, 2.1, 118, -4, -6}}};
   std::vector<PosedImage> views;
+  views.reserve(taken.size());
   for (const View& view : taken) {
     views.push_back(
         {Numbered("query/query_", views.size() + 1), view.camera,

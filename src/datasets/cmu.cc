@@ -165,6 +165,7 @@ std::vector<std::string> ListSlices(const path& folder) {
   }
   std::sort(slices.begin(), slices.end());
   std::vector<std::string> names;
+  names.reserve(slices.size());
   for (const auto& [number, name] : slices) names.push_back(name);
   return names;
 }

@@ -156,6 +156,7 @@ std::vector<std::string> ListFiles(const path& folder, const std::string& suffix
   }
   std::sort(files.begin(), files.end());
   std::vector<std::string> names;
+  names.reserve(files.size());
   for (auto& [number, name] : files) names.push_back(std::move(name));
   return names;
 }

@@ -257,6 +257,7 @@ ImportedScenes ImportNerfstudio(const path& folder, const ImportOptions& options
   skipped.AddWarnings(scene.warnings);
   TakeDepth(reader, frames, scene);
   std::vector<PosedImage> images;
+  images.reserve(frames.size());
   for (const Frame& frame : frames) images.push_back(frame.image);
   auto tests = reader.Names("test_filenames");
   if (!tests || tests->empty()) tests = reader.Names("val_filenames");

@@ -39,6 +39,7 @@ std::string Value(const Experiment& experiment, const Setting& setting, LayoutAx
 std::vector<std::string> ValuesOf(const Experiment& experiment, const Setting& setting,
                                   const std::vector<LayoutAxis>& axes) {
   std::vector<std::string> values;
+  values.reserve(axes.size());
   for (const LayoutAxis axis : axes) values.push_back(Value(experiment, setting, axis));
   return values;
 }
@@ -204,6 +205,7 @@ PivotTable MakePivot(const Experiment& experiment, const TableLayout& layout,
   };
   const auto titles = [&](const Setting& setting, const std::vector<LayoutAxis>& axes) {
     std::vector<std::string> texts;
+    texts.reserve(axes.size());
     for (const LayoutAxis axis : axes) texts.push_back(ValueTitle(experiment, setting, axis));
     return texts;
   };

@@ -14,6 +14,7 @@ namespace {
 std::vector<size_t> Keep(const std::filesystem::path& model, const std::vector<PosedImage>& images,
                          const Thinning& thinning) {
   std::vector<std::string> cameras;
+  cameras.reserve(images.size());
   for (const PosedImage& image : images) cameras.push_back(image.camera.ToString());
   const std::vector<size_t> kept = KeptIndices(cameras, thinning);
   const auto fail = [&](std::string_view what) {

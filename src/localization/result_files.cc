@@ -152,6 +152,7 @@ RerenderCounts CountRerendered(std::span<const LocalizedQuery> queries) {
 
 void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries) {
   std::vector<NamedPose> poses;
+  poses.reserve(queries.size());
   for (const LocalizedQuery& query : queries) {
     if (query.localized()) {
       poses.push_back({query.name, *query.estimate.cam_from_world});
@@ -200,6 +201,7 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
                   const RunSummary& summary) {
   const auto median_of = [&queries](const auto& value) {
     std::vector<double> values;
+    values.reserve(queries.size());
     for (const LocalizedQuery& query : queries) {
       values.push_back(static_cast<double>(value(query)));
     }

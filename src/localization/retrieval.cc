@@ -109,6 +109,7 @@ Retrieval RetrieveReferences(std::span<const Query> queries, std::span<const Pos
     return references[static_cast<size_t>(a)].name < references[static_cast<size_t>(b)].name;
   });
   std::vector<PosedImage> sorted;
+  sorted.reserve(order.size());
   for (const int index : order) sorted.push_back(references[static_cast<size_t>(index)]);
   Retrieval retrieval = RetrieveSorted(queries, sorted, options);
   for (auto& list : retrieval.lists) {

@@ -52,6 +52,7 @@ double SizeOf(const std::vector<SurfaceSample>& samples) {
   Eigen::Vector3d extent = Eigen::Vector3d::Zero();
   for (int axis = 0; axis < 3; ++axis) {
     std::vector<double> values;
+    values.reserve(samples.size());
     for (const SurfaceSample& sample : samples) values.push_back(sample.point_in_world[axis]);
     std::sort(values.begin(), values.end());
     const auto skip = static_cast<size_t>(kOutermost * static_cast<double>(values.size()));

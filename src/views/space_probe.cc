@@ -30,6 +30,7 @@ std::vector<Eigen::Vector3d> SpreadDirections(int count) {
 Surroundings LookAround(const RayCaster& mesh, const Eigen::Vector3d& center, int directions) {
   const std::vector<Eigen::Vector3d> all = SpreadDirections(directions);
   std::vector<Ray> rays;
+  rays.reserve(all.size());
   for (const Eigen::Vector3d& direction : all) rays.push_back({center, direction});
   const auto hits = mesh.Cast(rays);
   Surroundings around{std::numeric_limits<double>::infinity(), 1};

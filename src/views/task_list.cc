@@ -41,6 +41,7 @@ void KeepMatching(const std::string& glob, std::vector<View>& views) {
 
 void Thin(const Thinning& thinning, std::vector<View>& views) {
   std::vector<std::string> cameras;
+  cameras.reserve(views.size());
   for (const View& view : views) cameras.push_back(view.camera.ToString());
   std::vector<View> kept;
   for (const size_t i : KeptIndices(cameras, thinning)) kept.push_back(std::move(views[i]));
