@@ -31,7 +31,7 @@ Eigen::Vector3f SurfaceShader::Color(const RayHit& hit, const Eigen::Vector3d& c
                                      double solid_angle) const {
   const double cosine = std::abs(hit.normal_in_world.dot(direction_in_world));
   const double footprint = hit.ray_t * hit.ray_t * solid_angle / std::max(cosine, 0.05);
-  const Eigen::Vector3f own = OwnColor(hit, footprint);
+  Eigen::Vector3f own = OwnColor(hit, footprint);
   switch (options_.shading) {
     case ColorOptions::Shading::kUnlit:
       return own;

@@ -80,7 +80,7 @@ Eigen::Vector3f Texture::Sample(const Eigen::Vector2f& uv, double level) const {
   const double clamped = level > 0 ? std::min(level, last) : 0.0;
   const auto lower = static_cast<size_t>(clamped);
   const auto fraction = static_cast<float>(clamped - static_cast<double>(lower));
-  const Eigen::Vector3f fine = Bilinear(Level(lower), u, v);
+  Eigen::Vector3f fine = Bilinear(Level(lower), u, v);
   if (fraction == 0) {
     return fine;
   }

@@ -23,7 +23,7 @@ Material AddLouvers(Atlas& atlas, const Color& base, uint32_t seed) {
 }
 
 Material AddCrate(Atlas& atlas, const std::string& stencil, const Color& ink, uint32_t seed) {
-  const Material crate = atlas.Add(0.8, 0.8, [&](double x, double y) {
+  Material crate = atlas.Add(0.8, 0.8, [&](double x, double y) {
     const bool is_rim = std::min({x, y, 0.8 - x, 0.8 - y}) < 0.09;
     const bool is_brace = std::abs(x - y) < 0.06;
     Color color = is_rim && (y < 0.09 || y > 0.71)
@@ -43,7 +43,7 @@ Material AddCrate(Atlas& atlas, const std::string& stencil, const Color& ink, ui
 
 Material AddSign(Atlas& atlas, const std::string& text, const Color& ground, const Color& ink,
                  uint32_t seed) {
-  const Material sign = atlas.Add(2.2, 0.5, [&](double x, double y) {
+  Material sign = atlas.Add(2.2, 0.5, [&](double x, double y) {
     const bool is_border = std::min({x, y, 2.2 - x, 0.5 - y}) < 0.03;
     return Metal(x, y, is_border ? ink : ground, seed);
   });
@@ -67,7 +67,7 @@ Material AddCloth(Atlas& atlas, const Color& base, const Color& second, int patt
 }
 
 Material AddMenuBoard(Atlas& atlas) {
-  const Material board = atlas.Add(0.6, 1.0, [&](double x, double y) {
+  Material board = atlas.Add(0.6, 1.0, [&](double x, double y) {
     const bool is_frame = std::min({x, y, 0.6 - x, 1.0 - y}) < 0.05;
     const double smear = 0.10 * FractalNoise(5 * x, 9 * y, 3, 71);
     return is_frame ? Planks(x, y, {0.52f, 0.34f, 0.2f}, 0.3, 72)

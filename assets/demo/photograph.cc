@@ -153,7 +153,7 @@ class RowRenderer {
 
   Eigen::Vector3f SkyLight(const Ray& ray, const std::optional<RayHit>& hit) const {
     const auto up = static_cast<float>(0.5 + 0.5 * ray.direction_in_world.z());
-    const Eigen::Vector3f open = up * light_.sky + (1 - up) * light_.ground;
+    Eigen::Vector3f open = up * light_.sky + (1 - up) * light_.ground;
     if (!hit) return open;
     const auto openness = static_cast<float>(std::min(1.0, hit->ray_t / kSkyReach));
     return openness * open + 0.25f * (1 - openness) * light_.ground;

@@ -134,13 +134,13 @@ std::optional<Rigid3> RigidFromMatrix(const Eigen::Matrix4d& matrix) {
 std::optional<Rigid3> ReadWorldFromCam(const path& file) {
   const Eigen::Matrix4d matrix = ReadAnyMatrix(file);
   if (!matrix.allFinite()) return std::nullopt;
-  const auto world_from_cam = RigidFromMatrix(matrix);
+  auto world_from_cam = RigidFromMatrix(matrix);
   if (!world_from_cam) throw InputError(file, "expected a rotation and a translation");
   return world_from_cam;
 }
 
 Eigen::Matrix4d ReadMatrix(const path& file) {
-  const Eigen::Matrix4d matrix = ReadAnyMatrix(file);
+  Eigen::Matrix4d matrix = ReadAnyMatrix(file);
   if (!matrix.allFinite()) throw InputError(file, "expected finite numbers");
   return matrix;
 }

@@ -146,7 +146,7 @@ class LayoutReader {
 
   // Of a file of results, hence a plain one, once.
   std::string ReadName(TomlTable& table) {
-    const std::string name = table.RequiredText("name");
+    std::string name = table.RequiredText("name");
     const bool plain = !name.empty() && std::all_of(name.begin(), name.end(), [](char c) {
       return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
              c == '_' || c == '-';

@@ -153,7 +153,7 @@ std::string AxisTitle(LayoutAxis axis) {
 }
 
 std::string ValueTitle(const Experiment& experiment, const Setting& setting, LayoutAxis axis) {
-  const std::string text = Value(experiment, setting, axis);
+  std::string text = Value(experiment, setting, axis);
   const Axis* known = std::get_if<Axis>(&axis);
   if (text.empty() || known == nullptr) return text;
   switch (*known) {

@@ -42,8 +42,7 @@ double MeasureUpscaleShift() {
 }
 
 cv::Mat ShrinkToSide(const Image& grey, int max_side_px) {
-  const cv::Mat full(grey.height_px, grey.width_px, CV_8UC1,
-                     const_cast<uint8_t*>(grey.data.data()));
+  cv::Mat full(grey.height_px, grey.width_px, CV_8UC1, const_cast<uint8_t*>(grey.data.data()));
   const int side_px = std::max(grey.width_px, grey.height_px);
   if (side_px <= max_side_px) {
     return full;

@@ -458,7 +458,7 @@ std::optional<Eigen::Vector2d> Lens::Undistort(const Eigen::Vector2d& distorted)
   if (non_radial_ == NonRadial::kNone) {
     return projected;
   }
-  if (const auto solution = UndistortByNewton(projected, distorted)) {
+  if (auto solution = UndistortByNewton(projected, distorted)) {
     return solution;
   }
   return UndistortByNewton(NearestOnGrid(distorted), distorted);

@@ -16,7 +16,7 @@ std::vector<size_t> Keep(const std::filesystem::path& model, const std::vector<P
   std::vector<std::string> cameras;
   cameras.reserve(images.size());
   for (const PosedImage& image : images) cameras.push_back(image.camera.ToString());
-  const std::vector<size_t> kept = KeptIndices(cameras, thinning);
+  std::vector<size_t> kept = KeptIndices(cameras, thinning);
   const auto fail = [&](std::string_view what) {
     throw InputError(model, fmt::format("{} of {} images by every {}, offset {}", what,
                                         images.size(), thinning.every, thinning.offset));

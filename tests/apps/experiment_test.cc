@@ -15,7 +15,7 @@ namespace fs = std::filesystem;
 using ::testing::HasSubstr;
 
 fs::path WriteExperiment(const RoomScene& scene) {
-  const fs::path file = scene.folder / "experiment.toml";
+  fs::path file = scene.folder / "experiment.toml";
   WriteFile(file, R"(
 seeds = [0, 1]
 [scenes.room]

@@ -53,7 +53,7 @@ class Render : public ::testing::Test {
                           FormatDouble(q.z()), FormatDouble(t.x()), FormatDouble(t.y()),
                           FormatDouble(t.z()), size);
     }
-    const fs::path file = scene_.folder / "cameras.txt";
+    fs::path file = scene_.folder / "cameras.txt";
     WriteFile(file, text);
     return file;
   }

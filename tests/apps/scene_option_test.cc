@@ -25,7 +25,7 @@ std::filesystem::path WriteScene(const RoomScene& room) {
   WriteGroups(scene.groups, {{room.queries[0].name, "day"}, {room.queries[1].name, "night"}});
   scene.geometries = {{"near", "mesh:" + room.mesh().string() + ",far=50"},
                       {"all", "mesh:" + room.mesh().string()}};
-  const std::filesystem::path file = room.folder / "scene.toml";
+  std::filesystem::path file = room.folder / "scene.toml";
   WriteSceneFile(file, scene);
   return file;
 }

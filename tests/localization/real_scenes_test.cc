@@ -102,7 +102,7 @@ TEST_F(RgbdSmall, MergedOrTriangulatedPointsMakeUpForMonocularDepth) {
   const Scene depth = OpenScene(
       {.model = data_ / "model_ref", .geometry = {"depth:" + (data_ / "depth_mono_sim").string()}});
   const auto run = [&](CandidateMode mode) {
-    const Comparison comparison = Localize(queries_, matches, depth, Method::kP3p, truth_, mode);
+    Comparison comparison = Localize(queries_, matches, depth, Method::kP3p, truth_, mode);
     RecordProperty(std::string(ToString(mode)), Describe(comparison));
     return comparison;
   };

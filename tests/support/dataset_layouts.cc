@@ -97,7 +97,7 @@ Layout Write7Scenes(const path& folder, const LayoutInput& input) {
           .Scaled(input.width_px, input.height_px);
   const auto add = [&](const std::string& sequence, size_t index, const Rigid3& pose) {
     const std::string stem = fmt::format("{}/frame-{:06}", sequence, index);
-    const PosedImage view{stem + ".color.png", camera, pose};
+    PosedImage view{stem + ".color.png", camera, pose};
     WritePicture(input, folder / view.name, view);
     WriteFile(folder / (stem + ".pose.txt"), MatrixText(MatrixOf(pose.Inverse())));
     return view;
@@ -119,7 +119,7 @@ Layout Write12Scenes(const path& folder, const LayoutInput& input) {
   const Camera camera = ScaledCamera(input, CameraModel::kPinhole, {53, 52, 31.5, 24.5});
   const auto add = [&](size_t index, const Rigid3& pose) {
     const std::string stem = fmt::format("frame-{:06}", index);
-    const PosedImage view{stem + ".color.jpg", camera, pose};
+    PosedImage view{stem + ".color.jpg", camera, pose};
     WritePicture(input, data / view.name, view);
     WriteFile(data / (stem + ".pose.txt"), MatrixText(MatrixOf(pose.Inverse())));
     return view;
@@ -150,7 +150,7 @@ Layout WriteCambridge(const path& folder, const LayoutInput& input) {
     const double focal_px = (52 + 0.1 * static_cast<double>(rows.size() % 7)) * input.width_px / 64;
     const Camera camera(CameraModel::kSimplePinhole, input.width_px, input.height_px,
                         std::vector<double>{focal_px, 0.5 * input.width_px, 0.5 * input.height_px});
-    const PosedImage view{name + ".png", camera, pose};
+    PosedImage view{name + ".png", camera, pose};
     WritePicture(input, folder / view.name, view);
     const std::string q = Join(Quaternion(pose), " ");
     const std::string c = Join(Vector(pose.OriginInSource()), " ");
@@ -179,7 +179,7 @@ Layout WriteAachen(const path& folder, const LayoutInput& input) {
   const path images = folder / "images_upright";
   Layout layout{.folder = folder, .images = images, .query_images = images};
   const auto add = [&](const std::string& name, const Camera& camera, const Rigid3& pose) {
-    const PosedImage view{name, camera, pose};
+    PosedImage view{name, camera, pose};
     WritePicture(input, images / name, view);
     return view;
   };
@@ -212,7 +212,7 @@ Layout WriteCmu(const path& folder, const LayoutInput& input) {
   };
   const Camera c0 = camera(52), c1 = camera(55);
   const auto add = [&](size_t index, const Rigid3& pose, const path& images, std::string& rows) {
-    const PosedImage view{
+    PosedImage view{
         fmt::format("img_{:05}_c{}_{}us.jpg", index, index % 2, 1303398474000000 + 1000000 * index),
         index % 2 == 0 ? c0 : c1, pose};
     WritePicture(input, images / view.name, view);

@@ -16,7 +16,7 @@ std::filesystem::path TestFolder() {
   for (char& c : name) {
     if (c == '/') c = '_';
   }
-  const std::filesystem::path folder = std::filesystem::path(RAYLIFT_TEST_TEMP_DIR) / name;
+  std::filesystem::path folder = std::filesystem::path(RAYLIFT_TEST_TEMP_DIR) / name;
   std::filesystem::remove_all(folder);
   std::filesystem::create_directories(folder);
   return folder;

@@ -71,7 +71,7 @@ void LineTokens::ExpectEnd() {
 }
 
 Eigen::Vector4d LineTokens::Quaternion(std::string_view field) {
-  const Eigen::Vector4d qvec_wxyz = Vector<4>(field);
+  Eigen::Vector4d qvec_wxyz = Vector<4>(field);
   if (qvec_wxyz.isZero(0)) {
     Fail(fmt::format("{}: expected a rotation, found the quaternion 0 0 0 0", field));
   }
