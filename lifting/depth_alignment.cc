@@ -183,7 +183,8 @@ DepthCorrection Fit(const std::vector<Observation>& observations, const Camera& 
     correction.columns = options.grid_columns;
     correction.rows = options.grid_rows;
   }
-  const size_t num_nodes = static_cast<size_t>(correction.columns * correction.rows);
+  const size_t num_nodes =
+      static_cast<size_t>(correction.columns) * static_cast<size_t>(correction.rows);
   const bool has_shift = options.mode == AlignMode::kAffine;
   correction.log_factors.assign(num_nodes, log_factor);
 

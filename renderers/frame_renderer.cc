@@ -29,7 +29,7 @@ namespace {
 constexpr int kSide = static_cast<int>(RayBlock::kSide);
 constexpr int kTileBlocks = 2;  // per side: tiles of 8 x 8 pixels
 constexpr int kTileSide = kTileBlocks * kSide;
-constexpr size_t kBlocksPerTile = kTileBlocks * kTileBlocks;
+constexpr size_t kBlocksPerTile = size_t{kTileBlocks} * kTileBlocks;
 // Tiles in a row that are cast at a time; what they need stays in the first cache.
 constexpr size_t kTilesAtATime = 8;
 constexpr double kDegPerRad = 180 / std::numbers::pi;
@@ -217,7 +217,7 @@ class ViewPass {
                     const HitBlock& hits) const {
     for (int y = 0; y < height; ++y) {
       for (int x = 0; x < width; ++x) {
-        const auto i = static_cast<size_t>(y * kSide + x);
+        const size_t i = LaneAt(x, y);
         const size_t pixel = PixelIndex(x0 + x, y0 + y);
         if (hits.triangle[i] == HitBlock::kNoTriangle) {
           StoreMiss(pixel);
@@ -275,8 +275,10 @@ class ViewPass {
       differentials[LaneOf(i, width)] = rays_.DifferentialAt(x0 + i % width, y0 + i / width);
     }
     for (int sample = 0; sample < side * side; ++sample) {
-      const float dx = (static_cast<float>(sample % side) + 0.5f) / static_cast<float>(side) - 0.5f;
-      const float dy = (static_cast<float>(sample / side) + 0.5f) / static_cast<float>(side) - 0.5f;
+      const int right = sample % side;
+      const int down = sample / side;
+      const float dx = (static_cast<float>(right) + 0.5f) / static_cast<float>(side) - 0.5f;
+      const float dy = (static_cast<float>(down) + 0.5f) / static_cast<float>(side) - 0.5f;
       AddSample(x0, y0, dx, dy, differentials, sums);
     }
     for (int i = 0; i < width * height; ++i) {
@@ -317,8 +319,10 @@ class ViewPass {
     }
   }
 
-  static size_t LaneOf(int i, int width) {
-    return static_cast<size_t>(i / width * kSide + i % width);
+  static size_t LaneOf(int i, int width) { return LaneAt(i % width, i / width); }
+
+  static size_t LaneAt(int x, int y) {
+    return static_cast<size_t>(y) * RayBlock::kSide + static_cast<size_t>(x);
   }
 
   size_t PixelIndex(int x, int y) const {

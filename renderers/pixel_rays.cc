@@ -13,6 +13,11 @@ namespace {
 
 constexpr int kSide = static_cast<int>(RayBlock::kSide);
 
+// Of a pixel in its block.
+size_t LaneOf(int x, int y) {
+  return static_cast<size_t>(y % kSide) * RayBlock::kSide + static_cast<size_t>(x % kSide);
+}
+
 bool IsPinhole(CameraModel model) {
   return model == CameraModel::kSimplePinhole || model == CameraModel::kPinhole;
 }
@@ -82,7 +87,7 @@ void PixelRays::MakeBlocks(int threads) {
         if (!ray) continue;
         RayBlock& block =
             blocks_[row * static_cast<size_t>(blocks_per_row_) + static_cast<size_t>(x / kSide)];
-        const auto i = static_cast<size_t>(y % kSide * kSide + x % kSide);
+        const size_t i = LaneOf(x, y);
         block.x[i] = static_cast<float>(ray->x());
         block.y[i] = static_cast<float>(ray->y());
         block.z[i] = static_cast<float>(ray->z());
@@ -103,7 +108,7 @@ std::optional<Eigen::Vector3d> PixelRays::RayInCam(int x, int y) const {
 
 Eigen::Vector3f PixelRays::UnitRay(int x, int y) const {
   if (x < 0 || y < 0 || x >= width_px_ || y >= height_px_) return Eigen::Vector3f::Zero();
-  const auto i = static_cast<size_t>(y % kSide * kSide + x % kSide);
+  const size_t i = LaneOf(x, y);
   if (is_pinhole()) {
     return Eigen::Vector3f(ColumnSlopes(x / kSide)[i], RowSlopes(y / kSide)[i], 1).normalized();
   }

@@ -192,8 +192,8 @@ class ElementReader {
     for (const PlyProperty& property : element.properties) {
       min_bytes += Cursor::MinBytes(property.count_type.value_or(property.type));
     }
-    if (element.properties.empty() ? element.count > 0
-                                   : element.count > cursor_.remaining_bytes() / min_bytes) {
+    if (min_bytes == 0 ? element.count > 0
+                       : element.count > cursor_.remaining_bytes() / min_bytes) {
       throw InputError(
           path_, fmt::format("element {}", element.name),
           fmt::format("the header claims {} of them, the file has room for {}", element.count,

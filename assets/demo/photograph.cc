@@ -112,8 +112,10 @@ class RowRenderer {
     rays.reserve(static_cast<size_t>(camera_.width_px()) * kSamples);
     for (int column = 0; column < camera_.width_px(); ++column) {
       for (int k = 0; k < kSamples; ++k) {
-        const Eigen::Vector2d pixel(column + (k % kSamplesPerSide + 0.5) / kSamplesPerSide,
-                                    row + (k / kSamplesPerSide + 0.5) / kSamplesPerSide);
+        const int right = k % kSamplesPerSide;
+        const int down = k / kSamplesPerSide;
+        const Eigen::Vector2d pixel(column + (right + 0.5) / kSamplesPerSide,
+                                    row + (down + 0.5) / kSamplesPerSide);
         // Every pixel of the demo's lenses has a ray.
         const Eigen::Vector3d direction = camera_.RayInCam(pixel).value();
         rays.push_back({world_from_cam_.translation, world_from_cam_.rotation * direction});

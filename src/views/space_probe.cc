@@ -50,8 +50,10 @@ Sight LookThrough(const RayCaster& mesh, const Camera& camera, const Rigid3& cam
   const Eigen::Vector3d center = cam_from_world.OriginInSource();
   std::vector<Ray> rays;
   for (int i = 0; i < kGridColumns * kGridRows; ++i) {
-    const Eigen::Vector2d pixel((i % kGridColumns + 0.5) * camera.width_px() / kGridColumns,
-                                (i / kGridColumns + 0.5) * camera.height_px() / kGridRows);
+    const int column = i % kGridColumns;
+    const int row = i / kGridColumns;
+    const Eigen::Vector2d pixel((column + 0.5) * camera.width_px() / kGridColumns,
+                                (row + 0.5) * camera.height_px() / kGridRows);
     const auto ray = camera.RayInCam(pixel);
     if (ray) rays.push_back({center, cam_from_world.rotation.conjugate() * *ray});
   }

@@ -28,8 +28,9 @@ struct Grid {
   int rows = 0;
 
   Eigen::Vector3d TopOf(int index) const {
-    return {low.x() + (index % columns + 0.5) * cell, low.y() + (index / columns + 0.5) * cell,
-            high.z()};
+    const int column = index % columns;
+    const int row = index / columns;
+    return {low.x() + (column + 0.5) * cell, low.y() + (row + 0.5) * cell, high.z()};
   }
 };
 

@@ -82,8 +82,9 @@ void BareLoop::Render(const Camera& camera, const Rigid3& cam_from_world,
         const int x0 = tile_x + block % 2 * 4;
         const int y0 = tile_y + block / 2 * 4;
         for (int i = 0; i < 16; ++i) {
+          const int row = i / 4;
           const float x = static_cast<float>(x0 + i % 4) + 0.5f;
-          const float y = static_cast<float>(y0 + i / 4) + 0.5f;
+          const float y = static_cast<float>(y0 + row) + 0.5f;
           packet.ray.dir_x[i] = c.x() + x * a.x() + y * b.x();
           packet.ray.dir_y[i] = c.y() + x * a.y() + y * b.y();
           packet.ray.dir_z[i] = c.z() + x * a.z() + y * b.z();
@@ -93,7 +94,8 @@ void BareLoop::Render(const Camera& camera, const Rigid3& cam_from_world,
         }
         state.Intersect16(valid, impl_->scene.get(), &packet);
         for (int i = 0; i < 16; ++i) {
-          depth[static_cast<size_t>((y0 + i / 4) * width + x0 + i % 4)] = packet.ray.tfar[i];
+          const size_t row = static_cast<size_t>(y0 + i / 4) * static_cast<size_t>(width);
+          depth[row + static_cast<size_t>(x0 + i % 4)] = packet.ray.tfar[i];
         }
       }
     }
