@@ -57,7 +57,8 @@ void WriteScene(const std::filesystem::path& folder, const Courtyard& yard) {
   for (size_t i = 0; i < yard.textures.size(); ++i) {
     const std::string& name = yard.texture_names[i];
     WriteImage(folder / (name + ".jpg"), yard.textures[i], kTextureJpegQuality);
-    materials += "newmtl " + name + "\nKd 1 1 1\nmap_Kd " + name + ".jpg\n";
+    materials.append("newmtl ").append(name).append("\nKd 1 1 1\nmap_Kd ").append(name);
+    materials.append(".jpg\n");
   }
   WriteFile(folder / "scene.mtl", materials);
   WriteFile(folder / "scene.obj", FormatObj(yard));

@@ -39,7 +39,7 @@ std::vector<PosedImage> ReadFrames(const path& folder, const std::string& sequen
   const std::string suffix = ".pose.txt";
   for (const std::string& file : ListFiles(folder / sequence, suffix)) {
     const std::string stem = file.substr(0, file.size() - suffix.size());
-    const std::string name = sequence + "/" + stem + ".color.png";
+    const std::string name = fmt::format("{}/{}.color.png", sequence, stem);
     const auto world_from_cam = ReadWorldFromCam(folder / sequence / file);
     if (!world_from_cam) {
       skipped.Add("the pose is not finite", name);

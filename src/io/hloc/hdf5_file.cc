@@ -105,8 +105,8 @@ void CollectGroupsWith(hid_t group, const std::string& path, const std::string& 
   for (const std::string& name : LinkNames(group)) {
     const Handle object(H5Oopen(group, name.c_str(), H5P_DEFAULT), H5Oclose);
     if (object.IsValid() && H5Iget_type(object.get()) == H5I_GROUP) {
-      CollectGroupsWith(object.get(), path.empty() ? name : path + "/" + name, member, depth + 1,
-                        paths);
+      CollectGroupsWith(object.get(), path.empty() ? name : fmt::format("{}/{}", path, name),
+                        member, depth + 1, paths);
     }
   }
 }
