@@ -307,7 +307,7 @@ TEST(BadImages, MissingOnesAndWrongSizesAreNamed) {
     EXPECT_EQ(truncated.exit_code, 3);
     EXPECT_TRUE(Lines(truncated.err).back().starts_with("raylift: " + image.string()))
         << truncated.err;
-    const Image small{64, 48, 3, std::vector<uint8_t>(64 * 48 * 3, 100)};
+    const Image small{64, 48, 3, std::vector<uint8_t>(size_t{64} * 48 * 3, 100)};
     WriteImage(image, small);
     EXPECT_TRUE(FailsWith(3, {image.string(), "64 x 48", "320 x 240"}, RunRaylift(arguments)));
     fs::rename(hidden, image);
@@ -318,7 +318,7 @@ TEST(BadImages, MissingOnesAndWrongSizesAreNamed) {
 TEST(BadImages, AnEmptyPictureIsListedAsNotLocalized) {
   const RoomScene scene = WriteRoomScene(TestFolder(), {.matches = false, .pictures = true});
   WriteImage(scene.images() / "query/a.png",
-             {320, 240, 3, std::vector<uint8_t>(320 * 240 * 3, 100)});
+             {320, 240, 3, std::vector<uint8_t>(size_t{320} * 240 * 3, 100)});
   const CommandResult result = RunRaylift(LocalizeFromImages(scene, scene.folder / "out"));
   EXPECT_TRUE(Succeeds(result));
   EXPECT_NE(result.out.find("not localized: query/a.png: "), std::string::npos) << result.out;

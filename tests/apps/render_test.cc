@@ -293,7 +293,7 @@ TEST_F(Render, MemoryStaysFlat) {
   EXPECT_EQ(WaitFor(process), 0);
   if (early == 0 || late == 0) GTEST_SKIP() << "no /proc, or the program was too fast";
   // The manifest's entries, under a kilobyte each, and what the allocators keep.
-  EXPECT_LT(late, early + 8 * 1024) << early << " kB after a tenth of the images";
+  EXPECT_LT(late, early + size_t{8} * 1024) << early << " kB after a tenth of the images";
 }
 
 }  // namespace

@@ -14,7 +14,6 @@
 namespace raylift {
 namespace {
 
-using ::testing::AnyOf;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
 

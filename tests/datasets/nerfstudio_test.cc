@@ -24,7 +24,7 @@ class Nerfstudio : public ::testing::Test {
 
   Nerfstudio() {
     for (const char* name : {"images/a.png", "images/b.png", "images/c.png"}) {
-      WriteImage(folder_ / name, {64, 48, 1, std::vector<uint8_t>(64 * 48, 90)});
+      WriteImage(folder_ / name, {64, 48, 1, std::vector<uint8_t>(size_t{64} * 48, 90)});
     }
   }
 

@@ -12,7 +12,6 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-using ::testing::SizeIs;
 
 const std::vector<std::string> kQueries = {"day/a.jpg", "day/b.jpg", "night/b.jpg", "night/c.jpg"};
 

@@ -114,7 +114,8 @@ TEST(ComputeVlad, AgreesWithTheDefinition) {
 TEST(ComputeVlad, IsZeroWithoutFeatures) {
   Rng rng = TestRng();
   const Vocabulary vocabulary{RandomDirections(rng, 6)};
-  EXPECT_EQ(ComputeVlad(Features{}, vocabulary), Eigen::VectorXf::Zero(6 * kDimension));
+  EXPECT_EQ(ComputeVlad(Features{}, vocabulary),
+            Eigen::VectorXf::Zero(Eigen::Index{6} * kDimension));
   const Features features = FeaturesAround(rng, RandomDirections(rng, 2), 3, 0);
   EXPECT_EQ(ComputeVlad(features, Vocabulary{}).size(), 0);
 }

@@ -182,7 +182,7 @@ TEST(DepthErrors, ZipEntriesThatClaimMoreThanTheyHoldAreRefused) {
 }
 
 TEST(DepthErrors, NumpyHeadersAreReadStrictly) {
-  const std::string data(35 * 4, '\0');
+  const std::string data(size_t{35} * 4, '\0');
   const auto header = [](const std::string& text) {
     return NpyBytes(text, std::string(140, '\0'));
   };

@@ -36,7 +36,8 @@ inline ::testing::AssertionResult IsRamp(const StoredDepth& depth) {
   }
   for (int y = 0; y < kRampHeight; ++y) {
     for (int x = 0; x < kRampWidth; ++x) {
-      const float value = depth.values[static_cast<size_t>(y * kRampWidth + x)];
+      const float value =
+          depth.values[static_cast<size_t>(y) * kRampWidth + static_cast<size_t>(x)];
       if (value != RampAt(x, y)) {
         return ::testing::AssertionFailure() << "(" << x << ", " << y << ") is " << value;
       }

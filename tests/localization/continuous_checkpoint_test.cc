@@ -88,7 +88,7 @@ TEST(ContinuousCheckpoint, ANewRunRemovesWhatAnOldOneLeft) {
 
 TEST(ContinuousCheckpoint, ARunWithOtherOptionsDoesNotGoOn) {
   const fs::path folder = TestFolder() / "continuous";
-  ContinuousCheckpoint(folder, "key", false);
+  const ContinuousCheckpoint first(folder, "key", false);
   EXPECT_TRUE(FailsWithInputError([&] { ContinuousCheckpoint(folder, "another", true); },
                                   {"run.json", "other options"}));
 }

@@ -63,7 +63,8 @@ TEST(FrameRenderer, EveryMapOfABoxIsTheClosedFormsInEveryCamera) {
   Frame frame;
   for (const PixelRays& rays : RaysOfEveryCamera()) {
     renderer.Render(rays, pose, 2, frame);
-    const auto pixels = static_cast<size_t>(rays.width_px() * rays.height_px());
+    const auto pixels =
+        static_cast<size_t>(rays.width_px()) * static_cast<size_t>(rays.height_px());
     EXPECT_EQ(frame.num_hits, pixels);
     for (size_t i = 0; i < pixels; ++i) {
       const auto ray = rays.RayInCam(static_cast<int>(i) % rays.width_px(),

@@ -128,7 +128,7 @@ std::array<int, 3> At(const Image& image, int x, int y) {
 
 TEST(RenderColor, TextureStandsUprightAndKeepsItsTexels) {
   Rng rng = TestRng();
-  Image texture{64, 64, 3, std::vector<uint8_t>(64 * 64 * 3)};
+  Image texture{64, 64, 3, std::vector<uint8_t>(size_t{64} * 64 * 3)};
   for (uint8_t& byte : texture.data) byte = static_cast<uint8_t>(rng.UniformIndex(256));
   const RayCaster caster = MakeCaster(TexturedSquare(texture));
   const Image image = RenderColor(caster, Pinhole(64, 64, 64), Rigid3(), {}, 2);
@@ -144,7 +144,7 @@ TEST(RenderColor, TextureStandsUprightAndKeepsItsTexels) {
 }
 
 TEST(RenderColor, FarTextureIsAveragedNotSampled) {
-  Image texture{256, 256, 3, std::vector<uint8_t>(256 * 256 * 3)};
+  Image texture{256, 256, 3, std::vector<uint8_t>(size_t{256} * 256 * 3)};
   for (int i = 0; i < 256 * 256; ++i) {
     if ((i + i / 256) % 2 == 0) std::fill_n(&texture.data[static_cast<size_t>(i) * 3], 3, 255);
   }
