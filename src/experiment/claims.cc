@@ -154,6 +154,7 @@ class ClaimJudge {
                     const Measure& measure) const {
     const std::vector<double> of_first = PerQuery(first, measure);
     std::vector<std::vector<double>> of_seconds;
+    of_seconds.reserve(seconds.size());
     for (const SettingResult* second : seconds) of_seconds.push_back(PerQuery(*second, measure));
     const auto best =
         std::max_element(of_seconds.begin(), of_seconds.end(),

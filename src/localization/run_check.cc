@@ -91,6 +91,7 @@ std::optional<std::string> RunCheck::WarnOfFocalLength(const EstimatorOptions& o
   if (log_factors.size() < kLeastFocalQueries) return std::nullopt;
   const double median = UpperMedianOr(log_factors, 0);
   std::vector<double> deviations;
+  deviations.reserve(log_factors.size());
   for (const double factor : log_factors) deviations.push_back(std::abs(factor - median));
   // Three standard errors of a median of normal errors.
   const double error = 3 * 1.4826 * UpperMedianOr(deviations, 0) *
