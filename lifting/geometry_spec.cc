@@ -39,7 +39,7 @@ NamedGeometry MakeMesh(const MeshSpec& spec, int threads) {
   RayCasterOptions caster;
   caster.build_quality = spec.build.value_or(RayCasterOptions::BuildQuality::kLow);
   auto mesh = std::make_shared<const TriangleMesh>(
-      ReadMeshes(ListMeshFiles(spec.files), {.threads = threads}));
+      Placed(ReadMeshes(ListMeshFiles(spec.files), {.threads = threads}), spec.placement));
   NamedGeometry geometry;
   geometry.kind = GeometryKind::kMesh;
   geometry.understood = fmt::format("{} triangles", mesh->triangles.size());
@@ -190,6 +190,8 @@ std::string GeometryHelp() {
       "mesh:PATH[,key=value...]: a mesh; a.ply+b.ply, tiles/*.ply or a folder\n"
       "  are one scene. Keys: near, far (depths), max_incidence_deg,\n"
       "  max_depth_jump (relative, near silhouettes), jump_radius_px,\n"
+      "  scale, axes (what the world's x/y/z are in the mesh: x/-z/y), shift=X/Y/Z,\n"
+      "  matrix (in their place: 3 x 4 numbers, separated by /),\n"
       "  back_faces={}, build={} (low: few rays are cast)\n"
       "depth:DIR[,key=value...]: depth maps. Keys:\n"
       "  preset={}\n"

@@ -1,7 +1,10 @@
 #include "raylift/lifting/mesh_spec.h"
 
+#include <algorithm>
+#include <cmath>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "spec_keys.h"
 #include <fmt/format.h>
@@ -18,16 +21,50 @@ using BackFaces = SurfaceLimits::BackFaces;
 
 std::string BuildKey() { return "build=" + NameList<BuildQuality>(); }
 
+std::string PlaceKeys() {
+  return "scale, axes (as in x/-z/y), shift=X/Y/Z, matrix (3 x 4), " + BuildKey();
+}
+
 std::string FormOf(MeshUse use) {
   if (use == MeshUse::kLift) return "expected mesh:PATH[,key=value...]";
-  return fmt::format("expected mesh:PATH[,{}]; only meshes are rendered", BuildKey());
+  return "expected mesh:PATH[,key=value...]; only meshes are rendered";
 }
 
 std::string KeysOf(MeshUse use) {
-  if (use == MeshUse::kRender) return BuildKey();
+  if (use == MeshUse::kRender) return PlaceKeys();
   return fmt::format(
       "near, far, max_incidence_deg, max_depth_jump, jump_radius_px, back_faces={}, {}",
-      NameList<BackFaces>(), BuildKey());
+      NameList<BackFaces>(), PlaceKeys());
+}
+
+MeshPlacement TakePlacement(SpecKeys& keys) {
+  MeshPlacement placement;
+  if (keys.Has("matrix")) {
+    const auto similarity = PlacementFromMatrix(keys.TakeNumbers("matrix"));
+    if (!similarity) keys.Fail("expected matrix=R11/R12/R13/T1/R21/.../T3, a similarity");
+    if (keys.Has("scale") || keys.Has("axes") || keys.Has("shift")) {
+      keys.Fail("matrix stands for scale, axes and shift");
+    }
+    return *similarity;
+  }
+  placement.scale = keys.TakeNumber("scale", 0).value_or(placement.scale);
+  if (!(placement.scale > 0) || !std::isfinite(placement.scale)) {
+    keys.Fail("expected a positive scale");
+  }
+  if (const auto name = keys.Take("axes")) {
+    const auto axes = AxesFromName(*name);
+    if (!axes) keys.Fail("expected axes=A/B/C: what the world's x, y, z are in the mesh (x/-z/y)");
+    placement.axes = *axes;
+  }
+  if (keys.Has("shift")) {
+    const std::vector<double> shift = keys.TakeNumbers("shift");
+    if (shift.size() != 3 || !std::all_of(shift.begin(), shift.end(),
+                                          [](double value) { return std::isfinite(value); })) {
+      keys.Fail("expected shift=X/Y/Z");
+    }
+    placement.shift = {shift[0], shift[1], shift[2]};
+  }
+  return placement;
 }
 
 void RefuseKeysOfLifting(const SpecKeys& keys) {
@@ -36,7 +73,7 @@ void RefuseKeysOfLifting(const SpecKeys& keys) {
     if (!keys.Has(key)) continue;
     keys.Fail(fmt::format(
         "the key {} says which points are lifted, but here the whole mesh is rendered; there is {}",
-        key, BuildKey()));
+        key, PlaceKeys()));
   }
 }
 
@@ -48,6 +85,7 @@ MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
   if (keys.path().empty()) keys.Fail(FormOf(use));
   if (use == MeshUse::kRender) RefuseKeysOfLifting(keys);
   MeshSpec mesh{.files = keys.path()};
+  mesh.placement = TakePlacement(keys);
   mesh.build = keys.TakeNamed<BuildQuality>("build");
   keys.TakeLimits(mesh.options.limits);
   const auto back_faces = keys.TakeNamed<BackFaces>("back_faces");

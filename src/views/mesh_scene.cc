@@ -20,7 +20,11 @@ using Clock = std::chrono::steady_clock;
 using BuildQuality = RayCasterOptions::BuildQuality;
 
 struct SceneSpec {
-  std::vector<std::string> files;
+  struct Part {
+    std::string files;
+    MeshPlacement placement;
+  };
+  std::vector<Part> parts;
   std::optional<BuildQuality> build;
 };
 
@@ -35,7 +39,7 @@ SceneSpec ParseSpecs(const std::vector<std::string>& specs) {
                                     ToString(*scene.build)));
     }
     if (mesh.build) scene.build = mesh.build;
-    scene.files.push_back(std::move(mesh.files));
+    scene.parts.push_back({std::move(mesh.files), mesh.placement});
   }
   return scene;
 }
@@ -66,15 +70,17 @@ MeshScene LoadMeshScene(const std::vector<std::string>& specs, const MeshSceneOp
   RayCasterOptions build;
   build.build_quality = parsed.build.value_or(BuildQuality::kMedium);
   std::vector<std::filesystem::path> files;
-  for (const std::string& named : parsed.files) {
-    const auto listed = ListMeshFiles(named);
+  std::vector<MeshPlacement> placements;  // of each file
+  for (const SceneSpec::Part& part : parsed.parts) {
+    const auto listed = ListMeshFiles(part.files);
     files.insert(files.end(), listed.begin(), listed.end());
+    placements.resize(files.size(), part.placement);
   }
   const auto start = Clock::now();
   std::vector<TriangleMesh> meshes;
   for (size_t i = 0; i < files.size(); ++i) {
     on_step(fmt::format("reading mesh {} of {}: {}", i + 1, files.size(), files[i].string()));
-    meshes.push_back(ReadMesh(files[i], {.threads = options.threads}));
+    meshes.push_back(Placed(ReadMesh(files[i], {.threads = options.threads}), placements[i]));
   }
   auto mesh = std::make_shared<const TriangleMesh>(
       meshes.size() == 1 ? std::move(meshes.front()) : MergeMeshes(std::move(meshes)));

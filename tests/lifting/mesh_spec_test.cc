@@ -46,7 +46,29 @@ TEST(ParseMeshSpec, RefusesToRenderWithKeysOfLifting) {
     EXPECT_EQ(OptionErrorOf("mesh:a.ply," + key, MeshUse::kRender),
               "geometry = mesh:a.ply," + key + ": the key " + key.substr(0, key.find('=')) +
                   " says which points are lifted, but here the whole mesh is rendered; there is "
-                  "build=low|medium");
+                  "scale, axes (as in x/-z/y), shift=X/Y/Z, matrix (3 x 4), build=low|medium");
+  }
+}
+
+TEST(ParseMeshSpec, SaysWhereTheMeshBelongs) {
+  for (const MeshUse use : {MeshUse::kLift, MeshUse::kRender}) {
+    const MeshPlacement placement =
+        ParseMeshSpec("mesh:a.ply,scale=0.5,axes=x/-z/y,shift=1/2/-3", use).placement;
+    EXPECT_EQ(placement * Eigen::Vector3d(2, 4, 6), Eigen::Vector3d(2, -1, -1));
+    EXPECT_EQ(KeysOf(placement), "scale=0.5,axes=x/-z/y,shift=1/2/-3");
+  }
+  const MeshPlacement by_matrix =
+      ParseMeshSpec("mesh:a.ply,matrix=0/2/0/7/2/0/0/8/0/0/2/9", MeshUse::kLift).placement;
+  EXPECT_EQ(by_matrix * Eigen::Vector3d(1, 2, 3), Eigen::Vector3d(11, 10, 15));
+  EXPECT_TRUE(by_matrix.IsMirror());
+}
+
+TEST(ParseMeshSpec, RefusesPlacesThatAreNone) {
+  for (const std::string keys :
+       {"scale=0", "scale=inf", "axes=x/y", "axes=x/x/z", "axes=x/y/w", "shift=1/2",
+        "shift=1/2/nan", "matrix=1/2/3", "matrix=1/0/0/0/0/2/0/0/0/0/1/0",
+        "matrix=0/0/0/0/0/0/0/0/0/0/0/0", "matrix=1/0/0/0/0/1/0/0/0/0/1/0,scale=2"}) {
+    EXPECT_NE(OptionErrorOf("mesh:a.ply," + keys, MeshUse::kLift), "no OptionError") << keys;
   }
 }
 
@@ -56,7 +78,7 @@ TEST(ParseMeshSpec, WhatIsNoMeshSaysWhatIsWanted) {
               "geometry = " + spec + ": expected mesh:PATH[,key=value...]");
     EXPECT_EQ(
         OptionErrorOf(spec, MeshUse::kRender),
-        "geometry = " + spec + ": expected mesh:PATH[,build=low|medium]; only meshes are rendered");
+        "geometry = " + spec + ": expected mesh:PATH[,key=value...]; only meshes are rendered");
   }
 }
 

@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 
+#include "raylift/lifting/mesh_placement.h"
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/renderers/ray_caster.h"
 
@@ -15,6 +16,7 @@ struct MeshSpec {
   // How the acceleration structure is built, where the specification says it. What is not said is
   // low for lifting, which casts few rays, and medium for rendering.
   std::optional<RayCasterOptions::BuildQuality> build = std::nullopt;
+  MeshPlacement placement = {};
   MeshOptions options = {};  // which points are lifted
 };
 

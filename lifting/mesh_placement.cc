@@ -1,0 +1,139 @@
+#include "raylift/lifting/mesh_placement.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include <Eigen/LU>
+#include <fmt/format.h>
+
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+constexpr std::string_view kAxisNames = "xyz";
+
+// Of rotations that are not axes: by their angle.
+double AngleDeg(const Eigen::Matrix3d& rotation) {
+  constexpr double kDegPerRad = 57.29577951308232;
+  return kDegPerRad * std::acos(std::clamp((rotation.trace() - 1) / 2, -1.0, 1.0));
+}
+
+std::string MatrixKey(const MeshPlacement& placement) {
+  std::vector<std::string> numbers;
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 3; ++column) {
+      numbers.push_back(fmt::format("{:.9g}", placement.scale * placement.axes(row, column)));
+    }
+    numbers.push_back(fmt::format("{:.9g}", placement.shift[row]));
+  }
+  return fmt::format("matrix={}", fmt::join(numbers, "/"));
+}
+
+}  // namespace
+
+bool MeshPlacement::IsIdentity() const {
+  return scale == 1 && axes == Eigen::Matrix3d::Identity() && shift == Eigen::Vector3d::Zero();
+}
+
+std::optional<Eigen::Matrix3d> AxesFromName(std::string_view name) {
+  const auto parts = SplitBy(name, '/');
+  if (parts.size() != 3) return std::nullopt;
+  Eigen::Matrix3d axes = Eigen::Matrix3d::Zero();
+  for (int row = 0; row < 3; ++row) {
+    std::string_view part = parts[static_cast<size_t>(row)];
+    const double sign = part.starts_with('-') ? -1 : 1;
+    if (part.starts_with('-') || part.starts_with('+')) part.remove_prefix(1);
+    const size_t column = part.size() == 1 ? kAxisNames.find(part[0]) : std::string_view::npos;
+    if (column == std::string_view::npos) return std::nullopt;
+    axes(row, static_cast<Eigen::Index>(column)) = sign;
+  }
+  if (std::abs(axes.determinant()) != 1) return std::nullopt;
+  return axes;
+}
+
+std::optional<std::string> NameOfAxes(const Eigen::Matrix3d& axes) {
+  std::string name;
+  for (int row = 0; row < 3; ++row) {
+    std::string part;
+    for (int column = 0; column < 3; ++column) {
+      const double value = axes(row, column);
+      if (value == 0) continue;
+      if (std::abs(value) != 1 || !part.empty()) return std::nullopt;
+      part = (value < 0 ? "-" : "") + std::string(1, kAxisNames[static_cast<size_t>(column)]);
+    }
+    if (part.empty()) return std::nullopt;
+    name += (row > 0 ? "/" : "") + part;
+  }
+  return name;
+}
+
+std::optional<MeshPlacement> PlacementFromMatrix(std::span<const double> row_major_3x4) {
+  if (row_major_3x4.size() != 12) return std::nullopt;
+  Eigen::Matrix3d linear;
+  MeshPlacement placement;
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 3; ++column) {
+      linear(row, column) = row_major_3x4[static_cast<size_t>(4 * row + column)];
+    }
+    placement.shift[row] = row_major_3x4[static_cast<size_t>(4 * row + 3)];
+  }
+  placement.scale = std::cbrt(std::abs(linear.determinant()));
+  if (!linear.allFinite() || !placement.shift.allFinite() || !(placement.scale > 0)) {
+    return std::nullopt;
+  }
+  placement.axes = linear / placement.scale;
+  constexpr double kTolerance = 1e-4;  // numbers are written with few digits
+  const Eigen::Matrix3d square = placement.axes * placement.axes.transpose();
+  if (!square.isIdentity(kTolerance)) return std::nullopt;
+  return placement;
+}
+
+std::string Describe(const MeshPlacement& placement) {
+  std::vector<std::string> parts;
+  if (placement.scale != 1) parts.push_back(fmt::format("times {:.6g}", placement.scale));
+  if (placement.axes != Eigen::Matrix3d::Identity()) {
+    const auto name = NameOfAxes(placement.axes);
+    std::string text = placement.IsMirror() ? "mirrored" : "turned";
+    text += name ? fmt::format(" (its {} are x/y/z)", *name)
+                 : fmt::format(" by {:.2f} deg", AngleDeg(placement.axes));
+    parts.push_back(std::move(text));
+  }
+  if (placement.shift != Eigen::Vector3d::Zero()) {
+    parts.push_back(fmt::format("shifted by ({:.6g}, {:.6g}, {:.6g})", placement.shift.x(),
+                                placement.shift.y(), placement.shift.z()));
+  }
+  return parts.empty() ? "the mesh as it is" : fmt::format("the mesh {}", fmt::join(parts, ", "));
+}
+
+std::string KeysOf(const MeshPlacement& placement) {
+  std::vector<std::string> keys;
+  if (placement.scale != 1) keys.push_back(fmt::format("scale={:.6g}", placement.scale));
+  if (placement.axes != Eigen::Matrix3d::Identity()) {
+    const auto name = NameOfAxes(placement.axes);
+    if (!name) return MatrixKey(placement);
+    keys.push_back("axes=" + *name);
+  }
+  if (placement.shift != Eigen::Vector3d::Zero()) {
+    const Eigen::Vector3d& shift = placement.shift;
+    keys.push_back(fmt::format("shift={:.9g}/{:.9g}/{:.9g}", shift.x(), shift.y(), shift.z()));
+  }
+  return fmt::format("{}", fmt::join(keys, ","));
+}
+
+TriangleMesh Placed(TriangleMesh mesh, const MeshPlacement& placement) {
+  if (placement.IsIdentity()) return mesh;
+  mesh.origin_in_world = placement * mesh.origin_in_world;
+  const Eigen::Matrix3d linear = placement.scale * placement.axes;
+  for (Eigen::Vector3f& vertex : mesh.vertices) {
+    vertex = (linear * vertex.cast<double>()).cast<float>();
+  }
+  if (placement.IsMirror()) {
+    for (auto& triangle : mesh.triangles) std::swap(triangle[1], triangle[2]);
+  }
+  return mesh;
+}
+
+}  // namespace raylift
