@@ -24,12 +24,14 @@ struct MatchingFlags {
 
   // What the options alone can tell, before any work; `geometry` are specifications. Throws
   // OptionError.
-  void Check(const std::vector<std::string>& geometry) const;
+  void Check(const std::vector<std::string>& geometry,
+             RetrievalFlags::Queries queries = RetrievalFlags::Queries::kOwn) const;
   // Reads prior poses where the retrieval wants them.
   MatchingOptions Resolve(const std::vector<std::string>& geometry,
                           const std::filesystem::path& query_images,
                           const std::filesystem::path& default_cache, uint64_t seed,
-                          const RunFlags& run) const;
+                          const RunFlags& run,
+                          RetrievalFlags::Queries queries = RetrievalFlags::Queries::kOwn) const;
 };
 // `without_hloc` ends the help of --features, `default_cache` that of --cache.
 void AddMatchingOptions(CLI::App& app, MatchingFlags& flags, const std::string& without_hloc,

@@ -4,6 +4,8 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <set>
+#include <string>
 #include <utility>
 
 #include "localization/feature_cache.h"
@@ -31,9 +33,11 @@ class FrontEndMatches final : public MatchSource {
       if (!options.features.contains(name)) files.push_back({name, folder / name});
     };
     for (const PosedImage& image : references_) want(image.name, options.reference_images);
+    std::set<std::string> reference_names;
+    for (const PosedImage& image : references_) reference_names.insert(image.name);
     for (const Query& query : queries) {
-      if (std::any_of(references_.begin(), references_.end(),
-                      [&](const PosedImage& image) { return image.name == query.name; })) {
+      if (reference_names.contains(query.name)) {
+        if (options.among_references) continue;
         throw InputError(fmt::format("the query \"{}\" is also a reference of the model {}",
                                      query.name, references.model.string()));
       }

@@ -15,6 +15,12 @@ auto KeyOf(const ReferenceMatch& m) {
   return std::tuple(m.reference_a, m.reference_b, m.a_px.x(), m.a_px.y(), m.b_px.x(), m.b_px.y());
 }
 
+// The same whichever of the two was the query.
+ReferenceMatch MatchOf(int a, const Eigen::Vector2d& a_px, int b, const Eigen::Vector2d& b_px) {
+  if (a < b) return {a, b, a_px, b_px};
+  return {b, a, b_px, a_px};
+}
+
 void SortAndDropRepeated(std::vector<ReferenceMatch>& matches) {
   std::sort(matches.begin(), matches.end(),
             [](const ReferenceMatch& a, const ReferenceMatch& b) { return KeyOf(a) < KeyOf(b); });
@@ -54,12 +60,20 @@ std::vector<ReferenceMatch> CollectReferenceMatches(std::span<const Query> queri
     std::vector<std::vector<ReferenceMatch>> found(batch.size());
     ParallelFor(batch.size(), threads, [&](size_t i) {
       const QueryMatches matches = match_source.Match(batch[i]);
+      const auto index_of = [&](int reference) {
+        return index_of_name.at(matches.references[static_cast<size_t>(reference)].name);
+      };
+      if (const auto query = index_of_name.find(batch[i].name); query != index_of_name.end()) {
+        for (const Match2D2D& m : matches.matches) {
+          found[i].push_back(
+              MatchOf(query->second, m.query_px, index_of(m.reference), m.reference_px));
+        }
+        return;
+      }
       found[i] = TransitiveMatches(matches.matches);
       for (ReferenceMatch& m : found[i]) {
-        m.reference_a =
-            index_of_name.at(matches.references[static_cast<size_t>(m.reference_a)].name);
-        m.reference_b =
-            index_of_name.at(matches.references[static_cast<size_t>(m.reference_b)].name);
+        m.reference_a = index_of(m.reference_a);
+        m.reference_b = index_of(m.reference_b);
       }
     });
     for (const auto& of_query : found) {

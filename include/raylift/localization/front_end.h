@@ -35,6 +35,8 @@ struct FrontEndOptions {
   bool show_progress = false;
   // The references of each query where they were not to be retrieved by VLAD.
   std::optional<RetrievedLists> retrieved = std::nullopt;
+  // Queries may be references, which are matched with the others.
+  bool among_references = false;
   // With a number, queries may become references, up to so many of the top_k; Match() itself
   // then uses `threads`.
   std::optional<int> max_joined = std::nullopt;
