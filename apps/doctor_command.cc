@@ -36,21 +36,40 @@ struct DoctorFlags {
   RunFlags run;
 };
 
+// Without queries the references are matched with each other.
+RetrievalFlags::Queries QueriesAre(const DoctorFlags& flags) {
+  return flags.queries.empty() ? RetrievalFlags::Queries::kReferences
+                               : RetrievalFlags::Queries::kOwn;
+}
+
 void Check(const DoctorFlags& flags) {
   flags.references.Check();
   flags.run.Check();
-  flags.matching.Check({flags.geometry});
-  RequireWithoutHloc(
-      flags.matching.hloc, "--images, --queries and --cache are",
-      !flags.images.empty() && !flags.queries.empty() && !flags.matching.front_end.cache.empty());
+  flags.matching.Check({flags.geometry}, QueriesAre(flags));
+  RequireWithoutHloc(flags.matching.hloc, "--images is", !flags.images.empty());
+  if (flags.queries.empty() && !flags.query_images.empty()) {
+    throw OptionError("--query-images", flags.query_images.string(), "needs --queries");
+  }
 }
 
-// Pairs lists may match references with each other.
 std::vector<Query> QueriesOf(const DoctorFlags& flags, const ReferenceSet& references) {
   if (!flags.queries.empty()) return ReadQueryList(flags.queries);
   std::vector<Query> queries;
   for (const PosedImage& image : references.images) queries.push_back({image.name, image.camera});
   return queries;
+}
+
+std::unique_ptr<MatchSource> Open(const DoctorFlags& flags, const Scene& scene,
+                                  const std::vector<Query>& queries) {
+  MatchingOptions matching = flags.matching.Resolve(
+      {flags.geometry}, flags.query_images.empty() ? flags.images : flags.query_images, {}, 0,
+      flags.run, QueriesAre(flags));
+  if (matching.retrieval && flags.queries.empty()) {
+    for (const PosedImage& image : scene.references.images) {
+      matching.retrieval->prior_poses.emplace(image.name, image.cam_from_world);
+    }
+  }
+  return OpenMatches(scene, queries, matching);
 }
 
 Json EvidenceJson(const ReadingEvidence& evidence, const InputReading& as_read) {
@@ -66,16 +85,48 @@ Json EvidenceJson(const ReadingEvidence& evidence, const InputReading& as_read) 
           {"options", repair.options}};
 }
 
+Json PlacementJson(const MeshPlacement& placement) {
+  Json rows = Json::array();
+  for (int row = 0; row < 3; ++row) {
+    Json values = Json::array();
+    for (int column = 0; column < 3; ++column) {
+      values.push_back(placement.scale * placement.axes(row, column));
+    }
+    values.push_back(placement.shift[row]);
+    rows.push_back(std::move(values));
+  }
+  rows.push_back({0, 0, 0, 1});
+  return rows;
+}
+
 Json DiagnosisJson(const Diagnosis& diagnosis) {
   Json readings = Json::array();
   for (const ReadingEvidence& evidence : diagnosis.readings) {
     readings.push_back(EvidenceJson(evidence, diagnosis.as_read));
   }
-  return {{"suspicious", diagnosis.suspicious()},
-          {"too_few_matches", diagnosis.too_few_matches},
-          {"summary", Summary(diagnosis)},
-          {"best", DescribeDifference(diagnosis.as_read, diagnosis.best)},
-          {"readings", std::move(readings)}};
+  const InherentFit& fit = diagnosis.fit;
+  Json json = {
+      {"verdict", ToString(diagnosis.verdict)},
+      {"fault", ToString(diagnosis.fault)},
+      {"reason", diagnosis.reason},
+      {"suspicious", diagnosis.suspicious()},
+      {"summary", Summary(diagnosis)},
+      {"best", DescribeDifference(diagnosis.as_read, diagnosis.best)},
+      {"repair",
+       {{"geometry_keys", diagnosis.repair.geometry_keys}, {"options", diagnosis.repair.options}}},
+      {"matches", diagnosis.num_matches},
+      {"matches_that_fit_the_poses", diagnosis.num_agreeing},
+      {"median_epipolar_px", diagnosis.epipolar_px},
+      {"fit",
+       {{"median_px", fit.median_px},
+        {"median_px_by_chance", fit.median_chance_px},
+        {"three_quarters_px", fit.upper_px},
+        {"three_quarters_px_by_chance", fit.upper_chance_px}}},
+      {"readings", std::move(readings)}};
+  if (diagnosis.mesh_placement) {
+    json["world_from_mesh"] = PlacementJson(*diagnosis.mesh_placement);
+  }
+  return json;
 }
 
 void Print(const Diagnosis& diagnosis) {
@@ -104,11 +155,7 @@ void Run(const DoctorFlags& flags) {
   }
   if (!flags.json.empty()) RequireWritable(flags.json);
   const std::vector<Query> queries = QueriesOf(flags, scene.references);
-  const auto match_source = OpenMatches(
-      scene, queries,
-      flags.matching.Resolve({flags.geometry},
-                             flags.query_images.empty() ? flags.images : flags.query_images, {}, 0,
-                             flags.run));
+  const auto match_source = Open(flags, scene, queries);
   const auto matches =
       CollectReferenceMatches(queries, *match_source, scene.references, flags.run.threads);
   PrintWarnings(scene.warnings);
@@ -125,8 +172,8 @@ void Run(const DoctorFlags& flags) {
 
 Command AddDoctorCommand(CLI::App& program) {
   auto flags = std::make_shared<DoctorFlags>();
-  CLI::App* command = program.add_subcommand(
-      "doctor", "Whether depth and poses are read as they were meant, by multi-view consistency");
+  CLI::App* command =
+      program.add_subcommand("doctor", "Whether depth, mesh and poses are read as they were meant");
   AddSceneOption(*command);
   AddReferenceOptions(*command, flags->references);
   command->add_option("--images", flags->images, "Folder of the reference photographs")
@@ -136,20 +183,20 @@ Command AddDoctorCommand(CLI::App& program) {
   command
       ->add_option("--queries", flags->queries,
                    "List of queries, whose matches join the references (default: the\n"
-                   "references themselves)")
+                   "references are matched with each other)")
       ->group("Matches");
   command
       ->add_option("--query-images", flags->query_images,
                    "Folder of the query photographs (default: --images)")
       ->group("Matches");
-  AddMatchingOptions(*command, flags->matching, "; without it, RootSIFT",
-                     "none; needed without --features");
+  AddMatchingOptions(*command, flags->matching, "; without it, RootSIFT", "none");
   command->add_option("--json", flags->json, "Also write the table as JSON")->group("Output");
   AddRunOptions(*command, flags->run);
   command->footer(
       "Columns: distance of projected keypoints from their matches in other references (median,\n"
       "share within 5 px), the median with each map at its own best scale, and by how much the\n"
-      "reading explains the matches better than the one as read.");
+      "reading explains the matches better than the one as read. The last line is the verdict:\n"
+      "read as meant, what repairs it, or that nothing fits, and why.");
   return {command, [flags] {
             Check(*flags);
             Run(*flags);

@@ -26,7 +26,7 @@ COMPARE DEPTH
     raylift compare --model sfm --geometry scan=mesh:scan.ply --geometry network=depth:maps \
         --truth scan --out comparison --report report
   Is the depth read as it was meant: unit, z or ray, axes, poses?
-    raylift doctor --model sfm --images photos --geometry depth:maps --queries queries.txt
+    raylift doctor --model sfm --images photos --geometry depth:maps
 
 RENDER DEPTH
   Depth maps, normals, colour of a mesh for all images of a data set:

@@ -106,16 +106,13 @@ void ReplaceAll(std::string& text, std::string_view placeholder, std::string_vie
 class ValueReader {
  public:
   ValueReader(const StoredDepth& stored, const DepthConvention& convention)
-      : convention_(convention), factor_(convention.scale) {
-    const bool floats = stored.sample_type.starts_with("float");
-    factor_ *= convention.unit.value_or(floats ? 1 : kMillimetre);
-  }
+      : convention_(convention), factor_(StoredUnit(stored, convention)) {}
 
   double Read(float stored) const {
     const double value = static_cast<double>(stored);
     if (!(value > 0) || !std::isfinite(value)) return 0;
     for (const double invalid : convention_.invalid_values) {
-      if (value == invalid) return 0;
+      if (stored == static_cast<float>(invalid)) return 0;
     }
     const double depth =
         convention_.kind == DepthKind::kInverse ? 1 / (value * factor_) : value * factor_;
@@ -200,6 +197,11 @@ std::vector<float> RayZOfPixels(const Camera& camera) {
     }
   }
   return ray_z;
+}
+
+double StoredUnit(const StoredDepth& stored, const DepthConvention& convention) {
+  const bool floats = stored.sample_type.starts_with("float");
+  return convention.scale * convention.unit.value_or(floats ? 1 : kMillimetre);
 }
 
 StoredDepth Oriented(StoredDepth stored, MapOrientation orientation) {

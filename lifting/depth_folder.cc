@@ -284,6 +284,7 @@ DepthFolder::DepthFolder(path folder, DepthConvention convention,
   if (!impl_->convention.unit && !stored.sample_type.starts_with("float")) {
     warnings_.push_back(fmt::format("{}: integers, taken as millimetres (unit=mm says so)", file));
   }
+  unit_ = StoredUnit(stored, impl_->convention);
   const StoredDepth oriented = Oriented(stored, impl_->convention.orientation);
   size_px_ = {oriented.width_px, oriented.height_px};
   const double aspect = static_cast<double>(size_px_.width_px) / size_px_.height_px;
@@ -299,6 +300,8 @@ DepthFolder::DepthFolder(path folder, DepthConvention convention,
 }
 
 DepthFolder::~DepthFolder() = default;
+
+const DepthConvention& DepthFolder::convention() const { return impl_->convention; }
 
 std::shared_ptr<const DepthMap> DepthFolder::Load(const PosedImage& reference) const {
   const auto file = impl_->files.find(reference.name);

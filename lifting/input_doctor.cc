@@ -3,10 +3,16 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <map>
+#include <set>
+#include <string>
 #include <utility>
 
+#include "match_agreement.h"
+#include "mesh_frame.h"
 #include "reading_errors.h"
+#include "stored_faults.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -24,6 +30,12 @@ constexpr size_t kFewestKeypoints = 50;
 constexpr double kSmallestGain = 0.02;
 // A scale nearer to 1 is a matter of calibration.
 constexpr double kSmallestScaleChange = 0.03;
+
+// Of the matches that agree with the poses, those that do so by more than chance; and of all matches
+// those, at least. Images that do not overlap have wrong matches only.
+constexpr double kLeastPurity = 0.7;
+constexpr double kLeastAgreement = 0.03;
+constexpr size_t kFewestAgreeing = 100;
 
 using ErrorsPx = std::vector<std::optional<double>>;
 
@@ -111,34 +123,380 @@ std::vector<InputReading> DiscreteReadings(const DoctorInput& input) {
   return readings;
 }
 
+std::vector<ReferenceMatch> Evenly(std::span<const ReferenceMatch> matches, size_t most) {
+  const size_t count = std::min(most, matches.size());
+  std::vector<ReferenceMatch> chosen;
+  for (size_t i = 0; i < count; ++i) chosen.push_back(matches[i * matches.size() / count]);
+  return chosen;
+}
+
+size_t NumPairs(std::span<const ReferenceMatch> matches) {
+  std::set<std::pair<int, int>> pairs;
+  for (const ReferenceMatch& m : matches) pairs.insert(std::minmax(m.reference_a, m.reference_b));
+  return pairs.size();
+}
+
+// About as exact as the matches themselves.
+bool IsExact(const ReadingFit& fit, double yardstick_px) {
+  constexpr double kYardsticks = 4;
+  return fit.median_px <= kYardsticks * std::max(yardstick_px, 0.5);
+}
+
+// What repairs must be: far nearer to the matches than depths at random, and with few exceptions.
+bool IsGood(const ReadingFit& fit, double yardstick_px) {
+  constexpr double kOfChance = 0.25;
+  constexpr double kUpperOfChance = 0.4;
+  return (IsExact(fit, yardstick_px) || fit.median_px <= kOfChance * fit.median_chance_px) &&
+         fit.upper_px <= std::max(kUpperOfChance * fit.upper_chance_px, 8 * yardstick_px);
+}
+
+// What may pass as it is read where nothing explains the matches better: noisy depth.
+bool IsPassable(const ReadingFit& fit, double yardstick_px) {
+  constexpr double kOfChance = 0.5;
+  constexpr double kUpperOfChance = 0.3;
+  return IsGood(fit, yardstick_px) || (fit.median_px <= kOfChance * fit.median_chance_px &&
+                                       fit.upper_px <= kUpperOfChance * fit.upper_chance_px);
+}
+
 class Examination {
  public:
   Examination(const DoctorInput& input, const DoctorOptions& options)
-      : input_(input), options_(options), data_(input, options.max_matches) {
+      : input_(input), options_(options) {
     diagnosis_.as_read = input.as_read;
     diagnosis_.best = input.as_read;
   }
 
   Diagnosis Run() {
-    if (data_.keypoints().size() < kFewestKeypoints || data_.NumPairs() < kFewestPairs) {
-      diagnosis_.too_few_matches = true;
-      return diagnosis_;
-    }
-    const std::vector<InputReading> readings = DiscreteReadings(input_);
-    data_.Prepare(readings, options_.threads);
-    candidates_ = Explain(data_, readings, options_.threads);
-    Candidate best = candidates_[ChooseDiscrete()];
-    if (input_.map_size_px) {
-      if (options_.shifts && data_.NumPairs() >= kFewestPairsForShift) best = ChooseShift(best);
-      diagnosis_.best = ChooseScale(best);
-    } else {
-      diagnosis_.best = best.reading;
-    }
+    if (!KeepAgreeingMatches()) return diagnosis_;
+    data_.emplace(input_, matches_);
+    const StoredStatistics statistics = LookAtMaps(input_, options_.threads);
+    MaskExtremes(statistics);
+    Examine();
+    Judge(statistics);
     ListEvidence();
     return diagnosis_;
   }
 
  private:
+  Diagnosis& Say(Verdict verdict, InputFault fault, std::string reason) {
+    diagnosis_.verdict = verdict;
+    diagnosis_.fault = fault;
+    diagnosis_.reason = std::move(reason);
+    return diagnosis_;
+  }
+
+  // Whether there are enough; else the diagnosis says so.
+  bool KeepAgreeingMatches() {
+    using enum PoseConvention;
+    const std::vector<ReferenceMatch> all = Evenly(input_.matches, options_.max_matches);
+    diagnosis_.num_matches = all.size();
+    if (2 * all.size() < kFewestKeypoints || NumPairs(all) < kFewestPairs) {
+      Say(Verdict::kTooFewMatches, InputFault::kNone,
+          fmt::format("{} matches between {} pairs of references", all.size(), NumPairs(all)));
+      return false;
+    }
+    MatchAgreement best = Agreement(input_.references, all, input_.as_read.poses,
+                                    input_.as_read.poses, options_.threads);
+    // Others must agree far better: with few matches chance may play.
+    constexpr double kFarBetter = 0.1;
+    const double as_read_skill = best.Skill();
+    for (const auto poses :
+         {kCamFromWorld, kWorldFromCam, kOpenGlCamFromWorld, kWorldFromOpenGlCamera}) {
+      if (poses == input_.as_read.poses) continue;
+      MatchAgreement other =
+          Agreement(input_.references, all, input_.as_read.poses, poses, options_.threads);
+      if (other.Skill() > as_read_skill + kFarBetter && other.Skill() > best.Skill()) {
+        best = std::move(other);
+      }
+    }
+    for (size_t i = 0; i < all.size(); ++i) {
+      if (best.agrees[i]) matches_.push_back(all[i]);
+    }
+    diagnosis_.num_agreeing = best.num_agreeing;
+    diagnosis_.epipolar_px = best.median_px;
+    yardstick_px_ = best.median_px;
+    poses_ = best.poses;
+    if (best.Purity() < kLeastPurity || best.Skill() < kLeastAgreement) {
+      const bool many = all.size() >= kFewestAgreeing;
+      Say(many ? Verdict::kNothingFits : Verdict::kTooFewMatches,
+          many ? InputFault::kPoses : InputFault::kNone,
+          fmt::format(
+              "poses and matches do not agree: {:.0f} % of {} matches fit the poses, "
+              "{:.0f} % would by chance{}",
+              100.0 * static_cast<double>(best.num_agreeing) / static_cast<double>(all.size()),
+              all.size(), 100 * best.chance, WorstImages(all, best.agrees)));
+      return false;
+    }
+    if (2 * matches_.size() < kFewestKeypoints || NumPairs(matches_) < kFewestPairs) {
+      Say(Verdict::kTooFewMatches, InputFault::kNone,
+          fmt::format("{} of {} matches agree with the poses, between {} pairs of references",
+                      matches_.size(), all.size(), NumPairs(matches_)));
+      return false;
+    }
+    return true;
+  }
+
+  // "; the fewest of a.jpg (3 %), ..."
+  std::string WorstImages(const std::vector<ReferenceMatch>& all,
+                          const std::vector<bool>& agrees) const {
+    constexpr double kFewestOfImage = 10;
+    constexpr size_t kWorst = 3;
+    std::map<int, RunningSum> of_image;
+    for (size_t i = 0; i < all.size(); ++i) {
+      for (const int image : {all[i].reference_a, all[i].reference_b}) {
+        of_image[image].Add(agrees[i] ? 1 : 0);
+      }
+    }
+    std::vector<std::pair<double, int>> shares;
+    for (const auto& [image, sum] : of_image) {
+      if (sum.count >= kFewestOfImage) shares.emplace_back(sum.sum / sum.count, image);
+    }
+    std::sort(shares.begin(), shares.end());
+    shares.resize(std::min(shares.size(), kWorst));
+    std::vector<std::string> parts;
+    for (const auto& [share, image] : shares) {
+      parts.push_back(fmt::format("{} ({:.0f} %)",
+                                  input_.references[static_cast<size_t>(image)].name, 100 * share));
+    }
+    return parts.empty() ? "" : fmt::format("; the fewest of {}", fmt::join(parts, ", "));
+  }
+
+  // Keypoints there are asked by themselves.
+  void MaskExtremes(const StoredStatistics& statistics) {
+    for (const StoredExtreme& extreme : statistics.extremes) {
+      data_->MaskStored(extreme.value * input_.stored->unit);
+      masked_.push_back(extreme);
+    }
+  }
+
+  void Examine() {
+    const std::vector<InputReading> readings = DiscreteReadings(input_);
+    data_->Prepare(readings, options_.threads);
+    candidates_ = Explain(*data_, readings, options_.threads);
+    Candidate best = candidates_[ChooseDiscrete()];
+    if (input_.map_size_px) {
+      if (options_.shifts && data_->NumPairs() >= kFewestPairsForShift) best = ChooseShift(best);
+      diagnosis_.best = ChooseScale(best);
+    } else {
+      diagnosis_.best = best.reading;
+    }
+  }
+
+  ReadingFit FitOf(const InputReading& reading) const {
+    return data_->FitOf(reading, data_->FitScales(reading).log_factors);
+  }
+
+  // What the best reading is worth in itself, and what else is wrong.
+  void Judge(const StoredStatistics& statistics) {
+    const InputReading best = diagnosis_.best;
+    const ReadingFit fit = FitOf(best);
+    diagnosis_.fit = {fit.median_px, fit.median_chance_px, fit.upper_px, fit.upper_chance_px};
+    InputReading as_read = input_.as_read;
+    as_read.poses = poses_;
+    if (const auto wrap =
+            FindWrap(input_, *data_, as_read, statistics.largest, yardstick_px_, IsGood)) {
+      return NothingFits(InputFault::kWrap, DescribeWrap(*wrap));
+    }
+    const bool is_as_read = best == input_.as_read;
+    // A surface that a few rays happen to meet rightly (the ground of a mirrored mesh) proves little.
+    constexpr double kLeastCoverage = 0.25;
+    const bool covered = input_.map_size_px || fit.coverage >= kLeastCoverage;
+    const bool accepted =
+        covered && fit.count >= kFewestKeypoints &&
+        (IsGood(fit, yardstick_px_) || (is_as_read && IsPassable(fit, yardstick_px_)));
+    if (input_.mesh != nullptr && (options_.shifts || !accepted) && FindMeshFrame(accepted)) return;
+    if (input_.map_size_px && FindAffineFault(accepted)) return;
+    if (accepted) return AcceptBest(fit);
+    NothingFits(InputFault::kNone, DescribeMisfit(fit));
+  }
+
+  // Whether the diagnosis is that. Where a reading is good, it must be one that a shift of inverse
+  // depth, or of depth, may be hidden behind.
+  bool FindAffineFault(bool accepted) {
+    const InputReading& best = diagnosis_.best;
+    const bool inverse = best.kind == DepthKind::kInverse;
+    std::vector<AffineForm> forms = {{true, true}, {false, true}, {true, false}, {false, false}};
+    if (accepted && inverse) forms = {{true, true}, {true, false}};
+    if (accepted && !inverse) forms = {{false, true}};
+    if (accepted && !inverse && best.scale == input_.as_read.scale) return false;
+    InputReading stored = input_.as_read;
+    stored.poses = best.poses;
+    stored.orientation = best.orientation;
+    const auto affine = FindAffine(input_, *data_, stored, forms, yardstick_px_, IsGood);
+    if (!affine) return false;
+    if (accepted) {
+      constexpr double kGreatGain = 0.1;
+      const Gain gain = Compare(*data_, data_->Errors(best, data_->FitScales(best).log_factors),
+                                affine->errors_px);
+      if (!IsFarBetter(gain) || gain.mean < kGreatGain) return false;
+    }
+    NothingFits(affine->form.inverse ? InputFault::kDisparity : InputFault::kAffine,
+                DescribeAffine(*affine));
+    return true;
+  }
+
+  void NothingFits(InputFault fault, std::string reason) {
+    diagnosis_.best = input_.as_read;
+    Say(Verdict::kNothingFits, fault, std::move(reason));
+  }
+
+  // As meant or a repair; values that are cut off are taken for none.
+  void AcceptBest(const ReadingFit& fit) {
+    std::vector<std::string> reasons;
+    std::vector<float> invalid;  // in the digits that tell floats apart
+    for (const StoredExtreme& extreme : masked_) {
+      if (const auto what = DescribeClamp(extreme, fit)) {
+        reasons.push_back(*what);
+        invalid.push_back(static_cast<float>(extreme.value));
+      }
+    }
+    diagnosis_.repair = FindRepair(input_.as_read, diagnosis_.best);
+    if (!(diagnosis_.best == input_.as_read)) {
+      reasons.insert(reasons.begin(), DescribeDifference(input_.as_read, diagnosis_.best));
+    }
+    if (reasons.empty()) return;
+    if (!invalid.empty()) {
+      invalid.insert(invalid.begin(), input_.stored->invalid_values.begin(),
+                     input_.stored->invalid_values.end());
+      diagnosis_.repair.geometry_keys.push_back(fmt::format("invalid={}", fmt::join(invalid, "/")));
+    }
+    Say(Verdict::kRepair, invalid.empty() ? InputFault::kNone : InputFault::kClamp,
+        fmt::format("{}", fmt::join(reasons, "; ")));
+  }
+
+  // What is wrong with keypoints where maps store this value; none where they fit like the others
+  // or are too few to tell.
+  std::optional<std::string> DescribeClamp(const StoredExtreme& extreme,
+                                           const ReadingFit& fit) const {
+    constexpr size_t kFewestAtExtreme = 10;
+    // The same keypoints without the mask.
+    ReadingErrors all(input_, matches_);
+    const InputReading& best = diagnosis_.best;
+    all.Prepare({&best, 1}, options_.threads);
+    const auto masked = data_->Depths(best);
+    const auto depths = all.Depths(best);
+    const auto triangulated = all.Triangulated(best.poses);
+    const std::vector<double> log_factors = data_->FitScales(best).log_factors;
+    std::vector<double> errors_px, ratios;
+    for (size_t i = 0; i < depths.size(); ++i) {
+      if (masked[i] || !depths[i] || !triangulated[i]) continue;
+      const double factor = std::exp(log_factors[static_cast<size_t>(data_->keypoints()[i].map)]);
+      errors_px.push_back(all.ErrorAt(best, i, *depths[i] * factor));
+      ratios.push_back(triangulated[i]->z / (*depths[i] * factor));
+    }
+    if (errors_px.size() < kFewestAtExtreme) return std::nullopt;
+    const double ratio = UpperMedianOr(ratios, 1);
+    const double median_px = UpperMedianOr(std::move(errors_px), 0);
+    constexpr double kFarWorse = 3;
+    if (median_px < kFarWorse * std::max(fit.median_px, yardstick_px_)) return std::nullopt;
+    return fmt::format(
+        "{:.1f} % of the pixels hold exactly {:.6g}, the {} value, but what they show is {:.2g} "
+        "times as deep (median of {} keypoints): {}",
+        100 * extreme.share, extreme.value, extreme.largest ? "largest" : "smallest", ratio,
+        ratios.size(),
+        (ratio > 1) == extreme.largest ? "depth is cut off there" : "it marks what has none");
+  }
+
+  std::string DescribeWrap(const WrapFault& wrap) const {
+    return fmt::format(
+        "depth is wrapped: stored values start again at 0 where they reach {:.6g}. {:.0f} % of the "
+        "keypoints lie beyond; with multiples of it the median is {:.2f} px. Write the maps in "
+        "more "
+        "bits or as floats",
+        wrap.modulus, 100 * wrap.share, wrap.fit.median_px);
+  }
+
+  std::string DescribeAffine(const AffineFault& affine) const {
+    const std::string formula = fmt::format(
+        "{} = {:.4g} * stored {} {:.4g}{} (median {:.2f} px)", affine.form.inverse ? "1 / z" : "z",
+        affine.factor, affine.shift < 0 ? "-" : "+", std::abs(affine.shift),
+        affine.form.common ? "" : " in the first map, and otherwise in others",
+        affine.fit.median_px);
+    if (affine.form.inverse) {
+      return fmt::format("the maps hold disparity, not depth: {}. Write z instead", formula);
+    }
+    return fmt::format("the maps hold depth up to a factor and a shift: {}. Write z instead{}",
+                       formula,
+                       affine.form.common ? "" : ", or localize with --align-depth affine");
+  }
+
+  std::string DescribeMisfit(const ReadingFit& fit) const {
+    if (fit.count < kFewestKeypoints) {
+      std::string constant;
+      for (const StoredExtreme& extreme : masked_) {
+        constant = fmt::format(" ({:.0f} % of the pixels hold exactly {:.6g})", 100 * extreme.share,
+                               extreme.value);
+      }
+      return fmt::format("only {} of {} keypoints have a depth{}", fit.count,
+                         data_->keypoints().size(), constant);
+    }
+    if (!input_.map_size_px && fit.coverage < 0.25) {
+      return fmt::format("only {:.0f} % of the keypoints' rays meet the mesh", 100 * fit.coverage);
+    }
+    return fmt::format(
+        "lifted keypoints are {:.1f} px from their matches (median of the best reading{}; {:.1f} "
+        "px "
+        "with depths at random), while the matches are {:.1f} px from their epipolar lines{}",
+        fit.median_px, input_.map_size_px ? ", each map at its best scale" : "",
+        fit.median_chance_px, yardstick_px_,
+        input_.mesh != nullptr ? "; no unit, axes, mirror or shift of the mesh mends that" : "");
+  }
+
+  static double MedianOf(const ErrorsPx& errors) {
+    std::vector<double> known;
+    for (const auto& error : errors) {
+      if (error) known.push_back(*error);
+    }
+    return UpperMedianOr(std::move(known), ReadingErrors::kLargestPx);
+  }
+
+  // Whether the diagnosis is that. Where the mesh as read is good, only for far smaller errors.
+  bool FindMeshFrame(bool accepted) {
+    InputReading reading = input_.as_read;
+    reading.poses = poses_;
+    const ErrorsPx as_read = data_->Errors(reading, 0);
+    const ReadingFit as_read_fit = FitOf(reading);
+    const double as_read_px = MedianOf(as_read);  // with rays that pass it by
+    constexpr double kExact = 2;                  // about as exact as it can become
+    if (accepted && as_read_px < kExact * std::max(yardstick_px_, 0.5)) return false;
+    const MeshFrameSearch search(*input_.mesh, input_, *data_, reading, options_.threads);
+    std::vector<PlacedMesh> found = search.Find();
+    constexpr double kLeastCoverage = 0.4;  // of what is seen should be there
+    const double largest_px = accepted ? 0.6 * as_read_px : std::numeric_limits<double>::infinity();
+    std::erase_if(found, [&](const PlacedMesh& placed) {
+      return placed.fit.count < kFewestKeypoints || placed.fit.coverage < kLeastCoverage ||
+             !IsGood(placed.fit, yardstick_px_) || placed.fit.median_px > largest_px ||
+             !IsFarBetter(Compare(*data_, as_read, placed.errors_px));
+    });
+    if (found.empty()) return false;
+    const PlacedMesh& best = *std::min_element(
+        found.begin(), found.end(),
+        [](const auto& a, const auto& b) { return a.fit.median_px < b.fit.median_px; });
+    // A symmetric scene has several frames.
+    const auto about_as_good = std::count_if(found.begin(), found.end(), [&](const auto& other) {
+      return &other != &best && !IsFarBetter(Compare(*data_, other.errors_px, best.errors_px));
+    });
+    if (about_as_good > 0) {
+      NothingFits(InputFault::kMeshFrame,
+                  fmt::format("the mesh is not where the references are, and {} placements of it "
+                              "fit about as well",
+                              about_as_good + 1));
+      return true;
+    }
+    diagnosis_.best = reading;
+    diagnosis_.mesh_placement = best.placement;
+    diagnosis_.repair = FindRepair(input_.as_read, reading);
+    diagnosis_.repair.geometry_keys.push_back(KeysOf(best.placement));
+    diagnosis_.fit = {best.fit.median_px, best.fit.median_chance_px, best.fit.upper_px,
+                      best.fit.upper_chance_px};
+    Say(Verdict::kRepair, InputFault::kMeshFrame,
+        fmt::format("{} fits far better (median {:.2f} px of matches that it was not found by; {})",
+                    Describe(best.placement), best.fit.median_px,
+                    as_read_fit.count == 0 ? "as read no ray meets it"
+                                           : fmt::format("as read {:.2f} px", as_read_px)));
+    return true;
+  }
+
   bool IsFarBetter(const Gain& gain) const {
     return gain.sigmas >= options_.min_sigmas && gain.mean >= kSmallestGain;
   }
@@ -151,7 +509,7 @@ class Examination {
       Gain largest;
       for (size_t i = 0; i < candidates_.size(); ++i) {
         if (NumDifferences(input_.as_read, candidates_[i].reading) != changes) continue;
-        const Gain gain = Compare(data_, candidates_[best].own_scale, candidates_[i].own_scale);
+        const Gain gain = Compare(*data_, candidates_[best].own_scale, candidates_[i].own_scale);
         if (IsFarBetter(gain) && gain.mean > largest.mean) {
           largest = gain;
           next = i;
@@ -171,12 +529,12 @@ class Examination {
         readings.push_back(shifted);
       }
     }
-    data_.Prepare(readings, options_.threads);
+    data_->Prepare(readings, options_.threads);
     const Candidate* chosen = &best;
     Gain largest;
-    const std::vector<Candidate> shifted = Explain(data_, readings, options_.threads);
+    const std::vector<Candidate> shifted = Explain(*data_, readings, options_.threads);
     for (const Candidate& candidate : shifted) {
-      const Gain gain = Compare(data_, best.own_scale, candidate.own_scale);
+      const Gain gain = Compare(*data_, best.own_scale, candidate.own_scale);
       if (IsFarBetter(gain) && gain.mean > largest.mean) {
         largest = gain;
         chosen = &candidate;
@@ -194,13 +552,13 @@ class Examination {
         std::max(options_.min_sigmas * candidate.common.standard_error, kSmallestScaleChange)) {
       return candidate.reading;
     }
-    const Gain gain = Compare(data_, data_.Errors(candidate.reading, 0),
-                              data_.Errors(candidate.reading, log_factor));
+    const Gain gain = Compare(*data_, data_->Errors(candidate.reading, 0),
+                              data_->Errors(candidate.reading, log_factor));
     return IsFarBetter(gain) ? Scaled(candidate.reading, log_factor) : candidate.reading;
   }
 
   ReadingEvidence Evidence(const InputReading& reading) const {
-    const ErrorsPx errors = data_.Errors(reading, 0);
+    const ErrorsPx errors = data_->Errors(reading, 0);
     const InputReading& as_read = input_.as_read;
     ReadingEvidence evidence{.reading = reading};
     std::vector<double> sorted;
@@ -213,7 +571,7 @@ class Examination {
     evidence.median_px = UpperMedianOr(sorted, 0);
     evidence.share_within_5px =
         static_cast<double>(within) / std::max<double>(1, static_cast<double>(sorted.size()));
-    const ErrorsPx own_scale = data_.Errors(reading, data_.FitScales(reading).log_factors);
+    const ErrorsPx own_scale = data_->Errors(reading, data_->FitScales(reading).log_factors);
     std::vector<double> own_sorted;
     for (const auto& error : own_scale) {
       if (error) own_sorted.push_back(*error);
@@ -221,8 +579,8 @@ class Examination {
     evidence.median_own_scale_px = UpperMedianOr(std::move(own_sorted), 0);
     const Gain gain =
         reading.scale != as_read.scale
-            ? Compare(data_, data_.Errors(as_read, 0), errors)
-            : Compare(data_, data_.Errors(as_read, data_.FitScales(as_read).log_factors),
+            ? Compare(*data_, data_->Errors(as_read, 0), errors)
+            : Compare(*data_, data_->Errors(as_read, data_->FitScales(as_read).log_factors),
                       own_scale);
     evidence.gain = gain.mean;
     evidence.sigmas = gain.sigmas;
@@ -256,7 +614,11 @@ class Examination {
 
   const DoctorInput& input_;
   const DoctorOptions& options_;
-  ReadingErrors data_;
+  std::vector<ReferenceMatch> matches_;  // that agree with the poses
+  double yardstick_px_ = 0;
+  PoseConvention poses_ = PoseConvention::kCamFromWorld;  // by which they agree
+  std::optional<ReadingErrors> data_;
+  std::vector<StoredExtreme> masked_;
   std::vector<Candidate> candidates_;
   Diagnosis diagnosis_;
 };
@@ -270,7 +632,14 @@ DoctorInput MakeDoctorInput(const NamedGeometry& geometry, std::span<const Posed
                     .matches = matches,
                     .as_read = geometry.depth_reading.value_or(InputReading{})};
   input.as_read.poses = poses;
-  if (geometry.maps != nullptr) input.map_size_px = geometry.maps->size_px();
+  input.mesh = geometry.mesh;
+  if (geometry.maps != nullptr) {
+    input.map_size_px = geometry.maps->size_px();
+    input.stored = {.load = [maps = geometry.maps](
+                                const PosedImage& reference) { return maps->Load(reference); },
+                    .unit = geometry.maps->unit(),
+                    .invalid_values = geometry.maps->convention().invalid_values};
+  }
   return input;
 }
 
@@ -287,20 +656,33 @@ Diagnosis Diagnose(const DoctorInput& input, const DoctorOptions& options) {
 }
 
 std::string Summary(const Diagnosis& diagnosis) {
-  if (diagnosis.too_few_matches) {
-    return "there are too few matches between references to tell";
+  switch (diagnosis.verdict) {
+    case Verdict::kTooFewMatches:
+      return fmt::format("there are too few matches between references to tell: {}",
+                         diagnosis.reason);
+    case Verdict::kNothingFits:
+      return fmt::format("nothing fits: {}", diagnosis.reason);
+    case Verdict::kAsMeant: {
+      const ReadingEvidence& as_read = diagnosis.EvidenceOf(diagnosis.as_read);
+      const bool scales_differ = as_read.median_px > 2 * as_read.median_own_scale_px;
+      return fmt::format("the input is read as the matches suggest: median {:.2f} px{}",
+                         as_read.median_px,
+                         scales_differ ? fmt::format(", {:.2f} px with each map at its own scale "
+                                                     "(--align-depth scale)",
+                                                     as_read.median_own_scale_px)
+                                       : "");
+    }
+    case Verdict::kRepair:
+      break;
   }
+  const std::string repair = fmt::format("Repair: {}", ToString(diagnosis.repair));
+  if (diagnosis.fault != InputFault::kNone) return fmt::format("{}. {}", diagnosis.reason, repair);
   const ReadingEvidence& as_read = diagnosis.EvidenceOf(diagnosis.as_read);
-  if (!diagnosis.suspicious()) {
-    return fmt::format("the input is read as the matches suggest: median {:.2f} px",
-                       as_read.median_px);
-  }
   const ReadingEvidence& best = diagnosis.EvidenceOf(diagnosis.best);
   return fmt::format(
       "another reading of the input explains the matches far better: {} (median {:.2f} px, as read "
-      "{:.2f} px; {:.0f} standard errors). Repair: {}",
-      DescribeDifference(diagnosis.as_read, diagnosis.best), best.median_px, as_read.median_px,
-      best.sigmas, ToString(FindRepair(diagnosis.as_read, diagnosis.best)));
+      "{:.2f} px; {:.0f} standard errors). {}",
+      diagnosis.reason, best.median_px, as_read.median_px, best.sigmas, repair);
 }
 
 }  // namespace raylift

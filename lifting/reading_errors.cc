@@ -3,19 +3,22 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <numeric>
 #include <set>
 #include <utility>
+
+#include "match_agreement.h"
 
 #include "raylift/base/error.h"
 #include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
+#include "raylift/base/rng.h"
 
 namespace raylift {
 namespace {
 
 constexpr size_t kFewestOfMap = 10;
-// Matches farther from the epipolar line tell nothing of depth.
-constexpr double kEpipolarThresholdPx = 3;
 
 // The standard error of the median of values, from their median deviation as of normal ones.
 double StandardErrorOfMedian(const std::vector<double>& values) {
@@ -66,13 +69,9 @@ InputReading Scaled(const InputReading& reading, double log_factor) {
   return scaled;
 }
 
-ReadingErrors::ReadingErrors(const DoctorInput& input, size_t max_matches) : input_(input) {
-  const size_t count = std::min(max_matches, input.matches.size());
-  std::vector<ReferenceMatch> chosen;
-  for (size_t i = 0; i < count; ++i) {
-    chosen.push_back(input.matches[i * input.matches.size() / count]);
-  }
-  const auto halves = HalvesByReference(chosen, input.references.size());
+ReadingErrors::ReadingErrors(const DoctorInput& input, std::span<const ReferenceMatch> matches)
+    : input_(input) {
+  const auto halves = HalvesByReference(matches, input.references.size());
   for (size_t map = 0; map < halves.size(); ++map) {
     for (const HalfMatch& match : halves[map]) {
       const auto ray = input_.references[map].camera.RayInCam(match.pixel);
@@ -109,13 +108,6 @@ void ReadingErrors::Prepare(std::span<const InputReading> readings, int threads)
   }
 }
 
-PosedImage ReadingErrors::ReadAs(const PosedImage& reference, PoseConvention poses) const {
-  PosedImage image = reference;
-  image.cam_from_world =
-      CamFromWorld(StoredPose(reference.cam_from_world, input_.as_read.poses), poses);
-  return image;
-}
-
 // Where the source, as it is read, has what the other reading finds at the keypoint.
 Eigen::Vector2d ReadingErrors::PlaceInMap(const Keypoint& keypoint,
                                           const InputReading& reading) const {
@@ -132,11 +124,7 @@ Eigen::Vector2d ReadingErrors::PlaceInMap(const Keypoint& keypoint,
 
 std::vector<std::optional<double>> ReadingErrors::LookUp(const InputReading& reading,
                                                          int threads) const {
-  std::vector<size_t> begins = {0};
-  for (size_t i = 1; i < keypoints_.size(); ++i) {
-    if (keypoints_[i].map != keypoints_[i - 1].map) begins.push_back(i);
-  }
-  begins.push_back(keypoints_.size());
+  const std::vector<size_t> begins = MapBegins();
   std::vector<std::optional<double>> stored(keypoints_.size());
   ParallelFor(begins.size() - 1, threads, [&](size_t group) {
     const size_t begin = begins[group];
@@ -145,7 +133,8 @@ std::vector<std::optional<double>> ReadingErrors::LookUp(const InputReading& rea
     for (size_t i = begin; i < begins[group + 1]; ++i) {
       places.push_back(PlaceInMap(keypoints_[i], reading));
     }
-    const auto points = input_.source.Lift(ReadAs(reference, reading.poses), places);
+    const auto points =
+        input_.source.Lift(ReadAs(reference, input_.as_read.poses, reading.poses), places);
     for (size_t i = 0; i < places.size(); ++i) {
       if (!points[i]) continue;
       const double z = points[i]->depth_z;
@@ -154,19 +143,26 @@ std::vector<std::optional<double>> ReadingErrors::LookUp(const InputReading& rea
       stored[begin + i] = input_.as_read.kind == DepthKind::kInverse ? 1 / z
                           : input_.as_read.kind == DepthKind::kRay   ? z / ray->z()
                                                                      : z;
+      constexpr double kSameValue = 1e-5;  // maps are float, and interpolated
+      const bool masked = std::any_of(masked_.begin(), masked_.end(), [&](double value) {
+        return std::abs(*stored[begin + i] / value - 1) < kSameValue;
+      });
+      if (masked) stored[begin + i].reset();
     }
   });
   return stored;
 }
 
 ReadingErrors::Sight ReadingErrors::See(const Keypoint& keypoint, PoseConvention poses) const {
-  const PosedImage map = ReadAs(input_.references[static_cast<size_t>(keypoint.map)], poses);
-  const PosedImage other = ReadAs(input_.references[static_cast<size_t>(keypoint.other)], poses);
+  const PosedImage map =
+      ReadAs(input_.references[static_cast<size_t>(keypoint.map)], input_.as_read.poses, poses);
+  const PosedImage other =
+      ReadAs(input_.references[static_cast<size_t>(keypoint.other)], input_.as_read.poses, poses);
   const auto seen = SeeFromOther(map, keypoint.pixel, other);
   RAYLIFT_CHECK(seen.has_value());
   Sight sight{*seen, TriangulateDepth(*seen, other.camera, keypoint.other_px)};
   if (sight.depth &&
-      (sight.depth->projected_px - keypoint.other_px).norm() > kEpipolarThresholdPx) {
+      (sight.depth->projected_px - keypoint.other_px).norm() > EpipolarThresholdPx(other.camera)) {
     sight.depth.reset();
   }
   return sight;
@@ -211,9 +207,86 @@ MapScales ReadingErrors::FitScales(const InputReading& reading) const {
   return scales;
 }
 
+std::vector<std::optional<TriangulatedDepth>> ReadingErrors::Triangulated(
+    PoseConvention poses) const {
+  std::vector<std::optional<TriangulatedDepth>> depths;
+  for (const Sight& sight : sights_.at(poses)) depths.push_back(sight.depth);
+  return depths;
+}
+
+std::vector<size_t> ReadingErrors::MapBegins() const {
+  std::vector<size_t> begins = {0};
+  for (size_t i = 1; i < keypoints_.size(); ++i) {
+    if (keypoints_[i].map != keypoints_[i - 1].map) begins.push_back(i);
+  }
+  begins.push_back(keypoints_.size());
+  return begins;
+}
+
+std::vector<size_t> ReadingErrors::Shuffled() const {
+  std::vector<size_t> order(keypoints_.size());
+  std::iota(order.begin(), order.end(), size_t{0});
+  Rng rng(0);
+  const std::vector<size_t> begins = MapBegins();
+  for (size_t group = 0; group + 1 < begins.size(); ++group) {
+    for (size_t i = begins[group]; i < begins[group + 1]; ++i) {
+      const auto before = static_cast<uint32_t>(i - begins[group]);
+      std::swap(order[i], order[begins[group] + rng.UniformIndex(before + 1)]);
+    }
+  }
+  return order;
+}
+
+ReadingFit MakeFit(std::vector<double> errors_px, std::vector<double> chance_px) {
+  ReadingFit fit{.count = errors_px.size()};
+  const auto upper = [](std::vector<double>& values) {
+    const auto at = values.begin() + static_cast<std::ptrdiff_t>(values.size() * 3 / 4);
+    std::nth_element(values.begin(), at, values.end());
+    return *at;
+  };
+  if (!errors_px.empty()) {
+    fit.upper_px = upper(errors_px);
+    fit.median_px = UpperMedianInPlace(std::span(errors_px));
+  }
+  if (!chance_px.empty()) {
+    fit.upper_chance_px = upper(chance_px);
+    fit.median_chance_px = UpperMedianInPlace(std::span(chance_px));
+  }
+  return fit;
+}
+
+double ReadingErrors::ErrorAt(const InputReading& reading, size_t keypoint, double z) const {
+  const Keypoint& k = keypoints_[keypoint];
+  const Camera& camera = input_.references[static_cast<size_t>(k.other)].camera;
+  const auto projected =
+      camera.ImgFromCam(sights_.at(reading.poses)[keypoint].seen.PointInOther(z));
+  return projected ? std::min((*projected - k.other_px).norm(), kLargestPx) : kLargestPx;
+}
+
+ReadingFit ReadingErrors::FitOf(const InputReading& reading,
+                                std::span<const double> log_factor_of_map,
+                                const std::vector<bool>& keep) const {
+  const std::vector<Sight>& sights = sights_.at(reading.poses);
+  const auto depths = Depths(reading);
+  const std::vector<size_t> shuffled = Shuffled();
+  std::vector<double> errors, chance;
+  size_t asked = 0;
+  for (size_t i = 0; i < keypoints_.size(); ++i) {
+    if (!sights[i].depth || (!keep.empty() && !keep[i])) continue;
+    ++asked;
+    const double factor = std::exp(log_factor_of_map[static_cast<size_t>(keypoints_[i].map)]);
+    if (depths[i]) errors.push_back(ErrorAt(reading, i, *depths[i] * factor));
+    if (const auto& other = depths[shuffled[i]]) {
+      chance.push_back(ErrorAt(reading, i, *other * factor));
+    }
+  }
+  ReadingFit fit = MakeFit(std::move(errors), std::move(chance));
+  fit.coverage = static_cast<double>(fit.count) / std::max<double>(1, static_cast<double>(asked));
+  return fit;
+}
+
 std::vector<std::optional<double>> ReadingErrors::Errors(
     const InputReading& reading, std::span<const double> log_factor_of_map) const {
-  const std::vector<Sight>& sights = sights_.at(reading.poses);
   const auto depths = Depths(reading);
   std::vector<std::optional<double>> errors(keypoints_.size());
   for (size_t i = 0; i < keypoints_.size(); ++i) {
@@ -221,12 +294,9 @@ std::vector<std::optional<double>> ReadingErrors::Errors(
       if (!input_.map_size_px) errors[i] = kLargestPx;  // the ray passes the surface by
       continue;
     }
-    const Keypoint& keypoint = keypoints_[i];
-    const double z = *depths[i] * std::exp(log_factor_of_map[static_cast<size_t>(keypoint.map)]);
-    const Camera& camera = input_.references[static_cast<size_t>(keypoint.other)].camera;
-    const auto projected = camera.ImgFromCam(sights[i].seen.PointInOther(z));
     errors[i] =
-        projected ? std::min((*projected - keypoint.other_px).norm(), kLargestPx) : kLargestPx;
+        ErrorAt(reading, i,
+                *depths[i] * std::exp(log_factor_of_map[static_cast<size_t>(keypoints_[i].map)]));
   }
   return errors;
 }

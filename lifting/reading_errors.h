@@ -14,6 +14,7 @@
 #include <Eigen/Core>
 
 #include "raylift/lifting/input_doctor.h"
+#include "raylift/lifting/reference_matches.h"
 
 namespace raylift {
 
@@ -34,6 +35,19 @@ struct MapScales {
   CommonScale common;
 };
 
+// How well a reading explains the matches in itself, each map at its own scale: the errors of
+// keypoints whose depth the matches tell, beside those of depths that are dealt out at random among
+// the keypoints of each map. What has nothing to do with the scene fits no better than chance.
+struct ReadingFit {
+  size_t count = 0;
+  double coverage = 0;  // the share of keypoints that have a depth
+  double median_px = 0;
+  double median_chance_px = 0;
+  double upper_px = 0;  // three quarters are below
+  double upper_chance_px = 0;
+};
+ReadingFit MakeFit(std::vector<double> errors_px, std::vector<double> chance_px);
+
 class ReadingErrors {
  public:
   struct Keypoint {
@@ -44,8 +58,8 @@ class ReadingErrors {
     double ray_z;  // of the pixel's unit ray
   };
 
-  // Both sides of matches, `max_matches` of them, evenly.
-  ReadingErrors(const DoctorInput& input, size_t max_matches);
+  // Both sides of the matches.
+  ReadingErrors(const DoctorInput& input, std::span<const ReferenceMatch> matches);
 
   size_t num_maps() const { return input_.references.size(); }
   size_t NumPairs() const;  // of references with matches
@@ -57,6 +71,23 @@ class ReadingErrors {
   // The factors by which the depth of each map agrees best with its matches; those of maps with few
   // matches are the others' median. All 1 where the source is a surface in the world.
   MapScales FitScales(const InputReading& reading) const;
+
+  // Without those that `keep` (of each keypoint) drops; empty: of all.
+  ReadingFit FitOf(const InputReading& reading, std::span<const double> log_factor_of_map,
+                   const std::vector<bool>& keep = {}) const;
+
+  // The error in pixels of a keypoint at a depth z; `kLargestPx` at most.
+  double ErrorAt(const InputReading& reading, size_t keypoint, double z) const;
+  // What triangulation says of each keypoint; none where the match does not tell.
+  std::vector<std::optional<TriangulatedDepth>> Triangulated(PoseConvention poses) const;
+  // z as read; none where there is none.
+  std::vector<std::optional<double>> Depths(const InputReading& reading) const;
+  // Indices of keypoints, in which those of each map are exchanged at random.
+  std::vector<size_t> Shuffled() const;
+
+  // Takes keypoints out that lie where maps store this value (z or ray length or inverse z, as
+  // read). What is prepared before stays as it is.
+  void MaskStored(double value) { masked_.push_back(value); }
 
   // Distances of projected keypoints from their matches in pixels, at most kLargestPx; none where a
   // map has no depth (a surface that is not met has the largest error: holes are rare). Depth is
@@ -74,17 +105,17 @@ class ReadingErrors {
   };
   using Key = std::tuple<MapOrientation, double, PoseConvention>;
 
+  std::vector<size_t> MapBegins() const;  // and the end of the last
   Key KeyOf(const InputReading& reading) const;
-  PosedImage ReadAs(const PosedImage& reference, PoseConvention poses) const;
   Eigen::Vector2d PlaceInMap(const Keypoint& keypoint, const InputReading& reading) const;
   std::vector<std::optional<double>> LookUp(const InputReading& reading, int threads) const;
   Sight See(const Keypoint& keypoint, PoseConvention poses) const;
-  std::vector<std::optional<double>> Depths(const InputReading& reading) const;
 
   const DoctorInput& input_;
   std::vector<Keypoint> keypoints_;                           // by map
   std::map<Key, std::vector<std::optional<double>>> stored_;  // z or ray length or inverse z
   std::map<PoseConvention, std::vector<Sight>> sights_;
+  std::vector<double> masked_;
 };
 
 }  // namespace raylift

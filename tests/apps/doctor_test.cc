@@ -26,6 +26,7 @@ TEST(Doctor, SaysThatARightReadingIsRight) {
   EXPECT_TRUE(Lines(result.out).back().starts_with("the input is read as the matches suggest"))
       << result.out;
   const auto written = nlohmann::json::parse(ReadFile(json));
+  EXPECT_EQ(written["verdict"], "as_meant");
   EXPECT_EQ(written["suspicious"], false);
   EXPECT_EQ(written["readings"][0]["reading"], "as read");
 }
@@ -43,9 +44,27 @@ TEST(Doctor, RefusesOptionsThatDoNotFit) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   EXPECT_TRUE(FailsWith(2, {"--model-poses = colmap", "cam_from_world|world_from_cam"},
                         RunRaylift(DoctorWithHloc(scene) + Arguments{"--model-poses", "colmap"})));
-  EXPECT_TRUE(FailsWith(2, {"--images", "--cache"},
+  EXPECT_TRUE(FailsWith(2, {"--images"},
                         RunRaylift({"doctor", "--model", scene.model(), "--geometry",
                                     "mesh:" + scene.mesh().string()})));
+}
+
+TEST(Doctor, ReferencesAloneSuffice) {
+  const fs::path demo = RAYLIFT_DEMO_FOLDER;
+  const fs::path folder = TestFolder();
+  const fs::path json = folder / "doctor.json";
+  const auto verdict_on = [&](const std::string& keys) {
+    EXPECT_TRUE(Succeeds(
+        RunRaylift({"doctor", "--model", demo / "model", "--images", demo / "images",
+                    "--max-features", "500", "--cache", folder / "cache", "--geometry",
+                    "mesh:" + (demo / "scene.obj").string() + keys, "--json", json, "--quiet"})));
+    return nlohmann::json::parse(ReadFile(json));
+  };
+  EXPECT_EQ(verdict_on("")["verdict"], "as_meant");
+  // A mesh in millimetres, by the same key that repairs it.
+  const auto repaired = verdict_on(",scale=1000");
+  EXPECT_EQ(repaired["verdict"], "repair");
+  EXPECT_EQ(repaired["fault"], "mesh_frame");
 }
 
 TEST(Localize, WarnsWhereAnotherReadingIsFarBetter) {

@@ -13,6 +13,7 @@
 #include "raylift/base/rng.h"
 #include "raylift/io/query_list.h"
 #include "raylift/lifting/depth_source.h"
+#include "raylift/lifting/mesh_placement.h"
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/localization/hloc_matches.h"
 #include "raylift/localization/references.h"
@@ -82,16 +83,24 @@ Diagnosis Examine(const Scene& scene, const InputReading& as_read = {},
                   const DoctorOptions& options = {}) {
   const MapsInMemory source(scene.maps, as_read.first_sample_px);
   const DepthMap& first = *scene.maps.begin()->second;
+  const auto load = [&](const PosedImage& reference) {
+    const auto map = scene.maps.find(reference.name);
+    return map == scene.maps.end() ? nullptr : map->second;
+  };
   return Diagnose({.source = source,
                    .references = scene.references,
                    .matches = scene.matches,
                    .as_read = as_read,
-                   .map_size_px = PlaneSize{first.width_px, first.height_px}},
+                   .map_size_px = PlaneSize{first.width_px, first.height_px},
+                   .stored = StoredMaps{.load = load, .unit = 0.001 * as_read.scale}},
                   options);
 }
 
 std::string Describe(const Diagnosis& diagnosis) {
-  std::string text = Summary(diagnosis) + "\n";
+  std::string text =
+      fmt::format("{}\nbest fit {:.2f} px, {:.2f} at random; {:.2f}, {:.2f}\n", Summary(diagnosis),
+                  diagnosis.fit.median_px, diagnosis.fit.median_chance_px, diagnosis.fit.upper_px,
+                  diagnosis.fit.upper_chance_px);
   for (const ReadingEvidence& e : diagnosis.readings) {
     text +=
         fmt::format("{:7.2f} px {:5.3f} within 5 px, own scale {:7.2f} px; {:7.1f} {:7.4f} {}\n",
@@ -235,6 +244,22 @@ TEST_F(RgbdSmallDoctor, FindsWrongPosesOfAMesh) {
   }
 }
 
+// The scene with another depth at every pixel that has one; of the n-th map.
+template <typename Change>
+Scene WithDepth(const Scene& scene, const Change& change) {
+  Scene changed = scene;
+  int n = 0;
+  for (auto& [name, map] : changed.maps) {
+    DepthMap copy = *map;
+    for (float& z : copy.z) {
+      if (z > 0) z = static_cast<float>(change(double{z}, n));
+    }
+    map = std::make_shared<const DepthMap>(std::move(copy));
+    ++n;
+  }
+  return changed;
+}
+
 // Random pixels of each reference, where others see the same point, with noise.
 std::vector<ReferenceMatch> MatchByMesh(const GeometrySource& mesh,
                                         const std::vector<PosedImage>& references, double noise_px,
@@ -299,8 +324,141 @@ TEST_F(DemoDoctor, FindsTwoMistakesAtOnce) {
 TEST_F(DemoDoctor, SaysNothingOfTooFewMatches) {
   scene_.matches.resize(10);
   const Diagnosis diagnosis = Examine(Plant(scene_, {.scale = 0.001}));
-  EXPECT_TRUE(diagnosis.too_few_matches);
+  EXPECT_EQ(diagnosis.verdict, Verdict::kTooFewMatches);
   EXPECT_FALSE(diagnosis.suspicious());
+}
+
+TEST_F(DemoDoctor, CutOffDepthIsTakenForNone) {
+  for (const double most : {6.0, 8.0}) {
+    const Diagnosis diagnosis =
+        Examine(WithDepth(scene_, [&](double z, int) { return std::min(z, most); }));
+    EXPECT_EQ(diagnosis.verdict, Verdict::kRepair) << Describe(diagnosis);
+    EXPECT_EQ(diagnosis.fault, InputFault::kClamp);
+    EXPECT_EQ(diagnosis.best, InputReading());
+    EXPECT_EQ(diagnosis.repair.geometry_keys,
+              std::vector<std::string>{fmt::format("invalid={}", 1000 * most)});
+  }
+}
+
+TEST_F(DemoDoctor, WrappedDepthFitsNothing) {
+  for (const double modulus : {4.096, 8.192}) {
+    const Diagnosis diagnosis = Examine(
+        WithDepth(scene_, [&](double z, int) { return std::max(std::fmod(z, modulus), 0.001); }));
+    EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits) << Describe(diagnosis);
+    EXPECT_EQ(diagnosis.fault, InputFault::kWrap) << Describe(diagnosis);
+    EXPECT_NE(diagnosis.reason.find(fmt::format("{:.0f}", 1000 * modulus)), std::string::npos);
+    EXPECT_EQ(ToString(diagnosis.repair), "");
+  }
+}
+
+TEST_F(DemoDoctor, DisparityIsNoDepth) {
+  for (const double of_map : {0.0, 0.3}) {
+    const Scene disparity = WithDepth(scene_, [&](double z, int n) {
+      return (1 + of_map * (n % 3)) * 7 / z + 0.4 + of_map * (n % 2);
+    });
+    for (const DepthKind kind : {DepthKind::kZ, DepthKind::kInverse}) {
+      Scene read = disparity;
+      if (kind == DepthKind::kInverse) {
+        read = WithDepth(disparity, [](double d, int) { return 1 / d; });
+      }
+      const Diagnosis diagnosis = Examine(read, {.kind = kind});
+      EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits) << Describe(diagnosis);
+      EXPECT_EQ(diagnosis.fault, InputFault::kDisparity) << Describe(diagnosis);
+    }
+  }
+}
+
+TEST_F(DemoDoctor, NoisyDepthIsReadAsMeant) {
+  Rng rng(3);
+  const Scene noisy =
+      WithDepth(scene_, [&](double z, int) { return z * std::exp(0.05 * rng.Normal()); });
+  EXPECT_EQ(Examine(noisy).verdict, Verdict::kAsMeant);
+  const Scene monocular = WithDepth(scene_, [](double z, int n) {
+    return z * std::exp(0.15 * std::sin(n) + 0.02 * std::sin(3 * z));
+  });
+  EXPECT_EQ(Examine(monocular).verdict, Verdict::kAsMeant);
+}
+
+TEST_F(DemoDoctor, DepthOfAnotherSceneFitsNothing) {
+  Rng rng(4);
+  const Diagnosis random =
+      Examine(WithDepth(scene_, [&](double, int) { return rng.Uniform(2, 20); }));
+  EXPECT_EQ(random.verdict, Verdict::kNothingFits) << Describe(random);
+  EXPECT_TRUE(Summary(random).starts_with("nothing fits: ")) << Summary(random);
+  const Diagnosis constant = Examine(WithDepth(scene_, [](double, int) { return 5.0; }));
+  EXPECT_EQ(constant.verdict, Verdict::kNothingFits) << Describe(constant);
+}
+
+TEST_F(DemoDoctor, WrongMatchesAreNotBlamedOnDepth) {
+  for (size_t i = 0; i < scene_.matches.size(); ++i) {
+    scene_.matches[i].b_px =
+        scene_.matches[(i + scene_.matches.size() / 3) % scene_.matches.size()].b_px;
+  }
+  const Diagnosis diagnosis = Examine(scene_);
+  EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits);
+  EXPECT_EQ(diagnosis.fault, InputFault::kPoses);
+  EXPECT_NE(diagnosis.reason.find("poses and matches do not agree"), std::string::npos);
+}
+
+class MovedMesh : public DemoDoctor {
+ protected:
+  // The verdict on the demo's mesh where what is right is `world_from_mesh`.
+  Diagnosis ExamineMoved(const MeshPlacement& world_from_mesh) const {
+    // The inverse: mesh = axes^T (world - shift) / scale.
+    MeshPlacement moved{.scale = 1 / world_from_mesh.scale,
+                        .axes = world_from_mesh.axes.transpose()};
+    moved.shift = -moved.scale * (moved.axes * world_from_mesh.shift);
+    const auto caster = std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(
+        Placed(ReadMesh(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj"), moved)));
+    const MeshSource source("mesh", caster);
+    return Diagnose({.source = source,
+                     .references = scene_.references,
+                     .matches = scene_.matches,
+                     .mesh = caster});
+  }
+
+  void ExpectFound(const MeshPlacement& expected) const {
+    const Diagnosis diagnosis = ExamineMoved(expected);
+    EXPECT_EQ(diagnosis.verdict, Verdict::kRepair) << Describe(diagnosis);
+    ASSERT_TRUE(diagnosis.mesh_placement.has_value()) << Describe(diagnosis);
+    const MeshPlacement& found = *diagnosis.mesh_placement;
+    EXPECT_NEAR(found.scale / expected.scale, 1, 0.002) << Describe(found);
+    EXPECT_LT((found.axes - expected.axes).norm(), 0.01) << Describe(found);
+    EXPECT_LT((found.shift - expected.shift).norm(), 0.02) << Describe(found);
+  }
+};
+
+TEST_F(MovedMesh, IsAsMeantInItsPlace) { EXPECT_EQ(ExamineMoved({}).verdict, Verdict::kAsMeant); }
+
+TEST_F(MovedMesh, IsFoundWhereItIsShifted) { ExpectFound({.shift = {5, 0, 0}}); }
+
+TEST_F(MovedMesh, IsFoundInAnotherUnit) {
+  for (const double scale : {0.5, 0.001, 0.3048}) ExpectFound({.scale = scale});
+}
+
+TEST_F(MovedMesh, IsFoundWithOtherAxes) {
+  for (const char* axes : {"x/-z/y", "x/z/y", "-x/y/z"}) {
+    ExpectFound({.axes = AxesFromName(axes).value()});
+  }
+}
+
+TEST_F(MovedMesh, KeysSayWhatWasFound) {
+  const Diagnosis diagnosis = ExamineMoved({.scale = 0.001, .axes = *AxesFromName("x/-z/y")});
+  EXPECT_EQ(diagnosis.repair.geometry_keys, std::vector<std::string>{"scale=0.001,axes=x/-z/y"});
+}
+
+TEST_F(MovedMesh, NotFoundIsNothingFits) {
+  // No similarity.
+  TriangleMesh mesh = ReadMesh(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj");
+  for (Eigen::Vector3f& v : mesh.vertices) v = {v.x() * 2, v.y() + 0.3f * v.x(), v.z() * 0.6f};
+  const auto caster =
+      std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(std::move(mesh)));
+  const MeshSource source("mesh", caster);
+  const Diagnosis diagnosis = Diagnose({.source = source,
+                                        .references = scene_.references,
+                                        .matches = scene_.matches,
+                                        .mesh = caster});
+  EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits) << Describe(diagnosis);
 }
 
 TEST_F(DemoDoctor, ThreadsDoNotChangeTheResult) {

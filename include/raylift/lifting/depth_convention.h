@@ -84,6 +84,9 @@ std::string ExpandPattern(std::string_view pattern, std::string_view image_name)
 // The z component of the unit ray through each pixel's centre; 0 where there is no ray.
 std::vector<float> RayZOfPixels(const Camera& camera);
 
+// What a stored 1 is in scene units (of kInverse: 1 / scene units), the scale included.
+double StoredUnit(const StoredDepth& stored, const DepthConvention& convention);
+
 // The samples as they lie in the image.
 StoredDepth Oriented(StoredDepth stored, MapOrientation orientation);
 

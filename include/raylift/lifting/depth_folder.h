@@ -31,6 +31,10 @@ class DepthFolder {
   const std::string& understood() const { return understood_; }
   // Of the first reference's map, as it lies in the image.
   PlaneSize size_px() const { return size_px_; }
+  // What a stored 1 is in scene units (of kInverse: in 1 / scene units), the scale included; of the
+  // first reference's map.
+  double unit() const { return unit_; }
+  const DepthConvention& convention() const;
   // What the user should know: references without a map, a unit that was guessed.
   const std::vector<std::string>& warnings() const { return warnings_; }
 
@@ -39,6 +43,7 @@ class DepthFolder {
   std::unique_ptr<Impl> impl_;
   std::string understood_;
   PlaneSize size_px_;
+  double unit_ = 1;
   std::vector<std::string> warnings_;
 };
 

@@ -3,6 +3,8 @@
 // OpenGL's axes) lifts the references' keypoints elsewhere; under the right one they project onto
 // their matches in the other references.
 //
+// Only matches that agree with the poses are asked: where too few do, no depth is to blame.
+//
 // Readings are compared in pairs over the same matches by c = log(1 + e^2 / px^2) of the
 // reprojection errors e: the difference's mean over its standard error, in which the matches of one
 // pair of images count as one (they share the errors of poses). Another reading explains the data
@@ -10,22 +12,41 @@
 // readings are few and discrete, that is so only where the data are nearer to the other one. Each
 // map's scale is left free in these comparisons: monocular depth is inconsistent between maps
 // whatever its reading. Then the unit is what the maps' scales have in common.
+//
+// The best reading may still be bad in itself. So its errors are held against two others, neither of
+// which is a constant: the distances of matches from their epipolar lines, which no depth changes,
+// and the errors of depths that are dealt out at random among the keypoints of each map. Where it
+// is bad, faults are looked for that no reading repairs (values that are cut off, that start again at
+// zero, or that are an affine map of inverse depth; a mesh in another frame), and else nothing fits.
 
 #pragma once
 
 #include <cstddef>
+#include <functional>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/lifting/input_reading.h"
+#include "raylift/lifting/mesh_placement.h"
 #include "raylift/lifting/reference_matches.h"
+#include "raylift/renderers/ray_caster.h"
+#include "raylift/scene/depth_map.h"
 #include "raylift/scene/plane_size.h"
 
 namespace raylift {
+
+// The maps themselves, for faults of what they store.
+struct StoredMaps {
+  std::function<std::shared_ptr<const DepthMap>(const PosedImage&)> load;
+  double unit = 1;  // what a stored 1 is as read
+  std::vector<double> invalid_values = {};
+};
 
 struct DoctorInput {
   const GeometrySource& source;  // as it is read
@@ -34,6 +55,9 @@ struct DoctorInput {
   InputReading as_read = {};
   // Of depth maps. None: a surface in the world (a mesh), of which only the poses are in doubt.
   std::optional<PlaneSize> map_size_px = std::nullopt;
+  std::optional<StoredMaps> stored = std::nullopt;
+  // Of a surface: where it is tested whether it is where the references are. May be null.
+  std::shared_ptr<const RayCaster> mesh = nullptr;
 };
 
 // Of a mesh or depth maps; what is passed must outlive the input.
@@ -43,7 +67,9 @@ DoctorInput MakeDoctorInput(const NamedGeometry& geometry, std::span<const Posed
 struct DoctorOptions {
   size_t max_matches = 20000;  // evenly out of all
   double min_sigmas = 5;
-  bool shifts = true;  // also test half a pixel, which takes many matches
+  // Also tests half a pixel, which takes many matches, and whether a mesh that fits would fit far
+  // better elsewhere, which takes time.
+  bool shifts = true;
   int threads = 0;
 };
 
@@ -59,14 +85,67 @@ struct ReadingEvidence {
   double sigmas = 0;
 };
 
-struct Diagnosis {
-  // Fewer maps or matches than any conclusion needs.
-  bool too_few_matches = false;
-  InputReading as_read;
-  InputReading best;                      // as read, unless another explains the data far better
-  std::vector<ReadingEvidence> readings;  // `best` first, then by how well they explain the data
+enum class Verdict {
+  kAsMeant,        // the input as read fits the matches
+  kRepair,         // another reading fits them, and is far better
+  kNothingFits,    // none does
+  kTooFewMatches,  // that agree with the poses, for any conclusion
+};
+template <>
+inline constexpr auto kEnumNames<Verdict> = std::to_array<EnumName<Verdict>>({
+    {Verdict::kAsMeant, "as_meant"},
+    {Verdict::kRepair, "repair"},
+    {Verdict::kNothingFits, "nothing_fits"},
+    {Verdict::kTooFewMatches, "too_few_matches"},
+});
 
-  bool suspicious() const { return !(best == as_read); }
+// What was found beside readings.
+enum class InputFault {
+  kNone,
+  kPoses,      // they do not agree with the matches
+  kClamp,      // many pixels hold the largest or smallest value, which is not their depth
+  kWrap,       // values start again at zero
+  kDisparity,  // an affine map of inverse depth
+  kAffine,     // an affine map of depth
+  kMeshFrame,  // the mesh is in another frame than the references
+};
+template <>
+inline constexpr auto kEnumNames<InputFault> = std::to_array<EnumName<InputFault>>({
+    {InputFault::kNone, "none"},
+    {InputFault::kPoses, "poses"},
+    {InputFault::kClamp, "clamp"},
+    {InputFault::kWrap, "wrap"},
+    {InputFault::kDisparity, "disparity"},
+    {InputFault::kAffine, "affine"},
+    {InputFault::kMeshFrame, "mesh_frame"},
+});
+
+// How well the best reading explains the matches in itself: see above.
+struct InherentFit {
+  double median_px = 0;         // each map at its own scale
+  double median_chance_px = 0;  // with depths at random
+  double upper_px = 0;          // three quarters are below
+  double upper_chance_px = 0;
+};
+
+struct Diagnosis {
+  Verdict verdict = Verdict::kAsMeant;
+  InputFault fault = InputFault::kNone;
+  std::string reason;  // one clause: why nothing fits or nothing can be said, what is repaired
+  InputReading as_read;
+  InputReading best;                      // as read, unless `verdict` is to repair it
+  std::vector<ReadingEvidence> readings;  // `best` first, then by how well they explain the data
+  RepairOptions repair;                   // empty unless that is the verdict
+  std::optional<MeshPlacement> mesh_placement = std::nullopt;  // that repairs
+  InherentFit fit;
+
+  size_t num_matches = 0;
+  size_t num_agreeing = 0;  // with the poses
+  double epipolar_px = 0;   // their median distance from their epipolar lines
+
+  bool suspicious() const {
+    return verdict == Verdict::kRepair || verdict == Verdict::kNothingFits;
+  }
   const ReadingEvidence& EvidenceOf(const InputReading& reading) const;  // one that is listed
 };
 

@@ -1,0 +1,109 @@
+#include "match_agreement.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <optional>
+#include <utility>
+
+#include "keypoint_sight.h"
+
+#include "raylift/base/median.h"
+#include "raylift/base/parallel.h"
+
+namespace raylift {
+namespace {
+
+// Far points of nearly parallel rays may seem to lie behind the cameras: then by their direction.
+std::optional<double> DistanceFromInfinity(const KeypointSight& sight, const Camera& camera,
+                                           const Eigen::Vector2d& match_px) {
+  const auto projected = camera.ImgFromCam(sight.line_in_other.direction);
+  if (!projected) return std::nullopt;
+  return (*projected - match_px).norm();
+}
+
+// Of a match from the epipolar line, in pixels; none where it is behind a camera.
+std::optional<double> EpipolarDistance(const PosedImage& a, const Eigen::Vector2d& a_px,
+                                       const PosedImage& b, const Eigen::Vector2d& b_px) {
+  const auto sight = SeeFromOther(a, a_px, b);
+  if (!sight) return std::nullopt;
+  const auto at_infinity = DistanceFromInfinity(*sight, b.camera, b_px);
+  const auto depth = TriangulateDepth(*sight, b.camera, b_px);
+  if (!depth) return at_infinity;
+  const double distance = (depth->projected_px - b_px).norm();
+  return at_infinity ? std::min(*at_infinity, distance) : distance;
+}
+
+}  // namespace
+
+double EpipolarThresholdPx(const Camera& camera) {
+  constexpr double kLeastPx = 3;
+  constexpr double kOfDiagonal = 0.004;
+  return std::max(kLeastPx, kOfDiagonal * std::hypot(camera.width_px(), camera.height_px()));
+}
+
+PosedImage ReadAs(const PosedImage& reference, PoseConvention as_read, PoseConvention poses) {
+  PosedImage image = reference;
+  image.cam_from_world = CamFromWorld(StoredPose(reference.cam_from_world, as_read), poses);
+  return image;
+}
+
+double MatchAgreement::Skill() const {
+  if (agrees.empty() || chance >= 1) return 0;
+  const double share = static_cast<double>(num_agreeing) / static_cast<double>(agrees.size());
+  return (share - chance) / (1 - chance);
+}
+
+double MatchAgreement::Purity() const {
+  if (num_agreeing == 0) return 0;
+  return Skill() * static_cast<double>(agrees.size()) / static_cast<double>(num_agreeing);
+}
+
+MatchAgreement Agreement(std::span<const PosedImage> references,
+                         std::span<const ReferenceMatch> matches, PoseConvention as_read,
+                         PoseConvention poses, int threads) {
+  std::vector<PosedImage> posed;
+  for (const PosedImage& reference : references) posed.push_back(ReadAs(reference, as_read, poses));
+  // At random: the keypoint of another match of the same two images.
+  std::map<std::pair<int, int>, std::vector<size_t>> of_pair;
+  for (size_t i = 0; i < matches.size(); ++i) {
+    of_pair[{matches[i].reference_a, matches[i].reference_b}].push_back(i);
+  }
+  std::vector<size_t> other(matches.size());
+  for (const auto& [pair, indices] : of_pair) {
+    for (size_t k = 0; k < indices.size(); ++k) {
+      other[indices[k]] = indices[(k + indices.size() / 2) % indices.size()];
+    }
+  }
+  std::vector<std::optional<double>> distance(matches.size());
+  std::vector<std::optional<double>> at_random(matches.size());
+  ParallelFor(matches.size(), threads, [&](size_t i) {
+    const ReferenceMatch& match = matches[i];
+    const PosedImage& a = posed[static_cast<size_t>(match.reference_a)];
+    const PosedImage& b = posed[static_cast<size_t>(match.reference_b)];
+    distance[i] = EpipolarDistance(a, match.a_px, b, match.b_px);
+    at_random[i] = EpipolarDistance(a, match.a_px, b, matches[other[i]].b_px);
+  });
+  MatchAgreement agreement{.poses = poses};
+  agreement.agrees.resize(matches.size());
+  std::vector<double> agreeing_px;
+  size_t random_count = 0;
+  size_t random_agreeing = 0;
+  for (size_t i = 0; i < matches.size(); ++i) {
+    const double threshold_px =
+        EpipolarThresholdPx(references[static_cast<size_t>(matches[i].reference_b)].camera);
+    agreement.agrees[i] = distance[i] && *distance[i] <= threshold_px;
+    if (agreement.agrees[i]) agreeing_px.push_back(*distance[i]);
+    if (other[i] == i) continue;
+    ++random_count;
+    if (at_random[i] && *at_random[i] <= threshold_px) ++random_agreeing;
+  }
+  agreement.num_agreeing = agreeing_px.size();
+  agreement.median_px = UpperMedianOr(std::move(agreeing_px), 0);
+  if (random_count > 0) {
+    agreement.chance = static_cast<double>(random_agreeing) / static_cast<double>(random_count);
+  }
+  return agreement;
+}
+
+}  // namespace raylift

@@ -1,0 +1,344 @@
+#include "stored_faults.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include <Eigen/Core>
+#include <Eigen/LU>
+
+#include "raylift/base/parallel.h"
+#include "raylift/base/rng.h"
+#include "raylift/lifting/depth_convention.h"
+
+namespace raylift {
+namespace {
+
+constexpr size_t kMaps = 24;  // that are looked at
+constexpr double kSameValue = 1e-6;
+
+// Of one map, in the unit of what it stores.
+struct MapStatistics {
+  size_t count = 0;
+  double largest = 0;
+  double smallest = std::numeric_limits<double>::infinity();
+  size_t at_largest = 0;
+  size_t at_smallest = 0;
+};
+
+std::vector<double> StoredValues(const DepthMap& map, const PosedImage& reference,
+                                 const DoctorInput& input) {
+  std::vector<float> ray_z;
+  if (input.as_read.kind == DepthKind::kRay) {
+    ray_z = RayZOfPixels(reference.camera.Scaled(map.width_px, map.height_px));
+  }
+  std::vector<double> values;
+  for (size_t i = 0; i < map.z.size(); ++i) {
+    double value = double{map.z[i]};
+    if (!(value > 0)) continue;
+    if (!ray_z.empty()) value /= double{ray_z[i]};
+    if (input.as_read.kind == DepthKind::kInverse) value = 1 / value;
+    values.push_back(value / input.stored->unit);
+  }
+  return values;
+}
+
+// A stored value is a float or an integer; a map's z, multiplied by the unit, is not exactly it.
+double NearestStored(double value) {
+  const double integer = std::round(value);
+  constexpr double kNear = 2e-7;
+  return std::abs(value - integer) <= kNear * value ? integer : value;
+}
+
+size_t CountAt(const std::vector<double>& values, double at) {
+  return static_cast<size_t>(std::count_if(values.begin(), values.end(), [&](double value) {
+    return std::abs(value - at) <= kSameValue * at;
+  }));
+}
+
+MapStatistics Measure(const std::vector<double>& values) {
+  MapStatistics statistics{.count = values.size()};
+  if (values.empty()) return statistics;
+  const auto [smallest, largest] = std::minmax_element(values.begin(), values.end());
+  statistics.smallest = *smallest;
+  statistics.largest = *largest;
+  statistics.at_smallest = CountAt(values, *smallest);
+  statistics.at_largest = CountAt(values, *largest);
+  return statistics;
+}
+
+// The extreme of all maps where many pixels of several maps have it.
+std::optional<StoredExtreme> CommonExtreme(const std::vector<MapStatistics>& maps, bool largest) {
+  constexpr double kLeastShare = 0.002;
+  double value = largest ? 0 : std::numeric_limits<double>::infinity();
+  size_t pixels = 0;
+  for (const MapStatistics& map : maps) {
+    value = largest ? std::max(value, map.largest) : std::min(value, map.smallest);
+    pixels += map.count;
+  }
+  size_t at = 0;
+  size_t maps_at = 0;
+  for (const MapStatistics& map : maps) {
+    const double extreme = largest ? map.largest : map.smallest;
+    if (std::abs(extreme - value) > kSameValue * value) continue;
+    const size_t count = largest ? map.at_largest : map.at_smallest;
+    at += count;
+    if (count > 1) ++maps_at;
+  }
+  if (pixels == 0 || maps_at < std::min<size_t>(maps.size(), 2)) return std::nullopt;
+  const double share = static_cast<double>(at) / static_cast<double>(pixels);
+  if (share < kLeastShare) return std::nullopt;
+  return StoredExtreme{NearestStored(value), share, largest};
+}
+
+// The moduli just above the largest value: powers of two of a stored 1, or of units that floats were
+// made from.
+std::vector<double> Moduli(double largest, double unit) {
+  constexpr std::array<double, 5> kUnits = {1e-3, 1e-4, 2e-4, 1e-2, 1.0 / 256};
+  std::vector<double> steps = {1};
+  for (const double scene_units : kUnits) steps.push_back(scene_units / unit);
+  std::vector<double> moduli;
+  for (const double step : steps) {
+    for (int bits = 7; bits <= 24; ++bits) {
+      const double modulus = std::ldexp(step, bits);
+      constexpr double kAbove = 1.1;
+      if (largest > modulus || modulus > kAbove * largest) continue;
+      const bool known = std::any_of(moduli.begin(), moduli.end(), [&](double other) {
+        return std::abs(other / modulus - 1) < kSameValue;
+      });
+      if (!known) moduli.push_back(modulus);
+    }
+  }
+  return moduli;
+}
+
+// A depth, and how well the multiples of a modulus that may be added to it fit.
+struct Unwrapped {
+  double error_px;
+  int multiples;
+};
+
+Unwrapped Unwrap(const ReadingErrors& data, const InputReading& reading, size_t keypoint, double z,
+                 double modulus, double triangulated_z) {
+  const int most = static_cast<int>(std::clamp(triangulated_z / modulus + 1, 0.0, 100.0));
+  Unwrapped best{data.ErrorAt(reading, keypoint, z), 0};
+  for (int k = 1; k <= most; ++k) {
+    const double error_px = data.ErrorAt(reading, keypoint, z + k * modulus);
+    if (error_px < best.error_px) best = {error_px, k};
+  }
+  return best;
+}
+
+// A match for the fit of an affine map: target = factor * value + shift, where an error of the
+// target by itself moves the keypoint by `px`.
+struct AffineSample {
+  double value;
+  double target;
+  double px;
+};
+
+constexpr double kLossWidthPx = 3;
+
+double RobustCost(const std::vector<AffineSample>& samples, double factor, double shift) {
+  double cost = 0;
+  for (const AffineSample& s : samples) {
+    const double error_px = (factor * s.value + shift - s.target) / s.target * s.px;
+    cost += std::log1p(error_px * error_px / (kLossWidthPx * kLossWidthPx));
+  }
+  return cost;
+}
+
+std::optional<std::pair<double, double>> FitAffine(const std::vector<AffineSample>& samples) {
+  constexpr size_t kFewest = 20;
+  constexpr int kDraws = 200;
+  constexpr int kIterations = 10;
+  if (samples.size() < kFewest) return std::nullopt;
+  Rng rng(samples.size());
+  std::pair<double, double> best = {0, 0};
+  double best_cost = std::numeric_limits<double>::infinity();
+  // Draws are judged by some of the samples.
+  std::vector<AffineSample> some;
+  for (size_t i = 0; i < std::min<size_t>(samples.size(), 500); ++i) {
+    some.push_back(samples[i * samples.size() / std::min<size_t>(samples.size(), 500)]);
+  }
+  for (int draw = 0; draw < kDraws; ++draw) {
+    const auto count = static_cast<uint32_t>(samples.size());
+    const AffineSample& s = samples[rng.UniformIndex(count)];
+    const AffineSample& t = samples[rng.UniformIndex(count)];
+    if (s.value == t.value) continue;
+    const double factor = (s.target - t.target) / (s.value - t.value);
+    const double shift = s.target - factor * s.value;
+    const double cost = RobustCost(some, factor, shift);
+    if (cost < best_cost) {
+      best_cost = cost;
+      best = {factor, shift};
+    }
+  }
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
+    Eigen::Vector2d right = Eigen::Vector2d::Zero();
+    for (const AffineSample& s : samples) {
+      const double per_target = s.px / s.target;
+      const double error_px = (best.first * s.value + best.second - s.target) * per_target;
+      const double weight =
+          per_target * per_target / (1 + error_px * error_px / (kLossWidthPx * kLossWidthPx));
+      const Eigen::Vector2d row(s.value, 1);
+      normal += weight * row * row.transpose();
+      right += weight * s.target * row;
+    }
+    if (!(std::abs(normal.determinant()) > 0)) break;
+    const Eigen::Vector2d solution = normal.inverse() * right;
+    if (!solution.allFinite()) break;
+    best = {solution.x(), solution.y()};
+  }
+  return best;
+}
+
+class AffineSearch {
+ public:
+  AffineSearch(const DoctorInput& input, const ReadingErrors& data, const InputReading& reading)
+      : unit_(input.stored ? input.stored->unit : 1),
+        data_(data),
+        reading_(reading),
+        depths_(data.Depths(reading)),
+        triangulated_(data.Triangulated(reading.poses)),
+        shuffled_(data.Shuffled()) {}
+
+  std::optional<AffineFault> Fit(const AffineForm& form) const {
+    const auto [inverse, common] = form;
+    std::vector<std::vector<AffineSample>> samples(common ? 1 : data_.num_maps());
+    for (size_t i = 0; i < depths_.size(); ++i) {
+      const auto& keypoint = data_.keypoints()[i];
+      if (!depths_[i] || !triangulated_[i] || !IsForFitting(keypoint)) continue;
+      const double z = triangulated_[i]->z;
+      samples[common ? 0 : static_cast<size_t>(keypoint.map)].push_back(
+          {Value(i), inverse ? 1 / z : z, triangulated_[i]->gain_px});
+    }
+    std::vector<std::optional<std::pair<double, double>>> fits;
+    for (const auto& of_map : samples) fits.push_back(FitAffine(of_map));
+    AffineFault fault{.form = form};
+    const auto first =
+        std::find_if(fits.begin(), fits.end(), [](const auto& f) { return f.has_value(); });
+    if (first == fits.end()) return std::nullopt;
+    fault.factor = (*first)->first;
+    fault.shift = (*first)->second;
+    fault.errors_px.resize(depths_.size());
+    std::vector<double> errors_px, chance_px;
+    for (size_t i = 0; i < depths_.size(); ++i) {
+      const auto& keypoint = data_.keypoints()[i];
+      if (!depths_[i] || !triangulated_[i] || IsForFitting(keypoint)) continue;
+      const auto& fit = fits[common ? 0 : static_cast<size_t>(keypoint.map)];
+      if (!fit) continue;
+      errors_px.push_back(ErrorPx(i, Value(i), *fit, inverse));
+      fault.errors_px[i] = errors_px.back();
+      if (!depths_[shuffled_[i]]) continue;
+      chance_px.push_back(ErrorPx(i, Value(shuffled_[i]), *fit, inverse));
+    }
+    fault.fit = MakeFit(std::move(errors_px), std::move(chance_px));
+    return fault;
+  }
+
+ private:
+  // As stored, along the axis.
+  double Value(size_t i) const {
+    return (reading_.kind == DepthKind::kInverse ? 1 / *depths_[i] : *depths_[i]) / unit_;
+  }
+
+  double ErrorPx(size_t i, double value, const std::pair<double, double>& fit, bool inverse) const {
+    const double target = fit.first * value + fit.second;
+    if (!(target > 0)) return ReadingErrors::kLargestPx;
+    return data_.ErrorAt(reading_, i, inverse ? 1 / target : target);
+  }
+
+  double unit_;
+  const ReadingErrors& data_;
+  const InputReading& reading_;
+  std::vector<std::optional<double>> depths_;
+  std::vector<std::optional<TriangulatedDepth>> triangulated_;
+  std::vector<size_t> shuffled_;
+};
+
+}  // namespace
+
+bool IsForFitting(const ReadingErrors::Keypoint& keypoint) {
+  const auto [low, high] = std::minmax(keypoint.map, keypoint.other);
+  return (low * 7 + high * 3) % 2 == 0;
+}
+
+StoredStatistics LookAtMaps(const DoctorInput& input, int threads) {
+  StoredStatistics statistics;
+  if (!input.stored) return statistics;
+  const size_t count = std::min(kMaps, input.references.size());
+  std::vector<MapStatistics> maps(count);
+  ParallelFor(count, threads, [&](size_t i) {
+    const PosedImage& reference = input.references[i * input.references.size() / count];
+    const auto map = input.stored->load(reference);
+    if (map != nullptr) maps[i] = Measure(StoredValues(*map, reference, input));
+  });
+  std::erase_if(maps, [](const MapStatistics& map) { return map.count == 0; });
+  for (const bool largest : {true, false}) {
+    if (const auto extreme = CommonExtreme(maps, largest)) statistics.extremes.push_back(*extreme);
+  }
+  for (const MapStatistics& map : maps) {
+    statistics.largest = std::max(statistics.largest, map.largest);
+  }
+  return statistics;
+}
+
+std::optional<WrapFault> FindWrap(const DoctorInput& input, const ReadingErrors& data,
+                                  const InputReading& reading, double largest, double yardstick_px,
+                                  IsGoodFit is_good) {
+  if (!input.stored || reading.kind != DepthKind::kZ) return std::nullopt;
+  constexpr double kLeastShare = 0.03;
+  const auto depths = data.Depths(reading);
+  const auto triangulated = data.Triangulated(reading.poses);
+  const auto shuffled = data.Shuffled();
+  std::optional<WrapFault> best;
+  for (const double modulus : Moduli(largest, input.stored->unit)) {
+    const double z_modulus = modulus * input.stored->unit;
+    std::vector<double> errors_px, chance_px, wrapped_px, wrapped_before_px;
+    for (size_t i = 0; i < depths.size(); ++i) {
+      if (!depths[i] || !triangulated[i]) continue;
+      const double z = triangulated[i]->z;
+      const Unwrapped unwrapped = Unwrap(data, reading, i, *depths[i], z_modulus, z);
+      errors_px.push_back(unwrapped.error_px);
+      if (unwrapped.multiples > 0) {
+        wrapped_px.push_back(unwrapped.error_px);
+        wrapped_before_px.push_back(data.ErrorAt(reading, i, *depths[i]));
+      }
+      if (const auto& other = depths[shuffled[i]]) {
+        chance_px.push_back(Unwrap(data, reading, i, *other, z_modulus, z).error_px);
+      }
+    }
+    if (errors_px.empty()) continue;
+    WrapFault fault{
+        .modulus = modulus,
+        .share = static_cast<double>(wrapped_px.size()) / static_cast<double>(errors_px.size())};
+    // Where multiples are added they must mend what was far off before.
+    const ReadingFit wrapped = MakeFit(std::move(wrapped_px), std::move(wrapped_before_px));
+    fault.fit = MakeFit(std::move(errors_px), std::move(chance_px));
+    if (fault.share < kLeastShare || !is_good(fault.fit, yardstick_px) ||
+        wrapped.median_px > 0.2 * wrapped.median_chance_px) {
+      continue;
+    }
+    if (!best || fault.fit.median_px < best->fit.median_px) best = fault;
+  }
+  return best;
+}
+
+std::optional<AffineFault> FindAffine(const DoctorInput& input, const ReadingErrors& data,
+                                      const InputReading& reading,
+                                      std::span<const AffineForm> forms, double yardstick_px,
+                                      IsGoodFit is_good) {
+  constexpr size_t kFewest = 50;
+  const AffineSearch search(input, data, reading);
+  for (const AffineForm& form : forms) {
+    auto fault = search.Fit(form);
+    if (fault && fault->fit.count >= kFewest && is_good(fault->fit, yardstick_px)) return fault;
+  }
+  return std::nullopt;
+}
+
+}  // namespace raylift

@@ -1,0 +1,68 @@
+// Faults of what depth maps store that no reading repairs: values that are cut off at a largest or
+// smallest one, that start again at zero beyond a power of two, or that are an affine map of depth
+// or inverse depth. Found by the depth that matches between references triangulate. Private to
+// lifting.
+
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "reading_errors.h"
+
+#include "raylift/lifting/input_doctor.h"
+
+namespace raylift {
+
+// A value that many pixels have exactly and none exceeds.
+struct StoredExtreme {
+  double value = 0;  // as stored
+  double share = 0;  // of the pixels that have depth
+  bool largest = true;
+};
+
+// What a sample of the maps stores.
+struct StoredStatistics {
+  std::vector<StoredExtreme> extremes;
+  double largest = 0;  // as stored
+};
+StoredStatistics LookAtMaps(const DoctorInput& input, int threads);
+
+// Whether depth fits the matches in itself.
+using IsGoodFit = bool (*)(const ReadingFit& fit, double yardstick_px);
+
+// Values that go on at 0 where they reach `modulus`: depth agrees once multiples of it are added.
+struct WrapFault {
+  double modulus = 0;   // as stored
+  double share = 0;     // of keypoints that are wrapped
+  ReadingFit fit = {};  // with the multiples
+};
+std::optional<WrapFault> FindWrap(const DoctorInput& input, const ReadingErrors& data,
+                                  const InputReading& reading, double largest, double yardstick_px,
+                                  IsGoodFit is_good);
+
+// z or 1 / z = factor * stored + shift.
+struct AffineForm {
+  bool inverse = true;
+  bool common = true;  // the same of all maps
+};
+struct AffineFault {
+  AffineForm form;
+  double factor = 1;  // of the first map, where each has its own
+  double shift = 0;
+  // Of matches that it was not fitted to.
+  ReadingFit fit = {};
+  std::vector<std::optional<double>> errors_px = {};  // of each keypoint
+};
+// The first of the forms that is good.
+std::optional<AffineFault> FindAffine(const DoctorInput& input, const ReadingErrors& data,
+                                      const InputReading& reading,
+                                      std::span<const AffineForm> forms, double yardstick_px,
+                                      IsGoodFit is_good);
+
+// Whether a match is for fitting; those of the other pairs of images tell whether a fit holds.
+bool IsForFitting(const ReadingErrors::Keypoint& keypoint);
+
+}  // namespace raylift
