@@ -31,8 +31,8 @@ constexpr double kSmallestGain = 0.02;
 // A scale nearer to 1 is a matter of calibration.
 constexpr double kSmallestScaleChange = 0.03;
 
-// Of the matches that agree with the poses, those that do so by more than chance; and of all matches
-// those, at least. Images that do not overlap have wrong matches only.
+// Of the matches that agree with the poses, those that do so by more than chance; and of all
+// matches those, at least. Images that do not overlap have wrong matches only.
 constexpr double kLeastPurity = 0.7;
 constexpr double kLeastAgreement = 0.03;
 constexpr size_t kFewestAgreeing = 100;
@@ -298,7 +298,8 @@ class Examination {
       return NothingFits(InputFault::kWrap, DescribeWrap(*wrap));
     }
     const bool is_as_read = best == input_.as_read;
-    // A surface that a few rays happen to meet rightly (the ground of a mirrored mesh) proves little.
+    // A surface that a few rays happen to meet rightly (the ground of a mirrored mesh) proves
+    // little.
     constexpr double kLeastCoverage = 0.25;
     const bool covered = input_.map_size_px || fit.coverage >= kLeastCoverage;
     const bool accepted =

@@ -93,8 +93,8 @@ std::optional<StoredExtreme> CommonExtreme(const std::vector<MapStatistics>& map
   return StoredExtreme{NearestStored(value), share, largest};
 }
 
-// The moduli just above the largest value: powers of two of a stored 1, or of units that floats were
-// made from.
+// The moduli just above the largest value: powers of two of a stored 1, or of units that floats
+// were made from.
 std::vector<double> Moduli(double largest, double unit) {
   constexpr std::array<double, 5> kUnits = {1e-3, 1e-4, 2e-4, 1e-2, 1.0 / 256};
   std::vector<double> steps = {1};

@@ -1,5 +1,5 @@
-// The unknowns of the joint refinement, and how they explain the evidence: each sighting, each loose
-// point and the query's view as a quadratic in the unknowns of its keypoint and of its view.
+// The unknowns of the joint refinement, and how they explain the evidence: each sighting, each
+// loose point and the query's view as a quadratic in the unknowns of its keypoint and of its view.
 
 #pragma once
 

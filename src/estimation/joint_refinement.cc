@@ -80,8 +80,8 @@ Matrix3d CrossProductMatrix(const Vector3d& v) {
   return cross;
 }
 
-// Adds D' m D, where D gives a displacement and factor by the seven unknowns of a view: D = (-cross,
-// 1, 0; 0, 0, 1).
+// Adds D' m D, where D gives a displacement and factor by the seven unknowns of a view:
+// D = (-cross, 1, 0; 0, 0, 1).
 template <typename Block>
 void AddDisplaced(const Matrix4d& m, const Matrix3d& cross, Block block) {
   const Matrix3d middle = m.topLeftCorner<3, 3>();
@@ -175,9 +175,9 @@ class JointRefinement {
   void UpdateReferenceVariances(const MatrixXd& covariance);
 
   std::optional<Matrix6d> Covariance() const;
-  // By how much the pose's covariance (the first columns of the inverse Hessian) understates how far
-  // the parts of the image pull the pose apart, at least 1: errors that the model does not know, of
-  // the lens for instance, are common to neighbours.
+  // By how much the pose's covariance (the first columns of the inverse Hessian) understates how
+  // far the parts of the image pull the pose apart, at least 1: errors that the model does not
+  // know, of the lens for instance, are common to neighbours.
   double Inflation(const MatrixXd& pose_columns) const;
 
   const KeypointEvidence& evidence_;

@@ -1,8 +1,8 @@
 // The refinement of a pose by all evidence at once: each query keypoint is one unknown point of the
 // scene, which its pixel in the query, its pixels in the references, its lifted depths and loose 3D
 // points all observe. With exact depths this is the P3P problem, without depths that of
-// structure-less localization over several views, and nothing counts twice: a keypoint's noise is in
-// all of its matches, and a depth that follows from a pixel adds nothing to it.
+// structure-less localization over several views, and nothing counts twice: a keypoint's noise is
+// in all of its matches, and a depth that follows from a pixel adds nothing to it.
 //
 // The likelihood of a match is a mixture: right with its depth, right with a useless depth, wrong;
 // pixels' errors follow Student's t (student_t.h).

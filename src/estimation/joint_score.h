@@ -28,8 +28,8 @@ struct JointScore {
 struct InlierCounts {
   int points = 0;
   std::vector<int> pairs;  // one per reference of the problem
-  // How much more the counts of blocks vary than those of independent matches would: a block's pairs
-  // are of one reference, and references are good or bad as a whole.
+  // How much more the counts of blocks vary than those of independent matches would: a block's
+  // pairs are of one reference, and references are good or bad as a whole.
   double pair_clustering = 1;
 };
 

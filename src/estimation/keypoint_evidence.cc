@@ -92,7 +92,8 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
                       [&](int other) { return problem.points[other].point == point.point; })) {
         continue;
       }
-      // The match that it says it was lifted from, or the one of its own place in the lists, or any.
+      // The match that it says it was lifted from, or the one of its own place in the lists, or
+      // any.
       Sighting* owner = nullptr;
       const auto match = static_cast<size_t>(point.match);
       const size_t likely = original.matches_2d3d[match].match_2d2d.value_or(match);

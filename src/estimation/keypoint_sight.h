@@ -37,8 +37,8 @@ inline double Normal2D(double squared, double variance) {
   return std::exp(-0.5 * squared / variance) / (2 * std::numbers::pi * variance);
 }
 
-// Of the logarithm of a point's distance that says nothing of the keypoint: any in the scene. As two
-// of those that are differ, and none is impossible.
+// Of the logarithm of a point's distance that says nothing of the keypoint: any in the scene. As
+// two of those that are differ, and none is impossible.
 inline double DensityOfAnyDistance(const JointNoise& noise, double log_distance) {
   constexpr double kLeast = 1e-9;
   const double off = log_distance - noise.log_distance_mean;

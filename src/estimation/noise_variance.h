@@ -9,7 +9,8 @@
 
 namespace raylift {
 
-// What is assumed of the noise's variance before anything is seen, as if a few matches had shown it.
+// What is assumed of the noise's variance before anything is seen, as if a few matches had shown
+// it.
 inline constexpr double kPriorVariance = 0.1;
 
 // What the noise of one kind of residual is estimated with: the mean square of a residual of unit

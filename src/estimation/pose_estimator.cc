@@ -179,7 +179,8 @@ class RansacEstimator final : public PoseEstimator {
         RefineFinally(problem, prepared, best.pose, best.refined_kinds, options_);
     estimate.ransac_value = report.best_value;
     estimate.refined_value = value_of(final_pose.pose);
-    // The likeliest pose rarely has the best score, but one that explains far less has lost its way.
+    // The likeliest pose rarely has the best score, but one that explains far less has lost its
+    // way.
     const double nothing = objective.Value({{static_cast<double>(prepared.num_matches_2d3d), 0},
                                             {static_cast<double>(prepared.num_matches_2d2d), 0}});
     if (!(nothing - estimate.refined_value > kKeptGain * (nothing - estimate.ransac_value))) {
@@ -237,7 +238,8 @@ class RansacEstimator final : public PoseEstimator {
     return second;
   }
 
-  // A pose that its own minimal sample alone supports, or that chance supports as well, says nothing.
+  // A pose that its own minimal sample alone supports, or that chance supports as well, says
+  // nothing.
   void CheckSupport(const E5p1Generator& e5p1, PoseEstimate& estimate) const {
     const bool enough_points = estimate.score_2d3d.num_inliers >= 3;
     const bool enough_pairs =

@@ -53,6 +53,7 @@ Frame ChooseFrame(const PoseProblem& problem) {
   } else if (!points.empty()) {
     for (int axis = 0; axis < 3; ++axis) {
       std::vector<double> values;
+      values.reserve(points.size());
       for (const Vector3d& p : points) values.push_back(p[axis]);
       frame.origin[axis] = UpperMedianOr(std::move(values), 0);
     }
@@ -62,6 +63,7 @@ Frame ChooseFrame(const PoseProblem& problem) {
   const double rounding = 1e-10 * frame.origin.norm();
   if (!(frame.scale > rounding) && !points.empty()) {
     std::vector<double> distances;
+    distances.reserve(points.size());
     for (const Vector3d& p : points) distances.push_back((p - frame.origin).norm());
     frame.scale = UpperMedianOr(std::move(distances), 0);
   }

@@ -33,8 +33,8 @@ inline double StudentQuantile(double share_beyond, double tail) {
   return tail < 1e-6 ? -2 * std::log(share_beyond) : (std::pow(share_beyond, -2 * tail) - 1) / tail;
 }
 
-// Three times as far (squared) as all but one in a hundred: such errors are no keypoint's noise, and
-// beyond what a linearization tells.
+// Three times as far (squared) as all but one in a hundred: such errors are no keypoint's noise,
+// and beyond what a linearization tells.
 inline double StudentFar(double tail) { return 3 * StudentQuantile(0.01, tail); }
 
 // What is known of a tail before: a normal distribution.
@@ -43,7 +43,8 @@ struct TailPrior {
 };
 
 // The tail by the squared errors along one axis, whose scale is unknown; its posterior mean, all
-// between 0 and 1 being as likely before but for the prior. At most some hundred errors are looked at.
+// between 0 and 1 being as likely before but for the prior. At most some hundred errors are looked
+// at.
 double EstimateTail(std::span<const double> squared_errors, const std::optional<TailPrior>& prior);
 
 }  // namespace raylift

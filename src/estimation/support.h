@@ -4,10 +4,9 @@
 // wrong matches give? Wrong matches fall anywhere, so each is an inlier with the share of the image
 // that its threshold covers (more for uncertain points and references), or with the density of the
 // residuals well beyond the threshold if that is larger. A keypoint counts once, in however many
-// references it is matched; and keypoints that lie together count as fewer, as what repeats (a sign,
-// a window) repeats with all of its keypoints.
-// The logarithm of the expected number of such poses among those that were tried is bounded by
-// Hoeffding's inequality.
+// references it is matched; and keypoints that lie together count as fewer, as what repeats (a
+// sign, a window) repeats with all of its keypoints. The logarithm of the expected number of such
+// poses among those that were tried is bounded by Hoeffding's inequality.
 
 #pragma once
 
@@ -36,7 +35,8 @@ class SupportAssessor {
   Support Of(const SolverPose& pose) const;
 
  private:
-  // By how much uncertain points and references widen the area or the width of an inlier, on average.
+  // By how much uncertain points and references widen the area or the width of an inlier, on
+  // average.
   double PointWidening(const SolverPose& pose) const;
   double PairWidening() const;
 

@@ -70,8 +70,8 @@ Outcome Try(const CoherentOptions& options, Method better_part) {
 // Of the mean of kProblems logarithms that vary by some 0.6: two standard deviations, above the
 // logarithm of 1.05.
 const double kLargestLogRatio = std::log(1.05) + 2 * 0.6 / std::sqrt(kProblems);
-// Of the mean of kProblems chi-squared distances of six degrees over six: three standard deviations,
-// and what is within the aim.
+// Of the mean of kProblems chi-squared distances of six degrees over six: three standard
+// deviations, and what is within the aim.
 const double kSpread = 3 * std::sqrt(2.0 / 6 / kProblems);
 
 void ExpectCalibrated(const Outcome& outcome) {
@@ -164,7 +164,8 @@ TEST(JointRefinement, CountsAKeypointOnceHoweverOftenItIsMatched) {
 }
 
 TEST(JointRefinement, TakesPointsOfOtherOriginWhereReferencesDisagree) {
-  // Half of the keypoints have a 3D point of SfM instead of lifted ones, and the references are off.
+  // Half of the keypoints have a 3D point of SfM instead of lifted ones, and the references are
+  // off.
   Rng rng = TestRng();
   double sum = 0;
   for (int i = 0; i < kProblems; ++i) {

@@ -1,6 +1,6 @@
-// --refinement paper against plain transcriptions of the paper's equations (Sec. 3): the scores of the
-// two match sets, their combinations (Eqs. 1 to 5) and Select's rule (Eq. 6), from residuals that
-// geometry/residuals.h gives one by one.
+// --refinement paper against plain transcriptions of the paper's equations (Sec. 3): the scores of
+// the two match sets, their combinations (Eqs. 1 to 5) and Select's rule (Eq. 6), from residuals
+// that geometry/residuals.h gives one by one.
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
-// Pose problems from one scene whose mistakes come together: a query keypoint is matched with several
-// references, so that its noise is in all of its matches; a repeated element is matched one element
-// further in several references; a reference's depths are off by one factor and its pose by one
-// motion; a surface is off alike for all references.
+// Pose problems from one scene whose mistakes come together: a query keypoint is matched with
+// several references, so that its noise is in all of its matches; a repeated element is matched one
+// element further in several references; a reference's depths are off by one factor and its pose by
+// one motion; a surface is off alike for all references.
 
 #pragma once
 

@@ -1,5 +1,5 @@
-// What matches are worth: what the estimate of one query found, and what the queries of a scene tell
-// of a new one's.
+// What matches are worth: what the estimate of one query found, and what the queries of a scene
+// tell of a new one's.
 
 #pragma once
 
@@ -47,8 +47,8 @@ struct SceneNoise {
   bool operator==(const SceneNoise&) const = default;
 };
 
-// By a random-effects model of the variances' logarithms (DerSimonian and Laird, Controlled Clinical
-// Trials 1986): what differs from query to query is worth few errors.
+// By a random-effects model of the variances' logarithms (DerSimonian and Laird, Controlled
+// Clinical Trials 1986): what differs from query to query is worth few errors.
 SceneNoise PoolNoise(std::span<const MatchNoise> queries);
 
 }  // namespace raylift

@@ -195,8 +195,8 @@ struct PoseEstimate {
   int num_keypoints = 0;     // with matches
 
   std::optional<MatchNoise> noise;
-  // The value by which the method compares poses (smaller is better), of the best pose of RANSAC and
-  // of the refined one.
+  // The value by which the method compares poses (smaller is better), of the best pose of RANSAC
+  // and of the refined one.
   double ransac_value = 0;
   double refined_value = 0;
 

@@ -35,8 +35,8 @@ class QueryBootstrap {
   // Of the mean of one value per query.
   Interval Mean(std::span<const double> per_query) const;
 
-  // Of the mean of `first` minus the largest mean of `others`, which is looked for anew in each draw:
-  // the one that is best on all queries is partly so by luck. `others` is not empty.
+  // Of the mean of `first` minus the largest mean of `others`, which is looked for anew in each
+  // draw: the one that is best on all queries is partly so by luck. `others` is not empty.
   struct Difference {
     Interval interval;
     // That `first` is not better than one of them, or not worse than any, one-sided, by the normal

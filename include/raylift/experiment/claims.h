@@ -53,8 +53,9 @@ struct JudgedClaim {
 };
 
 // Where a claim has several opponents, the difference is that to the best of them, which every draw
-// of the bootstrap looks for anew. Each claim at every combination of the axes that are not of the method and that the claim leaves
-// open. AUC is judged beside the recalls, as these are the same for all where the data are easy.
+// of the bootstrap looks for anew. Each claim at every combination of the axes that are not of the
+// method and that the claim leaves open. AUC is judged beside the recalls, as these are the same
+// for all where the data are easy.
 std::vector<JudgedClaim> JudgeClaims(const Experiment& experiment,
                                      std::span<const SettingResult> results);
 

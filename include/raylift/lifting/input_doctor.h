@@ -13,11 +13,12 @@
 // map's scale is left free in these comparisons: monocular depth is inconsistent between maps
 // whatever its reading. Then the unit is what the maps' scales have in common.
 //
-// The best reading may still be bad in itself. So its errors are held against two others, neither of
-// which is a constant: the distances of matches from their epipolar lines, which no depth changes,
-// and the errors of depths that are dealt out at random among the keypoints of each map. Where it
-// is bad, faults are looked for that no reading repairs (values that are cut off, that start again at
-// zero, or that are an affine map of inverse depth; a mesh in another frame), and else nothing fits.
+// The best reading may still be bad in itself. So its errors are held against two others, neither
+// of which is a constant: the distances of matches from their epipolar lines, which no depth
+// changes, and the errors of depths that are dealt out at random among the keypoints of each map.
+// Where it is bad, faults are looked for that no reading repairs (values that are cut off, that
+// start again at zero, or that are an affine map of inverse depth; a mesh in another frame), and
+// else nothing fits.
 
 #pragma once
 

@@ -41,8 +41,8 @@ std::optional<MeshPlacement> PlacementFromMatrix(std::span<const double> row_maj
 // In words: "the mesh is scaled by 0.001, mirrored".
 std::string Describe(const MeshPlacement& placement);
 
-// The keys of mesh:... that say it: "scale=0.001,axes=x/-z/y,shift=0/5/0", or "matrix=..." where the
-// axes have no name. Empty where it does nothing.
+// The keys of mesh:... that say it: "scale=0.001,axes=x/-z/y,shift=0/5/0", or "matrix=..." where
+// the axes have no name. Empty where it does nothing.
 std::string KeysOf(const MeshPlacement& placement);
 
 // Triangles of a mirrored mesh are wound the other way, so that what was in front stays so.

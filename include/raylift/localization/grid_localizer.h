@@ -31,9 +31,9 @@ class GridLocalizer {
   // What Localizer::Match() has made, by query, as far as it was needed.
   using Matched = std::vector<std::optional<QueryResult>>;
   // The same ways, which know what the matches of the scene's queries have in common, as each way
-  // finds it (PoolNoise()): learned from some 30 of the queries, the same ones whatever their order,
-  // which are matched where they are not yet. Ways that do not use it, or localize fewer than three
-  // of these queries, stay as they are.
+  // finds it (PoolNoise()): learned from some 30 of the queries, the same ones whatever their
+  // order, which are matched where they are not yet. Ways that do not use it, or localize fewer
+  // than three of these queries, stay as they are.
   GridLocalizer WithSceneNoise(std::span<const Query> queries, Matched& matched, int threads) const;
 
  private:

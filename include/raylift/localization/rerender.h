@@ -52,10 +52,10 @@ class Rerenderer {
 
   // Does nothing for a query that is not localized. Otherwise the rounds: each takes the matches
   // with the retrieved references and the 2D-3D matches with the pictures of this round, and its
-  // pose is kept where it is at least as sure as `min_confidence` and PoseSupport by these 2D-3D matches is above that of the pose before. The
-  // result then is that of the kept round, with its matches, and counts the rounds. The same on any
-  // thread; InputError where the query's photograph cannot be read or does not have its camera's
-  // size.
+  // pose is kept where it is at least as sure as `min_confidence` and PoseSupport by these 2D-3D
+  // matches is above that of the pose before. The result then is that of the kept round, with its
+  // matches, and counts the rounds. The same on any thread; InputError where the query's photograph
+  // cannot be read or does not have its camera's size.
   void Improve(const Query& query, const PoseEstimator& estimator, QueryResult& result,
                double min_confidence = 0) const;
   // The same of a photograph in memory, grey or RGB.

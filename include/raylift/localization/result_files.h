@@ -16,8 +16,8 @@ namespace raylift {
 // `poses.txt`: localized queries in the given order.
 void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries);
 
-// `queries.jsonl`: one JSON object per query: name, status, reason, verdict, confidence, counts of each stage, solver,
-// scores, iterations, pose, covariance, milliseconds.
+// `queries.jsonl`: one JSON object per query: name, status, reason, verdict, confidence, counts of
+// each stage, solver, scores, iterations, pose, covariance, milliseconds.
 void WriteQueryDiagnostics(const std::filesystem::path& path,
                            const std::vector<LocalizedQuery>& queries);
 

@@ -28,8 +28,8 @@ class RunCheck {
   // geometry, or few of them fit, although the 2D-2D matches do.
   std::optional<std::string> WarnOfGeometry() const;
 
-  // Where the photographs agree on another focal length than the given one. None if `options` refine
-  // it anyway.
+  // Where the photographs agree on another focal length than the given one. None if `options`
+  // refine it anyway.
   std::optional<std::string> WarnOfFocalLength(const EstimatorOptions& options, int threads) const;
 
  private:

@@ -17,9 +17,9 @@ namespace raylift {
 // Evenly spaced queries in the order of their names: the same ones whatever order they stand in.
 std::vector<size_t> SampleByName(std::span<const Query> queries, size_t count);
 
-// A query that is itself a reference brings its own matches. Indices count in references.images; sorted, each match once, whatever the number of threads.
-// References that have `enough` matches already take no more from later queries, so that memory
-// stays bounded.
+// A query that is itself a reference brings its own matches. Indices count in references.images;
+// sorted, each match once, whatever the number of threads. References that have `enough` matches
+// already take no more from later queries, so that memory stays bounded.
 std::vector<ReferenceMatch> CollectReferenceMatches(std::span<const Query> queries,
                                                     const MatchSource& match_source,
                                                     const ReferenceSet& references, int threads,

@@ -2,6 +2,8 @@
 
 #include <atomic>
 
+#include "raylift/base/error.h"
+
 namespace raylift::kernels {
 namespace {
 
@@ -58,7 +60,9 @@ std::string_view ToString(SimdLevel level) {
 
 const KernelTable& ActiveKernels() {
   const KernelTable* table = Override();
-  return table != nullptr ? *table : *FindKernels(BestSimdLevel());
+  if (table == nullptr) table = FindKernels(BestSimdLevel());
+  RAYLIFT_CHECK(table != nullptr);
+  return *table;
 }
 
 void OverrideSimdLevel(std::optional<SimdLevel> level) {

@@ -5,6 +5,8 @@
 
 #pragma once
 
+#include <cstddef>
+
 #include "estimation/kernels/blocks.h"
 #include "estimation/kernels/kernel_variants.h"
 
@@ -225,7 +227,7 @@ KernelScore ScorePairs(const PairBlock<float>* blocks, const int* block_referenc
   L cost = zero;
   L inliers = zero;
   for (int i = 0; i < count; ++i) {
-    const float* centre = centres + 3 * block_reference[i];
+    const float* centre = centres + 3 * static_cast<std::ptrdiff_t>(block_reference[i]);
     const PairTerms<float> m(blocks[i], wide, Fill3(centre), Length(centre));
     const L squared = m.numerator * m.numerator;
     cost = cost + SelectInlier(squared, m.squared_denominator, m.query_depth, m.reference_depth,
@@ -260,7 +262,7 @@ void PairResiduals(const PairBlock<T>* blocks, const int* block_reference, int c
   const L infinity = L::Fill(static_cast<T>(__builtin_inf()));
   const L zero = L::Fill(0);
   for (int i = 0; i < count; ++i) {
-    const T* centre = centres + 3 * block_reference[i];
+    const T* centre = centres + 3 * static_cast<std::ptrdiff_t>(block_reference[i]);
     const PairTerms<T> m(blocks[i], wide, Fill3(centre), Length(centre));
     SelectInlier(zero, m.squared_denominator, m.query_depth, m.reference_depth,
                  m.numerator * m.numerator / m.squared_denominator, infinity)
@@ -380,7 +382,7 @@ KernelNormals PairNormals(const PairBlock<T>* blocks, const int* block_reference
   const L one = L::Fill(1);
   NormalLanes<T> sums;
   for (int i = 0; i < count; ++i) {
-    const T* centre_values = centres + 3 * block_reference[i];
+    const T* centre_values = centres + 3 * static_cast<std::ptrdiff_t>(block_reference[i]);
     const Vec3<T> centre = Fill3(centre_values);
     const PairTerms<T> m(blocks[i], wide, centre, Length(centre_values));
     const LossTerms<T> terms(m.numerator * m.numerator, m.squared_denominator, m.query_depth,
