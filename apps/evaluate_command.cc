@@ -14,6 +14,7 @@
 #include "raylift/base/text_table.h"
 #include "raylift/comparison/dense_errors.h"
 #include "raylift/comparison/report.h"
+#include "raylift/evaluation/calibration.h"
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/evaluation/recall.h"
 #include "raylift/evaluation/submission.h"
@@ -22,6 +23,7 @@
 #include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/lifting/geometry_spec.h"
+#include "raylift/localization/result_files.h"
 
 namespace raylift {
 namespace {
@@ -35,6 +37,7 @@ struct EvaluateFlags {
   std::string thresholds = "0.25,2:0.5,5:5,10";
   path groups;
   path json, csv;
+  bool calibration = false;
   std::string geometry;
   path dcre_csv;
   bool submission = false;
@@ -129,6 +132,19 @@ void EvaluateDense(const EvaluateFlags& flags, const std::vector<std::string>& n
   fmt::print("{}", FormatDcreText(summaries));
 }
 
+// How well the covariances fit that localize has written beside the poses.
+Calibration CalibrationOf(const path& poses_file, const PosesByName& estimated,
+                          const PosesByName& ground_truth) {
+  const auto covariances = ReadCovariances(poses_file.parent_path() / "queries.jsonl");
+  std::vector<UncertainPose> poses;
+  for (const auto& [name, pose] : MatchNames(ground_truth, estimated)) {
+    const auto covariance = covariances.find(name);
+    if (covariance == covariances.end()) continue;
+    poses.push_back({pose, ground_truth.at(name), covariance->second});
+  }
+  return Calibrate(poses);
+}
+
 // Each result, and after it the same for each group of queries.
 std::vector<ResultSummary> WithGroups(const std::vector<ResultSummary>& results,
                                       const PosesByName& ground_truth,
@@ -182,6 +198,9 @@ void Run(const EvaluateFlags& flags) {
     estimated.push_back(ReadPoses(flags.poses[i]));
     results.push_back(Summarize(
         names.back(), CompareWithGroundTruth(ground_truth, estimated.back()), thresholds));
+    if (flags.calibration) {
+      results.back().calibration = CalibrationOf(flags.poses[i], estimated.back(), ground_truth);
+    }
     const std::string warning = UnknownNamesWarning(results.back());
     if (!warning.empty()) PrintWarning(warning);
   }
@@ -216,6 +235,9 @@ Command AddEvaluateCommand(CLI::App& program) {
       ->capture_default_str();
   command->add_option("--groups", flags->groups,
                       "Groups of queries (name group), such as day and night: one more row each");
+  command->add_flag("--calibration", flags->calibration,
+                    "Also how well the covariances fit that stand in queries.jsonl beside the\n"
+                    "poses: squared errors over them (1 where right), share within their 90 %");
   command->add_option("--json", flags->json, "The table as JSON");
   command->add_option("--csv", flags->csv, "The table as CSV");
   command->add_option("--report", flags->report,

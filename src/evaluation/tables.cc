@@ -30,7 +30,32 @@ nlohmann::ordered_json JsonNumber(const std::string& text) {
   return *value;
 }
 
+nlohmann::ordered_json CalibrationJson(const Calibration& calibration) {
+  const auto number = [](double value) { return JsonNumber(Median(value)); };
+  return {{"poses", calibration.poses},
+          {"mean_normalized_square", number(calibration.mean_normalized_square)},
+          {"median_normalized_square", number(calibration.median_normalized_square)},
+          {"coverage_90_percent", number(100 * calibration.coverage_90)},
+          {"median_sigmas", number(calibration.median_sigmas)},
+          {"below_3_sigma_percent", number(100 * calibration.share_below_3_sigma)}};
+}
+
 using Row = TableRow;
+
+// How well the covariances of the results fit that have some; empty where none has.
+std::string FormatCalibrationText(std::span<const ResultSummary> results) {
+  std::vector<Row> rows = {{"covariances", "poses", "mean e2/6", "median e2/6", "in 90% %",
+                            "median sigmas", "< 3 sigma %"}};
+  for (const ResultSummary& result : results) {
+    if (!result.calibration) continue;
+    const Calibration& c = *result.calibration;
+    rows.push_back({Printable(result.name), std::to_string(c.poses),
+                    Median(c.mean_normalized_square), Median(c.median_normalized_square),
+                    Percent(100 * c.coverage_90), Median(c.median_sigmas),
+                    Percent(100 * c.share_below_3_sigma)});
+  }
+  return rows.size() > 1 ? AlignColumns(rows) : std::string();
+}
 
 // The numbers of a result, in the order of the columns.
 Row Numbers(const ResultSummary& result) {
@@ -61,7 +86,8 @@ std::string FormatTableText(const ResultTable& table) {
     rows.push_back(std::move(row));
     any_uses_ground_truth = any_uses_ground_truth || result.uses_ground_truth;
   }
-  return AlignColumns(rows) + (any_uses_ground_truth ? "* chosen with the ground truth\n" : "");
+  return AlignColumns(rows) + (any_uses_ground_truth ? "* chosen with the ground truth\n" : "") +
+         FormatCalibrationText(table.results);
 }
 
 std::string FormatTableCsv(const ResultTable& table) {
@@ -103,6 +129,7 @@ std::string FormatTableJson(const ResultTable& table) {
                        {"median_rotation_deg", JsonNumber(Median(result.median_rotation_deg))},
                        {"missing_names", result.missing_names},
                        {"unknown_names", result.unknown_names}});
+    if (result.calibration) results.back()["calibration"] = CalibrationJson(*result.calibration);
   }
   const Json document = {{"thresholds", thresholds}, {"results", results}};
   return JsonText(document, 2) + '\n';

@@ -3,11 +3,14 @@
 #include <algorithm>
 #include <utility>
 
+#include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/json_text.h"
 #include "raylift/base/median.h"
+#include "raylift/base/text.h"
 #include "raylift/geometry/pose_json.h"
 #include "raylift/io/query_list.h"
 
@@ -173,6 +176,36 @@ void WriteQueryDiagnostics(const std::filesystem::path& path,
     text += '\n';
   }
   WriteFile(path, text);
+}
+
+std::map<std::string, Eigen::Matrix<double, 6, 6>> ReadCovariances(
+    const std::filesystem::path& path) {
+  std::map<std::string, Eigen::Matrix<double, 6, 6>> covariances;
+  const std::string text = ReadFile(path);
+  size_t number = 0;
+  for (const std::string_view line : SplitBy(text, '\n')) {
+    ++number;
+    if (line.empty()) continue;
+    try {
+      const Json json = Json::parse(line);
+      const std::string name = json.at("name").get<std::string>();
+      if (!json.contains("covariance")) continue;
+      const auto rows = json["covariance"].get<std::vector<std::vector<double>>>();
+      Eigen::Matrix<double, 6, 6> covariance;
+      if (rows.size() != 6) throw InputError(path, "covariance", "must have six rows");
+      for (size_t r = 0; r < 6; ++r) {
+        if (rows[r].size() != 6) throw InputError(path, "covariance", "must have six columns");
+        for (size_t c = 0; c < 6; ++c) {
+          covariance(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(c)) = rows[r][c];
+        }
+      }
+      covariances[name] = covariance;
+    } catch (const nlohmann::json::exception&) {
+      throw InputError(path, fmt::format("line {}", number),
+                       "is no query's diagnostics, as localize writes them");
+    }
+  }
+  return covariances;
 }
 
 void WriteAlignment(const std::filesystem::path& path, std::span<const SceneSource> geometry) {

@@ -78,6 +78,28 @@ TEST(Evaluate, APoseFileIsAsGoodAGroundTruthAsAModel) {
   EXPECT_EQ(by_file.out, by_model.out);
 }
 
+TEST(Evaluate, TellsHowWellTheCovariancesFit) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path out = scene.folder / "out";
+  ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, out))));
+  const fs::path json_file = scene.folder / "table.json";
+  const Arguments evaluate = {"evaluate",        "--ground-truth", scene.truth(), "--poses",
+                              out / "poses.txt", "--calibration",  "--json",      json_file};
+  const CommandResult result = RunRaylift(evaluate);
+  ASSERT_TRUE(Succeeds(result));
+  EXPECT_NE(result.out.find("covariances"), std::string::npos);
+  const auto row = nlohmann::json::parse(ReadFile(json_file))["results"][0];
+  EXPECT_EQ(row["calibration"]["poses"], 2);
+  EXPECT_EQ(row["calibration"]["below_3_sigma_percent"], 100);
+
+  WriteFile(out / "queries.jsonl", "{\"name\": \"a\"}\n{\"covariance\"\n");
+  const CommandResult broken = RunRaylift(evaluate);
+  EXPECT_EQ(broken.exit_code, 3);
+  EXPECT_NE(broken.err.find("queries.jsonl: line 2"), std::string::npos) << broken.err;
+  fs::remove(out / "queries.jsonl");
+  EXPECT_EQ(RunRaylift(evaluate).exit_code, 3);
+}
+
 TEST(Evaluate, MissingQueriesCountAndUnknownOnesAreWarnedAbout) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const fs::path poses = scene.folder / "some.txt";

@@ -4,11 +4,13 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "raylift/evaluation/calibration.h"
 #include "raylift/evaluation/pose_errors.h"
 
 namespace raylift {
@@ -42,6 +44,7 @@ struct ResultSummary {
   double median_rotation_deg = 0;
   std::vector<std::string> missing_names;  // queries without a pose
   std::vector<std::string> unknown_names;  // poses without a query
+  std::optional<Calibration> calibration;  // where the poses' covariances are known
 };
 
 // InputError where the ground truth holds no queries.

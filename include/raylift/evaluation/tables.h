@@ -15,7 +15,8 @@ struct ResultTable {
   std::span<const ResultSummary> results;
 };
 
-// Aligned columns for reading. Results that use the ground truth are marked by a star.
+// Aligned columns for reading. Results that use the ground truth are marked by a star. After it, for
+// the results that have one, their calibration.
 std::string FormatTableText(const ResultTable& table);
 
 // RFC 4180 with one header line. An infinite median is `inf`.
@@ -23,7 +24,9 @@ std::string FormatTableCsv(const ResultTable& table);
 
 // {"thresholds": [{position, rotation_deg}], "results": [{name, uses_ground_truth, queries,
 // localized, unknown, recalls_percent: [...], median_position, median_rotation_deg, missing_names,
-// unknown_names}]}. An infinite median is null, as JSON has no such number.
+// unknown_names, calibration: {poses, mean_normalized_square, median_normalized_square,
+// coverage_90_percent, median_sigmas, below_3_sigma_percent}}]}, the last where it is known. An
+// infinite median is null, as JSON has no such number.
 std::string FormatTableJson(const ResultTable& table);
 
 }  // namespace raylift

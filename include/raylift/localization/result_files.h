@@ -4,9 +4,12 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <map>
 #include <span>
 #include <string>
 #include <vector>
+
+#include <Eigen/Core>
 
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/scene.h"
@@ -20,6 +23,10 @@ void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQu
 // each stage, solver, scores, iterations, pose, covariance, milliseconds.
 void WriteQueryDiagnostics(const std::filesystem::path& path,
                            const std::vector<LocalizedQuery>& queries);
+
+// The covariances that such a file holds, by query; InputError where it is none.
+std::map<std::string, Eigen::Matrix<double, 6, 6>> ReadCovariances(
+    const std::filesystem::path& path);
 
 // A line of it, without the line's end.
 std::string FormatQueryDiagnostics(const LocalizedQuery& query);

@@ -1,0 +1,61 @@
+#include "raylift/evaluation/calibration.h"
+
+#include <cmath>
+#include <vector>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+
+#include "raylift/base/median.h"
+
+namespace raylift {
+namespace {
+
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+
+// The 90 % quantile of chi-squared with six degrees of freedom.
+constexpr double kChiSquared90 = 10.644640675668422;
+
+// (w, v) that turns the true pose into the estimated one: T_estimated = exp(w, v) T_true.
+Vector6d StepBetween(const Rigid3& from, const Rigid3& to) {
+  const Eigen::Quaterniond turn = to.rotation * from.rotation.conjugate();
+  const Eigen::AngleAxisd angle_axis(turn.w() < 0 ? Eigen::Quaterniond(-turn.coeffs()) : turn);
+  Vector6d step;
+  step << angle_axis.angle() * angle_axis.axis(), to.translation - turn * from.translation;
+  return step;
+}
+
+}  // namespace
+
+Calibration Calibrate(std::span<const UncertainPose> poses) {
+  Calibration calibration;
+  std::vector<double> squares, sigmas;
+  size_t covered = 0, below_3 = 0;
+  double sum = 0;
+  for (const UncertainPose& pose : poses) {
+    const Eigen::LDLT<Eigen::Matrix<double, 6, 6>> factors(pose.covariance);
+    if (factors.info() != Eigen::Success || !factors.isPositive()) continue;
+    const Vector6d step = StepBetween(pose.true_cam_from_world, pose.estimated_cam_from_world);
+    const double squared = step.dot(factors.solve(step));
+    if (!std::isfinite(squared)) continue;
+    squares.push_back(squared / 6);
+    sum += squared / 6;
+    covered += squared < kChiSquared90 ? 1 : 0;
+    const double error =
+        (pose.estimated_cam_from_world.OriginInSource() - pose.true_cam_from_world.OriginInSource())
+            .norm();
+    sigmas.push_back(error / std::sqrt(pose.covariance.bottomRightCorner<3, 3>().trace()));
+    below_3 += sigmas.back() < 3 ? 1 : 0;
+  }
+  calibration.poses = squares.size();
+  if (squares.empty()) return calibration;
+  const auto count = static_cast<double>(squares.size());
+  calibration.mean_normalized_square = sum / count;
+  calibration.coverage_90 = static_cast<double>(covered) / count;
+  calibration.share_below_3_sigma = static_cast<double>(below_3) / count;
+  calibration.median_normalized_square = UpperMedianOr(std::move(squares), 0);
+  calibration.median_sigmas = UpperMedianOr(std::move(sigmas), 0);
+  return calibration;
+}
+
+}  // namespace raylift
