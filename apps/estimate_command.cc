@@ -34,6 +34,7 @@ struct EstimateFlags {
   std::vector<path> problems;
   path csv, json, poses;
   int repeat = 1;
+  bool independent = false;
   FilterFlags filter;
   EstimatorFlags estimator;
   RunFlags run;
@@ -144,27 +145,22 @@ PoseProblem ReadFiltered(const path& file, const FilterOptions& filter) {
   return problem;
 }
 
-// What some 30 of the problems have in common, which are taken to be of one scene.
-std::optional<SceneNoise> LearnSceneNoise(const std::vector<path>& files,
-                                          const EstimateFlags& flags, const FilterOptions& filter,
+// What some 30 of the problems have in common, the same ones whatever their order.
+std::optional<SceneNoise> LearnSceneNoise(std::vector<path> files, const EstimateFlags& flags,
+                                          const FilterOptions& filter,
                                           const EstimatorOptions& options) {
   constexpr size_t kProblems = 30;
-  constexpr size_t kLeastProblems = 3;
-  if (!UsesSceneNoise(options) || files.size() < kLeastProblems) return std::nullopt;
-  const size_t count = std::min(files.size(), kProblems);
-  const auto estimator = MakePoseEstimator(options);
-  std::vector<std::optional<MatchNoise>> found(count);
-  ParallelFor(count, flags.run.threads, [&](size_t i) {
-    const PoseEstimate estimate =
-        estimator->Estimate(ReadFiltered(files[i * files.size() / count], filter));
-    if (estimate.verdict == PoseVerdict::kLocalized) found[i] = estimate.noise;
-  });
-  std::vector<MatchNoise> noise;
-  for (const auto& of_problem : found) {
-    if (of_problem) noise.push_back(*of_problem);
+  if (flags.independent || !UsesSceneNoise(options) || files.size() < kLeastForCommonNoise) {
+    return std::nullopt;
   }
-  if (noise.size() < kLeastProblems) return std::nullopt;
-  return PoolNoise(noise);
+  std::sort(files.begin(), files.end());
+  const auto estimator = MakePoseEstimator(options);
+  std::vector<PoseEstimate> estimates(std::min(files.size(), kProblems));
+  ParallelFor(estimates.size(), flags.run.threads, [&](size_t i) {
+    const path& file = files[i * files.size() / estimates.size()];
+    estimates[i] = estimator->Estimate(ReadFiltered(file, filter));
+  });
+  return CommonNoise(estimates);
 }
 
 std::vector<Row> EstimateAll(const std::vector<path>& files, const EstimateFlags& flags,
@@ -227,6 +223,9 @@ Command AddEstimateCommand(CLI::App& program) {
   command->add_option("--json", flags->json, "One object per problem")->group("Output");
   command->add_option("--poses", flags->poses, "Pose file: name qw qx qy qz tx ty tz")
       ->group("Output");
+  command->add_flag("--independent", flags->independent,
+                    "The problems are not of one scene: none tells of the noise of another's\n"
+                    "matches (where Adaptive estimates both kinds together)");
   command
       ->add_option("--repeat", flags->repeat,
                    "Estimate each problem N times; time_ms is the median")

@@ -62,6 +62,7 @@ void LocalizeOutput::Finish(const std::vector<LocalizedQuery>& localized, const 
                {.num_references = scene.references.images.size(),
                 .geometry = scene.sources,
                 .warnings = {run.warnings.begin(), run.warnings.end()},
+                .scene_noise = run.scene_noise,
                 .seconds = run.seconds});
   if (!flags_.run.quiet) Print(localized, run);
 }

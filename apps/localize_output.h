@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -31,6 +32,7 @@ class LocalizeOutput {
   struct Run {
     const Scene& scene;
     std::span<const std::string> warnings;
+    const std::optional<SceneNoise>& scene_noise;
     double seconds;
     size_t joined;  // localized queries that became references
   };

@@ -135,7 +135,9 @@ void RunLocalize(const LocalizeFlags& flags, const LocalizerOptions& options, Al
   for (std::string& warning : localizer.Warnings()) warnings.push_back(std::move(warning));
   PrintWarnings(warnings);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
-  output.Finish(localized, {localizer.scene(), warnings, elapsed.count(), joined}, options_json);
+  output.Finish(localized,
+                {localizer.scene(), warnings, localizer.scene_noise(), elapsed.count(), joined},
+                options_json);
 }
 
 }  // namespace raylift

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <vector>
 
 #include "estimation/joint_model.h"
@@ -28,7 +29,7 @@ using Matrix7d = Eigen::Matrix<double, 7, 7>;
 using Vector7d = Eigen::Matrix<double, 7, 1>;
 
 constexpr int kMaxRounds = 10;
-// After so many rounds, where the pose has moved by more than the keypoints' noise, the keypoints'
+// After this round, where the pose has moved by more than the keypoints' noise, the keypoints'
 // consensus is looked for again: at RANSAC's pose some found none, or a wrong one.
 constexpr int kRoundOfSecondLook = 1;
 // From this round on weights go a shrinking share of their way.
@@ -40,13 +41,17 @@ constexpr double kSettledStep = 0.01;
 constexpr double kSettledInformation = 0.3;
 constexpr int kReferenceRounds = 3;
 
+Matrix3d CrossProductMatrix(const Vector3d& v) {
+  Matrix3d cross;
+  cross << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return cross;
+}
+
 // The unknowns of a view, by how they displace a point: by a turn about the local origin, and a
 // shift. (Common to all views of a point, so that one matrix serves them all.)
 Matrix36d DisplacementJacobian(const Vector3d& point) {
   Matrix36d jacobian;
-  jacobian << 0, point.z(), -point.y(), 1, 0, 0,  //
-      -point.z(), 0, point.x(), 0, 1, 0,          //
-      point.y(), -point.x(), 0, 0, 0, 1;
+  jacobian << -CrossProductMatrix(point), Matrix3d::Identity();
   return jacobian;
 }
 
@@ -73,12 +78,6 @@ struct View {
     return displacement;
   }
 };
-
-Matrix3d CrossProductMatrix(const Vector3d& v) {
-  Matrix3d cross;
-  cross << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return cross;
-}
 
 // Adds D' m D, where D gives a displacement and factor by the seven unknowns of a view:
 // D = (-cross, 1, 0; 0, 0, 1).
@@ -114,8 +113,8 @@ class JointRefinement {
   JointResult Run() {
     double information = 0;
     for (int round = 0; round < kMaxRounds; ++round) {
-      const double decrement = Step();
-      if (decrement > kFarStep) Step();
+      const std::optional<double> decrement = Step();
+      if (decrement && *decrement > kFarStep) Step();
       const double share = round < kFirstDampedRound ? 1 : 1.0 / (round - kFirstDampedRound + 2);
       Reweigh(prior_, share, model_);
       if (round == kRoundOfSecondLook && HasMovedFar()) {
@@ -123,7 +122,7 @@ class JointRefinement {
         continue;
       }
       const bool same = std::abs(log_information_ - information) < kSettledInformation;
-      if (decrement < kSettledStep && same) break;
+      if (decrement && *decrement < kSettledStep && same) break;
       information = log_information_;
     }
     Step();
@@ -160,8 +159,8 @@ class JointRefinement {
   bool HasMovedFar() const;
 
   // One Gauss-Newton step of all unknowns; its squared length in standard deviations (Newton's
-  // decrement), 0 where there is none to take.
-  double Step();
+  // decrement), none where there is none to take.
+  std::optional<double> Step();
   // A keypoint's part of the normal equations, its point eliminated.
   void Linearize(size_t index, const Vector3d& centre);
   void MoveQuery(const Eigen::Ref<const VectorXd>& step);
@@ -290,7 +289,7 @@ void JointRefinement::Linearize(size_t index, const Vector3d& centre) {
   }
 }
 
-double JointRefinement::Step() {
+std::optional<double> JointRefinement::Step() {
   const Vector3d centre = model_.Centre();
   hessian_.setZero(num_columns_, num_columns_);
   part_gradients_.setZero(num_columns_, kPartsOfImage);
@@ -304,7 +303,7 @@ double JointRefinement::Step() {
       1e-12 * damped.diagonal().head<kQueryColumns>().maxCoeff();
   const Eigen::LDLT<MatrixXd> factors(damped);
   const VectorXd step = factors.solve(-gradient);
-  if (!IsModest(step)) return 0;
+  if (!IsModest(step)) return std::nullopt;
   log_information_ = factors.vectorD().array().abs().log().sum();
 
   MoveQuery(step);
@@ -388,6 +387,8 @@ bool JointRefinement::ReferencesDisagree() const {
     statistic += score[r].dot(information[r].ldlt().solve(score[r]));
     degrees += std::min(residuals[r], r == model_.LooseView() ? 6 : 7);
   }
+  // Gradients have the pixels' expected information, not their mean precision (depths' are normal).
+  statistic /= StudentInformation(model_.noise.keypoint_tail);
   // One case in a thousand, by the normal approximation.
   return degrees > 0 && statistic > degrees + 3.1 * std::sqrt(2.0 * degrees);
 }
@@ -491,7 +492,9 @@ double JointRefinement::Inflation(const MatrixXd& pose_columns) const {
   }
   // Few parts tell nothing of six unknowns.
   if (parts <= 6) return 1;
-  const double inflation = squares / 6 * parts / (parts - 1);
+  // Gradients have the pixels' expected information, not their mean precision.
+  const double inflation =
+      squares / 6 * parts / (parts - 1) / StudentInformation(model_.noise.keypoint_tail);
   return std::isfinite(inflation) ? std::max(1.0, inflation) : 1;
 }
 

@@ -206,7 +206,8 @@ void Weighing::WeighQuery(View& view, KeypointState& state) {
   const Matrix2d spread =
       query.jacobian * view.covariance.topLeftCorner<3, 3>() * query.jacobian.transpose();
   Approach(state.query_precision, Precision(query.seen, spread, noise_.keypoint_px2));
-  // The noise, with the weights that gave the point.
+  // The noise, with the weights that gave the point and the precision that its residual shows (the
+  // EM algorithm's order).
   pixels_.squares +=
       view.trust * state.query_right * state.query_precision * query.seen.error_px.squaredNorm();
   pixels_.count += view.trust * (2 * state.query_right - query.weight * spread.trace());
@@ -245,7 +246,7 @@ void Weighing::WeighSighting(int i, const SightingTerm& term, const View& view) 
   const Matrix2d pixel_spread = spread.topLeftCorner<2, 2>();
 
   Approach(precision, Precision(term.seen, pixel_spread, term.pixel_variance));
-  // The noise, with the weights that gave the point.
+  // The noise, as of the query's pixel.
   pixels_.squares += view.trust * weight * precision * term.seen.error_px.squaredNorm() *
                      noise_.keypoint_px2 / term.pixel_variance;
   pixels_.count += view.trust * (2 * weight - term.weight * pixel_spread.trace());

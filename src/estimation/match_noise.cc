@@ -7,66 +7,75 @@
 namespace raylift {
 namespace {
 
+// Of fewer errors neither their variance nor its spread is known.
+constexpr double kEnoughErrors = 5;
+constexpr int kEnoughQueries = 3;
+
 struct Shown {
   double variance, errors;
 };
 
 KnownNoise Pool(const std::vector<Shown>& queries) {
-  // The logarithm of a variance that n errors have shown varies by 2 / n; of few errors it says
-  // nothing.
-  constexpr double kEnoughErrors = 5;
+  // The logarithm of a variance that n errors have shown varies by 2 / n.
   double weights = 0, squared_weights = 0, logs = 0;
   int count = 0;
   for (const Shown& query : queries) {
-    if (query.errors < kEnoughErrors) continue;
+    if (!(query.errors >= kEnoughErrors && query.variance > 0)) continue;
     const double weight = 0.5 * query.errors;
     weights += weight;
     squared_weights += weight * weight;
     logs += weight * std::log(query.variance);
     ++count;
   }
-  double between = 0;
-  if (count >= 2) {
-    const double mean = logs / weights;
-    double q = 0;
-    for (const Shown& query : queries) {
-      if (query.errors < kEnoughErrors) continue;
-      const double off = std::log(query.variance) - mean;
-      q += 0.5 * query.errors * off * off;
-    }
-    between = std::max(0.0, (q - (count - 1)) / (weights - squared_weights / weights));
+  if (count < kEnoughQueries) return {};
+  const double mean = logs / weights;
+  double q = 0;
+  for (const Shown& query : queries) {
+    if (!(query.errors >= kEnoughErrors && query.variance > 0)) continue;
+    const double off = std::log(query.variance) - mean;
+    q += 0.5 * query.errors * off * off;
   }
-  // Each query's errors, no more than what its own difference from the others leaves of them.
+  const double between = std::max(0.0, (q - (count - 1)) / (weights - squared_weights / weights));
+  // The mean of the variances, as few errors tell little of their logarithm: of each query's errors
+  // no more than what its own difference from the others leaves.
   double errors = 0, squares = 0;
   for (const Shown& query : queries) {
+    if (!(query.errors >= 1)) continue;
     const double weight = query.errors / (1 + 0.5 * query.errors * between);
     errors += weight;
     squares += weight * query.variance;
   }
-  if (!(errors > 0)) return {};
   return {std::sqrt(squares / errors), errors / (1 + 0.5 * errors * between)};
 }
 
 }  // namespace
 
 SceneNoise PoolNoise(std::span<const MatchNoise> queries) {
+  // A tail of fewer errors is what was assumed before.
+  constexpr double kErrorsOfTail = 30;
   std::vector<Shown> pixels, depths, commons;
-  double tails = 0, squared_tails = 0;
+  std::vector<double> tails;
   for (const MatchNoise& noise : queries) {
-    pixels.push_back({noise.keypoint_px * noise.keypoint_px, noise.keypoint_errors});
+    // The scale of Student's t is known less well than that of a normal distribution.
+    pixels.push_back({noise.keypoint_px * noise.keypoint_px,
+                      noise.keypoint_errors / (1 + 4 * noise.keypoint_tail)});
     depths.push_back({noise.depth * noise.depth, noise.depth_errors});
     commons.push_back({noise.common_depth * noise.common_depth, noise.common_depth_errors});
-    tails += noise.keypoint_tail;
-    squared_tails += noise.keypoint_tail * noise.keypoint_tail;
+    if (noise.keypoint_errors >= kErrorsOfTail) tails.push_back(noise.keypoint_tail);
   }
-  SceneNoise scene{
-      .keypoint_px = Pool(pixels), .depth = Pool(depths), .common_depth = Pool(commons)};
-  const auto count = static_cast<double>(queries.size());
-  if (count >= 2) {
-    scene.keypoint_tail = tails / count;
+  SceneNoise scene;
+  scene.keypoint_px = Pool(pixels);
+  scene.depth = Pool(depths);
+  scene.common_depth = Pool(commons);
+  if (tails.size() >= kEnoughQueries) {
+    const auto count = static_cast<double>(tails.size());
+    for (const double tail : tails) scene.keypoint_tail += tail / count;
     // As if one more query lay a tenth off.
-    const double squares = std::max(0.0, squared_tails - tails * scene.keypoint_tail);
-    scene.keypoint_tail_variance = (squares + 0.01) / count;
+    double squares = 0.01;
+    for (const double tail : tails) {
+      squares += (tail - scene.keypoint_tail) * (tail - scene.keypoint_tail);
+    }
+    scene.keypoint_tail_variance = squares / count;
   }
   return scene;
 }

@@ -384,12 +384,35 @@ void EstimatorOptions::Validate() const {
           "must not be negative");
   Require(std::isfinite(point_sigma) && point_sigma >= 0, "point_sigma",
           fmt::format("{}", point_sigma), "must not be negative");
+  if (scene_noise) {
+    for (const KnownNoise& known :
+         {scene_noise->keypoint_px, scene_noise->depth, scene_noise->common_depth}) {
+      Require(known.errors >= 0 && std::isfinite(known.errors) && std::isfinite(known.sigma) &&
+                  (known.errors == 0 || known.sigma > 0),
+              "scene_noise", fmt::format("{} by {} errors", known.sigma, known.errors),
+              "must be positive");
+    }
+    Require(scene_noise->keypoint_tail >= 0 && scene_noise->keypoint_tail <= 1,
+            "scene_noise, keypoint_tail", fmt::format("{}", scene_noise->keypoint_tail),
+            "must lie between 0 and 1");
+  }
   Require(confidence > 0 && confidence < 1, "confidence", fmt::format("{}", confidence),
           "must lie between 0 and 1");
   Require(min_iterations >= 1, "min_iterations", fmt::format("{}", min_iterations),
           "must be at least 1");
   Require(max_iterations >= min_iterations, "max_iterations", fmt::format("{}", max_iterations),
           fmt::format("must not be below min_iterations = {}", min_iterations));
+}
+
+std::optional<SceneNoise> CommonNoise(std::span<const PoseEstimate> estimates) {
+  std::vector<MatchNoise> noise;
+  for (const PoseEstimate& estimate : estimates) {
+    if (estimate.verdict == PoseVerdict::kLocalized && estimate.noise) {
+      noise.push_back(*estimate.noise);
+    }
+  }
+  if (noise.size() < kLeastForCommonNoise) return std::nullopt;
+  return PoolNoise(noise);
 }
 
 std::unique_ptr<PoseEstimator> MakePoseEstimator(const EstimatorOptions& options) {

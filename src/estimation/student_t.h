@@ -13,9 +13,10 @@
 
 namespace raylift {
 
+inline constexpr double kAsGoodAsNormal = 1e-3;  // as a tail
+
 // The density over that at the centre.
 inline double StudentDensity(double squared, double tail) {
-  constexpr double kAsGoodAsNormal = 1e-3;
   if (tail < kAsGoodAsNormal) return std::exp(-0.5 * squared);
   return std::exp(-(0.5 / tail + 1) * std::log1p(tail * squared));
 }
@@ -30,16 +31,17 @@ inline double StudentInformation(double tail) { return (1 + 2 * tail) / (1 + 4 *
 
 // All but this share of the errors are nearer.
 inline double StudentQuantile(double share_beyond, double tail) {
-  return tail < 1e-6 ? -2 * std::log(share_beyond) : (std::pow(share_beyond, -2 * tail) - 1) / tail;
+  return tail < kAsGoodAsNormal ? -2 * std::log(share_beyond)
+                                : (std::pow(share_beyond, -2 * tail) - 1) / tail;
 }
 
 // Three times as far (squared) as all but one in a hundred: such errors are no keypoint's noise,
 // and beyond what a linearization tells.
 inline double StudentFar(double tail) { return 3 * StudentQuantile(0.01, tail); }
 
-// What is known of a tail before: a normal distribution.
+// What is known of a tail before, as a normal distribution.
 struct TailPrior {
-  double mean = 0.25, variance = 1;
+  double mean, variance;
 };
 
 // The tail by the squared errors along one axis, whose scale is unknown; its posterior mean, all

@@ -34,7 +34,9 @@ Calibration Calibrate(std::span<const UncertainPose> poses) {
   double sum = 0;
   for (const UncertainPose& pose : poses) {
     const Eigen::LDLT<Eigen::Matrix<double, 6, 6>> factors(pose.covariance);
-    if (factors.info() != Eigen::Success || !factors.isPositive()) continue;
+    if (factors.info() != Eigen::Success || !factors.isPositive() || !(factors.rcond() > 1e-16)) {
+      continue;
+    }
     const Vector6d step = StepBetween(pose.true_cam_from_world, pose.estimated_cam_from_world);
     const double squared = step.dot(factors.solve(step));
     if (!std::isfinite(squared)) continue;

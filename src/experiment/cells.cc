@@ -23,8 +23,8 @@ using Json = nlohmann::ordered_json;
 using std::filesystem::path;
 
 // Of the form of cells and of what fills them: a change of either makes all cells anew.
-constexpr int kCellVersion = 2;
-// A cell's queries are in memory with all their matches.
+constexpr int kCellVersion = 3;
+// A cell's queries are in memory with all their matches, and those that noise is learned from.
 constexpr size_t kQueriesPerCell = 256;
 // Larger inputs are told by sizes and times.
 constexpr uintmax_t kMaxHashedBytes = uintmax_t{64} << 20;

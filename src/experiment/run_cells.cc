@@ -106,8 +106,11 @@ class ThinnedScene {
       const GridLocalizer localizer(std::move(ways));
       Estimate(of_geometry, localizer.WithSceneNoise(queries_, matched_, options_.threads), store);
     }
-    // What the noise is learned from may lie in other blocks, and is kept.
-    for (size_t i = cells.front().begin; i < cells.front().end; ++i) matched_[i].reset();
+    // Other blocks learn the noise from the same sample.
+    const std::vector<size_t> kept = NoiseSample(queries_);
+    for (size_t i = cells.front().begin; i < cells.front().end; ++i) {
+      if (std::find(kept.begin(), kept.end(), i) == kept.end()) matched_[i].reset();
+    }
   }
 
   std::vector<std::string> TakeWarnings() {

@@ -35,13 +35,11 @@ std::vector<LocalizedQuery> BatchLocalizer::LocalizeAll(const OnResult& on_resul
   const GridLocalizer grid = GridLocalizer({Localizer(scene_, matches_, options_.localizer)})
                                  .WithSceneNoise(queries_, matched, options_.threads);
   const Localizer& localizer = grid.way(0);
+  scene_noise_ = localizer.options().estimator.scene_noise;
   std::vector<LocalizedQuery> localized(queries_.size());
   ParallelFor(queries_.size(), options_.threads, [&](size_t i) {
-    QueryResult result =
-        matched[i] ? *std::exchange(matched[i], std::nullopt) : localizer.Match(queries_[i]);
-    localizer.Lift(result);
-    localizer.Filter(result);
-    localizer.Estimate(result);
+    QueryResult result = localizer.Finish(matched[i] ? *std::exchange(matched[i], std::nullopt)
+                                                     : localizer.Match(queries_[i]));
     Complete(i, localizer, result);
     if (on_result) on_result(i, result);
     localized[i] = std::move(result.localized);

@@ -50,8 +50,6 @@ void GridLocalizer::Localize(const QueryResult& matched, int threads, const Take
 
 GridLocalizer GridLocalizer::WithSceneNoise(std::span<const Query> queries, Matched& matched,
                                             int threads) const {
-  constexpr size_t kQueries = 30;
-  constexpr size_t kLeastQueries = 3;
   RAYLIFT_CHECK_EQ(matched.size(), queries.size());
   std::vector<size_t> learning;
   std::vector<Localizer> learners;
@@ -60,30 +58,31 @@ GridLocalizer GridLocalizer::WithSceneNoise(std::span<const Query> queries, Matc
     learning.push_back(way);
     learners.push_back(ways_[way]);
   }
-  const std::vector<size_t> sample = SampleByName(queries, kQueries);
-  if (learning.empty() || sample.size() < kLeastQueries) return *this;
+  const std::vector<size_t> sample = NoiseSample(queries);
+  if (learning.empty() || sample.size() < kLeastForCommonNoise) return *this;
 
   const GridLocalizer grid(learners);
-  std::vector<std::vector<std::optional<MatchNoise>>> found(
-      learners.size(), std::vector<std::optional<MatchNoise>>(sample.size()));
+  std::vector<std::vector<PoseEstimate>> found(learners.size(),
+                                               std::vector<PoseEstimate>(sample.size()));
   ParallelFor(sample.size(), threads, [&](size_t i) {
     std::optional<QueryResult>& of_query = matched[sample[i]];
     if (!of_query) of_query = ways_.front().Match(queries[sample[i]]);
     grid.Localize(*of_query, 1, [&](size_t way, const QueryResult& result) {
-      const PoseEstimate& estimate = result.localized.estimate;
-      if (estimate.verdict == PoseVerdict::kLocalized) found[way][i] = estimate.noise;
+      found[way][i] = result.localized.estimate;
     });
   });
   std::vector<Localizer> knowing = ways_;
   for (size_t i = 0; i < learning.size(); ++i) {
-    std::vector<MatchNoise> noise;
-    for (const auto& of_query : found[i]) {
-      if (of_query) noise.push_back(*of_query);
+    if (const auto noise = CommonNoise(found[i])) {
+      knowing[learning[i]] = learners[i].WithSceneNoise(*noise);
     }
-    if (noise.size() < kLeastQueries) continue;
-    knowing[learning[i]] = learners[i].WithSceneNoise(PoolNoise(noise));
   }
   return GridLocalizer(std::move(knowing));
+}
+
+std::vector<size_t> NoiseSample(std::span<const Query> queries) {
+  constexpr size_t kQueries = 30;
+  return SampleByName(queries, kQueries);
 }
 
 }  // namespace raylift

@@ -94,10 +94,12 @@ Localizer::Localizer(std::shared_ptr<const Scene> scene, std::shared_ptr<const M
 }
 
 bool Localizer::UsesSceneNoise() const {
-  return own_estimator_ && raylift::UsesSceneNoise(options_.estimator);
+  return own_estimator_ && !options_.estimator.scene_noise &&
+         raylift::UsesSceneNoise(options_.estimator);
 }
 
 Localizer Localizer::WithSceneNoise(const SceneNoise& noise) const {
+  RAYLIFT_CHECK(UsesSceneNoise());
   Localizer knowing = *this;
   knowing.options_.estimator.scene_noise = noise;
   knowing.estimator_ = MakePoseEstimator(knowing.options_.estimator);
@@ -118,11 +120,11 @@ QueryResult Localizer::Localize(const Query& query, QueryMatches matches) const 
   return Finish(Match(query, std::move(matches)));
 }
 
-QueryResult Localizer::Finish(QueryResult result) const {
-  Lift(result);
-  Filter(result);
-  Estimate(result);
-  return result;
+QueryResult Localizer::Finish(QueryResult matched) const {
+  Lift(matched);
+  Filter(matched);
+  Estimate(matched);
+  return matched;
 }
 
 const MatchSource& Localizer::Source() const {

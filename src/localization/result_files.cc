@@ -106,6 +106,17 @@ Json GeometryJson(std::span<const SceneSource> geometry) {
   return list;
 }
 
+Json SceneNoiseJson(const SceneNoise& noise) {
+  const auto known = [](const KnownNoise& of_kind) {
+    return Json{{"sigma", of_kind.sigma}, {"errors", of_kind.errors}};
+  };
+  return {{"keypoint_px", known(noise.keypoint_px)},
+          {"depth", known(noise.depth)},
+          {"common_depth", known(noise.common_depth)},
+          {"keypoint_tail", noise.keypoint_tail},
+          {"keypoint_tail_variance", noise.keypoint_tail_variance}};
+}
+
 Json VerdictsJson(std::span<const LocalizedQuery> queries) {
   Json json = Json::object();
   for (const EnumName<PoseVerdict>& verdict : kEnumNames<PoseVerdict>) {
@@ -271,6 +282,7 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
         {"estimate_ms", median_of([](const LocalizedQuery& q) { return q.estimate_ms; })}}},
       {"seconds", summary.seconds},
       {"warnings", summary.warnings}};
+  if (summary.scene_noise) json["scene_noise"] = SceneNoiseJson(*summary.scene_noise);
   const RerenderCounts rerender = CountRerendered(queries);
   if (rerender.asked) {
     json["rerender"] = {{"queries_improved", rerender.improved},

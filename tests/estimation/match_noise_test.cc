@@ -36,10 +36,28 @@ TEST(PoolNoise, SaysLittleWhereQueriesDiffer) {
 }
 
 TEST(PoolNoise, LeavesOutGuesses) {
-  const SceneNoise scene =
-      PoolNoise(std::vector{Depth(0.02, 100), Depth(0.02, 80), Depth(1, 0), Depth(0.9, 0)});
+  const SceneNoise scene = PoolNoise(std::vector{Depth(0.02, 100), Depth(0.02, 80), Depth(0.02, 90),
+                                                 Depth(1, 0), Depth(0.9, 0.5)});
   EXPECT_NEAR(scene.depth.sigma, 0.02, 1e-9);
   EXPECT_EQ(PoolNoise({}), SceneNoise{});
+  // Of one query, or of few errors each, the spread is not known.
+  EXPECT_EQ(PoolNoise(std::vector{Depth(0.02, 800), Depth(1, 0), Depth(1, 0)}), SceneNoise{});
+  EXPECT_EQ(PoolNoise(std::vector(30, Depth(0.02, 4))), SceneNoise{});
+}
+
+TEST(PoolNoise, TakesTailsOfManyErrorsOnly) {
+  const auto tail = [](double value, double errors) {
+    MatchNoise noise;
+    noise.keypoint_px = 0.5;
+    noise.keypoint_tail = value;
+    noise.keypoint_errors = errors;
+    return noise;
+  };
+  const SceneNoise scene = PoolNoise(
+      std::vector{tail(0.1, 300), tail(0.2, 300), tail(0.3, 300), tail(0.5, 4), tail(0.5, 0)});
+  EXPECT_NEAR(scene.keypoint_tail, 0.2, 1e-9);
+  EXPECT_NEAR(scene.keypoint_tail_variance, 0.01, 1e-9);
+  EXPECT_EQ(PoolNoise(std::vector(5, tail(0.5, 4))).keypoint_tail_variance, 0);
 }
 
 // A query that sees few keypoints is as good as the better of its parts where the others know the

@@ -7,7 +7,8 @@
 
 namespace raylift {
 
-// What Adaptive found the matches of a query to be worth, as standard deviations.
+// What Adaptive found the matches of a query to be worth, as standard deviations (of pixels, as
+// scales).
 struct MatchNoise {
   // Of a keypoint's pixel: the scale of Student's t, and the inverse of its degrees of freedom (0:
   // normal).
@@ -28,7 +29,7 @@ struct MatchNoise {
   double common_depth_errors = 0;
 };
 
-// A standard deviation that is known before, as if so many errors had shown it.
+// A standard deviation (of pixels, a scale) that is known before, as if so many errors had shown it.
 struct KnownNoise {
   double sigma = 0;
   double errors = 0;
@@ -47,8 +48,9 @@ struct SceneNoise {
   bool operator==(const SceneNoise&) const = default;
 };
 
-// By a random-effects model of the variances' logarithms (DerSimonian and Laird, Controlled
-// Clinical Trials 1986): what differs from query to query is worth few errors.
+// By a random-effects model of the variances (DerSimonian and Laird, Controlled Clinical Trials
+// 1986): what differs from query to query is worth few errors. What fewer than three queries have
+// shown is not known.
 SceneNoise PoolNoise(std::span<const MatchNoise> queries);
 
 }  // namespace raylift

@@ -18,6 +18,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string_view>
 #include <vector>
 
@@ -123,7 +124,8 @@ struct EstimatorOptions {
   int min_iterations = 100;
   int max_iterations = 10000;
   double confidence = 0.9999;
-  uint64_t seed = 0;  // results depend on (seed, problem name, problem) alone
+  // Results depend on it, the problem's name, the problem and the other options alone.
+  uint64_t seed = 0;
 
   // Throws OptionError for a value out of its range.
   void Validate() const;
@@ -131,7 +133,8 @@ struct EstimatorOptions {
 
 // Whether an estimate tells of the scene's noise (PoseEstimate::noise) and takes it.
 constexpr bool UsesSceneNoise(const EstimatorOptions& options) {
-  return options.method == Method::kAdaptive && options.refinement == Refinement::kRobust;
+  return options.method == Method::kAdaptive && options.refinement == Refinement::kRobust &&
+         options.local_optimization == LocalOptimization::kHybrid;
 }
 
 // Why there is no pose.
@@ -217,6 +220,11 @@ class PoseEstimator {
   virtual ~PoseEstimator() = default;
   virtual PoseEstimate Estimate(const PoseProblem& problem) const = 0;
 };
+
+// What the estimates of a scene's queries tell of another one's (PoolNoise() of those that are
+// localized); none where they are too few.
+inline constexpr size_t kLeastForCommonNoise = 3;
+std::optional<SceneNoise> CommonNoise(std::span<const PoseEstimate> estimates);
 
 // Throws OptionError where the options are out of range. Matches that are not finite, or whose
 // pixel has no ray, count as outliers.

@@ -42,9 +42,9 @@ struct ResultSummary {
   // pose. The mean of the middle two for an even count.
   double median_position = 0;
   double median_rotation_deg = 0;
-  std::vector<std::string> missing_names;  // queries without a pose
-  std::vector<std::string> unknown_names;  // poses without a query
-  std::optional<Calibration> calibration;  // where the poses' covariances are known
+  std::vector<std::string> missing_names;                 // queries without a pose
+  std::vector<std::string> unknown_names;                 // poses without a query
+  std::optional<Calibration> calibration = std::nullopt;  // where covariances are known
 };
 
 // InputError where the ground truth holds no queries.

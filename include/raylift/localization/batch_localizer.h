@@ -1,6 +1,7 @@
 // All queries of a list against one scene: what is learned from the queries together (the depth's
 // correction, the scene's noise, whether the input is read as it was meant) is learned first, then
-// each is localized.
+// each is localized. The continuous mode does not learn what matches are worth (SceneNoise), as its
+// queries must not know of those that come later.
 
 #pragma once
 
@@ -57,6 +58,9 @@ class BatchLocalizer {
   };
   ContinuousRecords LocalizeContinuously(const Continuous& continuous);
 
+  // What the queries have in common, after LocalizeAll(), where the method uses it.
+  const std::optional<SceneNoise>& scene_noise() const { return scene_noise_; }
+
   // Of the matches and of the check of the input, after localizing.
   std::vector<std::string> Warnings() const;
 
@@ -70,6 +74,7 @@ class BatchLocalizer {
   std::shared_ptr<const Scene> scene_;
   QuickDoctor doctor_;
   RunCheck run_check_;
+  std::optional<SceneNoise> scene_noise_;
 };
 
 }  // namespace raylift

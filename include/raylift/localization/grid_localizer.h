@@ -31,9 +31,8 @@ class GridLocalizer {
   // What Localizer::Match() has made, by query, as far as it was needed.
   using Matched = std::vector<std::optional<QueryResult>>;
   // The same ways, which know what the matches of the scene's queries have in common, as each way
-  // finds it (PoolNoise()): learned from some 30 of the queries, the same ones whatever their
-  // order, which are matched where they are not yet. Ways that do not use it, or localize fewer
-  // than three of these queries, stay as they are.
+  // finds it (CommonNoise()): learned from NoiseSample(), which is matched where it is not yet. Ways
+  // that do not use it, or localize fewer than three of these queries, stay as they are.
   GridLocalizer WithSceneNoise(std::span<const Query> queries, Matched& matched, int threads) const;
 
  private:
@@ -48,5 +47,8 @@ class GridLocalizer {
   std::vector<Localizer> ways_;
   std::vector<Lifted> tree_;
 };
+
+// The queries that a scene's noise is learned from: some 30, the same ones whatever their order.
+std::vector<size_t> NoiseSample(std::span<const Query> queries);
 
 }  // namespace raylift

@@ -102,6 +102,9 @@ class Localizer {
   QueryResult Localize(const Query& query, const Features& features) const;
   QueryResult Localize(const Query& query, QueryMatches matches) const;
 
+  // The stages after Match().
+  QueryResult Finish(QueryResult matched) const;
+
   // The stages, in this order. Match() begins a result, the others go on with it. InputError where
   // given matches name a reference that is not among theirs.
   QueryResult Match(const Query& query) const;
@@ -117,8 +120,8 @@ class Localizer {
   const LocalizerOptions& options() const { return options_; }
   const PoseEstimator& estimator() const { return *estimator_; }
 
-  // Whether its estimates use what the scene's queries have in common, and the same localizer that
-  // knows it.
+  // Whether its estimates use what the scene's queries have in common and do not know it yet; and the
+  // same localizer that knows it.
   bool UsesSceneNoise() const;
   Localizer WithSceneNoise(const SceneNoise& noise) const;
 
@@ -130,7 +133,6 @@ class Localizer {
   const MatchSource& Source() const;
   template <typename MakeMatches>
   QueryResult Begin(const Query& query, const MakeMatches& make_matches) const;
-  QueryResult Finish(QueryResult result) const;
 
   std::shared_ptr<const Scene> scene_;
   std::shared_ptr<const MatchSource> matches_;

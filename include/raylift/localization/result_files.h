@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -47,11 +48,13 @@ RerenderCounts CountRerendered(std::span<const LocalizedQuery> queries);
 // The queries that are not localized, then the doubtful ones, the least confident first.
 std::vector<const LocalizedQuery*> NotLocalizedOrDoubtful(std::span<const LocalizedQuery> queries);
 
-// `summary.json`: totals, geometry, medians of the stages' counts, warnings, seconds.
+// `summary.json`: totals, geometry, medians of the stages' counts, what the queries' matches have
+// in common, warnings, seconds.
 struct RunSummary {
   size_t num_references = 0;
   std::span<const SceneSource> geometry;
   std::vector<std::string> warnings;
+  std::optional<SceneNoise> scene_noise = std::nullopt;
   double seconds = 0;
 };
 void WriteSummary(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries,
