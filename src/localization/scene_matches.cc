@@ -65,8 +65,9 @@ std::vector<ReferenceMatch> CollectReferenceMatches(std::span<const Query> queri
       };
       if (const auto query = index_of_name.find(batch[i].name); query != index_of_name.end()) {
         for (const Match2D2D& m : matches.matches) {
-          found[i].push_back(
-              MatchOf(query->second, m.query_px, index_of(m.reference), m.reference_px));
+          const int reference = index_of(m.reference);
+          if (reference == query->second) continue;
+          found[i].push_back(MatchOf(query->second, m.query_px, reference, m.reference_px));
         }
         return;
       }
@@ -75,6 +76,8 @@ std::vector<ReferenceMatch> CollectReferenceMatches(std::span<const Query> queri
         m.reference_a = index_of(m.reference_a);
         m.reference_b = index_of(m.reference_b);
       }
+      std::erase_if(found[i],
+                    [](const ReferenceMatch& m) { return m.reference_a == m.reference_b; });
     });
     for (const auto& of_query : found) {
       const std::vector<size_t> before = count;
