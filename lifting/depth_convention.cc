@@ -109,10 +109,11 @@ class ValueReader {
       : convention_(convention), factor_(StoredUnit(stored, convention)) {}
 
   double Read(float stored) const {
+    constexpr double kSameValue = 1e-6;  // floats, also where they are written with few digits
     const double value = static_cast<double>(stored);
     if (!(value > 0) || !std::isfinite(value)) return 0;
     for (const double invalid : convention_.invalid_values) {
-      if (stored == static_cast<float>(invalid)) return 0;
+      if (std::abs(value - invalid) <= kSameValue * std::abs(invalid)) return 0;
     }
     const double depth =
         convention_.kind == DepthKind::kInverse ? 1 / (value * factor_) : value * factor_;
