@@ -104,27 +104,31 @@ Json DiagnosisJson(const Diagnosis& diagnosis) {
   for (const ReadingEvidence& evidence : diagnosis.readings) {
     readings.push_back(EvidenceJson(evidence, diagnosis.as_read));
   }
-  const InherentFit& fit = diagnosis.fit;
-  Json json = {
-      {"verdict", ToString(diagnosis.verdict)},
-      {"fault", ToString(diagnosis.fault)},
-      {"reason", diagnosis.reason},
-      {"suspicious", diagnosis.suspicious()},
-      {"summary", Summary(diagnosis)},
-      {"best", DescribeDifference(diagnosis.as_read, diagnosis.best)},
-      {"repair",
-       {{"geometry_keys", diagnosis.repair.geometry_keys}, {"options", diagnosis.repair.options}}},
-      {"matches", diagnosis.num_matches},
-      {"matches_that_fit_the_poses", diagnosis.num_agreeing},
-      {"median_epipolar_px", diagnosis.epipolar_px},
-      {"fit",
-       {{"median_px", fit.median_px},
-        {"median_px_by_chance", fit.median_chance_px},
-        {"three_quarters_px", fit.upper_px},
-        {"three_quarters_px_by_chance", fit.upper_chance_px}}},
-      {"readings", std::move(readings)}};
+  const ReadingFit& fit = diagnosis.fit;
+  Json json = {{"verdict", ToString(diagnosis.verdict)},
+               {"fault", ToString(diagnosis.fault)},
+               {"reason", diagnosis.reason},
+               {"suspicious", diagnosis.suspicious()},
+               {"summary", Summary(diagnosis)},
+               {"repair",
+                {{"geometry_keys", diagnosis.repair.geometry_keys},
+                 {"replaced_keys", diagnosis.repair.replaced_keys},
+                 {"options", diagnosis.repair.options}}},
+               {"matches", diagnosis.num_matches},
+               {"matches_that_fit_the_poses", diagnosis.num_agreeing},
+               {"median_epipolar_px", diagnosis.epipolar_px},
+               {"fit",
+                {{"median_px", fit.median_px},
+                 {"median_px_by_chance", fit.median_chance_px},
+                 {"three_quarters_px", fit.upper_px},
+                 {"three_quarters_px_by_chance", fit.upper_chance_px}}},
+               {"readings", std::move(readings)}};
+  // The readings are those of the mesh as it is placed.
   if (diagnosis.mesh_placement) {
     json["world_from_mesh"] = PlacementJson(*diagnosis.mesh_placement);
+    json["mesh"] = "as its files have it, without scale, axes, shift and matrix of --geometry";
+  } else {
+    json["best"] = DescribeDifference(diagnosis.as_read, diagnosis.best);
   }
   return json;
 }

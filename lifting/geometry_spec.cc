@@ -42,6 +42,7 @@ NamedGeometry MakeMesh(const MeshSpec& spec, int threads) {
       Placed(ReadMeshes(ListMeshFiles(spec.files), {.threads = threads}), spec.placement));
   NamedGeometry geometry;
   geometry.kind = GeometryKind::kMesh;
+  geometry.placement = spec.placement;
   geometry.understood = fmt::format("{} triangles", mesh->triangles.size());
   geometry.warnings = mesh->warnings;
   geometry.mesh = std::make_shared<const RayCaster>(std::move(mesh), caster);
@@ -191,7 +192,7 @@ std::string GeometryHelp() {
       "  are one scene. Keys: near, far (depths), max_incidence_deg,\n"
       "  max_depth_jump (relative, near silhouettes), jump_radius_px,\n"
       "  scale, axes (what the world's x/y/z are in the mesh: x/-z/y), shift=X/Y/Z,\n"
-      "  matrix (in their place: 3 x 4 numbers, separated by /),\n"
+      "  matrix (in their place: 3 x 4 or 4 x 4 numbers, separated by /),\n"
       "  back_faces={}, build={} (low: few rays are cast)\n"
       "depth:DIR[,key=value...]: depth maps. Keys:\n"
       "  preset={}\n"

@@ -37,6 +37,13 @@ constexpr double kLeastPurity = 0.7;
 constexpr double kLeastAgreement = 0.03;
 constexpr size_t kFewestAgreeing = 100;
 
+// Of what is seen, a mesh in its place should have this much.
+constexpr double kLeastCoverageOfPlaced = 0.4;
+
+constexpr const char* kLimitsDrop =
+    "the mesh is where the references are, but the limits of what is lifted from it (near, far, "
+    "max_incidence_deg, max_depth_jump, back_faces) drop most of what the keypoints see";
+
 using ErrorsPx = std::vector<std::optional<double>>;
 
 double Cost(double error_px) { return std::log1p(error_px * error_px); }
@@ -99,25 +106,22 @@ std::vector<Candidate> Explain(const ReadingErrors& data, std::vector<InputReadi
   return candidates;
 }
 
-// All combinations of kind, orientation and poses, as read first.
-std::vector<InputReading> DiscreteReadings(const DoctorInput& input) {
+// All combinations of kind and orientation, with the poses by which the matches agree; as read
+// first.
+std::vector<InputReading> DiscreteReadings(const DoctorInput& input, PoseConvention poses) {
   using enum MapOrientation;
-  using enum PoseConvention;
   const InputReading& as_read = input.as_read;
   std::vector<InputReading> readings = {as_read};
   const bool maps = input.map_size_px.has_value();
-  for (const auto poses :
-       {kCamFromWorld, kWorldFromCam, kOpenGlCamFromWorld, kWorldFromOpenGlCamera}) {
-    for (const auto kind : {DepthKind::kZ, DepthKind::kRay, DepthKind::kInverse}) {
-      for (const auto relative : {kAsStored, kFlippedX, kFlippedY, kHalfTurn, kTransposed}) {
-        const auto orientation = Combined(as_read.orientation, relative);
-        if (!orientation || (!maps && (kind != as_read.kind || relative != kAsStored))) continue;
-        InputReading reading = as_read;
-        reading.kind = kind;
-        reading.orientation = *orientation;
-        reading.poses = poses;
-        if (!(reading == as_read)) readings.push_back(reading);
-      }
+  for (const auto kind : {DepthKind::kZ, DepthKind::kRay, DepthKind::kInverse}) {
+    for (const auto relative : {kAsStored, kFlippedX, kFlippedY, kHalfTurn, kTransposed}) {
+      const auto orientation = Combined(as_read.orientation, relative);
+      if (!orientation || (!maps && (kind != as_read.kind || relative != kAsStored))) continue;
+      InputReading reading = as_read;
+      reading.kind = kind;
+      reading.orientation = *orientation;
+      reading.poses = poses;
+      if (!(reading == as_read)) readings.push_back(reading);
     }
   }
   return readings;
@@ -216,6 +220,14 @@ class Examination {
     diagnosis_.epipolar_px = best.median_px;
     yardstick_px_ = best.median_px;
     poses_ = best.poses;
+    constexpr size_t kFewestAtRandom = 20;
+    if (best.num_random < kFewestAtRandom) {
+      Say(Verdict::kTooFewMatches, InputFault::kNone,
+          fmt::format("of {} matches {} share an image with others, so that it cannot be told how "
+                      "many fit the poses by chance",
+                      all.size(), best.num_random));
+      return false;
+    }
     if (best.Purity() < kLeastPurity || best.Skill() < kLeastAgreement) {
       const bool many = all.size() >= kFewestAgreeing;
       Say(many ? Verdict::kNothingFits : Verdict::kTooFewMatches,
@@ -270,12 +282,13 @@ class Examination {
   }
 
   void Examine() {
-    const std::vector<InputReading> readings = DiscreteReadings(input_);
+    const std::vector<InputReading> readings = DiscreteReadings(input_, poses_);
     data_->Prepare(readings, options_.threads);
     candidates_ = Explain(*data_, readings, options_.threads);
     Candidate best = candidates_[ChooseDiscrete()];
     if (input_.map_size_px) {
-      if (options_.shifts && data_->NumPairs() >= kFewestPairsForShift) best = ChooseShift(best);
+      if (options_.half_pixels && data_->NumPairs() >= kFewestPairsForShift)
+        best = ChooseShift(best);
       diagnosis_.best = ChooseScale(best);
     } else {
       diagnosis_.best = best.reading;
@@ -290,12 +303,11 @@ class Examination {
   void Judge(const StoredStatistics& statistics) {
     const InputReading best = diagnosis_.best;
     const ReadingFit fit = FitOf(best);
-    diagnosis_.fit = {fit.median_px, fit.median_chance_px, fit.upper_px, fit.upper_chance_px};
-    InputReading as_read = input_.as_read;
-    as_read.poses = poses_;
-    if (const auto wrap =
-            FindWrap(input_, *data_, as_read, statistics.largest, yardstick_px_, IsGood)) {
-      return NothingFits(InputFault::kWrap, DescribeWrap(*wrap));
+    diagnosis_.fit = fit;
+    if (const auto why = WhyDepthIsUntold(fit)) {
+      diagnosis_.best = input_.as_read;
+      Say(Verdict::kTooFewMatches, InputFault::kNone, *why);
+      return;
     }
     const bool is_as_read = best == input_.as_read;
     // A surface that a few rays happen to meet rightly (the ground of a mirrored mesh) proves
@@ -303,12 +315,65 @@ class Examination {
     constexpr double kLeastCoverage = 0.25;
     const bool covered = input_.map_size_px || fit.coverage >= kLeastCoverage;
     const bool accepted =
-        covered && fit.count >= kFewestKeypoints &&
+        best.poses == poses_ && covered && fit.count >= kFewestKeypoints &&
         (IsGood(fit, yardstick_px_) || (is_as_read && IsPassable(fit, yardstick_px_)));
-    if (input_.mesh != nullptr && (options_.shifts || !accepted) && FindMeshFrame(accepted)) return;
+    if (FindWrapFault(statistics, accepted)) return;
+    if (!accepted && IsMeshInPlace()) {
+      // Limits of what is lifted are the user's choice where what they leave fits.
+      if (fit.count >= kFewestKeypoints && IsGood(fit, yardstick_px_)) return AcceptBest(fit);
+      return NothingFits(InputFault::kNone, kLimitsDrop);
+    }
+    if (input_.mesh != nullptr && options_.mesh_frames && FindMeshFrame(accepted)) return;
     if (input_.map_size_px && FindAffineFault(accepted)) return;
     if (accepted) return AcceptBest(fit);
+    if (best.poses != poses_) {
+      return NothingFits(InputFault::kPoses,
+                         fmt::format("the matches fit poses that are {}, not {}, but depth fits "
+                                     "neither",
+                                     TitleOf(poses_), TitleOf(input_.as_read.poses)));
+    }
     NothingFits(InputFault::kNone, DescribeMisfit(fit));
+  }
+
+  // Whether the mesh itself is good as read.
+  bool IsMeshInPlace() const {
+    if (input_.mesh == nullptr || diagnosis_.best.poses != poses_) return false;
+    const MeshFrameSearch search(*input_.mesh, input_, *data_, diagnosis_.best, options_.threads);
+    const ReadingFit whole = search.Judge({}).fit;
+    return whole.count >= kFewestKeypoints && whole.coverage >= kLeastCoverageOfPlaced &&
+           IsGood(whole, yardstick_px_);
+  }
+
+  // Where all depths project to about the same place, no depth is right or wrong.
+  std::optional<std::string> WhyDepthIsUntold(const ReadingFit& fit) const {
+    constexpr double kYardsticks = 4;
+    constexpr double kWrongBy = 0.3;  // of log z
+    std::vector<double> gains_px;
+    for (const auto& depth : data_->Triangulated(poses_)) {
+      if (depth) gains_px.push_back(depth->gain_px);
+    }
+    const double exact_px = kYardsticks * std::max(yardstick_px_, 0.5);
+    const bool few = gains_px.size() < kFewestKeypoints;
+    const bool as_by_chance = fit.count >= kFewestKeypoints && fit.median_chance_px <= exact_px &&
+                              kWrongBy * UpperMedianOr(std::move(gains_px), 0) <= exact_px;
+    if (!few && !as_by_chance) return std::nullopt;
+    return "the views are too close together for the matches to tell depth";
+  }
+
+  // Whether the diagnosis is that.
+  bool FindWrapFault(const StoredStatistics& statistics, bool accepted) {
+    InputReading as_read = input_.as_read;
+    as_read.poses = poses_;
+    const auto wrap = FindWrap(input_, *data_, as_read, statistics.largest, yardstick_px_, IsGood);
+    if (!wrap) return false;
+    const InputReading& best = diagnosis_.best;
+    if (accepted &&
+        !IsFarBetter(Compare(*data_, data_->Errors(best, data_->FitScales(best).log_factors),
+                             wrap->errors_px))) {
+      return false;
+    }
+    NothingFits(InputFault::kWrap, DescribeWrap(*wrap));
+    return true;
   }
 
   // Whether the diagnosis is that. Where a reading is good, it must be one that a shift of inverse
@@ -321,7 +386,7 @@ class Examination {
     if (accepted && !inverse) forms = {{false, true}};
     if (accepted && !inverse && best.scale == input_.as_read.scale) return false;
     InputReading stored = input_.as_read;
-    stored.poses = best.poses;
+    stored.poses = poses_;
     stored.orientation = best.orientation;
     const auto affine = FindAffine(input_, *data_, stored, forms, yardstick_px_, IsGood);
     if (!affine) return false;
@@ -370,8 +435,11 @@ class Examination {
   std::optional<std::string> DescribeClamp(const StoredExtreme& extreme,
                                            const ReadingFit& fit) const {
     constexpr size_t kFewestAtExtreme = 10;
-    // The same keypoints without the mask.
+    // The same keypoints without the mask of this value.
     ReadingErrors all(input_, matches_);
+    for (const StoredExtreme& other : masked_) {
+      if (&other != &extreme) all.MaskStored(other.value * input_.stored->unit);
+    }
     const InputReading& best = diagnosis_.best;
     all.Prepare({&best, 1}, options_.threads);
     const auto masked = data_->Depths(best);
@@ -388,6 +456,7 @@ class Examination {
     if (errors_px.size() < kFewestAtExtreme) return std::nullopt;
     const double ratio = UpperMedianOr(ratios, 1);
     const double median_px = UpperMedianOr(std::move(errors_px), 0);
+    const bool farthest = extreme.largest != (best.kind == DepthKind::kInverse);
     constexpr double kFarWorse = 3;
     if (median_px < kFarWorse * std::max(fit.median_px, yardstick_px_)) return std::nullopt;
     return fmt::format(
@@ -395,7 +464,7 @@ class Examination {
         "times as deep (median of {} keypoints): {}",
         100 * extreme.share, extreme.value, extreme.largest ? "largest" : "smallest", ratio,
         ratios.size(),
-        (ratio > 1) == extreme.largest ? "depth is cut off there" : "it marks what has none");
+        (ratio > 1) == farthest ? "depth is cut off there" : "it marks what has none");
   }
 
   std::string DescribeWrap(const WrapFault& wrap) const {
@@ -428,19 +497,38 @@ class Examination {
         constant = fmt::format(" ({:.0f} % of the pixels hold exactly {:.6g})", 100 * extreme.share,
                                extreme.value);
       }
-      return fmt::format("only {} of {} keypoints have a depth{}", fit.count,
-                         data_->keypoints().size(), constant);
+      return fmt::format("only {} of {} keypoints have a depth{}{}", fit.count, fit.asked, constant,
+                         DescribeMeshSearch());
     }
     if (!input_.map_size_px && fit.coverage < 0.25) {
-      return fmt::format("only {:.0f} % of the keypoints' rays meet the mesh", 100 * fit.coverage);
+      return fmt::format("only {:.0f} % of the keypoints' rays meet the mesh{}", 100 * fit.coverage,
+                         DescribeMeshSearch());
     }
     return fmt::format(
         "lifted keypoints are {:.1f} px from their matches (median of the best reading{}; {:.1f} "
         "px "
         "with depths at random), while the matches are {:.1f} px from their epipolar lines{}",
         fit.median_px, input_.map_size_px ? ", each map at its best scale" : "",
-        fit.median_chance_px, yardstick_px_,
-        input_.mesh != nullptr ? "; no unit, axes, mirror or shift of the mesh mends that" : "");
+        fit.median_chance_px, yardstick_px_, DescribeMeshSearch());
+  }
+
+  // What a search for the mesh's place came to, as the end of a clause; nothing of depth maps.
+  std::string DescribeMeshSearch() const {
+    if (input_.mesh == nullptr) return "";
+    switch (mesh_search_) {
+      case MeshSearch::kNotSearched:
+        return "; whether another unit, axes, mirror or shift of the mesh mends that, raylift "
+               "doctor tells";
+      case MeshSearch::kTooFewMatches:
+        return "; the matches are too few to look for another place of the mesh";
+      case MeshSearch::kTooTangled:
+        return "; another place of the mesh was not looked for: its triangles overlap too much";
+      case MeshSearch::kNoneFound:
+        return "; no unit, axes, mirror or shift of the mesh was found that mends that";
+      case MeshSearch::kRejected:
+        return "; the best other place of the mesh that was found does not fit the matches either";
+    }
+    RAYLIFT_CHECK(false);
   }
 
   static double MedianOf(const ErrorsPx& errors) {
@@ -461,11 +549,13 @@ class Examination {
     constexpr double kExact = 2;                  // about as exact as it can become
     if (accepted && as_read_px < kExact * std::max(yardstick_px_, 0.5)) return false;
     const MeshFrameSearch search(*input_.mesh, input_, *data_, reading, options_.threads);
+    mesh_search_ = search.Obstacle();
+    if (mesh_search_ != MeshSearch::kNoneFound) return false;
     std::vector<PlacedMesh> found = search.Find();
-    constexpr double kLeastCoverage = 0.4;  // of what is seen should be there
+    if (!found.empty()) mesh_search_ = MeshSearch::kRejected;
     const double largest_px = accepted ? 0.6 * as_read_px : std::numeric_limits<double>::infinity();
     std::erase_if(found, [&](const PlacedMesh& placed) {
-      return placed.fit.count < kFewestKeypoints || placed.fit.coverage < kLeastCoverage ||
+      return placed.fit.count < kFewestKeypoints || placed.fit.coverage < kLeastCoverageOfPlaced ||
              !IsGood(placed.fit, yardstick_px_) || placed.fit.median_px > largest_px ||
              !IsFarBetter(Compare(*data_, as_read, placed.errors_px));
     });
@@ -484,14 +574,25 @@ class Examination {
                               about_as_good + 1));
       return true;
     }
+    diagnosis_.fit = best.fit;
+    if (best.placement.IsIdentity()) {
+      NothingFits(InputFault::kNone, kLimitsDrop);
+      return true;
+    }
     diagnosis_.best = reading;
-    diagnosis_.mesh_placement = best.placement;
+    diagnosis_.mesh_placement = best.from_files;
     diagnosis_.repair = FindRepair(input_.as_read, reading);
-    diagnosis_.repair.geometry_keys.push_back(KeysOf(best.placement));
-    diagnosis_.fit = {best.fit.median_px, best.fit.median_chance_px, best.fit.upper_px,
-                      best.fit.upper_chance_px};
+    const std::string keys = KeysOf(best.from_files);
+    const std::string keys_as_read = KeysOf(input_.as_placed);
+    if (!keys.empty()) diagnosis_.repair.geometry_keys.push_back(keys);
+    if (!keys_as_read.empty()) {
+      diagnosis_.repair.replaced_keys.push_back(keys.empty() ? keys_as_read
+                                                             : "scale, axes, shift, matrix");
+    }
     Say(Verdict::kRepair, InputFault::kMeshFrame,
-        fmt::format("{} fits far better (median {:.2f} px of matches that it was not found by; {})",
+        fmt::format("{}{} fits far better (median {:.2f} px of matches that it was not found by; "
+                    "{})",
+                    keys_as_read.empty() ? "" : "beside its placement as read, ",
                     Describe(best.placement), best.fit.median_px,
                     as_read_fit.count == 0 ? "as read no ray meets it"
                                            : fmt::format("as read {:.2f} px", as_read_px)));
@@ -621,6 +722,7 @@ class Examination {
   std::optional<ReadingErrors> data_;
   std::vector<StoredExtreme> masked_;
   std::vector<Candidate> candidates_;
+  MeshSearch mesh_search_ = MeshSearch::kNotSearched;
   Diagnosis diagnosis_;
 };
 
@@ -634,6 +736,7 @@ DoctorInput MakeDoctorInput(const NamedGeometry& geometry, std::span<const Posed
                     .as_read = geometry.depth_reading.value_or(InputReading{})};
   input.as_read.poses = poses;
   input.mesh = geometry.mesh;
+  input.as_placed = geometry.placement;
   if (geometry.maps != nullptr) {
     input.map_size_px = geometry.maps->size_px();
     input.stored = {.load = [maps = geometry.maps](

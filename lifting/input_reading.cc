@@ -78,6 +78,11 @@ std::string ToString(const RepairOptions& repair) {
   if (!repair.geometry_keys.empty()) {
     text = fmt::format("in --geometry: {}", fmt::join(repair.geometry_keys, ","));
   }
+  if (!repair.replaced_keys.empty()) {
+    const std::string replaced = fmt::format("{}", fmt::join(repair.replaced_keys, ","));
+    text = text.empty() ? fmt::format("in --geometry: leave out {}", replaced)
+                        : fmt::format("{} in place of {}", text, replaced);
+  }
   for (const std::string& option : repair.options) {
     text += (text.empty() ? "" : "; ") + option;
   }

@@ -34,6 +34,43 @@ std::optional<double> EpipolarDistance(const PosedImage& a, const Eigen::Vector2
   return at_infinity ? std::min(*at_infinity, distance) : distance;
 }
 
+// Of each match another keypoint of image b: that of another match of the same two images, or,
+// where these are few, of another match of that image. None where there is no other.
+std::vector<std::optional<Eigen::Vector2d>> KeypointsAtRandom(
+    std::span<const ReferenceMatch> matches) {
+  constexpr size_t kFewOfPair = 5;
+  struct Keypoint {
+    size_t match;
+    Eigen::Vector2d px;
+  };
+  std::map<std::pair<int, int>, std::vector<size_t>> of_pair;
+  std::map<int, std::vector<Keypoint>> of_image;
+  for (size_t i = 0; i < matches.size(); ++i) {
+    const ReferenceMatch& match = matches[i];
+    of_pair[{match.reference_a, match.reference_b}].push_back(i);
+    of_image[match.reference_a].push_back({i, match.a_px});
+    of_image[match.reference_b].push_back({i, match.b_px});
+  }
+  std::vector<std::optional<Eigen::Vector2d>> dealt(matches.size());
+  for (const auto& [pair, indices] : of_pair) {
+    for (size_t k = 0; k < indices.size(); ++k) {
+      if (indices.size() < kFewOfPair) continue;
+      dealt[indices[k]] = matches[indices[(k + indices.size() / 2) % indices.size()]].b_px;
+    }
+  }
+  for (const auto& [image, keypoints] : of_image) {
+    for (size_t k = 0; k < keypoints.size(); ++k) {
+      const size_t i = keypoints[k].match;
+      const Keypoint& other = keypoints[(k + keypoints.size() / 2) % keypoints.size()];
+      if (dealt[i] || matches[i].reference_b != image || other.px == matches[i].b_px) {
+        continue;
+      }
+      dealt[i] = other.px;
+    }
+  }
+  return dealt;
+}
+
 }  // namespace
 
 double EpipolarThresholdPx(const Camera& camera) {
@@ -64,17 +101,7 @@ MatchAgreement Agreement(std::span<const PosedImage> references,
                          PoseConvention poses, int threads) {
   std::vector<PosedImage> posed;
   for (const PosedImage& reference : references) posed.push_back(ReadAs(reference, as_read, poses));
-  // At random: the keypoint of another match of the same two images.
-  std::map<std::pair<int, int>, std::vector<size_t>> of_pair;
-  for (size_t i = 0; i < matches.size(); ++i) {
-    of_pair[{matches[i].reference_a, matches[i].reference_b}].push_back(i);
-  }
-  std::vector<size_t> other(matches.size());
-  for (const auto& [pair, indices] : of_pair) {
-    for (size_t k = 0; k < indices.size(); ++k) {
-      other[indices[k]] = indices[(k + indices.size() / 2) % indices.size()];
-    }
-  }
+  const auto random_b_px = KeypointsAtRandom(matches);
   std::vector<std::optional<double>> distance(matches.size());
   std::vector<std::optional<double>> at_random(matches.size());
   ParallelFor(matches.size(), threads, [&](size_t i) {
@@ -82,26 +109,26 @@ MatchAgreement Agreement(std::span<const PosedImage> references,
     const PosedImage& a = posed[static_cast<size_t>(match.reference_a)];
     const PosedImage& b = posed[static_cast<size_t>(match.reference_b)];
     distance[i] = EpipolarDistance(a, match.a_px, b, match.b_px);
-    at_random[i] = EpipolarDistance(a, match.a_px, b, matches[other[i]].b_px);
+    if (random_b_px[i]) at_random[i] = EpipolarDistance(a, match.a_px, b, *random_b_px[i]);
   });
   MatchAgreement agreement{.poses = poses};
   agreement.agrees.resize(matches.size());
   std::vector<double> agreeing_px;
-  size_t random_count = 0;
   size_t random_agreeing = 0;
   for (size_t i = 0; i < matches.size(); ++i) {
     const double threshold_px =
         EpipolarThresholdPx(references[static_cast<size_t>(matches[i].reference_b)].camera);
     agreement.agrees[i] = distance[i] && *distance[i] <= threshold_px;
     if (agreement.agrees[i]) agreeing_px.push_back(*distance[i]);
-    if (other[i] == i) continue;
-    ++random_count;
+    if (!random_b_px[i]) continue;
+    ++agreement.num_random;
     if (at_random[i] && *at_random[i] <= threshold_px) ++random_agreeing;
   }
   agreement.num_agreeing = agreeing_px.size();
   agreement.median_px = UpperMedianOr(std::move(agreeing_px), 0);
-  if (random_count > 0) {
-    agreement.chance = static_cast<double>(random_agreeing) / static_cast<double>(random_count);
+  if (agreement.num_random > 0) {
+    agreement.chance =
+        static_cast<double>(random_agreeing) / static_cast<double>(agreement.num_random);
   }
   return agreement;
 }

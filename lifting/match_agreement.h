@@ -26,8 +26,9 @@ struct MatchAgreement {
   PoseConvention poses = PoseConvention::kCamFromWorld;
   std::vector<bool> agrees = {};  // of each match
   size_t num_agreeing = 0;
-  double chance = 0;     // the share that agrees where keypoints are matched at random
-  double median_px = 0;  // distance from the epipolar line of those that agree
+  double chance = 0;      // the share that agrees where keypoints are matched at random
+  size_t num_random = 0;  // of those; few tell nothing of chance
+  double median_px = 0;   // distance from the epipolar line of those that agree
 
   // The share of matches that agree by more than chance.
   double Skill() const;

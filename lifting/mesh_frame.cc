@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <iterator>
+#include <limits>
 #include <utility>
 
 #include "match_agreement.h"
@@ -12,9 +13,11 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 
+#include "raylift/base/error.h"
 #include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/rng.h"
+#include "raylift/lifting/mesh_spec.h"
 
 namespace raylift {
 namespace {
@@ -45,6 +48,7 @@ std::vector<Eigen::Matrix3d> AllAxes() {
 // Points of the mesh, evenly over its area.
 std::vector<Eigen::Vector3d> SampleSurface(const TriangleMesh& mesh) {
   constexpr size_t kSamples = 30000;
+  RAYLIFT_CHECK(!mesh.triangles.empty());
   std::vector<double> area_up_to;
   double total = 0;
   for (const auto& t : mesh.triangles) {
@@ -75,6 +79,7 @@ std::vector<Eigen::Vector3d> SampleSurface(const TriangleMesh& mesh) {
 }
 
 Eigen::Vector3d Quantile(std::span<const Eigen::Vector3d> points, double share) {
+  RAYLIFT_CHECK(!points.empty());
   Eigen::Vector3d quantile;
   for (int axis = 0; axis < 3; ++axis) {
     std::vector<double> values;
@@ -87,6 +92,30 @@ Eigen::Vector3d Quantile(std::span<const Eigen::Vector3d> points, double share) 
   return quantile;
 }
 
+double AreaOfBox(const Eigen::Vector3d& size) {
+  return 2 * (size.x() * size.y() + size.y() * size.z() + size.z() * size.x());
+}
+
+// How many triangles' boxes a random line through the mesh's box crosses (as areas of convex
+// bodies tell): of scenes dozens, of triangles at random thousands, among which each ray is slow.
+double ExpectedCrossings(const TriangleMesh& mesh) {
+  Eigen::Array3d low = Eigen::Array3d::Constant(std::numeric_limits<double>::infinity());
+  Eigen::Array3d high = -low;
+  double sum = 0;
+  for (const auto& t : mesh.triangles) {
+    const Eigen::Array3d a = mesh.vertices[t[0]].cast<double>().array();
+    const Eigen::Array3d b = mesh.vertices[t[1]].cast<double>().array();
+    const Eigen::Array3d c = mesh.vertices[t[2]].cast<double>().array();
+    const Eigen::Array3d own_low = a.min(b).min(c);
+    const Eigen::Array3d own_high = a.max(b).max(c);
+    sum += AreaOfBox(own_high - own_low);
+    low = low.min(own_low);
+    high = high.max(own_high);
+  }
+  const double whole = AreaOfBox(high - low);
+  return whole > 0 ? sum / whole : 0;
+}
+
 // Cells of space that are on a surface or beside it.
 class SurfaceGrid {
  public:
@@ -97,15 +126,24 @@ class SurfaceGrid {
       size_[axis] = static_cast<int>((high_[axis] - low_[axis]) / cell_) + 1 + 2 * kMargin;
     }
     near_.assign(static_cast<size_t>(size_.prod()), 0);
+    inner_ = static_cast<size_t>((size_ - Eigen::Vector3i::Constant(2 * kMargin)).prod());
     for (const Eigen::Vector3d& point : points) Mark(CellOf(point));
   }
 
   double cell() const { return cell_; }
   const Eigen::Vector3d& low() const { return low_; }
   const Eigen::Vector3d& high() const { return high_; }
+  // Where all points lie near the surface, wherever it is shifted to. A box-shaped room's walls take
+  // half of the cells.
+  bool IsFull() const {
+    const auto marked =
+        near_.size() - static_cast<size_t>(std::count(near_.begin(), near_.end(), uint8_t{0}));
+    return static_cast<double>(marked) > 0.9 * static_cast<double>(inner_);
+  }
 
   Eigen::Vector3i CellOf(const Eigen::Vector3d& point) const {
-    return ((point - low_) / cell_).array().floor().cast<int>() + kMargin;
+    constexpr double kFar = 1e6;
+    return ((point - low_) / cell_).array().floor().max(-kFar).min(kFar).cast<int>() + kMargin;
   }
   int At(const Eigen::Vector3i& c) const {
     if ((c.array() < 0).any() || (c.array() >= size_.array()).any()) return 0;
@@ -134,6 +172,7 @@ class SurfaceGrid {
   double cell_ = 1;
   Eigen::Vector3i size_;
   std::vector<uint8_t> near_;
+  size_t inner_ = 0;  // cells without the margin
 };
 
 // Shifts in the mesh's frame that bring most of the points near the surface.
@@ -204,15 +243,17 @@ double Rounded(double value, int digits) {
 MeshFrameSearch::MeshFrameSearch(const RayCaster& mesh, const DoctorInput& input,
                                  const ReadingErrors& data, const InputReading& reading,
                                  int threads)
-    : mesh_(mesh), data_(data), reading_(reading), threads_(threads) {
+    : mesh_(mesh), data_(data), reading_(reading), as_placed_(input.as_placed), threads_(threads) {
   const auto triangulated = data.Triangulated(reading.poses);
   std::vector<PosedImage> posed;
   for (const PosedImage& reference : input.references) {
     posed.push_back(ReadAs(reference, input.as_read.poses, reading.poses));
   }
+  const std::vector<Half> halves = HalvesOf(data);
   std::vector<Eigen::Vector3d> points;
   for (size_t i = 0; i < triangulated.size(); ++i) {
-    if (!triangulated[i] || triangulated[i]->gain_px < kLeastGainPx) continue;
+    if (halves[i] == Half::kNeither || !triangulated[i] || triangulated[i]->gain_px < kLeastGainPx)
+      continue;
     const auto& keypoint = data.keypoints()[i];
     const PosedImage& map = posed[static_cast<size_t>(keypoint.map)];
     const auto ray = map.camera.RayInCam(keypoint.pixel);
@@ -221,9 +262,8 @@ MeshFrameSearch::MeshFrameSearch(const RayCaster& mesh, const DoctorInput& input
                         .origin = map.cam_from_world.OriginInSource(),
                         .direction = map.cam_from_world.rotation.conjugate() * (*ray / ray->z()),
                         .z = triangulated[i]->z,
-                        .gain_px = triangulated[i]->gain_px,
-                        .for_fitting = IsForFitting(keypoint)};
-    if (sample.for_fitting) {
+                        .gain_px = triangulated[i]->gain_px};
+    if (halves[i] == Half::kFitting) {
       fitting_.push_back(sample);
       points.push_back(sample.origin + sample.z * sample.direction);
     } else {
@@ -319,6 +359,7 @@ std::vector<MeshFrameSearch::Candidate> MeshFrameSearch::Shifted() const {
   points.resize(std::min(points.size(), kPoints));
   if (points.empty()) return {};
   const SurfaceGrid grid(SampleSurface(mesh_.mesh()));
+  if (grid.IsFull()) return {};
   const double mesh_extent = (grid.high() - grid.low()).norm();
   const double extent = (high - low).norm();
   struct Start {
@@ -348,17 +389,37 @@ std::vector<MeshFrameSearch::Candidate> MeshFrameSearch::Shifted() const {
       Candidate candidate{{.scale = start.scale,
                            .axes = start.axes,
                            .shift = -start.scale * (start.axes * found.shift)}};
-      candidate.placement = Refine(candidate.placement, some, 0.2, Freedom::kShift);
-      candidate.placement = Refine(candidate.placement, some, 0.06, Freedom::kShift);
-      candidate.score = Score(some, candidate.placement, 0.04);
+      candidate.score = Score(some, candidate.placement, 0.15);
       of_start[s].push_back(candidate);
     }
   });
   std::vector<Candidate> candidates;
-  for (const auto& found : of_start)
+  for (const auto& found : of_start) {
     candidates.insert(candidates.end(), found.begin(), found.end());
-  KeepBest(candidates, 32);
-  return candidates;
+  }
+  KeepBest(candidates, 64);
+  ParallelFor(candidates.size(), threads_, [&](size_t i) {
+    MeshPlacement& placement = candidates[i].placement;
+    placement = Refine(placement, some, 0.2, Freedom::kShift);
+    placement = Refine(placement, some, 0.06, Freedom::kShift);
+    candidates[i].score = Score(some, placement, 0.04);
+  });
+  return BestDifferent(std::move(candidates), 32);
+}
+
+// Many starts come to the same placement, which is to take one place only.
+std::vector<MeshFrameSearch::Candidate> MeshFrameSearch::BestDifferent(
+    std::vector<Candidate> candidates, size_t count) const {
+  KeepBest(candidates, candidates.size());
+  std::vector<Candidate> different;
+  for (const Candidate& candidate : candidates) {
+    if (different.size() == count) break;
+    const bool known = std::any_of(different.begin(), different.end(), [&](const auto& other) {
+      return IsSame(other.placement, candidate.placement);
+    });
+    if (!known) different.push_back(candidate);
+  }
+  return different;
 }
 
 MeshPlacement MeshFrameSearch::Refine(MeshPlacement placement, std::span<const Sample> samples,
@@ -401,8 +462,24 @@ MeshPlacement MeshFrameSearch::Refine(MeshPlacement placement, std::span<const S
   return placement;
 }
 
+// With axes that have a name instead of ones that are nearly so, turned about what is seen; none
+// where they are not or have one already.
+std::optional<MeshPlacement> MeshFrameSearch::AlongAxes(const MeshPlacement& placement,
+                                                        std::span<const Sample> samples) const {
+  constexpr double kNear = 0.03;  // a degree, in norm
+  const Eigen::Matrix3d axes = placement.axes.array().round() + 0.0;
+  if (axes == placement.axes || (axes - placement.axes).norm() > kNear || !NameOfAxes(axes)) {
+    return std::nullopt;
+  }
+  MeshPlacement turned = placement;
+  turned.axes = axes;
+  turned.shift = center_ + axes * placement.axes.transpose() * (placement.shift - center_);
+  turned = Refine(turned, samples, 0.05, Freedom::kShiftAndScale);
+  return Refine(turned, samples, 0.02, Freedom::kShiftAndScale);
+}
+
 // Known units, round numbers and no shift at all where they are about as good.
-MeshPlacement MeshFrameSearch::Simplify(const MeshPlacement& refined) const {
+MeshPlacement MeshFrameSearch::Simplify(MeshPlacement refined) const {
   constexpr double kTolerance = 0.02;
   constexpr double kAboutAsGood = 1.15;
   const auto samples = std::span(fitting_).first(std::min<size_t>(2000, fitting_.size()));
@@ -410,6 +487,10 @@ MeshPlacement MeshFrameSearch::Simplify(const MeshPlacement& refined) const {
   const auto as_good = [&](const MeshPlacement& other) {
     return MedianPx(samples, other) <= largest_px;
   };
+  // As its files have it.
+  if (!as_placed_.IsIdentity() && as_good(Inverse(as_placed_))) return Inverse(as_placed_);
+  const auto along_axes = AlongAxes(refined, samples);
+  if (along_axes && as_good(*along_axes)) refined = *along_axes;
   MeshPlacement simple = refined;
   const double unit = std::exp(KnownUnit(std::log(refined.scale)));
   for (const double scale : {Rounded(unit, 4), Rounded(refined.scale, 1), Rounded(refined.scale, 2),
@@ -457,15 +538,27 @@ PlacedMesh MeshFrameSearch::Judge(const MeshPlacement& placement) const {
       chance_px.push_back(data_.ErrorAt(reading_, i, *other));
     }
   }
-  PlacedMesh placed{placement, MakeFit(std::move(errors_px), std::move(chance_px)), {}};
+  PlacedMesh placed{
+      placement, placement * as_placed_, MakeFit(std::move(errors_px), std::move(chance_px)), {}};
   placed.errors_px.resize(depths.size());
   for (const Sample& sample : held_out_) {
     const auto& depth = depths[sample.keypoint];
     placed.errors_px[sample.keypoint] =
         depth ? data_.ErrorAt(reading_, sample.keypoint, *depth) : ReadingErrors::kLargestPx;
   }
+  placed.fit.asked = held_out_.size();
   placed.fit.coverage = static_cast<double>(placed.fit.count) /
                         std::max<double>(1, static_cast<double>(held_out_.size()));
+  return placed;
+}
+
+// What the keys say, to their digits: that is what the user will have.
+PlacedMesh MeshFrameSearch::JudgeByKeys(const MeshPlacement& placement) const {
+  const std::string keys = KeysOf(placement * as_placed_);
+  const MeshPlacement by_keys =
+      ParseMeshSpec("mesh:found" + (keys.empty() ? "" : "," + keys), MeshUse::kLift).placement;
+  PlacedMesh placed = Judge(by_keys * Inverse(as_placed_));
+  placed.from_files = by_keys;
   return placed;
 }
 
@@ -524,9 +617,16 @@ bool MeshFrameSearch::IsSame(const MeshPlacement& a, const MeshPlacement& b) con
   return 2 * same > both;
 }
 
-std::vector<PlacedMesh> MeshFrameSearch::Find() const {
+MeshSearch MeshFrameSearch::Obstacle() const {
   constexpr size_t kFewest = 30;
-  if (fitting_.size() < kFewest || held_out_.size() < kFewest) return {};
+  constexpr double kMostCrossings = 500;
+  if (fitting_.size() < kFewest || held_out_.size() < kFewest) return MeshSearch::kTooFewMatches;
+  if (ExpectedCrossings(mesh_.mesh()) > kMostCrossings) return MeshSearch::kTooTangled;
+  return MeshSearch::kNoneFound;
+}
+
+std::vector<PlacedMesh> MeshFrameSearch::Find() const {
+  if (Obstacle() != MeshSearch::kNoneFound || mesh_.mesh().triangles.empty()) return {};
   std::vector<Candidate> candidates = ScaledAboutOrigin();
   const std::vector<Candidate> shifted = Shifted();
   candidates.insert(candidates.end(), shifted.begin(), shifted.end());
@@ -535,7 +635,7 @@ std::vector<PlacedMesh> MeshFrameSearch::Find() const {
   };
   ParallelFor(candidates.size(), threads_,
               [&](size_t i) { RefineFully(candidates[i], samples(200)); });
-  KeepBest(candidates, 8);
+  candidates = BestDifferent(std::move(candidates), 8);
   ParallelFor(candidates.size(), threads_, [&](size_t i) {
     for (int round = 0; round < 2; ++round) RefineFully(candidates[i], samples(600));
   });
@@ -547,7 +647,11 @@ std::vector<PlacedMesh> MeshFrameSearch::Find() const {
       return IsSame(other.placement, candidate.placement);
     });
     if (known) continue;
-    found.push_back(Judge(Simplify(candidate.placement)));
+    PlacedMesh placed = JudgeByKeys(Simplify(candidate.placement));
+    const bool became_known = std::any_of(found.begin(), found.end(), [&](const PlacedMesh& other) {
+      return IsSame(other.placement, placed.placement);
+    });
+    if (!became_known) found.push_back(std::move(placed));
     if (found.size() == kMost) break;
   }
   return found;

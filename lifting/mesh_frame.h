@@ -2,7 +2,7 @@
 // points on the surface; rays through their keypoints must meet the mesh there once it is scaled,
 // turned, mirrored or shifted rightly.
 //
-// Placements are looked for among all signed permutations of the axes: with any scale about the
+// Placements are those of the mesh as it is read. They are looked for among all signed permutations of the axes: with any scale about the
 // origin, and with usual scales and any shift (by how many of the points then lie near the
 // surface, on a grid). The best are refined by the planes that the rays meet. Private to lifting.
 
@@ -20,9 +20,19 @@ namespace raylift {
 
 // A placement, and what it does for matches that it was not found by.
 struct PlacedMesh {
-  MeshPlacement placement;
+  MeshPlacement placement;   // of the mesh as it is read
+  MeshPlacement from_files;  // of the mesh as its files have it, to the digits of its keys
   ReadingFit fit;
   std::vector<std::optional<double>> errors_px;  // of each keypoint
+};
+
+// What came of looking for them.
+enum class MeshSearch {
+  kNotSearched,
+  kTooFewMatches,  // to look by and to judge by
+  kTooTangled,     // rays cross too many triangles
+  kNoneFound,
+  kRejected,  // what was found is not good
 };
 
 class MeshFrameSearch {
@@ -31,8 +41,12 @@ class MeshFrameSearch {
   MeshFrameSearch(const RayCaster& mesh, const DoctorInput& input, const ReadingErrors& data,
                   const InputReading& reading, int threads);
 
+  // kNoneFound where nothing stands against a search.
+  MeshSearch Obstacle() const;
   // The best of clearly different placements, best first; few.
   std::vector<PlacedMesh> Find() const;
+  // What a placement of the whole mesh, without limits of what is lifted from it, is worth.
+  PlacedMesh Judge(const MeshPlacement& placement) const;
 
  private:
   // A keypoint's ray in the world; ray_t is z in its map.
@@ -42,7 +56,6 @@ class MeshFrameSearch {
     Eigen::Vector3d direction;
     double z;        // triangulated
     double gain_px;  // see TriangulatedDepth
-    bool for_fitting;
   };
   struct Candidate {
     MeshPlacement placement;
@@ -58,16 +71,20 @@ class MeshFrameSearch {
   double MedianPx(std::span<const Sample> samples, const MeshPlacement& placement) const;
   std::vector<Candidate> ScaledAboutOrigin() const;
   std::vector<Candidate> Shifted() const;
+  std::vector<Candidate> BestDifferent(std::vector<Candidate> candidates, size_t count) const;
   enum class Freedom { kShift, kShiftAndScale, kSimilarity };
   void RefineFully(Candidate& candidate, std::span<const Sample> samples) const;
   MeshPlacement Refine(MeshPlacement placement, std::span<const Sample> samples, double tolerance,
                        Freedom freedom) const;
-  MeshPlacement Simplify(const MeshPlacement& refined) const;
-  PlacedMesh Judge(const MeshPlacement& placement) const;
+  std::optional<MeshPlacement> AlongAxes(const MeshPlacement& placement,
+                                         std::span<const Sample> samples) const;
+  MeshPlacement Simplify(MeshPlacement refined) const;
+  PlacedMesh JudgeByKeys(const MeshPlacement& placement) const;
 
   const RayCaster& mesh_;
   const ReadingErrors& data_;
   const InputReading& reading_;
+  MeshPlacement as_placed_;
   int threads_;
   std::vector<Sample> fitting_;  // in an order that makes the first ones a fair sample
   std::vector<Sample> held_out_;

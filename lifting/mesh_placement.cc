@@ -1,11 +1,13 @@
 #include "raylift/lifting/mesh_placement.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 #include <vector>
 
 #include <Eigen/LU>
+#include <Eigen/SVD>
 #include <fmt/format.h>
 
 #include "raylift/base/text.h"
@@ -32,7 +34,37 @@ std::string MatrixKey(const MeshPlacement& placement) {
   return fmt::format("matrix={}", fmt::join(numbers, "/"));
 }
 
+// 9 digits, as the keys have them.
+constexpr double kRounding = 1e-9;
+
+double NearestInteger(double value, double tolerance) {
+  const double integer = std::round(value) + 0.0;  // no minus zero
+  return std::abs(value - integer) <= tolerance ? integer : value;
+}
+
 }  // namespace
+
+MeshPlacement operator*(const MeshPlacement& left, const MeshPlacement& right) {
+  const Eigen::Vector3d carried = left.scale * (left.axes * right.shift);
+  MeshPlacement product{.scale = left.scale * right.scale,
+                        .axes = left.axes * right.axes,
+                        .shift = carried + left.shift};
+  if (std::abs(product.scale - 1) <= kRounding) product.scale = 1;
+  const double shift_rounding = kRounding * (carried.norm() + left.shift.norm());
+  for (int row = 0; row < 3; ++row) {
+    if (std::abs(product.shift[row]) <= shift_rounding) product.shift[row] = 0;
+    for (int column = 0; column < 3; ++column) {
+      product.axes(row, column) = NearestInteger(product.axes(row, column), kRounding);
+    }
+  }
+  return product;
+}
+
+MeshPlacement Inverse(const MeshPlacement& placement) {
+  MeshPlacement inverse{.scale = 1 / placement.scale, .axes = placement.axes.transpose()};
+  inverse.shift = -inverse.scale * (inverse.axes * placement.shift);
+  return inverse;
+}
 
 bool MeshPlacement::IsIdentity() const {
   return scale == 1 && axes == Eigen::Matrix3d::Identity() && shift == Eigen::Vector3d::Zero();
@@ -70,15 +102,20 @@ std::optional<std::string> NameOfAxes(const Eigen::Matrix3d& axes) {
   return name;
 }
 
-std::optional<MeshPlacement> PlacementFromMatrix(std::span<const double> row_major_3x4) {
-  if (row_major_3x4.size() != 12) return std::nullopt;
+std::optional<MeshPlacement> PlacementFromMatrix(std::span<const double> row_major) {
+  constexpr std::array<double, 4> kLastRow = {0, 0, 0, 1};
+  const bool whole = row_major.size() == 16;
+  if (!whole && row_major.size() != 12) return std::nullopt;
+  if (whole && !std::equal(kLastRow.begin(), kLastRow.end(), row_major.begin() + 12)) {
+    return std::nullopt;
+  }
   Eigen::Matrix3d linear;
   MeshPlacement placement;
   for (int row = 0; row < 3; ++row) {
     for (int column = 0; column < 3; ++column) {
-      linear(row, column) = row_major_3x4[static_cast<size_t>(4 * row + column)];
+      linear(row, column) = row_major[static_cast<size_t>(4 * row + column)];
     }
-    placement.shift[row] = row_major_3x4[static_cast<size_t>(4 * row + 3)];
+    placement.shift[row] = row_major[static_cast<size_t>(4 * row + 3)];
   }
   placement.scale = std::cbrt(std::abs(linear.determinant()));
   if (!linear.allFinite() || !placement.shift.allFinite() || !(placement.scale > 0)) {
@@ -88,6 +125,11 @@ std::optional<MeshPlacement> PlacementFromMatrix(std::span<const double> row_maj
   constexpr double kTolerance = 1e-4;  // numbers are written with few digits
   const Eigen::Matrix3d square = placement.axes * placement.axes.transpose();
   if (!square.isIdentity(kTolerance)) return std::nullopt;
+  // Axes by name are exact.
+  if (NameOfAxes(placement.axes)) return placement;
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(placement.axes,
+                                              Eigen::ComputeFullU | Eigen::ComputeFullV);
+  placement.axes = svd.matrixU() * svd.matrixV().transpose();
   return placement;
 }
 
@@ -98,7 +140,9 @@ std::string Describe(const MeshPlacement& placement) {
     const auto name = NameOfAxes(placement.axes);
     std::string text = placement.IsMirror() ? "mirrored" : "turned";
     text += name ? fmt::format(" (its {} are x/y/z)", *name)
-                 : fmt::format(" by {:.2f} deg", AngleDeg(placement.axes));
+                 : fmt::format(" {} {:.2f} deg",
+                               placement.IsMirror() ? "through a point and turned by" : "by",
+                               AngleDeg(placement.IsMirror() ? -placement.axes : placement.axes));
     parts.push_back(std::move(text));
   }
   if (placement.shift != Eigen::Vector3d::Zero()) {
@@ -110,7 +154,7 @@ std::string Describe(const MeshPlacement& placement) {
 
 std::string KeysOf(const MeshPlacement& placement) {
   std::vector<std::string> keys;
-  if (placement.scale != 1) keys.push_back(fmt::format("scale={:.6g}", placement.scale));
+  if (placement.scale != 1) keys.push_back(fmt::format("scale={:.9g}", placement.scale));
   if (placement.axes != Eigen::Matrix3d::Identity()) {
     const auto name = NameOfAxes(placement.axes);
     if (!name) return MatrixKey(placement);

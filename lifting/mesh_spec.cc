@@ -22,7 +22,7 @@ using BackFaces = SurfaceLimits::BackFaces;
 std::string BuildKey() { return "build=" + NameList<BuildQuality>(); }
 
 std::string PlaceKeys() {
-  return "scale, axes (as in x/-z/y), shift=X/Y/Z, matrix (3 x 4), " + BuildKey();
+  return "scale, axes (as in x/-z/y), shift=X/Y/Z, matrix (3 x 4 or 4 x 4), " + BuildKey();
 }
 
 std::string FormOf(MeshUse use) {
@@ -40,8 +40,16 @@ std::string KeysOf(MeshUse use) {
 MeshPlacement TakePlacement(SpecKeys& keys) {
   MeshPlacement placement;
   if (keys.Has("matrix")) {
-    const auto similarity = PlacementFromMatrix(keys.TakeNumbers("matrix"));
-    if (!similarity) keys.Fail("expected matrix=R11/R12/R13/T1/R21/.../T3, a similarity");
+    const std::vector<double> numbers = keys.TakeNumbers("matrix");
+    if (numbers.size() != 12 && numbers.size() != 16) {
+      keys.Fail(fmt::format("expected matrix= 12 or 16 numbers, found {}", numbers.size()));
+    }
+    const auto similarity = PlacementFromMatrix(numbers);
+    if (!similarity) {
+      keys.Fail(
+          "expected matrix=R11/R12/R13/T1/R21/.../T3[/0/0/0/1], a similarity; its rows are not "
+          "orthogonal and of one length, or the last one is not 0/0/0/1");
+    }
     if (keys.Has("scale") || keys.Has("axes") || keys.Has("shift")) {
       keys.Fail("matrix stands for scale, axes and shift");
     }
@@ -49,18 +57,23 @@ MeshPlacement TakePlacement(SpecKeys& keys) {
   }
   placement.scale = keys.TakeNumber("scale", 0).value_or(placement.scale);
   if (!(placement.scale > 0) || !std::isfinite(placement.scale)) {
-    keys.Fail("expected a positive scale");
+    keys.Fail(fmt::format("expected a positive scale, found {}", placement.scale));
   }
   if (const auto name = keys.Take("axes")) {
     const auto axes = AxesFromName(*name);
-    if (!axes) keys.Fail("expected axes=A/B/C: what the world's x, y, z are in the mesh (x/-z/y)");
+    if (!axes) {
+      keys.Fail(
+          fmt::format("expected axes=A/B/C: what the world's x, y, z are in the mesh (x/-z/y), "
+                      "found \"{}\"",
+                      *name));
+    }
     placement.axes = *axes;
   }
   if (keys.Has("shift")) {
     const std::vector<double> shift = keys.TakeNumbers("shift");
     if (shift.size() != 3 || !std::all_of(shift.begin(), shift.end(),
                                           [](double value) { return std::isfinite(value); })) {
-      keys.Fail("expected shift=X/Y/Z");
+      keys.Fail(fmt::format("expected shift=X/Y/Z, found {}", fmt::join(shift, "/")));
     }
     placement.shift = {shift[0], shift[1], shift[2]};
   }

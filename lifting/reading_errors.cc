@@ -144,9 +144,10 @@ std::vector<std::optional<double>> ReadingErrors::LookUp(const InputReading& rea
       stored[begin + i] = input_.as_read.kind == DepthKind::kInverse ? 1 / z
                           : input_.as_read.kind == DepthKind::kRay   ? z / ray->z()
                                                                      : z;
-      constexpr double kSameValue = 1e-5;  // maps are float, and interpolated
+      // Maps are float, and interpolated, as z where they store ray lengths.
+      const double same_value = input_.as_read.kind == DepthKind::kRay ? 2e-4 : 1e-5;
       const bool masked = std::any_of(masked_.begin(), masked_.end(), [&](double value) {
-        return std::abs(*stored[begin + i] / value - 1) < kSameValue;
+        return std::abs(*stored[begin + i] / value - 1) < same_value;
       });
       if (masked) stored[begin + i].reset();
     }
@@ -239,7 +240,7 @@ std::vector<size_t> ReadingErrors::Shuffled() const {
 }
 
 ReadingFit MakeFit(std::vector<double> errors_px, std::vector<double> chance_px) {
-  ReadingFit fit{.count = errors_px.size()};
+  ReadingFit fit{.asked = errors_px.size(), .count = errors_px.size()};
   const auto upper = [](std::vector<double>& values) {
     const auto at = values.begin() + static_cast<std::ptrdiff_t>(values.size() * 3 / 4);
     std::nth_element(values.begin(), at, values.end());
@@ -265,15 +266,14 @@ double ReadingErrors::ErrorAt(const InputReading& reading, size_t keypoint, doub
 }
 
 ReadingFit ReadingErrors::FitOf(const InputReading& reading,
-                                std::span<const double> log_factor_of_map,
-                                const std::vector<bool>& keep) const {
+                                std::span<const double> log_factor_of_map) const {
   const std::vector<Sight>& sights = sights_.at(reading.poses);
   const auto depths = Depths(reading);
   const std::vector<size_t> shuffled = Shuffled();
   std::vector<double> errors, chance;
   size_t asked = 0;
   for (size_t i = 0; i < keypoints_.size(); ++i) {
-    if (!sights[i].depth || (!keep.empty() && !keep[i])) continue;
+    if (!sights[i].depth) continue;
     ++asked;
     const double factor = std::exp(log_factor_of_map[static_cast<size_t>(keypoints_[i].map)]);
     if (depths[i]) errors.push_back(ErrorAt(reading, i, *depths[i] * factor));
@@ -282,6 +282,7 @@ ReadingFit ReadingErrors::FitOf(const InputReading& reading,
     }
   }
   ReadingFit fit = MakeFit(std::move(errors), std::move(chance));
+  fit.asked = asked;
   fit.coverage = static_cast<double>(fit.count) / std::max<double>(1, static_cast<double>(asked));
   return fit;
 }

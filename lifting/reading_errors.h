@@ -35,17 +35,6 @@ struct MapScales {
   CommonScale common;
 };
 
-// How well a reading explains the matches in itself, each map at its own scale: the errors of
-// keypoints whose depth the matches tell, beside those of depths that are dealt out at random among
-// the keypoints of each map. What has nothing to do with the scene fits no better than chance.
-struct ReadingFit {
-  size_t count = 0;
-  double coverage = 0;  // the share of keypoints that have a depth
-  double median_px = 0;
-  double median_chance_px = 0;
-  double upper_px = 0;  // three quarters are below
-  double upper_chance_px = 0;
-};
 ReadingFit MakeFit(std::vector<double> errors_px, std::vector<double> chance_px);
 
 class ReadingErrors {
@@ -72,9 +61,7 @@ class ReadingErrors {
   // matches are the others' median. All 1 where the source is a surface in the world.
   MapScales FitScales(const InputReading& reading) const;
 
-  // Without those that `keep` (of each keypoint) drops; empty: of all.
-  ReadingFit FitOf(const InputReading& reading, std::span<const double> log_factor_of_map,
-                   const std::vector<bool>& keep = {}) const;
+  ReadingFit FitOf(const InputReading& reading, std::span<const double> log_factor_of_map) const;
 
   // The error in pixels of a keypoint at a depth z; `kLargestPx` at most.
   double ErrorAt(const InputReading& reading, size_t keypoint, double z) const;

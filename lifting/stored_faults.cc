@@ -4,10 +4,13 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <map>
+#include <tuple>
 #include <utility>
 
 #include <Eigen/Core>
 #include <Eigen/LU>
+#include <fmt/format.h>
 
 #include "raylift/base/parallel.h"
 #include "raylift/base/rng.h"
@@ -131,6 +134,51 @@ Unwrapped Unwrap(const ReadingErrors& data, const InputReading& reading, size_t 
   return best;
 }
 
+// Depths with multiples of a modulus.
+class UnwrapTrial {
+ public:
+  UnwrapTrial(const ReadingErrors& data, const InputReading& reading, double yardstick_px)
+      : data_(data),
+        reading_(reading),
+        depths_(data.Depths(reading)),
+        triangulated_(data.Triangulated(reading.poses)),
+        shuffled_(data.Shuffled()),
+        exact_px_(4 * std::max(yardstick_px, 0.5)) {}
+
+  // Its share is of the keypoints that multiples mend: far off without them, about exact with.
+  WrapFault Try(double z_modulus) const {
+    constexpr double kFarOff = 5;
+    WrapFault fault;
+    fault.errors_px.resize(depths_.size());
+    std::vector<double> errors_px, chance_px;
+    size_t mended = 0;
+    for (size_t i = 0; i < depths_.size(); ++i) {
+      if (!depths_[i] || !triangulated_[i]) continue;
+      const double z = triangulated_[i]->z;
+      const Unwrapped unwrapped = Unwrap(data_, reading_, i, *depths_[i], z_modulus, z);
+      errors_px.push_back(unwrapped.error_px);
+      fault.errors_px[i] = unwrapped.error_px;
+      const double before_px = data_.ErrorAt(reading_, i, *depths_[i]);
+      if (unwrapped.error_px <= exact_px_ && before_px > kFarOff * unwrapped.error_px) ++mended;
+      if (const auto& other = depths_[shuffled_[i]]) {
+        chance_px.push_back(Unwrap(data_, reading_, i, *other, z_modulus, z).error_px);
+      }
+    }
+    fault.share =
+        static_cast<double>(mended) / std::max<double>(1, static_cast<double>(errors_px.size()));
+    fault.fit = MakeFit(std::move(errors_px), std::move(chance_px));
+    return fault;
+  }
+
+ private:
+  const ReadingErrors& data_;
+  const InputReading& reading_;
+  std::vector<std::optional<double>> depths_;
+  std::vector<std::optional<TriangulatedDepth>> triangulated_;
+  std::vector<size_t> shuffled_;
+  double exact_px_;
+};
+
 // A match for the fit of an affine map: target = factor * value + shift, where an error of the
 // target by itself moves the keypoint by `px`.
 struct AffineSample {
@@ -170,12 +218,14 @@ std::optional<std::pair<double, double>> FitAffine(const std::vector<AffineSampl
     if (s.value == t.value) continue;
     const double factor = (s.target - t.target) / (s.value - t.value);
     const double shift = s.target - factor * s.value;
+    if (!(factor > 0)) continue;  // larger values are larger depths, or inverse ones
     const double cost = RobustCost(some, factor, shift);
-    if (cost < best_cost) {
+    if (std::isfinite(cost) && cost < best_cost) {
       best_cost = cost;
       best = {factor, shift};
     }
   }
+  if (!std::isfinite(best_cost)) return std::nullopt;
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
     Eigen::Vector2d right = Eigen::Vector2d::Zero();
@@ -188,9 +238,10 @@ std::optional<std::pair<double, double>> FitAffine(const std::vector<AffineSampl
       normal += weight * row * row.transpose();
       right += weight * s.target * row;
     }
-    if (!(std::abs(normal.determinant()) > 0)) break;
+    constexpr double kLeastRank = 1e-12;
+    if (!(normal.determinant() > kLeastRank * normal(0, 0) * normal(1, 1))) break;
     const Eigen::Vector2d solution = normal.inverse() * right;
-    if (!solution.allFinite()) break;
+    if (!solution.allFinite() || !(solution.x() > 0)) break;
     best = {solution.x(), solution.y()};
   }
   return best;
@@ -204,14 +255,15 @@ class AffineSearch {
         reading_(reading),
         depths_(data.Depths(reading)),
         triangulated_(data.Triangulated(reading.poses)),
-        shuffled_(data.Shuffled()) {}
+        shuffled_(data.Shuffled()),
+        halves_(HalvesOf(data)) {}
 
   std::optional<AffineFault> Fit(const AffineForm& form) const {
     const auto [inverse, common] = form;
     std::vector<std::vector<AffineSample>> samples(common ? 1 : data_.num_maps());
     for (size_t i = 0; i < depths_.size(); ++i) {
       const auto& keypoint = data_.keypoints()[i];
-      if (!depths_[i] || !triangulated_[i] || !IsForFitting(keypoint)) continue;
+      if (!depths_[i] || !triangulated_[i] || halves_[i] != Half::kFitting) continue;
       const double z = triangulated_[i]->z;
       samples[common ? 0 : static_cast<size_t>(keypoint.map)].push_back(
           {Value(i), inverse ? 1 / z : z, triangulated_[i]->gain_px});
@@ -228,7 +280,7 @@ class AffineSearch {
     std::vector<double> errors_px, chance_px;
     for (size_t i = 0; i < depths_.size(); ++i) {
       const auto& keypoint = data_.keypoints()[i];
-      if (!depths_[i] || !triangulated_[i] || IsForFitting(keypoint)) continue;
+      if (!depths_[i] || !triangulated_[i] || halves_[i] != Half::kHeldOut) continue;
       const auto& fit = fits[common ? 0 : static_cast<size_t>(keypoint.map)];
       if (!fit) continue;
       errors_px.push_back(ErrorPx(i, Value(i), *fit, inverse));
@@ -258,13 +310,47 @@ class AffineSearch {
   std::vector<std::optional<double>> depths_;
   std::vector<std::optional<TriangulatedDepth>> triangulated_;
   std::vector<size_t> shuffled_;
+  std::vector<Half> halves_;
 };
 
 }  // namespace
 
-bool IsForFitting(const ReadingErrors::Keypoint& keypoint) {
-  const auto [low, high] = std::minmax(keypoint.map, keypoint.other);
-  return (low * 7 + high * 3) % 2 == 0;
+std::vector<Half> HalvesOf(const ReadingErrors& data) {
+  std::map<std::pair<int, int>, Half> of_pair;
+  std::vector<Half> halves;
+  for (const ReadingErrors::Keypoint& keypoint : data.keypoints()) {
+    const auto pair = std::minmax(keypoint.map, keypoint.other);
+    const auto [found, is_new] = of_pair.try_emplace(pair, Half::kFitting);
+    if (is_new && StreamSeed(0, fmt::format("{} {}", pair.first, pair.second), "halves") % 2 == 0) {
+      found->second = Half::kHeldOut;
+    }
+    halves.push_back(found->second);
+  }
+  // Places that are in both halves stay in one of them, by turns.
+  struct Place {
+    bool fitting = false;
+    bool held_out = false;
+    std::optional<Half> stays = std::nullopt;
+  };
+  std::map<std::tuple<int, double, double>, Place> places;
+  const auto place_of = [&](size_t i) -> Place& {
+    const ReadingErrors::Keypoint& keypoint = data.keypoints()[i];
+    return places[{keypoint.map, keypoint.pixel.x(), keypoint.pixel.y()}];
+  };
+  for (size_t i = 0; i < halves.size(); ++i) {
+    (halves[i] == Half::kFitting ? place_of(i).fitting : place_of(i).held_out) = true;
+  }
+  Half turn = Half::kFitting;
+  for (size_t i = 0; i < halves.size(); ++i) {
+    Place& place = place_of(i);
+    if (!place.fitting || !place.held_out) continue;
+    if (!place.stays) {
+      place.stays = turn;
+      turn = turn == Half::kFitting ? Half::kHeldOut : Half::kFitting;
+    }
+    if (halves[i] != *place.stays) halves[i] = Half::kNeither;
+  }
+  return halves;
 }
 
 StoredStatistics LookAtMaps(const DoctorInput& input, int threads) {
@@ -292,38 +378,22 @@ std::optional<WrapFault> FindWrap(const DoctorInput& input, const ReadingErrors&
                                   IsGoodFit is_good) {
   if (!input.stored || reading.kind != DepthKind::kZ) return std::nullopt;
   constexpr double kLeastShare = 0.03;
-  const auto depths = data.Depths(reading);
-  const auto triangulated = data.Triangulated(reading.poses);
-  const auto shuffled = data.Shuffled();
+  // Multiples of any modulus mend some errors; those of the right one far more.
+  constexpr std::array<double, 3> kControls = {0.83, 1.13, 1.29};
+  constexpr double kTimesControl = 3;
+  const UnwrapTrial trial(data, reading, yardstick_px);
   std::optional<WrapFault> best;
   for (const double modulus : Moduli(largest, input.stored->unit)) {
     const double z_modulus = modulus * input.stored->unit;
-    std::vector<double> errors_px, chance_px, wrapped_px, wrapped_before_px;
-    for (size_t i = 0; i < depths.size(); ++i) {
-      if (!depths[i] || !triangulated[i]) continue;
-      const double z = triangulated[i]->z;
-      const Unwrapped unwrapped = Unwrap(data, reading, i, *depths[i], z_modulus, z);
-      errors_px.push_back(unwrapped.error_px);
-      if (unwrapped.multiples > 0) {
-        wrapped_px.push_back(unwrapped.error_px);
-        wrapped_before_px.push_back(data.ErrorAt(reading, i, *depths[i]));
-      }
-      if (const auto& other = depths[shuffled[i]]) {
-        chance_px.push_back(Unwrap(data, reading, i, *other, z_modulus, z).error_px);
-      }
+    WrapFault fault = trial.Try(z_modulus);
+    fault.modulus = modulus;
+    if (fault.share < kLeastShare || !is_good(fault.fit, yardstick_px)) continue;
+    double control = 0;
+    for (const double factor : kControls) {
+      control = std::max(control, trial.Try(factor * z_modulus).share);
     }
-    if (errors_px.empty()) continue;
-    WrapFault fault{
-        .modulus = modulus,
-        .share = static_cast<double>(wrapped_px.size()) / static_cast<double>(errors_px.size())};
-    // Where multiples are added they must mend what was far off before.
-    const ReadingFit wrapped = MakeFit(std::move(wrapped_px), std::move(wrapped_before_px));
-    fault.fit = MakeFit(std::move(errors_px), std::move(chance_px));
-    if (fault.share < kLeastShare || !is_good(fault.fit, yardstick_px) ||
-        wrapped.median_px > 0.2 * wrapped.median_chance_px) {
-      continue;
-    }
-    if (!best || fault.fit.median_px < best->fit.median_px) best = fault;
+    if (fault.share < kTimesControl * control) continue;
+    if (!best || fault.fit.median_px < best->fit.median_px) best = std::move(fault);
   }
   return best;
 }
@@ -333,12 +403,17 @@ std::optional<AffineFault> FindAffine(const DoctorInput& input, const ReadingErr
                                       std::span<const AffineForm> forms, double yardstick_px,
                                       IsGoodFit is_good) {
   constexpr size_t kFewest = 50;
+  constexpr double kClearlyBetter = 0.9;
   const AffineSearch search(input, data, reading);
+  std::optional<AffineFault> best;
   for (const AffineForm& form : forms) {
     auto fault = search.Fit(form);
-    if (fault && fault->fit.count >= kFewest && is_good(fault->fit, yardstick_px)) return fault;
+    if (!fault || fault->fit.count < kFewest || !is_good(fault->fit, yardstick_px)) continue;
+    if (!best || fault->fit.median_px < kClearlyBetter * best->fit.median_px) {
+      best = std::move(fault);
+    }
   }
-  return std::nullopt;
+  return best;
 }
 
 }  // namespace raylift

@@ -35,9 +35,10 @@ using IsGoodFit = bool (*)(const ReadingFit& fit, double yardstick_px);
 
 // Values that go on at 0 where they reach `modulus`: depth agrees once multiples of it are added.
 struct WrapFault {
-  double modulus = 0;   // as stored
-  double share = 0;     // of keypoints that are wrapped
-  ReadingFit fit = {};  // with the multiples
+  double modulus = 0;                                 // as stored
+  double share = 0;                                   // of keypoints that are wrapped
+  ReadingFit fit = {};                                // with the multiples
+  std::vector<std::optional<double>> errors_px = {};  // of each keypoint, with them
 };
 std::optional<WrapFault> FindWrap(const DoctorInput& input, const ReadingErrors& data,
                                   const InputReading& reading, double largest, double yardstick_px,
@@ -56,13 +57,15 @@ struct AffineFault {
   ReadingFit fit = {};
   std::vector<std::optional<double>> errors_px = {};  // of each keypoint
 };
-// The first of the forms that is good.
+// The best of the forms that are good, the first of those that are about as good.
 std::optional<AffineFault> FindAffine(const DoctorInput& input, const ReadingErrors& data,
                                       const InputReading& reading,
                                       std::span<const AffineForm> forms, double yardstick_px,
                                       IsGoodFit is_good);
 
-// Whether a match is for fitting; those of the other pairs of images tell whether a fit holds.
-bool IsForFitting(const ReadingErrors::Keypoint& keypoint);
+// Keypoints are for fitting or, those of other pairs of images, tell whether a fit holds. The same
+// place in a map is not for both: some of its matches are for neither.
+enum class Half { kFitting, kHeldOut, kNeither };
+std::vector<Half> HalvesOf(const ReadingErrors& data);
 
 }  // namespace raylift

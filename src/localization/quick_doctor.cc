@@ -50,9 +50,9 @@ std::optional<std::string> QuickDoctor::Warn(const NamedGeometry& geometry,
       all.push_back(match);
     }
   }
-  const Diagnosis diagnosis =
-      Diagnose(MakeDoctorInput(geometry, references.images, all, poses),
-               {.max_matches = kMatches, .shifts = false, .threads = threads});
+  const Diagnosis diagnosis = Diagnose(
+      MakeDoctorInput(geometry, references.images, all, poses),
+      {.max_matches = kMatches, .half_pixels = false, .mesh_frames = false, .threads = threads});
   if (!diagnosis.suspicious()) return std::nullopt;
   return fmt::format("{}: {}", geometry.source->Description(), Summary(diagnosis));
 }

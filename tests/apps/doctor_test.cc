@@ -65,6 +65,9 @@ TEST(Doctor, ReferencesAloneSuffice) {
   const auto repaired = verdict_on(",scale=1000");
   EXPECT_EQ(repaired["verdict"], "repair");
   EXPECT_EQ(repaired["fault"], "mesh_frame");
+  EXPECT_TRUE(repaired["repair"]["geometry_keys"].empty());
+  EXPECT_EQ(repaired["repair"]["replaced_keys"], nlohmann::json({"scale=1000"}));
+  EXPECT_FALSE(repaired.contains("best"));
 }
 
 TEST(Localize, WarnsWhereAnotherReadingIsFarBetter) {

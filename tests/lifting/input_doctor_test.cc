@@ -2,7 +2,11 @@
 
 #include "raylift/lifting/input_doctor.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <fstream>
+#include <iterator>
 #include <map>
 #include <memory>
 
@@ -13,6 +17,7 @@
 #include "raylift/base/rng.h"
 #include "raylift/io/query_list.h"
 #include "raylift/lifting/depth_source.h"
+#include "raylift/lifting/geometry_spec.h"
 #include "raylift/lifting/mesh_placement.h"
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/localization/hloc_matches.h"
@@ -209,7 +214,7 @@ TEST_F(RgbdSmallDoctor, IsSilentWhereReferencesAreFew) {
 }
 
 TEST_F(RgbdSmallDoctor, FewMatchesTellGrossErrorsAndRaiseNoFalseAlarm) {
-  const DoctorOptions quick{.max_matches = 1500, .shifts = false};
+  const DoctorOptions quick{.max_matches = 1500, .half_pixels = false, .mesh_frames = false};
   const Scene sensor = With("depth_sensor");
   const Scene monocular = With("depth_mono_sim");
   EXPECT_TRUE(Finds({}, 0, Examine(sensor, {}, quick)));
@@ -290,6 +295,26 @@ std::vector<ReferenceMatch> MatchByMesh(const GeometrySource& mesh,
   return matches;
 }
 
+TEST_F(RgbdSmallDoctor, FindsFaultsOfStoredDepth) {
+  for (const char* folder : {"depth_sensor", "depth_mono_sim"}) {
+    const Scene right = With(folder);
+    const Diagnosis clamped =
+        Examine(WithDepth(right, [](double z, int) { return std::min(z, 2.0); }));
+    EXPECT_EQ(clamped.repair.geometry_keys, std::vector<std::string>{"invalid=2000"})
+        << folder << Describe(clamped);
+    const Diagnosis wrapped = Examine(
+        WithDepth(right, [](double z, int) { return std::max(std::fmod(z, 2.048), 0.001); }));
+    EXPECT_EQ(wrapped.verdict, Verdict::kNothingFits) << folder << Describe(wrapped);
+    // Of maps that are off by 10 % it cannot be told what else is wrong.
+    if (folder == std::string("depth_sensor")) {
+      EXPECT_EQ(wrapped.fault, InputFault::kWrap);
+    }
+    const Diagnosis disparity =
+        Examine(WithDepth(right, [](double z, int) { return 0.7 / z + 0.1; }));
+    EXPECT_EQ(disparity.fault, InputFault::kDisparity) << folder << Describe(disparity);
+  }
+}
+
 class DemoDoctor : public ::testing::Test {
  protected:
   void SetUp() override {
@@ -338,6 +363,141 @@ TEST_F(DemoDoctor, CutOffDepthIsTakenForNone) {
     EXPECT_EQ(diagnosis.repair.geometry_keys,
               std::vector<std::string>{fmt::format("invalid={}", 1000 * most)});
   }
+}
+
+TEST_F(DemoDoctor, CutOffDepthIsToldFromRightDepthAtTheOtherEnd) {
+  const Scene both = WithDepth(scene_, [](double z, int) { return std::clamp(z, 3.0, 8.0); });
+  // Nearer than 3 most keypoints are right: the many exact values there are a floor at 3.
+  Scene near = both;
+  std::erase_if(near.matches, [&](const ReferenceMatch& m) {
+    const auto depth_at = [&](int reference, const Eigen::Vector2d& px) {
+      const PosedImage& image = near.references[static_cast<size_t>(reference)];
+      const auto point = LiftByDepthMap(*scene_.maps.at(image.name), image, {&px, 1}, {})[0];
+      return point ? point->depth_z : 0.0;
+    };
+    return depth_at(m.reference_a, m.a_px) < 3.2 || depth_at(m.reference_b, m.b_px) < 3.2;
+  });
+  const Diagnosis diagnosis = Examine(near);
+  EXPECT_EQ(diagnosis.repair.geometry_keys, std::vector<std::string>{"invalid=8000"})
+      << Describe(diagnosis);
+}
+
+// What is printed for values that are cut off matches what float files hold.
+TEST_F(DemoDoctor, InvalidValuesOfFloatMapsAreFoundAgain) {
+  for (const DepthKind kind : {DepthKind::kZ, DepthKind::kRay, DepthKind::kInverse}) {
+    for (const double scale : {1.0, 0.3}) {
+      DepthConvention convention{.kind = kind, .unit = 1, .scale = scale};
+      std::map<std::string, StoredDepth> files;
+      std::ptrdiff_t right = 0;
+      Scene scene = scene_;
+      const auto read = [&] {
+        for (const PosedImage& r : scene.references) {
+          scene.maps[r.name] =
+              std::make_shared<const DepthMap>(ToDepthMap(files.at(r.name), r.camera, convention));
+        }
+      };
+      for (const PosedImage& r : scene.references) {
+        const DepthMap& map = *scene_.maps.at(r.name);
+        const auto ray_z = RayZOfPixels(r.camera.Scaled(map.width_px, map.height_px));
+        StoredDepth& file = files[r.name];
+        file.width_px = map.width_px;
+        file.height_px = map.height_px;
+        file.values = map.z;
+        file.sample_type = "float32";
+        for (size_t i = 0; i < file.values.size(); ++i) {
+          float& value = file.values[i];
+          if (value == 0) continue;
+          if (kind == DepthKind::kRay) value /= ray_z[i];
+          if (value < 7.3f) ++right;
+          value = std::min(value, 7.3f);
+          if (kind == DepthKind::kInverse) value = 1 / value;
+          value /= static_cast<float>(scale);
+        }
+      }
+      read();
+      const auto load = [&](const PosedImage& r) { return scene.maps.at(r.name); };
+      const MapsInMemory source(scene.maps, 0.5);
+      const DepthMap& first = *scene.maps.begin()->second;
+      const Diagnosis diagnosis =
+          Diagnose({.source = source,
+                    .references = scene.references,
+                    .matches = scene.matches,
+                    .as_read = {.kind = kind, .scale = scale},
+                    .map_size_px = PlaneSize{first.width_px, first.height_px},
+                    .stored = StoredMaps{.load = load, .unit = scale}});
+      ASSERT_EQ(diagnosis.fault, InputFault::kClamp) << Describe(diagnosis);
+      ASSERT_EQ(diagnosis.repair.geometry_keys.size(), 1u);
+      const std::string& key = diagnosis.repair.geometry_keys[0];
+      ASSERT_TRUE(key.starts_with("invalid=")) << key;
+      EXPECT_NE(diagnosis.reason.find("cut off"), std::string::npos) << diagnosis.reason;
+      EXPECT_NE(diagnosis.reason.find(kind == DepthKind::kInverse ? "the smallest" : "the largest"),
+                std::string::npos);
+      convention.invalid_values = {std::stod(key.substr(8))};
+      read();
+      std::ptrdiff_t left = 0;
+      for (const auto& [name, map] : scene.maps) {
+        left += std::count_if(map->z.begin(), map->z.end(), [](float z) { return z > 0; });
+      }
+      EXPECT_NEAR(left, right, 3) << key;  // some may by chance have the value
+      EXPECT_NE(Examine(scene, {.kind = kind, .scale = scale}).fault, InputFault::kClamp) << key;
+    }
+  }
+}
+
+TEST_F(DemoDoctor, WrongBackgroundIsNoWrap) {
+  std::vector<float> depths;
+  for (const auto& [name, map] : scene_.maps) {
+    std::copy_if(map->z.begin(), map->z.end(), std::back_inserter(depths),
+                 [](float z) { return z > 0; });
+  }
+  std::sort(depths.begin(), depths.end());
+  const double most = double{depths[depths.size() * 95 / 100]};
+  const Scene far = WithDepth(scene_, [&](double z, int) { return z > most ? 0.6 * z : z; });
+  EXPECT_NE(Examine(far).fault, InputFault::kWrap) << Describe(Examine(far));
+  EXPECT_EQ(Examine(far).verdict, Verdict::kAsMeant) << Describe(Examine(far));
+}
+
+TEST_F(DemoDoctor, OffsetDepthIsNoDisparity) {
+  // On walls 4 to 6 away.
+  const Scene offset =
+      WithDepth(scene_, [](double z, int) { return z < 4 || z > 6 ? 0.0 : z - 0.5; });
+  const Diagnosis diagnosis = Examine(offset);
+  EXPECT_EQ(diagnosis.fault, InputFault::kAffine) << Describe(diagnosis);
+}
+
+TEST_F(DemoDoctor, ViewsWithoutParallaxTellNoDepth) {
+  // All from about the same place.
+  const Eigen::Vector3d center = scene_.references[0].cam_from_world.OriginInSource();
+  const MeshSource mesh("mesh", Open(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj"));
+  int n = 0;
+  for (PosedImage& reference : scene_.references) {
+    const Eigen::Vector3d near = center + Eigen::Vector3d(0.001 * n++, 0, 0);
+    reference.cam_from_world.rotation = scene_.references[0].cam_from_world.rotation;
+    reference.cam_from_world.translation = -(reference.cam_from_world.rotation * near);
+  }
+  Rng rng(1);
+  scene_.matches = MatchByMesh(mesh, scene_.references, 0.3, rng);
+  scene_.maps = RenderMaps(*Open(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj"), scene_.references, 160);
+  const Diagnosis diagnosis = Examine(scene_);
+  EXPECT_EQ(diagnosis.verdict, Verdict::kTooFewMatches) << Describe(diagnosis);
+  EXPECT_NE(diagnosis.reason.find("too close together"), std::string::npos);
+}
+
+TEST_F(DemoDoctor, OneWrongMatchPerPairIsNoAgreement) {
+  Rng rng(5);
+  std::vector<ReferenceMatch> matches;
+  const auto count = static_cast<int>(scene_.references.size());
+  const Camera& camera = scene_.references[0].camera;
+  const auto at_random = [&] {
+    return Eigen::Vector2d(rng.Uniform(0, camera.width_px()), rng.Uniform(0, camera.height_px()));
+  };
+  for (int a = 0; a < count; ++a) {
+    for (int b = a + 1; b < count; ++b) matches.push_back({a, b, at_random(), at_random()});
+  }
+  scene_.matches = matches;
+  const Diagnosis diagnosis = Examine(scene_);
+  EXPECT_TRUE(diagnosis.verdict == Verdict::kTooFewMatches || diagnosis.fault == InputFault::kPoses)
+      << Describe(diagnosis);
 }
 
 TEST_F(DemoDoctor, WrappedDepthFitsNothing) {
@@ -404,12 +564,8 @@ class MovedMesh : public DemoDoctor {
  protected:
   // The verdict on the demo's mesh where what is right is `world_from_mesh`.
   Diagnosis ExamineMoved(const MeshPlacement& world_from_mesh) const {
-    // The inverse: mesh = axes^T (world - shift) / scale.
-    MeshPlacement moved{.scale = 1 / world_from_mesh.scale,
-                        .axes = world_from_mesh.axes.transpose()};
-    moved.shift = -moved.scale * (moved.axes * world_from_mesh.shift);
     const auto caster = std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(
-        Placed(ReadMesh(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj"), moved)));
+        Placed(ReadMesh(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj"), Inverse(world_from_mesh))));
     const MeshSource source("mesh", caster);
     return Diagnose({.source = source,
                      .references = scene_.references,
@@ -445,6 +601,125 @@ TEST_F(MovedMesh, IsFoundWithOtherAxes) {
 TEST_F(MovedMesh, KeysSayWhatWasFound) {
   const Diagnosis diagnosis = ExamineMoved({.scale = 0.001, .axes = *AxesFromName("x/-z/y")});
   EXPECT_EQ(diagnosis.repair.geometry_keys, std::vector<std::string>{"scale=0.001,axes=x/-z/y"});
+}
+
+TEST_F(MovedMesh, RepairStandsInPlaceOfTheKeysAsRead) {
+  const std::string mesh = "mesh:" + (fs::path(RAYLIFT_DEMO_DIR) / "scene.obj").string();
+  const auto examine = [&](const std::string& spec) {
+    const NamedGeometry geometry = MakeGeometrySource(spec);
+    return Diagnose(MakeDoctorInput(geometry, scene_.references, scene_.matches,
+                                    PoseConvention::kCamFromWorld));
+  };
+  // The file is right: no key is.
+  for (const std::string keys : {"scale=1000", "shift=3/0/0", "axes=x/-z/y"}) {
+    const Diagnosis diagnosis = examine(mesh + "," + keys);
+    EXPECT_EQ(diagnosis.verdict, Verdict::kRepair) << Describe(diagnosis);
+    EXPECT_EQ(ToString(diagnosis.repair), "in --geometry: leave out " + keys);
+  }
+  // What is printed is right when it is read again.
+  const fs::path file = fs::temp_directory_path() / "raylift_moved_mesh.obj";
+  {
+    std::ofstream out(file);
+    const TriangleMesh moved =
+        Placed(ReadMesh(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj"),
+               Inverse({.scale = 0.001, .axes = *AxesFromName("x/-z/y"), .shift = {2, 0, 0}}));
+    for (uint32_t i = 0; i < moved.vertices.size(); ++i) {
+      const Eigen::Vector3d v = moved.VertexInWorld(i);
+      out << fmt::format("v {} {} {}\n", v.x(), v.y(), v.z());
+    }
+    for (const auto& t : moved.triangles) {
+      out << fmt::format("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1);
+    }
+  }
+  for (const std::string keys : {"", ",axes=x/z/-y", ",scale=0.01,shift=0/1/0"}) {
+    const Diagnosis diagnosis = examine("mesh:" + file.string() + keys);
+    ASSERT_EQ(diagnosis.verdict, Verdict::kRepair) << keys << Describe(diagnosis);
+    ASSERT_EQ(diagnosis.repair.geometry_keys.size(), 1u) << ToString(diagnosis.repair);
+    EXPECT_EQ(diagnosis.repair.replaced_keys.size(), keys.empty() ? 0u : 1u);
+    const Diagnosis again =
+        examine("mesh:" + file.string() + "," + diagnosis.repair.geometry_keys[0]);
+    EXPECT_EQ(again.verdict, Verdict::kAsMeant) << ToString(diagnosis.repair) << Describe(again);
+  }
+  fs::remove(file);
+}
+
+TEST_F(MovedMesh, LimitsThatDropWhatIsSeenAreNoPlacement) {
+  const NamedGeometry geometry = MakeGeometrySource(
+      "mesh:" + (fs::path(RAYLIFT_DEMO_DIR) / "scene.obj").string() + ",near=50");
+  const Diagnosis diagnosis = Diagnose(
+      MakeDoctorInput(geometry, scene_.references, scene_.matches, PoseConvention::kCamFromWorld));
+  EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits) << Describe(diagnosis);
+  EXPECT_NE(diagnosis.reason.find("limits"), std::string::npos) << diagnosis.reason;
+}
+
+TEST(SymmetricRoom, HasNoRepair) {
+  // A box that half a turn about z brings onto itself, shifted, and cameras inside.
+  TriangleMesh box;
+  const Eigen::Vector3f half(3, 2, 1.25f);
+  for (int i = 0; i < 8; ++i) {
+    box.vertices.push_back({(i & 1) ? half.x() : -half.x(), (i & 2) ? half.y() : -half.y(),
+                            (i & 4) ? half.z() : -half.z()});
+  }
+  for (const std::array<uint32_t, 4> q : {std::array<uint32_t, 4>{0, 1, 3, 2},
+                                          {4, 6, 7, 5},
+                                          {0, 4, 5, 1},
+                                          {2, 3, 7, 6},
+                                          {0, 2, 6, 4},
+                                          {1, 5, 7, 3}}) {
+    box.triangles.push_back({q[0], q[1], q[2]});
+    box.triangles.push_back({q[0], q[2], q[3]});
+  }
+  const auto caster_of = [](const TriangleMesh& mesh) {
+    return std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(mesh));
+  };
+  const fs::path demo = RAYLIFT_DEMO_DIR;
+  const Camera camera = LoadReferences(demo / "model", 1).references.images[0].camera;
+  std::vector<PosedImage> references;
+  Rng rng(6);
+  for (int i = 0; i < 20; ++i) {
+    const Eigen::Vector3d center(rng.Uniform(-1, 1), rng.Uniform(-0.7, 0.7),
+                                 rng.Uniform(-0.3, 0.3));
+    const double angle = 0.32 * i;
+    PosedImage image;
+    image.name = fmt::format("{}.jpg", i);
+    image.camera = camera;
+    Eigen::Matrix3d rotation;
+    rotation.row(2) = Eigen::Vector3d(std::cos(angle), std::sin(angle), -0.1).normalized();
+    rotation.row(0) = Eigen::Vector3d(std::sin(angle), -std::cos(angle), 0);
+    rotation.row(1) = rotation.row(2).cross(rotation.row(0));
+    image.cam_from_world.rotation = Eigen::Quaterniond(rotation);
+    image.cam_from_world.translation = -(rotation * center);
+    references.push_back(image);
+  }
+  const auto matches = MatchByMesh(MeshSource("mesh", caster_of(box)), references, 0.5, rng);
+  const auto moved = caster_of(Placed(box, {.shift = {1.5, 0.4, 0}}));
+  const MeshSource source("mesh", moved);
+  const Diagnosis diagnosis =
+      Diagnose({.source = source, .references = references, .matches = matches, .mesh = moved});
+  EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits) << Describe(diagnosis);
+  EXPECT_NE(diagnosis.reason.find("fit about as well"), std::string::npos) << diagnosis.reason;
+}
+
+TEST_F(DemoDoctor, TrianglesAtRandomAreNotSearched) {
+  TriangleMesh mesh;
+  Rng rng(7);
+  for (uint32_t i = 0; i < 30000; ++i) {
+    for (int corner = 0; corner < 3; ++corner) {
+      mesh.vertices.push_back({static_cast<float>(rng.Uniform(-9, 9)),
+                               static_cast<float>(rng.Uniform(-9, 9)),
+                               static_cast<float>(rng.Uniform(-9, 9))});
+    }
+    mesh.triangles.push_back({3 * i, 3 * i + 1, 3 * i + 2});
+  }
+  const auto caster =
+      std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(std::move(mesh)));
+  const MeshSource source("mesh", caster);
+  const Diagnosis diagnosis = Diagnose({.source = source,
+                                        .references = scene_.references,
+                                        .matches = scene_.matches,
+                                        .mesh = caster});
+  EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits) << Describe(diagnosis);
+  EXPECT_NE(diagnosis.reason.find("overlap too much"), std::string::npos) << diagnosis.reason;
 }
 
 TEST_F(MovedMesh, NotFoundIsNothingFits) {

@@ -1,5 +1,6 @@
 #include "raylift/lifting/mesh_spec.h"
 
+#include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
 #include "raylift/base/error.h"
@@ -43,10 +44,11 @@ TEST(ParseMeshSpec, LeavesTheBuildToTheUseWhereNoneIsSaid) {
 TEST(ParseMeshSpec, RefusesToRenderWithKeysOfLifting) {
   for (const std::string key : {"near=1", "far=9", "max_incidence_deg=70", "max_depth_jump=0.5",
                                 "jump_radius_px=3", "back_faces=drop"}) {
-    EXPECT_EQ(OptionErrorOf("mesh:a.ply," + key, MeshUse::kRender),
-              "geometry = mesh:a.ply," + key + ": the key " + key.substr(0, key.find('=')) +
-                  " says which points are lifted, but here the whole mesh is rendered; there is "
-                  "scale, axes (as in x/-z/y), shift=X/Y/Z, matrix (3 x 4), build=low|medium");
+    EXPECT_EQ(
+        OptionErrorOf("mesh:a.ply," + key, MeshUse::kRender),
+        "geometry = mesh:a.ply," + key + ": the key " + key.substr(0, key.find('=')) +
+            " says which points are lifted, but here the whole mesh is rendered; there is "
+            "scale, axes (as in x/-z/y), shift=X/Y/Z, matrix (3 x 4 or 4 x 4), build=low|medium");
   }
 }
 
@@ -63,11 +65,38 @@ TEST(ParseMeshSpec, SaysWhereTheMeshBelongs) {
   EXPECT_TRUE(by_matrix.IsMirror());
 }
 
+TEST(ParseMeshSpec, TakesAWholeMatrixAndMakesItsRowsOrthogonal) {
+  const MeshPlacement placement =
+      ParseMeshSpec("mesh:a.ply,matrix=0/-1/0/7/1/0/0/8/0/0/1/9/0/0/0/1", MeshUse::kLift).placement;
+  EXPECT_EQ(placement * Eigen::Vector3d(1, 2, 3), Eigen::Vector3d(5, 9, 12));
+  const MeshPlacement rounded =
+      ParseMeshSpec("mesh:a.ply,matrix=0.86603/-0.5/0/0/0.5/0.86603/0/0/0/0/1/0", MeshUse::kLift)
+          .placement;
+  EXPECT_TRUE((rounded.axes * rounded.axes.transpose()).isIdentity(1e-12));
+}
+
+TEST(MeshPlacement, InverseUndoesItExactlyEnough) {
+  const MeshPlacement placement{
+      .scale = 1000, .axes = *AxesFromName("x/-z/y"), .shift = {1, 0.2, -3}};
+  EXPECT_TRUE((placement * Inverse(placement)).IsIdentity());
+  EXPECT_TRUE((Inverse(placement) * placement).IsIdentity());
+  const MeshPlacement other{.scale = 0.5, .axes = *AxesFromName("-x/y/z"), .shift = {0, 7, 0}};
+  const Eigen::Vector3d point(1, 2, 3);
+  EXPECT_LT(((placement * other) * point - placement * (other * point)).norm(), 1e-9);
+}
+
+TEST(MeshPlacement, DescribesMirrorsByTheirTurn) {
+  const Eigen::AngleAxisd turn(0.5, Eigen::Vector3d(1, 2, 3).normalized());
+  const MeshPlacement mirror{.axes = -turn.toRotationMatrix()};
+  EXPECT_NE(Describe(mirror).find("28.65 deg"), std::string::npos) << Describe(mirror);
+}
+
 TEST(ParseMeshSpec, RefusesPlacesThatAreNone) {
   for (const std::string keys :
        {"scale=0", "scale=inf", "axes=x/y", "axes=x/x/z", "axes=x/y/w", "shift=1/2",
         "shift=1/2/nan", "matrix=1/2/3", "matrix=1/0/0/0/0/2/0/0/0/0/1/0",
-        "matrix=0/0/0/0/0/0/0/0/0/0/0/0", "matrix=1/0/0/0/0/1/0/0/0/0/1/0,scale=2"}) {
+        "matrix=0/0/0/0/0/0/0/0/0/0/0/0", "matrix=1/0/0/0/0/1/0/0/0/0/1/0/0/0/0/2",
+        "matrix=1/0/0/0/0/1/0/0/0/0/1/0,scale=2"}) {
     EXPECT_NE(OptionErrorOf("mesh:a.ply," + keys, MeshUse::kLift), "no OptionError") << keys;
   }
 }

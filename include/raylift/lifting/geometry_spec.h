@@ -13,6 +13,7 @@
 #include "raylift/lifting/depth_folder.h"
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/lifting/input_reading.h"
+#include "raylift/lifting/mesh_placement.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/posed_image.h"
 
@@ -29,6 +30,7 @@ struct NamedGeometry {
   std::string understood = {};
   std::vector<std::string> warnings;  // what the user should know of the files
   std::optional<InputReading> depth_reading = std::nullopt;  // of depth maps
+  MeshPlacement placement = {};                              // of a mesh, by its specification
 };
 
 // What a specification does not say.

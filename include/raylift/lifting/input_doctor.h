@@ -59,6 +59,7 @@ struct DoctorInput {
   std::optional<StoredMaps> stored = std::nullopt;
   // Of a surface: where it is tested whether it is where the references are. May be null.
   std::shared_ptr<const RayCaster> mesh = nullptr;
+  MeshPlacement as_placed = {};  // of the mesh, which has it already
 };
 
 // Of a mesh or depth maps; what is passed must outlive the input.
@@ -68,9 +69,10 @@ DoctorInput MakeDoctorInput(const NamedGeometry& geometry, std::span<const Posed
 struct DoctorOptions {
   size_t max_matches = 20000;  // evenly out of all
   double min_sigmas = 5;
-  // Also tests half a pixel, which takes many matches, and whether a mesh that fits would fit far
-  // better elsewhere, which takes time.
-  bool shifts = true;
+  bool half_pixels = true;  // also tests these, which take many matches
+  // Looks for the place of a mesh that does not fit, or that would fit far better elsewhere, which
+  // takes time.
+  bool mesh_frames = true;
   int threads = 0;
 };
 
@@ -90,7 +92,7 @@ enum class Verdict {
   kAsMeant,        // the input as read fits the matches
   kRepair,         // another reading fits them, and is far better
   kNothingFits,    // none does
-  kTooFewMatches,  // that agree with the poses, for any conclusion
+  kTooFewMatches,  // that agree with the poses and tell depth, for any conclusion
 };
 template <>
 inline constexpr auto kEnumNames<Verdict> = std::to_array<EnumName<Verdict>>({
@@ -121,11 +123,16 @@ inline constexpr auto kEnumNames<InputFault> = std::to_array<EnumName<InputFault
     {InputFault::kMeshFrame, "mesh_frame"},
 });
 
-// How well the best reading explains the matches in itself: see above.
-struct InherentFit {
-  double median_px = 0;         // each map at its own scale
-  double median_chance_px = 0;  // with depths at random
-  double upper_px = 0;          // three quarters are below
+// How well a reading explains the matches in itself, each map at its own scale: the errors of
+// keypoints whose depth the matches tell, beside those of depths that are dealt out at random among
+// the keypoints of each map. What has nothing to do with the scene fits no better than chance.
+struct ReadingFit {
+  size_t asked = 0;     // keypoints whose depth the matches tell
+  size_t count = 0;     // of those that have a depth as read
+  double coverage = 0;  // their share
+  double median_px = 0;
+  double median_chance_px = 0;
+  double upper_px = 0;  // three quarters are below
   double upper_chance_px = 0;
 };
 
@@ -137,8 +144,9 @@ struct Diagnosis {
   InputReading best;                      // as read, unless `verdict` is to repair it
   std::vector<ReadingEvidence> readings;  // `best` first, then by how well they explain the data
   RepairOptions repair;                   // empty unless that is the verdict
-  std::optional<MeshPlacement> mesh_placement = std::nullopt;  // that repairs
-  InherentFit fit;
+  // That repairs: of the mesh as its files have it, in place of any that it is read with.
+  std::optional<MeshPlacement> mesh_placement = std::nullopt;
+  ReadingFit fit;  // of the best
 
   size_t num_matches = 0;
   size_t num_agreeing = 0;  // with the poses

@@ -36,6 +36,8 @@ std::string DescribeDifference(const InputReading& as_read, const InputReading& 
 struct RepairOptions {
   std::vector<std::string> geometry_keys;  // "kind=ray"
   std::vector<std::string> options;        // "--model-poses opengl"
+  // Keys of --geometry that it has and the others stand in place of, or nothing does.
+  std::vector<std::string> replaced_keys = {};
 };
 RepairOptions FindRepair(const InputReading& as_read, const InputReading& other);
 

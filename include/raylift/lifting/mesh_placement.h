@@ -29,16 +29,22 @@ struct MeshPlacement {
   }
 };
 
+// First the right one, then the left one. What differs from no scale, axes or shift by no more than
+// rounding is made none.
+MeshPlacement operator*(const MeshPlacement& left, const MeshPlacement& right);
+MeshPlacement Inverse(const MeshPlacement& placement);
+
 // Signed permutations by what the world's x, y and z are in the mesh: "x/-z/y". None for what is
 // not one.
 std::optional<Eigen::Matrix3d> AxesFromName(std::string_view name);
 // None of axes that are not a signed permutation.
 std::optional<std::string> NameOfAxes(const Eigen::Matrix3d& axes);
 
-// Of the upper three rows of a 4 x 4 matrix, row by row; none where that is no similarity.
-std::optional<MeshPlacement> PlacementFromMatrix(std::span<const double> row_major_3x4);
+// Of a 4 x 4 matrix row by row, all of it or its upper three rows; none where that is no
+// similarity.
+std::optional<MeshPlacement> PlacementFromMatrix(std::span<const double> row_major);
 
-// In words: "the mesh is scaled by 0.001, mirrored".
+// In words: "the mesh times 0.001, mirrored (its -x/y/z are x/y/z)".
 std::string Describe(const MeshPlacement& placement);
 
 // The keys of mesh:... that say it: "scale=0.001,axes=x/-z/y,shift=0/5/0", or "matrix=..." where
