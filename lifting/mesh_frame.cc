@@ -133,8 +133,8 @@ class SurfaceGrid {
   double cell() const { return cell_; }
   const Eigen::Vector3d& low() const { return low_; }
   const Eigen::Vector3d& high() const { return high_; }
-  // Where all points lie near the surface, wherever it is shifted to. A box-shaped room's walls take
-  // half of the cells.
+  // Where all points lie near the surface, wherever it is shifted to. A box-shaped room's walls
+  // take half of the cells.
   bool IsFull() const {
     const auto marked =
         near_.size() - static_cast<size_t>(std::count(near_.begin(), near_.end(), uint8_t{0}));

@@ -2,9 +2,10 @@
 // points on the surface; rays through their keypoints must meet the mesh there once it is scaled,
 // turned, mirrored or shifted rightly.
 //
-// Placements are those of the mesh as it is read. They are looked for among all signed permutations of the axes: with any scale about the
-// origin, and with usual scales and any shift (by how many of the points then lie near the
-// surface, on a grid). The best are refined by the planes that the rays meet. Private to lifting.
+// Placements are those of the mesh as it is read. They are looked for among all signed
+// permutations of the axes: with any scale about the origin, and with usual scales and any shift
+// (by how many of the points then lie near the surface, on a grid). The best are refined by the
+// planes that the rays meet. Private to lifting.
 
 #pragma once
 
