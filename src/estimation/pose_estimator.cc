@@ -217,6 +217,12 @@ class RansacEstimator final : public PoseEstimator {
       if (ExplainTheSame(support, rival)) continue;
       estimate.confidence = std::min(estimate.confidence, ProbabilityOverRival(support, rival));
     }
+    if (!kinds.points) {
+      // The orientation holds all the same, so that it stays a pose.
+      estimate.confidence =
+          std::min(estimate.confidence,
+                   std::max(kLeastConfidence, assessor.ProbabilityOfDistance(pose, support)));
+    }
     estimate.verdict = estimate.confidence >= kLocalizedConfidence ? PoseVerdict::kLocalized
                                                                    : PoseVerdict::kDoubtful;
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <optional>
 #include <set>
 #include <span>
 
@@ -177,18 +178,69 @@ bool ExplainTheSame(const Support& a, const Support& b) {
   return 2 * shared > std::min(a.inlier_keypoints, b.inlier_keypoints);
 }
 
-double ProbabilityOverRival(const Support& best, const Support& rival) {
-  double only_best = 0;
-  double only_rival = 0;
-  for (size_t k = 0; k < best.inlier.size(); ++k) {
-    only_best += best.inlier[k] && !rival.inlier[k] ? 1 : 0;
-    only_rival += rival.inlier[k] && !best.inlier[k] ? 1 : 0;
+namespace {
+
+// The probability that the first of two answers is right if one of them is, by the keypoints that
+// one of them alone explains; none where there is none.
+std::optional<double> ProbabilityOfFirst(const std::vector<bool>& first,
+                                         const std::vector<bool>& second, double clustering) {
+  double only_first = 0;
+  double only_second = 0;
+  for (size_t k = 0; k < first.size(); ++k) {
+    only_first += first[k] && !second[k] ? 1 : 0;
+    only_second += second[k] && !first[k] ? 1 : 0;
   }
-  const double clustering = std::max(best.clustering, rival.clustering);
-  const double all = (only_best + only_rival) / clustering;
-  if (!(all > 0)) return 1;  // they explain the same
-  const double z = (only_best - only_rival) / clustering / std::sqrt(all);
+  const double all = (only_first + only_second) / clustering;
+  if (!(all > 0)) return std::nullopt;
+  const double z = (only_first - only_second) / clustering / std::sqrt(all);
   return 0.5 * std::erfc(-z / std::numbers::sqrt2);
+}
+
+}  // namespace
+
+double ProbabilityOverRival(const Support& best, const Support& rival) {
+  return ProbabilityOfFirst(best.inlier, rival.inlier, std::max(best.clustering, rival.clustering))
+      .value_or(1);  // they explain the same
+}
+
+std::vector<bool> SupportAssessor::ExplainedByOthers(const SolverPose& pose, int reference) const {
+  const Residuals residuals = ComputeResiduals(problem_, pose, {.points = false, .pairs = true});
+  std::vector<bool> explained(num_keypoints_, false);
+  for (size_t i = 0; i < problem_.pairs.size(); ++i) {
+    if (residuals.pairs[i] < 1 && problem_.pairs[i].reference != reference) {
+      explained[of_pairs_[i]] = true;
+    }
+  }
+  return explained;
+}
+
+double SupportAssessor::ProbabilityOfDistance(const SolverPose& pose,
+                                              const Support& support) const {
+  // Local units are the references' spread.
+  constexpr double kLeastMove = 0.25;
+  const Residuals residuals = ComputeResiduals(problem_, pose, {.points = false, .pairs = true});
+  std::vector<int> inliers(problem_.centres.size(), 0);
+  for (size_t i = 0; i < problem_.pairs.size(); ++i) {
+    if (residuals.pairs[i] < 1) ++inliers[static_cast<size_t>(problem_.pairs[i].reference)];
+  }
+  if (inliers.empty()) return 1;
+  const auto most =
+      static_cast<int>(std::max_element(inliers.begin(), inliers.end()) - inliers.begin());
+  const Eigen::Vector3d& from = problem_.centres[static_cast<size_t>(most)];
+  const Eigen::Vector3d offset = -pose.rotation.transpose() * pose.translation - from;
+  const std::vector<bool> explained = ExplainedByOthers(pose, most);
+  double probability = 1;
+  for (const double factor : {0.25, 0.5, 2.0, 4.0}) {
+    if (std::abs(factor - 1) * offset.norm() < kLeastMove) continue;
+    SolverPose moved = pose;
+    moved.translation = -pose.rotation * (from + factor * offset);
+    // Where both explain the same there is nothing to choose by.
+    probability =
+        std::min(probability,
+                 ProbabilityOfFirst(explained, ExplainedByOthers(moved, most), support.clustering)
+                     .value_or(0.5));
+  }
+  return probability;
 }
 
 }  // namespace raylift

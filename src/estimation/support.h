@@ -34,11 +34,19 @@ class SupportAssessor {
 
   Support Of(const SolverPose& pose) const;
 
+  // The probability that the pose is right in its distance from the reference that explains most of
+  // its pairs: those fit at any distance, so that pairs of other references alone tell it, and they
+  // must explain more keypoints than where the pose is moved along that line (by a good part of the
+  // references' spread; 1 where no such move is one). `support`: of the pose.
+  double ProbabilityOfDistance(const SolverPose& pose, const Support& support) const;
+
  private:
   // By how much uncertain points and references widen the area or the width of an inlier, on
   // average.
   double PointWidening(const SolverPose& pose) const;
   double PairWidening() const;
+  // By keypoint: whether a pair of another reference than this one is an inlier.
+  std::vector<bool> ExplainedByOthers(const SolverPose& pose, int reference) const;
 
   const PreparedProblem& problem_;
   ResidualKinds kinds_;

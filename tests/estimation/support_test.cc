@@ -85,6 +85,32 @@ TEST(Support, InliersOfUncertainPointsProveLittle) {
   EXPECT_GT(log_false_alarms(0), 0);
 }
 
+TEST(Support, PairsOfOneReferenceDoNotTellTheDistance) {
+  Rng rng = TestRng();
+  for (int i = 0; i < 5; ++i) {
+    CoherentProblem made =
+        MakeCoherentProblem("distance", {.num_references = 2, .vertical = 0.5}, rng);
+    PoseProblem& problem = made.problem;
+    problem.matches_2d3d.clear();
+    const auto estimator = MakePoseEstimator({.method = Method::kE5p1});
+    EXPECT_EQ(estimator->Estimate(problem).verdict, PoseVerdict::kLocalized);
+    // Of the second reference eight wrong pairs are left.
+    std::vector<Match2D2D> left;
+    int of_second = 0;
+    for (Match2D2D match : problem.matches_2d2d) {
+      if (match.reference == 1) {
+        if (++of_second > 8) continue;
+        match.reference_px = {rng.Uniform(0, 1600), rng.Uniform(0, 1200)};
+      }
+      left.push_back(match);
+    }
+    problem.matches_2d2d = left;
+    const PoseEstimate estimate = estimator->Estimate(problem);
+    ASSERT_TRUE(estimate.cam_from_world);
+    EXPECT_EQ(estimate.verdict, PoseVerdict::kDoubtful);
+  }
+}
+
 TEST(Support, CountsAKeypointOnce) {
   Rng rng = TestRng();
   const CoherentProblem made = MakeCoherentProblem("once", {}, rng);
