@@ -228,6 +228,14 @@ class Examination {
                       all.size(), best.num_random));
       return false;
     }
+    // Where even wrong matches fit, right ones prove nothing.
+    constexpr double kMostByChance = 0.5;
+    if (best.chance > kMostByChance) {
+      Say(Verdict::kTooFewMatches, InputFault::kNone,
+          fmt::format("{:.0f} % of the matches would fit the poses by chance, too",
+                      100 * best.chance));
+      return false;
+    }
     if (best.Purity() < kLeastPurity || best.Skill() < kLeastAgreement) {
       const bool many = all.size() >= kFewestAgreeing;
       Say(many ? Verdict::kNothingFits : Verdict::kTooFewMatches,

@@ -53,7 +53,9 @@ std::optional<std::string> QuickDoctor::Warn(const NamedGeometry& geometry,
   const Diagnosis diagnosis = Diagnose(
       MakeDoctorInput(geometry, references.images, all, poses),
       {.max_matches = kMatches, .half_pixels = false, .mesh_frames = false, .threads = threads});
-  if (!diagnosis.suspicious()) return std::nullopt;
+  // That few points come from the geometry, or few matches fit, is for RunCheck to say.
+  const bool named = diagnosis.fault != InputFault::kNone && diagnosis.fault != InputFault::kPoses;
+  if (diagnosis.verdict != Verdict::kRepair && !named) return std::nullopt;
   return fmt::format("{}: {}", geometry.source->Description(), Summary(diagnosis));
 }
 
