@@ -41,17 +41,11 @@ constexpr double kSettledStep = 0.01;
 constexpr double kSettledInformation = 0.3;
 constexpr int kReferenceRounds = 3;
 
-Matrix3d CrossProductMatrix(const Vector3d& v) {
-  Matrix3d cross;
-  cross << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return cross;
-}
-
 // The unknowns of a view, by how they displace a point: by a turn about the local origin, and a
 // shift. (Common to all views of a point, so that one matrix serves them all.)
 Matrix36d DisplacementJacobian(const Vector3d& point) {
   Matrix36d jacobian;
-  jacobian << -CrossProductMatrix(point), Matrix3d::Identity();
+  jacobian << -Skew(point), Matrix3d::Identity();
   return jacobian;
 }
 
@@ -161,8 +155,11 @@ class JointRefinement {
   // One Gauss-Newton step of all unknowns; its squared length in standard deviations (Newton's
   // decrement), none where there is none to take.
   std::optional<double> Step();
-  // A keypoint's part of the normal equations, its point eliminated.
-  void Linearize(size_t index, const Vector3d& centre);
+  // What the views of a keypoint ask of its point and of themselves; false where there is none.
+  bool Linearize(size_t index, const Vector3d& centre);
+  // Adds the keypoint's part to the normal equations, its point eliminated. The lower triangle of
+  // the Hessian is filled.
+  void AddEliminated(size_t index);
   void MoveQuery(const Eigen::Ref<const VectorXd>& step);
   void MovePoint(const Vector4d& move, const Vector3d& query_centre, KeypointState& state) const;
 
@@ -221,14 +218,13 @@ bool JointRefinement::HasMovedFar() const {
   return squares > count * model_.noise.keypoint_px2;
 }
 
-void JointRefinement::Linearize(size_t index, const Vector3d& centre) {
+bool JointRefinement::Linearize(size_t index, const Vector3d& centre) {
   const KeypointParts& keypoint = evidence_.keypoints[index];
   const KeypointState& state = model_.keypoints[index];
   Back& back = backs_[index];
-  back.used = false;
-  if (model_.TotalWeight(keypoint) < kLeastWeight) return;
+  if (model_.TotalWeight(keypoint) < kLeastWeight) return false;
   const QueryTerm query = model_.LookFromQuery(index, centre);
-  if (!query.seen.in_front) return;
+  if (!query.seen.in_front) return false;
 
   // The point and its common error; the prior's mean is the query's unknown, not theirs.
   Quadratic point = model_.CommonPrior(state);
@@ -266,21 +262,22 @@ void JointRefinement::Linearize(size_t index, const Vector3d& centre) {
   }
 
   back.covariance = point.hessian.inverse();
-  if (!back.covariance.allFinite()) return;
-  back.used = true;
   back.gradient = point.gradient;
+  return back.covariance.allFinite();
+}
 
-  // Eliminates the point. The lower triangle is filled.
-  auto gradient = part_gradients_.col(keypoint.part_of_image);
-  const Matrix3d cross = CrossProductMatrix(state.point);
-  const Vector4d solved_gradient = back.covariance * point.gradient;
-  for (const View& view : views) {
+void JointRefinement::AddEliminated(size_t index) {
+  const Back& back = backs_[index];
+  auto gradient = part_gradients_.col(evidence_.keypoints[index].part_of_image);
+  const Matrix3d cross = Skew(model_.keypoints[index].point);
+  const Vector4d solved_gradient = back.covariance * back.gradient;
+  for (const View& view : back.views) {
     const Vector4d slope = view.cost.gradient - view.coupling.transpose() * solved_gradient;
     gradient.segment<3>(view.column) += cross * slope.head<3>();
     gradient.segment<3>(view.column + 3) += slope.head<3>();
     gradient[view.column + 6] += slope[3];
     const Matrix4d solved = back.covariance * view.coupling;
-    for (const View& other : views) {
+    for (const View& other : back.views) {
       if (other.column > view.column) continue;
       Matrix4d shared = -solved.transpose() * other.coupling;
       if (other.column == view.column) shared += view.cost.hessian;
@@ -293,7 +290,10 @@ std::optional<double> JointRefinement::Step() {
   const Vector3d centre = model_.Centre();
   hessian_.setZero(num_columns_, num_columns_);
   part_gradients_.setZero(num_columns_, kPartsOfImage);
-  for (size_t k = 0; k < backs_.size(); ++k) Linearize(k, centre);
+  for (size_t k = 0; k < backs_.size(); ++k) {
+    backs_[k].used = Linearize(k, centre);
+    if (backs_[k].used) AddEliminated(k);
+  }
   VectorXd gradient = part_gradients_.rowwise().sum();
   if (WithReferences()) AddReferencePriors(gradient);
   hessian_ = MatrixXd(hessian_.selfadjointView<Eigen::Lower>());
@@ -470,8 +470,7 @@ std::optional<Matrix6d> JointRefinement::Covariance() const {
   Matrix6d to_cam = Matrix6d::Zero();
   to_cam.topLeftCorner<3, 3>() = model_.pose.rotation;
   to_cam.bottomRightCorner<3, 3>() = model_.pose.rotation;
-  to_cam.bottomLeftCorner<3, 3>() =
-      CrossProductMatrix(model_.pose.translation) * model_.pose.rotation;
+  to_cam.bottomLeftCorner<3, 3>() = Skew(model_.pose.translation) * model_.pose.rotation;
   const Matrix6d covariance = Inflation(inverse) / StudentInformation(model_.noise.keypoint_tail) *
                               to_cam * inverse.topRows<6>() * to_cam.transpose();
   if (!covariance.allFinite()) return std::nullopt;

@@ -3,9 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "estimation/image_parts.h"
 #include <Eigen/LU>
-
-#include "raylift/scene/keypoints.h"
 
 namespace raylift {
 namespace {
@@ -25,22 +24,16 @@ bool IsOnRay(const Sighting& sighting, const Eigen::Vector3d& point) {
   return n.z() > 0 && n.head<2>().norm() < kOnRayPx * n.z();
 }
 
-int PartOf(double at, int size) {
-  return static_cast<int>(std::clamp(at / size * kPartsPerSide, 0.0, kPartsPerSide - 1.0));
-}
-
 }  // namespace
 
 KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProblem& problem) {
-  const KeypointNumbers numbers =
-      NumberQueryKeypoints(original.matches_2d2d, original.matches_2d3d);
-  std::vector<std::vector<int>> pairs(numbers.count);
-  std::vector<std::vector<int>> points(numbers.count);
+  std::vector<std::vector<int>> pairs(problem.num_keypoints);
+  std::vector<std::vector<int>> points(problem.num_keypoints);
   for (int i = 0; i < static_cast<int>(problem.pairs.size()); ++i) {
-    pairs[numbers.of_2d2d[static_cast<size_t>(problem.pairs[i].match)]].push_back(i);
+    pairs[problem.pairs[i].keypoint].push_back(i);
   }
   for (int i = 0; i < static_cast<int>(problem.points.size()); ++i) {
-    points[numbers.of_2d3d[static_cast<size_t>(problem.points[i].match)]].push_back(i);
+    points[problem.points[i].keypoint].push_back(i);
   }
   std::vector<int> sighting_of_match(original.matches_2d2d.size(), -1);
   KeypointEvidence evidence;
@@ -49,7 +42,7 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
   evidence.focal_px = original.query_camera.MeanFocalPx();
   evidence.centres = problem.centres;
   evidence.sightings.reserve(problem.pairs.size());
-  for (size_t k = 0; k < numbers.count; ++k) {
+  for (size_t k = 0; k < problem.num_keypoints; ++k) {
     if (pairs[k].empty() && points[k].empty()) continue;
     KeypointParts parts;
     parts.first_sighting = static_cast<int>(evidence.sightings.size());
@@ -122,8 +115,7 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
                   .query_px
             : original.matches_2d2d[static_cast<size_t>(problem.pairs[pairs[k].front()].match)]
                   .query_px;
-    parts.part_of_image = PartOf(px.y(), original.query_camera.height_px()) * kPartsPerSide +
-                          PartOf(px.x(), original.query_camera.width_px());
+    parts.part_of_image = PartOfImage(original.query_camera, px, kPartsPerSide);
     if (!pairs[k].empty()) {
       const PreparedPair& pair = problem.pairs[pairs[k].front()];
       parts.image_from_cam =

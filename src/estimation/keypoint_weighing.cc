@@ -108,6 +108,14 @@ class Weighing {
   void Weigh(size_t index);
   void WeighQuery(View& view, KeypointState& state);
   void WeighSighting(int i, const SightingTerm& term, const View& view);
+  // How likely a right match is to look like this.
+  struct Likelihood {
+    double deep = 0;     // with its depth
+    double shallow = 0;  // with a useless depth or none
+    double squared_across = 0;
+  };
+  Likelihood LikelihoodOf(const Sighting& sighting, const SightingTerm& term,
+                          const Matrix3d& spread) const;
   void WeighLoose(int i, const KeypointParts& keypoint, const View& view,
                   const Vector3d& displaced);
   void Drop(const KeypointParts& keypoint);
@@ -224,6 +232,48 @@ void Weighing::WeighQuery(View& view, KeypointState& state) {
   Approach(state.query_right, right);
 }
 
+// The covariance of a sighting's residuals, of its pixel and its depth, by that of its point.
+Matrix3d SpreadOf(const SightingTerm& term, const Matrix4d& covariance) {
+  Matrix24d pixel_by_point;
+  pixel_by_point << term.seen.jacobian, Vector2d::Zero();
+  Vector4d depth_by_point;
+  depth_by_point << term.log_gradient, -1;
+  const Matrix24d half = pixel_by_point * covariance;
+  Matrix3d spread;
+  spread.topLeftCorner<2, 2>().noalias() = half * pixel_by_point.transpose();
+  spread.topRightCorner<2, 1>().noalias() = half * depth_by_point;
+  spread.bottomLeftCorner<1, 2>() = spread.topRightCorner<2, 1>().transpose();
+  spread(2, 2) = depth_by_point.dot(covariance * depth_by_point);
+  return spread;
+}
+
+Weighing::Likelihood Weighing::LikelihoodOf(const Sighting& sighting, const SightingTerm& term,
+                                            const Matrix3d& spread) const {
+  if (!sighting.has_depth) {
+    const Prediction<2> predicted(term.seen.error_px, Vector2d::Constant(term.pixel_variance),
+                                  Vector2d::Constant(term.weight), spread.topLeftCorner<2, 2>());
+    return {.shallow = noise_.right * Density(predicted.error, predicted.covariance),
+            .squared_across = SquaredAcross(predicted.error, predicted.covariance)};
+  }
+  const Prediction<3> predicted({term.seen.error_px.x(), term.seen.error_px.y(), term.depth_error},
+                                {term.pixel_variance, term.pixel_variance, term.depth_variance},
+                                {term.weight, term.weight, term.depth_weight}, spread);
+  const Vector2d error = predicted.error.head<2>();
+  const Matrix2d covariance = predicted.covariance.topLeftCorner<2, 2>();
+  const double right_pixel = noise_.right * Density(error, covariance);
+  // The depth, given the pixel.
+  const Vector2d gain = covariance.inverse() * predicted.covariance.topRightCorner<2, 1>();
+  const double depth_error = predicted.error[2] - gain.dot(error);
+  const double depth_variance =
+      std::max(predicted.covariance(2, 2) - gain.dot(predicted.covariance.topRightCorner<2, 1>()),
+               term.depth_variance);
+  return {.deep = right_pixel * noise_.depth_right *
+                  Normal1D(depth_error * depth_error, depth_variance) /
+                  DensityOfAnyDistance(noise_, sighting.log_distance),
+          .shallow = right_pixel * (1 - noise_.depth_right),
+          .squared_across = SquaredAcross(error, covariance)};
+}
+
 void Weighing::WeighSighting(int i, const SightingTerm& term, const View& view) {
   double& weight = model_.weights.sighting[i];
   double& of_depth = model_.weights.depth[i];
@@ -233,16 +283,7 @@ void Weighing::WeighSighting(int i, const SightingTerm& term, const View& view) 
     return;
   }
   const Sighting& sighting = evidence_.sightings[i];
-  Matrix24d pixel_by_point;
-  pixel_by_point << term.seen.jacobian, Vector2d::Zero();
-  Vector4d depth_by_point;
-  depth_by_point << term.log_gradient, -1;
-  const Matrix24d half = pixel_by_point * view.covariance;
-  Matrix3d spread;
-  spread.topLeftCorner<2, 2>().noalias() = half * pixel_by_point.transpose();
-  spread.topRightCorner<2, 1>().noalias() = half * depth_by_point;
-  spread.bottomLeftCorner<1, 2>() = spread.topRightCorner<2, 1>().transpose();
-  spread(2, 2) = depth_by_point.dot(view.covariance * depth_by_point);
+  const Matrix3d spread = SpreadOf(term, view.covariance);
   const Matrix2d pixel_spread = spread.topLeftCorner<2, 2>();
 
   Approach(precision, Precision(term.seen, pixel_spread, term.pixel_variance));
@@ -257,41 +298,13 @@ void Weighing::WeighSighting(int i, const SightingTerm& term, const View& view) 
     depths_.count += view.trust * (w - term.depth_weight * spread(2, 2));
   }
 
-  // The densities of a right match with its depth and with a useless one.
-  double deep = 0;
-  double shallow = 0;
-  Vector2d error;
-  Matrix2d covariance;
-  if (sighting.has_depth) {
-    const Prediction<3> predicted(
-        {term.seen.error_px.x(), term.seen.error_px.y(), term.depth_error},
-        {term.pixel_variance, term.pixel_variance, term.depth_variance},
-        {term.weight, term.weight, term.depth_weight}, spread);
-    error = predicted.error.head<2>();
-    covariance = predicted.covariance.topLeftCorner<2, 2>();
-    const double right_pixel = noise_.right * Density(error, covariance);
-    // The depth, given the pixel.
-    const Vector2d gain = covariance.inverse() * predicted.covariance.topRightCorner<2, 1>();
-    const double depth_error = predicted.error[2] - gain.dot(error);
-    const double depth_variance =
-        std::max(predicted.covariance(2, 2) - gain.dot(predicted.covariance.topRightCorner<2, 1>()),
-                 term.depth_variance);
-    deep = right_pixel * noise_.depth_right * Normal1D(depth_error * depth_error, depth_variance) /
-           DensityOfAnyDistance(noise_, sighting.log_distance);
-    shallow = right_pixel * (1 - noise_.depth_right);
-  } else {
-    const Prediction<2> predicted(term.seen.error_px, Vector2d::Constant(term.pixel_variance),
-                                  Vector2d::Constant(term.weight), pixel_spread);
-    error = predicted.error;
-    covariance = predicted.covariance;
-    shallow = noise_.right * Density(error, covariance);
-  }
+  auto [deep, shallow, squared_across] = LikelihoodOf(sighting, term, spread);
   if (view.query_far || !std::isfinite(deep + shallow) || IsFar(term.seen, term.pixel_variance)) {
     deep = shallow = 0;
   }
   const double wrong = (1 - noise_.right) / evidence_.query_area_px2;
   const double right = (deep + shallow) / (deep + shallow + wrong);
-  if (right > 0.5 && view.trust > 0.5) across_.push_back(SquaredAcross(error, covariance));
+  if (right > 0.5 && view.trust > 0.5) across_.push_back(squared_across);
   Approach(weight, right);
   Approach(of_depth, deep > 0 ? deep / (deep + shallow) : 0);
   right_.right += weight;

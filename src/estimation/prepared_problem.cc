@@ -7,6 +7,7 @@
 
 #include "raylift/base/median.h"
 #include "raylift/geometry/residuals.h"
+#include "raylift/scene/keypoints.h"
 
 namespace raylift {
 namespace {
@@ -71,12 +72,6 @@ Frame ChooseFrame(const PoseProblem& problem) {
     frame.scale = 1;
   }
   return frame;
-}
-
-// By which factor an uncertain reference's pixel spreads more than a certain one's, for its part of
-// the Sampson error.
-double SpreadOfReference(double reference_sigma_px, double threshold_px) {
-  return std::hypot(1, kSigmasOfThreshold * reference_sigma_px / threshold_px);
 }
 
 std::optional<PreparedPoint> PreparePoint(const Camera& camera, const Match2D3D& match,
@@ -263,17 +258,21 @@ PreparedProblem::PreparedProblem(const PoseProblem& problem, double point_thresh
   for (const PosedImage& reference : problem.references) {
     centres.push_back((reference.cam_from_world.OriginInSource() - frame.origin) / frame.scale);
   }
+  const KeypointNumbers numbers = NumberQueryKeypoints(problem.matches_2d2d, problem.matches_2d3d);
+  num_keypoints = numbers.count;
   points.reserve(problem.matches_2d3d.size());
   for (const int i : RandomOrder(problem.matches_2d3d.size(), rng)) {
     if (const auto point = PreparePoint(problem.query_camera, problem.matches_2d3d[i], frame,
                                         reprojection_threshold_px, point_sigma, i)) {
       points.push_back(*point);
+      points.back().keypoint = numbers.of_2d3d[static_cast<size_t>(i)];
     }
   }
   pairs.reserve(problem.matches_2d2d.size());
   for (const int i : RandomOrderByReference(problem, rng)) {
     if (const auto pair = PreparePair(problem, problem.matches_2d2d[i], sampson_threshold_px, i)) {
       pairs.push_back(*pair);
+      pairs.back().keypoint = numbers.of_2d2d[static_cast<size_t>(i)];
     }
   }
   for (int i = 0; i < static_cast<int>(pairs.size()); ++i) {

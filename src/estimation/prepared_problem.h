@@ -6,6 +6,8 @@
 
 #pragma once
 
+#include <cmath>
+#include <cstddef>
 #include <optional>
 #include <vector>
 
@@ -23,6 +25,11 @@ namespace raylift {
 // both errors together where a point or a reference is uncertain: t^2 becomes t^2 + (2.5 sigma)^2.
 inline constexpr double kSigmasOfThreshold = 2.5;
 
+// By which factor an uncertain reference's pixel spreads more than a certain one's.
+inline double SpreadOfReference(double reference_sigma_px, double threshold_px) {
+  return std::hypot(1, kSigmasOfThreshold * reference_sigma_px / threshold_px);
+}
+
 struct PreparedPoint {
   Eigen::Vector3d ray;             // unit, query camera frame
   Eigen::Matrix3d image_from_ray;  // PixelFrame's, its pixel rows over the threshold
@@ -30,6 +37,7 @@ struct PreparedPoint {
   double sigma;                    // standard deviation that is known of it, local units
   double spread;                   // see kernels::PointBlock
   int match;                       // index into PoseProblem::matches_2d3d
+  size_t keypoint;                 // of the query, below PreparedProblem::num_keypoints
 };
 
 struct PreparedPair {
@@ -41,6 +49,7 @@ struct PreparedPair {
   double parallax;  // the angle between the rays that an error of one threshold can make, radians
   int reference;    // index into PoseProblem::references
   int match;        // index into PoseProblem::matches_2d2d
+  size_t keypoint;  // of the query, below PreparedProblem::num_keypoints
 };
 
 // A run of `pairs` that belong to one reference.
@@ -67,6 +76,7 @@ struct PreparedProblem {
   std::vector<PreparedPair> pairs;  // grouped by reference
   int num_matches_2d3d;
   int num_matches_2d2d;
+  size_t num_keypoints;  // of the query, that matches are of (scene/keypoints.h)
 
   std::vector<Eigen::Vector3d> centres;  // of all references, local frame
   std::vector<ReferenceRun> runs;        // references that have pairs

@@ -7,7 +7,7 @@
 #include <set>
 #include <span>
 
-#include "raylift/scene/keypoints.h"
+#include "estimation/image_parts.h"
 
 namespace raylift {
 namespace {
@@ -29,13 +29,14 @@ struct Kind {
 };
 
 // The number of wrong residuals grows with their limit's `dimensions`th power.
-Kind Count(std::span<const double> squared, const std::vector<size_t>& keypoint_of,
+template <typename PreparedMatch>
+Kind Count(std::span<const double> squared, const std::vector<PreparedMatch>& matches,
            size_t keypoints, double uniform_chance, int dimensions) {
   Kind kind(keypoints);
   int in_ring = 0;
   for (size_t i = 0; i < squared.size(); ++i) {
-    ++kind.matches[keypoint_of[i]];
-    if (squared[i] < 1) kind.inlier[keypoint_of[i]] = true;
+    ++kind.matches[matches[i].keypoint];
+    if (squared[i] < 1) kind.inlier[matches[i].keypoint] = true;
     in_ring += squared[i] > kInnerRing * kInnerRing && squared[i] < kOuterRing * kOuterRing ? 1 : 0;
   }
   const double ring = std::pow(kOuterRing, dimensions) - std::pow(kInnerRing, dimensions);
@@ -79,26 +80,16 @@ SupportAssessor::SupportAssessor(const PoseProblem& original, const PreparedProb
       num_poses_tried_(num_poses_tried),
       area_px2_(static_cast<double>(original.query_camera.width_px()) *
                 static_cast<double>(original.query_camera.height_px())) {
-  const KeypointNumbers numbers =
-      NumberQueryKeypoints(original.matches_2d2d, original.matches_2d3d);
-  num_keypoints_ = numbers.count;
-  place_.assign(numbers.count, 0);
-  const auto set_place = [&](size_t keypoint, const Eigen::Vector2d& px) {
-    const auto along = [](double x, int size) {
-      return static_cast<int>(std::clamp(x / size * kPlacesPerSide, 0.0, kPlacesPerSide - 1.0));
-    };
-    place_[keypoint] = along(px.y(), original.query_camera.height_px()) * kPlacesPerSide +
-                       along(px.x(), original.query_camera.width_px());
+  place_.assign(problem.num_keypoints, 0);
+  const auto place = [&](const Eigen::Vector2d& pixel) {
+    return PartOfImage(original.query_camera, pixel, kPlacesPerSide);
   };
   for (const PreparedPoint& point : problem.points) {
-    const auto match = static_cast<size_t>(point.match);
-    of_points_.push_back(numbers.of_2d3d[match]);
-    set_place(of_points_.back(), original.matches_2d3d[match].query_px);
+    place_[point.keypoint] =
+        place(original.matches_2d3d[static_cast<size_t>(point.match)].query_px);
   }
   for (const PreparedPair& pair : problem.pairs) {
-    const auto match = static_cast<size_t>(pair.match);
-    of_pairs_.push_back(numbers.of_2d2d[match]);
-    set_place(of_pairs_.back(), original.matches_2d2d[match].query_px);
+    place_[pair.keypoint] = place(original.matches_2d2d[static_cast<size_t>(pair.match)].query_px);
   }
 }
 
@@ -115,8 +106,7 @@ double SupportAssessor::PointWidening(const SolverPose& pose) const {
 double SupportAssessor::PairWidening() const {
   double sum = 0;
   for (const PreparedPair& pair : problem_.pairs) {
-    sum +=
-        std::hypot(1, kSigmasOfThreshold * pair.reference_sigma_px / problem_.sampson_threshold_px);
+    sum += SpreadOfReference(pair.reference_sigma_px, problem_.sampson_threshold_px);
   }
   return problem_.pairs.empty() ? 1 : sum / static_cast<double>(problem_.pairs.size());
 }
@@ -127,15 +117,15 @@ Support SupportAssessor::Of(const SolverPose& pose) const {
   // The Sampson error is the distance from the epipolar line over the square root of two.
   const double pair_threshold = std::numbers::sqrt2 * problem_.sampson_threshold_px;
   const double inlier_area = std::numbers::pi * point_threshold * point_threshold;
-  const Kind points = Count(residuals.points, of_points_, num_keypoints_,
+  const Kind points = Count(residuals.points, problem_.points, problem_.num_keypoints,
                             PointWidening(pose) * inlier_area / area_px2_, 2);
-  const Kind pairs = Count(residuals.pairs, of_pairs_, num_keypoints_,
+  const Kind pairs = Count(residuals.pairs, problem_.pairs, problem_.num_keypoints,
                            PairWidening() * 2 * pair_threshold / std::sqrt(area_px2_), 1);
 
   Support support;
-  support.inlier.assign(num_keypoints_, false);
+  support.inlier.assign(problem_.num_keypoints, false);
   std::set<int> places;
-  for (size_t k = 0; k < num_keypoints_; ++k) {
+  for (size_t k = 0; k < problem_.num_keypoints; ++k) {
     const bool matched =
         (kinds_.points && points.matches[k] > 0) || (kinds_.pairs && pairs.matches[k] > 0);
     if (!matched) continue;
@@ -153,7 +143,7 @@ Support SupportAssessor::Of(const SolverPose& pose) const {
   // A keypoint's point is lifted from its pair, so it may speak for one kind only: for points where
   // it has one, or for pairs where it has one; the stronger of the two counts.
   Trials by_points, rest_of_points, by_pairs, rest_of_pairs;
-  for (size_t k = 0; k < num_keypoints_; ++k) {
+  for (size_t k = 0; k < problem_.num_keypoints; ++k) {
     by_points.Add(points, k);
     by_pairs.Add(pairs, k);
     if (points.matches[k] == 0) rest_of_points.Add(pairs, k);
@@ -203,42 +193,45 @@ double ProbabilityOverRival(const Support& best, const Support& rival) {
       .value_or(1);  // they explain the same
 }
 
-std::vector<bool> SupportAssessor::ExplainedByOthers(const SolverPose& pose, int reference) const {
+std::vector<PreparedPair> SupportAssessor::InlierPairs(const SolverPose& pose) const {
   const Residuals residuals = ComputeResiduals(problem_, pose, {.points = false, .pairs = true});
-  std::vector<bool> explained(num_keypoints_, false);
+  std::vector<PreparedPair> inliers;
   for (size_t i = 0; i < problem_.pairs.size(); ++i) {
-    if (residuals.pairs[i] < 1 && problem_.pairs[i].reference != reference) {
-      explained[of_pairs_[i]] = true;
-    }
+    if (residuals.pairs[i] < 1) inliers.push_back(problem_.pairs[i]);
   }
-  return explained;
+  return inliers;
 }
 
 double SupportAssessor::ProbabilityOfDistance(const SolverPose& pose,
                                               const Support& support) const {
   // Local units are the references' spread.
   constexpr double kLeastMove = 0.25;
-  const Residuals residuals = ComputeResiduals(problem_, pose, {.points = false, .pairs = true});
-  std::vector<int> inliers(problem_.centres.size(), 0);
-  for (size_t i = 0; i < problem_.pairs.size(); ++i) {
-    if (residuals.pairs[i] < 1) ++inliers[static_cast<size_t>(problem_.pairs[i].reference)];
-  }
-  if (inliers.empty()) return 1;
+  if (problem_.centres.empty()) return 1;
+  const std::vector<PreparedPair> inliers = InlierPairs(pose);
+  std::vector<int> counts(problem_.centres.size(), 0);
+  for (const PreparedPair& pair : inliers) ++counts[static_cast<size_t>(pair.reference)];
   const auto most =
-      static_cast<int>(std::max_element(inliers.begin(), inliers.end()) - inliers.begin());
+      static_cast<int>(std::max_element(counts.begin(), counts.end()) - counts.begin());
+  const auto explained_by_others = [&](const std::vector<PreparedPair>& pairs) {
+    std::vector<bool> explained(problem_.num_keypoints, false);
+    for (const PreparedPair& pair : pairs) {
+      if (pair.reference != most) explained[pair.keypoint] = true;
+    }
+    return explained;
+  };
   const Eigen::Vector3d& from = problem_.centres[static_cast<size_t>(most)];
   const Eigen::Vector3d offset = -pose.rotation.transpose() * pose.translation - from;
-  const std::vector<bool> explained = ExplainedByOthers(pose, most);
+  const std::vector<bool> explained = explained_by_others(inliers);
   double probability = 1;
   for (const double factor : {0.25, 0.5, 2.0, 4.0}) {
     if (std::abs(factor - 1) * offset.norm() < kLeastMove) continue;
     SolverPose moved = pose;
     moved.translation = -pose.rotation * (from + factor * offset);
     // Where both explain the same there is nothing to choose by.
-    probability =
-        std::min(probability,
-                 ProbabilityOfFirst(explained, ExplainedByOthers(moved, most), support.clustering)
-                     .value_or(0.5));
+    probability = std::min(
+        probability,
+        ProbabilityOfFirst(explained, explained_by_others(InlierPairs(moved)), support.clustering)
+            .value_or(0.5));
   }
   return probability;
 }

@@ -45,16 +45,13 @@ class SupportAssessor {
   // average.
   double PointWidening(const SolverPose& pose) const;
   double PairWidening() const;
-  // By keypoint: whether a pair of another reference than this one is an inlier.
-  std::vector<bool> ExplainedByOthers(const SolverPose& pose, int reference) const;
+  std::vector<PreparedPair> InlierPairs(const SolverPose& pose) const;
 
   const PreparedProblem& problem_;
   ResidualKinds kinds_;
   double num_poses_tried_;
   double area_px2_;
-  size_t num_keypoints_;
-  std::vector<size_t> of_points_, of_pairs_;  // the keypoint of each prepared match
-  std::vector<int> place_;                    // of each keypoint, in the image
+  std::vector<int> place_;  // of each keypoint, in the image
 };
 
 // Whether two poses explain mostly the same keypoints: then they are one answer.

@@ -4,9 +4,9 @@
 #include <vector>
 
 #include <Eigen/Cholesky>
-#include <Eigen/Geometry>
 
 #include "raylift/base/median.h"
+#include "raylift/geometry/residuals.h"
 
 namespace raylift {
 namespace {
@@ -15,15 +15,6 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 // The 90 % quantile of chi-squared with six degrees of freedom.
 constexpr double kChiSquared90 = 10.644640675668422;
-
-// (w, v) that turns the true pose into the estimated one: T_estimated = exp(w, v) T_true.
-Vector6d StepBetween(const Rigid3& from, const Rigid3& to) {
-  const Eigen::Quaterniond turn = to.rotation * from.rotation.conjugate();
-  const Eigen::AngleAxisd angle_axis(turn.w() < 0 ? Eigen::Quaterniond(-turn.coeffs()) : turn);
-  Vector6d step;
-  step << angle_axis.angle() * angle_axis.axis(), to.translation - turn * from.translation;
-  return step;
-}
 
 }  // namespace
 

@@ -4,9 +4,18 @@
 #include <cmath>
 #include <numbers>
 
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 
 namespace raylift {
+
+Eigen::Matrix<double, 6, 1> StepBetween(const Rigid3& from, const Rigid3& to) {
+  const Eigen::AngleAxisd turn(to.rotation * from.rotation.conjugate());
+  const double angle = std::remainder(turn.angle(), 2 * std::numbers::pi);
+  Eigen::Matrix<double, 6, 1> step;
+  step << angle * turn.axis(), to.translation - turn * from.translation;
+  return step;
+}
 
 std::optional<ReprojectionResidual> ReprojectionError(const Camera& camera,
                                                       const Rigid3& cam_from_world,

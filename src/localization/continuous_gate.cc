@@ -11,6 +11,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/option_checks.h"
 #include "raylift/base/parallel.h"
+#include "raylift/geometry/residuals.h"
 
 namespace raylift {
 namespace {
@@ -18,15 +19,6 @@ namespace {
 constexpr double kDegPerRad = 180 / std::numbers::pi;
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
-
-// The step (w, v) that turns one pose into another.
-Vector6d StepBetween(const Rigid3& from, const Rigid3& to) {
-  const Eigen::AngleAxisd turn(to.rotation * from.rotation.conjugate());
-  const double angle = std::remainder(turn.angle(), 2 * std::numbers::pi);
-  Vector6d step;
-  step << angle * turn.axis(), to.translation - turn * from.translation;
-  return step;
-}
 
 void RequireCount(std::string_view name, int value) {
   if (value < 0) throw OptionError(name, std::to_string(value), "must not be negative");

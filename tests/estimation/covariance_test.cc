@@ -7,6 +7,8 @@
 #include "support/matchers.h"
 #include "support/synthetic_problem.h"
 
+#include "raylift/geometry/residuals.h"
+
 namespace raylift {
 namespace {
 
@@ -17,15 +19,6 @@ constexpr int kProblems = 200;
 #endif
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
-
-// The step (w, v) that turns the true pose into the estimated one.
-Vector6d StepBetween(const Rigid3& from, const Rigid3& to) {
-  const Eigen::AngleAxisd turn(to.rotation * from.rotation.conjugate());
-  const double angle = std::remainder(turn.angle(), 2 * std::acos(-1));
-  Vector6d step;
-  step << angle * turn.axis(), to.translation - turn * from.translation;
-  return step;
-}
 
 double MeanSquaredMahalanobis(Method method, const SyntheticOptions& synthetic) {
   Rng rng = TestRng();

@@ -12,6 +12,7 @@
 #include "support/matchers.h"
 
 #include "raylift/estimation/pose_estimator.h"
+#include "raylift/geometry/residuals.h"
 
 namespace raylift {
 namespace {
@@ -23,15 +24,6 @@ constexpr int kProblems = 40;
 #endif
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
-
-// The step (w, v) that turns the true pose into the estimated one.
-Vector6d StepBetween(const Rigid3& from, const Rigid3& to) {
-  const Eigen::AngleAxisd turn(to.rotation * from.rotation.conjugate());
-  const double angle = std::remainder(turn.angle(), 2 * std::acos(-1));
-  Vector6d step;
-  step << angle * turn.axis(), to.translation - turn * from.translation;
-  return step;
-}
 
 double PositionError(const PoseEstimate& estimate, const Rigid3& truth) {
   return (estimate.cam_from_world->OriginInSource() - truth.OriginInSource()).norm();

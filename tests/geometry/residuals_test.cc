@@ -41,6 +41,21 @@ Vector3d RandomVisiblePoint(Rng& rng, const Camera& camera, const Rigid3& cam_fr
   return cam_from_world.Inverse() * (rng.Uniform(2, 6) * ray);
 }
 
+TEST(StepBetween, TurnsOnePoseIntoTheOther) {
+  Rng rng = TestRng();
+  for (int i = 0; i < 20; ++i) {
+    const Rigid3 from = RandomRigid3(rng, 2);
+    const Rigid3 to = RandomRigid3(rng, 2);
+    const Step step = StepBetween(from, to);
+    const Rigid3 reached = Moved(from, step);
+    EXPECT_LT((reached.translation - to.translation).norm(), 1e-12);
+    EXPECT_LT(reached.rotation.angularDistance(to.rotation), 1e-12);
+    EXPECT_LE(step.head<3>().norm(), std::acos(-1) + 1e-12);
+  }
+  const Rigid3 same = RandomRigid3(rng, 2);
+  EXPECT_LT(StepBetween(same, same).norm(), 1e-12);
+}
+
 class EveryCameraResidual : public ::testing::TestWithParam<TestCamera> {
  protected:
   const Camera& camera() const { return GetParam().camera; }

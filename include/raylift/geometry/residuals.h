@@ -16,6 +16,9 @@
 
 namespace raylift {
 
+// The step (w, v) that turns one pose into another: to = exp(w, v) from, w of at most pi.
+Eigen::Matrix<double, 6, 1> StepBetween(const Rigid3& from, const Rigid3& to);
+
 struct ReprojectionResidual {
   Eigen::Vector2d error_px;              // projected minus observed
   Eigen::Matrix<double, 2, 6> jacobian;  // d error / d (w, v)
