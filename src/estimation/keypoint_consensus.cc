@@ -8,6 +8,7 @@
 #include <span>
 
 #include "estimation/keypoint_sight.h"
+#include "estimation/log_of_product.h"
 #include "estimation/student_t.h"
 #include <Eigen/Geometry>
 
@@ -100,17 +101,17 @@ VarianceAndShare Likeliest(const std::vector<ObservedError>& errors, double larg
   VarianceAndShare found{largest_variance, kShares[1]};
   double variance = largest_variance;
   for (int i = 0; i < 9; ++i, variance /= 9) {
-    std::array<double, kShares.size()> sums{};
+    std::array<LogOfProduct, kShares.size()> logs;
     for (const ObservedError& error : errors) {
       const double p = right(error, variance);
       const double q = wrong(error, variance);
       for (size_t s = 0; s < kShares.size(); ++s) {
-        sums[s] += std::log(kShares[s] * p + (1 - kShares[s]) * q + kLeastDensity);
+        logs[s].Multiply(kShares[s] * p + (1 - kShares[s]) * q + kLeastDensity);
       }
     }
     for (size_t s = 0; s < kShares.size(); ++s) {
-      if (sums[s] > best) {
-        best = sums[s];
+      if (const double sum = logs[s].Sum(); sum > best) {
+        best = sum;
         found = {variance, kShares[s]};
       }
     }
@@ -284,22 +285,14 @@ class Vote {
 
   // How much likelier the evidence is with the keypoint at this distance, as a logarithm.
   double Support(double distance) const {
-    double sum = -0.5 * Squared(std::log(distance) - noise_.log_distance_mean) /
-                 noise_.log_distance_variance;
-    double product = 1;
-    const auto take = [&](double ratio) {
-      product *= 1 + ratio;
-      if (product > 1e100) {
-        sum += std::log(product);
-        product = 1;
-      }
-    };
+    LogOfProduct product;
     for (size_t i = 0; i < sightings_.size(); ++i) {
       const Ratios ratios = OfSighting(i, distance);
-      take(ratios.deep + ratios.shallow);
+      product.Multiply(1 + ratios.deep + ratios.shallow);
     }
-    for (size_t i = 0; i < loose_.size(); ++i) take(OfLoose(i, distance));
-    return sum + std::log(product);
+    for (size_t i = 0; i < loose_.size(); ++i) product.Multiply(1 + OfLoose(i, distance));
+    return product.Sum() - 0.5 * Squared(std::log(distance) - noise_.log_distance_mean) /
+                               noise_.log_distance_variance;
   }
 
  private:

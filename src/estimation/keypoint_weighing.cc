@@ -298,10 +298,10 @@ void Weighing::WeighSighting(int i, const SightingTerm& term, const View& view) 
     depths_.count += view.trust * (w - term.depth_weight * spread(2, 2));
   }
 
-  auto [deep, shallow, squared_across] = LikelihoodOf(sighting, term, spread);
-  if (view.query_far || !std::isfinite(deep + shallow) || IsFar(term.seen, term.pixel_variance)) {
-    deep = shallow = 0;
-  }
+  auto [deep, shallow, squared_across] = view.query_far || IsFar(term.seen, term.pixel_variance)
+                                             ? Likelihood{}
+                                             : LikelihoodOf(sighting, term, spread);
+  if (!std::isfinite(deep + shallow)) deep = shallow = 0;
   const double wrong = (1 - noise_.right) / evidence_.query_area_px2;
   const double right = (deep + shallow) / (deep + shallow + wrong);
   if (right > 0.5 && view.trust > 0.5) across_.push_back(squared_across);

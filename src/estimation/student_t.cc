@@ -5,6 +5,8 @@
 #include <numbers>
 #include <vector>
 
+#include "estimation/log_of_product.h"
+
 namespace raylift {
 namespace {
 
@@ -29,20 +31,11 @@ double LogLikelihood(const std::vector<double>& squared, int degrees, double& sc
     for (const double e2 : squared) sum += e2 * (degrees + 1) / (degrees + e2 / scale2);
     scale2 = std::max(sum / static_cast<double>(squared.size()), 1e-12);
   }
-  // The logarithm of a product of many is that of their logarithms' sum.
-  double logs = 0;
-  double product = 1;
-  for (const double e2 : squared) {
-    product *= 1 + e2 / (degrees * scale2);
-    if (product > 1e100) {
-      logs += std::log(product);
-      product = 1;
-    }
-  }
-  logs += std::log(product);
+  LogOfProduct product;
+  for (const double e2 : squared) product.Multiply(1 + e2 / (degrees * scale2));
   const auto n = static_cast<double>(squared.size());
   return n * (std::log(GammaRatio(degrees)) - 0.5 * std::log(std::numbers::pi * degrees * scale2)) -
-         0.5 * (degrees + 1) * logs;
+         0.5 * (degrees + 1) * product.Sum();
 }
 
 }  // namespace
