@@ -204,11 +204,12 @@ struct Ratios {
 class Vote {
  public:
   Vote(const KeypointEvidence& evidence, const KeypointParts& keypoint, const SolverPose& pose,
-       const JointNoise& noise)
+       const JointNoise& noise, const std::vector<double>& crowding)
       : sightings_(evidence.SightingsOf(keypoint)),
         loose_(evidence.LooseOf(keypoint)),
         ray_(keypoint, pose),
         noise_(noise),
+        crowding_(crowding),
         depth_variance_(noise.depth + noise.common_depth) {
     // Both pixels' noise shows in the reference.
     pixel_variance_ = 2 * noise.keypoint_px2;
@@ -262,7 +263,8 @@ class Vote {
     if (!scans_[i].InFront(distance)) return {};
     const double squared = scans_[i].SquaredError(distance) / pixel_variance_;
     if (!(squared < far_)) return {};
-    const double right = right_ * StudentDensity(squared, noise_.keypoint_tail);
+    const double right = right_ * StudentDensity(squared, noise_.keypoint_tail) /
+                         crowding_[static_cast<size_t>(sighting.reference)];
     if (!sighting.has_depth) return {0, right};
     const double error =
         std::log((ray_.At(distance) - sighting.centre).norm()) - sighting.log_distance;
@@ -308,6 +310,7 @@ class Vote {
   std::span<const LoosePoint> loose_;
   QueryRay ray_;
   const JointNoise& noise_;
+  const std::vector<double>& crowding_;
   double depth_variance_;
   double pixel_variance_;
   double far_, fit_;  // squared, in variances of a pixel
@@ -320,6 +323,34 @@ class Vote {
 
 }  // namespace
 
+namespace {
+
+// EvidenceWeights::crowding, by the matches that lie beside their epipolar lines: beyond what is
+// noise, and up to three times as far.
+std::vector<double> Crowding(const KeypointEvidence& evidence, const SolverPose& pose,
+                             const JointNoise& noise) {
+  const double near2 = StudentFar(noise.keypoint_tail) * 2 * noise.keypoint_px2;
+  std::vector<double> wrong(evidence.num_references(), 0), beside(evidence.num_references(), 0);
+  for (const KeypointParts& keypoint : evidence.keypoints) {
+    const QueryRay ray(keypoint, pose);
+    for (const Sighting& sighting : evidence.SightingsOf(keypoint)) {
+      const double squared = RayScan(sighting, ray.origin, ray.direction).SmallestSquaredError();
+      if (!(squared > near2)) continue;
+      wrong[static_cast<size_t>(sighting.reference)] += 1;
+      if (squared < 9 * near2) beside[static_cast<size_t>(sighting.reference)] += 1;
+    }
+  }
+  // Two strips of twice the noise's width, along a line as long as the image.
+  const double share = std::min(1.0, 4 * std::sqrt(near2 / evidence.query_area_px2));
+  std::vector<double> crowding;
+  for (size_t r = 0; r < wrong.size(); ++r) {
+    crowding.push_back(std::max(1.0, (beside[r] + 1) / (wrong[r] * share + 1)));
+  }
+  return crowding;
+}
+
+}  // namespace
+
 void FindConsensus(const KeypointEvidence& evidence, const SolverPose& pose,
                    const JointNoise& noise, std::vector<KeypointState>& states,
                    EvidenceWeights& weights) {
@@ -328,10 +359,11 @@ void FindConsensus(const KeypointEvidence& evidence, const SolverPose& pose,
   weights.precision.assign(evidence.sightings.size(), 1);
   weights.depth.assign(evidence.sightings.size(), 0);
   weights.loose.assign(evidence.loose.size(), 0);
+  weights.crowding = Crowding(evidence, pose, noise);
   std::vector<double> candidates;
   for (size_t k = 0; k < evidence.keypoints.size(); ++k) {
     const KeypointParts& keypoint = evidence.keypoints[k];
-    const Vote vote(evidence, keypoint, pose, noise);
+    const Vote vote(evidence, keypoint, pose, noise, weights.crowding);
     vote.Candidates(candidates);
     double distance = std::exp(noise.log_distance_mean);
     double most = -std::numeric_limits<double>::infinity();

@@ -26,6 +26,9 @@ struct EvidenceWeights {
   std::vector<double> precision;  // of its pixel, over the mean one (StudentPrecision())
   std::vector<double> depth;
   std::vector<double> loose;
+  // By how much wrong matches with each reference are denser near epipolar lines than anywhere in
+  // the image, at least 1: those with the next window of a row lie near them.
+  std::vector<double> crowding;
 };
 
 // The likeliest noise of depths and loose points, where they are compared with what the sightings

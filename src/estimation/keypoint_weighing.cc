@@ -302,7 +302,8 @@ void Weighing::WeighSighting(int i, const SightingTerm& term, const View& view) 
                                              ? Likelihood{}
                                              : LikelihoodOf(sighting, term, spread);
   if (!std::isfinite(deep + shallow)) deep = shallow = 0;
-  const double wrong = (1 - noise_.right) / evidence_.query_area_px2;
+  const double wrong = (1 - noise_.right) / evidence_.query_area_px2 *
+                       model_.weights.crowding[static_cast<size_t>(sighting.reference)];
   const double right = (deep + shallow) / (deep + shallow + wrong);
   if (right > 0.5 && view.trust > 0.5) across_.push_back(squared_across);
   Approach(weight, right);
