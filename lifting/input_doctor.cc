@@ -1,7 +1,6 @@
 #include "raylift/lifting/input_doctor.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -9,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "diagnosis_text.h"
 #include "match_agreement.h"
 #include "mesh_frame.h"
 #include "reading_errors.h"
@@ -39,12 +39,18 @@ constexpr size_t kFewestAgreeing = 100;
 
 // Of what is seen, a mesh in its place should have this much.
 constexpr double kLeastCoverageOfPlaced = 0.4;
-
-constexpr const char* kLimitsDrop =
-    "the mesh is where the references are, but the limits of what is lifted from it (near, far, "
-    "max_incidence_deg, max_depth_jump, back_faces) drop most of what the keypoints see";
+// A surface that a few rays happen to meet rightly (the ground of a mirrored mesh) proves little.
+constexpr double kLeastCoverage = 0.25;
 
 using ErrorsPx = std::vector<std::optional<double>>;
+
+std::vector<double> Known(const ErrorsPx& errors) {
+  std::vector<double> known;
+  for (const auto& error : errors) {
+    if (error) known.push_back(*error);
+  }
+  return known;
+}
 
 double Cost(double error_px) { return std::log1p(error_px * error_px); }
 
@@ -182,37 +188,45 @@ class Examination {
   }
 
  private:
-  Diagnosis& Say(Verdict verdict, InputFault fault, std::string reason) {
+  void Say(Verdict verdict, InputFault fault, std::string reason) {
     diagnosis_.verdict = verdict;
     diagnosis_.fault = fault;
     diagnosis_.reason = std::move(reason);
-    return diagnosis_;
   }
 
-  // Whether there are enough; else the diagnosis says so.
-  bool KeepAgreeingMatches() {
-    using enum PoseConvention;
-    const std::vector<ReferenceMatch> all = Evenly(input_.matches, options_.max_matches);
-    diagnosis_.num_matches = all.size();
-    if (2 * all.size() < kFewestKeypoints || NumPairs(all) < kFewestPairs) {
-      Say(Verdict::kTooFewMatches, InputFault::kNone,
-          fmt::format("{} matches between {} pairs of references", all.size(), NumPairs(all)));
-      return false;
-    }
-    MatchAgreement best = Agreement(input_.references, all, input_.as_read.poses,
-                                    input_.as_read.poses, options_.threads);
+  // False: there are not enough to go on with.
+  bool TooFewMatches(std::string reason) {
+    Say(Verdict::kTooFewMatches, InputFault::kNone, std::move(reason));
+    return false;
+  }
+
+  // With the convention of poses that the matches agree with.
+  MatchAgreement BestAgreement(std::span<const ReferenceMatch> matches) const {
+    const auto agreement = [&](PoseConvention poses) {
+      return Agreement(input_.references, matches, input_.as_read.poses, poses, options_.threads);
+    };
     // Others must agree far better: with few matches chance may play.
     constexpr double kFarBetter = 0.1;
+    MatchAgreement best = agreement(input_.as_read.poses);
     const double as_read_skill = best.Skill();
-    for (const auto poses :
-         {kCamFromWorld, kWorldFromCam, kOpenGlCamFromWorld, kWorldFromOpenGlCamera}) {
+    for (const PoseConvention poses : AllValues<PoseConvention>()) {
       if (poses == input_.as_read.poses) continue;
-      MatchAgreement other =
-          Agreement(input_.references, all, input_.as_read.poses, poses, options_.threads);
+      MatchAgreement other = agreement(poses);
       if (other.Skill() > as_read_skill + kFarBetter && other.Skill() > best.Skill()) {
         best = std::move(other);
       }
     }
+    return best;
+  }
+
+  // Whether there are enough; else the diagnosis says so.
+  bool KeepAgreeingMatches() {
+    const std::vector<ReferenceMatch> all = Evenly(input_.matches, options_.max_matches);
+    diagnosis_.num_matches = all.size();
+    if (2 * all.size() < kFewestKeypoints || NumPairs(all) < kFewestPairs) {
+      return TooFewMatches(DescribeFewMatches(all.size(), NumPairs(all)));
+    }
+    const MatchAgreement best = BestAgreement(all);
     for (size_t i = 0; i < all.size(); ++i) {
       if (best.agrees[i]) matches_.push_back(all[i]);
     }
@@ -221,64 +235,20 @@ class Examination {
     yardstick_px_ = best.median_px;
     poses_ = best.poses;
     constexpr size_t kFewestAtRandom = 20;
-    if (best.num_random < kFewestAtRandom) {
-      Say(Verdict::kTooFewMatches, InputFault::kNone,
-          fmt::format("of {} matches {} share an image with others, so that it cannot be told how "
-                      "many fit the poses by chance",
-                      all.size(), best.num_random));
-      return false;
-    }
+    if (best.num_random < kFewestAtRandom) return TooFewMatches(DescribeFewAtRandom(best));
     // Where even wrong matches fit, right ones prove nothing.
     constexpr double kMostByChance = 0.5;
-    if (best.chance > kMostByChance) {
-      Say(Verdict::kTooFewMatches, InputFault::kNone,
-          fmt::format("{:.0f} % of the matches would fit the poses by chance, too",
-                      100 * best.chance));
-      return false;
-    }
+    if (best.chance > kMostByChance) return TooFewMatches(DescribeChance(best));
     if (best.Purity() < kLeastPurity || best.Skill() < kLeastAgreement) {
-      const bool many = all.size() >= kFewestAgreeing;
-      Say(many ? Verdict::kNothingFits : Verdict::kTooFewMatches,
-          many ? InputFault::kPoses : InputFault::kNone,
-          fmt::format(
-              "poses and matches do not agree: {:.0f} % of {} matches fit the poses, "
-              "{:.0f} % would by chance{}",
-              100.0 * static_cast<double>(best.num_agreeing) / static_cast<double>(all.size()),
-              all.size(), 100 * best.chance, WorstImages(all, best.agrees)));
+      const std::string reason = DescribeDisagreement(best, all, input_.references);
+      if (all.size() < kFewestAgreeing) return TooFewMatches(reason);
+      Say(Verdict::kNothingFits, InputFault::kPoses, reason);
       return false;
     }
     if (2 * matches_.size() < kFewestKeypoints || NumPairs(matches_) < kFewestPairs) {
-      Say(Verdict::kTooFewMatches, InputFault::kNone,
-          fmt::format("{} of {} matches agree with the poses, between {} pairs of references",
-                      matches_.size(), all.size(), NumPairs(matches_)));
-      return false;
+      return TooFewMatches(DescribeFewAgreeing(best, NumPairs(matches_)));
     }
     return true;
-  }
-
-  // "; the fewest of a.jpg (3 %), ..."
-  std::string WorstImages(const std::vector<ReferenceMatch>& all,
-                          const std::vector<bool>& agrees) const {
-    constexpr double kFewestOfImage = 10;
-    constexpr size_t kWorst = 3;
-    std::map<int, RunningSum> of_image;
-    for (size_t i = 0; i < all.size(); ++i) {
-      for (const int image : {all[i].reference_a, all[i].reference_b}) {
-        of_image[image].Add(agrees[i] ? 1 : 0);
-      }
-    }
-    std::vector<std::pair<double, int>> shares;
-    for (const auto& [image, sum] : of_image) {
-      if (sum.count >= kFewestOfImage) shares.emplace_back(sum.sum / sum.count, image);
-    }
-    std::sort(shares.begin(), shares.end());
-    shares.resize(std::min(shares.size(), kWorst));
-    std::vector<std::string> parts;
-    for (const auto& [share, image] : shares) {
-      parts.push_back(fmt::format("{} ({:.0f} %)",
-                                  input_.references[static_cast<size_t>(image)].name, 100 * share));
-    }
-    return parts.empty() ? "" : fmt::format("; the fewest of {}", fmt::join(parts, ", "));
   }
 
   // Keypoints there are asked by themselves.
@@ -312,15 +282,12 @@ class Examination {
     const InputReading best = diagnosis_.best;
     const ReadingFit fit = FitOf(best);
     diagnosis_.fit = fit;
-    if (const auto why = WhyDepthIsUntold(fit)) {
+    if (!TellsDepth(fit)) {
       diagnosis_.best = input_.as_read;
-      Say(Verdict::kTooFewMatches, InputFault::kNone, *why);
+      Say(Verdict::kTooFewMatches, InputFault::kNone, kViewsTooClose);
       return;
     }
     const bool is_as_read = best == input_.as_read;
-    // A surface that a few rays happen to meet rightly (the ground of a mirrored mesh) proves
-    // little.
-    constexpr double kLeastCoverage = 0.25;
     const bool covered = input_.map_size_px || fit.coverage >= kLeastCoverage;
     const bool accepted =
         best.poses == poses_ && covered && fit.count >= kFewestKeypoints &&
@@ -335,12 +302,9 @@ class Examination {
     if (input_.map_size_px && FindAffineFault(accepted)) return;
     if (accepted) return AcceptBest(fit);
     if (best.poses != poses_) {
-      return NothingFits(InputFault::kPoses,
-                         fmt::format("the matches fit poses that are {}, not {}, but depth fits "
-                                     "neither",
-                                     TitleOf(poses_), TitleOf(input_.as_read.poses)));
+      return NothingFits(InputFault::kPoses, DescribeOtherPoses(poses_, input_.as_read.poses));
     }
-    NothingFits(InputFault::kNone, DescribeMisfit(fit));
+    NothingFits(InputFault::kNone, WhyNothingFits(fit));
   }
 
   // Whether the mesh itself is good as read.
@@ -353,7 +317,7 @@ class Examination {
   }
 
   // Where all depths project to about the same place, no depth is right or wrong.
-  std::optional<std::string> WhyDepthIsUntold(const ReadingFit& fit) const {
+  bool TellsDepth(const ReadingFit& fit) const {
     constexpr double kYardsticks = 4;
     constexpr double kWrongBy = 0.3;  // of log z
     std::vector<double> gains_px;
@@ -364,8 +328,7 @@ class Examination {
     const bool few = gains_px.size() < kFewestKeypoints;
     const bool as_by_chance = fit.count >= kFewestKeypoints && fit.median_chance_px <= exact_px &&
                               kWrongBy * UpperMedianOr(std::move(gains_px), 0) <= exact_px;
-    if (!few && !as_by_chance) return std::nullopt;
-    return "the views are too close together for the matches to tell depth";
+    return !few && !as_by_chance;
   }
 
   // Whether the diagnosis is that.
@@ -380,7 +343,7 @@ class Examination {
                              wrap->errors_px))) {
       return false;
     }
-    NothingFits(InputFault::kWrap, DescribeWrap(*wrap));
+    NothingFits(InputFault::kWrap, Describe(*wrap));
     return true;
   }
 
@@ -405,7 +368,7 @@ class Examination {
       if (!IsFarBetter(gain) || gain.mean < kGreatGain) return false;
     }
     NothingFits(affine->form.inverse ? InputFault::kDisparity : InputFault::kAffine,
-                DescribeAffine(*affine));
+                Describe(*affine));
     return true;
   }
 
@@ -419,8 +382,8 @@ class Examination {
     std::vector<std::string> reasons;
     std::vector<float> invalid;  // in the digits that tell floats apart
     for (const StoredExtreme& extreme : masked_) {
-      if (const auto what = DescribeClamp(extreme, fit)) {
-        reasons.push_back(*what);
+      if (const auto clamp = FindClampAt(extreme, fit)) {
+        reasons.push_back(Describe(*clamp));
         invalid.push_back(static_cast<float>(extreme.value));
       }
     }
@@ -438,113 +401,25 @@ class Examination {
         fmt::format("{}", fmt::join(reasons, "; ")));
   }
 
-  // What is wrong with keypoints where maps store this value; none where they fit like the others
-  // or are too few to tell.
-  std::optional<std::string> DescribeClamp(const StoredExtreme& extreme,
-                                           const ReadingFit& fit) const {
-    constexpr size_t kFewestAtExtreme = 10;
+  std::optional<ClampFault> FindClampAt(const StoredExtreme& extreme, const ReadingFit& fit) const {
     // The same keypoints without the mask of this value.
-    ReadingErrors all(input_, matches_);
+    ReadingErrors unmasked(input_, matches_);
     for (const StoredExtreme& other : masked_) {
-      if (&other != &extreme) all.MaskStored(other.value * input_.stored->unit);
+      if (&other != &extreme) unmasked.MaskStored(other.value * input_.stored->unit);
     }
     const InputReading& best = diagnosis_.best;
-    all.Prepare({&best, 1}, options_.threads);
-    const auto masked = data_->Depths(best);
-    const auto depths = all.Depths(best);
-    const auto triangulated = all.Triangulated(best.poses);
-    const std::vector<double> log_factors = data_->FitScales(best).log_factors;
-    std::vector<double> errors_px, ratios;
-    for (size_t i = 0; i < depths.size(); ++i) {
-      if (masked[i] || !depths[i] || !triangulated[i]) continue;
-      const double factor = std::exp(log_factors[static_cast<size_t>(data_->keypoints()[i].map)]);
-      errors_px.push_back(all.ErrorAt(best, i, *depths[i] * factor));
-      ratios.push_back(triangulated[i]->z / (*depths[i] * factor));
-    }
-    if (errors_px.size() < kFewestAtExtreme) return std::nullopt;
-    const double ratio = UpperMedianOr(ratios, 1);
-    const double median_px = UpperMedianOr(std::move(errors_px), 0);
-    const bool farthest = extreme.largest != (best.kind == DepthKind::kInverse);
-    constexpr double kFarWorse = 3;
-    if (median_px < kFarWorse * std::max(fit.median_px, yardstick_px_)) return std::nullopt;
-    return fmt::format(
-        "{:.1f} % of the pixels hold exactly {:.6g}, the {} value, but what they show is {:.2g} "
-        "times as deep (median of {} keypoints): {}",
-        100 * extreme.share, extreme.value, extreme.largest ? "largest" : "smallest", ratio,
-        ratios.size(),
-        (ratio > 1) == farthest ? "depth is cut off there" : "it marks what has none");
+    unmasked.Prepare({&best, 1}, options_.threads);
+    return FindClamp(*data_, unmasked, best, extreme, std::max(fit.median_px, yardstick_px_));
   }
 
-  std::string DescribeWrap(const WrapFault& wrap) const {
-    return fmt::format(
-        "depth is wrapped: stored values start again at 0 where they reach {:.6g}. {:.0f} % of the "
-        "keypoints lie beyond; with multiples of it the median is {:.2f} px. Write the maps in "
-        "more "
-        "bits or as floats",
-        wrap.modulus, 100 * wrap.share, wrap.fit.median_px);
-  }
-
-  std::string DescribeAffine(const AffineFault& affine) const {
-    const std::string formula = fmt::format(
-        "{} = {:.4g} * stored {} {:.4g}{} (median {:.2f} px)", affine.form.inverse ? "1 / z" : "z",
-        affine.factor, affine.shift < 0 ? "-" : "+", std::abs(affine.shift),
-        affine.form.common ? "" : " in the first map, and otherwise in others",
-        affine.fit.median_px);
-    if (affine.form.inverse) {
-      return fmt::format("the maps hold disparity, not depth: {}. Write z instead", formula);
+  std::string WhyNothingFits(const ReadingFit& fit) const {
+    std::optional<MeshSearch> search;
+    if (input_.mesh != nullptr) search = mesh_search_;
+    if (fit.count < kFewestKeypoints) return DescribeFewDepths(fit, masked_, search);
+    if (!input_.map_size_px && fit.coverage < kLeastCoverage) {
+      return DescribeFewRaysMet(fit, search);
     }
-    return fmt::format("the maps hold depth up to a factor and a shift: {}. Write z instead{}",
-                       formula,
-                       affine.form.common ? "" : ", or localize with --align-depth affine");
-  }
-
-  std::string DescribeMisfit(const ReadingFit& fit) const {
-    if (fit.count < kFewestKeypoints) {
-      std::string constant;
-      for (const StoredExtreme& extreme : masked_) {
-        constant = fmt::format(" ({:.0f} % of the pixels hold exactly {:.6g})", 100 * extreme.share,
-                               extreme.value);
-      }
-      return fmt::format("only {} of {} keypoints have a depth{}{}", fit.count, fit.asked, constant,
-                         DescribeMeshSearch());
-    }
-    if (!input_.map_size_px && fit.coverage < 0.25) {
-      return fmt::format("only {:.0f} % of the keypoints' rays meet the mesh{}", 100 * fit.coverage,
-                         DescribeMeshSearch());
-    }
-    return fmt::format(
-        "lifted keypoints are {:.1f} px from their matches (median of the best reading{}; {:.1f} "
-        "px "
-        "with depths at random), while the matches are {:.1f} px from their epipolar lines{}",
-        fit.median_px, input_.map_size_px ? ", each map at its best scale" : "",
-        fit.median_chance_px, yardstick_px_, DescribeMeshSearch());
-  }
-
-  // What a search for the mesh's place came to, as the end of a clause; nothing of depth maps.
-  std::string DescribeMeshSearch() const {
-    if (input_.mesh == nullptr) return "";
-    switch (mesh_search_) {
-      case MeshSearch::kNotSearched:
-        return "; whether another unit, axes, mirror or shift of the mesh mends that, raylift "
-               "doctor tells";
-      case MeshSearch::kTooFewMatches:
-        return "; the matches are too few to look for another place of the mesh";
-      case MeshSearch::kTooTangled:
-        return "; another place of the mesh was not looked for: its triangles overlap too much";
-      case MeshSearch::kNoneFound:
-        return "; no unit, axes, mirror or shift of the mesh was found that mends that";
-      case MeshSearch::kRejected:
-        return "; the best other place of the mesh that was found does not fit the matches either";
-    }
-    RAYLIFT_CHECK(false);
-  }
-
-  static double MedianOf(const ErrorsPx& errors) {
-    std::vector<double> known;
-    for (const auto& error : errors) {
-      if (error) known.push_back(*error);
-    }
-    return UpperMedianOr(std::move(known), ReadingErrors::kLargestPx);
+    return DescribeMisfit(input_, fit, yardstick_px_, search);
   }
 
   // Whether the diagnosis is that. Where the mesh as read is good, only for far smaller errors.
@@ -553,8 +428,9 @@ class Examination {
     reading.poses = poses_;
     const ErrorsPx as_read = data_->Errors(reading, 0);
     const ReadingFit as_read_fit = FitOf(reading);
-    const double as_read_px = MedianOf(as_read);  // with rays that pass it by
-    constexpr double kExact = 2;                  // about as exact as it can become
+    // With rays that pass it by.
+    const double as_read_px = UpperMedianOr(Known(as_read), ReadingErrors::kLargestPx);
+    constexpr double kExact = 2;  // about as exact as it can become
     if (accepted && as_read_px < kExact * std::max(yardstick_px_, 0.5)) return false;
     const MeshFrameSearch search(*input_.mesh, input_, *data_, reading, options_.threads);
     mesh_search_ = search.Obstacle();
@@ -576,10 +452,7 @@ class Examination {
       return &other != &best && !IsFarBetter(Compare(*data_, other.errors_px, best.errors_px));
     });
     if (about_as_good > 0) {
-      NothingFits(InputFault::kMeshFrame,
-                  fmt::format("the mesh is not where the references are, and {} placements of it "
-                              "fit about as well",
-                              about_as_good + 1));
+      NothingFits(InputFault::kMeshFrame, DescribeManyPlaces(about_as_good + 1));
       return true;
     }
     diagnosis_.fit = best.fit;
@@ -598,12 +471,8 @@ class Examination {
                                                              : "scale, axes, shift, matrix");
     }
     Say(Verdict::kRepair, InputFault::kMeshFrame,
-        fmt::format("{}{} fits far better (median {:.2f} px of matches that it was not found by; "
-                    "{})",
-                    keys_as_read.empty() ? "" : "beside its placement as read, ",
-                    Describe(best.placement), best.fit.median_px,
-                    as_read_fit.count == 0 ? "as read no ray meets it"
-                                           : fmt::format("as read {:.2f} px", as_read_px)));
+        DescribePlace(best, input_.as_placed,
+                      as_read_fit.count == 0 ? std::nullopt : std::optional(as_read_px)));
     return true;
   }
 
@@ -671,22 +540,15 @@ class Examination {
     const ErrorsPx errors = data_->Errors(reading, 0);
     const InputReading& as_read = input_.as_read;
     ReadingEvidence evidence{.reading = reading};
-    std::vector<double> sorted;
-    for (const auto& error : errors) {
-      if (error) sorted.push_back(*error);
-    }
+    const std::vector<double> known = Known(errors);
     const auto within =
-        std::count_if(sorted.begin(), sorted.end(), [](double error) { return error <= 5; });
-    evidence.num_keypoints = sorted.size();
-    evidence.median_px = UpperMedianOr(sorted, 0);
+        std::count_if(known.begin(), known.end(), [](double error) { return error <= 5; });
+    evidence.num_keypoints = known.size();
+    evidence.median_px = UpperMedianOr(known, 0);
     evidence.share_within_5px =
-        static_cast<double>(within) / std::max<double>(1, static_cast<double>(sorted.size()));
+        static_cast<double>(within) / std::max<double>(1, static_cast<double>(known.size()));
     const ErrorsPx own_scale = data_->Errors(reading, data_->FitScales(reading).log_factors);
-    std::vector<double> own_sorted;
-    for (const auto& error : own_scale) {
-      if (error) own_sorted.push_back(*error);
-    }
-    evidence.median_own_scale_px = UpperMedianOr(std::move(own_sorted), 0);
+    evidence.median_own_scale_px = UpperMedianOr(Known(own_scale), 0);
     const Gain gain =
         reading.scale != as_read.scale
             ? Compare(*data_, data_->Errors(as_read, 0), errors)
@@ -765,36 +627,6 @@ const ReadingEvidence& Diagnosis::EvidenceOf(const InputReading& reading) const 
 
 Diagnosis Diagnose(const DoctorInput& input, const DoctorOptions& options) {
   return Examination(input, options).Run();
-}
-
-std::string Summary(const Diagnosis& diagnosis) {
-  switch (diagnosis.verdict) {
-    case Verdict::kTooFewMatches:
-      return fmt::format("there are too few matches between references to tell: {}",
-                         diagnosis.reason);
-    case Verdict::kNothingFits:
-      return fmt::format("nothing fits: {}", diagnosis.reason);
-    case Verdict::kAsMeant: {
-      const ReadingEvidence& as_read = diagnosis.EvidenceOf(diagnosis.as_read);
-      const bool scales_differ = as_read.median_px > 2 * as_read.median_own_scale_px;
-      return fmt::format("the input is read as the matches suggest: median {:.2f} px{}",
-                         as_read.median_px,
-                         scales_differ ? fmt::format(", {:.2f} px with each map at its own scale "
-                                                     "(--align-depth scale)",
-                                                     as_read.median_own_scale_px)
-                                       : "");
-    }
-    case Verdict::kRepair:
-      break;
-  }
-  const std::string repair = fmt::format("Repair: {}", ToString(diagnosis.repair));
-  if (diagnosis.fault != InputFault::kNone) return fmt::format("{}. {}", diagnosis.reason, repair);
-  const ReadingEvidence& as_read = diagnosis.EvidenceOf(diagnosis.as_read);
-  const ReadingEvidence& best = diagnosis.EvidenceOf(diagnosis.best);
-  return fmt::format(
-      "another reading of the input explains the matches far better: {} (median {:.2f} px, as read "
-      "{:.2f} px; {:.0f} standard errors). {}",
-      diagnosis.reason, best.median_px, as_read.median_px, best.sigmas, repair);
 }
 
 }  // namespace raylift

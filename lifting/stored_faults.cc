@@ -12,6 +12,7 @@
 #include <Eigen/LU>
 #include <fmt/format.h>
 
+#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/rng.h"
 #include "raylift/lifting/depth_convention.h"
@@ -371,6 +372,33 @@ StoredStatistics LookAtMaps(const DoctorInput& input, int threads) {
     statistics.largest = std::max(statistics.largest, map.largest);
   }
   return statistics;
+}
+
+std::optional<ClampFault> FindClamp(const ReadingErrors& data, const ReadingErrors& unmasked,
+                                    const InputReading& reading, const StoredExtreme& extreme,
+                                    double usual_px) {
+  constexpr size_t kFewestAtExtreme = 10;
+  constexpr double kFarWorse = 3;
+  const auto masked = data.Depths(reading);
+  const auto depths = unmasked.Depths(reading);
+  const auto triangulated = unmasked.Triangulated(reading.poses);
+  const std::vector<double> log_factors = data.FitScales(reading).log_factors;
+  std::vector<double> errors_px, ratios;
+  for (size_t i = 0; i < depths.size(); ++i) {
+    if (masked[i] || !depths[i] || !triangulated[i]) continue;
+    const double factor = std::exp(log_factors[static_cast<size_t>(data.keypoints()[i].map)]);
+    errors_px.push_back(unmasked.ErrorAt(reading, i, *depths[i] * factor));
+    ratios.push_back(triangulated[i]->z / (*depths[i] * factor));
+  }
+  if (errors_px.size() < kFewestAtExtreme) return std::nullopt;
+  if (UpperMedianOr(std::move(errors_px), 0) < kFarWorse * usual_px) return std::nullopt;
+  const size_t num_keypoints = ratios.size();
+  const double ratio = UpperMedianOr(std::move(ratios), 1);
+  const bool farthest = extreme.largest != (reading.kind == DepthKind::kInverse);
+  return ClampFault{.extreme = extreme,
+                    .depth_ratio = ratio,
+                    .num_keypoints = num_keypoints,
+                    .is_cut_off = (ratio > 1) == farthest};
 }
 
 std::optional<WrapFault> FindWrap(const DoctorInput& input, const ReadingErrors& data,

@@ -30,6 +30,19 @@ struct StoredStatistics {
 };
 StoredStatistics LookAtMaps(const DoctorInput& input, int threads);
 
+// An extreme value that pixels hold of which it is not the depth.
+struct ClampFault {
+  StoredExtreme extreme;
+  double depth_ratio = 1;  // how many times as deep keypoints there are (median)
+  size_t num_keypoints = 0;
+  bool is_cut_off = true;  // else it marks what has no depth
+};
+// None where keypoints there fit like the others, whose median error is `usual_px`, or are too few
+// to tell. `data` masks the value, `unmasked` does not; both are prepared for the reading.
+std::optional<ClampFault> FindClamp(const ReadingErrors& data, const ReadingErrors& unmasked,
+                                    const InputReading& reading, const StoredExtreme& extreme,
+                                    double usual_px);
+
 // Whether depth fits the matches in itself.
 using IsGoodFit = bool (*)(const ReadingFit& fit, double yardstick_px);
 
