@@ -13,6 +13,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/base/evenly_spaced.h"
 #include "raylift/base/file.h"
 #include "raylift/base/json_text.h"
 #include "raylift/base/option_checks.h"
@@ -155,10 +156,10 @@ std::optional<SceneNoise> LearnSceneNoise(std::vector<path> files, const Estimat
   }
   std::sort(files.begin(), files.end());
   const auto estimator = MakePoseEstimator(options);
-  std::vector<PoseEstimate> estimates(std::min(files.size(), kProblems));
+  const std::vector<size_t> sample = EvenlySpaced(files.size(), kProblems);
+  std::vector<PoseEstimate> estimates(sample.size());
   ParallelFor(estimates.size(), flags.run.threads, [&](size_t i) {
-    const path& file = files[i * files.size() / estimates.size()];
-    estimates[i] = estimator->Estimate(ReadFiltered(file, filter));
+    estimates[i] = estimator->Estimate(ReadFiltered(files[sample[i]], filter));
   });
   return CommonNoise(estimates);
 }

@@ -16,6 +16,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/evenly_spaced.h"
 #include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 
@@ -134,9 +135,8 @@ std::vector<InputReading> DiscreteReadings(const DoctorInput& input, PoseConvent
 }
 
 std::vector<ReferenceMatch> Evenly(std::span<const ReferenceMatch> matches, size_t most) {
-  const size_t count = std::min(most, matches.size());
   std::vector<ReferenceMatch> chosen;
-  for (size_t i = 0; i < count; ++i) chosen.push_back(matches[i * matches.size() / count]);
+  for (const size_t i : EvenlySpaced(matches.size(), most)) chosen.push_back(matches[i]);
   return chosen;
 }
 

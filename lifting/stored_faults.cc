@@ -12,6 +12,7 @@
 #include <Eigen/LU>
 #include <fmt/format.h>
 
+#include "raylift/base/evenly_spaced.h"
 #include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/rng.h"
@@ -202,6 +203,7 @@ double RobustCost(const std::vector<AffineSample>& samples, double factor, doubl
 std::optional<std::pair<double, double>> FitAffine(const std::vector<AffineSample>& samples) {
   constexpr size_t kFewest = 20;
   constexpr int kDraws = 200;
+  constexpr size_t kJudges = 500;
   constexpr int kIterations = 10;
   if (samples.size() < kFewest) return std::nullopt;
   Rng rng(samples.size());
@@ -209,9 +211,7 @@ std::optional<std::pair<double, double>> FitAffine(const std::vector<AffineSampl
   double best_cost = std::numeric_limits<double>::infinity();
   // Draws are judged by some of the samples.
   std::vector<AffineSample> some;
-  for (size_t i = 0; i < std::min<size_t>(samples.size(), 500); ++i) {
-    some.push_back(samples[i * samples.size() / std::min<size_t>(samples.size(), 500)]);
-  }
+  for (const size_t i : EvenlySpaced(samples.size(), kJudges)) some.push_back(samples[i]);
   for (int draw = 0; draw < kDraws; ++draw) {
     const auto count = static_cast<uint32_t>(samples.size());
     const AffineSample& s = samples[rng.UniformIndex(count)];
@@ -357,10 +357,10 @@ std::vector<Half> HalvesOf(const ReadingErrors& data) {
 StoredStatistics LookAtMaps(const DoctorInput& input, int threads) {
   StoredStatistics statistics;
   if (!input.stored) return statistics;
-  const size_t count = std::min(kMaps, input.references.size());
-  std::vector<MapStatistics> maps(count);
-  ParallelFor(count, threads, [&](size_t i) {
-    const PosedImage& reference = input.references[i * input.references.size() / count];
+  const std::vector<size_t> sample = EvenlySpaced(input.references.size(), kMaps);
+  std::vector<MapStatistics> maps(sample.size());
+  ParallelFor(sample.size(), threads, [&](size_t i) {
+    const PosedImage& reference = input.references[sample[i]];
     const auto map = input.stored->load(reference);
     if (map != nullptr) maps[i] = Measure(StoredValues(*map, reference, input));
   });

@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/base/evenly_spaced.h"
 #include "raylift/base/json_text.h"
 #include "raylift/base/parallel.h"
 #include "raylift/comparison/comparison_tables.h"
@@ -26,14 +27,6 @@ constexpr double kFullError = 0.2;
 constexpr int kHistogramBins = 41;
 constexpr int kPointsPerImage = 1600;
 constexpr int kQueryPhotoWidthPx = 640;
-
-// Evenly spread over all.
-std::vector<size_t> ChooseImages(size_t count, size_t most) {
-  std::vector<size_t> chosen;
-  const size_t wanted = std::min(count, most);
-  for (size_t k = 0; k < wanted; ++k) chosen.push_back(k * count / wanted);
-  return chosen;
-}
 
 Json MetricsJson() {
   Json metrics = Json::array();
@@ -127,7 +120,7 @@ ReportPictures::ReportPictures(std::span<const ComparedSource> sources,
   impl_->truth = truth;
   std::vector<double> depths;
   constexpr int kPixels = 100;
-  for (const size_t i : ChooseImages(images.size(), options.max_images)) {
+  for (const size_t i : EvenlySpaced(images.size(), options.max_images)) {
     impl_->strips.try_emplace(i);
     const GeometrySource& source = *sources[truth.value_or(0)].source;
     for (const auto& point : source.Lift(images[i], GridPixels(images[i].camera, kPixels))) {

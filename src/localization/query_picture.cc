@@ -1,6 +1,5 @@
 #include "raylift/localization/query_picture.h"
 
-#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -8,6 +7,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/base/evenly_spaced.h"
 #include "raylift/renderers/view_renderer.h"
 
 namespace raylift {
@@ -63,9 +63,8 @@ Image DrawQueryPicture(const QueryResult& result, const Image& photograph, const
       inliers.push_back(i);
     }
   }
-  const size_t marks = std::min(inliers.size(), kMaxMarks);
-  for (size_t k = 0; k < marks; ++k) {
-    const Match2D3D& match = problem.matches_2d3d[inliers[k * inliers.size() / marks]];
+  for (const size_t i : EvenlySpaced(inliers.size(), kMaxMarks)) {
+    const Match2D3D& match = problem.matches_2d3d[inliers[i]];
     DrawMark(left, match.query_px);
     if (const auto pixel = camera.ImgFromCam(*estimate.cam_from_world * match.point_in_world)) {
       DrawMark(right, *pixel);

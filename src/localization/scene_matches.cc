@@ -6,6 +6,7 @@
 #include <tuple>
 #include <unordered_map>
 
+#include "raylift/base/evenly_spaced.h"
 #include "raylift/base/parallel.h"
 
 namespace raylift {
@@ -38,8 +39,7 @@ std::vector<size_t> SampleByName(std::span<const Query> queries, size_t count) {
   std::sort(sorted.begin(), sorted.end(),
             [&](size_t a, size_t b) { return queries[a].name < queries[b].name; });
   std::vector<size_t> sample;
-  count = std::min(count, sorted.size());
-  for (size_t i = 0; i < count; ++i) sample.push_back(sorted[i * sorted.size() / count]);
+  for (const size_t i : EvenlySpaced(sorted.size(), count)) sample.push_back(sorted[i]);
   return sample;
 }
 

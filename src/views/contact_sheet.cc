@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
+#include "raylift/base/evenly_spaced.h"
 #include "raylift/base/parallel.h"
 #include "raylift/renderers/frame_renderer.h"
 
@@ -106,10 +107,10 @@ Image MakeContactSheet(const std::shared_ptr<const RayCaster>& scene,
   FrameOptions options;
   options.depth = true;
   const FrameRenderer renderer(scene, options);
-  const size_t count = std::min(views.size(), static_cast<size_t>(kMaxTiles));
+  const std::vector<size_t> shown = EvenlySpaced(views.size(), static_cast<size_t>(kMaxTiles));
+  const size_t count = shown.size();
   std::vector<Tile> tiles(count);
-  ParallelFor(count, threads,
-              [&](size_t i) { tiles[i] = RenderTile(renderer, views[i * views.size() / count]); });
+  ParallelFor(count, threads, [&](size_t i) { tiles[i] = RenderTile(renderer, views[shown[i]]); });
   int tallest = 1;
   for (const Tile& tile : tiles) tallest = std::max(tallest, tile.height_px);
   const int columns =
