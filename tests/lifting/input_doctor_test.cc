@@ -148,8 +148,18 @@ void ExpectFindsEachWrongReading(const Scene& right, double scale_tolerance) {
   }
 }
 
-std::shared_ptr<const RayCaster> Open(const fs::path& mesh) {
-  return std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(ReadMesh(mesh)));
+std::shared_ptr<const RayCaster> CasterOf(TriangleMesh mesh) {
+  return std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(std::move(mesh)));
+}
+
+std::shared_ptr<const RayCaster> Open(const fs::path& mesh) { return CasterOf(ReadMesh(mesh)); }
+
+// Of a mesh in place of the scene's maps.
+Diagnosis ExamineMesh(const Scene& scene, TriangleMesh mesh) {
+  const auto caster = CasterOf(std::move(mesh));
+  const MeshSource source("mesh", caster);
+  return Diagnose(
+      {.source = source, .references = scene.references, .matches = scene.matches, .mesh = caster});
 }
 
 MapsByName RenderMaps(const RayCaster& caster, const std::vector<PosedImage>& references,
@@ -564,13 +574,8 @@ class MovedMesh : public DemoDoctor {
  protected:
   // The verdict on the demo's mesh where what is right is `world_from_mesh`.
   Diagnosis ExamineMoved(const MeshPlacement& world_from_mesh) const {
-    const auto caster = std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(
-        Placed(ReadMesh(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj"), Inverse(world_from_mesh))));
-    const MeshSource source("mesh", caster);
-    return Diagnose({.source = source,
-                     .references = scene_.references,
-                     .matches = scene_.matches,
-                     .mesh = caster});
+    return ExamineMesh(scene_, Placed(ReadMesh(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj"),
+                                      Inverse(world_from_mesh)));
   }
 
   void ExpectFound(const MeshPlacement& expected) const {
@@ -669,12 +674,9 @@ TEST(SymmetricRoom, HasNoRepair) {
     box.triangles.push_back({q[0], q[1], q[2]});
     box.triangles.push_back({q[0], q[2], q[3]});
   }
-  const auto caster_of = [](const TriangleMesh& mesh) {
-    return std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(mesh));
-  };
   const fs::path demo = RAYLIFT_DEMO_DIR;
   const Camera camera = LoadReferences(demo / "model", 1).references.images[0].camera;
-  std::vector<PosedImage> references;
+  Scene scene;
   Rng rng(6);
   for (int i = 0; i < 20; ++i) {
     const Eigen::Vector3d center(rng.Uniform(-1, 1), rng.Uniform(-0.7, 0.7),
@@ -689,13 +691,10 @@ TEST(SymmetricRoom, HasNoRepair) {
     rotation.row(1) = rotation.row(2).cross(rotation.row(0));
     image.cam_from_world.rotation = Eigen::Quaterniond(rotation);
     image.cam_from_world.translation = -(rotation * center);
-    references.push_back(image);
+    scene.references.push_back(image);
   }
-  const auto matches = MatchByMesh(MeshSource("mesh", caster_of(box)), references, 0.5, rng);
-  const auto moved = caster_of(Placed(box, {.shift = {1.5, 0.4, 0}}));
-  const MeshSource source("mesh", moved);
-  const Diagnosis diagnosis =
-      Diagnose({.source = source, .references = references, .matches = matches, .mesh = moved});
+  scene.matches = MatchByMesh(MeshSource("mesh", CasterOf(box)), scene.references, 0.5, rng);
+  const Diagnosis diagnosis = ExamineMesh(scene, Placed(box, {.shift = {1.5, 0.4, 0}}));
   EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits) << Describe(diagnosis);
   EXPECT_NE(diagnosis.reason.find("fit about as well"), std::string::npos) << diagnosis.reason;
 }
@@ -711,13 +710,7 @@ TEST_F(DemoDoctor, TrianglesAtRandomAreNotSearched) {
     }
     mesh.triangles.push_back({3 * i, 3 * i + 1, 3 * i + 2});
   }
-  const auto caster =
-      std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(std::move(mesh)));
-  const MeshSource source("mesh", caster);
-  const Diagnosis diagnosis = Diagnose({.source = source,
-                                        .references = scene_.references,
-                                        .matches = scene_.matches,
-                                        .mesh = caster});
+  const Diagnosis diagnosis = ExamineMesh(scene_, std::move(mesh));
   EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits) << Describe(diagnosis);
   EXPECT_NE(diagnosis.reason.find("overlap too much"), std::string::npos) << diagnosis.reason;
 }
@@ -726,13 +719,7 @@ TEST_F(MovedMesh, NotFoundIsNothingFits) {
   // No similarity.
   TriangleMesh mesh = ReadMesh(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj");
   for (Eigen::Vector3f& v : mesh.vertices) v = {v.x() * 2, v.y() + 0.3f * v.x(), v.z() * 0.6f};
-  const auto caster =
-      std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(std::move(mesh)));
-  const MeshSource source("mesh", caster);
-  const Diagnosis diagnosis = Diagnose({.source = source,
-                                        .references = scene_.references,
-                                        .matches = scene_.matches,
-                                        .mesh = caster});
+  const Diagnosis diagnosis = ExamineMesh(scene_, std::move(mesh));
   EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits) << Describe(diagnosis);
 }
 
