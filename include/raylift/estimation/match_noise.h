@@ -29,7 +29,8 @@ struct MatchNoise {
   double common_depth_errors = 0;
 };
 
-// A standard deviation (of pixels, a scale) that is known before, as if so many errors had shown it.
+// A standard deviation (of pixels, a scale) that is known before, as if so many errors had shown
+// it.
 struct KnownNoise {
   double sigma = 0;
   double errors = 0;

@@ -15,8 +15,8 @@ struct ResultTable {
   std::span<const ResultSummary> results;
 };
 
-// Aligned columns for reading. Results that use the ground truth are marked by a star. After it, for
-// the results that have one, their calibration.
+// Aligned columns for reading. Results that use the ground truth are marked by a star. After it,
+// for the results that have one, their calibration.
 std::string FormatTableText(const ResultTable& table);
 
 // RFC 4180 with one header line. An infinite median is `inf`.

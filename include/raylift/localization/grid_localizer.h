@@ -31,8 +31,8 @@ class GridLocalizer {
   // What Localizer::Match() has made, by query, as far as it was needed.
   using Matched = std::vector<std::optional<QueryResult>>;
   // The same ways, which know what the matches of the scene's queries have in common, as each way
-  // finds it (CommonNoise()): learned from NoiseSample(), which is matched where it is not yet. Ways
-  // that do not use it, or localize fewer than three of these queries, stay as they are.
+  // finds it (CommonNoise()): learned from NoiseSample(), which is matched where it is not yet.
+  // Ways that do not use it, or localize fewer than three of these queries, stay as they are.
   GridLocalizer WithSceneNoise(std::span<const Query> queries, Matched& matched, int threads) const;
 
  private:

@@ -120,8 +120,8 @@ class Localizer {
   const LocalizerOptions& options() const { return options_; }
   const PoseEstimator& estimator() const { return *estimator_; }
 
-  // Whether its estimates use what the scene's queries have in common and do not know it yet; and the
-  // same localizer that knows it.
+  // Whether its estimates use what the scene's queries have in common and do not know it yet; and
+  // the same localizer that knows it.
   bool UsesSceneNoise() const;
   Localizer WithSceneNoise(const SceneNoise& noise) const;
 
