@@ -190,8 +190,10 @@ struct PoseEstimate {
   double rotation_sigma_deg = 0;  // root mean square over the axes' sum; 0 without a covariance
   double position_sigma = 0;      // of the camera centre, scene units
 
-  // The probability that the pose is right: that its inliers are not there by chance, and that no
-  // other pose that its RANSAC found explains the matches as well. See support.h in src/estimation.
+  // The probability that the pose is right: that its inliers are not there by chance, that no other
+  // pose that its RANSAC found explains the matches as well, and, of E5+1's, that it is right in its
+  // distance from the reference that explains most: pairs of other references must tell that. See
+  // support.h in src/estimation.
   double confidence = 0;
   PoseVerdict verdict = PoseVerdict::kFailed;
   int inlier_keypoints = 0;  // of the query: one counts once, in however many references
