@@ -72,15 +72,11 @@ ContinuousRecords LocalizeInOrder(const LocalizeFlags& flags, BatchLocalizer& lo
       flags.continuous.resume);
   const SignalGuard signals;
   Progress progress("queries", order.size(), flags.run.Show());
-  // In the paper every localized query joins, and counts as any other reference.
-  const bool paper = flags.estimator.values.refinement == Refinement::kPaper;
-  JoinGateOptions gate = flags.continuous.Gate();
-  gate.open = paper;
   ContinuousRecords records =
       localizer.LocalizeContinuously({.order = order,
                                       .checkpoint = checkpoint,
-                                      .gate = gate,
-                                      .weigh = !paper && !flags.continuous.trust_joined,
+                                      .gate = flags.continuous.Gate(),
+                                      .weigh = !flags.continuous.trust_joined,
                                       .stop = &SignalGuard::stop(),
                                       .on_done = [&](size_t i, const QueryResult* result) {
                                         if (result != nullptr) output.Show(i, *result);

@@ -237,16 +237,15 @@ class ThinnedScene {
   std::vector<QueryOutcome> RunContinuously(const Cell& cell) {
     const path checkpoint_folder = options_.cache / "continuous" / cell.Key();
     const ContinuousCheckpoint checkpoint(checkpoint_folder, cell.Key(), /*resume=*/true);
-    // In the paper every localized query joins, and counts as any other reference.
-    const bool paper = experiment_.estimator.refinement == Refinement::kPaper;
-    const int top_k = paper ? settings_.top_k : std::max(1, settings_.top_k / 2);
-    GrowingScene growing(*SceneOf(cell), OpenMatches(top_k), LocalizerOptionsOf(cell), !paper);
-    const ContinuousRecords records =
-        LocalizeContinuously(queries_, ContinuousOrder(), growing, checkpoint,
-                             {.gate = {.open = paper}, .threads = options_.threads},
-                             {.on_done = [&](size_t, const QueryResult*) {
-                               if (options_.on_estimate) options_.on_estimate();
-                             }});
+    const LocalizerOptions options = LocalizerOptionsOf(cell);
+    const int max_joined =
+        JoinsAsInPaper(options.estimator) ? settings_.top_k : std::max(1, settings_.top_k / 2);
+    GrowingScene growing(*SceneOf(cell), OpenMatches(max_joined), options, /*weigh=*/true);
+    const ContinuousRecords records = LocalizeContinuously(
+        queries_, ContinuousOrder(), growing, checkpoint, {.threads = options_.threads},
+        {.on_done = [&](size_t, const QueryResult*) {
+          if (options_.on_estimate) options_.on_estimate();
+        }});
     RAYLIFT_CHECK_EQ(CountMissing(records), size_t{0});
     std::vector<QueryOutcome> outcomes;
     for (const auto& record : records) outcomes.push_back(OutcomeOf(record->localized));

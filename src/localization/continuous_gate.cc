@@ -80,7 +80,6 @@ JoinEvidence CollectEvidence(const QueryResult& result, const JoinedReferences& 
 }
 
 std::string ReasonNotToJoin(const JoinEvidence& evidence, const JoinGateOptions& options) {
-  if (options.open) return {};
   if (evidence.verdict != PoseVerdict::kLocalized) return "its pose is in doubt";
   if (evidence.inliers_2d2d < options.min_inliers_2d2d) {
     return fmt::format("{} 2D-2D inliers, {} are needed", evidence.inliers_2d2d,

@@ -18,8 +18,10 @@ using Json = nlohmann::ordered_json;
 // Both solvers are asked where both have what they need.
 std::optional<SolverPoses> AskSolvers(const QueryResult& result, const EstimatorOptions& estimator,
                                       const ContinuousOptions& options) {
-  if (options.gate.open || !options.gate.needs_agreement || result.problem.matches_2d3d.empty())
+  if (JoinsAsInPaper(estimator) || !options.gate.needs_agreement ||
+      result.problem.matches_2d3d.empty()) {
     return std::nullopt;
+  }
   const PoseEstimate& estimate = result.localized.estimate;
   if (estimate.p3p_cam_from_world && estimate.e5p1_cam_from_world) {
     return SolverPoses{estimate.p3p_cam_from_world, estimate.e5p1_cam_from_world};
@@ -46,9 +48,10 @@ ContinuousRecord MakeRecord(const QueryResult& result, size_t place, const Growi
   json["retrieved_joined"] = CountJoined(result.problem, scene.joined());
   std::string reason = "not localized";
   if (result.localized.localized()) {
-    const JoinEvidence evidence = CollectEvidence(
-        result, scene.joined(), AskSolvers(result, scene.localizer().options().estimator, options));
-    reason = ReasonNotToJoin(evidence, options.gate);
+    const EstimatorOptions& estimator = scene.localizer().options().estimator;
+    const JoinEvidence evidence =
+        CollectEvidence(result, scene.joined(), AskSolvers(result, estimator, options));
+    reason = JoinsAsInPaper(estimator) ? "" : ReasonNotToJoin(evidence, options.gate);
     if (evidence.difference_deg) {
       json["solvers_differ_deg"] = *evidence.difference_deg;
       json["solvers_differ_position"] = *evidence.difference_position;
@@ -91,7 +94,7 @@ std::shared_ptr<const Scene> WithJoined(const Scene& scene,
 GrowingScene::GrowingScene(const Scene& scene, std::shared_ptr<MatchSource> matches,
                            const LocalizerOptions& options, bool weigh)
     : source_(std::move(matches)),
-      joined_(std::make_shared<JoinedReferences>(weigh)),
+      joined_(std::make_shared<JoinedReferences>(weigh && !JoinsAsInPaper(options.estimator))),
       localizer_(WithJoined(scene, joined_), std::make_shared<WeighedMatches>(source_, joined_),
                  options) {}
 

@@ -78,7 +78,8 @@ class ContinuousLocalizer : public ::testing::Test {
 
   // Stops after so many queries.
   ContinuousRecords Run(const fs::path& folder, bool resume = false, size_t stop_after = 9,
-                        const JoinGateOptions& gate = {}) {
+                        const JoinGateOptions& gate = {},
+                        Refinement refinement = Refinement::kRobust) {
     const Scene scene = OpenScene({.model = scene_.model(),
                                    .geometry = {"mesh:" + scene_.mesh().string()},
                                    .wrap_source = [](std::shared_ptr<const GeometrySource> mesh) {
@@ -88,6 +89,7 @@ class ContinuousLocalizer : public ::testing::Test {
         {scene_.features(), scene_.matches(), scene_.pairs()}, scene.references, 10, {queries_, 5});
     LocalizerOptions options;
     options.estimator.method = Method::kP3p;
+    options.estimator.refinement = refinement;
     GrowingScene growing(scene, std::move(source), options, true);
     std::atomic<bool> stop = false;
     size_t done = 0;
@@ -133,6 +135,16 @@ TEST_F(ContinuousLocalizer, WhatTheGateKeepsOutIsNoReference) {
   EXPECT_TRUE(records[0]->localized.localized());
   EXPECT_FALSE(records[0]->joined.has_value());
   EXPECT_EQ(records[1]->localized.reason, "no retrieved references");
+}
+
+TEST_F(ContinuousLocalizer, AsInThePaperThereIsNoGate) {
+  const ContinuousRecords records =
+      Run(scene_.folder / "out", false, 9, {.min_inliers_2d2d = 100000}, Refinement::kPaper);
+  for (size_t i = 0; i < 2; ++i) {
+    ASSERT_TRUE(records[i]->localized.localized()) << records[i]->localized.reason;
+    ASSERT_TRUE(records[i]->joined.has_value());
+    EXPECT_EQ(nlohmann::json::parse(records[i]->diagnostics)["not_joined_because"], "");
+  }
 }
 
 TEST_F(ContinuousLocalizer, ARunThatWasStoppedGoesOnToTheSameBytes) {

@@ -12,7 +12,6 @@
 namespace raylift {
 
 struct JoinGateOptions {
-  bool open = false;  // as in the paper: every localized query joins
   int min_inliers_2d2d = 30;
   int min_inliers_2d3d = 20;  // where there are 2D-3D matches at all
   double max_rotation_sigma_deg = 0.5;

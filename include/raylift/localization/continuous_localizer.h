@@ -23,12 +23,18 @@
 
 namespace raylift {
 
+// With the paper's methods and nothing beyond every localized query joins, and counts as any other
+// reference.
+constexpr bool JoinsAsInPaper(const EstimatorOptions& options) {
+  return options.refinement == Refinement::kPaper;
+}
+
 // A scene whose references grow, and a localizer that sees what it holds now. The covisibility of
 // the references is not used, as it knows nothing of queries: clusters follow from the matches.
 class GrowingScene {
  public:
-  // `matches` must have been opened for queries that join. With `weigh` off joined references count
-  // as if their poses were exact.
+  // `matches` must have been opened for queries that join. With `weigh` off, and as in the paper,
+  // joined references count as if their poses were exact.
   GrowingScene(const Scene& scene, std::shared_ptr<MatchSource> matches,
                const LocalizerOptions& options, bool weigh);
   GrowingScene(const GrowingScene&) = delete;
@@ -46,7 +52,7 @@ class GrowingScene {
 };
 
 struct ContinuousOptions {
-  JoinGateOptions gate;
+  JoinGateOptions gate = {};  // not as in the paper
   int threads = 0;
   const std::atomic<bool>* stop = nullptr;  // finish the query in hand
 };
