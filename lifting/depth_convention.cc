@@ -194,7 +194,7 @@ std::vector<float> RayZOfPixels(const Camera& camera) {
   for (int y = 0; y < camera.height_px(); ++y) {
     for (int x = 0; x < camera.width_px(); ++x) {
       const auto ray = camera.RayInCam({x + 0.5, y + 0.5});
-      ray_z.push_back(ray ? static_cast<float>(ray->z()) : 0.0f);
+      ray_z.push_back(ray ? static_cast<float>(camera.DepthOf(*ray)) : 0.0f);
     }
   }
   return ray_z;

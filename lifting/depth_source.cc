@@ -13,8 +13,8 @@ constexpr double kDegPerRad = 180 / std::numbers::pi;
 // Step of the differences that make a normal, in pixels of the map.
 constexpr double kStep = 0.5;
 
-Eigen::Vector3d AtDepth(const Eigen::Vector3d& ray_in_cam, double z) {
-  return ray_in_cam * (z / ray_in_cam.z());
+Eigen::Vector3d AtDepth(const Camera& camera, const Eigen::Vector3d& ray_in_cam, double depth) {
+  return ray_in_cam * (depth / camera.DepthOf(ray_in_cam));
 }
 
 // The normal of the surface's local plane in the camera's frame, turned toward it; none where the
@@ -30,8 +30,8 @@ std::optional<Eigen::Vector3d> NormalInCam(const Camera& camera, const Eigen::Ve
     moved[axis] += kStep * image_px_per_map_px[axis];
     const auto ray = camera.RayInCam(moved);
     const double w = 1 / sample.z + kStep * sample.inverse_z_gradient[axis];
-    if (!ray || ray->z() <= 0 || w <= 0) return std::nullopt;
-    tangents[static_cast<size_t>(axis)] = AtDepth(*ray, 1 / w) - point_in_cam;
+    if (!ray || camera.DepthOf(*ray) <= 0 || w <= 0) return std::nullopt;
+    tangents[static_cast<size_t>(axis)] = AtDepth(camera, *ray, 1 / w) - point_in_cam;
   }
   const Eigen::Vector3d normal = tangents[0].cross(tangents[1]).normalized();
   if (!normal.allFinite()) return std::nullopt;
@@ -52,12 +52,12 @@ std::vector<std::optional<SurfacePoint>> LiftByDepthMap(const DepthMap& map,
   std::vector<std::optional<SurfacePoint>> points(pixels.size());
   for (size_t i = 0; i < pixels.size(); ++i) {
     const auto ray = camera.RayInCam(pixels[i]);
-    if (!ray || ray->z() <= 0) continue;
+    if (!ray || camera.DepthOf(*ray) <= 0) continue;
     const Eigen::Vector2d position_px =
         pixels[i].cwiseQuotient(image_px_per_map_px).array() + (0.5 - options.first_sample_px);
     const auto sample = SampleDepth(map, position_px, options);
     if (!sample) continue;
-    const Eigen::Vector3d point_in_cam = AtDepth(*ray, sample->z);
+    const Eigen::Vector3d point_in_cam = AtDepth(camera, *ray, sample->z);
     const Eigen::Vector3d normal_in_cam =
         NormalInCam(camera, pixels[i], image_px_per_map_px, *sample, point_in_cam).value_or(-*ray);
     SurfacePoint point;

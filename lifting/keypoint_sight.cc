@@ -7,10 +7,11 @@ namespace raylift {
 std::optional<KeypointSight> SeeFromOther(const PosedImage& map, const Eigen::Vector2d& pixel,
                                           const PosedImage& other) {
   const auto ray = map.camera.RayInCam(pixel);
-  if (!ray || !(ray->z() > 0)) return std::nullopt;
+  const double depth = ray ? map.camera.DepthOf(*ray) : 0;
+  if (!(depth > 0)) return std::nullopt;
   const Rigid3 other_from_map = other.cam_from_world * map.cam_from_world.Inverse();
   return KeypointSight{{.origin = other_from_map.translation,
-                        .direction = other_from_map.rotation * (*ray / ray->z())}};
+                        .direction = other_from_map.rotation * (*ray / depth)}};
 }
 
 std::optional<TriangulatedDepth> TriangulateDepth(const KeypointSight& sight,

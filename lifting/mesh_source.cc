@@ -100,7 +100,8 @@ class ReferenceLifter {
     std::vector<Ray> rays;
     rays.reserve(rays_.size());
     for (const PixelRay& ray : rays_) {
-      const double ray_t_near = ray.in_cam.z() > 0 ? near_z_ / ray.in_cam.z() : 0;
+      const double depth = camera_.DepthOf(ray.in_cam);
+      const double ray_t_near = depth > 0 ? near_z_ / depth : 0;
       rays.push_back({center_in_world_, ray.in_world, ray_t_near});
     }
     const auto hits = caster_.Cast(rays);
@@ -145,7 +146,7 @@ class ReferenceLifter {
     const double along = hit.normal_in_world.dot(ray.in_world);
     point.back_face = along > 0;
     point.normal_in_world = point.back_face ? -hit.normal_in_world : hit.normal_in_world;
-    point.depth_z = hit.ray_t * ray.in_cam.z();
+    point.depth_z = hit.ray_t * camera_.DepthOf(ray.in_cam);
     const double sine = hit.normal_in_world.cross(ray.in_world).norm();
     point.incidence_deg = std::atan2(sine, std::abs(along)) * kDegPerRad;
     return point;

@@ -138,7 +138,8 @@ std::vector<std::optional<SurfacePoint>> SfmSource::Lift(
         keypoints->second.FindPoint(pixels[i], impl_->options.radius_px, impl_->points);
     if (!index) continue;
     const Point& point = impl_->points[*index];
-    const double depth_z = (reference.cam_from_world * point.position_in_world).z();
+    const double depth_z =
+        reference.camera.DepthOf(reference.cam_from_world * point.position_in_world);
     if (!(depth_z > 0)) continue;
     const SurfacePoint surface{
         .point_in_world = point.position_in_world,

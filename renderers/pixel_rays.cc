@@ -38,7 +38,8 @@ Eigen::Vector3f Change(const Eigen::Vector3f& here, const Eigen::Vector3f& befor
 }  // namespace
 
 PixelRays::PixelRays(const Camera& camera, int threads)
-    : PixelRays(camera, camera.width_px(), camera.height_px(), threads) {}
+    : PixelRays(camera.is_panorama() ? std::nullopt : std::optional(camera), camera.width_px(),
+                camera.height_px(), threads) {}
 
 PixelRays PixelRays::Equirectangular(int width_px, int height_px, int threads) {
   RAYLIFT_CHECK(width_px > 0 && height_px > 0);

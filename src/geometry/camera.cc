@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <vector>
 
 #include <fmt/format.h>
@@ -37,6 +38,8 @@ CameraModel WithTwoFocalLengths(CameraModel model) {
     case CameraModel::kRadTanThinPrismFisheye:
     case CameraModel::kDivision:
     case CameraModel::kFisheye:
+    case CameraModel::kEucm:
+    case CameraModel::kEquirectangular:
       return model;
   }
   return model;
@@ -64,13 +67,20 @@ Camera::Camera(CameraModel model, int width_px, int height_px, std::span<const d
                       info.name, params[i], i + 1));
     }
   }
-  for (size_t i = 0; i < num_focal_lengths; ++i) {
+  const bool is_panorama = num_focal_lengths == 0;
+  for (size_t i = 0; i < (is_panorama ? num_params : num_focal_lengths); ++i) {
     if (params[i] <= 0) {
-      throw InputError(fmt::format("camera model {}: expected a positive focal length, found {}",
-                                   info.name, params[i]));
+      throw InputError(fmt::format("camera model {}: expected a positive {}, found {}", info.name,
+                                   is_panorama ? "width and height" : "focal length", params[i]));
     }
   }
   std::copy(params.begin(), params.end(), params_.begin());
+  if (is_panorama) {
+    focal_px_ = {params[0] / (2 * std::numbers::pi), params[1] / std::numbers::pi};
+    principal_point_px_ = {0.5 * params[0], 0.5 * params[1]};
+    lens_ = Lens(model, {});
+    return;
+  }
   focal_px_ = {params[0], params[num_focal_lengths - 1]};
   principal_point_px_ = {params[num_focal_lengths], params[num_focal_lengths + 1]};
   lens_ = Lens(model, params.subspan(num_focal_lengths + 2));
@@ -105,6 +115,10 @@ bool Camera::Contains(const Eigen::Vector2d& pixel) const {
 Camera Camera::Scaled(int new_width_px, int new_height_px) const {
   const double ratio_x = static_cast<double>(new_width_px) / width_px_;
   const double ratio_y = static_cast<double>(new_height_px) / height_px_;
+  if (is_panorama()) {
+    const std::array<double, 2> size = {params_[0] * ratio_x, params_[1] * ratio_y};
+    return {model_, new_width_px, new_height_px, size};
+  }
   const CameraModel model = ratio_x == ratio_y ? model_ : WithTwoFocalLengths(model_);
   const CameraModelInfo& info = GetCameraModelInfo(model);
   std::vector<double> scaled(static_cast<size_t>(info.num_params));

@@ -7,7 +7,7 @@ namespace {
 
 using enum CameraModel;
 
-constexpr std::array<CameraModelInfo, 16> kModels = {{
+constexpr std::array<CameraModelInfo, 18> kModels = {{
     {kSimplePinhole, "SIMPLE_PINHOLE", 3, 1},
     {kPinhole, "PINHOLE", 4, 2},
     {kSimpleRadial, "SIMPLE_RADIAL", 4, 1},
@@ -24,6 +24,8 @@ constexpr std::array<CameraModelInfo, 16> kModels = {{
     {kDivision, "DIVISION", 5, 2},
     {kSimpleFisheye, "SIMPLE_FISHEYE", 3, 1},
     {kFisheye, "FISHEYE", 4, 2},
+    {kEucm, "EUCM", 6, 2},
+    {kEquirectangular, "EQUIRECTANGULAR", 2, 0},
 }};
 
 }  // namespace

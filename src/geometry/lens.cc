@@ -129,6 +129,14 @@ Lens::Lens(CameraModel model, std::span<const double> params) {
       projection_type_ = ProjectionType::kDivision;
       division_k_ = p(0);
       break;
+    case CameraModel::kEucm:
+      projection_type_ = ProjectionType::kUnified;
+      unified_alpha_ = p(0);
+      unified_beta_ = p(1);
+      break;
+    case CameraModel::kEquirectangular:
+      projection_type_ = ProjectionType::kPanorama;
+      break;
   }
   num_numerator_terms_ = NumTerms(numerator_);
   num_denominator_terms_ = NumTerms(denominator_);
@@ -155,6 +163,17 @@ void Lens::LimitRadialDomain() {
       break;
     case ProjectionType::kDivision:
       max_radius_ = division_k_ > 0 ? 1 / std::sqrt(division_k_) : kInfinity;
+      break;
+    case ProjectionType::kUnified:
+      // Khomutenko, Garcia, Martinet, "An enhanced unified camera model" (2016): the parameters'
+      // ranges, and where the image ends. Other parameters have no image.
+      if (!(unified_alpha_ >= 0 && unified_alpha_ <= 1 && unified_beta_ > 0)) {
+        max_radius_ = 0;
+      } else if (unified_alpha_ > 0.5) {
+        max_radius_ = 1 / std::sqrt((2 * unified_alpha_ - 1) * unified_beta_);
+      }
+      break;
+    case ProjectionType::kPanorama:
       break;
   }
   switch (radial_) {
@@ -231,6 +250,10 @@ bool Lens::IsInDomain(const Eigen::Vector2d& projected) const {
   return true;
 }
 
+double Lens::UnifiedRho(const Eigen::Vector3d& point) const {
+  return std::hypot(std::sqrt(unified_beta_) * std::hypot(point.x(), point.y()), point.z());
+}
+
 std::optional<Eigen::Vector2d> Lens::ApplyProjection(const Eigen::Vector3d& point) const {
   const Eigen::Vector2d xy = point.head<2>();
   const double z = point.z();
@@ -263,6 +286,20 @@ std::optional<Eigen::Vector2d> Lens::ApplyProjection(const Eigen::Vector3d& poin
         return std::nullopt;
       }
       return 2 / sum * xy;
+    }
+    case ProjectionType::kUnified: {
+      if (max_radius_ == 0) return std::nullopt;
+      const double rho = UnifiedRho(point);
+      const double a = std::min(unified_alpha_, 1 - unified_alpha_);
+      const double denominator = unified_alpha_ * rho + (1 - unified_alpha_) * z;
+      // Beyond, the image folds back.
+      if (!((1 - a) * z > -a * rho) || !(denominator > 0)) return std::nullopt;
+      return xy / denominator;
+    }
+    case ProjectionType::kPanorama: {
+      const double horizontal = std::hypot(xy.x(), z);
+      if (!(horizontal + std::abs(xy.y()) > 0)) return std::nullopt;
+      return Eigen::Vector2d(std::atan2(xy.x(), z), std::atan2(xy.y(), horizontal));
     }
   }
   return std::nullopt;
@@ -297,6 +334,23 @@ Eigen::Matrix<double, 2, 3> Lens::ProjectionJacobian(const Eigen::Vector3d& poin
       jacobian.col(2) = -projected / root;
       break;
     }
+    case ProjectionType::kUnified: {
+      const double rho = UnifiedRho(point);
+      const double denominator = unified_alpha_ * rho + (1 - unified_alpha_) * z;
+      jacobian.leftCols<2>() =
+          Eigen::Matrix2d::Identity() / denominator -
+          unified_alpha_ * unified_beta_ / rho * projected * projected.transpose();
+      jacobian.col(2) = -(unified_alpha_ * z / rho + 1 - unified_alpha_) / denominator * projected;
+      break;
+    }
+    case ProjectionType::kPanorama: {
+      const double horizontal = std::hypot(xy.x(), z);
+      const double squared_norm = point.squaredNorm();
+      const double rise = -xy.y() / horizontal / squared_norm;
+      jacobian << z / (horizontal * horizontal), 0, -xy.x() / (horizontal * horizontal),
+          rise * xy.x(), horizontal / squared_norm, rise * z;
+      break;
+    }
   }
   return jacobian;
 }
@@ -314,6 +368,18 @@ Eigen::Vector3d Lens::InvertProjection(const Eigen::Vector2d& projected) const {
       return Eigen::Vector3d(projected.x(), projected.y(),
                              1 + division_k_ * projected.squaredNorm())
           .normalized();
+    case ProjectionType::kUnified: {
+      const double squared_radius = projected.squaredNorm();
+      const double root = std::sqrt(1 - (2 * unified_alpha_ - 1) * unified_beta_ * squared_radius);
+      const double z = (1 - unified_beta_ * unified_alpha_ * unified_alpha_ * squared_radius) /
+                       (unified_alpha_ * root + 1 - unified_alpha_);
+      return Eigen::Vector3d(projected.x(), projected.y(), z).normalized();
+    }
+    case ProjectionType::kPanorama: {
+      const double cosine = std::cos(projected.y());
+      return {cosine * std::sin(projected.x()), std::sin(projected.y()),
+              cosine * std::cos(projected.x())};
+    }
   }
   return Eigen::Vector3d::UnitZ();
 }
@@ -432,6 +498,12 @@ std::optional<Eigen::Vector3d> Lens::Unproject(const Eigen::Vector2d& distorted)
   const auto projected = Undistort(distorted);
   if (!projected || !IsInDomain(*projected)) {
     return std::nullopt;
+  }
+  if (projection_type_ == ProjectionType::kPanorama) {
+    constexpr double kPi = std::numbers::pi * (1 + 1e-12);  // the edge belongs to the image
+    if (std::abs(projected->x()) > kPi || std::abs(projected->y()) > 0.5 * kPi) {
+      return std::nullopt;
+    }
   }
   const Eigen::Vector3d ray = InvertProjection(*projected);
   if (!ray.allFinite()) {

@@ -23,11 +23,12 @@ class EveryCamera : public ::testing::TestWithParam<TestCamera> {
  protected:
   const Camera& camera() const { return GetParam().camera; }
 
-  // Pixels over the whole image, the corners included.
+  // Pixels over the whole image, the corners included; but where a panorama's edges meet.
   std::vector<Vector2d> ImageGrid() const {
+    const int begin = camera().is_panorama() ? 16 : 0;
     std::vector<Vector2d> pixels;
-    for (int y = 0; y <= camera().height_px(); y += 16) {
-      for (int x = 0; x <= camera().width_px(); x += 16) {
+    for (int y = begin; y <= camera().height_px() - begin; y += 16) {
+      for (int x = begin; x <= camera().width_px() - begin; x += 16) {
         pixels.emplace_back(x, y);
       }
     }
@@ -187,7 +188,9 @@ TEST_P(EveryCamera, RefusesBadParameters) {
   for (const double bad : {0., -500.}) {
     params = good;
     params[0] = bad;
-    EXPECT_TRUE(FailsWithInputError(make(640, 480, params), {name, "focal length"}));
+    EXPECT_TRUE(FailsWithInputError(
+        make(640, 480, params),
+        {name, camera().is_panorama() ? "positive width and height" : "positive focal length"}));
   }
 }
 
@@ -200,7 +203,7 @@ TEST(TypicalCameras, CoverEveryModel) {
 }
 
 TEST(CameraModels, NamesAndIdsAreColmaps) {
-  EXPECT_EQ(AllCameraModels().size(), 16u);
+  EXPECT_EQ(AllCameraModels().size(), 18u);
   for (const CameraModelInfo& info : AllCameraModels()) {
     EXPECT_EQ(CameraModelFromName(info.name), info.model);
     EXPECT_EQ(CameraModelFromId(static_cast<int>(info.model)), info.model);
@@ -210,7 +213,9 @@ TEST(CameraModels, NamesAndIdsAreColmaps) {
   EXPECT_EQ(CameraModelFromId(4), kOpenCv);
   EXPECT_EQ(CameraModelFromName("THIN_PRISM_FISHEYE"), kThinPrismFisheye);
   EXPECT_FALSE(CameraModelFromName("pinhole"));
-  EXPECT_FALSE(CameraModelFromId(16));
+  EXPECT_EQ(CameraModelFromId(16), kEucm);
+  EXPECT_EQ(CameraModelFromId(17), kEquirectangular);
+  EXPECT_FALSE(CameraModelFromId(18));
   EXPECT_FALSE(CameraModelFromId(-1));
 }
 
@@ -248,7 +253,7 @@ TEST(Camera, ScalingKeepsTheModelWhereTheRatiosAgree) {
 TEST(Camera, PerspectiveSeesNothingBehind) {
   for (const TestCamera& test : TypicalCameras()) {
     const auto pixel = test.camera.ImgFromCam({0, 0, -1});
-    EXPECT_FALSE(pixel) << test.name;
+    EXPECT_EQ(pixel.has_value(), test.camera.is_panorama()) << test.name;
     EXPECT_FALSE(test.camera.ImgFromCam({0, 0, 0})) << test.name;
   }
   const Camera pinhole(kSimplePinhole, 640, 480, std::array{500., 320., 240.});
@@ -339,6 +344,62 @@ TEST(Camera, FovModelIsItsClosedForm) {
   const Camera senseless(kFov, 640, 480, std::array{400., 400., 320., 240., 3.5});
   EXPECT_FALSE(senseless.ImgFromCam({0.1, 0, 1}));
   EXPECT_FALSE(senseless.RayInCam({330, 240}));
+}
+
+// COLMAP 4.1, src/colmap/sensor/models/eucm.h; Khomutenko, Garcia, Martinet (2016), eq. 3 and 6.
+TEST(Camera, EnhancedUnifiedModelIsItsClosedForm) {
+  const double alpha = 0.7, beta = 1.2;
+  const Camera camera(kEucm, 640, 480, std::array{300., 310., 320., 240., alpha, beta});
+  const Vector3d point(0.7, -0.4, 1.3);
+  const double rho = std::sqrt(beta * (0.7 * 0.7 + 0.4 * 0.4) + 1.3 * 1.3);
+  const double denominator = alpha * rho + (1 - alpha) * 1.3;
+  EXPECT_NEAR((camera.ImgFromCam(point).value() -
+               Vector2d(320 + 300 * 0.7 / denominator, 240 - 310 * 0.4 / denominator))
+                  .norm(),
+              0, 1e-12);
+  EXPECT_LT((camera.RayInCam(*camera.ImgFromCam(point)).value() - point.normalized()).norm(),
+            1e-14);
+  // Where beta is 1, the fold is at z = -rho (1 - alpha) / alpha: 115 degrees off the axis.
+  const Camera unit(kEucm, 640, 480, std::array{300., 300., 320., 240., alpha, 1.});
+  const double fold = std::acos(-(1 - alpha) / alpha);
+  const auto at = [](double angle) { return Vector3d(std::sin(angle), 0, std::cos(angle)); };
+  EXPECT_TRUE(unit.ImgFromCam(at(fold - 1e-6)));
+  EXPECT_FALSE(unit.ImgFromCam(at(fold + 1e-6)));
+  const double max_radius_px = 300 / std::sqrt(2 * alpha - 1);
+  EXPECT_TRUE(unit.RayInCam({320 + max_radius_px - 1e-6, 240}));
+  EXPECT_FALSE(unit.RayInCam({320 + max_radius_px + 1e-6, 240}));
+  // Without alpha it is a pinhole; outside of its parameters' ranges there is no image.
+  const Camera pinhole(kEucm, 640, 480, std::array{300., 300., 320., 240., 0., 1.3});
+  EXPECT_NEAR((pinhole.ImgFromCam({1, 2, 4}).value() - Vector2d(395, 390)).norm(), 0, 1e-12);
+  for (const auto& [bad_alpha, bad_beta] :
+       {std::pair(-0.1, 1.), {1.1, 1.}, {0.5, 0.}, {0.5, -1.}}) {
+    const Camera senseless(kEucm, 640, 480,
+                           std::array{300., 300., 320., 240., bad_alpha, bad_beta});
+    EXPECT_FALSE(senseless.ImgFromCam({0, 0, 1}));
+    EXPECT_FALSE(senseless.RayInCam({320, 240}));
+  }
+}
+
+// COLMAP 4.1, src/colmap/sensor/models/spherical.h: +x is a quarter of the image to the right of
+// the middle, -y is the upper edge, and -z lies on both sides.
+TEST(Camera, PanoramasSeeAllAround) {
+  const Camera camera(kEquirectangular, 800, 400, std::array{800., 400.});
+  EXPECT_EQ(camera.ToString(), "EQUIRECTANGULAR 800 400 800 400");
+  const auto pixel = [&](double x, double y, double z) { return *camera.ImgFromCam({x, y, z}); };
+  EXPECT_LT((pixel(0, 0, 2) - Vector2d(400, 200)).norm(), 1e-12);
+  EXPECT_LT((pixel(2, 0, 0) - Vector2d(600, 200)).norm(), 1e-12);
+  EXPECT_LT((pixel(-2, 0, 0) - Vector2d(200, 200)).norm(), 1e-12);
+  EXPECT_LT((pixel(1, 0, -1) - Vector2d(700, 200)).norm(), 1e-12);
+  EXPECT_NEAR(pixel(0, -3, 0).y(), 0, 1e-12);
+  EXPECT_LT((pixel(1, std::sqrt(2.), 1) - Vector2d(500, 300)).norm(), 1e-12);
+  EXPECT_LT((*camera.RayInCam({0, 200}) - Vector3d(0, 0, -1)).norm(), 1e-14);
+  EXPECT_LT((*camera.RayInCam({800, 200}) - Vector3d(0, 0, -1)).norm(), 1e-14);
+  EXPECT_LT((*camera.RayInCam({123, 400}) - Vector3d(0, 1, 0)).norm(), 1e-14);
+  EXPECT_FALSE(camera.RayInCam({800.01, 200}));
+  EXPECT_FALSE(camera.RayInCam({400, -0.01}));
+  EXPECT_EQ(camera.Scaled(400, 300), Camera(kEquirectangular, 400, 300, std::array{400., 300.}));
+  EXPECT_EQ(camera.DepthOf({2, 1, -2}), 3);
+  EXPECT_EQ(Camera().DepthOf({2, 1, -2}), -2);
 }
 
 // Random, often absurd coefficients: what a projection gives, its inverse finds.

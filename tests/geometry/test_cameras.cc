@@ -34,6 +34,9 @@ std::vector<TestCamera> TypicalCameras() {
   add("Division", kDivision, {400, 410, 320, 240, -0.2});
   add("SimpleFisheye", kSimpleFisheye, {150, 320, 240});
   add("Fisheye", kFisheye, {260, 262, 320, 240});
+  add("Eucm", kEucm, {300, 305, 320, 240, 0.62, 1.13});
+  add("EucmAlmostPinhole", kEucm, {500, 505, 320, 240, 0.1, 0.9});
+  add("Equirectangular", kEquirectangular, {640, 480});
   return cameras;
 }
 

@@ -98,8 +98,7 @@ TEST_F(ColmapErrors, DuplicateIds) {
 
 TEST_F(ColmapErrors, CamerasThatDoNotExist) {
   ExpectTextFails("cameras.txt", "1 EQUIRECTANGULAR 200 100\n",
-                  {"cameras.txt: line 1: camera model: COLMAP has no EQUIRECTANGULAR cameras",
-                   "panoramas stand in lists of views"});
+                  {"cameras.txt: line 1: camera model EQUIRECTANGULAR: expected 2 parameters"});
   ExpectTextFails("cameras.txt", "2 FOO 4 3 5 6 2 1\n",
                   {"cameras.txt: line 1: camera model: expected one of SIMPLE_PINHOLE, PINHOLE, ",
                    "found \"FOO\""});

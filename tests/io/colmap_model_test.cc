@@ -52,6 +52,35 @@ TEST(ColmapModel, SmallModelSurvivesBothForms) {
   ExpectBytesSurvive(folder / "source", folder);
 }
 
+// As COLMAP 4.1 writes them: ids 16 and 17 of src/colmap/sensor/models.h, whose parameters are
+// fx fy cx cy alpha beta (models/eucm.h) and w h (models/spherical.h).
+TEST(ColmapModel, CamerasOfColmap41AreRead) {
+  std::string bytes;
+  const auto add = [&bytes](auto value) {
+    bytes.append(reinterpret_cast<const char*>(&value), sizeof(value));
+  };
+  add(uint64_t{2});
+  add(uint32_t{3});
+  add(int32_t{16});
+  add(uint64_t{640});
+  add(uint64_t{480});
+  for (const double param : {300., 305., 320., 240., 0.62, 1.13}) add(param);
+  add(uint32_t{4});
+  add(int32_t{17});
+  add(uint64_t{4096});
+  add(uint64_t{2048});
+  for (const double param : {4096., 2048.}) add(param);
+  const auto folder = TestFolder();
+  WriteFile(folder / "cameras.bin", bytes);
+  WriteFile(folder / "images.bin", std::string(8, '\0'));
+  WriteFile(folder / "points3D.bin", std::string(8, '\0'));
+  const ColmapModel model = ReadColmapModel(folder);
+  ASSERT_EQ(model.cameras.size(), 2u);
+  EXPECT_EQ(model.cameras.at(3).ToString(), "EUCM 640 480 300 305 320 240 0.62 1.13");
+  EXPECT_EQ(model.cameras.at(4).ToString(), "EQUIRECTANGULAR 4096 2048 4096 2048");
+  ExpectBytesSurvive(folder, folder / "out");
+}
+
 TEST(ColmapModel, RealBinaryModelIsWrittenBackBitForBit) {
   const auto data = FindTestData("sceaux_sfm");
   if (!data) GTEST_SKIP() << "sceaux_sfm is not on this machine";

@@ -14,9 +14,12 @@ TEST(ViewList, HoldsPosesAndCameras) {
   WriteFile(file,
             "# name qw qx qy qz tx ty tz camera\n"
             "a/1.jpg 1 0 0 0 1 2 3 SIMPLE_RADIAL 640 480 500 320 240 0.1\n\n"
-            "b.jpg 0 1 0 0 4 5 6 EQUIRECTANGULAR 200 100\n");
+            "b.jpg 0 1 0 0 4 5 6 EQUIRECTANGULAR 200 100\n"
+            "c.jpg 0 1 0 0 4 5 6 EQUIRECTANGULAR 200 100 200 100\n");
   const std::vector<View> views = ReadViewList(file);
-  ASSERT_EQ(views.size(), 2u);
+  ASSERT_EQ(views.size(), 3u);
+  EXPECT_FALSE(views[2].camera.lens);
+  EXPECT_EQ(views[2].camera.ToString(), views[1].camera.ToString());
   EXPECT_EQ(views[0].name, "a/1.jpg");
   EXPECT_EQ(views[0].camera.ToString(), "SIMPLE_RADIAL 640 480 500 320 240 0.1");
   EXPECT_EQ(views[0].cam_from_world.translation, Eigen::Vector3d(1, 2, 3));

@@ -95,6 +95,7 @@ TriangleMesh MakeSphere(const Eigen::Vector3d& center, double radius, int rings,
 std::vector<Camera> CamerasOfEveryModel() {
   std::vector<Camera> cameras;
   for (const CameraModelInfo& info : AllCameraModels()) {
+    if (info.model == CameraModel::kEquirectangular) continue;
     std::vector<double> params(static_cast<size_t>(info.num_params), 0.01);
     params[0] = 55;
     size_t next = 1;
@@ -102,6 +103,7 @@ std::vector<Camera> CamerasOfEveryModel() {
     params[next++] = 31.3;
     params[next++] = 24.6;
     if (info.model == CameraModel::kFov) params[next] = 0.5;
+    if (info.model == CameraModel::kEucm) params[next] = 0.6, params[next + 1] = 1.1;
     cameras.emplace_back(info.model, 64, 48, params);
   }
   return cameras;

@@ -1,6 +1,9 @@
 // A camera's intrinsics: which pixel a point in front of the camera falls on, and which ray leaves
 // through a pixel. The frame is COLMAP's: x right, y down, z forward; pixels are COLMAP's, too: the
 // centre of the first pixel is (0.5, 0.5).
+//
+// A panorama (EQUIRECTANGULAR) sees all directions: azimuth from x / width and elevation from
+// y / height, z in the middle of the image. What stands for its focal lengths are pixels per radian.
 
 #pragma once
 
@@ -23,7 +26,8 @@ class Camera {
   Camera() = default;
 
   // Throws InputError (without a file: add it at the border) if the count of parameters is wrong,
-  // a parameter is not finite, a focal length is not positive or the size is not positive.
+  // a parameter is not finite, a focal length (or a panorama's size) is not positive or the size is
+  // not positive.
   Camera(CameraModel model, int width_px, int height_px, std::span<const double> params);
 
   CameraModel model() const { return model_; }
@@ -32,6 +36,7 @@ class Camera {
   std::span<const double> params() const {
     return {params_.data(), static_cast<size_t>(GetCameraModelInfo(model_).num_params)};
   }
+  bool is_panorama() const { return model_ == CameraModel::kEquirectangular; }
   double focal_x_px() const { return focal_px_.x(); }
   double focal_y_px() const { return focal_px_.y(); }
   double MeanFocalPx() const { return 0.5 * (focal_x_px() + focal_y_px()); }
@@ -51,6 +56,11 @@ class Camera {
   // 1e-10 px times the focal length's order. None where the pixel is outside the model's valid
   // domain (for instance beyond the radius at which barrel distortion folds over).
   std::optional<Eigen::Vector3d> RayInCam(const Eigen::Vector2d& pixel) const;
+
+  // What is called the depth of a point: z, but the distance where the camera sees all around it.
+  double DepthOf(const Eigen::Vector3d& point_in_cam) const {
+    return is_panorama() ? point_in_cam.norm() : point_in_cam.z();
+  }
 
   // Whether the pixel lies in the image rectangle [0, width] x [0, height].
   bool Contains(const Eigen::Vector2d& pixel) const;

@@ -27,6 +27,8 @@ enum class CameraModel {
   kDivision = 13,                // fx fy cx cy k
   kSimpleFisheye = 14,           // f cx cy
   kFisheye = 15,                 // fx fy cx cy
+  kEucm = 16,                    // fx fy cx cy alpha beta (COLMAP 4.1)
+  kEquirectangular = 17,         // w h: a panorama of all directions (COLMAP 4.1)
 };
 
 inline constexpr int kMaxCameraParams = 16;
@@ -35,7 +37,8 @@ struct CameraModelInfo {
   CameraModel model;
   std::string_view name;  // COLMAP's, e.g. "SIMPLE_RADIAL"
   int num_params;
-  int num_focal_lengths;  // 1: f; 2: fx fy. They come first, the principal point follows.
+  // 1: f; 2: fx fy. They come first, the principal point follows. 0: a panorama, which has neither.
+  int num_focal_lengths;
 };
 
 // All models, in the order of their ids.

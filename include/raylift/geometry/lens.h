@@ -6,11 +6,13 @@
 //   x = u (1 + n1 q + ... + n6 q^6) / (1 + d1 q + d2 q^2 + d3 q^3),
 //   distorted = x + tangential(y) + prism(y),
 //
-// where y = u, or y = x for RAD_TAN_THIN_PRISM_FISHEYE.
+// where y = u, or y = x for RAD_TAN_THIN_PRISM_FISHEYE. A panorama's two coordinates are azimuth and
+// elevation (downward), in radians.
 //
 // The valid domain is where this is one-to-one: |u| below the first radius at which |x| stops
 // growing with |u|, and the Jacobian of the distortion positive all the way from the axis. For the
-// plane z must be positive; fisheye and division lenses may see beyond 90 degrees off the axis.
+// plane z must be positive; fisheye, division and unified lenses may see beyond 90 degrees off the
+// axis, and a panorama everywhere.
 
 #pragma once
 
@@ -47,8 +49,9 @@ class Lens {
 
  private:
   // How a point becomes two coordinates: (x, y) / z; angle * (x, y) / |(x, y)|; or the division
-  // model's (x, y) r with r so that (u, 1 + k |u|^2) is parallel to the point.
-  enum class ProjectionType { kPerspective, kEquidistant, kDivision };
+  // model's (x, y) r with r so that (u, 1 + k |u|^2) is parallel to the point; the unified model's
+  // (x, y) / (alpha rho + (1 - alpha) z) with rho^2 = beta (x^2 + y^2) + z^2; azimuth and elevation.
+  enum class ProjectionType { kPerspective, kEquidistant, kDivision, kUnified, kPanorama };
   enum class Radial { kNone, kRational, kFov };
   // What the tangential and thin prism terms are functions of.
   enum class NonRadial { kNone, kOfProjected, kOfRadial };
@@ -65,6 +68,7 @@ class Lens {
   void LimitRadialDomain();
   void LimitNonRadialDomain();
 
+  double UnifiedRho(const Eigen::Vector3d& point) const;
   std::optional<Eigen::Vector2d> ApplyProjection(const Eigen::Vector3d& point) const;
   Eigen::Matrix<double, 2, 3> ProjectionJacobian(const Eigen::Vector3d& point,
                                                  const Eigen::Vector2d& projected) const;
@@ -96,6 +100,8 @@ class Lens {
   std::array<double, 2> prism_y_ = {};     // likewise
   double fov_omega_ = 0;
   double division_k_ = 0;
+  double unified_alpha_ = 0;
+  double unified_beta_ = 1;
   double safe_radius_ = std::numeric_limits<double>::infinity();  // of u: all below it is valid
   double max_radius_ = std::numeric_limits<double>::infinity();   // of u, excluded
   double max_distorted_radius_ = std::numeric_limits<double>::infinity();  // of x, excluded

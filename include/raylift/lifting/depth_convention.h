@@ -81,7 +81,8 @@ std::string DepthPresetNames();  // "colmap|nerfstudio|..."
 // The file that a pattern means, before {time} is looked up.
 std::string ExpandPattern(std::string_view pattern, std::string_view image_name);
 
-// The z component of the unit ray through each pixel's centre; 0 where there is no ray.
+// The z component of the unit ray through each pixel's centre (of a panorama, whose depth is the
+// distance: 1); 0 where there is no ray.
 std::vector<float> RayZOfPixels(const Camera& camera);
 
 // What a stored 1 is in scene units (of kInverse: 1 / scene units), the scale included.

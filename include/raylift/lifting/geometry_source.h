@@ -19,7 +19,7 @@ struct SurfacePoint {
   Eigen::Vector3d point_in_world;
   // Unit, turned toward the camera; straight at it where the source does not know the surface.
   Eigen::Vector3d normal_in_world;
-  double depth_z;        // along the reference's optical axis, scene units
+  double depth_z;        // along the reference's optical axis (Camera::DepthOf), scene units
   double incidence_deg;  // angle between the normal and the ray back to the camera
   bool back_face;        // the surface was met from behind (by its winding)
   // The largest relative difference of depth, close around the keypoint, between what is there and

@@ -7,8 +7,8 @@
 
 namespace raylift {
 
-// z along the optical axis (never the length of the ray), row-major, in scene units; 0 = no
-// surface.
+// z along the optical axis (never the length of the ray, but in a panorama, which has no axis),
+// row-major, in scene units; 0 = no surface.
 struct DepthMap {
   int width_px = 0;
   int height_px = 0;

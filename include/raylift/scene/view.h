@@ -13,13 +13,15 @@ namespace raylift {
 // One of COLMAP's cameras, or an equirectangular panorama of all directions, which has no other
 // parameters than its size (PixelRays::Equirectangular says which pixel looks where).
 struct ViewCamera {
-  std::optional<Camera> lens = std::nullopt;  // none: a panorama
+  std::optional<Camera> lens = std::nullopt;  // none: a panorama, also where it is COLMAP's
   int width_px = 0;
   int height_px = 0;
 
   ViewCamera() = default;
   ViewCamera(const Camera& camera)  // NOLINT(google-explicit-constructor): it is one of the two
-      : lens(camera), width_px(camera.width_px()), height_px(camera.height_px()) {}
+      : lens(camera.is_panorama() ? std::nullopt : std::optional(camera)),
+        width_px(camera.width_px()),
+        height_px(camera.height_px()) {}
   static ViewCamera Panorama(int width_px, int height_px) {
     ViewCamera camera;
     camera.width_px = width_px;

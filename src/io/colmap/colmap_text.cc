@@ -39,15 +39,7 @@ void ReadRecords(const std::filesystem::path& path, std::string_view kind,
   }
 }
 
-Camera ReadCamera(LineReader&, LineTokens& tokens) {
-  LineTokens ahead = tokens;
-  if (ahead.Token("camera model") == "EQUIRECTANGULAR") {
-    tokens.Fail(
-        "camera model: COLMAP has no EQUIRECTANGULAR cameras; panoramas stand in lists of views, "
-        "or are asked for of the images that are rendered");
-  }
-  return tokens.CameraToEnd();
-}
+Camera ReadCamera(LineReader&, LineTokens& tokens) { return tokens.CameraToEnd(); }
 
 ColmapPose ReadPose(LineTokens& tokens) {
   ColmapPose pose;

@@ -26,7 +26,7 @@ ViewCamera CameraToEnd(LineTokens& tokens) {
   if (ahead.Token("camera model") != "EQUIRECTANGULAR") return tokens.CameraToEnd();
   const int width = Side(ahead, "width");
   const int height = Side(ahead, "height");
-  ahead.ExpectEnd();
+  if (!ahead.AtEnd()) return tokens.CameraToEnd();  // COLMAP's, which says its size again
   return ViewCamera::Panorama(width, height);
 }
 
