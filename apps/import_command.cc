@@ -4,6 +4,7 @@
 
 #include "commands.h"
 #include "options.h"
+#include "typed_options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -85,6 +86,13 @@ Command AddImportCommand(CLI::App& program) {
       ->add_option("--split", flags->options.split,
                    "Of gangnam: whose photographs are the queries, validation|test")
       ->capture_default_str();
+  AddEnumOption(*command, "--calibration", flags->options.calibration,
+                "Of 7scenes, whose poses are the depth camera's: colour moves them to the\n"
+                "photographs (as kapture and ACE do), raw takes them as they are (hloc): {}")
+      ->capture_default_str();
+  command->add_option("--pgt", flags->options.pseudo_ground_truth,
+                      "Of 7scenes and 12scenes: folder of SCENE_train.txt and SCENE_test.txt with\n"
+                      "poses and focal lengths to take instead (Brachmann et al., ICCV 2021)");
   command->add_option("--camera", flags->camera,
                       "\"MODEL width height params...\" of all images, instead of the data\n"
                       "set's intrinsics");

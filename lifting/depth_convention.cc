@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "raylift/base/error.h"
+#include "raylift/scene/seven_scenes_kinect.h"
 
 namespace raylift {
 namespace {
@@ -37,6 +38,14 @@ DepthConvention SevenScenes() {
           .invalid_values = {65535},
           .max_depth = 1000,
           .patterns = {"{flat7}.pose.depth.tiff", "{dir}/{base}.depth.png"}};
+}
+
+// The depth camera's own, which stands beside the one of the photographs.
+DepthConvention SevenScenesSensor() {
+  DepthConvention convention = SevenScenes();
+  convention.patterns = {"{dir}/{base}.depth.png"};
+  convention.sensor = DepthSensor{SevenScenesDepthCamera(), SevenScenesColorFromDepth()};
+  return convention;
 }
 
 DepthConvention TwelveScenes() {
@@ -83,10 +92,11 @@ struct Preset {
   std::string_view name;
   DepthConvention (*make)();
 };
-constexpr std::array<Preset, 11> kPresets = {{{"colmap", &Colmap},
+constexpr std::array<Preset, 12> kPresets = {{{"colmap", &Colmap},
                                               {"nerfstudio", &Nerfstudio},
                                               {"metric3d", &Metric3d},
                                               {"7scenes", &SevenScenes},
+                                              {"7scenes_sensor", &SevenScenesSensor},
                                               {"12scenes", &TwelveScenes},
                                               {"scannet", &ScanNet},
                                               {"tum", &Tum},
@@ -229,6 +239,7 @@ StoredDepth Oriented(StoredDepth stored, MapOrientation orientation) {
 DepthMap ToDepthMap(const StoredDepth& stored, const Camera& camera,
                     const DepthConvention& convention, const StoredDepth* confidence,
                     std::span<const float> ray_z) {
+  const Camera& own = convention.sensor ? convention.sensor->camera : camera;
   const ValueReader reader(stored, convention);
   DepthMap map{stored.width_px, stored.height_px, {}};
   map.z.reserve(stored.values.size());
@@ -238,7 +249,7 @@ DepthMap ToDepthMap(const StoredDepth& stored, const Camera& camera,
   if (convention.kind == DepthKind::kRay) {
     std::vector<float> computed;
     if (ray_z.empty()) {
-      computed = RayZOfPixels(camera.Scaled(map.width_px, map.height_px));
+      computed = RayZOfPixels(own.Scaled(map.width_px, map.height_px));
       ray_z = computed;
     }
     RAYLIFT_CHECK_EQ(ray_z.size(), map.z.size());
@@ -246,6 +257,9 @@ DepthMap ToDepthMap(const StoredDepth& stored, const Camera& camera,
   }
   if (confidence != nullptr) {
     DropUntrusted(*confidence, convention.confidence_threshold, map);
+  }
+  if (convention.sensor) {
+    return RegisterDepth(map, *convention.sensor, camera.Scaled(map.width_px, map.height_px));
   }
   return map;
 }

@@ -129,6 +129,7 @@ std::string DescribeStored(const StoredDepth& stored, const DepthConvention& con
   std::string text = fmt::format("{} {} {} x {}, {}", ToString(stored.format), stored.sample_type,
                                  stored.width_px, stored.height_px, ToString(convention.kind));
   if (!stored.layer.empty()) text += fmt::format(", layer {}", stored.layer);
+  if (convention.sensor) text += ", registered into the photograph's camera";
   return text;
 }
 
@@ -185,7 +186,8 @@ struct DepthFolder::Impl {
     }
     std::shared_ptr<const std::vector<float>> rays;
     if (convention.kind == DepthKind::kRay) {
-      rays = RayZ(reference.camera.Scaled(stored.width_px, stored.height_px));
+      const Camera& camera = convention.sensor ? convention.sensor->camera : reference.camera;
+      rays = RayZ(camera.Scaled(stored.width_px, stored.height_px));
     }
     return std::make_shared<const DepthMap>(
         ToDepthMap(stored, reference.camera, convention, confidence ? &*confidence : nullptr,

@@ -13,6 +13,7 @@ namespace raylift {
 namespace {
 
 namespace fs = std::filesystem;
+using testing::Contains;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
@@ -33,8 +34,93 @@ TEST(SevenScenes, GroupsAreSequencesAndThresholdsItsOwn) {
   EXPECT_EQ(scene.thresholds, "7scenes");
   EXPECT_EQ(scene.groups.at(layout.queries[0].name), "seq-03");
   ASSERT_EQ(scene.geometries.size(), 1u);
-  EXPECT_EQ(scene.geometries[0].spec, "depth:" + layout.folder.string() + ",preset=7scenes");
-  EXPECT_THAT(scene.notes, ElementsAre(HasSubstr("not registered")));
+  EXPECT_EQ(scene.geometries[0].spec, "depth:" + layout.folder.string() + ",preset=7scenes_sensor");
+}
+
+// The matrices of kapture_import_7scenes.py and of ACE's setup_7scenes.py: the photograph's pose is
+// (published pose) * inverse(d_to_rgb).
+TEST(SevenScenes, PosesAreMovedToTheColourCameraUnlessTheyAreWantedRaw) {
+  const Layout layout = Write7Scenes(TestFolder() / "chess", RandomInput());
+  const std::string row = "seq-01/frame-000000";
+  WriteFile(layout.folder / (row + ".pose.txt"),
+            "0 -1 0 1\n"
+            "1 0 0 2\n"
+            "0 0 1 3\n"
+            "0 0 0 1\n");
+  Eigen::Matrix4d d_to_rgb;
+  d_to_rgb << 0.99996518012567637, 0.0026765126468950343, -0.0079041012313000904,
+      -0.025558943178152542, -0.00274093112813167, 0.99996302803027592, -0.0081504520778013286,
+      0.00010109636268061706, 0.0078819942130445332, 0.0081718328771890631, 0.99993554558014031,
+      0.0020318321729487039, 0, 0, 0, 1;
+  Eigen::Matrix4d published;
+  published << 0, -1, 0, 1, 1, 0, 0, 2, 0, 0, 1, 3, 0, 0, 0, 1;
+  const Eigen::Matrix4d expected = published * d_to_rgb.inverse();
+
+  ImportOptions options;
+  const ImportedScene colour = ImportDataset("7scenes", layout.folder, options).at(0);
+  const Rigid3 world_from_cam = colour.references[0].cam_from_world.Inverse();
+  // The matrix is printed with more digits than its rotation is orthogonal to.
+  EXPECT_NEAR((world_from_cam.translation - expected.topRightCorner<3, 1>()).norm(), 0, 1e-6);
+  EXPECT_NEAR((world_from_cam.rotation.toRotationMatrix() - expected.topLeftCorner<3, 3>()).norm(),
+              0, 1e-6);
+  EXPECT_THAT(colour.notes, ElementsAre(HasSubstr("moved from the depth camera"),
+                                        HasSubstr("registered into the photographs")));
+  options.calibration = SensorCalibration::kRaw;
+  const ImportedScene raw = ImportDataset("7scenes", layout.folder, options).at(0);
+  EXPECT_TRUE(IsNearPose(raw.references[0].cam_from_world.Inverse(),
+                         {Eigen::Quaterniond(published.topLeftCorner<3, 3>()), {1, 2, 3}}, 1e-9,
+                         1e-9));
+  EXPECT_THAT(raw.notes[0], HasSubstr("those of the depth camera"));
+  EXPECT_NEAR((raw.references[0].cam_from_world.OriginInSource() -
+               colour.references[0].cam_from_world.OriginInSource())
+                  .norm(),
+              0.0256, 1e-4);
+}
+
+// Rows as in github.com/tsattler/visloc_pseudo_gt_limitations, pgt/sfm/7scenes.
+TEST(SevenScenes, PseudoGroundTruthHasPosesAndFocalLengthsOfThePhotographs) {
+  LayoutInput input = RandomInput(2, 1);
+  input.width_px = 640;
+  input.height_px = 480;
+  const Layout layout = Write7Scenes(TestFolder() / "heads", input);
+  const fs::path pgt = layout.folder / "pgt";
+  const std::string pose = "0.806216 0.0204293 -0.55204 -0.211778 0.274901 0.044219 -0.258735";
+  WriteFile(pgt / "heads_train.txt", "seq-01/frame-000000.color.png " + pose + " 527.745\n");
+  WriteFile(pgt / "heads_test.txt", "seq-03/frame-000000.color.png " + pose + " 527.745\n");
+  ImportOptions options;
+  options.pseudo_ground_truth = pgt;
+  const ImportedScene scene = ImportDataset("7scenes", layout.folder, options).at(0);
+  ASSERT_EQ(scene.references.size(), 1u);
+  EXPECT_EQ(scene.references[0].camera.ToString(), "SIMPLE_PINHOLE 640 480 527.745 320 240");
+  EXPECT_EQ(scene.references[0].cam_from_world.translation,
+            Eigen::Vector3d(0.274901, 0.044219, -0.258735));
+  EXPECT_EQ(scene.queries.at(0).camera, scene.references[0].camera);
+  EXPECT_THAT(scene.warnings, ElementsAre(HasSubstr("lack it (first: seq-02/frame-000001")));
+  EXPECT_THAT(scene.notes[0], HasSubstr("heads_train.txt"));
+
+  // pgt/dslam holds the data set's own poses in the same form.
+  const Rigid3 own =
+      ImportDataset("7scenes", layout.folder, {.calibration = SensorCalibration::kRaw})
+          .at(0)
+          .references[0]
+          .cam_from_world;
+  WritePoseFile(pgt / "heads_train.txt", {{"seq-01/frame-000000.color.png", own}});
+  std::string row = ReadFile(pgt / "heads_train.txt");
+  WriteFile(pgt / "heads_train.txt", row.substr(0, row.size() - 1) + " 525.0\n");
+  EXPECT_THAT(ImportDataset("7scenes", layout.folder, options).at(0).warnings,
+              Contains(HasSubstr("the data set's own poses")));
+
+  const auto fails = [&](const std::string& text, const std::vector<std::string>& parts) {
+    WriteFile(pgt / "heads_train.txt", text);
+    return FailsWithInputError([&] { ImportDataset("7scenes", layout.folder, options); }, parts);
+  };
+  EXPECT_TRUE(fails("a " + pose + "\n", {"heads_train.txt: line 1: focal length"}));
+  EXPECT_TRUE(fails("a " + pose + " 0\n", {"heads_train.txt: line 1: focal length", "positive"}));
+  EXPECT_TRUE(fails("a 2 0 0 0 0 0 0 525\n", {"line 1: quaternion"}));
+  EXPECT_TRUE(fails("a " + pose + " 525\na " + pose + " 525\n", {"line 2", "stands twice"}));
+  options.pseudo_ground_truth = layout.folder;
+  EXPECT_TRUE(FailsWithInputError([&] { ImportDataset("7scenes", layout.folder, options); },
+                                  {"heads_train.txt"}));
 }
 
 TEST(SevenScenes, TheCameraIsThePublishedOne) {

@@ -84,8 +84,8 @@ TEST(DepthConvention, PatternsNameTheFileOfAnImage) {
 }
 
 TEST(DepthConvention, PresetsAreKnownByName) {
-  for (const char* name : {"colmap", "nerfstudio", "metric3d", "7scenes", "12scenes", "scannet",
-                           "tum", "meshloc", "lamar", "eth3d", "kapture"}) {
+  for (const char* name : {"colmap", "nerfstudio", "metric3d", "7scenes", "7scenes_sensor",
+                           "12scenes", "scannet", "tum", "meshloc", "lamar", "eth3d", "kapture"}) {
     const auto preset = DepthPreset(name);
     ASSERT_TRUE(preset) << name;
     EXPECT_TRUE(preset->unit);

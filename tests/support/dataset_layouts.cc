@@ -7,6 +7,7 @@
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/query_list.h"
+#include "raylift/scene/seven_scenes_kinect.h"
 
 namespace raylift {
 namespace {
@@ -99,7 +100,8 @@ Layout Write7Scenes(const path& folder, const LayoutInput& input) {
     const std::string stem = fmt::format("{}/frame-{:06}", sequence, index);
     PosedImage view{stem + ".color.png", camera, pose};
     WritePicture(input, folder / view.name, view);
-    WriteFile(folder / (stem + ".pose.txt"), MatrixText(MatrixOf(pose.Inverse())));
+    const Rigid3 depth_from_world = SevenScenesColorFromDepth().Inverse() * pose;
+    WriteFile(folder / (stem + ".pose.txt"), MatrixText(MatrixOf(depth_from_world.Inverse())));
     return view;
   };
   for (size_t i = 0; i < input.references.size(); ++i) {

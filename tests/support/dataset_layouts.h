@@ -29,7 +29,8 @@ struct Layout {
   int query_every = 8;  // to be imported with, where the data set has no queries of its own
 };
 
-// 7-Scenes: seq-01 and seq-02 are for training, seq-03 is the test.
+// 7-Scenes: seq-01 and seq-02 are for training, seq-03 is the test. The files hold the poses of the
+// depth camera.
 Layout Write7Scenes(const std::filesystem::path& folder, const LayoutInput& input);
 // 12 Scenes: the first sequence is the test.
 Layout Write12Scenes(const std::filesystem::path& folder, const LayoutInput& input);

@@ -12,6 +12,7 @@
 #include <string_view>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/geometry/camera.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
@@ -20,11 +21,26 @@
 
 namespace raylift {
 
+// Of 7-Scenes, whose poses are the depth camera's: what the photographs' poses are.
+enum class SensorCalibration {
+  kColor,  // moved to the colour camera
+  kRaw,    // as published, as if both cameras stood in one place
+};
+template <>
+inline constexpr auto kEnumNames<SensorCalibration> = std::to_array<EnumName<SensorCalibration>>({
+    {SensorCalibration::kColor, "colour"},
+    {SensorCalibration::kRaw, "raw"},
+});
+
 struct ImportOptions {
   // Of data sets that have no queries of their own: every N-th frame is one, the N-th first.
   int query_every = 8;
   // Whose photographs the queries of Gangnam are.
   std::string split = "validation";
+  SensorCalibration calibration = SensorCalibration::kColor;
+  // Of 7-Scenes and 12 Scenes: a folder of SCENE_train.txt and SCENE_test.txt with poses and focal lengths
+  // (Brachmann et al., ICCV 2021), instead of the data set's.
+  std::filesystem::path pseudo_ground_truth = {};
   // Instead of the data set's intrinsics, for all images.
   std::optional<Camera> camera = std::nullopt;
 };

@@ -14,6 +14,7 @@
 #include "raylift/base/enum_names.h"
 #include "raylift/geometry/camera.h"
 #include "raylift/io/depth_file.h"
+#include "raylift/lifting/depth_registration.h"
 #include "raylift/scene/depth_map.h"
 #include "raylift/scene/plane_size.h"
 
@@ -69,6 +70,9 @@ struct DepthConvention {
   bool headerless = false;  // plain floats, of `raw_size` or else of the image's size
   std::optional<PlaneSize> raw_size = std::nullopt;
 
+  // Whose maps these are, where that is not the photograph's camera: they are turned into its own.
+  std::optional<DepthSensor> sensor = std::nullopt;
+
   // A second map that says how far each depth can be trusted; below the threshold there is none.
   std::string confidence_pattern = {};  // empty: there is no such map
   double confidence_threshold = 0.5;    // in stored values
@@ -94,7 +98,7 @@ StoredDepth Oriented(StoredDepth stored, MapOrientation orientation);
 // The map in our convention, for an image with this camera (of any resolution: the intrinsics are
 // scaled by the ratio of the sizes). `ray_z` may hold RayZOfPixels of the scaled camera, else it is
 // computed where it is needed. `confidence` (may be null) may be of another size. Both
-// are already oriented.
+// are already oriented. With a sensor the camera is its own first, and `ray_z` the sensor's.
 DepthMap ToDepthMap(const StoredDepth& stored, const Camera& camera,
                     const DepthConvention& convention, const StoredDepth* confidence = nullptr,
                     std::span<const float> ray_z = {});
