@@ -1,6 +1,7 @@
 // Cambridge Landmarks (Kendall et al., ICCV 2015): dataset_{train,test}.txt with three header lines
 // and rows `seq/frame.png X Y Z W P Q R`: the camera's centre and the quaternion world to camera.
-// The focal lengths are in reconstruction.nvm alone, whose names end in .jpg.
+// The focal lengths and the radial distortion are in reconstruction.nvm alone, whose names end in
+// .jpg.
 
 #include <cmath>
 
@@ -63,10 +64,16 @@ class Cameras {
     const auto focal = focals_.find(WithoutExtension(name));
     if (focal == focals_.end()) return std::nullopt;
     const PlaneSize size = ReadImageSize(folder_ / name);
-    if (focal->second.radial_distortion != 0) ++num_distorted_;
-    return Camera(
-        CameraModel::kSimplePinhole, size.width_px, size.height_px,
-        std::vector<double>{focal->second.focal_px, 0.5 * size.width_px, 0.5 * size.height_px});
+    std::vector<double> params = {focal->second.focal_px, 0.5 * size.width_px,
+                                  0.5 * size.height_px};
+    if (focal->second.radial_distortion == 0) {
+      return Camera(CameraModel::kSimplePinhole, size.width_px, size.height_px, params);
+    }
+    ++num_distorted_;
+    // VisualSFM undistorts by 1 + r |x|^2. kapture (kapture_import_nvm.py) and LIMAP take that for
+    // k = -r, too, and Aachen's NVM agrees so with its official intrinsics.
+    params.push_back(-focal->second.radial_distortion);
+    return Camera(CameraModel::kSimpleRadial, size.width_px, size.height_px, params);
   }
 
   size_t num_distorted() const { return num_distorted_; }
@@ -110,9 +117,9 @@ ImportedScenes ImportCambridge(const path& folder, const ImportOptions& options)
   std::erase_if(scene.groups, [](const auto& entry) { return entry.second.empty(); });
   skipped.AddWarnings(scene.warnings);
   if (cameras.num_distorted() > 0) {
-    scene.warnings.push_back(fmt::format(
-        "the radial distortion of {} images in reconstruction.nvm is not used: it is of "
-        "VisualSFM's own model",
+    scene.notes.push_back(fmt::format(
+        "the radial distortion r of {} images is VisualSFM's, of the distorted pixel: it is taken "
+        "for SIMPLE_RADIAL with k = -r, as kapture does",
         cameras.num_distorted()));
   }
   RequireImages(folder, scene);

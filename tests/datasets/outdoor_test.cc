@@ -56,8 +56,14 @@ TEST(Cambridge, FocalLengthsAreThoseOfTheNvm) {
                           HasSubstr("photograph is missing (first: seq1/frame00000.png)")));
 }
 
-TEST(Cambridge, VisualSfmsDistortionIsToldOf) {
-  const Layout layout = WriteCambridge(TestFolder(), RandomInput());
+// VisualSFM's r brings the measured pixel m (in focal lengths from the centre) to m (1 + r |m|^2);
+// the row is `name f qw qx qy qz cx cy cz r 0` (ccwu.me/vsfm/doc.html#nvm). Up to the order of r^2
+// the camera must put a point there.
+TEST(Cambridge, VisualSfmsDistortionIsUndone) {
+  LayoutInput input = RandomInput();
+  input.width_px = 1920;
+  input.height_px = 1080;
+  const Layout layout = WriteCambridge(TestFolder(), input);
   std::string nvm = ReadFile(layout.folder / "reconstruction.nvm");
   nvm.replace(nvm.find(" 0 0\n"), 5, " 0.1 0\n");
   WriteFile(layout.folder / "reconstruction.nvm", nvm);
