@@ -1,13 +1,13 @@
-// nerfstudio: transforms.json with camera-to-world matrices of cameras in OpenGL's axes (x right, y
+// nerfstudio and instant-ngp: transforms.json with camera-to-world matrices of cameras in OpenGL's axes (x right, y
 // up, z back), intrinsics for all frames or per frame. The scene is in the world that the images
 // were in before nerfstudio's `applied_transform` and `applied_scale`.
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <set>
 
 #include "datasets/importers.h"
+#include "datasets/transforms_lens.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -147,68 +147,11 @@ class Reader {
     return frame;
   }
 
-  // A number of the frame, else of all.
-  std::optional<double> Number(const JsonPlace& frame, std::string_view key) const {
-    for (const JsonPlace* place : {&frame, &root_}) {
-      if (!place->Has(key)) continue;
-      const JsonPlace value = place->Member(key);
-      return value.Number();
-    }
-    return std::nullopt;
-  }
-
-  std::string ModelName(const JsonPlace& frame) const {
-    for (const JsonPlace* place : {&frame, &root_}) {
-      if (!place->Has("camera_model")) continue;
-      const JsonPlace value = place->Member("camera_model");
-      return value.String();
-    }
-    return "OPENCV";
-  }
-
   Camera ReadCamera(const JsonPlace& frame, const std::string& name) const {
     if (options_.camera) return *options_.camera;
-    auto width = Number(frame, "w"), height = Number(frame, "h");
-    if (!width || !height) {
-      const PlaneSize size = ReadImageSize(folder_ / name);
-      width = width.value_or(size.width_px);
-      height = height.value_or(size.height_px);
-    }
-    auto focal_x = Number(frame, "fl_x");
-    const auto angle_x = Number(frame, "camera_angle_x");
-    if (!focal_x && angle_x) focal_x = 0.5 * *width / std::tan(0.5 * *angle_x);
-    if (!focal_x) frame.Fail("expected fl_x or camera_angle_x, in the frame or for all");
-    const double focal_y = Number(frame, "fl_y").value_or(*focal_x);
-    const double cx = Number(frame, "cx").value_or(0.5 * *width);
-    const double cy = Number(frame, "cy").value_or(0.5 * *height);
-    const auto distortion = [&](std::string_view key) { return Number(frame, key).value_or(0); };
-    const double k1 = distortion("k1"), k2 = distortion("k2"), k3 = distortion("k3"),
-                 k4 = distortion("k4"), p1 = distortion("p1"), p2 = distortion("p2");
-    const std::string model = ModelName(frame);
-    const auto make = [&](CameraModel colmap, const std::vector<double>& lens) {
-      std::vector<double> params = {*focal_x, focal_y, cx, cy};
-      params.insert(params.end(), lens.begin(), lens.end());
-      try {
-        return Camera(colmap, static_cast<int>(*width), static_cast<int>(*height), params);
-      } catch (const InputError& error) {
-        frame.Fail(error.what());
-      }
-    };
-    if (!(*width >= 1 && *width <= 1 << 20 && *height >= 1 && *height <= 1 << 20)) {
-      frame.Fail("w, h: expected a size in pixels");
-    }
-    if (model == "OPENCV_FISHEYE") return make(CameraModel::kOpenCvFisheye, {k1, k2, k3, k4});
-    if (model != "OPENCV" && model != "PINHOLE" && model != "SIMPLE_PINHOLE") {
-      frame.Fail(
-          fmt::format("camera_model: expected OPENCV, OPENCV_FISHEYE or PINHOLE, found "
-                      "\"{}\"",
-                      model));
-    }
-    if (k3 != 0 || k4 != 0) {
-      return make(CameraModel::kFullOpenCv, {k1, k2, p1, p2, k3, k4, 0, 0});
-    }
-    if (k1 == 0 && k2 == 0 && p1 == 0 && p2 == 0) return make(CameraModel::kPinhole, {});
-    return make(CameraModel::kOpenCv, {k1, k2, p1, p2});
+    const TransformsLens lens(frame, root_);
+    return lens.MakeCamera(lens.SaysSize() ? std::nullopt
+                                           : std::optional(ReadImageSize(folder_ / name)));
   }
 
   path file_, folder_;

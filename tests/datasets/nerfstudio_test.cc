@@ -80,6 +80,88 @@ TEST_F(Nerfstudio, CameraModels) {
       "OPENCV_FISHEYE 64 48 50 50 32 24 0.01 0 0 2e-04");
   EXPECT_EQ(camera("\"fl_x\": 50, \"k1\": 0.01, \"k3\": 0.001,"),
             "FULL_OPENCV 64 48 50 50 32 24 0.01 0 0 0 0.001 0 0 0");
+  for (const std::string model : {"SIMPLE_RADIAL", "RADIAL"}) {
+    EXPECT_EQ(camera("\"camera_model\": \"" + model + "\", \"fl_x\": 50, \"k1\": 0.01,"),
+              "OPENCV 64 48 50 50 32 24 0.01 0 0 0");
+  }
+  // metashape_to_json() of nerfstudio/process_data/metashape_utils.py for spherical sensors.
+  EXPECT_EQ(camera("\"camera_model\": \"EQUIRECTANGULAR\", \"w\": 64, \"h\": 48, \"fl_x\": 32, "
+                   "\"fl_y\": 48, \"cx\": 32, \"cy\": 24,"),
+            "EQUIRECTANGULAR 64 48 64 48");
+  EXPECT_EQ(camera("\"fl_x\": 50, \"camera_angle_y\": 1.0,").substr(0, 28),
+            "PINHOLE 64 48 50 43.93170532");
+}
+
+// instant-ngp's src/nerf_loader.cu, read_lens() and read_focal_length(); scripts/colmap2nerf.py
+// writes is_fisheye.
+TEST_F(Nerfstudio, LensesOfInstantNgp) {
+  const auto camera = [&](const std::string& all) {
+    return Import(all, "").queries.at(0).camera.ToString();
+  };
+  const std::string lens = "\"fl_x\": 50, \"k1\": 0.01, \"k2\": 0.02, \"k3\": 0.03, \"k4\": 0.04,";
+  EXPECT_EQ(camera(lens + "\"is_fisheye\": true,"),
+            "OPENCV_FISHEYE 64 48 50 50 32 24 0.01 0.02 0.03 0.04");
+  EXPECT_EQ(camera("\"fl_x\": 50, \"k1\": 0.01, \"is_fisheye\": false,"),
+            "OPENCV 64 48 50 50 32 24 0.01 0 0 0");
+  EXPECT_TRUE(camera("\"x_fov\": 90,").starts_with("PINHOLE 64 48 32.00000"));
+  EXPECT_TRUE(Fails(lens + "\"is_fisheye\": true, \"camera_model\": \"OPENCV\",", "", kIdentity,
+                    {"frames[0]", "is_fisheye", "OPENCV"}));
+  EXPECT_TRUE(Fails(lens + "\"is_fisheye\": 1,", "", kIdentity, {"is_fisheye", "true or false"}));
+  for (const std::string key : {"ftheta_p0", "latlong", "equirectangular", "orthographic"}) {
+    EXPECT_TRUE(Fails("\"fl_x\": 50, \"" + key + "\": 1,", "", kIdentity, {"frames[0]", key}));
+  }
+}
+
+// get_distortion_params() of nerfstudio/cameras/camera_utils.py: k1 k2 k3 k4 p1 p2; FISHEYE624's 12
+// are those of fisheye624_project() there.
+TEST_F(Nerfstudio, DistortionParamsStandForTheSingleOnes) {
+  const auto camera = [&](const std::string& all) {
+    return Import(all, "").queries.at(0).camera.ToString();
+  };
+  const std::string model = "\"fl_x\": 50, \"camera_model\": ";
+  EXPECT_EQ(camera("\"fl_x\": 50, \"distortion_params\": [0.01, 0.02, 0, 0, 0.003, 0.004],"),
+            "OPENCV 64 48 50 50 32 24 0.01 0.02 0.003 0.004");
+  EXPECT_EQ(camera(model + "\"OPENCV_FISHEYE\", \"distortion_params\": [0.01, 0.02, 0.03, 0.04, 0, "
+                           "0],"),
+            "OPENCV_FISHEYE 64 48 50 50 32 24 0.01 0.02 0.03 0.04");
+  EXPECT_EQ(camera(model + "\"OPENCV_FISHEYE\", \"distortion_params\": [0.01, 0.02, 0.03, 0.04, "
+                           "0.005, 0.006],"),
+            "THIN_PRISM_FISHEYE 64 48 50 50 32 24 0.01 0.02 0.005 0.006 0.03 0.04 0 0");
+  EXPECT_EQ(camera(model + "\"FISHEYE624\", \"distortion_params\": [0.01, 0.02, 0.03, 0.04, 0.05, "
+                           "0.06, 0.007, 0.008, 0.0001, 0.0002, 0.0003, 0.0004],"),
+            "RAD_TAN_THIN_PRISM_FISHEYE 64 48 50 50 32 24 0.01 0.02 0.03 0.04 0.05 0.06 0.007 "
+            "0.008 1e-04 2e-04 3e-04 4e-04");
+  EXPECT_TRUE(Fails("\"fl_x\": 50, \"distortion_params\": [1, 2],", "", kIdentity,
+                    {"distortion_params", "found 2"}));
+  EXPECT_TRUE(Fails(model + "\"FISHEYE624\",", "", kIdentity, {"frames[0]", "FISHEYE624"}));
+}
+
+// radial_and_tangential_undistort() there: 1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8, as Metashape's.
+TEST_F(Nerfstudio, TheFourthRadialTermMultipliesTheEighthPower) {
+  const Camera camera =
+      Import(
+          "\"w\": 6000, \"h\": 4000, \"fl_x\": 4100, \"cx\": 3010, \"cy\": 1990, \"k1\": "
+          "-0.05, \"k2\": 0.12, \"k3\": -0.09, \"k4\": 0.03, \"p1\": 0.0004, \"p2\": -0.0003,",
+          "")
+          .queries.at(0)
+          .camera;
+  ASSERT_EQ(camera.model(), CameraModel::kFullOpenCv);
+  double largest_px = 0;
+  for (double x = -0.72; x < 0.73; x += 0.04) {
+    for (double y = -0.48; y < 0.49; y += 0.04) {
+      const double q = x * x + y * y;
+      const double radial = 1 + q * (-0.05 + q * (0.12 + q * (-0.09 + q * 0.03)));
+      const double dx = x * radial + 2 * 0.0004 * x * y - 0.0003 * (q + 2 * x * x);
+      const double dy = y * radial - 2 * 0.0003 * x * y + 0.0004 * (q + 2 * y * y);
+      const Eigen::Vector2d expected(4100 * dx + 3010, 4100 * dy + 1990);
+      largest_px = std::max(largest_px, (*camera.ImgFromCam({x, y, 1}) - expected).norm());
+    }
+  }
+  EXPECT_LT(largest_px, 0.011);
+  EXPECT_TRUE(
+      Fails("\"w\": 6000, \"h\": 4000, \"fl_x\": 2000, \"k1\": 1, \"k2\": -3, \"k4\": "
+            "40,",
+            "", kIdentity, {"frames[0]", "k4", "px"}));
 }
 
 TEST_F(Nerfstudio, FramesWithoutAPoseAreCounted) {
@@ -119,7 +201,9 @@ TEST_F(Nerfstudio, WrongMembersAreNamed) {
   EXPECT_TRUE(Fails("", "", kIdentity, {"transforms.json", "frames[0]", "fl_x"}));
   EXPECT_TRUE(Fails("\"fl_x\": -1,", "", kIdentity, {"frames[0]", "focal"}));
   EXPECT_TRUE(Fails(fl + "\"camera_model\": \"EQUIRECTANGULAR\",", "", kIdentity,
-                    {"camera_model", "EQUIRECTANGULAR"}));
+                    {"EQUIRECTANGULAR", "fl_x = w / 2"}));
+  EXPECT_TRUE(
+      Fails(fl + "\"camera_model\": \"VR180_L\",", "", kIdentity, {"camera_model", "VR180_L"}));
   EXPECT_TRUE(Fails(fl + "\"w\": 1e9,", "", kIdentity, {"frames[0]", "w, h"}));
   EXPECT_TRUE(Fails(fl, "", "[[1,0,0,1]]", {"frames[1].transform_matrix", "3 or 4 rows"}));
   EXPECT_TRUE(Fails(fl, "", "[[1,0,0], [0,1,0], [0,0,1]]", {"frames[1].transform_matrix[0]"}));

@@ -29,6 +29,7 @@ class JsonPlace {
   std::string String() const;
   double Number() const;  // JSON has only finite ones
   int Int() const;
+  bool Bool() const;
 
   // Throws InputError "FILE: PATH: MESSAGE".
   [[noreturn]] void Fail(std::string_view message) const;

@@ -97,6 +97,13 @@ int JsonPlace::Int() const {
   return Of(value_).get<int>();
 }
 
+bool JsonPlace::Bool() const {
+  if (!Of(value_).is_boolean()) {
+    FailToBe("true or false");
+  }
+  return Of(value_).get<bool>();
+}
+
 void JsonPlace::Fail(std::string_view message) const {
   const std::string path = Path();
   if (path.empty()) {
