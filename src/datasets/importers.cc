@@ -46,6 +46,13 @@ Eigen::Matrix4d ReadAnyMatrix(const path& file) {
   return matrix;
 }
 
+// Why images were skipped, to end a message.
+std::string Reasons(const ImportedScene& scene) {
+  std::string reasons;
+  for (const std::string& warning : scene.warnings) reasons += "; " + warning;
+  return reasons;
+}
+
 }  // namespace
 
 ImportedScene SceneOfFolder(const path& folder) {
@@ -87,15 +94,14 @@ void SplitFrames(const std::vector<PosedImage>& frames, int query_every, const p
     }
   }
   if (scene.queries.empty() || scene.references.empty()) {
-    throw InputError(source, fmt::format("{} frames with a pose make no references and queries by "
-                                         "query_every = {}",
-                                         frames.size(), query_every));
+    throw InputError(source, fmt::format("{} frames that can be used make no references and "
+                                         "queries by query_every = {}{}",
+                                         frames.size(), query_every, Reasons(scene)));
   }
 }
 
 void RequireImages(const path& folder, const ImportedScene& scene) {
-  std::string skipped;
-  for (const std::string& warning : scene.warnings) skipped += "; " + warning;
+  const std::string skipped = Reasons(scene);
   if (scene.references.empty() && scene.reference_model.empty()) {
     throw InputError(folder, "no references are left" + skipped);
   }

@@ -49,7 +49,7 @@ class Skipped {
 void AddQuery(const PosedImage& image, ImportedScene& scene);
 
 // Every N-th frame becomes a query, the others references. InputError in the name of `source` where
-// that leaves none of either.
+// that leaves none of either, with the scene's warnings: they say what was skipped.
 void SplitFrames(const std::vector<PosedImage>& frames, int query_every,
                  const std::filesystem::path& source, ImportedScene& scene);
 
