@@ -56,6 +56,84 @@ Eigen::Matrix4d ReadRows(const JsonPlace& place) {
   return matrix;
 }
 
+// The photographs of a file. Their names are relative to the file's folder, but for those that lead
+// out of it ("../images/a.jpg"): then to a folder above.
+class Photographs {
+ public:
+  Photographs(const path& folder, const JsonPlace& frames) : folder_(folder), root_(folder) {
+    int max_ups = 0;
+    for (size_t i = 0; i < frames.ArraySize(); ++i) {
+      const JsonPlace frame = frames.At(i);
+      const JsonPlace file_path = frame.Member("file_path");
+      const path name = Normal(file_path.String());
+      if (!name.is_absolute() && Existing(name)) {
+        max_ups = std::max(max_ups, static_cast<int>(std::count(name.begin(), name.end(), "..")));
+      }
+    }
+    if (max_ups == 0) return;
+    root_ = std::filesystem::canonical(folder);
+    for (int i = 0; i < max_ups; ++i) root_ = root_.parent_path();
+    prefix_ = std::filesystem::canonical(folder).lexically_relative(root_);
+  }
+
+  // The folder that names are relative to.
+  const path& root() const { return root_; }
+
+  // The photograph that a file_path means. Where there is none in its place, the ends of the path
+  // are tried: files come with names relative to some other folder, or of another computer.
+  std::optional<std::string> Find(const std::string& file_path) {
+    const path name = Normal(file_path);
+    if (const auto file = name.is_absolute() ? std::nullopt : Existing(name)) return NameOf(*file);
+    for (path end = WithoutFirst(name); !end.empty(); end = WithoutFirst(end)) {
+      const auto file = Existing(end);
+      if (!file) continue;
+      moved_.emplace(NameOf(*file), file_path);
+      return NameOf(*file);
+    }
+    return std::nullopt;
+  }
+
+  void AddWarning(std::vector<std::string>& warnings) const {
+    if (moved_.empty()) return;
+    warnings.push_back(
+        fmt::format("{} photographs were found in another place than the file says: {} as {}",
+                    moved_.size(), moved_.begin()->second, moved_.begin()->first));
+  }
+
+ private:
+  static path Normal(std::string file_path) {
+    std::replace(file_path.begin(), file_path.end(), '\\', '/');
+    return path(file_path).lexically_normal();
+  }
+
+  static path WithoutFirst(const path& name) {
+    path rest;
+    bool is_first = true;
+    for (const path& part : name.relative_path()) {
+      if (!is_first) rest /= part;
+      is_first = false;
+    }
+    return rest;
+  }
+
+  // "images/1" of the Blender scenes is images/1.png; instant-ngp tries other formats, too.
+  std::optional<path> Existing(const path& name) const {
+    for (const char* extension : {"", ".png", ".jpg", ".jpeg", ".bmp", ".tga", ".exr"}) {
+      path with_extension = name;
+      with_extension += extension;
+      if (std::filesystem::is_regular_file(folder_ / with_extension)) return with_extension;
+    }
+    return std::nullopt;
+  }
+
+  std::string NameOf(const path& file) const {
+    return (prefix_ / file).lexically_normal().generic_string();
+  }
+
+  path folder_, root_, prefix_;
+  std::map<std::string, std::string> moved_;  // by name: what the file says
+};
+
 class Reader {
  public:
   Reader(const path& file, const ImportOptions& options)
@@ -63,6 +141,8 @@ class Reader {
         folder_(file.has_parent_path() ? file.parent_path() : path(".")),
         document_(ReadFile(file), file),
         root_(document_.Root()),
+        list_(root_.Member("frames")),
+        photographs_(folder_, list_),
         options_(options) {
     if (root_.Has("applied_transform")) {
       const JsonPlace place = root_.Member("applied_transform");
@@ -77,11 +157,10 @@ class Reader {
     }
   }
 
-  std::vector<Frame> Frames(Skipped& skipped) const {
+  std::vector<Frame> Frames(Skipped& skipped) {
     std::vector<Frame> frames;
-    const JsonPlace list = root_.Member("frames");
-    for (size_t i = 0; i < list.ArraySize(); ++i) {
-      const JsonPlace place = list.At(i);
+    for (size_t i = 0; i < list_.ArraySize(); ++i) {
+      const JsonPlace place = list_.At(i);
       if (auto frame = ReadFrame(place, skipped)) frames.push_back(std::move(*frame));
     }
     // As nerfstudio itself orders them.
@@ -96,34 +175,26 @@ class Reader {
   }
 
   // The names of a split; none where the file has no such list.
-  std::optional<std::set<std::string>> Names(std::string_view key) const {
+  std::optional<std::set<std::string>> Names(std::string_view key) {
     if (!root_.Has(key)) return std::nullopt;
     std::set<std::string> names;
     const JsonPlace list = root_.Member(key);
     for (size_t i = 0; i < list.ArraySize(); ++i) {
       const JsonPlace place = list.At(i);
-      names.insert(NameOf(place.String()));
+      if (const auto name = photographs_.Find(place.String())) names.insert(*name);
     }
     return names;
   }
 
   const path& folder() const { return folder_; }
+  const Photographs& photographs() const { return photographs_; }
   double applied_scale() const { return applied_.scale; }
 
  private:
-  // "./images/1" of the Blender scenes is images/1.png.
-  std::string NameOf(const std::string& file_path) const {
-    path name = path(file_path).lexically_normal();
-    if (!name.has_extension() && !std::filesystem::exists(folder_ / name)) name += ".png";
-    return name.generic_string();
-  }
-
-  std::optional<Frame> ReadFrame(const JsonPlace& place, Skipped& skipped) const {
+  std::optional<Frame> ReadFrame(const JsonPlace& place, Skipped& skipped) {
     const JsonPlace file_path = place.Member("file_path");
-    const std::string name = NameOf(file_path.String());
-    if (name.starts_with("..") || path(name).is_absolute()) {
-      file_path.Fail("expected a file below the folder of transforms.json");
-    }
+    const auto found = photographs_.Find(file_path.String());
+    const std::string name = found.value_or(file_path.String());
     const JsonPlace matrix_place = place.Member("transform_matrix");
     const Eigen::Matrix4d matrix = ReadRows(matrix_place);
     if (!matrix.allFinite()) {
@@ -132,8 +203,8 @@ class Reader {
     }
     const auto world_from_opengl = RigidFromMatrix(matrix);
     if (!world_from_opengl) matrix_place.Fail("expected a rotation and a translation");
-    if (!std::filesystem::exists(folder_ / name)) {
-      skipped.Add("the photograph is missing", name);
+    if (!found) {
+      skipped.Add("the photograph is missing below " + folder_.string(), name);
       return std::nullopt;
     }
     Frame frame{
@@ -150,13 +221,14 @@ class Reader {
   Camera ReadCamera(const JsonPlace& frame, const std::string& name) const {
     if (options_.camera) return *options_.camera;
     const TransformsLens lens(frame, root_);
-    return lens.MakeCamera(lens.SaysSize() ? std::nullopt
-                                           : std::optional(ReadImageSize(folder_ / name)));
+    return lens.MakeCamera(
+        lens.SaysSize() ? std::nullopt : std::optional(ReadImageSize(photographs_.root() / name)));
   }
 
   path file_, folder_;
   JsonDocument document_;
-  JsonPlace root_;
+  JsonPlace root_, list_;
+  Photographs photographs_;
   const ImportOptions& options_;
   AppliedTransform applied_;
 };
@@ -188,20 +260,28 @@ void TakeDepth(const Reader& reader, const std::vector<Frame>& frames, ImportedS
                             FormatDouble((is_integer ? 1e-3 : 1) / reader.applied_scale()))});
 }
 
-}  // namespace
-
-ImportedScenes ImportNerfstudio(const path& folder, const ImportOptions& options) {
-  const bool is_file = std::filesystem::is_regular_file(folder);
-  const path file = is_file ? folder : folder / "transforms.json";
-  const Reader reader(file, options);
-  ImportedScene scene = SceneOfFolder(reader.folder());
-  Skipped skipped;
-  const std::vector<Frame> frames = reader.Frames(skipped);
-  skipped.AddWarnings(scene.warnings);
-  TakeDepth(reader, frames, scene);
+std::vector<PosedImage> ImagesOf(const std::vector<Frame>& frames) {
   std::vector<PosedImage> images;
   images.reserve(frames.size());
   for (const Frame& frame : frames) images.push_back(frame.image);
+  return images;
+}
+
+ImportedScene SceneOf(const Reader& reader) {
+  ImportedScene scene = SceneOfFolder(reader.folder());
+  scene.images = scene.query_images = reader.photographs().root();
+  return scene;
+}
+
+ImportedScene ImportFile(const path& file, const ImportOptions& options) {
+  Reader reader(file, options);
+  ImportedScene scene = SceneOf(reader);
+  Skipped skipped;
+  const std::vector<Frame> frames = reader.Frames(skipped);
+  skipped.AddWarnings(scene.warnings);
+  reader.photographs().AddWarning(scene.warnings);
+  TakeDepth(reader, frames, scene);
+  const std::vector<PosedImage> images = ImagesOf(frames);
   auto tests = reader.Names("test_filenames");
   if (!tests || tests->empty()) tests = reader.Names("val_filenames");
   if (tests && !tests->empty()) {
@@ -216,7 +296,14 @@ ImportedScenes ImportNerfstudio(const path& folder, const ImportOptions& options
     SplitFrames(images, options.query_every, file, scene);
   }
   RequireImages(file, scene);
-  return {std::move(scene)};
+  return scene;
+}
+
+}  // namespace
+
+ImportedScenes ImportNerfstudio(const path& folder, const ImportOptions& options) {
+  const bool is_file = std::filesystem::is_regular_file(folder);
+  return {ImportFile(is_file ? folder : folder / "transforms.json", options)};
 }
 
 }  // namespace raylift
