@@ -13,6 +13,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/geometry/pose_convention.h"
+#include "raylift/io/depth_file.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/json_document.h"
 
@@ -20,6 +21,9 @@ namespace raylift {
 namespace {
 
 using std::filesystem::path;
+
+// What nerfstudio reads depth maps of every kind with: its depth_unit_scale_factor.
+constexpr double kDepthUnit = 1e-3;
 
 struct Frame {
   PosedImage image;
@@ -233,6 +237,18 @@ class Reader {
   AppliedTransform applied_;
 };
 
+// Floats may as well be in the unit of the poses: the import cannot know.
+void WarnOfFloats(const path& file, ImportedScene& scene) {
+  const StoredDepth stored = ReadDepthFile(file);
+  if (!stored.sample_type.starts_with("float")) return;
+  const auto first = std::find_if(stored.values.begin(), stored.values.end(),
+                                  [](float value) { return value > 0 && std::isfinite(value); });
+  scene.warnings.push_back(fmt::format(
+      "the depth maps hold floats ({}: {}), taken as thousandths of the poses' unit as nerfstudio "
+      "does (depth_unit_scale_factor): where they are not, correct unit in scene.toml",
+      file.filename().string(), first == stored.values.end() ? 0 : *first));
+}
+
 // Depth maps of all frames, if they are called after the photographs.
 void TakeDepth(const Reader& reader, const std::vector<Frame>& frames, ImportedScene& scene) {
   const auto with_depth =
@@ -251,13 +267,17 @@ void TakeDepth(const Reader& reader, const std::vector<Frame>& frames, ImportedS
       return;
     }
   }
-  // nerfstudio's `depth_unit_scale_factor`: counts of integers are millimetres.
-  const bool is_integer = first.extension() == ".png";
+  if (!std::filesystem::exists(reader.folder() / first)) {
+    scene.warnings.push_back(
+        fmt::format("depth maps are not used: \"{}\" is missing", first.generic_string()));
+    return;
+  }
+  WarnOfFloats(reader.folder() / first, scene);
   const std::string pattern =
       (first.parent_path() / "{stem}").generic_string() + first.extension().string();
   scene.geometries.push_back(
       {"depth", fmt::format("depth:{},pattern={},unit={}", reader.folder().string(), pattern,
-                            FormatDouble((is_integer ? 1e-3 : 1) / reader.applied_scale()))});
+                            FormatDouble(kDepthUnit / reader.applied_scale()))});
 }
 
 std::vector<PosedImage> ImagesOf(const std::vector<Frame>& frames) {

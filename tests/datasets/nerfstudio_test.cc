@@ -7,6 +7,7 @@
 
 #include "raylift/base/file.h"
 #include "raylift/datasets/dataset.h"
+#include "raylift/io/depth_file.h"
 #include "raylift/io/image_file.h"
 
 namespace raylift {
@@ -173,28 +174,38 @@ TEST_F(Nerfstudio, FramesWithoutAPoseAreCounted) {
                                                     "(first: images/a.png)")));
 }
 
-TEST_F(Nerfstudio, DepthMapsAreAGeometryOfTheScenesUnits) {
-  WriteFile(folder_ / "transforms.json", "{}");
-  const std::string start = "{\"file_path\": \"images/";
-  std::string frames;
-  for (const std::string name : {"a", "b"}) {
-    if (!frames.empty()) frames += ',';
-    frames += start;
-    frames += name + ".png\", \"depth_file_path\": \"./depth/" + name;
-    frames += std::string(".png\", \"transform_matrix\": ") + kIdentity + "}";
+// get_depth_image_from_path() of nerfstudio/data/utils/data_utils.py: every format times the same
+// factor, which is 1e-3 unless it is configured.
+TEST_F(Nerfstudio, DepthMapsAreThousandthsOfTheScenesUnits) {
+  const auto import = [&](const std::string& extension) {
+    std::string frames;
+    for (const std::string name : {"a", "b"}) {
+      if (!frames.empty()) frames += ',';
+      frames += "{\"file_path\": \"images/" + name + ".png\", \"depth_file_path\": \"./depth/" +
+                name + extension + "\", \"transform_matrix\": " + kIdentity + "}";
+    }
+    WriteFile(folder_ / "transforms.json",
+              "{\"fl_x\": 50, \"applied_scale\": 0.5, \"frames\": [" + frames + "]}");
+    ImportOptions options;
+    options.query_every = 2;
+    return ImportDataset("nerfstudio", folder_ / "transforms.json", options).at(0);
+  };
+  EXPECT_THAT(import(".png").warnings, ElementsAre(HasSubstr("\"depth/a.png\" is missing")));
+  EXPECT_TRUE(import(".png").geometries.empty());
+  const DepthMap map{64, 48, std::vector<float>(size_t{64} * 48, 2)};
+  for (const std::string extension : {".png", ".npy"}) {
+    WriteDepthFile(folder_ / ("depth/a" + extension), map, {});
+    const ImportedScene scene = import(extension);
+    ASSERT_EQ(scene.geometries.size(), 1u);
+    EXPECT_EQ(scene.geometries[0].spec,
+              "depth:" + folder_.string() + ",pattern=depth/{stem}" + extension + ",unit=0.002");
+    EXPECT_NEAR(
+        (scene.references[0].cam_from_world.OriginInSource() - Eigen::Vector3d(2, 4, 6)).norm(), 0,
+        1e-12);
+    EXPECT_EQ(scene.warnings.size(), extension == ".npy" ? 1u : 0u);
   }
-  WriteFile(folder_ / "transforms.json",
-            "{\"fl_x\": 50, \"applied_scale\": 0.5, \"frames\": [" + frames + "]}");
-  ImportOptions options;
-  options.query_every = 2;
-  const ImportedScene scene =
-      ImportDataset("nerfstudio", folder_ / "transforms.json", options).at(0);
-  ASSERT_EQ(scene.geometries.size(), 1u);
-  EXPECT_EQ(scene.geometries[0].spec,
-            "depth:" + folder_.string() + ",pattern=depth/{stem}.png,unit=0.002");
-  EXPECT_NEAR(
-      (scene.references[0].cam_from_world.OriginInSource() - Eigen::Vector3d(2, 4, 6)).norm(), 0,
-      1e-12);
+  EXPECT_THAT(import(".npy").warnings,
+              ElementsAre(HasSubstr("floats (a.npy: 2), taken as thousandths")));
 }
 
 // Files whose names are relative to the folder that a script ran in, or of another computer.
