@@ -153,6 +153,14 @@ class Reader {
       const auto transform = RigidFromMatrix(ReadRows(place));
       if (!transform) place.Fail("expected a rotation and a translation");
       applied_.transform = *transform;
+    } else if (std::filesystem::exists(folder_ / "colmap" / "sparse" / "0")) {
+      // What ns-process-data did before it wrote so (nerfstudio_dataparser.py).
+      Eigen::Matrix3d exchanged;
+      exchanged << 0, 1, 0, 1, 0, 0, 0, 0, -1;
+      applied_.transform.rotation = Eigen::Quaterniond(exchanged);
+      notes_.push_back(
+          "there is no applied_transform, but colmap/sparse/0: x and y are exchanged and z is "
+          "turned over, as nerfstudio takes it, so that the scene is in COLMAP's world");
     }
     if (root_.Has("applied_scale")) {
       const JsonPlace place = root_.Member("applied_scale");
@@ -193,6 +201,7 @@ class Reader {
   const path& folder() const { return folder_; }
   const Photographs& photographs() const { return photographs_; }
   double applied_scale() const { return applied_.scale; }
+  const std::vector<std::string>& notes() const { return notes_; }
 
  private:
   std::optional<Frame> ReadFrame(const JsonPlace& place, Skipped& skipped) {
@@ -235,6 +244,7 @@ class Reader {
   Photographs photographs_;
   const ImportOptions& options_;
   AppliedTransform applied_;
+  std::vector<std::string> notes_;
 };
 
 // Floats may as well be in the unit of the poses: the import cannot know.
@@ -290,6 +300,7 @@ std::vector<PosedImage> ImagesOf(const std::vector<Frame>& frames) {
 ImportedScene SceneOf(const Reader& reader) {
   ImportedScene scene = SceneOfFolder(reader.folder());
   scene.images = scene.query_images = reader.photographs().root();
+  scene.notes = reader.notes();
   return scene;
 }
 
@@ -319,11 +330,40 @@ ImportedScene ImportFile(const path& file, const ImportOptions& options) {
   return scene;
 }
 
+// A file per split, as of the Blender scenes of NeRF.
+ImportedScene ImportSplitFiles(const path& folder, const path& queries,
+                               const ImportOptions& options) {
+  Reader train(folder / "transforms_train.json", options), test(queries, options);
+  ImportedScene scene = SceneOf(train);
+  scene.query_images = test.photographs().root();
+  Skipped skipped;
+  const std::vector<Frame> frames = train.Frames(skipped);
+  scene.references = ImagesOf(frames);
+  for (const PosedImage& image : ImagesOf(test.Frames(skipped))) AddQuery(image, scene);
+  skipped.AddWarnings(scene.warnings);
+  train.photographs().AddWarning(scene.warnings);
+  test.photographs().AddWarning(scene.warnings);
+  TakeDepth(train, frames, scene);
+  scene.notes.push_back(fmt::format("references are transforms_train.json's, queries {}'s",
+                                    queries.filename().string()));
+  RequireImages(folder, scene);
+  return scene;
+}
+
 }  // namespace
 
 ImportedScenes ImportNerfstudio(const path& folder, const ImportOptions& options) {
-  const bool is_file = std::filesystem::is_regular_file(folder);
-  return {ImportFile(is_file ? folder : folder / "transforms.json", options)};
+  if (std::filesystem::is_regular_file(folder)) return {ImportFile(folder, options)};
+  if (!std::filesystem::exists(folder / "transforms.json") &&
+      std::filesystem::exists(folder / "transforms_train.json")) {
+    for (const char* name : {"transforms_test.json", "transforms_val.json"}) {
+      if (std::filesystem::exists(folder / name)) {
+        return {ImportSplitFiles(folder, folder / name, options)};
+      }
+    }
+    return {ImportFile(folder / "transforms_train.json", options)};
+  }
+  return {ImportFile(folder / "transforms.json", options)};
 }
 
 }  // namespace raylift

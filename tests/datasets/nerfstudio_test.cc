@@ -254,6 +254,37 @@ TEST_F(Nerfstudio, PhotographsMayLieBesideTheFolder) {
   EXPECT_THAT(scene.warnings, IsEmpty());
 }
 
+// nerfstudio_dataparser.py: "the effective value of applied_transform that was being used before".
+TEST_F(Nerfstudio, TheWorldOfOldFilesBesideAColmapModelIsColmaps) {
+  fs::create_directories(folder_ / "colmap/sparse/0");
+  const ImportedScene scene = Import("\"fl_x\": 50,", "");
+  EXPECT_THAT(scene.notes, ElementsAre(HasSubstr("no applied_transform")));
+  const Rigid3& pose = scene.references[0].cam_from_world;
+  EXPECT_NEAR((pose.OriginInSource() - Eigen::Vector3d(2, 1, -3)).norm(), 0, 1e-12);
+  // What lies in front of the camera, at (1, 2, 2) of the file.
+  EXPECT_NEAR((pose * Eigen::Vector3d(2, 1, -2) - Eigen::Vector3d(0, 0, 1)).norm(), 0, 1e-12);
+}
+
+// The Blender scenes of NeRF: a file per split, names without extension.
+TEST_F(Nerfstudio, FilesOfSplitsAreJoined) {
+  const auto write = [&](const std::string& split, const std::string& name) {
+    WriteFile(
+        folder_ / ("transforms_" + split + ".json"),
+        "{\"camera_angle_x\": 0.6911112070083618, \"frames\": [{\"file_path\": \"./images/" + name +
+            "\", \"rotation\": 0.012566370614359171, \"transform_matrix\": " + kIdentity + "}]}");
+  };
+  write("train", "a");
+  write("val", "b");
+  const ImportedScene by_val = ImportDataset("nerfstudio", folder_).at(0);
+  EXPECT_EQ(by_val.references.at(0).name, "images/a.png");
+  EXPECT_EQ(by_val.queries.at(0).name, "images/b.png");
+  write("test", "c");
+  const ImportedScene by_test = ImportDataset("nerfstudio", folder_).at(0);
+  EXPECT_EQ(by_test.references.size(), 1u);
+  EXPECT_EQ(by_test.queries.at(0).name, "images/c.png");
+  EXPECT_THAT(by_test.notes, ElementsAre(HasSubstr("transforms_test.json")));
+}
+
 TEST_F(Nerfstudio, WrongMembersAreNamed) {
   const std::string fl = "\"fl_x\": 50,";
   EXPECT_TRUE(Fails("", "", kIdentity, {"transforms.json", "frames[0]", "fl_x"}));
