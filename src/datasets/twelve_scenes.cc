@@ -1,9 +1,9 @@
 // 12 Scenes (Valentin et al., 3DV 2016): PLACE/ROOM/{info.txt,split.txt} and
 // data/frame-XXXXXX.{color.jpg,depth.png,pose.txt}; the first sequence of split.txt is the test.
 
-#include <cmath>
-
 #include "datasets/importers.h"
+#include "datasets/pseudo_ground_truth.h"
+#include "datasets/sensor_info.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -13,59 +13,7 @@ namespace {
 
 using std::filesystem::path;
 
-// Lines "key = value".
-class Info {
- public:
-  explicit Info(const path& file) : file_(file) {
-    LineReader lines(file);
-    while (const auto line = lines.NextContent()) {
-      const size_t equals = line->find('=');
-      if (equals == std::string_view::npos) continue;
-      values_[std::string(Trim(line->substr(0, equals)))] = Trim(line->substr(equals + 1));
-    }
-  }
-
-  // The numbers of a value; at least `count`.
-  std::vector<double> Numbers(const std::string& key, size_t count) const {
-    const auto value = values_.find(key);
-    if (value == values_.end()) throw InputError(file_, key, "the value is missing");
-    std::vector<double> numbers;
-    for (const std::string_view token : SplitTokens(value->second)) {
-      const auto number = ParseDouble(token);
-      if (!number || !std::isfinite(*number)) {
-        throw InputError(file_, key, fmt::format("expected numbers, found \"{}\"", token));
-      }
-      numbers.push_back(*number);
-    }
-    if (numbers.size() < count) {
-      throw InputError(file_, key,
-                       fmt::format("expected {} numbers, found {}", count, numbers.size()));
-    }
-    return numbers;
-  }
-
-  int Side(const std::string& key) const {
-    const double side = Numbers(key, 1)[0];
-    if (!(side >= 1 && side <= 1 << 20)) throw InputError(file_, key, "expected a size in pixels");
-    return static_cast<int>(side);
-  }
-
- private:
-  path file_;
-  std::map<std::string, std::string> values_;
-};
-
-Camera ReadCamera(const path& file) {
-  const Info info(file);
-  const std::vector<double> k = info.Numbers("m_calibrationColorIntrinsic", 7);  // rows of four
-  const int width_px = info.Side("m_colorWidth"), height_px = info.Side("m_colorHeight");
-  try {
-    return Camera(CameraModel::kPinhole, width_px, height_px,
-                  std::vector<double>{k[0], k[5], k[2], k[6]});
-  } catch (const InputError& error) {
-    throw InputError(file, "m_calibrationColorIntrinsic", error.what());
-  }
-}
+constexpr PlaneSize kPublishedSize = {1296, 968};
 
 // The number of frames of the first sequence: "sequence0 [frames=357]  [start=0 ; end=356]".
 uint64_t ReadNumTestFrames(const path& file) {
@@ -83,39 +31,48 @@ uint64_t ReadNumTestFrames(const path& file) {
 
 ImportedScenes Import12Scenes(const path& folder, const ImportOptions& options) {
   ImportedScene scene = SceneOfFolder(folder);
-  scene.images = scene.query_images = folder / "data";
   const uint64_t num_test_frames = ReadNumTestFrames(folder / "split.txt");
+  std::optional<PseudoGroundTruth> pgt;
+  if (!options.pseudo_ground_truth.empty()) pgt.emplace(options.pseudo_ground_truth, folder);
   SharedCamera camera(options);
   const std::string prefix = "frame-", suffix = ".pose.txt";
   Skipped skipped;
-  for (const std::string& file : ListFiles(scene.images, suffix)) {
+  for (const std::string& file : ListFiles(folder / "data", suffix)) {
     const std::string stem = file.substr(0, file.size() - suffix.size());
     const auto number = stem.starts_with(prefix) ? ParseUint(stem.substr(prefix.size()))
                                                  : std::optional<uint64_t>();
-    if (!number) throw InputError(scene.images / file, "expected a name such as frame-000000");
-    const std::string name = stem + ".color.jpg";
-    const auto world_from_cam = ReadWorldFromCam(scene.images / file);
-    if (!world_from_cam) {
+    if (!number) throw InputError(folder / "data" / file, "expected a name such as frame-000000");
+    // The published poses of others have the folder in their names, too.
+    const std::string name = "data/" + stem + ".color.jpg";
+    const auto world_from_cam = ReadWorldFromCam(folder / "data" / file);
+    if (!world_from_cam && !pgt) {
       skipped.Add("the pose is not finite", name);
       continue;
     }
-    if (!std::filesystem::exists(scene.images / name)) {
+    if (!std::filesystem::exists(folder / name)) {
       skipped.Add("the photograph is missing", name);
       continue;
     }
     const Camera& fitted = camera.Get(
-        [&] { return FitToPhotograph(ReadCamera(folder / "info.txt"), scene.images / name); });
-    const PosedImage frame{name, fitted, world_from_cam->Inverse()};
+        [&] { return FitToPhotograph(ReadColorCamera(folder / "info.txt"), folder / name); });
+    auto frame = pgt ? pgt->Find(name, kPublishedSize, fitted)
+                     : std::optional(PosedImage{name, fitted, world_from_cam->Inverse()});
+    if (!frame) {
+      skipped.Add(pgt->file().string() + " and its test lack it", name);
+      continue;
+    }
+    if (options.camera) frame->camera = fitted;
     if (*number < num_test_frames) {
-      AddQuery(frame, scene);
+      AddQuery(*frame, scene);
     } else {
-      scene.references.push_back(frame);
+      scene.references.push_back(*frame);
     }
   }
   skipped.AddWarnings(scene.warnings);
   RequireImages(folder, scene);
   scene.thresholds = "12scenes";
-  scene.geometries = {{"sensor", "depth:" + scene.images.string() + ",preset=12scenes"}};
+  scene.geometries = {{"sensor", "depth:" + folder.string() + ",preset=12scenes"}};
+  if (pgt) scene.notes.push_back("poses and focal lengths are those of " + pgt->file().string());
   return {std::move(scene)};
 }
 

@@ -176,9 +176,33 @@ TEST(TwelveScenes, FramesWithInfinitePosesAreCounted) {
   EXPECT_EQ(scene.references.size(), 5u);
   EXPECT_EQ(scene.queries.size(), 1u);
   EXPECT_THAT(scene.warnings, ElementsAre("2 images are skipped: the pose is not finite (first: "
-                                          "frame-000000.color.jpg)"));
-  EXPECT_EQ(scene.geometries[0].spec,
-            "depth:" + (layout.folder / "data").string() + ",preset=12scenes");
+                                          "data/frame-000000.color.jpg)"));
+  EXPECT_EQ(scene.geometries[0].spec, "depth:" + layout.folder.string() + ",preset=12scenes");
+}
+
+// pgt/sfm/12scenes of github.com/tsattler/visloc_pseudo_gt_limitations.
+TEST(TwelveScenes, PseudoGroundTruthIsFoundByPlaceAndRoom) {
+  LayoutInput input = RandomInput(2, 1);
+  input.width_px = 648;
+  input.height_px = 484;
+  const fs::path folder = TestFolder(), pgt = folder / "pgt";
+  const Layout layout = Write12Scenes(folder / "apt1" / "kitchen", input);
+  WriteFile(pgt / "apt1_kitchen_test.txt",
+            "data/frame-000000.color.jpg 0.398052 0.637407 0.5916 -0.29202 2.817093 2.562918 "
+            "-0.871785 1167.8\n");
+  WriteFile(pgt / "apt1_kitchen_train.txt",
+            "data/frame-000001.color.jpg 0.397116 0.635827 0.593334 -0.293219 2.806906 2.568302 "
+            "-0.884880 1167.8\n");
+  ImportOptions options;
+  options.pseudo_ground_truth = pgt;
+  const ImportedScene scene = ImportDataset("12scenes", layout.folder, options).at(0);
+  ASSERT_EQ(scene.references.size(), 1u);
+  EXPECT_EQ(scene.references[0].name, "data/frame-000001.color.jpg");
+  // Of photographs of half the size.
+  EXPECT_EQ(scene.queries.at(0).camera.ToString(), "SIMPLE_PINHOLE 648 484 583.9 324 242");
+  EXPECT_EQ(scene.ground_truth.at(0).cam_from_world.translation,
+            Eigen::Vector3d(2.817093, 2.562918, -0.871785));
+  EXPECT_THAT(scene.warnings, ElementsAre(HasSubstr("lack it (first: data/frame-000002")));
 }
 
 TEST(TwelveScenes, WrongFilesAreNamed) {

@@ -116,14 +116,13 @@ Layout Write7Scenes(const path& folder, const LayoutInput& input) {
 }
 
 Layout Write12Scenes(const path& folder, const LayoutInput& input) {
-  const path data = folder / "data";
-  Layout layout{.folder = folder, .images = data, .query_images = data};
+  Layout layout{.folder = folder, .images = folder, .query_images = folder};
   const Camera camera = ScaledCamera(input, CameraModel::kPinhole, {53, 52, 31.5, 24.5});
   const auto add = [&](size_t index, const Rigid3& pose) {
-    const std::string stem = fmt::format("frame-{:06}", index);
+    const std::string stem = fmt::format("data/frame-{:06}", index);
     PosedImage view{stem + ".color.jpg", camera, pose};
-    WritePicture(input, data / view.name, view);
-    WriteFile(data / (stem + ".pose.txt"), MatrixText(MatrixOf(pose.Inverse())));
+    WritePicture(input, folder / view.name, view);
+    WriteFile(folder / (stem + ".pose.txt"), MatrixText(MatrixOf(pose.Inverse())));
     return view;
   };
   const size_t num_queries = input.queries.size(), num_references = input.references.size();
@@ -137,7 +136,7 @@ Layout Write12Scenes(const path& folder, const LayoutInput& input) {
                         "m_colorWidth = {}\nm_colorHeight = {}\nm_depthWidth = 64\n"
                         "m_calibrationColorIntrinsic = {} 0 {} 0 0 {} {} 0 0 0 1 0 0 0 0 1 \n",
                         camera.width_px(), camera.height_px(), FormatDouble(k[0]),
-                        FormatDouble(k[2]), FormatDouble(k[1]), FormatDouble(k[3])));
+                        FormatDouble(k[2] - 0.5), FormatDouble(k[1]), FormatDouble(k[3] - 0.5)));
   WriteFile(folder / "split.txt", fmt::format("sequence0 [frames={}]  [start=0 ; end={}]\n"
                                               "sequence1 [frames={}]  [start={} ; end={}]\n",
                                               num_queries, num_queries - 1, num_references,
