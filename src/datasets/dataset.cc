@@ -29,10 +29,13 @@ constexpr std::array<Dataset, 9> kDatasets = {{
      "intrinsics.txt and sliceN/{database,query,sparse}/, or one of the slices", &ImportCmu},
     {"gangnam", "Gangnam Station (kapture)", "a floor's release/{mapping,validation,test}/sensors/",
      &ImportGangnam},
-    {"nerfstudio", "nerfstudio", "transforms.json and its images", &ImportNerfstudio},
+    {"nerfstudio", "nerfstudio",
+     "transforms.json (of instant-ngp, too), or transforms_{train,test}.json, and images",
+     &ImportNerfstudio},
     {"tum", "TUM RGB-D", "a sequence's folder: rgb.txt, groundtruth.txt, rgb/, depth/", &ImportTum},
     {"scannet", "ScanNet",
-     "an exported scene: color/N.jpg, pose/N.txt, intrinsic/intrinsic_color.txt, depth/N.png",
+     "an exported scene: color/N.jpg, pose/N.txt, intrinsic/intrinsic_color.txt, depth/N.png,\n"
+     "or frame-NNNNNN.{color.jpg,pose.txt,depth.pgm}, _info.txt",
      &ImportScanNet},
 }};
 

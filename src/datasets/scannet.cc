@@ -1,7 +1,11 @@
-// ScanNet (Dai et al., CVPR 2017), as its SensReader exports a scene: color/N.jpg, depth/N.png,
-// pose/N.txt (camera to world, -inf where it was not tracked) and intrinsic/intrinsic_color.txt.
+// ScanNet (Dai et al., CVPR 2017), as either of its SensReaders exports a scene. Python's: color/
+// N.jpg, depth/N.png, pose/N.txt and intrinsic/intrinsic_color.txt. C++'s: frame-NNNNNN.{color.jpg,
+// depth.pgm,pose.txt} and _info.txt. Poses are camera to world, -inf where it was not tracked.
+
+#include <cmath>
 
 #include "datasets/importers.h"
+#include "datasets/sensor_info.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -12,27 +16,63 @@ namespace {
 
 using std::filesystem::path;
 
-Camera ReadCamera(const path& file, const path& photograph) {
+// How an export is laid out.
+struct Export {
+  path poses;
+  std::string pose_suffix;
+  // Of a pose file's name without the suffix.
+  std::string (*photograph)(const std::string& stem);
+  Camera (*read_camera)(const path& folder, const path& photograph);
+};
+
+Camera ReadIntrinsics(const path& folder, const path& photograph) {
+  const path file = folder / "intrinsic" / "intrinsic_color.txt";
   const Eigen::Matrix4d k = ReadMatrix(file);
   const PlaneSize size = ReadImageSize(photograph);
   try {
-    return Camera(CameraModel::kPinhole, size.width_px, size.height_px,
-                  std::vector<double>{k(0, 0), k(1, 1), k(0, 2), k(1, 2)});
+    return CameraOfSensor(size.width_px, size.height_px, k(0, 0), k(1, 1), k(0, 2), k(1, 2));
   } catch (const InputError& error) {
     throw InputError(file, error.what());
   }
+}
+
+Export FindExport(const path& folder) {
+  if (std::filesystem::exists(folder / "_info.txt")) {
+    return {folder, ".pose.txt", [](const std::string& stem) { return stem + ".color.jpg"; },
+            [](const path& scene, const path& photograph) {
+              return FitToPhotograph(ReadColorCamera(scene / "_info.txt"), photograph);
+            }};
+  }
+  return {folder / "pose", ".txt", [](const std::string& stem) { return "color/" + stem + ".jpg"; },
+          &ReadIntrinsics};
+}
+
+// SensReader can write smaller pictures, but not the intrinsics of them.
+void WarnOfResizedPictures(ImportedScene& scene) {
+  constexpr double kFarFromMiddle = 0.1;
+  const Camera& camera = scene.references.front().camera;
+  const Eigen::Vector2d size(camera.width_px(), camera.height_px());
+  const Eigen::Vector2d center = camera.principal_point_px().cwiseQuotient(size);
+  if ((center.array() - 0.5).abs().maxCoeff() < kFarFromMiddle) return;
+  scene.warnings.push_back(fmt::format(
+      "the camera's axis is at ({:.0f}, {:.0f}) of {} x {} pixels: where the photographs were "
+      "resized, the intrinsics are of another size (give --camera)",
+      camera.principal_point_px().x(), camera.principal_point_px().y(), camera.width_px(),
+      camera.height_px()));
 }
 
 }  // namespace
 
 ImportedScenes ImportScanNet(const path& folder, const ImportOptions& options) {
   ImportedScene scene = SceneOfFolder(folder);
+  const Export layout = FindExport(folder);
   SharedCamera camera(options);
   std::vector<PosedImage> frames;
   Skipped skipped;
-  for (const std::string& file : ListFiles(folder / "pose", ".txt")) {
-    const std::string name = "color/" + path(file).stem().string() + ".jpg";
-    const auto world_from_cam = ReadWorldFromCam(folder / "pose" / file);
+  for (const std::string& file : ListFiles(layout.poses, layout.pose_suffix)) {
+    const std::string name =
+        layout.photograph(file.substr(0, file.size() - layout.pose_suffix.size()));
+    const auto world_from_cam = ReadWorldFromCam(layout.poses / file);
     if (!world_from_cam) {
       skipped.Add("the pose is not finite", name);
       continue;
@@ -41,14 +81,15 @@ ImportedScenes ImportScanNet(const path& folder, const ImportOptions& options) {
       skipped.Add("the photograph is missing", name);
       continue;
     }
-    const Camera& of_all = camera.Get(
-        [&] { return ReadCamera(folder / "intrinsic" / "intrinsic_color.txt", folder / name); });
+    const Camera& of_all = camera.Get([&] { return layout.read_camera(folder, folder / name); });
     frames.push_back({name, of_all, world_from_cam->Inverse()});
   }
   skipped.AddWarnings(scene.warnings);
   SplitFrames(frames, options.query_every, folder, scene);
+  if (!options.camera) WarnOfResizedPictures(scene);
   scene.thresholds = "0.05,5:0.1,1:0.25,2";
-  if (std::filesystem::is_directory(folder / "depth")) {
+  if (std::filesystem::is_directory(folder / "depth") ||
+      std::filesystem::exists(folder / "frame-000000.depth.pgm")) {
     scene.geometries.push_back({"sensor", "depth:" + folder.string() + ",preset=scannet"});
   }
   const path mesh = folder / (scene.name + "_vh_clean_2.ply");

@@ -315,6 +315,48 @@ TEST(ScanNet, FramesAreInTheOrderOfTheirNumbers) {
   EXPECT_EQ(scene.geometries[1].name, "mesh");
 }
 
+// saveToImages() of SensReader/c++/src/sensorData.h: files of six digits and _info.txt.
+TEST(ScanNet, TheExportOfTheOtherReaderIsRead) {
+  const fs::path parent = TestFolder(), folder = parent / "scene0001_00";
+  const Layout layout = WriteScanNet(parent, RandomInput());
+  for (size_t i = 0; i < 7; ++i) {
+    const std::string stem = "frame-00000" + std::to_string(i);
+    fs::create_directories(folder);
+    fs::copy_file(layout.folder / "color" / (std::to_string(i) + ".jpg"),
+                  folder / (stem + ".color.jpg"));
+    fs::copy_file(layout.folder / "pose" / (std::to_string(i) + ".txt"),
+                  folder / (stem + ".pose.txt"));
+    WriteFile(folder / (stem + ".depth.pgm"), "");
+  }
+  WriteFile(folder / "_info.txt",
+            "m_versionNumber = 4\nm_sensorName = StructureSensor\nm_colorWidth = 64\n"
+            "m_colorHeight = 48\nm_depthWidth = 64\nm_depthHeight = 48\nm_depthShift = 1000\n"
+            "m_calibrationColorIntrinsic = 57 0 31.6 0 0 58 23.2 0 0 0 1 0 0 0 0 1 \n"
+            "m_calibrationColorExtrinsic = 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1 \n"
+            "m_frames.size = 7\n");
+  ImportOptions options;
+  options.query_every = 7;
+  const ImportedScene scene = ImportDataset("scannet", folder, options).at(0);
+  ASSERT_EQ(scene.references.size(), 6u);
+  EXPECT_EQ(scene.references[0].name, "frame-000000.color.jpg");
+  EXPECT_EQ(scene.references[0].camera, layout.references[0].camera);
+  EXPECT_TRUE(IsNearPose(scene.references[5].cam_from_world, layout.references[5].cam_from_world,
+                         1e-9, 1e-9));
+  EXPECT_EQ(scene.queries.at(0).name, "frame-000006.color.jpg");
+  EXPECT_EQ(scene.geometries.at(0).spec, "depth:" + folder.string() + ",preset=scannet");
+  EXPECT_THAT(scene.warnings, testing::IsEmpty());
+}
+
+TEST(ScanNet, IntrinsicsOfAnotherSizeAreToldOf) {
+  const Layout layout = WriteScanNet(TestFolder(), RandomInput());
+  WriteFile(layout.folder / "intrinsic/intrinsic_color.txt",
+            "1170.187988 0 647.75 0\n0 1170.187988 483.75 0\n0 0 1 0\n0 0 0 1\n");
+  ImportOptions options;
+  options.query_every = 2;
+  EXPECT_THAT(ImportDataset("scannet", layout.folder, options).at(0).warnings,
+              ElementsAre(HasSubstr("axis is at (648, 484) of 64 x 48")));
+}
+
 TEST(ScanNet, WrongIntrinsicsAreNamed) {
   const Layout layout = WriteScanNet(TestFolder(), RandomInput());
   const fs::path file = layout.folder / "intrinsic/intrinsic_color.txt";

@@ -378,7 +378,7 @@ Layout WriteScanNet(const path& parent, const LayoutInput& input) {
     views.push_back(view);
   }
   Eigen::Matrix4d intrinsic = Eigen::Matrix4d::Identity();
-  intrinsic.topLeftCorner<2, 3>() << k[0], 0, k[2], 0, k[1], k[3];
+  intrinsic.topLeftCorner<2, 3>() << k[0], 0, k[2] - 0.5, 0, k[1], k[3] - 0.5;
   WriteFile(folder / "intrinsic" / "intrinsic_color.txt", MatrixText(intrinsic));
   SplitInOrder(input, views, layout);
   return layout;
