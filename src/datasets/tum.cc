@@ -31,7 +31,8 @@ Camera MakeCamera(double fx, double fy, double cx, double cy, const std::vector<
   return Camera(CameraModel::kFullOpenCv, 640, 480, params);
 }
 
-Camera CameraOfFolder(const std::string& name) {
+// The folder that says which of the authors' cameras it was; none where it does not.
+Camera CameraOfFolder(const std::string& name, std::vector<std::string>& warnings) {
   if (name.find("freiburg1") != std::string::npos) {
     return MakeCamera(517.306408, 516.469215, 318.643040, 255.313989,
                       {0.262383, -0.953104, -0.005358, 0.002628, 1.163314});
@@ -43,6 +44,10 @@ Camera CameraOfFolder(const std::string& name) {
   if (name.find("freiburg3") != std::string::npos) {
     return MakeCamera(535.433105, 539.212524, 320.106653, 247.632132, {});
   }
+  warnings.push_back(
+      "the folder's name holds none of freiburg1, freiburg2, freiburg3: the camera is taken to be "
+      "a "
+      "Kinect as its driver describes it (f = 525); --camera gives another");
   return MakeCamera(525.0, 525.0, 319.5, 239.5, {});
 }
 
@@ -113,8 +118,8 @@ ImportedScenes ImportTum(const path& folder, const ImportOptions& options) {
       skipped.Add("the photograph is missing", name);
       continue;
     }
-    const Camera& fitted =
-        camera.Get([&] { return FitToPhotograph(CameraOfFolder(scene.name), folder / name); });
+    const Camera& fitted = camera.Get(
+        [&] { return FitToPhotograph(CameraOfFolder(scene.name, scene.warnings), folder / name); });
     frames.push_back({name, fitted, pose->Inverse()});
     scene.times.emplace(name, seconds);
   }
