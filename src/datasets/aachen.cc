@@ -23,7 +23,13 @@ constexpr std::array<std::pair<std::string_view, std::string_view>, 2> kLists = 
 void TakeQueries(const path& folder, const ImportOptions& options, ImportedScene& scene) {
   Skipped skipped;
   for (const auto& [group, list] : kLists) {
-    for (Query& query : ReadQueryList(folder / "queries" / list)) {
+    const path file = folder / "queries" / list;
+    if (!std::filesystem::exists(file)) {
+      scene.warnings.push_back(
+          fmt::format("{} is missing: there are no queries of the {}", file.string(), group));
+      continue;
+    }
+    for (Query& query : ReadQueryList(file)) {
       if (!std::filesystem::exists(scene.images / query.name)) {
         skipped.Add("the photograph is missing", query.name);
         continue;

@@ -65,10 +65,22 @@ TEST(Cambridge, VisualSfmsDistortionIsUndone) {
   input.height_px = 1080;
   const Layout layout = WriteCambridge(TestFolder(), input);
   std::string nvm = ReadFile(layout.folder / "reconstruction.nvm");
-  nvm.replace(nvm.find(" 0 0\n"), 5, " 0.1 0\n");
+  const double r = 0.02;
+  nvm.replace(nvm.find(" 0 0\n"), 5, " 0.02 0\n");
   WriteFile(layout.folder / "reconstruction.nvm", nvm);
-  EXPECT_THAT(ImportDataset("cambridge", layout.folder).at(0).warnings,
-              ElementsAre(HasSubstr("radial distortion of 1 images")));
+  const ImportedScene scene = ImportDataset("cambridge", layout.folder).at(0);
+  EXPECT_THAT(scene.warnings, IsEmpty());
+  EXPECT_THAT(scene.notes, ElementsAre(HasSubstr("radial distortion r of 1 images")));
+  const Camera& camera = scene.references[0].camera;
+  const double focal_px = camera.focal_x_px();
+  EXPECT_EQ(camera.model(), CameraModel::kSimpleRadial);
+  const Eigen::Vector2d measured = Eigen::Vector2d(-900, 500) / focal_px;
+  const Eigen::Vector2d undistorted = measured * (1 + r * measured.squaredNorm());
+  const Eigen::Vector2d pixel = *camera.ImgFromCam(undistorted.homogeneous());
+  const Eigen::Vector2d expected = focal_px * measured + Eigen::Vector2d(960, 540);
+  EXPECT_LT((pixel - expected).norm(), 0.4);
+  // Without it, or with the other sign, the corner would be pixels away.
+  EXPECT_GT((focal_px * undistorted + Eigen::Vector2d(960, 540) - expected).norm(), 6);
 }
 
 TEST(Cambridge, WrongFilesAreNamed) {
@@ -115,8 +127,12 @@ TEST(Aachen, GroupsAreDayAndNight) {
 TEST(Aachen, MissingPartsAreNamed) {
   const Layout layout = WriteAachen(TestFolder(), RandomInput());
   fs::remove(layout.folder / "queries" / "night_time_queries_with_intrinsics.txt");
+  const ImportedScene by_day = ImportDataset("aachen", layout.folder).at(0);
+  EXPECT_EQ(by_day.queries.size(), 1u);
+  EXPECT_THAT(by_day.warnings, ElementsAre(HasSubstr("no queries of the night")));
+  fs::remove(layout.folder / "queries" / "day_time_queries_with_intrinsics.txt");
   EXPECT_TRUE(FailsWithInputError([&] { ImportDataset("aachen", layout.folder); },
-                                  {"night_time_queries_with_intrinsics.txt"}));
+                                  {"no queries are left", "no queries of the day"}));
   fs::remove(layout.folder / "3D-models" / "aachen_v_1_1" / "images.bin");
   EXPECT_TRUE(FailsWithInputError([&] { ImportDataset("aachen", layout.folder); },
                                   {"3D-models/aachen_v_1_1", "cameras.bin"}));
