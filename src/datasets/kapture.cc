@@ -87,9 +87,10 @@ std::map<std::string, std::vector<Mount>> ReadRigs(const path& file) {
   if (!std::filesystem::exists(file)) return rigs;
   CsvReader csv(file);
   while (const auto fields = csv.Next(9)) {
-    const auto pose = ParsePose(csv.lines(), *fields, 2);
-    if (!pose) csv.lines().Fail("expected the place of the sensor in the rig");
-    rigs[std::string((*fields)[1])].push_back({std::string((*fields)[0]), *pose});
+    // Sensors whose place in the rig is not known are listed, too.
+    if (const auto pose = ParsePose(csv.lines(), *fields, 2)) {
+      rigs[std::string((*fields)[1])].push_back({std::string((*fields)[0]), *pose});
+    }
   }
   return rigs;
 }

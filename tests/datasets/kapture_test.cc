@@ -78,6 +78,18 @@ TEST_F(Gangnam, ReferencesWithoutPoseOrCameraAreCounted) {
                                     "(first: z/1.jpg)")));
 }
 
+// kapture_format.adoc: fields of a pose may be empty where it is not known; kapture's own samples
+// list such sensors of a rig.
+TEST_F(Gangnam, SensorsOfARigWithoutAPlaceHaveNoPose) {
+  const fs::path rigs = Sensors("mapping") / "rigs.txt";
+  const std::string text = ReadFile(rigs);
+  const size_t second = text.find("rig0, 40027089_01");
+  WriteFile(rigs, text.substr(0, second) + "rig0, 40027089_01, , , , , , , \n");
+  const ImportedScene scene = Import();
+  EXPECT_EQ(scene.references.size(), 3u);
+  EXPECT_THAT(scene.warnings, ElementsAre(HasSubstr("3 images are skipped: it has no pose")));
+}
+
 TEST_F(Gangnam, TheTestHasNoPublicPoses) {
   fs::rename(layout_.folder / "release/validation", layout_.folder / "release/test");
   fs::remove(Sensors("test") / "trajectories.txt");
@@ -108,7 +120,7 @@ TEST_F(Gangnam, WrongLinesAreNamed) {
       Fails(trajectories, header_ + "1, a, 1, 0, 0, x, 1, 2, 3\n", {"line 2: pose", "\"x\""}));
   EXPECT_TRUE(Fails(trajectories, header_ + "1, a, 2, 0, 0, 0, 1, 2, 3\n", {"line 2", "length 1"}));
   EXPECT_TRUE(Fails(trajectories, header_ + "t, a, 1, 0, 0, 0, 1, 2, 3\n", {"line 2: timestamp"}));
-  EXPECT_TRUE(Fails(rigs, header_ + "rig0, a, 1, 0, 0, 0, 1, 2, \n", {"rigs.txt: line 2"}));
+  EXPECT_TRUE(Fails(rigs, header_ + "rig0, a, 1, 0, 0, x, 1, 2, 3\n", {"rigs.txt: line 2"}));
   EXPECT_TRUE(Fails(records, header_ + "1, a\n", {"records_camera.txt: line 2", "3 fields"}));
   EXPECT_TRUE(Fails(records, header_, {"no references are left"}));
 }
