@@ -81,11 +81,16 @@ DepthConvention Eth3d() {
           .headerless = true};
 }
 
+// Registered maps first; 65.535 is what became of 7-Scenes' "none" before kapture 1.1.
 DepthConvention Kapture() {
-  return {.unit = 1,
-          .patterns = {"{dir}/{stem}.depth", "{name}.depth", "sensors/records_data/{name}.depth",
-                       "sensors/records_data/{dir}/{stem}.depth"},
-          .headerless = true};
+  return {
+      .unit = 1,
+      .invalid_values = {65.535},
+      .patterns = {"{dir}/{base}.depth.reg", "{dir}/{base}.depth",
+                   "sensors/records_data/{dir}/{base}.depth.reg",
+                   "sensors/records_data/{dir}/{base}.depth", "{dir}/{stem}.depth", "{name}.depth",
+                   "sensors/records_data/{name}.depth", "sensors/records_data/{dir}/{stem}.depth"},
+      .headerless = true};
 }
 
 struct Preset {

@@ -196,6 +196,32 @@ TEST(DepthSource, HeaderlessMapsHaveTheImagesSizeOrTheGivenOne) {
                                   {"b.depth", "640 x 480 floats"}));
 }
 
+// As tools/kapture_import_7scenes.py names and fills them, and the older files of kapture's own
+// sample: 65535 mm, 7-Scenes' "none", divided by 1000 like any other.
+TEST(DepthSource, KapturesSevenScenesHasRegisteredMapsAndHoles) {
+  Wall wall({"seq-01/frame-000000.color.jpg"});
+  const auto write = [&](const std::string& name, float value) {
+    const std::vector<float> values(size_t{64} * 48, value);
+    WriteFile(wall.folder / name,
+              {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float)});
+  };
+  const std::string spec = "depth:" + wall.folder.string() + ",preset=kapture,size=64x48";
+  const auto lifted = [&] {
+    return LiftedDepth(*MakeGeometrySource(spec, {.references = wall.references}).source,
+                       wall.references[0]);
+  };
+  write("sensors/records_data/seq-01/frame-000000.depth", 2);
+  EXPECT_NEAR(lifted(), 2, 1e-6);
+  write("seq-01/frame-000000.depth", 3);
+  EXPECT_NEAR(lifted(), 3, 1e-6);
+  write("seq-01/frame-000000.depth.reg", 4);
+  EXPECT_NEAR(lifted(), 4, 1e-6);
+  write("seq-01/frame-000000.depth.reg", 65.535f);
+  const std::vector<Eigen::Vector2d> pixels = {{321.3, 200.7}};
+  EXPECT_FALSE(MakeGeometrySource(spec, {.references = wall.references})
+                   .source->Lift(wall.references[0], pixels)[0]);
+}
+
 TEST(DepthSource, NerfactosDepthIsAlongTheRayAndSplatfactosIsNot) {
   Wall wall({"train/b.jpg"});
   const Camera map_camera = MakeCamera().Scaled(64, 48);
