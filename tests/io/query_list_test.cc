@@ -104,6 +104,21 @@ TEST(PoseFile, RoundedQuaternionsAreNormalized) {
   EXPECT_EQ(poses[0].cam_from_world.translation, Eigen::Vector3d(1, 2, 3));
 }
 
+// pgt/sfm of github.com/tsattler/visloc_pseudo_gt_limitations (focal length), dsacstar's test.py
+// (errors in degrees and metres), ace's test_ace.py (and the inliers).
+TEST(PoseFile, FurtherColumnsArePassedOver) {
+  const auto path = TestFolder() / "poses.txt";
+  const std::string pose = " 0.806216 0.0204293 -0.55204 -0.211778 0.274901 0.044219 -0.258735";
+  WriteFile(path, "seq-01/frame-000768.color.png" + pose + " 527.745\nb.png" + pose +
+                      " 0.173 0.0061\nc.png" + pose + " 0.173 inf 2345\n");
+  const auto poses = ReadPoseFile(path);
+  ASSERT_EQ(poses.size(), 3u);
+  EXPECT_EQ(poses[0].name, "seq-01/frame-000768.color.png");
+  for (const NamedPose& read : poses) {
+    EXPECT_EQ(read.cam_from_world.translation, Eigen::Vector3d(0.274901, 0.044219, -0.258735));
+  }
+}
+
 TEST(PoseFile, WrongLinesAreNamed) {
   const auto path = TestFolder() / "p.txt";
   const auto expect_failure = [&](const std::string& text, const std::vector<std::string>& parts) {
@@ -111,7 +126,8 @@ TEST(PoseFile, WrongLinesAreNamed) {
     EXPECT_TRUE(FailsWithInputError([&] { ReadPoseFile(path); }, parts)) << text;
   };
   expect_failure("a 1 0 0 0 1 2\n", {"p.txt: line 1: tvec", "the line ends here"});
-  expect_failure("a 1 0 0 0 1 2 3 4\n", {"line 1: expected the end of the line, found \"4\""});
+  expect_failure("a 1 0 0 0 1 2 3 4 b\n",
+                 {"line 1: expected numbers behind the pose, found \"b\""});
   expect_failure("a 1 0 0 0 1 2 3\nb 1 0 0 0 nan 2 3\n", {"line 2: tvec", "finite", "nan"});
   expect_failure("a 1 0 0 zero 1 2 3\n", {"line 1: qvec: expected a number, found \"zero\""});
   expect_failure("a 0.5 0 0 0 1 2 3\n", {"line 1: qvec: expected a quaternion of length 1", "0.5"});

@@ -27,7 +27,8 @@ struct NamedPose {
 };
 
 // Lines `name qw qx qy qz tx ty tz`, world to camera. Quaternions are normalized; one that is not
-// of unit length within 1e-3 is an error, as is a NaN.
+// of unit length within 1e-3 is an error, as is a NaN. Numbers behind the pose are passed over: pGT's
+// focal length, the errors and inliers of DSAC* and ACE.
 std::vector<NamedPose> ReadPoseFile(const std::filesystem::path& path);
 // Numbers in their shortest form that reads back as the same double.
 void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPose>& poses);

@@ -103,7 +103,12 @@ std::vector<NamedPose> ReadPoseFile(const std::filesystem::path& path) {
                               qvec_wxyz.norm()));
     }
     pose.cam_from_world = {*rotation, tokens.Vector<3>("tvec")};
-    tokens.ExpectEnd();
+    while (!tokens.AtEnd()) {
+      const std::string_view further = tokens.Token("number");
+      if (!ParseDouble(further)) {
+        tokens.Fail(fmt::format("expected numbers behind the pose, found \"{}\"", further));
+      }
+    }
   }
   return poses;
 }
