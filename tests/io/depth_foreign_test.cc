@@ -158,13 +158,20 @@ def tiff(name, order, bits, form, data, big):
   open(name, 'wb').write(out + struct.pack(order + ('Q' if big else 'I'), 0) + data)
 tiff('big_endian.tif', '>', 16, 1, ramp.astype('>u2').tobytes(), False)
 tiff('big_tiff.tif', '<', 32, 3, ramp.astype('<f4').tobytes(), True)
+# As skimage and tifffile write numpy's integers (tags 258 and 339).
+for order in '<>':
+  tiff('i32' + order + '.tif', order, 32, 2, ramp.astype(order + 'i4').tobytes(), False)
+  tiff('u32' + order + '.tif', order, 32, 1, ramp.astype(order + 'u4').tobytes(), order == '<')
+tiff('i16.tif', '<', 16, 2, ramp.astype('<i2').tobytes(), False)
 )");
   for (const char* name : {"u16.png", "u8.png", "u16.pgm", "u8.pgm", "u8.tiff", "u16.tiff",
-                           "f32.tiff", "f64.tiff", "big_endian.tif", "big_tiff.tif"}) {
+                           "f32.tiff", "f64.tiff", "big_endian.tif", "big_tiff.tif", "i32<.tif",
+                           "i32>.tif", "u32<.tif", "u32>.tif", "i16.tif"}) {
     EXPECT_TRUE(IsRamp(ReadDepthFile(folder / name))) << name;
   }
   EXPECT_EQ(ReadDepthFile(folder / "u8.png").sample_type, "uint8");
   EXPECT_EQ(ReadDepthFile(folder / "f64.tiff").sample_type, "float64");
+  EXPECT_EQ(ReadDepthFile(folder / "u32>.tif").sample_type, "int32");
 }
 
 TEST(DepthFromOpenCv, PicturesThatAreNoDepthAreRefused) {

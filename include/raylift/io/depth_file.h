@@ -20,7 +20,7 @@ namespace raylift {
 enum class DepthFileFormat {
   kExr,     // OpenEXR: float16, float32 or uint32; scan lines or tiles, one or several parts
   kPng,     // grey, 8 or 16 bits
-  kTiff,    // grey, uint8, uint16, float32 or float64
+  kTiff,    // grey, integers of 8 to 32 bits, float32 or float64
   kPgm,     // binary, 8 or 16 bits
   kNpy,     // numpy: float16/32/64 and (u)int8/16/32/64, either byte order, C or Fortran order
   kNpz,     // numpy: a ZIP of those

@@ -49,6 +49,10 @@ std::string SampleName(int depth) {
       return "uint8";
     case CV_16U:
       return "uint16";
+    case CV_16S:
+      return "int16";
+    case CV_32S:
+      return "int32";
     case CV_32F:
       return "float32";
     case CV_64F:
@@ -90,8 +94,9 @@ struct TiffFacts {
   uint64_t height = 0;
   uint64_t bits_per_sample = 1;
   uint64_t samples_per_pixel = 1;
-  uint64_t sample_format = 1;  // 1: unsigned, 2: signed, 3: float
-  uint64_t compression = 1;    // 1: none
+  uint64_t sample_format = 1;     // 1: unsigned, 2: signed, 3: float
+  uint64_t sample_format_at = 0;  // the byte that says so; 0: none
+  uint64_t compression = 1;       // 1: none
 };
 
 class TiffDirectory {
@@ -112,6 +117,7 @@ class TiffDirectory {
       const uint64_t entry = first + i * entry_size;
       const auto tag = Load<uint16_t>(entry);
       if (uint64_t* field = FieldOf(tag, facts)) *field = Value(entry);
+      if (tag == kSampleFormat) facts.sample_format_at = LowByteOf(entry);
     }
     // The place of the next directory ends this one; files are often cut short here.
     Load<uint32_t>(first + count * entry_size + (big_ ? 4 : 0));
@@ -119,6 +125,8 @@ class TiffDirectory {
   }
 
  private:
+  static constexpr uint16_t kSampleFormat = 339;
+
   static uint64_t* FieldOf(uint16_t tag, TiffFacts& facts) {
     switch (tag) {
       case 256:
@@ -131,7 +139,7 @@ class TiffDirectory {
         return &facts.compression;
       case 277:
         return &facts.samples_per_pixel;
-      case 339:
+      case kSampleFormat:
         return &facts.sample_format;
       default:
         return nullptr;
@@ -153,6 +161,13 @@ class TiffDirectory {
     return Load<uint16_t>(at);
   }
 
+  // Of the first number of an entry of its own.
+  uint64_t LowByteOf(uint64_t entry) const {
+    const uint64_t inline_at = entry + (big_ ? 12 : 8);
+    if (!big_endian_) return inline_at;
+    return inline_at + (Load<uint16_t>(entry + 2) == 3 ? 1 : 3);
+  }
+
   template <typename T>
   T Load(uint64_t offset) const {
     if (offset > bytes_.size() || bytes_.size() - offset < sizeof(T)) Fail();
@@ -167,6 +182,15 @@ class TiffDirectory {
   bool big_endian_;
   bool big_;  // BigTIFF
 };
+
+// OpenCV refuses unsigned samples of 32 bits. Depth needs but 31 of them: larger counts become
+// negative, which is no depth.
+void SaySigned(const path& file, const TiffFacts& facts, std::string& bytes) {
+  if (facts.sample_format_at == 0) {
+    throw InputError(file, "expected a TIFF of 32 bits that says what they are (SampleFormat)");
+  }
+  bytes[facts.sample_format_at] = 2;
+}
 
 }  // namespace
 
@@ -201,16 +225,18 @@ StoredDepth DecodeTiff(const path& file, std::string& bytes) {
   const TiffFacts facts = TiffDirectory(file, bytes).Read();
   const uint64_t bits = facts.bits_per_sample;
   const bool is_float = facts.sample_format == 3 && (bits == 32 || bits == 64);
-  const bool is_unsigned = facts.sample_format == 1 && (bits == 8 || bits == 16);
-  if (facts.samples_per_pixel != 1 || !(is_float || is_unsigned)) {
+  const bool is_unsigned = facts.sample_format == 1 && (bits == 8 || bits == 16 || bits == 32);
+  const bool is_signed = facts.sample_format == 2 && (bits == 16 || bits == 32);
+  if (facts.samples_per_pixel != 1 || !(is_float || is_unsigned || is_signed)) {
     constexpr std::array<const char*, 4> kNames = {"unknown", "unsigned", "signed", "float"};
     throw InputError(
         file,
-        fmt::format("expected a TIFF of one channel of 8 or 16 bits unsigned, or 32 or 64 bits "
-                    "float, found {} of {} bits {}",
+        fmt::format("expected a TIFF of one channel of 8 to 32 bits, or 32 or 64 bits float, found "
+                    "{} of {} bits {}",
                     facts.samples_per_pixel, bits,
                     kNames[facts.sample_format < 4 ? facts.sample_format : 0]));
   }
+  if (is_unsigned && bits == 32) SaySigned(file, facts, bytes);
   const uint64_t inflation = facts.compression == 1 ? 1 : kMaxInflation;
   CheckClaimedSize(file, facts.width, facts.height, inflation * bytes.size() * 8 / bits);
   return ToStored(file, Decode(file, bytes));
