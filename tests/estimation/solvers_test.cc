@@ -3,6 +3,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "estimation/solvers/d3p1.h"
 #include "estimation/solvers/e5p1.h"
 #include "estimation/solvers/five_point.h"
 #include "estimation/solvers/p3p.h"
@@ -289,6 +290,183 @@ TEST(E5p1, SixthMatchBehindItsReferenceIsRejected) {
     EXPECT_TRUE(TranslationLength(truth, instance.centre, instance.sixth, instance.sixth_centre));
     instance.sixth.reference_ray *= -1;
     EXPECT_FALSE(TranslationLength(truth, instance.centre, instance.sixth, instance.sixth_centre));
+  }
+}
+
+// Three matches to a reference whose depths have one unknown factor, and one to another reference.
+struct D3p1Instance {
+  SolverPose truth;  // query_from_world
+  Vector3d centre;
+  std::array<Vector3d, 3> query_rays;
+  std::array<Vector3d, 3> points_from_centre;  // times the factor
+  RayPair fourth;
+  Vector3d fourth_centre;
+
+  RelativePose TrueRelativePose() const {
+    return {truth.rotation, (truth.translation + truth.rotation * centre).normalized()};
+  }
+};
+D3p1Instance MakeD3p1Instance(Rng& rng) {
+  const Rigid3 pose = RandomRigid3(rng, 5);
+  const Rigid3 world_from_query = pose.Inverse();
+  D3p1Instance instance;
+  instance.truth = {pose.rotation.toRotationMatrix(), pose.translation};
+  instance.centre = world_from_query * Vector3d(2 * RandomDirection(rng));
+  instance.fourth_centre = world_from_query * Vector3d(2 * RandomDirection(rng));
+  const double factor = std::exp(rng.Uniform(-3, 3));
+  for (int i = 0; i < 3; ++i) {
+    const Vector3d point_in_query = RandomPoint(rng, 3, 10);
+    instance.query_rays[i] = point_in_query.normalized();
+    instance.points_from_centre[i] = factor * (world_from_query * point_in_query - instance.centre);
+  }
+  const Vector3d point_in_query = RandomPoint(rng, 3, 10);
+  instance.fourth = {point_in_query.normalized(),
+                     (world_from_query * point_in_query - instance.fourth_centre).normalized()};
+  return instance;
+}
+
+std::vector<SolverPose> SolveD3p1(const D3p1Instance& instance) {
+  std::array<RelativePose, 4> relative;
+  const int count =
+      SolveRelativePoseByDepth(instance.query_rays, instance.points_from_centre, relative);
+  std::vector<SolverPose> poses;
+  for (int i = 0; i < count; ++i) {
+    EXPECT_TRUE(relative[i].rotation.allFinite() && relative[i].direction.allFinite());
+    const auto length =
+        TranslationLength(relative[i], instance.centre, instance.fourth, instance.fourth_centre);
+    if (length) poses.push_back(QueryPose(relative[i], instance.centre, *length));
+  }
+  return poses;
+}
+
+TEST(D3p1, FindsTheTruePoseWhateverTheFactorOfTheDepths) {
+  Rng rng = TestRng();
+  int found = 0;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    const D3p1Instance instance = MakeD3p1Instance(rng);
+    double nearest = 10;
+    for (const SolverPose& pose : SolveD3p1(instance)) {
+      nearest = std::min(nearest, (pose.rotation - instance.truth.rotation).norm() +
+                                      (pose.translation - instance.truth.translation).norm());
+    }
+    found += nearest < 1e-9 ? 1 : 0;
+  }
+  // The rest are nearly double solutions of P3P, and fourth matches nearly in one plane with the
+  // first translation.
+  EXPECT_GE(found, 0.995 * kTrials);
+}
+
+// By elementary geometry: a factor of the depths that puts all three points on their query rays,
+// and a fourth ray of the query that meets that of its reference.
+TEST(D3p1, EverySolutionMeetsItsFourMatches) {
+  Rng rng = TestRng();
+  int solutions = 0;
+  int exact = 0;
+  for (int trial = 0; trial < kTrials / 10; ++trial) {
+    const D3p1Instance instance = MakeD3p1Instance(rng);
+    for (const SolverPose& pose : SolveD3p1(instance)) {
+      const Vector3d query = -pose.rotation.transpose() * pose.translation;
+      const auto world_ray = [&pose](const Vector3d& ray) -> Vector3d {
+        return pose.rotation.transpose() * ray;
+      };
+      // The factor at which the first point is nearest to its ray, times the others.
+      const Vector3d first = world_ray(instance.query_rays[0]);
+      const Vector3d across = first.cross(instance.points_from_centre[0]);
+      const double factor =
+          -across.dot(first.cross(instance.centre - query)) / across.squaredNorm();
+      ASSERT_GT(factor, 0);
+      double largest = 0;
+      for (int k = 0; k < 3; ++k) {
+        const Vector3d point = instance.centre + factor * instance.points_from_centre[k];
+        largest = std::max(
+            largest, ((point - query).normalized() - world_ray(instance.query_rays[k])).norm());
+      }
+      // Distances along both rays to where they meet.
+      const Vector3d fourth = world_ray(instance.fourth.query_ray);
+      Eigen::Matrix<double, 3, 2> rays;
+      rays << fourth, -instance.fourth.reference_ray;
+      const Vector3d baseline = instance.fourth_centre - query;
+      const Eigen::Vector2d along = rays.colPivHouseholderQr().solve(baseline);
+      EXPECT_GT(along.minCoeff(), 0);
+      largest = std::max(largest, (rays * along - baseline).norm() / baseline.norm());
+      ++solutions;
+      exact += largest < 1e-9 ? 1 : 0;
+    }
+  }
+  EXPECT_GE(solutions, kTrials / 10);
+  EXPECT_GE(exact, 0.995 * solutions);
+}
+
+TEST(D3p1, AQueryAtTheReferencesCentreHasNoSolution) {
+  Rng rng = TestRng();
+  for (int trial = 0; trial < 1000; ++trial) {
+    D3p1Instance instance = MakeD3p1Instance(rng);
+    for (int k = 0; k < 3; ++k) {
+      instance.points_from_centre[k] =
+          instance.truth.rotation.transpose() * instance.query_rays[k] * rng.Uniform(3, 10);
+    }
+    // P3P's other solutions are elsewhere.
+    for (const SolverPose& pose : SolveD3p1(instance)) {
+      EXPECT_TRUE(pose.translation.allFinite());
+      EXPECT_GT((pose.rotation - instance.truth.rotation).norm(), 1e-6);
+    }
+  }
+}
+
+TEST(D3p1, AFourthMatchOfTheSameCentreHasNoSolution) {
+  Rng rng = TestRng();
+  for (int trial = 0; trial < 1000; ++trial) {
+    D3p1Instance instance = MakeD3p1Instance(rng);
+    instance.fourth_centre = instance.centre;
+    EXPECT_TRUE(SolveD3p1(instance).empty());
+  }
+}
+
+TEST(D3p1, AFourthRayAlongTheBaselineHasNoSolution) {
+  Rng rng = TestRng();
+  for (int trial = 0; trial < 1000; ++trial) {
+    D3p1Instance instance = MakeD3p1Instance(rng);
+    const RelativePose truth = instance.TrueRelativePose();
+    instance.fourth.query_ray = truth.direction;
+    EXPECT_FALSE(
+        TranslationLength(truth, instance.centre, instance.fourth, instance.fourth_centre));
+    // Nor one whose plane with its reference's ray holds the baseline.
+    instance.fourth.query_ray =
+        (truth.direction + 0.3 * truth.rotation * instance.fourth.reference_ray).normalized();
+    EXPECT_FALSE(
+        TranslationLength(truth, instance.centre, instance.fourth, instance.fourth_centre));
+    // Nor parallel rays.
+    instance.fourth.query_ray = truth.rotation * instance.fourth.reference_ray;
+    EXPECT_FALSE(
+        TranslationLength(truth, instance.centre, instance.fourth, instance.fourth_centre));
+  }
+}
+
+TEST(D3p1, ANegativeFactorHasNoSolution) {
+  Rng rng = TestRng();
+  for (int trial = 0; trial < 1000; ++trial) {
+    D3p1Instance instance = MakeD3p1Instance(rng);
+    const RelativePose truth = instance.TrueRelativePose();
+    // A fourth match as a query on the other side of the reference would have it.
+    const Vector3d query = -instance.truth.rotation.transpose() * instance.truth.translation;
+    const Vector3d opposite = 2 * instance.centre - query;
+    const Vector3d point = query + instance.truth.rotation.transpose() * RandomPoint(rng, 3, 10);
+    instance.fourth = {(instance.truth.rotation * (point - opposite)).normalized(),
+                       (point - instance.fourth_centre).normalized()};
+    EXPECT_FALSE(
+        TranslationLength(truth, instance.centre, instance.fourth, instance.fourth_centre));
+  }
+}
+
+TEST(D3p1, CollinearAndCoincidingPointsHaveNoSolution) {
+  Rng rng = TestRng();
+  for (int trial = 0; trial < 1000; ++trial) {
+    D3p1Instance instance = MakeD3p1Instance(rng);
+    auto& points = instance.points_from_centre;
+    points[2] = trial % 2 == 0 ? points[1] : Vector3d(2 * points[1] - points[0]);
+    EXPECT_TRUE(SolveD3p1(instance).empty());
+    points = {Vector3d::Zero(), Vector3d::Zero(), Vector3d::Zero()};
+    EXPECT_TRUE(SolveD3p1(instance).empty());
   }
 }
 

@@ -5,6 +5,12 @@
 #include <Eigen/Geometry>
 
 namespace raylift {
+namespace {
+
+// Rays that leave a plane by no more than this do so by rounding.
+constexpr double kLeastParallax = 1e-9;
+
+}  // namespace
 
 SolverPose QueryPose(const RelativePose& relative, const Eigen::Vector3d& centre, double length) {
   return {relative.rotation, length * relative.direction - relative.rotation * centre};
@@ -16,7 +22,9 @@ std::optional<double> TranslationLength(const RelativePose& relative, const Eige
   const Eigen::Vector3d a = relative.rotation * (sixth_centre - centre);
   const Eigen::Vector3d g = relative.rotation * sixth.reference_ray;
   const Eigen::Vector3d plane_normal = g.cross(sixth.query_ray);
-  const double length = -plane_normal.dot(a) / plane_normal.dot(relative.direction);
+  const double parallax = plane_normal.dot(relative.direction);
+  if (!(std::abs(parallax) > kLeastParallax)) return std::nullopt;
+  const double length = -plane_normal.dot(a) / parallax;
   if (!(length > 0) || !std::isfinite(length)) {
     return std::nullopt;
   }

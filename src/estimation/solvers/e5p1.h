@@ -25,7 +25,8 @@ SolverPose QueryPose(const RelativePose& relative, const Eigen::Vector3d& centre
 
 // The length of the translation from the first reference at which the sixth match, to a reference
 // at `sixth_centre`, meets its epipolar constraint; none where it is not positive and finite, or
-// where the sixth point would lie behind the query or behind its own reference.
+// where the sixth point would lie behind the query or behind its own reference. None, either, where
+// the match says nothing of the length, its rays lying in one plane with the direction.
 std::optional<double> TranslationLength(const RelativePose& relative, const Eigen::Vector3d& centre,
                                         const RayPair& sixth, const Eigen::Vector3d& sixth_centre);
 
