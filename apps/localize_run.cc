@@ -56,7 +56,7 @@ std::shared_ptr<const Rerenderer> RerendererOf(const LocalizeFlags& flags, const
   return std::make_shared<const Rerenderer>(
       mesh, ColorsLikePhotographs(mesh->mesh()), flags.QueryImages(),
       RerenderOptions{.rounds = flags.mesh_only.rerender,
-                      .use_pairs = estimator.method == Method::kE5p1,
+                      .use_pairs = ScoresPairsAlone(estimator.method),
                       .max_features = flags.matching.front_end.max_features,
                       .reprojection_threshold_px = estimator.reprojection_threshold_px});
 }

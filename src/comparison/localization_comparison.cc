@@ -219,6 +219,7 @@ std::string MethodTitle(const EstimatorOptions& options) {
       return fmt::format("{}:{}", name, FormatDouble(options.alpha));
     case Method::kP3p:
     case Method::kE5p1:
+    case Method::kD3p1:
     case Method::kHybridRansac:
     case Method::kHloc:
       return name;

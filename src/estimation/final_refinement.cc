@@ -1,9 +1,10 @@
 #include "estimation/final_refinement.h"
 
 #include "estimation/joint_refinement.h"
-#include "estimation/keypoint_evidence.h"
 #include "estimation/maximum_likelihood.h"
 #include "estimation/noise_variance.h"
+
+#include "raylift/base/error.h"
 
 namespace raylift {
 namespace {
@@ -26,7 +27,7 @@ NoisePrior PriorOf(const std::optional<SceneNoise>& scene, double threshold2) {
   return prior;
 }
 
-FinalPose RefineByBoth(const PoseProblem& original, const PreparedProblem& problem,
+FinalPose RefineByBoth(const PreparedProblem& problem, const KeypointEvidence& evidence,
                        const SolverPose& pose, const std::optional<SceneNoise>& scene) {
   constexpr ResidualKinds kPairs{.points = false, .pairs = true};
   const double threshold2 = problem.sampson_threshold_px * problem.sampson_threshold_px;
@@ -35,8 +36,7 @@ FinalPose RefineByBoth(const PoseProblem& original, const PreparedProblem& probl
           ? kPriorVariance
           : NoiseVariance(ComputeResiduals(problem, pose, kPairs).pairs, kPairNoise);
   const NoisePrior prior = PriorOf(scene, threshold2);
-  const JointResult result =
-      RefineJointly(GatherEvidence(original, problem), pose, threshold2 * variance, prior);
+  const JointResult result = RefineJointly(evidence, pose, threshold2 * variance, prior);
   return {.pose = result.pose,
           .covariance = result.covariance,
           .noise = result.noise,
@@ -45,11 +45,12 @@ FinalPose RefineByBoth(const PoseProblem& original, const PreparedProblem& probl
 
 }  // namespace
 
-FinalPose RefineFinally(const PoseProblem& original, const PreparedProblem& problem,
-                        const SolverPose& pose, ResidualKinds kinds,
-                        const EstimatorOptions& options) {
+FinalPose RefineFinally(const PreparedProblem& problem,
+                        const std::optional<KeypointEvidence>& evidence, const SolverPose& pose,
+                        ResidualKinds kinds, const EstimatorOptions& options) {
   if (options.refinement == Refinement::kRobust && kinds.points && kinds.pairs) {
-    return RefineByBoth(original, problem, pose, options.scene_noise);
+    RAYLIFT_CHECK(evidence.has_value());
+    return RefineByBoth(problem, *evidence, pose, options.scene_noise);
   }
   MaximumLikelihood likelihood(problem, kinds);
   if (options.refinement == Refinement::kRobust) {

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "estimation/joint_noise.h"
+#include "estimation/keypoint_evidence.h"
 #include "estimation/match_residuals.h"
 #include "estimation/prepared_problem.h"
 #include "estimation/solvers/p3p.h"
@@ -24,9 +25,9 @@ struct FinalPose {
 };
 
 // kPaper: the pose as it is. kRobust: by both kinds together where both are asked for
-// (joint_refinement.h), by maximum likelihood of one kind otherwise.
-FinalPose RefineFinally(const PoseProblem& original, const PreparedProblem& problem,
-                        const SolverPose& pose, ResidualKinds kinds,
-                        const EstimatorOptions& options);
+// (joint_refinement.h), which needs the evidence; by maximum likelihood of one kind otherwise.
+FinalPose RefineFinally(const PreparedProblem& problem,
+                        const std::optional<KeypointEvidence>& evidence, const SolverPose& pose,
+                        ResidualKinds kinds, const EstimatorOptions& options);
 
 }  // namespace raylift

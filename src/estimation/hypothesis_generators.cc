@@ -3,14 +3,22 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <span>
+#include <utility>
 
+#include "estimation/match_residuals.h"
+#include "estimation/solvers/d3p1.h"
 #include "estimation/solvers/e5p1.h"
+#include <Eigen/LU>
+
+#include "raylift/base/median.h"
 
 namespace raylift {
 namespace {
 
 // Sixth matches tried per essential matrix: they cost little beside the five-point solver.
 constexpr int kSixthMatchesPerSample = 2;
+constexpr int kFourthMatchesPerSample = 2;
 
 // `kCount` different indices in [0, n).
 template <int kCount>
@@ -25,7 +33,28 @@ std::array<int, kCount> DrawDistinct(Rng& rng, int n) {
   return indices;
 }
 
-RayPair ToRayPair(const PreparedPair& pair) { return {pair.query_ray, pair.reference_ray}; }
+// One match of all groups, whose sizes sum to `total`: its group, and its position there.
+template <typename Group>
+std::pair<const Group&, int> DrawMatch(Rng& rng, const std::vector<Group>& groups, int total) {
+  int position = static_cast<int>(rng.UniformIndex(static_cast<uint32_t>(total)));
+  auto group = groups.begin();
+  while (position >= group->size()) position -= (group++)->size();
+  return {*group, position};
+}
+
+// Adds the relative poses to a reference at `centre`, each with the length that a pair of another
+// reference gives it.
+void AddPosesByLength(const PreparedProblem& problem, std::span<const RelativePose> relative,
+                      const Eigen::Vector3d& centre, const PreparedPair& pair,
+                      std::vector<SolverPose>& poses) {
+  const RayPair rays = {pair.query_ray, pair.reference_ray};
+  for (const RelativePose& pose : relative) {
+    if (const auto length =
+            TranslationLength(pose, centre, rays, problem.centres[pair.reference])) {
+      poses.push_back(QueryPose(pose, centre, *length));
+    }
+  }
+}
 
 }  // namespace
 
@@ -55,26 +84,36 @@ double P3pGenerator::SuccessProbability(const InlierCounts& inliers) const {
   return ratio * ratio * ratio;
 }
 
+PairsElsewhere::PairsElsewhere(const PreparedProblem& problem, int reference) {
+  for (const ReferenceRun& run : problem.runs) {
+    if ((problem.centres[run.reference] - problem.centres[reference]).norm() > 1e-6) {
+      runs_.push_back(run);
+      count_ += run.size();
+    }
+  }
+}
+
+const PreparedPair& PairsElsewhere::Draw(const PreparedProblem& problem, Rng& rng) const {
+  const auto [run, position] = DrawMatch(rng, runs_, count_);
+  return problem.pairs[run.begin + position];
+}
+
+double PairsElsewhere::InlierRatio(const InlierCounts& inliers) const {
+  double sum = 0;
+  for (const ReferenceRun& run : runs_) sum += inliers.pairs[run.reference];
+  return sum / count_;
+}
+
 E5p1Generator::E5p1Generator(const PreparedProblem& problem) : problem_(problem) {
   for (const ReferenceRun& run : problem.runs) {
     if (run.size() < 5) {
       continue;
     }
-    FiveSource source;
-    source.run = run;
-    for (const ReferenceRun& other : problem.runs) {
-      const double distance =
-          (problem.centres[other.reference] - problem.centres[run.reference]).norm();
-      if (distance > 1e-6) {
-        source.sixth_runs.push_back(other);
-        source.num_sixth += other.size();
-      }
-    }
-    position_observable_ = position_observable_ || source.num_sixth > 0;
-    sources_.push_back(std::move(source));
+    sources_.push_back({run, PairsElsewhere(problem, run.reference)});
+    position_observable_ = position_observable_ || !sources_.back().sixth.empty();
   }
   if (position_observable_) {
-    std::erase_if(sources_, [](const FiveSource& source) { return source.num_sixth == 0; });
+    std::erase_if(sources_, [](const FiveSource& source) { return source.sixth.empty(); });
   }
   for (const FiveSource& source : sources_) {
     num_five_ += source.run.size();
@@ -88,23 +127,18 @@ bool E5p1Generator::CanSample(const PreparedProblem& problem) {
 
 void E5p1Generator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
   poses.clear();
-  int position = static_cast<int>(rng.UniformIndex(static_cast<uint32_t>(num_five_)));
-  const FiveSource* source = sources_.data();
-  while (position >= source->run.size()) {
-    position -= source->run.size();
-    ++source;
-  }
-  const auto sample = DrawDistinct<5>(rng, source->run.size());
+  const FiveSource& source = DrawMatch(rng, sources_, num_five_).first;
+  const auto sample = DrawDistinct<5>(rng, source.size());
   std::array<Eigen::Vector3d, 5> query_rays;
   std::array<Eigen::Vector3d, 5> reference_rays;
   for (int i = 0; i < 5; ++i) {
-    const PreparedPair& pair = problem_.pairs[source->run.begin + sample[i]];
+    const PreparedPair& pair = problem_.pairs[source.run.begin + sample[i]];
     query_rays[i] = pair.query_ray;
     reference_rays[i] = pair.reference_ray;
   }
   std::array<RelativePose, kMaxFivePointSolutions> relative;
   const int count = SolveRelativePose(query_rays, reference_rays, relative);
-  const Eigen::Vector3d& centre = problem_.centres[source->run.reference];
+  const Eigen::Vector3d& centre = problem_.centres[source.run.reference];
   if (!position_observable_) {
     for (int i = 0; i < count; ++i) {
       poses.push_back(QueryPose(relative[i], centre, 1));
@@ -112,39 +146,103 @@ void E5p1Generator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
     return;
   }
   for (int k = 0; k < kSixthMatchesPerSample; ++k) {
-    int sixth = static_cast<int>(rng.UniformIndex(static_cast<uint32_t>(source->num_sixth)));
-    auto run = source->sixth_runs.begin();
-    while (sixth >= run->size()) {
-      sixth -= run->size();
-      ++run;
-    }
-    const PreparedPair& pair = problem_.pairs[run->begin + sixth];
-    for (int i = 0; i < count; ++i) {
-      const auto length =
-          TranslationLength(relative[i], centre, ToRayPair(pair), problem_.centres[run->reference]);
-      if (length) {
-        poses.push_back(QueryPose(relative[i], centre, *length));
-      }
-    }
+    AddPosesByLength(problem_, std::span(relative).first(count), centre,
+                     source.sixth.Draw(problem_, rng), poses);
   }
 }
 
 double E5p1Generator::SuccessProbability(const InlierCounts& inliers) const {
   double success = 0;
   for (const FiveSource& source : sources_) {
-    const double ratio =
-        inliers.pairs[source.run.reference] / static_cast<double>(source.run.size());
-    double sixth = 1;
-    if (position_observable_) {
-      double sixth_inliers = 0;
-      for (const ReferenceRun& run : source.sixth_runs) {
-        sixth_inliers += inliers.pairs[run.reference];
-      }
-      sixth = 1 - std::pow(1 - sixth_inliers / source.num_sixth, kSixthMatchesPerSample);
-    }
-    success += std::pow(ratio, 5) * sixth * source.run.size() / num_five_;
+    const double ratio = inliers.pairs[source.run.reference] / static_cast<double>(source.size());
+    const double sixth = position_observable_ ? 1 - std::pow(1 - source.sixth.InlierRatio(inliers),
+                                                             kSixthMatchesPerSample)
+                                              : 1;
+    success += std::pow(ratio, 5) * sixth * source.size() / num_five_;
   }
   return success;
+}
+
+D3p1Generator::D3p1Generator(const PreparedProblem& problem, const KeypointEvidence& evidence)
+    : problem_(problem) {
+  std::vector<std::vector<LiftedMatch>> lifted(problem.centres.size());
+  for (const KeypointParts& keypoint : evidence.keypoints) {
+    const auto sightings = evidence.SightingsOf(keypoint);
+    if (std::none_of(sightings.begin(), sightings.end(),
+                     [](const Sighting& sighting) { return sighting.has_depth; })) {
+      continue;
+    }
+    const Eigen::Vector3d query_ray = keypoint.image_from_cam.inverse().col(2).normalized();
+    Eigen::Matrix3d image_from_ray = keypoint.image_from_cam;
+    image_from_ray.topRows<2>() /= problem.reprojection_threshold_px;
+    for (const Sighting& sighting : sightings) {
+      if (!sighting.has_depth) continue;
+      lifted[sighting.reference].push_back(
+          {query_ray, image_from_ray, std::exp(sighting.log_distance) * sighting.ray});
+    }
+  }
+  for (const ReferenceRun& run : problem.runs) {
+    if (lifted[run.reference].size() < 3) continue;
+    PairsElsewhere fourth(problem, run.reference);
+    if (fourth.empty()) continue;
+    sources_.push_back({run, std::move(lifted[run.reference]), std::move(fourth)});
+    num_lifted_ += sources_.back().size();
+  }
+}
+
+void D3p1Generator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
+  poses.clear();
+  const DepthSource& source = DrawMatch(rng, sources_, num_lifted_).first;
+  const auto sample = DrawDistinct<3>(rng, source.size());
+  std::array<Eigen::Vector3d, 3> query_rays;
+  std::array<Eigen::Vector3d, 3> points;
+  for (int i = 0; i < 3; ++i) {
+    query_rays[i] = source.lifted[sample[i]].query_ray;
+    points[i] = source.lifted[sample[i]].point_from_centre;
+  }
+  std::array<RelativePose, 4> relative;
+  const int count = SolveRelativePoseByDepth(query_rays, points, relative);
+  for (int k = 0; k < kFourthMatchesPerSample; ++k) {
+    AddPosesByLength(problem_, std::span(relative).first(count),
+                     problem_.centres[source.run.reference], source.fourth.Draw(problem_, rng),
+                     poses);
+  }
+}
+
+double D3p1Generator::SuccessProbability(const InlierCounts& inliers) const {
+  double success = 0;
+  for (const DepthSource& source : sources_) {
+    const double ratio = InlierRatio(source, inliers.pose);
+    const double fourth =
+        1 - std::pow(1 - source.fourth.InlierRatio(inliers), kFourthMatchesPerSample);
+    success += std::pow(ratio, 3) * fourth * source.size() / num_lifted_;
+  }
+  return success;
+}
+
+double D3p1Generator::InlierRatio(const DepthSource& source, const SolverPose& pose) const {
+  const Eigen::Vector3d centre =
+      pose.rotation * problem_.centres[source.run.reference] + pose.translation;
+  // The factor that each match near its epipolar line asks for: by which its point comes nearest to
+  // the query's ray.
+  std::vector<double> factors;
+  for (const LiftedMatch& match : source.lifted) {
+    const Eigen::Vector3d point = pose.rotation * match.point_from_centre;
+    const Eigen::Vector3d plane_normal = centre.cross(point);
+    const double off_plane = match.query_ray.dot(plane_normal) * match.image_from_ray.row(0).norm();
+    if (std::abs(off_plane) > plane_normal.norm()) continue;
+    const Eigen::Vector3d across = match.query_ray.cross(point);
+    const double factor = -across.dot(match.query_ray.cross(centre)) / across.squaredNorm();
+    if (std::isfinite(factor)) factors.push_back(factor);
+  }
+  const double factor = UpperMedianOr(std::move(factors), 1);
+  const auto inliers =
+      std::count_if(source.lifted.begin(), source.lifted.end(), [&](const LiftedMatch& match) {
+        const Eigen::Vector3d n =
+            match.image_from_ray * (factor * (pose.rotation * match.point_from_centre) + centre);
+        return n.z() > 0 && n.head<2>().squaredNorm() < kNearSquared * n.z() * n.z();
+      });
+  return static_cast<double>(inliers) / source.size();
 }
 
 }  // namespace raylift

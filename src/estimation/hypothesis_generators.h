@@ -1,10 +1,11 @@
-// Minimal samples and the poses that they give: the two ways to make a hypothesis.
+// Minimal samples and the poses that they give: the three ways to make a hypothesis.
 
 #pragma once
 
 #include <vector>
 
 #include "estimation/joint_score.h"
+#include "estimation/keypoint_evidence.h"
 #include "estimation/prepared_problem.h"
 #include "estimation/solvers/p3p.h"
 
@@ -36,6 +37,21 @@ class P3pGenerator final : public HypothesisGenerator {
   const PreparedProblem& problem_;
 };
 
+// The pairs of all references whose centre is another than one reference's: one of them tells how
+// far the query is from that reference.
+class PairsElsewhere {
+ public:
+  PairsElsewhere(const PreparedProblem& problem, int reference);
+
+  bool empty() const { return count_ == 0; }
+  const PreparedPair& Draw(const PreparedProblem& problem, Rng& rng) const;
+  double InlierRatio(const InlierCounts& inliers) const;
+
+ private:
+  std::vector<ReferenceRun> runs_;
+  int count_ = 0;
+};
+
 // Five 2D-2D matches of one reference and one of another with another centre; references are drawn
 // in proportion to their matches. Where all references share one centre the length of the
 // translation is not observable: then the sample is five matches, and the length is one local unit.
@@ -54,14 +70,49 @@ class E5p1Generator final : public HypothesisGenerator {
   // A reference for the five, and the pairs that may be the sixth.
   struct FiveSource {
     ReferenceRun run;
-    std::vector<ReferenceRun> sixth_runs;
-    int num_sixth = 0;
+    PairsElsewhere sixth;
+    int size() const { return run.size(); }
   };
 
   const PreparedProblem& problem_;
   std::vector<FiveSource> sources_;
   int num_five_ = 0;  // pairs of all sources together
   bool position_observable_ = false;
+};
+
+// Three 2D-2D matches of one reference that the geometry has lifted, whatever the scale of the
+// reference's depths, and one match of another reference with another centre; references are drawn
+// in proportion to their lifted matches.
+class D3p1Generator final : public HypothesisGenerator {
+ public:
+  D3p1Generator(const PreparedProblem& problem, const KeypointEvidence& evidence);
+  // Whether some reference has three lifted matches, and another a match.
+  bool CanSample() const { return !sources_.empty(); }
+
+  void Generate(Rng& rng, std::vector<SolverPose>& poses) const override;
+  double SuccessProbability(const InlierCounts& inliers) const override;
+
+ private:
+  struct LiftedMatch {
+    Eigen::Vector3d query_ray;
+    Eigen::Matrix3d image_from_ray;     // of the query, as a PreparedPoint's
+    Eigen::Vector3d point_from_centre;  // world axes
+  };
+  // A reference for the three, and the pairs that may be the fourth.
+  struct DepthSource {
+    ReferenceRun run;
+    std::vector<LiftedMatch> lifted;
+    PairsElsewhere fourth;
+    int size() const { return static_cast<int>(lifted.size()); }
+  };
+
+  // The share of the lifted matches whose points lie where the query sees them, once all of them
+  // are moved along their rays by one factor.
+  double InlierRatio(const DepthSource& source, const SolverPose& pose) const;
+
+  const PreparedProblem& problem_;
+  std::vector<DepthSource> sources_;
+  int num_lifted_ = 0;  // matches of all sources together
 };
 
 }  // namespace raylift

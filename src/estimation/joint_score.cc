@@ -173,6 +173,7 @@ InlierCounts Scorer::CountInliers(const SolverPose& pose) const {
   const auto kernel_pose = ToKernelPose<float>(pose);
   const auto centres = CentresInCam<float>(problem_, pose);
   InlierCounts counts;
+  counts.pose = pose;
   counts.points = kernel
                       .score_points(problem_.point_blocks.data(),
                                     static_cast<int>(problem_.point_blocks.size()), kernel_pose)

@@ -26,6 +26,7 @@ struct JointScore {
 
 // The inliers of a pose.
 struct InlierCounts {
+  SolverPose pose;
   int points = 0;
   std::vector<int> pairs;  // one per reference of the problem
   // How much more the counts of blocks vary than those of independent matches would: a block's

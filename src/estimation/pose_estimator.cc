@@ -9,6 +9,7 @@
 #include "estimation/focal_refinement.h"
 #include "estimation/hypothesis_generators.h"
 #include "estimation/joint_score.h"
+#include "estimation/keypoint_evidence.h"
 #include "estimation/match_residuals.h"
 #include "estimation/prepared_problem.h"
 #include "estimation/ransac.h"
@@ -91,6 +92,9 @@ struct RansacMethod {
   // The residuals that refine a pose, by the solver that made it; none: the solver is not used.
   std::optional<ResidualKinds> refined_after_p3p;
   std::optional<ResidualKinds> refined_after_e5p1;
+  std::optional<ResidualKinds> refined_after_d3p1 = std::nullopt;
+  // The residuals of the final refinement; none: those of the solver that made the pose.
+  std::optional<ResidualKinds> refined_finally = std::nullopt;
 };
 
 RansacMethod Configure(const EstimatorOptions& options) {
@@ -109,6 +113,13 @@ RansacMethod Configure(const EstimatorOptions& options) {
               .score = options.score,
               .refined_after_p3p = std::nullopt,
               .refined_after_e5p1 = kPairs};
+    case Method::kD3p1:
+      return {.scored_sets = Objective::Sets::kPairs,
+              .score = options.score,
+              .refined_after_p3p = std::nullopt,
+              .refined_after_e5p1 = std::nullopt,
+              .refined_after_d3p1 = kPairs,
+              .refined_finally = UsesSceneNoise(options) ? kBoth : kPairs};
     case Method::kHybridRansac:
       return {.scored_sets = Objective::Sets::kBoth,
               .score = ScoreCombination::kSumInliers,
@@ -126,7 +137,7 @@ RansacMethod Configure(const EstimatorOptions& options) {
           .refined_after_e5p1 = split ? kPairs : kBoth};
 }
 
-// P3P, E5+1, Adaptive and Hybrid RANSAC.
+// P3P, E5+1, D3+1, Adaptive and Hybrid RANSAC.
 class RansacEstimator final : public PoseEstimator {
  public:
   explicit RansacEstimator(const EstimatorOptions& options)
@@ -151,11 +162,19 @@ class RansacEstimator final : public PoseEstimator {
     if (method_.refined_after_e5p1 && E5p1Generator::CanSample(prepared)) {
       solvers.push_back({&e5p1, Solver::kE5p1, *method_.refined_after_e5p1});
     }
+    std::optional<KeypointEvidence> evidence;
+    std::optional<D3p1Generator> d3p1;
+    if (method_.refined_after_d3p1 || UsesSceneNoise(options_)) {
+      evidence = GatherEvidence(problem, prepared);
+    }
+    if (method_.refined_after_d3p1) {
+      d3p1.emplace(prepared, *evidence);
+      if (d3p1->CanSample()) {
+        solvers.push_back({&*d3p1, Solver::kD3p1, *method_.refined_after_d3p1});
+      }
+    }
     if (solvers.empty()) {
-      const bool enough_pairs =
-          prepared.pairs.size() >= 5 && method_.refined_after_e5p1.has_value();
-      estimate.failure =
-          enough_pairs ? FailureReason::kNoReferencePair : FailureReason::kTooFewMatches;
+      estimate.failure = WhyNoSample(prepared);
       return estimate;
     }
     // A set of which nothing can be used is none.
@@ -175,8 +194,8 @@ class RansacEstimator final : public PoseEstimator {
     const auto value_of = [&](const SolverPose& pose) {
       return objective.Value(scorer.ScoreAll(pose));
     };
-    FinalPose final_pose =
-        RefineFinally(problem, prepared, best.pose, best.refined_kinds, options_);
+    const ResidualKinds finally = method_.refined_finally.value_or(best.refined_kinds);
+    FinalPose final_pose = RefineFinally(prepared, evidence, best.pose, finally, options_);
     estimate.ransac_value = report.best_value;
     estimate.refined_value = value_of(final_pose.pose);
     // The likeliest pose rarely has the best score, but one that explains far less has lost its
@@ -186,7 +205,7 @@ class RansacEstimator final : public PoseEstimator {
     if (!(nothing - estimate.refined_value > kKeptGain * (nothing - estimate.ransac_value))) {
       EstimatorOptions unrefined = options_;
       unrefined.refinement = Refinement::kPaper;
-      final_pose = RefineFinally(problem, prepared, best.pose, best.refined_kinds, unrefined);
+      final_pose = RefineFinally(prepared, evidence, best.pose, finally, unrefined);
       estimate.refined_value = estimate.ransac_value;
     }
     DescribePose(prepared, problem, final_pose, estimate);
@@ -199,6 +218,17 @@ class RansacEstimator final : public PoseEstimator {
   }
 
  private:
+  FailureReason WhyNoSample(const PreparedProblem& problem) const {
+    if (method_.refined_after_e5p1 && problem.pairs.size() >= 5) {
+      return FailureReason::kNoReferencePair;
+    }
+    if (options_.method == Method::kD3p1 && problem.pairs.size() >= 4 &&
+        problem.points.size() >= 3) {
+      return FailureReason::kNoDepthPair;
+    }
+    return FailureReason::kTooFewMatches;
+  }
+
   // How sure the pose is, against chance and against the other poses that were found.
   void Judge(const PoseProblem& problem, const PreparedProblem& prepared,
              const RansacReport& report, const SolverPose& pose, size_t num_solvers,
@@ -252,8 +282,9 @@ class RansacEstimator final : public PoseEstimator {
         estimate.score_2d2d.num_inliers >= (e5p1.PositionObservable() ? 6 : 5);
     const bool by_chance =
         options_.refinement == Refinement::kRobust && estimate.confidence < kLeastConfidence;
-    const bool supported = (method_.refined_after_p3p && enough_points) ||
-                           (method_.refined_after_e5p1 && enough_pairs);
+    const bool by_pairs = method_.refined_after_e5p1 || method_.refined_after_d3p1;
+    const bool supported =
+        (method_.refined_after_p3p && enough_points) || (by_pairs && enough_pairs);
     if (by_chance || !supported || !estimate.cam_from_world->IsFinite()) {
       estimate.cam_from_world.reset();
       estimate.verdict = PoseVerdict::kFailed;
@@ -262,8 +293,8 @@ class RansacEstimator final : public PoseEstimator {
       estimate.failure = FailureReason::kNoConsistentSample;
       return;
     }
-    estimate.position_observable =
-        e5p1.PositionObservable() || (method_.refined_after_p3p && enough_points);
+    estimate.position_observable = e5p1.PositionObservable() || options_.method == Method::kD3p1 ||
+                                   (method_.refined_after_p3p && enough_points);
     if (!estimate.position_observable) {
       DropCovariance(estimate);
       estimate.verdict = PoseVerdict::kDoubtful;
@@ -426,6 +457,7 @@ std::unique_ptr<PoseEstimator> MakePoseEstimator(const EstimatorOptions& options
   switch (options.method) {
     case Method::kP3p:
     case Method::kE5p1:
+    case Method::kD3p1:
     case Method::kAdaptive:
     case Method::kHybridRansac:
       return std::make_unique<RansacEstimator>(options);

@@ -35,7 +35,7 @@ QueryOutcome FromJson(const Json& json) {
   outcome.inliers_2d2d = json.at("inliers_2d2d");
   outcome.matches_2d3d = json.at("matches_2d3d");
   outcome.matches_2d2d = json.at("matches_2d2d");
-  outcome.solver = json.at("solver") == ToString(Solver::kE5p1) ? Solver::kE5p1 : Solver::kP3p;
+  outcome.solver = FromName<Solver>(json.at("solver").get<std::string>()).value_or(Solver::kP3p);
   return outcome;
 }
 

@@ -110,8 +110,9 @@ TEST(Compare, BadOptionsAreTold) {
   EXPECT_TRUE(FailsWith(2, {"--queries", "needs --cache, --out or --report"},
                         RunRaylift(compare + Arguments{"--queries", scene.query_list(), "--images",
                                                        scene.images()})));
-  EXPECT_TRUE(FailsWith(2, {"--methods = p4p: expected p3p|e5p1|adaptive[:SCORE]|select[:ALPHA]|"},
-                        RunRaylift(compare + Arguments{"--methods", "p4p"})));
+  EXPECT_TRUE(
+      FailsWith(2, {"--methods = p4p: expected p3p|e5p1|d3p1|adaptive[:SCORE]|select[:ALPHA]|"},
+                RunRaylift(compare + Arguments{"--methods", "p4p"})));
   for (const std::string text : {"", "p3p:1", "adaptive:best", "select:x"}) {
     EXPECT_TRUE(FailsWith(2, {"--methods = " + text + ": "},
                           RunRaylift(compare + Arguments{"--methods", text})));

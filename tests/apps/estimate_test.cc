@@ -51,7 +51,8 @@ Arguments WithoutOut(Arguments arguments) {
 TEST(Estimate, ProblemsThatLocalizeWroteGiveItsPosesByteForByte) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const Arguments localize = WithoutOut(LocalizeWithHloc(scene, ""));
-  for (const std::string method : {"p3p", "e5p1", "adaptive", "select", "hybrid_ransac", "hloc"}) {
+  for (const std::string method :
+       {"p3p", "e5p1", "d3p1", "adaptive", "select", "hybrid_ransac", "hloc"}) {
     ExpectSamePoses(scene, localize, {"--method", method, "--seed", "3"}, method);
   }
   for (const std::string score : {"sum_inl", "sum_inl_rat", "mult_inl", "sum_msac", "mult_msac"}) {
@@ -65,7 +66,8 @@ TEST(Estimate, ProblemsFromTheFrontEndGiveItsPosesByteForByte) {
   const RoomScene scene = WriteRoomScene(TestFolder(), {.matches = false, .pictures = true});
   const Arguments localize =
       WithoutOut(LocalizeFromImages(scene, "")) + Arguments{"--cache", scene.folder / "cache"};
-  for (const std::string method : {"p3p", "e5p1", "adaptive", "select", "hybrid_ransac", "hloc"}) {
+  for (const std::string method :
+       {"p3p", "e5p1", "d3p1", "adaptive", "select", "hybrid_ransac", "hloc"}) {
     ExpectSamePoses(scene, localize, {"--method", method}, method);
   }
 }

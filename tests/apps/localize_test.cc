@@ -20,7 +20,8 @@ namespace fs = std::filesystem;
 
 TEST(Localize, FindsTheTruePosesByEveryMethod) {
   const RoomScene scene = WriteRoomScene(TestFolder());
-  for (const std::string method : {"p3p", "e5p1", "adaptive", "select", "hybrid_ransac", "hloc"}) {
+  for (const std::string method :
+       {"p3p", "e5p1", "d3p1", "adaptive", "select", "hybrid_ransac", "hloc"}) {
     const fs::path out = scene.folder / method;
     ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--method", method})));
     EXPECT_TRUE(HoldsTruePoses(out / "poses.txt", scene.queries, 1e-3, 1e-4)) << method;
@@ -181,7 +182,8 @@ TEST(Localize, AGeoreferencedSceneGivesTheSamePosesMoved) {
   const Eigen::Vector3d offset(4e5, 5e6, 300);
   const RoomScene near = WriteRoomScene(folder / "near");
   const RoomScene far = WriteRoomScene(folder / "far", {.offset = offset});
-  for (const std::string method : {"p3p", "e5p1", "adaptive", "select", "hybrid_ransac", "hloc"}) {
+  for (const std::string method :
+       {"p3p", "e5p1", "d3p1", "adaptive", "select", "hybrid_ransac", "hloc"}) {
     std::vector<std::vector<NamedPose>> poses;
     for (const RoomScene* scene : {&near, &far}) {
       const fs::path out = scene->folder / method;

@@ -138,8 +138,9 @@ BENCHMARK(LocalOptimizationHybrid)->Arg(100)->Arg(1000)->Unit(benchmark::kMicros
 void FinalRefinement(benchmark::State& state) {
   const ScoringProblem problem = MakeScoringProblem(static_cast<int>(state.range(0)));
   for (auto _ : state) {
-    benchmark::DoNotOptimize(RefineFinally(problem.synthetic.problem, problem.prepared,
-                                           problem.truth, ResidualKinds{}, Refinement::kRobust));
+    benchmark::DoNotOptimize(
+        RefineFinally(problem.prepared, GatherEvidence(problem.synthetic.problem, problem.prepared),
+                      problem.truth, ResidualKinds{}, {}));
   }
 }
 BENCHMARK(FinalRefinement)->Arg(100)->Arg(1000)->Unit(benchmark::kMicrosecond);

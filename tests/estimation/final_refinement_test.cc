@@ -19,8 +19,8 @@ SyntheticOptions NoiseFree(double outlier_ratio) {
 
 FinalPose Refine(const NearTruth& near, const SolverPose& start, ResidualKinds kinds,
                  Refinement refinement = Refinement::kRobust) {
-  return RefineFinally(near.synthetic.problem, near.prepared, start, kinds,
-                       {.refinement = refinement});
+  return RefineFinally(near.prepared, GatherEvidence(near.synthetic.problem, near.prepared), start,
+                       kinds, {.refinement = refinement});
 }
 
 TEST(RefineFinally, ReachesTheTruthOfNoiseFreeMatches) {

@@ -16,6 +16,7 @@ EstimatorOptions StandardOptions(Method method);
 PoseEstimate EstimateWith(const EstimatorOptions& options, const PoseProblem& problem);
 PoseEstimate EstimateWith(Method method, const PoseProblem& problem);
 
+// But D3+1, which needs points lifted from pairs (d3p1_test.cc).
 inline constexpr Method kEveryMethod[] = {Method::kP3p,    Method::kE5p1,         Method::kAdaptive,
                                           Method::kSelect, Method::kHybridRansac, Method::kHloc};
 

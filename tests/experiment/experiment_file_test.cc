@@ -99,7 +99,7 @@ TEST(ExperimentFile, ErrorsNameTheKey) {
   EXPECT_THAT(ErrorOf("seeds = [-1]\n" + good), HasSubstr("seeds: expected whole numbers"));
   EXPECT_THAT(ErrorOf(good + "methods = \"p3p\"\n"), HasSubstr("grid 1.methods: is no key"));
   EXPECT_THAT(ErrorOf(good + "method = \"p4p\"\n"),
-              HasSubstr("grid 1.method: expected p3p|e5p1|adaptive"));
+              HasSubstr("grid 1.method: expected p3p|e5p1|d3p1|adaptive"));
   EXPECT_THAT(ErrorOf(good + "every = 0\n"), HasSubstr("grid 1.every: expected numbers of at"));
   EXPECT_THAT(ErrorOf(good + "geometry = \"sfm\"\n"), HasSubstr("found \"sfm\""));
   EXPECT_THAT(ErrorOf(good + "filter = \"2 px\"\n"), HasSubstr("names of [filters]"));

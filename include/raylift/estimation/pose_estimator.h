@@ -5,6 +5,10 @@
 //   E5+1           LO-RANSAC on the 2D-2D matches: an essential matrix from five matches to one
 //                  reference, the translation's scale from one match to another (Sampson error). No
 //                  geometry needed.
+//   D3+1           LO-RANSAC on the 2D-2D matches with a semi-generalized sample of three points
+//                  with depth and one without: the three, of one reference whose depths may have
+//                  any scale, give the pose up to the translation's length (P3P), the match to
+//                  another reference gives that. For depth from single images.
 //   Adaptive       Both samples in every iteration, all poses scored on both match sets (Sec. 3).
 //   Select         P3P and E5+1 apart, then one of the two poses by its 2D-2D inliers (Eq. 6).
 //   Hybrid RANSAC  Each iteration first draws which solver; poses are compared by the sum of
@@ -31,11 +35,13 @@
 
 namespace raylift {
 
-enum class Method { kP3p, kE5p1, kAdaptive, kSelect, kHybridRansac, kHloc };
+enum class Method { kP3p, kE5p1, kD3p1, kAdaptive, kSelect, kHybridRansac, kHloc };
 template <>
 inline constexpr auto kEnumNames<Method> = std::to_array<EnumName<Method>>({
     {Method::kP3p, "p3p", "P3P", "LO-RANSAC on the 2D-3D matches"},
     {Method::kE5p1, "e5p1", "E5+1", "LO-RANSAC on the 2D-2D matches; needs no geometry"},
+    {Method::kD3p1, "d3p1", "D3+1",
+     "as E5+1, sampling depth of any scale per reference (3pt+depth)"},
     {Method::kAdaptive, "adaptive", "Adaptive",
      "both samples in every iteration, scored on both match sets"},
     {Method::kSelect, "select", "Select",
@@ -46,11 +52,15 @@ inline constexpr auto kEnumNames<Method> = std::to_array<EnumName<Method>>({
      "P3P per covisibility cluster of the references, best by inliers"},
 });
 
+// E5+1 and D3+1 judge poses by 2D-2D matches alone.
+constexpr bool ScoresPairsAlone(Method method) {
+  return method == Method::kE5p1 || method == Method::kD3p1;
+}
 // All but E5+1 use 2D-3D matches.
 constexpr bool UsesPoints(Method method) { return method != Method::kE5p1; }
-// P3P and HLoc have nothing else; the others can do without.
+// P3P and HLoc have nothing else, and D3+1 draws them; the others can do without.
 constexpr bool NeedsPoints(Method method) {
-  return method == Method::kP3p || method == Method::kHloc;
+  return method == Method::kP3p || method == Method::kHloc || method == Method::kD3p1;
 }
 
 // How the scores of the two match sets become one (Eqs. 1 to 5): I inliers, N matches, M MSAC sums.
@@ -83,8 +93,8 @@ inline constexpr auto kEnumNames<LocalOptimization> = std::to_array<EnumName<Loc
 
 // What happens beyond the paper, in every method.
 enum class Refinement {
-  // The pose is refined by maximum likelihood after RANSAC, Adaptive's by both match sets together;
-  // a pose that chance explains is none.
+  // The pose is refined by maximum likelihood after RANSAC, Adaptive's and D3+1's by both match
+  // sets together; a pose that chance explains is none.
   kRobust,
   // Nothing: every new best pose is optimized locally on all matches, and the best one is returned
   // as it is.
@@ -96,11 +106,12 @@ inline constexpr auto kEnumNames<Refinement> = std::to_array<EnumName<Refinement
     {Refinement::kPaper, "paper", "paper", "the paper's methods and nothing beyond"},
 });
 
-enum class Solver { kP3p, kE5p1 };
+enum class Solver { kP3p, kE5p1, kD3p1 };
 template <>
 inline constexpr auto kEnumNames<Solver> = std::to_array<EnumName<Solver>>({
     {Solver::kP3p, "p3p"},
     {Solver::kE5p1, "e5p1"},
+    {Solver::kD3p1, "d3p1"},
 });
 
 struct EstimatorOptions {
@@ -131,10 +142,13 @@ struct EstimatorOptions {
   void Validate() const;
 };
 
-// Whether an estimate tells of the scene's noise (PoseEstimate::noise) and takes it.
+// Whether a pose is refined by both match sets together: then the estimate tells of the scene's
+// noise (PoseEstimate::noise) and takes it.
 constexpr bool UsesSceneNoise(const EstimatorOptions& options) {
-  return options.method == Method::kAdaptive && options.refinement == Refinement::kRobust &&
-         options.local_optimization == LocalOptimization::kHybrid;
+  const bool by_both_kinds =
+      options.method == Method::kD3p1 || (options.method == Method::kAdaptive &&
+                                          options.local_optimization == LocalOptimization::kHybrid);
+  return by_both_kinds && options.refinement == Refinement::kRobust;
 }
 
 // Why there is no pose.
@@ -142,6 +156,7 @@ enum class FailureReason {
   kNone,
   kTooFewMatches,       // fewer than the method's minimal samples need
   kNoReferencePair,     // E5+1 alone: no reference with five matches and another with one
+  kNoDepthPair,         // D3+1 alone: no reference with three lifted matches and another with one
   kNoConsistentSample,  // no sample gave a pose that enough matches agree on
 };
 template <>
@@ -149,6 +164,7 @@ inline constexpr auto kEnumNames<FailureReason> = std::to_array<EnumName<Failure
     {FailureReason::kNone, "ok"},
     {FailureReason::kTooFewMatches, "too few matches"},
     {FailureReason::kNoReferencePair, "no reference has five matches"},
+    {FailureReason::kNoDepthPair, "no reference has three matches with depth"},
     {FailureReason::kNoConsistentSample, "no pose that enough matches agree on"},
 });
 
