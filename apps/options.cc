@@ -69,7 +69,8 @@ void AddEstimatorNumbers(CLI::App& app, EstimatorOptions& values, const std::str
                 "What happens beyond the paper, in every method: {}.\n"
                 "robust refines the pose after RANSAC by maximum likelihood,\n"
                 "Adaptive's and D3+1's by both kinds of matches with what they are\n"
-                "found to be worth, and drops poses that chance explains;\n"
+                "found to be worth, draws samples of D3+1 in Adaptive as well, and\n"
+                "drops poses that chance explains;\n"
                 "paper optimizes each new best pose on all matches, no more")
       ->group(group);
   app.add_option("--reprojection-threshold-px", values.reprojection_threshold_px,

@@ -134,7 +134,8 @@ RansacMethod Configure(const EstimatorOptions& options) {
   return {.scored_sets = Objective::Sets::kBoth,
           .score = options.score,
           .refined_after_p3p = split ? kPoints : kBoth,
-          .refined_after_e5p1 = split ? kPairs : kBoth};
+          .refined_after_e5p1 = split ? kPairs : kBoth,
+          .refined_after_d3p1 = UsesSceneNoise(options) ? std::optional(kBoth) : std::nullopt};
 }
 
 // P3P, E5+1, D3+1, Adaptive and Hybrid RANSAC.
@@ -164,10 +165,8 @@ class RansacEstimator final : public PoseEstimator {
     }
     std::optional<KeypointEvidence> evidence;
     std::optional<D3p1Generator> d3p1;
-    if (method_.refined_after_d3p1 || UsesSceneNoise(options_)) {
-      evidence = GatherEvidence(problem, prepared);
-    }
     if (method_.refined_after_d3p1) {
+      evidence = GatherEvidence(problem, prepared);
       d3p1.emplace(prepared, *evidence);
       if (d3p1->CanSample()) {
         solvers.push_back({&*d3p1, Solver::kD3p1, *method_.refined_after_d3p1});

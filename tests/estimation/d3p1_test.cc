@@ -87,7 +87,7 @@ TEST(D3p1, NeedsFewerSamplesThanE5p1) {
   Rng rng = TestRng();
   CoherentOptions hard = UnknownScale();
   hard.wrong = 0.6;
-  std::vector<int> d3p1, e5p1;
+  std::vector<int> d3p1, e5p1, adaptive, without_depth;
   for (int i = 0; i < kProblems; ++i) {
     const CoherentProblem made = MakeCoherentProblem("wrong", hard, rng);
     const auto iterations = [&made](Method method, const PoseProblem& problem) {
@@ -97,8 +97,13 @@ TEST(D3p1, NeedsFewerSamplesThanE5p1) {
     };
     d3p1.push_back(iterations(Method::kD3p1, made.problem));
     e5p1.push_back(iterations(Method::kE5p1, made.problem));
+    adaptive.push_back(iterations(Method::kAdaptive, made.problem));
+    PoseProblem pairs = made.problem;
+    pairs.matches_2d3d.clear();
+    without_depth.push_back(iterations(Method::kAdaptive, pairs));
   }
   EXPECT_LT(2 * Sum(d3p1), Sum(e5p1));
+  EXPECT_LT(2 * Sum(adaptive), Sum(without_depth));
 }
 
 TEST(D3p1, SaysWhereThereIsNothingToSample) {
@@ -146,6 +151,17 @@ TEST(D3p1, EverySimdLevelAndEveryRunGiveTheSameBytes) {
           << ToString(method) << " " << kernels::ToString(level);
     }
     kernels::OverrideSimdLevel(std::nullopt);
+  }
+}
+
+// The paper's Adaptive knows two samples.
+TEST(D3p1, IsNoSampleOfThePapersAdaptive) {
+  Rng rng = TestRng();
+  for (int i = 0; i < kProblems; ++i) {
+    const CoherentProblem made = MakeCoherentProblem("paper", UnknownScale(), rng);
+    EstimatorOptions options = StandardOptions(Method::kAdaptive);
+    options.refinement = Refinement::kPaper;
+    EXPECT_NE(EstimateWith(options, made.problem).solver, Solver::kD3p1);
   }
 }
 

@@ -94,7 +94,7 @@ inline constexpr auto kEnumNames<LocalOptimization> = std::to_array<EnumName<Loc
 // What happens beyond the paper, in every method.
 enum class Refinement {
   // The pose is refined by maximum likelihood after RANSAC, Adaptive's and D3+1's by both match
-  // sets together; a pose that chance explains is none.
+  // sets together, and Adaptive draws samples of D3+1 as well; a pose that chance explains is none.
   kRobust,
   // Nothing: every new best pose is optimized locally on all matches, and the best one is returned
   // as it is.
