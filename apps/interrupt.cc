@@ -2,6 +2,8 @@
 
 #include <csignal>
 
+#include "raylift/base/call_watch.h"
+
 namespace raylift {
 namespace {
 
@@ -23,11 +25,14 @@ void Handle(void (*handler)(int), int flags) {
 
 SignalGuard::SignalGuard() {
   stop_wanted = false;
+  if (CallWatch::Current() != nullptr) return;
   // SA_RESETHAND: a second signal has its usual effect.
   Handle(&OnSignal, SA_RESTART | static_cast<int>(SA_RESETHAND));
 }
 
-SignalGuard::~SignalGuard() { Handle(SIG_DFL, 0); }
+SignalGuard::~SignalGuard() {
+  if (CallWatch::Current() == nullptr) Handle(SIG_DFL, 0);
+}
 
 const std::atomic<bool>& SignalGuard::stop() { return stop_wanted; }
 

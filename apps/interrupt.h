@@ -14,7 +14,8 @@ class Interrupted : public std::runtime_error {
   explicit Interrupted(const std::string& message) : std::runtime_error(message) {}
 };
 
-// While one exists, the first signal sets stop(); a second one ends the program at once.
+// While one exists, the first signal sets stop(); a second one ends the program at once. Where the
+// call is watched (base/call_watch.h), signals are the watcher's.
 class SignalGuard {
  public:
   SignalGuard();

@@ -10,6 +10,8 @@
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
+#include "raylift/base/call_watch.h"
+
 #if defined(__SANITIZE_THREAD__)
 #define RAYLIFT_THREAD_SANITIZER 1
 #elif defined(__has_feature)
@@ -49,8 +51,10 @@ int ResolveThreads(int threads) {
 
 void ParallelFor(size_t count, int threads, const std::function<void(size_t)>& body) {
   const int num_threads = ResolveThreads(threads);
+  CallWatch* const watch = CallWatch::Current();
   if (num_threads == 1 || count <= 1) {
     for (size_t i = 0; i < count; ++i) {
+      if (watch != nullptr) watch->Check();
       body(i);
     }
     return;
@@ -69,6 +73,7 @@ void ParallelFor(size_t count, int threads, const std::function<void(size_t)>& b
         tbb::blocked_range<size_t>(0, count, 1),
         [&](const tbb::blocked_range<size_t>& range) {
           Acquire(&begin);
+          const CallWatch::OnThisThread watched(watch);
           for (size_t i = range.begin(); i != range.end(); ++i) {
             {
               const std::lock_guard<std::mutex> lock(mutex);
@@ -77,6 +82,7 @@ void ParallelFor(size_t count, int threads, const std::function<void(size_t)>& b
               }
             }
             try {
+              if (watch != nullptr) watch->Check();
               body(i);
             } catch (...) {
               const std::lock_guard<std::mutex> lock(mutex);

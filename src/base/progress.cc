@@ -21,6 +21,7 @@ Progress::Progress(std::string what, size_t total, Show show)
     : what_(std::move(what)),
       total_(total),
       visible_(show == Show::kAuto && isatty(STDERR_FILENO) != 0),
+      watch_(CallWatch::Current()),
       start_(std::chrono::steady_clock::now()),
       last_print_(start_) {}
 
@@ -38,16 +39,17 @@ void Progress::CountAlso(std::string unit, double total) {
 
 void Progress::Advance(double amount) {
   const size_t done = ++done_;
-  if (!visible_) {
+  const bool told = watch_ != nullptr && watch_->hooks().on_progress;
+  if (!visible_ && !told) {
     return;
   }
   const std::lock_guard<std::mutex> lock(mutex_);
   amount_ += amount;
   const auto now = std::chrono::steady_clock::now();
-  if (now - last_print_ > std::chrono::milliseconds(200)) {
-    last_print_ = now;
-    Print(done);
-  }
+  const bool due = now - last_print_ > std::chrono::milliseconds(200);
+  if (due) last_print_ = now;
+  if (visible_ && due) Print(done);
+  if (told && (due || done == total_)) watch_->hooks().on_progress(what_, done, total_);
 }
 
 void Progress::Print(size_t done) {

@@ -1,4 +1,5 @@
-// Progress of a long loop on stderr: count, rate, time left. Shown only where stderr is a terminal.
+// Progress of a long loop on stderr: count, rate, time left. Shown only where stderr is a terminal;
+// a watch of the call (call_watch.h) is told in any case.
 
 #pragma once
 
@@ -7,6 +8,8 @@
 #include <cstddef>
 #include <mutex>
 #include <string>
+
+#include "raylift/base/call_watch.h"
 
 namespace raylift {
 
@@ -33,6 +36,7 @@ class Progress {
   std::string what_;
   size_t total_;
   bool visible_;
+  CallWatch* watch_;  // outlives the loop; may be null
   std::atomic<size_t> done_{0};
   std::mutex mutex_;
   std::string unit_;  // of the second quantity; empty: there is none
