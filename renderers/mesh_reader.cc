@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <utility>
 
 #include "assimp_reader.h"
 #include "mapped_file.h"
@@ -9,6 +10,7 @@
 #include "ply_reader.h"
 #include "ply_triangle_reader.h"
 #include "raw_mesh.h"
+#include <fmt/format.h>
 
 #include "raylift/base/error.h"
 
@@ -44,6 +46,29 @@ TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& 
     throw InputError(path, "expected a mesh file, found a folder");
   }
   return ReadByExtension(path, options.threads);
+}
+
+TriangleMesh MakeMesh(std::vector<Eigen::Vector3d> vertices,
+                      std::vector<std::array<uint32_t, 3>> triangles,
+                      std::vector<std::array<uint8_t, 3>> colors_rgb) {
+  if (!colors_rgb.empty() && colors_rgb.size() != vertices.size()) {
+    throw InputError(fmt::format("mesh: expected a colour for each of {} vertices, found {}",
+                                 vertices.size(), colors_rgb.size()));
+  }
+  for (size_t i = 0; i < triangles.size(); ++i) {
+    for (const uint32_t index : triangles[i]) {
+      if (index >= vertices.size()) {
+        throw InputError(
+            fmt::format("mesh: triangle {}: expected indices into {} vertices, found {}", i,
+                        vertices.size(), index));
+      }
+    }
+  }
+  RawMesh raw;
+  raw.positions = std::move(vertices);
+  raw.position_colors = std::move(colors_rgb);
+  raw.triangles = std::move(triangles);
+  return FinishMesh("mesh", std::move(raw));
 }
 
 }  // namespace raylift

@@ -3,7 +3,10 @@
 
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <filesystem>
+#include <vector>
 
 #include "raylift/renderers/triangle_mesh.h"
 
@@ -19,5 +22,11 @@ struct MeshReadOptions {
 // missing, unreadable, has an index out of range (naming the face), or has no triangle left (a
 // point cloud says so).
 TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& options = {});
+
+// The same from memory. Colours are one per vertex, or none at all. InputError where an index is out
+// of range, the counts differ, or no triangle is left.
+TriangleMesh MakeMesh(std::vector<Eigen::Vector3d> vertices,
+                      std::vector<std::array<uint32_t, 3>> triangles,
+                      std::vector<std::array<uint8_t, 3>> colors_rgb = {});
 
 }  // namespace raylift
