@@ -1,0 +1,171 @@
+// The whole program: parses, runs one command, turns errors into exit codes.
+
+#include "program.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <exception>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "commands.h"
+#include "config_file.h"
+#include "interrupt.h"
+#include "option_names.h"
+#include "options.h"
+#include "program_help.h"
+#include "scene_arguments.h"
+#include <CLI/CLI.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/io/scene_file.h"
+
+namespace raylift {
+namespace {
+
+enum ExitCode { kDone = 0, kBug = 1, kBadOption = 2, kBadInput = 3, kInterrupted = 4 };
+
+int Fail(ExitCode code, const char* message) {
+  std::fprintf(stderr, "raylift: %s\n", message);
+  return code;
+}
+
+struct Program {
+  std::unique_ptr<CLI::App> app;
+  std::vector<Command> commands;
+
+  // The one that was parsed.
+  const Command& Chosen() const {
+    return *std::find_if(commands.begin(), commands.end(),
+                         [](const Command& command) { return command.app->parsed(); });
+  }
+};
+
+Program MakeProgram() {
+  Program program{std::make_unique<CLI::App>("", "raylift"), {}};
+  CLI::App& app = *program.app;
+  app.set_version_flag("--version", "raylift " RAYLIFT_VERSION);
+  app.require_subcommand(1);
+  app.footer(
+      "All options of a command, with examples:\n"
+      "  raylift COMMAND --help");
+  program.commands = {AddLocalizeCommand(app),   AddEstimateCommand(app), AddEvaluateCommand(app),
+                      AddPerturbCommand(app),    AddRenderCommand(app),   AddCompareCommand(app),
+                      AddDoctorCommand(app),     AddViewsCommand(app),    AddPairsCommand(app),
+                      AddExperimentCommand(app), AddImportCommand(app)};
+  for (const Command& command : program.commands) {
+    CheckNumbers(*command.app);
+  }
+  AddProgramHelp(app);
+  return program;
+}  // NOLINT(clang-analyzer-cplusplus.NewDeleteLeaks): the app is moved out with the program
+
+// The same program, but nothing is required: it tells what a command line gives, and finds unknown
+// options and malformed values first.
+Program MakeSurvey() {
+  Program program = MakeProgram();
+  program.app->require_subcommand(0, 1);
+  for (const Command& command : program.commands) {
+    for (CLI::Option* option : command.app->get_options()) {
+      option->required(false);
+    }
+  }
+  return program;
+}
+
+void Parse(const Program& program, std::vector<std::string> arguments) {
+  std::reverse(arguments.begin(), arguments.end());  // as CLI11 wants them
+  program.app->parse(std::move(arguments));
+}
+
+// Puts arguments before those that the command was given.
+void Insert(const std::vector<std::string>& added, const std::string& command,
+            std::vector<std::string>& arguments) {
+  const auto name = std::find(arguments.begin(), arguments.end(), command);
+  arguments.insert(name + 1, added.begin(), added.end());
+}
+
+// Adds what the --config file of the surveyed command holds.
+std::vector<std::string> WithConfigFile(const Program& survey, std::vector<std::string> arguments) {
+  if (survey.app->get_subcommands().empty()) {
+    return arguments;
+  }
+  const CLI::App& command = *survey.Chosen().app;
+  const CLI::Option& config = *command.get_option("--config");
+  if (config.count() == 0) {
+    return arguments;
+  }
+  const std::filesystem::path file = config.as<std::string>();
+  std::vector<std::string> from_file = ConfigArguments(file, command);
+  try {
+    std::vector<std::string> alone = from_file;
+    alone.insert(alone.begin(), command.get_name());
+    Parse(MakeSurvey(), alone);
+  } catch (const CLI::ParseError& error) {
+    throw InputError(file, error.what());
+  }
+  Insert(from_file, command.get_name(), arguments);
+  return arguments;
+}
+
+// Adds what the --scene file of the command says, and lets `program` know its names.
+std::vector<std::string> WithSceneFile(const Program& program, std::vector<std::string> arguments) {
+  const Program survey = MakeSurvey();
+  Parse(survey, arguments);
+  if (survey.app->get_subcommands().empty()) return arguments;
+  const CLI::App& command = *survey.Chosen().app;
+  const CLI::Option* option = command.get_option_no_throw("--scene");
+  if (option == nullptr || option->count() == 0) return arguments;
+  const SceneFile scene = ReadSceneFile(option->as<std::string>());
+  TakeGeometryNames(scene, *program.app->get_subcommand(command.get_name()));
+  Insert(SceneArguments(scene, command), command.get_name(), arguments);
+  return arguments;
+}
+
+// The program that has parsed these arguments and those that their files hold. CLI::ParseError for
+// what cannot be parsed, CLI::Success for --help and --version.
+Program Parsed(const Program& survey, const std::vector<std::string>& arguments) {
+  Program program = MakeProgram();
+  Parse(survey, arguments);
+  Parse(program, WithSceneFile(program, WithConfigFile(survey, arguments)));
+  return program;
+}
+
+}  // namespace
+
+int RunProgram(const std::vector<std::string>& arguments) {
+  try {
+    const Program survey = MakeSurvey();
+    try {
+      Parsed(survey, arguments).Chosen().run();
+    } catch (const CLI::Success& success) {
+      return survey.app->exit(success);
+    } catch (const CLI::ParseError& error) {
+      return Fail(kBadOption, error.what());
+    }
+  } catch (const OptionError& error) {
+    return Fail(kBadOption, MessageInOptions(error).c_str());
+  } catch (const InputError& error) {
+    return Fail(kBadInput, error.what());
+  } catch (const Interrupted& interrupted) {
+    return Fail(kInterrupted, interrupted.what());
+  } catch (const std::filesystem::filesystem_error& error) {
+    return Fail(kBadInput, error.what());
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "raylift: this is a bug: %s\n", error.what());
+    return kBug;
+  }
+  return kDone;
+}
+
+void RunCommand(const std::vector<std::string>& arguments) {
+  try {
+    Parsed(MakeSurvey(), arguments).Chosen().run();
+  } catch (const CLI::ParseError& error) {
+    throw OptionError(error.what());
+  }
+}
+
+}  // namespace raylift

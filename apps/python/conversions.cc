@@ -1,0 +1,250 @@
+#include "conversions.h"
+
+#include <mutex>
+
+#include "raylift/base/call_watch.h"
+#include "raylift/io/view_list.h"
+
+namespace raylift::python {
+namespace {
+
+std::string TypeName(const py::handle& object) {
+  return py::cast<std::string>(py::type::handle_of(object).attr("__name__"));
+}
+
+// An attribute of an object or an item of a mapping.
+py::object Member(const py::handle& object, const char* name) {
+  if (py::isinstance<py::dict>(object)) {
+    return py::reinterpret_borrow<py::dict>(object).attr("get")(name);
+  }
+  return py::getattr(object, name, py::none());
+}
+
+// pycolmap has had some of them as methods, and has others as properties.
+py::object Called(py::object member) {
+  return PyCallable_Check(member.ptr()) != 0 ? member() : member;
+}
+
+CameraModel ToCameraModel(const py::handle& model) {
+  std::optional<CameraModel> known;
+  std::string text;
+  if (py::isinstance<py::int_>(model) && !py::hasattr(model, "name")) {
+    known = CameraModelFromId(model.cast<int>());
+    text = py::str(model);
+  } else {
+    const py::object name = py::getattr(model, "name", py::reinterpret_borrow<py::object>(model));
+    text = py::str(name);
+    known = CameraModelFromName(text);
+  }
+  if (!known) throw InputError(fmt::format("camera, model: {} is none of COLMAP's", text));
+  return *known;
+}
+
+std::vector<double> Numbers(const py::object& values, std::string_view name) {
+  const auto array =
+      internal::ArrayOf<double>(py::reinterpret_borrow<ArrayLike>(values), name, "numbers");
+  return {array.data(), array.data() + array.size()};
+}
+
+Eigen::Vector3d Translation(const py::object& values) {
+  const std::vector<double> t = Numbers(values, "pose, translation");
+  if (t.size() != 3) {
+    throw InputError(fmt::format("pose, translation: expected 3 numbers, found {}", t.size()));
+  }
+  return {t[0], t[1], t[2]};
+}
+
+Eigen::Quaterniond Unit(double w, double x, double y, double z) {
+  const Eigen::Quaterniond q(w, x, y, z);
+  if (!(q.norm() > 0) || !q.coeffs().allFinite()) {
+    throw InputError("pose, rotation: the quaternion has no direction");
+  }
+  // One that is of unit length up to rounding keeps its digits.
+  return std::abs(q.squaredNorm() - 1) < 1e-12 ? q : q.normalized();
+}
+
+Eigen::Quaterniond FromMatrix(const Eigen::Matrix3d& matrix) {
+  constexpr double kRounding = 1e-3;
+  const bool is_rotation = matrix.allFinite() && matrix.determinant() > 0 &&
+                           (matrix * matrix.transpose()).isIdentity(kRounding);
+  if (!is_rotation) throw InputError("pose: its 3 x 3 part is no rotation");
+  return Eigen::Quaterniond(matrix).normalized();
+}
+
+// (w, x, y, z), or a 3 x 3 matrix.
+Eigen::Quaterniond Rotation(const py::object& values) {
+  const std::vector<double> r = Numbers(values, "pose, rotation");
+  if (r.size() == 4) return Unit(r[0], r[1], r[2], r[3]);
+  if (r.size() == 9) {
+    return FromMatrix(Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r.data()));
+  }
+  throw InputError(fmt::format(
+      "pose, rotation: expected (w, x, y, z) or a 3 x 3 matrix, found {} numbers", r.size()));
+}
+
+Rigid3 FromMatrixRows(const py::object& values) {
+  const std::vector<double> m = Numbers(values, "pose");
+  if (m.size() != 12 && m.size() != 16) {
+    throw InputError(
+        fmt::format("pose: expected a 4 x 4 or 3 x 4 matrix, found {} numbers", m.size()));
+  }
+  const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> upper(m.data());
+  return {FromMatrix(upper.leftCols<3>()), upper.col(3)};
+}
+
+}  // namespace
+
+namespace internal {
+
+void ThrowNotNumbers(std::string_view name, std::string_view expected, const py::handle& found) {
+  PyErr_Clear();
+  throw InputError(fmt::format("{}: expected {}, found {}", name, expected, TypeName(found)));
+}
+
+void ThrowShape(std::string_view name, std::string_view expected, const py::array& found) {
+  const py::str shape(found.attr("shape"));
+  throw InputError(fmt::format("{}: expected {}, found {}", name, expected, std::string(shape)));
+}
+
+}  // namespace internal
+
+Camera ToCamera(const CameraLike& camera) {
+  if (py::isinstance<Camera>(camera)) return camera.cast<Camera>();
+  if (py::isinstance<py::str>(camera)) return ParseCamera("camera", camera.cast<std::string>());
+  const py::object model = Member(camera, "model"), params = Member(camera, "params");
+  if (model.is_none() || params.is_none()) {
+    throw InputError(
+        fmt::format("camera: expected a raylift.Camera, \"MODEL width height params...\", or "
+                    "something with model, width, height and params, found {}",
+                    TypeName(camera)));
+  }
+  return {ToCameraModel(model), Member(camera, "width").cast<int>(),
+          Member(camera, "height").cast<int>(), Numbers(params, "camera, params")};
+}
+
+Rigid3 ToPose(const PoseLike& pose) {
+  if (py::isinstance<Rigid3>(pose)) return pose.cast<Rigid3>();
+  if (py::isinstance<py::dict>(pose)) {
+    return {Rotation(Member(pose, "qvec")), Translation(Member(pose, "tvec"))};
+  }
+  if (py::hasattr(pose, "rotation") && py::hasattr(pose, "translation")) {
+    const py::object rotation = pose.attr("rotation");
+    // pycolmap's quaternions have w last.
+    if (py::hasattr(rotation, "matrix")) {
+      return {Rotation(rotation.attr("matrix")()), Translation(pose.attr("translation"))};
+    }
+    return {Rotation(rotation), Translation(pose.attr("translation"))};
+  }
+  if (py::hasattr(pose, "q") && py::hasattr(pose, "t")) {
+    return {Rotation(pose.attr("q")), Translation(pose.attr("t"))};
+  }
+  const bool is_pair =
+      (py::isinstance<py::tuple>(pose) || py::isinstance<py::list>(pose)) && py::len(pose) == 2;
+  if (is_pair) {
+    return {Rotation(pose[py::int_(0)]), Translation(pose[py::int_(1)])};
+  }
+  return FromMatrixRows(pose);
+}
+
+PosedImage ToPosedImage(const PosedImageLike& image) {
+  if (py::isinstance<PosedImage>(image)) return image.cast<PosedImage>();
+  const auto camera_of = [](const py::object& o) {
+    return ToCamera(py::reinterpret_borrow<CameraLike>(o));
+  };
+  const auto pose_of = [](const py::object& o) {
+    return ToPose(py::reinterpret_borrow<PoseLike>(o));
+  };
+  if (py::isinstance<py::tuple>(image) && py::len(image) == 2) {
+    return {"", camera_of(image[py::int_(0)]), pose_of(image[py::int_(1)])};
+  }
+  const py::object camera = Member(image, "camera"), pose = Member(image, "cam_from_world");
+  if (camera.is_none() || pose.is_none()) {
+    throw InputError(
+        fmt::format("reference: expected a raylift.PosedImage, (camera, pose), or something with "
+                    "camera and cam_from_world, found {}",
+                    TypeName(image)));
+  }
+  const py::object name = Member(image, "name");
+  return {name.is_none() ? "" : py::cast<std::string>(py::str(name)), camera_of(camera),
+          pose_of(Called(pose))};
+}
+
+std::vector<PosedImage> ToPosedImages(const std::vector<PosedImageLike>& images) {
+  std::vector<PosedImage> posed;
+  posed.reserve(images.size());
+  for (const PosedImageLike& image : images) posed.push_back(ToPosedImage(image));
+  return posed;
+}
+
+std::filesystem::path ToPath(const PathLike& path) {
+  return py::reinterpret_steal<py::object>(PyOS_FSPath(path.ptr())).cast<std::string>();
+}
+
+Image ToImage(const ArrayLike& argument) {
+  constexpr std::string_view kExpected =
+      "a uint8 array of shape (height, width) or (height, width, 3)";
+  const auto array = py::array::ensure(argument, py::array::c_style);
+  if (!array) internal::ThrowNotNumbers("image", kExpected, argument);
+  if (!py::isinstance<py::array_t<uint8_t>>(array)) {
+    throw InputError(fmt::format("image: expected {}, found {}", kExpected,
+                                 std::string(py::str(array.dtype()))));
+  }
+  const bool grey = array.ndim() == 2;
+  if (!grey && !(array.ndim() == 3 && array.shape(2) == 3)) {
+    internal::ThrowShape("image", kExpected, array);
+  }
+  const auto* data = static_cast<const uint8_t*>(array.data());
+  return {.width_px = static_cast<int>(array.shape(1)),
+          .height_px = static_cast<int>(array.shape(0)),
+          .channels = grey ? 1 : 3,
+          .data = {data, data + array.size()}};
+}
+
+void Keywords::RequireAllTaken() const {
+  if (left_ == 0) return;
+  for (const auto& [key, value] : given_) {
+    const auto name = key.cast<std::string>();
+    if (std::find(names_.begin(), names_.end(), name) == names_.end()) {
+      throw OptionError(
+          fmt::format("{}: there is no such option; there are {}", name, fmt::join(names_, ", ")));
+    }
+  }
+}
+
+void Keywords::ThrowKind(const char* name, const py::handle& found) {
+  throw OptionError(name, py::cast<std::string>(py::repr(found)),
+                    fmt::format("cannot be {}", TypeName(found)));
+}
+
+void WatchedWithoutLock(const std::optional<ProgressCall>& progress,
+                        const std::function<void()>& work) {
+  // What Python has raised meanwhile; only touched with the interpreter's lock.
+  std::optional<py::error_already_set> raised;
+  CallWatch::Hooks hooks;
+  hooks.stop_wanted = [&raised] {
+    const py::gil_scoped_acquire lock;
+    if (!raised && PyErr_CheckSignals() != 0) raised.emplace();
+    return raised.has_value();
+  };
+  if (progress) {
+    hooks.on_progress = [&](const std::string& what, size_t done, size_t total) {
+      const py::gil_scoped_acquire lock;
+      if (raised) return;
+      try {
+        (*progress)(done, total, what);
+      } catch (py::error_already_set& error) {
+        raised.emplace(std::move(error));
+      }
+    };
+  }
+  try {
+    const py::gil_scoped_release release;
+    const CallWatch watch(std::move(hooks));
+    work();
+  } catch (const Cancelled&) {
+    if (!raised) throw;
+  }
+  if (raised) throw std::move(*raised);
+}
+
+}  // namespace raylift::python

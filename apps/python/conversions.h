@@ -1,0 +1,274 @@
+// What crosses the border between Python and the library: numpy arrays, keyword arguments, cameras
+// and poses of several kinds, and the interpreter's lock.
+
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Core>
+#include <fmt/format.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include "raylift/base/enum_names.h"
+#include "raylift/base/error.h"
+#include "raylift/geometry/camera.h"
+#include "raylift/geometry/rigid3.h"
+#include "raylift/scene/image.h"
+#include "raylift/scene/posed_image.h"
+
+namespace raylift::python {
+
+namespace py = pybind11;
+
+// Arguments that may be objects of many kinds. Signatures show the names of raylift/_types.py for
+// them, and what is missing (None) is none of them.
+inline bool IsSomething(PyObject* object) { return object != Py_None; }
+
+class ArrayLike : public py::object {
+ public:
+  PYBIND11_OBJECT(ArrayLike, py::object, IsSomething)
+};
+class CameraLike : public py::object {
+ public:
+  PYBIND11_OBJECT(CameraLike, py::object, IsSomething)
+};
+class PoseLike : public py::object {
+ public:
+  PYBIND11_OBJECT(PoseLike, py::object, IsSomething)
+};
+class PosedImageLike : public py::object {
+ public:
+  PYBIND11_OBJECT(PosedImageLike, py::object, IsSomething)
+};
+class PathLike : public py::object {
+ public:
+  PYBIND11_OBJECT(PathLike, py::object, IsSomething)
+};
+// Called with (done, total, what), from any thread.
+class ProgressCall : public py::object {
+ public:
+  PYBIND11_OBJECT(ProgressCall, py::object, PyCallable_Check)
+};
+
+// A camera is a Camera, "MODEL width height params...", a mapping with the keys model, width, height
+// and params, or an object with attributes of these names (pycolmap's).
+Camera ToCamera(const CameraLike& camera);
+// A pose is a Rigid3, a 4 x 4 or 3 x 4 matrix, a pair (qvec, tvec), a mapping with the keys qvec and
+// tvec, or an object with the attributes rotation and translation (pycolmap's) or q and t (PoseLib's).
+Rigid3 ToPose(const PoseLike& pose);
+// A reference is a PosedImage, a pair (camera, pose), or an object with the attributes name, camera
+// and cam_from_world (pycolmap's images).
+PosedImage ToPosedImage(const PosedImageLike& image);
+std::vector<PosedImage> ToPosedImages(const std::vector<PosedImageLike>& images);
+std::filesystem::path ToPath(const PathLike& path);
+// uint8: height x width, or height x width x 3 (red, green, blue).
+Image ToImage(const ArrayLike& array);
+
+namespace internal {
+[[noreturn]] void ThrowNotNumbers(std::string_view name, std::string_view expected,
+                                  const py::handle& found);
+[[noreturn]] void ThrowShape(std::string_view name, std::string_view expected,
+                             const py::array& found);
+// The argument as an array of T in C order; a copy only where it is none.
+template <typename T>
+py::array_t<T> ArrayOf(const ArrayLike& argument, std::string_view name,
+                       std::string_view expected) {
+  constexpr int kFlags =
+      py::array::c_style | py::array::forcecast | py::detail::npy_api::NPY_ARRAY_ALIGNED_;
+  auto array = py::array_t<T, kFlags>::ensure(argument);
+  if (!array) ThrowNotNumbers(name, expected, argument);
+  return array;
+}
+}  // namespace internal
+
+// The rows of an array of the shape (N, kColumns), which it keeps alive. InputError naming the
+// argument where it is of another shape. An empty list is an array without rows.
+template <int kColumns, typename T = double>
+class Rows {
+ public:
+  using Row = Eigen::Matrix<T, kColumns, 1>;
+
+  Rows(const ArrayLike& argument, std::string_view name)
+      : array_(internal::ArrayOf<T>(argument, name, Expected())) {
+    if (array_.size() == 0) return;
+    if (array_.ndim() != 2 || array_.shape(1) != kColumns) {
+      internal::ThrowShape(name, Expected(), array_);
+    }
+    size_ = static_cast<size_t>(array_.shape(0));
+  }
+  Rows(const std::optional<ArrayLike>& argument, std::string_view name)
+      : Rows(argument ? Rows(*argument, name) : Rows()) {}
+  Rows() = default;
+
+  size_t size() const { return size_; }
+  Row operator[](size_t i) const {
+    return Eigen::Map<const Row>(array_.data() + i * size_t{kColumns});
+  }
+  std::vector<Row> ToVector() const {
+    std::vector<Row> rows(size_);
+    for (size_t i = 0; i < size_; ++i) rows[i] = (*this)[i];
+    return rows;
+  }
+
+ private:
+  static std::string Expected() { return fmt::format("an array of shape (N, {})", kColumns); }
+
+  py::array_t<T> array_;
+  size_t size_ = 0;
+};
+
+// One number per match, or none at all. InputError where their count differs.
+template <typename T>
+std::optional<py::array_t<T>> PerMatch(const std::optional<ArrayLike>& argument,
+                                       std::string_view name, size_t count) {
+  if (!argument) return std::nullopt;
+  const std::string expected = fmt::format("an array of shape ({},)", count);
+  auto array = internal::ArrayOf<T>(*argument, name, expected);
+  const bool fits = array.ndim() == 1 && static_cast<size_t>(array.size()) == count;
+  if (!fits) internal::ThrowShape(name, expected, array);
+  return array;
+}
+
+// An array of `rows` x `columns` whose numbers `at` gives.
+template <typename At>
+py::array_t<double> MakeRows(size_t rows, size_t columns, const At& at) {
+  py::array_t<double> array(std::vector<size_t>{rows, columns});
+  double* number = array.mutable_data();
+  for (size_t i = 0; i < rows; ++i) {
+    const auto row = at(i);
+    for (size_t j = 0; j < columns; ++j) *number++ = row[static_cast<Eigen::Index>(j)];
+  }
+  return array;
+}
+
+template <typename Derived>
+py::array_t<double> ToArray(const Eigen::MatrixBase<Derived>& matrix) {
+  const auto rows = matrix.rows(), columns = matrix.cols();
+  py::array_t<double> array(columns == 1 ? std::vector<Eigen::Index>{rows}
+                                         : std::vector<Eigen::Index>{rows, columns});
+  Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(
+      array.mutable_data(), rows, columns) = matrix;
+  return array;
+}
+inline py::array_t<bool> ToArray(const std::vector<bool>& flags) {
+  py::array_t<bool> array(static_cast<py::ssize_t>(flags.size()));
+  std::copy(flags.begin(), flags.end(), array.mutable_data());
+  return array;
+}
+
+// The vector's memory becomes the array's.
+template <typename T>
+py::array_t<T> HandOver(std::vector<T>&& values, const std::vector<py::ssize_t>& shape) {
+  auto* owned = new std::vector<T>(std::move(values));
+  const py::capsule owner(owned, [](void* p) { delete static_cast<std::vector<T>*>(p); });
+  return py::array_t<T>(shape, owned->data(), owner);
+}
+
+// The value of an enum by its name on the command line.
+template <NamedEnum Enum>
+Enum ToEnum(std::string_view name, const std::string& value) {
+  if (const auto known = FromName<Enum>(value)) return *known;
+  throw OptionError(name, value, "expected " + NameList<Enum>());
+}
+
+// Keyword arguments, each of which is taken once.
+class Keywords {
+ public:
+  explicit Keywords(const py::kwargs& given) : given_(given), left_(given.size()) {}
+
+  // Leaves the value as it is where it is not given. OptionError for one of another kind.
+  template <typename T>
+  void Take(const char* name, T& value) {
+    names_.push_back(name);
+    if (left_ == 0) return;
+    PyObject* const found = PyDict_GetItemString(given_.ptr(), name);
+    if (found == nullptr) return;
+    --left_;
+    const py::handle handle(found);
+    try {
+      if constexpr (NamedEnum<T>) {
+        value = ToEnum<T>(name, handle.cast<std::string>());
+      } else if constexpr (std::is_same_v<T, std::filesystem::path>) {
+        value = ToPath(py::reinterpret_borrow<PathLike>(handle));
+      } else {
+        value = handle.cast<T>();
+      }
+    } catch (const py::cast_error&) {
+      ThrowKind(name, handle);
+    }
+  }
+
+  // OptionError naming one that was not taken.
+  void RequireAllTaken() const;
+
+ private:
+  [[noreturn]] static void ThrowKind(const char* name, const py::handle& found);
+
+  py::kwargs given_;
+  size_t left_;
+  std::vector<std::string_view> names_;
+};
+
+// Works without the interpreter's lock.
+template <typename Work>
+auto WithoutLock(const Work& work) {
+  const py::gil_scoped_release release;
+  return work();
+}
+
+// The same for work that may take long: `progress` is called where it is given, and Ctrl-C, or an
+// exception of `progress`, ends it.
+void WatchedWithoutLock(const std::optional<ProgressCall>& progress,
+                        const std::function<void()>& work);
+template <typename Work>
+auto Watched(const std::optional<ProgressCall>& progress, const Work& work) {
+  if constexpr (std::is_void_v<decltype(work())>) {
+    WatchedWithoutLock(progress, work);
+  } else {
+    std::optional<decltype(work())> result;
+    WatchedWithoutLock(progress, [&] { result.emplace(work()); });
+    return *std::move(result);
+  }
+}
+
+}  // namespace raylift::python
+
+namespace pybind11::detail {
+template <>
+struct handle_type_name<raylift::python::ArrayLike> {
+  static constexpr auto name = const_name("numpy.typing.ArrayLike");
+};
+template <>
+struct handle_type_name<raylift::python::CameraLike> {
+  static constexpr auto name = const_name("raylift._types.CameraLike");
+};
+template <>
+struct handle_type_name<raylift::python::PoseLike> {
+  static constexpr auto name = const_name("raylift._types.PoseLike");
+};
+template <>
+struct handle_type_name<raylift::python::PosedImageLike> {
+  static constexpr auto name = const_name("raylift._types.PosedImageLike");
+};
+template <>
+struct handle_type_name<raylift::python::PathLike> {
+  static constexpr auto name = const_name("raylift._types.PathLike");
+};
+template <>
+struct handle_type_name<raylift::python::ProgressCall> {
+  static constexpr auto name = const_name("raylift._types.Progress");
+};
+}  // namespace pybind11::detail

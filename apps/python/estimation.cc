@@ -1,0 +1,364 @@
+// Pose problems and their estimates.
+
+#include "bindings.h"
+#include "conversions.h"
+#include "options_by_keyword.h"
+
+#include "raylift/base/parallel.h"
+#include "raylift/base/progress.h"
+#include "raylift/estimation/pose_estimator.h"
+#include "raylift/io/pose_problem_json.h"
+
+namespace raylift::python {
+namespace {
+
+using OptionalArray = std::optional<ArrayLike>;
+
+// Indices that may be missing: negative numbers are none.
+std::optional<int> IndexAt(const std::optional<py::array_t<int64_t>>& indices, size_t i) {
+  if (!indices || indices->data()[i] < 0) return std::nullopt;
+  return static_cast<int>(indices->data()[i]);
+}
+// Deviations that may be missing: NaN is none.
+std::optional<double> SigmaAt(const std::optional<py::array_t<double>>& sigmas, size_t i) {
+  if (!sigmas || std::isnan(sigmas->data()[i])) return std::nullopt;
+  return sigmas->data()[i];
+}
+
+void RequireEqualCounts(const char* a, size_t count_a, const char* b, size_t count_b) {
+  if (count_a != count_b) {
+    throw InputError(
+        fmt::format("{} and {}: expected as many rows, found {} and {}", a, b, count_a, count_b));
+  }
+}
+
+int CheckedReference(int64_t index, const char* name, size_t row, size_t count) {
+  if (index < 0 || static_cast<size_t>(index) >= count) {
+    throw InputError(fmt::format("{}, row {}: expected an index into {} references, found {}", name,
+                                 row, count, index));
+  }
+  return static_cast<int>(index);
+}
+
+struct ProblemArrays {
+  OptionalArray points2d, points3d, point_sigmas, point_references, point_keypoints, point_matches;
+  OptionalArray query2d, reference2d, reference_index, reference_sigmas_px, query_keypoints,
+      reference_keypoints;
+};
+
+void AddPoints(const ProblemArrays& arrays, PoseProblem& problem) {
+  const Rows<2> pixels(arrays.points2d, "points2d");
+  const Rows<3> points(arrays.points3d, "points3d");
+  const size_t count = points.size();
+  RequireEqualCounts("points2d", pixels.size(), "points3d", count);
+  const auto sigmas = PerMatch<double>(arrays.point_sigmas, "point_sigmas", count);
+  const auto references = PerMatch<int64_t>(arrays.point_references, "point_references", count);
+  const auto keypoints = PerMatch<int64_t>(arrays.point_keypoints, "point_keypoints", count);
+  const auto matches = PerMatch<int64_t>(arrays.point_matches, "point_matches", count);
+  problem.matches_2d3d.resize(count);
+  for (size_t i = 0; i < count; ++i) {
+    Match2D3D& match = problem.matches_2d3d[i];
+    match.query_px = pixels[i];
+    match.point_in_world = points[i];
+    match.point_sigma = SigmaAt(sigmas, i);
+    match.query_keypoint = IndexAt(keypoints, i);
+    if (const auto reference = IndexAt(references, i)) {
+      match.reference =
+          CheckedReference(*reference, "point_references", i, problem.references.size());
+    }
+    if (const auto other = IndexAt(matches, i)) {
+      match.match_2d2d = static_cast<size_t>(*other);
+      if (*match.match_2d2d >= problem.matches_2d2d.size()) {
+        throw InputError(
+            fmt::format("point_matches, row {}: expected an index into {} 2D-2D "
+                        "matches, found {}",
+                        i, problem.matches_2d2d.size(), *other));
+      }
+    }
+  }
+}
+
+void AddPairs(const ProblemArrays& arrays, PoseProblem& problem) {
+  const Rows<2> query(arrays.query2d, "query2d"), reference(arrays.reference2d, "reference2d");
+  const size_t count = query.size();
+  RequireEqualCounts("query2d", count, "reference2d", reference.size());
+  const auto indices = PerMatch<int64_t>(arrays.reference_index, "reference_index", count);
+  const auto sigmas = PerMatch<double>(arrays.reference_sigmas_px, "reference_sigmas_px", count);
+  const auto keypoints = PerMatch<int64_t>(arrays.query_keypoints, "query_keypoints", count);
+  const auto others = PerMatch<int64_t>(arrays.reference_keypoints, "reference_keypoints", count);
+  if (count > 0 && !indices && problem.references.size() > 1) {
+    throw InputError("reference_index is missing: there are several references");
+  }
+  problem.matches_2d2d.resize(count);
+  for (size_t i = 0; i < count; ++i) {
+    Match2D2D& match = problem.matches_2d2d[i];
+    match.reference = CheckedReference(indices ? indices->data()[i] : 0, "reference_index", i,
+                                       problem.references.size());
+    match.query_px = query[i];
+    match.reference_px = reference[i];
+    match.reference_sigma_px = SigmaAt(sigmas, i);
+    match.query_keypoint = IndexAt(keypoints, i);
+    match.reference_keypoint = IndexAt(others, i);
+  }
+}
+
+PoseProblem MakeProblem(const CameraLike& camera, const ProblemArrays& arrays,
+                        const std::vector<PosedImageLike>& references,
+                        const std::vector<int>& clusters, const std::string& name) {
+  PoseProblem problem;
+  problem.name = name;
+  problem.query_camera = ToCamera(camera);
+  problem.references = ToPosedImages(references);
+  if (!clusters.empty()) {
+    RequireEqualCounts("reference_clusters", clusters.size(), "references", references.size());
+  }
+  problem.reference_clusters = clusters;
+  AddPairs(arrays, problem);
+  AddPoints(arrays, problem);
+  return problem;
+}
+
+template <typename Matches, typename Get>
+py::array_t<double> Pixels(const Matches& matches, size_t columns, const Get& get) {
+  return MakeRows(matches.size(), columns, [&](size_t i) { return get(matches[i]); });
+}
+template <typename Matches, typename Get>
+py::array_t<int64_t> Indices(const Matches& matches, const Get& get) {
+  py::array_t<int64_t> array(static_cast<py::ssize_t>(matches.size()));
+  for (size_t i = 0; i < matches.size(); ++i) {
+    const auto index = get(matches[i]);
+    array.mutable_data()[i] = index ? static_cast<int64_t>(*index) : -1;
+  }
+  return array;
+}
+
+void BindProblem(py::module_& module) {
+  const auto none = py::none();
+  py::class_<PoseProblem, std::shared_ptr<PoseProblem>>(
+      module, "PoseProblem",
+      "All that an estimator sees of one query: 2D-3D matches, 2D-2D matches, or both.")
+      .def(py::init([](const CameraLike& camera, OptionalArray points2d, OptionalArray points3d,
+                       OptionalArray point_sigmas, OptionalArray point_references,
+                       OptionalArray point_keypoints, OptionalArray point_matches,
+                       const std::vector<PosedImageLike>& references, OptionalArray query2d,
+                       OptionalArray reference2d, OptionalArray reference_index,
+                       OptionalArray reference_sigmas_px, OptionalArray query_keypoints,
+                       OptionalArray reference_keypoints, const std::vector<int>& clusters,
+                       const std::string& name) {
+             return std::make_shared<PoseProblem>(
+                 MakeProblem(camera,
+                             {points2d, points3d, point_sigmas, point_references, point_keypoints,
+                              point_matches, query2d, reference2d, reference_index,
+                              reference_sigmas_px, query_keypoints, reference_keypoints},
+                             references, clusters, name));
+           }),
+           py::arg("camera"), py::arg("points2d") = none, py::arg("points3d") = none, py::kw_only(),
+           py::arg("point_sigmas") = none, py::arg("point_references") = none,
+           py::arg("point_keypoints") = none, py::arg("point_matches") = none,
+           py::arg("references") = std::vector<PosedImageLike>(), py::arg("query2d") = none,
+           py::arg("reference2d") = none, py::arg("reference_index") = none,
+           py::arg("reference_sigmas_px") = none, py::arg("query_keypoints") = none,
+           py::arg("reference_keypoints") = none,
+           py::arg("reference_clusters") = std::vector<int>(), py::arg("name") = "",
+           "The arguments are those of raylift.estimate_pose().")
+      .def_readonly("name", &PoseProblem::name, "The query's; estimates depend on it.")
+      .def_readonly("camera", &PoseProblem::query_camera, "The query's.")
+      .def_readonly("references", &PoseProblem::references)
+      .def_property_readonly(
+          "points2d",
+          [](const PoseProblem& p) {
+            return Pixels(p.matches_2d3d, 2, [](const Match2D3D& m) { return m.query_px; });
+          },
+          "Query pixels (N, 2) of the 2D-3D matches.")
+      .def_property_readonly(
+          "points3d",
+          [](const PoseProblem& p) {
+            return Pixels(p.matches_2d3d, 3, [](const Match2D3D& m) { return m.point_in_world; });
+          },
+          "Their points in the world (N, 3).")
+      .def_property_readonly(
+          "point_references",
+          [](const PoseProblem& p) {
+            return Indices(p.matches_2d3d, [](const Match2D3D& m) { return m.reference; });
+          },
+          "Index of the reference that each point was lifted from (N,); -1: none.")
+      .def_property_readonly(
+          "point_keypoints",
+          [](const PoseProblem& p) {
+            return Indices(p.matches_2d3d, [](const Match2D3D& m) { return m.query_keypoint; });
+          },
+          "Index of the query's keypoint (N,); -1: not known.")
+      .def_property_readonly(
+          "point_matches",
+          [](const PoseProblem& p) {
+            return Indices(p.matches_2d3d, [](const Match2D3D& m) { return m.match_2d2d; });
+          },
+          "Index of the 2D-2D match that each point was lifted from (N,); -1: none.")
+      .def_property_readonly(
+          "query2d",
+          [](const PoseProblem& p) {
+            return Pixels(p.matches_2d2d, 2, [](const Match2D2D& m) { return m.query_px; });
+          },
+          "Query pixels (M, 2) of the 2D-2D matches.")
+      .def_property_readonly(
+          "reference2d",
+          [](const PoseProblem& p) {
+            return Pixels(p.matches_2d2d, 2, [](const Match2D2D& m) { return m.reference_px; });
+          },
+          "Their reference pixels (M, 2).")
+      .def_property_readonly(
+          "reference_index",
+          [](const PoseProblem& p) {
+            return Indices(p.matches_2d2d,
+                           [](const Match2D2D& m) { return std::optional(m.reference); });
+          },
+          "Which reference (M,).")
+      .def_property_readonly(
+          "query_keypoints",
+          [](const PoseProblem& p) {
+            return Indices(p.matches_2d2d, [](const Match2D2D& m) { return m.query_keypoint; });
+          },
+          "Index of the query's keypoint (M,); -1: not known.")
+      .def(
+          "write",
+          [](const PoseProblem& problem, const PathLike& file) {
+            WritePoseProblem(ToPath(file), {problem, std::nullopt});
+          },
+          py::arg("file"), "As JSON (pose-problem/1), which `raylift estimate` reads.")
+      .def_static(
+          "read",
+          [](const PathLike& file) {
+            return std::make_shared<PoseProblem>(ReadPoseProblem(ToPath(file)).problem);
+          },
+          py::arg("file"), "Raises InputError with the JSON path of what is wrong.")
+      .def("__repr__", [](const PoseProblem& p) {
+        return fmt::format("<raylift.PoseProblem {} 2D-3D, {} 2D-2D matches, {} references>",
+                           p.matches_2d3d.size(), p.matches_2d2d.size(), p.references.size());
+      });
+}
+
+py::object NoiseDict(const PoseEstimate& estimate) {
+  if (!estimate.noise) return py::none();
+  const MatchNoise& noise = *estimate.noise;
+  py::dict dict;
+  dict["keypoint_px"] = noise.keypoint_px;
+  dict["keypoint_tail"] = noise.keypoint_tail;
+  dict["depth"] = noise.depth;
+  dict["common_depth"] = noise.common_depth;
+  dict["reference_factor"] = noise.reference_factor;
+  dict["reference_rotation_deg"] = noise.reference_rotation_deg;
+  dict["reference_position"] = noise.reference_position;
+  return dict;
+}
+
+std::optional<Rigid3> PoseOf(const PoseEstimate& estimate) { return estimate.cam_from_world; }
+
+void BindEstimate(py::module_& module) {
+  const auto text = [](const auto value) { return std::string(ToString(value)); };
+  py::class_<PoseEstimate, std::shared_ptr<PoseEstimate>>(
+      module, "PoseEstimate", "What an estimator found. True where there is a pose.")
+      .def_property_readonly("cam_from_world", &PoseOf, "The pose; None where there is none.")
+      .def_property_readonly(
+          "verdict", [=](const PoseEstimate& e) { return text(e.verdict); },
+          "\"localized\", \"doubtful\" or \"failed\".")
+      .def_readonly("confidence", &PoseEstimate::confidence,
+                    "The probability that the pose is right.")
+      .def_property_readonly(
+          "failure", [=](const PoseEstimate& e) { return text(e.failure); },
+          "Why there is no pose; \"ok\" where there is one.")
+      .def_property_readonly(
+          "covariance",
+          [](const PoseEstimate& e) -> std::optional<py::array_t<double>> {
+            if (!e.covariance) return std::nullopt;
+            return ToArray(*e.covariance);
+          },
+          "6 x 6, of a step (rotation vector in radians, translation in scene units) in the "
+          "camera's\n"
+          "frame: the true pose is exp(w), v after the estimated one. None where the inliers do "
+          "not\n"
+          "determine the pose.")
+      .def_readonly("rotation_sigma_deg", &PoseEstimate::rotation_sigma_deg,
+                    "Standard deviation of the orientation, degrees; 0 without a covariance.")
+      .def_readonly(
+          "position_sigma", &PoseEstimate::position_sigma,
+          "Standard deviation of the camera's centre, scene units; 0 without a covariance.")
+      .def_readonly("position_observable", &PoseEstimate::position_observable,
+                    "False where only the orientation is determined.")
+      .def_property_readonly(
+          "inliers_2d3d", [](const PoseEstimate& e) { return ToArray(e.inliers_2d3d); },
+          "Which 2D-3D matches agree with the pose (N,), bool.")
+      .def_property_readonly(
+          "inliers_2d2d", [](const PoseEstimate& e) { return ToArray(e.inliers_2d2d); },
+          "Which 2D-2D matches agree with the pose (M,), bool.")
+      .def_property_readonly("num_inliers_2d3d",
+                             [](const PoseEstimate& e) { return e.score_2d3d.num_inliers; })
+      .def_property_readonly("num_inliers_2d2d",
+                             [](const PoseEstimate& e) { return e.score_2d2d.num_inliers; })
+      .def_readonly("inlier_keypoints", &PoseEstimate::inlier_keypoints,
+                    "Of the query: one counts once, in however many references.")
+      .def_readonly("num_keypoints", &PoseEstimate::num_keypoints, "That have matches.")
+      .def_readonly("iterations", &PoseEstimate::iterations, "Of RANSAC.")
+      .def_property_readonly(
+          "solver", [=](const PoseEstimate& e) { return text(e.solver); },
+          "Which minimal solver the pose comes from: \"p3p\" or \"e5p1\".")
+      .def_property_readonly(
+          "noise", &NoiseDict,
+          "What Adaptive found the matches to be worth (standard deviations), or "
+          "None.")
+      .def_readonly("refined_camera", &PoseEstimate::refined_camera,
+                    "The camera with the refined focal length, with refine_focal; else None.")
+      .def("__bool__", [](const PoseEstimate& e) { return e.cam_from_world.has_value(); })
+      .def("__repr__", [=](const PoseEstimate& e) {
+        if (!e.cam_from_world) return fmt::format("<raylift.PoseEstimate: {}>", text(e.failure));
+        return fmt::format(
+            "<raylift.PoseEstimate {}, confidence {:.4f}: {} of {} 2D-3D and {} of {} 2D-2D "
+            "matches "
+            "agree>",
+            text(e.verdict), e.confidence, e.score_2d3d.num_inliers, e.score_2d3d.num_matches,
+            e.score_2d2d.num_inliers, e.score_2d2d.num_matches);
+      });
+}
+
+EstimatorOptions OptionsOf(const py::kwargs& given) {
+  Keywords keywords(given);
+  EstimatorOptions options;
+  TakeEstimatorOptions(keywords, options);
+  keywords.RequireAllTaken();
+  options.Validate();
+  return options;
+}
+
+}  // namespace
+
+void BindEstimation(py::module_& module) {
+  BindProblem(module);
+  BindEstimate(module);
+  module.def(
+      "estimate",
+      [](const PoseProblem& problem, const py::kwargs& options) {
+        const auto estimator = MakePoseEstimator(OptionsOf(options));
+        return WithoutLock([&] { return estimator->Estimate(problem); });
+      },
+      py::arg("problem"),
+      "The pose of a problem. Options as of raylift.estimate_pose(), which see.");
+  module.def(
+      "estimate_all",
+      [](const std::vector<std::shared_ptr<PoseProblem>>& problems, int threads,
+         const std::optional<ProgressCall>& progress, const py::kwargs& options) {
+        const auto estimator = MakePoseEstimator(OptionsOf(options));
+        return Watched(progress, [&] {
+          std::vector<PoseEstimate> estimates(problems.size());
+          Progress count("problems", problems.size(), Progress::Show::kNever);
+          ParallelFor(problems.size(), threads, [&](size_t i) {
+            estimates[i] = estimator->Estimate(*problems[i]);
+            count.Advance();
+          });
+          return estimates;
+        });
+      },
+      py::arg("problems"), py::kw_only(), py::arg("threads") = 0, py::arg("progress") = py::none(),
+      "The poses of many problems, on `threads` threads (0: all). The same for any number of "
+      "them.");
+}
+
+}  // namespace raylift::python

@@ -1,0 +1,204 @@
+// Camera, Rigid3 and PosedImage.
+
+#include "bindings.h"
+#include "conversions.h"
+
+#include "raylift/base/text.h"
+#include "raylift/io/view_list.h"
+
+namespace raylift::python {
+namespace {
+
+// NaN where there is no pixel or ray.
+const Eigen::Vector2d kNoPixel = Eigen::Vector2d::Constant(std::nan(""));
+const Eigen::Vector3d kNoRay = Eigen::Vector3d::Constant(std::nan(""));
+
+py::tuple CameraState(const Camera& camera) {
+  return py::make_tuple(
+      std::string(GetCameraModelInfo(camera.model()).name), camera.width_px(), camera.height_px(),
+      ToArray(Eigen::VectorXd::Map(camera.params().data(), std::ssize(camera.params()))));
+}
+
+Camera MakeCamera(const std::string& model, int width, int height, const ArrayLike& params) {
+  const auto known = CameraModelFromName(model);
+  if (!known) throw InputError(fmt::format("camera, model: {} is none of COLMAP's", model));
+  const auto numbers = internal::ArrayOf<double>(params, "camera, params", "numbers");
+  return {*known, width, height, std::span(numbers.data(), static_cast<size_t>(numbers.size()))};
+}
+
+void BindCamera(py::module_& module) {
+  py::class_<Camera>(
+      module, "Camera",
+      "A camera's intrinsics, of any of COLMAP's models.\n\n"
+      "The frame is COLMAP's: x right, y down, z forward. So are pixels: the centre of the first\n"
+      "one is (0.5, 0.5). Wherever a camera is an argument, the text \"MODEL width height\n"
+      "params...\", a dict with model, width, height and params, and pycolmap's cameras serve, "
+      "too.")
+      .def(py::init(&MakeCamera), py::arg("model"), py::arg("width"), py::arg("height"),
+           py::arg("params"),
+           "From COLMAP's name of the model (\"SIMPLE_RADIAL\"), the image's size in pixels and "
+           "the\n"
+           "model's parameters in COLMAP's order.\n\n"
+           "Raises InputError for a wrong count of parameters, or one out of its range.")
+      .def_static(
+          "of", [](const CameraLike& camera) { return ToCamera(camera); }, py::arg("camera"),
+          "From anything that an argument `camera` may be.")
+      .def_property_readonly(
+          "model",
+          [](const Camera& camera) { return std::string(GetCameraModelInfo(camera.model()).name); },
+          "COLMAP's name of the model.")
+      .def_property_readonly("width", &Camera::width_px, "Pixels.")
+      .def_property_readonly("height", &Camera::height_px, "Pixels.")
+      .def_property_readonly(
+          "params",
+          [](const Camera& camera) {
+            return ToArray(
+                Eigen::VectorXd::Map(camera.params().data(), std::ssize(camera.params())));
+          },
+          "The model's parameters in COLMAP's order.")
+      .def_property_readonly(
+          "matrix",
+          [](const Camera& camera) {
+            Eigen::Matrix3d matrix = Eigen::Matrix3d::Identity();
+            matrix(0, 0) = camera.focal_x_px();
+            matrix(1, 1) = camera.focal_y_px();
+            matrix.topRightCorner<2, 1>() = camera.principal_point_px();
+            return ToArray(matrix);
+          },
+          "3 x 3: focal lengths and principal point in pixels, without the distortion.")
+      .def(
+          "project",
+          [](const Camera& camera, const ArrayLike& points) {
+            const Rows<3> rows(points, "points");
+            return MakeRows(rows.size(), 2, [&](size_t i) {
+              return camera.ImgFromCam(rows[i]).value_or(kNoPixel);
+            });
+          },
+          py::arg("points"),
+          "The pixels (N, 2) of points (N, 3) in the camera's frame; NaN where a point is behind "
+          "the\n"
+          "camera or outside the lens model's domain.")
+      .def(
+          "rays",
+          [](const Camera& camera, const ArrayLike& pixels) {
+            const Rows<2> rows(pixels, "pixels");
+            return MakeRows(rows.size(), 3,
+                            [&](size_t i) { return camera.RayInCam(rows[i]).value_or(kNoRay); });
+          },
+          py::arg("pixels"),
+          "The unit rays (N, 3) in the camera's frame through pixels (N, 2); NaN where there is "
+          "none.")
+      .def("scaled", &Camera::Scaled, py::arg("width"), py::arg("height"),
+           "The same lens on an image of another size.")
+      .def(
+          "__eq__",
+          [](const Camera& a, const py::object& b) {
+            return py::isinstance<Camera>(b) && a == b.cast<Camera>();
+          },
+          py::arg("other"))
+      .def("__str__", &Camera::ToString, "\"MODEL width height params...\"")
+      .def("__repr__",
+           [](const Camera& camera) {
+             return fmt::format("<raylift.Camera {}>", camera.ToString());
+           })
+      .def(py::pickle(&CameraState, [](const py::tuple& state) {
+        return MakeCamera(state[0].cast<std::string>(), state[1].cast<int>(), state[2].cast<int>(),
+                          py::reinterpret_borrow<ArrayLike>(state[3]));
+      }));
+}
+
+Eigen::Vector4d QvecWxyz(const Rigid3& pose) {
+  const Eigen::Quaterniond& q = pose.rotation;
+  return {q.w(), q.x(), q.y(), q.z()};
+}
+
+std::string PoseText(const Rigid3& pose) {
+  const Eigen::Vector4d q = QvecWxyz(pose);
+  const Eigen::Vector3d& t = pose.translation;
+  return fmt::format("<raylift.Rigid3 qvec=[{} {} {} {}] tvec=[{} {} {}]>", FormatDouble(q[0]),
+                     FormatDouble(q[1]), FormatDouble(q[2]), FormatDouble(q[3]), FormatDouble(t[0]),
+                     FormatDouble(t[1]), FormatDouble(t[2]));
+}
+
+void BindRigid3(py::module_& module) {
+  py::class_<Rigid3>(
+      module, "Rigid3",
+      "A rigid motion of space, named target_from_source: cam_from_world takes points of the "
+      "world\n"
+      "to the camera's frame. Products chain: a_from_c = a_from_b * b_from_c.\n\n"
+      "Wherever a pose is an argument, a 4 x 4 or 3 x 4 matrix, a pair (qvec, tvec), a dict with\n"
+      "these keys, and the poses of pycolmap and PoseLib serve, too.")
+      .def(py::init([](const ArrayLike& rotation, const ArrayLike& translation) {
+             return ToPose(
+                 py::reinterpret_steal<PoseLike>(py::make_tuple(rotation, translation).release()));
+           }),
+           py::arg("rotation"), py::arg("translation"),
+           "From a quaternion (w, x, y, z) or a 3 x 3 matrix, and a translation in scene units.\n\n"
+           "Raises InputError for what is no rotation.")
+      .def(py::init<>(), "The identity.")
+      .def_static(
+          "of", [](const PoseLike& pose) { return ToPose(pose); }, py::arg("pose"),
+          "From anything that an argument `pose` may be.")
+      .def_property_readonly(
+          "qvec", [](const Rigid3& pose) { return ToArray(QvecWxyz(pose)); },
+          "The rotation as a unit quaternion (w, x, y, z).")
+      .def_property_readonly(
+          "tvec", [](const Rigid3& pose) { return ToArray(pose.translation); },
+          "The translation (3,), scene units.")
+      .def_property_readonly(
+          "rotation", [](const Rigid3& pose) { return ToArray(pose.rotation.toRotationMatrix()); },
+          "The rotation as a 3 x 3 matrix.")
+      .def_property_readonly(
+          "matrix",
+          [](const Rigid3& pose) {
+            Eigen::Matrix4d matrix = Eigen::Matrix4d::Identity();
+            matrix.topLeftCorner<3, 3>() = pose.rotation.toRotationMatrix();
+            matrix.topRightCorner<3, 1>() = pose.translation;
+            return ToArray(matrix);
+          },
+          "4 x 4.")
+      .def_property_readonly(
+          "center", [](const Rigid3& pose) { return ToArray(pose.OriginInSource()); },
+          "Of cam_from_world: the camera's centre in the world (3,).")
+      .def("inverse", &Rigid3::Inverse, "source_from_target.")
+      .def(
+          "transform",
+          [](const Rigid3& pose, const ArrayLike& points) {
+            const Rows<3> rows(points, "points");
+            return MakeRows(rows.size(), 3, [&](size_t i) { return pose * rows[i]; });
+          },
+          py::arg("points"), "Points (N, 3) of the source in the target's frame.")
+      .def(
+          "__mul__", [](const Rigid3& a, const Rigid3& b) { return a * b; }, py::arg("other"))
+      .def(
+          "__matmul__", [](const Rigid3& a, const Rigid3& b) { return a * b; }, py::arg("other"))
+      .def("__repr__", &PoseText)
+      .def(py::pickle(
+          [](const Rigid3& pose) {
+            return py::make_tuple(ToArray(QvecWxyz(pose)), ToArray(pose.translation));
+          },
+          [](const py::tuple& state) { return ToPose(py::reinterpret_borrow<PoseLike>(state)); }));
+}
+
+}  // namespace
+
+void BindGeometry(py::module_& module) {
+  BindCamera(module);
+  BindRigid3(module);
+  py::class_<PosedImage>(module, "PosedImage",
+                         "A reference photograph: its name, its camera and where it was taken.\n\n"
+                         "Wherever one is an argument, a pair (camera, cam_from_world) and\n"
+                         "pycolmap's images serve, too.")
+      .def(py::init([](std::string name, const CameraLike& camera, const PoseLike& pose) {
+             return PosedImage{std::move(name), ToCamera(camera), ToPose(pose)};
+           }),
+           py::arg("name"), py::arg("camera"), py::arg("cam_from_world"))
+      .def_readonly("name", &PosedImage::name, "As in the model: a path within the image folder.")
+      .def_readonly("camera", &PosedImage::camera)
+      .def_readonly("cam_from_world", &PosedImage::cam_from_world)
+      .def("__repr__", [](const PosedImage& image) {
+        return fmt::format("<raylift.PosedImage {}>", image.name);
+      });
+}
+
+}  // namespace raylift::python

@@ -1,0 +1,302 @@
+// Files of the field: COLMAP models, depth maps, poses, query lists.
+
+#include <cmath>
+
+#include "bindings.h"
+#include "conversions.h"
+
+#include "raylift/io/colmap_model.h"
+#include "raylift/io/depth_file.h"
+#include "raylift/io/image_file.h"
+#include "raylift/io/query_list.h"
+
+namespace raylift::python {
+namespace {
+
+using ModelPointer = std::shared_ptr<ColmapModel>;
+
+// An image of a model. Items of its own, as COLMAP's are.
+py::dict ImageDict(const ColmapImage& image) {
+  py::dict dict;
+  dict["name"] = image.name;
+  dict["camera_id"] = image.camera_id;
+  dict["cam_from_world"] = image.CamFromWorld();
+  dict["points2d"] =
+      MakeRows(image.points2d.size(), 2, [&](size_t i) { return image.points2d[i].pixel; });
+  py::array_t<int64_t> ids(std::ssize(image.points2d));
+  for (size_t i = 0; i < image.points2d.size(); ++i) {
+    const auto& id = image.points2d[i].point3d_id;
+    ids.mutable_data()[i] = id ? static_cast<int64_t>(*id) : -1;
+  }
+  dict["point3d_ids"] = ids;
+  return dict;
+}
+
+py::dict PointsDict(const ColmapModel& model) {
+  const auto count = std::ssize(model.points3d);
+  py::array_t<uint64_t> ids(count);
+  py::array_t<double> positions({count, py::ssize_t{3}}), errors(count);
+  py::array_t<uint8_t> colors({count, py::ssize_t{3}});
+  py::array_t<int64_t> lengths(count);
+  size_t i = 0;
+  for (const auto& [id, point] : model.points3d) {
+    ids.mutable_data()[i] = id;
+    for (size_t k = 0; k < 3; ++k) {
+      positions.mutable_data()[3 * i + k] = point.position_in_world[static_cast<Eigen::Index>(k)];
+      colors.mutable_data()[3 * i + k] = point.color_rgb[k];
+    }
+    errors.mutable_data()[i] = point.error_px;
+    lengths.mutable_data()[i] = std::ssize(point.track);
+    ++i;
+  }
+  py::dict dict;
+  dict["ids"] = ids;
+  dict["positions"] = positions;
+  dict["colors"] = colors;
+  dict["errors_px"] = errors;
+  dict["track_lengths"] = lengths;
+  return dict;
+}
+
+const ColmapPoint3D& PointOf(const ColmapModel& model, uint64_t id) {
+  const auto point = model.points3d.find(id);
+  if (point == model.points3d.end()) throw InputError(fmt::format("the model has no point {}", id));
+  return point->second;
+}
+
+py::array_t<int64_t> Track(const ColmapModel& model, uint64_t id) {
+  const ColmapPoint3D& point = PointOf(model, id);
+  py::array_t<int64_t> track({std::ssize(point.track), py::ssize_t{2}});
+  int64_t* number = track.mutable_data();
+  for (const auto& observation : point.track) {
+    *number++ = observation.image_id;
+    *number++ = observation.point2d_index;
+  }
+  return track;
+}
+
+void AddImage(ColmapModel& model, uint32_t image_id, const std::string& name, uint32_t camera_id,
+              const PoseLike& pose, const std::optional<ArrayLike>& points2d,
+              const std::optional<ArrayLike>& point3d_ids) {
+  if (!model.cameras.contains(camera_id)) {
+    throw InputError(fmt::format("image {}: the model has no camera {}", image_id, camera_id));
+  }
+  ColmapImage image;
+  image.name = name;
+  image.camera_id = camera_id;
+  image.SetCamFromWorld(ToPose(pose));
+  const Rows<2> pixels(points2d, "points2d");
+  const auto ids = PerMatch<int64_t>(point3d_ids, "point3d_ids", pixels.size());
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    auto& point = image.points2d.emplace_back();
+    point.pixel = pixels[i];
+    if (ids && ids->data()[i] >= 0) point.point3d_id = static_cast<uint64_t>(ids->data()[i]);
+  }
+  model.images[image_id] = std::move(image);
+}
+
+void AddPoint(ColmapModel& model, uint64_t id, const ArrayLike& position, const ArrayLike& track,
+              const std::array<uint8_t, 3>& color, double error_px) {
+  ColmapPoint3D point;
+  const auto xyz = internal::ArrayOf<double>(position, "position", "3 numbers");
+  if (xyz.size() != 3) internal::ThrowShape("position", "3 numbers", xyz);
+  point.position_in_world = Eigen::Map<const Eigen::Vector3d>(xyz.data());
+  point.color_rgb = color;
+  point.error_px = error_px;
+  const Rows<2, int64_t> observations(track, "track");
+  for (size_t i = 0; i < observations.size(); ++i) {
+    point.track.push_back(
+        {static_cast<uint32_t>(observations[i][0]), static_cast<uint32_t>(observations[i][1])});
+  }
+  model.points3d[id] = std::move(point);
+}
+
+void BindModel(py::module_& module) {
+  py::class_<ColmapModel, ModelPointer>(
+      module, "ColmapModel", "A COLMAP model: cameras, images and points, kept without loss.")
+      .def(py::init<>(), "An empty one.")
+      .def_static(
+          "read",
+          [](const PathLike& folder) {
+            const std::filesystem::path path = ToPath(folder);
+            return WithoutLock(
+                [&] { return std::make_shared<ColmapModel>(ReadColmapModel(path)); });
+          },
+          py::arg("folder"), "Text or binary. Raises InputError naming file and record.")
+      .def(
+          "write",
+          [](const ColmapModel& model, const PathLike& folder, const std::string& form) {
+            if (form != "binary" && form != "text") {
+              throw OptionError("form", form, "expected binary|text");
+            }
+            const std::filesystem::path path = ToPath(folder);
+            std::filesystem::create_directories(path);
+            WithoutLock([&] {
+              WriteColmapModel(path, model,
+                               form == "text" ? ColmapForm::kText : ColmapForm::kBinary);
+            });
+          },
+          py::arg("folder"), py::arg("form") = "binary", "form: \"binary\" or \"text\".")
+      .def_property_readonly(
+          "cameras", [](const ColmapModel& model) { return model.cameras; },
+          "A dict of Camera by id; a copy.")
+      .def_property_readonly(
+          "image_ids",
+          [](const ColmapModel& model) {
+            std::vector<uint32_t> ids;
+            for (const auto& [id, image] : model.images) ids.push_back(id);
+            return ids;
+          },
+          "In order.")
+      .def(
+          "image",
+          [](const ColmapModel& model, uint32_t id) {
+            const auto image = model.images.find(id);
+            if (image == model.images.end()) {
+              throw InputError(fmt::format("the model has no image {}", id));
+            }
+            return ImageDict(image->second);
+          },
+          py::arg("image_id"),
+          "An image as a dict: name, camera_id, cam_from_world, points2d (N, 2), point3d_ids (N,), "
+          "-1:\n"
+          "none.")
+      .def_property_readonly("posed_images", &ColmapModel::PosedImages,
+                             "The images with their cameras, a list of PosedImage sorted by name.")
+      .def_property_readonly(
+          "points3d", &PointsDict,
+          "A dict of arrays: ids (N,), positions (N, 3), colors (N, 3) uint8, errors_px (N,),\n"
+          "track_lengths (N,); copies.")
+      .def("track", &Track, py::arg("point3d_id"),
+           "What observes a point (K, 2): the image's id, and the index of its points2d.")
+      .def(
+          "add_camera",
+          [](ColmapModel& model, uint32_t id, const CameraLike& camera) {
+            model.cameras[id] = ToCamera(camera);
+          },
+          py::arg("camera_id"), py::arg("camera"))
+      .def("add_image", &AddImage, py::arg("image_id"), py::arg("name"), py::arg("camera_id"),
+           py::arg("cam_from_world"), py::arg("points2d") = py::none(),
+           py::arg("point3d_ids") = py::none(),
+           "Raises InputError where the camera is not there yet.")
+      .def("add_point3d", &AddPoint, py::arg("point3d_id"), py::arg("position"), py::arg("track"),
+           py::arg("color") = std::array<uint8_t, 3>{}, py::arg("error_px") = -1.0,
+           "track (K, 2): the image's id, and the index of its points2d.")
+      .def_readonly("warnings", &ColmapModel::warnings)
+      .def("__repr__", [](const ColmapModel& model) {
+        return fmt::format("<raylift.ColmapModel {} cameras, {} images, {} points>",
+                           model.cameras.size(), model.images.size(), model.points3d.size());
+      });
+}
+
+py::array_t<float> ReadDepth(const PathLike& file, const std::string& layer,
+                             const std::optional<std::pair<int, int>>& raw_size) {
+  const std::filesystem::path path = ToPath(file);
+  DepthReadOptions options{.layer = layer};
+  if (raw_size) options.raw_size = PlaneSize{raw_size->first, raw_size->second};
+  StoredDepth stored = WithoutLock([&] { return ReadDepthFile(path, options); });
+  const py::ssize_t height = stored.height_px, width = stored.width_px;
+  return HandOver(std::move(stored.values), {height, width});
+}
+
+py::dict WriteDepth(const PathLike& file, const ArrayLike& depth, const py::kwargs& given) {
+  const std::filesystem::path path = ToPath(file);
+  constexpr const char* kExpected = "an array of shape (height, width)";
+  const auto array = internal::ArrayOf<float>(depth, "depth", kExpected);
+  if (array.ndim() != 2) internal::ThrowShape("depth", kExpected, array);
+  DepthWriteOptions options;
+  Keywords keywords(given);
+  keywords.Take("sample", options.sample);
+  keywords.Take("exr_compression", options.exr_compression);
+  keywords.Take("png_step", options.png_step);
+  keywords.Take("out_of_range", options.out_of_range);
+  keywords.Take("deflate_npz", options.deflate_npz);
+  keywords.Take("layer", options.layer);
+  keywords.RequireAllTaken();
+  const FloatPlane plane(static_cast<int>(array.shape(1)), static_cast<int>(array.shape(0)),
+                         {array.data(), static_cast<size_t>(array.size())});
+  const DepthWriteReport report = WithoutLock([&] { return WriteDepthFile(path, plane, options); });
+  py::dict dict;
+  dict["bytes"] = report.bytes;
+  dict["dropped"] = report.dropped;
+  dict["max_rounding"] = report.max_rounding;
+  return dict;
+}
+
+void BindLists(py::module_& module) {
+  module.def(
+      "read_poses",
+      [](const PathLike& file) {
+        py::dict poses;
+        for (const NamedPose& pose : ReadPoseFile(ToPath(file))) {
+          poses[py::str(pose.name)] = pose.cam_from_world;
+        }
+        return poses;
+      },
+      py::arg("file"),
+      "Lines `name qw qx qy qz tx ty tz`, world to camera: a dict of Rigid3 by name. Raises "
+      "InputError\n"
+      "naming the line.");
+  module.def(
+      "write_poses",
+      [](const PathLike& file, const py::dict& poses) {
+        std::vector<NamedPose> named;
+        for (const auto& [name, pose] : poses) {
+          named.push_back(
+              {name.cast<std::string>(), ToPose(py::reinterpret_borrow<PoseLike>(pose))});
+        }
+        WritePoseFile(ToPath(file), named);
+      },
+      py::arg("file"), py::arg("poses"), "A dict of poses (cam_from_world) by name; in its order.");
+  module.def(
+      "read_queries",
+      [](const PathLike& file) {
+        std::vector<std::pair<std::string, Camera>> queries;
+        for (const Query& query : ReadQueryList(ToPath(file))) {
+          queries.emplace_back(query.name, query.camera);
+        }
+        return queries;
+      },
+      py::arg("file"), "Lines `name MODEL width height params...`: a list of (name, Camera).");
+  module.def(
+      "write_queries",
+      [](const PathLike& file, const std::vector<std::pair<std::string, CameraLike>>& queries) {
+        std::vector<Query> list;
+        for (const auto& [name, camera] : queries) list.push_back({name, ToCamera(camera)});
+        WriteQueryList(ToPath(file), list);
+      },
+      py::arg("file"), py::arg("queries"), "From a list of (name, camera).");
+}
+
+}  // namespace
+
+void BindIo(py::module_& module) {
+  BindModel(module);
+  BindLists(module);
+  module.def(
+      "read_depth", &ReadDepth, py::arg("file"), py::kw_only(), py::arg("layer") = "",
+      py::arg("raw_size") = py::none(),
+      "A depth map as it is stored (height, width), float32: EXR, PNG, TIFF, PGM, NPY, NPZ,\n"
+      "COLMAP's .bin, PFM, or plain floats with raw_size=(width, height). layer: the channel of "
+      "an\n"
+      "EXR or key of an NPZ. DepthMaps knows what the numbers mean. Raises InputError.");
+  module.def(
+      "write_depth", &WriteDepth, py::arg("file"), py::arg("depth"),
+      "Writes a depth map (height, width) in the format of the file's name: .exr, .png, .tiff,\n"
+      ".npy, .npz, .bin (COLMAP), .pfm. Options as of `raylift render`: sample=\"float\" (or\n"
+      "\"half\"), exr_compression=\"pxr24\", png_step=0.001, out_of_range=\"refuse\" (or "
+      "\"drop\"),\n"
+      "deflate_npz=False; layer. Returns a dict: bytes, dropped values, max_rounding.");
+  module.def(
+      "read_image",
+      [](const PathLike& file) {
+        const std::filesystem::path path = ToPath(file);
+        Image image = WithoutLock([&] { return ReadImage(path, ImageChannels::kRgb); });
+        const py::ssize_t height = image.height_px, width = image.width_px;
+        return HandOver(std::move(image.data), {height, width, 3});
+      },
+      py::arg("file"),
+      "A photograph (height, width, 3), uint8, RGB, without turning it by its tags.");
+}
+
+}  // namespace raylift::python

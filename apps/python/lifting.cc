@@ -1,0 +1,418 @@
+// Geometry that keypoints are lifted by, and the filter of lifted points.
+
+#include <algorithm>
+#include <limits>
+#include <map>
+
+#include "bindings.h"
+#include "conversions.h"
+#include "geometry_source.h"
+#include "options_by_keyword.h"
+
+#include "raylift/base/text.h"
+#include "raylift/lifting/depth_source.h"
+#include "raylift/lifting/lifter.h"
+#include "raylift/lifting/mesh_source.h"
+#include "raylift/localization/localizer.h"
+
+namespace raylift::python {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+using SurfacePoints = std::vector<std::optional<SurfacePoint>>;
+
+template <typename T, typename Get>
+py::array_t<T> PerPoint(const SurfacePoints& points, T none, const Get& get) {
+  py::array_t<T> array(std::ssize(points));
+  for (size_t i = 0; i < points.size(); ++i) {
+    array.mutable_data()[i] = points[i] ? static_cast<T>(get(*points[i])) : none;
+  }
+  return array;
+}
+
+py::dict ToDict(const SurfacePoints& points) {
+  const Eigen::Vector3d none = Eigen::Vector3d::Constant(kNaN);
+  py::dict dict;
+  dict["points"] = MakeRows(points.size(), 3,
+                            [&](size_t i) { return points[i] ? points[i]->point_in_world : none; });
+  dict["normals"] = MakeRows(
+      points.size(), 3, [&](size_t i) { return points[i] ? points[i]->normal_in_world : none; });
+  dict["depth"] = PerPoint(points, kNaN, [](const SurfacePoint& p) { return p.depth_z; });
+  dict["incidence_deg"] =
+      PerPoint(points, kNaN, [](const SurfacePoint& p) { return p.incidence_deg; });
+  dict["sigma"] =
+      PerPoint(points, kNaN, [](const SurfacePoint& p) { return p.point_sigma.value_or(kNaN); });
+  dict["depth_jump"] =
+      PerPoint(points, kNaN, [](const SurfacePoint& p) { return p.depth_jump.value_or(kNaN); });
+  dict["back_face"] = PerPoint(points, false, [](const SurfacePoint& p) { return p.back_face; });
+  return dict;
+}
+
+constexpr const char* kLiftDoc =
+    "The surface points that pixels (N, 2) of a reference show. A dict: points and normals (N, 3) "
+    "in\n"
+    "the world (unit, towards the camera), NaN where there is no surface; and (N,) each: depth "
+    "along\n"
+    "the optical axis, sigma (standard deviation of the point, where it is known) in scene units,\n"
+    "incidence_deg, depth_jump (largest relative jump of depth around the pixel, where it was "
+    "looked\n"
+    "for), back_face (bool).";
+
+py::dict LiftPixels(const GeometrySource& source, const PosedImageLike& reference,
+                    const ArrayLike& pixels) {
+  const PosedImage image = ToPosedImage(reference);
+  const auto keypoints = Rows<2>(pixels, "pixels").ToVector();
+  return ToDict(WithoutLock([&] { return source.Lift(image, keypoints); }));
+}
+
+// Depth maps from memory, by the names of their references.
+class DepthInMemory final : public GeometrySource {
+ public:
+  DepthInMemory(std::map<std::string, DepthMap> maps, const DepthSamplingOptions& sampling)
+      : maps_(std::move(maps)), sampling_(sampling) {}
+
+  std::string Description() const override { return "depth from memory"; }
+  SurfacePoints Lift(const PosedImage& reference,
+                     std::span<const Eigen::Vector2d> pixels) const override {
+    const auto map = maps_.find(reference.name);
+    if (map == maps_.end()) return SurfacePoints(pixels.size());
+    return LiftByDepthMap(map->second, reference, pixels, sampling_);
+  }
+  const std::map<std::string, DepthMap>& maps() const { return maps_; }
+
+ private:
+  std::map<std::string, DepthMap> maps_;
+  DepthSamplingOptions sampling_;
+};
+
+DepthMap ToDepthMapOf(const ArrayLike& argument, const std::string& name, const Camera& camera,
+                      const DepthConvention& convention) {
+  const auto array = internal::ArrayOf<float>(argument, name, "an array of shape (height, width)");
+  if (array.ndim() != 2) internal::ThrowShape(name, "an array of shape (height, width)", array);
+  StoredDepth stored;
+  stored.width_px = static_cast<int>(array.shape(1));
+  stored.height_px = static_cast<int>(array.shape(0));
+  stored.values.assign(array.data(), array.data() + array.size());
+  return WithoutLock([&] { return ToDepthMap(stored, camera, convention); });
+}
+
+std::shared_ptr<DepthMaps> DepthFromArrays(const py::dict& maps,
+                                           const std::vector<PosedImageLike>& references,
+                                           const py::kwargs& given) {
+  DepthConvention convention;
+  DepthSamplingOptions sampling;
+  Keywords keywords(given);
+  keywords.Take("kind", convention.kind);
+  keywords.Take("scale", convention.scale);
+  keywords.Take("max_depth", convention.max_depth);
+  keywords.Take("interpolation", sampling.interpolation);
+  keywords.Take("max_jump", sampling.max_jump);
+  keywords.RequireAllTaken();
+  convention.unit = 1;
+  std::map<std::string, DepthMap> converted;
+  for (const PosedImage& reference : ToPosedImages(references)) {
+    if (!maps.contains(reference.name)) continue;
+    converted.emplace(
+        reference.name,
+        ToDepthMapOf(py::reinterpret_borrow<ArrayLike>(maps[py::str(reference.name)]),
+                     fmt::format("maps[\"{}\"]", reference.name), reference.camera, convention));
+  }
+  if (converted.empty()) throw InputError("maps: none is of a reference");
+  NamedGeometry geometry;
+  geometry.kind = GeometryKind::kDepth;
+  geometry.source = std::make_shared<DepthInMemory>(std::move(converted), sampling);
+  return std::make_shared<DepthMaps>(std::move(geometry));
+}
+
+// The map as it is held, not to be written to; None where there is none.
+py::object LoadMap(const DepthMaps& maps, const PosedImageLike& reference) {
+  const PosedImage image = ToPosedImage(reference);
+  std::shared_ptr<const DepthMap> map;
+  if (maps.named.maps) {
+    map = WithoutLock([&] { return maps.named.maps->Load(image); });
+  } else if (const auto* memory = dynamic_cast<const DepthInMemory*>(maps.named.source.get())) {
+    const auto found = memory->maps().find(image.name);
+    if (found != memory->maps().end()) map = {maps.named.source, &found->second};
+  }
+  if (!map) return py::none();
+  auto* owned = new std::shared_ptr<const DepthMap>(map);
+  const py::capsule owner(owned,
+                          [](void* p) { delete static_cast<std::shared_ptr<const DepthMap>*>(p); });
+  py::array_t<float> array({py::ssize_t{map->height_px}, py::ssize_t{map->width_px}}, map->z.data(),
+                           owner);
+  py::detail::array_proxy(array.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
+  return array;
+}
+
+void BindSources(py::module_& module) {
+  py::class_<Geometry, std::shared_ptr<Geometry>>(
+      module, "Geometry",
+      "A source of geometry: which point of the scene a reference's pixel shows.")
+      .def(py::init([](const GeometryLike& geometry, const std::optional<PathLike>& model,
+                       const std::vector<PosedImageLike>& references, int threads) {
+             const std::vector<PosedImage> images = ToPosedImages(references);
+             return std::make_shared<Geometry>(
+                 ToGeometry(geometry, {.model = model ? ToPath(*model) : std::filesystem::path(),
+                                       .references = images,
+                                       .threads = threads}));
+           }),
+           py::arg("geometry"), py::kw_only(), py::arg("model") = py::none(),
+           py::arg("references") = std::vector<PosedImageLike>(), py::arg("threads") = 0,
+           "From a Mesh, a RayCaster, or a text as the option --geometry takes it:\n"
+           "\"mesh:PATH[,key=value...]\", \"depth:DIR[,...]\" (needs the references), "
+           "\"sfm[:DIR][,...]\"\n"
+           "(without DIR, the points of `model`). Raises OptionError for what is none.")
+      .def_property_readonly(
+          "description",
+          [](const Geometry& geometry) { return geometry.named.source->Description(); })
+      .def_property_readonly(
+          "understood", [](const Geometry& geometry) { return geometry.named.understood; },
+          "How the files were read (\"PNG uint16 640 x 480, z\").")
+      .def_property_readonly("warnings",
+                             [](const Geometry& geometry) { return geometry.named.warnings; })
+      .def(
+          "lift",
+          [](const Geometry& geometry, const PosedImageLike& reference, const ArrayLike& pixels) {
+            return LiftPixels(*geometry.named.source, reference, pixels);
+          },
+          py::arg("reference"), py::arg("pixels"), kLiftDoc)
+      .def("__repr__", [](const Geometry& geometry) {
+        return fmt::format("<raylift.Geometry {}>", geometry.named.source->Description());
+      });
+  py::class_<DepthMaps, Geometry, std::shared_ptr<DepthMaps>>(module, "DepthMaps",
+                                                              "Depth maps of references.")
+      .def(py::init([](const PathLike& folder, const std::vector<PosedImageLike>& references,
+                       const py::kwargs& keys) {
+             const std::vector<PosedImage> images = ToPosedImages(references);
+             const std::string spec = SpecOf("depth", ToPath(folder), keys);
+             return WithoutLock([&] {
+               return std::make_shared<DepthMaps>(MakeGeometrySource(spec, {.references = images}));
+             });
+           }),
+           py::arg("folder"), py::arg("references"),
+           "Finds the references' maps in a folder. Keywords are the keys of --geometry depth:...\n"
+           "(preset, kind, unit, scale, pattern, ...; `raylift localize --help` lists them). "
+           "Raises\n"
+           "InputError where there is no map.")
+      .def_static(
+          "from_arrays", &DepthFromArrays, py::arg("maps"), py::arg("references"),
+          "From a dict of (height, width) arrays by the references' names, of the image's size\n"
+          "or another; what is not finite or not positive is no surface. They are copied.\n"
+          "Keywords: kind=\"z\" (or \"ray\", \"inverse\"), scale=1, max_depth, "
+          "interpolation=\"edge\"\n"
+          "(or \"nearest\"), max_jump=0.05.")
+      .def("load", &LoadMap, py::arg("reference"),
+           "The map of a reference (height, width), float32, z in scene units, 0: no surface; or "
+           "None.\n"
+           "It is the library's own memory, which cannot be written to.");
+  py::class_<SfmPoints, Geometry, std::shared_ptr<SfmPoints>>(
+      module, "SfmPoints", "The points of a COLMAP model, lifted by its own keypoints.")
+      .def(py::init([](const PathLike& model, const std::vector<PosedImageLike>& references,
+                       const py::kwargs& keys) {
+             const std::vector<PosedImage> images = ToPosedImages(references);
+             const std::string spec = SpecOf("sfm", ToPath(model), keys);
+             return WithoutLock([&] {
+               return std::make_shared<SfmPoints>(MakeGeometrySource(spec, {.references = images}));
+             });
+           }),
+           py::arg("model"), py::arg("references") = std::vector<PosedImageLike>(),
+           "Keywords are the keys of --geometry sfm:... (radius, min_track, ...).");
+}
+
+// Several sources as one.
+class Lifter {
+ public:
+  Lifter(std::vector<std::shared_ptr<const GeometrySource>> sources, GeometryMode mode)
+      : sources_(std::move(sources)), mode_(mode) {}
+
+  // Of each pixel the point of the first source that has one, and which.
+  std::pair<SurfacePoints, std::vector<int64_t>> Lift(
+      const PosedImage& reference, const std::vector<Eigen::Vector2d>& pixels) const {
+    SurfacePoints points(pixels.size());
+    std::vector<int64_t> of_source(pixels.size(), -1);
+    std::vector<size_t> left(pixels.size());
+    for (size_t i = 0; i < left.size(); ++i) left[i] = i;
+    for (size_t s = 0; s < sources_.size() && !left.empty(); ++s) {
+      std::vector<Eigen::Vector2d> asked;
+      for (const size_t i : left) asked.push_back(pixels[i]);
+      const SurfacePoints lifted = sources_[s]->Lift(reference, asked);
+      for (size_t k = 0; k < left.size(); ++k) {
+        if (!lifted[k]) continue;
+        points[left[k]] = lifted[k];
+        of_source[left[k]] = static_cast<int64_t>(s);
+      }
+      std::erase_if(left, [&](size_t i) { return points[i].has_value(); });
+    }
+    return {std::move(points), std::move(of_source)};
+  }
+
+  LiftResult LiftAll(const PoseProblem& problem) const {
+    std::vector<const GeometrySource*> sources;
+    for (const auto& source : sources_) sources.push_back(source.get());
+    return LiftMatches(sources, mode_, problem.references, problem.matches_2d2d);
+  }
+
+  size_t num_sources() const { return sources_.size(); }
+
+ private:
+  std::vector<std::shared_ptr<const GeometrySource>> sources_;
+  GeometryMode mode_;
+};
+
+void BindLifter(py::module_& module) {
+  py::class_<Lifter, std::shared_ptr<Lifter>>(
+      module, "Lifter",
+      "Lifts keypoints of references to the scene by one source of geometry or several.")
+      .def(py::init([](const py::args& geometry, const std::string& mode) {
+             std::vector<std::shared_ptr<const GeometrySource>> sources;
+             for (const py::handle one : geometry) {
+               sources.push_back(ToGeometry(py::reinterpret_borrow<GeometryLike>(one)).source);
+             }
+             if (sources.empty()) throw OptionError("give at least one source of geometry");
+             return std::make_shared<Lifter>(std::move(sources),
+                                             ToEnum<GeometryMode>("geometry_mode", mode));
+           }),
+           py::arg("geometry_mode") = "first",
+           "Each source is a Mesh, RayCaster, DepthMaps, SfmPoints, Geometry or \"mesh:PATH\"; "
+           "they are\n"
+           "asked in order. geometry_mode: of lift_matches(), the point of the \"first\" that has "
+           "one,\n"
+           "or those of \"all\".")
+      .def(
+          "lift",
+          [](const Lifter& lifter, const PosedImageLike& reference, const ArrayLike& pixels) {
+            const PosedImage image = ToPosedImage(reference);
+            const auto keypoints = Rows<2>(pixels, "pixels").ToVector();
+            auto [points, of_source] = WithoutLock([&] { return lifter.Lift(image, keypoints); });
+            py::dict dict = ToDict(points);
+            const auto count = std::ssize(of_source);
+            dict["source"] = HandOver(std::move(of_source), {count});
+            return dict;
+          },
+          py::arg("reference"), py::arg("pixels"),
+          (std::string(kLiftDoc) + " source: index of the source (N,), -1: none.").c_str())
+      .def(
+          "lift_matches",
+          [](const Lifter& lifter, const PoseProblem& problem) {
+            return WithoutLock([&] {
+              auto lifted = std::make_shared<PoseProblem>(problem);
+              lifted->matches_2d3d = Matches2D3D(lifter.LiftAll(problem));
+              return lifted;
+            });
+          },
+          py::arg("problem"),
+          "The PoseProblem with the 2D-3D matches that its 2D-2D matches give, in place of its "
+          "own.");
+}
+
+py::dict CountsOf(const FilterCounts& counts) {
+  py::dict dict;
+  dict["consistent"] = counts.consistent;
+  dict["dropped_by_views"] = counts.dropped_by_views;
+  dict["dropped_by_ratio"] = counts.dropped_by_ratio;
+  dict["dropped_by_error"] = counts.dropped_by_error;
+  dict["dropped_as_too_few"] = counts.dropped_as_too_few;
+  return dict;
+}
+
+py::tuple Filter(const PoseProblem& problem, const std::string& mode, const std::string& method,
+                 const py::kwargs& given) {
+  FilterOptions options;
+  options.mode = ToEnum<FilterMode>("filter", mode);
+  options.few_points = FewPointsFor(ToEnum<Method>("method", method));
+  Keywords keywords(given);
+  TakeFilterThresholds(keywords, options.thresholds);
+  keywords.RequireAllTaken();
+  options.thresholds.Validate();
+  auto filtered = std::make_shared<PoseProblem>(problem);
+  const FilterResult result = WithoutLock([&] { return FilterProblem(options, *filtered); });
+  return py::make_tuple(filtered, ToArray(result.keep), CountsOf(result.counts));
+}
+
+std::shared_ptr<PoseProblem> WithCandidates(const PoseProblem& problem, const py::kwargs& given) {
+  CandidateOptions options{.mode = CandidateMode::kMerge};
+  Keywords keywords(given);
+  TakeCandidateOptions(keywords, options);
+  keywords.RequireAllTaken();
+  options.Validate();
+  return WithoutLock([&] {
+    auto changed = std::make_shared<PoseProblem>(problem);
+    if (options.mode == CandidateMode::kMerge) {
+      changed->matches_2d3d =
+          MergeCandidates(problem.references, problem.matches_2d2d, problem.matches_2d3d, options);
+    } else if (options.mode == CandidateMode::kTriangulate) {
+      changed->matches_2d3d = TriangulateMatches(problem.references, problem.matches_2d2d, options);
+    }
+    return changed;
+  });
+}
+
+// "0.5", "true", "a/b" for a list: as keys of a specification stand.
+std::string KeyText(const py::handle& value) {
+  if (py::isinstance<py::bool_>(value)) return value.cast<bool>() ? "true" : "false";
+  if (py::isinstance<py::float_>(value)) return FormatDouble(value.cast<double>());
+  if (py::isinstance<py::list>(value) || py::isinstance<py::tuple>(value)) {
+    std::vector<std::string> parts;
+    for (const py::handle part : value) parts.push_back(KeyText(part));
+    return fmt::format("{}", fmt::join(parts, "/"));
+  }
+  return py::cast<std::string>(py::str(value));
+}
+
+}  // namespace
+
+NamedGeometry ToGeometry(const GeometryLike& geometry, const GeometryContext& context) {
+  const auto of_caster = [](std::shared_ptr<const RayCaster> caster) {
+    NamedGeometry named;
+    named.source = std::make_shared<const MeshSource>("mesh from memory", caster);
+    named.mesh = std::move(caster);
+    return named;
+  };
+  if (py::isinstance<Geometry>(geometry)) return geometry.cast<const Geometry&>().named;
+  if (py::isinstance<Caster>(geometry)) return of_caster(geometry.cast<const Caster&>().caster);
+  if (py::isinstance<TriangleMesh>(geometry)) {
+    const auto mesh = geometry.cast<std::shared_ptr<TriangleMesh>>();
+    return of_caster(WithoutLock([&] {
+      return std::make_shared<const RayCaster>(
+          mesh, RayCasterOptions{.build_quality = RayCasterOptions::BuildQuality::kLow});
+    }));
+  }
+  if (py::isinstance<py::str>(geometry)) {
+    const auto spec = geometry.cast<std::string>();
+    return WithoutLock([&] { return MakeGeometrySource(spec, context); });
+  }
+  throw InputError(fmt::format(
+      "geometry: expected a Mesh, RayCaster, Geometry or \"KIND:PATH[,key=value...]\", found {}",
+      py::cast<std::string>(py::type::handle_of(geometry).attr("__name__"))));
+}
+
+std::string SpecOf(const std::string& kind, const std::filesystem::path& path,
+                   const py::kwargs& keys) {
+  std::string spec = fmt::format("{}:{}", kind, path.string());
+  for (const auto& [key, value] : keys) {
+    spec += fmt::format(",{}={}", key.cast<std::string>(), KeyText(value));
+  }
+  return spec;
+}
+
+void BindLifting(py::module_& module) {
+  BindSources(module);
+  BindLifter(module);
+  module.def(
+      "filter_points", &Filter, py::arg("problem"), py::arg("filter") = "auto", py::kw_only(),
+      py::arg("method") = "adaptive",
+      "Drops the 2D-3D matches of a PoseProblem that its references disagree on. filter: \"off\",\n"
+      "\"fixed\" (with filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8) or\n"
+      "\"auto\", which leaves accurate geometry alone. method: what the points are for (some keep\n"
+      "the best where few are left).\n\n"
+      "Returns the problem without them, which were kept (N,) bool, and a dict of counts.");
+  module.def(
+      "merge_candidates", &WithCandidates, py::arg("problem"),
+      "The PoseProblem with one 3D point per query keypoint. candidates=\"merge\": the one that\n"
+      "the references agree on best; \"triangulate\": from the 2D-2D matches alone; \"keep\": "
+      "all.\n"
+      "Also candidates_error_px=4, candidates_min_angle_deg=1.");
+}
+
+}  // namespace raylift::python

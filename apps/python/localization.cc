@@ -1,0 +1,440 @@
+// Scenes, and photographs localized in them.
+
+#include <algorithm>
+#include <map>
+#include <mutex>
+
+#include "bindings.h"
+#include "conversions.h"
+#include "geometry_source.h"
+#include "options_by_keyword.h"
+
+#include "raylift/base/option_checks.h"
+#include "raylift/base/progress.h"
+#include "raylift/io/image_file.h"
+#include "raylift/io/scene_file.h"
+#include "raylift/localization/batch_localizer.h"
+#include "raylift/localization/localizer.h"
+#include "raylift/localization/matching.h"
+
+namespace raylift::python {
+namespace {
+
+using ScenePointer = std::shared_ptr<Scene>;
+using SourceList = std::vector<GeometryLike>;
+
+// Texts are opened for the scene's references, as --geometry is.
+void AddSources(Scene& scene, const SourceList& geometry, int threads) {
+  for (const GeometryLike& one : geometry) {
+    if (py::isinstance<py::str>(one)) {
+      const auto spec = one.cast<std::string>();
+      WithoutLock([&] { OpenGeometry(scene, spec, {.threads = threads}); });
+      continue;
+    }
+    NamedGeometry named = ToGeometry(one);
+    const std::string description = named.source->Description();
+    scene.sources.push_back({std::move(named), description, description});
+  }
+}
+
+ScenePointer OpenModelScene(const PathLike& model, const SourceList& geometry,
+                            const std::optional<PathLike>& images, const std::string& model_poses,
+                            const Thinning& thinning, int threads) {
+  SceneOptions options{.model = ToPath(model),
+                       .model_poses = ToEnum<PoseConvention>("model_poses", model_poses),
+                       .thinning = thinning,
+                       .images = images ? ToPath(*images) : std::filesystem::path(),
+                       .threads = threads};
+  RequireAtLeast("every", thinning.every, 1);
+  auto scene = WithoutLock([&] { return std::make_shared<Scene>(OpenScene(options)); });
+  AddSources(*scene, geometry, threads);
+  return scene;
+}
+
+ScenePointer MakeScene(const std::vector<PosedImageLike>& references, const SourceList& geometry,
+                       const std::optional<PathLike>& images, int threads) {
+  auto scene = std::make_shared<Scene>();
+  scene->references.images = ToPosedImages(references);
+  if (images) scene->images = ToPath(*images);
+  AddSources(*scene, geometry, threads);
+  return scene;
+}
+
+void BindScene(py::module_& module) {
+  const auto no_sources = SourceList();
+  py::class_<Scene, ScenePointer>(
+      module, "Scene",
+      "What photographs are localized in: references with known poses, and\n"
+      "the geometry that their keypoints are lifted by.")
+      .def(
+          py::init([](const PathLike& model, const SourceList& geometry,
+                      const std::optional<PathLike>& images, const std::string& model_poses,
+                      int every, int every_offset, bool every_per_camera, int threads) {
+            return OpenModelScene(model, geometry, images, model_poses,
+                                  {every, every_offset, every_per_camera}, threads);
+          }),
+          py::arg("model"), py::arg("geometry") = no_sources, py::kw_only(),
+          py::arg("images") = py::none(), py::arg("model_poses") = "cam_from_world",
+          py::arg("every") = 1, py::arg("every_offset") = 0, py::arg("every_per_camera") = false,
+          py::arg("threads") = 0,
+          "From a COLMAP model (text or binary). geometry: Mesh, RayCaster, Geometry, or texts as "
+          "the\n"
+          "option --geometry takes them, asked in order. images: folder of the references'\n"
+          "photographs. every: only each N-th reference. Raises InputError where a file cannot be\n"
+          "read.")
+      .def_static("of", &MakeScene, py::arg("references"), py::arg("geometry") = no_sources,
+                  py::kw_only(), py::arg("images") = py::none(), py::arg("threads") = 0,
+                  "From references in memory.")
+      .def_static(
+          "read",
+          [](const PathLike& file, const std::vector<std::string>& geometry, int threads) {
+            const std::filesystem::path path = ToPath(file);
+            return WithoutLock([&] {
+              SceneOptions options = SceneOptionsOf(ReadSceneFile(path), geometry);
+              options.threads = threads;
+              return std::make_shared<Scene>(OpenScene(options));
+            });
+          },
+          py::arg("file"), py::kw_only(), py::arg("geometry") = std::vector<std::string>(),
+          py::arg("threads") = 0,
+          "From a scene file (TOML); geometry: names of its geometries, by default the first one.")
+      .def_property_readonly(
+          "references", [](const Scene& scene) { return scene.references.images; },
+          "A list of PosedImage.")
+      .def_property_readonly(
+          "geometry",
+          [](const Scene& scene) {
+            std::vector<std::shared_ptr<Geometry>> sources;
+            for (const SceneSource& source : scene.sources) {
+              sources.push_back(std::make_shared<Geometry>(source.geometry));
+            }
+            return sources;
+          },
+          "A list of Geometry.")
+      .def_property_readonly(
+          "mesh",
+          [](const Scene& scene) -> std::shared_ptr<Caster> {
+            const auto mesh = scene.Mesh();
+            return mesh ? std::make_shared<Caster>(mesh) : nullptr;
+          },
+          "The RayCaster of the first geometry that is a mesh, or None.")
+      .def_readonly("warnings", &Scene::warnings)
+      .def("__repr__", [](const Scene& scene) {
+        return fmt::format("<raylift.Scene {} references, {} sources of geometry>",
+                           scene.references.images.size(), scene.sources.size());
+      });
+}
+
+// A mapping with keypoints (N, 2) and, where they are to be matched, descriptors (N, D).
+Features ToFeatures(const py::object& mapping, const Camera& camera) {
+  const auto item = [&](const char* key) -> py::object {
+    return mapping.attr("get")(py::str(key));
+  };
+  const py::object keypoints = item("keypoints"), descriptors = item("descriptors");
+  if (keypoints.is_none() || descriptors.is_none()) {
+    throw InputError("features: expected keypoints (N, 2) and descriptors (N, D)");
+  }
+  Features features;
+  features.image_width_px = camera.width_px();
+  features.image_height_px = camera.height_px();
+  features.keypoints_px =
+      Rows<2>(py::reinterpret_borrow<ArrayLike>(keypoints), "features, keypoints").ToVector();
+  const std::string expected =
+      fmt::format("an array of shape ({}, D)", features.keypoints_px.size());
+  const auto rows = internal::ArrayOf<float>(py::reinterpret_borrow<ArrayLike>(descriptors),
+                                             "features, descriptors", expected);
+  if (rows.ndim() != 2 || static_cast<size_t>(rows.shape(0)) != features.keypoints_px.size()) {
+    internal::ThrowShape("features, descriptors", expected, rows);
+  }
+  features.descriptors =
+      Eigen::Map<const Eigen::MatrixXf>(rows.data(), rows.shape(1), rows.shape(0));
+  return features;
+}
+
+py::dict ToDict(const Features& features) {
+  py::dict dict;
+  dict["keypoints"] =
+      MakeRows(features.keypoints_px.size(), 2, [&](size_t i) { return features.keypoints_px[i]; });
+  py::array_t<float> descriptors(
+      {py::ssize_t{features.descriptors.cols()}, py::ssize_t{features.descriptors.rows()}});
+  std::copy_n(features.descriptors.data(), features.descriptors.size(), descriptors.mutable_data());
+  dict["descriptors"] = descriptors;
+  dict["scores"] = py::array_t<float>(std::ssize(features.scores), features.scores.data());
+  return dict;
+}
+
+bool IsMapping(const py::object& object) {
+  return PyMapping_Check(object.ptr()) != 0 && py::hasattr(object, "keys");
+}
+
+LocalizerOptions TakeLocalizerOptions(Keywords& keywords) {
+  LocalizerOptions options;
+  TakeEstimatorOptions(keywords, options.estimator);
+  keywords.Take("filter", options.filter.mode);
+  TakeFilterThresholds(keywords, options.filter.thresholds);
+  TakeCandidateOptions(keywords, options.candidates);
+  keywords.Take("geometry_mode", options.geometry_mode);
+  keywords.Take("min_confidence", options.min_confidence);
+  return options;
+}
+
+MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene) {
+  MatchingOptions options;
+  HlocFiles files;
+  keywords.Take("features", files.features);
+  keywords.Take("matches", files.matches);
+  keywords.Take("pairs", files.pairs);
+  keywords.Take("top_k", options.top_k);
+  keywords.Take("max_features", options.front_end.max_features);
+  keywords.Take("max_ratio", options.front_end.max_ratio);
+  keywords.Take("cache", options.front_end.cache);
+  keywords.Take("query_images", options.front_end.query_images);
+  const bool any = !files.features.empty() || !files.matches.empty() || !files.pairs.empty();
+  const bool all = !files.features.empty() && !files.matches.empty() && !files.pairs.empty();
+  if (any != all) throw OptionError("features, matches and pairs go together");
+  if (any) options.hloc = files;
+  RequireAtLeast("top_k", options.top_k, 1);
+  RequireAtLeast("max_features", options.front_end.max_features, 1);
+  if (options.front_end.query_images.empty()) options.front_end.query_images = scene.images;
+  return options;
+}
+
+// What Localizer of the module holds. The front end extracts the references' features when the first
+// query needs them.
+class SceneLocalizer {
+ public:
+  SceneLocalizer(ScenePointer scene, const py::dict& reference_features, int threads,
+                 const py::kwargs& given)
+      : scene_(std::move(scene)), threads_(threads) {
+    Keywords keywords(given);
+    options_ = TakeLocalizerOptions(keywords);
+    matching_ = TakeMatchingOptions(keywords, *scene_);
+    keywords.RequireAllTaken();
+    matching_.front_end.threads = threads;
+    for (const PosedImage& image : scene_->references.images) {
+      if (!reference_features.contains(image.name)) continue;
+      matching_.front_end.features.emplace(
+          image.name, ToFeatures(reference_features[py::str(image.name)], image.camera));
+    }
+    // Options out of their range are told now.
+    Localizer(scene_, nullptr, options_);
+  }
+
+  Localizer WithoutMatches() const { return {scene_, nullptr, options_}; }
+  // Without the interpreter's lock.
+  Localizer ForQueries() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (!source_) source_ = OpenMatches(*scene_, {}, matching_);
+    return {scene_, source_, options_};
+  }
+  const Scene& scene() const { return *scene_; }
+  const LocalizerOptions& options() const { return options_; }
+  const MatchingOptions& matching() const { return matching_; }
+  int threads() const { return threads_; }
+
+ private:
+  ScenePointer scene_;
+  LocalizerOptions options_;
+  MatchingOptions matching_;
+  int threads_;
+  std::mutex mutex_;
+  std::shared_ptr<const MatchSource> source_;
+};
+
+using ResultPointer = std::shared_ptr<QueryResult>;
+
+ResultPointer LocalizeOne(SceneLocalizer& localizer, const py::object& query,
+                          const CameraLike& camera, const std::string& name) {
+  const Query asked{name, ToCamera(camera)};
+  const auto run = [&](const auto& what) {
+    return Watched(std::nullopt, [&] {
+      return std::make_shared<QueryResult>(localizer.ForQueries().Localize(asked, what));
+    });
+  };
+  if (IsMapping(query)) return run(ToFeatures(query, asked.camera));
+  if (py::isinstance<py::str>(query) || py::hasattr(query, "__fspath__")) {
+    const std::filesystem::path file = ToPath(py::reinterpret_borrow<PathLike>(query));
+    return run(WithoutLock([&] { return ReadImage(file, ImageChannels::kRgb); }));
+  }
+  if (query.is_none()) throw InputError("query: expected a photograph or features, found None");
+  return run(ToImage(py::reinterpret_borrow<ArrayLike>(query)));
+}
+
+ResultPointer LocalizeMatches(const SceneLocalizer& localizer, const CameraLike& camera,
+                              const ArrayLike& query2d, const ArrayLike& reference2d,
+                              const std::vector<std::string>& reference_names,
+                              const std::optional<ArrayLike>& query_keypoints,
+                              const std::string& name) {
+  const Rows<2> query(query2d, "query2d"), reference(reference2d, "reference2d");
+  if (query.size() != reference.size() || query.size() != reference_names.size()) {
+    throw InputError(fmt::format(
+        "query2d, reference2d and reference_names: expected as many, found {}, {} and {}",
+        query.size(), reference.size(), reference_names.size()));
+  }
+  const auto keypoints = PerMatch<int64_t>(query_keypoints, "query_keypoints", query.size());
+  QueryMatches matches;
+  std::map<std::string, int> index_of_name;
+  for (size_t i = 0; i < query.size(); ++i) {
+    const std::string& of = reference_names[i];
+    auto known = index_of_name.find(of);
+    if (known == index_of_name.end()) {
+      const auto& images = localizer.scene().references.images;
+      const auto image = std::find_if(images.begin(), images.end(),
+                                      [&of](const PosedImage& one) { return one.name == of; });
+      if (image == images.end()) {
+        throw InputError(
+            fmt::format("reference_names, row {}: the scene has no reference {}", i, of));
+      }
+      known = index_of_name.emplace(of, static_cast<int>(matches.references.size())).first;
+      matches.references.push_back(*image);
+    }
+    Match2D2D& match = matches.matches.emplace_back();
+    match.reference = known->second;
+    match.query_px = query[i];
+    match.reference_px = reference[i];
+    if (keypoints && keypoints->data()[i] >= 0) {
+      match.query_keypoint = static_cast<int>(keypoints->data()[i]);
+    }
+  }
+  const Query asked{name, ToCamera(camera)};
+  return Watched(std::nullopt, [&] {
+    return std::make_shared<QueryResult>(
+        localizer.WithoutMatches().Localize(asked, std::move(matches)));
+  });
+}
+
+py::dict LocalizeAll(const SceneLocalizer& localizer,
+                     const std::vector<std::pair<std::string, CameraLike>>& queries, int threads,
+                     const std::optional<ProgressCall>& progress) {
+  std::vector<Query> asked;
+  for (const auto& [name, camera] : queries) asked.push_back({name, ToCamera(camera)});
+  std::vector<ResultPointer> results(asked.size());
+  Watched(progress, [&] {
+    MatchingOptions matching = localizer.matching();
+    matching.front_end.threads = threads;
+    BatchLocalizer batch(localizer.scene(), asked, OpenMatches(localizer.scene(), asked, matching),
+                         {.localizer = localizer.options(), .threads = threads});
+    Progress count("queries", asked.size(), Progress::Show::kNever);
+    batch.LocalizeAll([&](size_t i, const QueryResult& result) {
+      results[i] = std::make_shared<QueryResult>(result);
+      count.Advance();
+    });
+  });
+  py::dict by_name;
+  for (size_t i = 0; i < asked.size(); ++i) by_name[py::str(asked[i].name)] = results[i];
+  return by_name;
+}
+
+py::dict CountsOf(const StageCounts& counts) {
+  py::dict dict;
+  dict["retrieved"] = counts.retrieved;
+  dict["matched"] = counts.matched;
+  dict["hit"] = counts.hit;
+  dict["points"] = counts.points;
+  dict["inliers_2d3d"] = counts.inliers_2d3d;
+  dict["inliers_2d2d"] = counts.inliers_2d2d;
+  return dict;
+}
+
+void BindResult(py::module_& module) {
+  py::class_<QueryResult, ResultPointer>(module, "LocalizedQuery",
+                                         "What became of a query. True where it was localized.")
+      .def_property_readonly("name", [](const QueryResult& r) { return r.localized.name; })
+      .def_property_readonly(
+          "cam_from_world",
+          [](const QueryResult& r) -> std::optional<Rigid3> {
+            if (!r.localized.localized()) return std::nullopt;
+            return r.localized.estimate.cam_from_world;
+          },
+          "The pose, or None.")
+      .def_property_readonly(
+          "verdict",
+          [](const QueryResult& r) { return std::string(ToString(r.localized.verdict())); },
+          "\"localized\", \"doubtful\" or \"failed\".")
+      .def_property_readonly(
+          "confidence", [](const QueryResult& r) { return r.localized.confidence(); },
+          "The probability that the pose is right.")
+      .def_property_readonly(
+          "reason", [](const QueryResult& r) { return r.localized.reason; },
+          "Why there is no pose; empty where there is one.")
+      .def_property_readonly(
+          "counts", [](const QueryResult& r) { return CountsOf(r.localized.counts); },
+          "What each stage found: references retrieved, 2D-2D matches, those lifted, points, "
+          "inliers.")
+      .def_property_readonly(
+          "estimate",
+          [](const QueryResult& r) { return std::make_shared<PoseEstimate>(r.localized.estimate); },
+          "The PoseEstimate, with the covariance.")
+      .def_property_readonly(
+          "problem", [](const QueryResult& r) { return std::make_shared<PoseProblem>(r.problem); },
+          "The PoseProblem that was estimated.")
+      .def("__bool__", [](const QueryResult& r) { return r.localized.localized(); })
+      .def("__repr__", [](const QueryResult& r) {
+        return fmt::format("<raylift.LocalizedQuery {}: {}{}>", r.localized.name,
+                           ToString(r.localized.verdict()),
+                           r.localized.localized() ? "" : ", " + r.localized.reason);
+      });
+}
+
+}  // namespace
+
+void BindLocalization(py::module_& module) {
+  BindScene(module);
+  BindResult(module);
+  py::class_<SceneLocalizer, std::shared_ptr<SceneLocalizer>>(
+      module, "Localizer", "Localizes photographs in a scene. Thread safe.")
+      .def(py::init([](ScenePointer scene, const py::dict& reference_features, int threads,
+                       const py::kwargs& options) {
+             return std::make_shared<SceneLocalizer>(std::move(scene), reference_features, threads,
+                                                     options);
+           }),
+           py::arg("scene"), py::kw_only(), py::arg("reference_features") = py::dict(),
+           py::arg("threads") = 0,
+           "Options as of `raylift localize`, with its defaults: those of raylift.estimate_pose(), "
+           "and\n"
+           "filter=\"off\", filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8,\n"
+           "candidates=\"keep\", candidates_error_px=4, candidates_min_angle_deg=1,\n"
+           "geometry_mode=\"first\", min_confidence=0, top_k=10; of the built-in front end "
+           "(RootSIFT and\n"
+           "VLAD, made from the scene's photographs) max_features=4096, max_ratio=0.8, cache,\n"
+           "query_images; or hloc's files features, matches and pairs.\n\n"
+           "reference_features: features of one's own, a dict by the references' names of dicts "
+           "with\n"
+           "keypoints (N, 2) and descriptors (N, D) of unit length; their photographs are not "
+           "read.\n\n"
+           "Raises OptionError for an option out of range.")
+      .def("localize", &LocalizeOne, py::arg("query"), py::arg("camera"), py::kw_only(),
+           py::arg("name") = "query",
+           "One query: a photograph, (H, W) or (H, W, 3) uint8, RGB, or its file; or features, a "
+           "dict\n"
+           "with keypoints (N, 2) and descriptors (N, D), as the references have.\n\n"
+           "Returns a LocalizedQuery. Raises InputError where a photograph is not of the camera's "
+           "size.")
+      .def(
+          "localize_matches", &LocalizeMatches, py::arg("camera"), py::arg("query2d"),
+          py::arg("reference2d"), py::arg("reference_names"), py::kw_only(),
+          py::arg("query_keypoints") = py::none(), py::arg("name") = "query",
+          "One query by matches of one's own: pixels (M, 2) of the query and of references, and "
+          "the\n"
+          "references' names (M,). query_keypoints: (M,), where it is known which keypoint of the\n"
+          "query a match is of.")
+      .def("localize_all", &LocalizeAll, py::arg("queries"), py::kw_only(), py::arg("threads") = 0,
+           py::arg("progress") = py::none(),
+           "Many queries, (name, camera) each, whose photographs or matches are in files: what "
+           "they\n"
+           "have in common is learned first, as `raylift localize` does. Returns a dict by name.");
+  module.def(
+      "extract_features",
+      [](const ArrayLike& image, int max_features) {
+        const Image photograph = ToImage(image);
+        RequireAtLeast("max_features", max_features, 1);
+        return ToDict(
+            WithoutLock([&] { return ExtractFrontEndFeatures(photograph, max_features); }));
+      },
+      py::arg("image"), py::kw_only(), py::arg("max_features") = 4096,
+      "RootSIFT features of a photograph, (H, W) or (H, W, 3) uint8: a dict with keypoints (N, "
+      "2),\n"
+      "descriptors (N, 128) float32 of unit length, scores (N,).");
+}
+
+}  // namespace raylift::python

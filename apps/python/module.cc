@@ -1,0 +1,88 @@
+// The module raylift._core and what becomes of C++ exceptions.
+
+#include <regex>
+
+#include "bindings.h"
+#include "conversions.h"
+#include "interrupt.h"
+#include "option_names.h"
+#include "program.h"
+
+namespace raylift::python {
+namespace {
+
+// Options are keywords here: "--min-iterations = 0: ..." becomes "min_iterations = 0: ...".
+std::string MessageInKeywords(const OptionError& error) {
+  const std::string message = MessageInOptions(error);
+  static const std::regex kOption("(^|[^-\\w])--([a-z][-a-z0-9]*)");
+  std::string text;
+  auto rest = message.cbegin();
+  for (std::smatch match; std::regex_search(rest, message.cend(), match, kOption);
+       rest = match[0].second) {
+    std::string keyword = match[2];
+    std::replace(keyword.begin(), keyword.end(), '-', '_');
+    text += match.prefix().str() + match[1].str() + keyword;
+  }
+  return text + std::string(rest, message.cend());
+}
+
+void TranslateExceptions(py::module_& module) {
+  // They live as long as the interpreter.
+  static PyObject* const input_error =
+      py::exception<InputError>(module, "InputError", PyExc_ValueError).release().ptr();
+  static PyObject* const option_error =
+      py::exception<OptionError>(module, "OptionError", PyExc_ValueError).release().ptr();
+  py::setattr(
+      input_error, "__doc__",
+      py::str("Bad input: a file, or an argument's value. One line that names it, the place\n"
+              "in it, what was expected and what was found."));
+  py::setattr(option_error, "__doc__", py::str("A bad option: \"name = value: constraint\"."));
+  py::register_exception_translator([](std::exception_ptr thrown) {
+    try {
+      if (thrown) std::rethrow_exception(thrown);
+    } catch (const InputError& error) {
+      PyErr_SetString(input_error, error.what());
+    } catch (const OptionError& error) {
+      PyErr_SetString(option_error, MessageInKeywords(error).c_str());
+    } catch (const Interrupted& error) {
+      PyErr_SetString(PyExc_KeyboardInterrupt, error.what());
+    } catch (const std::filesystem::filesystem_error& error) {
+      PyErr_SetString(input_error, error.what());
+    }
+  });
+}
+
+void BindProgram(py::module_& module) {
+  module.def(
+      "run_command",
+      [](const std::vector<std::string>& arguments, const std::optional<ProgressCall>& progress) {
+        Watched(progress, [&] { RunCommand(arguments); });
+      },
+      py::arg("arguments"), py::kw_only(), py::arg("progress") = py::none(),
+      "Runs a command of the program by its arguments, as a shell would.\n\n"
+      "Raises OptionError and InputError where the program would end with such a message.");
+  module.def(
+      "run_program",
+      [](const std::vector<std::string>& arguments) {
+        return WithoutLock([&] { return RunProgram(arguments); });
+      },
+      py::arg("arguments"), "The program `raylift`. Returns its exit code.");
+}
+
+}  // namespace
+}  // namespace raylift::python
+
+PYBIND11_MODULE(_core, module) {
+  using namespace raylift::python;
+  module.doc() = "The compiled part of raylift.";
+  module.attr("__version__") = RAYLIFT_VERSION;
+  module.attr("PYBIND11_MAJOR") = PYBIND11_VERSION_MAJOR;
+  TranslateExceptions(module);
+  BindGeometry(module);
+  BindEstimation(module);
+  BindRendering(module);
+  BindLifting(module);
+  BindLocalization(module);
+  BindIo(module);
+  BindProgram(module);
+}

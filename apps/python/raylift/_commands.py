@@ -1,0 +1,179 @@
+"""The program's commands as functions: the same options, with underscores, and the same defaults."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Union
+
+from . import _core
+
+if TYPE_CHECKING:
+    from ._types import PathLike, PoseLike, Progress
+
+Poses = Union["PathLike", Mapping[str, "PoseLike"]]
+
+
+def _text(value: object) -> str:
+    return repr(value) if isinstance(value, float) else str(os.fspath(value) if isinstance(value, os.PathLike) else value)
+
+
+def _option(name: str, value: object) -> Iterator[str]:
+    option = "--" + name.replace("_", "-")
+    if value is None or value is False:
+        return
+    if value is True:
+        yield option
+    elif isinstance(value, (list, tuple)):
+        for one in value:
+            yield f"{option}={_text(one)}"
+    else:
+        yield f"{option}={_text(value)}"
+
+
+def run(command: str, *arguments: object, progress: Optional[Progress] = None, quiet: bool = True,
+        **options: object) -> None:
+    """Runs a command of the program: `raylift COMMAND ARGUMENTS --options`.
+
+    Options are keywords with underscores: True sets a flag, lists repeat an option, None and False
+    leave it out. progress is called with (done, total, what). quiet=False prints tables on stdout.
+
+    Raises OptionError and InputError where the program would end with such a message, and
+    KeyboardInterrupt after Ctrl-C, with what is on disk in good order.
+    """
+    words = [command, *map(_text, arguments)]
+    for name, value in dict(options, quiet=quiet).items():
+        words.extend(_option(name, value))
+    _core.run_command(words, progress=progress)
+
+
+def _pose_file(poses: Poses, folder: str, name: str) -> PathLike:
+    if not isinstance(poses, Mapping):
+        return poses
+    file = Path(folder) / name
+    _core.write_poses(file, dict(poses))
+    return file
+
+
+def _json(file: PathLike) -> Any:
+    return json.loads(Path(file).read_text(encoding="utf-8"))
+
+
+def evaluate(poses: Union[Poses, Sequence[Poses]], ground_truth: Optional[Poses] = None,
+             **options: Any) -> Any:
+    """`raylift evaluate`: recalls and median errors of poses against the truth.
+
+    poses, ground_truth: files, or dicts of poses (cam_from_world) by name; of poses also a list of
+    these, one row of the table each. ground_truth may be a COLMAP model. options: thresholds, names,
+    groups, calibration, geometry (dense errors), report, ... as of `raylift evaluate --help`.
+
+    Returns the table, as the option --json writes it.
+    """
+    several = poses if isinstance(poses, (list, tuple)) else [poses]
+    with tempfile.TemporaryDirectory() as folder:
+        files = [_pose_file(one, folder, f"poses_{i}.txt") for i, one in enumerate(several)]
+        if ground_truth is not None:
+            options["ground_truth"] = _pose_file(ground_truth, folder, "ground_truth.txt")
+        table = options.pop("json", Path(folder) / "table.json")
+        run("evaluate", poses=files, json=table, **options)
+        return _json(table) if Path(table).exists() else None
+
+
+def compare(model: PathLike, geometry: Union[Mapping[str, str], Sequence[str]],
+            out: Optional[PathLike] = None, **options: Any) -> Dict[str, Any]:
+    """`raylift compare`: which source of geometry is best, where, and what is wrong with the others.
+
+    geometry: specifications ("depth:maps") by the names that tables call them by, or a list of them.
+    out: folder for the tables; none are kept where it is not given. options: truth, max_side, queries,
+    images, ground_truth, report, ... as of `raylift compare --help`.
+
+    Returns {"depth": ..., "localization": ...}, the latter (else None) where queries and their ground
+    truth are given.
+    """
+    named = [f"{name}={spec}" for name, spec in geometry.items()] if isinstance(geometry, Mapping) else list(geometry)
+    with tempfile.TemporaryDirectory() as folder:
+        tables = Path(folder if out is None else out)
+        run("compare", model=model, geometry=named, out=tables, **options)
+        localization = tables / "localization.json"
+        return {"depth": _json(tables / "comparison.json"),
+                "localization": _json(localization) if localization.exists() else None}
+
+
+def doctor(model: PathLike, geometry: str, **options: Any) -> Dict[str, Any]:
+    """`raylift doctor`: whether depth, mesh and poses are read as they were meant.
+
+    options: images, or features, matches and pairs, queries, ... as of `raylift doctor --help`.
+
+    Returns the diagnosis as the option --json writes it: verdict, fault, summary, repair, readings.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        file = options.pop("json", Path(folder) / "diagnosis.json")
+        run("doctor", model=model, geometry=geometry, json=file, **options)
+        diagnosis: Dict[str, Any] = _json(file)
+        return diagnosis
+
+
+def render_dataset(geometry: Union[str, Sequence[str]], out: PathLike, **options: Any) -> Dict[str, Any]:
+    """`raylift render`: depth maps and other pictures of a mesh for every image of a data set.
+
+    geometry: "mesh:PATH" or a list. options: model or cameras, products, format, scale, resume, shard,
+    threads, ... as of `raylift render --help`.
+
+    Returns the summary that it writes.
+    """
+    products = options.get("products")
+    if isinstance(products, (list, tuple)):
+        options["products"] = ",".join(products)
+    run("render", geometry=geometry, out=out, **options)
+    summary: Dict[str, Any] = _json(Path(out) / "summary.json")
+    return summary
+
+
+def import_dataset(dataset: str, folder: PathLike, out: PathLike, **options: Any) -> List[Path]:
+    """`raylift import`: scene files from one of the field's data sets ("7scenes", "cambridge", ...).
+
+    Returns the scene files.
+    """
+    run("import", dataset, folder, out=out, **options)
+    return sorted(Path(out).rglob("scene.toml"))
+
+
+def experiment(file: PathLike, out: PathLike, *, set: Optional[Mapping[str, str]] = None,
+               **options: Any) -> List[Dict[str, str]]:
+    """`raylift experiment`: many ways to localize, from one file; tables, figures and a page in `out`.
+
+    set: values of ${NAME} in the file. options: datasets, own_features, threads, ...
+
+    Returns the rows of results.csv.
+    """
+    values = [f"{name}={value}" for name, value in (set or {}).items()]
+    run("experiment", file, out=out, set=values, **options)
+    if options.get("dry_run"):
+        return []
+    with open(Path(out) / "results.csv", newline="", encoding="utf-8") as results:
+        return list(csv.DictReader(results))
+
+
+def localize(out: PathLike, **options: Any) -> Dict[str, Any]:
+    """`raylift localize`: poses of query photographs in a known scene, to files.
+
+    options: model (or scene), geometry, queries, images, ... as of `raylift localize --help`.
+
+    Returns the summary that it writes beside poses.txt and queries.jsonl.
+    """
+    run("localize", out=out, **options)
+    summary: Dict[str, Any] = _json(Path(out) / "summary.json")
+    return summary
+
+
+def main() -> int:
+    """The program itself, as the command `raylift` of an installed package."""
+    import signal
+    import sys
+
+    # As any program: Ctrl-C ends it, or lets it finish what it has in hand.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    return _core.run_program(sys.argv[1:])

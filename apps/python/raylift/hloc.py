@@ -1,0 +1,170 @@
+"""For scripts that use hloc: one line in place of hloc.localize_sfm.main, and matches of any matcher.
+
+Neither hloc nor pycolmap is imported.
+"""
+
+from __future__ import annotations
+
+import pickle
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Union
+
+import numpy as np
+
+from . import _core
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from ._types import GeometryLike, PathLike, Progress
+
+_ALL_PAIRS = 2**31 - 1
+
+
+def _open_scene(reference: Any, geometry: Sequence[GeometryLike], images: Optional[PathLike],
+                threads: int) -> _core.Scene:
+    if isinstance(reference, _core.Scene):
+        return reference
+    if hasattr(reference, "write") and not isinstance(reference, (str, Path)):
+        with tempfile.TemporaryDirectory() as folder:  # pycolmap.Reconstruction
+            reference.write(folder)
+            return _core.Scene(folder, list(geometry), images=images, threads=threads)
+    return _core.Scene(reference, list(geometry), images=images, threads=threads)
+
+
+def _log(result: _core.LocalizedQuery, of_reference: Mapping[str, int]) -> Dict[str, Any]:
+    """What hloc logs of a query, without objects of other libraries."""
+    problem, estimate = result.problem, result.estimate
+    pose = result.cam_from_world
+    inliers = estimate.inliers_2d3d
+    return {
+        "db": [of_reference[image.name] for image in problem.references],
+        "PnP_ret": None if pose is None else {
+            "success": True,
+            "qvec": pose.qvec,
+            "tvec": pose.tvec,
+            "num_inliers": int(inliers.sum()),
+            "inliers": inliers,
+            "inlier_mask": inliers,
+            "covariance": estimate.covariance,
+            "confidence": result.confidence,
+            "verdict": result.verdict,
+        },
+        "keypoints_query": problem.points2d,
+        "points3D_ids": [-1] * len(problem.points3d),
+        "points3D_xyz": problem.points3d,
+        "num_matches": len(problem.query2d),
+        "keypoint_index_to_db": (
+            problem.point_keypoints,
+            [[-1, [of_reference[problem.references[r].name]] if r >= 0 else []]
+             for r in problem.point_references],
+        ),
+    }
+
+
+def _threshold(ransac_thresh: Optional[float], config: Optional[Mapping[str, Any]]) -> Optional[float]:
+    ransac = (config or {}).get("estimation", {}).get("ransac", {})
+    for name, part in [("config", dict(config or {}, estimation=0)),
+                       ("config, estimation, ransac", dict(ransac, max_error=0))]:
+        unknown = set(part) - {"estimation", "max_error"}
+        if unknown:
+            raise _core.OptionError(f"{name}: there is no counterpart of {', '.join(sorted(unknown))}")
+    value = ransac.get("max_error", ransac_thresh)
+    return None if value is None else float(value)
+
+
+def localize(
+    reference_sfm: Any,
+    queries: PathLike,
+    retrieval: PathLike,
+    features: PathLike,
+    matches: PathLike,
+    results: PathLike,
+    ransac_thresh: Optional[float] = None,
+    covisibility_clustering: bool = False,
+    prepend_camera_name: bool = False,
+    config: Optional[Mapping[str, Any]] = None,
+    *,
+    geometry: Union[GeometryLike, Sequence[GeometryLike]] = "sfm",
+    images: Optional[PathLike] = None,
+    top_k: Optional[int] = None,
+    threads: int = 0,
+    progress: Optional[Progress] = None,
+    **options: Any,
+) -> Dict[str, _core.LocalizedQuery]:
+    """Takes what hloc.localize_sfm.main takes, and writes what it writes.
+
+    reference_sfm: a COLMAP model (folder or pycolmap.Reconstruction), or a raylift.Scene.
+    queries, retrieval, features, matches: hloc's files: query list with intrinsics, pairs, features.h5,
+        matches.h5.
+    results: file of poses; NAME_logs.pkl is written beside it, as hloc's logs (poses there are qvec and
+        tvec instead of pycolmap's objects, with covariance and confidence).
+    ransac_thresh: inlier threshold of points, pixels; None: 8, as `raylift localize`. `config` may give
+        it in its place (estimation, ransac, max_error).
+    covisibility_clustering: the method "hloc" instead of "adaptive".
+    prepend_camera_name: poses are named folder/file, as RobotCar's; otherwise by the file alone, as hloc
+        does.
+    geometry: "mesh:scene.ply", "depth:maps", ... or a list; "sfm": the model's points, as hloc.
+    top_k: references per query; None: all that the pairs list.
+    options: as of raylift.Localizer.
+
+    Queries without a pose are left out, where hloc writes the pose of the first reference. Returns what
+    was found, by the queries' names.
+    """
+    several = list(geometry) if isinstance(geometry, (list, tuple)) else [geometry]
+    if covisibility_clustering:
+        options.setdefault("method", "hloc")
+    threshold = _threshold(ransac_thresh, config)
+    if threshold is not None:
+        options["reprojection_threshold_px"] = threshold
+    asked = _core.read_queries(queries)
+    scene = _open_scene(reference_sfm, several, images, threads)
+    localizer = _core.Localizer(scene, features=features, matches=matches, pairs=retrieval,
+                                top_k=_ALL_PAIRS if top_k is None else top_k, **options)
+    found = localizer.localize_all(asked, threads=threads, progress=progress)
+
+    poses: Dict[str, _core.Rigid3] = {}
+    for name, result in found.items():
+        if result.cam_from_world is not None:
+            parts = name.split("/")
+            poses["/".join(parts[-2:]) if prepend_camera_name else parts[-1]] = result.cam_from_world
+    results = Path(results)
+    _core.write_poses(results, poses)
+    of_reference = {image.name: i for i, image in enumerate(scene.references)}
+    logs = {"features": Path(features), "matches": Path(matches), "retrieval": Path(retrieval),
+            "loc": {name: _log(result, of_reference) for name, result in found.items()}}
+    with open(f"{results}_logs.pkl", "wb") as file:
+        pickle.dump(logs, file)
+    return found
+
+
+def matches_from(matches: Union[ArrayLike, Mapping[str, ArrayLike]], *, reference: str = "",
+                 first_pixel: float = 0.0, cell_px: Optional[float] = None) -> Dict[str, Any]:
+    """Matches of any matcher (RoMa, MASt3R, LoFTR) as Localizer.localize_matches() takes them.
+
+    matches: (N, 4), x and y in the query, then in the reference of the name `reference`; or a dict of
+        such arrays by the references' names.
+    first_pixel: where the matcher puts the centre of the first pixel: 0, or 0.5 as COLMAP and RoMa.
+    cell_px: query pixels in one cell of this size are one keypoint, in however many references, for
+        dense matchers, whose pixels differ from pair to pair. None: equal pixels are.
+
+        localizer.localize_matches(camera, **raylift.hloc.matches_from({"a.jpg": warp}))
+    """
+    of_reference = matches if isinstance(matches, Mapping) else {reference: matches}
+    rows: List[NDArray[np.float64]] = []
+    names: List[str] = []
+    for name, array in of_reference.items():
+        pairs = np.asarray(array, dtype=np.float64)
+        if pairs.size and (pairs.ndim != 2 or pairs.shape[1] != 4):
+            raise _core.InputError(
+                f"matches of {name!r}: expected an array of shape (N, 4), found {pairs.shape}")
+        rows.append(pairs.reshape(-1, 4) + (0.5 - first_pixel))
+        names.extend([name] * len(rows[-1]))
+    stacked = np.concatenate(rows) if rows else np.zeros((0, 4))
+    arguments: Dict[str, Any] = {"query2d": stacked[:, :2], "reference2d": stacked[:, 2:],
+                                 "reference_names": names}
+    if cell_px is not None:
+        cells = np.floor(stacked[:, :2] / cell_px)
+        arguments["query_keypoints"] = np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1)
+    return arguments

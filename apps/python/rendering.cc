@@ -1,0 +1,515 @@
+// Meshes, rays cast at them, and pictures of them.
+
+#include <limits>
+#include <mutex>
+
+#include "bindings.h"
+#include "conversions.h"
+#include "mesh.h"
+
+#include "raylift/base/parallel.h"
+#include "raylift/base/progress.h"
+#include "raylift/evaluation/depth_edges.h"
+#include "raylift/lifting/mesh_spec.h"
+#include "raylift/renderers/frame_renderer.h"
+#include "raylift/renderers/mesh_reader.h"
+#include "raylift/renderers/mesh_tiles.h"
+#include "raylift/views/product.h"
+
+namespace raylift::python {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+std::shared_ptr<TriangleMesh> MeshFromArrays(const ArrayLike& vertices, const ArrayLike& triangles,
+                                             const std::optional<ArrayLike>& colors) {
+  const Rows<3> positions(vertices, "vertices");
+  const Rows<3, int64_t> corners(triangles, "triangles");
+  const Rows<3, uint8_t> rgb(colors, "colors");
+  std::vector<std::array<uint32_t, 3>> indices(corners.size());
+  for (size_t i = 0; i < indices.size(); ++i) {
+    for (size_t k = 0; k < 3; ++k) {
+      const int64_t index = corners[i][static_cast<Eigen::Index>(k)];
+      // What is not an index of a vertex in 32 bits either is reported as the largest one.
+      constexpr int64_t kMost = std::numeric_limits<uint32_t>::max();
+      indices[i][k] = static_cast<uint32_t>(index < 0 || index > kMost ? kMost : index);
+    }
+  }
+  std::vector<std::array<uint8_t, 3>> vertex_colors(rgb.size());
+  for (size_t i = 0; i < rgb.size(); ++i) {
+    vertex_colors[i] = {rgb[i][0], rgb[i][1], rgb[i][2]};
+  }
+  auto position_vector = positions.ToVector();
+  return WithoutLock([&] {
+    return std::make_shared<TriangleMesh>(
+        MakeMesh(std::move(position_vector), std::move(indices), std::move(vertex_colors)));
+  });
+}
+
+// "mesh:..." as the option --geometry takes it, or the files alone.
+std::shared_ptr<TriangleMesh> ReadMeshOf(const std::string& files_or_spec, int threads) {
+  const bool is_spec = files_or_spec.rfind("mesh:", 0) == 0;
+  return WithoutLock([&] {
+    const MeshSpec spec =
+        is_spec ? ParseMeshSpec(files_or_spec, MeshUse::kRender) : MeshSpec{.files = files_or_spec};
+    return std::make_shared<TriangleMesh>(
+        Placed(ReadMeshes(ListMeshFiles(spec.files), {.threads = threads}), spec.placement));
+  });
+}
+
+// A view of memory that `owner` keeps alive; not to be written to.
+template <typename T>
+py::array_t<T> View(const T* data, const std::vector<py::ssize_t>& shape, const py::object& owner) {
+  py::array_t<T> array(shape, data, owner);
+  py::detail::array_proxy(array.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
+  return array;
+}
+
+void BindMesh(py::module_& module) {
+  py::class_<TriangleMesh, std::shared_ptr<TriangleMesh>>(module, "Mesh", "A triangle mesh.")
+      .def(py::init(&MeshFromArrays), py::arg("vertices"), py::arg("triangles"),
+           py::arg("colors") = py::none(),
+           "From vertices (N, 3) in the world, triangles (M, 3) of indices and, where there are "
+           "any,\n"
+           "the vertices' colours (N, 3), uint8.\n\n"
+           "Triangles without an area are left out, as are vertices that no triangle uses. Raises\n"
+           "InputError for an index out of range.")
+      .def_static(
+          "read",
+          [](const py::object& files, int threads) {
+            const bool is_text = py::isinstance<py::str>(files);
+            return ReadMeshOf(is_text ? files.cast<std::string>()
+                                      : ToPath(py::reinterpret_borrow<PathLike>(files)).string(),
+                              threads);
+          },
+          py::arg("files"), py::kw_only(), py::arg("threads") = 0,
+          "Reads PLY, OBJ, glTF, STL, ...: a file, \"a.ply+b.obj\", \"tiles/*.ply\", a folder, or\n"
+          "\"mesh:PATH[,key=value...]\" as the option --geometry takes it.\n\n"
+          "Raises InputError where a file cannot be read.")
+      .def_property_readonly(
+          "vertices",
+          [](const TriangleMesh& mesh) {
+            return MakeRows(mesh.vertices.size(), 3,
+                            [&](size_t i) { return mesh.VertexInWorld(static_cast<uint32_t>(i)); });
+          },
+          "(N, 3) in the world; a copy, as they are held in float around an origin.")
+      .def_property_readonly(
+          "triangles",
+          [](const std::shared_ptr<TriangleMesh>& mesh) {
+            return View(mesh->triangles.empty() ? nullptr : mesh->triangles.front().data(),
+                        {std::ssize(mesh->triangles), 3}, py::cast(mesh));
+          },
+          "(M, 3), uint32: indices of vertices. A view.")
+      .def_property_readonly(
+          "colors",
+          [](const std::shared_ptr<TriangleMesh>& mesh) -> std::optional<py::array_t<uint8_t>> {
+            if (mesh->vertex_colors_rgb.empty()) return std::nullopt;
+            return View(mesh->vertex_colors_rgb.front().data(),
+                        {std::ssize(mesh->vertex_colors_rgb), 3}, py::cast(mesh));
+          },
+          "The vertices' colours (N, 3), uint8, or None. A view.")
+      .def_property_readonly("has_texture",
+                             [](const TriangleMesh& mesh) { return !mesh.textures.empty(); })
+      .def_readonly("warnings", &TriangleMesh::warnings,
+                    "What its reader has to say: triangles left out, a texture that is missing.")
+      .def("__repr__", [](const TriangleMesh& mesh) {
+        return fmt::format("<raylift.Mesh {} vertices, {} triangles>", mesh.vertices.size(),
+                           mesh.triangles.size());
+      });
+}
+
+std::vector<Ray> ToRays(const ArrayLike& origins, const ArrayLike& directions, double t_near) {
+  const Rows<3> from(origins, "origins"), along(directions, "directions");
+  if (from.size() != along.size() && from.size() != 1) {
+    throw InputError(
+        fmt::format("origins and directions: expected as many rows, or one origin, "
+                    "found {} and {}",
+                    from.size(), along.size()));
+  }
+  std::vector<Ray> rays(along.size());
+  for (size_t i = 0; i < rays.size(); ++i) {
+    rays[i] = {from[from.size() == 1 ? 0 : i], along[i], t_near};
+  }
+  return rays;
+}
+
+// In blocks, so that many rays are shared by many threads.
+template <typename Work>
+void ForRays(size_t count, int threads, const Work& work) {
+  constexpr size_t kBlock = 4096;
+  ParallelFor((count + kBlock - 1) / kBlock, threads,
+              [&](size_t block) { work(block * kBlock, std::min(count, (block + 1) * kBlock)); });
+}
+
+py::dict CastRays(const Caster& caster, const ArrayLike& origins, const ArrayLike& directions,
+                  double t_near, int threads) {
+  const std::vector<Ray> rays = ToRays(origins, directions, t_near);
+  std::vector<std::optional<RayHit>> hits(rays.size());
+  WithoutLock([&] {
+    ForRays(rays.size(), threads, [&](size_t begin, size_t end) {
+      const auto cast = caster.caster->Cast(std::span(rays).subspan(begin, end - begin));
+      std::copy(cast.begin(), cast.end(), hits.begin() + static_cast<std::ptrdiff_t>(begin));
+    });
+  });
+  const auto count = std::ssize(hits);
+  py::array_t<double> ray_t(count);
+  py::array_t<int64_t> triangle(count);
+  for (size_t i = 0; i < hits.size(); ++i) {
+    ray_t.mutable_data()[i] = hits[i] ? hits[i]->ray_t : kNaN;
+    triangle.mutable_data()[i] = hits[i] ? int64_t{hits[i]->triangle} : -1;
+  }
+  const Eigen::Vector3d none = Eigen::Vector3d::Constant(kNaN);
+  py::dict result;
+  result["ray_t"] = ray_t;
+  result["points"] = MakeRows(hits.size(), 3, [&](size_t i) -> Eigen::Vector3d {
+    if (!hits[i]) return none;
+    return rays[i].origin_in_world + hits[i]->ray_t * rays[i].direction_in_world;
+  });
+  result["normals"] = MakeRows(hits.size(), 3, [&](size_t i) -> Eigen::Vector3d {
+    return hits[i] ? hits[i]->normal_in_world : none;
+  });
+  result["triangles"] = triangle;
+  result["barycentric"] = MakeRows(hits.size(), 2, [&](size_t i) -> Eigen::Vector2d {
+    if (!hits[i]) return none.head<2>();
+    return hits[i]->barycentric;
+  });
+  return result;
+}
+
+// What a call renders.
+struct Pictures {
+  std::vector<Product> products;
+  FrameOptions frame;
+};
+
+Pictures ToPictures(const Caster& caster, const std::vector<std::string>& products,
+                    const py::kwargs& given) {
+  Pictures pictures;
+  std::vector<ProductOutput> outputs;
+  for (const std::string& name : products) {
+    pictures.products.push_back(ToEnum<Product>("products", name));
+    outputs.push_back({pictures.products.back(), ""});
+  }
+  Request(outputs, pictures.frame);
+  const TriangleMesh& mesh = caster.caster->mesh();
+  ColorOptions& color = pictures.frame.color_options;
+  // As the program: what has no colours needs light to show its shape.
+  const bool has_colors = !mesh.vertex_colors_rgb.empty() || !mesh.triangle_textures.empty();
+  color.shading = has_colors ? ColorOptions::Shading::kUnlit : ColorOptions::Shading::kHeadlight;
+  Keywords keywords(given);
+  std::string shading = "auto";
+  keywords.Take("shading", shading);
+  if (shading != "auto") color.shading = ToEnum<ColorOptions::Shading>("shading", shading);
+  keywords.Take("normals_in", pictures.frame.normals_in);
+  keywords.Take("supersampling", color.samples_per_pixel_side);
+  keywords.Take("background", color.background_rgb);
+  keywords.RequireAllTaken();
+  if (color.samples_per_pixel_side < 1 || color.samples_per_pixel_side > 16) {
+    throw OptionError("supersampling", std::to_string(color.samples_per_pixel_side),
+                      "must be 1 to 16");
+  }
+  return pictures;
+}
+
+py::object TakeMap(Product product, Frame& frame) {
+  const py::ssize_t height = frame.height_px, width = frame.width_px;
+  switch (product) {
+    case Product::kDepth:
+      return HandOver(std::move(frame.depth), {height, width});
+    case Product::kDistance:
+      return HandOver(std::move(frame.distance), {height, width});
+    case Product::kNormals:
+      return HandOver(std::move(frame.normals), {height, width, 3});
+    case Product::kColor:
+      return HandOver(std::move(frame.color.data), {height, width, 3});
+    case Product::kTriangle:
+      return HandOver(std::move(frame.triangle), {height, width});
+    case Product::kIncidence:
+      return HandOver(std::move(frame.incidence_deg), {height, width});
+    case Product::kMask:
+      return HandOver(std::move(frame.mask.data), {height, width});
+  }
+  return py::none();
+}
+
+py::dict TakeMaps(const Pictures& pictures, Frame& frame) {
+  py::dict maps;
+  for (const Product product : pictures.products) {
+    const py::str name{std::string(ToString(product))};
+    if (!maps.contains(name)) maps[name] = TakeMap(product, frame);
+  }
+  return maps;
+}
+
+py::dict Render(Caster& caster, const CameraLike& camera, const PoseLike& pose,
+                const std::vector<std::string>& products, int threads, const py::kwargs& options) {
+  const Pictures pictures = ToPictures(caster, products, options);
+  const Camera lens = ToCamera(camera);
+  const Rigid3 cam_from_world = ToPose(pose);
+  Frame frame;
+  WithoutLock([&] {
+    const FrameRenderer renderer(caster.caster, pictures.frame);
+    renderer.Render(*caster.rays.Of(lens, threads), cam_from_world, threads, frame);
+  });
+  return TakeMaps(pictures, frame);
+}
+
+struct Views {
+  std::vector<std::shared_ptr<const PixelRays>> rays;  // of each pose
+  std::vector<Rigid3> poses;
+};
+
+// One camera for all poses, or one for each.
+Views ToViews(Caster& caster, const py::object& cameras, const std::vector<PoseLike>& poses,
+              int threads) {
+  Views views;
+  for (const PoseLike& pose : poses) views.poses.push_back(ToPose(pose));
+  const bool is_list = py::isinstance<py::list>(cameras) || py::isinstance<py::tuple>(cameras);
+  if (!is_list) {
+    const Camera camera = ToCamera(py::reinterpret_borrow<CameraLike>(cameras));
+    views.rays.assign(poses.size(), WithoutLock([&] { return caster.rays.Of(camera, threads); }));
+    return views;
+  }
+  if (py::len(cameras) != poses.size()) {
+    throw InputError(fmt::format("cameras and poses: expected as many, found {} and {}",
+                                 py::len(cameras), poses.size()));
+  }
+  for (const py::handle camera : cameras) {
+    const Camera lens = ToCamera(py::reinterpret_borrow<CameraLike>(camera));
+    views.rays.push_back(WithoutLock([&] { return caster.rays.Of(lens, threads); }));
+  }
+  return views;
+}
+
+py::list RenderMany(Caster& caster, const py::object& cameras, const std::vector<PoseLike>& poses,
+                    const std::vector<std::string>& products, int threads,
+                    const std::optional<ProgressCall>& progress, const py::kwargs& options) {
+  const Pictures pictures = ToPictures(caster, products, options);
+  const Views views = ToViews(caster, cameras, poses, threads);
+  std::vector<Frame> frames(poses.size());
+  Watched(progress, [&] {
+    const FrameRenderer renderer(caster.caster, pictures.frame);
+    Progress count("images", frames.size(), Progress::Show::kNever);
+    ParallelFor(frames.size(), threads, [&](size_t i) {
+      renderer.Render(*views.rays[i], views.poses[i], 1, frames[i]);
+      count.Advance();
+    });
+  });
+  py::list maps;
+  for (Frame& frame : frames) maps.append(TakeMaps(pictures, frame));
+  return maps;
+}
+
+// How alike a view of the mesh and what is known of the photograph are; each is compared where it is
+// given.
+struct Goal {
+  std::optional<py::array_t<bool>> mask;
+  std::optional<py::array_t<float>> depth;
+  std::optional<py::array_t<float>> edges;
+  double depth_tolerance;
+};
+
+template <typename T>
+std::optional<py::array_t<T>> GoalMap(const std::optional<ArrayLike>& argument, const char* name,
+                                      const PixelRays& rays) {
+  if (!argument) return std::nullopt;
+  const std::string expected =
+      fmt::format("an array of shape ({}, {})", rays.height_px(), rays.width_px());
+  auto array = internal::ArrayOf<T>(*argument, name, expected);
+  if (array.ndim() != 2 || array.shape(0) != rays.height_px() ||
+      array.shape(1) != rays.width_px()) {
+    internal::ThrowShape(name, expected, array);
+  }
+  return array;
+}
+
+// Of the pixels that either shows, the share that both show.
+double MaskScore(const bool* mask, const std::vector<float>& depth) {
+  size_t both = 0, either = 0;
+  for (size_t i = 0; i < depth.size(); ++i) {
+    const bool seen = depth[i] > 0;
+    both += seen && mask[i];
+    either += seen || mask[i];
+  }
+  return either > 0 ? static_cast<double>(both) / static_cast<double>(either) : 0;
+}
+
+// Of the pixels with a known depth, the share whose rendered depth is within the tolerance of it.
+double DepthScore(const float* known, const std::vector<float>& depth, double tolerance) {
+  size_t count = 0, near = 0;
+  for (size_t i = 0; i < depth.size(); ++i) {
+    if (!(known[i] > 0) || !std::isfinite(known[i])) continue;
+    ++count;
+    near += depth[i] > 0 && std::abs(depth[i] - known[i]) <= tolerance * known[i];
+  }
+  return count > 0 ? static_cast<double>(near) / static_cast<double>(count) : 0;
+}
+
+// The mean of the given image over the depth edges of the view, its outline among them.
+double EdgeScore(const float* edges, const Frame& frame) {
+  DepthMap map{frame.width_px, frame.height_px, frame.depth};
+  // What is not there is far off, so that outlines are edges, too.
+  constexpr float kFar = 1e30f;
+  for (float& z : map.z) {
+    if (!(z > 0)) z = kFar;
+  }
+  const std::vector<uint8_t> found = FindDepthEdges(map);
+  double sum = 0;
+  size_t count = 0;
+  for (size_t i = 0; i < found.size(); ++i) {
+    if (found[i] == 0) continue;
+    sum += double{edges[i]};
+    ++count;
+  }
+  return count > 0 ? sum / static_cast<double>(count) : 0;
+}
+
+py::dict ScoreViews(Caster& caster, const CameraLike& camera, const std::vector<PoseLike>& poses,
+                    const std::optional<ArrayLike>& mask, const std::optional<ArrayLike>& depth,
+                    const std::optional<ArrayLike>& edges, double depth_tolerance, int threads,
+                    const std::optional<ProgressCall>& progress) {
+  if (!mask && !depth && !edges) throw OptionError("give at least one of mask, depth and edges");
+  if (!(depth_tolerance > 0)) {
+    throw OptionError("depth_tolerance", fmt::format("{}", depth_tolerance), "must be positive");
+  }
+  const Views views = ToViews(caster, camera, poses, threads);
+  const auto rays = caster.rays.Of(ToCamera(camera), threads);
+  const auto mask_map = GoalMap<bool>(mask, "mask", *rays);
+  const auto depth_map = GoalMap<float>(depth, "depth", *rays);
+  const auto edge_map = GoalMap<float>(edges, "edges", *rays);
+  const auto scores_if = [&](bool wanted) {
+    return std::vector<double>(wanted ? poses.size() : 0);
+  };
+  std::vector<double> of_mask = scores_if(mask.has_value()),
+                      of_depth = scores_if(depth.has_value()),
+                      of_edges = scores_if(edges.has_value());
+  const bool* mask_data = mask_map ? mask_map->data() : nullptr;
+  const float* depth_data = depth_map ? depth_map->data() : nullptr;
+  const float* edge_data = edge_map ? edge_map->data() : nullptr;
+  Watched(progress, [&] {
+    FrameOptions options;
+    options.depth = true;
+    const FrameRenderer renderer(caster.caster, options);
+    Progress count("views", poses.size(), Progress::Show::kNever);
+    ParallelFor(poses.size(), threads, [&](size_t i) {
+      thread_local Frame frame;  // its memory is used again
+      renderer.Render(*views.rays[i], views.poses[i], 1, frame);
+      if (mask_data != nullptr) of_mask[i] = MaskScore(mask_data, frame.depth);
+      if (depth_data != nullptr) of_depth[i] = DepthScore(depth_data, frame.depth, depth_tolerance);
+      if (edge_data != nullptr) of_edges[i] = EdgeScore(edge_data, frame);
+      count.Advance();
+    });
+  });
+  py::dict scores;
+  const auto count = static_cast<py::ssize_t>(poses.size());
+  if (mask) scores["mask"] = HandOver(std::move(of_mask), {count});
+  if (depth) scores["depth"] = HandOver(std::move(of_depth), {count});
+  if (edges) scores["edges"] = HandOver(std::move(of_edges), {count});
+  return scores;
+}
+
+void BindCaster(py::module_& module) {
+  const auto depth_alone = std::vector<std::string>{"depth"};
+  py::class_<Caster, std::shared_ptr<Caster>>(
+      module, "RayCaster", "Casts rays at a mesh, and renders what cameras see of it. Thread safe.")
+      .def(py::init([](const std::shared_ptr<TriangleMesh>& mesh, const std::string& build) {
+             RayCasterOptions options;
+             options.build_quality = ToEnum<RayCasterOptions::BuildQuality>("build", build);
+             return WithoutLock([&] {
+               return std::make_shared<Caster>(std::make_shared<const RayCaster>(mesh, options));
+             });
+           }),
+           py::arg("mesh"), py::kw_only(), py::arg("build") = "medium",
+           "Builds the acceleration structure. build: \"medium\" for many views, \"low\" for few.")
+      .def_property_readonly(
+          "mesh",
+          [](const Caster& caster) {
+            // Nothing in Python can change it.
+            return std::const_pointer_cast<TriangleMesh>(
+                std::shared_ptr<const TriangleMesh>(caster.caster, &caster.caster->mesh()));
+          },
+          "The Mesh.")
+      .def(
+          "cast", &CastRays, py::arg("origins"), py::arg("directions"), py::kw_only(),
+          py::arg("t_near") = 0.0, py::arg("threads") = 0,
+          "The nearest hits of rays from origins (N, 3), or one (1, 3) for all, along directions\n"
+          "(N, 3) of any length.\n\n"
+          "Returns a dict: ray_t (N,), in lengths of the directions, NaN where nothing is hit; "
+          "points\n"
+          "and normals (N, 3) in the world (unit, by the triangles' winding), triangles (N,), -1:\n"
+          "none; barycentric (N, 2): point = (1 - u - v) v0 + u v1 + v v2.")
+      .def(
+          "occluded",
+          [](const Caster& caster, const ArrayLike& origins, const ArrayLike& directions,
+             double t_near, int threads) {
+            const std::vector<Ray> rays = ToRays(origins, directions, t_near);
+            py::array_t<bool> occluded(std::ssize(rays));
+            bool* const data = occluded.mutable_data();
+            WithoutLock([&] {
+              ForRays(rays.size(), threads, [&](size_t begin, size_t end) {
+                for (size_t i = begin; i < end; ++i) data[i] = caster.caster->IsOccluded(rays[i]);
+              });
+            });
+            return occluded;
+          },
+          py::arg("origins"), py::arg("directions"), py::kw_only(), py::arg("t_near") = 0.0,
+          py::arg("threads") = 0, "Whether anything lies on each ray (N,), bool.")
+      .def("render", &Render, py::arg("camera"), py::arg("pose"), py::arg("products") = depth_alone,
+           py::kw_only(), py::arg("threads") = 0,
+           "What a camera sees from a pose (cam_from_world), a dict of arrays by product:\n\n"
+           "depth      (H, W) float32, z along the optical axis, scene units; 0: no surface\n"
+           "distance   (H, W) float32, along the ray; 0: no surface\n"
+           "normals    (H, W, 3) float32, unit, towards the camera; 0: no surface\n"
+           "color      (H, W, 3) uint8, RGB\n"
+           "triangle   (H, W) uint32, index; 4294967295: none\n"
+           "incidence  (H, W) float32, degrees; -1: no surface\n"
+           "mask       (H, W) uint8, 255 where there is a surface\n\n"
+           "Options as of `raylift render`: normals_in=\"world\" (or \"camera\"), shading=\"auto\" "
+           "(or\n"
+           "\"unlit\", \"headlight\", \"sun\"), supersampling=1, background=(0, 0, 0). The arrays "
+           "are the\n"
+           "renderer's own memory. The same bytes for any number of threads (0: all).")
+      .def("render_many", &RenderMany, py::arg("cameras"), py::arg("poses"),
+           py::arg("products") = depth_alone, py::kw_only(), py::arg("threads") = 0,
+           py::arg("progress") = py::none(),
+           "A list with the pictures of each pose, as of render(). `cameras` is one camera, or a "
+           "list\n"
+           "of as many as there are poses.")
+      .def("score_views", &ScoreViews, py::arg("camera"), py::arg("poses"), py::kw_only(),
+           py::arg("mask") = py::none(), py::arg("depth") = py::none(),
+           py::arg("edges") = py::none(), py::arg("depth_tolerance") = 0.05, py::arg("threads") = 0,
+           py::arg("progress") = py::none(),
+           "How well many views fit what is known of a photograph, without keeping their pictures: "
+           "a\n"
+           "dict of (N,) arrays, one for each that is given, the larger the better.\n\n"
+           "mask   (H, W) bool; the intersection of what both show over their union\n"
+           "depth  (H, W), 0 or not finite: not known; share of the known pixels whose rendered "
+           "depth\n"
+           "       is within depth_tolerance of it, as a share of it\n"
+           "edges  (H, W), how much each pixel is an edge; its mean over the view's depth edges")
+      .def("__repr__", [](const Caster& caster) {
+        return fmt::format("<raylift.RayCaster {} triangles>",
+                           caster.caster->mesh().triangles.size());
+      });
+}
+
+}  // namespace
+
+std::shared_ptr<const PixelRays> LastRays::Of(const Camera& camera, int threads) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (rays_ && camera_ == camera) return rays_;
+  }
+  auto rays = std::make_shared<const PixelRays>(camera, threads);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  camera_ = camera;
+  rays_ = rays;
+  return rays;
+}
+
+void BindRendering(py::module_& module) {
+  BindMesh(module);
+  BindCaster(module);
+}
+
+}  // namespace raylift::python

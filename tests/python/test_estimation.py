@@ -1,0 +1,267 @@
+import inspect
+import resource
+import subprocess
+import threading
+import time
+import os
+import json
+import re
+
+import numpy as np
+import pytest
+
+import raylift
+from raylift import _types
+from synthetic import CAMERA, Problem
+
+METHODS = ["p3p", "e5p1", "adaptive", "select", "hybrid_ransac", "hloc"]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_each_method_finds_the_pose(method):
+    problem = Problem()
+    estimate = raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d, **problem.pairs,
+                                     method=method)
+    problem.expect_near(estimate)
+    assert estimate.verdict == "localized" and estimate.failure == "ok"
+    assert estimate.confidence > 0.95
+
+
+def test_points_alone_and_pairs_alone():
+    problem = Problem()
+    problem.expect_near(raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d))
+    problem.expect_near(raylift.estimate_pose(CAMERA, **problem.pairs))
+
+
+def test_result():
+    problem = Problem()
+    estimate = raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d, **problem.pairs)
+    right = problem.num_right
+    assert estimate.inliers_2d3d.dtype == bool and estimate.inliers_2d3d.shape == (200,)
+    assert estimate.inliers_2d3d[:right].mean() > 0.95
+    assert estimate.inliers_2d3d[right:].mean() < 0.1
+    assert estimate.inliers_2d2d.shape == (600,)
+    assert estimate.num_inliers_2d3d == estimate.inliers_2d3d.sum()
+    assert estimate.num_inliers_2d2d == estimate.inliers_2d2d.sum()
+    assert 0.9 * right < estimate.inlier_keypoints <= estimate.num_keypoints == 200
+    assert estimate.covariance.shape == (6, 6)
+    assert np.linalg.eigvalsh(estimate.covariance).min() > 0
+    assert 0 < estimate.rotation_sigma_deg < 0.2 and 0 < estimate.position_sigma < 0.03
+    assert estimate.solver in ("p3p", "e5p1") and estimate.iterations >= 100
+    assert estimate.position_observable and estimate.refined_camera is None
+    assert 0.2 < estimate.noise["keypoint_px"] < 1
+    assert "localized" in repr(estimate)
+
+
+def test_no_pose_is_a_result():
+    estimate = raylift.estimate_pose(CAMERA, [[1, 2]], [[1, 2, 3]])
+    assert not estimate and estimate.cam_from_world is None and estimate.covariance is None
+    assert estimate.verdict == "failed" and estimate.failure == "too few matches"
+    assert "too few" in repr(estimate)
+    assert not raylift.estimate_pose(CAMERA)
+
+
+def test_arrays_of_any_layout_and_type_give_the_same():
+    problem = Problem(noise_px=0)
+    points2d = np.round(problem.points2d)
+    points3d = np.float32(problem.points3d)
+
+    def pose_of(a, b):
+        return raylift.estimate_pose(CAMERA, a, b).cam_from_world.matrix.tolist()
+
+    expected = pose_of(points2d, points3d.astype(float))
+    wide = np.zeros((len(points3d), 6))
+    wide[:, ::2] = points3d
+    for a, b in [(points2d.astype(int), points3d), (points2d.tolist(), points3d.tolist()),
+                 (np.asfortranarray(points2d), wide[:, ::2]), (points2d.astype(np.int16), points3d),
+                 (points2d.astype(">f4"), np.asfortranarray(points3d))]:
+        assert pose_of(a, b) == expected
+
+    class Tensor:  # as torch's: known by __array__ alone
+        def __init__(self, array):
+            self.array = array
+
+        def __array__(self, dtype=None, copy=None):
+            return self.array
+
+    assert pose_of(Tensor(points2d), Tensor(points3d)) == expected
+
+
+@pytest.mark.parametrize("arguments, message", [
+    (dict(points2d=np.zeros((3, 3)), points3d=np.zeros((3, 3))),
+     r"points2d: expected an array of shape \(N, 2\), found \(3, 3\)"),
+    (dict(points2d=np.zeros((3, 2)), points3d=np.zeros((4, 3))),
+     "points2d and points3d: expected as many rows, found 3 and 4"),
+    (dict(points2d=np.zeros((3, 2)), points3d=None), "found 3 and 0"),
+    (dict(points2d="pixels", points3d=None), "points2d: expected an array"),
+    (dict(points2d=np.zeros((1, 2)), points3d=np.zeros((1, 3)), point_sigmas=[1, 2]),
+     r"point_sigmas: expected an array of shape \(1,\)"),
+    (dict(points2d=np.zeros((1, 2)), points3d=np.zeros((1, 3)), point_references=[0]),
+     "point_references, row 0: expected an index into 0 references, found 0"),
+    (dict(query2d=np.zeros((1, 2)), reference2d=np.zeros((1, 2)), reference_index=[2],
+          references=[(CAMERA, np.eye(4))]), "reference_index, row 0.* found 2"),
+    (dict(query2d=np.zeros((1, 2)), reference2d=np.zeros((1, 2)),
+          references=[(CAMERA, np.eye(4))] * 2), "reference_index is missing"),
+    (dict(points2d=np.zeros((1, 2)), points3d=np.zeros((1, 3)), point_matches=[0]),
+     "point_matches, row 0"),
+    (dict(references=[(CAMERA, np.eye(4))], reference_clusters=[1, 2]), "reference_clusters"),
+])
+def test_wrong_arrays_are_input_errors(arguments, message):
+    with pytest.raises(raylift.InputError, match=message):
+        raylift.estimate_pose(CAMERA, **arguments)
+
+
+@pytest.mark.parametrize("option, message", [
+    (dict(method="p4p"), r"method = p4p: expected p3p\|e5p1"),
+    (dict(min_iterations=-1), "^min_iterations = -1: "),
+    (dict(reprojection_threshold_px=0), "^reprojection_threshold_px = 0: "),
+    (dict(confidence="high"), "confidence = 'high': cannot be str"),
+    (dict(min_iteration=3), "min_iteration: there is no such option; .*min_iterations"),
+])
+def test_wrong_options_are_option_errors(option, message):
+    with pytest.raises(raylift.OptionError, match=message):
+        raylift.estimate_pose(CAMERA, **option)
+    assert issubclass(raylift.OptionError, ValueError) and issubclass(raylift.InputError, ValueError)
+
+
+def test_options_are_those_of_the_program_with_its_defaults(tmp_path):
+    problem = tmp_path / "problem.json"
+    raylift.PoseProblem(CAMERA, name="q").write(problem)
+    text = subprocess.run([os.environ["RAYLIFT"], "estimate", "--help"], check=True, text=True,
+                          capture_output=True).stdout
+    group = text[text.index("\nEstimator:"):].split("\nRunning:")[0]
+    options = re.findall(r"^  --([a-z0-9-]+)(?: [A-Z]+=(\S+))?", group, flags=re.MULTILINE)
+    assert {name.replace("-", "_") for name, _ in options} == set(_types.EstimatorOptions.__annotations__)
+    documented = inspect.getdoc(raylift.estimate_pose)
+    for name, default in options:
+        shown = f'"{default}"' if default and default[0].isalpha() else default or "False"
+        assert f'{name.replace("-", "_")}={shown}' in documented
+
+
+def test_problem_keeps_what_it_is_given(tmp_path):
+    data = Problem(points=20, wrong=0)
+    problem = raylift.PoseProblem(
+        CAMERA, data.points2d, data.points3d, point_references=np.zeros(20), point_matches=range(20),
+        point_keypoints=np.arange(20), query_keypoints=np.tile(np.arange(20), 3), name="query.jpg",
+        **data.pairs)
+    problem.write(tmp_path / "problem.json")
+    for p in problem, raylift.PoseProblem.read(str(tmp_path / "problem.json")):
+        assert p.name == "query.jpg" and p.camera == CAMERA
+        assert [r.name for r in p.references] == ["0.jpg", "1.jpg", "2.jpg"]
+        assert (p.points2d == data.points2d).all() and (p.points3d == data.points3d).all()
+        assert (p.query2d == data.pairs["query2d"]).all()
+        assert (p.reference2d == data.pairs["reference2d"]).all()
+        assert (p.reference_index == data.pairs["reference_index"]).all()
+        assert (p.point_references == 0).all() and (p.point_matches == np.arange(20)).all()
+        assert (p.point_keypoints == np.arange(20)).all()
+        assert (p.query_keypoints == np.tile(np.arange(20), 3)).all()
+        assert "20 2D-3D" in repr(p)
+    with pytest.raises(raylift.InputError, match="missing.json"):
+        raylift.PoseProblem.read(tmp_path / "missing.json")
+
+
+def test_estimates_equal_the_programs(tmp_path):
+    data = Problem()
+    problem = raylift.PoseProblem(CAMERA, data.points2d, data.points3d, name="q", **data.pairs)
+    problem.write(tmp_path / "q.json")
+    subprocess.run([os.environ["RAYLIFT"], "estimate", tmp_path / "q.json", "--quiet", "--json",
+                    tmp_path / "out.json"], check=True)
+    row = json.loads((tmp_path / "out.json").read_text())[0]
+    pose = raylift.estimate_pose(CAMERA, data.points2d, data.points3d, name="q",
+                                 **data.pairs).cam_from_world
+    assert pose.qvec.tolist() == row["qvec"] and pose.tvec.tolist() == row["tvec"]
+
+
+def test_many_at_once_with_progress():
+    problems = []
+    for seed in range(6):
+        data = Problem(seed)
+        problems.append(raylift.PoseProblem(CAMERA, data.points2d, data.points3d, name=str(seed)))
+    told = []
+    estimates = raylift.estimate_all(problems, threads=2, progress=lambda *a: told.append(a))
+    assert told[-1] == (6, 6, "problems")
+    for problem, estimate in zip(problems, estimates):
+        alone = raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d, name=problem.name)
+        assert alone.cam_from_world.matrix.tolist() == estimate.cam_from_world.matrix.tolist()
+
+
+def test_an_exception_of_progress_ends_the_call():
+    def fail(done, total, what):
+        raise KeyError(what)
+
+    with pytest.raises(KeyError, match="problems"):
+        raylift.estimate_all([raylift.PoseProblem(CAMERA)], progress=fail)
+
+
+def slow_problem():
+    """No pose agrees with it, so that RANSAC draws all that it may."""
+    rng = np.random.default_rng(0)
+    return raylift.PoseProblem(CAMERA, rng.uniform(0, 480, (2000, 2)), rng.normal(0, 3, (2000, 3)))
+
+
+def test_two_threads_estimate_side_by_side():
+    problem = slow_problem()
+
+    def work():
+        raylift.estimate_all([problem], threads=1, min_iterations=20000, max_iterations=20000,
+                             method="p3p")
+
+    # While one thread estimates, another one goes on: it holds the lock all the time otherwise.
+    worker = threading.Thread(target=work)
+    worker.start()
+    turns = 0
+    while worker.is_alive():
+        turns += 1
+        time.sleep(0.001)
+    assert turns >= 5
+
+    cpu = time.process_time()
+    wall = time.perf_counter()
+    workers = [threading.Thread(target=work) for _ in range(2)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    cpu = time.process_time() - cpu
+    wall = time.perf_counter() - wall
+    print(f"{cpu / wall:.2f} cores were used")
+
+
+def test_ctrl_c_ends_a_long_call():
+    script = """
+import os, signal, sys, threading
+sys.path.insert(0, os.environ["TESTS"])
+import raylift
+from test_estimation import slow_problem
+problems = [slow_problem()] * 100000
+threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+try:
+    raylift.estimate_all(problems, method="p3p")
+except KeyboardInterrupt:
+    print("stopped")
+"""
+    run = subprocess.run([os.sys.executable, "-c", script], text=True, capture_output=True, timeout=60,
+                         env=dict(os.environ, TESTS=os.path.dirname(__file__)))
+    assert run.stdout == "stopped\n", run.stderr
+
+
+def test_no_memory_is_lost():
+    data = Problem(points=30, wrong=0)
+
+    def call():
+        estimate = raylift.estimate_pose(CAMERA, data.points2d, data.points3d, method="p3p",
+                                         min_iterations=1, max_iterations=1)
+        estimate.inliers_2d3d, estimate.covariance, estimate.cam_from_world
+        try:
+            raylift.estimate_pose(CAMERA, data.points2d, data.points3d[1:])
+        except raylift.InputError:
+            pass
+
+    for _ in range(2000):
+        call()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for _ in range(10000):
+        call()
+    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # 10000 arrays of 30 x 3 doubles alone are 7 MB.
+    assert after - before < 2000, f"{after - before} kB in 10000 calls"

@@ -1,0 +1,99 @@
+import pickle
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import raylift
+from synthetic import CAMERA, pose, rotation
+
+
+def test_camera_projects_by_its_model():
+    # f (x (1 + k r^2)) + c, r = 0.5
+    pixels = CAMERA.project([[0.5, 0, 1], [0, 0, -1]])
+    assert pixels[0] == pytest.approx([320 + 500 * 0.5 * (1 - 0.05 * 0.25), 240])
+    assert np.isnan(pixels[1]).all()
+    rays = CAMERA.rays(pixels[:1])
+    assert rays[0] == pytest.approx(np.array([0.5, 0, 1]) / np.sqrt(1.25))
+
+
+def test_camera_attributes():
+    assert (CAMERA.model, CAMERA.width, CAMERA.height) == ("SIMPLE_RADIAL", 640, 480)
+    assert CAMERA.params.tolist() == [500, 320, 240, -0.05]
+    assert CAMERA.matrix.tolist() == [[500, 0, 320], [0, 500, 240], [0, 0, 1]]
+    half = CAMERA.scaled(320, 240)
+    assert half.params.tolist() == [250, 160, 120, -0.05]
+    assert str(CAMERA) == "SIMPLE_RADIAL 640 480 500 320 240 -0.05"
+    assert pickle.loads(pickle.dumps(CAMERA)) == CAMERA
+    assert CAMERA != half and CAMERA != "a camera"
+    assert "SIMPLE_RADIAL" in repr(CAMERA)
+
+
+@pytest.mark.parametrize("camera", [
+    "SIMPLE_RADIAL 640 480 500 320 240 -0.05",
+    {"model": "SIMPLE_RADIAL", "width": 640, "height": 480, "params": [500, 320, 240, -0.05]},
+    SimpleNamespace(model=SimpleNamespace(name="SIMPLE_RADIAL"), width=640, height=480,
+                    params=np.array([500, 320, 240, -0.05])),
+    SimpleNamespace(model=2, width=640, height=480, params=(500, 320, 240, -0.05)),
+])
+def test_cameras_of_many_kinds(camera):
+    assert raylift.Camera.of(camera) == CAMERA
+
+
+@pytest.mark.parametrize("wrong, message", [
+    ({"model": "SIMPLE_RADIAL", "width": 640, "height": 480, "params": [500]}, "param"),
+    ({"model": "PINHOLES", "width": 640, "height": 480, "params": [500]}, "PINHOLES"),
+    ("PINHOLE 640", "camera"),
+    (7, "expected a raylift.Camera"),
+])
+def test_wrong_cameras_are_input_errors(wrong, message):
+    with pytest.raises(raylift.InputError, match=message):
+        raylift.Camera.of(wrong)
+
+
+def test_pose_attributes():
+    p = pose([0, 0, np.pi / 2], [1, 2, 3])
+    assert p.center == pytest.approx([1, 2, 3])
+    assert p.qvec == pytest.approx([np.sqrt(0.5), 0, 0, np.sqrt(0.5)])
+    assert p.rotation == pytest.approx(rotation([0, 0, np.pi / 2]))
+    assert p.matrix @ [1, 2, 3, 1] == pytest.approx([0, 0, 0, 1], abs=1e-12)
+    assert p.transform([[2, 2, 3]])[0] == pytest.approx([0, 1, 0], abs=1e-12)
+    assert (p * p.inverse()).matrix == pytest.approx(np.eye(4), abs=1e-12)
+    assert (p @ p.inverse()).matrix == pytest.approx(np.eye(4), abs=1e-12)
+    assert pickle.loads(pickle.dumps(p)).qvec.tolist() == p.qvec.tolist()
+    assert raylift.Rigid3().matrix.tolist() == np.eye(4).tolist()
+    assert "qvec" in repr(p)
+
+
+P = pose([0.3, -0.2, 0.1], [1, 2, 3])
+
+
+@pytest.mark.parametrize("of", [
+    P.matrix, P.matrix[:3], P.matrix.tolist(), P.matrix.astype(np.float32), (P.qvec, P.tvec),
+    [list(P.qvec), list(P.tvec)], (P.rotation, P.tvec), {"qvec": P.qvec, "tvec": P.tvec},
+    SimpleNamespace(q=P.qvec, t=P.tvec),
+    SimpleNamespace(rotation=SimpleNamespace(matrix=lambda: P.rotation), translation=P.tvec),
+    np.asfortranarray(P.matrix), P.matrix.astype(">f8"),
+])
+def test_poses_of_many_kinds(of):
+    assert raylift.Rigid3.of(of).matrix == pytest.approx(P.matrix, abs=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [
+    np.eye(3), np.diag([1, 1, -1, 1]), 2 * np.eye(4), np.full((4, 4), np.nan), "pose",
+    ([0, 0, 0, 0], [0, 0, 0]), ([1, 0, 0, 0], [0, 0]), {"qvec": [1, 0, 0, 0]},
+])
+def test_wrong_poses_are_input_errors(wrong):
+    with pytest.raises(raylift.InputError, match="pose"):
+        raylift.Rigid3.of(wrong)
+
+
+def test_posed_images_of_many_kinds():
+    for image in [(CAMERA, P), raylift.PosedImage("", CAMERA, P),
+                  SimpleNamespace(name="", camera=CAMERA, cam_from_world=P),
+                  SimpleNamespace(name="", camera=CAMERA, cam_from_world=lambda: P)]:
+        problem = raylift.PoseProblem(CAMERA, references=[image])
+        assert problem.references[0].camera == CAMERA
+        assert problem.references[0].cam_from_world.matrix == pytest.approx(P.matrix)
+    with pytest.raises(raylift.InputError, match="reference"):
+        raylift.PoseProblem(CAMERA, references=[3])

@@ -1,0 +1,101 @@
+import numpy as np
+import pytest
+
+import raylift
+from synthetic import CAMERA, pose
+from test_rendering import DEMO
+
+
+def small_model():
+    model = raylift.ColmapModel()
+    model.add_camera(3, CAMERA)
+    model.add_image(5, "b.jpg", 3, pose([0.1, 0, 0], [1, 2, 3]), [[1.5, 2.5], [3, 4]], [9, -1])
+    model.add_image(6, "a.jpg", 3, np.eye(4), [[7, 8]], [9])
+    model.add_point3d(9, [1, 2, 3], [[5, 0], [6, 0]], (10, 20, 30), 0.25)
+    return model
+
+
+@pytest.mark.parametrize("form", ["text", "binary"])
+def test_models_round_trip(tmp_path, form):
+    model = small_model()
+    model.write(tmp_path / form, form)
+    assert (tmp_path / form / ("images.txt" if form == "text" else "images.bin")).exists()
+    read = raylift.ColmapModel.read(tmp_path / form)
+    assert read.cameras == {3: CAMERA} and read.image_ids == [5, 6]
+    image = read.image(5)
+    assert image["name"] == "b.jpg" and image["camera_id"] == 3
+    assert image["points2d"].tolist() == [[1.5, 2.5], [3, 4]]
+    assert image["point3d_ids"].tolist() == [9, -1]
+    assert image["cam_from_world"].center == pytest.approx([1, 2, 3])
+    points = read.points3d
+    assert points["ids"].tolist() == [9] and points["positions"].tolist() == [[1, 2, 3]]
+    assert points["colors"].tolist() == [[10, 20, 30]] and points["errors_px"].tolist() == [0.25]
+    assert points["track_lengths"].tolist() == [2]
+    assert read.track(9).tolist() == [[5, 0], [6, 0]]
+    assert [image.name for image in read.posed_images] == ["a.jpg", "b.jpg"]
+    assert "2 images" in repr(read) and read.warnings == []
+    for wrong in (lambda: read.image(1), lambda: read.track(1), lambda: read.add_image(1, "c", 1, np.eye(4))):
+        with pytest.raises(raylift.InputError, match="no (image|point|camera) 1"):
+            wrong()
+    with pytest.raises(raylift.OptionError, match="form"):
+        read.write(tmp_path, "xml")
+    with pytest.raises(raylift.InputError, match="nowhere"):
+        raylift.ColmapModel.read(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("name", ["a.exr", "a.npy", "a.npz", "a.tiff", "a.pfm", "a.bin", "a.png"])
+def test_depth_round_trips(tmp_path, name):
+    depth = np.random.default_rng(0).uniform(0.5, 9, (6, 8)).astype(np.float32)
+    report = raylift.write_depth(tmp_path / name, depth, exr_compression="zip")
+    assert report["bytes"] == (tmp_path / name).stat().st_size and report["dropped"] == 0
+    read = raylift.read_depth(tmp_path / name)
+    if name == "a.png":  # in counts of 0.001
+        assert read == pytest.approx(1000 * depth, abs=0.51)
+        assert report["max_rounding"] <= 0.00051
+    else:
+        assert (read == depth).all()
+    strided = np.zeros((6, 16), np.float64)
+    strided[:, ::2] = depth
+    raylift.write_depth(tmp_path / name, strided[:, ::2], exr_compression="zip")
+    assert (raylift.read_depth(tmp_path / name) == read).all()
+
+
+def test_depth_files_of_others(tmp_path):
+    np.save(tmp_path / "a.npy", np.arange(6, dtype=np.uint16).reshape(2, 3))
+    assert raylift.read_depth(tmp_path / "a.npy").tolist() == [[0, 1, 2], [3, 4, 5]]
+    np.arange(6, dtype=np.float32).tofile(tmp_path / "a.depth")
+    assert raylift.read_depth(tmp_path / "a.depth", raw_size=(3, 2)).tolist() == [[0, 1, 2], [3, 4, 5]]
+    np.savez(tmp_path / "a.npz", x=np.ones((2, 2)), y=np.zeros((2, 2)))
+    assert raylift.read_depth(tmp_path / "a.npz", layer="x").tolist() == [[1, 1], [1, 1]]
+    raylift.write_depth(tmp_path / "half.npy", np.full((2, 2), 1.5), sample="half")
+    assert np.load(tmp_path / "half.npy").dtype == np.float16
+    with pytest.raises(raylift.InputError, match="a.txt"):
+        (tmp_path / "a.txt").write_text("no depth")
+        raylift.read_depth(tmp_path / "a.txt")
+    with pytest.raises(raylift.InputError, match=r"depth: expected an array of shape \(height, width\)"):
+        raylift.write_depth(tmp_path / "b.npy", np.zeros(3))
+    with pytest.raises(raylift.InputError):
+        raylift.write_depth(tmp_path / "b.png", np.full((2, 2), 1e6))
+    assert raylift.write_depth(tmp_path / "b.png", np.full((2, 2), 1e6), out_of_range="drop")["dropped"] == 4
+
+
+def test_poses_and_queries_round_trip(tmp_path):
+    poses = {"z.jpg": pose([0.1, 0.2, 0.3], [1, 2, 3]), "a b.jpg".replace(" ", "_"): np.eye(4)}
+    raylift.write_poses(tmp_path / "poses.txt", poses)
+    read = raylift.read_poses(str(tmp_path / "poses.txt"))
+    assert list(read) == ["z.jpg", "a_b.jpg"]
+    assert read["z.jpg"].matrix.tolist() == poses["z.jpg"].matrix.tolist()
+    queries = [("z.jpg", CAMERA), ("a.jpg", "PINHOLE 4 3 1 1 2 1.5")]
+    raylift.write_queries(tmp_path / "queries.txt", queries)
+    read = raylift.read_queries(tmp_path / "queries.txt")
+    assert read[0] == ("z.jpg", CAMERA) and read[1][1].model == "PINHOLE"
+    (tmp_path / "poses.txt").write_text("a.jpg 1 0 0 0 1 2\n")
+    with pytest.raises(raylift.InputError, match="poses.txt: line 1"):
+        raylift.read_poses(tmp_path / "poses.txt")
+
+
+def test_photographs(tmp_path):
+    image = raylift.read_image(DEMO / "images/query/query_05.jpg")
+    assert image.shape == (640, 480, 3) and image.dtype == np.uint8
+    with pytest.raises(raylift.InputError, match="missing.jpg"):
+        raylift.read_image(tmp_path / "missing.jpg")

@@ -1,0 +1,142 @@
+import numpy as np
+import pytest
+
+import raylift
+from synthetic import CAMERA, Problem, pose
+from test_rendering import CORNERS, DEMO, FACES, FRONT, PINHOLE
+
+IMAGE = raylift.PosedImage("front.jpg", PINHOLE, FRONT)
+PIXELS = np.array([[32, 24], [47, 24], [1, 1], [33.5, 20.25]])
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return raylift.Mesh(CORNERS, FACES)
+
+
+def expect_face(lifted):
+    """The face z = -1, 3 before the camera; the third pixel sees none."""
+    points = lifted["points"]
+    assert points[0] == pytest.approx([0, 0, -1], abs=1e-5)
+    assert points[1] == pytest.approx([0.75, 0, -1], abs=1e-5)
+    assert points[3] == pytest.approx([1.5 * 3 / 60, -3.75 * 3 / 60, -1], abs=1e-5)
+    assert np.isnan(points[2]).all() and np.isnan(lifted["depth"][2])
+    assert lifted["depth"][[0, 1, 3]] == pytest.approx(3, abs=1e-5)
+    assert lifted["normals"][0] == pytest.approx([0, 0, -1], abs=1e-5)
+    assert lifted["incidence_deg"][1] == pytest.approx(np.degrees(np.arctan(15 / 60)), abs=1e-2)
+    assert lifted["back_face"].dtype == bool
+
+
+def test_lifting_from_meshes_of_all_kinds(mesh, tmp_path):
+    caster = raylift.RayCaster(mesh)
+    for geometry in mesh, caster, raylift.Geometry(mesh), raylift.Geometry(caster):
+        expect_face(raylift.Lifter(geometry).lift(IMAGE, PIXELS))
+    expect_face(raylift.Geometry(caster).lift((PINHOLE, FRONT), PIXELS))
+    assert "mesh" in raylift.Geometry(caster).description
+    with pytest.raises(raylift.OptionError, match="geometry"):
+        raylift.Geometry("cloud:a")
+    with pytest.raises(raylift.InputError, match="geometry: expected a Mesh"):
+        raylift.Geometry(3)
+    with pytest.raises(raylift.OptionError, match="at least one"):
+        raylift.Lifter()
+
+
+def test_lifting_from_depth_in_memory(mesh):
+    maps = raylift.RayCaster(mesh).render(PINHOLE, FRONT, ["depth", "distance"])
+    depth = raylift.DepthMaps.from_arrays({"front.jpg": maps["depth"], "other.jpg": 3}, [IMAGE])
+    expect_face(depth.lift(IMAGE, PIXELS))
+    along = raylift.DepthMaps.from_arrays({"front.jpg": maps["distance"]}, [IMAGE], kind="ray")
+    expect_face(along.lift(IMAGE, PIXELS))
+    halved = raylift.DepthMaps.from_arrays({"front.jpg": maps["depth"] / 2}, [IMAGE], scale=2)
+    expect_face(halved.lift(IMAGE, PIXELS))
+    loaded = depth.load(IMAGE)
+    assert (loaded == maps["depth"]).all() and not loaded.flags.owndata and not loaded.flags.writeable
+    assert depth.load(raylift.PosedImage("other.jpg", PINHOLE, FRONT)) is None
+    with pytest.raises(raylift.InputError, match="maps: none is of a reference"):
+        raylift.DepthMaps.from_arrays({}, [IMAGE])
+    with pytest.raises(raylift.OptionError, match="kind = up: expected z"):
+        raylift.DepthMaps.from_arrays({"front.jpg": maps["depth"]}, [IMAGE], kind="up")
+
+
+def test_lifting_from_depth_in_files(mesh, tmp_path):
+    depth = raylift.RayCaster(mesh).render(PINHOLE, FRONT)["depth"]
+    np.save(tmp_path / "front.npy", (1000 * depth).astype(np.uint16))
+    maps = raylift.DepthMaps(tmp_path, [IMAGE], unit="mm")
+    expect_face(maps.lift(IMAGE, PIXELS))
+    expect_face(raylift.Geometry(f"depth:{tmp_path},unit=mm", references=[IMAGE]).lift(IMAGE, PIXELS))
+    assert "uint16" in maps.understood and maps.warnings == []
+    first, second = maps.load(IMAGE), maps.load(IMAGE)
+    assert first == pytest.approx(depth, abs=1e-3)
+    assert first.__array_interface__["data"] == second.__array_interface__["data"]
+    assert not first.flags.writeable
+    with pytest.raises(raylift.OptionError, match="sort"):
+        raylift.DepthMaps(tmp_path, [IMAGE], sort="z")
+    with pytest.raises(raylift.InputError):
+        raylift.DepthMaps(tmp_path / "missing", [IMAGE])
+
+
+def test_lifting_from_a_model(tmp_path):
+    model = raylift.ColmapModel()
+    model.add_camera(1, PINHOLE)
+    for i in (1, 2):
+        model.add_image(i, f"{i}.jpg", 1, FRONT, [[32, 24], [40, 24]], [7, -1])
+    model.add_point3d(7, [0, 0, -1], [[1, 0], [2, 0]], error_px=0.5)
+    model.write(tmp_path)
+    points = raylift.SfmPoints(tmp_path, model.posed_images)
+    lifted = points.lift(model.posed_images[0], [[32, 24], [40, 24]])
+    assert lifted["points"][0] == pytest.approx([0, 0, -1]) and np.isnan(lifted["points"][1]).all()
+    two = raylift.Lifter(points, raylift.Mesh(CORNERS, FACES)).lift(model.posed_images[0],
+                                                                    [[32, 24], [40, 24], [0, 0]])
+    assert two["source"].tolist() == [0, 1, -1]
+
+
+def wall_problem():
+    """Pairs of a query and three references before a wall, the plane z = 5."""
+    wall = raylift.Mesh([[-9, -9, 5], [9, -9, 5], [9, 9, 5], [-9, 9, 5]], [[0, 2, 1], [0, 3, 2]])
+    data = Problem(noise_px=0, wrong=0)
+    points = data.points3d * (5 / data.points3d[:, 2:])
+    query = CAMERA.project(data.truth.transform(points))
+    reference = [CAMERA.project(r.cam_from_world.transform(points)) for r in data.references]
+    problem = raylift.PoseProblem(CAMERA, references=data.references, query2d=np.vstack([query] * 3),
+                                  reference2d=np.vstack(reference),
+                                  reference_index=np.repeat(np.arange(3), len(points)))
+    return data, problem, points, wall
+
+
+def test_lifted_matches_give_the_pose():
+    data, problem, points, wall = wall_problem()
+    lifted = raylift.Lifter(wall).lift_matches(problem)
+    assert len(problem.points3d) == 0 and len(lifted.points3d) == 3 * len(points)
+    assert lifted.points3d == pytest.approx(np.vstack([points] * 3), abs=1e-5)
+    assert (lifted.point_references == problem.reference_index).all()
+    estimate = raylift.estimate_pose(CAMERA, lifted.points2d, lifted.points3d)
+    data.expect_near(estimate, 0.01, 0.001)
+
+
+def test_filter_and_candidates():
+    _, problem, points, wall = wall_problem()
+    lifted = raylift.Lifter(wall).lift_matches(problem)
+    moved = lifted.points3d.copy()
+    moved[:20] += [0, 0, 2]  # of the first reference
+    wrong = raylift.PoseProblem(
+        CAMERA, lifted.points2d, moved, references=lifted.references, query2d=lifted.query2d,
+        reference2d=lifted.reference2d, reference_index=lifted.reference_index,
+        point_references=lifted.point_references, point_matches=lifted.point_matches)
+    filtered, keep, counts = raylift.filter_points(wrong, "fixed")
+    assert not keep[:20].any() and keep[20:].all() and counts["consistent"] == keep.sum()
+    assert filtered.points3d.tolist() == moved[keep].tolist()
+    _, keep, _ = raylift.filter_points(wrong, "off")
+    assert keep.all()
+    _, keep, _ = raylift.filter_points(wrong, "fixed", filter_reprojection_px=1e4)
+    assert keep.all()
+    raylift.filter_points(wrong)  # auto
+    merged = raylift.merge_candidates(wrong)
+    assert merged.points3d == pytest.approx(points, abs=1e-4)
+    triangulated = raylift.merge_candidates(problem, candidates="triangulate")
+    assert len(triangulated.points3d) == len(points)
+    assert triangulated.points3d == pytest.approx(points, abs=1e-4)
+    assert len(raylift.merge_candidates(wrong, candidates="keep").points3d) == len(moved)
+    with pytest.raises(raylift.OptionError, match="filter = some"):
+        raylift.filter_points(problem, "some")
+    with pytest.raises(raylift.OptionError, match="filter_min_views = 0"):
+        raylift.filter_points(problem, "fixed", filter_min_views=0)

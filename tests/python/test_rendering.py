@@ -1,0 +1,191 @@
+import itertools
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import raylift
+from synthetic import CAMERA, pose
+
+DEMO = Path(os.environ["RAYLIFT_SOURCE"]) / "assets/demo"
+CORNERS = np.array(list(itertools.product([-1, 1], repeat=3)), float)
+FACES = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+                  [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])
+PINHOLE = raylift.Camera("SIMPLE_PINHOLE", 64, 48, [60, 32, 24])
+FRONT = pose([0, 0, 0], [0, 0, -4])  # before the face z = -1, which is then at the depth 3
+
+
+@pytest.fixture(scope="module")
+def caster():
+    return raylift.RayCaster(raylift.Mesh(CORNERS, FACES))
+
+
+def test_mesh_from_arrays():
+    colors = np.arange(24).reshape(8, 3).astype(np.uint8)
+    mesh = raylift.Mesh(CORNERS + [1e6, 0, 0], FACES.astype(np.int32), colors)
+    assert mesh.vertices[mesh.triangles].reshape(-1, 3) == pytest.approx(
+        (CORNERS + [1e6, 0, 0])[FACES].reshape(-1, 3))
+    assert (mesh.colors[mesh.triangles] == colors[FACES]).all()
+    assert not mesh.has_texture and mesh.warnings == []
+    assert mesh.triangles.dtype == np.uint32 and not mesh.triangles.flags.writeable
+    assert "12 triangles" in repr(mesh)
+    assert raylift.Mesh(CORNERS, FACES).colors is None
+
+
+@pytest.mark.parametrize("arguments, message", [
+    ((CORNERS, FACES + 1), "triangle 2: expected indices into 8 vertices, found 8"),
+    ((CORNERS, -FACES), "expected indices"),
+    ((CORNERS[:, :2], FACES), r"vertices: expected an array of shape \(N, 3\)"),
+    ((CORNERS, FACES, np.zeros((3, 3))), "expected a colour for each of 8 vertices, found 3"),
+    ((CORNERS, np.zeros((1, 3))), "mesh"),
+])
+def test_wrong_meshes_are_input_errors(arguments, message):
+    with pytest.raises(raylift.InputError, match=message):
+        raylift.Mesh(*arguments)
+
+
+def test_mesh_from_files(tmp_path):
+    mesh = raylift.Mesh.read(DEMO / "scene.obj")
+    assert mesh.has_texture and len(mesh.triangles) > 1000
+    doubled = raylift.Mesh.read(f"mesh:{DEMO / 'scene.obj'},scale=2")
+    assert doubled.vertices == pytest.approx(2 * mesh.vertices, abs=1e-5)
+    with pytest.raises(raylift.InputError, match="missing.ply"):
+        raylift.Mesh.read(tmp_path / "missing.ply")
+
+
+def test_cast(caster):
+    hits = caster.cast([[0, 0, -4], [0, 0, 4], [5, 5, 5]], [[0, 0, 2], [0.1, 0, -1], [1, 0, 0]])
+    assert hits["ray_t"][:2] == pytest.approx([1.5, 3]) and np.isnan(hits["ray_t"][2])
+    assert hits["points"][:2] == pytest.approx(np.array([[0, 0, -1], [0.3, 0, 1]]))
+    assert np.abs(hits["normals"][:2]) == pytest.approx(np.array([[0, 0, 1], [0, 0, 1]]))
+    assert hits["triangles"][2] == -1
+    corners = caster.mesh.vertices[caster.mesh.triangles[hits["triangles"][1]]]
+    u, v = hits["barycentric"][1]
+    assert (1 - u - v) * corners[0] + u * corners[1] + v * corners[2] == pytest.approx([0.3, 0, 1])
+    from_one = caster.cast([[0, 0, -4]], np.random.default_rng(0).normal(size=(10000, 3)), threads=2)
+    assert from_one["ray_t"].shape == (10000,)
+    assert caster.occluded([[0, 0, -4]], [[0, 0, 1], [0, 0, -1]]).tolist() == [True, False]
+    assert not caster.occluded([[0, 0, -4]], [[0, 0, 1]], t_near=6)[0]
+    with pytest.raises(raylift.InputError, match="origins and directions"):
+        caster.cast(np.zeros((2, 3)), np.zeros((3, 3)))
+
+
+def test_render_gives_what_the_camera_sees(caster):
+    products = ["depth", "distance", "normals", "color", "triangle", "incidence", "mask"]
+    maps = caster.render(PINHOLE, FRONT, products)
+    assert list(maps) == products
+    for name, dtype in [("depth", "f4"), ("distance", "f4"), ("triangle", "u4"), ("incidence", "f4"),
+                        ("mask", "u1")]:
+        assert maps[name].shape == (48, 64) and maps[name].dtype == np.dtype(dtype)
+    assert maps["normals"].shape == maps["color"].shape == (48, 64, 3)
+    # The face spans 60 * 1 / 3 = 20 pixels on each side of the centre.
+    seen = maps["mask"] == 255
+    assert seen.sum() == 40 * 40 and seen[4:44, 12:52].all()
+    assert maps["depth"][seen] == pytest.approx(3, abs=1e-5)
+    x = (np.arange(64) + 0.5 - 32) / 60
+    assert maps["distance"][24, 12:52] == pytest.approx(
+        3 * np.sqrt(1 + x[12:52] ** 2 + (0.5 / 60) ** 2), rel=1e-5)
+    assert maps["normals"][24, 32] == pytest.approx([0, 0, -1])
+    assert maps["incidence"][24, 32] < 1 and maps["incidence"][0, 0] == -1
+    assert maps["depth"][0, 0] == 0 and maps["triangle"][0, 0] == 2**32 - 1
+    in_camera = caster.render(PINHOLE, pose([0, np.pi, 0], [0, 0, 4]), ["normals"], normals_in="camera")
+    assert in_camera["normals"][24, 32] == pytest.approx([0, 0, -1], abs=1e-6)
+    white = caster.render(PINHOLE, FRONT, ["color"], background=(1, 2, 3), shading="headlight",
+                          supersampling=2)["color"]
+    assert white[0, 0].tolist() == [1, 2, 3] and white[24, 32].max() > 100
+
+
+def test_render_of_a_distorted_lens_follows_its_rays(caster):
+    depth = caster.render(CAMERA, FRONT)["depth"]
+    rows, columns = np.nonzero(depth)
+    pixels = np.column_stack([columns, rows]) + 0.5
+    rays = CAMERA.rays(pixels)
+    hits = caster.cast([[0, 0, -4]], rays)
+    assert depth[rows, columns] == pytest.approx(hits["ray_t"] * rays[:, 2], rel=1e-5)
+
+
+@pytest.mark.parametrize("keywords, message", [
+    (dict(products=["deep"]), "products = deep: expected depth"),
+    (dict(shading="dark"), "shading = dark"),
+    (dict(supersampling=0), "supersampling = 0: must be 1 to 16"),
+    (dict(sharpness=1), "sharpness: there is no such option"),
+])
+def test_wrong_options_of_render(caster, keywords, message):
+    with pytest.raises(raylift.OptionError, match=message):
+        caster.render(PINHOLE, FRONT, **keywords)
+
+
+def test_many_views_equal_single_ones(caster):
+    poses = [pose([0.1 * i, 0.05 * i, 0], [0.1 * i, 0, -4]) for i in range(20)]
+    told = []
+    many = caster.render_many(PINHOLE, poses, ["depth", "mask"], threads=2,
+                              progress=lambda *a: told.append(a))
+    assert told[-1] == (20, 20, "images")
+    cameras = [PINHOLE] * 19 + [CAMERA]
+    mixed = caster.render_many(cameras, poses)
+    for i in range(20):
+        alone = caster.render(cameras[i], poses[i])
+        assert (mixed[i]["depth"] == alone["depth"]).all()
+        if i < 19:
+            assert (many[i]["depth"] == alone["depth"]).all()
+    with pytest.raises(raylift.InputError, match="cameras and poses"):
+        caster.render_many([PINHOLE], poses)
+
+
+def test_the_right_view_scores_best(caster):
+    rng = np.random.default_rng(0)
+    truth = pose([0.2, 0.3, 0.1], [0.9, -0.6, -4])
+    poses = [truth] + [pose(rng.normal(0, 0.2, 3), rng.normal(0, 0.3, 3) + [0.9, -0.6, -4])
+                       for _ in range(50)]
+    maps = caster.render(PINHOLE, truth, ["depth", "mask"])
+    mask = maps["mask"] > 0
+    # 1 on the outline of the mask.
+    edges = (mask & ~(np.roll(mask, 1, 0) & np.roll(mask, -1, 0) & np.roll(mask, 1, 1) &
+                      np.roll(mask, -1, 1))).astype(float)
+    scores = caster.score_views(PINHOLE, poses, mask=mask, depth=maps["depth"], edges=edges, threads=2)
+    assert set(scores) == {"mask", "depth", "edges"}
+    for name, score in scores.items():
+        assert score.shape == (51,) and score.argmax() == 0, name
+        assert score[0] == pytest.approx(1)
+    assert set(caster.score_views(PINHOLE, poses, mask=mask)) == {"mask"}
+    union = mask | (caster.render(PINHOLE, poses[1], ["mask"])["mask"] > 0)
+    both = mask & (caster.render(PINHOLE, poses[1], ["mask"])["mask"] > 0)
+    assert scores["mask"][1] == pytest.approx(both.sum() / union.sum())
+    with pytest.raises(raylift.OptionError, match="at least one"):
+        caster.score_views(PINHOLE, poses)
+    with pytest.raises(raylift.InputError, match=r"mask: expected an array of shape \(48, 64\)"):
+        caster.score_views(PINHOLE, poses, mask=mask[1:])
+
+
+def resident_kb():
+    for line in open("/proc/self/status"):
+        if line.startswith("VmRSS"):
+            return int(line.split()[1])
+    return None
+
+
+def test_maps_cross_without_a_copy(caster):
+    camera = raylift.Camera("SIMPLE_PINHOLE", 1920, 1080, [1500, 960, 540])
+    depth = caster.render(camera, FRONT)["depth"]
+    # The memory is the renderer's: the array owns none, but keeps what does.
+    assert not depth.flags.owndata and depth.base is not None
+    assert depth.flags.c_contiguous and depth.flags.writeable
+
+    # Its 8 MB are there once, and are given back.
+    maps = [caster.render(camera, FRONT)["depth"] for _ in range(3)]
+    before = resident_kb()
+    more = [caster.render(camera, FRONT)["depth"] for _ in range(20)]
+    held = resident_kb() - before
+    assert held < 20 * 1920 * 1080 * 4 / 1024 * 1.2
+    del maps, more, depth
+
+
+def test_no_memory_is_lost(caster):
+    for _ in range(200):
+        caster.render(PINHOLE, FRONT, ["depth", "normals", "color"])
+    before = resident_kb()
+    for _ in range(10000):
+        caster.render(PINHOLE, FRONT, ["depth", "normals", "color"], threads=1)
+    # 10000 depth maps alone are 120 MB.
+    assert resident_kb() - before < 4000
