@@ -60,8 +60,9 @@ std::vector<const SettingResult*> OrderedBy(const Experiment& experiment,
   std::map<const SettingResult*, std::vector<size_t>> keys;
   for (const SettingResult* result : results) {
     const auto values = ValuesOf(experiment, result->setting, axes);
+    std::vector<size_t>& key = keys[result];  // empty without axes
     for (size_t i = 0; i < axes.size(); ++i) {
-      keys[result].push_back(ranks[i].emplace(values[i], ranks[i].size()).first->second);
+      key.push_back(ranks[i].emplace(values[i], ranks[i].size()).first->second);
     }
   }
   std::stable_sort(

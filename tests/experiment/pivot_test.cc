@@ -50,6 +50,16 @@ TEST(Pivot, WhatNeedsNoGeometryStandsInAllItsColumns) {
   }
 }
 
+TEST(Pivot, ATableMayHaveOneColumnOfAll) {
+  TableLayout layout = kByGeometry;
+  layout.columns = {};
+  layout.where.values[Axis::kGeometry] = {std::string("noisy")};
+  const PivotTable table = MakePivot(SomeExperiment(), layout, SomeResults());
+  ASSERT_EQ(table.columns.size(), 1u);
+  ASSERT_EQ(table.rows.size(), 3u);
+  EXPECT_THAT(table.rows[0].cells[0].texts, ElementsAre("20.0", "100.0"));
+}
+
 TEST(Pivot, RanksEachColumnAndLeavesOutTheOracle) {
   std::vector<SettingResult> results = SomeResults();
   results.push_back(Result(RoomSetting(1, "mesh", Oracle()), 10));
