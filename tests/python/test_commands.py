@@ -1,0 +1,151 @@
+import subprocess
+import sys
+
+import pytest
+
+import raylift
+from scenes import DEMO, MESH, HlocScene, truth
+from synthetic import pose
+
+
+def test_evaluate(tmp_path):
+    poses = {name: image.cam_from_world for name, image in truth().items()}
+    raylift.write_poses(tmp_path / "poses.txt", poses)
+    moved = {name: raylift.Rigid3(p.rotation, p.tvec + [0.3, 0, 0]) for name, p in poses.items()}
+    table = raylift.evaluate([tmp_path / "poses.txt", moved], DEMO / "ground_truth",
+                             names=["right", "moved"], thresholds="0.1,1:0.5,1")
+    rows = table["results"]
+    assert [row["name"] for row in rows] == ["right", "moved"]
+    assert rows[0]["recalls_percent"] == [100, 100] and rows[1]["recalls_percent"] == [0, 100]
+    assert rows[1]["median_position"] == pytest.approx(0.3)
+    alone = raylift.evaluate(moved, poses, names=["moved"], thresholds="0.1,1:0.5,1", groups=None)
+    assert alone["results"][0]["median_position"] == pytest.approx(0.3)
+
+
+def test_render_perturb_and_compare(tmp_path):
+    told = []
+    summary = raylift.render_dataset(MESH, tmp_path / "maps", model=DEMO / "model", scale=0.1, every=4,
+                                     products=["depth", "mask"], format=["depth=npy"], threads=2,
+                                     progress=lambda *a: told.append(a))
+    assert summary["images"] == told[-1][0] == told[-1][1] and told[-1][2] == "images"
+    images = raylift.Scene(DEMO / "model", every=4).references
+    depth = raylift.DepthMaps(tmp_path / "maps/depth", images).load(images[0])
+    camera = images[0].camera.scaled(depth.shape[1], depth.shape[0])
+    caster = raylift.RayCaster(raylift.Mesh.read(DEMO / "scene.obj"))
+    assert depth == pytest.approx(caster.render(camera, images[0].cam_from_world)["depth"], abs=1e-6)
+
+    raylift.run("perturb", model=DEMO / "model", geometry=MESH, out=tmp_path / "scaled", scale=1.1, every=4)
+    result = raylift.compare(DEMO / "model", {"mesh": MESH, "scaled": f"depth:{tmp_path / 'scaled'}"},
+                             truth="mesh", every=4, max_side=100)
+    assert result["localization"] is None
+    scaled = [s for s in result["depth"]["sources"] if s["name"] == "scaled"][0]
+    assert scaled["means"]["abs_rel"] == pytest.approx(0.1, abs=0.01)
+    assert scaled["scale_percent"] == pytest.approx(10, abs=1)
+
+
+def test_doctor(tmp_path):
+    diagnosis = raylift.doctor(DEMO / "model", f"{MESH},scale=1000", images=DEMO / "images", every=2,
+                               max_features=1000)
+    assert diagnosis["verdict"] == "repair" and "scale=1000" in diagnosis["summary"]
+
+
+def test_localize_and_experiment(tmp_path):
+    hloc = HlocScene(tmp_path / "hloc")
+    files = dict(features=hloc.features, matches=hloc.matches_file, pairs=hloc.pairs)
+    summary = raylift.localize(tmp_path / "out", scene=DEMO / "scene.toml", queries=hloc.query_list,
+                               method="p3p", images=None, query_images=None, **files)
+    assert summary["queries"] == 4 and len(raylift.read_poses(tmp_path / "out/poses.txt")) == 4
+    (tmp_path / "grid.toml").write_text(f"""
+title = "Demo"
+[scenes.demo]
+model = "{DEMO / 'model'}"
+queries = "{hloc.query_list}"
+ground_truth = "${{TRUTH}}"
+thresholds = "0.05,0.5"
+features = "{hloc.features}"
+matches = "{hloc.matches_file}"
+pairs = "{hloc.pairs}"
+[scenes.demo.geometry]
+mesh = "{MESH}"
+[[grid]]
+method = ["p3p", "select"]
+[[table]]
+name = "methods"
+title = "Methods"
+rows = ["method"]
+""")
+    arguments = (tmp_path / "grid.toml", tmp_path / "experiment")
+    raylift.write_poses(tmp_path / "truth.txt",
+                        {name: hloc.truth[name].cam_from_world for name, _ in hloc.queries})
+    variables = {"TRUTH": str(tmp_path / "truth.txt")}
+    assert raylift.experiment(*arguments, set=variables, dry_run=True) == []
+    rows = raylift.experiment(*arguments, set=variables)
+    assert {row["method"] for row in rows} == {"p3p", "select"}
+    assert (tmp_path / "experiment/tables/methods.md").exists()
+
+
+def test_import(tmp_path):
+    folder = tmp_path / "scan"
+    (folder / "images").mkdir(parents=True)
+    image = raylift.read_image(DEMO / "images/query/query_02.jpg")
+    import cv2
+
+    frames = []
+    for i in range(20):
+        cv2.imwrite(str(folder / f"images/{i:02}.jpg"), image[..., ::-1])
+        frames.append('{"file_path": "images/%02d.jpg", "transform_matrix": %s}'
+                      % (i, pose([0, 0.1 * i, 0], [i, 0, 0]).inverse().matrix.tolist()))
+    (folder / "transforms.json").write_text(
+        '{"camera_model": "OPENCV", "fl_x": 488, "fl_y": 488, "cx": 320, "cy": 240, "w": 640, "h": 480, '
+        '"frames": [%s]}' % ", ".join(frames))
+    files = raylift.import_dataset("nerfstudio", folder, tmp_path / "scenes", query_every=5)
+    assert [file.name for file in files] == ["scene.toml"]
+    assert len(raylift.Scene.read(files[0], geometry=[]).references) in range(10, 20)
+
+
+@pytest.mark.parametrize("call, message", [
+    (lambda: raylift.run("localise"), "localise"),
+    (lambda: raylift.evaluate("poses.txt", "truth", tresholds="1,2"), "tresholds"),
+    (lambda: raylift.render_dataset(MESH, "out", model="a", cameras="b"), "either model or cameras"),
+    (lambda: raylift.localize("out", model="m", queries="q", method="p9p"), "p9p"),
+    (lambda: raylift.localize("out", model="m", queries="q", geometry="mesh:a", min_iterations=-3),
+     "min_iterations = -3"),
+    (lambda: raylift.import_dataset("9scenes", "a", "b"), "9scenes"),
+])
+def test_wrong_options_are_option_errors(call, message):
+    with pytest.raises(raylift.OptionError, match=message):
+        call()
+
+
+def test_wrong_input_is_an_input_error(tmp_path):
+    with pytest.raises(raylift.InputError, match="missing"):
+        raylift.evaluate(tmp_path / "missing.txt", DEMO / "ground_truth")
+
+
+def test_ctrl_c_ends_a_command(tmp_path):
+    script = f"""
+import os, signal, threading
+import raylift
+def interrupt(done, total, what):
+    os.kill(os.getpid(), signal.SIGINT)
+try:
+    raylift.render_dataset("{MESH}", "{tmp_path}", model="{DEMO / 'model'}", products="depth,color",
+                           supersampling=4, progress=interrupt, threads=1)
+except KeyboardInterrupt:
+    print("stopped", signal.getsignal(signal.SIGINT) is signal.default_int_handler)
+"""
+    run = subprocess.run([sys.executable, "-c", script], text=True, capture_output=True, timeout=100)
+    assert run.stdout == "stopped True\n", run.stderr
+    whole = raylift.render_dataset(MESH, tmp_path, model=DEMO / "model", products="depth,color",
+                                   resume=True)
+    assert whole["images"] == len(raylift.Scene(DEMO / "model").references)
+
+
+def test_the_program(tmp_path):
+    def raylift_program(*arguments):
+        return subprocess.run([sys.executable, "-c", "import sys; from raylift._commands import main; sys.exit(main())",
+                               *arguments], text=True, capture_output=True)
+
+    assert raylift_program("--version").stdout == f"raylift {raylift.__version__}\n"
+    wrong = raylift_program("evaluate", "--poses", "missing.txt", "--ground-truth", "missing.txt")
+    assert wrong.returncode == 3 and "missing.txt" in wrong.stderr

@@ -1,0 +1,81 @@
+import pickle
+import types
+
+import numpy as np
+import pytest
+
+import raylift
+from scenes import DEMO, MESH, HlocScene
+
+
+@pytest.fixture(scope="module")
+def hloc(tmp_path_factory):
+    return HlocScene(tmp_path_factory.mktemp("hloc"))
+
+
+def lines_by_file_name(path):
+    """As hloc names queries: by the file alone."""
+    return [line.split("/")[-1] for line in path.read_text().splitlines()]
+
+
+def test_poses_equal_the_programs(hloc, tmp_path):
+    found = raylift.hloc.localize(DEMO / "model", hloc.query_list, hloc.pairs, hloc.features,
+                                  hloc.matches_file, tmp_path / "results.txt", geometry=MESH)
+    raylift.localize(tmp_path / "out", model=DEMO / "model", queries=hloc.query_list, pairs=hloc.pairs,
+                     features=hloc.features, matches=hloc.matches_file, geometry=MESH)
+    assert (tmp_path / "results.txt").read_text().splitlines() == lines_by_file_name(
+        tmp_path / "out/poses.txt")
+    assert len(found) == len(hloc.queries)
+    for name, query in found.items():
+        hloc.expect_near(name, query.cam_from_world)
+
+
+def test_logs_are_hlocs(hloc, tmp_path):
+    found = raylift.hloc.localize(hloc.scene, hloc.query_list, hloc.pairs, hloc.features,
+                                  hloc.matches_file, tmp_path / "results.txt",
+                                  prepend_camera_name=True, top_k=3)
+    assert list(raylift.read_poses(tmp_path / "results.txt")) == list(found)
+    with open(tmp_path / "results.txt_logs.pkl", "rb") as file:
+        logs = pickle.load(file)
+    assert set(logs) == {"features", "matches", "retrieval", "loc"}
+    names = [reference.name for reference in hloc.scene.references]
+    for name, log in logs["loc"].items():
+        assert [names[i] for i in log["db"]] == [r.name for r in hloc.references[:3]]
+        points = len(log["points3D_xyz"])
+        assert log["keypoints_query"].shape == (points, 2) and len(log["points3D_ids"]) == points
+        assert log["PnP_ret"]["inliers"].shape == (points,)
+        assert log["PnP_ret"]["num_inliers"] == log["PnP_ret"]["inliers"].sum() > 100
+        assert log["PnP_ret"]["covariance"].shape == (6, 6)
+        assert log["num_matches"] == found[name].counts["matched"]
+        keypoints, to_db = log["keypoint_index_to_db"]
+        assert len(keypoints) == len(to_db) == points
+
+
+def test_options(hloc, tmp_path):
+    def localize(**options):
+        return raylift.hloc.localize(DEMO / "model", hloc.query_list, hloc.pairs, hloc.features,
+                                     hloc.matches_file, tmp_path / "results.txt", geometry=[MESH],
+                                     **options)
+
+    tight = {"estimation": {"ransac": {"max_error": 0.5}}}
+    a, b, c = (next(iter(localize(**o).values())) for o in
+               [dict(ransac_thresh=0.5), dict(config=tight), dict(reprojection_threshold_px=0.5)])
+    assert (a.cam_from_world.matrix.tolist() == b.cam_from_world.matrix.tolist()
+            == c.cam_from_world.matrix.tolist())
+    clustered = next(iter(localize(covisibility_clustering=True).values()))
+    of_method = next(iter(localize(method="hloc").values()))
+    assert clustered.cam_from_world.matrix.tolist() == of_method.cam_from_world.matrix.tolist()
+    with pytest.raises(raylift.OptionError, match="refinement"):
+        localize(config={"refinement": {}})
+    with pytest.raises(raylift.OptionError, match="min_num_trials"):
+        localize(config={"estimation": {"ransac": {"min_num_trials": 3}}})
+    with pytest.raises(raylift.OptionError, match="methods: there is no such option"):
+        localize(methods="p3p")
+
+
+def test_a_reconstruction_is_taken_by_its_write(hloc, tmp_path):
+    model = raylift.ColmapModel.read(DEMO / "model")
+    reconstruction = types.SimpleNamespace(write=lambda folder: model.write(folder))
+    found = raylift.hloc.localize(reconstruction, str(hloc.query_list), hloc.pairs, hloc.features,
+                                  hloc.matches_file, tmp_path / "results.txt", geometry=MESH)
+    assert all(found.values())

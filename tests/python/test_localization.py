@@ -1,0 +1,153 @@
+import numpy as np
+import pytest
+
+import raylift
+from scenes import DEMO, MESH, HlocScene, truth
+from synthetic import CAMERA
+
+PHOTOGRAPHS = ["query/query_02.jpg", "query/query_05.jpg"]
+
+
+@pytest.fixture(scope="module")
+def localizer(tmp_path_factory):
+    scene = raylift.Scene(DEMO / "model", [MESH], images=DEMO / "images", every=2)
+    return raylift.Localizer(scene, max_features=2048, cache=tmp_path_factory.mktemp("cache"))
+
+
+@pytest.fixture(scope="module")
+def hloc(tmp_path_factory):
+    return HlocScene(tmp_path_factory.mktemp("hloc"))
+
+
+def cameras():
+    return dict(raylift.read_queries(DEMO / "queries.txt"))
+
+
+def expect_near(query, name):
+    assert query, query
+    assert np.linalg.norm(query.cam_from_world.center - truth()[name].cam_from_world.center) < 0.1
+    assert query.verdict == "localized" and query.confidence > 0.95 and query.reason == ""
+
+
+def test_scene():
+    scene = raylift.Scene(DEMO / "model", [MESH], images=DEMO / "images", every=3, every_offset=1)
+    whole = raylift.Scene.read(DEMO / "scene.toml")
+    assert [r.name for r in scene.references] == [r.name for r in whole.references][1::3]
+    assert "scene.obj" in whole.geometry[0].description and whole.warnings == []
+    assert len(whole.mesh.mesh.triangles) > 1000
+    assert raylift.Scene(DEMO / "model").mesh is None
+    mine = raylift.Scene.of(scene.references, [whole.mesh, whole.geometry[0], MESH])
+    assert len(mine.geometry) == 3 and len(mine.references) == len(scene.references)
+    assert "references" in repr(mine)
+    with pytest.raises(raylift.OptionError, match="every = 0"):
+        raylift.Scene(DEMO / "model", every=0)
+    with pytest.raises(raylift.OptionError, match="model_poses = up"):
+        raylift.Scene(DEMO / "model", model_poses="up")
+    with pytest.raises(raylift.InputError, match="depth"):
+        raylift.Scene.read(DEMO / "scene.toml", geometry=["depth"])
+
+
+def test_photographs_in_memory_and_in_files(localizer):
+    for name in PHOTOGRAPHS:
+        camera = cameras()[name]
+        photograph = raylift.read_image(DEMO / "images" / name)
+        query = localizer.localize(photograph, camera, name=name)
+        expect_near(query, name)
+        assert query.name == name and len(query.problem.references) == 10
+        assert query.counts["retrieved"] == 10 and query.counts["points"] > 50
+        assert query.counts["inliers_2d3d"] == query.estimate.num_inliers_2d3d
+        assert query.estimate.covariance.shape == (6, 6)
+        of_file = localizer.localize(DEMO / "images" / name, camera, name=name)
+        mirrored = localizer.localize(photograph[:, ::-1][:, ::-1], camera, name=name)
+        for other in of_file, mirrored:
+            assert other.cam_from_world.matrix.tolist() == query.cam_from_world.matrix.tolist()
+
+
+def test_features_of_ones_own(localizer):
+    name = PHOTOGRAPHS[0]
+    features = raylift.extract_features(raylift.read_image(DEMO / "images" / name), max_features=2048)
+    assert features["descriptors"].shape == (len(features["keypoints"]), 128)
+    assert np.linalg.norm(features["descriptors"], axis=1) == pytest.approx(1, abs=1e-2)
+    query = localizer.localize(features, cameras()[name], name=name)
+    expect_near(query, name)
+
+    # Of the references, too: none of their photographs is read.
+    scene = raylift.Scene(DEMO / "model", [MESH], every=4)
+    of_references = {
+        r.name: raylift.extract_features(raylift.read_image(DEMO / "images" / r.name), max_features=1000)
+        for r in scene.references}
+    own = raylift.Localizer(scene, reference_features=of_references)
+    expect_near(own.localize(features, cameras()[name]), name)
+
+
+@pytest.mark.parametrize("query, camera, message", [
+    (np.zeros((10, 10), np.uint8), CAMERA, "10"),
+    (np.zeros((480, 640), float), CAMERA, "image: expected a uint8 array"),
+    (np.zeros((480, 640, 4), np.uint8), CAMERA, r"found \(480, 640, 4\)"),
+    (None, CAMERA, "query: expected a photograph or features"),
+    ({"keypoints": np.zeros((3, 2))}, CAMERA, "features: expected keypoints"),
+    ({"keypoints": np.zeros((3, 2)), "descriptors": np.zeros((2, 128))}, CAMERA, r"shape \(3, D\)"),
+    ("missing.jpg", CAMERA, "missing.jpg"),
+])
+def test_wrong_queries_are_input_errors(localizer, query, camera, message):
+    with pytest.raises(raylift.InputError, match=message):
+        localizer.localize(query, camera)
+
+
+@pytest.mark.parametrize("options, message", [
+    (dict(top_k=0), "top_k = 0"),
+    (dict(features="a.h5"), "features, matches and pairs go together"),
+    (dict(candidates="some"), "candidates = some: expected keep"),
+    (dict(filter_min_views=0, filter="fixed"), "filter_min_views = 0"),
+    (dict(method="p5p"), "method = p5p"),
+    (dict(geometry="mesh:a"), "geometry: there is no such option"),
+])
+def test_wrong_options_of_the_localizer(options, message):
+    with pytest.raises(raylift.OptionError, match=message):
+        raylift.Localizer(raylift.Scene(DEMO / "model"), **options)
+
+
+def test_a_blank_photograph_has_no_pose(localizer):
+    query = localizer.localize(np.zeros((480, 640), np.uint8), CAMERA)
+    assert not query and query.cam_from_world is None and query.verdict == "failed"
+    assert query.reason and query.confidence == 0 and query.reason in repr(query)
+
+
+def test_matches_of_ones_own(hloc):
+    name, camera = hloc.queries[0]
+    arrays = {reference.name: np.hstack([
+        np.array(hloc.keypoints[name])[hloc.matches[name, reference.name][0]],
+        hloc.keypoints[reference.name][hloc.matches[name, reference.name][1]]])
+        for reference in hloc.references}
+    localizer = raylift.Localizer(hloc.scene)
+    matches = raylift.hloc.matches_from(arrays)
+    query = localizer.localize_matches(camera, **matches)
+    hloc.expect_near(name, query.cam_from_world)
+    assert query.counts["matched"] == sum(map(len, arrays.values()))
+    # Corners instead of centres for the first pixel's place: half a pixel beside it.
+    shifted = raylift.hloc.matches_from({k: v + 0.5 for k, v in arrays.items()}, first_pixel=0.5)
+    assert shifted["query2d"] == pytest.approx(matches["query2d"])
+    one = raylift.hloc.matches_from(arrays[hloc.references[0].name], reference=hloc.references[0].name)
+    assert set(one["reference_names"]) == {hloc.references[0].name}
+    # Pixels in one cell are one keypoint.
+    cells = raylift.hloc.matches_from(
+        {"a": [[1.2, 1.3, 0, 0], [5, 5, 0, 0]], "b": [[1.4, 1.1, 0, 0]]}, cell_px=2)["query_keypoints"]
+    assert cells[0] == cells[2] != cells[1]
+    assert len(raylift.hloc.matches_from({})["query2d"]) == 0
+    with pytest.raises(raylift.InputError, match=r"'a': expected an array of shape \(N, 4\)"):
+        raylift.hloc.matches_from({"a": np.zeros((3, 3))})
+    with pytest.raises(raylift.InputError, match="no reference nowhere.jpg"):
+        localizer.localize_matches(camera, [[1, 2]], [[1, 2]], ["nowhere.jpg"])
+    with pytest.raises(raylift.InputError, match="expected as many, found 1, 1 and 0"):
+        localizer.localize_matches(camera, [[1, 2]], [[1, 2]], [])
+
+
+def test_many_queries_with_hlocs_files(hloc):
+    localizer = raylift.Localizer(hloc.scene, features=hloc.features, matches=hloc.matches_file,
+                                  pairs=hloc.pairs)
+    told = []
+    found = localizer.localize_all(hloc.queries, threads=2, progress=lambda *a: told.append(a))
+    assert list(found) == [name for name, _ in hloc.queries]
+    assert told[-1] == (len(hloc.queries), len(hloc.queries), "queries")
+    for name, query in found.items():
+        hloc.expect_near(name, query.cam_from_world)
