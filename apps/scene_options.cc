@@ -5,6 +5,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/option_checks.h"
+#include "raylift/io/colmap_database.h"
 
 namespace raylift {
 
@@ -44,13 +45,16 @@ bool HlocFlags::Any() const {
 }
 
 bool HlocFlags::All() const {
+  if (IsColmapDatabase(files.matches)) return files.features.empty();
   return !files.features.empty() && !files.matches.empty() && !files.pairs.empty();
 }
 
 void HlocFlags::Check() const {
   RequireAtLeast("--top-k", top_k, 1);
   if (Any() && !All()) {
-    throw OptionError("--features, --matches and --pairs go together: give all three or none");
+    throw OptionError(
+        "--features, --matches and --pairs go together: give all three or none (or COLMAP's "
+        "database as --matches, with or without --pairs)");
   }
 }
 
@@ -63,7 +67,10 @@ void RequireWithoutHloc(const HlocFlags& flags, std::string_view options_are, bo
 void AddHlocOptions(CLI::App& app, HlocFlags& flags, const std::string& without) {
   const std::string group = "Matches";
   app.add_option("--features", flags.files.features, "hloc's features.h5" + without)->group(group);
-  app.add_option("--matches", flags.files.matches, "hloc's matches.h5")->group(group);
+  app.add_option(
+         "--matches", flags.files.matches,
+         "hloc's matches.h5, or COLMAP's database.db, which needs no\n--features and no --pairs")
+      ->group(group);
   app.add_option("--pairs", flags.files.pairs, "hloc's pairs list: query reference")->group(group);
   app.add_option("--top-k", flags.top_k, "Retrieved references per query")
       ->capture_default_str()

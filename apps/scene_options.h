@@ -32,10 +32,10 @@ struct HlocFlags {
   HlocFiles files;
   int top_k = 10;
 
-  // Any of the three files is named; all of them.
+  // Any of the three files is named; all that are needed.
   bool Any() const;
   bool All() const;
-  // The three files go together. Throws OptionError.
+  // The three files go together, but a database stands alone. Throws OptionError.
   void Check() const;
 };
 // What must be given where hloc's files are not: `options_are` says so ("--images is"). Throws

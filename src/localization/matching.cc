@@ -3,6 +3,8 @@
 #include <utility>
 
 #include "raylift/base/error.h"
+#include "raylift/io/colmap_database.h"
+#include "raylift/localization/database_matches.h"
 
 namespace raylift {
 namespace {
@@ -39,6 +41,10 @@ std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Que
   if (options.hloc) {
     JoiningQueries joining;
     if (options.max_joined) joining = {queries, *options.max_joined};
+    if (IsColmapDatabase(options.hloc->matches)) {
+      return OpenDatabaseMatches(options.hloc->matches, options.hloc->pairs, scene.references,
+                                 options.top_k, joining);
+    }
     return OpenHlocMatches(*options.hloc, scene.references, options.top_k, joining);
   }
   FrontEndOptions front_end = options.front_end;

@@ -1,4 +1,4 @@
-// The matches of a scene's queries by whatever there is: hloc's files, or the built-in front end
+// The matches of a scene's queries by whatever there is: hloc's files, COLMAP's database, or the built-in front end
 // with any kind of retrieval.
 
 #pragma once
@@ -16,8 +16,9 @@
 namespace raylift {
 
 struct MatchingOptions {
-  std::optional<HlocFiles> hloc = std::nullopt;  // none: the front end
-  int top_k = 10;                                // references per query
+  // None: the front end. Where `matches` is COLMAP's database, it is all that is needed.
+  std::optional<HlocFiles> hloc = std::nullopt;
+  int top_k = 10;  // references per query
   // With a number, localized queries may join the references, up to so many among the top_k.
   std::optional<int> max_joined = std::nullopt;
 

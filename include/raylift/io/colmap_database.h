@@ -1,0 +1,51 @@
+// COLMAP's database (SQLite; versions 3.8 to 4.x): keypoints of images and matches between them,
+// by whatever COLMAP or others have put there. Read only.
+
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/scene/features.h"
+
+namespace raylift {
+
+// Whether the file starts as SQLite's do; false where it cannot be read.
+bool IsColmapDatabase(const std::filesystem::path& file);
+
+class ColmapDatabase {
+ public:
+  // InputError where this is no database of COLMAP's.
+  explicit ColmapDatabase(const std::filesystem::path& file);
+  ~ColmapDatabase();
+  ColmapDatabase(ColmapDatabase&&) noexcept;
+  ColmapDatabase& operator=(ColmapDatabase&&) noexcept;
+
+  // Of all images, by name.
+  std::vector<std::string> ImageNames() const;
+
+  // Keypoints and the size of the image's camera, without descriptors. InputError where the image
+  // is not there, or its keypoints are not. Pixels are COLMAP's. Safe to call from several threads,
+  // as ReadMatches.
+  Features ReadKeypoints(const std::string& image) const;
+
+  // The images that this one is matched with, best first: by the inliers of their verified pairs
+  // (two_view_geometries), then by their matches.
+  std::vector<std::string> MatchedWith(const std::string& image) const;
+
+  // The matches of a pair, whichever way round it is stored; the inliers where they are more, as
+  // after guided matching or where others put nothing else there. None where there are neither.
+  std::optional<std::vector<FeatureMatch>> ReadMatches(const std::string& query,
+                                                       const std::string& reference) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace raylift

@@ -1,0 +1,46 @@
+// Matches that stand in files, whosever they are: hloc's or COLMAP's. Private to localization.
+
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "raylift/io/retrieval_pairs.h"
+#include "raylift/localization/hloc_matches.h"
+#include "raylift/localization/match_source.h"
+#include "raylift/localization/references.h"
+#include "raylift/scene/features.h"
+
+namespace raylift {
+
+// What the files hold of images and of pairs of them. Thread safe.
+class MatchFiles {
+ public:
+  virtual ~MatchFiles() = default;
+
+  // InputError where the image is not there.
+  virtual Features ReadFeatures(const std::string& image) const = 0;
+  // None where the pair is not there.
+  virtual std::optional<std::vector<FeatureMatch>> ReadMatches(
+      const std::string& query, const std::string& reference) const = 0;
+  virtual std::vector<std::string> Warnings() const = 0;
+  // For messages.
+  virtual const std::filesystem::path& features_file() const = 0;
+  virtual const std::filesystem::path& matches_file() const = 0;
+};
+
+// `pairs` holds references that are in use or joining queries, best first; `top_k` of those in use
+// are taken.
+std::unique_ptr<MatchSource> MakeFileMatches(std::unique_ptr<const MatchFiles> files,
+                                             RetrievalPairs pairs, const ReferenceSet& references,
+                                             int top_k, const JoiningQueries& joining);
+
+// A list of pairs without those that are thinned out. InputError where it names a reference that
+// the model does not hold.
+RetrievalPairs ReadPairsInUse(const std::filesystem::path& file, const ReferenceSet& references,
+                              const JoiningQueries& joining);
+
+}  // namespace raylift
