@@ -37,6 +37,10 @@ void LocalizeFlags::Check(const GeometryOptions& geometry_options,
     throw OptionError("--min-confidence", fmt::format("{}", min_confidence),
                       "must lie between 0 and 1");
   }
+  std::error_code none;
+  if (!write_model.empty() && std::filesystem::equivalent(write_model, references.model, none)) {
+    throw OptionError("--write-model", write_model.string(), "is the folder of --model");
+  }
   run.Check();
   continuous.Check(!report.empty());
   matching.Check(geometry.specs);
@@ -78,6 +82,10 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
   command
       .add_option("--write-problems", flags.write_problems,
                   "Also write each query's pose problem (JSON) here")
+      ->group("Output");
+  command
+      .add_option("--write-model", flags.write_model,
+                  "Also write the references and the localized queries here as one COLMAP model")
       ->group("Output");
   command.add_option("--report", flags.report, "Folder for one HTML page to look at (index.html)")
       ->group("Output");

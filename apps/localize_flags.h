@@ -22,7 +22,7 @@ struct LocalizeFlags {
   ModelPosesFlags model_poses;
   GeometryFlags geometry;
   MatchingFlags matching;
-  std::filesystem::path out, write_problems, report;
+  std::filesystem::path out, write_problems, write_model, report;
   int pictures = 0;
   double min_confidence = 0;
   bool no_doctor = false;

@@ -12,6 +12,7 @@
 #include "raylift/base/progress.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/batch_localizer.h"
+#include "raylift/localization/localized_model.h"
 #include "raylift/localization/matching.h"
 #include "raylift/localization/result_files.h"
 
@@ -134,6 +135,11 @@ void RunLocalize(const LocalizeFlags& flags, const LocalizerOptions& options, Al
   output.Finish(localized,
                 {localizer.scene(), warnings, localizer.scene_noise(), elapsed.count(), joined},
                 options_json);
+  if (!flags.write_model.empty()) {
+    WriteColmapModel(flags.write_model,
+                     LocalizedModel(localizer.scene().references, queries, localized),
+                     ColmapForm::kBinary);
+  }
 }
 
 }  // namespace raylift

@@ -1,4 +1,4 @@
-// localize with what COLMAP makes. Debian's COLMAP runs here.
+// localize with what COLMAP makes, and for what reads its models. Debian's COLMAP runs here.
 
 #include "apps/program.h"
 #include "support/matchers.h"
@@ -92,6 +92,48 @@ TEST(Colmap, DatabasesThatCannotServeAreNamed) {
   EXPECT_TRUE(
       FailsWith(2, {"go together", "database"},
                 run({"--matches", scene.folder / "empty.db", "--features", scene.features()})));
+}
+
+TEST(Colmap, ReadsTheModelOfReferencesAndQueries) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path out = scene.folder / "out", model = scene.folder / "localized";
+  ASSERT_TRUE(
+      Succeeds(RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--write-model", model})));
+  const ColmapModel written = ReadColmapModel(model);
+  EXPECT_EQ(written.images.size(), scene.references.size() + scene.queries.size());
+  for (const PosedImage& image : written.PosedImages()) {
+    for (const auto* truth : {&scene.references, &scene.queries}) {
+      for (const PosedImage& expected : *truth) {
+        if (expected.name != image.name) continue;
+        EXPECT_TRUE(IsNearPose(image.cam_from_world, expected.cam_from_world, 1e-3, 1e-4));
+        EXPECT_EQ(image.camera, expected.camera) << image.name;
+      }
+    }
+  }
+  EXPECT_TRUE(FailsWith(
+      2, {"--write-model", "is the folder of --model"},
+      RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--write-model", scene.model()})));
+  if (!HasProgram("colmap")) GTEST_SKIP() << "colmap is not installed";
+  const std::string analysis =
+      RunProgram(kColmap + "model_analyzer --path " + model.string() + " 2>&1");
+  EXPECT_NE(analysis.find("Registered images: " + std::to_string(written.images.size())),
+            std::string::npos)
+      << analysis;
+  const fs::path text = scene.folder / "text";
+  fs::create_directories(text);
+  RunProgram(kColmap + "model_converter --input_path " + model.string() + " --output_path " +
+             text.string() + " --output_type TXT");
+  const auto back = ReadColmapModel(text).PosedImages();
+  const auto images = written.PosedImages();
+  ASSERT_EQ(back.size(), images.size());
+  for (size_t i = 0; i < back.size(); ++i) {
+    EXPECT_EQ(back[i].name, images[i].name);
+    EXPECT_EQ(back[i].camera, images[i].camera);
+    EXPECT_TRUE(IsNearPose(back[i].cam_from_world, images[i].cam_from_world, 1e-9, 1e-9));
+  }
+  RunProgram(kColmap + "model_converter --input_path " + model.string() + " --output_path " +
+             (scene.folder / "points.ply").string() + " --output_type PLY");
+  EXPECT_TRUE(fs::exists(scene.folder / "points.ply"));
 }
 
 }  // namespace
