@@ -115,9 +115,10 @@ std::optional<PixelFrame> MakePixelFrame(const Camera& camera, const Eigen::Vect
   if (!ray) {
     return std::nullopt;
   }
-  // The plane z = 1 makes a pinhole exact; far from the axis it would degenerate.
+  // The plane z = 1 makes a pinhole exact; far from the axis it would degenerate, and a panorama
+  // has none.
   static const double kMinCosine = std::cos(80 * std::numbers::pi / 180);
-  const bool near_axis = ray->z() > kMinCosine;
+  const bool near_axis = ray->z() > kMinCosine && !camera.is_panorama();
   const Eigen::Vector3d normal = near_axis ? Eigen::Vector3d::UnitZ() : *ray;
   const Eigen::Vector3d scaled_ray = near_axis ? Eigen::Vector3d(*ray / ray->z()) : *ray;
   const auto projection = camera.ImgFromCamWithJacobian(scaled_ray);

@@ -281,9 +281,12 @@ TEST_P(EveryCameraKernel, ErrorsOfNearPointsAgreeToFirstOrder) {
   int compared = 0;
   for (size_t i = 0; i < points.size(); ++i) {
     if (!(points[i] < 1)) continue;
+    // Meridians meet at a panorama's poles: nothing is straight within 20 degrees of them.
+    const double from_equator = std::abs(std::asin(near.prepared.points[i].ray.y()));
+    if (GetParam().camera.is_panorama() && from_equator > 70 * std::numbers::pi / 180) continue;
     ++compared;
     // What is left is of second order: at most a seventh of the error at the threshold's four
-    // pixels, for the fisheye with the shortest focal length (150 px).
+    // pixels, for the fisheye with the shortest focal length (150 px) and the panorama (100 px).
     EXPECT_NEAR(std::sqrt(errors.points[i]), std::sqrt(points[i]), 0.15 * points[i] + 1e-9);
   }
   EXPECT_GT(compared, 300);
