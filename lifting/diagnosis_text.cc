@@ -172,12 +172,12 @@ std::string DescribePlace(const PlacedMesh& best, const MeshPlacement& as_placed
 
 std::string Summary(const Diagnosis& diagnosis) {
   switch (diagnosis.verdict) {
-    case Verdict::kTooFewMatches:
+    case InputVerdict::kTooFewMatches:
       return fmt::format("there are too few matches between references to tell: {}",
                          diagnosis.reason);
-    case Verdict::kNothingFits:
+    case InputVerdict::kNothingFits:
       return fmt::format("nothing fits: {}", diagnosis.reason);
-    case Verdict::kAsMeant: {
+    case InputVerdict::kAsMeant: {
       const ReadingEvidence& as_read = diagnosis.EvidenceOf(diagnosis.as_read);
       const bool scales_differ = as_read.median_px > 2 * as_read.median_own_scale_px;
       return fmt::format("the input is read as the matches suggest: median {:.2f} px{}",
@@ -187,7 +187,7 @@ std::string Summary(const Diagnosis& diagnosis) {
                                                      as_read.median_own_scale_px)
                                        : "");
     }
-    case Verdict::kRepair:
+    case InputVerdict::kRepair:
       break;
   }
   const std::string repair = fmt::format("Repair: {}", ToString(diagnosis.repair));

@@ -188,7 +188,7 @@ class Examination {
   }
 
  private:
-  void Say(Verdict verdict, InputFault fault, std::string reason) {
+  void Say(InputVerdict verdict, InputFault fault, std::string reason) {
     diagnosis_.verdict = verdict;
     diagnosis_.fault = fault;
     diagnosis_.reason = std::move(reason);
@@ -196,7 +196,7 @@ class Examination {
 
   // False: there are not enough to go on with.
   bool TooFewMatches(std::string reason) {
-    Say(Verdict::kTooFewMatches, InputFault::kNone, std::move(reason));
+    Say(InputVerdict::kTooFewMatches, InputFault::kNone, std::move(reason));
     return false;
   }
 
@@ -242,7 +242,7 @@ class Examination {
     if (best.Purity() < kLeastPurity || best.Skill() < kLeastAgreement) {
       const std::string reason = DescribeDisagreement(best, all, input_.references);
       if (all.size() < kFewestAgreeing) return TooFewMatches(reason);
-      Say(Verdict::kNothingFits, InputFault::kPoses, reason);
+      Say(InputVerdict::kNothingFits, InputFault::kPoses, reason);
       return false;
     }
     if (2 * matches_.size() < kFewestKeypoints || NumPairs(matches_) < kFewestPairs) {
@@ -284,7 +284,7 @@ class Examination {
     diagnosis_.fit = fit;
     if (!TellsDepth(fit)) {
       diagnosis_.best = input_.as_read;
-      Say(Verdict::kTooFewMatches, InputFault::kNone, kViewsTooClose);
+      Say(InputVerdict::kTooFewMatches, InputFault::kNone, kViewsTooClose);
       return;
     }
     const bool is_as_read = best == input_.as_read;
@@ -374,7 +374,7 @@ class Examination {
 
   void NothingFits(InputFault fault, std::string reason) {
     diagnosis_.best = input_.as_read;
-    Say(Verdict::kNothingFits, fault, std::move(reason));
+    Say(InputVerdict::kNothingFits, fault, std::move(reason));
   }
 
   // As meant or a repair; values that are cut off are taken for none.
@@ -397,7 +397,7 @@ class Examination {
                      input_.stored->invalid_values.end());
       diagnosis_.repair.geometry_keys.push_back(fmt::format("invalid={}", fmt::join(invalid, "/")));
     }
-    Say(Verdict::kRepair, invalid.empty() ? InputFault::kNone : InputFault::kClamp,
+    Say(InputVerdict::kRepair, invalid.empty() ? InputFault::kNone : InputFault::kClamp,
         fmt::format("{}", fmt::join(reasons, "; ")));
   }
 
@@ -470,7 +470,7 @@ class Examination {
       diagnosis_.repair.replaced_keys.push_back(keys.empty() ? keys_as_read
                                                              : "scale, axes, shift, matrix");
     }
-    Say(Verdict::kRepair, InputFault::kMeshFrame,
+    Say(InputVerdict::kRepair, InputFault::kMeshFrame,
         DescribePlace(best, input_.as_placed,
                       as_read_fit.count == 0 ? std::nullopt : std::optional(as_read_px)));
     return true;

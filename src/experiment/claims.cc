@@ -57,12 +57,12 @@ void Judge(const std::vector<Claim>& claims, std::vector<JudgedClaim>& judged) {
         significant && line.p_value <= kClaimLevel / static_cast<double>(lines.size() - i);
     const double difference = line.first_percent - line.second_percent;
     if (significant && difference != 0) {
-      line.verdict = difference > 0 ? Verdict::kShown : Verdict::kContradicted;
+      line.verdict = difference > 0 ? ClaimVerdict::kShown : ClaimVerdict::kContradicted;
     } else if (lines[i].claim->relation == Claim::Relation::kNotWorse &&
                line.difference_percent.low > -kNotWorsePercent) {
-      line.verdict = Verdict::kHolds;
+      line.verdict = ClaimVerdict::kHolds;
     } else {
-      line.verdict = Verdict::kNoise;
+      line.verdict = ClaimVerdict::kNoise;
     }
   }
 }
@@ -217,7 +217,7 @@ TableRow Fields(const ClaimLine& line) {
 
 std::string Summary(const JudgedClaim& claim) {
   std::string text;
-  for (const Verdict verdict : AllValues<Verdict>()) {
+  for (const ClaimVerdict verdict : AllValues<ClaimVerdict>()) {
     const size_t count = claim.Count(verdict);
     if (count == 0) continue;
     text += fmt::format("{}{} {}", text.empty() ? "" : ", ", ToString(verdict), count);
@@ -227,7 +227,7 @@ std::string Summary(const JudgedClaim& claim) {
 
 }  // namespace
 
-size_t JudgedClaim::Count(Verdict verdict) const {
+size_t JudgedClaim::Count(ClaimVerdict verdict) const {
   return static_cast<size_t>(std::count_if(
       lines.begin(), lines.end(), [&](const ClaimLine& line) { return line.verdict == verdict; }));
 }

@@ -55,7 +55,7 @@ std::optional<std::string> QuickDoctor::Warn(const NamedGeometry& geometry,
       {.max_matches = kMatches, .half_pixels = false, .mesh_frames = false, .threads = threads});
   // That few points come from the geometry, or few matches fit, is for RunCheck to say.
   const bool named = diagnosis.fault != InputFault::kNone && diagnosis.fault != InputFault::kPoses;
-  if (diagnosis.verdict != Verdict::kRepair && !named) return std::nullopt;
+  if (diagnosis.verdict != InputVerdict::kRepair && !named) return std::nullopt;
   return fmt::format("{}: {}", geometry.source->Description(), Summary(diagnosis));
 }
 

@@ -47,8 +47,8 @@ TEST(Claims, ADifferenceOfManyQueriesIsShown) {
   EXPECT_EQ(mesh.second, "E5+1");
   EXPECT_EQ(mesh.first_percent, 95);
   EXPECT_EQ(mesh.second_percent, 60);
-  EXPECT_EQ(mesh.verdict, Verdict::kShown);
-  EXPECT_EQ(judged[0].lines[2].verdict, Verdict::kContradicted);
+  EXPECT_EQ(mesh.verdict, ClaimVerdict::kShown);
+  EXPECT_EQ(judged[0].lines[2].verdict, ClaimVerdict::kContradicted);
 }
 
 TEST(Claims, TheBetterOfSeveralIsTaken) {
@@ -58,7 +58,7 @@ TEST(Claims, TheBetterOfSeveralIsTaken) {
       kResults);
   ASSERT_EQ(judged[0].lines.size(), 2u);
   EXPECT_EQ(judged[0].lines[0].second, "P3P");
-  EXPECT_EQ(judged[0].lines[0].verdict, Verdict::kHolds);
+  EXPECT_EQ(judged[0].lines[0].verdict, ClaimVerdict::kHolds);
 }
 
 TEST(Claims, NotWorseHoldsOnlyWhereTheQueriesCouldTell) {
@@ -69,7 +69,7 @@ TEST(Claims, NotWorseHoldsOnlyWhereTheQueriesCouldTell) {
       {kResults[0],
        Result(RoomSetting(1, "mesh", Method::kAdaptive, ScoreCombination::kSumMsac), 37)});
   ASSERT_EQ(judged[0].lines.size(), 2u);
-  EXPECT_EQ(judged[0].lines[0].verdict, Verdict::kNoise);
+  EXPECT_EQ(judged[0].lines[0].verdict, ClaimVerdict::kNoise);
 }
 
 TEST(Claims, OneDifferenceAmongManyLinesIsNoise) {
@@ -78,10 +78,10 @@ TEST(Claims, OneDifferenceAmongManyLinesIsNoise) {
   const SettingResult second = Result(RoomSetting(1, "", Method::kE5p1), 15);
   const std::string claim =
       "first = {method = \"p3p\"}\nsecond = {method = \"e5p1\"}\nwhere = {every = 1}\n";
-  EXPECT_EQ(Judged(claim, {first, second})[0].lines[0].verdict, Verdict::kShown);
+  EXPECT_EQ(Judged(claim, {first, second})[0].lines[0].verdict, ClaimVerdict::kShown);
   std::string many = claim;
   for (int i = 0; i < 19; ++i) many += "[[claim]]\ntext = \"t\"\n" + claim;
-  EXPECT_EQ(Judged(many, {first, second})[0].lines[0].verdict, Verdict::kNoise);
+  EXPECT_EQ(Judged(many, {first, second})[0].lines[0].verdict, ClaimVerdict::kNoise);
 }
 
 TEST(Claims, ChangesAreCompared) {
@@ -92,7 +92,7 @@ TEST(Claims, ChangesAreCompared) {
   ASSERT_EQ(judged[0].lines.size(), 2u);
   EXPECT_NEAR(judged[0].lines[0].first_percent, -10, 1e-9);
   EXPECT_NEAR(judged[0].lines[0].second_percent, -57.5, 1e-9);
-  EXPECT_EQ(judged[0].lines[0].verdict, Verdict::kShown);
+  EXPECT_EQ(judged[0].lines[0].verdict, ClaimVerdict::kShown);
 }
 
 TEST(Claims, FormsNameTheVerdict) {
@@ -106,7 +106,7 @@ TEST(Claims, FormsNameTheVerdict) {
 }
 
 TEST(Claims, TheirValuesHaveNames) {
-  EXPECT_TRUE(NamesEveryValue<Verdict>());
+  EXPECT_TRUE(NamesEveryValue<ClaimVerdict>());
   EXPECT_TRUE(NamesEveryValue<Claim::Relation>());
 }
 

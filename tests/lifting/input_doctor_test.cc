@@ -314,7 +314,7 @@ TEST_F(RgbdSmallDoctor, FindsFaultsOfStoredDepth) {
         << folder << Describe(clamped);
     const Diagnosis wrapped = Examine(
         WithDepth(right, [](double z, int) { return std::max(std::fmod(z, 2.048), 0.001); }));
-    EXPECT_EQ(wrapped.verdict, Verdict::kNothingFits) << folder << Describe(wrapped);
+    EXPECT_EQ(wrapped.verdict, InputVerdict::kNothingFits) << folder << Describe(wrapped);
     // Of maps that are off by 10 % it cannot be told what else is wrong.
     if (folder == std::string("depth_sensor")) {
       EXPECT_EQ(wrapped.fault, InputFault::kWrap);
@@ -359,7 +359,7 @@ TEST_F(DemoDoctor, FindsTwoMistakesAtOnce) {
 TEST_F(DemoDoctor, SaysNothingOfTooFewMatches) {
   scene_.matches.resize(10);
   const Diagnosis diagnosis = Examine(Plant(scene_, {.scale = 0.001}));
-  EXPECT_EQ(diagnosis.verdict, Verdict::kTooFewMatches);
+  EXPECT_EQ(diagnosis.verdict, InputVerdict::kTooFewMatches);
   EXPECT_FALSE(diagnosis.suspicious());
 }
 
@@ -367,7 +367,7 @@ TEST_F(DemoDoctor, CutOffDepthIsTakenForNone) {
   for (const double most : {6.0, 8.0}) {
     const Diagnosis diagnosis =
         Examine(WithDepth(scene_, [&](double z, int) { return std::min(z, most); }));
-    EXPECT_EQ(diagnosis.verdict, Verdict::kRepair) << Describe(diagnosis);
+    EXPECT_EQ(diagnosis.verdict, InputVerdict::kRepair) << Describe(diagnosis);
     EXPECT_EQ(diagnosis.fault, InputFault::kClamp);
     EXPECT_EQ(diagnosis.best, InputReading());
     EXPECT_EQ(diagnosis.repair.geometry_keys,
@@ -464,7 +464,7 @@ TEST_F(DemoDoctor, WrongBackgroundIsNoWrap) {
   const double most = double{depths[depths.size() * 95 / 100]};
   const Scene far = WithDepth(scene_, [&](double z, int) { return z > most ? 0.6 * z : z; });
   EXPECT_NE(Examine(far).fault, InputFault::kWrap) << Describe(Examine(far));
-  EXPECT_EQ(Examine(far).verdict, Verdict::kAsMeant) << Describe(Examine(far));
+  EXPECT_EQ(Examine(far).verdict, InputVerdict::kAsMeant) << Describe(Examine(far));
 }
 
 TEST_F(DemoDoctor, OffsetDepthIsNoDisparity) {
@@ -489,7 +489,7 @@ TEST_F(DemoDoctor, ViewsWithoutParallaxTellNoDepth) {
   scene_.matches = MatchByMesh(mesh, scene_.references, 0.3, rng);
   scene_.maps = RenderMaps(*Open(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj"), scene_.references, 160);
   const Diagnosis diagnosis = Examine(scene_);
-  EXPECT_EQ(diagnosis.verdict, Verdict::kTooFewMatches) << Describe(diagnosis);
+  EXPECT_EQ(diagnosis.verdict, InputVerdict::kTooFewMatches) << Describe(diagnosis);
   EXPECT_NE(diagnosis.reason.find("too close together"), std::string::npos);
 }
 
@@ -506,7 +506,8 @@ TEST_F(DemoDoctor, OneWrongMatchPerPairIsNoAgreement) {
   }
   scene_.matches = matches;
   const Diagnosis diagnosis = Examine(scene_);
-  EXPECT_TRUE(diagnosis.verdict == Verdict::kTooFewMatches || diagnosis.fault == InputFault::kPoses)
+  EXPECT_TRUE(diagnosis.verdict == InputVerdict::kTooFewMatches ||
+              diagnosis.fault == InputFault::kPoses)
       << Describe(diagnosis);
 }
 
@@ -514,7 +515,7 @@ TEST_F(DemoDoctor, WrappedDepthFitsNothing) {
   for (const double modulus : {4.096, 8.192}) {
     const Diagnosis diagnosis = Examine(
         WithDepth(scene_, [&](double z, int) { return std::max(std::fmod(z, modulus), 0.001); }));
-    EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits) << Describe(diagnosis);
+    EXPECT_EQ(diagnosis.verdict, InputVerdict::kNothingFits) << Describe(diagnosis);
     EXPECT_EQ(diagnosis.fault, InputFault::kWrap) << Describe(diagnosis);
     EXPECT_NE(diagnosis.reason.find(fmt::format("{:.0f}", 1000 * modulus)), std::string::npos);
     EXPECT_EQ(ToString(diagnosis.repair), "");
@@ -532,7 +533,7 @@ TEST_F(DemoDoctor, DisparityIsNoDepth) {
         read = WithDepth(disparity, [](double d, int) { return 1 / d; });
       }
       const Diagnosis diagnosis = Examine(read, {.kind = kind});
-      EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits) << Describe(diagnosis);
+      EXPECT_EQ(diagnosis.verdict, InputVerdict::kNothingFits) << Describe(diagnosis);
       EXPECT_EQ(diagnosis.fault, InputFault::kDisparity) << Describe(diagnosis);
     }
   }
@@ -542,21 +543,21 @@ TEST_F(DemoDoctor, NoisyDepthIsReadAsMeant) {
   Rng rng(3);
   const Scene noisy =
       WithDepth(scene_, [&](double z, int) { return z * std::exp(0.05 * rng.Normal()); });
-  EXPECT_EQ(Examine(noisy).verdict, Verdict::kAsMeant);
+  EXPECT_EQ(Examine(noisy).verdict, InputVerdict::kAsMeant);
   const Scene monocular = WithDepth(scene_, [](double z, int n) {
     return z * std::exp(0.15 * std::sin(n) + 0.02 * std::sin(3 * z));
   });
-  EXPECT_EQ(Examine(monocular).verdict, Verdict::kAsMeant);
+  EXPECT_EQ(Examine(monocular).verdict, InputVerdict::kAsMeant);
 }
 
 TEST_F(DemoDoctor, DepthOfAnotherSceneFitsNothing) {
   Rng rng(4);
   const Diagnosis random =
       Examine(WithDepth(scene_, [&](double, int) { return rng.Uniform(2, 20); }));
-  EXPECT_EQ(random.verdict, Verdict::kNothingFits) << Describe(random);
+  EXPECT_EQ(random.verdict, InputVerdict::kNothingFits) << Describe(random);
   EXPECT_TRUE(Summary(random).starts_with("nothing fits: ")) << Summary(random);
   const Diagnosis constant = Examine(WithDepth(scene_, [](double, int) { return 5.0; }));
-  EXPECT_EQ(constant.verdict, Verdict::kNothingFits) << Describe(constant);
+  EXPECT_EQ(constant.verdict, InputVerdict::kNothingFits) << Describe(constant);
 }
 
 TEST_F(DemoDoctor, WrongMatchesAreNotBlamedOnDepth) {
@@ -565,7 +566,7 @@ TEST_F(DemoDoctor, WrongMatchesAreNotBlamedOnDepth) {
         scene_.matches[(i + scene_.matches.size() / 3) % scene_.matches.size()].b_px;
   }
   const Diagnosis diagnosis = Examine(scene_);
-  EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits);
+  EXPECT_EQ(diagnosis.verdict, InputVerdict::kNothingFits);
   EXPECT_EQ(diagnosis.fault, InputFault::kPoses);
   EXPECT_NE(diagnosis.reason.find("poses and matches do not agree"), std::string::npos);
 }
@@ -580,7 +581,7 @@ class MovedMesh : public DemoDoctor {
 
   void ExpectFound(const MeshPlacement& expected) const {
     const Diagnosis diagnosis = ExamineMoved(expected);
-    EXPECT_EQ(diagnosis.verdict, Verdict::kRepair) << Describe(diagnosis);
+    EXPECT_EQ(diagnosis.verdict, InputVerdict::kRepair) << Describe(diagnosis);
     ASSERT_TRUE(diagnosis.mesh_placement.has_value()) << Describe(diagnosis);
     const MeshPlacement& found = *diagnosis.mesh_placement;
     EXPECT_NEAR(found.scale / expected.scale, 1, 0.002) << Describe(found);
@@ -589,7 +590,9 @@ class MovedMesh : public DemoDoctor {
   }
 };
 
-TEST_F(MovedMesh, IsAsMeantInItsPlace) { EXPECT_EQ(ExamineMoved({}).verdict, Verdict::kAsMeant); }
+TEST_F(MovedMesh, IsAsMeantInItsPlace) {
+  EXPECT_EQ(ExamineMoved({}).verdict, InputVerdict::kAsMeant);
+}
 
 TEST_F(MovedMesh, IsFoundWhereItIsShifted) { ExpectFound({.shift = {5, 0, 0}}); }
 
@@ -618,7 +621,7 @@ TEST_F(MovedMesh, RepairStandsInPlaceOfTheKeysAsRead) {
   // The file is right: no key is.
   for (const std::string keys : {"scale=1000", "shift=3/0/0", "axes=x/-z/y"}) {
     const Diagnosis diagnosis = examine(mesh + "," + keys);
-    EXPECT_EQ(diagnosis.verdict, Verdict::kRepair) << Describe(diagnosis);
+    EXPECT_EQ(diagnosis.verdict, InputVerdict::kRepair) << Describe(diagnosis);
     EXPECT_EQ(ToString(diagnosis.repair), "in --geometry: leave out " + keys);
   }
   // What is printed is right when it is read again.
@@ -638,12 +641,13 @@ TEST_F(MovedMesh, RepairStandsInPlaceOfTheKeysAsRead) {
   }
   for (const std::string keys : {"", ",axes=x/z/-y", ",scale=0.01,shift=0/1/0"}) {
     const Diagnosis diagnosis = examine("mesh:" + file.string() + keys);
-    ASSERT_EQ(diagnosis.verdict, Verdict::kRepair) << keys << Describe(diagnosis);
+    ASSERT_EQ(diagnosis.verdict, InputVerdict::kRepair) << keys << Describe(diagnosis);
     ASSERT_EQ(diagnosis.repair.geometry_keys.size(), 1u) << ToString(diagnosis.repair);
     EXPECT_EQ(diagnosis.repair.replaced_keys.size(), keys.empty() ? 0u : 1u);
     const Diagnosis again =
         examine("mesh:" + file.string() + "," + diagnosis.repair.geometry_keys[0]);
-    EXPECT_EQ(again.verdict, Verdict::kAsMeant) << ToString(diagnosis.repair) << Describe(again);
+    EXPECT_EQ(again.verdict, InputVerdict::kAsMeant)
+        << ToString(diagnosis.repair) << Describe(again);
   }
   fs::remove(file);
 }
@@ -653,7 +657,7 @@ TEST_F(MovedMesh, LimitsThatDropWhatIsSeenAreNoPlacement) {
       "mesh:" + (fs::path(RAYLIFT_DEMO_DIR) / "scene.obj").string() + ",near=50");
   const Diagnosis diagnosis = Diagnose(
       MakeDoctorInput(geometry, scene_.references, scene_.matches, PoseConvention::kCamFromWorld));
-  EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits) << Describe(diagnosis);
+  EXPECT_EQ(diagnosis.verdict, InputVerdict::kNothingFits) << Describe(diagnosis);
   EXPECT_NE(diagnosis.reason.find("limits"), std::string::npos) << diagnosis.reason;
 }
 
@@ -695,7 +699,7 @@ TEST(SymmetricRoom, HasNoRepair) {
   }
   scene.matches = MatchByMesh(MeshSource("mesh", CasterOf(box)), scene.references, 0.5, rng);
   const Diagnosis diagnosis = ExamineMesh(scene, Placed(box, {.shift = {1.5, 0.4, 0}}));
-  EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits) << Describe(diagnosis);
+  EXPECT_EQ(diagnosis.verdict, InputVerdict::kNothingFits) << Describe(diagnosis);
   EXPECT_NE(diagnosis.reason.find("fit about as well"), std::string::npos) << diagnosis.reason;
 }
 
@@ -711,7 +715,7 @@ TEST_F(DemoDoctor, TrianglesAtRandomAreNotSearched) {
     mesh.triangles.push_back({3 * i, 3 * i + 1, 3 * i + 2});
   }
   const Diagnosis diagnosis = ExamineMesh(scene_, std::move(mesh));
-  EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits) << Describe(diagnosis);
+  EXPECT_EQ(diagnosis.verdict, InputVerdict::kNothingFits) << Describe(diagnosis);
   EXPECT_NE(diagnosis.reason.find("overlap too much"), std::string::npos) << diagnosis.reason;
 }
 
@@ -720,7 +724,7 @@ TEST_F(MovedMesh, NotFoundIsNothingFits) {
   TriangleMesh mesh = ReadMesh(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj");
   for (Eigen::Vector3f& v : mesh.vertices) v = {v.x() * 2, v.y() + 0.3f * v.x(), v.z() * 0.6f};
   const Diagnosis diagnosis = ExamineMesh(scene_, std::move(mesh));
-  EXPECT_EQ(diagnosis.verdict, Verdict::kNothingFits) << Describe(diagnosis);
+  EXPECT_EQ(diagnosis.verdict, InputVerdict::kNothingFits) << Describe(diagnosis);
 }
 
 TEST_F(DemoDoctor, ThreadsDoNotChangeTheResult) {

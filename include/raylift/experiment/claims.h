@@ -15,18 +15,18 @@
 
 namespace raylift {
 
-enum class Verdict {
+enum class ClaimVerdict {
   kShown,         // better, which luck does not explain
   kHolds,         // of "not worse" alone: the interval ends above -kNotWorsePercent
   kNoise,         // the queries do not tell
   kContradicted,  // worse, which luck does not explain
 };
 template <>
-inline constexpr auto kEnumNames<Verdict> = std::to_array<EnumName<Verdict>>({
-    {Verdict::kShown, "shown"},
-    {Verdict::kHolds, "holds"},
-    {Verdict::kNoise, "noise"},
-    {Verdict::kContradicted, "contradicted"},
+inline constexpr auto kEnumNames<ClaimVerdict> = std::to_array<EnumName<ClaimVerdict>>({
+    {ClaimVerdict::kShown, "shown"},
+    {ClaimVerdict::kHolds, "holds"},
+    {ClaimVerdict::kNoise, "noise"},
+    {ClaimVerdict::kContradicted, "contradicted"},
 });
 
 // What counts as not worse: a percentage point.
@@ -42,14 +42,14 @@ struct ClaimLine {
   double first_percent = 0, second_percent = 0;
   Interval difference_percent;  // 95 %
   double p_value = 1;           // of the difference's direction, two-sided, before the correction
-  Verdict verdict = Verdict::kNoise;
+  ClaimVerdict verdict = ClaimVerdict::kNoise;
 };
 
 struct JudgedClaim {
   std::string name, text;
   std::vector<ClaimLine> lines;
 
-  size_t Count(Verdict verdict) const;
+  size_t Count(ClaimVerdict verdict) const;
 };
 
 // Where a claim has several opponents, the difference is that to the best of them, which every draw

@@ -88,18 +88,18 @@ struct ReadingEvidence {
   double sigmas = 0;
 };
 
-enum class Verdict {
+enum class InputVerdict {
   kAsMeant,        // the input as read fits the matches
   kRepair,         // another reading fits them, and is far better
   kNothingFits,    // none does
   kTooFewMatches,  // that agree with the poses and tell depth, for any conclusion
 };
 template <>
-inline constexpr auto kEnumNames<Verdict> = std::to_array<EnumName<Verdict>>({
-    {Verdict::kAsMeant, "as_meant"},
-    {Verdict::kRepair, "repair"},
-    {Verdict::kNothingFits, "nothing_fits"},
-    {Verdict::kTooFewMatches, "too_few_matches"},
+inline constexpr auto kEnumNames<InputVerdict> = std::to_array<EnumName<InputVerdict>>({
+    {InputVerdict::kAsMeant, "as_meant"},
+    {InputVerdict::kRepair, "repair"},
+    {InputVerdict::kNothingFits, "nothing_fits"},
+    {InputVerdict::kTooFewMatches, "too_few_matches"},
 });
 
 // What was found beside readings.
@@ -137,7 +137,7 @@ struct ReadingFit {
 };
 
 struct Diagnosis {
-  Verdict verdict = Verdict::kAsMeant;
+  InputVerdict verdict = InputVerdict::kAsMeant;
   InputFault fault = InputFault::kNone;
   std::string reason;  // one clause: why nothing fits or nothing can be said, what is repaired
   InputReading as_read;
@@ -153,7 +153,7 @@ struct Diagnosis {
   double epipolar_px = 0;   // their median distance from their epipolar lines
 
   bool suspicious() const {
-    return verdict == Verdict::kRepair || verdict == Verdict::kNothingFits;
+    return verdict == InputVerdict::kRepair || verdict == InputVerdict::kNothingFits;
   }
   const ReadingEvidence& EvidenceOf(const InputReading& reading) const;  // one that is listed
 };
