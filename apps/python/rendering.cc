@@ -248,8 +248,8 @@ py::dict Render(Caster& caster, const CameraLike& camera, const PoseLike& pose,
   const Rigid3 cam_from_world = ToPose(pose);
   Frame frame;
   WithoutLock([&] {
-    const FrameRenderer renderer(caster.caster, pictures.frame);
-    renderer.Render(*caster.rays.Of(lens, threads), cam_from_world, threads, frame);
+    const auto renderer = caster.renderer.Of(caster.caster, pictures.frame);
+    renderer->Render(*caster.rays.Of(lens, threads), cam_from_world, threads, frame);
   });
   return TakeMaps(pictures, frame);
 }
@@ -288,10 +288,10 @@ py::list RenderMany(Caster& caster, const py::object& cameras, const std::vector
   const Views views = ToViews(caster, cameras, poses, threads);
   std::vector<Frame> frames(poses.size());
   Watched(progress, [&] {
-    const FrameRenderer renderer(caster.caster, pictures.frame);
+    const auto renderer = caster.renderer.Of(caster.caster, pictures.frame);
     Progress count("images", frames.size(), Progress::Show::kNever);
     ParallelFor(frames.size(), threads, [&](size_t i) {
-      renderer.Render(*views.rays[i], views.poses[i], 1, frames[i]);
+      renderer->Render(*views.rays[i], views.poses[i], 1, frames[i]);
       count.Advance();
     });
   });
@@ -464,6 +464,7 @@ void BindCaster(py::module_& module) {
            "triangle   (H, W) uint32, index; 4294967295: none\n"
            "incidence  (H, W) float32, degrees; -1: no surface\n"
            "mask       (H, W) uint8, 255 where there is a surface\n\n"
+           "A camera of the model EQUIRECTANGULAR sees all around; its depth is the distance.\n\n"
            "Options as of `raylift render`: normals_in=\"world\" (or \"camera\"), shading=\"auto\" "
            "(or\n"
            "\"unlit\", \"headlight\", \"sun\"), supersampling=1, background=(0, 0, 0). The arrays "
@@ -505,6 +506,16 @@ std::shared_ptr<const PixelRays> LastRays::Of(const Camera& camera, int threads)
   camera_ = camera;
   rays_ = rays;
   return rays;
+}
+
+std::shared_ptr<const FrameRenderer> LastRenderer::Of(
+    const std::shared_ptr<const RayCaster>& caster, const FrameOptions& options) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (renderer_ == nullptr || !(options_ == options)) {
+    options_ = options;
+    renderer_ = std::make_shared<const FrameRenderer>(caster, options);
+  }
+  return renderer_;
 }
 
 void BindRendering(py::module_& module) {

@@ -105,6 +105,13 @@ def test_render_of_a_distorted_lens_follows_its_rays(caster):
     assert depth[rows, columns] == pytest.approx(hits["ray_t"] * rays[:, 2], rel=1e-5)
 
 
+def test_render_of_a_panorama_sees_all_around(caster):
+    panorama = raylift.Camera("EQUIRECTANGULAR", 64, 32, [64, 32])
+    maps = caster.render(panorama, raylift.Rigid3(), ["depth", "mask"])  # from within the cube
+    assert (maps["mask"] == 255).all()
+    assert 1 <= maps["depth"].min() < 1.01 and 1.6 < maps["depth"].max() <= 3 ** 0.5
+
+
 @pytest.mark.parametrize("keywords, message", [
     (dict(products=["deep"]), "products = deep: expected depth"),
     (dict(shading="dark"), "shading = dark"),

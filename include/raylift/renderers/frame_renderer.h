@@ -28,6 +28,8 @@ struct ColorOptions {
   int samples_per_pixel_side = 1;  // n: n x n samples per pixel, on a regular grid
   std::array<uint8_t, 3> background_rgb{0, 0, 0};
   std::array<uint8_t, 3> untextured_rgb{190, 190, 190};
+
+  bool operator==(const ColorOptions&) const = default;
 };
 template <>
 inline constexpr auto kEnumNames<ColorOptions::Shading> =
@@ -50,6 +52,8 @@ struct FrameOptions {
   enum class NormalsIn { kWorld, kCamera };
   NormalsIn normals_in = NormalsIn::kWorld;
   ColorOptions color_options;
+
+  bool operator==(const FrameOptions&) const = default;
 };
 template <>
 inline constexpr auto kEnumNames<FrameOptions::NormalsIn> =
