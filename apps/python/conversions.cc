@@ -96,6 +96,14 @@ Rigid3 FromMatrixRows(const py::object& values) {
 
 namespace internal {
 
+py::object ForNumpy(const ArrayLike& argument) {
+  if (!py::isinstance<py::array>(argument) && py::hasattr(argument, "__dlpack__") &&
+      !py::hasattr(argument, "__array__")) {
+    return py::module_::import("numpy").attr("from_dlpack")(argument);
+  }
+  return argument;
+}
+
 void ThrowNotNumbers(std::string_view name, std::string_view expected, const py::handle& found) {
   PyErr_Clear();
   throw InputError(fmt::format("{}: expected {}, found {}", name, expected, TypeName(found)));
@@ -183,7 +191,7 @@ std::filesystem::path ToPath(const PathLike& path) {
 Image ToImage(const ArrayLike& argument) {
   constexpr std::string_view kExpected =
       "a uint8 array of shape (height, width) or (height, width, 3)";
-  const auto array = py::array::ensure(argument, py::array::c_style);
+  const auto array = py::array::ensure(internal::ForNumpy(argument), py::array::c_style);
   if (!array) internal::ThrowNotNumbers("image", kExpected, argument);
   if (!py::isinstance<py::array_t<uint8_t>>(array)) {
     throw InputError(fmt::format("image: expected {}, found {}", kExpected,

@@ -82,13 +82,15 @@ namespace internal {
                                   const py::handle& found);
 [[noreturn]] void ThrowShape(std::string_view name, std::string_view expected,
                              const py::array& found);
+// What numpy takes: the object itself, or what it gives by __dlpack__ where it knows no other way.
+py::object ForNumpy(const ArrayLike& argument);
 // The argument as an array of T in C order; a copy only where it is none.
 template <typename T>
 py::array_t<T> ArrayOf(const ArrayLike& argument, std::string_view name,
                        std::string_view expected) {
   constexpr int kFlags =
       py::array::c_style | py::array::forcecast | py::detail::npy_api::NPY_ARRAY_ALIGNED_;
-  auto array = py::array_t<T, kFlags>::ensure(argument);
+  auto array = py::array_t<T, kFlags>::ensure(ForNumpy(argument));
   if (!array) ThrowNotNumbers(name, expected, argument);
   return array;
 }

@@ -300,7 +300,7 @@ void BindEstimate(py::module_& module) {
       .def_readonly("iterations", &PoseEstimate::iterations, "Of RANSAC.")
       .def_property_readonly(
           "solver", [=](const PoseEstimate& e) { return text(e.solver); },
-          "Which minimal solver the pose comes from: \"p3p\" or \"e5p1\".")
+          "Which minimal solver the pose comes from: \"p3p\", \"e5p1\" or \"d3p1\".")
       .def_property_readonly(
           "noise", &NoiseDict,
           "What Adaptive found the matches to be worth (standard deviations), or "

@@ -96,6 +96,8 @@ void BindCamera(py::module_& module) {
             return py::isinstance<Camera>(b) && a == b.cast<Camera>();
           },
           py::arg("other"))
+      .def("__hash__",
+           [](const Camera& camera) { return std::hash<std::string>()(camera.ToString()); })
       .def("__str__", &Camera::ToString, "\"MODEL width height params...\"")
       .def("__repr__",
            [](const Camera& camera) {

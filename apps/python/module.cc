@@ -75,7 +75,7 @@ void BindProgram(py::module_& module) {
 PYBIND11_MODULE(_core, module) {
   using namespace raylift::python;
   module.doc() = "The compiled part of raylift.";
-  module.attr("__version__") = RAYLIFT_VERSION;
+  module.attr("VERSION") = RAYLIFT_VERSION;
   module.attr("PYBIND11_MAJOR") = PYBIND11_VERSION_MAJOR;
   TranslateExceptions(module);
   BindGeometry(module);

@@ -143,8 +143,8 @@ except KeyboardInterrupt:
 
 def test_the_program(tmp_path):
     def raylift_program(*arguments):
-        return subprocess.run([sys.executable, "-c", "import sys; from raylift._commands import main; sys.exit(main())",
-                               *arguments], text=True, capture_output=True)
+        script = "import sys; from raylift._commands import main; sys.exit(main())"
+        return subprocess.run([sys.executable, "-c", script, *arguments], text=True, capture_output=True)
 
     assert raylift_program("--version").stdout == f"raylift {raylift.__version__}\n"
     wrong = raylift_program("evaluate", "--poses", "missing.txt", "--ground-truth", "missing.txt")

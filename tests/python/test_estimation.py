@@ -3,6 +3,7 @@ import resource
 import subprocess
 import threading
 import time
+import typing
 import os
 import json
 import re
@@ -27,6 +28,14 @@ def test_each_method_finds_the_pose(method):
     assert estimate.confidence > 0.95
 
 
+@pytest.mark.parametrize("option", ["method", "score", "lo", "refinement"])
+def test_types_name_each_value(option):
+    known = typing.get_args(typing.get_type_hints(_types.EstimatorOptions)[option])
+    with pytest.raises(raylift.OptionError) as error:
+        raylift.estimate_pose(CAMERA, **{option: "another"})
+    assert str(error.value) == f"{option} = another: expected {'|'.join(known)}"
+
+
 def test_points_alone_and_pairs_alone():
     problem = Problem()
     problem.expect_near(raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d))
@@ -47,7 +56,7 @@ def test_result():
     assert estimate.covariance.shape == (6, 6)
     assert np.linalg.eigvalsh(estimate.covariance).min() > 0
     assert 0 < estimate.rotation_sigma_deg < 0.2 and 0 < estimate.position_sigma < 0.03
-    assert estimate.solver in ("p3p", "e5p1") and estimate.iterations >= 100
+    assert estimate.solver in ("p3p", "e5p1", "d3p1") and estimate.iterations >= 100
     assert estimate.position_observable and estimate.refined_camera is None
     assert 0.2 < estimate.noise["keypoint_px"] < 1
     assert "localized" in repr(estimate)
@@ -55,6 +64,7 @@ def test_result():
 
 def test_no_pose_is_a_result():
     estimate = raylift.estimate_pose(CAMERA, [[1, 2]], [[1, 2, 3]])
+    assert isinstance(estimate, raylift.PoseEstimate)
     assert not estimate and estimate.cam_from_world is None and estimate.covariance is None
     assert estimate.verdict == "failed" and estimate.failure == "too few matches"
     assert "too few" in repr(estimate)
@@ -84,7 +94,13 @@ def test_arrays_of_any_layout_and_type_give_the_same():
         def __array__(self, dtype=None, copy=None):
             return self.array
 
+    class Capsule:  # by __dlpack__ alone
+        def __init__(self, array):
+            self.__dlpack__ = array.__dlpack__
+            self.__dlpack_device__ = array.__dlpack_device__
+
     assert pose_of(Tensor(points2d), Tensor(points3d)) == expected
+    assert pose_of(Capsule(points2d), Capsule(points3d.astype(float))) == expected
 
 
 @pytest.mark.parametrize("arguments, message", [

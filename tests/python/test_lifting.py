@@ -111,6 +111,8 @@ def test_lifted_matches_give_the_pose():
     assert (lifted.point_references == problem.reference_index).all()
     estimate = raylift.estimate_pose(CAMERA, lifted.points2d, lifted.points3d)
     data.expect_near(estimate, 0.01, 0.001)
+    # By depth of any scale: lifted matches know their references.
+    data.expect_near(raylift.estimate_all([lifted], method="d3p1")[0], 0.05, 0.005)
 
 
 def test_filter_and_candidates():

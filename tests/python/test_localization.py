@@ -109,6 +109,7 @@ def test_wrong_options_of_the_localizer(options, message):
 
 def test_a_blank_photograph_has_no_pose(localizer):
     query = localizer.localize(np.zeros((480, 640), np.uint8), CAMERA)
+    assert isinstance(query, raylift.LocalizedQuery)
     assert not query and query.cam_from_world is None and query.verdict == "failed"
     assert query.reason and query.confidence == 0 and query.reason in repr(query)
 

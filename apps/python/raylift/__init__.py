@@ -36,7 +36,6 @@ from ._core import (
     Rigid3,
     Scene,
     SfmPoints,
-    __version__,
     estimate_all,
     extract_features,
     filter_points,
@@ -49,6 +48,7 @@ from ._core import (
     write_poses,
     write_queries,
 )
+from ._core import VERSION as __version__
 from ._estimation import estimate_pose
 
 __all__ = [

@@ -18,7 +18,9 @@ Poses = Union["PathLike", Mapping[str, "PoseLike"]]
 
 
 def _text(value: object) -> str:
-    return repr(value) if isinstance(value, float) else str(os.fspath(value) if isinstance(value, os.PathLike) else value)
+    if isinstance(value, float):
+        return repr(value)
+    return str(os.fspath(value) if isinstance(value, os.PathLike) else value)
 
 
 def _option(name: str, value: object) -> Iterator[str]:
@@ -39,7 +41,8 @@ def run(command: str, *arguments: object, progress: Optional[Progress] = None, q
     """Runs a command of the program: `raylift COMMAND ARGUMENTS --options`.
 
     Options are keywords with underscores: True sets a flag, lists repeat an option, None and False
-    leave it out. progress is called with (done, total, what). quiet=False prints tables on stdout.
+    leave it out. progress is called with (done, total, what). quiet=False prints tables on stdout;
+    warnings are told on stderr, as by the program.
 
     Raises OptionError and InputError where the program would end with such a message, and
     KeyboardInterrupt after Ctrl-C, with what is on disk in good order.
@@ -93,7 +96,9 @@ def compare(model: PathLike, geometry: Union[Mapping[str, str], Sequence[str]],
     Returns {"depth": ..., "localization": ...}, the latter (else None) where queries and their ground
     truth are given.
     """
-    named = [f"{name}={spec}" for name, spec in geometry.items()] if isinstance(geometry, Mapping) else list(geometry)
+    named = list(geometry)
+    if isinstance(geometry, Mapping):
+        named = [f"{name}={spec}" for name, spec in geometry.items()]
     with tempfile.TemporaryDirectory() as folder:
         tables = Path(folder if out is None else out)
         run("compare", model=model, geometry=named, out=tables, **options)

@@ -49,8 +49,8 @@ def estimate_pose(
         they are known: matches of one keypoint have equal ones. Without, equal pixels are one keypoint.
     reference_clusters: covisibility cluster of each reference, for the method "hloc".
     name: the photograph's; random choices depend on it and on `seed` alone.
-    options: as of `raylift estimate`, with its defaults: method="adaptive" (or "p3p", "e5p1", "select",
-        "hybrid_ransac", "hloc"), score="sum_msac", lo="hybrid", alpha=0.8, refinement="robust",
+    options: as of `raylift estimate`, with its defaults: method="adaptive" (or "p3p", "e5p1", "d3p1",
+        "select", "hybrid_ransac", "hloc"), score="sum_msac", lo="hybrid", alpha=0.8, refinement="robust",
         reprojection_threshold_px=8, sampson_threshold_px=2, point_sigma=0, refine_focal=False,
         min_iterations=100, max_iterations=10000, confidence=0.9999, seed=0.
 

@@ -66,7 +66,7 @@ Progress = Callable[[int, int, str], object]
 class EstimatorOptions(TypedDict, total=False):
     """Options of the estimator, as of `raylift estimate`, whose defaults they have."""
 
-    method: Literal["p3p", "e5p1", "adaptive", "select", "hybrid_ransac", "hloc"]
+    method: Literal["p3p", "e5p1", "d3p1", "adaptive", "select", "hybrid_ransac", "hloc"]
     score: Literal["sum_inl", "sum_inl_rat", "mult_inl", "sum_msac", "mult_msac"]
     lo: Literal["hybrid", "split"]
     alpha: float

@@ -8,7 +8,7 @@ from __future__ import annotations
 import pickle
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Union
+from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Union, cast
 
 import numpy as np
 
@@ -112,7 +112,7 @@ def localize(
     Queries without a pose are left out, where hloc writes the pose of the first reference. Returns what
     was found, by the queries' names.
     """
-    several = list(geometry) if isinstance(geometry, (list, tuple)) else [geometry]
+    several = list(geometry) if isinstance(geometry, (list, tuple)) else [cast("GeometryLike", geometry)]
     if covisibility_clustering:
         options.setdefault("method", "hloc")
     threshold = _threshold(ransac_thresh, config)

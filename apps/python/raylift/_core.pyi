@@ -1,0 +1,803 @@
+# Written by make_stubs.py; do not edit.
+"""
+The compiled part of raylift.
+"""
+from __future__ import annotations
+import collections.abc
+import numpy
+import numpy.typing
+import raylift._types
+import typing
+__all__: list[str] = ['Camera', 'ColmapModel', 'DepthMaps', 'Geometry', 'InputError', 'Lifter', 'LocalizedQuery', 'Localizer', 'Mesh', 'OptionError', 'PYBIND11_MAJOR', 'PoseEstimate', 'PoseProblem', 'PosedImage', 'RayCaster', 'Rigid3', 'Scene', 'SfmPoints', 'VERSION', 'estimate', 'estimate_all', 'extract_features', 'filter_points', 'merge_candidates', 'read_depth', 'read_image', 'read_poses', 'read_queries', 'run_command', 'run_program', 'write_depth', 'write_poses', 'write_queries']
+class InputError(ValueError):
+    """
+    Bad input: a file, or an argument's value. One line that names it, the place
+    in it, what was expected and what was found.
+    """
+class OptionError(ValueError):
+    """
+    A bad option: "name = value: constraint".
+    """
+class Camera:
+    """
+    A camera's intrinsics, of any of COLMAP's models.
+
+    The frame is COLMAP's: x right, y down, z forward. So are pixels: the centre of the first
+    one is (0.5, 0.5). Wherever a camera is an argument, the text "MODEL width height
+    params...", a dict with model, width, height and params, and pycolmap's cameras serve, too.
+    """
+    @staticmethod
+    def of(camera: raylift._types.CameraLike) -> Camera:
+        """
+        From anything that an argument `camera` may be.
+        """
+    def __eq__(self, other: typing.Any) -> bool:
+        ...
+    def __getstate__(self) -> tuple[typing.Any, ...]:
+        ...
+    def __hash__(self) -> int:
+        ...
+    def __init__(self, model: str, width: typing.SupportsInt | typing.SupportsIndex, height: typing.SupportsInt | typing.SupportsIndex, params: numpy.typing.ArrayLike) -> None:
+        """
+        From COLMAP's name of the model ("SIMPLE_RADIAL"), the image's size in pixels and the
+        model's parameters in COLMAP's order.
+
+        Raises InputError for a wrong count of parameters, or one out of its range.
+        """
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None:
+        ...
+    def __str__(self) -> str:
+        """
+        "MODEL width height params..."
+        """
+    def project(self, points: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        The pixels (N, 2) of points (N, 3) in the camera's frame; NaN where a point is behind the
+        camera or outside the lens model's domain.
+        """
+    def rays(self, pixels: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        The unit rays (N, 3) in the camera's frame through pixels (N, 2); NaN where there is none.
+        """
+    def scaled(self, width: typing.SupportsInt | typing.SupportsIndex, height: typing.SupportsInt | typing.SupportsIndex) -> Camera:
+        """
+        The same lens on an image of another size.
+        """
+    @property
+    def height(self) -> int:
+        """
+        Pixels.
+        """
+    @property
+    def matrix(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        3 x 3: focal lengths and principal point in pixels, without the distortion.
+        """
+    @property
+    def model(self) -> str:
+        """
+        COLMAP's name of the model.
+        """
+    @property
+    def params(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        The model's parameters in COLMAP's order.
+        """
+    @property
+    def width(self) -> int:
+        """
+        Pixels.
+        """
+class Rigid3:
+    """
+    A rigid motion of space, named target_from_source: cam_from_world takes points of the world
+    to the camera's frame. Products chain: a_from_c = a_from_b * b_from_c.
+
+    Wherever a pose is an argument, a 4 x 4 or 3 x 4 matrix, a pair (qvec, tvec), a dict with
+    these keys, and the poses of pycolmap and PoseLib serve, too.
+    """
+    @staticmethod
+    def of(pose: raylift._types.PoseLike) -> Rigid3:
+        """
+        From anything that an argument `pose` may be.
+        """
+    def __getstate__(self) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]:
+        ...
+    @typing.overload
+    def __init__(self, rotation: numpy.typing.ArrayLike, translation: numpy.typing.ArrayLike) -> None:
+        """
+        From a quaternion (w, x, y, z) or a 3 x 3 matrix, and a translation in scene units.
+
+        Raises InputError for what is no rotation.
+        """
+    @typing.overload
+    def __init__(self) -> None:
+        """
+        The identity.
+        """
+    def __matmul__(self, other: Rigid3) -> Rigid3:
+        ...
+    def __mul__(self, other: Rigid3) -> Rigid3:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None:
+        ...
+    def inverse(self) -> Rigid3:
+        """
+        source_from_target.
+        """
+    def transform(self, points: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Points (N, 3) of the source in the target's frame.
+        """
+    @property
+    def center(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Of cam_from_world: the camera's centre in the world (3,).
+        """
+    @property
+    def matrix(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        4 x 4.
+        """
+    @property
+    def qvec(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        The rotation as a unit quaternion (w, x, y, z).
+        """
+    @property
+    def rotation(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        The rotation as a 3 x 3 matrix.
+        """
+    @property
+    def tvec(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        The translation (3,), scene units.
+        """
+class PosedImage:
+    """
+    A reference photograph: its name, its camera and where it was taken.
+
+    Wherever one is an argument, a pair (camera, cam_from_world) and
+    pycolmap's images serve, too.
+    """
+    def __init__(self, name: str, camera: raylift._types.CameraLike, cam_from_world: raylift._types.PoseLike) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    @property
+    def cam_from_world(self) -> Rigid3:
+        ...
+    @property
+    def camera(self) -> Camera:
+        ...
+    @property
+    def name(self) -> str:
+        """
+        As in the model: a path within the image folder.
+        """
+class PoseProblem:
+    """
+    All that an estimator sees of one query: 2D-3D matches, 2D-2D matches, or both.
+    """
+    @staticmethod
+    def read(file: raylift._types.PathLike) -> PoseProblem:
+        """
+        Raises InputError with the JSON path of what is wrong.
+        """
+    def __init__(self, camera: raylift._types.CameraLike, points2d: numpy.typing.ArrayLike | None = None, points3d: numpy.typing.ArrayLike | None = None, *, point_sigmas: numpy.typing.ArrayLike | None = None, point_references: numpy.typing.ArrayLike | None = None, point_keypoints: numpy.typing.ArrayLike | None = None, point_matches: numpy.typing.ArrayLike | None = None, references: collections.abc.Sequence[raylift._types.PosedImageLike] = [], query2d: numpy.typing.ArrayLike | None = None, reference2d: numpy.typing.ArrayLike | None = None, reference_index: numpy.typing.ArrayLike | None = None, reference_sigmas_px: numpy.typing.ArrayLike | None = None, query_keypoints: numpy.typing.ArrayLike | None = None, reference_keypoints: numpy.typing.ArrayLike | None = None, reference_clusters: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [], name: str = '') -> None:
+        """
+        The arguments are those of raylift.estimate_pose().
+        """
+    def __repr__(self) -> str:
+        ...
+    def write(self, file: raylift._types.PathLike) -> None:
+        """
+        As JSON (pose-problem/1), which `raylift estimate` reads.
+        """
+    @property
+    def camera(self) -> Camera:
+        """
+        The query's.
+        """
+    @property
+    def name(self) -> str:
+        """
+        The query's; estimates depend on it.
+        """
+    @property
+    def point_keypoints(self) -> numpy.typing.NDArray[numpy.int64]:
+        """
+        Index of the query's keypoint (N,); -1: not known.
+        """
+    @property
+    def point_matches(self) -> numpy.typing.NDArray[numpy.int64]:
+        """
+        Index of the 2D-2D match that each point was lifted from (N,); -1: none.
+        """
+    @property
+    def point_references(self) -> numpy.typing.NDArray[numpy.int64]:
+        """
+        Index of the reference that each point was lifted from (N,); -1: none.
+        """
+    @property
+    def points2d(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Query pixels (N, 2) of the 2D-3D matches.
+        """
+    @property
+    def points3d(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Their points in the world (N, 3).
+        """
+    @property
+    def query2d(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Query pixels (M, 2) of the 2D-2D matches.
+        """
+    @property
+    def query_keypoints(self) -> numpy.typing.NDArray[numpy.int64]:
+        """
+        Index of the query's keypoint (M,); -1: not known.
+        """
+    @property
+    def reference2d(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Their reference pixels (M, 2).
+        """
+    @property
+    def reference_index(self) -> numpy.typing.NDArray[numpy.int64]:
+        """
+        Which reference (M,).
+        """
+    @property
+    def references(self) -> list[PosedImage]:
+        ...
+class PoseEstimate:
+    """
+    What an estimator found. True where there is a pose.
+    """
+    def __bool__(self) -> bool:
+        ...
+    def __repr__(self) -> str:
+        ...
+    @property
+    def cam_from_world(self) -> Rigid3 | None:
+        """
+        The pose; None where there is none.
+        """
+    @property
+    def confidence(self) -> float:
+        """
+        The probability that the pose is right.
+        """
+    @property
+    def covariance(self) -> numpy.typing.NDArray[numpy.float64] | None:
+        """
+        6 x 6, of a step (rotation vector in radians, translation in scene units) in the camera's
+        frame: the true pose is exp(w), v after the estimated one. None where the inliers do not
+        determine the pose.
+        """
+    @property
+    def failure(self) -> str:
+        """
+        Why there is no pose; "ok" where there is one.
+        """
+    @property
+    def inlier_keypoints(self) -> int:
+        """
+        Of the query: one counts once, in however many references.
+        """
+    @property
+    def inliers_2d2d(self) -> numpy.typing.NDArray[numpy.bool]:
+        """
+        Which 2D-2D matches agree with the pose (M,), bool.
+        """
+    @property
+    def inliers_2d3d(self) -> numpy.typing.NDArray[numpy.bool]:
+        """
+        Which 2D-3D matches agree with the pose (N,), bool.
+        """
+    @property
+    def iterations(self) -> int:
+        """
+        Of RANSAC.
+        """
+    @property
+    def noise(self) -> typing.Any:
+        """
+        What Adaptive found the matches to be worth (standard deviations), or None.
+        """
+    @property
+    def num_inliers_2d2d(self) -> int:
+        ...
+    @property
+    def num_inliers_2d3d(self) -> int:
+        ...
+    @property
+    def num_keypoints(self) -> int:
+        """
+        That have matches.
+        """
+    @property
+    def position_observable(self) -> bool:
+        """
+        False where only the orientation is determined.
+        """
+    @property
+    def position_sigma(self) -> float:
+        """
+        Standard deviation of the camera's centre, scene units; 0 without a covariance.
+        """
+    @property
+    def refined_camera(self) -> Camera | None:
+        """
+        The camera with the refined focal length, with refine_focal; else None.
+        """
+    @property
+    def rotation_sigma_deg(self) -> float:
+        """
+        Standard deviation of the orientation, degrees; 0 without a covariance.
+        """
+    @property
+    def solver(self) -> str:
+        """
+        Which minimal solver the pose comes from: "p3p" or "e5p1".
+        """
+    @property
+    def verdict(self) -> str:
+        """
+        "localized", "doubtful" or "failed".
+        """
+class Mesh:
+    """
+    A triangle mesh.
+    """
+    @staticmethod
+    def read(files: typing.Any, *, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> Mesh:
+        """
+        Reads PLY, OBJ, glTF, STL, ...: a file, "a.ply+b.obj", "tiles/*.ply", a folder, or
+        "mesh:PATH[,key=value...]" as the option --geometry takes it.
+
+        Raises InputError where a file cannot be read.
+        """
+    def __init__(self, vertices: numpy.typing.ArrayLike, triangles: numpy.typing.ArrayLike, colors: numpy.typing.ArrayLike | None = None) -> None:
+        """
+        From vertices (N, 3) in the world, triangles (M, 3) of indices and, where there are any,
+        the vertices' colours (N, 3), uint8.
+
+        Triangles without an area are left out, as are vertices that no triangle uses. Raises
+        InputError for an index out of range.
+        """
+    def __repr__(self) -> str:
+        ...
+    @property
+    def colors(self) -> numpy.typing.NDArray[numpy.uint8] | None:
+        """
+        The vertices' colours (N, 3), uint8, or None. A view.
+        """
+    @property
+    def has_texture(self) -> bool:
+        ...
+    @property
+    def triangles(self) -> numpy.typing.NDArray[numpy.uint32]:
+        """
+        (M, 3), uint32: indices of vertices. A view.
+        """
+    @property
+    def vertices(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        (N, 3) in the world; a copy, as they are held in float around an origin.
+        """
+    @property
+    def warnings(self) -> list[str]:
+        """
+        What its reader has to say: triangles left out, a texture that is missing.
+        """
+class RayCaster:
+    """
+    Casts rays at a mesh, and renders what cameras see of it. Thread safe.
+    """
+    def __init__(self, mesh: Mesh, *, build: str = 'medium') -> None:
+        """
+        Builds the acceleration structure. build: "medium" for many views, "low" for few.
+        """
+    def __repr__(self) -> str:
+        ...
+    def cast(self, origins: numpy.typing.ArrayLike, directions: numpy.typing.ArrayLike, *, t_near: typing.SupportsFloat | typing.SupportsIndex = 0.0, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> dict[str, typing.Any]:
+        """
+        The nearest hits of rays from origins (N, 3), or one (1, 3) for all, along directions
+        (N, 3) of any length.
+
+        Returns a dict: ray_t (N,), in lengths of the directions, NaN where nothing is hit; points
+        and normals (N, 3) in the world (unit, by the triangles' winding), triangles (N,), -1:
+        none; barycentric (N, 2): point = (1 - u - v) v0 + u v1 + v v2.
+        """
+    def occluded(self, origins: numpy.typing.ArrayLike, directions: numpy.typing.ArrayLike, *, t_near: typing.SupportsFloat | typing.SupportsIndex = 0.0, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> numpy.typing.NDArray[numpy.bool]:
+        """
+        Whether anything lies on each ray (N,), bool.
+        """
+    def render(self, camera: raylift._types.CameraLike, pose: raylift._types.PoseLike, products: collections.abc.Sequence[str] = ['depth'], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing.Any) -> dict[str, typing.Any]:
+        """
+        What a camera sees from a pose (cam_from_world), a dict of arrays by product:
+
+        depth      (H, W) float32, z along the optical axis, scene units; 0: no surface
+        distance   (H, W) float32, along the ray; 0: no surface
+        normals    (H, W, 3) float32, unit, towards the camera; 0: no surface
+        color      (H, W, 3) uint8, RGB
+        triangle   (H, W) uint32, index; 4294967295: none
+        incidence  (H, W) float32, degrees; -1: no surface
+        mask       (H, W) uint8, 255 where there is a surface
+
+        Options as of `raylift render`: normals_in="world" (or "camera"), shading="auto" (or
+        "unlit", "headlight", "sun"), supersampling=1, background=(0, 0, 0). The arrays are the
+        renderer's own memory. The same bytes for any number of threads (0: all).
+        """
+    def render_many(self, cameras: typing.Any, poses: collections.abc.Sequence[raylift._types.PoseLike], products: collections.abc.Sequence[str] = ['depth'], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None, **kwargs: typing.Any) -> list[typing.Any]:
+        """
+        A list with the pictures of each pose, as of render(). `cameras` is one camera, or a list
+        of as many as there are poses.
+        """
+    def score_views(self, camera: raylift._types.CameraLike, poses: collections.abc.Sequence[raylift._types.PoseLike], *, mask: numpy.typing.ArrayLike | None = None, depth: numpy.typing.ArrayLike | None = None, edges: numpy.typing.ArrayLike | None = None, depth_tolerance: typing.SupportsFloat | typing.SupportsIndex = 0.05, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> dict[str, typing.Any]:
+        """
+        How well many views fit what is known of a photograph, without keeping their pictures: a
+        dict of (N,) arrays, one for each that is given, the larger the better.
+
+        mask   (H, W) bool; the intersection of what both show over their union
+        depth  (H, W), 0 or not finite: not known; share of the known pixels whose rendered depth
+               is within depth_tolerance of it, as a share of it
+        edges  (H, W), how much each pixel is an edge; its mean over the view's depth edges
+        """
+    @property
+    def mesh(self) -> Mesh:
+        """
+        The Mesh.
+        """
+class Geometry:
+    """
+    A source of geometry: which point of the scene a reference's pixel shows.
+    """
+    def __init__(self, geometry: raylift._types.GeometryLike, *, model: raylift._types.PathLike | None = None, references: collections.abc.Sequence[raylift._types.PosedImageLike] = [], threads: typing.SupportsInt | typing.SupportsIndex = 0) -> None:
+        """
+        From a Mesh, a RayCaster, or a text as the option --geometry takes it:
+        "mesh:PATH[,key=value...]", "depth:DIR[,...]" (needs the references), "sfm[:DIR][,...]"
+        (without DIR, the points of `model`). Raises OptionError for what is none.
+        """
+    def __repr__(self) -> str:
+        ...
+    def lift(self, reference: raylift._types.PosedImageLike, pixels: numpy.typing.ArrayLike) -> dict[str, typing.Any]:
+        """
+        The surface points that pixels (N, 2) of a reference show. A dict: points and normals (N, 3) in
+        the world (unit, towards the camera), NaN where there is no surface; and (N,) each: depth along
+        the optical axis, sigma (standard deviation of the point, where it is known) in scene units,
+        incidence_deg, depth_jump (largest relative jump of depth around the pixel, where it was looked
+        for), back_face (bool).
+        """
+    @property
+    def description(self) -> str:
+        ...
+    @property
+    def understood(self) -> str:
+        """
+        How the files were read ("PNG uint16 640 x 480, z").
+        """
+    @property
+    def warnings(self) -> list[str]:
+        ...
+class DepthMaps(Geometry):
+    """
+    Depth maps of references.
+    """
+    @staticmethod
+    def from_arrays(maps: dict[str, typing.Any], references: collections.abc.Sequence[raylift._types.PosedImageLike], **kwargs: typing.Any) -> DepthMaps:
+        """
+        From a dict of (height, width) arrays by the references' names, of the image's size
+        or another; what is not finite or not positive is no surface. They are copied.
+        Keywords: kind="z" (or "ray", "inverse"), scale=1, max_depth, interpolation="edge"
+        (or "nearest"), max_jump=0.05.
+        """
+    def __init__(self, folder: raylift._types.PathLike, references: collections.abc.Sequence[raylift._types.PosedImageLike], **kwargs: typing.Any) -> None:
+        """
+        Finds the references' maps in a folder. Keywords are the keys of --geometry depth:...
+        (preset, kind, unit, scale, pattern, ...; `raylift localize --help` lists them). Raises
+        InputError where there is no map.
+        """
+    def load(self, reference: raylift._types.PosedImageLike) -> typing.Any:
+        """
+        The map of a reference (height, width), float32, z in scene units, 0: no surface; or None.
+        It is the library's own memory, which cannot be written to.
+        """
+class SfmPoints(Geometry):
+    """
+    The points of a COLMAP model, lifted by its own keypoints.
+    """
+    def __init__(self, model: raylift._types.PathLike, references: collections.abc.Sequence[raylift._types.PosedImageLike] = [], **kwargs: typing.Any) -> None:
+        """
+        Keywords are the keys of --geometry sfm:... (radius, min_track, ...).
+        """
+class Lifter:
+    """
+    Lifts keypoints of references to the scene by one source of geometry or several.
+    """
+    def __init__(self, *args: raylift._types.GeometryLike, geometry_mode: str = 'first') -> None:
+        """
+        Each source is a Mesh, RayCaster, DepthMaps, SfmPoints, Geometry or "mesh:PATH"; they are
+        asked in order. geometry_mode: of lift_matches(), the point of the "first" that has one,
+        or those of "all".
+        """
+    def lift(self, reference: raylift._types.PosedImageLike, pixels: numpy.typing.ArrayLike) -> dict[str, typing.Any]:
+        """
+        The surface points that pixels (N, 2) of a reference show. A dict: points and normals (N, 3) in
+        the world (unit, towards the camera), NaN where there is no surface; and (N,) each: depth along
+        the optical axis, sigma (standard deviation of the point, where it is known) in scene units,
+        incidence_deg, depth_jump (largest relative jump of depth around the pixel, where it was looked
+        for), back_face (bool). source: index of the source (N,), -1: none.
+        """
+    def lift_matches(self, problem: PoseProblem) -> PoseProblem:
+        """
+        The PoseProblem with the 2D-3D matches that its 2D-2D matches give, in place of its own.
+        """
+class Scene:
+    """
+    What photographs are localized in: references with known poses, and
+    the geometry that their keypoints are lifted by.
+    """
+    @staticmethod
+    def of(references: collections.abc.Sequence[raylift._types.PosedImageLike], geometry: collections.abc.Sequence[raylift._types.GeometryLike] = [], *, images: raylift._types.PathLike | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> Scene:
+        """
+        From references in memory.
+        """
+    @staticmethod
+    def read(file: raylift._types.PathLike, *, geometry: collections.abc.Sequence[str] = [], threads: typing.SupportsInt | typing.SupportsIndex = 0) -> Scene:
+        """
+        From a scene file (TOML); geometry: names of its geometries, by default the first one.
+        """
+    def __init__(self, model: raylift._types.PathLike, geometry: collections.abc.Sequence[raylift._types.GeometryLike] = [], *, images: raylift._types.PathLike | None = None, model_poses: str = 'cam_from_world', every: typing.SupportsInt | typing.SupportsIndex = 1, every_offset: typing.SupportsInt | typing.SupportsIndex = 0, every_per_camera: bool = False, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> None:
+        """
+        From a COLMAP model (text or binary). geometry: Mesh, RayCaster, Geometry, or texts as the
+        option --geometry takes them, asked in order. images: folder of the references'
+        photographs. every: only each N-th reference. Raises InputError where a file cannot be
+        read.
+        """
+    def __repr__(self) -> str:
+        ...
+    @property
+    def geometry(self) -> list[Geometry]:
+        """
+        A list of Geometry.
+        """
+    @property
+    def mesh(self) -> RayCaster:
+        """
+        The RayCaster of the first geometry that is a mesh, or None.
+        """
+    @property
+    def references(self) -> list[PosedImage]:
+        """
+        A list of PosedImage.
+        """
+    @property
+    def warnings(self) -> list[str]:
+        ...
+class LocalizedQuery:
+    """
+    What became of a query. True where it was localized.
+    """
+    def __bool__(self) -> bool:
+        ...
+    def __repr__(self) -> str:
+        ...
+    @property
+    def cam_from_world(self) -> Rigid3 | None:
+        """
+        The pose, or None.
+        """
+    @property
+    def confidence(self) -> float:
+        """
+        The probability that the pose is right.
+        """
+    @property
+    def counts(self) -> dict[str, typing.Any]:
+        """
+        What each stage found: references retrieved, 2D-2D matches, those lifted, points, inliers.
+        """
+    @property
+    def estimate(self) -> PoseEstimate:
+        """
+        The PoseEstimate, with the covariance.
+        """
+    @property
+    def name(self) -> str:
+        ...
+    @property
+    def problem(self) -> PoseProblem:
+        """
+        The PoseProblem that was estimated.
+        """
+    @property
+    def reason(self) -> str:
+        """
+        Why there is no pose; empty where there is one.
+        """
+    @property
+    def verdict(self) -> str:
+        """
+        "localized", "doubtful" or "failed".
+        """
+class Localizer:
+    """
+    Localizes photographs in a scene. Thread safe.
+    """
+    def __init__(self, scene: Scene, *, reference_features: dict[str, typing.Any] = {}, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing.Any) -> None:
+        """
+        Options as of `raylift localize`, with its defaults: those of raylift.estimate_pose(), and
+        filter="off", filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8,
+        candidates="keep", candidates_error_px=4, candidates_min_angle_deg=1,
+        geometry_mode="first", min_confidence=0, top_k=10; of the built-in front end (RootSIFT and
+        VLAD, made from the scene's photographs) max_features=4096, max_ratio=0.8, cache,
+        query_images; or hloc's files features, matches and pairs.
+
+        reference_features: features of one's own, a dict by the references' names of dicts with
+        keypoints (N, 2) and descriptors (N, D) of unit length; their photographs are not read.
+
+        Raises OptionError for an option out of range.
+        """
+    def localize(self, query: typing.Any, camera: raylift._types.CameraLike, *, name: str = 'query') -> LocalizedQuery:
+        """
+        One query: a photograph, (H, W) or (H, W, 3) uint8, RGB, or its file; or features, a dict
+        with keypoints (N, 2) and descriptors (N, D), as the references have.
+
+        Returns a LocalizedQuery. Raises InputError where a photograph is not of the camera's size.
+        """
+    def localize_all(self, queries: collections.abc.Sequence[tuple[str, raylift._types.CameraLike]], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> dict[str, typing.Any]:
+        """
+        Many queries, (name, camera) each, whose photographs or matches are in files: what they
+        have in common is learned first, as `raylift localize` does. Returns a dict by name.
+        """
+    def localize_matches(self, camera: raylift._types.CameraLike, query2d: numpy.typing.ArrayLike, reference2d: numpy.typing.ArrayLike, reference_names: collections.abc.Sequence[str], *, query_keypoints: numpy.typing.ArrayLike | None = None, name: str = 'query') -> LocalizedQuery:
+        """
+        One query by matches of one's own: pixels (M, 2) of the query and of references, and the
+        references' names (M,). query_keypoints: (M,), where it is known which keypoint of the
+        query a match is of.
+        """
+class ColmapModel:
+    """
+    A COLMAP model: cameras, images and points, kept without loss.
+    """
+    @staticmethod
+    def read(folder: raylift._types.PathLike) -> ColmapModel:
+        """
+        Text or binary. Raises InputError naming file and record.
+        """
+    def __init__(self) -> None:
+        """
+        An empty one.
+        """
+    def __repr__(self) -> str:
+        ...
+    def add_camera(self, camera_id: typing.SupportsInt | typing.SupportsIndex, camera: raylift._types.CameraLike) -> None:
+        ...
+    def add_image(self, image_id: typing.SupportsInt | typing.SupportsIndex, name: str, camera_id: typing.SupportsInt | typing.SupportsIndex, cam_from_world: raylift._types.PoseLike, points2d: numpy.typing.ArrayLike | None = None, point3d_ids: numpy.typing.ArrayLike | None = None) -> None:
+        """
+        Raises InputError where the camera is not there yet.
+        """
+    def add_point3d(self, point3d_id: typing.SupportsInt | typing.SupportsIndex, position: numpy.typing.ArrayLike, track: numpy.typing.ArrayLike, color: typing.Annotated[collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex], "FixedSize(3)"] = [0, 0, 0], error_px: typing.SupportsFloat | typing.SupportsIndex = -1.0) -> None:
+        """
+        track (K, 2): the image's id, and the index of its points2d.
+        """
+    def image(self, image_id: typing.SupportsInt | typing.SupportsIndex) -> dict[str, typing.Any]:
+        """
+        An image as a dict: name, camera_id, cam_from_world, points2d (N, 2), point3d_ids (N,), -1:
+        none.
+        """
+    def track(self, point3d_id: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.int64]:
+        """
+        What observes a point (K, 2): the image's id, and the index of its points2d.
+        """
+    def write(self, folder: raylift._types.PathLike, form: str = 'binary') -> None:
+        """
+        form: "binary" or "text".
+        """
+    @property
+    def cameras(self) -> dict[int, Camera]:
+        """
+        A dict of Camera by id; a copy.
+        """
+    @property
+    def image_ids(self) -> list[int]:
+        """
+        In order.
+        """
+    @property
+    def points3d(self) -> dict[str, typing.Any]:
+        """
+        A dict of arrays: ids (N,), positions (N, 3), colors (N, 3) uint8, errors_px (N,),
+        track_lengths (N,); copies.
+        """
+    @property
+    def posed_images(self) -> list[PosedImage]:
+        """
+        The images with their cameras, a list of PosedImage sorted by name.
+        """
+    @property
+    def warnings(self) -> list[str]:
+        ...
+def estimate(problem: PoseProblem, **kwargs: typing.Any) -> PoseEstimate:
+    """
+    The pose of a problem. Options as of raylift.estimate_pose(), which see.
+    """
+def estimate_all(problems: collections.abc.Sequence[PoseProblem], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None, **kwargs: typing.Any) -> list[PoseEstimate]:
+    """
+    The poses of many problems, on `threads` threads (0: all). The same for any number of them.
+    """
+def extract_features(image: numpy.typing.ArrayLike, *, max_features: typing.SupportsInt | typing.SupportsIndex = 4096) -> dict[str, typing.Any]:
+    """
+    RootSIFT features of a photograph, (H, W) or (H, W, 3) uint8: a dict with keypoints (N, 2),
+    descriptors (N, 128) float32 of unit length, scores (N,).
+    """
+def filter_points(problem: PoseProblem, filter: str = 'auto', *, method: str = 'adaptive', **kwargs: typing.Any) -> tuple[typing.Any, ...]:
+    """
+    Drops the 2D-3D matches of a PoseProblem that its references disagree on. filter: "off",
+    "fixed" (with filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8) or
+    "auto", which leaves accurate geometry alone. method: what the points are for (some keep
+    the best where few are left).
+
+    Returns the problem without them, which were kept (N,) bool, and a dict of counts.
+    """
+def merge_candidates(problem: PoseProblem, **kwargs: typing.Any) -> PoseProblem:
+    """
+    The PoseProblem with one 3D point per query keypoint. candidates="merge": the one that
+    the references agree on best; "triangulate": from the 2D-2D matches alone; "keep": all.
+    Also candidates_error_px=4, candidates_min_angle_deg=1.
+    """
+def read_depth(file: raylift._types.PathLike, *, layer: str = '', raw_size: tuple[typing.SupportsInt | typing.SupportsIndex, typing.SupportsInt | typing.SupportsIndex] | None = None) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    A depth map as it is stored (height, width), float32: EXR, PNG, TIFF, PGM, NPY, NPZ,
+    COLMAP's .bin, PFM, or plain floats with raw_size=(width, height). layer: the channel of an
+    EXR or key of an NPZ. DepthMaps knows what the numbers mean. Raises InputError.
+    """
+def read_image(file: raylift._types.PathLike) -> numpy.typing.NDArray[numpy.uint8]:
+    """
+    A photograph (height, width, 3), uint8, RGB, without turning it by its tags.
+    """
+def read_poses(file: raylift._types.PathLike) -> dict[str, typing.Any]:
+    """
+    Lines `name qw qx qy qz tx ty tz`, world to camera: a dict of Rigid3 by name. Raises InputError
+    naming the line.
+    """
+def read_queries(file: raylift._types.PathLike) -> list[tuple[str, Camera]]:
+    """
+    Lines `name MODEL width height params...`: a list of (name, Camera).
+    """
+def run_command(arguments: collections.abc.Sequence[str], *, progress: raylift._types.Progress | None = None) -> None:
+    """
+    Runs a command of the program by its arguments, as a shell would.
+
+    Raises OptionError and InputError where the program would end with such a message.
+    """
+def run_program(arguments: collections.abc.Sequence[str]) -> int:
+    """
+    The program `raylift`. Returns its exit code.
+    """
+def write_depth(file: raylift._types.PathLike, depth: numpy.typing.ArrayLike, **kwargs: typing.Any) -> dict[str, typing.Any]:
+    """
+    Writes a depth map (height, width) in the format of the file's name: .exr, .png, .tiff,
+    .npy, .npz, .bin (COLMAP), .pfm. Options as of `raylift render`: sample="float" (or
+    "half"), exr_compression="pxr24", png_step=0.001, out_of_range="refuse" (or "drop"),
+    deflate_npz=False; layer. Returns a dict: bytes, dropped values, max_rounding.
+    """
+def write_poses(file: raylift._types.PathLike, poses: dict[str, typing.Any]) -> None:
+    """
+    A dict of poses (cam_from_world) by name; in its order.
+    """
+def write_queries(file: raylift._types.PathLike, queries: collections.abc.Sequence[tuple[str, raylift._types.CameraLike]]) -> None:
+    """
+    From a list of (name, camera).
+    """
+PYBIND11_MAJOR: int = 3
+VERSION: str = '0.1.0'

@@ -1,0 +1,59 @@
+"""The package as a whole: its names, its types, its stubs."""
+
+import inspect
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import raylift
+from raylift import _core
+
+SOURCE = Path(os.environ["RAYLIFT_SOURCE"])
+PYTHON = SOURCE / "apps/python"
+
+
+def test_each_name_is_documented():
+    for name in raylift.__all__:
+        thing = getattr(raylift, name)
+        if name != "__version__":
+            assert inspect.getdoc(thing), name
+        if inspect.isclass(thing) and thing.__module__ == "raylift._core":
+            for method in [m for m in vars(thing) if not m.startswith("_")]:
+                # Those without a description say it all by their names.
+                assert inspect.getattr_static(thing, method) is not None
+
+
+def test_each_name_is_tested():
+    tests = "".join(file.read_text(encoding="utf-8") for file in (SOURCE / "tests/python").glob("*.py"))
+    missing = [name for name in raylift.__all__ if f"raylift.{name}" not in tests]
+    classes = [getattr(raylift, name) for name in raylift.__all__ if inspect.isclass(getattr(raylift, name))]
+    for one in classes:
+        missing += [f"{one.__name__}.{member}" for member in vars(one)
+                    if not member.startswith("_") and member not in tests]
+    assert missing == []
+
+
+def test_no_other_library_is_imported():
+    script = "import sys, raylift; print({'torch', 'pycolmap', 'h5py', 'cv2', 'hloc'} & set(sys.modules))"
+    run = subprocess.run([sys.executable, "-c", script], text=True, capture_output=True, check=True)
+    assert run.stdout.strip() == "set()"
+
+
+def test_types(tmp_path):
+    pytest.importorskip("mypy")
+    run = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "--cache-dir", tmp_path, "raylift", "examples"],
+        cwd=PYTHON, text=True, capture_output=True, env=dict(os.environ, MYPYPATH=str(PYTHON)))
+    assert run.returncode == 0, run.stdout
+
+
+def test_stubs_are_those_of_the_module(tmp_path):
+    pytest.importorskip("pybind11_stubgen")
+    if _core.PYBIND11_MAJOR < 3:
+        pytest.skip("the module was built with a pybind11 that tells less of types")
+    subprocess.run([sys.executable, PYTHON / "make_stubs.py", tmp_path], check=True)
+    assert (tmp_path / "_core.pyi").read_text() == (PYTHON / "raylift/_core.pyi").read_text(), (
+        "run apps/python/make_stubs.py")
