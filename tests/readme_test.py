@@ -1,8 +1,10 @@
-"""Runs what the README tells its readers to run: readme_test.py SOURCE_FOLDER RAYLIFT WORK_FOLDER.
+"""Runs what the README tells its readers to run: readme_test.py SOURCE_FOLDER RAYLIFT WORK_FOLDER
+[PACKAGE_FOLDER].
 
 Every command in a ```sh block is run in a folder that holds nothing but `assets`, with `raylift` on
 the PATH. The demo's script is run with the program that is already built; the test script is only
-looked for, as this test is part of it.
+looked for, as this test is part of it. With PACKAGE_FOLDER, that of the Python package, every ```python
+block is run, too.
 """
 
 import os
@@ -30,6 +32,12 @@ def main():
     for block in blocks:
         print(block, flush=True)
         subprocess.run(["bash", "-euo", "pipefail", "-c", block], cwd=work, env=environment, check=True)
+
+    for script in re.findall(r"^```python\n(.*?)^```", readme, flags=re.MULTILINE | re.DOTALL):
+        if len(sys.argv) > 4:
+            print(script, flush=True)
+            subprocess.run([sys.executable, "-c", script], cwd=work, check=True,
+                           env=dict(environment, PYTHONPATH=sys.argv[4], PYTHONDONTWRITEBYTECODE="1"))
 
     # Its C++ programs are those that are built against the installed library.
     programs = re.findall(r"^```cpp\n(.*?)^```", readme, flags=re.MULTILINE | re.DOTALL)
