@@ -75,6 +75,12 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
       .add_option("--query-images", flags.query_images,
                   "Folder of the query photographs (default: --images)")
       ->group("Queries");
+  command
+      .add_option("--priors", flags.priors,
+                  "What is known of the queries' poses: lines `name position x y z sigma`\n"
+                  "(world), `name gravity x y z sigma_deg` (down in the camera's frame),\n"
+                  "`* world_down x y z` (default: 0 0 -1)")
+      ->group("Queries");
   AddMatchingOptions(command, flags.matching, "; without it, RootSIFT", "OUT/cache");
   command.add_option("--out", flags.out, "Folder for poses.txt, queries.jsonl, summary.json")
       ->required()

@@ -18,7 +18,7 @@ namespace raylift {
 
 struct LocalizeFlags {
   ReferenceFlags references;
-  std::filesystem::path images, queries, query_images;
+  std::filesystem::path images, queries, query_images, priors;
   ModelPosesFlags model_poses;
   GeometryFlags geometry;
   MatchingFlags matching;

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/progress.h"
+#include "raylift/io/pose_prior_list.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/batch_localizer.h"
 #include "raylift/localization/localized_model.h"
@@ -95,7 +96,8 @@ ContinuousRecords LocalizeInOrder(const LocalizeFlags& flags, BatchLocalizer& lo
 
 void RunLocalize(const LocalizeFlags& flags, const LocalizerOptions& options, AlignMode align,
                  const std::string& options_json) {
-  const std::vector<Query> queries = ReadQueryList(flags.queries);
+  std::vector<Query> queries = ReadQueryList(flags.queries);
+  if (!flags.priors.empty()) TakePosePriors(flags.priors, queries);
   const Scene scene = OpenSceneOf(flags, queries);
   std::vector<std::string> warnings = scene.warnings;
   if (options.candidates.mode == CandidateMode::kTriangulate && !scene.sources.empty()) {

@@ -15,13 +15,14 @@ struct PathOption {
   const char* option;
   path SceneFile::*member;
 };
-constexpr std::array<PathOption, 7> kPathOptions = {{{"--model", &SceneFile::references},
+constexpr std::array<PathOption, 8> kPathOptions = {{{"--model", &SceneFile::references},
                                                      {"--images", &SceneFile::images},
                                                      {"--queries", &SceneFile::queries},
                                                      {"--query-images", &SceneFile::query_images},
                                                      {"--ground-truth", &SceneFile::ground_truth},
                                                      {"--times", &SceneFile::times},
-                                                     {"--groups", &SceneFile::groups}}};
+                                                     {"--groups", &SceneFile::groups},
+                                                     {"--priors", &SceneFile::priors}}};
 
 bool IsGiven(const CLI::App& command, const char* option) {
   const CLI::Option* found = command.get_option_no_throw(option);

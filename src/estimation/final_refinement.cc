@@ -36,7 +36,8 @@ FinalPose RefineByBoth(const PreparedProblem& problem, const KeypointEvidence& e
           ? kPriorVariance
           : NoiseVariance(ComputeResiduals(problem, pose, kPairs).pairs, kPairNoise);
   const NoisePrior prior = PriorOf(scene, threshold2);
-  const JointResult result = RefineJointly(evidence, pose, threshold2 * variance, prior);
+  const JointResult result =
+      RefineJointly(evidence, pose, threshold2 * variance, prior, problem.priors);
   return {.pose = result.pose,
           .covariance = result.covariance,
           .noise = result.noise,

@@ -6,6 +6,7 @@
 #include <span>
 #include <utility>
 
+#include "estimation/draw_distinct.h"
 #include "estimation/match_residuals.h"
 #include "estimation/solvers/d3p1.h"
 #include "estimation/solvers/e5p1.h"
@@ -19,19 +20,6 @@ namespace {
 // Sixth matches tried per essential matrix: they cost little beside the five-point solver.
 constexpr int kSixthMatchesPerSample = 2;
 constexpr int kFourthMatchesPerSample = 2;
-
-// `kCount` different indices in [0, n).
-template <int kCount>
-std::array<int, kCount> DrawDistinct(Rng& rng, int n) {
-  std::array<int, kCount> indices;
-  for (int i = 0; i < kCount;) {
-    const int index = static_cast<int>(rng.UniformIndex(static_cast<uint32_t>(n)));
-    if (std::find(indices.begin(), indices.begin() + i, index) == indices.begin() + i) {
-      indices[i++] = index;
-    }
-  }
-  return indices;
-}
 
 // One match of all groups, whose sizes sum to `total`: its group, and its position there.
 template <typename Group>
@@ -58,6 +46,12 @@ void AddPosesByLength(const PreparedProblem& problem, std::span<const RelativePo
 
 }  // namespace
 
+double NumSets(double n, int k) {
+  double sets = 1;
+  for (int i = 0; i < k; ++i) sets *= (n - i) / (i + 1);
+  return std::max(sets, 0.0);
+}
+
 P3pGenerator::P3pGenerator(const PreparedProblem& problem) : problem_(problem) {}
 
 bool P3pGenerator::CanSample(const PreparedProblem& problem) { return problem.points.size() >= 3; }
@@ -82,6 +76,10 @@ void P3pGenerator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
 double P3pGenerator::SuccessProbability(const InlierCounts& inliers) const {
   const double ratio = inliers.points / static_cast<double>(problem_.points.size());
   return ratio * ratio * ratio;
+}
+
+double P3pGenerator::NumSamples() const {
+  return NumSets(static_cast<double>(problem_.points.size()), 3);
 }
 
 PairsElsewhere::PairsElsewhere(const PreparedProblem& problem, int reference) {
@@ -163,6 +161,14 @@ double E5p1Generator::SuccessProbability(const InlierCounts& inliers) const {
   return success;
 }
 
+double E5p1Generator::NumSamples() const {
+  double samples = 0;
+  for (const FiveSource& source : sources_) {
+    samples += NumSets(source.size(), 5) * (position_observable_ ? source.sixth.size() : 1);
+  }
+  return samples;
+}
+
 D3p1Generator::D3p1Generator(const PreparedProblem& problem, const KeypointEvidence& evidence)
     : problem_(problem) {
   std::vector<std::vector<LiftedMatch>> lifted(problem.centres.size());
@@ -218,6 +224,14 @@ double D3p1Generator::SuccessProbability(const InlierCounts& inliers) const {
     success += std::pow(ratio, 3) * fourth * source.size() / num_lifted_;
   }
   return success;
+}
+
+double D3p1Generator::NumSamples() const {
+  double samples = 0;
+  for (const DepthSource& source : sources_) {
+    samples += NumSets(source.size(), 3) * source.fourth.size();
+  }
+  return samples;
 }
 
 double D3p1Generator::InlierRatio(const DepthSource& source, const SolverPose& pose) const {

@@ -22,7 +22,13 @@ class HypothesisGenerator {
 
   // The probability that a sample is of inliers alone, if the inliers of a pose are the true ones.
   virtual double SuccessProbability(const InlierCounts& inliers) const = 0;
+
+  // How many samples there are that differ.
+  virtual double NumSamples() const = 0;
 };
+
+// Of n things, how many sets of k there are.
+double NumSets(double n, int k);
 
 // Three 2D-3D matches, uniformly.
 class P3pGenerator final : public HypothesisGenerator {
@@ -32,6 +38,7 @@ class P3pGenerator final : public HypothesisGenerator {
 
   void Generate(Rng& rng, std::vector<SolverPose>& poses) const override;
   double SuccessProbability(const InlierCounts& inliers) const override;
+  double NumSamples() const override;
 
  private:
   const PreparedProblem& problem_;
@@ -44,6 +51,7 @@ class PairsElsewhere {
   PairsElsewhere(const PreparedProblem& problem, int reference);
 
   bool empty() const { return count_ == 0; }
+  int size() const { return count_; }
   const PreparedPair& Draw(const PreparedProblem& problem, Rng& rng) const;
   double InlierRatio(const InlierCounts& inliers) const;
 
@@ -65,6 +73,7 @@ class E5p1Generator final : public HypothesisGenerator {
 
   void Generate(Rng& rng, std::vector<SolverPose>& poses) const override;
   double SuccessProbability(const InlierCounts& inliers) const override;
+  double NumSamples() const override;
 
  private:
   // A reference for the five, and the pairs that may be the sixth.
@@ -91,6 +100,7 @@ class D3p1Generator final : public HypothesisGenerator {
 
   void Generate(Rng& rng, std::vector<SolverPose>& poses) const override;
   double SuccessProbability(const InlierCounts& inliers) const override;
+  double NumSamples() const override;
 
  private:
   struct LiftedMatch {

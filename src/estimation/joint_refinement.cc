@@ -24,7 +24,6 @@ using Eigen::Vector4d;
 using Eigen::VectorXd;
 using Matrix36d = Eigen::Matrix<double, 3, 6>;
 using Matrix47d = Eigen::Matrix<double, 4, 7>;
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
 using Matrix7d = Eigen::Matrix<double, 7, 7>;
 using Vector7d = Eigen::Matrix<double, 7, 1>;
 
@@ -47,6 +46,16 @@ Matrix36d DisplacementJacobian(const Vector3d& point) {
   Matrix36d jacobian;
   jacobian << -Skew(point), Matrix3d::Identity();
   return jacobian;
+}
+
+// From a turn about the local origin and a shift before the pose to (w, v) after it, in the camera's
+// tangent frame.
+Matrix6d CamStepFromOwn(const SolverPose& pose) {
+  Matrix6d step = Matrix6d::Zero();
+  step.topLeftCorner<3, 3>() = pose.rotation;
+  step.bottomRightCorner<3, 3>() = pose.rotation;
+  step.bottomLeftCorner<3, 3>() = Skew(pose.translation) * pose.rotation;
+  return step;
 }
 
 // Whether a step of the query is one that the linearization can be believed for.
@@ -95,9 +104,11 @@ void AddDisplaced(const Matrix4d& m, const Matrix3d& cross, Block block) {
 class JointRefinement {
  public:
   JointRefinement(const KeypointEvidence& evidence, const SolverPose& start,
-                  double keypoint_variance_px2, const NoisePrior& prior)
+                  double keypoint_variance_px2, const NoisePrior& prior,
+                  const PreparedPriors& pose_priors)
       : evidence_(evidence),
         prior_(prior),
+        pose_priors_(pose_priors),
         model_(evidence, start),
         column_(evidence.centres.size(), -1),
         backs_(evidence.keypoints.size()) {
@@ -167,6 +178,7 @@ class JointRefinement {
   // with seven degrees of freedom each, if they are independent.
   bool ReferencesDisagree() const;
   void AdmitReferenceErrors();
+  void AddPosePriors(VectorXd& gradient);
   void AddReferencePriors(VectorXd& gradient);
   void UpdateReferenceVariances(const MatrixXd& covariance);
 
@@ -178,6 +190,7 @@ class JointRefinement {
 
   const KeypointEvidence& evidence_;
   const NoisePrior& prior_;
+  const PreparedPriors& pose_priors_;
   JointModel model_;
   SolverPose looked_from_;
   std::vector<int> column_;  // of each reference's first unknown; -1: it has none
@@ -295,6 +308,7 @@ std::optional<double> JointRefinement::Step() {
     if (backs_[k].used) AddEliminated(k);
   }
   VectorXd gradient = part_gradients_.rowwise().sum();
+  if (!pose_priors_.empty()) AddPosePriors(gradient);
   if (WithReferences()) AddReferencePriors(gradient);
   hessian_ = MatrixXd(hessian_.selfadjointView<Eigen::Lower>());
 
@@ -329,6 +343,16 @@ std::optional<double> JointRefinement::Step() {
     MovePoint(-back.covariance * pull, new_centre, state);
   }
   return -gradient.dot(step);
+}
+
+void JointRefinement::AddPosePriors(VectorXd& gradient) {
+  NormalEquations of_cam;
+  pose_priors_.AddTo(model_.pose, 1, of_cam);
+  const Matrix6d to_cam = CamStepFromOwn(model_.pose);
+  gradient.head<6>() += to_cam.transpose() * of_cam.gradient;
+  // The pixels' part of the Hessian is their information by that factor.
+  hessian_.topLeftCorner<6, 6>() +=
+      to_cam.transpose() * of_cam.hessian * to_cam / StudentInformation(model_.noise.keypoint_tail);
 }
 
 void JointRefinement::MoveQuery(const Eigen::Ref<const VectorXd>& step) {
@@ -466,11 +490,7 @@ std::optional<Matrix6d> JointRefinement::Covariance() const {
   if (!factors.isPositive() || !(factors.rcond() > 1e-16)) return std::nullopt;
   const MatrixXd inverse =
       factors.solve(MatrixXd::Identity(num_columns_, num_columns_).leftCols(6));
-  // From a turn about the local origin and a shift before the pose to (w, v) after it.
-  Matrix6d to_cam = Matrix6d::Zero();
-  to_cam.topLeftCorner<3, 3>() = model_.pose.rotation;
-  to_cam.bottomRightCorner<3, 3>() = model_.pose.rotation;
-  to_cam.bottomLeftCorner<3, 3>() = Skew(model_.pose.translation) * model_.pose.rotation;
+  const Matrix6d to_cam = CamStepFromOwn(model_.pose);
   const Matrix6d covariance = Inflation(inverse) / StudentInformation(model_.noise.keypoint_tail) *
                               to_cam * inverse.topRows<6>() * to_cam.transpose();
   if (!covariance.allFinite()) return std::nullopt;
@@ -500,8 +520,9 @@ double JointRefinement::Inflation(const MatrixXd& pose_columns) const {
 }  // namespace
 
 JointResult RefineJointly(const KeypointEvidence& evidence, const SolverPose& start,
-                          double keypoint_variance_px2, const NoisePrior& prior) {
-  return JointRefinement(evidence, start, keypoint_variance_px2, prior).Run();
+                          double keypoint_variance_px2, const NoisePrior& prior,
+                          const PreparedPriors& pose_priors) {
+  return JointRefinement(evidence, start, keypoint_variance_px2, prior, pose_priors).Run();
 }
 
 }  // namespace raylift

@@ -19,6 +19,7 @@
 #include "estimation/joint_noise.h"
 #include "estimation/keypoint_evidence.h"
 #include "estimation/keypoint_weighing.h"
+#include "estimation/prepared_priors.h"
 #include "estimation/solvers/p3p.h"
 #include <Eigen/Core>
 
@@ -34,6 +35,7 @@ struct JointResult {
 
 // `keypoint_variance_px2` is a first guess.
 JointResult RefineJointly(const KeypointEvidence& evidence, const SolverPose& start,
-                          double keypoint_variance_px2, const NoisePrior& prior);
+                          double keypoint_variance_px2, const NoisePrior& prior,
+                          const PreparedPriors& pose_priors = {});
 
 }  // namespace raylift

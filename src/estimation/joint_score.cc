@@ -48,26 +48,30 @@ Objective::Objective(Sets sets, ScoreCombination combination, int num_points, in
 double Objective::Value(const JointScore& score) const {
   switch (sets_) {
     case Sets::kPoints:
-      return score.points.cost;
+      return score.points.cost + score.prior;
     case Sets::kPairs:
-      return score.pairs.cost;
+      return score.pairs.cost + score.prior;
     case Sets::kBoth:
       break;
   }
   switch (combination_) {
     case ScoreCombination::kSumInliers:
-      return -static_cast<double>(score.points.inliers + score.pairs.inliers);
+      return score.prior - (score.points.inliers + score.pairs.inliers);
     case ScoreCombination::kSumInlierRatios:
-      return -(score.points.inliers / num_points_ + score.pairs.inliers / num_pairs_);
+      return -((score.points.inliers - score.prior) / num_points_ +
+               (score.pairs.inliers - score.prior) / num_pairs_);
     case ScoreCombination::kMultInliers:
-      return -static_cast<double>(score.points.inliers) * score.pairs.inliers;
+      return -std::max(score.points.inliers - score.prior, 0.0) *
+             std::max(score.pairs.inliers - score.prior, 0.0);
     case ScoreCombination::kSumMsac:
-      return score.points.cost + score.pairs.cost;
+      return score.points.cost + score.pairs.cost + score.prior;
     case ScoreCombination::kMultMsac:
-      if (refinement_ == Refinement::kPaper) return score.points.cost * score.pairs.cost;
+      if (refinement_ == Refinement::kPaper) {
+        return (score.points.cost + score.prior) * (score.pairs.cost + score.prior);
+      }
       // One match's worth is added to each factor: a set that a minimal sample fits exactly has a
       // cost of zero, which would make the product blind to the other set.
-      return (score.points.cost + 1) * (score.pairs.cost + 1);
+      return (score.points.cost + score.prior + 1) * (score.pairs.cost + score.prior + 1);
   }
   return 0;
 }
@@ -110,6 +114,7 @@ std::optional<JointScore> Scorer::ScoreIfBetter(const SolverPose& pose, double b
   JointScore score;
   score.points = {0, problem_.num_matches_2d3d};
   score.pairs = {0, problem_.num_matches_2d2d};
+  score.prior = problem_.priors.Cost(pose);
 
   // Scores a set block by block; false as soon as the whole cannot beat the best value any more.
   const auto scan = [&](SetScore& set, int num_matches, int num_blocks, double clustering,
@@ -165,7 +170,8 @@ JointScore Scorer::ScoreAll(const SolverPose& pose) const {
                          num_pair_blocks, kernel_pose, centres.data());
   constexpr int kLanes = kernels::kLanes<float>;
   return {{points.cost + problem_.num_matches_2d3d - num_point_blocks * kLanes, points.inliers},
-          {pairs.cost + problem_.num_matches_2d2d - num_pair_blocks * kLanes, pairs.inliers}};
+          {pairs.cost + problem_.num_matches_2d2d - num_pair_blocks * kLanes, pairs.inliers},
+          problem_.priors.Cost(pose)};
 }
 
 InlierCounts Scorer::CountInliers(const SolverPose& pose) const {

@@ -20,8 +20,9 @@ struct SetScore {
 };
 
 struct JointScore {
-  SetScore points;  // 2D-3D
-  SetScore pairs;   // 2D-2D
+  SetScore points;   // 2D-3D
+  SetScore pairs;    // 2D-2D
+  double prior = 0;  // PreparedPriors::Cost(): what the pose's priors cost, in matches
 };
 
 // The inliers of a pose.
@@ -46,8 +47,8 @@ class Objective {
   bool UsesPoints() const { return sets_ != Sets::kPairs; }
   bool UsesPairs() const { return sets_ != Sets::kPoints; }
 
-  // Smaller is better. Monotone: it grows with either cost and falls with either inlier count, so a
-  // bound on each gives a bound on the whole.
+  // Smaller is better. Monotone: it grows with each cost and falls with either inlier count, so a
+  // bound on each gives a bound on the whole. Priors cost like so many matches of each set.
   double Value(const JointScore& score) const;
 
  private:

@@ -53,6 +53,7 @@ void MaximumLikelihood::Gather() {
   const double pair_variance = NoiseVariance(residuals.pairs, kPairNoise);
   weights_ = {.point_weight = 1 / point_variance,
               .pair_weight = 1 / pair_variance,
+              .prior_weight = 1,
               .point_loss = RobustLoss(point_variance, kPointNoise),
               .pair_loss = RobustLoss(pair_variance, kPairNoise)};
   near_ = {};

@@ -12,6 +12,7 @@
 #include "estimation/keypoint_evidence.h"
 #include "estimation/match_residuals.h"
 #include "estimation/prepared_problem.h"
+#include "estimation/prior_generators.h"
 #include "estimation/ransac.h"
 #include "estimation/support.h"
 #include <fmt/format.h>
@@ -155,10 +156,18 @@ class RansacEstimator final : public PoseEstimator {
     estimate.inliers_2d2d.assign(problem.matches_2d2d.size(), false);
 
     const P3pGenerator p3p(prepared);
+    const KnownCentreGenerator known_centre(prepared);
+    const UprightGenerator upright(prepared);
     const E5p1Generator e5p1(prepared);
     std::vector<RansacSolver> solvers;
     if (method_.refined_after_p3p && P3pGenerator::CanSample(prepared)) {
       solvers.push_back({&p3p, Solver::kP3p, *method_.refined_after_p3p});
+    }
+    if (method_.refined_after_p3p && KnownCentreGenerator::CanSample(prepared)) {
+      solvers.push_back({&known_centre, Solver::kKnownCentre, *method_.refined_after_p3p});
+    }
+    if (method_.refined_after_p3p && UprightGenerator::CanSample(prepared)) {
+      solvers.push_back({&upright, Solver::kUpright, *method_.refined_after_p3p});
     }
     if (method_.refined_after_e5p1 && E5p1Generator::CanSample(prepared)) {
       solvers.push_back({&e5p1, Solver::kE5p1, *method_.refined_after_e5p1});
@@ -200,7 +209,8 @@ class RansacEstimator final : public PoseEstimator {
     // The likeliest pose rarely has the best score, but one that explains far less has lost its
     // way.
     const double nothing = objective.Value({{static_cast<double>(prepared.num_matches_2d3d), 0},
-                                            {static_cast<double>(prepared.num_matches_2d2d), 0}});
+                                            {static_cast<double>(prepared.num_matches_2d2d), 0},
+                                            prepared.priors.WorstCost()});
     if (!(nothing - estimate.refined_value > kKeptGain * (nothing - estimate.ransac_value))) {
       EstimatorOptions unrefined = options_;
       unrefined.refinement = Refinement::kPaper;
@@ -208,7 +218,7 @@ class RansacEstimator final : public PoseEstimator {
       estimate.refined_value = estimate.ransac_value;
     }
     DescribePose(prepared, problem, final_pose, estimate);
-    Judge(problem, prepared, report, final_pose.pose, solvers.size(), estimate);
+    Judge(problem, prepared, report, final_pose.pose, solvers, estimate);
     CheckSupport(e5p1, estimate);
     if (options_.refine_focal && estimate.cam_from_world && estimate.position_observable) {
       return EstimateWithRefinedFocal(problem, best.refined_kinds, estimate);
@@ -230,21 +240,39 @@ class RansacEstimator final : public PoseEstimator {
 
   // How sure the pose is, against chance and against the other poses that were found.
   void Judge(const PoseProblem& problem, const PreparedProblem& prepared,
-             const RansacReport& report, const SolverPose& pose, size_t num_solvers,
-             PoseEstimate& estimate) const {
+             const RansacReport& report, const SolverPose& pose,
+             const std::vector<RansacSolver>& solvers, PoseEstimate& estimate) const {
     const ResidualKinds kinds{.points = method_.scored_sets != Objective::Sets::kPairs,
                               .pairs = method_.scored_sets != Objective::Sets::kPoints};
-    // A sample gives some two poses.
-    const double tried = 2.0 * report.iterations * static_cast<double>(num_solvers);
-    const SupportAssessor assessor(problem, prepared, kinds, tried);
+    // A sample gives some two poses; each solver has its share of the false alarms.
+    const RansacSolver& solver = *std::find_if(
+        solvers.begin(), solvers.end(),
+        [&](const RansacSolver& candidate) { return candidate.solver == estimate.solver; });
+    const double samples = std::min<double>(report.iterations, solver.generator->NumSamples());
+    const double tried = 2.0 * samples * static_cast<double>(solvers.size());
+    const bool drawn_by_prior =
+        solver.solver == Solver::kKnownCentre || solver.solver == Solver::kUpright;
+    const SupportAssessor assessor(problem, prepared, kinds, tried, drawn_by_prior ? 2 : 3);
     const Support support = assessor.Of(pose);
     estimate.num_keypoints = support.keypoints;
     estimate.inlier_keypoints = support.inlier_keypoints;
-    estimate.confidence = 1 / (1 + std::exp(std::min(support.log_false_alarms, 700.0)));
+    const auto confidence_of = [](double log_false_alarms) {
+      return 1 / (1 + std::exp(std::min(log_false_alarms, 700.0)));
+    };
+    estimate.confidence = confidence_of(support.log_false_alarms);
+    // That a pose fits the priors says something if it was not made by them; that it does not makes
+    // it doubtful, and takes none away.
+    const double evidence = prepared.priors.LogEvidence(pose);
+    if (evidence < 0 || !drawn_by_prior) {
+      estimate.confidence = std::max(confidence_of(support.log_false_alarms - evidence),
+                                     std::min(estimate.confidence, kLeastConfidence));
+    }
     for (const SolverPose& other : report.rivals) {
       const Support rival = assessor.Of(other);
       if (ExplainTheSame(support, rival)) continue;
-      estimate.confidence = std::min(estimate.confidence, ProbabilityOverRival(support, rival));
+      const double odds = evidence - prepared.priors.LogEvidence(other);
+      estimate.confidence =
+          std::min(estimate.confidence, ProbabilityOverRival(support, rival, odds));
     }
     if (!kinds.points) {
       // The orientation holds all the same, so that it stays a pose.

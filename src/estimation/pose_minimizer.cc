@@ -66,6 +66,7 @@ NormalEquations Linearize(const PreparedProblem& problem, const ActiveMatches<T>
     Add(PairNormals(matches, kernel_pose, CentresInCam<T>(problem, pose), weights.pair_loss),
         weights.pair_weight, equations);
   }
+  problem.priors.AddTo(pose, weights.prior_weight, equations);
   return equations;
 }
 template NormalEquations Linearize<float>(const PreparedProblem&, const ActiveMatches<float>&,

@@ -258,6 +258,7 @@ PreparedProblem::PreparedProblem(const PoseProblem& problem, double point_thresh
   for (const PosedImage& reference : problem.references) {
     centres.push_back((reference.cam_from_world.OriginInSource() - frame.origin) / frame.scale);
   }
+  priors = PreparedPriors(problem.priors, frame.origin, frame.scale, centres);
   const KeypointNumbers numbers = NumberQueryKeypoints(problem.matches_2d2d, problem.matches_2d3d);
   num_keypoints = numbers.count;
   points.reserve(problem.matches_2d3d.size());

@@ -12,6 +12,8 @@
 #include <vector>
 
 #include "estimation/kernels/blocks.h"
+#include "estimation/prepared_priors.h"
+#include "estimation/sigmas_of_threshold.h"
 #include "estimation/solvers/p3p.h"
 #include <Eigen/Core>
 
@@ -20,10 +22,6 @@
 #include "raylift/scene/pose_problem.h"
 
 namespace raylift {
-
-// A threshold is some two and a half standard deviations of the keypoints' noise, and stays so of
-// both errors together where a point or a reference is uncertain: t^2 becomes t^2 + (2.5 sigma)^2.
-inline constexpr double kSigmasOfThreshold = 2.5;
 
 // By which factor an uncertain reference's pixel spreads more than a certain one's.
 inline double SpreadOfReference(double reference_sigma_px, double threshold_px) {
@@ -37,7 +35,7 @@ struct PreparedPoint {
   double sigma;                    // standard deviation that is known of it, local units
   double spread;                   // see kernels::PointBlock
   int match;                       // index into PoseProblem::matches_2d3d
-  size_t keypoint;                 // of the query, below PreparedProblem::num_keypoints
+  size_t keypoint = 0;             // of the query, below PreparedProblem::num_keypoints
 };
 
 struct PreparedPair {
@@ -49,7 +47,7 @@ struct PreparedPair {
   double parallax;  // the angle between the rays that an error of one threshold can make, radians
   int reference;    // index into PoseProblem::references
   int match;        // index into PoseProblem::matches_2d2d
-  size_t keypoint;  // of the query, below PreparedProblem::num_keypoints
+  size_t keypoint = 0;  // of the query, below PreparedProblem::num_keypoints
 };
 
 // A run of `pairs` that belong to one reference.
@@ -79,7 +77,8 @@ struct PreparedProblem {
   size_t num_keypoints;  // of the query, that matches are of (scene/keypoints.h)
 
   std::vector<Eigen::Vector3d> centres;  // of all references, local frame
-  std::vector<ReferenceRun> runs;        // references that have pairs
+  PreparedPriors priors;
+  std::vector<ReferenceRun> runs;  // references that have pairs
 
   std::vector<kernels::PointBlock<float>> point_blocks;
   std::vector<kernels::PairBlock<float>> pair_blocks;

@@ -57,6 +57,7 @@ class Ransac {
     JointScore none;
     none.points.cost = problem.num_matches_2d3d;
     none.pairs.cost = problem.num_matches_2d2d;
+    none.prior = problem.priors.WorstCost();
     if (options.refinement == Refinement::kPaper) {
       first_optimization_ = 1;
       near_best_left_ = 0;

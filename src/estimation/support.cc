@@ -74,10 +74,11 @@ struct Trials {
 }  // namespace
 
 SupportAssessor::SupportAssessor(const PoseProblem& original, const PreparedProblem& problem,
-                                 ResidualKinds kinds, double num_poses_tried)
+                                 ResidualKinds kinds, double num_poses_tried, int points_of_sample)
     : problem_(problem),
       kinds_(kinds),
       num_poses_tried_(num_poses_tried),
+      points_of_sample_(points_of_sample),
       area_px2_(static_cast<double>(original.query_camera.width_px()) *
                 static_cast<double>(original.query_camera.height_px())) {
   place_.assign(problem.num_keypoints, 0);
@@ -152,7 +153,7 @@ Support SupportAssessor::Of(const SolverPose& pose) const {
   double tail = 0;
   if (kinds_.points) {
     const double rest = kinds_.pairs ? rest_of_points.LogTail(0, support.clustering) : 0;
-    tail = std::min(tail, by_points.LogTail(3, support.clustering) + rest);
+    tail = std::min(tail, by_points.LogTail(points_of_sample_, support.clustering) + rest);
   }
   if (kinds_.pairs) {
     const double rest = kinds_.points ? rest_of_pairs.LogTail(0, support.clustering) : 0;
@@ -188,9 +189,12 @@ std::optional<double> ProbabilityOfFirst(const std::vector<bool>& first,
 
 }  // namespace
 
-double ProbabilityOverRival(const Support& best, const Support& rival) {
-  return ProbabilityOfFirst(best.inlier, rival.inlier, std::max(best.clustering, rival.clustering))
-      .value_or(1);  // they explain the same
+double ProbabilityOverRival(const Support& best, const Support& rival, double log_odds) {
+  const auto probability =
+      ProbabilityOfFirst(best.inlier, rival.inlier, std::max(best.clustering, rival.clustering));
+  if (!probability) return 1;  // they explain the same
+  const double against = 1 - *probability;
+  return *probability / (*probability + against * std::exp(-log_odds));
 }
 
 std::vector<PreparedPair> SupportAssessor::InlierPairs(const SolverPose& pose) const {

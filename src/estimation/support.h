@@ -29,8 +29,9 @@ struct Support {
 // Of poses of one problem. Holds a reference to it.
 class SupportAssessor {
  public:
+  // `points_of_sample`: how many 2D-3D matches fit the pose by construction.
   SupportAssessor(const PoseProblem& original, const PreparedProblem& problem, ResidualKinds kinds,
-                  double num_poses_tried);
+                  double num_poses_tried, int points_of_sample = 3);
 
   Support Of(const SolverPose& pose) const;
 
@@ -50,6 +51,7 @@ class SupportAssessor {
   const PreparedProblem& problem_;
   ResidualKinds kinds_;
   double num_poses_tried_;
+  int points_of_sample_;
   double area_px2_;
   std::vector<int> place_;  // of each keypoint, in the image
 };
@@ -58,7 +60,7 @@ class SupportAssessor {
 bool ExplainTheSame(const Support& a, const Support& b);
 
 // The probability that the first of two poses is right if one of them is, from the keypoints that
-// only one of them explains.
-double ProbabilityOverRival(const Support& best, const Support& rival);
+// only one of them explains, and the logarithm of the odds for it beforehand.
+double ProbabilityOverRival(const Support& best, const Support& rival, double log_odds = 0);
 
 }  // namespace raylift

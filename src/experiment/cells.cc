@@ -13,6 +13,7 @@
 #include "raylift/base/hash.h"
 #include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
+#include "raylift/io/pose_prior_list.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
 
@@ -135,6 +136,7 @@ class InputCollector {
       json["continuous"] = scene.times.empty() ? "by name" : identity_.Of(scene.times);
     }
     if (!scene.group.empty()) json["group"] = {identity_.Of(scene.groups), scene.group};
+    if (!scene.priors.empty()) json["priors"] = identity_.Of(scene.priors);
     if (scene.features.empty()) {
       json["images"] = identity_.Of(scene.images);
       json["query_images"] = identity_.Of(scene.query_images);
@@ -250,6 +252,7 @@ std::vector<path> PathsOfSpec(const std::string& spec) {
 
 std::vector<Query> QueriesOf(const ExperimentScene& scene) {
   std::vector<Query> queries = ReadQueryList(scene.queries);
+  if (!scene.priors.empty()) TakePosePriors(scene.priors, queries);
   if (!scene.group.empty()) {
     const std::map<std::string, std::string> groups = ReadGroups(scene.groups);
     std::erase_if(queries, [&](const Query& query) {
@@ -280,6 +283,7 @@ std::vector<path> MissingInputs(const Experiment& experiment, std::span<const Se
     look(scene.model);
     look(scene.queries);
     look(scene.groups);
+    look(scene.priors);
     if (scene.continuous) look(scene.times);
     look(scene.ground_truth);
     if (scene.features.empty()) {

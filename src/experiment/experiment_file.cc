@@ -149,6 +149,7 @@ class ExperimentReader {
     if (scene.query_images.empty()) scene.query_images = scene.images;
     TakePath(table, "queries", scene.queries);
     TakePath(table, "groups", scene.groups);
+    TakePath(table, "priors", scene.priors);
     scene.group = table.Text("group").value_or("");
     scene.continuous = table.Boolean("continuous").value_or(false);
     TakePath(table, "times", scene.times);
@@ -187,6 +188,7 @@ class ExperimentReader {
     scene.query_images = read.query_images;
     scene.ground_truth = read.ground_truth;
     scene.groups = read.groups;
+    scene.priors = read.priors;
     scene.times = read.times;
     for (const SceneGeometry& geometry : read.geometries) {
       scene.geometry.push_back(

@@ -139,6 +139,7 @@ QueryResult Localizer::Begin(const Query& query, const MakeMatches& make_matches
   PoseProblem& problem = result.problem;
   localized.name = problem.name = query.name;
   problem.query_camera = query.camera;
+  problem.priors = query.priors;
   {
     const StageTimer timer(localized.match_ms);
     QueryMatches matches = make_matches();

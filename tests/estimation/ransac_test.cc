@@ -23,6 +23,7 @@ class FixedGenerator final : public HypothesisGenerator {
   double SuccessProbability(const InlierCounts& /*inliers*/) const override {
     return success_probability_;
   }
+  double NumSamples() const override { return std::numeric_limits<double>::infinity(); }
   int num_samples() const { return num_samples_; }
 
  private:

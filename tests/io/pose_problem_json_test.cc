@@ -262,6 +262,24 @@ constexpr std::string_view kValid = R"({"format": "pose-problem/1", "name": "q",
 "extra": {"keypoint": [3, 4], "keypoint_2d3d": [3], "reference_keypoint": [null, 0],
 "match_2d2d": [0]}})";
 
+TEST(PoseProblemJson, PriorsComeBack) {
+  PoseProblemFile file = ParsePoseProblem(kValid, "p.json");
+  EXPECT_TRUE(file.problem.priors.empty());
+  EXPECT_NE(FormatPoseProblem(file).find("pose-problem/1"), std::string::npos);
+  file.problem.priors = {
+      .position = PositionPrior{{1, 2, 0.1}, {3, 4, 5}},
+      .gravity = GravityPrior{{0.1, 1, 0}, {0, 0, -1}, 0.5},
+  };
+  const std::string text = FormatPoseProblem(file);
+  EXPECT_NE(text.find("pose-problem/2"), std::string::npos);
+  const PosePriors read = ParsePoseProblem(text, "p.json").problem.priors;
+  EXPECT_EQ(read.position->position, file.problem.priors.position->position);
+  EXPECT_EQ(read.position->sigma, file.problem.priors.position->sigma);
+  EXPECT_EQ(read.gravity->down_in_cam, file.problem.priors.gravity->down_in_cam);
+  EXPECT_EQ(read.gravity->down_in_world, file.problem.priors.gravity->down_in_world);
+  EXPECT_EQ(read.gravity->sigma_deg, 0.5);
+}
+
 // The valid text with the first `from` replaced must fail with all of `parts`.
 void ExpectFailure(const std::string& from, const std::string& to,
                    const std::vector<std::string>& parts) {
@@ -274,8 +292,9 @@ void ExpectFailure(const std::string& from, const std::string& to,
 
 TEST(PoseProblemJson, WrongValuesAreNamedByTheirPath) {
   EXPECT_EQ(ParsePoseProblem(kValid, "p.json").problem.matches_2d3d[0].point_sigma, 0.5);
-  ExpectFailure("pose-problem/1", "pose-problem/2",
-                {"p.json: format: expected \"pose-problem/1\", found \"pose-problem/2\""});
+  ExpectFailure("pose-problem/1", "pose-problem/3",
+                {"p.json: format: expected \"pose-problem/1\" or \"pose-problem/2\", found "
+                 "\"pose-problem/3\""});
   ExpectFailure("\"name\": \"q\",", "", {"p.json: the member \"name\" is missing"});
   ExpectFailure("\"name\": \"a\",", "", {"p.json: references[0]: the member \"name\" is missing"});
   ExpectFailure("\"name\": \"q\"", "\"name\": 3", {"p.json: name: expected a string, found 3"});
@@ -284,6 +303,14 @@ TEST(PoseProblemJson, WrongValuesAreNamedByTheirPath) {
                 {"p.json: query.camera.width: expected an integer, found 4.5"});
   ExpectFailure("\"width\": 4", "\"width\": 4000000000", {"query.camera.width", "4000000000"});
   ExpectFailure("\"width\": 4", "\"width\": 0", {"p.json: query.camera: "});
+  ExpectFailure(
+      "\"query\": {",
+      "\"query\": {\"position_prior\": {\"position\": [1, 2, 3], \"sigma\": [1, -1, 1]}, ",
+      {"p.json: query.position_prior.sigma: expected standard deviations"});
+  ExpectFailure("\"query\": {",
+                "\"query\": {\"gravity_prior\": {\"sigma_deg\": 1, \"down_in_cam\": [0, 0, 0], "
+                "\"down_in_world\": [0, 0, 1]}, ",
+                {"p.json: query.gravity_prior.down_in_cam: expected a direction"});
   ExpectFailure("[5, 5, 2, 1.5]", "[5, 5, 2]", {"p.json: query.camera: "});
   ExpectFailure("[5, 5, 2, 1.5]", "[5, 5, 2, \"x\"]",
                 {"p.json: query.camera.params[3]: expected a number, found \"x\""});

@@ -106,12 +106,14 @@ inline constexpr auto kEnumNames<Refinement> = std::to_array<EnumName<Refinement
     {Refinement::kPaper, "paper", "paper", "the paper's methods and nothing beyond"},
 });
 
-enum class Solver { kP3p, kE5p1, kD3p1 };
+enum class Solver { kP3p, kE5p1, kD3p1, kKnownCentre, kUpright };
 template <>
 inline constexpr auto kEnumNames<Solver> = std::to_array<EnumName<Solver>>({
     {Solver::kP3p, "p3p"},
     {Solver::kE5p1, "e5p1"},
     {Solver::kD3p1, "d3p1"},
+    {Solver::kKnownCentre, "p2p_centre"},  // two 2D-3D matches, and the position's prior
+    {Solver::kUpright, "up2p"},            // two 2D-3D matches, and gravity
 });
 
 struct EstimatorOptions {

@@ -47,6 +47,7 @@ struct ExperimentScene {
   std::filesystem::path images, query_images;  // for the built-in features
   std::filesystem::path queries;
   std::filesystem::path groups;        // of queries
+  std::filesystem::path priors;        // of queries
   bool continuous = false;             // localized queries join the references
   std::filesystem::path times;         // their order; empty: by name
   std::string group;                   // only the queries of this group; empty: all

@@ -10,6 +10,7 @@
 //   ground_truth = "ground_truth"    # COLMAP model or pose file of the queries, where public
 //   times = "times.txt"              # name seconds, of references and queries
 //   groups = "groups.txt"            # name group, of queries
+//   priors = "priors.txt"            # known of the queries' poses (io/pose_prior_list.h)
 //   thresholds = "7scenes"           # as --thresholds takes them
 //   [[geometry]]                     # the first is the default
 //   name = "sensor"
@@ -45,6 +46,7 @@ struct SceneFile {
   std::filesystem::path ground_truth;
   std::filesystem::path times;
   std::filesystem::path groups;
+  std::filesystem::path priors;
   std::string thresholds;
   std::vector<SceneGeometry> geometries;                        // in the file's order
   std::vector<std::pair<std::string, std::string>> provenance;  // by key

@@ -1,5 +1,5 @@
 // All that an estimator sees of one query: the seam between lifting and estimation. It holds no
-// ground truth, so no estimator can peek. On disk it is the JSON format pose-problem/1 (io).
+// ground truth, so no estimator can peek. On disk it is the JSON format pose-problem/2 (io).
 
 #pragma once
 
@@ -11,6 +11,7 @@
 #include <Eigen/Core>
 
 #include "raylift/geometry/camera.h"
+#include "raylift/scene/pose_priors.h"
 #include "raylift/scene/posed_image.h"
 
 namespace raylift {
@@ -51,6 +52,7 @@ struct PoseProblem {
   std::vector<int> reference_clusters;
   std::vector<Match2D2D> matches_2d2d;
   std::vector<Match2D3D> matches_2d3d;
+  PosePriors priors;
 };
 
 }  // namespace raylift

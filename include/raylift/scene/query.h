@@ -5,12 +5,14 @@
 #include <string>
 
 #include "raylift/geometry/camera.h"
+#include "raylift/scene/pose_priors.h"
 
 namespace raylift {
 
 struct Query {
   std::string name;
   Camera camera;
+  PosePriors priors = {};
 };
 
 }  // namespace raylift

@@ -133,6 +133,29 @@ void AppendIndices(std::string_view name, const std::vector<Match>& matches,
   *extra += ']';
 }
 
+void AppendPriors(const PosePriors& priors, std::string* text) {
+  const auto append = [text](std::string_view name, const Eigen::Vector3d& vector) {
+    *text += fmt::format("\"{}\": ", name);
+    AppendNumbers(vector, text);
+  };
+  if (priors.position) {
+    *text += ", \"position_prior\": {";
+    append("position", priors.position->position);
+    *text += ", ";
+    append("sigma", priors.position->sigma);
+    *text += '}';
+  }
+  if (priors.gravity) {
+    *text += ", \"gravity_prior\": {";
+    append("down_in_cam", priors.gravity->down_in_cam);
+    *text += ", ";
+    append("down_in_world", priors.gravity->down_in_world);
+    *text += ", \"sigma_deg\": ";
+    AppendNumber(priors.gravity->sigma_deg, text);
+    *text += '}';
+  }
+}
+
 // Which keypoints the matches are of: also where a reader would find them by equal pixels, as other
 // readers need not know that.
 void AppendExtra(const PoseProblem& problem, std::string* text) {
@@ -152,7 +175,8 @@ void AppendExtra(const PoseProblem& problem, std::string* text) {
 
 std::string FormatPoseProblem(const PoseProblemFile& file) {
   const PoseProblem& problem = file.problem;
-  std::string text = "{\n\"format\": \"pose-problem/1\",\n\"name\": ";
+  std::string text = fmt::format("{{\n\"format\": \"pose-problem/{}\",\n\"name\": ",
+                                 problem.priors.empty() ? 1 : 2);
   AppendString(problem.name, &text);
   text += ",\n\"query\": {\"camera\": ";
   AppendCamera(problem.query_camera, &text);
@@ -160,6 +184,7 @@ std::string FormatPoseProblem(const PoseProblemFile& file) {
     text += ", \"gt_cam_from_world\": ";
     AppendPose(*file.gt_cam_from_world, &text);
   }
+  AppendPriors(problem.priors, &text);
   text += '}';
   AppendArray("references", problem.references, AppendReference, &text);
   if (!problem.reference_clusters.empty()) {

@@ -16,7 +16,8 @@
 namespace raylift {
 namespace {
 
-constexpr std::string_view kFormat = "pose-problem/1";
+// Of the second, the first knows all but the priors.
+constexpr std::string_view kFormats[] = {"pose-problem/1", "pose-problem/2"};
 
 template <int N>
 Eigen::Matrix<double, N, 1> ReadVector(const JsonPlace& place) {
@@ -204,16 +205,44 @@ void ReadReferenceClusters(const JsonPlace& place, PoseProblem* problem) {
   }
 }
 
+Eigen::Vector3d ReadDirection(const JsonPlace& place) {
+  const Eigen::Vector3d direction = ReadVector<3>(place);
+  if (direction.isZero(0)) place.Fail("expected a direction, found zeros");
+  return direction;
+}
+
+PosePriors ReadPriors(const JsonPlace& query) {
+  PosePriors priors;
+  if (query.Has("position_prior")) {
+    const JsonPlace place = query.Member("position_prior");
+    const JsonPlace sigma = place.Member("sigma");
+    priors.position = {.position = ReadVector<3>(place.Member("position")),
+                       .sigma = ReadVector<3>(sigma)};
+    if (priors.position->sigma.minCoeff() < 0) sigma.Fail("expected standard deviations");
+  }
+  if (query.Has("gravity_prior")) {
+    const JsonPlace place = query.Member("gravity_prior");
+    const std::optional<double> sigma_deg = ReadSigma(place.Member("sigma_deg"));
+    if (!sigma_deg) place.Member("sigma_deg").Fail("expected a standard deviation, found null");
+    priors.gravity = {.down_in_cam = ReadDirection(place.Member("down_in_cam")),
+                      .down_in_world = ReadDirection(place.Member("down_in_world")),
+                      .sigma_deg = *sigma_deg};
+  }
+  return priors;
+}
+
 PoseProblemFile ReadRoot(const JsonPlace& root) {
   const JsonPlace format = root.Member("format");
-  if (format.String() != kFormat) {
-    format.Fail(fmt::format("expected \"{}\", found \"{}\"", kFormat, format.String()));
+  if (std::ranges::find(kFormats, format.String()) == std::end(kFormats)) {
+    format.Fail(fmt::format("expected \"{}\" or \"{}\", found \"{}\"", kFormats[0], kFormats[1],
+                            format.String()));
   }
   PoseProblemFile file;
   PoseProblem& problem = file.problem;
   problem.name = root.Member("name").String();
   const JsonPlace query = root.Member("query");
   problem.query_camera = ReadCamera(query.Member("camera"));
+  problem.priors = ReadPriors(query);
   if (query.Has("gt_cam_from_world")) {
     file.gt_cam_from_world = ReadPose(query.Member("gt_cam_from_world"));
   }

@@ -24,13 +24,14 @@ struct PathKey {
   std::string_view key;
   path SceneFile::*member;
 };
-constexpr std::array<PathKey, 7> kPathKeys = {{{"references", &SceneFile::references},
+constexpr std::array<PathKey, 8> kPathKeys = {{{"references", &SceneFile::references},
                                                {"images", &SceneFile::images},
                                                {"queries", &SceneFile::queries},
                                                {"query_images", &SceneFile::query_images},
                                                {"ground_truth", &SceneFile::ground_truth},
                                                {"times", &SceneFile::times},
-                                               {"groups", &SceneFile::groups}}};
+                                               {"groups", &SceneFile::groups},
+                                               {"priors", &SceneFile::priors}}};
 
 // "kind:a.ply+b.ply,key=value" with each path moved; other forms stay as they are. Keys hold
 // patterns within the folder, not paths.

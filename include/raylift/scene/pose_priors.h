@@ -1,0 +1,31 @@
+// What is known of a query's pose before its matches are looked at: a position from GNSS, the
+// direction of gravity from an accelerometer.
+
+#pragma once
+
+#include <optional>
+
+#include <Eigen/Core>
+
+namespace raylift {
+
+struct PositionPrior {
+  Eigen::Vector3d position;  // of the camera's centre, world frame
+  // Standard deviation along each axis of the world, scene units; 0: exact.
+  Eigen::Vector3d sigma = Eigen::Vector3d::Zero();
+};
+
+struct GravityPrior {
+  Eigen::Vector3d down_in_cam;    // any length but 0
+  Eigen::Vector3d down_in_world;  // any length but 0
+  double sigma_deg = 1;  // standard deviation of the angle about each axis across; 0: exact
+};
+
+struct PosePriors {
+  std::optional<PositionPrior> position = std::nullopt;
+  std::optional<GravityPrior> gravity = std::nullopt;
+
+  bool empty() const { return !position && !gravity; }
+};
+
+}  // namespace raylift

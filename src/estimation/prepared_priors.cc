@@ -1,0 +1,156 @@
+#include "estimation/prepared_priors.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "estimation/sigmas_of_threshold.h"
+
+#include "raylift/base/error.h"
+#include "raylift/geometry/rigid3.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector3d;
+
+// How often a prior says nothing.
+constexpr double kWrong = 0.05;
+
+// Where nothing is known, the position is within so many times the furthest reference's distance
+// from the references' middle, at least of so many local units.
+constexpr double kReach = 3;
+
+// What is said to be exact is taken for exact to so much of a local unit, or radian.
+constexpr double kExact = 1e-6;
+
+// A match's squared residual over its squared threshold, of one of its squared sigmas.
+constexpr double kMatchUnit = 1 / (kSigmasOfThreshold * kSigmasOfThreshold);
+
+double LogSum(double a, double b) {
+  return std::max(a, b) + std::log1p(std::exp(-std::abs(a - b)));
+}
+
+Vector3d Direction(const Vector3d& vector, const char* field) {
+  const double length = vector.norm();
+  if (!(length > 0) || !std::isfinite(length)) {
+    throw InputError(std::string("gravity prior, ") + field +
+                     ": expected a finite vector that is not zero");
+  }
+  return vector / length;
+}
+
+}  // namespace
+
+PreparedPriors::PreparedPriors(const PosePriors& priors, const Vector3d& origin_in_world,
+                               double scale, std::span<const Vector3d> centres) {
+  if (priors.position) {
+    const PositionPrior& prior = *priors.position;
+    if (!prior.position.allFinite() || !prior.sigma.allFinite() || prior.sigma.minCoeff() < 0) {
+      throw InputError(
+          "position prior: expected a finite position and standard deviations of at least 0");
+    }
+    position_ = {.centre = (prior.position - origin_in_world) / scale,
+                 .sigma = (prior.sigma / scale).cwiseMax(kExact)};
+    double furthest = 1;
+    for (const Vector3d& centre : centres) {
+      if (centre.allFinite()) furthest = std::max(furthest, centre.norm());
+    }
+    const double log_volume = std::log(4 * std::numbers::pi / 3) + 3 * std::log(kReach * furthest);
+    position_log_peak_ =
+        log_volume - 1.5 * std::log(2 * std::numbers::pi) - position_->sigma.array().log().sum();
+  }
+  if (priors.gravity) {
+    const GravityPrior& prior = *priors.gravity;
+    if (!(prior.sigma_deg >= 0) || !std::isfinite(prior.sigma_deg)) {
+      throw InputError("gravity prior: expected a standard deviation of at least 0");
+    }
+    gravity_ = {.down_in_cam = Direction(prior.down_in_cam, "down_in_cam"),
+                .down_in_local = Direction(prior.down_in_world, "down_in_world"),
+                .sigma = std::max(prior.sigma_deg * std::numbers::pi / 180, kExact)};
+    // A normal distribution about the direction over a uniform one on the sphere.
+    gravity_log_peak_ = std::log(2 / (gravity_->sigma * gravity_->sigma));
+  }
+}
+
+double PreparedPriors::Term::LogRight() const {
+  return std::log(1 - kWrong) + log_peak - 0.5 * residual.squaredNorm();
+}
+
+double PreparedPriors::Term::LogEvidence() const { return LogSum(std::log(kWrong), LogRight()); }
+
+double PreparedPriors::Term::Probability() const { return std::exp(LogRight() - LogEvidence()); }
+
+double PreparedPriors::Term::Shortfall() const {
+  return LogSum(std::log(kWrong), std::log(1 - kWrong) + log_peak) - LogEvidence();
+}
+
+std::optional<PreparedPriors::Term> PreparedPriors::PositionTerm(const SolverPose& pose) const {
+  if (!position_) return std::nullopt;
+  const Vector3d centre = -pose.rotation.transpose() * pose.translation;
+  const Vector3d precision = position_->sigma.cwiseInverse();
+  Term term;
+  term.residual = precision.cwiseProduct(centre - position_->centre);
+  // A step moves the centre by -R' v, whatever w is.
+  term.jacobian << Eigen::Matrix3d::Zero(), -(precision.asDiagonal() * pose.rotation.transpose());
+  term.log_peak = position_log_peak_;
+  return term;
+}
+
+std::optional<PreparedPriors::Term> PreparedPriors::GravityTerm(const SolverPose& pose) const {
+  if (!gravity_) return std::nullopt;
+  const Vector3d down = pose.rotation * gravity_->down_in_local;
+  Term term;
+  term.residual = (down - gravity_->down_in_cam) / gravity_->sigma;
+  term.jacobian << -Skew(down) / gravity_->sigma, Eigen::Matrix3d::Zero();
+  term.log_peak = gravity_log_peak_;
+  return term;
+}
+
+double PreparedPriors::ProbabilityOfPosition(const SolverPose& pose) const {
+  const auto term = PositionTerm(pose);
+  return term ? term->Probability() : 0;
+}
+
+double PreparedPriors::ProbabilityOfGravity(const SolverPose& pose) const {
+  const auto term = GravityTerm(pose);
+  return term ? term->Probability() : 0;
+}
+
+double PreparedPriors::LogEvidence(const SolverPose& pose) const {
+  double sum = 0;
+  for (const auto& term : {PositionTerm(pose), GravityTerm(pose)}) {
+    if (term) sum += term->LogEvidence();
+  }
+  return sum;
+}
+
+double PreparedPriors::Cost(const SolverPose& pose) const {
+  double sum = 0;
+  for (const auto& term : {PositionTerm(pose), GravityTerm(pose)}) {
+    if (term) sum += term->Shortfall();
+  }
+  return 2 * kMatchUnit * sum;
+}
+
+double PreparedPriors::WorstCost() const {
+  const auto shortfall = [](double log_peak) {
+    return LogSum(std::log(kWrong), std::log(1 - kWrong) + log_peak) - std::log(kWrong);
+  };
+  return 2 * kMatchUnit *
+         ((position_ ? shortfall(position_log_peak_) : 0) +
+          (gravity_ ? shortfall(gravity_log_peak_) : 0));
+}
+
+void PreparedPriors::AddTo(const SolverPose& pose, double weight,
+                           NormalEquations& equations) const {
+  for (const auto& term : {PositionTerm(pose), GravityTerm(pose)}) {
+    if (!term) continue;
+    const double right = weight * term->Probability();
+    equations.hessian += right * term->jacobian.transpose() * term->jacobian;
+    equations.gradient += right * term->jacobian.transpose() * term->residual;
+    equations.cost += weight * 2 * term->Shortfall();
+  }
+}
+
+}  // namespace raylift

@@ -1,0 +1,79 @@
+// What is known of the pose beforehand, as one more residual of each kind of knowledge.
+//
+// A prior may be wrong, as a match may: with a chance of one in twenty it says nothing, and the
+// position is anywhere about the references, the direction of gravity any. The probability of a pose
+// is a mixture of both, so that a prior's cost is bounded: one that contradicts what the matches say
+// costs all poses there the same.
+
+#pragma once
+
+#include <optional>
+#include <span>
+
+#include "estimation/normal_equations.h"
+#include "estimation/solvers/p3p.h"
+#include <Eigen/Core>
+
+#include "raylift/scene/pose_priors.h"
+
+namespace raylift {
+
+// In the local frame of a PreparedProblem.
+class PreparedPriors {
+ public:
+  PreparedPriors() = default;
+  // `centres`: of the references, local. Throws InputError for a prior that is not finite.
+  PreparedPriors(const PosePriors& priors, const Eigen::Vector3d& origin_in_world, double scale,
+                 std::span<const Eigen::Vector3d> centres);
+
+  struct Position {
+    Eigen::Vector3d centre;
+    Eigen::Vector3d sigma;
+  };
+  struct Gravity {
+    Eigen::Vector3d down_in_cam;    // unit
+    Eigen::Vector3d down_in_local;  // unit
+    double sigma;                   // radians
+  };
+  const std::optional<Position>& position() const { return position_; }
+  const std::optional<Gravity>& gravity() const { return gravity_; }
+  bool empty() const { return !position_ && !gravity_; }
+
+  // The probabilities that the position's and gravity's priors are right, at a pose; 0 without one.
+  double ProbabilityOfPosition(const SolverPose& pose) const;
+  double ProbabilityOfGravity(const SolverPose& pose) const;
+
+  // The logarithm of how much likelier a pose is than without priors.
+  double LogEvidence(const SolverPose& pose) const;
+
+  // How much a pose's evidence falls short of the greatest, in the unit of a match's squared
+  // residual over its squared threshold; at most WorstCost().
+  double Cost(const SolverPose& pose) const;
+  double WorstCost() const;
+
+  // Adds what pulls at the pose by a step (w, v) in the camera's tangent frame, with a residual's
+  // square over its variance as its cost.
+  void AddTo(const SolverPose& pose, double weight, NormalEquations& equations) const;
+
+ private:
+  // One kind of knowledge: residuals over their standard deviations.
+  struct Term {
+    Eigen::Vector3d residual;
+    Eigen::Matrix<double, 3, 6> jacobian;
+    double log_peak;  // the logarithm of the density at its greatest, over that of knowing nothing
+
+    double LogRight() const;     // of the density, if the prior is right, over that of nothing
+    double LogEvidence() const;  // of the mixture's
+    double Probability() const;  // that the prior is right
+    double Shortfall() const;    // of the evidence from its greatest
+  };
+  std::optional<Term> PositionTerm(const SolverPose& pose) const;
+  std::optional<Term> GravityTerm(const SolverPose& pose) const;
+
+  std::optional<Position> position_;
+  std::optional<Gravity> gravity_;
+  double position_log_peak_ = 0;
+  double gravity_log_peak_ = 0;
+};
+
+}  // namespace raylift

@@ -1,0 +1,101 @@
+#include "estimation/prior_generators.h"
+
+#include <algorithm>
+#include <array>
+#include <numbers>
+
+#include "estimation/draw_distinct.h"
+#include "estimation/solvers/p2p.h"
+
+#include "raylift/base/median.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector3d;
+
+Vector3d DrawNormal(Rng& rng) {
+  const double x = rng.Normal();
+  const double y = rng.Normal();
+  return {x, y, rng.Normal()};
+}
+
+// By how much a ray may turn before its pixel leaves the threshold.
+double ToleratedTurn(const PreparedPoint& point) {
+  return std::numbers::sqrt2 / point.image_from_ray.topRows<2>().norm();
+}
+
+// The share of normal draws within the tolerance, about: along one axis.
+double ShareWithin(double tolerance, double sigma) { return std::min(1.0, tolerance / sigma); }
+
+double SquaredInlierRatio(const PreparedProblem& problem, const InlierCounts& inliers) {
+  const double ratio = inliers.points / static_cast<double>(problem.points.size());
+  return ratio * ratio;
+}
+
+}  // namespace
+
+KnownCentreGenerator::KnownCentreGenerator(const PreparedProblem& problem) : problem_(problem) {
+  if (!CanSample(problem)) return;
+  const auto& prior = *problem.priors.position();
+  std::vector<double> tolerated;
+  for (const PreparedPoint& point : problem.points) {
+    tolerated.push_back((point.point - prior.centre).norm() * ToleratedTurn(point));
+  }
+  const double tolerance = UpperMedianOr(std::move(tolerated), 0);
+  share_near_ = 1;
+  for (int axis = 0; axis < 3; ++axis) share_near_ *= ShareWithin(tolerance, prior.sigma[axis]);
+}
+
+bool KnownCentreGenerator::CanSample(const PreparedProblem& problem) {
+  return problem.priors.position() && problem.points.size() >= 2;
+}
+
+void KnownCentreGenerator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
+  poses.clear();
+  const auto& prior = *problem_.priors.position();
+  const auto sample = DrawDistinct<2>(rng, static_cast<int>(problem_.points.size()));
+  const PreparedPoint& a = problem_.points[sample[0]];
+  const PreparedPoint& b = problem_.points[sample[1]];
+  const Vector3d centre = prior.centre + prior.sigma.cwiseProduct(DrawNormal(rng));
+  if (const auto pose = SolvePoseAtCentre({a.ray, b.ray}, {a.point, b.point}, centre)) {
+    poses.push_back(*pose);
+  }
+}
+
+double KnownCentreGenerator::SuccessProbability(const InlierCounts& inliers) const {
+  return SquaredInlierRatio(problem_, inliers) * share_near_ *
+         problem_.priors.ProbabilityOfPosition(inliers.pose);
+}
+
+UprightGenerator::UprightGenerator(const PreparedProblem& problem) : problem_(problem) {
+  if (!CanSample(problem)) return;
+  std::vector<double> tolerated;
+  for (const PreparedPoint& point : problem.points) tolerated.push_back(ToleratedTurn(point));
+  const double share =
+      ShareWithin(UpperMedianOr(std::move(tolerated), 0), problem.priors.gravity()->sigma);
+  share_near_ = share * share;
+}
+
+bool UprightGenerator::CanSample(const PreparedProblem& problem) {
+  return problem.priors.gravity() && problem.points.size() >= 2;
+}
+
+void UprightGenerator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
+  const auto& prior = *problem_.priors.gravity();
+  const auto sample = DrawDistinct<2>(rng, static_cast<int>(problem_.points.size()));
+  const PreparedPoint& a = problem_.points[sample[0]];
+  const PreparedPoint& b = problem_.points[sample[1]];
+  const Vector3d down = (prior.down_in_cam + prior.sigma * DrawNormal(rng)).normalized();
+  std::array<SolverPose, 2> solutions;
+  const int count =
+      SolveUprightPose({a.ray, b.ray}, {a.point, b.point}, down, prior.down_in_local, solutions);
+  poses.assign(solutions.begin(), solutions.begin() + count);
+}
+
+double UprightGenerator::SuccessProbability(const InlierCounts& inliers) const {
+  return SquaredInlierRatio(problem_, inliers) * share_near_ *
+         problem_.priors.ProbabilityOfGravity(inliers.pose);
+}
+
+}  // namespace raylift

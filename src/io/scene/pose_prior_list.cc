@@ -1,0 +1,95 @@
+#include "raylift/io/pose_prior_list.h"
+
+#include <optional>
+
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/text.h"
+#include "raylift/io/line_tokens.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector3d;
+
+Vector3d ReadDirection(LineTokens& tokens, std::string_view field) {
+  const Vector3d direction = tokens.Vector<3>(field);
+  if (direction.isZero(0)) tokens.Fail(fmt::format("{}: expected a direction, found zeros", field));
+  return direction;
+}
+
+double ReadSigma(LineTokens& tokens, std::string_view field) {
+  const double sigma = tokens.Double(field);
+  if (sigma < 0) tokens.Fail(fmt::format("{}: expected at least 0, found {}", field, sigma));
+  return sigma;
+}
+
+PositionPrior ReadPosition(LineTokens& tokens) {
+  PositionPrior prior;
+  prior.position = tokens.Vector<3>("position");
+  prior.sigma.setConstant(ReadSigma(tokens, "sigma"));
+  if (!tokens.AtEnd()) {
+    prior.sigma.y() = ReadSigma(tokens, "sigma_y");
+    prior.sigma.z() = ReadSigma(tokens, "sigma_z");
+  }
+  return prior;
+}
+
+void RequireNew(bool is_new, const LineTokens& tokens, std::string_view name,
+                std::string_view kind) {
+  if (!is_new) tokens.Fail(fmt::format("{} of \"{}\" stands twice", kind, name));
+}
+
+}  // namespace
+
+std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& file) {
+  std::map<std::string, PosePriors> priors;
+  std::optional<Vector3d> world_down;
+  LineReader lines(file);
+  while (const auto line = lines.NextContent()) {
+    LineTokens tokens(lines, *line);
+    const std::string name(tokens.Token("name"));
+    const std::string kind(tokens.Token("kind"));
+    if (name == "*" && kind == "world_down") {
+      RequireNew(!world_down, tokens, name, kind);
+      world_down = ReadDirection(tokens, kind);
+    } else if (kind == "position") {
+      RequireNew(!priors[name].position, tokens, name, kind);
+      priors[name].position = ReadPosition(tokens);
+    } else if (kind == "gravity") {
+      RequireNew(!priors[name].gravity, tokens, name, kind);
+      const Vector3d down = ReadDirection(tokens, kind);
+      priors[name].gravity = {.down_in_cam = down,
+                              .down_in_world = -Vector3d::UnitZ(),
+                              .sigma_deg = ReadSigma(tokens, "sigma_deg")};
+    } else {
+      tokens.Fail(
+          fmt::format("expected \"position\" or \"gravity\", or \"* world_down\", found \"{} {}\"",
+                      name, kind));
+    }
+    tokens.ExpectEnd();
+  }
+  if (world_down) {
+    for (auto& [name, prior] : priors) {
+      if (prior.gravity) prior.gravity->down_in_world = *world_down;
+    }
+  }
+  return priors;
+}
+
+void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries) {
+  const std::map<std::string, PosePriors> priors = ReadPosePriors(file);
+  bool any = false;
+  for (Query& query : queries) {
+    const auto known = priors.find(query.name);
+    if (known == priors.end()) continue;
+    query.priors = known->second;
+    any = true;
+  }
+  if (!any) {
+    throw InputError(file, fmt::format("knows none of the {} queries by name", queries.size()));
+  }
+}
+
+}  // namespace raylift

@@ -1,0 +1,172 @@
+// What is known of a pose beforehand: its cost, and what it does to estimates.
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "estimation/pose_minimizer.h"
+#include "estimation/prepared_priors.h"
+#include "estimation/standard_options.h"
+#include "support/coherent_problem.h"
+#include "support/matchers.h"
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector3d;
+
+#ifdef __SANITIZE_ADDRESS__
+constexpr int kProblems = 4;
+#else
+constexpr int kProblems = 25;
+#endif
+
+Vector3d RandomDirection(Rng& rng) {
+  const double x = rng.Normal();
+  const double y = rng.Normal();
+  return Vector3d(x, y, rng.Normal()).normalized();
+}
+
+PosePriors RightPriors(const Rigid3& truth, double sigma, double sigma_deg) {
+  const Vector3d down(0.1, -0.2, -2);
+  return {.position = PositionPrior{truth.OriginInSource(), Vector3d::Constant(sigma)},
+          .gravity = GravityPrior{truth.rotation * down, down, sigma_deg}};
+}
+
+TEST(PosePriors, GradientIsHalfOfTheCostsSlope) {
+  Rng rng = TestRng();
+  for (int i = 0; i < 50; ++i) {
+    const Rigid3 truth = RandomRigid3(rng, 2);
+    const PosePriors known = RightPriors(truth, 0.3, 5);
+    const PreparedPriors priors(known, Vector3d(0.1, 0.2, 0.3), 1.5, {});
+    SolverPose pose{truth.rotation.toRotationMatrix(),
+                    (truth.translation + truth.rotation * Vector3d(0.1, 0.2, 0.3)) / 1.5};
+    Vector6d off;
+    for (double& x : off) x = 0.1 * rng.Normal();
+    pose = Moved(pose, off);
+    const auto at = [&](const SolverPose& where) {
+      NormalEquations equations;
+      priors.AddTo(where, 0.7, equations);
+      return equations;
+    };
+    const NormalEquations equations = at(pose);
+    for (int k = 0; k < 6; ++k) {
+      const Vector6d step = 1e-6 * Vector6d::Unit(k);
+      const double slope = (at(Moved(pose, step)).cost - at(Moved(pose, -step)).cost) / 2e-6;
+      EXPECT_NEAR(equations.gradient[k], 0.5 * slope, 1e-5 * (1 + std::abs(slope)));
+    }
+    EXPECT_NEAR(equations.cost, 0.7 * 2.5 * 2.5 * priors.Cost(pose), 1e-9);
+    EXPECT_LT(priors.Cost(pose), priors.WorstCost());
+  }
+}
+
+TEST(PosePriors, ACostIsBoundedAndNoneIsNone) {
+  const PreparedPriors none;
+  const SolverPose pose{Eigen::Matrix3d::Identity(), Vector3d(1e6, 0, 0)};
+  EXPECT_TRUE(none.empty());
+  EXPECT_EQ(none.Cost(pose), 0);
+  EXPECT_EQ(none.WorstCost(), 0);
+  const PreparedPriors priors(RightPriors(Rigid3(), 1, 2), Vector3d::Zero(), 1, {});
+  EXPECT_LE(priors.Cost(pose), priors.WorstCost());
+  EXPECT_LT(priors.WorstCost(), 20);  // matches
+  EXPECT_NEAR(priors.ProbabilityOfPosition(pose), 0, 1e-12);
+  EXPECT_GT(priors.ProbabilityOfGravity(pose), 0.95);
+}
+
+TEST(PosePriors, WhatIsNotFiniteIsNamed) {
+  const auto prepare = [](const PosePriors& priors) {
+    return [priors] { PreparedPriors(priors, Vector3d::Zero(), 1, {}); };
+  };
+  const Vector3d nan = Vector3d::Constant(std::nan(""));
+  EXPECT_TRUE(FailsWithInputError(prepare({.position = PositionPrior{nan, Vector3d::Ones()}}),
+                                  {"position prior"}));
+  EXPECT_TRUE(
+      FailsWithInputError(prepare({.position = PositionPrior{Vector3d::Zero(), -Vector3d::Ones()}}),
+                          {"position prior"}));
+  EXPECT_TRUE(FailsWithInputError(
+      prepare({.gravity = GravityPrior{Vector3d::Zero(), Vector3d::UnitZ(), 1}}),
+      {"gravity prior, down_in_cam"}));
+  EXPECT_TRUE(FailsWithInputError(prepare({.gravity = GravityPrior{Vector3d::UnitZ(), nan, 1}}),
+                                  {"gravity prior, down_in_world"}));
+}
+
+double PositionError(const PoseEstimate& estimate, const Rigid3& truth) {
+  if (!estimate.cam_from_world) return 1e3;
+  return (estimate.cam_from_world->OriginInSource() - truth.OriginInSource()).norm();
+}
+
+// Few right matches among many wrong ones.
+CoherentOptions FewMatches() {
+  return {.num_keypoints = 10, .num_references = 2, .wrong = 0.7, .sigma_px = 1};
+}
+
+struct Counts {
+  int without = 0;  // poses within half a metre, 20 m from the facade
+  int with = 0;
+};
+
+template <typename MakePriors>
+Counts CountRight(Method method, Rng& rng, const MakePriors& make_priors) {
+  Counts counts;
+  for (int i = 0; i < kProblems; ++i) {
+    CoherentProblem made = MakeCoherentProblem("few", FewMatches(), rng);
+    const auto right = [&] {
+      const PoseEstimate estimate = EstimateWith(method, made.problem);
+      EXPECT_TRUE(IsSound(estimate, made.problem));
+      return PositionError(estimate, made.query_from_world) < 0.5 ? 1 : 0;
+    };
+    counts.without += right();
+    made.problem.priors = make_priors(made.query_from_world);
+    counts.with += right();
+  }
+  return counts;
+}
+
+TEST(PosePriors, HelpWhereMatchesAreFew) {
+  Rng rng = TestRng();
+  for (const Method method : {Method::kP3p, Method::kAdaptive}) {
+    const Counts position = CountRight(method, rng, [](const Rigid3& truth) {
+      return PosePriors{.position = RightPriors(truth, 0.2, 1).position};
+    });
+    EXPECT_GE(position.with, position.without) << ToString(method);
+    const Counts gravity = CountRight(method, rng, [](const Rigid3& truth) {
+      return PosePriors{.gravity = RightPriors(truth, 1, 0.5).gravity};
+    });
+    EXPECT_GE(gravity.with, gravity.without) << ToString(method);
+    const int with = position.with + gravity.with;
+    EXPECT_GT(with, 1.2 * (position.without + gravity.without)) << ToString(method);
+  }
+}
+
+TEST(PosePriors, AWrongOneTakesNothingFromManyMatches) {
+  Rng rng = TestRng();
+  double log_ratio = 0;
+  for (int i = 0; i < kProblems; ++i) {
+    CoherentProblem made = MakeCoherentProblem("many", {.num_keypoints = 150}, rng);
+    const PoseEstimate without = EstimateWith(Method::kAdaptive, made.problem);
+    made.problem.priors = RightPriors(made.query_from_world, 1, 1);
+    made.problem.priors.position->position += 50 * RandomDirection(rng);
+    made.problem.priors.gravity->down_in_cam = RandomDirection(rng);
+    const PoseEstimate with = EstimateWith(Method::kAdaptive, made.problem);
+    ASSERT_TRUE(without.cam_from_world && with.cam_from_world);
+    log_ratio += std::log(PositionError(with, made.query_from_world) /
+                          PositionError(without, made.query_from_world)) /
+                 kProblems;
+  }
+  EXPECT_LT(std::abs(log_ratio), 0.01);
+}
+
+TEST(PosePriors, AnExactPositionIsKept) {
+  Rng rng = TestRng();
+  CoherentProblem made = MakeCoherentProblem("exact", {.num_keypoints = 60}, rng);
+  made.problem.priors.position = PositionPrior{made.query_from_world.OriginInSource()};
+  for (const Method method : {Method::kP3p, Method::kAdaptive}) {
+    EXPECT_LT(PositionError(EstimateWith(method, made.problem), made.query_from_world), 1e-3)
+        << ToString(method);
+  }
+}
+
+}  // namespace
+}  // namespace raylift

@@ -1,0 +1,64 @@
+#include "raylift/io/pose_prior_list.h"
+
+#include <vector>
+
+#include "support/matchers.h"
+#include "support/test_data.h"
+
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+std::filesystem::path FileOf(const std::string& text) {
+  const std::filesystem::path file = TestFolder() / "priors.txt";
+  WriteFile(file, text);
+  return file;
+}
+
+TEST(PosePriorList, IsReadInAnyOrder) {
+  const auto priors = ReadPosePriors(
+      FileOf("# GNSS\nb position 1 2 3 4 5 6\n\na gravity 0 2 0 1.5\na position 4 5 6 0\n"
+             "* world_down 0 1 0\n"));
+  ASSERT_EQ(priors.size(), 2u);
+  EXPECT_EQ(priors.at("b").position->position, Eigen::Vector3d(1, 2, 3));
+  EXPECT_EQ(priors.at("b").position->sigma, Eigen::Vector3d(4, 5, 6));
+  EXPECT_FALSE(priors.at("b").gravity);
+  EXPECT_EQ(priors.at("a").position->sigma, Eigen::Vector3d(0, 0, 0));
+  EXPECT_EQ(priors.at("a").gravity->down_in_cam, Eigen::Vector3d(0, 2, 0));
+  EXPECT_EQ(priors.at("a").gravity->down_in_world, Eigen::Vector3d(0, 1, 0));
+  EXPECT_EQ(priors.at("a").gravity->sigma_deg, 1.5);
+  EXPECT_EQ(ReadPosePriors(FileOf("a gravity 0 1 0 1")).at("a").gravity->down_in_world,
+            Eigen::Vector3d(0, 0, -1));
+}
+
+TEST(PosePriorList, MistakesAreNamedByLineAndField) {
+  const auto fails = [](const std::string& text, const std::vector<std::string>& parts) {
+    const auto file = FileOf(text);
+    return FailsWithInputError([&] { ReadPosePriors(file); }, parts);
+  };
+  EXPECT_TRUE(fails("a position 1 2 3", {"priors.txt", "line 1", "sigma"}));
+  EXPECT_TRUE(fails("a position 1 2 3 -1", {"line 1", "sigma: expected at least 0, found -1"}));
+  EXPECT_TRUE(fails("a position 1 2 3 1 1", {"line 1", "sigma_z"}));
+  EXPECT_TRUE(fails("a position 1 2 3 1 1 1 1", {"line 1"}));
+  EXPECT_TRUE(fails("a position 1 x 3 1", {"line 1", "position", "x"}));
+  EXPECT_TRUE(fails("a gravity 0 0 0 1", {"line 1", "expected a direction"}));
+  EXPECT_TRUE(fails("a gps 0 0 0 1", {"line 1", "found \"a gps\""}));
+  EXPECT_TRUE(fails("a position 1 2 3 1\na position 1 2 3 1",
+                    {"line 2", "position of \"a\" stands twice"}));
+  EXPECT_TRUE(fails("* world_down 0 0 1\n* world_down 0 0 1", {"line 2", "stands twice"}));
+}
+
+TEST(PosePriorList, QueriesTakeWhatIsKnownOfThem) {
+  const Camera camera(CameraModel::kPinhole, 4, 3, std::vector<double>{5, 5, 2, 1.5});
+  std::vector<Query> queries{{"a", camera}, {"b", camera}};
+  TakePosePriors(FileOf("b position 1 2 3 4\nc position 1 2 3 4"), queries);
+  EXPECT_TRUE(queries[0].priors.empty());
+  EXPECT_TRUE(queries[1].priors.position);
+  const auto file = FileOf("c position 1 2 3 4");
+  EXPECT_TRUE(
+      FailsWithInputError([&] { TakePosePriors(file, queries); }, {"knows none of the 2 queries"}));
+}
+
+}  // namespace
+}  // namespace raylift
