@@ -197,8 +197,11 @@ void AddOutputOptions(CLI::App& command, RenderFlags& flags) {
       ->group("Running");
   command
       .add_option("--shard", flags.shard,
-                  "i/n: only the i-th of n parts, by a hash of the names (i from 0 or from 1:\n"
-                  "n/n is 0/n); auto: from SLURM's or Open MPI's environment")
+                  "i/n: only the i-th of n equal parts (i from 0 or from 1: n/n is 0/n);\n"
+                  "auto: what the environment tells of job arrays (Slurm, SGE, AWS Batch), of\n"
+                  "tasks of srun, MPI or RANK and WORLD_SIZE, or of both at once; auto/N where\n"
+                  "it does not tell of how many an array's index is one, from 0 (PBS,\n"
+                  "Kubernetes, uneven arrays, one job submitted again)")
       ->capture_default_str()
       ->group("Running");
 }

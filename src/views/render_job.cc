@@ -87,7 +87,8 @@ class Job {
         threads_(ResolveThreads(options.threads)),
         tables_(static_cast<size_t>(threads_) + 1),
         header_(JobHeader(scene->mesh(), options)) {
-    // Views of one camera follow each other, so that few tables of rays are needed at a time.
+    // Views of one camera follow each other, so that few tables of rays are needed at a time; and
+    // all shards deal the same list.
     std::sort(tasks_.begin(), tasks_.end(), [](const RenderTask& a, const RenderTask& b) {
       return std::pair(a.view.camera.ToString(), a.view.name) <
              std::pair(b.view.camera.ToString(), b.view.name);
@@ -114,14 +115,12 @@ class Job {
   }
 
  private:
-  bool IsMine(const RenderTask& task) const { return options_.shard.Contains(task.view.name); }
-
   void RemoveLeftoversOfShard() const {
     std::vector<std::string> files = {"summary.json", "preview.png",
                                       ManifestPath({}, options_.shard).string()};
-    for (const RenderTask& task : tasks_) {
-      if (!IsMine(task)) continue;
-      for (std::string& file : TaskFiles(task, options_.products)) {
+    for (size_t i = 0; i < tasks_.size(); ++i) {
+      if (!options_.shard.Contains(i)) continue;
+      for (std::string& file : TaskFiles(tasks_[i], options_.products)) {
         files.push_back(std::move(file));
       }
     }
@@ -163,7 +162,7 @@ class Job {
     std::vector<size_t> to_do;
     size_t rays = 0;
     for (size_t i = 0; i < tasks_.size(); ++i) {
-      if (!IsMine(tasks_[i])) continue;
+      if (!options_.shard.Contains(i)) continue;
       const auto entry = complete.find(tasks_[i].view.name);
       if (entry != complete.end()) {
         done_.insert(*entry);

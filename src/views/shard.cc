@@ -1,89 +1,300 @@
 #include "raylift/views/shard.h"
 
-#include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <limits>
+#include <string_view>
+#include <vector>
 
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/rng.h"
 #include "raylift/base/text.h"
 
 namespace raylift {
 namespace {
 
 constexpr std::string_view kExpected =
-    "expected i/n with 0 <= i <= n (i from 0 or from 1), or auto";
+    "expected i/n with 0 <= i <= n (i from 0 or from 1), auto, or auto/N";
 
-Shard MakeShard(int64_t index, int64_t count) {
-  return {static_cast<int>(index % count), static_cast<int>(count)};
-}
+// How a launcher tells a process which of how many it is.
+struct Launcher {
+  enum class Kind {
+    kArray,  // jobs that are submitted together; each may be several tasks
+    kTasks,  // processes of one parallel run
+    kStep,   // the same, but perhaps only what mpirun has started its own helpers by
+    kLoose,  // the same by names that scripts use for anything: counts only where both are there
+  };
+  std::string_view name;
+  Kind kind;
+  std::string_view index;
+  std::string_view count = {};  // empty: is not told
+  // Of arrays whose indices are first, first + step, ..., last; `count` checks them.
+  std::string_view first = {}, last = {}, step = {};
+};
 
-// A count or an index that a scheduler has set.
-int64_t Number(const Environment& environment, const std::string& name) {
-  const auto text = environment(name);
-  if (!text) {
-    throw OptionError("shard", "auto", fmt::format("{} is not in the environment", name));
-  }
-  const auto number = ParseInt(*text);
-  if (!number || *number < 0 || *number > std::numeric_limits<int>::max()) {
-    throw OptionError("shard", "auto",
-                      fmt::format("expected {} to be a count, found \"{}\"", name, *text));
-  }
-  return *number;
-}
+using enum Launcher::Kind;
+constexpr auto kLaunchers = std::to_array<Launcher>({
+    {"Slurm array", kArray, "SLURM_ARRAY_TASK_ID", "SLURM_ARRAY_TASK_COUNT", "SLURM_ARRAY_TASK_MIN",
+     "SLURM_ARRAY_TASK_MAX", "SLURM_ARRAY_TASK_STEP"},
+    {"SGE array",
+     kArray,
+     "SGE_TASK_ID",
+     {},
+     "SGE_TASK_FIRST",
+     "SGE_TASK_LAST",
+     "SGE_TASK_STEPSIZE"},
+    {"PBS array", kArray, "PBS_ARRAY_INDEX"},
+    {"Torque array", kArray, "PBS_ARRAYID"},
+    {"AWS Batch array", kArray, "AWS_BATCH_JOB_ARRAY_INDEX", "AWS_BATCH_JOB_ARRAY_SIZE"},
+    {"Kubernetes indexed job", kArray, "JOB_COMPLETION_INDEX"},
+    {"Open MPI", kTasks, "OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE"},
+    {"MPI (PMI)", kTasks, "PMI_RANK", "PMI_SIZE"},
+    {"MPI (PMIx)", kTasks, "PMIX_RANK"},
+    {"WORLD_SIZE", kLoose, "RANK", "WORLD_SIZE"},
+    {"srun", kStep, "SLURM_PROCID", "SLURM_STEP_NUM_TASKS"},
+});
 
-int64_t NumberOr(const Environment& environment, const std::string& name, int64_t otherwise) {
-  return environment(name) ? Number(environment, name) : otherwise;
-}
+// Which of how many, as one launcher tells it.
+struct Place {
+  std::string_view launcher;
+  Launcher::Kind kind;
+  std::string_view variable;  // of the index
+  int64_t index;
+  std::optional<int64_t> count;  // none: is not told
 
-Shard FromNumbers(const std::string& count_name, int64_t index, int64_t count) {
-  if (count < 1 || index < 0 || index > count) {
-    throw OptionError("shard", "auto",
-                      fmt::format("task {} of {} = {} makes no sense", index, count_name, count));
+  std::string Text() const {
+    return fmt::format("{}: {} of {}", launcher, index, count ? std::to_string(*count) : "?");
   }
-  return MakeShard(index, count);
-}
+};
 
-Shard AutoShard(const Environment& environment) {
-  if (environment("SLURM_ARRAY_TASK_ID")) {
-    const int64_t id = Number(environment, "SLURM_ARRAY_TASK_ID");
-    const int64_t first = NumberOr(environment, "SLURM_ARRAY_TASK_MIN", 0);
-    const int64_t step = NumberOr(environment, "SLURM_ARRAY_TASK_STEP", 1);
-    return FromNumbers("SLURM_ARRAY_TASK_COUNT", (id - first) / std::max<int64_t>(step, 1),
-                       Number(environment, "SLURM_ARRAY_TASK_COUNT"));
+class AutoShard {
+ public:
+  // `total`: N of "auto/N".
+  AutoShard(std::string text, std::optional<int64_t> total, const Environment& environment)
+      : text_(std::move(text)), total_(total), environment_(environment) {}
+
+  Shard Resolve() const {
+    const auto array = Array();
+    const auto task = Task(array.has_value());
+    if (!array && !task) FailWithoutLauncher();
+    const Place& place = array ? *array : *task;
+    int64_t index = place.index;
+    int64_t count = place.count.value_or(1);
+    if (array && task) {
+      index = index * *task->count + task->index;
+      count *= *task->count;
+    }
+    if (count > std::numeric_limits<int>::max()) Fail("these are too many shards");
+    return {static_cast<int>(index), static_cast<int>(count)};
   }
-  if (environment("OMPI_COMM_WORLD_RANK")) {
-    return FromNumbers("OMPI_COMM_WORLD_SIZE", Number(environment, "OMPI_COMM_WORLD_RANK"),
-                       Number(environment, "OMPI_COMM_WORLD_SIZE"));
+
+ private:
+  [[noreturn]] void Fail(const std::string& why) const { throw OptionError("shard", text_, why); }
+
+  std::optional<std::string> Text(std::string_view name) const {
+    return environment_(std::string(name));
   }
-  if (environment("SLURM_PROCID")) {
-    return FromNumbers("SLURM_NTASKS", Number(environment, "SLURM_PROCID"),
-                       Number(environment, "SLURM_NTASKS"));
+
+  std::optional<int64_t> Number(std::string_view name) const {
+    if (name.empty()) return std::nullopt;
+    const auto text = Text(name);
+    if (!text) return std::nullopt;
+    const auto number = ParseInt(*text);
+    if (!number || *number < 0 || *number > std::numeric_limits<int>::max()) {
+      Fail(fmt::format("expected {} to be a count, found \"{}\"", name, *text));
+    }
+    return number;
   }
-  throw OptionError("shard", "auto",
-                    "found none of SLURM_ARRAY_TASK_ID, OMPI_COMM_WORLD_RANK and SLURM_PROCID in "
-                    "the environment");
-}
+
+  bool IsThere(const Launcher& launcher) const {
+    const auto text = Text(launcher.index);
+    if (launcher.kind == kLoose && !Text(launcher.count)) return false;
+    return text && *text != "undefined";  // SGE says so outside of arrays
+  }
+
+  // The index counted from 0, and the count, of an array with a first, a last and a step.
+  Place RangePlace(const Launcher& launcher, int64_t id) const {
+    const auto first = Number(launcher.first);
+    const auto last = Number(launcher.last);
+    const auto step = Number(launcher.step);
+    const auto count = launcher.count.empty() ? std::optional<int64_t>() : Number(launcher.count);
+    const std::string remedy =
+        fmt::format("; say of how many it is one: auto/N where the indices count from 0, or ${}/N",
+                    launcher.index);
+    if (!first || !last || !step || (!launcher.count.empty() && !count)) {
+      Fail(fmt::format("{} = {}, but the environment does not tell of which indices{}",
+                       launcher.index, id, remedy));
+    }
+    const bool regular = *step > 0 && id >= *first && id <= *last && (id - *first) % *step == 0 &&
+                         (!count || *last - *first == *step * (*count - 1));
+    if (!regular) {
+      Fail(fmt::format(
+          "the indices of the {} are not evenly spaced: {} of {}{} to {} by {}, so that its place "
+          "among them is not known{}",
+          launcher.name, id, count ? fmt::format("{} from ", *count) : "", *first, *last, *step,
+          remedy));
+    }
+    if (*last == *first) {
+      Fail(fmt::format("the {} has one task, {}, as when a part is submitted again{}; 0/1 is all",
+                       launcher.name, id, remedy));
+    }
+    return {launcher.name, launcher.kind, launcher.index, (id - *first) / *step,
+            (*last - *first) / *step + 1};
+  }
+
+  Place PlaceOf(const Launcher& launcher) const {
+    const int64_t index = *Number(launcher.index);
+    const bool counted_by_user = launcher.kind == kArray && total_;
+    if (counted_by_user) return {launcher.name, launcher.kind, launcher.index, index, total_};
+    if (!launcher.first.empty()) return RangePlace(launcher, index);
+    return {launcher.name, launcher.kind, launcher.index, index, Number(launcher.count)};
+  }
+
+  std::vector<Place> Places(std::initializer_list<Launcher::Kind> kinds) const {
+    std::vector<Place> places;
+    for (const Launcher& launcher : kLaunchers) {
+      for (const Launcher::Kind kind : kinds) {
+        if (launcher.kind == kind && IsThere(launcher)) places.push_back(PlaceOf(launcher));
+      }
+    }
+    return places;
+  }
+
+  void RequireInRange(const Place& place) const {
+    if (place.index < *place.count) return;
+    Fail(
+        fmt::format("{} = {} is not below {}{}", place.variable, place.index, *place.count,
+                    place.kind == kArray
+                        ? fmt::format(": count the indices from 0, or give ${}/{}, which may count "
+                                      "from 1 as well",
+                                      place.variable, *place.count)
+                        : ""));
+  }
+
+  [[noreturn]] void FailByContradiction(const Place& a, const Place& b) const {
+    Fail(fmt::format("the environment says two things ({}; {}): give i/n", a.Text(), b.Text()));
+  }
+
+  // Which job of an array this is.
+  std::optional<Place> Array() const {
+    const std::vector<Place> places = Places({kArray});
+    if (places.empty()) return std::nullopt;
+    if (places.size() > 1) FailByContradiction(places[0], places[1]);
+    const Place& place = places.front();
+    if (!place.count) {
+      Fail(
+          fmt::format("{} = {}, but a {} does not tell of how many: give auto/N where the indices "
+                      "count from 0, or ${}/N",
+                      place.variable, place.index, place.launcher, place.variable));
+    }
+    RequireInRange(place);
+    return place;
+  }
+
+  // The place on which all of these agree.
+  Place Common(const std::vector<Place>& places) const {
+    Place common = places.front();
+    for (const Place& place : places) {
+      if (place.index != common.index ||
+          (place.count && common.count && *place.count != *common.count)) {
+        FailByContradiction(common, place);
+      }
+      if (place.count) common = place;
+    }
+    return common;
+  }
+
+  // Which process of a parallel run this is.
+  std::optional<Place> Task(bool in_array) const {
+    std::vector<Place> tasks = Places({kTasks, kLoose});
+    const std::vector<Place> steps = Places({kStep});
+    const bool has_step = !steps.empty() && steps.front().count;
+    if (tasks.empty() && !has_step) return WithoutStep(in_array);
+    const auto loose_only = tasks.size() == 1 && tasks.front().kind == kLoose && !has_step;
+    if (in_array && loose_only && *tasks.front().count > 1) {
+      Fail(
+          "RANK and WORLD_SIZE beside a job array may mean its jobs or tasks within one: give "
+          "i/n");
+    }
+    if (has_step) CheckStep(steps.front());
+    if (tasks.empty()) tasks = steps;
+    Place task = Common(tasks);
+    if (has_step) task = UnderStep(task, steps.front());
+    if (!task.count && !in_array) task.count = total_;
+    if (!task.count) {
+      Fail(fmt::format("{} = {}, but its launcher does not tell of how many: give {}",
+                       task.variable, task.index, in_array ? "i/n" : "auto/N"));
+    }
+    if (total_ && !in_array && *total_ != *task.count) {
+      Fail(fmt::format("{} has started {} tasks", task.launcher, *task.count));
+    }
+    RequireInRange(task);
+    return task;
+  }
+
+  // mpirun starts its helpers by srun, one on each machine, whose numbers the processes then see:
+  // the ranks count. But each of several tasks that has a run of its own would do the same.
+  Place UnderStep(const Place& task, const Place& step) const {
+    if (task.kind == kStep) return task;
+    if (!task.count || *task.count < *step.count) {
+      return Common({task, step});
+    }
+    return task;
+  }
+
+  // srun sets both; one of them may be left over from where the job was submitted.
+  void CheckStep(const Place& step) const {
+    const auto tasks = Number("SLURM_NTASKS");
+    if (tasks && *tasks != *step.count && Places({kTasks}).empty()) {
+      Fail(
+          fmt::format("SLURM_NTASKS = {} and SLURM_STEP_NUM_TASKS = {} disagree: start it by srun, "
+                      "or give i/n",
+                      *tasks, *step.count));
+    }
+  }
+
+  // A job of Slurm that runs one process, whatever it has asked for.
+  std::optional<Place> WithoutStep(bool in_array) const {
+    if (in_array) return std::nullopt;
+    const auto tasks = Number("SLURM_NTASKS");
+    const auto index = Number("SLURM_PROCID");
+    if (!tasks && !index) return std::nullopt;
+    if (tasks.value_or(1) == 1 && index.value_or(0) == 0) {
+      return Place{"Slurm", kStep, "SLURM_PROCID", 0, 1};
+    }
+    Fail(
+        fmt::format("the Slurm job has {} tasks, but this process is not started by srun and would "
+                    "be the only one: put srun before the command, or give i/n",
+                    tasks ? std::to_string(*tasks) : "several"));
+  }
+
+  [[noreturn]] void FailWithoutLauncher() const {
+    std::vector<std::string_view> names;
+    for (const Launcher& launcher : kLaunchers) names.push_back(launcher.index);
+    Fail(fmt::format("found none of {} in the environment: give i/n", fmt::join(names, ", ")));
+  }
+
+  std::string text_;
+  std::optional<int64_t> total_;
+  const Environment& environment_;
+};
 
 }  // namespace
 
-bool Shard::Contains(std::string_view name) const {
-  return StreamSeed(0, name, "shard") % static_cast<uint64_t>(count) ==
-         static_cast<uint64_t>(index);
-}
-
 Shard ParseShard(const std::string& text, const Environment& environment) {
-  if (text == "auto") return AutoShard(environment);
+  if (text == "auto") return AutoShard(text, std::nullopt, environment).Resolve();
   const auto parts = SplitBy(text, '/');
-  const auto index = ParseInt(parts.front());
   const auto count = ParseInt(parts.back());
-  if (parts.size() != 2 || !index || !count || *count < 1 || *index < 0 || *index > *count ||
-      *count > std::numeric_limits<int>::max()) {
-    throw OptionError("shard", text, kExpected);
+  if (parts.size() != 2 || !count || *count < 1 || *count > std::numeric_limits<int>::max()) {
+    throw OptionError("shard", text, std::string(kExpected));
   }
-  return MakeShard(*index, *count);
+  if (parts.front() == "auto") return AutoShard(text, count, environment).Resolve();
+  const auto index = ParseInt(parts.front());
+  if (!index || *index < 0 || *index > *count) {
+    throw OptionError("shard", text, std::string(kExpected));
+  }
+  return {static_cast<int>(*index % *count), static_cast<int>(*count)};
 }
 
 std::optional<std::string> EnvironmentVariable(const std::string& name) {

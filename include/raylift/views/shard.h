@@ -2,29 +2,32 @@
 
 #pragma once
 
+#include <cstddef>
 #include <functional>
 #include <optional>
 #include <string>
-#include <string_view>
 
 namespace raylift {
 
-// The images whose name's hash is `index` modulo `count`.
+// The images are dealt in turn: of a list that all parts have in the same order, the image at
+// `position` belongs to part `position` modulo `count`. Sizes differ by one at most.
 struct Shard {
   int index = 0;
   int count = 1;
 
-  bool Contains(std::string_view name) const;
+  bool Contains(size_t position) const {
+    return position % static_cast<size_t>(count) == static_cast<size_t>(index);
+  }
   bool IsAll() const { return count == 1; }
   bool operator==(const Shard&) const = default;
 };
 
-// "i/n". i counts from 1 to n or from 0 to n - 1, as the scheduler does: n / n is the same shard as
-// 0 / n, so that either way all n are different. "auto" takes i and n from the environment, the
-// first of these that is there:
-//   SLURM_ARRAY_TASK_ID, SLURM_ARRAY_TASK_COUNT (array jobs; _MIN and _STEP are honoured)
-//   OMPI_COMM_WORLD_RANK, OMPI_COMM_WORLD_SIZE
-//   SLURM_PROCID, SLURM_NTASKS (srun)
+// "i/n": i counts from 1 to n or from 0 to n - 1, as the scheduler does: n / n is the same shard as
+// 0 / n, so that either way all n are different.
+// "auto": i and n as what has started the process tells them in its environment (the table in
+// shard.cc): a job array, the tasks of srun or mpirun, or an array of such tasks. OptionError with
+// the way out wherever a shard could be lost or done twice.
+// "auto/N": the same where N is not told or not the whole: an array's index is i and counts from 0.
 // OptionError for anything else.
 using Environment = std::function<std::optional<std::string>(const std::string&)>;
 Shard ParseShard(const std::string& text, const Environment& environment);
