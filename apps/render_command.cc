@@ -90,6 +90,12 @@ class RenderRun {
       PrintWarning(fmt::format("{} values are stored as \"none\", as their format cannot hold them",
                                summary.dropped));
     }
+    if (!summary.foreign_files.empty()) {
+      PrintWarning(fmt::format("{} files of a former run stay in {} and are not of this one: {}{}",
+                               summary.foreign_files.size(), options_.out.string(),
+                               summary.foreign_files.front(),
+                               summary.foreign_files.size() > 1 ? ", ..." : ""));
+    }
     if (summary.left > 0) {
       throw Interrupted(
           fmt::format("stopped by a signal with {} images left; --resume goes on", summary.left));

@@ -196,6 +196,10 @@ void AddOutputOptions(CLI::App& command, RenderFlags& flags) {
                 "Keep what the manifest says to be complete and not stale")
       ->group("Running");
   command
+      .add_flag("--overwrite", flags.job.overwrite,
+                "Render all again in a folder where a former run was; else it is refused")
+      ->group("Running");
+  command
       .add_option("--shard", flags.shard,
                   "i/n: only the i-th of n equal parts (i from 0 or from 1: n/n is 0/n);\n"
                   "auto: what the environment tells of job arrays (Slurm, SGE, AWS Batch), of\n"
@@ -220,6 +224,9 @@ void CheckRenderFlags(const RenderFlags& flags) {
   flags.run.Check();
   if (flags.model.empty() == flags.cameras.empty()) {
     throw OptionError("give either --model or --cameras");
+  }
+  if (flags.job.resume && flags.job.overwrite) {
+    throw OptionError("give at most one of --resume and --overwrite");
   }
   CheckSelection(flags.selection);
   CheckStorage(flags.job.storage);

@@ -137,6 +137,12 @@ std::vector<path> ListManifests(const path& out) {
   return manifests;
 }
 
+bool IsManifestOfOtherShard(const path& manifest, const Shard& shard) {
+  const std::string name = manifest.filename().string();
+  return !shard.IsAll() && name.ends_with(fmt::format("-of-{}.jsonl", shard.count)) &&
+         name != ManifestPath({}, shard).string();
+}
+
 void RemoveLeftovers(const path& out, std::span<const std::string> files) {
   std::set<path> folders;
   std::unordered_set<std::string> ours;

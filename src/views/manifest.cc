@@ -75,6 +75,13 @@ ManifestEntries ReadManifest(const path& file) {
   return entries;
 }
 
+std::string ReadManifestHeader(const path& file) {
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(file, ignored)) return {};
+  LineReader lines(file);
+  return std::string(lines.NextContent().value_or(""));
+}
+
 void WriteManifest(const path& file, const std::string& header, const ManifestEntries& entries) {
   std::string text = header + '\n';
   for (const auto& [name, entry] : entries) {

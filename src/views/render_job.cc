@@ -5,6 +5,7 @@
 #include <chrono>
 #include <limits>
 #include <mutex>
+#include <set>
 
 #include "folder_lock.h"
 #include "job_files.h"
@@ -102,7 +103,9 @@ class Job {
     RequireWritable(manifest);
     const FolderLock lock(options_.out, options_.shard.IsAll() ? FolderLock::Mode::kExclusive
                                                                : FolderLock::Mode::kShared);
+    RefuseFormerRun();
     RemoveLeftoversOfShard();
+    std::vector<std::string> foreign_files = ListForeignFiles();
     const std::vector<size_t> to_do = ListWork();
     WriteManifest(manifest, header_, done_);
     const bool all_done = RenderAll(to_do, manifest);
@@ -110,11 +113,47 @@ class Job {
     RenderSummary summary = Summarize();
     summary.left = to_do.size() - rendered_;
     summary.complete = all_done && Finish();
+    summary.foreign_files = std::move(foreign_files);
     summary.seconds = SecondsSince(start);
     return summary;
   }
 
  private:
+  // What took hours is not lost by an option that was forgotten. Other shards of this job, which
+  // may be at work, are no former run.
+  void RefuseFormerRun() const {
+    if (options_.resume || options_.overwrite) return;
+    for (const path& manifest : ListManifests(options_.out)) {
+      const size_t images = ReadManifest(manifest).size();
+      const bool beside = IsManifestOfOtherShard(manifest, options_.shard) &&
+                          ReadManifestHeader(manifest) == header_;
+      if (images == 0 || beside) continue;
+      throw OptionError("overwrite", "false",
+                        fmt::format("{} holds {} images of a former run; resume = true keeps those "
+                                    "that are complete",
+                                    manifest.string(), images));
+    }
+  }
+
+  // Files that a former run lists and this one does not write.
+  std::vector<std::string> ListForeignFiles() const {
+    std::set<std::string> foreign;
+    for (const path& manifest : ListManifests(options_.out)) {
+      for (const auto& [name, entry] : ReadManifest(manifest)) {
+        for (const ManifestEntry::File& file : entry.files) foreign.insert(file.path);
+      }
+    }
+    if (foreign.empty()) return {};
+    for (const RenderTask& task : tasks_) {
+      for (const std::string& file : TaskFiles(task, options_.products)) foreign.erase(file);
+    }
+    std::erase_if(foreign, [this](const std::string& file) {
+      std::error_code ignored;
+      return !std::filesystem::exists(options_.out / file, ignored);
+    });
+    return {foreign.begin(), foreign.end()};
+  }
+
   void RemoveLeftoversOfShard() const {
     std::vector<std::string> files = {"summary.json", "preview.png",
                                       ManifestPath({}, options_.shard).string()};

@@ -160,6 +160,19 @@ TEST_F(Render, WrongOptionsAreNamed) {
   EXPECT_FALSE(fs::exists(out_));
 }
 
+TEST_F(Render, AFinishedFolderIsNotWipedByForgettingToResume) {
+  ASSERT_TRUE(Succeeds(RunRaylift(Command(out_))));
+  const auto before = Contents(out_);
+  EXPECT_TRUE(FailsWith(2, {"--overwrite", "--resume", out_.string(), "former run"},
+                        RunRaylift(Command(out_))));
+  EXPECT_EQ(Contents(out_), before);
+  EXPECT_TRUE(FailsWith(2, {"--overwrite", "--resume"},
+                        RunRaylift(Command(out_) + Arguments{"--resume", "--overwrite"})));
+  const CommandResult fewer = RunRaylift(Command(out_) + Arguments{"--overwrite", "--every", "2"});
+  EXPECT_EQ(fewer.exit_code, 0);
+  EXPECT_NE(fewer.err.find("files of a former run stay"), std::string::npos) << fewer.err;
+}
+
 TEST_F(Render, PointCloudsAreRefused) {
   const fs::path cloud = scene_.folder / "cloud.ply";
   WriteFile(cloud,

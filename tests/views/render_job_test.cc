@@ -159,9 +159,52 @@ TEST_F(RenderJob, ResumeRedoesWhatIsMissingOrStaleOnly) {
   EXPECT_EQ(RunRenderJob(other_mesh, tasks, options, {}).rendered, kNumImages);
 }
 
-TEST_F(RenderJob, WithoutResumeAllIsRenderedAgain) {
-  Run(Options(out_));
-  EXPECT_EQ(Run(Options(out_)).rendered, kNumImages);
+TEST_F(RenderJob, AFormerRunIsReplacedOnlyWhereThatIsAskedFor) {
+  const auto expected = Reference();
+  RenderJobOptions options = Options(folder_ / "reference");
+  EXPECT_THROW(Run(options), OptionError);
+  EXPECT_EQ(Contents(options.out), expected);
+  options.shard = {1, 3};
+  EXPECT_THROW(Run(options), OptionError);
+  EXPECT_EQ(Contents(options.out), expected);
+  options.shard = {};
+  options.overwrite = true;
+  EXPECT_EQ(Run(options).rendered, kNumImages);
+  EXPECT_EQ(Contents(options.out), expected);
+}
+
+TEST_F(RenderJob, OtherShardsAreNoFormerRunButThoseOfAnotherJobAre) {
+  RenderJobOptions options = Options(out_);
+  options.shard = {0, 3};
+  Run(options);
+  EXPECT_THROW(Run(options), OptionError);  // the same once more
+  options.shard = {1, 3};
+  Run(options);
+  options.shard = {1, 2};  // divided otherwise
+  EXPECT_THROW(Run(options), OptionError);
+  options.shard = {2, 3};
+  options.products[0].format = "npy";
+  EXPECT_THROW(Run(options), OptionError);
+}
+
+TEST_F(RenderJob, ShardsAreOfEqualSize) {
+  RenderJobOptions options = Options(out_);
+  for (int i = 0; i < 4; ++i) {
+    options.shard = {i, 4};
+    EXPECT_EQ(Run(options).rendered, i < 2 ? 5u : 4u) << i;
+  }
+}
+
+TEST_F(RenderJob, FilesOfAFormerRunThatStayAreNamed) {
+  RenderJobOptions options = Options(out_);
+  EXPECT_TRUE(Run(options).foreign_files.empty());
+  options.overwrite = true;
+  std::vector<RenderTask> tasks = Tasks();
+  tasks.erase(tasks.begin());
+  const std::vector<std::string> gone = {"color/camera0/00.png", "depth/camera0/00.exr",
+                                         "normals/camera0/00.npy"};
+  EXPECT_EQ(RunRenderJob(scene_, tasks, options, {}).foreign_files, gone);
+  EXPECT_TRUE(Run(options).foreign_files.empty());
 }
 
 TEST_F(RenderJob, HalfFilesOfAKilledRunAreRemoved) {

@@ -39,6 +39,9 @@ using ManifestEntries = std::map<std::string, ManifestEntry>;  // by name
 // count as not there; so does a missing file.
 ManifestEntries ReadManifest(const std::filesystem::path& path);
 
+// The first line, which WriteManifest calls the header; empty where there is none.
+std::string ReadManifestHeader(const std::filesystem::path& path);
+
 // The whole file at once: `header`, one line of JSON on the job, then the entries by name.
 // InputError naming the file where it cannot be written.
 void WriteManifest(const std::filesystem::path& path, const std::string& header,

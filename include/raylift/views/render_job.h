@@ -34,6 +34,8 @@ struct RenderJobOptions {
   StorageOptions storage = {};
   int threads = 0;
   bool resume = false;  // keep the files of a former run that are complete and not stale
+  // Render all again where there was a former run. With neither of the two its folder is refused.
+  bool overwrite = false;
   Shard shard = {};
   bool preview = false;  // also make OUT/preview.png
 };
@@ -61,7 +63,9 @@ struct RenderSummary {
   size_t kept = 0;        // of a former run
   size_t left = 0;        // not begun, as the run was stopped
   bool complete = false;  // all images of all shards are there
-  double coverage = 0;    // share of the pixels that see the mesh
+  // Of a former run, which stay in the folder although this one has nothing to do with them.
+  std::vector<std::string> foreign_files = {};
+  double coverage = 0;  // share of the pixels that see the mesh
   std::optional<std::pair<float, float>> depth_range = std::nullopt;
   size_t dropped = 0;
   size_t bytes = 0;  // of all files
@@ -76,7 +80,8 @@ struct RenderSummary {
 //   summary.json, preview.png   when all images are complete
 // The bytes depend on neither threads, shards, interruptions nor the order of the tasks. Memory is
 // that of the scene and of a few frames per thread. InputError naming the file where one cannot be
-// written: what is complete stays, and `resume` does the rest.
+// written: what is complete stays, and `resume` does the rest. OptionError where a former run has
+// left images in the folder and neither `resume` nor `overwrite` says what is to become of them.
 RenderSummary RunRenderJob(const std::shared_ptr<const RayCaster>& scene,
                            std::vector<RenderTask> tasks, const RenderJobOptions& options,
                            const RenderHooks& hooks);
