@@ -64,7 +64,10 @@ Json ProductJson(const ProductOutput& output, const RenderJobOptions& options) {
   const DepthWriteOptions& floats = options.storage.floats;
   Json json = {{"format", output.format}};
   const bool is_float = output.product != Product::kColor && output.product != Product::kMask;
-  if (output.format == "exr") json["compression"] = ToString(floats.exr_compression);
+  if (output.format == "exr") {
+    json["channels"] = ExrChannels(output.product);
+    json["compression"] = ToString(floats.exr_compression);
+  }
   if (output.format == "npz") json["deflate"] = floats.deflate_npz;
   if (is_float && output.product != Product::kTriangle) {
     json["sample"] = floats.sample == FloatSample::kFloat16 ? "half" : "float";

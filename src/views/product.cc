@@ -45,22 +45,22 @@ WrittenFile WriteFloats(const path& file, const Frame& frame, const std::vector<
 DepthWriteOptions OptionsFor(const ProductOutput& output, const DepthWriteOptions& floats) {
   DepthWriteOptions options = floats;
   options.format = std::nullopt;
+  options.layer = {};
   const bool holds_half =
       output.format == "exr" || output.format == "npy" || output.format == "npz";
   if (!holds_half) options.sample = FloatSample::kFloat32;
   switch (output.product) {
     case Product::kDistance:
-      options.layer = output.format == "npz" ? "distance" : "Z";
+      if (output.format == "npz") options.layer = "distance";
       break;
     case Product::kIncidence:
-      options.layer = output.format == "npz" ? "incidence" : "Y";
+      if (output.format == "npz") options.layer = "incidence";
       break;
     case Product::kDepth:
     case Product::kNormals:
     case Product::kColor:
     case Product::kTriangle:
     case Product::kMask:
-      options.layer = {};
       break;
   }
   return options;
@@ -83,6 +83,22 @@ std::span<const std::string_view> FormatsOf(Product product) {
       return kOfAngles;
     case Product::kMask:
       return kOfMask;
+  }
+  RAYLIFT_CHECK(false);
+}
+
+std::string_view ExrChannels(Product product) {
+  switch (product) {
+    case Product::kNormals:
+      return "R,G,B";
+    case Product::kTriangle:
+      return "id";
+    case Product::kDepth:
+    case Product::kDistance:
+    case Product::kColor:
+    case Product::kIncidence:
+    case Product::kMask:
+      return "Y";
   }
   RAYLIFT_CHECK(false);
 }

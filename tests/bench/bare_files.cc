@@ -20,10 +20,10 @@ void WriteExr(const std::string& file, int width, int height, Imf::Compression c
               Imf::PixelType type, const void* samples, size_t bytes_per_sample) {
   Imf::Header header(width, height);
   header.compression() = compression;
-  header.channels().insert("Z", Imf::Channel(type));
+  header.channels().insert("Y", Imf::Channel(type));
   Imf::OutputFile output(file.c_str(), header, 0);
   Imf::FrameBuffer buffer;
-  buffer.insert("Z", Imf::Slice(type, static_cast<char*>(const_cast<void*>(samples)),
+  buffer.insert("Y", Imf::Slice(type, static_cast<char*>(const_cast<void*>(samples)),
                                 bytes_per_sample, bytes_per_sample * static_cast<size_t>(width)));
   output.setFrameBuffer(buffer);
   output.writePixels(height);

@@ -3,6 +3,8 @@
 #include "io/depth_test_files.h"
 #include "support/matchers.h"
 
+#include "raylift/io/map_file.h"
+
 namespace raylift {
 namespace {
 
@@ -238,9 +240,7 @@ TEST(DepthForOthers, OpenCvReadsPicturesAndExrOfEveryCompression) {
       WriteDepthFile(
           folder / (std::string(name) + (sample == FloatSample::kFloat16 ? "_half.exr" : ".exr")),
           MakeRamp(),
-          {.sample = sample,
-           .exr_compression = FromName<ExrCompression>(name).value(),
-           .layer = "Y"});
+          {.sample = sample, .exr_compression = FromName<ExrCompression>(name).value()});
     }
   }
   EXPECT_EQ(RunNumpy(folder, R"(
@@ -256,13 +256,36 @@ print('ok'))"),
             "ok\n");
 }
 
+TEST(DepthForOthers, OpenCvReadsNormalsAndDepthAsItIsTold) {
+  SKIP_WITHOUT_NUMPY();
+  const auto folder = TestFolder();
+  WriteDepthFile(folder / "a.exr", MakeRamp());
+  std::vector<float> normals;
+  for (const float z : MakeRamp().z) normals.insert(normals.end(), {z, 0.5f, -1.0f});
+  WriteNormalMap(folder / "n.exr", {7, 5}, normals);
+  EXPECT_EQ(RunNumpy(folder, R"(
+for flags in (cv2.IMREAD_UNCHANGED, cv2.IMREAD_ANYDEPTH, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE):
+  a = cv2.imread('a.exr', flags); assert a.dtype == 'f4' and (a == ramp).all(), (flags, a)
+n = cv2.imread('n.exr', cv2.IMREAD_UNCHANGED)[..., ::-1]
+assert (n[..., 0] == ramp).all() and (n[..., 1] == 0.5).all() and (n[..., 2] == -1).all(), n
+print('ok'))"),
+            "ok\n");
+}
+
+TEST(DepthFile, FilesWithAChannelZAreReadAsBefore) {
+  const auto path = TestFolder() / "a.exr";
+  WriteDepthFile(path, MakeRamp(), {.layer = "Z"});
+  EXPECT_TRUE(IsRamp(ReadDepthFile(path)));
+  EXPECT_TRUE(IsRamp(ReadDepthFile(path, {.layer = "Z"})));
+}
+
 TEST(DepthForOthers, OpenExrsToolsSeeTheChannelAndTheCompression) {
   if (!HasProgram("exrinfo")) GTEST_SKIP() << "OpenEXR's tools are not on this machine";
   const auto path = TestFolder() / "a.exr";
   WriteDepthFile(path, MakeRamp());
   const std::string info = RunProgram("exrinfo " + path.string());
   EXPECT_NE(info.find("'pxr24'"), std::string::npos) << info;
-  EXPECT_NE(info.find("'Z': float"), std::string::npos) << info;
+  EXPECT_NE(info.find("'Y': float"), std::string::npos) << info;
   EXPECT_NE(info.find("7 x 5"), std::string::npos) << info;
 }
 
@@ -280,8 +303,8 @@ TEST(DepthFromOpenExrsTools, PartsAndTilesRead) {
   RunProgram("exrmultipart -combine -i " + a + " " + b + " -o " + both);
   RunProgram("exrmaketiled -t 4 4 " + b + " " + tiled);
   EXPECT_TRUE(IsRamp(ReadDepthFile(both)));
-  EXPECT_EQ(ReadDepthFile(both).layer, "b.Z");
-  EXPECT_TRUE(IsRamp(ReadDepthFile(both, {.layer = "b.Z"})));
+  EXPECT_EQ(ReadDepthFile(both).layer, "b.Y");
+  EXPECT_TRUE(IsRamp(ReadDepthFile(both, {.layer = "b.Y"})));
   EXPECT_EQ(ReadDepthFile(both, {.layer = "A"}).values[0], 1);
   EXPECT_TRUE(IsRamp(ReadDepthFile(tiled)));
 }

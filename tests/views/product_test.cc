@@ -89,7 +89,7 @@ TEST(Product, NormalsComeBackFromEveryFormat) {
   }
   const auto exr = folder / "normals.exr";
   WriteProduct(exr, {Product::kNormals, "exr"}, frame, {});
-  const std::array<std::string, 3> layers = {"N.X", "N.Y", "N.Z"};
+  const std::array<std::string, 3> layers = {"R", "G", "B"};
   for (size_t c = 0; c < 3; ++c) {
     const StoredDepth stored = ReadDepthFile(exr, {.layer = layers[c]});
     for (size_t i = 0; i < stored.values.size(); ++i) {

@@ -111,9 +111,11 @@ struct DepthWriteOptions {
   // PXR24 keeps 24 of a float32's bits (relative error below 2^-16), float16 exactly.
   ExrCompression exr_compression = ExrCompression::kPxr24;
   bool deflate_npz = false;  // numpy reads both; stored is some 20 times faster to write
-  std::string layer = {};    // default: channel "Z" of an EXR, key "depth" of an NPZ
-  double png_step = 0.001;   // scene units per count of a 16-bit PNG
-  int png_compression = 1;   // 0 .. 9
+  // Default: key "depth" of an NPZ, and of an EXR channel "Y", which readers of pictures take for
+  // grey; OpenCV reads a file that has a "Z" alone as zeros and says nothing.
+  std::string layer = {};
+  double png_step = 0.001;  // scene units per count of a 16-bit PNG
+  int png_compression = 1;  // 0 .. 9
   // A value that the format cannot hold (above 65535 steps of a PNG, or 65504 in float16): refuse
   // the file, or store it as 0 (none) and count it.
   enum class OutOfRange { kRefuse, kDrop };

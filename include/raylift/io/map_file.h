@@ -13,7 +13,7 @@
 namespace raylift {
 
 // x, y, z per pixel, row-major, the top row first. By the file name, or `options.format`:
-//   .exr  channels N.X, N.Y, N.Z          .npy, .npz  an array (height, width, 3), key "normals"
+//   .exr  channels R, G, B (x, y, z)         .npy, .npz  an array (height, width, 3), key "normals"
 //   .bin  COLMAP's normal maps (planar)
 // Returns the file's size in bytes. Errors as WriteDepthFile.
 size_t WriteNormalMap(const std::filesystem::path& path, PlaneSize size,

@@ -45,6 +45,9 @@ struct ProductOutput {
 // "bin" (COLMAP), "pfm", "jpg".
 std::span<const std::string_view> FormatsOf(Product product);
 
+// What the channels of an EXR file are called, separated by commas.
+std::string_view ExrChannels(Product product);
+
 struct StorageOptions {
   DepthWriteOptions floats;  // `format` and `layer` are set for each file
   int jpeg_quality = 92;

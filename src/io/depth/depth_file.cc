@@ -90,7 +90,7 @@ std::string Encode(const path& file, const FloatPlane& plane, DepthFileFormat fo
   const PlaneSize size{plane.width_px, plane.height_px};
   switch (format) {
     case DepthFileFormat::kExr: {
-      const ExrChannel channel{options.layer.empty() ? "Z" : options.layer, plane.values};
+      const ExrChannel channel{options.layer.empty() ? "Y" : options.layer, plane.values};
       return EncodeExr(file, size, {&channel, 1}, options.exr_compression, options.sample);
     }
     case DepthFileFormat::kNpy:

@@ -46,9 +46,9 @@ std::string EncodeNormalsExr(const path& file, PlaneSize size, std::span<const f
   const size_t pixels = NumPixels(size);
   const std::vector<float> planar = Planar(normals, pixels);
   const std::span<const float> all(planar);
-  const std::array<ExrChannel, 3> channels = {{{"N.X", all.subspan(0, pixels)},
-                                               {"N.Y", all.subspan(pixels, pixels)},
-                                               {"N.Z", all.subspan(2 * pixels, pixels)}}};
+  const std::array<ExrChannel, 3> channels = {{{"R", all.subspan(0, pixels)},
+                                               {"G", all.subspan(pixels, pixels)},
+                                               {"B", all.subspan(2 * pixels, pixels)}}};
   return EncodeExr(file, size, channels, options.exr_compression, options.sample);
 }
 
