@@ -90,6 +90,7 @@ class RenderRun {
       PrintWarning(fmt::format("{} values are stored as \"none\", as their format cannot hold them",
                                summary.dropped));
     }
+    PrintWarnings(summary.warnings);
     if (!summary.foreign_files.empty()) {
       PrintWarning(fmt::format("{} files of a former run stay in {} and are not of this one: {}{}",
                                summary.foreign_files.size(), options_.out.string(),

@@ -165,7 +165,8 @@ void RemoveLeftovers(const path& out, std::span<const std::string> files) {
   }
 }
 
-std::string SummaryJson(const std::string& header, const ManifestEntries& entries) {
+std::string SummaryJson(const std::string& header, const ManifestEntries& entries,
+                        const std::vector<std::string>& warnings) {
   size_t pixels = 0, hits = 0, bytes = 0, dropped = 0;
   std::optional<std::pair<float, float>> range;
   Json empty = Json::array();
@@ -191,6 +192,7 @@ std::string SummaryJson(const std::string& header, const ManifestEntries& entrie
       {"depth_range", nullptr},
       {"dropped_values", dropped},
       {"bytes", bytes},
+      {"warnings", warnings},
       {"job", Json::parse(header)}};
   if (range) json["depth_range"] = {range->first, range->second};
   return JsonText(json, 2) + '\n';

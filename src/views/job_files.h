@@ -34,6 +34,7 @@ bool IsManifestOfOtherShard(const std::filesystem::path& manifest, const Shard& 
 void RemoveLeftovers(const std::filesystem::path& out, std::span<const std::string> files);
 
 // summary.json of a complete job.
-std::string SummaryJson(const std::string& header, const ManifestEntries& entries);
+std::string SummaryJson(const std::string& header, const ManifestEntries& entries,
+                        const std::vector<std::string>& warnings);
 
 }  // namespace raylift

@@ -10,6 +10,7 @@
 #include "folder_lock.h"
 #include "job_files.h"
 #include "ray_tables.h"
+#include "unseen_mesh.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -113,6 +114,7 @@ class Job {
     RenderSummary summary = Summarize();
     summary.left = to_do.size() - rendered_;
     summary.complete = all_done && Finish();
+    summary.warnings = Warnings(done_);
     summary.foreign_files = std::move(foreign_files);
     summary.seconds = SecondsSince(start);
     return summary;
@@ -304,13 +306,27 @@ class Job {
     if (options_.preview) {
       WriteImage(options_.out / "preview.png", MakeContactSheet(scene_, Views(), threads_));
     }
-    WriteFile(options_.out / "summary.json", SummaryJson(header_, all));
+    WriteFile(options_.out / "summary.json", SummaryJson(header_, all, Warnings(all)));
     WriteManifest(whole, header_, all);
     for (const path& manifest : ListManifests(options_.out)) {
       std::error_code ignored;
       if (manifest != whole) std::filesystem::remove(manifest, ignored);
     }
     return true;
+  }
+
+  // That no image sees anything, which comes of a mistake.
+  std::vector<std::string> Warnings(const ManifestEntries& entries) const {
+    const bool seen = std::any_of(entries.begin(), entries.end(),
+                                  [](const auto& entry) { return entry.second.hits > 0; });
+    if (entries.empty() || seen) return {};
+    std::vector<Eigen::Vector3d> centers;
+    for (const RenderTask& task : tasks_) {
+      if (entries.contains(task.view.name)) {
+        centers.push_back(task.view.cam_from_world.OriginInSource());
+      }
+    }
+    return {WhyTheMeshIsUnseen(scene_->mesh(), centers)};
   }
 
   std::vector<View> Views() const {

@@ -173,6 +173,15 @@ TEST_F(Render, AFinishedFolderIsNotWipedByForgettingToResume) {
   EXPECT_NE(fewer.err.find("files of a former run stay"), std::string::npos) << fewer.err;
 }
 
+TEST_F(Render, CamerasThatAllMissTheMeshAreAWarning) {
+  Arguments command = Command(out_);
+  command[2] += ",shift=0/0/90000";
+  const CommandResult result = RunRaylift(command);
+  EXPECT_EQ(result.exit_code, 0);
+  EXPECT_NE(result.err.find("sees the mesh"), std::string::npos) << result.err;
+  EXPECT_NE(result.err.find("shift="), std::string::npos) << result.err;
+}
+
 TEST_F(Render, PointCloudsAreRefused) {
   const fs::path cloud = scene_.folder / "cloud.ply";
   WriteFile(cloud,

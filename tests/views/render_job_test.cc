@@ -195,6 +195,16 @@ TEST_F(RenderJob, ShardsAreOfEqualSize) {
   }
 }
 
+TEST_F(RenderJob, CamerasThatAllMissTheMeshAreToldOf) {
+  const auto far = std::make_shared<const RayCaster>(
+      std::make_shared<const TriangleMesh>(MakeSphere({0, 0, 3000}, 1, 10, 20)));
+  const RenderSummary summary = RunRenderJob(far, Tasks(), Options(out_), {});
+  ASSERT_EQ(summary.warnings.size(), 1u);
+  const auto json = nlohmann::json::parse(ReadFile(out_ / "summary.json"));
+  EXPECT_EQ(json.at("warnings"), nlohmann::json(summary.warnings));
+  EXPECT_TRUE(Run(Options(folder_ / "seen")).warnings.empty());
+}
+
 TEST_F(RenderJob, FilesOfAFormerRunThatStayAreNamed) {
   RenderJobOptions options = Options(out_);
   EXPECT_TRUE(Run(options).foreign_files.empty());

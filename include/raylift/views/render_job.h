@@ -65,7 +65,8 @@ struct RenderSummary {
   bool complete = false;  // all images of all shards are there
   // Of a former run, which stay in the folder although this one has nothing to do with them.
   std::vector<std::string> foreign_files = {};
-  double coverage = 0;  // share of the pixels that see the mesh
+  std::vector<std::string> warnings = {};  // of what there is to see: that it is nothing
+  double coverage = 0;                     // share of the pixels that see the mesh
   std::optional<std::pair<float, float>> depth_range = std::nullopt;
   size_t dropped = 0;
   size_t bytes = 0;  // of all files

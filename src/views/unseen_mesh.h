@@ -1,0 +1,19 @@
+// Why cameras may all miss a mesh. Private to views.
+
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/renderers/triangle_mesh.h"
+
+namespace raylift {
+
+// One sentence: where both are, and what may be wrong with unit, origin or axes. At least one
+// camera.
+std::string WhyTheMeshIsUnseen(const TriangleMesh& mesh,
+                               const std::vector<Eigen::Vector3d>& camera_centers);
+
+}  // namespace raylift
