@@ -132,8 +132,9 @@ void AddProductOptions(CLI::App& command, RenderFlags& flags) {
     formats += fmt::format("\n  {}: {}", ToString(product), FormatNames(product));
   }
   AddParsedOption(command, "--products", flags.products, &ParseProducts,
-                  "Of depth (z), distance (along the ray), normals, color, triangle,\n"
-                  "incidence (degrees), mask; separated by commas",
+                  "Of depth (z), distance (along the ray), normals, color, triangle (the face of\n"
+                  "the mesh's file), object (which mesh of several), incidence (degrees), mask;\n"
+                  "separated by commas",
                   "depth")
       ->group(group);
   command

@@ -56,7 +56,7 @@ void AppendAttribute(const std::vector<T>& values, size_t count, const T& missin
 }
 
 struct Attributes {
-  bool colors = false, coordinates = false, textures = false;
+  bool colors = false, coordinates = false, textures = false, faces = false;
 };
 
 void Append(TriangleMesh mesh, const Attributes& attributes, TriangleMesh& target) {
@@ -65,6 +65,10 @@ void Append(TriangleMesh mesh, const Attributes& attributes, TriangleMesh& targe
     throw InputError("the meshes together have more than 2^32 vertices");
   }
   const auto offset = static_cast<uint32_t>(first_vertex);
+  target.object_begins.push_back(static_cast<uint32_t>(target.triangles.size()));
+  for (uint32_t i = 0; attributes.faces && i < mesh.triangles.size(); ++i) {
+    target.triangle_faces.push_back(mesh.FaceOf(i));
+  }
   const Eigen::Vector3d shift = mesh.origin_in_world - target.origin_in_world;
   for (const Eigen::Vector3f& vertex : mesh.vertices) {
     target.vertices.push_back((vertex.cast<double>() + shift).cast<float>());
@@ -131,6 +135,7 @@ TriangleMesh MergeMeshes(std::vector<TriangleMesh> meshes) {
     attributes.colors |= !mesh.vertex_colors_rgb.empty();
     attributes.coordinates |= !mesh.texture_coordinates.empty();
     attributes.textures |= !mesh.triangle_textures.empty();
+    attributes.faces |= !mesh.triangle_faces.empty();
   }
   merged.vertices.reserve(num_vertices + 1);  // the ray caster wants room for one more
   merged.triangles.reserve(num_triangles);

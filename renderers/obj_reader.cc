@@ -130,7 +130,7 @@ class ObjParser {
       ++too_small_;
       return;
     }
-    const size_t added = AddFace(corners_, corner_uvs_, mesh_);
+    const size_t added = AddFace(num_faces_ - 1, corners_, corner_uvs_, mesh_);
     mesh_.triangle_materials.insert(mesh_.triangle_materials.end(), added, material_);
   }
 

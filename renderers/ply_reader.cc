@@ -296,7 +296,7 @@ class ElementReader {
     uint64_t too_small = 0;
     std::vector<uint32_t> corners;
     std::vector<uint32_t> corner_uvs;
-    ForEach(element, [&](uint64_t) {
+    ForEach(element, [&](uint64_t face) {
       corners.clear();
       corner_uvs.clear();
       double texture = 0;
@@ -316,7 +316,7 @@ class ElementReader {
         return;
       }
       if (texcoords != nullptr) corner_uvs.resize(corners.size(), RawMesh::kNone);
-      const size_t added = AddFace(corners, corner_uvs, mesh_);
+      const size_t added = AddFace(face, corners, corner_uvs, mesh_);
       if (num_materials > 0) {
         const bool known = texture >= 0 && texture < static_cast<double>(num_materials);
         mesh_.triangle_materials.insert(mesh_.triangle_materials.end(), added,

@@ -123,10 +123,7 @@ class TriangleReader {
   std::optional<TriangleMesh> Read(const std::filesystem::path& path) {
     const bool is_float = vertices_.position_type == PlyType::kFloat;
     if (!(is_float ? ReadAll<float>() : ReadAll<double>())) return std::nullopt;
-    const size_t removed =
-        any_without_area_
-            ? std::erase_if(mesh_.triangles, [&](const auto& t) { return HasNoArea(t); })
-            : 0;
+    const size_t removed = any_without_area_ ? RemoveThoseWithoutArea() : 0;
     if (removed > 0) {
       mesh_.warnings.push_back(fmt::format("{}: {} of {} triangles removed: they have no area",
                                            path.string(), removed, num_faces_));
@@ -257,6 +254,20 @@ class TriangleReader {
     constexpr float kSurely = 1e-10f;
     if (ab.cross(ac).squaredNorm() > kSurely * ab.squaredNorm() * ac.squaredNorm()) return false;
     return TriangleHasNoArea(a, mesh_.vertices[t[1]], mesh_.vertices[t[2]]);
+  }
+
+  // Those that stay keep the number of their face.
+  size_t RemoveThoseWithoutArea() {
+    std::vector<uint32_t> faces;
+    for (size_t i = 0; i < mesh_.triangles.size(); ++i) {
+      if (!HasNoArea(mesh_.triangles[i])) faces.push_back(static_cast<uint32_t>(i));
+    }
+    const size_t removed = mesh_.triangles.size() - faces.size();
+    if (removed == 0) return 0;
+    for (size_t i = 0; i < faces.size(); ++i) mesh_.triangles[i] = mesh_.triangles[faces[i]];
+    mesh_.triangles.resize(faces.size());
+    mesh_.triangle_faces = std::move(faces);
+    return removed;
   }
 
   void RemoveUnusedVertices() {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "polygon.h"
 #include <Eigen/Geometry>
@@ -16,14 +17,22 @@ namespace {
 // A surface without any colour in a mesh that has colours elsewhere (the default of MTL files).
 constexpr Rgb kDefaultColor = {204, 204, 204};
 
+std::vector<uint32_t> FirstIndices(size_t count) {
+  std::vector<uint32_t> indices(count);
+  std::iota(indices.begin(), indices.end(), 0u);
+  return indices;
+}
+
 // Removes the triangles for which `remove` is true, with what belongs to them.
 template <typename Predicate>
 size_t RemoveTriangles(RawMesh& raw, const Predicate& remove) {
   size_t kept = 0;
   for (size_t i = 0; i < raw.triangles.size(); ++i) {
     if (remove(raw.triangles[i])) {
+      if (raw.triangle_faces.empty()) raw.triangle_faces = FirstIndices(raw.triangles.size());
       continue;
     }
+    if (!raw.triangle_faces.empty()) raw.triangle_faces[kept] = raw.triangle_faces[i];
     raw.triangles[kept] = raw.triangles[i];
     if (!raw.triangle_uvs.empty()) raw.triangle_uvs[kept] = raw.triangle_uvs[i];
     if (!raw.triangle_materials.empty()) raw.triangle_materials[kept] = raw.triangle_materials[i];
@@ -31,6 +40,7 @@ size_t RemoveTriangles(RawMesh& raw, const Predicate& remove) {
   }
   const size_t removed = raw.triangles.size() - kept;
   raw.triangles.resize(kept);
+  if (!raw.triangle_faces.empty()) raw.triangle_faces.resize(kept);
   if (!raw.triangle_uvs.empty()) raw.triangle_uvs.resize(kept);
   if (!raw.triangle_materials.empty()) raw.triangle_materials.resize(kept);
   return removed;
@@ -159,9 +169,15 @@ void SetTriangleTextures(const RawMesh& raw, TriangleMesh& mesh) {
 
 }  // namespace
 
-size_t AddFace(std::span<const uint32_t> corners, std::span<const uint32_t> corner_uvs,
+size_t AddFace(size_t face, std::span<const uint32_t> corners, std::span<const uint32_t> corner_uvs,
                RawMesh& mesh) {
   const auto add = [&](uint32_t a, uint32_t b, uint32_t c) {
+    if (mesh.triangle_faces.empty() && mesh.triangles.size() != face) {
+      mesh.triangle_faces = FirstIndices(mesh.triangles.size());
+    }
+    if (mesh.triangles.size() != face || !mesh.triangle_faces.empty()) {
+      mesh.triangle_faces.push_back(static_cast<uint32_t>(face));
+    }
     mesh.triangles.push_back({corners[a], corners[b], corners[c]});
     if (!corner_uvs.empty()) {
       mesh.triangle_uvs.push_back({corner_uvs[a], corner_uvs[b], corner_uvs[c]});
@@ -242,6 +258,7 @@ TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw) {
   }
   SetTriangleTextures(raw, mesh);
   mesh.textures = std::move(raw.textures);
+  mesh.triangle_faces = std::move(raw.triangle_faces);
   return mesh;
 }
 

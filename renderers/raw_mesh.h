@@ -33,6 +33,9 @@ struct RawMesh {
   std::vector<Rgb> position_colors;                // empty, or one per position
   std::vector<std::array<uint32_t, 3>> triangles;  // indices into `positions`, all in range
 
+  // The face of the file that each triangle is of; empty while that is its own place.
+  std::vector<uint32_t> triangle_faces;
+
   std::vector<Eigen::Vector2f> uvs;
   // Indices into `uvs` (or kNone), one per triangle; empty where `uvs` is empty or per position.
   std::vector<std::array<uint32_t, 3>> triangle_uvs;
@@ -43,9 +46,10 @@ struct RawMesh {
   std::vector<std::string> warnings;
 };
 
-// Adds a face: triangles as they are, larger polygons cut. `corner_uvs` is empty or as long as
-// `corners`; the material is left to the caller. Returns the number of triangles added.
-size_t AddFace(std::span<const uint32_t> corners, std::span<const uint32_t> corner_uvs,
+// Adds the file's face number `face`: triangles as they are, larger polygons cut. `corner_uvs` is
+// empty or as long as `corners`; the material is left to the caller. Returns the number of triangles
+// added.
+size_t AddFace(size_t face, std::span<const uint32_t> corners, std::span<const uint32_t> corner_uvs,
                RawMesh& mesh);
 
 // Embree takes no coordinate beyond 1.844e18; nothing that was measured comes near.

@@ -224,6 +224,8 @@ py::object TakeMap(Product product, Frame& frame) {
       return HandOver(std::move(frame.color.data), {height, width, 3});
     case Product::kTriangle:
       return HandOver(std::move(frame.triangle), {height, width});
+    case Product::kObject:
+      break;  // see TakeMaps
     case Product::kIncidence:
       return HandOver(std::move(frame.incidence_deg), {height, width});
     case Product::kMask:
@@ -232,8 +234,21 @@ py::object TakeMap(Product product, Frame& frame) {
   return py::none();
 }
 
-py::dict TakeMaps(const Pictures& pictures, Frame& frame) {
+// Before the map of triangles is handed over.
+py::object ObjectMap(const TriangleMesh& mesh, const Frame& frame) {
+  std::vector<uint32_t> objects = frame.triangle;
+  for (uint32_t& id : objects) {
+    if (id != HitBlock::kNoTriangle) id = mesh.ObjectOf(id);
+  }
+  return HandOver(std::move(objects), {frame.height_px, frame.width_px});
+}
+
+py::dict TakeMaps(const Pictures& pictures, const TriangleMesh& mesh, Frame& frame) {
   py::dict maps;
+  const auto& products = pictures.products;
+  if (std::find(products.begin(), products.end(), Product::kObject) != products.end()) {
+    maps["object"] = ObjectMap(mesh, frame);
+  }
   for (const Product product : pictures.products) {
     const py::str name{std::string(ToString(product))};
     if (!maps.contains(name)) maps[name] = TakeMap(product, frame);
@@ -251,7 +266,7 @@ py::dict Render(Caster& caster, const CameraLike& camera, const PoseLike& pose,
     const auto renderer = caster.renderer.Of(caster.caster, pictures.frame);
     renderer->Render(*caster.rays.Of(lens, threads), cam_from_world, threads, frame);
   });
-  return TakeMaps(pictures, frame);
+  return TakeMaps(pictures, caster.caster->mesh(), frame);
 }
 
 struct Views {
@@ -296,7 +311,7 @@ py::list RenderMany(Caster& caster, const py::object& cameras, const std::vector
     });
   });
   py::list maps;
-  for (Frame& frame : frames) maps.append(TakeMaps(pictures, frame));
+  for (Frame& frame : frames) maps.append(TakeMaps(pictures, caster.caster->mesh(), frame));
   return maps;
 }
 
@@ -462,6 +477,7 @@ void BindCaster(py::module_& module) {
            "normals    (H, W, 3) float32, unit, towards the camera; 0: no surface\n"
            "color      (H, W, 3) uint8, RGB\n"
            "triangle   (H, W) uint32, index; 4294967295: none\n"
+           "object     (H, W) uint32, which of several meshes; 4294967295: none\n"
            "incidence  (H, W) float32, degrees; -1: no surface\n"
            "mask       (H, W) uint8, 255 where there is a surface\n\n"
            "A camera of the model EQUIRECTANGULAR sees all around; its depth is the distance.\n\n"

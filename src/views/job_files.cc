@@ -30,7 +30,9 @@ std::string MeshHash(const TriangleMesh& mesh, int threads) {
       hash_of(mesh.triangles),
       hash_of(mesh.vertex_colors_rgb),
       hash_of(mesh.texture_coordinates),
-      hash_of(mesh.triangle_textures)};
+      hash_of(mesh.triangle_textures),
+      hash_of(mesh.triangle_faces),
+      hash_of(mesh.object_begins)};
   for (const Image& texture : mesh.textures) {
     parts.push_back(hash_of(texture.data));
     parts.push_back(static_cast<uint64_t>(texture.width_px));
@@ -63,13 +65,14 @@ Json ColorJson(const ColorOptions& options) {
 Json ProductJson(const ProductOutput& output, const RenderJobOptions& options) {
   const DepthWriteOptions& floats = options.storage.floats;
   Json json = {{"format", output.format}};
+  const bool is_id = output.product == Product::kTriangle || output.product == Product::kObject;
   const bool is_float = output.product != Product::kColor && output.product != Product::kMask;
   if (output.format == "exr") {
     json["channels"] = ExrChannels(output.product);
     json["compression"] = ToString(floats.exr_compression);
   }
   if (output.format == "npz") json["deflate"] = floats.deflate_npz;
-  if (is_float && output.product != Product::kTriangle) {
+  if (is_float && !is_id) {
     json["sample"] = floats.sample == FloatSample::kFloat16 ? "half" : "float";
   }
   if (is_float && output.format == "png") {

@@ -52,7 +52,7 @@ size_t BytesOf(const std::vector<T>& values) {
 size_t BytesOf(const TriangleMesh& mesh) {
   size_t bytes = BytesOf(mesh.vertices) + BytesOf(mesh.triangles) +
                  BytesOf(mesh.vertex_colors_rgb) + BytesOf(mesh.texture_coordinates) +
-                 BytesOf(mesh.triangle_textures);
+                 BytesOf(mesh.triangle_textures) + BytesOf(mesh.triangle_faces);
   for (const Image& texture : mesh.textures) bytes += texture.data.size();
   return bytes;
 }

@@ -42,6 +42,16 @@ WrittenFile WriteFloats(const path& file, const Frame& frame, const std::vector<
   return {file, report.bytes, report.dropped};
 }
 
+// What `number` makes of each triangle.
+template <typename Number>
+WrittenFile WriteIds(const path& file, const Frame& frame, const DepthWriteOptions& options,
+                     const Number& number) {
+  std::vector<uint32_t> ids(frame.triangle.size());
+  std::transform(frame.triangle.begin(), frame.triangle.end(), ids.begin(),
+                 [&number](uint32_t id) { return id == HitBlock::kNoTriangle ? id : number(id); });
+  return {file, WriteIndexMap(file, {frame.width_px, frame.height_px}, ids, options)};
+}
+
 DepthWriteOptions OptionsFor(const ProductOutput& output, const DepthWriteOptions& floats) {
   DepthWriteOptions options = floats;
   options.format = std::nullopt;
@@ -60,6 +70,7 @@ DepthWriteOptions OptionsFor(const ProductOutput& output, const DepthWriteOption
     case Product::kNormals:
     case Product::kColor:
     case Product::kTriangle:
+    case Product::kObject:
     case Product::kMask:
       break;
   }
@@ -78,6 +89,7 @@ std::span<const std::string_view> FormatsOf(Product product) {
     case Product::kColor:
       return kOfColor;
     case Product::kTriangle:
+    case Product::kObject:
       return kOfIndices;
     case Product::kIncidence:
       return kOfAngles;
@@ -92,6 +104,7 @@ std::string_view ExrChannels(Product product) {
     case Product::kNormals:
       return "R,G,B";
     case Product::kTriangle:
+    case Product::kObject:
       return "id";
     case Product::kDepth:
     case Product::kDistance:
@@ -109,14 +122,14 @@ void Request(std::span<const ProductOutput> products, FrameOptions& options) {
     options.distance |= output.product == Product::kDistance;
     options.normals |= output.product == Product::kNormals;
     options.color |= output.product == Product::kColor;
-    options.triangle |= output.product == Product::kTriangle;
+    options.triangle |= output.product == Product::kTriangle || output.product == Product::kObject;
     options.incidence |= output.product == Product::kIncidence;
     options.mask |= output.product == Product::kMask;
   }
 }
 
 WrittenFile WriteProduct(const path& file, const ProductOutput& output, const Frame& frame,
-                         const StorageOptions& storage) {
+                         const TriangleMesh& mesh, const StorageOptions& storage) {
   const DepthWriteOptions options = OptionsFor(output, storage.floats);
   const PlaneSize size{frame.width_px, frame.height_px};
   switch (output.product) {
@@ -132,7 +145,9 @@ WrittenFile WriteProduct(const path& file, const ProductOutput& output, const Fr
     case Product::kColor:
       return WritePicture(file, frame.color, storage.jpeg_quality);
     case Product::kTriangle:
-      return {file, WriteIndexMap(file, size, frame.triangle, options)};
+      return WriteIds(file, frame, options, [&mesh](uint32_t id) { return mesh.FaceOf(id); });
+    case Product::kObject:
+      return WriteIds(file, frame, options, [&mesh](uint32_t id) { return mesh.ObjectOf(id); });
     case Product::kMask:
       return WritePicture(file, frame.mask, 0);
   }

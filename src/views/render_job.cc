@@ -260,8 +260,8 @@ class Job {
                         .depth_range = DepthRange(frame->depth)};
     const auto files = TaskFiles(task, options_.products);
     for (size_t i = 0; i < files.size(); ++i) {
-      const WrittenFile written =
-          WriteProduct(options_.out / files[i], options_.products[i], *frame, options_.storage);
+      const WrittenFile written = WriteProduct(options_.out / files[i], options_.products[i],
+                                               *frame, scene_->mesh(), options_.storage);
       entry.dropped += written.dropped;
       entry.files.push_back({files[i], written.bytes});
     }

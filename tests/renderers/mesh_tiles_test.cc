@@ -26,6 +26,29 @@ TEST(MeshTiles, RaysMeetEveryTileWhereItIs) {
   }
 }
 
+TEST(MeshTiles, TrianglesKnowTheirMeshAndItsFaces) {
+  const auto folder = TestFolder();
+  // A triangle without an area, a quadrilateral, a triangle; and a mesh of one triangle.
+  WriteFile(folder / "a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 1 2\nf 1 2 3 4\nf 1 2 4\n");
+  WriteFile(folder / "b.obj", "v 0 0 5\nv 1 0 5\nv 1 1 5\nf 1 2 3\n");
+  const std::vector<std::filesystem::path> files = {folder / "a.obj", folder / "b.obj",
+                                                    folder / "b.obj"};
+  const TriangleMesh mesh = ReadMeshes(files);
+  ASSERT_EQ(mesh.triangles.size(), 5u);
+  const std::array<uint32_t, 5> faces = {1, 1, 2, 0, 0};
+  const std::array<uint32_t, 5> objects = {0, 0, 0, 1, 2};
+  for (uint32_t i = 0; i < 5; ++i) {
+    EXPECT_EQ(mesh.FaceOf(i), faces[i]) << i;
+    EXPECT_EQ(mesh.ObjectOf(i), objects[i]) << i;
+  }
+  const TriangleMesh two =
+      MergeMeshes({MakeBox({0, 0, 0}, {1, 1, 1}), MakeBox({5, 0, 0}, {1, 1, 1})});
+  EXPECT_TRUE(two.triangle_faces.empty());
+  EXPECT_EQ(two.FaceOf(13), 1u);
+  EXPECT_EQ(two.ObjectOf(13), 1u);
+  EXPECT_EQ(two.ObjectOf(11), 0u);
+}
+
 TEST(MeshTiles, AttributesOfOneTileDoNotShiftThoseOfAnother) {
   TriangleMesh plain = MakeBox({0, 0, 0}, {1, 1, 1});
   TriangleMesh colored = MakeBox({5, 0, 0}, {1, 1, 1});

@@ -16,6 +16,35 @@
 namespace raylift {
 namespace {
 
+// Five faces, of which the second and the fourth have no area.
+TEST(PlyReader, TrianglesKnowTheFileFacesTheyAreOf) {
+  const auto folder = TestFolder();
+  const std::array<std::array<int32_t, 3>, 5> faces = {
+      {{0, 1, 2}, {0, 0, 1}, {1, 3, 2}, {2, 2, 2}, {0, 2, 3}}};
+  const std::string elements =
+      "element vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+      "element face 5\nproperty list uchar int vertex_indices\nend_header\n";
+  std::string text = "ply\nformat ascii 1.0\n" + elements + "0 0 0\n1 0 0\n0 1 0\n1 1 1\n";
+  std::string binary = "ply\nformat binary_little_endian 1.0\n" + elements;
+  const auto append = [&binary](const auto& value) {
+    binary.append(reinterpret_cast<const char*>(&value), sizeof(value));
+  };
+  append(std::array<float, 12>{0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 1});
+  for (const auto& face : faces) {
+    text += fmt::format("3 {} {} {}\n", face[0], face[1], face[2]);
+    append(uint8_t{3});
+    append(face);
+  }
+  for (const std::string& bytes : {text, binary}) {
+    WriteFile(folder / "a.ply", bytes);
+    const TriangleMesh mesh = ReadMesh(folder / "a.ply");
+    ASSERT_EQ(mesh.triangles.size(), 3u);
+    EXPECT_EQ(mesh.FaceOf(0), 0u);
+    EXPECT_EQ(mesh.FaceOf(1), 2u);
+    EXPECT_EQ(mesh.FaceOf(2), 4u);
+  }
+}
+
 enum class Encoding { kAscii, kLittleEndian, kBigEndian };
 constexpr Encoding kEncodings[] = {Encoding::kAscii, Encoding::kLittleEndian, Encoding::kBigEndian};
 

@@ -50,7 +50,7 @@ TEST(Product, FloatsComeBackFromEveryFormat) {
     const std::vector<float>& expected = FloatsOf(frame, product);
     for (const std::string_view format : FormatsOf(product)) {
       const auto file = folder / (std::string(ToString(product)) + "." + std::string(format));
-      const WrittenFile written = WriteProduct(file, {product, std::string(format)}, frame, {});
+      const WrittenFile written = WriteProduct(file, {product, std::string(format)}, frame, {}, {});
       EXPECT_EQ(written.bytes, std::filesystem::file_size(file));
       EXPECT_EQ(written.dropped, 0u);
       const StoredDepth stored = ReadDepthFile(file);
@@ -72,7 +72,7 @@ TEST(Product, NormalsComeBackFromEveryFormat) {
   const Frame frame = RenderSphere();
   for (const std::string format : {"npy", "npz", "bin"}) {
     const auto file = folder / ("normals." + format);
-    WriteProduct(file, {Product::kNormals, format}, frame, {});
+    WriteProduct(file, {Product::kNormals, format}, frame, {}, {});
     const std::string bytes = ReadFile(file);
     const size_t data_bytes = frame.normals.size() * sizeof(float);
     EXPECT_GT(bytes.size(), data_bytes);
@@ -88,7 +88,7 @@ TEST(Product, NormalsComeBackFromEveryFormat) {
     }
   }
   const auto exr = folder / "normals.exr";
-  WriteProduct(exr, {Product::kNormals, "exr"}, frame, {});
+  WriteProduct(exr, {Product::kNormals, "exr"}, frame, {}, {});
   const std::array<std::string, 3> layers = {"R", "G", "B"};
   for (size_t c = 0; c < 3; ++c) {
     const StoredDepth stored = ReadDepthFile(exr, {.layer = layers[c]});
@@ -97,7 +97,7 @@ TEST(Product, NormalsComeBackFromEveryFormat) {
     }
   }
   const auto png = folder / "normals.png";
-  WriteProduct(png, {Product::kNormals, "png"}, frame, {});
+  WriteProduct(png, {Product::kNormals, "png"}, frame, {}, {});
   const Image picture = ReadImage(png, ImageChannels::kRgb);
   EXPECT_EQ(picture.Pixel(0, 0)[0], 128);  // nothing there
   EXPECT_LT(picture.Pixel(16, 12)[2], 3);  // straight at the camera, -z
@@ -109,7 +109,7 @@ TEST(Product, TriangleIdsComeBackExactly) {
   frame.triangle[0] = 16777217;  // no float
   for (const std::string format : {"exr", "npy", "npz"}) {
     const auto file = folder / ("triangle." + format);
-    WriteProduct(file, {Product::kTriangle, format}, frame, {});
+    WriteProduct(file, {Product::kTriangle, format}, frame, {}, {});
     if (format == "npy") {
       const std::string bytes = ReadFile(file);
       const size_t data_bytes = frame.triangle.size() * sizeof(uint32_t);
@@ -125,16 +125,31 @@ TEST(Product, TriangleIdsComeBackExactly) {
   }
 }
 
+TEST(Product, IdsAreTheFilesFacesAndTheObjects) {
+  const auto folder = TestFolder();
+  TriangleMesh mesh;  // two files: faces 0 and 2 of the first one, 1 of the second one
+  mesh.triangle_faces = {0, 2, 1};
+  mesh.object_begins = {0, 2};
+  Frame frame{.width_px = 4, .height_px = 1, .triangle = {1, HitBlock::kNoTriangle, 0, 2}};
+  const auto written = [&](Product product) {
+    const auto file = folder / "ids.npz";
+    WriteProduct(file, {product, "npz"}, frame, mesh, {});
+    return ReadDepthFile(file).values;
+  };
+  EXPECT_EQ(written(Product::kTriangle), (std::vector<float>{2, 4294967295.0f, 0, 1}));
+  EXPECT_EQ(written(Product::kObject), (std::vector<float>{0, 4294967295.0f, 0, 1}));
+}
+
 TEST(Product, ColourAndMaskComeBack) {
   const auto folder = TestFolder();
   FrameOptions options;
   options.color_options.background_rgb = {9, 8, 7};
   const Frame frame = RenderSphere(options);
-  WriteProduct(folder / "c.png", {Product::kColor, "png"}, frame, {});
+  WriteProduct(folder / "c.png", {Product::kColor, "png"}, frame, {}, {});
   EXPECT_EQ(ReadImage(folder / "c.png", ImageChannels::kRgb).data, frame.color.data);
-  WriteProduct(folder / "m.png", {Product::kMask, "png"}, frame, {});
+  WriteProduct(folder / "m.png", {Product::kMask, "png"}, frame, {}, {});
   EXPECT_EQ(ReadImage(folder / "m.png", ImageChannels::kGrey).data, frame.mask.data);
-  WriteProduct(folder / "c.jpg", {Product::kColor, "jpg"}, frame, {});
+  WriteProduct(folder / "c.jpg", {Product::kColor, "jpg"}, frame, {}, {});
   EXPECT_EQ(ReadImage(folder / "c.jpg", ImageChannels::kRgb).width_px, 33);
 }
 
@@ -146,12 +161,13 @@ TEST(Product, DepthBeyondAPngIsRefusedOrDropped) {
   const auto file = folder / "depth.png";
   EXPECT_TRUE(FailsWithInputError(
       [&] {
-        WriteProduct(file, {Product::kDepth, "png"}, frame, storage);
+        WriteProduct(file, {Product::kDepth, "png"}, frame, {}, storage);
       },
       {file.string()}));
   EXPECT_FALSE(std::filesystem::exists(file));
   storage.floats.out_of_range = DepthWriteOptions::OutOfRange::kDrop;
-  EXPECT_EQ(WriteProduct(file, {Product::kDepth, "png"}, frame, storage).dropped, frame.num_hits);
+  EXPECT_EQ(WriteProduct(file, {Product::kDepth, "png"}, frame, {}, storage).dropped,
+            frame.num_hits);
 }
 
 }  // namespace

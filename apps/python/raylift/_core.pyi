@@ -430,6 +430,7 @@ class RayCaster:
         normals    (H, W, 3) float32, unit, towards the camera; 0: no surface
         color      (H, W, 3) uint8, RGB
         triangle   (H, W) uint32, index; 4294967295: none
+        object     (H, W) uint32, which of several meshes; 4294967295: none
         incidence  (H, W) float32, degrees; -1: no surface
         mask       (H, W) uint8, 255 where there is a surface
 

@@ -13,6 +13,7 @@
 #include "raylift/base/enum_names.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/renderers/frame_renderer.h"
+#include "raylift/renderers/triangle_mesh.h"
 
 namespace raylift {
 
@@ -21,7 +22,8 @@ enum class Product {
   kDistance,   // along the ray; 0 = none
   kNormals,    // unit, towards the camera; 0 = none
   kColor,      // RGB
-  kTriangle,   // index in the mesh; 4294967295 = none
+  kTriangle,   // face of the mesh's file, from 0; 4294967295 = none
+  kObject,     // which of the meshes, from 0; 4294967295 = none
   kIncidence,  // angle between normal and ray, degrees; -1 = none
   kMask,       // 255 where there is a surface
 };
@@ -32,6 +34,7 @@ inline constexpr auto kEnumNames<Product> = std::to_array<EnumName<Product>>({
     {Product::kNormals, "normals"},
     {Product::kColor, "color"},
     {Product::kTriangle, "triangle"},
+    {Product::kObject, "object"},
     {Product::kIncidence, "incidence"},
     {Product::kMask, "mask"},
 });
@@ -62,8 +65,9 @@ struct WrittenFile {
   size_t dropped = 0;  // values that the format could not hold
 };
 
-// Writes one product of a frame. Errors as WriteDepthFile; thread safe.
+// Writes one product of a frame of this mesh. Errors as WriteDepthFile; thread safe.
 WrittenFile WriteProduct(const std::filesystem::path& file, const ProductOutput& output,
-                         const Frame& frame, const StorageOptions& options);
+                         const Frame& frame, const TriangleMesh& mesh,
+                         const StorageOptions& options);
 
 }  // namespace raylift
