@@ -130,7 +130,10 @@ TEST(Product, IdsAreTheFilesFacesAndTheObjects) {
   TriangleMesh mesh;  // two files: faces 0 and 2 of the first one, 1 of the second one
   mesh.triangle_faces = {0, 2, 1};
   mesh.object_begins = {0, 2};
-  Frame frame{.width_px = 4, .height_px = 1, .triangle = {1, HitBlock::kNoTriangle, 0, 2}};
+  Frame frame;
+  frame.width_px = 4;
+  frame.height_px = 1;
+  frame.triangle = {1, HitBlock::kNoTriangle, 0, 2};
   const auto written = [&](Product product) {
     const auto file = folder / "ids.npz";
     WriteProduct(file, {product, "npz"}, frame, mesh, {});
