@@ -102,9 +102,39 @@ void AddPairs(const ProblemArrays& arrays, PoseProblem& problem) {
   }
 }
 
+Eigen::Vector3d ToVector3(const ArrayLike& argument, std::string_view name) {
+  constexpr std::string_view kExpected = "an array of shape (3,)";
+  const auto array = internal::ArrayOf<double>(argument, name, kExpected);
+  if (array.ndim() != 1 || array.shape(0) != 3) internal::ThrowShape(name, kExpected, array);
+  return Eigen::Map<const Eigen::Vector3d>(array.data());
+}
+
+using PositionArgument = std::optional<std::pair<ArrayLike, ArrayLike>>;
+using GravityArgument = std::optional<std::tuple<ArrayLike, ArrayLike, double>>;
+
+PosePriors ToPriors(const PositionArgument& position, const GravityArgument& gravity) {
+  PosePriors priors;
+  if (position) {
+    const auto sigma = internal::ArrayOf<double>(position->second, "position_prior, sigma",
+                                                 "a number or an array of shape (3,)");
+    priors.position = {.position = ToVector3(position->first, "position_prior"),
+                       .sigma = sigma.size() == 1
+                                    ? Eigen::Vector3d(Eigen::Vector3d::Constant(*sigma.data()))
+                                    : ToVector3(position->second, "position_prior, sigma")};
+  }
+  if (gravity) {
+    const auto& [in_cam, in_world, sigma_deg] = *gravity;
+    priors.gravity = {.down_in_cam = ToVector3(in_cam, "gravity_prior, down_in_cam"),
+                      .down_in_world = ToVector3(in_world, "gravity_prior, down_in_world"),
+                      .sigma_deg = sigma_deg};
+  }
+  return priors;
+}
+
 PoseProblem MakeProblem(const CameraLike& camera, const ProblemArrays& arrays,
                         const std::vector<PosedImageLike>& references,
-                        const std::vector<int>& clusters, const std::string& name) {
+                        const std::vector<int>& clusters, const PosePriors& priors,
+                        const std::string& name) {
   PoseProblem problem;
   problem.name = name;
   problem.query_camera = ToCamera(camera);
@@ -113,6 +143,7 @@ PoseProblem MakeProblem(const CameraLike& camera, const ProblemArrays& arrays,
     RequireEqualCounts("reference_clusters", clusters.size(), "references", references.size());
   }
   problem.reference_clusters = clusters;
+  problem.priors = priors;
   AddPairs(arrays, problem);
   AddPoints(arrays, problem);
   return problem;
@@ -144,13 +175,14 @@ void BindProblem(py::module_& module) {
                        OptionalArray reference2d, OptionalArray reference_index,
                        OptionalArray reference_sigmas_px, OptionalArray query_keypoints,
                        OptionalArray reference_keypoints, const std::vector<int>& clusters,
+                       const PositionArgument& position, const GravityArgument& gravity,
                        const std::string& name) {
              return std::make_shared<PoseProblem>(
                  MakeProblem(camera,
                              {points2d, points3d, point_sigmas, point_references, point_keypoints,
                               point_matches, query2d, reference2d, reference_index,
                               reference_sigmas_px, query_keypoints, reference_keypoints},
-                             references, clusters, name));
+                             references, clusters, ToPriors(position, gravity), name));
            }),
            py::arg("camera"), py::arg("points2d") = none, py::arg("points3d") = none, py::kw_only(),
            py::arg("point_sigmas") = none, py::arg("point_references") = none,
@@ -159,7 +191,8 @@ void BindProblem(py::module_& module) {
            py::arg("reference2d") = none, py::arg("reference_index") = none,
            py::arg("reference_sigmas_px") = none, py::arg("query_keypoints") = none,
            py::arg("reference_keypoints") = none,
-           py::arg("reference_clusters") = std::vector<int>(), py::arg("name") = "",
+           py::arg("reference_clusters") = std::vector<int>(), py::arg("position_prior") = none,
+           py::arg("gravity_prior") = none, py::arg("name") = "",
            "The arguments are those of raylift.estimate_pose().")
       .def_readonly("name", &PoseProblem::name, "The query's; estimates depend on it.")
       .def_readonly("camera", &PoseProblem::query_camera, "The query's.")
@@ -224,7 +257,7 @@ void BindProblem(py::module_& module) {
           [](const PoseProblem& problem, const PathLike& file) {
             WritePoseProblem(ToPath(file), {problem, std::nullopt});
           },
-          py::arg("file"), "As JSON (pose-problem/1), which `raylift estimate` reads.")
+          py::arg("file"), "As JSON (pose-problem/2), which `raylift estimate` reads.")
       .def_static(
           "read",
           [](const PathLike& file) {

@@ -108,6 +108,25 @@ def test_arrays_of_any_layout_and_type_give_the_same():
     assert pose_of(Capsule(points2d), Capsule(points3d.astype(float))) == expected
 
 
+def test_priors_of_position_and_gravity():
+    problem = Problem(noise_px=2)
+    down = np.array([0.0, 0.0, -2.0])
+    rotation, position = problem.truth.rotation, problem.truth.center
+    arguments = (CAMERA, problem.points2d, problem.points3d)
+    plain = raylift.estimate_pose(*arguments, method="p3p")
+    exact = raylift.estimate_pose(*arguments, method="p3p", position_prior=(position, 0))
+    assert np.linalg.norm(exact.cam_from_world.center - position) < 1e-4
+    upright = raylift.estimate_pose(
+        *arguments, method="p3p", gravity_prior=(rotation @ down, list(down), 0.001))
+    tilted = upright.cam_from_world.rotation @ down - rotation @ down
+    assert np.degrees(np.linalg.norm(tilted) / 2) < 0.01
+    assert plain.cam_from_world.matrix.tolist() != exact.cam_from_world.matrix.tolist()
+    with pytest.raises(raylift.InputError, match=r"position_prior: expected an array of shape \(3,\)"):
+        raylift.estimate_pose(*arguments, position_prior=([1, 2], 1))
+    with pytest.raises(raylift.InputError, match="gravity prior, down_in_cam"):
+        raylift.estimate_pose(*arguments, gravity_prior=([0, 0, 0], down, 1))
+
+
 @pytest.mark.parametrize("arguments, message", [
     (dict(points2d=np.zeros((3, 3)), points3d=np.zeros((3, 3))),
      r"points2d: expected an array of shape \(N, 2\), found \(3, 3\)"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Optional, Sequence
+from typing import TYPE_CHECKING, Optional, Sequence, Tuple
 
 from . import _core
 
@@ -30,6 +30,8 @@ def estimate_pose(
     query_keypoints: Optional[ArrayLike] = None,
     reference_keypoints: Optional[ArrayLike] = None,
     reference_clusters: Sequence[int] = (),
+    position_prior: Optional[Tuple[ArrayLike, ArrayLike]] = None,
+    gravity_prior: Optional[Tuple[ArrayLike, ArrayLike, float]] = None,
     name: str = "",
     **options: Unpack[EstimatorOptions],
 ) -> _core.PoseEstimate:
@@ -48,6 +50,9 @@ def estimate_pose(
     point_keypoints, query_keypoints, reference_keypoints: (N,), (M,), (M,) indices of keypoints, where
         they are known: matches of one keypoint have equal ones. Without, equal pixels are one keypoint.
     reference_clusters: covisibility cluster of each reference, for the method "hloc".
+    position_prior: (position, sigma) of the camera's centre in the world, sigma one number or one per
+        axis; 0: exact.
+    gravity_prior: (down_in_cam, down_in_world, sigma_deg), directions of any length.
     name: the photograph's; random choices depend on it and on `seed` alone.
     options: as of `raylift estimate`, with its defaults: method="adaptive" (or "p3p", "e5p1", "d3p1",
         "select", "hybrid_ransac", "hloc"), score="sum_msac", lo="hybrid", alpha=0.8, refinement="robust",
@@ -73,6 +78,8 @@ def estimate_pose(
         query_keypoints=query_keypoints,
         reference_keypoints=reference_keypoints,
         reference_clusters=reference_clusters,
+        position_prior=position_prior,
+        gravity_prior=gravity_prior,
         name=name,
     )
     return _core.estimate(problem, **options)
