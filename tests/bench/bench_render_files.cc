@@ -167,6 +167,7 @@ class Bench {
     RenderJobOptions options{.out = folder_ / "job",
                              .products = {{Product::kDepth, format.extension}}};
     options.storage = format.storage;
+    options.overwrite = true;
     options.threads = threads;
     RunRenderJob(scene_, tasks_, options, {});
   }
