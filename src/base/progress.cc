@@ -17,19 +17,26 @@ std::string FormatSeconds(double seconds) {
 
 }  // namespace
 
-Progress::Progress(std::string what, size_t total, Show show)
+Progress::Progress(std::string what, size_t total, Show show,
+                   std::chrono::milliseconds between_lines)
     : what_(std::move(what)),
       total_(total),
-      visible_(show == Show::kAuto && isatty(STDERR_FILENO) != 0),
+      form_(show == Show::kNever         ? Form::kNone
+            : isatty(STDERR_FILENO) != 0 ? Form::kTerminal
+                                         : Form::kLines),
+      between_lines_(between_lines),
       watch_(CallWatch::Current()),
       start_(std::chrono::steady_clock::now()),
-      last_print_(start_) {}
+      last_print_(start_),
+      last_line_(start_) {}
 
 Progress::~Progress() {
-  if (visible_) {
+  if (form_ == Form::kTerminal) {
     Print(done_);
     std::fputc('\n', stderr);
   }
+  const bool has_lines = last_line_ != start_;
+  if (form_ == Form::kLines && has_lines) Print(done_);
 }
 
 void Progress::CountAlso(std::string unit, double total) {
@@ -40,7 +47,7 @@ void Progress::CountAlso(std::string unit, double total) {
 void Progress::Advance(double amount) {
   const size_t done = ++done_;
   const bool told = watch_ != nullptr && watch_->hooks().on_progress;
-  if (!visible_ && !told) {
+  if (form_ == Form::kNone && !told) {
     return;
   }
   const std::lock_guard<std::mutex> lock(mutex_);
@@ -48,7 +55,11 @@ void Progress::Advance(double amount) {
   const auto now = std::chrono::steady_clock::now();
   const bool due = now - last_print_ > std::chrono::milliseconds(200);
   if (due) last_print_ = now;
-  if (visible_ && due) Print(done);
+  if (form_ == Form::kTerminal && due) Print(done);
+  if (form_ == Form::kLines && now - last_line_ >= between_lines_) {
+    last_line_ = now;
+    Print(done);
+  }
   if (told && (due || done == total_)) watch_->hooks().on_progress(what_, done, total_);
 }
 
@@ -62,9 +73,10 @@ void Progress::Print(size_t done) {
                                    : 0;
   const std::string amounts =
       unit_.empty() ? "" : fmt::format(", {:.1f} {} / s", amount_ / seconds, unit_);
-  const std::string line = fmt::format("\r{} / {} {}, {:.1f} / s{}, {} left\033[K", done, total_,
-                                       what_, rate, amounts, FormatSeconds(std::max(left_s, 0.0)));
-  std::fputs(line.c_str(), stderr);
+  const std::string line = fmt::format("{} / {} {}, {:.1f} / s{}, {} left", done, total_, what_,
+                                       rate, amounts, FormatSeconds(std::max(left_s, 0.0)));
+  const bool is_terminal = form_ == Form::kTerminal;
+  std::fputs((is_terminal ? "\r" + line + "\033[K" : line + '\n').c_str(), stderr);
   std::fflush(stderr);
 }
 

@@ -1,5 +1,6 @@
-// Progress of a long loop on stderr: count, rate, time left. Shown only where stderr is a terminal;
-// a watch of the call (call_watch.h) is told in any case.
+// Progress of a long loop on stderr: count, rate, time left. One line that changes where stderr is a
+// terminal, else, as in the logs of a cluster, a line every minute, so that short loops leave none; a
+// watch of the call (call_watch.h) is told in any case.
 
 #pragma once
 
@@ -18,7 +19,8 @@ class Progress {
   enum class Show { kAuto, kNever };
 
   // `what` names the items: "queries", "images".
-  Progress(std::string what, size_t total, Show show = Show::kAuto);
+  Progress(std::string what, size_t total, Show show = Show::kAuto,
+           std::chrono::milliseconds between_lines = std::chrono::minutes(1));
   ~Progress();
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
@@ -31,11 +33,14 @@ class Progress {
   void Advance(double amount = 0);
 
  private:
+  enum class Form { kNone, kTerminal, kLines };
+
   void Print(size_t done);
 
   std::string what_;
   size_t total_;
-  bool visible_;
+  Form form_;
+  std::chrono::milliseconds between_lines_;
   CallWatch* watch_;  // outlives the loop; may be null
   std::atomic<size_t> done_{0};
   std::mutex mutex_;
@@ -44,6 +49,7 @@ class Progress {
   double amount_ = 0;
   std::chrono::steady_clock::time_point start_;
   std::chrono::steady_clock::time_point last_print_;
+  std::chrono::steady_clock::time_point last_line_;
 };
 
 }  // namespace raylift
