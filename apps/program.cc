@@ -19,13 +19,20 @@
 #include "scene_arguments.h"
 #include <CLI/CLI.hpp>
 
-#include "raylift/base/error.h"
+#include "raylift/base/output_error.h"
 #include "raylift/io/scene_file.h"
 
 namespace raylift {
 namespace {
 
-enum ExitCode { kDone = 0, kBug = 1, kBadOption = 2, kBadInput = 3, kInterrupted = 4 };
+enum ExitCode {
+  kDone = 0,
+  kBug = 1,
+  kBadOption = 2,
+  kBadInput = 3,
+  kInterrupted = 4,
+  kBadOutput = 5
+};
 
 int Fail(ExitCode code, const char* message) {
   std::fprintf(stderr, "raylift: %s\n", message);
@@ -147,6 +154,8 @@ int RunProgram(const std::vector<std::string>& arguments) {
     }
   } catch (const OptionError& error) {
     return Fail(kBadOption, MessageInOptions(error).c_str());
+  } catch (const OutputError& error) {
+    return Fail(kBadOutput, error.what());
   } catch (const InputError& error) {
     return Fail(kBadInput, error.what());
   } catch (const Interrupted& interrupted) {

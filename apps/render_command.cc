@@ -145,8 +145,8 @@ Command AddRenderCommand(CLI::App& program) {
       "render", "Depth maps, normals, colour, ids of a mesh for all images of a data set");
   AddRenderOptions(*command, *flags);
   command->footer(
-      "SIGINT and SIGTERM finish the images in hand; the exit code then is 4, and --resume goes "
-      "on.\n"
+      "SIGINT and SIGTERM finish the images in hand; the exit code then is 4, and 5 where a file\n"
+      "cannot be written, as on a full disk: --resume goes on.\n"
       "Examples:\n"
       "  raylift render --geometry mesh:scene.ply --model sfm --out rendered --resume --preview\n"
       "  raylift render --geometry mesh:scene.ply --model sfm --out dense/stereo/depth_maps \\\n"

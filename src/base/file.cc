@@ -9,7 +9,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include "raylift/base/error.h"
+#include "raylift/base/output_error.h"
 
 namespace raylift {
 namespace {
@@ -74,7 +74,7 @@ void WriteFile(const std::filesystem::path& path, std::span<const std::string_vi
     }
     stream.close();
     if (!stream) {
-      throw InputError(path, fmt::format("cannot be written: {}", std::strerror(errno)));
+      throw OutputError(path, fmt::format("cannot be written: {}", std::strerror(errno)));
     }
   }
   file.Commit();
@@ -83,11 +83,11 @@ void WriteFile(const std::filesystem::path& path, std::span<const std::string_vi
 void RequireWritable(const std::filesystem::path& path) {
   std::error_code ignored;
   if (std::filesystem::is_directory(path, ignored)) {
-    throw InputError(path, "cannot be written: it is a folder");
+    throw OutputError(path, "cannot be written: it is a folder");
   }
   const AtomicFile file(path);
   if (!std::ofstream(file.temporary_path(), std::ios::binary)) {
-    throw InputError(path, fmt::format("cannot be written: {}", std::strerror(errno)));
+    throw OutputError(path, fmt::format("cannot be written: {}", std::strerror(errno)));
   }
 }
 
@@ -121,8 +121,8 @@ AtomicFile::AtomicFile(std::filesystem::path path) : path_(std::move(path)) {
     std::error_code error;
     std::filesystem::create_directories(path_.parent_path(), error);
     if (error) {
-      throw InputError(path_.parent_path(),
-                       fmt::format("the folder cannot be made: {}", error.message()));
+      throw OutputError(path_.parent_path(),
+                        fmt::format("the folder cannot be made: {}", error.message()));
     }
   }
   temporary_path_ = TemporaryName(path_);
@@ -139,7 +139,7 @@ void AtomicFile::Commit() {
   std::error_code error;
   std::filesystem::rename(temporary_path_, path_, error);
   if (error) {
-    throw InputError(path_, fmt::format("cannot be written: {}", error.message()));
+    throw OutputError(path_, fmt::format("cannot be written: {}", error.message()));
   }
   committed_ = true;
 }

@@ -9,9 +9,9 @@
 #include <nlohmann/json.hpp>
 #include <unistd.h>
 
-#include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/json_text.h"
+#include "raylift/base/output_error.h"
 #include "raylift/base/text.h"
 
 namespace raylift {
@@ -39,7 +39,7 @@ ManifestEntry FromJson(const Json& json) {
 }
 
 [[noreturn]] void FailToWrite(const path& file) {
-  throw InputError(file, fmt::format("cannot be written: {}", std::strerror(errno)));
+  throw OutputError(file, fmt::format("cannot be written: {}", std::strerror(errno)));
 }
 
 }  // namespace

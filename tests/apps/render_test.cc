@@ -275,13 +275,21 @@ TEST_F(Render, AFullDiskNamesTheFileAndTheRestIsResumed) {
       RunCommand(Arguments{"/bin/sh", "-c", "trap '' XFSZ; ulimit -f 128; exec \"$@\"", "sh",
                            RAYLIFT_PROGRAM} +
                  command + Arguments{out_});
-  EXPECT_TRUE(FailsWith(3, {(out_ / "depth" / "large.npy").string(), "cannot be written"}, full));
+  EXPECT_TRUE(FailsWith(5, {(out_ / "depth" / "large.npy").string(), "cannot be written"}, full));
   EXPECT_EQ(ReadManifest(out_ / "manifest.jsonl").size(), 6u);
   EXPECT_EQ(FilesBelow(out_).size(), 7u) << "the small images and the manifest";
   const CommandResult resumed = RunRaylift(command + Arguments{out_, "--resume"});
   ASSERT_TRUE(Succeeds(resumed));
   EXPECT_NE(resumed.out.find("6 kept"), std::string::npos) << resumed.out;
   EXPECT_EQ(Contents(out_), Contents(scene_.folder / "whole"));
+}
+
+TEST_F(Render, AnOutputThatCannotBeMadeIsNoBadInput) {
+  const fs::path file = scene_.folder / "file";
+  WriteFile(file, "in the way");
+  EXPECT_TRUE(FailsWith(5, {file.string()}, RunRaylift(Command(file / "out"))));
+  WriteFile(out_ / "depth", "in the way");
+  EXPECT_TRUE(FailsWith(5, {(out_ / "depth").string()}, RunRaylift(Command(out_))));
 }
 
 TEST_F(Render, ShardsSideBySideAreOneRun) {

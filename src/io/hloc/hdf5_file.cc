@@ -9,7 +9,7 @@
 #include <fmt/ranges.h>
 #include <hdf5.h>
 
-#include "raylift/base/error.h"
+#include "raylift/base/output_error.h"
 
 namespace raylift {
 namespace {
@@ -346,7 +346,7 @@ Hdf5Writer::Hdf5Writer(std::filesystem::path path) : path_(std::move(path)), fil
   file_ =
       H5Fcreate(file_on_disk_.temporary_path().c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access.get());
   if (file_ < 0) {
-    throw InputError(path_, fmt::format("cannot be written: {}", LastError()));
+    throw OutputError(path_, fmt::format("cannot be written: {}", LastError()));
   }
 }
 
@@ -379,7 +379,7 @@ void Hdf5Writer::WriteFloats(const std::string& dataset, std::span<const size_t>
         WriteDataset(file_, dataset, shape, H5T_IEEE_F32LE, H5T_NATIVE_FLOAT, values.data());
   }
   if (!is_written) {
-    throw InputError(path_, dataset, fmt::format("cannot be written: {}", LastError()));
+    throw OutputError(path_, dataset, fmt::format("cannot be written: {}", LastError()));
   }
 }
 
@@ -390,7 +390,7 @@ void Hdf5Writer::WriteIntegers(const std::string& dataset, std::span<const size_
                      : num_bytes_in_file == 4 ? H5T_STD_I32LE
                                               : H5T_STD_I64LE;
   if (!WriteDataset(file_, dataset, shape, type, H5T_NATIVE_INT64, values.data())) {
-    throw InputError(path_, dataset, fmt::format("cannot be written: {}", LastError()));
+    throw OutputError(path_, dataset, fmt::format("cannot be written: {}", LastError()));
   }
 }
 
@@ -401,7 +401,7 @@ void Hdf5Writer::WriteAttribute(const std::string& object, const std::string& na
                                            space.get(), H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT),
                          H5Aclose);
   if (!attribute.IsValid() || H5Awrite(attribute.get(), H5T_NATIVE_DOUBLE, &value) < 0) {
-    throw InputError(path_, object, fmt::format("cannot be written: {}", LastError()));
+    throw OutputError(path_, object, fmt::format("cannot be written: {}", LastError()));
   }
 }
 
@@ -412,7 +412,7 @@ void Hdf5Writer::Commit() {
     const std::string error = is_flushed ? "" : LastError();
     const bool is_closed = H5Fclose(std::exchange(file_, -1)) >= 0;
     if (!is_flushed || !is_closed) {
-      throw InputError(path_, fmt::format("cannot be written: {}", error));
+      throw OutputError(path_, fmt::format("cannot be written: {}", error));
     }
   }
   file_on_disk_.Commit();
