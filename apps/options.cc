@@ -41,6 +41,15 @@ Json EffectiveValue(const CLI::Option& option) {
   return option.as<std::string>();
 }
 
+std::string ShellQuoted(const std::string& text) {
+  constexpr std::string_view kPlain =
+      "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-+=./,:@%";
+  if (!text.empty() && text.find_first_not_of(kPlain) == std::string::npos) return text;
+  std::string quoted = "'";
+  for (const char c : text) quoted += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return quoted + "'";
+}
+
 }  // namespace
 
 EstimatorOptions EstimatorFlags::Resolve() const {
@@ -210,6 +219,20 @@ void PrintWarning(const std::string& warning) {
 
 void PrintWarnings(const std::vector<std::string>& warnings) {
   for (const std::string& warning : warnings) PrintWarning(warning);
+}
+
+std::string CommandLine(const CLI::App& app) {
+  std::string line = "raylift " + app.get_name();
+  for (const CLI::Option* option : app.get_options()) {
+    if (option->count() == 0 || !option->get_configurable()) continue;
+    const std::string name = option->get_positional() ? "" : " " + option->get_name();
+    const bool is_flag = option->get_expected_min() == 0;
+    if (is_flag) line += name;
+    for (const std::string& value : option->results()) {
+      if (!is_flag) line += name + " " + ShellQuoted(value);
+    }
+  }
+  return line;
 }
 
 std::string EffectiveOptionsJson(const CLI::App& app) {

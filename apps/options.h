@@ -68,6 +68,10 @@ void CheckNumbers(CLI::App& app);
 void PrintWarning(const std::string& warning);
 void PrintWarnings(const std::vector<std::string>& warnings);
 
+// "raylift COMMAND --option value ..." of all options that were given, also by files, as a shell
+// takes it.
+std::string CommandLine(const CLI::App& app);
+
 // The options of a command with the values in effect, as JSON, for `options.json`: numbers and
 // booleans as such, null where an option has no value.
 std::string EffectiveOptionsJson(const CLI::App& app);

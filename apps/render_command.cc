@@ -153,8 +153,9 @@ Command AddRenderCommand(CLI::App& program) {
       "      --format bin --pattern {name}.geometric\n"
       "  raylift render --geometry mesh:tiles --model sfm --out rendered --shard auto \\\n"
       "      --products depth,normals,color --format normals=npy --format color=jpg --scale 0.5");
-  return {command, [flags] {
+  return {command, [flags, command] {
             CheckRenderFlags(*flags);
+            flags->job.command = CommandLine(*command);
             RenderRun(*flags, ResolveJob(*flags)).Run();
           }};
 }

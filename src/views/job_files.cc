@@ -1,6 +1,7 @@
 #include "job_files.h"
 
 #include <algorithm>
+#include <ctime>
 #include <set>
 #include <unordered_set>
 
@@ -91,6 +92,23 @@ Json ProductJson(const ProductOutput& output, const RenderJobOptions& options) {
   return json;
 }
 
+// 2026-01-31T23:59:59Z
+std::string UtcText(std::chrono::system_clock::time_point time) {
+  const std::time_t seconds = std::chrono::system_clock::to_time_t(time);
+  std::tm utc{};
+  gmtime_r(&seconds, &utc);
+  char text[32];
+  return {text, std::strftime(text, sizeof(text), "%Y-%m-%dT%H:%M:%SZ", &utc)};
+}
+
+Json RunJson(const RunRecord& run) {
+  return {{"command", run.command},
+          {"started", UtcText(run.started)},
+          {"seconds", run.seconds},
+          {"rendered", run.rendered},
+          {"kept", run.kept}};
+}
+
 }  // namespace
 
 std::string JobHeader(const TriangleMesh& mesh, const RenderJobOptions& options) {
@@ -169,7 +187,8 @@ void RemoveLeftovers(const path& out, std::span<const std::string> files) {
 }
 
 std::string SummaryJson(const std::string& header, const ManifestEntries& entries,
-                        const std::vector<std::string>& warnings) {
+                        const std::vector<std::string>& warnings,
+                        const std::optional<RunRecord>& run) {
   size_t pixels = 0, hits = 0, bytes = 0, dropped = 0;
   std::optional<std::pair<float, float>> range;
   Json empty = Json::array();
@@ -198,6 +217,7 @@ std::string SummaryJson(const std::string& header, const ManifestEntries& entrie
       {"warnings", warnings},
       {"job", Json::parse(header)}};
   if (range) json["depth_range"] = {range->first, range->second};
+  if (run) json["run"] = RunJson(*run);
   return JsonText(json, 2) + '\n';
 }
 

@@ -3,7 +3,9 @@
 
 #pragma once
 
+#include <chrono>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -33,8 +35,18 @@ bool IsManifestOfOtherShard(const std::filesystem::path& manifest, const Shard& 
 // Removes what a killed run has left of these files: half-written ones under temporary names.
 void RemoveLeftovers(const std::filesystem::path& out, std::span<const std::string> files);
 
+// The run that has completed a job.
+struct RunRecord {
+  std::string command;
+  std::chrono::system_clock::time_point started;
+  double seconds = 0;
+  size_t rendered = 0;
+  size_t kept = 0;
+};
+
 // summary.json of a complete job.
 std::string SummaryJson(const std::string& header, const ManifestEntries& entries,
-                        const std::vector<std::string>& warnings);
+                        const std::vector<std::string>& warnings,
+                        const std::optional<RunRecord>& run);
 
 }  // namespace raylift

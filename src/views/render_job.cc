@@ -99,7 +99,6 @@ class Job {
   }
 
   RenderSummary Run() {
-    const auto start = Clock::now();
     const path manifest = ManifestPath(options_.out, options_.shard);
     RequireWritable(manifest);
     const FolderLock lock(options_.out, options_.shard.IsAll() ? FolderLock::Mode::kExclusive
@@ -116,7 +115,7 @@ class Job {
     summary.complete = all_done && Finish();
     summary.warnings = Warnings(done_);
     summary.foreign_files = std::move(foreign_files);
-    summary.seconds = SecondsSince(start);
+    summary.seconds = SecondsSince(start_);
     return summary;
   }
 
@@ -306,7 +305,7 @@ class Job {
     if (options_.preview) {
       WriteImage(options_.out / "preview.png", MakeContactSheet(scene_, Views(), threads_));
     }
-    WriteFile(options_.out / "summary.json", SummaryJson(header_, all, Warnings(all)));
+    WriteFile(options_.out / "summary.json", SummaryJson(header_, all, Warnings(all), Record()));
     WriteManifest(whole, header_, all);
     for (const path& manifest : ListManifests(options_.out)) {
       std::error_code ignored;
@@ -329,6 +328,11 @@ class Job {
     return {WhyTheMeshIsUnseen(scene_->mesh(), centers)};
   }
 
+  std::optional<RunRecord> Record() const {
+    if (options_.command.empty()) return std::nullopt;
+    return RunRecord{options_.command, wall_start_, SecondsSince(start_), rendered_, kept_};
+  }
+
   std::vector<View> Views() const {
     std::vector<View> views;
     for (const RenderTask& task : tasks_) views.push_back(task.view);
@@ -337,6 +341,8 @@ class Job {
     return views;
   }
 
+  const Clock::time_point start_ = Clock::now();
+  const std::chrono::system_clock::time_point wall_start_ = std::chrono::system_clock::now();
   const RenderJobOptions& options_;
   const RenderHooks& hooks_;
   std::shared_ptr<const RayCaster> scene_;

@@ -26,9 +26,15 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// But for what is another one in each run.
 std::map<std::string, std::string> Contents(const fs::path& folder) {
   std::map<std::string, std::string> contents;
   for (const std::string& file : FilesBelow(folder)) contents[file] = ReadFile(folder / file);
+  if (const auto summary = contents.find("summary.json"); summary != contents.end()) {
+    auto json = nlohmann::json::parse(summary->second);
+    json.erase("run");
+    summary->second = json.dump();
+  }
   return contents;
 }
 
@@ -123,6 +129,21 @@ TEST_F(Render, WritesDepthAndSaysWhat) {
       ReadDepthFile(out_ / "depth" / fs::path(scene_.queries[0].name).replace_extension(".exr"));
   EXPECT_EQ(depth.width_px, scene_.queries[0].camera.width_px());
   EXPECT_GT(ReadImage(out_ / "preview.png", ImageChannels::kRgb).width_px, 240);
+}
+
+TEST_F(Render, TheSummaryTellsTheCommandAndItsTimes) {
+  ASSERT_TRUE(Succeeds(
+      RunRaylift(Command(out_) + Arguments{"--format", "npy", "--glob", "*.*", "--deflate-npz"})));
+  const auto run = nlohmann::json::parse(ReadFile(out_ / "summary.json")).at("run");
+  const std::string command = run.at("command");
+  EXPECT_TRUE(command.starts_with("raylift render --geometry mesh:")) << command;
+  for (const std::string& part : {std::string(" --format npy"), std::string(" --glob '*.*'"),
+                                  std::string(" --deflate-npz"), " --out " + out_.string()}) {
+    EXPECT_NE(command.find(part), std::string::npos) << command << " lacks " << part;
+  }
+  EXPECT_EQ(std::string(run.at("started")).size(), std::string("2026-01-31T23:59:59Z").size());
+  EXPECT_GT(run.at("seconds"), 0);
+  EXPECT_EQ(run.at("rendered"), scene_.queries.size());
 }
 
 TEST_F(Render, LogJsonIsALinePerImage) {

@@ -38,6 +38,8 @@ struct RenderJobOptions {
   bool overwrite = false;
   Shard shard = {};
   bool preview = false;  // also make OUT/preview.png
+  // What was called, for summary.json, which then tells the times of the run as well. Empty: neither.
+  std::string command = {};
 };
 
 // What a run says of each image that it has rendered.
@@ -79,7 +81,8 @@ struct RenderSummary {
 //   manifest.jsonl        the options, the mesh and then each image; of a shard
 //                         manifest.I-of-N.jsonl, until all shards are complete
 //   summary.json, preview.png   when all images are complete
-// The bytes depend on neither threads, shards, interruptions nor the order of the tasks. Memory is
+// The bytes depend on neither threads, shards, interruptions nor the order of the tasks, but for what
+// summary.json says of the run. Memory is
 // that of the scene and of a few frames per thread. InputError naming the file where one cannot be
 // written: what is complete stays, and `resume` does the rest. OptionError where a former run has
 // left images in the folder and neither `resume` nor `overwrite` says what is to become of them.
