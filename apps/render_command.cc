@@ -54,9 +54,12 @@ class RenderRun {
  public:
   RenderRun(const RenderFlags& flags, RenderJobOptions options)
       : flags_(flags), options_(std::move(options)) {
-    tasks_ = SelectTasks(
-        flags.model.empty() ? ReadViewList(flags.cameras) : ReadModelViews(flags.model, warnings_),
-        flags.selection);
+    std::vector<View> views =
+        flags.model.empty() ? ReadViewList(flags.cameras) : ReadModelViews(flags.model, warnings_);
+    if (const auto warning = StretchWarning(views, flags.selection)) {
+      warnings_.push_back("--size: " + *warning);
+    }
+    tasks_ = SelectTasks(std::move(views), flags.selection);
     const Steps steps(flags.run.quiet);
     scene_ = LoadMeshScene(flags.geometry,
                            {.threads = flags.run.threads,

@@ -105,6 +105,26 @@ std::vector<View> ReadModelViews(const std::filesystem::path& model,
   return views;
 }
 
+std::optional<std::string> StretchWarning(const std::vector<View>& views,
+                                          const TaskSelection& selection) {
+  if (!selection.size) return std::nullopt;
+  TaskSelection unscaled = selection;
+  unscaled.size.reset();
+  const std::vector<RenderTask> tasks = SelectTasks(views, unscaled);
+  const auto is_stretched = [&size = *selection.size](const RenderTask& task) {
+    const int64_t width = task.view.camera.width_px, height = task.view.camera.height_px;
+    // What rounding both sides makes of the right shape is within half a pixel of it.
+    return 2 * std::abs(size.width_px * height - size.height_px * width) > width + height;
+  };
+  const auto count = std::count_if(tasks.begin(), tasks.end(), is_stretched);
+  if (count == 0) return std::nullopt;
+  const View& first = std::find_if(tasks.begin(), tasks.end(), is_stretched)->view;
+  return fmt::format(
+      "{}x{} is of another shape than {} of {} images ({}: {}x{}): they are stretched",
+      selection.size->width_px, selection.size->height_px, count, tasks.size(), first.name,
+      first.camera.width_px, first.camera.height_px);
+}
+
 std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection& selection) {
   std::sort(views.begin(), views.end(),
             [](const View& a, const View& b) { return a.name < b.name; });

@@ -57,6 +57,20 @@ TEST(SelectTasks, ScalesTheLensWithThePicture) {
       FailsWithInputError([&] { camera({.scale = 1e-3}); }, {"a.jpg", "pixels times 0.001"}));
 }
 
+TEST(StretchWarning, IsGivenWhereTheShapeChangesByMoreThanRounding) {
+  const auto views = Views({"a.jpg", "b.jpg"});
+  const auto warning = [&](int width, int height) {
+    return StretchWarning(views, {.size = PlaneSize{width, height}});
+  };
+  EXPECT_FALSE(warning(32, 20));
+  EXPECT_FALSE(warning(33, 21));  // 33 x 20.6
+  EXPECT_FALSE(warning(128, 80));
+  EXPECT_FALSE(StretchWarning(views, {}));
+  ASSERT_TRUE(warning(128, 128));
+  EXPECT_NE(warning(128, 128)->find("2 of 2 images (a.jpg: 64x40)"), std::string::npos)
+      << *warning(128, 128);
+}
+
 TEST(SelectTasks, NamesMirrorThoseOfTheImages) {
   const auto stem = [](const std::string& name, const std::string& pattern) {
     return SelectTasks(Views({name}), {.pattern = pattern}).front().stem;

@@ -35,6 +35,10 @@ struct TaskSelection {
 std::vector<View> ReadModelViews(const std::filesystem::path& model,
                                  std::vector<std::string>& warnings);
 
+// A sentence where `selection.size` would stretch pictures: is of another shape than they are.
+std::optional<std::string> StretchWarning(const std::vector<View>& views,
+                                          const TaskSelection& selection);
+
 // The tasks by name. InputError where an image of the list is not among the views, where none is
 // left, or where two images would be written to one file or outside of the output folder.
 std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection& selection);
