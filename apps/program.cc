@@ -19,6 +19,7 @@
 #include "scene_arguments.h"
 #include <CLI/CLI.hpp>
 
+#include "raylift/base/closest_name.h"
 #include "raylift/base/output_error.h"
 #include "raylift/io/scene_file.h"
 
@@ -140,6 +141,28 @@ Program Parsed(const Program& survey, const std::vector<std::string>& arguments)
   return program;
 }
 
+// "; did you mean NAME?" of the first argument that is no command or option but resembles one.
+std::string Hint(const CLI::App& app, const std::vector<std::string>& arguments) {
+  if (arguments.empty()) return {};
+  std::vector<std::string> commands;
+  const CLI::App* command = nullptr;
+  for (const CLI::App* known : app.get_subcommands([](const CLI::App*) { return true; })) {
+    commands.push_back(known->get_name());
+    if (known->get_name() == arguments.front()) command = known;
+  }
+  if (command == nullptr) return DidYouMean(arguments.front(), commands);
+  std::vector<std::string> options;
+  for (const CLI::Option* option : command->get_options()) options.push_back(option->get_name());
+  for (const std::string& argument : arguments) {
+    const std::string name = argument.substr(0, argument.find('='));
+    const bool is_known = std::find(options.begin(), options.end(), name) != options.end();
+    if (!name.starts_with("--") || is_known) continue;
+    const std::string hint = DidYouMean(name, options);
+    if (!hint.empty()) return hint;
+  }
+  return {};
+}
+
 }  // namespace
 
 int RunProgram(const std::vector<std::string>& arguments) {
@@ -150,7 +173,7 @@ int RunProgram(const std::vector<std::string>& arguments) {
     } catch (const CLI::Success& success) {
       return survey.app->exit(success);
     } catch (const CLI::ParseError& error) {
-      return Fail(kBadOption, error.what());
+      return Fail(kBadOption, (error.what() + Hint(*survey.app, arguments)).c_str());
     }
   } catch (const OptionError& error) {
     return Fail(kBadOption, MessageInOptions(error).c_str());

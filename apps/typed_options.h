@@ -12,6 +12,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "raylift/base/closest_name.h"
 #include "raylift/base/enum_names.h"
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
@@ -34,11 +35,22 @@ CLI::Option* AddParsedOption(CLI::App& app, const std::string& name, Value& valu
       [name, &value, parse](const std::string& text) { value = parse(name, text); }, default_text);
 }
 
+// "; did you mean NAME?" where the text is close to the name of a value, or to `none`.
+template <NamedEnum Enum>
+std::string DidYouMeanEnum(std::string_view text, const std::string& none = "") {
+  std::vector<std::string> names;
+  for (const EnumName<Enum>& entry : kEnumNames<Enum>) names.emplace_back(entry.name);
+  if (!none.empty()) names.push_back(none);
+  return DidYouMean(text, names);
+}
+
 // The value of that name. OptionError in the name of the option otherwise.
 template <NamedEnum Enum>
 Enum ParseEnum(std::string_view option, std::string_view text) {
   const auto value = FromName<Enum>(text);
-  if (!value) throw OptionError(option, text, "expected " + NameList<Enum>());
+  if (!value) {
+    throw OptionError(option, text, "expected " + NameList<Enum>() + DidYouMeanEnum<Enum>(text));
+  }
   return *value;
 }
 
@@ -63,7 +75,7 @@ CLI::Option* AddEnumOption(CLI::App& app, const std::string& name, std::optional
   const auto parse = [none, names](std::string_view option, std::string_view text) {
     const auto known = FromName<Enum>(text);
     if (!known && (none.empty() || text != none)) {
-      throw OptionError(option, text, "expected " + names);
+      throw OptionError(option, text, "expected " + names + DidYouMeanEnum<Enum>(text, none));
     }
     return known;
   };
@@ -84,7 +96,10 @@ CLI::Option* AddEnumListOption(CLI::App& app, const std::string& name, std::vect
     std::vector<Enum> parsed;
     for (const std::string_view part : SplitBy(text, ',')) {
       const auto value = FromName<Enum>(part);
-      if (!value) throw OptionError(option, text, "expected a list of " + NameList<Enum>());
+      if (!value) {
+        throw OptionError(option, text,
+                          "expected a list of " + NameList<Enum>() + DidYouMeanEnum<Enum>(part));
+      }
       parsed.push_back(*value);
     }
     return parsed;

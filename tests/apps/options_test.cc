@@ -88,6 +88,21 @@ TEST(Options, NoCommandOrAnUnknownOneExitsWith2) {
   EXPECT_TRUE(FailsWith(2, {"localise"}, RunRaylift({"localise"})));
 }
 
+TEST(Options, TyposGetAHint) {
+  const Arguments render = {"render", "--geometry", "mesh:m", "--model", "m", "--out", "o"};
+  EXPECT_TRUE(FailsWith(2, {"did you mean localize?"}, RunRaylift({"localise"})));
+  EXPECT_TRUE(FailsWith(2, {"--shrad", "did you mean --shard?"},
+                        RunRaylift(render + Arguments{"--shrad", "1/2"})));
+  EXPECT_TRUE(FailsWith(2, {"--prducts", "did you mean --products?"},
+                        RunRaylift(render + Arguments{"--prducts=depth"})));
+  EXPECT_TRUE(FailsWith(2, {"colour", "did you mean color?"},
+                        RunRaylift(render + Arguments{"--products", "depth,colour"})));
+  EXPECT_TRUE(
+      FailsWith(2, {"did you mean unlit?"}, RunRaylift(render + Arguments{"--shading", "unlti"})));
+  const CommandResult far = RunRaylift(render + Arguments{"--frobnicate"});
+  EXPECT_EQ(far.err.find("did you mean"), std::string::npos) << far.err;
+}
+
 TEST(Options, UnknownOptionsAreNamedBeforeMissingOnes) {
   EXPECT_TRUE(FailsWith(2, {"--modle"}, RunRaylift({"localize", "--modle", "sfm"})));
   EXPECT_TRUE(FailsWith(2, {"--out"}, RunRaylift({"localize", "--queries", "q.txt"})));
