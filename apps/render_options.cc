@@ -11,6 +11,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
+#include "raylift/views/file_guide.h"
 
 namespace raylift {
 namespace {
@@ -173,6 +174,19 @@ void AddProductOptions(CLI::App& command, RenderFlags& flags) {
       ->group(group);
 }
 
+void AddFilesHelp(CLI::App& command) {
+  command
+      .add_flag_callback(
+          "--help-files",
+          [] {
+            fmt::print("{}", FileGuide());
+            throw CLI::Success();
+          },
+          "Print what the files of each product hold and exit; README.txt beside them says so too")
+      ->configurable(false)
+      ->group("Output");
+}
+
 void AddOutputOptions(CLI::App& command, RenderFlags& flags) {
   command
       .add_option("--out", flags.job.out,
@@ -218,6 +232,7 @@ void AddRenderOptions(CLI::App& command, RenderFlags& flags) {
   AddInputOptions(command, flags);
   AddProductOptions(command, flags);
   AddOutputOptions(command, flags);
+  AddFilesHelp(command);
   AddRunOptions(command, flags.run);
 }
 

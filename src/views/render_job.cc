@@ -18,6 +18,7 @@
 #include "raylift/base/parallel.h"
 #include "raylift/io/image_file.h"
 #include "raylift/views/contact_sheet.h"
+#include "raylift/views/file_guide.h"
 
 namespace raylift {
 namespace {
@@ -156,7 +157,7 @@ class Job {
   }
 
   void RemoveLeftoversOfShard() const {
-    std::vector<std::string> files = {"summary.json", "preview.png",
+    std::vector<std::string> files = {"summary.json", "preview.png", std::string(kFileGuideName),
                                       ManifestPath({}, options_.shard).string()};
     for (size_t i = 0; i < tasks_.size(); ++i) {
       if (!options_.shard.Contains(i)) continue;
@@ -305,6 +306,7 @@ class Job {
     if (options_.preview) {
       WriteImage(options_.out / "preview.png", MakeContactSheet(scene_, Views(), threads_));
     }
+    WriteGuide();
     WriteFile(options_.out / "summary.json", SummaryJson(header_, all, Warnings(all), Record()));
     WriteManifest(whole, header_, all);
     for (const path& manifest : ListManifests(options_.out)) {
@@ -331,6 +333,16 @@ class Job {
   std::optional<RunRecord> Record() const {
     if (options_.command.empty()) return std::nullopt;
     return RunRecord{options_.command, wall_start_, SecondsSince(start_), rendered_, kept_};
+  }
+
+  // Unless there is another file of that name.
+  void WriteGuide() const {
+    const path file = options_.out / kFileGuideName;
+    std::error_code ignored;
+    if (std::filesystem::exists(file, ignored) && !ReadFile(file).starts_with(kFileGuideTitle)) {
+      return;
+    }
+    WriteFile(file, FileGuide(options_.products, options_.storage, options_.frame.normals_in));
   }
 
   std::vector<View> Views() const {

@@ -146,6 +146,15 @@ TEST_F(Render, TheSummaryTellsTheCommandAndItsTimes) {
   EXPECT_EQ(run.at("rendered"), scene_.queries.size());
 }
 
+TEST_F(Render, SaysWhatItsFilesHold) {
+  const CommandResult help = RunRaylift({"render", "--help-files"});
+  ASSERT_TRUE(Succeeds(help));
+  EXPECT_NE(help.out.find("depth: z along the camera's optical axis"), std::string::npos);
+  EXPECT_EQ(help.out.find("raylift render"), std::string::npos) << "not the options' help";
+  ASSERT_TRUE(Succeeds(RunRaylift(Command(out_))));
+  EXPECT_NE(ReadFile(out_ / "README.txt").find("channel Y"), std::string::npos);
+}
+
 TEST_F(Render, LogJsonIsALinePerImage) {
   const CommandResult result = RunRaylift(Command(out_) + Arguments{"--log-json"});
   ASSERT_TRUE(Succeeds(result));

@@ -86,9 +86,10 @@ TEST_F(RenderJob, WritesEveryProductOfEveryImage) {
   ASSERT_TRUE(summary.depth_range);
   EXPECT_LT(summary.depth_range->second, 3.3f);
   const auto contents = Contents(out_);
-  EXPECT_EQ(contents.size(), 3 * kNumImages + 3);
-  for (const std::string file : {"depth/camera0/00.exr", "normals/camera1/17.npy",
-                                 "color/camera1/17.png", "manifest.jsonl", "preview.png"}) {
+  EXPECT_EQ(contents.size(), 3 * kNumImages + 4);
+  for (const std::string file :
+       {"depth/camera0/00.exr", "normals/camera1/17.npy", "color/camera1/17.png", "manifest.jsonl",
+        "preview.png", "README.txt"}) {
     EXPECT_TRUE(contents.contains(file)) << file;
   }
   const auto json = nlohmann::json::parse(contents.at("summary.json"));
@@ -203,6 +204,12 @@ TEST_F(RenderJob, CamerasThatAllMissTheMeshAreToldOf) {
   const auto json = nlohmann::json::parse(ReadFile(out_ / "summary.json"));
   EXPECT_EQ(json.at("warnings"), nlohmann::json(summary.warnings));
   EXPECT_TRUE(Run(Options(folder_ / "seen")).warnings.empty());
+}
+
+TEST_F(RenderJob, AReadmeOfSomebodyElseStays) {
+  WriteFile(out_ / "README.txt", "mine");
+  Run(Options(out_));
+  EXPECT_EQ(ReadFile(out_ / "README.txt"), "mine");
 }
 
 TEST_F(RenderJob, FilesOfAFormerRunThatStayAreNamed) {

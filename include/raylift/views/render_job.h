@@ -80,7 +80,7 @@ struct RenderSummary {
 //   PRODUCT/...           the files
 //   manifest.jsonl        the options, the mesh and then each image; of a shard
 //                         manifest.I-of-N.jsonl, until all shards are complete
-//   summary.json, preview.png   when all images are complete
+//   summary.json, preview.png, README.txt (file_guide.h)   when all images are complete
 // The bytes depend on neither threads, shards, interruptions nor the order of the tasks, but for what
 // summary.json says of the run. Memory is
 // that of the scene and of a few frames per thread. InputError naming the file where one cannot be

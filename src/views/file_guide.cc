@@ -1,0 +1,150 @@
+#include "raylift/views/file_guide.h"
+
+#include <vector>
+
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+constexpr std::string_view kFrame =
+    "PRODUCT/NAME.FORMAT, one of each image; NAME is the image's without its extension, or what\n"
+    "the pattern made of it. Rows from the top, the first pixel's centre at (0.5, 0.5) as in "
+    "COLMAP. Units are those of\n"
+    "mesh and poses. manifest.jsonl lists the files, summary.json has counts, options and "
+    "warnings.\n";
+
+std::string_view MeaningOf(Product product) {
+  switch (product) {
+    case Product::kDepth:
+      return "z along the camera's optical axis, in scene units. 0: no surface, or one that is not "
+             "in\n"
+             "  front of the image plane (lenses of more than 180 degrees; coverage counts it, "
+             "and\n"
+             "  distance has it). A panorama's depth is the distance.";
+    case Product::kDistance:
+      return "from the camera's centre along the ray, in scene units. 0: no surface.";
+    case Product::kNormals:
+      return "x, y, z of the surface's unit normal, on the side that the camera sees. 0, 0, 0: no\n"
+             "  surface.";
+    case Product::kColor:
+      return "RGB, 8 bits; the background where there is no surface.";
+    case Product::kTriangle:
+      return "which face of the mesh's file, counted from 0 (parts of a cut polygon share its "
+             "number;\n"
+             "  where several meshes are one scene, object says of which). 4294967295: no surface.";
+    case Product::kObject:
+      return "which mesh, counted from 0 in the order they were given in (a folder's by name).\n"
+             "  4294967295: no surface.";
+    case Product::kIncidence:
+      return "angle between the ray and the normal in degrees: 0 seen from straight ahead, 90\n"
+             "  grazing. -1: no surface.";
+    case Product::kMask:
+      return "255: a surface, 0: none.";
+  }
+  RAYLIFT_CHECK(false);
+}
+
+bool IsId(Product product) { return product == Product::kTriangle || product == Product::kObject; }
+
+std::string ArrayText(Product product, const StorageOptions& storage) {
+  const std::string_view shape =
+      product == Product::kNormals ? "(height, width, 3)" : "(height, width)";
+  const bool half = storage.floats.sample == FloatSample::kFloat16;
+  return fmt::format("{} {}", IsId(product) ? "uint32" : half ? "float16" : "float32", shape);
+}
+
+std::string KeyOf(Product product) { return IsId(product) ? "id" : std::string(ToString(product)); }
+
+std::string ExrText(Product product, const StorageOptions& storage) {
+  const bool several = product == Product::kNormals;
+  const std::string_view type = IsId(product)                                    ? "uint32"
+                                : storage.floats.sample == FloatSample::kFloat16 ? "float16"
+                                                                                 : "float32";
+  std::string text =
+      fmt::format("channel{} {}, {}", several ? "s" : "", ExrChannels(product), type);
+  if (several) text += ": x, y, z (OpenCV reads them in the order z, y, x)";
+  if (IsId(product)) return text + ", exactly; OpenCV reads no whole numbers: take npy";
+  if (storage.floats.exr_compression == ExrCompression::kPxr24 &&
+      storage.floats.sample != FloatSample::kFloat16) {
+    text += ", of which pxr24 keeps 24 bits (2^-16 of the value)";
+  }
+  return text + "; OpenCV wants OPENCV_IO_ENABLE_OPENEXR=1";
+}
+
+std::string PngText(Product product, const StorageOptions& storage) {
+  switch (product) {
+    case Product::kDepth:
+    case Product::kDistance:
+      return fmt::format("16 bits: value times {} (the step) is in scene units",
+                         FormatDouble(storage.floats.png_step));
+    case Product::kNormals:
+      return "to look at: (n + 1) * 127.5 in 8 bits as RGB, 128 where there is none";
+    case Product::kColor:
+      return "8 bits, RGB";
+    case Product::kMask:
+      return "8 bits, grey";
+    case Product::kTriangle:
+    case Product::kObject:
+    case Product::kIncidence:
+      break;
+  }
+  RAYLIFT_CHECK(false);
+}
+
+std::string FormatText(Product product, const std::string& format, const StorageOptions& storage) {
+  if (format == "exr") return ExrText(product, storage);
+  if (format == "npy") return "an array " + ArrayText(product, storage);
+  if (format == "npz")
+    return fmt::format("key \"{}\": {}", KeyOf(product), ArrayText(product, storage));
+  if (format == "png") return PngText(product, storage);
+  if (format == "jpg") return "8 bits, RGB, lossy";
+  if (format == "bin") {
+    return product == Product::kNormals
+               ? "COLMAP's: \"width&height&3&\", then float32, all x, all y, all z"
+               : "COLMAP's: \"width&height&1&\", then float32";
+  }
+  if (format == "pfm") return "float32, grey; as in all PFM files the lowest row is the first";
+  return "float32, grey";  // tiff
+}
+
+std::string Guide(std::span<const ProductOutput> outputs, const StorageOptions& storage,
+                  std::string_view normals_frame) {
+  std::string text = fmt::format("{}\n\n{}", kFileGuideTitle, kFrame);
+  const ProductOutput* before = nullptr;
+  for (const ProductOutput& output : outputs) {
+    if (before == nullptr || before->product != output.product) {
+      text += fmt::format("\n{}: {}\n", ToString(output.product), MeaningOf(output.product));
+      if (output.product == Product::kNormals) text += fmt::format("  In {}.\n", normals_frame);
+    }
+    text += fmt::format("  .{}: {}\n", output.format,
+                        FormatText(output.product, output.format, storage));
+    before = &output;
+  }
+  return text;
+}
+
+}  // namespace
+
+std::string FileGuide(std::span<const ProductOutput> outputs, const StorageOptions& storage,
+                      FrameOptions::NormalsIn normals_in) {
+  return Guide(outputs, storage,
+               normals_in == FrameOptions::NormalsIn::kCamera
+                   ? "the camera's frame: x right, y down, z ahead"
+                   : "the world's frame, that of the poses");
+}
+
+std::string FileGuide() {
+  std::vector<ProductOutput> all;
+  for (const Product product : AllValues<Product>()) {
+    for (const std::string_view format : FormatsOf(product)) {
+      all.push_back({product, std::string(format)});
+    }
+  }
+  return Guide(all, {}, "the world's frame, or in the camera's, as asked for");
+}
+
+}  // namespace raylift
