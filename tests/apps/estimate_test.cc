@@ -150,9 +150,9 @@ TEST(Estimate, OutputThatCannotBeWrittenIsNamed) {
   ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, scene.folder / "out") +
                                   Arguments{"--write-problems", problems})));
   EXPECT_TRUE(
-      FailsWith(3, {problems.string()}, RunRaylift({"estimate", problems, "--csv", problems})));
+      FailsWith(5, {problems.string()}, RunRaylift({"estimate", problems, "--csv", problems})));
   const fs::path below_file = scene.mesh() / "poses.txt";
-  EXPECT_TRUE(FailsWith(3, {scene.mesh().string()},
+  EXPECT_TRUE(FailsWith(5, {scene.mesh().string()},
                         RunRaylift({"estimate", problems, "--poses", below_file})));
 }
 

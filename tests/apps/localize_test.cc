@@ -135,10 +135,10 @@ TEST(Localize, AnOutFolderThatCannotBeWrittenIsNamedBeforeAnyWork) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const fs::path blocked = scene.folder / "blocked";
   WriteFile(blocked, "a file, no folder");
-  EXPECT_TRUE(FailsWith(3, {blocked.string()}, RunRaylift(LocalizeWithHloc(scene, blocked))));
+  EXPECT_TRUE(FailsWith(5, {blocked.string()}, RunRaylift(LocalizeWithHloc(scene, blocked))));
   EXPECT_TRUE(
-      FailsWith(3, {blocked.string()}, RunRaylift(LocalizeWithHloc(scene, blocked / "out"))));
-  EXPECT_TRUE(FailsWith(3, {blocked.string()},
+      FailsWith(5, {blocked.string()}, RunRaylift(LocalizeWithHloc(scene, blocked / "out"))));
+  EXPECT_TRUE(FailsWith(5, {blocked.string()},
                         RunRaylift(LocalizeWithHloc(scene, scene.folder / "out") +
                                    Arguments{"--write-problems", blocked})));
   EXPECT_FALSE(fs::exists(scene.folder / "out" / "queries.jsonl"));
@@ -147,7 +147,7 @@ TEST(Localize, AnOutFolderThatCannotBeWrittenIsNamedBeforeAnyWork) {
   }
   fs::create_directories(scene.folder / "closed");
   chmod((scene.folder / "closed").c_str(), 0500);
-  EXPECT_TRUE(FailsWith(3, {(scene.folder / "closed").string()},
+  EXPECT_TRUE(FailsWith(5, {(scene.folder / "closed").string()},
                         RunRaylift(LocalizeWithHloc(scene, scene.folder / "closed"))));
 }
 
