@@ -12,10 +12,9 @@ namespace {
 
 constexpr std::string_view kFrame =
     "PRODUCT/NAME.FORMAT, one of each image; NAME is the image's without its extension, or what\n"
-    "the pattern made of it. Rows from the top, the first pixel's centre at (0.5, 0.5) as in "
-    "COLMAP. Units are those of\n"
-    "mesh and poses. manifest.jsonl lists the files, summary.json has counts, options and "
-    "warnings.\n";
+    "the pattern made of it. Rows from the top, the first pixel's centre at (0.5, 0.5) as in\n"
+    "COLMAP. Units are those of mesh and poses. manifest.jsonl lists the files, summary.json has\n"
+    "counts, options and warnings. OpenCV reads EXR where OPENCV_IO_ENABLE_OPENEXR=1 is set.\n";
 
 std::string_view MeaningOf(Product product) {
   switch (product) {
@@ -66,13 +65,12 @@ std::string ExrText(Product product, const StorageOptions& storage) {
                                                                                  : "float32";
   std::string text =
       fmt::format("channel{} {}, {}", several ? "s" : "", ExrChannels(product), type);
-  if (several) text += ": x, y, z (OpenCV reads them in the order z, y, x)";
   if (IsId(product)) return text + ", exactly; OpenCV reads no whole numbers: take npy";
   if (storage.floats.exr_compression == ExrCompression::kPxr24 &&
       storage.floats.sample != FloatSample::kFloat16) {
-    text += ", of which pxr24 keeps 24 bits (2^-16 of the value)";
+    text += ", 24 bits of it (pxr24: 2^-16 of the value)";
   }
-  return text + "; OpenCV wants OPENCV_IO_ENABLE_OPENEXR=1";
+  return several ? text + ": x, y, z (in OpenCV z, y, x)" : text;
 }
 
 std::string PngText(Product product, const StorageOptions& storage) {
