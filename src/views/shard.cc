@@ -271,6 +271,7 @@ class AutoShard {
 
   [[noreturn]] void FailWithoutLauncher() const {
     std::vector<std::string_view> names;
+    names.reserve(kLaunchers.size());
     for (const Launcher& launcher : kLaunchers) names.push_back(launcher.index);
     Fail(fmt::format("found none of {} in the environment: give i/n", fmt::join(names, ", ")));
   }

@@ -14,7 +14,7 @@ namespace {
 using Eigen::Vector3d;
 
 Vector3d ReadDirection(LineTokens& tokens, std::string_view field) {
-  const Vector3d direction = tokens.Vector<3>(field);
+  Vector3d direction = tokens.Vector<3>(field);
   if (direction.isZero(0)) tokens.Fail(fmt::format("{}: expected a direction, found zeros", field));
   return direction;
 }

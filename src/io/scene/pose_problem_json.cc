@@ -206,7 +206,7 @@ void ReadReferenceClusters(const JsonPlace& place, PoseProblem* problem) {
 }
 
 Eigen::Vector3d ReadDirection(const JsonPlace& place) {
-  const Eigen::Vector3d direction = ReadVector<3>(place);
+  Eigen::Vector3d direction = ReadVector<3>(place);
   if (direction.isZero(0)) place.Fail("expected a direction, found zeros");
   return direction;
 }
