@@ -234,22 +234,14 @@ py::object TakeMap(Product product, Frame& frame) {
   return py::none();
 }
 
-// Before the map of triangles is handed over.
-py::object ObjectMap(const TriangleMesh& mesh, const Frame& frame) {
-  std::vector<uint32_t> objects = frame.triangle;
-  for (uint32_t& id : objects) {
-    if (id != HitBlock::kNoTriangle) id = mesh.ObjectOf(id);
-  }
-  return HandOver(std::move(objects), {frame.height_px, frame.width_px});
-}
-
 py::dict TakeMaps(const Pictures& pictures, const TriangleMesh& mesh, Frame& frame) {
   py::dict maps;
   const auto& products = pictures.products;
+  // Before the map of triangles is handed over.
   if (std::find(products.begin(), products.end(), Product::kObject) != products.end()) {
-    maps["object"] = ObjectMap(mesh, frame);
+    maps["object"] = HandOver(ObjectIds(frame, mesh), {frame.height_px, frame.width_px});
   }
-  for (const Product product : pictures.products) {
+  for (const Product product : products) {
     const py::str name{std::string(ToString(product))};
     if (!maps.contains(name)) maps[name] = TakeMap(product, frame);
   }

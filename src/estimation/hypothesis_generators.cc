@@ -44,13 +44,14 @@ void AddPosesByLength(const PreparedProblem& problem, std::span<const RelativePo
   }
 }
 
-}  // namespace
-
+// Of n things, how many sets of k there are.
 double NumSets(double n, int k) {
   double sets = 1;
   for (int i = 0; i < k; ++i) sets *= (n - i) / (i + 1);
   return std::max(sets, 0.0);
 }
+
+}  // namespace
 
 P3pGenerator::P3pGenerator(const PreparedProblem& problem) : problem_(problem) {}
 

@@ -27,9 +27,6 @@ class HypothesisGenerator {
   virtual double NumSamples() const = 0;
 };
 
-// Of n things, how many sets of k there are.
-double NumSets(double n, int k);
-
 // Three 2D-3D matches, uniformly.
 class P3pGenerator final : public HypothesisGenerator {
  public:

@@ -26,7 +26,7 @@ struct ActiveMatches {
 struct KindWeights {
   double point_weight = 1;
   double pair_weight = 1;
-  double prior_weight = 1 / (kSigmasOfThreshold * kSigmasOfThreshold);
+  double prior_weight = kSquaredSigma;
   kernels::KernelLoss point_loss = {};
   kernels::KernelLoss pair_loss = {};
 };

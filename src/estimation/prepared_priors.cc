@@ -24,11 +24,17 @@ constexpr double kReach = 3;
 // What is said to be exact is taken for exact to so much of a local unit, or radian.
 constexpr double kExact = 1e-6;
 
-// A match's squared residual over its squared threshold, of one of its squared sigmas.
-constexpr double kMatchUnit = 1 / (kSigmasOfThreshold * kSigmasOfThreshold);
-
-double LogSum(double a, double b) {
+// The logarithms of the two parts of the mixture, over the density of knowing nothing: of a density
+// that a right prior gives, and of a prior that says nothing.
+double LogRight(double log_density) { return std::log(1 - kWrong) + log_density; }
+double LogMixture(double log_density) {
+  const double a = LogRight(log_density);
+  const double b = std::log(kWrong);
   return std::max(a, b) + std::log1p(std::exp(-std::abs(a - b)));
+}
+
+double LogDensity(const Vector3d& residual, double log_peak) {
+  return log_peak - 0.5 * residual.squaredNorm();
 }
 
 Vector3d Direction(const Vector3d& vector, const char* field) {
@@ -73,38 +79,34 @@ PreparedPriors::PreparedPriors(const PosePriors& priors, const Vector3d& origin_
   }
 }
 
-double PreparedPriors::Term::LogRight() const {
-  return std::log(1 - kWrong) + log_peak - 0.5 * residual.squaredNorm();
+double PreparedPriors::Term::LogEvidence() const {
+  return LogMixture(LogDensity(residual, log_peak));
 }
 
-double PreparedPriors::Term::LogEvidence() const { return LogSum(std::log(kWrong), LogRight()); }
+double PreparedPriors::Term::Probability() const {
+  return std::exp(LogRight(LogDensity(residual, log_peak)) - LogEvidence());
+}
 
-double PreparedPriors::Term::Probability() const { return std::exp(LogRight() - LogEvidence()); }
+double PreparedPriors::Term::Shortfall() const { return LogMixture(log_peak) - LogEvidence(); }
 
-double PreparedPriors::Term::Shortfall() const {
-  return LogSum(std::log(kWrong), std::log(1 - kWrong) + log_peak) - LogEvidence();
+void PreparedPriors::Term::AddTo(const Eigen::Matrix<double, 3, 6>& jacobian, double weight,
+                                 NormalEquations& equations) const {
+  const double right = weight * Probability();
+  equations.hessian += right * jacobian.transpose() * jacobian;
+  equations.gradient += right * jacobian.transpose() * residual;
+  equations.cost += weight * 2 * Shortfall();
 }
 
 std::optional<PreparedPriors::Term> PreparedPriors::PositionTerm(const SolverPose& pose) const {
   if (!position_) return std::nullopt;
   const Vector3d centre = -pose.rotation.transpose() * pose.translation;
-  const Vector3d precision = position_->sigma.cwiseInverse();
-  Term term;
-  term.residual = precision.cwiseProduct(centre - position_->centre);
-  // A step moves the centre by -R' v, whatever w is.
-  term.jacobian << Eigen::Matrix3d::Zero(), -(precision.asDiagonal() * pose.rotation.transpose());
-  term.log_peak = position_log_peak_;
-  return term;
+  return Term{(centre - position_->centre).cwiseQuotient(position_->sigma), position_log_peak_};
 }
 
 std::optional<PreparedPriors::Term> PreparedPriors::GravityTerm(const SolverPose& pose) const {
   if (!gravity_) return std::nullopt;
   const Vector3d down = pose.rotation * gravity_->down_in_local;
-  Term term;
-  term.residual = (down - gravity_->down_in_cam) / gravity_->sigma;
-  term.jacobian << -Skew(down) / gravity_->sigma, Eigen::Matrix3d::Zero();
-  term.log_peak = gravity_log_peak_;
-  return term;
+  return Term{(down - gravity_->down_in_cam) / gravity_->sigma, gravity_log_peak_};
 }
 
 double PreparedPriors::ProbabilityOfPosition(const SolverPose& pose) const {
@@ -130,26 +132,29 @@ double PreparedPriors::Cost(const SolverPose& pose) const {
   for (const auto& term : {PositionTerm(pose), GravityTerm(pose)}) {
     if (term) sum += term->Shortfall();
   }
-  return 2 * kMatchUnit * sum;
+  return 2 * kSquaredSigma * sum;
 }
 
 double PreparedPriors::WorstCost() const {
-  const auto shortfall = [](double log_peak) {
-    return LogSum(std::log(kWrong), std::log(1 - kWrong) + log_peak) - std::log(kWrong);
-  };
-  return 2 * kMatchUnit *
+  const auto shortfall = [](double log_peak) { return LogMixture(log_peak) - std::log(kWrong); };
+  return 2 * kSquaredSigma *
          ((position_ ? shortfall(position_log_peak_) : 0) +
           (gravity_ ? shortfall(gravity_log_peak_) : 0));
 }
 
 void PreparedPriors::AddTo(const SolverPose& pose, double weight,
                            NormalEquations& equations) const {
-  for (const auto& term : {PositionTerm(pose), GravityTerm(pose)}) {
-    if (!term) continue;
-    const double right = weight * term->Probability();
-    equations.hessian += right * term->jacobian.transpose() * term->jacobian;
-    equations.gradient += right * term->jacobian.transpose() * term->residual;
-    equations.cost += weight * 2 * term->Shortfall();
+  Eigen::Matrix<double, 3, 6> jacobian;
+  if (const auto term = PositionTerm(pose)) {
+    // A step moves the centre by -R' v, whatever w is.
+    jacobian << Eigen::Matrix3d::Zero(),
+        -(position_->sigma.cwiseInverse().asDiagonal() * pose.rotation.transpose());
+    term->AddTo(jacobian, weight, equations);
+  }
+  if (const auto term = GravityTerm(pose)) {
+    jacobian << -Skew(pose.rotation * gravity_->down_in_local) / gravity_->sigma,
+        Eigen::Matrix3d::Zero();
+    term->AddTo(jacobian, weight, equations);
   }
 }
 

@@ -56,16 +56,17 @@ class PreparedPriors {
   void AddTo(const SolverPose& pose, double weight, NormalEquations& equations) const;
 
  private:
-  // One kind of knowledge: residuals over their standard deviations.
+  // One kind of knowledge at a pose.
   struct Term {
-    Eigen::Vector3d residual;
-    Eigen::Matrix<double, 3, 6> jacobian;
+    Eigen::Vector3d residual;  // over its standard deviations
     double log_peak;  // the logarithm of the density at its greatest, over that of knowing nothing
 
-    double LogRight() const;     // of the density, if the prior is right, over that of nothing
-    double LogEvidence() const;  // of the mixture's
+    double LogEvidence() const;
     double Probability() const;  // that the prior is right
     double Shortfall() const;    // of the evidence from its greatest
+
+    void AddTo(const Eigen::Matrix<double, 3, 6>& jacobian, double weight,
+               NormalEquations& equations) const;
   };
   std::optional<Term> PositionTerm(const SolverPose& pose) const;
   std::optional<Term> GravityTerm(const SolverPose& pose) const;

@@ -28,14 +28,22 @@ double ToleratedTurn(const PreparedPoint& point) {
 // The share of normal draws within the tolerance, about: along one axis.
 double ShareWithin(double tolerance, double sigma) { return std::min(1.0, tolerance / sigma); }
 
-double SquaredInlierRatio(const PreparedProblem& problem, const InlierCounts& inliers) {
-  const double ratio = inliers.points / static_cast<double>(problem.points.size());
-  return ratio * ratio;
-}
-
 }  // namespace
 
-KnownCentreGenerator::KnownCentreGenerator(const PreparedProblem& problem) : problem_(problem) {
+PriorGenerator::TwoPoints PriorGenerator::Draw(Rng& rng) const {
+  const auto sample = DrawDistinct<2>(rng, static_cast<int>(problem_.points.size()));
+  const PreparedPoint& a = problem_.points[sample[0]];
+  const PreparedPoint& b = problem_.points[sample[1]];
+  return {{a.ray, b.ray}, {a.point, b.point}};
+}
+
+double PriorGenerator::SuccessProbability(const InlierCounts& inliers) const {
+  const double ratio = inliers.points / static_cast<double>(problem_.points.size());
+  return ratio * ratio * share_near_ * ProbabilityOfPrior(inliers.pose);
+}
+
+KnownCentreGenerator::KnownCentreGenerator(const PreparedProblem& problem)
+    : PriorGenerator(problem) {
   if (!CanSample(problem)) return;
   const auto& prior = *problem.priors.position();
   std::vector<double> tolerated;
@@ -54,21 +62,18 @@ bool KnownCentreGenerator::CanSample(const PreparedProblem& problem) {
 void KnownCentreGenerator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
   poses.clear();
   const auto& prior = *problem_.priors.position();
-  const auto sample = DrawDistinct<2>(rng, static_cast<int>(problem_.points.size()));
-  const PreparedPoint& a = problem_.points[sample[0]];
-  const PreparedPoint& b = problem_.points[sample[1]];
+  const TwoPoints sample = Draw(rng);
   const Vector3d centre = prior.centre + prior.sigma.cwiseProduct(DrawNormal(rng));
-  if (const auto pose = SolvePoseAtCentre({a.ray, b.ray}, {a.point, b.point}, centre)) {
+  if (const auto pose = SolvePoseAtCentre(sample.rays, sample.points, centre)) {
     poses.push_back(*pose);
   }
 }
 
-double KnownCentreGenerator::SuccessProbability(const InlierCounts& inliers) const {
-  return SquaredInlierRatio(problem_, inliers) * share_near_ *
-         problem_.priors.ProbabilityOfPosition(inliers.pose);
+double KnownCentreGenerator::ProbabilityOfPrior(const SolverPose& pose) const {
+  return problem_.priors.ProbabilityOfPosition(pose);
 }
 
-UprightGenerator::UprightGenerator(const PreparedProblem& problem) : problem_(problem) {
+UprightGenerator::UprightGenerator(const PreparedProblem& problem) : PriorGenerator(problem) {
   if (!CanSample(problem)) return;
   std::vector<double> tolerated;
   for (const PreparedPoint& point : problem.points) tolerated.push_back(ToleratedTurn(point));
@@ -83,19 +88,16 @@ bool UprightGenerator::CanSample(const PreparedProblem& problem) {
 
 void UprightGenerator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
   const auto& prior = *problem_.priors.gravity();
-  const auto sample = DrawDistinct<2>(rng, static_cast<int>(problem_.points.size()));
-  const PreparedPoint& a = problem_.points[sample[0]];
-  const PreparedPoint& b = problem_.points[sample[1]];
+  const TwoPoints sample = Draw(rng);
   const Vector3d down = (prior.down_in_cam + prior.sigma * DrawNormal(rng)).normalized();
   std::array<SolverPose, 2> solutions;
   const int count =
-      SolveUprightPose({a.ray, b.ray}, {a.point, b.point}, down, prior.down_in_local, solutions);
+      SolveUprightPose(sample.rays, sample.points, down, prior.down_in_local, solutions);
   poses.assign(solutions.begin(), solutions.begin() + count);
 }
 
-double UprightGenerator::SuccessProbability(const InlierCounts& inliers) const {
-  return SquaredInlierRatio(problem_, inliers) * share_near_ *
-         problem_.priors.ProbabilityOfGravity(inliers.pose);
+double UprightGenerator::ProbabilityOfPrior(const SolverPose& pose) const {
+  return problem_.priors.ProbabilityOfGravity(pose);
 }
 
 }  // namespace raylift

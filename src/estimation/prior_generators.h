@@ -3,6 +3,7 @@
 
 #pragma once
 
+#include <array>
 #include <limits>
 #include <vector>
 
@@ -11,34 +12,47 @@
 
 namespace raylift {
 
+// What both have in common.
+class PriorGenerator : public HypothesisGenerator {
+ public:
+  double SuccessProbability(const InlierCounts& inliers) const override;
+  double NumSamples() const override { return std::numeric_limits<double>::infinity(); }
+
+ protected:
+  explicit PriorGenerator(const PreparedProblem& problem) : problem_(problem) {}
+
+  struct TwoPoints {
+    std::array<Eigen::Vector3d, 2> rays, points;
+  };
+  TwoPoints Draw(Rng& rng) const;
+  virtual double ProbabilityOfPrior(const SolverPose& pose) const = 0;
+
+  const PreparedProblem& problem_;
+  double share_near_ = 0;  // of draws that are as good as the truth, if the prior is right
+};
+
 // The centre is drawn from the position's prior.
-class KnownCentreGenerator final : public HypothesisGenerator {
+class KnownCentreGenerator final : public PriorGenerator {
  public:
   explicit KnownCentreGenerator(const PreparedProblem& problem);
   static bool CanSample(const PreparedProblem& problem);
 
   void Generate(Rng& rng, std::vector<SolverPose>& poses) const override;
-  double SuccessProbability(const InlierCounts& inliers) const override;
-  double NumSamples() const override { return std::numeric_limits<double>::infinity(); }
 
  private:
-  const PreparedProblem& problem_;
-  double share_near_ = 0;  // of draws that are as good as the centre, if the prior is right
+  double ProbabilityOfPrior(const SolverPose& pose) const override;
 };
 
 // The vertical direction is drawn from gravity's prior.
-class UprightGenerator final : public HypothesisGenerator {
+class UprightGenerator final : public PriorGenerator {
  public:
   explicit UprightGenerator(const PreparedProblem& problem);
   static bool CanSample(const PreparedProblem& problem);
 
   void Generate(Rng& rng, std::vector<SolverPose>& poses) const override;
-  double SuccessProbability(const InlierCounts& inliers) const override;
-  double NumSamples() const override { return std::numeric_limits<double>::infinity(); }
 
  private:
-  const PreparedProblem& problem_;
-  double share_near_ = 0;
+  double ProbabilityOfPrior(const SolverPose& pose) const override;
 };
 
 }  // namespace raylift

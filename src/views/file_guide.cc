@@ -19,11 +19,9 @@ constexpr std::string_view kFrame =
 std::string_view MeaningOf(Product product) {
   switch (product) {
     case Product::kDepth:
-      return "z along the camera's optical axis, in scene units. 0: no surface, or one that is not "
-             "in\n"
-             "  front of the image plane (lenses of more than 180 degrees; coverage counts it, "
-             "and\n"
-             "  distance has it). A panorama's depth is the distance.";
+      return "z along the camera's optical axis, in scene units. 0: no surface, or one that is\n"
+             "  not in front of the image plane (lenses of more than 180 degrees; coverage counts\n"
+             "  it, and distance has it). A panorama's depth is the distance.";
     case Product::kDistance:
       return "from the camera's centre along the ray, in scene units. 0: no surface.";
     case Product::kNormals:
@@ -32,9 +30,9 @@ std::string_view MeaningOf(Product product) {
     case Product::kColor:
       return "RGB, 8 bits; the background where there is no surface.";
     case Product::kTriangle:
-      return "which face of the mesh's file, counted from 0 (parts of a cut polygon share its "
-             "number;\n"
-             "  where several meshes are one scene, object says of which). 4294967295: no surface.";
+      return "which face of the mesh's file, counted from 0 (parts of a cut polygon share its\n"
+             "  number; where several meshes are one scene, object says of which). 4294967295: no\n"
+             "  surface.";
     case Product::kObject:
       return "which mesh, counted from 0 in the order they were given in (a folder's by name).\n"
              "  4294967295: no surface.";
@@ -46,8 +44,6 @@ std::string_view MeaningOf(Product product) {
   }
   RAYLIFT_CHECK(false);
 }
-
-bool IsId(Product product) { return product == Product::kTriangle || product == Product::kObject; }
 
 std::string ArrayText(Product product, const StorageOptions& storage) {
   const std::string_view shape =

@@ -66,14 +66,13 @@ Json ColorJson(const ColorOptions& options) {
 Json ProductJson(const ProductOutput& output, const RenderJobOptions& options) {
   const DepthWriteOptions& floats = options.storage.floats;
   Json json = {{"format", output.format}};
-  const bool is_id = output.product == Product::kTriangle || output.product == Product::kObject;
   const bool is_float = output.product != Product::kColor && output.product != Product::kMask;
   if (output.format == "exr") {
     json["channels"] = ExrChannels(output.product);
     json["compression"] = ToString(floats.exr_compression);
   }
   if (output.format == "npz") json["deflate"] = floats.deflate_npz;
-  if (is_float && !is_id) {
+  if (is_float && !IsId(output.product)) {
     json["sample"] = floats.sample == FloatSample::kFloat16 ? "half" : "float";
   }
   if (is_float && output.format == "png") {

@@ -44,12 +44,11 @@ WrittenFile WriteFloats(const path& file, const Frame& frame, const std::vector<
 
 // What `number` makes of each triangle.
 template <typename Number>
-WrittenFile WriteIds(const path& file, const Frame& frame, const DepthWriteOptions& options,
-                     const Number& number) {
+std::vector<uint32_t> Numbered(const Frame& frame, const Number& number) {
   std::vector<uint32_t> ids(frame.triangle.size());
   std::transform(frame.triangle.begin(), frame.triangle.end(), ids.begin(),
                  [&number](uint32_t id) { return id == HitBlock::kNoTriangle ? id : number(id); });
-  return {file, WriteIndexMap(file, {frame.width_px, frame.height_px}, ids, options)};
+  return ids;
 }
 
 DepthWriteOptions OptionsFor(const ProductOutput& output, const DepthWriteOptions& floats) {
@@ -78,6 +77,14 @@ DepthWriteOptions OptionsFor(const ProductOutput& output, const DepthWriteOption
 }
 
 }  // namespace
+
+std::vector<uint32_t> FaceIds(const Frame& frame, const TriangleMesh& mesh) {
+  return Numbered(frame, [&mesh](uint32_t triangle) { return mesh.FaceOf(triangle); });
+}
+
+std::vector<uint32_t> ObjectIds(const Frame& frame, const TriangleMesh& mesh) {
+  return Numbered(frame, [&mesh](uint32_t triangle) { return mesh.ObjectOf(triangle); });
+}
 
 std::span<const std::string_view> FormatsOf(Product product) {
   switch (product) {
@@ -122,7 +129,7 @@ void Request(std::span<const ProductOutput> products, FrameOptions& options) {
     options.distance |= output.product == Product::kDistance;
     options.normals |= output.product == Product::kNormals;
     options.color |= output.product == Product::kColor;
-    options.triangle |= output.product == Product::kTriangle || output.product == Product::kObject;
+    options.triangle |= IsId(output.product);
     options.incidence |= output.product == Product::kIncidence;
     options.mask |= output.product == Product::kMask;
   }
@@ -145,9 +152,9 @@ WrittenFile WriteProduct(const path& file, const ProductOutput& output, const Fr
     case Product::kColor:
       return WritePicture(file, frame.color, storage.jpeg_quality);
     case Product::kTriangle:
-      return WriteIds(file, frame, options, [&mesh](uint32_t id) { return mesh.FaceOf(id); });
+      return {file, WriteIndexMap(file, size, FaceIds(frame, mesh), options)};
     case Product::kObject:
-      return WriteIds(file, frame, options, [&mesh](uint32_t id) { return mesh.ObjectOf(id); });
+      return {file, WriteIndexMap(file, size, ObjectIds(frame, mesh), options)};
     case Product::kMask:
       return WritePicture(file, frame.mask, 0);
   }

@@ -1,16 +1,19 @@
 // localize with hloc's files: the same results however it runs, and complete output.
 
 #include <algorithm>
+#include <map>
 
 #include "apps/program.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "raylift/base/file.h"
+#include "raylift/io/pose_problem_json.h"
 #include "raylift/io/query_list.h"
 
 namespace raylift {
@@ -26,6 +29,32 @@ TEST(Localize, FindsTheTruePosesByEveryMethod) {
     ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--method", method})));
     EXPECT_TRUE(HoldsTruePoses(out / "poses.txt", scene.queries, 1e-3, 1e-4)) << method;
   }
+}
+
+TEST(Localize, WhatIsKnownOfAQueryIsPartOfItsProblem) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path priors = scene.folder / "priors.txt";
+  const fs::path problems = scene.folder / "problems";
+  const Eigen::Vector3d centre = scene.queries[0].cam_from_world.OriginInSource();
+  WriteFile(priors, fmt::format("{0} position {1} {2} {3} 0.5\n{0} gravity 0 1 0 2\n",
+                                scene.queries[0].name, centre.x(), centre.y(), centre.z()));
+  const Arguments with_priors = LocalizeWithHloc(scene, scene.folder / "out") +
+                                Arguments{"--priors", priors, "--write-problems", problems};
+  ASSERT_TRUE(Succeeds(RunRaylift(with_priors)));
+  EXPECT_TRUE(HoldsTruePoses(scene.folder / "out" / "poses.txt", scene.queries, 1e-3, 1e-4));
+  std::map<std::string, PosePriors> written;
+  for (const fs::path& file : ListPoseProblems(problems)) {
+    const PoseProblem problem = ReadPoseProblem(file).problem;
+    written[problem.name] = problem.priors;
+  }
+  const PosePriors& known = written.at(scene.queries[0].name);
+  EXPECT_LT((known.position.value().position - centre).norm(), 1e-12);
+  EXPECT_EQ(known.gravity.value().down_in_world, Eigen::Vector3d(0, 0, -1));
+  EXPECT_TRUE(written.at(scene.queries[1].name).empty());
+
+  WriteFile(priors, "another.jpg position 0 0 0 1\n");
+  EXPECT_TRUE(
+      FailsWith(3, {priors.string(), "knows none of the 2 queries"}, RunRaylift(with_priors)));
 }
 
 TEST(Localize, E5p1NeedsNoGeometry) {

@@ -50,6 +50,7 @@ references = "sfm"
 images = "photos"
 queries = "queries.txt"
 groups = "groups.txt"
+priors = "priors.txt"
 thresholds = "aachen"
 [[geometry]]
 name = "mesh"
@@ -70,6 +71,7 @@ mesh = "mesh:b.ply"
   EXPECT_EQ(scene.model, folder / "data/sfm");
   EXPECT_EQ(scene.query_images, folder / "data/photos");
   EXPECT_EQ(scene.groups, folder / "data/groups.txt");
+  EXPECT_EQ(scene.priors, folder / "data/priors.txt");
   EXPECT_EQ(scene.group, "night");
   EXPECT_EQ(scene.thresholds, ParseThresholds("aachen"));
   ASSERT_EQ(scene.geometry.size(), 2u);

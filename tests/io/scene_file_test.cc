@@ -67,6 +67,7 @@ TEST(SceneFile, ReadsBackWhatWasWritten) {
   scene.ground_truth = folder / "out" / "ground_truth";
   scene.times = folder / "out" / "times.txt";
   scene.groups = folder / "out" / "groups.txt";
+  scene.priors = folder / "out" / "priors.txt";
   scene.thresholds = "0.1,1:0.25,2";
   scene.geometries = {{"mesh", "mesh:" + (folder / "data" / "a.ply").string() + ",far=3"},
                       {"all points", "sfm"}};
@@ -82,6 +83,7 @@ TEST(SceneFile, ReadsBackWhatWasWritten) {
   EXPECT_EQ(back.ground_truth, scene.ground_truth);
   EXPECT_EQ(back.times, scene.times);
   EXPECT_EQ(back.groups, scene.groups);
+  EXPECT_EQ(back.priors, scene.priors);
   EXPECT_EQ(back.thresholds, scene.thresholds);
   ASSERT_EQ(back.geometries.size(), 2u);
   EXPECT_EQ(back.geometries[0].spec, scene.geometries[0].spec);

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <span>
 #include <string>
@@ -38,6 +39,15 @@ inline constexpr auto kEnumNames<Product> = std::to_array<EnumName<Product>>({
     {Product::kIncidence, "incidence"},
     {Product::kMask, "mask"},
 });
+
+// Whole numbers.
+constexpr bool IsId(Product product) {
+  return product == Product::kTriangle || product == Product::kObject;
+}
+
+// What kTriangle and kObject hold, of a frame of this mesh with a map of triangles.
+std::vector<uint32_t> FaceIds(const Frame& frame, const TriangleMesh& mesh);
+std::vector<uint32_t> ObjectIds(const Frame& frame, const TriangleMesh& mesh);
 
 struct ProductOutput {
   Product product;
