@@ -95,8 +95,12 @@ void AddEstimatorNumbers(CLI::App& app, EstimatorOptions& values, const std::str
                  "widens the inlier threshold of 2D-3D matches")
       ->capture_default_str()
       ->group(group);
-  app.add_flag("--refine-focal", values.refine_focal,
-               "Refine the query's focal length with the pose")
+  app.add_flag("--refine-focal", values.refine_focal, "Find the query's focal length with the pose")
+      ->group(group);
+  app.add_option("--focal-range", values.focal_range,
+                 "and look for it within this factor of the given\n"
+                 "one either way")
+      ->capture_default_str()
       ->group(group);
   app.add_option("--min-iterations", values.min_iterations, "RANSAC")
       ->capture_default_str()

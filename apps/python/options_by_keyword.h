@@ -20,6 +20,7 @@ inline void TakeEstimatorOptions(Keywords& keywords, EstimatorOptions& options) 
   keywords.Take("sampson_threshold_px", options.sampson_threshold_px);
   keywords.Take("point_sigma", options.point_sigma);
   keywords.Take("refine_focal", options.refine_focal);
+  keywords.Take("focal_range", options.focal_range);
   keywords.Take("min_iterations", options.min_iterations);
   keywords.Take("max_iterations", options.max_iterations);
   keywords.Take("confidence", options.confidence);

@@ -28,20 +28,21 @@ NoisePrior PriorOf(const std::optional<SceneNoise>& scene, double threshold2) {
 }
 
 FinalPose RefineByBoth(const PreparedProblem& problem, const KeypointEvidence& evidence,
-                       const SolverPose& pose, const std::optional<SceneNoise>& scene) {
+                       const SolverPose& pose, const EstimatorOptions& options) {
   constexpr ResidualKinds kPairs{.points = false, .pairs = true};
   const double threshold2 = problem.sampson_threshold_px * problem.sampson_threshold_px;
   const double variance =
       problem.pairs.empty()
           ? kPriorVariance
           : NoiseVariance(ComputeResiduals(problem, pose, kPairs).pairs, kPairNoise);
-  const NoisePrior prior = PriorOf(scene, threshold2);
-  const JointResult result =
-      RefineJointly(evidence, pose, threshold2 * variance, prior, problem.priors);
+  const NoisePrior prior = PriorOf(options.scene_noise, threshold2);
+  const JointResult result = RefineJointly(evidence, pose, threshold2 * variance, prior,
+                                           problem.priors, options.refine_focal);
   return {.pose = result.pose,
           .covariance = result.covariance,
           .noise = result.noise,
-          .references_disagree = result.references_disagree};
+          .references_disagree = result.references_disagree,
+          .focal = result.focal};
 }
 
 }  // namespace
@@ -51,7 +52,7 @@ FinalPose RefineFinally(const PreparedProblem& problem,
                         ResidualKinds kinds, const EstimatorOptions& options) {
   if (options.refinement == Refinement::kRobust && kinds.points && kinds.pairs) {
     RAYLIFT_CHECK(evidence.has_value());
-    return RefineByBoth(problem, *evidence, pose, options.scene_noise);
+    return RefineByBoth(problem, *evidence, pose, options);
   }
   MaximumLikelihood likelihood(problem, kinds);
   if (options.refinement == Refinement::kRobust) {

@@ -4,6 +4,7 @@
 
 #include <optional>
 
+#include "estimation/focal_step.h"
 #include "estimation/joint_noise.h"
 #include "estimation/keypoint_evidence.h"
 #include "estimation/match_residuals.h"
@@ -22,6 +23,8 @@ struct FinalPose {
   // Of a refinement over both kinds of matches.
   std::optional<JointNoise> noise;
   bool references_disagree = false;
+  // Where the focal length is refined.
+  std::optional<FocalStep> focal = std::nullopt;
 };
 
 // kPaper: the pose as it is. kRobust: by both kinds together where both are asked for

@@ -1,8 +1,12 @@
-// The focal length of the query, refined with its pose.
+// The focal length of the query, found with its pose.
 
 #pragma once
 
+#include <optional>
+#include <vector>
+
 #include "estimation/match_residuals.h"
+#include "estimation/normal_equations.h"
 
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/geometry/camera.h"
@@ -10,15 +14,24 @@
 
 namespace raylift {
 
+// Where a focal length that is within a factor of the camera's is looked for: so close to each
+// other that the pose found with the nearest one leads to the true one. The camera itself is the
+// first; alone for lenses without a focal length.
+std::vector<Camera> FocalCandidates(const Camera& camera, double range);
+
 struct FocalRefinement {
   Camera camera;
-  Rigid3 cam_from_world;
+  // What the pose's covariance lacks where the camera is taken for granted: of the step (w, v) in
+  // the camera's tangent frame, scene units. None where the matches do not tell.
+  std::optional<Matrix6d> covariance_by_focal;
 };
 
-// The focal length, within 30 % of the camera's, under which the refined pose has the lowest MSAC
-// cost of the kinds of matches in use: a search along one dimension, with the pose refined at each
-// point. Starts from a pose of the problem as it is.
+// The focal length near the problem's, and between `shortest_px` and `longest_px`, that the kinds of
+// matches in use speak for. A search along one dimension for the lowest MSAC cost, with the pose
+// refined at each point, and from there, where poses are refined by maximum likelihood, Newton's
+// steps on the likelihood. Starts from a pose of the problem as it is.
 FocalRefinement RefineFocal(const PoseProblem& problem, const Rigid3& cam_from_world,
-                            ResidualKinds kinds, const EstimatorOptions& options);
+                            ResidualKinds kinds, const EstimatorOptions& options,
+                            double shortest_px, double longest_px);
 
 }  // namespace raylift

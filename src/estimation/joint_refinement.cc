@@ -101,6 +101,14 @@ void AddDisplaced(const Matrix4d& m, const Matrix3d& cross, Block block) {
   block(6, 6) += m(3, 3);
 }
 
+// Adds D' v.
+template <typename Segment>
+void AddDisplaced(const Vector4d& v, const Matrix3d& cross, Segment segment) {
+  segment.template head<3>() += cross * v.head<3>();
+  segment.template segment<3>(3) += v.head<3>();
+  segment[6] += v[3];
+}
+
 class JointRefinement {
  public:
   JointRefinement(const KeypointEvidence& evidence, const SolverPose& start,
@@ -115,7 +123,7 @@ class JointRefinement {
     Look(keypoint_variance_px2);
   }
 
-  JointResult Run() {
+  JointResult Run(bool step_of_focal) {
     double information = 0;
     for (int round = 0; round < kMaxRounds; ++round) {
       const std::optional<double> decrement = Step();
@@ -142,7 +150,8 @@ class JointRefinement {
     return {.pose = model_.pose,
             .noise = model_.noise,
             .covariance = Covariance(),
-            .references_disagree = WithReferences()};
+            .references_disagree = WithReferences(),
+            .focal = step_of_focal ? StepOfFocal() : std::nullopt};
   }
 
  private:
@@ -163,11 +172,13 @@ class JointRefinement {
   // Whether the keypoints are elsewhere than where their consensus was looked for.
   bool HasMovedFar() const;
 
+  // Fills the normal equations of all unknowns but the points; their gradient.
+  VectorXd Linearize();
   // One Gauss-Newton step of all unknowns; its squared length in standard deviations (Newton's
   // decrement), none where there is none to take.
   std::optional<double> Step();
   // What the views of a keypoint ask of its point and of themselves; false where there is none.
-  bool Linearize(size_t index, const Vector3d& centre);
+  bool LinearizeKeypoint(size_t index, const Vector3d& centre);
   // Adds the keypoint's part to the normal equations, its point eliminated. The lower triangle of
   // the Hessian is filled.
   void AddEliminated(size_t index);
@@ -182,7 +193,11 @@ class JointRefinement {
   void AddReferencePriors(VectorXd& gradient);
   void UpdateReferenceVariances(const MatrixXd& covariance);
 
+  std::optional<FocalStep> StepOfFocal();
   std::optional<Matrix6d> Covariance() const;
+  // Of the inverse Hessian's; the pixels' part of the Hessian is their information over
+  // StudentInformation().
+  double VarianceFactor(const MatrixXd& pose_columns) const;
   // By how much the pose's covariance (the first columns of the inverse Hessian) understates how
   // far the parts of the image pull the pose apart, at least 1: errors that the model does not
   // know, of the lens for instance, are common to neighbours.
@@ -231,7 +246,7 @@ bool JointRefinement::HasMovedFar() const {
   return squares > count * model_.noise.keypoint_px2;
 }
 
-bool JointRefinement::Linearize(size_t index, const Vector3d& centre) {
+bool JointRefinement::LinearizeKeypoint(size_t index, const Vector3d& centre) {
   const KeypointParts& keypoint = evidence_.keypoints[index];
   const KeypointState& state = model_.keypoints[index];
   Back& back = backs_[index];
@@ -286,9 +301,7 @@ void JointRefinement::AddEliminated(size_t index) {
   const Vector4d solved_gradient = back.covariance * back.gradient;
   for (const View& view : back.views) {
     const Vector4d slope = view.cost.gradient - view.coupling.transpose() * solved_gradient;
-    gradient.segment<3>(view.column) += cross * slope.head<3>();
-    gradient.segment<3>(view.column + 3) += slope.head<3>();
-    gradient[view.column + 6] += slope[3];
+    AddDisplaced(slope, cross, gradient.segment<7>(view.column));
     const Matrix4d solved = back.covariance * view.coupling;
     for (const View& other : back.views) {
       if (other.column > view.column) continue;
@@ -299,19 +312,23 @@ void JointRefinement::AddEliminated(size_t index) {
   }
 }
 
-std::optional<double> JointRefinement::Step() {
+VectorXd JointRefinement::Linearize() {
   const Vector3d centre = model_.Centre();
   hessian_.setZero(num_columns_, num_columns_);
   part_gradients_.setZero(num_columns_, kPartsOfImage);
   for (size_t k = 0; k < backs_.size(); ++k) {
-    backs_[k].used = Linearize(k, centre);
+    backs_[k].used = LinearizeKeypoint(k, centre);
     if (backs_[k].used) AddEliminated(k);
   }
   VectorXd gradient = part_gradients_.rowwise().sum();
   if (!pose_priors_.empty()) AddPosePriors(gradient);
   if (WithReferences()) AddReferencePriors(gradient);
   hessian_ = MatrixXd(hessian_.selfadjointView<Eigen::Lower>());
+  return gradient;
+}
 
+std::optional<double> JointRefinement::Step() {
+  const VectorXd gradient = Linearize();
   MatrixXd damped = hessian_;
   damped.diagonal().head<kQueryColumns>().array() +=
       1e-12 * damped.diagonal().head<kQueryColumns>().maxCoeff();
@@ -491,10 +508,46 @@ std::optional<Matrix6d> JointRefinement::Covariance() const {
   const MatrixXd inverse =
       factors.solve(MatrixXd::Identity(num_columns_, num_columns_).leftCols(6));
   const Matrix6d to_cam = CamStepFromOwn(model_.pose);
-  const Matrix6d covariance = Inflation(inverse) / StudentInformation(model_.noise.keypoint_tail) *
-                              to_cam * inverse.topRows<6>() * to_cam.transpose();
+  const Matrix6d covariance =
+      VarianceFactor(inverse) * to_cam * inverse.topRows<6>() * to_cam.transpose();
   if (!covariance.allFinite()) return std::nullopt;
   return Matrix6d(0.5 * (covariance + covariance.transpose()));
+}
+
+double JointRefinement::VarianceFactor(const MatrixXd& pose_columns) const {
+  return Inflation(pose_columns) / StudentInformation(model_.noise.keypoint_tail);
+}
+
+std::optional<FocalStep> JointRefinement::StepOfFocal() {
+  FocalEquations equations;
+  equations.gradient = Linearize();
+  equations.hessian = hessian_;
+  equations.mixed = VectorXd::Zero(num_columns_);
+  const Vector3d centre = model_.Centre();
+  for (size_t k = 0; k < backs_.size(); ++k) {
+    const Back& back = backs_[k];
+    if (!back.used) continue;
+    const QueryTerm query = model_.LookFromQuery(k, centre);
+    const Eigen::Vector2d& by_focal = evidence_.keypoints[k].px_by_log_focal;
+    Vector4d by_point = Vector4d::Zero();
+    by_point.head<3>() = query.weight * query.jacobian.transpose() * by_focal;
+    const Vector4d solved = back.covariance * by_point;
+    equations.slope += query.weight * by_focal.dot(query.seen.error_px) - solved.dot(back.gradient);
+    equations.curvature += query.weight * by_focal.squaredNorm() - solved.dot(by_point);
+    const Matrix3d cross = Skew(model_.keypoints[k].point);
+    for (const View& view : back.views) {
+      Vector4d shared = -view.coupling.transpose() * solved;
+      if (view.column == 0) shared += by_point;
+      AddDisplaced(shared, cross, equations.mixed.segment<7>(view.column));
+    }
+  }
+  std::optional<FocalStep> step = equations.Solve(CamStepFromOwn(model_.pose));
+  if (step) {
+    const Eigen::LDLT<MatrixXd> factors(hessian_);
+    step->variance *=
+        VarianceFactor(factors.solve(MatrixXd::Identity(num_columns_, num_columns_).leftCols(6)));
+  }
+  return step;
 }
 
 double JointRefinement::Inflation(const MatrixXd& pose_columns) const {
@@ -521,8 +574,9 @@ double JointRefinement::Inflation(const MatrixXd& pose_columns) const {
 
 JointResult RefineJointly(const KeypointEvidence& evidence, const SolverPose& start,
                           double keypoint_variance_px2, const NoisePrior& prior,
-                          const PreparedPriors& pose_priors) {
-  return JointRefinement(evidence, start, keypoint_variance_px2, prior, pose_priors).Run();
+                          const PreparedPriors& pose_priors, bool step_of_focal) {
+  return JointRefinement(evidence, start, keypoint_variance_px2, prior, pose_priors)
+      .Run(step_of_focal);
 }
 
 }  // namespace raylift

@@ -16,6 +16,7 @@
 
 #include <optional>
 
+#include "estimation/focal_step.h"
 #include "estimation/joint_noise.h"
 #include "estimation/keypoint_evidence.h"
 #include "estimation/keypoint_weighing.h"
@@ -31,11 +32,12 @@ struct JointResult {
   // Of the step (w, v) in the camera's tangent frame, local units; none where singular.
   std::optional<Eigen::Matrix<double, 6, 6>> covariance;
   bool references_disagree = false;
+  std::optional<FocalStep> focal;  // where it is asked for
 };
 
 // `keypoint_variance_px2` is a first guess.
 JointResult RefineJointly(const KeypointEvidence& evidence, const SolverPose& start,
                           double keypoint_variance_px2, const NoisePrior& prior,
-                          const PreparedPriors& pose_priors = {});
+                          const PreparedPriors& pose_priors = {}, bool step_of_focal = false);
 
 }  // namespace raylift

@@ -116,6 +116,7 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
             : original.matches_2d2d[static_cast<size_t>(problem.pairs[pairs[k].front()].match)]
                   .query_px;
     parts.part_of_image = PartOfImage(original.query_camera, px, kPartsPerSide);
+    parts.px_by_log_focal = px - original.query_camera.principal_point_px();
     if (!pairs[k].empty()) {
       const PreparedPair& pair = problem.pairs[pairs[k].front()];
       parts.image_from_cam =

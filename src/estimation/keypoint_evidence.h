@@ -36,8 +36,9 @@ inline constexpr int kPartsOfImage = kPartsPerSide * kPartsPerSide;
 
 // One keypoint; its parts are ranges of KeypointEvidence's lists.
 struct KeypointParts {
-  Eigen::Matrix3d image_from_cam;  // pixels, as a sighting's
-  int part_of_image;               // of the query's, below kPartsOfImage
+  Eigen::Matrix3d image_from_cam;   // pixels, as a sighting's
+  Eigen::Vector2d px_by_log_focal;  // how what it sees moves with the focal length's logarithm
+  int part_of_image;                // of the query's, below kPartsOfImage
   int first_sighting, end_sighting;
   int first_loose, end_loose;
 };

@@ -46,6 +46,25 @@ std::optional<Matrix6d> MaximumLikelihood::Covariance() const {
   return Matrix6d(0.5 * (covariance + covariance.transpose()));
 }
 
+std::optional<FocalStep> MaximumLikelihood::StepOfFocal(const PreparedProblem& shorter,
+                                                        const PreparedProblem& longer,
+                                                        double log_factor) const {
+  const auto linearize = [&](const PreparedProblem& problem) {
+    return Linearize(problem, Select(problem).Active(), pose_, weights_);
+  };
+  const NormalEquations at = linearize(problem_);
+  const NormalEquations below = linearize(shorter);
+  const NormalEquations above = linearize(longer);
+  FocalEquations equations;
+  equations.hessian = at.hessian;
+  equations.gradient = at.gradient;
+  equations.mixed = (above.gradient - below.gradient) / (2 * log_factor);
+  // Halves, as the gradient is.
+  equations.slope = (above.cost - below.cost) / (4 * log_factor);
+  equations.curvature = (above.cost - 2 * at.cost + below.cost) / (2 * log_factor * log_factor);
+  return equations.Solve();
+}
+
 // The matches near the pose, and what they say of the noise.
 void MaximumLikelihood::Gather() {
   const Residuals residuals = ComputeResiduals(problem_, pose_, kinds_);
@@ -56,16 +75,17 @@ void MaximumLikelihood::Gather() {
               .prior_weight = 1,
               .point_loss = RobustLoss(point_variance, kPointNoise),
               .pair_loss = RobustLoss(pair_variance, kPairNoise)};
-  near_ = {};
-  if (kinds_.points) {
-    near_.points =
-        MakePointBlocks<double>(problem_.points, IndicesBelow(residuals.points, kNearSquared));
-  }
+  selection_ = {};
+  if (kinds_.points) selection_.points = IndicesBelow(residuals.points, kNearSquared);
   if (kinds_.pairs) {
-    near_.pairs = MakePairBlocks<double>(
-        problem_.pairs,
-        ReliablePairs(problem_, pose_, residuals.pairs, pair_variance, kNearSquared));
+    selection_.pairs = ReliablePairs(problem_, pose_, residuals.pairs, pair_variance, kNearSquared);
   }
+  near_ = Select(problem_);
+}
+
+MaximumLikelihood::GatheredMatches MaximumLikelihood::Select(const PreparedProblem& problem) const {
+  return {MakePointBlocks<double>(problem.points, selection_.points),
+          MakePairBlocks<double>(problem.pairs, selection_.pairs)};
 }
 
 void MaximumLikelihood::Minimize() {

@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "estimation/focal_step.h"
 #include "estimation/match_residuals.h"
 #include "estimation/pose_minimizer.h"
 #include "estimation/prepared_problem.h"
@@ -27,10 +28,18 @@ class MaximumLikelihood {
   // Of the step (w, v) in the camera's tangent frame; none where singular.
   std::optional<Matrix6d> Covariance() const;
 
+  // What the matches say of the focal length. `shorter` and `longer` are the problem with it
+  // divided and multiplied by exp(log_factor), a small number, and matches in the same order.
+  std::optional<FocalStep> StepOfFocal(const PreparedProblem& shorter,
+                                       const PreparedProblem& longer, double log_factor) const;
+
   const SolverPose& pose() const { return pose_; }
 
  private:
   // Blocks of the matches near the pose.
+  struct Selection {
+    std::vector<int> points, pairs;
+  };
   struct GatheredMatches {
     std::vector<kernels::PointBlock<double>> points;
     PairBlocks<double> pairs;
@@ -39,12 +48,14 @@ class MaximumLikelihood {
   };
 
   void Gather();
+  GatheredMatches Select(const PreparedProblem& problem) const;
   void Minimize();
 
   const PreparedProblem& problem_;
   ResidualKinds kinds_;
   SolverPose pose_;
   KindWeights weights_;
+  Selection selection_;
   GatheredMatches near_;
 };
 

@@ -46,6 +46,15 @@ MatchNoise Describe(const JointNoise& noise, bool references_disagree, double sc
   return described;
 }
 
+void SetCovariance(const Matrix6d& covariance, PoseEstimate& estimate) {
+  estimate.covariance = covariance;
+  estimate.rotation_sigma_deg =
+      std::sqrt(covariance.topLeftCorner<3, 3>().trace()) * 180 / std::numbers::pi;
+  // The centre is -R' t: a step moves it by -R' v in the world, whatever w is, as both R and t turn
+  // with w.
+  estimate.position_sigma = std::sqrt(covariance.bottomRightCorner<3, 3>().trace());
+}
+
 // Fills what follows from the final pose: scores, inliers, covariance.
 void DescribePose(const PreparedProblem& problem, const PoseProblem& original,
                   const FinalPose& final_pose, PoseEstimate& estimate) {
@@ -74,14 +83,7 @@ void DescribePose(const PreparedProblem& problem, const PoseProblem& original,
   if (final_pose.covariance) {
     Eigen::Matrix<double, 6, 1> unit;
     unit << 1, 1, 1, problem.scale, problem.scale, problem.scale;
-    const Eigen::Matrix<double, 6, 6> covariance =
-        unit.asDiagonal() * *final_pose.covariance * unit.asDiagonal();
-    estimate.covariance = covariance;
-    estimate.rotation_sigma_deg =
-        std::sqrt(covariance.topLeftCorner<3, 3>().trace()) * 180 / std::numbers::pi;
-    // The centre is -R' t: a step moves it by -R' v in the world, whatever w is, as both R and t
-    // turn with w.
-    estimate.position_sigma = std::sqrt(covariance.bottomRightCorner<3, 3>().trace());
+    SetCovariance(unit.asDiagonal() * *final_pose.covariance * unit.asDiagonal(), estimate);
   }
 }
 
@@ -146,6 +148,11 @@ class RansacEstimator final : public PoseEstimator {
       : options_(options), method_(Configure(options)) {}
 
   PoseEstimate Estimate(const PoseProblem& problem) const override {
+    return options_.refine_focal ? EstimateWithFocal(problem) : EstimateWithCamera(problem);
+  }
+
+ private:
+  PoseEstimate EstimateWithCamera(const PoseProblem& problem) const {
     Rng rng(StreamSeed(options_.seed, problem.name, ToString(options_.method)));
     const PreparedProblem prepared(problem, options_.reprojection_threshold_px,
                                    options_.sampson_threshold_px, rng, options_.point_sigma);
@@ -202,7 +209,7 @@ class RansacEstimator final : public PoseEstimator {
     const auto value_of = [&](const SolverPose& pose) {
       return objective.Value(scorer.ScoreAll(pose));
     };
-    const ResidualKinds finally = method_.refined_finally.value_or(best.refined_kinds);
+    const ResidualKinds finally = KindsOf(best.solver);
     FinalPose final_pose = RefineFinally(prepared, evidence, best.pose, finally, options_);
     estimate.ransac_value = report.best_value;
     estimate.refined_value = value_of(final_pose.pose);
@@ -220,13 +227,9 @@ class RansacEstimator final : public PoseEstimator {
     DescribePose(prepared, problem, final_pose, estimate);
     Judge(problem, prepared, report, final_pose.pose, solvers, estimate);
     CheckSupport(e5p1, estimate);
-    if (options_.refine_focal && estimate.cam_from_world && estimate.position_observable) {
-      return EstimateWithRefinedFocal(problem, best.refined_kinds, estimate);
-    }
     return estimate;
   }
 
- private:
   FailureReason WhyNoSample(const PreparedProblem& problem) const {
     if (method_.refined_after_e5p1 && problem.pairs.size() >= 5) {
       return FailureReason::kNoReferencePair;
@@ -284,21 +287,59 @@ class RansacEstimator final : public PoseEstimator {
                                                                    : PoseVerdict::kDoubtful;
   }
 
-  // The focal length is refined at the pose found with the given one; the estimate is then made
-  // anew, as a better focal length has more inliers.
-  PoseEstimate EstimateWithRefinedFocal(const PoseProblem& problem, ResidualKinds kinds,
-                                        const PoseEstimate& first) const {
-    PoseProblem refined = problem;
-    refined.query_camera = RefineFocal(problem, *first.cam_from_world, kinds, options_).camera;
+  // The focal length is refined at the best of the poses found with some in its range; the estimate
+  // is then made anew, as a better focal length has more inliers.
+  PoseEstimate EstimateWithFocal(const PoseProblem& problem) const {
+    const double focal_px = problem.query_camera.MeanFocalPx();
     EstimatorOptions fixed_focal = options_;
     fixed_focal.refine_focal = false;
-    PoseEstimate second = RansacEstimator(fixed_focal).Estimate(refined);
-    if (!second.cam_from_world) {
-      return first;
+    const RansacEstimator estimator(fixed_focal);
+    PoseProblem changed = problem;
+    PoseEstimate first;
+    Camera camera;
+    int iterations = 0;
+    for (const Camera& candidate : FocalCandidates(problem.query_camera, options_.focal_range)) {
+      changed.query_camera = candidate;
+      PoseEstimate estimate = estimator.EstimateWithCamera(changed);
+      iterations += estimate.iterations;
+      if (estimate.cam_from_world &&
+          (!first.cam_from_world || estimate.refined_value < first.refined_value)) {
+        first = std::move(estimate);
+        camera = candidate;
+      }
     }
-    second.iterations += first.iterations;
-    second.refined_camera = refined.query_camera;
+    if (!first.cam_from_world || !first.position_observable) return first;
+    changed.query_camera = camera;
+    const FocalRefinement refined =
+        RefineFocal(changed, *first.cam_from_world, KindsOf(first.solver), options_,
+                    focal_px / options_.focal_range, focal_px * options_.focal_range);
+    changed.query_camera = refined.camera;
+    PoseEstimate second = estimator.EstimateWithCamera(changed);
+    if (!second.cam_from_world) {
+      second = std::move(first);
+      changed.query_camera = camera;
+    } else if (refined.covariance_by_focal && second.covariance) {
+      SetCovariance(*second.covariance + *refined.covariance_by_focal, second);
+    }
+    second.iterations += iterations;
+    second.refined_camera = changed.query_camera;
     return second;
+  }
+
+  // Of the final refinement of a pose that this solver made.
+  ResidualKinds KindsOf(Solver solver) const {
+    if (method_.refined_finally) return *method_.refined_finally;
+    switch (solver) {
+      case Solver::kP3p:
+      case Solver::kKnownCentre:
+      case Solver::kUpright:
+        return *method_.refined_after_p3p;
+      case Solver::kE5p1:
+        return *method_.refined_after_e5p1;
+      case Solver::kD3p1:
+        return *method_.refined_after_d3p1;
+    }
+    return {};
   }
 
   // A pose that its own minimal sample alone supports, or that chance supports as well, says
@@ -460,6 +501,8 @@ void EstimatorOptions::Validate() const {
             "scene_noise, keypoint_tail", fmt::format("{}", scene_noise->keypoint_tail),
             "must lie between 0 and 1");
   }
+  Require(std::isfinite(focal_range) && focal_range >= 1, "focal_range",
+          fmt::format("{}", focal_range), "must be at least 1");
   Require(confidence > 0 && confidence < 1, "confidence", fmt::format("{}", confidence),
           "must lie between 0 and 1");
   Require(min_iterations >= 1, "min_iterations", fmt::format("{}", min_iterations),

@@ -103,23 +103,69 @@ TEST(ReferenceSigma, OfZeroChangesNothing) {
   EXPECT_TRUE(IsNearPose(*marked.cam_from_world, *exact.cam_from_world, 0, 0));
 }
 
-TEST(RefineFocal, RecoversAFocalLengthThatIsOff) {
-  for (const Method method : {Method::kP3p, Method::kE5p1, Method::kAdaptive}) {
-    for (SyntheticProblem& synthetic : MakeRegime(RegimeByName("accurate"), 2)) {
-      const Camera true_camera = synthetic.problem.query_camera;
-      std::vector<double> params(true_camera.params().begin(), true_camera.params().end());
-      params[0] *= 1.08;
-      params[1] *= 1.08;
-      synthetic.problem.query_camera =
-          Camera(true_camera.model(), true_camera.width_px(), true_camera.height_px(), params);
+Camera WithFocalTimes(const Camera& camera, double factor) {
+  std::vector<double> params(camera.params().begin(), camera.params().end());
+  params[0] *= factor;
+  params[1] *= factor;
+  return {camera.model(), camera.width_px(), camera.height_px(), params};
+}
+
+TEST(RefineFocal, FindsAFocalLengthWithinItsRange) {
+  struct Case {
+    double off, range;
+  };
+  for (const Case& known : {Case{1.08, 1.3}, Case{1.7, 2}, Case{0.55, 2}}) {
+    for (const Method method : {Method::kP3p, Method::kE5p1, Method::kAdaptive}) {
+      for (SyntheticProblem& synthetic : MakeRegime(RegimeByName("accurate"), 2)) {
+        const Camera true_camera = synthetic.problem.query_camera;
+        synthetic.problem.query_camera = WithFocalTimes(true_camera, known.off);
+        EstimatorOptions options = StandardOptions(method);
+        options.refine_focal = true;
+        options.focal_range = known.range;
+        const PoseEstimate estimate = MakePoseEstimator(options)->Estimate(synthetic.problem);
+        ASSERT_TRUE(estimate.cam_from_world && estimate.refined_camera);
+        // 900 inliers of one pixel's noise fix the focal length to about 0.1 %.
+        EXPECT_NEAR(estimate.refined_camera->focal_x_px() / true_camera.focal_x_px(), 1, 5e-3);
+        EXPECT_TRUE(IsNearPose(*estimate.cam_from_world, synthetic.query_from_world, 0.2, 0.05));
+      }
+    }
+  }
+}
+
+TEST(RefineFocal, StaysWithinItsRange) {
+  SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
+  const double true_px = synthetic.problem.query_camera.focal_x_px();
+  synthetic.problem.query_camera = WithFocalTimes(synthetic.problem.query_camera, 1.12);
+  EstimatorOptions options = StandardOptions(Method::kAdaptive);
+  options.refine_focal = true;
+  options.focal_range = 1.1;
+  const PoseEstimate estimate = MakePoseEstimator(options)->Estimate(synthetic.problem);
+  ASSERT_TRUE(estimate.refined_camera);
+  EXPECT_NEAR(estimate.refined_camera->focal_x_px(), true_px * 1.12 / 1.1, 1e-6 * true_px);
+}
+
+// What is not known is in the covariance: the errors of many problems are as large as it says.
+TEST(RefineFocal, SaysHowUncertainItLeavesThePose) {
+  for (const Method method : {Method::kP3p, Method::kAdaptive}) {
+    double of_refined = 0;
+    double more = 0;
+    const auto problems = MakeRegime(RegimeByName("accurate"), 12);
+    for (const SyntheticProblem& synthetic : problems) {
       EstimatorOptions options = StandardOptions(method);
+      const PoseEstimate known = MakePoseEstimator(options)->Estimate(synthetic.problem);
       options.refine_focal = true;
       const PoseEstimate estimate = MakePoseEstimator(options)->Estimate(synthetic.problem);
-      ASSERT_TRUE(estimate.cam_from_world && estimate.refined_camera);
-      // 900 inliers of one pixel's noise fix the focal length to about 0.1 %.
-      EXPECT_NEAR(estimate.refined_camera->focal_x_px() / true_camera.focal_x_px(), 1, 5e-3);
-      EXPECT_TRUE(IsNearPose(*estimate.cam_from_world, synthetic.query_from_world, 0.2, 0.05));
+      ASSERT_TRUE(estimate.cam_from_world && estimate.covariance && known.covariance);
+      const Eigen::Vector3d error =
+          estimate.cam_from_world->OriginInSource() - synthetic.query_from_world.OriginInSource();
+      of_refined += error.squaredNorm() / (estimate.position_sigma * estimate.position_sigma);
+      more += std::log(estimate.position_sigma / known.position_sigma);
     }
+    // Over 12 problems of some two degrees of freedom each: between a third and three.
+    const auto count = static_cast<double>(problems.size());
+    EXPECT_GT(of_refined / count, 1.0 / 3);
+    EXPECT_LT(of_refined / count, 3);
+    EXPECT_GT(more / count, 0.1);
   }
 }
 

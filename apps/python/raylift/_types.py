@@ -75,6 +75,7 @@ class EstimatorOptions(TypedDict, total=False):
     sampson_threshold_px: float
     point_sigma: float
     refine_focal: bool
+    focal_range: float
     min_iterations: int
     max_iterations: int
     confidence: float

@@ -131,8 +131,10 @@ struct EstimatorOptions {
   // What the scene's queries have in common (PoolNoise()), for the robust refinement of both match
   // sets together. None: each query tells by itself.
   std::optional<SceneNoise> scene_noise = std::nullopt;
-  // Refine the query's focal length with the pose, for photographs of unknown calibration.
+  // Find the query's focal length with the pose, for photographs of unknown calibration, within
+  // this factor of the camera's either way. (Lenses without one stay as they are.)
   bool refine_focal = false;
+  double focal_range = 1.3;
 
   int min_iterations = 100;
   int max_iterations = 10000;
