@@ -14,6 +14,7 @@
 #include "estimation/prepared_problem.h"
 #include "estimation/prior_generators.h"
 #include "estimation/ransac.h"
+#include "estimation/rival_search.h"
 #include "estimation/support.h"
 #include <fmt/format.h>
 
@@ -270,12 +271,19 @@ class RansacEstimator final : public PoseEstimator {
       estimate.confidence = std::max(confidence_of(support.log_false_alarms - evidence),
                                      std::min(estimate.confidence, kLeastConfidence));
     }
-    for (const SolverPose& other : report.rivals) {
+    std::vector<SolverPose> others = report.rivals;
+    if (options_.refinement == Refinement::kRobust && support.LeavesRoomForARival()) {
+      const bool by_points = kinds.points && prepared.points.size() >= 3;
+      const auto other = FindRival(problem, prepared, support.inlier, by_points, options_);
+      if (other) others.push_back(prepared.CamFromLocal(*other));
+    }
+    for (const SolverPose& other : others) {
       const Support rival = assessor.Of(other);
       if (ExplainTheSame(support, rival)) continue;
       const double odds = evidence - prepared.priors.LogEvidence(other);
-      estimate.confidence =
-          std::min(estimate.confidence, ProbabilityOverRival(support, rival, odds));
+      estimate.confidence = std::min(
+          estimate.confidence,
+          ProbabilityOverRival(support, rival, assessor.IsBeyondChance(support, rival), odds));
     }
     if (!kinds.points) {
       // The orientation holds all the same, so that it stays a pose.

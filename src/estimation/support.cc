@@ -9,6 +9,8 @@
 
 #include "estimation/image_parts.h"
 
+#include "raylift/estimation/pose_estimator.h"
+
 namespace raylift {
 namespace {
 
@@ -26,6 +28,9 @@ struct Kind {
   double chance = 0;  // that a wrong match is an inlier
 
   explicit Kind(size_t keypoints) : matches(keypoints, 0), inlier(keypoints, false) {}
+
+  // That none of a keypoint's matches is an inlier, if all are wrong.
+  double ChanceOfNone(size_t keypoint) const { return std::pow(1 - chance, matches[keypoint]); }
 };
 
 // The number of wrong residuals grows with their limit's `dimensions`th power.
@@ -55,7 +60,7 @@ struct Trials {
     if (kind.matches[keypoint] == 0) return;
     trials += 1;
     inliers += kind.inlier[keypoint] ? 1 : 0;
-    chance_sum += 1 - std::pow(1 - kind.chance, kind.matches[keypoint]);
+    chance_sum += 1 - kind.ChanceOfNone(keypoint);
   }
 
   // Hoeffding's bound of the binomial tail. `sample` keypoints fit by construction.
@@ -131,11 +136,15 @@ Support SupportAssessor::Of(const SolverPose& pose) const {
         (kinds_.points && points.matches[k] > 0) || (kinds_.pairs && pairs.matches[k] > 0);
     if (!matched) continue;
     ++support.keypoints;
+    const double miss =
+        (kinds_.points ? points.ChanceOfNone(k) : 1) * (kinds_.pairs ? pairs.ChanceOfNone(k) : 1);
+    support.chance += 1 - miss;
     support.inlier[k] = (kinds_.points && points.inlier[k]) || (kinds_.pairs && pairs.inlier[k]);
     if (!support.inlier[k]) continue;
     ++support.inlier_keypoints;
     places.insert(place_[k]);
   }
+  support.chance /= std::max(1, support.keypoints);
   if (!places.empty()) {
     support.clustering =
         static_cast<double>(support.inlier_keypoints) / static_cast<double>(places.size());
@@ -171,28 +180,61 @@ bool ExplainTheSame(const Support& a, const Support& b) {
 
 namespace {
 
-// The probability that the first of two answers is right if one of them is, by the keypoints that
-// one of them alone explains; none where there is none.
-std::optional<double> ProbabilityOfFirst(const std::vector<bool>& first,
-                                         const std::vector<bool>& second, double clustering) {
-  double only_first = 0;
-  double only_second = 0;
-  for (size_t k = 0; k < first.size(); ++k) {
-    only_first += first[k] && !second[k] ? 1 : 0;
-    only_second += second[k] && !first[k] ? 1 : 0;
+// The keypoints that one of two answers alone explains.
+struct Opinions {
+  double only_first = 0, only_second = 0;
+
+  Opinions(const std::vector<bool>& first, const std::vector<bool>& second) {
+    for (size_t k = 0; k < first.size(); ++k) {
+      only_first += first[k] && !second[k] ? 1 : 0;
+      only_second += second[k] && !first[k] ? 1 : 0;
+    }
   }
-  const double all = (only_first + only_second) / clustering;
-  if (!(all > 0)) return std::nullopt;
-  const double z = (only_first - only_second) / clustering / std::sqrt(all);
-  return 0.5 * std::erfc(-z / std::numbers::sqrt2);
+
+  // That the first is right if one of them is, where each keypoint speaks for itself; none where
+  // there is none.
+  std::optional<double> ProbabilityOfFirst(double clustering) const {
+    const double all = (only_first + only_second) / clustering;
+    if (!(all > 0)) return std::nullopt;
+    const double z = (only_first - only_second) / clustering / std::sqrt(all);
+    return 0.5 * std::erfc(-z / std::numbers::sqrt2);
+  }
+};
+
+}  // namespace
+
+bool SupportAssessor::IsBeyondChance(const Support& best, const Support& rival) const {
+  const Opinions opinions(best.inlier, rival.inlier);
+  const double left = best.keypoints - best.inlier_keypoints;
+  const Trials trials = {
+      .trials = left, .inliers = opinions.only_second, .chance_sum = rival.chance * left};
+  return trials.LogTail(points_of_sample_, rival.clustering) <
+         -std::log(std::max(1.0, num_poses_tried_));
+}
+
+namespace {
+
+// Of two sets of keypoints beyond chance, the first is what is right.
+double ProbabilityOfLarger(double first, double second) {
+  return first * first / (first * first + second * second);
 }
 
 }  // namespace
 
-double ProbabilityOverRival(const Support& best, const Support& rival, double log_odds) {
-  const auto probability =
-      ProbabilityOfFirst(best.inlier, rival.inlier, std::max(best.clustering, rival.clustering));
+bool Support::LeavesRoomForARival() const {
+  return inlier_keypoints > 0 &&
+         ProbabilityOfLarger(inlier_keypoints, keypoints - inlier_keypoints) < kLocalizedConfidence;
+}
+
+double ProbabilityOverRival(const Support& best, const Support& rival, bool beyond_chance,
+                            double log_odds) {
+  const Opinions opinions(best.inlier, rival.inlier);
+  auto probability = opinions.ProbabilityOfFirst(std::max(best.clustering, rival.clustering));
   if (!probability) return 1;  // they explain the same
+  if (beyond_chance) {
+    probability =
+        std::min(*probability, ProbabilityOfLarger(opinions.only_first, opinions.only_second));
+  }
   const double against = 1 - *probability;
   return *probability / (*probability + against * std::exp(-log_odds));
 }
@@ -232,10 +274,9 @@ double SupportAssessor::ProbabilityOfDistance(const SolverPose& pose,
     SolverPose moved = pose;
     moved.translation = -pose.rotation * (from + factor * offset);
     // Where both explain the same there is nothing to choose by.
-    probability = std::min(
-        probability,
-        ProbabilityOfFirst(explained, explained_by_others(InlierPairs(moved)), support.clustering)
-            .value_or(0.5));
+    probability = std::min(probability, Opinions(explained, explained_by_others(InlierPairs(moved)))
+                                            .ProbabilityOfFirst(support.clustering)
+                                            .value_or(0.5));
   }
   return probability;
 }

@@ -24,6 +24,10 @@ struct Support {
   double log_false_alarms = 0;
   std::vector<bool> inlier;  // by keypoint, of the kinds in use
   double clustering = 1;     // inlier keypoints per place in the image
+  double chance = 0;         // that a keypoint with wrong matches alone is an inlier, on average
+
+  // Whether a rival that explains all the rest would make the pose doubtful.
+  bool LeavesRoomForARival() const;
 };
 
 // Of poses of one problem. Holds a reference to it.
@@ -34,6 +38,10 @@ class SupportAssessor {
                   double num_poses_tried, int points_of_sample = 3);
 
   Support Of(const SolverPose& pose) const;
+
+  // Whether chance leaves fewer keypoints to the rival that the best pose does not explain: then
+  // the scene holds something twice, or a pose is wrong as a whole.
+  bool IsBeyondChance(const Support& best, const Support& rival) const;
 
   // The probability that the pose is right in its distance from the reference that explains most of
   // its pairs: those fit at any distance, so that pairs of other references alone tell it, and they
@@ -60,7 +68,11 @@ class SupportAssessor {
 bool ExplainTheSame(const Support& a, const Support& b);
 
 // The probability that the first of two poses is right if one of them is, from the keypoints that
-// only one of them explains, and the logarithm of the odds for it beforehand.
-double ProbabilityOverRival(const Support& best, const Support& rival, double log_odds = 0);
+// only one of them explains, and the logarithm of the odds for it beforehand. Where the rival is
+// beyond chance, keypoints do not speak each for itself: that many agree says that they show one
+// thing, not that it is the right one. They count as two witnesses then, each of them right with the
+// share of the keypoints that agree with it.
+double ProbabilityOverRival(const Support& best, const Support& rival, bool beyond_chance,
+                            double log_odds = 0);
 
 }  // namespace raylift

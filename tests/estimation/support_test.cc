@@ -160,11 +160,47 @@ TEST(ProbabilityOverRival, FollowsFromWhatOnlyOneOfThemExplains) {
   best.inlier = {true, true, true, true, false, false};
   rival.inlier = {true, true, false, false, true, true};
   best.inlier_keypoints = rival.inlier_keypoints = 4;
-  EXPECT_DOUBLE_EQ(ProbabilityOverRival(best, rival), 0.5);
+  EXPECT_DOUBLE_EQ(ProbabilityOverRival(best, rival, false), 0.5);
   rival.inlier = {true, true, false, false, false, false};
-  EXPECT_GT(ProbabilityOverRival(best, rival), 0.9);
-  EXPECT_LT(ProbabilityOverRival(rival, best), 0.1);
-  EXPECT_DOUBLE_EQ(ProbabilityOverRival(best, best), 1);
+  EXPECT_GT(ProbabilityOverRival(best, rival, false), 0.9);
+  EXPECT_LT(ProbabilityOverRival(rival, best, false), 0.1);
+  EXPECT_DOUBLE_EQ(ProbabilityOverRival(best, best, false), 1);
+}
+
+TEST(ProbabilityOverRival, TakesWhatAgreesBeyondChanceForTwoWitnesses) {
+  Support best, rival;
+  for (int k = 0; k < 400; ++k) {
+    best.inlier.push_back(k < 300);
+    rival.inlier.push_back(k >= 300);
+  }
+  EXPECT_GT(ProbabilityOverRival(best, rival, false), 0.9999);
+  EXPECT_DOUBLE_EQ(ProbabilityOverRival(best, rival, true), 0.9);  // 9 to 1
+}
+
+// Three quarters of the keypoints are taken for those of the same thing elsewhere, in all
+// references: neither the place that most of them show nor the other one is sure. Where a quarter is
+// wrong at random, the pose is.
+TEST(Support, WhatTheSceneHoldsTwiceIsDoubtful) {
+  Rng rng = TestRng();
+  for (const bool twice : {true, false}) {
+    CoherentProblem made = MakeCoherentProblem("twice", {.wrong = 0}, rng);
+    PoseProblem& problem = made.problem;
+    problem.matches_2d2d.clear();
+    for (Match2D3D& match : problem.matches_2d3d) {
+      match.match_2d2d.reset();
+      const bool of_most = match.query_keypoint.value() % 4 != 0;
+      if (twice && of_most) match.point_in_world += Eigen::Vector3d(3, 0.5, 0);
+      if (!twice && !of_most) {
+        match.point_in_world += Eigen::Vector3d(rng.Uniform(-5, 5), rng.Uniform(-5, 5), 0);
+      }
+    }
+    for (const Method method : {Method::kP3p, Method::kAdaptive}) {
+      const PoseEstimate estimate = Estimate(problem, method);
+      ASSERT_TRUE(estimate.cam_from_world);
+      EXPECT_EQ(estimate.verdict, twice ? PoseVerdict::kDoubtful : PoseVerdict::kLocalized)
+          << ToString(method) << ", confidence " << estimate.confidence;
+    }
+  }
 }
 
 }  // namespace
