@@ -24,6 +24,7 @@
 #include "raylift/geometry/pose_json.h"
 #include "raylift/io/pose_problem_json.h"
 #include "raylift/io/query_list.h"
+#include "raylift/localization/estimate_json.h"
 #include "raylift/localization/localizer.h"
 
 namespace raylift {
@@ -47,11 +48,14 @@ struct Row {
   double time_ms = 0;
 
   bool ok() const { return ReasonNotLocalized(estimate).empty(); }
+  PoseVerdict verdict() const { return ok() ? estimate.verdict : PoseVerdict::kFailed; }
+  double confidence() const { return ok() ? estimate.confidence : 0; }
 };
 
 std::string FormatCsv(const std::vector<Row>& rows, std::string_view method) {
   std::string text = CsvLine({"name", "method", "status", "qw", "qx", "qy", "qz", "tx", "ty", "tz",
-                              "inliers_2d3d", "inliers_2d2d", "iterations", "solver", "time_ms"});
+                              "inliers_2d3d", "inliers_2d2d", "iterations", "solver", "time_ms",
+                              "verdict", "confidence", "rotation_sigma_deg", "position_sigma"});
   for (const Row& row : rows) {
     const PoseEstimate& estimate = row.estimate;
     TableRow fields = {row.name, std::string(method),
@@ -70,6 +74,11 @@ std::string FormatCsv(const std::vector<Row>& rows, std::string_view method) {
     fields.push_back(std::to_string(estimate.iterations));
     fields.emplace_back(estimate.cam_from_world ? ToString(estimate.solver) : "");
     fields.push_back(fmt::format("{:.3f}", row.time_ms));
+    fields.emplace_back(ToString(row.verdict()));
+    fields.push_back(FormatDouble(row.confidence()));
+    for (const double sigma : {estimate.rotation_sigma_deg, estimate.position_sigma}) {
+      fields.push_back(estimate.covariance ? FormatDouble(sigma) : "");
+    }
     text += CsvLine(fields);
   }
   return text;
@@ -91,21 +100,15 @@ std::string FormatJson(const std::vector<Row>& rows, std::string_view method) {
     nlohmann::ordered_json object = {{"name", row.name},
                                      {"method", method},
                                      {"status", row.ok() ? "ok" : ReasonNotLocalized(estimate)},
+                                     {"verdict", ToString(row.verdict())},
+                                     {"confidence", row.confidence()},
                                      {"inliers_2d3d", estimate.score_2d3d.num_inliers},
                                      {"inliers_2d2d", estimate.score_2d2d.num_inliers},
-                                     {"iterations", estimate.iterations},
                                      {"time_ms", row.time_ms}};
     if (estimate.cam_from_world) {
-      object["solver"] = ToString(estimate.solver);
       object.update(PoseJson<nlohmann::ordered_json>(*estimate.cam_from_world));
     }
-    if (estimate.refined_camera) {
-      object["refined_camera"] = estimate.refined_camera->ToString();
-    }
-    if (estimate.covariance) {
-      object["rotation_sigma_deg"] = estimate.rotation_sigma_deg;
-      object["position_sigma"] = estimate.position_sigma;
-    }
+    AddEstimate(estimate, object);
     json.push_back(std::move(object));
   }
   return JsonText(json, 1) + '\n';

@@ -1,8 +1,12 @@
 // estimate: the pose problems that localize wrote give localize's poses.
 
+#include <map>
+#include <string>
+
 #include "apps/program.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
@@ -13,7 +17,8 @@ namespace {
 namespace fs = std::filesystem;
 
 const std::string kCsvHeader =
-    "name,method,status,qw,qx,qy,qz,tx,ty,tz,inliers_2d3d,inliers_2d2d,iterations,solver,time_ms";
+    "name,method,status,qw,qx,qy,qz,tx,ty,tz,inliers_2d3d,inliers_2d2d,iterations,solver,time_ms,"
+    "verdict,confidence,rotation_sigma_deg,position_sigma";
 
 // localize with a method, then estimate on the problems it wrote.
 void ExpectSamePoses(const RoomScene& scene, const Arguments& localize, const Arguments& options,
@@ -35,7 +40,7 @@ void ExpectSamePoses(const RoomScene& scene, const Arguments& localize, const Ar
   const auto lines = PoseLines(poses);
   for (size_t i = 1; i < rows.size(); ++i) {
     const auto fields = SplitBy(rows[i], ',');
-    ASSERT_EQ(fields.size(), 15u) << rows[i];
+    ASSERT_EQ(fields.size(), 19u) << rows[i];
     EXPECT_EQ(fields[2], "ok");
     std::string line(fields[0]);
     for (size_t k = 3; k < 10; ++k) line += " " + std::string(fields[k]);
@@ -118,6 +123,32 @@ TEST(Estimate, PosesDoNotDependOnThreadsOrCompany) {
   EXPECT_EQ(one, estimate({problems, "--threads", "4"}));
   EXPECT_EQ(one, estimate({problems / "query/b.png.json", problems / "query/a.png.json"}));
   EXPECT_EQ(one.at("query/b.png"), estimate({problems / "query/b.png.json"}).at("query/b.png"));
+}
+
+TEST(Estimate, SaysAsMuchOfAPoseAsLocalizeDoes) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path out = scene.folder / "out";
+  ASSERT_TRUE(Succeeds(
+      RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--write-problems", out / "problems"})));
+  const fs::path json = scene.folder / "again.json";
+  ASSERT_TRUE(Succeeds(RunRaylift({"estimate", out / "problems", "--json", json})));
+  std::map<std::string, nlohmann::json> localized;
+  const std::string diagnostics = ReadFile(out / "queries.jsonl");
+  for (const auto& line : Lines(diagnostics)) {
+    const auto query = nlohmann::json::parse(line);
+    localized[query.at("name")] = query;
+  }
+  const auto estimates = nlohmann::json::parse(ReadFile(json));
+  ASSERT_EQ(estimates.size(), 2u);
+  for (const auto& estimate : estimates) {
+    const auto& query = localized.at(estimate.at("name"));
+    for (const std::string member :
+         {"verdict", "confidence", "keypoints", "inlier_keypoints", "score_2d3d", "score_2d2d",
+          "noise", "covariance", "position_sigma", "rotation_sigma_deg", "refined_value"}) {
+      EXPECT_EQ(estimate.at(member), query.at(member)) << member;
+    }
+    EXPECT_EQ(estimate.at("verdict"), "localized");
+  }
 }
 
 TEST(Estimate, APoseFileTakesANameOnce) {
