@@ -45,6 +45,34 @@ TEST(ImageFile, ChannelsAreRedGreenBlueAndConvert) {
               testing::ElementsAre(7, 7, 7, 200, 200, 200));
 }
 
+TEST(ImageFile, WhatIsTruncatedIsNamed) {
+  const auto folder = TestFolder();
+  for (const char* name : {"x.png", "x.jpg"}) {
+    WriteImage(folder / name, RandomImage(60, 40, 3));
+    const std::string whole = ReadFile(folder / name);
+    for (const size_t length : {whole.size() - 1, whole.size() / 2, size_t{40}, size_t{12}}) {
+      WriteFile(folder / name, whole.substr(0, length));
+      EXPECT_TRUE(FailsWithInputError([&] { ReadImage(folder / name, ImageChannels::kRgb); },
+                                      {name, "truncated"}))
+          << length;
+    }
+    // What cameras add after the end is none of the image's.
+    WriteFile(folder / name, whole + std::string(100, 'x'));
+    EXPECT_EQ(ReadImage(folder / name, ImageChannels::kRgb).width_px, 60);
+  }
+}
+
+TEST(ImageFile, OfAThumbnailTheEndIsNotTheImages) {
+  const auto file = TestFolder() / "x.jpg";
+  WriteImage(file, RandomImage(60, 40, 3));
+  const std::string whole = ReadFile(file);
+  const std::string segment("\xFF\xE1\x00\x06\xFF\xD8\xFF\xD9", 8);
+  WriteFile(file, whole.substr(0, 2) + segment + whole.substr(2));
+  EXPECT_EQ(ReadImage(file, ImageChannels::kRgb).height_px, 40);
+  WriteFile(file, whole.substr(0, 2) + segment + whole.substr(2, whole.size() - 4));
+  EXPECT_TRUE(FailsWithInputError([&] { ReadImage(file, ImageChannels::kRgb); }, {"truncated"}));
+}
+
 TEST(ImageFile, OrientationTagsAreIgnoredAnd16BitBecomes8) {
   if (!HasProgram("/usr/bin/python3")) GTEST_SKIP() << "python3 is not installed";
   const auto folder = TestFolder();

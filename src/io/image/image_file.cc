@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "io/image/cut_short.h"
 #include <fmt/format.h>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -20,6 +21,7 @@ cv::Mat Decode(const std::filesystem::path& path, ImageChannels channels) {
   if (bytes.empty()) {
     throw InputError(path, "expected an image, found an empty file");
   }
+  if (IsCutShort(bytes)) throw InputError(path, "the image ends too soon: the file is truncated");
   const int flags = (channels == ImageChannels::kGrey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_COLOR) |
                     cv::IMREAD_IGNORE_ORIENTATION;
   cv::Mat decoded;
