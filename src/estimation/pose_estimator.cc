@@ -149,7 +149,9 @@ class RansacEstimator final : public PoseEstimator {
       : options_(options), method_(Configure(options)) {}
 
   PoseEstimate Estimate(const PoseProblem& problem) const override {
-    return options_.refine_focal ? EstimateWithFocal(problem) : EstimateWithCamera(problem);
+    const double range =
+        std::max(options_.refine_focal ? options_.focal_range : 1, problem.priors.focal_range);
+    return range > 1 ? EstimateWithFocal(problem, range) : EstimateWithCamera(problem);
   }
 
  private:
@@ -297,7 +299,7 @@ class RansacEstimator final : public PoseEstimator {
 
   // The focal length is refined at the best of the poses found with some in its range; the estimate
   // is then made anew, as a better focal length has more inliers.
-  PoseEstimate EstimateWithFocal(const PoseProblem& problem) const {
+  PoseEstimate EstimateWithFocal(const PoseProblem& problem, double range) const {
     const double focal_px = problem.query_camera.MeanFocalPx();
     EstimatorOptions fixed_focal = options_;
     fixed_focal.refine_focal = false;
@@ -306,7 +308,7 @@ class RansacEstimator final : public PoseEstimator {
     PoseEstimate first;
     Camera camera;
     int iterations = 0;
-    for (const Camera& candidate : FocalCandidates(problem.query_camera, options_.focal_range)) {
+    for (const Camera& candidate : FocalCandidates(problem.query_camera, range)) {
       changed.query_camera = candidate;
       PoseEstimate estimate = estimator.EstimateWithCamera(changed);
       iterations += estimate.iterations;
@@ -320,7 +322,7 @@ class RansacEstimator final : public PoseEstimator {
     changed.query_camera = camera;
     const FocalRefinement refined =
         RefineFocal(changed, *first.cam_from_world, KindsOf(first.solver), options_,
-                    focal_px / options_.focal_range, focal_px * options_.focal_range);
+                    focal_px / range, focal_px * range);
     changed.query_camera = refined.camera;
     PoseEstimate second = estimator.EstimateWithCamera(changed);
     if (!second.cam_from_world) {

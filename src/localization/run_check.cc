@@ -37,7 +37,8 @@ void RunCheck::Add(size_t query, const QueryResult& result) {
                     .inliers_2d2d = count(localized.counts.inliers_2d2d),
                     .points = count(localized.counts.points),
                     .inliers_2d3d = count(localized.counts.inliers_2d3d)};
-  if (wanted_[query]) problems_[query] = result.problem;
+  const bool focal_length_is_given = result.problem.priors.focal_range == 1;
+  if (wanted_[query] && focal_length_is_given) problems_[query] = result.problem;
 }
 
 std::optional<std::string> RunCheck::WarnOfGeometry() const {

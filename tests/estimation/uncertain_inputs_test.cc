@@ -132,6 +132,19 @@ TEST(RefineFocal, FindsAFocalLengthWithinItsRange) {
   }
 }
 
+// What is not known of one query's camera is told by its problem.
+TEST(RefineFocal, IsAskedForByAProblem) {
+  for (SyntheticProblem& synthetic : MakeRegime(RegimeByName("accurate"), 2)) {
+    const EstimatorOptions options = StandardOptions(Method::kAdaptive);
+    const Camera true_camera = synthetic.problem.query_camera;
+    synthetic.problem.query_camera = WithFocalTimes(true_camera, 0.6);
+    synthetic.problem.priors.focal_range = 2;
+    const PoseEstimate estimate = MakePoseEstimator(options)->Estimate(synthetic.problem);
+    ASSERT_TRUE(estimate.refined_camera);
+    EXPECT_NEAR(estimate.refined_camera->focal_x_px() / true_camera.focal_x_px(), 1, 5e-3);
+  }
+}
+
 TEST(RefineFocal, StaysWithinItsRange) {
   SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
   const double true_px = synthetic.problem.query_camera.focal_x_px();

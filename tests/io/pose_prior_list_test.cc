@@ -30,6 +30,7 @@ TEST(PosePriorList, IsReadInAnyOrder) {
   EXPECT_EQ(priors.at("a").gravity->sigma_deg, 1.5);
   EXPECT_EQ(ReadPosePriors(FileOf("a gravity 0 1 0 1")).at("a").gravity->down_in_world,
             Eigen::Vector3d(0, 0, -1));
+  EXPECT_EQ(ReadPosePriors(FileOf("a focal_range 1.5")).at("a").focal_range, 1.5);
 }
 
 TEST(PosePriorList, MistakesAreNamedByLineAndField) {
@@ -46,6 +47,7 @@ TEST(PosePriorList, MistakesAreNamedByLineAndField) {
   EXPECT_TRUE(fails("a gps 0 0 0 1", {"line 1", "found \"a gps\""}));
   EXPECT_TRUE(fails("a position 1 2 3 1\na position 1 2 3 1",
                     {"line 2", "position of \"a\" stands twice"}));
+  EXPECT_TRUE(fails("a focal_range 0.5", {"line 1", "focal_range: expected a factor above 1"}));
   EXPECT_TRUE(fails("* world_down 0 0 1\n* world_down 0 0 1", {"line 2", "stands twice"}));
 }
 
@@ -55,6 +57,9 @@ TEST(PosePriorList, QueriesTakeWhatIsKnownOfThem) {
   TakePosePriors(FileOf("b position 1 2 3 4\nc position 1 2 3 4"), queries);
   EXPECT_TRUE(queries[0].priors.empty());
   EXPECT_TRUE(queries[1].priors.position);
+  queries[1].priors.focal_range = 2;  // as the query list says
+  TakePosePriors(FileOf("b position 1 2 3 4"), queries);
+  EXPECT_EQ(queries[1].priors.focal_range, 2);
   const auto file = FileOf("c position 1 2 3 4");
   EXPECT_TRUE(
       FailsWithInputError([&] { TakePosePriors(file, queries); }, {"knows none of the 2 queries"}));

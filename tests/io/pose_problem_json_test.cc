@@ -269,6 +269,7 @@ TEST(PoseProblemJson, PriorsComeBack) {
   file.problem.priors = {
       .position = PositionPrior{{1, 2, 0.1}, {3, 4, 5}},
       .gravity = GravityPrior{{0.1, 1, 0}, {0, 0, -1}, 0.5},
+      .focal_range = 1.5,
   };
   const std::string text = FormatPoseProblem(file);
   EXPECT_NE(text.find("pose-problem/2"), std::string::npos);
@@ -278,6 +279,9 @@ TEST(PoseProblemJson, PriorsComeBack) {
   EXPECT_EQ(read.gravity->down_in_cam, file.problem.priors.gravity->down_in_cam);
   EXPECT_EQ(read.gravity->down_in_world, file.problem.priors.gravity->down_in_world);
   EXPECT_EQ(read.gravity->sigma_deg, 0.5);
+  EXPECT_EQ(read.focal_range, 1.5);
+  file.problem.priors = {.focal_range = 2};
+  EXPECT_EQ(ParsePoseProblem(FormatPoseProblem(file), "p.json").problem.priors.focal_range, 2);
 }
 
 // The valid text with the first `from` replaced must fail with all of `parts`.

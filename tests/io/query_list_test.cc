@@ -5,6 +5,7 @@
 #include <gmock/gmock.h>
 
 #include "raylift/base/file.h"
+#include "raylift/io/image_file.h"
 
 namespace raylift {
 namespace {
@@ -27,6 +28,24 @@ TEST(QueryList, ReadsWhatItWritesAndSkipsComments) {
     EXPECT_EQ(again[i].name, queries[i].name);
     EXPECT_EQ(again[i].camera, queries[i].camera);
   }
+}
+
+TEST(QueryList, ANameAloneIsAPhotographOfUnknownFocalLength) {
+  const auto folder = TestFolder();
+  WriteFile(folder / "queries.txt", "new/a.png\nb.png SIMPLE_PINHOLE 4 3 5 2 1.5\n");
+  WriteImage(folder / "images/new/a.png", {30, 40, 1, std::vector<uint8_t>(1200, 90)});
+  const auto queries = ReadQueryList(folder / "queries.txt", folder / "images");
+  ASSERT_EQ(queries.size(), 2u);
+  EXPECT_EQ(queries[0].name, "new/a.png");
+  EXPECT_EQ(queries[0].camera,
+            Camera(CameraModel::kSimplePinhole, 30, 40, std::vector<double>{48, 15, 20}));
+  EXPECT_EQ(queries[0].priors.focal_range, 2);
+  EXPECT_TRUE(queries[1].priors.empty());
+  // Without the photographs nothing can be guessed.
+  EXPECT_TRUE(FailsWithInputError([&] { ReadQueryList(folder / "queries.txt"); }, {"line 1"}));
+  WriteFile(folder / "queries.txt", "no.png\n");
+  EXPECT_TRUE(FailsWithInputError([&] { ReadQueryList(folder / "queries.txt", folder / "images"); },
+                                  {"no.png"}));
 }
 
 TEST(QueryList, PatternsNameSeveralLists) {

@@ -5,6 +5,8 @@
 //   day/002.jpg position 465210.6 5428115.2 247.1 3 3 10
 //   # of a query: down in the camera's frame (x right, y down, z forward), standard deviation, deg
 //   day/001.jpg gravity 0.02 0.998 0.05 1
+//   # of a query's camera: its focal length is the given one up to this factor either way
+//   day/002.jpg focal_range 1.5
 //   # down in the world; 0 0 -1 where no line says it
 //   * world_down 0 0 -1
 

@@ -1,7 +1,8 @@
 // Pose problems on disk: JSON, the interchange file of pose estimators. "pose-problem/1" and, where
 // something is known of the pose, "pose-problem/2", whose "query" also holds "position_prior"
-// {"position", "sigma": both [x, y, z], world} or "gravity_prior" {"down_in_cam", "down_in_world",
-// "sigma_deg"}. Both are read.
+// {"position", "sigma": both [x, y, z], world}, "gravity_prior" {"down_in_cam", "down_in_world",
+// "sigma_deg"} or "focal_range", the factor up to which the camera's focal length is known. Both are
+// read.
 //
 // Beyond the format's own members, "reference_clusters" (the covisibility cluster of each
 // reference), "matches_2d3d_reference" (an index or null per 2D-3D match), "matches_2d3d_sigma" and

@@ -15,7 +15,12 @@ namespace raylift {
 // Lines `name MODEL width height params...`; `#` comments and empty lines are skipped. The file
 // name may hold `*` and `?` (several lists, in the order of their names). A name that stands twice
 // is an error.
-std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern);
+//
+// Where the folder of the photographs is given, a line may be a name alone: then the camera is a
+// pinhole with the principal point in the middle and a focal length of 1.2 times the longer side, as
+// COLMAP has it, which the query's priors say to be known up to a factor of two.
+std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
+                                 const std::filesystem::path& images = {});
 void WriteQueryList(const std::filesystem::path& path, const std::vector<Query>& queries);
 
 // One image name per line.

@@ -1,5 +1,5 @@
 // What is known of a query's pose before its matches are looked at: a position from GNSS, the
-// direction of gravity from an accelerometer.
+// direction of gravity from an accelerometer; and what is not known of its camera.
 
 #pragma once
 
@@ -24,8 +24,10 @@ struct GravityPrior {
 struct PosePriors {
   std::optional<PositionPrior> position = std::nullopt;
   std::optional<GravityPrior> gravity = std::nullopt;
+  // The focal length is the given camera's up to this factor either way; 1: it is known.
+  double focal_range = 1;
 
-  bool empty() const { return !position && !gravity; }
+  bool empty() const { return !position && !gravity && focal_range == 1; }
 };
 
 }  // namespace raylift

@@ -63,9 +63,14 @@ std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& fi
       priors[name].gravity = {.down_in_cam = down,
                               .down_in_world = -Vector3d::UnitZ(),
                               .sigma_deg = ReadSigma(tokens, "sigma_deg")};
+    } else if (kind == "focal_range") {
+      RequireNew(priors[name].focal_range == 1, tokens, name, kind);
+      priors[name].focal_range = tokens.Double(kind);
+      if (!(priors[name].focal_range > 1)) tokens.Fail("focal_range: expected a factor above 1");
     } else {
       tokens.Fail(
-          fmt::format("expected \"position\" or \"gravity\", or \"* world_down\", found \"{} {}\"",
+          fmt::format("expected \"position\", \"gravity\" or \"focal_range\", or \"* world_down\", "
+                      "found \"{} {}\"",
                       name, kind));
     }
     tokens.ExpectEnd();
@@ -84,7 +89,9 @@ void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries)
   for (Query& query : queries) {
     const auto known = priors.find(query.name);
     if (known == priors.end()) continue;
+    const double guessed = query.priors.focal_range;
     query.priors = known->second;
+    if (query.priors.focal_range == 1) query.priors.focal_range = guessed;
     any = true;
   }
   if (!any) {

@@ -154,6 +154,10 @@ void AppendPriors(const PosePriors& priors, std::string* text) {
     AppendNumber(priors.gravity->sigma_deg, text);
     *text += '}';
   }
+  if (priors.focal_range != 1) {
+    *text += ", \"focal_range\": ";
+    AppendNumber(priors.focal_range, text);
+  }
 }
 
 // Which keypoints the matches are of: also where a reader would find them by equal pixels, as other

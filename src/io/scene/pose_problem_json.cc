@@ -228,6 +228,11 @@ PosePriors ReadPriors(const JsonPlace& query) {
                       .down_in_world = ReadDirection(place.Member("down_in_world")),
                       .sigma_deg = *sigma_deg};
   }
+  if (query.Has("focal_range")) {
+    const JsonPlace place = query.Member("focal_range");
+    priors.focal_range = place.Number();
+    if (!(priors.focal_range >= 1)) place.Fail("expected a factor of at least 1");
+  }
   return priors;
 }
 

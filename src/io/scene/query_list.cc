@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <unordered_map>
+#include <utility>
 
 #include <fmt/format.h>
 #include <glob.h>
@@ -11,6 +12,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
+#include "raylift/io/image_file.h"
 #include "raylift/io/line_tokens.h"
 #include "raylift/io/unit_quaternion.h"
 
@@ -49,23 +51,38 @@ std::vector<std::filesystem::path> ListedFiles(const std::filesystem::path& path
   return files;
 }
 
+// Of photographs whose camera is not known.
+constexpr double kGuessedFocalRange = 2;
+Camera GuessedCamera(const PlaneSize& size) {
+  const double focal_px = 1.2 * std::max(size.width_px, size.height_px);
+  const double params[] = {focal_px, 0.5 * size.width_px, 0.5 * size.height_px};
+  return {CameraModel::kSimplePinhole, size.width_px, size.height_px, params};
+}
+
 }  // namespace
 
-std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern) {
+std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
+                                 const std::filesystem::path& images) {
   std::vector<Query> queries;
   std::unordered_map<std::string, std::string> place_of_name;
   for (const std::filesystem::path& path : ListedFiles(path_or_pattern)) {
     LineReader lines(path);
     while (const auto line = lines.NextContent()) {
       LineTokens tokens(lines, *line);
-      const std::string name(tokens.Token("name"));
-      const Camera camera = tokens.CameraToEnd();
-      const auto [other, is_new] = place_of_name.emplace(
-          name, fmt::format("{}: line {}", path.string(), lines.line_number()));
-      if (!is_new) {
-        tokens.Fail(fmt::format("name: \"{}\" stands twice (also in {})", name, other->second));
+      Query query = {.name = std::string(tokens.Token("name")), .camera = {}};
+      if (!images.empty() && tokens.AtEnd()) {
+        query.camera = GuessedCamera(ReadImageSize(PathBelow(images, query.name)));
+        query.priors.focal_range = kGuessedFocalRange;
+      } else {
+        query.camera = tokens.CameraToEnd();
       }
-      queries.push_back({name, camera});
+      const auto [other, is_new] = place_of_name.emplace(
+          query.name, fmt::format("{}: line {}", path.string(), lines.line_number()));
+      if (!is_new) {
+        tokens.Fail(
+            fmt::format("name: \"{}\" stands twice (also in {})", query.name, other->second));
+      }
+      queries.push_back(std::move(query));
     }
   }
   return queries;
