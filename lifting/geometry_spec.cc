@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/median.h"
 #include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/lifting/depth_source.h"
@@ -21,7 +22,8 @@ namespace raylift {
 namespace {
 
 constexpr std::string_view kForms =
-    "expected mesh:PATH[,key=value...], depth:DIR[,key=value...] or sfm[:DIR][,key=value...]";
+    "expected mesh:PATH[,key=value...], cloud:PATH[,key=value...], depth:DIR[,key=value...] or "
+    "sfm[:DIR][,key=value...]";
 constexpr std::string_view kSfmKeys = "radius (px), min_track, max_error (px), near, far";
 
 using BackFaces = SurfaceLimits::BackFaces;
@@ -33,6 +35,16 @@ std::string DepthKeys() {
       "orientation, first_sample_px, confidence, confidence_threshold, interpolation={}, max_jump, "
       "near, far, max_incidence_deg, max_depth_jump",
       NameList<DepthKind>(), NameList<DepthInterpolation>());
+}
+
+// Of a few thousand discs, evenly spaced.
+double MedianRadius(const Surfels& surfels) {
+  constexpr size_t kSamples = 4096;
+  std::vector<double> radii;
+  for (size_t i = 0; i < surfels.discs.size(); i += 1 + surfels.discs.size() / kSamples) {
+    radii.push_back(double{surfels.discs[i].w()});
+  }
+  return UpperMedianOr(std::move(radii), 0);
 }
 
 NamedGeometry MakeMesh(const MeshSpec& spec, int threads) {
@@ -48,6 +60,22 @@ NamedGeometry MakeMesh(const MeshSpec& spec, int threads) {
   geometry.mesh = std::make_shared<const RayCaster>(std::move(mesh), caster);
   geometry.source = std::make_shared<const MeshSource>(fmt::format("mesh:{}", spec.files),
                                                        geometry.mesh, spec.options);
+  return geometry;
+}
+
+NamedGeometry MakeCloud(const CloudSpec& spec, int threads) {
+  RayCasterOptions caster;
+  caster.build_quality = spec.build.value_or(RayCasterOptions::BuildQuality::kLow);
+  NamedGeometry geometry;
+  geometry.kind = GeometryKind::kCloud;
+  geometry.placement = spec.placement;
+  geometry.cloud = OpenCloud(spec, threads, caster);
+  const Surfels& surfels = *geometry.cloud->surfels();
+  geometry.understood = fmt::format("{} points, as discs of radius {:.3g}", surfels.discs.size(),
+                                    MedianRadius(surfels));
+  geometry.warnings = surfels.warnings;
+  geometry.source = std::make_shared<const MeshSource>(fmt::format("cloud:{}", spec.files),
+                                                       geometry.cloud, spec.options);
   return geometry;
 }
 
@@ -180,6 +208,9 @@ NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext&
   if (kind == "mesh" && has_path && !rest.empty()) {
     return MakeMesh(ParseMeshSpec(spec, MeshUse::kLift), context.threads);
   }
+  if (kind == "cloud" && has_path && !rest.empty()) {
+    return MakeCloud(ParseCloudSpec(spec), context.threads);
+  }
   if (kind == "depth" && has_path) return MakeDepth(SpecKeys(spec, rest), context);
   if (kind == "sfm") return MakeSfm(SpecKeys(spec, rest), context);
   throw OptionError("geometry", spec, kForms);
@@ -194,6 +225,10 @@ std::string GeometryHelp() {
       "  scale, axes (what the world's x/y/z are in the mesh: x/-z/y), shift=X/Y/Z,\n"
       "  matrix (in their place: 3 x 4 or 4 x 4 numbers, separated by /),\n"
       "  back_faces={}, build={} (low: few rays are cast)\n"
+      "cloud:PATH[,key=value...]: a point cloud, as discs: PLY, LAS (not LAZ), PCD\n"
+      "  (ascii, binary) or text (.xyz, .txt, .asc, .pts, .csv). Keys:\n"
+      "  radius=auto|NUMBER (auto: by the density), neighbors (points that a disc is\n"
+      "  made of: 16; more against noise), and those of a mesh but for back_faces\n"
       "depth:DIR[,key=value...]: depth maps. Keys:\n"
       "  preset={}\n"
       "  pattern (file of an image: {{name}}, {{dir}}, {{stem}}, {{base}}),\n"

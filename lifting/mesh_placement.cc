@@ -180,4 +180,12 @@ TriangleMesh Placed(TriangleMesh mesh, const MeshPlacement& placement) {
   return mesh;
 }
 
+PointCloud Placed(PointCloud cloud, const MeshPlacement& placement) {
+  if (placement.IsIdentity()) return cloud;
+  for (Eigen::Vector3d& point : cloud.points_in_world) point = placement * point;
+  const Eigen::Matrix3f axes = placement.axes.cast<float>();
+  for (Eigen::Vector3f& normal : cloud.normals) normal = axes * normal;
+  return cloud;
+}
+
 }  // namespace raylift

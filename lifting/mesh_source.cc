@@ -51,6 +51,13 @@ class ReferenceLifter {
             std::span<std::optional<SurfacePoint>> points) {
     rays_.clear();
     for (const uint32_t i : indices) AddRay(pixels[i], i);
+    if (caster_.surfels() != nullptr) {
+      const auto hits = CastOneByOne();
+      for (size_t k = 0; k < hits.size(); ++k) {
+        if (hits[k]) points[rays_[k].pixel] = MakeSurfacePoint(rays_[k], *hits[k]);
+      }
+      return;
+    }
     Cast();
     PrefetchVertices();
     for (size_t k = 0; k < rays_.size(); ++k) {
@@ -90,13 +97,16 @@ class ReferenceLifter {
   void Cast() {
     hits_.assign(rays_.size(), CoarseHit());
     if (near_z_ > 0) {
-      CastFromNear();
+      const auto hits = CastOneByOne();
+      for (size_t k = 0; k < hits.size(); ++k) {
+        if (hits[k]) hits_[k] = {hits[k]->triangle, hits[k]->ray_t};
+      }
     } else {
       CastAsBlocks();
     }
   }
 
-  void CastFromNear() {
+  std::vector<std::optional<RayHit>> CastOneByOne() const {
     std::vector<Ray> rays;
     rays.reserve(rays_.size());
     for (const PixelRay& ray : rays_) {
@@ -104,10 +114,7 @@ class ReferenceLifter {
       const double ray_t_near = depth > 0 ? near_z_ / depth : 0;
       rays.push_back({center_in_world_, ray.in_world, ray_t_near});
     }
-    const auto hits = caster_.Cast(rays);
-    for (size_t k = 0; k < hits.size(); ++k) {
-      if (hits[k]) hits_[k] = {hits[k]->triangle, hits[k]->ray_t};
-    }
+    return caster_.Cast(rays);
   }
 
   void CastAsBlocks() {
@@ -149,6 +156,9 @@ class ReferenceLifter {
     point.depth_z = hit.ray_t * camera_.DepthOf(ray.in_cam);
     const double sine = hit.normal_in_world.cross(ray.in_world).norm();
     point.incidence_deg = std::atan2(sine, std::abs(along)) * kDegPerRad;
+    if (caster_.surfels() != nullptr) {
+      point.point_sigma = hit.sigma / std::abs(along);  // along the ray
+    }
     return point;
   }
 

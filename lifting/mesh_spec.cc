@@ -4,17 +4,21 @@
 #include <cmath>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "spec_keys.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/text.h"
+#include "raylift/renderers/point_cloud.h"
 
 namespace raylift {
 namespace {
 
 constexpr std::string_view kPrefix = "mesh:";
+constexpr std::string_view kCloudPrefix = "cloud:";
 
 using BuildQuality = RayCasterOptions::BuildQuality;
 using BackFaces = SurfaceLimits::BackFaces;
@@ -35,6 +39,12 @@ std::string KeysOf(MeshUse use) {
   return fmt::format(
       "near, far, max_incidence_deg, max_depth_jump, jump_radius_px, back_faces={}, {}",
       NameList<BackFaces>(), PlaceKeys());
+}
+
+std::string CloudKeys() {
+  return "radius=auto|NUMBER, neighbors, near, far, max_incidence_deg, max_depth_jump, "
+         "jump_radius_px, " +
+         PlaceKeys();
 }
 
 MeshPlacement TakePlacement(SpecKeys& keys) {
@@ -90,6 +100,34 @@ void RefuseKeysOfLifting(const SpecKeys& keys) {
   }
 }
 
+// What meshes and clouds have in common.
+void TakeSurfaceKeys(SpecKeys& keys, MeshSpec& spec) {
+  spec.files = keys.path();
+  spec.placement = TakePlacement(keys);
+  spec.build = keys.TakeNamed<BuildQuality>("build");
+  keys.TakeLimits(spec.options.limits);
+  spec.options.jump_radius_px =
+      keys.TakeNumber("jump_radius_px", 0).value_or(spec.options.jump_radius_px);
+}
+
+SurfelOptions TakeSurfelOptions(SpecKeys& keys) {
+  SurfelOptions options;
+  if (const auto radius = keys.Take("radius"); radius && *radius != "auto") {
+    options.radius = ParseDouble(*radius);
+    if (!options.radius || !std::isfinite(*options.radius) || !(*options.radius > 0)) {
+      keys.Fail("expected radius=auto or a positive number of scene units");
+    }
+  }
+  constexpr double kFewest = 8;
+  constexpr double kMost = 1000;
+  const double neighbors = keys.TakeNumber("neighbors", 0).value_or(options.neighbors);
+  if (!(neighbors >= kFewest && neighbors <= kMost) || neighbors != std::floor(neighbors)) {
+    keys.Fail(fmt::format("expected neighbors={} to {}, a whole number", kFewest, kMost));
+  }
+  options.neighbors = static_cast<int>(neighbors);
+  return options;
+}
+
 }  // namespace
 
 MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
@@ -97,16 +135,33 @@ MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
   SpecKeys keys(spec, std::string_view(spec).substr(kPrefix.size()));
   if (keys.path().empty()) keys.Fail(FormOf(use));
   if (use == MeshUse::kRender) RefuseKeysOfLifting(keys);
-  MeshSpec mesh{.files = keys.path()};
-  mesh.placement = TakePlacement(keys);
-  mesh.build = keys.TakeNamed<BuildQuality>("build");
-  keys.TakeLimits(mesh.options.limits);
+  MeshSpec mesh;
+  TakeSurfaceKeys(keys, mesh);
   const auto back_faces = keys.TakeNamed<BackFaces>("back_faces");
   mesh.options.limits.back_faces = back_faces.value_or(mesh.options.limits.back_faces);
-  mesh.options.jump_radius_px =
-      keys.TakeNumber("jump_radius_px", 0).value_or(mesh.options.jump_radius_px);
   keys.ExpectAllTaken(KeysOf(use));
   return mesh;
+}
+
+CloudSpec ParseCloudSpec(const std::string& spec) {
+  constexpr std::string_view kForm = "expected cloud:PATH[,key=value...]";
+  if (!spec.starts_with(kCloudPrefix)) throw OptionError("geometry", spec, kForm);
+  SpecKeys keys(spec, std::string_view(spec).substr(kCloudPrefix.size()));
+  if (keys.path().empty()) keys.Fail(kForm);
+  CloudSpec cloud;
+  TakeSurfaceKeys(keys, cloud);
+  cloud.surfels = TakeSurfelOptions(keys);
+  keys.ExpectAllTaken(CloudKeys());
+  return cloud;
+}
+
+std::shared_ptr<const RayCaster> OpenCloud(const CloudSpec& spec, int threads,
+                                           const RayCasterOptions& options) {
+  SurfelOptions surfels = spec.surfels;
+  surfels.threads = threads;
+  PointCloud cloud = Placed(ReadPointClouds(ListCloudFiles(spec.files)), spec.placement);
+  return std::make_shared<const RayCaster>(
+      std::make_shared<const Surfels>(MakeSurfels(std::move(cloud), surfels)), options);
 }
 
 }  // namespace raylift

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cmath>
 #include <map>
 
+#include "foreign_text.h"
 #include "texture_file.h"
 #include <Eigen/Geometry>
 #include <assimp/Importer.hpp>
@@ -195,9 +195,7 @@ RawMesh ReadWithAssimp(const std::filesystem::path& path) {
     throw InputError(
         path, fmt::format("cannot be read as a mesh: {}", OneLine(importer.GetErrorString())));
   }
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string extension = LowerExtension(path);
   const bool is_gltf = extension == ".glb" || extension == ".gltf";
   return SceneConverter(path, *scene, is_gltf).Convert();
 }

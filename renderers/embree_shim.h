@@ -4,9 +4,11 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <memory>
 #include <type_traits>
+#include <vector>
 
 #if RAYLIFT_EMBREE_MAJOR >= 4
 #include <embree4/rtcore.h>
@@ -132,5 +134,73 @@ inline RTCRayHit MakeRayHit(const float* origin, const float* direction, float t
 #endif
   return ray_hit;
 }
+
+// Takes down every primitive that a ray meets, instead of the first one.
+class GatherState {
+ public:
+#if RAYLIFT_EMBREE_MAJOR >= 4
+  GatherState() {
+    rtcInitRayQueryContext(&query_.context);
+    rtcInitIntersectArguments(&arguments_);
+    arguments_.context = &query_.context;
+    arguments_.filter = &GatherState::OnHit;
+    arguments_.flags = static_cast<RTCRayQueryFlags>(RTC_RAY_QUERY_FLAG_INCOHERENT |
+                                                     RTC_RAY_QUERY_FLAG_INVOKE_ARGUMENT_FILTER);
+  }
+#else
+  GatherState() {
+    rtcInitIntersectContext(&query_.context);
+    query_.context.flags = RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+    query_.context.filter = &GatherState::OnHit;
+  }
+#endif
+  GatherState(const GatherState&) = delete;  // arguments point to the query
+  GatherState& operator=(const GatherState&) = delete;
+
+  // What a scene must be set to before it is committed.
+  static void Allow(RTCScene scene, [[maybe_unused]] RTCGeometry geometry) {
+#if RAYLIFT_EMBREE_MAJOR >= 4
+    constexpr RTCSceneFlags kFlag = RTC_SCENE_FLAG_FILTER_FUNCTION_IN_ARGUMENTS;
+    rtcSetGeometryEnableFilterFunctionFromArguments(geometry, true);
+#else
+    constexpr RTCSceneFlags kFlag = RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION;
+#endif
+    rtcSetSceneFlags(scene, static_cast<RTCSceneFlags>(rtcGetSceneFlags(scene) | kFlag));
+  }
+
+  // The primitives that a ray meets between t_near and t_far, in no order; valid until the next.
+  std::vector<uint32_t>& Gather(RTCScene scene, const float* origin, const float* direction,
+                                float t_near, float t_far) {
+    query_.primitives.clear();
+    RTCRayHit ray_hit = MakeRayHit(origin, direction, t_near);
+    ray_hit.ray.tfar = t_far;
+#if RAYLIFT_EMBREE_MAJOR >= 4
+    rtcIntersect1(scene, &ray_hit, &arguments_);
+#else
+    rtcIntersect1(scene, &query_.context, &ray_hit);
+#endif
+    return query_.primitives;
+  }
+
+ private:
+#if RAYLIFT_EMBREE_MAJOR >= 4
+  using Context = RTCRayQueryContext;
+  RTCIntersectArguments arguments_;
+#else
+  using Context = RTCIntersectContext;
+#endif
+  struct Query {
+    Context context;
+    std::vector<uint32_t> primitives;
+  };
+
+  static void OnHit(const RTCFilterFunctionNArguments* arguments) {
+    auto* const query = reinterpret_cast<Query*>(arguments->context);
+    query->primitives.push_back(RTCHitN_primID(arguments->hit, arguments->N, 0));
+    arguments->valid[0] = 0;  // go on
+  }
+
+  Query query_;
+};
 
 }  // namespace raylift::embree

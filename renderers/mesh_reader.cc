@@ -1,10 +1,9 @@
 #include "raylift/renderers/mesh_reader.h"
 
-#include <algorithm>
-#include <cctype>
 #include <utility>
 
 #include "assimp_reader.h"
+#include "foreign_text.h"
 #include "mapped_file.h"
 #include "obj_reader.h"
 #include "ply_reader.h"
@@ -27,9 +26,7 @@ TriangleMesh ReadPlyMesh(const std::filesystem::path& path, int threads) {
 }
 
 TriangleMesh ReadByExtension(const std::filesystem::path& path, int threads) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string extension = LowerExtension(path);
   if (extension == ".ply") return ReadPlyMesh(path, threads);
   if (extension == ".obj") return FinishMesh(path, ReadObj(path));
   return FinishMesh(path, ReadWithAssimp(path));

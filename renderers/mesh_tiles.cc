@@ -2,12 +2,10 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <iterator>
 #include <limits>
 
-#include <fmt/format.h>
-#include <glob.h>
+#include "file_list.h"
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
@@ -19,31 +17,6 @@ using std::filesystem::path;
 
 constexpr std::array<std::string_view, 9> kExtensions = {".ply", ".obj", ".glb", ".gltf", ".stl",
                                                          ".dae", ".fbx", ".off", ".3ds"};
-
-bool IsMeshFile(const path& file) {
-  std::string extension = file.extension().string();
-  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
-}
-
-std::vector<path> MeshFilesIn(const path& folder) {
-  std::vector<path> files;
-  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
-    if (entry.is_regular_file() && IsMeshFile(entry.path())) files.push_back(entry.path());
-  }
-  std::sort(files.begin(), files.end());
-  if (files.empty()) throw InputError(folder, "expected mesh files in the folder, found none");
-  return files;
-}
-
-std::vector<path> MatchingFiles(const std::string& pattern) {
-  glob_t found{};
-  const int status = glob(pattern.c_str(), 0, nullptr, &found);
-  std::vector<path> files(found.gl_pathv, found.gl_pathv + found.gl_pathc);
-  globfree(&found);
-  if (status != 0 || files.empty()) throw InputError(pattern, "no mesh file matches");
-  return files;
-}
 
 template <typename T>
 void AppendAttribute(const std::vector<T>& values, size_t count, const T& missing,
@@ -98,21 +71,7 @@ void Append(TriangleMesh mesh, const Attributes& attributes, TriangleMesh& targe
 }  // namespace
 
 std::vector<path> ListMeshFiles(const std::string& files) {
-  std::error_code ignored;
-  if (std::filesystem::is_regular_file(files, ignored)) return {files};
-  std::vector<path> listed;
-  for (const std::string_view part_view : SplitBy(files, '+')) {
-    const std::string part(part_view);
-    std::vector<path> of_part = {part};
-    if (std::filesystem::is_directory(part, ignored)) {
-      of_part = MeshFilesIn(part);
-    } else if (!std::filesystem::exists(part, ignored) &&
-               part.find_first_of("*?[") != std::string::npos) {
-      of_part = MatchingFiles(part);
-    }
-    listed.insert(listed.end(), of_part.begin(), of_part.end());
-  }
-  return listed;
+  return ListFiles(files, kExtensions, "mesh");
 }
 
 TriangleMesh ReadMeshes(std::span<const path> files, const MeshReadOptions& options) {

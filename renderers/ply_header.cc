@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "foreign_text.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -50,7 +51,7 @@ class HeaderParser {
       } else if (keyword == "comment") {
         ParseComment(line, tokens);
       } else if (keyword != "obj_info") {
-        Fail(fmt::format("expected a PLY header line, found \"{}\"", Printable(keyword)));
+        Fail(fmt::format("expected a PLY header line, found \"{}\"", Shown(keyword)));
       }
     }
     if (!has_format) {
@@ -76,13 +77,6 @@ class HeaderParser {
     throw InputError(path_, fmt::format("line {}", line_number_), message);
   }
 
-  static std::string Printable(std::string_view token) {
-    std::string text(token.substr(0, 40));
-    std::replace_if(
-        text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
-    return text;
-  }
-
   void ParseFormat(const std::vector<std::string_view>& tokens) {
     using enum PlyHeader::Format;
     const std::string_view name = tokens.size() > 1 ? tokens[1] : "";
@@ -95,7 +89,7 @@ class HeaderParser {
     } else {
       Fail(fmt::format(
           "expected format ascii, binary_little_endian or binary_big_endian, found \"{}\"",
-          Printable(name)));
+          Shown(name)));
     }
   }
 
@@ -105,7 +99,7 @@ class HeaderParser {
       Fail("expected \"element NAME COUNT\"");
     }
     for (const PlyElement& element : header_.elements) {
-      if (element.name == tokens[1]) Fail(fmt::format("a second element {}", Printable(tokens[1])));
+      if (element.name == tokens[1]) Fail(fmt::format("a second element {}", Shown(tokens[1])));
     }
     header_.elements.push_back({std::string(tokens[1]), *count, {}});
   }
@@ -133,7 +127,7 @@ class HeaderParser {
   PlyType Type(std::string_view name) const {
     const auto type = PlyTypeFromName(name);
     if (!type) {
-      Fail(fmt::format("expected a PLY type, found \"{}\"", Printable(name)));
+      Fail(fmt::format("expected a PLY type, found \"{}\"", Shown(name)));
     }
     return *type;
   }

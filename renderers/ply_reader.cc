@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "foreign_text.h"
 #include "texture_file.h"
 #include <fmt/format.h>
 
@@ -85,10 +86,8 @@ class AsciiCursor {
     while (size < text_.size() && !IsSpace(text_[size])) ++size;
     const auto value = ParseDouble(text_.substr(0, size));
     if (!value) {
-      std::string token(text_.substr(0, std::min<size_t>(size, 40)));
-      std::replace_if(
-          token.begin(), token.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
-      throw ValueError{fmt::format("expected a number, found \"{}\"", token)};
+      throw ValueError{
+          fmt::format("expected a number, found \"{}\"", Shown(text_.substr(0, size)))};
     }
     text_.remove_prefix(size);
     return *value;
@@ -106,7 +105,20 @@ class AsciiCursor {
 // ---- elements ----
 
 // Which number of a vertex a property holds.
-enum VertexSlot { kX, kY, kZ, kRed, kGreen, kBlue, kU, kV, kNumVertexSlots };
+enum VertexSlot {
+  kX,
+  kY,
+  kZ,
+  kRed,
+  kGreen,
+  kBlue,
+  kU,
+  kV,
+  kNormalX,
+  kNormalY,
+  kNormalZ,
+  kNumVertexSlots
+};
 
 std::optional<VertexSlot> SlotOf(std::string_view name) {
   static constexpr std::pair<std::string_view, VertexSlot> kNames[] = {
@@ -128,6 +140,12 @@ std::optional<VertexSlot> SlotOf(std::string_view name) {
       {"t", kV},
       {"texture_u", kU},
       {"texture_v", kV},
+      {"nx", kNormalX},
+      {"ny", kNormalY},
+      {"nz", kNormalZ},
+      {"normal_x", kNormalX},
+      {"normal_y", kNormalY},
+      {"normal_z", kNormalZ},
   };
   for (const auto& [known, slot] : kNames) {
     if (known == name) return slot;
@@ -201,6 +219,12 @@ class ElementReader {
     }
   }
 
+  bool HasFaces() const {
+    return std::any_of(
+        header_.elements.begin(), header_.elements.end(),
+        [](const PlyElement& element) { return element.name == "face" && element.count > 0; });
+  }
+
   // Calls body(i) for each entry of the element; names the entry where a value is wrong.
   template <typename Body>
   void ForEach(const PlyElement& element, const Body& body) {
@@ -249,6 +273,7 @@ class ElementReader {
     }
     const bool has_colors = types[kRed] && types[kGreen] && types[kBlue];
     const bool has_uvs = types[kU] && types[kV];
+    const bool has_normals = types[kNormalX] && types[kNormalY] && types[kNormalZ] && !HasFaces();
     mesh_.positions.reserve(element.count);
     if (has_colors) mesh_.position_colors.reserve(element.count);
     if (has_uvs) mesh_.uvs.reserve(element.count);
@@ -266,6 +291,10 @@ class ElementReader {
         mesh_.position_colors.push_back({ColorByte(values[kRed], *types[kRed]),
                                          ColorByte(values[kGreen], *types[kGreen]),
                                          ColorByte(values[kBlue], *types[kBlue])});
+      }
+      if (has_normals) {
+        mesh_.position_normals.push_back(
+            Eigen::Vector3d(values[kNormalX], values[kNormalY], values[kNormalZ]).cast<float>());
       }
       if (has_uvs) {
         mesh_.uvs.emplace_back(static_cast<float>(values[kU]), static_cast<float>(values[kV]));

@@ -13,7 +13,8 @@ namespace raylift {
 
 // Vertices with colours (red, green, blue) and texture coordinates (u v, s t, texture_u texture_v),
 // polygon faces with per-corner `texcoord` lists and `texnumber`, pictures from the header's
-// `comment TextureFile NAME`. Other elements and properties are skipped.
+// `comment TextureFile NAME`; normals (nx ny nz) where there are no faces. Other elements and
+// properties are skipped.
 // `contents` is the whole file; `path` is for messages and for the pictures beside it.
 RawMesh ReadPly(const std::filesystem::path& path, const PlyHeader& header,
                 std::string_view contents);

@@ -31,6 +31,7 @@ struct RawMesh {
 
   std::vector<Eigen::Vector3d> positions;
   std::vector<Rgb> position_colors;                // empty, or one per position
+  std::vector<Eigen::Vector3f> position_normals;   // of a point cloud; empty, or one per position
   std::vector<std::array<uint32_t, 3>> triangles;  // indices into `positions`, all in range
 
   // The face of the file that each triangle is of; empty while that is its own place.

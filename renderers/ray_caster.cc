@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "block_kernels.h"
+#include "disc_blend.h"
 #include "embree_shim.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -66,6 +67,24 @@ Bounds BoundsOf(const TriangleMesh& mesh) {
   return {0.5 * (low + high), 0.5 * (high - low).norm()};
 }
 
+Bounds BoundsOf(const Surfels& surfels) {
+  Eigen::AlignedBox3f box;
+  for (const Eigen::Vector4f& disc : surfels.discs) {
+    box.extend((disc.head<3>().array() - disc.w()).matrix());
+    box.extend((disc.head<3>().array() + disc.w()).matrix());
+  }
+  const Eigen::Vector3d low = box.min().cast<double>();
+  const Eigen::Vector3d high = box.max().cast<double>();
+  return {0.5 * (low + high), 0.5 * (high - low).norm()};
+}
+
+// Rays at surfels take their origin from an empty mesh.
+std::shared_ptr<const TriangleMesh> EmptyMeshAt(const Eigen::Vector3d& origin_in_world) {
+  auto mesh = std::make_shared<TriangleMesh>();
+  mesh->origin_in_world = origin_in_world;
+  return mesh;
+}
+
 void CheckIndices(const TriangleMesh& mesh) {
   for (const auto& triangle : mesh.triangles) {
     RAYLIFT_CHECK(std::max({triangle[0], triangle[1], triangle[2]}) < mesh.vertices.size());
@@ -75,9 +94,11 @@ void CheckIndices(const TriangleMesh& mesh) {
 }  // namespace
 
 struct RayCaster::Impl {
-  Impl(std::shared_ptr<const TriangleMesh> mesh_in, const RayCasterOptions& options)
+  Impl(std::shared_ptr<const TriangleMesh> mesh_in, std::shared_ptr<const Surfels> surfels_in,
+       const RayCasterOptions& options)
       : mesh(std::move(mesh_in)),
-        bounds(BoundsOf(*mesh)),
+        surfels(std::move(surfels_in)),
+        bounds(surfels != nullptr ? BoundsOf(*surfels) : BoundsOf(*mesh)),
         reach(bounds.center.norm() + bounds.radius) {
     device.reset(rtcNewDevice(nullptr));
     if (!device) {
@@ -135,9 +156,8 @@ struct RayCaster::Impl {
     scene.reset(rtcNewScene(device.get()));
     rtcSetSceneFlags(scene.get(), RTC_SCENE_FLAG_ROBUST);
     rtcSetSceneBuildQuality(scene.get(), quality);
-    if (!mesh->triangles.empty()) {
-      AttachMesh(quality);
-    }
+    if (!mesh->triangles.empty()) AttachMesh(quality);
+    if (surfels != nullptr) AttachSurfels(quality);
     BuildProgress progress{options.on_build_progress, {}, 0};
     if (options.on_build_progress) {
       rtcSetSceneProgressMonitorFunction(scene.get(), &BuildProgress::OnProgress, &progress);
@@ -146,20 +166,37 @@ struct RayCaster::Impl {
     rtcSetSceneProgressMonitorFunction(scene.get(), nullptr, nullptr);
   }
 
+  // Embree reads 16 bytes at each vector of 12.
+  const std::vector<Eigen::Vector3f>& Padded(const std::vector<Eigen::Vector3f>& vectors) {
+    if (vectors.capacity() > vectors.size()) return vectors;
+    padded_vectors.reserve(vectors.size() + 1);
+    padded_vectors = vectors;
+    return padded_vectors;
+  }
+
   void AttachMesh(RTCBuildQuality quality) {
     const embree::Geometry geometry(rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_TRIANGLE));
-    // Embree reads 16 bytes at each vertex of 12.
-    const std::vector<Eigen::Vector3f>* vertices = &mesh->vertices;
-    if (vertices->capacity() == vertices->size()) {
-      padded_vertices.reserve(vertices->size() + 1);
-      padded_vertices = *vertices;
-      vertices = &padded_vertices;
-    }
+    const std::vector<Eigen::Vector3f>& vertices = Padded(mesh->vertices);
     rtcSetSharedGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                               vertices->data(), 0, sizeof(Eigen::Vector3f), vertices->size());
+                               vertices.data(), 0, sizeof(Eigen::Vector3f), vertices.size());
     rtcSetSharedGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
                                mesh->triangles.data(), 0, 3 * sizeof(uint32_t),
                                mesh->triangles.size());
+    rtcSetGeometryBuildQuality(geometry.get(), quality);
+    rtcCommitGeometry(geometry.get());
+    rtcAttachGeometry(scene.get(), geometry.get());
+  }
+
+  void AttachSurfels(RTCBuildQuality quality) {
+    const embree::Geometry geometry(
+        rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_ORIENTED_DISC_POINT));
+    rtcSetSharedGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT4,
+                               surfels->discs.data(), 0, sizeof(Eigen::Vector4f),
+                               surfels->discs.size());
+    const std::vector<Eigen::Vector3f>& normals = Padded(surfels->normals);
+    rtcSetSharedGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_NORMAL, 0, RTC_FORMAT_FLOAT3,
+                               normals.data(), 0, sizeof(Eigen::Vector3f), normals.size());
+    embree::GatherState::Allow(scene.get(), geometry.get());
     rtcSetGeometryBuildQuality(geometry.get(), quality);
     rtcCommitGeometry(geometry.get());
     rtcAttachGeometry(scene.get(), geometry.get());
@@ -179,6 +216,35 @@ struct RayCaster::Impl {
       return std::nullopt;
     }
     return ray;
+  }
+
+  // The first surface that discs make on the ray.
+  std::optional<RayHit> CastAtDiscs(const Ray& world_ray, embree::IntersectState& state,
+                                    embree::GatherState& gather) const {
+    const double length = world_ray.direction_in_world.norm();
+    const auto local =
+        MakeLocalRay(world_ray.origin_in_world, world_ray.direction_in_world, length);
+    if (!local) return std::nullopt;
+    const LocalRay& ray = *local;
+    float near = FloatNear(ray, length, world_ray.ray_t_near);
+    const DiscRay disc_ray{ray.origin, ray.direction};
+    const double rounding = kMaxRefinementOfScene * reach;
+    while (const auto first = CastOne(ray, near, state)) {
+      const float begin = std::max(near, first->t - static_cast<float>(rounding));
+      const double end = double{first->t} + BlendReach(*surfels, disc_ray, first->triangle);
+      std::vector<uint32_t>& discs =
+          gather.Gather(scene.get(), ray.float_origin.data(), ray.float_direction.data(), begin,
+                        static_cast<float>(end));
+      std::sort(discs.begin(), discs.end());  // sums do not depend on the tree
+      const Blend blend = BlendDiscs(*surfels, disc_ray, first->triangle, discs, rounding);
+      if (blend.hit) {
+        return RayHit{blend.hit->t / length, blend.hit->normal, blend.hit->nearest,
+                      Eigen::Vector2d::Zero(), blend.hit->sigma};
+      }
+      near = std::nextafter(std::max(first->t, static_cast<float>(blend.last_t - ray.shift)),
+                            std::numeric_limits<float>::infinity());
+    }
+    return std::nullopt;
   }
 
   // The hit with the triangle's plane, in double. `length` is that of the caller's direction.
@@ -284,6 +350,22 @@ struct RayCaster::Impl {
     return num_hits;
   }
 
+  size_t CastBlockAtDiscs(const Eigen::Vector3d& origin_in_world, const RayBlock& rays,
+                          HitBlock& hits, embree::IntersectState& state,
+                          embree::GatherState& gather) const {
+    size_t num_hits = 0;
+    for (size_t i = 0; i < RayBlock::kSize; ++i) {
+      const Eigen::Vector3d direction =
+          Eigen::Vector3f(rays.x[i], rays.y[i], rays.z[i]).cast<double>();
+      const auto hit = CastAtDiscs({origin_in_world, direction}, state, gather);
+      if (!hit) continue;
+      hits.ray_t[i] = static_cast<float>(hit->ray_t);
+      hits.triangle[i] = hit->triangle;
+      ++num_hits;
+    }
+    return num_hits;
+  }
+
   struct FloatHit {
     uint32_t triangle;
     float t;
@@ -332,8 +414,9 @@ struct RayCaster::Impl {
     return static_cast<float>(std::max(0.0, t_near * length - ray.shift));
   }
 
-  std::shared_ptr<const TriangleMesh> mesh;
-  std::vector<Eigen::Vector3f> padded_vertices;  // empty where the mesh's own are shared
+  std::shared_ptr<const TriangleMesh> mesh;     // empty where there are surfels
+  std::shared_ptr<const Surfels> surfels;       // or null
+  std::vector<Eigen::Vector3f> padded_vectors;  // empty where the mesh's or surfels' own are shared
   Bounds bounds;
   double reach;  // the largest local coordinate, about
   std::string error_text;
@@ -347,7 +430,14 @@ struct RayCaster::Impl {
 RayCaster::RayCaster(std::shared_ptr<const TriangleMesh> mesh, const RayCasterOptions& options) {
   RAYLIFT_CHECK(mesh != nullptr);
   CheckIndices(*mesh);
-  impl_ = std::make_unique<Impl>(std::move(mesh), options);
+  impl_ = std::make_unique<Impl>(std::move(mesh), nullptr, options);
+}
+
+RayCaster::RayCaster(std::shared_ptr<const Surfels> surfels, const RayCasterOptions& options) {
+  RAYLIFT_CHECK(surfels != nullptr);
+  RAYLIFT_CHECK_EQ(surfels->discs.size(), surfels->normals.size());
+  auto mesh = EmptyMeshAt(surfels->origin_in_world);
+  impl_ = std::make_unique<Impl>(std::move(mesh), std::move(surfels), options);
 }
 
 RayCaster::~RayCaster() = default;
@@ -356,9 +446,16 @@ RayCaster& RayCaster::operator=(RayCaster&&) noexcept = default;
 
 const TriangleMesh& RayCaster::mesh() const { return *impl_->mesh; }
 
+const Surfels* RayCaster::surfels() const { return impl_->surfels.get(); }
+
 std::vector<std::optional<RayHit>> RayCaster::Cast(std::span<const Ray> rays) const {
   std::vector<std::optional<RayHit>> hits(rays.size());
   embree::IntersectState state(embree::Coherence::kIncoherent);
+  if (impl_->surfels != nullptr) {
+    embree::GatherState gather;
+    for (size_t i = 0; i < rays.size(); ++i) hits[i] = impl_->CastAtDiscs(rays[i], state, gather);
+    return hits;
+  }
   for (size_t begin = 0; begin < rays.size(); begin += kBatch) {
     const size_t count = std::min(kBatch, rays.size() - begin);
     impl_->CastBatch(rays.subspan(begin, count), std::span(hits).subspan(begin, count), state);
@@ -375,6 +472,15 @@ size_t RayCaster::CastBlocks(const Eigen::Vector3d& origin_in_world, std::span<c
     block.grazing = 0;
   }
   const Impl& impl = *impl_;
+  if (impl.surfels != nullptr) {
+    embree::IntersectState state(embree::Coherence::kIncoherent);
+    embree::GatherState gather;
+    size_t num_hits = 0;
+    for (size_t i = 0; i < rays.size(); ++i) {
+      num_hits += impl.CastBlockAtDiscs(origin_in_world, rays[i], hits[i], state, gather);
+    }
+    return num_hits;
+  }
   Impl::BlockOrigin from;
   from.origin = origin_in_world - impl.mesh->origin_in_world;
   from.rounded = from.origin.cast<float>();
@@ -405,6 +511,14 @@ RayHit RayCaster::RefineHit(const Eigen::Vector3d& origin_in_world,
                             const Eigen::Vector3d& direction_in_world, uint32_t triangle,
                             double coarse_t) const {
   const double length = direction_in_world.norm();
+  if (impl_->surfels != nullptr) {
+    embree::IntersectState state(embree::Coherence::kIncoherent);
+    embree::GatherState gather;
+    const auto hit = impl_->CastAtDiscs({origin_in_world, direction_in_world}, state, gather);
+    if (hit) return *hit;
+    return {coarse_t, impl_->surfels->normals[triangle].cast<double>(), triangle,
+            Eigen::Vector2d::Zero()};
+  }
   LocalRay ray;
   ray.origin = origin_in_world - impl_->mesh->origin_in_world;
   ray.direction = direction_in_world / length;
@@ -416,6 +530,7 @@ size_t RayCaster::MemoryBytes() const {
 }
 
 bool RayCaster::IsOccluded(const Ray& ray) const {
+  if (impl_->surfels != nullptr) return Cast({&ray, 1}).front().has_value();
   const double length = ray.direction_in_world.norm();
   const auto local = impl_->MakeLocalRay(ray.origin_in_world, ray.direction_in_world, length);
   if (!local) {

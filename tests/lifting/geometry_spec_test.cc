@@ -2,6 +2,7 @@
 
 #include "support/matchers.h"
 #include "support/test_data.h"
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "raylift/base/error.h"
@@ -39,8 +40,10 @@ TEST(MakeGeometrySource, OpensAMeshAndPassesItsWarningsOn) {
 
 TEST(MakeGeometrySource, UnknownKindsKeysAndValuesAreOptionErrors) {
   const std::string forms =
-      ": expected mesh:PATH[,key=value...], depth:DIR[,key=value...] or sfm[:DIR][,key=value...]";
-  for (const std::string spec : {"foo:x", "mesh", "mesh:", "mesh,far=1", "depth:", "sfmx:a", ""}) {
+      ": expected mesh:PATH[,key=value...], cloud:PATH[,key=value...], depth:DIR[,key=value...] or "
+      "sfm[:DIR][,key=value...]";
+  for (const std::string spec :
+       {"foo:x", "cloud", "cloud:", "mesh", "mesh:", "mesh,far=1", "depth:", "sfmx:a", ""}) {
     EXPECT_EQ(OptionErrorOf(spec).substr(0, ("geometry = " + spec + forms).size()),
               "geometry = " + spec + forms);
   }
@@ -56,6 +59,9 @@ TEST(MakeGeometrySource, UnknownKindsKeysAndValuesAreOptionErrors) {
   says("mesh:a.ply,far=-1", "expected far=NUMBER of at least 0, found \"-1\"");
   says("mesh:a.ply,near=x", "expected near=NUMBER");
   says("mesh:a.ply,back_faces=no", "expected back_faces=keep|drop");
+  says("cloud:a.ply,radius=0", "expected radius=auto or a positive number");
+  says("cloud:a.ply,neighbors=2", "expected neighbors=8 to 1000");
+  says("cloud:a.ply,back_faces=drop", "unknown key \"back_faces\"; there are radius=auto|NUMBER");
   says("depth:d,preset=foo", "expected preset=colmap|nerfstudio|");
   says("depth:d,kind=y", "expected kind=z|ray|inverse");
   says("depth:d,orientation=left", "expected orientation=as_stored|flipped_x|");
@@ -70,6 +76,30 @@ TEST(MakeGeometrySource, UnknownKindsKeysAndValuesAreOptionErrors) {
   says("sfm:m,radius=-1", "expected radius=NUMBER of at least 0");
   says("sfm:m,preset=tum", "unknown key \"preset\"; there are radius");
   says("depth:d,build=low", "unknown key \"build\"; there are preset");
+}
+
+TEST(MakeGeometrySource, OpensAPointCloud) {
+  const auto path = TestFolder() / "wall.xyz";  // 2 in front of the camera, as the triangle's
+  std::string text;
+  for (int y = -20; y <= 20; ++y) {
+    for (int x = -20; x <= 20; ++x) text += fmt::format("{} {} 2\n", 0.05 * x, 0.05 * y);
+  }
+  WriteFile(path, text);
+  const Eigen::Vector2d pixel(0.5, 0.5);
+  for (const auto& [keys, depth] :
+       {std::pair("", 2.0), {",scale=2", 4.0}, {",radius=0.2", 2.0}, {",neighbors=8", 2.0}}) {
+    const NamedGeometry geometry = MakeGeometrySource("cloud:" + path.string() + keys);
+    EXPECT_EQ(geometry.kind, GeometryKind::kCloud);
+    EXPECT_EQ(geometry.source->Description(), "cloud:" + path.string());
+    const auto point = geometry.source->Lift({}, {&pixel, 1})[0];
+    ASSERT_TRUE(point) << keys;
+    EXPECT_NEAR(point->depth_z, depth, 1e-5);
+    EXPECT_FALSE(point->back_face);
+    ASSERT_TRUE(point->point_sigma);
+    EXPECT_LT(*point->point_sigma, 1e-5) << "the points are on a plane";
+  }
+  const NamedGeometry near = MakeGeometrySource("cloud:" + path.string() + ",far=1");
+  EXPECT_FALSE(near.source->Lift({}, {&pixel, 1})[0]);
 }
 
 TEST(MakeGeometrySource, EveryKeyOfAMeshWorks) {

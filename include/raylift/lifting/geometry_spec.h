@@ -1,4 +1,5 @@
-// Geometry sources by specification: "mesh:scene.ply", "depth:maps,kind=ray", "sfm".
+// Geometry sources by specification: "mesh:scene.ply", "cloud:scan.las", "depth:maps,kind=ray",
+// "sfm".
 
 #pragma once
 
@@ -19,18 +20,19 @@
 
 namespace raylift {
 
-enum class GeometryKind { kMesh, kDepth, kSfm };
+enum class GeometryKind { kMesh, kCloud, kDepth, kSfm };
 
 struct NamedGeometry {
   GeometryKind kind = GeometryKind::kMesh;
   std::shared_ptr<const GeometrySource> source;
   std::shared_ptr<const RayCaster> mesh;              // of a mesh source, for pictures; else null
   std::shared_ptr<const DepthFolder> maps = nullptr;  // of depth maps; else null
+  std::shared_ptr<const RayCaster> cloud = nullptr;   // of a point cloud, for pictures; else null
   // How the files were read ("PNG uint16 640 x 480, z").
   std::string understood = {};
   std::vector<std::string> warnings;  // what the user should know of the files
   std::optional<InputReading> depth_reading = std::nullopt;  // of depth maps
-  MeshPlacement placement = {};                              // of a mesh, by its specification
+  MeshPlacement placement = {};  // of a mesh or cloud, by its specification
 };
 
 // What a specification does not say.
@@ -43,8 +45,8 @@ struct GeometryContext {
   int threads = 0;                           // to read a mesh; <= 0: all
 };
 
-// Opens "mesh:PATH[,key=value...]", "depth:DIR[,key=value...]" or "sfm[:DIR][,key=value...]" (by
-// default the references' own model); GeometryHelp() lists the keys.
+// Opens "mesh:PATH[,key=value...]", "cloud:PATH[,key=value...]", "depth:DIR[,key=value...]" or
+// "sfm[:DIR][,key=value...]" (by default the references' own model); GeometryHelp() lists the keys.
 // OptionError for an unknown kind, key or value, InputError where a file cannot be read.
 NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext& context = {});
 

@@ -1,4 +1,5 @@
-// Geometry from a mesh: the ray of a reference pixel, through the true lens model, cast at it.
+// Geometry from a mesh or a point cloud: the ray of a reference pixel, through the true lens model,
+// cast at it. Points of clouds come with the noise of their surface.
 
 #pragma once
 

@@ -1,13 +1,16 @@
-// A mesh by name, "mesh:PATH[,key=value...]": one grammar for all who lift from it or render it.
+// A mesh by name, "mesh:PATH[,key=value...]", or a point cloud, "cloud:PATH[,key=value...]": one
+// grammar for all who lift from it or render it.
 
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <string>
 
 #include "raylift/lifting/mesh_placement.h"
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/renderers/ray_caster.h"
+#include "raylift/renderers/surfels.h"
 
 namespace raylift {
 
@@ -28,5 +31,15 @@ enum class MeshUse {
 
 // OptionError where the specification is not one of a mesh, or has an unknown key or value.
 MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use);
+
+// What a mesh has but for front and back, as points have none; and how discs are made of them.
+struct CloudSpec : MeshSpec {
+  SurfelOptions surfels = {};
+};
+CloudSpec ParseCloudSpec(const std::string& spec);
+
+// Reads the files, puts the points where they belong and casts rays at their discs.
+std::shared_ptr<const RayCaster> OpenCloud(const CloudSpec& spec, int threads,
+                                           const RayCasterOptions& options);
 
 }  // namespace raylift

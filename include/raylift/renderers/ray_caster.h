@@ -1,5 +1,5 @@
-// Casting rays at a mesh, on Embree 3 (from 3.12 on) or 4. All coordinates are the world's, in
-// double; the recentring that float needs happens inside.
+// Casting rays at a mesh or at the discs of a point cloud, on Embree 3 (from 3.12 on) or 4. All
+// coordinates are the world's, in double; the recentring that float needs happens inside.
 
 #pragma once
 
@@ -15,6 +15,7 @@
 #include <Eigen/Core>
 
 #include "raylift/base/enum_names.h"
+#include "raylift/renderers/surfels.h"
 #include "raylift/renderers/triangle_mesh.h"
 
 namespace raylift {
@@ -29,8 +30,9 @@ struct Ray {
 struct RayHit {
   double ray_t;                     // point = origin + ray_t * direction
   Eigen::Vector3d normal_in_world;  // unit, geometric, by the triangle's winding
-  uint32_t triangle;                // index into the mesh's triangles
-  Eigen::Vector2d barycentric;      // (u, v): point = (1-u-v) v0 + u v1 + v v2
+  uint32_t triangle;                // index into the mesh's triangles, or the surfels' discs
+  Eigen::Vector2d barycentric;      // (u, v): point = (1-u-v) v0 + u v1 + v v2; of discs, zero
+  double sigma = 0;                 // of a surface of discs, along its normal
 };
 
 struct RayCasterOptions {
@@ -77,11 +79,17 @@ class RayCaster {
   // more, which Embree wants to be readable). std::runtime_error with Embree's text where it fails.
   explicit RayCaster(std::shared_ptr<const TriangleMesh> mesh,
                      const RayCasterOptions& options = {});
+  // Of surfels. Where a ray passes through several discs that are one surface within their scatter,
+  // and their centres surround it, it hits the mean of their planes, by their precision; the hit is
+  // of the disc whose centre is the closest to it. The surfels are shared as the mesh is.
+  explicit RayCaster(std::shared_ptr<const Surfels> surfels, const RayCasterOptions& options = {});
   ~RayCaster();
   RayCaster(RayCaster&&) noexcept;
   RayCaster& operator=(RayCaster&&) noexcept;
 
+  // Empty where the rays are cast at surfels.
   const TriangleMesh& mesh() const;
+  const Surfels* surfels() const;  // null where they are cast at a mesh
 
   // The nearest hit of each ray, in order; none where it leaves the scene or is not finite. Both
   // sides of a triangle are hit. A hit's ray_t and barycentric coordinates are refined in double
@@ -95,7 +103,7 @@ class RayCaster {
                     std::span<HitBlock> hits) const;
 
   // The hit of a ray that is known to hit `triangle` at about `coarse_t` (in units of the
-  // direction's length), in double.
+  // direction's length), in double. At surfels the ray is cast anew.
   RayHit RefineHit(const Eigen::Vector3d& origin_in_world,
                    const Eigen::Vector3d& direction_in_world, uint32_t triangle,
                    double coarse_t) const;
@@ -103,7 +111,7 @@ class RayCaster {
   // Whether anything lies on the ray beyond its ray_t_near. Thread safe.
   bool IsOccluded(const Ray& ray) const;
 
-  // What the acceleration structure holds, without the mesh.
+  // What the acceleration structure holds, without the mesh or the surfels.
   size_t MemoryBytes() const;
 
  private:

@@ -1,0 +1,43 @@
+// The surface of a point cloud where a ray meets it, from the discs that the ray passes through.
+
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+
+#include <Eigen/Core>
+
+#include "raylift/renderers/surfels.h"
+
+namespace raylift {
+
+// In the surfels' local coordinates; the direction is unit.
+struct DiscRay {
+  Eigen::Vector3d origin;
+  Eigen::Vector3d direction;
+};
+
+// How far along the ray behind the first disc others may be of the same surface.
+double BlendReach(const Surfels& surfels, const DiscRay& ray, uint32_t first);
+
+struct BlendedHit {
+  double t;
+  double sigma;            // along the normal
+  Eigen::Vector3d normal;  // unit, turned against the ray
+  uint32_t nearest;        // the disc whose centre is the closest to the ray
+};
+struct Blend {
+  std::optional<BlendedHit> hit;
+  double last_t;  // where the ray has passed through all discs of this surface
+};
+
+// Of `discs`, which the ray meets within BlendReach, those are of the first one's surface whose
+// planes meet the ray where its does, within the scatter of both. Between their centres there is a
+// surface: the mean of their planes, by their precision, so that a disc across a crease, whose points
+// scatter, counts for little. Beyond their centres there is none: a surface ends where its points
+// do, and not a radius further on. `rounding`: what float coordinates resolve.
+Blend BlendDiscs(const Surfels& surfels, const DiscRay& ray, uint32_t first,
+                 std::span<const uint32_t> discs, double rounding);
+
+}  // namespace raylift
