@@ -104,7 +104,7 @@ void RunLocalize(const LocalizeFlags& flags, const LocalizerOptions& options, Al
     warnings.emplace_back(
         "--candidates triangulate lifts nothing: --geometry is not used for points");
   }
-  LocalizeOutput output(flags, queries.size(), scene.Mesh());
+  LocalizeOutput output(flags, queries.size(), scene.Surface());
   BatchLocalizer localizer(scene, queries,
                            OpenMatches(scene, queries, MatchingOf(flags, options.estimator.seed)),
                            {.localizer = options,

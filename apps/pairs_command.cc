@@ -78,7 +78,7 @@ class PairsRun {
     if (options_.method == RetrievalMethod::kOverlap) {
       NamedGeometry geometry = MakeGeometrySource(flags.geometry, {.threads = flags.run.threads});
       PrintWarnings(geometry.warnings);
-      options_.mesh = geometry.mesh;
+      options_.mesh = geometry.Surface();
     }
     options_.covisibility = std::move(loaded_.covisibility);
   }

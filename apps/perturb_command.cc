@@ -35,11 +35,11 @@ struct PerturbFlags {
   RunFlags run;
 };
 
-// The map as it is: stored maps keep their size, a mesh is seen at the image's. None where there is
+// The map as it is: stored maps keep their size, a surface is seen at the image's. None where there is
 // no map of an image.
 std::optional<DepthMap> LoadMap(const NamedGeometry& geometry, const PosedImage& image) {
-  if (geometry.mesh != nullptr) {
-    return RenderDepth(*geometry.mesh, image.camera, image.cam_from_world, 1);
+  if (const auto surface = geometry.Surface()) {
+    return RenderDepth(*surface, image.camera, image.cam_from_world, 1);
   }
   const auto map = geometry.maps->Load(image);
   return map != nullptr ? std::optional(*map) : std::nullopt;
@@ -74,8 +74,8 @@ void Run(const PerturbFlags& flags, const std::string& options_json) {
                                           .references = images,
                                           .thinned_out = loaded.references.thinned_out,
                                           .threads = flags.run.threads});
-  if (geometry.mesh == nullptr && geometry.maps == nullptr) {
-    throw OptionError("--geometry", flags.geometry, "must be a mesh or depth maps");
+  if (geometry.Surface() == nullptr && geometry.maps == nullptr) {
+    throw OptionError("--geometry", flags.geometry, "must be a mesh, a point cloud or depth maps");
   }
   PrintWarnings(loaded.warnings);
   PrintWarnings(geometry.warnings);

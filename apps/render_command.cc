@@ -12,8 +12,10 @@
 #include <nlohmann/json.hpp>
 #include <unistd.h>
 
+#include "raylift/base/error.h"
 #include "raylift/base/progress.h"
 #include "raylift/io/view_list.h"
+#include "raylift/lifting/mesh_spec.h"
 #include "raylift/views/mesh_scene.h"
 #include "raylift/views/render_job.h"
 #include "raylift/views/task_list.h"
@@ -60,11 +62,12 @@ class RenderRun {
       warnings_.push_back("--size: " + *warning);
     }
     tasks_ = SelectTasks(std::move(views), flags.selection);
+    RefuseIdsOfClouds();
     const Steps steps(flags.run.quiet);
     scene_ = LoadMeshScene(flags.geometry,
                            {.threads = flags.run.threads,
                             .on_step = [&steps](const std::string& s) { steps.Show(s); }});
-    options_.frame.color_options.shading = ResolveShading(flags, scene_.caster->mesh());
+    options_.frame.color_options.shading = ResolveShading(flags, *scene_.caster);
   }
 
   void Run() {
@@ -107,14 +110,30 @@ class RenderRun {
   }
 
  private:
-  void Print(const RenderSummary& summary, size_t total) const {
+  void RefuseIdsOfClouds() const {
+    const auto cloud = std::find_if(flags_.geometry.begin(), flags_.geometry.end(), IsCloudSpec);
+    const auto ids = std::find_if(options_.products.begin(), options_.products.end(),
+                                  [](const ProductOutput& output) { return IsId(output.product); });
+    if (cloud == flags_.geometry.end() || ids == options_.products.end()) return;
+    throw OptionError(
+        "--geometry", *cloud,
+        fmt::format("a point cloud has no map of {}s: a mesh is needed", ToString(ids->product)));
+  }
+
+  std::string DescribeScene() const {
+    if (const Surfels* surfels = scene_.caster->surfels()) {
+      return fmt::format("point cloud: {} points", surfels->discs.size());
+    }
     const TriangleMesh& mesh = scene_.caster->mesh();
+    return fmt::format("mesh: {} triangles, {} vertices", mesh.triangles.size(),
+                       mesh.vertices.size());
+  }
+
+  void Print(const RenderSummary& summary, size_t total) const {
     constexpr double kMega = 1e6;
-    fmt::print(
-        "mesh: {} triangles, {} vertices; {:.1f} MB and {:.1f} MB to trace; read in {:.2f} s, "
-        "built in {:.2f} s\n",
-        mesh.triangles.size(), mesh.vertices.size(), static_cast<double>(scene_.mesh_bytes) / kMega,
-        static_cast<double>(scene_.tree_bytes) / kMega, scene_.read_s, scene_.build_s);
+    fmt::print("{}; {:.1f} MB and {:.1f} MB to trace; read in {:.2f} s, built in {:.2f} s\n",
+               DescribeScene(), static_cast<double>(scene_.mesh_bytes) / kMega,
+               static_cast<double>(scene_.tree_bytes) / kMega, scene_.read_s, scene_.build_s);
     if (!options_.shard.IsAll()) {
       fmt::print("shard {}/{} of {} images{}\n", options_.shard.index, options_.shard.count, total,
                  summary.complete ? ": all shards are complete" : "");

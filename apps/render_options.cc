@@ -100,7 +100,8 @@ void AddInputOptions(CLI::App& command, RenderFlags& flags) {
       .add_option("--geometry", flags.geometry,
                   "mesh:PATH[,build=low|medium]: PLY, OBJ, glTF, STL, ...; a.ply+b.ply,\n"
                   "tiles/*.ply or a folder, and several --geometry, are one scene; the\n"
-                  "acceleration structure is built in medium quality by default")
+                  "acceleration structure is built in medium quality by default; or\n"
+                  "cloud:PATH[,key=value...], a point cloud, as localize takes it")
       ->required()
       ->allow_extra_args(false)
       ->group("Scene");
@@ -260,10 +261,9 @@ RenderJobOptions ResolveJob(const RenderFlags& flags) {
   return job;
 }
 
-ColorOptions::Shading ResolveShading(const RenderFlags& flags, const TriangleMesh& mesh) {
-  const bool has_colors = !mesh.vertex_colors_rgb.empty() || !mesh.triangle_textures.empty();
-  return flags.shading.value_or(has_colors ? ColorOptions::Shading::kUnlit
-                                           : ColorOptions::Shading::kHeadlight);
+ColorOptions::Shading ResolveShading(const RenderFlags& flags, const RayCaster& scene) {
+  return flags.shading.value_or(scene.HasColors() ? ColorOptions::Shading::kUnlit
+                                                  : ColorOptions::Shading::kHeadlight);
 }
 
 }  // namespace raylift

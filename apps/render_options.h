@@ -35,7 +35,7 @@ void AddRenderOptions(CLI::App& command, RenderFlags& flags);
 void CheckRenderFlags(const RenderFlags& flags);
 RenderJobOptions ResolveJob(const RenderFlags& flags);
 
-// What `--shading` means for this mesh: one without colours needs light to show its shape.
-ColorOptions::Shading ResolveShading(const RenderFlags& flags, const TriangleMesh& mesh);
+// What `--shading` means for this scene: one without colours needs light to show its shape.
+ColorOptions::Shading ResolveShading(const RenderFlags& flags, const RayCaster& scene);
 
 }  // namespace raylift

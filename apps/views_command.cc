@@ -18,6 +18,7 @@
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/view_list.h"
+#include "raylift/lifting/mesh_spec.h"
 #include "raylift/views/contact_sheet.h"
 #include "raylift/views/mesh_scene.h"
 #include "raylift/views/sampled_model.h"
@@ -136,6 +137,12 @@ void Run(const ViewsFlags& flags) {
                              .seed = flags.seed,
                              .any_side = flags.any_side,
                              .threads = flags.run.threads};
+  for (const std::string& spec : flags.geometry) {
+    if (!IsCloudSpec(spec)) continue;
+    throw OptionError("--geometry", spec,
+                      "views are chosen on a mesh; for a point cloud, mesh it or give render a "
+                      "--model or --cameras");
+  }
   const MeshScene scene = LoadMeshScene(flags.geometry, {.threads = flags.run.threads});
   PrintWarnings(scene.warnings);
   if (flags.level) options.up_in_world = LevelUp(scene.caster->mesh(), options.up_in_world);

@@ -209,7 +209,7 @@ NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext&
     return MakeMesh(ParseMeshSpec(spec, MeshUse::kLift), context.threads);
   }
   if (kind == "cloud" && has_path && !rest.empty()) {
-    return MakeCloud(ParseCloudSpec(spec), context.threads);
+    return MakeCloud(ParseCloudSpec(spec, MeshUse::kLift), context.threads);
   }
   if (kind == "depth" && has_path) return MakeDepth(SpecKeys(spec, rest), context);
   if (kind == "sfm") return MakeSfm(SpecKeys(spec, rest), context);

@@ -31,7 +31,7 @@ std::string PlaceKeys() {
 
 std::string FormOf(MeshUse use) {
   if (use == MeshUse::kLift) return "expected mesh:PATH[,key=value...]";
-  return "expected mesh:PATH[,key=value...]; only meshes are rendered";
+  return "expected mesh:PATH[,key=value...] or cloud:PATH[,key=value...]; nothing else is rendered";
 }
 
 std::string KeysOf(MeshUse use) {
@@ -41,10 +41,11 @@ std::string KeysOf(MeshUse use) {
       NameList<BackFaces>(), PlaceKeys());
 }
 
-std::string CloudKeys() {
-  return "radius=auto|NUMBER, neighbors, near, far, max_incidence_deg, max_depth_jump, "
-         "jump_radius_px, " +
-         PlaceKeys();
+std::string CloudKeysOf(MeshUse use) {
+  constexpr std::string_view kDiscKeys = "radius=auto|NUMBER, neighbors";
+  if (use == MeshUse::kRender) return fmt::format("{}, {}", kDiscKeys, PlaceKeys());
+  return fmt::format("{}, near, far, max_incidence_deg, max_depth_jump, jump_radius_px, {}",
+                     kDiscKeys, PlaceKeys());
 }
 
 MeshPlacement TakePlacement(SpecKeys& keys) {
@@ -90,13 +91,13 @@ MeshPlacement TakePlacement(SpecKeys& keys) {
   return placement;
 }
 
-void RefuseKeysOfLifting(const SpecKeys& keys) {
+void RefuseKeysOfLifting(const SpecKeys& keys, std::string_view known) {
   for (const std::string key :
        {"near", "far", "max_incidence_deg", "max_depth_jump", "jump_radius_px", "back_faces"}) {
     if (!keys.Has(key)) continue;
     keys.Fail(fmt::format(
-        "the key {} says which points are lifted, but here the whole mesh is rendered; there is {}",
-        key, PlaceKeys()));
+        "the key {} says which points are lifted, but here all there is is rendered; there is {}",
+        key, known));
   }
 }
 
@@ -134,7 +135,7 @@ MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
   if (!spec.starts_with(kPrefix)) throw OptionError("geometry", spec, FormOf(use));
   SpecKeys keys(spec, std::string_view(spec).substr(kPrefix.size()));
   if (keys.path().empty()) keys.Fail(FormOf(use));
-  if (use == MeshUse::kRender) RefuseKeysOfLifting(keys);
+  if (use == MeshUse::kRender) RefuseKeysOfLifting(keys, KeysOf(use));
   MeshSpec mesh;
   TakeSurfaceKeys(keys, mesh);
   const auto back_faces = keys.TakeNamed<BackFaces>("back_faces");
@@ -143,15 +144,18 @@ MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
   return mesh;
 }
 
-CloudSpec ParseCloudSpec(const std::string& spec) {
+bool IsCloudSpec(std::string_view spec) { return spec.starts_with(kCloudPrefix); }
+
+CloudSpec ParseCloudSpec(const std::string& spec, MeshUse use) {
   constexpr std::string_view kForm = "expected cloud:PATH[,key=value...]";
-  if (!spec.starts_with(kCloudPrefix)) throw OptionError("geometry", spec, kForm);
+  if (!IsCloudSpec(spec)) throw OptionError("geometry", spec, kForm);
   SpecKeys keys(spec, std::string_view(spec).substr(kCloudPrefix.size()));
   if (keys.path().empty()) keys.Fail(kForm);
+  if (use == MeshUse::kRender) RefuseKeysOfLifting(keys, CloudKeysOf(use));
   CloudSpec cloud;
   TakeSurfaceKeys(keys, cloud);
   cloud.surfels = TakeSurfelOptions(keys);
-  keys.ExpectAllTaken(CloudKeys());
+  keys.ExpectAllTaken(CloudKeysOf(use));
   return cloud;
 }
 

@@ -448,6 +448,11 @@ const TriangleMesh& RayCaster::mesh() const { return *impl_->mesh; }
 
 const Surfels* RayCaster::surfels() const { return impl_->surfels.get(); }
 
+bool RayCaster::HasColors() const {
+  if (impl_->surfels != nullptr) return !impl_->surfels->colors_rgb.empty();
+  return !mesh().vertex_colors_rgb.empty() || !mesh().triangle_textures.empty();
+}
+
 std::vector<std::optional<RayHit>> RayCaster::Cast(std::span<const Ray> rays) const {
   std::vector<std::optional<RayHit>> hits(rays.size());
   embree::IntersectState state(embree::Coherence::kIncoherent);

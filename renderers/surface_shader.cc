@@ -9,6 +9,8 @@
 namespace raylift {
 namespace {
 
+constexpr double kSigmasOff = 3;
+
 Eigen::Vector3f ToVector(const std::array<uint8_t, 3>& rgb) {
   return {static_cast<float>(rgb[0]), static_cast<float>(rgb[1]), static_cast<float>(rgb[2])};
 }
@@ -45,6 +47,10 @@ Eigen::Vector3f SurfaceShader::Color(const RayHit& hit, const Eigen::Vector3d& c
 
 // `footprint` is the area of the surface that the sample covers.
 Eigen::Vector3f SurfaceShader::OwnColor(const RayHit& hit, double footprint) const {
+  if (const Surfels* surfels = caster_.surfels()) {
+    const auto& colors = surfels->colors_rgb;
+    return ToVector(colors.empty() ? options_.untextured_rgb : colors[hit.triangle]);
+  }
   const auto& [i0, i1, i2] = mesh_.triangles[hit.triangle];
   const auto u = static_cast<float>(hit.barycentric.x());
   const auto v = static_cast<float>(hit.barycentric.y());
@@ -91,8 +97,10 @@ double SurfaceShader::SunLight(const RayHit& hit, const Eigen::Vector3d& center_
     return options_.ambient;
   }
   const Eigen::Vector3d point = center_in_world + hit.ray_t * direction_in_world;
-  // Off the surface by more than float resolves at this place.
-  const double lift = 1e-5 * ((point - mesh_.origin_in_world).norm() + hit.ray_t);
+  // Off the surface by more than float resolves at this place,
+  // and off discs by more than their points scatter.
+  const double lift =
+      1e-5 * ((point - mesh_.origin_in_world).norm() + hit.ray_t) + kSigmasOff * hit.sigma;
   if (caster_.IsOccluded({point + lift * normal, to_sun_})) {
     return options_.ambient;
   }

@@ -14,8 +14,8 @@ namespace {
 using std::filesystem::path;
 
 std::optional<DepthMap> LoadMap(const NamedGeometry& geometry, const PosedImage& image) {
-  if (geometry.mesh != nullptr) {
-    return RenderDepth(*geometry.mesh, image.camera, image.cam_from_world, 1);
+  if (const auto surface = geometry.Surface()) {
+    return RenderDepth(*surface, image.camera, image.cam_from_world, 1);
   }
   const auto map = geometry.maps->Load(image);
   return map != nullptr ? std::optional(*map) : std::nullopt;
@@ -40,8 +40,8 @@ std::string WritePerturbedDepth(const path& folder, const std::string& spec,
     GeometryContext opening = context;
     opening.threads = threads;
     const NamedGeometry geometry = MakeGeometrySource(spec, opening);
-    if (geometry.mesh == nullptr && geometry.maps == nullptr) {
-      throw InputError("only a mesh and depth maps can be perturbed, not " + spec);
+    if (geometry.Surface() == nullptr && geometry.maps == nullptr) {
+      throw InputError("only meshes, point clouds and depth maps can be perturbed, not " + spec);
     }
     ParallelFor(context.references.size(), threads, [&](size_t i) {
       const PosedImage& image = context.references[i];

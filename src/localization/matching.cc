@@ -55,9 +55,10 @@ std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Que
   if (options.retrieval && options.retrieval->method != RetrievalMethod::kVlad) {
     RetrievalOptions how = *options.retrieval;
     how.top_k = options.top_k;
-    if (how.mesh == nullptr) how.mesh = scene.Mesh();
+    if (how.mesh == nullptr) how.mesh = scene.Surface();
     if (how.method == RetrievalMethod::kOverlap && how.mesh == nullptr) {
-      throw InputError("references are retrieved by overlap, but the scene has no mesh");
+      throw InputError(
+          "references are retrieved by overlap, but the scene has no mesh or point cloud");
     }
     if (how.method == RetrievalMethod::kCovisibility && scene.covisibility != nullptr) {
       how.covisibility = *scene.covisibility;

@@ -41,10 +41,7 @@ Image DrawQueryPicture(const QueryResult& result, const Image& photograph, const
   ColorOptions colors;
   colors.samples_per_pixel_side = 2;
   colors.background_rgb = {222, 226, 232};
-  const TriangleMesh& triangles = mesh.mesh();
-  if (triangles.textures.empty() && triangles.vertex_colors_rgb.empty()) {
-    colors.shading = ColorOptions::Shading::kHeadlight;
-  }
+  if (!mesh.HasColors()) colors.shading = ColorOptions::Shading::kHeadlight;
   Image rendered = RenderColor(mesh, camera, *estimate.cam_from_world, colors, threads);
 
   const int width = camera.width_px();

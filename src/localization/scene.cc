@@ -44,6 +44,13 @@ std::shared_ptr<const RayCaster> Scene::Mesh() const {
   return nullptr;
 }
 
+std::shared_ptr<const RayCaster> Scene::Surface() const {
+  for (const SceneSource& source : sources) {
+    if (const auto surface = source.geometry.Surface()) return surface;
+  }
+  return nullptr;
+}
+
 std::vector<std::shared_ptr<const GeometrySource>> Scene::Geometry() const {
   std::vector<std::shared_ptr<const GeometrySource>> geometry;
   for (const SceneSource& source : sources) geometry.push_back(source.geometry.source);

@@ -21,10 +21,15 @@ using std::filesystem::path;
 
 constexpr std::string_view kManifest = "manifest";
 
-std::string MeshHash(const TriangleMesh& mesh, int threads) {
-  const auto hash_of = [threads]<typename T>(const std::vector<T>& values) {
+// Hashes vectors of plain values.
+auto VectorHasher(int threads) {
+  return [threads]<typename T>(const std::vector<T>& values) {
     return HashLarge(AsBytes(std::span<const T>(values)), threads);
   };
+}
+
+std::string MeshHash(const TriangleMesh& mesh, int threads) {
+  const auto hash_of = VectorHasher(threads);
   std::vector<uint64_t> parts = {
       HashBytes64(AsBytes(std::span<const double>(mesh.origin_in_world.data(), 3))),
       hash_of(mesh.vertices),
@@ -39,6 +44,14 @@ std::string MeshHash(const TriangleMesh& mesh, int threads) {
     parts.push_back(static_cast<uint64_t>(texture.width_px));
   }
   return HexText(hash_of(parts));
+}
+
+std::string CloudHash(const Surfels& surfels, int threads) {
+  const auto hash_of = VectorHasher(threads);
+  return HexText(hash_of(std::vector<uint64_t>{
+      HashBytes64(AsBytes(std::span<const double>(surfels.origin_in_world.data(), 3))),
+      hash_of(surfels.discs), hash_of(surfels.normals), hash_of(surfels.sigmas),
+      hash_of(surfels.colors_rgb)}));
 }
 
 std::string_view ShadingName(ColorOptions::Shading shading) {
@@ -110,12 +123,17 @@ Json RunJson(const RunRecord& run) {
 
 }  // namespace
 
-std::string JobHeader(const TriangleMesh& mesh, const RenderJobOptions& options) {
-  Json json = {{"raylift_version", RAYLIFT_VERSION},
-               {"mesh",
-                {{"vertices", mesh.vertices.size()},
-                 {"triangles", mesh.triangles.size()},
-                 {"hash", MeshHash(mesh, options.threads)}}}};
+std::string JobHeader(const RayCaster& scene, const RenderJobOptions& options) {
+  Json json = {{"raylift_version", RAYLIFT_VERSION}};
+  if (const Surfels* surfels = scene.surfels()) {
+    json["cloud"] = {{"points", surfels->discs.size()},
+                     {"hash", CloudHash(*surfels, options.threads)}};
+  } else {
+    const TriangleMesh& mesh = scene.mesh();
+    json["mesh"] = {{"vertices", mesh.vertices.size()},
+                    {"triangles", mesh.triangles.size()},
+                    {"hash", MeshHash(mesh, options.threads)}};
+  }
   Json products = Json::object();
   for (const ProductOutput& output : options.products) {
     products[std::string(ToString(output.product))] = ProductJson(output, options);

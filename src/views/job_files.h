@@ -17,7 +17,7 @@ namespace raylift {
 
 // The first line of a manifest: JSON of all that the bytes of the files depend on, but for the
 // views.
-std::string JobHeader(const TriangleMesh& mesh, const RenderJobOptions& options);
+std::string JobHeader(const RayCaster& scene, const RenderJobOptions& options);
 
 // Of everything that a view's files depend on.
 std::string TaskKey(const std::string& header, const RenderTask& task);

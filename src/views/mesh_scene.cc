@@ -59,6 +59,21 @@ size_t BytesOf(const TriangleMesh& mesh) {
 
 double Seconds(Clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
 
+MeshScene LoadCloudScene(const CloudSpec& spec, int threads,
+                         const std::function<void(const std::string&)>& on_step) {
+  RayCasterOptions build;
+  build.build_quality = spec.build.value_or(BuildQuality::kMedium);
+  const auto start = Clock::now();
+  on_step("reading and placing points: " + spec.files);
+  MeshScene scene;
+  scene.caster = OpenCloud(spec, threads, build);
+  scene.warnings = scene.caster->surfels()->warnings;
+  scene.mesh_bytes = scene.caster->surfels()->MemoryBytes();
+  scene.tree_bytes = scene.caster->MemoryBytes();
+  scene.read_s = Seconds(Clock::now() - start);
+  return scene;
+}
+
 }  // namespace
 
 MeshScene LoadMeshScene(const std::vector<std::string>& specs, const MeshSceneOptions& options) {
@@ -66,6 +81,14 @@ MeshScene LoadMeshScene(const std::vector<std::string>& specs, const MeshSceneOp
   const auto on_step = [&options](const std::string& step) {
     if (options.on_step) options.on_step(step);
   };
+  for (const std::string& spec : specs) {
+    if (!IsCloudSpec(spec)) continue;
+    if (specs.size() > 1) {
+      throw OptionError("geometry", spec,
+                        "a point cloud is rendered alone; cloud:a.ply+b.ply are one cloud");
+    }
+    return LoadCloudScene(ParseCloudSpec(spec, MeshUse::kRender), options.threads, on_step);
+  }
   const SceneSpec parsed = ParseSpecs(specs);
   RayCasterOptions build;
   build.build_quality = parsed.build.value_or(BuildQuality::kMedium);

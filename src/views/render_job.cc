@@ -89,7 +89,7 @@ class Job {
         renderer_(scene, OptionsOfFrames(options)),
         threads_(ResolveThreads(options.threads)),
         tables_(static_cast<size_t>(threads_) + 1),
-        header_(JobHeader(scene->mesh(), options)) {
+        header_(JobHeader(*scene, options)) {
     // Views of one camera follow each other, so that few tables of rays are needed at a time; and
     // all shards deal the same list.
     std::sort(tasks_.begin(), tasks_.end(), [](const RenderTask& a, const RenderTask& b) {
@@ -327,7 +327,7 @@ class Job {
         centers.push_back(task.view.cam_from_world.OriginInSource());
       }
     }
-    return {WhyTheMeshIsUnseen(scene_->mesh(), centers)};
+    return {WhyTheMeshIsUnseen(*scene_, centers)};
   }
 
   std::optional<RunRecord> Record() const {

@@ -20,6 +20,19 @@ std::string Text(const Box& box) {
                      low.z(), high.x(), high.y(), high.z());
 }
 
+Box BoxOf(const RayCaster& scene) {
+  Box box;
+  if (const Surfels* surfels = scene.surfels()) {
+    for (const Eigen::Vector4f& disc : surfels->discs) {
+      box.extend(surfels->origin_in_world + disc.head<3>().cast<double>());
+    }
+    return box;
+  }
+  const TriangleMesh& mesh = scene.mesh();
+  for (uint32_t i = 0; i < mesh.vertices.size(); ++i) box.extend(mesh.VertexInWorld(i));
+  return box;
+}
+
 // Whether the cameras stand in the mesh's box or no further from it than it is large.
 bool AreNear(const Box& cameras, const Box& mesh) {
   return cameras.exteriorDistance(mesh) <= mesh.diagonal().norm();
@@ -42,16 +55,15 @@ std::string Reason(const Box& cameras, const Box& mesh) {
 
 }  // namespace
 
-std::string WhyTheMeshIsUnseen(const TriangleMesh& mesh,
+std::string WhyTheMeshIsUnseen(const RayCaster& scene,
                                const std::vector<Eigen::Vector3d>& camera_centers) {
   RAYLIFT_CHECK(!camera_centers.empty());
-  Box mesh_box;
-  for (uint32_t i = 0; i < mesh.vertices.size(); ++i) mesh_box.extend(mesh.VertexInWorld(i));
+  const Box mesh_box = BoxOf(scene);
   Box camera_box;
   for (const Eigen::Vector3d& center : camera_centers) camera_box.extend(center);
-  return fmt::format("none of {} images sees the mesh, which is at {}; the cameras are at {}: {}",
-                     camera_centers.size(), Text(mesh_box), Text(camera_box),
-                     Reason(camera_box, mesh_box));
+  return fmt::format("none of {} images sees the {}, which is at {}; the cameras are at {}: {}",
+                     camera_centers.size(), scene.surfels() != nullptr ? "point cloud" : "mesh",
+                     Text(mesh_box), Text(camera_box), Reason(camera_box, mesh_box));
 }
 
 }  // namespace raylift

@@ -1,4 +1,4 @@
-// Why cameras may all miss a mesh. Private to views.
+// Why cameras may all miss a mesh or point cloud. Private to views.
 
 #pragma once
 
@@ -7,13 +7,13 @@
 
 #include <Eigen/Core>
 
-#include "raylift/renderers/triangle_mesh.h"
+#include "raylift/renderers/ray_caster.h"
 
 namespace raylift {
 
 // One sentence: where both are, and what may be wrong with unit, origin or axes. At least one
 // camera.
-std::string WhyTheMeshIsUnseen(const TriangleMesh& mesh,
+std::string WhyTheMeshIsUnseen(const RayCaster& scene,
                                const std::vector<Eigen::Vector3d>& camera_centers);
 
 }  // namespace raylift

@@ -223,6 +223,32 @@ TEST_F(Render, PointCloudsAreRefused) {
   EXPECT_FALSE(fs::exists(out_));
 }
 
+TEST_F(Render, APointCloudHasDepthNormalsAndColors) {
+  const fs::path cloud = scene_.folder / "wall.xyz";  // across the whole room, two units ahead
+  const Eigen::Vector3d eye = scene_.references.front().cam_from_world.OriginInSource();
+  std::string text = "//X Y Z R G B\n";
+  for (int y = -40; y <= 40; ++y) {
+    for (int x = -40; x <= 40; ++x) {
+      const Eigen::Vector3d in_cam(0.1 * x, 0.1 * y, 2);
+      const Eigen::Vector3d p =
+          eye + scene_.references.front().cam_from_world.rotation.conjugate() * in_cam;
+      text += fmt::format("{} {} {} 10 200 30\n", p.x(), p.y(), p.z());
+    }
+  }
+  WriteFile(cloud, text);
+  const Arguments command = {
+      "render", "--geometry", "cloud:" + cloud.string(), "--model", scene_.truth(), "--out", out_};
+  const CommandResult result = RunRaylift(command + Arguments{"--products", "depth,normals,color"});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_NE(result.out.find("point cloud: 6561 points"), std::string::npos) << result.out;
+  EXPECT_TRUE(FailsWith(2, {"cloud:", "no map of triangles"},
+                        RunRaylift(command + Arguments{"--products", "triangle", "--overwrite"})));
+  EXPECT_TRUE(FailsWith(
+      2, {"cloud:", "alone"},
+      RunRaylift(command +
+                 Arguments{"--geometry", "mesh:" + scene_.mesh().string(), "--overwrite"})));
+}
+
 TEST_F(Render, DepthBeyondAPngIsRefusedUnlessAllowed) {
   const Arguments png = Command(out_) + Arguments{"--format", "png", "--png-step", "1e-5"};
   EXPECT_TRUE(FailsWith(3, {out_.string(), "65535 steps"}, RunRaylift(png)));

@@ -47,7 +47,7 @@ TEST(ParseMeshSpec, RefusesToRenderWithKeysOfLifting) {
     EXPECT_EQ(
         OptionErrorOf("mesh:a.ply," + key, MeshUse::kRender),
         "geometry = mesh:a.ply," + key + ": the key " + key.substr(0, key.find('=')) +
-            " says which points are lifted, but here the whole mesh is rendered; there is "
+            " says which points are lifted, but here all there is is rendered; there is "
             "scale, axes (as in x/-z/y), shift=X/Y/Z, matrix (3 x 4 or 4 x 4), build=low|medium");
   }
 }
@@ -105,9 +105,10 @@ TEST(ParseMeshSpec, WhatIsNoMeshSaysWhatIsWanted) {
   for (const std::string spec : {"depth:maps", "a.ply", "mesh:", "mesh:,build=low"}) {
     EXPECT_EQ(OptionErrorOf(spec, MeshUse::kLift),
               "geometry = " + spec + ": expected mesh:PATH[,key=value...]");
-    EXPECT_EQ(
-        OptionErrorOf(spec, MeshUse::kRender),
-        "geometry = " + spec + ": expected mesh:PATH[,key=value...]; only meshes are rendered");
+    EXPECT_EQ(OptionErrorOf(spec, MeshUse::kRender),
+              "geometry = " + spec +
+                  ": expected mesh:PATH[,key=value...] or cloud:PATH[,key=value...]; "
+                  "nothing else is rendered");
   }
 }
 

@@ -3,6 +3,8 @@
 #include "support/matchers.h"
 #include "support/room_scene.h"
 #include "support/test_data.h"
+#include "views/surface_samples.h"
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
@@ -66,6 +68,32 @@ TEST_F(LocalizerTest, CountsEveryStage) {
   EXPECT_EQ(result.problem.matches_2d2d.size(), counts.matched);
   EXPECT_EQ(result.problem.matches_2d3d.size(), counts.matched);
   EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 1e-3, 1e-4));
+}
+
+// Points at random on the room's walls, some 3 cm apart, with noise of a third of that.
+TEST_F(LocalizerTest, APointCloudStandsInForTheMesh) {
+  Rng rng = TestRng();
+  constexpr double kNoise = 0.01;
+  std::string points;
+  for (const SurfaceSample& sample :
+       SampleSurface(scene_.Mesh()->mesh(), 120000, StreamSeed(7, "room", "cloud"))) {
+    const Eigen::Vector3d p =
+        sample.point_in_world + kNoise * rng.Normal() * sample.normal_in_world;
+    points += fmt::format("{} {} {}\n", p.x(), p.y(), p.z());
+  }
+  const auto file = room_.folder / "room.xyz";
+  WriteFile(file, points);
+  scene_ = OpenScene(
+      {.model = room_.model(), .images = room_.images(), .geometry = {"cloud:" + file.string()}});
+  EXPECT_EQ(scene_.Mesh(), nullptr);
+  EXPECT_NE(scene_.Surface(), nullptr);
+  const QueryResult result = Run(HlocSource(), Method::kP3p);
+  const StageCounts& counts = result.localized.counts;
+  // Keypoints are anywhere on the surfaces: those at edges may find none.
+  EXPECT_GT(counts.hit, 0.9 * counts.matched);
+  ASSERT_TRUE(result.localized.localized()) << result.localized.reason;
+  // Some hundred points, each some 4 mm off, from a few metres away.
+  EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 0.1, 0.005));
 }
 
 TEST_F(LocalizerTest, MatchesBeyondTheMeshAreNotHits) {

@@ -12,6 +12,7 @@
 #include <gtest/gtest.h>
 
 #include "raylift/renderers/ray_caster.h"
+#include "raylift/renderers/view_renderer.h"
 
 namespace raylift {
 namespace {
@@ -258,6 +259,34 @@ TEST(Surfels, BlocksAndSingleRaysAgree) {
   }
   EXPECT_GT(compared, 1500);
   EXPECT_LT(different, 10);  // which disc is the first one may be a matter of rounding
+}
+
+TEST(Surfels, PicturesHaveDepthAndColors) {
+  Rng rng = TestRng();
+  PointCloud cloud = Square().Sample(20000, rng);
+  for (const Eigen::Vector3d& point : cloud.points_in_world) {
+    cloud.colors_rgb.push_back({static_cast<uint8_t>(point.x() < 0 ? 200 : 50), 100, 0});
+  }
+  const RayCaster caster = CasterOf(std::move(cloud));
+  EXPECT_TRUE(caster.HasColors());
+  const double params[] = {60, 60, 32, 24};
+  const Camera camera(CameraModel::kPinhole, 64, 48, params);
+  const Rigid3 cam_from_world{Eigen::Quaterniond::Identity(), {0, 0, 1.5}};
+  const DepthMap depth = RenderDepth(caster, camera, cam_from_world, 2);
+  const Image color = RenderColor(caster, camera, cam_from_world, {}, 2);
+  int good = 0;
+  for (int y = 0; y < 48; ++y) {
+    for (int x = 0; x < 64; ++x) {
+      const size_t pixel = static_cast<size_t>(y) * 64 + static_cast<size_t>(x);
+      const bool is_right = x >= 34;
+      const bool is_edge = std::abs(x - 31.5) < 2;
+      good += std::abs(depth.At(x, y) - 1.5f) < 1e-5f &&
+                      (is_edge || color.data[3 * pixel] == (is_right ? 50 : 200))
+                  ? 1
+                  : 0;
+    }
+  }
+  EXPECT_GT(good, (1 - 2 * ExpectedOpenShare()) * 64 * 48);
 }
 
 TEST(Surfels, TheSameForAnyNumberOfThreads) {

@@ -1,6 +1,7 @@
 #include "raylift/views/mesh_scene.h"
 
 #include "support/test_data.h"
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "raylift/base/error.h"
@@ -36,6 +37,19 @@ TEST(LoadMeshScene, ContradictoryBuildsAreAnOptionError) {
     EXPECT_EQ(error.what(),
               "geometry = " + b + ": all meshes are one scene, but another one says build=medium");
   }
+}
+
+TEST(LoadMeshScene, APointCloudIsAlone) {
+  const auto folder = TestFolder();
+  std::string points;
+  for (int i = 0; i < 400; ++i) points += fmt::format("{} {} 2\n", i % 20, i / 20);
+  WriteFile(folder / "wall.xyz", points);
+  const std::string cloud = "cloud:" + (folder / "wall.xyz").string();
+  const MeshScene scene = LoadMeshScene({cloud});
+  EXPECT_EQ(scene.caster->surfels()->discs.size(), 400u);
+  EXPECT_GT(scene.mesh_bytes, 400u * 4 * sizeof(float));
+  EXPECT_THROW(LoadMeshScene({TriangleSpec(folder, "a.obj"), cloud}), OptionError);
+  EXPECT_THROW(LoadMeshScene({cloud + ",far=1"}), OptionError);
 }
 
 TEST(LoadMeshScene, RefusesWhatDoesNotConcernRendering) {

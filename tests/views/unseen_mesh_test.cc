@@ -10,7 +10,8 @@ using Centers = std::vector<Eigen::Vector3d>;
 
 ::testing::AssertionResult Says(const std::string& part, const TriangleMesh& mesh,
                                 const Centers& centers) {
-  const std::string text = WhyTheMeshIsUnseen(mesh, centers);
+  const std::string text =
+      WhyTheMeshIsUnseen(RayCaster(std::make_shared<const TriangleMesh>(mesh)), centers);
   if (text.find(part) != std::string::npos) return ::testing::AssertionSuccess();
   return ::testing::AssertionFailure() << text << "\nwanted: " << part;
 }

@@ -25,14 +25,17 @@ enum class GeometryKind { kMesh, kCloud, kDepth, kSfm };
 struct NamedGeometry {
   GeometryKind kind = GeometryKind::kMesh;
   std::shared_ptr<const GeometrySource> source;
-  std::shared_ptr<const RayCaster> mesh;              // of a mesh source, for pictures; else null
+  std::shared_ptr<const RayCaster> mesh;              // of a mesh source; else null
   std::shared_ptr<const DepthFolder> maps = nullptr;  // of depth maps; else null
-  std::shared_ptr<const RayCaster> cloud = nullptr;   // of a point cloud, for pictures; else null
+  std::shared_ptr<const RayCaster> cloud = nullptr;   // of a point cloud; else null
   // How the files were read ("PNG uint16 640 x 480, z").
   std::string understood = {};
   std::vector<std::string> warnings;  // what the user should know of the files
   std::optional<InputReading> depth_reading = std::nullopt;  // of depth maps
   MeshPlacement placement = {};  // of a mesh or cloud, by its specification
+
+  // What can be rendered: the mesh or the cloud; null where there is neither.
+  std::shared_ptr<const RayCaster> Surface() const { return mesh != nullptr ? mesh : cloud; }
 };
 
 // What a specification does not say.

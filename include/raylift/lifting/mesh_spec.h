@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "raylift/lifting/mesh_placement.h"
 #include "raylift/lifting/mesh_source.h"
@@ -36,7 +37,8 @@ MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use);
 struct CloudSpec : MeshSpec {
   SurfelOptions surfels = {};
 };
-CloudSpec ParseCloudSpec(const std::string& spec);
+bool IsCloudSpec(std::string_view spec);
+CloudSpec ParseCloudSpec(const std::string& spec, MeshUse use);
 
 // Reads the files, puts the points where they belong and casts rays at their discs.
 std::shared_ptr<const RayCaster> OpenCloud(const CloudSpec& spec, int threads,

@@ -60,8 +60,10 @@ struct Scene {
   void AddGeometry(std::shared_ptr<const GeometrySource> source,
                    std::shared_ptr<const RayCaster> mesh = nullptr,
                    GeometryKind kind = GeometryKind::kMesh);
-  // Of the first source that is a mesh, for pictures and retrieval; null where none is.
+  // Of the first source that is a mesh; null where none is.
   std::shared_ptr<const RayCaster> Mesh() const;
+  // Of the first one that is a mesh or a point cloud, for pictures and retrieval.
+  std::shared_ptr<const RayCaster> Surface() const;
   // The sources to lift by.
   std::vector<std::shared_ptr<const GeometrySource>> Geometry() const;
 };

@@ -90,6 +90,8 @@ class RayCaster {
   // Empty where the rays are cast at surfels.
   const TriangleMesh& mesh() const;
   const Surfels* surfels() const;  // null where they are cast at a mesh
+  // Whether the surface has colours of its own.
+  bool HasColors() const;
 
   // The nearest hit of each ray, in order; none where it leaves the scene or is not finite. Both
   // sides of a triangle are hit. A hit's ray_t and barycentric coordinates are refined in double

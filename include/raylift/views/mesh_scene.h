@@ -1,4 +1,4 @@
-// The mesh that a job renders, from specifications of geometry.
+// The mesh or point cloud that a job renders, from specifications of geometry.
 
 #pragma once
 
@@ -28,9 +28,9 @@ struct MeshSceneOptions {
   std::function<void(const std::string&)> on_step = {};
 };
 
-// "mesh:PATH[,build=low|medium]" each (by default medium); all are one scene. OptionError for a
-// specification that is none or contradicts another one, InputError where a file cannot be read or
-// is no mesh.
+// "mesh:PATH[,build=low|medium]" each (by default medium), all of which are one scene, or a
+// "cloud:PATH" alone. OptionError for a specification that is none or contradicts another one,
+// InputError where a file cannot be read or is no mesh.
 MeshScene LoadMeshScene(const std::vector<std::string>& specs,
                         const MeshSceneOptions& options = {});
 
