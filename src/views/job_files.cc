@@ -19,8 +19,6 @@ namespace {
 using Json = nlohmann::ordered_json;
 using std::filesystem::path;
 
-constexpr std::string_view kManifest = "manifest";
-
 // Hashes vectors of plain values.
 auto VectorHasher(int threads) {
   return [threads]<typename T>(const std::vector<T>& values) {
@@ -160,28 +158,6 @@ std::vector<std::string> TaskFiles(const RenderTask& task,
     files.push_back(fmt::format("{}/{}.{}", ToString(output.product), task.stem, output.format));
   }
   return files;
-}
-
-path ManifestPath(const path& out, const Shard& shard) {
-  if (shard.IsAll()) return out / fmt::format("{}.jsonl", kManifest);
-  return out / fmt::format("{}.{}-of-{}.jsonl", kManifest, shard.index, shard.count);
-}
-
-std::vector<path> ListManifests(const path& out) {
-  std::vector<path> manifests;
-  std::error_code error;
-  for (const auto& entry : std::filesystem::directory_iterator(out, error)) {
-    const std::string name = entry.path().filename().string();
-    if (name.starts_with(kManifest) && name.ends_with(".jsonl")) manifests.push_back(entry.path());
-  }
-  std::sort(manifests.begin(), manifests.end());
-  return manifests;
-}
-
-bool IsManifestOfOtherShard(const path& manifest, const Shard& shard) {
-  const std::string name = manifest.filename().string();
-  return !shard.IsAll() && name.ends_with(fmt::format("-of-{}.jsonl", shard.count)) &&
-         name != ManifestPath({}, shard).string();
 }
 
 void RemoveLeftovers(const path& out, std::span<const std::string> files) {

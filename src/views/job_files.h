@@ -25,13 +25,6 @@ std::string TaskKey(const std::string& header, const RenderTask& task);
 // "PRODUCT/stem.FORMAT" of each product.
 std::vector<std::string> TaskFiles(const RenderTask& task, std::span<const ProductOutput> products);
 
-std::filesystem::path ManifestPath(const std::filesystem::path& out, const Shard& shard);
-// Of the whole job and of any shard, sorted.
-std::vector<std::filesystem::path> ListManifests(const std::filesystem::path& out);
-
-// Of another part of the same division of the job.
-bool IsManifestOfOtherShard(const std::filesystem::path& manifest, const Shard& shard);
-
 // Removes what a killed run has left of these files: half-written ones under temporary names.
 void RemoveLeftovers(const std::filesystem::path& out, std::span<const std::string> files);
 

@@ -1,18 +1,9 @@
 #include "raylift/views/manifest.h"
 
-#include <algorithm>
-#include <cerrno>
-#include <cstring>
-
-#include <fcntl.h>
-#include <fmt/format.h>
 #include <nlohmann/json.hpp>
-#include <unistd.h>
 
-#include "raylift/base/file.h"
 #include "raylift/base/json_text.h"
-#include "raylift/base/output_error.h"
-#include "raylift/base/text.h"
+#include "raylift/jobs/manifest_file.h"
 
 namespace raylift {
 namespace {
@@ -38,10 +29,6 @@ ManifestEntry FromJson(const Json& json) {
   return entry;
 }
 
-[[noreturn]] void FailToWrite(const path& file) {
-  throw OutputError(file, fmt::format("cannot be written: {}", std::strerror(errno)));
-}
-
 }  // namespace
 
 std::string ToJsonLine(const ManifestEntry& entry) {
@@ -61,52 +48,22 @@ std::string ToJsonLine(const ManifestEntry& entry) {
 
 ManifestEntries ReadManifest(const path& file) {
   ManifestEntries entries;
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(file, ignored)) return entries;
-  LineReader lines(file);
-  while (const auto line = lines.NextContent()) {
+  for (const std::string& line : ReadManifestText(file).lines) {
     try {
-      ManifestEntry entry = FromJson(Json::parse(*line));
+      ManifestEntry entry = FromJson(Json::parse(line));
       entries.insert_or_assign(entry.name, std::move(entry));
     } catch (const nlohmann::json::exception&) {
-      continue;  // the header, or a line that a crash cut off
+      continue;
     }
   }
   return entries;
 }
 
-std::string ReadManifestHeader(const path& file) {
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(file, ignored)) return {};
-  LineReader lines(file);
-  return std::string(lines.NextContent().value_or(""));
-}
-
 void WriteManifest(const path& file, const std::string& header, const ManifestEntries& entries) {
-  std::string text = header + '\n';
-  for (const auto& [name, entry] : entries) {
-    text += ToJsonLine(entry);
-    text += '\n';
-  }
-  WriteFile(file, text);
-}
-
-ManifestAppender::ManifestAppender(path file)
-    : path_(std::move(file)), descriptor_(open(path_.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC)) {
-  if (descriptor_ < 0) FailToWrite(path_);
-}
-
-ManifestAppender::~ManifestAppender() { close(descriptor_); }
-
-void ManifestAppender::Append(const ManifestEntry& entry) {
-  const std::string line = ToJsonLine(entry) + '\n';
-  const std::lock_guard<std::mutex> lock(mutex_);
-  size_t written = 0;
-  while (written < line.size()) {
-    const ssize_t count = write(descriptor_, line.data() + written, line.size() - written);
-    if (count < 0 && errno != EINTR) FailToWrite(path_);
-    written += static_cast<size_t>(std::max<ssize_t>(count, 0));
-  }
+  std::vector<std::string> lines;
+  lines.reserve(entries.size());
+  for (const auto& [name, entry] : entries) lines.push_back(ToJsonLine(entry));
+  WriteManifestText(file, header, lines);
 }
 
 }  // namespace raylift

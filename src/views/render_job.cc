@@ -7,7 +7,6 @@
 #include <mutex>
 #include <set>
 
-#include "folder_lock.h"
 #include "job_files.h"
 #include "ray_tables.h"
 #include "unseen_mesh.h"
@@ -17,6 +16,8 @@
 #include "raylift/base/file.h"
 #include "raylift/base/parallel.h"
 #include "raylift/io/image_file.h"
+#include "raylift/jobs/folder_lock.h"
+#include "raylift/jobs/manifest_file.h"
 #include "raylift/views/contact_sheet.h"
 #include "raylift/views/file_guide.h"
 
@@ -104,6 +105,7 @@ class Job {
     RequireWritable(manifest);
     const FolderLock lock(options_.out, options_.shard.IsAll() ? FolderLock::Mode::kExclusive
                                                                : FolderLock::Mode::kShared);
+    RefuseIfAppended(manifest);
     RefuseFormerRun();
     RemoveLeftoversOfShard();
     std::vector<std::string> foreign_files = ListForeignFiles();
@@ -128,7 +130,7 @@ class Job {
     for (const path& manifest : ListManifests(options_.out)) {
       const size_t images = ReadManifest(manifest).size();
       const bool beside = IsManifestOfOtherShard(manifest, options_.shard) &&
-                          ReadManifestHeader(manifest) == header_;
+                          ReadManifestText(manifest).header == header_;
       if (images == 0 || beside) continue;
       throw OptionError("overwrite", "false",
                         fmt::format("{} holds {} images of a former run; resume = true keeps those "
@@ -266,7 +268,7 @@ class Job {
       entry.files.push_back({files[i], written.bytes});
     }
     frames_.Return(std::move(frame));
-    appender.Append(entry);
+    appender.Append(ToJsonLine(entry));
     const std::lock_guard<std::mutex> lock(mutex_);
     const size_t rays = NumRays(task.view.camera);
     rays_ += rays;

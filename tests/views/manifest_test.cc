@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
+#include "raylift/jobs/manifest_file.h"
 
 namespace raylift {
 namespace {
@@ -24,7 +25,7 @@ TEST(Manifest, EntriesComeBackAsTheyWere) {
   ManifestEntry nothing = Entry("b \"quoted\"");
   nothing.depth_range = std::nullopt;
   WriteManifest(file, R"({"job":1})", {{"a", Entry("a")}, {nothing.name, nothing}});
-  ManifestAppender(file).Append(Entry("c"));
+  ManifestAppender(file).Append(ToJsonLine(Entry("c")));
   const ManifestEntries entries = ReadManifest(file);
   ASSERT_EQ(entries.size(), 3u);
   EXPECT_EQ(ToJsonLine(entries.at("a")), ToJsonLine(Entry("a")));

@@ -13,6 +13,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/jobs/manifest_file.h"
 
 namespace raylift {
 namespace {
@@ -257,7 +258,7 @@ TEST_F(RenderJob, AFullDiskIsAnErrorThatNamesAFile) {
   fs::create_symlink("/dev/full", out_ / "manifest.jsonl");
   std::ofstream probe(out_ / "manifest.jsonl");
   ASSERT_TRUE(probe);
-  EXPECT_THROW(ManifestAppender(out_ / "manifest.jsonl").Append({}), InputError);
+  EXPECT_THROW(ManifestAppender(out_ / "manifest.jsonl").Append("a line"), InputError);
 }
 
 TEST_F(RenderJob, TwoRunsDoNotWriteToOneFolder) {

@@ -1,12 +1,11 @@
-// What is done of a rendering job: a line of JSON for each image, added the moment its files are
-// complete, so that a killed run can go on where it was.
+// What the manifest of a rendering job (jobs/manifest_file.h) says of an image whose files are
+// complete.
 
 #pragma once
 
 #include <cstddef>
 #include <filesystem>
 #include <map>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
@@ -39,29 +38,10 @@ using ManifestEntries = std::map<std::string, ManifestEntry>;  // by name
 // count as not there; so does a missing file.
 ManifestEntries ReadManifest(const std::filesystem::path& path);
 
-// The first line, which WriteManifest calls the header; empty where there is none.
-std::string ReadManifestHeader(const std::filesystem::path& path);
-
 // The whole file at once: `header`, one line of JSON on the job, then the entries by name.
 // InputError naming the file where it cannot be written.
 void WriteManifest(const std::filesystem::path& path, const std::string& header,
                    const ManifestEntries& entries);
-
-// Adds lines to a manifest that is there. Thread safe.
-class ManifestAppender {
- public:
-  explicit ManifestAppender(std::filesystem::path path);
-  ~ManifestAppender();
-  ManifestAppender(const ManifestAppender&) = delete;
-  ManifestAppender& operator=(const ManifestAppender&) = delete;
-
-  void Append(const ManifestEntry& entry);
-
- private:
-  std::filesystem::path path_;
-  std::mutex mutex_;
-  int descriptor_;
-};
 
 // One line of JSON.
 std::string ToJsonLine(const ManifestEntry& entry);

@@ -17,7 +17,7 @@
 #include "raylift/scene/view.h"
 #include "raylift/views/manifest.h"
 #include "raylift/views/product.h"
-#include "raylift/views/shard.h"
+#include "raylift/jobs/shard.h"
 
 namespace raylift {
 

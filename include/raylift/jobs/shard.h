@@ -1,4 +1,5 @@
-// Which of a job's images this process does, so that machines share the work without talking.
+// Which of a job's tasks (images, queries) this process does, so that machines share the work without
+// talking.
 
 #pragma once
 
@@ -9,7 +10,7 @@
 
 namespace raylift {
 
-// The images are dealt in turn: of a list that all parts have in the same order, the image at
+// The tasks are dealt in turn: of a list that all parts have in the same order, the task at
 // `position` belongs to part `position` modulo `count`. Sizes differ by one at most.
 struct Shard {
   int index = 0;

@@ -1,4 +1,4 @@
-#include "raylift/views/shard.h"
+#include "raylift/jobs/shard.h"
 
 #include <map>
 #include <set>

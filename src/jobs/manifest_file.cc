@@ -1,0 +1,143 @@
+#include "raylift/jobs/manifest_file.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <limits>
+#include <thread>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include "raylift/base/file.h"
+#include "raylift/base/output_error.h"
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+constexpr std::string_view kStem = "manifest";
+constexpr std::string_view kExtension = ".jsonl";
+
+constexpr int kTries = 5;
+constexpr std::chrono::milliseconds kBetweenTries{20};
+
+[[noreturn]] void FailToWrite(const path& file) {
+  throw OutputError(file, fmt::format("cannot be written: {}", std::strerror(errno)));
+}
+
+[[noreturn]] void FailAsOtherRun(const path& file) {
+  throw InputError(file, "another run is writing to this file");
+}
+
+}  // namespace
+
+path ManifestPath(const path& out, const Shard& shard) {
+  if (shard.IsAll()) return out / fmt::format("{}{}", kStem, kExtension);
+  return out / fmt::format("{}.{}-of-{}{}", kStem, shard.index, shard.count, kExtension);
+}
+
+std::optional<Shard> ShardOfManifest(const path& manifest) {
+  const std::string name = manifest.filename().string();
+  if (name == ManifestPath({}, {}).string()) return Shard{};
+  const size_t begin = kStem.size() + 1;
+  const size_t middle = name.find("-of-");
+  if (middle == std::string::npos || middle < begin) return std::nullopt;
+  const std::string count_text = path(name.substr(middle + 4)).stem().string();
+  const auto index = ParseInt(name.substr(begin, middle - begin));
+  const auto count = ParseInt(count_text);
+  const bool in_range =
+      index && count && *index >= 0 && *index < *count && *count <= std::numeric_limits<int>::max();
+  if (!in_range) return std::nullopt;
+  const Shard shard{static_cast<int>(*index), static_cast<int>(*count)};
+  return name == ManifestPath({}, shard).string() ? std::optional(shard) : std::nullopt;
+}
+
+std::vector<path> ListManifests(const path& out) {
+  std::vector<path> manifests;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator(out, error)) {
+    if (ShardOfManifest(entry.path())) manifests.push_back(entry.path());
+  }
+  std::sort(manifests.begin(), manifests.end());
+  return manifests;
+}
+
+bool IsManifestOfOtherShard(const path& manifest, const Shard& shard) {
+  const auto of = ShardOfManifest(manifest);
+  return of && !shard.IsAll() && of->count == shard.count && of->index != shard.index;
+}
+
+ManifestText ReadManifestText(const path& manifest) {
+  ManifestText read;
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(manifest, ignored)) return read;
+  const std::string text = ReadFile(manifest);
+  size_t begin = 0;
+  for (size_t end = text.find('\n'); end != std::string::npos; end = text.find('\n', begin)) {
+    std::string line = text.substr(begin, end - begin);
+    if (begin == 0) {
+      read.header = std::move(line);
+    } else {
+      read.lines.push_back(std::move(line));
+    }
+    begin = end + 1;
+  }
+  return read;
+}
+
+void WriteManifestText(const path& manifest, const std::string& header,
+                       std::span<const std::string> lines) {
+  std::string text = header + '\n';
+  for (const std::string& line : lines) {
+    text += line;
+    text += '\n';
+  }
+  WriteFile(manifest, text);
+}
+
+bool IsBeingAppended(const path& manifest) {
+  const int descriptor = open(manifest.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) return false;
+  const bool held = flock(descriptor, LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+  close(descriptor);
+  return held;
+}
+
+void RefuseIfAppended(const path& manifest) {
+  if (IsBeingAppended(manifest)) FailAsOtherRun(manifest);
+}
+
+ManifestAppender::ManifestAppender(path manifest)
+    : path_(std::move(manifest)),
+      descriptor_(open(path_.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC)) {
+  if (descriptor_ < 0) FailToWrite(path_);
+  // IsBeingAppended() locks for a moment, too.
+  for (int tries = 1; flock(descriptor_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK; ++tries) {
+    if (tries == kTries) {
+      close(descriptor_);
+      FailAsOtherRun(path_);
+    }
+    std::this_thread::sleep_for(kBetweenTries);
+  }
+}
+
+ManifestAppender::~ManifestAppender() { close(descriptor_); }
+
+void ManifestAppender::Append(std::string line) {
+  line += '\n';
+  const std::lock_guard<std::mutex> lock(mutex_);
+  size_t written = 0;
+  while (written < line.size()) {
+    const ssize_t count = write(descriptor_, line.data() + written, line.size() - written);
+    if (count < 0 && errno != EINTR) FailToWrite(path_);
+    written += static_cast<size_t>(std::max<ssize_t>(count, 0));
+  }
+}
+
+}  // namespace raylift
