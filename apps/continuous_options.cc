@@ -15,19 +15,14 @@
 
 namespace raylift {
 
-void ContinuousFlags::Check(bool report) const {
+void ContinuousFlags::Check() const {
   const auto needs_continuous = [this](std::string_view option, bool given) {
     if (given && !enabled) throw OptionError(fmt::format("{} needs --continuous", option));
   };
   needs_continuous("--times", !times.empty());
-  needs_continuous("--resume", resume);
   needs_continuous("--max-joined", max_joined.has_value());
   needs_continuous("--trust-joined", trust_joined);
   if (max_joined) RequireAtLeast("--max-joined", *max_joined, 0);
-  if (resume && report) {
-    throw OptionError(
-        "--report cannot go on with --resume: it shows queries as they are localized");
-  }
   gate.Validate();
 }
 
@@ -57,7 +52,6 @@ void AddContinuousOptions(CLI::App& app, ContinuousFlags& flags) {
                  "Their order: lines `name seconds` of queries and references. Those\n"
                  "older than the references first, backwards (default: by name)")
       ->group(group);
-  app.add_flag("--resume", flags.resume, "Go on where a run was stopped or killed")->group(group);
   app.add_option("--max-joined", flags.max_joined,
                  "Joined queries among a query's references (default: half of --top-k)")
       ->group(group);
@@ -94,8 +88,8 @@ void AddContinuousOptions(CLI::App& app, ContinuousFlags& flags) {
 std::string ContinuousRunKey(const std::string& options_json, const ReferenceSet& references,
                              std::span<const Query> queries, std::span<const size_t> order) {
   auto options = nlohmann::ordered_json::parse(options_json);
-  for (const char* name : {"threads", "quiet", "resume", "config", "cache", "report", "pictures",
-                           "write-problems", "no-doctor", "out", "times"}) {
+  for (const char* name : {"threads", "quiet", "resume", "overwrite", "shard", "config", "cache",
+                           "report", "pictures", "write-problems", "no-doctor", "out", "times"}) {
     options.erase(name);
   }
   std::string text = options.dump();

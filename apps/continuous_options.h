@@ -19,14 +19,13 @@ namespace raylift {
 struct ContinuousFlags {
   bool enabled = false;
   std::filesystem::path times;
-  bool resume = false;
   std::optional<int> max_joined;
   bool trust_joined = false;
   bool join_any_difference = false;
   JoinGateOptions gate;
 
-  // Throws OptionError. `report`: a report was asked for, which sees all queries or none.
-  void Check(bool report) const;
+  // Throws OptionError.
+  void Check() const;
   JoinGateOptions Gate() const;
   // Of the `top_k` references of a query.
   int MaxJoined(int top_k) const;

@@ -36,4 +36,18 @@ SignalGuard::~SignalGuard() {
 
 const std::atomic<bool>& SignalGuard::stop() { return stop_wanted; }
 
+void UntilSignal(const std::function<void()>& work) {
+  if (CallWatch::Current() != nullptr) {
+    work();
+    return;
+  }
+  try {
+    CallWatch watch({.stop_wanted = [] { return stop_wanted.load(); }});
+    work();
+    watch.Check();
+  } catch (const Cancelled&) {
+    throw Interrupted("stopped by a signal before the work has begun");
+  }
+}
+
 }  // namespace raylift

@@ -24,6 +24,20 @@ void CheckReferences(const LocalizeFlags& flags) {
   if (flags.query_images.empty()) throw OptionError("--query-images is required without --model");
 }
 
+// What goes with neither going on nor sharing the work.
+void CheckRunning(const LocalizeFlags& flags) {
+  flags.running.Check();
+  const Shard shard = flags.running.Resolve();
+  if (!shard.IsAll() && flags.continuous.enabled) {
+    throw OptionError("--shard", flags.running.shard,
+                      "--continuous cannot be shared: each query may be a reference of the next");
+  }
+  if (!flags.report.empty() && (flags.running.resume || !shard.IsAll())) {
+    throw OptionError(
+        "--report shows queries as they are localized: it goes with neither --resume nor --shard");
+  }
+}
+
 }  // namespace
 
 void LocalizeFlags::Check(const GeometryOptions& geometry_options,
@@ -42,7 +56,8 @@ void LocalizeFlags::Check(const GeometryOptions& geometry_options,
     throw OptionError("--write-model", write_model.string(), "is the folder of --model");
   }
   run.Check();
-  continuous.Check(!report.empty());
+  CheckRunning(*this);
+  continuous.Check();
   matching.Check(geometry.specs);
   if (geometry.specs.empty() && UsesPoints(estimator_options.method) &&
       geometry_options.candidates.mode != CandidateMode::kTriangulate) {
@@ -82,7 +97,10 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
                   "`* world_down x y z` (default: 0 0 -1)")
       ->group("Queries");
   AddMatchingOptions(command, flags.matching, "; without it, RootSIFT", "OUT/cache");
-  command.add_option("--out", flags.out, "Folder for poses.txt, queries.jsonl, summary.json")
+  command
+      .add_option("--out", flags.out,
+                  "Folder for poses.txt, queries.jsonl, summary.json, and manifest.jsonl\n"
+                  "with what is done")
       ->required()
       ->group("Output");
   command
@@ -110,8 +128,19 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
   AddFilterOptions(command, flags.filter);
   AddEstimatorOptions(command, flags.estimator);
   AddContinuousOptions(command, flags.continuous);
+  AddJobOptions(command, flags.running,
+                "Go on where a run of the same options and inputs was stopped or killed;\n"
+                "it ends with the same bytes",
+                "Begin anew in a folder where a former run was; else it is refused");
   AddRunOptions(command, flags.run);
   command.footer(
+      "Each query that is done is kept at once. SIGINT and SIGTERM finish the queries in hand; "
+      "the\n"
+      "exit code then is 4, and 5 where a file cannot be written, as on a full disk: --resume "
+      "goes\n"
+      "on. Shards may write to one folder, where the last one to end writes the results, or to\n"
+      "folders of their own for `raylift merge`. All shards learn from the same 30 queries what\n"
+      "geometry and matches are worth, so that poses do not depend on how they are shared.\n"
       "Examples:\n"
       "  From photographs alone:\n"
       "    raylift localize --model sfm --images photos --geometry mesh:scene.ply \\\n"

@@ -6,6 +6,7 @@
 
 #include "continuous_options.h"
 #include "geometry_options.h"
+#include "job_options.h"
 #include "matching_options.h"
 #include "mesh_only_options.h"
 #include "options.h"
@@ -30,6 +31,7 @@ struct LocalizeFlags {
   EstimatorFlags estimator;
   ContinuousFlags continuous;
   RunFlags run;
+  JobFlags running;
   MeshOnlyFlags mesh_only;
 
   // The references are rendered from the mesh.

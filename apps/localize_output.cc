@@ -7,6 +7,7 @@
 #include "raylift/base/file.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/pose_problem_json.h"
+#include "raylift/localization/localized_model.h"
 #include "raylift/localization/query_picture.h"
 #include "raylift/localization/result_files.h"
 
@@ -51,19 +52,16 @@ void LocalizeOutput::Show(size_t index, const QueryResult& result) {
 
 void LocalizeOutput::Finish(const std::vector<LocalizedQuery>& localized, const Run& run,
                             const std::string& options_json) const {
-  const Scene& scene = run.scene;
-  WritePoses(flags_.out / "poses.txt", localized);
   WriteFile(flags_.out / "options.json", options_json);
   if (report_) {
     WriteFile(flags_.report / "index.html",
-              report_->Format("Raylift: " + flags_.out.string(), scene.references.images));
+              report_->Format("Raylift: " + flags_.out.string(), run.scene.references.images));
   }
-  WriteSummary(flags_.out / "summary.json", localized,
-               {.num_references = scene.references.images.size(),
-                .geometry = scene.sources,
-                .warnings = {run.warnings.begin(), run.warnings.end()},
-                .scene_noise = run.scene_noise,
-                .seconds = run.seconds});
+  if (!flags_.write_model.empty()) {
+    WriteColmapModel(flags_.write_model,
+                     LocalizedModel(run.scene.references, run.queries, localized),
+                     ColmapForm::kBinary);
+  }
   if (!flags_.run.quiet) Print(localized, run);
 }
 

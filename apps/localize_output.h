@@ -31,12 +31,10 @@ class LocalizeOutput {
 
   struct Run {
     const Scene& scene;
-    std::span<const std::string> warnings;
-    const std::optional<SceneNoise>& scene_noise;
-    double seconds;
-    size_t joined;  // localized queries that became references
+    std::span<const Query> queries;
+    size_t joined = 0;  // localized queries that became references
   };
-  // All files but queries.jsonl, and the summary on stdout.
+  // All files but poses.txt, queries.jsonl and summary.json, and the summary on stdout.
   void Finish(const std::vector<LocalizedQuery>& localized, const Run& run,
               const std::string& options_json) const;
 

@@ -207,23 +207,8 @@ void AddOutputOptions(CLI::App& command, RenderFlags& flags) {
       .add_flag("--log-json", flags.log_json,
                 "A line of JSON on stdout for each image, and no table")
       ->group("Output");
-  command
-      .add_flag("--resume", flags.job.resume,
-                "Keep what the manifest says to be complete and not stale")
-      ->group("Running");
-  command
-      .add_flag("--overwrite", flags.job.overwrite,
-                "Render all again in a folder where a former run was; else it is refused")
-      ->group("Running");
-  command
-      .add_option("--shard", flags.shard,
-                  "i/n: only the i-th of n equal parts (i from 0 or from 1: n/n is 0/n);\n"
-                  "auto: what the environment tells of job arrays (Slurm, SGE, AWS Batch), of\n"
-                  "tasks of srun, MPI or RANK and WORLD_SIZE, or of both at once; auto/N where\n"
-                  "it does not tell of how many an array's index is one, from 0 (PBS,\n"
-                  "Kubernetes, uneven arrays, one job submitted again)")
-      ->capture_default_str()
-      ->group("Running");
+  AddJobOptions(command, flags.running, "Keep what the manifest says to be complete and not stale",
+                "Render all again in a folder where a former run was; else it is refused");
 }
 
 }  // namespace
@@ -242,9 +227,7 @@ void CheckRenderFlags(const RenderFlags& flags) {
   if (flags.model.empty() == flags.cameras.empty()) {
     throw OptionError("give either --model or --cameras");
   }
-  if (flags.job.resume && flags.job.overwrite) {
-    throw OptionError("give at most one of --resume and --overwrite");
-  }
+  flags.running.Check();
   CheckSelection(flags.selection);
   CheckStorage(flags.job.storage);
   const int supersampling = flags.job.frame.color_options.samples_per_pixel_side;
@@ -257,7 +240,9 @@ RenderJobOptions ResolveJob(const RenderFlags& flags) {
   RenderJobOptions job = flags.job;
   job.products = ResolveProducts(flags);
   job.threads = flags.run.threads;
-  job.shard = ParseShard(flags.shard, &EnvironmentVariable);
+  job.resume = flags.running.resume;
+  job.overwrite = flags.running.overwrite;
+  job.shard = flags.running.Resolve();
   return job;
 }
 

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "job_options.h"
 #include "options.h"
 #include <CLI/App.hpp>
 
@@ -24,7 +25,7 @@ struct RenderFlags {
   std::vector<Product> products = {Product::kDepth};
   std::vector<std::string> formats;
   std::optional<ColorOptions::Shading> shading;  // none: by whether the mesh has colours
-  std::string shard = "0/1";
+  JobFlags running;
   bool log_json = false;
   RunFlags run;
 };

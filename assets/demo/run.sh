@@ -17,7 +17,7 @@ raylift=${RAYLIFT:-build/release/bin/raylift}
 
 "$raylift" localize --model "$demo/model" --images "$demo/images" \
   --geometry "mesh:$demo/scene.obj" --queries "$demo/queries.txt" \
-  --out "$out" --write-problems "$out/problems" --pictures 10
+  --out "$out" --write-problems "$out/problems" --pictures 10 --overwrite
 
 # The same matches through every method of the paper.
 for method in p3p e5p1 adaptive select; do

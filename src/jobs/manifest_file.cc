@@ -73,6 +73,12 @@ bool IsManifestOfOtherShard(const path& manifest, const Shard& shard) {
   return of && !shard.IsAll() && of->count == shard.count && of->index != shard.index;
 }
 
+size_t ManifestText::CountTasks() const {
+  return static_cast<size_t>(std::count_if(lines.begin(), lines.end(), [](const std::string& line) {
+    return line.starts_with(R"({"name":)");
+  }));
+}
+
 ManifestText ReadManifestText(const path& manifest) {
   ManifestText read;
   std::error_code ignored;

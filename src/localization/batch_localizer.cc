@@ -1,5 +1,7 @@
 #include "raylift/localization/batch_localizer.h"
 
+#include <algorithm>
+#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -15,7 +17,10 @@ BatchLocalizer::BatchLocalizer(const Scene& scene, std::vector<Query> queries,
       queries_(std::move(queries)),
       matches_(std::move(matches)),
       doctor_(queries_),
-      run_check_(queries_) {
+      focal_check_(queries_, options.localizer.estimator),
+      log_focal_factors_(queries_.size()),
+      matched_(queries_.size()),
+      knowledge_(options.knowledge) {
   std::vector<ReferenceMatch> reference_matches;
   if (options.align != AlignMode::kOff) {
     reference_matches =
@@ -24,27 +29,60 @@ BatchLocalizer::BatchLocalizer(const Scene& scene, std::vector<Query> queries,
   scene_ = std::make_shared<const Scene>(
       Aligned(scene, options.align, reference_matches, options.threads));
   LocalizerOptions& localizer = options_.localizer;
-  if (!localizer.filter.scene_noise) {
+  if (knowledge_) {
+    localizer.filter.scene_noise = knowledge_->geometry_noise;
+    localizer.estimator.scene_noise = knowledge_->scene_noise;
+  } else if (!localizer.filter.scene_noise) {
     localizer.filter.scene_noise =
         EstimateSceneNoise(queries_, *scene_, *matches_, localizer, options.threads);
   }
 }
 
-std::vector<LocalizedQuery> BatchLocalizer::LocalizeAll(const OnResult& on_result) {
-  GridLocalizer::Matched matched(queries_.size());
+const SceneKnowledge& BatchLocalizer::Learn() {
+  if (knowledge_) return *knowledge_;
   const GridLocalizer grid = GridLocalizer({Localizer(scene_, matches_, options_.localizer)})
-                                 .WithSceneNoise(queries_, matched, options_.threads);
-  const Localizer& localizer = grid.way(0);
-  scene_noise_ = localizer.options().estimator.scene_noise;
+                                 .WithSceneNoise(queries_, matched_, options_.threads);
+  const LocalizerOptions& learned = grid.way(0).options();
+  SceneKnowledge knowledge{.geometry_noise = learned.filter.scene_noise,
+                           .scene_noise = learned.estimator.scene_noise,
+                           .warnings = {}};
+  if (options_.check_input) {
+    ParallelFor(queries_.size(), options_.threads, [&](size_t i) {
+      if (!doctor_.Wants(i)) return;
+      if (!matched_[i]) matched_[i] = grid.way(0).Match(queries_[i]);
+      doctor_.Add(i, matched_[i]->problem.references, matched_[i]->problem.matches_2d2d);
+    });
+    knowledge.warnings = DoctorWarnings();
+  }
+  options_.localizer = learned;
+  knowledge_ = std::move(knowledge);
+  return *knowledge_;
+}
+
+std::vector<LocalizedQuery> BatchLocalizer::LocalizeAll(const OnResult& on_result) {
+  std::vector<size_t> all(queries_.size());
+  std::iota(all.begin(), all.end(), size_t{0});
   std::vector<LocalizedQuery> localized(queries_.size());
-  ParallelFor(queries_.size(), options_.threads, [&](size_t i) {
-    QueryResult result = localizer.Finish(matched[i] ? *std::exchange(matched[i], std::nullopt)
-                                                     : localizer.Match(queries_[i]));
-    Complete(i, localizer, result);
+  Localize(all, [&](size_t i, const QueryResult& result) {
     if (on_result) on_result(i, result);
-    localized[i] = std::move(result.localized);
+    localized[i] = result.localized;
   });
   return localized;
+}
+
+void BatchLocalizer::Localize(std::span<const size_t> queries, const OnResult& on_result,
+                              const std::atomic<bool>* stop) {
+  Learn();
+  const Localizer localizer(scene_, matches_, options_.localizer);
+  ParallelFor(queries.size(), options_.threads, [&](size_t i) {
+    if (stop != nullptr && *stop) return;
+    const size_t query = queries[i];
+    QueryResult result =
+        localizer.Finish(matched_[query] ? *std::exchange(matched_[query], std::nullopt)
+                                         : localizer.Match(queries_[query]));
+    Complete(query, localizer, result);
+    on_result(query, result);
+  });
 }
 
 ContinuousRecords BatchLocalizer::LocalizeContinuously(const Continuous& continuous) {
@@ -52,37 +90,57 @@ ContinuousRecords BatchLocalizer::LocalizeContinuously(const Continuous& continu
   return raylift::LocalizeContinuously(
       queries_, continuous.order, growing, continuous.checkpoint,
       {.gate = continuous.gate, .threads = options_.threads, .stop = continuous.stop},
-      {.on_localized = [&](size_t i,
-                           QueryResult& result) { Complete(i, growing.localizer(), result); },
+      {.on_localized =
+           [&](size_t i, QueryResult& result) {
+             if (options_.check_input && doctor_.Wants(i)) {
+               doctor_.Add(i, result.problem.references, result.problem.matches_2d2d);
+             }
+             Complete(i, growing.localizer(), result);
+           },
        .on_done = continuous.on_done});
 }
 
 void BatchLocalizer::Complete(size_t query, const Localizer& localizer, QueryResult& result) {
-  if (options_.check_input && doctor_.Wants(query)) {
-    doctor_.Add(query, result.problem.references, result.problem.matches_2d2d);
-  }
   if (options_.rerenderer != nullptr) {
     options_.rerenderer->Improve(queries_[query], localizer.estimator(), result,
                                  localizer.options().min_confidence);
   }
-  if (options_.check_input) run_check_.Add(query, result);
+  if (options_.check_input) log_focal_factors_[query] = focal_check_.LogFactor(query, result);
 }
 
-std::vector<std::string> BatchLocalizer::Warnings() const {
+std::vector<std::string> BatchLocalizer::MatchWarnings() const {
   std::vector<std::string> warnings = matches_->Warnings();
-  if (!options_.check_input) return warnings;
+  std::sort(warnings.begin(), warnings.end());
+  return warnings;
+}
+
+std::vector<std::string> BatchLocalizer::DoctorWarnings() const {
+  std::vector<std::string> warnings;
   for (const SceneSource& source : scene_->sources) {
     if (auto warning = doctor_.Warn(source.geometry, scene_->references, scene_->model_poses,
                                     options_.threads)) {
       warnings.push_back(std::move(*warning));
     }
   }
-  const EstimatorOptions& estimator = options_.localizer.estimator;
-  if (UsesPoints(estimator.method) && !scene_->sources.empty()) {
-    if (auto warning = run_check_.WarnOfGeometry()) warnings.push_back(std::move(*warning));
+  return warnings;
+}
+
+bool BatchLocalizer::ChecksGeometry() const {
+  return options_.check_input && UsesPoints(options_.localizer.estimator.method) &&
+         !scene_->sources.empty();
+}
+
+std::vector<std::string> BatchLocalizer::ContinuousWarnings(
+    std::span<const LocalizedQuery> localized) const {
+  std::vector<std::string> warnings = MatchWarnings();
+  if (!options_.check_input) return warnings;
+  std::vector<double> log_focal_factors;
+  for (const auto& factor : log_focal_factors_) {
+    if (factor) log_focal_factors.push_back(*factor);
   }
-  if (auto warning = run_check_.WarnOfFocalLength(estimator, options_.threads)) {
-    warnings.push_back(std::move(*warning));
+  for (const auto& more :
+       {DoctorWarnings(), RunWarnings(localized, log_focal_factors, ChecksGeometry())}) {
+    warnings.insert(warnings.end(), more.begin(), more.end());
   }
   return warnings;
 }

@@ -1,6 +1,5 @@
 #include "raylift/localization/continuous_checkpoint.h"
 
-#include <array>
 #include <string_view>
 #include <system_error>
 #include <utility>
@@ -14,6 +13,7 @@
 #include "raylift/base/text.h"
 #include "raylift/geometry/camera_models.h"
 #include "raylift/geometry/pose_json.h"
+#include "raylift/localization/result_files.h"
 
 namespace raylift {
 namespace {
@@ -85,50 +85,6 @@ std::optional<JoinedReference> JoinedOf(const Json& json, const std::string& nam
   return joined;
 }
 
-LocalizedQuery LocalizedOf(const Json& json, const std::string& name) {
-  LocalizedQuery localized;
-  localized.name = name;
-  localized.reason = json.at("reason").get<std::string>();
-  StageCounts& counts = localized.counts;
-  const std::array<std::pair<const char*, size_t*>, 10> fields = {{
-      {"retrieved", &counts.retrieved},
-      {"matched", &counts.matched},
-      {"hit", &counts.hit},
-      {"consistent", &counts.filter.consistent},
-      {"dropped_by_views", &counts.filter.dropped_by_views},
-      {"dropped_by_ratio", &counts.filter.dropped_by_ratio},
-      {"dropped_by_error", &counts.filter.dropped_by_error},
-      {"dropped_as_too_few", &counts.filter.dropped_as_too_few},
-      {"points", &counts.points},
-      {"inliers_2d3d", &counts.inliers_2d3d},
-  }};
-  for (const auto& [field, value] : fields) *value = json.at(field).get<size_t>();
-  counts.inliers_2d2d = json.at("inliers_2d2d").get<size_t>();
-  counts.points_of_source = json.at("points_by_geometry").get<std::vector<size_t>>();
-  if (json.contains("cam_from_world")) {
-    localized.estimate.cam_from_world = PoseFromJson(json.at("cam_from_world"));
-  }
-  const auto verdict = FromName<PoseVerdict>(json.at("verdict").get<std::string>());
-  if (!verdict) throw InputError("verdict: expected failed, doubtful or localized");
-  localized.estimate.verdict = *verdict;
-  localized.estimate.confidence = json.at("confidence").get<double>();
-  localized.estimate.num_keypoints = json.at("keypoints").get<int>();
-  localized.estimate.inlier_keypoints = json.at("inlier_keypoints").get<int>();
-  if (localized.localized() && !localized.estimate.cam_from_world) {
-    throw InputError("a localized query without a pose");
-  }
-  const Json& milliseconds = json.at("milliseconds");
-  localized.match_ms = milliseconds.at("match").get<double>();
-  localized.lift_ms = milliseconds.at("lift").get<double>();
-  localized.filter_ms = milliseconds.value("filter", 0.0);
-  localized.estimate_ms = milliseconds.at("estimate").get<double>();
-  if (json.contains("rerender_rounds_kept")) {
-    localized.rerender_rounds = json.at("rerender_rounds_kept").get<int>();
-    localized.rerender_ms = milliseconds.at("rerender").get<double>();
-  }
-  return localized;
-}
-
 Json ParseFile(const std::filesystem::path& file) {
   try {
     Json json = Json::parse(ReadFile(file));
@@ -193,8 +149,8 @@ std::optional<ContinuousRecord> ContinuousCheckpoint::Read(size_t place, const Q
       throw InputError(
           fmt::format("expected the query \"{}\", found \"{}\"", AsUtf8(query.name), name));
     }
-    return ContinuousRecord{LocalizedOf(diagnostics, query.name), JsonText(diagnostics),
-                            JoinedOf(json.at("joined"), query.name)};
+    return ContinuousRecord{ParseQueryDiagnostics(JsonText(diagnostics), query.name),
+                            JsonText(diagnostics), JoinedOf(json.at("joined"), query.name)};
   } catch (const nlohmann::json::exception& e) {
     throw InputError(file, e.what());
   } catch (const InputError& e) {

@@ -1,6 +1,7 @@
 #include "raylift/localization/result_files.h"
 
 #include <algorithm>
+#include <array>
 #include <utility>
 
 #include <fmt/format.h>
@@ -13,6 +14,7 @@
 #include "raylift/base/text.h"
 #include "raylift/geometry/pose_json.h"
 #include "raylift/io/query_list.h"
+#include "raylift/io/view_list.h"
 
 namespace raylift {
 namespace {
@@ -92,10 +94,10 @@ Json QueryJson(const LocalizedQuery& query) {
   return json;
 }
 
-Json GeometryJson(std::span<const SceneSource> geometry) {
+Json GeometryJson(std::span<const GeometrySummary> geometry) {
   Json list = Json::array();
-  for (const SceneSource& used : geometry) {
-    Json json = {{"spec", used.spec}, {"understood", used.geometry.understood}};
+  for (const GeometrySummary& used : geometry) {
+    Json json = {{"spec", used.spec}, {"understood", used.understood}};
     if (used.alignment) {
       json["alignment"] = {{"median_factor", used.alignment->median_factor},
                            {"median_before_px", used.alignment->median_before_px},
@@ -136,6 +138,54 @@ Json LeastConfidentJson(std::span<const LocalizedQuery> queries) {
                     {"reason", query->reason}});
   }
   return json;
+}
+
+LocalizedQuery LocalizedOf(const Json& json, const std::string& name) {
+  LocalizedQuery localized;
+  localized.name = name;
+  localized.reason = json.at("reason").get<std::string>();
+  StageCounts& counts = localized.counts;
+  const std::array<std::pair<const char*, size_t*>, 10> fields = {{
+      {"retrieved", &counts.retrieved},
+      {"matched", &counts.matched},
+      {"hit", &counts.hit},
+      {"consistent", &counts.filter.consistent},
+      {"dropped_by_views", &counts.filter.dropped_by_views},
+      {"dropped_by_ratio", &counts.filter.dropped_by_ratio},
+      {"dropped_by_error", &counts.filter.dropped_by_error},
+      {"dropped_as_too_few", &counts.filter.dropped_as_too_few},
+      {"points", &counts.points},
+      {"inliers_2d3d", &counts.inliers_2d3d},
+  }};
+  for (const auto& [field, value] : fields) *value = json.at(field).get<size_t>();
+  counts.inliers_2d2d = json.at("inliers_2d2d").get<size_t>();
+  counts.points_of_source = json.at("points_by_geometry").get<std::vector<size_t>>();
+  if (json.contains("cam_from_world")) {
+    localized.estimate.cam_from_world = PoseFromJson(json.at("cam_from_world"));
+  }
+  const auto verdict = FromName<PoseVerdict>(json.at("verdict").get<std::string>());
+  if (!verdict) throw InputError("verdict: expected failed, doubtful or localized");
+  localized.estimate.verdict = *verdict;
+  localized.estimate.confidence = json.at("confidence").get<double>();
+  localized.estimate.num_keypoints = json.at("keypoints").get<int>();
+  localized.estimate.inlier_keypoints = json.at("inlier_keypoints").get<int>();
+  if (localized.localized() && !localized.estimate.cam_from_world) {
+    throw InputError("a localized query without a pose");
+  }
+  const Json& milliseconds = json.at("milliseconds");
+  localized.match_ms = milliseconds.at("match").get<double>();
+  localized.lift_ms = milliseconds.at("lift").get<double>();
+  localized.filter_ms = milliseconds.value("filter", 0.0);
+  localized.estimate_ms = milliseconds.at("estimate").get<double>();
+  if (json.contains("refined_camera")) {
+    localized.estimate.refined_camera =
+        ParseCamera("refined_camera", json.at("refined_camera").get<std::string>());
+  }
+  if (json.contains("rerender_rounds_kept")) {
+    localized.rerender_rounds = json.at("rerender_rounds_kept").get<int>();
+    localized.rerender_ms = milliseconds.at("rerender").get<double>();
+  }
+  return localized;
 }
 
 }  // namespace
@@ -181,12 +231,41 @@ std::string FormatQueryDiagnostics(const LocalizedQuery& query) {
 
 void WriteQueryDiagnostics(const std::filesystem::path& path,
                            const std::vector<LocalizedQuery>& queries) {
+  std::vector<std::string> lines;
+  lines.reserve(queries.size());
+  for (const LocalizedQuery& query : queries) lines.push_back(FormatQueryDiagnostics(query));
+  WriteQueryDiagnostics(path, lines);
+}
+
+void WriteQueryDiagnostics(const std::filesystem::path& path, std::span<const std::string> lines) {
   std::string text;
-  for (const LocalizedQuery& query : queries) {
-    text += FormatQueryDiagnostics(query);
+  for (const std::string& line : lines) {
+    text += line;
     text += '\n';
   }
   WriteFile(path, text);
+}
+
+LocalizedQuery ParseQueryDiagnostics(const std::string& line, const std::string& name) {
+  try {
+    return LocalizedOf(Json::parse(line), name);
+  } catch (const nlohmann::json::exception& error) {
+    throw InputError(error.what());
+  }
+}
+
+std::vector<GeometrySummary> SummaryOf(std::span<const SceneSource> geometry) {
+  std::vector<GeometrySummary> summaries;
+  for (const SceneSource& used : geometry) {
+    GeometrySummary& summary = summaries.emplace_back();
+    summary.spec = used.spec;
+    summary.understood = used.geometry.understood;
+    if (!used.alignment) continue;
+    summary.alignment = {.median_factor = used.alignment->median_factor,
+                         .median_before_px = used.alignment->median_before_px,
+                         .median_after_px = used.alignment->median_after_px};
+  }
+  return summaries;
 }
 
 std::map<std::string, Eigen::Matrix<double, 6, 6>> ReadCovariances(
@@ -280,7 +359,7 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
         {"lift_ms", median_of([](const LocalizedQuery& q) { return q.lift_ms; })},
         {"filter_ms", median_of([](const LocalizedQuery& q) { return q.filter_ms; })},
         {"estimate_ms", median_of([](const LocalizedQuery& q) { return q.estimate_ms; })}}},
-      {"seconds", summary.seconds},
+      {"seconds", summary.seconds ? Json(*summary.seconds) : Json(nullptr)},
       {"warnings", summary.warnings}};
   if (summary.scene_noise) json["scene_noise"] = SceneNoiseJson(*summary.scene_noise);
   const RerenderCounts rerender = CountRerendered(queries);

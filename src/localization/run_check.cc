@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/median.h"
-#include "raylift/base/parallel.h"
 #include "raylift/localization/scene_matches.h"
 
 namespace raylift {
@@ -22,32 +21,40 @@ constexpr double kFewPoints = 0.1;
 // Pairs of which so many fit are not to blame.
 constexpr double kPairsFit = 0.2;
 
+struct Counts {
+  double matched = 0, inliers_2d2d = 0, points = 0, inliers_2d3d = 0;
+};
+
 }  // namespace
 
-RunCheck::RunCheck(std::span<const Query> queries)
-    : wanted_(queries.size(), false), problems_(queries.size()), counts_(queries.size()) {
+FocalCheck::FocalCheck(std::span<const Query> queries, const EstimatorOptions& options)
+    : wanted_(queries.size(), false) {
+  if (options.refine_focal) return;
   for (const size_t query : SampleByName(queries, kFocalQueries)) wanted_[query] = true;
+  EstimatorOptions refine = options;
+  refine.refine_focal = true;
+  estimator_ = MakePoseEstimator(refine);
 }
 
-void RunCheck::Add(size_t query, const QueryResult& result) {
-  const LocalizedQuery& localized = result.localized;
-  if (localized.verdict() != PoseVerdict::kLocalized) return;
-  const auto count = [](size_t n) { return static_cast<double>(n); };
-  counts_[query] = {.matched = count(localized.counts.matched),
-                    .inliers_2d2d = count(localized.counts.inliers_2d2d),
-                    .points = count(localized.counts.points),
-                    .inliers_2d3d = count(localized.counts.inliers_2d3d)};
-  const bool focal_length_is_given = result.problem.priors.focal_range == 1;
-  if (wanted_[query] && focal_length_is_given) problems_[query] = result.problem;
+std::optional<double> FocalCheck::LogFactor(size_t query, const QueryResult& result) const {
+  const bool is_given = result.problem.priors.focal_range == 1;
+  if (!wanted_[query] || !is_given || result.localized.verdict() != PoseVerdict::kLocalized) {
+    return std::nullopt;
+  }
+  const PoseEstimate estimate = estimator_->Estimate(result.problem);
+  if (!estimate.refined_camera || estimate.verdict != PoseVerdict::kLocalized) return std::nullopt;
+  return std::log(result.problem.query_camera.MeanFocalPx() /
+                  estimate.refined_camera->MeanFocalPx());
 }
 
-std::optional<std::string> RunCheck::WarnOfGeometry() const {
+std::optional<std::string> WarnOfGeometry(std::span<const LocalizedQuery> queries) {
   Counts all;
-  for (const Counts& counts : counts_) {
-    all.matched += counts.matched;
-    all.inliers_2d2d += counts.inliers_2d2d;
-    all.points += counts.points;
-    all.inliers_2d3d += counts.inliers_2d3d;
+  for (const LocalizedQuery& query : queries) {
+    if (query.verdict() != PoseVerdict::kLocalized) continue;
+    all.matched += static_cast<double>(query.counts.matched);
+    all.inliers_2d2d += static_cast<double>(query.counts.inliers_2d2d);
+    all.points += static_cast<double>(query.counts.points);
+    all.inliers_2d3d += static_cast<double>(query.counts.inliers_2d3d);
   }
   if (!(all.inliers_2d2d > kPairsFit * all.matched)) return std::nullopt;
   const double pairs_percent = 100 * all.inliers_2d2d / all.matched;
@@ -66,31 +73,20 @@ std::optional<std::string> RunCheck::WarnOfGeometry() const {
   return std::nullopt;
 }
 
-std::optional<std::string> RunCheck::WarnOfFocalLength(const EstimatorOptions& options,
-                                                       int threads) const {
-  if (options.refine_focal) return std::nullopt;
-  std::vector<const PoseProblem*> problems;
-  for (const PoseProblem& problem : problems_) {
-    if (!problem.name.empty()) problems.push_back(&problem);
+std::vector<std::string> RunWarnings(std::span<const LocalizedQuery> queries,
+                                     std::span<const double> log_factors, bool checks_geometry) {
+  std::vector<std::string> warnings;
+  if (checks_geometry) {
+    if (auto warning = WarnOfGeometry(queries)) warnings.push_back(std::move(*warning));
   }
-  if (problems.size() < kLeastFocalQueries) return std::nullopt;
-  EstimatorOptions refine = options;
-  refine.refine_focal = true;
-  const auto estimator = MakePoseEstimator(refine);
-  std::vector<std::optional<double>> found(problems.size());
-  ParallelFor(problems.size(), threads, [&](size_t i) {
-    const PoseEstimate estimate = estimator->Estimate(*problems[i]);
-    if (estimate.refined_camera && estimate.verdict == PoseVerdict::kLocalized) {
-      found[i] = std::log(problems[i]->query_camera.MeanFocalPx() /
-                          estimate.refined_camera->MeanFocalPx());
-    }
-  });
-  std::vector<double> log_factors;
-  for (const auto& factor : found) {
-    if (factor) log_factors.push_back(*factor);
-  }
+  if (auto warning = WarnOfFocalLength(log_factors)) warnings.push_back(std::move(*warning));
+  return warnings;
+}
+
+std::optional<std::string> WarnOfFocalLength(std::span<const double> log_factors) {
   if (log_factors.size() < kLeastFocalQueries) return std::nullopt;
-  const double median = UpperMedianOr(log_factors, 0);
+  const double median =
+      UpperMedianOr(std::vector<double>(log_factors.begin(), log_factors.end()), 0);
   std::vector<double> deviations;
   deviations.reserve(log_factors.size());
   for (const double factor : log_factors) deviations.push_back(std::abs(factor - median));

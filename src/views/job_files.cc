@@ -12,45 +12,13 @@
 #include "raylift/base/hash.h"
 #include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
+#include "raylift/renderers/surface_hash.h"
 
 namespace raylift {
 namespace {
 
 using Json = nlohmann::ordered_json;
 using std::filesystem::path;
-
-// Hashes vectors of plain values.
-auto VectorHasher(int threads) {
-  return [threads]<typename T>(const std::vector<T>& values) {
-    return HashLarge(AsBytes(std::span<const T>(values)), threads);
-  };
-}
-
-std::string MeshHash(const TriangleMesh& mesh, int threads) {
-  const auto hash_of = VectorHasher(threads);
-  std::vector<uint64_t> parts = {
-      HashBytes64(AsBytes(std::span<const double>(mesh.origin_in_world.data(), 3))),
-      hash_of(mesh.vertices),
-      hash_of(mesh.triangles),
-      hash_of(mesh.vertex_colors_rgb),
-      hash_of(mesh.texture_coordinates),
-      hash_of(mesh.triangle_textures),
-      hash_of(mesh.triangle_faces),
-      hash_of(mesh.object_begins)};
-  for (const Image& texture : mesh.textures) {
-    parts.push_back(hash_of(texture.data));
-    parts.push_back(static_cast<uint64_t>(texture.width_px));
-  }
-  return HexText(hash_of(parts));
-}
-
-std::string CloudHash(const Surfels& surfels, int threads) {
-  const auto hash_of = VectorHasher(threads);
-  return HexText(hash_of(std::vector<uint64_t>{
-      HashBytes64(AsBytes(std::span<const double>(surfels.origin_in_world.data(), 3))),
-      hash_of(surfels.discs), hash_of(surfels.normals), hash_of(surfels.sigmas),
-      hash_of(surfels.colors_rgb)}));
-}
 
 std::string_view ShadingName(ColorOptions::Shading shading) {
   switch (shading) {
@@ -123,14 +91,13 @@ Json RunJson(const RunRecord& run) {
 
 std::string JobHeader(const RayCaster& scene, const RenderJobOptions& options) {
   Json json = {{"raylift_version", RAYLIFT_VERSION}};
+  const std::string hash = HexText(SurfaceHash(scene, options.threads));
   if (const Surfels* surfels = scene.surfels()) {
-    json["cloud"] = {{"points", surfels->discs.size()},
-                     {"hash", CloudHash(*surfels, options.threads)}};
+    json["cloud"] = {{"points", surfels->discs.size()}, {"hash", hash}};
   } else {
     const TriangleMesh& mesh = scene.mesh();
-    json["mesh"] = {{"vertices", mesh.vertices.size()},
-                    {"triangles", mesh.triangles.size()},
-                    {"hash", MeshHash(mesh, options.threads)}};
+    json["mesh"] = {
+        {"vertices", mesh.vertices.size()}, {"triangles", mesh.triangles.size()}, {"hash", hash}};
   }
   Json products = Json::object();
   for (const ProductOutput& output : options.products) {

@@ -103,8 +103,10 @@ class Job {
   RenderSummary Run() {
     const path manifest = ManifestPath(options_.out, options_.shard);
     RequireWritable(manifest);
-    const FolderLock lock(options_.out, options_.shard.IsAll() ? FolderLock::Mode::kExclusive
-                                                               : FolderLock::Mode::kShared);
+    const FolderLock lock(
+        options_.out,
+        options_.shard.IsAll() ? FolderLock::Mode::kExclusive : FolderLock::Mode::kShared,
+        options_.wait ? FolderLock::IfHeld::kWait : FolderLock::IfHeld::kFail);
     RefuseIfAppended(manifest);
     RefuseFormerRun();
     RemoveLeftoversOfShard();

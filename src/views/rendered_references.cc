@@ -148,7 +148,8 @@ RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh
   RenderJobOptions job{.out = options.out,
                        .products = {{Product::kColor, "jpg"}},
                        .threads = options.threads,
-                       .resume = true};
+                       .resume = true,
+                       .wait = true};
   job.frame.color_options = ColorsLikePhotographs(mesh->mesh());
   job.storage.jpeg_quality = kJpegQuality;
   references.rendered = RunRenderJob(mesh, SelectTasks(std::move(views), {}), job, hooks).rendered;

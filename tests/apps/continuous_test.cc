@@ -2,7 +2,6 @@
 // it when it is stopped or killed.
 
 #include <csignal>
-#include <cstdio>
 #include <map>
 
 #include "apps/program.h"
@@ -10,7 +9,6 @@
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "raylift/base/file.h"
@@ -65,36 +63,9 @@ class Continuous : public ::testing::Test {
   fs::path folder_ = TestFolder();
 };
 
-// Starts the program and does not wait for it; its output is lost.
-pid_t Start(const Arguments& arguments) {
-  Arguments all = Arguments{RAYLIFT_PROGRAM} + arguments;
-  std::vector<char*> argv;
-  for (std::string& argument : all) argv.push_back(argument.data());
-  argv.push_back(nullptr);
-  const pid_t process = fork();
-  if (process == 0) {
-    if (std::freopen("/dev/null", "w", stdout) == nullptr) _exit(126);
-    if (std::freopen("/dev/null", "w", stderr) == nullptr) _exit(126);
-    execv(argv[0], argv.data());
-    _exit(127);
-  }
-  return process;
-}
-
-int WaitFor(pid_t process) {
-  int status = 0;
-  waitpid(process, &status, 0);
-  return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-}
-
 // Until the file is there, or the program has ended.
 void WaitForFile(pid_t process, const fs::path& file) {
-  siginfo_t ended{};
-  while (!fs::exists(file)) {
-    waitid(P_PID, static_cast<id_t>(process), &ended, WEXITED | WNOHANG | WNOWAIT);
-    if (ended.si_pid != 0) return;
-    usleep(1000);
-  }
+  while (!fs::exists(file) && !HasEnded(process)) usleep(1000);
 }
 
 TEST_F(Continuous, StoppedOrKilledItGoesOnToTheSameBytes) {
@@ -105,7 +76,7 @@ TEST_F(Continuous, StoppedOrKilledItGoesOnToTheSameBytes) {
   for (const int signal : {SIGINT, SIGKILL}) {
     const fs::path out = folder_ / std::to_string(signal);
     const pid_t process =
-        Start(Localize(out, kFewFeatures + Arguments{"--continuous", "--threads", "2"}));
+        StartRaylift(Localize(out, kFewFeatures + Arguments{"--continuous", "--threads", "2"}));
     WaitForFile(process, out / "continuous" / "000003.json");
     kill(process, signal);
     EXPECT_EQ(WaitFor(process), signal == SIGINT ? 4 : 128 + signal);
@@ -162,8 +133,10 @@ TEST_F(Continuous, OlderQueriesAreTakenBackwardsInTime) {
 }
 
 TEST_F(Continuous, OptionsThatNeedItSaySo) {
-  EXPECT_TRUE(FailsWith(2, {"--resume needs --continuous"},
-                        RunRaylift(Localize(folder_ / "out", {"--resume"}))));
+  EXPECT_TRUE(FailsWith(2, {"--times needs --continuous"},
+                        RunRaylift(Localize(folder_ / "out", {"--times", "t.txt"}))));
+  EXPECT_TRUE(FailsWith(2, {"--shard = 1/2", "each query may be a reference of the next"},
+                        RunRaylift(Localize(folder_ / "out", {"--continuous", "--shard", "1/2"}))));
   EXPECT_TRUE(FailsWith(2, {"--report"},
                         RunRaylift(Localize(folder_ / "out", {"--continuous", "--resume",
                                                               "--report", folder_ / "report"}))));

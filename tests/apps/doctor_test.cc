@@ -82,7 +82,7 @@ TEST(Localize, WarnsWhereAnotherReadingIsFarBetter) {
       << result.err;
   const auto summary = nlohmann::json::parse(ReadFile(out / "summary.json"));
   EXPECT_EQ(summary["warnings"].size(), 1u);
-  EXPECT_TRUE(Succeeds(RunRaylift(wrong + Arguments{"--no-doctor"})));
+  EXPECT_TRUE(Succeeds(RunRaylift(wrong + Arguments{"--no-doctor", "--overwrite"})));
 }
 
 }  // namespace

@@ -38,10 +38,10 @@ TEST_F(FrontEnd, LocalizesFromImagesAlone) {
   EXPECT_TRUE(Succeeds(result));
   // A pixel is about 0.2 degrees and 7 mm here; SIFT is good for a fraction of it.
   EXPECT_TRUE(HoldsTruePoses(scene_.folder / "out" / "poses.txt", scene_.queries, 0.3, 0.02));
-  EXPECT_EQ(
-      FilesBelow(scene_.folder / "out"),
-      (std::vector<std::string>{"cache/features.h5", "cache/features.inputs.txt", "cache/pairs.txt",
-                                "options.json", "poses.txt", "queries.jsonl", "summary.json"}));
+  EXPECT_EQ(FilesBelow(scene_.folder / "out"),
+            (std::vector<std::string>{"cache/features.h5", "cache/features.inputs.txt",
+                                      "cache/pairs.txt", "manifest.jsonl", "options.json",
+                                      "poses.txt", "queries.jsonl", "summary.json"}));
 }
 
 TEST_F(FrontEnd, WritesTheSameBytesForAnyThreadsAndOrderOfQueries) {

@@ -38,8 +38,9 @@ TEST(Localize, WhatIsKnownOfAQueryIsPartOfItsProblem) {
   const Eigen::Vector3d centre = scene.queries[0].cam_from_world.OriginInSource();
   WriteFile(priors, fmt::format("{0} position {1} {2} {3} 0.5\n{0} gravity 0 1 0 2\n",
                                 scene.queries[0].name, centre.x(), centre.y(), centre.z()));
-  const Arguments with_priors = LocalizeWithHloc(scene, scene.folder / "out") +
-                                Arguments{"--priors", priors, "--write-problems", problems};
+  const Arguments with_priors =
+      LocalizeWithHloc(scene, scene.folder / "out") +
+      Arguments{"--priors", priors, "--write-problems", problems, "--overwrite"};
   ASSERT_TRUE(Succeeds(RunRaylift(with_priors)));
   EXPECT_TRUE(HoldsTruePoses(scene.folder / "out" / "poses.txt", scene.queries, 1e-3, 1e-4));
   std::map<std::string, PosePriors> written;
@@ -101,9 +102,10 @@ TEST(Localize, LeavesExactlyTheFilesItPromises) {
   const fs::path out = scene.folder / "new" / "deep" / "out";
   ASSERT_TRUE(Succeeds(
       RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--write-problems", out / "problems"})));
-  EXPECT_EQ(FilesBelow(out), (std::vector<std::string>{
-                                 "options.json", "poses.txt", "problems/query/a.png.json",
-                                 "problems/query/b.png.json", "queries.jsonl", "summary.json"}));
+  EXPECT_EQ(FilesBelow(out),
+            (std::vector<std::string>{"manifest.jsonl", "options.json", "poses.txt",
+                                      "problems/query/a.png.json", "problems/query/b.png.json",
+                                      "queries.jsonl", "summary.json"}));
 }
 
 TEST(Localize, SummaryCountsQueries) {
@@ -155,7 +157,7 @@ TEST(Localize, StdoutHoldsResultsAndQuietNothing) {
   ASSERT_EQ(Lines(loud.out).size(), 1u) << loud.out;
   EXPECT_TRUE(loud.out.starts_with("localized 2 of 2 queries against 6 references")) << loud.out;
   const CommandResult quiet =
-      RunRaylift(LocalizeWithHloc(scene, scene.folder / "out") + Arguments{"--quiet"});
+      RunRaylift(LocalizeWithHloc(scene, scene.folder / "quiet") + Arguments{"--quiet"});
   EXPECT_TRUE(Succeeds(quiet));
   EXPECT_EQ(quiet.out, "");
 }

@@ -40,7 +40,8 @@ TEST_F(MeshOnly, ASecondRunUsesTheSamePicturesAndAnyThreads) {
   const std::string poses = ReadFile(scene_.folder / "out" / "poses.txt");
   const fs::path features = scene_.folder / "out" / "cache" / "features.h5";
   const auto time = fs::last_write_time(features);
-  const CommandResult again = RunRaylift(Localize("out", {"--rerender", "1", "--threads", "4"}));
+  const CommandResult again =
+      RunRaylift(Localize("out", {"--rerender", "1", "--threads", "4", "--overwrite"}));
   ASSERT_TRUE(Succeeds(again));
   EXPECT_NE(again.out.find(", 0 rendered now"), std::string::npos) << again.out;
   EXPECT_EQ(fs::last_write_time(features), time);

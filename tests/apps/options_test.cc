@@ -71,6 +71,8 @@ TEST(Options, HelpOfACommandListsItsOptions) {
                                "--quiet",
                                "--config",
                                "--write-problems",
+                               "--resume",
+                               "--overwrite",
                                "--pictures"});
   ExpectHelpLists("localize", kEstimatorOptions);
   ExpectHelpLists("estimate", {"--csv", "--poses", "--threads", "--quiet", "--config"});

@@ -1,10 +1,13 @@
 #include "apps/program.h"
 
 #include <algorithm>
+#include <cstdio>
 #include <sstream>
 
 #include "support/matchers.h"
 #include <nlohmann/json.hpp>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include "raylift/base/file.h"
 #include "raylift/io/query_list.h"
@@ -20,6 +23,34 @@ Arguments operator+(Arguments a, const Arguments& b) {
 
 CommandResult RunRaylift(const Arguments& arguments) {
   return RunCommand(Arguments{RAYLIFT_PROGRAM} + arguments);
+}
+
+pid_t StartRaylift(const Arguments& arguments) {
+  Arguments all = Arguments{RAYLIFT_PROGRAM} + arguments;
+  std::vector<char*> argv;
+  for (std::string& argument : all) argv.push_back(argument.data());
+  argv.push_back(nullptr);
+  std::fflush(nullptr);
+  const pid_t process = fork();
+  if (process == 0) {
+    if (std::freopen("/dev/null", "w", stdout) == nullptr) _exit(126);
+    if (std::freopen("/dev/null", "w", stderr) == nullptr) _exit(126);
+    execv(argv[0], argv.data());
+    _exit(127);
+  }
+  return process;
+}
+
+int WaitFor(pid_t process) {
+  int status = 0;
+  waitpid(process, &status, 0);
+  return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+}
+
+bool HasEnded(pid_t process) {
+  siginfo_t ended{};
+  waitid(P_PID, static_cast<id_t>(process), &ended, WEXITED | WNOHANG | WNOWAIT);
+  return ended.si_pid != 0;
 }
 
 Arguments HlocMatches(const RoomScene& scene) {

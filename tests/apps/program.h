@@ -10,6 +10,7 @@
 #include "support/room_scene.h"
 #include "support/run_command.h"
 #include <gtest/gtest.h>
+#include <sys/types.h>
 
 #include "raylift/geometry/rigid3.h"
 
@@ -19,6 +20,13 @@ using Arguments = std::vector<std::string>;
 Arguments operator+(Arguments a, const Arguments& b);
 
 CommandResult RunRaylift(const Arguments& arguments);
+
+// Starts the program and does not wait for it; its output is lost.
+pid_t StartRaylift(const Arguments& arguments);
+// Its exit code, as RunRaylift() has it.
+int WaitFor(pid_t process);
+// It can still be waited for.
+bool HasEnded(pid_t process);
 
 // The options of a scene's queries with hloc's files.
 Arguments HlocMatches(const RoomScene& scene);

@@ -12,7 +12,6 @@
 #include <nlohmann/json.hpp>
 #include <signal.h>
 #include <sys/stat.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "raylift/base/file.h"
@@ -83,38 +82,9 @@ class Render : public ::testing::Test {
   fs::path out_ = scene_.folder / "out";
 };
 
-// Starts the program and does not wait for it; its output is lost.
-pid_t Start(const Arguments& arguments) {
-  const Arguments all = Arguments{RAYLIFT_PROGRAM} + arguments;
-  std::vector<std::string> copies = all;
-  std::vector<char*> argv;
-  for (std::string& argument : copies) argv.push_back(argument.data());
-  argv.push_back(nullptr);
-  const pid_t process = fork();
-  if (process == 0) {
-    if (std::freopen("/dev/null", "w", stdout) == nullptr) _exit(126);
-    if (std::freopen("/dev/null", "w", stderr) == nullptr) _exit(126);
-    execv(argv[0], argv.data());
-    _exit(127);
-  }
-  return process;
-}
-
-int WaitFor(pid_t process) {
-  int status = 0;
-  waitpid(process, &status, 0);
-  return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-}
-
 // Until the manifest lists more than `count` images, or the program has ended.
 void WaitForImages(pid_t process, const fs::path& manifest, size_t count) {
-  siginfo_t ended{};
-  while (ReadManifest(manifest).size() <= count) {
-    ended.si_pid = 0;
-    waitid(P_PID, static_cast<id_t>(process), &ended, WEXITED | WNOHANG | WNOWAIT);
-    if (ended.si_pid != 0) return;
-    usleep(2000);
-  }
+  while (ReadManifest(manifest).size() <= count && !HasEnded(process)) usleep(2000);
 }
 
 TEST_F(Render, WritesDepthAndSaysWhat) {
@@ -284,7 +254,7 @@ TEST_F(Render, ASignalFinishesTheImageInHandAndResumeGoesOn) {
       RunRaylift(ManyImages(cameras, scene_.folder / "whole") + Arguments{"--threads", "1"})));
   for (const int signal : {SIGINT, SIGTERM}) {
     fs::remove_all(out_);
-    const pid_t process = Start(ManyImages(cameras, out_));
+    const pid_t process = StartRaylift(ManyImages(cameras, out_));
     WaitForImages(process, out_ / "manifest.jsonl", 2);
     kill(process, signal);
     EXPECT_EQ(WaitFor(process), 4);
@@ -304,7 +274,7 @@ TEST_F(Render, KilledTwentyTimesAtRandomItLeavesTheSameFiles) {
   Rng rng = TestRng();
   int kills = 0;
   for (int i = 0; i < 20; ++i) {
-    const pid_t process = Start(ManyImages(cameras, out_) + Arguments{"--resume"});
+    const pid_t process = StartRaylift(ManyImages(cameras, out_) + Arguments{"--resume"});
     // In the middle of the work, wherever that is: after some more images, plus a little.
     WaitForImages(process, out_ / "manifest.jsonl",
                   ReadManifest(out_ / "manifest.jsonl").size() + rng.UniformIndex(16));
@@ -351,8 +321,8 @@ TEST_F(Render, AnOutputThatCannotBeMadeIsNoBadInput) {
 TEST_F(Render, ShardsSideBySideAreOneRun) {
   const fs::path cameras = WriteCameras(40, "96 72");
   ASSERT_TRUE(Succeeds(RunRaylift(ManyImages(cameras, scene_.folder / "whole"))));
-  const pid_t first = Start(ManyImages(cameras, out_) + Arguments{"--shard", "1/2"});
-  const pid_t second = Start(ManyImages(cameras, out_) + Arguments{"--shard", "2/2"});
+  const pid_t first = StartRaylift(ManyImages(cameras, out_) + Arguments{"--shard", "1/2"});
+  const pid_t second = StartRaylift(ManyImages(cameras, out_) + Arguments{"--shard", "2/2"});
   EXPECT_EQ(WaitFor(first), 0);
   EXPECT_EQ(WaitFor(second), 0);
   EXPECT_EQ(Contents(out_), Contents(scene_.folder / "whole"));
@@ -371,7 +341,7 @@ size_t ResidentKb(pid_t process) {
 TEST_F(Render, MemoryStaysFlat) {
   constexpr size_t kImages = 2000;
   const fs::path cameras = WriteCameras(kImages, "96 72");
-  const pid_t process = Start(ManyImages(cameras, out_));
+  const pid_t process = StartRaylift(ManyImages(cameras, out_));
   WaitForImages(process, out_ / "manifest.jsonl", kImages / 10);
   const size_t early = ResidentKb(process);
   WaitForImages(process, out_ / "manifest.jsonl", kImages * 9 / 10);

@@ -18,11 +18,17 @@ std::vector<Query> Queries() {
   return queries;
 }
 
+struct CheckedRun {
+  std::vector<LocalizedQuery> localized;
+  std::vector<double> log_focal_factors;
+};
+
 // A result of each query, of problems that `change` changes.
 template <typename Change>
-RunCheck Checked(const Change& change) {
+CheckedRun Checked(const Change& change, const EstimatorOptions& options = {}) {
   Rng rng = TestRng();
-  RunCheck check(Queries());
+  CheckedRun run;
+  const FocalCheck check(Queries(), options);
   for (size_t i = 0; i < kQueries; ++i) {
     CoherentProblem made = MakeCoherentProblem(std::to_string(i), {}, rng);
     change(made.problem);
@@ -31,10 +37,11 @@ RunCheck Checked(const Change& change) {
     result.localized.name = made.problem.name;
     result.localized.counts.matched = made.problem.matches_2d2d.size();
     result.localized.counts.points = made.problem.matches_2d3d.size();
-    result.localized.TakeEstimate(MakePoseEstimator({})->Estimate(made.problem));
-    check.Add(i, result);
+    result.localized.TakeEstimate(MakePoseEstimator(options)->Estimate(made.problem));
+    if (const auto factor = check.LogFactor(i, result)) run.log_focal_factors.push_back(*factor);
+    run.localized.push_back(std::move(result.localized));
   }
-  return check;
+  return run;
 }
 
 void ScaleFocal(PoseProblem& problem, double factor) {
@@ -47,41 +54,41 @@ void ScaleFocal(PoseProblem& problem, double factor) {
 }
 
 TEST(RunCheck, SaysNothingOfGoodInput) {
-  const RunCheck check = Checked([](PoseProblem&) {});
-  EXPECT_EQ(check.WarnOfGeometry(), std::nullopt);
-  EXPECT_EQ(check.WarnOfFocalLength({}, 1), std::nullopt);
+  const CheckedRun run = Checked([](PoseProblem&) {});
+  EXPECT_EQ(WarnOfGeometry(run.localized), std::nullopt);
+  EXPECT_EQ(WarnOfFocalLength(run.log_focal_factors), std::nullopt);
 }
 
 TEST(RunCheck, NamesAWrongFocalLengthAndItsRepair) {
   for (const double factor : {1.1, 1.2, 1.3, 0.85}) {
-    const RunCheck check = Checked([factor](PoseProblem& problem) { ScaleFocal(problem, factor); });
-    const auto warning = check.WarnOfFocalLength({}, 1);
+    const CheckedRun run = Checked([factor](PoseProblem& problem) { ScaleFocal(problem, factor); });
+    const auto warning = WarnOfFocalLength(run.log_focal_factors);
     ASSERT_TRUE(warning) << factor;
     EXPECT_THAT(*warning, ::testing::HasSubstr(factor > 1 ? "too long" : "too short"));
     EXPECT_THAT(*warning, ::testing::HasSubstr("refine_focal"));
-    EstimatorOptions refine;
-    refine.refine_focal = true;
-    EXPECT_EQ(check.WarnOfFocalLength(refine, 1), std::nullopt);
+    const CheckedRun refined = Checked(
+        [factor](PoseProblem& problem) { ScaleFocal(problem, factor); }, {.refine_focal = true});
+    EXPECT_TRUE(refined.log_focal_factors.empty());
   }
 }
 
 TEST(RunCheck, NoticesGeometryThatGivesNoPoints) {
-  const RunCheck check = Checked([](PoseProblem& problem) { problem.matches_2d3d.resize(5); });
-  ASSERT_TRUE(check.WarnOfGeometry());
-  EXPECT_THAT(*check.WarnOfGeometry(), ::testing::HasSubstr("have a point in the geometry"));
+  const CheckedRun run = Checked([](PoseProblem& problem) { problem.matches_2d3d.resize(5); });
+  ASSERT_TRUE(WarnOfGeometry(run.localized));
+  EXPECT_THAT(*WarnOfGeometry(run.localized), ::testing::HasSubstr("have a point in the geometry"));
 }
 
 TEST(RunCheck, NoticesGeometryThatIsElsewhere) {
   // Twice as large as the scene.
-  const RunCheck check = Checked([](PoseProblem& problem) {
+  const CheckedRun run = Checked([](PoseProblem& problem) {
     for (Match2D3D& match : problem.matches_2d3d) {
       const Eigen::Vector3d centre =
           problem.references[static_cast<size_t>(*match.reference)].cam_from_world.OriginInSource();
       match.point_in_world = centre + 2 * (match.point_in_world - centre);
     }
   });
-  ASSERT_TRUE(check.WarnOfGeometry());
-  EXPECT_THAT(*check.WarnOfGeometry(), ::testing::HasSubstr("points fit the poses"));
+  ASSERT_TRUE(WarnOfGeometry(run.localized));
+  EXPECT_THAT(*WarnOfGeometry(run.localized), ::testing::HasSubstr("points fit the poses"));
 }
 
 }  // namespace

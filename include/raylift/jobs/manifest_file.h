@@ -28,6 +28,9 @@ bool IsManifestOfOtherShard(const std::filesystem::path& manifest, const Shard& 
 struct ManifestText {
   std::string header;
   std::vector<std::string> lines;
+
+  // Of the lines, those of tasks: they begin with the task's name, {"name":...
+  size_t CountTasks() const;
 };
 
 // A last line without its end, which a crash has cut off, counts as not there; so does a missing

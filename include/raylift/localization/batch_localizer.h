@@ -1,10 +1,11 @@
 // All queries of a list against one scene: what is learned from the queries together (the depth's
 // correction, the scene's noise, whether the input is read as it was meant) is learned first, then
-// each is localized. The continuous mode does not learn what matches are worth (SceneNoise), as its
-// queries must not know of those that come later.
+// each is localized, and its result depends on no other query's. The continuous mode does not learn
+// what matches are worth (SceneNoise), as its queries must not know of those that come later.
 
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <functional>
 #include <memory>
@@ -23,12 +24,21 @@
 
 namespace raylift {
 
+// What some 30 queries tell of the others, the same ones whatever their order.
+struct SceneKnowledge {
+  std::optional<MultiViewNoise> geometry_noise;  // where the filter is automatic
+  std::optional<SceneNoise> scene_noise;         // where the method uses it
+  std::vector<std::string> warnings;             // of how the input is read (QuickDoctor)
+};
+
 struct BatchOptions {
   LocalizerOptions localizer = {};
+  // As a run of the same queries and options has learned it. None: it is learned.
+  std::optional<SceneKnowledge> knowledge = std::nullopt;
   AlignMode align = AlignMode::kOff;
   // Null: poses are not sharpened by rendering the mesh again.
   std::shared_ptr<const Rerenderer> rerenderer = nullptr;
-  bool check_input = true;  // see QuickDoctor and RunCheck
+  bool check_input = true;  // see QuickDoctor and run_check.h
   int threads = 0;
 };
 
@@ -43,8 +53,14 @@ class BatchLocalizer {
 
   using OnResult = std::function<void(size_t query, const QueryResult& result)>;
 
+  // Unless it is known. The others do it first, too.
+  const SceneKnowledge& Learn();
+
   // In parallel; in the order of the list. `on_result` is called from any thread.
   std::vector<LocalizedQuery> LocalizeAll(const OnResult& on_result = {});
+  // Some of them. With `stop`, those in hand are finished and no other is begun.
+  void Localize(std::span<const size_t> queries, const OnResult& on_result,
+                const std::atomic<bool>* stop = nullptr);
 
   // One after the other; localized queries join the references (continuous_localizer.h).
   struct Continuous {
@@ -58,23 +74,31 @@ class BatchLocalizer {
   };
   ContinuousRecords LocalizeContinuously(const Continuous& continuous);
 
-  // What the queries have in common, after LocalizeAll(), where the method uses it.
-  const std::optional<SceneNoise>& scene_noise() const { return scene_noise_; }
+  // What its photograph says of the query's focal length (FocalCheck), once it is localized.
+  std::optional<double> LogFocalFactor(size_t query) const { return log_focal_factors_[query]; }
 
-  // Of the matches and of the check of the input, after localizing.
-  std::vector<std::string> Warnings() const;
+  // Of the matches that were made so far, sorted.
+  std::vector<std::string> MatchWarnings() const;
+  // Whether RunWarnings() is to judge the geometry.
+  bool ChecksGeometry() const;
+  // All of them, after LocalizeContinuously().
+  std::vector<std::string> ContinuousWarnings(std::span<const LocalizedQuery> localized) const;
 
  private:
-  // The matches and what comes after the pose.
+  // What comes after the pose.
   void Complete(size_t query, const Localizer& localizer, QueryResult& result);
+  std::vector<std::string> DoctorWarnings() const;
 
   BatchOptions options_;
   std::vector<Query> queries_;
   std::shared_ptr<MatchSource> matches_;
   std::shared_ptr<const Scene> scene_;
   QuickDoctor doctor_;
-  RunCheck run_check_;
-  std::optional<SceneNoise> scene_noise_;
+  FocalCheck focal_check_;
+  std::vector<std::optional<double>> log_focal_factors_;
+  // Made while learning; taken by the query's own turn.
+  std::vector<std::optional<QueryResult>> matched_;
+  std::optional<SceneKnowledge> knowledge_;
 };
 
 }  // namespace raylift

@@ -29,8 +29,15 @@ void WriteQueryDiagnostics(const std::filesystem::path& path,
 std::map<std::string, Eigen::Matrix<double, 6, 6>> ReadCovariances(
     const std::filesystem::path& path);
 
+// The same of lines that are there.
+void WriteQueryDiagnostics(const std::filesystem::path& path, std::span<const std::string> lines);
+
 // A line of it, without the line's end.
 std::string FormatQueryDiagnostics(const LocalizedQuery& query);
+
+// The query of such a line, as far as poses.txt, summary.json and LocalizedModel() need it, with its
+// name as the list of queries has it, which need not be UTF-8. InputError where it is no such line.
+LocalizedQuery ParseQueryDiagnostics(const std::string& line, const std::string& name);
 
 // `depth_alignment.jsonl`: one JSON object per aligned source and reference: how its depth was
 // corrected, on how many matches that rests, how far these were from the projected keypoints before
@@ -50,12 +57,21 @@ std::vector<const LocalizedQuery*> NotLocalizedOrDoubtful(std::span<const Locali
 
 // `summary.json`: totals, geometry, medians of the stages' counts, what the queries' matches have
 // in common, warnings, seconds.
+struct GeometrySummary {
+  std::string spec, understood;
+  struct Alignment {
+    double median_factor = 1, median_before_px = 0, median_after_px = 0;
+  };
+  std::optional<Alignment> alignment = std::nullopt;
+};
+std::vector<GeometrySummary> SummaryOf(std::span<const SceneSource> geometry);
+
 struct RunSummary {
   size_t num_references = 0;
-  std::span<const SceneSource> geometry;
+  std::vector<GeometrySummary> geometry;
   std::vector<std::string> warnings;
   std::optional<SceneNoise> scene_noise = std::nullopt;
-  double seconds = 0;
+  std::optional<double> seconds = std::nullopt;  // of the run that writes it
 };
 void WriteSummary(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries,
                   const RunSummary& summary);

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -11,35 +12,35 @@
 
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/localization/localizer.h"
-#include "raylift/scene/pose_problem.h"
 #include "raylift/scene/query.h"
 
 namespace raylift {
 
-class RunCheck {
+// Looks at the focal length in some ten queries, the same ones whatever their order.
+class FocalCheck {
  public:
-  // The focal length is looked at in some ten queries, the same ones whatever their order.
-  explicit RunCheck(std::span<const Query> queries);
+  // In none if `options` refine it anyway.
+  FocalCheck(std::span<const Query> queries, const EstimatorOptions& options);
 
-  // Thread safe for different queries.
-  void Add(size_t query, const QueryResult& result);
-
-  // Of the queries that were localized with confidence: where no or few points come from the
-  // geometry, or few of them fit, although the 2D-2D matches do.
-  std::optional<std::string> WarnOfGeometry() const;
-
-  // Where the photographs agree on another focal length than the given one. None if `options`
-  // refine it anyway.
-  std::optional<std::string> WarnOfFocalLength(const EstimatorOptions& options, int threads) const;
+  // The logarithm of how many times too long the query's focal length seems. None where it is not
+  // looked at, or the query is not localized with confidence. Thread safe.
+  std::optional<double> LogFactor(size_t query, const QueryResult& result) const;
 
  private:
-  struct Counts {
-    double matched = 0, inliers_2d2d = 0, points = 0, inliers_2d3d = 0;
-  };
-
-  std::vector<bool> wanted_;           // of each query
-  std::vector<PoseProblem> problems_;  // of the wanted ones that are localized
-  std::vector<Counts> counts_;         // of each query; zeros where it is not localized
+  std::vector<bool> wanted_;  // of each query
+  std::shared_ptr<const PoseEstimator> estimator_;
 };
+
+// Where the photographs agree on another focal length than the given one; LogFactor() of those that
+// have one, in any order.
+std::optional<std::string> WarnOfFocalLength(std::span<const double> log_factors);
+
+// Of the queries that were localized with confidence: where no or few points come from the
+// geometry, or few of them fit, although the 2D-2D matches do.
+std::optional<std::string> WarnOfGeometry(std::span<const LocalizedQuery> queries);
+
+// Both, the first where it is asked for.
+std::vector<std::string> RunWarnings(std::span<const LocalizedQuery> queries,
+                                     std::span<const double> log_factors, bool checks_geometry);
 
 }  // namespace raylift

@@ -12,12 +12,12 @@
 #include <string>
 #include <vector>
 
+#include "raylift/jobs/shard.h"
 #include "raylift/renderers/frame_renderer.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/view.h"
 #include "raylift/views/manifest.h"
 #include "raylift/views/product.h"
-#include "raylift/jobs/shard.h"
 
 namespace raylift {
 
@@ -37,6 +37,8 @@ struct RenderJobOptions {
   // Render all again where there was a former run. With neither of the two its folder is refused.
   bool overwrite = false;
   Shard shard = {};
+  // Where another run writes to the folder, wait until it has ended.
+  bool wait = false;
   bool preview = false;  // also make OUT/preview.png
   // What was called, for summary.json, which then tells the times of the run as well. Empty: neither.
   std::string command = {};

@@ -1,0 +1,28 @@
+#include "job_options.h"
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+
+void JobFlags::Check() const {
+  if (resume && overwrite) throw OptionError("give at most one of --resume and --overwrite");
+}
+
+Shard JobFlags::Resolve() const { return ParseShard(shard, &EnvironmentVariable); }
+
+void AddJobOptions(CLI::App& app, JobFlags& flags, const std::string& resume,
+                   const std::string& overwrite) {
+  const std::string group = "Running";
+  app.add_flag("--resume", flags.resume, resume)->group(group);
+  app.add_flag("--overwrite", flags.overwrite, overwrite)->group(group);
+  app.add_option("--shard", flags.shard,
+                 "i/n: only the i-th of n equal parts (i from 0 or from 1: n/n is 0/n);\n"
+                 "auto: what the environment tells of job arrays (Slurm, SGE, AWS Batch), of\n"
+                 "tasks of srun, MPI or RANK and WORLD_SIZE, or of both at once; auto/N where\n"
+                 "it does not tell of how many an array's index is one, from 0 (PBS,\n"
+                 "Kubernetes, uneven arrays, one job submitted again)")
+      ->capture_default_str()
+      ->group(group);
+}
+
+}  // namespace raylift

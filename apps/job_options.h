@@ -1,0 +1,28 @@
+// The options of long commands that go on where they were, and share their work with other machines.
+
+#pragma once
+
+#include <string>
+
+#include <CLI/App.hpp>
+
+#include "raylift/jobs/shard.h"
+
+namespace raylift {
+
+struct JobFlags {
+  bool resume = false;
+  bool overwrite = false;
+  std::string shard = "0/1";
+
+  // Throws OptionError.
+  void Check() const;
+  // By the environment, where that is asked for. Throws OptionError.
+  Shard Resolve() const;
+};
+
+// `resume` and `overwrite` are the helps of these options.
+void AddJobOptions(CLI::App& app, JobFlags& flags, const std::string& resume,
+                   const std::string& overwrite);
+
+}  // namespace raylift

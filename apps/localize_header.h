@@ -1,0 +1,23 @@
+// What the results of `raylift localize` depend on, as its manifest begins with it.
+
+#pragma once
+
+#include <span>
+#include <string>
+
+#include "localize_flags.h"
+
+#include "raylift/localization/scene.h"
+#include "raylift/scene/query.h"
+
+namespace raylift {
+
+// JSON: the options that matter, and fingerprints of the inputs in place of their paths, so that the
+// same run may go on on another machine.
+std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& options_json,
+                           const Scene& scene, std::span<const Query> queries);
+
+// The effective options but for those that say how the work is shared and gone on with.
+std::string OptionsOfResults(const std::string& options_json);
+
+}  // namespace raylift

@@ -1,0 +1,22 @@
+// What a job's inputs are, in a few characters each, so that a run that goes on can tell whether they
+// are the same: by contents and sizes, as times of files change where these are copied.
+
+#pragma once
+
+#include <filesystem>
+#include <span>
+#include <string>
+
+namespace raylift {
+
+// "SIZE HASH", or "missing". Of files beyond 64 MB so much is read, in evenly spaced pieces.
+std::string FileFingerprint(const std::filesystem::path& file);
+
+// Of many files, by their names and sizes: "COUNT HASH". They need not be there.
+std::string SizesFingerprint(const std::filesystem::path& folder,
+                             std::span<const std::string> names);
+// Of all files below `folder` but those below `except`.
+std::string FolderFingerprint(const std::filesystem::path& folder,
+                              const std::filesystem::path& except);
+
+}  // namespace raylift

@@ -1,0 +1,67 @@
+// What the manifest of a run of localization (jobs/manifest_file.h) says: what all queries have in
+// common, then each query that is done. Results follow from it alone.
+
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raylift/localization/batch_localizer.h"
+#include "raylift/localization/localizer.h"
+#include "raylift/localization/result_files.h"
+
+namespace raylift {
+
+// The same in all shards.
+struct RunFacts {
+  size_t num_references = 0;
+  std::vector<GeometrySummary> geometry;
+  std::vector<std::string> warnings;  // of the scene's files
+  bool checks_geometry = false;       // for RunWarnings()
+  SceneKnowledge knowledge;
+};
+
+struct QueryRecord {
+  size_t place = 0;               // in the list
+  std::string key = {};           // of all that its results depend on
+  LocalizedQuery localized = {};  // as ParseQueryDiagnostics() gives it
+  std::string diagnostics = {};   // its line of queries.jsonl, without the line's end
+  // Of its matches, and of those of queries whose records are still to come.
+  std::vector<std::string> warnings = {};
+  std::optional<double> log_focal_factor = std::nullopt;
+};
+
+// Lines of the manifest, without their ends.
+std::string ToJsonLine(const RunFacts& facts);
+std::string ToJsonLine(const QueryRecord& record);
+
+struct QueryManifest {
+  std::string header;  // empty: there is no manifest
+  std::optional<RunFacts> facts;
+  std::map<std::string, QueryRecord> records;  // by key
+};
+
+// Lines that make no sense count as not there. Names are as UTF-8 has them.
+QueryManifest ReadQueryManifest(const std::filesystem::path& file);
+void WriteQueryManifest(const std::filesystem::path& file, const QueryManifest& manifest);
+
+// The records in the order of the list. All warnings are with the first one, so that it does not show
+// which query was done first.
+std::vector<QueryRecord> InOrder(const std::map<std::string, QueryRecord>& records);
+
+// What the whole run has to say to its user, from records of all queries.
+std::vector<std::string> AllWarnings(const RunFacts& facts, std::span<const QueryRecord> records);
+
+// poses.txt, queries.jsonl and summary.json of records of all queries.
+void WriteResults(const std::filesystem::path& out, const RunFacts& facts,
+                  std::span<const QueryRecord> records, const std::optional<double>& seconds);
+
+// Where two headers, JSON both, first differ: "options/seed: 0 there, 1 here".
+std::string HeaderDifference(const std::string& there, const std::string& here);
+
+}  // namespace raylift

@@ -1,0 +1,76 @@
+#include "raylift/jobs/fingerprint.h"
+
+#include <algorithm>
+#include <fstream>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include "raylift/base/evenly_spaced.h"
+#include "raylift/base/hash.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+constexpr size_t kPiece = size_t{1} << 20;
+constexpr size_t kPieces = 64;
+
+std::string SizeText(const path& file) {
+  std::error_code error;
+  const auto size = std::filesystem::file_size(file, error);
+  return error ? "missing" : std::to_string(size);
+}
+
+bool IsBelow(const path& file, const path& folder) {
+  return std::mismatch(folder.begin(), folder.end(), file.begin(), file.end()).first ==
+         folder.end();
+}
+
+path Absolute(const path& folder) {
+  std::error_code error;
+  const path absolute = std::filesystem::weakly_canonical(folder, error);
+  return error ? folder : absolute;
+}
+
+}  // namespace
+
+std::string FileFingerprint(const path& file) {
+  std::error_code error;
+  const auto size = std::filesystem::file_size(file, error);
+  std::ifstream stream(file, std::ios::binary);
+  if (error || !stream) return "missing";
+  uint64_t hash = HashBytes64(std::to_string(size));
+  std::string piece(kPiece, '\0');
+  for (const size_t i : EvenlySpaced((size + kPiece - 1) / kPiece, kPieces)) {
+    stream.clear();
+    stream.seekg(static_cast<std::streamoff>(i * kPiece));
+    stream.read(piece.data(), static_cast<std::streamsize>(kPiece));
+    hash = HashBytes64({piece.data(), static_cast<size_t>(stream.gcount())}, hash);
+  }
+  return fmt::format("{} {}", size, HexText(hash));
+}
+
+std::string SizesFingerprint(const path& folder, std::span<const std::string> names) {
+  std::string text;
+  for (const std::string& name : names) text += name + ' ' + SizeText(folder / name) + '\n';
+  return fmt::format("{} {}", names.size(), HexText(HashBytes64(text)));
+}
+
+std::string FolderFingerprint(const path& folder, const path& except) {
+  std::vector<std::string> names;
+  const path from = Absolute(folder);
+  const path not_from = Absolute(except);
+  std::error_code error;
+  using Options = std::filesystem::directory_options;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(
+           from, Options::follow_directory_symlink | Options::skip_permission_denied, error)) {
+    if (!entry.is_regular_file(error) || IsBelow(entry.path(), not_from)) continue;
+    names.push_back(entry.path().lexically_relative(from).string());
+  }
+  std::sort(names.begin(), names.end());
+  return SizesFingerprint(from, names);
+}
+
+}  // namespace raylift

@@ -1,0 +1,245 @@
+// localize as a job: it is stopped and killed, goes on, and shares its work, and its results are those
+// of one run that was left alone.
+
+#include <csignal>
+#include <cstdlib>
+
+#include "apps/program.h"
+#include "support/matchers.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+#include <unistd.h>
+
+#include "raylift/base/file.h"
+#include "raylift/base/text.h"
+#include "raylift/jobs/manifest_file.h"
+
+namespace raylift {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+const fs::path kDemo = RAYLIFT_DEMO_FOLDER;
+
+// Without what a run measures of its own time.
+void EraseTimes(Json& json) {
+  if (!json.is_structured()) return;
+  if (json.is_object()) {
+    for (const char* name :
+         {"milliseconds", "seconds", "match_ms", "lift_ms", "filter_ms", "estimate_ms"}) {
+      json.erase(name);
+    }
+  }
+  for (Json& value : json) EraseTimes(value);
+}
+
+std::vector<std::string> LinesWithoutTimes(const fs::path& file) {
+  std::vector<std::string> lines;
+  for (const std::string& line : Lines(ReadFile(file))) {
+    Json json = Json::parse(line);
+    EraseTimes(json);
+    lines.push_back(json.dump());
+  }
+  return lines;
+}
+
+class LocalizeJob : public ::testing::Test {
+ protected:
+  // The demo scene with few references and features, so that it is quick.
+  Arguments Localize(const fs::path& out, const Arguments& more = {}) const {
+    return Arguments{"localize",
+                     "--model",
+                     kDemo / "model",
+                     "--images",
+                     kDemo / "images",
+                     "--geometry",
+                     "mesh:" + (kDemo / "scene.obj").string(),
+                     "--queries",
+                     kDemo / "queries.txt",
+                     "--cache",
+                     folder_ / "cache",
+                     "--every",
+                     "4",
+                     "--max-features",
+                     "500",
+                     "--quiet",
+                     "--out",
+                     out} +
+           more;
+  }
+
+  // What a run that is left alone leaves.
+  fs::path Whole(const Arguments& more = {}) const {
+    const fs::path whole = folder_ / "whole";
+    EXPECT_TRUE(Succeeds(RunRaylift(Localize(whole, more))));
+    EXPECT_EQ(CountDone(whole), 12u);
+    return whole;
+  }
+
+  static size_t CountDone(const fs::path& out) {
+    size_t count = 0;
+    for (const fs::path& manifest : ListManifests(out)) {
+      count += ReadManifestText(manifest).CountTasks();
+    }
+    return count;
+  }
+
+  static void ExpectSame(const fs::path& a, const fs::path& b) {
+    EXPECT_EQ(ReadFile(a / "poses.txt"), ReadFile(b / "poses.txt"));
+    EXPECT_EQ(LinesWithoutTimes(a / "queries.jsonl"), LinesWithoutTimes(b / "queries.jsonl"));
+    EXPECT_EQ(LinesWithoutTimes(a / "manifest.jsonl"), LinesWithoutTimes(b / "manifest.jsonl"));
+    Json summary_a = Json::parse(ReadFile(a / "summary.json"));
+    Json summary_b = Json::parse(ReadFile(b / "summary.json"));
+    EraseTimes(summary_a);
+    EraseTimes(summary_b);
+    EXPECT_EQ(summary_a.dump(), summary_b.dump());
+    EXPECT_EQ(FilesBelow(a), FilesBelow(b));
+  }
+
+  // Starts a run and ends it by `signal` when more than `count` queries are done and some time has
+  // passed. Its exit code.
+  int Interrupt(const Arguments& command, const fs::path& out, int signal, size_t count,
+                size_t microseconds) const {
+    const pid_t process = StartRaylift(command);
+    while (count > 0 && CountDone(out) < count && !HasEnded(process)) usleep(1000);
+    usleep(static_cast<useconds_t>(microseconds));
+    kill(process, signal);
+    return WaitFor(process);
+  }
+
+  // Runs that are interrupted at random, again and again, and then left alone.
+  void InterruptAtRandom(const Arguments& more, int default_rounds) {
+    const char* rounds_text = std::getenv("RAYLIFT_TEST_KILLS");
+    const auto rounds = rounds_text != nullptr ? ParseInt(rounds_text) : std::nullopt;
+    const fs::path whole = Whole(more);
+    Rng rng = TestRng();
+    size_t interrupted = 0;
+    for (int64_t i = 0; i < rounds.value_or(default_rounds); ++i) {
+      const fs::path out = folder_ / ("round" + std::to_string(i));
+      const int signal = i % 2 == 0 ? SIGKILL : SIGTERM;
+      // While the scene is opened or learned from, or among the queries.
+      const size_t count = rng.UniformIndex(13);
+      const size_t microseconds = rng.UniformIndex(count == 0 ? 400'000 : 20'000);
+      const int code = Interrupt(Localize(out, more + Arguments{"--resume", "--threads", "1"}), out,
+                                 signal, count, microseconds);
+      // Signals have their usual effect before the work has begun and when all is written.
+      const bool at_an_end = count == 0 || fs::exists(out / "poses.txt");
+      EXPECT_TRUE(code == 0 || code == (signal == SIGKILL ? 128 + SIGKILL : 4) ||
+                  (at_an_end && code == 128 + SIGTERM))
+          << code;
+      interrupted += code == 0 ? 0 : 1;
+      ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, more + Arguments{"--resume"}))));
+      ExpectSame(whole, out);
+      if (HasFailure()) FAIL() << "round " << i << ", exit code " << code << ", " << count;
+      fs::remove_all(out);
+    }
+    EXPECT_GT(interrupted, 0u);
+  }
+
+  fs::path folder_ = TestFolder();
+};
+
+TEST_F(LocalizeJob, InterruptedAtRandomItEndsWithTheSameBytes) { InterruptAtRandom({}, 6); }
+
+TEST_F(LocalizeJob, InterruptedAtRandomWhileItRendersAgainItEndsWithTheSameBytes) {
+  InterruptAtRandom({"--rerender", "1", "--filter", "auto"}, 2);
+}
+
+TEST_F(LocalizeJob, ASignalKeepsWhatIsDone) {
+  const fs::path whole = Whole();
+  for (const int signal : {SIGINT, SIGTERM}) {
+    const fs::path out = folder_ / std::to_string(signal);
+    EXPECT_EQ(Interrupt(Localize(out, {"--threads", "1"}), out, signal, 2, 0), 4);
+    const size_t done = CountDone(out);
+    EXPECT_GE(done, 2u);
+    EXPECT_LT(done, 12u);
+    EXPECT_FALSE(fs::exists(out / "poses.txt"));
+    ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, {"--resume"}))));
+    ExpectSame(whole, out);
+  }
+}
+
+TEST_F(LocalizeJob, ALineThatWasCutOffIsDoneAgain) {
+  const fs::path whole = Whole();
+  const fs::path out = folder_ / "out";
+  const std::string text = ReadFile(whole / "manifest.jsonl");
+  const size_t last = text.rfind("{\"name\"");
+  const size_t facts = text.find("{\"scene\"");
+  for (const size_t size : {last + 1, text.size() - 1, text.find('\n', facts) + 100, facts + 100,
+                            facts, facts - 1, size_t{5}}) {
+    fs::remove_all(out);
+    WriteFile(out / "manifest.jsonl", text.substr(0, size));
+    ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, {"--resume"}))));
+    ExpectSame(whole, out);
+  }
+}
+
+TEST_F(LocalizeJob, AFormerRunIsReplacedOnlyWhereThatIsAskedFor) {
+  const fs::path whole = Whole();
+  const std::string before = ReadFile(whole / "queries.jsonl");
+  EXPECT_TRUE(FailsWith(2, {"--overwrite", "--resume", whole.string(), "former run"},
+                        RunRaylift(Localize(whole))));
+  EXPECT_TRUE(FailsWith(2, {"--overwrite", "--resume"},
+                        RunRaylift(Localize(whole, {"--overwrite", "--resume"}))));
+  EXPECT_TRUE(FailsWith(2, {"former run"}, RunRaylift(Localize(whole, {"--continuous"}))));
+  EXPECT_TRUE(FailsWith(2, {"--report", "--resume"},
+                        RunRaylift(Localize(whole, {"--resume", "--report", folder_ / "page"}))));
+  EXPECT_EQ(ReadFile(whole / "queries.jsonl"), before);
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(whole, {"--resume"}))));
+  EXPECT_EQ(ReadFile(whole / "queries.jsonl"), before) << "not even the times are others";
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(whole, {"--overwrite"}))));
+  EXPECT_NE(ReadFile(whole / "queries.jsonl"), before);
+}
+
+TEST_F(LocalizeJob, ARunOfOtherOptionsOrInputsDoesNotGoOn) {
+  const fs::path whole = Whole();
+  const std::string queries = ReadFile(kDemo / "queries.txt");
+  WriteFile(folder_ / "queries.txt", queries.substr(0, queries.rfind("query/")));
+  const auto fails = [&](const Arguments& more, const std::vector<std::string>& parts) {
+    return FailsWith(3, parts, RunRaylift(Localize(whole, Arguments{"--resume"} + more)));
+  };
+  EXPECT_TRUE(fails({"--seed", "7"}, {"manifest.jsonl", "options/seed: 0 there, 7 here"}));
+  EXPECT_TRUE(fails({"--write-problems", folder_ / "problems"}, {"options/write-problems"}));
+  Arguments moved = Localize(whole, {"--resume"});
+  moved[6] += ",shift=0/0/1";
+  EXPECT_TRUE(FailsWith(3, {"options/geometry"}, RunRaylift(moved)));
+  Arguments fewer = Localize(whole, {"--resume"});
+  fewer[8] = folder_ / "queries.txt";
+  EXPECT_TRUE(FailsWith(3, {"tasks: 12 there, 11 here"}, RunRaylift(fewer)));
+  // Threads change nothing.
+  EXPECT_TRUE(Succeeds(RunRaylift(Localize(whole, {"--resume", "--threads", "3"}))));
+}
+
+TEST_F(LocalizeJob, AnotherMeshUnderTheSameNameIsAnotherInput) {
+  const RoomScene scene = WriteRoomScene(folder_ / "scene");
+  const RoomScene other = WriteRoomScene(folder_ / "other", {.offset = {0.5, 0, 0}});
+  const Arguments command = LocalizeWithHloc(scene, folder_ / "out") + Arguments{"--resume"};
+  ASSERT_TRUE(Succeeds(RunRaylift(command)));
+  EXPECT_TRUE(Succeeds(RunRaylift(command)));
+  const std::string pairs = ReadFile(scene.pairs());
+  WriteFile(scene.pairs(), pairs + "\n");
+  EXPECT_TRUE(FailsWith(3, {"inputs/pairs"}, RunRaylift(command)));
+  WriteFile(scene.pairs(), pairs);
+  WriteFile(scene.mesh(), ReadFile(other.mesh()));
+  EXPECT_TRUE(FailsWith(3, {"inputs/geometry 1"}, RunRaylift(command)));
+}
+
+TEST_F(LocalizeJob, AFullDiskNamesTheFileAndTheRestIsResumed) {
+  const fs::path whole = Whole();
+  const fs::path out = folder_ / "out";
+  // No file may be larger than 16 kB, which the manifest is in the end.
+  ASSERT_GT(fs::file_size(whole / "manifest.jsonl"), 16u * 1024);
+  const CommandResult full = RunCommand(
+      Arguments{"/bin/sh", "-c", "trap '' XFSZ; ulimit -f 32; exec \"$@\"", "sh", RAYLIFT_PROGRAM} +
+      Localize(out));
+  EXPECT_TRUE(FailsWith(5, {(out / "manifest.jsonl").string(), "cannot be written"}, full));
+  EXPECT_GT(CountDone(out), 0u);
+  EXPECT_LT(CountDone(out), 12u);
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, {"--resume"}))));
+  ExpectSame(whole, out);
+}
+
+}  // namespace
+}  // namespace raylift
