@@ -25,5 +25,8 @@ Command AddRenderCommand(CLI::App& program);
 Command AddCompareCommand(CLI::App& program);
 Command AddViewsCommand(CLI::App& program);
 Command AddImportCommand(CLI::App& program);
+Command AddStatusCommand(CLI::App& program);
+Command AddMergeCommand(CLI::App& program);
+Command AddVerifyCommand(CLI::App& program);
 
 }  // namespace raylift

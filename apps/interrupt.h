@@ -9,8 +9,8 @@
 
 namespace raylift {
 
-// A command was stopped by a signal and has left all in order, or else found that work is left. Exit
-// code 4.
+// A command was stopped by a signal and has left all in order, or else found that work is left.
+// Exit code 4.
 class Interrupted : public std::runtime_error {
  public:
   explicit Interrupted(const std::string& message) : std::runtime_error(message) {}
@@ -28,8 +28,8 @@ class SignalGuard {
   static const std::atomic<bool>& stop();
 };
 
-// Does work that leaves nothing to go on with, under a SignalGuard: a signal ends it between two items
-// of its loops. Throws Interrupted.
+// Does work that leaves nothing to go on with, under a SignalGuard: a signal ends it between two
+// items of its loops. Throws Interrupted.
 void UntilSignal(const std::function<void()>& work);
 
 }  // namespace raylift

@@ -1,4 +1,5 @@
-// The options of long commands that go on where they were, and share their work with other machines.
+// The options of long commands that go on where they were, and share their work with other
+// machines.
 
 #pragma once
 

@@ -12,8 +12,8 @@
 
 namespace raylift {
 
-// JSON: the options that matter, and fingerprints of the inputs in place of their paths, so that the
-// same run may go on on another machine.
+// JSON: the options that matter, and fingerprints of the inputs in place of their paths, so that
+// the same run may go on on another machine.
 std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& options_json,
                            const Scene& scene, std::span<const Query> queries);
 

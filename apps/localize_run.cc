@@ -9,6 +9,7 @@
 #include "localize_output.h"
 #include <fmt/format.h>
 
+#include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/progress.h"
 #include "raylift/io/pose_prior_list.h"
@@ -91,6 +92,24 @@ ContinuousRecords LocalizeInOrder(const LocalizeFlags& flags, BatchLocalizer& lo
   return records;
 }
 
+// A folder holds a run with --continuous or one without it.
+void RefuseOtherMode(const LocalizeFlags& flags) {
+  const std::filesystem::path checkpoint = flags.out / "continuous";
+  const std::vector<std::filesystem::path> manifests = ListManifests(flags.out);
+  const bool continuous = flags.continuous.enabled;
+  std::error_code ignored;
+  const bool other_is_there =
+      continuous ? !manifests.empty() : std::filesystem::exists(checkpoint, ignored);
+  if (!other_is_there) return;
+  if (!flags.running.overwrite) {
+    throw OptionError("--out", flags.out.string(),
+                      fmt::format("holds a former run {} --continuous; --overwrite removes it",
+                                  continuous ? "without" : "with"));
+  }
+  std::filesystem::remove_all(checkpoint, ignored);
+  for (const auto& manifest : manifests) std::filesystem::remove(manifest, ignored);
+}
+
 // A scene with its matches, ready to localize.
 std::unique_ptr<BatchLocalizer> OpenLocalizer(const LocalizeFlags& flags, const Scene& scene,
                                               std::span<const Query> queries,
@@ -110,6 +129,7 @@ class LocalizeRun {
  public:
   LocalizeRun(const LocalizeFlags& flags, BatchOptions options, const std::string& options_json)
       : flags_(flags), options_(std::move(options)), options_json_(options_json) {
+    RefuseOtherMode(flags);
     RefuseFormerRun(JobOptions());
     queries_ = ReadQueryList(flags.queries, flags.QueryImages());
     if (!flags.priors.empty()) TakePosePriors(flags.priors, queries_);

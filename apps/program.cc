@@ -62,7 +62,8 @@ Program MakeProgram() {
   program.commands = {AddLocalizeCommand(app),   AddEstimateCommand(app), AddEvaluateCommand(app),
                       AddPerturbCommand(app),    AddRenderCommand(app),   AddCompareCommand(app),
                       AddDoctorCommand(app),     AddViewsCommand(app),    AddPairsCommand(app),
-                      AddExperimentCommand(app), AddImportCommand(app)};
+                      AddExperimentCommand(app), AddImportCommand(app),   AddStatusCommand(app),
+                      AddMergeCommand(app),      AddVerifyCommand(app)};
   for (const Command& command : program.commands) {
     CheckNumbers(*command.app);
   }

@@ -41,7 +41,8 @@ assets/demo/run.sh tries it on a small scene.
 constexpr std::string_view kLocalize = "Localize photographs";
 constexpr std::string_view kCompare = "Compare depth";
 constexpr std::string_view kRender = "Render depth";
-constexpr std::array<std::pair<std::string_view, std::string_view>, 11> kGroupOfCommand = {
+constexpr std::string_view kJobs = "Long runs, in parts";
+constexpr std::array<std::pair<std::string_view, std::string_view>, 14> kGroupOfCommand = {
     {{"localize", kLocalize},
      {"estimate", kLocalize},
      {"evaluate", kLocalize},
@@ -52,7 +53,10 @@ constexpr std::array<std::pair<std::string_view, std::string_view>, 11> kGroupOf
      {"doctor", kCompare},
      {"perturb", kCompare},
      {"render", kRender},
-     {"views", kRender}}};
+     {"views", kRender},
+     {"status", kJobs},
+     {"merge", kJobs},
+     {"verify", kJobs}}};
 
 }  // namespace
 

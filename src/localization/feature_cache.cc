@@ -15,6 +15,7 @@
 #include "raylift/features/root_sift.h"
 #include "raylift/io/hloc_features.h"
 #include "raylift/io/image_file.h"
+#include "raylift/jobs/folder_lock.h"
 #include "raylift/localization/front_end.h"
 
 namespace raylift {
@@ -81,10 +82,13 @@ std::map<std::string, Features> ExtractOrReadFeatures(const std::vector<ImageFil
   std::sort(sorted.begin(), sorted.end(),
             [](const ImageFile& a, const ImageFile& b) { return a.name < b.name; });
   if (options.folder.empty()) return ExtractAll(sorted, options);
-  const std::filesystem::path file = options.folder / "features.h5";
-  const std::filesystem::path inputs_file = options.folder / "features.inputs.txt";
   const std::string inputs = DescribeInputs(sorted, options);
   std::error_code error;
+  std::filesystem::create_directories(options.folder, error);
+  // Shards that begin at once: one extracts, the others wait and read.
+  const FolderLock lock(options.folder, FolderLock::Mode::kExclusive, FolderLock::IfHeld::kWait);
+  const std::filesystem::path file = options.folder / "features.h5";
+  const std::filesystem::path inputs_file = options.folder / "features.inputs.txt";
   const bool cached = std::filesystem::exists(file, error) &&
                       std::filesystem::exists(inputs_file, error) &&
                       HoldsInputs(ReadFile(inputs_file), inputs);

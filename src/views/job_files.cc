@@ -107,6 +107,11 @@ std::string JobHeader(const RayCaster& scene, const RenderJobOptions& options) {
   return json.dump();
 }
 
+std::string ManifestHeader(const std::string& header, size_t images) {
+  const Json line = {{"command", "render"}, {"tasks", images}, {"job", Json::parse(header)}};
+  return line.dump();
+}
+
 std::string TaskKey(const std::string& header, const RenderTask& task) {
   const Eigen::Quaterniond& q = task.view.cam_from_world.rotation;
   const Eigen::Vector3d& t = task.view.cam_from_world.translation;

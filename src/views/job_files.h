@@ -15,9 +15,11 @@
 
 namespace raylift {
 
-// The first line of a manifest: JSON of all that the bytes of the files depend on, but for the
-// views.
+// JSON of all that the bytes of the files depend on, but for the views.
 std::string JobHeader(const RayCaster& scene, const RenderJobOptions& options);
+
+// The first line of its manifest: that of which job, of how many images.
+std::string ManifestHeader(const std::string& header, size_t images);
 
 // Of everything that a view's files depend on.
 std::string TaskKey(const std::string& header, const RenderTask& task);

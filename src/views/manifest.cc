@@ -24,7 +24,7 @@ ManifestEntry FromJson(const Json& json) {
   }
   entry.dropped = json.at("dropped");
   for (const Json& file : json.at("files")) {
-    entry.files.push_back({file.at("path"), file.at("bytes")});
+    entry.files.push_back({file.at("path"), file.at("bytes"), file.value("xxh3", "")});
   }
   return entry;
 }
@@ -40,7 +40,7 @@ std::string ToJsonLine(const ManifestEntry& entry) {
   }
   Json files = Json::array();
   for (const ManifestEntry::File& file : entry.files) {
-    files.push_back({{"path", file.path}, {"bytes", file.bytes}});
+    files.push_back({{"path", file.path}, {"bytes", file.bytes}, {"xxh3", file.xxh3}});
   }
   json["files"] = std::move(files);
   return JsonText(json);

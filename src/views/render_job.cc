@@ -14,6 +14,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/file_hash.h"
 #include "raylift/base/parallel.h"
 #include "raylift/io/image_file.h"
 #include "raylift/jobs/folder_lock.h"
@@ -90,7 +91,8 @@ class Job {
         renderer_(scene, OptionsOfFrames(options)),
         threads_(ResolveThreads(options.threads)),
         tables_(static_cast<size_t>(threads_) + 1),
-        header_(JobHeader(*scene, options)) {
+        header_(JobHeader(*scene, options)),
+        manifest_header_(ManifestHeader(header_, tasks_.size())) {
     // Views of one camera follow each other, so that few tables of rays are needed at a time; and
     // all shards deal the same list.
     std::sort(tasks_.begin(), tasks_.end(), [](const RenderTask& a, const RenderTask& b) {
@@ -112,9 +114,9 @@ class Job {
     RemoveLeftoversOfShard();
     std::vector<std::string> foreign_files = ListForeignFiles();
     const std::vector<size_t> to_do = ListWork();
-    WriteManifest(manifest, header_, done_);
+    WriteManifest(manifest, manifest_header_, done_);
     const bool all_done = RenderAll(to_do, manifest);
-    WriteManifest(manifest, header_, done_);
+    WriteManifest(manifest, manifest_header_, done_);
     RenderSummary summary = Summarize();
     summary.left = to_do.size() - rendered_;
     summary.complete = all_done && Finish();
@@ -132,7 +134,7 @@ class Job {
     for (const path& manifest : ListManifests(options_.out)) {
       const size_t images = ReadManifest(manifest).size();
       const bool beside = IsManifestOfOtherShard(manifest, options_.shard) &&
-                          ReadManifestText(manifest).header == header_;
+                          ReadManifestText(manifest).header == manifest_header_;
       if (images == 0 || beside) continue;
       throw OptionError("overwrite", "false",
                         fmt::format("{} holds {} images of a former run; resume = true keeps those "
@@ -172,30 +174,44 @@ class Job {
     RemoveLeftovers(options_.out, files);
   }
 
+  // What is looked at of files that are there.
+  enum class Look { kSizes, kContents };
+
   // Whether all files of the task are there as the entry says, and are what would be made now.
-  bool IsComplete(size_t index, const ManifestEntry& entry) const {
+  bool IsComplete(size_t index, const ManifestEntry& entry, Look look) const {
     const auto files = TaskFiles(tasks_[index], options_.products);
     if (entry.key != keys_[index] || entry.files.size() != files.size()) return false;
     for (size_t i = 0; i < files.size(); ++i) {
       std::error_code error;
       const auto size = std::filesystem::file_size(options_.out / files[i], error);
       if (error || entry.files[i].path != files[i] || size != entry.files[i].bytes) return false;
+      const bool reads = look == Look::kContents;
+      if (reads && FileHash(options_.out / files[i]) != entry.files[i].xxh3) return false;
     }
     return true;
   }
 
   // The entries of tasks that are complete, from all manifests.
-  ManifestEntries ReadComplete() const {
+  ManifestEntries ReadComplete(Look look) const {
     std::map<std::string, size_t> index_of_name;
     for (size_t i = 0; i < tasks_.size(); ++i) index_of_name.emplace(tasks_[i].view.name, i);
-    ManifestEntries complete;
+    std::vector<ManifestEntry> entries;
     for (const path& manifest : ListManifests(options_.out)) {
       for (auto& [name, entry] : ReadManifest(manifest)) {
         const auto index = index_of_name.find(name);
-        if (index != index_of_name.end() && IsComplete(index->second, entry)) {
-          complete.insert_or_assign(name, std::move(entry));
-        }
+        if (index == index_of_name.end()) continue;
+        // Other shards look at the contents of their own files.
+        const bool is_wanted = look == Look::kSizes || options_.shard.Contains(index->second);
+        if (is_wanted) entries.push_back(std::move(entry));
       }
+    }
+    std::vector<char> is_complete(entries.size());
+    ParallelFor(entries.size(), threads_, [&](size_t i) {
+      is_complete[i] = IsComplete(index_of_name.at(entries[i].name), entries[i], look) ? 1 : 0;
+    });
+    ManifestEntries complete;
+    for (size_t i = 0; i < entries.size(); ++i) {
+      if (is_complete[i]) complete.insert_or_assign(entries[i].name, std::move(entries[i]));
     }
     return complete;
   }
@@ -203,7 +219,7 @@ class Job {
   // The tasks to do, after which `done_` holds those that are kept.
   std::vector<size_t> ListWork() {
     ManifestEntries complete;
-    if (options_.resume) complete = ReadComplete();
+    if (options_.resume) complete = ReadComplete(Look::kContents);
     std::vector<size_t> to_do;
     size_t rays = 0;
     for (size_t i = 0; i < tasks_.size(); ++i) {
@@ -267,7 +283,8 @@ class Job {
       const WrittenFile written = WriteProduct(options_.out / files[i], options_.products[i],
                                                *frame, scene_->mesh(), options_.storage);
       entry.dropped += written.dropped;
-      entry.files.push_back({files[i], written.bytes});
+      entry.files.push_back(
+          {files[i], written.bytes, FileHash(options_.out / files[i]).value_or("")});
     }
     frames_.Return(std::move(frame));
     appender.Append(ToJsonLine(entry));
@@ -304,7 +321,7 @@ class Job {
   // What the job as a whole leaves, once all shards are complete; the last one to see that does it
   // (or several, which then write the same). Whether they are.
   bool Finish() const {
-    const ManifestEntries all = options_.shard.IsAll() ? done_ : ReadComplete();
+    const ManifestEntries all = options_.shard.IsAll() ? done_ : ReadComplete(Look::kSizes);
     if (all.size() != tasks_.size()) return false;
     const path whole = ManifestPath(options_.out, Shard());
     if (options_.preview) {
@@ -312,7 +329,7 @@ class Job {
     }
     WriteGuide();
     WriteFile(options_.out / "summary.json", SummaryJson(header_, all, Warnings(all), Record()));
-    WriteManifest(whole, header_, all);
+    WriteManifest(whole, manifest_header_, all);
     for (const path& manifest : ListManifests(options_.out)) {
       std::error_code ignored;
       if (manifest != whole) std::filesystem::remove(manifest, ignored);
@@ -367,7 +384,7 @@ class Job {
   FrameRenderer renderer_;
   int threads_;
   RayTables tables_;
-  std::string header_;
+  std::string header_, manifest_header_;
   FramePool frames_;
 
   std::mutex mutex_;  // guards what follows while images are rendered

@@ -1,5 +1,5 @@
-// localize as a job: it is stopped and killed, goes on, and shares its work, and its results are those
-// of one run that was left alone.
+// localize as a job: it is stopped and killed, goes on, and shares its work, and its results are
+// those of one run that was left alone.
 
 #include <csignal>
 #include <cstdlib>
@@ -239,6 +239,67 @@ TEST_F(LocalizeJob, AFullDiskNamesTheFileAndTheRestIsResumed) {
   EXPECT_LT(CountDone(out), 12u);
   ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, {"--resume"}))));
   ExpectSame(whole, out);
+}
+
+TEST_F(LocalizeJob, ShardsSideBySideAreOneRun) {
+  const fs::path whole = Whole();
+  const fs::path out = folder_ / "out";
+  std::vector<pid_t> shards;
+  for (const std::string shard : {"1/3", "2/3", "3/3"}) {
+    shards.push_back(StartRaylift(Localize(out, {"--shard", shard})));
+  }
+  for (const pid_t shard : shards) EXPECT_EQ(WaitFor(shard), 0);
+  ExpectSame(whole, out);
+  EXPECT_TRUE(FailsWith(2, {"former run"}, RunRaylift(Localize(out, {"--shard", "1/3"}))));
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, {"--shard", "1/3", "--resume"}))));
+  ExpectSame(whole, out);
+}
+
+TEST_F(LocalizeJob, StatusTellsWhichShardsAreLeft) {
+  const fs::path out = folder_ / "out";
+  EXPECT_TRUE(FailsWith(3, {out.string(), "no manifest"}, RunRaylift({"status", out})));
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, {"--shard", "1/4"}))));
+  const Arguments third = Localize(out, {"--shard", "2/4", "--threads", "1"});
+  Interrupt(third, out, SIGKILL, 4, 0);
+  const CommandResult status = RunRaylift({"status", out});
+  EXPECT_EQ(status.exit_code, 4);
+  EXPECT_NE(status.out.find("shard 1/4: 3 of 3, done"), std::string::npos) << status.out;
+  EXPECT_NE(status.out.find("shard 2/4: 1 of 3, stopped or failed"), std::string::npos)
+      << status.out;
+  EXPECT_NE(status.out.find("--array=0,2-3 with --shard auto/4"), std::string::npos) << status.out;
+  EXPECT_NE(status.err.find("8 of 12 are not done"), std::string::npos) << status.err;
+  for (const std::string shard : {"0/4", "2/4", "3/4"}) {
+    ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, {"--shard", shard, "--resume"}))));
+  }
+  EXPECT_TRUE(Succeeds(RunRaylift({"status", out})));
+  ExpectSame(Whole(), out);
+}
+
+TEST_F(LocalizeJob, PartsInFoldersOfTheirOwnAreMerged) {
+  const fs::path whole = Whole();
+  const fs::path out = folder_ / "out";
+  Arguments merge = {"merge", out};
+  for (const std::string shard : {"0/3", "1/3", "2/3"}) {
+    const fs::path part = folder_ / ("part" + shard.substr(0, 1));
+    if (shard == "2/3") {
+      EXPECT_TRUE(FailsWith(4, {"4 of 12 queries"}, RunRaylift(merge)));
+    }
+    ASSERT_TRUE(Succeeds(RunRaylift(Localize(part, {"--shard", shard}))));
+    merge.push_back(part);
+  }
+  EXPECT_FALSE(fs::exists(out / "poses.txt"));
+  const CommandResult merged = RunRaylift(merge);
+  ASSERT_TRUE(Succeeds(merged));
+  EXPECT_TRUE(merged.out.starts_with("merged 3 parts: localized ")) << merged.out;
+  ExpectSame(whole, out);
+  // What is merged can go on as if it had not been shared.
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, {"--resume"}))));
+  ExpectSame(whole, out);
+
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(folder_ / "other", {"--seed", "1"}))));
+  EXPECT_TRUE(FailsWith(3, {(folder_ / "other").string(), "options/seed: 0 there, 1 here"},
+                        RunRaylift({"merge", out, folder_ / "other"})));
+  EXPECT_TRUE(FailsWith(3, {folder_.string(), "no manifest"}, RunRaylift({"merge", folder_})));
 }
 
 }  // namespace

@@ -73,10 +73,14 @@ TEST(Options, HelpOfACommandListsItsOptions) {
                                "--write-problems",
                                "--resume",
                                "--overwrite",
+                               "--shard",
                                "--pictures"});
   ExpectHelpLists("localize", kEstimatorOptions);
   ExpectHelpLists("estimate", {"--csv", "--poses", "--threads", "--quiet", "--config"});
   ExpectHelpLists("estimate", kEstimatorOptions);
+  ExpectHelpLists("status", {"OUT", "--config"});
+  ExpectHelpLists("merge", {"OUT", "PART", "--config"});
+  ExpectHelpLists("verify", {"OUT", "--threads", "--quiet", "--config"});
   ExpectHelpLists("evaluate", {"--ground-truth", "--poses", "--names", "--thresholds", "--json",
                                "--csv", "--quiet", "--config"});
 }

@@ -328,6 +328,46 @@ TEST_F(Render, ShardsSideBySideAreOneRun) {
   EXPECT_EQ(Contents(out_), Contents(scene_.folder / "whole"));
 }
 
+TEST_F(Render, FilesThatHaveChangedAreFoundAndRenderedAgain) {
+  const fs::path cameras = WriteCameras(6, "96 72");
+  const fs::path whole = scene_.folder / "whole";
+  ASSERT_TRUE(Succeeds(RunRaylift(ManyImages(cameras, whole))));
+  ASSERT_TRUE(Succeeds(RunRaylift(ManyImages(cameras, out_))));
+  const CommandResult good = RunRaylift({"verify", out_});
+  ASSERT_TRUE(Succeeds(good));
+  EXPECT_TRUE(good.out.starts_with("6 images, 18 files, ")) << good.out;
+  const fs::path flipped = out_ / "normals/seq1/0001.npy";
+  std::string bytes = ReadFile(flipped);
+  bytes[bytes.size() / 2] ^= 1;
+  WriteFile(flipped, bytes);
+  fs::remove(out_ / "depth/seq2/0002.exr");
+  const CommandResult bad = RunRaylift({"verify", out_});
+  EXPECT_EQ(bad.exit_code, 3);
+  EXPECT_EQ(bad.out, "normals/seq1/0001.npy has other contents\ndepth/seq2/0002.exr is missing\n");
+  EXPECT_NE(bad.err.find("2 of 18 files"), std::string::npos) << bad.err;
+  const CommandResult resumed = RunRaylift(ManyImages(cameras, out_) + Arguments{"--resume"});
+  ASSERT_TRUE(Succeeds(resumed));
+  EXPECT_NE(resumed.out.find("2 rendered, 4 kept"), std::string::npos) << resumed.out;
+  EXPECT_EQ(Contents(out_), Contents(whole));
+}
+
+TEST_F(Render, StatusTellsWhatIsLeft) {
+  const fs::path cameras = WriteCameras(7, "96 72");
+  ASSERT_TRUE(Succeeds(RunRaylift(ManyImages(cameras, out_) + Arguments{"--shard", "2/3"})));
+  const CommandResult part = RunRaylift({"status", out_});
+  EXPECT_EQ(part.exit_code, 4);
+  EXPECT_NE(part.out.find("shard 2/3: 2 of 2, done"), std::string::npos) << part.out;
+  EXPECT_NE(part.out.find("done: 2 of 7"), std::string::npos) << part.out;
+  EXPECT_NE(part.out.find("--array=0-1 "), std::string::npos) << part.out;
+  for (const std::string shard : {"0/3", "1/3"}) {
+    ASSERT_TRUE(Succeeds(RunRaylift(ManyImages(cameras, out_) + Arguments{"--shard", shard})));
+  }
+  const CommandResult all = RunRaylift({"status", out_});
+  ASSERT_TRUE(Succeeds(all));
+  EXPECT_EQ(all.out, "render: done\ndone: 7 of 7\n");
+  EXPECT_TRUE(FailsWith(3, {"raylift localize"}, RunRaylift({"merge", out_})));
+}
+
 // Resident memory of a running process in kilobytes, 0 where that cannot be told.
 size_t ResidentKb(pid_t process) {
   const fs::path file = fmt::format("/proc/{}/statm", process);

@@ -165,7 +165,8 @@ def experiment(file: PathLike, out: PathLike, *, set: Optional[Mapping[str, str]
 def localize(out: PathLike, **options: Any) -> Dict[str, Any]:
     """`raylift localize`: poses of query photographs in a known scene, to files.
 
-    options: model (or scene), geometry, queries, images, ... as of `raylift localize --help`.
+    options: model (or scene), geometry, queries, images, ... as of `raylift localize --help`. Where out
+    holds a former run, resume=True goes on with it, overwrite=True begins anew.
 
     Returns the summary that it writes beside poses.txt and queries.jsonl.
     """

@@ -1,5 +1,5 @@
-// What a job's inputs are, in a few characters each, so that a run that goes on can tell whether they
-// are the same: by contents and sizes, as times of files change where these are copied.
+// What a job's inputs are, in a few characters each, so that a run that goes on can tell whether
+// they are the same: by contents and sizes, as times of files change where these are copied.
 
 #pragma once
 

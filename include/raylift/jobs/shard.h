@@ -1,5 +1,5 @@
-// Which of a job's tasks (images, queries) this process does, so that machines share the work without
-// talking.
+// Which of a job's tasks (images, queries) this process does, so that machines share the work
+// without talking.
 
 #pragma once
 

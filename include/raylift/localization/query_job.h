@@ -1,6 +1,6 @@
 // A run of localization that keeps its results as they come: in a folder, by itself or side by side
-// with the other shards of the run, and so that a killed run goes on where it was. Whatever happens in
-// between, the results are those of one run that was left alone.
+// with the other shards of the run, and so that a killed run goes on where it was. Whatever happens
+// in between, the results are those of one run that was left alone.
 
 #pragma once
 
@@ -43,8 +43,8 @@ class QueryJob {
 
   // As this or another run of the same header has found them; none: nobody has.
   const std::optional<RunFacts>& facts() const { return manifest_.facts; }
-  // Before the first Add(): from now on there is a manifest. What was there before stays until then.
-  // OutputError where it cannot be written, InputError where another run is at work.
+  // Before the first Add(): from now on there is a manifest. What was there before stays until
+  // then. OutputError where it cannot be written, InputError where another run is at work.
   void Begin(const RunFacts& facts);
 
   // The queries of this shard that are not done.
@@ -54,8 +54,8 @@ class QueryJob {
   void Add(size_t query, const LocalizedQuery& localized, const std::vector<std::string>& warnings,
            const std::optional<double>& log_focal_factor);
 
-  // The records of all shards, in the order of the list, once all are done; then the manifest is that
-  // of the whole run. None before.
+  // The records of all shards, in the order of the list, once all are done; then the manifest is
+  // that of the whole run. None before.
   std::optional<std::vector<QueryRecord>> Finish();
 
  private:
@@ -73,8 +73,8 @@ class QueryJob {
   std::unique_ptr<ManifestAppender> appender_;
 };
 
-// The records of `files`, which must all be of one run, with its header and facts. InputError naming
-// the file where one is of another run.
+// The records of `files`, which must all be of one run, with its header and facts. InputError
+// naming the file where one is of another run.
 QueryManifest ReadQueryManifests(std::span<const std::filesystem::path> files);
 
 // To `out`, whose manifests of shards are no longer needed.

@@ -50,8 +50,8 @@ struct QueryManifest {
 QueryManifest ReadQueryManifest(const std::filesystem::path& file);
 void WriteQueryManifest(const std::filesystem::path& file, const QueryManifest& manifest);
 
-// The records in the order of the list. All warnings are with the first one, so that it does not show
-// which query was done first.
+// The records in the order of the list. All warnings are with the first one, so that it does not
+// show which query was done first.
 std::vector<QueryRecord> InOrder(const std::map<std::string, QueryRecord>& records);
 
 // What the whole run has to say to its user, from records of all queries.

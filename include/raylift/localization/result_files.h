@@ -35,8 +35,9 @@ void WriteQueryDiagnostics(const std::filesystem::path& path, std::span<const st
 // A line of it, without the line's end.
 std::string FormatQueryDiagnostics(const LocalizedQuery& query);
 
-// The query of such a line, as far as poses.txt, summary.json and LocalizedModel() need it, with its
-// name as the list of queries has it, which need not be UTF-8. InputError where it is no such line.
+// The query of such a line, as far as poses.txt, summary.json and LocalizedModel() need it, with
+// its name as the list of queries has it, which need not be UTF-8. InputError where it is no such
+// line.
 LocalizedQuery ParseQueryDiagnostics(const std::string& line, const std::string& name);
 
 // `depth_alignment.jsonl`: one JSON object per aligned source and reference: how its depth was

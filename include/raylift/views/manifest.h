@@ -24,6 +24,7 @@ struct ManifestEntry {
   struct File {
     std::string path;  // relative to the output folder
     size_t bytes = 0;
+    std::string xxh3 = {};  // FileHash(); empty: a manifest of before there were any
   };
   std::vector<File> files = {};
 
