@@ -83,7 +83,9 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
                 "Do not check whether depth and poses are read as they were meant")
       ->group("Geometry");
   command
-      .add_option("--queries", flags.queries, "List of queries: name MODEL width height params...")
+      .add_option("--queries", flags.queries,
+                  "List of queries: name MODEL width height params...; where a name\n"
+                  "stands alone, the focal length is found with the pose")
       ->required()
       ->group("Queries");
   command

@@ -98,8 +98,8 @@ void AddEstimatorNumbers(CLI::App& app, EstimatorOptions& values, const std::str
   app.add_flag("--refine-focal", values.refine_focal, "Find the query's focal length with the pose")
       ->group(group);
   app.add_option("--focal-range", values.focal_range,
-                 "and look for it within this factor of the given\n"
-                 "one either way")
+                 "With --refine-focal: it is the given one up to this factor\n"
+                 "either way")
       ->capture_default_str()
       ->group(group);
   app.add_option("--min-iterations", values.min_iterations, "RANSAC")

@@ -18,23 +18,20 @@ namespace {
 // How near, as a logarithm, a candidate is to any focal length in the range, and how far from its
 // candidate a focal length is looked for.
 constexpr double kCandidateReach = 0.1;
-constexpr double kSearchReach = 0.27;
-
-int NumFocalLengths(const Camera& camera) {
-  return GetCameraModelInfo(camera.model()).num_focal_lengths;
-}
+constexpr double kSearchStep = 0.03;
+constexpr int kSearchSteps = 9;
 
 Camera WithFocalScaled(const Camera& camera, double factor) {
   std::vector<double> params(camera.params().begin(), camera.params().end());
-  const int num_focal_lengths = NumFocalLengths(camera);
+  const int num_focal_lengths = GetCameraModelInfo(camera.model()).num_focal_lengths;
   for (int i = 0; i < num_focal_lengths; ++i) {
     params[static_cast<size_t>(i)] *= factor;
   }
   return {camera.model(), camera.width_px(), camera.height_px(), params};
 }
 
-double TruncatedSum(const std::vector<double>& squared_residuals) {
-  double sum = 0;
+double TruncatedSum(const std::vector<double>& squared_residuals, int num_matches) {
+  double sum = num_matches - static_cast<double>(squared_residuals.size());
   for (const double e2 : squared_residuals) {
     sum += std::min(e2, 1.0);
   }
@@ -95,25 +92,26 @@ Trial FocalSearch::Try(double log_factor) const {
     pose = likelihood.pose();
   }
   const Residuals residuals = ComputeResiduals(prepared, pose);
-  const double cost = (kinds_.points ? TruncatedSum(residuals.points) : 0) +
-                      (kinds_.pairs ? TruncatedSum(residuals.pairs) : 0);
+  // Matches whose pixel has no ray cost as much as outliers.
+  const double cost =
+      (kinds_.points ? TruncatedSum(residuals.points, prepared.num_matches_2d3d) : 0) +
+      (kinds_.pairs ? TruncatedSum(residuals.pairs, prepared.num_matches_2d2d) : 0);
   return {log_factor, cost, scaled.query_camera, prepared.CamFromWorld(pose)};
 }
 
 // A coarse grid finds the basin, golden sections its lowest point.
 Trial FocalSearch::Best(double shortest, double longest) const {
-  constexpr double kStep = 0.03;
-  constexpr int kSteps = static_cast<int>(kSearchReach / kStep + 0.5);
   Trial best = Try(0);
-  for (int i = -kSteps; i <= kSteps; ++i) {
-    if (i * kStep < shortest || i * kStep > longest) continue;
-    Trial trial = Try(i * kStep);
+  for (int i = -kSearchSteps; i <= kSearchSteps; ++i) {
+    const double log_factor = i * kSearchStep;
+    if (i == 0 || log_factor < shortest || log_factor > longest) continue;
+    Trial trial = Try(log_factor);
     if (trial.cost < best.cost) {
       best = std::move(trial);
     }
   }
-  double low = std::max(best.log_factor - kStep, shortest);
-  double high = std::min(best.log_factor + kStep, longest);
+  double low = std::max(best.log_factor - kSearchStep, shortest);
+  double high = std::min(best.log_factor + kSearchStep, longest);
   constexpr double kGolden = 1 / std::numbers::phi;
   Trial left = Try(high - kGolden * (high - low));
   Trial right = Try(low + kGolden * (high - low));
@@ -168,13 +166,16 @@ FocalRefinement FocalSearch::Polish(const Trial& from, double shortest, double l
     const std::optional<FocalStep> step = StepFrom(result.camera, pose);
     if (!step) break;
     Vector6d by_factor = step->pose_by_log_factor;
+    // Nothing is less certain than anywhere in the range.
+    const double variance =
+        1 / (1 / step->variance + 12 / ((longest - shortest) * (longest - shortest)));
     const double taken = std::clamp(log_factor + step->log_factor, shortest, longest) - log_factor;
     log_factor += taken;
     result.camera = WithFocalScaled(problem_.query_camera, std::exp(log_factor));
     pose = Moved(pose, taken * by_factor);
     by_factor.tail<3>() *= frame.scale;
-    result.covariance_by_focal = step->variance * by_factor * by_factor.transpose();
-    if (std::abs(taken) < kSettled * std::sqrt(step->variance)) break;
+    result.covariance_by_focal = variance * by_factor * by_factor.transpose();
+    if (std::abs(taken) < kSettled * std::sqrt(variance)) break;
   }
   return result;
 }
@@ -183,23 +184,22 @@ FocalRefinement FocalSearch::Polish(const Trial& from, double shortest, double l
 
 std::vector<Camera> FocalCandidates(const Camera& camera, double range) {
   std::vector<Camera> candidates = {camera};
-  if (NumFocalLengths(camera) == 0) return candidates;
-  const int steps =
-      static_cast<int>(std::ceil((std::log(range) - kCandidateReach) / (2 * kCandidateReach)));
+  const double outermost = std::log(range) - kCandidateReach;
+  const int steps = static_cast<int>(std::ceil(std::max(outermost, 0.0) / (2 * kCandidateReach)));
   for (int i = 1; i <= steps; ++i) {
     for (const int sign : {-1, 1}) {
-      candidates.push_back(WithFocalScaled(camera, std::exp(2 * kCandidateReach * sign * i)));
+      candidates.push_back(WithFocalScaled(camera, std::exp(sign * i * outermost / steps)));
     }
   }
   return candidates;
 }
 
 FocalRefinement RefineFocal(const PoseProblem& problem, const Rigid3& cam_from_world,
-                            ResidualKinds kinds, const EstimatorOptions& options,
-                            double shortest_px, double longest_px) {
-  const double focal_px = problem.query_camera.MeanFocalPx();
-  const double shortest = std::log(shortest_px / focal_px);
-  const double longest = std::log(longest_px / focal_px);
+                            ResidualKinds kinds, const EstimatorOptions& options, double middle_px,
+                            double range) {
+  const double middle = std::log(middle_px / problem.query_camera.MeanFocalPx());
+  const double shortest = middle - std::log(range);
+  const double longest = middle + std::log(range);
   const FocalSearch search(problem, cam_from_world, kinds, options);
   const Trial best = search.Best(shortest, longest);
   if (options.refinement == Refinement::kPaper) {

@@ -16,7 +16,7 @@ namespace raylift {
 
 // Where a focal length that is within a factor of the camera's is looked for: so close to each
 // other that the pose found with the nearest one leads to the true one. The camera itself is the
-// first; alone for lenses without a focal length.
+// first.
 std::vector<Camera> FocalCandidates(const Camera& camera, double range);
 
 struct FocalRefinement {
@@ -26,12 +26,12 @@ struct FocalRefinement {
   std::optional<Matrix6d> covariance_by_focal;
 };
 
-// The focal length near the problem's, and between `shortest_px` and `longest_px`, that the kinds of
-// matches in use speak for. A search along one dimension for the lowest MSAC cost, with the pose
+// The focal length near the problem's, and within a factor of `middle_px`, that the kinds of matches
+// in use speak for. A search along one dimension for the lowest MSAC cost, with the pose
 // refined at each point, and from there, where poses are refined by maximum likelihood, Newton's
 // steps on the likelihood. Starts from a pose of the problem as it is.
 FocalRefinement RefineFocal(const PoseProblem& problem, const Rigid3& cam_from_world,
-                            ResidualKinds kinds, const EstimatorOptions& options,
-                            double shortest_px, double longest_px);
+                            ResidualKinds kinds, const EstimatorOptions& options, double middle_px,
+                            double range);
 
 }  // namespace raylift

@@ -10,7 +10,7 @@ std::optional<FocalStep> FocalEquations::Solve(const Matrix6d& cam_from_pose) co
   // What is left of the curvature is no rounding.
   constexpr double kLeastShare = 1e-9;
   const Eigen::LDLT<Eigen::MatrixXd> factors(hessian);
-  if (!factors.isPositive()) return std::nullopt;
+  if (!factors.isPositive() || !(factors.rcond() > 1e-16)) return std::nullopt;
   const Eigen::VectorXd followed = factors.solve(mixed);
   const double information = curvature - mixed.dot(followed);
   if (!(information > kLeastShare * curvature)) return std::nullopt;

@@ -1,5 +1,7 @@
 #include "estimation/maximum_likelihood.h"
 
+#include <set>
+
 #include "estimation/noise_variance.h"
 #include "estimation/reliable_pairs.h"
 #include <Eigen/Cholesky>
@@ -13,6 +15,16 @@ std::vector<int> IndicesBelow(const std::vector<double>& values, double limit) {
     if (values[i] < limit) {
       indices.push_back(i);
     }
+  }
+  return indices;
+}
+
+template <typename PreparedMatch>
+std::vector<int> IndicesOf(const std::vector<PreparedMatch>& prepared,
+                           const std::set<int>& matches) {
+  std::vector<int> indices;
+  for (int i = 0; i < static_cast<int>(prepared.size()); ++i) {
+    if (matches.contains(prepared[static_cast<size_t>(i)].match)) indices.push_back(i);
   }
   return indices;
 }
@@ -46,15 +58,46 @@ std::optional<Matrix6d> MaximumLikelihood::Covariance() const {
   return Matrix6d(0.5 * (covariance + covariance.transpose()));
 }
 
+// By least squares of the matches within two and a half standard deviations: the differences are
+// then of the same cost as the Gauss-Newton matrix.
 std::optional<FocalStep> MaximumLikelihood::StepOfFocal(const PreparedProblem& shorter,
                                                         const PreparedProblem& longer,
                                                         double log_factor) const {
+  const Residuals residuals = ComputeResiduals(problem_, pose_, kinds_);
+  constexpr double kNear = kSigmasOfThreshold * kSigmasOfThreshold;
+  const auto matches_near = [](const auto& matches, const std::vector<double>& squared,
+                               double weight) {
+    std::set<int> near;
+    for (size_t i = 0; i < squared.size(); ++i) {
+      if (squared[i] * weight < kNear) near.insert(matches[i].match);
+    }
+    return near;
+  };
+  std::set<int> points;
+  std::set<int> pairs;
+  if (kinds_.points) {
+    points = matches_near(problem_.points, residuals.points, weights_.point_weight);
+  }
+  if (kinds_.pairs) pairs = matches_near(problem_.pairs, residuals.pairs, weights_.pair_weight);
+  KindWeights weights = weights_;
+  const auto squared = [](double weight) {  // as far as these matches lie
+    return kernels::KernelLoss{kernels::LossShape::kTruncated, 4 * kNear / weight};
+  };
+  weights.point_loss = squared(weights.point_weight);
+  weights.pair_loss = squared(weights.pair_weight);
+  bool complete = true;
   const auto linearize = [&](const PreparedProblem& problem) {
-    return Linearize(problem, Select(problem).Active(), pose_, weights_);
+    const std::vector<int> of_points = IndicesOf(problem.points, points);
+    const std::vector<int> of_pairs = IndicesOf(problem.pairs, pairs);
+    complete = complete && of_points.size() == points.size() && of_pairs.size() == pairs.size();
+    const GatheredMatches gathered = {MakePointBlocks<double>(problem.points, of_points),
+                                      MakePairBlocks<double>(problem.pairs, of_pairs)};
+    return Linearize(problem, gathered.Active(), pose_, weights);
   };
   const NormalEquations at = linearize(problem_);
   const NormalEquations below = linearize(shorter);
   const NormalEquations above = linearize(longer);
+  if (!complete) return std::nullopt;
   FocalEquations equations;
   equations.hessian = at.hessian;
   equations.gradient = at.gradient;
@@ -75,17 +118,16 @@ void MaximumLikelihood::Gather() {
               .prior_weight = 1,
               .point_loss = RobustLoss(point_variance, kPointNoise),
               .pair_loss = RobustLoss(pair_variance, kPairNoise)};
-  selection_ = {};
-  if (kinds_.points) selection_.points = IndicesBelow(residuals.points, kNearSquared);
-  if (kinds_.pairs) {
-    selection_.pairs = ReliablePairs(problem_, pose_, residuals.pairs, pair_variance, kNearSquared);
+  near_ = {};
+  if (kinds_.points) {
+    near_.points =
+        MakePointBlocks<double>(problem_.points, IndicesBelow(residuals.points, kNearSquared));
   }
-  near_ = Select(problem_);
-}
-
-MaximumLikelihood::GatheredMatches MaximumLikelihood::Select(const PreparedProblem& problem) const {
-  return {MakePointBlocks<double>(problem.points, selection_.points),
-          MakePairBlocks<double>(problem.pairs, selection_.pairs)};
+  if (kinds_.pairs) {
+    near_.pairs = MakePairBlocks<double>(
+        problem_.pairs,
+        ReliablePairs(problem_, pose_, residuals.pairs, pair_variance, kNearSquared));
+  }
 }
 
 void MaximumLikelihood::Minimize() {

@@ -28,8 +28,9 @@ class MaximumLikelihood {
   // Of the step (w, v) in the camera's tangent frame; none where singular.
   std::optional<Matrix6d> Covariance() const;
 
-  // What the matches say of the focal length. `shorter` and `longer` are the problem with it
-  // divided and multiplied by exp(log_factor), a small number, and matches in the same order.
+  // What the matches near the pose say of the focal length. `shorter` and `longer` are the problem
+  // with it divided and multiplied by exp(log_factor), a small number. None where matches have a ray
+  // in one of them alone.
   std::optional<FocalStep> StepOfFocal(const PreparedProblem& shorter,
                                        const PreparedProblem& longer, double log_factor) const;
 
@@ -37,9 +38,6 @@ class MaximumLikelihood {
 
  private:
   // Blocks of the matches near the pose.
-  struct Selection {
-    std::vector<int> points, pairs;
-  };
   struct GatheredMatches {
     std::vector<kernels::PointBlock<double>> points;
     PairBlocks<double> pairs;
@@ -48,14 +46,12 @@ class MaximumLikelihood {
   };
 
   void Gather();
-  GatheredMatches Select(const PreparedProblem& problem) const;
   void Minimize();
 
   const PreparedProblem& problem_;
   ResidualKinds kinds_;
   SolverPose pose_;
   KindWeights weights_;
-  Selection selection_;
   GatheredMatches near_;
 };
 

@@ -151,7 +151,8 @@ class RansacEstimator final : public PoseEstimator {
   PoseEstimate Estimate(const PoseProblem& problem) const override {
     const double range =
         std::max(options_.refine_focal ? options_.focal_range : 1, problem.priors.focal_range);
-    return range > 1 ? EstimateWithFocal(problem, range) : EstimateWithCamera(problem);
+    const bool is_known = range == 1 || problem.query_camera.is_panorama();
+    return is_known ? EstimateWithCamera(problem) : EstimateWithFocal(problem, range);
   }
 
  private:
@@ -275,8 +276,7 @@ class RansacEstimator final : public PoseEstimator {
     }
     std::vector<SolverPose> others = report.rivals;
     if (options_.refinement == Refinement::kRobust && support.LeavesRoomForARival()) {
-      const bool by_points = kinds.points && prepared.points.size() >= 3;
-      const auto other = FindRival(problem, prepared, support.inlier, by_points, options_);
+      const auto other = FindRival(problem, prepared, support.inlier, kinds, options_);
       if (other) others.push_back(prepared.CamFromLocal(*other));
     }
     for (const SolverPose& other : others) {
@@ -305,35 +305,46 @@ class RansacEstimator final : public PoseEstimator {
     fixed_focal.refine_focal = false;
     const RansacEstimator estimator(fixed_focal);
     PoseProblem changed = problem;
-    PoseEstimate first;
+    std::optional<PoseEstimate> first;
     Camera camera;
     int iterations = 0;
     for (const Camera& candidate : FocalCandidates(problem.query_camera, range)) {
       changed.query_camera = candidate;
       PoseEstimate estimate = estimator.EstimateWithCamera(changed);
       iterations += estimate.iterations;
-      if (estimate.cam_from_world &&
-          (!first.cam_from_world || estimate.refined_value < first.refined_value)) {
+      const bool is_better =
+          first && estimate.cam_from_world &&
+          (!first->cam_from_world || estimate.refined_value < first->refined_value);
+      if (!first || is_better) {
         first = std::move(estimate);
         camera = candidate;
       }
     }
-    if (!first.cam_from_world || !first.position_observable) return first;
+    first->iterations = iterations;
+    if (!first->cam_from_world) return *first;
+    first->refined_camera = camera;
+    if (!first->position_observable) return *first;
     changed.query_camera = camera;
-    const FocalRefinement refined =
-        RefineFocal(changed, *first.cam_from_world, KindsOf(first.solver), options_,
-                    focal_px / range, focal_px * range);
+    const FocalRefinement refined = RefineFocal(changed, *first->cam_from_world,
+                                                KindsOf(first->solver), options_, focal_px, range);
     changed.query_camera = refined.camera;
     PoseEstimate second = estimator.EstimateWithCamera(changed);
-    if (!second.cam_from_world) {
-      second = std::move(first);
-      changed.query_camera = camera;
-    } else if (refined.covariance_by_focal && second.covariance) {
-      SetCovariance(*second.covariance + *refined.covariance_by_focal, second);
-    }
     second.iterations += iterations;
-    second.refined_camera = changed.query_camera;
+    second.refined_camera = refined.camera;
+    if (!second.cam_from_world || NumInliers(second) < kKeptGain * NumInliers(*first)) {
+      DropCovariance(*first);  // it takes the camera for granted
+      return *first;
+    }
+    if (refined.covariance_by_focal && second.covariance) {
+      SetCovariance(*second.covariance + *refined.covariance_by_focal, second);
+    } else {
+      DropCovariance(second);
+    }
     return second;
+  }
+
+  static int NumInliers(const PoseEstimate& estimate) {
+    return estimate.score_2d3d.num_inliers + estimate.score_2d2d.num_inliers;
   }
 
   // Of the final refinement of a pose that this solver made.
@@ -511,8 +522,8 @@ void EstimatorOptions::Validate() const {
             "scene_noise, keypoint_tail", fmt::format("{}", scene_noise->keypoint_tail),
             "must lie between 0 and 1");
   }
-  Require(std::isfinite(focal_range) && focal_range >= 1, "focal_range",
-          fmt::format("{}", focal_range), "must be at least 1");
+  Require(focal_range >= 1 && focal_range <= kMaxFocalRange, "focal_range",
+          fmt::format("{}", focal_range), fmt::format("must lie between 1 and {}", kMaxFocalRange));
   Require(confidence > 0 && confidence < 1, "confidence", fmt::format("{}", confidence),
           "must lie between 0 and 1");
   Require(min_iterations >= 1, "min_iterations", fmt::format("{}", min_iterations),

@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "estimation/match_residuals.h"
 #include "estimation/prepared_problem.h"
 
 #include "raylift/estimation/pose_estimator.h"
@@ -13,11 +14,14 @@
 
 namespace raylift {
 
+// So many that one is of right matches alone in nineteen cases of twenty, where one in 64 is: three
+// of a quarter, six of a half.
+inline constexpr int kRivalSamples = 191;
+
 // Looks among the matches of the keypoints that are not explained, by samples of three 2D-3D matches
-// where `points` are scored, of E5+1 otherwise: so many that a pose of a quarter of these matches, or
-// of half of those, is found in nineteen cases of twenty.
+// where these are of the scored kinds and left, of E5+1 otherwise.
 std::optional<Rigid3> FindRival(const PoseProblem& problem, const PreparedProblem& prepared,
-                                const std::vector<bool>& explained, bool points,
+                                const std::vector<bool>& explained, ResidualKinds scored,
                                 const EstimatorOptions& options);
 
 }  // namespace raylift

@@ -8,6 +8,7 @@
 #include <span>
 
 #include "estimation/image_parts.h"
+#include "estimation/rival_search.h"
 
 #include "raylift/estimation/pose_estimator.h"
 
@@ -16,6 +17,9 @@ namespace {
 
 // Keypoints in one of 16 x 16 parts of the image are neighbours.
 constexpr int kPlacesPerSide = 16;
+
+// 2D-2D matches of a sample of E5+1.
+constexpr double kPairsOfSample = 6;
 
 // Wrong matches are counted between so many thresholds, where even inaccurate right ones are rare.
 constexpr double kInnerRing = 5;
@@ -166,7 +170,7 @@ Support SupportAssessor::Of(const SolverPose& pose) const {
   }
   if (kinds_.pairs) {
     const double rest = kinds_.points ? rest_of_pairs.LogTail(0, support.clustering) : 0;
-    tail = std::min(tail, by_pairs.LogTail(6, support.clustering) + rest);
+    tail = std::min(tail, by_pairs.LogTail(kPairsOfSample, support.clustering) + rest);
   }
   support.log_false_alarms = std::log(2 * std::max(1.0, num_poses_tried_)) + tail;
   return support;
@@ -208,8 +212,10 @@ bool SupportAssessor::IsBeyondChance(const Support& best, const Support& rival) 
   const double left = best.keypoints - best.inlier_keypoints;
   const Trials trials = {
       .trials = left, .inliers = opinions.only_second, .chance_sum = rival.chance * left};
-  return trials.LogTail(points_of_sample_, rival.clustering) <
-         -std::log(std::max(1.0, num_poses_tried_));
+  const double sample = kinds_.points ? points_of_sample_ : kPairsOfSample;
+  const double tried = std::max(num_poses_tried_, 2.0 * kRivalSamples);
+  return std::log(tried) + trials.LogTail(sample, rival.clustering) <
+         std::log(1 - kLocalizedConfidence);
 }
 
 namespace {

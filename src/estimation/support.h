@@ -39,8 +39,8 @@ class SupportAssessor {
 
   Support Of(const SolverPose& pose) const;
 
-  // Whether chance leaves fewer keypoints to the rival that the best pose does not explain: then
-  // the scene holds something twice, or a pose is wrong as a whole.
+  // Whether the rival explains more of the keypoints that the best pose does not than chance would:
+  // then the scene holds something twice, or one of them is wrong as a whole.
   bool IsBeyondChance(const Support& best, const Support& rival) const;
 
   // The probability that the pose is right in its distance from the reference that explains most of

@@ -15,17 +15,12 @@
 #include "raylift/geometry/pose_json.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/view_list.h"
+#include "raylift/localization/estimate_json.h"
 
 namespace raylift {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-Json ScoreJson(const MatchSetScore& score) {
-  return {{"matches", score.num_matches},
-          {"inliers", score.num_inliers},
-          {"msac_cost", score.msac_cost}};
-}
 
 Json QueryJson(const LocalizedQuery& query) {
   const PoseEstimate& estimate = query.estimate;
@@ -45,44 +40,13 @@ Json QueryJson(const LocalizedQuery& query) {
                {"dropped_as_too_few", query.counts.filter.dropped_as_too_few},
                {"points", query.counts.points},
                {"inliers_2d3d", query.counts.inliers_2d3d},
-               {"inliers_2d2d", query.counts.inliers_2d2d},
-               {"keypoints", estimate.num_keypoints},
-               {"inlier_keypoints", estimate.inlier_keypoints},
-               {"iterations", estimate.iterations}};
+               {"inliers_2d2d", query.counts.inliers_2d2d}};
   if (query.counts.noise) {
     json["keypoint_noise_px"] = query.counts.noise->keypoints_px;
     json["geometry_noise_px"] = query.counts.noise->geometry_px;
   }
-  if (estimate.cam_from_world) {
-    json["solver"] = ToString(estimate.solver);
-    json["cam_from_world"] = PoseJson<Json>(*estimate.cam_from_world);
-    json["score_2d3d"] = ScoreJson(estimate.score_2d3d);
-    json["score_2d2d"] = ScoreJson(estimate.score_2d2d);
-    json["ransac_value"] = estimate.ransac_value;
-    json["refined_value"] = estimate.refined_value;
-  }
-  if (estimate.noise) {
-    json["noise"] = {{"keypoint_px", estimate.noise->keypoint_px},
-                     {"keypoint_tail", estimate.noise->keypoint_tail},
-                     {"depth", estimate.noise->depth},
-                     {"common_depth", estimate.noise->common_depth},
-                     {"reference_factor", estimate.noise->reference_factor},
-                     {"reference_rotation_deg", estimate.noise->reference_rotation_deg},
-                     {"reference_position", estimate.noise->reference_position}};
-  }
-  if (estimate.refined_camera) {
-    json["refined_camera"] = estimate.refined_camera->ToString();
-  }
-  if (estimate.covariance) {
-    json["rotation_sigma_deg"] = estimate.rotation_sigma_deg;
-    json["position_sigma"] = estimate.position_sigma;
-    Json rows = Json::array();
-    for (int r = 0; r < 6; ++r) {
-      const Eigen::Matrix<double, 1, 6> row = estimate.covariance->row(r);
-      rows.push_back(std::vector<double>(row.data(), row.data() + 6));
-    }
-    json["covariance"] = std::move(rows);
-  }
+  if (estimate.cam_from_world) json["cam_from_world"] = PoseJson<Json>(*estimate.cam_from_world);
+  AddEstimate(estimate, json);
   json["milliseconds"] = {{"match", query.match_ms},
                           {"lift", query.lift_ms},
                           {"filter", query.filter_ms},

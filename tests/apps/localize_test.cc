@@ -58,6 +58,19 @@ TEST(Localize, WhatIsKnownOfAQueryIsPartOfItsProblem) {
       FailsWith(3, {priors.string(), "knows none of the 2 queries"}, RunRaylift(with_priors)));
 }
 
+TEST(Localize, APhotographThatIsListedByItsNameAloneHasAnUnknownFocalLength) {
+  const RoomScene scene = WriteRoomScene(TestFolder(), {.pictures = true});
+  const fs::path out = scene.folder / "out";
+  std::string names;
+  for (const PosedImage& query : scene.queries) names += query.name + '\n';
+  WriteFile(scene.query_list(), names);
+  EXPECT_TRUE(FailsWith(3, {"queries.txt", "line 1"}, RunRaylift(LocalizeWithHloc(scene, out))));
+  ASSERT_TRUE(Succeeds(
+      RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--query-images", scene.images()})));
+  EXPECT_TRUE(HoldsTruePoses(out / "poses.txt", scene.queries, 0.01, 1e-3));
+  EXPECT_NE(ReadFile(out / "queries.jsonl").find("refined_camera"), std::string::npos);
+}
+
 TEST(Localize, E5p1NeedsNoGeometry) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const fs::path out = scene.folder / "out";

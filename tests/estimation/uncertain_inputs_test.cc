@@ -148,13 +148,87 @@ TEST(RefineFocal, IsAskedForByAProblem) {
 TEST(RefineFocal, StaysWithinItsRange) {
   SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
   const double true_px = synthetic.problem.query_camera.focal_x_px();
-  synthetic.problem.query_camera = WithFocalTimes(synthetic.problem.query_camera, 1.12);
-  EstimatorOptions options = StandardOptions(Method::kAdaptive);
-  options.refine_focal = true;
-  options.focal_range = 1.1;
-  const PoseEstimate estimate = MakePoseEstimator(options)->Estimate(synthetic.problem);
-  ASSERT_TRUE(estimate.refined_camera);
-  EXPECT_NEAR(estimate.refined_camera->focal_x_px(), true_px * 1.12 / 1.1, 1e-6 * true_px);
+  const Camera camera = synthetic.problem.query_camera;
+  for (const Refinement refinement : {Refinement::kRobust, Refinement::kPaper}) {
+    for (const double range : {1.1, 1.15, 1.4}) {
+      synthetic.problem.query_camera = WithFocalTimes(camera, 1.02 * range);
+      EstimatorOptions options = StandardOptions(Method::kAdaptive);
+      options.refinement = refinement;
+      options.refine_focal = true;
+      options.focal_range = range;
+      const PoseEstimate estimate = MakePoseEstimator(options)->Estimate(synthetic.problem);
+      ASSERT_TRUE(estimate.refined_camera) << range;
+      EXPECT_NEAR(estimate.refined_camera->focal_x_px(), true_px * 1.02, 2e-3 * true_px) << range;
+      EXPECT_GE(estimate.refined_camera->focal_x_px(), true_px * 1.02 * (1 - 1e-9)) << range;
+    }
+  }
+}
+
+TEST(RefineFocal, OfLensesWithDistortionAndEveryMethod) {
+  for (SyntheticProblem& synthetic : MakeRegime(RegimeByName("accurate"), 1)) {
+    PoseProblem& problem = synthetic.problem;
+    const Camera pinhole = problem.query_camera;
+    const auto barrel = [&](double focal_px) {
+      const double params[] = {focal_px, pinhole.principal_point_px().x(),
+                               pinhole.principal_point_px().y(), -0.1};
+      return Camera(CameraModel::kSimpleRadial, pinhole.width_px(), pinhole.height_px(), params);
+    };
+    const Camera truth = barrel(pinhole.focal_x_px());
+    const auto distort = [&](Eigen::Vector2d& px) {
+      if (const auto ray = pinhole.RayInCam(px)) px = truth.ImgFromCam(*ray).value_or(px);
+    };
+    for (Match2D2D& match : problem.matches_2d2d) distort(match.query_px);
+    for (Match2D3D& match : problem.matches_2d3d) distort(match.query_px);
+    problem.query_camera = barrel(0.6 * pinhole.focal_x_px());
+    problem.priors.focal_range = 2;
+    for (const EnumName<Method>& method : kEnumNames<Method>) {
+      if (method.value == Method::kD3p1) continue;  // none of these matches is lifted
+      const PoseEstimate estimate =
+          MakePoseEstimator(StandardOptions(method.value))->Estimate(problem);
+      ASSERT_TRUE(estimate.refined_camera && estimate.cam_from_world) << method.name;
+      EXPECT_NEAR(estimate.refined_camera->focal_x_px() / truth.focal_x_px(), 1, 0.01)
+          << method.name;
+    }
+  }
+}
+
+TEST(RefineFocal, WhereNoPoseIsFoundTheReasonIs) {
+  SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
+  PoseProblem& problem = synthetic.problem;
+  problem.matches_2d2d.resize(2);
+  problem.matches_2d3d.resize(2);
+  problem.priors.focal_range = 2;
+  for (const EnumName<Method>& method : kEnumNames<Method>) {
+    const PoseEstimate estimate =
+        MakePoseEstimator(StandardOptions(method.value))->Estimate(problem);
+    EXPECT_FALSE(estimate.cam_from_world) << method.name;
+    EXPECT_EQ(estimate.failure, FailureReason::kTooFewMatches) << method.name;
+    EXPECT_EQ(estimate.inliers_2d3d.size(), 2u) << method.name;
+    EXPECT_EQ(estimate.score_2d2d.num_matches, 2) << method.name;
+  }
+}
+
+// A panorama has no focal length: nothing changes.
+TEST(RefineFocal, LeavesPanoramasAsTheyAre) {
+  SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
+  PoseProblem& problem = synthetic.problem;
+  const Camera pinhole = problem.query_camera;
+  const double size[] = {4000, 2000};
+  const Camera panorama(CameraModel::kEquirectangular, 4000, 2000, size);
+  const auto project = [&](Eigen::Vector2d& px) {
+    if (const auto ray = pinhole.RayInCam(px)) px = panorama.ImgFromCam(*ray).value_or(px);
+  };
+  for (Match2D2D& match : problem.matches_2d2d) project(match.query_px);
+  for (Match2D3D& match : problem.matches_2d3d) project(match.query_px);
+  problem.query_camera = panorama;
+  const auto estimator = MakePoseEstimator(StandardOptions(Method::kAdaptive));
+  const PoseEstimate known = estimator->Estimate(problem);
+  problem.priors.focal_range = 2;
+  const PoseEstimate estimate = estimator->Estimate(problem);
+  ASSERT_TRUE(known.cam_from_world && estimate.cam_from_world);
+  EXPECT_TRUE(IsNearPose(*estimate.cam_from_world, *known.cam_from_world, 0, 0));
+  EXPECT_EQ(estimate.covariance, known.covariance);
+  EXPECT_FALSE(estimate.refined_camera);
 }
 
 // What is not known is in the covariance: the errors of many problems are as large as it says.

@@ -47,7 +47,8 @@ TEST(PosePriorList, MistakesAreNamedByLineAndField) {
   EXPECT_TRUE(fails("a gps 0 0 0 1", {"line 1", "found \"a gps\""}));
   EXPECT_TRUE(fails("a position 1 2 3 1\na position 1 2 3 1",
                     {"line 2", "position of \"a\" stands twice"}));
-  EXPECT_TRUE(fails("a focal_range 0.5", {"line 1", "focal_range: expected a factor above 1"}));
+  EXPECT_TRUE(
+      fails("a focal_range 0.5", {"line 1", "focal_range: expected a factor above 1, up to 10"}));
   EXPECT_TRUE(fails("* world_down 0 0 1\n* world_down 0 0 1", {"line 2", "stands twice"}));
 }
 

@@ -169,7 +169,8 @@ def test_options_are_those_of_the_program_with_its_defaults(tmp_path):
     text = subprocess.run([os.environ["RAYLIFT"], "estimate", "--help"], check=True, text=True,
                           capture_output=True).stdout
     group = text[text.index("\nEstimator:"):].split("\nRunning:")[0]
-    options = re.findall(r"^  --([a-z0-9-]+)(?: [A-Z]+=(\S+))?", group, flags=re.MULTILINE)
+    # "--name TEXT=default" or, by later versions of CLI11, "--name TEXT [default]".
+    options = re.findall(r"^  --([a-z0-9-]+)(?: [A-Z]+(?:=| \[)([^\s\]]+))?", group, flags=re.MULTILINE)
     assert {name.replace("-", "_") for name, _ in options} == set(_types.EstimatorOptions.__annotations__)
     documented = inspect.getdoc(raylift.estimate_pose)
     for name, default in options:

@@ -132,7 +132,8 @@ struct EstimatorOptions {
   // sets together. None: each query tells by itself.
   std::optional<SceneNoise> scene_noise = std::nullopt;
   // Find the query's focal length with the pose, for photographs of unknown calibration, within
-  // this factor of the camera's either way. (Lenses without one stay as they are.)
+  // this factor of the camera's either way. Lenses without one stay as they are. (A problem whose
+  // priors say that it is not known needs no option.)
   bool refine_focal = false;
   double focal_range = 1.3;
 
@@ -211,7 +212,8 @@ struct PoseEstimate {
   double position_sigma = 0;      // of the camera centre, scene units
 
   // The probability that the pose is right: that its inliers are not there by chance, that no other
-  // pose that its RANSAC found explains the matches as well, and, of E5+1's, that it is right in its
+  // pose explains the matches as well, among those that its RANSAC found and one that is looked for
+  // in what it leaves unexplained, and, of E5+1's, that it is right in its
   // distance from the reference that explains most: pairs of other references must tell that. See
   // support.h in src/estimation.
   double confidence = 0;
@@ -228,7 +230,7 @@ struct PoseEstimate {
   // False where only the orientation is determined (E5+1 with all references at one centre).
   bool position_observable = true;
 
-  // The query's camera with the refined focal length, where that was asked for.
+  // The query's camera with the refined focal length, where that was asked for or not known.
   std::optional<Camera> refined_camera;
 
   // Select keeps both candidates, for the diagnostics.

@@ -26,7 +26,8 @@ namespace raylift {
 // for what is said twice.
 std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& file);
 
-// Gives each query what the file knows of it. InputError where that is nothing of any.
+// Gives each query what the file knows of it; a focal length that was guessed stays unknown where the
+// file says nothing of it. InputError where that is nothing of any.
 void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries);
 
 }  // namespace raylift

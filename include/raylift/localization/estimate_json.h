@@ -3,7 +3,7 @@
 
 #pragma once
 
-#include <string>
+#include <utility>
 #include <vector>
 
 #include "raylift/estimation/pose_estimator.h"

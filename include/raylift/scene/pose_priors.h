@@ -21,10 +21,13 @@ struct GravityPrior {
   double sigma_deg = 1;  // standard deviation of the angle about each axis across; 0: exact
 };
 
+inline constexpr double kMaxFocalRange = 10;
+
 struct PosePriors {
   std::optional<PositionPrior> position = std::nullopt;
   std::optional<GravityPrior> gravity = std::nullopt;
-  // The focal length is the given camera's up to this factor either way; 1: it is known.
+  // The focal length is the given camera's up to this factor either way, of 1 (it is known) to
+  // kMaxFocalRange. Where an estimator is asked to refine it, too, the wider range counts.
   double focal_range = 1;
 
   bool empty() const { return !position && !gravity && focal_range == 1; }

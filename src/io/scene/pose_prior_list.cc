@@ -66,7 +66,10 @@ std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& fi
     } else if (kind == "focal_range") {
       RequireNew(priors[name].focal_range == 1, tokens, name, kind);
       priors[name].focal_range = tokens.Double(kind);
-      if (!(priors[name].focal_range > 1)) tokens.Fail("focal_range: expected a factor above 1");
+      if (!(priors[name].focal_range > 1 && priors[name].focal_range <= kMaxFocalRange)) {
+        tokens.Fail(
+            fmt::format("focal_range: expected a factor above 1, up to {}", kMaxFocalRange));
+      }
     } else {
       tokens.Fail(
           fmt::format("expected \"position\", \"gravity\" or \"focal_range\", or \"* world_down\", "

@@ -231,7 +231,9 @@ PosePriors ReadPriors(const JsonPlace& query) {
   if (query.Has("focal_range")) {
     const JsonPlace place = query.Member("focal_range");
     priors.focal_range = place.Number();
-    if (!(priors.focal_range >= 1)) place.Fail("expected a factor of at least 1");
+    if (!(priors.focal_range >= 1 && priors.focal_range <= kMaxFocalRange)) {
+      place.Fail(fmt::format("expected a factor of 1 to {}", kMaxFocalRange));
+    }
   }
   return priors;
 }
