@@ -34,7 +34,7 @@ def test_lifting_from_meshes_of_all_kinds(mesh, tmp_path):
     expect_face(raylift.Geometry(caster).lift((PINHOLE, FRONT), PIXELS))
     assert "mesh" in raylift.Geometry(caster).description
     with pytest.raises(raylift.OptionError, match="geometry"):
-        raylift.Geometry("cloud:a")
+        raylift.Geometry("voxels:a")
     with pytest.raises(raylift.InputError, match="geometry: expected a Mesh"):
         raylift.Geometry(3)
     with pytest.raises(raylift.OptionError, match="at least one"):
