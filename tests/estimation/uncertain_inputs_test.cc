@@ -116,7 +116,7 @@ TEST(RefineFocal, FindsAFocalLengthWithinItsRange) {
   };
   for (const Case& known : {Case{1.08, 1.3}, Case{1.7, 2}, Case{0.55, 2}}) {
     for (const Method method : {Method::kP3p, Method::kE5p1, Method::kAdaptive}) {
-      for (SyntheticProblem& synthetic : MakeRegime(RegimeByName("accurate"), 2)) {
+      for (SyntheticProblem& synthetic : MakeRegime(RegimeByName("accurate"), 1)) {
         const Camera true_camera = synthetic.problem.query_camera;
         synthetic.problem.query_camera = WithFocalTimes(true_camera, known.off);
         EstimatorOptions options = StandardOptions(method);
@@ -134,7 +134,7 @@ TEST(RefineFocal, FindsAFocalLengthWithinItsRange) {
 
 // What is not known of one query's camera is told by its problem.
 TEST(RefineFocal, IsAskedForByAProblem) {
-  for (SyntheticProblem& synthetic : MakeRegime(RegimeByName("accurate"), 2)) {
+  for (SyntheticProblem& synthetic : MakeRegime(RegimeByName("accurate"), 1)) {
     const EstimatorOptions options = StandardOptions(Method::kAdaptive);
     const Camera true_camera = synthetic.problem.query_camera;
     synthetic.problem.query_camera = WithFocalTimes(true_camera, 0.6);
@@ -150,7 +150,7 @@ TEST(RefineFocal, StaysWithinItsRange) {
   const double true_px = synthetic.problem.query_camera.focal_x_px();
   const Camera camera = synthetic.problem.query_camera;
   for (const Refinement refinement : {Refinement::kRobust, Refinement::kPaper}) {
-    for (const double range : {1.1, 1.15, 1.4}) {
+    for (const double range : {1.1, 1.4}) {
       synthetic.problem.query_camera = WithFocalTimes(camera, 1.02 * range);
       EstimatorOptions options = StandardOptions(Method::kAdaptive);
       options.refinement = refinement;
@@ -164,7 +164,7 @@ TEST(RefineFocal, StaysWithinItsRange) {
   }
 }
 
-TEST(RefineFocal, OfLensesWithDistortionAndEveryMethod) {
+TEST(RefineFocal, OfLensesWithDistortionAndMethodsThatUseOthers) {
   for (SyntheticProblem& synthetic : MakeRegime(RegimeByName("accurate"), 1)) {
     PoseProblem& problem = synthetic.problem;
     const Camera pinhole = problem.query_camera;
@@ -181,13 +181,11 @@ TEST(RefineFocal, OfLensesWithDistortionAndEveryMethod) {
     for (Match2D3D& match : problem.matches_2d3d) distort(match.query_px);
     problem.query_camera = barrel(0.6 * pinhole.focal_x_px());
     problem.priors.focal_range = 2;
-    for (const EnumName<Method>& method : kEnumNames<Method>) {
-      if (method.value == Method::kD3p1) continue;  // none of these matches is lifted
-      const PoseEstimate estimate =
-          MakePoseEstimator(StandardOptions(method.value))->Estimate(problem);
-      ASSERT_TRUE(estimate.refined_camera && estimate.cam_from_world) << method.name;
+    for (const Method method : {Method::kAdaptive, Method::kSelect, Method::kHloc}) {
+      const PoseEstimate estimate = MakePoseEstimator(StandardOptions(method))->Estimate(problem);
+      ASSERT_TRUE(estimate.refined_camera && estimate.cam_from_world) << ToString(method);
       EXPECT_NEAR(estimate.refined_camera->focal_x_px() / truth.focal_x_px(), 1, 0.01)
-          << method.name;
+          << ToString(method);
     }
   }
 }
