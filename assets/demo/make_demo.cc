@@ -1,10 +1,14 @@
 // Makes the demo: the courtyard's mesh, photographs of it as references, and photographs on another
-// day as queries. Usage: raylift_make_demo FOLDER
+// day as queries. Usage: raylift_make_demo FOLDER [SEED]
+// With a seed it is another courtyard, seen from places nearby: to measure on what nobody has seen.
 
+#include <charconv>
 #include <exception>
 #include <filesystem>
 #include <iostream>
 #include <memory>
+#include <optional>
+#include <string_view>
 
 #include "courtyard.h"
 #include "photograph.h"
@@ -19,7 +23,8 @@ namespace raylift::demo {
 
 namespace {
 
-constexpr uint64_t kSeed = 20240914;
+// The courtyard in assets/demo.
+constexpr uint64_t kDemoSeed = 20240914;
 constexpr int kReferenceJpegQuality = 82;
 constexpr int kQueryJpegQuality = 82;
 
@@ -41,31 +46,31 @@ const Daylight kAfternoon{{0.75, -0.30, 0.62},
                           1.0};
 
 void Photograph(const std::filesystem::path& images, const RayCaster& caster,
-                const PosedImage& view, const Daylight& light, const Sensor& sensor,
+                const PosedImage& view, const Daylight& light, const Sensor& sensor, uint64_t seed,
                 int jpeg_quality) {
   const Image image = TakePhotograph(caster, view.camera, view.cam_from_world, light, sensor,
-                                     StreamSeed(kSeed, view.name, "sensor"), 0);
+                                     StreamSeed(seed, view.name, "sensor"), 0);
   WriteImage(images / view.name, image, jpeg_quality);
   std::cout << view.name << std::endl;
 }
 
-void MakeReferences(const std::filesystem::path& folder, const Courtyard& yard) {
+void MakeReferences(const std::filesystem::path& folder, const Courtyard& yard,
+                    const std::vector<PosedImage>& views, uint64_t seed) {
   const RayCaster caster(
       std::make_shared<const TriangleMesh>(yard.scene.ToTriangleMesh(yard.textures)));
-  const std::vector<PosedImage> views = ReferenceViews();
   WriteViews(folder / "model", views);
   const Sensor sensor{.blur_px = 0.35, .vignetting = 0.1, .shot_noise = 1.5, .read_noise = 0.5};
   for (const PosedImage& view : views) {
-    Photograph(folder / "images", caster, view, kMorning, sensor, kReferenceJpegQuality);
+    Photograph(folder / "images", caster, view, kMorning, sensor, seed, kReferenceJpegQuality);
   }
 }
 
-void MakeQueries(const std::filesystem::path& folder, const Courtyard& yard) {
+void MakeQueries(const std::filesystem::path& folder, const Courtyard& yard,
+                 const std::vector<PosedImage>& views, uint64_t seed) {
   MeshBuilder changed = yard.scene;
   changed.Append(yard.newcomers);
   const RayCaster caster(
       std::make_shared<const TriangleMesh>(changed.ToTriangleMesh(yard.textures)));
-  const std::vector<PosedImage> views = QueryViews();
   WriteViews(folder / "ground_truth", views);
   std::vector<Query> queries;
   queries.reserve(views.size());
@@ -81,20 +86,34 @@ void MakeQueries(const std::filesystem::path& folder, const Courtyard& yard) {
                         .vignetting = 0.35,
                         .shot_noise = is_hard ? 9.0 : 4.5,
                         .read_noise = is_hard ? 4.0 : 2.0};
-    Photograph(folder / "images", caster, views[i], light, sensor, kQueryJpegQuality);
+    Photograph(folder / "images", caster, views[i], light, sensor, seed, kQueryJpegQuality);
   }
 }
 
+std::optional<uint64_t> ParseSeed(std::string_view text) {
+  uint64_t seed = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), seed);
+  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  return seed;
+}
+
 int Main(int argc, char** argv) {
-  if (argc != 2) {
-    std::cerr << "usage: raylift_make_demo FOLDER\n";
+  const std::optional<uint64_t> seed = argc == 3 ? ParseSeed(argv[2]) : kDemoSeed;
+  if ((argc != 2 && argc != 3) || !seed) {
+    std::cerr << "usage: raylift_make_demo FOLDER [SEED]\n";
     return 2;
   }
   const std::filesystem::path folder = argv[1];
-  const Courtyard yard = BuildCourtyard(kSeed);
+  std::vector<PosedImage> references = ReferenceViews(), queries = QueryViews();
+  if (argc == 3) {
+    Rng moves(StreamSeed(*seed, "courtyard", "views"));
+    MoveViews(moves, references);
+    MoveViews(moves, queries);
+  }
+  const Courtyard yard = BuildCourtyard(*seed);
   WriteScene(folder, yard);
-  MakeReferences(folder, yard);
-  MakeQueries(folder, yard);
+  MakeReferences(folder, yard, references, *seed);
+  MakeQueries(folder, yard, queries, *seed);
   return 0;
 }
 

@@ -87,4 +87,20 @@ std::vector<PosedImage> QueryViews() {
   return views;
 }
 
+void MoveViews(Rng& rng, std::vector<PosedImage>& views) {
+  constexpr double kMostMetres = 0.2, kMostRadians = 5 * std::numbers::pi / 180;
+  const auto draw = [&rng](double most) {
+    return Eigen::Vector3d{rng.Uniform(-1, 1), rng.Uniform(-1, 1), rng.Uniform(-1, 1)} *
+           (most / std::numbers::sqrt3);
+  };
+  for (PosedImage& view : views) {
+    Rigid3& pose = view.cam_from_world;
+    const Eigen::Vector3d centre = pose.OriginInSource() + draw(kMostMetres);
+    const Eigen::Vector3d turn = draw(kMostRadians);
+    const Eigen::Quaterniond rotation = RotationFromVector(turn);
+    const Eigen::Quaterniond turned = (rotation * pose.rotation).normalized();
+    pose = {turned, -(turned * centre)};
+  }
+}
+
 }  // namespace raylift::demo

@@ -4,6 +4,7 @@
 
 #include <vector>
 
+#include "raylift/base/rng.h"
 #include "raylift/scene/posed_image.h"
 
 namespace raylift::demo {
@@ -13,5 +14,8 @@ std::vector<PosedImage> ReferenceViews();
 
 // Queries: other lenses, other heights, between the references' places and directions.
 std::vector<PosedImage> QueryViews();
+
+// The same views from places up to 0.2 m and directions up to 5 degrees away.
+void MoveViews(Rng& rng, std::vector<PosedImage>& views);
 
 }  // namespace raylift::demo
