@@ -270,7 +270,7 @@ class CompareRun {
 
   void OpenMatchSource() {
     if (flags_.queries.empty()) return;
-    queries_ = ReadQueryList(flags_.queries);
+    queries_ = ReadQueryList(flags_.queries, QueryImages());
     std::vector<std::string> specs;
     for (const ComparedSource& source : sources_) specs.push_back(source.spec);
     const MatchingOptions matching = flags_.matching.Resolve(

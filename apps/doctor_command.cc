@@ -52,8 +52,12 @@ void Check(const DoctorFlags& flags) {
   }
 }
 
+const path& QueryImages(const DoctorFlags& flags) {
+  return flags.query_images.empty() ? flags.images : flags.query_images;
+}
+
 std::vector<Query> QueriesOf(const DoctorFlags& flags, const ReferenceSet& references) {
-  if (!flags.queries.empty()) return ReadQueryList(flags.queries);
+  if (!flags.queries.empty()) return ReadQueryList(flags.queries, QueryImages(flags));
   std::vector<Query> queries;
   for (const PosedImage& image : references.images) queries.push_back({image.name, image.camera});
   return queries;
@@ -61,9 +65,8 @@ std::vector<Query> QueriesOf(const DoctorFlags& flags, const ReferenceSet& refer
 
 std::unique_ptr<MatchSource> Open(const DoctorFlags& flags, const Scene& scene,
                                   const std::vector<Query>& queries) {
-  MatchingOptions matching = flags.matching.Resolve(
-      {flags.geometry}, flags.query_images.empty() ? flags.images : flags.query_images, {}, 0,
-      flags.run, QueriesAre(flags));
+  MatchingOptions matching = flags.matching.Resolve({flags.geometry}, QueryImages(flags), {}, 0,
+                                                    flags.run, QueriesAre(flags));
   if (matching.retrieval && flags.queries.empty()) {
     for (const PosedImage& image : scene.references.images) {
       matching.retrieval->prior_poses.emplace(image.name, image.cam_from_world);

@@ -96,6 +96,7 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
       .add_option("--priors", flags.priors,
                   "What is known of the queries' poses: lines `name position x y z sigma`\n"
                   "(world), `name gravity x y z sigma_deg` (down in the camera's frame),\n"
+                  "`name focal_range F` (the focal length, up to a factor),\n"
                   "`* world_down x y z` (default: 0 0 -1)")
       ->group("Queries");
   AddMatchingOptions(command, flags.matching, "; without it, RootSIFT", "OUT/cache");

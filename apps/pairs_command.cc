@@ -67,7 +67,7 @@ class PairsRun {
     RequireWritable(flags.out);
     if (!flags.scores.empty()) RequireWritable(flags.scores);
     if (!flags.queries.empty()) {
-      queries_ = ReadQueryList(flags.queries);
+      queries_ = ReadQueryList(flags.queries, QueryImages());
       flags.retrieval.ReadPriorPoses(&options_);
     } else {
       for (const PosedImage& image : References()) {
@@ -110,6 +110,10 @@ class PairsRun {
   }
 
  private:
+  const path& QueryImages() const {
+    return flags_.query_images.empty() ? flags_.images : flags_.query_images;
+  }
+
   const std::vector<PosedImage>& References() const { return loaded_.references.images; }
 
   Retrieval Retrieve() const {
@@ -119,7 +123,7 @@ class PairsRun {
     return {RetrieveByVlad(
                 queries_, References(),
                 {.reference_images = flags_.images,
-                 .query_images = flags_.query_images.empty() ? flags_.images : flags_.query_images,
+                 .query_images = QueryImages(),
                  .cache = flags_.cache.empty() ? flags_.out.parent_path() / "cache" : flags_.cache,
                  .top_k = flags_.top_k,
                  .max_features = flags_.max_features,

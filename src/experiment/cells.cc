@@ -251,7 +251,7 @@ std::vector<path> PathsOfSpec(const std::string& spec) {
 }
 
 std::vector<Query> QueriesOf(const ExperimentScene& scene) {
-  std::vector<Query> queries = ReadQueryList(scene.queries);
+  std::vector<Query> queries = ReadQueryList(scene.queries, scene.query_images);
   if (!scene.priors.empty()) TakePosePriors(scene.priors, queries);
   if (!scene.group.empty()) {
     const std::map<std::string, std::string> groups = ReadGroups(scene.groups);

@@ -96,7 +96,7 @@ std::optional<std::string> WarnOfFocalLength(std::span<const double> log_factors
   if (std::abs(median) < std::max(kFocalTolerance, error)) return std::nullopt;
   return fmt::format(
       "the queries' focal length seems {:.2f} times too {} (median of {} queries): refine_focal "
-      "estimates it with each pose",
+      "estimates it with each pose, from farther away with focal_range",
       std::exp(std::abs(median)), median > 0 ? "long" : "short", log_factors.size());
 }
 
