@@ -89,7 +89,7 @@ std::vector<PosedImage> QueryViews() {
 
 void MoveViews(Rng& rng, std::vector<PosedImage>& views) {
   constexpr double kMostMetres = 0.2, kMostRadians = 5 * std::numbers::pi / 180;
-  const auto draw = [&rng](double most) {
+  const auto draw = [&rng](double most) -> Eigen::Vector3d {
     return Eigen::Vector3d{rng.Uniform(-1, 1), rng.Uniform(-1, 1), rng.Uniform(-1, 1)} *
            (most / std::numbers::sqrt3);
   };

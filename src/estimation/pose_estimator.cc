@@ -287,12 +287,13 @@ class RansacEstimator final : public PoseEstimator {
           estimate.confidence,
           ProbabilityOverRival(support, rival, assessor.IsBeyondChance(support, rival), odds));
     }
+    // Where the position is in doubt the orientation holds all the same, so that it stays a pose.
+    double of_position =
+        assessor.ProbabilityOfPosition(pose, estimate.position_sigma / prepared.scale);
     if (!kinds.points) {
-      // The orientation holds all the same, so that it stays a pose.
-      estimate.confidence =
-          std::min(estimate.confidence,
-                   std::max(kLeastConfidence, assessor.ProbabilityOfDistance(pose, support)));
+      of_position = std::min(of_position, assessor.ProbabilityOfDistance(pose, support));
     }
+    estimate.confidence = std::min(estimate.confidence, std::max(kLeastConfidence, of_position));
     estimate.verdict = estimate.confidence >= kLocalizedConfidence ? PoseVerdict::kLocalized
                                                                    : PoseVerdict::kDoubtful;
   }

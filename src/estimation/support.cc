@@ -10,6 +10,7 @@
 #include "estimation/image_parts.h"
 #include "estimation/rival_search.h"
 
+#include "raylift/base/median.h"
 #include "raylift/estimation/pose_estimator.h"
 
 namespace raylift {
@@ -285,6 +286,19 @@ double SupportAssessor::ProbabilityOfDistance(const SolverPose& pose,
                                             .value_or(0.5));
   }
   return probability;
+}
+
+double SupportAssessor::ProbabilityOfPosition(const SolverPose& pose, double position_sigma) const {
+  if (!(position_sigma > 0)) return 1;
+  const Eigen::Vector3d centre = -pose.rotation.transpose() * pose.translation;
+  const Residuals residuals = ComputeResiduals(problem_, pose, {.points = true, .pairs = false});
+  std::vector<double> distances;
+  for (size_t i = 0; i < problem_.points.size(); ++i) {
+    if (residuals.points[i] < 1) distances.push_back((problem_.points[i].point - centre).norm());
+  }
+  // Local coordinates are centred on the references, their unit is the references' spread.
+  const double reach = std::max({1.0, centre.norm(), UpperMedianOr(std::move(distances), 0)});
+  return std::erf(reach / (position_sigma * std::numbers::sqrt2));
 }
 
 }  // namespace raylift

@@ -49,6 +49,12 @@ class SupportAssessor {
   // references' spread; 1 where no such move is one). `support`: of the pose.
   double ProbabilityOfDistance(const SolverPose& pose, const Support& support) const;
 
+  // The probability that the position errs by less than the distances that it is measured by: from
+  // the references, among them, or to the points that fit. What errs by more says nothing of where
+  // the camera is, however many matches agree (on the sky, or far away). `position_sigma` in local
+  // units; 0: not known, which speaks for nothing.
+  double ProbabilityOfPosition(const SolverPose& pose, double position_sigma) const;
+
  private:
   // By how much uncertain points and references widen the area or the width of an inlier, on
   // average.

@@ -111,6 +111,21 @@ TEST(Support, PairsOfOneReferenceDoNotTellTheDistance) {
   }
 }
 
+TEST(Support, PairsWithoutParallaxDoNotTellThePosition) {
+  // References 2 mm from the query, 20 m before the facade: a tenth of a pixel of parallax.
+  Rng rng = TestRng();
+  for (int i = 0; i < 5; ++i) {
+    const CoherentProblem made =
+        MakeCoherentProblem("without parallax", {.baseline = 0.002, .wrong = 0.1}, rng);
+    const PoseEstimate by_pairs = Estimate(made.problem, Method::kE5p1);
+    ASSERT_TRUE(by_pairs.cam_from_world);
+    EXPECT_LT(AngleBetweenDeg(by_pairs.cam_from_world->rotation, made.query_from_world.rotation),
+              0.1);
+    EXPECT_EQ(by_pairs.verdict, PoseVerdict::kDoubtful) << by_pairs.position_sigma;
+    EXPECT_EQ(Estimate(made.problem, Method::kP3p).verdict, PoseVerdict::kLocalized);
+  }
+}
+
 TEST(Support, CountsAKeypointOnce) {
   Rng rng = TestRng();
   const CoherentProblem made = MakeCoherentProblem("once", {}, rng);
