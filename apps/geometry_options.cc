@@ -8,7 +8,8 @@
 namespace raylift {
 
 GeometryOptions GeometryFlags::Resolve() const {
-  if (values.align != AlignMode::kOff && specs.empty()) {
+  const bool is_asked_for = values.align != AlignMode::kOff && values.align != AlignMode::kAuto;
+  if (is_asked_for && specs.empty()) {
     throw OptionError("--align-depth", ToString(values.align), "needs --geometry");
   }
   values.candidates.Validate();
@@ -24,7 +25,8 @@ void AddGeometryOptions(CLI::App& app, GeometryFlags& flags) {
       ->group(group);
   AddEnumOption(app, "--align-depth", flags.values.align,
                 "Correct each reference's depth by the matches between references:\n"
-                "{}. For depth maps that do not agree with each other")
+                "{}. auto: the first of these that\n"
+                "predicts further matches as well as any; off with --refinement paper")
       ->group(group);
   AddCandidateOptions(app, flags.values.candidates, group);
 }

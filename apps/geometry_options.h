@@ -15,7 +15,7 @@ namespace raylift {
 
 struct GeometryOptions {
   GeometryMode mode = GeometryMode::kFirst;
-  AlignMode align = AlignMode::kOff;
+  AlignMode align = AlignMode::kAuto;
   CandidateOptions candidates;
 };
 

@@ -67,9 +67,12 @@ void LocalizeOutput::Finish(const std::vector<LocalizedQuery>& localized, const 
 
 void LocalizeOutput::Print(const std::vector<LocalizedQuery>& localized, const Run& run) const {
   for (const SceneSource& source : run.scene.sources) {
-    if (!source.alignment) continue;
-    fmt::print("aligned {}: keypoints were {:.2f} px from their matches, now {:.2f} px (median)\n",
-               source.spec, source.alignment->median_before_px, source.alignment->median_after_px);
+    if (!source.alignment || source.alignment->mode == AlignMode::kOff) continue;
+    const DepthAlignment& alignment = *source.alignment;
+    fmt::print(
+        "aligned {} by {}: keypoints were {:.2f} px from their matches, now {:.2f} px (median)\n",
+        source.spec, ToString(alignment.mode), alignment.median_before_px,
+        alignment.median_after_px);
   }
   size_t count = 0;
   for (const LocalizedQuery& query : localized) count += query.localized() ? 1 : 0;

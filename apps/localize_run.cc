@@ -1,5 +1,6 @@
 #include "localize_run.h"
 
+#include <algorithm>
 #include <chrono>
 #include <memory>
 #include <optional>
@@ -118,8 +119,11 @@ std::unique_ptr<BatchLocalizer> OpenLocalizer(const LocalizeFlags& flags, const 
   options.rerenderer = RerendererOf(flags, scene, options.localizer.estimator);
   auto localizer = std::make_unique<BatchLocalizer>(
       scene, std::vector<Query>(queries.begin(), queries.end()), std::move(matches), options);
-  if (options.align != AlignMode::kOff) {
-    WriteAlignment(flags.out / "depth_alignment.jsonl", localizer->scene().sources);
+  const auto& sources = localizer->scene().sources;
+  if (std::any_of(sources.begin(), sources.end(), [](const SceneSource& source) {
+        return source.alignment && source.alignment->mode != AlignMode::kOff;
+      })) {
+    WriteAlignment(flags.out / "depth_alignment.jsonl", sources);
   }
   return localizer;
 }

@@ -59,15 +59,13 @@ void RequireNames(std::span<const QueryRecord> records) {
   }
 }
 
-// Each shard keeps the options in its folder.
-void TakeOptions(const path& out, std::span<const path> files) {
+// What each shard has in its folder, the same for all.
+void TakeFile(const std::string& name, const path& out, std::span<const path> files) {
   std::error_code ignored;
   for (const path& file : files) {
-    const path options = file.parent_path() / "options.json";
-    if (std::filesystem::exists(out / "options.json", ignored)) return;
-    if (std::filesystem::exists(options, ignored)) {
-      WriteFile(out / "options.json", ReadFile(options));
-    }
+    const path part = file.parent_path() / name;
+    if (std::filesystem::exists(out / name, ignored)) return;
+    if (std::filesystem::exists(part, ignored)) WriteFile(out / name, ReadFile(part));
   }
 }
 
@@ -85,7 +83,9 @@ void Merge(const MergeFlags& flags) {
   const std::vector<QueryRecord> records = InOrder(all.records);
   RequireNames(records);
   WriteResults(flags.out, *all.facts, records, std::nullopt);
-  TakeOptions(flags.out, files);
+  for (const char* name : {"options.json", "depth_alignment.jsonl"}) {
+    TakeFile(name, flags.out, files);
+  }
   WriteWholeManifest(flags.out, all);
   PrintWarnings(AllWarnings(*all.facts, records));
   const auto localized =

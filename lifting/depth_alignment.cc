@@ -3,225 +3,102 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
-#include <memory>
+#include <cstdint>
+#include <map>
 #include <utility>
 
-#include "keypoint_sight.h"
-#include <ceres/ceres.h>
+#include "depth_fit.h"
 
 #include "raylift/base/error.h"
+#include "raylift/base/evenly_spaced.h"
+#include "raylift/base/hash.h"
 #include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
-#include "raylift/geometry/residuals.h"
 
 namespace raylift {
+
 namespace {
 
-// A keypoint of a map and its match in another image.
-struct Observation {
-  Eigen::Vector2d pixel;
-  double z;  // as the source says
-  KeypointSight sight;
-  const Camera* other_camera;
-  Eigen::Vector2d other_px;
-};
+constexpr std::array kModes = {AlignMode::kOff, AlignMode::kScale, AlignMode::kAffine,
+                               AlignMode::kGrid};
 
-std::optional<Observation> MakeObservation(const PosedImage& map, const PosedImage& other,
-                                           const HalfMatch& match, double z,
-                                           const AlignOptions& options) {
-  const auto sight = SeeFromOther(map, match.pixel, other);
-  const auto epipolar = SampsonError(map.camera, map.cam_from_world, match.pixel, other.camera,
-                                     other.cam_from_world, match.other_px);
-  if (!sight || !epipolar || std::abs(epipolar->error_px) > options.epipolar_threshold_px) {
-    return std::nullopt;
-  }
-  return Observation{.pixel = match.pixel,
-                     .z = z,
-                     .sight = *sight,
-                     .other_camera = &other.camera,
-                     .other_px = match.other_px};
-}
+// What each mode leaves of a keypoint's matches: the sum of Cauchy's losses.
+using Losses = std::array<double, kModes.size()>;
 
-std::vector<Observation> MakeObservations(const GeometrySource& source,
-                                          std::span<const PosedImage> references,
-                                          const PosedImage& map,
-                                          const std::vector<HalfMatch>& matches,
-                                          const AlignOptions& options) {
-  std::vector<Eigen::Vector2d> pixels;
-  pixels.reserve(matches.size());
-  for (const HalfMatch& match : matches) pixels.push_back(match.pixel);
-  const auto points = source.Lift(map, pixels);
-  std::vector<Observation> observations;
-  for (size_t i = 0; i < matches.size(); ++i) {
-    if (!points[i]) continue;
-    const PosedImage& other = references[static_cast<size_t>(matches[i].other)];
-    if (const auto made = MakeObservation(map, other, matches[i], points[i]->depth_z, options)) {
-      observations.push_back(*made);
-    }
-  }
-  return observations;
-}
-
-// How far the projections are from the matches: the median; none counts as infinitely far.
-std::vector<double> Distances(const std::vector<Observation>& observations, const Camera& camera,
-                              const DepthCorrection& correction) {
-  std::vector<double> distances;
-  for (const Observation& o : observations) {
-    const double z = correction.Correct(o.z, camera, o.pixel);
-    const auto projected = o.other_camera->ImgFromCam(o.sight.PointInOther(z));
-    distances.push_back(projected ? (*projected - o.other_px).norm()
-                                  : std::numeric_limits<double>::infinity());
-  }
-  return distances;
-}
-
-double RobustLogFactor(const std::vector<Observation>& observations) {
-  std::vector<WeightedValue> factors;
-  for (const Observation& o : observations) {
-    const auto depth = TriangulateDepth(o.sight, *o.other_camera, o.other_px);
-    if (depth) factors.push_back({std::log(depth->z / o.z), depth->gain_px});
-  }
-  return WeightedMedian(std::move(factors));
-}
-
-// The distance of a keypoint's projection from its match, over a map's log factors and, if there is
-// one more parameter, its shift.
-class ProjectedDepthCost final : public ceres::CostFunction {
- public:
-  ProjectedDepthCost(const Observation& observation, const std::array<GridWeight, 4>& weights,
-                     size_t num_nodes, bool has_shift)
-      : observation_(observation), weights_(weights), num_nodes_(num_nodes), has_shift_(has_shift) {
-    set_num_residuals(2);
-    mutable_parameter_block_sizes()->push_back(static_cast<int>(num_nodes + (has_shift ? 1 : 0)));
-  }
-
-  bool Evaluate(double const* const* parameters, double* residuals,
-                double** jacobians) const override {
-    double log_factor = 0;
-    for (const auto& [node, weight] : weights_) log_factor += weight * parameters[0][node];
-    const double scaled_z = observation_.z * std::exp(log_factor);
-    const double z = scaled_z + (has_shift_ ? parameters[0][num_nodes_] : 0);
-    const auto projection =
-        observation_.other_camera->ImgFromCamWithJacobian(observation_.sight.PointInOther(z));
-    if (!projection) return false;
-    Eigen::Map<Eigen::Vector2d> error(residuals);
-    error = projection->pixel - observation_.other_px;
-    if (jacobians != nullptr && jacobians[0] != nullptr) {
-      const Eigen::Vector2d along =
-          projection->jacobian * observation_.sight.line_in_other.direction;
-      Eigen::Map<Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>> jacobian(
-          jacobians[0], 2, parameter_block_sizes()[0]);
-      jacobian.setZero();
-      for (const auto& [node, weight] : weights_) {
-        jacobian.col(static_cast<Eigen::Index>(node)) += weight * scaled_z * along;
-      }
-      if (has_shift_) jacobian.rightCols(1) = along;
-    }
-    return true;
-  }
-
- private:
-  Observation observation_;
-  std::array<GridWeight, 4> weights_;
-  size_t num_nodes_;
-  bool has_shift_;
-};
-
-// A weighted sum of parameters that should be near 0.
-class LinearPrior final : public ceres::CostFunction {
- public:
-  LinearPrior(std::vector<GridWeight> terms, double sigma, int num_parameters)
-      : terms_(std::move(terms)), sigma_(sigma) {
-    set_num_residuals(1);
-    mutable_parameter_block_sizes()->push_back(num_parameters);
-  }
-
-  bool Evaluate(double const* const* parameters, double* residuals,
-                double** jacobians) const override {
-    residuals[0] = 0;
-    for (const auto& [index, weight] : terms_) {
-      residuals[0] += weight * parameters[0][index] / sigma_;
-    }
-    if (jacobians != nullptr && jacobians[0] != nullptr) {
-      std::fill_n(jacobians[0], parameter_block_sizes()[0], 0.0);
-      for (const auto& [index, weight] : terms_) jacobians[0][index] += weight / sigma_;
-    }
-    return true;
-  }
-
- private:
-  std::vector<GridWeight> terms_;
-  double sigma_;
-};
-
-// Monocular depth drifts by a few percent over a fifth of the image: where there are no matches,
-// neighbouring nodes follow each other.
-void AddSmoothness(const DepthCorrection& correction, double* parameters, ceres::Problem& problem) {
-  constexpr double kSigma = 0.05;
-  const auto columns = static_cast<size_t>(correction.columns);
-  const auto rows = static_cast<size_t>(correction.rows);
-  const int size = static_cast<int>(correction.log_factors.size());
-  const auto add = [&](size_t a, size_t b) {
-    problem.AddResidualBlock(new LinearPrior({{a, 1.0}, {b, -1.0}}, kSigma, size), nullptr,
-                             parameters);
+// Half of a map's keypoints are corrected by what the other half says, and the other way around.
+std::vector<Losses> HeldOutLosses(const std::vector<DepthObservation>& observations,
+                                  const Camera& camera, const AlignOptions& options) {
+  std::map<uint64_t, Losses> losses;
+  const auto hash = [](const DepthObservation& o) {
+    return HashBytes64(AsBytes(std::span(o.pixel.data(), 2)));
   };
-  for (size_t y = 0; y < rows; ++y) {
-    for (size_t x = 0; x < columns; ++x) {
-      const size_t node = y * columns + x;
-      if (x + 1 < columns) add(node, node + 1);
-      if (y + 1 < rows) add(node, node + columns);
+  for (const uint64_t half : {0, 1}) {
+    std::vector<DepthObservation> shown, held_out;
+    for (const DepthObservation& o : observations) {
+      (hash(o) % 2 == half ? held_out : shown).push_back(o);
+    }
+    if (shown.empty()) continue;
+    const double log_factor = RobustLogFactor(shown);
+    for (size_t m = 0; m < kModes.size(); ++m) {
+      AlignOptions fit = options;
+      fit.mode = kModes[m];
+      const DepthCorrection correction = kModes[m] == AlignMode::kOff
+                                             ? DepthCorrection{}
+                                             : FitCorrection(shown, camera, log_factor, fit);
+      const auto distances = MatchDistances(held_out, camera, correction);
+      for (size_t i = 0; i < held_out.size(); ++i) {
+        // What does not project is as wrong as can be.
+        const double most_px = std::hypot(camera.width_px(), camera.height_px());
+        const double loss = std::min(distances[i], most_px) / options.loss_width_px;
+        losses[hash(held_out[i])][m] += std::log1p(loss * loss);
+      }
     }
   }
+  std::vector<Losses> by_keypoint;
+  by_keypoint.reserve(losses.size());
+  for (const auto& [keypoint, loss] : losses) by_keypoint.push_back(loss);
+  return by_keypoint;
 }
 
-// The correction that starts from one factor and fits the observations best.
-DepthCorrection Fit(const std::vector<Observation>& observations, const Camera& camera,
-                    double log_factor, const AlignOptions& options) {
-  DepthCorrection correction;
-  if (options.mode == AlignMode::kGrid) {
-    correction.columns = options.grid_columns;
-    correction.rows = options.grid_rows;
+// Whether the second mode leaves less by more than two standard errors.
+bool IsWorse(const std::vector<Losses>& losses, size_t first, size_t second) {
+  double sum = 0, squares = 0;
+  for (const Losses& loss : losses) {
+    const double difference = loss[first] - loss[second];
+    sum += difference;
+    squares += difference * difference;
   }
-  const size_t num_nodes =
-      static_cast<size_t>(correction.columns) * static_cast<size_t>(correction.rows);
-  const bool has_shift = options.mode == AlignMode::kAffine;
-  correction.log_factors.assign(num_nodes, log_factor);
+  const double variance = squares - sum * sum / static_cast<double>(losses.size());
+  return sum > 2 * std::sqrt(std::max(variance, 0.0));
+}
 
-  std::vector<double> parameters(num_nodes + (has_shift ? 1 : 0), 0);
-  std::fill_n(parameters.begin(), num_nodes, log_factor);
-  const DepthCorrection start = correction;
-  ceres::Problem problem;
-  std::vector<double> depths;
-  for (const Observation& o : observations) {
-    const double z = start.Correct(o.z, camera, o.pixel);
-    if (!o.other_camera->ImgFromCam(o.sight.PointInOther(z))) continue;
-    depths.push_back(z);
-    problem.AddResidualBlock(
-        new ProjectedDepthCost(o, GridWeights(correction.columns, correction.rows, camera, o.pixel),
-                               num_nodes, has_shift),
-        new ceres::CauchyLoss(options.loss_width_px), parameters.data());
+// By some 30 of the maps that have matches for two fits.
+AlignMode ChooseMode(const std::vector<std::vector<DepthObservation>>& observations,
+                     std::span<const PosedImage> references, const AlignOptions& options,
+                     int threads) {
+  constexpr size_t kMaps = 30;
+  std::vector<size_t> rich;
+  for (size_t i = 0; i < references.size(); ++i) {
+    if (observations[i].size() >= 2 * options.min_matches) rich.push_back(i);
   }
-  if (depths.empty()) return correction;
-  if (num_nodes > 1) AddSmoothness(correction, parameters.data(), problem);
-  if (has_shift) {
-    // Factor and shift are told apart by the range of depths alone; without one, no shift.
-    constexpr double kShareOfDepth = 0.3;
-    problem.AddResidualBlock(
-        new LinearPrior({{num_nodes, 1.0}}, kShareOfDepth * UpperMedianOr(depths, 0),
-                        static_cast<int>(parameters.size())),
-        nullptr, parameters.data());
+  const std::vector<size_t> chosen = EvenlySpaced(rich.size(), kMaps);
+  std::vector<std::vector<Losses>> of_maps(chosen.size());
+  ParallelFor(chosen.size(), threads, [&](size_t k) {
+    const size_t i = rich[chosen[k]];
+    of_maps[k] = HeldOutLosses(observations[i], references[i].camera, options);
+  });
+  std::vector<Losses> losses;
+  Losses sums{};
+  for (const auto& of_map : of_maps) {
+    for (const Losses& loss : of_map) {
+      losses.push_back(loss);
+      for (size_t m = 0; m < kModes.size(); ++m) sums[m] += loss[m];
+    }
   }
-  ceres::Solver::Options solver_options;
-  solver_options.linear_solver_type = ceres::DENSE_QR;
-  solver_options.logging_type = ceres::SILENT;
-  ceres::Solver::Summary summary;
-  ceres::Solve(solver_options, &problem, &summary);
-  if (summary.IsSolutionUsable()) {
-    std::copy_n(parameters.begin(), num_nodes, correction.log_factors.begin());
-    if (has_shift) correction.shift = parameters[num_nodes];
-  }
-  return correction;
+  const auto best = static_cast<size_t>(std::min_element(sums.begin(), sums.end()) - sums.begin());
+  size_t mode = 0;
+  while (mode < best && IsWorse(losses, mode, best)) ++mode;
+  return kModes[mode];
 }
 
 }  // namespace
@@ -237,18 +114,26 @@ DepthAlignment AlignDepth(const GeometrySource& source, std::span<const PosedIma
                           int threads) {
   RAYLIFT_CHECK(options.mode != AlignMode::kOff);
   const auto halves = HalvesByReference(matches, references.size());
-  std::vector<std::vector<Observation>> observations(references.size());
+  std::vector<std::vector<DepthObservation>> observations(references.size());
   std::vector<double> log_factors(references.size(), 0);
   DepthAlignment alignment;
   alignment.maps.resize(references.size());
   ParallelFor(references.size(), threads, [&](size_t i) {
-    observations[i] = MakeObservations(source, references, references[i], halves[i], options);
+    observations[i] = ObserveDepth(source, references, references[i], halves[i], options);
     log_factors[i] = RobustLogFactor(observations[i]);
     MapAlignment& map = alignment.maps[i];
     map.reference = references[i].name;
     map.num_matches = observations[i].size();
-    map.own_correction = map.num_matches >= options.min_matches;
   });
+  alignment.mode = options.mode == AlignMode::kAuto
+                       ? ChooseMode(observations, references, options, threads)
+                       : options.mode;
+  AlignOptions fit = options;
+  fit.mode = alignment.mode;
+  for (MapAlignment& map : alignment.maps) {
+    map.own_correction =
+        alignment.mode != AlignMode::kOff && map.num_matches >= options.min_matches;
+  }
 
   std::vector<double> own_log_factors;
   for (size_t i = 0; i < references.size(); ++i) {
@@ -263,10 +148,10 @@ DepthAlignment AlignDepth(const GeometrySource& source, std::span<const PosedIma
     const Camera& camera = references[i].camera;
     map.correction.log_factors = {median_log_factor};
     if (map.own_correction) {
-      map.correction = Fit(observations[i], camera, log_factors[i], options);
+      map.correction = FitCorrection(observations[i], camera, log_factors[i], fit);
     }
-    before[i] = Distances(observations[i], camera, {});
-    after[i] = Distances(observations[i], camera, map.correction);
+    before[i] = MatchDistances(observations[i], camera, {});
+    after[i] = MatchDistances(observations[i], camera, map.correction);
     map.median_before_px = UpperMedianOr(before[i], 0);
     map.median_after_px = UpperMedianOr(after[i], 0);
   });

@@ -5,42 +5,64 @@
 #include <optional>
 #include <utility>
 
+#include "localization/remembered_matches.h"
+
 #include "raylift/base/parallel.h"
 #include "raylift/localization/grid_localizer.h"
 #include "raylift/localization/scene_matches.h"
 
 namespace raylift {
+namespace {
+
+AlignMode AlignModeOf(const Scene& scene, const BatchOptions& options) {
+  const LocalizerOptions& localizer = options.localizer;
+  if (options.align != AlignMode::kAuto) return options.align;
+  const bool is_of_use = UsesPoints(localizer.estimator.method) &&
+                         localizer.estimator.refinement == Refinement::kRobust &&
+                         localizer.candidates.mode != CandidateMode::kTriangulate &&
+                         !scene.rendered && !scene.sources.empty();
+  return is_of_use ? AlignMode::kAuto : AlignMode::kOff;
+}
+
+}  // namespace
 
 BatchLocalizer::BatchLocalizer(const Scene& scene, std::vector<Query> queries,
                                std::shared_ptr<MatchSource> matches, const BatchOptions& options)
     : options_(options),
       queries_(std::move(queries)),
       matches_(std::move(matches)),
+      remembered_(matches_),
+      as_read_(scene.sources),
       doctor_(queries_),
       focal_check_(queries_, options.localizer.estimator),
       log_focal_factors_(queries_.size()),
       matched_(queries_.size()),
       knowledge_(options.knowledge) {
+  const AlignMode align = AlignModeOf(scene, options);
   std::vector<ReferenceMatch> reference_matches;
-  if (options.align != AlignMode::kOff) {
+  if (align != AlignMode::kOff) {
+    constexpr size_t kQueriesOfAuto = 500;
+    std::vector<Query> asked;
+    const size_t most = align == AlignMode::kAuto ? kQueriesOfAuto : queries_.size();
+    for (const size_t query : SampleByName(queries_, most)) asked.push_back(queries_[query]);
+    remembered_ = std::make_shared<RememberedMatches>(matches_);
     reference_matches =
-        CollectReferenceMatches(queries_, *matches_, scene.references, options.threads);
+        CollectReferenceMatches(asked, *remembered_, scene.references, options.threads);
   }
-  scene_ = std::make_shared<const Scene>(
-      Aligned(scene, options.align, reference_matches, options.threads));
+  scene_ = std::make_shared<const Scene>(Aligned(scene, align, reference_matches, options.threads));
   LocalizerOptions& localizer = options_.localizer;
   if (knowledge_) {
     localizer.filter.scene_noise = knowledge_->geometry_noise;
     localizer.estimator.scene_noise = knowledge_->scene_noise;
   } else if (!localizer.filter.scene_noise) {
     localizer.filter.scene_noise =
-        EstimateSceneNoise(queries_, *scene_, *matches_, localizer, options.threads);
+        EstimateSceneNoise(queries_, *scene_, *remembered_, localizer, options.threads);
   }
 }
 
 const SceneKnowledge& BatchLocalizer::Learn() {
   if (knowledge_) return *knowledge_;
-  const GridLocalizer grid = GridLocalizer({Localizer(scene_, matches_, options_.localizer)})
+  const GridLocalizer grid = GridLocalizer({Localizer(scene_, remembered_, options_.localizer)})
                                  .WithSceneNoise(queries_, matched_, options_.threads);
   const LocalizerOptions& learned = grid.way(0).options();
   SceneKnowledge knowledge{.geometry_noise = learned.filter.scene_noise,
@@ -73,7 +95,7 @@ std::vector<LocalizedQuery> BatchLocalizer::LocalizeAll(const OnResult& on_resul
 void BatchLocalizer::Localize(std::span<const size_t> queries, const OnResult& on_result,
                               const std::atomic<bool>* stop) {
   Learn();
-  const Localizer localizer(scene_, matches_, options_.localizer);
+  const Localizer localizer(scene_, remembered_, options_.localizer);
   ParallelFor(queries.size(), options_.threads, [&](size_t i) {
     if (stop != nullptr && *stop) return;
     const size_t query = queries[i];
@@ -116,7 +138,7 @@ std::vector<std::string> BatchLocalizer::MatchWarnings() const {
 
 std::vector<std::string> BatchLocalizer::DoctorWarnings() const {
   std::vector<std::string> warnings;
-  for (const SceneSource& source : scene_->sources) {
+  for (const SceneSource& source : as_read_) {
     if (auto warning = doctor_.Warn(source.geometry, scene_->references, scene_->model_poses,
                                     options_.threads)) {
       warnings.push_back(std::move(*warning));

@@ -64,7 +64,7 @@ RunFacts FactsOf(const Json& json) {
     summary.spec = used.at("spec");
     summary.understood = used.at("understood");
     if (const Json& alignment = used.at("alignment"); !alignment.is_null()) {
-      summary.alignment = {alignment.at(0), alignment.at(1), alignment.at(2)};
+      summary.alignment = {alignment.at(0), alignment.at(1), alignment.at(2), alignment.at(3)};
     }
   }
   facts.warnings = json.at("warnings").get<std::vector<std::string>>();
@@ -109,7 +109,7 @@ std::string ToJsonLine(const RunFacts& facts) {
   for (const GeometrySummary& used : facts.geometry) {
     Json json = {{"spec", used.spec}, {"understood", used.understood}, {"alignment", nullptr}};
     if (const auto& alignment = used.alignment) {
-      json["alignment"] = {alignment->median_factor, alignment->median_before_px,
+      json["alignment"] = {alignment->mode, alignment->median_factor, alignment->median_before_px,
                            alignment->median_after_px};
     }
     geometry.push_back(std::move(json));

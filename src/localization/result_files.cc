@@ -63,7 +63,8 @@ Json GeometryJson(std::span<const GeometrySummary> geometry) {
   for (const GeometrySummary& used : geometry) {
     Json json = {{"spec", used.spec}, {"understood", used.understood}};
     if (used.alignment) {
-      json["alignment"] = {{"median_factor", used.alignment->median_factor},
+      json["alignment"] = {{"mode", used.alignment->mode},
+                           {"median_factor", used.alignment->median_factor},
                            {"median_before_px", used.alignment->median_before_px},
                            {"median_after_px", used.alignment->median_after_px}};
     }
@@ -225,7 +226,8 @@ std::vector<GeometrySummary> SummaryOf(std::span<const SceneSource> geometry) {
     summary.spec = used.spec;
     summary.understood = used.geometry.understood;
     if (!used.alignment) continue;
-    summary.alignment = {.median_factor = used.alignment->median_factor,
+    summary.alignment = {.mode = std::string(ToString(used.alignment->mode)),
+                         .median_factor = used.alignment->median_factor,
                          .median_before_px = used.alignment->median_before_px,
                          .median_after_px = used.alignment->median_after_px};
   }

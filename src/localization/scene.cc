@@ -120,6 +120,7 @@ Scene Aligned(const Scene& scene, AlignMode mode, std::span<const ReferenceMatch
     if (source.geometry.kind == GeometryKind::kSfm) continue;
     source.alignment = AlignDepth(*source.geometry.source, scene.references.images, matches,
                                   {.mode = mode}, threads);
+    if (source.alignment->mode == AlignMode::kOff) continue;
     source.geometry.source = std::make_shared<const AlignedSource>(
         std::move(source.geometry.source), source.alignment->Corrections());
   }

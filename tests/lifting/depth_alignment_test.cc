@@ -105,6 +105,49 @@ TEST(AlignDepth, FindsASlowDriftOverTheImageDespiteNoiseAndWrongMatches) {
   EXPECT_LT(grid.alignment.median_after_px, 0.5 * scale.alignment.median_after_px);
 }
 
+TEST(AlignDepth, ChoosesTheSimplestCorrectionThatHoldsForOtherMatches) {
+  const auto exact = [](const PosedImage&, const Eigen::Vector2d&, double z) { return z; };
+  const auto scaled = [](const PosedImage& r, const Eigen::Vector2d&, double z) {
+    return z * FactorOf(r);
+  };
+  const auto shifted = [](const PosedImage& r, const Eigen::Vector2d&, double z) {
+    return (z - 0.3) / FactorOf(r);
+  };
+  const auto drifting = [](const PosedImage& r, const Eigen::Vector2d& px, double z) {
+    return z * FactorOf(r) * std::exp(0.06 * std::sin(px.x() / 150) * std::cos(px.y() / 200));
+  };
+  const std::vector<std::pair<DistortedSource::Distortion, AlignMode>> cases = {
+      {exact, AlignMode::kOff},
+      {scaled, AlignMode::kScale},
+      {shifted, AlignMode::kAffine},
+      {drifting, AlignMode::kGrid}};
+  Rng rng = TestRng();
+  for (int i = 0; i < 5; ++i) {
+    const Room room(5, rng);
+    for (const auto& [distort, mode] : cases) {
+      std::vector<ReferenceMatch> matches = room.MatchAll(300, 0.5, rng);
+      for (size_t m = 0; m < matches.size(); m += 4) {
+        matches[m].b_px = {rng.Uniform(0, 640), rng.Uniform(0, 480)};
+      }
+      EXPECT_EQ(Align(room, distort, matches, AlignMode::kAuto).alignment.mode, mode);
+    }
+  }
+}
+
+TEST(AlignDepth, LeavesWhatHasTooFewMatchesToChooseBy) {
+  Rng rng = TestRng();
+  const Room room(5, rng);
+  const auto distort = [](const PosedImage& r, const Eigen::Vector2d&, double z) {
+    return z * FactorOf(r);
+  };
+  const Aligned aligned = Align(room, distort, room.MatchAll(1, 0, rng), AlignMode::kAuto);
+  EXPECT_EQ(aligned.alignment.mode, AlignMode::kOff);
+  for (const MapAlignment& map : aligned.alignment.maps) {
+    EXPECT_FALSE(map.own_correction);
+    EXPECT_EQ(map.correction.log_factors, std::vector<double>{0});
+  }
+}
+
 TEST(AlignDepth, MapsWithFewMatchesTakeTheOthersFactor) {
   Rng rng = TestRng();
   const Room room(5, rng);

@@ -28,10 +28,12 @@ PosesByName Poses(const fs::path& model) {
 
 Comparison Localize(const std::vector<Query>& queries, const std::shared_ptr<MatchSource>& matches,
                     const Scene& scene, Method method, const PosesByName& truth,
-                    CandidateMode candidates = CandidateMode::kKeep) {
+                    CandidateMode candidates = CandidateMode::kKeep,
+                    AlignMode align = AlignMode::kAuto) {
   LocalizerOptions options{.candidates = {.mode = candidates}};
   options.estimator.method = method;
-  BatchLocalizer localizer(scene, queries, matches, {.localizer = options, .check_input = false});
+  BatchLocalizer localizer(scene, queries, matches,
+                           {.localizer = options, .align = align, .check_input = false});
   PosesByName poses;
   for (const LocalizedQuery& query : localizer.LocalizeAll()) {
     if (query.localized()) poses.emplace(query.name, *query.estimate.cam_from_world);
@@ -102,7 +104,8 @@ TEST_F(RgbdSmall, MergedOrTriangulatedPointsMakeUpForMonocularDepth) {
   const Scene depth = OpenScene(
       {.model = data_ / "model_ref", .geometry = {"depth:" + (data_ / "depth_mono_sim").string()}});
   const auto run = [&](CandidateMode mode) {
-    Comparison comparison = Localize(queries_, matches, depth, Method::kP3p, truth_, mode);
+    Comparison comparison =
+        Localize(queries_, matches, depth, Method::kP3p, truth_, mode, AlignMode::kOff);
     RecordProperty(std::string(ToString(mode)), Describe(comparison));
     return comparison;
   };
@@ -113,6 +116,20 @@ TEST_F(RgbdSmall, MergedOrTriangulatedPointsMakeUpForMonocularDepth) {
   EXPECT_LT(Summarize("", merged, {}).median_position,
             0.5 * Summarize("", kept, {}).median_position);
   EXPECT_EQ(CountWithin(triangulated, kFine), 10u) << Describe(triangulated);
+}
+
+TEST_F(RgbdSmall, AlignmentMakesUpForMonocularDepth) {
+  const std::shared_ptr<MatchSource> matches = OpenHlocMatches(
+      {data_ / "features.h5", data_ / "matches.h5", data_ / "pairs.txt"}, scene_.references, 10);
+  const Scene depth = OpenScene(
+      {.model = data_ / "model_ref", .geometry = {"depth:" + (data_ / "depth_mono_sim").string()}});
+  const auto run = [&](AlignMode align) {
+    return Localize(queries_, matches, depth, Method::kP3p, truth_, CandidateMode::kKeep, align);
+  };
+  const Comparison aligned = run(AlignMode::kAuto);
+  EXPECT_EQ(CountWithin(aligned, kFine), 10u) << Describe(aligned);
+  EXPECT_LT(Summarize("", aligned, {}).median_position,
+            0.5 * Summarize("", run(AlignMode::kOff), {}).median_position);
 }
 
 TEST_F(RgbdSmall, LocalizesFromImagesAlone) {

@@ -23,6 +23,8 @@ enum class AlignMode {
   kScale,   // one factor per map
   kAffine,  // factor and shift
   kGrid,    // factors on a coarse grid, bilinear between (low frequencies in log depth)
+  // The first of these that predicts matches which it was not fitted to as well as any.
+  kAuto,
 };
 template <>
 inline constexpr auto kEnumNames<AlignMode> = std::to_array<EnumName<AlignMode>>({
@@ -30,6 +32,7 @@ inline constexpr auto kEnumNames<AlignMode> = std::to_array<EnumName<AlignMode>>
     {AlignMode::kScale, "scale"},
     {AlignMode::kAffine, "affine"},
     {AlignMode::kGrid, "grid"},
+    {AlignMode::kAuto, "auto"},
 });
 
 struct AlignOptions {
@@ -55,9 +58,10 @@ struct MapAlignment {
 };
 
 struct DepthAlignment {
-  std::vector<MapAlignment> maps;  // one per reference
-  double median_factor = 1;        // over the maps with a correction of their own
-  double median_before_px = 0;     // over all matches
+  AlignMode mode = AlignMode::kOff;  // never kAuto: what it came to
+  std::vector<MapAlignment> maps;    // one per reference
+  double median_factor = 1;          // over the maps with a correction of their own
+  double median_before_px = 0;       // over all matches
   double median_after_px = 0;
 
   std::map<std::string, DepthCorrection> Corrections() const;

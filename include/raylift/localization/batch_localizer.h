@@ -35,7 +35,9 @@ struct BatchOptions {
   LocalizerOptions localizer = {};
   // As a run of the same queries and options has learned it. None: it is learned.
   std::optional<SceneKnowledge> knowledge = std::nullopt;
-  AlignMode align = AlignMode::kOff;
+  // kAuto by some 500 queries, and off where it would change nothing that is known better: rendered
+  // references, methods and candidates that use no depth, the paper's refinement.
+  AlignMode align = AlignMode::kAuto;
   // Null: poses are not sharpened by rendering the mesh again.
   std::shared_ptr<const Rerenderer> rerenderer = nullptr;
   bool check_input = true;  // see QuickDoctor and run_check.h
@@ -47,7 +49,7 @@ class BatchLocalizer {
   BatchLocalizer(const Scene& scene, std::vector<Query> queries,
                  std::shared_ptr<MatchSource> matches, const BatchOptions& options);
 
-  // With the depth corrected as asked for.
+  // With the depth corrected as asked for; `alignment` of its sources says how.
   const Scene& scene() const { return *scene_; }
   const std::vector<Query>& queries() const { return queries_; }
 
@@ -92,7 +94,9 @@ class BatchLocalizer {
   BatchOptions options_;
   std::vector<Query> queries_;
   std::shared_ptr<MatchSource> matches_;
+  std::shared_ptr<MatchSource> remembered_;  // the same, while no query joins the references
   std::shared_ptr<const Scene> scene_;
+  std::vector<SceneSource> as_read_;  // before alignment, which hides how the input is read
   QuickDoctor doctor_;
   FocalCheck focal_check_;
   std::vector<std::optional<double>> log_focal_factors_;

@@ -61,6 +61,7 @@ std::vector<const LocalizedQuery*> NotLocalizedOrDoubtful(std::span<const Locali
 struct GeometrySummary {
   std::string spec, understood;
   struct Alignment {
+    std::string mode;  // what was done: off, scale, affine, grid
     double median_factor = 1, median_before_px = 0, median_after_px = 0;
   };
   std::optional<Alignment> alignment = std::nullopt;
