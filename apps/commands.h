@@ -28,5 +28,6 @@ Command AddImportCommand(CLI::App& program);
 Command AddStatusCommand(CLI::App& program);
 Command AddMergeCommand(CLI::App& program);
 Command AddVerifyCommand(CLI::App& program);
+Command AddExportCommand(CLI::App& program);
 
 }  // namespace raylift

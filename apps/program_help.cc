@@ -42,10 +42,11 @@ constexpr std::string_view kLocalize = "Localize photographs";
 constexpr std::string_view kCompare = "Compare depth";
 constexpr std::string_view kRender = "Render depth";
 constexpr std::string_view kJobs = "Long runs, in parts";
-constexpr std::array<std::pair<std::string_view, std::string_view>, 14> kGroupOfCommand = {
+constexpr std::array<std::pair<std::string_view, std::string_view>, 15> kGroupOfCommand = {
     {{"localize", kLocalize},
      {"estimate", kLocalize},
      {"evaluate", kLocalize},
+     {"export", kLocalize},
      {"pairs", kLocalize},
      {"import", kLocalize},
      {"experiment", kLocalize},

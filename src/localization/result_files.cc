@@ -219,6 +219,22 @@ LocalizedQuery ParseQueryDiagnostics(const std::string& line, const std::string&
   }
 }
 
+std::vector<LocalizedQuery> ReadQueryDiagnostics(const std::filesystem::path& path) {
+  std::vector<LocalizedQuery> queries;
+  LineReader lines(path);
+  while (const auto line = lines.NextContent()) {
+    try {
+      const Json json = Json::parse(*line);
+      queries.push_back(LocalizedOf(json, json.at("name").get<std::string>()));
+    } catch (const nlohmann::json::exception&) {
+      lines.Fail("is no query's diagnostics, as localize writes them");
+    } catch (const InputError& error) {
+      lines.Fail(error.what());
+    }
+  }
+  return queries;
+}
+
 std::vector<GeometrySummary> SummaryOf(std::span<const SceneSource> geometry) {
   std::vector<GeometrySummary> summaries;
   for (const SceneSource& used : geometry) {

@@ -1,12 +1,16 @@
 // The traps of kapture data sets, as Gangnam Station is one.
 
+#include "datasets/kapture.h"
+
 #include "datasets/test_input.h"
+#include "support/matchers.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
 #include "raylift/datasets/dataset.h"
+#include "raylift/io/kapture_folder.h"
 
 namespace raylift {
 namespace {
@@ -123,6 +127,40 @@ TEST_F(Gangnam, WrongLinesAreNamed) {
   EXPECT_TRUE(Fails(rigs, header_ + "rig0, a, 1, 0, 0, x, 1, 2, 3\n", {"rigs.txt: line 2"}));
   EXPECT_TRUE(Fails(records, header_ + "1, a\n", {"records_camera.txt: line 2", "3 fields"}));
   EXPECT_TRUE(Fails(records, header_, {"no references are left"}));
+}
+
+TEST(WriteKapture, IsReadBack) {
+  Rng rng = TestRng();
+  const double pinhole[] = {500, 510, 320, 240}, radial[] = {700, 400, 300, -0.1};
+  const Camera cameras[] = {{CameraModel::kPinhole, 640, 480, pinhole},
+                            {CameraModel::kSimpleRadial, 800, 600, radial}};
+  std::vector<PosedImage> images;
+  for (const char* name : {"b/1.jpg", "a/1.jpg", "c 2.png"}) {
+    images.push_back({name, cameras[images.size() % 2], RandomRigid3(rng, 10)});
+  }
+  const auto folder = TestFolder();
+  WriteKapture(folder, images);
+  const std::vector<KaptureImage> read = ReadKapture(folder);
+  ASSERT_EQ(read.size(), images.size());
+  const size_t by_name[] = {1, 0, 2};
+  for (size_t i = 0; i < read.size(); ++i) {
+    const PosedImage& written = images[by_name[i]];
+    EXPECT_EQ(read[i].name, written.name);
+    EXPECT_EQ(read[i].timestamp, by_name[i]);
+    EXPECT_EQ(read[i].camera, written.camera);
+    EXPECT_TRUE(IsNearPose(read[i].cam_from_world.value(), written.cam_from_world, 1e-9, 1e-9));
+  }
+}
+
+TEST(WriteKapture, RefusesWhatKaptureCannotHold) {
+  const auto folder = TestFolder();
+  const double params[] = {640, 320};
+  std::vector<PosedImage> images = {
+      {"a.jpg", {CameraModel::kEquirectangular, 640, 320, params}, {}}};
+  EXPECT_TRUE(FailsWithInputError([&] { WriteKapture(folder, images); },
+                                  {"sensors.txt", "a.jpg", "EQUIRECTANGULAR"}));
+  images = {{"a,b.jpg", {}, {}}};
+  EXPECT_TRUE(FailsWithInputError([&] { WriteKapture(folder, images); }, {"a,b.jpg"}));
 }
 
 }  // namespace

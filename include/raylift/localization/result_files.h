@@ -40,6 +40,9 @@ std::string FormatQueryDiagnostics(const LocalizedQuery& query);
 // line.
 LocalizedQuery ParseQueryDiagnostics(const std::string& line, const std::string& name);
 
+// The queries of such a file, as far as that. InputError naming the line where it is none.
+std::vector<LocalizedQuery> ReadQueryDiagnostics(const std::filesystem::path& path);
+
 // `depth_alignment.jsonl`: one JSON object per aligned source and reference: how its depth was
 // corrected, on how many matches that rests, how far these were from the projected keypoints before
 // and after.

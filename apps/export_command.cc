@@ -1,0 +1,353 @@
+// raylift export: the poses of a run of localize in the formats of others.
+
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+#include <set>
+#include <unordered_map>
+
+#include "commands.h"
+#include "finished_run.h"
+#include "options.h"
+#include "typed_options.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/text.h"
+#include "raylift/io/colmap_model.h"
+#include "raylift/io/kapture_folder.h"
+#include "raylift/io/query_list.h"
+#include "raylift/io/scene_file.h"
+#include "raylift/io/trajectory_file.h"
+#include "raylift/lifting/geometry_spec.h"
+#include "raylift/localization/localized_model.h"
+#include "raylift/localization/references.h"
+#include "raylift/localization/scene_glb.h"
+
+namespace raylift {
+
+enum class ExportFormat { kColmap, kGlb, kHloc, kKapture, kKitti, kTum };
+template <>
+inline constexpr auto kEnumNames<ExportFormat> = std::to_array<EnumName<ExportFormat>>({
+    {ExportFormat::kColmap, "colmap", "", "model of references and queries (OUT is a folder)"},
+    {ExportFormat::kGlb, "glb", "",
+     "mesh and cameras: blue references, green and (doubtful) orange"},
+    {ExportFormat::kHloc, "hloc", "", "list for hloc and visuallocalization.net"},
+    {ExportFormat::kKapture, "kapture", "", "kapture data set of the queries (OUT is a folder)"},
+    {ExportFormat::kKitti, "kitti", "", "camera to world, 3 x 4; OUT_images.txt has the names"},
+    {ExportFormat::kTum, "tum", "", "time and camera to world, in the order of time"},
+});
+
+enum class NameForm { kFull, kFile, kCamera };
+template <>
+inline constexpr auto kEnumNames<NameForm> = std::to_array<EnumName<NameForm>>({
+    {NameForm::kFull, "full"},
+    {NameForm::kFile, "file"},
+    {NameForm::kCamera, "camera"},
+});
+
+namespace {
+
+using std::filesystem::path;
+
+struct ExportFlags {
+  ExportFormat format = ExportFormat::kColmap;
+  path run, out, queries, query_images, model, times;
+  std::string geometry, up;
+  std::optional<NameForm> names;
+  std::optional<double> frustum_size;
+  double min_confidence = 0;
+  RunFlags running;
+};
+
+void Check(const ExportFlags& flags) {
+  using enum ExportFormat;
+  flags.running.Check();
+  const auto only_for = [&](const char* option, bool is_given, std::vector<ExportFormat> formats) {
+    if (!is_given || std::find(formats.begin(), formats.end(), flags.format) != formats.end()) {
+      return;
+    }
+    throw OptionError(
+        fmt::format("{} does not go with the format {}", option, ToString(flags.format)));
+  };
+  only_for("--names", flags.names.has_value(), {kHloc});
+  only_for("--times", !flags.times.empty(), {kTum, kKitti});
+  only_for("--model", !flags.model.empty(), {kColmap, kGlb});
+  only_for("--queries", !flags.queries.empty(), {kColmap, kGlb, kKapture});
+  only_for("--query-images", !flags.query_images.empty(), {kColmap, kGlb, kKapture});
+  only_for("--geometry", !flags.geometry.empty(), {kGlb});
+  only_for("--up", !flags.up.empty(), {kGlb});
+  only_for("--frustum-size", flags.frustum_size.has_value(), {kGlb});
+  if (!(flags.min_confidence >= 0 && flags.min_confidence <= 1)) {
+    throw OptionError("--min-confidence", fmt::format("{}", flags.min_confidence),
+                      "must lie between 0 and 1");
+  }
+}
+
+std::optional<Eigen::Vector3d> ParseUp(const std::string& text) {
+  if (text.empty()) return std::nullopt;
+  const std::string_view axis = text.starts_with('-') ? text.substr(1) : text;
+  const size_t place = std::string_view("xyz").find(axis);
+  if (axis.size() != 1 || place == std::string_view::npos) {
+    throw OptionError("--up", text, "expected x|y|z|-x|-y|-z");
+  }
+  const double sign = text.starts_with('-') ? -1 : 1;
+  return sign * Eigen::Vector3d::Unit(static_cast<Eigen::Index>(place));
+}
+
+std::string NameIn(NameForm form, const std::string& name) {
+  const size_t file = name.rfind('/');
+  if (form == NameForm::kFull || file == std::string::npos) return name;
+  if (form == NameForm::kFile) return name.substr(file + 1);
+  const size_t folder = file == 0 ? std::string::npos : name.rfind('/', file - 1);
+  return folder == std::string::npos ? name : name.substr(folder + 1);
+}
+
+// A name that is a number, or ends in a file that is: as of TUM's frames, seconds.
+std::optional<double> TimeInName(const std::string& name) {
+  const std::string file = NameIn(NameForm::kFile, name);
+  return ParseDouble(file.substr(0, file.rfind('.')));
+}
+
+class Export {
+ public:
+  explicit Export(const ExportFlags& flags) : flags_(flags), run_(ReadFinishedRun(flags.run)) {
+    if (!flags.model.empty()) {
+      run_.model = flags.model;
+      run_.model_poses = PoseConvention::kCamFromWorld;
+      run_.thinning = {};
+    }
+    if (!flags.queries.empty()) run_.query_list = flags.queries;
+    if (!flags.query_images.empty()) run_.query_images = flags.query_images;
+    if (!flags.geometry.empty()) run_.geometry = {flags.geometry};
+    num_queries_ = run_.queries.size();
+    std::erase_if(run_.queries, [&](const LocalizedQuery& query) {
+      return !query.localized() || query.confidence() < flags.min_confidence;
+    });
+    if (run_.queries.empty()) throw InputError(flags.run, "holds no pose to export");
+  }
+
+  void Write() {
+    switch (flags_.format) {
+      case ExportFormat::kColmap:
+        return WriteModel();
+      case ExportFormat::kGlb:
+        return WriteScene();
+      case ExportFormat::kHloc:
+        return WriteList();
+      case ExportFormat::kKapture:
+        return WriteKapture(flags_.out, PosedQueries());
+      case ExportFormat::kKitti:
+      case ExportFormat::kTum:
+        return WriteTrajectory();
+    }
+  }
+
+  void Print() const {
+    fmt::print("{} of {} queries as {}{}: {}\n", run_.queries.size(), num_queries_,
+               ToString(flags_.format), note_, flags_.out.string());
+  }
+
+ private:
+  ReferenceSet References() {
+    if (run_.model.empty()) throw OptionError("--model is required where RUN is a pose file");
+    LoadedReferences loaded = LoadReferences(run_.model, run_.thinning, run_.model_poses);
+    PrintWarnings(loaded.warnings);
+    note_ = fmt::format(" beside {} references", loaded.references.images.size());
+    return loaded.references;
+  }
+
+  // Those that have a pose, in the order of the run's.
+  std::vector<Query> Queries() const {
+    if (run_.query_list.empty()) {
+      throw OptionError("--queries is required where RUN is a pose file");
+    }
+    std::unordered_map<std::string, Query> listed;
+    for (Query& query : ReadQueryList(run_.query_list, run_.query_images)) {
+      const std::string name = query.name;
+      listed.emplace(name, std::move(query));
+    }
+    std::vector<Query> queries;
+    for (const LocalizedQuery& query : run_.queries) {
+      const auto found = listed.find(query.name);
+      if (found == listed.end()) {
+        throw InputError(run_.query_list,
+                         fmt::format("{} has a pose, but is missing here", query.name));
+      }
+      queries.push_back(found->second);
+    }
+    return queries;
+  }
+
+  std::vector<PosedImage> PosedQueries() const {
+    const std::vector<Query> queries = Queries();
+    std::vector<PosedImage> images;
+    for (size_t i = 0; i < queries.size(); ++i) {
+      const PoseEstimate& estimate = run_.queries[i].estimate;
+      images.push_back({queries[i].name, estimate.refined_camera.value_or(queries[i].camera),
+                        *estimate.cam_from_world});
+    }
+    return images;
+  }
+
+  void WriteModel() {
+    std::error_code none;
+    if (std::filesystem::equivalent(flags_.out, run_.model, none)) {
+      throw OptionError("--out", flags_.out.string(), "is the folder of the references' model");
+    }
+    WriteColmapModel(flags_.out, LocalizedModel(References(), Queries(), run_.queries),
+                     ColmapForm::kBinary);
+  }
+
+  void WriteScene() {
+    const std::optional<Eigen::Vector3d> up = ParseUp(flags_.up);
+    std::vector<GlbCamera> cameras;
+    if (!run_.model.empty()) {
+      for (PosedImage& image : References().images) {
+        cameras.push_back({std::move(image), GlbCameraKind::kReference});
+      }
+    }
+    std::vector<PosedImage> queries = PosedQueries();
+    for (size_t i = 0; i < queries.size(); ++i) {
+      const bool sure = run_.queries[i].verdict() == PoseVerdict::kLocalized;
+      cameras.push_back(
+          {std::move(queries[i]), sure ? GlbCameraKind::kLocalized : GlbCameraKind::kDoubtful});
+    }
+    const std::shared_ptr<const RayCaster> mesh = Mesh();
+    WriteGlb(flags_.out, mesh == nullptr ? nullptr : &mesh->mesh(), cameras,
+             {.frustum_size = flags_.frustum_size, .up_in_world = up});
+  }
+
+  // The first of the geometries that is one; null where there is none.
+  std::shared_ptr<const RayCaster> Mesh() const {
+    for (const std::string& spec : run_.geometry) {
+      if (!spec.starts_with("mesh:")) continue;
+      NamedGeometry geometry = MakeGeometrySource(spec, {.threads = flags_.running.threads});
+      PrintWarnings(geometry.warnings);
+      return geometry.mesh;
+    }
+    if (!flags_.geometry.empty()) {
+      throw OptionError("--geometry", flags_.geometry, "expected mesh:PATH");
+    }
+    return nullptr;
+  }
+
+  void WriteList() const {
+    const NameForm form = flags_.names.value_or(NameForm::kFile);
+    std::vector<NamedPose> poses;
+    std::set<std::string> names;
+    for (const LocalizedQuery& query : run_.queries) {
+      const std::string name = NameIn(form, query.name);
+      if (!names.insert(name).second) {
+        throw OptionError("--names", std::string(ToString(form)),
+                          fmt::format("{} would stand twice", name));
+      }
+      poses.push_back({name, *query.estimate.cam_from_world});
+    }
+    WritePoseFile(flags_.out, poses);
+  }
+
+  // By --times, else as the names say, else counted.
+  std::vector<double> Times() {
+    std::vector<double> times;
+    if (!flags_.times.empty()) {
+      const auto listed = ReadTimes(flags_.times);
+      for (const LocalizedQuery& query : run_.queries) {
+        const auto time = listed.find(query.name);
+        if (time == listed.end()) {
+          throw InputError(flags_.times, fmt::format("the time of {} is missing", query.name));
+        }
+        times.push_back(time->second);
+      }
+      note_ = ", times of " + flags_.times.string();
+      return times;
+    }
+    for (const LocalizedQuery& query : run_.queries) {
+      if (const auto time = TimeInName(query.name)) times.push_back(*time);
+    }
+    note_ = ", times by their names";
+    if (times.size() == run_.queries.size()) return times;
+    note_ = ", their numbers as times";
+    times.clear();
+    for (size_t i = 0; i < run_.queries.size(); ++i) times.push_back(static_cast<double>(i));
+    return times;
+  }
+
+  void WriteTrajectory() {
+    const std::vector<double> times = Times();
+    std::vector<size_t> order(times.size());
+    for (size_t i = 0; i < order.size(); ++i) order[i] = i;
+    std::stable_sort(order.begin(), order.end(),
+                     [&](size_t a, size_t b) { return times[a] < times[b]; });
+    std::vector<TimedPose> poses;
+    std::string names;
+    for (const size_t i : order) {
+      poses.push_back({times[i], *run_.queries[i].estimate.cam_from_world});
+      names += run_.queries[i].name + '\n';
+    }
+    if (flags_.format == ExportFormat::kTum) return WriteTumTrajectory(flags_.out, poses);
+    WriteKittiTrajectory(flags_.out, poses);
+    WriteFile(flags_.out.parent_path() / (flags_.out.stem().string() + "_images.txt"), names);
+  }
+
+  const ExportFlags& flags_;
+  FinishedRun run_;
+  size_t num_queries_ = 0;
+  std::string note_;
+};
+
+void Run(const ExportFlags& flags) {
+  Check(flags);
+  Export exporting(flags);
+  exporting.Write();
+  if (!flags.running.quiet) exporting.Print();
+}
+
+}  // namespace
+
+Command AddExportCommand(CLI::App& program) {
+  auto flags = std::make_shared<ExportFlags>();
+  CLI::App* command =
+      program.add_subcommand("export", "Poses of localize in the formats of other tools");
+  AddEnumOption(*command, "FORMAT", flags->format, Descriptions<ExportFormat>())
+      ->required()
+      ->default_str("");
+  command->add_option("RUN", flags->run, "Folder of a run of localize, or a pose file")->required();
+  command->add_option("--out", flags->out, "File or folder to write")->required();
+  command
+      ->add_option("--min-confidence", flags->min_confidence, "Leave out poses that are less sure")
+      ->capture_default_str();
+  const std::string group = "What the run's options.json says, from another place";
+  command->add_option("--model", flags->model, "COLMAP model of the references")->group(group);
+  command
+      ->add_option("--queries", flags->queries,
+                   "List of queries: name MODEL width height params...")
+      ->group(group);
+  command
+      ->add_option("--query-images", flags->query_images,
+                   "Folder of the query photographs, for names that stand alone in the list")
+      ->group(group);
+  command->add_option("--geometry", flags->geometry, "Of glb: mesh:PATH[,key=value...]")
+      ->group(group);
+  AddEnumOption(*command, "--names", flags->names,
+                "Of hloc: {}; full as in the list, file the last part\n"
+                "(hloc, Aachen, CMU), camera the last folder with it (RobotCar); by default file");
+  command->add_option("--times", flags->times,
+                      "Of tum and kitti: lines `name seconds` (default: names that are numbers,\n"
+                      "as TUM's, else the places in the list)");
+  command->add_option("--up", flags->up,
+                      "Of glb: the world's axis that points up, x|y|z|-x|-y|-z, is turned to\n"
+                      "glTF's y (default: the world's own axes)");
+  AddParsedOption(*command, "--frustum-size", flags->frustum_size, &ParsePositive,
+                  "Of glb: how far a camera reaches, scene units");
+  AddRunOptions(*command, flags->running);
+  command->footer(
+      "Examples:\n"
+      "  raylift export colmap result --out result/model\n"
+      "  raylift export glb result --out result/scene.glb --up z\n"
+      "  raylift export hloc result --names camera --out robotcar.txt");
+  return {command, [flags] { Run(*flags); }};
+}
+
+}  // namespace raylift

@@ -1,0 +1,62 @@
+#include "finished_run.h"
+
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/io/query_list.h"
+#include "raylift/localization/result_files.h"
+
+namespace raylift {
+namespace {
+
+using Json = nlohmann::json;
+using std::filesystem::path;
+
+// Empty where the option has no value.
+path PathOption(const Json& options, const char* name) {
+  const Json& value = options.at(name);
+  return value.is_null() ? path() : path(value.get<std::string>());
+}
+
+void TakeOptions(const path& folder, FinishedRun& run) {
+  const path file = folder / "options.json";
+  try {
+    const Json options = Json::parse(ReadFile(file));
+    run.query_list = PathOption(options, "queries");
+    run.query_images = PathOption(options, "query-images");
+    if (run.query_images.empty()) run.query_images = PathOption(options, "images");
+    run.model = PathOption(options, "model");
+    if (run.model.empty()) run.model = folder / "references" / "model";  // rendered
+    const auto poses = FromName<PoseConvention>(options.at("model-poses").get<std::string>());
+    if (!poses) throw InputError(file, "model-poses", "expected " + NameList<PoseConvention>());
+    run.model_poses = *poses;
+    run.thinning = {.every = options.at("every").get<int>(),
+                    .offset = options.at("every-offset").get<int>(),
+                    .per_camera = options.at("every-per-camera").get<bool>()};
+    run.geometry = options.at("geometry").get<std::vector<std::string>>();
+  } catch (const Json::exception& error) {
+    throw InputError(file, "is not what localize writes: " + std::string(error.what()));
+  }
+}
+
+}  // namespace
+
+FinishedRun ReadFinishedRun(const path& folder_or_pose_file) {
+  FinishedRun run;
+  if (std::filesystem::is_directory(folder_or_pose_file)) {
+    run.queries = ReadQueryDiagnostics(folder_or_pose_file / "queries.jsonl");
+    TakeOptions(folder_or_pose_file, run);
+    return run;
+  }
+  for (const NamedPose& pose : ReadPoseFile(folder_or_pose_file)) {
+    LocalizedQuery& query = run.queries.emplace_back();
+    query.name = pose.name;
+    query.estimate.cam_from_world = pose.cam_from_world;
+    query.estimate.verdict = PoseVerdict::kLocalized;
+    query.estimate.confidence = 1;
+  }
+  return run;
+}
+
+}  // namespace raylift

@@ -1,0 +1,28 @@
+// What a run of `raylift localize` has left behind, for commands that go on with it.
+
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "raylift/geometry/pose_convention.h"
+#include "raylift/localization/localizer.h"
+#include "raylift/scene/thinning.h"
+
+namespace raylift {
+
+struct FinishedRun {
+  std::vector<LocalizedQuery> queries;  // in the order of the list, with and without poses
+  // As its options.json has them: relative paths start where it ran. Empty where it has none.
+  std::filesystem::path query_list, query_images, model;
+  PoseConvention model_poses = PoseConvention::kCamFromWorld;
+  Thinning thinning;
+  std::vector<std::string> geometry;
+};
+
+// From the folder of a run, or from a pose file alone, whose poses all count as localized.
+// InputError where it is neither.
+FinishedRun ReadFinishedRun(const std::filesystem::path& folder_or_pose_file);
+
+}  // namespace raylift

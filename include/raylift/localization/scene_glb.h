@@ -1,0 +1,48 @@
+// A scene and its cameras as one GLB (binary glTF 2.0), for Blender, MeshLab and viewers on the web.
+
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+
+#include <Eigen/Core>
+
+#include "raylift/base/enum_names.h"
+#include "raylift/renderers/triangle_mesh.h"
+#include "raylift/scene/posed_image.h"
+
+namespace raylift {
+
+enum class GlbCameraKind { kReference, kLocalized, kDoubtful };
+template <>
+inline constexpr auto kEnumNames<GlbCameraKind> = std::to_array<EnumName<GlbCameraKind>>({
+    {GlbCameraKind::kReference, "references"},
+    {GlbCameraKind::kLocalized, "localized"},
+    {GlbCameraKind::kDoubtful, "doubtful"},
+});
+
+struct GlbCamera {
+  PosedImage image;
+  GlbCameraKind kind = GlbCameraKind::kReference;
+};
+
+struct GlbOptions {
+  // How far a frustum reaches, scene units. None: a twentieth of the box of all cameras, or of the
+  // mesh where they are in one place.
+  std::optional<double> frustum_size = std::nullopt;
+  // Becomes glTF's up, which is y. None: coordinates stay the world's.
+  std::optional<Eigen::Vector3d> up_in_world = std::nullopt;
+};
+
+// Each camera is a node of its image's name in the group of its kind: lines from its centre through
+// the corners of the image, blue for references, green for localized and orange for doubtful
+// queries, and a glTF camera (a pinhole: what is left of a lens that a GLB cannot hold). Numbers are
+// float about an origin that the outermost node holds in double. The mesh keeps its textures (as
+// JPEG) or its vertex colours, unlit; without them it is grey and lit.
+void WriteGlb(const std::filesystem::path& path, const TriangleMesh* mesh,
+              std::span<const GlbCamera> cameras, const GlbOptions& options = {});
+
+}  // namespace raylift
