@@ -7,6 +7,7 @@
 #include <cmath>
 #include <utility>
 
+#include "io/binary/npy_array.h"
 #include "io/depth/depth_formats.h"
 #include "io/depth/sample_rounding.h"
 #include "io/image/png_file.h"

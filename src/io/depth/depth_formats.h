@@ -31,7 +31,6 @@ std::string EncodeExr(const std::filesystem::path& path, PlaneSize size,
 std::string EncodeExrIndices(const std::filesystem::path& path, PlaneSize size,
                              std::span<const uint32_t> indices, ExrCompression compression);
 
-bool IsNpy(std::string_view bytes);
 StoredDepth DecodeNpy(const std::filesystem::path& path, std::string_view bytes);
 // What stands before the data of an array, for instance of ("<f4", "(480, 640)").
 std::string NpyHeaderBytes(std::string_view descr, std::string_view shape);
