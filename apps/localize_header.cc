@@ -122,7 +122,11 @@ Json InputsJson(const LocalizeFlags& flags, const Scene& scene, std::span<const 
   };
   const HlocFiles& hloc = flags.matching.hloc.files;
   add_file("features", hloc.features);
-  add_file("matches", hloc.matches);
+  if (std::filesystem::is_directory(hloc.matches)) {
+    inputs["matches"] = FolderFingerprint(hloc.matches, flags.out);
+  } else {
+    add_file("matches", hloc.matches);
+  }
   add_file("pairs", hloc.pairs);
   const RetrievalFlags& retrieval = flags.matching.retrieval;
   add_file("global-features", retrieval.global_features.references);

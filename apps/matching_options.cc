@@ -27,6 +27,7 @@ MatchingOptions MatchingFlags::Resolve(const std::vector<std::string>& geometry,
   MatchingOptions matching{.top_k = hloc.top_k};
   if (hloc.All()) {
     matching.hloc = hloc.files;
+    matching.reading = hloc.reading;
     return matching;
   }
   matching.front_end = front_end.Resolve(default_cache);

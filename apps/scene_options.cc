@@ -5,7 +5,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/option_checks.h"
-#include "raylift/io/colmap_database.h"
+#include "raylift/localization/matching.h"
 
 namespace raylift {
 
@@ -45,7 +45,7 @@ bool HlocFlags::Any() const {
 }
 
 bool HlocFlags::All() const {
-  if (IsColmapDatabase(files.matches)) return files.features.empty();
+  if (StandAlone(files.matches)) return files.features.empty();
   return !files.features.empty() && !files.matches.empty() && !files.pairs.empty();
 }
 
@@ -54,7 +54,17 @@ void HlocFlags::Check() const {
   if (Any() && !All()) {
     throw OptionError(
         "--features, --matches and --pairs go together: give all three or none (or COLMAP's "
-        "database as --matches, with or without --pairs)");
+        "database, or a folder of pairs, as --matches, with or without --pairs)");
+  }
+  if (reading.min_score && !Any()) {
+    throw OptionError("--min-match-score", fmt::format("{}", *reading.min_score),
+                      "needs --matches");
+  }
+  raylift::Check(reading);
+  std::error_code ignored;
+  if ((reading.first_pixel != 0 || reading.cell_px != 0) &&
+      !std::filesystem::is_directory(files.matches, ignored)) {
+    throw OptionError("--first-pixel and --cell-px go with a folder of pairs as --matches");
   }
 }
 
@@ -67,11 +77,26 @@ void RequireWithoutHloc(const HlocFlags& flags, std::string_view options_are, bo
 void AddHlocOptions(CLI::App& app, HlocFlags& flags, const std::string& without) {
   const std::string group = "Matches";
   app.add_option("--features", flags.files.features, "hloc's features.h5" + without)->group(group);
-  app.add_option(
-         "--matches", flags.files.matches,
-         "hloc's matches.h5, or COLMAP's database.db, which needs no\n--features and no --pairs")
+  app.add_option("--matches", flags.files.matches,
+                 "hloc's matches.h5; or COLMAP's database.db, or a folder of a file\n"
+                 "of each pair, QUERY__REFERENCE.npz or .npy (N x 4 pixels, or\n"
+                 "mkpts0, mkpts1; also scores), which need no --features and no --pairs")
       ->group(group);
   app.add_option("--pairs", flags.files.pairs, "hloc's pairs list: query reference")->group(group);
+  app.add_option("--min-match-score", flags.reading.min_score,
+                 "Leave out matches in files whose score is lower")
+      ->group(group);
+  app.add_option("--first-pixel", flags.reading.first_pixel,
+                 "Of a folder of pairs: where its matcher puts the centre of the first\n"
+                 "pixel, 0 (most) or 0.5 (COLMAP, RoMa)")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--cell-px", flags.reading.cell_px,
+                 "Of a folder of pairs: query pixels in one cell of so many pixels are\n"
+                 "one keypoint, as dense matchers find others in each pair; 0: equal\n"
+                 "pixels alone")
+      ->capture_default_str()
+      ->group(group);
   app.add_option("--top-k", flags.top_k, "Retrieved references per query")
       ->capture_default_str()
       ->group(group);

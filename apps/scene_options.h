@@ -30,12 +30,14 @@ void AddReferenceOptions(CLI::App& app, ReferenceFlags& flags);
 
 struct HlocFlags {
   HlocFiles files;
+  MatchReading reading;
   int top_k = 10;
 
   // Any of the three files is named; all that are needed.
   bool Any() const;
   bool All() const;
-  // The three files go together, but a database stands alone. Throws OptionError.
+  // The three files go together, but a database or a folder of pairs stands alone. Throws
+  // OptionError.
   void Check() const;
 };
 // What must be given where hloc's files are not: `options_are` says so ("--images is"). Throws

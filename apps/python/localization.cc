@@ -190,9 +190,19 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene) {
   keywords.Take("cache", options.front_end.cache);
   keywords.Take("query_images", options.front_end.query_images);
   const bool any = !files.features.empty() || !files.matches.empty() || !files.pairs.empty();
-  const bool all = !files.features.empty() && !files.matches.empty() && !files.pairs.empty();
-  if (any != all) throw OptionError("features, matches and pairs go together");
+  const bool all = StandAlone(files.matches)
+                       ? files.features.empty()
+                       : !files.features.empty() && !files.matches.empty() && !files.pairs.empty();
+  if (any && !all) {
+    throw OptionError(
+        "features, matches and pairs go together, but for matches that are COLMAP's database or a "
+        "folder of pairs");
+  }
   if (any) options.hloc = files;
+  keywords.Take("min_match_score", options.reading.min_score);
+  keywords.Take("first_pixel", options.reading.first_pixel);
+  keywords.Take("cell_px", options.reading.cell_px);
+  Check(options.reading);
   RequireAtLeast("top_k", options.top_k, 1);
   RequireAtLeast("max_features", options.front_end.max_features, 1);
   if (options.front_end.query_images.empty()) options.front_end.query_images = scene.images;
@@ -397,7 +407,11 @@ void BindLocalization(py::module_& module) {
            "geometry_mode=\"first\", min_confidence=0, top_k=10; of the built-in front end "
            "(RootSIFT and\n"
            "VLAD, made from the scene's photographs) max_features=4096, max_ratio=0.8, cache,\n"
-           "query_images; or hloc's files features, matches and pairs.\n\n"
+           "query_images; or hloc's files features, matches and pairs; or as matches alone "
+           "COLMAP's\n"
+           "database, or a folder of the matches of each pair (N, 4), with first_pixel=0, "
+           "cell_px=0\n"
+           "as of raylift.hloc.matches_from(); of matches in files, min_match_score.\n\n"
            "reference_features: features of one's own, a dict by the references' names of dicts "
            "with\n"
            "keypoints (N, 2) and descriptors (N, D) of unit length; their photographs are not "

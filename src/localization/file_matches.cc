@@ -1,13 +1,12 @@
 #include "localization/file_matches.h"
 
-#include <mutex>
 #include <set>
-#include <unordered_map>
 #include <utility>
 
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/option_checks.h"
 #include "raylift/scene/keypoints.h"
 
 namespace raylift {
@@ -22,16 +21,12 @@ std::set<std::string> NamesOf(const JoiningQueries& joining) {
 class FileMatches final : public MatchSource {
  public:
   FileMatches(std::unique_ptr<const MatchFiles> files, RetrievalPairs pairs,
-              const ReferenceSet& references, int top_k, const JoiningQueries& joining)
+              const ReferenceSet& references, int top_k, const JoiningQueries& joining,
+              const MatchReading& reading)
       : files_(std::move(files)),
         pairs_(std::move(pairs)),
-        top_k_(static_cast<size_t>(top_k)),
-        max_joined_(static_cast<size_t>(joining.max_joined)),
-        joining_(NamesOf(joining)) {
-    for (const PosedImage& image : references.images) {
-      references_.emplace(image.name, image);
-    }
-  }
+        references_(references, top_k, joining),
+        reading_(reading) {}
 
   QueryMatches Match(const Query& query) const override {
     QueryMatches result;
@@ -40,33 +35,24 @@ class FileMatches final : public MatchSource {
       return result;
     }
     const Keypoints query_keypoints = ReadKeypoints(query.name, query.camera);
-    size_t num_joined = 0;
-    for (const std::string& name : retrieved->second) {
-      if (result.references.size() == top_k_) {
-        break;
-      }
-      if (joining_.contains(name)) {
-        if (name == query.name || !references_.contains(name) || num_joined == max_joined_) {
-          continue;
-        }
-        ++num_joined;
-      }
-      const int reference = static_cast<int>(result.references.size());
-      result.references.push_back(references_.at(name));
+    result.references = references_.Take(query.name, retrieved->second);
+    for (size_t r = 0; r < result.references.size(); ++r) {
+      const std::string& name = result.references[r].name;
       const auto matches = files_->ReadMatches(query.name, name);
       if (!matches) {
-        Warn(fmt::format("{}: no matches of {} with {}", files_->matches_file().string(),
-                         query.name, name));
+        warnings_.Add(fmt::format("{}: no matches of {} with {}", files_->matches_file().string(),
+                                  query.name, name));
         continue;
       }
-      const Keypoints reference_keypoints = ReadKeypoints(name, result.references.back().camera);
+      const Keypoints reference_keypoints = ReadKeypoints(name, result.references[r].camera);
       for (const FeatureMatch& match : *matches) {
         CheckIndex(match.query_index, query_keypoints, query.name, query.name, name);
         CheckIndex(match.reference_index, reference_keypoints, name, query.name, name);
+        if (reading_.min_score && match.score < *reading_.min_score) continue;
         const auto query_index = static_cast<size_t>(match.query_index);
         const auto reference_index = static_cast<size_t>(match.reference_index);
         result.matches.push_back(
-            {.reference = reference,
+            {.reference = static_cast<int>(r),
              .query_px = query_keypoints.pixels[query_index],
              .reference_px = reference_keypoints.pixels[reference_index],
              .query_keypoint = query_keypoints.canonical[query_index],
@@ -76,15 +62,11 @@ class FileMatches final : public MatchSource {
     return result;
   }
 
-  void Join(const PosedImage& localized_query) override {
-    RAYLIFT_CHECK(joining_.contains(localized_query.name));
-    references_.insert_or_assign(localized_query.name, localized_query);
-  }
+  void Join(const PosedImage& localized_query) override { references_.Join(localized_query); }
 
   std::vector<std::string> Warnings() const override {
     std::vector<std::string> warnings = files_->Warnings();
-    const std::lock_guard<std::mutex> lock(mutex_);
-    warnings.insert(warnings.end(), warnings_.begin(), warnings_.end());
+    for (std::string& warning : warnings_.All()) warnings.push_back(std::move(warning));
     return warnings;
   }
 
@@ -98,9 +80,10 @@ class FileMatches final : public MatchSource {
     Features features = files_->ReadFeatures(name);
     if (features.image_width_px > 0 && (features.image_width_px != camera.width_px() ||
                                         features.image_height_px != camera.height_px())) {
-      Warn(fmt::format("{}: {} was {} x {} when its features were made, its camera is {} x {}",
-                       files_->features_file().string(), name, features.image_width_px,
-                       features.image_height_px, camera.width_px(), camera.height_px()));
+      warnings_.Add(
+          fmt::format("{}: {} was {} x {} when its features were made, its camera is {} x {}",
+                      files_->features_file().string(), name, features.image_width_px,
+                      features.image_height_px, camera.width_px(), camera.height_px()));
     }
     std::vector<int> canonical = CanonicalKeypoints(features.keypoints_px);
     return {std::move(features.keypoints_px), std::move(canonical)};
@@ -115,34 +98,76 @@ class FileMatches final : public MatchSource {
     }
   }
 
-  // Kept in order, so that the thread that met one first does not show.
-  void Warn(std::string warning) const {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    warnings_.insert(std::move(warning));
-  }
-
   std::unique_ptr<const MatchFiles> files_;
   RetrievalPairs pairs_;
-  size_t top_k_;
-  size_t max_joined_;
-  std::set<std::string> joining_;
-  std::unordered_map<std::string, PosedImage> references_;
-  mutable std::mutex mutex_;
-  mutable std::set<std::string> warnings_;
+  KnownReferences references_;
+  MatchReading reading_;
+  WarningSet warnings_;
 };
 
 }  // namespace
 
 std::unique_ptr<MatchSource> MakeFileMatches(std::unique_ptr<const MatchFiles> files,
                                              RetrievalPairs pairs, const ReferenceSet& references,
-                                             int top_k, const JoiningQueries& joining) {
+                                             int top_k, const JoiningQueries& joining,
+                                             const MatchReading& reading) {
   return std::make_unique<FileMatches>(std::move(files), std::move(pairs), references, top_k,
-                                       joining);
+                                       joining, reading);
+}
+
+void Check(const MatchReading& reading) {
+  if (!(reading.first_pixel >= 0 && reading.first_pixel <= 1)) {
+    throw OptionError("first_pixel", fmt::format("{}", reading.first_pixel),
+                      "must lie between 0 and 1");
+  }
+  RequireAtLeast("cell_px", reading.cell_px, 0);
+}
+
+KnownReferences::KnownReferences(const ReferenceSet& references, int top_k,
+                                 const JoiningQueries& joining)
+    : top_k_(static_cast<size_t>(top_k)),
+      max_joined_(static_cast<size_t>(joining.max_joined)),
+      joining_(NamesOf(joining)) {
+  for (const PosedImage& image : references.images) references_.emplace(image.name, image);
+}
+
+std::vector<PosedImage> KnownReferences::Take(const std::string& query,
+                                              std::span<const std::string> names) const {
+  std::vector<PosedImage> taken;
+  size_t num_joined = 0;
+  for (const std::string& name : names) {
+    if (taken.size() == top_k_) break;
+    if (joining_.contains(name)) {
+      if (name == query || !references_.contains(name) || num_joined == max_joined_) continue;
+      ++num_joined;
+    }
+    taken.push_back(references_.at(name));
+  }
+  return taken;
+}
+
+void KnownReferences::Join(const PosedImage& localized_query) {
+  RAYLIFT_CHECK(joining_.contains(localized_query.name));
+  references_.insert_or_assign(localized_query.name, localized_query);
+}
+
+void WarningSet::Add(std::string warning) const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  warnings_.insert(std::move(warning));
+}
+
+std::vector<std::string> WarningSet::All() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return {warnings_.begin(), warnings_.end()};
 }
 
 RetrievalPairs ReadPairsInUse(const std::filesystem::path& file, const ReferenceSet& references,
                               const JoiningQueries& joining) {
-  RetrievalPairs pairs = ReadPairs(file);
+  return PairsInUse(ReadPairs(file), file, references, joining);
+}
+
+RetrievalPairs PairsInUse(RetrievalPairs pairs, const std::filesystem::path& file,
+                          const ReferenceSet& references, const JoiningQueries& joining) {
   std::set<std::string> in_use;
   for (const PosedImage& image : references.images) in_use.insert(image.name);
   const std::set<std::string> joining_names = NamesOf(joining);

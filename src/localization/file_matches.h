@@ -4,8 +4,12 @@
 
 #include <filesystem>
 #include <memory>
+#include <mutex>
 #include <optional>
+#include <set>
+#include <span>
 #include <string>
+#include <unordered_map>
 #include <vector>
 
 #include "raylift/io/retrieval_pairs.h"
@@ -36,11 +40,42 @@ class MatchFiles {
 // are taken.
 std::unique_ptr<MatchSource> MakeFileMatches(std::unique_ptr<const MatchFiles> files,
                                              RetrievalPairs pairs, const ReferenceSet& references,
-                                             int top_k, const JoiningQueries& joining);
+                                             int top_k, const JoiningQueries& joining,
+                                             const MatchReading& reading = {});
+
+// The references that a query may be matched with, and the queries among them that have joined.
+class KnownReferences {
+ public:
+  KnownReferences(const ReferenceSet& references, int top_k, const JoiningQueries& joining);
+
+  // The first `top_k` of the names, best first, that are references of this query by now.
+  std::vector<PosedImage> Take(const std::string& query, std::span<const std::string> names) const;
+  void Join(const PosedImage& localized_query);
+
+ private:
+  size_t top_k_, max_joined_;
+  std::set<std::string> joining_;
+  std::unordered_map<std::string, PosedImage> references_;
+};
+
+// Warnings of several threads, each once and in order, so that the thread that met one first does
+// not show.
+class WarningSet {
+ public:
+  void Add(std::string warning) const;
+  std::vector<std::string> All() const;
+
+ private:
+  mutable std::mutex mutex_;
+  mutable std::set<std::string> warnings_;
+};
 
 // A list of pairs without those that are thinned out. InputError where it names a reference that
 // the model does not hold.
 RetrievalPairs ReadPairsInUse(const std::filesystem::path& file, const ReferenceSet& references,
                               const JoiningQueries& joining);
+// The same of a list that was read from there.
+RetrievalPairs PairsInUse(RetrievalPairs pairs, const std::filesystem::path& file,
+                          const ReferenceSet& references, const JoiningQueries& joining);
 
 }  // namespace raylift

@@ -31,10 +31,11 @@ class HlocMatchFiles final : public MatchFiles {
 }  // namespace
 
 std::unique_ptr<MatchSource> OpenHlocMatches(const HlocFiles& files, const ReferenceSet& references,
-                                             int top_k, const JoiningQueries& joining) {
+                                             int top_k, const JoiningQueries& joining,
+                                             const MatchReading& reading) {
   auto opened = std::make_unique<const HlocMatchFiles>(files);
   return MakeFileMatches(std::move(opened), ReadPairsInUse(files.pairs, references, joining),
-                         references, top_k, joining);
+                         references, top_k, joining, reading);
 }
 
 }  // namespace raylift

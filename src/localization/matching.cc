@@ -5,6 +5,7 @@
 #include "raylift/base/error.h"
 #include "raylift/io/colmap_database.h"
 #include "raylift/localization/database_matches.h"
+#include "raylift/localization/pair_matches.h"
 
 namespace raylift {
 namespace {
@@ -36,6 +37,11 @@ class WithWarnings final : public MatchSource {
 
 }  // namespace
 
+bool StandAlone(const std::filesystem::path& matches) {
+  std::error_code ignored;
+  return IsColmapDatabase(matches) || std::filesystem::is_directory(matches, ignored);
+}
+
 std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Query> queries,
                                          const MatchingOptions& options) {
   if (options.hloc) {
@@ -45,7 +51,12 @@ std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Que
       return OpenDatabaseMatches(options.hloc->matches, options.hloc->pairs, scene.references,
                                  options.top_k, joining);
     }
-    return OpenHlocMatches(*options.hloc, scene.references, options.top_k, joining);
+    if (std::filesystem::is_directory(options.hloc->matches)) {
+      return OpenPairMatches(options.hloc->matches, options.hloc->pairs, scene.references,
+                             options.top_k, joining, options.reading);
+    }
+    return OpenHlocMatches(*options.hloc, scene.references, options.top_k, joining,
+                           options.reading);
   }
   FrontEndOptions front_end = options.front_end;
   front_end.reference_images = scene.images;

@@ -79,3 +79,23 @@ def test_a_reconstruction_is_taken_by_its_write(hloc, tmp_path):
     found = raylift.hloc.localize(reconstruction, str(hloc.query_list), hloc.pairs, hloc.features,
                                   hloc.matches_file, tmp_path / "results.txt", geometry=MESH)
     assert all(found.values())
+
+
+def test_a_folder_of_pairs_is_the_same_as_hlocs_files(hloc, tmp_path):
+    """Keypoints of a query are told by their pixels, which are hloc's float32."""
+    for (query, reference), (of_query, of_reference) in hloc.matches.items():
+        pixels = [np.asarray(hloc.keypoints[name], np.float32) for name in (query, reference)]
+        name = f"{query}__{reference}".replace("/", "-")
+        np.savez(tmp_path / f"{name}.npz", mkpts0=pixels[0][of_query], mkpts1=pixels[1][of_reference],
+                 mconf=np.linspace(0, 1, len(of_query)), names=np.array([query, reference]))
+    of_files = raylift.Localizer(hloc.scene, features=hloc.features, matches=hloc.matches_file,
+                                 pairs=hloc.pairs)
+    of_folder = raylift.Localizer(hloc.scene, matches=tmp_path, pairs=hloc.pairs)
+    expected = of_files.localize_all(hloc.queries)
+    for name, query in of_folder.localize_all(hloc.queries).items():
+        np.testing.assert_array_equal(query.problem.query2d, expected[name].problem.query2d)
+        assert str(query.cam_from_world) == str(expected[name].cam_from_world)
+    best = raylift.Localizer(hloc.scene, matches=tmp_path, pairs=hloc.pairs, min_match_score=0.5)
+    for name, query in best.localize_all(hloc.queries).items():
+        assert 0 < len(query.problem.query2d) < 0.6 * len(expected[name].problem.query2d)
+        hloc.expect_near(name, query.cam_from_world)

@@ -97,6 +97,7 @@ def test_wrong_queries_are_input_errors(localizer, query, camera, message):
 @pytest.mark.parametrize("options, message", [
     (dict(top_k=0), "top_k = 0"),
     (dict(features="a.h5"), "features, matches and pairs go together"),
+    (dict(first_pixel=2.0), "first_pixel = 2"),
     (dict(candidates="some"), "candidates = some: expected keep"),
     (dict(filter_min_views=0, filter="fixed"), "filter_min_views = 0"),
     (dict(method="p5p"), "method = p5p"),

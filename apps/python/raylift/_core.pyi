@@ -641,7 +641,9 @@ class Localizer:
         candidates="keep", candidates_error_px=4, candidates_min_angle_deg=1,
         geometry_mode="first", min_confidence=0, top_k=10; of the built-in front end (RootSIFT and
         VLAD, made from the scene's photographs) max_features=4096, max_ratio=0.8, cache,
-        query_images; or hloc's files features, matches and pairs.
+        query_images; or hloc's files features, matches and pairs; or as matches alone COLMAP's
+        database, or a folder of the matches of each pair (N, 4), with first_pixel=0, cell_px=0
+        as of raylift.hloc.matches_from(); of matches in files, min_match_score.
 
         reference_features: features of one's own, a dict by the references' names of dicts with
         keypoints (N, 2) and descriptors (N, D) of unit length; their photographs are not read.

@@ -1,8 +1,9 @@
-// The matches of a scene's queries by whatever there is: hloc's files, COLMAP's database, or the built-in front end
-// with any kind of retrieval.
+// The matches of a scene's queries by whatever there is: hloc's files, COLMAP's database, a folder
+// of pairs, or the built-in front end with any kind of retrieval.
 
 #pragma once
 
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <span>
@@ -16,9 +17,10 @@
 namespace raylift {
 
 struct MatchingOptions {
-  // None: the front end. Where `matches` is COLMAP's database, it is all that is needed.
+  // None: the front end. Where `matches` stand alone, they are all that is needed.
   std::optional<HlocFiles> hloc = std::nullopt;
-  int top_k = 10;  // references per query
+  MatchReading reading = {};  // of matches in files
+  int top_k = 10;             // references per query
   // With a number, localized queries may join the references, up to so many among the top_k.
   std::optional<int> max_joined = std::nullopt;
 
@@ -28,6 +30,9 @@ struct MatchingOptions {
   // `overlap` unless one is given.
   std::optional<RetrievalOptions> retrieval = std::nullopt;
 };
+
+// Whether these matches need no features and no pairs: COLMAP's database, a folder of pairs.
+bool StandAlone(const std::filesystem::path& matches);
 
 // Warnings of the retrieval come with those of the source.
 std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Query> queries,
