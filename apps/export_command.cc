@@ -14,6 +14,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/option_checks.h"
 #include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/kapture_folder.h"
@@ -24,6 +25,7 @@
 #include "raylift/localization/localized_model.h"
 #include "raylift/localization/references.h"
 #include "raylift/localization/scene_glb.h"
+#include "raylift/renderers/decimated_mesh.h"
 
 namespace raylift {
 
@@ -57,6 +59,7 @@ struct ExportFlags {
   std::string geometry, up;
   std::optional<NameForm> names;
   std::optional<double> frustum_size;
+  int max_triangles = 0;  // 0: all
   double min_confidence = 0;
   RunFlags running;
 };
@@ -78,6 +81,8 @@ void Check(const ExportFlags& flags) {
   only_for("--query-images", !flags.query_images.empty(), {kColmap, kGlb, kKapture});
   only_for("--geometry", !flags.geometry.empty(), {kGlb});
   only_for("--up", !flags.up.empty(), {kGlb});
+  RequireAtLeast("--max-triangles", flags.max_triangles, 0);
+  only_for("--max-triangles", flags.max_triangles > 0, {kGlb});
   only_for("--frustum-size", flags.frustum_size.has_value(), {kGlb});
   if (!(flags.min_confidence >= 0 && flags.min_confidence <= 1)) {
     throw OptionError("--min-confidence", fmt::format("{}", flags.min_confidence),
@@ -87,7 +92,7 @@ void Check(const ExportFlags& flags) {
 
 std::optional<Eigen::Vector3d> ParseUp(const std::string& text) {
   if (text.empty()) return std::nullopt;
-  const std::string_view axis = text.starts_with('-') ? text.substr(1) : text;
+  const std::string axis = text.starts_with('-') ? text.substr(1) : text;
   const size_t place = std::string_view("xyz").find(axis);
   if (axis.size() != 1 || place == std::string_view::npos) {
     throw OptionError("--up", text, "expected x|y|z|-x|-y|-z");
@@ -214,9 +219,17 @@ class Export {
       cameras.push_back(
           {std::move(queries[i]), sure ? GlbCameraKind::kLocalized : GlbCameraKind::kDoubtful});
     }
+    const GlbOptions options{.frustum_size = flags_.frustum_size, .up_in_world = up};
     const std::shared_ptr<const RayCaster> mesh = Mesh();
-    WriteGlb(flags_.out, mesh == nullptr ? nullptr : &mesh->mesh(), cameras,
-             {.frustum_size = flags_.frustum_size, .up_in_world = up});
+    if (mesh == nullptr) {
+      WriteGlb(flags_.out, nullptr, cameras, options);
+    } else if (flags_.max_triangles == 0) {
+      WriteGlb(flags_.out, &mesh->mesh(), cameras, options);
+    } else {
+      const auto most = static_cast<size_t>(flags_.max_triangles);
+      const TriangleMesh coarse = DecimatedMesh(mesh->mesh(), most);
+      WriteGlb(flags_.out, &coarse, cameras, options);
+    }
   }
 
   // The first of the geometries that is one; null where there is none.
@@ -336,6 +349,11 @@ Command AddExportCommand(CLI::App& program) {
   command->add_option("--times", flags->times,
                       "Of tum and kitti: lines `name seconds` (default: names that are numbers,\n"
                       "as TUM's, else the places in the list)");
+  command
+      ->add_option("--max-triangles", flags->max_triangles,
+                   "Of glb: make the mesh coarser until it has no more, in colours without\n"
+                   "textures; 0: as it is")
+      ->capture_default_str();
   command->add_option("--up", flags->up,
                       "Of glb: the world's axis that points up, x|y|z|-x|-y|-z, is turned to\n"
                       "glTF's y (default: the world's own axes)");

@@ -294,6 +294,7 @@ Json AddCameras(std::span<const GlbCamera> cameras, GlbCameraKind kind,
 
 void WriteGlb(const path& file, const TriangleMesh* mesh, std::span<const GlbCamera> cameras,
               const GlbOptions& options) {
+  if (mesh != nullptr && mesh->triangles.empty()) mesh = nullptr;
   if (mesh == nullptr && cameras.empty()) throw InputError(file, "there is nothing to write");
   GlbFile glb;
   const Eigen::Vector3d origin = OriginOf(mesh, cameras);

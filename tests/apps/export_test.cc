@@ -122,6 +122,10 @@ TEST_F(Export, EveryCameraAndTheMeshAreInTheGlb) {
   EXPECT_EQ(children.at("localized"), scene_.queries.size());
   EXPECT_EQ(children.count("geometry"), 1u);
   EXPECT_EQ(children.count("query/a.png"), 1u);
+  // A coarser mesh makes a smaller file.
+  const fs::path small = scene_.folder / "small.glb";
+  ASSERT_TRUE(Succeeds(Run("glb", small, {"--max-triangles", "10"})));
+  EXPECT_LT(fs::file_size(small), fs::file_size(file));
   // It is a mesh for Raylift, too.
   EXPECT_TRUE(Succeeds(RunRaylift({"localize", "--model", scene_.model(), "--geometry",
                                    "mesh:" + file.string(), "--queries", scene_.query_list(),
