@@ -1,7 +1,8 @@
-// Quaternions of files that promise unit length.
+// Quaternions of files that promise unit length, and vectors that promise none.
 
 #pragma once
 
+#include <cmath>
 #include <optional>
 
 #include <Eigen/Core>
@@ -15,5 +16,12 @@ inline constexpr double kUnitLengthTolerance = 1e-3;
 // The unit quaternion, or none where the length is not 1 within the tolerance. One that is of unit
 // length up to rounding stays as it is, so that it is written back with the same digits.
 std::optional<Eigen::Quaterniond> UnitQuaternion(const Eigen::Vector4d& qvec_wxyz);
+
+// Whether a vector of any length can be normalized: it is not zero, nor so short or long that its
+// squares leave the range of numbers.
+template <int N>
+bool HasDirection(const Eigen::Matrix<double, N, 1>& vector) {
+  return std::isnormal(vector.squaredNorm());
+}
 
 }  // namespace raylift

@@ -10,6 +10,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/io/unit_quaternion.h"
 
 namespace raylift::colmap {
 namespace {
@@ -52,8 +53,9 @@ Eigen::Matrix<double, N, 1> ReadVector(BinaryReader& reader, const char* field) 
 ColmapPose ReadPose(BinaryReader& reader) {
   ColmapPose pose;
   pose.qvec_wxyz = ReadVector<4>(reader, "qvec");
-  if (pose.qvec_wxyz.isZero(0)) {
-    reader.Fail("qvec", "expected a rotation, found the quaternion 0 0 0 0");
+  if (!HasDirection(pose.qvec_wxyz)) {
+    reader.Fail("qvec", fmt::format("expected a rotation, found the quaternion {}",
+                                    fmt::join(pose.qvec_wxyz, " ")));
   }
   pose.tvec = ReadVector<3>(reader, "tvec");
   return pose;

@@ -7,6 +7,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
 #include "raylift/io/line_tokens.h"
+#include "raylift/io/unit_quaternion.h"
 
 namespace raylift {
 namespace {
@@ -15,7 +16,10 @@ using Eigen::Vector3d;
 
 Vector3d ReadDirection(LineTokens& tokens, std::string_view field) {
   Vector3d direction = tokens.Vector<3>(field);
-  if (direction.isZero(0)) tokens.Fail(fmt::format("{}: expected a direction, found zeros", field));
+  if (!HasDirection(direction)) {
+    tokens.Fail(fmt::format("{}: expected a direction, found {}", field,
+                            direction.isZero(0) ? "zeros" : "numbers out of range"));
+  }
   return direction;
 }
 

@@ -207,7 +207,10 @@ void ReadReferenceClusters(const JsonPlace& place, PoseProblem* problem) {
 
 Eigen::Vector3d ReadDirection(const JsonPlace& place) {
   Eigen::Vector3d direction = ReadVector<3>(place);
-  if (direction.isZero(0)) place.Fail("expected a direction, found zeros");
+  if (!HasDirection(direction)) {
+    place.Fail(fmt::format("expected a direction, found {}",
+                           direction.isZero(0) ? "zeros" : "numbers out of range"));
+  }
   return direction;
 }
 

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/io/unit_quaternion.h"
 
 namespace raylift {
 namespace {
@@ -72,8 +73,9 @@ void LineTokens::ExpectEnd() {
 
 Eigen::Vector4d LineTokens::Quaternion(std::string_view field) {
   Eigen::Vector4d qvec_wxyz = Vector<4>(field);
-  if (qvec_wxyz.isZero(0)) {
-    Fail(fmt::format("{}: expected a rotation, found the quaternion 0 0 0 0", field));
+  if (!HasDirection(qvec_wxyz)) {
+    Fail(fmt::format("{}: expected a rotation, found the quaternion {}", field,
+                     fmt::join(qvec_wxyz, " ")));
   }
   return qvec_wxyz;
 }
