@@ -80,13 +80,15 @@ std::string TakeBytes(const path& file, zip_source_t* source) {
 
 struct ZipReader::Archive {
   ZipHandle handle;
+  size_t num_bytes;
 };
 
 bool IsZip(std::string_view bytes) { return bytes.starts_with("PK\x03\x04"); }
 
 ZipReader::ZipReader(path path_for_messages, std::string_view bytes)
     : path_(std::move(path_for_messages)),
-      archive_(std::make_unique<Archive>(Archive{Open(path_, bytes.data(), bytes.size())})) {
+      archive_(std::make_unique<Archive>(
+          Archive{Open(path_, bytes.data(), bytes.size()), bytes.size()})) {
   const zip_int64_t count = zip_get_num_entries(archive_->handle.get(), 0);
   for (zip_int64_t i = 0; i < count; ++i) {
     const char* name = zip_get_name(archive_->handle.get(), static_cast<zip_uint64_t>(i), 0);
@@ -102,9 +104,10 @@ std::string ZipReader::Read(const std::string& name) const {
   zip_stat_t stat;
   zip_stat_init(&stat);
   if (zip_stat(archive, name.c_str(), 0, &stat) != 0) fail("no such entry");
-  if (stat.size > kMaxInflation * (stat.comp_size + 1)) {
+  const auto compressed = std::min<uint64_t>(stat.comp_size, archive_->num_bytes);
+  if (stat.size > kMaxInflation * (compressed + 1)) {
     fail(fmt::format("claims {} bytes, more than its {} compressed bytes can become", stat.size,
-                     stat.comp_size));
+                     compressed));
   }
   const std::unique_ptr<zip_file_t, CloseEntry> entry(zip_fopen(archive, name.c_str(), 0));
   if (entry == nullptr) {

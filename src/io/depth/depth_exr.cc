@@ -1,8 +1,11 @@
 // Depth maps in OpenEXR.
 
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <climits>
+#include <cstring>
+#include <optional>
 #include <utility>
 
 #include "io/depth/depth_formats.h"
@@ -24,6 +27,8 @@ namespace raylift {
 namespace {
 
 using std::filesystem::path;
+
+constexpr std::string_view kMagic("\x76\x2f\x31\x01", 4);
 
 // The type of file positions differs between OpenEXR's versions.
 using Position = decltype(std::declval<Imf::IStream&>().tellg());
@@ -78,6 +83,96 @@ std::string Lower(std::string text) {
   for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   return text;
 }
+
+// OpenEXR takes the memory that an attribute claims before it reads it: refuses those that claim
+// more than the file has.
+class AttributeCheck {
+ public:
+  AttributeCheck(const path& file, std::string_view bytes) : file_(file), bytes_(bytes) {}
+
+  void Run() {
+    constexpr uint32_t kMultiPart = 1 << 12;
+    const bool is_multi_part = (Number("version") & kMultiPart) != 0;
+    // An empty name ends a header, and one more the headers of several parts.
+    do {
+      for (auto name = Text(); !name.empty(); name = Text()) CheckAttribute(name);
+    } while (is_multi_part && !bytes_.starts_with('\0'));
+  }
+
+ private:
+  void CheckAttribute(std::string_view name) {
+    const std::string_view type = Text();
+    const uint64_t size = Number(name);
+    if (size > bytes_.size()) {
+      Fail(name, fmt::format("it claims {} bytes, the file has {} more", size, bytes_.size()));
+    }
+    AttributeCheck value(file_, bytes_.substr(0, size));
+    bytes_.remove_prefix(size);
+    if (type == "chlist") {
+      while (!value.Text().empty()) value.Skip(name, 16);
+    } else if (type == "stringvector") {
+      while (!value.bytes_.empty()) value.Skip(name, value.Number(name));
+    } else if (type == "preview") {
+      const uint64_t width = value.Number(name), height = value.Number(name);
+      value.Skip(name, 4 * width * height);
+    } else {
+      value.Skip(name, SizeOf(type).value_or(size));
+    }
+    if (!value.bytes_.empty()) {
+      Fail(name, fmt::format("it is {} bytes longer than its type", value.bytes_.size()));
+    }
+  }
+
+  // Of the types that OpenEXR reads without regard to the size that the file gives.
+  static std::optional<uint64_t> SizeOf(std::string_view type) {
+    static constexpr auto kSizes = std::to_array<std::pair<std::string_view, uint64_t>>(
+        {{"box2i", 16},      {"box2f", 16},   {"chromaticities", 32},
+         {"compression", 1}, {"double", 8},   {"envmap", 1},
+         {"float", 4},       {"int", 4},      {"keycode", 28},
+         {"lineOrder", 1},   {"m33f", 36},    {"m33d", 72},
+         {"m44f", 64},       {"m44d", 128},   {"rational", 8},
+         {"tiledesc", 9},    {"timecode", 8}, {"v2i", 8},
+         {"v2f", 8},         {"v2d", 16},     {"v3i", 12},
+         {"v3f", 12},        {"v3d", 24},     {"deepImageState", 1}});
+    for (const auto& [known, size] : kSizes) {
+      if (known == type) return size;
+    }
+    return std::nullopt;
+  }
+
+  void Skip(std::string_view name, uint64_t size) {
+    if (size > bytes_.size()) {
+      Fail(name, fmt::format("it takes {} bytes, and has {}", size, bytes_.size()));
+    }
+    bytes_.remove_prefix(size);
+  }
+
+  std::string_view Text() {
+    const size_t end = bytes_.find('\0');
+    if (end == std::string_view::npos) Fail("header", "the file ends here");
+    const std::string_view text = bytes_.substr(0, end);
+    bytes_.remove_prefix(end + 1);
+    return text;
+  }
+
+  uint32_t Number(std::string_view name) {
+    uint32_t number = 0;
+    if (bytes_.size() < sizeof(number)) Fail(name, "the file ends here");
+    std::memcpy(&number, bytes_.data(), sizeof(number));
+    bytes_.remove_prefix(sizeof(number));
+    return number;
+  }
+
+  [[noreturn]] void Fail(std::string_view name, std::string_view message) const {
+    constexpr size_t kMaxShown = 40;
+    throw InputError(
+        file_, fmt::format("EXR attribute {}", OneLine(std::string(name.substr(0, kMaxShown)))),
+        message);
+  }
+
+  const path& file_;
+  std::string_view bytes_;
+};
 
 struct ChannelOfFile {
   int part;
@@ -271,11 +366,10 @@ std::string EncodeSlices(const path& file, PlaneSize size, Imf::PixelType type,
 
 }  // namespace
 
-bool IsExr(std::string_view bytes) {
-  return bytes.starts_with(std::string_view("\x76\x2f\x31\x01", 4));
-}
+bool IsExr(std::string_view bytes) { return bytes.starts_with(kMagic); }
 
 StoredDepth DecodeExr(const path& file, std::string_view bytes, const std::string& channel) {
+  AttributeCheck(file, bytes.substr(kMagic.size())).Run();
   MemoryInput stream(bytes);
   try {
     Imf::MultiPartInputFile input(stream, 0);
