@@ -9,11 +9,15 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/scene/picture_header.h"
 
 namespace raylift {
 
 std::optional<Image> DecodeTexture(std::span<const uint8_t> bytes) {
   if (bytes.empty() || bytes.size() > static_cast<size_t>(std::numeric_limits<int>::max())) {
+    return std::nullopt;
+  }
+  if (WhyNoPicture({reinterpret_cast<const char*>(bytes.data()), bytes.size()})) {
     return std::nullopt;
   }
   try {

@@ -11,6 +11,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/scene/picture_header.h"
 
 namespace raylift {
 namespace {
@@ -21,6 +22,7 @@ cv::Mat Decode(const std::filesystem::path& path, ImageChannels channels) {
   if (bytes.empty()) {
     throw InputError(path, "expected an image, found an empty file");
   }
+  if (const auto why = WhyNoPicture(bytes)) throw InputError(path, *why);
   if (IsCutShort(bytes)) throw InputError(path, "the image ends too soon: the file is truncated");
   const int flags = (channels == ImageChannels::kGrey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_COLOR) |
                     cv::IMREAD_IGNORE_ORIENTATION;

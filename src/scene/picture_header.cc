@@ -1,0 +1,128 @@
+#include "raylift/scene/picture_header.h"
+
+#include <array>
+#include <cstdint>
+#include <cstdlib>
+#include <span>
+#include <sstream>
+
+#include <fmt/format.h>
+
+namespace raylift {
+namespace {
+
+constexpr int kMaxSide = 1 << 20;
+// Deflate makes at most 1032 bytes of one, and a byte of a PNG holds up to 8 pixels. Of a JPEG, 64
+// pixels take a bit at least.
+constexpr uint64_t kMaxPixelsPerByte = 8 * 1032;
+
+uint32_t BigEndian(std::span<const uint8_t> bytes) {
+  uint32_t value = 0;
+  for (const uint8_t byte : bytes) value = (value << 8) | byte;
+  return value;
+}
+
+uint32_t LittleEndian(std::span<const uint8_t> bytes) {
+  uint32_t value = 0;
+  for (size_t i = bytes.size(); i-- > 0;) value = (value << 8) | bytes[i];
+  return value;
+}
+
+template <size_t N>
+std::optional<std::array<uint8_t, N>> Take(std::istream& file) {
+  std::array<char, N> chars{};
+  if (!file.read(chars.data(), N)) return std::nullopt;
+  std::array<uint8_t, N> bytes{};
+  for (size_t i = 0; i < N; ++i) bytes[i] = static_cast<uint8_t>(chars[i]);
+  return bytes;
+}
+
+std::optional<PlaneSize> Checked(uint32_t width, uint32_t height) {
+  if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide) return std::nullopt;
+  return PlaneSize{static_cast<int>(width), static_cast<int>(height)};
+}
+
+// After the signature: the length and name of the header chunk, then width and height.
+std::optional<PlaneSize> PngSize(std::istream& file) {
+  const auto header = Take<16>(file);
+  if (!header || BigEndian(std::span(*header).subspan(4, 4)) != 0x49484452) return std::nullopt;
+  return Checked(BigEndian(std::span(*header).subspan(8, 4)),
+                 BigEndian(std::span(*header).subspan(12, 4)));
+}
+
+// Start of frame: the markers C0 to CF but for DHT, JPG and DAC.
+bool IsStartOfFrame(uint8_t marker) {
+  return marker >= 0xC0 && marker <= 0xCF && marker != 0xC4 && marker != 0xC8 && marker != 0xCC;
+}
+
+// After the first marker: segments of a marker and a length each.
+std::optional<PlaneSize> JpegSize(std::istream& file) {
+  while (const auto start = Take<4>(file)) {
+    const uint8_t marker = (*start)[1];
+    const uint32_t length = BigEndian(std::span(*start).subspan(2, 2));
+    if ((*start)[0] != 0xFF || marker == 0xFF || length < 2) return std::nullopt;
+    if (IsStartOfFrame(marker)) {
+      const auto frame = Take<5>(file);  // the precision, height and width
+      if (!frame) return std::nullopt;
+      return Checked(BigEndian(std::span(*frame).subspan(3, 2)),
+                     BigEndian(std::span(*frame).subspan(1, 2)));
+    }
+    file.seekg(length - 2, std::ios::cur);
+  }
+  return std::nullopt;
+}
+
+// After the two letters: the file's header, then that of the picture, which begins with its length.
+// The height of a picture from top to bottom is negative.
+std::optional<PlaneSize> BmpSize(std::istream& file) {
+  constexpr size_t kLengthAt = 12, kWidthAt = 16;
+  constexpr uint32_t kShort = 12;  // of OS/2
+  const auto header = Take<24>(file);
+  if (!header) return std::nullopt;
+  const std::span bytes(*header);
+  if (LittleEndian(bytes.subspan(kLengthAt, 4)) == kShort) {
+    return Checked(LittleEndian(bytes.subspan(kWidthAt, 2)),
+                   LittleEndian(bytes.subspan(kWidthAt + 2, 2)));
+  }
+  const int64_t height = static_cast<int32_t>(LittleEndian(bytes.subspan(kWidthAt + 4, 4)));
+  return Checked(LittleEndian(bytes.subspan(kWidthAt, 4)), static_cast<uint32_t>(std::abs(height)));
+}
+
+bool HasPictureSignature(std::string_view bytes) {
+  using namespace std::string_view_literals;
+  for (const std::string_view start : {"\x89PNG\r\n\x1a\n"sv, "\xFF\xD8\xFF"sv, "BM"sv, "II*\0"sv,
+                                       "MM\0*"sv, "II+\0"sv, "MM\0+"sv}) {
+    if (bytes.starts_with(start)) return true;
+  }
+  const bool is_webp =
+      bytes.size() > 12 && bytes.starts_with("RIFF") && bytes.substr(8, 4) == "WEBP";
+  const bool is_pnm = bytes.size() > 2 && bytes[0] == 'P' && bytes[1] >= '1' && bytes[1] <= '6';
+  return is_webp || is_pnm;
+}
+
+}  // namespace
+
+std::optional<PlaneSize> PictureSizeFromHeader(std::istream& file) {
+  const auto signature = Take<2>(file);
+  if (!signature) return std::nullopt;
+  if (*signature == std::array<uint8_t, 2>{0xFF, 0xD8}) return JpegSize(file);
+  if (*signature == std::array<uint8_t, 2>{0x89, 0x50} && Take<6>(file)) return PngSize(file);
+  if (*signature == std::array<uint8_t, 2>{'B', 'M'}) return BmpSize(file);
+  return std::nullopt;
+}
+
+std::optional<std::string> WhyNoPicture(std::string_view bytes) {
+  if (!HasPictureSignature(bytes)) {
+    return "expected an image (PNG, JPEG, TIFF, BMP, WebP, PNM), found something else";
+  }
+  std::istringstream file{std::string(bytes)};
+  const auto size = PictureSizeFromHeader(file);
+  if (size && static_cast<uint64_t>(size->width_px) * static_cast<uint64_t>(size->height_px) >
+                  kMaxPixelsPerByte * bytes.size()) {
+    return fmt::format("its header claims {} x {} pixels, more than {} bytes can hold",
+                       size->width_px, size->height_px, bytes.size());
+  }
+  return std::nullopt;
+}
+
+}  // namespace raylift
