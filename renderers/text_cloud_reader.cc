@@ -138,7 +138,7 @@ class TextCloudReader {
     next_ = begin;
     line_number_ = line_number;
     if (sample.empty()) return;
-    columns_.count = sample.front().size();
+    columns_.count = std::max(columns_.position.size(), sample.front().size());
     for (size_t c = 3; c + 3 <= columns_.count; ++c) {
       const std::array<size_t, 3> triple = {c, c + 1, c + 2};
       if (!columns_.normal && AllAre(sample, c, IsUnit)) {
