@@ -110,13 +110,6 @@ constexpr std::array<Preset, 12> kPresets = {{{"colmap", &Colmap},
                                               {"eth3d", &Eth3d},
                                               {"kapture", &Kapture}}};
 
-void ReplaceAll(std::string& text, std::string_view placeholder, std::string_view value) {
-  for (size_t at = text.find(placeholder); at != std::string::npos;
-       at = text.find(placeholder, at + value.size())) {
-    text.replace(at, placeholder.size(), value);
-  }
-}
-
 // The stored depth in scene units, 0 where it means none.
 class ValueReader {
  public:
@@ -191,15 +184,29 @@ std::string ExpandPattern(std::string_view pattern, std::string_view image_name)
   std::erase(joined7, '-');
   const std::string separator = has_folder ? "_" : "";
 
-  std::string path(pattern);
+  const std::array<std::pair<std::string_view, std::string>, 6> values = {
+      {{"{dir}", folder},
+       {"{stem}", std::string(file.substr(0, file.rfind('.')))},
+       {"{base}", base},
+       {"{flat}", joined + separator + base},
+       {"{flat7}", joined7 + separator + base},
+       {"{name}", std::string(image_name)}}};
   // A pattern without folder must not become an absolute path.
-  if (!has_folder) ReplaceAll(path, "{dir}/", "");
-  ReplaceAll(path, "{dir}", folder);
-  ReplaceAll(path, "{stem}", file.substr(0, file.rfind('.')));
-  ReplaceAll(path, "{base}", base);
-  ReplaceAll(path, "{flat}", joined + separator + base);
-  ReplaceAll(path, "{flat7}", joined7 + separator + base);
-  ReplaceAll(path, "{name}", image_name);
+  constexpr std::string_view kFolderOfIt = "{dir}/";
+  std::string path;
+  while (!pattern.empty()) {
+    const auto value = std::ranges::find_if(
+        values, [pattern](const auto& known) { return pattern.starts_with(known.first); });
+    if (!has_folder && pattern.starts_with(kFolderOfIt)) {
+      pattern.remove_prefix(kFolderOfIt.size());
+    } else if (value != values.end()) {
+      path += value->second;
+      pattern.remove_prefix(value->first.size());
+    } else {
+      path += pattern.front();
+      pattern.remove_prefix(1);
+    }
+  }
   return path;
 }
 
