@@ -21,8 +21,8 @@ target_compile_definitions(raylift_options INTERFACE $<$<CONFIG:Debug>:TBB_USE_D
 if(RAYLIFT_SANITIZE)
   # Of undefined behaviour the project's own code is asked alone: asking the tests' own lines as well
   # takes as long as compiling them.
-  string(REPLACE ",undefined" "" sanitize_tests ${RAYLIFT_SANITIZE})
   string(REPLACE "," "$<COMMA>" sanitize_all ${RAYLIFT_SANITIZE})
+  string(REPLACE "$<COMMA>undefined" "" sanitize_tests ${sanitize_all})
   set(is_test $<BOOL:$<TARGET_PROPERTY:RAYLIFT_IS_TEST>>)
   target_compile_options(raylift_options INTERFACE
     $<IF:${is_test},-fsanitize=${sanitize_tests},-fsanitize=${sanitize_all}>

@@ -1,0 +1,145 @@
+// Meshes with their materials and textures.
+
+#include <algorithm>
+#include <array>
+
+#include "fuzz/fuzz_targets.h"
+
+#include "raylift/base/error.h"
+#include "raylift/io/image_file.h"
+#include "raylift/renderers/mesh_reader.h"
+#include "raylift/scene/image.h"
+
+namespace raylift {
+namespace {
+
+// What all who use a mesh rely on.
+void CheckMesh(const TriangleMesh& mesh) {
+  const size_t count = mesh.vertices.size();
+  for (const auto& triangle : mesh.triangles) {
+    for (const uint32_t corner : triangle) RAYLIFT_CHECK(corner < count);
+  }
+  for (const Eigen::Vector3f& vertex : mesh.vertices) RAYLIFT_CHECK(vertex.allFinite());
+  const auto is_all_or_none = [](size_t size, size_t all) { return size == 0 || size == all; };
+  RAYLIFT_CHECK(is_all_or_none(mesh.vertex_colors_rgb.size(), count));
+  RAYLIFT_CHECK(is_all_or_none(mesh.texture_coordinates.size(), count));
+  RAYLIFT_CHECK(is_all_or_none(mesh.triangle_textures.size(), mesh.triangles.size()));
+  for (const int32_t texture : mesh.triangle_textures) {
+    RAYLIFT_CHECK(texture < static_cast<int32_t>(mesh.textures.size()));
+  }
+}
+
+template <size_t N>
+void ReadAs(const char (&name)[N], std::string_view bytes) {
+  CheckMesh(ReadMesh(PutFile(name, bytes), {.threads = 1}));
+}
+
+template <typename... Values>
+std::string Bytes(const Values&... values) {
+  std::string bytes;
+  (bytes.append(reinterpret_cast<const char*>(&values), sizeof(values)), ...);
+  return bytes;
+}
+
+std::string PicturePng() {
+  const auto file = ScratchFolder() / "seed.png";
+  WriteImage(file, Image{2, 2, 3, std::vector<uint8_t>(12, 100)});
+  return TakeFile(file);
+}
+
+constexpr std::string_view kPlyVertices = "property float x\nproperty float y\nproperty float z\n";
+
+std::vector<std::string> PlySeeds() {
+  const std::string counts(kPlyVertices);
+  return {
+      "ply\nformat ascii 1.0\ncomment TextureFile t.png\nelement vertex 4\n" + counts +
+          "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+          "element face 1\nproperty list uchar int vertex_indices\n"
+          "property list uchar float texcoord\nend_header\n"
+          "0 0 0 1 2 3\n1 0 0 4 5 6\n1 1 0 7 8 9\n0 1 0 1 1 1\n4 0 1 2 3 8 0 0 1 0 1 1 0 1\n",
+      "ply\nformat binary_little_endian 1.0\nelement vertex 3\n" + counts +
+          "element face 1\nproperty list uchar int vertex_indices\nend_header\n" +
+          Bytes(0.f, 0.f, 0.f, 1.f, 0.f, 0.f, 0.f, 1.f, 0.f, uint8_t{3}, 0, 1, 2),
+  };
+}
+
+// Two triangles.
+std::string StlSeed() {
+  const uint16_t attribute = 0;
+  const std::string first = Bytes(0.f, 0.f, 1.f, 0.f, 0.f, 0.f, 1.f, 0.f, 0.f, 0.f, 1.f, 0.f);
+  const std::string second = Bytes(0.f, 0.f, 1.f, 1.f, 1.f, 0.f, 1.f, 0.f, 0.f, 0.f, 1.f, 1.f);
+  return std::string(80, ' ') + Bytes(uint32_t{2}) + first + Bytes(attribute) + second +
+         Bytes(attribute);
+}
+
+constexpr std::string_view kAsciiStl =
+    "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+    "endloop\nendfacet\nendsolid s\n";
+
+// A triangle; its positions are `buffer`, a member of JSON.
+std::string GltfText(const std::string& buffer) {
+  return R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],)"
+         R"("meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],)"
+         R"("accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3",)"
+         R"("min":[0,0,0],"max":[1,1,0]}],"bufferViews":[{"buffer":0,"byteLength":36}],)"
+         R"("buffers":[{"byteLength":36)" +
+         buffer + "}]}";
+}
+
+std::vector<std::string> GltfSeeds() {
+  return {
+      GltfText(",\"uri\":\"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAA"
+               "AAAAAAgD8AAAAA\"")};
+}
+
+std::vector<std::string> GlbSeeds() {
+  std::string json = GltfText("");
+  json.resize((json.size() + 3) / 4 * 4, ' ');
+  const std::string data = Bytes(0.f, 0.f, 0.f, 1.f, 0.f, 0.f, 0.f, 1.f, 0.f);
+  const auto size = [](const std::string& text) { return static_cast<uint32_t>(text.size()); };
+  return {"glTF" + Bytes(uint32_t{2}, 28 + size(json) + size(data), size(json)) + "JSON" + json +
+          Bytes(size(data)) + std::string("BIN\0", 4) + data};
+}
+
+constexpr auto kObjFiles = std::to_array<std::string_view>({"mesh.obj", "mesh.mtl", "t.png"});
+
+void ReadObjFolder(std::string_view bytes) {
+  CheckMesh(ReadMesh(SplitFiles(bytes, "obj", kObjFiles) / "mesh.obj", {.threads = 1}));
+}
+
+std::vector<std::string> ObjSeeds() {
+  PutFile("obj_seed/mesh.obj",
+          "mtllib mesh.mtl\nv 0 0 0\nv 1 0 0 1 0.5 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\n"
+          "usemtl a\nf 1/1 2/2 3/1 -1/2\nusemtl b\nf 1//1 2//1 3//1\n");
+  PutFile("obj_seed/mesh.mtl", "newmtl a\nKd 1 0 0\nmap_Kd -s 1 1 1 t.png\nnewmtl b\nKd 0 1 0\n");
+  PutFile("obj_seed/t.png", PicturePng());
+  return {JoinFiles(ScratchFolder() / "obj_seed", kObjFiles)};
+}
+
+}  // namespace
+
+std::vector<FuzzTarget> MeshFuzzTargets() {
+  return {
+      {"mesh_ply", [](std::string_view bytes) { ReadAs("mesh.ply", bytes); }, PlySeeds,
+       "ply format ascii binary_little_endian binary_big_endian element vertex face property list "
+       "uchar char short ushort int uint float double vertex_indices texcoord texnumber red green "
+       "blue nx ny nz u v end_header comment TextureFile obj_info 18446744073709551615 nan 1e308 "
+       "4294967295"},
+      {"mesh_obj", ReadObjFolder, ObjSeeds,
+       "=FILE= v vt vn f usemtl mtllib newmtl Kd map_Kd -1 / // nan 1e308 2147483648"},
+      {"mesh_stl", [](std::string_view bytes) { ReadAs("mesh.stl", bytes); },
+       [] {
+         return std::vector<std::string>{StlSeed(), std::string(kAsciiStl)};
+       },
+       "solid facet normal outer loop vertex endloop endfacet endsolid nan 1e308"},
+      {"mesh_gltf", [](std::string_view bytes) { ReadAs("mesh.gltf", bytes); }, GltfSeeds,
+       "\"nodes\" \"children\" \"mesh\" \"accessors\" \"bufferView\" \"byteOffset\" \"byteStride\" "
+       "\"count\" \"indices\" \"sparse\" \"TEXCOORD_0\" \"COLOR_0\" \"materials\" \"textures\" "
+       "\"images\" \"skin\" \"matrix\" -1 4294967295 5121 5123 5125 VEC4 MAT4 SCALAR"},
+      {"mesh_glb", [](std::string_view bytes) { ReadAs("mesh.glb", bytes); }, GlbSeeds,
+       "glTF JSON BIN \"nodes\" \"children\" \"byteOffset\" \"byteStride\" \"sparse\" \"indices\" "
+       "-1 4294967295"},
+  };
+}
+
+}  // namespace raylift

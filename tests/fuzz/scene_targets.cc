@@ -1,0 +1,115 @@
+// Pose problems, lists and scene files.
+
+#include "fuzz/fuzz_targets.h"
+
+#include "raylift/base/file.h"
+#include "raylift/evaluation/submission.h"
+#include "raylift/io/pose_prior_list.h"
+#include "raylift/io/pose_problem_json.h"
+#include "raylift/io/query_list.h"
+#include "raylift/io/retrieval_pairs.h"
+#include "raylift/io/scene_file.h"
+#include "raylift/io/view_list.h"
+
+namespace raylift {
+namespace {
+
+constexpr std::string_view kListWords =
+    "# * PINHOLE SIMPLE_RADIAL OPENCV FULL_OPENCV FOV EQUIRECTANGULAR position gravity focal_range "
+    "world_down nan inf 1e308 1e-320 -0 2147483648 18446744073709551616";
+
+std::vector<std::string> Lines(std::string text) { return {std::move(text)}; }
+
+// Of each kind one match, with all that a match can have.
+PoseProblem SmallProblem() {
+  PoseProblem problem;
+  problem.name = "query";
+  problem.references = {{"reference", Camera(), Rigid3()}};
+  problem.reference_clusters = {0};
+  problem.matches_2d2d = {{0, {1, 2}, {3, 4}, 0.5, 0, 7}};
+  problem.matches_2d3d = {{{1, 2}, {3, 4, 5}, 0, 0.25, 0, 0}};
+  problem.priors.position = PositionPrior{{1, 2, 3}, {1, 1, 1}};
+  return problem;
+}
+
+}  // namespace
+
+std::vector<FuzzTarget> SceneFuzzTargets() {
+  return {
+      {"pose_problem",
+       [](std::string_view bytes) { FormatPoseProblem(ParsePoseProblem(bytes, "problem.json")); },
+       [] {
+         return Lines(FormatPoseProblem({SmallProblem(), Rigid3()}));
+       },
+       "pose-problem/1 pose-problem/2 null true -1 1e308 1e999 \"extra\" \"keypoint\" \"query\" "
+       "\"position_prior\" \"gravity_prior\" \"focal_range\" \"reference_clusters\" [[[["},
+      {"query_list",
+       [](std::string_view bytes) {
+         const auto queries = ReadQueryList(PutFile("queries.txt", bytes));
+         WriteQueryList(ScratchFolder() / "queries_out.txt", queries);
+       },
+       [] {
+         return Lines("a.jpg PINHOLE 640 480 500 501 320 240\nb OPENCV 9 8 7 7 4 4 0 0 0 0\n");
+       },
+       kListWords},
+      {"pose_file", [](std::string_view bytes) { ReadPoseFile(PutFile("poses.txt", bytes)); },
+       [] { return Lines("a.jpg 1 0 0 0 1 2 3\nb.jpg 0 1 0 0 1 2 3 500\n"); }, kListWords},
+      {"pose_priors", [](std::string_view bytes) { ReadPosePriors(PutFile("priors.txt", bytes)); },
+       [] {
+         return Lines(
+             "a position 1 2 3 5\na gravity 0 1 0 1\nb focal_range 1.5\n* world_down 0 0 -1\n");
+       },
+       kListWords},
+      {"view_list", [](std::string_view bytes) { ReadViewList(PutFile("views.txt", bytes)); },
+       [] {
+         return Lines(
+             "a 1 0 0 0 0 0 0 SIMPLE_PINHOLE 64 48 50 32 24\nb 0 0 0 1 1 2 3 "
+             "EQUIRECTANGULAR 64 32\n");
+       },
+       kListWords},
+      {"pairs",
+       [](std::string_view bytes) {
+         const auto file = PutFile("pairs.txt", bytes);
+         ReadImageList(file);
+         ReadPairs(file);
+       },
+       [] { return Lines("q/1.jpg r/1.jpg\nq/1.jpg r/2.jpg\n"); }, ","},
+      {"scene_lists",
+       [](std::string_view bytes) {
+         const auto file = PutFile("list.txt", bytes);
+         ReadGroups(file);
+         ReadTimes(file);
+       },
+       [] { return Lines("a.jpg 12.5\nb.jpg 13\n"); }, kListWords},
+      {"point_list", [](std::string_view bytes) { ReadPointList(PutFile("points.txt", bytes)); },
+       [] { return Lines("0 1 2\n# c\n3 4 5\n"); }, kListWords},
+      {"submission",
+       [](std::string_view bytes) {
+         const std::vector<std::string> queries = {"a/b.jpg", "c.jpg"};
+         const std::vector<Eigen::Vector3d> centers = {{0, 0, 0}, {1, 1, 1}};
+         CheckSubmission(PutFile("poses.txt", bytes), queries, centers);
+       },
+       [] { return Lines("b.jpg 1 0 0 0 1 2 3\nc.jpg 0 1 0 0 1 2 3\n"); }, kListWords},
+      {"scene_toml",
+       [](std::string_view bytes) {
+         WriteSceneFile(ScratchFolder() / "out" / "scene.toml",
+                        ReadSceneFile(PutFile("scene.toml", bytes)));
+       },
+       [] {
+         SceneFile scene;
+         scene.name = "demo";
+         scene.references = "references";
+         scene.queries = "queries.txt";
+         scene.thresholds = "7scenes";
+         scene.geometries = {{"mesh", "mesh:a.ply"}, {"depth", "depth:maps,kind=ray"}};
+         scene.provenance = {{"dataset", "demo"}};
+         const auto file = ScratchFolder() / "seed.toml";
+         WriteSceneFile(file, scene);
+         return Lines(TakeFile(file));
+       },
+       "format raylift-scene/1 references images queries [[geometry]] [provenance] ''' \"\"\" \\u "
+       "[[[[ {a={a={a= 1979-05-27T07:32:00Z 0x inf"},
+  };
+}
+
+}  // namespace raylift
