@@ -6,6 +6,8 @@
 #include <map>
 
 #include "foreign_text.h"
+#include "gltf_check.h"
+#include "mapped_file.h"
 #include "texture_file.h"
 #include <Eigen/Geometry>
 #include <assimp/Importer.hpp>
@@ -184,6 +186,9 @@ class SceneConverter {
 }  // namespace
 
 RawMesh ReadWithAssimp(const std::filesystem::path& path) {
+  const std::string extension = LowerExtension(path);
+  const bool is_gltf = extension == ".glb" || extension == ".gltf";
+  if (is_gltf) CheckGltf(path, MappedFile(path).contents());
   Assimp::Importer importer;
   const aiScene* scene = nullptr;
   try {
@@ -195,8 +200,6 @@ RawMesh ReadWithAssimp(const std::filesystem::path& path) {
     throw InputError(
         path, fmt::format("cannot be read as a mesh: {}", OneLine(importer.GetErrorString())));
   }
-  const std::string extension = LowerExtension(path);
-  const bool is_gltf = extension == ".glb" || extension == ".gltf";
   return SceneConverter(path, *scene, is_gltf).Convert();
 }
 
