@@ -138,6 +138,9 @@ struct ColmapDatabase::Impl {
     if (result != SQLITE_OK) {
       throw InputError(file, opened == nullptr ? "cannot be opened" : sqlite3_errmsg(opened));
     }
+    // COLMAP's tables are tables: what stands in their place as a view may have no end.
+    sqlite3_db_config(opened, SQLITE_DBCONFIG_ENABLE_VIEW, 0, nullptr);
+    sqlite3_db_config(opened, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, nullptr);
   }
 
   void ReadImages() {
