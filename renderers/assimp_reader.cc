@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <cmath>
+#include <csignal>
 #include <map>
 
 #include "foreign_text.h"
@@ -14,6 +16,8 @@
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
 #include <fmt/format.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
@@ -21,6 +25,8 @@
 
 namespace raylift {
 namespace {
+
+constexpr unsigned int kSteps = aiProcess_Triangulate;
 
 Eigen::Affine3d ToEigen(const aiMatrix4x4& m) {
   Eigen::Affine3d transform;
@@ -183,16 +189,43 @@ class SceneConverter {
   std::map<std::string, int32_t> texture_by_name_;
 };
 
+// Of the formats that are not checked beforehand (COLLADA, FBX, ...), a broken file ends the process
+// within assimp. So a process of its own reads it first, which takes the time twice.
+bool EndsProcess(const std::filesystem::path& path) {
+  constexpr unsigned int kLongest_s = 600;
+  const pid_t child = fork();
+  if (child < 0) return false;  // nothing can be told
+  if (child == 0) {
+    for (const int signal_number : {SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, SIGALRM}) {
+      signal(signal_number, SIG_DFL);
+    }
+    alarm(kLongest_s);
+    try {
+      Assimp::Importer().ReadFile(path.string(), kSteps);
+    } catch (const std::exception&) {  // is told by the process that goes on
+    }
+    _exit(0);
+  }
+  int status = 0;
+  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
+  return !WIFEXITED(status) || WEXITSTATUS(status) != 0;
+}
+
 }  // namespace
 
 RawMesh ReadWithAssimp(const std::filesystem::path& path) {
   const std::string extension = LowerExtension(path);
   const bool is_gltf = extension == ".glb" || extension == ".gltf";
-  if (is_gltf) CheckGltf(path, MappedFile(path).contents());
+  if (is_gltf) {
+    CheckGltf(path, MappedFile(path).contents());
+  } else if (extension != ".stl" && EndsProcess(path)) {
+    throw InputError(path, "cannot be read as a mesh: the file is damaged");
+  }
   Assimp::Importer importer;
   const aiScene* scene = nullptr;
   try {
-    scene = importer.ReadFile(path.string(), aiProcess_Triangulate);
+    scene = importer.ReadFile(path.string(), kSteps);
   } catch (const std::exception& error) {
     throw InputError(path, fmt::format("cannot be read as a mesh: {}", OneLine(error.what())));
   }
