@@ -86,6 +86,18 @@ void ReadPicture(std::string_view bytes) {
   RAYLIFT_CHECK_EQ(image.height_px, size.height_px);
 }
 
+// 2 x 1 pixels of 24 bits.
+std::string Bmp() {
+  std::string bytes(54 + 8, '\0');
+  bytes.replace(0, 2, "BM");
+  for (const auto& [at, value] :
+       {std::pair(2, 62), std::pair(10, 54), std::pair(14, 40), std::pair(18, 2), std::pair(22, 1),
+        std::pair(26, 1), std::pair(28, 24)}) {
+    bytes[static_cast<size_t>(at)] = static_cast<char>(value);
+  }
+  return bytes;
+}
+
 std::vector<std::string> PictureSeeds(const char* name) {
   std::vector<std::string> seeds;
   for (const int channels : {1, 3}) {
@@ -145,6 +157,11 @@ std::vector<FuzzTarget> DepthFuzzTargets() {
       {"image_png", ReadPicture, [] { return PictureSeeds("seed.png"); },
        "IHDR IDAT IEND PLTE tRNS gAMA eXIf acTL", RepairPng},
       {"image_jpeg", ReadPicture, [] { return PictureSeeds("seed.jpg"); }, "JFIF Exif"},
+      {"image_other", ReadPicture,
+       [] {
+         return std::vector<std::string>{Bmp(), "P6 2 1 255 abcdef"};
+       },
+       "BM II* MM RIFF WEBP VP8X VP8L P1 P2 P3 P4 P5 P6 65535 1000000"},
   };
 }
 

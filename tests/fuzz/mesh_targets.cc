@@ -4,6 +4,9 @@
 #include <array>
 
 #include "fuzz/fuzz_targets.h"
+#include <assimp/Exporter.hpp>
+#include <assimp/Importer.hpp>
+#include <assimp/scene.h>
 
 #include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
@@ -101,6 +104,18 @@ std::vector<std::string> GlbSeeds() {
           Bytes(size(data)) + std::string("BIN\0", 4) + data};
 }
 
+// By assimp's exporter of that name.
+std::vector<std::string> AssimpSeeds(const char* format) {
+  const std::string off = "OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 2 3\n";
+  Assimp::Importer importer;
+  const aiScene* scene = importer.ReadFileFromMemory(off.data(), off.size(), 0, "off");
+  RAYLIFT_CHECK(scene != nullptr);
+  Assimp::Exporter exporter;
+  const aiExportDataBlob* blob = exporter.ExportToBlob(scene, format);
+  RAYLIFT_CHECK(blob != nullptr);
+  return {std::string(static_cast<const char*>(blob->data), blob->size)};
+}
+
 constexpr auto kObjFiles = std::to_array<std::string_view>({"mesh.obj", "mesh.mtl", "t.png"});
 
 void ReadObjFolder(std::string_view bytes) {
@@ -139,6 +154,14 @@ std::vector<FuzzTarget> MeshFuzzTargets() {
       {"mesh_glb", [](std::string_view bytes) { ReadAs("mesh.glb", bytes); }, GlbSeeds,
        "glTF JSON BIN \"nodes\" \"children\" \"byteOffset\" \"byteStride\" \"sparse\" \"indices\" "
        "-1 4294967295"},
+      {"mesh_dae", [](std::string_view bytes) { ReadAs("mesh.dae", bytes); },
+       [] { return AssimpSeeds("collada"); },
+       "<node> <instance_geometry url=\"# <source <float_array count= <accessor stride= offset= "
+       "<triangles <polylist <vcount> <p> <input semantic= <matrix> <controller <skin 4294967295 "
+       "-1"},
+      {"mesh_fbx", [](std::string_view bytes) { ReadAs("mesh.fbx", bytes); },
+       [] { return AssimpSeeds("fbxa"); },
+       "Vertices: PolygonVertexIndex: Connections: C: Objects: Geometry: Model: *4294967295 -1 a:"},
   };
 }
 

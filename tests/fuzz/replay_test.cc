@@ -7,8 +7,14 @@
 
 #include "fuzz/fuzz_targets.h"
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include "raylift/base/file.h"
+
+// Memory taken on a header's word is a failure: of a sanitizer here, of new in other builds.
+extern "C" __attribute__((visibility("default"))) const char* __asan_default_options() {
+  return "max_allocation_size_mb=512";
+}
 
 namespace raylift {
 
@@ -19,7 +25,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
-class Replay : public testing::TestWithParam<FuzzTarget> {};
+class Replay : public testing::TestWithParam<FuzzTarget> {
+ protected:
+  static void SetUpTestSuite() {
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__clang__)
+    constexpr rlim_t kAddressSpace = rlim_t{4} << 30;  // that of the libraries and threads included
+    const rlimit limit = {kAddressSpace, kAddressSpace};
+    ASSERT_EQ(setrlimit(RLIMIT_AS, &limit), 0);
+#endif
+  }
+};
 
 TEST_P(Replay, FindingsAreSuccessOrAnErrorOfOneLine) {
   const fs::path folder = fs::path(RAYLIFT_FINDINGS_DIR) / GetParam().name;
