@@ -95,12 +95,13 @@ using FilesByImage = std::unordered_map<std::string, path>;
 FilesByImage FindFiles(const path& folder, const std::string& pattern,
                        std::span<const PosedImage> references, TimeIndex& times) {
   FilesByImage files;
+  std::error_code ignored;
   for (const PosedImage& reference : references) {
     const std::string expanded = ExpandPattern(pattern, reference.name);
     if (expanded.find(kTime) != std::string::npos) {
       const std::string stem = path(reference.name).stem().string();
       if (const auto file = times.Find(folder, expanded, stem)) files[reference.name] = *file;
-    } else if (std::filesystem::is_regular_file(folder / expanded)) {
+    } else if (std::filesystem::is_regular_file(folder / expanded, ignored)) {
       files[reference.name] = folder / expanded;
     }
   }

@@ -30,7 +30,7 @@ void TakeQueries(const path& folder, const ImportOptions& options, ImportedScene
       continue;
     }
     for (Query& query : ReadQueryList(file)) {
-      if (!std::filesystem::exists(scene.images / query.name)) {
+      if (!Exists(scene.images / query.name)) {
         skipped.Add("the photograph is missing", query.name);
         continue;
       }

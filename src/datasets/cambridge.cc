@@ -89,7 +89,7 @@ std::vector<PosedImage> ReadImages(const path& folder, const path& list, Cameras
                                    Skipped& skipped) {
   std::vector<PosedImage> images;
   for (const NamedPose& row : ReadRows(folder / list)) {
-    if (!std::filesystem::exists(folder / row.name)) {
+    if (!Exists(folder / row.name)) {
       skipped.Add("the photograph is missing", row.name);
       continue;
     }

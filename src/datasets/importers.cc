@@ -151,6 +151,11 @@ Eigen::Matrix4d ReadMatrix(const path& file) {
   return matrix;
 }
 
+bool Exists(const path& file) {
+  std::error_code ignored;
+  return std::filesystem::exists(file, ignored);
+}
+
 std::vector<std::string> ListFiles(const path& folder, const std::string& suffix) {
   if (!std::filesystem::is_directory(folder)) throw InputError(folder, "there is no such folder");
   std::vector<std::pair<uint64_t, std::string>> files;

@@ -30,6 +30,9 @@ ImportedScenes ImportScanNet(const std::filesystem::path& folder, const ImportOp
 // A scene named after its folder.
 ImportedScene SceneOfFolder(const std::filesystem::path& folder);
 
+// Whether there is a file of a name that a file says: false for names that no file can have, too.
+bool Exists(const std::filesystem::path& file);
+
 // Counts what cannot be used, by reason.
 class Skipped {
  public:

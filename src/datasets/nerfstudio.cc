@@ -125,7 +125,10 @@ class Photographs {
     for (const char* extension : {"", ".png", ".jpg", ".jpeg", ".bmp", ".tga", ".exr"}) {
       path with_extension = name;
       with_extension += extension;
-      if (std::filesystem::is_regular_file(folder_ / with_extension)) return with_extension;
+      std::error_code ignored;
+      if (std::filesystem::is_regular_file(folder_ / with_extension, ignored)) {
+        return with_extension;
+      }
     }
     return std::nullopt;
   }
@@ -277,7 +280,7 @@ void TakeDepth(const Reader& reader, const std::vector<Frame>& frames, ImportedS
       return;
     }
   }
-  if (!std::filesystem::exists(reader.folder() / first)) {
+  if (!Exists(reader.folder() / first)) {
     scene.warnings.push_back(
         fmt::format("depth maps are not used: \"{}\" is missing", first.generic_string()));
     return;

@@ -49,7 +49,7 @@ class Reader {
         skipped.Add("the pose is not finite", name);
         continue;
       }
-      if (!std::filesystem::exists(folder_ / name)) {
+      if (!Exists(folder_ / name)) {
         skipped.Add("the photograph is missing", name);
         continue;
       }

@@ -114,7 +114,7 @@ ImportedScenes ImportTum(const path& folder, const ImportOptions& options) {
       skipped.Add("groundtruth.txt has no pose near its time", name);
       continue;
     }
-    if (!std::filesystem::exists(folder / name)) {
+    if (!Exists(folder / name)) {
       skipped.Add("the photograph is missing", name);
       continue;
     }

@@ -49,7 +49,7 @@ ImportedScenes Import12Scenes(const path& folder, const ImportOptions& options) 
       skipped.Add("the pose is not finite", name);
       continue;
     }
-    if (!std::filesystem::exists(folder / name)) {
+    if (!Exists(folder / name)) {
       skipped.Add("the photograph is missing", name);
       continue;
     }

@@ -8,7 +8,8 @@
 namespace raylift {
 
 PlaneSize ReadImageSize(const std::filesystem::path& path) {
-  if (std::filesystem::is_regular_file(path)) {
+  std::error_code ignored;
+  if (std::filesystem::is_regular_file(path, ignored)) {
     std::ifstream file(path, std::ios::binary);
     if (const auto size = PictureSizeFromHeader(file)) return *size;
   }

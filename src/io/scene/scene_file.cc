@@ -120,8 +120,10 @@ class SceneReader {
 
 // As seen from a folder, whatever links lead to either.
 path RelativeTo(const path& folder, const path& target) {
-  return std::filesystem::weakly_canonical(target).lexically_relative(
-      std::filesystem::weakly_canonical(folder));
+  std::error_code error;
+  const path canonical = std::filesystem::weakly_canonical(target, error);
+  if (error) return target;  // no file can have the name
+  return canonical.lexically_relative(std::filesystem::weakly_canonical(folder));
 }
 
 // Lines of a name and one more token.
