@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cmath>
 #include <cstring>
 #include <map>
 #include <optional>
@@ -247,6 +248,11 @@ class PcdReader {
 
   uint32_t BitsOf(double color) const {
     if (color_->type == 'F') return std::bit_cast<uint32_t>(static_cast<float>(color));
+    constexpr double kBeyond = 4294967296;  // of 32 bits
+    if (!(std::abs(color) < kBeyond)) {
+      throw InputError(path_, fmt::format("line {}, {}", line_number_, color_->name),
+                       fmt::format("expected a colour of 32 bits, found {}", color));
+    }
     return static_cast<uint32_t>(static_cast<int64_t>(color));
   }
 

@@ -24,10 +24,14 @@ struct Header {
 Header ParseHeader(const path& file, const std::string& text) {
   try {
     const json header = json::parse(text);
-    return {header.at("command").get<std::string>(), header.at("tasks").get<size_t>()};
-  } catch (const json::exception&) {
-    throw InputError(file, "line 1", "is no header of a job");
+    const json& tasks = header.at("tasks");
+    // One that is no whole number would be made one, whether or not it fits.
+    if (tasks.is_number_unsigned()) {
+      return {header.at("command").get<std::string>(), tasks.get<size_t>()};
+    }
+  } catch (const json::exception&) {  // said below
   }
+  throw InputError(file, "line 1", "is no header of a job");
 }
 
 std::set<std::string> NamesOfTasks(const ManifestText& manifest) {

@@ -52,7 +52,8 @@ std::vector<std::string> ModelSeeds(ColmapForm form) {
 void ReadDatabase(std::string_view bytes) {
   const ColmapDatabase database(PutFile("database.db", bytes));
   for (const std::string& name : database.ImageNames()) {
-    for (const std::string& other : database.MatchedWith(name)) database.ReadMatches(name, other);
+    database.MatchedWith(name);
+    for (const std::string& other : database.ImageNames()) database.ReadMatches(name, other);
     database.ReadKeypoints(name);
   }
 }

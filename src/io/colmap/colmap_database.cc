@@ -148,8 +148,17 @@ struct ColmapDatabase::Impl {
         "SELECT image_id, name, width, height FROM images JOIN cameras ON "
         "images.camera_id = cameras.camera_id");
     while (rows.Next()) {
-      images[rows.Text(1)] = {rows.Int(0), static_cast<int>(rows.Int(2)),
-                              static_cast<int>(rows.Int(3))};
+      const std::string name = rows.Text(1);
+      const auto in_range = [&](int column, const char* what) {
+        const int64_t value = rows.Int(column);
+        if (value < 0 || value >= kMaxNumImages) {
+          throw InputError(file, fmt::format("image {}, {}", name, what),
+                           fmt::format("expected 0 to {}, found {}", kMaxNumImages - 1, value));
+        }
+        return value;
+      };
+      images[name] = {in_range(0, "id"), static_cast<int>(in_range(2, "width")),
+                      static_cast<int>(in_range(3, "height"))};
     }
   }
 
