@@ -7,7 +7,8 @@
 # tests/fuzz/findings/TARGET, where a test replays it from then on.
 #
 # A finding is whatever is neither success nor an InputError or OptionError: a sanitizer's report,
-# another exception, 20 s for an input, 512 MB at once or 2 GB in all for one of at most 64 KB.
+# another exception, 20 s for an input, 512 MB at once or 2 GB in all for one of at most 64 KB. Leaks
+# are left to the replay under the sanitizers: HDF5 and assimp have many on broken files.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 minutes=${1:?Usage: tests/fuzz/run.sh MINUTES [TARGET...]}
@@ -33,7 +34,7 @@ fuzz() {
   fi
   "$program" "--target=$target" "${corpora[@]}" "${dictionary[@]}" -max_total_time="$seconds" \
     -artifact_prefix="build/fuzz/found/$target-" -timeout=20 -rss_limit_mb=2048 \
-    -malloc_limit_mb=512 -max_len=65536 -close_fd_mask=3 -print_final_stats=1 \
+    -malloc_limit_mb=512 -detect_leaks=0 -max_len=65536 -close_fd_mask=3 -print_final_stats=1 \
     > "build/fuzz/logs/$target" 2>&1 && verdict=good || verdict=FINDING
   awk -v target="$target" -v verdict="$verdict" '
     /number_of_executed_units/ { runs = $2 }
