@@ -1,8 +1,10 @@
 #include "raylift/scene/picture_header.h"
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstdlib>
+#include <limits>
 #include <span>
 #include <sstream>
 
@@ -60,7 +62,11 @@ std::optional<PlaneSize> JpegSize(std::istream& file) {
   while (const auto start = Take<4>(file)) {
     const uint8_t marker = (*start)[1];
     const uint32_t length = BigEndian(std::span(*start).subspan(2, 2));
-    if ((*start)[0] != 0xFF || marker == 0xFF || length < 2) return std::nullopt;
+    if ((*start)[0] != 0xFF || length < 2) return std::nullopt;
+    if (marker == 0xFF) {  // fill
+      file.seekg(-3, std::ios::cur);
+      continue;
+    }
     if (IsStartOfFrame(marker)) {
       const auto frame = Take<5>(file);  // the precision, height and width
       if (!frame) return std::nullopt;
@@ -88,6 +94,63 @@ std::optional<PlaneSize> BmpSize(std::istream& file) {
   return Checked(LittleEndian(bytes.subspan(kWidthAt, 4)), static_cast<uint32_t>(std::abs(height)));
 }
 
+// After the two letters: width and height in digits, with comments between.
+std::optional<PlaneSize> PnmSize(std::istream& file) {
+  std::array<uint32_t, 2> sides{};
+  for (uint32_t& side : sides) {
+    while (file >> std::ws && file.peek() == '#') {
+      file.ignore(std::numeric_limits<std::streamsize>::max(), '\n');
+    }
+    if (!(file >> side)) return std::nullopt;
+  }
+  return Checked(sides[0], sides[1]);
+}
+
+// After the byte order: the version, the place of the directory, and its entries.
+std::optional<PlaneSize> TiffSize(std::istream& file, bool is_big_endian) {
+  const auto number = [&](size_t num_bytes) {
+    uint64_t value = 0;
+    for (size_t i = 0; i < num_bytes; ++i) {
+      const auto byte = static_cast<uint64_t>(static_cast<uint8_t>(file.get()));
+      value = is_big_endian ? value << 8 | byte : value | byte << (8 * i);
+    }
+    return value;
+  };
+  constexpr uint64_t kBigTiff = 43, kWidth = 256, kHeight = 257, kShort = 3;
+  const bool is_big = number(2) == kBigTiff;
+  const size_t place_bytes = is_big ? 8 : 4;
+  if (is_big) number(4);  // the size of places
+  file.seekg(static_cast<std::streamoff>(number(place_bytes)));
+  uint64_t width = 0, height = 0;
+  for (uint64_t left = number(is_big ? 8 : 2); left > 0 && file; --left) {
+    const uint64_t tag = number(2), type = number(2);
+    number(place_bytes);  // how many values
+    const size_t value_bytes = type == kShort ? 2 : 4;
+    const uint64_t value = number(value_bytes);
+    number(place_bytes - value_bytes);
+    if (tag == kWidth) width = std::max(width, value);
+    if (tag == kHeight) height = std::max(height, value);
+  }
+  return file ? Checked(static_cast<uint32_t>(width), static_cast<uint32_t>(height)) : std::nullopt;
+}
+
+// After "RI": the rest of the container's header, then a chunk's name and length.
+std::optional<PlaneSize> WebpSize(std::istream& file) {
+  const auto header = Take<28>(file);
+  if (!header) return std::nullopt;
+  const auto number = [&](size_t at, size_t num_bytes) {
+    return LittleEndian(std::span(*header).subspan(at, num_bytes));
+  };
+  constexpr uint32_t kSideBits = 0x3FFF;
+  const std::string kind(header->begin() + 10, header->begin() + 14);
+  if (kind == "VP8X") return Checked(number(22, 3) + 1, number(25, 3) + 1);
+  if (kind == "VP8L") {
+    const uint32_t bits = number(19, 4);
+    return Checked((bits & kSideBits) + 1, (bits >> 14 & kSideBits) + 1);
+  }
+  return Checked(number(24, 2) & kSideBits, number(26, 2) & kSideBits);
+}
+
 bool HasPictureSignature(std::string_view bytes) {
   using namespace std::string_view_literals;
   for (const std::string_view start : {"\x89PNG\r\n\x1a\n"sv, "\xFF\xD8\xFF"sv, "BM"sv, "II*\0"sv,
@@ -107,7 +170,11 @@ std::optional<PlaneSize> PictureSizeFromHeader(std::istream& file) {
   if (!signature) return std::nullopt;
   if (*signature == std::array<uint8_t, 2>{0xFF, 0xD8}) return JpegSize(file);
   if (*signature == std::array<uint8_t, 2>{0x89, 0x50} && Take<6>(file)) return PngSize(file);
-  if (*signature == std::array<uint8_t, 2>{'B', 'M'}) return BmpSize(file);
+  const std::string_view letters(reinterpret_cast<const char*>(signature->data()), 2);
+  if (letters == "BM") return BmpSize(file);
+  if (letters == "II" || letters == "MM") return TiffSize(file, letters == "MM");
+  if (letters == "RI") return WebpSize(file);
+  if (letters[0] == 'P') return PnmSize(file);
   return std::nullopt;
 }
 
@@ -117,8 +184,9 @@ std::optional<std::string> WhyNoPicture(std::string_view bytes) {
   }
   std::istringstream file{std::string(bytes)};
   const auto size = PictureSizeFromHeader(file);
-  if (size && static_cast<uint64_t>(size->width_px) * static_cast<uint64_t>(size->height_px) >
-                  kMaxPixelsPerByte * bytes.size()) {
+  if (!size) return "its header is damaged";
+  if (static_cast<uint64_t>(size->width_px) * static_cast<uint64_t>(size->height_px) >
+      kMaxPixelsPerByte * bytes.size()) {
     return fmt::format("its header claims {} x {} pixels, more than {} bytes can hold",
                        size->width_px, size->height_px, bytes.size());
   }

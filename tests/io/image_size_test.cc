@@ -1,6 +1,7 @@
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
+#include <opencv2/imgcodecs.hpp>
 
 #include "raylift/base/file.h"
 #include "raylift/io/image_file.h"
@@ -21,6 +22,21 @@ TEST(ImageSize, IsThatOfTheDecodedPicture) {
     EXPECT_EQ(size.width_px, 300) << name;
     EXPECT_EQ(size.height_px, 7) << name;
   }
+}
+
+// OpenCV writes what Raylift only reads.
+TEST(ImageSize, OfEveryFormatIsThatOfTheDecodedPicture) {
+  const cv::Mat picture(7, 300, CV_8UC3, cv::Scalar(10, 100, 200));
+  for (const char* name : {"a.bmp", "a.tiff", "a.webp", "a.ppm", "a.png", "a.jpg"}) {
+    const auto file = TestFolder() / name;
+    ASSERT_TRUE(cv::imwrite(file.string(), picture)) << name;
+    EXPECT_EQ(ReadImageSize(file), (PlaneSize{300, 7})) << name;
+    const Image image = ReadImage(file, ImageChannels::kRgb);
+    EXPECT_EQ((PlaneSize{image.width_px, image.height_px}), (PlaneSize{300, 7})) << name;
+  }
+  const auto lossless = TestFolder() / "lossless.webp";
+  ASSERT_TRUE(cv::imwrite(lossless.string(), picture, {cv::IMWRITE_WEBP_QUALITY, 101}));
+  EXPECT_EQ(ReadImageSize(lossless), (PlaneSize{300, 7}));
 }
 
 TEST(ImageSize, LongSegmentsBeforeTheFrameAreSkipped) {

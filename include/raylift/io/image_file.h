@@ -12,7 +12,7 @@ namespace raylift {
 
 enum class ImageChannels { kGrey, kRgb };
 
-// The size alone, from the header where the format is PNG or JPEG. InputError where the file is
+// The size alone, from the header. InputError where the file is
 // missing or no image.
 PlaneSize ReadImageSize(const std::filesystem::path& path);
 

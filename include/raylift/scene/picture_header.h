@@ -11,7 +11,8 @@
 
 namespace raylift {
 
-// The size of a PNG, a JPEG or a BMP; none where the header is damaged or of another format.
+// The size of a PNG, JPEG, TIFF, BMP, WebP or PNM; none where the header is damaged or of another
+// format.
 std::optional<PlaneSize> PictureSizeFromHeader(std::istream& file);
 
 // What is wrong with the bytes of a picture, as far as its header tells: they are of none of the

@@ -22,8 +22,8 @@ cv::Mat Decode(const std::filesystem::path& path, ImageChannels channels) {
   if (bytes.empty()) {
     throw InputError(path, "expected an image, found an empty file");
   }
-  if (const auto why = WhyNoPicture(bytes)) throw InputError(path, *why);
   if (IsCutShort(bytes)) throw InputError(path, "the image ends too soon: the file is truncated");
+  if (const auto why = WhyNoPicture(bytes)) throw InputError(path, *why);
   const int flags = (channels == ImageChannels::kGrey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_COLOR) |
                     cv::IMREAD_IGNORE_ORIENTATION;
   cv::Mat decoded;
