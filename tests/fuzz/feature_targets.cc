@@ -1,10 +1,14 @@
-// hloc's files.
+// hloc's files, and those of other matchers.
+
+#include <array>
 
 #include "fuzz/fuzz_targets.h"
 
+#include "raylift/io/depth_file.h"
 #include "raylift/io/hloc_features.h"
 #include "raylift/io/hloc_global_features.h"
 #include "raylift/io/hloc_matches.h"
+#include "raylift/io/pair_pixels.h"
 
 namespace raylift {
 namespace {
@@ -48,6 +52,14 @@ std::vector<std::string> MatchSeeds() {
   return {TakeFile(file)};
 }
 
+// Two matches. A map of four columns is such an array.
+std::string PairSeed(const std::string& name) {
+  const std::array<float, 8> values = {1, 2, 3, 4, 5, 6, 7, 8};
+  const auto file = ScratchFolder() / name;
+  WriteDepthFile(file, FloatPlane(4, 2, values), {.layer = name.ends_with("z") ? "matches" : ""});
+  return TakeFile(file);
+}
+
 }  // namespace
 
 std::vector<FuzzTarget> FeatureFuzzTargets() {
@@ -55,6 +67,15 @@ std::vector<FuzzTarget> FeatureFuzzTargets() {
       {"hloc_features", ReadFeatures, FeatureSeeds, "keypoints scores descriptors image_size"},
       {"hloc_global", ReadGlobal, GlobalSeeds, "global_descriptor"},
       {"hloc_matches", ReadMatchesOfHloc, MatchSeeds, "matches0 matching_scores0"},
+      {"pair_pixels_npy",
+       [](std::string_view bytes) { ReadPairPixels(PutFile("pair.npy", bytes)); },
+       [] { return std::vector<std::string>{PairSeed("seed.npy")}; },
+       "NUMPY {'descr': '<f2' '>f8' '|O' 'fortran_order': True, 'shape': (2, 4), (1, (0, 4) } "
+       "18446744073709551615"},
+      {"pair_pixels_npz",
+       [](std::string_view bytes) { ReadPairPixels(PutFile("pair.npz", bytes)); },
+       [] { return std::vector<std::string>{PairSeed("seed.npz")}; },
+       "PK matches.npy mkpts0.npy keypoints0.npy"},
   };
 }
 

@@ -207,14 +207,15 @@ NpyArray DecodeNpyArray(const path& file, std::string_view bytes) {
   const NpyHeader header = ReadNpyHeader(file, bytes);
   const NpySamples& type = SamplesOf(file, header);
   const uint64_t num_in_file = (bytes.size() - header.data_offset) / type.num_bytes;
-  uint64_t count = 1;
+  uint64_t count = 1;  // of an array without dimensions, too
+  bool fits = true;
   for (const uint64_t side : header.shape) {
-    if (side > 0 && count > num_in_file / side) {
-      throw InputError(file,
-                       fmt::format("expected an array of shape ({}), the file holds {} values",
-                                   fmt::join(header.shape, ", "), num_in_file));
-    }
+    fits = fits && (side == 0 || count <= num_in_file / side);
     count *= side;
+  }
+  if (!fits || count > num_in_file) {
+    throw InputError(file, fmt::format("expected an array of shape ({}), the file holds {} values",
+                                       fmt::join(header.shape, ", "), num_in_file));
   }
   NpyArray array{header.shape, std::vector<double>(count), type.name};
   type.to_double(bytes.data() + header.data_offset, header.swapped(), array.values);
