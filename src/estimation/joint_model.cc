@@ -4,6 +4,12 @@
 
 namespace raylift {
 
+Eigen::Matrix<double, 3, 6> DisplacementJacobian(const Eigen::Vector3d& point) {
+  Eigen::Matrix<double, 3, 6> jacobian;
+  jacobian << -Skew(point), Eigen::Matrix3d::Identity();
+  return jacobian;
+}
+
 using Eigen::Vector3d;
 using Eigen::Vector4d;
 

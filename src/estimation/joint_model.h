@@ -14,6 +14,13 @@
 
 namespace raylift {
 
+using Matrix7d = Eigen::Matrix<double, 7, 7>;
+using Matrix47d = Eigen::Matrix<double, 4, 7>;
+
+// The unknowns of a view, by how they displace a point: by a turn about the local origin, and a
+// shift. (Common to all views of a point, so that one matrix serves them all.)
+Eigen::Matrix<double, 3, 6> DisplacementJacobian(const Eigen::Vector3d& point);
+
 // Evidence with less weight is left out.
 inline constexpr double kLeastWeight = 1e-3;
 

@@ -22,9 +22,6 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::Vector4d;
 using Eigen::VectorXd;
-using Matrix36d = Eigen::Matrix<double, 3, 6>;
-using Matrix47d = Eigen::Matrix<double, 4, 7>;
-using Matrix7d = Eigen::Matrix<double, 7, 7>;
 using Vector7d = Eigen::Matrix<double, 7, 1>;
 
 constexpr int kMaxRounds = 10;
@@ -39,14 +36,6 @@ constexpr double kSettledStep = 0.01;
 // By how much the information's logarithm, of six and more unknowns, may still change.
 constexpr double kSettledInformation = 0.3;
 constexpr int kReferenceRounds = 3;
-
-// The unknowns of a view, by how they displace a point: by a turn about the local origin, and a
-// shift. (Common to all views of a point, so that one matrix serves them all.)
-Matrix36d DisplacementJacobian(const Vector3d& point) {
-  Matrix36d jacobian;
-  jacobian << -Skew(point), Matrix3d::Identity();
-  return jacobian;
-}
 
 // From a turn about the local origin and a shift before the pose to (w, v) after it, in the camera's
 // tangent frame.
@@ -129,7 +118,7 @@ class JointRefinement {
       const std::optional<double> decrement = Step();
       if (decrement && *decrement > kFarStep) Step();
       const double share = round < kFirstDampedRound ? 1 : 1.0 / (round - kFirstDampedRound + 2);
-      Reweigh(prior_, share, model_);
+      Reweigh(prior_, share, QueryCovariance(), model_);
       if (round == kRoundOfSecondLook && HasMovedFar()) {
         Look(model_.noise.keypoint_px2);
         continue;
@@ -143,7 +132,7 @@ class JointRefinement {
       AdmitReferenceErrors();
       for (int round = 0; round < kReferenceRounds; ++round) {
         Step();
-        Reweigh(prior_, 1, model_);
+        Reweigh(prior_, 1, QueryCovariance(), model_);
       }
       Step();
     }
@@ -194,6 +183,8 @@ class JointRefinement {
   void UpdateReferenceVariances(const MatrixXd& covariance);
 
   std::optional<FocalStep> StepOfFocal();
+  // Of the query's unknowns, those of the references given; zero where there is none.
+  Matrix7d QueryCovariance() const;
   std::optional<Matrix6d> Covariance() const;
   // Of the inverse Hessian's; the pixels' part of the Hessian is their information over
   // StudentInformation().
@@ -482,7 +473,7 @@ void JointRefinement::UpdateReferenceVariances(const MatrixXd& covariance) {
   for (size_t r = 0; r < column_.size(); ++r) {
     if (column_[r] < 0) continue;
     const ReferenceError& error = model_.references[r];
-    const Matrix36d at_centre = DisplacementJacobian(evidence_.centres[r]);
+    const Eigen::Matrix<double, 3, 6> at_centre = DisplacementJacobian(evidence_.centres[r]);
     const Matrix6d pose = covariance.block<6, 6>(column_[r], column_[r]);
     rotation.squares += error.turn.squaredNorm();
     rotation.count += 3 - pose.topLeftCorner<3, 3>().trace() / model_.noise.reference_rotation;
@@ -499,6 +490,14 @@ void JointRefinement::UpdateReferenceVariances(const MatrixXd& covariance) {
   model_.noise.reference_centre =
       centre.Variance(angle2 * std::exp(2 * model_.noise.log_distance_mean));
   model_.noise.reference_factor = factor.Variance(model_.noise.depth + model_.noise.common_depth);
+}
+
+Matrix7d JointRefinement::QueryCovariance() const {
+  if (hessian_.rows() == 0) return Matrix7d::Zero();
+  const Eigen::LDLT<Matrix7d> factors(hessian_.topLeftCorner<kQueryColumns, kQueryColumns>());
+  if (!factors.isPositive() || !(factors.rcond() > 1e-16)) return Matrix7d::Zero();
+  const Matrix7d covariance = factors.solve(Matrix7d::Identity());
+  return covariance.allFinite() ? covariance : Matrix7d(Matrix7d::Zero());
 }
 
 std::optional<Matrix6d> JointRefinement::Covariance() const {

@@ -16,6 +16,7 @@ using Eigen::Matrix4d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::Vector4d;
+using Matrix37d = Eigen::Matrix<double, 3, 7>;
 using Matrix24d = Eigen::Matrix<double, 2, 4>;
 
 // A query's pixel is wrong, although its matches agree with each other, as often as that.
@@ -80,8 +81,9 @@ struct ShareSum {
 
 class Weighing {
  public:
-  Weighing(double share, JointModel& model)
+  Weighing(double share, const Matrix7d& query_covariance, JointModel& model)
       : share_(share),
+        query_covariance_(query_covariance),
         model_(model),
         evidence_(model.evidence),
         noise_(model.noise),
@@ -97,8 +99,10 @@ class Weighing {
   // What is common to the parts of one keypoint.
   struct View {
     QueryTerm query;
-    Matrix4d covariance;  // of the point and its common error
-    double total = 0;     // weight
+    Matrix4d covariance;             // of the point and its common error, the query's pose given
+    Matrix4d full_covariance;        // of the same, the pose being uncertain
+    Matrix3d full_query_covariance;  // of the point as the query sees it
+    double total = 0;                // weight
     int num_right = 0;
     bool query_far = false;  // and nothing tells whose pixel is wrong
     // What has not found its place yet says nothing of the noise.
@@ -138,6 +142,7 @@ class Weighing {
   void Approach(double& weight, double next) const { weight += share_ * (next - weight); }
 
   double share_;
+  const Matrix7d& query_covariance_;
   JointModel& model_;
   const KeypointEvidence& evidence_;
   JointNoise& noise_;
@@ -179,6 +184,18 @@ void Weighing::Weigh(size_t index) {
   }
   view.covariance = information.inverse();
   if (!view.covariance.allFinite()) return;
+  // How the query's unknowns move the point, and what it looks like from there.
+  Matrix4d coupling = view.query.Cost().hessian;
+  coupling.row(3).setZero();
+  Matrix47d displacement = Matrix47d::Zero();
+  displacement.topLeftCorner<3, 6>() = DisplacementJacobian(state.point);
+  displacement(3, 6) = 1;
+  const Matrix47d follows = -view.covariance * coupling * displacement;
+  view.full_covariance = view.covariance + follows * query_covariance_ * follows.transpose();
+  Matrix37d seen = follows.topRows<3>();
+  seen.leftCols<6>() += displacement.topLeftCorner<3, 6>();
+  view.full_query_covariance =
+      view.covariance.topLeftCorner<3, 3>() + seen * query_covariance_ * seen.transpose();
   view.total = model_.TotalWeight(keypoint);
   view.query_far = view.query_far && view.num_right <= 1;
   view.trust = far ? 0 : std::min(1.0, view.total) * state.query_right;
@@ -223,8 +240,10 @@ void Weighing::WeighQuery(View& view, KeypointState& state) {
   // A single match does not tell whose pixel is wrong: that is its own weight.
   double right = 1;
   if (view.num_right >= 2) {
-    const Prediction<2> predicted(query.seen.error_px, Vector2d::Constant(noise_.keypoint_px2),
-                                  Vector2d::Constant(query.weight), spread);
+    const Prediction<2> predicted(
+        query.seen.error_px, Vector2d::Constant(noise_.keypoint_px2),
+        Vector2d::Constant(query.weight),
+        query.jacobian * view.full_query_covariance * query.jacobian.transpose());
     const double chance = kQueryWrong / evidence_.query_area_px2;
     const double density = (1 - kQueryWrong) * Density(predicted.error, predicted.covariance);
     right = density / (density + chance);
@@ -298,9 +317,10 @@ void Weighing::WeighSighting(int i, const SightingTerm& term, const View& view) 
     depths_.count += view.trust * (w - term.depth_weight * spread(2, 2));
   }
 
-  auto [deep, shallow, squared_across] = view.query_far || IsFar(term.seen, term.pixel_variance)
-                                             ? Likelihood{}
-                                             : LikelihoodOf(sighting, term, spread);
+  auto [deep, shallow, squared_across] =
+      view.query_far || IsFar(term.seen, term.pixel_variance)
+          ? Likelihood{}
+          : LikelihoodOf(sighting, term, SpreadOf(term, view.full_covariance));
   if (!std::isfinite(deep + shallow)) deep = shallow = 0;
   const double wrong = (1 - noise_.right) / evidence_.query_area_px2 *
                        model_.weights.crowding[static_cast<size_t>(sighting.reference)];
@@ -367,8 +387,9 @@ void Weighing::UpdateNoise(const NoisePrior& prior) {
 
 }  // namespace
 
-void Reweigh(const NoisePrior& prior, double share, JointModel& model) {
-  Weighing weighing(share, model);
+void Reweigh(const NoisePrior& prior, double share, const Matrix7d& query_covariance,
+             JointModel& model) {
+  Weighing weighing(share, query_covariance, model);
   weighing.WeighAll();
   weighing.UpdateNoise(prior);
 }

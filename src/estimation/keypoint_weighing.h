@@ -21,9 +21,12 @@ struct NoisePrior {
   std::optional<TailPrior> keypoint_tail;
 };
 
-// Sets the model's weights by what all other evidence of the keypoint predicts (they go `share` of
-// the way from what they were, so that what contradicts each other comes to rest), and its noise by
-// what the residuals show; the points must be the likeliest ones for the model as it is.
-void Reweigh(const NoisePrior& prior, double share, JointModel& model);
+// Sets the model's weights by what all other evidence predicts (they go `share` of the way from what
+// they were, so that what contradicts each other comes to rest), and its noise by what the residuals
+// show; the points must be the likeliest ones for the model as it is. `query_covariance`: of the
+// query's unknowns. A pose that little is known of goes where any wrong match on an epipolar line
+// calls it; what the match says of itself is no evidence for it.
+void Reweigh(const NoisePrior& prior, double share, const Matrix7d& query_covariance,
+             JointModel& model);
 
 }  // namespace raylift

@@ -214,7 +214,8 @@ class RansacEstimator final : public PoseEstimator {
       return objective.Value(scorer.ScoreAll(pose));
     };
     const ResidualKinds finally = KindsOf(best.solver);
-    FinalPose final_pose = RefineFinally(prepared, evidence, best.pose, finally, options_);
+    FinalPose final_pose =
+        RefineFinally(prepared, evidence, StartOf(best, prepared, finally), finally, options_);
     estimate.ransac_value = report.best_value;
     estimate.refined_value = value_of(final_pose.pose);
     // The likeliest pose rarely has the best score, but one that explains far less has lost its
@@ -232,6 +233,18 @@ class RansacEstimator final : public PoseEstimator {
     Judge(problem, prepared, report, final_pose.pose, solvers, estimate);
     CheckSupport(e5p1, estimate);
     return estimate;
+  }
+
+  // Where few matches are right, wrong pairs draw RANSAC's pose to their epipolar lines, which its
+  // points alone let go of.
+  SolverPose StartOf(const RansacResult& best, const PreparedProblem& prepared,
+                     ResidualKinds finally) const {
+    const bool is_joint = finally.points && finally.pairs;
+    if (options_.refinement == Refinement::kPaper || !is_joint || best.solver != Solver::kP3p) {
+      return best.pose;
+    }
+    constexpr ResidualKinds kPoints{.points = true, .pairs = false};
+    return RefineFinally(prepared, std::nullopt, best.pose, kPoints, options_).pose;
   }
 
   FailureReason WhyNoSample(const PreparedProblem& problem) const {

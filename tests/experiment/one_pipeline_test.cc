@@ -71,8 +71,10 @@ class OnePipeline : public ::testing::TestWithParam<FilterMode> {
     LocalizerOptions options;
     options.estimator.method = Method::kP3p;
     options.filter.mode = GetParam();
-    BatchLocalizer(scene, queries_, Matches(scene), {.localizer = options, .check_input = false})
-        .LocalizeAll();
+    // Comparisons align nothing unless asked.
+    const BatchOptions batch = {
+        .localizer = options, .align = AlignMode::kOff, .check_input = false};
+    BatchLocalizer(scene, queries_, Matches(scene), batch).LocalizeAll();
     return calls;
   }
 
