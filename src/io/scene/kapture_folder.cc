@@ -31,10 +31,10 @@ void WriteKapture(const path& folder, std::span<const PosedImage> images) {
   const path trajectories_file = folder / "sensors" / "trajectories.txt";
   const path records_file = folder / "sensors" / "records_camera.txt";
   constexpr const char* kHeader = "# kapture format: 1.1\n";
-  std::string sensors = std::string(kHeader) + "# sensor_device_id, name, type, params...\n";
+  std::string sensors = fmt::format("{}# sensor_device_id, name, type, params...\n", kHeader);
   std::string trajectories =
-      std::string(kHeader) + "# timestamp, device_id, qw, qx, qy, qz, tx, ty, tz\n";
-  std::string records = std::string(kHeader) + "# timestamp, device_id, image_path\n";
+      fmt::format("{}# timestamp, device_id, qw, qx, qy, qz, tx, ty, tz\n", kHeader);
+  std::string records = fmt::format("{}# timestamp, device_id, image_path\n", kHeader);
   std::map<std::string, size_t> sensor_of_camera;
   for (size_t i = 0; i < images.size(); ++i) {
     const PosedImage& image = images[i];
