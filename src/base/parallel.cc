@@ -1,10 +1,12 @@
 #include "raylift/base/parallel.h"
 
 #include <algorithm>
+#include <atomic>
 #include <exception>
 #include <limits>
 #include <mutex>
 #include <thread>
+#include <vector>
 
 #include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
@@ -12,6 +14,8 @@
 
 #include "raylift/base/call_watch.h"
 
+// TBB gives work to threads and waits for them by means that the thread sanitizer does not see, as
+// TBB is not compiled with it.
 #if defined(__SANITIZE_THREAD__)
 #define RAYLIFT_THREAD_SANITIZER 1
 #elif defined(__has_feature)
@@ -19,26 +23,36 @@
 #define RAYLIFT_THREAD_SANITIZER 1
 #endif
 #endif
-#ifdef RAYLIFT_THREAD_SANITIZER
-extern "C" void __tsan_acquire(void* address);
-extern "C" void __tsan_release(void* address);
-#endif
-
 namespace raylift {
 namespace {
 
-// TBB gives work to threads and waits for them by means that the thread sanitizer does not see, as
-// TBB is not compiled with it: what one thread did before Release(), another sees after Acquire().
-void Acquire([[maybe_unused]] void* address) {
+// Calls run(0) ... run(count - 1), which throw nothing, on this thread and others.
 #ifdef RAYLIFT_THREAD_SANITIZER
-  __tsan_acquire(address);
-#endif
+void RunOnThreads(size_t count, int num_threads, const std::function<void(size_t)>& run) {
+  std::atomic<size_t> next = 0;
+  const auto work = [&] {
+    for (size_t i = next++; i < count; i = next++) run(i);
+  };
+  std::vector<std::jthread> others;
+  for (int t = 1; t < num_threads; ++t) others.emplace_back(work);
+  work();
 }
-void Release([[maybe_unused]] void* address) {
-#ifdef RAYLIFT_THREAD_SANITIZER
-  __tsan_release(address);
-#endif
+#else
+void RunOnThreads(size_t count, int num_threads, const std::function<void(size_t)>& run) {
+  // TBB's pool is as large as the hardware; a user may ask for more.
+  const tbb::global_control allow(tbb::global_control::max_allowed_parallelism,
+                                  static_cast<size_t>(std::max(num_threads, ResolveThreads(0))));
+  tbb::task_arena arena(num_threads);
+  arena.execute([&] {
+    tbb::parallel_for(
+        tbb::blocked_range<size_t>(0, count, 1),
+        [&](const tbb::blocked_range<size_t>& range) {
+          for (size_t i = range.begin(); i != range.end(); ++i) run(i);
+        },
+        tbb::simple_partitioner());
+  });
 }
+#endif
 
 }  // namespace
 
@@ -62,41 +76,23 @@ void ParallelFor(size_t count, int threads, const std::function<void(size_t)>& b
   std::mutex mutex;
   std::exception_ptr first_exception;
   size_t first_index = std::numeric_limits<size_t>::max();
-  // TBB's pool is as large as the hardware; a user may ask for more.
-  const tbb::global_control allow(tbb::global_control::max_allowed_parallelism,
-                                  static_cast<size_t>(std::max(num_threads, ResolveThreads(0))));
-  tbb::task_arena arena(num_threads);
-  int begin = 0, end = 0;  // their addresses name two events
-  Release(&begin);
-  arena.execute([&] {
-    tbb::parallel_for(
-        tbb::blocked_range<size_t>(0, count, 1),
-        [&](const tbb::blocked_range<size_t>& range) {
-          Acquire(&begin);
-          const CallWatch::OnThisThread watched(watch);
-          for (size_t i = range.begin(); i != range.end(); ++i) {
-            {
-              const std::lock_guard<std::mutex> lock(mutex);
-              if (first_index < i) {
-                return;
-              }
-            }
-            try {
-              if (watch != nullptr) watch->Check();
-              body(i);
-            } catch (...) {
-              const std::lock_guard<std::mutex> lock(mutex);
-              if (i < first_index) {
-                first_index = i;
-                first_exception = std::current_exception();
-              }
-            }
-            Release(&end);
-          }
-        },
-        tbb::simple_partitioner());
+  RunOnThreads(count, num_threads, [&](size_t i) {
+    const CallWatch::OnThisThread watched(watch);
+    {
+      const std::lock_guard<std::mutex> lock(mutex);
+      if (first_index < i) return;
+    }
+    try {
+      if (watch != nullptr) watch->Check();
+      body(i);
+    } catch (...) {
+      const std::lock_guard<std::mutex> lock(mutex);
+      if (i < first_index) {
+        first_index = i;
+        first_exception = std::current_exception();
+      }
+    }
   });
-  Acquire(&end);
   if (first_exception) {
     std::rethrow_exception(first_exception);
   }

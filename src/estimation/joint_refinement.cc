@@ -495,7 +495,7 @@ void JointRefinement::UpdateReferenceVariances(const MatrixXd& covariance) {
 Matrix7d JointRefinement::QueryCovariance() const {
   if (hessian_.rows() == 0) return Matrix7d::Zero();
   const Eigen::LDLT<Matrix7d> factors(hessian_.topLeftCorner<kQueryColumns, kQueryColumns>());
-  if (!factors.isPositive() || !(factors.rcond() > 1e-16)) return Matrix7d::Zero();
+  if (!factors.isPositive() || !(factors.vectorD().minCoeff() > 0)) return Matrix7d::Zero();
   const Matrix7d covariance = factors.solve(Matrix7d::Identity());
   return covariance.allFinite() ? covariance : Matrix7d(Matrix7d::Zero());
 }
