@@ -56,11 +56,9 @@ const path& QueryImages(const DoctorFlags& flags) {
   return flags.query_images.empty() ? flags.images : flags.query_images;
 }
 
-std::vector<Query> QueriesOf(const DoctorFlags& flags, const ReferenceSet& references) {
+std::vector<Query> ReadQueries(const DoctorFlags& flags, const ReferenceSet& references) {
   if (!flags.queries.empty()) return ReadQueryList(flags.queries, QueryImages(flags));
-  std::vector<Query> queries;
-  for (const PosedImage& image : references.images) queries.push_back({image.name, image.camera});
-  return queries;
+  return QueriesOf(references);
 }
 
 std::unique_ptr<MatchSource> Open(const DoctorFlags& flags, const Scene& scene,
@@ -68,9 +66,7 @@ std::unique_ptr<MatchSource> Open(const DoctorFlags& flags, const Scene& scene,
   MatchingOptions matching = flags.matching.Resolve({flags.geometry}, QueryImages(flags), {}, 0,
                                                     flags.run, QueriesAre(flags));
   if (matching.retrieval && flags.queries.empty()) {
-    for (const PosedImage& image : scene.references.images) {
-      matching.retrieval->prior_poses.emplace(image.name, image.cam_from_world);
-    }
+    matching.retrieval->prior_poses = PosesOf(scene.references);
   }
   return OpenMatches(scene, queries, matching);
 }
@@ -161,7 +157,7 @@ void Run(const DoctorFlags& flags) {
     throw OptionError("--geometry", flags.geometry, "expected mesh:... or depth:...");
   }
   if (!flags.json.empty()) RequireWritable(flags.json);
-  const std::vector<Query> queries = QueriesOf(flags, scene.references);
+  const std::vector<Query> queries = ReadQueries(flags, scene.references);
   const auto match_source = Open(flags, scene, queries);
   const auto matches =
       CollectReferenceMatches(queries, *match_source, scene.references, flags.run.threads);

@@ -163,13 +163,18 @@ class Export {
     return loaded.references;
   }
 
-  // Those that have a pose, in the order of the run's.
-  std::vector<Query> Queries() const {
-    if (run_.query_list.empty()) {
+  std::vector<Query> ListedQueries() const {
+    if (!run_.query_list.empty()) return ReadQueryList(run_.query_list, run_.query_images);
+    if (!run_.leave_one_out) {
       throw OptionError("--queries is required where RUN is a pose file");
     }
+    return QueriesOf(LoadReferences(run_.model, run_.thinning, run_.model_poses).references);
+  }
+
+  // Those that have a pose, in the order of the run's.
+  std::vector<Query> Queries() const {
     std::unordered_map<std::string, Query> listed;
-    for (Query& query : ReadQueryList(run_.query_list, run_.query_images)) {
+    for (Query& query : ListedQueries()) {
       const std::string name = query.name;
       listed.emplace(name, std::move(query));
     }
@@ -177,7 +182,7 @@ class Export {
     for (const LocalizedQuery& query : run_.queries) {
       const auto found = listed.find(query.name);
       if (found == listed.end()) {
-        throw InputError(run_.query_list,
+        throw InputError(run_.query_list.empty() ? run_.model : run_.query_list,
                          fmt::format("{} has a pose, but is missing here", query.name));
       }
       queries.push_back(found->second);

@@ -24,6 +24,7 @@ void TakeOptions(const path& folder, FinishedRun& run) {
   try {
     const Json options = Json::parse(ReadFile(file));
     run.query_list = PathOption(options, "queries");
+    run.leave_one_out = options.value("leave-one-out", false);
     run.query_images = PathOption(options, "query-images");
     if (run.query_images.empty()) run.query_images = PathOption(options, "images");
     run.model = PathOption(options, "model");

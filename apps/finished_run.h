@@ -16,6 +16,7 @@ struct FinishedRun {
   std::vector<LocalizedQuery> queries;  // in the order of the list, with and without poses
   // As its options.json has them: relative paths start where it ran. Empty where it has none.
   std::filesystem::path query_list, query_images, model;
+  bool leave_one_out = false;  // the queries are the model's images, and there is no list
   PoseConvention model_poses = PoseConvention::kCamFromWorld;
   Thinning thinning;
   std::vector<std::string> geometry;

@@ -38,10 +38,28 @@ void CheckRunning(const LocalizeFlags& flags) {
   }
 }
 
+void CheckQueries(const LocalizeFlags& flags) {
+  if (!flags.leave_one_out) {
+    if (flags.queries.empty()) {
+      throw OptionError("--queries is required (or --leave-one-out)");
+    }
+    return;
+  }
+  const auto refuse = [](const char* option, bool given) {
+    if (given) throw OptionError(fmt::format("{} does not go with --leave-one-out", option));
+  };
+  refuse("--queries", !flags.queries.empty());
+  refuse("--query-images", !flags.query_images.empty());
+  refuse("--continuous", flags.continuous.enabled);
+  refuse("--write-model", !flags.write_model.empty());
+  if (flags.RendersReferences()) throw OptionError("--leave-one-out needs --model");
+}
+
 }  // namespace
 
 void LocalizeFlags::Check(const GeometryOptions& geometry_options,
                           const EstimatorOptions& estimator_options) const {
+  CheckQueries(*this);
   CheckReferences(*this);
   matching.front_end.Check();
   if (pictures < 0) {
@@ -58,7 +76,7 @@ void LocalizeFlags::Check(const GeometryOptions& geometry_options,
   run.Check();
   CheckRunning(*this);
   continuous.Check();
-  matching.Check(geometry.specs);
+  matching.Check(geometry.specs, QueriesAre());
   if (geometry.specs.empty() && UsesPoints(estimator_options.method) &&
       geometry_options.candidates.mode != CandidateMode::kTriangulate) {
     throw OptionError(fmt::format(
@@ -86,7 +104,10 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
       .add_option("--queries", flags.queries,
                   "List of queries: name MODEL width height params...; where a name\n"
                   "stands alone, the focal length is found with the pose")
-      ->required()
+      ->group("Queries");
+  command
+      .add_flag("--leave-one-out", flags.leave_one_out,
+                "The queries are the references: each is localized by the others")
       ->group("Queries");
   command
       .add_option("--query-images", flags.query_images,
@@ -153,7 +174,11 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
       "        --query-images photos --out result\n"
       "  With features and matches made by hloc:\n"
       "    raylift localize --model sfm --geometry mesh:scene.ply --queries queries.txt \\\n"
-      "        --features features.h5 --matches matches.h5 --pairs pairs.txt --out result");
+      "        --features features.h5 --matches matches.h5 --pairs pairs.txt --out result\n"
+      "  How well do references, whose poses are known, localize each other?\n"
+      "    raylift localize --model sfm --images photos --geometry mesh:scene.ply \\\n"
+      "        --leave-one-out --out result\n"
+      "    raylift evaluate --ground-truth sfm --poses result/poses.txt");
 }
 
 }  // namespace raylift

@@ -27,6 +27,7 @@ struct LocalizeFlags {
   int pictures = 0;
   double min_confidence = 0;
   bool no_doctor = false;
+  bool leave_one_out = false;
   FilterFlags filter;
   EstimatorFlags estimator;
   ContinuousFlags continuous;
@@ -39,6 +40,11 @@ struct LocalizeFlags {
 
   const std::filesystem::path& QueryImages() const {
     return query_images.empty() ? images : query_images;
+  }
+
+  // Whose poses queries have.
+  RetrievalFlags::Queries QueriesAre() const {
+    return leave_one_out ? RetrievalFlags::Queries::kReferences : RetrievalFlags::Queries::kOwn;
   }
 
   // OptionError for what the options alone can tell, before any work.

@@ -12,10 +12,15 @@
 namespace raylift {
 namespace {
 
-MatchingOptions MatchingOf(const LocalizeFlags& flags, uint64_t seed) {
-  MatchingOptions matching = flags.matching.Resolve(flags.geometry.specs, flags.QueryImages(),
-                                                    flags.out / "cache", seed, flags.run);
+MatchingOptions MatchingOf(const LocalizeFlags& flags, const ReferenceSet& references,
+                           uint64_t seed) {
+  MatchingOptions matching =
+      flags.matching.Resolve(flags.geometry.specs, flags.QueryImages(), flags.out / "cache", seed,
+                             flags.run, flags.QueriesAre());
   if (flags.continuous.enabled) matching.max_joined = flags.continuous.MaxJoined(matching.top_k);
+  if (flags.leave_one_out && matching.retrieval) {
+    matching.retrieval->prior_poses = PosesOf(references);
+  }
   return matching;
 }
 
@@ -59,7 +64,8 @@ Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
 std::unique_ptr<BatchLocalizer> OpenLocalizer(const LocalizeFlags& flags, const Scene& scene,
                                               std::span<const Query> queries,
                                               BatchOptions options) {
-  auto matches = OpenMatches(scene, queries, MatchingOf(flags, options.localizer.estimator.seed));
+  auto matches = OpenMatches(scene, queries,
+                             MatchingOf(flags, scene.references, options.localizer.estimator.seed));
   options.rerenderer = RerendererOf(flags, scene, options.localizer.estimator);
   auto localizer = std::make_unique<BatchLocalizer>(
       scene, std::vector<Query>(queries.begin(), queries.end()), std::move(matches), options);

@@ -30,9 +30,10 @@ class LocalizeRun {
       : flags_(flags), options_(std::move(options)), options_json_(options_json) {
     RefuseOtherMode(flags);
     RefuseFormerRun(JobOptions());
-    queries_ = ReadQueryList(flags.queries, flags.QueryImages());
-    if (!flags.priors.empty()) TakePosePriors(flags.priors, queries_);
+    if (!flags.leave_one_out) queries_ = ReadQueryList(flags.queries, flags.QueryImages());
     UntilSignal([this] { scene_ = OpenSceneOf(flags_, queries_); });
+    if (flags.leave_one_out) queries_ = QueriesOf(scene_.references);
+    if (!flags.priors.empty()) TakePosePriors(flags.priors, queries_);
     warnings_ = scene_.warnings;
     const CandidateOptions& candidates = options_.localizer.candidates;
     if (candidates.mode == CandidateMode::kTriangulate && !scene_.sources.empty()) {

@@ -70,10 +70,8 @@ class PairsRun {
       queries_ = ReadQueryList(flags.queries, QueryImages());
       flags.retrieval.ReadPriorPoses(&options_);
     } else {
-      for (const PosedImage& image : References()) {
-        queries_.push_back({image.name, image.camera});
-        options_.prior_poses.emplace(image.name, image.cam_from_world);
-      }
+      queries_ = QueriesOf(loaded_.references);
+      options_.prior_poses = PosesOf(loaded_.references);
     }
     if (options_.method == RetrievalMethod::kOverlap) {
       NamedGeometry geometry = MakeGeometrySource(flags.geometry, {.threads = flags.run.threads});

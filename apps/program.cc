@@ -13,6 +13,7 @@
 #include "commands.h"
 #include "config_file.h"
 #include "interrupt.h"
+#include "man_pages.h"
 #include "option_names.h"
 #include "options.h"
 #include "program_help.h"
@@ -68,6 +69,14 @@ Program MakeProgram() {
     CheckNumbers(*command.app);
   }
   AddProgramHelp(app);
+  app.add_option_function<std::string>(
+         "--man-pages",
+         [&app](const std::string& folder) {
+           WriteManPages(app, folder);
+           throw CLI::Success();
+         },
+         "Write a manual page of each command into this folder")
+      ->group("");
   return program;
 }  // NOLINT(clang-analyzer-cplusplus.NewDeleteLeaks): the app is moved out with the program
 

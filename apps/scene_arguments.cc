@@ -39,10 +39,13 @@ bool Fits(const SceneFile& scene, const CLI::App& command, std::string_view opti
   // Without a model, references are rendered.
   if (option == "--images" && scene.references.empty()) return IsGiven(command, "--model");
   if (option == "--times") return IsGiven(command, "--continuous");
+  const bool of_queries = option == "--queries" || option == "--query-images" ||
+                          option == "--ground-truth" || option == "--priors";
+  if (of_queries && IsGiven(command, "--leave-one-out")) return false;
   if (name == "render" && option == "--model") return !IsGiven(command, "--cameras");
   // They are for the localization with every source, which needs matches.
-  const bool of_queries = option == "--queries" || option == "--ground-truth";
-  return !(name == "compare" && of_queries) || IsGiven(command, "--features");
+  const bool of_matches = option == "--queries" || option == "--ground-truth";
+  return !(name == "compare" && of_matches) || IsGiven(command, "--features");
 }
 
 bool CanUse(const CLI::App& command, const SceneGeometry& geometry) {

@@ -7,6 +7,12 @@ set(docs_dir ${CMAKE_INSTALL_DATAROOTDIR}/doc)
 
 if(RAYLIFT_BUILD_PROGRAM)
   install(TARGETS raylift RUNTIME COMPONENT raylift)
+  # The program that was built writes its manual.
+  install(CODE "
+    execute_process(COMMAND \"$<TARGET_FILE:raylift>\" --man-pages man1
+      WORKING_DIRECTORY \"${PROJECT_BINARY_DIR}\" COMMAND_ERROR_IS_FATAL ANY)" COMPONENT raylift)
+  install(DIRECTORY ${PROJECT_BINARY_DIR}/man1 DESTINATION ${CMAKE_INSTALL_MANDIR}
+    COMPONENT raylift)
 endif()
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/raylift
   DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT libraylift-dev FILES_MATCHING PATTERN *.h

@@ -57,4 +57,17 @@ LoadedReferences LoadReferences(const std::filesystem::path& model, const Thinni
   return loaded;
 }
 
+std::vector<Query> QueriesOf(const ReferenceSet& references) {
+  std::vector<Query> queries;
+  queries.reserve(references.images.size());
+  for (const PosedImage& image : references.images) queries.push_back({image.name, image.camera});
+  return queries;
+}
+
+std::map<std::string, Rigid3> PosesOf(const ReferenceSet& references) {
+  std::map<std::string, Rigid3> poses;
+  for (const PosedImage& image : references.images) poses.emplace(image.name, image.cam_from_world);
+  return poses;
+}
+
 }  // namespace raylift

@@ -44,6 +44,31 @@ TEST_F(FrontEnd, LocalizesFromImagesAlone) {
                                       "poses.txt", "queries.jsonl", "summary.json"}));
 }
 
+TEST_F(FrontEnd, ReferencesAreLocalizedByEachOther) {
+  const fs::path out = scene_.folder / "out";
+  const Arguments command = {"localize",
+                             "--model",
+                             scene_.model(),
+                             "--images",
+                             scene_.images(),
+                             "--geometry",
+                             "mesh:" + scene_.mesh().string(),
+                             "--leave-one-out",
+                             "--out",
+                             out,
+                             "--quiet"};
+  ASSERT_TRUE(Succeeds(RunRaylift(command)));
+  EXPECT_TRUE(HoldsTruePoses(out / "poses.txt", scene_.references, 0.3, 0.02));
+  for (const std::string& line : Lines(ReadFile(out / "cache" / "pairs.txt"))) {
+    const size_t space = line.find(' ');
+    EXPECT_NE(line.substr(0, space), line.substr(space + 1));
+  }
+  // Whatever reads the run knows what the queries were.
+  EXPECT_TRUE(Succeeds(RunRaylift({"export", "kapture", out, "--out", scene_.folder / "kapture"})));
+  EXPECT_TRUE(FailsWith(2, {"--queries does not go with --leave-one-out"},
+                        RunRaylift(command + Arguments{"--queries", scene_.query_list()})));
+}
+
 TEST_F(FrontEnd, WritesTheSameBytesForAnyThreadsAndOrderOfQueries) {
   ASSERT_TRUE(Succeeds(Run("one", {"--threads", "1"})));
   const std::string features = ReadFile(cache_ / "features.h5");

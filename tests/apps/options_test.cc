@@ -51,6 +51,25 @@ TEST(Options, HelpNamesTheCommands) {
   for (const std::string& line : lines) EXPECT_LE(line.size(), 110u) << line;
 }
 
+TEST(Options, ManPagesNameWhatHelpNames) {
+  const std::filesystem::path folder = TestFolder() / "man1";
+  EXPECT_TRUE(Succeeds(RunRaylift({"--man-pages", folder})));
+  const std::string program = ReadFile(folder / "raylift.1");
+  for (const std::string command : {"localize", "estimate", "render", "compare", "status"}) {
+    EXPECT_NE(program.find("raylift\\-" + command), std::string::npos);
+    const std::string page = ReadFile(folder / ("raylift-" + command + ".1"));
+    EXPECT_TRUE(page.starts_with(".TH RAYLIFT-"));
+    for (const std::string& line : Lines(RunRaylift({command, "--help"}).out)) {
+      if (!line.starts_with("  --")) continue;
+      std::string name;
+      for (const char c : line.substr(2, line.find_first_of(" ,{", 2) - 2)) {
+        name += c == '-' ? "\\-" : std::string(1, c);
+      }
+      EXPECT_NE(page.find("\\fB" + name), std::string::npos) << command << " " << name;
+    }
+  }
+}
+
 TEST(Options, HelpOfACommandListsItsOptions) {
   ExpectHelpLists("localize", {"--model",
                                "--images",

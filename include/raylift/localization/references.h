@@ -3,12 +3,14 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
 #include "raylift/geometry/pose_convention.h"
 #include "raylift/localization/covisibility.h"
 #include "raylift/scene/posed_image.h"
+#include "raylift/scene/query.h"
 #include "raylift/scene/thinning.h"
 
 namespace raylift {
@@ -35,5 +37,10 @@ LoadedReferences LoadReferences(const std::filesystem::path& model, const Thinni
 // Every `every`-th from the first on.
 LoadedReferences LoadReferences(const std::filesystem::path& model, int every,
                                 PoseConvention poses = PoseConvention::kCamFromWorld);
+
+// The references as queries, to be localized by the others: whatever matches them leaves out the
+// one that has the query's name.
+std::vector<Query> QueriesOf(const ReferenceSet& references);
+std::map<std::string, Rigid3> PosesOf(const ReferenceSet& references);
 
 }  // namespace raylift
