@@ -29,5 +29,6 @@ Command AddStatusCommand(CLI::App& program);
 Command AddMergeCommand(CLI::App& program);
 Command AddVerifyCommand(CLI::App& program);
 Command AddExportCommand(CLI::App& program);
+Command AddColourCommand(CLI::App& program);
 
 }  // namespace raylift

@@ -64,7 +64,8 @@ Program MakeProgram() {
                       AddPerturbCommand(app),    AddRenderCommand(app),   AddCompareCommand(app),
                       AddDoctorCommand(app),     AddViewsCommand(app),    AddPairsCommand(app),
                       AddExperimentCommand(app), AddImportCommand(app),   AddStatusCommand(app),
-                      AddMergeCommand(app),      AddVerifyCommand(app),   AddExportCommand(app)};
+                      AddMergeCommand(app),      AddVerifyCommand(app),   AddExportCommand(app),
+                      AddColourCommand(app)};
   for (const Command& command : program.commands) {
     CheckNumbers(*command.app);
   }

@@ -42,7 +42,7 @@ constexpr std::string_view kLocalize = "Localize photographs";
 constexpr std::string_view kCompare = "Compare depth";
 constexpr std::string_view kRender = "Render depth";
 constexpr std::string_view kJobs = "Long runs, in parts";
-constexpr std::array<std::pair<std::string_view, std::string_view>, 15> kGroupOfCommand = {
+constexpr std::array<std::pair<std::string_view, std::string_view>, 16> kGroupOfCommand = {
     {{"localize", kLocalize},
      {"estimate", kLocalize},
      {"evaluate", kLocalize},
@@ -55,6 +55,7 @@ constexpr std::array<std::pair<std::string_view, std::string_view>, 15> kGroupOf
      {"perturb", kCompare},
      {"render", kRender},
      {"views", kRender},
+     {"colour", kRender},
      {"status", kJobs},
      {"merge", kJobs},
      {"verify", kJobs}}};

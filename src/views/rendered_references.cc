@@ -135,7 +135,9 @@ RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh
   if (!HasColors(mesh->mesh())) {
     references.warnings.emplace_back(
         "the mesh has neither texture nor vertex colours: pictures of its shape rarely match "
-        "photographs by RootSIFT, and poses with few inliers are then wrong");
+        "photographs by RootSIFT, and poses with few inliers are then wrong; `raylift colour` "
+        "gives "
+        "it those of photographs with poses");
   }
   ColmapModel model =
       MakeSampledModel(options.views.camera, sampled.views.cam_from_world, /*rig_cameras=*/1);

@@ -1,0 +1,150 @@
+// raylift colour: vertex colours for a bare mesh, from photographs with poses.
+
+#include <memory>
+
+#include "commands.h"
+#include "options.h"
+#include "scene_options.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/progress.h"
+#include "raylift/localization/references.h"
+#include "raylift/renderers/mesh_writer.h"
+#include "raylift/renderers/split_mesh.h"
+#include "raylift/views/mesh_scene.h"
+#include "raylift/views/vertex_coloring.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+// Vertices whose distance the photographs resolve into more pixels lose what is to be matched.
+constexpr double kCoarsePx = 3;
+constexpr double kMostTriangles = 5e8;
+
+struct ColourFlags {
+  std::string mesh;
+  ReferenceFlags references;
+  ModelPosesFlags model_poses;
+  path images, out;
+  double max_edge = 0;
+  bool keep_exposures = false;
+  RunFlags run;
+};
+
+void Check(const ColourFlags& flags) {
+  flags.references.Check();
+  flags.run.Check();
+  if (!(flags.max_edge >= 0)) {
+    throw OptionError("--max-edge", fmt::format("{}", flags.max_edge), "must be positive");
+  }
+  if (flags.out.extension() != ".ply") {
+    throw OptionError("--out", flags.out.string(), "expected a name that ends in .ply");
+  }
+}
+
+// Halving edges makes about that many.
+double TrianglesAfterSplit(const TriangleMesh& mesh, double max_edge) {
+  double count = 0;
+  for (const auto& [a, b, c] : mesh.triangles) {
+    const Eigen::Vector3f& corner = mesh.vertices[a];
+    const double area = 0.5 * (mesh.vertices[b] - corner).cross(mesh.vertices[c] - corner).norm();
+    count += 1 + 4 * area / (max_edge * max_edge);
+  }
+  return count;
+}
+
+TriangleMesh FineMesh(const TriangleMesh& mesh, double max_edge) {
+  if (max_edge == 0) return mesh;
+  const double count = TrianglesAfterSplit(mesh, max_edge);
+  if (count > kMostTriangles) {
+    throw OptionError("--max-edge", fmt::format("{}", max_edge),
+                      fmt::format("would split the mesh into some {:.0e} triangles", count));
+  }
+  return SplitLongEdges(mesh, max_edge);
+}
+
+void Colour(const ColourFlags& flags) {
+  RequireWritable(flags.out);
+  const LoadedReferences loaded = LoadReferences(flags.references.model, flags.references.thinning,
+                                                 flags.model_poses.Resolve());
+  PrintWarnings(loaded.warnings);
+  const std::string spec = flags.mesh.starts_with("mesh:") ? flags.mesh : "mesh:" + flags.mesh;
+  const MeshScene scene = LoadMeshScene({spec}, {.threads = flags.run.threads});
+  PrintWarnings(scene.warnings);
+  TriangleMesh mesh = FineMesh(scene.caster->mesh(), flags.max_edge);
+  const std::vector<PosedImage>& photographs = loaded.references.images;
+  VertexColoring coloring;
+  {
+    Progress progress("photographs", photographs.size(), flags.run.Show());
+    coloring = ColorVertices(mesh, *scene.caster, photographs, flags.images,
+                             {.level_exposures = !flags.keep_exposures,
+                              .threads = flags.run.threads,
+                              .on_photograph = [&progress] { progress.Advance(); }});
+  }
+  if (coloring.num_seen == 0) {
+    throw InputError(flags.references.model,
+                     fmt::format("none of its {} photographs sees a vertex of {}: are the mesh and "
+                                 "the poses of one world?",
+                                 photographs.size(), flags.mesh));
+  }
+  mesh.vertex_colors_rgb = std::move(coloring.colors_rgb);
+  WritePly(flags.out, mesh);
+  if (coloring.median_spacing_px > kCoarsePx) {
+    PrintWarning(fmt::format(
+        "the mesh's vertices are {:.0f} px apart in the photographs, whose details are lost "
+        "between them; --max-edge {:.2g} splits its triangles to about their resolution",
+        coloring.median_spacing_px, coloring.median_pixel_width));
+  }
+  if (flags.run.quiet) return;
+  fmt::print(
+      "{:.1f} % of {} vertices coloured by {} photographs, {:.1f} px apart there; the others "
+      "as their neighbours: {}\n",
+      100.0 * static_cast<double>(coloring.num_seen) / static_cast<double>(mesh.vertices.size()),
+      mesh.vertices.size(), photographs.size(), coloring.median_spacing_px, flags.out.string());
+}
+
+}  // namespace
+
+Command AddColourCommand(CLI::App& program) {
+  auto flags = std::make_shared<ColourFlags>();
+  CLI::App* command = program.add_subcommand(
+      "colour", "Vertex colours for a bare mesh, from photographs with poses");
+  command->alias("color");
+  command->add_option("MESH", flags->mesh, "The mesh: a file, or mesh:PATH[,key=value...]")
+      ->required();
+  AddReferenceOptions(*command, flags->references);
+  AddModelPosesOption(*command, flags->model_poses);
+  command->add_option("--images", flags->images, "Folder of the photographs")
+      ->required()
+      ->group("References");
+  command
+      ->add_option("--max-edge", flags->max_edge,
+                   "Split longer edges, as only vertices have colours (units of\n"
+                   "the mesh; 0: none)")
+      ->capture_default_str()
+      ->group("Mesh");
+  command
+      ->add_flag("--keep-exposures", flags->keep_exposures,
+                 "Do not level the photographs' exposures")
+      ->group("Mesh");
+  command->add_option("--out", flags->out, "The coloured mesh (PLY)")->required()->group("Output");
+  AddRunOptions(*command, flags->run);
+  command->footer(
+      "Each vertex takes what the photographs agree on that see it best. Where there are no\n"
+      "colours, a mesh alone is hardly localized against: its rendered views look like none of\n"
+      "the photographs.\n"
+      "Example:\n"
+      "  raylift colour scan.ply --model sfm --images photos --out coloured.ply\n"
+      "  raylift localize --geometry mesh:coloured.ply --queries queries.txt \\\n"
+      "      --query-images new --out result");
+  return {command, [flags] {
+            Check(*flags);
+            Colour(*flags);
+          }};
+}
+
+}  // namespace raylift

@@ -1,0 +1,51 @@
+// Colours for the vertices of a mesh that has none, from photographs with poses: so that a scan or an
+// MVS mesh can be rendered as photographs see it, and be localized against alone.
+
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/renderers/ray_caster.h"
+#include "raylift/scene/posed_image.h"
+
+namespace raylift {
+
+struct VertexColoringOptions {
+  // Photographs get factors, one per channel, that make what several see look alike.
+  bool level_exposures = true;
+  int threads = 0;
+  std::function<void()> on_photograph = {};  // after each, from one thread
+};
+
+struct VertexColoring {
+  std::vector<std::array<uint8_t, 3>> colors_rgb;
+  // Vertices that a photograph sees. The others have the colours of their neighbours, and are grey
+  // where nothing that they are connected with is seen.
+  size_t num_seen = 0;
+  std::vector<Eigen::Vector3d> factors_rgb;  // per photograph; geometric mean 1
+  // How far apart neighbouring vertices are in the photographs that see them best, and how wide a
+  // pixel is on the surface there (units of the mesh), medians over those seen: what is finer than
+  // the vertices is lost.
+  double median_spacing_px = 0;
+  double median_pixel_width = 0;
+};
+
+// `mesh` has the surface of `surface`, and may be finer. A vertex takes what the photographs show
+// that see it (by rays), the side of the surface that is seen better: those that resolve it best, in
+// a patch as wide as its edges, weighed by how steeply they look at it; what disagrees with most of
+// them is left out. The same for any number of threads. InputError where a photograph is missing
+// below `folder` or has not its camera's size.
+VertexColoring ColorVertices(const TriangleMesh& mesh, const RayCaster& surface,
+                             std::span<const PosedImage> photographs,
+                             const std::filesystem::path& folder,
+                             const VertexColoringOptions& options = {});
+
+}  // namespace raylift

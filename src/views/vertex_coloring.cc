@@ -1,0 +1,378 @@
+#include "raylift/views/vertex_coloring.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "exposure_levels.h"
+#include <Eigen/Geometry>
+#include <fmt/format.h>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/base/median.h"
+#include "raylift/base/nearest_byte.h"
+#include "raylift/base/parallel.h"
+#include "raylift/io/image_file.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using Eigen::Vector3f;
+
+// Of a vertex, the photographs that see it best. What one shows more than another is little then.
+constexpr size_t kMaxSamples = 8;
+constexpr size_t kVerticesPerItem = 4096;
+// A vertex lies on the surface that the ray hits: what is nearer by more than that, in edges and in
+// distances, hides it.
+constexpr double kOwnSurface = 0.1;
+constexpr double kOwnDistance = 1e-4;
+// Nearly along the surface nothing is resolved.
+constexpr double kLeastCosine = 0.1;
+// Values beyond are clipped, or noise: they tell nothing of the exposure.
+constexpr float kDarkest = 8, kBrightest = 247;
+// Points that tell exposures, per photograph; more change nothing.
+constexpr size_t kPointsPerPhotograph = 200;
+constexpr size_t kLeastPoints = 20000;
+// Of medians of absolute deviations: three standard deviations of normal noise.
+constexpr double kFarDeviations = 3 * 1.4826;
+constexpr double kLeastDeviation = 2;  // levels of 255
+constexpr std::array<uint8_t, 3> kUnseen = {128, 128, 128};
+
+struct Sample {
+  float weight = 0;
+  float spacing_px = 0;
+  uint32_t photograph = 0;
+  bool is_front = true;
+  Vector3f rgb = Vector3f::Zero();
+};
+
+// The shape about each vertex.
+struct VertexShapes {
+  std::vector<Vector3f> normals;    // unit; zero where there is none
+  std::vector<float> spacings;      // mean length of its edges
+  std::vector<uint32_t> begins;     // of each vertex's neighbours, and the end
+  std::vector<uint32_t> neighbors;  // each as often as triangles have the edge
+};
+
+VertexShapes ShapesOf(const TriangleMesh& mesh) {
+  const size_t count = mesh.vertices.size();
+  VertexShapes shapes;
+  shapes.normals.assign(count, Vector3f::Zero());
+  shapes.spacings.assign(count, 0);
+  shapes.begins.assign(count + 1, 0);
+  for (const auto& triangle : mesh.triangles) {
+    const Vector3f& corner = mesh.vertices[triangle[0]];
+    const Vector3f area =
+        (mesh.vertices[triangle[1]] - corner).cross(mesh.vertices[triangle[2]] - corner);
+    for (const uint32_t vertex : triangle) {
+      shapes.normals[vertex] += area;
+      shapes.begins[vertex + 1] += 2;
+    }
+  }
+  for (size_t v = 0; v < count; ++v) shapes.begins[v + 1] += shapes.begins[v];
+  shapes.neighbors.resize(shapes.begins[count]);
+  std::vector<uint32_t> next(shapes.begins.begin(), shapes.begins.end() - 1);
+  for (const auto& triangle : mesh.triangles) {
+    for (size_t k = 0; k < 3; ++k) {
+      shapes.neighbors[next[triangle[k]]++] = triangle[(k + 1) % 3];
+      shapes.neighbors[next[triangle[k]]++] = triangle[(k + 2) % 3];
+    }
+  }
+  for (size_t v = 0; v < count; ++v) {
+    shapes.normals[v].stableNormalize();
+    float sum = 0;
+    for (uint32_t i = shapes.begins[v]; i < shapes.begins[v + 1]; ++i) {
+      sum += (mesh.vertices[shapes.neighbors[i]] - mesh.vertices[v]).norm();
+    }
+    const uint32_t edges = shapes.begins[v + 1] - shapes.begins[v];
+    if (edges > 0) shapes.spacings[v] = sum / static_cast<float>(edges);
+  }
+  return shapes;
+}
+
+// A photograph at full size, half of it, and so on.
+class Pyramid {
+ public:
+  Pyramid(const PosedImage& photograph, const std::filesystem::path& folder) {
+    const std::filesystem::path file = folder / photograph.name;
+    Image image = ReadImage(file, ImageChannels::kRgb);
+    const Camera& camera = photograph.camera;
+    if (image.width_px != camera.width_px() || image.height_px != camera.height_px()) {
+      throw InputError(file, fmt::format("is {} x {}, its camera {} x {}", image.width_px,
+                                         image.height_px, camera.width_px(), camera.height_px()));
+    }
+    levels_.push_back(cv::Mat(image.height_px, image.width_px, CV_8UC3, image.data.data()).clone());
+    while (std::min(levels_.back().cols, levels_.back().rows) >= 4) {
+      cv::Mat half;
+      cv::resize(levels_.back(), half, {}, 0.5, 0.5, cv::INTER_AREA);
+      levels_.push_back(half);
+    }
+  }
+
+  // The mean of a patch of about that width; bilinear.
+  Vector3f At(const Vector2d& pixel, double width_px) const {
+    const double octave = std::clamp(std::round(std::log2(std::max(width_px, 1.0))), 0.0,
+                                     static_cast<double>(levels_.size() - 1));
+    const cv::Mat& level = levels_[static_cast<size_t>(octave)];
+    const double x = pixel.x() * level.cols / levels_[0].cols - 0.5;
+    const double y = pixel.y() * level.rows / levels_[0].rows - 0.5;
+    const int left = std::clamp(static_cast<int>(std::floor(x)), 0, std::max(0, level.cols - 2));
+    const int top = std::clamp(static_cast<int>(std::floor(y)), 0, std::max(0, level.rows - 2));
+    const auto right_share = static_cast<float>(std::clamp(x - left, 0.0, 1.0));
+    const auto lower_share = static_cast<float>(std::clamp(y - top, 0.0, 1.0));
+    const auto value = [&](int row, int column) {
+      const auto& rgb =
+          level.at<cv::Vec3b>(std::min(row, level.rows - 1), std::min(column, level.cols - 1));
+      return Vector3f(rgb[0], rgb[1], rgb[2]);
+    };
+    return (1 - lower_share) *
+               ((1 - right_share) * value(top, left) + right_share * value(top, left + 1)) +
+           lower_share *
+               ((1 - right_share) * value(top + 1, left) + right_share * value(top + 1, left + 1));
+  }
+
+ private:
+  std::vector<cv::Mat> levels_;  // RGB
+};
+
+class Coloring {
+ public:
+  Coloring(const TriangleMesh& mesh, const RayCaster& surface,
+           std::span<const PosedImage> photographs)
+      : mesh_(mesh),
+        surface_(surface),
+        photographs_(photographs),
+        shapes_(ShapesOf(mesh)),
+        samples_(mesh.vertices.size()) {}
+
+  void LookThrough(uint32_t photograph, const Pyramid& pyramid, int threads) {
+    const size_t items = (mesh_.vertices.size() + kVerticesPerItem - 1) / kVerticesPerItem;
+    ParallelFor(items, threads, [&](size_t item) {
+      const size_t begin = item * kVerticesPerItem;
+      LookAt(photograph, pyramid, begin, std::min(begin + kVerticesPerItem, mesh_.vertices.size()));
+    });
+  }
+
+  void ChooseSides() {
+    for (std::vector<Sample>& samples : samples_) {
+      float balance = 0;
+      for (const Sample& sample : samples)
+        balance += sample.is_front ? sample.weight : -sample.weight;
+      std::erase_if(samples, [&](const Sample& s) { return s.is_front != (balance >= 0); });
+    }
+  }
+
+  std::vector<Vector3d> Exposures() const {
+    const size_t wanted = std::max(kLeastPoints, kPointsPerPhotograph * photographs_.size());
+    const size_t stride = std::max<size_t>(1, samples_.size() / wanted);
+    std::vector<std::vector<PointColor>> points;
+    for (size_t v = 0; v < samples_.size(); v += stride) {
+      std::vector<PointColor> point;
+      for (const Sample& sample : samples_[v]) {
+        if (sample.rgb.minCoeff() < kDarkest || sample.rgb.maxCoeff() > kBrightest) continue;
+        point.push_back(
+            {sample.photograph, sample.weight, sample.rgb.cast<double>().array().log().matrix()});
+      }
+      if (point.size() >= 2) points.push_back(std::move(point));
+    }
+    return LevelExposures(photographs_.size(), points);
+  }
+
+  void Blend(std::span<const Vector3d> factors, int threads, VertexColoring& coloring) const {
+    coloring.colors_rgb.assign(samples_.size(), kUnseen);
+    ParallelFor((samples_.size() + kVerticesPerItem - 1) / kVerticesPerItem, threads,
+                [&](size_t item) {
+                  const size_t begin = item * kVerticesPerItem;
+                  const size_t end = std::min(begin + kVerticesPerItem, samples_.size());
+                  for (size_t v = begin; v < end; ++v) {
+                    if (!samples_[v].empty())
+                      coloring.colors_rgb[v] = Blended(samples_[v], factors);
+                  }
+                });
+    std::vector<double> spacings, pixels;
+    for (size_t v = 0; v < samples_.size(); ++v) {
+      if (samples_[v].empty()) continue;
+      ++coloring.num_seen;
+      float best = 0;
+      for (const Sample& sample : samples_[v]) best = std::max(best, sample.spacing_px);
+      spacings.push_back(best);
+      pixels.push_back(shapes_.spacings[v] / best);
+    }
+    if (spacings.empty()) return;
+    coloring.median_spacing_px = UpperMedianInPlace(std::span(spacings));
+    coloring.median_pixel_width = UpperMedianInPlace(std::span(pixels));
+  }
+
+  // Ring by ring from what is seen.
+  void Spread(VertexColoring& coloring) const {
+    std::vector<bool> known(samples_.size());
+    std::vector<uint32_t> ring;
+    for (size_t v = 0; v < samples_.size(); ++v) known[v] = !samples_[v].empty();
+    const auto add_around = [&](uint32_t vertex, std::vector<uint32_t>& next) {
+      for (uint32_t i = shapes_.begins[vertex]; i < shapes_.begins[vertex + 1]; ++i) {
+        if (!known[shapes_.neighbors[i]]) next.push_back(shapes_.neighbors[i]);
+      }
+    };
+    for (uint32_t v = 0; v < samples_.size(); ++v) {
+      if (known[v]) add_around(v, ring);
+    }
+    while (!ring.empty()) {
+      std::sort(ring.begin(), ring.end());
+      ring.erase(std::unique(ring.begin(), ring.end()), ring.end());
+      std::vector<std::array<uint8_t, 3>> colors;
+      for (const uint32_t v : ring) colors.push_back(MeanAround(v, known, coloring.colors_rgb));
+      for (size_t i = 0; i < ring.size(); ++i) coloring.colors_rgb[ring[i]] = colors[i];
+      for (const uint32_t v : ring) known[v] = true;
+      std::vector<uint32_t> next;
+      for (const uint32_t v : ring) add_around(v, next);
+      ring = std::move(next);
+    }
+  }
+
+ private:
+  struct Candidate {
+    size_t vertex;
+    Vector2d pixel;
+    double distance;
+    Sample sample;
+  };
+
+  // What the photograph would say of a vertex if nothing hid it.
+  std::optional<Candidate> Project(uint32_t photograph, size_t vertex) const {
+    const Camera& camera = photographs_[photograph].camera;
+    const Rigid3& cam_from_world = photographs_[photograph].cam_from_world;
+    const Vector3d point = cam_from_world * mesh_.VertexInWorld(static_cast<uint32_t>(vertex));
+    const auto projection = camera.ImgFromCamWithJacobian(point);
+    if (!projection || !camera.Contains(projection->pixel)) return std::nullopt;
+    const Vector3d normal = cam_from_world.rotation * shapes_.normals[vertex].cast<double>();
+    const double distance = point.norm();
+    const double cosine = -normal.dot(point) / distance;
+    if (!(std::abs(cosine) > kLeastCosine)) return std::nullopt;
+    // A square of the tangent plane, as wide as the edges are long, covers so many pixels.
+    const Vector3d first = normal.unitOrthogonal();
+    Eigen::Matrix<double, 3, 2> tangents;
+    tangents << first, normal.cross(first);
+    const double spacing = shapes_.spacings[vertex];
+    const double spacing_px =
+        spacing * std::sqrt(std::abs((projection->jacobian * tangents).determinant()));
+    const double resolved = std::min(1.0, spacing_px);
+    return Candidate{
+        .vertex = vertex,
+        .pixel = projection->pixel,
+        .distance = distance,
+        .sample = {.weight = static_cast<float>(std::abs(cosine) * resolved * resolved),
+                   .spacing_px = static_cast<float>(spacing_px),
+                   .photograph = photograph,
+                   .is_front = cosine > 0}};
+  }
+
+  void LookAt(uint32_t photograph, const Pyramid& pyramid, size_t begin, size_t end) {
+    std::vector<Candidate> candidates;
+    std::vector<Ray> rays;
+    const Vector3d centre = photographs_[photograph].cam_from_world.OriginInSource();
+    for (size_t v = begin; v < end; ++v) {
+      auto candidate = Project(photograph, v);
+      if (!candidate || !IsWanted(candidate->sample, samples_[v])) continue;
+      rays.push_back({centre, mesh_.VertexInWorld(static_cast<uint32_t>(v)) - centre});
+      candidates.push_back(*candidate);
+    }
+    const auto hits = surface_.Cast(rays);
+    for (size_t i = 0; i < candidates.size(); ++i) {
+      Candidate& candidate = candidates[i];
+      const double nearer =
+          kOwnDistance + kOwnSurface * shapes_.spacings[candidate.vertex] / candidate.distance;
+      if (hits[i] && hits[i]->ray_t < 1 - nearer) continue;
+      candidate.sample.rgb = pyramid.At(candidate.pixel, candidate.sample.spacing_px);
+      Keep(candidate.sample, samples_[candidate.vertex]);
+    }
+  }
+
+  static bool IsWanted(const Sample& sample, const std::vector<Sample>& kept) {
+    return sample.weight > 0 && (kept.size() < kMaxSamples || sample.weight > Worst(kept)->weight);
+  }
+  static std::vector<Sample>::const_iterator Worst(const std::vector<Sample>& kept) {
+    return std::min_element(kept.begin(), kept.end(),
+                            [](const Sample& a, const Sample& b) { return a.weight < b.weight; });
+  }
+  static void Keep(const Sample& sample, std::vector<Sample>& kept) {
+    if (kept.size() == kMaxSamples) kept.erase(Worst(kept));
+    kept.push_back(sample);
+  }
+
+  // The mean of what agrees with the median.
+  static std::array<uint8_t, 3> Blended(std::span<const Sample> samples,
+                                        std::span<const Vector3d> factors) {
+    std::array<uint8_t, 3> color;
+    for (int c = 0; c < 3; ++c) {
+      std::vector<WeightedValue> values, deviations;
+      for (const Sample& sample : samples) {
+        values.push_back({sample.rgb[c] * factors[sample.photograph][c], sample.weight});
+      }
+      const double median = WeightedMedian(values);
+      for (const WeightedValue& value : values) {
+        deviations.push_back({std::abs(value.value - median), value.weight});
+      }
+      const double far = kFarDeviations * std::max(kLeastDeviation, WeightedMedian(deviations));
+      double sum = 0, total = 0;
+      for (const WeightedValue& value : values) {
+        if (std::abs(value.value - median) > far) continue;
+        sum += value.weight * value.value;
+        total += value.weight;
+      }
+      color[static_cast<size_t>(c)] = NearestByte(sum / total);
+    }
+    return color;
+  }
+
+  std::array<uint8_t, 3> MeanAround(uint32_t vertex, const std::vector<bool>& known,
+                                    std::span<const std::array<uint8_t, 3>> colors) const {
+    Vector3d sum = Vector3d::Zero();
+    int count = 0;
+    for (uint32_t i = shapes_.begins[vertex]; i < shapes_.begins[vertex + 1]; ++i) {
+      const uint32_t neighbor = shapes_.neighbors[i];
+      if (!known[neighbor]) continue;
+      ++count;
+      sum += Vector3d(colors[neighbor][0], colors[neighbor][1], colors[neighbor][2]);
+    }
+    return {NearestByte(sum[0] / count), NearestByte(sum[1] / count), NearestByte(sum[2] / count)};
+  }
+
+  const TriangleMesh& mesh_;
+  const RayCaster& surface_;
+  std::span<const PosedImage> photographs_;
+  const VertexShapes shapes_;
+  std::vector<std::vector<Sample>> samples_;  // of each vertex
+};
+
+}  // namespace
+
+VertexColoring ColorVertices(const TriangleMesh& mesh, const RayCaster& surface,
+                             std::span<const PosedImage> photographs,
+                             const std::filesystem::path& folder,
+                             const VertexColoringOptions& options) {
+  Coloring work(mesh, surface, photographs);
+  const auto batch = static_cast<size_t>(ResolveThreads(options.threads));
+  for (size_t begin = 0; begin < photographs.size(); begin += batch) {
+    const size_t count = std::min(batch, photographs.size() - begin);
+    std::vector<std::optional<Pyramid>> pyramids(count);
+    ParallelFor(count, options.threads,
+                [&](size_t i) { pyramids[i].emplace(photographs[begin + i], folder); });
+    for (size_t i = 0; i < count; ++i) {
+      work.LookThrough(static_cast<uint32_t>(begin + i), *pyramids[i], options.threads);
+      if (options.on_photograph) options.on_photograph();
+    }
+  }
+  work.ChooseSides();
+  VertexColoring coloring;
+  coloring.factors_rgb.assign(photographs.size(), Vector3d::Ones());
+  if (options.level_exposures) coloring.factors_rgb = work.Exposures();
+  work.Blend(coloring.factors_rgb, options.threads, coloring);
+  work.Spread(coloring);
+  return coloring;
+}
+
+}  // namespace raylift
