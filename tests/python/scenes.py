@@ -1,6 +1,7 @@
 """The demo scene with features and matches that its geometry makes, in hloc's files."""
 
 import os
+import sqlite3
 from pathlib import Path
 
 import h5py
@@ -60,6 +61,30 @@ class HlocScene:
                 group["matches0"] = rows
                 group["matching_scores0"] = np.ones(len(rows), np.float16)
                 pairs.write(f"{query} {reference}\n")
+
+    def write_database(self, file):
+        """The same as COLMAP's database, as far as it is read."""
+        ids = {name: i for i, name in enumerate(self.keypoints, start=1)}
+        with sqlite3.connect(file) as database:
+            database.executescript("""
+                CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY, model INTEGER, width INTEGER,
+                    height INTEGER, params BLOB, prior_focal_length INTEGER);
+                CREATE TABLE images (image_id INTEGER PRIMARY KEY, name TEXT, camera_id INTEGER);
+                CREATE TABLE keypoints (image_id INTEGER PRIMARY KEY, rows INTEGER, cols INTEGER, data BLOB);
+                CREATE TABLE matches (pair_id INTEGER PRIMARY KEY, rows INTEGER, cols INTEGER, data BLOB);
+                CREATE TABLE two_view_geometries (pair_id INTEGER PRIMARY KEY, rows INTEGER, cols INTEGER,
+                    data BLOB, config INTEGER, F BLOB, E BLOB, H BLOB);
+                INSERT INTO cameras VALUES (1, 2, 640, 480, NULL, 0);""")
+            for name, i in ids.items():
+                pixels = np.asarray(self.keypoints[name], np.float32).reshape(-1, 2) + np.float32(0.5)
+                database.execute("INSERT INTO images VALUES (?, ?, 1)", (i, name))
+                database.execute("INSERT INTO keypoints VALUES (?, ?, 2, ?)", (i, len(pixels), pixels.tobytes()))
+            for (query, reference), columns in self.matches.items():
+                pair = sorted(zip((ids[query], ids[reference]), columns))  # the smaller id first
+                rows = np.column_stack([column for _, column in pair]).astype(np.uint32)
+                database.execute("INSERT INTO matches VALUES (?, ?, 2, ?)",
+                                 (2147483647 * pair[0][0] + pair[1][0], len(rows), rows.tobytes()))
+        database.close()
 
     query_list = property(lambda self: self.folder / "queries.txt")
     features = property(lambda self: self.folder / "features.h5")

@@ -153,3 +153,24 @@ def test_many_queries_with_hlocs_files(hloc):
     assert told[-1] == (len(hloc.queries), len(hloc.queries), "queries")
     for name, query in found.items():
         hloc.expect_near(name, query.cam_from_world)
+
+
+def test_many_queries_with_colmaps_database(hloc, tmp_path):
+    database = tmp_path / "database.db"
+    hloc.write_database(database)
+    found = raylift.Localizer(hloc.scene, matches=database).localize_all(hloc.queries)
+    for name, query in found.items():
+        hloc.expect_near(name, query.cam_from_world)
+    raylift.localize(tmp_path / "out", model=DEMO / "model", queries=hloc.query_list, matches=database,
+                     geometry=MESH)
+    raylift.write_poses(tmp_path / "poses.txt", {name: query.cam_from_world for name, query in found.items()})
+    assert (tmp_path / "poses.txt").read_bytes() == (tmp_path / "out/poses.txt").read_bytes()
+
+    # With a list of pairs, what it lists alone.
+    name, reference = hloc.queries[0][0], hloc.references[3].name
+    (tmp_path / "pairs.txt").write_text(f"{name} {reference}\n")
+    listed = raylift.Localizer(hloc.scene, matches=str(database), pairs=tmp_path / "pairs.txt")
+    problem = listed.localize_all(hloc.queries[:1])[name].problem
+    assert [image.name for image in problem.references] == [reference]
+    with pytest.raises(raylift.OptionError, match="COLMAP's database"):
+        raylift.Localizer(hloc.scene, features=hloc.features, matches=database)
