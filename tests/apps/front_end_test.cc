@@ -2,13 +2,16 @@
 
 #include <algorithm>
 #include <chrono>
+#include <span>
 
 #include "apps/program.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
+#include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
+#include "raylift/views/sampled_model.h"
 
 namespace raylift {
 namespace {
@@ -139,6 +142,27 @@ TEST_F(FrontEnd, FeaturesWithoutTheirListOfInputsAreNotUsed) {
   fs::remove(cache_ / "features.inputs.txt");
   ASSERT_TRUE(Succeeds(Run("second")));
   EXPECT_EQ(Poses("first"), Poses("second"));
+}
+
+TEST(Panorama, IsLocalizedAmongPerspectiveReferences) {
+  const fs::path demo = RAYLIFT_DEMO_FOLDER, folder = TestFolder();
+  const fs::path mesh = demo / "scene.obj";
+  const double size[] = {1536, 768};
+  const Rigid3 pose = ReadColmapModel(demo / "ground_truth").PosedImages()[3].cam_from_world;
+  const ColmapModel truth =
+      MakeSampledModel({CameraModel::kEquirectangular, 1536, 768, size}, std::span(&pose, 1), 1);
+  WriteColmapModel(folder / "truth", truth, ColmapForm::kText);
+  PosedImage query = truth.PosedImages().front();
+  query.name = fs::path(query.name).replace_extension(".png");
+  ASSERT_TRUE(Succeeds(RunRaylift(
+      {"render", "--model", folder / "truth", "--geometry", "mesh:" + mesh.string(), "--products",
+       "color", "--supersampling", "2", "--out", folder / "rendered", "--quiet"})));
+  WriteQueryList(folder / "queries.txt", {{query.name, query.camera}});
+  ASSERT_TRUE(Succeeds(RunRaylift(
+      {"localize", "--model", demo / "model", "--images", demo / "images", "--every", "2",
+       "--geometry", "mesh:" + mesh.string(), "--queries", folder / "queries.txt", "--query-images",
+       folder / "rendered" / "color", "--out", folder / "out", "--quiet"})));
+  EXPECT_TRUE(HoldsTruePoses(folder / "out" / "poses.txt", {query}, 0.1, 0.01));
 }
 
 }  // namespace
