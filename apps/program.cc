@@ -13,6 +13,7 @@
 #include "commands.h"
 #include "config_file.h"
 #include "interrupt.h"
+#include "library_versions.h"
 #include "man_pages.h"
 #include "option_names.h"
 #include "options.h"
@@ -52,10 +53,22 @@ struct Program {
   }
 };
 
+std::string Version(bool verbose) {
+  std::string text = "raylift " RAYLIFT_VERSION;
+  if (!verbose) return text;
+  text += "\ncompiled by " RAYLIFT_COMPILER ", with Eigen " RAYLIFT_EIGEN_VERSION "\n";
+  for (const std::string& library : LoadedLibraries()) text += library + '\n';
+  text.pop_back();
+  return text;
+}
+
 Program MakeProgram() {
   Program program{std::make_unique<CLI::App>("", "raylift"), {}};
   CLI::App& app = *program.app;
-  app.set_version_flag("--version", "raylift " RAYLIFT_VERSION);
+  const CLI::Option* verbose =
+      app.add_flag("--verbose")
+          ->description("With --version: what it was compiled by and runs with");
+  app.set_version_flag("--version", [verbose] { return Version(verbose->count() > 0); });
   app.require_subcommand(1);
   app.footer(
       "All options of a command, with examples:\n"

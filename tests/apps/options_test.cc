@@ -37,6 +37,15 @@ TEST(Options, VersionIsOneLine) {
   EXPECT_EQ(Lines(result.out).size(), 1u);
 }
 
+TEST(Options, VersionTellsWhatItRunsWithIfAsked) {
+  const CommandResult result = RunRaylift({"--version", "--verbose"});
+  EXPECT_TRUE(Succeeds(result));
+  for (const std::string part : {"raylift ", "compiled by ", "Eigen 3", "libembree",
+                                 "libopencv_core", "libOpenEXR", "libassimp", "libtbb"}) {
+    EXPECT_NE(result.out.find(part), std::string::npos) << part << " in " << result.out;
+  }
+}
+
 TEST(Options, HelpNamesTheCommands) {
   const CommandResult result = RunRaylift({"--help"});
   EXPECT_TRUE(Succeeds(result));
