@@ -1,13 +1,18 @@
 // raylift estimate: pose problems in, poses out. Needs no geometry.
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
-#include <cstdio>
-#include <map>
 #include <memory>
+#include <numeric>
 #include <optional>
+#include <set>
 
 #include "commands.h"
+#include "estimate_results.h"
+#include "interrupt.h"
+#include "job_header.h"
+#include "job_options.h"
 #include "options.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -15,16 +20,12 @@
 #include "raylift/base/error.h"
 #include "raylift/base/evenly_spaced.h"
 #include "raylift/base/file.h"
-#include "raylift/base/json_text.h"
+#include "raylift/base/hash.h"
 #include "raylift/base/option_checks.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/progress.h"
-#include "raylift/base/text.h"
-#include "raylift/base/text_table.h"
-#include "raylift/geometry/pose_json.h"
 #include "raylift/io/pose_problem_json.h"
-#include "raylift/io/query_list.h"
-#include "raylift/localization/estimate_json.h"
+#include "raylift/jobs/fingerprint.h"
 #include "raylift/localization/localizer.h"
 
 namespace raylift {
@@ -34,113 +35,53 @@ using std::filesystem::path;
 
 struct EstimateFlags {
   std::vector<path> problems;
-  path csv, json, poses;
+  path csv, json, poses, out;
   int repeat = 1;
   bool independent = false;
   FilterFlags filter;
   EstimatorFlags estimator;
   RunFlags run;
-};
+  JobFlags running;
 
-struct Row {
-  std::string name;
-  PoseEstimate estimate;
-  double time_ms = 0;
-
-  bool ok() const { return ReasonNotLocalized(estimate).empty(); }
-  PoseVerdict verdict() const { return ok() ? estimate.verdict : PoseVerdict::kFailed; }
-  double confidence() const { return ok() ? estimate.confidence : 0; }
-};
-
-std::string FormatCsv(const std::vector<Row>& rows, std::string_view method) {
-  std::string text = CsvLine({"name", "method", "status", "qw", "qx", "qy", "qz", "tx", "ty", "tz",
-                              "inliers_2d3d", "inliers_2d2d", "iterations", "solver", "time_ms",
-                              "verdict", "confidence", "rotation_sigma_deg", "position_sigma"});
-  for (const Row& row : rows) {
-    const PoseEstimate& estimate = row.estimate;
-    TableRow fields = {row.name, std::string(method),
-                       row.ok() ? "ok" : ReasonNotLocalized(estimate)};
-    if (estimate.cam_from_world) {
-      const Eigen::Quaterniond& q = estimate.cam_from_world->rotation;
-      const Eigen::Vector3d& t = estimate.cam_from_world->translation;
-      for (const double number : {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()}) {
-        fields.push_back(FormatDouble(number));
-      }
-    } else {
-      fields.resize(fields.size() + 7);
+  // OptionError for what the options alone can tell.
+  void Check() const {
+    RequireAtLeast("--repeat", repeat, 1);
+    run.Check();
+    running.Check();
+    const bool is_job = running.resume || running.overwrite || !running.Resolve().IsAll();
+    if (out.empty() && is_job) {
+      throw OptionError("--resume, --overwrite and --shard need --out, where results are kept");
     }
-    fields.push_back(std::to_string(estimate.score_2d3d.num_inliers));
-    fields.push_back(std::to_string(estimate.score_2d2d.num_inliers));
-    fields.push_back(std::to_string(estimate.iterations));
-    fields.emplace_back(estimate.cam_from_world ? ToString(estimate.solver) : "");
-    fields.push_back(fmt::format("{:.3f}", row.time_ms));
-    fields.emplace_back(ToString(row.verdict()));
-    fields.push_back(FormatDouble(row.confidence()));
-    for (const double sigma : {estimate.rotation_sigma_deg, estimate.position_sigma}) {
-      fields.push_back(estimate.covariance ? FormatDouble(sigma) : "");
-    }
-    text += CsvLine(fields);
+    for (const path& folder : problems) RefuseOutBelow(folder);
   }
-  return text;
-}
 
-std::vector<path> ListAll(const std::vector<path>& files_or_folders) {
-  std::vector<path> files;
+ private:
+  // Its results would be problems, too, the next time.
+  void RefuseOutBelow(const path& folder) const {
+    std::error_code ignored;
+    if (out.empty() || !std::filesystem::is_directory(folder, ignored)) return;
+    const path below = std::filesystem::weakly_canonical(out).lexically_relative(
+        std::filesystem::canonical(folder));
+    if (below.empty() || *below.begin() == "..") return;
+    throw OptionError("--out", out.string(),
+                      fmt::format("lies in the folder of the problems, {}", folder.string()));
+  }
+};
+
+struct ProblemFile {
+  path file;
+  std::string name;  // below the folder, where one alone was given
+};
+
+std::vector<ProblemFile> ListAll(const std::vector<path>& files_or_folders) {
+  std::vector<ProblemFile> files;
   for (const path& entry : files_or_folders) {
-    const auto listed = ListPoseProblems(entry);
-    files.insert(files.end(), listed.begin(), listed.end());
+    for (const path& file : ListPoseProblems(entry)) {
+      const bool is_below = files_or_folders.size() == 1 && file != entry;
+      files.push_back({file, is_below ? file.lexically_relative(entry).string() : file.string()});
+    }
   }
   return files;
-}
-
-std::string FormatJson(const std::vector<Row>& rows, std::string_view method) {
-  nlohmann::ordered_json json = nlohmann::ordered_json::array();
-  for (const Row& row : rows) {
-    const PoseEstimate& estimate = row.estimate;
-    nlohmann::ordered_json object = {{"name", row.name},
-                                     {"method", method},
-                                     {"status", row.ok() ? "ok" : ReasonNotLocalized(estimate)},
-                                     {"verdict", ToString(row.verdict())},
-                                     {"confidence", row.confidence()},
-                                     {"inliers_2d3d", estimate.score_2d3d.num_inliers},
-                                     {"inliers_2d2d", estimate.score_2d2d.num_inliers},
-                                     {"time_ms", row.time_ms}};
-    if (estimate.cam_from_world) {
-      object.update(PoseJson<nlohmann::ordered_json>(*estimate.cam_from_world));
-    }
-    AddEstimate(estimate, object);
-    json.push_back(std::move(object));
-  }
-  return JsonText(json, 1) + '\n';
-}
-
-// The estimate, and the median time of `repeat` runs, which all give the same.
-Row Estimate(const PoseEstimator& estimator, const PoseProblem& problem, int repeat) {
-  Row row{.name = problem.name, .estimate = {}, .time_ms = 0};
-  std::vector<double> times_ms;
-  for (int i = 0; i < repeat; ++i) {
-    const auto start = std::chrono::steady_clock::now();
-    row.estimate = estimator.Estimate(problem);
-    const std::chrono::duration<double, std::milli> elapsed =
-        std::chrono::steady_clock::now() - start;
-    times_ms.push_back(elapsed.count());
-  }
-  std::sort(times_ms.begin(), times_ms.end());
-  row.time_ms = times_ms[times_ms.size() / 2];
-  return row;
-}
-
-// A pose file holds a name once.
-void RequireDistinctNames(const std::vector<path>& files, const std::vector<Row>& rows) {
-  std::map<std::string_view, size_t> first;
-  for (size_t i = 0; i < rows.size(); ++i) {
-    const auto [other, is_new] = first.emplace(rows[i].name, i);
-    if (!is_new) {
-      throw InputError(files[i], "name",
-                       fmt::format("\"{}\" stands twice (also in {}): --poses needs distinct names",
-                                   rows[i].name, files[other->second].string()));
-    }
-  }
 }
 
 PoseProblem ReadFiltered(const path& file, const FilterOptions& filter) {
@@ -150,71 +91,158 @@ PoseProblem ReadFiltered(const path& file, const FilterOptions& filter) {
 }
 
 // What some 30 of the problems have in common, the same ones whatever their order.
-std::optional<SceneNoise> LearnSceneNoise(std::vector<path> files, const EstimateFlags& flags,
-                                          const FilterOptions& filter,
+std::optional<SceneNoise> LearnSceneNoise(std::vector<ProblemFile> files,
+                                          const EstimateFlags& flags, const FilterOptions& filter,
                                           const EstimatorOptions& options) {
   constexpr size_t kProblems = 30;
   if (flags.independent || !UsesSceneNoise(options) || files.size() < kLeastForCommonNoise) {
     return std::nullopt;
   }
-  std::sort(files.begin(), files.end());
+  std::sort(files.begin(), files.end(),
+            [](const ProblemFile& a, const ProblemFile& b) { return a.file < b.file; });
   const auto estimator = MakePoseEstimator(options);
   const std::vector<size_t> sample = EvenlySpaced(files.size(), kProblems);
   std::vector<PoseEstimate> estimates(sample.size());
   ParallelFor(estimates.size(), flags.run.threads, [&](size_t i) {
-    estimates[i] = estimator->Estimate(ReadFiltered(files[sample[i]], filter));
+    estimates[i] = estimator->Estimate(ReadFiltered(files[sample[i]].file, filter));
   });
   return CommonNoise(estimates);
 }
 
-std::vector<Row> EstimateAll(const std::vector<path>& files, const EstimateFlags& flags,
-                             const FilterOptions& filter, const PoseEstimator& estimator) {
-  std::vector<Row> rows(files.size());
-  Progress progress("problems", files.size(), flags.run.Show());
-  ParallelFor(files.size(), flags.run.threads, [&](size_t i) {
-    rows[i] = Estimate(estimator, ReadFiltered(files[i], filter), flags.repeat);
-    progress.Advance();
-  });
-  return rows;
+// The estimate, and the median time of `repeat` runs, which all give the same.
+EstimateRow Estimate(const PoseEstimator& estimator, Method method, const ProblemFile& file,
+                     const FilterOptions& filter, int repeat) {
+  const PoseProblem problem = ReadFiltered(file.file, filter);
+  PoseEstimate estimate;
+  std::vector<double> times_ms;
+  for (int i = 0; i < repeat; ++i) {
+    const auto start = std::chrono::steady_clock::now();
+    estimate = estimator.Estimate(problem);
+    const std::chrono::duration<double, std::milli> elapsed =
+        std::chrono::steady_clock::now() - start;
+    times_ms.push_back(elapsed.count());
+  }
+  std::sort(times_ms.begin(), times_ms.end());
+  return MakeEstimateRow(problem.name, file.name, method, estimate, times_ms[times_ms.size() / 2]);
 }
 
-void Run(const EstimateFlags& flags) {
-  RequireAtLeast("--repeat", flags.repeat, 1);
-  EstimatorOptions options = flags.estimator.Resolve();
-  FilterOptions filter = flags.filter.Resolve();
-  filter.few_points = FewPointsFor(options.method);
-  flags.run.Check();
-  for (const path& output : {flags.csv, flags.json, flags.poses}) {
-    if (!output.empty()) {
-      RequireWritable(output);
+// One command's work; with --out, as a job.
+class EstimateRun {
+ public:
+  EstimateRun(const EstimateFlags& flags, const std::string& options_json)
+      : flags_(flags),
+        options_json_(options_json),
+        options_(flags.estimator.Resolve()),
+        filter_(flags.filter.Resolve()) {
+    filter_.few_points = FewPointsFor(options_.method);
+    flags.Check();
+    for (const path& output : {flags.csv, flags.json, flags.poses}) {
+      if (!output.empty()) RequireWritable(output);
     }
+    if (!flags.out.empty()) RefuseFormerRun(flags.running.In(flags.out), EstimateJobForm());
+    files_ = ListAll(flags.problems);
   }
-  const std::vector<path> files = ListAll(flags.problems);
-  options.scene_noise = LearnSceneNoise(files, flags, filter, options);
-  const std::vector<Row> rows = EstimateAll(files, flags, filter, *MakePoseEstimator(options));
-  if (!flags.csv.empty()) {
-    WriteFile(flags.csv, FormatCsv(rows, ToString(options.method)));
-  }
-  if (!flags.json.empty()) {
-    WriteFile(flags.json, FormatJson(rows, ToString(options.method)));
-  }
-  std::vector<NamedPose> poses;
-  for (const Row& row : rows) {
-    if (row.ok()) {
-      poses.push_back({row.name, *row.estimate.cam_from_world});
-    } else if (!flags.run.quiet) {
-      fmt::print("no pose: {}: {}\n", row.name, ReasonNotLocalized(row.estimate));
+
+  void Run() {
+    if (flags_.out.empty()) {
+      rows_.resize(files_.size());
+      std::vector<size_t> all(files_.size());
+      std::iota(all.begin(), all.end(), size_t{0});
+      Estimate(all, [this](size_t i, EstimateRow row) { rows_[i] = std::move(row); });
+    } else if (!RunAsJob()) {
+      return;
     }
+    if (!flags_.csv.empty()) WriteFile(flags_.csv, FormatEstimatesCsv(rows_));
+    if (!flags_.json.empty()) WriteFile(flags_.json, FormatEstimatesJson(rows_));
+    if (!flags_.poses.empty()) WriteEstimatedPoses(flags_.poses, rows_);
+    if (!flags_.run.quiet) PrintEstimates(rows_);
   }
-  if (!flags.poses.empty()) {
-    RequireDistinctNames(files, rows);
-    WritePoseFile(flags.poses, poses);
+
+ private:
+  // Whether all shards are done.
+  bool RunAsJob() {
+    const std::vector<std::string> names = Names();
+    const JobFolder folder = flags_.running.In(flags_.out);
+    std::string header;
+    UntilSignal([&] { header = Header(names); });
+    TaskJob job(names, header, folder, EstimateJobForm());
+    const std::vector<size_t> missing = job.Missing();
+    if (!missing.empty()) {
+      job.Begin(std::nullopt);
+      WriteFile(flags_.out / "options.json", OptionsOfResults(options_json_));
+      Estimate(missing, [&job](size_t i, const EstimateRow& row) {
+        job.Add(i, EstimateLine(i, job.key(i), row));
+      });
+    }
+    const std::optional<TaskManifest> whole = job.Whole();
+    if (!folder.shard.IsAll() && !flags_.run.quiet) {
+      fmt::print("shard {}/{} of {} problems: {} estimated now{}\n", folder.shard.index,
+                 folder.shard.count, names.size(), missing.size(),
+                 whole ? "; all shards are complete" : "");
+    }
+    if (!whole) return false;
+    job.Finish(*whole);
+    rows_ = EstimateRowsOf(*whole);
+    WriteEstimates(flags_.out, rows_);
+    return true;
   }
-  if (!flags.run.quiet) {
-    fmt::print("{}: {} of {} problems have a pose\n", ToString(options.method), poses.size(),
-               rows.size());
+
+  // As tasks.
+  std::vector<std::string> Names() const {
+    std::vector<std::string> names;
+    std::set<std::string> distinct;
+    for (const ProblemFile& file : files_) {
+      if (!distinct.insert(file.name).second) {
+        throw InputError(file.file,
+                         fmt::format("{} is there twice: --out needs distinct files", file.name));
+      }
+      names.push_back(file.name);
+    }
+    return names;
   }
-}
+
+  std::string Header(const std::vector<std::string>& names) const {
+    std::vector<std::string> prints(files_.size());
+    ParallelFor(files_.size(), flags_.run.threads,
+                [&](size_t i) { prints[i] = FileFingerprint(files_[i].file); });
+    std::string text;
+    for (size_t i = 0; i < names.size(); ++i) text += names[i] + ' ' + prints[i] + '\n';
+    return JobHeader(
+        nlohmann::ordered_json::parse(options_json_), names.size(),
+        {"problems", "csv", "json", "poses"},
+        {{"problems", fmt::format("{} {}", names.size(), HexText(HashBytes64(text)))}});
+  }
+
+  // Of these files, until a signal.
+  void Estimate(const std::vector<size_t>& places,
+                const std::function<void(size_t, EstimateRow)>& on_row) {
+    UntilSignal(
+        [this] { options_.scene_noise = LearnSceneNoise(files_, flags_, filter_, options_); });
+    const auto estimator = MakePoseEstimator(options_);
+    std::atomic<size_t> left = places.size();
+    Progress progress("problems", places.size(), flags_.run.Show());
+    ParallelFor(places.size(), flags_.run.threads, [&](size_t i) {
+      if (SignalGuard::stop()) return;
+      const size_t place = places[i];
+      on_row(place,
+             raylift::Estimate(*estimator, options_.method, files_[place], filter_, flags_.repeat));
+      --left;
+      progress.Advance();
+    });
+    if (left == 0) return;
+    throw Interrupted(
+        fmt::format("stopped by a signal with {} problems left; {}", left.load(),
+                    flags_.out.empty() ? "--out keeps what is done" : "--resume goes on"));
+  }
+
+  const SignalGuard signals_;
+  const EstimateFlags& flags_;
+  const std::string& options_json_;
+  EstimatorOptions options_;
+  FilterOptions filter_;
+  std::vector<ProblemFile> files_;
+  std::vector<EstimateRow> rows_;
+};
 
 }  // namespace
 
@@ -227,6 +255,11 @@ Command AddEstimateCommand(CLI::App& program) {
   command->add_option("--json", flags->json, "One object per problem")->group("Output");
   command->add_option("--poses", flags->poses, "Pose file: name qw qx qy qz tx ty tz")
       ->group("Output");
+  command
+      ->add_option("--out", flags->out,
+                   "Folder for estimates.csv, estimates.json and poses.txt, and for\n"
+                   "manifest.jsonl with what is done")
+      ->group("Output");
   command->add_flag("--independent", flags->independent,
                     "The problems are not of one scene: none tells of the noise of another's\n"
                     "matches (where Adaptive estimates both kinds together)");
@@ -237,11 +270,19 @@ Command AddEstimateCommand(CLI::App& program) {
       ->group("Running");
   AddFilterOptions(*command, flags->filter);
   AddEstimatorOptions(*command, flags->estimator);
+  AddJobOptions(*command, flags->running,
+                "With --out, go on where a run of the same options and problems was stopped\n"
+                "or killed; it ends with the same bytes",
+                "Begin anew in a folder where a former run was; else it is refused");
   AddRunOptions(*command, flags->run);
   command->footer(
-      "Example:\n"
-      "  raylift estimate problems --method select --alpha 0.9 --csv select.csv");
-  return {command, [flags] { Run(*flags); }};
+      "With --out each problem that is done is kept at once; a signal finishes the problems in\n"
+      "hand (exit code 4), and --shard, --resume, `raylift status` and `raylift merge` are as of\n"
+      "localize.\n"
+      "Examples:\n"
+      "  raylift estimate problems --method select --alpha 0.9 --csv select.csv\n"
+      "  raylift estimate problems --out adaptive --shard 1/4");
+  return {command, [flags, command] { EstimateRun(*flags, EffectiveOptionsJson(*command)).Run(); }};
 }
 
 }  // namespace raylift

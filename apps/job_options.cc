@@ -10,6 +10,10 @@ void JobFlags::Check() const {
 
 Shard JobFlags::Resolve() const { return ParseShard(shard, &EnvironmentVariable); }
 
+JobFolder JobFlags::In(const std::filesystem::path& out) const {
+  return {.out = out, .shard = Resolve(), .resume = resume, .overwrite = overwrite};
+}
+
 void AddJobOptions(CLI::App& app, JobFlags& flags, const std::string& resume,
                    const std::string& overwrite) {
   const std::string group = "Running";

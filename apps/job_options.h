@@ -3,11 +3,12 @@
 
 #pragma once
 
+#include <filesystem>
 #include <string>
 
 #include <CLI/App.hpp>
 
-#include "raylift/jobs/shard.h"
+#include "raylift/jobs/task_job.h"
 
 namespace raylift {
 
@@ -20,6 +21,8 @@ struct JobFlags {
   void Check() const;
   // By the environment, where that is asked for. Throws OptionError.
   Shard Resolve() const;
+  // The job that these make of a run to `out`.
+  JobFolder In(const std::filesystem::path& out) const;
 };
 
 // `resume` and `overwrite` are the helps of these options.

@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "interrupt.h"
-#include "localize_header.h"
+#include "job_header.h"
 #include "localize_inputs.h"
 #include <fmt/format.h>
 

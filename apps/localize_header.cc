@@ -1,10 +1,10 @@
 #include "localize_header.h"
 
+#include "job_header.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/hash.h"
-#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/jobs/fingerprint.h"
@@ -15,15 +15,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 using std::filesystem::path;
-
-// They change no result, or say where something is.
-constexpr const char* kNeedless[] = {
-    "command",     "raylift_version", "scene",  "model",
-    "images",      "queries",         "priors", "query-images",
-    "features",    "matches",         "pairs",  "cache",
-    "prior-poses", "global-features", "report", "query-global-features",
-    "write-model", "threads",         "quiet",  "config",
-    "resume",      "overwrite",       "shard",  "out"};
 
 std::string NumbersText(std::span<const double> numbers) {
   std::string text;
@@ -147,21 +138,13 @@ Json InputsJson(const LocalizeFlags& flags, const Scene& scene, std::span<const 
 std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& options_json,
                            const Scene& scene, std::span<const Query> queries) {
   Json options = Json::parse(options_json);
-  Json header = {{"command", options["command"]},
-                 {"raylift_version", options["raylift_version"]},
-                 {"tasks", queries.size()}};
-  for (const char* name : kNeedless) options.erase(name);
   // Where problems are written changes nothing, but that they are must hold for all queries.
   options["write-problems"] = !flags.write_problems.empty();
-  header["options"] = std::move(options);
-  header["inputs"] = InputsJson(flags, scene, queries);
-  return JsonText(header);
-}
-
-std::string OptionsOfResults(const std::string& options_json) {
-  Json options = Json::parse(options_json);
-  for (const char* name : {"resume", "overwrite", "shard"}) options.erase(name);
-  return JsonText(options, 2) + '\n';
+  return JobHeader(std::move(options), queries.size(),
+                   {"scene", "model", "images", "queries", "priors", "query-images", "features",
+                    "matches", "pairs", "cache", "prior-poses", "global-features", "report",
+                    "query-global-features", "write-model"},
+                   InputsJson(flags, scene, queries));
 }
 
 }  // namespace raylift

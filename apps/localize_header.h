@@ -17,7 +17,4 @@ namespace raylift {
 std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& options_json,
                            const Scene& scene, std::span<const Query> queries);
 
-// The effective options but for those that say how the work is shared and gone on with.
-std::string OptionsOfResults(const std::string& options_json);
-
 }  // namespace raylift

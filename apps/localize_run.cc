@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "interrupt.h"
+#include "job_header.h"
 #include "localize_continuous.h"
 #include "localize_header.h"
 #include "localize_inputs.h"
@@ -29,7 +30,7 @@ class LocalizeRun {
   LocalizeRun(const LocalizeFlags& flags, BatchOptions options, const std::string& options_json)
       : flags_(flags), options_(std::move(options)), options_json_(options_json) {
     RefuseOtherMode(flags);
-    RefuseFormerRun(JobOptions());
+    RefuseFormerRun(flags.running.In(flags.out), QueryJobForm());
     if (!flags.leave_one_out) queries_ = ReadQueryList(flags.queries, flags.QueryImages());
     UntilSignal([this] { scene_ = OpenSceneOf(flags_, queries_); });
     if (flags.leave_one_out) queries_ = QueriesOf(scene_.references);
@@ -53,19 +54,13 @@ class LocalizeRun {
   }
 
  private:
-  QueryJobOptions JobOptions() const {
-    return {.out = flags_.out,
-            .shard = flags_.running.Resolve(),
-            .resume = flags_.running.resume,
-            .overwrite = flags_.running.overwrite};
-  }
-
   double Seconds() const {
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
   }
 
   void RunAsJob() {
-    QueryJob job(queries_, LocalizeHeader(flags_, options_json_, scene_, queries_), JobOptions());
+    QueryJob job(queries_, LocalizeHeader(flags_, options_json_, scene_, queries_),
+                 flags_.running.In(flags_.out));
     const std::vector<size_t> missing = job.Missing();
     if (!missing.empty() || !job.facts()) {
       std::unique_ptr<BatchLocalizer> localizer;

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "commands.h"
+#include "estimate_results.h"
 #include "interrupt.h"
 #include "options.h"
 #include <fmt/format.h>
@@ -38,13 +39,18 @@ std::vector<path> FilesOf(const MergeFlags& flags) {
   return files;
 }
 
-// How many queries the run has.
-size_t NumQueries(const path& file, const std::string& header) {
-  const auto json = nlohmann::json::parse(header, nullptr, /*allow_exceptions=*/false);
-  if (!json.is_object() || json.value("command", "") != "localize") {
-    throw InputError(file, "line 1", "expected a manifest of `raylift localize`");
+struct Header {
+  std::string command;
+  size_t tasks = 0;
+};
+
+Header ReadHeader(const path& file) {
+  const auto json =
+      nlohmann::json::parse(ReadManifestText(file).header, nullptr, /*allow_exceptions=*/false);
+  if (!json.is_object() || !json.contains("command") || !json.contains("tasks")) {
+    throw InputError(file, "line 1", "is no header of a job");
   }
-  return json.at("tasks").get<size_t>();
+  return {json.at("command").get<std::string>(), json.at("tasks").get<size_t>()};
 }
 
 // JSON holds names as UTF-8, the list of queries need not.
@@ -69,44 +75,84 @@ void TakeFile(const std::string& name, const path& out, std::span<const path> fi
   }
 }
 
-void Merge(const MergeFlags& flags) {
-  const std::vector<path> files = FilesOf(flags);
-  RequireWritable(flags.out / "poses.txt");
-  const FolderLock lock(flags.out, FolderLock::Mode::kExclusive);
-  const QueryManifest all = ReadQueryManifests(files);
-  const size_t count = NumQueries(files.front(), all.header);
-  if (!all.facts || all.records.size() < count) {
-    throw Interrupted(fmt::format("{} of {} queries are not done in {}: nothing is merged",
-                                  count - all.records.size(), count,
-                                  files.size() == 1 ? files.front().string() : "these parts"));
+// The parts of one run that is complete.
+class Merger {
+ public:
+  explicit Merger(const MergeFlags& flags)
+      : out_(flags.out), files_(FilesOf(flags)), header_(ReadHeader(files_.front())) {}
+
+  void Merge() const {
+    if (header_.command == "localize") {
+      MergeLocalize();
+    } else if (header_.command == "estimate") {
+      MergeEstimate();
+    } else {
+      throw InputError(files_.front(), "line 1",
+                       fmt::format("expected a manifest of localize or estimate, found one of {}",
+                                   header_.command));
+    }
   }
-  const std::vector<QueryRecord> records = InOrder(all.records);
-  RequireNames(records);
-  WriteResults(flags.out, *all.facts, records, std::nullopt);
-  for (const char* name : {"options.json", "depth_alignment.jsonl"}) {
-    TakeFile(name, flags.out, files);
+
+ private:
+  // `tasks` names them. Throws Interrupted where some are not done.
+  TaskManifest ReadAll(const JobForm& form, std::string_view tasks) const {
+    TaskManifest all = ReadTaskManifests(files_, form.is_readable);
+    if (all.records.size() >= header_.tasks) return all;
+    throw Interrupted(fmt::format("{} of {} {} are not done in {}: nothing is merged",
+                                  header_.tasks - all.records.size(), header_.tasks, tasks,
+                                  files_.size() == 1 ? files_.front().string() : "these parts"));
   }
-  WriteWholeManifest(flags.out, all);
-  PrintWarnings(AllWarnings(*all.facts, records));
-  const auto localized =
-      std::count_if(records.begin(), records.end(),
-                    [](const QueryRecord& record) { return record.localized.localized(); });
-  fmt::print("merged {} parts: localized {} of {} queries: {}\n", files.size(), localized, count,
-             (flags.out / "poses.txt").string());
-}
+
+  void MergeLocalize() const {
+    RequireWritable(out_ / "poses.txt");
+    const FolderLock lock(out_, FolderLock::Mode::kExclusive);
+    const TaskManifest all = ReadAll(QueryJobForm(), "queries");
+    const std::optional<RunFacts> facts = FactsOf(all);
+    if (!facts) throw InputError(files_.front(), "holds no line of the scene");
+    const std::vector<QueryRecord> records = RecordsOf(all);
+    RequireNames(records);
+    WriteResults(out_, *facts, records, std::nullopt);
+    for (const char* name : {"options.json", "depth_alignment.jsonl"}) {
+      TakeFile(name, out_, files_);
+    }
+    WriteWholeManifest(out_, WithRecords(all, records));
+    PrintWarnings(AllWarnings(*facts, records));
+    const auto localized =
+        std::count_if(records.begin(), records.end(),
+                      [](const QueryRecord& record) { return record.localized.localized(); });
+    fmt::print("merged {} parts: localized {} of {} queries: {}\n", files_.size(), localized,
+               header_.tasks, (out_ / "poses.txt").string());
+  }
+
+  void MergeEstimate() const {
+    RequireWritable(out_ / "poses.txt");
+    const FolderLock lock(out_, FolderLock::Mode::kExclusive);
+    const TaskManifest all = ReadAll(EstimateJobForm(), "problems");
+    TakeFile("options.json", out_, files_);
+    const std::vector<EstimateRow> rows = EstimateRowsOf(all);
+    WriteEstimates(out_, rows);
+    WriteWholeManifest(out_, all);
+    fmt::print("merged {} parts: {} of {} problems have a pose: {}\n", files_.size(),
+               PosesOf(rows).size(), rows.size(), (out_ / "poses.txt").string());
+  }
+
+  const path& out_;
+  std::vector<path> files_;
+  Header header_;
+};
 
 }  // namespace
 
 Command AddMergeCommand(CLI::App& program) {
   auto flags = std::make_shared<MergeFlags>();
   CLI::App* command =
-      program.add_subcommand("merge", "The results of localize from shards in other folders");
+      program.add_subcommand("merge", "The results of a run from shards in other folders");
   command->add_option("OUT", flags->out, "Folder for the results; its own parts count, too")
       ->required();
   command->add_option("PART", flags->parts, "Folders of shards, or their manifests");
   AddConfigOption(*command);
   command->footer(
-      "poses.txt, queries.jsonl, summary.json and the manifest are those of a run that was not\n"
+      "The results of localize and estimate, and the manifest, are those of a run that was not\n"
       "shared, but for its times. What each query has written by itself (--write-problems,\n"
       "--pictures) stays where it is, and --write-model is for shards of one folder. The exit "
       "code\n"
@@ -114,7 +160,7 @@ Command AddMergeCommand(CLI::App& program) {
       "merging.\n"
       "Example:\n"
       "  raylift merge result shard_0 shard_1 shard_2");
-  return {command, [flags] { Merge(*flags); }};
+  return {command, [flags] { Merger(*flags).Merge(); }};
 }
 
 }  // namespace raylift

@@ -47,8 +47,8 @@ void PrintStatus(const JobStatus& status) {
 
 Command AddStatusCommand(CLI::App& program) {
   auto out = std::make_shared<std::filesystem::path>();
-  CLI::App* command =
-      program.add_subcommand("status", "How far a run of localize or render is, and its shards");
+  CLI::App* command = program.add_subcommand(
+      "status", "How far a run with --shard and --resume is, and its shards");
   command->add_option("OUT", *out, "The folder of --out")->required();
   AddConfigOption(*command);
   command->footer(

@@ -9,7 +9,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/json_text.h"
-#include "raylift/jobs/manifest_file.h"
 
 namespace raylift {
 namespace {
@@ -86,22 +85,6 @@ QueryRecord RecordOf(const Json& json) {
   return record;
 }
 
-void TakeLine(const std::string& line, QueryManifest& manifest) {
-  try {
-    const Json json = Json::parse(line);
-    if (json.contains("scene")) {
-      manifest.facts = FactsOf(json.at("scene"));
-      return;
-    }
-    QueryRecord record = RecordOf(json);
-    manifest.records.insert_or_assign(record.key, std::move(record));
-  } catch (const nlohmann::json::exception&) {
-    return;
-  } catch (const InputError&) {
-    return;
-  }
-}
-
 }  // namespace
 
 std::string ToJsonLine(const RunFacts& facts) {
@@ -133,25 +116,33 @@ std::string ToJsonLine(const QueryRecord& record) {
   return JsonText(json);
 }
 
-QueryManifest ReadQueryManifest(const std::filesystem::path& file) {
-  QueryManifest manifest;
-  const ManifestText text = ReadManifestText(file);
-  manifest.header = text.header;
-  for (const std::string& line : text.lines) TakeLine(line, manifest);
-  return manifest;
+bool IsReadableLine(const std::string& line) {
+  try {
+    const Json json = Json::parse(line);
+    if (json.contains("scene")) {
+      FactsOf(json.at("scene"));
+    } else {
+      RecordOf(json);
+    }
+    return true;
+  } catch (const nlohmann::json::exception&) {
+    return false;
+  } catch (const InputError&) {
+    return false;
+  }
 }
 
-void WriteQueryManifest(const std::filesystem::path& file, const QueryManifest& manifest) {
-  std::vector<std::string> lines;
-  if (manifest.facts) lines.push_back(ToJsonLine(*manifest.facts));
-  for (const QueryRecord& record : InOrder(manifest.records)) lines.push_back(ToJsonLine(record));
-  WriteManifestText(file, manifest.header, lines);
+std::optional<RunFacts> FactsOf(const TaskManifest& manifest) {
+  if (!manifest.facts) return std::nullopt;
+  return FactsOf(Json::parse(*manifest.facts).at("scene"));
 }
 
-std::vector<QueryRecord> InOrder(const std::map<std::string, QueryRecord>& records) {
+std::vector<QueryRecord> RecordsOf(const TaskManifest& manifest) {
   std::vector<QueryRecord> sorted;
-  sorted.reserve(records.size());
-  for (const auto& [key, record] : records) sorted.push_back(record);
+  sorted.reserve(manifest.records.size());
+  for (const auto& [key, record] : manifest.records) {
+    sorted.push_back(RecordOf(Json::parse(record.line)));
+  }
   std::sort(sorted.begin(), sorted.end(),
             [](const QueryRecord& a, const QueryRecord& b) { return a.place < b.place; });
   std::set<std::string> warnings;
@@ -161,6 +152,14 @@ std::vector<QueryRecord> InOrder(const std::map<std::string, QueryRecord>& recor
   }
   if (!sorted.empty()) sorted.front().warnings.assign(warnings.begin(), warnings.end());
   return sorted;
+}
+
+TaskManifest WithRecords(TaskManifest manifest, std::span<const QueryRecord> records) {
+  manifest.records.clear();
+  for (const QueryRecord& record : records) {
+    manifest.records.insert_or_assign(record.key, TaskRecord{record.place, ToJsonLine(record)});
+  }
+  return manifest;
 }
 
 std::vector<std::string> AllWarnings(const RunFacts& facts, std::span<const QueryRecord> records) {
@@ -196,25 +195,6 @@ void WriteResults(const std::filesystem::path& out, const RunFacts& facts,
                 .warnings = AllWarnings(facts, records),
                 .scene_noise = facts.knowledge.scene_noise,
                 .seconds = seconds});
-}
-
-std::string HeaderDifference(const std::string& there, const std::string& here) {
-  const Json a = Json::parse(there, nullptr, /*allow_exceptions=*/false);
-  const Json b = Json::parse(here, nullptr, /*allow_exceptions=*/false);
-  if (!a.is_object() || !b.is_object()) return "it is no manifest";
-  const Json values_there = a.flatten();
-  const Json values_here = b.flatten();
-  const auto text = [](const Json& values, const std::string& name) -> std::string {
-    return values.contains(name) ? JsonText(values.at(name)) : "nothing";
-  };
-  for (const Json& values : {values_there, values_here}) {
-    for (const auto& [name, value] : values.items()) {
-      if (text(values_there, name) == text(values_here, name)) continue;
-      return fmt::format("{}: {} there, {} here", name.substr(1), text(values_there, name),
-                         text(values_here, name));
-    }
-  }
-  return "the order of its fields differs";
 }
 
 }  // namespace raylift

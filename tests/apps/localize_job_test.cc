@@ -2,48 +2,21 @@
 // those of one run that was left alone.
 
 #include <csignal>
-#include <cstdlib>
 
+#include "apps/job_runs.h"
 #include "apps/program.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
-#include <nlohmann/json.hpp>
-#include <unistd.h>
 
 #include "raylift/base/file.h"
-#include "raylift/base/text.h"
-#include "raylift/jobs/manifest_file.h"
 
 namespace raylift {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
 
 const fs::path kDemo = RAYLIFT_DEMO_FOLDER;
-
-// Without what a run measures of its own time.
-void EraseTimes(Json& json) {
-  if (!json.is_structured()) return;
-  if (json.is_object()) {
-    for (const char* name :
-         {"milliseconds", "seconds", "match_ms", "lift_ms", "filter_ms", "estimate_ms"}) {
-      json.erase(name);
-    }
-  }
-  for (Json& value : json) EraseTimes(value);
-}
-
-std::vector<std::string> LinesWithoutTimes(const fs::path& file) {
-  std::vector<std::string> lines;
-  for (const std::string& line : Lines(ReadFile(file))) {
-    Json json = Json::parse(line);
-    EraseTimes(json);
-    lines.push_back(json.dump());
-  }
-  return lines;
-}
 
 class LocalizeJob : public ::testing::Test {
  protected:
@@ -78,64 +51,25 @@ class LocalizeJob : public ::testing::Test {
     return whole;
   }
 
-  static size_t CountDone(const fs::path& out) {
-    size_t count = 0;
-    for (const fs::path& manifest : ListManifests(out)) {
-      count += ReadManifestText(manifest).CountTasks();
-    }
-    return count;
-  }
-
   static void ExpectSame(const fs::path& a, const fs::path& b) {
     EXPECT_EQ(ReadFile(a / "poses.txt"), ReadFile(b / "poses.txt"));
     EXPECT_EQ(LinesWithoutTimes(a / "queries.jsonl"), LinesWithoutTimes(b / "queries.jsonl"));
     EXPECT_EQ(LinesWithoutTimes(a / "manifest.jsonl"), LinesWithoutTimes(b / "manifest.jsonl"));
-    Json summary_a = Json::parse(ReadFile(a / "summary.json"));
-    Json summary_b = Json::parse(ReadFile(b / "summary.json"));
-    EraseTimes(summary_a);
-    EraseTimes(summary_b);
-    EXPECT_EQ(summary_a.dump(), summary_b.dump());
+    EXPECT_EQ(JsonWithoutTimes(a / "summary.json"), JsonWithoutTimes(b / "summary.json"));
     EXPECT_EQ(FilesBelow(a), FilesBelow(b));
   }
 
-  // Starts a run and ends it by `signal` when more than `count` queries are done and some time has
-  // passed. Its exit code.
-  int Interrupt(const Arguments& command, const fs::path& out, int signal, size_t count,
-                size_t microseconds) const {
-    const pid_t process = StartRaylift(command);
-    while (count > 0 && CountDone(out) < count && !HasEnded(process)) usleep(1000);
-    usleep(static_cast<useconds_t>(microseconds));
-    kill(process, signal);
-    return WaitFor(process);
-  }
-
-  // Runs that are interrupted at random, again and again, and then left alone.
   void InterruptAtRandom(const Arguments& more, int default_rounds) {
-    const char* rounds_text = std::getenv("RAYLIFT_TEST_KILLS");
-    const auto rounds = rounds_text != nullptr ? ParseInt(rounds_text) : std::nullopt;
     const fs::path whole = Whole(more);
-    Rng rng = TestRng();
-    size_t interrupted = 0;
-    for (int64_t i = 0; i < rounds.value_or(default_rounds); ++i) {
-      const fs::path out = folder_ / ("round" + std::to_string(i));
-      const int signal = i % 2 == 0 ? SIGKILL : SIGTERM;
-      // While the scene is opened or learned from, or among the queries.
-      const size_t count = rng.UniformIndex(13);
-      const size_t microseconds = rng.UniformIndex(count == 0 ? 400'000 : 20'000);
-      const int code = Interrupt(Localize(out, more + Arguments{"--resume", "--threads", "1"}), out,
-                                 signal, count, microseconds);
-      // Signals have their usual effect before the work has begun and when all is written.
-      const bool at_an_end = count == 0 || fs::exists(out / "poses.txt");
-      EXPECT_TRUE(code == 0 || code == (signal == SIGKILL ? 128 + SIGKILL : 4) ||
-                  (at_an_end && code == 128 + SIGTERM))
-          << code;
-      interrupted += code == 0 ? 0 : 1;
-      ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, more + Arguments{"--resume"}))));
-      ExpectSame(whole, out);
-      if (HasFailure()) FAIL() << "round " << i << ", exit code " << code << ", " << count;
-      fs::remove_all(out);
-    }
-    EXPECT_GT(interrupted, 0u);
+    raylift::InterruptAtRandom(
+        {.command =
+             [&](const fs::path& out) { return Localize(out, more + Arguments{"--resume"}); },
+         .tasks = 12,
+         .start_microseconds = 400'000,  // the scene is opened or learned from
+         .task_microseconds = 20'000,
+         .result = "poses.txt",
+         .expect_whole = [&](const fs::path& out) { ExpectSame(whole, out); }},
+        folder_, default_rounds, TestRng());
   }
 
   fs::path folder_ = TestFolder();
@@ -231,9 +165,7 @@ TEST_F(LocalizeJob, AFullDiskNamesTheFileAndTheRestIsResumed) {
   const fs::path out = folder_ / "out";
   // No file may be larger than 16 kB, which the manifest is in the end.
   ASSERT_GT(fs::file_size(whole / "manifest.jsonl"), 16u * 1024);
-  const CommandResult full = RunCommand(
-      Arguments{"/bin/sh", "-c", "trap '' XFSZ; ulimit -f 32; exec \"$@\"", "sh", RAYLIFT_PROGRAM} +
-      Localize(out));
+  const CommandResult full = RunCommand(WithFullDisk(32, Localize(out)));
   EXPECT_TRUE(FailsWith(5, {(out / "manifest.jsonl").string(), "cannot be written"}, full));
   EXPECT_GT(CountDone(out), 0u);
   EXPECT_LT(CountDone(out), 12u);

@@ -56,7 +56,7 @@ std::vector<FuzzTarget> RunFuzzTargets() {
       {"manifest",
        [](std::string_view bytes) {
          const auto file = PutFile("job/manifest.jsonl", bytes);
-         ReadQueryManifest(file);
+         RecordsOf(ReadTaskManifest(file, &IsReadableLine));
          ReadJobStatus(file.parent_path());
        },
        [] {

@@ -1,4 +1,4 @@
-// What the manifest of a run of localization (jobs/manifest_file.h) says: what all queries have in
+// What the manifest of a run of localization (jobs/task_manifest.h) says: what all queries have in
 // common, then each query that is done. Results follow from it alone.
 
 #pragma once
@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "raylift/jobs/task_manifest.h"
 #include "raylift/localization/batch_localizer.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/result_files.h"
@@ -40,19 +41,16 @@ struct QueryRecord {
 std::string ToJsonLine(const RunFacts& facts);
 std::string ToJsonLine(const QueryRecord& record);
 
-struct QueryManifest {
-  std::string header;  // empty: there is no manifest
-  std::optional<RunFacts> facts;
-  std::map<std::string, QueryRecord> records;  // by key
-};
+// Of one of the two kinds.
+bool IsReadableLine(const std::string& line);
 
-// Lines that make no sense count as not there. Names are as UTF-8 has them.
-QueryManifest ReadQueryManifest(const std::filesystem::path& file);
-void WriteQueryManifest(const std::filesystem::path& file, const QueryManifest& manifest);
-
-// The records in the order of the list. All warnings are with the first one, so that it does not
-// show which query was done first.
-std::vector<QueryRecord> InOrder(const std::map<std::string, QueryRecord>& records);
+// Of a manifest of readable lines; names are as UTF-8 has them.
+std::optional<RunFacts> FactsOf(const TaskManifest& manifest);
+// In the order of the list. All warnings are with the first record, so that it does not show which
+// query was done first.
+std::vector<QueryRecord> RecordsOf(const TaskManifest& manifest);
+// The manifest with such records.
+TaskManifest WithRecords(TaskManifest manifest, std::span<const QueryRecord> records);
 
 // What the whole run has to say to its user, from records of all queries.
 std::vector<std::string> AllWarnings(const RunFacts& facts, std::span<const QueryRecord> records);
@@ -60,8 +58,5 @@ std::vector<std::string> AllWarnings(const RunFacts& facts, std::span<const Quer
 // poses.txt, queries.jsonl and summary.json of records of all queries.
 void WriteResults(const std::filesystem::path& out, const RunFacts& facts,
                   std::span<const QueryRecord> records, const std::optional<double>& seconds);
-
-// Where two headers, JSON both, first differ: "options/seed: 0 there, 1 here".
-std::string HeaderDifference(const std::string& there, const std::string& here);
 
 }  // namespace raylift

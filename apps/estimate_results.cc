@@ -1,0 +1,159 @@
+#include "estimate_results.h"
+
+#include <map>
+
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/json_text.h"
+#include "raylift/base/text.h"
+#include "raylift/base/text_table.h"
+#include "raylift/geometry/pose_json.h"
+#include "raylift/localization/estimate_json.h"
+#include "raylift/localization/localizer.h"
+
+namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+constexpr const char* kPoses = "poses.txt";
+constexpr const char* kCsv = "estimates.csv";
+constexpr const char* kJson = "estimates.json";
+
+std::string Number(const EstimateRow& value) { return FormatDouble(value.get<double>()); }
+
+TableRow CsvFields(const EstimateRow& row) {
+  TableRow fields = {row.at("name"), row.at("method"), row.at("status")};
+  if (row.contains("qvec")) {
+    for (const char* vector : {"qvec", "tvec"}) {
+      for (const EstimateRow& number : row.at(vector)) fields.push_back(Number(number));
+    }
+  } else {
+    fields.resize(fields.size() + 7);
+  }
+  for (const char* count : {"inliers_2d3d", "inliers_2d2d", "iterations"}) {
+    fields.push_back(std::to_string(row.at(count).get<int>()));
+  }
+  fields.push_back(row.value("solver", ""));
+  fields.push_back(fmt::format("{:.3f}", row.at("time_ms").get<double>()));
+  fields.push_back(row.at("verdict"));
+  fields.push_back(Number(row.at("confidence")));
+  for (const char* sigma : {"rotation_sigma_deg", "position_sigma"}) {
+    fields.push_back(row.contains(sigma) ? Number(row.at(sigma)) : "");
+  }
+  return fields;
+}
+
+// The row of a manifest's line. An exception of the library's where it holds none.
+EstimateRow RowOf(const std::string& line) {
+  EstimateRow row = EstimateRow::parse(line).at("estimate");
+  CsvFields(row);
+  if (HasPose(row)) PoseFromJson(row);
+  return row;
+}
+
+}  // namespace
+
+EstimateRow MakeEstimateRow(const std::string& name, const std::string& file, Method method,
+                            const PoseEstimate& estimate, double time_ms) {
+  const std::string reason = ReasonNotLocalized(estimate);
+  const bool ok = reason.empty();
+  EstimateRow row = {{"name", name},
+                     {"file", file},
+                     {"method", ToString(method)},
+                     {"status", ok ? "ok" : reason},
+                     {"verdict", ToString(ok ? estimate.verdict : PoseVerdict::kFailed)},
+                     {"confidence", ok ? estimate.confidence : 0},
+                     {"inliers_2d3d", estimate.score_2d3d.num_inliers},
+                     {"inliers_2d2d", estimate.score_2d2d.num_inliers},
+                     {"time_ms", time_ms}};
+  if (estimate.cam_from_world) row.update(PoseJson<EstimateRow>(*estimate.cam_from_world));
+  AddEstimate(estimate, row);
+  return row;
+}
+
+bool HasPose(const EstimateRow& row) { return row.at("status") == "ok"; }
+
+std::string FormatEstimatesCsv(std::span<const EstimateRow> rows) {
+  std::string text = CsvLine({"name", "method", "status", "qw", "qx", "qy", "qz", "tx", "ty", "tz",
+                              "inliers_2d3d", "inliers_2d2d", "iterations", "solver", "time_ms",
+                              "verdict", "confidence", "rotation_sigma_deg", "position_sigma"});
+  for (const EstimateRow& row : rows) text += CsvLine(CsvFields(row));
+  return text;
+}
+
+std::string FormatEstimatesJson(std::span<const EstimateRow> rows) {
+  EstimateRow json = EstimateRow::array();
+  for (const EstimateRow& row : rows) json.push_back(row);
+  return JsonText(json, 1) + '\n';
+}
+
+std::vector<NamedPose> PosesOf(std::span<const EstimateRow> rows) {
+  std::vector<NamedPose> poses;
+  for (const EstimateRow& row : rows) {
+    if (HasPose(row)) poses.push_back({row.at("name"), PoseFromJson(row)});
+  }
+  return poses;
+}
+
+void PrintEstimates(std::span<const EstimateRow> rows) {
+  size_t count = 0;
+  for (const EstimateRow& row : rows) {
+    if (HasPose(row)) {
+      ++count;
+      continue;
+    }
+    fmt::print("no pose: {}: {}\n", row.at("name").get<std::string>(),
+               row.at("status").get<std::string>());
+  }
+  fmt::print("{}: {} of {} problems have a pose\n", rows.front().at("method").get<std::string>(),
+             count, rows.size());
+}
+
+JobForm EstimateJobForm() {
+  return {.results = {kCsv, kJson, kPoses}, .is_readable = [](const std::string& line) {
+            try {
+              RowOf(line);
+              return true;
+            } catch (const nlohmann::json::exception&) {
+              return false;
+            }
+          }};
+}
+
+std::string EstimateLine(size_t place, const std::string& key, const EstimateRow& row) {
+  return JsonText(
+      EstimateRow{{"name", row.at("file")}, {"place", place}, {"key", key}, {"estimate", row}});
+}
+
+std::vector<EstimateRow> EstimateRowsOf(const TaskManifest& manifest) {
+  std::map<size_t, EstimateRow> in_order;
+  for (const auto& [key, record] : manifest.records) {
+    in_order.emplace(record.place, RowOf(record.line));
+  }
+  std::vector<EstimateRow> rows;
+  for (auto& [place, row] : in_order) rows.push_back(std::move(row));
+  return rows;
+}
+
+void WriteEstimatedPoses(const path& file, std::span<const EstimateRow> rows) {
+  std::map<std::string, std::string> file_of_name;
+  for (const EstimateRow& row : rows) {
+    const auto [first, is_new] = file_of_name.emplace(row.at("name"), row.at("file"));
+    if (is_new) continue;
+    throw InputError(row.at("file").get<std::string>(), "name",
+                     fmt::format("\"{}\" stands twice (also in {}): a pose file has a name once",
+                                 first->first, first->second));
+  }
+  WritePoseFile(file, PosesOf(rows));
+}
+
+void WriteEstimates(const path& out, std::span<const EstimateRow> rows) {
+  WriteFile(out / kJson, FormatEstimatesJson(rows));
+  WriteEstimatedPoses(out / kPoses, rows);
+  WriteFile(out / kCsv, FormatEstimatesCsv(rows));
+}
+
+}  // namespace raylift

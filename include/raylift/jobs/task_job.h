@@ -1,0 +1,86 @@
+// A run of many tasks that keeps their results as they come: in a folder, by itself or side by side
+// with the other shards of the run, and so that a killed run goes on where it was. Whatever happens
+// in between, the results are those of one run that was left alone.
+
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "raylift/jobs/folder_lock.h"
+#include "raylift/jobs/manifest_file.h"
+#include "raylift/jobs/shard.h"
+#include "raylift/jobs/task_manifest.h"
+
+namespace raylift {
+
+struct JobFolder {
+  std::filesystem::path out;
+  Shard shard = {};
+  bool resume = false;  // keep what former runs have left
+  // Begin anew where there was a former run. With neither of the two its folder is refused.
+  bool overwrite = false;
+};
+
+// What tells one command's jobs from another's.
+struct JobForm {
+  // What a complete run leaves in its folder; where the first is, there was one.
+  std::vector<std::string> results;
+  IsReadable is_readable;
+};
+
+// OptionError where the folder holds a former run, as far as can be told without its header (shards
+// work side by side), and the options do not say what is to become of it.
+void RefuseFormerRun(const JobFolder& folder, const JobForm& form);
+
+class TaskJob {
+ public:
+  // `names` are distinct; `header` is JSON of all that the results depend on. OptionError as above;
+  // InputError where a run that is to go on had another header, naming what differs, or another run
+  // is at work.
+  TaskJob(const std::vector<std::string>& names, const std::string& header, JobFolder folder,
+          JobForm form);
+
+  // What is done of this shard, and the facts as this or another run of the same header has found
+  // them.
+  const TaskManifest& manifest() const { return manifest_; }
+  // Of a task, by its place.
+  const std::string& key(size_t task) const { return keys_[task]; }
+
+  // Before the first Add(): from now on there is a manifest. What was there before stays until
+  // then. OutputError where it cannot be written, InputError where another run is at work.
+  void Begin(const std::optional<std::string>& facts);
+
+  // The tasks of this shard that are not done.
+  std::vector<size_t> Missing() const;
+
+  // A task is done; `line` is {"name": ..., "place": `task`, "key": key(task), ...}. Thread safe.
+  void Add(size_t task, const std::string& line);
+
+  // What is done of all shards, once all are; none before.
+  std::optional<TaskManifest> Whole() const;
+  // With Whole(), perhaps in a form that does not show who has done what. The job is complete.
+  void Finish(const TaskManifest& whole);
+
+ private:
+  void TakeFormerRuns(const std::string& header);
+  bool Holds(const TaskManifest& manifest, size_t task) const;
+  void RemoveFormerRun() const;
+  TaskManifest ReadAll(const std::string& header) const;
+
+  JobFolder folder_;
+  JobForm form_;
+  std::vector<std::string> keys_;
+  std::filesystem::path file_;
+  FolderLock lock_;
+  TaskManifest manifest_;     // of this shard
+  mutable std::mutex mutex_;  // guards the manifest's records
+  std::unique_ptr<ManifestAppender> appender_;
+};
+
+}  // namespace raylift

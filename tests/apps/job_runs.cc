@@ -1,0 +1,100 @@
+#include "apps/job_runs.h"
+
+#include <csignal>
+#include <cstdlib>
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include "raylift/base/file.h"
+#include "raylift/base/text.h"
+#include "raylift/jobs/manifest_file.h"
+
+namespace raylift {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+void EraseTimes(Json& json) {
+  if (!json.is_structured()) return;
+  if (json.is_object()) {
+    for (const char* name : {"milliseconds", "seconds", "match_ms", "lift_ms", "filter_ms",
+                             "estimate_ms", "time_ms"}) {
+      json.erase(name);
+    }
+  }
+  for (Json& value : json) EraseTimes(value);
+}
+
+std::vector<std::string> LinesWithoutTimes(const fs::path& file) {
+  std::vector<std::string> lines;
+  for (const std::string& line : Lines(ReadFile(file))) {
+    Json json = Json::parse(line);
+    EraseTimes(json);
+    lines.push_back(json.dump());
+  }
+  return lines;
+}
+
+std::string JsonWithoutTimes(const fs::path& file) {
+  Json json = Json::parse(ReadFile(file));
+  EraseTimes(json);
+  return json.dump();
+}
+
+size_t CountDone(const fs::path& out) {
+  size_t count = 0;
+  for (const fs::path& manifest : ListManifests(out)) {
+    count += ReadManifestText(manifest).CountTasks();
+  }
+  return count;
+}
+
+int Interrupt(const Arguments& command, const fs::path& out, int signal, size_t count,
+              size_t microseconds) {
+  const pid_t process = StartRaylift(command);
+  while (count > 0 && CountDone(out) < count && !HasEnded(process)) usleep(1000);
+  usleep(static_cast<useconds_t>(microseconds));
+  kill(process, signal);
+  return WaitFor(process);
+}
+
+void InterruptAtRandom(const InterruptedRun& run, const fs::path& folder, int default_rounds,
+                       Rng rng) {
+  const char* rounds_text = std::getenv("RAYLIFT_TEST_KILLS");
+  const auto rounds = rounds_text != nullptr ? ParseInt(rounds_text) : std::nullopt;
+  size_t interrupted = 0;
+  for (int64_t i = 0; i < rounds.value_or(default_rounds); ++i) {
+    const fs::path out = folder / ("round" + std::to_string(i));
+    const int signal = i % 2 == 0 ? SIGKILL : SIGTERM;
+    // Before the first task is done, or among them.
+    const size_t count = rng.UniformIndex(run.tasks + 1);
+    const size_t microseconds =
+        rng.UniformIndex(count == 0 ? run.start_microseconds : run.task_microseconds);
+    const Arguments command = run.command(out);
+    const int code =
+        Interrupt(command + Arguments{"--threads", "1"}, out, signal, count, microseconds);
+    // Signals have their usual effect before the work has begun and when all is written.
+    const bool at_an_end = count == 0 || fs::exists(out / run.result);
+    EXPECT_TRUE(code == 0 || code == (signal == SIGKILL ? 128 + SIGKILL : 4) ||
+                (at_an_end && code == 128 + SIGTERM))
+        << code;
+    interrupted += code == 0 ? 0 : 1;
+    ASSERT_TRUE(Succeeds(RunRaylift(command)));
+    run.expect_whole(out);
+    if (::testing::Test::HasFailure()) {
+      FAIL() << "round " << i << ", exit code " << code << ", " << count;
+    }
+    fs::remove_all(out);
+  }
+  EXPECT_GT(interrupted, 0u);
+}
+
+Arguments WithFullDisk(size_t blocks, const Arguments& command) {
+  return Arguments{"/bin/sh", "-c",
+                   "trap '' XFSZ; ulimit -f " + std::to_string(blocks) + "; exec \"$@\"", "sh",
+                   RAYLIFT_PROGRAM} +
+         command;
+}
+
+}  // namespace raylift
