@@ -36,7 +36,7 @@ SignalGuard::~SignalGuard() {
 
 const std::atomic<bool>& SignalGuard::stop() { return stop_wanted; }
 
-void UntilSignal(const std::function<void()>& work) {
+void UntilSignal(const std::function<void()>& work, const std::function<std::string()>& message) {
   if (CallWatch::Current() != nullptr) {
     work();
     return;
@@ -46,8 +46,12 @@ void UntilSignal(const std::function<void()>& work) {
     work();
     watch.Check();
   } catch (const Cancelled&) {
-    throw Interrupted("stopped by a signal before the work has begun");
+    throw Interrupted(message());
   }
+}
+
+void UntilSignal(const std::function<void()>& work) {
+  UntilSignal(work, [] { return "stopped by a signal before the work has begun"; });
 }
 
 }  // namespace raylift

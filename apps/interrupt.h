@@ -28,8 +28,10 @@ class SignalGuard {
   static const std::atomic<bool>& stop();
 };
 
-// Does work that leaves nothing to go on with, under a SignalGuard: a signal ends it between two
-// items of its loops. Throws Interrupted.
+// Does work under a SignalGuard: a signal ends it between two items of its loops. Throws Interrupted
+// with what `message` then says.
+void UntilSignal(const std::function<void()>& work, const std::function<std::string()>& message);
+// Work that leaves nothing to go on with.
 void UntilSignal(const std::function<void()>& work);
 
 }  // namespace raylift

@@ -6,6 +6,7 @@
 
 #include "commands.h"
 #include "estimate_results.h"
+#include "experiment_run.h"
 #include "interrupt.h"
 #include "options.h"
 #include <fmt/format.h>
@@ -86,10 +87,13 @@ class Merger {
       MergeLocalize();
     } else if (header_.command == "estimate") {
       MergeEstimate();
+    } else if (header_.command == "experiment") {
+      MergeExperiment(out_, files_);
     } else {
-      throw InputError(files_.front(), "line 1",
-                       fmt::format("expected a manifest of localize or estimate, found one of {}",
-                                   header_.command));
+      throw InputError(
+          files_.front(), "line 1",
+          fmt::format("expected a manifest of localize, estimate or experiment, found one of {}",
+                      header_.command));
     }
   }
 

@@ -92,7 +92,7 @@ class ThinnedScene {
   // Cells of one block of queries.
   void Run(std::span<const Cell> cells, const CellStore& store) {
     if (settings_.continuous) {
-      for (const Cell& cell : cells) store.Write(cell, RunContinuously(cell));
+      for (const Cell& cell : cells) Keep(cell, RunContinuously(cell), store);
       return;
     }
     std::map<GeometryKey, std::vector<Cell>> by_geometry;
@@ -155,9 +155,15 @@ class ThinnedScene {
                            InHand& cell = in_hand[way];
                            cell.outcomes[query] = OutcomeOf(result.localized);
                            if (options_.on_estimate) options_.on_estimate();
-                           if (--cell.left == 0) store.Write(cells[way], cell.outcomes);
+                           if (--cell.left == 0) Keep(cells[way], cell.outcomes, store);
                          });
     });
+  }
+
+  void Keep(const Cell& cell, std::span<const QueryOutcome> outcomes,
+            const CellStore& store) const {
+    store.Write(cell, outcomes);
+    if (options_.on_cell) options_.on_cell(cell);
   }
 
   // With a number, up to so many localized queries may be among a query's references.
