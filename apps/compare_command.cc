@@ -7,6 +7,8 @@
 
 #include "commands.h"
 #include "geometry_options.h"
+#include "interrupt.h"
+#include "job_options.h"
 #include "matching_options.h"
 #include "method_list.h"
 #include "options.h"
@@ -66,8 +68,12 @@ struct CompareFlags {
   CandidateOptions candidates;
   EstimatorOptions estimator;
   path out, report, images, query_images;
+  bool overwrite = false;
   RunFlags run;
 };
+
+// Tells that a run is finished.
+constexpr const char* kWrittenLast = "options.json";
 
 struct NamedSpec {
   std::string name;
@@ -101,6 +107,9 @@ std::vector<NamedSpec> ParseSpecs(const CompareFlags& flags) {
 
 void Check(const CompareFlags& flags) {
   flags.run.Check();
+  for (const path& folder : {flags.out, flags.report}) {
+    if (!folder.empty()) RefuseFinished(folder / kWrittenLast, flags.overwrite);
+  }
   flags.references.Check();
   RequireAtLeast("--max-side", flags.max_side_px, 16);
   RequireAtLeast("--overlaps", flags.overlaps, 0);
@@ -176,6 +185,7 @@ class CompareRun {
       if (sources_[i].name == flags.truth) truth_ = i;
     }
     if (!flags.out.empty()) RequireWritable(flags.out / "comparison.json");
+    if (!flags.report.empty()) RequireWritable(flags.report / "index.html");
   }
 
   void Run(const std::string& options_json) {
@@ -188,7 +198,6 @@ class CompareRun {
     const ReportOptions report_options = ReportOptionsOf();
     std::unique_ptr<ReportPictures> pictures;
     if (!flags_.report.empty()) {
-      RequireWritable(flags_.report / "index.html");
       pictures = std::make_unique<ReportPictures>(sources_, images, truth_, report_options);
     }
     DepthComparison comparison;
@@ -210,7 +219,7 @@ class CompareRun {
       comparison = CompareDepth(sources_, images, matches, options);
     }
     for (const path& folder : {flags_.out, flags_.report}) {
-      if (!folder.empty()) WriteTables(folder, comparison, options_json);
+      if (!folder.empty()) WriteTables(folder, comparison);
     }
     if (!flags_.run.quiet) fmt::print("{}", FormatComparisonText(comparison));
     std::optional<LocalizationComparison> localization;
@@ -222,6 +231,9 @@ class CompareRun {
       WriteFile(flags_.report / "index.html",
                 FormatReport(comparison, localization ? &*localization : nullptr, *pictures, images,
                              true_queries, report_options));
+    }
+    for (const path& folder : {flags_.out, flags_.report}) {
+      if (!folder.empty()) WriteFile(folder / kWrittenLast, options_json);
     }
     if (match_source_) {
       PrintWarnings(match_source_->Warnings());
@@ -242,13 +254,11 @@ class CompareRun {
     return options;
   }
 
-  static void WriteTables(const path& folder, const DepthComparison& comparison,
-                          const std::string& options_json) {
+  static void WriteTables(const path& folder, const DepthComparison& comparison) {
     WriteFile(folder / "sources.csv", FormatSourcesCsv(comparison));
     WriteFile(folder / "images.csv", FormatImagesCsv(comparison));
     WriteFile(folder / "curves.csv", FormatCurvesCsv(comparison));
     WriteFile(folder / "comparison.json", FormatComparisonJson(comparison));
-    WriteFile(folder / "options.json", options_json);
   }
 
   LocalizationComparison CompareByLocalization(const std::vector<ReferenceMatch>& matches) const {
@@ -357,8 +367,12 @@ Command AddCompareCommand(CLI::App& program) {
       ->add_option("--query-images", flags->query_images,
                    "Photographs of the queries (default: --images)")
       ->group("Matches");
+  AddOverwriteOption(*command, flags->overwrite);
   AddRunOptions(*command, flags->run);
   command->footer(
+      "A signal ends the run between two images or queries (exit code 4). The localization of "
+      "many\n"
+      "queries in many ways, shared and gone on with, is what `raylift experiment` is for.\n"
       "Examples:\n"
       "  raylift compare --model sfm --geometry mesh=mesh:scene.ply \\\n"
       "      --geometry mono=depth:metric3d --truth mesh --out comparison\n"
@@ -369,7 +383,9 @@ Command AddCompareCommand(CLI::App& program) {
       "      --methods p3p,e5p1,adaptive,select:0.7,select:0.9 --filters off,auto");
   return {command, [flags, command] {
             Check(*flags);
-            CompareRun(*flags).Run(EffectiveOptionsJson(*command));
+            const SignalGuard signals;
+            UntilSignal([&] { CompareRun(*flags).Run(EffectiveOptionsJson(*command)); },
+                        [] { return "stopped by a signal: the comparison is not complete"; });
           }};
 }
 

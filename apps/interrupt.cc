@@ -44,14 +44,17 @@ void UntilSignal(const std::function<void()>& work, const std::function<std::str
   try {
     CallWatch watch({.stop_wanted = [] { return stop_wanted.load(); }});
     work();
-    watch.Check();
   } catch (const Cancelled&) {
     throw Interrupted(message());
   }
 }
 
 void UntilSignal(const std::function<void()>& work) {
-  UntilSignal(work, [] { return "stopped by a signal before the work has begun"; });
+  const auto whole_work = [&work] {
+    work();
+    CallWatch::Current()->Check();
+  };
+  UntilSignal(whole_work, [] { return "stopped by a signal before the work has begun"; });
 }
 
 }  // namespace raylift

@@ -14,6 +14,19 @@ JobFolder JobFlags::In(const std::filesystem::path& out) const {
   return {.out = out, .shard = Resolve(), .resume = resume, .overwrite = overwrite};
 }
 
+void AddOverwriteOption(CLI::App& app, bool& overwrite) {
+  app.add_flag("--overwrite", overwrite,
+               "Begin anew in a folder where a finished run is; else it is refused")
+      ->group("Running");
+}
+
+void RefuseFinished(const std::filesystem::path& file, bool overwrite) {
+  std::error_code ignored;
+  if (overwrite || !std::filesystem::exists(file, ignored)) return;
+  throw OptionError("--overwrite", "false",
+                    file.string() + " is of a finished run, which would be lost");
+}
+
 void AddJobOptions(CLI::App& app, JobFlags& flags, const std::string& resume,
                    const std::string& overwrite) {
   const std::string group = "Running";

@@ -25,6 +25,11 @@ struct JobFlags {
   JobFolder In(const std::filesystem::path& out) const;
 };
 
+// Of commands that keep nothing to go on with: whether a finished run may be replaced.
+void AddOverwriteOption(CLI::App& app, bool& overwrite);
+// OptionError where `file`, which a run writes last, is there.
+void RefuseFinished(const std::filesystem::path& file, bool overwrite);
+
 // `resume` and `overwrite` are the helps of these options.
 void AddJobOptions(CLI::App& app, JobFlags& flags, const std::string& resume,
                    const std::string& overwrite);

@@ -6,6 +6,8 @@
 #include <optional>
 
 #include "commands.h"
+#include "interrupt.h"
+#include "job_options.h"
 #include "mesh_only_options.h"
 #include "options.h"
 #include "typed_options.h"
@@ -64,6 +66,7 @@ struct ViewsFlags {
   bool text = false;
   path out;
   bool preview = false;
+  bool overwrite = false;
   RunFlags run;
 };
 
@@ -143,10 +146,17 @@ void Run(const ViewsFlags& flags) {
                       "views are chosen on a mesh; for a point cloud, mesh it or give render a "
                       "--model or --cameras");
   }
-  const MeshScene scene = LoadMeshScene(flags.geometry, {.threads = flags.run.threads});
-  PrintWarnings(scene.warnings);
-  if (flags.level) options.up_in_world = LevelUp(scene.caster->mesh(), options.up_in_world);
-  const SampledViews views = Sample(flags, *scene.caster, options);
+  RefuseFinished(flags.out / (flags.text ? "images.txt" : "images.bin"), flags.overwrite);
+  RequireWritable(flags.out / "images.bin");
+  MeshScene scene;
+  SampledViews views;
+  const SignalGuard signals;
+  UntilSignal([&] {
+    scene = LoadMeshScene(flags.geometry, {.threads = flags.run.threads});
+    PrintWarnings(scene.warnings);
+    if (flags.level) options.up_in_world = LevelUp(scene.caster->mesh(), options.up_in_world);
+    views = Sample(flags, *scene.caster, options);
+  });
   PrintWarnings(views.warnings);
   const ColmapModel model =
       MakeSampledModel(options.camera, views.cam_from_world, flags.rig_cameras);
@@ -251,8 +261,12 @@ Command AddViewsCommand(CLI::App& program) {
   command->add_flag("--text", flags->text, "Write the model as text")->group("Output");
   command->add_flag("--preview", flags->preview, "Also write preview.png, a sheet of small depths")
       ->group("Output");
+  AddOverwriteOption(*command, flags->overwrite);
   AddRunOptions(*command, flags->run);
   command->footer(
+      "Each place depends on those before it: the work cannot be shared, and a run that a signal "
+      "has\n"
+      "ended (exit code 4) begins anew, with the same bytes.\n"
       "Example:\n"
       "  raylift views --geometry mesh:scene.ply --count 100 --out views --preview\n"
       "  raylift render --geometry mesh:scene.ply --model views --out rendered");

@@ -1,6 +1,8 @@
+#include <csignal>
 #include <map>
 #include <set>
 
+#include "job_runs.h"
 #include "program.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>
@@ -58,6 +60,46 @@ TEST(Compare, LocalizesWithEverySourceOnTheSameMatches) {
   ASSERT_EQ(rows.size(), 9u);  // e5p1, 2 filters x 3 methods, 2 oracles
   for (const auto& row : rows) EXPECT_EQ(row["recalls"][0]["percent"], 100.0) << row["method"];
   EXPECT_EQ(Lines(ReadFile(out / "localization.csv")).size(), 10u);
+}
+
+TEST(Compare, AFinishedFolderIsReplacedOnlyWhereThatIsAskedFor) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path out = scene.folder / "out";
+  const Arguments compare = {
+      "compare",    "--model", scene.model(), "--geometry", "mesh=mesh:" + scene.mesh().string(),
+      "--max-side", "64",      "--overlaps",  "0",          "--out",
+      out};
+  // On a full disk nothing is finished.
+  const CommandResult full = RunCommand(WithFullDisk(0, compare));
+  EXPECT_EQ(full.exit_code, 5) << full.err;
+  ASSERT_TRUE(Succeeds(RunRaylift(compare)));
+  const std::string before = ReadFile(out / "sources.csv");
+  EXPECT_TRUE(FailsWith(2, {"--overwrite", (out / "options.json").string()}, RunRaylift(compare)));
+  ASSERT_TRUE(Succeeds(RunRaylift(compare + Arguments{"--overwrite"})));
+  EXPECT_EQ(ReadFile(out / "sources.csv"), before);
+}
+
+TEST(Compare, ASignalEndsItInGoodOrder) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path out = scene.folder / "out";
+  const Arguments compare = Arguments{"compare",
+                                      "--model",
+                                      scene.model(),
+                                      "--geometry",
+                                      "mesh=mesh:" + scene.mesh().string(),
+                                      "--ground-truth",
+                                      scene.truth(),
+                                      "--min-iterations",
+                                      "10000000",
+                                      "--max-iterations",
+                                      "10000000",
+                                      "--threads",
+                                      "1",
+                                      "--out",
+                                      out} +
+                            HlocMatches(scene);
+  EXPECT_EQ(Interrupt(compare, out, SIGTERM, 0, 300'000), 4);
+  EXPECT_FALSE(fs::exists(out / "options.json"));
 }
 
 // The matches that hloc's files hold are of the same room.

@@ -1,11 +1,13 @@
 // raylift views: poses on a mesh, ready for render.
 
 #include <algorithm>
+#include <csignal>
 
 #include "apps/program.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
+#include <unistd.h>
 
 #include "raylift/base/file.h"
 #include "raylift/io/colmap_model.h"
@@ -56,6 +58,24 @@ TEST_F(Views, RigsComeWithTheirFrames) {
   EXPECT_TRUE(model.warnings.empty());
   EXPECT_EQ(model.images.size(), 12u);
   EXPECT_EQ(model.frames.size(), 3u);
+}
+
+TEST_F(Views, AFinishedFolderIsReplacedOnlyWhereThatIsAskedFor) {
+  const Arguments three = Command() + Arguments{"--count", "3", "--quiet"};
+  ASSERT_TRUE(Succeeds(RunRaylift(three)));
+  const std::string before = ReadFile(out_ / "images.bin");
+  EXPECT_TRUE(FailsWith(2, {"--overwrite", "images.bin"}, RunRaylift(three)));
+  EXPECT_EQ(ReadFile(out_ / "images.bin"), before);
+  ASSERT_TRUE(Succeeds(RunRaylift(three + Arguments{"--overwrite", "--seed", "1"})));
+  EXPECT_NE(ReadFile(out_ / "images.bin"), before);
+}
+
+TEST_F(Views, ASignalLeavesNothing) {
+  const pid_t process = StartRaylift(Command() + Arguments{"--count", "1000000"});
+  usleep(500'000);
+  kill(process, SIGTERM);
+  EXPECT_EQ(WaitFor(process), 4);
+  EXPECT_EQ(FilesBelow(out_), std::vector<std::string>());
 }
 
 TEST_F(Views, WrongOptionsAreNamed) {
