@@ -12,6 +12,7 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+#include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/output_error.h"
 #include "raylift/base/text.h"
@@ -33,6 +34,17 @@ constexpr std::chrono::milliseconds kBetweenTries{20};
 
 [[noreturn]] void FailAsOtherRun(const path& file) {
   throw InputError(file, "another run is writing to this file");
+}
+
+// Empty where there is none, or where another shard, the last one to end, is just removing it.
+std::string TextIfThere(const path& file) {
+  std::error_code ignored;
+  try {
+    if (std::filesystem::is_regular_file(file, ignored)) return ReadFile(file);
+  } catch (const InputError&) {
+    if (std::filesystem::exists(file, ignored)) throw;
+  }
+  return {};
 }
 
 }  // namespace
@@ -81,9 +93,7 @@ size_t ManifestText::CountTasks() const {
 
 ManifestText ReadManifestText(const path& manifest) {
   ManifestText read;
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(manifest, ignored)) return read;
-  const std::string text = ReadFile(manifest);
+  const std::string text = TextIfThere(manifest);
   size_t begin = 0;
   for (size_t end = text.find('\n'); end != std::string::npos; end = text.find('\n', begin)) {
     std::string line = text.substr(begin, end - begin);

@@ -11,6 +11,7 @@ rm -rf "$work"
 
 cmake --install "$build" --prefix "$work/prefix" > /dev/null
 "$work/prefix/bin/raylift" --version
+cmp "$source/assets/cluster/array.sbatch" "$work/prefix/share/raylift/cluster/array.sbatch"
 as_consumer=(-DCMAKE_PREFIX_PATH="$work/prefix" -DCMAKE_CXX_COMPILER="$compiler")
 "$here/check_consumer.sh" "$work/consumer" "$source/assets/demo" "${as_consumer[@]}"
 
