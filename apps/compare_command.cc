@@ -2,24 +2,30 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <map>
 #include <memory>
+#include <optional>
 #include <set>
 
 #include "commands.h"
 #include "geometry_options.h"
 #include "interrupt.h"
+#include "job_header.h"
 #include "job_options.h"
 #include "matching_options.h"
 #include "method_list.h"
 #include "options.h"
 #include "pose_files.h"
 #include "scene_arguments.h"
+#include "scene_inputs.h"
 #include "scene_options.h"
 #include "typed_options.h"
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/json_text.h"
 #include "raylift/base/option_checks.h"
 #include "raylift/base/progress.h"
 #include "raylift/base/text.h"
@@ -28,6 +34,7 @@
 #include "raylift/comparison/localization_comparison.h"
 #include "raylift/comparison/report.h"
 #include "raylift/io/query_list.h"
+#include "raylift/jobs/task_job.h"
 #include "raylift/localization/matching.h"
 #include "raylift/localization/scene.h"
 #include "raylift/localization/scene_matches.h"
@@ -68,12 +75,25 @@ struct CompareFlags {
   CandidateOptions candidates;
   EstimatorOptions estimator;
   path out, report, images, query_images;
-  bool overwrite = false;
+  bool resume = false, overwrite = false;
   RunFlags run;
+
+  // Where what is done is kept; empty: nowhere.
+  const path& Folder() const { return out.empty() ? report : out; }
 };
 
 // Tells that a run is finished.
 constexpr const char* kWrittenLast = "options.json";
+
+// The localization of queries as a job's tasks.
+JobForm CompareJobForm() {
+  return {.results = {kWrittenLast, "comparison.json", "sources.csv", "images.csv", "curves.csv",
+                      "localization.csv", "localization.json", "index.html"},
+          .is_readable = [](const std::string& line) {
+            const auto json = nlohmann::json::parse(line, nullptr, /*allow_exceptions=*/false);
+            return json.is_object() && json.contains("outcomes");
+          }};
+}
 
 struct NamedSpec {
   std::string name;
@@ -108,7 +128,10 @@ std::vector<NamedSpec> ParseSpecs(const CompareFlags& flags) {
 void Check(const CompareFlags& flags) {
   flags.run.Check();
   for (const path& folder : {flags.out, flags.report}) {
-    if (!folder.empty()) RefuseFinished(folder / kWrittenLast, flags.overwrite);
+    if (!folder.empty()) RefuseFinished(folder / kWrittenLast, flags.resume || flags.overwrite);
+  }
+  if (flags.resume && flags.overwrite) {
+    throw OptionError("give at most one of --resume and --overwrite");
   }
   flags.references.Check();
   RequireAtLeast("--max-side", flags.max_side_px, 16);
@@ -191,6 +214,7 @@ class CompareRun {
   void Run(const std::string& options_json) {
     const std::vector<PosedImage>& images = scene_.references.images;
     OpenMatchSource();
+    if (!flags_.ground_truth.empty() && !flags_.Folder().empty()) OpenJob(options_json);
     const std::vector<ReferenceMatch> matches =
         match_source_ ? CollectReferenceMatches(queries_, *match_source_, scene_.references,
                                                 flags_.run.threads)
@@ -233,7 +257,7 @@ class CompareRun {
                              true_queries, report_options));
     }
     for (const path& folder : {flags_.out, flags_.report}) {
-      if (!folder.empty()) WriteFile(folder / kWrittenLast, options_json);
+      if (!folder.empty()) WriteFile(folder / kWrittenLast, OptionsOfResults(options_json));
     }
     if (match_source_) {
       PrintWarnings(match_source_->Warnings());
@@ -261,14 +285,67 @@ class CompareRun {
     WriteFile(folder / "comparison.json", FormatComparisonJson(comparison));
   }
 
+  // From now on there is a manifest, and nothing else of a former run that is overwritten.
+  void OpenJob(const std::string& options_json) {
+    std::vector<std::string> names;
+    for (const Query& query : queries_) names.push_back(query.name);
+    JobFolder folder;
+    folder.out = flags_.Folder();
+    folder.resume = flags_.resume;
+    folder.overwrite = flags_.overwrite;
+    job_ = std::make_unique<TaskJob>(names, Header(options_json), folder, CompareJobForm());
+    job_->Begin(std::nullopt);
+  }
+
+  std::string Header(const std::string& options_json) const {
+    nlohmann::ordered_json inputs = InputsJson({.model = flags_.references.model,
+                                                .images = flags_.images,
+                                                .query_images = QueryImages(),
+                                                .out = flags_.Folder(),
+                                                .matching = flags_.matching,
+                                                .threads = flags_.run.threads},
+                                               scene_, queries_);
+    inputs["ground-truth"] = FileOrModelFingerprint(flags_.ground_truth);
+    return JobHeader(
+        nlohmann::ordered_json::parse(options_json), queries_.size(),
+        {"scene", "model", "images", "queries", "query-images", "features", "matches", "pairs",
+         "cache", "prior-poses", "global-features", "query-global-features", "ground-truth",
+         "report", "max-side", "overlaps", "surface-thresholds", "truth", "thresholds"},
+        inputs);
+  }
+
+  LocalizationHooks JobHooks() const {
+    if (!job_) return {};
+    std::map<size_t, std::string> kept;
+    for (const auto& [key, record] : job_->manifest().records) {
+      kept.emplace(record.place, nlohmann::json::parse(record.line).at("outcomes").dump());
+    }
+    LocalizationHooks hooks;
+    hooks.kept = [kept](size_t query) -> std::optional<std::string> {
+      const auto found = kept.find(query);
+      return found == kept.end() ? std::nullopt : std::optional(found->second);
+    };
+    hooks.keep = [this](size_t query, const std::string& outcomes) {
+      job_->Add(query, JsonText(nlohmann::ordered_json{
+                           {"name", queries_[query].name},
+                           {"place", query},
+                           {"key", job_->key(query)},
+                           {"outcomes", nlohmann::ordered_json::parse(outcomes)}}));
+    };
+    return hooks;
+  }
+
   LocalizationComparison CompareByLocalization(const std::vector<ReferenceMatch>& matches) const {
     const PosesByName truth = ReadGroundTruth(flags_.ground_truth);
     LocalizationComparison comparison;
     {
       Progress progress("queries", queries_.size(), flags_.run.Show());
-      comparison = CompareLocalization(scene_, queries_, match_source_, matches, truth, grid_,
-                                       [&progress] { progress.Advance(); });
+      LocalizationHooks hooks = JobHooks();
+      hooks.on_query = [&progress] { progress.Advance(); };
+      comparison =
+          CompareLocalization(scene_, queries_, match_source_, matches, truth, grid_, hooks);
     }
+    if (job_) job_->Finish(*job_->Whole());
     for (const path& folder : {flags_.out, flags_.report}) {
       if (folder.empty()) continue;
       WriteFile(folder / "localization.csv", FormatLocalizationCsv(comparison));
@@ -296,6 +373,7 @@ class CompareRun {
   std::shared_ptr<MatchSource> match_source_;
   std::vector<ComparedSource> sources_;
   std::optional<size_t> truth_;
+  std::unique_ptr<TaskJob> job_;  // null where nothing is kept
 };
 
 void AddLocalizationOptions(CLI::App& command, CompareFlags& flags) {
@@ -367,12 +445,17 @@ Command AddCompareCommand(CLI::App& program) {
       ->add_option("--query-images", flags->query_images,
                    "Photographs of the queries (default: --images)")
       ->group("Matches");
+  command
+      ->add_flag("--resume", flags->resume,
+                 "Go on where a run of the same options and inputs was stopped or killed:\n"
+                 "queries that are localized are kept; it ends with the same bytes")
+      ->group("Running");
   AddOverwriteOption(*command, flags->overwrite);
   AddRunOptions(*command, flags->run);
   command->footer(
-      "A signal ends the run between two images or queries (exit code 4). The localization of "
-      "many\n"
-      "queries in many ways, shared and gone on with, is what `raylift experiment` is for.\n"
+      "Each query that is localized is kept in manifest.jsonl; a signal ends the run between two\n"
+      "images or queries (exit code 4). Shards are what `raylift experiment` has, for many\n"
+      "queries in many ways.\n"
       "Examples:\n"
       "  raylift compare --model sfm --geometry mesh=mesh:scene.ply \\\n"
       "      --geometry mono=depth:metric3d --truth mesh --out comparison\n"
@@ -385,7 +468,7 @@ Command AddCompareCommand(CLI::App& program) {
             Check(*flags);
             const SignalGuard signals;
             UntilSignal([&] { CompareRun(*flags).Run(EffectiveOptionsJson(*command)); },
-                        [] { return "stopped by a signal: the comparison is not complete"; });
+                        [] { return "stopped by a signal; --resume goes on"; });
           }};
 }
 

@@ -5,6 +5,7 @@
 #include <tuple>
 #include <utility>
 
+#include "localization_outcome.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -27,13 +28,6 @@ struct Way {
     const auto is_off = [](const std::string& name) { return name.empty() || name == "off"; };
     return is_off(filter) && is_off(alignment);
   }
-};
-
-// What is kept of one way's result for one query.
-struct Outcome {
-  std::optional<Rigid3> cam_from_world;  // none: not localized
-  double inliers_2d3d = 0, inliers_2d2d = 0;
-  QueryDetail detail;
 };
 
 constexpr size_t kShownKeypoints = 120;
@@ -62,23 +56,24 @@ class Runner {
     }
   }
 
-  LocalizationComparison Run(const std::function<void()>& on_progress) {
+  LocalizationComparison Run(const LocalizationHooks& hooks) {
     GridLocalizer::Matched matched(queries_.size());
     const GridLocalizer localizer =
         GridLocalizer(localizers_).WithSceneNoise(queries_, matched, grid_.threads);
-    outcomes_.assign(ways_.size(), std::vector<Outcome>(queries_.size()));
+    outcomes_.assign(queries_.size(), {});
     ParallelFor(queries_.size(), grid_.threads, [&](size_t query) {
-      if (!matched[query]) matched[query] = localizer.way(0).Match(queries_[query]);
-      localizer.Localize(*matched[query], 1, [&](size_t way, const QueryResult& result) {
-        outcomes_[way][query] = Keep(ways_[way], result);
-      });
+      if (!TakeKept(query, hooks)) {
+        if (!matched[query]) matched[query] = localizer.way(0).Match(queries_[query]);
+        outcomes_[query] = Localize(localizer, *matched[query]);
+        if (hooks.keep) hooks.keep(query, FormatOutcomes(outcomes_[query]));
+      }
       matched[query].reset();
-      if (on_progress) on_progress();
+      if (hooks.on_query) hooks.on_query();
     });
     LocalizationComparison result;
     result.thresholds = grid_.thresholds;
     for (size_t way = 0; way < ways_.size(); ++way) {
-      result.rows.push_back(MakeRow(ways_[way], outcomes_[way]));
+      result.rows.push_back(MakeRow(way));
     }
     AddOracles(result.rows);
     Rate(result.rows);
@@ -117,9 +112,26 @@ class Runner {
     ways_.push_back(std::move(way));
   }
 
-  Outcome Keep(const Way& way, const QueryResult& result) const {
+  bool TakeKept(size_t query, const LocalizationHooks& hooks) {
+    const auto text = hooks.kept ? hooks.kept(query) : std::nullopt;
+    auto outcomes = text ? ParseOutcomes(*text) : std::nullopt;
+    if (!outcomes || outcomes->size() != ways_.size()) return false;
+    outcomes_[query] = std::move(*outcomes);
+    return true;
+  }
+
+  std::vector<LocalizationOutcome> Localize(const GridLocalizer& localizer,
+                                            const QueryResult& matched) const {
+    std::vector<LocalizationOutcome> outcomes(ways_.size());
+    localizer.Localize(matched, 1, [&](size_t way, const QueryResult& result) {
+      outcomes[way] = Keep(ways_[way], result);
+    });
+    return outcomes;
+  }
+
+  LocalizationOutcome Keep(const Way& way, const QueryResult& result) const {
     const LocalizedQuery& localized = result.localized;
-    Outcome outcome;
+    LocalizationOutcome outcome;
     if (localized.localized()) outcome.cam_from_world = localized.estimate.cam_from_world;
     outcome.inliers_2d3d = localized.estimate.score_2d3d.num_inliers;
     outcome.inliers_2d2d = localized.estimate.score_2d2d.num_inliers;
@@ -130,7 +142,8 @@ class Runner {
     return outcome;
   }
 
-  LocalizationRow MakeRow(const Way& way, std::span<const Outcome> outcomes) const {
+  LocalizationRow MakeRow(size_t index) const {
+    const Way& way = ways_[index];
     LocalizationRow row;
     row.source = way.source;
     row.alignment = way.alignment;
@@ -139,7 +152,7 @@ class Runner {
     PosesByName poses;
     std::vector<double> points, matches;
     for (size_t i = 0; i < queries_.size(); ++i) {
-      const Outcome& outcome = outcomes[i];
+      const LocalizationOutcome& outcome = outcomes_[i][index];
       if (outcome.cam_from_world) poses.emplace(queries_[i].name, *outcome.cam_from_world);
       if (truth_.contains(queries_[i].name)) row.details.emplace(queries_[i].name, outcome.detail);
       points.push_back(outcome.inliers_2d3d);
@@ -204,8 +217,8 @@ class Runner {
   const LocalizationGrid& grid_;
   PosesByName truth_;
   std::vector<Way> ways_;
-  std::vector<Localizer> localizers_;           // one for each way
-  std::vector<std::vector<Outcome>> outcomes_;  // of each way, of each query
+  std::vector<Localizer> localizers_;                       // one for each way
+  std::vector<std::vector<LocalizationOutcome>> outcomes_;  // of each query, of each way
 };
 
 }  // namespace
@@ -240,9 +253,9 @@ LocalizationComparison CompareLocalization(const Scene& scene, std::span<const Q
                                            std::span<const ReferenceMatch> reference_matches,
                                            const PosesByName& ground_truth,
                                            const LocalizationGrid& grid,
-                                           const std::function<void()>& on_progress) {
+                                           const LocalizationHooks& hooks) {
   return Runner(scene, queries, std::move(matches), reference_matches, ground_truth, grid)
-      .Run(on_progress);
+      .Run(hooks);
 }
 
 }  // namespace raylift

@@ -1,9 +1,9 @@
-#include <csignal>
 #include <map>
 #include <set>
 
 #include "job_runs.h"
 #include "program.h"
+#include "support/matchers.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>
 #include <nlohmann/json.hpp>
@@ -79,27 +79,75 @@ TEST(Compare, AFinishedFolderIsReplacedOnlyWhereThatIsAskedFor) {
   EXPECT_EQ(ReadFile(out / "sources.csv"), before);
 }
 
-TEST(Compare, ASignalEndsItInGoodOrder) {
-  const RoomScene scene = WriteRoomScene(TestFolder());
-  const fs::path out = scene.folder / "out";
-  const Arguments compare = Arguments{"compare",
-                                      "--model",
-                                      scene.model(),
-                                      "--geometry",
-                                      "mesh=mesh:" + scene.mesh().string(),
-                                      "--ground-truth",
-                                      scene.truth(),
-                                      "--min-iterations",
-                                      "10000000",
-                                      "--max-iterations",
-                                      "10000000",
-                                      "--threads",
-                                      "1",
-                                      "--out",
-                                      out} +
-                            HlocMatches(scene);
-  EXPECT_EQ(Interrupt(compare, out, SIGTERM, 0, 300'000), 4);
+// With tables and page.
+class CompareJob : public ::testing::Test {
+ protected:
+  Arguments Compare(const fs::path& out, const Arguments& more = {}) const {
+    return Arguments{"compare",
+                     "--model",
+                     demo_ / "model",
+                     "--images",
+                     demo_ / "images",
+                     "--geometry",
+                     "mesh=mesh:" + (demo_ / "scene.obj").string(),
+                     "--queries",
+                     demo_ / "queries.txt",
+                     "--ground-truth",
+                     demo_ / "ground_truth",
+                     "--cache",
+                     folder_ / "cache",
+                     "--every",
+                     "6",
+                     "--max-features",
+                     "300",
+                     "--max-side",
+                     "64",
+                     "--quiet",
+                     "--out",
+                     out,
+                     "--report",
+                     out} +
+           more;
+  }
+
+  static std::map<std::string, std::string> Contents(const fs::path& folder) {
+    std::map<std::string, std::string> contents;
+    for (const std::string& file : FilesBelow(folder)) {
+      if (file != "options.json") contents[file] = ReadFile(folder / file);
+    }
+    return contents;
+  }
+
+  const fs::path demo_ = RAYLIFT_DEMO_FOLDER;
+  fs::path folder_ = TestFolder();
+};
+
+TEST_F(CompareJob, InterruptedAtRandomItEndsWithTheSameBytes) {
+  ASSERT_TRUE(Succeeds(RunRaylift(Compare(folder_ / "whole"))));
+  const auto whole = Contents(folder_ / "whole");
+  InterruptAtRandom({.command = [&](const fs::path& out) { return Compare(out, {"--resume"}); },
+                     .tasks = 12,
+                     .start_microseconds = 500'000,
+                     .task_microseconds = 50'000,
+                     .result = "localization.json",
+                     .expect_whole = [&](const fs::path& out) { EXPECT_EQ(Contents(out), whole); }},
+                    folder_, 4, TestRng());
+}
+
+TEST_F(CompareJob, KeepsLocalizedQueriesWhereTheDiskIsFull) {
+  const fs::path out = folder_ / "out";
+  ASSERT_TRUE(Succeeds(RunRaylift(Compare(folder_ / "whole"))));
+  const size_t size = fs::file_size(folder_ / "whole" / "manifest.jsonl");
+  const CommandResult full = RunCommand(WithFullDisk(size / 1024, Compare(out)));
+  EXPECT_EQ(full.exit_code, 5) << full.err;
+  EXPECT_GT(CountDone(out), 0u);
   EXPECT_FALSE(fs::exists(out / "options.json"));
+  EXPECT_TRUE(FailsWith(2, {"former run"}, RunRaylift(Compare(out))));
+  EXPECT_TRUE(FailsWith(3, {"options/seed: 0 there, 1 here"},
+                        RunRaylift(Compare(out, {"--resume", "--seed", "1"}))));
+  ASSERT_TRUE(Succeeds(RunRaylift(Compare(out, {"--resume"}))));
+  EXPECT_EQ(Contents(out), Contents(folder_ / "whole"));
+  EXPECT_TRUE(Succeeds(RunRaylift({"status", out})));
 }
 
 // The matches that hloc's files hold are of the same room.

@@ -62,6 +62,15 @@ struct LocalizationComparison {
   std::vector<LocalizationRow> rows;
 };
 
+// From any thread.
+struct LocalizationHooks {
+  std::function<void()> on_query = {};
+  // What all ways made of a query, as JSON, for a run that goes on; none or what makes no sense: the
+  // query is localized.
+  std::function<std::optional<std::string>(size_t query)> kept = {};
+  std::function<void(size_t query, const std::string& outcomes)> keep = {};
+};
+
 // Each source of the scene alone. `reference_matches` align depth where the grid asks for it;
 // `ground_truth` must hold queries.
 LocalizationComparison CompareLocalization(const Scene& scene, std::span<const Query> queries,
@@ -69,7 +78,7 @@ LocalizationComparison CompareLocalization(const Scene& scene, std::span<const Q
                                            std::span<const ReferenceMatch> reference_matches,
                                            const PosesByName& ground_truth,
                                            const LocalizationGrid& grid,
-                                           const std::function<void()>& on_progress = {});
+                                           const LocalizationHooks& hooks = {});
 
 std::string FormatLocalizationText(const LocalizationComparison& comparison);
 std::string FormatLocalizationCsv(const LocalizationComparison& comparison);

@@ -1,0 +1,140 @@
+#include "scene_inputs.h"
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/hash.h"
+#include "raylift/base/text.h"
+#include "raylift/io/colmap_model.h"
+#include "raylift/jobs/fingerprint.h"
+#include "raylift/renderers/surface_hash.h"
+
+namespace raylift {
+namespace {
+
+using Json = nlohmann::ordered_json;
+using std::filesystem::path;
+
+std::string NumbersText(std::span<const double> numbers) {
+  std::string text;
+  for (const double number : numbers) text += ' ' + FormatDouble(number);
+  return text;
+}
+
+std::string NumbersText(const Eigen::Vector3d& v) { return NumbersText(std::span(v.data(), 3)); }
+
+std::string HashOf(size_t count, const std::string& text) {
+  return fmt::format("{} {}", count, HexText(HashBytes64(text)));
+}
+
+std::string PriorsText(const PosePriors& priors) {
+  std::string text;
+  if (const auto& known = priors.position) {
+    text += " position" + NumbersText(known->position) + NumbersText(known->sigma);
+  }
+  if (const auto& known = priors.gravity) {
+    text += " gravity" + NumbersText(known->down_in_cam) + NumbersText(known->down_in_world) +
+            NumbersText(std::span(&known->sigma_deg, 1));
+  }
+  if (priors.focal_range != 1) text += " focal_range " + FormatDouble(priors.focal_range);
+  return text;
+}
+
+std::string QueriesFingerprint(std::span<const Query> queries) {
+  std::string text;
+  for (const Query& query : queries) {
+    text += query.name + ' ' + query.camera.ToString() + PriorsText(query.priors) + '\n';
+  }
+  return HashOf(queries.size(), text);
+}
+
+std::string ReferencesFingerprint(const ReferenceSet& references) {
+  std::string text;
+  for (const PosedImage& image : references.images) {
+    const Eigen::Quaterniond& q = image.cam_from_world.rotation;
+    const double wxyz[] = {q.w(), q.x(), q.y(), q.z()};
+    text += image.name + ' ' + image.camera.ToString() + NumbersText(wxyz) +
+            NumbersText(image.cam_from_world.translation) + '\n';
+  }
+  return HashOf(references.images.size(), text);
+}
+
+std::string ModelFingerprint(const path& folder) {
+  std::string text;
+  for (const char* name : {"cameras", "images", "points3D", "rigs", "frames"}) {
+    for (const char* extension : {".bin", ".txt"}) {
+      text += FileFingerprint(folder / name += extension) + '\n';
+    }
+  }
+  return HexText(HashBytes64(text));
+}
+
+// "KIND:PATH,key=value"
+path PathOfSpec(const std::string& spec) {
+  const size_t begin = std::min(spec.find(':'), spec.size() - 1) + 1;
+  return spec.substr(begin, spec.find(',', begin) - begin);
+}
+
+std::string GeometryFingerprint(const SceneSource& source, const SceneInputs& inputs) {
+  const path folder = PathOfSpec(source.spec);
+  switch (source.geometry.kind) {
+    case GeometryKind::kMesh:
+    case GeometryKind::kCloud:
+      return HexText(SurfaceHash(*source.geometry.Surface(), inputs.threads));
+    case GeometryKind::kDepth:
+      return FolderFingerprint(folder, inputs.out);
+    case GeometryKind::kSfm:
+      return ModelFingerprint(source.spec.starts_with("sfm:") ? folder : inputs.model);
+  }
+  return {};
+}
+
+template <typename T>
+std::vector<std::string> NamesOf(std::span<const T> images) {
+  std::vector<std::string> names;
+  names.reserve(images.size());
+  for (const T& image : images) names.push_back(image.name);
+  return names;
+}
+
+}  // namespace
+
+std::string FileOrModelFingerprint(const path& file) {
+  std::error_code ignored;
+  return std::filesystem::is_directory(file, ignored) ? ModelFingerprint(file)
+                                                      : FileFingerprint(file);
+}
+
+Json InputsJson(const SceneInputs& inputs, const Scene& scene, std::span<const Query> queries) {
+  Json json = {{"queries", QueriesFingerprint(queries)},
+               {"references", ReferencesFingerprint(scene.references)}};
+  if (!inputs.model.empty()) json["model"] = ModelFingerprint(inputs.model);
+  for (size_t i = 0; i < scene.sources.size(); ++i) {
+    json[fmt::format("geometry {}", i + 1)] = GeometryFingerprint(scene.sources[i], inputs);
+  }
+  const auto add_file = [&json](const char* name, const path& file) {
+    if (!file.empty()) json[name] = FileOrModelFingerprint(file);
+  };
+  const HlocFiles& hloc = inputs.matching.hloc.files;
+  add_file("features", hloc.features);
+  if (std::filesystem::is_directory(hloc.matches)) {
+    json["matches"] = FolderFingerprint(hloc.matches, inputs.out);
+  } else {
+    add_file("matches", hloc.matches);
+  }
+  add_file("pairs", hloc.pairs);
+  const RetrievalFlags& retrieval = inputs.matching.retrieval;
+  add_file("global-features", retrieval.global_features.references);
+  add_file("query-global-features", retrieval.global_features.queries);
+  add_file("prior-poses", retrieval.prior_poses);
+  if (!inputs.images.empty()) {
+    json["images"] = SizesFingerprint(
+        inputs.images, NamesOf(std::span<const PosedImage>(scene.references.images)));
+  }
+  if (!inputs.query_images.empty()) {
+    json["query-images"] = SizesFingerprint(inputs.query_images, NamesOf(queries));
+  }
+  return json;
+}
+
+}  // namespace raylift
