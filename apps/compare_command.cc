@@ -288,6 +288,7 @@ class CompareRun {
   // From now on there is a manifest, and nothing else of a former run that is overwritten.
   void OpenJob(const std::string& options_json) {
     std::vector<std::string> names;
+    names.reserve(queries_.size());
     for (const Query& query : queries_) names.push_back(query.name);
     JobFolder folder;
     folder.out = flags_.Folder();

@@ -134,6 +134,7 @@ std::vector<EstimateRow> EstimateRowsOf(const TaskManifest& manifest) {
     in_order.emplace(record.place, RowOf(record.line));
   }
   std::vector<EstimateRow> rows;
+  rows.reserve(in_order.size());
   for (auto& [place, row] : in_order) rows.push_back(std::move(row));
   return rows;
 }

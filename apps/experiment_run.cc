@@ -149,6 +149,7 @@ class ExperimentRun {
 
   static std::vector<std::string> NamesOf(const std::vector<Cell>& cells) {
     std::vector<std::string> names;
+    names.reserve(cells.size());
     for (const Cell& cell : cells) {
       names.push_back(fmt::format("{} offset={} seed={} queries={}-{}", cell.setting.Name(),
                                   cell.offset, cell.seed, cell.begin, cell.end));

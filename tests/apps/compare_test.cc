@@ -134,6 +134,12 @@ TEST_F(CompareJob, InterruptedAtRandomItEndsWithTheSameBytes) {
                     folder_, 4, TestRng());
 }
 
+TEST_F(CompareJob, AFolderThatCannotBeWrittenIsNamed) {
+  const fs::path file = folder_ / "file";
+  WriteFile(file, "in the way");
+  EXPECT_TRUE(FailsWith(5, {file.string()}, RunRaylift(Compare(file / "out"))));
+}
+
 TEST_F(CompareJob, KeepsLocalizedQueriesWhereTheDiskIsFull) {
   const fs::path out = folder_ / "out";
   ASSERT_TRUE(Succeeds(RunRaylift(Compare(folder_ / "whole"))));

@@ -121,6 +121,11 @@ TEST_F(ExperimentJob, AFullDiskNamesTheFileAndTheRestIsDoneLater) {
   EXPECT_EQ(Contents(out), Contents(whole));
 }
 
+TEST_F(ExperimentJob, AFolderThatCannotBeWrittenIsNamed) {
+  const fs::path below_file = file_ / "out";
+  EXPECT_TRUE(FailsWith(5, {file_.string()}, RunRaylift(Experiment(below_file))));
+}
+
 TEST_F(ExperimentJob, OverwriteEstimatesAllCellsAnew) {
   const fs::path out = Whole();
   const auto whole = Contents(out);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <csignal>
 
+#include "apps/job_runs.h"
 #include "apps/program.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
@@ -68,6 +69,18 @@ TEST_F(Views, AFinishedFolderIsReplacedOnlyWhereThatIsAskedFor) {
   EXPECT_EQ(ReadFile(out_ / "images.bin"), before);
   ASSERT_TRUE(Succeeds(RunRaylift(three + Arguments{"--overwrite", "--seed", "1"})));
   EXPECT_NE(ReadFile(out_ / "images.bin"), before);
+}
+
+TEST_F(Views, AFolderThatCannotBeWrittenIsNamed) {
+  const fs::path file = folder_ / "file";
+  WriteFile(file, "in the way");
+  EXPECT_TRUE(FailsWith(
+      5, {file.string()},
+      RunRaylift(Arguments{"views", "--geometry", "mesh:" + (demo_ / "scene.obj").string(), "--out",
+                           file / "out"})));
+  const CommandResult full = RunCommand(WithFullDisk(0, Command() + Arguments{"--count", "3"}));
+  EXPECT_EQ(full.exit_code, 5) << full.err;
+  EXPECT_EQ(FilesBelow(out_), std::vector<std::string>());
 }
 
 TEST_F(Views, ASignalLeavesNothing) {
