@@ -63,6 +63,9 @@ struct CompareFlags {
   std::string truth;
   int max_side_px = 640;
   int overlaps = 5;
+  std::vector<DepthProtocol> protocols;
+  double min_depth = 0;
+  std::optional<double> max_depth;
   std::vector<double> surface_thresholds;
   path queries;
   MatchingFlags matching;
@@ -80,6 +83,12 @@ struct CompareFlags {
 
   // Where what is done is kept; empty: nowhere.
   const path& Folder() const { return out.empty() ? report : out; }
+
+  DepthRange Range() const {
+    DepthRange range{.min = min_depth};
+    if (max_depth) range.max = *max_depth;
+    return range;
+  }
 };
 
 // Tells that a run is finished.
@@ -136,6 +145,10 @@ void Check(const CompareFlags& flags) {
   flags.references.Check();
   RequireAtLeast("--max-side", flags.max_side_px, 16);
   RequireAtLeast("--overlaps", flags.overlaps, 0);
+  flags.Range().Validate();
+  if (!flags.protocols.empty() && flags.truth.empty()) {
+    throw OptionError("--protocol", ToString(flags.protocols.front()), "needs --truth");
+  }
   for (const double threshold : flags.surface_thresholds) {
     if (!(threshold > 0)) {
       throw OptionError("--surface-thresholds", fmt::format("{}", threshold), "must be positive");
@@ -231,6 +244,7 @@ class CompareRun {
       options.truth = truth_;
       options.max_side_px = flags_.max_side_px;
       options.max_overlaps = flags_.overlaps;
+      options.range = flags_.Range();
       options.surface_thresholds = flags_.surface_thresholds;
       options.threads = flags_.run.threads;
       options.on_progress = [&progress] { progress.Advance(); };
@@ -245,7 +259,7 @@ class CompareRun {
     for (const path& folder : {flags_.out, flags_.report}) {
       if (!folder.empty()) WriteTables(folder, comparison);
     }
-    if (!flags_.run.quiet) fmt::print("{}", FormatComparisonText(comparison));
+    if (!flags_.run.quiet) fmt::print("{}", FormatComparisonText(comparison, flags_.protocols));
     std::optional<LocalizationComparison> localization;
     if (!flags_.ground_truth.empty()) localization = CompareByLocalization(matches);
     if (pictures) {
@@ -377,6 +391,14 @@ class CompareRun {
   std::unique_ptr<TaskJob> job_;  // null where nothing is kept
 };
 
+std::string ProtocolHelp() {
+  std::string text;
+  for (const EnumName<DepthProtocol>& entry : kEnumNames<DepthProtocol>) {
+    text += fmt::format("\n{}: {}", entry.name, entry.description);
+  }
+  return text;
+}
+
 void AddLocalizationOptions(CLI::App& command, CompareFlags& flags) {
   const std::string group = "Localization with every source, on the same matches";
   const auto add = [&](const char* name, auto& value, const std::string& help) {
@@ -408,6 +430,20 @@ Command AddCompareCommand(CLI::App& program) {
       ->allow_extra_args(false)
       ->group("Geometry");
   command->add_option("--truth", flags->truth, "Name of the geometry to take for the truth")
+      ->group("Geometry");
+  AddEnumListOption(*command, "--protocol", flags->protocols,
+                    "Print the standard metrics of depth networks' papers, aligned with the truth\n"
+                    "image by image: list of {}" +
+                        ProtocolHelp())
+      ->group("Geometry");
+  command
+      ->add_option("--min-depth", flags->min_depth,
+                   "Errors count true depths from here, and depth is clamped to it; scene units")
+      ->capture_default_str()
+      ->group("Geometry");
+  command
+      ->add_option("--max-depth", flags->max_depth,
+                   "The same up to here (NYU's protocol: 10 m; KITTI's: 80 m)")
       ->group("Geometry");
   command
       ->add_option("--max-side", flags->max_side_px,
@@ -460,6 +496,10 @@ Command AddCompareCommand(CLI::App& program) {
       "Examples:\n"
       "  raylift compare --model sfm --geometry mesh=mesh:scene.ply \\\n"
       "      --geometry mono=depth:metric3d --truth mesh --out comparison\n"
+      "  A row of a depth network's paper, at the maps' own size:\n"
+      "  raylift compare --model sfm --geometry lidar=depth:lidar --truth lidar \\\n"
+      "      --geometry midas=depth:midas,kind=inverse --protocol affine-inverse \\\n"
+      "      --max-depth 80 --max-side 100000\n"
       "  Without a truth, by overlapping views and matches:\n"
       "  raylift compare --model sfm --geometry a=depth:a --geometry b=depth:b \\\n"
       "      --queries queries.txt --images photos --out comparison\n"

@@ -1,5 +1,6 @@
 #include "raylift/comparison/comparison_tables.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -16,26 +17,31 @@ using Json = nlohmann::ordered_json;
 using Better = DepthMetric::Better;
 using Value = std::optional<double>;
 
-// A member of an optional part of an image's comparison.
-template <typename Part, typename Member>
-auto Of(std::optional<Part> ImageComparison::*part, Member Part::*member) {
-  return [part, member](const ImageComparison& image) -> Value {
-    if (!(image.*part)) return std::nullopt;
+// A member of an optional part of the comparison of an image, or of a source.
+template <typename Whole, typename Part, typename Member>
+auto Of(std::optional<Part> Whole::*part, Member Part::*member) {
+  return [part, member](const Whole& whole) -> Value {
+    if (!(whole.*part)) return std::nullopt;
     if constexpr (std::is_same_v<Member, std::optional<double>>) {
-      return *(image.*part).*member;
+      return *(whole.*part).*member;
     } else {
-      return static_cast<double>(*(image.*part).*member);
+      return static_cast<double>(*(whole.*part).*member);
     }
   };
 }
 
-template <typename Part, size_t N>
-auto Of(std::optional<Part> ImageComparison::*part, std::array<double, N> Part::*member,
-        size_t index) {
-  return [part, member, index](const ImageComparison& image) -> Value {
-    if (!(image.*part)) return std::nullopt;
-    return (*(image.*part).*member)[index];
+template <typename Whole, typename Part, size_t N>
+auto Of(std::optional<Part> Whole::*part, std::array<double, N> Part::*member, size_t index) {
+  return [part, member, index](const Whole& whole) -> Value {
+    if (!(whole.*part)) return std::nullopt;
+    return (*(whole.*part).*member)[index];
   };
+}
+
+// None where no match could be lifted: nothing is not an error of 0 px.
+Value MedianMatchError(const std::optional<MatchErrors>& matches) {
+  if (!matches || matches->count == 0) return std::nullopt;
+  return matches->median_px;
 }
 
 auto OfConsistency(double ImageConsistency::*member) {
@@ -53,6 +59,62 @@ auto AsPercent(std::optional<double> ImageComparison::*log_scale) {
   };
 }
 
+// The figures of merit of the depth networks' papers.
+struct ProtocolColumn {
+  std::string_view key, title;
+  Better better;
+  int digits;
+  double (*value)(const DepthErrors&);
+  bool is_standard = true;  // in the papers' tables
+};
+constexpr ProtocolColumn kProtocolColumns[] = {
+    {"abs_rel", "AbsRel", Better::kLow, 4, [](const DepthErrors& e) { return e.abs_rel; }},
+    {"sq_rel", "SqRel", Better::kLow, 4, [](const DepthErrors& e) { return e.sq_rel; }},
+    {"rmse", "RMSE", Better::kLow, 4, [](const DepthErrors& e) { return e.rmse; }},
+    {"rmse_log", "RMSE log", Better::kLow, 4, [](const DepthErrors& e) { return e.rmse_log; }},
+    {"log10", "log10", Better::kLow, 4, [](const DepthErrors& e) { return e.log10; }},
+    {"si_log", "SILog", Better::kLow, 2, [](const DepthErrors& e) { return e.si_log; }},
+    {"delta1_percent", "delta1 %", Better::kHigh, 1,
+     [](const DepthErrors& e) { return e.delta_percent[0]; }},
+    {"delta2_percent", "delta2 %", Better::kHigh, 1,
+     [](const DepthErrors& e) { return e.delta_percent[1]; }},
+    {"delta3_percent", "delta3 %", Better::kHigh, 1,
+     [](const DepthErrors& e) { return e.delta_percent[2]; }},
+    {"mae", "MAE", Better::kLow, 4, [](const DepthErrors& e) { return e.mae; }, false},
+    {"median_signed_error", "bias", Better::kNeither, 4,
+     [](const DepthErrors& e) { return e.median_signed_error; }, false},
+};
+
+// The columns of files keep their names: those of the ratio of the medians begin with "median".
+std::string_view PrefixOf(DepthProtocol protocol) {
+  using enum DepthProtocol;
+  switch (protocol) {
+    case kMetric:
+      return "";
+    case kScale:
+      return "median";
+    case kAffine:
+      return "affine";
+    case kScaleInverse:
+      return "scale_inverse";
+    case kAffineInverse:
+      return "affine_inverse";
+  }
+  return {};
+}
+
+std::string KeyOf(const ProtocolColumn& column, DepthProtocol protocol) {
+  const std::string prefix(PrefixOf(protocol));
+  return prefix + (prefix.empty() ? "" : "_") + std::string(column.key);
+}
+
+std::string TitleOf(const ProtocolColumn& column, DepthProtocol protocol) {
+  if (protocol == DepthProtocol::kMetric) return std::string(column.title);
+  const std::string_view name =
+      protocol == DepthProtocol::kScale ? PrefixOf(protocol) : ToString(protocol);
+  return fmt::format("{} ({})", column.title, name);
+}
+
 std::vector<DepthMetric> MakeMetrics() {
   using I = ImageComparison;
   std::vector<DepthMetric> metrics = {
@@ -65,43 +127,15 @@ std::vector<DepthMetric> MakeMetrics() {
       {"median_depth", "median depth", Better::kNeither, 4,
        [](const I& image) -> Value { return image.median_depth; }},
   };
-  struct Fit {
-    std::optional<DepthErrors> I::*part;
-    std::array<std::string_view, 10> keys, titles;
-  };
-  const Fit fits[] = {{&I::raw,
-                       {"abs_rel", "sq_rel", "rmse", "rmse_log", "si_log", "delta1_percent",
-                        "delta2_percent", "delta3_percent", "mae", "median_signed_error"},
-                       {"AbsRel", "SqRel", "RMSE", "RMSE log", "SILog", "delta1 %", "delta2 %",
-                        "delta3 %", "MAE", "bias"}},
-                      {&I::median_fitted,
-                       {"median_abs_rel", "median_sq_rel", "median_rmse", "median_rmse_log",
-                        "median_si_log", "median_delta1_percent", "median_delta2_percent",
-                        "median_delta3_percent", "median_mae", "median_median_signed_error"},
-                       {"AbsRel (median)", "SqRel (median)", "RMSE (median)", "RMSE log (median)",
-                        "SILog (median)", "delta1 % (median)", "delta2 % (median)",
-                        "delta3 % (median)", "MAE (median)", "bias (median)"}},
-                      {&I::affine_fitted,
-                       {"affine_abs_rel", "affine_sq_rel", "affine_rmse", "affine_rmse_log",
-                        "affine_si_log", "affine_delta1_percent", "affine_delta2_percent",
-                        "affine_delta3_percent", "affine_mae", "affine_median_signed_error"},
-                       {"AbsRel (affine)", "SqRel (affine)", "RMSE (affine)", "RMSE log (affine)",
-                        "SILog (affine)", "delta1 % (affine)", "delta2 % (affine)",
-                        "delta3 % (affine)", "MAE (affine)", "bias (affine)"}}};
-  for (const Fit& fit : fits) {
-    const auto add = [&](size_t k, Better better, int digits, auto value) {
-      metrics.push_back({fit.keys[k], fit.titles[k], better, digits, value});
-    };
-    add(0, Better::kLow, 4, Of(fit.part, &DepthErrors::abs_rel));
-    add(1, Better::kLow, 4, Of(fit.part, &DepthErrors::sq_rel));
-    add(2, Better::kLow, 4, Of(fit.part, &DepthErrors::rmse));
-    add(3, Better::kLow, 4, Of(fit.part, &DepthErrors::rmse_log));
-    add(4, Better::kLow, 2, Of(fit.part, &DepthErrors::si_log));
-    for (size_t k = 0; k < 3; ++k) {
-      add(5 + k, Better::kHigh, 1, Of(fit.part, &DepthErrors::delta_percent, k));
+  for (const DepthProtocol protocol : AllValues<DepthProtocol>()) {
+    for (const ProtocolColumn& column : kProtocolColumns) {
+      metrics.push_back({KeyOf(column, protocol), TitleOf(column, protocol), column.better,
+                         column.digits, [protocol, &column](const I& image) -> Value {
+                           const auto errors = image.errors.find(protocol);
+                           if (errors == image.errors.end() || !errors->second) return {};
+                           return column.value(*errors->second);
+                         }});
     }
-    add(8, Better::kLow, 4, Of(fit.part, &DepthErrors::mae));
-    add(9, Better::kNeither, 4, Of(fit.part, &DepthErrors::median_signed_error));
   }
   const std::vector<DepthMetric> others = {
       {"edge_accuracy_px", "edge acc px", Better::kLow, 2, Of(&I::edges, &EdgeErrors::accuracy_px)},
@@ -149,9 +183,13 @@ std::vector<DepthMetric> MakeMetrics() {
       {"relative_scale_percent", "scale among views %", Better::kNeither, 2,
        AsPercent(&I::relative_log_scale)},
       {"match_median_px", "match error px", Better::kLow, 2,
-       Of(&I::matches, &MatchErrors::median_px)},
+       [](const I& image) { return MedianMatchError(image.matches); },
+       [](const SourceComparison& source) { return MedianMatchError(source.matches); }},
+      {"match_count", "matches", Better::kNeither, 0, Of(&I::matches, &MatchErrors::count),
+       Of(&SourceComparison::matches, &MatchErrors::count)},
       {"match_within_4px_percent", "matches < 4 px %", Better::kHigh, 1,
-       Of(&I::matches, &MatchErrors::within_percent, 2)},
+       Of(&I::matches, &MatchErrors::within_percent, 2),
+       Of(&SourceComparison::matches, &MatchErrors::within_percent, 2)},
       {"match_scale_percent", "scale by matches %", Better::kNeither, 2,
        AsPercent(&I::match_log_scale)},
   };
@@ -175,11 +213,10 @@ Value PercentOf(const Value& log_scale) {
 }
 
 // The columns of the printed table.
-constexpr std::string_view kPrinted[] = {"coverage_percent",     "abs_rel",
-                                         "median_abs_rel",       "delta1_percent",
-                                         "edge_accuracy_px",     "normal_median_deg",
-                                         "consistent_2_percent", "contradicted_percent",
-                                         "match_median_px",      "match_within_4px_percent"};
+constexpr std::string_view kPrinted[] = {
+    "coverage_percent", "abs_rel",           "median_abs_rel",          "delta1_percent",
+    "edge_accuracy_px", "normal_median_deg", "consistent_2_percent",    "contradicted_percent",
+    "match_median_px",  "match_count",       "match_within_4px_percent"};
 
 // The curves of a source as rows: name, from, to, bin.
 template <typename Function>
@@ -226,7 +263,7 @@ Json ImageJson(const ImageComparison& image) {
 Json SourceJson(const SourceComparison& source) {
   Json means = Json::object();
   for (const DepthMetric& metric : DepthMetrics()) {
-    means[std::string(metric.key)] = Number(MeanOverImages(source, metric.value));
+    means[std::string(metric.key)] = Number(ValueOfSource(source, metric));
   }
   Json findings = Json::array();
   for (const Finding& finding : source.findings) {
@@ -258,6 +295,37 @@ Json SourceJson(const SourceComparison& source) {
           {"images", images}};
 }
 
+// A row of a paper's table for each source that is not the truth.
+std::string ProtocolText(const DepthComparison& comparison, DepthProtocol protocol) {
+  TableRow header = {"source", "images"};
+  for (const ProtocolColumn& column : kProtocolColumns) {
+    if (column.is_standard) header.emplace_back(column.title);
+  }
+  std::vector<TableRow> rows = {header};
+  for (const SourceComparison& source : comparison.sources) {
+    if (source.is_truth) continue;
+    const auto is_compared = [protocol](const ImageComparison& image) {
+      const auto errors = image.errors.find(protocol);
+      return errors != image.errors.end() && errors->second;
+    };
+    TableRow row = {
+        Printable(source.name),
+        std::to_string(std::count_if(source.images.begin(), source.images.end(), is_compared))};
+    for (const ProtocolColumn& column : kProtocolColumns) {
+      if (!column.is_standard) continue;
+      const auto mean = MeanOverImages(source, [&](const ImageComparison& image) -> Value {
+        if (!is_compared(image)) return std::nullopt;
+        return column.value(*image.errors.at(protocol));
+      });
+      row.push_back(mean ? Field(mean, column.digits) : "-");
+    }
+    rows.push_back(std::move(row));
+  }
+  return fmt::format("\nprotocol {}: {}; means over the images\n{}", ToString(protocol),
+                     kEnumNames<DepthProtocol>[static_cast<size_t>(protocol)].description,
+                     AlignColumns(rows));
+}
+
 }  // namespace
 
 const std::vector<DepthMetric>& DepthMetrics() {
@@ -265,13 +333,18 @@ const std::vector<DepthMetric>& DepthMetrics() {
   return metrics;
 }
 
-std::string FormatComparisonText(const DepthComparison& comparison) {
+std::optional<double> ValueOfSource(const SourceComparison& source, const DepthMetric& metric) {
+  return metric.pooled ? metric.pooled(source) : MeanOverImages(source, metric.value);
+}
+
+std::string FormatComparisonText(const DepthComparison& comparison,
+                                 std::span<const DepthProtocol> protocols) {
   std::vector<const DepthMetric*> columns;
   for (const std::string_view key : kPrinted) {
     for (const DepthMetric& metric : DepthMetrics()) {
       bool is_known = false;
       for (const SourceComparison& source : comparison.sources) {
-        is_known = is_known || MeanOverImages(source, metric.value).has_value();
+        is_known = is_known || ValueOfSource(source, metric).has_value();
       }
       if (metric.key == key && is_known) columns.push_back(&metric);
     }
@@ -282,8 +355,8 @@ std::string FormatComparisonText(const DepthComparison& comparison) {
   for (const SourceComparison& source : comparison.sources) {
     TableRow row = {Printable(source.name) + (source.is_truth ? " (truth)" : "")};
     for (const DepthMetric* metric : columns) {
-      const Value mean = MeanOverImages(source, metric->value);
-      row.push_back(mean ? Field(mean, metric->digits) : "-");
+      const Value value = ValueOfSource(source, *metric);
+      row.push_back(value ? Field(value, metric->digits) : "-");
     }
     rows.push_back(std::move(row));
   }
@@ -297,6 +370,7 @@ std::string FormatComparisonText(const DepthComparison& comparison) {
     }
     text += '\n';
   }
+  for (const DepthProtocol protocol : protocols) text += ProtocolText(comparison, protocol);
   return text;
 }
 
@@ -313,7 +387,7 @@ std::string FormatSourcesCsv(const DepthComparison& comparison) {
                     Exact(PercentOf(source.traits.log_scale)),
                     Exact(PercentOf(source.traits.log_scale_sigma)), findings};
     for (const DepthMetric& metric : DepthMetrics()) {
-      row.push_back(Exact(MeanOverImages(source, metric.value)));
+      row.push_back(Exact(ValueOfSource(source, metric)));
     }
     text += CsvLine(row);
   }

@@ -145,7 +145,8 @@ class Comparer {
       views.push_back(LookThrough(*source.source, views_[image]));
     }
     if (options_.on_views) options_.on_views(image, views_[image], views);
-    ImageResults results = CompareImage(sources_, views_[image], views, options_.truth, curves);
+    ImageResults results =
+        CompareImage(sources_, views_[image], views, options_.truth, options_.range, curves);
     for (size_t s = 0; s < sources_.size(); ++s) {
       results.of_source[s].consistency =
           MeasureConsistency(*sources_[s].source, images_, image, overlaps, options_.consistency);

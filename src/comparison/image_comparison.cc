@@ -19,16 +19,10 @@ double MedianDepth(const DepthMap& map) {
 
 void CompareWithTruth(const SourceView& view, const SourceView& truth,
                       std::span<const uint8_t> true_edges, std::span<const float> to_true_edge_px,
-                      ImageComparison& result) {
-  const std::vector<float>& z = view.depth.z;
-  result.raw = ComputeDepthErrors(z, truth.depth.z);
-  const auto fitted = [&](DepthFitKind kind) -> std::optional<DepthErrors> {
-    const auto fit = FitDepth(z, truth.depth.z, kind);
-    if (!fit) return std::nullopt;
-    return ComputeDepthErrors(ApplyFit(z, *fit), truth.depth.z);
-  };
-  result.median_fitted = fitted(DepthFitKind::kMedian);
-  result.affine_fitted = fitted(DepthFitKind::kAffine);
+                      const DepthRange& range, ImageComparison& result) {
+  for (const DepthProtocol protocol : AllValues<DepthProtocol>()) {
+    result.errors[protocol] = ComputeDepthErrors(view.depth.z, truth.depth.z, protocol, range);
+  }
   result.deviation = MeasureDeviation(view.depth, truth.depth, to_true_edge_px);
   result.edges = ComputeEdgeErrors(FindDepthEdges(view.depth), true_edges, view.depth.width_px);
   result.normals = ComputeNormalErrors(view.normals_in_world, truth.normals_in_world);
@@ -52,7 +46,7 @@ std::vector<Eigen::Vector3d> PointsOf(const DepthMap& map, const PosedImage& vie
 
 ImageResults CompareImage(std::span<const ComparedSource> sources, const PosedImage& view,
                           std::span<const SourceView> views, std::optional<size_t> truth,
-                          const ImageCurves& empty_curves) {
+                          const DepthRange& range, const ImageCurves& empty_curves) {
   ImageResults results;
   results.of_source.resize(sources.size());
   results.curves.assign(sources.size(), empty_curves);
@@ -74,7 +68,7 @@ ImageResults CompareImage(std::span<const ComparedSource> sources, const PosedIm
     result.coverage = ComputeCoverage(views[s].depth.z, true_z, view.camera.width_px());
     if (wants_points && s != *truth) results.points_of_source[s] = PointsOf(views[s].depth, view);
     if (!truth || s == *truth) continue;
-    CompareWithTruth(views[s], views[*truth], true_edges, to_true_edge_px, result);
+    CompareWithTruth(views[s], views[*truth], true_edges, to_true_edge_px, range, result);
     ImageCurves& curves = results.curves[s];
     curves.by_distance.Add(views[s].depth.z, true_z, true_z);
     curves.by_incidence.Add(views[s].depth.z, true_z, views[*truth].incidence_deg);

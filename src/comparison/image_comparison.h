@@ -20,9 +20,9 @@ struct ImageResults {
   std::vector<std::vector<Eigen::Vector3d>> points_of_source;  // where a mesh is the truth
 };
 
-// The errors of every source's view against the truth's.
+// The errors of every source's view against the truth's, of depths within `range`.
 ImageResults CompareImage(std::span<const ComparedSource> sources, const PosedImage& view,
                           std::span<const SourceView> views, std::optional<size_t> truth,
-                          const ImageCurves& empty_curves);
+                          const DepthRange& range, const ImageCurves& empty_curves);
 
 }  // namespace raylift

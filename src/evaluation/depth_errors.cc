@@ -6,6 +6,8 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/median.h"
+#include "raylift/base/option_checks.h"
+#include "raylift/base/text.h"
 
 namespace raylift {
 namespace {
@@ -43,7 +45,8 @@ std::optional<DepthErrors> ComputeDepthErrors(std::span<const float> estimated,
                                               std::span<const float> truth) {
   const Common common = Intersect(estimated, truth);
   if (common.size() == 0) return std::nullopt;
-  double abs_rel = 0, sq_rel = 0, square = 0, log_square = 0, log_sum = 0, absolute = 0;
+  double abs_rel = 0, sq_rel = 0, square = 0, absolute = 0;
+  double log_square = 0, log_sum = 0, log_absolute = 0;
   std::array<size_t, 3> within = {0, 0, 0};
   std::vector<double> signed_errors;
   signed_errors.reserve(common.size());
@@ -57,6 +60,7 @@ std::optional<DepthErrors> ComputeDepthErrors(std::span<const float> estimated,
     absolute += std::abs(difference);
     log_sum += log_ratio;
     log_square += log_ratio * log_ratio;
+    log_absolute += std::abs(log_ratio);
     signed_errors.push_back(difference);
     const double ratio = std::max(e / t, t / e);
     within[0] += ratio < 1.25;
@@ -75,9 +79,73 @@ std::optional<DepthErrors> ComputeDepthErrors(std::span<const float> estimated,
   for (size_t k = 0; k < within.size(); ++k) {
     errors.delta_percent[k] = Percent(within[k], common.size());
   }
+  errors.log10 = log_absolute / n / std::numbers::ln10;
   errors.mae = absolute / n;
   errors.median_signed_error = MidpointMedianInPlace(std::span(signed_errors));
   return errors;
+}
+
+namespace {
+
+std::optional<DepthFitKind> FitOf(DepthProtocol protocol) {
+  using enum DepthProtocol;
+  switch (protocol) {
+    case kMetric:
+      return std::nullopt;
+    case kScale:
+      return DepthFitKind::kMedian;
+    case kAffine:
+      return DepthFitKind::kAffine;
+    case kScaleInverse:
+      return DepthFitKind::kInverseScale;
+    case kAffineInverse:
+      return DepthFitKind::kInverseAffine;
+  }
+  return std::nullopt;
+}
+
+// Least squares of a * scale + shift = b; none where a is the same everywhere.
+std::optional<DepthFit> FitLine(std::span<const double> a, std::span<const double> b) {
+  const auto n = static_cast<double>(a.size());
+  double mean_a = 0, mean_b = 0;
+  for (size_t i = 0; i < a.size(); ++i) {
+    mean_a += a[i] / n;
+    mean_b += b[i] / n;
+  }
+  double covariance = 0, variance = 0;
+  for (size_t i = 0; i < a.size(); ++i) {
+    covariance += (a[i] - mean_a) * (b[i] - mean_b);
+    variance += (a[i] - mean_a) * (a[i] - mean_a);
+  }
+  if (!(variance > 0)) return std::nullopt;
+  const double scale = covariance / variance;
+  return DepthFit{scale, mean_b - scale * mean_a};
+}
+
+}  // namespace
+
+void DepthRange::Validate() const {
+  RequireAtLeast("min_depth", min, 0);
+  if (!(max > min)) {
+    throw OptionError("max_depth", FormatDouble(max),
+                      "must be larger than the smallest, " + FormatDouble(min));
+  }
+}
+
+std::optional<DepthErrors> ComputeDepthErrors(std::span<const float> estimated,
+                                              std::span<const float> truth, DepthProtocol protocol,
+                                              const DepthRange& range) {
+  std::vector<float> counted(truth.begin(), truth.end());
+  for (float& z : counted) {
+    if (!range.Contains(static_cast<double>(z))) z = 0;
+  }
+  DepthFit fit;
+  if (const auto kind = FitOf(protocol)) {
+    const auto found = FitDepth(estimated, counted, *kind);
+    if (!found) return std::nullopt;
+    fit = *found;
+  }
+  return ComputeDepthErrors(ApplyFit(estimated, fit, range), counted);
 }
 
 std::optional<DepthFit> FitDepth(std::span<const float> estimated, std::span<const float> truth,
@@ -89,28 +157,35 @@ std::optional<DepthFit> FitDepth(std::span<const float> estimated, std::span<con
                         MidpointMedianInPlace(std::span(common.estimated)),
                     0};
   }
-  const auto n = static_cast<double>(common.size());
-  double mean_e = 0, mean_t = 0;
-  for (size_t i = 0; i < common.size(); ++i) {
-    mean_e += common.estimated[i] / n;
-    mean_t += common.truth[i] / n;
+  if (kind == DepthFitKind::kAffine) return FitLine(common.estimated, common.truth);
+  for (double& z : common.estimated) z = 1 / z;
+  for (double& z : common.truth) z = 1 / z;
+  std::optional<DepthFit> fit;
+  if (kind == DepthFitKind::kInverseAffine) {
+    fit = FitLine(common.estimated, common.truth);
+  } else {
+    double product = 0, square = 0;
+    for (size_t i = 0; i < common.size(); ++i) {
+      product += common.estimated[i] * common.truth[i];
+      square += common.estimated[i] * common.estimated[i];
+    }
+    fit = DepthFit{product / square, 0};
   }
-  double covariance = 0, variance = 0;
-  for (size_t i = 0; i < common.size(); ++i) {
-    covariance += (common.estimated[i] - mean_e) * (common.truth[i] - mean_t);
-    variance += (common.estimated[i] - mean_e) * (common.estimated[i] - mean_e);
-  }
-  if (!(variance > 0)) return std::nullopt;
-  const double scale = covariance / variance;
-  return DepthFit{scale, mean_t - scale * mean_e};
+  if (fit) fit->of_inverse = true;
+  return fit;
 }
 
-std::vector<float> ApplyFit(std::span<const float> estimated, const DepthFit& fit) {
+std::vector<float> ApplyFit(std::span<const float> estimated, const DepthFit& fit,
+                            const DepthRange& range) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
   std::vector<float> fitted(estimated.size(), 0.0F);
   for (size_t i = 0; i < estimated.size(); ++i) {
     if (!IsKnown(estimated[i])) continue;
-    const double z = fit.scale * static_cast<double>(estimated[i]) + fit.shift;
-    fitted[i] = z > 0 ? static_cast<float>(z) : 0.0F;
+    const auto e = static_cast<double>(estimated[i]);
+    double z = fit.of_inverse ? fit.scale / e + fit.shift : fit.scale * e + fit.shift;
+    if (fit.of_inverse) z = z > 0 ? 1 / z : kInfinity;
+    z = std::clamp(z, range.min, range.max);
+    fitted[i] = z > 0 && std::isfinite(z) ? static_cast<float>(z) : 0.0F;
   }
   return fitted;
 }

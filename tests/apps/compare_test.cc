@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
+#include "raylift/base/text.h"
 
 namespace raylift {
 namespace {
@@ -43,6 +44,55 @@ TEST(Compare, NamesAPlantedScaleAndWritesAllItsTables) {
   const auto json = nlohmann::json::parse(ReadFile(out / "comparison.json"));
   EXPECT_NEAR(json["sources"][1]["means"]["abs_rel"].get<double>(), 0.1, 1e-3);
   EXPECT_EQ(Lines(ReadFile(out / "images.csv")).size(), 1 + 2 * scene.references.size());
+}
+
+// Rows of papers' tables from files, as numpy makes them of the same files.
+TEST(Compare, ProtocolsAreThoseOfNumpy) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path clean = scene.folder / "clean", worse = scene.folder / "worse";
+  for (const auto& [folder, options] :
+       {std::pair(clean, Arguments{}),
+        std::pair(worse, Arguments{"--warp", "0.2", "--holes", "0.1", "--scale", "0.5"})}) {
+    ASSERT_TRUE(Succeeds(
+        RunRaylift(Arguments{"perturb", "--model", scene.model(), "--geometry",
+                             "mesh:" + scene.mesh().string(), "--format", "npy", "--out", folder} +
+                   options)));
+  }
+  const fs::path out = scene.folder / "out";
+  const CommandResult result = RunRaylift(
+      {"compare", "--model", scene.model(), "--geometry", "clean=depth:" + clean.string(),
+       "--geometry", "worse=depth:" + worse.string(), "--truth", "clean", "--protocol",
+       "metric,scale,affine-inverse", "--min-depth", "1", "--max-depth", "3.5", "--out", out});
+  ASSERT_TRUE(Succeeds(result));
+  EXPECT_THAT(result.out, ::testing::HasSubstr("protocol affine-inverse: "));
+  WriteFile(scene.folder / "rows.py", "folder = '" + scene.folder.string() + "'\n" + R"(
+import glob
+import numpy as np
+rows = []
+for path in sorted(glob.glob(folder + '/clean/**/*.npy', recursive=True)):
+    t, e = (np.load(p).astype(float).ravel() for p in (path, path.replace('/clean/', '/worse/')))
+    known = (t >= 1) & (t <= 3.5) & (e > 0)
+    t, e = t[known], e[known]
+    fit = np.polyfit(1 / e, 1 / t, 1)
+    rows.append([])
+    for z in (e, e * np.median(t) / np.median(e), 1 / np.maximum(np.polyval(fit, 1 / e), 1 / 3.5)):
+        z = np.clip(z, 1, 3.5)
+        rows[-1] += [np.mean(abs(z - t) / t), np.sqrt(np.mean((z - t) ** 2)),
+                     100 * np.mean(np.maximum(z / t, t / z) < 1.25)]
+print(' '.join(repr(float(x)) for x in np.mean(rows, axis=0)), end='')
+)");
+  const std::string printed = RunProgram("/usr/bin/python3 " + (scene.folder / "rows.py").string());
+  const auto expected = SplitTokens(printed);
+  ASSERT_EQ(expected.size(), 9u) << printed;
+  const auto means =
+      nlohmann::json::parse(ReadFile(out / "comparison.json"))["sources"][1]["means"];
+  size_t next = 0;
+  for (const std::string prefix : {"", "median_", "affine_inverse_"}) {
+    for (const std::string key : {"abs_rel", "rmse", "delta1_percent"}) {
+      const double number = *ParseDouble(expected[next++]);
+      EXPECT_NEAR(means[prefix + key].get<double>(), number, 1e-5 * number) << prefix + key;
+    }
+  }
 }
 
 TEST(Compare, LocalizesWithEverySourceOnTheSameMatches) {
@@ -197,6 +247,10 @@ TEST(Compare, BadOptionsAreTold) {
                              "mesh=mesh:" + scene.mesh().string()};
   EXPECT_TRUE(FailsWith(2, {"--truth = other", "the name of a --geometry"},
                         RunRaylift(compare + Arguments{"--truth", "other"})));
+  EXPECT_TRUE(FailsWith(2, {"--protocol = metric", "needs --truth"},
+                        RunRaylift(compare + Arguments{"--protocol", "metric"})));
+  EXPECT_TRUE(FailsWith(2, {"--max-depth = 0", "must be larger than the smallest"},
+                        RunRaylift(compare + Arguments{"--max-depth", "0"})));
   EXPECT_TRUE(FailsWith(2, {"--geometry", "mesh stands twice"},
                         RunRaylift(compare + Arguments{"--geometry", "mesh=mesh:x.ply"})));
   EXPECT_TRUE(FailsWith(2, {"go together"},

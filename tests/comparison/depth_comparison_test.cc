@@ -178,6 +178,26 @@ TEST(CompareDepth, MatchesTellScalesWithoutATruth) {
   EXPECT_NEAR(std::exp(comparison.sources[1].findings.front().amount), 1.1, 0.01);
 }
 
+// One image with a few wrong matches does not weigh as much as one with thousands.
+TEST(ComparisonTables, MatchErrorsAreOfAllMatchesTogether) {
+  SourceComparison source;
+  source.images.resize(3);
+  source.images[0].matches = MatchErrors{.count = 1000, .median_px = 1.5};
+  source.images[1].matches = MatchErrors{.count = 4, .median_px = 90};
+  source.images[2].matches = MatchErrors{.count = 0, .missing = 7};  // has no median
+  source.matches = MatchErrors{.count = 1004, .missing = 7, .median_px = 1.5};
+  const auto of = [&](std::string_view key) -> std::optional<double> {
+    for (const DepthMetric& metric : DepthMetrics()) {
+      if (metric.key == key) return ValueOfSource(source, metric);
+    }
+    throw std::logic_error("no such metric");
+  };
+  EXPECT_EQ(of("match_median_px"), 1.5);
+  EXPECT_EQ(of("match_count"), 1004);
+  source.matches->count = 0;
+  EXPECT_EQ(of("match_median_px"), std::nullopt);
+}
+
 TEST(CompareDepth, TheSameForAnyNumberOfThreads) {
   const ComparedRoom room(2);
   const Sources sources(room);

@@ -10,6 +10,7 @@
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
+#include "raylift/base/error.h"
 #include "raylift/base/rng.h"
 #include "raylift/base/text.h"
 
@@ -102,6 +103,79 @@ for value in [np.median(t) / np.median(e), scale, shift]:
   EXPECT_EQ(median->shift, 0);
   EXPECT_NEAR(affine->scale, expected[1], 1e-9);
   EXPECT_NEAR(affine->shift, expected[2], 1e-9);
+}
+
+// The evaluations of three papers, written down in numpy from their equations: Eigen et al. 2014
+// (metric, a range of depths, prediction clamped to it), Zhou et al. 2017 (ratio of the medians) and
+// Ranftl et al. 2020 (least squares of scale and shift of inverse depth; what lies beyond the cap is
+// put there), and the same of depth (Ke et al. 2024).
+TEST(DepthProtocols, AgreeWithNumpyTranscriptions) {
+  const Maps maps = RandomMaps("DepthProtocols.AgreeWithNumpyTranscriptions");
+  const DepthRange range = {1, 6};
+  const auto expected = AskNumpy(maps.estimated, maps.truth, R"(
+counted = (t >= 1) & (t <= 6)
+e, t = e[counted], t[counted]
+def metrics(z):
+    z = np.clip(z, 1, 6)
+    d = np.log(z) - np.log(t)
+    worst = np.maximum(z / t, t / z)
+    return [np.mean(np.abs(z - t) / t), np.mean((z - t) ** 2 / t), np.sqrt(np.mean((z - t) ** 2)),
+            np.sqrt(np.mean(d ** 2)), np.mean(np.abs(np.log10(z) - np.log10(t))),
+            100 * np.sqrt(np.mean(d ** 2) - np.mean(d) ** 2)] + [100 * np.mean(worst < 1.25 ** k) for k in (1, 2, 3)]
+def solved(columns, right): return columns @ np.linalg.lstsq(columns, right, rcond=None)[0]
+def inverse(disparity): return 1 / np.maximum(disparity, 1 / 6)
+one = np.ones_like(e)
+for z in [e, e * np.median(t) / np.median(e), solved(np.stack([e, one], 1), t),
+          inverse(solved(np.stack([1 / e], 1), 1 / t)), inverse(solved(np.stack([1 / e, one], 1), 1 / t))]:
+    for value in metrics(z):
+        print(repr(float(value)))
+)");
+  size_t next = 0;
+  for (const DepthProtocol protocol : AllValues<DepthProtocol>()) {
+    const auto errors = ComputeDepthErrors(maps.estimated, maps.truth, protocol, range);
+    ASSERT_TRUE(errors.has_value());
+    for (const double found : {errors->abs_rel, errors->sq_rel, errors->rmse, errors->rmse_log,
+                               errors->log10, errors->si_log, errors->delta_percent[0],
+                               errors->delta_percent[1], errors->delta_percent[2]}) {
+      // Aligned depth is kept in float.
+      ASSERT_LT(next, expected.size());
+      EXPECT_NEAR(found, expected[next], 1e-6 * (1 + std::abs(expected[next])))
+          << ToString(protocol) << " " << next % 9;
+      ++next;
+    }
+  }
+  EXPECT_EQ(next, expected.size());
+}
+
+// What MiDaS-like networks give: inverse depth up to scale and shift.
+TEST(DepthProtocols, AffineInverseForgivesScaleAndShiftOfInverseDepth) {
+  std::vector<float> truth, estimated;
+  for (int i = 0; i < 400; ++i) {
+    const double z = 1 + 0.005 * i;
+    truth.push_back(static_cast<float>(z));
+    estimated.push_back(static_cast<float>(1 / (300 / z - 60)));
+  }
+  const auto abs_rel = [&](DepthProtocol protocol) {
+    return ComputeDepthErrors(estimated, truth, protocol)->abs_rel;
+  };
+  EXPECT_NEAR(abs_rel(DepthProtocol::kAffineInverse), 0, 1e-6);
+  EXPECT_GT(abs_rel(DepthProtocol::kAffine), 0.005);
+  EXPECT_GT(abs_rel(DepthProtocol::kScale), 0.05);
+  EXPECT_GT(abs_rel(DepthProtocol::kMetric), 0.9);
+}
+
+TEST(DepthProtocols, AlignedDepthIsClampedToTheRange) {
+  const std::vector<float> depth = {0.5F, 1, 2, 4, 0};
+  const auto fitted = ApplyFit(depth, {.scale = 1, .shift = -0.4, .of_inverse = true}, {1, 9});
+  ASSERT_EQ(fitted.size(), 5u);
+  EXPECT_EQ(fitted[0], 1);  // 1 / 1.6
+  EXPECT_EQ(fitted[2], 9);  // 1 / 0.1
+  EXPECT_EQ(fitted[3], 9);  // beyond infinity
+  EXPECT_EQ(fitted[4], 0);
+  EXPECT_EQ(ApplyFit(depth, {.scale = 1, .shift = -0.4, .of_inverse = true})[3], 0);
+  EXPECT_FALSE(ComputeDepthErrors(depth, depth, DepthProtocol::kAffine, {10, 20}));
+  EXPECT_THROW((DepthRange{2, 2}.Validate()), OptionError);
+  EXPECT_THROW((DepthRange{-1, 2}.Validate()), OptionError);
 }
 
 TEST(DepthErrors, AFactorIsAllThatAWrongScaleCosts) {

@@ -4,8 +4,8 @@
 
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "raylift/comparison/depth_comparison.h"
@@ -15,18 +15,26 @@ namespace raylift {
 // A number that every image of a source has, or has not.
 struct DepthMetric {
   enum class Better { kLow, kHigh, kNeither };
-  std::string_view key;    // in CSV and JSON
-  std::string_view title;  // for readers
+  std::string key;    // in CSV and JSON
+  std::string title;  // for readers
   Better better;
   int digits;  // after the point
   std::function<std::optional<double>(const ImageComparison&)> value;
+  // Of all images together; null: the mean over the images. What counts matches counts each match
+  // once: an image with a few wrong matches must not weigh as much as one with thousands.
+  std::function<std::optional<double>(const SourceComparison&)> pooled = nullptr;
 };
 const std::vector<DepthMetric>& DepthMetrics();
 
-// One row per source, the truth marked, and one line per finding.
-std::string FormatComparisonText(const DepthComparison& comparison);
+// The metric of a source as a whole.
+std::optional<double> ValueOfSource(const SourceComparison& source, const DepthMetric& metric);
 
-// Per source: the means over the images of every metric, and what is known of a source alone.
+// One row per source, the truth marked, one line of findings each, and a table of the standard
+// metrics for each of `protocols`.
+std::string FormatComparisonText(const DepthComparison& comparison,
+                                 std::span<const DepthProtocol> protocols = {});
+
+// Per source: every metric of it as a whole, and what is known of a source alone.
 std::string FormatSourcesCsv(const DepthComparison& comparison);
 // Per source and image.
 std::string FormatImagesCsv(const DepthComparison& comparison);

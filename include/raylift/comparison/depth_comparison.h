@@ -8,6 +8,7 @@
 #include <array>
 #include <cstddef>
 #include <functional>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -52,7 +53,7 @@ struct ImageComparison {
   DepthCoverage coverage;        // of the truth, else of the image
   double quantization_step = 0;  // scene units
   // Against the truth; none where the image has none in common.
-  std::optional<DepthErrors> raw, median_fitted, affine_fitted;
+  std::map<DepthProtocol, std::optional<DepthErrors>> errors;
   std::optional<DepthDeviation> deviation;
   std::optional<EdgeErrors> edges;
   std::optional<NormalErrors> normals;
@@ -90,6 +91,7 @@ struct DepthComparisonOptions {
   int max_side_px = 640;        // maps are compared at this size
   int max_overlaps = 5;
   ConsistencyOptions consistency;
+  DepthRange range;  // of the errors against the truth; all else looks at every depth
   std::vector<double> surface_thresholds;  // scene units; empty: 1, 2 and 5 % of the median depth
   int threads = 0;
   // Sees the maps of each image once, one call per image, from several threads.

@@ -5,7 +5,11 @@
 //   AbsRel |e - t| / t     SqRel (e - t)^2 / t     MAE |e - t|     means
 //   RMSE, RMSE log         root mean squares of e - t and of d = ln e - ln t
 //   SILog                  100 sqrt(mean d^2 - (mean d)^2), KITTI's: a common factor costs nothing
+//   log10                  mean of |log10 e - log10 t| (Saxena, Sun, Ng 2009)
 //   delta k                share of max(e / t, t / e) < 1.25^k
+//
+// Papers differ in how a map may be aligned with the truth beforehand: see DepthProtocol. The mean
+// over images of an image's errors is what they print.
 //
 // Inputs are z-depths, row-major and of one size; 0 = none.
 
@@ -13,9 +17,12 @@
 
 #include <array>
 #include <cstddef>
+#include <limits>
 #include <optional>
 #include <span>
 #include <vector>
+
+#include "raylift/base/enum_names.h"
 
 namespace raylift {
 
@@ -27,6 +34,7 @@ struct DepthErrors {
   double rmse_log = 0;
   double si_log = 0;
   std::array<double, 3> delta_percent = {0, 0, 0};
+  double log10 = 0;
   double mae = 0;                  // scene units
   double median_signed_error = 0;  // e - t, scene units
 };
@@ -35,20 +43,57 @@ struct DepthErrors {
 std::optional<DepthErrors> ComputeDepthErrors(std::span<const float> estimated,
                                               std::span<const float> truth);
 
-// e becomes scale * e + shift.
+// e becomes scale * e + shift, or 1 / e becomes scale / e + shift.
 struct DepthFit {
   double scale = 1;
-  double shift = 0;
+  double shift = 0;  // scene units; of inverse depth: 1 / scene units
+  bool of_inverse = false;
 };
 enum class DepthFitKind {
-  kMedian,  // the ratio of the medians (Zhou et al. 2017)
-  kAffine,  // least squares of scale and shift (Ranftl et al. 2020)
+  kMedian,         // the ratio of the medians (Zhou et al. 2017, section 4.1)
+  kAffine,         // least squares of scale and shift, of depth (Yin et al. 2021, Ke et al. 2024)
+  kInverseScale,   // least squares of the scale, of inverse depth
+  kInverseAffine,  // of scale and shift, of inverse depth (Ranftl et al. 2020, eq. 4)
 };
 // None where too few pixels (1, or 2 different ones) are known to both.
 std::optional<DepthFit> FitDepth(std::span<const float> estimated, std::span<const float> truth,
                                  DepthFitKind kind);
-// Values that are not positive afterwards become 0.
-std::vector<float> ApplyFit(std::span<const float> estimated, const DepthFit& fit);
+
+// The depths that an evaluation looks at, scene units: truth outside does not count, and aligned
+// depth is clamped to it, as Eigen et al.'s code does (NYU: to 10 m, KITTI: 0.001 to 80 m).
+struct DepthRange {
+  double min = 0;
+  double max = std::numeric_limits<double>::infinity();
+
+  // Throws OptionError unless 0 <= min < max.
+  void Validate() const;
+  bool Contains(double z) const { return z >= min && z <= max; }
+};
+
+// Values that are not positive afterwards become the end of `range` that they lie beyond, or 0
+// where it has none. Depth beyond infinity is far: an inverse depth <= 0 becomes the largest.
+std::vector<float> ApplyFit(std::span<const float> estimated, const DepthFit& fit,
+                            const DepthRange& range = {});
+
+// How the papers of depth networks align a map with the truth, image by image.
+enum class DepthProtocol { kMetric, kScale, kAffine, kScaleInverse, kAffineInverse };
+template <>
+inline constexpr auto kEnumNames<DepthProtocol> = std::to_array<EnumName<DepthProtocol>>({
+    {DepthProtocol::kMetric, "metric", "no alignment",
+     "no alignment (Eigen et al. 2014, ZoeDepth, Metric3D)"},
+    {DepthProtocol::kScale, "scale", "ratio of the medians",
+     "ratio of the medians (Zhou et al. 2017, Monodepth2)"},
+    {DepthProtocol::kAffine, "affine", "scale and shift of depth",
+     "least squares of depth (LeReS, Marigold)"},
+    {DepthProtocol::kScaleInverse, "scale-inverse", "scale of inverse depth",
+     "least squares of inverse depth, without a shift"},
+    {DepthProtocol::kAffineInverse, "affine-inverse", "scale and shift of inverse depth",
+     "least squares of inverse depth (MiDaS, Depth Anything)"},
+});
+// None where nothing is left to compare, or nothing to align by.
+std::optional<DepthErrors> ComputeDepthErrors(std::span<const float> estimated,
+                                              std::span<const float> truth, DepthProtocol protocol,
+                                              const DepthRange& range = {});
 
 // Errors as a function of something that is known at each pixel: distance, incidence angle,
 // distance to a depth edge. Bin i covers [edges[i], edges[i + 1]); what lies outside is not

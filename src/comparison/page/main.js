@@ -12,8 +12,8 @@ function fillNavigation() {
 
 function sourceSummary() {
   const node = section("summary", "Summary", data.truth
-    ? `Errors are against ${data.truth}; means over the images. 1, 2, 3: best, second, third.`
-    : "There is no truth: sources are judged by overlapping views and by matches. 1, 2, 3: best, second, third.");
+    ? `Errors are against ${data.truth}; means over the images, medians over all matches. 1, 2, 3: best, second, third.`
+    : "There is no truth: sources are judged by overlapping views and by all matches together. 1, 2, 3: best, second, third.");
   node.append(element("div", { class: "grid" }, ...data.sources.map((source, index) =>
     element("article", { class: "panel" }, element("h3", {}, swatch(index), source.name + (source.is_truth ? " (truth)" : "")),
       source.findings.length
@@ -21,7 +21,7 @@ function sourceSummary() {
         : element("span", { class: "soft" }, source.is_truth ? "taken for the truth" : "nothing to complain of")))));
   node.append(element("p", {}));
   const wanted = ["coverage_percent", "abs_rel", "median_abs_rel", "rmse", "delta1_percent", "mae", "edge_accuracy_px",
-    "edge_completeness_px", "normal_median_deg", "consistent_2_percent", "contradicted_percent", "match_median_px", "match_within_4px_percent"];
+    "edge_completeness_px", "normal_median_deg", "consistent_2_percent", "contradicted_percent", "match_median_px", "match_count", "match_within_4px_percent"];
   const columns = data.metrics.filter((metric) => wanted.includes(metric.key) && data.sources.some((s) => s.means[metric.key] !== null));
   const rows = data.sources.map((source, index) => ({ source, index, unranked: source.is_truth }));
   node.append(sortableTable([
