@@ -13,7 +13,7 @@ namespace {
 constexpr std::string_view kCharacters = "abcdefghijklmnopqrstuvwxyz0123456789_";
 
 // Fields whose options are called otherwise; all others are called as they are, with dashes.
-constexpr std::array<std::pair<std::string_view, std::string_view>, 18> kOptionOfField = {{
+constexpr std::array<std::pair<std::string_view, std::string_view>, 20> kOptionOfField = {{
     // ImportDataset
     {"dataset", "DATASET"},
     // ConsistencyThresholds
@@ -33,9 +33,11 @@ constexpr std::array<std::pair<std::string_view, std::string_view>, 18> kOptionO
     // DepthPerturbation
     {"warp_sigma", "--warp"},
     {"flying_share", "--flying"},
+    {"smoothing_px", "--smooth"},
     {"noise_sigma", "--noise"},
     {"relative_noise_sigma", "--relative-noise"},
     {"quantization_step", "--quantize"},
+    {"quantization_bits", "--quantize-bits"},
     {"hole_share", "--holes"},
 }};
 

@@ -1,8 +1,10 @@
 // raylift perturb: depth maps in, worse depth maps out.
 
+#include <algorithm>
 #include <atomic>
 #include <cstdio>
 #include <memory>
+#include <vector>
 
 #include "commands.h"
 #include "options.h"
@@ -14,6 +16,7 @@
 #include "raylift/base/file.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/progress.h"
+#include "raylift/comparison/depth_misalignment.h"
 #include "raylift/evaluation/depth_perturbation.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/lifting/geometry_spec.h"
@@ -31,8 +34,18 @@ struct PerturbFlags {
   std::string geometry;
   std::string format = "exr";
   path out;
+  std::vector<double> rotation_deg = {0, 0, 0}, shift_px = {0, 0};
+  DepthMisalignment misalignment;  // all but these two
+  int frames = 0;
   DepthPerturbation perturbation;
   RunFlags run;
+
+  DepthMisalignment Misalignment() const {
+    DepthMisalignment all = misalignment;
+    all.rotation_deg = Eigen::Vector3d(rotation_deg.at(0), rotation_deg.at(1), rotation_deg.at(2));
+    all.shift_px = Eigen::Vector2d(shift_px.at(0), shift_px.at(1));
+    return all;
+  }
 };
 
 // The map as it is: stored maps keep their size, a surface is seen at the image's. None where there is
@@ -44,6 +57,29 @@ std::optional<DepthMap> LoadMap(const NamedGeometry& geometry, const PosedImage&
   const auto map = geometry.maps->Load(image);
   return map != nullptr ? std::optional(*map) : std::nullopt;
 }
+
+// Images in the order of their names, as of a video.
+class Frames {
+ public:
+  explicit Frames(const std::vector<PosedImage>& images) : places_(images.size()) {
+    for (const PosedImage& image : images) by_name_.push_back(&image);
+    std::stable_sort(by_name_.begin(), by_name_.end(),
+                     [](const auto* a, const auto* b) { return a->name < b->name; });
+    for (size_t place = 0; place < by_name_.size(); ++place) {
+      places_[static_cast<size_t>(by_name_[place] - images.data())] = place;
+    }
+  }
+  // Null before the first one and after the last.
+  const PosedImage* At(size_t image, int offset) const {
+    const auto place = static_cast<std::ptrdiff_t>(places_[image]) + offset;
+    if (place < 0 || place >= static_cast<std::ptrdiff_t>(by_name_.size())) return nullptr;
+    return by_name_[static_cast<size_t>(place)];
+  }
+
+ private:
+  std::vector<const PosedImage*> by_name_;
+  std::vector<size_t> places_;
+};
 
 // Where `--geometry depth:OUT` finds it without being told.
 path FileOfImage(const path& folder, const std::string& image, const std::string& format) {
@@ -66,6 +102,10 @@ void Run(const PerturbFlags& flags, const std::string& options_json) {
   flags.run.Check();
   flags.references.Check();
   flags.perturbation.Validate();
+  if (flags.rotation_deg.size() != 3) throw OptionError("--rotate: expected three numbers");
+  if (flags.shift_px.size() != 2) throw OptionError("--shift: expected two numbers");
+  const DepthMisalignment misalignment = flags.Misalignment();
+  misalignment.Validate();
   const DepthWriteOptions write_options = WriteOptionsOf(flags);
   const LoadedReferences loaded = LoadReferences(flags.references.model, flags.references.thinning);
   const std::vector<PosedImage>& images = loaded.references.images;
@@ -80,13 +120,16 @@ void Run(const PerturbFlags& flags, const std::string& options_json) {
   PrintWarnings(loaded.warnings);
   PrintWarnings(geometry.warnings);
   RequireWritable(flags.out / "perturbation.json");
+  const Frames frames(images);
   std::atomic<size_t> written{0};
   std::atomic<size_t> dropped{0};
   {
     Progress progress("maps", images.size(), flags.run.Show());
     ParallelFor(images.size(), flags.run.threads, [&](size_t i) {
-      if (const auto map = LoadMap(geometry, images[i])) {
-        const DepthMap worse = PerturbDepth(*map, flags.perturbation, images[i].name);
+      const PosedImage* seen = frames.At(i, flags.frames);
+      if (const auto map = seen != nullptr ? LoadMap(geometry, *seen) : std::nullopt) {
+        const DepthMap worse = PerturbDepth(MisalignDepth(*map, images[i].camera, misalignment),
+                                            flags.perturbation, images[i].name);
         const DepthWriteReport report = WriteDepthFile(
             FileOfImage(flags.out, images[i].name, flags.format), worse, write_options);
         dropped += report.dropped;
@@ -105,6 +148,22 @@ void Run(const PerturbFlags& flags, const std::string& options_json) {
   }
 }
 
+void AddMisalignmentOptions(CLI::App& command, PerturbFlags& flags) {
+  const std::string group = "Misalignment, before the perturbation";
+  const auto add = [&](const char* name, auto& value, const char* help) {
+    return command.add_option(name, value, help)->capture_default_str()->group(group);
+  };
+  add("--time-offset", flags.frames,
+      "Take the map of the image this many places on in the order of names");
+  add("--rotate", flags.rotation_deg,
+      "X,Y,Z: the rotation vector, in degrees, from the camera of the maps to the image's")
+      ->delimiter(',');
+  add("--shift", flags.shift_px, "X,Y: pixels by which maps lie off")->delimiter(',');
+  add("--zoom", flags.misalignment.zoom, "Factor of the focal length");
+  add("--lens", flags.misalignment.lens,
+      "k: maps show at p what the image has at c + (p - c) (1 + k (|p - c| / f)^2)");
+}
+
 void AddPerturbationOptions(CLI::App& command, DepthPerturbation& values) {
   const std::string group = "Perturbation, in the order of application";
   const auto add = [&](const char* name, auto& value, const char* help) {
@@ -112,14 +171,19 @@ void AddPerturbationOptions(CLI::App& command, DepthPerturbation& values) {
   };
   add("--scale", values.scale, "One factor for all images");
   add("--scale-sigma", values.scale_sigma, "A factor per image: standard deviation of its ln");
+  add("--offset", values.offset, "Added to the depth, scene units");
   add("--warp", values.warp_sigma, "A smooth field of factors per image: deviation of their ln");
   add("--bubbles", values.bubbles, "Smooth domes per image");
   add("--bubble-height", values.bubble_height, "Of the domes, as a share of the depth");
   add("--floaters", values.floaters, "Small blobs per image in front of the surface");
   add("--flying", values.flying_share, "Share of the pixels at depth edges that fly between");
+  add("--smooth", values.smoothing_px, "Gaussian over all surfaces: its deviation in pixels");
   add("--noise", values.noise_sigma, "Gaussian noise, scene units");
   add("--relative-noise", values.relative_noise_sigma, "Gaussian noise, as a share of the depth");
+  add("--clamp", values.clamp, "Put what is farther than this there, scene units; 0: nothing");
   add("--quantize", values.quantization_step, "Round to multiples of this, scene units");
+  add("--quantize-bits", values.quantization_bits,
+      "Keep an integer of so many bits, its largest value for the map's; 0: no");
   add("--holes", values.hole_share, "Share of the pixels to remove, in blobs");
   add("--seed", values.seed, "Seed of all random choices");
 }
@@ -142,6 +206,7 @@ Command AddPerturbCommand(CLI::App& program) {
                                fmt::join(FormatsOf(Product::kDepth), "|")))
       ->capture_default_str()
       ->group("Output");
+  AddMisalignmentOptions(*command, *flags);
   AddPerturbationOptions(*command, flags->perturbation);
   AddRunOptions(*command, flags->run);
   command->footer(

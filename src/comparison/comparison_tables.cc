@@ -260,6 +260,18 @@ Json ImageJson(const ImageComparison& image) {
   return json;
 }
 
+Json ExplanationJson(const std::optional<DepthExplanation>& explanation) {
+  if (!explanation) return {};
+  Json alike = Json::array();
+  for (const DepthFault fault : explanation->alike) alike.push_back(ToString(fault));
+  return {{"cause", explanation->cause ? Json(ToString(*explanation->cause)) : Json()},
+          {"size", explanation->size},
+          {"explained_percent", explanation->explained_percent},
+          {"alike", alike},
+          {"error", explanation->error},
+          {"noise", explanation->noise}};
+}
+
 Json SourceJson(const SourceComparison& source) {
   Json means = Json::object();
   for (const DepthMetric& metric : DepthMetrics()) {
@@ -286,6 +298,7 @@ Json SourceJson(const SourceComparison& source) {
           {"understood", source.understood},
           {"is_truth", source.is_truth},
           {"findings", findings},
+          {"explanation", ExplanationJson(source.explanation)},
           {"scale_percent", Number(PercentOf(source.traits.log_scale))},
           {"scale_spread_percent", Number(PercentOf(source.traits.log_scale_sigma))},
           {"common_scale_by_views_percent", Number(PercentOf(source.common_log_scale))},

@@ -5,6 +5,7 @@
 #include <iterator>
 #include <memory>
 
+#include "explained_views.h"
 #include "image_comparison.h"
 #include "match_errors.h"
 #include "surface_scorer.h"
@@ -75,7 +76,10 @@ class Comparer {
       FinishConsistency(result.sources[s]);
       if (surfaces_ && s != *options_.truth) result.sources[s].surface = surfaces_->Score(s);
     }
-    for (SourceComparison& source : result.sources) Judge(source);
+    for (size_t s = 0; s < sources_.size(); ++s) {
+      Judge(result.sources[s]);
+      if (options_.truth && s != *options_.truth) Explain(*sources_[s].source, result.sources[s]);
+    }
     return result;
   }
 
@@ -227,6 +231,14 @@ class Comparer {
     const auto sharpness =
         MeanOverImages(source, of_deviation(&DepthDeviation::edges_per_pixel_in_front));
     traits.front_is_smooth = sharpness && *sharpness < kSmoothFront;
+  }
+
+  void Explain(const GeometrySource& geometry, SourceComparison& source) const {
+    const GeometrySource& truth = *sources_[*options_.truth].source;
+    source.explanation =
+        ExplainDepthErrors(ViewsToExplain(geometry, truth, views_, options_.threads),
+                           source.traits.noise_sigma.value_or(0), options_.threads);
+    if (source.explanation) AddExplanation(*source.explanation, source.findings);
   }
 
   // Images together see more different depths than one.

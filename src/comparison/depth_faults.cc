@@ -165,6 +165,19 @@ std::string Describe(DepthFault fault, double value) {
       return fmt::format("quantization: steps of {:.2f} % of the depth", 100 * value);
     case DepthFault::kHoles:
       return fmt::format("holes: {:.1f} % of the scene is missing", value);
+    case DepthFault::kShift:
+    case DepthFault::kZoom:
+    case DepthFault::kLens:
+    case DepthFault::kRotation:
+    case DepthFault::kDisplacement:
+    case DepthFault::kTimeOffset:
+    case DepthFault::kOffset:
+    case DepthFault::kAffine:
+    case DepthFault::kInverseOffset:
+    case DepthFault::kClamp:
+    case DepthFault::kSmoothing:
+    case DepthFault::kUnexplained:
+      break;  // an explanation has its own words
   }
   return {};
 }

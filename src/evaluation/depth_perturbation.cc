@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <string>
+#include <vector>
 
 #include "raylift/base/error.h"
 #include "raylift/base/option_checks.h"
@@ -32,11 +34,14 @@ class Perturber {
 
   DepthMap Run() {
     Scale();
+    Add();
     Warp();
     Bubbles();
     Floaters();
     FlyingPixels();
+    if (options_.smoothing_px > 0) map_ = SmoothDepth(map_, options_.smoothing_px);
     Noise();
+    Clamp();
     Quantize();
     Holes();
     return std::move(map_);
@@ -96,6 +101,11 @@ class Perturber {
     Rng rng = Stream("scale");
     const double factor = options_.scale * std::exp(options_.scale_sigma * rng.Normal());
     ForEachDepth([factor](int, int, double z) { return factor * z; });
+  }
+
+  void Add() {
+    if (options_.offset == 0) return;
+    ForEachDepth([this](int, int, double z) { return z + options_.offset; });
   }
 
   // Between the nodes by cubic smoothing: no edge appears.
@@ -176,9 +186,19 @@ class Perturber {
   }
 
   void Quantize() {
-    const double step = options_.quantization_step;
+    RoundTo(options_.quantization_step);
+    if (options_.quantization_bits == 0 || map_.z.empty()) return;
+    const auto largest = static_cast<double>(*std::max_element(map_.z.begin(), map_.z.end()));
+    RoundTo(largest / (std::exp2(options_.quantization_bits) - 1));
+  }
+  void RoundTo(double step) {
     if (step == 0) return;
     ForEachDepth([step](int, int, double z) { return step * std::round(z / step); });
+  }
+
+  void Clamp() {
+    if (options_.clamp == 0) return;
+    ForEachDepth([this](int, int, double z) { return std::min(z, options_.clamp); });
   }
 
   void Holes() {
@@ -214,15 +234,61 @@ void RequireShare(double value, std::string_view name) {
 void DepthPerturbation::Validate() const {
   RequirePositive("scale", scale);
   RequireAtLeast("scale_sigma", scale_sigma, 0);
+  if (!std::isfinite(offset)) throw OptionError("offset", FormatDouble(offset), "must be finite");
   RequireAtLeast("warp_sigma", warp_sigma, 0);
   RequireAtLeast("bubbles", bubbles, 0);
   RequireShare(bubble_height, "bubble_height");
   RequireAtLeast("floaters", floaters, 0);
   RequireShare(flying_share, "flying_share");
+  RequireAtLeast("smoothing_px", smoothing_px, 0);
   RequireAtLeast("noise_sigma", noise_sigma, 0);
   RequireAtLeast("relative_noise_sigma", relative_noise_sigma, 0);
+  RequireAtLeast("clamp", clamp, 0);
   RequireAtLeast("quantization_step", quantization_step, 0);
+  if (quantization_bits < 0 || quantization_bits > 16) {
+    throw OptionError("quantization_bits", std::to_string(quantization_bits),
+                      "must be between 1 and 16, or 0 for none");
+  }
   RequireShare(hole_share, "hole_share");
+}
+
+DepthMap SmoothDepth(const DepthMap& map, double sigma_px) {
+  RAYLIFT_CHECK(sigma_px > 0);
+  const int reach = static_cast<int>(std::ceil(3 * sigma_px));
+  std::vector<double> weights;
+  for (int d = -reach; d <= reach; ++d)
+    weights.push_back(std::exp(-0.5 * d * d / sigma_px / sigma_px));
+  const int width = map.width_px, height = map.height_px;
+  const auto index = [width](int x, int y) {
+    return static_cast<size_t>(y) * static_cast<size_t>(width) + static_cast<size_t>(x);
+  };
+  // Sums of weighted depths and of weights, along rows and then along columns.
+  std::vector<double> sums(map.z.size(), 0.0), totals(map.z.size(), 0.0);
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      for (int u = std::max(0, x - reach); u <= std::min(width - 1, x + reach); ++u) {
+        const auto z = static_cast<double>(map.At(u, y));
+        if (!(z > 0)) continue;
+        const double weight = weights[static_cast<size_t>(u - x + reach)];
+        sums[index(x, y)] += weight * z;
+        totals[index(x, y)] += weight;
+      }
+    }
+  }
+  DepthMap smooth = map;
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      if (!(map.At(x, y) > 0)) continue;
+      double sum = 0, total = 0;
+      for (int v = std::max(0, y - reach); v <= std::min(height - 1, y + reach); ++v) {
+        const double weight = weights[static_cast<size_t>(v - y + reach)];
+        sum += weight * sums[index(x, v)];
+        total += weight * totals[index(x, v)];
+      }
+      smooth.z[index(x, y)] = static_cast<float>(sum / total);
+    }
+  }
+  return smooth;
 }
 
 DepthMap PerturbDepth(const DepthMap& map, const DepthPerturbation& perturbation,

@@ -1,5 +1,6 @@
 #include <map>
 #include <set>
+#include <tuple>
 
 #include "job_runs.h"
 #include "program.h"
@@ -44,6 +45,33 @@ TEST(Compare, NamesAPlantedScaleAndWritesAllItsTables) {
   const auto json = nlohmann::json::parse(ReadFile(out / "comparison.json"));
   EXPECT_NEAR(json["sources"][1]["means"]["abs_rel"].get<double>(), 0.1, 1e-3);
   EXPECT_EQ(Lines(ReadFile(out / "images.csv")).size(), 1 + 2 * scene.references.size());
+}
+
+// What perturb misaligns compare names, with its size.
+TEST(Compare, NamesPlantedMisalignments) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const std::string mesh = "mesh:" + scene.mesh().string();
+  const std::vector<std::tuple<std::string, Arguments, std::string>> planted = {
+      {"shift", {"--shift", "3,0"}, "shift: shift: maps lie 3.0, 0.0 px off"},
+      {"zoom", {"--zoom", "1.03"}, "zoom: zoom: the focal length is 3.0 % too long"},
+      {"rotation", {"--rotate", "0,1.5,0"}, "rotation: rotation: maps are turned by 0.0"},
+      {"offset", {"--offset", "0.1"}, "offset: offset: depth is 0.1 units too large"},
+      {"smooth", {"--smooth", "3"}, "smooth: smoothing: by 3.0 px"},
+      {"bits", {"--quantize-bits", "6"}, ", 6.0 bits"},
+      {"good", {}, "good: nothing to complain of"}};
+  Arguments compare = {"compare", "--model", scene.model(), "--geometry", "mesh=" + mesh,
+                       "--truth", "mesh",    "--overlaps",  "0"};
+  for (const auto& [name, options, text] : planted) {
+    ASSERT_TRUE(Succeeds(RunRaylift(Arguments{"perturb", "--model", scene.model(), "--geometry",
+                                              mesh, "--out", scene.folder / name, "--quiet"} +
+                                    options)));
+    compare = compare + Arguments{"--geometry", name + "=depth:" + (scene.folder / name).string()};
+  }
+  const CommandResult result = RunRaylift(compare);
+  ASSERT_TRUE(Succeeds(result));
+  for (const auto& [name, options, text] : planted) {
+    EXPECT_THAT(result.out, ::testing::HasSubstr(text)) << name;
+  }
 }
 
 // Rows of papers' tables from files, as numpy makes them of the same files.

@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include "program.h"
 #include "support/test_data.h"
 
@@ -51,11 +53,42 @@ TEST(Perturb, TheSameBytesForAnyNumberOfThreads) {
   }
 }
 
+// A map three pixels off, and that of the next image.
+TEST(Perturb, ShiftsMapsAndTakesThoseOfOtherFrames) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path clean = scene.folder / "clean", off = scene.folder / "off",
+                 late = scene.folder / "late";
+  ASSERT_TRUE(Succeeds(RunRaylift(Perturb(scene, clean))));
+  ASSERT_TRUE(Succeeds(RunRaylift(Perturb(scene, off) + Arguments{"--shift", "3,-1"})));
+  ASSERT_TRUE(Succeeds(RunRaylift(Perturb(scene, late) + Arguments{"--time-offset", "1"})));
+  std::vector<std::string> names;
+  for (const PosedImage& reference : scene.references) {
+    names.push_back(fs::path(reference.name).replace_extension(".exr"));
+  }
+  std::sort(names.begin(), names.end());
+  const auto before = ReadDepthFile(clean / names[0]), after = ReadDepthFile(off / names[0]);
+  const auto at = [&](const auto& map, int x, int y) {
+    return map.values[static_cast<size_t>(y) * static_cast<size_t>(map.width_px) +
+                      static_cast<size_t>(x)];
+  };
+  for (int y = 10; y < 50; y += 7) {
+    for (int x = 10; x < 50; ++x) EXPECT_NEAR(at(after, x + 3, y - 1), at(before, x, y), 1e-5);
+  }
+  EXPECT_EQ(ReadFile(late / names[0]), ReadFile(clean / names[1]));
+  EXPECT_FALSE(fs::exists(late / names.back()));
+}
+
 TEST(Perturb, BadOptionsAreTold) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const fs::path out = scene.folder / "out";
   EXPECT_TRUE(
       FailsWith(2, {"--noise = -1"}, RunRaylift(Perturb(scene, out) + Arguments{"--noise", "-1"})));
+  EXPECT_TRUE(
+      FailsWith(2, {"--zoom = 0"}, RunRaylift(Perturb(scene, out) + Arguments{"--zoom", "0"})));
+  EXPECT_TRUE(
+      FailsWith(2, {"--rotate"}, RunRaylift(Perturb(scene, out) + Arguments{"--rotate", "1,2"})));
+  EXPECT_TRUE(FailsWith(2, {"--quantize-bits = 40", "between 1 and 16"},
+                        RunRaylift(Perturb(scene, out) + Arguments{"--quantize-bits", "40"})));
   EXPECT_TRUE(FailsWith(2, {"--format = gif"},
                         RunRaylift(Perturb(scene, out) + Arguments{"--format", "gif"})));
   EXPECT_FALSE(fs::exists(out));

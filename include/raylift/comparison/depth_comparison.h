@@ -14,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "raylift/comparison/depth_explanation.h"
 #include "raylift/comparison/depth_faults.h"
 #include "raylift/comparison/source_view.h"
 #include "raylift/comparison/view_consistency.h"
@@ -77,6 +78,7 @@ struct SourceComparison {
   std::optional<double> match_warp_sigma;  // by matches
   std::optional<MatchErrors> matches;      // of all images
   SourceTraits traits;
+  std::optional<DepthExplanation> explanation;  // against the truth
   std::vector<Finding> findings;
 };
 

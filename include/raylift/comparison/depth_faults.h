@@ -10,6 +10,9 @@
 //   bubbles          the same, but smooth
 //   quantization     few different values of depth
 //   holes            the truth has depth where the source has none
+//
+// A cause that explains most of the errors together (depth_explanation.h) stands for those of its
+// traces: a map that is turned is neither warped nor bad at edges.
 
 #pragma once
 
@@ -66,6 +69,19 @@ enum class DepthFault {
   kBubbles,
   kQuantization,
   kHoles,
+  // Of all that is wrong, by trying (depth_explanation.h):
+  kShift,
+  kZoom,
+  kLens,
+  kRotation,
+  kDisplacement,
+  kTimeOffset,
+  kOffset,
+  kAffine,
+  kInverseOffset,
+  kClamp,
+  kSmoothing,
+  kUnexplained,
 };
 template <>
 inline constexpr auto kEnumNames<DepthFault> = std::to_array<EnumName<DepthFault>>({
@@ -80,6 +96,18 @@ inline constexpr auto kEnumNames<DepthFault> = std::to_array<EnumName<DepthFault
     {DepthFault::kBubbles, "bubbles"},
     {DepthFault::kQuantization, "quantization"},
     {DepthFault::kHoles, "holes"},
+    {DepthFault::kShift, "shift"},
+    {DepthFault::kZoom, "zoom"},
+    {DepthFault::kLens, "lens"},
+    {DepthFault::kRotation, "rotation"},
+    {DepthFault::kDisplacement, "displacement"},
+    {DepthFault::kTimeOffset, "time offset"},
+    {DepthFault::kOffset, "offset"},
+    {DepthFault::kAffine, "affine"},
+    {DepthFault::kInverseOffset, "inverse offset"},
+    {DepthFault::kClamp, "clamp"},
+    {DepthFault::kSmoothing, "smoothing"},
+    {DepthFault::kUnexplained, "not explained"},
 });
 
 struct Finding {

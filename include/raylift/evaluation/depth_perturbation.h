@@ -16,20 +16,28 @@ namespace raylift {
 struct DepthPerturbation {
   double scale = 1;           // one factor for all images
   double scale_sigma = 0;     // ln of a factor per image
+  double offset = 0;          // scene units, added
   double warp_sigma = 0;      // ln of a smooth field's factors, nodes of a 5 x 4 grid
   int bubbles = 0;            // per image: smooth domes towards the camera (Poisson meshing)
   double bubble_height = .2;  // of a bubble, relative to the depth
   int floaters = 0;           // per image: small blobs in front of the surface (over-fitted NeRFs)
   double flying_share = 0;    // of the pixels at depth edges: moved between the two surfaces
+  double smoothing_px = 0;    // standard deviation of a Gaussian over all surfaces
   double noise_sigma = 0;     // scene units, per pixel
   double relative_noise_sigma = 0;  // times the depth, per pixel
+  double clamp = 0;                 // scene units: what is farther is put there
   double quantization_step = 0;     // scene units
+  int quantization_bits = 0;        // of an integer whose largest value is the map's
   double hole_share = 0;            // of the pixels, in blobs
   uint64_t seed = 0;
 
   // Throws OptionError for a value out of its range.
   void Validate() const;
 };
+
+// The mean of the known depths by weights of a Gaussian of `sigma_px`, up to three of it away; holes
+// stay holes.
+DepthMap SmoothDepth(const DepthMap& map, double sigma_px);
 
 DepthMap PerturbDepth(const DepthMap& map, const DepthPerturbation& perturbation,
                       std::string_view image_name);

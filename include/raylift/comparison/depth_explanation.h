@@ -1,0 +1,73 @@
+// Why maps of depth differ from the truth: one cause and its size, found by trying. Each cause
+// predicts what an estimated map e would be of the true map t,
+//
+//   shift, zoom, lens        e(p) = t(w(p)), w a motion of pixels
+//   rotation, displacement,  e is what a camera sees that is turned, moved, or where the images of
+//   time offset              a neighbouring frame were taken
+//   factor, offset, affine,  e = a t, t + b, a t + b; 1 / e = a / t + b; e = min(t, c) or max(t, c);
+//   inverse offset, clamp    e in steps; e = t after a Gaussian
+//   quantization, smoothing
+//
+// and its parameters are those with the least mean |r|, r = ln(e / predicted), over half of the
+// blocks of pixels of all views together. The other half judges: a cause is named if it explains
+// more than half of what is beyond noise, surely (by three standard errors over blocks), and every
+// other cause surely explains less, by a tenth or more of what is left. Where two explain alike, as a rotation
+// and a shift do where all is one plane, neither is named. Errors of which no one cause explains
+// half are not explained.
+
+#pragma once
+
+#include <array>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raylift/comparison/depth_faults.h"
+#include "raylift/geometry/camera.h"
+#include "raylift/geometry/rigid3.h"
+#include "raylift/scene/depth_map.h"
+
+namespace raylift {
+
+// Time offsets are looked for within so many frames.
+inline constexpr int kMaxFrames = 3;
+
+struct ExplainedView {
+  Camera camera;              // of both maps' size
+  DepthMap estimated, truth;  // z-depth
+  // The cameras of the frames from kMaxFrames before to kMaxFrames after; the middle one is itself.
+  std::array<std::optional<Rigid3>, 2 * kMaxFrames + 1> frames_from_cam;
+};
+
+struct DepthExplanation {
+  // The mean |ln(estimated / true)| of the judged pixels, and of that what noise makes.
+  double error = 0;
+  double noise = 0;
+  // That can be told from noise, with any cause or none.
+  bool is_beyond_noise = false;
+  // kScale: a factor of its own for each view does it, which other measures know more of.
+  std::optional<DepthFault> cause;
+  // Shift: x, y in pixels by which the map lies off. Rotation: the vector in degrees, displacement:
+  // scene units, of cam_from_map_camera. Zoom: the map's focal length over the true one. Lens: k in
+  // w(p) = c + (p - c) (1 + k (|p - c| / f)^2). Time offset: frames. Offset: b, scene units. Affine,
+  // inverse offset: medians of a and b over the views. Clamp: c. Quantization: step (scene units, or
+  // of inverse depth: 1 / scene units) and bits of the largest value. Smoothing: standard deviation
+  // in pixels.
+  std::vector<double> size;
+  double explained_percent = 0;   // of what is beyond noise
+  std::vector<DepthFault> alike;  // the best causes where they explain it alike; none is named
+  std::string text;               // "shift: maps lie 2.0, -1.0 px off"
+  double severity = 0;            // in units of the least that is worth a word
+};
+
+// `noise_sigma` is the standard deviation of the noise of ln(estimated / true) from pixel to pixel.
+// None where there is too little to judge by, and for panoramas. The same for any `threads`.
+std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView> views,
+                                                   double noise_sigma, int threads);
+
+// Puts a cause that was found before all else, in place of the traces that it leaves; says where
+// there is none although errors are no less than what noise needs to be named.
+void AddExplanation(const DepthExplanation& explanation, std::vector<Finding>& findings);
+
+}  // namespace raylift
