@@ -236,7 +236,7 @@ class Comparer {
   void Explain(const GeometrySource& geometry, SourceComparison& source) const {
     const GeometrySource& truth = *sources_[*options_.truth].source;
     source.explanation =
-        ExplainDepthErrors(ViewsToExplain(geometry, truth, views_, options_.threads),
+        ExplainDepthErrors(ViewsToExplain(geometry, truth, images_, options_.threads),
                            source.traits.noise_sigma.value_or(0), options_.threads);
     if (source.explanation) AddExplanation(*source.explanation, source.findings);
   }

@@ -226,6 +226,7 @@ class Fitter {
         return sample.pixel - by;
       });
     });
+    for (double& size : fitted->size) size *= views_.front().image_px;
     return fitted;
   }
 
@@ -482,7 +483,7 @@ class Fitter {
     });
     const double sigma_px = std::exp2(found[0]);
     return Fitted{DepthFault::kSmoothing,
-                  {sigma_px},
+                  {sigma_px * views_.front().image_px},
                   sigma_px / kLeastSmoothingPx,
                   model(smoothed(sigma_px))};
   }

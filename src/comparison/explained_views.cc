@@ -11,6 +11,8 @@ namespace {
 
 // A misalignment is one for all images: a few tell it as well as all.
 constexpr size_t kMaxViews = 8;
+// Larger than what is compared else: steps of values show at a map's own pixels alone, not between.
+constexpr int kMaxSidePx = 1024;
 
 }  // namespace
 
@@ -25,9 +27,11 @@ std::vector<ExplainedView> ViewsToExplain(const GeometrySource& source, const Ge
   ParallelFor(count, threads, [&](size_t k) {
     // The middles of equal parts.
     const size_t place = (2 * k + 1) * images.size() / (2 * count);
-    const PosedImage& image = images[by_name[place]];
+    const PosedImage& original = images[by_name[place]];
+    const PosedImage image = ShrunkTo(original, kMaxSidePx);
     ExplainedView& view = views[k];
     view.camera = image.camera;
+    view.image_px = static_cast<double>(original.camera.width_px()) / image.camera.width_px();
     view.estimated = LookThrough(source, image).depth;
     view.truth = LookThrough(truth, image).depth;
     for (int offset = -kMaxFrames; offset <= kMaxFrames; ++offset) {

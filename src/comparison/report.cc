@@ -157,6 +157,8 @@ std::string FormatReport(const DepthComparison& comparison,
   data["metrics"] = MetricsJson();
   data["depth_range"] = {taken.near, taken.far};
   data["full_error"] = kFullError;
+  data["depth_colors"] = DepthColors();
+  data["error_colors"] = ErrorColors();
   data["tile_width"] = options.thumbnail_width_px;
   SceneJson scene;
   for (const auto& [index, strip] : taken.strips) {

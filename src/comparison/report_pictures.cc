@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include <fmt/format.h>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -34,6 +35,10 @@ Color Sequential(double t) {
   return Mix(kSequential[i], kSequential[i + 1], place - static_cast<double>(i));
 }
 
+std::string CssColor(const Color& color) {
+  return fmt::format("rgb({},{},{})", color[0], color[1], color[2]);
+}
+
 template <typename Function>
 Image Paint(const DepthMap& map, Function color_at) {
   Image image{map.width_px, map.height_px, 3, {}};
@@ -47,6 +52,16 @@ Image Paint(const DepthMap& map, Function color_at) {
 }
 
 }  // namespace
+
+std::vector<std::string> DepthColors() {
+  std::vector<std::string> colors;
+  for (const Color& color : kSequential) colors.push_back(CssColor(color));
+  return colors;
+}
+
+std::vector<std::string> ErrorColors() {
+  return {CssColor(kTooNear), CssColor(kRight), CssColor(kTooFar)};
+}
 
 Image ColorizeDepth(const DepthMap& map, double near, double far) {
   const double log_near = std::log(near), log_range = std::log(std::max(far, near * 1.01) / near);

@@ -18,6 +18,10 @@ Image ColorizeDepth(const DepthMap& map, double near, double far);
 // where it is right, full colour from `full` on; grey where one of them is unknown.
 Image ColorizeError(const DepthMap& estimated, const DepthMap& truth, double full);
 
+// The colours of the two, evenly spread over their ranges, as style sheets write them.
+std::vector<std::string> DepthColors();
+std::vector<std::string> ErrorColors();
+
 // Counts of ln(estimated / true) in `bins` equal bins over [-full, full]; the ends hold the rest.
 std::vector<int> ErrorHistogram(const DepthMap& estimated, const DepthMap& truth, double full,
                                 int bins);

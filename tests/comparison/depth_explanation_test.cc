@@ -244,7 +244,7 @@ TEST(DepthExplanation, OnAPlaneNothingIsNamedThatCouldBeAnother) {
     return map;
   };
   std::vector<ExplainedView> views;
-  for (int i = 0; i < 3; ++i) views.push_back({Pinhole(), plane(6), plane(0), {}});
+  for (int i = 0; i < 3; ++i) views.push_back({Pinhole(), plane(6), plane(0), 1, {}});
   const auto found = ExplainDepthErrors(views, 0, 0);
   ASSERT_TRUE(found.has_value());
   EXPECT_EQ(found->cause, std::nullopt) << found->text;

@@ -36,6 +36,7 @@ inline constexpr int kMaxFrames = 3;
 struct ExplainedView {
   Camera camera;              // of both maps' size
   DepthMap estimated, truth;  // z-depth
+  double image_px = 1;        // of the image, that a pixel of the maps is wide
   // The cameras of the frames from kMaxFrames before to kMaxFrames after; the middle one is itself.
   std::array<std::optional<Rigid3>, 2 * kMaxFrames + 1> frames_from_cam;
 };
@@ -48,12 +49,12 @@ struct DepthExplanation {
   bool is_beyond_noise = false;
   // kScale: a factor of its own for each view does it, which other measures know more of.
   std::optional<DepthFault> cause;
-  // Shift: x, y in pixels by which the map lies off. Rotation: the vector in degrees, displacement:
+  // Shift: x, y in pixels of the image by which the map lies off. Rotation: the vector in degrees, displacement:
   // scene units, of cam_from_map_camera. Zoom: the map's focal length over the true one. Lens: k in
   // w(p) = c + (p - c) (1 + k (|p - c| / f)^2). Time offset: frames. Offset: b, scene units. Affine,
   // inverse offset: medians of a and b over the views. Clamp: c. Quantization: step (scene units, or
   // of inverse depth: 1 / scene units) and bits of the largest value. Smoothing: standard deviation
-  // in pixels.
+  // in pixels of the image.
   std::vector<double> size;
   double explained_percent = 0;   // of what is beyond noise
   std::vector<DepthFault> alike;  // the best causes where they explain it alike; none is named

@@ -10,14 +10,62 @@ function fillNavigation() {
     element("a", { href: `#${node.id}` }, node.querySelector("h2").textContent)));
 }
 
+// What an error is measured in belongs to its column's title.
+function titleOf(metric) {
+  return /(^|_)(sq_rel|rmse|mae|median_signed_error|median_depth)$/.test(metric.key) ? `${metric.title}, units` : metric.title;
+}
+
+// Sources by what they do to localization: the best row of each by its recalls and then its median
+// position error; where nothing was localized, by their matches, and else by their errors.
+function rankSources() {
+  const sources = data.sources.map((source, index) => ({ source, index }));
+  const compare = (a, b) => {
+    for (let i = 0; i < a.length; ++i) if (a[i] !== b[i]) return a[i] - b[i];
+    return 0;
+  };
+  let by = "";
+  let keyOf = null;
+  const rows = (data.rows || []).filter((row) => !row.uses_ground_truth);
+  const best = sources.map(({ source }) => rows.filter((row) => row.geometry === source.name)
+    .map((row) => [...row.recalls.map((recall) => -recall.percent), row.median_position === null ? Infinity : row.median_position]).sort(compare)[0]);
+  const known = (key) => sources.filter(({ source }) => source.means[key] !== null).length > 1;
+  if (best.filter(Boolean).length > 1) {
+    by = "localization";
+    keyOf = ({ index }) => best[index];
+  } else if (known("match_median_px")) {
+    by = "match error";
+    keyOf = ({ source }) => source.means.match_median_px === null ? null : [source.means.match_median_px];
+  } else if (known("abs_rel")) {
+    by = "AbsRel";
+    keyOf = ({ source }) => source.means.abs_rel === null ? null : [source.means.abs_rel];
+  }
+  const ranked = keyOf ? sources.filter(keyOf).sort((a, b) => compare(keyOf(a), keyOf(b))) : [];
+  const places = new Map();
+  ranked.forEach((entry, place) => {
+    const isTie = place > 0 && compare(keyOf(entry), keyOf(ranked[place - 1])) === 0;
+    places.set(entry.index, isTie ? places.get(ranked[place - 1].index) : place + 1);
+  });
+  const rest = sources.filter(({ index }) => !places.has(index));
+  return { by, places, count: ranked.length, worstFirst: [...ranked.reverse(), ...rest] };
+}
+
+// How much a finding is beyond the least that is worth a word, by length, the gravest at the top.
+function findingList(findings) {
+  const gravest = Math.max(...findings.map((finding) => finding.severity));
+  return element("ol", { class: "findings" }, ...findings.map((finding) => element("li", {}, finding.text,
+    element("i", { style: `width:${Math.max(3, (100 * finding.severity) / gravest)}%`, title: `${number(finding.severity)} times the least that is worth a word` }))));
+}
+
 function sourceSummary() {
   const node = section("summary", "Summary", data.truth
     ? `Errors are against ${data.truth}; means over the images, medians over all matches. 1, 2, 3: best, second, third.`
     : "There is no truth: sources are judged by overlapping views and by all matches together. 1, 2, 3: best, second, third.");
-  node.append(element("div", { class: "grid" }, ...data.sources.map((source, index) =>
+  const ranks = rankSources();
+  node.append(element("div", { class: "grid" }, ...ranks.worstFirst.map(({ source, index }) =>
     element("article", { class: "panel" }, element("h3", {}, swatch(index), source.name + (source.is_truth ? " (truth)" : "")),
+      ranks.places.has(index) ? element("p", { class: "soft" }, `place ${ranks.places.get(index)} of ${ranks.count} by ${ranks.by}`) : null,
       source.findings.length
-        ? element("ul", {}, ...source.findings.map((finding) => element("li", {}, finding.text)))
+        ? findingList(source.findings)
         : element("span", { class: "soft" }, source.is_truth ? "taken for the truth" : "nothing to complain of")))));
   node.append(element("p", {}));
   const wanted = ["coverage_percent", "abs_rel", "median_abs_rel", "rmse", "delta1_percent", "mae", "edge_accuracy_px",
@@ -27,7 +75,7 @@ function sourceSummary() {
   node.append(sortableTable([
     { title: "source", value: (row) => row.source.name, better: "neither",
       node: (row) => element("span", {}, swatch(row.index), row.source.name) },
-    ...columns.map((metric) => ({ title: metric.title, better: metric.better,
+    ...columns.map((metric) => ({ title: titleOf(metric), better: metric.better,
       value: (row) => row.source.means[metric.key], text: (row) => number(row.source.means[metric.key], metric.digits) })),
   ], rows, { medals: true }));
   const scored = data.sources.filter((source) => source.surface.length);
@@ -35,7 +83,7 @@ function sourceSummary() {
     node.append(element("p", {}), element("h3", {}, "Surfaces against the mesh, % within a distance"), sortableTable([
       { title: "source", value: (s) => s.name },
       ...scored[0].surface.flatMap((score, k) => ["accuracy", "completeness", "f"].map((what) => ({
-        title: `${what === "f" ? "F" : what} ${number(score.threshold)}`, better: "high",
+        title: `${what === "f" ? "F" : what} % within ${number(score.threshold)} units`, better: "high",
         value: (s) => s.surface[k][`${what}_percent`], text: (s) => number(s.surface[k][`${what}_percent`], 1) }))),
     ], scored, { medals: true }));
   }
@@ -157,8 +205,16 @@ function querySection(rows) {
   draw();
 }
 
+// How bad an image of a source is, by the first of these that it has.
+function badness(image) {
+  for (const key of ["abs_rel", "match_median_px", "contradicted_percent"]) {
+    if (image[key] !== null && image[key] !== undefined) return image[key];
+  }
+  return -1;
+}
+
 function imageSection() {
-  const node = section("images", "Image by image", "Click a column's title to sort.");
+  const node = section("images", "Image by image", "The worst first. Click a column's title to sort.");
   const keys = ["coverage_percent", "abs_rel", "median_abs_rel", "scale_error_percent", "warp_percent", "edge_accuracy_px",
     "consistent_2_percent", "contradicted_percent", "relative_scale_percent", "match_median_px", "match_scale_percent"];
   const metrics = data.metrics.filter((metric) => keys.includes(metric.key)
@@ -166,20 +222,35 @@ function imageSection() {
   const place = element("div");
   const draw = (index) => place.replaceChildren(sortableTable([
     { title: "image", value: (row) => row.image },
-    ...metrics.map((metric) => ({ title: metric.title, better: metric.better, value: (row) => row[metric.key],
+    ...metrics.map((metric) => ({ title: titleOf(metric), better: metric.better, value: (row) => row[metric.key],
       text: (row) => number(row[metric.key], metric.digits) })),
-  ], [...data.sources[index].images], { tall: true }));
+  ], [...data.sources[index].images].sort((a, b) => badness(b) - badness(a)), { tall: true }));
   const first = data.sources.length > 1 && data.sources[0].is_truth ? 1 : 0;
   node.append(element("div", { class: "controls" }, choice("source", data.sources.map((source) => source.name), draw, first)), place);
   draw(first);
 }
 
+function colorKey(name, colors, from, to) {
+  return element("div", { class: "key" }, element("span", {}, `${name}: ${from}`),
+    element("div", { class: "bar", role: "img", "aria-label": `colours of ${name}`, style: `background:linear-gradient(90deg,${colors.join(",")})` }),
+    element("span", {}, to));
+}
+
 function stripSection() {
   if (!data.strips || data.strips.length === 0) return;
   const node = section("strips", "Depth side by side",
-    `One colour scale of depth for all: dark is ${number(data.depth_range[0])}, yellow ${number(data.depth_range[1])}; grey is a hole.`
-    + (data.truth ? ` Errors: blue is too near, orange too far, full colour at ${number(100 * data.full_error, 0)} %; histograms cover the same range.` : ""));
-  for (const strip of data.strips) {
+    "The image with the worst source first. One colour scale of depth for all, grey is a hole."
+    + (data.truth ? " Histograms cover the range of the errors' colours." : ""));
+  const full = number(100 * data.full_error, 0);
+  node.append(element("div", { class: "keys" },
+    colorKey("depth", data.depth_colors, number(data.depth_range[0]), `${number(data.depth_range[1])} units (log)`),
+    data.truth ? colorKey("error", data.error_colors, `${full} % too near`, `${full} % too far`) : null));
+  const worst = new Map();
+  for (const source of data.sources) {
+    if (source.is_truth) continue;
+    for (const image of source.images) worst.set(image.image, Math.max(worst.get(image.image) ?? -1, badness(image)));
+  }
+  for (const strip of [...data.strips].sort((a, b) => (worst.get(b.image) ?? -1) - (worst.get(a.image) ?? -1))) {
     const tile = (uri, caption, extra) => element("figure", { style: `width:${data.tile_width}px` },
       element("img", { src: uri, width: data.tile_width, loading: "lazy", alt: caption }), extra || null, element("figcaption", {}, caption));
     node.append(element("article", { class: "panel strip" }, element("h3", {}, strip.image),
