@@ -1,5 +1,6 @@
 #include "estimation/support.h"
 
+#include <map>
 #include <vector>
 
 #include "support/coherent_problem.h"
@@ -29,6 +30,22 @@ void Shuffle(PoseProblem& problem, Rng& rng) {
     std::swap(problem.matches_2d3d[i - 1].query_px, problem.matches_2d3d[j].query_px);
     std::swap(problem.matches_2d3d[i - 1].query_keypoint, problem.matches_2d3d[j].query_keypoint);
   }
+}
+
+// All that each keypoint is matched with is given to the next one: no match is right.
+void Rotate(PoseProblem& problem) {
+  std::map<int, Eigen::Vector2d> pixels;
+  for (const Match2D2D& match : problem.matches_2d2d) {
+    pixels.emplace(match.query_keypoint.value(), match.query_px);
+  }
+  const auto rotate = [&pixels](auto& match) {
+    auto next = pixels.upper_bound(*match.query_keypoint);
+    if (next == pixels.end()) next = pixels.begin();
+    match.query_keypoint = next->first;
+    match.query_px = next->second;
+  };
+  for (Match2D2D& match : problem.matches_2d2d) rotate(match);
+  for (Match2D3D& match : problem.matches_2d3d) rotate(match);
 }
 
 TEST(Support, RightPosesAreLocalizedAlsoByFewKeypoints) {
@@ -72,7 +89,7 @@ TEST(Support, InliersOfUncertainPointsProveLittle) {
   // Each point may be anywhere in the image: all are inliers, of any pose.
   Rng rng = TestRng();
   CoherentProblem made = MakeCoherentProblem("uncertain", {}, rng);
-  Shuffle(made.problem, rng);
+  Rotate(made.problem);
   const ResidualKinds points{.points = true, .pairs = false};
   const auto log_false_alarms = [&](double point_sigma) {
     const PreparedProblem prepared(made.problem, 8, 2, rng, point_sigma);
