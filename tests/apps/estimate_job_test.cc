@@ -1,14 +1,11 @@
 // estimate as a job: it is stopped and killed, goes on, and shares its work, and its results are
 // those of one run that was left alone.
 
-#include <csignal>
-
 #include "apps/job_runs.h"
 #include "apps/program.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
@@ -105,12 +102,8 @@ TEST_F(EstimateJob, InterruptedAtRandomItEndsWithTheSameBytes) {
 
 TEST_F(EstimateJob, ASignalWithoutAFolderSaysHowToKeepWhatIsDone) {
   const fs::path csv = folder_ / "a.csv";
-  const pid_t process =
-      StartRaylift({"estimate", problems_, "--csv", csv, "--repeat", "100000", "--threads", "1"});
-  // RequireWritable() leaves nothing; the process needs a moment to be there at all.
-  usleep(200'000);
-  kill(process, SIGTERM);
-  EXPECT_EQ(WaitFor(process), 4);
+  EXPECT_EQ(4, Terminate(StartRaylift(
+                   {"estimate", problems_, "--csv", csv, "--repeat", "100000", "--threads", "1"})));
   EXPECT_FALSE(fs::exists(csv));
 }
 

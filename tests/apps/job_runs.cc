@@ -2,6 +2,7 @@
 
 #include <csignal>
 #include <cstdlib>
+#include <fstream>
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -56,6 +57,21 @@ int Interrupt(const Arguments& command, const fs::path& out, int signal, size_t 
   while (count > 0 && CountDone(out) < count && !HasEnded(process)) usleep(1000);
   usleep(static_cast<useconds_t>(microseconds));
   kill(process, signal);
+  return WaitFor(process);
+}
+
+int Terminate(pid_t process) {
+  // The signals that are caught, as a mask.
+  const auto catches = [process] {
+    std::ifstream status("/proc/" + std::to_string(process) + "/status");
+    for (std::string line; std::getline(status, line);) {
+      if (!line.starts_with("SigCgt:")) continue;
+      return (std::stoull(line.substr(7), nullptr, 16) >> (SIGTERM - 1) & 1) != 0;
+    }
+    return false;
+  };
+  while (!catches() && !HasEnded(process)) usleep(1000);
+  kill(process, SIGTERM);
   return WaitFor(process);
 }
 

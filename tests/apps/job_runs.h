@@ -28,6 +28,9 @@ size_t CountDone(const std::filesystem::path& out);
 int Interrupt(const Arguments& command, const std::filesystem::path& out, int signal, size_t count,
               size_t microseconds);
 
+// Sends SIGTERM once the run takes it as a wish to stop. Its exit code.
+int Terminate(pid_t process);
+
 struct InterruptedRun {
   std::function<Arguments(const std::filesystem::path& out)> command;  // with --resume
   size_t tasks = 0;

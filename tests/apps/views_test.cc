@@ -1,14 +1,12 @@
 // raylift views: poses on a mesh, ready for render.
 
 #include <algorithm>
-#include <csignal>
 
 #include "apps/job_runs.h"
 #include "apps/program.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
-#include <unistd.h>
 
 #include "raylift/base/file.h"
 #include "raylift/io/colmap_model.h"
@@ -84,10 +82,7 @@ TEST_F(Views, AFolderThatCannotBeWrittenIsNamed) {
 }
 
 TEST_F(Views, ASignalLeavesNothing) {
-  const pid_t process = StartRaylift(Command() + Arguments{"--count", "1000000"});
-  usleep(500'000);
-  kill(process, SIGTERM);
-  EXPECT_EQ(WaitFor(process), 4);
+  EXPECT_EQ(Terminate(StartRaylift(Command() + Arguments{"--count", "1000000"})), 4);
   EXPECT_EQ(FilesBelow(out_), std::vector<std::string>());
 }
 
