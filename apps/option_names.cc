@@ -61,10 +61,14 @@ std::string MessageInOptions(const OptionError& error) {
   if (const size_t equals = constraint.find(" = "); equals != std::string::npos) {
     const size_t begin = constraint.find_last_not_of(kCharacters, equals - 1) + 1;
     if (begin < equals) {
-      constraint.replace(begin, equals - begin,
+      constexpr std::string_view kOn = " = true";
+      const bool is_flag = constraint.compare(equals, kOn.size(), kOn) == 0;
+      constraint.replace(begin, equals - begin + (is_flag ? kOn.size() : 0),
                          OptionOfField(constraint.substr(begin, equals - begin)));
     }
   }
+  if (error.value() == "false")
+    return fmt::format("without {}: {}", OptionOfField(name), constraint);
   return fmt::format("{} = {}: {}", OptionOfField(name), error.value(), constraint);
 }
 

@@ -365,7 +365,7 @@ TEST_F(Render, StatusTellsWhatIsLeft) {
   const CommandResult all = RunRaylift({"status", out_});
   ASSERT_TRUE(Succeeds(all));
   EXPECT_EQ(all.out, "render: done\ndone: 7 of 7\n");
-  EXPECT_TRUE(FailsWith(3, {"raylift localize"}, RunRaylift({"merge", out_})));
+  EXPECT_TRUE(FailsWith(3, {"localize, estimate or experiment"}, RunRaylift({"merge", out_})));
 }
 
 // Resident memory of a running process in kilobytes, 0 where that cannot be told.

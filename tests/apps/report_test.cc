@@ -140,8 +140,8 @@ TEST_F(Report, IsOneFileThatNeedsNoNetwork) {
   EXPECT_LT(page.size(), 15u << 20);
   EXPECT_EQ(FilesBelow(folder_),
             (std::vector<std::string>{"comparison.json", "curves.csv", "images.csv", "index.html",
-                                      "localization.csv", "localization.json", "options.json",
-                                      "sources.csv"}));
+                                      "localization.csv", "localization.json", "manifest.jsonl",
+                                      "options.json", "sources.csv"}));
 }
 
 TEST_F(Report, WorksInABrowserOfAnyWidth) {

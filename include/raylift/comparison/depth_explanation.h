@@ -11,9 +11,9 @@
 // and its parameters are those with the least mean |r|, r = ln(e / predicted), over half of the
 // blocks of pixels of all views together. The other half judges: a cause is named if it explains
 // more than half of what is beyond noise, surely (by three standard errors over blocks), and every
-// other cause surely explains less, by a tenth or more of what is left. Where two explain alike, as a rotation
-// and a shift do where all is one plane, neither is named. Errors of which no one cause explains
-// half are not explained.
+// other cause surely explains less, by a tenth or more of what is left. Where two explain alike, as
+// a rotation and a shift do where all is one plane, neither is named. Errors of which no one cause
+// explains half are not explained.
 
 #pragma once
 
@@ -49,9 +49,9 @@ struct DepthExplanation {
   bool is_beyond_noise = false;
   // kScale: a factor of its own for each view does it, which other measures know more of.
   std::optional<DepthFault> cause;
-  // Shift: x, y in pixels of the image by which the map lies off. Rotation: the vector in degrees, displacement:
-  // scene units, of cam_from_map_camera. Zoom: the map's focal length over the true one. Lens: k in
-  // w(p) = c + (p - c) (1 + k (|p - c| / f)^2). Time offset: frames. Offset: b, scene units. Affine,
+  // Shift: x, y in pixels of the image by which the map lies off. Rotation: the vector in degrees,
+  // displacement: scene units, of cam_from_map_camera. Zoom: the map's focal length over the true
+  // one. Lens: k in w(p) = c + (p - c) (1 + k (|p - c| / f)^2). Time offset: frames. Offset: b, scene units. Affine,
   // inverse offset: medians of a and b over the views. Clamp: c. Quantization: step (scene units, or
   // of inverse depth: 1 / scene units) and bits of the largest value. Smoothing: standard deviation
   // in pixels of the image.
