@@ -1,7 +1,6 @@
 // experiment as a job: it is stopped and killed, goes on, and shares its work, and its results are
 // those of one run that was left alone.
 
-
 #include "apps/job_runs.h"
 #include "apps/program.h"
 #include "support/matchers.h"
