@@ -30,5 +30,6 @@ Command AddMergeCommand(CLI::App& program);
 Command AddVerifyCommand(CLI::App& program);
 Command AddExportCommand(CLI::App& program);
 Command AddColourCommand(CLI::App& program);
+Command AddPrepareCommand(CLI::App& program);
 
 }  // namespace raylift

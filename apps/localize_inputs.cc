@@ -6,6 +6,8 @@
 
 #include <fmt/format.h>
 
+#include "raylift/io/pose_prior_list.h"
+#include "raylift/io/query_list.h"
 #include "raylift/localization/matching.h"
 #include "raylift/localization/result_files.h"
 
@@ -36,8 +38,6 @@ std::shared_ptr<const Rerenderer> RerendererOf(const LocalizeFlags& flags, const
                       .reprojection_threshold_px = estimator.reprojection_threshold_px});
 }
 
-}  // namespace
-
 Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
   if (!flags.RendersReferences()) {
     return OpenScene({.model = flags.references.model,
@@ -59,6 +59,23 @@ Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
                ToString(rendered.kind), rendered.rendered, rendered.images.string());
   }
   return scene;
+}
+
+}  // namespace
+
+LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags) {
+  LocalizeInputs inputs;
+  if (!flags.leave_one_out) inputs.queries = ReadQueryList(flags.queries, flags.QueryImages());
+  inputs.scene = OpenSceneOf(flags, inputs.queries);
+  if (flags.leave_one_out) inputs.queries = QueriesOf(inputs.scene.references);
+  if (!flags.priors.empty()) TakePosePriors(flags.priors, inputs.queries);
+  return inputs;
+}
+
+FeatureCount PrepareFeatures(const LocalizeFlags& flags, const LocalizeInputs& inputs,
+                             uint64_t seed) {
+  return PrepareMatches(inputs.scene, inputs.queries,
+                        MatchingOf(flags, inputs.scene.references, seed), flags.running.Resolve());
 }
 
 std::unique_ptr<BatchLocalizer> OpenLocalizer(const LocalizeFlags& flags, const Scene& scene,

@@ -2,19 +2,30 @@
 
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <span>
+#include <vector>
 
 #include "localize_flags.h"
 
 #include "raylift/localization/batch_localizer.h"
+#include "raylift/localization/front_end.h"
 #include "raylift/localization/scene.h"
 #include "raylift/scene/query.h"
 
 namespace raylift {
 
-// The references, from a model or from the mesh alone, rendered for the queries' cameras.
-Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries);
+// References come from a model or from the mesh alone, rendered for the queries' cameras.
+struct LocalizeInputs {
+  Scene scene;
+  std::vector<Query> queries;
+};
+LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags);
+
+// Extracts the features that OpenLocalizer() would, of the flags' shard.
+FeatureCount PrepareFeatures(const LocalizeFlags& flags, const LocalizeInputs& inputs,
+                             uint64_t seed);
 
 // A scene with its matches, ready to localize. Writes how depth was aligned, where it was.
 std::unique_ptr<BatchLocalizer> OpenLocalizer(const LocalizeFlags& flags, const Scene& scene,

@@ -16,8 +16,6 @@
 
 #include "raylift/base/file.h"
 #include "raylift/base/progress.h"
-#include "raylift/io/pose_prior_list.h"
-#include "raylift/io/query_list.h"
 #include "raylift/localization/query_job.h"
 #include "raylift/localization/result_files.h"
 
@@ -31,10 +29,11 @@ class LocalizeRun {
       : flags_(flags), options_(std::move(options)), options_json_(options_json) {
     RefuseOtherMode(flags);
     RefuseFormerRun(flags.running.In(flags.out), QueryJobForm());
-    if (!flags.leave_one_out) queries_ = ReadQueryList(flags.queries, flags.QueryImages());
-    UntilSignal([this] { scene_ = OpenSceneOf(flags_, queries_); });
-    if (flags.leave_one_out) queries_ = QueriesOf(scene_.references);
-    if (!flags.priors.empty()) TakePosePriors(flags.priors, queries_);
+    UntilSignal([this] {
+      LocalizeInputs inputs = OpenLocalizeInputs(flags_);
+      scene_ = std::move(inputs.scene);
+      queries_ = std::move(inputs.queries);
+    });
     warnings_ = scene_.warnings;
     const CandidateOptions& candidates = options_.localizer.candidates;
     if (candidates.mode == CandidateMode::kTriangulate && !scene_.sources.empty()) {

@@ -3,12 +3,17 @@
 #include <algorithm>
 #include <chrono>
 #include <fstream>
+#include <functional>
+#include <optional>
 #include <set>
+#include <span>
+#include <utility>
 
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/hash.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/progress.h"
 #include "raylift/base/text.h"
@@ -16,57 +21,178 @@
 #include "raylift/io/hloc_features.h"
 #include "raylift/io/image_file.h"
 #include "raylift/jobs/folder_lock.h"
-#include "raylift/localization/front_end.h"
 
 namespace raylift {
 namespace {
 
+using std::filesystem::path;
+
 // Changes whenever extraction changes, so that old caches are not used.
 constexpr int kExtractionVersion = 1;
 constexpr bool kHalfDescriptors = true;
+// Images that are extracted together and then kept.
+constexpr size_t kImagesPerPart = 16;
 
-// A line per image: what the features depend on.
-std::string DescribeInputs(const std::vector<ImageFile>& images,
-                           const FeatureCacheOptions& options) {
-  std::string text = fmt::format("rootsift version {} max_features {}\n", kExtractionVersion,
-                                 options.max_features);
+// An image with all that its features depend on but the options: a line of the cache's lists.
+struct Input {
+  ImageFile image;
+  std::string line;
+};
+
+// In the order of their names.
+std::vector<Input> InputsOf(const std::vector<ImageFile>& images) {
+  std::vector<Input> inputs;
   for (const ImageFile& image : images) {
     std::error_code error;
     const auto size = std::filesystem::file_size(image.path, error);
-    if (error) {
-      throw InputError(image.path, "no such image");
-    }
+    if (error) throw InputError(image.path, "no such image");
     const auto time = std::filesystem::last_write_time(image.path, error).time_since_epoch();
-    text += fmt::format("{} {} {}\n", image.name, size, time.count());
+    inputs.push_back({image, fmt::format("{} {} {}", image.name, size, time.count())});
   }
-  return text;
+  std::sort(inputs.begin(), inputs.end(),
+            [](const Input& a, const Input& b) { return a.image.name < b.image.name; });
+  return inputs;
 }
 
-// Whether the stored features are those of at least these inputs: thinned references are a part.
-bool HoldsInputs(const std::string& stored, const std::string& wanted) {
-  const std::vector<std::string_view> stored_lines = SplitBy(stored, '\n');
-  const std::set<std::string_view> known(stored_lines.begin(), stored_lines.end());
-  const std::vector<std::string_view> lines = SplitBy(wanted, '\n');
-  return std::all_of(lines.begin(), lines.end(),
-                     [&](std::string_view line) { return known.contains(line); });
+std::string NameIn(std::string_view line) {
+  const size_t time = line.rfind(' ');
+  const size_t size = time == std::string_view::npos ? time : line.rfind(' ', time - 1);
+  return std::string(line.substr(0, size));
 }
 
 // As they are read back from the cache.
-std::map<std::string, Features> ExtractAll(const std::vector<ImageFile>& images,
-                                           const FeatureCacheOptions& options) {
-  std::vector<Features> extracted(images.size());
-  Progress progress("images", images.size(),
-                    options.show_progress ? Progress::Show::kAuto : Progress::Show::kNever);
-  ParallelFor(images.size(), options.threads, [&](size_t i) {
-    extracted[i] = ExtractFrontEndFeatures(ReadImage(images[i].path, ImageChannels::kGrey),
-                                           options.max_features);
+std::map<std::string, Features> Extract(std::span<const Input> inputs, int max_features,
+                                        int threads, Progress& progress) {
+  std::vector<Features> extracted(inputs.size());
+  ParallelFor(inputs.size(), threads, [&](size_t i) {
+    extracted[i] = ExtractFrontEndFeatures(ReadImage(inputs[i].image.path, ImageChannels::kGrey),
+                                           max_features);
     progress.Advance();
   });
   std::map<std::string, Features> by_name;
-  for (size_t i = 0; i < images.size(); ++i) {
-    by_name.emplace(images[i].name, std::move(extracted[i]));
+  for (size_t i = 0; i < inputs.size(); ++i) {
+    by_name.emplace(inputs[i].image.name, std::move(extracted[i]));
   }
   return by_name;
+}
+
+// What a folder holds: features.h5, whose images features.inputs.txt lists, and parts in the same
+// form that were not joined with it yet. A list is written after its features.
+class Cache {
+ public:
+  explicit Cache(const FeatureCacheOptions& options)
+      : options_(options),
+        header_(fmt::format("rootsift version {} max_features {}", kExtractionVersion,
+                            options.max_features)) {
+    std::error_code ignored;
+    std::filesystem::create_directories(Parts(), ignored);
+  }
+
+  // Looks at the folder anew.
+  void Read() {
+    file_of_.clear();
+    has_parts_ = false;
+    TakeList(Whole());
+    std::error_code ignored;
+    for (const auto& entry : std::filesystem::directory_iterator(Parts(), ignored)) {
+      if (entry.path().extension() != ".h5") continue;
+      has_parts_ = true;
+      TakeList(entry.path());
+    }
+  }
+
+  bool Holds(const Input& input) const { return file_of_.contains(input.line); }
+  bool HoldsAll(std::span<const Input> inputs) const {
+    return std::all_of(inputs.begin(), inputs.end(), [&](const Input& i) { return Holds(i); });
+  }
+
+  void Add(std::span<const Input> inputs) {
+    Progress progress("images", inputs.size(),
+                      options_.show_progress ? Progress::Show::kAuto : Progress::Show::kNever);
+    for (size_t begin = 0; begin < inputs.size(); begin += kImagesPerPart) {
+      const auto part = inputs.subspan(begin, std::min(kImagesPerPart, inputs.size() - begin));
+      const auto features = Extract(part, options_.max_features, options_.threads, progress);
+      std::vector<std::string> lines;
+      for (const Input& input : part) lines.push_back(input.line);
+      const std::string list = ListOf(lines);
+      const path file = Parts() / (HexText(HashBytes64(list)) + ".h5");
+      WriteFeatureFile(file, features, kHalfDescriptors);
+      WriteFile(ListFile(file), list);
+      for (const std::string& line : lines) file_of_.emplace(line, file);
+      has_parts_ = true;
+    }
+  }
+
+  // Of inputs that it holds. Of other images, which further runs may ask for, it keeps what there
+  // is.
+  void Join(std::span<const Input> inputs) {
+    if (!has_parts_) return;
+    std::map<std::string, std::string> line_of;
+    for (const Input& input : inputs) line_of.emplace(input.image.name, input.line);
+    for (const auto& [line, file] : file_of_) line_of.emplace(NameIn(line), line);
+    const std::map<std::string, Features> features = ReadAll(line_of);
+    std::vector<std::string> lines;
+    for (const auto& [name, line] : line_of) lines.push_back(line);
+    // Killed in between, the new features must not pass for what the old list describes.
+    std::error_code ignored;
+    std::filesystem::remove(ListFile(Whole()), ignored);
+    WriteFeatureFile(Whole(), features, kHalfDescriptors);
+    WriteFile(ListFile(Whole()), ListOf(lines));
+    std::filesystem::remove_all(Parts(), ignored);
+    Read();
+  }
+
+  std::map<std::string, Features> FeaturesOf(std::span<const Input> inputs) const {
+    std::map<std::string, std::string> line_of;
+    for (const Input& input : inputs) line_of.emplace(input.image.name, input.line);
+    return ReadAll(line_of);
+  }
+
+ private:
+  path Whole() const { return options_.folder / "features.h5"; }
+  path Parts() const { return options_.folder / "parts"; }
+  static path ListFile(path features) { return features.replace_extension(".inputs.txt"); }
+
+  std::string ListOf(const std::vector<std::string>& lines) const {
+    return fmt::format("{}\n{}\n", header_, fmt::join(lines, "\n"));
+  }
+
+  void TakeList(const path& features) {
+    std::error_code error;
+    const path list = ListFile(features);
+    if (!std::filesystem::exists(features, error) || !std::filesystem::exists(list, error)) return;
+    const std::string text = ReadFile(list);
+    const std::vector<std::string_view> lines = SplitBy(text, '\n');
+    if (lines.front() != header_) return;
+    for (size_t i = 1; i < lines.size(); ++i) {
+      if (!lines[i].empty()) file_of_.emplace(lines[i], features);
+    }
+  }
+
+  // By the image's name.
+  std::map<std::string, Features> ReadAll(const std::map<std::string, std::string>& line_of) const {
+    std::map<path, FeatureFile> files;
+    std::map<std::string, Features> features;
+    for (const auto& [name, line] : line_of) {
+      const path& file = file_of_.at(line);
+      features.emplace(name, files.try_emplace(file, file).first->second.Read(name));
+    }
+    return features;
+  }
+
+  const FeatureCacheOptions& options_;
+  std::string header_;
+  std::map<std::string, path> file_of_;  // by the image's line
+  bool has_parts_ = false;
+};
+
+std::vector<Input> MissingIn(const Cache& cache, const std::vector<Input>& inputs,
+                             const Shard& shard) {
+  std::vector<Input> missing;
+  for (size_t i = 0; i < inputs.size(); ++i) {
+    if (shard.Contains(i) && !cache.Holds(inputs[i])) missing.push_back(inputs[i]);
+  }
+  return missing;
 }
 
 }  // namespace
@@ -78,33 +204,40 @@ Features ExtractFrontEndFeatures(const Image& photograph, int max_features) {
 
 std::map<std::string, Features> ExtractOrReadFeatures(const std::vector<ImageFile>& images,
                                                       const FeatureCacheOptions& options) {
-  std::vector<ImageFile> sorted = images;
-  std::sort(sorted.begin(), sorted.end(),
-            [](const ImageFile& a, const ImageFile& b) { return a.name < b.name; });
-  if (options.folder.empty()) return ExtractAll(sorted, options);
-  const std::string inputs = DescribeInputs(sorted, options);
-  std::error_code error;
-  std::filesystem::create_directories(options.folder, error);
-  // Shards that begin at once: one extracts, the others wait and read.
+  const std::vector<Input> inputs = InputsOf(images);
+  if (options.folder.empty()) {
+    Progress progress("images", inputs.size(),
+                      options.show_progress ? Progress::Show::kAuto : Progress::Show::kNever);
+    return Extract(inputs, options.max_features, options.threads, progress);
+  }
+  Cache cache(options);
+  // Runs that begin at once: one extracts, the others wait and read.
   const FolderLock lock(options.folder, FolderLock::Mode::kExclusive, FolderLock::IfHeld::kWait);
-  const std::filesystem::path file = options.folder / "features.h5";
-  const std::filesystem::path inputs_file = options.folder / "features.inputs.txt";
-  const bool cached = std::filesystem::exists(file, error) &&
-                      std::filesystem::exists(inputs_file, error) &&
-                      HoldsInputs(ReadFile(inputs_file), inputs);
-  if (!cached) {
-    const std::map<std::string, Features> by_name = ExtractAll(sorted, options);
-    // Killed in between, the new features must not pass for what the old list describes.
-    std::filesystem::remove(inputs_file, error);
-    WriteFeatureFile(file, by_name, kHalfDescriptors);
-    WriteFile(inputs_file, inputs);
+  cache.Read();
+  cache.Add(MissingIn(cache, inputs, {}));
+  cache.Join(inputs);
+  return cache.FeaturesOf(inputs);
+}
+
+FeatureCount PrepareFeatures(const std::vector<ImageFile>& images, const Shard& shard,
+                             const FeatureCacheOptions& options) {
+  const std::vector<Input> inputs = InputsOf(images);
+  FeatureCount count{.images = inputs.size()};
+  Cache cache(options);
+  {
+    const FolderLock lock(options.folder, FolderLock::Mode::kShared, FolderLock::IfHeld::kWait);
+    cache.Read();
+    const std::vector<Input> missing = MissingIn(cache, inputs, shard);
+    cache.Add(missing);
+    count.extracted = missing.size();
+    cache.Read();
+    count.missing = MissingIn(cache, inputs, {}).size();
   }
-  const FeatureFile features(file);
-  std::map<std::string, Features> result;
-  for (const ImageFile& image : sorted) {
-    result.emplace(image.name, features.Read(image.name));
-  }
-  return result;
+  if (count.missing > 0) return count;
+  const FolderLock lock(options.folder, FolderLock::Mode::kExclusive, FolderLock::IfHeld::kWait);
+  cache.Read();
+  if (cache.HoldsAll(inputs)) cache.Join(inputs);
+  return count;
 }
 
 }  // namespace raylift

@@ -23,33 +23,44 @@
 namespace raylift {
 namespace {
 
+// All images whose features are not known, each once.
+std::vector<ImageFile> ImagesOf(const FrontEndOptions& options, const ReferenceSet& references,
+                                const std::vector<Query>& queries) {
+  std::vector<ImageFile> files;
+  const auto want = [&](const std::string& name, const std::filesystem::path& folder) {
+    if (!options.features.contains(name)) files.push_back({name, folder / name});
+  };
+  std::set<std::string> reference_names;
+  for (const PosedImage& image : references.images) {
+    want(image.name, options.reference_images);
+    reference_names.insert(image.name);
+  }
+  for (const Query& query : queries) {
+    if (reference_names.contains(query.name)) {
+      if (options.among_references) continue;
+      throw InputError(fmt::format("the query \"{}\" is also a reference of the model {}",
+                                   query.name, references.model.string()));
+    }
+    want(query.name, options.query_images);
+  }
+  return files;
+}
+
+FeatureCacheOptions CacheOf(const FrontEndOptions& options) {
+  return {.folder = options.cache,
+          .max_features = options.max_features,
+          .threads = options.threads,
+          .show_progress = options.show_progress};
+}
+
 class FrontEndMatches final : public MatchSource {
  public:
   FrontEndMatches(const FrontEndOptions& options, const ReferenceSet& references,
                   const std::vector<Query>& queries)
       : options_(options), references_(references.images) {
-    std::vector<ImageFile> files;
-    const auto want = [&](const std::string& name, const std::filesystem::path& folder) {
-      if (!options.features.contains(name)) files.push_back({name, folder / name});
-    };
-    for (const PosedImage& image : references_) want(image.name, options.reference_images);
-    std::set<std::string> reference_names;
-    for (const PosedImage& image : references_) reference_names.insert(image.name);
-    for (const Query& query : queries) {
-      if (reference_names.contains(query.name)) {
-        if (options.among_references) continue;
-        throw InputError(fmt::format("the query \"{}\" is also a reference of the model {}",
-                                     query.name, references.model.string()));
-      }
-      want(query.name, options.query_images);
-    }
+    const std::vector<ImageFile> files = ImagesOf(options, references, queries);
     features_ = std::move(options_.features);
-    if (!files.empty()) {
-      features_.merge(ExtractOrReadFeatures(files, {.folder = options.cache,
-                                                    .max_features = options.max_features,
-                                                    .threads = options.threads,
-                                                    .show_progress = options.show_progress}));
-    }
+    if (!files.empty()) features_.merge(ExtractOrReadFeatures(files, CacheOf(options)));
     CheckSizes(queries);
     for (const auto& [name, features] : features_) {
       keypoints_.emplace(name, CanonicalKeypoints(features.keypoints_px));
@@ -185,6 +196,11 @@ class FrontEndMatches final : public MatchSource {
 };
 
 }  // namespace
+
+FeatureCount PrepareFrontEndFeatures(const FrontEndOptions& options, const ReferenceSet& references,
+                                     const std::vector<Query>& queries, const Shard& shard) {
+  return PrepareFeatures(ImagesOf(options, references, queries), shard, CacheOf(options));
+}
 
 std::unique_ptr<MatchSource> MakeFrontEndMatches(const FrontEndOptions& options,
                                                  const ReferenceSet& references,

@@ -35,6 +35,14 @@ class WithWarnings final : public MatchSource {
   std::vector<std::string> warnings_;
 };
 
+FrontEndOptions FrontEndOf(const Scene& scene, const MatchingOptions& options) {
+  FrontEndOptions front_end = options.front_end;
+  front_end.reference_images = scene.images;
+  front_end.top_k = options.top_k;
+  front_end.max_joined = options.max_joined;
+  return front_end;
+}
+
 }  // namespace
 
 bool StandAlone(const std::filesystem::path& matches) {
@@ -58,10 +66,7 @@ std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Que
     return OpenHlocMatches(*options.hloc, scene.references, options.top_k, joining,
                            options.reading);
   }
-  FrontEndOptions front_end = options.front_end;
-  front_end.reference_images = scene.images;
-  front_end.top_k = options.top_k;
-  front_end.max_joined = options.max_joined;
+  FrontEndOptions front_end = FrontEndOf(scene, options);
   std::vector<std::string> warnings;
   if (options.retrieval && options.retrieval->method != RetrievalMethod::kVlad) {
     RetrievalOptions how = *options.retrieval;
@@ -81,6 +86,13 @@ std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Que
   auto source = MakeFrontEndMatches(front_end, scene.references, {queries.begin(), queries.end()});
   if (warnings.empty()) return source;
   return std::make_unique<WithWarnings>(std::move(source), std::move(warnings));
+}
+
+FeatureCount PrepareMatches(const Scene& scene, std::span<const Query> queries,
+                            const MatchingOptions& options, const Shard& shard) {
+  if (options.hloc) return {};
+  return PrepareFrontEndFeatures(FrontEndOf(scene, options), scene.references,
+                                 {queries.begin(), queries.end()}, shard);
 }
 
 }  // namespace raylift

@@ -75,6 +75,24 @@ class LocalizeJob : public ::testing::Test {
   fs::path folder_ = TestFolder();
 };
 
+TEST_F(LocalizeJob, FindsWhatShardsOfPrepareHaveMade) {
+  const fs::path whole = Whole();
+  fs::remove_all(folder_ / "cache");
+  Arguments prepare = Localize(folder_ / "result");
+  prepare.front() = "prepare";
+  prepare.erase(std::find(prepare.begin(), prepare.end(), "--quiet"));
+  const CommandResult first = RunRaylift(prepare + Arguments{"--shard", "1/2"});
+  EXPECT_NE(first.out.find("features of 18 images: 9 extracted now, 9 missing"), std::string::npos)
+      << first.out << first.err;
+  const CommandResult second = RunRaylift(prepare + Arguments{"--shard", "2/2"});
+  EXPECT_NE(second.out.find("features of 18 images: 9 extracted now, 0 missing"), std::string::npos)
+      << second.out << second.err;
+  EXPECT_TRUE(fs::exists(folder_ / "cache/features.h5"));
+  EXPECT_FALSE(fs::exists(folder_ / "cache/parts"));
+  EXPECT_TRUE(Succeeds(RunRaylift(Localize(folder_ / "result"))));
+  ExpectSame(whole, folder_ / "result");
+}
+
 TEST_F(LocalizeJob, InterruptedAtRandomItEndsWithTheSameBytes) { InterruptAtRandom({}, 6); }
 
 TEST_F(LocalizeJob, InterruptedAtRandomWhileItRendersAgainItEndsWithTheSameBytes) {

@@ -23,6 +23,14 @@ class FeatureCache : public ::testing::Test {
                                            .threads = threads,
                                            .show_progress = false});
   }
+  FeatureCount Prepare(const Shard& shard) const {
+    return PrepareFeatures(images_, shard,
+                           {.folder = scene_.folder / "cache",
+                            .max_features = 500,
+                            .threads = 1,
+                            .show_progress = false});
+  }
+  fs::path Parts() const { return scene_.folder / "cache" / "parts"; }
   fs::path File() const { return scene_.folder / "cache" / "features.h5"; }
   static bool Equal(const std::map<std::string, Features>& a,
                     const std::map<std::string, Features>& b) {
@@ -76,6 +84,70 @@ TEST_F(FeatureCache, AMissingImageIsNamedEvenWhereFeaturesAreCached) {
   Get();
   fs::remove(images_[0].path);
   EXPECT_TRUE(FailsWithInputError([&] { Get(); }, {images_[0].path.string()}));
+}
+
+TEST_F(FeatureCache, WhatShardsHavePreparedIsWhatOneRunMakes) {
+  const auto whole = Get();
+  const std::string inputs = ReadFile(File().parent_path() / "features.inputs.txt");
+  fs::remove_all(File().parent_path());
+
+  const FeatureCount first = Prepare({0, 2});
+  EXPECT_EQ(first.images, 2u);
+  EXPECT_EQ(first.extracted, 1u);
+  EXPECT_EQ(first.missing, 1u);
+  EXPECT_FALSE(fs::exists(File()));
+  EXPECT_EQ(Prepare({0, 2}).extracted, 0u);
+  const FeatureCount second = Prepare({1, 2});
+  EXPECT_EQ(second.extracted, 1u);
+  EXPECT_EQ(second.missing, 0u);
+
+  ASSERT_TRUE(fs::exists(File()));
+  EXPECT_EQ(ReadFile(File().parent_path() / "features.inputs.txt"), inputs);
+  EXPECT_FALSE(fs::exists(Parts()));
+  EXPECT_TRUE(Equal(Get(), whole));
+}
+
+TEST_F(FeatureCache, PartsOfAShardThatNeverEndedAreTaken) {
+  const auto whole = Get();
+  fs::remove_all(File().parent_path());
+  Prepare({0, 2});
+  ASSERT_TRUE(fs::exists(Parts()));
+  // Its photograph is not read again.
+  const auto time = fs::last_write_time(images_[0].path);
+  const auto size = fs::file_size(images_[0].path);
+  WriteFile(images_[0].path, std::string(size, 'x'));
+  fs::last_write_time(images_[0].path, time);
+  EXPECT_TRUE(Equal(Get(), whole));
+  EXPECT_FALSE(fs::exists(Parts()));
+}
+
+TEST_F(FeatureCache, PartsWithOtherOptionsOrWithoutTheirListAreNotTaken) {
+  const auto whole = Get();
+  Get(100);
+  fs::remove_all(File().parent_path());
+  Prepare({0, 2});
+  EXPECT_EQ(Get(100).at("b").keypoints_px.size(), 100u);
+  fs::remove_all(File().parent_path());
+  Prepare({0, 2});
+  for (const auto& entry : fs::directory_iterator(Parts())) {
+    if (entry.path().extension() == ".txt") fs::remove(entry.path());
+  }
+  EXPECT_EQ(Prepare({0, 2}).extracted, 1u);
+  EXPECT_TRUE(Equal(Get(), whole));
+}
+
+TEST_F(FeatureCache, FurtherImagesAreAddedToWhatIsThere) {
+  Get();
+  WriteFile(images_[0].path, ReadFile(images_[0].path));  // another time of change
+  const std::vector<ImageFile> all = images_;
+  images_ = {{"c", scene_.images() / "ref/01.png"}};
+  Get();
+  images_ = {all[1]};
+  EXPECT_EQ(Prepare({}).extracted, 0u);
+  images_ = {all[0]};
+  EXPECT_EQ(Prepare({}).extracted, 1u);
+  images_ = {{"c", scene_.images() / "ref/01.png"}, all[0], all[1]};
+  EXPECT_EQ(Prepare({}).extracted, 0u);
 }
 
 // A run killed after it wrote features and before it wrote what they were made from.

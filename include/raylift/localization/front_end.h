@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "raylift/jobs/shard.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/references.h"
 #include "raylift/scene/features.h"
@@ -48,6 +49,18 @@ struct FrontEndOptions {
 std::unique_ptr<MatchSource> MakeFrontEndMatches(const FrontEndOptions& options,
                                                  const ReferenceSet& references,
                                                  const std::vector<Query>& queries);
+
+// Of the images of a scene and its queries.
+struct FeatureCount {
+  size_t images = 0;
+  size_t extracted = 0;  // now
+  size_t missing = 0;    // not in the cache yet, as other shards have not ended
+};
+
+// Extracts the features of this shard's images to options.cache, where MakeFrontEndMatches() finds
+// them. What was there already stays.
+FeatureCount PrepareFrontEndFeatures(const FrontEndOptions& options, const ReferenceSet& references,
+                                     const std::vector<Query>& queries, const Shard& shard);
 
 // The features of a photograph (grey or RGB) as MatchPhotograph() extracts them, rounded as a cache
 // would store them: a query gives the same bytes from memory as from disk.

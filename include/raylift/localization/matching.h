@@ -38,4 +38,9 @@ bool StandAlone(const std::filesystem::path& matches);
 std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Query> queries,
                                          const MatchingOptions& options);
 
+// Extracts the features of a shard's images beforehand, where OpenMatches() would; nothing where
+// the matches are in files.
+FeatureCount PrepareMatches(const Scene& scene, std::span<const Query> queries,
+                            const MatchingOptions& options, const Shard& shard);
+
 }  // namespace raylift
