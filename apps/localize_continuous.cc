@@ -91,7 +91,8 @@ void LocalizeContinuously(const LocalizeFlags& flags, const ContinuousInputs& in
                 .geometry = SummaryOf(scene.sources),
                 .warnings = warnings,
                 .seconds = seconds.count()});
-  output.Finish(localized, {scene, inputs.queries, joined}, OptionsOfResults(inputs.options_json));
+  output.Finish(localized, {scene, inputs.queries, warnings, joined},
+                OptionsOfResults(inputs.options_json));
 }
 
 }  // namespace raylift

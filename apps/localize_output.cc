@@ -30,7 +30,12 @@ LocalizeOutput::LocalizeOutput(const LocalizeFlags& flags, size_t num_queries,
   RequireWritable(flags.out / "poses.txt");
   if (!flags.report.empty()) {
     RequireWritable(flags.report / "index.html");
-    report_ = std::make_unique<LocalizationReport>(num_queries, query_images_);
+    report_ = std::make_unique<LocalizationReport>(LocalizationReportOptions{
+        .num_queries = num_queries,
+        .query_images = query_images_,
+        .reference_images = flags.images.empty() ? query_images_ : flags.images,
+        .mesh = mesh_,
+        .folder = flags.report});
   }
   if (!flags.write_problems.empty()) RequireWritable(flags.write_problems / "problem.json");
 }
@@ -55,7 +60,8 @@ void LocalizeOutput::Finish(const std::vector<LocalizedQuery>& localized, const 
   WriteFile(flags_.out / "options.json", options_json);
   if (report_) {
     WriteFile(flags_.report / "index.html",
-              report_->Format("Raylift: " + flags_.out.string(), run.scene.references.images));
+              report_->Format("Raylift: " + flags_.out.string(), run.scene.references.images,
+                              run.warnings));
   }
   if (!flags_.write_model.empty()) {
     WriteColmapModel(flags_.write_model,

@@ -32,6 +32,7 @@ class LocalizeOutput {
   struct Run {
     const Scene& scene;
     std::span<const Query> queries;
+    std::span<const std::string> warnings = {};
     size_t joined = 0;  // localized queries that became references
   };
   // All files but poses.txt, queries.jsonl and summary.json, and the summary on stdout.

@@ -110,11 +110,12 @@ class LocalizeRun {
                  queries_.size(), done, records ? "; all shards are complete" : "");
     }
     if (!records) return;
-    PrintWarnings(AllWarnings(*job.facts(), *records));
+    const std::vector<std::string> warnings = AllWarnings(*job.facts(), *records);
+    PrintWarnings(warnings);
     WriteResults(flags_.out, *job.facts(), *records, Seconds());
     std::vector<LocalizedQuery> localized;
     for (const QueryRecord& record : *records) localized.push_back(record.localized);
-    output_->Finish(localized, {scene_, queries_}, OptionsOfResults(options_json_));
+    output_->Finish(localized, {scene_, queries_, warnings}, OptionsOfResults(options_json_));
   }
 
   const SignalGuard signals_;

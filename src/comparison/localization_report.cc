@@ -2,15 +2,19 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
+#include <map>
+#include <mutex>
 #include <vector>
 
+#include "query_page.h"
 #include "report_pictures.h"
 #include "report_scene.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/base/evenly_spaced.h"
+#include "raylift/base/file.h"
 #include "raylift/base/json_text.h"
 #include "raylift/comparison/report_page.h"
 #include "raylift/io/image_file.h"
@@ -20,8 +24,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr size_t kShownKeypoints = 200;
-constexpr int kPhotoWidthPx = 480;
+// Of each query, for the view in 3D.
+constexpr size_t kScenePoints = 200;
 
 struct ScenePoint {
   Eigen::Vector3d point_in_world;
@@ -30,10 +34,25 @@ struct ScenePoint {
 
 struct QueryEntry {
   Json json;
-  Json photo;
   std::vector<ScenePoint> points;
   std::optional<PosedImage> view;
 };
+
+// A missing photograph leaves a gap, not an error.
+std::optional<Image> ReadPhoto(const std::filesystem::path& folder, const std::string& name) {
+  if (folder.empty()) return std::nullopt;
+  try {
+    return ReadImage(folder / name, ImageChannels::kRgb);
+  } catch (const InputError&) {
+    return std::nullopt;
+  }
+}
+
+Json PhotoJson(const Image& photo) {
+  return {{"uri", JpegDataUri(photo, kPagePictureWidthPx)},
+          {"width", photo.width_px},
+          {"height", photo.height_px}};
+}
 
 // Grey where there is no photograph.
 std::array<uint8_t, 3> ColorAt(const std::optional<Image>& photo, const Eigen::Vector2d& pixel) {
@@ -45,53 +64,66 @@ std::array<uint8_t, 3> ColorAt(const std::optional<Image>& photo, const Eigen::V
   return {color[0], color[1], color[2]};
 }
 
-Json CountsJson(const LocalizedQuery& query) {
-  const StageCounts& counts = query.counts;
-  Json json = {{"query", query.name},
-               {"reason", query.reason},
-               {"position", nullptr},
-               {"rotation_deg", nullptr},
-               {"retrieved", counts.retrieved},
-               {"matched", counts.matched},
-               {"hit", counts.hit},
-               {"consistent", counts.filter.consistent},
-               {"inliers_2d3d", counts.inliers_2d3d},
-               {"inliers_2d2d", counts.inliers_2d2d}};
-  if (query.localized()) {
-    json["solver"] = ToString(query.estimate.solver);
-    if (query.estimate.covariance) {
-      json["position_sigma"] = query.estimate.position_sigma;
-      json["rotation_sigma_deg"] = query.estimate.rotation_sigma_deg;
-    }
+// Of the inliers.
+std::vector<ScenePoint> ScenePointsOf(const QueryResult& result,
+                                      const std::optional<Image>& photo) {
+  const std::vector<bool>& inliers = result.localized.estimate.inliers_2d3d;
+  const auto& matches = result.problem.matches_2d3d;
+  std::vector<ScenePoint> points;
+  for (const size_t i : EvenlySpaced(matches.size(), kScenePoints)) {
+    if (i >= inliers.size() || !inliers[i]) continue;
+    points.push_back({matches[i].point_in_world, ColorAt(photo, matches[i].query_px)});
   }
-  return json;
+  return points;
 }
 
 }  // namespace
 
 struct LocalizationReport::Impl {
-  std::filesystem::path query_images;
-  size_t photo_stride = 1;
+  LocalizationReportOptions options;
   std::vector<QueryEntry> entries;
+  std::map<std::string, Json> reference_photos;
+  std::mutex mutex;  // guards them
 
-  // A missing photograph leaves a gap, not an error.
-  std::optional<Image> ReadPhoto(size_t index, const std::string& name) const {
-    if (query_images.empty() || index % photo_stride != 0) return std::nullopt;
-    try {
-      return ReadImage(query_images / name, ImageChannels::kRgb);
-    } catch (const InputError&) {
-      return std::nullopt;
+  bool IsPaged() const { return options.num_queries > options.max_in_page; }
+
+  // Null where there is none, and where the page has it already.
+  Json ReferencePhoto(const std::string& name) {
+    if (!IsPaged()) {
+      const std::lock_guard lock(mutex);
+      if (reference_photos.contains(name)) return nullptr;
     }
+    const auto photo = ReadPhoto(options.reference_images, name);
+    if (!photo) return nullptr;
+    Json json = PhotoJson(*photo);
+    if (IsPaged()) return json;
+    const std::lock_guard lock(mutex);
+    reference_photos.emplace(name, std::move(json));
+    return nullptr;
+  }
+
+  // All that is looked at of one query at a time.
+  Json Pictures(const QueryResult& result, const std::optional<Image>& photo) {
+    Json json = {{"points", PointMarks(result)}, {"pairs", PairMarks(result)}};
+    if (photo) json["photo"] = PhotoJson(*photo);
+    if (const auto best = BestReference(result)) {
+      const std::string& name = result.problem.references[*best].name;
+      json["reference"] = {{"name", name}, {"lines", MatchLines(result, *best)}};
+      if (Json of_reference = ReferencePhoto(name); !of_reference.is_null()) {
+        json["reference"]["photo"] = std::move(of_reference);
+      }
+    }
+    if (result.localized.localized() && options.mesh != nullptr) {
+      json.update(SeenFromPose(result, *options.mesh));
+    }
+    return json;
   }
 };
 
-LocalizationReport::LocalizationReport(size_t num_queries, std::filesystem::path query_images,
-                                       size_t max_photos)
+LocalizationReport::LocalizationReport(LocalizationReportOptions options)
     : impl_(std::make_unique<Impl>()) {
-  RAYLIFT_CHECK(max_photos > 0);
-  impl_->query_images = std::move(query_images);
-  impl_->photo_stride = std::max<size_t>(1, (num_queries + max_photos - 1) / max_photos);
-  impl_->entries.resize(num_queries);
+  impl_->entries.resize(options.num_queries);
+  impl_->options = std::move(options);
 }
 
 LocalizationReport::~LocalizationReport() = default;
@@ -100,50 +132,46 @@ void LocalizationReport::Take(size_t index, const QueryResult& result) {
   // Every query has a place of its own: no lock is needed.
   QueryEntry& entry = impl_->entries.at(index);
   const LocalizedQuery& query = result.localized;
-  const PoseEstimate& estimate = query.estimate;
-  entry.json = CountsJson(query);
-  const auto photo = impl_->ReadPhoto(index, query.name);
-  if (photo) {
-    entry.photo = {{"uri", JpegDataUri(*photo, kPhotoWidthPx)},
-                   {"width", photo->width_px},
-                   {"height", photo->height_px}};
+  entry.json = QueryFacts(query);
+  const auto photo = ReadPhoto(impl_->options.query_images, query.name);
+  const Json pictures = impl_->Pictures(result, photo);
+  if (impl_->IsPaged()) {
+    const std::string file = fmt::format("queries/{:06}.js", index);
+    WriteFile(impl_->options.folder / file, "takeQuery(" + JsonText(pictures) + ");\n");
+    entry.json["file"] = file;
+  } else {
+    entry.json.update(pictures);
   }
-  const auto& matches = result.problem.matches_2d3d;
-  const size_t stride = matches.size() / kShownKeypoints + 1;
-  for (size_t i = 0; i < matches.size(); i += stride) {
-    const bool is_inlier = i < estimate.inliers_2d3d.size() && estimate.inliers_2d3d[i];
-    const Eigen::Vector2d& pixel = matches[i].query_px;
-    entry.json["keypoints"].push_back(
-        {std::round(pixel.x() * 10) / 10, std::round(pixel.y() * 10) / 10, is_inlier ? 1 : 0});
-    if (is_inlier) entry.points.push_back({matches[i].point_in_world, ColorAt(photo, pixel)});
-  }
+  entry.points = ScenePointsOf(result, photo);
   if (query.localized()) {
-    entry.view = PosedImage{query.name, result.problem.query_camera, *estimate.cam_from_world};
+    entry.view =
+        PosedImage{query.name, result.problem.query_camera, *query.estimate.cam_from_world};
   }
 }
 
 std::string LocalizationReport::Format(std::string_view title,
-                                       std::span<const PosedImage> references) const {
+                                       std::span<const PosedImage> references,
+                                       std::span<const std::string> warnings) const {
   Json queries = Json::array();
   Json data = {{"title", title}};
   SceneJson scene;
   for (const PosedImage& reference : references) scene.AddCamera("reference", reference);
-  size_t num_localized = 0;
+  if (impl_->options.mesh) scene.AddMesh(impl_->options.mesh->mesh());
+  std::map<std::string, size_t> count_of;
   for (const QueryEntry& entry : impl_->entries) {
     queries.push_back(entry.json);
-    if (!entry.photo.is_null()) {
-      data["query_photos"][entry.json["query"].get<std::string>()] = entry.photo;
-    }
+    const auto verdict = entry.json["verdict"].get<std::string>();
+    ++count_of[verdict];
     for (const ScenePoint& point : entry.points) {
       scene.AddPoint(point.point_in_world, point.color_rgb);
     }
-    if (entry.view) {
-      scene.AddCamera("estimated", *entry.view);
-      ++num_localized;
-    }
+    if (entry.view) scene.AddCamera(verdict, *entry.view);
   }
-  data["subtitle"] = fmt::format("{} of {} queries localized against {} references", num_localized,
-                                 queries.size(), references.size());
+  for (const auto& [name, photo] : impl_->reference_photos) data["reference_photos"][name] = photo;
+  data["subtitle"] = fmt::format(
+      "{} of {} queries localized, {} of them doubtful, against {} references",
+      queries.size() - count_of["failed"], queries.size(), count_of["doubtful"], references.size());
+  data["warnings"] = warnings;
   data["rows"] = {{{"name", "this run"}, {"recalls", Json::array()}, {"queries", queries}}};
   data["scene"] = scene.Build();
   return MakePage(title, JsonText(data));

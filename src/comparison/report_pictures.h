@@ -28,6 +28,8 @@ std::vector<int> ErrorHistogram(const DepthMap& estimated, const DepthMap& truth
 
 // "data:image/jpeg;base64,...", shrunk to at most this width.
 std::string JpegDataUri(const Image& image, int max_width_px);
+// "data:image/png;base64,..." of a picture with four channels, the last one opacity.
+std::string PngDataUri(const Image& image);
 
 std::string EncodeBase64(std::string_view bytes);
 

@@ -1,16 +1,24 @@
 #include "report_scene.h"
 
 #include <cmath>
-#include <cstring>
 
 #include "report_pictures.h"
 
-#include "raylift/base/text.h"
+#include "raylift/renderers/decimated_mesh.h"
+#include "raylift/renderers/split_mesh.h"
 
 namespace raylift {
 namespace {
 
 using Json = nlohmann::ordered_json;
+
+// A page of a few MB shows them at once.
+constexpr size_t kMeshTriangles = 60'000;
+
+template <typename T>
+void AppendBytes(std::string& bytes, const T* values, size_t count) {
+  bytes.append(reinterpret_cast<const char*>(values), count * sizeof(T));
+}
 
 // Short numbers: five digits are plenty for a drawing.
 Json ToJson(const Eigen::Vector3d& v) {
@@ -43,15 +51,43 @@ void SceneJson::AddCamera(const std::string& kind, const std::string& name,
   cameras_.push_back({kind, name, cam_from_world, kUsualRatio, from});
 }
 
+void SceneJson::AddMesh(const TriangleMesh& mesh) {
+  if (mesh.triangles.empty()) return;
+  // Of large triangles with a texture the colours of the corners would say little.
+  double area = 0;
+  for (const auto& [a, b, c] : mesh.triangles) {
+    area += 0.5 *
+            (mesh.vertices[b] - mesh.vertices[a]).cross(mesh.vertices[c] - mesh.vertices[a]).norm();
+  }
+  const bool is_coarse = mesh.triangles.size() < kMeshTriangles && !mesh.textures.empty();
+  const double edge = std::sqrt(area / kMeshTriangles);
+  mesh_ = DecimatedMesh(is_coarse && edge > 0 ? SplitLongEdges(mesh, edge) : mesh, kMeshTriangles);
+}
+
+Json SceneJson::MeshJson(const Eigen::Vector3d& origin) const {
+  std::string floats, colors, corners;
+  for (size_t i = 0; i < mesh_.vertices.size(); ++i) {
+    const Eigen::Vector3f place =
+        (mesh_.VertexInWorld(static_cast<uint32_t>(i)) - origin).cast<float>();
+    AppendBytes(floats, place.data(), 3);
+    const std::array<uint8_t, 3> color = mesh_.vertex_colors_rgb.empty()
+                                             ? std::array<uint8_t, 3>{190, 190, 190}
+                                             : mesh_.vertex_colors_rgb[i];
+    AppendBytes(colors, color.data(), 3);
+  }
+  for (const auto& triangle : mesh_.triangles) AppendBytes(corners, triangle.data(), 3);
+  return {{"vertices", EncodeBase64(floats)},
+          {"colors", EncodeBase64(colors)},
+          {"triangles", EncodeBase64(corners)}};
+}
+
 Json SceneJson::Build() const {
   const Eigen::Vector3d origin =
       cameras_.empty() ? Eigen::Vector3d::Zero() : cameras_.front().cam_from_world.OriginInSource();
   std::string floats;
   for (const Eigen::Vector3d& point : points_) {
     const Eigen::Vector3f relative = (point - origin).cast<float>();
-    char bytes[sizeof(float) * 3];
-    std::memcpy(bytes, relative.data(), sizeof(bytes));
-    floats.append(bytes, sizeof(bytes));
+    AppendBytes(floats, relative.data(), 3);
   }
   Eigen::Vector3d up = Eigen::Vector3d::Zero();
   nlohmann::ordered_json cameras = nlohmann::ordered_json::array();
@@ -72,10 +108,12 @@ Json SceneJson::Build() const {
   if (!(up.norm() > 0)) up = Eigen::Vector3d::UnitZ();
   up.normalize();
   const Eigen::Vector3d first = up.unitOrthogonal();
-  return {{"points", EncodeBase64(floats)},
-          {"colors", EncodeBase64(colors_)},
-          {"cameras", cameras},
-          {"up", {ToJson(first), ToJson(up.cross(first)), ToJson(up)}}};
+  Json scene = {{"points", EncodeBase64(floats)},
+                {"colors", EncodeBase64(colors_)},
+                {"cameras", cameras},
+                {"up", {ToJson(first), ToJson(up.cross(first)), ToJson(up)}}};
+  if (!mesh_.triangles.empty()) scene["mesh"] = MeshJson(origin);
+  return scene;
 }
 
 }  // namespace raylift

@@ -12,6 +12,7 @@
 #include <Eigen/Core>
 #include <nlohmann/json.hpp>
 
+#include "raylift/renderers/triangle_mesh.h"
 #include "raylift/scene/posed_image.h"
 
 namespace raylift {
@@ -19,9 +20,11 @@ namespace raylift {
 class SceneJson {
  public:
   void AddPoint(const Eigen::Vector3d& point_in_world, const std::array<uint8_t, 3>& color_rgb);
-  // `kind`: "reference", "true", "estimated". `from`: where a line to the camera starts.
+  // `kind`: "reference", "true", "estimated", or a verdict. `from`: where a line to the camera starts.
   void AddCamera(const std::string& kind, const PosedImage& image,
                  const std::optional<Eigen::Vector3d>& from = std::nullopt);
+  // What a coarse copy of the mesh looks like, of the colours of its vertices or grey.
+  void AddMesh(const TriangleMesh& mesh);
   // For poses without intrinsics.
   void AddCamera(const std::string& kind, const std::string& name, const Rigid3& cam_from_world,
                  const std::optional<Eigen::Vector3d>& from = std::nullopt);
@@ -30,6 +33,8 @@ class SceneJson {
   nlohmann::ordered_json Build() const;
 
  private:
+  nlohmann::ordered_json MeshJson(const Eigen::Vector3d& origin) const;
+
   struct Camera3D {
     std::string kind, name;
     Rigid3 cam_from_world;
@@ -39,6 +44,7 @@ class SceneJson {
   std::vector<Eigen::Vector3d> points_;
   std::string colors_;
   std::vector<Camera3D> cameras_;
+  TriangleMesh mesh_;  // small
 };
 
 }  // namespace raylift

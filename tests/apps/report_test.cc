@@ -32,12 +32,31 @@ setTimeout(() => {
   found.sections = [...document.querySelectorAll("section")].map((node) => node.id);
   found.wide = document.documentElement.scrollWidth > window.innerWidth;
   const table = document.querySelector("#images table, #localization table, #queries table");
-  const column = () => [...table.querySelectorAll("tbody tr td:nth-child(2)")].map((cell) => parseFloat(cell.textContent));
-  const button = table.querySelectorAll("th button")[1];
+  const cells = (index) => [...table.querySelectorAll(`tbody tr td:nth-child(${index + 1})`)].map((cell) => parseFloat(cell.textContent));
+  const buttons = [...table.querySelectorAll("th button")];
+  const numeric = buttons.findIndex((_, index) => cells(index).every((value) => !isNaN(value)));
+  const column = () => cells(numeric);
+  const button = buttons[numeric];
   button.click();
   found.once = column();
   button.click();
   found.twice = column();
+  const swipe = document.querySelector("input[aria-label=swipe]");
+  if (swipe) {
+    const clip = () => document.querySelector(".rendering").style.clipPath;
+    const unmoved = clip();
+    swipe.value = 20;
+    swipe.dispatchEvent(new Event("input"));
+    found.swiped = clip() !== unmoved && clip().includes("20%");
+    found.marks = document.querySelectorAll(".photo .layer g").length;
+    found.lines = document.querySelectorAll(".photo.pair line").length;
+    const search = document.querySelector("input[type=search]");
+    const lines = () => document.querySelectorAll("#queries tbody tr").length;
+    const all = lines();
+    search.value = document.querySelector("#queries tbody a").textContent;
+    search.dispatchEvent(new Event("input"));
+    found.searched = all > 1 && lines() === 1;
+  }
   const canvas = document.querySelector("canvas");
   const pixels = () => [...canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data].join();
   const before = pixels();
@@ -46,10 +65,21 @@ setTimeout(() => {
   point("pointerdown", 50); point("pointermove", 150); point("pointerup", 150);
   setTimeout(() => {
     found.turned = pixels() !== before;
-    const result = document.createElement("pre");
-    result.id = "found";
-    result.textContent = "FOUND" + JSON.stringify(found) + "END";
-    document.body.append(result);
+    const camera = canvas.view.cameras[canvas.view.cameras.length - 1];
+    const scale = canvas.width / canvas.clientWidth;
+    const [x, y] = canvas.view.project(camera.center);
+    const frame = canvas.getBoundingClientRect();
+    for (const type of ["pointerdown", "pointerup"]) {
+      canvas.dispatchEvent(new PointerEvent(type,
+        { pointerId: 2, clientX: frame.left + x / scale, clientY: frame.top + y / scale, bubbles: true }));
+    }
+    setTimeout(() => {
+      found.flew = canvas.dataset.at !== undefined;
+      const result = document.createElement("pre");
+      result.id = "found";
+      result.textContent = "FOUND" + JSON.stringify(found) + "END";
+      document.body.append(result);
+    }, 1500);
   }, 100);
 }, 500);
 </script>)html";
@@ -87,6 +117,7 @@ void ExpectWorks(const nlohmann::json& found) {
   std::reverse(twice.begin(), twice.end());
   EXPECT_EQ(once, twice);
   EXPECT_TRUE(found["turned"]);
+  EXPECT_TRUE(found["flew"]);
 }
 
 class Report : public ::testing::Test {
@@ -160,9 +191,15 @@ TEST_F(Report, OfALocalizationWorksInABrowser) {
   ASSERT_TRUE(
       Succeeds(RunRaylift(LocalizeWithHloc(scene_, scene_.folder / "out") +
                           Arguments{"--query-images", scene_.images(), "--report", folder_})));
-  const auto found = Probe(folder_ / "index.html", 1280);
-  ExpectWorks(found);
-  EXPECT_EQ(found["sections"], nlohmann::json({"queries", "scene"}));
+  for (const int width_px : {390, 1280, 2000}) {
+    const auto found = Probe(folder_ / "index.html", width_px);
+    ExpectWorks(found);
+    EXPECT_EQ(found["sections"], nlohmann::json({"queries", "scene"}));
+    EXPECT_TRUE(found["swiped"]);
+    EXPECT_GT(found["marks"], 100);
+    EXPECT_GT(found["lines"], 20);
+    EXPECT_TRUE(found["searched"]);
+  }
 }
 
 TEST_F(Report, OfAnEvaluationWorksInABrowser) {

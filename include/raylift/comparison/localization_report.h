@@ -1,5 +1,6 @@
-// The page of `raylift localize`: every query with what its stages left, its inliers drawn on the
-// photograph, and the poses among the references in 3D. It knows no ground truth.
+// The page of `raylift localize`: every query with its verdict, what its stages left, and its
+// photograph over the mesh as seen from the pose, with edges, matches and residuals; and the poses
+// among the references and the mesh in 3D. It knows no ground truth.
 
 #pragma once
 
@@ -11,22 +12,33 @@
 #include <string_view>
 
 #include "raylift/localization/localizer.h"
+#include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/posed_image.h"
 
 namespace raylift {
 
+struct LocalizationReportOptions {
+  size_t num_queries = 0;
+  // May be empty: then no photographs are shown.
+  std::filesystem::path query_images = {}, reference_images = {};
+  std::shared_ptr<const RayCaster> mesh = nullptr;  // null: no pictures of it
+  // Of more queries, pictures and matches are in files of their own, which the page loads as they
+  // are looked at.
+  size_t max_in_page = 50;
+  std::filesystem::path folder = {};  // of the page
+};
+
 class LocalizationReport {
  public:
-  // `query_images` may be empty: then no photographs are shown. Of more than `max_photos` queries,
-  // evenly spread ones get theirs.
-  LocalizationReport(size_t num_queries, std::filesystem::path query_images,
-                     size_t max_photos = 100);
+  explicit LocalizationReport(LocalizationReportOptions options);
   ~LocalizationReport();
 
-  // Once per query, in any order. Thread safe.
+  // Once per query, in any order. Thread safe. OutputError where a file cannot be written.
   void Take(size_t index, const QueryResult& result);
 
-  std::string Format(std::string_view title, std::span<const PosedImage> references) const;
+  // `warnings`: of the run.
+  std::string Format(std::string_view title, std::span<const PosedImage> references,
+                     std::span<const std::string> warnings) const;
 
  private:
   struct Impl;

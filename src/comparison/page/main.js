@@ -149,14 +149,19 @@ function funnel(query) {
 
 function querySection(rows) {
   const names = rows[0].queries.map((query) => query.query);
-  const node = section("queries", "Query by query", "What every stage left of the matches, and how far the pose is off.");
+  const node = section("queries", "Query by query", rows[0].queries[0].verdict
+    ? "The worst first. A click on a line, or on a camera of the scene below, shows the query."
+    : "What every stage left of the matches, and how far the pose is off.");
   const place = element("div", { class: "grid" });
   const first = Math.max(0, rows.findIndex((row) => row.queries[0].candidates), rows.findIndex((row) => row.queries[0].keypoints));
-  const chosen = { query: 0, row: first };
+  const worst = rows[first].queries.map((query, index) => ({ query, index }))
+    .sort((a, b) => worseFirst(a.query, b.query))[0];
+  const chosen = { query: rows[first].queries[0].verdict ? worst.index : 0, row: first, search: "" };
   function draw() {
     const row = rows[chosen.row];
     const query = row.queries[chosen.query];
-    const facts = [query.reason !== undefined ? (query.reason ? `not localized: ${query.reason}` : "localized") : query.position === null ? "no pose" : `position error ${number(query.position)}, rotation error ${number(query.rotation_deg)}°`];
+    const facts = [query.reason ? `not localized: ${query.reason}` : query.verdict ? null : query.position === null ? "no pose" : `position error ${number(query.position)}, rotation error ${number(query.rotation_deg)}°`];
+    facts.push(...verdictFacts(query));
     if (query.solver) facts.push(`the pose comes from ${query.solver}`);
     if (query.position_sigma !== undefined) {
       facts.push(`expected error: position ${number(query.position_sigma)}, rotation ${number(query.rotation_sigma_deg)}° (one standard deviation)`);
@@ -169,9 +174,9 @@ function querySection(rows) {
       facts.push(`Select keeps P3P's pose where it has more than ${row.method.split(":")[1]} times the 2D-2D inliers of E5+1's`);
     }
     const cards = [element("article", { class: "panel" }, element("h3", {}, `${query.query}, ${row.name}`),
-      element("ul", {}, ...facts.map((fact) => element("li", {}, fact))), query.retrieved !== undefined ? funnel(query) : null)];
+      element("ul", {}, ...facts.filter(Boolean).map((fact) => element("li", {}, fact))), query.retrieved !== undefined ? funnel(query) : null)];
     const photo = (data.query_photos || {})[query.query];
-    if (photo && query.keypoints) {
+    if (photo && Array.isArray(query.keypoints)) {
       const drawing = element("div", { class: "photo" }, element("img", { src: photo.uri, alt: `photograph ${query.query}` }));
       const circles = query.keypoints.map(([x, y, inlier]) => inlier
         ? `<circle cx="${x}" cy="${y}" r="${photo.width / 130}" fill="none" stroke="#ffab4a" stroke-width="${photo.width / 320}"/>`
@@ -179,30 +184,47 @@ function querySection(rows) {
       drawing.insertAdjacentHTML("beforeend", `<svg viewBox="0 0 ${photo.width} ${photo.height}" preserveAspectRatio="none">${circles.join("")}</svg>`);
       cards.push(element("article", { class: "panel" }, element("h3", {}, "Lifted keypoints: circles are inliers, crosses are not"), drawing));
     }
+    cards.push(...queryPictures(query));
+    loadPictures(query, () => { if (rows[chosen.row].queries[chosen.query] === query) draw(); });
     place.replaceChildren(...cards);
   }
   const list = element("div");
   const columns = [["retrieved", "retrieved"], ["matched", "matched"], ["hit", "hit"], ["consistent", "consistent"],
     ["inliers_2d3d", "inliers 2D-3D"], ["inliers_2d2d", "inliers 2D-2D"], ["position", "position error"], ["rotation_deg", "rotation error, °"],
-    ["position_sigma", "position ±"], ["rotation_sigma_deg", "rotation ±, °"]];
+    ["confidence", "probability"], ["position_sigma", "position ±"], ["rotation_sigma_deg", "rotation ±, °"]];
   function drawList() {
-    const queries = rows[chosen.row].queries;
+    const queries = rows[chosen.row].queries.filter((query) => query.query.toLowerCase().includes(chosen.search));
+    if (queries.some((query) => query.verdict)) queries.sort(worseFirst);
     const known = columns.filter(([key]) => queries.some((query) => query[key] !== undefined && query[key] !== null));
     list.replaceChildren(element("p", {}), sortableTable([
       { title: "query", value: (query) => query.query,
         node: (query) => element("a", { href: "#queries" }, query.query) },
+      ...(queries.some((query) => query.verdict) ? [{ title: "verdict", value: (query) => verdicts.indexOf(query.verdict),
+        node: (query) => element("span", { class: `verdict ${query.verdict}` }, query.verdict) }] : []),
       ...known.map(([key, title]) => ({ title, value: (query) => query[key], text: (query) => number(query[key]) })),
       ...(queries.some((query) => query.reason !== undefined)
-        ? [{ title: "status", value: (query) => query.reason || "localized" }] : []),
-    ], [...queries], { tall: true, onRow: (query) => { chosen.query = names.indexOf(query.query); select.selectedIndex = chosen.query; draw(); } }));
+        ? [{ title: "why not", value: (query) => query.reason }] : []),
+    ], queries, { tall: true, onRow: (query) => show(query.query) }),
+    ...(chosen.search ? [element("p", { class: "soft" }, `${queries.length} of ${names.length} queries`)] : []));
   }
-  const queryChoice = choice("query", names, (index) => { chosen.query = index; draw(); });
+  function show(name) {
+    chosen.query = names.indexOf(name);
+    select.selectedIndex = chosen.query;
+    draw();
+  }
+  const queryChoice = choice("query", names, (index) => { chosen.query = index; draw(); }, chosen.query);
   const select = queryChoice.querySelector("select");
   node.append(element("div", { class: "controls" },
     queryChoice,
-    rows.length > 1 ? choice("method", rows.map((row) => row.name), (index) => { chosen.row = index; draw(); drawList(); }, first) : null), place, list);
+    rows.length > 1 ? choice("method", rows.map((row) => row.name), (index) => { chosen.row = index; draw(); drawList(); }, first) : null,
+    names.length > 1 ? element("input", { type: "search", placeholder: "search queries", "aria-label": "search queries",
+      oninput: (event) => { chosen.search = event.target.value.toLowerCase(); drawList(); } }) : null), place, list);
   drawList();
   draw();
+  return (name) => {
+    if (names.includes(name)) show(name);
+    return names.includes(name);
+  };
 }
 
 // How bad an image of a source is, by the first of these that it has.
@@ -261,31 +283,54 @@ function stripSection() {
   }
 }
 
-function sceneSection() {
+function warningSection() {
+  if (!data.warnings || !data.warnings.length) return;
+  const node = section("warnings", "Warnings");
+  node.append(element("ul", { class: "warnings" }, ...data.warnings.map((text) => element("li", {}, text))));
+}
+
+// `onPick`: shows a query of this name; whether there is such a thing.
+function sceneSection(onPick) {
   if (!data.scene) return;
-  const node = section("scene", "The scene", "Drag to turn, wheel or pinch to zoom, shift and drag to move; arrow keys work, too.");
+  const node = section("scene", "The scene", "Drag to turn, wheel or pinch to zoom, shift and drag to move; arrow keys work, too. "
+    + "A click on a camera flies there.");
   const canvas = element("canvas", { tabindex: "0", "aria-label": "3D view of points and cameras", id: "scene-view" });
   const kinds = [...new Set(data.scene.cameras.map((camera) => camera.kind))];
   const controls = element("div", { class: "controls" });
   node.append(controls, element("div", {}, canvas));
-  const view = new SceneView(canvas, data.scene);
+  const caption = element("p", { class: "soft" });
+  node.append(caption);
+  const view = new SceneView(canvas, data.scene, (camera) => {
+    view.flyTo(camera);
+    const isShown = onPick && onPick(camera.name);
+    caption.replaceChildren(camera.name, ...(isShown ? [": ", element("a", { href: "#queries" }, "its matches")] : []));
+  });
+  controls.append(element("button", { type: "button", onclick: () => view.home() }, "whole scene"));
+  if (data.scene.mesh) {
+    const box = element("input", { type: "checkbox", checked: "", onchange: () => { view.showMesh = box.checked; view.draw(); } });
+    controls.append(element("label", {}, box, " mesh"));
+  }
   for (const kind of kinds) {
     const box = element("input", { type: "checkbox", checked: "", onchange: () => {
       if (box.checked) view.shown.add(kind); else view.shown.delete(kind);
       view.draw();
     } });
-    controls.append(element("label", {}, box, ` ${{ reference: "references", true: "true queries", estimated: "estimated queries" }[kind] || kind}`));
+    const name = { reference: "references", true: "true queries", estimated: "estimated queries", localized: "localized queries",
+      doubtful: "doubtful queries" }[kind] || kind;
+    controls.append(element("label", {}, box, " ", element("span", { class: "dot", style: `background:${SceneView.colorOf(kind)}` }), ` ${name}`));
   }
 }
 
 header();
+warningSection();
+let showQuery = null;
 if (data.sources) {
   sourceSummary();
   if (data.truth || data.sources.some((source) => source.curves.reprojection_px)) sourceCurves();
 }
 if (data.rows && data.rows.length) {
   if (data.rows[0].recalls.length) recallSection(data.rows, data.rows[0].recalls);
-  querySection(data.rows);
+  showQuery = querySection(data.rows);
 }
 if (data.sources) {
   imageSection();
@@ -296,6 +341,6 @@ if (data.experiment) {
   if (data.experiment.figures.length) experimentFigures(data.experiment.figures);
   if (data.experiment.claims.length) experimentClaims(data.experiment.claims);
 }
-sceneSection();
+sceneSection(showQuery);
 fillNavigation();
 document.documentElement.dataset.ready = "true";

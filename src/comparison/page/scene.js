@@ -1,4 +1,4 @@
-// A view of points and cameras on a canvas: drag to turn, wheel or pinch to zoom, shift-drag to move.
+// A view of a mesh, points and cameras on a canvas, drawn here so that it needs no graphics card: drag to turn, wheel or pinch to zoom, shift-drag to move.
 function decodeFloats(text) {
   const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
   return new Float32Array(bytes.buffer);
@@ -6,21 +6,25 @@ function decodeFloats(text) {
 function decodeBytes(text) { return Uint8Array.from(atob(text), (c) => c.charCodeAt(0)); }
 
 class SceneView {
-  // scene: {points, colors (base64), cameras: [{kind, name, center, axes (right, down, forward), ratio}]}
-  constructor(canvas, scene) {
+  // scene: {points, colors (base64), cameras: [{kind, name, center, axes (right, down, forward), ratio}],
+  // mesh: {vertices, colors, triangles (base64)}}; `onPick` is told of a camera that is clicked.
+  constructor(canvas, scene, onPick) {
     this.canvas = canvas;
+    canvas.view = this;
+    this.onPick = onPick;
+    this.mesh = scene.mesh ? { vertices: decodeFloats(scene.mesh.vertices), colors: decodeBytes(scene.mesh.colors),
+      triangles: new Uint32Array(decodeBytes(scene.mesh.triangles).buffer) } : null;
+    this.showMesh = this.mesh !== null;
     this.points = decodeFloats(scene.points);
     this.colors = decodeBytes(scene.colors);
     this.cameras = scene.cameras;
     this.shown = new Set(scene.cameras.map((camera) => camera.kind));
     this.up = scene.up;
     const { center, radius } = this.bounds();
-    this.target = center;
+    this.center = center;
     this.radius = radius;
-    this.distance = 1.4 * radius;
-    this.azimuth = 0.7;
-    this.elevation = 0.55;
     this.frames = 0;
+    this.home();
     this.listen();
     new ResizeObserver(() => this.draw()).observe(canvas);
     this.draw();
@@ -29,6 +33,7 @@ class SceneView {
   bounds() {
     const axes = [[], [], []];
     for (let i = 0; i < this.points.length; ++i) axes[i % 3].push(this.points[i]);
+    if (this.mesh) for (let i = 0; i < this.mesh.vertices.length; ++i) axes[i % 3].push(this.mesh.vertices[i]);
     for (const camera of this.cameras) camera.center.forEach((value, axis) => axes[axis].push(value));
     const center = [], half = [];
     for (const values of axes) {
@@ -41,10 +46,61 @@ class SceneView {
     return { center, radius: Math.hypot(...half) || 1 };
   }
 
+  home() {
+    this.target = [...this.center];
+    this.distance = 1.4 * this.radius;
+    this.azimuth = 0.7;
+    this.elevation = 0.55;
+    this.draw();
+  }
+
+  // To where the camera stands, looking where it looks; from a little behind, so that it is seen.
+  flyTo(camera) {
+    const forward = camera.axes[2];
+    const [u, v, w] = this.up;
+    const along = (axis) => axis.reduce((sum, value, i) => sum + value * forward[i], 0);
+    const distance = 0.35 * this.radius;
+    const to = { azimuth: Math.atan2(-along(v), -along(u)), elevation: Math.asin(Math.max(-1, Math.min(1, -along(w)))),
+      distance, target: camera.center.map((value, i) => value + 0.6 * distance * forward[i]) };
+    const from = { azimuth: this.azimuth, elevation: this.elevation, distance: this.distance, target: [...this.target] };
+    to.azimuth = from.azimuth + Math.atan2(Math.sin(to.azimuth - from.azimuth), Math.cos(to.azimuth - from.azimuth));
+    const flight = {};
+    this.flight = flight;
+    const begin = performance.now();
+    const step = () => {
+      if (this.flight !== flight) return;
+      const share = Math.min(1, (performance.now() - begin) / 600);
+      const eased = share * share * (3 - 2 * share);
+      const mix = (a, b) => a + eased * (b - a);
+      for (const key of ["azimuth", "elevation", "distance"]) this[key] = mix(from[key], to[key]);
+      this.target = from.target.map((value, i) => mix(value, to.target[i]));
+      this.draw();
+      if (share < 1) requestAnimationFrame(step);
+      else this.canvas.dataset.at = camera.name;
+    };
+    step();
+  }
+
+  // The camera whose centre is drawn the nearest, within a finger's width.
+  pick(x, y) {
+    const scale = this.canvas.width / this.canvas.clientWidth;
+    let best = null, least = 14 * scale;
+    for (const camera of this.cameras) {
+      const place = this.shown.has(camera.kind) ? this.project(camera.center) : null;
+      if (!place) continue;
+      const distance = Math.hypot(place[0] - scale * x, place[1] - scale * y);
+      if (distance < least) [best, least] = [camera, distance];
+    }
+    return best;
+  }
+
   listen() {
     const pointers = new Map();
     const canvas = this.canvas;
+    let pressed = null;
     canvas.addEventListener("pointerdown", (event) => {
+      this.flight = null;
+      pressed = [event.clientX, event.clientY];
       canvas.setPointerCapture(event.pointerId);
       pointers.set(event.pointerId, [event.clientX, event.clientY]);
     });
@@ -64,6 +120,12 @@ class SceneView {
       }
       pointers.set(event.pointerId, [event.clientX, event.clientY]);
       this.draw();
+    });
+    canvas.addEventListener("pointerup", (event) => {
+      if (!pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
+      const frame = canvas.getBoundingClientRect();
+      const camera = this.pick(event.clientX - frame.left, event.clientY - frame.top);
+      if (camera && this.onPick) this.onPick(camera);
     });
     for (const name of ["pointerup", "pointercancel"]) {
       canvas.addEventListener(name, (event) => pointers.delete(event.pointerId));
@@ -135,6 +197,7 @@ class SceneView {
       const z = dot(forward);
       return z > 1e-6 * this.radius ? [width / 2 + (focal * dot(right)) / z, height / 2 + (focal * dot(down)) / z, z] : null;
     };
+    if (this.showMesh) this.paintMesh(pixels, depths, width, height, eye, [right, down, forward], focal);
     const size = Math.max(1, Math.round(2 * scale));
     for (let i = 0; i < this.points.length; i += 3) {
       const place = this.project([this.points[i], this.points[i + 1], this.points[i + 2]]);
@@ -154,6 +217,50 @@ class SceneView {
     for (const camera of this.cameras) if (this.shown.has(camera.kind)) this.paintCamera(context, camera);
     this.frames += 1;
     canvas.dataset.frames = this.frames;
+  }
+
+  // Triangles with a depth buffer, each of the mean colour of its corners, lit from the viewer.
+  paintMesh(pixels, depths, width, height, eye, axes, focal) {
+    const { vertices, colors, triangles } = this.mesh;
+    const count = vertices.length / 3;
+    const seen = new Float32Array(3 * count);
+    for (let i = 0; i < count; ++i) {
+      const dx = vertices[3 * i] - eye[0], dy = vertices[3 * i + 1] - eye[1], dz = vertices[3 * i + 2] - eye[2];
+      for (let k = 0; k < 3; ++k) seen[3 * i + k] = axes[k][0] * dx + axes[k][1] * dy + axes[k][2] * dz;
+    }
+    const near = 0.01 * this.radius;
+    for (let t = 0; t < triangles.length; t += 3) {
+      const a = 3 * triangles[t], b = 3 * triangles[t + 1], c = 3 * triangles[t + 2];
+      const za = seen[a + 2], zb = seen[b + 2], zc = seen[c + 2];
+      if (za < near || zb < near || zc < near) continue;
+      const xa = width / 2 + (focal * seen[a]) / za, ya = height / 2 + (focal * seen[a + 1]) / za;
+      const xb = width / 2 + (focal * seen[b]) / zb, yb = height / 2 + (focal * seen[b + 1]) / zb;
+      const xc = width / 2 + (focal * seen[c]) / zc, yc = height / 2 + (focal * seen[c + 1]) / zc;
+      const left = Math.max(0, Math.ceil(Math.min(xa, xb, xc) - 0.5)), rightmost = Math.min(width - 1, Math.floor(Math.max(xa, xb, xc) - 0.5));
+      const top = Math.max(0, Math.ceil(Math.min(ya, yb, yc) - 0.5)), bottom = Math.min(height - 1, Math.floor(Math.max(ya, yb, yc) - 0.5));
+      if (left > rightmost || top > bottom) continue;
+      const area = (xb - xa) * (yc - ya) - (xc - xa) * (yb - ya);
+      if (area === 0) continue;
+      const ux = seen[b] - seen[a], uy = seen[b + 1] - seen[a + 1], uz = zb - za;
+      const vx = seen[c] - seen[a], vy = seen[c + 1] - seen[a + 1], vz = zc - za;
+      const nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
+      const sight = Math.hypot(seen[a], seen[a + 1], za) * Math.hypot(nx, ny, nz) || 1;
+      const light = 0.55 + (0.45 * Math.abs(nx * seen[a] + ny * seen[a + 1] + nz * za)) / sight;
+      let color = 0xff000000;
+      for (let k = 0; k < 3; ++k) color |= ((light * (colors[a + k] + colors[b + k] + colors[c + k])) / 3) << (8 * k);
+      for (let y = top; y <= bottom; ++y) {
+        for (let x = left; x <= rightmost; ++x) {
+          const px = x + 0.5, py = y + 0.5;
+          const wb = ((px - xa) * (yc - ya) - (xc - xa) * (py - ya)) / area;
+          const wc = ((xb - xa) * (py - ya) - (px - xa) * (yb - ya)) / area;
+          if (wb < 0 || wc < 0 || wb + wc > 1) continue;
+          // Inverse depth is linear in the picture.
+          const z = 1 / ((1 - wb - wc) / za + wb / zb + wc / zc);
+          const at = y * width + x;
+          if (z < depths[at]) { depths[at] = z; pixels[at] = color; }
+        }
+      }
+    }
   }
 
   paintCamera(context, camera) {
@@ -178,6 +285,6 @@ class SceneView {
   }
 
   static colorOf(kind) {
-    return { reference: "#9aa5b1", true: "#56d3a5", estimated: "#ffab4a" }[kind] || "#ffffff";
+    return { reference: "#9aa5b1", true: "#56d3a5", estimated: "#ffab4a", localized: "#56d3a5", doubtful: "#ffab4a" }[kind] || "#ffffff";
   }
 }
