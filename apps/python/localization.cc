@@ -16,6 +16,7 @@
 #include "raylift/localization/batch_localizer.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/matching.h"
+#include "raylift/localization/references.h"
 
 namespace raylift::python {
 namespace {
@@ -313,14 +314,11 @@ ResultPointer LocalizeMatches(const SceneLocalizer& localizer, const CameraLike&
   });
 }
 
-py::dict LocalizeAll(const SceneLocalizer& localizer,
-                     const std::vector<std::pair<std::string, CameraLike>>& queries, int threads,
-                     const std::optional<ProgressCall>& progress) {
-  std::vector<Query> asked;
-  for (const auto& [name, camera] : queries) asked.push_back({name, ToCamera(camera)});
+py::dict LocalizeInParallel(const SceneLocalizer& localizer, const std::vector<Query>& asked,
+                            MatchingOptions matching, int threads,
+                            const std::optional<ProgressCall>& progress) {
   std::vector<ResultPointer> results(asked.size());
   Watched(progress, [&] {
-    MatchingOptions matching = localizer.matching();
     matching.front_end.threads = threads;
     BatchLocalizer batch(localizer.scene(), asked, OpenMatches(localizer.scene(), asked, matching),
                          {.localizer = localizer.options(), .threads = threads});
@@ -333,6 +331,22 @@ py::dict LocalizeAll(const SceneLocalizer& localizer,
   py::dict by_name;
   for (size_t i = 0; i < asked.size(); ++i) by_name[py::str(asked[i].name)] = results[i];
   return by_name;
+}
+
+py::dict LocalizeAll(const SceneLocalizer& localizer,
+                     const std::vector<std::pair<std::string, CameraLike>>& queries, int threads,
+                     const std::optional<ProgressCall>& progress) {
+  std::vector<Query> asked;
+  for (const auto& [name, camera] : queries) asked.push_back({name, ToCamera(camera)});
+  return LocalizeInParallel(localizer, asked, localizer.matching(), threads, progress);
+}
+
+py::dict LeaveOneOut(const SceneLocalizer& localizer, int threads,
+                     const std::optional<ProgressCall>& progress) {
+  MatchingOptions matching = localizer.matching();
+  matching.front_end.among_references = true;
+  return LocalizeInParallel(localizer, QueriesOf(localizer.scene().references), matching, threads,
+                            progress);
 }
 
 py::dict CountsOf(const StageCounts& counts) {
@@ -436,7 +450,11 @@ void BindLocalization(py::module_& module) {
            py::arg("progress") = py::none(),
            "Many queries, (name, camera) each, whose photographs or matches are in files: what "
            "they\n"
-           "have in common is learned first, as `raylift localize` does. Returns a dict by name.");
+           "have in common is learned first, as `raylift localize` does. Returns a dict by name.")
+      .def("leave_one_out", &LeaveOneOut, py::kw_only(), py::arg("threads") = 0,
+           py::arg("progress") = py::none(),
+           "Each reference as a query of the others: what is to be expected where no query's pose\n"
+           "is known. Returns a dict by name.");
   module.def(
       "extract_features",
       [](const ArrayLike& image, int max_features) {

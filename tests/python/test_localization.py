@@ -174,3 +174,21 @@ def test_many_queries_with_colmaps_database(hloc, tmp_path):
     assert [image.name for image in problem.references] == [reference]
     with pytest.raises(raylift.OptionError, match="COLMAP's database"):
         raylift.Localizer(hloc.scene, features=hloc.features, matches=database)
+
+
+def test_references_localized_by_each_other(tmp_path):
+    every = dict(every=4)
+    scene = raylift.Scene(DEMO / "model", [MESH], images=DEMO / "images", **every)
+    told = []
+    found = raylift.Localizer(scene, max_features=1000, top_k=5, cache=tmp_path / "cache").leave_one_out(
+        progress=lambda *a: told.append(a))
+    assert list(found) == [r.name for r in scene.references] and told[-1] == (6, 6, "queries")
+    for reference in scene.references:
+        query = found[reference.name]
+        assert reference.name not in [other.name for other in query.problem.references]
+        error = np.linalg.norm(query.cam_from_world.center - reference.cam_from_world.center)
+        assert error < 0.1, reference.name
+    raylift.localize(tmp_path / "out", model=DEMO / "model", images=DEMO / "images", geometry=MESH,
+                     leave_one_out=True, max_features=1000, top_k=5, cache=tmp_path / "cache", **every)
+    raylift.write_poses(tmp_path / "poses.txt", {name: query.cam_from_world for name, query in found.items()})
+    assert (tmp_path / "poses.txt").read_bytes() == (tmp_path / "out/poses.txt").read_bytes()

@@ -9,6 +9,7 @@ and Ctrl-C ends them.
 
 from . import hloc
 from ._commands import (
+    colour,
     compare,
     doctor,
     evaluate,
@@ -70,6 +71,7 @@ __all__ = [
     "Scene",
     "SfmPoints",
     "__version__",
+    "colour",
     "compare",
     "doctor",
     "estimate_all",

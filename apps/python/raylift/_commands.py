@@ -137,6 +137,18 @@ def render_dataset(geometry: Union[str, Sequence[str]], out: PathLike, **options
     return summary
 
 
+def colour(mesh: PathLike, out: PathLike, **options: Any) -> _core.Mesh:
+    """`raylift colour`: vertex colours for a bare mesh, from photographs with poses.
+
+    mesh: a file, or "mesh:PATH[,key=value...]". out: the coloured mesh (PLY). options: model, images,
+    max_edge, keep_exposures, ... as of `raylift colour --help`.
+
+    Returns the coloured mesh.
+    """
+    run("colour", mesh, out=out, **options)
+    return _core.Mesh.read(out)
+
+
 def import_dataset(dataset: str, folder: PathLike, out: PathLike, **options: Any) -> List[Path]:
     """`raylift import`: scene files from one of the field's data sets ("7scenes", "cambridge", ...).
 
@@ -165,8 +177,9 @@ def experiment(file: PathLike, out: PathLike, *, set: Optional[Mapping[str, str]
 def localize(out: PathLike, **options: Any) -> Dict[str, Any]:
     """`raylift localize`: poses of query photographs in a known scene, to files.
 
-    options: model (or scene), geometry, queries, images, ... as of `raylift localize --help`. Where out
-    holds a former run, resume=True goes on with it, overwrite=True begins anew.
+    options: model (or scene), geometry, queries (or leave_one_out=True), images, ... as of
+    `raylift localize --help`. Where out holds a former run, resume=True goes on with it, overwrite=True
+    begins anew.
 
     Returns the summary that it writes beside poses.txt and queries.jsonl.
     """
