@@ -11,9 +11,10 @@
 namespace raylift {
 namespace {
 
-constexpr std::array<std::string_view, 13> kNames = {
-    "libassimp.", "libceres.",  "libembree", "libfmt.",    "libhdf5", "libopencv_", "libOpenEXR",
-    "libpng",     "libraylift", "libsqlite", "libstdc++.", "libtbb.", "libzip."};
+constexpr std::array<std::string_view, 16> kNames = {
+    "libassimp.", "libceres.",  "libembree", "libfmt.",    "libhdf5",   "libjpeg.",
+    "libopencv_", "libOpenEXR", "libpng",    "libraylift", "libsqlite", "libstdc++.",
+    "libtbb.",    "libtiff.",   "libwebp.",  "libzip."};
 
 int Add(dl_phdr_info* library, size_t, void* names) {
   std::error_code failed;

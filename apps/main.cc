@@ -1,4 +1,3 @@
-#include <iostream>
 #include <string>
 #include <vector>
 
@@ -6,8 +5,6 @@
 #include <opencv2/core/utility.hpp>
 
 int main(int argc, char** argv) {
-  // OpenCV writes there what it cannot decode, in its own words; errors are one line, on stderr.
-  std::cerr.rdbuf(nullptr);
   // Images are worked on side by side, on --threads; OpenCV's own threads would come on top.
   cv::setNumThreads(1);
   return raylift::RunProgram(std::vector<std::string>(argv + 1, argv + argc));

@@ -1,37 +1,20 @@
 #include "texture_file.h"
 
 #include <algorithm>
-#include <limits>
 
 #include <fmt/format.h>
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/scene/picture_header.h"
+#include "raylift/pictures/picture_codec.h"
 
 namespace raylift {
 
 std::optional<Image> DecodeTexture(std::span<const uint8_t> bytes) {
-  if (bytes.empty() || bytes.size() > static_cast<size_t>(std::numeric_limits<int>::max())) {
-    return std::nullopt;
-  }
-  if (WhyNoPicture({reinterpret_cast<const char*>(bytes.data()), bytes.size()})) {
-    return std::nullopt;
-  }
   try {
-    const std::vector<uint8_t> buffer(bytes.begin(), bytes.end());
-    const cv::Mat bgr = cv::imdecode(buffer, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
-    if (bgr.empty()) {
-      return std::nullopt;
-    }
-    Image image{bgr.cols, bgr.rows, 3, {}};
-    image.data.resize(static_cast<size_t>(bgr.cols) * static_cast<size_t>(bgr.rows) * 3);
-    cv::Mat rgb(bgr.rows, bgr.cols, CV_8UC3, image.data.data());
-    cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
-    return image;
-  } catch (const cv::Exception&) {
+    return DecodePicture({reinterpret_cast<const char*>(bytes.data()), bytes.size()},
+                         ImageChannels::kRgb);
+  } catch (const InputError&) {
     return std::nullopt;
   }
 }

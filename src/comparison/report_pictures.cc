@@ -6,10 +6,10 @@
 #include <cstdint>
 
 #include <fmt/format.h>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/pictures/picture_codec.h"
 
 namespace raylift {
 namespace {
@@ -93,16 +93,19 @@ std::vector<int> ErrorHistogram(const DepthMap& estimated, const DepthMap& truth
 }
 
 std::string JpegDataUri(const Image& image, int max_width_px) {
-  cv::Mat pixels(image.height_px, image.width_px, image.channels == 3 ? CV_8UC3 : CV_8UC1);
-  std::copy(image.data.begin(), image.data.end(), pixels.data);
-  if (image.channels == 3) cv::cvtColor(pixels, pixels, cv::COLOR_RGB2BGR);
+  Image small = image;
   if (image.width_px > max_width_px) {
-    const int height = std::max(1, image.height_px * max_width_px / image.width_px);
-    cv::resize(pixels, pixels, cv::Size(max_width_px, height), 0, 0, cv::INTER_AREA);
+    const int type = CV_8UC(image.channels);
+    small.width_px = max_width_px;
+    small.height_px = std::max(1, image.height_px * max_width_px / image.width_px);
+    small.data.resize(static_cast<size_t>(small.width_px) * static_cast<size_t>(small.height_px) *
+                      static_cast<size_t>(image.channels));
+    cv::Mat target(small.height_px, small.width_px, type, small.data.data());
+    cv::resize(
+        cv::Mat(image.height_px, image.width_px, type, const_cast<uint8_t*>(image.data.data())),
+        target, target.size(), 0, 0, cv::INTER_AREA);
   }
-  std::vector<uint8_t> bytes;
-  cv::imencode(".jpg", pixels, bytes, {cv::IMWRITE_JPEG_QUALITY, kJpegQuality});
-  return "data:image/jpeg;base64," + EncodeBase64(std::string(bytes.begin(), bytes.end()));
+  return "data:image/jpeg;base64," + EncodeBase64(EncodeJpeg(small, kJpegQuality));
 }
 
 std::string PngDataUri(const Image& image) {

@@ -11,12 +11,11 @@
 
 #include <Eigen/Geometry>
 #include <nlohmann/json.hpp>
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/json_text.h"
+#include "raylift/pictures/picture_codec.h"
 
 namespace raylift {
 namespace {
@@ -43,16 +42,12 @@ uint16_t LinearFromSrgb(uint8_t value) {
   return static_cast<uint16_t>(std::lround(linear * 65535));
 }
 
-std::vector<uchar> EncodeJpeg(const path& file, const Image& image) {
-  const cv::Mat pixels(image.height_px, image.width_px, image.channels == 1 ? CV_8UC1 : CV_8UC3,
-                       const_cast<uint8_t*>(image.data.data()));
-  cv::Mat bgr = pixels;
-  if (image.channels == 3) cv::cvtColor(pixels, bgr, cv::COLOR_RGB2BGR);
-  std::vector<uchar> bytes;
-  if (!cv::imencode(".jpg", bgr, bytes, {cv::IMWRITE_JPEG_QUALITY, kJpegQuality})) {
-    throw InputError(file, "a texture cannot be written as JPEG");
+std::string EncodeTexture(const path& file, const Image& texture) {
+  try {
+    return EncodeJpeg(texture, kJpegQuality);
+  } catch (const InputError& error) {
+    throw InputError(file, error.what());
   }
-  return bytes;
 }
 
 // Linear red, green and blue.
@@ -174,9 +169,10 @@ size_t AddMesh(const path& file, const TriangleMesh& mesh, GlbFile& glb) {
   for (const auto& [texture, corners] : corners_of_texture) {
     size_t material = 0;
     if (texture >= 0) {
-      const std::vector<uchar> jpeg = EncodeJpeg(file, mesh.textures[static_cast<size_t>(texture)]);
+      const std::string jpeg = EncodeTexture(file, mesh.textures[static_cast<size_t>(texture)]);
       const size_t image = glb.Add(
-          "images", {{"bufferView", glb.AddView(std::span(jpeg))}, {"mimeType", "image/jpeg"}});
+          "images",
+          {{"bufferView", glb.AddView(std::span<const char>(jpeg))}, {"mimeType", "image/jpeg"}});
       const size_t source = glb.Add("textures", {{"source", image}});
       material = glb.AddUnlit({{"baseColorTexture", {{"index", source}}}});
     } else if (!mesh.vertex_colors_rgb.empty()) {

@@ -1,16 +1,15 @@
-// Photographs and pictures, by OpenCV. Orientation tags are ignored: pixels are those that the
-// camera's intrinsics mean.
+// Photographs and pictures in files. Orientation tags are ignored: pixels are those that the camera's
+// intrinsics mean.
 
 #pragma once
 
 #include <filesystem>
 
+#include "raylift/pictures/picture_codec.h"
 #include "raylift/scene/image.h"
 #include "raylift/scene/plane_size.h"
 
 namespace raylift {
-
-enum class ImageChannels { kGrey, kRgb };
 
 // The size alone, from the header. InputError where the file is
 // missing or no image.

@@ -10,7 +10,7 @@
 #include "io/binary/npy_array.h"
 #include "io/depth/depth_formats.h"
 #include "io/depth/sample_rounding.h"
-#include "io/image/png_file.h"
+#include "pictures/png_codec.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

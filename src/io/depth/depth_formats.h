@@ -50,7 +50,7 @@ bool IsPng(std::string_view bytes);
 bool IsTiff(std::string_view bytes);
 bool IsPgm(std::string_view bytes);
 StoredDepth DecodePng(const std::filesystem::path& path, std::string_view bytes);
-StoredDepth DecodeTiff(const std::filesystem::path& path, std::string& bytes);
+StoredDepth DecodeTiff(const std::filesystem::path& path, std::string_view bytes);
 StoredDepth DecodePgm(const std::filesystem::path& path, std::string& bytes);
 std::string EncodeTiff(const std::filesystem::path& path, const FloatPlane& plane);
 

@@ -1,16 +1,18 @@
-// Depth maps in PNG, by libpng, and TIFF, by OpenCV. The headers are looked at first: both take the
-// memory that they claim, and OpenCV reads some sample types as if they were others.
+// Depth maps in PNG and TIFF. The headers are looked at first, as libpng and libtiff take the memory
+// that they claim.
 
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cctype>
 #include <cstring>
+#include <optional>
+#include <stdexcept>
 
 #include "io/depth/depth_formats.h"
-#include "io/image/png_file.h"
+#include "pictures/png_codec.h"
+#include "pictures/tiff_codec.h"
 #include <fmt/format.h>
-#include <opencv2/imgcodecs.hpp>
 
 #include "raylift/base/error.h"
 
@@ -29,74 +31,14 @@ T LoadAt(std::string_view bytes, uint64_t offset, bool big_endian) {
   return std::bit_cast<T>(raw);
 }
 
-cv::Mat Decode(const path& file, std::string& bytes) {
-  cv::Mat decoded;
-  try {
-    decoded = cv::imdecode(cv::Mat(1, static_cast<int>(bytes.size()), CV_8U, bytes.data()),
-                           cv::IMREAD_UNCHANGED);
-  } catch (const cv::Exception& error) {
-    throw InputError(file, fmt::format("the picture cannot be decoded: {}", error.err));
-  }
-  if (decoded.empty()) {
-    throw InputError(file, "the picture is damaged or truncated");
-  }
-  return decoded;
-}
-
-std::string SampleName(int depth) {
-  switch (depth) {
-    case CV_8U:
-      return "uint8";
-    case CV_16U:
-      return "uint16";
-    case CV_16S:
-      return "int16";
-    case CV_32S:
-      return "int32";
-    case CV_32F:
-      return "float32";
-    case CV_64F:
-      return "float64";
-    default:
-      return {};
-  }
-}
-
-StoredDepth ToStored(const path& file, const cv::Mat& decoded) {
-  StoredDepth depth;
-  depth.width_px = decoded.cols;
-  depth.height_px = decoded.rows;
-  depth.format = DepthFileFormat::kTiff;
-  depth.sample_type = SampleName(decoded.depth());
-  if (decoded.channels() != 1 || depth.sample_type.empty()) {
-    throw InputError(file, fmt::format("expected one grey channel, found {}", decoded.channels()));
-  }
-  depth.values.resize(decoded.total());
-  cv::Mat values(decoded.rows, decoded.cols, CV_32F, depth.values.data());
-  decoded.convertTo(values, CV_32F);
-  return depth;
-}
-
-std::string EncodeByOpenCv(const path& file, const char* extension, const cv::Mat& picture,
-                           const std::vector<int>& options) {
-  std::vector<uint8_t> bytes;
-  try {
-    cv::imencode(extension, picture, bytes, options);
-  } catch (const cv::Exception& error) {
-    throw InputError(file, fmt::format("the picture cannot be encoded: {}", error.err));
-  }
-  return {bytes.begin(), bytes.end()};
-}
-
 // What the first directory of a TIFF file says.
 struct TiffFacts {
   uint64_t width = 0;
   uint64_t height = 0;
   uint64_t bits_per_sample = 1;
   uint64_t samples_per_pixel = 1;
-  uint64_t sample_format = 1;     // 1: unsigned, 2: signed, 3: float
-  uint64_t sample_format_at = 0;  // the byte that says so; 0: none
-  uint64_t compression = 1;       // 1: none
+  std::optional<uint64_t> sample_format;  // 1: unsigned, 2: signed, 3: float
+  uint64_t compression = 1;               // 1: none
 };
 
 class TiffDirectory {
@@ -117,7 +59,6 @@ class TiffDirectory {
       const uint64_t entry = first + i * entry_size;
       const auto tag = Load<uint16_t>(entry);
       if (uint64_t* field = FieldOf(tag, facts)) *field = Value(entry);
-      if (tag == kSampleFormat) facts.sample_format_at = LowByteOf(entry);
     }
     // The place of the next directory ends this one; files are often cut short here.
     Load<uint32_t>(first + count * entry_size + (big_ ? 4 : 0));
@@ -125,8 +66,6 @@ class TiffDirectory {
   }
 
  private:
-  static constexpr uint16_t kSampleFormat = 339;
-
   static uint64_t* FieldOf(uint16_t tag, TiffFacts& facts) {
     switch (tag) {
       case 256:
@@ -139,8 +78,8 @@ class TiffDirectory {
         return &facts.compression;
       case 277:
         return &facts.samples_per_pixel;
-      case kSampleFormat:
-        return &facts.sample_format;
+      case 339:
+        return &facts.sample_format.emplace();
       default:
         return nullptr;
     }
@@ -161,13 +100,6 @@ class TiffDirectory {
     return Load<uint16_t>(at);
   }
 
-  // Of the first number of an entry of its own.
-  uint64_t LowByteOf(uint64_t entry) const {
-    const uint64_t inline_at = entry + (big_ ? 12 : 8);
-    if (!big_endian_) return inline_at;
-    return inline_at + (Load<uint16_t>(entry + 2) == 3 ? 1 : 3);
-  }
-
   template <typename T>
   T Load(uint64_t offset) const {
     if (offset > bytes_.size() || bytes_.size() - offset < sizeof(T)) Fail();
@@ -183,13 +115,34 @@ class TiffDirectory {
   bool big_;  // BigTIFF
 };
 
-// OpenCV refuses unsigned samples of 32 bits. Depth needs but 31 of them: larger counts become
-// negative, which is no depth.
-void SaySigned(const path& file, const TiffFacts& facts, std::string& bytes) {
-  if (facts.sample_format_at == 0) {
-    throw InputError(file, "expected a TIFF of 32 bits that says what they are (SampleFormat)");
+// Depth needs but 31 of 32 bits: larger counts become negative, which is no depth.
+std::optional<TiffSample> SampleOf(uint64_t bits, uint64_t format) {
+  constexpr uint64_t kUnsigned = 1, kSigned = 2, kFloat = 3;
+  if (format == kUnsigned && bits == 8) return TiffSample::kUint8;
+  if (format == kUnsigned && bits == 16) return TiffSample::kUint16;
+  if (format == kSigned && bits == 16) return TiffSample::kInt16;
+  if ((format == kUnsigned || format == kSigned) && bits == 32) return TiffSample::kInt32;
+  if (format == kFloat && bits == 32) return TiffSample::kFloat32;
+  if (format == kFloat && bits == 64) return TiffSample::kFloat64;
+  return std::nullopt;
+}
+
+std::string SampleName(TiffSample sample) {
+  switch (sample) {
+    case TiffSample::kUint8:
+      return "uint8";
+    case TiffSample::kUint16:
+      return "uint16";
+    case TiffSample::kInt16:
+      return "int16";
+    case TiffSample::kInt32:
+      return "int32";
+    case TiffSample::kFloat32:
+      return "float32";
+    case TiffSample::kFloat64:
+      return "float64";
   }
-  bytes[facts.sample_format_at] = 2;
+  return {};
 }
 
 }  // namespace
@@ -221,31 +174,43 @@ bool IsTiff(std::string_view bytes) {
          bytes.starts_with("II+\0"sv) || bytes.starts_with("MM\0+"sv);
 }
 
-StoredDepth DecodeTiff(const path& file, std::string& bytes) {
+StoredDepth DecodeTiff(const path& file, std::string_view bytes) {
   const TiffFacts facts = TiffDirectory(file, bytes).Read();
   const uint64_t bits = facts.bits_per_sample;
-  const bool is_float = facts.sample_format == 3 && (bits == 32 || bits == 64);
-  const bool is_unsigned = facts.sample_format == 1 && (bits == 8 || bits == 16 || bits == 32);
-  const bool is_signed = facts.sample_format == 2 && (bits == 16 || bits == 32);
-  if (facts.samples_per_pixel != 1 || !(is_float || is_unsigned || is_signed)) {
+  const uint64_t format = facts.sample_format.value_or(1);
+  const auto sample = SampleOf(bits, format);
+  if (facts.samples_per_pixel != 1 || !sample) {
     constexpr std::array<const char*, 4> kNames = {"unknown", "unsigned", "signed", "float"};
     throw InputError(
         file,
         fmt::format("expected a TIFF of one channel of 8 to 32 bits, or 32 or 64 bits float, found "
                     "{} of {} bits {}",
-                    facts.samples_per_pixel, bits,
-                    kNames[facts.sample_format < 4 ? facts.sample_format : 0]));
+                    facts.samples_per_pixel, bits, kNames[format < 4 ? format : 0]));
   }
-  if (is_unsigned && bits == 32) SaySigned(file, facts, bytes);
+  if (bits == 32 && !facts.sample_format) {
+    throw InputError(file, "expected a TIFF of 32 bits that says what they are (SampleFormat)");
+  }
   const uint64_t inflation = facts.compression == 1 ? 1 : kMaxInflation;
   CheckClaimedSize(file, facts.width, facts.height, inflation * bytes.size() * 8 / bits);
-  return ToStored(file, Decode(file, bytes));
+  StoredDepth depth;
+  depth.width_px = static_cast<int>(facts.width);
+  depth.height_px = static_cast<int>(facts.height);
+  depth.format = DepthFileFormat::kTiff;
+  depth.sample_type = SampleName(*sample);
+  try {
+    depth.values = DecodeTiffPlane(bytes, {depth.width_px, depth.height_px}, *sample);
+  } catch (const std::runtime_error& error) {
+    throw InputError(file, error.what());
+  }
+  return depth;
 }
 
 std::string EncodeTiff(const path& file, const FloatPlane& plane) {
-  cv::Mat picture(plane.height_px, plane.width_px, CV_32F);
-  std::memcpy(picture.data, plane.values.data(), plane.values.size_bytes());
-  return EncodeByOpenCv(file, ".tiff", picture, {});
+  try {
+    return EncodeTiffPlane({plane.width_px, plane.height_px}, plane.values);
+  } catch (const std::runtime_error& error) {
+    throw InputError(file, fmt::format("the TIFF file cannot be made: {}", error.what()));
+  }
 }
 
 bool IsPgm(std::string_view bytes) {

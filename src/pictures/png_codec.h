@@ -1,4 +1,4 @@
-// Grey PNG files by libpng, as fast as it writes them. Private to io.
+// Grey PNG files of depth by libpng, as fast as it writes them. Private to the libraries.
 
 #pragma once
 

@@ -1,12 +1,14 @@
-#include "io/image/png_file.h"
+#include "pictures/png_codec.h"
 
 #include <algorithm>
 #include <bit>
 #include <cstring>
 #include <stdexcept>
 
+#include "pictures/decoders.h"
 #include <fmt/format.h>
 #include <png.h>
+#include <zlib.h>
 
 #include "raylift/base/error.h"
 
@@ -41,31 +43,29 @@ class Writer {
   Writer(const Writer&) = delete;
   Writer& operator=(const Writer&) = delete;
 
-  void Write(PlaneSize size, std::span<const uint16_t> counts, int compression) {
-    constexpr size_t kBytesPerChunk = size_t{1} << 18;
+  // Rows of such samples in their native byte order.
+  void Write(PlaneSize size, int bits, int color_type, const void* rows) {
     info_ = png_create_info_struct(png_);
     if (info_ == nullptr) throw std::runtime_error("libpng cannot start");
     png_set_IHDR(png_, info_, static_cast<png_uint_32>(size.width_px),
-                 static_cast<png_uint_32>(size.height_px), 16, PNG_COLOR_TYPE_GRAY,
-                 PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
-    png_set_compression_level(png_, compression);
-    png_set_compression_buffer_size(png_, kBytesPerChunk);
-    png_set_filter(png_, PNG_FILTER_TYPE_BASE, PNG_FILTER_UP);
+                 static_cast<png_uint_32>(size.height_px), bits, color_type, PNG_INTERLACE_NONE,
+                 PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
     png_write_info(png_, info_);
-    if (std::endian::native == std::endian::little) png_set_swap(png_);
-    const auto width = static_cast<size_t>(size.width_px);
-    for (size_t row = 0; row < static_cast<size_t>(size.height_px); ++row) {
-      png_write_row(png_, reinterpret_cast<png_const_bytep>(&counts[row * width]));
-    }
+    if (bits == 16 && std::endian::native == std::endian::little) png_set_swap(png_);
+    const auto* row = static_cast<png_const_bytep>(rows);
+    const size_t row_bytes = png_get_rowbytes(png_, info_);
+    for (int y = 0; y < size.height_px; ++y, row += row_bytes) png_write_row(png_, row);
     png_write_end(png_, info_);
   }
+
+  png_structp get() const { return png_; }
 
  private:
   png_structp png_;
   png_infop info_ = nullptr;
 };
 
-// The same for reading. What libpng only warns of (a damaged comment) is an error, too.
+// The same for reading.
 class Reader {
  public:
   explicit Reader(std::string_view bytes)
@@ -73,16 +73,15 @@ class Reader {
         png_(png_create_read_struct(PNG_LIBPNG_VER_STRING, nullptr, &Throw, &Ignore)) {
     if (png_ == nullptr) throw std::runtime_error("libpng cannot start");
     png_set_read_fn(png_, &rest_, &Take);
-    png_set_crc_action(png_, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);
   }
   ~Reader() { png_destroy_read_struct(&png_, &info_, nullptr); }
   Reader(const Reader&) = delete;
   Reader& operator=(const Reader&) = delete;
 
-  std::vector<float> Read(const PngHeader& header) {
-    info_ = png_create_info_struct(png_);
-    if (info_ == nullptr) throw std::runtime_error("libpng cannot start");
-    png_read_info(png_, info_);
+  // What libpng only warns of (a damaged comment) is an error, too.
+  std::vector<float> ReadPlane(const PngHeader& header) {
+    png_set_crc_action(png_, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);
+    ReadInfo();
     if (png_get_image_width(png_, info_) != header.width_px ||
         png_get_image_height(png_, info_) != header.height_px ||
         png_get_bit_depth(png_, info_) != header.bits ||
@@ -92,23 +91,51 @@ class Reader {
     return header.bits == 16 ? ReadAs<uint16_t>(header) : ReadAs<uint8_t>(header);
   }
 
+  // Of any kind.
+  Image ReadPicture(ImageChannels channels) {
+    ReadInfo();
+    png_set_strip_16(png_);
+    png_set_strip_alpha(png_);
+    png_set_expand(png_);
+    if (channels == ImageChannels::kRgb) {
+      png_set_gray_to_rgb(png_);
+    } else {
+      constexpr int kNoError = 1;
+      png_set_rgb_to_gray(png_, kNoError, 0.299, 0.587);
+    }
+    Image image = BlankImage(static_cast<int>(png_get_image_width(png_, info_)),
+                             static_cast<int>(png_get_image_height(png_, info_)),
+                             channels == ImageChannels::kRgb ? 3 : 1);
+    ReadRows(image.data.data(), static_cast<size_t>(image.height_px),
+             static_cast<size_t>(image.width_px) * static_cast<size_t>(image.channels));
+    return image;
+  }
+
  private:
   template <typename Sample>
   std::vector<float> ReadAs(const PngHeader& header) {
     const size_t width = header.width_px;
     const size_t height = header.height_px;
     if (sizeof(Sample) > 1 && std::endian::native == std::endian::little) png_set_swap(png_);
+    std::vector<Sample> samples(width * height);
+    ReadRows(samples.data(), height, width * sizeof(Sample));
+    return {samples.begin(), samples.end()};
+  }
+
+  void ReadInfo() {
+    info_ = png_create_info_struct(png_);
+    if (info_ == nullptr) throw std::runtime_error("libpng cannot start");
+    png_read_info(png_, info_);
+  }
+
+  void ReadRows(void* pixels, size_t height, size_t row_bytes) {
     png_set_interlace_handling(png_);
     png_read_update_info(png_, info_);
-    RAYLIFT_CHECK_EQ(png_get_rowbytes(png_, info_), width * sizeof(Sample));
-    std::vector<Sample> samples(width * height);
+    RAYLIFT_CHECK_EQ(png_get_rowbytes(png_, info_), row_bytes);
     std::vector<png_bytep> rows(height);
-    for (size_t y = 0; y < height; ++y) {
-      rows[y] = reinterpret_cast<png_bytep>(&samples[y * width]);
-    }
+    for (size_t y = 0; y < height; ++y) rows[y] = static_cast<png_bytep>(pixels) + y * row_bytes;
     png_read_image(png_, rows.data());
     png_read_end(png_, nullptr);
-    return {samples.begin(), samples.end()};
   }
 
   std::string_view rest_;
@@ -129,8 +156,13 @@ uint32_t BigEndianAt(std::string_view bytes, size_t offset) {
 std::string EncodePng16(const std::filesystem::path& file, PlaneSize size,
                         std::span<const uint16_t> counts, int compression) {
   try {
+    constexpr size_t kBytesPerChunk = size_t{1} << 18;
     std::string bytes;
-    Writer(&bytes).Write(size, counts, compression);
+    Writer writer(&bytes);
+    png_set_compression_level(writer.get(), compression);
+    png_set_compression_buffer_size(writer.get(), kBytesPerChunk);
+    png_set_filter(writer.get(), PNG_FILTER_TYPE_BASE, PNG_FILTER_UP);
+    writer.Write(size, 16, PNG_COLOR_TYPE_GRAY, counts.data());
     return bytes;
   } catch (const std::exception& error) {
     throw InputError(file, fmt::format("the PNG file cannot be made: {}", error.what()));
@@ -150,9 +182,29 @@ std::vector<float> DecodeGreyPng(const std::filesystem::path& file, const PngHea
                                  std::string_view bytes) {
   RAYLIFT_CHECK(header.is_grey && (header.bits == 8 || header.bits == 16));
   try {
-    return Reader(bytes).Read(header);
+    return Reader(bytes).ReadPlane(header);
   } catch (const std::runtime_error& error) {
     throw InputError(file, fmt::format("the PNG file cannot be read: {}", error.what()));
+  }
+}
+
+Image DecodePng(std::string_view bytes, ImageChannels channels) {
+  return Reader(bytes).ReadPicture(channels);
+}
+
+// Fast rather than small.
+std::string EncodePng(const Image& image) {
+  try {
+    std::string bytes;
+    Writer writer(&bytes);
+    png_set_compression_level(writer.get(), Z_BEST_SPEED);
+    png_set_compression_strategy(writer.get(), Z_RLE);
+    png_set_filter(writer.get(), PNG_FILTER_TYPE_BASE, PNG_FILTER_SUB);
+    writer.Write({image.width_px, image.height_px}, 8,
+                 image.channels == 1 ? PNG_COLOR_TYPE_GRAY : PNG_COLOR_TYPE_RGB, image.data.data());
+    return bytes;
+  } catch (const std::runtime_error& error) {
+    throw InputError(fmt::format("the image cannot be encoded as PNG: {}", error.what()));
   }
 }
 

@@ -1,0 +1,241 @@
+#include "pictures/tiff_codec.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <cstring>
+#include <memory>
+#include <stdexcept>
+#include <utility>
+
+#include "pictures/decoders.h"
+#include <tiffio.h>
+
+namespace raylift {
+namespace {
+
+// A tile or strip that takes more is no picture's.
+constexpr tmsize_t kMostBlockBytes = tmsize_t{1} << 30;
+
+[[noreturn]] void Fail() { throw std::runtime_error("the TIFF file is damaged or truncated"); }
+
+// What libtiff takes for a file.
+struct Memory {
+  std::string_view given;  // to be read
+  std::string written;
+  bool is_written = false;
+  uint64_t at = 0;
+
+  uint64_t Size() const { return is_written ? written.size() : given.size(); }
+};
+
+tmsize_t Read(thandle_t handle, void* data, tmsize_t size) {
+  auto& memory = *static_cast<Memory*>(handle);
+  const std::string_view bytes = memory.is_written ? memory.written : memory.given;
+  const std::string_view taken =
+      memory.at < bytes.size() ? bytes.substr(memory.at, static_cast<size_t>(size)) : "";
+  std::memcpy(data, taken.data(), taken.size());
+  memory.at += taken.size();
+  return static_cast<tmsize_t>(taken.size());
+}
+
+tmsize_t Write(thandle_t handle, void* data, tmsize_t size) {
+  auto& memory = *static_cast<Memory*>(handle);
+  const uint64_t end = memory.at + static_cast<uint64_t>(size);
+  if (end > memory.written.size()) memory.written.resize(end);
+  std::memcpy(memory.written.data() + memory.at, data, static_cast<size_t>(size));
+  memory.at = end;
+  return size;
+}
+
+toff_t Seek(thandle_t handle, toff_t offset, int whence) {
+  auto& memory = *static_cast<Memory*>(handle);
+  memory.at = offset + (whence == SEEK_CUR ? memory.at : whence == SEEK_END ? memory.Size() : 0);
+  return memory.at;
+}
+
+toff_t Size(thandle_t handle) { return static_cast<Memory*>(handle)->Size(); }
+
+int Close(thandle_t) { return 0; }
+
+struct Closer {
+  void operator()(TIFF* tiff) const { TIFFClose(tiff); }
+};
+using TiffPointer = std::unique_ptr<TIFF, Closer>;
+
+// "m": what is read is copied into buffers of the decoder's.
+TiffPointer Open(Memory& memory, const char* mode) {
+  // It would print.
+  TIFFSetErrorHandler(nullptr);
+  TIFFSetWarningHandler(nullptr);
+  TiffPointer tiff(TIFFClientOpen("memory", mode, &memory, &Read, &Write, &Seek, &Close, &Size,
+                                  nullptr, nullptr));
+  if (tiff == nullptr) Fail();
+  return tiff;
+}
+
+void RefuseLargeBlocks(TIFF* tiff) {
+  const tmsize_t bytes = TIFFIsTiled(tiff) != 0 ? TIFFTileSize(tiff) : TIFFStripSize(tiff);
+  if (bytes <= 0 || bytes > kMostBlockBytes) Fail();
+}
+
+template <typename T>
+T Field(TIFF* tiff, uint32_t tag) {
+  T value = 0;
+  TIFFGetFieldDefaulted(tiff, tag, &value);
+  return value;
+}
+
+// The pixels of one strip or tile, as far as they are in the picture.
+template <typename Sample>
+void Put(const std::vector<Sample>& block, size_t block_width, size_t left, size_t top,
+         PlaneSize size, std::vector<float>& values) {
+  const auto width = static_cast<size_t>(size.width_px);
+  const auto height = static_cast<size_t>(size.height_px);
+  const size_t columns = std::min(block_width, width - left);
+  const size_t rows = std::min(block.size() / block_width, height - top);
+  for (size_t y = 0; y < rows; ++y) {
+    std::transform(block.begin() + static_cast<std::ptrdiff_t>(y * block_width),
+                   block.begin() + static_cast<std::ptrdiff_t>(y * block_width + columns),
+                   values.begin() + static_cast<std::ptrdiff_t>((top + y) * width + left),
+                   [](Sample value) { return static_cast<float>(value); });
+  }
+}
+
+template <typename Sample>
+std::vector<float> ReadPlane(TIFF* tiff, PlaneSize size) {
+  const auto width = static_cast<size_t>(size.width_px);
+  const auto height = static_cast<size_t>(size.height_px);
+  const bool is_tiled = TIFFIsTiled(tiff) != 0;
+  const size_t block_width = is_tiled ? Field<uint32_t>(tiff, TIFFTAG_TILEWIDTH) : width;
+  const size_t block_height =
+      is_tiled ? Field<uint32_t>(tiff, TIFFTAG_TILELENGTH)
+               : std::min<size_t>(Field<uint32_t>(tiff, TIFFTAG_ROWSPERSTRIP), height);
+  if (block_width == 0 || block_height == 0) Fail();
+  std::vector<float> values(width * height);
+  uint32_t index = 0;
+  for (size_t top = 0; top < height; top += block_height) {
+    for (size_t left = 0; left < width; left += block_width, ++index) {
+      const size_t rows = is_tiled ? block_height : std::min(block_height, height - top);
+      std::vector<Sample> block(block_width * rows);
+      const auto bytes = static_cast<tmsize_t>(block.size() * sizeof(Sample));
+      const tmsize_t read = is_tiled ? TIFFReadEncodedTile(tiff, index, block.data(), bytes)
+                                     : TIFFReadEncodedStrip(tiff, index, block.data(), bytes);
+      if (read != bytes) Fail();
+      Put(block, block_width, left, top, size, values);
+    }
+  }
+  return values;
+}
+
+struct SampleForm {
+  uint16_t bits;
+  uint16_t format;
+};
+
+SampleForm FormOf(TiffSample sample) {
+  switch (sample) {
+    case TiffSample::kUint8:
+      return {8, SAMPLEFORMAT_UINT};
+    case TiffSample::kUint16:
+      return {16, SAMPLEFORMAT_UINT};
+    case TiffSample::kInt16:
+      return {16, SAMPLEFORMAT_INT};
+    case TiffSample::kInt32:
+      return {32, SAMPLEFORMAT_INT};
+    case TiffSample::kFloat32:
+      return {32, SAMPLEFORMAT_IEEEFP};
+    case TiffSample::kFloat64:
+      return {64, SAMPLEFORMAT_IEEEFP};
+  }
+  return {0, 0};
+}
+
+void RequireForm(TIFF* tiff, PlaneSize size, TiffSample sample) {
+  const SampleForm form = FormOf(sample);
+  if (Field<uint32_t>(tiff, TIFFTAG_IMAGEWIDTH) != static_cast<uint32_t>(size.width_px) ||
+      Field<uint32_t>(tiff, TIFFTAG_IMAGELENGTH) != static_cast<uint32_t>(size.height_px) ||
+      Field<uint16_t>(tiff, TIFFTAG_SAMPLESPERPIXEL) != 1 ||
+      Field<uint16_t>(tiff, TIFFTAG_BITSPERSAMPLE) != form.bits) {
+    Fail();
+  }
+}
+
+}  // namespace
+
+Image DecodeTiff(std::string_view bytes) {
+  Memory memory{.given = bytes};
+  const TiffPointer tiff = Open(memory, "rm");
+  RefuseLargeBlocks(tiff.get());
+  TIFFRGBAImage picture{};
+  std::array<char, 1024> why{};  // the size that it is told to have
+  constexpr int kStopOnError = 1;
+  if (TIFFRGBAImageBegin(&picture, tiff.get(), kStopOnError, why.data()) == 0) {
+    throw std::runtime_error(why.data());
+  }
+  const std::unique_ptr<TIFFRGBAImage, void (*)(TIFFRGBAImage*)> end(&picture, &TIFFRGBAImageEnd);
+  // As if the first row stored were the top one: tags do not turn pictures.
+  picture.orientation = ORIENTATION_TOPLEFT;
+  picture.req_orientation = ORIENTATION_TOPLEFT;
+  Image image = BlankImage(static_cast<int>(picture.width), static_cast<int>(picture.height), 3);
+  std::vector<uint32_t> pixels(static_cast<size_t>(picture.width) * picture.height);
+  if (TIFFRGBAImageGet(&picture, pixels.data(), picture.width, picture.height) == 0) Fail();
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    image.data[3 * i] = static_cast<uint8_t>(TIFFGetR(pixels[i]));
+    image.data[3 * i + 1] = static_cast<uint8_t>(TIFFGetG(pixels[i]));
+    image.data[3 * i + 2] = static_cast<uint8_t>(TIFFGetB(pixels[i]));
+  }
+  return image;
+}
+
+std::vector<float> DecodeTiffPlane(std::string_view bytes, PlaneSize size, TiffSample sample) {
+  Memory memory{.given = bytes};
+  const TiffPointer tiff = Open(memory, "rm");
+  RequireForm(tiff.get(), size, sample);
+  RefuseLargeBlocks(tiff.get());
+  switch (sample) {
+    case TiffSample::kUint8:
+      return ReadPlane<uint8_t>(tiff.get(), size);
+    case TiffSample::kUint16:
+      return ReadPlane<uint16_t>(tiff.get(), size);
+    case TiffSample::kInt16:
+      return ReadPlane<int16_t>(tiff.get(), size);
+    case TiffSample::kInt32:
+      return ReadPlane<int32_t>(tiff.get(), size);
+    case TiffSample::kFloat32:
+      return ReadPlane<float>(tiff.get(), size);
+    case TiffSample::kFloat64:
+      return ReadPlane<double>(tiff.get(), size);
+  }
+  return {};
+}
+
+std::string EncodeTiffPlane(PlaneSize size, std::span<const float> values) {
+  Memory memory{.is_written = true};
+  TiffPointer tiff = Open(memory, "wm");
+  const SampleForm form = FormOf(TiffSample::kFloat32);
+  const auto set = [&](uint32_t tag, auto value) {
+    if (TIFFSetField(tiff.get(), tag, value) == 0) throw std::runtime_error("libtiff refuses it");
+  };
+  set(TIFFTAG_IMAGEWIDTH, static_cast<uint32_t>(size.width_px));
+  set(TIFFTAG_IMAGELENGTH, static_cast<uint32_t>(size.height_px));
+  set(TIFFTAG_BITSPERSAMPLE, int{form.bits});
+  set(TIFFTAG_SAMPLEFORMAT, int{form.format});
+  set(TIFFTAG_SAMPLESPERPIXEL, 1);
+  set(TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK);
+  set(TIFFTAG_COMPRESSION, COMPRESSION_NONE);
+  set(TIFFTAG_ROWSPERSTRIP, TIFFDefaultStripSize(tiff.get(), 0));
+  const auto width = static_cast<size_t>(size.width_px);
+  std::vector<float> row(width);  // which libtiff may change
+  for (size_t y = 0; y < static_cast<size_t>(size.height_px); ++y) {
+    std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(y * width), width, row.begin());
+    if (TIFFWriteScanline(tiff.get(), row.data(), static_cast<uint32_t>(y), 0) != 1) {
+      throw std::runtime_error("libtiff refuses it");
+    }
+  }
+  if (TIFFFlush(tiff.get()) != 1) throw std::runtime_error("libtiff refuses it");
+  tiff.reset();
+  return std::move(memory.written);
+}
+
+}  // namespace raylift
