@@ -1,3 +1,5 @@
+import importlib.util
+import json
 import os
 import subprocess
 import sys
@@ -39,3 +41,28 @@ def test_example(name, tmp_path):
 @pytest.mark.parametrize("name", sorted(ARGUMENTS))
 def test_examples_are_short(name):
     assert len((EXAMPLES / name).read_text().splitlines()) < 40
+
+
+def test_notebook_by_its_code_alone():
+    """Plots only where there is what draws them."""
+    cells = json.loads((EXAMPLES / "demo.ipynb").read_text(encoding="utf-8"))["cells"]
+    plots = importlib.util.find_spec("matplotlib") is not None
+    code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"
+            and (plots or "plot" not in cell["metadata"].get("tags", []))]
+    run = subprocess.run([sys.executable, "-c", "\n".join(code)], text=True, capture_output=True,
+                         cwd=EXAMPLES, env=dict(os.environ, MPLBACKEND="agg"))
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("localized") == 12 and "100 % within 5 cm" in run.stdout, run.stdout
+
+
+def test_notebook_by_its_kernel():
+    nbclient = pytest.importorskip("nbclient")
+    nbformat = pytest.importorskip("nbformat")
+    notebook = nbformat.read(EXAMPLES / "demo.ipynb", as_version=4)
+    assert all(not cell.outputs for cell in notebook.cells if cell.cell_type == "code")
+    nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(EXAMPLES)}}).execute()
+    texts = [output.text for cell in notebook.cells for output in cell.get("outputs", ())
+             if output.output_type == "stream"]
+    assert "100 % within 5 cm" in "".join(texts)
+    assert any("image/png" in output.get("data", {}) for cell in notebook.cells
+               for output in cell.get("outputs", ()))
