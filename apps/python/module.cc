@@ -52,6 +52,18 @@ void TranslateExceptions(py::module_& module) {
   });
 }
 
+// pybind11 before 2.12 takes numpy 2's arrays for those of numpy 1, and all their rows for the first.
+void RefuseNumpyThatIsNotKnown() {
+#if PYBIND11_VERSION_HEX < 0x020C0000
+  const auto version = py::module_::import("numpy").attr("__version__").cast<std::string>();
+  if (version.rfind("1.", 0) == 0) return;
+  throw py::import_error(fmt::format(
+      "raylift was built with pybind11 {}.{}, which knows numpy 1 alone; found numpy {}. "
+      "`pip install .` builds it with a newer one",
+      PYBIND11_VERSION_MAJOR, PYBIND11_VERSION_MINOR, version));
+#endif
+}
+
 void BindProgram(py::module_& module) {
   module.def(
       "run_command",
@@ -74,6 +86,7 @@ void BindProgram(py::module_& module) {
 
 PYBIND11_MODULE(_core, module) {
   using namespace raylift::python;
+  RefuseNumpyThatIsNotKnown();
   module.doc() = "The compiled part of raylift.";
   module.attr("VERSION") = RAYLIFT_VERSION;
   module.attr("PYBIND11_MAJOR") = PYBIND11_VERSION_MAJOR;
