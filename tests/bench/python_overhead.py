@@ -1,8 +1,7 @@
-"""What the border between Python and the library costs, and peers beside it.
+"""What the border between Python and the library costs.
 
-python_overhead.py [RAYLIFT]: CPU times, medians, where nothing else is said; peers (poselib, trimesh with embreex, open3d) are
-measured where they are installed. With the program RAYLIFT, its own times of rendering stand beside
-those of Python.
+python_overhead.py [RAYLIFT]: CPU times, medians, where nothing else is said. With the program RAYLIFT, its
+own times of rendering stand beside those of Python.
 """
 
 import json
@@ -87,70 +86,6 @@ def measure_render(program):
     row("  ratio", *(f"{t / p:.3f}" for t, p in zip(times, of_program)))
 
 
-def error_deg(pose, truth):
-    cosine = (np.trace(pose.rotation @ truth.rotation.T) - 1) / 2
-    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-
-
-def measure_poselib():
-    try:
-        import poselib
-    except ImportError:
-        print("poselib is not installed")
-        return
-    rng = np.random.default_rng(0)
-    problems = [problem(rng, 1000) for _ in range(30)]
-    camera = {"model": "PINHOLE", "width": 640, "height": 480, "params": [500, 500, 320, 240]}
-    peers = {
-        "raylift p3p": lambda x, p: raylift.estimate_pose(CAMERA, x, p, method="p3p").cam_from_world,
-        "raylift p3p, paper": lambda x, p: raylift.estimate_pose(
-            CAMERA, x, p, method="p3p", refinement="paper").cam_from_world,
-        "poselib absolute": lambda x, p: raylift.Rigid3.of(poselib.estimate_absolute_pose(
-            x, p, camera, {"max_reproj_error": 8.0}, {})[0]),
-    }
-    row("absolute pose, 1000 matches, 40 % wrong", "CPU", "error")
-    for name, estimate in peers.items():
-        times, errors = [], []
-        for truth, pixels, points in problems:
-            start = time.process_time_ns()
-            pose = estimate(pixels, points)
-            times.append(time.process_time_ns() - start)
-            errors.append(error_deg(pose, truth))
-        row(f"  {name}", f"{np.median(times) / 1e6:.2f} ms", f"{np.median(errors):.4f} deg")
-
-
-def measure_rays():
-    mesh = raylift.Mesh.read(DEMO / "scene.obj")
-    image = raylift.ColmapModel.read(DEMO / "model").posed_images[0]
-    rays = image.cam_from_world.inverse().rotation @ image.camera.rays(
-        np.random.default_rng(0).uniform(0, 480, (100000, 2))).T
-    directions = np.ascontiguousarray(rays.T)
-    origins = np.tile(image.cam_from_world.center, (len(directions), 1))
-    row("100,000 rays", "CPU")
-    caster = raylift.RayCaster(mesh)
-    row("  raylift cast", f"{median_us(lambda: caster.cast(origins, directions, threads=1), 20) / 1e3:.1f} ms")
-    try:
-        import trimesh
-        from trimesh.ray.ray_pyembree import RayMeshIntersector
-
-        peer = RayMeshIntersector(trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False))
-        cpu = median_us(lambda: peer.intersects_location(origins, directions, multiple_hits=False), 20)
-        row("  trimesh with embreex", f"{cpu / 1e3:.1f} ms")
-    except ImportError:
-        print("trimesh with embreex is not installed")
-    try:
-        import open3d
-
-        scene = open3d.t.geometry.RaycastingScene(1)
-        scene.add_triangles(mesh.vertices.astype(np.float32), mesh.triangles)
-        both = np.hstack([origins, directions]).astype(np.float32)
-        row("  open3d", f"{median_us(lambda: scene.cast_rays(open3d.core.Tensor(both)), 20) / 1e3:.1f} ms")
-    except ImportError:
-        print("open3d is not installed")
-
-
 if __name__ == "__main__":
     measure_estimate()
     measure_render(sys.argv[1] if len(sys.argv) > 1 else None)
-    measure_poselib()
-    measure_rays()
