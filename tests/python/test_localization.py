@@ -1,3 +1,8 @@
+import inspect
+import os
+import re
+import subprocess
+
 import numpy as np
 import pytest
 
@@ -106,6 +111,22 @@ def test_wrong_queries_are_input_errors(localizer, query, camera, message):
 def test_wrong_options_of_the_localizer(options, message):
     with pytest.raises(raylift.OptionError, match=message):
         raylift.Localizer(raylift.Scene(DEMO / "model"), **options)
+
+
+def test_options_are_those_of_the_program_with_its_defaults():
+    text = subprocess.run([os.environ["RAYLIFT"], "localize", "--help"], check=True, text=True,
+                          capture_output=True).stdout
+    # "--name TEXT=default" or, by later versions of CLI11, "--name TEXT [default]".
+    of_program = dict(re.findall(r"^  --([a-z0-9-]+)(?: [A-Z]+(?:=| \[)([^\s\]]+))?", text, flags=re.MULTILINE))
+    documented = inspect.getdoc(raylift.Localizer.__init__)
+    options = re.findall(r"\b([a-z_]+)=\"?([\w.]+)\"?", documented.split("\nreference_features:")[0])
+    assert len(options) > 12
+    for name, default in options:
+        assert of_program[name.replace("_", "-")] == default.rstrip("."), name
+    scene = raylift.Scene(DEMO / "model")
+    typed = {"filter": str, "candidates": str, "geometry_mode": str, "filter_min_views": int, "top_k": int,
+             "max_features": int, "filter_reprojection_px": float}
+    raylift.Localizer(scene, **{name: typed.get(name, float)(default.rstrip(".")) for name, default in options})
 
 
 def test_a_blank_photograph_has_no_pose(localizer):
