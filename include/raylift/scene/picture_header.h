@@ -16,8 +16,8 @@ namespace raylift {
 std::optional<PlaneSize> PictureSizeFromHeader(std::istream& file);
 
 // What is wrong with the bytes of a picture, as far as its header tells: they are of none of the
-// formats that photographs and textures come in (PNG, JPEG, TIFF, BMP, WebP, PNM), on which OpenCV
-// would try decoders that end the process; or they claim more pixels than so many bytes can hold.
+// formats that photographs and textures come in (PNG, JPEG, TIFF, BMP, WebP, PNM), or they claim
+// more pixels than so many bytes can hold.
 std::optional<std::string> WhyNoPicture(std::string_view bytes);
 
 }  // namespace raylift
