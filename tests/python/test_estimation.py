@@ -285,6 +285,6 @@ try:
 except KeyboardInterrupt:
     print("stopped")
 """
-    run = subprocess.run([sys.executable, "-c", script], text=True, capture_output=True, timeout=60,
+    run = subprocess.run([sys.executable, "-c", script], text=True, capture_output=True, timeout=200,
                          env=dict(os.environ, TESTS=os.path.dirname(__file__)))
     assert run.stdout == "stopped\n", run.stderr
