@@ -650,6 +650,11 @@ class Localizer:
 
         Raises OptionError for an option out of range.
         """
+    def leave_one_out(self, *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> dict[str, typing.Any]:
+        """
+        Each reference as a query of the others: what is to be expected where no query's pose
+        is known. Returns a dict by name.
+        """
     def localize(self, query: typing.Any, camera: raylift._types.CameraLike, *, name: str = 'query') -> LocalizedQuery:
         """
         One query: a photograph, (H, W) or (H, W, 3) uint8, RGB, or its file; or features, a dict
