@@ -10,6 +10,7 @@
 #include "estimation/match_residuals.h"
 #include "estimation/solvers/d3p1.h"
 #include "estimation/solvers/e5p1.h"
+#include "estimation/solvers/gp3p.h"
 #include <Eigen/LU>
 
 #include "raylift/base/median.h"
@@ -30,16 +31,29 @@ std::pair<const Group&, int> DrawMatch(Rng& rng, const std::vector<Group>& group
   return {*group, position};
 }
 
-// Adds the relative poses to a reference at `centre`, each with the length that a pair of another
-// reference gives it.
-void AddPosesByLength(const PreparedProblem& problem, std::span<const RelativePose> relative,
-                      const Eigen::Vector3d& centre, const PreparedPair& pair,
+// The query's pose, from one of its cameras relative to a reference.
+SolverPose QueryPoseOf(const PreparedProblem& problem, const ReferenceRun& run,
+                       const RelativePose& relative, double length) {
+  SolverPose pose = QueryPose(relative, problem.centres[run.reference], length);
+  pose.translation += problem.camera_centres[run.camera];
+  return pose;
+}
+
+// Adds the poses that a camera has relative to a reference, each with the length that a pair of
+// another reference or camera gives it.
+void AddPosesByLength(const PreparedProblem& problem, const ReferenceRun& run,
+                      std::span<const RelativePose> relative, const PreparedPair& pair,
                       std::vector<SolverPose>& poses) {
   const RayPair rays = {pair.query_ray, pair.reference_ray};
+  // The other camera sees its reference as this one would see it if it stood by so much elsewhere.
+  const Eigen::Vector3d lever =
+      problem.camera_centres[run.camera] - problem.camera_centres[pair.camera];
   for (const RelativePose& pose : relative) {
+    const Eigen::Vector3d sixth_centre =
+        problem.centres[pair.reference] + pose.rotation.transpose() * lever;
     if (const auto length =
-            TranslationLength(pose, centre, rays, problem.centres[pair.reference])) {
-      poses.push_back(QueryPose(pose, centre, *length));
+            TranslationLength(pose, problem.centres[run.reference], rays, sixth_centre)) {
+      poses.push_back(QueryPoseOf(problem, run, pose, *length));
     }
   }
 }
@@ -63,8 +77,19 @@ void P3pGenerator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
   const PreparedPoint& a = problem_.points[sample[0]];
   const PreparedPoint& b = problem_.points[sample[1]];
   const PreparedPoint& c = problem_.points[sample[2]];
-  std::array<SolverPose, 4> solutions;
-  const int count = SolveP3p({a.ray, b.ray, c.ray}, {a.point, b.point, c.point}, solutions);
+  std::array<SolverPose, kMaxGeneralizedP3pSolutions> solutions;
+  int count = 0;
+  if (a.camera == b.camera && a.camera == c.camera) {
+    count = SolveP3p({a.ray, b.ray, c.ray}, {a.point, b.point, c.point},
+                     std::span(solutions).first<4>());
+    for (int i = 0; i < count; ++i) {
+      solutions[i].translation += problem_.camera_centres[a.camera];
+    }
+  } else {
+    const auto& centres = problem_.camera_centres;
+    count = SolveGeneralizedP3p({centres[a.camera], centres[b.camera], centres[c.camera]},
+                                {a.ray, b.ray, c.ray}, {a.point, b.point, c.point}, solutions);
+  }
   poses.assign(solutions.begin(), solutions.begin() + count);
   // Where the matches cannot tell solutions apart (three of them fit each exactly), the one nearest
   // to the references, whose centre is the origin, is the likeliest: they were retrieved for what
@@ -83,11 +108,15 @@ double P3pGenerator::NumSamples() const {
   return NumSets(static_cast<double>(problem_.points.size()), 3);
 }
 
-PairsElsewhere::PairsElsewhere(const PreparedProblem& problem, int reference) {
-  for (const ReferenceRun& run : problem.runs) {
-    if ((problem.centres[run.reference] - problem.centres[reference]).norm() > 1e-6) {
-      runs_.push_back(run);
-      count_ += run.size();
+PairsElsewhere::PairsElsewhere(const PreparedProblem& problem, const ReferenceRun& run) {
+  const auto are_apart = [](const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+    return (a - b).norm() > 1e-6;
+  };
+  for (const ReferenceRun& other : problem.runs) {
+    if (are_apart(problem.centres[other.reference], problem.centres[run.reference]) ||
+        are_apart(problem.camera_centres[other.camera], problem.camera_centres[run.camera])) {
+      runs_.push_back(other);
+      count_ += other.size();
     }
   }
 }
@@ -99,7 +128,7 @@ const PreparedPair& PairsElsewhere::Draw(const PreparedProblem& problem, Rng& rn
 
 double PairsElsewhere::InlierRatio(const InlierCounts& inliers) const {
   double sum = 0;
-  for (const ReferenceRun& run : runs_) sum += inliers.pairs[run.reference];
+  for (const ReferenceRun& run : runs_) sum += inliers.pairs[run.view];
   return sum / count_;
 }
 
@@ -108,7 +137,7 @@ E5p1Generator::E5p1Generator(const PreparedProblem& problem) : problem_(problem)
     if (run.size() < 5) {
       continue;
     }
-    sources_.push_back({run, PairsElsewhere(problem, run.reference)});
+    sources_.push_back({run, PairsElsewhere(problem, run)});
     position_observable_ = position_observable_ || !sources_.back().sixth.empty();
   }
   if (position_observable_) {
@@ -137,15 +166,14 @@ void E5p1Generator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
   }
   std::array<RelativePose, kMaxFivePointSolutions> relative;
   const int count = SolveRelativePose(query_rays, reference_rays, relative);
-  const Eigen::Vector3d& centre = problem_.centres[source.run.reference];
   if (!position_observable_) {
     for (int i = 0; i < count; ++i) {
-      poses.push_back(QueryPose(relative[i], centre, 1));
+      poses.push_back(QueryPoseOf(problem_, source.run, relative[i], 1));
     }
     return;
   }
   for (int k = 0; k < kSixthMatchesPerSample; ++k) {
-    AddPosesByLength(problem_, std::span(relative).first(count), centre,
+    AddPosesByLength(problem_, source.run, std::span(relative).first(count),
                      source.sixth.Draw(problem_, rng), poses);
   }
 }
@@ -153,7 +181,7 @@ void E5p1Generator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
 double E5p1Generator::SuccessProbability(const InlierCounts& inliers) const {
   double success = 0;
   for (const FiveSource& source : sources_) {
-    const double ratio = inliers.pairs[source.run.reference] / static_cast<double>(source.size());
+    const double ratio = inliers.pairs[source.run.view] / static_cast<double>(source.size());
     const double sixth = position_observable_ ? 1 - std::pow(1 - source.sixth.InlierRatio(inliers),
                                                              kSixthMatchesPerSample)
                                               : 1;
@@ -172,7 +200,7 @@ double E5p1Generator::NumSamples() const {
 
 D3p1Generator::D3p1Generator(const PreparedProblem& problem, const KeypointEvidence& evidence)
     : problem_(problem) {
-  std::vector<std::vector<LiftedMatch>> lifted(problem.centres.size());
+  std::vector<std::vector<LiftedMatch>> lifted(problem.num_views());
   for (const KeypointParts& keypoint : evidence.keypoints) {
     const auto sightings = evidence.SightingsOf(keypoint);
     if (std::none_of(sightings.begin(), sightings.end(),
@@ -184,15 +212,15 @@ D3p1Generator::D3p1Generator(const PreparedProblem& problem, const KeypointEvide
     image_from_ray.topRows<2>() /= problem.reprojection_threshold_px;
     for (const Sighting& sighting : sightings) {
       if (!sighting.has_depth) continue;
-      lifted[sighting.reference].push_back(
+      lifted[problem.ViewOf(keypoint.camera, sighting.reference)].push_back(
           {query_ray, image_from_ray, std::exp(sighting.log_distance) * sighting.ray});
     }
   }
   for (const ReferenceRun& run : problem.runs) {
-    if (lifted[run.reference].size() < 3) continue;
-    PairsElsewhere fourth(problem, run.reference);
+    if (lifted[run.view].size() < 3) continue;
+    PairsElsewhere fourth(problem, run);
     if (fourth.empty()) continue;
-    sources_.push_back({run, std::move(lifted[run.reference]), std::move(fourth)});
+    sources_.push_back({run, std::move(lifted[run.view]), std::move(fourth)});
     num_lifted_ += sources_.back().size();
   }
 }
@@ -210,9 +238,8 @@ void D3p1Generator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
   std::array<RelativePose, 4> relative;
   const int count = SolveRelativePoseByDepth(query_rays, points, relative);
   for (int k = 0; k < kFourthMatchesPerSample; ++k) {
-    AddPosesByLength(problem_, std::span(relative).first(count),
-                     problem_.centres[source.run.reference], source.fourth.Draw(problem_, rng),
-                     poses);
+    AddPosesByLength(problem_, source.run, std::span(relative).first(count),
+                     source.fourth.Draw(problem_, rng), poses);
   }
 }
 
@@ -236,8 +263,8 @@ double D3p1Generator::NumSamples() const {
 }
 
 double D3p1Generator::InlierRatio(const DepthSource& source, const SolverPose& pose) const {
-  const Eigen::Vector3d centre =
-      pose.rotation * problem_.centres[source.run.reference] + pose.translation;
+  const Eigen::Vector3d centre = pose.rotation * problem_.centres[source.run.reference] +
+                                 problem_.PoseOfCamera(pose, source.run.camera).translation;
   // The factor that each match near its epipolar line asks for: by which its point comes nearest to
   // the query's ray.
   std::vector<double> factors;

@@ -27,7 +27,7 @@ class HypothesisGenerator {
   virtual double NumSamples() const = 0;
 };
 
-// Three 2D-3D matches, uniformly.
+// Three 2D-3D matches, uniformly; of a rig, of whichever cameras.
 class P3pGenerator final : public HypothesisGenerator {
  public:
   explicit P3pGenerator(const PreparedProblem& problem);
@@ -41,11 +41,11 @@ class P3pGenerator final : public HypothesisGenerator {
   const PreparedProblem& problem_;
 };
 
-// The pairs of all references whose centre is another than one reference's: one of them tells how
-// far the query is from that reference.
+// The pairs of all references whose centre is another than one reference's, and those of a rig's
+// other cameras with another centre: one of them tells how far the query is from that reference.
 class PairsElsewhere {
  public:
-  PairsElsewhere(const PreparedProblem& problem, int reference);
+  PairsElsewhere(const PreparedProblem& problem, const ReferenceRun& run);
 
   bool empty() const { return count_ == 0; }
   int size() const { return count_; }
@@ -58,7 +58,8 @@ class PairsElsewhere {
 };
 
 // Five 2D-2D matches of one reference and one of another with another centre; references are drawn
-// in proportion to their matches. Where all references share one centre the length of the
+// in proportion to their matches. Of a rig, the five are of one camera, and the sixth may be another
+// camera's with the same reference, as the way between the cameras is known. Where all references share one centre the length of the
 // translation is not observable: then the sample is five matches, and the length is one local unit.
 class E5p1Generator final : public HypothesisGenerator {
  public:
@@ -88,7 +89,7 @@ class E5p1Generator final : public HypothesisGenerator {
 
 // Three 2D-2D matches of one reference that the geometry has lifted, whatever the scale of the
 // reference's depths, and one match of another reference with another centre; references are drawn
-// in proportion to their lifted matches.
+// in proportion to their lifted matches. Of a rig, cameras are as in E5+1.
 class D3p1Generator final : public HypothesisGenerator {
  public:
   D3p1Generator(const PreparedProblem& problem, const KeypointEvidence& evidence);

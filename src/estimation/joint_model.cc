@@ -37,15 +37,15 @@ Quadratic QueryTerm::Cost() const {
   return q;
 }
 
-QueryTerm JointModel::LookFromQuery(size_t keypoint, const Vector3d& centre) const {
+QueryTerm JointModel::LookFromQuery(size_t keypoint) const {
+  const KeypointParts& parts = evidence.keypoints[keypoint];
   const KeypointState& state = keypoints[keypoint];
   QueryTerm term;
-  term.seen = ResidualOf(evidence.keypoints[keypoint].image_from_cam,
-                         pose.rotation * state.point + pose.translation);
+  term.seen = ResidualOf(parts.image_from_cam, parts.PointInCamera(pose, state.point));
   if (!term.seen.in_front) return term;
   term.weight = state.query_right * state.query_precision / noise.keypoint_px2;
   term.jacobian.noalias() = term.seen.jacobian * pose.rotation;
-  const Vector3d offset = state.point - centre;
+  const Vector3d offset = state.point - parts.CentreOfCamera(pose);
   const double squared = offset.squaredNorm();
   term.log_gradient = offset / squared;
   term.distance_error = 0.5 * std::log(squared) - noise.log_distance_mean;

@@ -84,10 +84,9 @@ struct JointModel {
   JointModel(const KeypointEvidence& of, const SolverPose& start)
       : evidence(of), pose(start), references(of.centres.size()) {}
 
-  Eigen::Vector3d Centre() const { return -pose.rotation.transpose() * pose.translation; }
   size_t LooseView() const { return evidence.num_references(); }
 
-  QueryTerm LookFromQuery(size_t keypoint, const Eigen::Vector3d& centre) const;
+  QueryTerm LookFromQuery(size_t keypoint) const;
   SightingTerm LookFromReference(int sighting, const KeypointState& state) const;
   Quadratic LooseCost(const KeypointParts& keypoint, const Eigen::Vector3d& point) const;
   Quadratic CommonPrior(const KeypointState& state) const;

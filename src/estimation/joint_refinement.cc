@@ -167,7 +167,7 @@ class JointRefinement {
   // decrement), none where there is none to take.
   std::optional<double> Step();
   // What the views of a keypoint ask of its point and of themselves; false where there is none.
-  bool LinearizeKeypoint(size_t index, const Vector3d& centre);
+  bool LinearizeKeypoint(size_t index);
   // Adds the keypoint's part to the normal equations, its point eliminated. The lower triangle of
   // the Hessian is filled.
   void AddEliminated(size_t index);
@@ -205,7 +205,7 @@ class JointRefinement {
   // Of the last step, the points eliminated.
   MatrixXd hessian_;
   double log_information_ = 0;  // of its determinant
-  MatrixXd part_gradients_;     // one column for each part of the query's image
+  MatrixXd part_gradients_;     // one column for each part of the query's images
 };
 
 void JointRefinement::Look(double keypoint_variance_px2) {
@@ -221,10 +221,10 @@ bool JointRefinement::HasMovedFar() const {
   double squares = 0;
   double count = 0;
   for (size_t k = 0; k < model_.keypoints.size(); ++k) {
-    const Matrix3d& image_from_cam = evidence_.keypoints[k].image_from_cam;
+    const KeypointParts& keypoint = evidence_.keypoints[k];
     const auto seen_from = [&](const SolverPose& pose) {
-      return ResidualOf(image_from_cam,
-                        pose.rotation * model_.keypoints[k].point + pose.translation);
+      return ResidualOf(keypoint.image_from_cam,
+                        keypoint.PointInCamera(pose, model_.keypoints[k].point));
     };
     const PixelResidual now = seen_from(model_.pose);
     const PixelResidual then = seen_from(looked_from_);
@@ -237,12 +237,12 @@ bool JointRefinement::HasMovedFar() const {
   return squares > count * model_.noise.keypoint_px2;
 }
 
-bool JointRefinement::LinearizeKeypoint(size_t index, const Vector3d& centre) {
+bool JointRefinement::LinearizeKeypoint(size_t index) {
   const KeypointParts& keypoint = evidence_.keypoints[index];
   const KeypointState& state = model_.keypoints[index];
   Back& back = backs_[index];
   if (model_.TotalWeight(keypoint) < kLeastWeight) return false;
-  const QueryTerm query = model_.LookFromQuery(index, centre);
+  const QueryTerm query = model_.LookFromQuery(index);
   if (!query.seen.in_front) return false;
 
   // The point and its common error; the prior's mean is the query's unknown, not theirs.
@@ -304,11 +304,10 @@ void JointRefinement::AddEliminated(size_t index) {
 }
 
 VectorXd JointRefinement::Linearize() {
-  const Vector3d centre = model_.Centre();
   hessian_.setZero(num_columns_, num_columns_);
-  part_gradients_.setZero(num_columns_, kPartsOfImage);
+  part_gradients_.setZero(num_columns_, evidence_.num_parts);
   for (size_t k = 0; k < backs_.size(); ++k) {
-    backs_[k].used = LinearizeKeypoint(k, centre);
+    backs_[k].used = LinearizeKeypoint(k);
     if (backs_[k].used) AddEliminated(k);
   }
   VectorXd gradient = part_gradients_.rowwise().sum();
@@ -339,7 +338,6 @@ std::optional<double> JointRefinement::Step() {
     UpdateReferenceVariances(factors.solve(MatrixXd::Identity(num_columns_, num_columns_)));
   }
 
-  const Vector3d new_centre = model_.Centre();
   for (size_t k = 0; k < backs_.size(); ++k) {
     const Back& back = backs_[k];
     if (!back.used) continue;
@@ -348,7 +346,7 @@ std::optional<double> JointRefinement::Step() {
     for (const View& view : back.views) {
       pull += view.coupling * View::Displacement(step.segment<7>(view.column), state.point);
     }
-    MovePoint(-back.covariance * pull, new_centre, state);
+    MovePoint(-back.covariance * pull, evidence_.keypoints[k].CentreOfCamera(model_.pose), state);
   }
   return -gradient.dot(step);
 }
@@ -522,11 +520,10 @@ std::optional<FocalStep> JointRefinement::StepOfFocal() {
   equations.gradient = Linearize();
   equations.hessian = hessian_;
   equations.mixed = VectorXd::Zero(num_columns_);
-  const Vector3d centre = model_.Centre();
   for (size_t k = 0; k < backs_.size(); ++k) {
     const Back& back = backs_[k];
     if (!back.used) continue;
-    const QueryTerm query = model_.LookFromQuery(k, centre);
+    const QueryTerm query = model_.LookFromQuery(k);
     const Eigen::Vector2d& by_focal = evidence_.keypoints[k].px_by_log_focal;
     Vector4d by_point = Vector4d::Zero();
     by_point.head<3>() = query.weight * query.jacobian.transpose() * by_focal;
@@ -556,7 +553,7 @@ double JointRefinement::Inflation(const MatrixXd& pose_columns) const {
   const Eigen::LDLT<Matrix6d> factors(covariance);
   double squares = 0;
   int parts = 0;
-  for (int part = 0; part < kPartsOfImage; ++part) {
+  for (int part = 0; part < evidence_.num_parts; ++part) {
     if (part_gradients_.col(part).isZero(0)) continue;
     squares += steps.col(part).dot(factors.solve(steps.col(part)));
     ++parts;

@@ -92,11 +92,14 @@ template kernels::KernelPose<double> ToKernelPose<double>(const SolverPose&);
 
 template <typename T>
 std::vector<T> CentresInCam(const PreparedProblem& problem, const SolverPose& pose) {
-  std::vector<T> centres(3 * problem.centres.size());
-  for (size_t i = 0; i < problem.centres.size(); ++i) {
-    const Eigen::Vector3d centre = pose.rotation * problem.centres[i] + pose.translation;
-    for (int k = 0; k < 3; ++k) {
-      centres[3 * i + k] = static_cast<T>(centre[k]);
+  const size_t num_references = problem.centres.size();
+  std::vector<T> centres(3 * problem.num_views());
+  for (size_t i = 0; i < num_references; ++i) {
+    const Eigen::Vector3d from_query = pose.rotation * problem.centres[i] + pose.translation;
+    for (size_t camera = 0; camera < problem.camera_centres.size(); ++camera) {
+      const Eigen::Vector3d centre = from_query - problem.camera_centres[camera];
+      T* of_view = &centres[3 * (camera * num_references + i)];
+      for (int k = 0; k < 3; ++k) of_view[k] = static_cast<T>(centre[k]);
     }
   }
   return centres;
@@ -106,6 +109,20 @@ template std::vector<double> CentresInCam<double>(const PreparedProblem&, const 
 
 Scorer::Scorer(const PreparedProblem& problem, const Objective& objective)
     : problem_(problem), objective_(objective) {}
+
+kernels::KernelScore Scorer::ScorePoints(const SolverPose& pose, int begin, int count) const {
+  kernels::KernelScore score = {0, 0};
+  ForEachCamera(
+      begin, count, [&](int block) { return problem_.point_block_camera[block]; },
+      [&](int camera, int first, int num_blocks) {
+        const kernels::KernelScore part = kernels::ActiveKernels().score_points(
+            &problem_.point_blocks[first], num_blocks,
+            ToKernelPose<float>(problem_.PoseOfCamera(pose, camera)));
+        score.cost += part.cost;
+        score.inliers += part.inliers;
+      });
+  return score;
+}
 
 std::optional<JointScore> Scorer::ScoreIfBetter(const SolverPose& pose, double best_value) const {
   const auto& kernel = kernels::ActiveKernels();
@@ -135,9 +152,7 @@ std::optional<JointScore> Scorer::ScoreIfBetter(const SolverPose& pose, double b
   };
 
   if (objective_.UsesPoints()) {
-    const auto score_blocks = [&](int begin, int count) {
-      return kernel.score_points(&problem_.point_blocks[begin], count, kernel_pose);
-    };
+    const auto score_blocks = [&](int begin, int count) { return ScorePoints(pose, begin, count); };
     if (!scan(score.points, problem_.num_matches_2d3d,
               static_cast<int>(problem_.point_blocks.size()), 1, score_blocks)) {
       return std::nullopt;
@@ -146,7 +161,7 @@ std::optional<JointScore> Scorer::ScoreIfBetter(const SolverPose& pose, double b
   if (objective_.UsesPairs()) {
     const auto centres = CentresInCam<float>(problem_, pose);
     const auto score_blocks = [&](int begin, int count) {
-      return kernel.score_pairs(&problem_.pair_blocks[begin], &problem_.pair_block_reference[begin],
+      return kernel.score_pairs(&problem_.pair_blocks[begin], &problem_.pair_block_view[begin],
                                 count, kernel_pose, centres.data());
     };
     if (!scan(score.pairs, problem_.num_matches_2d2d, static_cast<int>(problem_.pair_blocks.size()),
@@ -163,10 +178,9 @@ JointScore Scorer::ScoreAll(const SolverPose& pose) const {
   const auto centres = CentresInCam<float>(problem_, pose);
   const int num_point_blocks = static_cast<int>(problem_.point_blocks.size());
   const int num_pair_blocks = static_cast<int>(problem_.pair_blocks.size());
-  const auto points =
-      kernel.score_points(problem_.point_blocks.data(), num_point_blocks, kernel_pose);
+  const kernels::KernelScore points = ScorePoints(pose, 0, num_point_blocks);
   const auto pairs =
-      kernel.score_pairs(problem_.pair_blocks.data(), problem_.pair_block_reference.data(),
+      kernel.score_pairs(problem_.pair_blocks.data(), problem_.pair_block_view.data(),
                          num_pair_blocks, kernel_pose, centres.data());
   constexpr int kLanes = kernels::kLanes<float>;
   return {{points.cost + problem_.num_matches_2d3d - num_point_blocks * kLanes, points.inliers},
@@ -180,20 +194,16 @@ InlierCounts Scorer::CountInliers(const SolverPose& pose) const {
   const auto centres = CentresInCam<float>(problem_, pose);
   InlierCounts counts;
   counts.pose = pose;
-  counts.points = kernel
-                      .score_points(problem_.point_blocks.data(),
-                                    static_cast<int>(problem_.point_blocks.size()), kernel_pose)
-                      .inliers;
-  counts.pairs.assign(problem_.centres.size(), 0);
+  counts.points = ScorePoints(pose, 0, static_cast<int>(problem_.point_blocks.size())).inliers;
+  counts.pairs.assign(problem_.num_views(), 0);
   double sum = 0;
   double squares = 0;
   for (size_t i = 0; i < problem_.pair_blocks.size(); ++i) {
-    const int inliers =
-        kernel
-            .score_pairs(&problem_.pair_blocks[i], &problem_.pair_block_reference[i], 1,
-                         kernel_pose, centres.data())
-            .inliers;
-    counts.pairs[problem_.pair_block_reference[i]] += inliers;
+    const int inliers = kernel
+                            .score_pairs(&problem_.pair_blocks[i], &problem_.pair_block_view[i], 1,
+                                         kernel_pose, centres.data())
+                            .inliers;
+    counts.pairs[problem_.pair_block_view[i]] += inliers;
     sum += inliers;
     squares += inliers * inliers;
   }

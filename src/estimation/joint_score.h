@@ -29,7 +29,7 @@ struct JointScore {
 struct InlierCounts {
   SolverPose pose;
   int points = 0;
-  std::vector<int> pairs;  // one per reference of the problem
+  std::vector<int> pairs;  // one per view (PreparedProblem::ViewOf())
   // How much more the counts of blocks vary than those of independent matches would: a block's
   // pairs are of one reference, and references are good or bad as a whole.
   double pair_clustering = 1;
@@ -80,15 +80,30 @@ class Scorer {
   const Objective& objective() const { return objective_; }
 
  private:
+  kernels::KernelScore ScorePoints(const SolverPose& pose, int begin, int count) const;
+
   const PreparedProblem& problem_;
   const Objective& objective_;
   double pair_clustering_ = 1;
 };
 
-// The pose as the kernels take it, and the reference centres in the camera's frame.
+// The pose as the kernels take it, and for each view the reference's centre from the camera's.
 template <typename T>
 kernels::KernelPose<T> ToKernelPose(const SolverPose& pose);
 template <typename T>
 std::vector<T> CentresInCam(const PreparedProblem& problem, const SolverPose& pose);
+
+// Hands the runs of blocks that are of one camera to `use(camera, begin, count)`. `camera_of` says
+// which camera block i is of.
+template <typename CameraOf, typename Use>
+void ForEachCamera(int begin, int count, const CameraOf& camera_of, const Use& use) {
+  for (int i = begin; i < begin + count;) {
+    const int camera = camera_of(i);
+    int end = i + 1;
+    while (end < begin + count && camera_of(end) == camera) ++end;
+    use(camera, i, end - i);
+    i = end;
+  }
+}
 
 }  // namespace raylift

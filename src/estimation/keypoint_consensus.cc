@@ -65,7 +65,7 @@ struct QueryRay {
   Vector3d origin, direction;  // local frame
 
   QueryRay(const KeypointParts& keypoint, const SolverPose& pose)
-      : origin(-pose.rotation.transpose() * pose.translation) {
+      : origin(keypoint.CentreOfCamera(pose)) {
     const Vector3d ray = keypoint.image_from_cam.row(0).cross(keypoint.image_from_cam.row(1));
     direction = pose.rotation.transpose() *
                 (keypoint.image_from_cam.row(2).dot(ray) > 0 ? ray : -ray).normalized();

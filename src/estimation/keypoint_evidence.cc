@@ -37,8 +37,8 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
   }
   std::vector<int> sighting_of_match(original.matches_2d2d.size(), -1);
   KeypointEvidence evidence;
-  evidence.query_area_px2 = static_cast<double>(original.query_camera.width_px()) *
-                            static_cast<double>(original.query_camera.height_px());
+  evidence.query_area_px2 = QueryAreaPx2(original);
+  evidence.num_parts *= original.num_cameras();
   evidence.focal_px = original.query_camera.MeanFocalPx();
   evidence.centres = problem.centres;
   evidence.sightings.reserve(problem.pairs.size());
@@ -109,14 +109,17 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
       evidence.loose.push_back({point.point, point.sigma * point.sigma});
     }
     parts.end_loose = static_cast<int>(evidence.loose.size());
-    const Eigen::Vector2d& px =
-        pairs[k].empty()
-            ? original.matches_2d3d[static_cast<size_t>(problem.points[points[k].front()].match)]
-                  .query_px
-            : original.matches_2d2d[static_cast<size_t>(problem.pairs[pairs[k].front()].match)]
-                  .query_px;
-    parts.part_of_image = PartOfImage(original.query_camera, px, kPartsPerSide);
-    parts.px_by_log_focal = px - original.query_camera.principal_point_px();
+    const auto see_in = [&](const auto& match) {
+      parts.camera = match.camera;
+      parts.camera_centre = problem.camera_centres[static_cast<size_t>(match.camera)];
+      parts.part_of_image = PartOfImages(original, match, kPartsPerSide);
+      parts.px_by_log_focal = match.query_px - original.CameraAt(match.camera).principal_point_px();
+    };
+    if (pairs[k].empty()) {
+      see_in(original.matches_2d3d[static_cast<size_t>(problem.points[points[k].front()].match)]);
+    } else {
+      see_in(original.matches_2d2d[static_cast<size_t>(problem.pairs[pairs[k].front()].match)]);
+    }
     if (!pairs[k].empty()) {
       const PreparedPair& pair = problem.pairs[pairs[k].front()];
       parts.image_from_cam =

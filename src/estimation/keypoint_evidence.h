@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "estimation/prepared_problem.h"
+#include "estimation/solvers/p3p.h"
 #include <Eigen/Core>
 
 namespace raylift {
@@ -30,17 +31,26 @@ struct LoosePoint {
   double variance;        // that the match carries, local units squared
 };
 
-// The query's image in 4 x 4 parts.
+// Each of the query's images in 4 x 4 parts.
 inline constexpr int kPartsPerSide = 4;
-inline constexpr int kPartsOfImage = kPartsPerSide * kPartsPerSide;
 
 // One keypoint; its parts are ranges of KeypointEvidence's lists.
 struct KeypointParts {
-  Eigen::Matrix3d image_from_cam;   // pixels, as a sighting's
+  Eigen::Matrix3d image_from_cam;  // pixels, as a sighting's; axes of the query's own camera
+  Eigen::Vector3d camera_centre;   // of the camera that it is seen by, from the query's own
+  int camera;
   Eigen::Vector2d px_by_log_focal;  // how what it sees moves with the focal length's logarithm
-  int part_of_image;                // of the query's, below kPartsOfImage
+  int part_of_image;                // of the query's, below KeypointEvidence::num_parts
   int first_sighting, end_sighting;
   int first_loose, end_loose;
+
+  // Of the camera that it is seen by, and a point as that camera sees it, at a pose of the query.
+  Eigen::Vector3d CentreOfCamera(const SolverPose& pose) const {
+    return pose.rotation.transpose() * (camera_centre - pose.translation);
+  }
+  Eigen::Vector3d PointInCamera(const SolverPose& pose, const Eigen::Vector3d& point) const {
+    return pose.rotation * point + pose.translation - camera_centre;
+  }
 };
 
 struct KeypointEvidence {
@@ -51,6 +61,7 @@ struct KeypointEvidence {
   // as a whole as a reference may.
   std::vector<Eigen::Vector3d> centres;
   double query_area_px2 = 1;
+  int num_parts = kPartsPerSide * kPartsPerSide;  // of all images of the query
   double focal_px = 1000;
 
   size_t num_references() const { return centres.size() - 1; }

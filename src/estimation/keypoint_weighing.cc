@@ -87,7 +87,6 @@ class Weighing {
         model_(model),
         evidence_(model.evidence),
         noise_(model.noise),
-        centre_(model.Centre()),
         far_(StudentFar(noise_.keypoint_tail)) {}
 
   void WeighAll() {
@@ -146,7 +145,6 @@ class Weighing {
   JointModel& model_;
   const KeypointEvidence& evidence_;
   JointNoise& noise_;
-  Vector3d centre_;
   double far_;  // squared, in variances
   std::vector<SightingTerm> terms_;
 
@@ -161,7 +159,7 @@ void Weighing::Weigh(size_t index) {
   right_.count += keypoint.end_sighting - keypoint.first_sighting;
   loose_right_.count += keypoint.end_loose - keypoint.first_loose;
   View view;
-  view.query = model_.LookFromQuery(index, centre_);
+  view.query = model_.LookFromQuery(index);
   if (!view.query.seen.in_front) {
     Drop(keypoint);
     return;
@@ -346,8 +344,8 @@ void Weighing::WeighLoose(int i, const KeypointParts& keypoint, const View& view
   loose_.squares += view.trust * weight * noise_.loose / variance * e.squaredNorm();
   loose_.count += view.trust * (3 * weight - used * spread.trace());
 
-  const PixelResidual seen = ResidualOf(
-      keypoint.image_from_cam, model_.pose.rotation * point.point + model_.pose.translation);
+  const PixelResidual seen =
+      ResidualOf(keypoint.image_from_cam, keypoint.PointInCamera(model_.pose, point.point));
   if (!seen.in_front) {
     weight = 0;
     return;
@@ -360,7 +358,7 @@ void Weighing::WeighLoose(int i, const KeypointParts& keypoint, const View& view
                 std::sqrt(std::pow(2 * std::numbers::pi, 3) * determinant)
           : 0;
   // A wrong one is anywhere in the image, at any distance of the scene.
-  const double distance = (point.point - centre_).norm();
+  const double distance = (point.point - keypoint.CentreOfCamera(model_.pose)).norm();
   const double px2 = 0.5 * seen.jacobian.squaredNorm();
   const double any =
       DensityOfAnyDistance(noise_, std::log(distance)) / distance * px2 / evidence_.query_area_px2;

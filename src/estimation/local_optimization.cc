@@ -44,10 +44,11 @@ SolverPose OptimizeLocally(const PreparedProblem& problem, const SolverPose& pos
   ActiveMatches<float> active;
   if (kinds.points) {
     active.point_blocks = problem.point_blocks;
+    active.point_block_camera = problem.point_block_camera;
   }
   if (kinds.pairs) {
     active.pair_blocks = problem.pair_blocks;
-    active.pair_block_reference = problem.pair_block_reference;
+    active.pair_block_view = problem.pair_block_view;
   }
   const auto part = [&](size_t count, double loss_limit) {
     const bool all = matches == OptimizedMatches::kAll;

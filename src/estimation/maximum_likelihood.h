@@ -39,10 +39,12 @@ class MaximumLikelihood {
  private:
   // Blocks of the matches near the pose.
   struct GatheredMatches {
-    std::vector<kernels::PointBlock<double>> points;
+    PointBlocks<double> points;
     PairBlocks<double> pairs;
 
-    ActiveMatches<double> Active() const { return {points, pairs.blocks, pairs.block_reference}; }
+    ActiveMatches<double> Active() const {
+      return {points.blocks, points.block_camera, pairs.blocks, pairs.block_view};
+    }
   };
 
   void Gather();

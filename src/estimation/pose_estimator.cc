@@ -152,6 +152,9 @@ class RansacEstimator final : public PoseEstimator {
     const double range =
         std::max(options_.refine_focal ? options_.focal_range : 1, problem.priors.focal_range);
     const bool is_known = range == 1 || problem.query_camera.is_panorama();
+    if (!is_known && !problem.other_cameras.empty()) {
+      throw InputError(problem.name + ": the focal lengths of a rig's cameras must be known");
+    }
     return is_known ? EstimateWithCamera(problem) : EstimateWithFocal(problem, range);
   }
 

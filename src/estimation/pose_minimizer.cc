@@ -11,45 +11,67 @@
 namespace raylift {
 namespace {
 
-void Add(const kernels::KernelNormals& normals, double weight, NormalEquations& equations) {
+// Adds what one camera says, of whose own step the normals are. A step (w, v) of the query moves a
+// camera at `centre` by (w, v + w x centre).
+void Add(const kernels::KernelNormals& normals, double weight, const Eigen::Vector3d& centre,
+         NormalEquations& equations) {
+  NormalEquations of_camera;
   int k = 0;
   for (int r = 0; r < 6; ++r) {
-    equations.gradient[r] += weight * normals.gradient[r];
+    of_camera.gradient[r] = weight * normals.gradient[r];
     for (int c = r; c < 6; ++c, ++k) {
-      equations.hessian(r, c) += weight * normals.hessian[k];
-      equations.hessian(c, r) = equations.hessian(r, c);
+      of_camera.hessian(r, c) = of_camera.hessian(c, r) = weight * normals.hessian[k];
     }
   }
+  if (!centre.isZero(0)) {
+    Matrix6d camera_from_query = Matrix6d::Identity();
+    camera_from_query.bottomLeftCorner<3, 3>() = -Skew(centre);
+    of_camera.hessian = camera_from_query.transpose() * of_camera.hessian * camera_from_query;
+    of_camera.gradient = camera_from_query.transpose() * of_camera.gradient;
+  }
+  equations.hessian += of_camera.hessian;
+  equations.gradient += of_camera.gradient;
   equations.cost += weight * normals.cost;
 }
 
-kernels::KernelNormals PointNormals(const ActiveMatches<float>& m,
+kernels::KernelNormals PointNormals(std::span<const kernels::PointBlock<float>> blocks,
                                     const kernels::KernelPose<float>& pose,
                                     const kernels::KernelLoss& loss) {
-  return kernels::ActiveKernels().point_normals_float(
-      m.point_blocks.data(), static_cast<int>(m.point_blocks.size()), pose, loss);
+  return kernels::ActiveKernels().point_normals_float(blocks.data(),
+                                                      static_cast<int>(blocks.size()), pose, loss);
 }
-kernels::KernelNormals PointNormals(const ActiveMatches<double>& m,
+kernels::KernelNormals PointNormals(std::span<const kernels::PointBlock<double>> blocks,
                                     const kernels::KernelPose<double>& pose,
                                     const kernels::KernelLoss& loss) {
-  return kernels::ActiveKernels().point_normals(
-      m.point_blocks.data(), static_cast<int>(m.point_blocks.size()), pose, loss);
+  return kernels::ActiveKernels().point_normals(blocks.data(), static_cast<int>(blocks.size()),
+                                                pose, loss);
 }
-kernels::KernelNormals PairNormals(const ActiveMatches<float>& m,
-                                   const kernels::KernelPose<float>& pose,
+kernels::KernelNormals PairNormals(std::span<const kernels::PairBlock<float>> blocks,
+                                   const int* block_view, const kernels::KernelPose<float>& pose,
                                    const std::vector<float>& centres,
                                    const kernels::KernelLoss& loss) {
   return kernels::ActiveKernels().pair_normals_float(
-      m.pair_blocks.data(), m.pair_block_reference.data(), static_cast<int>(m.pair_blocks.size()),
-      pose, centres.data(), loss);
+      blocks.data(), block_view, static_cast<int>(blocks.size()), pose, centres.data(), loss);
 }
-kernels::KernelNormals PairNormals(const ActiveMatches<double>& m,
-                                   const kernels::KernelPose<double>& pose,
+kernels::KernelNormals PairNormals(std::span<const kernels::PairBlock<double>> blocks,
+                                   const int* block_view, const kernels::KernelPose<double>& pose,
                                    const std::vector<double>& centres,
                                    const kernels::KernelLoss& loss) {
-  return kernels::ActiveKernels().pair_normals(m.pair_blocks.data(), m.pair_block_reference.data(),
-                                               static_cast<int>(m.pair_blocks.size()), pose,
-                                               centres.data(), loss);
+  return kernels::ActiveKernels().pair_normals(
+      blocks.data(), block_view, static_cast<int>(blocks.size()), pose, centres.data(), loss);
+}
+
+// Adds the normals of each run of blocks that one camera sees.
+template <typename Block, typename CameraOf, typename NormalsOf>
+void AddByCamera(const PreparedProblem& problem, std::span<const Block> blocks, double weight,
+                 const CameraOf& camera_of, const NormalsOf& normals_of,
+                 NormalEquations& equations) {
+  ForEachCamera(
+      0, static_cast<int>(blocks.size()), camera_of, [&](int camera, int first, int count) {
+        const auto part = blocks.subspan(static_cast<size_t>(first), static_cast<size_t>(count));
+        Add(normals_of(part, camera, first), weight,
+            problem.camera_centres[static_cast<size_t>(camera)], equations);
+      });
 }
 
 }  // namespace
@@ -58,13 +80,25 @@ template <typename T>
 NormalEquations Linearize(const PreparedProblem& problem, const ActiveMatches<T>& matches,
                           const SolverPose& pose, const KindWeights& weights) {
   NormalEquations equations;
-  const auto kernel_pose = ToKernelPose<T>(pose);
-  if (!matches.point_blocks.empty()) {
-    Add(PointNormals(matches, kernel_pose, weights.point_loss), weights.point_weight, equations);
-  }
+  AddByCamera(
+      problem, matches.point_blocks, weights.point_weight,
+      [&](int block) { return matches.point_block_camera[static_cast<size_t>(block)]; },
+      [&](const auto& blocks, int camera, int /*first*/) {
+        return PointNormals(blocks, ToKernelPose<T>(problem.PoseOfCamera(pose, camera)),
+                            weights.point_loss);
+      },
+      equations);
   if (!matches.pair_blocks.empty()) {
-    Add(PairNormals(matches, kernel_pose, CentresInCam<T>(problem, pose), weights.pair_loss),
-        weights.pair_weight, equations);
+    const auto kernel_pose = ToKernelPose<T>(pose);
+    const std::vector<T> centres = CentresInCam<T>(problem, pose);
+    const int* views = matches.pair_block_view.data();
+    AddByCamera(
+        problem, matches.pair_blocks, weights.pair_weight,
+        [&](int block) { return problem.CameraOf(views[block]); },
+        [&](const auto& blocks, int /*camera*/, int first) {
+          return PairNormals(blocks, views + first, kernel_pose, centres, weights.pair_loss);
+        },
+        equations);
   }
   problem.priors.AddTo(pose, weights.prior_weight, equations);
   return equations;

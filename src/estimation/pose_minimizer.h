@@ -17,8 +17,9 @@ namespace raylift {
 template <typename T>
 struct ActiveMatches {
   std::span<const kernels::PointBlock<T>> point_blocks;
+  std::span<const int> point_block_camera;
   std::span<const kernels::PairBlock<T>> pair_blocks;
-  std::span<const int> pair_block_reference;
+  std::span<const int> pair_block_view;
 };
 
 // What a match costs: its kind's weight times the loss of its squared residual; and the weight of

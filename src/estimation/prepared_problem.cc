@@ -15,6 +15,9 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
+// Points and cameras so far away that float arithmetic would overflow cannot be told from none.
+constexpr double kFarthest = 1e15;
+
 struct Frame {
   Vector3d origin = Vector3d::Zero();
   double scale = 1;
@@ -94,8 +97,7 @@ std::optional<PreparedPoint> PreparePoint(const Camera& camera, const Match2D3D&
   const double widened = kSigmasOfThreshold * point.sigma;
   point.spread = 0.5 * point.image_from_ray.topRows<2>().squaredNorm() * widened * widened;
   point.match = index;
-  // A point so far away that float arithmetic would overflow cannot be told from none.
-  if (!(point.point.norm() < 1e15) || !std::isfinite(point.spread)) {
+  if (!(point.point.norm() < kFarthest) || !std::isfinite(point.spread)) {
     return std::nullopt;
   }
   return point;
@@ -110,7 +112,7 @@ std::optional<PreparedPair> PreparePair(const PoseProblem& problem, const Match2
   if (!reference.cam_from_world.IsFinite()) {
     return std::nullopt;
   }
-  const auto query_frame = MakePixelFrame(problem.query_camera, match.query_px);
+  const auto query_frame = MakePixelFrame(problem.CameraAt(match.camera), match.query_px);
   const auto reference_frame = MakePixelFrame(reference.camera, match.reference_px);
   if (!query_frame || !reference_frame) {
     return std::nullopt;
@@ -136,6 +138,16 @@ std::optional<PreparedPair> PreparePair(const PoseProblem& problem, const Match2
   return pair;
 }
 
+// From a camera's own axes to those of the query's own camera.
+void Turn(const Matrix3d& cam_from_query, PreparedPoint& point) {
+  point.ray = cam_from_query.transpose() * point.ray;
+  point.image_from_ray = point.image_from_ray * cam_from_query;
+}
+void Turn(const Matrix3d& cam_from_query, PreparedPair& pair) {
+  pair.query_ray = cam_from_query.transpose() * pair.query_ray;
+  pair.query_gradient = cam_from_query.transpose() * pair.query_gradient;
+}
+
 // A random order of `count` things.
 std::vector<int> RandomOrder(size_t count, Rng& rng) {
   std::vector<int> order(count);
@@ -146,31 +158,50 @@ std::vector<int> RandomOrder(size_t count, Rng& rng) {
   return order;
 }
 
-// The 2D-2D matches grouped by reference, in random order within one; without those of a reference
-// that does not exist.
-std::vector<int> RandomOrderByReference(const PoseProblem& problem, Rng& rng) {
-  std::vector<std::vector<int>> by_reference(problem.references.size());
-  for (const int i : RandomOrder(problem.matches_2d2d.size(), rng)) {
-    const int reference = problem.matches_2d2d[i].reference;
-    if (reference >= 0 && reference < static_cast<int>(by_reference.size())) {
-      by_reference[reference].push_back(i);
-    }
+std::vector<int> Joined(const std::vector<std::vector<int>>& groups, size_t count) {
+  std::vector<int> joined;
+  joined.reserve(count);
+  for (const std::vector<int>& group : groups) {
+    joined.insert(joined.end(), group.begin(), group.end());
   }
-  std::vector<int> order;
-  order.reserve(problem.matches_2d2d.size());
-  for (const std::vector<int>& matches : by_reference) {
-    order.insert(order.end(), matches.begin(), matches.end());
-  }
-  return order;
+  return joined;
 }
 
-// How many blocks some pairs fill, each with those of one reference.
-size_t CountBlocks(const std::vector<PreparedPair>& pairs, const std::vector<int>& selection,
-                   int lanes) {
+// The 2D-2D matches grouped by reference and camera, in random order within a group; without those
+// of a reference or a camera that does not exist.
+std::vector<int> RandomOrderByView(const PoseProblem& problem, Rng& rng) {
+  const auto num_cameras = static_cast<size_t>(problem.num_cameras());
+  std::vector<std::vector<int>> by_view(problem.references.size() * num_cameras);
+  for (const int i : RandomOrder(problem.matches_2d2d.size(), rng)) {
+    const Match2D2D& match = problem.matches_2d2d[static_cast<size_t>(i)];
+    if (match.reference >= 0 && match.reference < static_cast<int>(problem.references.size()) &&
+        problem.HasCamera(match.camera)) {
+      by_view[static_cast<size_t>(match.reference) * num_cameras +
+              static_cast<size_t>(match.camera)]
+          .push_back(i);
+    }
+  }
+  return Joined(by_view, problem.matches_2d2d.size());
+}
+
+// The 2D-3D matches grouped by camera, as those.
+std::vector<int> RandomOrderByCamera(const PoseProblem& problem, Rng& rng) {
+  std::vector<std::vector<int>> by_camera(static_cast<size_t>(problem.num_cameras()));
+  for (const int i : RandomOrder(problem.matches_2d3d.size(), rng)) {
+    const int camera = problem.matches_2d3d[static_cast<size_t>(i)].camera;
+    if (problem.HasCamera(camera)) by_camera[static_cast<size_t>(camera)].push_back(i);
+  }
+  return Joined(by_camera, problem.matches_2d3d.size());
+}
+
+// How many blocks some matches fill, each with those of one `group`.
+template <typename Match>
+size_t CountBlocks(const std::vector<Match>& matches, int Match::*group,
+                   const std::vector<int>& selection, int lanes) {
   size_t count = 0;
   int used = 0;
   for (size_t i = 0; i < selection.size(); ++i) {
-    const bool same = i > 0 && pairs[selection[i]].reference == pairs[selection[i - 1]].reference;
+    const bool same = i > 0 && matches[selection[i]].*group == matches[selection[i - 1]].*group;
     used = same && used < lanes ? used + 1 : 1;
     count += used == 1 ? 1 : 0;
   }
@@ -180,17 +211,27 @@ size_t CountBlocks(const std::vector<PreparedPair>& pairs, const std::vector<int
 }  // namespace
 
 template <typename T>
-std::vector<kernels::PointBlock<T>> MakePointBlocks(const std::vector<PreparedPoint>& points,
-                                                    const std::vector<int>& selection) {
+PointBlocks<T> MakePointBlocks(const std::vector<PreparedPoint>& points,
+                               const std::vector<int>& selection) {
   constexpr int kLanes = kernels::kLanes<T>;
-  std::vector<kernels::PointBlock<T>> blocks((selection.size() + kLanes - 1) / kLanes);
-  if (!blocks.empty()) {
-    std::memset(static_cast<void*>(blocks.data()), 0, blocks.size() * sizeof(blocks[0]));
+  PointBlocks<T> result;
+  const size_t num_blocks = CountBlocks(points, &PreparedPoint::camera, selection, kLanes);
+  result.blocks.resize(num_blocks);
+  if (num_blocks > 0) {
+    std::memset(static_cast<void*>(result.blocks.data()), 0, num_blocks * sizeof(result.blocks[0]));
   }
-  for (size_t i = 0; i < selection.size(); ++i) {
-    const PreparedPoint& point = points[selection[i]];
-    kernels::PointBlock<T>& block = blocks[i / kLanes];
-    const size_t lane = i % kLanes;
+  result.block_camera.reserve(num_blocks);
+  result.lane_point.assign(num_blocks * kLanes, -1);
+  int lane = kLanes;
+  for (const int index : selection) {
+    const PreparedPoint& point = points[index];
+    if (lane == kLanes || result.block_camera.back() != point.camera) {
+      lane = 0;
+      result.block_camera.push_back(point.camera);
+    }
+    const size_t last = result.block_camera.size() - 1;
+    kernels::PointBlock<T>& block = result.blocks[last];
+    result.lane_point[last * kLanes + lane] = index;
     block.spread[lane] = static_cast<T>(point.spread);
     for (int k = 0; k < 3; ++k) {
       block.x[k][lane] = static_cast<T>(point.point[k]);
@@ -198,8 +239,9 @@ std::vector<kernels::PointBlock<T>> MakePointBlocks(const std::vector<PreparedPo
         block.image_from_ray[3 * k + c][lane] = static_cast<T>(point.image_from_ray(k, c));
       }
     }
+    ++lane;
   }
-  return blocks;
+  return result;
 }
 
 template <typename T>
@@ -207,18 +249,18 @@ PairBlocks<T> MakePairBlocks(const std::vector<PreparedPair>& pairs,
                              const std::vector<int>& selection) {
   constexpr int kLanes = kernels::kLanes<T>;
   PairBlocks<T> result;
-  const size_t num_blocks = CountBlocks(pairs, selection, kLanes);
+  const size_t num_blocks = CountBlocks(pairs, &PreparedPair::view, selection, kLanes);
   result.blocks.reserve(num_blocks);
-  result.block_reference.reserve(num_blocks);
+  result.block_view.reserve(num_blocks);
   result.lane_pair.reserve(num_blocks * kLanes);
   int lane = kLanes;
   for (const int index : selection) {
     const PreparedPair& pair = pairs[index];
-    if (lane == kLanes || result.block_reference.back() != pair.reference) {
+    if (lane == kLanes || result.block_view.back() != pair.view) {
       lane = 0;
       result.blocks.emplace_back();
       std::memset(static_cast<void*>(&result.blocks.back()), 0, sizeof(result.blocks.back()));
-      result.block_reference.push_back(pair.reference);
+      result.block_view.push_back(pair.view);
       result.lane_pair.insert(result.lane_pair.end(), kLanes, -1);
     }
     kernels::PairBlock<T>& block = result.blocks.back();
@@ -237,10 +279,10 @@ PairBlocks<T> MakePairBlocks(const std::vector<PreparedPair>& pairs,
   return result;
 }
 
-template std::vector<kernels::PointBlock<float>> MakePointBlocks<float>(
-    const std::vector<PreparedPoint>&, const std::vector<int>&);
-template std::vector<kernels::PointBlock<double>> MakePointBlocks<double>(
-    const std::vector<PreparedPoint>&, const std::vector<int>&);
+template PointBlocks<float> MakePointBlocks<float>(const std::vector<PreparedPoint>&,
+                                                   const std::vector<int>&);
+template PointBlocks<double> MakePointBlocks<double>(const std::vector<PreparedPoint>&,
+                                                     const std::vector<int>&);
 template PairBlocks<float> MakePairBlocks<float>(const std::vector<PreparedPair>&,
                                                  const std::vector<int>&);
 template PairBlocks<double> MakePairBlocks<double>(const std::vector<PreparedPair>&,
@@ -258,33 +300,62 @@ PreparedProblem::PreparedProblem(const PoseProblem& problem, double point_thresh
   for (const PosedImage& reference : problem.references) {
     centres.push_back((reference.cam_from_world.OriginInSource() - frame.origin) / frame.scale);
   }
+  std::vector<Matrix3d> cam_from_query;  // of the other cameras
+  camera_centres.assign(1, Vector3d::Zero());
+  for (const RigCamera& other : problem.other_cameras) {
+    cam_from_query.push_back(other.cam_from_query.rotation.toRotationMatrix());
+    camera_centres.push_back(other.cam_from_query.OriginInSource() / frame.scale);
+  }
+  const auto is_near = [&](int camera) {
+    return camera_centres[static_cast<size_t>(camera)].norm() < kFarthest;
+  };
+  const auto finish = [&](auto& match, int camera, size_t keypoint) {
+    match.camera = camera;
+    match.keypoint = keypoint;
+    if (camera > 0) Turn(cam_from_query[static_cast<size_t>(camera - 1)], match);
+  };
   priors = PreparedPriors(problem.priors, frame.origin, frame.scale, centres);
   const KeypointNumbers numbers = NumberQueryKeypoints(problem.matches_2d2d, problem.matches_2d3d);
   num_keypoints = numbers.count;
   points.reserve(problem.matches_2d3d.size());
-  for (const int i : RandomOrder(problem.matches_2d3d.size(), rng)) {
-    if (const auto point = PreparePoint(problem.query_camera, problem.matches_2d3d[i], frame,
+  for (const int i : RandomOrderByCamera(problem, rng)) {
+    const Match2D3D& match = problem.matches_2d3d[static_cast<size_t>(i)];
+    if (!is_near(match.camera)) continue;
+    if (const auto point = PreparePoint(problem.CameraAt(match.camera), match, frame,
                                         reprojection_threshold_px, point_sigma, i)) {
       points.push_back(*point);
-      points.back().keypoint = numbers.of_2d3d[static_cast<size_t>(i)];
+      finish(points.back(), match.camera, numbers.of_2d3d[static_cast<size_t>(i)]);
     }
   }
   pairs.reserve(problem.matches_2d2d.size());
-  for (const int i : RandomOrderByReference(problem, rng)) {
-    if (const auto pair = PreparePair(problem, problem.matches_2d2d[i], sampson_threshold_px, i)) {
+  for (const int i : RandomOrderByView(problem, rng)) {
+    const Match2D2D& match = problem.matches_2d2d[static_cast<size_t>(i)];
+    if (!is_near(match.camera)) continue;
+    if (const auto pair = PreparePair(problem, match, sampson_threshold_px, i)) {
       pairs.push_back(*pair);
-      pairs.back().keypoint = numbers.of_2d2d[static_cast<size_t>(i)];
+      finish(pairs.back(), match.camera, numbers.of_2d2d[static_cast<size_t>(i)]);
+      pairs.back().view = ViewOf(match.camera, match.reference);
     }
   }
   for (int i = 0; i < static_cast<int>(pairs.size()); ++i) {
-    if (runs.empty() || runs.back().reference != pairs[i].reference) {
-      runs.push_back({pairs[i].reference, i, i});
+    if (runs.empty() || runs.back().view != pairs[i].view) {
+      runs.push_back({pairs[i].reference, pairs[i].camera, pairs[i].view, i, i});
     }
     runs.back().end = i + 1;
   }
   std::vector<int> all_points(points.size());
   std::iota(all_points.begin(), all_points.end(), 0);
-  point_blocks = MakePointBlocks<float>(points, all_points);
+  PointBlocks<float> by_camera = MakePointBlocks<float>(points, all_points);
+  if (problem.other_cameras.empty()) {
+    point_blocks = std::move(by_camera.blocks);
+    point_block_camera = std::move(by_camera.block_camera);
+  } else {
+    // So that a prefix of the blocks sees all cameras.
+    for (const int i : RandomOrder(by_camera.blocks.size(), rng)) {
+      point_blocks.push_back(by_camera.blocks[i]);
+      point_block_camera.push_back(by_camera.block_camera[i]);
+    }
+  }
 
   std::vector<int> all_pairs(pairs.size());
   std::iota(all_pairs.begin(), all_pairs.end(), 0);
@@ -293,7 +364,7 @@ PreparedProblem::PreparedProblem(const PoseProblem& problem, double point_thresh
   // So that a prefix of the blocks sees all references.
   for (const int i : RandomOrder(grouped.blocks.size(), rng)) {
     pair_blocks.push_back(grouped.blocks[i]);
-    pair_block_reference.push_back(grouped.block_reference[i]);
+    pair_block_view.push_back(grouped.block_view[i]);
   }
 }
 

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <numbers>
+#include <optional>
 
 #include "estimation/draw_distinct.h"
 #include "estimation/solvers/p2p.h"
@@ -20,6 +22,18 @@ Vector3d DrawNormal(Rng& rng) {
   return {x, y, rng.Normal()};
 }
 
+// Where the query's own camera sees a point that lies so far from it, if another camera of a rig
+// sees it along this ray; none where that ray nowhere is so far away.
+std::optional<Vector3d> RayFromQuery(const Vector3d& camera_centre, const Vector3d& ray,
+                                     double distance) {
+  if (camera_centre.isZero(0)) return ray;
+  const double along = camera_centre.dot(ray);
+  const double squared = along * along + distance * distance - camera_centre.squaredNorm();
+  const double length = std::sqrt(std::max(squared, 0.0)) - along;
+  if (!(squared > 0) || !(length > 0)) return std::nullopt;
+  return (camera_centre + length * ray).normalized();
+}
+
 // By how much a ray may turn before its pixel leaves the threshold.
 double ToleratedTurn(const PreparedPoint& point) {
   return std::numbers::sqrt2 / point.image_from_ray.topRows<2>().norm();
@@ -34,7 +48,9 @@ PriorGenerator::TwoPoints PriorGenerator::Draw(Rng& rng) const {
   const auto sample = DrawDistinct<2>(rng, static_cast<int>(problem_.points.size()));
   const PreparedPoint& a = problem_.points[sample[0]];
   const PreparedPoint& b = problem_.points[sample[1]];
-  return {{a.ray, b.ray}, {a.point, b.point}};
+  return {{problem_.camera_centres[a.camera], problem_.camera_centres[b.camera]},
+          {a.ray, b.ray},
+          {a.point, b.point}};
 }
 
 double PriorGenerator::SuccessProbability(const InlierCounts& inliers) const {
@@ -64,7 +80,13 @@ void KnownCentreGenerator::Generate(Rng& rng, std::vector<SolverPose>& poses) co
   const auto& prior = *problem_.priors.position();
   const TwoPoints sample = Draw(rng);
   const Vector3d centre = prior.centre + prior.sigma.cwiseProduct(DrawNormal(rng));
-  if (const auto pose = SolvePoseAtCentre(sample.rays, sample.points, centre)) {
+  const auto ray = [&](size_t i) {
+    return RayFromQuery(sample.centres[i], sample.rays[i], (sample.points[i] - centre).norm());
+  };
+  const auto first = ray(0);
+  const auto second = ray(1);
+  if (!first || !second) return;
+  if (const auto pose = SolvePoseAtCentre({*first, *second}, sample.points, centre)) {
     poses.push_back(*pose);
   }
 }
@@ -91,8 +113,8 @@ void UprightGenerator::Generate(Rng& rng, std::vector<SolverPose>& poses) const 
   const TwoPoints sample = Draw(rng);
   const Vector3d down = (prior.down_in_cam + prior.sigma * DrawNormal(rng)).normalized();
   std::array<SolverPose, 2> solutions;
-  const int count =
-      SolveUprightPose(sample.rays, sample.points, down, prior.down_in_local, solutions);
+  const int count = SolveUprightPose(sample.centres, sample.rays, sample.points, down,
+                                     prior.down_in_local, solutions);
   poses.assign(solutions.begin(), solutions.begin() + count);
 }
 

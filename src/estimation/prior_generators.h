@@ -22,7 +22,7 @@ class PriorGenerator : public HypothesisGenerator {
   explicit PriorGenerator(const PreparedProblem& problem) : problem_(problem) {}
 
   struct TwoPoints {
-    std::array<Eigen::Vector3d, 2> rays, points;
+    std::array<Eigen::Vector3d, 2> centres, rays, points;  // of the cameras that see them
   };
   TwoPoints Draw(Rng& rng) const;
   virtual double ProbabilityOfPrior(const SolverPose& pose) const = 0;

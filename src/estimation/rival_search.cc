@@ -18,6 +18,7 @@ PoseProblem Rest(const PoseProblem& problem, const PreparedProblem& prepared,
   PoseProblem rest;
   rest.name = problem.name;
   rest.query_camera = problem.query_camera;
+  rest.other_cameras = problem.other_cameras;
   rest.references = problem.references;
   rest.priors = problem.priors;
   if (scored.points) {

@@ -89,26 +89,24 @@ SupportAssessor::SupportAssessor(const PoseProblem& original, const PreparedProb
       kinds_(kinds),
       num_poses_tried_(num_poses_tried),
       points_of_sample_(points_of_sample),
-      area_px2_(static_cast<double>(original.query_camera.width_px()) *
-                static_cast<double>(original.query_camera.height_px())) {
+      area_px2_(QueryAreaPx2(original)) {
   place_.assign(problem.num_keypoints, 0);
-  const auto place = [&](const Eigen::Vector2d& pixel) {
-    return PartOfImage(original.query_camera, pixel, kPlacesPerSide);
+  const auto place = [&](const auto& match) {
+    return PartOfImages(original, match, kPlacesPerSide);
   };
   for (const PreparedPoint& point : problem.points) {
-    place_[point.keypoint] =
-        place(original.matches_2d3d[static_cast<size_t>(point.match)].query_px);
+    place_[point.keypoint] = place(original.matches_2d3d[static_cast<size_t>(point.match)]);
   }
   for (const PreparedPair& pair : problem.pairs) {
-    place_[pair.keypoint] = place(original.matches_2d2d[static_cast<size_t>(pair.match)].query_px);
+    place_[pair.keypoint] = place(original.matches_2d2d[static_cast<size_t>(pair.match)]);
   }
 }
 
 double SupportAssessor::PointWidening(const SolverPose& pose) const {
   double sum = 0;
   for (const PreparedPoint& point : problem_.points) {
-    const double depth =
-        point.image_from_ray.row(2).dot(pose.rotation * point.point + pose.translation);
+    const double depth = point.image_from_ray.row(2).dot(
+        pose.rotation * point.point + problem_.PoseOfCamera(pose, point.camera).translation);
     sum += 1 + (depth > 0 ? point.spread / (depth * depth) : 0);
   }
   return problem_.points.empty() ? 1 : sum / static_cast<double>(problem_.points.size());
@@ -261,25 +259,29 @@ double SupportAssessor::ProbabilityOfDistance(const SolverPose& pose,
   constexpr double kLeastMove = 0.25;
   if (problem_.centres.empty()) return 1;
   const std::vector<PreparedPair> inliers = InlierPairs(pose);
-  std::vector<int> counts(problem_.centres.size(), 0);
-  for (const PreparedPair& pair : inliers) ++counts[static_cast<size_t>(pair.reference)];
+  std::vector<int> counts(problem_.num_views(), 0);
+  for (const PreparedPair& pair : inliers) ++counts[static_cast<size_t>(pair.view)];
   const auto most =
       static_cast<int>(std::max_element(counts.begin(), counts.end()) - counts.begin());
   const auto explained_by_others = [&](const std::vector<PreparedPair>& pairs) {
     std::vector<bool> explained(problem_.num_keypoints, false);
     for (const PreparedPair& pair : pairs) {
-      if (pair.reference != most) explained[pair.keypoint] = true;
+      if (pair.view != most) explained[pair.keypoint] = true;
     }
     return explained;
   };
-  const Eigen::Vector3d& from = problem_.centres[static_cast<size_t>(most)];
-  const Eigen::Vector3d offset = -pose.rotation.transpose() * pose.translation - from;
+  const size_t reference = static_cast<size_t>(most) % problem_.centres.size();
+  const Eigen::Vector3d& from = problem_.centres[reference];
+  const Eigen::Vector3d& camera_centre =
+      problem_.camera_centres[static_cast<size_t>(problem_.CameraOf(most))];
+  const Eigen::Vector3d offset =
+      pose.rotation.transpose() * (camera_centre - pose.translation) - from;
   const std::vector<bool> explained = explained_by_others(inliers);
   double probability = 1;
   for (const double factor : {0.25, 0.5, 2.0, 4.0}) {
     if (std::abs(factor - 1) * offset.norm() < kLeastMove) continue;
     SolverPose moved = pose;
-    moved.translation = -pose.rotation * (from + factor * offset);
+    moved.translation = camera_centre - pose.rotation * (from + factor * offset);
     // Where both explain the same there is nothing to choose by.
     probability = std::min(probability, Opinions(explained, explained_by_others(InlierPairs(moved)))
                                             .ProbabilityOfFirst(support.clustering)

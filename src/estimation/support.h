@@ -44,7 +44,8 @@ class SupportAssessor {
   bool IsBeyondChance(const Support& best, const Support& rival) const;
 
   // The probability that the pose is right in its distance from the reference that explains most of
-  // its pairs: those fit at any distance, so that pairs of other references alone tell it, and they
+  // its pairs: those fit at any distance, so that pairs of other references (or of other cameras of
+  // a rig) alone tell it, and they
   // must explain more keypoints than where the pose is moved along that line (by a good part of the
   // references' spread; 1 where no such move is one). `support`: of the pose.
   double ProbabilityOfDistance(const SolverPose& pose, const Support& support) const;

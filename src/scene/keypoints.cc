@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <map>
 
 #include "raylift/base/error.h"
 
@@ -14,7 +15,7 @@ struct KeypointIndices {
   std::vector<int> of_2d3d;
 };
 
-// The given indices, and for matches without one those by their pixels.
+// The given indices, and for matches without one those by their pixels; of each camera by itself.
 class IndexCompletion {
  public:
   template <typename Match>
@@ -23,8 +24,9 @@ class IndexCompletion {
       if (!match.query_keypoint) continue;
       const int index = *match.query_keypoint;
       RAYLIFT_CHECK(index >= 0 && index < std::numeric_limits<int>::max());
-      keypoints_.FindOrAdd(match.query_px, index);
-      next_ = std::max(next_, index + 1);
+      OfCamera& keypoints = of_camera_[match.camera];
+      keypoints.by_pixel.FindOrAdd(match.query_px, index);
+      keypoints.next = std::max(keypoints.next, index + 1);
     }
   }
 
@@ -34,23 +36,27 @@ class IndexCompletion {
     std::vector<int> indices;
     indices.reserve(matches.size());
     for (const Match& match : matches) {
-      indices.push_back(match.query_keypoint ? *match.query_keypoint : IndexAt(match.query_px));
+      indices.push_back(match.query_keypoint ? *match.query_keypoint
+                                             : of_camera_[match.camera].IndexAt(match.query_px));
     }
     return indices;
   }
 
  private:
-  int IndexAt(const Eigen::Vector2d& pixel) {
-    const int index = keypoints_.FindOrAdd(pixel, next_);
-    if (index == next_) {
-      RAYLIFT_CHECK(next_ < std::numeric_limits<int>::max());
-      ++next_;
-    }
-    return index;
-  }
+  struct OfCamera {
+    KeypointsByPixel by_pixel;
+    int next = 0;
 
-  KeypointsByPixel keypoints_;
-  int next_ = 0;
+    int IndexAt(const Eigen::Vector2d& pixel) {
+      const int index = by_pixel.FindOrAdd(pixel, next);
+      if (index == next) {
+        RAYLIFT_CHECK(next < std::numeric_limits<int>::max());
+        ++next;
+      }
+      return index;
+    }
+  };
+  std::map<int, OfCamera> of_camera_;
 };
 
 KeypointIndices CompleteIndices(std::span<const Match2D2D> matches_2d2d,
@@ -90,19 +96,21 @@ std::vector<int> CanonicalKeypoints(std::span<const Eigen::Vector2d> pixels) {
 KeypointNumbers NumberQueryKeypoints(std::span<const Match2D2D> matches_2d2d,
                                      std::span<const Match2D3D> matches_2d3d) {
   const KeypointIndices indices = CompleteIndices(matches_2d2d, matches_2d3d);
-  std::unordered_map<int, size_t> number_of_index;
-  const auto numbers_of = [&number_of_index](const std::vector<int>& of_matches) {
-    std::vector<size_t> numbers;
-    numbers.reserve(of_matches.size());
-    for (const int index : of_matches) {
-      numbers.push_back(number_of_index.try_emplace(index, number_of_index.size()).first->second);
-    }
-    return numbers;
-  };
+  std::map<int, std::unordered_map<int, size_t>> number_of_index;  // by camera
   KeypointNumbers numbers;
-  numbers.of_2d2d = numbers_of(indices.of_2d2d);
-  numbers.of_2d3d = numbers_of(indices.of_2d3d);
-  numbers.count = number_of_index.size();
+  const auto numbers_of = [&](const auto& matches, const std::vector<int>& of_matches) {
+    std::vector<size_t> result;
+    result.reserve(of_matches.size());
+    for (size_t i = 0; i < of_matches.size(); ++i) {
+      const auto [number, is_new] =
+          number_of_index[matches[i].camera].try_emplace(of_matches[i], numbers.count);
+      numbers.count += is_new ? 1 : 0;
+      result.push_back(number->second);
+    }
+    return result;
+  };
+  numbers.of_2d2d = numbers_of(matches_2d2d, indices.of_2d2d);
+  numbers.of_2d3d = numbers_of(matches_2d3d, indices.of_2d3d);
   return numbers;
 }
 

@@ -78,7 +78,7 @@ void ScorePairs(benchmark::State& state) {
   const auto& blocks = problem.prepared.pair_blocks;
   for (auto _ : state) {
     benchmark::DoNotOptimize(
-        table->score_pairs(blocks.data(), problem.prepared.pair_block_reference.data(),
+        table->score_pairs(blocks.data(), problem.prepared.pair_block_view.data(),
                            static_cast<int>(blocks.size()), pose, centres.data()));
   }
   SetPerMatch(state, count);
@@ -108,7 +108,7 @@ void PairNormals(benchmark::State& state) {
   const auto& blocks = problem.prepared.pair_blocks;
   for (auto _ : state) {
     benchmark::DoNotOptimize(table->pair_normals_float(
-        blocks.data(), problem.prepared.pair_block_reference.data(),
+        blocks.data(), problem.prepared.pair_block_view.data(),
         static_cast<int>(blocks.size()), pose, centres.data(), kernels::KernelLoss{}));
   }
   SetPerMatch(state, count);

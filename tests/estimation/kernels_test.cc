@@ -54,7 +54,8 @@ void AppendNormals(const kernels::KernelNormals& normals, std::vector<unsigned c
 
 std::vector<unsigned char> AllOutputs(const kernels::KernelTable& table, const NearTruth& near) {
   const PreparedProblem& problem = near.prepared;
-  const auto points = MakePointBlocks<double>(problem.points, AllIndices(problem.points.size()));
+  const auto points =
+      MakePointBlocks<double>(problem.points, AllIndices(problem.points.size())).blocks;
   const auto pairs = MakePairBlocks<double>(problem.pairs, AllIndices(problem.pairs.size()));
   const auto pose = ToKernelPose<double>(near.local);
   const auto pose_float = ToKernelPose<float>(near.local);
@@ -62,7 +63,7 @@ std::vector<unsigned char> AllOutputs(const kernels::KernelTable& table, const N
   const auto centres_float = CentresInCam<float>(problem, near.local);
   const auto& points_float = problem.point_blocks;
   const auto& pairs_float = problem.pair_blocks;
-  const int* reference_float = problem.pair_block_reference.data();
+  const int* reference_float = problem.pair_block_view.data();
   const auto size = [](const auto& blocks) { return static_cast<int>(blocks.size()); };
 
   std::vector<unsigned char> bytes;
@@ -74,7 +75,7 @@ std::vector<unsigned char> AllOutputs(const kernels::KernelTable& table, const N
   table.point_residuals(points.data(), size(points), pose, residuals.data());
   for (const double r : residuals) Append(r, bytes);
   residuals.resize(pairs.blocks.size() * kernels::kLanes<double>);
-  table.pair_residuals(pairs.blocks.data(), pairs.block_reference.data(), size(pairs.blocks), pose,
+  table.pair_residuals(pairs.blocks.data(), pairs.block_view.data(), size(pairs.blocks), pose,
                        centres.data(), residuals.data());
   for (const double r : residuals) Append(r, bytes);
   std::vector<float> float_residuals(points_float.size() * kernels::kLanes<float>);
@@ -87,7 +88,7 @@ std::vector<unsigned char> AllOutputs(const kernels::KernelTable& table, const N
   for (const float r : float_residuals) Append(r, bytes);
   for (const kernels::KernelLoss& loss : kLosses) {
     AppendNormals(table.point_normals(points.data(), size(points), pose, loss), bytes);
-    AppendNormals(table.pair_normals(pairs.blocks.data(), pairs.block_reference.data(),
+    AppendNormals(table.pair_normals(pairs.blocks.data(), pairs.block_view.data(),
                                      size(pairs.blocks), pose, centres.data(), loss),
                   bytes);
     AppendNormals(
@@ -190,14 +191,15 @@ KernelErrors ErrorsByKernels(const NearTruth& near) {
   const PreparedProblem& problem = near.prepared;
   const auto pose = ToKernelPose<double>(near.local);
   const auto centres = CentresInCam<double>(problem, near.local);
-  const auto points = MakePointBlocks<double>(problem.points, AllIndices(problem.points.size()));
+  const auto points =
+      MakePointBlocks<double>(problem.points, AllIndices(problem.points.size())).blocks;
   const auto pairs = MakePairBlocks<double>(problem.pairs, AllIndices(problem.pairs.size()));
   KernelErrors errors;
   errors.points.resize(points.size() * kernels::kLanes<double>);
   table.point_residuals(points.data(), static_cast<int>(points.size()), pose, errors.points.data());
   errors.points.resize(problem.points.size());
   std::vector<double> lanes(pairs.lane_pair.size());
-  table.pair_residuals(pairs.blocks.data(), pairs.block_reference.data(),
+  table.pair_residuals(pairs.blocks.data(), pairs.block_view.data(),
                        static_cast<int>(pairs.blocks.size()), pose, centres.data(), lanes.data());
   errors.pairs.resize(problem.pairs.size());
   for (size_t i = 0; i < lanes.size(); ++i) {
@@ -310,12 +312,13 @@ KindNormals NormalsAt(const NearTruth& near, const SolverPose& local,
                       const kernels::KernelLoss& loss) {
   const auto& table = kernels::ActiveKernels();
   const PreparedProblem& problem = near.prepared;
-  const auto points = MakePointBlocks<double>(problem.points, AllIndices(problem.points.size()));
+  const auto points =
+      MakePointBlocks<double>(problem.points, AllIndices(problem.points.size())).blocks;
   const auto pairs = MakePairBlocks<double>(problem.pairs, AllIndices(problem.pairs.size()));
   const auto pose = ToKernelPose<double>(local);
   const auto centres = CentresInCam<double>(problem, local);
   return {table.point_normals(points.data(), static_cast<int>(points.size()), pose, loss),
-          table.pair_normals(pairs.blocks.data(), pairs.block_reference.data(),
+          table.pair_normals(pairs.blocks.data(), pairs.block_view.data(),
                              static_cast<int>(pairs.blocks.size()), pose, centres.data(), loss)};
 }
 
@@ -395,7 +398,7 @@ TEST(Kernels, SinglePrecisionNormalEquationsAgreeWithDouble) {
   const auto points = table.point_normals_float(
       problem.point_blocks.data(), static_cast<int>(problem.point_blocks.size()), pose, loss);
   const auto pairs = table.pair_normals_float(
-      problem.pair_blocks.data(), problem.pair_block_reference.data(),
+      problem.pair_blocks.data(), problem.pair_block_view.data(),
       static_cast<int>(problem.pair_blocks.size()), pose, centres.data(), loss);
   EXPECT_LT((Unpacked(points) - Unpacked(exact.points)).norm(), 1e-3 * Unpacked(points).norm());
   EXPECT_LT((Unpacked(pairs) - Unpacked(exact.pairs)).norm(), 1e-3 * Unpacked(pairs).norm());

@@ -66,7 +66,7 @@ TEST(OptimizeLocally, OfOneKindTakesNoNoticeOfTheOther) {
   const NearTruth near = MakeNearTruth(rng, FewMatches(), 0.5, 0.05);
   PreparedProblem points_alone = near.prepared;
   points_alone.pair_blocks.clear();
-  points_alone.pair_block_reference.clear();
+  points_alone.pair_block_view.clear();
   PreparedProblem pairs_alone = near.prepared;
   pairs_alone.point_blocks.clear();
   const auto expect_equal = [](const SolverPose& a, const SolverPose& b) {

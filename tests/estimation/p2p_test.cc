@@ -10,6 +10,8 @@ namespace {
 
 using Eigen::Vector3d;
 
+const std::array<Vector3d, 2> kOneCentre{Vector3d::Zero(), Vector3d::Zero()};
+
 Vector3d RandomVector(Rng& rng, double extent) {
   const double x = rng.Uniform(-extent, extent);
   const double y = rng.Uniform(-extent, extent);
@@ -56,8 +58,8 @@ TEST(P2p, OfAKnownVerticalIsExact) {
     const Seen seen = MakeSeen(rng);
     const Vector3d down = RandomVector(rng, 1).normalized();
     std::array<SolverPose, 2> poses;
-    const int count =
-        SolveUprightPose(seen.rays, seen.points, seen.cam_from_world.rotation * down, down, poses);
+    const int count = SolveUprightPose(kOneCentre, seen.rays, seen.points,
+                                       seen.cam_from_world.rotation * down, down, poses);
     ASSERT_GE(count, 1);
     double nearest = 1e9;
     for (int k = 0; k < count; ++k) {
@@ -68,6 +70,28 @@ TEST(P2p, OfAKnownVerticalIsExact) {
         EXPECT_LT((in_cam.normalized() - seen.rays[p]).norm(), 1e-6);
       }
       EXPECT_LT((poses[k].rotation * down - seen.cam_from_world.rotation * down).norm(), 1e-9);
+    }
+    EXPECT_LT(nearest, 1e-5);
+  }
+}
+
+// As the first, the points seen by cameras elsewhere in a rig.
+TEST(P2p, OfAKnownVerticalIsExactForTwoCameras) {
+  Rng rng = TestRng();
+  for (int i = 0; i < 1000; ++i) {
+    Seen seen = MakeSeen(rng);
+    std::array<Vector3d, 2> centres;
+    for (int k = 0; k < 2; ++k) {
+      centres[k] = RandomVector(rng, 1);
+      seen.rays[k] = (seen.cam_from_world * seen.points[k] - centres[k]).normalized();
+    }
+    const Vector3d down = RandomVector(rng, 1).normalized();
+    std::array<SolverPose, 2> poses;
+    const int count = SolveUprightPose(centres, seen.rays, seen.points,
+                                       seen.cam_from_world.rotation * down, down, poses);
+    double nearest = 1e9;
+    for (int k = 0; k < count; ++k) {
+      nearest = std::min(nearest, Distance(poses[k], seen.cam_from_world));
     }
     EXPECT_LT(nearest, 1e-5);
   }
@@ -84,8 +108,10 @@ TEST(P2p, DegenerateSamplesGiveNone) {
   EXPECT_FALSE(SolvePoseAtCentre({forward, points[1].normalized()}, points, points[0]));
   std::array<SolverPose, 2> poses;
   // Both rays level; one point above the other.
-  EXPECT_EQ(SolveUprightPose({forward, points[1].normalized()}, points, down, down, poses), 0);
-  EXPECT_EQ(SolveUprightPose({forward, Vector3d(0, 1, 5).normalized()},
+  EXPECT_EQ(
+      SolveUprightPose(kOneCentre, {forward, points[1].normalized()}, points, down, down, poses),
+      0);
+  EXPECT_EQ(SolveUprightPose(kOneCentre, {forward, Vector3d(0, 1, 5).normalized()},
                              {Vector3d(0, 0, 5), Vector3d(0, 1, 5)}, down, down, poses),
             0);
 }

@@ -15,13 +15,15 @@ using kernels::LossShape;
 
 // All matches of a problem, in double precision.
 struct AllMatches {
-  std::vector<kernels::PointBlock<double>> points;
+  PointBlocks<double> points;
   PairBlocks<double> pairs;
 
   explicit AllMatches(const PreparedProblem& problem)
       : points(MakePointBlocks<double>(problem.points, Indices(problem.points.size()))),
         pairs(MakePairBlocks<double>(problem.pairs, Indices(problem.pairs.size()))) {}
-  ActiveMatches<double> Active() const { return {points, pairs.blocks, pairs.block_reference}; }
+  ActiveMatches<double> Active() const {
+    return {points.blocks, points.block_camera, pairs.blocks, pairs.block_view};
+  }
 
  private:
   static std::vector<int> Indices(size_t count) {

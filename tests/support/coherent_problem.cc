@@ -53,6 +53,14 @@ Rigid3 LookAt(const Vector3d& centre, const Vector3d& target) {
   return {Eigen::Quaterniond(rotation), -(rotation * centre)};
 }
 
+// Another camera of the rig: elsewhere, and turned about all axes, as rigs are.
+RigCamera OtherCamera(int index, double extent, Rng& rng) {
+  const Vector3d centre = extent * rng.Uniform(0.5, 1) * Direction(rng);
+  const Vector3d target(rng.Uniform(-5, 5), rng.Uniform(-3, 3), kDistance);
+  const Rigid3 rolled{RotationFromVector(rng.Uniform(-1, 1) * Vector3d::UnitZ()), Vector3d::Zero()};
+  return {"camera " + std::to_string(index), kCamera, rolled * LookAt(centre, target)};
+}
+
 }  // namespace
 
 CoherentProblem MakeCoherentProblem(const std::string& name, const CoherentOptions& options,
@@ -65,13 +73,25 @@ CoherentProblem MakeCoherentProblem(const std::string& name, const CoherentOptio
                                 20 * Direction(rng)};
   made.query_from_world = query_from_world;
 
+  for (int c = 1; c < options.num_cameras; ++c) {
+    made.problem.other_cameras.push_back(OtherCamera(c, options.rig_extent, rng));
+  }
+
+  // The keypoints of the cameras, one camera's after the other's.
   std::vector<Vector3d> points;
   std::vector<Vector2d> pixels;
   std::vector<bool> repeated;
   std::vector<double> surface_error;
-  while (static_cast<int>(points.size()) < options.num_keypoints) {
+  const auto camera_of = [&](size_t keypoint) {
+    return static_cast<int>(keypoint) / options.num_keypoints;
+  };
+  while (static_cast<int>(points.size()) < options.num_keypoints * options.num_cameras) {
     const Vector3d point = OnFacade(rng.Uniform(-11, 11), rng.Uniform(-8, 8));
-    const auto px = kCamera.ImgFromCam(point);
+    const int camera = camera_of(points.size());
+    const auto px = kCamera.ImgFromCam(
+        camera == 0
+            ? point
+            : made.problem.other_cameras[static_cast<size_t>(camera - 1)].cam_from_query * point);
     if (!px || !IsInside(*px)) continue;
     points.push_back(point);
     pixels.push_back(Noisy(*px, options, rng));
@@ -108,15 +128,19 @@ CoherentProblem MakeCoherentProblem(const std::string& name, const CoherentOptio
       const Vector2d px = Noisy(*projected, options, rng);
       const double depth = in_reference.z() * std::exp(factor + surface_error[k]);
       const Vector3d ray = *kCamera.RayInCam(px);
-      const auto keypoint = static_cast<int>(k);
+      const auto keypoint = static_cast<int>(k) % options.num_keypoints;
       made.problem.matches_2d3d.push_back(
           {.query_px = pixels[k],
            .point_in_world = known_from_world.Inverse() * (ray * (depth / ray.z())),
            .reference = r,
            .query_keypoint = keypoint,
-           .match_2d2d = made.problem.matches_2d2d.size()});
-      made.problem.matches_2d2d.push_back(
-          {.reference = r, .query_px = pixels[k], .reference_px = px, .query_keypoint = keypoint});
+           .match_2d2d = made.problem.matches_2d2d.size(),
+           .camera = camera_of(k)});
+      made.problem.matches_2d2d.push_back({.reference = r,
+                                           .query_px = pixels[k],
+                                           .reference_px = px,
+                                           .query_keypoint = keypoint,
+                                           .camera = camera_of(k)});
     }
   }
   return made;

@@ -28,6 +28,9 @@ struct CoherentOptions {
   double reference_position = 0;
   double reference_factor = 0;  // of the logarithm of a reference's depths
   double surface = 0;           // of the logarithm of a keypoint's depths, alike in all references
+  // Of a rig, each with so many keypoints; the others are within `rig_extent` of the query's own.
+  int num_cameras = 1;
+  double rig_extent = 1;
 };
 
 struct CoherentProblem {

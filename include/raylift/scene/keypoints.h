@@ -51,8 +51,9 @@ struct KeypointNumbers {
   std::vector<size_t> of_2d3d;
   size_t count = 0;
 };
-// Equal indices are one keypoint wherever its pixels are. A match without an index is of the first
-// keypoint at its pixel that has one, or else of that of the other matches without at this pixel.
+// Equal indices of one camera are one keypoint wherever its pixels are. A match without an index is
+// of the first keypoint at its pixel that has one, or else of that of the other matches without at
+// this pixel.
 KeypointNumbers NumberQueryKeypoints(std::span<const Match2D2D> matches_2d2d,
                                      std::span<const Match2D3D> matches_2d3d);
 

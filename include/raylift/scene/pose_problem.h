@@ -29,6 +29,7 @@ struct Match2D2D {
   // then equal pixels are one keypoint (keypoints.h).
   std::optional<int> query_keypoint = std::nullopt;
   std::optional<int> reference_keypoint = std::nullopt;
+  int camera = 0;  // of the query's: PoseProblem::CameraAt()
 };
 
 // A query pixel that shows a point of the scene.
@@ -42,17 +43,34 @@ struct Match2D3D {
   std::optional<int> query_keypoint = std::nullopt;  // as of a Match2D2D
   // The 2D-2D match it was lifted from, where it was: an index into PoseProblem::matches_2d2d.
   std::optional<size_t> match_2d2d = std::nullopt;
+  int camera = 0;  // as of a Match2D2D
+};
+
+// One more camera of a query that is a rig: photographs of one moment whose cameras' relative poses
+// are known. They have one unknown pose together, that of the query's own camera.
+struct RigCamera {
+  std::string name = {};  // of its photograph
+  Camera camera;
+  Rigid3 cam_from_query;
 };
 
 struct PoseProblem {
   std::string name;  // the query's
   Camera query_camera;
+  std::vector<RigCamera> other_cameras;  // where the query is a rig
   std::vector<PosedImage> references;
   // The covisibility cluster of each reference, numbered from 0; empty where it is not known.
   std::vector<int> reference_clusters;
   std::vector<Match2D2D> matches_2d2d;
   std::vector<Match2D3D> matches_2d3d;
   PosePriors priors;
+
+  // The query's own camera is 0, the others follow.
+  int num_cameras() const { return 1 + static_cast<int>(other_cameras.size()); }
+  bool HasCamera(int index) const { return index >= 0 && index < num_cameras(); }
+  const Camera& CameraAt(int index) const {
+    return index == 0 ? query_camera : other_cameras[static_cast<size_t>(index - 1)].camera;
+  }
 };
 
 }  // namespace raylift

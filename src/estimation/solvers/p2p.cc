@@ -42,7 +42,7 @@ std::optional<SolverPose> SolvePoseAtCentre(const std::array<Vector3d, 2>& rays,
   return SolverPose{rotation, -(rotation * centre_in_world)};
 }
 
-int SolveUprightPose(const std::array<Vector3d, 2>& rays,
+int SolveUprightPose(const std::array<Vector3d, 2>& centres, const std::array<Vector3d, 2>& rays,
                      const std::array<Vector3d, 2>& points_in_world, const Vector3d& down_in_cam,
                      const Vector3d& down_in_world, std::span<SolverPose, 2> poses) {
   constexpr double kLevel = 1e-9;
@@ -52,20 +52,26 @@ int SolveUprightPose(const std::array<Vector3d, 2>& rays,
   Vector3d a = level_from_cam * rays[0];
   Vector3d b = level_from_cam * rays[1];
   Vector3d difference = level_from_world * (points_in_world[0] - points_in_world[1]);
+  Vector3d apart = level_from_cam * (centres[0] - centres[1]);
+  Vector3d centre = centres[0];
   Vector3d point = points_in_world[0];
   if (std::abs(a.z()) > std::abs(b.z())) {
     std::swap(a, b);
     difference = -difference;
+    apart = -apart;
+    centre = centres[1];
     point = points_in_world[1];
   }
   const double level2 = difference.head<2>().squaredNorm();
   if (!(std::abs(b.z()) > kLevel) || !(level2 > kLevel * kLevel * difference.squaredNorm())) {
     return 0;
   }
-  // The points' heights differ by x a_z - y b_z, with the depths x and y; the level part of
-  // x a - y b = x u + v is as long as the points' level difference, which gives x.
+  // The points' heights differ by x a_z - y b_z and by the cameras', with the depths x and y; the
+  // level part of x a - y b + apart = x u + v is as long as the points' level difference, which
+  // gives x.
+  const double height = difference.z() - apart.z();
   const Vector2d u = a.head<2>() - b.head<2>() * (a.z() / b.z());
-  const Vector2d v = b.head<2>() * (difference.z() / b.z());
+  const Vector2d v = b.head<2>() * (height / b.z()) + apart.head<2>();
   const double square = u.squaredNorm();
   const double half = u.dot(v);
   const double discriminant = half * half - square * (v.squaredNorm() - level2);
@@ -73,7 +79,7 @@ int SolveUprightPose(const std::array<Vector3d, 2>& rays,
   int count = 0;
   for (const double root : {-std::sqrt(discriminant), std::sqrt(discriminant)}) {
     const double x = (root - half) / square;
-    const double y = (x * a.z() - difference.z()) / b.z();
+    const double y = (x * a.z() - height) / b.z();
     if (!(x > 0) || !(y > 0)) continue;
     const Vector2d turned = x * u + v;
     const Vector2d level = difference.head<2>();
@@ -82,7 +88,7 @@ int SolveUprightPose(const std::array<Vector3d, 2>& rays,
     const Matrix3d rotation = level_from_cam.transpose() *
                               Eigen::AngleAxisd(angle, Vector3d::UnitZ()).toRotationMatrix() *
                               level_from_world;
-    const Vector3d translation = x * (level_from_cam.transpose() * a) - rotation * point;
+    const Vector3d translation = x * (level_from_cam.transpose() * a) + centre - rotation * point;
     if (!rotation.allFinite() || !translation.allFinite()) continue;
     poses[static_cast<size_t>(count++)] = {rotation, translation};
     if (root == 0) break;

@@ -22,8 +22,10 @@ std::optional<SolverPose> SolvePoseAtCentre(const std::array<Eigen::Vector3d, 2>
 // their rays, in front of the camera (UP2P; Kukelova, Bujnak and Pajdla, "Closed-form solutions to
 // minimal absolute pose problems with known vertical direction", ACCV 2010, by the two depths).
 // All vectors but the points have length 1. Returns their count; 0 for a degenerate sample: both
-// rays level, or one point above the other.
-int SolveUprightPose(const std::array<Eigen::Vector3d, 2>& rays,
+// rays level, or one point above the other. `centres` are those of the cameras that see the points,
+// in the frame of the pose: zeros, but of a rig.
+int SolveUprightPose(const std::array<Eigen::Vector3d, 2>& centres,
+                     const std::array<Eigen::Vector3d, 2>& rays,
                      const std::array<Eigen::Vector3d, 2>& points_in_world,
                      const Eigen::Vector3d& down_in_cam, const Eigen::Vector3d& down_in_world,
                      std::span<SolverPose, 2> poses);
