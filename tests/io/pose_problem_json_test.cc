@@ -9,6 +9,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/scene/keypoints.h"
 
 namespace raylift {
 namespace {
@@ -122,6 +123,44 @@ TEST(PoseProblemJson, KeypointsAndWhereAPointWasLiftedFromAreKept) {
     EXPECT_EQ(read.matches_2d3d[i].match_2d2d, problem.matches_2d3d[i].match_2d2d);
   }
   EXPECT_EQ(FormatPoseProblem({read, file.gt_cam_from_world}), json);
+}
+
+TEST(PoseProblemJson, RigsAreKept) {
+  Rng rng = TestRng();
+  PoseProblemFile file = RandomProblem(rng);
+  PoseProblem& problem = file.problem;
+  EXPECT_THAT(FormatPoseProblem(file), testing::HasSubstr("pose-problem/1"));
+  for (int i = 0; i < 2; ++i) {
+    problem.other_cameras.push_back(
+        {"right/" + std::to_string(i) + ".jpg",
+         Camera(CameraModel::kSimplePinhole, 64, 48, std::vector<double>{50.0 / 3, 32, 24}),
+         RandomRigid3(rng, 1)});
+  }
+  for (size_t i = 0; i < 20; ++i) {
+    problem.matches_2d2d[i].camera = static_cast<int>(i * i % 3);
+    problem.matches_2d3d[i].camera = static_cast<int>(i % 2);
+  }
+  // Equal pixels of two cameras are two keypoints.
+  problem.matches_2d2d[2].query_px = problem.matches_2d2d[3].query_px;
+  const std::string json = FormatPoseProblem(file);
+  EXPECT_THAT(json, testing::HasSubstr("pose-problem/2"));
+  const PoseProblemFile read = ParsePoseProblem(json, "p.json");
+  ExpectSameProblem(read, file);
+  ASSERT_EQ(read.problem.other_cameras.size(), 2u);
+  for (size_t i = 0; i < 2; ++i) {
+    const RigCamera& camera = read.problem.other_cameras[i];
+    EXPECT_EQ(camera.name, problem.other_cameras[i].name);
+    EXPECT_EQ(camera.camera, problem.other_cameras[i].camera);
+    ExpectSamePose(camera.cam_from_query, problem.other_cameras[i].cam_from_query);
+  }
+  for (size_t i = 0; i < 20; ++i) {
+    EXPECT_EQ(read.problem.matches_2d2d[i].camera, problem.matches_2d2d[i].camera);
+    EXPECT_EQ(read.problem.matches_2d3d[i].camera, problem.matches_2d3d[i].camera);
+  }
+  EXPECT_EQ(FormatPoseProblem(read), json);
+  const KeypointNumbers numbers =
+      NumberQueryKeypoints(read.problem.matches_2d2d, read.problem.matches_2d3d);
+  EXPECT_EQ(numbers.count, 40u);
 }
 
 // The keypoints of all matches, those of 2D-2D matches first.
@@ -315,6 +354,14 @@ TEST(PoseProblemJson, WrongValuesAreNamedByTheirPath) {
                 "\"query\": {\"gravity_prior\": {\"sigma_deg\": 1, \"down_in_cam\": [0, 0, 0], "
                 "\"down_in_world\": [0, 0, 1]}, ",
                 {"p.json: query.gravity_prior.down_in_cam: expected a direction"});
+  ExpectFailure("\"query\": {", "\"query\": {\"other_cameras\": [{\"name\": \"b\"}], ",
+                {"p.json: query.other_cameras[0]: the member \"camera\" is missing"});
+  ExpectFailure("\"query\": {", "\"query\": {\"other_cameras\": 1, ",
+                {"p.json: query.other_cameras: expected an array, found 1"});
+  ExpectFailure("\"matches_2d3d\"", "\"matches_2d2d_camera\": [0, 1], \"matches_2d3d\"",
+                {"matches_2d2d_camera[1]: camera index 1 is out of range, there are 1 cameras"});
+  ExpectFailure("\"matches_2d3d\"", "\"matches_2d3d_camera\": [0, 0], \"matches_2d3d\"",
+                {"matches_2d3d_camera: expected 1 elements, found 2"});
   ExpectFailure("[5, 5, 2, 1.5]", "[5, 5, 2]", {"p.json: query.camera: "});
   ExpectFailure("[5, 5, 2, 1.5]", "[5, 5, 2, \"x\"]",
                 {"p.json: query.camera.params[3]: expected a number, found \"x\""});

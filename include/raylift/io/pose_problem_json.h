@@ -1,8 +1,10 @@
 // Pose problems on disk: JSON, the interchange file of pose estimators. "pose-problem/1" and, where
 // something is known of the pose, "pose-problem/2", whose "query" also holds "position_prior"
 // {"position", "sigma": both [x, y, z], world}, "gravity_prior" {"down_in_cam", "down_in_world",
-// "sigma_deg"} or "focal_range", the factor up to which the camera's focal length is known. Both are
-// read.
+// "sigma_deg"} or "focal_range", the factor up to which the camera's focal length is known; and, of
+// a rig, "other_cameras" [{"name", "camera", "cam_from_query": a pose}], while
+// "matches_2d2d_camera" and "matches_2d3d_camera" hold a number per match: 0 for the query's own
+// camera, i for other_cameras[i - 1]. Both are read.
 //
 // Beyond the format's own members, "reference_clusters" (the covisibility cluster of each
 // reference), "matches_2d3d_reference" (an index or null per 2D-3D match), "matches_2d3d_sigma" and

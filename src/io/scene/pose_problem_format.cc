@@ -100,6 +100,30 @@ void AppendMatch2D3D(const Match2D3D& match, std::string* text) {
   AppendNumbers(row, text);
 }
 
+void AppendOtherCameras(const std::vector<RigCamera>& cameras, std::string* text) {
+  if (cameras.empty()) return;
+  *text += ", \"other_cameras\": [";
+  for (const RigCamera& camera : cameras) {
+    *text += &camera == &cameras.front() ? "\n{\"name\": " : ",\n{\"name\": ";
+    AppendString(camera.name, text);
+    *text += ", \"camera\": ";
+    AppendCamera(camera.camera, text);
+    *text += ", \"cam_from_query\": ";
+    AppendPose(camera.cam_from_query, text);
+    *text += '}';
+  }
+  *text += "\n]";
+}
+
+template <typename Match>
+void AppendCamerasOf(std::string_view name, const std::vector<Match>& matches, std::string* text) {
+  *text += fmt::format(",\n\"{}\": [", name);
+  for (size_t i = 0; i < matches.size(); ++i) {
+    *text += fmt::format("{}{}", i > 0 ? ", " : "", matches[i].camera);
+  }
+  *text += ']';
+}
+
 void AppendReferenceIndex(const Match2D3D& match, std::string* text) {
   *text += match.reference ? std::to_string(*match.reference) : "null";
 }
@@ -180,7 +204,7 @@ void AppendExtra(const PoseProblem& problem, std::string* text) {
 std::string FormatPoseProblem(const PoseProblemFile& file) {
   const PoseProblem& problem = file.problem;
   std::string text = fmt::format("{{\n\"format\": \"pose-problem/{}\",\n\"name\": ",
-                                 problem.priors.empty() ? 1 : 2);
+                                 problem.priors.empty() && problem.other_cameras.empty() ? 1 : 2);
   AppendString(problem.name, &text);
   text += ",\n\"query\": {\"camera\": ";
   AppendCamera(problem.query_camera, &text);
@@ -189,6 +213,7 @@ std::string FormatPoseProblem(const PoseProblemFile& file) {
     AppendPose(*file.gt_cam_from_world, &text);
   }
   AppendPriors(problem.priors, &text);
+  AppendOtherCameras(problem.other_cameras, &text);
   text += '}';
   AppendArray("references", problem.references, AppendReference, &text);
   if (!problem.reference_clusters.empty()) {
@@ -210,6 +235,10 @@ std::string FormatPoseProblem(const PoseProblemFile& file) {
   const auto& pairs = problem.matches_2d2d;
   if (std::any_of(pairs.begin(), pairs.end(), [](const auto& m) { return m.reference_sigma_px; })) {
     AppendArray("matches_2d2d_sigma_px", pairs, AppendReferenceSigma, &text);
+  }
+  if (!problem.other_cameras.empty()) {
+    AppendCamerasOf("matches_2d2d_camera", pairs, &text);
+    AppendCamerasOf("matches_2d3d_camera", matches, &text);
   }
   AppendExtra(problem, &text);
   text += "\n}\n";

@@ -16,7 +16,7 @@
 namespace raylift {
 namespace {
 
-// Of the second, the first knows all but the priors.
+// Of the second, the first knows all but priors and rigs.
 constexpr std::string_view kFormats[] = {"pose-problem/1", "pose-problem/2"};
 
 template <int N>
@@ -66,13 +66,37 @@ PosedImage ReadReference(const JsonPlace& place) {
           ReadPose(place.Member("cam_from_world"))};
 }
 
-int ReadReferenceIndex(const JsonPlace& place, size_t num_references) {
+// `what` has an s behind it where there are several.
+int ReadIndex(const JsonPlace& place, std::string_view what, size_t count) {
   const int index = place.Int();
-  if (index < 0 || static_cast<size_t>(index) >= num_references) {
-    place.Fail(fmt::format("reference index {} is out of range, there are {} references", index,
-                           num_references));
+  if (index < 0 || static_cast<size_t>(index) >= count) {
+    place.Fail(
+        fmt::format("{} index {} is out of range, there are {} {}s", what, index, count, what));
   }
   return index;
+}
+
+int ReadReferenceIndex(const JsonPlace& place, size_t num_references) {
+  return ReadIndex(place, "reference", num_references);
+}
+
+std::vector<RigCamera> ReadOtherCameras(const JsonPlace& place) {
+  std::vector<RigCamera> cameras;
+  const size_t count = place.ArraySize();
+  for (size_t i = 0; i < count; ++i) {
+    const JsonPlace camera = place.At(i);
+    cameras.push_back({camera.Member("name").String(), ReadCamera(camera.Member("camera")),
+                       ReadPose(camera.Member("cam_from_query"))});
+  }
+  return cameras;
+}
+
+template <typename Match>
+void ReadCamerasOf(const JsonPlace& place, int num_cameras, std::vector<Match>* matches) {
+  place.ExpectArraySize(matches->size());
+  for (size_t i = 0; i < matches->size(); ++i) {
+    (*matches)[i].camera = ReadIndex(place.At(i), "camera", static_cast<size_t>(num_cameras));
+  }
 }
 
 void ReadMatches2D2D(const JsonPlace& place, PoseProblem* problem) {
@@ -253,6 +277,9 @@ PoseProblemFile ReadRoot(const JsonPlace& root) {
   const JsonPlace query = root.Member("query");
   problem.query_camera = ReadCamera(query.Member("camera"));
   problem.priors = ReadPriors(query);
+  if (query.Has("other_cameras")) {
+    problem.other_cameras = ReadOtherCameras(query.Member("other_cameras"));
+  }
   if (query.Has("gt_cam_from_world")) {
     file.gt_cam_from_world = ReadPose(query.Member("gt_cam_from_world"));
   }
@@ -263,6 +290,12 @@ PoseProblemFile ReadRoot(const JsonPlace& root) {
   }
   ReadMatches2D2D(root.Member("matches_2d2d"), &problem);
   ReadMatches2D3D(root.Member("matches_2d3d"), &problem);
+  if (root.Has("matches_2d2d_camera")) {
+    ReadCamerasOf(root.Member("matches_2d2d_camera"), problem.num_cameras(), &problem.matches_2d2d);
+  }
+  if (root.Has("matches_2d3d_camera")) {
+    ReadCamerasOf(root.Member("matches_2d3d_camera"), problem.num_cameras(), &problem.matches_2d3d);
+  }
   if (root.Has("reference_clusters")) {
     ReadReferenceClusters(root.Member("reference_clusters"), &problem);
   }
