@@ -38,6 +38,18 @@ void CheckRunning(const LocalizeFlags& flags) {
   }
 }
 
+// A rig is localized as one, once.
+void CheckRigs(const LocalizeFlags& flags, const EstimatorOptions& estimator) {
+  if (flags.rigs.empty()) return;
+  const auto refuse = [](const char* option, bool given) {
+    if (given) throw OptionError(fmt::format("{} does not go with --rigs", option));
+  };
+  refuse("--leave-one-out", flags.leave_one_out);
+  refuse("--continuous", flags.continuous.enabled);
+  refuse("--rerender", flags.mesh_only.rerender > 0);
+  refuse("--refine-focal", estimator.refine_focal);
+}
+
 void CheckQueries(const LocalizeFlags& flags) {
   if (!flags.leave_one_out) {
     if (flags.queries.empty()) {
@@ -60,6 +72,7 @@ void CheckQueries(const LocalizeFlags& flags) {
 void LocalizeFlags::Check(const GeometryOptions& geometry_options,
                           const EstimatorOptions& estimator_options) const {
   CheckQueries(*this);
+  CheckRigs(*this, estimator_options);
   CheckReferences(*this);
   matching.front_end.Check();
   if (pictures < 0) {
@@ -119,6 +132,13 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
                   "(world), `name gravity x y z sigma_deg` (down in the camera's frame),\n"
                   "`name focal_range F` (the focal length, up to a factor),\n"
                   "`* world_down x y z` (default: 0 0 -1)")
+      ->group("Queries");
+  command
+      .add_option("--rigs", flags.rigs,
+                  "Queries that are photographs of one rig have one pose together:\n"
+                  "rig_config.json of COLMAP's rig_configurator with cam_from_rig_* (names alike\n"
+                  "after the prefix are of one moment), or a COLMAP model with rigs and frames.\n"
+                  "Priors are those of the rig's first camera")
       ->group("Queries");
   AddMatchingOptions(command, flags.matching, "; without it, RootSIFT", "OUT/cache");
   command

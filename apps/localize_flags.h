@@ -19,7 +19,7 @@ namespace raylift {
 
 struct LocalizeFlags {
   ReferenceFlags references;
-  std::filesystem::path images, queries, query_images, priors;
+  std::filesystem::path images, queries, query_images, priors, rigs;
   ModelPosesFlags model_poses;
   GeometryFlags geometry;
   MatchingFlags matching;

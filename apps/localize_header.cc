@@ -12,9 +12,9 @@ std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& option
   // Where problems are written changes nothing, but that they are must hold for all queries.
   options["write-problems"] = !flags.write_problems.empty();
   return JobHeader(std::move(options), queries.size(),
-                   {"scene", "model", "images", "queries", "priors", "query-images", "features",
-                    "matches", "pairs", "cache", "prior-poses", "global-features", "report",
-                    "query-global-features", "write-model"},
+                   {"scene", "model", "images", "queries", "priors", "rigs", "query-images",
+                    "features", "matches", "pairs", "cache", "prior-poses", "global-features",
+                    "report", "query-global-features", "write-model"},
                    InputsJson({.model = flags.references.model,
                                .images = flags.images,
                                .query_images = flags.QueryImages(),

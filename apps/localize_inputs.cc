@@ -8,6 +8,7 @@
 
 #include "raylift/io/pose_prior_list.h"
 #include "raylift/io/query_list.h"
+#include "raylift/io/rig_list.h"
 #include "raylift/localization/matching.h"
 #include "raylift/localization/result_files.h"
 
@@ -69,6 +70,7 @@ LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags) {
   inputs.scene = OpenSceneOf(flags, inputs.queries);
   if (flags.leave_one_out) inputs.queries = QueriesOf(inputs.scene.references);
   if (!flags.priors.empty()) TakePosePriors(flags.priors, inputs.queries);
+  if (!flags.rigs.empty()) TakeRigs(flags.rigs, inputs.queries);
   return inputs;
 }
 

@@ -42,9 +42,11 @@ LocalizeOutput::LocalizeOutput(const LocalizeFlags& flags, size_t num_queries,
 
 void LocalizeOutput::Show(size_t index, const QueryResult& result) {
   const std::string& name = result.localized.name;
-  if (!flags_.write_problems.empty()) {
+  // Of a rig its one problem, where it belongs.
+  const bool is_of_another = !result.localized.rig.empty() && result.localized.rig != name;
+  if (!flags_.write_problems.empty() && !is_of_another) {
     WritePoseProblem(FileOfQuery(flags_.write_problems, name, ".json"),
-                     {result.problem, std::nullopt});
+                     {result.rig_problem.value_or(result.problem), std::nullopt});
   }
   if (static_cast<int>(index) < flags_.pictures && result.localized.localized() &&
       mesh_ != nullptr) {

@@ -40,10 +40,19 @@ std::string PriorsText(const PosePriors& priors) {
   return text;
 }
 
+std::string RigText(const RigMount& mount) {
+  const Eigen::Quaterniond& q = mount.cam_from_rig.rotation;
+  const double wxyz[] = {q.w(), q.x(), q.y(), q.z()};
+  return fmt::format(" rig {} {}", mount.sensor, mount.frame) + NumbersText(wxyz) +
+         NumbersText(mount.cam_from_rig.translation);
+}
+
 std::string QueriesFingerprint(std::span<const Query> queries) {
   std::string text;
   for (const Query& query : queries) {
-    text += query.name + ' ' + query.camera.ToString() + PriorsText(query.priors) + '\n';
+    text += query.name + ' ' + query.camera.ToString() + PriorsText(query.priors);
+    if (query.rig) text += RigText(*query.rig);
+    text += '\n';
   }
   return HashOf(queries.size(), text);
 }

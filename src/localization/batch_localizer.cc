@@ -1,8 +1,10 @@
 #include "raylift/localization/batch_localizer.h"
 
 #include <algorithm>
+#include <map>
 #include <numeric>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "localization/remembered_matches.h"
@@ -96,15 +98,59 @@ void BatchLocalizer::Localize(std::span<const size_t> queries, const OnResult& o
                               const std::atomic<bool>* stop) {
   Learn();
   const Localizer localizer(scene_, remembered_, options_.localizer);
-  ParallelFor(queries.size(), options_.threads, [&](size_t i) {
+  const std::set<size_t> asked(queries.begin(), queries.end());
+  const std::vector<Frame> frames = FramesOf(queries);
+  ParallelFor(frames.size(), options_.threads, [&](size_t i) {
     if (stop != nullptr && *stop) return;
-    const size_t query = queries[i];
-    QueryResult result =
-        localizer.Finish(matched_[query] ? *std::exchange(matched_[query], std::nullopt)
-                                         : localizer.Match(queries_[query]));
-    Complete(query, localizer, result);
-    on_result(query, result);
+    std::vector<QueryResult> results = LocalizeFrame(frames[i], localizer);
+    for (size_t k = 0; k < results.size(); ++k) {
+      const size_t query = frames[i][k];
+      if (!asked.contains(query)) continue;
+      Complete(query, localizer, results[k]);
+      on_result(query, results[k]);
+    }
   });
+}
+
+std::vector<BatchLocalizer::Frame> BatchLocalizer::FramesOf(std::span<const size_t> queries) const {
+  std::map<std::string, Frame> rigs;
+  for (size_t i = 0; i < queries_.size(); ++i) {
+    if (queries_[i].rig) rigs[queries_[i].rig->frame].push_back(i);
+  }
+  for (auto& [name, frame] : rigs) {
+    std::stable_sort(frame.begin(), frame.end(), [&](size_t a, size_t b) {
+      return queries_[a].rig->sensor < queries_[b].rig->sensor;
+    });
+  }
+  std::vector<Frame> frames;
+  for (const size_t query : queries) {
+    if (!queries_[query].rig) {
+      frames.push_back({query});
+    } else if (const auto rig = rigs.find(queries_[query].rig->frame); rig != rigs.end()) {
+      frames.push_back(std::move(rig->second));
+      rigs.erase(rig);
+    }
+  }
+  return frames;
+}
+
+std::vector<QueryResult> BatchLocalizer::LocalizeFrame(const Frame& frame,
+                                                       const Localizer& localizer) {
+  std::vector<QueryResult> results;
+  for (const size_t query : frame) {
+    results.push_back(matched_[query] ? *std::exchange(matched_[query], std::nullopt)
+                                      : localizer.Match(queries_[query]));
+    localizer.Lift(results.back());
+    localizer.Filter(results.back());
+  }
+  if (frame.size() == 1) {
+    localizer.Estimate(results.front());
+    return results;
+  }
+  std::vector<Rigid3> cam_from_rig;
+  for (const size_t query : frame) cam_from_rig.push_back(queries_[query].rig->cam_from_rig);
+  localizer.EstimateRig(results, cam_from_rig);
+  return results;
 }
 
 ContinuousRecords BatchLocalizer::LocalizeContinuously(const Continuous& continuous) {

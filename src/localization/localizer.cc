@@ -1,8 +1,10 @@
 #include "raylift/localization/localizer.h"
 
+#include <algorithm>
 #include <chrono>
 #include <utility>
 
+#include "localization/rig_problem.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -213,6 +215,31 @@ void Localizer::Estimate(QueryResult& result) const {
   const StageTimer timer(localized.estimate_ms);
   localized.TakeEstimate(estimator_->Estimate(result.problem));
   localized.reason = ReasonOf(localized, options_.min_confidence);
+}
+
+void Localizer::EstimateRig(std::span<QueryResult> photographs,
+                            std::span<const Rigid3> cam_from_rig) const {
+  QueryResult& first = photographs.front();
+  const StageTimer timer(first.localized.estimate_ms);
+  std::vector<const PoseProblem*> problems;
+  for (const QueryResult& photograph : photographs) problems.push_back(&photograph.problem);
+  PoseProblem joined = JoinProblems(problems, cam_from_rig);
+  if (scene_->covisibility != nullptr) {
+    joined.reference_clusters = scene_->covisibility->Clusters(joined.references);
+  }
+  const PoseEstimate estimate = estimator_->Estimate(joined);
+  for (size_t i = 0; i < photographs.size(); ++i) {
+    LocalizedQuery& localized = photographs[i].localized;
+    localized.rig = joined.name;
+    localized.estimate = EstimateOfCamera(joined, estimate, static_cast<int>(i));
+    const auto count = [](const std::vector<bool>& inliers) {
+      return static_cast<size_t>(std::count(inliers.begin(), inliers.end(), true));
+    };
+    localized.counts.inliers_2d3d = count(localized.estimate.inliers_2d3d);
+    localized.counts.inliers_2d2d = count(localized.estimate.inliers_2d2d);
+    localized.reason = ReasonNotLocalized(localized.estimate, options_.min_confidence);
+  }
+  first.rig_problem = std::move(joined);
 }
 
 bool Localizer::LiftsAlike(const Localizer& other) const {

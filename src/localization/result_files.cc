@@ -41,6 +41,7 @@ Json QueryJson(const LocalizedQuery& query) {
                {"points", query.counts.points},
                {"inliers_2d3d", query.counts.inliers_2d3d},
                {"inliers_2d2d", query.counts.inliers_2d2d}};
+  if (!query.rig.empty()) json["rig"] = query.rig;
   if (query.counts.noise) {
     json["keypoint_noise_px"] = query.counts.noise->keypoints_px;
     json["geometry_noise_px"] = query.counts.noise->geometry_px;

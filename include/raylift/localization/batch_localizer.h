@@ -58,9 +58,11 @@ class BatchLocalizer {
   // Unless it is known. The others do it first, too.
   const SceneKnowledge& Learn();
 
-  // In parallel; in the order of the list. `on_result` is called from any thread.
+  // In parallel; in the order of the list. `on_result` is called from any thread. Queries of one
+  // frame of a rig (Query::rig) are localized together.
   std::vector<LocalizedQuery> LocalizeAll(const OnResult& on_result = {});
-  // Some of them. With `stop`, those in hand are finished and no other is begun.
+  // Some of them; a frame's photographs help each other even where some of them are not asked for.
+  // With `stop`, those in hand are finished and no other is begun.
   void Localize(std::span<const size_t> queries, const OnResult& on_result,
                 const std::atomic<bool>* stop = nullptr);
 
@@ -87,6 +89,11 @@ class BatchLocalizer {
   std::vector<std::string> ContinuousWarnings(std::span<const LocalizedQuery> localized) const;
 
  private:
+  // Queries that are localized together: the photographs of a frame, by their sensors, or one.
+  using Frame = std::vector<size_t>;
+  std::vector<Frame> FramesOf(std::span<const size_t> queries) const;
+  std::vector<QueryResult> LocalizeFrame(const Frame& frame, const Localizer& localizer);
+
   // What comes after the pose.
   void Complete(size_t query, const Localizer& localizer, QueryResult& result);
   std::vector<std::string> DoctorWarnings() const;

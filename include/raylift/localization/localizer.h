@@ -44,6 +44,8 @@ struct StageCounts {
 
 struct LocalizedQuery {
   std::string name;
+  std::string rig;     // where it is one of a rig's photographs: the name of the one whose camera's
+                       // pose was estimated
   std::string reason;  // why there is no pose; empty where there is one
   StageCounts counts;
   PoseEstimate estimate;
@@ -67,7 +69,9 @@ std::string ReasonNotLocalized(const PoseEstimate& estimate, double min_confiden
 
 struct QueryResult {
   LocalizedQuery localized;
-  PoseProblem problem;  // what is estimated
+  PoseProblem problem;  // what is estimated; of a rig's photograph its own part of it
+  // The whole of a rig's, with the photograph whose camera's pose was estimated.
+  std::optional<PoseProblem> rig_problem = std::nullopt;
 };
 
 // What the automatic filter does with few points for a method: those that have nothing but points
@@ -114,6 +118,9 @@ class Localizer {
   void Lift(QueryResult& result) const;
   void Filter(QueryResult& result) const;
   void Estimate(QueryResult& result) const;
+  // The last stage of a rig's photographs, as one: each gets its own camera's pose. The first one's
+  // is estimated, and what is known beforehand is known of that.
+  void EstimateRig(std::span<QueryResult> photographs, std::span<const Rigid3> cam_from_rig) const;
 
   const Scene& scene() const { return *scene_; }
   const std::shared_ptr<const MatchSource>& matches() const { return matches_; }

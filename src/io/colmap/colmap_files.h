@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <string_view>
 #include <unordered_set>
 #include <vector>
@@ -50,6 +51,12 @@ void WriteFramesBinary(const std::filesystem::path& path, const ColmapModel& mod
 // Poses the images of rigs by sensor_from_rig * rig_from_world, as COLMAP does. Where that differs
 // from what the images file says, a warning tells so.
 void ComposePosesOfFrames(const std::filesystem::path& folder, ColmapForm form, ColmapModel* model);
+
+// What ColmapSensor calls a camera.
+inline constexpr int32_t kCameraSensor = 0;
+
+// None where the rig does not know the sensor's pose. InputError where it lacks the sensor.
+std::optional<Rigid3> SensorFromRig(const ColmapRig& rig, const ColmapSensor& sensor);
 
 // The ids in the order to write: those of `order` that still exist, then all others by id.
 template <typename Id, typename Record>

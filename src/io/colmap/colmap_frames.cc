@@ -14,8 +14,6 @@ namespace {
 // Poses nearer than this are the same pose, rounded differently.
 constexpr double kSamePose = 1e-6;
 
-constexpr int32_t kCameraSensor = 0;
-
 Rigid3 ToRigid3(const ColmapPose& pose) {
   const Eigen::Vector4d& q = pose.qvec_wxyz;
   return {Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized(), pose.tvec};
@@ -27,19 +25,6 @@ double LargestDifference(const Rigid3& a, const Rigid3& b) {
   const double rotation =
       std::min((q - p).lpNorm<Eigen::Infinity>(), (q + p).lpNorm<Eigen::Infinity>());
   return std::max(rotation, (a.translation - b.translation).lpNorm<Eigen::Infinity>());
-}
-
-// None where the rig does not know the sensor's pose. InputError where it lacks the sensor.
-std::optional<Rigid3> SensorFromRig(const ColmapRig& rig, const ColmapSensor& sensor) {
-  if (rig.reference_sensor == sensor) {
-    return Rigid3();
-  }
-  for (const auto& [other, sensor_from_rig] : rig.sensors) {
-    if (other == sensor) {
-      return sensor_from_rig ? std::optional(ToRigid3(*sensor_from_rig)) : std::nullopt;
-    }
-  }
-  throw InputError(fmt::format("sensor {} of type {} is not in its rig", sensor.id, sensor.type));
 }
 
 struct Composition {
@@ -82,6 +67,18 @@ void PoseImagesOfFrame(const ColmapFrame& frame, ColmapModel* model, Composition
 }
 
 }  // namespace
+
+std::optional<Rigid3> SensorFromRig(const ColmapRig& rig, const ColmapSensor& sensor) {
+  if (rig.reference_sensor == sensor) {
+    return Rigid3();
+  }
+  for (const auto& [other, sensor_from_rig] : rig.sensors) {
+    if (other == sensor) {
+      return sensor_from_rig ? std::optional(ToRigid3(*sensor_from_rig)) : std::nullopt;
+    }
+  }
+  throw InputError(fmt::format("sensor {} of type {} is not in its rig", sensor.id, sensor.type));
+}
 
 void ComposePosesOfFrames(const std::filesystem::path& folder, ColmapForm form,
                           ColmapModel* model) {
