@@ -237,7 +237,8 @@ std::vector<Match2D3D> TriangulateMatches(std::span<const PosedImage> references
                             .point_in_world = point,
                             .reference = std::nullopt,
                             .point_sigma = std::nullopt,
-                            .query_keypoint = matches_2d2d[group.front()].query_keypoint});
+                            .query_keypoint = matches_2d2d[group.front()].query_keypoint,
+                            .camera = matches_2d2d[group.front()].camera});
     }
   }
   std::vector<Match2D3D> triangulated;

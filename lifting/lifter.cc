@@ -69,7 +69,8 @@ LiftResult LiftMatches(std::span<const GeometrySource* const> sources, GeometryM
                             .reference = matches[i].reference,
                             .point_sigma = surface->point_sigma,
                             .query_keypoint = matches[i].query_keypoint,
-                            .match_2d2d = i};
+                            .match_2d2d = i,
+                            .camera = matches[i].camera};
       result.lifted.push_back({match, *surface, s});
     }
     ++(result.lifted.size() > before ? result.counts.hits : result.counts.misses);
