@@ -8,6 +8,7 @@
 #include "raylift/io/pose_problem_json.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/retrieval_pairs.h"
+#include "raylift/io/rig_list.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/io/view_list.h"
 
@@ -26,8 +27,9 @@ PoseProblem SmallProblem() {
   problem.name = "query";
   problem.references = {{"reference", Camera(), Rigid3()}};
   problem.reference_clusters = {0};
-  problem.matches_2d2d = {{0, {1, 2}, {3, 4}, 0.5, 0, 7}};
-  problem.matches_2d3d = {{{1, 2}, {3, 4, 5}, 0, 0.25, 0, 0}};
+  problem.other_cameras = {{"right", Camera(), Rigid3()}};
+  problem.matches_2d2d = {{0, {1, 2}, {3, 4}, 0.5, 0, 7, 1}};
+  problem.matches_2d3d = {{{1, 2}, {3, 4, 5}, 0, 0.25, 0, 0, 0}};
   problem.priors.position = PositionPrior{{1, 2, 3}, {1, 1, 1}};
   return problem;
 }
@@ -42,7 +44,9 @@ std::vector<FuzzTarget> SceneFuzzTargets() {
          return Lines(FormatPoseProblem({SmallProblem(), Rigid3()}));
        },
        "pose-problem/1 pose-problem/2 null true -1 1e308 1e999 \"extra\" \"keypoint\" \"query\" "
-       "\"position_prior\" \"gravity_prior\" \"focal_range\" \"reference_clusters\" [[[["},
+       "\"position_prior\" \"gravity_prior\" \"focal_range\" \"reference_clusters\" "
+       "\"other_cameras\" "
+       "\"matches_2d2d_camera\" [[[["},
       {"query_list",
        [](std::string_view bytes) {
          const auto queries = ReadQueryList(PutFile("queries.txt", bytes));
@@ -60,6 +64,20 @@ std::vector<FuzzTarget> SceneFuzzTargets() {
              "a position 1 2 3 5\na gravity 0 1 0 1\nb focal_range 1.5\n* world_down 0 0 -1\n");
        },
        kListWords},
+      {"rig_config",
+       [](std::string_view bytes) {
+         std::vector<Query> queries(2);
+         queries[0].name = "a/1.jpg";
+         queries[1].name = "b/1.jpg";
+         TakeRigs(PutFile("rig_config.json", bytes), queries);
+       },
+       [] {
+         return Lines(
+             R"([{"cameras": [{"image_prefix": "a/", "ref_sensor": true}, {"image_prefix": "b/",)"
+             R"( "cam_from_rig_rotation": [1, 0, 0, 0], "cam_from_rig_translation": [1, 2, 3]}]}])");
+       },
+       "\"cameras\" \"image_prefix\" \"ref_sensor\" \"cam_from_rig_rotation\" true null 1e999 "
+       "[[[["},
       {"view_list", [](std::string_view bytes) { ReadViewList(PutFile("views.txt", bytes)); },
        [] {
          return Lines(
