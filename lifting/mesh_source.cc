@@ -51,7 +51,7 @@ class ReferenceLifter {
             std::span<std::optional<SurfacePoint>> points) {
     rays_.clear();
     for (const uint32_t i : indices) AddRay(pixels[i], i);
-    if (caster_.surfels() != nullptr) {
+    if (caster_.HitsHaveSigma()) {
       const auto hits = CastOneByOne();
       for (size_t k = 0; k < hits.size(); ++k) {
         if (hits[k]) points[rays_[k].pixel] = MakeSurfacePoint(rays_[k], *hits[k]);
@@ -156,7 +156,7 @@ class ReferenceLifter {
     point.depth_z = hit.ray_t * camera_.DepthOf(ray.in_cam);
     const double sine = hit.normal_in_world.cross(ray.in_world).norm();
     point.incidence_deg = std::atan2(sine, std::abs(along)) * kDegPerRad;
-    if (caster_.surfels() != nullptr) {
+    if (caster_.HitsHaveSigma()) {
       point.point_sigma = hit.sigma / std::abs(along);  // along the ray
     }
     return point;

@@ -3,6 +3,7 @@
 
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -198,6 +199,63 @@ class GatherState {
     auto* const query = reinterpret_cast<Query*>(arguments->context);
     query->primitives.push_back(RTCHitN_primID(arguments->hit, arguments->N, 0));
     arguments->valid[0] = 0;  // go on
+  }
+
+  Query query_;
+};
+
+// Shows a visitor every primitive of user geometry whose box a ray meets, about from front to back.
+// `float Visitor::Visit(uint32_t primitive)` returns where the ray ends from then on.
+template <typename Visitor>
+class VisitState {
+ public:
+#if RAYLIFT_EMBREE_MAJOR >= 4
+  explicit VisitState(Visitor& visitor) : query_{{}, &visitor} {
+    rtcInitRayQueryContext(&query_.context);
+    rtcInitIntersectArguments(&arguments_);
+    arguments_.context = &query_.context;
+    arguments_.flags = RTC_RAY_QUERY_FLAG_INCOHERENT;
+  }
+#else
+  explicit VisitState(Visitor& visitor) : query_{{}, &visitor} {
+    rtcInitIntersectContext(&query_.context);
+    query_.context.flags = RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+  }
+#endif
+  VisitState(const VisitState&) = delete;  // arguments point to the query
+  VisitState& operator=(const VisitState&) = delete;
+
+  // What user geometry must be set to before it is committed.
+  static void Allow(RTCGeometry geometry) {
+    rtcSetGeometryIntersectFunction(geometry, &VisitState::OnBox);
+  }
+
+  void Visit(RTCScene scene, const float* origin, const float* direction, float t_near) {
+    RTCRayHit ray_hit = MakeRayHit(origin, direction, t_near);
+#if RAYLIFT_EMBREE_MAJOR >= 4
+    rtcIntersect1(scene, &ray_hit, &arguments_);
+#else
+    rtcIntersect1(scene, &query_.context, &ray_hit);
+#endif
+  }
+
+ private:
+#if RAYLIFT_EMBREE_MAJOR >= 4
+  using Context = RTCRayQueryContext;
+  RTCIntersectArguments arguments_;
+#else
+  using Context = RTCIntersectContext;
+#endif
+  struct Query {
+    Context context;
+    Visitor* visitor;
+  };
+
+  static void OnBox(const RTCIntersectFunctionNArguments* arguments) {
+    if (arguments->valid[0] == 0) return;
+    const Query* const query = reinterpret_cast<const Query*>(arguments->context);
+    float& end = RTCRayN_tfar(RTCRayHitN_RayN(arguments->rayhit, arguments->N), arguments->N, 0);
+    end = std::min(end, query->visitor->Visit(arguments->primID));
   }
 
   Query query_;

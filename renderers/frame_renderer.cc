@@ -14,6 +14,8 @@
 #include <cmath>
 #include <numbers>
 #include <optional>
+#include <span>
+#include <vector>
 
 #include "block_kernels.h"
 #include "surface_shader.h"
@@ -62,11 +64,13 @@ namespace {
 class ViewPass {
  public:
   ViewPass(const RayCaster& caster, const FrameOptions& options, const SurfaceShader* shader,
-           bool refine, const PixelRays& rays, const Rigid3& cam_from_world, Frame& frame)
+           bool refine, std::span<const Eigen::Vector3f> splat_colors, const PixelRays& rays,
+           const Rigid3& cam_from_world, Frame& frame)
       : caster_(caster),
         options_(options),
         shader_(shader),
         refine_(refine),
+        splat_colors_(splat_colors),
         rays_(rays),
         center_in_world_(cam_from_world.OriginInSource()),
         world_from_cam_(cam_from_world.rotation.conjugate().toRotationMatrix()),
@@ -128,6 +132,7 @@ class ViewPass {
   }
 
   size_t RenderBatch(Batch& batch) const {
+    if (caster_.splats() != nullptr) return RenderSplats(batch);
     const size_t num_hits =
         caster_.CastBlocks(center_in_world_, std::span(batch.rays_in_world).first(batch.count),
                            std::span(batch.hits).first(batch.count));
@@ -137,7 +142,39 @@ class ViewPass {
     return num_hits;  // pixels outside the picture have no ray
   }
 
-  void StoreBlock(int x0, int y0, const RayBlock& rays_in_world, HitBlock& hits) const {
+  using SplatLooks = std::array<SplatLook, RayBlock::kSize>;
+
+  // Splats give depth and colour at once, ray by ray.
+  size_t RenderSplats(Batch& batch) const {
+    size_t num_hits = 0;
+    for (size_t i = 0; i < batch.count; ++i) {
+      const SplatLooks looks = LookAt(batch.rays_in_world[i]);
+      HitBlock& hits = batch.hits[i];
+      hits.grazing = 0;
+      for (size_t k = 0; k < RayBlock::kSize; ++k) {
+        const auto& hit = looks[k].hit;
+        hits.ray_t[k] = hit ? static_cast<float>(hit->ray_t) : 0.0f;
+        hits.triangle[k] = hit ? hit->triangle : HitBlock::kNoTriangle;
+        num_hits += hit ? 1 : 0;
+      }
+      StoreBlock(batch.xs[i], batch.ys[i], batch.rays_in_world[i], hits, &looks);
+    }
+    return num_hits;
+  }
+
+  SplatLooks LookAt(const RayBlock& rays_in_world) const {
+    std::array<Ray, RayBlock::kSize> rays;
+    for (size_t i = 0; i < rays.size(); ++i) {
+      rays[i] = {center_in_world_, Lane(rays_in_world, i).cast<double>()};
+    }
+    SplatLooks looks;
+    caster_.LookAtSplats(rays, splat_colors_, looks);
+    return looks;
+  }
+
+  // `looks` is that of splats; else null.
+  void StoreBlock(int x0, int y0, const RayBlock& rays_in_world, HitBlock& hits,
+                  const SplatLooks* looks = nullptr) const {
     if (hits.grazing != 0) {
       RefineGrazing(x0, y0, hits);
     }
@@ -159,7 +196,9 @@ class ViewPass {
       });
       StoreBlockOf(mask.data(), x0, y0, width, height, frame_.mask.data);
     }
-    if (refine_) {
+    if (refine_ && looks != nullptr) {
+      StoreLooks(x0, y0, width, height, rays_in_world, *looks);
+    } else if (refine_) {
       StoreRefined(x0, y0, width, height, rays_in_world, hits);
     }
     if (options_.color && !refine_color()) {
@@ -237,9 +276,37 @@ class ViewPass {
     }
   }
 
-  void StoreMiss(size_t pixel) const {
+  void StoreLooks(int x0, int y0, int width, int height, const RayBlock& rays_in_world,
+                  const SplatLooks& looks) const {
+    for (int y = 0; y < height; ++y) {
+      for (int x = 0; x < width; ++x) {
+        const size_t i = LaneAt(x, y);
+        const size_t pixel = PixelIndex(x0 + x, y0 + y);
+        const Eigen::Vector3d direction = Lane(rays_in_world, i).cast<double>();
+        if (looks[i].hit) {
+          StoreNormal(pixel, *looks[i].hit, direction);
+        } else {
+          StoreNoNormal(pixel);
+        }
+        if (refine_color()) StoreColor(pixel, ColorOf(looks[i], direction));
+      }
+    }
+  }
+
+  Eigen::Vector3f ColorOf(SplatLook look, const Eigen::Vector3d& direction) const {
+    const double length = direction.norm();
+    if (length == 0) return shader_->background();  // no ray, as outside a lens's domain
+    if (look.hit) look.hit->ray_t *= length;
+    return shader_->Color(look, center_in_world_, direction / length);
+  }
+
+  void StoreNoNormal(size_t pixel) const {
     if (options_.normals) std::fill_n(&frame_.normals[3 * pixel], 3, 0.0f);
     if (options_.incidence) frame_.incidence_deg[pixel] = -1;
+  }
+
+  void StoreMiss(size_t pixel) const {
+    StoreNoNormal(pixel);
     if (refine_color()) StoreColor(pixel, shader_->background());
   }
 
@@ -304,6 +371,13 @@ class ViewPass {
     RayBlock in_world;
     HitBlock hits;
     RotateBlock(world_from_cam_float_, moved, in_world);
+    if (caster_.splats() != nullptr) {
+      const SplatLooks looks = LookAt(in_world);
+      for (size_t i = 0; i < RayBlock::kSize; ++i) {
+        sums[i] += ColorOf(looks[i], Lane(in_world, i).cast<double>());
+      }
+      return;
+    }
     caster_.CastBlocks(center_in_world_, std::span(&in_world, 1), std::span(&hits, 1));
     const int side = options_.color_options.samples_per_pixel_side;
     for (size_t i = 0; i < RayBlock::kSize; ++i) {
@@ -338,6 +412,7 @@ class ViewPass {
   const FrameOptions& options_;
   const SurfaceShader* shader_;
   bool refine_;
+  std::span<const Eigen::Vector3f> splat_colors_;  // as seen from here; empty where none are needed
   const PixelRays& rays_;
   Eigen::Vector3d center_in_world_;
   Eigen::Matrix3d world_from_cam_;
@@ -379,8 +454,12 @@ FrameRenderer& FrameRenderer::operator=(FrameRenderer&&) noexcept = default;
 void FrameRenderer::Render(const PixelRays& rays, const Rigid3& cam_from_world, int threads,
                            Frame& frame) const {
   Resize(impl_->options, rays.width_px(), rays.height_px(), frame);
+  std::vector<Eigen::Vector3f> splat_colors;
+  if (const Splats* splats = impl_->caster->splats(); splats != nullptr && impl_->options.color) {
+    splat_colors = SplatColors(*splats, cam_from_world.OriginInSource(), threads);
+  }
   const ViewPass pass(*impl_->caster, impl_->options, impl_->shader ? &*impl_->shader : nullptr,
-                      impl_->NeedsRefinedHits(), rays, cam_from_world, frame);
+                      impl_->NeedsRefinedHits(), splat_colors, rays, cam_from_world, frame);
   const int rows = (rays.height_px() + kTileSide - 1) / kTileSide;
   std::atomic<size_t> num_hits{0};
   ParallelFor(static_cast<size_t>(rows), threads, [&](size_t row) {

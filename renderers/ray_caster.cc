@@ -10,6 +10,8 @@
 #include "block_kernels.h"
 #include "disc_blend.h"
 #include "embree_shim.h"
+#include "splat_blend.h"
+#include "splat_visitor.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 
@@ -54,6 +56,12 @@ struct Bounds {
   double radius = 0;
 };
 
+Bounds BoundsOf(const Eigen::AlignedBox3f& box) {
+  const Eigen::Vector3d low = box.min().cast<double>();
+  const Eigen::Vector3d high = box.max().cast<double>();
+  return {0.5 * (low + high), 0.5 * (high - low).norm()};
+}
+
 Bounds BoundsOf(const TriangleMesh& mesh) {
   if (mesh.triangles.empty()) {
     return {};
@@ -62,9 +70,7 @@ Bounds BoundsOf(const TriangleMesh& mesh) {
   for (const auto& triangle : mesh.triangles) {
     for (const uint32_t index : triangle) box.extend(mesh.vertices[index]);
   }
-  const Eigen::Vector3d low = box.min().cast<double>();
-  const Eigen::Vector3d high = box.max().cast<double>();
-  return {0.5 * (low + high), 0.5 * (high - low).norm()};
+  return BoundsOf(box);
 }
 
 Bounds BoundsOf(const Surfels& surfels) {
@@ -73,12 +79,22 @@ Bounds BoundsOf(const Surfels& surfels) {
     box.extend((disc.head<3>().array() - disc.w()).matrix());
     box.extend((disc.head<3>().array() + disc.w()).matrix());
   }
-  const Eigen::Vector3d low = box.min().cast<double>();
-  const Eigen::Vector3d high = box.max().cast<double>();
-  return {0.5 * (low + high), 0.5 * (high - low).norm()};
+  return BoundsOf(box);
 }
 
-// Rays at surfels take their origin from an empty mesh.
+Eigen::AlignedBox3f BoxOf(const PackedSplat& splat) {
+  const Eigen::Vector3f mean(splat.mean.data());
+  const Eigen::Vector3f half = splat.HalfBox();
+  return {mean - half, mean + half};
+}
+
+Bounds BoundsOf(const std::vector<PackedSplat>& splats) {
+  Eigen::AlignedBox3f box;
+  for (const PackedSplat& splat : splats) box.extend(BoxOf(splat));
+  return BoundsOf(box);
+}
+
+// Rays at surfels and splats take their origin from an empty mesh.
 std::shared_ptr<const TriangleMesh> EmptyMeshAt(const Eigen::Vector3d& origin_in_world) {
   auto mesh = std::make_shared<TriangleMesh>();
   mesh->origin_in_world = origin_in_world;
@@ -95,11 +111,17 @@ void CheckIndices(const TriangleMesh& mesh) {
 
 struct RayCaster::Impl {
   Impl(std::shared_ptr<const TriangleMesh> mesh_in, std::shared_ptr<const Surfels> surfels_in,
+       std::shared_ptr<const Splats> splats_in, SplatDepth splat_depth_in,
        const RayCasterOptions& options)
       : mesh(std::move(mesh_in)),
         surfels(std::move(surfels_in)),
-        bounds(surfels != nullptr ? BoundsOf(*surfels) : BoundsOf(*mesh)),
-        reach(bounds.center.norm() + bounds.radius) {
+        splats(std::move(splats_in)),
+        splat_depth(splat_depth_in) {
+    if (splats != nullptr) packed_splats = PackSplats(*splats, /*threads=*/0);
+    bounds = splats != nullptr    ? BoundsOf(packed_splats)
+             : surfels != nullptr ? BoundsOf(*surfels)
+                                  : BoundsOf(*mesh);
+    reach = bounds.center.norm() + bounds.radius;
     device.reset(rtcNewDevice(nullptr));
     if (!device) {
       throw std::runtime_error(
@@ -158,6 +180,7 @@ struct RayCaster::Impl {
     rtcSetSceneBuildQuality(scene.get(), quality);
     if (!mesh->triangles.empty()) AttachMesh(quality);
     if (surfels != nullptr) AttachSurfels(quality);
+    if (splats != nullptr) AttachSplats(quality);
     BuildProgress progress{options.on_build_progress, {}, 0};
     if (options.on_build_progress) {
       rtcSetSceneProgressMonitorFunction(scene.get(), &BuildProgress::OnProgress, &progress);
@@ -202,6 +225,30 @@ struct RayCaster::Impl {
     rtcAttachGeometry(scene.get(), geometry.get());
   }
 
+  void AttachSplats(RTCBuildQuality quality) {
+    const embree::Geometry geometry(rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_USER));
+    rtcSetGeometryUserPrimitiveCount(geometry.get(), static_cast<unsigned>(packed_splats.size()));
+    rtcSetGeometryUserData(geometry.get(), this);
+    rtcSetGeometryBoundsFunction(geometry.get(), &Impl::OnSplatBounds, nullptr);
+    embree::VisitState<SplatVisitor>::Allow(geometry.get());
+    rtcSetGeometryBuildQuality(geometry.get(), quality);
+    rtcCommitGeometry(geometry.get());
+    rtcAttachGeometry(scene.get(), geometry.get());
+  }
+
+  static void OnSplatBounds(const RTCBoundsFunctionArguments* arguments) {
+    const auto& self = *static_cast<const Impl*>(arguments->geometryUserPtr);
+    const Eigen::AlignedBox3f box = BoxOf(self.packed_splats[arguments->primID]);
+    const auto rounding = static_cast<float>(kMaxRefinementOfScene * self.reach);
+    RTCBounds& bounds = *arguments->bounds_o;
+    bounds.lower_x = box.min().x() - rounding;
+    bounds.lower_y = box.min().y() - rounding;
+    bounds.lower_z = box.min().z() - rounding;
+    bounds.upper_x = box.max().x() + rounding;
+    bounds.upper_y = box.max().y() + rounding;
+    bounds.upper_z = box.max().z() + rounding;
+  }
+
   // None where a number is not finite or the direction has no length.
   std::optional<LocalRay> MakeLocalRay(const Eigen::Vector3d& origin_in_world,
                                        const Eigen::Vector3d& direction, double length) const {
@@ -218,9 +265,44 @@ struct RayCaster::Impl {
     return ray;
   }
 
+  // What rays that are cast one by one, and blend what they meet, take along.
+  struct BlendState {
+    explicit BlendState(const Impl& impl) : visitor(impl.packed_splats) {}
+
+    embree::IntersectState intersect{embree::Coherence::kIncoherent};
+    embree::GatherState gather;
+    SplatVisitor visitor;
+    embree::VisitState<SplatVisitor> visit{visitor};
+  };
+  bool IsBlended() const { return surfels != nullptr || splats != nullptr; }
+
+  std::optional<RayHit> CastBlended(const Ray& ray, BlendState& state) const {
+    return splats != nullptr ? Look(ray, {}, state).hit : CastAtDiscs(ray, state);
+  }
+
+  SplatLook Look(const Ray& world_ray, std::span<const Eigen::Vector3f> colors_rgb,
+                 BlendState& state) const {
+    const double length = world_ray.direction_in_world.norm();
+    const auto local =
+        MakeLocalRay(world_ray.origin_in_world, world_ray.direction_in_world, length);
+    if (!local) return {};
+    const SplatRay ray{local->origin, local->direction};
+    state.visitor.Start(ray, world_ray.ray_t_near * length, local->shift);
+    state.visit.Visit(scene.get(), local->float_origin.data(), local->float_direction.data(),
+                      FloatNear(*local, length, world_ray.ray_t_near));
+    const SplatBlend blend =
+        BlendSplats(packed_splats, ray, state.visitor.Finish(), splat_depth, colors_rgb);
+    SplatLook look{std::nullopt, blend.color, blend.transmittance};
+    if (const auto& surface = blend.surface) {
+      const double along = std::abs(surface->normal.dot(ray.direction));
+      look.hit = RayHit{surface->t / length, surface->normal, surface->heaviest,
+                        Eigen::Vector2d::Zero(), surface->sigma_along_ray * along};
+    }
+    return look;
+  }
+
   // The first surface that discs make on the ray.
-  std::optional<RayHit> CastAtDiscs(const Ray& world_ray, embree::IntersectState& state,
-                                    embree::GatherState& gather) const {
+  std::optional<RayHit> CastAtDiscs(const Ray& world_ray, BlendState& state) const {
     const double length = world_ray.direction_in_world.norm();
     const auto local =
         MakeLocalRay(world_ray.origin_in_world, world_ray.direction_in_world, length);
@@ -229,12 +311,12 @@ struct RayCaster::Impl {
     float near = FloatNear(ray, length, world_ray.ray_t_near);
     const DiscRay disc_ray{ray.origin, ray.direction};
     const double rounding = kMaxRefinementOfScene * reach;
-    while (const auto first = CastOne(ray, near, state)) {
+    while (const auto first = CastOne(ray, near, state.intersect)) {
       const float begin = std::max(near, first->t - static_cast<float>(rounding));
       const double end = double{first->t} + BlendReach(*surfels, disc_ray, first->triangle);
       std::vector<uint32_t>& discs =
-          gather.Gather(scene.get(), ray.float_origin.data(), ray.float_direction.data(), begin,
-                        static_cast<float>(end));
+          state.gather.Gather(scene.get(), ray.float_origin.data(), ray.float_direction.data(),
+                              begin, static_cast<float>(end));
       std::sort(discs.begin(), discs.end());  // sums do not depend on the tree
       const Blend blend = BlendDiscs(*surfels, disc_ray, first->triangle, discs, rounding);
       if (blend.hit) {
@@ -350,14 +432,13 @@ struct RayCaster::Impl {
     return num_hits;
   }
 
-  size_t CastBlockAtDiscs(const Eigen::Vector3d& origin_in_world, const RayBlock& rays,
-                          HitBlock& hits, embree::IntersectState& state,
-                          embree::GatherState& gather) const {
+  size_t CastBlockBlended(const Eigen::Vector3d& origin_in_world, const RayBlock& rays,
+                          HitBlock& hits, BlendState& state) const {
     size_t num_hits = 0;
     for (size_t i = 0; i < RayBlock::kSize; ++i) {
       const Eigen::Vector3d direction =
           Eigen::Vector3f(rays.x[i], rays.y[i], rays.z[i]).cast<double>();
-      const auto hit = CastAtDiscs({origin_in_world, direction}, state, gather);
+      const auto hit = CastBlended({origin_in_world, direction}, state);
       if (!hit) continue;
       hits.ray_t[i] = static_cast<float>(hit->ray_t);
       hits.triangle[i] = hit->triangle;
@@ -414,11 +495,14 @@ struct RayCaster::Impl {
     return static_cast<float>(std::max(0.0, t_near * length - ray.shift));
   }
 
-  std::shared_ptr<const TriangleMesh> mesh;     // empty where there are surfels
-  std::shared_ptr<const Surfels> surfels;       // or null
+  std::shared_ptr<const TriangleMesh> mesh;  // empty where there are surfels or splats
+  std::shared_ptr<const Surfels> surfels;    // or null
+  std::shared_ptr<const Splats> splats;      // or null
+  SplatDepth splat_depth;
+  std::vector<PackedSplat> packed_splats;
   std::vector<Eigen::Vector3f> padded_vectors;  // empty where the mesh's or surfels' own are shared
   Bounds bounds;
-  double reach;  // the largest local coordinate, about
+  double reach = 0;  // the largest local coordinate, about
   std::string error_text;
   std::atomic<int64_t> memory_bytes{0};
   embree::Device device;
@@ -430,14 +514,22 @@ struct RayCaster::Impl {
 RayCaster::RayCaster(std::shared_ptr<const TriangleMesh> mesh, const RayCasterOptions& options) {
   RAYLIFT_CHECK(mesh != nullptr);
   CheckIndices(*mesh);
-  impl_ = std::make_unique<Impl>(std::move(mesh), nullptr, options);
+  impl_ = std::make_unique<Impl>(std::move(mesh), nullptr, nullptr, SplatDepth::kMedian, options);
 }
 
 RayCaster::RayCaster(std::shared_ptr<const Surfels> surfels, const RayCasterOptions& options) {
   RAYLIFT_CHECK(surfels != nullptr);
   RAYLIFT_CHECK_EQ(surfels->discs.size(), surfels->normals.size());
   auto mesh = EmptyMeshAt(surfels->origin_in_world);
-  impl_ = std::make_unique<Impl>(std::move(mesh), std::move(surfels), options);
+  impl_ = std::make_unique<Impl>(std::move(mesh), std::move(surfels), nullptr, SplatDepth::kMedian,
+                                 options);
+}
+
+RayCaster::RayCaster(std::shared_ptr<const Splats> splats, SplatDepth depth,
+                     const RayCasterOptions& options) {
+  RAYLIFT_CHECK(splats != nullptr);
+  auto mesh = EmptyMeshAt(splats->origin_in_world);
+  impl_ = std::make_unique<Impl>(std::move(mesh), nullptr, std::move(splats), depth, options);
 }
 
 RayCaster::~RayCaster() = default;
@@ -448,19 +540,31 @@ const TriangleMesh& RayCaster::mesh() const { return *impl_->mesh; }
 
 const Surfels* RayCaster::surfels() const { return impl_->surfels.get(); }
 
+const Splats* RayCaster::splats() const { return impl_->splats.get(); }
+
+SplatDepth RayCaster::splat_depth() const { return impl_->splat_depth; }
+
+SurfaceKind RayCaster::kind() const {
+  if (impl_->splats != nullptr) return SurfaceKind::kSplats;
+  return impl_->surfels != nullptr ? SurfaceKind::kCloud : SurfaceKind::kMesh;
+}
+
+bool RayCaster::HitsHaveSigma() const { return impl_->IsBlended(); }
+
 bool RayCaster::HasColors() const {
+  if (impl_->splats != nullptr) return !impl_->splats->harmonics.empty();
   if (impl_->surfels != nullptr) return !impl_->surfels->colors_rgb.empty();
   return !mesh().vertex_colors_rgb.empty() || !mesh().triangle_textures.empty();
 }
 
 std::vector<std::optional<RayHit>> RayCaster::Cast(std::span<const Ray> rays) const {
   std::vector<std::optional<RayHit>> hits(rays.size());
-  embree::IntersectState state(embree::Coherence::kIncoherent);
-  if (impl_->surfels != nullptr) {
-    embree::GatherState gather;
-    for (size_t i = 0; i < rays.size(); ++i) hits[i] = impl_->CastAtDiscs(rays[i], state, gather);
+  if (impl_->IsBlended()) {
+    Impl::BlendState state(*impl_);
+    for (size_t i = 0; i < rays.size(); ++i) hits[i] = impl_->CastBlended(rays[i], state);
     return hits;
   }
+  embree::IntersectState state(embree::Coherence::kIncoherent);
   for (size_t begin = 0; begin < rays.size(); begin += kBatch) {
     const size_t count = std::min(kBatch, rays.size() - begin);
     impl_->CastBatch(rays.subspan(begin, count), std::span(hits).subspan(begin, count), state);
@@ -477,12 +581,11 @@ size_t RayCaster::CastBlocks(const Eigen::Vector3d& origin_in_world, std::span<c
     block.grazing = 0;
   }
   const Impl& impl = *impl_;
-  if (impl.surfels != nullptr) {
-    embree::IntersectState state(embree::Coherence::kIncoherent);
-    embree::GatherState gather;
+  if (impl.IsBlended()) {
+    Impl::BlendState state(impl);
     size_t num_hits = 0;
     for (size_t i = 0; i < rays.size(); ++i) {
-      num_hits += impl.CastBlockAtDiscs(origin_in_world, rays[i], hits[i], state, gather);
+      num_hits += impl.CastBlockBlended(origin_in_world, rays[i], hits[i], state);
     }
     return num_hits;
   }
@@ -516,13 +619,12 @@ RayHit RayCaster::RefineHit(const Eigen::Vector3d& origin_in_world,
                             const Eigen::Vector3d& direction_in_world, uint32_t triangle,
                             double coarse_t) const {
   const double length = direction_in_world.norm();
-  if (impl_->surfels != nullptr) {
-    embree::IntersectState state(embree::Coherence::kIncoherent);
-    embree::GatherState gather;
-    const auto hit = impl_->CastAtDiscs({origin_in_world, direction_in_world}, state, gather);
+  if (impl_->IsBlended()) {
+    Impl::BlendState state(*impl_);
+    const auto hit = impl_->CastBlended({origin_in_world, direction_in_world}, state);
     if (hit) return *hit;
-    return {coarse_t, impl_->surfels->normals[triangle].cast<double>(), triangle,
-            Eigen::Vector2d::Zero()};
+    // The caller's direction was another one, by rounding.
+    return {coarse_t, -direction_in_world / length, triangle, Eigen::Vector2d::Zero()};
   }
   LocalRay ray;
   ray.origin = origin_in_world - impl_->mesh->origin_in_world;
@@ -531,11 +633,21 @@ RayHit RayCaster::RefineHit(const Eigen::Vector3d& origin_in_world,
 }
 
 size_t RayCaster::MemoryBytes() const {
-  return static_cast<size_t>(std::max<int64_t>(impl_->memory_bytes, 0));
+  return static_cast<size_t>(std::max<int64_t>(impl_->memory_bytes, 0)) +
+         impl_->packed_splats.size() * sizeof(PackedSplat);
+}
+
+void RayCaster::LookAtSplats(std::span<const Ray> rays, std::span<const Eigen::Vector3f> colors_rgb,
+                             std::span<SplatLook> looks) const {
+  RAYLIFT_CHECK(impl_->splats != nullptr);
+  RAYLIFT_CHECK_EQ(rays.size(), looks.size());
+  RAYLIFT_CHECK(colors_rgb.empty() || colors_rgb.size() == impl_->packed_splats.size());
+  Impl::BlendState state(*impl_);
+  for (size_t i = 0; i < rays.size(); ++i) looks[i] = impl_->Look(rays[i], colors_rgb, state);
 }
 
 bool RayCaster::IsOccluded(const Ray& ray) const {
-  if (impl_->surfels != nullptr) return Cast({&ray, 1}).front().has_value();
+  if (impl_->IsBlended()) return Cast({&ray, 1}).front().has_value();
   const double length = ray.direction_in_world.norm();
   const auto local = impl_->MakeLocalRay(ray.origin_in_world, ray.direction_in_world, length);
   if (!local) {

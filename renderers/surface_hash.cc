@@ -43,10 +43,20 @@ uint64_t HashOf(const Surfels& surfels, const VectorHasher& hash_of) {
                                        hash_of(surfels.colors_rgb)});
 }
 
+uint64_t HashOf(const Splats& splats, SplatDepth depth, const VectorHasher& hash_of) {
+  const Eigen::Matrix3d& turn = splats.harmonics_from_world;
+  return hash_of(std::vector<uint64_t>{
+      hash_of(splats.origin_in_world), hash_of(splats.means), hash_of(splats.rotations),
+      hash_of(splats.scales), hash_of(splats.opacities), hash_of(splats.harmonics),
+      static_cast<uint64_t>(splats.degree), static_cast<uint64_t>(depth),
+      hash_of(std::vector<double>(turn.data(), turn.data() + turn.size()))});
+}
+
 }  // namespace
 
 uint64_t SurfaceHash(const RayCaster& scene, int threads) {
   const VectorHasher hash_of(threads);
+  if (const Splats* splats = scene.splats()) return HashOf(*splats, scene.splat_depth(), hash_of);
   const Surfels* surfels = scene.surfels();
   return surfels != nullptr ? HashOf(*surfels, hash_of) : HashOf(scene.mesh(), hash_of);
 }

@@ -33,16 +33,32 @@ Eigen::Vector3f SurfaceShader::Color(const RayHit& hit, const Eigen::Vector3d& c
                                      double solid_angle) const {
   const double cosine = std::abs(hit.normal_in_world.dot(direction_in_world));
   const double footprint = hit.ray_t * hit.ray_t * solid_angle / std::max(cosine, 0.05);
-  Eigen::Vector3f own = OwnColor(hit, footprint);
+  return OwnColor(hit, footprint) *
+         static_cast<float>(Light(hit, center_in_world, direction_in_world));
+}
+
+Eigen::Vector3f SurfaceShader::Color(const SplatLook& look, const Eigen::Vector3d& center_in_world,
+                                     const Eigen::Vector3d& direction_in_world) const {
+  constexpr float kFull = 255;
+  const auto behind = static_cast<float>(look.transmittance);
+  const Eigen::Vector3f own =
+      caster_.HasColors() ? Eigen::Vector3f(kFull * look.color_rgb)
+                          : Eigen::Vector3f((1 - behind) * ToVector(options_.untextured_rgb));
+  const double light = look.hit ? Light(*look.hit, center_in_world, direction_in_world) : 1.0;
+  return static_cast<float>(light) * own + behind * background_;
+}
+
+double SurfaceShader::Light(const RayHit& hit, const Eigen::Vector3d& center_in_world,
+                            const Eigen::Vector3d& direction_in_world) const {
   switch (options_.shading) {
     case ColorOptions::Shading::kUnlit:
-      return own;
+      return 1;
     case ColorOptions::Shading::kHeadlight:
-      return own * static_cast<float>(cosine);
+      return std::abs(hit.normal_in_world.dot(direction_in_world));
     case ColorOptions::Shading::kSun:
-      return own * static_cast<float>(SunLight(hit, center_in_world, direction_in_world));
+      return SunLight(hit, center_in_world, direction_in_world);
   }
-  return own;
+  return 1;
 }
 
 // `footprint` is the area of the surface that the sample covers.
@@ -98,7 +114,7 @@ double SurfaceShader::SunLight(const RayHit& hit, const Eigen::Vector3d& center_
   }
   const Eigen::Vector3d point = center_in_world + hit.ray_t * direction_in_world;
   // Off the surface by more than float resolves at this place,
-  // and off discs by more than their points scatter.
+  // and off discs and splats by more than they scatter.
   const double lift =
       1e-5 * ((point - mesh_.origin_in_world).norm() + hit.ray_t) + kSigmasOff * hit.sigma;
   if (caster_.IsOccluded({point + lift * normal, to_sun_})) {

@@ -1,4 +1,4 @@
-// The colour of a mesh's surface under a light.
+// The colour of a surface under a light.
 
 #pragma once
 
@@ -20,11 +20,17 @@ class SurfaceShader {
   Eigen::Vector3f Color(const RayHit& hit, const Eigen::Vector3d& center_in_world,
                         const Eigen::Vector3d& direction_in_world, double solid_angle) const;
 
+  // The same of what such a ray sees of splats, with the background behind them.
+  Eigen::Vector3f Color(const SplatLook& look, const Eigen::Vector3d& center_in_world,
+                        const Eigen::Vector3d& direction_in_world) const;
+
   const Eigen::Vector3f& background() const { return background_; }
 
  private:
   Eigen::Vector3f OwnColor(const RayHit& hit, double footprint) const;
   double TextureLevel(const RayHit& hit, const Texture& texture, double footprint) const;
+  double Light(const RayHit& hit, const Eigen::Vector3d& center_in_world,
+               const Eigen::Vector3d& direction_in_world) const;
   double SunLight(const RayHit& hit, const Eigen::Vector3d& center_in_world,
                   const Eigen::Vector3d& direction_in_world) const;
 

@@ -1,5 +1,5 @@
-// Geometry from a mesh or a point cloud: the ray of a reference pixel, through the true lens model,
-// cast at it. Points of clouds come with the noise of their surface.
+// Geometry from a mesh, a point cloud or Gaussian splats: the ray of a reference pixel, through the
+// true lens model, cast at it. Points of clouds and splats come with the noise of their surface.
 
 #pragma once
 

@@ -1,4 +1,4 @@
-// Everything that a camera sees of a mesh, in one pass over its pixels: depth, normals, colour,
+// Everything that a camera sees of a scene, in one pass over its pixels: depth, normals, colour,
 // which triangle, how obliquely.
 
 #pragma once

@@ -1,5 +1,6 @@
-// Casting rays at a mesh or at the discs of a point cloud, on Embree 3 (from 3.12 on) or 4. All
-// coordinates are the world's, in double; the recentring that float needs happens inside.
+// Casting rays at a mesh, at the discs of a point cloud or at Gaussian splats, on Embree 3 (from 3.12
+// on) or 4. All coordinates are the world's, in double; the recentring that float needs happens
+// inside.
 
 #pragma once
 
@@ -15,6 +16,7 @@
 #include <Eigen/Core>
 
 #include "raylift/base/enum_names.h"
+#include "raylift/renderers/splats.h"
 #include "raylift/renderers/surfels.h"
 #include "raylift/renderers/triangle_mesh.h"
 
@@ -30,10 +32,26 @@ struct Ray {
 struct RayHit {
   double ray_t;                     // point = origin + ray_t * direction
   Eigen::Vector3d normal_in_world;  // unit, geometric, by the triangle's winding
-  uint32_t triangle;                // index into the mesh's triangles, or the surfels' discs
-  Eigen::Vector2d barycentric;      // (u, v): point = (1-u-v) v0 + u v1 + v v2; of discs, zero
-  double sigma = 0;                 // of a surface of discs, along its normal
+  // Index into the mesh's triangles, the surfels' discs or the splats' Gaussians.
+  uint32_t triangle;
+  Eigen::Vector2d barycentric;  // (u, v): point = (1-u-v) v0 + u v1 + v v2; else zero
+  double sigma = 0;             // of a surface of discs or splats, along its normal
 };
+
+// All that a ray sees of splats.
+struct SplatLook {
+  std::optional<RayHit> hit;  // of the Gaussian with the largest weight
+  Eigen::Vector3f color_rgb = Eigen::Vector3f::Zero();
+  double transmittance = 1;  // the share of what is behind that is still seen
+};
+
+enum class SurfaceKind { kMesh, kCloud, kSplats };
+template <>
+inline constexpr auto kEnumNames<SurfaceKind> = std::to_array<EnumName<SurfaceKind>>({
+    {SurfaceKind::kMesh, "mesh"},
+    {SurfaceKind::kCloud, "point cloud"},
+    {SurfaceKind::kSplats, "scene of splats"},
+});
 
 struct RayCasterOptions {
   enum class BuildQuality {
@@ -83,13 +101,22 @@ class RayCaster {
   // and their centres surround it, it hits the mean of their planes, by their precision; the hit is
   // of the disc whose centre is the closest to it. The surfels are shared as the mesh is.
   explicit RayCaster(std::shared_ptr<const Surfels> surfels, const RayCasterOptions& options = {});
+  // Of splats, as splats.h says; their surface is at `depth`, with a normal that is the mean of the
+  // Gaussians' shortest axes, turned against the ray, and the spread of their t as its sigma.
+  RayCaster(std::shared_ptr<const Splats> splats, SplatDepth depth,
+            const RayCasterOptions& options = {});
   ~RayCaster();
   RayCaster(RayCaster&&) noexcept;
   RayCaster& operator=(RayCaster&&) noexcept;
 
-  // Empty where the rays are cast at surfels.
+  // Empty where the rays are cast at surfels or splats.
   const TriangleMesh& mesh() const;
-  const Surfels* surfels() const;  // null where they are cast at a mesh
+  const Surfels* surfels() const;  // null where they are cast at something else
+  const Splats* splats() const;    // the same
+  SplatDepth splat_depth() const;
+  SurfaceKind kind() const;
+  // Whether hits have a sigma: at surfels and splats, which have no coarse hits to refine.
+  bool HitsHaveSigma() const;
   // Whether the surface has colours of its own.
   bool HasColors() const;
 
@@ -105,7 +132,7 @@ class RayCaster {
                     std::span<HitBlock> hits) const;
 
   // The hit of a ray that is known to hit `triangle` at about `coarse_t` (in units of the
-  // direction's length), in double. At surfels the ray is cast anew.
+  // direction's length), in double. At surfels and splats the ray is cast anew.
   RayHit RefineHit(const Eigen::Vector3d& origin_in_world,
                    const Eigen::Vector3d& direction_in_world, uint32_t triangle,
                    double coarse_t) const;
@@ -113,7 +140,12 @@ class RayCaster {
   // Whether anything lies on the ray beyond its ray_t_near. Thread safe.
   bool IsOccluded(const Ray& ray) const;
 
-  // What the acceleration structure holds, without the mesh or the surfels.
+  // Of splats: what each ray sees. `colors_rgb` has one for each Gaussian as it looks from the rays'
+  // origin (SplatColors), or is empty. looks.size() == rays.size(). Thread safe.
+  void LookAtSplats(std::span<const Ray> rays, std::span<const Eigen::Vector3f> colors_rgb,
+                    std::span<SplatLook> looks) const;
+
+  // What the acceleration structure holds, without the mesh, surfels or splats.
   size_t MemoryBytes() const;
 
  private:

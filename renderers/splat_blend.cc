@@ -1,0 +1,193 @@
+#include "splat_blend.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+#include <Eigen/Geometry>
+
+#include "raylift/base/error.h"
+#include "raylift/base/parallel.h"
+
+namespace raylift {
+namespace {
+
+constexpr double kMostAlpha = 0.99;
+constexpr double kLeastTransmittance = 1e-4;
+constexpr double kSurfaceAlpha = 0.5;
+
+constexpr size_t kBatch = 4096;
+
+using Whitening = Eigen::Map<const Eigen::Matrix<float, 3, 3, Eigen::RowMajor>>;
+
+Eigen::Vector3d MeanOf(const PackedSplat& splat) {
+  return Eigen::Vector3f(splat.mean.data()).cast<double>();
+}
+
+Eigen::Matrix3d WhiteningOf(const PackedSplat& splat) {
+  return Whitening(splat.whitening.data()).cast<double>();
+}
+
+PackedSplat Pack(const Splats& splats, uint32_t index) {
+  PackedSplat packed;
+  Eigen::Map<Eigen::Vector3f>(packed.mean.data()) = splats.means[index];
+  const Eigen::Vector3d inverse_scale = splats.scales[index].cast<double>().cwiseInverse();
+  const Eigen::Matrix3d axes =
+      splats.rotations[index].cast<double>().normalized().toRotationMatrix();
+  Eigen::Map<Eigen::Matrix<float, 3, 3, Eigen::RowMajor>>(packed.whitening.data()) =
+      (inverse_scale.asDiagonal() * axes.transpose()).cast<float>();
+  packed.opacity = splats.opacities[index];
+  packed.reach2 = static_cast<float>(2 * std::log(double{packed.opacity} / kLeastAlpha));
+  packed.index = index;
+  int flattest = 0;
+  inverse_scale.maxCoeff(&flattest);
+  packed.flattest = static_cast<uint32_t>(flattest);
+  return packed;
+}
+
+// Every third bit of the result is a bit of the 21 of `value`.
+uint64_t Spread(uint64_t value) {
+  value &= 0x1fffff;
+  value = (value | value << 32) & 0x1f00000000ffff;
+  value = (value | value << 16) & 0x1f0000ff0000ff;
+  value = (value | value << 8) & 0x100f00f00f00f00f;
+  value = (value | value << 4) & 0x10c30c30c30c30c3;
+  return (value | value << 2) & 0x1249249249249249;
+}
+
+// Along Morton's curve through a grid over all of them.
+std::vector<uint32_t> OrderInSpace(const std::vector<Eigen::Vector3f>& points) {
+  Eigen::AlignedBox3f box;
+  for (const Eigen::Vector3f& point : points) box.extend(point);
+  const float cell = std::max(box.sizes().maxCoeff(), 1e-30f) / 0x1fffff;
+  std::vector<std::pair<uint64_t, uint32_t>> keys(points.size());
+  for (uint32_t i = 0; i < points.size(); ++i) {
+    const Eigen::Vector3f at = (points[i] - box.min()) / cell;
+    const auto bits = [&](int axis) { return Spread(static_cast<uint64_t>(at[axis])); };
+    keys[i] = {bits(0) | bits(1) << 1 | bits(2) << 2, i};
+  }
+  std::sort(keys.begin(), keys.end());
+  std::vector<uint32_t> order(points.size());
+  std::transform(keys.begin(), keys.end(), order.begin(),
+                 [](const auto& key) { return key.second; });
+  return order;
+}
+
+double DepthOf(SplatDepth depth, double median, double expected, double peak) {
+  switch (depth) {
+    case SplatDepth::kMedian:
+      return median;
+    case SplatDepth::kExpected:
+      return expected;
+    case SplatDepth::kPeak:
+      return peak;
+  }
+  return median;
+}
+
+}  // namespace
+
+// A point x of the ellipsoid is mean + sum over axes a of a.length * u[a] * a.direction with |u| = 1;
+// a row of the whitening is an axis over its squared length.
+Eigen::Vector3f PackedSplat::HalfBox() const {
+  const Eigen::Matrix3d rows = WhiteningOf(*this);
+  Eigen::Vector3d squares = Eigen::Vector3d::Zero();
+  for (int i = 0; i < 3; ++i) {
+    const Eigen::Vector3d axis = rows.row(i).transpose() / rows.row(i).squaredNorm();
+    squares += axis.cwiseAbs2();
+  }
+  return (std::sqrt(std::max(double{reach2}, 0.0)) * squares.cwiseSqrt()).cast<float>();
+}
+
+std::vector<PackedSplat> PackSplats(const Splats& splats, int threads) {
+  const size_t count = splats.means.size();
+  RAYLIFT_CHECK_EQ(count, splats.rotations.size());
+  RAYLIFT_CHECK_EQ(count, splats.scales.size());
+  RAYLIFT_CHECK_EQ(count, splats.opacities.size());
+  const std::vector<uint32_t> order = OrderInSpace(splats.means);
+  std::vector<PackedSplat> packed(count);
+  ParallelFor((count + kBatch - 1) / kBatch, threads, [&](size_t batch) {
+    const size_t end = std::min((batch + 1) * kBatch, count);
+    for (size_t i = batch * kBatch; i < end; ++i) packed[i] = Pack(splats, order[i]);
+  });
+  return packed;
+}
+
+// In the Gaussian's own round space: o' = W (o - m), d' = W d. The ray is closest to the centre at
+// t = -o'.d' / d'.d', at the distance |o' x d'| / |d'|, which stays exact where one axis is so short
+// that o' and d' are large.
+std::optional<SplatOnRay> MeetSplat(const PackedSplat& splat, uint32_t place, const SplatRay& ray) {
+  const Eigen::Matrix3d whitening = WhiteningOf(splat);
+  const Eigen::Vector3d origin = whitening * (ray.origin - MeanOf(splat));
+  const Eigen::Vector3d direction = whitening * ray.direction;
+  const double length2 = direction.squaredNorm();
+  const double distance2 = origin.cross(direction).squaredNorm() / length2;
+  if (!(distance2 <= double{splat.reach2})) return std::nullopt;
+  const double alpha = std::min(kMostAlpha, double{splat.opacity} * std::exp(-0.5 * distance2));
+  return SplatOnRay{-origin.dot(direction) / length2, alpha, place};
+}
+
+std::optional<double> SortVisible(std::vector<SplatOnRay>& met) {
+  std::sort(met.begin(), met.end(), [](const SplatOnRay& a, const SplatOnRay& b) {
+    return std::pair(a.t, a.splat) < std::pair(b.t, b.splat);
+  });
+  double transmittance = 1;
+  for (size_t i = 0; i < met.size(); ++i) {
+    transmittance *= 1 - met[i].alpha;
+    if (transmittance < kLeastTransmittance) {
+      const double end = met[i].t;
+      // It stays, as the sign that there is an end.
+      met.resize(i + 1);
+      return end;
+    }
+  }
+  return std::nullopt;
+}
+
+SplatBlend BlendSplats(std::span<const PackedSplat> splats, const SplatRay& ray,
+                       std::span<const SplatOnRay> met, SplatDepth depth,
+                       std::span<const Eigen::Vector3f> colors) {
+  SplatBlend blend;
+  SplatBlend::Surface surface{0, 0, Eigen::Vector3d::Zero(), 0};
+  std::optional<double> median;
+  double sum_wt = 0;
+  double sum_wtt = 0;
+  double largest = 0;
+  double peak = 0;
+  const double first = met.empty() ? 0 : met.front().t;  // sums of squares are about it
+  for (const SplatOnRay& one : met) {
+    const PackedSplat& splat = splats[one.splat];
+    const double left = blend.transmittance * (1 - one.alpha);
+    if (left < kLeastTransmittance) break;
+    const double weight = blend.transmittance * one.alpha;
+    const Eigen::Matrix3d whitening = WhiteningOf(splat);
+    const double from_first = one.t - first;
+    const double own_variance = 1 / (whitening * ray.direction).squaredNorm();
+    sum_wt += weight * from_first;
+    sum_wtt += weight * (from_first * from_first + own_variance);
+    if (weight > largest) {
+      largest = weight;
+      peak = one.t;
+      surface.heaviest = splat.index;
+    }
+    const Eigen::Vector3d normal =
+        whitening.row(static_cast<int>(splat.flattest)).transpose().normalized();
+    surface.normal += normal.dot(ray.direction) > 0 ? -weight * normal : weight * normal;
+    if (!colors.empty()) blend.color += static_cast<float>(weight) * colors[splat.index];
+    blend.transmittance = left;
+    if (!median && left <= 1 - kSurfaceAlpha) median = one.t;
+  }
+  if (!median) return blend;
+  const double sum_w = 1 - blend.transmittance;
+  const double mean = sum_wt / sum_w;
+  surface.t = DepthOf(depth, *median, first + mean, peak);
+  const double off = surface.t - first;
+  surface.sigma_along_ray = std::sqrt(std::max(0.0, sum_wtt / sum_w - 2 * off * mean + off * off));
+  surface.normal = surface.normal.dot(ray.direction) < 0 ? surface.normal.normalized()
+                                                         : Eigen::Vector3d(-ray.direction);
+  blend.surface = surface;
+  return blend;
+}
+
+}  // namespace raylift
