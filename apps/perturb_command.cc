@@ -115,7 +115,8 @@ void Run(const PerturbFlags& flags, const std::string& options_json) {
                                           .thinned_out = loaded.references.thinned_out,
                                           .threads = flags.run.threads});
   if (geometry.Surface() == nullptr && geometry.maps == nullptr) {
-    throw OptionError("--geometry", flags.geometry, "must be a mesh, a point cloud or depth maps");
+    throw OptionError("--geometry", flags.geometry,
+                      "must be a mesh, a point cloud, splats or depth maps");
   }
   PrintWarnings(loaded.warnings);
   PrintWarnings(geometry.warnings);

@@ -62,7 +62,7 @@ class RenderRun {
       warnings_.push_back("--size: " + *warning);
     }
     tasks_ = SelectTasks(std::move(views), flags.selection);
-    RefuseIdsOfClouds();
+    RefuseIdsOfPoints();
     const Steps steps(flags.run.quiet);
     scene_ = LoadMeshScene(flags.geometry,
                            {.threads = flags.run.threads,
@@ -110,19 +110,24 @@ class RenderRun {
   }
 
  private:
-  void RefuseIdsOfClouds() const {
-    const auto cloud = std::find_if(flags_.geometry.begin(), flags_.geometry.end(), IsCloudSpec);
+  void RefuseIdsOfPoints() const {
+    const auto points = std::find_if(
+        flags_.geometry.begin(), flags_.geometry.end(),
+        [](const std::string& spec) { return SurfaceKindOf(spec) != SurfaceKind::kMesh; });
     const auto ids = std::find_if(options_.products.begin(), options_.products.end(),
                                   [](const ProductOutput& output) { return IsId(output.product); });
-    if (cloud == flags_.geometry.end() || ids == options_.products.end()) return;
-    throw OptionError(
-        "--geometry", *cloud,
-        fmt::format("a point cloud has no map of {}s: a mesh is needed", ToString(ids->product)));
+    if (points == flags_.geometry.end() || ids == options_.products.end()) return;
+    throw OptionError("--geometry", *points,
+                      fmt::format("a {} has no map of {}s: a mesh is needed",
+                                  ToString(SurfaceKindOf(*points)), ToString(ids->product)));
   }
 
   std::string DescribeScene() const {
     if (const Surfels* surfels = scene_.caster->surfels()) {
       return fmt::format("point cloud: {} points", surfels->discs.size());
+    }
+    if (const Splats* splats = scene_.caster->splats()) {
+      return fmt::format("splats: {} Gaussians", splats->means.size());
     }
     const TriangleMesh& mesh = scene_.caster->mesh();
     return fmt::format("mesh: {} triangles, {} vertices", mesh.triangles.size(),

@@ -101,7 +101,8 @@ void AddInputOptions(CLI::App& command, RenderFlags& flags) {
                   "mesh:PATH[,build=low|medium]: PLY, OBJ, glTF, STL, ...; a.ply+b.ply,\n"
                   "tiles/*.ply or a folder, and several --geometry, are one scene; the\n"
                   "acceleration structure is built in medium quality by default; or\n"
-                  "cloud:PATH[,key=value...], a point cloud, as localize takes it")
+                  "cloud:PATH[,key=value...], a point cloud, or splat:FILE[,key=value...],\n"
+                  "Gaussian splats, as localize takes them")
       ->required()
       ->allow_extra_args(false)
       ->group("Scene");

@@ -89,6 +89,7 @@ std::string GeometryFingerprint(const SceneSource& source, const SceneInputs& in
   switch (source.geometry.kind) {
     case GeometryKind::kMesh:
     case GeometryKind::kCloud:
+    case GeometryKind::kSplats:
       return HexText(SurfaceHash(*source.geometry.Surface(), inputs.threads));
     case GeometryKind::kDepth:
       return FolderFingerprint(folder, inputs.out);

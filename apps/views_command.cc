@@ -141,10 +141,12 @@ void Run(const ViewsFlags& flags) {
                              .any_side = flags.any_side,
                              .threads = flags.run.threads};
   for (const std::string& spec : flags.geometry) {
-    if (!IsCloudSpec(spec)) continue;
+    const SurfaceKind kind = SurfaceKindOf(spec);
+    if (kind == SurfaceKind::kMesh) continue;
     throw OptionError("--geometry", spec,
-                      "views are chosen on a mesh; for a point cloud, mesh it or give render a "
-                      "--model or --cameras");
+                      fmt::format("views are chosen on a mesh; for a {}, mesh it or give render a "
+                                  "--model or --cameras",
+                                  ToString(kind)));
   }
   RefuseFinished(flags.out / (flags.text ? "images.txt" : "images.bin"), flags.overwrite);
   RequireWritable(flags.out / "images.bin");

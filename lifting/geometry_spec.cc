@@ -22,8 +22,8 @@ namespace raylift {
 namespace {
 
 constexpr std::string_view kForms =
-    "expected mesh:PATH[,key=value...], cloud:PATH[,key=value...], depth:DIR[,key=value...] or "
-    "sfm[:DIR][,key=value...]";
+    "expected mesh:PATH[,key=value...], cloud:PATH[,key=value...], splat:FILE[,key=value...], "
+    "depth:DIR[,key=value...] or sfm[:DIR][,key=value...]";
 constexpr std::string_view kSfmKeys = "radius (px), min_track, max_error (px), near, far";
 
 using BackFaces = SurfaceLimits::BackFaces;
@@ -75,6 +75,27 @@ NamedGeometry MakeCloud(const CloudSpec& spec, int threads) {
                                     MedianRadius(surfels));
   geometry.warnings = surfels.warnings;
   geometry.source = std::make_shared<const MeshSource>(fmt::format("cloud:{}", spec.files),
+                                                       geometry.cloud, spec.options);
+  return geometry;
+}
+
+NamedGeometry MakeSplats(const SplatSpec& spec) {
+  RayCasterOptions caster;
+  caster.build_quality = spec.build.value_or(RayCasterOptions::BuildQuality::kLow);
+  const OpenedSplats opened = OpenSplats(spec, caster);
+  NamedGeometry geometry;
+  geometry.kind = GeometryKind::kSplats;
+  geometry.placement = spec.placement;
+  geometry.cloud = opened.caster;
+  const Splats& splats = *geometry.cloud->splats();
+  geometry.understood =
+      fmt::format("{} Gaussians, {} depth", splats.means.size(), ToString(spec.depth));
+  if (opened.transform) {
+    geometry.understood +=
+        fmt::format(", put in the world by {}", opened.transform->filename().string());
+  }
+  geometry.warnings = splats.warnings;
+  geometry.source = std::make_shared<const MeshSource>(fmt::format("splat:{}", spec.files),
                                                        geometry.cloud, spec.options);
   return geometry;
 }
@@ -211,6 +232,9 @@ NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext&
   if (kind == "cloud" && has_path && !rest.empty()) {
     return MakeCloud(ParseCloudSpec(spec, MeshUse::kLift), context.threads);
   }
+  if (kind == "splat" && has_path && !rest.empty()) {
+    return MakeSplats(ParseSplatSpec(spec, MeshUse::kLift));
+  }
   if (kind == "depth" && has_path) return MakeDepth(SpecKeys(spec, rest), context);
   if (kind == "sfm") return MakeSfm(SpecKeys(spec, rest), context);
   throw OptionError("geometry", spec, kForms);
@@ -229,6 +253,10 @@ std::string GeometryHelp() {
       "  (ascii, binary) or text (.xyz, .txt, .asc, .pts, .csv). Keys:\n"
       "  radius=auto|NUMBER (auto: by the density), neighbors (points that a disc is\n"
       "  made of: 16; more against noise), and those of a mesh but for back_faces\n"
+      "splat:FILE[,key=value...]: Gaussian splats (3DGS, 2DGS; PLY as trained, or compressed).\n"
+      "  Keys: depth={} (of a ray), transform=FILE|none (nerfstudio's\n"
+      "  dataparser_transforms.json; by default the one beside FILE), and those of a\n"
+      "  mesh but for back_faces\n"
       "depth:DIR[,key=value...]: depth maps. Keys:\n"
       "  preset={}\n"
       "  pattern (file of an image: {{name}}, {{dir}}, {{stem}}, {{base}}),\n"
@@ -240,8 +268,8 @@ std::string GeometryHelp() {
       "sfm[:DIR][,key=value...]: the points of a COLMAP model (default: the references').\n"
       "  Keys: radius (px, of features that are not the model's), min_track,\n"
       "  max_error (px), near, far",
-      NameList<BackFaces>(), NameList<BuildQuality>(), DepthPresetNames(), NameList<DepthKind>(),
-      NameList<DepthInterpolation>(), NameList<MapOrientation>());
+      NameList<BackFaces>(), NameList<BuildQuality>(), NameList<SplatDepth>(), DepthPresetNames(),
+      NameList<DepthKind>(), NameList<DepthInterpolation>(), NameList<MapOrientation>());
 }
 
 }  // namespace raylift

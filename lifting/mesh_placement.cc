@@ -188,4 +188,20 @@ PointCloud Placed(PointCloud cloud, const MeshPlacement& placement) {
   return cloud;
 }
 
+Splats Placed(Splats splats, const MeshPlacement& placement) {
+  if (placement.IsIdentity()) return splats;
+  splats.origin_in_world = placement * splats.origin_in_world;
+  const Eigen::Matrix3d linear = placement.scale * placement.axes;
+  for (Eigen::Vector3f& mean : splats.means) mean = (linear * mean.cast<double>()).cast<float>();
+  // An ellipsoid is its own image in a point, so that a mirror turns it as its negative does.
+  const Eigen::Quaterniond turn(
+      Eigen::Matrix3d(placement.IsMirror() ? -placement.axes : placement.axes));
+  for (Eigen::Quaternionf& rotation : splats.rotations) {
+    rotation = (turn * rotation.cast<double>()).normalized().cast<float>();
+  }
+  for (Eigen::Vector3f& scale : splats.scales) scale *= static_cast<float>(placement.scale);
+  splats.harmonics_from_world = splats.harmonics_from_world * placement.axes.transpose();
+  return splats;
+}
+
 }  // namespace raylift

@@ -4,9 +4,11 @@
 #include <cmath>
 #include <string>
 #include <string_view>
+#include <system_error>
 #include <utility>
 #include <vector>
 
+#include "nerfstudio_frame.h"
 #include "spec_keys.h"
 #include <fmt/format.h>
 
@@ -19,6 +21,7 @@ namespace {
 
 constexpr std::string_view kPrefix = "mesh:";
 constexpr std::string_view kCloudPrefix = "cloud:";
+constexpr std::string_view kSplatPrefix = "splat:";
 
 using BuildQuality = RayCasterOptions::BuildQuality;
 using BackFaces = SurfaceLimits::BackFaces;
@@ -31,7 +34,8 @@ std::string PlaceKeys() {
 
 std::string FormOf(MeshUse use) {
   if (use == MeshUse::kLift) return "expected mesh:PATH[,key=value...]";
-  return "expected mesh:PATH[,key=value...] or cloud:PATH[,key=value...]; nothing else is rendered";
+  return "expected mesh:PATH[,key=value...], cloud:PATH[,key=value...] or "
+         "splat:FILE[,key=value...]; nothing else is rendered";
 }
 
 std::string KeysOf(MeshUse use) {
@@ -41,11 +45,20 @@ std::string KeysOf(MeshUse use) {
       NameList<BackFaces>(), PlaceKeys());
 }
 
+// Of what has neither front nor back: its own keys, and those that it shares with meshes.
+std::string KeysWithoutFaces(std::string_view own, MeshUse use) {
+  if (use == MeshUse::kRender) return fmt::format("{}, {}", own, PlaceKeys());
+  return fmt::format("{}, near, far, max_incidence_deg, max_depth_jump, jump_radius_px, {}", own,
+                     PlaceKeys());
+}
+
 std::string CloudKeysOf(MeshUse use) {
-  constexpr std::string_view kDiscKeys = "radius=auto|NUMBER, neighbors";
-  if (use == MeshUse::kRender) return fmt::format("{}, {}", kDiscKeys, PlaceKeys());
-  return fmt::format("{}, near, far, max_incidence_deg, max_depth_jump, jump_radius_px, {}",
-                     kDiscKeys, PlaceKeys());
+  return KeysWithoutFaces("radius=auto|NUMBER, neighbors", use);
+}
+
+std::string SplatKeysOf(MeshUse use) {
+  return KeysWithoutFaces(fmt::format("depth={}, transform=FILE|none", NameList<SplatDepth>()),
+                          use);
 }
 
 MeshPlacement TakePlacement(SpecKeys& keys) {
@@ -101,7 +114,7 @@ void RefuseKeysOfLifting(const SpecKeys& keys, std::string_view known) {
   }
 }
 
-// What meshes and clouds have in common.
+// What they all have in common.
 void TakeSurfaceKeys(SpecKeys& keys, MeshSpec& spec) {
   spec.files = keys.path();
   spec.placement = TakePlacement(keys);
@@ -144,11 +157,9 @@ MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
   return mesh;
 }
 
-bool IsCloudSpec(std::string_view spec) { return spec.starts_with(kCloudPrefix); }
-
 CloudSpec ParseCloudSpec(const std::string& spec, MeshUse use) {
   constexpr std::string_view kForm = "expected cloud:PATH[,key=value...]";
-  if (!IsCloudSpec(spec)) throw OptionError("geometry", spec, kForm);
+  if (!spec.starts_with(kCloudPrefix)) throw OptionError("geometry", spec, kForm);
   SpecKeys keys(spec, std::string_view(spec).substr(kCloudPrefix.size()));
   if (keys.path().empty()) keys.Fail(kForm);
   if (use == MeshUse::kRender) RefuseKeysOfLifting(keys, CloudKeysOf(use));
@@ -159,6 +170,25 @@ CloudSpec ParseCloudSpec(const std::string& spec, MeshUse use) {
   return cloud;
 }
 
+SplatSpec ParseSplatSpec(const std::string& spec, MeshUse use) {
+  constexpr std::string_view kForm = "expected splat:FILE[,key=value...]";
+  if (!spec.starts_with(kSplatPrefix)) throw OptionError("geometry", spec, kForm);
+  SpecKeys keys(spec, std::string_view(spec).substr(kSplatPrefix.size()));
+  if (keys.path().empty()) keys.Fail(kForm);
+  if (use == MeshUse::kRender) RefuseKeysOfLifting(keys, SplatKeysOf(use));
+  SplatSpec splats;
+  TakeSurfaceKeys(keys, splats);
+  splats.depth = keys.TakeNamed<SplatDepth>("depth").value_or(splats.depth);
+  splats.transform = keys.Take("transform").value_or("");
+  keys.ExpectAllTaken(SplatKeysOf(use));
+  return splats;
+}
+
+SurfaceKind SurfaceKindOf(std::string_view spec) {
+  if (spec.starts_with(kCloudPrefix)) return SurfaceKind::kCloud;
+  return spec.starts_with(kSplatPrefix) ? SurfaceKind::kSplats : SurfaceKind::kMesh;
+}
+
 std::shared_ptr<const RayCaster> OpenCloud(const CloudSpec& spec, int threads,
                                            const RayCasterOptions& options) {
   SurfelOptions surfels = spec.surfels;
@@ -166,6 +196,23 @@ std::shared_ptr<const RayCaster> OpenCloud(const CloudSpec& spec, int threads,
   PointCloud cloud = Placed(ReadPointClouds(ListCloudFiles(spec.files)), spec.placement);
   return std::make_shared<const RayCaster>(
       std::make_shared<const Surfels>(MakeSurfels(std::move(cloud), surfels)), options);
+}
+
+OpenedSplats OpenSplats(const SplatSpec& spec, const RayCasterOptions& options) {
+  OpenedSplats opened;
+  const std::filesystem::path file = spec.files;
+  if (spec.transform.empty()) {
+    const std::filesystem::path beside = file.parent_path() / kNerfstudioTransforms;
+    std::error_code ignored;
+    if (std::filesystem::is_regular_file(beside, ignored)) opened.transform = beside;
+  } else if (spec.transform != "none") {
+    opened.transform = spec.transform;
+  }
+  MeshPlacement placement = spec.placement;
+  if (opened.transform) placement = placement * ReadNerfstudioPlacement(*opened.transform);
+  auto splats = std::make_shared<const Splats>(Placed(ReadSplats(file), placement));
+  opened.caster = std::make_shared<const RayCaster>(std::move(splats), spec.depth, options);
+  return opened;
 }
 
 }  // namespace raylift

@@ -41,7 +41,8 @@ std::string WritePerturbedDepth(const path& folder, const std::string& spec,
     opening.threads = threads;
     const NamedGeometry geometry = MakeGeometrySource(spec, opening);
     if (geometry.Surface() == nullptr && geometry.maps == nullptr) {
-      throw InputError("only meshes, point clouds and depth maps can be perturbed, not " + spec);
+      throw InputError("only meshes, point clouds, splats and depth maps can be perturbed, not " +
+                       spec);
     }
     ParallelFor(context.references.size(), threads, [&](size_t i) {
       const PosedImage& image = context.references[i];

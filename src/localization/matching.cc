@@ -74,7 +74,7 @@ std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Que
     if (how.mesh == nullptr) how.mesh = scene.Surface();
     if (how.method == RetrievalMethod::kOverlap && how.mesh == nullptr) {
       throw InputError(
-          "references are retrieved by overlap, but the scene has no mesh or point cloud");
+          "references are retrieved by overlap, but the scene has no mesh, point cloud or splats");
     }
     if (how.method == RetrievalMethod::kCovisibility && scene.covisibility != nullptr) {
       how.covisibility = *scene.covisibility;

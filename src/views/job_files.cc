@@ -94,6 +94,8 @@ std::string JobHeader(const RayCaster& scene, const RenderJobOptions& options) {
   const std::string hash = HexText(SurfaceHash(scene, options.threads));
   if (const Surfels* surfels = scene.surfels()) {
     json["cloud"] = {{"points", surfels->discs.size()}, {"hash", hash}};
+  } else if (const Splats* splats = scene.splats()) {
+    json["splats"] = {{"gaussians", splats->means.size()}, {"hash", hash}};
   } else {
     const TriangleMesh& mesh = scene.mesh();
     json["mesh"] = {

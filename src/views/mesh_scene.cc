@@ -59,16 +59,22 @@ size_t BytesOf(const TriangleMesh& mesh) {
 
 double Seconds(Clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
 
-MeshScene LoadCloudScene(const CloudSpec& spec, int threads,
-                         const std::function<void(const std::string&)>& on_step) {
+// One that is not of triangles, as `open` makes it.
+template <typename Spec, typename Open>
+MeshScene LoadAlone(const Spec& spec, const std::function<void(const std::string&)>& on_step,
+                    const Open& open) {
   RayCasterOptions build;
   build.build_quality = spec.build.value_or(BuildQuality::kMedium);
   const auto start = Clock::now();
   on_step("reading and placing points: " + spec.files);
   MeshScene scene;
-  scene.caster = OpenCloud(spec, threads, build);
-  scene.warnings = scene.caster->surfels()->warnings;
-  scene.mesh_bytes = scene.caster->surfels()->MemoryBytes();
+  scene.caster = open(spec, build);
+  const auto take = [&scene](const auto& points) {
+    scene.warnings = points.warnings;
+    scene.mesh_bytes = points.MemoryBytes();
+  };
+  if (const Surfels* surfels = scene.caster->surfels()) take(*surfels);
+  if (const Splats* splats = scene.caster->splats()) take(*splats);
   scene.tree_bytes = scene.caster->MemoryBytes();
   scene.read_s = Seconds(Clock::now() - start);
   return scene;
@@ -82,12 +88,23 @@ MeshScene LoadMeshScene(const std::vector<std::string>& specs, const MeshSceneOp
     if (options.on_step) options.on_step(step);
   };
   for (const std::string& spec : specs) {
-    if (!IsCloudSpec(spec)) continue;
+    const SurfaceKind kind = SurfaceKindOf(spec);
+    if (kind == SurfaceKind::kMesh) continue;
     if (specs.size() > 1) {
       throw OptionError("geometry", spec,
-                        "a point cloud is rendered alone; cloud:a.ply+b.ply are one cloud");
+                        kind == SurfaceKind::kCloud
+                            ? "a point cloud is rendered alone; cloud:a.ply+b.ply are one cloud"
+                            : "splats are rendered alone");
     }
-    return LoadCloudScene(ParseCloudSpec(spec, MeshUse::kRender), options.threads, on_step);
+    if (kind == SurfaceKind::kSplats) {
+      return LoadAlone(
+          ParseSplatSpec(spec, MeshUse::kRender), on_step,
+          [](const auto& splats, const auto& build) { return OpenSplats(splats, build).caster; });
+    }
+    return LoadAlone(ParseCloudSpec(spec, MeshUse::kRender), on_step,
+                     [&options](const auto& cloud, const auto& build) {
+                       return OpenCloud(cloud, options.threads, build);
+                     });
   }
   const SceneSpec parsed = ParseSpecs(specs);
   RayCasterOptions build;

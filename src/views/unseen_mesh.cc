@@ -28,6 +28,12 @@ Box BoxOf(const RayCaster& scene) {
     }
     return box;
   }
+  if (const Splats* splats = scene.splats()) {
+    for (const Eigen::Vector3f& mean : splats->means) {
+      box.extend(splats->origin_in_world + mean.cast<double>());
+    }
+    return box;
+  }
   const TriangleMesh& mesh = scene.mesh();
   for (uint32_t i = 0; i < mesh.vertices.size(); ++i) box.extend(mesh.VertexInWorld(i));
   return box;
@@ -62,8 +68,8 @@ std::string WhyTheMeshIsUnseen(const RayCaster& scene,
   Box camera_box;
   for (const Eigen::Vector3d& center : camera_centers) camera_box.extend(center);
   return fmt::format("none of {} images sees the {}, which is at {}; the cameras are at {}: {}",
-                     camera_centers.size(), scene.surfels() != nullptr ? "point cloud" : "mesh",
-                     Text(mesh_box), Text(camera_box), Reason(camera_box, mesh_box));
+                     camera_centers.size(), ToString(scene.kind()), Text(mesh_box),
+                     Text(camera_box), Reason(camera_box, mesh_box));
 }
 
 }  // namespace raylift

@@ -1,4 +1,4 @@
-// Why cameras may all miss a mesh or point cloud. Private to views.
+// Why cameras may all miss a mesh, point cloud or splats. Private to views.
 
 #pragma once
 

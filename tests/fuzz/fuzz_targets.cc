@@ -51,7 +51,8 @@ std::vector<FuzzTarget> AllFuzzTargets() {
   std::vector<FuzzTarget> all;
   for (const auto group :
        {ColmapFuzzTargets, SceneFuzzTargets, DepthFuzzTargets, FeatureFuzzTargets, MeshFuzzTargets,
-        CloudFuzzTargets, DatasetFuzzTargets, OptionFuzzTargets, RunFuzzTargets}) {
+        CloudFuzzTargets, DatasetFuzzTargets, SplatFuzzTargets, OptionFuzzTargets,
+        RunFuzzTargets}) {
     std::ranges::copy(group(), std::back_inserter(all));
   }
   return all;

@@ -32,6 +32,7 @@ std::vector<FuzzTarget> DepthFuzzTargets();
 std::vector<FuzzTarget> FeatureFuzzTargets();
 std::vector<FuzzTarget> MeshFuzzTargets();
 std::vector<FuzzTarget> CloudFuzzTargets();
+std::vector<FuzzTarget> SplatFuzzTargets();
 std::vector<FuzzTarget> DatasetFuzzTargets();
 std::vector<FuzzTarget> OptionFuzzTargets();
 std::vector<FuzzTarget> RunFuzzTargets();

@@ -24,7 +24,8 @@ constexpr std::string_view kSpecWords =
     "rotation= translation= world= radius= neighbors= preset=colmap preset=7scenes pattern= "
     "kind=ray kind=inverse unit=mm unit= invalid= max_depth= layer= size=64x48 "
     "orientation=half_turn "
-    "first_sample_px= confidence= interpolation= max_jump= min_track= nan inf 1e308 1e-320 -1";
+    "first_sample_px= depth=peak transform=none confidence= interpolation= max_jump= min_track= "
+    "nan inf 1e308 1e-320 -1";
 
 }  // namespace
 
@@ -40,6 +41,12 @@ std::vector<FuzzTarget> OptionFuzzTargets() {
        [](std::string_view bytes) { ParseCloudSpec("cloud:" + Text(bytes), MeshUse::kRender); },
        [] {
          return std::vector<std::string>{"a.las,build=low", "a+b.ply"};
+       },
+       kSpecWords},
+      {"splat_spec",
+       [](std::string_view bytes) { ParseSplatSpec("splat:" + Text(bytes), MeshUse::kLift); },
+       [] {
+         return std::vector<std::string>{"a.ply,depth=median,transform=none", "a.ply,far=3"};
        },
        kSpecWords},
       {"depth_spec",

@@ -1,6 +1,7 @@
 #include "raylift/lifting/geometry_spec.h"
 
 #include "support/matchers.h"
+#include "support/splat_files.h"
 #include "support/test_data.h"
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -40,10 +41,10 @@ TEST(MakeGeometrySource, OpensAMeshAndPassesItsWarningsOn) {
 
 TEST(MakeGeometrySource, UnknownKindsKeysAndValuesAreOptionErrors) {
   const std::string forms =
-      ": expected mesh:PATH[,key=value...], cloud:PATH[,key=value...], depth:DIR[,key=value...] or "
-      "sfm[:DIR][,key=value...]";
-  for (const std::string spec :
-       {"foo:x", "cloud", "cloud:", "mesh", "mesh:", "mesh,far=1", "depth:", "sfmx:a", ""}) {
+      ": expected mesh:PATH[,key=value...], cloud:PATH[,key=value...], splat:FILE[,key=value...], "
+      "depth:DIR[,key=value...] or sfm[:DIR][,key=value...]";
+  for (const std::string spec : {"foo:x", "cloud", "cloud:", "splat", "splat:", "mesh",
+                                 "mesh:", "mesh,far=1", "depth:", "sfmx:a", ""}) {
     EXPECT_EQ(OptionErrorOf(spec).substr(0, ("geometry = " + spec + forms).size()),
               "geometry = " + spec + forms);
   }
@@ -62,6 +63,9 @@ TEST(MakeGeometrySource, UnknownKindsKeysAndValuesAreOptionErrors) {
   says("cloud:a.ply,radius=0", "expected radius=auto or a positive number");
   says("cloud:a.ply,neighbors=2", "expected neighbors=8 to 1000");
   says("cloud:a.ply,back_faces=drop", "unknown key \"back_faces\"; there are radius=auto|NUMBER");
+  says("splat:a.ply,depth=mean", "expected depth=median|expected|peak");
+  says("splat:a.ply,back_faces=drop", "unknown key \"back_faces\"; there are depth=median");
+  says("splat:a.ply,scale=0", "expected a positive scale");
   says("depth:d,preset=foo", "expected preset=colmap|nerfstudio|");
   says("depth:d,kind=y", "expected kind=z|ray|inverse");
   says("depth:d,orientation=left", "expected orientation=as_stored|flipped_x|");
@@ -100,6 +104,77 @@ TEST(MakeGeometrySource, OpensAPointCloud) {
   }
   const NamedGeometry near = MakeGeometrySource("cloud:" + path.string() + ",far=1");
   EXPECT_FALSE(near.source->Lift({}, {&pixel, 1})[0]);
+}
+
+// A disc across the ray of the first pixel, two units away, in front of a fainter one.
+std::filesystem::path WriteSplats() {
+  const auto path = TestFolder() / "splats.ply";
+  const std::vector<TestSplat> splats = {
+      {.mean = {0, 0, 2}, .scale = {1, 1, 1e-3}, .opacity = 0.6},
+      {.mean = {0, 0, 3}, .scale = {1, 1, 1e-3}, .opacity = 0.5}};
+  WriteFile(path, SplatPly(splats, SplatLayout::kEllipsoids));
+  return path;
+}
+
+TEST(MakeGeometrySource, OpensSplats) {
+  const auto path = WriteSplats();
+  const Eigen::Vector2d pixel(0.5, 0.5);
+  for (const auto& [keys, depth] : {std::pair("", 2.0),
+                                    {",depth=peak", 2.0},
+                                    {",depth=expected", (0.6 * 2 + 0.2 * 3) / 0.8},
+                                    {",scale=2", 4.0},
+                                    {",max_depth_jump=0.1,jump_radius_px=0.001", 2.0}}) {
+    const NamedGeometry geometry = MakeGeometrySource("splat:" + path.string() + keys);
+    EXPECT_EQ(geometry.kind, GeometryKind::kSplats);
+    EXPECT_EQ(geometry.source->Description(), "splat:" + path.string());
+    EXPECT_NE(geometry.Surface(), nullptr);
+    EXPECT_NE(geometry.understood.find("2 Gaussians"), std::string::npos) << geometry.understood;
+    const auto point = geometry.source->Lift({}, {&pixel, 1})[0];
+    ASSERT_TRUE(point) << keys;
+    EXPECT_NEAR(point->depth_z, depth, 1e-5);
+    EXPECT_NEAR(point->incidence_deg, 0, 1e-3);
+    EXPECT_FALSE(point->back_face);
+    ASSERT_TRUE(point->point_sigma);
+    EXPECT_GT(*point->point_sigma, 0.1) << "there is light from both";
+  }
+  EXPECT_FALSE(
+      MakeGeometrySource("splat:" + path.string() + ",far=1").source->Lift({}, {&pixel, 1})[0]);
+  EXPECT_TRUE(FailsWithInputError([] { MakeGeometrySource("splat:/nowhere/a.ply"); },
+                                  {"/nowhere/a.ply", "cannot be read"}));
+}
+
+// nerfstudio's dataparser: point_in_model = scale * (transform * point_in_world).
+TEST(MakeGeometrySource, UndoesWhatNerfstudioDidToTheFrame) {
+  const auto path = WriteSplats();
+  const Eigen::Vector2d pixel(0.5, 0.5);
+  // In the model the disc is at (0, 0, 2): in the world at (0, 0, 2 / 0.25 - 3) = (0, 0, 5).
+  const std::string transforms =
+      R"({"transform": [[0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 3]], "scale": 0.25})";
+  const auto depth_with = [&](const std::string& keys) {
+    const NamedGeometry geometry = MakeGeometrySource("splat:" + path.string() + keys);
+    return geometry.source->Lift({}, {&pixel, 1})[0].value().depth_z;
+  };
+  EXPECT_NEAR(depth_with(""), 2, 1e-5);
+  const auto elsewhere = path.parent_path() / "run";
+  std::filesystem::create_directories(elsewhere);
+  WriteFile(elsewhere / "t.json", transforms);
+  EXPECT_NEAR(depth_with(",transform=" + (elsewhere / "t.json").string()), 5, 1e-5);
+  WriteFile(path.parent_path() / "dataparser_transforms.json", transforms);
+  EXPECT_NEAR(depth_with(""), 5, 1e-5) << "it is found beside the splats";
+  EXPECT_NEAR(depth_with(",scale=2"), 10, 1e-5) << "the placement comes after it";
+  EXPECT_NEAR(depth_with(",transform=none"), 2, 1e-5);
+  EXPECT_NE(
+      MakeGeometrySource("splat:" + path.string()).understood.find("dataparser_transforms.json"),
+      std::string::npos);
+  for (const auto& [text, part] :
+       {std::pair("{}", "transform"),
+        {R"({"transform": [[1, 0, 0, 0], [0, 1, 0, 0]], "scale": 1})", "transform"},
+        {R"({"transform": [[1, 0, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0]], "scale": 1})", "transform"},
+        {R"({"transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "scale": 0})", "scale"}}) {
+    WriteFile(elsewhere / "bad.json", text);
+    const std::string keys = ",transform=" + (elsewhere / "bad.json").string();
+    EXPECT_TRUE(FailsWithInputError([&] { depth_with(keys); }, {"bad.json", part}));
+  }
 }
 
 TEST(MakeGeometrySource, EveryKeyOfAMeshWorks) {

@@ -1,5 +1,6 @@
 #include "raylift/lifting/mesh_spec.h"
 
+#include "support/matchers.h"
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
@@ -101,14 +102,61 @@ TEST(ParseMeshSpec, RefusesPlacesThatAreNone) {
   }
 }
 
+// What an eye sees of splats does not depend on the frame that both are in.
+TEST(MeshPlacement, SplatsLookTheSameWhereverTheyArePlaced) {
+  Rng rng = TestRng();
+  Splats splats;
+  splats.degree = 3;
+  for (int i = 0; i < 50; ++i) {
+    splats.means.emplace_back(static_cast<float>(rng.Uniform(-1, 1)),
+                              static_cast<float>(rng.Uniform(-1, 1)),
+                              static_cast<float>(rng.Uniform(2, 4)));
+    splats.rotations.push_back(RandomRigid3(rng, 0).rotation.cast<float>());
+    splats.scales.emplace_back(0.4f, 0.2f, 0.1f);
+    splats.opacities.push_back(0.7f);
+    for (int k = 0; k < 16; ++k) {
+      splats.harmonics.emplace_back(Eigen::Vector3f::Constant(static_cast<float>(rng.Normal())));
+    }
+  }
+  const auto look = [](const Splats& seen, const Ray& ray) {
+    const RayCaster caster(std::make_shared<const Splats>(seen), SplatDepth::kMedian);
+    SplatLook found;
+    caster.LookAtSplats({&ray, 1}, SplatColors(seen, ray.origin_in_world, 1), {&found, 1});
+    return found;
+  };
+  for (const bool mirrored : {false, true}) {
+    MeshPlacement placement{.scale = 2.5,
+                            .axes = RandomRigid3(rng, 0).rotation.toRotationMatrix(),
+                            .shift = {1000, -20, 3}};
+    if (mirrored) placement.axes = -placement.axes;
+    const Splats placed = Placed(splats, placement);
+    int hits = 0;
+    for (int i = 0; i < 50; ++i) {
+      const Ray ray{{0, 0, 0}, {rng.Uniform(-0.3, 0.3), rng.Uniform(-0.3, 0.3), 1}};
+      const Ray placed_ray{placement * ray.origin_in_world,
+                           placement.axes * ray.direction_in_world};
+      const SplatLook before = look(splats, ray);
+      const SplatLook after = look(placed, placed_ray);
+      EXPECT_NEAR(after.transmittance, before.transmittance, 1e-5);
+      EXPECT_NEAR((after.color_rgb - before.color_rgb).norm(), 0, 1e-4);
+      ASSERT_EQ(after.hit.has_value(), before.hit.has_value());
+      if (!before.hit) continue;
+      ++hits;
+      EXPECT_NEAR(after.hit->ray_t, 2.5 * before.hit->ray_t, 1e-4);
+      EXPECT_NEAR(after.hit->sigma, 2.5 * before.hit->sigma, 1e-4);
+    }
+    EXPECT_GT(hits, 10);
+  }
+}
+
 TEST(ParseMeshSpec, WhatIsNoMeshSaysWhatIsWanted) {
   for (const std::string spec : {"depth:maps", "a.ply", "mesh:", "mesh:,build=low"}) {
     EXPECT_EQ(OptionErrorOf(spec, MeshUse::kLift),
               "geometry = " + spec + ": expected mesh:PATH[,key=value...]");
     EXPECT_EQ(OptionErrorOf(spec, MeshUse::kRender),
               "geometry = " + spec +
-                  ": expected mesh:PATH[,key=value...] or cloud:PATH[,key=value...]; "
-                  "nothing else is rendered");
+                  ": expected mesh:PATH[,key=value...], cloud:PATH[,key=value...] or "
+                  "splat:FILE[,key=value...]; nothing else is rendered");
   }
 }
 

@@ -1,5 +1,6 @@
 #include "raylift/views/mesh_scene.h"
 
+#include "support/splat_files.h"
 #include "support/test_data.h"
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -50,6 +51,18 @@ TEST(LoadMeshScene, APointCloudIsAlone) {
   EXPECT_GT(scene.mesh_bytes, 400u * 4 * sizeof(float));
   EXPECT_THROW(LoadMeshScene({TriangleSpec(folder, "a.obj"), cloud}), OptionError);
   EXPECT_THROW(LoadMeshScene({cloud + ",far=1"}), OptionError);
+}
+
+TEST(LoadMeshScene, SplatsAreAlone) {
+  const auto folder = TestFolder();
+  WriteFile(folder / "wall.ply", SplatPly({{TestSplat{}}}, SplatLayout::kEllipsoids));
+  const std::string splats = "splat:" + (folder / "wall.ply").string();
+  const MeshScene scene = LoadMeshScene({splats + ",depth=peak"});
+  EXPECT_EQ(scene.caster->splats()->means.size(), 1u);
+  EXPECT_EQ(scene.caster->splat_depth(), SplatDepth::kPeak);
+  EXPECT_GT(scene.mesh_bytes, 0u);
+  EXPECT_THROW(LoadMeshScene({TriangleSpec(folder, "a.obj"), splats}), OptionError);
+  EXPECT_THROW(LoadMeshScene({splats + ",far=1"}), OptionError);
 }
 
 TEST(LoadMeshScene, RefusesWhatDoesNotConcernRendering) {

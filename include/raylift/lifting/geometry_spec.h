@@ -1,5 +1,5 @@
-// Geometry sources by specification: "mesh:scene.ply", "cloud:scan.las", "depth:maps,kind=ray",
-// "sfm".
+// Geometry sources by specification: "mesh:scene.ply", "cloud:scan.las", "splat:point_cloud.ply",
+// "depth:maps,kind=ray", "sfm".
 
 #pragma once
 
@@ -20,21 +20,21 @@
 
 namespace raylift {
 
-enum class GeometryKind { kMesh, kCloud, kDepth, kSfm };
+enum class GeometryKind { kMesh, kCloud, kSplats, kDepth, kSfm };
 
 struct NamedGeometry {
   GeometryKind kind = GeometryKind::kMesh;
   std::shared_ptr<const GeometrySource> source;
   std::shared_ptr<const RayCaster> mesh;              // of a mesh source; else null
   std::shared_ptr<const DepthFolder> maps = nullptr;  // of depth maps; else null
-  std::shared_ptr<const RayCaster> cloud = nullptr;   // of a point cloud; else null
+  std::shared_ptr<const RayCaster> cloud = nullptr;   // of a point cloud or splats; else null
   // How the files were read ("PNG uint16 640 x 480, z").
   std::string understood = {};
   std::vector<std::string> warnings;  // what the user should know of the files
   std::optional<InputReading> depth_reading = std::nullopt;  // of depth maps
-  MeshPlacement placement = {};  // of a mesh or cloud, by its specification
+  MeshPlacement placement = {};  // of a mesh, cloud or splats, by its specification
 
-  // What can be rendered: the mesh or the cloud; null where there is neither.
+  // What can be rendered: the mesh, cloud or splats; null where there is none of them.
   std::shared_ptr<const RayCaster> Surface() const { return mesh != nullptr ? mesh : cloud; }
 };
 
@@ -48,9 +48,9 @@ struct GeometryContext {
   int threads = 0;                           // to read a mesh; <= 0: all
 };
 
-// Opens "mesh:PATH[,key=value...]", "cloud:PATH[,key=value...]", "depth:DIR[,key=value...]" or
-// "sfm[:DIR][,key=value...]" (by default the references' own model); GeometryHelp() lists the keys.
-// OptionError for an unknown kind, key or value, InputError where a file cannot be read.
+// Opens "mesh:PATH[,key=value...]", "cloud:PATH[,key=value...]", "splat:FILE[,key=value...]",
+// "depth:DIR[,key=value...]" or "sfm[:DIR][,key=value...]" (by default the references' own model);
+// GeometryHelp() lists the keys. OptionError for an unknown kind, key or value, InputError where a file cannot be read.
 NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext& context = {});
 
 // The forms of a specification and their keys, for help texts.

@@ -1,5 +1,5 @@
-// Where a mesh or point cloud belongs in the world of the references, for those in another unit,
-// with other axes or about another origin:
+// Where a mesh, point cloud or splats belong in the world of the references, for those in another
+// unit, with other axes or about another origin:
 //
 //   point_in_world = scale * axes * point_in_mesh + shift
 
@@ -13,6 +13,7 @@
 #include <Eigen/Core>
 
 #include "raylift/renderers/point_cloud.h"
+#include "raylift/renderers/splats.h"
 #include "raylift/renderers/triangle_mesh.h"
 
 namespace raylift {
@@ -48,12 +49,13 @@ std::optional<MeshPlacement> PlacementFromMatrix(std::span<const double> row_maj
 // In words: "the mesh times 0.001, mirrored (its -x/y/z are x/y/z)".
 std::string Describe(const MeshPlacement& placement);
 
-// The keys of mesh:... and cloud:... that say it: "scale=0.001,axes=x/-z/y,shift=0/5/0", or
+// The keys of mesh:..., cloud:... and splat:... that say it: "scale=0.001,axes=x/-z/y,shift=0/5/0", or
 // "matrix=..." where the axes have no name. Empty where it does nothing.
 std::string KeysOf(const MeshPlacement& placement);
 
 // Triangles of a mirrored mesh are wound the other way, so that what was in front stays so.
 TriangleMesh Placed(TriangleMesh mesh, const MeshPlacement& placement);
 PointCloud Placed(PointCloud cloud, const MeshPlacement& placement);
+Splats Placed(Splats splats, const MeshPlacement& placement);
 
 }  // namespace raylift

@@ -1,8 +1,9 @@
-// A mesh by name, "mesh:PATH[,key=value...]", or a point cloud, "cloud:PATH[,key=value...]": one
-// grammar for all who lift from it or render it.
+// A mesh by name, "mesh:PATH[,key=value...]", a point cloud, "cloud:PATH[,key=value...]", or Gaussian
+// splats, "splat:FILE[,key=value...]": one grammar for all who lift from them or render them.
 
 #pragma once
 
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -11,6 +12,7 @@
 #include "raylift/lifting/mesh_placement.h"
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/renderers/ray_caster.h"
+#include "raylift/renderers/splats.h"
 #include "raylift/renderers/surfels.h"
 
 namespace raylift {
@@ -37,11 +39,30 @@ MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use);
 struct CloudSpec : MeshSpec {
   SurfelOptions surfels = {};
 };
-bool IsCloudSpec(std::string_view spec);
 CloudSpec ParseCloudSpec(const std::string& spec, MeshUse use);
+
+// What a mesh has but for front and back; where the surface of splats is taken to be, and what they
+// were trained in.
+struct SplatSpec : MeshSpec {
+  SplatDepth depth = SplatDepth::kMedian;
+  // nerfstudio's dataparser_transforms.json, which is undone before the placement: empty for the one
+  // beside the splats, if there is one; "none".
+  std::string transform = {};
+};
+SplatSpec ParseSplatSpec(const std::string& spec, MeshUse use);
+
+// By what it starts with: a mesh where that is neither "cloud:" nor "splat:".
+SurfaceKind SurfaceKindOf(std::string_view spec);
 
 // Reads the files, puts the points where they belong and casts rays at their discs.
 std::shared_ptr<const RayCaster> OpenCloud(const CloudSpec& spec, int threads,
                                            const RayCasterOptions& options);
+
+// Reads the file and undoes what nerfstudio did to its frame. `transform` is the file that says it.
+struct OpenedSplats {
+  std::shared_ptr<const RayCaster> caster;
+  std::optional<std::filesystem::path> transform;
+};
+OpenedSplats OpenSplats(const SplatSpec& spec, const RayCasterOptions& options);
 
 }  // namespace raylift

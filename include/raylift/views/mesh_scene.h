@@ -1,4 +1,4 @@
-// The mesh or point cloud that a job renders, from specifications of geometry.
+// The mesh, point cloud or splats that a job renders, from specifications of geometry.
 
 #pragma once
 
@@ -29,7 +29,7 @@ struct MeshSceneOptions {
 };
 
 // "mesh:PATH[,build=low|medium]" each (by default medium), all of which are one scene, or a
-// "cloud:PATH" alone. OptionError for a specification that is none or contradicts another one,
+// "cloud:PATH" or "splat:FILE" alone. OptionError for a specification that is none or contradicts another one,
 // InputError where a file cannot be read or is no mesh.
 MeshScene LoadMeshScene(const std::vector<std::string>& specs,
                         const MeshSceneOptions& options = {});
