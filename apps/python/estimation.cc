@@ -1,5 +1,8 @@
 // Pose problems and their estimates.
 
+#include <algorithm>
+#include <limits>
+
 #include "bindings.h"
 #include "conversions.h"
 #include "options_by_keyword.h"
@@ -17,7 +20,8 @@ using OptionalArray = std::optional<ArrayLike>;
 // Indices that may be missing: negative numbers are none.
 std::optional<int> IndexAt(const std::optional<py::array_t<int64_t>>& indices, size_t i) {
   if (!indices || indices->data()[i] < 0) return std::nullopt;
-  return static_cast<int>(indices->data()[i]);
+  constexpr int64_t kBeyondAll = std::numeric_limits<int>::max();  // what no list has so many of
+  return static_cast<int>(std::min(indices->data()[i], kBeyondAll));
 }
 // Deviations that may be missing: NaN is none.
 std::optional<double> SigmaAt(const std::optional<py::array_t<double>>& sigmas, size_t i) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <set>
 
 #include "estimation/covisibility.h"
 #include "estimation/final_refinement.h"
@@ -149,8 +150,12 @@ class RansacEstimator final : public PoseEstimator {
       : options_(options), method_(Configure(options)) {}
 
   PoseEstimate Estimate(const PoseProblem& problem) const override {
-    const double range =
-        std::max(options_.refine_focal ? options_.focal_range : 1, problem.priors.focal_range);
+    const double prior = problem.priors.focal_range;
+    if (!(prior >= 1 && prior <= kMaxFocalRange)) {
+      throw InputError(fmt::format("focal range prior: expected a factor from 1 to {}, found {}",
+                                   kMaxFocalRange, prior));
+    }
+    const double range = std::max(options_.refine_focal ? options_.focal_range : 1, prior);
     const bool is_known = range == 1 || problem.query_camera.is_panorama();
     if (!is_known && !problem.other_cameras.empty()) {
       throw InputError(problem.name + ": the focal lengths of a rig's cameras must be known");
@@ -458,28 +463,36 @@ class HlocEstimator final : public PoseEstimator {
   explicit HlocEstimator(const EstimatorOptions& options) : p3p_(options) {}
 
   PoseEstimate Estimate(const PoseProblem& problem) const override {
-    const std::vector<int> clusters = problem.reference_clusters.empty()
-                                          ? ClusterBySharedKeypoints(problem)
-                                          : problem.reference_clusters;
-    const int num_clusters =
-        clusters.empty() ? 1 : 1 + *std::max_element(clusters.begin(), clusters.end());
-    PoseEstimate best;
+    const std::vector<int> clusters = ClustersOf(problem);
+    std::set<int> names(clusters.begin(), clusters.end());
+    if (names.empty()) names.insert(0);  // of points that no reference has
+    std::optional<PoseEstimate> best;
     int iterations = 0;
-    for (int cluster = 0; cluster < num_clusters; ++cluster) {
+    for (const int cluster : names) {
       PoseEstimate estimate = EstimateCluster(problem, clusters, cluster);
       iterations += estimate.iterations;
       const bool better =
-          estimate.cam_from_world &&
-          (!best.cam_from_world || estimate.score_2d3d.num_inliers > best.score_2d3d.num_inliers);
-      if (better || cluster == 0) {
+          best && estimate.cam_from_world &&
+          (!best->cam_from_world || estimate.score_2d3d.num_inliers > best->score_2d3d.num_inliers);
+      if (better || !best) {
         best = std::move(estimate);
       }
     }
-    best.iterations = iterations;
-    return best;
+    best->iterations = iterations;
+    return *best;
   }
 
  private:
+  static std::vector<int> ClustersOf(const PoseProblem& problem) {
+    if (problem.reference_clusters.empty()) return ClusterBySharedKeypoints(problem);
+    if (problem.reference_clusters.size() != problem.references.size()) {
+      throw InputError(
+          fmt::format("reference_clusters: expected one for each of {} references, found {}",
+                      problem.references.size(), problem.reference_clusters.size()));
+    }
+    return problem.reference_clusters;
+  }
+
   // The estimate from the cluster's matches, its inliers counted among all matches of the problem.
   PoseEstimate EstimateCluster(const PoseProblem& problem, const std::vector<int>& clusters,
                                int cluster) const {
@@ -488,7 +501,9 @@ class HlocEstimator final : public PoseEstimator {
     std::vector<size_t> kept;
     for (size_t i = 0; i < problem.matches_2d3d.size(); ++i) {
       const auto& reference = problem.matches_2d3d[i].reference;
-      if (!reference || clusters[static_cast<size_t>(*reference)] == cluster) {
+      const bool exists =
+          reference && *reference >= 0 && static_cast<size_t>(*reference) < clusters.size();
+      if (!reference || (exists && clusters[static_cast<size_t>(*reference)] == cluster)) {
         kept.push_back(i);
         part.matches_2d3d.push_back(problem.matches_2d3d[i]);
       }

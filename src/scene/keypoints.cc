@@ -4,6 +4,8 @@
 #include <limits>
 #include <map>
 
+#include <fmt/format.h>
+
 #include "raylift/base/error.h"
 
 namespace raylift {
@@ -23,7 +25,10 @@ class IndexCompletion {
     for (const Match& match : matches) {
       if (!match.query_keypoint) continue;
       const int index = *match.query_keypoint;
-      RAYLIFT_CHECK(index >= 0 && index < std::numeric_limits<int>::max());
+      if (index < 0 || index > kLargestKeypoint) {
+        throw InputError(fmt::format("query_keypoint: expected an index from 0 to {}, found {}",
+                                     kLargestKeypoint, index));
+      }
       OfCamera& keypoints = of_camera_[match.camera];
       keypoints.by_pixel.FindOrAdd(match.query_px, index);
       keypoints.next = std::max(keypoints.next, index + 1);

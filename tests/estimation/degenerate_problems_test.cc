@@ -1,6 +1,7 @@
 // Problems on which estimators are known to loop for ever, to return NaN, to crash or to fail
 // silently. One test for each.
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -125,6 +126,44 @@ TEST(DegenerateProblems, AWrongReferenceIndexIsAnOutlier) {
       EXPECT_FALSE(estimate.inliers_2d2d[5]);
       EXPECT_TRUE(IsNearPose(*estimate.cam_from_world, made.query_from_world, 0.15, 0.03));
     }
+  }
+}
+
+TEST(DegenerateProblems, APointOfAReferenceThatDoesNotExistIsInNoCluster) {
+  SyntheticProblem made = Typical();
+  for (const int wrong :
+       {-1, 20, std::numeric_limits<int>::max(), std::numeric_limits<int>::min()}) {
+    made.problem.matches_2d3d[5].reference = wrong;
+    const PoseEstimate estimate = EstimateWith(Method::kHloc, made.problem);
+    ASSERT_TRUE(estimate.cam_from_world);
+    EXPECT_TRUE(IsSound(estimate, made.problem));
+    EXPECT_FALSE(estimate.inliers_2d3d[5]);
+  }
+}
+
+TEST(DegenerateProblems, ClustersMayHaveAnyNumbers) {
+  SyntheticProblem made = Typical();
+  for (Match2D3D& match : made.problem.matches_2d3d) match.reference = 0;
+  made.problem.reference_clusters.assign(made.problem.references.size(), 0);
+  const PoseEstimate expected = EstimateWith(Method::kHloc, made.problem);
+  ASSERT_TRUE(expected.cam_from_world);
+  for (const int number : {-5, std::numeric_limits<int>::max(), std::numeric_limits<int>::min()}) {
+    std::ranges::fill(made.problem.reference_clusters, number);
+    EXPECT_TRUE(IsIdentical(EstimateWith(Method::kHloc, made.problem), expected)) << number;
+  }
+  made.problem.reference_clusters.pop_back();
+  EXPECT_THROW(EstimateWith(Method::kHloc, made.problem), InputError);
+}
+
+TEST(DegenerateProblems, AnIndexOfAKeypointOutOfRangeIsTheInputsFault) {
+  const SyntheticProblem made = Typical();
+  for (const int wrong : {-1, std::numeric_limits<int>::max(), std::numeric_limits<int>::min()}) {
+    PoseProblem problem = made.problem;
+    problem.matches_2d3d[5].query_keypoint = wrong;
+    EXPECT_THROW(EstimateWith(Method::kP3p, problem), InputError);
+    problem = made.problem;
+    problem.matches_2d2d[5].query_keypoint = wrong;
+    EXPECT_THROW(EstimateWith(Method::kP3p, problem), InputError);
   }
 }
 

@@ -22,6 +22,10 @@
 
 namespace raylift {
 
+// Indices of keypoints are from 0 to this one; whatever numbers keypoints throws InputError for
+// others.
+inline constexpr int kLargestKeypoint = 1'000'000'000;
+
 // The keypoints of one image by their places.
 class KeypointsByPixel {
  public:

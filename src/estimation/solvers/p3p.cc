@@ -142,6 +142,15 @@ void PolishDistances(const TriangleEquations& e, Vector3d& l) {
   }
 }
 
+// Of points that are nearly on a line the distances may be those of no triangle, and what turns one
+// into the other is then no rotation.
+Matrix3d NearestRotation(const Matrix3d& matrix) {
+  constexpr double kRounding = 1e-9;
+  const Matrix3d deviation = matrix.transpose() * matrix - Matrix3d::Identity();
+  if (deviation.cwiseAbs().maxCoeff() < kRounding || !matrix.allFinite()) return matrix;
+  return Eigen::Quaterniond(matrix).normalized().toRotationMatrix();
+}
+
 }  // namespace
 
 int SolveP3p(const std::array<Vector3d, 3>& rays, const std::array<Vector3d, 3>& points_in_world,
@@ -228,7 +237,7 @@ int SolveP3p(const std::array<Vector3d, 3>& rays, const std::array<Vector3d, 3>&
       Matrix3d camera_basis;
       camera_basis << e12, e13, e12.cross(e13);
       SolverPose& pose = poses[count];
-      pose.rotation = camera_basis * world_basis_inverse;
+      pose.rotation = NearestRotation(camera_basis * world_basis_inverse);
       pose.translation = q1 - pose.rotation * points_in_world[0];
       if (pose.rotation.allFinite() && pose.translation.allFinite() && count < 4) {
         ++count;

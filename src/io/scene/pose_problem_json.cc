@@ -154,9 +154,8 @@ void ReadSigmasOf2D2D(const JsonPlace& place, PoseProblem* problem) {
 }
 
 int ReadKeypoint(const JsonPlace& place) {
-  constexpr int kLargest = 1'000'000'000;
   const int index = place.Int();
-  if (index < 0 || index > kLargest) {
+  if (index < 0 || index > kLargestKeypoint) {
     place.Fail(fmt::format("expected the index of a keypoint, found {}", index));
   }
   return index;

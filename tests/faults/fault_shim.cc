@@ -1,0 +1,280 @@
+// Preloaded into the program (LD_PRELOAD), it makes one call fail that hardly ever fails by itself:
+//   RAYLIFT_FAULT_CALL    memory|read|write|create|rename|sync|map|thread
+//   RAYLIFT_FAULT_AT      which of them, from 1; 0: none
+//   RAYLIFT_FAULT_REPORT  file for how many there were, written when main ends
+// It counts from main's beginning to its end. Of memory it counts what the program asks for itself
+// or through the standard library, and not what other libraries do: some of them end the process
+// where they get none (faults_test.py says which). Linux with the GNU C library alone.
+
+#include <atomic>
+#include <cerrno>
+#include <cstdarg>
+#include <cstddef>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <new>
+
+#include <dlfcn.h>
+#include <fcntl.h>
+#include <link.h>
+#include <pthread.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <sys/uio.h>
+#include <unistd.h>
+
+extern "C" {
+void* __libc_malloc(size_t size);
+void* __libc_memalign(size_t alignment, size_t size);
+}
+
+namespace {
+
+enum class Call { kNone, kMemory, kRead, kWrite, kCreate, kRename, kSync, kMap, kThread };
+
+Call chosen = Call::kNone;
+long fails_at = 0;
+std::atomic<long> count = 0;
+std::atomic<bool> in_main = false;
+
+// Where the program's and the standard library's code lies.
+struct Code {
+  uintptr_t begin = 0;
+  uintptr_t end = 0;
+};
+Code own_code[2];
+int num_own = 0;
+
+// True for the one call that is to fail.
+bool Fails(Call call) {
+  if (call != chosen || !in_main) return false;
+  return ++count == fails_at;
+}
+
+bool FailsFrom(const void* caller) {
+  if (chosen != Call::kMemory || !in_main) return false;
+  const auto at = reinterpret_cast<uintptr_t>(caller);
+  for (const Code& code : own_code) {
+    if (at >= code.begin && at < code.end) return Fails(Call::kMemory);
+  }
+  return false;
+}
+
+int KeepOwnCode(dl_phdr_info* info, size_t, void*) {
+  const char* name = info->dlpi_name;
+  const bool is_own = name[0] == '\0' || std::strstr(name, "libstdc++") != nullptr;
+  for (int i = 0; is_own && i < info->dlpi_phnum && num_own < 2; ++i) {
+    const auto& part = info->dlpi_phdr[i];
+    if (part.p_type != PT_LOAD || (part.p_flags & PF_X) == 0) continue;
+    const uintptr_t begin = info->dlpi_addr + part.p_vaddr;
+    own_code[num_own++] = {begin, begin + part.p_memsz};
+  }
+  return 0;
+}
+
+Call FromName(const char* name) {
+  constexpr const char* kNames[] = {"",       "memory", "read", "write", "create",
+                                    "rename", "sync",   "map",  "thread"};
+  for (int i = 1; name != nullptr && i < 9; ++i) {
+    if (std::strcmp(name, kNames[i]) == 0) return static_cast<Call>(i);
+  }
+  return Call::kNone;
+}
+
+// By system calls alone, as all others may be the shim's.
+void Report() {
+  const char* file = std::getenv("RAYLIFT_FAULT_REPORT");
+  if (file == nullptr) return;
+  char text[32];
+  const int size = std::snprintf(text, sizeof(text), "%ld\n", count.load());
+  const auto descriptor =
+      static_cast<int>(syscall(SYS_openat, AT_FDCWD, file, O_WRONLY | O_CREAT | O_TRUNC, 0644));
+  if (descriptor < 0) return;
+  syscall(SYS_write, descriptor, text, size);
+  syscall(SYS_close, descriptor);
+}
+
+int (*real_main)(int, char**, char**) = nullptr;
+
+int CountedMain(int argc, char** argv, char** environment) {
+  dl_iterate_phdr(&KeepOwnCode, nullptr);
+  chosen = FromName(std::getenv("RAYLIFT_FAULT_CALL"));
+  const char* at = std::getenv("RAYLIFT_FAULT_AT");
+  fails_at = at != nullptr ? std::atol(at) : 0;
+  in_main = true;
+  const int code = real_main(argc, argv, environment);
+  in_main = false;
+  Report();
+  return code;
+}
+
+template <typename Function>
+Function Next(Function, const char* name) {
+  return reinterpret_cast<Function>(dlsym(RTLD_NEXT, name));
+}
+#define NEXT(function) static const auto next = Next(&function, #function)
+
+int FailWith(int error) {
+  errno = error;
+  return -1;
+}
+
+bool MakesFile(const char* mode) { return mode[0] == 'w' || mode[0] == 'a'; }
+
+void* New(size_t size, size_t alignment, const void* caller) {
+  void* memory = nullptr;
+  if (!FailsFrom(caller)) {
+    memory = alignment > alignof(std::max_align_t) ? __libc_memalign(alignment, size)
+                                                   : __libc_malloc(size);
+  }
+  return memory;
+}
+
+void* NewOrThrow(size_t size, size_t alignment, const void* caller) {
+  void* const memory = New(size, alignment, caller);
+  if (memory == nullptr) throw std::bad_alloc();
+  return memory;
+}
+
+}  // namespace
+
+#define CALLER __builtin_return_address(0)
+
+void* operator new(size_t size) { return NewOrThrow(size, 0, CALLER); }
+void* operator new[](size_t size) { return NewOrThrow(size, 0, CALLER); }
+void* operator new(size_t size, std::align_val_t alignment) {
+  return NewOrThrow(size, static_cast<size_t>(alignment), CALLER);
+}
+void* operator new[](size_t size, std::align_val_t alignment) {
+  return NewOrThrow(size, static_cast<size_t>(alignment), CALLER);
+}
+void* operator new(size_t size, const std::nothrow_t&) noexcept { return New(size, 0, CALLER); }
+void* operator new[](size_t size, const std::nothrow_t&) noexcept { return New(size, 0, CALLER); }
+
+extern "C" {
+
+int __libc_start_main(int (*main)(int, char**, char**), int argc, char** argv, void (*init)(),
+                      void (*fini)(), void (*rtld_fini)(), void* stack_end) {
+  using Start =
+      int (*)(int (*)(int, char**, char**), int, char**, void (*)(), void (*)(), void (*)(), void*);
+  real_main = main;
+  const auto start = reinterpret_cast<Start>(dlsym(RTLD_NEXT, "__libc_start_main"));
+  return start(&CountedMain, argc, argv, init, fini, rtld_fini, stack_end);
+}
+
+void* malloc(size_t size) {
+  if (!FailsFrom(CALLER)) return __libc_malloc(size);
+  errno = ENOMEM;
+  return nullptr;
+}
+
+ssize_t read(int descriptor, void* buffer, size_t size) {
+  NEXT(read);
+  return Fails(Call::kRead) ? FailWith(EIO) : next(descriptor, buffer, size);
+}
+ssize_t readv(int descriptor, const iovec* parts, int number) {
+  NEXT(readv);
+  return Fails(Call::kRead) ? FailWith(EIO) : next(descriptor, parts, number);
+}
+ssize_t pread(int descriptor, void* buffer, size_t size, off_t offset) {
+  NEXT(pread);
+  return Fails(Call::kRead) ? FailWith(EIO) : next(descriptor, buffer, size, offset);
+}
+ssize_t pread64(int descriptor, void* buffer, size_t size, off64_t offset) {
+  NEXT(pread64);
+  return Fails(Call::kRead) ? FailWith(EIO) : next(descriptor, buffer, size, offset);
+}
+
+// What is said on stdout and stderr is no file.
+ssize_t write(int descriptor, const void* buffer, size_t size) {
+  NEXT(write);
+  const bool fails = descriptor > STDERR_FILENO && Fails(Call::kWrite);
+  return fails ? FailWith(ENOSPC) : next(descriptor, buffer, size);
+}
+ssize_t writev(int descriptor, const iovec* parts, int number) {
+  NEXT(writev);
+  const bool fails = descriptor > STDERR_FILENO && Fails(Call::kWrite);
+  return fails ? FailWith(ENOSPC) : next(descriptor, parts, number);
+}
+ssize_t pwrite(int descriptor, const void* buffer, size_t size, off_t offset) {
+  NEXT(pwrite);
+  return Fails(Call::kWrite) ? FailWith(ENOSPC) : next(descriptor, buffer, size, offset);
+}
+ssize_t pwrite64(int descriptor, const void* buffer, size_t size, off64_t offset) {
+  NEXT(pwrite64);
+  return Fails(Call::kWrite) ? FailWith(ENOSPC) : next(descriptor, buffer, size, offset);
+}
+
+int open(const char* file, int flags, ...) {
+  NEXT(open);
+  va_list more;
+  va_start(more, flags);
+  const int mode = (flags & O_CREAT) != 0 ? va_arg(more, int) : 0;
+  va_end(more);
+  const bool fails = (flags & O_CREAT) != 0 && Fails(Call::kCreate);
+  return fails ? FailWith(ENOSPC) : next(file, flags, mode);
+}
+int open64(const char* file, int flags, ...) {
+  NEXT(open64);
+  va_list more;
+  va_start(more, flags);
+  const int mode = (flags & O_CREAT) != 0 ? va_arg(more, int) : 0;
+  va_end(more);
+  const bool fails = (flags & O_CREAT) != 0 && Fails(Call::kCreate);
+  return fails ? FailWith(ENOSPC) : next(file, flags, mode);
+}
+FILE* fopen(const char* file, const char* mode) {
+  NEXT(fopen);
+  if (!MakesFile(mode) || !Fails(Call::kCreate)) return next(file, mode);
+  errno = ENOSPC;
+  return nullptr;
+}
+FILE* fopen64(const char* file, const char* mode) {
+  NEXT(fopen64);
+  if (!MakesFile(mode) || !Fails(Call::kCreate)) return next(file, mode);
+  errno = ENOSPC;
+  return nullptr;
+}
+int mkdir(const char* folder, mode_t mode) noexcept {
+  NEXT(mkdir);
+  return Fails(Call::kCreate) ? FailWith(ENOSPC) : next(folder, mode);
+}
+
+int rename(const char* from, const char* to) noexcept {
+  NEXT(rename);
+  return Fails(Call::kRename) ? FailWith(EIO) : next(from, to);
+}
+
+int fsync(int descriptor) {
+  NEXT(fsync);
+  return Fails(Call::kSync) ? FailWith(EIO) : next(descriptor);
+}
+int fdatasync(int descriptor) {
+  NEXT(fdatasync);
+  return Fails(Call::kSync) ? FailWith(EIO) : next(descriptor);
+}
+
+void* mmap(void* address, size_t size, int protection, int flags, int descriptor,
+           off_t offset) noexcept {
+  NEXT(mmap);
+  if (!Fails(Call::kMap)) return next(address, size, protection, flags, descriptor, offset);
+  errno = ENOMEM;
+  return MAP_FAILED;
+}
+void* mmap64(void* address, size_t size, int protection, int flags, int descriptor,
+             off64_t offset) noexcept {
+  NEXT(mmap64);
+  if (!Fails(Call::kMap)) return next(address, size, protection, flags, descriptor, offset);
+  errno = ENOMEM;
+  return MAP_FAILED;
+}
+
+int pthread_create(pthread_t* thread, const pthread_attr_t* attributes, void* (*work)(void*),
+                   void* argument) noexcept {
+  NEXT(pthread_create);
+  return Fails(Call::kThread) ? EAGAIN : next(thread, attributes, work, argument);
+}
+
+}  // extern "C"
