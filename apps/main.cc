@@ -1,11 +1,44 @@
+#include <cstdio>
+#include <cstdlib>
+#include <exception>
+#include <new>
 #include <string>
 #include <vector>
 
 #include "program.h"
 #include <opencv2/core/utility.hpp>
 
+namespace {
+
+const std::terminate_handler kUsualEnd = std::get_terminate();
+
+int FailWithoutMemory() {
+  std::fputs("raylift: out of memory\n", stderr);
+  return raylift::kNoResources;
+}
+
+// Where memory runs out in what must not throw (nlohmann's JSON takes some to destroy itself), all
+// that is left to do is to say so: outputs appear when they are whole, as in a run that is killed.
+[[noreturn]] void End() {
+  try {
+    if (const auto error = std::current_exception()) std::rethrow_exception(error);
+  } catch (const std::bad_alloc&) {
+    std::_Exit(FailWithoutMemory());
+  } catch (...) {  // a bug
+  }
+  kUsualEnd();
+  std::abort();
+}
+
+}  // namespace
+
 int main(int argc, char** argv) {
-  // Images are worked on side by side, on --threads; OpenCV's own threads would come on top.
-  cv::setNumThreads(1);
-  return raylift::RunProgram(std::vector<std::string>(argv + 1, argv + argc));
+  std::set_terminate(&End);
+  try {
+    // Images are worked on side by side, on --threads; OpenCV's own threads would come on top.
+    cv::setNumThreads(1);
+    return raylift::RunProgram(std::vector<std::string>(argv + 1, argv + argc));
+  } catch (const std::bad_alloc&) {  // before the program runs, or where it says what was wrong
+    return FailWithoutMemory();
+  }
 }

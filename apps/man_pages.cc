@@ -33,6 +33,9 @@ Work is left: stopped by a signal, or other shards are not done.
 .TP
 5
 Output that cannot be written.
+.TP
+6
+Out of memory, or of threads.
 )";
 
 // So that troff takes the text as it stands.

@@ -7,6 +7,7 @@
 #include <exception>
 #include <filesystem>
 #include <memory>
+#include <new>
 #include <string>
 #include <vector>
 
@@ -23,19 +24,11 @@
 
 #include "raylift/base/closest_name.h"
 #include "raylift/base/output_error.h"
+#include "raylift/base/resource_error.h"
 #include "raylift/io/scene_file.h"
 
 namespace raylift {
 namespace {
-
-enum ExitCode {
-  kDone = 0,
-  kBug = 1,
-  kBadOption = 2,
-  kBadInput = 3,
-  kInterrupted = 4,
-  kBadOutput = 5
-};
 
 int Fail(ExitCode code, const char* message) {
   std::fprintf(stderr, "raylift: %s\n", message);
@@ -209,6 +202,10 @@ int RunProgram(const std::vector<std::string>& arguments) {
     return Fail(kInterrupted, interrupted.what());
   } catch (const std::filesystem::filesystem_error& error) {
     return Fail(kBadInput, error.what());
+  } catch (const ResourceError& error) {
+    return Fail(kNoResources, error.what());
+  } catch (const std::bad_alloc&) {
+    return Fail(kNoResources, "out of memory");
   } catch (const std::exception& error) {
     std::fprintf(stderr, "raylift: this is a bug: %s\n", error.what());
     return kBug;

@@ -7,10 +7,18 @@
 
 namespace raylift {
 
-// Runs one command. Returns the exit code, errors being told on stderr:
-//   0 done (queries that could not be localized are results)   1 a bug
-//   2 a bad option                                             3 bad input
-//   4 stopped by SIGINT or SIGTERM, or work is left            5 an output cannot be written
+enum ExitCode {
+  kDone = 0,  // queries that could not be localized are results
+  kBug = 1,
+  kBadOption = 2,
+  kBadInput = 3,
+  kInterrupted = 4,  // stopped by SIGINT or SIGTERM, or work is left
+  kBadOutput = 5,    // one that cannot be written
+  kNoResources = 6   // out of memory or threads
+};
+
+// Runs one command. Returns the exit code, errors being told on stderr. Throws nothing but
+// std::bad_alloc.
 int RunProgram(const std::vector<std::string>& arguments);
 
 // The same, but errors leave it as they are (Interrupted among them), and what cannot be parsed as

@@ -5,6 +5,7 @@
 #include <atomic>
 #include <cmath>
 #include <mutex>
+#include <new>
 #include <stdexcept>
 
 #include "block_kernels.h"
@@ -16,6 +17,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/resource_error.h"
 
 namespace raylift {
 namespace {
@@ -124,10 +126,9 @@ struct RayCaster::Impl {
     reach = bounds.center.norm() + bounds.radius;
     device.reset(rtcNewDevice(nullptr));
     if (!device) {
-      throw std::runtime_error(
-          fmt::format("Embree: no device, error {}", static_cast<int>(rtcGetDeviceError(nullptr))));
+      ThrowError({rtcGetDeviceError(nullptr), "no device"});
     }
-    rtcSetDeviceErrorFunction(device.get(), &Impl::OnError, &error_text);
+    rtcSetDeviceErrorFunction(device.get(), &Impl::OnError, &first_error);
     rtcSetDeviceMemoryMonitorFunction(device.get(), &Impl::OnMemory, &memory_bytes);
     has_packets16 = rtcGetDeviceProperty(device.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED);
     has_packets8 = rtcGetDeviceProperty(device.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED);
@@ -137,12 +138,25 @@ struct RayCaster::Impl {
     rtcSetDeviceErrorFunction(device.get(), nullptr, nullptr);
   }
 
-  static void OnError(void* text, RTCError code, const char* message) {
-    auto& stored = *static_cast<std::string*>(text);
-    if (stored.empty()) {
-      stored = fmt::format("Embree: error {}: {}", static_cast<int>(code),
-                           message != nullptr ? message : "no text");
-    }
+  struct Error {
+    RTCError code = RTC_ERROR_NONE;
+    std::string message;
+  };
+  // The first of them counts.
+  static void OnError(void* error, RTCError code, const char* message) {
+    auto& stored = *static_cast<Error*>(error);
+    if (stored.code != RTC_ERROR_NONE) return;
+    stored.code = code;
+    stored.message = message != nullptr ? message : "no text";
+  }
+  // What Embree takes is checked before. Of what it calls an unknown error it gives the text: of
+  // TBB, which could not start a thread.
+  [[noreturn]] static void ThrowError(const Error& error) {
+    if (error.code == RTC_ERROR_OUT_OF_MEMORY) throw std::bad_alloc();
+    const std::string text =
+        fmt::format("Embree: error {}: {}", static_cast<int>(error.code), error.message);
+    if (error.code == RTC_ERROR_UNKNOWN) throw ResourceError(text);
+    throw std::runtime_error(text);
   }
 
   static bool OnMemory(void* counter, ssize_t bytes, bool) {
@@ -168,7 +182,7 @@ struct RayCaster::Impl {
   };
 
   void ThrowOnError() const {
-    if (!error_text.empty()) throw std::runtime_error(error_text);
+    if (first_error.code != RTC_ERROR_NONE) ThrowError(first_error);
   }
 
   void BuildScene(const RayCasterOptions& options) {
@@ -503,7 +517,7 @@ struct RayCaster::Impl {
   std::vector<Eigen::Vector3f> padded_vectors;  // empty where the mesh's or surfels' own are shared
   Bounds bounds;
   double reach = 0;  // the largest local coordinate, about
-  std::string error_text;
+  Error first_error;
   std::atomic<int64_t> memory_bytes{0};
   embree::Device device;
   embree::Scene scene;

@@ -5,14 +5,17 @@
 #include <exception>
 #include <limits>
 #include <mutex>
+#include <stdexcept>
 #include <thread>
 #include <vector>
 
+#include <fmt/format.h>
 #include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
 #include "raylift/base/call_watch.h"
+#include "raylift/base/resource_error.h"
 
 // TBB gives work to threads and waits for them by means that the thread sanitizer does not see, as
 // TBB is not compiled with it.
@@ -43,14 +46,18 @@ void RunOnThreads(size_t count, int num_threads, const std::function<void(size_t
   const tbb::global_control allow(tbb::global_control::max_allowed_parallelism,
                                   static_cast<size_t>(std::max(num_threads, ResolveThreads(0))));
   tbb::task_arena arena(num_threads);
-  arena.execute([&] {
-    tbb::parallel_for(
-        tbb::blocked_range<size_t>(0, count, 1),
-        [&](const tbb::blocked_range<size_t>& range) {
-          for (size_t i = range.begin(); i != range.end(); ++i) run(i);
-        },
-        tbb::simple_partitioner());
-  });
+  try {
+    arena.execute([&] {
+      tbb::parallel_for(
+          tbb::blocked_range<size_t>(0, count, 1),
+          [&](const tbb::blocked_range<size_t>& range) {
+            for (size_t i = range.begin(); i != range.end(); ++i) run(i);
+          },
+          tbb::simple_partitioner());
+    });
+  } catch (const std::runtime_error& error) {  // of TBB itself, as `run` throws nothing
+    throw ResourceError(fmt::format("a thread cannot be started: {}", error.what()));
+  }
 }
 #endif
 
