@@ -119,13 +119,14 @@ void WriteColmapModel(const std::filesystem::path& folder, const ColmapModel& mo
     (text ? write_text : write_binary)(FilePath(folder, file, form), model);
   };
   write(kCameras, WriteCamerasText, WriteCamerasBinary);
-  write(kImages, WriteImagesText, WriteImagesBinary);
   write(kPoints3D, WritePoints3DText, WritePoints3DBinary);
   if (!model.frames.empty()) {
     write(kRigs, WriteRigsText, WriteRigsBinary);
     write(kFrames, WriteFramesText, WriteFramesBinary);
-    return;
   }
+  // The last of them: without images nothing is taken for a model that is whole.
+  write(kImages, WriteImagesText, WriteImagesBinary);
+  if (!model.frames.empty()) return;
   // Those of a former model would override the poses of this one.
   for (const std::string_view file : {kRigs, kFrames}) {
     std::error_code ignored;

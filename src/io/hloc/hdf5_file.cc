@@ -61,6 +61,8 @@ class Handle {
   }
   bool IsValid() const { return id_ >= 0; }
   hid_t get() const { return id_; }
+  // Data that is only now written may not find a place: then false.
+  bool CloseNow() { return close_(std::exchange(id_, -1)) >= 0; }
 
  private:
   hid_t id_;
@@ -210,24 +212,28 @@ Handle SpaceOf(std::span<const size_t> shape) {
   return {H5Screate_simple(static_cast<int>(dims.size()), dims.data(), nullptr), H5Sclose};
 }
 
-// Without times, so that equal contents give equal bytes.
-bool WriteDataset(hid_t file, const std::string& name, std::span<const size_t> shape,
-                  hid_t type_in_file, hid_t type_in_memory, const void* data) {
+// Without times, so that equal contents give equal bytes. Returns what is wrong, or nothing: closing
+// anything forgets the library's last error.
+std::optional<std::string> WriteDataset(hid_t file, const std::string& name,
+                                        std::span<const size_t> shape, hid_t type_in_file,
+                                        hid_t type_in_memory, const void* data) {
   const Handle links(H5Pcreate(H5P_LINK_CREATE), H5Pclose);
   H5Pset_create_intermediate_group(links.get(), 1);
   H5Pset_char_encoding(links.get(), H5T_CSET_UTF8);
   const Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
   H5Pset_obj_track_times(properties.get(), false);
   const Handle space = SpaceOf(shape);
-  const Handle dataset(H5Dcreate2(file, name.c_str(), type_in_file, space.get(), links.get(),
-                                  properties.get(), H5P_DEFAULT),
-                       H5Dclose);
-  if (!dataset.IsValid()) {
-    return false;
-  }
+  Handle dataset(H5Dcreate2(file, name.c_str(), type_in_file, space.get(), links.get(),
+                            properties.get(), H5P_DEFAULT),
+                 H5Dclose);
+  if (!dataset.IsValid()) return LastError();
   const bool is_empty = std::find(shape.begin(), shape.end(), size_t{0}) != shape.end();
-  return is_empty ||
-         H5Dwrite(dataset.get(), type_in_memory, H5S_ALL, H5S_ALL, H5P_DEFAULT, data) >= 0;
+  if (!is_empty &&
+      H5Dwrite(dataset.get(), type_in_memory, H5S_ALL, H5S_ALL, H5P_DEFAULT, data) < 0) {
+    return LastError();
+  }
+  if (!dataset.CloseNow()) return LastError();
+  return std::nullopt;
 }
 
 }  // namespace
@@ -366,21 +372,18 @@ void Hdf5Writer::WriteFloats(const std::string& dataset, std::span<const size_t>
                              std::span<const float> values, Hdf5Kind kind) {
   RAYLIFT_CHECK(kind == Hdf5Kind::kHalf || kind == Hdf5Kind::kFloat);
   const Lock lock;
-  bool is_written = false;
+  std::optional<std::string> error;
   if (kind == Hdf5Kind::kHalf) {
     std::vector<uint16_t> bits(values.size());
     std::transform(values.begin(), values.end(), bits.begin(), [](float value) {
       return Eigen::numext::bit_cast<uint16_t>(Eigen::half(value));
     });
     const Handle half = HalfType();
-    is_written = WriteDataset(file_, dataset, shape, half.get(), half.get(), bits.data());
+    error = WriteDataset(file_, dataset, shape, half.get(), half.get(), bits.data());
   } else {
-    is_written =
-        WriteDataset(file_, dataset, shape, H5T_IEEE_F32LE, H5T_NATIVE_FLOAT, values.data());
+    error = WriteDataset(file_, dataset, shape, H5T_IEEE_F32LE, H5T_NATIVE_FLOAT, values.data());
   }
-  if (!is_written) {
-    throw OutputError(path_, dataset, fmt::format("cannot be written: {}", LastError()));
-  }
+  if (error) throw OutputError(path_, dataset, fmt::format("cannot be written: {}", *error));
 }
 
 void Hdf5Writer::WriteIntegers(const std::string& dataset, std::span<const size_t> shape,
@@ -389,18 +392,18 @@ void Hdf5Writer::WriteIntegers(const std::string& dataset, std::span<const size_
   const hid_t type = num_bytes_in_file == 2   ? H5T_STD_I16LE
                      : num_bytes_in_file == 4 ? H5T_STD_I32LE
                                               : H5T_STD_I64LE;
-  if (!WriteDataset(file_, dataset, shape, type, H5T_NATIVE_INT64, values.data())) {
-    throw OutputError(path_, dataset, fmt::format("cannot be written: {}", LastError()));
-  }
+  const auto error = WriteDataset(file_, dataset, shape, type, H5T_NATIVE_INT64, values.data());
+  if (error) throw OutputError(path_, dataset, fmt::format("cannot be written: {}", *error));
 }
 
 void Hdf5Writer::WriteAttribute(const std::string& object, const std::string& name, double value) {
   const Lock lock;
   const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
-  const Handle attribute(H5Acreate_by_name(file_, object.c_str(), name.c_str(), H5T_IEEE_F64LE,
-                                           space.get(), H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT),
-                         H5Aclose);
-  if (!attribute.IsValid() || H5Awrite(attribute.get(), H5T_NATIVE_DOUBLE, &value) < 0) {
+  Handle attribute(H5Acreate_by_name(file_, object.c_str(), name.c_str(), H5T_IEEE_F64LE,
+                                     space.get(), H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT),
+                   H5Aclose);
+  if (!attribute.IsValid() || H5Awrite(attribute.get(), H5T_NATIVE_DOUBLE, &value) < 0 ||
+      !attribute.CloseNow()) {
     throw OutputError(path_, object, fmt::format("cannot be written: {}", LastError()));
   }
 }
@@ -408,12 +411,10 @@ void Hdf5Writer::WriteAttribute(const std::string& object, const std::string& na
 void Hdf5Writer::Commit() {
   {
     const Lock lock;
-    const bool is_flushed = H5Fflush(file_, H5F_SCOPE_LOCAL) >= 0;
-    const std::string error = is_flushed ? "" : LastError();
-    const bool is_closed = H5Fclose(std::exchange(file_, -1)) >= 0;
-    if (!is_flushed || !is_closed) {
-      throw OutputError(path_, fmt::format("cannot be written: {}", error));
-    }
+    std::string error;
+    if (H5Fflush(file_, H5F_SCOPE_LOCAL) < 0) error = LastError();
+    if (H5Fclose(std::exchange(file_, -1)) < 0 && error.empty()) error = LastError();
+    if (!error.empty()) throw OutputError(path_, fmt::format("cannot be written: {}", error));
   }
   file_on_disk_.Commit();
 }
