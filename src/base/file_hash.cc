@@ -2,6 +2,7 @@
 
 #include <cerrno>
 #include <memory>
+#include <new>
 #include <vector>
 
 #include <fcntl.h>
@@ -14,12 +15,13 @@
 namespace raylift {
 
 std::optional<std::string> FileHash(const std::filesystem::path& file) {
-  const int descriptor = open(file.c_str(), O_RDONLY | O_CLOEXEC);
-  if (descriptor < 0) return std::nullopt;
   constexpr size_t kPiece = size_t{1} << 18;
   std::vector<char> piece(kPiece);
   const std::unique_ptr<XXH3_state_t, decltype(&XXH3_freeState)> state(XXH3_createState(),
                                                                        &XXH3_freeState);
+  if (state == nullptr) throw std::bad_alloc();
+  const int descriptor = open(file.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) return std::nullopt;
   XXH3_64bits_reset(state.get());
   ssize_t count = 0;
   do {

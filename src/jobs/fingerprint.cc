@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "raylift/base/error.h"
 #include "raylift/base/evenly_spaced.h"
 #include "raylift/base/hash.h"
 
@@ -47,6 +48,7 @@ std::string FileFingerprint(const path& file) {
     stream.clear();
     stream.seekg(static_cast<std::streamoff>(i * kPiece));
     stream.read(piece.data(), static_cast<std::streamsize>(kPiece));
+    if (stream.bad()) throw InputError(file, "cannot be read to its end");
     hash = HashBytes64({piece.data(), static_cast<size_t>(stream.gcount())}, hash);
   }
   return fmt::format("{} {}", size, HexText(hash));

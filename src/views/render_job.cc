@@ -15,6 +15,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/file_hash.h"
+#include "raylift/base/output_error.h"
 #include "raylift/base/parallel.h"
 #include "raylift/io/image_file.h"
 #include "raylift/jobs/folder_lock.h"
@@ -280,11 +281,13 @@ class Job {
                         .depth_range = DepthRange(frame->depth)};
     const auto files = TaskFiles(task, options_.products);
     for (size_t i = 0; i < files.size(); ++i) {
-      const WrittenFile written = WriteProduct(options_.out / files[i], options_.products[i],
-                                               *frame, scene_->mesh(), options_.storage);
+      const std::filesystem::path file = options_.out / files[i];
+      const WrittenFile written =
+          WriteProduct(file, options_.products[i], *frame, scene_->mesh(), options_.storage);
       entry.dropped += written.dropped;
-      entry.files.push_back(
-          {files[i], written.bytes, FileHash(options_.out / files[i]).value_or("")});
+      const auto hash = FileHash(file);
+      if (!hash) throw OutputError(file, "cannot be read after it was written");
+      entry.files.push_back({files[i], written.bytes, *hash});
     }
     frames_.Return(std::move(frame));
     appender.Append(ToJsonLine(entry));
