@@ -61,11 +61,13 @@ bool IsWellFormed(const PoseProblem& problem) {
          problem.query_camera.MeanFocalPx() > 1e-290 && problem.query_camera.MeanFocalPx() < 1e290;
 }
 
-// The estimators' residual is that of first order for other cameras; and where a pixel is wider than
-// the focal length, a pixel's ray is the image plane's but for rounding.
-bool HasExactResidual(const Camera& camera) {
+// The estimators' residual is exact for pinholes, up to 80 degrees off their axes, and that of first
+// order elsewhere.
+bool HasExactResidual(const Camera& camera, const Eigen::Vector2d& pixel) {
+  constexpr double kMaxSlope = 5;
+  const double from_axis_px = (pixel - camera.principal_point_px()).norm();
   return camera.model() == CameraModel::kPinhole &&
-         std::min(camera.focal_x_px(), camera.focal_y_px()) >= 1;
+         from_axis_px < kMaxSlope * std::min(camera.focal_x_px(), camera.focal_y_px());
 }
 
 // What is wrong with the inliers of a pose, by the residuals' reference implementations; empty where
@@ -80,12 +82,12 @@ std::string FaultOfInliers(const HostileProblem& made, const PoseEstimate& estim
     const double distance = reference.cam_from_world.translation.norm();
     if (std::isfinite(distance)) extent = std::max(extent, distance);
   }
-  if (!HasExactResidual(camera)) return {};
   const double focal_px = std::max(camera.focal_x_px(), camera.focal_y_px());
   const double most_px = made.options.reprojection_threshold_px;
   for (size_t i = 0; i < problem.matches_2d3d.size(); ++i) {
     const Match2D3D& match = problem.matches_2d3d[i];
     if (!estimate.inliers_2d3d[i] || match.point_sigma || made.options.point_sigma > 0) continue;
+    if (!HasExactResidual(camera, match.query_px)) continue;
     const double depth = (pose * match.point_in_world).z();
     const double rounding_px =
         kRounding * (focal_px * (extent + match.point_in_world.norm()) / std::abs(depth) +
