@@ -28,7 +28,7 @@ CALLS = ("memory", "read", "write", "create", "rename", "sync", "map", "thread")
 NO_MEMORY, BAD_INPUT, BAD_OUTPUT = 6, 3, 5
 # By call: the exit codes of a command that could not do without it.
 CODES = {"memory": {NO_MEMORY}, "map": {NO_MEMORY, BAD_INPUT, BAD_OUTPUT}, "thread": {NO_MEMORY},
-         "read": {BAD_INPUT}, "write": {BAD_OUTPUT}, "create": {BAD_OUTPUT}, "rename": {BAD_OUTPUT},
+         "read": {BAD_INPUT, BAD_OUTPUT}, "write": {BAD_OUTPUT}, "create": {BAD_OUTPUT}, "rename": {BAD_OUTPUT},
          "sync": {BAD_OUTPUT}}
 MOST_SECONDS = 120
 TIMES = {"milliseconds", "seconds", "match_ms", "lift_ms", "filter_ms", "estimate_ms", "time_ms", "started"}
