@@ -109,12 +109,7 @@ std::string JpegDataUri(const Image& image, int max_width_px) {
 }
 
 std::string PngDataUri(const Image& image) {
-  Image copy = image;
-  cv::Mat pixels(copy.height_px, copy.width_px, CV_8UC4, copy.data.data());
-  cv::cvtColor(pixels, pixels, cv::COLOR_RGBA2BGRA);
-  std::vector<uint8_t> bytes;
-  cv::imencode(".png", pixels, bytes);
-  return "data:image/png;base64," + EncodeBase64(std::string(bytes.begin(), bytes.end()));
+  return "data:image/png;base64," + EncodeBase64(EncodePng(image));
 }
 
 std::string EncodeBase64(std::string_view bytes) {

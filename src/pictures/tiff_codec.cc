@@ -21,8 +21,8 @@ constexpr tmsize_t kMostBlockBytes = tmsize_t{1} << 30;
 
 // What libtiff takes for a file.
 struct Memory {
-  std::string_view given;  // to be read
-  std::string written;
+  std::string_view given = {};  // to be read
+  std::string written = {};
   bool is_written = false;
   uint64_t at = 0;
 

@@ -19,6 +19,7 @@ Image DecodePicture(std::string_view bytes, ImageChannels channels);
 
 // Of grey and RGB pictures. quality: 0 to 100.
 std::string EncodeJpeg(const Image& image, int quality);
+// Of these, and of RGBA.
 std::string EncodePng(const Image& image);
 
 }  // namespace raylift
