@@ -108,8 +108,8 @@ void PairNormals(benchmark::State& state) {
   const auto& blocks = problem.prepared.pair_blocks;
   for (auto _ : state) {
     benchmark::DoNotOptimize(table->pair_normals_float(
-        blocks.data(), problem.prepared.pair_block_view.data(),
-        static_cast<int>(blocks.size()), pose, centres.data(), kernels::KernelLoss{}));
+        blocks.data(), problem.prepared.pair_block_view.data(), static_cast<int>(blocks.size()),
+        pose, centres.data(), kernels::KernelLoss{}));
   }
   SetPerMatch(state, count);
 }
