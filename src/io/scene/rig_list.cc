@@ -34,7 +34,7 @@ Eigen::Matrix<double, N, 1> ReadVector(const JsonPlace& place) {
 struct PrefixedCamera {
   size_t rig = 0;
   int sensor = 0;
-  Rigid3 cam_from_rig;
+  Rigid3 cam_from_rig = {};
 };
 using CamerasByPrefix = std::map<std::string, PrefixedCamera>;
 
