@@ -5,6 +5,7 @@
 
 #include "apps/program.h"
 #include "support/matchers.h"
+#include "support/splat_files.h"
 #include "support/test_data.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -217,6 +218,34 @@ TEST_F(Render, APointCloudHasDepthNormalsAndColors) {
       2, {"cloud:", "alone"},
       RunRaylift(command +
                  Arguments{"--geometry", "mesh:" + scene_.mesh().string(), "--overwrite"})));
+}
+
+TEST_F(Render, SplatsHaveDepthNormalsAndColors) {
+  const fs::path splats = scene_.folder / "wall.ply";  // one large disc, two units ahead
+  const Rigid3& cam_from_world = scene_.references.front().cam_from_world;
+  const Eigen::Quaterniond world_from_cam = cam_from_world.rotation.conjugate();
+  WriteFile(splats, SplatPly({{TestSplat{.mean = cam_from_world.OriginInSource() +
+                                                 world_from_cam * Eigen::Vector3d(0, 0, 2),
+                                         .rotation = world_from_cam,
+                                         .scale = {20, 20, 1e-3},
+                                         .harmonics = {HarmonicOf({0, 1, 0})}}}},
+                             SplatLayout::kEllipsoids));
+  const Arguments command = {
+      "render", "--geometry", "splat:" + splats.string(), "--model", scene_.truth(), "--out", out_};
+  const CommandResult result = RunRaylift(command + Arguments{"--products", "depth,normals,color"});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_NE(result.out.find("splats: 1 Gaussians"), std::string::npos) << result.out;
+  EXPECT_TRUE(FailsWith(2, {"splat:", "a scene of splats has no map of triangles"},
+                        RunRaylift(command + Arguments{"--products", "triangle", "--overwrite"})));
+  EXPECT_TRUE(FailsWith(
+      2, {"splat:", "alone"},
+      RunRaylift(command +
+                 Arguments{"--geometry", "mesh:" + scene_.mesh().string(), "--overwrite"})));
+  WriteFile(splats,
+            "ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty float x\n"
+            "property float y\nproperty float z\nend_header\n");
+  EXPECT_TRUE(FailsWith(3, {splats.string(), "expected Gaussians"},
+                        RunRaylift(command + Arguments{"--overwrite"})));
 }
 
 TEST_F(Render, DepthBeyondAPngIsRefusedUnlessAllowed) {

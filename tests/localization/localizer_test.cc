@@ -2,6 +2,7 @@
 
 #include "support/matchers.h"
 #include "support/room_scene.h"
+#include "support/splat_files.h"
 #include "support/test_data.h"
 #include "views/surface_samples.h"
 #include <fmt/format.h>
@@ -94,6 +95,22 @@ TEST_F(LocalizerTest, APointCloudStandsInForTheMesh) {
   ASSERT_TRUE(result.localized.localized()) << result.localized.reason;
   // Some hundred points, each some 4 mm off, from a few metres away.
   EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 0.1, 0.005));
+}
+
+// Flat discs on the room's walls, as its mesh has them.
+TEST_F(LocalizerTest, SplatsStandInForTheMesh) {
+  const auto file = room_.folder / "room.ply";
+  WriteFile(file, SplatPly(DiscsOn(scene_.Mesh()->mesh(), 0.05), SplatLayout::kDiscs));
+  scene_ = OpenScene(
+      {.model = room_.model(), .images = room_.images(), .geometry = {"splat:" + file.string()}});
+  EXPECT_EQ(scene_.Mesh(), nullptr);
+  EXPECT_NE(scene_.Surface(), nullptr);
+  const QueryResult result = Run(HlocSource(), Method::kP3p);
+  const StageCounts& counts = result.localized.counts;
+  EXPECT_GT(counts.hit, 0.99 * counts.matched);
+  ASSERT_TRUE(result.localized.localized()) << result.localized.reason;
+  // Discs reach beyond the edges that they meet at: the points there are off, and are left out.
+  EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 0.02, 0.002));
 }
 
 TEST_F(LocalizerTest, MatchesBeyondTheMeshAreNotHits) {
