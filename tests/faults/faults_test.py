@@ -290,7 +290,7 @@ def names_something(call, message, work):
     """Whether the one line says what has failed."""
     if call in ("memory", "map") and "out of memory" in message or call == "thread" and "thread" in message:
         return True
-    return call not in ("memory", "thread") and re.search(r"[\w./-]+(\.\w+|/)", message.replace("raylift: ", "", 1)) is not None
+    return call not in ("memory", "thread") and re.match(r"raylift: \S+: |.*[\w./-]+(\.\w+|/)", message) is not None
 
 
 def faults_of(raylift, shim, work, command, call, at, undisturbed):
