@@ -223,7 +223,8 @@ def contents(file, out):
         lines = data.decode().splitlines() if file.suffix == ".jsonl" else [data.decode()]
         # A manifest has its lines in the order in which they were done.
         data = "\n".join(sorted(json.dumps(without_times(json.loads(line))) for line in lines)).encode()
-    return data.replace(out.encode(), b"OUT")
+    # A summary has the command's line.
+    return data.replace(out.encode(), b"OUT").replace(b" --resume", b"")
 
 
 def files_of(work, out):

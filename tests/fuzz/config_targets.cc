@@ -14,9 +14,9 @@
 namespace raylift {
 namespace {
 
-// A program of one command, of which nothing is required.
+// A program of one command, of which nothing is required, and of another, whose tables are not its.
 struct SmallProgram {
-  SmallProgram() : command(AddLocalizeCommand(app)) {
+  SmallProgram() : command(AddLocalizeCommand(app)), other(AddRenderCommand(app)) {
     CheckNumbers(*command.app);
     for (CLI::Option* option : command.app->get_options()) option->required(false);
   }
@@ -28,7 +28,7 @@ struct SmallProgram {
   }
 
   CLI::App app;
-  Command command;
+  Command command, other;
 };
 
 void ReadConfigFile(std::string_view bytes) {

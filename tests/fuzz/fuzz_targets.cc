@@ -50,9 +50,9 @@ class Scratch {
 std::vector<FuzzTarget> AllFuzzTargets() {
   std::vector<FuzzTarget> all;
   for (const auto group :
-       {ColmapFuzzTargets, SceneFuzzTargets, DepthFuzzTargets, FeatureFuzzTargets, MeshFuzzTargets,
-        CloudFuzzTargets, DatasetFuzzTargets, SplatFuzzTargets, OptionFuzzTargets,
-        RunFuzzTargets}) {
+       {ColmapFuzzTargets, ConfigFuzzTargets, SceneFuzzTargets, DepthFuzzTargets,
+        FeatureFuzzTargets, MeshFuzzTargets, CloudFuzzTargets, DatasetFuzzTargets, SplatFuzzTargets,
+        OptionFuzzTargets, RunFuzzTargets}) {
     std::ranges::copy(group(), std::back_inserter(all));
   }
   return all;

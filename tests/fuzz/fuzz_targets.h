@@ -27,6 +27,7 @@ struct FuzzTarget {
 // All of them, group by group.
 std::vector<FuzzTarget> AllFuzzTargets();
 std::vector<FuzzTarget> ColmapFuzzTargets();
+std::vector<FuzzTarget> ConfigFuzzTargets();
 std::vector<FuzzTarget> SceneFuzzTargets();
 std::vector<FuzzTarget> DepthFuzzTargets();
 std::vector<FuzzTarget> FeatureFuzzTargets();

@@ -5,7 +5,9 @@
 #include "raylift/experiment/experiment_file.h"
 #include "raylift/experiment/grid.h"
 #include "raylift/jobs/job_status.h"
+#include "raylift/localization/continuous_checkpoint.h"
 #include "raylift/localization/query_manifest.h"
+#include "raylift/localization/result_files.h"
 #include "raylift/views/task_list.h"
 
 namespace raylift {
@@ -41,6 +43,34 @@ first = { method = "p3p" }
 second = { method = "e5p1" }
 )";
 
+LocalizedQuery Localized() {
+  LocalizedQuery query;
+  query.name = "a.jpg";
+  query.estimate.cam_from_world = Rigid3();
+  query.estimate.covariance = Eigen::Matrix<double, 6, 6>::Identity();
+  query.estimate.verdict = PoseVerdict::kLocalized;
+  query.estimate.inliers_2d3d = {true, false};
+  return query;
+}
+
+// The one query's record of a continuous run, which begins to read it where a former one has ended.
+std::filesystem::path RecordFile() {
+  for (const auto& entry : std::filesystem::directory_iterator(ScratchFolder() / "continuous")) {
+    if (entry.path().filename() != "run.json") return entry.path();
+  }
+  return {};
+}
+
+ContinuousCheckpoint Checkpoint(bool resume) {
+  return ContinuousCheckpoint(ScratchFolder() / "continuous", "key", resume);
+}
+
+std::vector<std::string> RecordSeeds() {
+  const LocalizedQuery query = Localized();
+  Checkpoint(false).Write(0, {query, FormatQueryDiagnostics(query), std::nullopt});
+  return {TakeFile(RecordFile())};
+}
+
 }  // namespace
 
 std::vector<FuzzTarget> RunFuzzTargets() {
@@ -65,6 +95,21 @@ std::vector<FuzzTarget> RunFuzzTargets() {
              "{\"name\": \"a.jpg\", \"place\": 0, \"key\": \"k\", \"warnings\": []}\n");
        },
        "\"name\" \"place\" \"key\" \"tasks\" \"shard\" \"queries\" null -1 1e308 [[[["},
+      {"query_diagnostics",
+       [](std::string_view bytes) {
+         const auto file = PutFile("queries.jsonl", bytes);
+         ReadQueryDiagnostics(file);
+         ReadCovariances(file);
+       },
+       [] { return std::vector{FormatQueryDiagnostics(Localized()) + "\n"}; },
+       "\"covariance\" \"pose\" \"status\" \"verdict\" \"confidence\" null -1 1e308 1e-320 [[[["},
+      {"continuous_record",
+       [](std::string_view bytes) {
+         static const std::filesystem::path file = (RecordSeeds(), RecordFile());
+         PutFile(file.lexically_relative(ScratchFolder()), bytes);
+         Checkpoint(true).Read(0, {Localized().name, Camera()});
+       },
+       &RecordSeeds, "\"joined\" \"links\" \"camera\" \"diagnostics\" null -1 1e308 [[[["},
       {"image_size", [](std::string_view bytes) { ParseSize("--size", std::string(bytes)); },
        [] { return std::vector<std::string>{"640x480"}; }, "x 2147483648 -1"},
   };
