@@ -137,8 +137,8 @@ LOCALIZE = ["localize", "--model", "model", "--images", "rendered/color", "--geo
 
 
 class Command:
-    """One command on the scene; `arguments` name its output OUT. With `resume` the option that lets it go
-    on, None where it simply is run again."""
+    """One command on the scene; `arguments` name its output OUT. `resume` is the option by which it goes on
+    or begins anew, None where it simply is run again."""
 
     def __init__(self, name, arguments, resume=None, copies=()):
         self.name, self.arguments, self.resume, self.copies = name, arguments, resume, copies
@@ -176,7 +176,7 @@ COMMANDS = [
                        "--threads", "2", "--quiet"]),
     Command("render", RENDER + ["--model", "model", "--out", "OUT/o"], "--resume"),
     Command("views", ["views", "--geometry", "mesh:room.ply", "--mode", "around", "--count", "3", "--threads", "2",
-                      "--out", "OUT/o"]),
+                      "--out", "OUT/o"], "--overwrite"),
     Command("colour", ["colour", "room.ply", "--model", "model", "--images", "rendered/color", "--threads", "2",
                        "--quiet", "--out", "OUT/c.ply"]),
     Command("status", ["status", "rendered"]),
@@ -224,7 +224,7 @@ def contents(file, out):
         # A manifest has its lines in the order in which they were done.
         data = "\n".join(sorted(json.dumps(without_times(json.loads(line))) for line in lines)).encode()
     # A summary has the command's line.
-    return data.replace(out.encode(), b"OUT").replace(b" --resume", b"")
+    return data.replace(out.encode(), b"OUT").replace(b" --resume", b"").replace(b" --overwrite", b"")
 
 
 def files_of(work, out):
