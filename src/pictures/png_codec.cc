@@ -1,7 +1,6 @@
 #include "pictures/png_codec.h"
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cstring>
 #include <stdexcept>
@@ -201,10 +200,10 @@ std::string EncodePng(const Image& image) {
     png_set_compression_level(writer.get(), Z_BEST_SPEED);
     png_set_compression_strategy(writer.get(), Z_RLE);
     png_set_filter(writer.get(), PNG_FILTER_TYPE_BASE, PNG_FILTER_SUB);
-    constexpr std::array<int, 5> kTypes = {0, PNG_COLOR_TYPE_GRAY, 0, PNG_COLOR_TYPE_RGB,
-                                           PNG_COLOR_TYPE_RGBA};
-    writer.Write({image.width_px, image.height_px}, 8,
-                 kTypes.at(static_cast<size_t>(image.channels)), image.data.data());
+    const int color_type = image.channels == 1   ? PNG_COLOR_TYPE_GRAY
+                           : image.channels == 3 ? PNG_COLOR_TYPE_RGB
+                                                 : PNG_COLOR_TYPE_RGB_ALPHA;
+    writer.Write({image.width_px, image.height_px}, 8, color_type, image.data.data());
     return bytes;
   } catch (const std::runtime_error& error) {
     throw InputError(fmt::format("the image cannot be encoded as PNG: {}", error.what()));

@@ -157,6 +157,16 @@ TEST(PictureCodec, WhatIsEncodedOpenCvReads) {
   }
 }
 
+TEST(PictureCodec, OpacityIsKept) {
+  const cv::Mat scene = Scene(CV_8UC4);
+  std::string png = EncodePng({scene.cols, scene.rows, 4, {scene.datastart, scene.dataend}});
+  cv::Mat back = cv::imdecode(cv::Mat(1, static_cast<int>(png.size()), CV_8U, png.data()),
+                              cv::IMREAD_UNCHANGED);
+  ASSERT_EQ(back.channels(), 4);
+  cv::cvtColor(back, back, cv::COLOR_BGRA2RGBA);
+  EXPECT_TRUE(std::equal(back.datastart, back.dataend, scene.datastart, scene.dataend));
+}
+
 TEST(PictureCodec, WhatIsDamagedIsNamed) {
   for (const char* extension : {".png", ".bmp", ".tiff", ".webp", ".ppm"}) {
     const std::string bytes = EncodedByOpenCv(extension, Scene(CV_8UC3));

@@ -17,9 +17,8 @@ enum class ImageChannels { kGrey, kRgb };
 // half. InputError, which names no file, where the bytes are none of these or damaged.
 Image DecodePicture(std::string_view bytes, ImageChannels channels);
 
-// Of grey and RGB pictures. quality: 0 to 100.
+// Of grey and RGB pictures; PNG of four channels, too: RGB and opacity. quality: 0 to 100.
 std::string EncodeJpeg(const Image& image, int quality);
-// Of these, and of RGBA.
 std::string EncodePng(const Image& image);
 
 }  // namespace raylift
