@@ -48,7 +48,10 @@ MatchNoise Describe(const JointNoise& noise, bool references_disagree, double sc
   return described;
 }
 
+// None where the numbers end.
 void SetCovariance(const Matrix6d& covariance, PoseEstimate& estimate) {
+  estimate.covariance.reset();
+  if (!covariance.allFinite()) return;
   estimate.covariance = covariance;
   estimate.rotation_sigma_deg =
       std::sqrt(covariance.topLeftCorner<3, 3>().trace()) * 180 / std::numbers::pi;
