@@ -2,8 +2,9 @@
 
 #include <cmath>
 #include <limits>
-#include <stdexcept>
+#include <string>
 
+#include "support/matchers.h"
 #include <gmock/gmock.h>
 
 namespace raylift {
@@ -67,10 +68,13 @@ TEST(AssignKeypointsByPixel, AMatchWithoutAnIndexTakesThatOfItsPixel) {
   EXPECT_THAT(of_points, ElementsAre(5, 10, 11, 2));
 }
 
-TEST(AssignKeypointsByPixel, ANegativeIndexIsNoIndex) {
-  PoseProblem problem;
-  problem.matches_2d2d = {Pair({3, 3}, -1)};
-  EXPECT_THROW(AssignKeypointsByPixel(problem), std::logic_error);
+TEST(AssignKeypointsByPixel, AnIndexOutOfRangeIsNamed) {
+  for (const int index : {-1, kLargestKeypoint + 1}) {
+    PoseProblem problem;
+    problem.matches_2d2d = {Pair({3, 3}, index)};
+    EXPECT_TRUE(FailsWithInputError([&] { AssignKeypointsByPixel(problem); },
+                                    {"query_keypoint", std::to_string(index)}));
+  }
 }
 
 }  // namespace
