@@ -27,12 +27,22 @@ MatchingOptions MatchingOf(const LocalizeFlags& flags, const ReferenceSet& refer
   return matching;
 }
 
+// The first one that may look like the photographs.
+std::shared_ptr<const RayCaster> PicturedSurface(const Scene& scene) {
+  for (const SceneSource& source : scene.sources) {
+    const GeometryKind kind = source.geometry.kind;
+    const bool is_pictured = kind == GeometryKind::kMesh || kind == GeometryKind::kSplats;
+    if (const auto surface = source.geometry.Surface(); is_pictured && surface) return surface;
+  }
+  return nullptr;
+}
+
 std::shared_ptr<const Rerenderer> RerendererOf(const LocalizeFlags& flags, const Scene& scene,
                                                const EstimatorOptions& estimator) {
   if (flags.mesh_only.rerender == 0) return nullptr;
-  const auto mesh = scene.Mesh();
+  const auto surface = PicturedSurface(scene);
   return std::make_shared<const Rerenderer>(
-      mesh, ColorsLikePhotographs(mesh->mesh()), flags.QueryImages(),
+      surface, ColorsLikePhotographs(*surface), flags.QueryImages(),
       RerenderOptions{.rounds = flags.mesh_only.rerender,
                       .use_pairs = ScoresPairsAlone(estimator.method),
                       .max_features = flags.matching.front_end.max_features,

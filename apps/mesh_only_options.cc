@@ -97,9 +97,9 @@ void AddMeshOnlyOptions(CLI::App& app, MeshOnlyFlags& flags) {
       ->capture_default_str()
       ->group(group);
   app.add_option("--rerender", flags.rerender,
-                 "Rounds of rendering the mesh from the estimated pose, matching the\n"
-                 "query with that and estimating again; a pose is kept where the 2D-3D\n"
-                 "matches support it better. For meshes that look like the photographs")
+                 "Rounds of rendering the mesh (or splats) from the estimated pose, matching\n"
+                 "the query with that and estimating again; a pose is kept where the 2D-3D\n"
+                 "matches support it better. For what looks like the photographs")
       ->capture_default_str()
       ->group("Estimator");
 }
@@ -122,9 +122,10 @@ void CheckRerender(int rounds, std::span<const std::string> geometry, bool has_p
   const std::string value = std::to_string(rounds);
   if (rounds < 0) throw OptionError("--rerender", value, "must not be negative");
   if (rounds == 0) return;
-  if (std::none_of(geometry.begin(), geometry.end(),
-                   [](const std::string& spec) { return spec.starts_with("mesh:"); })) {
-    throw OptionError("--rerender", value, "needs --geometry mesh:PATH");
+  if (std::none_of(geometry.begin(), geometry.end(), [](const std::string& spec) {
+        return spec.starts_with("mesh:") || spec.starts_with("splat:");
+      })) {
+    throw OptionError("--rerender", value, "needs --geometry mesh:PATH or splat:FILE");
   }
   if (!has_photographs) throw OptionError("--rerender", value, "needs --query-images");
 }

@@ -127,7 +127,8 @@ class RenderRun {
       return fmt::format("point cloud: {} points", surfels->discs.size());
     }
     if (const Splats* splats = scene_.caster->splats()) {
-      return fmt::format("splats: {} Gaussians", splats->means.size());
+      return fmt::format("splats: {} Gaussian{}", splats->means.size(),
+                         splats->means.size() == 1 ? "" : "s");
     }
     const TriangleMesh& mesh = scene_.caster->mesh();
     return fmt::format("mesh: {} triangles, {} vertices", mesh.triangles.size(),

@@ -76,10 +76,6 @@ SampledKind Sample(const RayCaster& mesh, const RenderedReferenceOptions& option
   return SampleAuto(mesh, views, close, options.inside);
 }
 
-bool HasColors(const TriangleMesh& mesh) {
-  return !mesh.textures.empty() || !mesh.vertex_colors_rgb.empty();
-}
-
 // Names that no photograph is likely to have.
 void RenameImages(ColmapModel& model) {
   for (auto& [id, image] : model.images) image.name = "rendered/" + image.name;
@@ -115,11 +111,11 @@ Camera CameraLikeQueries(std::span<const Camera> queries, const std::optional<Pl
   return {CameraModel::kPinhole, plane.width_px, plane.height_px, params};
 }
 
-ColorOptions ColorsLikePhotographs(const TriangleMesh& mesh) {
+ColorOptions ColorsLikePhotographs(const RayCaster& scene) {
   ColorOptions colors;
   colors.samples_per_pixel_side = 2;
   colors.background_rgb = {128, 128, 128};
-  if (!HasColors(mesh)) colors.shading = ColorOptions::Shading::kHeadlight;
+  if (!scene.HasColors()) colors.shading = ColorOptions::Shading::kHeadlight;
   return colors;
 }
 
@@ -132,7 +128,7 @@ RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh
                                 .kind = sampled.kind,
                                 .count = sampled.views.cam_from_world.size(),
                                 .warnings = std::move(sampled.views.warnings)};
-  if (!HasColors(mesh->mesh())) {
+  if (!mesh->HasColors()) {
     references.warnings.emplace_back(
         "the mesh has neither texture nor vertex colours: pictures of its shape rarely match "
         "photographs by RootSIFT, and poses with few inliers are then wrong; `raylift colour` "
@@ -152,7 +148,7 @@ RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh
                        .threads = options.threads,
                        .resume = true,
                        .wait = true};
-  job.frame.color_options = ColorsLikePhotographs(mesh->mesh());
+  job.frame.color_options = ColorsLikePhotographs(*mesh);
   job.storage.jpeg_quality = kJpegQuality;
   references.rendered = RunRenderJob(mesh, SelectTasks(std::move(views), {}), job, hooks).rendered;
   return references;

@@ -234,7 +234,7 @@ TEST_F(Render, SplatsHaveDepthNormalsAndColors) {
       "render", "--geometry", "splat:" + splats.string(), "--model", scene_.truth(), "--out", out_};
   const CommandResult result = RunRaylift(command + Arguments{"--products", "depth,normals,color"});
   EXPECT_EQ(result.exit_code, 0) << result.err;
-  EXPECT_NE(result.out.find("splats: 1 Gaussians"), std::string::npos) << result.out;
+  EXPECT_NE(result.out.find("splats: 1 Gaussian;"), std::string::npos) << result.out;
   EXPECT_TRUE(FailsWith(2, {"splat:", "a scene of splats has no map of triangles"},
                         RunRaylift(command + Arguments{"--products", "triangle", "--overwrite"})));
   EXPECT_TRUE(FailsWith(

@@ -1,7 +1,7 @@
-// Sharpens a pose against a mesh: the mesh is rendered as the query saw it from the estimated pose,
-// and from a few poses around that; the query is matched with these pictures, which differ less in
-// viewpoint than any reference, and its pose is estimated anew. The new pose is kept only where the
-// matches support it better.
+// Sharpens a pose against a mesh or splats: they are rendered as the query saw them from the
+// estimated pose, and from a few poses around that; the query is matched with these pictures, which
+// differ less in viewpoint than any reference, and its pose is estimated anew. The new pose is kept
+// only where the matches support it better.
 
 #pragma once
 

@@ -66,7 +66,7 @@ RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh
                                     const RenderedReferenceOptions& options,
                                     const RenderHooks& hooks);
 
-// How a picture of this mesh is to look like a photograph: anti-aliased, on grey.
-ColorOptions ColorsLikePhotographs(const TriangleMesh& mesh);
+// How a picture of this scene is to look like a photograph: anti-aliased, on grey.
+ColorOptions ColorsLikePhotographs(const RayCaster& scene);
 
 }  // namespace raylift
