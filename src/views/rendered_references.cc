@@ -113,7 +113,8 @@ Camera CameraLikeQueries(std::span<const Camera> queries, const std::optional<Pl
 
 ColorOptions ColorsLikePhotographs(const RayCaster& scene) {
   ColorOptions colors;
-  colors.samples_per_pixel_side = 2;
+  // Splats are smooth, and each of their rays is dear.
+  colors.samples_per_pixel_side = scene.kind() == SurfaceKind::kSplats ? 1 : 2;
   colors.background_rgb = {128, 128, 128};
   if (!scene.HasColors()) colors.shading = ColorOptions::Shading::kHeadlight;
   return colors;
