@@ -1,3 +1,4 @@
+#include <atomic>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
@@ -17,15 +18,26 @@ int FailWithoutMemory() {
   return raylift::kNoResources;
 }
 
-// Where memory runs out in what must not throw (nlohmann's JSON takes some to destroy itself), all
-// that is left to do is to say so: outputs appear when they are whole, as in a run that is killed.
+std::atomic<bool> without_memory = false;
+
+void NoteAndThrow() {
+  without_memory = true;
+  throw std::bad_alloc();
+}
+
+// Where memory runs out in what must not throw (nlohmann's JSON takes some to destroy itself, the
+// standard library to go through a folder), all that is left to do is to say so: outputs appear when
+// they are whole, as in a run that is killed.
 [[noreturn]] void End() {
+  bool of_memory = without_memory;
   try {
     if (const auto error = std::current_exception()) std::rethrow_exception(error);
   } catch (const std::bad_alloc&) {
-    std::_Exit(FailWithoutMemory());
+    of_memory = true;
   } catch (...) {  // a bug
+    of_memory = false;
   }
+  if (of_memory) std::_Exit(FailWithoutMemory());
   kUsualEnd();
   std::abort();
 }
@@ -34,6 +46,7 @@ int FailWithoutMemory() {
 
 int main(int argc, char** argv) {
   std::set_terminate(&End);
+  std::set_new_handler(&NoteAndThrow);
   try {
     // Images are worked on side by side, on --threads; OpenCV's own threads would come on top.
     cv::setNumThreads(1);

@@ -134,8 +134,9 @@ void* New(size_t size, size_t alignment, const void* caller) {
 
 void* NewOrThrow(size_t size, size_t alignment, const void* caller) {
   void* const memory = New(size, alignment, caller);
-  if (memory == nullptr) throw std::bad_alloc();
-  return memory;
+  if (memory != nullptr) return memory;
+  if (const std::new_handler handler = std::get_new_handler()) handler();
+  throw std::bad_alloc();
 }
 
 }  // namespace

@@ -237,9 +237,6 @@ WITH_GAPS = {("compare", "read"): "report/index.html"}
 # In the order in which threads have come to it; and of the run that ended, not of all its parts.
 UNORDERED = re.compile(r"features\.h5$|^o/summary\.json$")
 
-# Not mended: without memory for its last lines, render now and then ends by std::terminate().
-OPEN = {("render", "memory")}
-
 
 class Undisturbed:
     """What two runs that nothing disturbs leave. Files in which they differ, by a time of their own, are
@@ -365,8 +362,6 @@ def main():
         tried = []
         begin = time.monotonic()
         for call in options.call or CALLS:
-            if (command.name, call) in OPEN and not options.call:
-                continue
             out = f"count-{command.name}"
             shutil.rmtree(work / out, ignore_errors=True)
             command.prepare(work, out)
