@@ -42,22 +42,6 @@ struct Prediction {
   }
 };
 
-// The squared error along the axis that is best predicted, over its variance.
-double SquaredAcross(const Vector2d& error, const Matrix2d& covariance) {
-  const double mean = 0.5 * covariance.trace();
-  const double half = 0.5 * (covariance(0, 0) - covariance(1, 1));
-  const double cross = 0.5 * (covariance(0, 1) + covariance(1, 0));
-  const double root = std::hypot(half, cross);
-  if (!(root > 0)) return error.x() * error.x() / mean;
-  // The axis of the smaller eigenvalue.
-  const double cos2 = -half / root;
-  const double sin2 = -cross / root;
-  const double squared =
-      0.5 * (error.squaredNorm() + cos2 * (error.x() * error.x() - error.y() * error.y())) +
-      sin2 * error.x() * error.y();
-  return squared / (mean - root);
-}
-
 // What errors show of their variance: the sum of their squares, and how many of them are not
 // explained by the unknowns that were fitted to them (MacKay 1992).
 struct VarianceSum {
@@ -384,6 +368,21 @@ void Weighing::UpdateNoise(const NoisePrior& prior) {
 }
 
 }  // namespace
+
+double SquaredAcross(const Vector2d& error, const Matrix2d& covariance) {
+  const double mean = 0.5 * covariance.trace();
+  const double half = 0.5 * (covariance(0, 0) - covariance(1, 1));
+  const double cross = 0.5 * (covariance(0, 1) + covariance(1, 0));
+  const double root = std::hypot(half, cross);
+  if (!(root > 0)) return error.x() * error.x() / mean;
+  // Along the axis of the smaller eigenvalue, which as a difference of such numbers would be lost.
+  const double cos2 = -half / root;
+  const double sin2 = -cross / root;
+  const double squared =
+      0.5 * (error.squaredNorm() + cos2 * (error.x() * error.x() - error.y() * error.y())) +
+      sin2 * error.x() * error.y();
+  return std::max(squared, 0.0) * (mean + root) / covariance.determinant();
+}
 
 void Reweigh(const NoisePrior& prior, double share, const Matrix7d& query_covariance,
              JointModel& model) {

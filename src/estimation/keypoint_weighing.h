@@ -6,6 +6,7 @@
 
 #include "estimation/joint_model.h"
 #include "estimation/student_t.h"
+#include <Eigen/Core>
 
 namespace raylift {
 
@@ -20,6 +21,10 @@ struct NoisePrior {
   VariancePrior keypoint_px2, depth, common_depth;
   std::optional<TailPrior> keypoint_tail;
 };
+
+// The squared error along the axis that is best predicted, over its variance. The covariance has a
+// positive determinant, however little is known along its other axis.
+double SquaredAcross(const Eigen::Vector2d& error, const Eigen::Matrix2d& covariance);
 
 // Sets the model's weights by what all other evidence predicts (they go `share` of the way from what
 // they were, so that what contradicts each other comes to rest), and its noise by what the residuals
