@@ -1,6 +1,5 @@
 #include "localize_continuous.h"
 
-#include <chrono>
 #include <filesystem>
 #include <memory>
 #include <system_error>
@@ -68,10 +67,12 @@ void RefuseOtherMode(const LocalizeFlags& flags) {
 
 void LocalizeContinuously(const LocalizeFlags& flags, const ContinuousInputs& inputs,
                           LocalizeOutput& output) {
+  LapClock clock = inputs.clock;
+  RunTimes times = inputs.times;
   std::unique_ptr<BatchLocalizer> localizer;
   UntilSignal(
       [&] { localizer = OpenLocalizer(flags, inputs.scene, inputs.queries, inputs.options); });
-  const auto start = std::chrono::steady_clock::now();
+  times.matching = clock.Lap();
   std::vector<LocalizedQuery> localized;
   size_t joined = 0;
   for (auto& record : LocalizeInOrder(flags, *localizer, output, inputs.options_json)) {
@@ -84,14 +85,15 @@ void LocalizeContinuously(const LocalizeFlags& flags, const ContinuousInputs& in
   }
   PrintWarnings(warnings);
   const Scene& scene = localizer->scene();
-  const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
+  times.queries = clock.Lap();
+  times.writing = output.ShowSeconds();
   WritePoses(flags.out / "poses.txt", localized);
   WriteSummary(flags.out / "summary.json", localized,
                {.num_references = scene.references.images.size(),
                 .geometry = SummaryOf(scene.sources),
                 .warnings = warnings,
-                .seconds = seconds.count()});
-  output.Finish(localized, {scene, inputs.queries, warnings, joined},
+                .times = times});
+  output.Finish(localized, {scene, inputs.queries, warnings, times, joined},
                 OptionsOfResults(inputs.options_json));
 }
 

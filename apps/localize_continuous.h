@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "lap_clock.h"
 #include "localize_flags.h"
 #include "localize_output.h"
 
@@ -26,6 +27,8 @@ struct ContinuousInputs {
   const BatchOptions& options;
   const std::vector<std::string>& warnings;  // of the scene
   const std::string& options_json;
+  LapClock clock;
+  RunTimes times;  // as far as they are known
 };
 
 // Localizes all queries and writes what was asked for. Interrupted where a signal came first.

@@ -2,6 +2,7 @@
 
 #include <optional>
 
+#include "lap_clock.h"
 #include <fmt/format.h>
 
 #include "raylift/base/file.h"
@@ -9,7 +10,6 @@
 #include "raylift/io/pose_problem_json.h"
 #include "raylift/localization/localized_model.h"
 #include "raylift/localization/query_picture.h"
-#include "raylift/localization/result_files.h"
 
 namespace raylift {
 namespace {
@@ -41,6 +41,7 @@ LocalizeOutput::LocalizeOutput(const LocalizeFlags& flags, size_t num_queries,
 }
 
 void LocalizeOutput::Show(size_t index, const QueryResult& result) {
+  LapClock clock;
   const std::string& name = result.localized.name;
   // Of a rig its one problem, where it belongs.
   const bool is_of_another = !result.localized.rig.empty() && result.localized.rig != name;
@@ -55,6 +56,7 @@ void LocalizeOutput::Show(size_t index, const QueryResult& result) {
                DrawQueryPicture(result, photograph, *mesh_, 1));
   }
   if (report_) report_->Take(index, result);
+  show_seconds_ += clock.Lap();
 }
 
 void LocalizeOutput::Finish(const std::vector<LocalizedQuery>& localized, const Run& run,
@@ -103,6 +105,7 @@ void LocalizeOutput::Print(const std::vector<LocalizedQuery>& localized, const R
     fmt::print("{} localized queries joined the references\n", run.joined);
   }
   const std::string of_which = doubtful > 0 ? fmt::format(" ({} doubtful)", doubtful) : "";
+  fmt::print("{}\n", Describe(run.times, localized));
   fmt::print("localized {} of {} queries{} against {} references: {}\n", count, localized.size(),
              of_which, run.scene.references.images.size(), (flags_.out / "poses.txt").string());
 }

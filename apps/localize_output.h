@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <memory>
 #include <optional>
@@ -14,6 +15,7 @@
 #include "raylift/comparison/localization_report.h"
 #include "raylift/localization/continuous_localizer.h"
 #include "raylift/localization/localizer.h"
+#include "raylift/localization/result_files.h"
 #include "raylift/localization/scene.h"
 
 namespace raylift {
@@ -29,10 +31,14 @@ class LocalizeOutput {
   // From any thread.
   void Show(size_t index, const QueryResult& result);
 
+  // What Show has taken, in seconds of all threads.
+  double ShowSeconds() const { return show_seconds_; }
+
   struct Run {
     const Scene& scene;
     std::span<const Query> queries;
     std::span<const std::string> warnings = {};
+    RunTimes times = {};
     size_t joined = 0;  // localized queries that became references
   };
   // All files but poses.txt, queries.jsonl and summary.json, and the summary on stdout.
@@ -45,6 +51,7 @@ class LocalizeOutput {
   const LocalizeFlags& flags_;
   const std::filesystem::path& query_images_;
   std::shared_ptr<const RayCaster> mesh_;
+  std::atomic<double> show_seconds_ = 0;
   std::unique_ptr<LocalizationReport> report_;  // null where none is asked for
 };
 

@@ -1,6 +1,5 @@
 #include "localize_run.h"
 
-#include <chrono>
 #include <memory>
 #include <string>
 #include <utility>
@@ -8,6 +7,7 @@
 
 #include "interrupt.h"
 #include "job_header.h"
+#include "lap_clock.h"
 #include "localize_continuous.h"
 #include "localize_header.h"
 #include "localize_inputs.h"
@@ -34,6 +34,7 @@ class LocalizeRun {
       scene_ = std::move(inputs.scene);
       queries_ = std::move(inputs.queries);
     });
+    times_.reading = clock_.Lap();
     warnings_ = scene_.warnings;
     const CandidateOptions& candidates = options_.localizer.candidates;
     if (candidates.mode == CandidateMode::kTriangulate && !scene_.sources.empty()) {
@@ -45,18 +46,14 @@ class LocalizeRun {
 
   void Run() {
     if (flags_.continuous.enabled) {
-      LocalizeContinuously(flags_, {scene_, queries_, options_, warnings_, options_json_},
-                           *output_);
+      LocalizeContinuously(
+          flags_, {scene_, queries_, options_, warnings_, options_json_, clock_, times_}, *output_);
     } else {
       RunAsJob();
     }
   }
 
  private:
-  double Seconds() const {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-  }
-
   void RunAsJob() {
     QueryJob job(queries_, LocalizeHeader(flags_, options_json_, scene_, queries_),
                  flags_.running.In(flags_.out));
@@ -66,12 +63,15 @@ class LocalizeRun {
       UntilSignal([&] {
         if (job.facts()) options_.knowledge = job.facts()->knowledge;
         localizer = OpenLocalizer(flags_, scene_, queries_, options_);
-        start_ = std::chrono::steady_clock::now();
+        times_.matching = clock_.Lap();
         localizer->Learn();
+        times_.learning = clock_.Lap();
       });
       job.Begin(FactsOf(*localizer));
       WriteFile(flags_.out / "options.json", OptionsOfResults(options_json_));
       Localize(*localizer, missing, job);
+      times_.queries = clock_.Lap();
+      times_.writing = output_->ShowSeconds();
       scene_ = localizer->scene();
     }
     Finish(job, missing.size());
@@ -112,10 +112,11 @@ class LocalizeRun {
     if (!records) return;
     const std::vector<std::string> warnings = AllWarnings(*job.facts(), *records);
     PrintWarnings(warnings);
-    WriteResults(flags_.out, *job.facts(), *records, Seconds());
+    WriteResults(flags_.out, *job.facts(), *records, times_);
     std::vector<LocalizedQuery> localized;
     for (const QueryRecord& record : *records) localized.push_back(record.localized);
-    output_->Finish(localized, {scene_, queries_, warnings}, OptionsOfResults(options_json_));
+    output_->Finish(localized, {scene_, queries_, warnings, times_},
+                    OptionsOfResults(options_json_));
   }
 
   const SignalGuard signals_;
@@ -126,7 +127,8 @@ class LocalizeRun {
   Scene scene_;
   std::vector<std::string> warnings_;
   std::unique_ptr<LocalizeOutput> output_;
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  LapClock clock_;
+  RunTimes times_;
 };
 
 }  // namespace

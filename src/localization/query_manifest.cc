@@ -180,7 +180,7 @@ std::vector<std::string> AllWarnings(const RunFacts& facts, std::span<const Quer
 }
 
 void WriteResults(const std::filesystem::path& out, const RunFacts& facts,
-                  std::span<const QueryRecord> records, const std::optional<double>& seconds) {
+                  std::span<const QueryRecord> records, const std::optional<RunTimes>& times) {
   std::vector<LocalizedQuery> localized;
   std::vector<std::string> lines;
   for (const QueryRecord& record : records) {
@@ -194,7 +194,7 @@ void WriteResults(const std::filesystem::path& out, const RunFacts& facts,
                 .geometry = facts.geometry,
                 .warnings = AllWarnings(facts, records),
                 .scene_noise = facts.knowledge.scene_noise,
-                .seconds = seconds});
+                .times = times});
 }
 
 }  // namespace raylift

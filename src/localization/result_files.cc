@@ -154,6 +154,23 @@ LocalizedQuery LocalizedOf(const Json& json, const std::string& name) {
   return localized;
 }
 
+struct QueryStage {
+  const char* name;
+  double LocalizedQuery::*milliseconds;
+};
+constexpr QueryStage kQueryStages[] = {{"match", &LocalizedQuery::match_ms},
+                                       {"lift", &LocalizedQuery::lift_ms},
+                                       {"filter", &LocalizedQuery::filter_ms},
+                                       {"estimate", &LocalizedQuery::estimate_ms},
+                                       {"rerender", &LocalizedQuery::rerender_ms}};
+
+double SecondsOf(const QueryStage& stage, std::span<const LocalizedQuery> queries) {
+  constexpr double kMilli = 1e-3;
+  double sum = 0;
+  for (const LocalizedQuery& query : queries) sum += kMilli * query.*stage.milliseconds;
+  return sum;
+}
+
 }  // namespace
 
 std::vector<const LocalizedQuery*> NotLocalizedOrDoubtful(std::span<const LocalizedQuery> queries) {
@@ -303,6 +320,21 @@ void WriteAlignment(const std::filesystem::path& path, std::span<const SceneSour
   WriteFile(path, text);
 }
 
+std::string Describe(const RunTimes& times, std::span<const LocalizedQuery> queries) {
+  std::string stages;
+  for (const QueryStage& stage : kQueryStages) {
+    const double seconds = SecondsOf(stage, queries);
+    if (seconds == 0) continue;
+    stages += fmt::format("{} {:.1f} s, ", stage.name, seconds);
+  }
+  stages += fmt::format("write {:.1f} s", times.writing);
+  return fmt::format(
+      "{:.1f} s: {:.1f} s to read, {:.1f} s to match, {:.1f} s for what the queries share, {:.1f} "
+      "s "
+      "for them (all threads: {})",
+      times.Total(), times.reading, times.matching, times.learning, times.queries, stages);
+}
+
 void WriteSummary(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries,
                   const RunSummary& summary) {
   const auto median_of = [&queries](const auto& value) {
@@ -342,8 +374,18 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
         {"lift_ms", median_of([](const LocalizedQuery& q) { return q.lift_ms; })},
         {"filter_ms", median_of([](const LocalizedQuery& q) { return q.filter_ms; })},
         {"estimate_ms", median_of([](const LocalizedQuery& q) { return q.estimate_ms; })}}},
-      {"seconds", summary.seconds ? Json(*summary.seconds) : Json(nullptr)},
+      {"seconds", summary.times ? Json(summary.times->Total()) : Json(nullptr)},
       {"warnings", summary.warnings}};
+  if (summary.times) {
+    json["stage_seconds"] = {{"reading", summary.times->reading},
+                             {"matching", summary.times->matching},
+                             {"learning", summary.times->learning},
+                             {"queries", summary.times->queries}};
+    for (const QueryStage& stage : kQueryStages) {
+      json["thread_seconds"][stage.name] = SecondsOf(stage, queries);
+    }
+    json["thread_seconds"]["write"] = summary.times->writing;
+  }
   if (summary.scene_noise) json["scene_noise"] = SceneNoiseJson(*summary.scene_noise);
   const RerenderCounts rerender = CountRerendered(queries);
   if (rerender.asked) {

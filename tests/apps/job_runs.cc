@@ -20,7 +20,7 @@ void EraseTimes(Json& json) {
   if (!json.is_structured()) return;
   if (json.is_object()) {
     for (const char* name : {"milliseconds", "seconds", "match_ms", "lift_ms", "filter_ms",
-                             "estimate_ms", "time_ms"}) {
+                             "estimate_ms", "time_ms", "stage_seconds", "thread_seconds"}) {
       json.erase(name);
     }
   }

@@ -31,7 +31,8 @@ CODES = {"memory": {NO_MEMORY}, "map": {NO_MEMORY, BAD_INPUT, BAD_OUTPUT}, "thre
          "read": {BAD_INPUT, BAD_OUTPUT}, "write": {BAD_OUTPUT}, "create": {BAD_OUTPUT}, "rename": {BAD_OUTPUT},
          "sync": {BAD_OUTPUT}}
 MOST_SECONDS = 120
-TIMES = {"milliseconds", "seconds", "match_ms", "lift_ms", "filter_ms", "estimate_ms", "time_ms", "started"}
+TIMES = {"milliseconds", "seconds", "match_ms", "lift_ms", "filter_ms", "estimate_ms", "time_ms", "started",
+         "stage_seconds", "thread_seconds"}
 
 
 # ---- a small scene ----

@@ -57,6 +57,6 @@ std::vector<std::string> AllWarnings(const RunFacts& facts, std::span<const Quer
 
 // poses.txt, queries.jsonl and summary.json of records of all queries.
 void WriteResults(const std::filesystem::path& out, const RunFacts& facts,
-                  std::span<const QueryRecord> records, const std::optional<double>& seconds);
+                  std::span<const QueryRecord> records, const std::optional<RunTimes>& times);
 
 }  // namespace raylift

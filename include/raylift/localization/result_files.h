@@ -60,7 +60,7 @@ RerenderCounts CountRerendered(std::span<const LocalizedQuery> queries);
 std::vector<const LocalizedQuery*> NotLocalizedOrDoubtful(std::span<const LocalizedQuery> queries);
 
 // `summary.json`: totals, geometry, medians of the stages' counts, what the queries' matches have
-// in common, warnings, seconds.
+// in common, warnings, seconds of each stage.
 struct GeometrySummary {
   std::string spec, understood;
   struct Alignment {
@@ -71,12 +71,24 @@ struct GeometrySummary {
 };
 std::vector<GeometrySummary> SummaryOf(std::span<const SceneSource> geometry);
 
+// How long a run took, in seconds by the clock.
+struct RunTimes {
+  double reading = 0;   // what it was given
+  double matching = 0;  // features, retrieval and matches, as far as not with each query
+  double learning = 0;  // what its queries have in common: noise, alignment, checks
+  double queries = 0;
+  double writing = 0;  // of this, by all threads: problems, pictures, parts of the page
+  double Total() const { return reading + matching + learning + queries; }
+};
+// One line, with what all threads together took for each stage of the queries.
+std::string Describe(const RunTimes& times, std::span<const LocalizedQuery> queries);
+
 struct RunSummary {
   size_t num_references = 0;
   std::vector<GeometrySummary> geometry;
   std::vector<std::string> warnings;
   std::optional<SceneNoise> scene_noise = std::nullopt;
-  std::optional<double> seconds = std::nullopt;  // of the run that writes it
+  std::optional<RunTimes> times = std::nullopt;  // of the run that writes it
 };
 void WriteSummary(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries,
                   const RunSummary& summary);
