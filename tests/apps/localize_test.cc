@@ -168,8 +168,15 @@ TEST(Localize, StdoutHoldsResultsAndQuietNothing) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const CommandResult loud = RunRaylift(LocalizeWithHloc(scene, scene.folder / "out"));
   EXPECT_TRUE(Succeeds(loud));  // no progress on a stderr that is no terminal
-  ASSERT_EQ(Lines(loud.out).size(), 1u) << loud.out;
-  EXPECT_TRUE(loud.out.starts_with("localized 2 of 2 queries against 6 references")) << loud.out;
+  const std::vector<std::string> lines = Lines(loud.out);
+  ASSERT_EQ(lines.size(), 2u) << loud.out;
+  EXPECT_NE(lines[0].find(" s to read"), std::string::npos) << loud.out;
+  EXPECT_TRUE(lines[1].starts_with("localized 2 of 2 queries against 6 references")) << loud.out;
+  const nlohmann::json summary = nlohmann::json::parse(ReadFile(scene.folder / "out/summary.json"));
+  double stages = 0;
+  for (const auto& seconds : summary.at("stage_seconds")) stages += seconds.get<double>();
+  EXPECT_NEAR(summary.at("seconds"), stages, 1e-9);
+  EXPECT_GT(summary.at("thread_seconds").at("estimate"), 0);
   const CommandResult quiet =
       RunRaylift(LocalizeWithHloc(scene, scene.folder / "quiet") + Arguments{"--quiet"});
   EXPECT_TRUE(Succeeds(quiet));

@@ -126,9 +126,9 @@ TEST(RenderReferences, WarnOfAMeshWithoutColours) {
 }
 
 TEST(ColorsLikePhotographs, LightMeshesWithoutColours) {
-  EXPECT_EQ(ColorsLikePhotographs(Room()->mesh()).shading, ColorOptions::Shading::kUnlit);
-  EXPECT_EQ(ColorsLikePhotographs(MakeBox({0, 0, 0}, {1, 1, 1})).shading,
-            ColorOptions::Shading::kHeadlight);
+  EXPECT_EQ(ColorsLikePhotographs(*Room()).shading, ColorOptions::Shading::kUnlit);
+  const RayCaster box(std::make_shared<const TriangleMesh>(MakeBox({0, 0, 0}, {1, 1, 1})));
+  EXPECT_EQ(ColorsLikePhotographs(box).shading, ColorOptions::Shading::kHeadlight);
 }
 
 }  // namespace
