@@ -141,6 +141,7 @@ def test_ctrl_c_ends_a_command(tmp_path):
     script = f"""
 import os, signal, threading
 import raylift
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what runs in a shell's background
 def interrupt(done, total, what):
     os.kill(os.getpid(), signal.SIGINT)
 try:

@@ -279,6 +279,7 @@ sys.path.insert(0, os.environ["TESTS"])
 import raylift
 from test_estimation import slow_problem
 problems = [slow_problem()] * 100000
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what runs in a shell's background
 threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
 try:
     raylift.estimate_all(problems, method="p3p")

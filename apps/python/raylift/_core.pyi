@@ -346,7 +346,7 @@ class PoseEstimate:
     @property
     def solver(self) -> str:
         """
-        Which minimal solver the pose comes from: "p3p" or "e5p1".
+        Which minimal solver the pose comes from: "p3p", "e5p1" or "d3p1".
         """
     @property
     def verdict(self) -> str:
