@@ -434,6 +434,8 @@ class RayCaster:
         incidence  (H, W) float32, degrees; -1: no surface
         mask       (H, W) uint8, 255 where there is a surface
 
+        A camera of the model EQUIRECTANGULAR sees all around; its depth is the distance.
+
         Options as of `raylift render`: normals_in="world" (or "camera"), shading="auto" (or
         "unlit", "headlight", "sun"), supersampling=1, background=(0, 0, 0). The arrays are the
         renderer's own memory. The same bytes for any number of threads (0: all).
