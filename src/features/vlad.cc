@@ -21,24 +21,28 @@ void CheckDimension(Eigen::Index expected, Eigen::Index found) {
 }
 
 // Every choice of max_descriptors is equally likely (Knuth's selection sampling).
-Eigen::MatrixXf SampleDescriptors(std::span<const Features> images, int max_descriptors, Rng& rng) {
+Eigen::MatrixXf SampleDescriptors(size_t num_images, const FeaturesVisit& visit,
+                                  int max_descriptors, Rng& rng) {
   int64_t total = 0;
   Eigen::Index dimension = 0;
-  for (const Features& image : images) {
+  const auto count_descriptors = [&](const Features& image) {
     if (image.descriptors.cols() == 0) {
-      continue;
+      return;
     }
     if (dimension > 0) {
       CheckDimension(dimension, image.descriptors.rows());
     }
     dimension = image.descriptors.rows();
     total += image.descriptors.cols();
+  };
+  for (size_t i = 0; i < num_images; ++i) {
+    visit(i, count_descriptors);
   }
   const int64_t count = std::min<int64_t>(total, std::max(0, max_descriptors));
   Eigen::MatrixXf sample(dimension, static_cast<Eigen::Index>(count));
   int64_t seen = 0;
   int64_t taken = 0;
-  for (const Features& image : images) {
+  const auto take_descriptors = [&](const Features& image) {
     for (const auto descriptor : image.descriptors.colwise()) {
       if (rng.Uniform() * static_cast<double>(total - seen) < static_cast<double>(count - taken)) {
         sample.col(taken) = descriptor;
@@ -46,6 +50,9 @@ Eigen::MatrixXf SampleDescriptors(std::span<const Features> images, int max_desc
       }
       ++seen;
     }
+  };
+  for (size_t i = 0; i < num_images; ++i) {
+    visit(i, take_descriptors);
   }
   return sample;
 }
@@ -63,9 +70,15 @@ void NormalizeColumns(Eigen::Ref<Eigen::MatrixXf> matrix) {
 }  // namespace
 
 Vocabulary TrainVocabulary(std::span<const Features> images, const VocabularyOptions& options) {
+  return TrainVocabulary(
+      images.size(), [&](size_t i, const auto& look) { look(images[i]); }, options);
+}
+
+Vocabulary TrainVocabulary(size_t num_images, const FeaturesVisit& visit,
+                           const VocabularyOptions& options) {
   Rng rng(StreamSeed(options.seed, "vocabulary", "k-means"));
   const QuantizedDescriptors descriptors =
-      QuantizeDirections(SampleDescriptors(images, options.max_descriptors, rng));
+      QuantizeDirections(SampleDescriptors(num_images, visit, options.max_descriptors, rng));
   const QuantizedDescriptors words = ClusterDescriptors(
       descriptors, options.num_words, options.max_iterations, options.threads, rng);
   Vocabulary vocabulary;

@@ -85,7 +85,7 @@ class Cache {
         header_(fmt::format("rootsift version {} max_features {}", kExtractionVersion,
                             options.max_features)) {
     std::error_code ignored;
-    std::filesystem::create_directories(Parts(), ignored);
+    std::filesystem::create_directories(options.folder, ignored);
   }
 
   // Looks at the folder anew.
@@ -107,6 +107,8 @@ class Cache {
   }
 
   void Add(std::span<const Input> inputs) {
+    std::error_code ignored;
+    if (!inputs.empty()) std::filesystem::create_directories(Parts(), ignored);
     Progress progress("images", inputs.size(),
                       options_.show_progress ? Progress::Show::kAuto : Progress::Show::kNever);
     for (size_t begin = 0; begin < inputs.size(); begin += kImagesPerPart) {
@@ -130,22 +132,30 @@ class Cache {
     std::map<std::string, std::string> line_of;
     for (const Input& input : inputs) line_of.emplace(input.image.name, input.line);
     for (const auto& [line, file] : file_of_) line_of.emplace(NameIn(line), line);
-    const std::map<std::string, Features> features = ReadAll(line_of);
-    std::vector<std::string> lines;
-    for (const auto& [name, line] : line_of) lines.push_back(line);
+    std::vector<std::string> names, lines;
+    for (const auto& [name, line] : line_of) {
+      names.push_back(name);
+      lines.push_back(line);
+    }
     // Killed in between, the new features must not pass for what the old list describes.
     std::error_code ignored;
     std::filesystem::remove(ListFile(Whole()), ignored);
-    WriteFeatureFile(Whole(), features, kHalfDescriptors);
+    Files files;
+    WriteFeatureFile(
+        Whole(), names,
+        [&](const std::string& name) { return FileOf(line_of.at(name), &files)->Read(name); },
+        kHalfDescriptors);
     WriteFile(ListFile(Whole()), ListOf(lines));
     std::filesystem::remove_all(Parts(), ignored);
     Read();
   }
 
-  std::map<std::string, Features> FeaturesOf(std::span<const Input> inputs) const {
-    std::map<std::string, std::string> line_of;
-    for (const Input& input : inputs) line_of.emplace(input.image.name, input.line);
-    return ReadAll(line_of);
+  void AddTo(std::span<const Input> inputs, FeatureStore* store) const {
+    Files files;
+    for (const Input& input : inputs) {
+      store->Add(input.image.name, FileOf(input.line, &files),
+                 fmt::format("{}: {}", header_, input.line));
+    }
   }
 
  private:
@@ -169,15 +179,12 @@ class Cache {
     }
   }
 
-  // By the image's name.
-  std::map<std::string, Features> ReadAll(const std::map<std::string, std::string>& line_of) const {
-    std::map<path, FeatureFile> files;
-    std::map<std::string, Features> features;
-    for (const auto& [name, line] : line_of) {
-      const path& file = file_of_.at(line);
-      features.emplace(name, files.try_emplace(file, file).first->second.Read(name));
-    }
-    return features;
+  using Files = std::map<path, std::shared_ptr<const FeatureFile>>;
+  std::shared_ptr<const FeatureFile> FileOf(const std::string& line, Files* open) const {
+    const path& file = file_of_.at(line);
+    std::shared_ptr<const FeatureFile>& opened = (*open)[file];
+    if (opened == nullptr) opened = std::make_shared<const FeatureFile>(file);
+    return opened;
   }
 
   const FeatureCacheOptions& options_;
@@ -202,13 +209,19 @@ Features ExtractFrontEndFeatures(const Image& photograph, int max_features) {
                   kHalfDescriptors);
 }
 
-std::map<std::string, Features> ExtractOrReadFeatures(const std::vector<ImageFile>& images,
-                                                      const FeatureCacheOptions& options) {
+std::shared_ptr<const FeatureStore> ExtractOrReadFeatures(const std::vector<ImageFile>& images,
+                                                          const FeatureCacheOptions& options,
+                                                          std::map<std::string, Features> known) {
+  auto store = std::make_shared<FeatureStore>();
+  for (auto& [name, features] : known) store->Add(name, std::move(features));
+  if (images.empty()) return store;
   const std::vector<Input> inputs = InputsOf(images);
   if (options.folder.empty()) {
     Progress progress("images", inputs.size(),
                       options.show_progress ? Progress::Show::kAuto : Progress::Show::kNever);
-    return Extract(inputs, options.max_features, options.threads, progress);
+    auto extracted = Extract(inputs, options.max_features, options.threads, progress);
+    for (auto& [name, features] : extracted) store->Add(name, std::move(features));
+    return store;
   }
   Cache cache(options);
   // Runs that begin at once: one extracts, the others wait and read.
@@ -216,7 +229,8 @@ std::map<std::string, Features> ExtractOrReadFeatures(const std::vector<ImageFil
   cache.Read();
   cache.Add(MissingIn(cache, inputs, {}));
   cache.Join(inputs);
-  return cache.FeaturesOf(inputs);
+  cache.AddTo(inputs, store.get());
+  return store;
 }
 
 FeatureCount PrepareFeatures(const std::vector<ImageFile>& images, const Shard& shard,

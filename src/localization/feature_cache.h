@@ -4,8 +4,11 @@
 
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <string>
 #include <vector>
+
+#include "localization/feature_store.h"
 
 #include "raylift/jobs/shard.h"
 #include "raylift/localization/front_end.h"
@@ -26,13 +29,14 @@ struct FeatureCacheOptions {
   bool show_progress;
 };
 
-// The RootSIFT features of all images: read from `folder`/features.h5 where that was made from the
+// The RootSIFT features of all images beside those that are `known`: read from `folder`/features.h5 where that was made from the
 // same files (by size and time of change) with the same options, else extracted and written there.
 // In both cases they are the file's, so that a second run sees the same numbers as the first.
 // What is extracted is kept as it comes: a run that ends early loses the few images in hand.
 // Without a folder they are extracted, to the same numbers.
-std::map<std::string, Features> ExtractOrReadFeatures(const std::vector<ImageFile>& images,
-                                                      const FeatureCacheOptions& options);
+std::shared_ptr<const FeatureStore> ExtractOrReadFeatures(
+    const std::vector<ImageFile>& images, const FeatureCacheOptions& options,
+    std::map<std::string, Features> known = {});
 
 // Extracts what is not kept in the folder yet of a shard's images. The last shard to end writes
 // features.h5; until then the folder holds the parts.

@@ -91,8 +91,9 @@ std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Que
 FeatureCount PrepareMatches(const Scene& scene, std::span<const Query> queries,
                             const MatchingOptions& options, const Shard& shard) {
   if (options.hloc) return {};
-  return PrepareFrontEndFeatures(FrontEndOf(scene, options), scene.references,
-                                 {queries.begin(), queries.end()}, shard);
+  const bool for_vlad = !options.retrieval || options.retrieval->method == RetrievalMethod::kVlad;
+  return PrepareFrontEnd(FrontEndOf(scene, options), scene.references,
+                         {queries.begin(), queries.end()}, shard, for_vlad);
 }
 
 }  // namespace raylift

@@ -4,55 +4,62 @@
 
 #include "localization/retrieved_lists.h"
 
+#include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
 
 namespace raylift {
 namespace {
 
-Eigen::MatrixXf Stacked(std::span<const Eigen::VectorXf> columns) {
-  Eigen::MatrixXf stacked(columns.empty() ? 0 : columns[0].size(),
-                          static_cast<Eigen::Index>(columns.size()));
-  for (size_t i = 0; i < columns.size(); ++i) {
-    stacked.col(static_cast<Eigen::Index>(i)) = columns[i];
-  }
-  return stacked;
+Eigen::MatrixXf VectorsOf(std::span<const std::string> images, const FeatureStore& features,
+                          const Vocabulary& vocabulary, int threads) {
+  Eigen::MatrixXf vectors(vocabulary.words.size(), static_cast<Eigen::Index>(images.size()));
+  ParallelFor(images.size(), threads, [&](size_t i) {
+    vectors.col(static_cast<Eigen::Index>(i)) =
+        ComputeVlad(features.Get(images[i])->features, vocabulary);
+  });
+  return vectors;
 }
 
 }  // namespace
 
-VladIndex::VladIndex(std::vector<std::string> references,
-                     const std::map<std::string, Features>& features, uint64_t seed, int threads)
-    : references_(std::move(references)), vectors_(references_.size()) {
-  std::vector<Features> of_references;
-  for (const std::string& name : references_) of_references.push_back(features.at(name));
-  vocabulary_ = TrainVocabulary(of_references, {.seed = seed, .threads = threads});
-  ParallelFor(references_.size(), threads,
-              [&](size_t i) { vectors_[i] = VectorOf(of_references[i]); });
-  for (size_t i = 0; i < references_.size(); ++i) index_of_name_.emplace(references_[i], i);
+VladVectors ComputeVladVectors(std::span<const std::string> references,
+                               const FeatureStore& features, uint64_t seed, int threads) {
+  VladVectors vectors;
+  vectors.vocabulary = TrainVocabulary(
+      references.size(),
+      [&](size_t i, const auto& look) { look(features.Get(references[i])->features); },
+      {.seed = seed, .threads = threads});
+  vectors.of_references = VectorsOf(references, features, vectors.vocabulary, threads);
+  return vectors;
+}
+
+VladIndex::VladIndex(std::vector<std::string> references, VladVectors vectors)
+    : references_(std::move(references)), vectors_(std::move(vectors)) {
+  RAYLIFT_CHECK_EQ(static_cast<size_t>(vectors_.of_references.cols()), references_.size());
+  for (const std::string& name : references_) {
+    index_of_name_.emplace(name, static_cast<Eigen::Index>(index_of_name_.size()));
+  }
 }
 
 Eigen::VectorXf VladIndex::VectorOf(const Features& features) const {
-  return ComputeVlad(features, vocabulary_);
+  return ComputeVlad(features, vectors_.vocabulary);
 }
 
-const Eigen::VectorXf& VladIndex::VectorOfReference(const std::string& name) const {
-  return vectors_[index_of_name_.at(name)];
+Eigen::VectorXf VladIndex::VectorOfReference(const std::string& name) const {
+  return vectors_.of_references.col(index_of_name_.at(name));
 }
 
 RetrievedLists VladIndex::Best(std::span<const std::string> queries, const Eigen::MatrixXf& vectors,
                                int top_k, int threads) const {
-  RetrievedLists lists = RetrieveTopK(vectors, Stacked(vectors_), top_k + 1, threads);
+  RetrievedLists lists = RetrieveTopK(vectors, vectors_.of_references, top_k + 1, threads);
   DropOwn(queries, references_, top_k, &lists);
   return lists;
 }
 
 RetrievedLists RetrieveByVlad(const VladIndex& index, std::span<const std::string> queries,
-                              const std::map<std::string, Features>& features, int top_k,
-                              int threads) {
-  std::vector<Eigen::VectorXf> vectors(queries.size());
-  ParallelFor(queries.size(), threads,
-              [&](size_t i) { vectors[i] = index.VectorOf(features.at(queries[i])); });
-  return index.Best(queries, Stacked(vectors), top_k, threads);
+                              const FeatureStore& features, int top_k, int threads) {
+  return index.Best(queries, VectorsOf(queries, features, index.vocabulary(), threads), top_k,
+                    threads);
 }
 
 }  // namespace raylift

@@ -1,13 +1,15 @@
-// References by their VLAD vectors, from features that are in memory.
+// References by their VLAD vectors.
 
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <map>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "localization/feature_store.h"
 #include <Eigen/Core>
 
 #include "raylift/features/vlad.h"
@@ -16,15 +18,25 @@
 
 namespace raylift {
 
+// What references are retrieved by.
+struct VladVectors {
+  Vocabulary vocabulary;
+  Eigen::MatrixXf of_references;  // a column each
+};
+
+// The vocabulary is learned from the references alone, so that a query's references do not depend
+// on the other queries. All references must be in `features`.
+VladVectors ComputeVladVectors(std::span<const std::string> references,
+                               const FeatureStore& features, uint64_t seed, int threads);
+
 class VladIndex {
  public:
-  // The vocabulary is learned from the references alone, so that a query's references do not depend
-  // on the other queries. All references must be in `features`.
-  VladIndex(std::vector<std::string> references, const std::map<std::string, Features>& features,
-            uint64_t seed, int threads);
+  // One vector for each reference.
+  VladIndex(std::vector<std::string> references, VladVectors vectors);
 
+  const Vocabulary& vocabulary() const { return vectors_.vocabulary; }
   Eigen::VectorXf VectorOf(const Features& features) const;
-  const Eigen::VectorXf& VectorOfReference(const std::string& name) const;
+  Eigen::VectorXf VectorOfReference(const std::string& name) const;
 
   // Of each query, whose vector is a column, the `top_k` most alike; none is its own reference.
   RetrievedLists Best(std::span<const std::string> queries, const Eigen::MatrixXf& vectors,
@@ -32,14 +44,12 @@ class VladIndex {
 
  private:
   std::vector<std::string> references_;
-  Vocabulary vocabulary_;
-  std::vector<Eigen::VectorXf> vectors_;  // of the references
-  std::map<std::string, size_t> index_of_name_;
+  VladVectors vectors_;
+  std::map<std::string, Eigen::Index> index_of_name_;
 };
 
-// Of queries whose features are in memory, too.
+// Of queries whose features are in the same store.
 RetrievedLists RetrieveByVlad(const VladIndex& index, std::span<const std::string> queries,
-                              const std::map<std::string, Features>& features, int top_k,
-                              int threads);
+                              const FeatureStore& features, int top_k, int threads);
 
 }  // namespace raylift

@@ -2,9 +2,11 @@
 
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "localization/feature_cache.h"
+#include "localization/vlad_cache.h"
 #include "localization/vlad_index.h"
 
 #include "raylift/localization/retrieval.h"
@@ -31,8 +33,10 @@ RetrievedLists RetrieveByVlad(std::span<const Query> queries,
                                                       .max_features = options.max_features,
                                                       .threads = options.threads,
                                                       .show_progress = options.show_progress});
-  const VladIndex index(std::move(reference_names), features, options.seed, options.threads);
-  return RetrieveByVlad(index, query_names, features, options.top_k, options.threads);
+  VladVectors vectors = ComputeOrReadVladVectors(reference_names, *features, options.cache,
+                                                 options.seed, options.threads);
+  const VladIndex index(std::move(reference_names), std::move(vectors));
+  return RetrieveByVlad(index, query_names, *features, options.top_k, options.threads);
 }
 
 }  // namespace raylift

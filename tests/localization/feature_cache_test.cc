@@ -18,10 +18,13 @@ namespace fs = std::filesystem;
 class FeatureCache : public ::testing::Test {
  protected:
   std::map<std::string, Features> Get(int max_features = 500, int threads = 1) const {
-    return ExtractOrReadFeatures(images_, {.folder = scene_.folder / "cache",
-                                           .max_features = max_features,
-                                           .threads = threads,
-                                           .show_progress = false});
+    const auto store = ExtractOrReadFeatures(images_, {.folder = scene_.folder / "cache",
+                                                       .max_features = max_features,
+                                                       .threads = threads,
+                                                       .show_progress = false});
+    std::map<std::string, Features> features;
+    for (const ImageFile& image : images_) features[image.name] = store->Get(image.name)->features;
+    return features;
   }
   FeatureCount Prepare(const Shard& shard) const {
     return PrepareFeatures(images_, shard,

@@ -7,7 +7,9 @@
 
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -37,6 +39,13 @@ struct VocabularyOptions {
 // references; fewer than num_words where there are fewer different descriptors. The same on every
 // machine and for any thread count. Throws InputError if descriptors differ in size.
 Vocabulary TrainVocabulary(std::span<const Features> images, const VocabularyOptions& options = {});
+
+// The same where the images' features are not in memory together: each is looked at by itself, in
+// order, and twice. `visit` hands the features of an image to a function while they are there.
+using FeaturesVisit =
+    std::function<void(size_t image, const std::function<void(const Features& features)>& look)>;
+Vocabulary TrainVocabulary(size_t num_images, const FeaturesVisit& visit,
+                           const VocabularyOptions& options = {});
 
 // The image's vector (D * K values) of unit length; zero for an image without features. Throws
 // InputError if the descriptors' size is not the vocabulary's.

@@ -4,12 +4,15 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "raylift/scene/features.h"
+#include "raylift/scene/plane_size.h"
 
 namespace raylift {
 
@@ -28,6 +31,8 @@ class FeatureFile {
   // naming file and image where it is absent or malformed (a wrong shape, a number that is not
   // finite). Safe to call from several threads (HDF5 itself is serialized inside).
   Features Read(const std::string& image_name) const;
+  // The image's size alone; sides of 0 where the file does not tell.
+  PlaneSize ReadImageSize(const std::string& image_name) const;
   // Warnings met so far, e.g. float16 keypoints of an image so wide that they lose precision.
   std::vector<std::string> Warnings() const;
 
@@ -40,6 +45,11 @@ class FeatureFile {
 // `half_descriptors`.
 void WriteFeatureFile(const std::filesystem::path& path,
                       const std::map<std::string, Features>& features_by_image,
+                      bool half_descriptors);
+// The same of images whose features are asked for one after the other and need not be in memory
+// together.
+void WriteFeatureFile(const std::filesystem::path& path, std::span<const std::string> image_names,
+                      const std::function<Features(const std::string& image_name)>& features_of,
                       bool half_descriptors);
 
 // The features as they are read back from a file that they were written to.

@@ -38,5 +38,9 @@ struct GlobalDescriptors {
 };
 GlobalDescriptors ReadGlobalDescriptors(const std::filesystem::path& path);
 void WriteGlobalDescriptors(const std::filesystem::path& path, const GlobalDescriptors& global);
+// A column for each image.
+void WriteGlobalDescriptors(const std::filesystem::path& path,
+                            std::span<const std::string> image_names,
+                            const Eigen::MatrixXf& descriptors);
 
 }  // namespace raylift

@@ -23,8 +23,8 @@ namespace raylift {
 struct FrontEndOptions {
   std::filesystem::path reference_images = {};
   std::filesystem::path query_images = {};
-  // Features and retrieval are kept here in hloc's layout; features are used again where nothing
-  // changed. Empty: nothing is kept.
+  // Features and retrieval are kept here in hloc's layout, and used again where nothing changed;
+  // features are then read when they are matched. Empty: nothing is kept, all are in memory.
   std::filesystem::path cache = {};
   // By image name: features that are known already. The photographs of these are not read.
   std::map<std::string, Features> features = {};
@@ -58,9 +58,10 @@ struct FeatureCount {
 };
 
 // Extracts the features of this shard's images to options.cache, where MakeFrontEndMatches() finds
-// them. What was there already stays.
-FeatureCount PrepareFrontEndFeatures(const FrontEndOptions& options, const ReferenceSet& references,
-                                     const std::vector<Query>& queries, const Shard& shard);
+// them. What was there already stays. The shard after which none is missing also learns what
+// references are retrieved by, `for_vlad`.
+FeatureCount PrepareFrontEnd(const FrontEndOptions& options, const ReferenceSet& references,
+                             const std::vector<Query>& queries, const Shard& shard, bool for_vlad);
 
 // The features of a photograph (grey or RGB) as MatchPhotograph() extracts them, rounded as a cache
 // would store them: a query gives the same bytes from memory as from disk.

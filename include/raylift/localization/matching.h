@@ -38,8 +38,8 @@ bool StandAlone(const std::filesystem::path& matches);
 std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Query> queries,
                                          const MatchingOptions& options);
 
-// Extracts the features of a shard's images beforehand, where OpenMatches() would; nothing where
-// the matches are in files.
+// Makes beforehand what OpenMatches() would: the features of a shard's images and, after the last
+// of them, the vectors for retrieval; nothing where the matches are in files.
 FeatureCount PrepareMatches(const Scene& scene, std::span<const Query> queries,
                             const MatchingOptions& options, const Shard& shard);
 

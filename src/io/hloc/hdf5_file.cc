@@ -212,13 +212,28 @@ Handle SpaceOf(std::span<const size_t> shape) {
   return {H5Screate_simple(static_cast<int>(dims.size()), dims.data(), nullptr), H5Sclose};
 }
 
-// Without times, so that equal contents give equal bytes. Returns what is wrong, or nothing: closing
-// anything forgets the library's last error.
+// The groups on the way to a name, without the times that HDF5 would give them: equal contents give
+// equal bytes.
+void MakeGroups(hid_t file, const std::string& name) {
+  const Handle links(H5Pcreate(H5P_LINK_CREATE), H5Pclose);
+  H5Pset_char_encoding(links.get(), H5T_CSET_UTF8);
+  const Handle properties(H5Pcreate(H5P_GROUP_CREATE), H5Pclose);
+  H5Pset_obj_track_times(properties.get(), false);
+  for (size_t end = name.find('/', 1); end != std::string::npos; end = name.find('/', end + 1)) {
+    const std::string group = name.substr(0, end);
+    if (H5Lexists(file, group.c_str(), H5P_DEFAULT) != 0) continue;
+    const Handle made(H5Gcreate2(file, group.c_str(), links.get(), properties.get(), H5P_DEFAULT),
+                      H5Gclose);
+  }
+}
+
+// Without times, too. Returns what is wrong, or nothing: closing anything forgets the library's
+// last error.
 std::optional<std::string> WriteDataset(hid_t file, const std::string& name,
                                         std::span<const size_t> shape, hid_t type_in_file,
                                         hid_t type_in_memory, const void* data) {
+  MakeGroups(file, name);
   const Handle links(H5Pcreate(H5P_LINK_CREATE), H5Pclose);
-  H5Pset_create_intermediate_group(links.get(), 1);
   H5Pset_char_encoding(links.get(), H5T_CSET_UTF8);
   const Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
   H5Pset_obj_track_times(properties.get(), false);
@@ -349,8 +364,10 @@ Hdf5Writer::Hdf5Writer(std::filesystem::path path) : path_(std::move(path)), fil
   const Handle access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
   // Groups as of HDF5 1.8: small, and every reader of today knows them.
   H5Pset_libver_bounds(access.get(), H5F_LIBVER_V18, H5F_LIBVER_LATEST);
+  const Handle root(H5Pcreate(H5P_FILE_CREATE), H5Pclose);
+  H5Pset_obj_track_times(root.get(), false);
   file_ =
-      H5Fcreate(file_on_disk_.temporary_path().c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access.get());
+      H5Fcreate(file_on_disk_.temporary_path().c_str(), H5F_ACC_TRUNC, root.get(), access.get());
   if (file_ < 0) {
     throw OutputError(path_, fmt::format("cannot be written: {}", LastError()));
   }

@@ -80,7 +80,7 @@ void ReadScores(const Hdf5Reader& file, const std::string& image, Features* feat
   }
 }
 
-void ReadImageSize(const Hdf5Reader& file, const std::string& image, Features* features) {
+PlaneSize SizeOf(const Hdf5Reader& file, const std::string& image) {
   std::optional<std::vector<double>> size;
   const std::string dataset = image + "/image_size";
   if (file.Has(dataset)) {
@@ -89,14 +89,19 @@ void ReadImageSize(const Hdf5Reader& file, const std::string& image, Features* f
     size = file.ReadAttribute(image, "image_size");
   }
   if (!size) {
-    return;
+    return {};
   }
   const auto is_side = [](double side) { return side >= 1 && side <= 1 << 30; };
   if (size->size() != 2 || !std::all_of(size->begin(), size->end(), is_side)) {
     file.Fail(dataset, "expected width and height");
   }
-  features->image_width_px = static_cast<int>((*size)[0]);
-  features->image_height_px = static_cast<int>((*size)[1]);
+  return {.width_px = static_cast<int>((*size)[0]), .height_px = static_cast<int>((*size)[1])};
+}
+
+void CheckHas(const Hdf5Reader& file, const std::string& image) {
+  if (!file.Has(image)) {
+    file.Fail(image, "the image is not in the file");
+  }
 }
 
 double LargestCoordinate(const Features& features) {
@@ -105,6 +110,10 @@ double LargestCoordinate(const Features& features) {
     largest = std::max(largest, keypoint.maxCoeff());
   }
   return largest;
+}
+
+Hdf5Kind KindOf(bool half_descriptors) {
+  return half_descriptors ? Hdf5Kind::kHalf : Hdf5Kind::kFloat;
 }
 
 void WriteFeatures(const std::string& image, const Features& features, Hdf5Kind descriptor_kind,
@@ -159,19 +168,24 @@ bool FeatureFile::Contains(const std::string& image_name) const {
 
 Features FeatureFile::Read(const std::string& image_name) const {
   const Hdf5Reader& file = impl_->file;
-  if (!file.Has(image_name)) {
-    file.Fail(image_name, "the image is not in the file");
-  }
+  CheckHas(file, image_name);
   Features features;
   const Hdf5Kind keypoint_kind = ReadKeypoints(file, image_name, &features);
   ReadDescriptors(file, image_name, &features);
   ReadScores(file, image_name, &features);
-  ReadImageSize(file, image_name, &features);
+  const PlaneSize size = SizeOf(file, image_name);
+  features.image_width_px = size.width_px;
+  features.image_height_px = size.height_px;
   if (keypoint_kind == Hdf5Kind::kHalf && LargestCoordinate(features) > kCoarseHalfPx) {
     const std::scoped_lock lock(impl_->mutex);
     impl_->coarse_images.insert(image_name);
   }
   return features;
+}
+
+PlaneSize FeatureFile::ReadImageSize(const std::string& image_name) const {
+  CheckHas(impl_->file, image_name);
+  return SizeOf(impl_->file, image_name);
 }
 
 std::vector<std::string> FeatureFile::Warnings() const {
@@ -190,7 +204,17 @@ void WriteFeatureFile(const std::filesystem::path& path,
                       bool half_descriptors) {
   Hdf5Writer file(path);
   for (const auto& [image, features] : features_by_image) {
-    WriteFeatures(image, features, half_descriptors ? Hdf5Kind::kHalf : Hdf5Kind::kFloat, &file);
+    WriteFeatures(image, features, KindOf(half_descriptors), &file);
+  }
+  file.Commit();
+}
+
+void WriteFeatureFile(const std::filesystem::path& path, std::span<const std::string> image_names,
+                      const std::function<Features(const std::string& image_name)>& features_of,
+                      bool half_descriptors) {
+  Hdf5Writer file(path);
+  for (const std::string& image : image_names) {
+    WriteFeatures(image, features_of(image), KindOf(half_descriptors), &file);
   }
   file.Commit();
 }

@@ -14,6 +14,17 @@ namespace {
 
 std::string DatasetOf(const std::string& image_name) { return image_name + "/global_descriptor"; }
 
+// Of `size` values each, one after the other.
+void WriteVectors(const std::filesystem::path& path, std::span<const std::string> image_names,
+                  const float* values, size_t size) {
+  Hdf5Writer file(path);
+  for (size_t i = 0; i < image_names.size(); ++i) {
+    file.WriteFloats(DatasetOf(image_names[i]), std::array{size}, {values + i * size, size},
+                     Hdf5Kind::kFloat);
+  }
+  file.Commit();
+}
+
 }  // namespace
 
 struct GlobalFeatureFile::Impl {
@@ -83,13 +94,15 @@ GlobalDescriptors ReadGlobalDescriptors(const std::filesystem::path& path) {
 
 void WriteGlobalDescriptors(const std::filesystem::path& path, const GlobalDescriptors& global) {
   RAYLIFT_CHECK_EQ(global.names.size(), static_cast<size_t>(global.descriptors.rows()));
-  const auto size = static_cast<size_t>(global.descriptors.cols());
-  Hdf5Writer file(path);
-  for (size_t i = 0; i < global.names.size(); ++i) {
-    file.WriteFloats(DatasetOf(global.names[i]), std::array{size},
-                     {global.descriptors.data() + i * size, size}, Hdf5Kind::kFloat);
-  }
-  file.Commit();
+  WriteVectors(path, global.names, global.descriptors.data(),
+               static_cast<size_t>(global.descriptors.cols()));
+}
+
+void WriteGlobalDescriptors(const std::filesystem::path& path,
+                            std::span<const std::string> image_names,
+                            const Eigen::MatrixXf& descriptors) {
+  RAYLIFT_CHECK_EQ(image_names.size(), static_cast<size_t>(descriptors.cols()));
+  WriteVectors(path, image_names, descriptors.data(), static_cast<size_t>(descriptors.rows()));
 }
 
 }  // namespace raylift

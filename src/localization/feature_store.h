@@ -1,0 +1,61 @@
+// The features of a scene's images. Those in files are read when they are asked for, and those
+// asked for last stay in memory: a city's do not fit into it.
+
+#pragma once
+
+#include <cstddef>
+#include <list>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "raylift/io/hloc_features.h"
+#include "raylift/scene/features.h"
+#include "raylift/scene/plane_size.h"
+
+namespace raylift {
+
+struct ImageFeatures {
+  Features features;
+  std::vector<int> keypoints;  // canonical (CanonicalKeypoints), one per feature
+};
+
+class FeatureStore {
+ public:
+  // About a thousand images with 4096 features each.
+  static constexpr size_t kMostBytes = size_t{2} << 30;
+
+  // Keeps at most so many bytes of what it reads, besides what callers hold, but always the last.
+  explicit FeatureStore(size_t most_bytes = kMostBytes) : most_bytes_(most_bytes) {}
+
+  // An image of a name that is there already is left out. `stamp` tells features of other contents
+  // apart; empty where it is not known.
+  void Add(const std::string& image, Features features);
+  void Add(const std::string& image, std::shared_ptr<const FeatureFile> file, std::string stamp);
+
+  // The images must have been added. Thread safe; InputError where the file does not hold one.
+  std::shared_ptr<const ImageFeatures> Get(const std::string& image) const;
+  PlaneSize SizeOf(const std::string& image) const;  // without reading the features
+  const std::string& StampOf(const std::string& image) const;
+
+ private:
+  struct Entry {
+    std::shared_ptr<const FeatureFile> file;  // null: it is in memory for good
+    std::string stamp;
+    std::shared_ptr<const ImageFeatures> held;  // null: not in memory
+    size_t bytes = 0;
+    std::list<Entry*>::iterator recency;
+  };
+
+  void Keep(Entry* entry, const std::shared_ptr<const ImageFeatures>& features) const;
+
+  size_t most_bytes_;
+  mutable std::mutex mutex_;
+  mutable std::map<std::string, Entry> entries_;
+  mutable std::list<Entry*> recent_;  // of those that were read and are held, the last first
+  mutable size_t bytes_ = 0;          // of these
+};
+
+}  // namespace raylift
