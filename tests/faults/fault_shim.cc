@@ -2,6 +2,8 @@
 //   RAYLIFT_FAULT_CALL    memory|read|write|create|rename|sync|map|thread
 //   RAYLIFT_FAULT_AT      which of them, from 1; 0: none
 //   RAYLIFT_FAULT_REPORT  file for how many there were, written when main ends
+//   RAYLIFT_FAULT_STACKS  file for the call stacks they came from, a name a line, written then, too
+//   RAYLIFT_FAULT_STACK   name of the stack of which the first call fails, instead of AT
 // It counts from main's beginning to its end. Of memory it counts what the program asks for itself
 // or through the standard library, and not what other libraries do: some of them end the process
 // where they get none (faults_test.py says which). Linux with the GNU C library alone.
@@ -24,6 +26,7 @@
 #include <sys/syscall.h>
 #include <sys/uio.h>
 #include <unistd.h>
+#include <unwind.h>
 
 extern "C" {
 void* __libc_malloc(size_t size);
@@ -47,19 +50,66 @@ struct Code {
 Code own_code[2];
 int num_own = 0;
 
+// An address as it is in every run, wherever the loader has put the code; 0 where that is another's.
+uint64_t OwnPlace(uintptr_t address) {
+  for (int i = 0; i < num_own; ++i) {
+    const Code& code = own_code[i];
+    if (address >= code.begin && address < code.end) {
+      return (static_cast<uint64_t>(i + 1) << 40) + (address - code.begin);
+    }
+  }
+  return 0;
+}
+
+// A hash of the return addresses of the innermost own functions.
+struct Stack {
+  static constexpr int kMostFrames = 10;
+  uint64_t hash = 1469598103934665603U;
+  int num_frames = 0;
+};
+
+_Unwind_Reason_Code AddFrame(_Unwind_Context* context, void* stack_of_all) {
+  auto& stack = *static_cast<Stack*>(stack_of_all);
+  if (const uint64_t place = OwnPlace(_Unwind_GetIP(context)); place != 0) {
+    stack.hash = (stack.hash ^ place) * 1099511628211U;
+    stack.hash ^= stack.hash >> 29;
+    ++stack.num_frames;
+  }
+  return stack.num_frames < Stack::kMostFrames ? _URC_NO_REASON : _URC_END_OF_STACK;
+}
+
+// Never 0.
+uint64_t StackHash() {
+  Stack stack;
+  _Unwind_Backtrace(&AddFrame, &stack);
+  return stack.hash | 1;
+}
+
+// The stacks that were met, an open hash table.
+constexpr size_t kMostStacks = size_t{1} << 18;
+std::atomic<uint64_t> stacks[kMostStacks];
+bool keeps_stacks = false;
+uint64_t fails_stack = 0;
+
+void KeepStack(uint64_t hash) {
+  for (size_t i = hash % kMostStacks;; i = (i + 1) % kMostStacks) {
+    uint64_t there = 0;
+    if (stacks[i].compare_exchange_strong(there, hash) || there == hash) return;
+  }
+}
+
 // True for the one call that is to fail.
 bool Fails(Call call) {
   if (call != chosen || !in_main) return false;
-  return ++count == fails_at;
+  if (!keeps_stacks && fails_stack == 0) return ++count == fails_at;
+  const uint64_t hash = StackHash();
+  if (keeps_stacks) KeepStack(hash);
+  return hash == fails_stack && ++count == 1;
 }
 
 bool FailsFrom(const void* caller) {
   if (chosen != Call::kMemory || !in_main) return false;
-  const auto at = reinterpret_cast<uintptr_t>(caller);
-  for (const Code& code : own_code) {
-    if (at >= code.begin && at < code.end) return Fails(Call::kMemory);
-  }
-  return false;
+  return OwnPlace(reinterpret_cast<uintptr_t>(caller)) != 0 && Fails(Call::kMemory);
 }
 
 int KeepOwnCode(dl_phdr_info* info, size_t, void*) {
@@ -83,16 +133,31 @@ Call FromName(const char* name) {
   return Call::kNone;
 }
 
-// By system calls alone, as all others may be the shim's.
-void Report() {
-  const char* file = std::getenv("RAYLIFT_FAULT_REPORT");
-  if (file == nullptr) return;
+// A file by system calls alone, as all others may be the shim's; -1 where it is not asked for.
+int ReportFile(const char* variable) {
+  const char* file = std::getenv(variable);
+  if (file == nullptr) return -1;
+  return static_cast<int>(syscall(SYS_openat, AT_FDCWD, file, O_WRONLY | O_CREAT | O_TRUNC, 0644));
+}
+
+void ReportCount() {
+  const int descriptor = ReportFile("RAYLIFT_FAULT_REPORT");
+  if (descriptor < 0) return;
   char text[32];
   const int size = std::snprintf(text, sizeof(text), "%ld\n", count.load());
-  const auto descriptor =
-      static_cast<int>(syscall(SYS_openat, AT_FDCWD, file, O_WRONLY | O_CREAT | O_TRUNC, 0644));
-  if (descriptor < 0) return;
   syscall(SYS_write, descriptor, text, size);
+  syscall(SYS_close, descriptor);
+}
+
+void ReportStacks() {
+  const int descriptor = ReportFile("RAYLIFT_FAULT_STACKS");
+  if (descriptor < 0) return;
+  for (const std::atomic<uint64_t>& stack : stacks) {
+    if (stack == 0) continue;
+    char text[32];
+    const int size = std::snprintf(text, sizeof(text), "%016lx\n", stack.load());
+    syscall(SYS_write, descriptor, text, size);
+  }
   syscall(SYS_close, descriptor);
 }
 
@@ -103,10 +168,14 @@ int CountedMain(int argc, char** argv, char** environment) {
   chosen = FromName(std::getenv("RAYLIFT_FAULT_CALL"));
   const char* at = std::getenv("RAYLIFT_FAULT_AT");
   fails_at = at != nullptr ? std::atol(at) : 0;
+  keeps_stacks = std::getenv("RAYLIFT_FAULT_STACKS") != nullptr;
+  const char* stack = std::getenv("RAYLIFT_FAULT_STACK");
+  fails_stack = stack != nullptr ? std::strtoull(stack, nullptr, 16) : 0;
   in_main = true;
   const int code = real_main(argc, argv, environment);
   in_main = false;
-  Report();
+  ReportCount();
+  ReportStacks();
   return code;
 }
 

@@ -1,5 +1,5 @@
 """Makes one call of each command fail after the other: faults_test.py RAYLIFT SHIM WORK_FOLDER
-[--points N] [--command NAME] [--call NAME].
+[--points N] [--stacks N] [--command NAME] [--call NAME].
 
 The shim (fault_shim.cc) lets the n-th allocation, read, write, new file, rename, mapping or thread of a
 run fail. Whatever it is, the command must end by itself and soon, either well and with the results of an
@@ -8,7 +8,10 @@ whole or absent, nothing temporary is left, and the same command (with --resume 
 with the results of an undisturbed run.
 
 Of each command and call at most N points (3) are tried, evenly spread with the first and the last among
-them; 0: all of them. Of memory they begin where the command does, besides two before. Exit code 77 where the shim cannot work.
+them; 0: all of them. Of memory they begin where the command does, besides two before; with --stacks, instead,
+the first allocation of each call stack (its ten innermost functions) fails, of N stacks drawn at random (0: of all)
+that are the command's own, as what follows from a failure is told by where it happens. Exit code 77 where the shim
+cannot work.
 """
 
 import argparse
@@ -176,6 +179,7 @@ COMMANDS = [
     Command("doctor", ["doctor", "--model", "model", "--images", "rendered/color", "--geometry", "mesh:room.ply",
                        "--threads", "2", "--quiet"]),
     Command("render", RENDER + ["--model", "model", "--out", "OUT/o"], "--resume"),
+    Command("prepare", ["prepare", *LOCALIZE[1:], "--out", "OUT/o", "--cache", "OUT/cache"]),
     Command("views", ["views", "--geometry", "mesh:room.ply", "--mode", "around", "--count", "3", "--threads", "2",
                       "--out", "OUT/o"], "--overwrite"),
     Command("colour", ["colour", "room.ply", "--model", "model", "--images", "rendered/color", "--threads", "2",
@@ -196,11 +200,12 @@ def run_plain(raylift, work, line):
 
 
 def run_with_fault(raylift, shim, work, line, call, at):
-    """(exit code, stdout, stderr, how many such calls there were: None where main did not end)"""
+    """(exit code, stdout, stderr, how many such calls there were: None where main did not end); `at` is a call's
+    number or a stack's name."""
     report = work / "report.txt"
     report.unlink(missing_ok=True)
-    environment = dict(os.environ, LD_PRELOAD=str(shim), RAYLIFT_FAULT_CALL=call, RAYLIFT_FAULT_AT=str(at),
-                       RAYLIFT_FAULT_REPORT=str(report))
+    environment = dict(os.environ, LD_PRELOAD=str(shim), RAYLIFT_FAULT_CALL=call, RAYLIFT_FAULT_REPORT=str(report))
+    environment["RAYLIFT_FAULT_STACK" if isinstance(at, str) else "RAYLIFT_FAULT_AT"] = str(at)
     try:
         done = subprocess.run([raylift, *line], cwd=work, env=environment, capture_output=True, text=True,
                               timeout=MOST_SECONDS, errors="replace")
@@ -306,7 +311,7 @@ def faults_of(raylift, shim, work, command, call, at, undisturbed):
     ended_at_once = count is None and call in ("memory", "map") and code == NO_MEMORY
     if count is None and not ended_at_once:
         return True, [f"it ended with {code}: {stderr.strip()[-300:]}"]
-    if not ended_at_once and count < at:
+    if not ended_at_once and count < (1 if isinstance(at, str) else at):
         return False, []
     wrong = []
     if code == 0:
@@ -337,15 +342,29 @@ def points(first, count, most):
     return sorted({count - round(i * (total - 1) / max(most - 1, 1)) for i in range(most)})
 
 
+def stacks_of(raylift, shim, work, line, call):
+    """The names of the stacks that such calls come from."""
+    kept = work / "stacks.txt"
+    environment = dict(os.environ, LD_PRELOAD=str(shim), RAYLIFT_FAULT_CALL=call, RAYLIFT_FAULT_STACKS=str(kept))
+    subprocess.run([raylift, *line], cwd=work, env=environment, capture_output=True)
+    return set(kept.read_text().split())
+
+
+def some(names, most):
+    names = sorted(names)
+    return names if most == 0 or len(names) <= most else sorted(random.Random(most).sample(names, most))
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("raylift", type=pathlib.Path)
     parser.add_argument("shim", type=pathlib.Path)
     parser.add_argument("work", type=pathlib.Path)
     parser.add_argument("--points", type=int, default=3)
+    parser.add_argument("--stacks", type=int)
     parser.add_argument("--command", action="append", choices=[command.name for command in COMMANDS])
     parser.add_argument("--call", action="append", choices=CALLS)
-    parser.add_argument("--at", type=int, help="this one alone")
+    parser.add_argument("--at", help="this one alone: a call's number or a stack's name")
     options = parser.parse_args()
     raylift, shim, work = options.raylift.resolve(), options.shim.resolve(), options.work.resolve()
     shutil.rmtree(work, ignore_errors=True)
@@ -355,6 +374,7 @@ def main():
         sys.exit(77)
     make_inputs(raylift, work)
     start = run_with_fault(raylift, shim, work, ["status", "tum"], "memory", 0)[3]
+    start_stacks = stacks_of(raylift, shim, work, ["status", "tum"], "memory")
     failures = 0
     for command in COMMANDS:
         if options.command and command.name not in options.command:
@@ -370,7 +390,14 @@ def main():
             # Most of the memory is asked for before the command begins: of that two points will do.
             first = min(start, count) if call == "memory" else 1
             chosen = [1, first // 2] if first > 1 else []
-            chosen = [options.at] if options.at else chosen + points(first, count, options.points)
+            chosen += points(first, count, options.points)
+            if options.stacks is not None and call == "memory":
+                shutil.rmtree(work / out)
+                command.prepare(work, out)
+                names = stacks_of(raylift, shim, work, command.line(out), call) - start_stacks
+                chosen, count = some(names, options.stacks), len(names)
+            if options.at:
+                chosen = [int(options.at) if len(options.at) < 16 else options.at]
             reached = 0
             for at in chosen:
                 was_reached, wrong = faults_of(raylift, shim, work, command, call, at, undisturbed)
