@@ -95,9 +95,8 @@ class Cache {
     TakeList(Whole());
     std::error_code ignored;
     for (const auto& entry : std::filesystem::directory_iterator(Parts(), ignored)) {
-      if (entry.path().extension() != ".h5") continue;
-      has_parts_ = true;
-      TakeList(entry.path());
+      has_parts_ = true;  // be it a list alone: joining them was cut short
+      if (entry.path().extension() == ".h5") TakeList(entry.path());
     }
   }
 

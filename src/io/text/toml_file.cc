@@ -230,6 +230,7 @@ TomlTable ReadToml(const std::filesystem::path& file, TomlTable::Expand expand) 
 
 std::string TomlString(const std::string& text) {
   std::ostringstream stream;
+  stream.exceptions(std::ios::badbit);  // without memory it would end the text early
   stream << toml::value<std::string>(text);
   return stream.str();
 }
