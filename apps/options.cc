@@ -240,7 +240,7 @@ std::string CommandLine(const CLI::App& app) {
 }
 
 std::string EffectiveOptionsJson(const CLI::App& app) {
-  Json options;
+  Json options = Json::object();
   options["command"] = app.get_name();
   options["raylift_version"] = RAYLIFT_VERSION;
   for (const CLI::Option* option : app.get_options()) {

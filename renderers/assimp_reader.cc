@@ -6,6 +6,7 @@
 #include <cmath>
 #include <csignal>
 #include <map>
+#include <new>
 
 #include "foreign_text.h"
 #include "gltf_check.h"
@@ -226,6 +227,8 @@ RawMesh ReadWithAssimp(const std::filesystem::path& path) {
   const aiScene* scene = nullptr;
   try {
     scene = importer.ReadFile(path.string(), kSteps);
+  } catch (const std::bad_alloc&) {
+    throw;
   } catch (const std::exception& error) {
     throw InputError(path, fmt::format("cannot be read as a mesh: {}", OneLine(error.what())));
   }

@@ -2,33 +2,72 @@
 
 #include <atomic>
 #include <cerrno>
+#include <csignal>
 #include <cstring>
 #include <fstream>
+#include <string>
 #include <system_error>
+#include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include "raylift/base/hash.h"
 #include "raylift/base/output_error.h"
+#include "raylift/base/text.h"
 
 namespace raylift {
 namespace {
 
-// Beside the target, so that the rename stays on one file system; unique to process and call.
-std::filesystem::path TemporaryName(const std::filesystem::path& path) {
-  static std::atomic<unsigned> counter{0};
-  return path.parent_path() / fmt::format(".{}.{}-{}.tmp{}", path.stem().string(), getpid(),
-                                          counter++, path.extension().string());
+// Tells apart where process numbers are given: machines that share a folder, and containers.
+const std::string& ThisHost() {
+  static const std::string host = [] {
+    char name[256] = {};
+    gethostname(name, sizeof(name) - 1);
+    std::error_code ignored;
+    const auto numbers = std::filesystem::read_symlink("/proc/self/ns/pid", ignored);
+    return HexText(HashBytes64(name + numbers.string())).substr(0, 8);
+  }();
+  return host;
 }
 
-// ".PID-COUNT"
-bool IsProcessAndCount(std::string_view text) {
-  const size_t hyphen = text.find('-');
-  const auto is_number = [](std::string_view digits) {
-    return !digits.empty() && digits.find_first_not_of("0123456789") == std::string_view::npos;
-  };
-  return text.starts_with('.') && hyphen != std::string_view::npos &&
-         is_number(text.substr(1, hyphen - 1)) && is_number(text.substr(hyphen + 1));
+// Beside the target, so that the rename stays on one file system; unique to host, process and call.
+std::filesystem::path TemporaryName(const std::filesystem::path& path) {
+  static std::atomic<unsigned> counter{0};
+  return path.parent_path() / fmt::format(".{}.{}-{}-{}.tmp{}", path.stem().string(), ThisHost(),
+                                          getpid(), counter++, path.extension().string());
+}
+
+struct TemporaryFile {
+  std::filesystem::path target;
+  std::string host;
+  pid_t process;
+};
+
+// ".STEM.HOST-PROCESS-COUNT.tmp.EXTENSION" or, of a target without one, ".STEM....tmp".
+std::optional<TemporaryFile> ParseTemporary(const std::filesystem::path& path) {
+  std::filesystem::path name = path.filename();
+  std::filesystem::path extension;
+  if (name.stem().extension() == ".tmp") {
+    extension = name.extension();
+    name = name.stem();
+  }
+  if (name.extension() != ".tmp") return std::nullopt;
+  name = name.stem();
+  const std::string stem = name.stem().string(), writer = name.extension().string();
+  if (!stem.starts_with('.') || writer.empty()) return std::nullopt;
+  const std::vector<std::string_view> parts = SplitBy(std::string_view(writer).substr(1), '-');
+  if (parts.size() != 3 || parts[0].empty()) return std::nullopt;
+  const auto process = ParseInt(parts[1]), count = ParseInt(parts[2]);
+  if (!process || !count || *process <= 0 || *count < 0) return std::nullopt;
+  return TemporaryFile{path.parent_path() / (stem.substr(1) + extension.string()),
+                       std::string(parts[0]), static_cast<pid_t>(*process)};
+}
+
+// False, too, where that cannot be told.
+bool HasEnded(const TemporaryFile& file) {
+  return file.host == ThisHost() && kill(file.process, 0) != 0 && errno == ESRCH;
 }
 
 }  // namespace
@@ -92,19 +131,20 @@ void RequireWritable(const std::filesystem::path& path) {
 }
 
 std::optional<std::filesystem::path> TargetOfTemporary(const std::filesystem::path& path) {
-  // ".STEM.PID-COUNT.tmp.EXTENSION" or, of a target without one, ".STEM.PID-COUNT.tmp".
-  std::filesystem::path name = path.filename();
-  std::filesystem::path extension;
-  if (name.stem().extension() == ".tmp") {
-    extension = name.extension();
-    name = name.stem();
+  auto file = ParseTemporary(path);
+  if (!file) return std::nullopt;
+  return std::move(file->target);
+}
+
+void RemoveLeftTemporaries(const std::filesystem::path& folder) {
+  std::vector<std::filesystem::path> left;
+  std::error_code error;
+  for (std::filesystem::recursive_directory_iterator entry(folder, error), end;
+       !error && entry != end; entry.increment(error)) {
+    const auto file = ParseTemporary(entry->path());
+    if (file && HasEnded(*file)) left.push_back(entry->path());
   }
-  if (name.extension() != ".tmp") return std::nullopt;
-  name = name.stem();
-  if (!IsProcessAndCount(name.extension().string())) return std::nullopt;
-  const std::string stem = name.stem().string();
-  if (!stem.starts_with('.')) return std::nullopt;
-  return path.parent_path() / (stem.substr(1) + extension.string());
+  for (const std::filesystem::path& path : left) std::filesystem::remove(path, error);
 }
 
 std::filesystem::path PathBelow(const std::filesystem::path& folder,

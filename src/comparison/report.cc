@@ -196,7 +196,8 @@ std::string FormatEvaluationReport(std::span<const Threshold> thresholds,
                                    const PosesByName& ground_truth, std::string_view title) {
   Json data = {
       {"title", title},
-      {"subtitle", fmt::format("{} results, {} queries", results.size(), ground_truth.size())}};
+      {"subtitle", fmt::format("{} results, {} queries", results.size(), ground_truth.size())},
+      {"rows", Json::array()}};
   SceneJson scene;
   for (const auto& [name, pose] : ground_truth) scene.AddCamera("true", name, pose);
   for (const EvaluatedResult& result : results) {

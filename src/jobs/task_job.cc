@@ -112,6 +112,7 @@ TaskManifest TaskJob::ReadAll(const std::string& header) const {
 void TaskJob::Begin(const std::optional<std::string>& facts) {
   RefuseIfAppended(file_);
   if (folder_.overwrite) RemoveFormerRun();
+  RemoveLeftTemporaries(folder_.out);
   manifest_.facts = facts;
   WriteTaskManifest(file_, manifest_);
   appender_ = std::make_unique<ManifestAppender>(file_);

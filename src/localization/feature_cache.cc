@@ -225,6 +225,7 @@ std::shared_ptr<const FeatureStore> ExtractOrReadFeatures(const std::vector<Imag
   Cache cache(options);
   // Runs that begin at once: one extracts, the others wait and read.
   const FolderLock lock(options.folder, FolderLock::Mode::kExclusive, FolderLock::IfHeld::kWait);
+  RemoveLeftTemporaries(options.folder);
   cache.Read();
   cache.Add(MissingIn(cache, inputs, {}));
   cache.Join(inputs);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <new>
 #include <stdexcept>
 
 #include "pictures/decoders.h"
@@ -164,6 +165,8 @@ std::string EncodePng16(const std::filesystem::path& file, PlaneSize size,
     png_set_filter(writer.get(), PNG_FILTER_TYPE_BASE, PNG_FILTER_UP);
     writer.Write(size, 16, PNG_COLOR_TYPE_GRAY, counts.data());
     return bytes;
+  } catch (const std::bad_alloc&) {
+    throw;
   } catch (const std::exception& error) {
     throw InputError(file, fmt::format("the PNG file cannot be made: {}", error.what()));
   }

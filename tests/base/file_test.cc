@@ -5,11 +5,15 @@
 
 #include "support/matchers.h"
 #include "support/test_data.h"
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include "raylift/base/error.h"
 
 namespace raylift {
 namespace {
+
+namespace fs = std::filesystem;
 
 TEST(File, WritesWhatItReadsAndMakesFolders) {
   const auto path = TestFolder() / "a" / "b.bin";
@@ -54,6 +58,35 @@ TEST(File, TemporaryNamesTellTheirTarget) {
     EXPECT_EQ(TargetOfTemporary(file.temporary_path()), folder / name);
     EXPECT_FALSE(TargetOfTemporary(folder / name));
   }
+  for (const std::string name : {".x.1-2-3.png", ".x.1-2.tmp.png", ".x.-2-3.tmp.png",
+                                 ".x.1-two-3.tmp.png", "x.1-2-3.tmp.png", ".tmp", "..tmp"}) {
+    EXPECT_FALSE(TargetOfTemporary(folder / name)) << name;
+  }
+}
+
+TEST(File, TemporariesOfEndedProcessesOfThisMachineAreRemoved) {
+  const auto folder = TestFolder();
+  fs::create_directory(folder / "below");
+  const pid_t ended = fork();
+  if (ended == 0) _exit(0);
+  waitpid(ended, nullptr, 0);
+  // .x.HOST-PROCESS-COUNT.tmp.png
+  const std::string own = AtomicFile(folder / "x.png").temporary_path().filename().string();
+  const size_t process = own.find('-') + 1, count = own.find('-', process);
+  std::string left = own;
+  left.replace(process, count - process, std::to_string(ended));
+  std::string elsewhere = left;
+  elsewhere.replace(3, 8, "somehost");
+  for (const std::string& name : {own, left, elsewhere, "below/" + left, std::string("x.png")}) {
+    WriteFile(folder / name, "half");
+  }
+  RemoveLeftTemporaries(folder);
+  EXPECT_TRUE(fs::exists(folder / own));
+  EXPECT_TRUE(fs::exists(folder / elsewhere));
+  EXPECT_TRUE(fs::exists(folder / "x.png"));
+  EXPECT_FALSE(fs::exists(folder / left));
+  EXPECT_FALSE(fs::exists(folder / "below" / left));
+  RemoveLeftTemporaries(folder / "missing");
 }
 
 }  // namespace

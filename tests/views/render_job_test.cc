@@ -229,9 +229,9 @@ TEST_F(RenderJob, HalfFilesOfAKilledRunAreRemoved) {
   const auto expected = Reference();
   RenderJobOptions options = Options(out_);
   options.resume = true;
-  WriteFile(out_ / "depth/camera0/.00.4711-3.tmp.exr", "half");
-  WriteFile(out_ / ".manifest.4711-4.tmp.jsonl", "half");
-  WriteFile(out_ / ".summary.4711-5.tmp.json", "half");
+  WriteFile(out_ / "depth/camera0/.00.0a1b2c3d-4711-3.tmp.exr", "half");
+  WriteFile(out_ / ".manifest.0a1b2c3d-4711-4.tmp.jsonl", "half");
+  WriteFile(out_ / ".summary.0a1b2c3d-4711-5.tmp.json", "half");
   WriteFile(out_ / "manifest.jsonl", "{\"half");
   Run(options);
   EXPECT_EQ(Contents(out_), expected);

@@ -50,4 +50,8 @@ class AtomicFile {
 // run has left of it. None where the name is no such name.
 std::optional<std::filesystem::path> TargetOfTemporary(const std::filesystem::path& path);
 
+// Removes the temporary files in a folder and below it whose processes have ended on this machine:
+// those of runs that were killed. Others, which may be at work, keep theirs.
+void RemoveLeftTemporaries(const std::filesystem::path& folder);
+
 }  // namespace raylift

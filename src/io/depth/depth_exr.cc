@@ -5,6 +5,7 @@
 #include <cctype>
 #include <climits>
 #include <cstring>
+#include <new>
 #include <optional>
 #include <utility>
 
@@ -359,6 +360,8 @@ std::string EncodeSlices(const path& file, PlaneSize size, Imf::PixelType type,
       output.writePixels(size.height_px);
     }
     return stream.TakeBytes();
+  } catch (const std::bad_alloc&) {
+    throw;
   } catch (const std::exception& error) {
     throw InputError(file, fmt::format("the EXR file cannot be made: {}", OneLine(error.what())));
   }
@@ -375,6 +378,8 @@ StoredDepth DecodeExr(const path& file, std::string_view bytes, const std::strin
     Imf::MultiPartInputFile input(stream, 0);
     return ReadChannel(file, input, FindChannel(file, ListChannels(input), channel), bytes.size());
   } catch (const InputError&) {
+    throw;
+  } catch (const std::bad_alloc&) {
     throw;
   } catch (const std::exception& error) {
     throw InputError(file, fmt::format("the EXR file cannot be read: {}", OneLine(error.what())));
