@@ -80,7 +80,7 @@ Command AddImportCommand(CLI::App& program) {
   command
       ->add_option("--query-every", flags->options.query_every,
                    "Every N-th frame is a query where the data set has none of its own\n"
-                   "(nerfstudio, tum, scannet)")
+                   "(nerfstudio, tum, scannet, eth3d)")
       ->capture_default_str();
   command
       ->add_option("--split", flags->options.split,

@@ -13,7 +13,7 @@ namespace {
 
 using std::filesystem::path;
 
-constexpr std::array<Dataset, 9> kDatasets = {{
+constexpr std::array<Dataset, 12> kDatasets = {{
     {"7scenes", "7-Scenes",
      "a scene's folder: TrainSplit.txt, TestSplit.txt, seq-XX/frame-XXXXXX.{color.png,pose.txt}",
      &Import7Scenes},
@@ -37,6 +37,16 @@ constexpr std::array<Dataset, 9> kDatasets = {{
      "an exported scene: color/N.jpg, pose/N.txt, intrinsic/intrinsic_color.txt, depth/N.png,\n"
      "or frame-NNNNNN.{color.jpg,pose.txt,depth.pgm}, _info.txt",
      &ImportScanNet},
+    {"scannetpp", "ScanNet++",
+     "a scene's folder: dslr/{resized_images,colmap,train_test_lists.json}, scans/, and\n"
+     "iphone/{rgb,colmap} for a second scene of the telephone's queries",
+     &ImportScanNetPp},
+    {"eth3d", "ETH3D (high-resolution multi-view)",
+     "a scene's folder: images/, dslr_calibration_jpg/ or dslr_calibration_undistorted/, and\n"
+     "where they are public ground_truth_depth/, occlusion/",
+     &ImportEth3d},
+    {"lamar", "LaMAR, CroCoDL (capture format)",
+     "a location's folder: sessions/map/ and sessions/query*/, each a scene", &ImportLamar},
 }};
 
 // Images of equal cameras share one.

@@ -26,6 +26,9 @@ ImportedScenes ImportGangnam(const std::filesystem::path& folder, const ImportOp
 ImportedScenes ImportNerfstudio(const std::filesystem::path& folder, const ImportOptions& options);
 ImportedScenes ImportTum(const std::filesystem::path& folder, const ImportOptions& options);
 ImportedScenes ImportScanNet(const std::filesystem::path& folder, const ImportOptions& options);
+ImportedScenes ImportScanNetPp(const std::filesystem::path& folder, const ImportOptions& options);
+ImportedScenes ImportEth3d(const std::filesystem::path& folder, const ImportOptions& options);
+ImportedScenes ImportLamar(const std::filesystem::path& folder, const ImportOptions& options);
 
 // A scene named after its folder.
 ImportedScene SceneOfFolder(const std::filesystem::path& folder);

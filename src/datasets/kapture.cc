@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <set>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -15,33 +17,6 @@ namespace raylift {
 namespace {
 
 using std::filesystem::path;
-
-// The comma-separated fields of each line.
-class CsvReader {
- public:
-  explicit CsvReader(const path& file) : lines_(file) {
-    const auto header = lines_.Next();
-    if (!header || !header->starts_with("# kapture format: 1.")) {
-      lines_.Fail("expected \"# kapture format: 1.x\"");
-    }
-  }
-
-  // The next line of at least `count` fields, or none at the end.
-  std::optional<std::vector<std::string_view>> Next(size_t count) {
-    const auto line = lines_.NextContent();
-    if (!line) return std::nullopt;
-    auto fields = SplitBy(*line, ',');
-    if (fields.size() < count) {
-      lines_.Fail(fmt::format("expected {} fields, found {}", count, fields.size()));
-    }
-    return fields;
-  }
-
-  const LineReader& lines() const { return lines_; }
-
- private:
-  LineReader lines_;
-};
 
 // qw, qx, qy, qz, tx, ty, tz from a field on; none where one is empty, which means unknown.
 std::optional<Rigid3> ParsePose(const LineReader& lines,
@@ -60,10 +35,49 @@ std::optional<Rigid3> ParsePose(const LineReader& lines,
   return Rigid3{*rotation, {numbers[4], numbers[5], numbers[6]}};
 }
 
+// What tells the two formats apart.
+enum class Form { kKapture, kCapture };
+
+// The comma-separated fields of each line.
+class CsvReader {
+ public:
+  CsvReader(const path& file, Form form) : lines_(file), form_(form) {
+    if (form == Form::kCapture) return;
+    const auto header = lines_.Next();
+    if (!header || !header->starts_with("# kapture format: 1.")) {
+      lines_.Fail("expected \"# kapture format: 1.x\"");
+    }
+  }
+
+  // The next line of at least `count` fields, or none at the end.
+  std::optional<std::vector<std::string_view>> Next(size_t count) {
+    const auto line = lines_.NextContent();
+    if (!line) return std::nullopt;
+    auto fields = SplitBy(*line, ',');
+    if (fields.size() < count) {
+      lines_.Fail(fmt::format("expected {} fields, found {}", count, fields.size()));
+    }
+    return fields;
+  }
+
+  // What a pose of the line takes into the device, from the world or from the rig; none where it is
+  // not known.
+  std::optional<Rigid3> Pose(const std::vector<std::string_view>& fields, size_t first) const {
+    const auto pose = ParsePose(lines_, fields, first);
+    return pose && form_ == Form::kCapture ? pose->Inverse() : pose;
+  }
+
+  const LineReader& lines() const { return lines_; }
+
+ private:
+  LineReader lines_;
+  Form form_;
+};
+
 // By id; none where the model is unknown. Other sensors are left out.
-std::map<std::string, std::optional<Camera>> ReadCameras(const path& file) {
+std::map<std::string, std::optional<Camera>> ReadCameras(const path& file, Form form) {
   std::map<std::string, std::optional<Camera>> cameras;
-  CsvReader csv(file);
+  CsvReader csv(file, form);
   while (const auto fields = csv.Next(3)) {
     if ((*fields)[2] != "camera") continue;
     if (fields->size() < 6) csv.lines().Fail("expected id, name, camera, MODEL, width, height");
@@ -82,28 +96,31 @@ struct Mount {
 };
 
 // By sensor: the rigs that it is part of.
-std::map<std::string, std::vector<Mount>> ReadRigs(const path& file) {
+std::map<std::string, std::vector<Mount>> ReadRigs(const path& file, Form form) {
   std::map<std::string, std::vector<Mount>> rigs;
   if (!std::filesystem::exists(file)) return rigs;
-  CsvReader csv(file);
+  CsvReader csv(file, form);
   while (const auto fields = csv.Next(9)) {
     // Sensors whose place in the rig is not known are listed, too.
-    if (const auto pose = ParsePose(csv.lines(), *fields, 2)) {
+    if (const auto pose = csv.Pose(*fields, 2)) {
       rigs[std::string((*fields)[1])].push_back({std::string((*fields)[0]), *pose});
     }
   }
   return rigs;
 }
 
+// Times and devices.
+using Keys = std::set<std::pair<uint64_t, std::string>>;
+
 class Trajectories {
  public:
-  explicit Trajectories(const path& folder) : rigs_(ReadRigs(folder / "rigs.txt")) {
+  Trajectories(const path& folder, Form form) : rigs_(ReadRigs(folder / "rigs.txt", form)) {
     const path file = folder / "trajectories.txt";
     if (!std::filesystem::exists(file)) return;
-    CsvReader csv(file);
+    CsvReader csv(file, form);
     while (const auto fields = csv.Next(9)) {
       const uint64_t timestamp = csv.lines().Uint((*fields)[0], "timestamp");
-      if (const auto pose = ParsePose(csv.lines(), *fields, 2)) {
+      if (const auto pose = csv.Pose(*fields, 2)) {
         poses_[{timestamp, std::string((*fields)[1])}] = *pose;
       }
     }
@@ -124,34 +141,66 @@ class Trajectories {
     return std::nullopt;
   }
 
+  // Whether keys hold a device or a rig that it is part of.
+  bool Names(const Keys& keys, uint64_t timestamp, const std::string& device) const {
+    if (keys.contains({timestamp, device})) return true;
+    const auto mounts = rigs_.find(device);
+    return mounts != rigs_.end() &&
+           std::any_of(mounts->second.begin(), mounts->second.end(), [&](const Mount& mount) {
+             return keys.contains({timestamp, mount.rig});
+           });
+  }
+
  private:
   std::map<std::string, std::vector<Mount>> rigs_;
   std::map<std::pair<uint64_t, std::string>, Rigid3> poses_;  // by time and device
 };
 
-}  // namespace
-
-std::vector<KaptureImage> ReadKapture(const path& folder) {
-  const path sensors = folder / "sensors";
-  const auto cameras = ReadCameras(sensors / "sensors.txt");
-  const Trajectories trajectories(sensors);
+// All records of cameras whose device or one of its rigs is `wanted` at that time.
+std::vector<KaptureImage> ReadImages(const path& folder, const path& records, Form form,
+                                     const Keys* wanted) {
+  const auto cameras = ReadCameras(folder / "sensors.txt", form);
+  const Trajectories trajectories(folder, form);
   std::vector<KaptureImage> images;
-  CsvReader csv(sensors / "records_camera.txt");
+  CsvReader csv(records, form);
   while (const auto fields = csv.Next(3)) {
     const std::string device((*fields)[1]);
     const auto camera = cameras.find(device);
     if (camera == cameras.end()) {
       csv.lines().Fail(fmt::format("sensors.txt holds no camera \"{}\"", device));
     }
+    const uint64_t timestamp = csv.lines().Uint((*fields)[0], "timestamp");
+    if (wanted != nullptr && !trajectories.Names(*wanted, timestamp, device)) continue;
     KaptureImage& image = images.emplace_back();
-    image.timestamp = csv.lines().Uint((*fields)[0], "timestamp");
+    image.timestamp = timestamp;
     image.name = (*fields)[2];
     image.camera = camera->second;
-    image.cam_from_world = trajectories.Find(image.timestamp, device);
+    image.cam_from_world = trajectories.Find(timestamp, device);
   }
   std::sort(images.begin(), images.end(),
             [](const KaptureImage& a, const KaptureImage& b) { return a.name < b.name; });
   return images;
+}
+
+Keys ReadKeys(const path& file) {
+  Keys keys;
+  CsvReader csv(file, Form::kCapture);
+  while (const auto fields = csv.Next(2)) {
+    keys.insert({csv.lines().Uint((*fields)[0], "timestamp"), std::string((*fields)[1])});
+  }
+  return keys;
+}
+
+}  // namespace
+
+std::vector<KaptureImage> ReadKapture(const path& folder) {
+  const path sensors = folder / "sensors";
+  return ReadImages(sensors, sensors / "records_camera.txt", Form::kKapture, nullptr);
+}
+
+std::vector<KaptureImage> ReadCaptureSession(const path& session, const path& keys) {
+  const std::optional<Keys> wanted = keys.empty() ? std::nullopt : std::optional(ReadKeys(keys));
+  return ReadImages(session, session / "images.txt", Form::kCapture, wanted ? &*wanted : nullptr);
 }
 
 }  // namespace raylift

@@ -1,5 +1,7 @@
 // import: from a data set's own layout to poses and a table, by scene files alone.
 
+#include <map>
+
 #include "apps/program.h"
 #include "support/dataset_layouts.h"
 #include "support/meshes.h"
@@ -27,15 +29,15 @@ void PrintTo(const Case& c, std::ostream* stream) { *stream << c.name; }
 
 class Import : public ::testing::TestWithParam<Case> {};
 
-INSTANTIATE_TEST_SUITE_P(, Import,
-                         ::testing::Values(Case{"7scenes", &Write7Scenes},
-                                           Case{"12scenes", &Write12Scenes},
-                                           Case{"cambridge", &WriteCambridge},
-                                           Case{"aachen", &WriteAachen}, Case{"cmu", &WriteCmu},
-                                           Case{"gangnam", &WriteGangnam},
-                                           Case{"nerfstudio", &WriteNerfstudio},
-                                           Case{"tum", &WriteTum}, Case{"scannet", &WriteScanNet}),
-                         [](const auto& test) { return "of_" + test.param.name; });
+INSTANTIATE_TEST_SUITE_P(
+    , Import,
+    ::testing::Values(Case{"7scenes", &Write7Scenes}, Case{"12scenes", &Write12Scenes},
+                      Case{"cambridge", &WriteCambridge}, Case{"aachen", &WriteAachen},
+                      Case{"cmu", &WriteCmu}, Case{"gangnam", &WriteGangnam},
+                      Case{"nerfstudio", &WriteNerfstudio}, Case{"tum", &WriteTum},
+                      Case{"scannet", &WriteScanNet}, Case{"scannetpp", &WriteScanNetPp},
+                      Case{"eth3d", &WriteEth3d}, Case{"lamar", &WriteLamar}),
+    [](const auto& test) { return "of_" + test.param.name; });
 
 // The room, photographed in a data set's layout.
 Layout PhotographRoom(const Case& dataset, const RoomScene& room) {
@@ -51,6 +53,14 @@ Layout PhotographRoom(const Case& dataset, const RoomScene& room) {
     WriteImage(file, RenderColor(caster, view.camera, view.cam_from_world, colors, 1));
   };
   return dataset.write(room.folder / "data", input);
+}
+
+// Of data sets whose folder holds several scenes: the one of the layout's queries.
+fs::path SceneFileOf(const Case& dataset, const fs::path& scenes) {
+  const std::map<std::string, std::string> folders = {
+      {"cmu", "slice2"}, {"scannetpp", "dslr"}, {"lamar", "query_val_phone"}};
+  const auto folder = folders.find(dataset.name);
+  return (folder == folders.end() ? scenes : scenes / folder->second) / "scene.toml";
 }
 
 // Aachen's true poses are not public: those that the test knows stand in for them.
@@ -72,8 +82,7 @@ TEST_P(Import, LocalizesAndEvaluatesTheScene) {
                   std::to_string(layout.query_every)});
   ASSERT_TRUE(Succeeds(import));
   EXPECT_NE(import.out.find("queries"), std::string::npos) << import.out;
-  const fs::path scene =
-      GetParam().name == "cmu" ? scenes / "slice2/scene.toml" : scenes / "scene.toml";
+  const fs::path scene = SceneFileOf(GetParam(), scenes);
   ASSERT_TRUE(Succeeds(RunRaylift(
       {"localize", "--scene", scene, "--geometry", "mesh:" + room.mesh().string(), "--out", out})));
   // A pixel is about 0.25 degrees and 10 mm here; SIFT is good for a fraction of it.

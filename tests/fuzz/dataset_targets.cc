@@ -46,6 +46,12 @@ constexpr auto kNerfstudioFiles = std::to_array<std::string_view>({"transforms.j
 constexpr auto kTumFiles = std::to_array<std::string_view>({"rgb.txt", "groundtruth.txt"});
 constexpr auto kScanNetFiles = std::to_array<std::string_view>(
     {"intrinsic/intrinsic_color.txt", "pose/0.txt", "pose/1.txt", "pose/2.txt"});
+constexpr auto kScanNetPpFiles = std::to_array<std::string_view>(
+    {"dslr/train_test_lists.json", "dslr/colmap/cameras.txt", "dslr/colmap/images.txt"});
+constexpr auto kLamarFiles = std::to_array<std::string_view>(
+    {"sessions/map/sensors.txt", "sessions/map/rigs.txt", "sessions/map/trajectories.txt",
+     "sessions/map/images.txt", "sessions/query/sensors.txt", "sessions/query/images.txt",
+     "sessions/query/queries.txt"});
 constexpr auto kSevenScenesFiles = std::to_array<std::string_view>(
     {"TrainSplit.txt", "TestSplit.txt", "seq-01/frame-000000.pose.txt",
      "seq-02/frame-000000.pose.txt"});
@@ -114,6 +120,29 @@ std::vector<FuzzTarget> DatasetFuzzTargets() {
                         "-inf 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"});
        },
        "=FILE= nan -inf 1e308 1e-320"},
+      {"dataset_scannetpp",
+       [](std::string_view bytes) {
+         Import("scannetpp", bytes, "scannetpp", kScanNetPpFiles,
+                {"dslr/resized_images/a.JPG", "dslr/resized_images/b.JPG"});
+       },
+       [] {
+         return Joined({R"({"train": ["a.JPG"], "test": ["b.JPG"], "has_masks": true})",
+                        "1 OPENCV_FISHEYE 8 6 5 5 4 3 0.01 0 0 0\n",
+                        "1 1 0 0 0 1 2 3 1 a.JPG\n\n2 0 1 0 0 1 2 3 1 b.JPG\n\n"});
+       },
+       "=FILE= \"train\" \"test\" OPENCV_FISHEYE null [[ nan 1e308 4294967297"},
+      {"dataset_lamar",
+       [](std::string_view bytes) {
+         Import("lamar", bytes, "lamar", kLamarFiles,
+                {"sessions/map/raw_data/a.jpg", "sessions/query/raw_data/b.jpg"});
+       },
+       [] {
+         constexpr std::string_view kSensors = "c, n, camera, PINHOLE, 8, 6, 5, 5, 4, 3\n";
+         return Joined({kSensors, "rig, c, 1, 0, 0, 0, 0, 0, 0\n",
+                        "10, rig, 1, 0, 0, 0, 1, 2, 3, 0.1\n", "10, c, a.jpg\n", kSensors,
+                        "12, c, b.jpg\n", "12, c\n"});
+       },
+       "=FILE= camera depth OPENCV , # nan 1e308 18446744073709551615"},
       {"dataset_7scenes",
        [](std::string_view bytes) {
          Import("7scenes", bytes, "7scenes", kSevenScenesFiles,

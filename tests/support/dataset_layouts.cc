@@ -384,4 +384,100 @@ Layout WriteScanNet(const path& parent, const LayoutInput& input) {
   return layout;
 }
 
+Layout WriteScanNetPp(const path& folder, const LayoutInput& input) {
+  const path dslr = folder / "dslr", phone = folder / "iphone";
+  Layout layout{
+      .folder = folder, .images = dslr / "resized_images", .query_images = dslr / "resized_images"};
+  const Camera fisheye = ScaledCamera(input, CameraModel::kOpenCvFisheye,
+                                      {40, 41, 32.5, 23.5, 0.02, -0.01, 0.003, -0.001});
+  const Camera phone_camera =
+      ScaledCamera(input, CameraModel::kOpenCv, {52, 53, 31, 24, -0.02, 0.004, 0.001, -0.001});
+  std::vector<PosedImage> photographs, frames;
+  const auto add = [&](const Rigid3& pose) {
+    const PosedImage view{fmt::format("DSC{:05}.JPG", 1752 + photographs.size()), fisheye, pose};
+    WritePicture(input, layout.images / view.name, view);
+    photographs.push_back(view);
+    return view;
+  };
+  std::string train, test;
+  for (const Rigid3& pose : input.references) {
+    layout.references.push_back(add(pose));
+    train += fmt::format("{}\"{}\"", train.empty() ? "" : ", ", layout.references.back().name);
+  }
+  for (const Rigid3& pose : input.queries) {
+    layout.queries.push_back(add(pose));
+    test += fmt::format("{}\"{}\"", test.empty() ? "" : ", ", layout.queries.back().name);
+    const PosedImage frame{fmt::format("frame_{:06}.jpg", 10 * frames.size()), phone_camera, pose};
+    WritePicture(input, phone / "rgb" / frame.name, frame);
+    frames.push_back(frame);
+  }
+  WriteModel(dslr / "colmap", photographs);
+  WriteModel(phone / "colmap", frames);
+  WriteFile(folder / "scans" / "mesh_aligned_0.05.ply", "");  // nobody reads it
+  WriteFile(dslr / "train_test_lists.json",
+            fmt::format("{{\"train\": [{}], \"test\": [{}], \"has_masks\": true}}", train, test));
+  return layout;
+}
+
+Layout WriteEth3d(const path& folder, const LayoutInput& input) {
+  Layout layout{.folder = folder, .images = folder / "images", .query_images = folder / "images"};
+  const Camera camera = ScaledCamera(
+      input, CameraModel::kThinPrismFisheye,
+      {50, 51, 32.2, 24.3, -0.03, 0.01, 0.0003, -0.0002, 0.002, -0.001, 0.0002, -0.0001});
+  std::vector<PosedImage> views;
+  for (const Rigid3& pose : AllPoses(input)) {
+    const PosedImage view{fmt::format("dslr_images/DSC_{:04}.JPG", 286 + views.size()), camera,
+                          pose};
+    WritePicture(input, layout.images / view.name, view);
+    views.push_back(view);
+  }
+  WriteModel(folder / "dslr_calibration_jpg", views);
+  SplitInOrder(input, views, layout);
+  return layout;
+}
+
+Layout WriteLamar(const path& folder, const LayoutInput& input) {
+  const path sessions = folder / "sessions";
+  Layout layout{.folder = folder, .images = sessions, .query_images = sessions};
+  const Camera camera = ScaledCamera(input, CameraModel::kPinhole, {52, 53, 32, 24});
+  const Rigid3 right_from_rig{RotationFromVector({0.1, -0.2, 0.3}), {0.2, 0.1, -0.05}};
+  const auto csv = [](const Rigid3& pose) {
+    return Join(Quaternion(pose), ", ") + ", " + Join(Vector(pose.translation), ", ");
+  };
+  const auto write = [&](const std::string& session, const std::vector<Rigid3>& poses,
+                         bool is_rig) {
+    std::vector<PosedImage> views;
+    std::string images = "# timestamp, sensor_id, image_path\n", sensors, trajectories;
+    for (const Rigid3& pose : poses) {
+      const std::string device = is_rig ? "s/right" : fmt::format("ios_{}/cam", views.size());
+      const uint64_t timestamp = 1638000000000000 + 40000 * views.size();
+      const std::string file = fmt::format("images/{}.jpg", timestamp);
+      const PosedImage view{session + "/raw_data/" + file, camera, pose};
+      WritePicture(input, sessions / view.name, view);
+      images += fmt::format("{}, {}, {}\n", timestamp, device, file);
+      const Rigid3 device_from_world = is_rig ? right_from_rig.Inverse() * pose : pose;
+      trajectories += fmt::format("{}, {}, {}\n", timestamp, is_rig ? "s/rig" : device,
+                                  csv(device_from_world.Inverse()));
+      const auto k = camera.params();
+      if (!is_rig || views.empty()) {
+        sensors += fmt::format("{}, name, camera, PINHOLE, {}, {}, {}\n", device, input.width_px,
+                               input.height_px, Join({k[0], k[1], k[2], k[3]}, ", "));
+      }
+      views.push_back(view);
+    }
+    WriteFile(sessions / session / "images.txt", images);
+    WriteFile(sessions / session / "trajectories.txt", trajectories);
+    WriteFile(sessions / session / "sensors.txt",
+              "# sensor_id, name, sensor_type, [sensor_params]+\n" + sensors);
+    if (is_rig) {
+      WriteFile(sessions / session / "rigs.txt",
+                fmt::format("s/rig, s/right, {}\n", csv(right_from_rig.Inverse())));
+    }
+    return views;
+  };
+  layout.references = write("map", input.references, true);
+  layout.queries = write("query_val_phone", input.queries, false);
+  return layout;
+}
+
 }  // namespace raylift

@@ -49,5 +49,12 @@ Layout WriteNerfstudio(const std::filesystem::path& folder, const LayoutInput& i
 Layout WriteTum(const std::filesystem::path& folder, const LayoutInput& input);
 // ScanNet: an exported scene.
 Layout WriteScanNet(const std::filesystem::path& folder, const LayoutInput& input);
+// ScanNet++: the references are the DSLR's training photographs, the queries its test photographs;
+// the telephone took a frame from each query's place, too.
+Layout WriteScanNetPp(const std::filesystem::path& folder, const LayoutInput& input);
+// ETH3D: photographs as they were taken.
+Layout WriteEth3d(const std::filesystem::path& folder, const LayoutInput& input);
+// LaMAR: the map by a rig of two cameras, and queries of a telephone.
+Layout WriteLamar(const std::filesystem::path& folder, const LayoutInput& input);
 
 }  // namespace raylift
