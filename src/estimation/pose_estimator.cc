@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <set>
 
@@ -147,6 +148,19 @@ RansacMethod Configure(const EstimatorOptions& options) {
 }
 
 // P3P, E5+1, D3+1, Adaptive and Hybrid RANSAC.
+// All focal lengths in the range must be numbers.
+void RequireFocalRange(const PoseProblem& problem, double range) {
+  const Camera& camera = problem.query_camera;
+  for (const double focal_px : {camera.focal_x_px(), camera.focal_y_px()}) {
+    if (focal_px / range >= std::numeric_limits<double>::min() && std::isfinite(focal_px * range)) {
+      continue;
+    }
+    throw InputError(
+        fmt::format("{}: query camera: no focal lengths within a factor of {} of {} px",
+                    problem.name, range, focal_px));
+  }
+}
+
 class RansacEstimator final : public PoseEstimator {
  public:
   explicit RansacEstimator(const EstimatorOptions& options)
@@ -163,6 +177,7 @@ class RansacEstimator final : public PoseEstimator {
     if (!is_known && !problem.other_cameras.empty()) {
       throw InputError(problem.name + ": the focal lengths of a rig's cameras must be known");
     }
+    if (!is_known) RequireFocalRange(problem, range);
     return is_known ? EstimateWithCamera(problem) : EstimateWithFocal(problem, range);
   }
 

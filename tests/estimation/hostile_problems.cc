@@ -58,7 +58,8 @@ bool IsWellFormed(const PoseProblem& problem) {
            std::isfinite(priors.gravity->sigma_deg) && priors.gravity->sigma_deg >= 0)) &&
          priors.focal_range >= 1 && priors.focal_range <= kMaxFocalRange &&
          // Else there is none in its range that is a number.
-         problem.query_camera.MeanFocalPx() > 1e-290 && problem.query_camera.MeanFocalPx() < 1e290;
+         problem.query_camera.focal_x_px() > 1e-290 && problem.query_camera.focal_x_px() < 1e290 &&
+         problem.query_camera.focal_y_px() > 1e-290 && problem.query_camera.focal_y_px() < 1e290;
 }
 
 // The estimators' residual is exact for pinholes, up to 80 degrees off their axes, and that of first
@@ -95,8 +96,9 @@ std::string FaultOfInliers(const HostileProblem& made, const PoseEstimate& estim
     if (!(rounding_px < 0.01 * most_px)) continue;
     const auto residual = ReprojectionError(camera, pose, match.point_in_world, match.query_px);
     if (!residual) return fmt::format("2D-3D inlier {} is behind the camera", i);
-    if (residual->error_px.norm() > 1.02 * most_px) {
-      return fmt::format("2D-3D inlier {} is off by {} px", i, residual->error_px.norm());
+    const double error_px = residual->error_px.stableNorm();
+    if (error_px > 1.02 * most_px) {
+      return fmt::format("2D-3D inlier {} is off by {} px", i, error_px);
     }
   }
   return {};

@@ -206,6 +206,18 @@ TEST(RefineFocal, WhereNoPoseIsFoundTheReasonIs) {
   }
 }
 
+TEST(RefineFocal, ARangeThatHoldsNoNumbersIsNamed) {
+  PoseProblem problem = MakeRegime(RegimeByName("accurate"), 1).front().problem;
+  problem.priors.focal_range = 2;
+  for (const double focal_px : {5e-324, 1.7e308}) {
+    const double params[] = {500, focal_px, 320, 240};
+    problem.query_camera = Camera(CameraModel::kPinhole, 640, 480, params);
+    EXPECT_TRUE(FailsWithInputError(
+        [&] { MakePoseEstimator(StandardOptions(Method::kAdaptive))->Estimate(problem); },
+        {"query camera: no focal lengths within a factor of 2"}));
+  }
+}
+
 // A panorama has no focal length: nothing changes.
 TEST(RefineFocal, LeavesPanoramasAsTheyAre) {
   SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
