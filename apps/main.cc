@@ -9,6 +9,8 @@
 #include "program.h"
 #include <opencv2/core/utility.hpp>
 
+#include "raylift/io/hdf5_exit.h"
+
 namespace {
 
 const std::terminate_handler kUsualEnd = std::get_terminate();
@@ -47,10 +49,14 @@ void NoteAndThrow() {
 int main(int argc, char** argv) {
   std::set_terminate(&End);
   std::set_new_handler(&NoteAndThrow);
+  raylift::LeaveHdf5AsItIsAtExit();
   try {
     // Images are worked on side by side, on --threads; OpenCV's own threads would come on top.
     cv::setNumThreads(1);
-    return raylift::RunProgram(std::vector<std::string>(argv + 1, argv + argc));
+    const int code = raylift::RunProgram(std::vector<std::string>(argv + 1, argv + argc));
+    // Libraries tell it as something else, as a file that cannot be made.
+    const bool is_of_files = code == raylift::kBadInput || code == raylift::kBadOutput;
+    return is_of_files && without_memory ? FailWithoutMemory() : code;
   } catch (const std::bad_alloc&) {  // before the program runs, or where it says what was wrong
     return FailWithoutMemory();
   }

@@ -10,6 +10,7 @@
 #include <hdf5.h>
 
 #include "raylift/base/output_error.h"
+#include "raylift/io/hdf5_exit.h"
 
 namespace raylift {
 namespace {
@@ -45,6 +46,12 @@ std::string LastError() {
   };
   H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD, take_first, &text);
   std::replace(text.begin(), text.end(), '\n', ' ');
+  // Of a call of the system what that says alone, without addresses and times.
+  constexpr std::string_view kOfSystem = "error message = '";
+  if (const size_t begin = text.find(kOfSystem); begin != std::string::npos) {
+    const size_t from = begin + kOfSystem.size();
+    return text.substr(from, text.find('\'', from) - from);
+  }
   return text.empty() ? "unknown error of HDF5" : text;
 }
 
@@ -435,5 +442,7 @@ void Hdf5Writer::Commit() {
   }
   file_on_disk_.Commit();
 }
+
+void LeaveHdf5AsItIsAtExit() { H5dont_atexit(); }
 
 }  // namespace raylift
