@@ -1,7 +1,8 @@
 // HDF5 files in terms of arrays and paths; the C library stays behind it. Private to io.
 //
-// The library is not thread-safe in most builds: every call here holds one global lock. It does not
-// print its errors; their text is in the InputErrors.
+// The library is not thread-safe in most builds: all that it does holds one global lock. Data sets
+// that lie in the file in one piece are only found by it: several threads read them at once. It does
+// not print its errors; their text is in the InputErrors.
 
 #pragma once
 
@@ -55,7 +56,8 @@ class Hdf5Reader {
 
  private:
   std::filesystem::path path_;
-  int64_t file_ = -1;  // an hid_t
+  int64_t file_ = -1;    // an hid_t
+  int descriptor_ = -1;  // of the same file, to read what lies in one piece
 };
 
 // Makes a file that appears under its name when it is complete. Groups on the way are made.
