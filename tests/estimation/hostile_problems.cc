@@ -11,12 +11,15 @@
 #include <ctime>
 #include <map>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "estimation/hostile_problem.h"
 #include "estimation/standard_options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/median.h"
 #include "raylift/base/text.h"
 #include "raylift/geometry/residuals.h"
 #include "raylift/scene/keypoints.h"
@@ -71,6 +74,17 @@ bool HasExactResidual(const Camera& camera, const Eigen::Vector2d& pixel) {
          from_axis_px < kMaxSlope * std::min(camera.focal_x_px(), camera.focal_y_px());
 }
 
+// Of the 3D points from the origin: the estimators work in a frame of that size, in which what is
+// smaller by the number of digits that there are is one point.
+double MedianDistance(const PoseProblem& problem) {
+  std::vector<double> distances;
+  for (const Match2D3D& match : problem.matches_2d3d) {
+    const double distance = match.point_in_world.stableNorm();
+    if (std::isfinite(distance)) distances.push_back(distance);
+  }
+  return UpperMedianOr(std::move(distances), 0);
+}
+
 // What is wrong with the inliers of a pose, by the residuals' reference implementations; empty where
 // nothing is. Numbers of such sizes that rounding alone could make an inlier are passed over.
 std::string FaultOfInliers(const HostileProblem& made, const PoseEstimate& estimate) {
@@ -78,9 +92,9 @@ std::string FaultOfInliers(const HostileProblem& made, const PoseEstimate& estim
   const Rigid3& pose = *estimate.cam_from_world;
   const Camera& camera = estimate.refined_camera.value_or(problem.query_camera);
   constexpr double kRounding = 1e-11;  // some hundred operations
-  double extent = pose.translation.norm();
+  double extent = std::max(pose.translation.stableNorm(), MedianDistance(problem));
   for (const PosedImage& reference : problem.references) {
-    const double distance = reference.cam_from_world.translation.norm();
+    const double distance = reference.cam_from_world.translation.stableNorm();
     if (std::isfinite(distance)) extent = std::max(extent, distance);
   }
   const double focal_px = std::max(camera.focal_x_px(), camera.focal_y_px());
