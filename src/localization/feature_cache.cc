@@ -212,7 +212,10 @@ std::shared_ptr<const FeatureStore> ExtractOrReadFeatures(const std::vector<Imag
                                                           const FeatureCacheOptions& options,
                                                           std::map<std::string, Features> known) {
   auto store = std::make_shared<FeatureStore>();
-  for (auto& [name, features] : known) store->Add(name, std::move(features));
+  while (!known.empty()) {
+    auto first = known.extract(known.begin());
+    store->Add(first.key(), std::move(first.mapped()));
+  }
   if (images.empty()) return store;
   const std::vector<Input> inputs = InputsOf(images);
   if (options.folder.empty()) {

@@ -56,6 +56,7 @@ FeatureCacheOptions CacheOf(const FrontEndOptions& options) {
 
 std::vector<std::string> NamesOf(const std::vector<PosedImage>& images) {
   std::vector<std::string> names;
+  names.reserve(images.size());
   for (const PosedImage& image : images) names.push_back(image.name);
   return names;
 }
@@ -169,6 +170,7 @@ class FrontEndMatches final : public MatchSource {
   void Retrieve(const std::vector<Query>& queries) {
     if (queries.empty()) return;
     std::vector<std::string> query_names;
+    query_names.reserve(queries.size());
     for (const Query& query : queries) query_names.push_back(query.name);
     const RetrievedLists ranks =
         options_.retrieved

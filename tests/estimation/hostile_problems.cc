@@ -94,7 +94,7 @@ std::string FaultOfInliers(const HostileProblem& made, const PoseEstimate& estim
   constexpr double kRounding = 1e-11;  // some hundred operations
   double extent = std::max(pose.translation.stableNorm(), MedianDistance(problem));
   for (const PosedImage& reference : problem.references) {
-    const double distance = reference.cam_from_world.translation.stableNorm();
+    const double distance = reference.cam_from_world.OriginInSource().stableNorm();
     if (std::isfinite(distance)) extent = std::max(extent, distance);
   }
   const double focal_px = std::max(camera.focal_x_px(), camera.focal_y_px());

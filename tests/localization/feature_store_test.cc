@@ -25,7 +25,7 @@ Features RandomFeatures(uint64_t seed, int count) {
   for (float& value : features.descriptors.reshaped()) value = static_cast<float>(rng.Uniform());
   features.descriptors.colwise().normalize();
   for (int i = 0; i < count; ++i) {
-    features.keypoints_px.emplace_back(1.5 + i / 2, 2.5);  // two at each place
+    features.keypoints_px.emplace_back(1.5 + i - i % 2, 2.5);  // two at each place
     features.scores.push_back(0.5f);
   }
   return features;
@@ -81,7 +81,8 @@ TEST_F(StoredFeatures, AreThoseOfTheFileHoweverFewFitIntoMemory) {
 }
 
 TEST_F(StoredFeatures, ThoseAskedForLastStay) {
-  const size_t two = 2 * (100 * (16 + 8 * 4 + 4 + 4));
+  constexpr size_t kFeatures = 100, kBytesEach = 16 + 8 * 4 + 4 + 4;
+  const size_t two = 2 * kFeatures * kBytesEach;
   const auto store = Store(two);
   const auto first = store->Get(names_[0]);
   EXPECT_EQ(store->Get(names_[0]), first);

@@ -162,17 +162,15 @@ hid_t NativeType<int64_t>() {
 }
 
 // Numbers as they lie in the file, little-endian.
-enum class StoredType { kHalf, kFloat, kDouble, kInt8, kInt16, kInt32, kInt64, kUint8, kUint16 };
+enum class StoredType { kHalf, kFloat, kDouble, kInt16, kInt32, kInt64 };
 
 // None for types that the library itself must convert.
 std::optional<StoredType> StoredTypeOf(hid_t type) {
   const Handle half = HalfType();
   const std::pair<hid_t, StoredType> known[] = {
       {half.get(), StoredType::kHalf},       {H5T_IEEE_F32LE, StoredType::kFloat},
-      {H5T_IEEE_F64LE, StoredType::kDouble}, {H5T_STD_I8LE, StoredType::kInt8},
-      {H5T_STD_I16LE, StoredType::kInt16},   {H5T_STD_I32LE, StoredType::kInt32},
-      {H5T_STD_I64LE, StoredType::kInt64},   {H5T_STD_U8LE, StoredType::kUint8},
-      {H5T_STD_U16LE, StoredType::kUint16},
+      {H5T_IEEE_F64LE, StoredType::kDouble}, {H5T_STD_I16LE, StoredType::kInt16},
+      {H5T_STD_I32LE, StoredType::kInt32},   {H5T_STD_I64LE, StoredType::kInt64},
   };
   for (const auto& [one, stored] : known) {
     if (H5Tequal(type, one) > 0) return stored;
@@ -209,18 +207,12 @@ void Convert(StoredType type, const std::string& bytes, std::vector<T>* values) 
       return ConvertAs<float>(bytes, values);
     case StoredType::kDouble:
       return ConvertAs<double>(bytes, values);
-    case StoredType::kInt8:
-      return ConvertAs<int8_t>(bytes, values);
     case StoredType::kInt16:
       return ConvertAs<int16_t>(bytes, values);
     case StoredType::kInt32:
       return ConvertAs<int32_t>(bytes, values);
     case StoredType::kInt64:
       return ConvertAs<int64_t>(bytes, values);
-    case StoredType::kUint8:
-      return ConvertAs<uint8_t>(bytes, values);
-    case StoredType::kUint16:
-      return ConvertAs<uint16_t>(bytes, values);
   }
 }
 
