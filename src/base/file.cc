@@ -20,14 +20,17 @@
 namespace raylift {
 namespace {
 
-// Tells apart where process numbers are given: machines that share a folder, and containers.
+// Tells apart where process numbers are given: machines that share a folder, which may have one name,
+// and containers.
 const std::string& ThisHost() {
   static const std::string host = [] {
     char name[256] = {};
     gethostname(name, sizeof(name) - 1);
+    std::string start;  // of the machine
+    std::ifstream("/proc/sys/kernel/random/boot_id") >> start;
     std::error_code ignored;
     const auto numbers = std::filesystem::read_symlink("/proc/self/ns/pid", ignored);
-    return HexText(HashBytes64(name + numbers.string())).substr(0, 8);
+    return HexText(HashBytes64(name + start + numbers.string())).substr(0, 8);
   }();
   return host;
 }

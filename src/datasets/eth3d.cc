@@ -4,9 +4,6 @@
 // Training scenes have ground_truth_depth/dslr_images/NAME.JPG, plain floats that fit the photographs
 // as they were taken, and occlusion/surface_mesh.ply, a mesh of the laser scans.
 
-#include <algorithm>
-#include <array>
-
 #include "datasets/importers.h"
 
 #include "raylift/base/error.h"

@@ -115,7 +115,10 @@ using Keys = std::set<std::pair<uint64_t, std::string>>;
 class Trajectories {
  public:
   Trajectories(const path& folder, Form form) : rigs_(ReadRigs(folder / "rigs.txt", form)) {
-    const path file = folder / "trajectories.txt";
+    path file = folder / "trajectories.txt";
+    // Sessions as they were recorded have poses of their own there, and the world's here.
+    const path aligned = folder / "proc" / "alignment_trajectories.txt";
+    if (form == Form::kCapture && std::filesystem::exists(aligned)) file = aligned;
     if (!std::filesystem::exists(file)) return;
     CsvReader csv(file, form);
     while (const auto fields = csv.Next(9)) {

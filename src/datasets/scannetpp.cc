@@ -5,11 +5,9 @@
 // scans/mesh_aligned_0.05.ply. References are the DSLR's training photographs, and one scene has its
 // test photographs as queries, a second one the telephone's.
 
-#include <map>
 #include <set>
 
 #include "datasets/importers.h"
-#include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
@@ -28,7 +26,7 @@ std::set<std::string> ReadNames(const JsonPlace& root, std::string_view key) {
   return names;
 }
 
-// Names as below `folder`, which holds the model's photographs.
+// Those of a model whose photographs are there.
 std::vector<PosedImage> ReadFrames(const path& model, const path& photographs,
                                    const ImportOptions& options, Skipped& skipped) {
   std::vector<PosedImage> frames;

@@ -134,6 +134,11 @@ TEST_F(LamarSession, PosesAreOfTheSensorInTheWorld) {
       (world_from_cam.rotation * Eigen::Vector3d::UnitZ() - Eigen::Vector3d::UnitX()).norm(), 0,
       1e-12);
   EXPECT_THAT(scene.notes, Contains("poses of 1 of 3 queries are public"));
+
+  // Where a session was aligned to the map, its own poses are of another world.
+  WriteFile(query_ / "proc/alignment_trajectories.txt",
+            "1638000000000000, ios_0/cam, 1, 0, 0, 0, 4, 5, 6\n");
+  EXPECT_EQ(Import().ground_truth.at(0).cam_from_world.OriginInSource(), Eigen::Vector3d(4, 5, 6));
 }
 
 TEST_F(LamarSession, AListSaysWhichImagesAreQueries) {

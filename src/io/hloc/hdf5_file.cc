@@ -7,7 +7,6 @@
 #include <utility>
 
 #include <Eigen/Core>
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <hdf5.h>
@@ -348,16 +347,14 @@ Hdf5Reader::Hdf5Reader(std::filesystem::path path) : path_(std::move(path)) {
   if (file_ < 0) {
     throw InputError(path_, fmt::format("cannot be opened: {}", LastError()));
   }
-  descriptor_ = open(path_.c_str(), O_RDONLY | O_CLOEXEC);
-  if (descriptor_ < 0) {
-    const int error = errno;
-    H5Fclose(file_);
-    throw InputError(path_, fmt::format("cannot be opened: {}", std::strerror(error)));
+  // The library's own: the path may stand for another file by now.
+  void* descriptor = nullptr;
+  if (H5Fget_vfd_handle(file_, H5P_DEFAULT, &descriptor) >= 0 && descriptor != nullptr) {
+    descriptor_ = *static_cast<const int*>(descriptor);
   }
 }
 
 Hdf5Reader::~Hdf5Reader() {
-  close(descriptor_);
   const Lock lock;
   H5Fclose(file_);
 }
@@ -418,7 +415,7 @@ Hdf5Array<T> Hdf5Reader::Read(const std::string& name) const {
     array.values.resize(*count);
     if (*count == 0) return array;
     stored = StoredTypeOf(type.get());
-    if (stored) place = PlaceInFile(file_, dataset.get());
+    if (stored && descriptor_ >= 0) place = PlaceInFile(file_, dataset.get());
     if (!place && !ReadByLibrary(dataset.get(), stored, &array.values)) {
       Fail(name, fmt::format("cannot be read: {}", LastError()));
     }

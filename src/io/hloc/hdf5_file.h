@@ -57,7 +57,7 @@ class Hdf5Reader {
  private:
   std::filesystem::path path_;
   int64_t file_ = -1;    // an hid_t
-  int descriptor_ = -1;  // of the same file, to read what lies in one piece
+  int descriptor_ = -1;  // the library's, to read what lies in one piece; -1: there is none
 };
 
 // Makes a file that appears under its name when it is complete. Groups on the way are made.
