@@ -236,16 +236,18 @@ Json CurvesJson(const SourceComparison& source) {
   Json curves = Json::object();
   ForEachBin(source,
              [&](const char* name, double from, double to, const BinnedDepthErrors::Bin& bin) {
-               curves[name].push_back({{"from", from},
-                                       {"to", to},
-                                       {"count", bin.count},
-                                       {"abs_rel", bin.AbsRel()},
-                                       {"mae", bin.Mae()},
-                                       {"bias", bin.Bias()}});
+               AppendTo(curves, name,
+                        {{"from", from},
+                         {"to", to},
+                         {"count", bin.count},
+                         {"abs_rel", bin.AbsRel()},
+                         {"mae", bin.Mae()},
+                         {"bias", bin.Bias()}});
              });
   if (source.matches) {
     for (size_t k = 0; k < kMatchErrorThresholdsPx.size(); ++k) {
-      curves["reprojection_px"].push_back(
+      AppendTo(
+          curves, "reprojection_px",
           {{"to", kMatchErrorThresholdsPx[k]}, {"percent", source.matches->within_percent[k]}});
     }
   }

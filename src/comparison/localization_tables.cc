@@ -42,16 +42,17 @@ void AddDetail(const QueryDetail& detail, nlohmann::ordered_json& entry) {
   entry["inliers_2d2d"] = detail.inliers_2d2d;
   entry["solver"] = detail.solver;
   for (const QueryDetail::Candidate& candidate : detail.candidates) {
-    entry["candidates"].push_back({{"solver", candidate.solver},
-                                   {"position", candidate.error.position},
-                                   {"rotation_deg", candidate.error.rotation_deg},
-                                   {"inliers_2d2d", candidate.inliers_2d2d},
-                                   {"chosen", candidate.chosen}});
+    AppendTo(entry, "candidates",
+             {{"solver", candidate.solver},
+              {"position", candidate.error.position},
+              {"rotation_deg", candidate.error.rotation_deg},
+              {"inliers_2d2d", candidate.inliers_2d2d},
+              {"chosen", candidate.chosen}});
   }
   for (const QueryDetail::Keypoint& keypoint : detail.keypoints) {
-    entry["keypoints"].push_back({std::round(keypoint.pixel.x() * 10) / 10,
-                                  std::round(keypoint.pixel.y() * 10) / 10,
-                                  keypoint.is_inlier ? 1 : 0});
+    AppendTo(entry, "keypoints",
+             {std::round(keypoint.pixel.x() * 10) / 10, std::round(keypoint.pixel.y() * 10) / 10,
+              keypoint.is_inlier ? 1 : 0});
   }
 }
 

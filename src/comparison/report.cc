@@ -162,7 +162,7 @@ std::string FormatReport(const DepthComparison& comparison,
   data["tile_width"] = options.thumbnail_width_px;
   SceneJson scene;
   for (const auto& [index, strip] : taken.strips) {
-    if (!strip.json.is_null()) data["strips"].push_back(strip.json);
+    if (!strip.json.is_null()) AppendTo(data, "strips", strip.json);
     for (const auto& point : strip.points) scene.AddPoint(point.point_in_world, point.color_rgb);
   }
   for (const PosedImage& reference : references) scene.AddCamera("reference", reference);

@@ -158,7 +158,7 @@ class InputCollector {
       if (json.empty()) {
         json = std::move(source);
       } else {
-        json["then"].push_back(std::move(source));
+        AppendTo(json, "then", std::move(source));
       }
     }
     if (geometry.specs.size() > 1) json["mode"] = ToString(geometry.mode);
@@ -176,7 +176,7 @@ class InputCollector {
     Json json = {{"spec", place.empty() ? spec : Replaced(spec, place, "")}};
     std::vector<path> inputs = PathsOfSpec(spec);
     if (inputs.empty()) inputs.push_back(scene.model);
-    for (const path& input : inputs) json["data"].push_back(identity_.Of(input));
+    for (const path& input : inputs) AppendTo(json, "data", identity_.Of(input));
     return json;
   }
 

@@ -70,8 +70,7 @@ class GlbFile {
 
   // Appends to a list of the JSON; its place there.
   size_t Add(const char* list, Json entry) {
-    if (!json.contains(list)) json[list] = Json::array();
-    json[list].push_back(std::move(entry));
+    AppendTo(json, list, std::move(entry));
     return json[list].size() - 1;
   }
 

@@ -1,8 +1,10 @@
-// JSON as text. File names need not be UTF-8, as JSON must be; what is not is replaced.
+// What nlohmann's JSON lacks. File names need not be UTF-8, as JSON must be; what is not is replaced.
 
 #pragma once
 
 #include <string>
+#include <type_traits>
+#include <utility>
 
 namespace raylift {
 
@@ -10,6 +12,14 @@ namespace raylift {
 template <typename Json>
 std::string JsonText(const Json& json, int indent = -1) {
   return json.dump(indent, ' ', /*ensure_ascii=*/false, Json::error_handler_t::replace);
+}
+
+// Appends to an object's list, which is made where there is none yet. The library's own push_back()
+// leaves what is no list and no null where there is no memory for one, and ends the process.
+template <typename Json>
+void AppendTo(Json& object, const char* key, std::type_identity_t<Json> entry) {
+  if (!object.contains(key)) object[key] = Json::array();
+  object[key].push_back(std::move(entry));
 }
 
 }  // namespace raylift
