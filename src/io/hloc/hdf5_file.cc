@@ -343,7 +343,10 @@ Hdf5Reader::Hdf5Reader(std::filesystem::path path) : path_(std::move(path)) {
   if (H5Fis_hdf5(path_.c_str()) == 0) {
     throw InputError(path_, "expected an HDF5 file, found something else");
   }
-  file_ = H5Fopen(path_.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
+  // A plain file, whatever the environment says is usual.
+  const Handle access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
+  H5Pset_fapl_sec2(access.get());
+  file_ = H5Fopen(path_.c_str(), H5F_ACC_RDONLY, access.get());
   if (file_ < 0) {
     throw InputError(path_, fmt::format("cannot be opened: {}", LastError()));
   }
