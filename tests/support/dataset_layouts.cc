@@ -394,7 +394,7 @@ Layout WriteScanNetPp(const path& folder, const LayoutInput& input) {
       ScaledCamera(input, CameraModel::kOpenCv, {52, 53, 31, 24, -0.02, 0.004, 0.001, -0.001});
   std::vector<PosedImage> photographs, frames;
   const auto add = [&](const Rigid3& pose) {
-    const PosedImage view{fmt::format("DSC{:05}.JPG", 1752 + photographs.size()), fisheye, pose};
+    PosedImage view{fmt::format("DSC{:05}.JPG", 1752 + photographs.size()), fisheye, pose};
     WritePicture(input, layout.images / view.name, view);
     photographs.push_back(view);
     return view;
