@@ -104,6 +104,8 @@ std::string FaultOfInliers(const HostileProblem& made, const PoseEstimate& estim
     if (!estimate.inliers_2d3d[i] || match.point_sigma || made.options.point_sigma > 0) continue;
     if (!HasExactResidual(camera, match.query_px)) continue;
     const double depth = (pose * match.point_in_world).z();
+    // On which side of the camera it is, is rounding alone.
+    if (std::abs(depth) < kRounding * (extent + match.point_in_world.norm())) continue;
     const double rounding_px =
         kRounding * (focal_px * (extent + match.point_in_world.norm()) / std::abs(depth) +
                      match.query_px.norm() + camera.principal_point_px().norm());
