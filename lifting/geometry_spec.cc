@@ -10,6 +10,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/median.h"
+#include "raylift/base/read_limits.h"
 #include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/lifting/depth_source.h"
@@ -117,9 +118,8 @@ PlaneSize ParseSize(const SpecKeys& keys, const std::string& text) {
   const auto sides = SplitBy(text, 'x');
   const auto width = ParseInt(sides.front());
   const auto height = ParseInt(sides.back());
-  constexpr int64_t kMaxSide = 1 << 20;
-  if (sides.size() != 2 || !width || !height || *width < 1 || *height < 1 || *width > kMaxSide ||
-      *height > kMaxSide) {
+  if (sides.size() != 2 || !width || !height || *width < 1 || *height < 1 ||
+      *width > kMaxImageSidePx || *height > kMaxImageSidePx) {
     keys.Fail("expected size=WIDTHxHEIGHT");
   }
   return {static_cast<int>(*width), static_cast<int>(*height)};

@@ -23,6 +23,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/nearest_byte.h"
+#include "raylift/base/read_limits.h"
 
 namespace raylift {
 namespace {
@@ -66,8 +67,6 @@ class SceneConverter {
   }
 
  private:
-  static constexpr int kMaxDepth = 1000;
-
   Rgb Color(const aiColor4D& color) const {
     const auto byte = [&](double c) {
       return NearestByte((linear_colors_ ? SrgbFromLinear(c) : c) * 255);
@@ -124,8 +123,8 @@ class SceneConverter {
   }
 
   void AddNode(const aiNode& node, const Eigen::Affine3d& root_from_parent, int depth) {
-    if (depth > kMaxDepth) {
-      throw InputError(path_, fmt::format("nodes are nested more than {} deep", kMaxDepth));
+    if (depth > kMaxNodeNesting) {
+      throw InputError(path_, fmt::format("nodes are nested more than {} deep", kMaxNodeNesting));
     }
     const Eigen::Affine3d root_from_node = root_from_parent * ToEigen(node.mTransformation);
     for (unsigned int i = 0; i < node.mNumMeshes; ++i) {

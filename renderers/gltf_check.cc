@@ -13,14 +13,12 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/base/read_limits.h"
 
 namespace raylift {
 namespace {
 
 using nlohmann::json;
-
-constexpr int kMaxNesting = 100;   // of JSON
-constexpr size_t kMaxDepth = 500;  // of nodes
 
 // Which list the numbers of a member are indices into, wherever the member stands.
 constexpr auto kListOfMember = std::to_array<std::pair<std::string_view, std::string_view>>(
@@ -92,7 +90,7 @@ class GltfCheck {
   json Parse(std::string_view text) const {
     std::vector<std::set<std::string>> members;
     const auto check = [&](int depth, json::parse_event_t event, json& value) {
-      if (depth > kMaxNesting) Fail("JSON", "lists and objects are nested too deep");
+      if (depth > kMaxJsonNesting) Fail("JSON", "lists and objects are nested too deep");
       if (event == json::parse_event_t::object_start) members.emplace_back();
       if (event == json::parse_event_t::object_end) members.pop_back();
       if (event == json::parse_event_t::key &&
@@ -289,8 +287,8 @@ class GltfCheck {
     while (!open.empty()) {
       const auto [node, depth] = open.back();
       open.pop_back();
-      if (depth > kMaxDepth)
-        Fail("nodes", fmt::format("they are nested more than {} deep", kMaxDepth));
+      if (depth > kMaxGltfNodeNesting)
+        Fail("nodes", fmt::format("they are nested more than {} deep", kMaxGltfNodeNesting));
       for (const json& child : nodes[node].value("children", json::array())) {
         open.emplace_back(child.get<size_t>(), depth + 1);
       }

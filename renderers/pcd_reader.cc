@@ -14,6 +14,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/read_limits.h"
 #include "raylift/base/text.h"
 
 namespace raylift {
@@ -119,10 +120,9 @@ class PcdReader {
       const auto count = counts.empty()      ? std::optional<uint64_t>(1)
                          : i < counts.size() ? ParseUint(counts[i])
                                              : std::nullopt;
-      constexpr uint64_t kMostValues = 1 << 16;
-      if (!count || *count > kMostValues) {
+      if (!count || *count > kMaxPcdFieldValues) {
         throw InputError(path_, "COUNT, " + Shown(names[i]),
-                         fmt::format("expected a number up to {}", kMostValues));
+                         fmt::format("expected a number up to {}", kMaxPcdFieldValues));
       }
       field.type = types[i].front();
       field.bytes = *bytes;

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/read_limits.h"
 #include "raylift/base/text.h"
 #include "raylift/io/line_tokens.h"
 #include "raylift/io/unit_quaternion.h"
@@ -131,11 +132,10 @@ class Trajectories {
 
   // Of a sensor: its own, else that of a rig that holds it, which may hold that one in turn.
   std::optional<Rigid3> Find(uint64_t timestamp, const std::string& device, int depth = 0) const {
-    constexpr int kMaxDepth = 3;
     const auto own = poses_.find({timestamp, device});
     if (own != poses_.end()) return own->second;
     const auto mounts = rigs_.find(device);
-    if (mounts == rigs_.end() || depth == kMaxDepth) return std::nullopt;
+    if (mounts == rigs_.end() || depth == kMaxRigNesting) return std::nullopt;
     for (const Mount& mount : mounts->second) {
       if (const auto rig_from_world = Find(timestamp, mount.rig, depth + 1)) {
         return mount.sensor_from_rig * *rig_from_world;

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/read_limits.h"
 #include "raylift/base/text.h"
 
 namespace raylift {
@@ -48,7 +49,8 @@ class Info {
 
   int Side(const std::string& key) const {
     const double side = Numbers(key, 1)[0];
-    if (!(side >= 1 && side <= 1 << 20)) throw InputError(file_, key, "expected a size in pixels");
+    if (!(side >= 1 && side <= kMaxImageSidePx))
+      throw InputError(file_, key, "expected a size in pixels");
     return static_cast<int>(side);
   }
 

@@ -8,11 +8,10 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/read_limits.h"
 
 namespace raylift {
 namespace {
-
-constexpr double kMaxSide = 1 << 20;
 
 struct Intrinsics {
   double width_px, height_px;
@@ -187,7 +186,8 @@ Camera TransformsLens::MakeCamera(const std::optional<PlaneSize>& photo) const {
   Intrinsics k{};
   k.width_px = NumberOr("w", photo ? photo->width_px : 0);
   k.height_px = NumberOr("h", photo ? photo->height_px : 0);
-  if (!(k.width_px >= 1 && k.width_px <= kMaxSide && k.height_px >= 1 && k.height_px <= kMaxSide)) {
+  if (!(k.width_px >= 1 && k.width_px <= kMaxImageSidePx && k.height_px >= 1 &&
+        k.height_px <= kMaxImageSidePx)) {
     frame_.Fail("w, h: expected a size in pixels");
   }
   const auto focal_x = Focal('x', k.width_px), focal_y = Focal('y', k.height_px);

@@ -11,11 +11,10 @@
 #include "pictures/decoders.h"
 #include <tiffio.h>
 
+#include "raylift/base/read_limits.h"
+
 namespace raylift {
 namespace {
-
-// A tile or strip that takes more is no picture's.
-constexpr tmsize_t kMostBlockBytes = tmsize_t{1} << 30;
 
 [[noreturn]] void Fail() { throw std::runtime_error("the TIFF file is damaged or truncated"); }
 
@@ -76,7 +75,7 @@ TiffPointer Open(Memory& memory, const char* mode) {
 
 void RefuseLargeBlocks(TIFF* tiff) {
   const tmsize_t bytes = TIFFIsTiled(tiff) != 0 ? TIFFTileSize(tiff) : TIFFStripSize(tiff);
-  if (bytes <= 0 || bytes > kMostBlockBytes) Fail();
+  if (bytes <= 0 || bytes > kMaxTiffBlockBytes) Fail();
 }
 
 template <typename T>

@@ -10,13 +10,14 @@
 
 #include <fmt/format.h>
 
+#include "raylift/base/read_limits.h"
+
 namespace raylift {
 namespace {
 
-constexpr int kMaxSide = 1 << 20;
-// Deflate makes at most 1032 bytes of one, and a byte of a PNG holds up to 8 pixels. Of a JPEG, 64
+// After Deflate a byte of a PNG holds up to 8 pixels. Of a JPEG, 64
 // pixels take a bit at least.
-constexpr uint64_t kMaxPixelsPerByte = 8 * 1032;
+constexpr uint64_t kMaxPixelsPerByte = 8 * kMaxDeflateRatio;
 
 uint32_t BigEndian(std::span<const uint8_t> bytes) {
   uint32_t value = 0;
@@ -40,7 +41,8 @@ std::optional<std::array<uint8_t, N>> Take(std::istream& file) {
 }
 
 std::optional<PlaneSize> Checked(uint32_t width, uint32_t height) {
-  if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide) return std::nullopt;
+  if (width < 1 || height < 1 || width > kMaxImageSidePx || height > kMaxImageSidePx)
+    return std::nullopt;
   return PlaneSize{static_cast<int>(width), static_cast<int>(height)};
 }
 
@@ -106,7 +108,23 @@ std::optional<PlaneSize> PnmSize(std::istream& file) {
   return Checked(sides[0], sides[1]);
 }
 
-// After the byte order: the version, the place of the directory, and its entries.
+// How many bytes one value of a type has that libtiff takes for a width, and whether it has a sign.
+struct TiffInteger {
+  uint64_t type;
+  size_t num_bytes;
+  bool is_signed;
+};
+constexpr std::array<TiffInteger, 8> kTiffIntegers{{{1, 1, false},
+                                                    {3, 2, false},
+                                                    {4, 4, false},
+                                                    {6, 1, true},
+                                                    {8, 2, true},
+                                                    {9, 4, true},
+                                                    {16, 8, false},
+                                                    {17, 8, true}}};
+
+// After the byte order: the version, the place of the directory, and its entries. As libtiff does:
+// of several entries of one tag the first counts, and of several values none.
 std::optional<PlaneSize> TiffSize(std::istream& file, bool is_big_endian) {
   const auto number = [&](size_t num_bytes) {
     uint64_t value = 0;
@@ -116,22 +134,34 @@ std::optional<PlaneSize> TiffSize(std::istream& file, bool is_big_endian) {
     }
     return value;
   };
-  constexpr uint64_t kBigTiff = 43, kWidth = 256, kHeight = 257, kShort = 3;
+  constexpr uint64_t kBigTiff = 43, kWidth = 256, kHeight = 257;
   const bool is_big = number(2) == kBigTiff;
   const size_t place_bytes = is_big ? 8 : 4;
   if (is_big) number(4);  // the size of places
   file.seekg(static_cast<std::streamoff>(number(place_bytes)));
-  uint64_t width = 0, height = 0;
+  std::optional<uint64_t> width, height;
   for (uint64_t left = number(is_big ? 8 : 2); left > 0 && file; --left) {
     const uint64_t tag = number(2), type = number(2);
-    number(place_bytes);  // how many values
-    const size_t value_bytes = type == kShort ? 2 : 4;
-    const uint64_t value = number(value_bytes);
-    number(place_bytes - value_bytes);
-    if (tag == kWidth) width = std::max(width, value);
-    if (tag == kHeight) height = std::max(height, value);
+    const uint64_t num_values = number(place_bytes);
+    std::optional<uint64_t>* const side = tag == kWidth    ? &width
+                                          : tag == kHeight ? &height
+                                                           : nullptr;
+    if (side == nullptr || side->has_value()) {
+      number(place_bytes);
+      continue;
+    }
+    const auto* const form = std::ranges::find(kTiffIntegers, type, &TiffInteger::type);
+    if (form == kTiffIntegers.end() || form->num_bytes > place_bytes || num_values != 1) {
+      return std::nullopt;
+    }
+    const uint64_t value = number(form->num_bytes);
+    number(place_bytes - form->num_bytes);
+    const bool is_negative = form->is_signed && (value >> (8 * form->num_bytes - 1)) != 0;
+    if (is_negative || value > kMaxImageSidePx) return std::nullopt;
+    *side = value;
   }
-  return file ? Checked(static_cast<uint32_t>(width), static_cast<uint32_t>(height)) : std::nullopt;
+  if (!file || !width || !height) return std::nullopt;
+  return Checked(static_cast<uint32_t>(*width), static_cast<uint32_t>(*height));
 }
 
 // After "RI": the rest of the container's header, then a chunk's name and length.

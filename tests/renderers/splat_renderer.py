@@ -94,7 +94,8 @@ def main():
         if median is not None:
             w, t = np.array(weights), np.array(ts)
             variance = (w * ((t - median)**2 + variances)).sum() / w.sum()
-            surface = f"{median!r} {(w * t).sum() / w.sum()!r} {t[w.argmax()]!r} {np.sqrt(variance)!r}"
+            found = [median, (w * t).sum() / w.sum(), t[w.argmax()], np.sqrt(variance)]
+            surface = " ".join(repr(float(v)) for v in found)
         print(*[repr(float(v)) for v in rgb], repr(float(left)), surface)
 
 

@@ -12,6 +12,7 @@
 #include <sqlite3.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/read_limits.h"
 
 namespace raylift {
 namespace {
@@ -60,9 +61,8 @@ class Rows {
                         const std::string& what) const {
     const int64_t rows = Int(column), cols = Int(column + 1);
     const auto bytes = static_cast<int64_t>(sqlite3_column_bytes(statement_.get(), column + 2));
-    constexpr int64_t kMaxRows = 1 << 28;
     if (rows == 0) return {};
-    if (rows < 0 || rows > kMaxRows || cols < min_cols || cols > max_cols ||
+    if (rows < 0 || rows > kMaxDatabaseRows || cols < min_cols || cols > max_cols ||
         bytes != rows * cols * static_cast<int64_t>(sizeof(T))) {
       throw InputError(file_, what,
                        fmt::format("expected rows of {} to {} numbers, found {} bytes for {} x {}",

@@ -15,14 +15,12 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/read_limits.h"
 
 namespace raylift {
 namespace {
 
 using std::filesystem::path;
-
-constexpr uint64_t kMaxSide = uint64_t{1} << 20;
-constexpr uint64_t kMaxPixels = uint64_t{1} << 28;
 
 constexpr std::array<std::pair<std::string_view, DepthFileFormat>, 11> kExtensions = {{
     {".exr", DepthFileFormat::kExr},
@@ -158,9 +156,9 @@ void CheckClaimedSize(const path& file, uint64_t width, uint64_t height,
     throw InputError(file,
                      fmt::format("expected at least one pixel, found {} x {}", width, height));
   }
-  if (width > kMaxSide || height > kMaxSide || width * height > kMaxPixels) {
+  if (width > kMaxImageSidePx || height > kMaxImageSidePx || width * height > kMaxDepthMapPixels) {
     throw InputError(file, fmt::format("claims {} x {} pixels; a depth map has at most {}", width,
-                                       height, kMaxPixels));
+                                       height, kMaxDepthMapPixels));
   }
   if (width * height > max_pixels_in_file) {
     throw InputError(file, fmt::format("claims {} x {} pixels, more than the file can hold: it is "

@@ -13,16 +13,11 @@
 #include <unistd.h>
 
 #include "raylift/base/output_error.h"
+#include "raylift/base/read_limits.h"
 #include "raylift/io/hdf5_exit.h"
 
 namespace raylift {
 namespace {
-
-// Deflate, the usual filter of chunked data sets, cannot do better.
-constexpr size_t kMaxCompression = 1032;
-
-// Nested groups beyond this are a cycle, not folders of images.
-constexpr int kMaxDepth = 64;
 
 std::mutex& GlobalMutex() {
   static std::mutex mutex;
@@ -111,7 +106,7 @@ void CollectGroupsWith(hid_t group, const std::string& path, const std::string& 
     paths->push_back(path);
     return;
   }
-  if (depth == kMaxDepth) {
+  if (depth == kMaxGroupNesting) {
     return;
   }
   for (const std::string& name : LinkNames(group)) {
@@ -271,7 +266,7 @@ std::optional<size_t> CountElements(hid_t dataset, size_t num_bytes_each,
   const Handle properties(H5Dget_create_plist(dataset), H5Pclose);
   const bool is_chunked = H5Pget_layout(properties.get()) == H5D_CHUNKED;
   const size_t stored = std::min<size_t>(H5Dget_storage_size(dataset), file_size);
-  const size_t limit = is_chunked ? stored * kMaxCompression : stored;
+  const size_t limit = is_chunked ? stored * kMaxDeflateRatio : stored;
   if (std::find(shape.begin(), shape.end(), size_t{0}) != shape.end()) {
     return 0;
   }

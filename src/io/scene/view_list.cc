@@ -5,18 +5,17 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/read_limits.h"
 #include "raylift/io/line_tokens.h"
 #include "raylift/io/unit_quaternion.h"
 
 namespace raylift {
 namespace {
 
-constexpr int kMaxSide = 1 << 20;
-
 int Side(LineTokens& tokens, std::string_view field) {
   const int side = tokens.Int(field);
-  if (side < 1 || side > kMaxSide) {
-    tokens.Fail(fmt::format("{}: expected 1 to {}, found {}", field, kMaxSide, side));
+  if (side < 1 || side > kMaxImageSidePx) {
+    tokens.Fail(fmt::format("{}: expected 1 to {}, found {}", field, kMaxImageSidePx, side));
   }
   return side;
 }
