@@ -48,10 +48,7 @@ class GltfCheck {
 
   void Run() {
     root_ = Parse(contents_.starts_with("glTF") ? TakeJsonOfBinary() : contents_);
-    const json version = root_.value("/asset/version"_json_pointer, json());
-    if (!version.is_string() || !version.get<std::string>().starts_with("2.")) {
-      Fail("asset.version", "expected glTF 2");
-    }
+    CheckVersion();
     for (const auto& [member, value] : root_.items()) CheckReferences(member, member, value);
     CheckBuffers();
     CheckAccessors();
@@ -61,6 +58,15 @@ class GltfCheck {
  private:
   [[noreturn]] void Fail(std::string_view place, std::string_view message) const {
     throw InputError(path_, place, message);
+  }
+
+  void CheckVersion() const {
+    const auto asset = root_.find("asset");
+    const bool is_object = asset != root_.end() && asset->is_object();
+    const json version = is_object ? asset->value("version", json()) : json();
+    if (!version.is_string() || !version.get<std::string>().starts_with("2.")) {
+      Fail("asset.version", "expected glTF 2");
+    }
   }
 
   // A header of the magic word, the version and the file's size, then a chunk of JSON and one of

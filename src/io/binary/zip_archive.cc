@@ -7,6 +7,7 @@
 #include <zip.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/read_limits.h"
 
 namespace raylift {
 namespace {
@@ -105,7 +106,7 @@ std::string ZipReader::Read(const std::string& name) const {
   zip_stat_init(&stat);
   if (zip_stat(archive, name.c_str(), 0, &stat) != 0) fail("no such entry");
   const auto compressed = std::min<uint64_t>(stat.comp_size, archive_->num_bytes);
-  if (stat.size > kMaxInflation * (compressed + 1)) {
+  if (stat.size > kMaxDeflateRatio * (compressed + 1)) {
     fail(fmt::format("claims {} bytes, more than its {} compressed bytes can become", stat.size,
                      compressed));
   }

@@ -23,6 +23,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/read_limits.h"
 
 namespace raylift {
 namespace {
@@ -240,9 +241,9 @@ Window WindowOf(const Imath::Box2i& box) {
 // How many pixels of one channel a file can hold at most. The lossy DCT runs before deflate.
 uint64_t MaxPixels(Imf::Compression compression, Imf::PixelType type, uint64_t num_bytes) {
   if (compression == Imf::DWAA_COMPRESSION || compression == Imf::DWAB_COMPRESSION) {
-    return 4 * kMaxInflation * num_bytes;
+    return 4 * kMaxDeflateRatio * num_bytes;
   }
-  return kMaxInflation * num_bytes / (type == Imf::HALF ? 2 : 4);
+  return kMaxDeflateRatio * num_bytes / (type == Imf::HALF ? 2 : 4);
 }
 
 // The data window's values in the display window, 0 where it has none.

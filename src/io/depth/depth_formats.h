@@ -13,9 +13,6 @@
 
 namespace raylift {
 
-// Deflate makes at most 1032 bytes of one, so whatever claims more is lying.
-inline constexpr uint64_t kMaxInflation = 1032;
-
 // InputError where a header claims a size that is no depth map's, or that takes more than
 // `max_pixels_in_file`.
 void CheckClaimedSize(const std::filesystem::path& path, uint64_t width, uint64_t height,

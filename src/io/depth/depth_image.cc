@@ -15,6 +15,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/read_limits.h"
 
 namespace raylift {
 namespace {
@@ -158,7 +159,7 @@ StoredDepth DecodePng(const path& file, std::string_view bytes) {
                     header.is_grey ? "a grey one" : "one in colours or with alpha", header.bits));
   }
   CheckClaimedSize(file, header.width_px, header.height_px,
-                   kMaxInflation * bytes.size() * 8 / static_cast<uint64_t>(header.bits));
+                   kMaxDeflateRatio * bytes.size() * 8 / static_cast<uint64_t>(header.bits));
   StoredDepth depth;
   depth.width_px = static_cast<int>(header.width_px);
   depth.height_px = static_cast<int>(header.height_px);
@@ -190,7 +191,7 @@ StoredDepth DecodeTiff(const path& file, std::string_view bytes) {
   if (bits == 32 && !facts.sample_format) {
     throw InputError(file, "expected a TIFF of 32 bits that says what they are (SampleFormat)");
   }
-  const uint64_t inflation = facts.compression == 1 ? 1 : kMaxInflation;
+  const uint64_t inflation = facts.compression == 1 ? 1 : kMaxDeflateRatio;
   CheckClaimedSize(file, facts.width, facts.height, inflation * bytes.size() * 8 / bits);
   StoredDepth depth;
   depth.width_px = static_cast<int>(facts.width);
