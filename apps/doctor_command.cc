@@ -14,6 +14,8 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/json_text.h"
+#include "raylift/comparison/geometry_report.h"
 #include "raylift/io/query_list.h"
 #include "raylift/lifting/input_doctor.h"
 #include "raylift/localization/matching.h"
@@ -32,7 +34,7 @@ struct DoctorFlags {
   ModelPosesFlags model_poses;
   std::string geometry;
   MatchingFlags matching;
-  path json;
+  path json, report;
   RunFlags run;
 };
 
@@ -157,6 +159,7 @@ void Run(const DoctorFlags& flags) {
     throw OptionError("--geometry", flags.geometry, "expected mesh:... or depth:...");
   }
   if (!flags.json.empty()) RequireWritable(flags.json);
+  if (!flags.report.empty()) RequireWritable(flags.report / "index.html");
   const std::vector<Query> queries = ReadQueries(flags, scene.references);
   const auto match_source = Open(flags, scene, queries);
   const auto matches =
@@ -167,7 +170,26 @@ void Run(const DoctorFlags& flags) {
   const Diagnosis diagnosis =
       Diagnose(MakeDoctorInput(geometry, scene.references.images, matches, scene.model_poses),
                {.threads = flags.run.threads});
-  if (!flags.json.empty()) WriteFile(flags.json, DiagnosisJson(diagnosis).dump(2) + "\n");
+  const std::string json = JsonText(DiagnosisJson(diagnosis), 2) + "\n";
+  if (!flags.json.empty()) WriteFile(flags.json, json);
+  if (!flags.report.empty()) {
+    std::vector<std::string> warnings = scene.warnings;
+    const auto of_matches = match_source->Warnings();
+    warnings.insert(warnings.end(), of_matches.begin(), of_matches.end());
+    WriteFile(
+        flags.report / "index.html",
+        FormatDoctorReport(
+            {.title = "Raylift: " + flags.geometry,
+             .subtitle = fmt::format("{} references{}", scene.references.images.size(),
+                                     geometry.understood.empty() ? "" : "; " + geometry.understood),
+             .diagnosis = json,
+             .source = *geometry.source,
+             .surface = geometry.mesh,
+             .references = scene.references.images,
+             .images = flags.images,
+             .warnings = warnings,
+             .threads = flags.run.threads}));
+  }
   if (!flags.run.quiet) Print(diagnosis);
 }
 
@@ -194,6 +216,8 @@ Command AddDoctorCommand(CLI::App& program) {
       ->group("Matches");
   AddMatchingOptions(*command, flags->matching, "; without it, RootSIFT", "none");
   command->add_option("--json", flags->json, "Also write the table as JSON")->group("Output");
+  command->add_option("--report", flags->report, "Folder for one HTML page to look at (index.html)")
+      ->group("Output");
   AddRunOptions(*command, flags->run);
   command->footer(
       "Columns: distance of projected keypoints from their matches in other references (median,\n"

@@ -13,7 +13,9 @@
 #include <unistd.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 #include "raylift/base/progress.h"
+#include "raylift/comparison/geometry_report.h"
 #include "raylift/io/view_list.h"
 #include "raylift/lifting/mesh_spec.h"
 #include "raylift/views/mesh_scene.h"
@@ -63,6 +65,7 @@ class RenderRun {
     }
     tasks_ = SelectTasks(std::move(views), flags.selection);
     RefuseIdsOfPoints();
+    if (!flags.report.empty()) RequireWritable(flags.report / "index.html");
     const Steps steps(flags.run.quiet);
     scene_ = LoadMeshScene(flags.geometry,
                            {.threads = flags.run.threads,
@@ -89,7 +92,7 @@ class RenderRun {
                                     progress->Advance(1e-6 * static_cast<double>(image.rays));
                                   },
                               .stop = &SignalGuard::stop()};
-      summary = RunRenderJob(scene_.caster, std::move(tasks_), options_, hooks);
+      summary = RunRenderJob(scene_.caster, tasks_, options_, hooks);
     }
     if (!flags_.run.quiet && !flags_.log_json) Print(summary, total);
     if (summary.dropped > 0) {
@@ -103,6 +106,7 @@ class RenderRun {
                                summary.foreign_files.front(),
                                summary.foreign_files.size() > 1 ? ", ..." : ""));
     }
+    if (!flags_.report.empty()) WriteReport(summary);
     if (summary.left > 0) {
       throw Interrupted(
           fmt::format("stopped by a signal with {} images left; --resume goes on", summary.left));
@@ -156,6 +160,31 @@ class RenderRun {
                                                  summary.depth_range->second)
                                    : "none",
                static_cast<double>(summary.bytes) / kMega, options_.out.string());
+  }
+
+  // Of the images of this shard that are complete.
+  void WriteReport(const RenderSummary& summary) const {
+    std::vector<RenderedView> images;
+    for (const RenderTask& task : tasks_) {
+      const auto found = summary.entries.find(task.view.name);
+      if (found == summary.entries.end()) continue;
+      const ManifestEntry& entry = found->second;
+      images.push_back({task.view, entry.Coverage(), entry.depth_range});
+      for (const ManifestEntry::File& file : entry.files) images.back().bytes += file.bytes;
+    }
+    std::vector<std::string> warnings = warnings_;
+    warnings.insert(warnings.end(), summary.warnings.begin(), summary.warnings.end());
+    WriteFile(flags_.report / "index.html",
+              FormatRenderReport(
+                  {.title = "Raylift: " + options_.out.string(),
+                   .subtitle = fmt::format("{} of {} images; {}; {:.1f} % of the pixels covered",
+                                           images.size(), tasks_.size(), DescribeScene(),
+                                           100 * summary.coverage),
+                   .scene = scene_.caster,
+                   .colors = options_.frame.color_options,
+                   .images = images,
+                   .warnings = warnings,
+                   .threads = flags_.run.threads}));
   }
 
   const RenderFlags& flags_;

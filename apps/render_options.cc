@@ -202,6 +202,10 @@ void AddOutputOptions(CLI::App& command, RenderFlags& flags) {
       ->capture_default_str()
       ->group("Output");
   command
+      .add_option("--report", flags.report,
+                  "Folder for one HTML page to look at (index.html): images, pictures, 3D view")
+      ->group("Output");
+  command
       .add_flag("--preview", flags.job.preview, "Also write preview.png, a sheet of small depths")
       ->group("Output");
   command

@@ -27,6 +27,7 @@ struct RenderFlags {
   std::optional<ColorOptions::Shading> shading;  // none: by whether the mesh has colours
   JobFlags running;
   bool log_json = false;
+  std::filesystem::path report;
   RunFlags run;
 };
 

@@ -27,26 +27,11 @@ using Json = nlohmann::ordered_json;
 // Of each query, for the view in 3D.
 constexpr size_t kScenePoints = 200;
 
-struct ScenePoint {
-  Eigen::Vector3d point_in_world;
-  std::array<uint8_t, 3> color_rgb;
-};
-
 struct QueryEntry {
   Json json;
   std::vector<ScenePoint> points;
   std::optional<PosedImage> view;
 };
-
-// A missing photograph leaves a gap, not an error.
-std::optional<Image> ReadPhoto(const std::filesystem::path& folder, const std::string& name) {
-  if (folder.empty()) return std::nullopt;
-  try {
-    return ReadImage(folder / name, ImageChannels::kRgb);
-  } catch (const InputError&) {
-    return std::nullopt;
-  }
-}
 
 Json PhotoJson(const Image& photo) {
   return {{"uri", JpegDataUri(photo, kPagePictureWidthPx)},
@@ -162,9 +147,7 @@ std::string LocalizationReport::Format(std::string_view title,
     queries.push_back(entry.json);
     const auto verdict = entry.json["verdict"].get<std::string>();
     ++count_of[verdict];
-    for (const ScenePoint& point : entry.points) {
-      scene.AddPoint(point.point_in_world, point.color_rgb);
-    }
+    scene.AddPoints(entry.points);
     if (entry.view) scene.AddCamera(verdict, *entry.view);
   }
   for (const auto& [name, photo] : impl_->reference_photos) data["reference_photos"][name] = photo;

@@ -25,7 +25,6 @@ using Json = nlohmann::ordered_json;
 
 constexpr double kFullError = 0.2;
 constexpr int kHistogramBins = 41;
-constexpr int kPointsPerImage = 1600;
 constexpr int kQueryPhotoWidthPx = 640;
 
 Json MetricsJson() {
@@ -42,23 +41,9 @@ Json MetricsJson() {
   return metrics;
 }
 
-// A missing photograph leaves a gap, not an error: the page is about geometry.
-std::optional<Image> TryReadPhoto(const std::filesystem::path& folder, const std::string& name) {
-  if (folder.empty()) return std::nullopt;
-  try {
-    return ReadImage(folder / name, ImageChannels::kRgb);
-  } catch (const InputError&) {
-    return std::nullopt;
-  }
-}
-
 }  // namespace
 
 struct ReportPictures::Impl {
-  struct ScenePoint {
-    Eigen::Vector3d point_in_world;
-    std::array<uint8_t, 3> color_rgb;
-  };
   struct Strip {
     Json json;
     std::vector<ScenePoint> points;
@@ -88,27 +73,6 @@ struct ReportPictures::Impl {
     return {{"image", view.name},
             {"photo", photo ? Json(JpegDataUri(*photo, options.thumbnail_width_px)) : Json()},
             {"sources", sources}};
-  }
-
-  // Of the truth, else the first source; coloured by the photograph, else by how near it is.
-  std::vector<ScenePoint> MakePoints(const PosedImage& view, const SourceView& source,
-                                     const std::optional<Image>& photo) const {
-    const Rigid3 world_from_cam = view.cam_from_world.Inverse();
-    const Image colors = photo ? *photo : ColorizeDepth(source.depth, near, far);
-    std::vector<ScenePoint> points;
-    for (const Eigen::Vector2d& pixel : GridPixels(view.camera, kPointsPerImage)) {
-      const float z = source.depth.At(static_cast<int>(pixel.x()), static_cast<int>(pixel.y()));
-      const auto ray = view.camera.RayInCam(pixel);
-      if (!(z > 0) || !ray || !(ray->z() > 0)) continue;
-      const int x = std::min(colors.width_px - 1, static_cast<int>(pixel.x() * colors.width_px /
-                                                                   view.camera.width_px()));
-      const int y = std::min(colors.height_px - 1, static_cast<int>(pixel.y() * colors.height_px /
-                                                                    view.camera.height_px()));
-      const uint8_t* color = colors.Pixel(x, y);
-      points.push_back({world_from_cam * (*ray * (static_cast<double>(z) / ray->z())),
-                        {color[0], color[1], color[2]}});
-    }
-    return points;
   }
 };
 
@@ -140,9 +104,12 @@ void ReportPictures::Take(size_t image, const PosedImage& view, std::span<const 
   // Every image has a place of its own: no lock is needed.
   const auto strip = impl_->strips.find(image);
   if (strip == impl_->strips.end()) return;
-  const auto photo = TryReadPhoto(impl_->options.images, view.name);
+  const auto photo = ReadPhoto(impl_->options.images, view.name);
   strip->second.json = impl_->MakeStrip(view, views, photo);
-  strip->second.points = impl_->MakePoints(view, views[impl_->truth.value_or(0)], photo);
+  // Of the truth, else the first source; coloured by the photograph, else by how near it is.
+  const DepthMap& depth = views[impl_->truth.value_or(0)].depth;
+  strip->second.points =
+      PointsOf(view, depth, photo ? *photo : ColorizeDepth(depth, impl_->near, impl_->far));
 }
 
 std::string FormatReport(const DepthComparison& comparison,
@@ -163,7 +130,7 @@ std::string FormatReport(const DepthComparison& comparison,
   SceneJson scene;
   for (const auto& [index, strip] : taken.strips) {
     if (!strip.json.is_null()) AppendTo(data, "strips", strip.json);
-    for (const auto& point : strip.points) scene.AddPoint(point.point_in_world, point.color_rgb);
+    scene.AddPoints(strip.points);
   }
   for (const PosedImage& reference : references) scene.AddCamera("reference", reference);
   for (const PosedImage& query : true_queries) scene.AddCamera("true", query);
@@ -180,7 +147,7 @@ std::string FormatReport(const DepthComparison& comparison,
       }
     }
     for (const PosedImage& query : true_queries) {
-      if (const auto photo = TryReadPhoto(options.query_images, query.name)) {
+      if (const auto photo = ReadPhoto(options.query_images, query.name)) {
         data["query_photos"][query.name] = {{"uri", JpegDataUri(*photo, kQueryPhotoWidthPx)},
                                             {"width", photo->width_px},
                                             {"height", photo->height_px}};

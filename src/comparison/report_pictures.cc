@@ -9,6 +9,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/io/image_file.h"
 #include "raylift/pictures/picture_codec.h"
 
 namespace raylift {
@@ -52,6 +53,15 @@ Image Paint(const DepthMap& map, Function color_at) {
 }
 
 }  // namespace
+
+std::optional<Image> ReadPhoto(const std::filesystem::path& folder, const std::string& name) {
+  if (folder.empty()) return std::nullopt;
+  try {
+    return ReadImage(folder / name, ImageChannels::kRgb);
+  } catch (const InputError&) {
+    return std::nullopt;
+  }
+}
 
 std::vector<std::string> DepthColors() {
   std::vector<std::string> colors;

@@ -2,6 +2,8 @@
 
 #pragma once
 
+#include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -10,6 +12,9 @@
 #include "raylift/scene/image.h"
 
 namespace raylift {
+
+// A missing photograph leaves a gap, not an error: the pages are about geometry.
+std::optional<Image> ReadPhoto(const std::filesystem::path& folder, const std::string& name);
 
 // Dark blue (near) to yellow (far), even in brightness and for the colour blind; holes are grey.
 Image ColorizeDepth(const DepthMap& map, double near, double far);

@@ -1,9 +1,11 @@
 #include "report_scene.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "report_pictures.h"
 
+#include "raylift/comparison/source_view.h"
 #include "raylift/renderers/decimated_mesh.h"
 #include "raylift/renderers/split_mesh.h"
 
@@ -14,6 +16,7 @@ using Json = nlohmann::ordered_json;
 
 // A page of a few MB shows them at once.
 constexpr size_t kMeshTriangles = 60'000;
+constexpr int kPointsPerImage = 1600;
 
 template <typename T>
 void AppendBytes(std::string& bytes, const T* values, size_t count) {
@@ -31,10 +34,30 @@ Json ToJson(const Eigen::Vector3d& v) {
 
 }  // namespace
 
-void SceneJson::AddPoint(const Eigen::Vector3d& point_in_world,
-                         const std::array<uint8_t, 3>& color_rgb) {
-  points_.push_back(point_in_world);
-  for (const uint8_t channel : color_rgb) colors_ += static_cast<char>(channel);
+std::vector<ScenePoint> PointsOf(const PosedImage& view, const DepthMap& depth,
+                                 const Image& picture) {
+  const Rigid3 world_from_cam = view.cam_from_world.Inverse();
+  std::vector<ScenePoint> points;
+  for (const Eigen::Vector2d& pixel : GridPixels(view.camera, kPointsPerImage)) {
+    const float z = depth.At(static_cast<int>(pixel.x()), static_cast<int>(pixel.y()));
+    const auto ray = view.camera.RayInCam(pixel);
+    if (!(z > 0) || !ray || !(ray->z() > 0)) continue;
+    const int x = std::min(picture.width_px - 1,
+                           static_cast<int>(pixel.x() * picture.width_px / view.camera.width_px()));
+    const int y = std::min(picture.height_px - 1, static_cast<int>(pixel.y() * picture.height_px /
+                                                                   view.camera.height_px()));
+    const uint8_t* color = picture.Pixel(x, y);
+    points.push_back({world_from_cam * (*ray * (static_cast<double>(z) / ray->z())),
+                      {color[0], color[1], color[2]}});
+  }
+  return points;
+}
+
+void SceneJson::AddPoints(std::span<const ScenePoint> points) {
+  for (const ScenePoint& point : points) {
+    points_.push_back(point.point_in_world);
+    for (const uint8_t channel : point.color_rgb) colors_ += static_cast<char>(channel);
+  }
 }
 
 void SceneJson::AddCamera(const std::string& kind, const PosedImage& image,

@@ -13,13 +13,25 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/renderers/triangle_mesh.h"
+#include "raylift/scene/depth_map.h"
+#include "raylift/scene/image.h"
 #include "raylift/scene/posed_image.h"
 
 namespace raylift {
 
+struct ScenePoint {
+  Eigen::Vector3d point_in_world;
+  std::array<uint8_t, 3> color_rgb;
+};
+
+// Points of a depth map on a grid over the image, coloured by a picture of the same view, of any
+// size.
+std::vector<ScenePoint> PointsOf(const PosedImage& view, const DepthMap& depth,
+                                 const Image& picture);
+
 class SceneJson {
  public:
-  void AddPoint(const Eigen::Vector3d& point_in_world, const std::array<uint8_t, 3>& color_rgb);
+  void AddPoints(std::span<const ScenePoint> points);
   // `kind`: "reference", "true", "estimated", or a verdict. `from`: where a line to the camera starts.
   void AddCamera(const std::string& kind, const PosedImage& image,
                  const std::optional<Eigen::Vector3d>& from = std::nullopt);

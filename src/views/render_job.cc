@@ -123,6 +123,7 @@ class Job {
     summary.complete = all_done && Finish();
     summary.warnings = Warnings(done_);
     summary.foreign_files = std::move(foreign_files);
+    summary.entries = std::move(done_);
     summary.seconds = SecondsSince(start_);
     return summary;
   }

@@ -31,7 +31,7 @@ setTimeout(() => {
   found.ready = document.documentElement.dataset.ready;
   found.sections = [...document.querySelectorAll("section")].map((node) => node.id);
   found.wide = document.documentElement.scrollWidth > window.innerWidth;
-  const table = document.querySelector("#images table, #localization table, #queries table");
+  const table = document.querySelector("#images table, #localization table, #queries table, #readings table");
   const cells = (index) => [...table.querySelectorAll(`tbody tr td:nth-child(${index + 1})`)].map((cell) => parseFloat(cell.textContent));
   const buttons = [...table.querySelectorAll("th button")];
   const numeric = buttons.findIndex((_, index) => cells(index).every((value) => !isNaN(value)));
@@ -57,6 +57,14 @@ setTimeout(() => {
     search.dispatchEvent(new Event("input"));
     found.searched = all > 1 && lines() === 1;
   }
+  const images = document.querySelector("input[aria-label='search images']");
+  if (images) {
+    const rows = () => document.querySelectorAll("#images tbody tr").length;
+    const all = rows();
+    images.value = document.querySelector("#images tbody td").textContent;
+    images.dispatchEvent(new Event("input"));
+    found.searchedImages = all > 1 && rows() === 1;
+  }
   const canvas = document.querySelector("canvas");
   const pixels = () => [...canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data].join();
   const before = pixels();
@@ -65,6 +73,8 @@ setTimeout(() => {
   point("pointerdown", 50); point("pointermove", 150); point("pointerup", 150);
   setTimeout(() => {
     found.turned = pixels() !== before;
+    found.cutOff = [...document.querySelectorAll(".scroll")].filter((frame) =>
+      frame.scrollWidth - frame.clientWidth > 4 && frame.nextElementSibling.hidden).length;
     const camera = canvas.view.cameras[canvas.view.cameras.length - 1];
     const scale = canvas.width / canvas.clientWidth;
     const [x, y] = canvas.view.project(camera.center);
@@ -116,6 +126,7 @@ void ExpectWorks(const nlohmann::json& found) {
               std::is_sorted(once.rbegin(), once.rend()));
   std::reverse(twice.begin(), twice.end());
   EXPECT_EQ(once, twice);
+  EXPECT_EQ(found["cutOff"], 0) << "a table goes on to the right without a word";
   EXPECT_TRUE(found["turned"]);
   EXPECT_TRUE(found["flew"]);
 }
@@ -216,6 +227,43 @@ TEST_F(Report, OfAnEvaluationWorksInABrowser) {
   const auto found = Probe(folder_ / "index.html", 1280);
   ExpectWorks(found);
   EXPECT_EQ(found["sections"], nlohmann::json({"localization", "queries", "scene"}));
+}
+
+TEST_F(Report, OfRenderedImagesWorksInABrowser) {
+  if (!HasProgram("/usr/bin/chromium")) GTEST_SKIP() << "chromium is not installed";
+  const Arguments render = {
+      "render",       "--geometry", "mesh:" + scene_.mesh().string(), "--model",
+      scene_.model(), "--out",      scene_.folder / "rendered",       "--report",
+      folder_};
+  ASSERT_TRUE(Succeeds(RunRaylift(render)));
+  const std::string page = ReadFile(folder_ / "index.html");
+  for (const int width_px : {390, 1280, 2000}) {
+    const auto found = Probe(folder_ / "index.html", width_px);
+    ExpectWorks(found);
+    EXPECT_EQ(found["sections"], nlohmann::json({"images", "pictures", "scene"}));
+    EXPECT_TRUE(found["searchedImages"]);
+  }
+  // Of kept images as of new ones.
+  ASSERT_TRUE(Succeeds(RunRaylift(render + Arguments{"--resume"})));
+  EXPECT_EQ(ReadFile(folder_ / "index.html"), page);
+}
+
+TEST_F(Report, OfADoctorWorksInABrowser) {
+  if (!HasProgram("/usr/bin/chromium")) GTEST_SKIP() << "chromium is not installed";
+  const fs::path maps = scene_.folder / "maps";
+  const std::string mesh = "mesh:" + scene_.mesh().string();
+  ASSERT_TRUE(Succeeds(RunRaylift({"perturb", "--model", scene_.model(), "--geometry", mesh,
+                                   "--out", maps, "--scale", "1.5", "--quiet"})));
+  for (const std::string& geometry : {mesh, "depth:" + maps.string()}) {
+    ASSERT_TRUE(Succeeds(RunRaylift(Arguments{"doctor", "--model", scene_.model(), "--geometry",
+                                              geometry, "--report", folder_} +
+                                    HlocMatches(scene_))));
+    for (const int width_px : {390, 1280}) {
+      const auto found = Probe(folder_ / "index.html", width_px);
+      ExpectWorks(found);
+      EXPECT_EQ(found["sections"], nlohmann::json({"verdict", "readings", "pictures", "scene"}));
+    }
+  }
 }
 
 }  // namespace

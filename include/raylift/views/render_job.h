@@ -76,6 +76,7 @@ struct RenderSummary {
   size_t bytes = 0;  // of all files
   size_t rays = 0;   // of the images that were rendered
   double seconds = 0;
+  ManifestEntries entries = {};  // of the images that are complete, of this shard
 };
 
 // Writes to `options.out`:

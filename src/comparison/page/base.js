@@ -82,8 +82,32 @@ function sortableTable(columns, rows, options) {
     fill();
   }
   fill();
-  return element("div", { class: tall ? "scroll tall" : "scroll", tabindex: "0" },
-    element("table", {}, element("thead", {}, element("tr", {}, ...heads)), body));
+  return scrolling(element("table", {}, element("thead", {}, element("tr", {}, ...heads)), body), tall);
+}
+
+// A table in a frame of its own, which says so where it goes on to the right.
+function scrolling(table, tall) {
+  const frame = element("div", { class: tall ? "scroll tall" : "scroll", tabindex: "0" }, table);
+  const more = element("p", { class: "more soft", hidden: "" }, "more columns to the right \u2192");
+  const look = () => { more.hidden = frame.scrollWidth - frame.clientWidth - frame.scrollLeft < 4; };
+  frame.addEventListener("scroll", look);
+  const observer = new ResizeObserver(look);
+  observer.observe(frame);
+  observer.observe(table);
+  return element("div", {}, frame, more);
+}
+
+// A sortable table of the rows whose name holds what is typed above it.
+function searchableTable(label, columns, rows, nameOf) {
+  const place = element("div");
+  const draw = (text) => {
+    const found = rows.filter((row) => nameOf(row).toLowerCase().includes(text.toLowerCase()));
+    place.replaceChildren(sortableTable(columns, found, { tall: found.length > 14 }),
+      element("p", { class: "soft" }, text ? `${found.length} of ${rows.length}` : ""));
+  };
+  draw("");
+  return element("div", {}, element("div", { class: "controls" }, element("input", { type: "search", placeholder: label,
+    "aria-label": label, oninput: (event) => draw(event.target.value) })), place);
 }
 
 function choice(label, names, onchange, selected) {

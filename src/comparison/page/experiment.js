@@ -8,8 +8,7 @@ function pivotTable(table) {
   const lines = table.rows.map((row) => element("tr", {},
     ...row.titles.map((title, index) => element("td", {}, title + (index === 0 && row.uses_ground_truth ? " *" : ""))),
     ...row.cells.map((cell) => element("td", {}, ...cells(cell)))));
-  return element("div", { class: "scroll", tabindex: "0" },
-    element("table", {}, element("thead", {}, element("tr", {}, ...head)), element("tbody", {}, ...lines)));
+  return scrolling(element("table", {}, element("thead", {}, element("tr", {}, ...head)), element("tbody", {}, ...lines)), false);
 }
 
 function experimentTables(tables) {

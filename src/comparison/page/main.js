@@ -336,6 +336,8 @@ if (data.sources) {
   imageSection();
   stripSection();
 }
+if (data.rendered) renderedSections(data.rendered);
+if (data.doctor) doctorSections(data.doctor);
 if (data.experiment) {
   if (data.experiment.tables.length) experimentTables(data.experiment.tables);
   if (data.experiment.figures.length) experimentFigures(data.experiment.figures);
