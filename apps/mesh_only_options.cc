@@ -23,12 +23,13 @@ double ParseFov(std::string_view option, const std::string& text) {
   return fov_deg;
 }
 
-Eigen::Vector3d ParseUp(std::string_view option, const std::string& text) {
+std::optional<Eigen::Vector3d> ParseUp(std::string_view option, const std::string& text) {
+  if (text == "auto") return std::nullopt;
   constexpr std::array<std::string_view, 3> kAxes = {"x", "y", "z"};
   for (int axis = 0; axis < 3; ++axis) {
     const std::string name(kAxes[static_cast<size_t>(axis)]);
     if (text == name) return Eigen::Vector3d::Unit(axis);
-    if (text == "-" + name) return -Eigen::Vector3d::Unit(axis);
+    if (text == "-" + name) return Eigen::Vector3d(-Eigen::Vector3d::Unit(axis));
   }
   const auto parts = SplitBy(text, ',');
   Eigen::Vector3d up = Eigen::Vector3d::Zero();
@@ -36,17 +37,19 @@ Eigen::Vector3d ParseUp(std::string_view option, const std::string& text) {
     up[static_cast<int>(i)] = ParseDouble(parts[i]).value_or(std::nan(""));
   }
   if (!up.allFinite() || up.norm() == 0) {
-    throw OptionError(option, text, "expected x|y|z|-x|-y|-z or X,Y,Z");
+    throw OptionError(option, text, "expected auto|x|y|z|-x|-y|-z or X,Y,Z");
   }
   return up;
 }
 
 }  // namespace
 
-CLI::Option* AddUpOption(CLI::App& app, const std::string& name, Eigen::Vector3d& up_in_world) {
-  up_in_world = Eigen::Vector3d::UnitZ();
+CLI::Option* AddUpOption(CLI::App& app, const std::string& name,
+                         std::optional<Eigen::Vector3d>& up_in_world) {
   return AddParsedOption(app, name, up_in_world, &ParseUp,
-                         "x|y|z|-x|-y|-z or X,Y,Z in the mesh's coordinates", "z");
+                         "x|y|z|-x|-y|-z or X,Y,Z in the mesh's coordinates; auto: by\n"
+                         "what its floors and walls face, z where that does not tell",
+                         "auto");
 }
 
 void MeshOnlyFlags::Check() const {
@@ -64,7 +67,8 @@ RenderedReferenceOptions MeshOnlyFlags::Resolve(std::span<const Camera> queries,
   options.kind = kind;
   options.views.camera = CameraLikeQueries(queries, size, fov_deg);
   options.views.count = views;
-  options.views.up_in_world = up_in_world;
+  options.estimate_up = !up_in_world;
+  if (up_in_world) options.views.up_in_world = *up_in_world;
   options.views.clearance = clearance;
   options.inside.eye_height = eye_height;
   return options;

@@ -18,15 +18,16 @@
 
 namespace raylift {
 
-// "x", "-y", ... or "X,Y,Z", z unless given.
-CLI::Option* AddUpOption(CLI::App& app, const std::string& name, Eigen::Vector3d& up_in_world);
+// "x", "-y", ... or "X,Y,Z"; none, "auto", unless given: what the mesh tells (EstimateUp).
+CLI::Option* AddUpOption(CLI::App& app, const std::string& name,
+                         std::optional<Eigen::Vector3d>& up_in_world);
 
 struct MeshOnlyFlags {
   int views = 48;
   ViewKind kind = ViewKind::kAuto;
-  std::optional<PlaneSize> size;  // none: as the queries'
-  std::optional<double> fov_deg;  // none: as the queries'
-  Eigen::Vector3d up_in_world = Eigen::Vector3d::UnitZ();
+  std::optional<PlaneSize> size;                              // none: as the queries'
+  std::optional<double> fov_deg;                              // none: as the queries'
+  std::optional<Eigen::Vector3d> up_in_world = std::nullopt;  // none: estimated
   double eye_height = 1.6;
   double clearance = 0.3;
   int rerender = 0;  // rounds

@@ -25,6 +25,7 @@
 #include "raylift/views/mesh_scene.h"
 #include "raylift/views/sampled_model.h"
 #include "raylift/views/task_list.h"
+#include "raylift/views/up_direction.h"
 #include "raylift/views/view_sampler.h"
 
 namespace raylift {
@@ -55,7 +56,7 @@ struct ViewsFlags {
   std::optional<Camera> camera;
   PlaneSize size = {640, 480};
   double fov_deg = 75;
-  Eigen::Vector3d up_in_world = Eigen::Vector3d::UnitZ();
+  std::optional<Eigen::Vector3d> up_in_world = std::nullopt;  // none: estimated
   bool level = false;
   double clearance = 0.3;
   uint64_t seed = 0;
@@ -131,11 +132,19 @@ SampledViews Sample(const ViewsFlags& flags, const RayCaster& mesh,
   RAYLIFT_CHECK(false);
 }
 
+Eigen::Vector3d ResolveUp(const ViewsFlags& flags, const TriangleMesh& mesh) {
+  if (flags.up_in_world) {
+    return flags.level ? LevelUp(mesh, *flags.up_in_world) : *flags.up_in_world;
+  }
+  const UpDirection up = EstimateUp(mesh);
+  if (!up.is_clear) PrintWarning("the mesh does not tell which way is up: z is taken for it");
+  return flags.level ? LevelUp(mesh, up.up_in_world) : up.up_in_world;
+}
+
 void Run(const ViewsFlags& flags) {
   Check(flags);
   ViewSamplerOptions options{.camera = ResolveCamera(flags),
                              .count = flags.count,
-                             .up_in_world = flags.up_in_world,
                              .clearance = flags.clearance,
                              .seed = flags.seed,
                              .any_side = flags.any_side,
@@ -156,7 +165,7 @@ void Run(const ViewsFlags& flags) {
   UntilSignal([&] {
     scene = LoadMeshScene(flags.geometry, {.threads = flags.run.threads});
     PrintWarnings(scene.warnings);
-    if (flags.level) options.up_in_world = LevelUp(scene.caster->mesh(), options.up_in_world);
+    options.up_in_world = ResolveUp(flags, scene.caster->mesh());
     views = Sample(flags, *scene.caster, options);
   });
   PrintWarnings(views.warnings);
@@ -171,6 +180,8 @@ void Run(const ViewsFlags& flags) {
     WriteImage(flags.out / "preview.png", MakeContactSheet(scene.caster, shown, flags.run.threads));
   }
   if (!flags.run.quiet) {
+    const Eigen::Vector3d& up = options.up_in_world;
+    fmt::print("up is ({:.3f}, {:.3f}, {:.3f})\n", up.x(), up.y(), up.z());
     fmt::print("wrote {} poses, {} images: {}\n", views.cam_from_world.size(), model.images.size(),
                flags.out.string());
   }

@@ -13,6 +13,7 @@
 #include "raylift/views/covering_views.h"
 #include "raylift/views/sampled_model.h"
 #include "raylift/views/task_list.h"
+#include "raylift/views/up_direction.h"
 
 namespace raylift {
 namespace {
@@ -57,9 +58,20 @@ SampledKind SampleAuto(const RayCaster& mesh, const ViewSamplerOptions& options,
   return {ViewKind::kCover, std::move(cover)};
 }
 
-SampledKind Sample(const RayCaster& mesh, const RenderedReferenceOptions& options) {
-  ViewSamplerOptions views = options.views;
-  views.threads = options.threads;
+std::vector<std::string> DescribeUp(const UpDirection& up) {
+  const Eigen::Vector3d& axis = up.up_in_world;
+  if (!up.is_clear) {
+    return {"the mesh does not tell which way is up (--view-up does): z is taken for it"};
+  }
+  if (axis == Eigen::Vector3d::UnitZ()) return {};
+  return {
+      fmt::format("up is taken to be ({:.3f}, {:.3f}, {:.3f}), by the mesh's floors and walls "
+                  "(--view-up says otherwise)",
+                  axis.x(), axis.y(), axis.z())};
+}
+
+SampledKind Sample(const RayCaster& mesh, const ViewSamplerOptions& views,
+                   const RenderedReferenceOptions& options) {
   const double size = MeshSize(mesh.mesh(), views.seed);
   ViewSamplerOptions close = views;
   close.clearance = std::min(views.clearance, kMaxClearance * size);
@@ -123,12 +135,21 @@ ColorOptions ColorsLikePhotographs(const RayCaster& scene) {
 RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh,
                                     const RenderedReferenceOptions& options,
                                     const RenderHooks& hooks) {
-  SampledKind sampled = Sample(*mesh, options);
+  ViewSamplerOptions views_options = options.views;
+  views_options.threads = options.threads;
+  std::vector<std::string> warnings;
+  if (options.estimate_up) {
+    const UpDirection up = EstimateUp(mesh->mesh());
+    views_options.up_in_world = up.up_in_world;
+    warnings = DescribeUp(up);
+  }
+  SampledKind sampled = Sample(*mesh, views_options, options);
+  warnings.insert(warnings.end(), sampled.views.warnings.begin(), sampled.views.warnings.end());
   RenderedReferences references{.model = options.out / "model",
                                 .images = options.out / "color",
                                 .kind = sampled.kind,
                                 .count = sampled.views.cam_from_world.size(),
-                                .warnings = std::move(sampled.views.warnings)};
+                                .warnings = std::move(warnings)};
   if (!mesh->HasColors()) {
     references.warnings.emplace_back(
         "the mesh has neither texture nor vertex colours: pictures of its shape rarely match "

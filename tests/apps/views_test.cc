@@ -5,7 +5,7 @@
 #include "apps/job_runs.h"
 #include "apps/program.h"
 #include "support/test_data.h"
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
@@ -30,8 +30,10 @@ class Views : public ::testing::Test {
 };
 
 TEST_F(Views, OfTheDemoSeeItsCourtyardAndCanBeRendered) {
-  ASSERT_TRUE(
-      Succeeds(RunRaylift(Command() + Arguments{"--count", "20", "--size", "80x60", "--preview"})));
+  const CommandResult result =
+      RunRaylift(Command() + Arguments{"--count", "20", "--size", "80x60", "--preview"});
+  ASSERT_TRUE(Succeeds(result));
+  EXPECT_THAT(result.out, ::testing::HasSubstr("up is (0.000, 0.000, 1.000)"));
   EXPECT_EQ(ReadColmapModel(out_).images.size(), 20u);
   EXPECT_TRUE(fs::exists(out_ / "preview.png"));
   for (const PosedImage& image : ReadColmapModel(out_).PosedImages()) {

@@ -45,6 +45,7 @@ struct RenderedReferenceOptions {
   std::filesystem::path out;
   ViewKind kind = ViewKind::kAuto;
   ViewSamplerOptions views;  // camera, count, up, clearance, seed
+  bool estimate_up = false;  // by EstimateUp(), with a warning where that is not z
   InsideOptions inside;
   int threads = 0;
 };
