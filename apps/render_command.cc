@@ -16,6 +16,7 @@
 #include "raylift/base/file.h"
 #include "raylift/base/progress.h"
 #include "raylift/comparison/geometry_report.h"
+#include "raylift/io/colmap_model.h"
 #include "raylift/io/view_list.h"
 #include "raylift/lifting/mesh_spec.h"
 #include "raylift/views/mesh_scene.h"
@@ -83,6 +84,7 @@ class RenderRun {
       std::optional<Progress> progress;
       const RenderHooks hooks{.on_start =
                                   [&](size_t images, size_t rays) {
+                                    WriteModel();
                                     progress.emplace("images", images, flags_.run.Show());
                                     progress->CountAlso("Mrays", 1e-6 * static_cast<double>(rays));
                                   },
@@ -160,6 +162,14 @@ class RenderRun {
                                                  summary.depth_range->second)
                                    : "none",
                static_cast<double>(summary.bytes) / kMega, options_.out.string());
+  }
+
+  // Images of another size need cameras of their own.
+  void WriteModel() const {
+    if (!flags_.selection.size && !flags_.selection.scale) return;
+    if (const auto model = ModelOf(tasks_)) {
+      WriteColmapModel(options_.out / "model", *model, ColmapForm::kText);
+    }
   }
 
   // Of the images of this shard that are complete.

@@ -119,9 +119,10 @@ void AddInputOptions(CLI::App& command, RenderFlags& flags) {
       ->group("Scene");
   AddThinningOptions(command, selection.thinning, "of these (by name)", "Scene");
   AddParsedOption(command, "--scale", selection.scale, &ParsePositive,
-                  "Factor of the images' sides")
+                  "Factor of the images' sides; OUT/model then has their cameras")
       ->group("Scene");
-  AddParsedOption(command, "--size", selection.size, &ParseSize, "WIDTHxHEIGHT of all images")
+  AddParsedOption(command, "--size", selection.size, &ParseSize,
+                  "WIDTHxHEIGHT of all images; likewise")
       ->group("Scene");
   AddParsedOption(command, "--panorama", selection.panorama, &ParseSize,
                   "WIDTHxHEIGHT: an equirectangular panorama from each camera's place")
@@ -134,11 +135,12 @@ void AddProductOptions(CLI::App& command, RenderFlags& flags) {
   for (const Product product : AllValues<Product>()) {
     formats += fmt::format("\n  {}: {}", ToString(product), FormatNames(product));
   }
-  AddParsedOption(command, "--products", flags.products, &ParseProducts,
-                  "Of depth (z), distance (along the ray), normals, color, triangle (the face of\n"
-                  "the mesh's file), object (which mesh of several), incidence (degrees), mask;\n"
-                  "separated by commas",
-                  "depth")
+  AddParsedOption(
+      command, "--products", flags.products, &ParseProducts,
+      "Of depth (z), distance (along the ray), inverse_depth (1 / z), points (x, y, z),\n"
+      "normals, color, triangle (the face of the mesh's file), object (which mesh of\n"
+      "several), incidence (degrees), mask; separated by commas",
+      "depth")
       ->group(group);
   command
       .add_option("--format", flags.formats,
@@ -162,7 +164,8 @@ void AddProductOptions(CLI::App& command, RenderFlags& flags) {
       ->capture_default_str()
       ->group(group);
   FrameOptions& frame = flags.job.frame;
-  AddEnumOption(command, "--normals-in", frame.normals_in, "{}")->group(group);
+  AddEnumOption(command, "--normals-in", frame.normals_in, "{}, of normals and points")
+      ->group(group);
   AddEnumOption(command, "--shading", flags.shading, "{} (headlight where the mesh has no colours)",
                 "auto")
       ->group(group);

@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <optional>
 #include <span>
@@ -186,6 +187,7 @@ class ViewPass {
     const float* const distance = Distances(x0, y0, hits, distance_storage);
     if (options_.depth) StoreBlockOf(depth, x0, y0, width, height, frame_.depth);
     if (options_.distance) StoreBlockOf(distance, x0, y0, width, height, frame_.distance);
+    if (options_.points) StorePoints(x0, y0, width, height, rays_in_world, hits);
     if (options_.triangle) {
       StoreBlockOf(hits.triangle.data(), x0, y0, width, height, frame_.triangle);
     }
@@ -249,6 +251,25 @@ class ViewPass {
     }
     for (int y = 0; y < height; ++y)
       std::copy_n(values + y * kSide, width, row + static_cast<size_t>(y) * stride);
+  }
+
+  void StorePoints(int x0, int y0, int width, int height, const RayBlock& rays_in_world,
+                   const HitBlock& hits) const {
+    for (int y = 0; y < height; ++y) {
+      for (int x = 0; x < width; ++x) {
+        const size_t i = LaneAt(x, y);
+        Eigen::Map<Eigen::Vector3f> point(&frame_.points[3 * PixelIndex(x0 + x, y0 + y)]);
+        if (hits.triangle[i] == HitBlock::kNoTriangle) {
+          point.setConstant(std::numeric_limits<float>::quiet_NaN());
+          continue;
+        }
+        const Eigen::Vector3d ray = Lane(rays_in_world, i).cast<double>() * double{hits.ray_t[i]};
+        const bool in_camera = options_.normals_in == FrameOptions::NormalsIn::kCamera;
+        point = (in_camera ? Eigen::Vector3d(world_from_cam_.transpose() * ray)
+                           : Eigen::Vector3d(center_in_world_ + ray))
+                    .cast<float>();
+      }
+    }
   }
 
   // What needs the triangle itself.
@@ -426,6 +447,7 @@ void Resize(const FrameOptions& options, int width_px, int height_px, Frame& fra
   frame.height_px = height_px;
   frame.depth.resize(options.depth ? pixels : 0);
   frame.distance.resize(options.distance ? pixels : 0);
+  frame.points.resize(options.points ? 3 * pixels : 0);
   frame.normals.resize(options.normals ? 3 * pixels : 0);
   frame.triangle.resize(options.triangle ? pixels : 0);
   frame.incidence_deg.resize(options.incidence ? pixels : 0);

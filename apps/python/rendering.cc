@@ -218,6 +218,10 @@ py::object TakeMap(Product product, Frame& frame) {
       return HandOver(std::move(frame.depth), {height, width});
     case Product::kDistance:
       return HandOver(std::move(frame.distance), {height, width});
+    case Product::kInverseDepth:
+      break;  // see TakeMaps
+    case Product::kPoints:
+      return HandOver(std::move(frame.points), {height, width, 3});
     case Product::kNormals:
       return HandOver(std::move(frame.normals), {height, width, 3});
     case Product::kColor:
@@ -237,7 +241,10 @@ py::object TakeMap(Product product, Frame& frame) {
 py::dict TakeMaps(const Pictures& pictures, const TriangleMesh& mesh, Frame& frame) {
   py::dict maps;
   const auto& products = pictures.products;
-  // Before the map of triangles is handed over.
+  // Before the maps of depth and triangles are handed over.
+  if (std::find(products.begin(), products.end(), Product::kInverseDepth) != products.end()) {
+    maps["inverse_depth"] = HandOver(InverseDepths(frame), {frame.height_px, frame.width_px});
+  }
   if (std::find(products.begin(), products.end(), Product::kObject) != products.end()) {
     maps["object"] = HandOver(ObjectIds(frame, mesh), {frame.height_px, frame.width_px});
   }

@@ -150,7 +150,9 @@ std::string LocalizationReport::Format(std::string_view title,
     scene.AddPoints(entry.points);
     if (entry.view) scene.AddCamera(verdict, *entry.view);
   }
-  for (const auto& [name, photo] : impl_->reference_photos) data["reference_photos"][name] = photo;
+  for (const auto& [name, photo] : impl_->reference_photos) {
+    SetIn(data, "reference_photos", name, photo);
+  }
   data["subtitle"] = fmt::format(
       "{} of {} queries localized, {} of them doubtful, against {} references",
       queries.size() - count_of["failed"], queries.size(), count_of["doubtful"], references.size());

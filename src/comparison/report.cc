@@ -148,9 +148,10 @@ std::string FormatReport(const DepthComparison& comparison,
     }
     for (const PosedImage& query : true_queries) {
       if (const auto photo = ReadPhoto(options.query_images, query.name)) {
-        data["query_photos"][query.name] = {{"uri", JpegDataUri(*photo, kQueryPhotoWidthPx)},
-                                            {"width", photo->width_px},
-                                            {"height", photo->height_px}};
+        SetIn(data, "query_photos", query.name,
+              {{"uri", JpegDataUri(*photo, kQueryPhotoWidthPx)},
+               {"width", photo->width_px},
+               {"height", photo->height_px}});
       }
     }
   }

@@ -382,9 +382,9 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
                              {"learning", summary.times->learning},
                              {"queries", summary.times->queries}};
     for (const QueryStage& stage : kQueryStages) {
-      json["thread_seconds"][stage.name] = SecondsOf(stage, queries);
+      SetIn<Json>(json, "thread_seconds", stage.name, SecondsOf(stage, queries));
     }
-    json["thread_seconds"]["write"] = summary.times->writing;
+    SetIn<Json>(json, "thread_seconds", "write", summary.times->writing);
   }
   if (summary.scene_noise) json["scene_noise"] = SceneNoiseJson(*summary.scene_noise);
   const RerenderCounts rerender = CountRerendered(queries);

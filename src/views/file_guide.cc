@@ -24,6 +24,12 @@ std::string_view MeaningOf(Product product) {
              "  it, and distance has it). A panorama's depth is the distance.";
     case Product::kDistance:
       return "from the camera's centre along the ray, in scene units. 0: no surface.";
+    case Product::kInverseDepth:
+      return "1 / depth, in 1 / scene units: the disparity of stereo over baseline and focal\n"
+             "  length. 0: no surface.";
+    case Product::kPoints:
+      return "x, y, z of the surface's point, in scene units. As float: where coordinates are\n"
+             "  large (1e6 and more) ask for those of the camera. NaN: no surface.";
     case Product::kNormals:
       return "x, y, z of the surface's unit normal, on the side that the camera sees. 0, 0, 0: no\n"
              "  surface.";
@@ -46,8 +52,7 @@ std::string_view MeaningOf(Product product) {
 }
 
 std::string ArrayText(Product product, const StorageOptions& storage) {
-  const std::string_view shape =
-      product == Product::kNormals ? "(height, width, 3)" : "(height, width)";
+  const std::string_view shape = IsVector(product) ? "(height, width, 3)" : "(height, width)";
   const bool half = storage.floats.sample == FloatSample::kFloat16;
   return fmt::format("{} {}", IsId(product) ? "uint32" : half ? "float16" : "float32", shape);
 }
@@ -55,7 +60,7 @@ std::string ArrayText(Product product, const StorageOptions& storage) {
 std::string KeyOf(Product product) { return IsId(product) ? "id" : std::string(ToString(product)); }
 
 std::string ExrText(Product product, const StorageOptions& storage) {
-  const bool several = product == Product::kNormals;
+  const bool several = IsVector(product);
   const std::string_view type = IsId(product)                                    ? "uint32"
                                 : storage.floats.sample == FloatSample::kFloat16 ? "float16"
                                                                                  : "float32";
@@ -81,6 +86,8 @@ std::string PngText(Product product, const StorageOptions& storage) {
       return "8 bits, RGB";
     case Product::kMask:
       return "8 bits, grey";
+    case Product::kInverseDepth:
+    case Product::kPoints:
     case Product::kTriangle:
     case Product::kObject:
     case Product::kIncidence:
@@ -112,7 +119,7 @@ std::string Guide(std::span<const ProductOutput> outputs, const StorageOptions& 
   for (const ProductOutput& output : outputs) {
     if (before == nullptr || before->product != output.product) {
       text += fmt::format("\n{}: {}\n", ToString(output.product), MeaningOf(output.product));
-      if (output.product == Product::kNormals) text += fmt::format("  In {}.\n", normals_frame);
+      if (IsVector(output.product)) text += fmt::format("  In {}.\n", normals_frame);
     }
     text += fmt::format("  .{}: {}\n", output.format,
                         FormatText(output.product, output.format, storage));

@@ -64,7 +64,7 @@ Json ProductJson(const ProductOutput& output, const RenderJobOptions& options) {
   }
   if (output.format == "jpg") json["quality"] = options.storage.jpeg_quality;
   if (output.product == Product::kColor) json["color"] = ColorJson(options.frame.color_options);
-  if (output.product == Product::kNormals) {
+  if (IsVector(output.product)) {
     json["in"] = options.frame.normals_in == FrameOptions::NormalsIn::kCamera ? "camera" : "world";
   }
   return json;

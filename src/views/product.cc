@@ -18,6 +18,7 @@ constexpr std::array<std::string_view, 7> kOfDepth = {"exr", "npy",  "npz", "png
                                                       "bin", "tiff", "pfm"};
 constexpr std::array<std::string_view, 5> kOfAngles = {"exr", "npy", "npz", "tiff", "pfm"};
 constexpr std::array<std::string_view, 5> kOfNormals = {"exr", "npy", "npz", "png", "bin"};
+constexpr std::array<std::string_view, 3> kOfPoints = {"exr", "npy", "npz"};
 constexpr std::array<std::string_view, 3> kOfIndices = {"exr", "npy", "npz"};
 constexpr std::array<std::string_view, 2> kOfColor = {"png", "jpg"};
 constexpr std::array<std::string_view, 1> kOfMask = {"png"};
@@ -63,7 +64,9 @@ DepthWriteOptions OptionsFor(const ProductOutput& output, const DepthWriteOption
       if (output.format == "npz") options.layer = "distance";
       break;
     case Product::kIncidence:
-      if (output.format == "npz") options.layer = "incidence";
+    case Product::kInverseDepth:
+    case Product::kPoints:
+      if (output.format == "npz") options.layer = ToString(output.product);
       break;
     case Product::kDepth:
     case Product::kNormals:
@@ -77,6 +80,13 @@ DepthWriteOptions OptionsFor(const ProductOutput& output, const DepthWriteOption
 }
 
 }  // namespace
+
+std::vector<float> InverseDepths(const Frame& frame) {
+  std::vector<float> inverse(frame.depth.size());
+  std::transform(frame.depth.begin(), frame.depth.end(), inverse.begin(),
+                 [](float z) { return z > 0 ? 1 / z : 0.0f; });
+  return inverse;
+}
 
 std::vector<uint32_t> FaceIds(const Frame& frame, const TriangleMesh& mesh) {
   return Numbered(frame, [&mesh](uint32_t triangle) { return mesh.FaceOf(triangle); });
@@ -93,12 +103,15 @@ std::span<const std::string_view> FormatsOf(Product product) {
       return kOfDepth;
     case Product::kNormals:
       return kOfNormals;
+    case Product::kPoints:
+      return kOfPoints;
     case Product::kColor:
       return kOfColor;
     case Product::kTriangle:
     case Product::kObject:
       return kOfIndices;
     case Product::kIncidence:
+    case Product::kInverseDepth:
       return kOfAngles;
     case Product::kMask:
       return kOfMask;
@@ -109,12 +122,14 @@ std::span<const std::string_view> FormatsOf(Product product) {
 std::string_view ExrChannels(Product product) {
   switch (product) {
     case Product::kNormals:
+    case Product::kPoints:
       return "R,G,B";
     case Product::kTriangle:
     case Product::kObject:
       return "id";
     case Product::kDepth:
     case Product::kDistance:
+    case Product::kInverseDepth:
     case Product::kColor:
     case Product::kIncidence:
     case Product::kMask:
@@ -125,7 +140,8 @@ std::string_view ExrChannels(Product product) {
 
 void Request(std::span<const ProductOutput> products, FrameOptions& options) {
   for (const ProductOutput& output : products) {
-    options.depth |= output.product == Product::kDepth;
+    options.depth |= output.product == Product::kDepth || output.product == Product::kInverseDepth;
+    options.points |= output.product == Product::kPoints;
     options.distance |= output.product == Product::kDistance;
     options.normals |= output.product == Product::kNormals;
     options.color |= output.product == Product::kColor;
@@ -146,9 +162,13 @@ WrittenFile WriteProduct(const path& file, const ProductOutput& output, const Fr
       return WriteFloats(file, frame, frame.distance, options);
     case Product::kIncidence:
       return WriteFloats(file, frame, frame.incidence_deg, options);
+    case Product::kInverseDepth:
+      return WriteFloats(file, frame, InverseDepths(frame), options);
+    case Product::kPoints:
+      return {file, WriteVectorMap(file, size, frame.points, options)};
     case Product::kNormals:
       if (output.format == "png") return WritePicture(file, NormalPicture(frame), 0);
-      return {file, WriteNormalMap(file, size, frame.normals, options)};
+      return {file, WriteVectorMap(file, size, frame.normals, options)};
     case Product::kColor:
       return WritePicture(file, frame.color, storage.jpeg_quality);
     case Product::kTriangle:

@@ -17,6 +17,7 @@
 
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
+#include "raylift/io/colmap_model.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/io/image_file.h"
 #include "raylift/views/manifest.h"
@@ -115,6 +116,28 @@ TEST_F(Render, TheSummaryTellsTheCommandAndItsTimes) {
   EXPECT_EQ(std::string(run.at("started")).size(), std::string("2026-01-31T23:59:59Z").size());
   EXPECT_GT(run.at("seconds"), 0);
   EXPECT_EQ(run.at("rendered"), scene_.queries.size());
+}
+
+TEST_F(Render, ScaledImagesHaveAModelOfTheirOwn) {
+  ASSERT_TRUE(Succeeds(RunRaylift(Command(out_))));
+  EXPECT_FALSE(fs::exists(out_ / "model"));
+  const fs::path scaled = scene_.folder / "scaled";
+  ASSERT_TRUE(Succeeds(RunRaylift(
+      Command(scaled) + Arguments{"--scale", "0.5", "--products", "depth,points,inverse_depth",
+                                  "--format", "points=npz", "--format", "inverse_depth=npy"})));
+  const ColmapModel model = ReadColmapModel(scaled / "model");
+  ASSERT_EQ(model.images.size(), scene_.queries.size());
+  for (const auto& [id, image] : model.images) {
+    const auto of = std::find_if(scene_.queries.begin(), scene_.queries.end(),
+                                 [&](const auto& query) { return query.name == image.name; });
+    ASSERT_NE(of, scene_.queries.end()) << image.name;
+    EXPECT_LT((image.CamFromWorld().translation - of->cam_from_world.translation).norm(), 1e-9);
+    const StoredDepth depth =
+        ReadDepthFile(scaled / "depth" / fs::path(image.name).replace_extension(".exr"));
+    EXPECT_EQ(model.cameras.at(image.camera_id).width_px(), depth.width_px);
+    const fs::path points = scaled / "points" / fs::path(image.name).replace_extension(".npz");
+    EXPECT_NE(ReadFile(points).find("points.npy"), std::string::npos);
+  }
 }
 
 TEST_F(Render, SaysWhatItsFilesHold) {

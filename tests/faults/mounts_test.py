@@ -91,7 +91,7 @@ def on_read_only(raylift, work, command):
 
 def from_read_only(raylift, work, command, undisturbed):
     """Inputs that cannot be written to; outputs are elsewhere."""
-    out = "elsewhere"
+    out = f"beside-{command.name}"
     (work / out).mkdir()
     mount("--bind", str(work), str(work))
     mount("-t", "tmpfs", "none", str(work / out))

@@ -262,7 +262,7 @@ TEST(DepthForOthers, OpenCvReadsNormalsAndDepthAsItIsTold) {
   WriteDepthFile(folder / "a.exr", MakeRamp());
   std::vector<float> normals;
   for (const float z : MakeRamp().z) normals.insert(normals.end(), {z, 0.5f, -1.0f});
-  WriteNormalMap(folder / "n.exr", {7, 5}, normals);
+  WriteVectorMap(folder / "n.exr", {7, 5}, normals);
   EXPECT_EQ(RunNumpy(folder, R"(
 for flags in (cv2.IMREAD_UNCHANGED, cv2.IMREAD_ANYDEPTH, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE):
   a = cv2.imread('a.exr', flags); assert a.dtype == 'f4' and (a == ramp).all(), (flags, a)

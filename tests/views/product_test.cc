@@ -67,6 +67,31 @@ TEST(Product, FloatsComeBackFromEveryFormat) {
   }
 }
 
+TEST(Product, PointsAndInverseDepthAreThoseOfTheDepth) {
+  const Frame frame = RenderSphere();
+  ASSERT_EQ(frame.points.size(), 3 * frame.depth.size());
+  const std::vector<float> inverse = InverseDepths(frame);
+  for (size_t i = 0; i < frame.depth.size(); ++i) {
+    const double z = frame.depth[i];
+    const Eigen::Map<const Eigen::Vector3f> point(&frame.points[3 * i]);
+    if (z == 0) {
+      EXPECT_TRUE(point.array().isNaN().all());
+      EXPECT_EQ(inverse[i], 0);
+      continue;
+    }
+    EXPECT_NEAR(inverse[i] * z, 1, 1e-6);
+    // The camera stands at the origin.
+    const Eigen::Vector3d expected((static_cast<double>(i % 33) + 0.5 - 16) / 40 * z,
+                                   (static_cast<double>(i / 33) + 0.5 - 12) / 40 * z, z);
+    EXPECT_LT((point.cast<double>() - expected).norm(), 1e-5 * z);
+  }
+  const auto file = TestFolder() / "points.npy";
+  WriteProduct(file, {Product::kPoints, "npy"}, frame, {}, {});
+  const std::string bytes = ReadFile(file);
+  const size_t data = frame.points.size() * sizeof(float);
+  EXPECT_EQ(std::memcmp(bytes.data() + bytes.size() - data, frame.points.data(), data), 0);
+}
+
 TEST(Product, NormalsComeBackFromEveryFormat) {
   const auto folder = TestFolder();
   const Frame frame = RenderSphere();

@@ -22,4 +22,12 @@ void AppendTo(Json& object, const char* key, std::type_identity_t<Json> entry) {
   object[key].push_back(std::move(entry));
 }
 
+// Sets a member of an object's object, likewise.
+template <typename Json>
+void SetIn(Json& object, const char* key, const std::string& name,
+           std::type_identity_t<Json> value) {
+  if (!object.contains(key)) object[key] = Json::object();
+  object[key][name] = std::move(value);
+}
+
 }  // namespace raylift

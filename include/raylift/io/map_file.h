@@ -1,4 +1,4 @@
-// Pictures that stand beside depth maps: unit vectors and whole numbers, one per pixel.
+// Pictures that stand beside depth maps: vectors and whole numbers, one per pixel.
 
 #pragma once
 
@@ -13,11 +13,11 @@
 namespace raylift {
 
 // x, y, z per pixel, row-major, the top row first. By the file name, or `options.format`:
-//   .exr  channels R, G, B (x, y, z)         .npy, .npz  an array (height, width, 3), key "normals"
-//   .bin  COLMAP's normal maps (planar)
+//   .exr  channels R, G, B (x, y, z)         .npy, .npz  an array (height, width, 3), key
+//   .bin  COLMAP's normal maps (planar)                  `options.layer`, by default "normals"
 // Returns the file's size in bytes. Errors as WriteDepthFile.
-size_t WriteNormalMap(const std::filesystem::path& path, PlaneSize size,
-                      std::span<const float> normals, const DepthWriteOptions& options = {});
+size_t WriteVectorMap(const std::filesystem::path& path, PlaneSize size,
+                      std::span<const float> vectors, const DepthWriteOptions& options = {});
 
 // One whole number per pixel, exactly: .exr (uint32, channel "id"), .npy, .npz (uint32, key "id").
 size_t WriteIndexMap(const std::filesystem::path& path, PlaneSize size,

@@ -43,6 +43,7 @@ struct FrameOptions {
   // Which of a Frame's maps are made.
   bool depth = false;
   bool distance = false;
+  bool points = false;
   bool normals = false;
   bool color = false;
   bool triangle = false;
@@ -50,7 +51,7 @@ struct FrameOptions {
   bool mask = false;
 
   enum class NormalsIn { kWorld, kCamera };
-  NormalsIn normals_in = NormalsIn::kWorld;
+  NormalsIn normals_in = NormalsIn::kWorld;  // points as well
   ColorOptions color_options;
 
   bool operator==(const FrameOptions&) const = default;
@@ -69,6 +70,7 @@ struct Frame {
   size_t num_hits = 0;          // pixels that see the mesh
   std::vector<float> depth;     // z along the optical axis (a panorama: the distance); 0 = none
   std::vector<float> distance;  // along the ray; 0 = none
+  std::vector<float> points;    // x, y, z per pixel; NaN = none
   // x, y, z per pixel: the triangle's unit normal on the side that the camera sees; 0 = none.
   std::vector<float> normals;
   Image color;

@@ -19,19 +19,23 @@
 namespace raylift {
 
 enum class Product {
-  kDepth,      // z along the optical axis; 0 = none
-  kDistance,   // along the ray; 0 = none
-  kNormals,    // unit, towards the camera; 0 = none
-  kColor,      // RGB
-  kTriangle,   // face of the mesh's file, from 0; 4294967295 = none
-  kObject,     // which of the meshes, from 0; 4294967295 = none
-  kIncidence,  // angle between normal and ray, degrees; -1 = none
-  kMask,       // 255 where there is a surface
+  kDepth,         // z along the optical axis; 0 = none
+  kDistance,      // along the ray; 0 = none
+  kInverseDepth,  // 1 / depth: disparity over baseline and focal length; 0 = none
+  kPoints,        // x, y, z of what is seen; NaN = none
+  kNormals,       // unit, towards the camera; 0 = none
+  kColor,         // RGB
+  kTriangle,      // face of the mesh's file, from 0; 4294967295 = none
+  kObject,        // which of the meshes, from 0; 4294967295 = none
+  kIncidence,     // angle between normal and ray, degrees; -1 = none
+  kMask,          // 255 where there is a surface
 };
 template <>
 inline constexpr auto kEnumNames<Product> = std::to_array<EnumName<Product>>({
     {Product::kDepth, "depth"},
     {Product::kDistance, "distance"},
+    {Product::kInverseDepth, "inverse_depth"},
+    {Product::kPoints, "points"},
     {Product::kNormals, "normals"},
     {Product::kColor, "color"},
     {Product::kTriangle, "triangle"},
@@ -40,10 +44,18 @@ inline constexpr auto kEnumNames<Product> = std::to_array<EnumName<Product>>({
     {Product::kMask, "mask"},
 });
 
+// x, y, z per pixel.
+constexpr bool IsVector(Product product) {
+  return product == Product::kNormals || product == Product::kPoints;
+}
+
 // Whole numbers.
 constexpr bool IsId(Product product) {
   return product == Product::kTriangle || product == Product::kObject;
 }
+
+// What kInverseDepth holds, of a frame with a map of depth.
+std::vector<float> InverseDepths(const Frame& frame);
 
 // What kTriangle and kObject hold, of a frame of this mesh with a map of triangles.
 std::vector<uint32_t> FaceIds(const Frame& frame, const TriangleMesh& mesh);

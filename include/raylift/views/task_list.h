@@ -4,10 +4,12 @@
 
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "raylift/io/colmap_model.h"
 #include "raylift/scene/plane_size.h"
 #include "raylift/scene/thinning.h"
 #include "raylift/scene/view.h"
@@ -42,5 +44,9 @@ std::optional<std::string> StretchWarning(const std::vector<View>& views,
 // The tasks by name. InputError where an image of the list is not among the views, where none is
 // left, or where two images would be written to one file or outside of the output folder.
 std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection& selection);
+
+// The cameras and poses of what is rendered, under the images' names: of scaled images the cameras are
+// scaled, so that the maps and this model belong together. None where one is a panorama.
+std::optional<ColmapModel> ModelOf(std::span<const RenderTask> tasks);
 
 }  // namespace raylift

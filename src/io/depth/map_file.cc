@@ -41,10 +41,10 @@ std::vector<float> Planar(std::span<const float> interleaved, size_t pixels) {
   return planar;
 }
 
-std::string EncodeNormalsExr(const path& file, PlaneSize size, std::span<const float> normals,
+std::string EncodeVectorsExr(const path& file, PlaneSize size, std::span<const float> vectors,
                              const DepthWriteOptions& options) {
   const size_t pixels = NumPixels(size);
-  const std::vector<float> planar = Planar(normals, pixels);
+  const std::vector<float> planar = Planar(vectors, pixels);
   const std::span<const float> all(planar);
   const std::array<ExrChannel, 3> channels = {{{"R", all.subspan(0, pixels)},
                                                {"G", all.subspan(pixels, pixels)},
@@ -52,11 +52,11 @@ std::string EncodeNormalsExr(const path& file, PlaneSize size, std::span<const f
   return EncodeExr(file, size, channels, options.exr_compression, options.sample);
 }
 
-std::string EncodeNormalsNpy(PlaneSize size, std::span<const float> normals, FloatSample sample) {
+std::string EncodeVectorsNpy(PlaneSize size, std::span<const float> vectors, FloatSample sample) {
   const bool half = sample == FloatSample::kFloat16;
   std::string bytes = NpyHeaderBytes(half ? "<f2" : "<f4",
                                      fmt::format("({}, {}, 3)", size.height_px, size.width_px));
-  AppendSamples(normals, sample, bytes);
+  AppendSamples(vectors, sample, bytes);
   return bytes;
 }
 
@@ -72,17 +72,18 @@ std::string Zipped(const path& file, const std::string& key, const std::string& 
                  options.deflate_npz ? ZipMethod::kDeflate : ZipMethod::kStore);
 }
 
-std::string EncodeNormals(const path& file, PlaneSize size, std::span<const float> normals,
+std::string EncodeVectors(const path& file, PlaneSize size, std::span<const float> vectors,
                           const DepthWriteOptions& options) {
   const DepthFileFormat format = FormatOf(file, options);
-  if (format == DepthFileFormat::kExr) return EncodeNormalsExr(file, size, normals, options);
-  if (format == DepthFileFormat::kNpy) return EncodeNormalsNpy(size, normals, options.sample);
+  if (format == DepthFileFormat::kExr) return EncodeVectorsExr(file, size, vectors, options);
+  if (format == DepthFileFormat::kNpy) return EncodeVectorsNpy(size, vectors, options.sample);
   if (format == DepthFileFormat::kNpz) {
-    return Zipped(file, "normals", EncodeNormalsNpy(size, normals, options.sample), options);
+    const std::string key = options.layer.empty() ? "normals" : options.layer;
+    return Zipped(file, key, EncodeVectorsNpy(size, vectors, options.sample), options);
   }
-  if (format != DepthFileFormat::kColmap) FailAs(file, format, "normals");
+  if (format != DepthFileFormat::kColmap) FailAs(file, format, "vectors");
   std::string bytes = fmt::format("{}&{}&3&", size.width_px, size.height_px);
-  AppendSamples(Planar(normals, NumPixels(size)), FloatSample::kFloat32, bytes);
+  AppendSamples(Planar(vectors, NumPixels(size)), FloatSample::kFloat32, bytes);
   return bytes;
 }
 
@@ -99,10 +100,10 @@ std::string EncodeIndices(const path& file, PlaneSize size, std::span<const uint
 
 }  // namespace
 
-size_t WriteNormalMap(const path& file, PlaneSize size, std::span<const float> normals,
+size_t WriteVectorMap(const path& file, PlaneSize size, std::span<const float> vectors,
                       const DepthWriteOptions& options) {
-  RAYLIFT_CHECK_EQ(normals.size(), 3 * NumPixels(size));
-  const std::string bytes = EncodeNormals(file, size, normals, options);
+  RAYLIFT_CHECK_EQ(vectors.size(), 3 * NumPixels(size));
+  const std::string bytes = EncodeVectors(file, size, vectors, options);
   WriteFile(file, bytes);
   return bytes.size();
 }
