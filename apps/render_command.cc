@@ -16,6 +16,7 @@
 #include "raylift/base/file.h"
 #include "raylift/base/progress.h"
 #include "raylift/comparison/geometry_report.h"
+#include "raylift/datasets/dataset.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/view_list.h"
 #include "raylift/lifting/mesh_spec.h"
@@ -55,12 +56,21 @@ void PrintJsonLine(const RenderedImage& image) {
   std::fflush(stdout);
 }
 
+std::vector<View> ReadCameras(const RenderFlags& flags, std::vector<std::string>& warnings) {
+  if (!flags.model.empty()) return ReadModelViews(flags.model, warnings);
+  if (flags.cameras.extension() != ".json") return ReadViewList(flags.cameras);
+  std::vector<View> views;
+  for (const PosedImage& image : ReadTransforms(flags.cameras, warnings)) {
+    views.push_back({image.name, image.camera, image.cam_from_world});
+  }
+  return views;
+}
+
 class RenderRun {
  public:
   RenderRun(const RenderFlags& flags, RenderJobOptions options)
       : flags_(flags), options_(std::move(options)) {
-    std::vector<View> views =
-        flags.model.empty() ? ReadViewList(flags.cameras) : ReadModelViews(flags.model, warnings_);
+    std::vector<View> views = ReadCameras(flags, warnings_);
     if (const auto warning = StretchWarning(views, flags.selection)) {
       warnings_.push_back("--size: " + *warning);
     }

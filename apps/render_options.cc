@@ -111,7 +111,8 @@ void AddInputOptions(CLI::App& command, RenderFlags& flags) {
   command
       .add_option("--cameras", flags.cameras,
                   "Cameras: list of name qw qx qy qz tx ty tz MODEL width height params...;\n"
-                  "MODEL is one of COLMAP's or EQUIRECTANGULAR (without parameters)")
+                  "MODEL is one of COLMAP's or EQUIRECTANGULAR (without parameters); or a\n"
+                  "transforms.json of nerfstudio or instant-ngp")
       ->group("Scene");
   command.add_option("--list-images", selection.list, "Only the images in this list")
       ->group("Scene");

@@ -143,14 +143,17 @@ class Photographs {
 
 class Reader {
  public:
-  Reader(const path& file, const ImportOptions& options)
+  enum class Missing { kSkip, kKeep };  // frames without a photograph
+
+  Reader(const path& file, const ImportOptions& options, Missing missing = Missing::kSkip)
       : file_(file),
         folder_(file.has_parent_path() ? file.parent_path() : path(".")),
         document_(ReadFile(file), file),
         root_(document_.Root()),
         list_(root_.Member("frames")),
         photographs_(folder_, list_),
-        options_(options) {
+        options_(options),
+        missing_(missing) {
     if (root_.Has("applied_transform")) {
       const JsonPlace place = root_.Member("applied_transform");
       const auto transform = RigidFromMatrix(ReadRows(place));
@@ -210,7 +213,8 @@ class Reader {
   std::optional<Frame> ReadFrame(const JsonPlace& place, Skipped& skipped) {
     const JsonPlace file_path = place.Member("file_path");
     const auto found = photographs_.Find(file_path.String());
-    const std::string name = found.value_or(file_path.String());
+    const std::string name =
+        found.value_or(path(file_path.String()).lexically_normal().generic_string());
     const JsonPlace matrix_place = place.Member("transform_matrix");
     const Eigen::Matrix4d matrix = ReadRows(matrix_place);
     if (!matrix.allFinite()) {
@@ -219,7 +223,7 @@ class Reader {
     }
     const auto world_from_opengl = RigidFromMatrix(matrix);
     if (!world_from_opengl) matrix_place.Fail("expected a rotation and a translation");
-    if (!found) {
+    if (!found && missing_ == Missing::kSkip) {
       skipped.Add("the photograph is missing below " + folder_.string(), name);
       return std::nullopt;
     }
@@ -246,6 +250,7 @@ class Reader {
   JsonPlace root_, list_;
   Photographs photographs_;
   const ImportOptions& options_;
+  Missing missing_;
   AppliedTransform applied_;
   std::vector<std::string> notes_;
 };
@@ -354,6 +359,17 @@ ImportedScene ImportSplitFiles(const path& folder, const path& queries,
 }
 
 }  // namespace
+
+std::vector<PosedImage> ReadTransforms(const path& file, std::vector<std::string>& warnings) {
+  const ImportOptions options;
+  Reader reader(file, options, Reader::Missing::kKeep);
+  Skipped skipped;
+  std::vector<PosedImage> images = ImagesOf(reader.Frames(skipped));
+  skipped.AddWarnings(warnings);
+  reader.photographs().AddWarning(warnings);
+  warnings.insert(warnings.end(), reader.notes().begin(), reader.notes().end());
+  return images;
+}
 
 ImportedScenes ImportNerfstudio(const path& folder, const ImportOptions& options) {
   if (std::filesystem::is_regular_file(folder)) return {ImportFile(folder, options)};

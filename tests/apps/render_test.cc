@@ -140,6 +140,51 @@ TEST_F(Render, ScaledImagesHaveAModelOfTheirOwn) {
   }
 }
 
+TEST_F(Render, TakesTheCamerasOfATransformsFile) {
+  std::string list, frames;
+  for (const auto& query : scene_.queries) {
+    const Rigid3& pose = query.cam_from_world;
+    const Eigen::Quaterniond& q = pose.rotation;
+    const Eigen::Vector3d& t = pose.translation;
+    list += fmt::format("{} {} {} {} {} {} {} {} PINHOLE 80 60 70 72 41 29\n", query.name,
+                        FormatDouble(q.w()), FormatDouble(q.x()), FormatDouble(q.y()),
+                        FormatDouble(q.z()), FormatDouble(t.x()), FormatDouble(t.y()),
+                        FormatDouble(t.z()));
+    // OpenGL's axes: y up, z back.
+    const Eigen::Matrix3d r =
+        q.toRotationMatrix().transpose() * Eigen::Vector3d(1, -1, -1).asDiagonal();
+    const Eigen::Vector3d c = pose.OriginInSource();
+    std::string rows;
+    for (int i = 0; i < 3; ++i) {
+      rows += fmt::format("[{},{},{},{}],", r(i, 0), r(i, 1), r(i, 2), c(i));
+    }
+    frames += fmt::format(R"({}{{"file_path":"./{}","transform_matrix":[{}[0,0,0,1]]}})",
+                          frames.empty() ? "" : ",", query.name, rows);
+  }
+  const fs::path cameras = scene_.folder / "cameras.txt", json = scene_.folder / "transforms.json";
+  WriteFile(cameras, list);
+  WriteFile(json, fmt::format(R"({{"w":80,"h":60,"fl_x":70,"fl_y":72,"cx":41,"cy":29,)"
+                              R"("frames":[{}]}})",
+                              frames));
+  const std::string mesh = "mesh:" + scene_.mesh().string();
+  const fs::path from_list = scene_.folder / "list", from_json = scene_.folder / "json";
+  ASSERT_TRUE(Succeeds(
+      RunRaylift({"render", "--geometry", mesh, "--cameras", cameras, "--out", from_list})));
+  ASSERT_TRUE(
+      Succeeds(RunRaylift({"render", "--geometry", mesh, "--cameras", json, "--out", from_json})));
+  const auto files = FilesBelow(from_list / "depth");
+  ASSERT_EQ(files, FilesBelow(from_json / "depth"));
+  for (const std::string& file : files) {
+    const std::vector<float> a = ReadDepthFile(from_list / "depth" / file).values;
+    const std::vector<float> b = ReadDepthFile(from_json / "depth" / file).values;
+    ASSERT_EQ(a.size(), b.size());
+    // All but rays that graze an edge.
+    size_t equal = 0;
+    for (size_t i = 0; i < a.size(); ++i) equal += std::abs(a[i] - b[i]) <= 1e-4f * a[i] ? 1 : 0;
+    EXPECT_GE(equal, a.size() - 3);
+  }
+}
+
 TEST_F(Render, SaysWhatItsFilesHold) {
   const CommandResult help = RunRaylift({"render", "--help-files"});
   ASSERT_TRUE(Succeeds(help));

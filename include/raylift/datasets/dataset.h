@@ -81,6 +81,12 @@ std::string DatasetNames();  // "7scenes|12scenes|..."
 std::vector<ImportedScene> ImportDataset(std::string_view name, const std::filesystem::path& folder,
                                          const ImportOptions& options = {});
 
+// The frames of a transforms.json of nerfstudio or instant-ngp, by name, in the world that the images were
+// in before nerfstudio moved them. Of photographs only the sizes are read, and only where the file has none.
+// Appends to `warnings` what was left out and what was assumed. InputError naming file and field.
+std::vector<PosedImage> ReadTransforms(const std::filesystem::path& file,
+                                       std::vector<std::string>& warnings);
+
 // Writes scene.toml, the query list and, where there are any, references, ground truth (COLMAP
 // models, binary), times and groups into `folder`. Returns the scene file.
 std::filesystem::path WriteImportedScene(const std::filesystem::path& folder,
