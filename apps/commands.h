@@ -29,7 +29,7 @@ Command AddStatusCommand(CLI::App& program);
 Command AddMergeCommand(CLI::App& program);
 Command AddVerifyCommand(CLI::App& program);
 Command AddExportCommand(CLI::App& program);
-Command AddColourCommand(CLI::App& program);
+Command AddColorCommand(CLI::App& program);
 Command AddPrepareCommand(CLI::App& program);
 
 }  // namespace raylift

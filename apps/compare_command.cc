@@ -44,7 +44,7 @@ namespace {
 
 using std::filesystem::path;
 
-// An image's maps and those of its neighbours, for two threads: more would only grow with the
+// An image's maps and those of its neighbors, for two threads: more would only grow with the
 // scene.
 size_t CacheBytes(std::span<const PosedImage> images) {
   constexpr size_t kMaps = 24;

@@ -356,7 +356,7 @@ Command AddExportCommand(CLI::App& program) {
                       "as TUM's, else the places in the list)");
   command
       ->add_option("--max-triangles", flags->max_triangles,
-                   "Of glb: make the mesh coarser until it has no more, in colours without\n"
+                   "Of glb: make the mesh coarser until it has no more, in colors without\n"
                    "textures; 0: as it is")
       ->capture_default_str();
   command->add_option("--up", flags->up,

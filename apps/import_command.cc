@@ -87,7 +87,7 @@ Command AddImportCommand(CLI::App& program) {
                    "Of gangnam: whose photographs are the queries, validation|test")
       ->capture_default_str();
   AddEnumOption(*command, "--calibration", flags->options.calibration,
-                "Of 7scenes, whose poses are the depth camera's: colour moves them to the\n"
+                "Of 7scenes, whose poses are the depth camera's: color moves them to the\n"
                 "photographs (as kapture and ACE do), raw takes them as they are (hloc): {}")
       ->capture_default_str();
   command->add_option("--pgt", flags->options.pseudo_ground_truth,

@@ -86,7 +86,7 @@ path FileOfImage(const path& folder, const std::string& image, const std::string
   return PathBelow(folder, image).replace_extension(format);
 }
 
-// PNG holds millimetres, all others scene units.
+// PNG holds millimeters, all others scene units.
 DepthWriteOptions WriteOptionsOf(const PerturbFlags& flags) {
   DepthWriteOptions options;
   options.out_of_range = DepthWriteOptions::OutOfRange::kDrop;
@@ -203,7 +203,7 @@ Command AddPerturbCommand(CLI::App& program) {
       ->group("Output");
   command
       ->add_option("--format", flags->format,
-                   fmt::format("{}; png in millimetres, bin as COLMAP has it",
+                   fmt::format("{}; png in millimeters, bin as COLMAP has it",
                                fmt::join(FormatsOf(Product::kDepth), "|")))
       ->capture_default_str()
       ->group("Output");

@@ -71,7 +71,7 @@ Program MakeProgram() {
                       AddDoctorCommand(app),     AddViewsCommand(app),    AddPairsCommand(app),
                       AddExperimentCommand(app), AddImportCommand(app),   AddStatusCommand(app),
                       AddMergeCommand(app),      AddVerifyCommand(app),   AddExportCommand(app),
-                      AddColourCommand(app),     AddPrepareCommand(app)};
+                      AddColorCommand(app),      AddPrepareCommand(app)};
   for (const Command& command : program.commands) {
     CheckNumbers(*command.app);
   }

@@ -16,7 +16,7 @@ LOCALIZE PHOTOGRAPHS
   Against a mesh and reference photographs with poses (a COLMAP model):
     raylift localize --model sfm --images photos --geometry mesh:scene.ply \
         --queries queries.txt --query-images new --out result
-  Against a mesh alone, which has a texture or vertex colours:
+  Against a mesh alone, which has a texture or vertex colors:
     raylift localize --geometry mesh:scene.ply --queries queries.txt --query-images new --out result
   How good are the poses?
     raylift evaluate --ground-truth truth --poses result/poses.txt --thresholds 0.05,5:0.25,2
@@ -29,7 +29,7 @@ COMPARE DEPTH
     raylift doctor --model sfm --images photos --geometry depth:maps
 
 RENDER DEPTH
-  Depth maps, normals, colour of a mesh for all images of a data set:
+  Depth maps, normals, color of a mesh for all images of a data set:
     raylift render --model sfm --geometry mesh:scene.ply --out rendered --products depth,normals
   There are no cameras yet: choose some.
     raylift views --geometry mesh:scene.ply --out views
@@ -56,7 +56,7 @@ constexpr std::array<std::pair<std::string_view, std::string_view>, 17> kGroupOf
      {"perturb", kCompare},
      {"render", kRender},
      {"views", kRender},
-     {"colour", kRender},
+     {"color", kRender},
      {"status", kJobs},
      {"merge", kJobs},
      {"verify", kJobs}}};

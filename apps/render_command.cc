@@ -219,7 +219,7 @@ class RenderRun {
 Command AddRenderCommand(CLI::App& program) {
   auto flags = std::make_shared<RenderFlags>();
   CLI::App* command = program.add_subcommand(
-      "render", "Depth maps, normals, colour, ids of a mesh for all images of a data set");
+      "render", "Depth maps, normals, color, ids of a mesh for all images of a data set");
   AddRenderOptions(*command, *flags);
   command->footer(
       "SIGINT and SIGTERM finish the images in hand; the exit code then is 4, and 5 where a file\n"

@@ -167,12 +167,12 @@ void AddProductOptions(CLI::App& command, RenderFlags& flags) {
   FrameOptions& frame = flags.job.frame;
   AddEnumOption(command, "--normals-in", frame.normals_in, "{}, of normals and points")
       ->group(group);
-  AddEnumOption(command, "--shading", flags.shading, "{} (headlight where the mesh has no colours)",
+  AddEnumOption(command, "--shading", flags.shading, "{} (headlight where the mesh has no colors)",
                 "auto")
       ->group(group);
   command
       .add_option("--supersampling", frame.color_options.samples_per_pixel_side,
-                  "N: each pixel's colour is the mean of N x N samples")
+                  "N: each pixel's color is the mean of N x N samples")
       ->capture_default_str()
       ->group(group);
   AddParsedOption(command, "--background", frame.color_options.background_rgb, &ParseRgb,

@@ -24,7 +24,7 @@ struct RenderFlags {
   RenderJobOptions job;  // all but what follows
   std::vector<Product> products = {Product::kDepth};
   std::vector<std::string> formats;
-  std::optional<ColorOptions::Shading> shading;  // none: by whether the mesh has colours
+  std::optional<ColorOptions::Shading> shading;  // none: by whether the mesh has colors
   JobFlags running;
   bool log_json = false;
   std::filesystem::path report;
@@ -37,7 +37,7 @@ void AddRenderOptions(CLI::App& command, RenderFlags& flags);
 void CheckRenderFlags(const RenderFlags& flags);
 RenderJobOptions ResolveJob(const RenderFlags& flags);
 
-// What `--shading` means for this scene: one without colours needs light to show its shape.
+// What `--shading` means for this scene: one without colors needs light to show its shape.
 ColorOptions::Shading ResolveShading(const RenderFlags& flags, const RayCaster& scene);
 
 }  // namespace raylift

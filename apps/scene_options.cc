@@ -87,7 +87,7 @@ void AddHlocOptions(CLI::App& app, HlocFlags& flags, const std::string& without)
                  "Leave out matches in files whose score is lower")
       ->group(group);
   app.add_option("--first-pixel", flags.reading.first_pixel,
-                 "Of a folder of pairs: where its matcher puts the centre of the first\n"
+                 "Of a folder of pairs: where its matcher puts the center of the first\n"
                  "pixel, 0 (most) or 0.5 (COLMAP, RoMa)")
       ->capture_default_str()
       ->group(group);

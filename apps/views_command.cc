@@ -230,7 +230,7 @@ void AddPlaceOptions(CLI::App& command, ViewsFlags& flags) {
                   "around; equal elevations make a ring")
       ->capture_default_str()
       ->group(group);
-  command.add_option("--line", flags.line, "along: file of camera centres, x y z per line")
+  command.add_option("--line", flags.line, "along: file of camera centers, x y z per line")
       ->group(group);
   command.add_option("--seed", flags.seed, "Seed of all random choices")
       ->capture_default_str()

@@ -1,4 +1,4 @@
-// An order of pixels in which neighbours follow each other: rays through them then meet the same
+// An order of pixels in which neighbors follow each other: rays through them then meet the same
 // parts of a mesh, which are still in the cache, and can be cast in blocks. Private to lifting.
 
 #pragma once

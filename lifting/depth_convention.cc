@@ -11,7 +11,7 @@
 namespace raylift {
 namespace {
 
-constexpr double kMillimetre = 0.001;
+constexpr double kMillimeter = 0.001;
 
 // COLMAP's maps belong to the undistorted cameras of its dense workspace.
 DepthConvention Colmap() {
@@ -32,9 +32,9 @@ DepthConvention Metric3d() {
   return {.unit = 1, .patterns = {"{dir}/{stem}.npy", "{name}.npy", "{stem}.npy"}};
 }
 
-// The sensor's, or the ones rendered into the colour camera for DSAC*, which hloc uses.
+// The sensor's, or the ones rendered into the color camera for DSAC*, which hloc uses.
 DepthConvention SevenScenes() {
-  return {.unit = kMillimetre,
+  return {.unit = kMillimeter,
           .invalid_values = {65535},
           .max_depth = 1000,
           .patterns = {"{flat7}.pose.depth.tiff", "{dir}/{base}.depth.png"}};
@@ -49,12 +49,12 @@ DepthConvention SevenScenesSensor() {
 }
 
 DepthConvention TwelveScenes() {
-  return {.unit = kMillimetre,
+  return {.unit = kMillimeter,
           .patterns = {"{dir}/{base}.depth.png", "data/{base}.depth.png", "{base}.depth.png"}};
 }
 
 DepthConvention ScanNet() {
-  return {.unit = kMillimetre,
+  return {.unit = kMillimeter,
           .patterns = {"{dir}/../depth/{stem}.png", "depth/{stem}.png", "{dir}/{base}.depth.pgm",
                        "{stem}.png"}};
 }
@@ -70,7 +70,7 @@ DepthConvention MeshLoc() {
 }
 
 DepthConvention Lamar() {
-  return {.unit = kMillimetre,
+  return {.unit = kMillimeter,
           .patterns = {"{name}.png", "{dir}/{stem}.png", "{dir}/{stem}.depth.png"}};
 }
 
@@ -134,7 +134,7 @@ class ValueReader {
 };
 
 bool IsTrusted(const StoredDepth& confidence, const DepthMap& map, int x, int y, double threshold) {
-  // The pixel of the confidence map in which this pixel's centre lies.
+  // The pixel of the confidence map in which this pixel's center lies.
   const auto scaled = [](int at, int size, int other_size) {
     return static_cast<size_t>((2 * int64_t{at} + 1) * other_size / (2 * int64_t{size}));
   };
@@ -224,7 +224,7 @@ std::vector<float> RayZOfPixels(const Camera& camera) {
 
 double StoredUnit(const StoredDepth& stored, const DepthConvention& convention) {
   const bool floats = stored.sample_type.starts_with("float");
-  return convention.scale * convention.unit.value_or(floats ? 1 : kMillimetre);
+  return convention.scale * convention.unit.value_or(floats ? 1 : kMillimeter);
 }
 
 StoredDepth Oriented(StoredDepth stored, MapOrientation orientation) {

@@ -102,7 +102,7 @@ class LinearPrior final : public ceres::CostFunction {
 };
 
 // Monocular depth drifts by a few percent over a fifth of the image: where there are no matches,
-// neighbouring nodes follow each other.
+// neighboring nodes follow each other.
 void AddSmoothness(const DepthCorrection& correction, double* parameters, ceres::Problem& problem) {
   constexpr double kSigma = 0.05;
   const auto columns = static_cast<size_t>(correction.columns);

@@ -285,7 +285,7 @@ DepthFolder::DepthFolder(path folder, DepthConvention convention,
     throw InputError(file, "expected depth in 16 bits or floats, found 8 bits");
   }
   if (!impl_->convention.unit && !stored.sample_type.starts_with("float")) {
-    warnings_.push_back(fmt::format("{}: integers, taken as millimetres (unit=mm says so)", file));
+    warnings_.push_back(fmt::format("{}: integers, taken as millimeters (unit=mm says so)", file));
   }
   unit_ = StoredUnit(stored, impl_->convention);
   const StoredDepth oriented = Oriented(stored, impl_->convention.orientation);

@@ -9,7 +9,7 @@ namespace {
 
 // Between this share of `max_jump` and `max_jump` itself, the slope decides.
 constexpr double kDoubtfulJump = 0.2;
-// A slope leads to the neighbour where it misses it by less than this share of the jump.
+// A slope leads to the neighbor where it misses it by less than this share of the jump.
 constexpr double kMaxSlopeMiss = 0.5;
 
 struct Offset {
@@ -30,7 +30,7 @@ class Neighborhood {
     return z > 0 ? 1 / static_cast<double>(z) : 0;
   }
 
-  // Whether the pixel at `a` and its neighbour, a `step` further, are on one surface.
+  // Whether the pixel at `a` and its neighbor, a `step` further, are on one surface.
   bool Linked(Offset a, Offset step) const {
     const double wa = InverseZ(a);
     const double wb = InverseZ({a.x + step.x, a.y + step.y});
@@ -47,7 +47,7 @@ class Neighborhood {
     return led_to_b || led_to_a || (before == 0 && after == 0);
   }
 
-  // The slope of 1/z along an axis: the pixel's own, or that of a neighbour across the axis on the
+  // The slope of 1/z along an axis: the pixel's own, or that of a neighbor across the axis on the
   // same surface.
   std::optional<double> Slope(Offset axis) const {
     const Offset across{axis.y, axis.x};
@@ -60,7 +60,7 @@ class Neighborhood {
   }
 
  private:
-  // From those of the two neighbours that are on the pixel's surface.
+  // From those of the two neighbors that are on the pixel's surface.
   std::optional<double> SlopeAt(Offset at, Offset axis) const {
     const Offset next{at.x + axis.x, at.y + axis.y};
     const Offset previous{at.x - axis.x, at.y - axis.y};
@@ -77,7 +77,7 @@ class Neighborhood {
   double max_jump_;
 };
 
-// The 1/z at an offset from the pixel's centre, each component within half a pixel.
+// The 1/z at an offset from the pixel's center, each component within half a pixel.
 double Interpolate(const Neighborhood& near, const Eigen::Vector2d& offset,
                    const Eigen::Vector2d& slope) {
   const Offset h{offset.x() < 0 ? -1 : 1, 0};
@@ -91,7 +91,7 @@ double Interpolate(const Neighborhood& near, const Eigen::Vector2d& offset,
     return (1 - fy) * ((1 - fx) * w + fx * near.InverseZ(h)) +
            fy * ((1 - fx) * near.InverseZ(v) + fx * near.InverseZ({h.x, v.y}));
   }
-  // Toward a neighbour of another surface, the slope on this side of the pixel goes on.
+  // Toward a neighbor of another surface, the slope on this side of the pixel goes on.
   const double along_x = has_h ? fx * (near.InverseZ(h) - w) : offset.x() * slope.x();
   const double along_y = has_v ? fy * (near.InverseZ(v) - w) : offset.y() * slope.y();
   return w + along_x + along_y;

@@ -185,7 +185,7 @@ std::vector<ScoredShift> BestShifts(const SurfaceGrid& grid,
                                     std::span<const Eigen::Vector3d> points, size_t count) {
   Eigen::Vector3d center = Eigen::Vector3d::Zero();
   for (const Eigen::Vector3d& point : points) center += point / static_cast<double>(points.size());
-  // With the points' centre at the lower corner of the mesh; then on by cells.
+  // With the points' center at the lower corner of the mesh; then on by cells.
   const Eigen::Vector3d first = grid.low() - center;
   std::vector<Eigen::Vector3i> cells;
   for (const Eigen::Vector3d& point : points) cells.push_back(grid.CellOf(point + first));

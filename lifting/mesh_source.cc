@@ -162,7 +162,7 @@ class ReferenceLifter {
     return point;
   }
 
-  // How far the hit of a neighbouring ray (none: it leaves the scene) is from the point's plane.
+  // How far the hit of a neighboring ray (none: it leaves the scene) is from the point's plane.
   double JumpTo(const SurfacePoint& point, const PixelRay& ray, const CoarseHit& hit) const {
     if (!hit.IsHit()) return std::numeric_limits<double>::infinity();
     const Eigen::Vector3d point_from_center = point.point_in_world - center_in_world_;

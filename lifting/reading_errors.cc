@@ -52,7 +52,7 @@ Eigen::Vector2d Oriented(const Eigen::Vector2d& pixel, const Camera& camera,
 }  // namespace
 
 double KnownUnit(double log_factor) {
-  // Powers of ten, inches, feet, and TUM's 1/5000 taken as millimetres.
+  // Powers of ten, inches, feet, and TUM's 1/5000 taken as millimeters.
   constexpr std::array<double, 10> kUnits = {1, 10, 100, 1000, 1e4, 1e5, 0.0254, 0.3048, 0.2, 5000};
   constexpr double kNear = 0.03;
   for (const double unit : kUnits) {

@@ -48,7 +48,7 @@ std::string OneLine(std::string text) {
 
 class SceneConverter {
  public:
-  // glTF states colours in linear light, the other formats as they are shown.
+  // glTF states colors in linear light, the other formats as they are shown.
   SceneConverter(const std::filesystem::path& path, const aiScene& scene, bool linear_colors)
       : path_(path), scene_(scene), linear_colors_(linear_colors) {}
 

@@ -96,12 +96,12 @@ Coarse FinestWithin(const TriangleMesh& mesh, size_t max_triangles) {
   return best;
 }
 
-constexpr std::array<uint8_t, 3> kGrey = {128, 128, 128};
+constexpr std::array<uint8_t, 3> kGray = {128, 128, 128};
 
 // Of textured meshes: what a texture shows around each vertex, where `num_triangles` share it.
 std::vector<std::array<uint8_t, 3>> ColorsOfTextures(const TriangleMesh& mesh,
                                                      size_t num_triangles) {
-  std::vector<std::array<uint8_t, 3>> colors(mesh.vertices.size(), kGrey);
+  std::vector<std::array<uint8_t, 3>> colors(mesh.vertices.size(), kGray);
   if (!mesh.vertex_colors_rgb.empty()) colors = mesh.vertex_colors_rgb;
   const std::vector<Texture> textures(mesh.textures.begin(), mesh.textures.end());
   for (size_t i = 0; i < mesh.triangles.size(); ++i) {

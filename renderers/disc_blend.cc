@@ -26,7 +26,7 @@ double Variance(const Surfels& surfels, uint32_t disc) {
 struct DiscHit {
   double t;
   double cosine;           // of the angle between ray and normal
-  Eigen::Vector3d offset;  // from the disc's centre
+  Eigen::Vector3d offset;  // from the disc's center
   Eigen::Vector3d normal;  // turned against the ray
 };
 DiscHit MeetDisc(const Surfels& surfels, const DiscRay& ray, uint32_t disc) {

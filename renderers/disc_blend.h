@@ -25,7 +25,7 @@ struct BlendedHit {
   double t;
   double sigma;            // along the normal
   Eigen::Vector3d normal;  // unit, turned against the ray
-  uint32_t nearest;        // the disc whose centre is the closest to the ray
+  uint32_t nearest;        // the disc whose center is the closest to the ray
 };
 struct Blend {
   std::optional<BlendedHit> hit;
@@ -33,9 +33,9 @@ struct Blend {
 };
 
 // Of `discs`, which the ray meets within BlendReach, those are of the first one's surface whose
-// planes meet the ray where its does, within the scatter of both. Between their centres there is a
+// planes meet the ray where its does, within the scatter of both. Between their centers there is a
 // surface: the mean of their planes, by their precision, so that a disc across a crease, whose points
-// scatter, counts for little. Beyond their centres there is none: a surface ends where its points
+// scatter, counts for little. Beyond their centers there is none: a surface ends where its points
 // do, and not a radius further on. `rounding`: what float coordinates resolve.
 Blend BlendDiscs(const Surfels& surfels, const DiscRay& ray, uint32_t first,
                  std::span<const uint32_t> discs, double rounding);

@@ -3,9 +3,9 @@
 // so that their packets stay in the first cache; rows of tiles run on different threads.
 //
 // Depth and distance come from the packets themselves, in float. What needs the triangle (normals,
-// incidence, colour) is refined hit by hit in double, and so is the depth of grazing rays, which
-// the rounding of their direction would move. Supersampled colour is cast anew: its rays are those
-// of the pixels' centres, moved by how the ray changes from pixel to pixel.
+// incidence, color) is refined hit by hit in double, and so is the depth of grazing rays, which
+// the rounding of their direction would move. Supersampled color is cast anew: its rays are those
+// of the pixels' centers, moved by how the ray changes from pixel to pixel.
 
 #include "raylift/renderers/frame_renderer.h"
 
@@ -145,7 +145,7 @@ class ViewPass {
 
   using SplatLooks = std::array<SplatLook, RayBlock::kSize>;
 
-  // Splats give depth and colour at once, ray by ray.
+  // Splats give depth and color at once, ray by ray.
   size_t RenderSplats(Batch& batch) const {
     size_t num_hits = 0;
     for (size_t i = 0; i < batch.count; ++i) {
@@ -353,7 +353,7 @@ class ViewPass {
     }
   }
 
-  // n x n samples per pixel, whose rays are those of the pixel's centre, moved by the differential.
+  // n x n samples per pixel, whose rays are those of the pixel's center, moved by the differential.
   void StoreSupersampled(int x0, int y0, int width, int height) const {
     const int side = options_.color_options.samples_per_pixel_side;
     std::array<Eigen::Vector3f, RayBlock::kSize> sums;
@@ -424,7 +424,7 @@ class ViewPass {
     return static_cast<size_t>(y) * static_cast<size_t>(rays_.width_px()) + static_cast<size_t>(x);
   }
 
-  // Colour of one sample per pixel: that of the pass's own hits.
+  // Color of one sample per pixel: that of the pass's own hits.
   bool refine_color() const {
     return options_.color && options_.color_options.samples_per_pixel_side == 1;
   }

@@ -18,7 +18,7 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "the reader copies bytes as they are");
 
-// A point data record format: its least length, and where its colour is, if it has one.
+// A point data record format: its least length, and where its color is, if it has one.
 struct RecordFormat {
   size_t min_bytes;
   size_t color_at;  // 0: none
@@ -146,7 +146,7 @@ class LasReader {
     }
   }
 
-  // Colours have 16 bits, but many writers store 8; where all are black there are none.
+  // Colors have 16 bits, but many writers store 8; where all are black there are none.
   void TakeColors() {
     uint16_t largest = 0;
     for (const auto& color : colors_) {

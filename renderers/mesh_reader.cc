@@ -49,7 +49,7 @@ TriangleMesh MakeMesh(std::vector<Eigen::Vector3d> vertices,
                       std::vector<std::array<uint32_t, 3>> triangles,
                       std::vector<std::array<uint8_t, 3>> colors_rgb) {
   if (!colors_rgb.empty() && colors_rgb.size() != vertices.size()) {
-    throw InputError(fmt::format("mesh: expected a colour for each of {} vertices, found {}",
+    throw InputError(fmt::format("mesh: expected a color for each of {} vertices, found {}",
                                  vertices.size(), colors_rgb.size()));
   }
   for (size_t i = 0; i < triangles.size(); ++i) {

@@ -1,4 +1,4 @@
-// The nearest neighbours of points: a balanced k-d tree, for clouds of millions of points whose
+// The nearest neighbors of points: a balanced k-d tree, for clouds of millions of points whose
 // density varies.
 
 #pragma once

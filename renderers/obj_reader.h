@@ -9,7 +9,7 @@
 
 namespace raylift {
 
-// v (with colours where six numbers are given), vt, f, usemtl and mtllib; from materials Kd and
+// v (with colors where six numbers are given), vt, f, usemtl and mtllib; from materials Kd and
 // map_Kd. Everything else is skipped.
 RawMesh ReadObj(const std::filesystem::path& path);
 

@@ -184,7 +184,7 @@ class PcdReader {
     }
   }
 
-  // The bits of a colour are 0xRRGGBB, even where the field is called a float.
+  // The bits of a color are 0xRRGGBB, even where the field is called a float.
   void AddColor(uint32_t bits) {
     cloud_.colors_rgb.push_back({static_cast<uint8_t>(bits >> 16), static_cast<uint8_t>(bits >> 8),
                                  static_cast<uint8_t>(bits)});
@@ -251,7 +251,7 @@ class PcdReader {
     constexpr double kBeyond = 4294967296;  // of 32 bits
     if (!(std::abs(color) < kBeyond)) {
       throw InputError(path_, fmt::format("line {}, {}", line_number_, color_->name),
-                       fmt::format("expected a colour of 32 bits, found {}", color));
+                       fmt::format("expected a color of 32 bits, found {}", color));
     }
     return static_cast<uint32_t>(static_cast<int64_t>(color));
   }

@@ -153,7 +153,7 @@ std::optional<VertexSlot> SlotOf(std::string_view name) {
   return std::nullopt;
 }
 
-// Full intensity of a colour of this type.
+// Full intensity of a color of this type.
 double ColorRange(PlyType type) {
   using enum PlyType;
   switch (type) {

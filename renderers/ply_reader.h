@@ -11,7 +11,7 @@
 
 namespace raylift {
 
-// Vertices with colours (red, green, blue) and texture coordinates (u v, s t, texture_u texture_v),
+// Vertices with colors (red, green, blue) and texture coordinates (u v, s t, texture_u texture_v),
 // polygon faces with per-corner `texcoord` lists and `texnumber`, pictures from the header's
 // `comment TextureFile NAME`; normals (nx ny nz) where there are no faces. Other elements and
 // properties are skipped.

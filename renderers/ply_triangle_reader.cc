@@ -50,7 +50,7 @@ std::optional<std::array<size_t, 3>> Places(const PlyElement& element,
   return found == 3 ? std::optional(places) : std::nullopt;
 }
 
-// Names by which the general reader takes colours or texture coordinates from vertices.
+// Names by which the general reader takes colors or texture coordinates from vertices.
 bool IsOtherAttribute(std::string_view name) {
   static constexpr std::string_view kNames[] = {
       "r", "g", "b", "diffuse_red", "diffuse_green", "diffuse_blue",

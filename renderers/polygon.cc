@@ -9,7 +9,7 @@
 namespace raylift {
 namespace {
 
-// Cutting ears takes cubic time at worst; a polygon beyond this is no surface that was modelled.
+// Cutting ears takes cubic time at worst; a polygon beyond this is no surface that was modeled.
 constexpr size_t kMaxCornersForEars = 1000;
 
 double Cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {

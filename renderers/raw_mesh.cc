@@ -14,7 +14,7 @@
 namespace raylift {
 namespace {
 
-// A surface without any colour in a mesh that has colours elsewhere (the default of MTL files).
+// A surface without any color in a mesh that has colors elsewhere (the default of MTL files).
 constexpr Rgb kDefaultColor = {204, 204, 204};
 
 std::vector<uint32_t> FirstIndices(size_t count) {
@@ -68,7 +68,7 @@ Rgb Product(const Rgb& a, const Rgb& b) {
   return product;
 }
 
-// Unites positions, texture coordinates and material colours to vertices: a position gets one
+// Unites positions, texture coordinates and material colors to vertices: a position gets one
 // vertex per combination that its corners use, none if no triangle uses it.
 class VertexUniter {
  public:

@@ -1,6 +1,6 @@
 // What a mesh file holds, before it becomes a TriangleMesh: positions in double, texture
 // coordinates with indices of their own, materials. The readers fill it; FinishMesh cleans it,
-// recentres it and unites positions and attributes to vertices.
+// recenters it and unites positions and attributes to vertices.
 
 #pragma once
 
@@ -62,7 +62,7 @@ inline bool IsUsablePosition(const Eigen::Vector3d& p) {
          std::abs(p.z()) <= kMaxCoordinate;
 }
 
-// The origin of a mesh in this box: its centre, rounded to a multiple of a power of two above its
+// The origin of a mesh in this box: its center, rounded to a multiple of a power of two above its
 // extent, so that it is zero for a mesh around the world's origin, and the difference of a float
 // coordinate to it is exact.
 Eigen::Vector3d ChooseMeshOrigin(const Eigen::Vector3d& low, const Eigen::Vector3d& high);

@@ -114,7 +114,7 @@ std::vector<PackedSplat> PackSplats(const Splats& splats, int threads) {
   return packed;
 }
 
-// In the Gaussian's own round space: o' = W (o - m), d' = W d. The ray is closest to the centre at
+// In the Gaussian's own round space: o' = W (o - m), d' = W d. The ray is closest to the center at
 // t = -o'.d' / d'.d', at the distance |o' x d'| / |d'|, which stays exact where one axis is so short
 // that o' and d' are large.
 std::optional<SplatOnRay> MeetSplat(const PackedSplat& splat, uint32_t place, const SplatRay& ray) {

@@ -28,11 +28,11 @@ struct alignas(64) PackedSplat {
   uint32_t index;     // in the Splats
   uint32_t flattest;  // the row of its shortest axis
 
-  // The box of all points with alpha >= kLeastAlpha: its centre is the mean.
+  // The box of all points with alpha >= kLeastAlpha: its center is the mean.
   Eigen::Vector3f HalfBox() const;
 };
 
-// In an order in which neighbours in space are close to each other.
+// In an order in which neighbors in space are close to each other.
 std::vector<PackedSplat> PackSplats(const Splats& splats, int threads);
 
 // In the splats' local coordinates; the direction is unit.

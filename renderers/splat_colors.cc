@@ -1,4 +1,4 @@
-// The colours of splats from an eye: real spherical harmonics, in the order and with the signs of the
+// The colors of splats from an eye: real spherical harmonics, in the order and with the signs of the
 // reference code (Kerbl et al. 2023).
 
 #include <algorithm>

@@ -23,7 +23,7 @@ namespace {
 using std::filesystem::path;
 using Column = PlyColumns::Column;
 
-// The colour of a degree 0 harmonic of 1.
+// The color of a degree 0 harmonic of 1.
 const double kHarmonic0 = 0.5 / std::sqrt(std::numbers::pi);
 
 // A disc's third axis, in its smaller one: nothing, but for rays that run along the disc.
@@ -59,7 +59,7 @@ class SplatCollector {
     if (has_colors) splats_.harmonics.reserve(count * splats_.NumCoefficients());
   }
 
-  // Whose harmonics follow where there are colours.
+  // Whose harmonics follow where there are colors.
   void Add(const RawSplat& splat, std::span<const Eigen::Vector3f> harmonics) {
     const bool is_finite = std::all_of(harmonics.begin(), harmonics.end(),
                                        [](const auto& rgb) { return rgb.allFinite(); });
@@ -126,7 +126,7 @@ int DegreeOf(size_t rest_per_channel) {
   return static_cast<int>(std::lround(std::sqrt(static_cast<double>(rest_per_channel + 1)))) - 1;
 }
 
-// Where a row's colour comes from: harmonics, or red, green and blue.
+// Where a row's color comes from: harmonics, or red, green and blue.
 class TrainedColors {
  public:
   TrainedColors(const path& file, const PlyColumns& columns) : columns_(columns) {

@@ -1,4 +1,4 @@
-// The colour of a surface under a light.
+// The color of a surface under a light.
 
 #pragma once
 

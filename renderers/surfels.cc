@@ -134,7 +134,7 @@ class DiscMaker {
     return around.Normal();
   }
 
-  // A point apart from all others, and one at an edge, has its neighbours further off than they
+  // A point apart from all others, and one at an edge, has its neighbors further off than they
   // have theirs: the median of their radii is the surface's.
   static float MedianRadius(std::span<const float> own, size_t i, Neighbors neighbors,
                             std::vector<float>& radii) {
@@ -165,7 +165,7 @@ void DropEmpty(Surfels& surfels) {
   const size_t dropped = surfels.discs.size() - kept;
   if (dropped == 0) return;
   surfels.warnings.push_back(
-      fmt::format("{} of {} points left out: with their neighbours, they lie on a line or at one "
+      fmt::format("{} of {} points left out: with their neighbors, they lie on a line or at one "
                   "place, and span no surface",
                   dropped, surfels.discs.size()));
   surfels.discs.resize(kept);

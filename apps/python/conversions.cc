@@ -197,14 +197,14 @@ Image ToImage(const ArrayLike& argument) {
     throw InputError(fmt::format("image: expected {}, found {}", kExpected,
                                  std::string(py::str(array.dtype()))));
   }
-  const bool grey = array.ndim() == 2;
-  if (!grey && !(array.ndim() == 3 && array.shape(2) == 3)) {
+  const bool gray = array.ndim() == 2;
+  if (!gray && !(array.ndim() == 3 && array.shape(2) == 3)) {
     internal::ThrowShape("image", kExpected, array);
   }
   const auto* data = static_cast<const uint8_t*>(array.data());
   return {.width_px = static_cast<int>(array.shape(1)),
           .height_px = static_cast<int>(array.shape(0)),
-          .channels = grey ? 1 : 3,
+          .channels = gray ? 1 : 3,
           .data = {data, data + array.size()}};
 }
 

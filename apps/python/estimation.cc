@@ -318,7 +318,7 @@ void BindEstimate(py::module_& module) {
                     "Standard deviation of the orientation, degrees; 0 without a covariance.")
       .def_readonly(
           "position_sigma", &PoseEstimate::position_sigma,
-          "Standard deviation of the camera's centre, scene units; 0 without a covariance.")
+          "Standard deviation of the camera's center, scene units; 0 without a covariance.")
       .def_readonly("position_observable", &PoseEstimate::position_observable,
                     "False where only the orientation is determined.")
       .def_property_readonly(

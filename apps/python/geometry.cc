@@ -30,7 +30,7 @@ void BindCamera(py::module_& module) {
   py::class_<Camera>(
       module, "Camera",
       "A camera's intrinsics, of any of COLMAP's models.\n\n"
-      "The frame is COLMAP's: x right, y down, z forward. So are pixels: the centre of the first\n"
+      "The frame is COLMAP's: x right, y down, z forward. So are pixels: the center of the first\n"
       "one is (0.5, 0.5). Wherever a camera is an argument, the text \"MODEL width height\n"
       "params...\", a dict with model, width, height and params, and pycolmap's cameras serve, "
       "too.")
@@ -161,7 +161,7 @@ void BindRigid3(py::module_& module) {
           "4 x 4.")
       .def_property_readonly(
           "center", [](const Rigid3& pose) { return ToArray(pose.OriginInSource()); },
-          "Of cam_from_world: the camera's centre in the world (3,).")
+          "Of cam_from_world: the camera's center in the world (3,).")
       .def("inverse", &Rigid3::Inverse, "source_from_target.")
       .def(
           "transform",

@@ -52,7 +52,7 @@ py::dict ToDict(const SurfacePoints& points) {
 constexpr const char* kLiftDoc =
     "The surface points that pixels (N, 2) of a reference show. A dict: points and normals (N, 3) "
     "in\n"
-    "the world (unit, towards the camera), NaN where there is no surface; and (N,) each: depth "
+    "the world (unit, toward the camera), NaN where there is no surface; and (N,) each: depth "
     "along\n"
     "the optical axis, sigma (standard deviation of the point, where it is known) in scene units,\n"
     "incidence_deg, depth_jump (largest relative jump of depth around the pixel, where it was "

@@ -71,7 +71,7 @@ void BindMesh(py::module_& module) {
            py::arg("colors") = py::none(),
            "From vertices (N, 3) in the world, triangles (M, 3) of indices and, where there are "
            "any,\n"
-           "the vertices' colours (N, 3), uint8.\n\n"
+           "the vertices' colors (N, 3), uint8.\n\n"
            "Triangles without an area are left out, as are vertices that no triangle uses. Raises\n"
            "InputError for an index out of range.")
       .def_static(
@@ -107,7 +107,7 @@ void BindMesh(py::module_& module) {
             return View(mesh->vertex_colors_rgb.front().data(),
                         {std::ssize(mesh->vertex_colors_rgb), 3}, py::cast(mesh));
           },
-          "The vertices' colours (N, 3), uint8, or None. A view.")
+          "The vertices' colors (N, 3), uint8, or None. A view.")
       .def_property_readonly("has_texture",
                              [](const TriangleMesh& mesh) { return !mesh.textures.empty(); })
       .def_readonly("warnings", &TriangleMesh::warnings,
@@ -193,7 +193,7 @@ Pictures ToPictures(const Caster& caster, const std::vector<std::string>& produc
   Request(outputs, pictures.frame);
   const TriangleMesh& mesh = caster.caster->mesh();
   ColorOptions& color = pictures.frame.color_options;
-  // As the program: what has no colours needs light to show its shape.
+  // As the program: what has no colors needs light to show its shape.
   const bool has_colors = !mesh.vertex_colors_rgb.empty() || !mesh.triangle_textures.empty();
   color.shading = has_colors ? ColorOptions::Shading::kUnlit : ColorOptions::Shading::kHeadlight;
   Keywords keywords(given);
@@ -473,7 +473,7 @@ void BindCaster(py::module_& module) {
            "What a camera sees from a pose (cam_from_world), a dict of arrays by product:\n\n"
            "depth      (H, W) float32, z along the optical axis, scene units; 0: no surface\n"
            "distance   (H, W) float32, along the ray; 0: no surface\n"
-           "normals    (H, W, 3) float32, unit, towards the camera; 0: no surface\n"
+           "normals    (H, W, 3) float32, unit, toward the camera; 0: no surface\n"
            "color      (H, W, 3) uint8, RGB\n"
            "triangle   (H, W) uint32, index; 4294967295: none\n"
            "object     (H, W) uint32, which of several meshes; 4294967295: none\n"

@@ -16,8 +16,8 @@ class Atlas {
 
   const Canvas& canvas() const { return canvas_; }
 
-  // Places a width x height (metres) patch and paints it: brush(x, y) -> Color, with (0, 0) at its
-  // lower left. The colours continue a little beyond the patch, for filters that look there.
+  // Places a width x height (meters) patch and paints it: brush(x, y) -> Color, with (0, 0) at its
+  // lower left. The colors continue a little beyond the patch, for filters that look there.
   template <class Brush>
   Material Add(double width_m, double height_m, Brush&& brush) {
     const Rect area = Place(width_m, height_m);

@@ -1,4 +1,4 @@
-// A picture that is painted in metres: the sheets that become the scene's textures.
+// A picture that is painted in meters: the sheets that become the scene's textures.
 
 #pragma once
 
@@ -21,7 +21,7 @@ inline Color Mix(const Color& a, const Color& b, double t) {
   return (1 - weight) * a + weight * b;
 }
 
-// In metres, y up.
+// In meters, y up.
 struct Rect {
   double x0, y0, x1, y1;
   double width() const { return x1 - x0; }
@@ -37,7 +37,7 @@ class Canvas {
   double height_m() const { return height_px_ / px_per_m_; }
   double px_per_m() const { return px_per_m_; }
 
-  // Calls brush(x_m, y_m, color&) for every texel whose centre is in the area.
+  // Calls brush(x_m, y_m, color&) for every texel whose center is in the area.
   template <class Brush>
   void Paint(const Rect& area, Brush&& brush) {
     const int first_column = std::max(0, static_cast<int>(std::ceil(area.x0 * px_per_m_ - 0.5)));

@@ -1,5 +1,5 @@
 // The demo's place: a courtyard of 16 m x 12 m between four house fronts, with a fountain in its
-// middle. World: metres, z up, the ground at z = 0, x to the east, y to the north, the origin in
+// middle. World: meters, z up, the ground at z = 0, x to the east, y to the north, the origin in
 // the south-west corner.
 
 #pragma once

@@ -20,11 +20,11 @@ constexpr int kArchSegments = 6;  // per half
 // Points of the arch from the right spring over the top to the left one.
 std::vector<Eigen::Vector2d> ArchPoints(const Opening& opening) {
   const double radius = 0.5 * opening.width;
-  const Eigen::Vector2d centre(opening.x + radius, opening.y + opening.height - radius);
+  const Eigen::Vector2d center(opening.x + radius, opening.y + opening.height - radius);
   std::vector<Eigen::Vector2d> points;
   for (int k = 0; k <= 2 * kArchSegments; ++k) {
     const double angle = std::numbers::pi * k / (2 * kArchSegments);
-    points.emplace_back(centre + radius * Eigen::Vector2d(std::cos(angle), std::sin(angle)));
+    points.emplace_back(center + radius * Eigen::Vector2d(std::cos(angle), std::sin(angle)));
   }
   return points;
 }
@@ -43,10 +43,10 @@ void PaintStains(Canvas& canvas, const Opening& opening, uint32_t seed) {
 // The opening was painted as a rectangle; what is outside its arch is wall.
 void KeepWallAboveArch(Canvas& canvas, const Canvas& wall, const Opening& opening) {
   const double radius = 0.5 * opening.width + 0.02;
-  const double centre_x = opening.x + 0.5 * opening.width;
-  const double centre_y = opening.y + opening.height - 0.5 * opening.width;
+  const double center_x = opening.x + 0.5 * opening.width;
+  const double center_y = opening.y + opening.height - 0.5 * opening.width;
   canvas.Paint(opening.area(), [&](double x, double y, Color& texel) {
-    if (y > centre_y && std::hypot(x - centre_x, y - centre_y) > radius) texel = wall.At(x, y);
+    if (y > center_y && std::hypot(x - center_x, y - center_y) > radius) texel = wall.At(x, y);
   });
 }
 

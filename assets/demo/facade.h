@@ -1,6 +1,6 @@
 // A house front: a painted sheet on a wall with real depth. Windows, doors and arches lie back in
 // the wall, sills, frames, shutters and cornices stand out of it. In the wall's frame x runs to
-// the right, y up, and z out of the wall, towards the yard.
+// the right, y up, and z out of the wall, toward the yard.
 
 #pragma once
 

@@ -10,7 +10,7 @@ namespace raylift::demo {
 
 namespace {
 
-constexpr double kMillimetresPerMetre = 1000;
+constexpr double kMillimetersPerMetre = 1000;
 constexpr double kTextureSteps = 10000;
 
 }  // namespace
@@ -34,14 +34,14 @@ Material Material::Piece(double width_m, double height_m, Rng& rng) const {
 }
 
 std::pair<uint32_t, uint32_t> MeshBuilder::AddCorner(const Corner& corner) {
-  const std::array<int64_t, 3> p{std::llround(corner.position.x() * kMillimetresPerMetre),
-                                 std::llround(corner.position.y() * kMillimetresPerMetre),
-                                 std::llround(corner.position.z() * kMillimetresPerMetre)};
+  const std::array<int64_t, 3> p{std::llround(corner.position.x() * kMillimetersPerMetre),
+                                 std::llround(corner.position.y() * kMillimetersPerMetre),
+                                 std::llround(corner.position.z() * kMillimetersPerMetre)};
   const auto [p_entry, p_is_new] =
       position_index_.try_emplace(p, static_cast<uint32_t>(positions_.size()));
   if (p_is_new) {
-    positions_.emplace_back(p[0] / kMillimetresPerMetre, p[1] / kMillimetresPerMetre,
-                            p[2] / kMillimetresPerMetre);
+    positions_.emplace_back(p[0] / kMillimetersPerMetre, p[1] / kMillimetersPerMetre,
+                            p[2] / kMillimetersPerMetre);
   }
   const std::array<int64_t, 2> t{std::llround(corner.uv.x() * kTextureSteps),
                                  std::llround(corner.uv.y() * kTextureSteps)};
@@ -57,7 +57,7 @@ void MeshBuilder::Polygon(std::span<const Corner> corners, int texture) {
   Face face{{}, texture};
   for (const Corner& corner : corners) {
     const auto added = AddCorner(corner);
-    // Neighbours that round to the same point would make a triangle without area.
+    // Neighbors that round to the same point would make a triangle without area.
     const bool is_new =
         std::none_of(face.corners.begin(), face.corners.end(),
                      [&](const auto& earlier) { return earlier.first == added.first; });

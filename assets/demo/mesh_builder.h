@@ -1,5 +1,5 @@
 // Builds the scene's mesh of textured quads and triangles: boxes, turned bodies, tubes, leaves.
-// Corners are rounded to millimetres (and texture coordinates to 1e-4) as they are added, so that
+// Corners are rounded to millimeters (and texture coordinates to 1e-4) as they are added, so that
 // the mesh in memory is the mesh of the file.
 
 #pragma once
@@ -33,7 +33,7 @@ struct Frame {
 // Upright, turned about the vertical.
 Frame UprightFrame(const Eigen::Vector3d& origin, double heading_deg);
 
-// A rectangle of a texture and the size in metres that it depicts.
+// A rectangle of a texture and the size in meters that it depicts.
 struct Material {
   int texture = 0;
   Eigen::Vector2d uv_min{0, 0}, uv_max{1, 1};

@@ -21,7 +21,7 @@ namespace {
 constexpr int kSamplesPerSide = 3;
 constexpr int kSamples = kSamplesPerSide * kSamplesPerSide;
 constexpr int kSkyRaysPerSample = 4;
-constexpr double kSkyReach = 5;  // metres: what is farther away hides no sky
+constexpr double kSkyReach = 5;  // meters: what is farther away hides no sky
 constexpr double kOffset = 1e-4;
 
 const std::array<float, 256>& LinearFromSrgb() {
@@ -62,7 +62,7 @@ Eigen::Vector3f Albedo(const TriangleMesh& mesh, const RayHit& hit) {
          t * ((1 - s) * at(ix, iy + 1) + s * at(ix + 1, iy + 1));
 }
 
-Eigen::Vector3f SkyColour(const Daylight& light, const Eigen::Vector3d& direction) {
+Eigen::Vector3f SkyColor(const Daylight& light, const Eigen::Vector3d& direction) {
   const double up = std::clamp(direction.z() / direction.norm(), 0.0, 1.0);
   const double cloud =
       FractalNoise(3 * std::atan2(direction.y(), direction.x()) + 20, 5 * up + 3, 5, 900);
@@ -91,10 +91,10 @@ class RowRenderer {
     std::vector<Eigen::Vector3f> light = DirectAndSkyLight(rays, hits, row);
     std::vector<Eigen::Vector3f> pixels(camera_.width_px(), Eigen::Vector3f::Zero());
     for (size_t i = 0; i < rays.size(); ++i) {
-      const Eigen::Vector3f colour =
+      const Eigen::Vector3f color =
           hits[i] ? Expose(Albedo(caster_.mesh(), *hits[i]).cwiseProduct(light[i]))
-                  : SkyColour(light_, rays[i].direction_in_world);
-      pixels[i / kSamples] += colour / kSamples;
+                  : SkyColor(light_, rays[i].direction_in_world);
+      pixels[i / kSamples] += color / kSamples;
     }
     return pixels;
   }

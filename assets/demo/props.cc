@@ -38,10 +38,10 @@ void AddLegs(PropContext& c, const Frame& frame, double half_x, double half_y, d
   }
 }
 
-void AddWheel(PropContext& c, const Eigen::Vector3d& centre, const Eigen::Vector3d& axis,
+void AddWheel(PropContext& c, const Eigen::Vector3d& center, const Eigen::Vector3d& axis,
               double radius) {
   const Eigen::Vector3d x = axis.unitOrthogonal();
-  const Frame frame{centre, x, axis.cross(x), axis};
+  const Frame frame{center, x, axis.cross(x), axis};
   const Profile rim{{radius - 0.06, -0.03},
                     {radius, -0.03},
                     {radius, 0.03},
@@ -50,7 +50,7 @@ void AddWheel(PropContext& c, const Eigen::Vector3d& centre, const Eigen::Vector
   c.mesh.Turned(frame, rim, 20, c.materials.dark_wood);
   for (int k = 0; k < 8; ++k) {
     const double a = std::numbers::pi * k / 4;
-    c.mesh.Tube(centre, frame.At((radius - 0.03) * std::cos(a), (radius - 0.03) * std::sin(a), 0),
+    c.mesh.Tube(center, frame.At((radius - 0.03) * std::cos(a), (radius - 0.03) * std::sin(a), 0),
                 0.022, 4, c.materials.wood);
   }
 }
@@ -78,13 +78,13 @@ void AddFountain(PropContext& c, const Frame& frame) {
   const Profile robe{{0.26, 0},    {0.26, 0.12}, {0.17, 0.14}, {0.20, 0.2},  {0.15, 0.55},
                      {0.12, 0.72}, {0.17, 0.92}, {0.16, 1.02}, {0.05, 1.10}, {0.05, 1.14}};
   c.mesh.Turned(figure, robe, 12, c.materials.copper);
-  const auto ball = [&](const Frame& centre, double radius) {
+  const auto ball = [&](const Frame& center, double radius) {
     Profile profile;
     for (int k = 0; k <= 6; ++k) {
       const double a = std::numbers::pi * (k / 6.0 - 0.5);
       profile.emplace_back(std::max(0.0, radius * std::cos(a)), radius * std::sin(a));
     }
-    c.mesh.Turned(centre, profile, 10, c.materials.copper);
+    c.mesh.Turned(center, profile, 10, c.materials.copper);
   };
   ball(figure.Moved(0, 0, 1.23), 0.11);
   c.mesh.Tube(figure.At(0.12, 0, 0.95), figure.At(0.34, 0.05, 1.22), 0.045, 6, c.materials.copper);

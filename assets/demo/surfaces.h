@@ -1,4 +1,4 @@
-// What walls, grounds and things are made of: the colour of a surface at a place (metres), from
+// What walls, grounds and things are made of: the color of a surface at a place (meters), from
 // noise. Each function is a plain pattern; who paints adds stains and wear.
 
 #pragma once

@@ -12,7 +12,7 @@ namespace raylift::demo {
 namespace {
 
 // Heading counter-clockwise from east, pitch up, roll clockwise, all in degrees.
-Rigid3 CamFromWorld(const Eigen::Vector3d& centre, double heading_deg, double pitch_deg,
+Rigid3 CamFromWorld(const Eigen::Vector3d& center, double heading_deg, double pitch_deg,
                     double roll_deg) {
   constexpr double kRadPerDeg = std::numbers::pi / 180;
   const double heading = heading_deg * kRadPerDeg, pitch = pitch_deg * kRadPerDeg;
@@ -23,7 +23,7 @@ Rigid3 CamFromWorld(const Eigen::Vector3d& centre, double heading_deg, double pi
   rows << right.transpose(), forward.cross(right).transpose(), forward.transpose();
   const Eigen::AngleAxisd roll(-roll_deg * kRadPerDeg, Eigen::Vector3d::UnitZ());
   const Eigen::Quaterniond rotation = Eigen::Quaterniond(roll * rows).normalized();
-  return {rotation, -(rotation * centre)};
+  return {rotation, -(rotation * center)};
 }
 
 std::string Numbered(const std::string& prefix, size_t number) {
@@ -46,10 +46,10 @@ std::vector<PosedImage> ReferenceViews() {
   }
   for (int i = 0; i < 12; ++i) {
     const double angle_deg = 30.0 * i - 4, angle = angle_deg * std::numbers::pi / 180;
-    const Eigen::Vector3d near_centre(8 + 3.0 * std::cos(angle), 6 + 2.5 * std::sin(angle),
+    const Eigen::Vector3d near_center(8 + 3.0 * std::cos(angle), 6 + 2.5 * std::sin(angle),
                                       1.55 + 0.07 * (i % 3));
     views.push_back({"", phone,
-                     CamFromWorld(near_centre, angle_deg + (i % 2 == 0 ? 14 : -14), 7 + 2 * (i % 3),
+                     CamFromWorld(near_center, angle_deg + (i % 2 == 0 ? 14 : -14), 7 + 2 * (i % 3),
                                   1.1 * (i % 3 - 1))});
   }
   for (size_t i = 0; i < views.size(); ++i) views[i].name = Numbered("ref/ref_", i + 1);
@@ -95,11 +95,11 @@ void MoveViews(Rng& rng, std::vector<PosedImage>& views) {
   };
   for (PosedImage& view : views) {
     Rigid3& pose = view.cam_from_world;
-    const Eigen::Vector3d centre = pose.OriginInSource() + draw(kMostMetres);
+    const Eigen::Vector3d center = pose.OriginInSource() + draw(kMostMetres);
     const Eigen::Vector3d turn = draw(kMostRadians);
     const Eigen::Quaterniond rotation = RotationFromVector(turn);
     const Eigen::Quaterniond turned = (rotation * pose.rotation).normalized();
-    pose = {turned, -(turned * centre)};
+    pose = {turned, -(turned * center)};
   }
 }
 

@@ -19,7 +19,7 @@ endif()
 # TBB asks this of those who link it, and the precompiled header must know it of all.
 target_compile_definitions(raylift_options INTERFACE $<$<CONFIG:Debug>:TBB_USE_DEBUG>)
 if(RAYLIFT_SANITIZE)
-  # Of undefined behaviour the project's own code is asked alone: asking the tests' own lines as well
+  # Of undefined behavior the project's own code is asked alone: asking the tests' own lines as well
   # takes as long as compiling them.
   string(REPLACE "," "$<COMMA>" sanitize_all ${RAYLIFT_SANITIZE})
   string(REPLACE "$<COMMA>undefined" "" sanitize_tests ${sanitize_all})
@@ -33,6 +33,8 @@ if(RAYLIFT_SANITIZE)
     target_compile_options(raylift_options INTERFACE -Wno-maybe-uninitialized)
   endif()
 endif()
+# Private headers are included as "module/header.h", by their own module and by those above it.
+target_include_directories(raylift_options INTERFACE ${PROJECT_SOURCE_DIR}/src ${PROJECT_SOURCE_DIR})
 set(CMAKE_CXX_EXTENSIONS OFF)
 
 # Static libraries hide all their symbols, so that what is linked with them does not pass them on.

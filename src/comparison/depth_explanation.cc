@@ -35,7 +35,7 @@ constexpr double kMinExplained = 0.5;  // most of it
 // what there was, lest rounding does.
 constexpr double kMinLeadOfRest = 0.1;
 constexpr double kMinLeadOfAll = 0.01;
-// Half of the half pixel by which conventions of pixel centres differ.
+// Half of the half pixel by which conventions of pixel centers differ.
 constexpr double kLeastMovePx = 0.25;
 // A map of half the size, interpolated, is smoothed by about this.
 constexpr double kLeastSmoothingPx = 0.5;

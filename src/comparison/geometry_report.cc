@@ -24,7 +24,7 @@ constexpr size_t kMaxPictured = 24;  // images, evenly spread
 constexpr int kTileSidePx = 240;     // the longer side
 constexpr std::array<uint8_t, 3> kBackground = {222, 226, 232};
 
-// The 2nd and the 98th percentile of all depths: what the colours are spread over.
+// The 2nd and the 98th percentile of all depths: what the colors are spread over.
 std::pair<double, double> DepthColorRange(std::span<const DepthMap> maps) {
   std::vector<float> depths;
   for (const DepthMap& map : maps) {
@@ -108,7 +108,7 @@ std::string FormatRenderReport(const RenderReport& report) {
     pictures.push_back({{"image", image.view.name},
                         {"coverage_percent", 100 * image.coverage},
                         {"tiles",
-                         {Tile(colors[i], "colour"),
+                         {Tile(colors[i], "color"),
                           Tile(ColorizeDepth(maps[i], range.first, range.second), "depth")}}});
   }
   AddDepthKey(data, range);

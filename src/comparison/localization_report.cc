@@ -39,10 +39,10 @@ Json PhotoJson(const Image& photo) {
           {"height", photo.height_px}};
 }
 
-// Grey where there is no photograph.
+// Gray where there is no photograph.
 std::array<uint8_t, 3> ColorAt(const std::optional<Image>& photo, const Eigen::Vector2d& pixel) {
-  constexpr std::array<uint8_t, 3> kGrey = {190, 190, 190};
-  if (!photo) return kGrey;
+  constexpr std::array<uint8_t, 3> kGray = {190, 190, 190};
+  if (!photo) return kGray;
   const int x = std::clamp(static_cast<int>(pixel.x()), 0, photo->width_px - 1);
   const int y = std::clamp(static_cast<int>(pixel.y()), 0, photo->height_px - 1);
   const uint8_t* color = photo->Pixel(x, y);

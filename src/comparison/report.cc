@@ -106,7 +106,7 @@ void ReportPictures::Take(size_t image, const PosedImage& view, std::span<const 
   if (strip == impl_->strips.end()) return;
   const auto photo = ReadPhoto(impl_->options.images, view.name);
   strip->second.json = impl_->MakeStrip(view, views, photo);
-  // Of the truth, else the first source; coloured by the photograph, else by how near it is.
+  // Of the truth, else the first source; colored by the photograph, else by how near it is.
   const DepthMap& depth = views[impl_->truth.value_or(0)].depth;
   strip->second.points =
       PointsOf(view, depth, photo ? *photo : ColorizeDepth(depth, impl_->near, impl_->far));

@@ -16,14 +16,14 @@ namespace raylift {
 // A missing photograph leaves a gap, not an error: the pages are about geometry.
 std::optional<Image> ReadPhoto(const std::filesystem::path& folder, const std::string& name);
 
-// Dark blue (near) to yellow (far), even in brightness and for the colour blind; holes are grey.
+// Dark blue (near) to yellow (far), even in brightness and for the color blind; holes are gray.
 Image ColorizeDepth(const DepthMap& map, double near, double far);
 
 // ln(estimated / true): blue where the estimate is too near, orange where it is too far, white
-// where it is right, full colour from `full` on; grey where one of them is unknown.
+// where it is right, full color from `full` on; gray where one of them is unknown.
 Image ColorizeError(const DepthMap& estimated, const DepthMap& truth, double full);
 
-// The colours of the two, evenly spread over their ranges, as style sheets write them.
+// The colors of the two, evenly spread over their ranges, as style sheets write them.
 std::vector<std::string> DepthColors();
 std::vector<std::string> ErrorColors();
 

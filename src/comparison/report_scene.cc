@@ -76,7 +76,7 @@ void SceneJson::AddCamera(const std::string& kind, const std::string& name,
 
 void SceneJson::AddMesh(const TriangleMesh& mesh) {
   if (mesh.triangles.empty()) return;
-  // Of large triangles with a texture the colours of the corners would say little.
+  // Of large triangles with a texture the colors of the corners would say little.
   double area = 0;
   for (const auto& [a, b, c] : mesh.triangles) {
     area += 0.5 *

@@ -24,7 +24,7 @@ struct ScenePoint {
   std::array<uint8_t, 3> color_rgb;
 };
 
-// Points of a depth map on a grid over the image, coloured by a picture of the same view, of any
+// Points of a depth map on a grid over the image, colored by a picture of the same view, of any
 // size.
 std::vector<ScenePoint> PointsOf(const PosedImage& view, const DepthMap& depth,
                                  const Image& picture);
@@ -35,7 +35,7 @@ class SceneJson {
   // `kind`: "reference", "true", "estimated", or a verdict. `from`: where a line to the camera starts.
   void AddCamera(const std::string& kind, const PosedImage& image,
                  const std::optional<Eigen::Vector3d>& from = std::nullopt);
-  // What a coarse copy of the mesh looks like, of the colours of its vertices or grey.
+  // What a coarse copy of the mesh looks like, of the colors of its vertices or gray.
   void AddMesh(const TriangleMesh& mesh);
   // For poses without intrinsics.
   void AddCamera(const std::string& kind, const std::string& name, const Rigid3& cam_from_world,

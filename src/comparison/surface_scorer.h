@@ -44,7 +44,7 @@ class SurfaceScorer {
   std::vector<OfSource> sources_;
 };
 
-// The pixel centres of every few pixels that surfaces are scored by.
+// The pixel centers of every few pixels that surfaces are scored by.
 std::vector<Eigen::Vector2d> ScoredPixels(const Camera& camera);
 
 }  // namespace raylift

@@ -1,5 +1,5 @@
 // Cambridge Landmarks (Kendall et al., ICCV 2015): dataset_{train,test}.txt with three header lines
-// and rows `seq/frame.png X Y Z W P Q R`: the camera's centre and the quaternion world to camera.
+// and rows `seq/frame.png X Y Z W P Q R`: the camera's center and the quaternion world to camera.
 // The focal lengths and the radial distortion are in reconstruction.nvm alone, whose names end in
 // .jpg.
 

@@ -1,6 +1,6 @@
 // Extended CMU Seasons (Sattler et al., CVPR 2018; Badino et al., 2011): a folder per slice with
 // database/, query/, sparse/ (COLMAP), ground-truth-database-images-sliceN.txt, test-images-
-// sliceN.txt and camera-poses/*.txt, rows `name qw qx qy qz cx cy cz` with the camera's centre; one
+// sliceN.txt and camera-poses/*.txt, rows `name qw qx qy qz cx cy cz` with the camera's center; one
 // intrinsics.txt of both cameras for all slices. Slices have nothing in common: each is a scene.
 
 #include <algorithm>
@@ -70,7 +70,7 @@ std::map<std::string, Rigid3> ReadPosesByCenter(const path& file) {
     LineTokens tokens(lines, *line);
     const std::string name(tokens.Token("name"));
     const Eigen::Vector4d q = tokens.Quaternion("quaternion");
-    const Eigen::Vector3d center_in_world = tokens.Vector<3>("camera centre");
+    const Eigen::Vector3d center_in_world = tokens.Vector<3>("camera center");
     tokens.ExpectEnd();
     const Eigen::Quaterniond rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized();
     poses[name] = {rotation, -(rotation * center_in_world)};

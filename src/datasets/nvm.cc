@@ -15,7 +15,7 @@ NvmCamera ReadCamera(const LineReader& lines, std::string_view line) {
   camera.focal_px = tokens.Double("focal length");
   if (!(camera.focal_px > 0)) tokens.Fail("focal length: expected a positive number");
   const Eigen::Vector4d q = tokens.Quaternion("quaternion");
-  const Eigen::Vector3d center_in_world = tokens.Vector<3>("camera centre");
+  const Eigen::Vector3d center_in_world = tokens.Vector<3>("camera center");
   const Eigen::Quaterniond rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized();
   camera.cam_from_world = {rotation, -(rotation * center_in_world)};
   camera.radial_distortion = tokens.Double("radial distortion");

@@ -18,7 +18,7 @@ struct NvmCamera {
 };
 
 // The cameras of the first model: `name f qw qx qy qz cx cy cz k 0`, the quaternion world to
-// camera, c the camera's centre. InputError for anything else.
+// camera, c the camera's center. InputError for anything else.
 std::vector<NvmCamera> ReadNvmCameras(const std::filesystem::path& file);
 
 }  // namespace raylift

@@ -67,7 +67,7 @@ ImportedScene ImportDslr(const path& folder, const std::set<std::string>& test,
   return scene;
 }
 
-// The poses are of COLMAP, in the mesh's frame and metres; those of ARKit are not used.
+// The poses are of COLMAP, in the mesh's frame and meters; those of ARKit are not used.
 ImportedScene ImportPhone(const path& folder, const ImportOptions& options) {
   ImportedScene scene = MakeScene(folder, "iphone");
   scene.query_images = folder / "iphone" / "rgb";

@@ -9,10 +9,10 @@
 
 namespace raylift {
 
-// The colour camera. InputError naming file and key for anything else.
+// The color camera. InputError naming file and key for anything else.
 Camera ReadColorCamera(const std::filesystem::path& info);
 
-// A PINHOLE whose centre is counted from the centre of the first pixel, as SensReader does
+// A PINHOLE whose center is counted from the center of the first pixel, as SensReader does
 // (sensorData.h projects to whole pixels): half a pixel more here.
 Camera CameraOfSensor(int width_px, int height_px, double fx, double fy, double cx, double cy);
 

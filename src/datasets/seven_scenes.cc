@@ -74,10 +74,10 @@ class Reader {
     if (pgt_) return "poses and focal lengths are those of " + pgt_->file().string();
     if (options_.calibration == SensorCalibration::kRaw) {
       return "the poses are those of the depth camera, as hloc and DSAC* take them: the "
-             "photographs' are some 26 mm and 0.67 degrees elsewhere (--calibration colour)";
+             "photographs' are some 26 mm and 0.67 degrees elsewhere (--calibration color)";
     }
     return "the poses were moved from the depth camera, for which they are published, to the "
-           "colour camera, as kapture and ACE do: some 26 mm and 0.67 degrees; --calibration raw "
+           "color camera, as kapture and ACE do: some 26 mm and 0.67 degrees; --calibration raw "
            "leaves them, as hloc and DSAC* do";
   }
 

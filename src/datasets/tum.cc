@@ -21,7 +21,7 @@ constexpr double kMaxGapS = 0.1;
 // Where there is but one side, as at the ends, a pose counts for this long.
 constexpr double kMaxDifferenceS = 0.02;
 
-// The calibrations that the authors publish (OpenCV's convention: k1 k2 p1 p2 k3). Pixel centres
+// The calibrations that the authors publish (OpenCV's convention: k1 k2 p1 p2 k3). Pixel centers
 // are at whole numbers there.
 Camera MakeCamera(double fx, double fy, double cx, double cy, const std::vector<double>& lens) {
   std::vector<double> params = {fx, fy, cx + 0.5, cy + 0.5};

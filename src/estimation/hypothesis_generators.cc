@@ -34,8 +34,8 @@ std::pair<const Group&, int> DrawMatch(Rng& rng, const std::vector<Group>& group
 // The query's pose, from one of its cameras relative to a reference.
 SolverPose QueryPoseOf(const PreparedProblem& problem, const ReferenceRun& run,
                        const RelativePose& relative, double length) {
-  SolverPose pose = QueryPose(relative, problem.centres[run.reference], length);
-  pose.translation += problem.camera_centres[run.camera];
+  SolverPose pose = QueryPose(relative, problem.centers[run.reference], length);
+  pose.translation += problem.camera_centers[run.camera];
   return pose;
 }
 
@@ -47,12 +47,12 @@ void AddPosesByLength(const PreparedProblem& problem, const ReferenceRun& run,
   const RayPair rays = {pair.query_ray, pair.reference_ray};
   // The other camera sees its reference as this one would see it if it stood by so much elsewhere.
   const Eigen::Vector3d lever =
-      problem.camera_centres[run.camera] - problem.camera_centres[pair.camera];
+      problem.camera_centers[run.camera] - problem.camera_centers[pair.camera];
   for (const RelativePose& pose : relative) {
-    const Eigen::Vector3d sixth_centre =
-        problem.centres[pair.reference] + pose.rotation.transpose() * lever;
+    const Eigen::Vector3d sixth_center =
+        problem.centers[pair.reference] + pose.rotation.transpose() * lever;
     if (const auto length =
-            TranslationLength(pose, problem.centres[run.reference], rays, sixth_centre)) {
+            TranslationLength(pose, problem.centers[run.reference], rays, sixth_center)) {
       poses.push_back(QueryPoseOf(problem, run, pose, *length));
     }
   }
@@ -83,16 +83,16 @@ void P3pGenerator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
     count = SolveP3p({a.ray, b.ray, c.ray}, {a.point, b.point, c.point},
                      std::span(solutions).first<4>());
     for (int i = 0; i < count; ++i) {
-      solutions[i].translation += problem_.camera_centres[a.camera];
+      solutions[i].translation += problem_.camera_centers[a.camera];
     }
   } else {
-    const auto& centres = problem_.camera_centres;
-    count = SolveGeneralizedP3p({centres[a.camera], centres[b.camera], centres[c.camera]},
+    const auto& centers = problem_.camera_centers;
+    count = SolveGeneralizedP3p({centers[a.camera], centers[b.camera], centers[c.camera]},
                                 {a.ray, b.ray, c.ray}, {a.point, b.point, c.point}, solutions);
   }
   poses.assign(solutions.begin(), solutions.begin() + count);
   // Where the matches cannot tell solutions apart (three of them fit each exactly), the one nearest
-  // to the references, whose centre is the origin, is the likeliest: they were retrieved for what
+  // to the references, whose center is the origin, is the likeliest: they were retrieved for what
   // the query sees.
   std::sort(poses.begin(), poses.end(), [](const SolverPose& left, const SolverPose& right) {
     return left.translation.squaredNorm() < right.translation.squaredNorm();
@@ -113,8 +113,8 @@ PairsElsewhere::PairsElsewhere(const PreparedProblem& problem, const ReferenceRu
     return (a - b).norm() > 1e-6;
   };
   for (const ReferenceRun& other : problem.runs) {
-    if (are_apart(problem.centres[other.reference], problem.centres[run.reference]) ||
-        are_apart(problem.camera_centres[other.camera], problem.camera_centres[run.camera])) {
+    if (are_apart(problem.centers[other.reference], problem.centers[run.reference]) ||
+        are_apart(problem.camera_centers[other.camera], problem.camera_centers[run.camera])) {
       runs_.push_back(other);
       count_ += other.size();
     }
@@ -233,7 +233,7 @@ void D3p1Generator::Generate(Rng& rng, std::vector<SolverPose>& poses) const {
   std::array<Eigen::Vector3d, 3> points;
   for (int i = 0; i < 3; ++i) {
     query_rays[i] = source.lifted[sample[i]].query_ray;
-    points[i] = source.lifted[sample[i]].point_from_centre;
+    points[i] = source.lifted[sample[i]].point_from_center;
   }
   std::array<RelativePose, 4> relative;
   const int count = SolveRelativePoseByDepth(query_rays, points, relative);
@@ -263,25 +263,25 @@ double D3p1Generator::NumSamples() const {
 }
 
 double D3p1Generator::InlierRatio(const DepthSource& source, const SolverPose& pose) const {
-  const Eigen::Vector3d centre = pose.rotation * problem_.centres[source.run.reference] +
+  const Eigen::Vector3d center = pose.rotation * problem_.centers[source.run.reference] +
                                  problem_.PoseOfCamera(pose, source.run.camera).translation;
   // The factor that each match near its epipolar line asks for: by which its point comes nearest to
   // the query's ray.
   std::vector<double> factors;
   for (const LiftedMatch& match : source.lifted) {
-    const Eigen::Vector3d point = pose.rotation * match.point_from_centre;
-    const Eigen::Vector3d plane_normal = centre.cross(point);
+    const Eigen::Vector3d point = pose.rotation * match.point_from_center;
+    const Eigen::Vector3d plane_normal = center.cross(point);
     const double off_plane = match.query_ray.dot(plane_normal) * match.image_from_ray.row(0).norm();
     if (std::abs(off_plane) > plane_normal.norm()) continue;
     const Eigen::Vector3d across = match.query_ray.cross(point);
-    const double factor = -across.dot(match.query_ray.cross(centre)) / across.squaredNorm();
+    const double factor = -across.dot(match.query_ray.cross(center)) / across.squaredNorm();
     if (std::isfinite(factor)) factors.push_back(factor);
   }
   const double factor = UpperMedianOr(std::move(factors), 1);
   const auto inliers =
       std::count_if(source.lifted.begin(), source.lifted.end(), [&](const LiftedMatch& match) {
         const Eigen::Vector3d n =
-            match.image_from_ray * (factor * (pose.rotation * match.point_from_centre) + centre);
+            match.image_from_ray * (factor * (pose.rotation * match.point_from_center) + center);
         return n.z() > 0 && n.head<2>().squaredNorm() < kNearSquared * n.z() * n.z();
       });
   return static_cast<double>(inliers) / source.size();

@@ -41,8 +41,8 @@ class P3pGenerator final : public HypothesisGenerator {
   const PreparedProblem& problem_;
 };
 
-// The pairs of all references whose centre is another than one reference's, and those of a rig's
-// other cameras with another centre: one of them tells how far the query is from that reference.
+// The pairs of all references whose center is another than one reference's, and those of a rig's
+// other cameras with another center: one of them tells how far the query is from that reference.
 class PairsElsewhere {
  public:
   PairsElsewhere(const PreparedProblem& problem, const ReferenceRun& run);
@@ -57,9 +57,9 @@ class PairsElsewhere {
   int count_ = 0;
 };
 
-// Five 2D-2D matches of one reference and one of another with another centre; references are drawn
+// Five 2D-2D matches of one reference and one of another with another center; references are drawn
 // in proportion to their matches. Of a rig, the five are of one camera, and the sixth may be another
-// camera's with the same reference, as the way between the cameras is known. Where all references share one centre the length of the
+// camera's with the same reference, as the way between the cameras is known. Where all references share one center the length of the
 // translation is not observable: then the sample is five matches, and the length is one local unit.
 class E5p1Generator final : public HypothesisGenerator {
  public:
@@ -88,7 +88,7 @@ class E5p1Generator final : public HypothesisGenerator {
 };
 
 // Three 2D-2D matches of one reference that the geometry has lifted, whatever the scale of the
-// reference's depths, and one match of another reference with another centre; references are drawn
+// reference's depths, and one match of another reference with another center; references are drawn
 // in proportion to their lifted matches. Of a rig, cameras are as in E5+1.
 class D3p1Generator final : public HypothesisGenerator {
  public:
@@ -104,7 +104,7 @@ class D3p1Generator final : public HypothesisGenerator {
   struct LiftedMatch {
     Eigen::Vector3d query_ray;
     Eigen::Matrix3d image_from_ray;     // of the query, as a PreparedPoint's
-    Eigen::Vector3d point_from_centre;  // world axes
+    Eigen::Vector3d point_from_center;  // world axes
   };
   // A reference for the three, and the pairs that may be the fourth.
   struct DepthSource {

@@ -45,7 +45,7 @@ QueryTerm JointModel::LookFromQuery(size_t keypoint) const {
   if (!term.seen.in_front) return term;
   term.weight = state.query_right * state.query_precision / noise.keypoint_px2;
   term.jacobian.noalias() = term.seen.jacobian * pose.rotation;
-  const Vector3d offset = state.point - parts.CentreOfCamera(pose);
+  const Vector3d offset = state.point - parts.CenterOfCamera(pose);
   const double squared = offset.squaredNorm();
   term.log_gradient = offset / squared;
   term.distance_error = 0.5 * std::log(squared) - noise.log_distance_mean;
@@ -57,7 +57,7 @@ SightingTerm JointModel::LookFromReference(int i, const KeypointState& state) co
   const Sighting& sighting = evidence.sightings[i];
   const ReferenceError& error = references[sighting.reference];
   SightingTerm term;
-  const Vector3d offset = error.Displaced(state.point) - sighting.centre;
+  const Vector3d offset = error.Displaced(state.point) - sighting.center;
   term.seen = ResidualOf(sighting.image_from_ray, offset);
   if (!term.seen.in_front) return term;
   term.pixel_variance = noise.keypoint_px2 + sighting.extra_variance_px2;

@@ -82,7 +82,7 @@ struct JointModel {
   std::vector<ReferenceError> references;  // and last of the loose points, as of one more
 
   JointModel(const KeypointEvidence& of, const SolverPose& start)
-      : evidence(of), pose(start), references(of.centres.size()) {}
+      : evidence(of), pose(start), references(of.centers.size()) {}
 
   size_t LooseView() const { return evidence.num_references(); }
 

@@ -29,7 +29,7 @@ struct JointNoise {
   // and local units, per axis). 0: not looked for.
   double reference_factor = 0;
   double reference_rotation = 0;
-  double reference_centre = 0;
+  double reference_center = 0;
 };
 
 }  // namespace raylift

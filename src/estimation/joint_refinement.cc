@@ -107,7 +107,7 @@ class JointRefinement {
         prior_(prior),
         pose_priors_(pose_priors),
         model_(evidence, start),
-        column_(evidence.centres.size(), -1),
+        column_(evidence.centers.size(), -1),
         backs_(evidence.keypoints.size()) {
     Look(keypoint_variance_px2);
   }
@@ -172,7 +172,7 @@ class JointRefinement {
   // the Hessian is filled.
   void AddEliminated(size_t index);
   void MoveQuery(const Eigen::Ref<const VectorXd>& step);
-  void MovePoint(const Vector4d& move, const Vector3d& query_centre, KeypointState& state) const;
+  void MovePoint(const Vector4d& move, const Vector3d& query_center, KeypointState& state) const;
 
   // Whether the residuals of whole references have a direction, by the score test: chi-squared
   // with seven degrees of freedom each, if they are independent.
@@ -191,7 +191,7 @@ class JointRefinement {
   double VarianceFactor(const MatrixXd& pose_columns) const;
   // By how much the pose's covariance (the first columns of the inverse Hessian) understates how
   // far the parts of the image pull the pose apart, at least 1: errors that the model does not
-  // know, of the lens for instance, are common to neighbours.
+  // know, of the lens for instance, are common to neighbors.
   double Inflation(const MatrixXd& pose_columns) const;
 
   const KeypointEvidence& evidence_;
@@ -346,7 +346,7 @@ std::optional<double> JointRefinement::Step() {
     for (const View& view : back.views) {
       pull += view.coupling * View::Displacement(step.segment<7>(view.column), state.point);
     }
-    MovePoint(-back.covariance * pull, evidence_.keypoints[k].CentreOfCamera(model_.pose), state);
+    MovePoint(-back.covariance * pull, evidence_.keypoints[k].CenterOfCamera(model_.pose), state);
   }
   return -gradient.dot(step);
 }
@@ -369,10 +369,10 @@ void JointRefinement::MoveQuery(const Eigen::Ref<const VectorXd>& step) {
   model_.noise.log_distance_mean += step[6];
 }
 
-void JointRefinement::MovePoint(const Vector4d& move, const Vector3d& query_centre,
+void JointRefinement::MovePoint(const Vector4d& move, const Vector3d& query_center,
                                 KeypointState& state) const {
   // Not beyond what the linearization tells.
-  const double limit = 0.5 * (state.point - query_centre).norm();
+  const double limit = 0.5 * (state.point - query_center).norm();
   const double length = move.head<3>().norm();
   if (!std::isfinite(length + move[3])) return;
   const double share = length > limit ? limit / length : 1;
@@ -437,7 +437,7 @@ void JointRefinement::AdmitReferenceErrors() {
   // To begin with, as large as what single matches show.
   const double angle2 = model_.noise.keypoint_px2 / (evidence_.focal_px * evidence_.focal_px);
   model_.noise.reference_rotation = 0.25 * angle2;
-  model_.noise.reference_centre = 0.25 * angle2 * std::exp(2 * model_.noise.log_distance_mean);
+  model_.noise.reference_center = 0.25 * angle2 * std::exp(2 * model_.noise.log_distance_mean);
   model_.noise.reference_factor = model_.noise.depth + model_.noise.common_depth;
 }
 
@@ -445,15 +445,15 @@ void JointRefinement::AddReferencePriors(VectorXd& gradient) {
   const JointNoise& noise = model_.noise;
   for (size_t r = 0; r < column_.size(); ++r) {
     if (column_[r] < 0) continue;
-    // The centre c is displaced by turn x c + shift.
+    // The center c is displaced by turn x c + shift.
     Matrix7d to_prior = Matrix7d::Identity();
-    to_prior.block<3, 6>(3, 0) = DisplacementJacobian(evidence_.centres[r]);
+    to_prior.block<3, 6>(3, 0) = DisplacementJacobian(evidence_.centers[r]);
     const ReferenceError& error = model_.references[r];
     Vector7d value, information;
-    value << error.turn, error.Displaced(evidence_.centres[r]) - evidence_.centres[r],
+    value << error.turn, error.Displaced(evidence_.centers[r]) - evidence_.centers[r],
         error.log_factor;
     information << Vector3d::Constant(1 / noise.reference_rotation),
-        Vector3d::Constant(1 / noise.reference_centre), 1 / noise.reference_factor;
+        Vector3d::Constant(1 / noise.reference_center), 1 / noise.reference_factor;
     hessian_.block<7, 7>(column_[r], column_[r]) +=
         to_prior.transpose() * information.asDiagonal() * to_prior;
     gradient.segment<7>(column_[r]) += to_prior.transpose() * information.cwiseProduct(value);
@@ -467,17 +467,17 @@ void JointRefinement::UpdateReferenceVariances(const MatrixXd& covariance) {
       return std::max((squares + prior) / (std::max(count, 0.0) + 1), 1e-14);
     }
   };
-  Sum rotation, centre, factor;
+  Sum rotation, center, factor;
   for (size_t r = 0; r < column_.size(); ++r) {
     if (column_[r] < 0) continue;
     const ReferenceError& error = model_.references[r];
-    const Eigen::Matrix<double, 3, 6> at_centre = DisplacementJacobian(evidence_.centres[r]);
+    const Eigen::Matrix<double, 3, 6> at_center = DisplacementJacobian(evidence_.centers[r]);
     const Matrix6d pose = covariance.block<6, 6>(column_[r], column_[r]);
     rotation.squares += error.turn.squaredNorm();
     rotation.count += 3 - pose.topLeftCorner<3, 3>().trace() / model_.noise.reference_rotation;
-    centre.squares += (error.Displaced(evidence_.centres[r]) - evidence_.centres[r]).squaredNorm();
-    centre.count +=
-        3 - (at_centre * pose * at_centre.transpose()).trace() / model_.noise.reference_centre;
+    center.squares += (error.Displaced(evidence_.centers[r]) - evidence_.centers[r]).squaredNorm();
+    center.count +=
+        3 - (at_center * pose * at_center.transpose()).trace() / model_.noise.reference_center;
     factor.squares += error.log_factor * error.log_factor;
     factor.count += 1 - covariance(column_[r] + 6, column_[r] + 6) / model_.noise.reference_factor;
   }
@@ -485,8 +485,8 @@ void JointRefinement::UpdateReferenceVariances(const MatrixXd& covariance) {
   const double angle2 =
       0.01 * model_.noise.keypoint_px2 / (evidence_.focal_px * evidence_.focal_px);
   model_.noise.reference_rotation = rotation.Variance(angle2);
-  model_.noise.reference_centre =
-      centre.Variance(angle2 * std::exp(2 * model_.noise.log_distance_mean));
+  model_.noise.reference_center =
+      center.Variance(angle2 * std::exp(2 * model_.noise.log_distance_mean));
   model_.noise.reference_factor = factor.Variance(model_.noise.depth + model_.noise.common_depth);
 }
 

@@ -19,7 +19,7 @@ struct PartialScore {
   // The best score of the whole that is still likely: the blocks are in random order, so the part
   // tells what the whole will be within the spread of a count (four standard deviations), which is
   // larger where matches come in clusters.
-  SetScore Optimistic(int num_matches, double share, double clustering) const {
+  SetScore Optimiztic(int num_matches, double share, double clustering) const {
     const auto whole = [num_matches, share, clustering](double part) {
       return std::min<double>(num_matches, (part + 4 * std::sqrt(clustering * (part + 1))) / share);
     };
@@ -91,21 +91,21 @@ template kernels::KernelPose<float> ToKernelPose<float>(const SolverPose&);
 template kernels::KernelPose<double> ToKernelPose<double>(const SolverPose&);
 
 template <typename T>
-std::vector<T> CentresInCam(const PreparedProblem& problem, const SolverPose& pose) {
-  const size_t num_references = problem.centres.size();
-  std::vector<T> centres(3 * problem.num_views());
+std::vector<T> CentersInCam(const PreparedProblem& problem, const SolverPose& pose) {
+  const size_t num_references = problem.centers.size();
+  std::vector<T> centers(3 * problem.num_views());
   for (size_t i = 0; i < num_references; ++i) {
-    const Eigen::Vector3d from_query = pose.rotation * problem.centres[i] + pose.translation;
-    for (size_t camera = 0; camera < problem.camera_centres.size(); ++camera) {
-      const Eigen::Vector3d centre = from_query - problem.camera_centres[camera];
-      T* of_view = &centres[3 * (camera * num_references + i)];
-      for (int k = 0; k < 3; ++k) of_view[k] = static_cast<T>(centre[k]);
+    const Eigen::Vector3d from_query = pose.rotation * problem.centers[i] + pose.translation;
+    for (size_t camera = 0; camera < problem.camera_centers.size(); ++camera) {
+      const Eigen::Vector3d center = from_query - problem.camera_centers[camera];
+      T* of_view = &centers[3 * (camera * num_references + i)];
+      for (int k = 0; k < 3; ++k) of_view[k] = static_cast<T>(center[k]);
     }
   }
-  return centres;
+  return centers;
 }
-template std::vector<float> CentresInCam<float>(const PreparedProblem&, const SolverPose&);
-template std::vector<double> CentresInCam<double>(const PreparedProblem&, const SolverPose&);
+template std::vector<float> CentersInCam<float>(const PreparedProblem&, const SolverPose&);
+template std::vector<double> CentersInCam<double>(const PreparedProblem&, const SolverPose&);
 
 Scorer::Scorer(const PreparedProblem& problem, const Objective& objective)
     : problem_(problem), objective_(objective) {}
@@ -142,7 +142,7 @@ std::optional<JointScore> Scorer::ScoreIfBetter(const SolverPose& pose, double b
       const kernels::KernelScore part = score_blocks(i, n);
       partial.gain += n * kernels::kLanes<float> - part.cost;
       partial.inliers += part.inliers;
-      set = partial.Optimistic(num_matches, static_cast<double>(i + n) / num_blocks, clustering);
+      set = partial.Optimiztic(num_matches, static_cast<double>(i + n) / num_blocks, clustering);
       if (objective_.Value(score) >= best_value) {
         return false;
       }
@@ -159,10 +159,10 @@ std::optional<JointScore> Scorer::ScoreIfBetter(const SolverPose& pose, double b
     }
   }
   if (objective_.UsesPairs()) {
-    const auto centres = CentresInCam<float>(problem_, pose);
+    const auto centers = CentersInCam<float>(problem_, pose);
     const auto score_blocks = [&](int begin, int count) {
       return kernel.score_pairs(&problem_.pair_blocks[begin], &problem_.pair_block_view[begin],
-                                count, kernel_pose, centres.data());
+                                count, kernel_pose, centers.data());
     };
     if (!scan(score.pairs, problem_.num_matches_2d2d, static_cast<int>(problem_.pair_blocks.size()),
               pair_clustering_, score_blocks)) {
@@ -175,13 +175,13 @@ std::optional<JointScore> Scorer::ScoreIfBetter(const SolverPose& pose, double b
 JointScore Scorer::ScoreAll(const SolverPose& pose) const {
   const auto& kernel = kernels::ActiveKernels();
   const auto kernel_pose = ToKernelPose<float>(pose);
-  const auto centres = CentresInCam<float>(problem_, pose);
+  const auto centers = CentersInCam<float>(problem_, pose);
   const int num_point_blocks = static_cast<int>(problem_.point_blocks.size());
   const int num_pair_blocks = static_cast<int>(problem_.pair_blocks.size());
   const kernels::KernelScore points = ScorePoints(pose, 0, num_point_blocks);
   const auto pairs =
       kernel.score_pairs(problem_.pair_blocks.data(), problem_.pair_block_view.data(),
-                         num_pair_blocks, kernel_pose, centres.data());
+                         num_pair_blocks, kernel_pose, centers.data());
   constexpr int kLanes = kernels::kLanes<float>;
   return {{points.cost + problem_.num_matches_2d3d - num_point_blocks * kLanes, points.inliers},
           {pairs.cost + problem_.num_matches_2d2d - num_pair_blocks * kLanes, pairs.inliers},
@@ -191,7 +191,7 @@ JointScore Scorer::ScoreAll(const SolverPose& pose) const {
 InlierCounts Scorer::CountInliers(const SolverPose& pose) const {
   const auto& kernel = kernels::ActiveKernels();
   const auto kernel_pose = ToKernelPose<float>(pose);
-  const auto centres = CentresInCam<float>(problem_, pose);
+  const auto centers = CentersInCam<float>(problem_, pose);
   InlierCounts counts;
   counts.pose = pose;
   counts.points = ScorePoints(pose, 0, static_cast<int>(problem_.point_blocks.size())).inliers;
@@ -201,7 +201,7 @@ InlierCounts Scorer::CountInliers(const SolverPose& pose) const {
   for (size_t i = 0; i < problem_.pair_blocks.size(); ++i) {
     const int inliers = kernel
                             .score_pairs(&problem_.pair_blocks[i], &problem_.pair_block_view[i], 1,
-                                         kernel_pose, centres.data())
+                                         kernel_pose, centers.data())
                             .inliers;
     counts.pairs[problem_.pair_block_view[i]] += inliers;
     sum += inliers;

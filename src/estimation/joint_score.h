@@ -87,11 +87,11 @@ class Scorer {
   double pair_clustering_ = 1;
 };
 
-// The pose as the kernels take it, and for each view the reference's centre from the camera's.
+// The pose as the kernels take it, and for each view the reference's center from the camera's.
 template <typename T>
 kernels::KernelPose<T> ToKernelPose(const SolverPose& pose);
 template <typename T>
-std::vector<T> CentresInCam(const PreparedProblem& problem, const SolverPose& pose);
+std::vector<T> CentersInCam(const PreparedProblem& problem, const SolverPose& pose);
 
 // Hands the runs of blocks that are of one camera to `use(camera, begin, count)`. `camera_of` says
 // which camera block i is of.

@@ -33,7 +33,7 @@ struct RayScan {
   double offset, slope;
 
   RayScan(const Sighting& sighting, const Vector3d& origin, const Vector3d& ray) {
-    const Vector3d start = sighting.image_from_ray * (origin - sighting.centre);
+    const Vector3d start = sighting.image_from_ray * (origin - sighting.center);
     const Vector3d turn = sighting.image_from_ray * ray;
     offset = start.z();
     slope = turn.z();
@@ -65,7 +65,7 @@ struct QueryRay {
   Vector3d origin, direction;  // local frame
 
   QueryRay(const KeypointParts& keypoint, const SolverPose& pose)
-      : origin(keypoint.CentreOfCamera(pose)) {
+      : origin(keypoint.CenterOfCamera(pose)) {
     const Vector3d ray = keypoint.image_from_cam.row(0).cross(keypoint.image_from_cam.row(1));
     direction = pose.rotation.transpose() *
                 (keypoint.image_from_cam.row(2).dot(ray) > 0 ? ray : -ray).normalized();
@@ -139,7 +139,7 @@ JointNoise GuessNoise(const KeypointEvidence& evidence, const SolverPose& pose,
       log_distances.push_back(std::log(distance));
       if (!sighting.has_depth) continue;
       const double error =
-          std::log((ray.At(distance) - sighting.centre).norm()) - sighting.log_distance;
+          std::log((ray.At(distance) - sighting.center).norm()) - sighting.log_distance;
       const double gain = scan.Gain(distance);
       depths.push_back({error * error, 2 / (gain * gain)});
     }
@@ -245,7 +245,7 @@ class Vote {
       distances.push_back(best);
       if (sightings_[i].has_depth) {
         const Vector3d lifted =
-            sightings_[i].centre + std::exp(sightings_[i].log_distance) * sightings_[i].ray;
+            sightings_[i].center + std::exp(sightings_[i].log_distance) * sightings_[i].ray;
         const double along = (lifted - ray_.origin).dot(ray_.direction);
         if (along > 0 && std::abs(along - best) > 1e-3 * best) distances.push_back(along);
       }
@@ -267,7 +267,7 @@ class Vote {
                          crowding_[static_cast<size_t>(sighting.reference)];
     if (!sighting.has_depth) return {0, right};
     const double error =
-        std::log((ray_.At(distance) - sighting.centre).norm()) - sighting.log_distance;
+        std::log((ray_.At(distance) - sighting.center).norm()) - sighting.log_distance;
     const double far = error * error / (depth_variance_ + sighting.depth_variance);
     const double deep = far < kFarSquared ? depth_ratio_[i] * std::exp(-0.5 * far) : 0;
     return {right * noise_.depth_right * deep, right * (1 - noise_.depth_right)};

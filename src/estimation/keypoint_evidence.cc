@@ -20,7 +20,7 @@ Eigen::Matrix3d ImageFromRay(const Eigen::Vector3d& ray,
 }
 
 bool IsOnRay(const Sighting& sighting, const Eigen::Vector3d& point) {
-  const Eigen::Vector3d n = sighting.image_from_ray * (point - sighting.centre);
+  const Eigen::Vector3d n = sighting.image_from_ray * (point - sighting.center);
   return n.z() > 0 && n.head<2>().norm() < kOnRayPx * n.z();
 }
 
@@ -40,7 +40,7 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
   evidence.query_area_px2 = QueryAreaPx2(original);
   evidence.num_parts *= original.num_cameras();
   evidence.focal_px = original.query_camera.MeanFocalPx();
-  evidence.centres = problem.centres;
+  evidence.centers = problem.centers;
   evidence.sightings.reserve(problem.pairs.size());
   for (size_t k = 0; k < problem.num_keypoints; ++k) {
     if (pairs[k].empty() && points[k].empty()) continue;
@@ -64,7 +64,7 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
           {.image_from_ray = ImageFromRay(pair.reference_ray, pair.reference_gradient,
                                           std::hypot(problem.sampson_threshold_px,
                                                      kSigmasOfThreshold * pair.reference_sigma_px)),
-           .centre = problem.centres[pair.reference],
+           .center = problem.centers[pair.reference],
            .ray = pair.reference_ray,
            .extra_variance_px2 = pair.reference_sigma_px * pair.reference_sigma_px,
            .log_distance = 0,
@@ -101,7 +101,7 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
       if (owner && owner->has_depth) continue;
       if (owner) {
         owner->has_depth = true;
-        const double distance = (point.point - owner->centre).norm();
+        const double distance = (point.point - owner->center).norm();
         owner->log_distance = std::log(distance);
         owner->depth_variance = point.sigma * point.sigma / (distance * distance);
         continue;
@@ -111,7 +111,7 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
     parts.end_loose = static_cast<int>(evidence.loose.size());
     const auto see_in = [&](const auto& match) {
       parts.camera = match.camera;
-      parts.camera_centre = problem.camera_centres[static_cast<size_t>(match.camera)];
+      parts.camera_center = problem.camera_centers[static_cast<size_t>(match.camera)];
       parts.part_of_image = PartOfImages(original, match, kPartsPerSide);
       parts.px_by_log_focal = match.query_px - original.CameraAt(match.camera).principal_point_px();
     };
@@ -132,7 +132,7 @@ KeypointEvidence GatherEvidence(const PoseProblem& original, const PreparedProbl
   }
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   for (const LoosePoint& point : evidence.loose) sum += point.point;
-  evidence.centres.push_back(sum / std::max(1.0, static_cast<double>(evidence.loose.size())));
+  evidence.centers.push_back(sum / std::max(1.0, static_cast<double>(evidence.loose.size())));
   return evidence;
 }
 

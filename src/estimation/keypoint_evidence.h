@@ -14,12 +14,12 @@ namespace raylift {
 
 // A reference shows the keypoint (a 2D-2D match), and the geometry may say how far away.
 struct Sighting {
-  // n = image_from_ray (P - centre), P in the local frame: the residual n.xy / n.z is in pixels.
+  // n = image_from_ray (P - center), P in the local frame: the residual n.xy / n.z is in pixels.
   Eigen::Matrix3d image_from_ray;
-  Eigen::Vector3d centre;
+  Eigen::Vector3d center;
   Eigen::Vector3d ray;        // unit
   double extra_variance_px2;  // of the reference's pixel, beyond a keypoint's own
-  double log_distance;        // of the lifted point from the centre, where there is one
+  double log_distance;        // of the lifted point from the center, where there is one
   double depth_variance;      // that the lifted point's match carries, of log_distance
   int reference;
   bool has_depth;
@@ -37,7 +37,7 @@ inline constexpr int kPartsPerSide = 4;
 // One keypoint; its parts are ranges of KeypointEvidence's lists.
 struct KeypointParts {
   Eigen::Matrix3d image_from_cam;  // pixels, as a sighting's; axes of the query's own camera
-  Eigen::Vector3d camera_centre;   // of the camera that it is seen by, from the query's own
+  Eigen::Vector3d camera_center;   // of the camera that it is seen by, from the query's own
   int camera;
   Eigen::Vector2d px_by_log_focal;  // how what it sees moves with the focal length's logarithm
   int part_of_image;                // of the query's, below KeypointEvidence::num_parts
@@ -45,11 +45,11 @@ struct KeypointParts {
   int first_loose, end_loose;
 
   // Of the camera that it is seen by, and a point as that camera sees it, at a pose of the query.
-  Eigen::Vector3d CentreOfCamera(const SolverPose& pose) const {
-    return pose.rotation.transpose() * (camera_centre - pose.translation);
+  Eigen::Vector3d CenterOfCamera(const SolverPose& pose) const {
+    return pose.rotation.transpose() * (camera_center - pose.translation);
   }
   Eigen::Vector3d PointInCamera(const SolverPose& pose, const Eigen::Vector3d& point) const {
-    return pose.rotation * point + pose.translation - camera_centre;
+    return pose.rotation * point + pose.translation - camera_center;
   }
 };
 
@@ -59,12 +59,12 @@ struct KeypointEvidence {
   std::vector<LoosePoint> loose;
   // Of the references, local frame; and after them the middle of the loose points, which may be off
   // as a whole as a reference may.
-  std::vector<Eigen::Vector3d> centres;
+  std::vector<Eigen::Vector3d> centers;
   double query_area_px2 = 1;
   int num_parts = kPartsPerSide * kPartsPerSide;  // of all images of the query
   double focal_px = 1000;
 
-  size_t num_references() const { return centres.size() - 1; }
+  size_t num_references() const { return centers.size() - 1; }
   std::span<const Sighting> SightingsOf(const KeypointParts& keypoint) const {
     return std::span(sightings).subspan(
         static_cast<size_t>(keypoint.first_sighting),

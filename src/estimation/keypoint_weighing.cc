@@ -342,7 +342,7 @@ void Weighing::WeighLoose(int i, const KeypointParts& keypoint, const View& view
                 std::sqrt(std::pow(2 * std::numbers::pi, 3) * determinant)
           : 0;
   // A wrong one is anywhere in the image, at any distance of the scene.
-  const double distance = (point.point - keypoint.CentreOfCamera(model_.pose)).norm();
+  const double distance = (point.point - keypoint.CenterOfCamera(model_.pose)).norm();
   const double px2 = 0.5 * seen.jacobian.squaredNorm();
   const double any =
       DensityOfAnyDistance(noise_, std::log(distance)) / distance * px2 / evidence_.query_area_px2;

@@ -40,11 +40,11 @@ std::vector<double> PointResiduals(const PreparedProblem& problem, const SolverP
 
 std::vector<double> PairResiduals(const PreparedProblem& problem, const SolverPose& pose) {
   const auto blocks = MakePairBlocks<double>(problem.pairs, AllIndices(problem.pairs.size()));
-  const auto centres = CentresInCam<double>(problem, pose);
+  const auto centers = CentersInCam<double>(problem, pose);
   std::vector<double> lanes(blocks.lane_pair.size());
   kernels::ActiveKernels().pair_residuals(blocks.blocks.data(), blocks.block_view.data(),
                                           static_cast<int>(blocks.blocks.size()),
-                                          ToKernelPose<double>(pose), centres.data(), lanes.data());
+                                          ToKernelPose<double>(pose), centers.data(), lanes.data());
   return ByMatch(lanes, blocks.lane_pair, problem.pairs.size());
 }
 

@@ -44,7 +44,7 @@ MatchNoise Describe(const JointNoise& noise, bool references_disagree, double sc
   if (references_disagree) {
     described.reference_factor = std::sqrt(noise.reference_factor);
     described.reference_rotation_deg = std::sqrt(noise.reference_rotation) * 180 / std::numbers::pi;
-    described.reference_position = std::sqrt(noise.reference_centre) * scale;
+    described.reference_position = std::sqrt(noise.reference_center) * scale;
   }
   return described;
 }
@@ -56,7 +56,7 @@ void SetCovariance(const Matrix6d& covariance, PoseEstimate& estimate) {
   estimate.covariance = covariance;
   estimate.rotation_sigma_deg =
       std::sqrt(covariance.topLeftCorner<3, 3>().trace()) * 180 / std::numbers::pi;
-  // The centre is -R' t: a step moves it by -R' v in the world, whatever w is, as both R and t turn
+  // The center is -R' t: a step moves it by -R' v in the world, whatever w is, as both R and t turn
   // with w.
   estimate.position_sigma = std::sqrt(covariance.bottomRightCorner<3, 3>().trace());
 }
@@ -193,15 +193,15 @@ class RansacEstimator final : public PoseEstimator {
     estimate.inliers_2d2d.assign(problem.matches_2d2d.size(), false);
 
     const P3pGenerator p3p(prepared);
-    const KnownCentreGenerator known_centre(prepared);
+    const KnownCenterGenerator known_center(prepared);
     const UprightGenerator upright(prepared);
     const E5p1Generator e5p1(prepared);
     std::vector<RansacSolver> solvers;
     if (method_.refined_after_p3p && P3pGenerator::CanSample(prepared)) {
       solvers.push_back({&p3p, Solver::kP3p, *method_.refined_after_p3p});
     }
-    if (method_.refined_after_p3p && KnownCentreGenerator::CanSample(prepared)) {
-      solvers.push_back({&known_centre, Solver::kKnownCentre, *method_.refined_after_p3p});
+    if (method_.refined_after_p3p && KnownCenterGenerator::CanSample(prepared)) {
+      solvers.push_back({&known_center, Solver::kKnownCenter, *method_.refined_after_p3p});
     }
     if (method_.refined_after_p3p && UprightGenerator::CanSample(prepared)) {
       solvers.push_back({&upright, Solver::kUpright, *method_.refined_after_p3p});
@@ -297,7 +297,7 @@ class RansacEstimator final : public PoseEstimator {
     const double samples = std::min<double>(report.iterations, solver.generator->NumSamples());
     const double tried = 2.0 * samples * static_cast<double>(solvers.size());
     const bool drawn_by_prior =
-        solver.solver == Solver::kKnownCentre || solver.solver == Solver::kUpright;
+        solver.solver == Solver::kKnownCenter || solver.solver == Solver::kUpright;
     const SupportAssessor assessor(problem, prepared, kinds, tried, drawn_by_prior ? 2 : 3);
     const Support support = assessor.Of(pose);
     estimate.num_keypoints = support.keypoints;
@@ -392,7 +392,7 @@ class RansacEstimator final : public PoseEstimator {
     if (method_.refined_finally) return *method_.refined_finally;
     switch (solver) {
       case Solver::kP3p:
-      case Solver::kKnownCentre:
+      case Solver::kKnownCenter:
       case Solver::kUpright:
         return *method_.refined_after_p3p;
       case Solver::kE5p1:

@@ -12,8 +12,8 @@ namespace raylift {
 namespace {
 
 // Adds what one camera says, of whose own step the normals are. A step (w, v) of the query moves a
-// camera at `centre` by (w, v + w x centre).
-void Add(const kernels::KernelNormals& normals, double weight, const Eigen::Vector3d& centre,
+// camera at `center` by (w, v + w x center).
+void Add(const kernels::KernelNormals& normals, double weight, const Eigen::Vector3d& center,
          NormalEquations& equations) {
   NormalEquations of_camera;
   int k = 0;
@@ -23,9 +23,9 @@ void Add(const kernels::KernelNormals& normals, double weight, const Eigen::Vect
       of_camera.hessian(r, c) = of_camera.hessian(c, r) = weight * normals.hessian[k];
     }
   }
-  if (!centre.isZero(0)) {
+  if (!center.isZero(0)) {
     Matrix6d camera_from_query = Matrix6d::Identity();
-    camera_from_query.bottomLeftCorner<3, 3>() = -Skew(centre);
+    camera_from_query.bottomLeftCorner<3, 3>() = -Skew(center);
     of_camera.hessian = camera_from_query.transpose() * of_camera.hessian * camera_from_query;
     of_camera.gradient = camera_from_query.transpose() * of_camera.gradient;
   }
@@ -48,17 +48,17 @@ kernels::KernelNormals PointNormals(std::span<const kernels::PointBlock<double>>
 }
 kernels::KernelNormals PairNormals(std::span<const kernels::PairBlock<float>> blocks,
                                    const int* block_view, const kernels::KernelPose<float>& pose,
-                                   const std::vector<float>& centres,
+                                   const std::vector<float>& centers,
                                    const kernels::KernelLoss& loss) {
   return kernels::ActiveKernels().pair_normals_float(
-      blocks.data(), block_view, static_cast<int>(blocks.size()), pose, centres.data(), loss);
+      blocks.data(), block_view, static_cast<int>(blocks.size()), pose, centers.data(), loss);
 }
 kernels::KernelNormals PairNormals(std::span<const kernels::PairBlock<double>> blocks,
                                    const int* block_view, const kernels::KernelPose<double>& pose,
-                                   const std::vector<double>& centres,
+                                   const std::vector<double>& centers,
                                    const kernels::KernelLoss& loss) {
   return kernels::ActiveKernels().pair_normals(
-      blocks.data(), block_view, static_cast<int>(blocks.size()), pose, centres.data(), loss);
+      blocks.data(), block_view, static_cast<int>(blocks.size()), pose, centers.data(), loss);
 }
 
 // Adds the normals of each run of blocks that one camera sees.
@@ -70,7 +70,7 @@ void AddByCamera(const PreparedProblem& problem, std::span<const Block> blocks, 
       0, static_cast<int>(blocks.size()), camera_of, [&](int camera, int first, int count) {
         const auto part = blocks.subspan(static_cast<size_t>(first), static_cast<size_t>(count));
         Add(normals_of(part, camera, first), weight,
-            problem.camera_centres[static_cast<size_t>(camera)], equations);
+            problem.camera_centers[static_cast<size_t>(camera)], equations);
       });
 }
 
@@ -90,13 +90,13 @@ NormalEquations Linearize(const PreparedProblem& problem, const ActiveMatches<T>
       equations);
   if (!matches.pair_blocks.empty()) {
     const auto kernel_pose = ToKernelPose<T>(pose);
-    const std::vector<T> centres = CentresInCam<T>(problem, pose);
+    const std::vector<T> centers = CentersInCam<T>(problem, pose);
     const int* views = matches.pair_block_view.data();
     AddByCamera(
         problem, matches.pair_blocks, weights.pair_weight,
         [&](int block) { return problem.CameraOf(views[block]); },
         [&](const auto& blocks, int /*camera*/, int first) {
-          return PairNormals(blocks, views + first, kernel_pose, centres, weights.pair_loss);
+          return PairNormals(blocks, views + first, kernel_pose, centers, weights.pair_loss);
         },
         equations);
   }

@@ -49,18 +49,18 @@ Vector3d Direction(const Vector3d& vector, const char* field) {
 }  // namespace
 
 PreparedPriors::PreparedPriors(const PosePriors& priors, const Vector3d& origin_in_world,
-                               double scale, std::span<const Vector3d> centres) {
+                               double scale, std::span<const Vector3d> centers) {
   if (priors.position) {
     const PositionPrior& prior = *priors.position;
     if (!prior.position.allFinite() || !prior.sigma.allFinite() || prior.sigma.minCoeff() < 0) {
       throw InputError(
           "position prior: expected a finite position and standard deviations of at least 0");
     }
-    position_ = {.centre = (prior.position - origin_in_world) / scale,
+    position_ = {.center = (prior.position - origin_in_world) / scale,
                  .sigma = (prior.sigma / scale).cwiseMax(kExact)};
     double furthest = 1;
-    for (const Vector3d& centre : centres) {
-      if (centre.allFinite()) furthest = std::max(furthest, centre.norm());
+    for (const Vector3d& center : centers) {
+      if (center.allFinite()) furthest = std::max(furthest, center.norm());
     }
     const double log_volume = std::log(4 * std::numbers::pi / 3) + 3 * std::log(kReach * furthest);
     position_log_peak_ =
@@ -99,8 +99,8 @@ void PreparedPriors::Term::AddTo(const Eigen::Matrix<double, 3, 6>& jacobian, do
 
 std::optional<PreparedPriors::Term> PreparedPriors::PositionTerm(const SolverPose& pose) const {
   if (!position_) return std::nullopt;
-  const Vector3d centre = -pose.rotation.transpose() * pose.translation;
-  return Term{(centre - position_->centre).cwiseQuotient(position_->sigma), position_log_peak_};
+  const Vector3d center = -pose.rotation.transpose() * pose.translation;
+  return Term{(center - position_->center).cwiseQuotient(position_->sigma), position_log_peak_};
 }
 
 std::optional<PreparedPriors::Term> PreparedPriors::GravityTerm(const SolverPose& pose) const {
@@ -146,7 +146,7 @@ void PreparedPriors::AddTo(const SolverPose& pose, double weight,
                            NormalEquations& equations) const {
   Eigen::Matrix<double, 3, 6> jacobian;
   if (const auto term = PositionTerm(pose)) {
-    // A step moves the centre by -R' v, whatever w is.
+    // A step moves the center by -R' v, whatever w is.
     jacobian << Eigen::Matrix3d::Zero(),
         -(position_->sigma.cwiseInverse().asDiagonal() * pose.rotation.transpose());
     term->AddTo(jacobian, weight, equations);

@@ -22,12 +22,12 @@ namespace raylift {
 class PreparedPriors {
  public:
   PreparedPriors() = default;
-  // `centres`: of the references, local. Throws InputError for a prior that is not finite.
+  // `centers`: of the references, local. Throws InputError for a prior that is not finite.
   PreparedPriors(const PosePriors& priors, const Eigen::Vector3d& origin_in_world, double scale,
-                 std::span<const Eigen::Vector3d> centres);
+                 std::span<const Eigen::Vector3d> centers);
 
   struct Position {
-    Eigen::Vector3d centre;
+    Eigen::Vector3d center;
     Eigen::Vector3d sigma;
   };
   struct Gravity {

@@ -23,8 +23,8 @@ struct Frame {
   double scale = 1;
 };
 
-// Centred on the references that have matches and scaled by their spread; where they share one
-// centre (or there are none) by the median distance of the 3D points.
+// Centered on the references that have matches and scaled by their spread; where they share one
+// center (or there are none) by the median distance of the 3D points.
 Frame ChooseFrame(const PoseProblem& problem) {
   std::vector<bool> used(problem.references.size(), false);
   for (const Match2D2D& match : problem.matches_2d2d) {
@@ -32,11 +32,11 @@ Frame ChooseFrame(const PoseProblem& problem) {
       used[match.reference] = true;
     }
   }
-  std::vector<Vector3d> centres;
+  std::vector<Vector3d> centers;
   for (size_t i = 0; i < used.size(); ++i) {
-    const Vector3d centre = problem.references[i].cam_from_world.OriginInSource();
-    if (used[i] && centre.allFinite()) {
-      centres.push_back(centre);
+    const Vector3d center = problem.references[i].cam_from_world.OriginInSource();
+    if (used[i] && center.allFinite()) {
+      centers.push_back(center);
     }
   }
   std::vector<Vector3d> points;
@@ -46,14 +46,14 @@ Frame ChooseFrame(const PoseProblem& problem) {
     }
   }
   Frame frame;
-  if (!centres.empty()) {
-    // Differences to the first centre, as sums of large coordinates would lose digits.
+  if (!centers.empty()) {
+    // Differences to the first center, as sums of large coordinates would lose digits.
     Vector3d sum = Vector3d::Zero();
-    for (const Vector3d& c : centres) sum += c - centres[0];
-    frame.origin = centres[0] + sum / static_cast<double>(centres.size());
+    for (const Vector3d& c : centers) sum += c - centers[0];
+    frame.origin = centers[0] + sum / static_cast<double>(centers.size());
     double squares = 0;
-    for (const Vector3d& c : centres) squares += (c - frame.origin).squaredNorm();
-    frame.scale = std::sqrt(squares / static_cast<double>(centres.size()));
+    for (const Vector3d& c : centers) squares += (c - frame.origin).squaredNorm();
+    frame.scale = std::sqrt(squares / static_cast<double>(centers.size()));
   } else if (!points.empty()) {
     for (int axis = 0; axis < 3; ++axis) {
       std::vector<double> values;
@@ -298,23 +298,23 @@ PreparedProblem::PreparedProblem(const PoseProblem& problem, double point_thresh
   origin_in_world = frame.origin;
   scale = frame.scale;
   for (const PosedImage& reference : problem.references) {
-    centres.push_back((reference.cam_from_world.OriginInSource() - frame.origin) / frame.scale);
+    centers.push_back((reference.cam_from_world.OriginInSource() - frame.origin) / frame.scale);
   }
   std::vector<Matrix3d> cam_from_query;  // of the other cameras
-  camera_centres.assign(1, Vector3d::Zero());
+  camera_centers.assign(1, Vector3d::Zero());
   for (const RigCamera& other : problem.other_cameras) {
     cam_from_query.push_back(other.cam_from_query.rotation.toRotationMatrix());
-    camera_centres.push_back(other.cam_from_query.OriginInSource() / frame.scale);
+    camera_centers.push_back(other.cam_from_query.OriginInSource() / frame.scale);
   }
   const auto is_near = [&](int camera) {
-    return camera_centres[static_cast<size_t>(camera)].norm() < kFarthest;
+    return camera_centers[static_cast<size_t>(camera)].norm() < kFarthest;
   };
   const auto finish = [&](auto& match, int camera, size_t keypoint) {
     match.camera = camera;
     match.keypoint = keypoint;
     if (camera > 0) Turn(cam_from_query[static_cast<size_t>(camera - 1)], match);
   };
-  priors = PreparedPriors(problem.priors, frame.origin, frame.scale, centres);
+  priors = PreparedPriors(problem.priors, frame.origin, frame.scale, centers);
   const KeypointNumbers numbers = NumberQueryKeypoints(problem.matches_2d2d, problem.matches_2d3d);
   num_keypoints = numbers.count;
   points.reserve(problem.matches_2d3d.size());

@@ -1,11 +1,11 @@
 // A pose problem made ready for estimation: checked once, in a frame of its own, and laid out for
 // the kernels.
 //
-// The local frame is centred on the references and scaled by their spread, so that nothing that
+// The local frame is centered on the references and scaled by their spread, so that nothing that
 // follows depends on the scene's unit or origin: local = (world - origin) / scale, axes unchanged.
 //
 // All cameras of a query that is a rig are turned into the axes of the query's own, so that they
-// differ by their centres alone: camera k sees a point p of the query's frame at p - centre_k. A pose
+// differ by their centers alone: camera k sees a point p of the query's frame at p - center_k. A pose
 // is that of the query's own camera; PoseOfCamera() is another one's.
 
 #pragma once
@@ -85,9 +85,9 @@ struct PreparedProblem {
   int num_matches_2d2d;
   size_t num_keypoints;  // of the query, that matches are of (scene/keypoints.h)
 
-  std::vector<Eigen::Vector3d> centres;  // of all references, local frame
-  // Of the query's cameras, in the axes of its own and from its centre: the first is zero.
-  std::vector<Eigen::Vector3d> camera_centres;
+  std::vector<Eigen::Vector3d> centers;  // of all references, local frame
+  // Of the query's cameras, in the axes of its own and from its center: the first is zero.
+  std::vector<Eigen::Vector3d> camera_centers;
   PreparedPriors priors;
   std::vector<ReferenceRun> runs;  // that have pairs
 
@@ -98,13 +98,13 @@ struct PreparedProblem {
 
   // What one camera of the query has in common with one reference; all views are below num_views().
   int ViewOf(int camera, int reference) const {
-    return camera * static_cast<int>(centres.size()) + reference;
+    return camera * static_cast<int>(centers.size()) + reference;
   }
-  int CameraOf(int view) const { return view / static_cast<int>(centres.size()); }
-  size_t num_views() const { return camera_centres.size() * centres.size(); }
+  int CameraOf(int view) const { return view / static_cast<int>(centers.size()); }
+  size_t num_views() const { return camera_centers.size() * centers.size(); }
 
   SolverPose PoseOfCamera(const SolverPose& pose, int camera) const {
-    return {pose.rotation, pose.translation - camera_centres[static_cast<size_t>(camera)]};
+    return {pose.rotation, pose.translation - camera_centers[static_cast<size_t>(camera)]};
   }
 
   SolverPose CamFromLocal(const Rigid3& cam_from_world) const;

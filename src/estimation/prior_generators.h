@@ -22,7 +22,7 @@ class PriorGenerator : public HypothesisGenerator {
   explicit PriorGenerator(const PreparedProblem& problem) : problem_(problem) {}
 
   struct TwoPoints {
-    std::array<Eigen::Vector3d, 2> centres, rays, points;  // of the cameras that see them
+    std::array<Eigen::Vector3d, 2> centers, rays, points;  // of the cameras that see them
   };
   TwoPoints Draw(Rng& rng) const;
   virtual double ProbabilityOfPrior(const SolverPose& pose) const = 0;
@@ -31,10 +31,10 @@ class PriorGenerator : public HypothesisGenerator {
   double share_near_ = 0;  // of draws that are as good as the truth, if the prior is right
 };
 
-// The centre is drawn from the position's prior.
-class KnownCentreGenerator final : public PriorGenerator {
+// The center is drawn from the position's prior.
+class KnownCenterGenerator final : public PriorGenerator {
  public:
-  explicit KnownCentreGenerator(const PreparedProblem& problem);
+  explicit KnownCenterGenerator(const PreparedProblem& problem);
   static bool CanSample(const PreparedProblem& problem);
 
   void Generate(Rng& rng, std::vector<SolverPose>& poses) const override;

@@ -26,7 +26,7 @@ constexpr double kOuterThresholds = 10;
 // The sine of the angle at the point over the baseline's length: about the inverse distance.
 double InverseDistance(const PreparedProblem& problem, const SolverPose& pose,
                        const PreparedPair& pair) {
-  const Eigen::Vector3d baseline = pose.rotation * problem.centres[pair.reference] +
+  const Eigen::Vector3d baseline = pose.rotation * problem.centers[pair.reference] +
                                    problem.PoseOfCamera(pose, pair.camera).translation;
   const Eigen::Vector3d reference_ray = pose.rotation * pair.reference_ray;
   return reference_ray.cross(pair.query_ray).norm() / baseline.norm();

@@ -15,7 +15,7 @@ namespace raylift {
 
 inline constexpr double kAsGoodAsNormal = 1e-3;  // as a tail
 
-// The density over that at the centre.
+// The density over that at the center.
 inline double StudentDensity(double squared, double tail) {
   if (tail < kAsGoodAsNormal) return std::exp(-0.5 * squared);
   return std::exp(-(0.5 / tail + 1) * std::log1p(tail * squared));

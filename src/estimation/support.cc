@@ -16,7 +16,7 @@
 namespace raylift {
 namespace {
 
-// Keypoints in one of 16 x 16 parts of the image are neighbours.
+// Keypoints in one of 16 x 16 parts of the image are neighbors.
 constexpr int kPlacesPerSide = 16;
 
 // 2D-2D matches of a sample of E5+1.
@@ -257,7 +257,7 @@ double SupportAssessor::ProbabilityOfDistance(const SolverPose& pose,
                                               const Support& support) const {
   // Local units are the references' spread.
   constexpr double kLeastMove = 0.25;
-  if (problem_.centres.empty()) return 1;
+  if (problem_.centers.empty()) return 1;
   const std::vector<PreparedPair> inliers = InlierPairs(pose);
   std::vector<int> counts(problem_.num_views(), 0);
   for (const PreparedPair& pair : inliers) ++counts[static_cast<size_t>(pair.view)];
@@ -270,18 +270,18 @@ double SupportAssessor::ProbabilityOfDistance(const SolverPose& pose,
     }
     return explained;
   };
-  const size_t reference = static_cast<size_t>(most) % problem_.centres.size();
-  const Eigen::Vector3d& from = problem_.centres[reference];
-  const Eigen::Vector3d& camera_centre =
-      problem_.camera_centres[static_cast<size_t>(problem_.CameraOf(most))];
+  const size_t reference = static_cast<size_t>(most) % problem_.centers.size();
+  const Eigen::Vector3d& from = problem_.centers[reference];
+  const Eigen::Vector3d& camera_center =
+      problem_.camera_centers[static_cast<size_t>(problem_.CameraOf(most))];
   const Eigen::Vector3d offset =
-      pose.rotation.transpose() * (camera_centre - pose.translation) - from;
+      pose.rotation.transpose() * (camera_center - pose.translation) - from;
   const std::vector<bool> explained = explained_by_others(inliers);
   double probability = 1;
   for (const double factor : {0.25, 0.5, 2.0, 4.0}) {
     if (std::abs(factor - 1) * offset.norm() < kLeastMove) continue;
     SolverPose moved = pose;
-    moved.translation = camera_centre - pose.rotation * (from + factor * offset);
+    moved.translation = camera_center - pose.rotation * (from + factor * offset);
     // Where both explain the same there is nothing to choose by.
     probability = std::min(probability, Opinions(explained, explained_by_others(InlierPairs(moved)))
                                             .ProbabilityOfFirst(support.clustering)
@@ -292,14 +292,14 @@ double SupportAssessor::ProbabilityOfDistance(const SolverPose& pose,
 
 double SupportAssessor::ProbabilityOfPosition(const SolverPose& pose, double position_sigma) const {
   if (!(position_sigma > 0)) return 1;
-  const Eigen::Vector3d centre = -pose.rotation.transpose() * pose.translation;
+  const Eigen::Vector3d center = -pose.rotation.transpose() * pose.translation;
   const Residuals residuals = ComputeResiduals(problem_, pose, {.points = true, .pairs = false});
   std::vector<double> distances;
   for (size_t i = 0; i < problem_.points.size(); ++i) {
-    if (residuals.points[i] < 1) distances.push_back((problem_.points[i].point - centre).norm());
+    if (residuals.points[i] < 1) distances.push_back((problem_.points[i].point - center).norm());
   }
-  // Local coordinates are centred on the references, their unit is the references' spread.
-  const double reach = std::max({1.0, centre.norm(), UpperMedianOr(std::move(distances), 0)});
+  // Local coordinates are centered on the references, their unit is the references' spread.
+  const double reach = std::max({1.0, center.norm(), UpperMedianOr(std::move(distances), 0)});
   return std::erf(reach / (position_sigma * std::numbers::sqrt2));
 }
 

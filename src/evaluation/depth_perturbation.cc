@@ -154,7 +154,7 @@ class Perturber {
     }
   }
 
-  // A pixel whose 3 x 3 neighbourhood holds a jump lands anywhere between its two surfaces.
+  // A pixel whose 3 x 3 neighborhood holds a jump lands anywhere between its two surfaces.
   void FlyingPixels() {
     if (options_.flying_share == 0) return;
     Rng rng = Stream("flying");

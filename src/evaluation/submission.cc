@@ -115,7 +115,7 @@ class Checker {
     const auto percent = [&](size_t count) { return 100 * count / poses_.size(); };
     if (percent(as_written) >= 50) return;
     const std::string found =
-        fmt::format("{} % of the camera centres are in the scene", percent(as_written));
+        fmt::format("{} % of the camera centers are in the scene", percent(as_written));
     if (percent(inverted) >= 80) {
       report_.problems.push_back(fmt::format("{}, {} % were the poses camera to world: invert them",
                                              found, percent(inverted)));

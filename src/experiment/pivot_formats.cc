@@ -74,7 +74,7 @@ std::string LatexFields(const TableRow& fields) {
   return line + " \\\\\n";
 }
 
-// One line of column titles; equal neighbours share one.
+// One line of column titles; equal neighbors share one.
 std::string LatexHeader(const PivotTable& table, size_t axis) {
   TableRow fields;
   const bool is_last = axis + 1 == std::max<size_t>(table.column_axes.size(), 1);

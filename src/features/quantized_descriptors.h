@@ -1,7 +1,7 @@
 // Descriptors rounded to 16-bit integers. Their inner products are exact, hence the same for any
 // order of summation, thread count and machine, and about twice as fast as in float, since every
 // x86-64 multiplies and adds eight of them at once. Rounding changes a squared distance by about
-// 2e-5; neighbouring descriptors of photographs are 0.1 to 1 apart.
+// 2e-5; neighboring descriptors of photographs are 0.1 to 1 apart.
 
 #pragma once
 

@@ -41,9 +41,9 @@ double MeasureUpscaleShift() {
   return keypoints[0].pt.x - kCenter > 0.125 ? 0.25 : 0;
 }
 
-cv::Mat ShrinkToSide(const Image& grey, int max_side_px) {
-  cv::Mat full(grey.height_px, grey.width_px, CV_8UC1, const_cast<uint8_t*>(grey.data.data()));
-  const int side_px = std::max(grey.width_px, grey.height_px);
+cv::Mat ShrinkToSide(const Image& gray, int max_side_px) {
+  cv::Mat full(gray.height_px, gray.width_px, CV_8UC1, const_cast<uint8_t*>(gray.data.data()));
+  const int side_px = std::max(gray.width_px, gray.height_px);
   if (side_px <= max_side_px) {
     return full;
   }
@@ -76,17 +76,17 @@ Eigen::VectorXf RootSift(const cv::Mat& sift_row) {
 
 }  // namespace
 
-Features ExtractRootSift(const Image& grey, const RootSiftOptions& options) {
-  RAYLIFT_CHECK(grey.channels == 1 || grey.data.empty());
+Features ExtractRootSift(const Image& gray, const RootSiftOptions& options) {
+  RAYLIFT_CHECK(gray.channels == 1 || gray.data.empty());
   static const double upscale_shift_px = MeasureUpscaleShift();
 
   Features features;
-  features.image_width_px = grey.width_px;
-  features.image_height_px = grey.height_px;
-  if (options.max_features <= 0 || std::min(grey.width_px, grey.height_px) < kMinImageSidePx) {
+  features.image_width_px = gray.width_px;
+  features.image_height_px = gray.height_px;
+  if (options.max_features <= 0 || std::min(gray.width_px, gray.height_px) < kMinImageSidePx) {
     return features;
   }
-  const cv::Mat image = ShrinkToSide(grey, options.max_image_side_px);
+  const cv::Mat image = ShrinkToSide(gray, options.max_image_side_px);
   if (std::min(image.cols, image.rows) < kMinImageSidePx) {
     return features;
   }
@@ -99,14 +99,14 @@ Features ExtractRootSift(const Image& grey, const RootSiftOptions& options) {
   const std::vector<int> order = StrongestFirst(keypoints);
   // OpenCV keeps more than asked where the last ones are equally strong.
   const size_t count = std::min(order.size(), static_cast<size_t>(options.max_features));
-  const Eigen::Vector2d original_per_image(static_cast<double>(grey.width_px) / image.cols,
-                                           static_cast<double>(grey.height_px) / image.rows);
+  const Eigen::Vector2d original_per_image(static_cast<double>(gray.width_px) / image.cols,
+                                           static_cast<double>(gray.height_px) / image.rows);
   features.keypoints_px.resize(count);
   features.scores.resize(count);
   features.descriptors.resize(sift.cols, static_cast<Eigen::Index>(count));
   for (size_t i = 0; i < count; ++i) {
     const cv::KeyPoint& keypoint = keypoints[order[i]];
-    // From OpenCV's pixels, the first one's centre at (0, 0), to ours.
+    // From OpenCV's pixels, the first one's center at (0, 0), to ours.
     const Eigen::Vector2d pixel =
         Eigen::Vector2d(keypoint.pt.x, keypoint.pt.y).array() + (0.5 - upscale_shift_px);
     features.keypoints_px[i] = pixel.cwiseProduct(original_per_image);

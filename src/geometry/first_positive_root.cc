@@ -22,7 +22,7 @@ double BisectSignChange(const Polynomial& polynomial, double low, double high) {
   return low;
 }
 
-// The sign changes in (0, 1], ascending: at most one between neighbouring roots of the derivative.
+// The sign changes in (0, 1], ascending: at most one between neighboring roots of the derivative.
 Roots SignChangesInUnitInterval(const Polynomial& polynomial, int degree) {
   Roots roots;
   if (degree == 0) {

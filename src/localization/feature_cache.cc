@@ -65,7 +65,7 @@ std::map<std::string, Features> Extract(std::span<const Input> inputs, int max_f
                                         int threads, Progress& progress) {
   std::vector<Features> extracted(inputs.size());
   ParallelFor(inputs.size(), threads, [&](size_t i) {
-    extracted[i] = ExtractFrontEndFeatures(ReadImage(inputs[i].image.path, ImageChannels::kGrey),
+    extracted[i] = ExtractFrontEndFeatures(ReadImage(inputs[i].image.path, ImageChannels::kGray),
                                            max_features);
     progress.Advance();
   });
@@ -204,7 +204,7 @@ std::vector<Input> MissingIn(const Cache& cache, const std::vector<Input>& input
 }  // namespace
 
 Features ExtractFrontEndFeatures(const Image& photograph, int max_features) {
-  return AsStored(ExtractRootSift(ToGrey(photograph), {.max_features = max_features}),
+  return AsStored(ExtractRootSift(ToGray(photograph), {.max_features = max_features}),
                   kHalfDescriptors);
 }
 

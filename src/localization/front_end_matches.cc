@@ -1,4 +1,4 @@
-// Matches made here: RootSIFT, retrieval by VLAD unless it is given, mutual nearest neighbours.
+// Matches made here: RootSIFT, retrieval by VLAD unless it is given, mutual nearest neighbors.
 
 #include <algorithm>
 #include <map>

@@ -64,7 +64,7 @@ std::string ReasonNotLocalized(const PoseEstimate& estimate, double min_confiden
     return std::string(ToString(estimate.failure));
   }
   if (!estimate.position_observable) {
-    return "only the orientation is known: all references with matches share one centre";
+    return "only the orientation is known: all references with matches share one center";
   }
   if (estimate.confidence < min_confidence) {
     return fmt::format("its pose is right with probability {:.2g} only, {} was asked for",

@@ -13,7 +13,7 @@
 namespace raylift {
 namespace {
 
-// Fixed point pixels for OpenCV's anti-aliased drawing; its centre of the first pixel is (0, 0).
+// Fixed point pixels for OpenCV's anti-aliased drawing; its center of the first pixel is (0, 0).
 constexpr int kShift = 4;
 cv::Point FixedPoint(const Eigen::Vector2d& pixel) {
   return {static_cast<int>(std::lround((pixel.x() - 0.5) * (1 << kShift))),

@@ -82,7 +82,7 @@ void RequireSize(const Image& photograph, const Camera& camera, const std::strin
 // One query's rounds.
 class Rounds {
  public:
-  // `photograph` is grey.
+  // `photograph` is gray.
   Rounds(const Image& photograph, const GeometrySource& source, const FrameRenderer& renderer,
          const RerenderOptions& options)
       : source_(source),
@@ -105,14 +105,14 @@ class Rounds {
   }
 
  private:
-  Features Extract(const Image& grey) const {
-    return ExtractRootSift(grey, {.max_features = options_.max_features});
+  Features Extract(const Image& gray) const {
+    return ExtractRootSift(gray, {.max_features = options_.max_features});
   }
 
   void AddPicture(const PixelRays& rays, PosedImage view, PoseProblem& pictures) const {
     Frame frame;
     renderer_.Render(rays, view.cam_from_world, 1, frame);
-    const Features features = Extract(ToGrey(frame.color));
+    const Features features = Extract(ToGray(frame.color));
     const std::vector<int> keypoints = CanonicalKeypoints(features.keypoints_px);
     const int reference = static_cast<int>(pictures.references.size());
     for (const FeatureMatch& match :
@@ -208,7 +208,7 @@ void Rerenderer::Improve(const Query& query, const PoseEstimator& estimator, Que
   result.localized.rerender_rounds = 0;
   if (!result.localized.localized()) return;
   const auto path = query_images_ / query.name;
-  const Image photograph = ReadImage(path, ImageChannels::kGrey);
+  const Image photograph = ReadImage(path, ImageChannels::kGray);
   RequireSize(photograph, query.camera, path.string());
   Improve(query, photograph, estimator, result, min_confidence);
 }
@@ -220,7 +220,7 @@ void Rerenderer::Improve(const Query& query, const Image& photograph,
   if (!result.localized.localized()) return;
   RequireSize(photograph, query.camera, query.name);
   const auto start = std::chrono::steady_clock::now();
-  const Rounds rounds(ToGrey(photograph), source_, renderer_, options_);
+  const Rounds rounds(ToGray(photograph), source_, renderer_, options_);
   const PoseProblem base = result.problem;
   LocalizedQuery& localized = result.localized;
   for (int round = 1; round <= options_.rounds; ++round) {

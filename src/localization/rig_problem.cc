@@ -92,7 +92,7 @@ PoseEstimate EstimateOfCamera(const PoseProblem& joined, const PoseEstimate& est
   if (estimate.covariance) {
     const Matrix6d step = StepOfCamera(cam_from_query);
     of_camera.covariance = step * *estimate.covariance * step.transpose();
-    // A step moves the centre by v alone, as in the estimator.
+    // A step moves the center by v alone, as in the estimator.
     of_camera.position_sigma = std::sqrt(of_camera.covariance->bottomRightCorner<3, 3>().trace());
   }
   return of_camera;

@@ -35,7 +35,7 @@ constexpr int kJpegQuality = 92;
 Json ToJson(const Eigen::Vector3d& v) { return Json::array({v.x(), v.y(), v.z()}); }
 Json ToJson(const Eigen::Quaterniond& q) { return Json::array({q.x(), q.y(), q.z(), q.w()}); }
 
-// glTF states vertex colours in linear light.
+// glTF states vertex colors in linear light.
 uint16_t LinearFromSrgb(uint8_t value) {
   const double c = value / 255.0;
   const double linear = c <= 0.04045 ? c / 12.92 : std::pow((c + 0.055) / 1.055, 2.4);

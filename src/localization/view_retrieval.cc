@@ -15,7 +15,7 @@ namespace {
 // An image's rays are those of so many pixels, spread evenly.
 constexpr int kGridColumns = 16;
 constexpr int kGridRows = 12;
-// Of a frustum: so many distances on each ray, whose neighbours have equal ratios.
+// Of a frustum: so many distances on each ray, whose neighbors have equal ratios.
 constexpr int kRangeSteps = 5;
 // A surface point is seen where the ray at it ends so near, relative to its distance.
 constexpr double kSamePlace = 1e-3;
@@ -67,7 +67,7 @@ double Share(size_t count, size_t total) {
 
 struct VisiblePoint {
   Eigen::Vector3d point_in_world;
-  Eigen::Vector3d normal_in_world;  // towards the camera that saw it
+  Eigen::Vector3d normal_in_world;  // toward the camera that saw it
 };
 
 std::vector<VisiblePoint> PointsOnMesh(const Eye& eye, const RayCaster& mesh) {

@@ -14,7 +14,7 @@ namespace raylift {
 namespace {
 
 constexpr size_t kHeaderAt = 14;       // after that of the file
-constexpr uint32_t kShortHeader = 12;  // of OS/2, with 16-bit sides and colours of 3 bytes
+constexpr uint32_t kShortHeader = 12;  // of OS/2, with 16-bit sides and colors of 3 bytes
 constexpr uint32_t kLeastHeader = 40;
 
 class BmpReader {
@@ -64,14 +64,14 @@ class BmpReader {
 
   bool HasPalette() const { return bits_ == 1 || bits_ == 4 || bits_ == 8; }
 
-  // 32 bits that say where their colours are, which is where they are without saying so.
+  // 32 bits that say where their colors are, which is where they are without saying so.
   bool HasUsualMasks(uint32_t compression) const {
     constexpr uint32_t kMasks = 3, kMasksAt = 54;
     return compression == kMasks && bits_ == 32 && Number(kMasksAt, 4) == 0xFF0000 &&
            Number(kMasksAt + 4, 4) == 0xFF00 && Number(kMasksAt + 8, 4) == 0xFF;
   }
 
-  // Colours that the file does not give are black.
+  // Colors that the file does not give are black.
   std::vector<Bgr> Palette() const {
     if (!HasPalette()) return {};
     std::vector<Bgr> palette(size_t{1} << bits_);

@@ -57,12 +57,12 @@ class Decoder {
   Image Decode(ImageChannels channels) {
     jpeg_read_header(&jpeg_, TRUE);
     const bool is_cmyk = jpeg_.num_components == 4;
-    const bool is_grey = channels == ImageChannels::kGrey;
-    jpeg_.out_color_space = is_cmyk ? JCS_CMYK : is_grey ? JCS_GRAYSCALE : JCS_RGB;
+    const bool is_gray = channels == ImageChannels::kGray;
+    jpeg_.out_color_space = is_cmyk ? JCS_CMYK : is_gray ? JCS_GRAYSCALE : JCS_RGB;
     jpeg_start_decompress(&jpeg_);
     const size_t width = jpeg_.output_width;
     Image image = BlankImage(static_cast<int>(width), static_cast<int>(jpeg_.output_height),
-                             is_grey && !is_cmyk ? 1 : 3);
+                             is_gray && !is_cmyk ? 1 : 3);
     std::vector<uint8_t> cmyk(is_cmyk ? 4 * width : 0);
     while (jpeg_.output_scanline < jpeg_.output_height) {
       uint8_t* const pixels = image.Pixel(0, static_cast<int>(jpeg_.output_scanline));
@@ -71,7 +71,7 @@ class Decoder {
       if (is_cmyk) RgbFromCmyk(cmyk.data(), pixels, width);
     }
     jpeg_finish_decompress(&jpeg_);
-    if (is_grey && is_cmyk) return ToGrey(image);
+    if (is_gray && is_cmyk) return ToGray(image);
     return image;
   }
 

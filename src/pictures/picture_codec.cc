@@ -40,7 +40,7 @@ Image DecodeByFormat(std::string_view bytes, ImageChannels channels) {
                       : bytes.starts_with("RIFF") ? DecodeWebp(bytes)
                       : bytes.starts_with("P")    ? DecodePnm(bytes)
                                                   : DecodeTiff(bytes);
-  return channels == ImageChannels::kGrey ? ToGrey(image) : ToRgb(image);
+  return channels == ImageChannels::kGray ? ToGray(image) : ToRgb(image);
 }
 
 }  // namespace

@@ -178,12 +178,12 @@ PngHeader ReadPngHeader(const std::filesystem::path& file, std::string_view byte
   return {.width_px = BigEndianAt(bytes, kWidthAt),
           .height_px = BigEndianAt(bytes, kHeightAt),
           .bits = static_cast<unsigned char>(bytes[kBitsAt]),
-          .is_grey = bytes[kColorTypeAt] == PNG_COLOR_TYPE_GRAY};
+          .is_gray = bytes[kColorTypeAt] == PNG_COLOR_TYPE_GRAY};
 }
 
-std::vector<float> DecodeGreyPng(const std::filesystem::path& file, const PngHeader& header,
+std::vector<float> DecodeGrayPng(const std::filesystem::path& file, const PngHeader& header,
                                  std::string_view bytes) {
-  RAYLIFT_CHECK(header.is_grey && (header.bits == 8 || header.bits == 16));
+  RAYLIFT_CHECK(header.is_gray && (header.bits == 8 || header.bits == 16));
   try {
     return Reader(bytes).ReadPlane(header);
   } catch (const std::runtime_error& error) {

@@ -1,4 +1,4 @@
-// Grey PNG files of depth by libpng, as fast as it writes them. Private to the libraries.
+// Gray PNG files of depth by libpng, as fast as it writes them. Private to the libraries.
 
 #pragma once
 
@@ -23,13 +23,13 @@ struct PngHeader {
   uint32_t width_px = 0;
   uint32_t height_px = 0;
   int bits = 0;
-  bool is_grey = false;  // one channel, without alpha and palette
+  bool is_gray = false;  // one channel, without alpha and palette
 };
 PngHeader ReadPngHeader(const std::filesystem::path& path_for_messages, std::string_view bytes);
 
-// The samples of a file whose header says grey and 8 or 16 bits, row by row. InputError where the
+// The samples of a file whose header says gray and 8 or 16 bits, row by row. InputError where the
 // file is damaged or truncated: every checksum and the end are looked at.
-std::vector<float> DecodeGreyPng(const std::filesystem::path& path_for_messages,
+std::vector<float> DecodeGrayPng(const std::filesystem::path& path_for_messages,
                                  const PngHeader& header, std::string_view bytes);
 
 }  // namespace raylift

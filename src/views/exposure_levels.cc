@@ -30,7 +30,7 @@ Eigen::RowVector3d Mean(std::span<const PointColor> point, const Levels& levels)
   return sum / TotalWeight(point);
 }
 
-// Sets each weight by how far the colour is from the others of its point.
+// Sets each weight by how far the color is from the others of its point.
 void Reweigh(std::span<const std::vector<PointColor>> points, const Levels& levels,
              std::vector<std::vector<PointColor>>& weighed) {
   std::vector<double> distances;

@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::string_view kFrame =
     "PRODUCT/NAME.FORMAT, one of each image; NAME is the image's without its extension, or what\n"
-    "the pattern made of it. Rows from the top, the first pixel's centre at (0.5, 0.5) as in\n"
+    "the pattern made of it. Rows from the top, the first pixel's center at (0.5, 0.5) as in\n"
     "COLMAP. Units are those of mesh and poses. manifest.jsonl lists the files, summary.json has\n"
     "counts, options and warnings. OpenCV reads EXR where OPENCV_IO_ENABLE_OPENEXR=1 is set.\n";
 
@@ -23,7 +23,7 @@ std::string_view MeaningOf(Product product) {
              "  not in front of the image plane (lenses of more than 180 degrees; coverage counts\n"
              "  it, and distance has it). A panorama's depth is the distance.";
     case Product::kDistance:
-      return "from the camera's centre along the ray, in scene units. 0: no surface.";
+      return "from the camera's center along the ray, in scene units. 0: no surface.";
     case Product::kInverseDepth:
       return "1 / depth, in 1 / scene units: the disparity of stereo over baseline and focal\n"
              "  length. 0: no surface.";
@@ -85,7 +85,7 @@ std::string PngText(Product product, const StorageOptions& storage) {
     case Product::kColor:
       return "8 bits, RGB";
     case Product::kMask:
-      return "8 bits, grey";
+      return "8 bits, gray";
     case Product::kInverseDepth:
     case Product::kPoints:
     case Product::kTriangle:
@@ -108,8 +108,8 @@ std::string FormatText(Product product, const std::string& format, const Storage
                ? "COLMAP's: \"width&height&3&\", then float32, all x, all y, all z"
                : "COLMAP's: \"width&height&1&\", then float32";
   }
-  if (format == "pfm") return "float32, grey; as in all PFM files the lowest row is the first";
-  return "float32, grey";  // tiff
+  if (format == "pfm") return "float32, gray; as in all PFM files the lowest row is the first";
+  return "float32, gray";  // tiff
 }
 
 std::string Guide(std::span<const ProductOutput> outputs, const StorageOptions& storage,

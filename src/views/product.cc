@@ -23,7 +23,7 @@ constexpr std::array<std::string_view, 3> kOfIndices = {"exr", "npy", "npz"};
 constexpr std::array<std::string_view, 2> kOfColor = {"png", "jpg"};
 constexpr std::array<std::string_view, 1> kOfMask = {"png"};
 
-// Normals as a picture to look at: -1 .. 1 is 0 .. 255, grey where there is none.
+// Normals as a picture to look at: -1 .. 1 is 0 .. 255, gray where there is none.
 Image NormalPicture(const Frame& frame) {
   Image image{frame.width_px, frame.height_px, 3, std::vector<uint8_t>(frame.normals.size())};
   std::transform(frame.normals.begin(), frame.normals.end(), image.data.begin(),

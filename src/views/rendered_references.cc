@@ -152,8 +152,8 @@ RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh
                                 .warnings = std::move(warnings)};
   if (!mesh->HasColors()) {
     references.warnings.emplace_back(
-        "the mesh has neither texture nor vertex colours: pictures of its shape rarely match "
-        "photographs by RootSIFT, and poses with few inliers are then wrong; `raylift colour` "
+        "the mesh has neither texture nor vertex colors: pictures of its shape rarely match "
+        "photographs by RootSIFT, and poses with few inliers are then wrong; `raylift color` "
         "gives "
         "it those of photographs with poses");
   }

@@ -54,7 +54,7 @@ struct Sample {
 struct VertexShapes {
   std::vector<Vector3f> normals;    // unit; zero where there is none
   std::vector<float> spacings;      // mean length of its edges
-  std::vector<uint32_t> begins;     // of each vertex's neighbours, and the end
+  std::vector<uint32_t> begins;     // of each vertex's neighbors, and the end
   std::vector<uint32_t> neighbors;  // each as often as triangles have the edge
 };
 
@@ -273,11 +273,11 @@ class Coloring {
   void LookAt(uint32_t photograph, const Pyramid& pyramid, size_t begin, size_t end) {
     std::vector<Candidate> candidates;
     std::vector<Ray> rays;
-    const Vector3d centre = photographs_[photograph].cam_from_world.OriginInSource();
+    const Vector3d center = photographs_[photograph].cam_from_world.OriginInSource();
     for (size_t v = begin; v < end; ++v) {
       auto candidate = Project(photograph, v);
       if (!candidate || !IsWanted(candidate->sample, samples_[v])) continue;
-      rays.push_back({centre, mesh_.VertexInWorld(static_cast<uint32_t>(v)) - centre});
+      rays.push_back({center, mesh_.VertexInWorld(static_cast<uint32_t>(v)) - center});
       candidates.push_back(*candidate);
     }
     const auto hits = surface_.Cast(rays);

@@ -161,7 +161,7 @@ class InsideSampler {
           {sight.coverage * std::min(sight.median_range, kFreeRange * inside_.eye_height), pose});
     }
     if (candidates.empty()) return std::nullopt;
-    // One of the better ones, so that neighbours do not all look the same way.
+    // One of the better ones, so that neighbors do not all look the same way.
     std::stable_sort(candidates.begin(), candidates.end(),
                      [](const Candidate& a, const Candidate& b) { return a.score > b.score; });
     const auto best = static_cast<uint32_t>((candidates.size() + 2) / 3);

@@ -61,7 +61,7 @@ TEST(Doctor, ReferencesAloneSuffice) {
     return nlohmann::json::parse(ReadFile(json));
   };
   EXPECT_EQ(verdict_on("")["verdict"], "as_meant");
-  // A mesh in millimetres, by the same key that repairs it.
+  // A mesh in millimeters, by the same key that repairs it.
   const auto repaired = verdict_on(",scale=1000");
   EXPECT_EQ(repaired["verdict"], "repair");
   EXPECT_EQ(repaired["fault"], "mesh_frame");

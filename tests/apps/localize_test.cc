@@ -35,9 +35,9 @@ TEST(Localize, WhatIsKnownOfAQueryIsPartOfItsProblem) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const fs::path priors = scene.folder / "priors.txt";
   const fs::path problems = scene.folder / "problems";
-  const Eigen::Vector3d centre = scene.queries[0].cam_from_world.OriginInSource();
+  const Eigen::Vector3d center = scene.queries[0].cam_from_world.OriginInSource();
   WriteFile(priors, fmt::format("{0} position {1} {2} {3} 0.5\n{0} gravity 0 1 0 2\n",
-                                scene.queries[0].name, centre.x(), centre.y(), centre.z()));
+                                scene.queries[0].name, center.x(), center.y(), center.z()));
   const Arguments with_priors =
       LocalizeWithHloc(scene, scene.folder / "out") +
       Arguments{"--priors", priors, "--write-problems", problems, "--overwrite"};
@@ -49,7 +49,7 @@ TEST(Localize, WhatIsKnownOfAQueryIsPartOfItsProblem) {
     written[problem.name] = problem.priors;
   }
   const PosePriors& known = written.at(scene.queries[0].name);
-  EXPECT_LT((known.position.value().position - centre).norm(), 1e-12);
+  EXPECT_LT((known.position.value().position - center).norm(), 1e-12);
   EXPECT_EQ(known.gravity.value().down_in_world, Eigen::Vector3d(0, 0, -1));
   EXPECT_TRUE(written.at(scene.queries[1].name).empty());
 

@@ -32,7 +32,7 @@ TEST(Perturb, WritesMapsOfEveryFormatThatItReadsAgain) {
       const double unit = after.sample_type == "uint16" ? 0.001 : 1;
       ASSERT_EQ(before.values.size(), after.values.size());
       for (size_t i = 0; i < before.values.size(); i += 97) {
-        // Half a millimetre for what is stored in integers.
+        // Half a millimeter for what is stored in integers.
         EXPECT_NEAR(unit * static_cast<double>(after.values[i]),
                     2 * static_cast<double>(before.values[i]), 6e-4)
             << format;

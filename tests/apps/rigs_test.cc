@@ -1,4 +1,4 @@
-// localize --rigs on the demo scene: rigs of neighbouring queries, whose relative poses are those of
+// localize --rigs on the demo scene: rigs of neighboring queries, whose relative poses are those of
 // the ground truth.
 
 #include <map>

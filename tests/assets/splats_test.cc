@@ -74,7 +74,7 @@ TEST(DemoSplats, LookAsTheMeshDoes) {
   const auto file = TestFolder() / "demo.ply";
   double psnr = 0;
   size_t near = 0;
-  // Discs overlap: their colours are fitted to what is seen of all of them.
+  // Discs overlap: their colors are fitted to what is seen of all of them.
   for (int round = 0; round < 6; ++round) {
     WriteFile(file, SplatPly(discs, SplatLayout::kDiscs));
     const auto splats = std::make_shared<const RayCaster>(

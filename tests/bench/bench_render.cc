@@ -58,7 +58,7 @@ void Run(size_t num_triangles, int rounds, const std::string& only) {
        make([](FrameOptions& o) { o.depth = o.distance = o.triangle = o.mask = true; })},
       {"depth, normals, incidence",
        make([](FrameOptions& o) { o.depth = o.normals = o.incidence = true; })},
-      {"colour (headlight)", make([](FrameOptions& o) {
+      {"color (headlight)", make([](FrameOptions& o) {
          o.color = true;
          o.color_options.shading = ColorOptions::Shading::kHeadlight;
        })}};

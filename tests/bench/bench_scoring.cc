@@ -74,12 +74,12 @@ void ScorePairs(benchmark::State& state) {
   const int count = static_cast<int>(state.range(1));
   const ScoringProblem problem = MakeScoringProblem(count);
   const auto pose = ToKernelPose<float>(problem.truth);
-  const auto centres = CentresInCam<float>(problem.prepared, problem.truth);
+  const auto centers = CentersInCam<float>(problem.prepared, problem.truth);
   const auto& blocks = problem.prepared.pair_blocks;
   for (auto _ : state) {
     benchmark::DoNotOptimize(
         table->score_pairs(blocks.data(), problem.prepared.pair_block_view.data(),
-                           static_cast<int>(blocks.size()), pose, centres.data()));
+                           static_cast<int>(blocks.size()), pose, centers.data()));
   }
   SetPerMatch(state, count);
 }
@@ -104,12 +104,12 @@ void PairNormals(benchmark::State& state) {
   const int count = static_cast<int>(state.range(1));
   const ScoringProblem problem = MakeScoringProblem(count);
   const auto pose = ToKernelPose<float>(problem.truth);
-  const auto centres = CentresInCam<float>(problem.prepared, problem.truth);
+  const auto centers = CentersInCam<float>(problem.prepared, problem.truth);
   const auto& blocks = problem.prepared.pair_blocks;
   for (auto _ : state) {
     benchmark::DoNotOptimize(table->pair_normals_float(
         blocks.data(), problem.prepared.pair_block_view.data(), static_cast<int>(blocks.size()),
-        pose, centres.data(), kernels::KernelLoss{}));
+        pose, centers.data(), kernels::KernelLoss{}));
   }
   SetPerMatch(state, count);
 }

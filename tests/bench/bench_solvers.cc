@@ -20,7 +20,7 @@ Vector3d RandomPoint(Rng& rng) {
   const Vector3d ray{rng.Uniform(-0.55, 0.55), rng.Uniform(-0.41, 0.41), 1};
   return ray * rng.Uniform(5, 15);
 }
-Vector3d RandomCentre(Rng& rng) {
+Vector3d RandomCenter(Rng& rng) {
   return {rng.Uniform(-2, 2), rng.Uniform(-2, 2), rng.Uniform(-2, 2)};
 }
 
@@ -51,23 +51,23 @@ BENCHMARK(P3p);
 struct FiveMatches {
   std::array<Vector3d, 5> query_rays;
   std::array<Vector3d, 5> reference_rays;
-  Vector3d centre;
+  Vector3d center;
   RayPair sixth;
-  Vector3d sixth_centre;
+  Vector3d sixth_center;
 };
 
 std::vector<FiveMatches> MakeFiveMatches() {
   Rng rng(1);
   std::vector<FiveMatches> instances(kInstances);
   for (FiveMatches& instance : instances) {
-    instance.centre = RandomCentre(rng);
-    instance.sixth_centre = RandomCentre(rng);
+    instance.center = RandomCenter(rng);
+    instance.sixth_center = RandomCenter(rng);
     for (int i = 0; i < 6; ++i) {
       const Vector3d point = RandomPoint(rng);
-      const Vector3d& centre = i < 5 ? instance.centre : instance.sixth_centre;
+      const Vector3d& center = i < 5 ? instance.center : instance.sixth_center;
       (i < 5 ? instance.query_rays[i] : instance.sixth.query_ray) = point.normalized();
       (i < 5 ? instance.reference_rays[i] : instance.sixth.reference_ray) =
-          (point - centre).normalized();
+          (point - center).normalized();
     }
   }
   return instances;
@@ -106,7 +106,7 @@ void E5p1(benchmark::State& state) {
     const int count = SolveRelativePose(instance.query_rays, instance.reference_rays, poses);
     for (int i = 0; i < count; ++i) {
       benchmark::DoNotOptimize(
-          TranslationLength(poses[i], instance.centre, instance.sixth, instance.sixth_centre));
+          TranslationLength(poses[i], instance.center, instance.sixth, instance.sixth_center));
     }
   }
 }

@@ -1,5 +1,5 @@
 // A procedural city of about a given number of triangles: uneven ground, 10 x 10 houses with window
-// recesses, two centimetres of noise, so that rays and files behave like those of an MVS mesh.
+// recesses, two centimeters of noise, so that rays and files behave like those of an MVS mesh.
 
 #pragma once
 

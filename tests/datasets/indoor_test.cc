@@ -39,7 +39,7 @@ TEST(SevenScenes, GroupsAreSequencesAndThresholdsItsOwn) {
 
 // The matrices of kapture_import_7scenes.py and of ACE's setup_7scenes.py: the photograph's pose is
 // (published pose) * inverse(d_to_rgb).
-TEST(SevenScenes, PosesAreMovedToTheColourCameraUnlessTheyAreWantedRaw) {
+TEST(SevenScenes, PosesAreMovedToTheColorCameraUnlessTheyAreWantedRaw) {
   const Layout layout = Write7Scenes(TestFolder() / "chess", RandomInput());
   const std::string row = "seq-01/frame-000000";
   WriteFile(layout.folder / (row + ".pose.txt"),
@@ -57,14 +57,14 @@ TEST(SevenScenes, PosesAreMovedToTheColourCameraUnlessTheyAreWantedRaw) {
   const Eigen::Matrix4d expected = published * d_to_rgb.inverse();
 
   ImportOptions options;
-  const ImportedScene colour = ImportDataset("7scenes", layout.folder, options).at(0);
-  const Rigid3 world_from_cam = colour.references[0].cam_from_world.Inverse();
+  const ImportedScene color = ImportDataset("7scenes", layout.folder, options).at(0);
+  const Rigid3 world_from_cam = color.references[0].cam_from_world.Inverse();
   // The matrix is printed with more digits than its rotation is orthogonal to.
   EXPECT_NEAR((world_from_cam.translation - expected.topRightCorner<3, 1>()).norm(), 0, 1e-6);
   EXPECT_NEAR((world_from_cam.rotation.toRotationMatrix() - expected.topLeftCorner<3, 3>()).norm(),
               0, 1e-6);
-  EXPECT_THAT(colour.notes, ElementsAre(HasSubstr("moved from the depth camera"),
-                                        HasSubstr("registered into the photographs")));
+  EXPECT_THAT(color.notes, ElementsAre(HasSubstr("moved from the depth camera"),
+                                       HasSubstr("registered into the photographs")));
   options.calibration = SensorCalibration::kRaw;
   const ImportedScene raw = ImportDataset("7scenes", layout.folder, options).at(0);
   EXPECT_TRUE(IsNearPose(raw.references[0].cam_from_world.Inverse(),
@@ -72,7 +72,7 @@ TEST(SevenScenes, PosesAreMovedToTheColourCameraUnlessTheyAreWantedRaw) {
                          1e-9));
   EXPECT_THAT(raw.notes[0], HasSubstr("those of the depth camera"));
   EXPECT_NEAR((raw.references[0].cam_from_world.OriginInSource() -
-               colour.references[0].cam_from_world.OriginInSource())
+               color.references[0].cam_from_world.OriginInSource())
                   .norm(),
               0.0256, 1e-4);
 }
@@ -278,7 +278,7 @@ TEST(Tum, CamerasFollowTheFoldersName) {
     EXPECT_EQ(scene.warnings.size(), name == "other" ? 1u : 0u);
     return scene.queries.at(0).camera.ToString();
   };
-  // Published with pixel centres at whole numbers: half a pixel less than here.
+  // Published with pixel centers at whole numbers: half a pixel less than here.
   EXPECT_TRUE(camera("rgbd_dataset_freiburg1_desk")
                   .starts_with("FULL_OPENCV 640 480 517.306408 516.469215 319.14304 255.813989 "
                                "0.262383 -0.953104 -0.005358 0.002628 1.163314 0 0 0"));

@@ -21,7 +21,7 @@ constexpr const char* kCambridgeHeader =
     "Visual Landmark Dataset V1\nImageFile, Camera Position [X Y Z W P Q R]\n\n";
 
 // A quarter turn about y, world to camera: what lies along x of the world lies behind the camera.
-TEST(Cambridge, RowsHoldTheCameraCentre) {
+TEST(Cambridge, RowsHoldTheCameraCenter) {
   const Layout layout = WriteCambridge(TestFolder(), RandomInput());
   const std::string half = "0.70710678118654757";
   WriteFile(layout.folder / "dataset_test.txt",
@@ -56,7 +56,7 @@ TEST(Cambridge, FocalLengthsAreThoseOfTheNvm) {
                           HasSubstr("photograph is missing (first: seq1/frame00000.png)")));
 }
 
-// VisualSFM's r brings the measured pixel m (in focal lengths from the centre) to m (1 + r |m|^2);
+// VisualSFM's r brings the measured pixel m (in focal lengths from the center) to m (1 + r |m|^2);
 // the row is `name f qw qx qy qz cx cy cz r 0` (ccwu.me/vsfm/doc.html#nvm). Up to the order of r^2
 // the camera must put a point there.
 TEST(Cambridge, VisualSfmsDistortionIsUndone) {
@@ -151,7 +151,7 @@ TEST(Cmu, CamerasAndTimesFollowTheNames) {
   EXPECT_EQ(scene.thresholds, "cmu");
 }
 
-TEST(Cmu, ListsHoldTheCameraCentre) {
+TEST(Cmu, ListsHoldTheCameraCenter) {
   const Layout layout = WriteCmu(TestFolder(), RandomInput());
   WriteFile(layout.folder / "slice2/camera-poses/a.txt",
             layout.queries[0].name + " 0 1 0 0 10 20 30\nelsewhere.jpg 1 0 0 0 1 2 3\n");

@@ -62,11 +62,11 @@ TEST(Covariance, StandardDeviationsFollowFromIt) {
   const SyntheticProblem made = MakeSyntheticProblem("covariance", FewMatches(), rng);
   const PoseEstimate estimate = EstimateWith(Method::kAdaptive, made.problem);
   ASSERT_TRUE(estimate.covariance);
-  // The centre is -R' t; a step (w, v) moves it by -R' v.
+  // The center is -R' t; a step (w, v) moves it by -R' v.
   const Eigen::Matrix3d rotation = estimate.cam_from_world->rotation.toRotationMatrix();
-  const Eigen::Matrix3d centre =
+  const Eigen::Matrix3d center =
       rotation.transpose() * estimate.covariance->bottomRightCorner<3, 3>() * rotation;
-  EXPECT_NEAR(estimate.position_sigma, std::sqrt(centre.trace()), 1e-12);
+  EXPECT_NEAR(estimate.position_sigma, std::sqrt(center.trace()), 1e-12);
   EXPECT_NEAR(estimate.rotation_sigma_deg,
               std::sqrt(estimate.covariance->topLeftCorner<3, 3>().trace()) * 180 / std::acos(-1),
               1e-12);

@@ -39,8 +39,8 @@ PoseProblem WithFactors(const PoseProblem& problem, const std::vector<double>& f
   PoseProblem scaled = problem;
   for (Match2D3D& match : scaled.matches_2d3d) {
     const auto reference = static_cast<size_t>(match.reference.value());
-    const Eigen::Vector3d centre = problem.references[reference].cam_from_world.OriginInSource();
-    match.point_in_world = centre + factors[reference] * (match.point_in_world - centre);
+    const Eigen::Vector3d center = problem.references[reference].cam_from_world.OriginInSource();
+    match.point_in_world = center + factors[reference] * (match.point_in_world - center);
   }
   return scaled;
 }

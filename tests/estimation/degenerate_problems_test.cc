@@ -270,15 +270,15 @@ TEST_P(EveryUnit, ResultsDoNotDependOnTheUnit) {
     for (PosedImage& r : scaled.references) r.cam_from_world.translation *= GetParam();
     for (Match2D3D& m : scaled.matches_2d3d) m.point_in_world *= GetParam();
     for (const Method method : kEveryMethod) {
-      const PoseEstimate in_metres = EstimateWith(method, made.problem);
+      const PoseEstimate in_meters = EstimateWith(method, made.problem);
       PoseEstimate in_units = EstimateWith(method, scaled);
-      ASSERT_TRUE(in_metres.cam_from_world && in_units.cam_from_world);
+      ASSERT_TRUE(in_meters.cam_from_world && in_units.cam_from_world);
       in_units.cam_from_world->translation /= GetParam();
-      EXPECT_EQ(in_units.iterations, in_metres.iterations);
-      EXPECT_EQ(in_units.inliers_2d2d, in_metres.inliers_2d2d);
-      EXPECT_TRUE(IsNearPose(*in_units.cam_from_world, *in_metres.cam_from_world, 1e-6, 1e-7));
-      EXPECT_NEAR(in_units.position_sigma / GetParam(), in_metres.position_sigma,
-                  1e-6 * in_metres.position_sigma);
+      EXPECT_EQ(in_units.iterations, in_meters.iterations);
+      EXPECT_EQ(in_units.inliers_2d2d, in_meters.inliers_2d2d);
+      EXPECT_TRUE(IsNearPose(*in_units.cam_from_world, *in_meters.cam_from_world, 1e-6, 1e-7));
+      EXPECT_NEAR(in_units.position_sigma / GetParam(), in_meters.position_sigma,
+                  1e-6 * in_meters.position_sigma);
     }
   }
 }
@@ -312,7 +312,7 @@ TEST(DegenerateProblems, ADistantWorldOriginCostsNoAccuracy) {
   }
 }
 
-TEST(DegenerateProblems, ASharedCentreGivesTheRotationAndSaysSo) {
+TEST(DegenerateProblems, ASharedCenterGivesTheRotationAndSaysSo) {
   for (int i = 0; i < 5; ++i) {
     const SyntheticProblem made = Typical("shared_centre", i);
     const PoseEstimate estimate = EstimateWith(Method::kE5p1, made.problem);
@@ -351,7 +351,7 @@ TEST(DegenerateProblems, OutliersAloneEndInTime) {
   }
 }
 
-TEST(DegenerateProblems, TheQueryAtAReferencesCentreIsSolved) {
+TEST(DegenerateProblems, TheQueryAtAReferencesCenterIsSolved) {
   SyntheticOptions options;
   options.layout = ReferenceLayout::kCoincident;
   options.sigma_px = 0;

@@ -17,16 +17,16 @@ Vector3d RandomVector(Rng& rng, double extent) {
   return {x, y, rng.Uniform(-extent, extent)};
 }
 
-// Three points before three cameras of a rig, whose centres lie within `baseline`.
+// Three points before three cameras of a rig, whose centers lie within `baseline`.
 struct Seen {
   Rigid3 rig_from_world;
-  std::array<Vector3d, 3> centres, rays, points;
+  std::array<Vector3d, 3> centers, rays, points;
 
   Seen(Rng& rng, double baseline) : rig_from_world(RandomRigid3(rng, 10)) {
     for (size_t i = 0; i < 3; ++i) {
       const Vector3d in_rig = Vector3d(0, 0, 6) + RandomVector(rng, 5);
-      centres[i] = RandomVector(rng, baseline);
-      rays[i] = (in_rig - centres[i]).normalized();
+      centers[i] = RandomVector(rng, baseline);
+      rays[i] = (in_rig - centers[i]).normalized();
       points[i] = rig_from_world.Inverse() * in_rig;
     }
   }
@@ -49,7 +49,7 @@ TEST(GeneralizedP3p, FindsTheTruePoseOfExactPoints) {
     for (int i = 0; i < 2000; ++i) {
       const Seen seen(rng, baseline);
       Poses poses;
-      const int count = SolveGeneralizedP3p(seen.centres, seen.rays, seen.points, poses);
+      const int count = SolveGeneralizedP3p(seen.centers, seen.rays, seen.points, poses);
       const double distance = seen.NearestOf(std::span(poses).first(static_cast<size_t>(count)));
       found += distance < 1e-4 ? 1 : 0;
       exact += distance < 1e-9 ? 1 : 0;
@@ -65,20 +65,20 @@ TEST(GeneralizedP3p, EachSolutionPutsThePointsOntoTheirRays) {
   for (int i = 0; i < 2000; ++i) {
     const Seen seen(rng, 3);
     Poses poses;
-    const int count = SolveGeneralizedP3p(seen.centres, seen.rays, seen.points, poses);
+    const int count = SolveGeneralizedP3p(seen.centers, seen.rays, seen.points, poses);
     for (int s = 0; s < count; ++s) {
       const SolverPose& pose = poses[static_cast<size_t>(s)];
       EXPECT_NEAR(pose.rotation.determinant(), 1, 1e-12);
       for (size_t k = 0; k < 3; ++k) {
-        const Vector3d ray = pose.rotation * seen.points[k] + pose.translation - seen.centres[k];
+        const Vector3d ray = pose.rotation * seen.points[k] + pose.translation - seen.centers[k];
         EXPECT_LT((ray.normalized() - seen.rays[k]).norm(), 1e-7);
       }
     }
   }
 }
 
-// With all centres at one place it is P3P; its solutions are then those.
-TEST(GeneralizedP3p, OfOneCentreIsP3p) {
+// With all centers at one place it is P3P; its solutions are then those.
+TEST(GeneralizedP3p, OfOneCenterIsP3p) {
   Rng rng = TestRng();
   int agree = 0;
   constexpr int kSamples = 1000;
@@ -87,7 +87,7 @@ TEST(GeneralizedP3p, OfOneCentreIsP3p) {
     std::array<SolverPose, 4> of_p3p;
     Poses poses;
     const int count_p3p = SolveP3p(seen.rays, seen.points, of_p3p);
-    const int count = SolveGeneralizedP3p(seen.centres, seen.rays, seen.points, poses);
+    const int count = SolveGeneralizedP3p(seen.centers, seen.rays, seen.points, poses);
     bool same = count == count_p3p;
     for (int s = 0; s < count_p3p; ++s) {
       const SolverPose& pose = of_p3p[static_cast<size_t>(s)];
@@ -101,11 +101,11 @@ TEST(GeneralizedP3p, OfOneCentreIsP3p) {
 }
 
 TEST(GeneralizedP3p, CollinearPointsGiveNone) {
-  const std::array<Vector3d, 3> centres{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}};
+  const std::array<Vector3d, 3> centers{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}};
   const std::array<Vector3d, 3> rays{{{0, 0, 1}, {0, 0, 1}, {0, 0, 1}}};
   Poses poses;
-  EXPECT_EQ(SolveGeneralizedP3p(centres, rays, {{{0, 0, 5}, {1, 0, 5}, {2, 0, 5}}}, poses), 0);
-  EXPECT_EQ(SolveGeneralizedP3p(centres, rays, {{{0, 0, 5}, {0, 0, 5}, {0, 0, 5}}}, poses), 0);
+  EXPECT_EQ(SolveGeneralizedP3p(centers, rays, {{{0, 0, 5}, {1, 0, 5}, {2, 0, 5}}}, poses), 0);
+  EXPECT_EQ(SolveGeneralizedP3p(centers, rays, {{{0, 0, 5}, {0, 0, 5}, {0, 0, 5}}}, poses), 0);
 }
 
 }  // namespace

@@ -107,10 +107,10 @@ class Maker {
         AllCameraModels()[rng_.UniformIndex(static_cast<uint32_t>(AllCameraModels().size()))];
     std::array<double, kMaxCameraParams> params{};
     for (int i = 0; i < info.num_params; ++i) {
-      const bool is_centre = i == info.num_focal_lengths || i == info.num_focal_lengths + 1;
+      const bool is_center = i == info.num_focal_lengths || i == info.num_focal_lengths + 1;
       if (i < info.num_focal_lengths || info.num_focal_lengths == 0) {
         params[static_cast<size_t>(i)] = 500;
-      } else if (is_centre) {
+      } else if (is_center) {
         params[static_cast<size_t>(i)] = 300;
       } else {
         params[static_cast<size_t>(i)] = Pick({0.0, 0.01, -0.1, 0.5, -3.0, 1e10});
@@ -136,9 +136,9 @@ class Maker {
   Rigid3 SomePose() {
     Rigid3 pose;
     pose.rotation = RotationFromVector(InBall() * Pick({0.0, 0.1, 1.0}));
-    const Vector3d centre = InBall() * (shared_centre_ ? 0 : 0.5);
-    const Vector3d towards = pose.rotation.conjugate() * Vector3d(0, 0, -5);
-    pose.translation = -(pose.rotation * (middle_ + unit_ * (centre + towards)));
+    const Vector3d center = InBall() * (shared_centre_ ? 0 : 0.5);
+    const Vector3d toward = pose.rotation.conjugate() * Vector3d(0, 0, -5);
+    pose.translation = -(pose.rotation * (middle_ + unit_ * (center + toward)));
     return pose;
   }
 

@@ -59,8 +59,8 @@ std::vector<unsigned char> AllOutputs(const kernels::KernelTable& table, const N
   const auto pairs = MakePairBlocks<double>(problem.pairs, AllIndices(problem.pairs.size()));
   const auto pose = ToKernelPose<double>(near.local);
   const auto pose_float = ToKernelPose<float>(near.local);
-  const auto centres = CentresInCam<double>(problem, near.local);
-  const auto centres_float = CentresInCam<float>(problem, near.local);
+  const auto centers = CentersInCam<double>(problem, near.local);
+  const auto centers_float = CentersInCam<float>(problem, near.local);
   const auto& points_float = problem.point_blocks;
   const auto& pairs_float = problem.pair_blocks;
   const int* reference_float = problem.pair_block_view.data();
@@ -69,14 +69,14 @@ std::vector<unsigned char> AllOutputs(const kernels::KernelTable& table, const N
   std::vector<unsigned char> bytes;
   AppendScore(table.score_points(points_float.data(), size(points_float), pose_float), bytes);
   AppendScore(table.score_pairs(pairs_float.data(), reference_float, size(pairs_float), pose_float,
-                                centres_float.data()),
+                                centers_float.data()),
               bytes);
   std::vector<double> residuals(points.size() * kernels::kLanes<double>);
   table.point_residuals(points.data(), size(points), pose, residuals.data());
   for (const double r : residuals) Append(r, bytes);
   residuals.resize(pairs.blocks.size() * kernels::kLanes<double>);
   table.pair_residuals(pairs.blocks.data(), pairs.block_view.data(), size(pairs.blocks), pose,
-                       centres.data(), residuals.data());
+                       centers.data(), residuals.data());
   for (const double r : residuals) Append(r, bytes);
   std::vector<float> float_residuals(points_float.size() * kernels::kLanes<float>);
   table.point_residuals_float(points_float.data(), size(points_float), pose_float,
@@ -84,18 +84,18 @@ std::vector<unsigned char> AllOutputs(const kernels::KernelTable& table, const N
   for (const float r : float_residuals) Append(r, bytes);
   float_residuals.resize(pairs_float.size() * kernels::kLanes<float>);
   table.pair_residuals_float(pairs_float.data(), reference_float, size(pairs_float), pose_float,
-                             centres_float.data(), float_residuals.data());
+                             centers_float.data(), float_residuals.data());
   for (const float r : float_residuals) Append(r, bytes);
   for (const kernels::KernelLoss& loss : kLosses) {
     AppendNormals(table.point_normals(points.data(), size(points), pose, loss), bytes);
     AppendNormals(table.pair_normals(pairs.blocks.data(), pairs.block_view.data(),
-                                     size(pairs.blocks), pose, centres.data(), loss),
+                                     size(pairs.blocks), pose, centers.data(), loss),
                   bytes);
     AppendNormals(
         table.point_normals_float(points_float.data(), size(points_float), pose_float, loss),
         bytes);
     AppendNormals(table.pair_normals_float(pairs_float.data(), reference_float, size(pairs_float),
-                                           pose_float, centres_float.data(), loss),
+                                           pose_float, centers_float.data(), loss),
                   bytes);
   }
   return bytes;
@@ -190,7 +190,7 @@ KernelErrors ErrorsByKernels(const NearTruth& near) {
   const auto& table = kernels::ActiveKernels();
   const PreparedProblem& problem = near.prepared;
   const auto pose = ToKernelPose<double>(near.local);
-  const auto centres = CentresInCam<double>(problem, near.local);
+  const auto centers = CentersInCam<double>(problem, near.local);
   const auto points =
       MakePointBlocks<double>(problem.points, AllIndices(problem.points.size())).blocks;
   const auto pairs = MakePairBlocks<double>(problem.pairs, AllIndices(problem.pairs.size()));
@@ -200,7 +200,7 @@ KernelErrors ErrorsByKernels(const NearTruth& near) {
   errors.points.resize(problem.points.size());
   std::vector<double> lanes(pairs.lane_pair.size());
   table.pair_residuals(pairs.blocks.data(), pairs.block_view.data(),
-                       static_cast<int>(pairs.blocks.size()), pose, centres.data(), lanes.data());
+                       static_cast<int>(pairs.blocks.size()), pose, centers.data(), lanes.data());
   errors.pairs.resize(problem.pairs.size());
   for (size_t i = 0; i < lanes.size(); ++i) {
     if (pairs.lane_pair[i] >= 0) errors.pairs[pairs.lane_pair[i]] = lanes[i];
@@ -316,10 +316,10 @@ KindNormals NormalsAt(const NearTruth& near, const SolverPose& local,
       MakePointBlocks<double>(problem.points, AllIndices(problem.points.size())).blocks;
   const auto pairs = MakePairBlocks<double>(problem.pairs, AllIndices(problem.pairs.size()));
   const auto pose = ToKernelPose<double>(local);
-  const auto centres = CentresInCam<double>(problem, local);
+  const auto centers = CentersInCam<double>(problem, local);
   return {table.point_normals(points.data(), static_cast<int>(points.size()), pose, loss),
           table.pair_normals(pairs.blocks.data(), pairs.block_view.data(),
-                             static_cast<int>(pairs.blocks.size()), pose, centres.data(), loss)};
+                             static_cast<int>(pairs.blocks.size()), pose, centers.data(), loss)};
 }
 
 TEST(Kernels, GradientsMatchCentralDifferencesOfTheCost) {
@@ -393,13 +393,13 @@ TEST(Kernels, SinglePrecisionNormalEquationsAgreeWithDouble) {
   const auto& table = kernels::ActiveKernels();
   const KindNormals exact = NormalsAt(near, near.local, kLosses[1]);
   const auto pose = ToKernelPose<float>(near.local);
-  const auto centres = CentresInCam<float>(problem, near.local);
+  const auto centers = CentersInCam<float>(problem, near.local);
   const kernels::KernelLoss& loss = kLosses[1];
   const auto points = table.point_normals_float(
       problem.point_blocks.data(), static_cast<int>(problem.point_blocks.size()), pose, loss);
   const auto pairs = table.pair_normals_float(
       problem.pair_blocks.data(), problem.pair_block_view.data(),
-      static_cast<int>(problem.pair_blocks.size()), pose, centres.data(), loss);
+      static_cast<int>(problem.pair_blocks.size()), pose, centers.data(), loss);
   EXPECT_LT((Unpacked(points) - Unpacked(exact.points)).norm(), 1e-3 * Unpacked(points).norm());
   EXPECT_LT((Unpacked(pairs) - Unpacked(exact.pairs)).norm(), 1e-3 * Unpacked(pairs).norm());
 }

@@ -10,7 +10,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-const std::array<Vector3d, 2> kOneCentre{Vector3d::Zero(), Vector3d::Zero()};
+const std::array<Vector3d, 2> kOneCenter{Vector3d::Zero(), Vector3d::Zero()};
 
 Vector3d RandomVector(Rng& rng, double extent) {
   const double x = rng.Uniform(-extent, extent);
@@ -41,12 +41,12 @@ double Distance(const SolverPose& pose, const Rigid3& truth) {
                   (pose.translation - truth.translation).norm());
 }
 
-TEST(P2p, OfAKnownCentreIsExact) {
+TEST(P2p, OfAKnownCenterIsExact) {
   Rng rng = TestRng();
   for (int i = 0; i < 1000; ++i) {
     const Seen seen = MakeSeen(rng);
     const auto pose =
-        SolvePoseAtCentre(seen.rays, seen.points, seen.cam_from_world.OriginInSource());
+        SolvePoseAtCenter(seen.rays, seen.points, seen.cam_from_world.OriginInSource());
     ASSERT_TRUE(pose);
     EXPECT_LT(Distance(*pose, seen.cam_from_world), 1e-8);
   }
@@ -58,7 +58,7 @@ TEST(P2p, OfAKnownVerticalIsExact) {
     const Seen seen = MakeSeen(rng);
     const Vector3d down = RandomVector(rng, 1).normalized();
     std::array<SolverPose, 2> poses;
-    const int count = SolveUprightPose(kOneCentre, seen.rays, seen.points,
+    const int count = SolveUprightPose(kOneCenter, seen.rays, seen.points,
                                        seen.cam_from_world.rotation * down, down, poses);
     ASSERT_GE(count, 1);
     double nearest = 1e9;
@@ -80,14 +80,14 @@ TEST(P2p, OfAKnownVerticalIsExactForTwoCameras) {
   Rng rng = TestRng();
   for (int i = 0; i < 1000; ++i) {
     Seen seen = MakeSeen(rng);
-    std::array<Vector3d, 2> centres;
+    std::array<Vector3d, 2> centers;
     for (int k = 0; k < 2; ++k) {
-      centres[k] = RandomVector(rng, 1);
-      seen.rays[k] = (seen.cam_from_world * seen.points[k] - centres[k]).normalized();
+      centers[k] = RandomVector(rng, 1);
+      seen.rays[k] = (seen.cam_from_world * seen.points[k] - centers[k]).normalized();
     }
     const Vector3d down = RandomVector(rng, 1).normalized();
     std::array<SolverPose, 2> poses;
-    const int count = SolveUprightPose(centres, seen.rays, seen.points,
+    const int count = SolveUprightPose(centers, seen.rays, seen.points,
                                        seen.cam_from_world.rotation * down, down, poses);
     double nearest = 1e9;
     for (int k = 0; k < count; ++k) {
@@ -100,18 +100,18 @@ TEST(P2p, OfAKnownVerticalIsExactForTwoCameras) {
 TEST(P2p, DegenerateSamplesGiveNone) {
   const Vector3d forward = Vector3d::UnitZ();
   const Vector3d down = Vector3d::UnitY();
-  const Vector3d centre = Vector3d::Zero();
+  const Vector3d center = Vector3d::Zero();
   const std::array<Vector3d, 2> points{{{0, 0, 5}, {1, 0, 5}}};
-  EXPECT_FALSE(SolvePoseAtCentre({forward, forward}, points, centre));
+  EXPECT_FALSE(SolvePoseAtCenter({forward, forward}, points, center));
   EXPECT_FALSE(
-      SolvePoseAtCentre({forward, points[1].normalized()}, {points[0], points[0]}, centre));
-  EXPECT_FALSE(SolvePoseAtCentre({forward, points[1].normalized()}, points, points[0]));
+      SolvePoseAtCenter({forward, points[1].normalized()}, {points[0], points[0]}, center));
+  EXPECT_FALSE(SolvePoseAtCenter({forward, points[1].normalized()}, points, points[0]));
   std::array<SolverPose, 2> poses;
   // Both rays level; one point above the other.
   EXPECT_EQ(
-      SolveUprightPose(kOneCentre, {forward, points[1].normalized()}, points, down, down, poses),
+      SolveUprightPose(kOneCenter, {forward, points[1].normalized()}, points, down, down, poses),
       0);
-  EXPECT_EQ(SolveUprightPose(kOneCentre, {forward, Vector3d(0, 1, 5).normalized()},
+  EXPECT_EQ(SolveUprightPose(kOneCenter, {forward, Vector3d(0, 1, 5).normalized()},
                              {Vector3d(0, 0, 5), Vector3d(0, 1, 5)}, down, down, poses),
             0);
 }

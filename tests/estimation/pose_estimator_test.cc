@@ -85,7 +85,7 @@ TEST_P(EveryRegime, P3pSolvesAllWithAccurateGeometry) {
 
 TEST_P(EveryRegime, E5p1SolvesAllWhereThePositionIsObservable) {
   if (GetParam() == "shared_centre" || GetParam() == "forward_motion") {
-    GTEST_SKIP() << "all centres are one, or lie on a line through the query's";
+    GTEST_SKIP() << "all centers are one, or lie on a line through the query's";
   }
   EXPECT_EQ(CountSolved(StandardOptions(Method::kE5p1), Problems()), kProblems);
 }

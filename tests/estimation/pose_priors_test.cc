@@ -103,7 +103,7 @@ CoherentOptions FewMatches() {
 }
 
 struct Counts {
-  int without = 0;  // poses within half a metre, 20 m from the facade
+  int without = 0;  // poses within half a meter, 20 m from the facade
   int with = 0;
 };
 

@@ -58,26 +58,26 @@ P3pInstance MakeP3pInstance(Rng& rng) {
 // Six matches: five to a first reference, one to a second.
 struct E5p1Instance {
   SolverPose truth;  // query_from_world
-  Vector3d centre;
+  Vector3d center;
   std::array<Vector3d, 5> query_rays;
   std::array<Vector3d, 5> reference_rays;  // in world axes
   RayPair sixth;
-  Vector3d sixth_centre;
+  Vector3d sixth_center;
 };
 E5p1Instance MakeE5p1Instance(Rng& rng, double baseline) {
   const Rigid3 pose = RandomRigid3(rng, 5);
   const Rigid3 world_from_query = pose.Inverse();
   E5p1Instance instance;
   instance.truth = {pose.rotation.toRotationMatrix(), pose.translation};
-  instance.centre = world_from_query * Vector3d(baseline * RandomDirection(rng));
-  instance.sixth_centre = world_from_query * Vector3d(baseline * RandomDirection(rng));
+  instance.center = world_from_query * Vector3d(baseline * RandomDirection(rng));
+  instance.sixth_center = world_from_query * Vector3d(baseline * RandomDirection(rng));
   for (int i = 0; i < 6; ++i) {
     const Vector3d point_in_query = RandomPoint(rng, 3, 10);
     const Vector3d point = world_from_query * point_in_query;
-    const Vector3d& centre = i < 5 ? instance.centre : instance.sixth_centre;
+    const Vector3d& center = i < 5 ? instance.center : instance.sixth_center;
     (i < 5 ? instance.query_rays[i] : instance.sixth.query_ray) = point_in_query.normalized();
     (i < 5 ? instance.reference_rays[i] : instance.sixth.reference_ray) =
-        (point - centre).normalized();
+        (point - center).normalized();
   }
   return instance;
 }
@@ -262,9 +262,9 @@ double NearestPose(const E5p1Instance& instance, double baseline) {
   double nearest = 10;
   for (int i = 0; i < count; ++i) {
     const auto length =
-        TranslationLength(relative[i], instance.centre, instance.sixth, instance.sixth_centre);
+        TranslationLength(relative[i], instance.center, instance.sixth, instance.sixth_center);
     if (!length) continue;
-    const SolverPose pose = QueryPose(relative[i], instance.centre, *length);
+    const SolverPose pose = QueryPose(relative[i], instance.center, *length);
     const double position = (pose.rotation.transpose() * pose.translation -
                              instance.truth.rotation.transpose() * instance.truth.translation)
                                 .norm();
@@ -274,7 +274,7 @@ double NearestPose(const E5p1Instance& instance, double baseline) {
   return nearest;
 }
 
-// A solver that checks the sixth match with the first reference's centre finds 63 %.
+// A solver that checks the sixth match with the first reference's center finds 63 %.
 TEST(E5p1, ChecksTheSixthMatchInItsOwnReference) {
   Rng rng = TestRng();
   EXPECT_GE(ShareFound(rng, [](Rng& r) { return NearestPose(MakeE5p1Instance(r, 2), 2); }), 0.99);
@@ -286,24 +286,24 @@ TEST(E5p1, SixthMatchBehindItsReferenceIsRejected) {
     E5p1Instance instance = MakeE5p1Instance(rng, 2);
     const RelativePose truth = {
         instance.truth.rotation,
-        (instance.truth.translation + instance.truth.rotation * instance.centre).normalized()};
-    EXPECT_TRUE(TranslationLength(truth, instance.centre, instance.sixth, instance.sixth_centre));
+        (instance.truth.translation + instance.truth.rotation * instance.center).normalized()};
+    EXPECT_TRUE(TranslationLength(truth, instance.center, instance.sixth, instance.sixth_center));
     instance.sixth.reference_ray *= -1;
-    EXPECT_FALSE(TranslationLength(truth, instance.centre, instance.sixth, instance.sixth_centre));
+    EXPECT_FALSE(TranslationLength(truth, instance.center, instance.sixth, instance.sixth_center));
   }
 }
 
 // Three matches to a reference whose depths have one unknown factor, and one to another reference.
 struct D3p1Instance {
   SolverPose truth;  // query_from_world
-  Vector3d centre;
+  Vector3d center;
   std::array<Vector3d, 3> query_rays;
-  std::array<Vector3d, 3> points_from_centre;  // times the factor
+  std::array<Vector3d, 3> points_from_center;  // times the factor
   RayPair fourth;
-  Vector3d fourth_centre;
+  Vector3d fourth_center;
 
   RelativePose TrueRelativePose() const {
-    return {truth.rotation, (truth.translation + truth.rotation * centre).normalized()};
+    return {truth.rotation, (truth.translation + truth.rotation * center).normalized()};
   }
 };
 D3p1Instance MakeD3p1Instance(Rng& rng) {
@@ -311,30 +311,30 @@ D3p1Instance MakeD3p1Instance(Rng& rng) {
   const Rigid3 world_from_query = pose.Inverse();
   D3p1Instance instance;
   instance.truth = {pose.rotation.toRotationMatrix(), pose.translation};
-  instance.centre = world_from_query * Vector3d(2 * RandomDirection(rng));
-  instance.fourth_centre = world_from_query * Vector3d(2 * RandomDirection(rng));
+  instance.center = world_from_query * Vector3d(2 * RandomDirection(rng));
+  instance.fourth_center = world_from_query * Vector3d(2 * RandomDirection(rng));
   const double factor = std::exp(rng.Uniform(-3, 3));
   for (int i = 0; i < 3; ++i) {
     const Vector3d point_in_query = RandomPoint(rng, 3, 10);
     instance.query_rays[i] = point_in_query.normalized();
-    instance.points_from_centre[i] = factor * (world_from_query * point_in_query - instance.centre);
+    instance.points_from_center[i] = factor * (world_from_query * point_in_query - instance.center);
   }
   const Vector3d point_in_query = RandomPoint(rng, 3, 10);
   instance.fourth = {point_in_query.normalized(),
-                     (world_from_query * point_in_query - instance.fourth_centre).normalized()};
+                     (world_from_query * point_in_query - instance.fourth_center).normalized()};
   return instance;
 }
 
 std::vector<SolverPose> SolveD3p1(const D3p1Instance& instance) {
   std::array<RelativePose, 4> relative;
   const int count =
-      SolveRelativePoseByDepth(instance.query_rays, instance.points_from_centre, relative);
+      SolveRelativePoseByDepth(instance.query_rays, instance.points_from_center, relative);
   std::vector<SolverPose> poses;
   for (int i = 0; i < count; ++i) {
     EXPECT_TRUE(relative[i].rotation.allFinite() && relative[i].direction.allFinite());
     const auto length =
-        TranslationLength(relative[i], instance.centre, instance.fourth, instance.fourth_centre);
-    if (length) poses.push_back(QueryPose(relative[i], instance.centre, *length));
+        TranslationLength(relative[i], instance.center, instance.fourth, instance.fourth_center);
+    if (length) poses.push_back(QueryPose(relative[i], instance.center, *length));
   }
   return poses;
 }
@@ -371,13 +371,13 @@ TEST(D3p1, EverySolutionMeetsItsFourMatches) {
       };
       // The factor at which the first point is nearest to its ray, times the others.
       const Vector3d first = world_ray(instance.query_rays[0]);
-      const Vector3d across = first.cross(instance.points_from_centre[0]);
+      const Vector3d across = first.cross(instance.points_from_center[0]);
       const double factor =
-          -across.dot(first.cross(instance.centre - query)) / across.squaredNorm();
+          -across.dot(first.cross(instance.center - query)) / across.squaredNorm();
       ASSERT_GT(factor, 0);
       double largest = 0;
       for (int k = 0; k < 3; ++k) {
-        const Vector3d point = instance.centre + factor * instance.points_from_centre[k];
+        const Vector3d point = instance.center + factor * instance.points_from_center[k];
         largest = std::max(
             largest, ((point - query).normalized() - world_ray(instance.query_rays[k])).norm());
       }
@@ -385,7 +385,7 @@ TEST(D3p1, EverySolutionMeetsItsFourMatches) {
       const Vector3d fourth = world_ray(instance.fourth.query_ray);
       Eigen::Matrix<double, 3, 2> rays;
       rays << fourth, -instance.fourth.reference_ray;
-      const Vector3d baseline = instance.fourth_centre - query;
+      const Vector3d baseline = instance.fourth_center - query;
       const Eigen::Vector2d along = rays.colPivHouseholderQr().solve(baseline);
       EXPECT_GT(along.minCoeff(), 0);
       largest = std::max(largest, (rays * along - baseline).norm() / baseline.norm());
@@ -397,12 +397,12 @@ TEST(D3p1, EverySolutionMeetsItsFourMatches) {
   EXPECT_GE(exact, 0.995 * solutions);
 }
 
-TEST(D3p1, AQueryAtTheReferencesCentreHasNoSolution) {
+TEST(D3p1, AQueryAtTheReferencesCenterHasNoSolution) {
   Rng rng = TestRng();
   for (int trial = 0; trial < 1000; ++trial) {
     D3p1Instance instance = MakeD3p1Instance(rng);
     for (int k = 0; k < 3; ++k) {
-      instance.points_from_centre[k] =
+      instance.points_from_center[k] =
           instance.truth.rotation.transpose() * instance.query_rays[k] * rng.Uniform(3, 10);
     }
     // P3P's other solutions are elsewhere.
@@ -413,11 +413,11 @@ TEST(D3p1, AQueryAtTheReferencesCentreHasNoSolution) {
   }
 }
 
-TEST(D3p1, AFourthMatchOfTheSameCentreHasNoSolution) {
+TEST(D3p1, AFourthMatchOfTheSameCenterHasNoSolution) {
   Rng rng = TestRng();
   for (int trial = 0; trial < 1000; ++trial) {
     D3p1Instance instance = MakeD3p1Instance(rng);
-    instance.fourth_centre = instance.centre;
+    instance.fourth_center = instance.center;
     EXPECT_TRUE(SolveD3p1(instance).empty());
   }
 }
@@ -429,16 +429,16 @@ TEST(D3p1, AFourthRayAlongTheBaselineHasNoSolution) {
     const RelativePose truth = instance.TrueRelativePose();
     instance.fourth.query_ray = truth.direction;
     EXPECT_FALSE(
-        TranslationLength(truth, instance.centre, instance.fourth, instance.fourth_centre));
+        TranslationLength(truth, instance.center, instance.fourth, instance.fourth_center));
     // Nor one whose plane with its reference's ray holds the baseline.
     instance.fourth.query_ray =
         (truth.direction + 0.3 * truth.rotation * instance.fourth.reference_ray).normalized();
     EXPECT_FALSE(
-        TranslationLength(truth, instance.centre, instance.fourth, instance.fourth_centre));
+        TranslationLength(truth, instance.center, instance.fourth, instance.fourth_center));
     // Nor parallel rays.
     instance.fourth.query_ray = truth.rotation * instance.fourth.reference_ray;
     EXPECT_FALSE(
-        TranslationLength(truth, instance.centre, instance.fourth, instance.fourth_centre));
+        TranslationLength(truth, instance.center, instance.fourth, instance.fourth_center));
   }
 }
 
@@ -449,12 +449,12 @@ TEST(D3p1, ANegativeFactorHasNoSolution) {
     const RelativePose truth = instance.TrueRelativePose();
     // A fourth match as a query on the other side of the reference would have it.
     const Vector3d query = -instance.truth.rotation.transpose() * instance.truth.translation;
-    const Vector3d opposite = 2 * instance.centre - query;
+    const Vector3d opposite = 2 * instance.center - query;
     const Vector3d point = query + instance.truth.rotation.transpose() * RandomPoint(rng, 3, 10);
     instance.fourth = {(instance.truth.rotation * (point - opposite)).normalized(),
-                       (point - instance.fourth_centre).normalized()};
+                       (point - instance.fourth_center).normalized()};
     EXPECT_FALSE(
-        TranslationLength(truth, instance.centre, instance.fourth, instance.fourth_centre));
+        TranslationLength(truth, instance.center, instance.fourth, instance.fourth_center));
   }
 }
 
@@ -462,7 +462,7 @@ TEST(D3p1, CollinearAndCoincidingPointsHaveNoSolution) {
   Rng rng = TestRng();
   for (int trial = 0; trial < 1000; ++trial) {
     D3p1Instance instance = MakeD3p1Instance(rng);
-    auto& points = instance.points_from_centre;
+    auto& points = instance.points_from_center;
     points[2] = trial % 2 == 0 ? points[1] : Vector3d(2 * points[1] - points[0]);
     EXPECT_TRUE(SolveD3p1(instance).empty());
     points = {Vector3d::Zero(), Vector3d::Zero(), Vector3d::Zero()};

@@ -185,7 +185,7 @@ TEST(DepthErrors, AFactorIsAllThatAWrongScaleCosts) {
   EXPECT_EQ(errors->count, 4u);
   EXPECT_NEAR(errors->abs_rel, 0.5, 1e-12);
   EXPECT_NEAR(errors->rmse_log, std::log(1.5), 1e-12);
-  EXPECT_NEAR(errors->si_log, 0, 1e-6);  // the root of a cancelled sum
+  EXPECT_NEAR(errors->si_log, 0, 1e-6);  // the root of a canceled sum
   EXPECT_EQ(errors->delta_percent[0], 0);
   EXPECT_EQ(errors->delta_percent[1], 100);
   EXPECT_NEAR(errors->median_signed_error, 1.5, 1e-12);

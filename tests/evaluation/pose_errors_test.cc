@@ -11,15 +11,15 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::IsEmpty;
 
-Rigid3 PoseAt(const Eigen::Vector3d& centre, const Eigen::Vector3d& rotation_vector) {
+Rigid3 PoseAt(const Eigen::Vector3d& center, const Eigen::Vector3d& rotation_vector) {
   const Eigen::Quaterniond rotation = RotationFromVector(rotation_vector);
-  return {rotation, -(rotation * centre)};
+  return {rotation, -(rotation * center)};
 }
 
 // A pose whose position is wrong by `error`.
 Rigid3 Shifted(double error) { return PoseAt({error, 0, 0}, {0, 0, 0}); }
 
-TEST(ComparePoses, MeasuresCentresAndAngle) {
+TEST(ComparePoses, MeasuresCentersAndAngle) {
   const Rigid3 truth = PoseAt({1, 2, 3}, {0.3, -0.2, 0.1});
   Rigid3 estimate = PoseAt({1, 2.3, 3.4}, {0.3, -0.2, 0.1});
   estimate.rotation =
@@ -109,7 +109,7 @@ TEST(Comparison, SplitsByGroup) {
   EXPECT_THAT(day.unknown_names, IsEmpty());
 }
 
-TEST(Oracle, TakesTheSmallerMaximumOfCentimetresAndDegrees) {
+TEST(Oracle, TakesTheSmallerMaximumOfCentimetersAndDegrees) {
   const PosesByName truth = {
       {"a", Shifted(0)}, {"b", Shifted(0)}, {"c", Shifted(0)}, {"d", Shifted(0)}};
   const double deg = std::numbers::pi / 180;
@@ -129,7 +129,7 @@ TEST(Oracle, TakesTheSmallerMaximumOfCentimetresAndDegrees) {
     EXPECT_DOUBLE_EQ(oracle.queries[2].error.value().position, 1);
     EXPECT_DOUBLE_EQ(oracle.queries[3].error.value().position, 2);
   }
-  // In a scene of millimetres 0.03 units are 0.003 cm, so that degrees decide.
+  // In a scene of millimeters 0.03 units are 0.003 cm, so that degrees decide.
   EXPECT_DOUBLE_EQ(ChooseByOracle(a, b, 0.1).queries[0].error.value().position, 0.03);
   EXPECT_DOUBLE_EQ(ChooseByOracle(a, b, 1000).queries[0].error.value().position, 0.01);
   a.queries.pop_back();

@@ -107,7 +107,7 @@ TEST(ExperimentFile, ErrorsNameTheKey) {
   EXPECT_THAT(ErrorOf(good + "filter = \"2 px\"\n"), HasSubstr("names of [filters]"));
   EXPECT_THAT(ErrorOf(good + "[[table]]\nname = \"a b\"\nrows = \"method\"\n"),
               HasSubstr("table 1.name: expected letters"));
-  EXPECT_THAT(ErrorOf(good + "[[table]]\nname = \"a\"\nrows = \"colour\"\n"),
+  EXPECT_THAT(ErrorOf(good + "[[table]]\nname = \"a\"\nrows = \"color\"\n"),
               HasSubstr("table 1.rows: expected scene|every|"));
   EXPECT_THAT(ErrorOf(good + "[[claim]]\ntext = \"a\"\nfirst = {method = \"p3p\"}\n"),
               HasSubstr("claim 1.second: is missing"));

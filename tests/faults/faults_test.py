@@ -41,7 +41,7 @@ TIMES = {"milliseconds", "seconds", "match_ms", "lift_ms", "filter_ms", "estimat
 # ---- a small scene ----
 
 def write_room(path):
-    """A room whose walls have a random colour at each vertex."""
+    """A room whose walls have a random color at each vertex."""
     rng, steps, size = random.Random(1), 16, (6.0, 5.0, 3.0)
     vertices, faces = [], []
     for axis in range(3):
@@ -75,9 +75,9 @@ def write_model(folder, names, turn):
     lines = []
     for k, name in enumerate(names):
         yaw = 0.15 * k + turn
-        centre = (3 + 0.3 * math.sin(k + turn), 2.5 + 0.3 * math.cos(2 * k), 1.5)
+        center = (3 + 0.3 * math.sin(k + turn), 2.5 + 0.3 * math.cos(2 * k), 1.5)
         rows = ((math.sin(yaw), -math.cos(yaw), 0), (0, 0, -1), (math.cos(yaw), math.sin(yaw), 0))
-        t = [-sum(r * c for r, c in zip(row, centre)) for row in rows]
+        t = [-sum(r * c for r, c in zip(row, center)) for row in rows]
         w = math.sqrt(1 + rows[0][0] + rows[1][1] + rows[2][2]) / 2
         q = (w, (rows[2][1] - rows[1][2]) / (4 * w), (rows[0][2] - rows[2][0]) / (4 * w),
              (rows[1][0] - rows[0][1]) / (4 * w))
@@ -182,7 +182,7 @@ COMMANDS = [
     Command("prepare", ["prepare", *LOCALIZE[1:], "--out", "OUT/o", "--cache", "OUT/cache"]),
     Command("views", ["views", "--geometry", "mesh:room.ply", "--mode", "around", "--count", "3", "--threads", "2",
                       "--out", "OUT/o"], "--overwrite"),
-    Command("colour", ["colour", "room.ply", "--model", "model", "--images", "rendered/color", "--threads", "2",
+    Command("color", ["color", "room.ply", "--model", "model", "--images", "rendered/color", "--threads", "2",
                        "--quiet", "--out", "OUT/c.ply"]),
     Command("status", ["status", "rendered"]),
     Command("merge", ["merge", "OUT/o", "OUT/shard0", "OUT/shard1"], copies=("shard0", "shard1")),

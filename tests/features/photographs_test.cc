@@ -21,11 +21,11 @@
 namespace raylift {
 namespace {
 
-Image ReadGrey(const std::filesystem::path& path) {
-  const cv::Mat grey =
+Image ReadGray(const std::filesystem::path& path) {
+  const cv::Mat gray =
       cv::imread(path.string(), cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
-  Image image{.width_px = grey.cols, .height_px = grey.rows, .channels = 1, .data = {}};
-  image.data.assign(grey.data, grey.data + grey.total());
+  Image image{.width_px = gray.cols, .height_px = gray.rows, .channels = 1, .data = {}};
+  image.data.assign(gray.data, gray.data + gray.total());
   return image;
 }
 
@@ -33,7 +33,7 @@ std::vector<Features> ExtractAll(const std::filesystem::path& image_folder,
                                  const std::vector<PosedImage>& images) {
   std::vector<Features> features(images.size());
   ParallelFor(images.size(), 0, [&](size_t i) {
-    features[i] = ExtractRootSift(ReadGrey(image_folder / images[i].name));
+    features[i] = ExtractRootSift(ReadGray(image_folder / images[i].name));
   });
   return features;
 }
@@ -137,7 +137,7 @@ TEST(RootSiftOnPhotographs, KeypointsLieWhereColmapFindsThem) {
   if (!data) GTEST_SKIP() << "sceaux_sfm is not on this machine";
   const ColmapModel model = ReadColmapModel(*data / "model_full");
   const ColmapImage& image = model.images.begin()->second;
-  const Features features = ExtractRootSift(ReadGrey(*data / "images" / image.name));
+  const Features features = ExtractRootSift(ReadGray(*data / "images" / image.name));
   std::vector<double> x_differences_px, y_differences_px;
   for (const Eigen::Vector2d& keypoint_px : features.keypoints_px) {
     const auto nearest = std::min_element(

@@ -12,13 +12,13 @@
 namespace raylift {
 namespace {
 
-Image GreyImage(int width_px, int height_px, uint8_t value) {
+Image GrayImage(int width_px, int height_px, uint8_t value) {
   Image image{.width_px = width_px, .height_px = height_px, .channels = 1, .data = {}};
   image.data.assign(static_cast<size_t>(width_px) * height_px, value);
   return image;
 }
 
-// Adds a bright Gaussian blob; the centre is in our pixels (the first pixel's centre is (0.5,
+// Adds a bright Gaussian blob; the center is in our pixels (the first pixel's center is (0.5,
 // 0.5)).
 void AddBlob(const Eigen::Vector2d& center_px, double sigma_px, double height, Image& image) {
   const double radius_px = 5 * sigma_px;
@@ -37,7 +37,7 @@ void AddBlob(const Eigen::Vector2d& center_px, double sigma_px, double height, I
 
 // Blobs of random sizes all over: a picture with a few hundred features.
 Image RandomPicture(Rng& rng, int width_px, int height_px) {
-  Image image = GreyImage(width_px, height_px, 90);
+  Image image = GrayImage(width_px, height_px, 90);
   const int num_blobs = width_px * height_px / 300;
   for (int i = 0; i < num_blobs; ++i) {
     const Eigen::Vector2d center_px(rng.Uniform(0, width_px), rng.Uniform(0, height_px));
@@ -56,7 +56,7 @@ struct Localization {
 // random places between the pixels.
 Localization LocalizeBlobs(Rng& rng, double sigma_px, int width_px, int height_px,
                            const RootSiftOptions& options) {
-  Image image = GreyImage(width_px, height_px, 60);
+  Image image = GrayImage(width_px, height_px, 60);
   std::vector<Eigen::Vector2d> centers_px;
   const int step_px = static_cast<int>(8 * sigma_px) + 12;
   for (int y = step_px; y < height_px - step_px; y += step_px) {
@@ -164,11 +164,11 @@ TEST(RootSift, NeitherNeedsNorSetsOpenCvsThreads) {
 
 TEST(RootSift, FindsNothingInEmptyFlatOrTinyImages) {
   EXPECT_TRUE(ExtractRootSift(Image{}).keypoints_px.empty());
-  EXPECT_TRUE(ExtractRootSift(GreyImage(100, 80, 128)).keypoints_px.empty());
+  EXPECT_TRUE(ExtractRootSift(GrayImage(100, 80, 128)).keypoints_px.empty());
   Rng rng = TestRng();
   for (int width_px = 1; width_px <= 24; ++width_px) {
     for (const int height_px : {1, 2, 7, 8, 9, 100}) {
-      Image noise = GreyImage(width_px, height_px, 0);
+      Image noise = GrayImage(width_px, height_px, 0);
       for (uint8_t& value : noise.data) value = static_cast<uint8_t>(rng.UniformIndex(256));
       const Features features = ExtractRootSift(noise);
       EXPECT_EQ(features.descriptors.cols(), static_cast<int>(features.keypoints_px.size()));
@@ -178,7 +178,7 @@ TEST(RootSift, FindsNothingInEmptyFlatOrTinyImages) {
 }
 
 TEST(RootSift, ShrinksAVeryLongImageToNothingWithoutFailing) {
-  EXPECT_TRUE(ExtractRootSift(GreyImage(20000, 10, 7)).keypoints_px.empty());
+  EXPECT_TRUE(ExtractRootSift(GrayImage(20000, 10, 7)).keypoints_px.empty());
 }
 
 }  // namespace

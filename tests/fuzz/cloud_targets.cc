@@ -23,7 +23,7 @@ void Put(size_t at, T value, std::string& bytes) {
   bytes.replace(at, sizeof(T), reinterpret_cast<const char*>(&value), sizeof(T));
 }
 
-// Two points: version 1.2 with colours, or 1.4.
+// Two points: version 1.2 with colors, or 1.4.
 std::string LasSeed(bool is_14) {
   const size_t header = is_14 ? 375 : 227, record = is_14 ? 36 : 26;
   std::string bytes(header + 2 * record, '\0');

@@ -274,7 +274,7 @@ TEST(SampsonError, IsNoneWithoutABaseline) {
 }
 
 TEST(SampsonError, IsNoneWhereAPixelHasNoRay) {
-  const std::vector<double> params = {100, 320, 240, -1. / 12};  // folds 133 px off the centre
+  const std::vector<double> params = {100, 320, 240, -1. / 12};  // folds 133 px off the center
   const Camera folding(CameraModel::kSimpleRadial, 640, 480, params);
   const Camera pinhole = TypicalCameras()[1].camera;
   const Rigid3 pose;

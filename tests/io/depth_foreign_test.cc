@@ -185,14 +185,14 @@ cv2.imwrite('color.png', color); cv2.imwrite('color.tiff', color)
 cv2.imwrite('photo.jpg', color); cv2.imwrite('s16.tiff', ramp.astype('i2'))
 )");
   EXPECT_TRUE(FailsWithInputError([&] { ReadDepthFile(folder / "color.png"); },
-                                  {"color.png", "expected a grey PNG"}));
+                                  {"color.png", "expected a gray PNG"}));
   EXPECT_TRUE(FailsWithInputError([&] { ReadDepthFile(folder / "color.tiff"); },
                                   {"color.tiff", "expected a TIFF of one channel", "found 3"}));
   EXPECT_TRUE(FailsWithInputError([&] { ReadDepthFile(folder / "photo.jpg"); },
                                   {"photo.jpg", "expected a depth map (EXR"}));
 }
 
-TEST(DepthFromOpenCv, ExrReadsFloatHalfAndColours) {
+TEST(DepthFromOpenCv, ExrReadsFloatHalfAndColors) {
   SKIP_WITHOUT_NUMPY();
   const auto folder = TestFolder();
   RunNumpy(folder, R"(

@@ -25,7 +25,7 @@ TEST(ImageFile, PngKeepsEveryPixel) {
     const Image image = RandomImage(17, 5, channels);
     WriteImage(folder / "x.PNG", image);
     const Image back =
-        ReadImage(folder / "x.PNG", channels == 1 ? ImageChannels::kGrey : ImageChannels::kRgb);
+        ReadImage(folder / "x.PNG", channels == 1 ? ImageChannels::kGray : ImageChannels::kRgb);
     EXPECT_EQ(back.width_px, 17);
     EXPECT_EQ(back.height_px, 5);
     EXPECT_EQ(back.channels, channels);
@@ -39,7 +39,7 @@ TEST(ImageFile, ChannelsAreRedGreenBlueAndConvert) {
   EXPECT_THAT(ReadImage(path, ImageChannels::kRgb).data,
               testing::ElementsAre(255, 0, 0, 0, 0, 255));
   // Luma of Rec. 601: 0.299 for red, 0.114 for blue.
-  EXPECT_THAT(ReadImage(path, ImageChannels::kGrey).data, testing::ElementsAre(76, 29));
+  EXPECT_THAT(ReadImage(path, ImageChannels::kGray).data, testing::ElementsAre(76, 29));
   WriteImage(path, {2, 1, 1, {7, 200}});
   EXPECT_THAT(ReadImage(path, ImageChannels::kRgb).data,
               testing::ElementsAre(7, 7, 7, 200, 200, 200));
@@ -90,10 +90,10 @@ open(folder + '/turned.jpg', 'wb').write(data[:2] + app1 + data[2:])
 assert cv2.imread(folder + '/turned.jpg').shape[:2] == (8, 4)
 )");
   RunProgram("/usr/bin/python3 " + (folder / "write.py").string() + " " + folder.string());
-  const Image turned = ReadImage(folder / "turned.jpg", ImageChannels::kGrey);
+  const Image turned = ReadImage(folder / "turned.jpg", ImageChannels::kGray);
   EXPECT_EQ(turned.width_px, 8);
   EXPECT_EQ(turned.height_px, 4);
-  EXPECT_THAT(ReadImage(folder / "16.png", ImageChannels::kGrey).data,
+  EXPECT_THAT(ReadImage(folder / "16.png", ImageChannels::kGray).data,
               testing::ElementsAre(0, 1, 255));
 }
 

@@ -9,7 +9,7 @@
 namespace raylift {
 namespace {
 
-Image Grey(int width_px, int height_px) {
+Image Gray(int width_px, int height_px) {
   return {width_px, height_px, 1,
           std::vector<uint8_t>(static_cast<size_t>(width_px) * static_cast<size_t>(height_px), 90)};
 }
@@ -17,7 +17,7 @@ Image Grey(int width_px, int height_px) {
 TEST(ImageSize, IsThatOfTheDecodedPicture) {
   for (const char* name : {"a.png", "a.jpg"}) {
     const auto file = TestFolder() / name;
-    WriteImage(file, Grey(300, 7));
+    WriteImage(file, Gray(300, 7));
     const PlaneSize size = ReadImageSize(file);
     EXPECT_EQ(size.width_px, 300) << name;
     EXPECT_EQ(size.height_px, 7) << name;
@@ -41,7 +41,7 @@ TEST(ImageSize, OfEveryFormatIsThatOfTheDecodedPicture) {
 
 TEST(ImageSize, LongSegmentsBeforeTheFrameAreSkipped) {
   const auto file = TestFolder() / "exif.jpg";
-  WriteImage(file, Grey(64, 48));
+  WriteImage(file, Gray(64, 48));
   const std::string jpeg = ReadFile(file);
   const std::string segment = std::string("\xFF\xE1\xFF\xF0", 4) + std::string(0xFFF0 - 2, '\xC0');
   WriteFile(file, jpeg.substr(0, 2) + segment + segment + jpeg.substr(2));

@@ -124,7 +124,7 @@ TEST(PoseFile, RoundedQuaternionsAreNormalized) {
 }
 
 // pgt/sfm of github.com/tsattler/visloc_pseudo_gt_limitations (focal length), dsacstar's test.py
-// (errors in degrees and metres), ace's test_ace.py (and the inliers).
+// (errors in degrees and meters), ace's test_ace.py (and the inliers).
 TEST(PoseFile, FurtherColumnsArePassedOver) {
   const auto path = TestFolder() / "poses.txt";
   const std::string pose = " 0.806216 0.0204293 -0.55204 -0.211778 0.274901 0.044219 -0.258735";

@@ -32,7 +32,7 @@ void ExpectNear(const std::vector<double>& actual, const std::vector<double>& ex
   for (size_t i = 0; i < actual.size(); ++i) EXPECT_NEAR(actual[i], expected[i], 1e-15) << i;
 }
 
-TEST(TrajectoryFile, TumHoldsTheCentreAndTheRotationToTheWorldXFirst) {
+TEST(TrajectoryFile, TumHoldsTheCenterAndTheRotationToTheWorldXFirst) {
   const auto file = TestFolder() / "tum.txt";
   const TimedPose poses[] = {LookingAlongX(1305031102.175304)};
   WriteTumTrajectory(file, poses);

@@ -14,7 +14,7 @@ namespace raylift {
 namespace {
 
 // Five cameras side by side look along z; a point at depth 10 moves by 10 px per unit of
-// depth_error and metre of baseline, give or take the change of depth.
+// depth_error and meter of baseline, give or take the change of depth.
 struct Scene {
   std::vector<PosedImage> references;
   std::vector<Match2D2D> matches;
@@ -100,7 +100,7 @@ TEST(FilterByConsistency, ThePointsOwnReferenceCounts) {
 }
 
 TEST(FilterByConsistency, AWrongDepthIsSeenByTheOtherReferencesAlone) {
-  // Lifted at depth 11 from the first camera: in the one b metres away the point lands
+  // Lifted at depth 11 from the first camera: in the one b meters away the point lands
   // 1000 b (1/10 - 1/11) = 9.1 b px beside the keypoint.
   Scene scene;
   const Eigen::Vector3d point(1, 0, 10);

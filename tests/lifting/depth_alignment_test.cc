@@ -64,11 +64,11 @@ TEST(AlignDepth, FindsEachMapsFactor) {
 TEST(AlignDepth, FindsAUnitThatIsAThousandTimesOff) {
   Rng rng = TestRng();
   const Room room(4, rng);
-  const auto in_millimetres = [](const PosedImage&, const Eigen::Vector2d&, double z) {
+  const auto in_millimeters = [](const PosedImage&, const Eigen::Vector2d&, double z) {
     return 1000 * z;
   };
   const Aligned aligned =
-      Align(room, in_millimetres, room.MatchAll(100, 0, rng), AlignMode::kScale);
+      Align(room, in_millimeters, room.MatchAll(100, 0, rng), AlignMode::kScale);
   EXPECT_NEAR(aligned.alignment.median_factor, 0.001, 1e-6);
   EXPECT_LT(RelativeError(aligned.source, room, rng), 1e-3);
 }

@@ -53,7 +53,7 @@ TEST(DepthConvention, WhatIsNoDepthBecomesZero) {
   EXPECT_EQ(map.z, (std::vector<float>{0, 0, 0, 0, 0, 2, 0, 0}));
 }
 
-TEST(DepthConvention, IntegersAreMillimetresUnlessTheUnitIsGiven) {
+TEST(DepthConvention, IntegersAreMillimetersUnlessTheUnitIsGiven) {
   const DepthConvention none;
   EXPECT_EQ(ToDepthMap(Stored(1, 1, {1500}, "uint16"), Camera(), none).z[0], 1.5f);
   EXPECT_EQ(ToDepthMap(Stored(1, 1, {1500}, "float32"), Camera(), none).z[0], 1500.0f);

@@ -42,11 +42,11 @@ TEST(DepthRegistration, PlanesStayPlanesThroughTheOtherCamera) {
     largest = std::max(largest, std::abs(double{registered.z[i]} - double{expected.z[i]}));
   }
   EXPECT_LT(largest, 1e-5);
-  // The colour camera sees more: 525 / 585 of both sides is there.
+  // The color camera sees more: 525 / 585 of both sides is there.
   const double share = std::pow(525.0 / 585, 2);
   EXPECT_NEAR(1 - static_cast<double>(num_holes) / static_cast<double>(expected.z.size()), share,
               0.02);
-  // As if the cameras were one, the same map is centimetres off.
+  // As if the cameras were one, the same map is centimeters off.
   double unregistered = 0;
   for (size_t i = 0; i < seen.z.size(); ++i) {
     unregistered = std::max(unregistered, std::abs(double{seen.z[i]} - double{expected.z[i]}));
@@ -72,7 +72,7 @@ TEST(DepthRegistration, TheNearestSurfaceCountsAndJumpsStayOpen) {
   EXPECT_EQ(RegisterDepth(map, sensor, camera).z, map.z);
 }
 
-TEST(DepthRegistration, ThePresetTurnsTheKinectsMillimetresIntoThePhotographsDepth) {
+TEST(DepthRegistration, ThePresetTurnsTheKinectsMillimetersIntoThePhotographsDepth) {
   const Eigen::Vector3d normal = Eigen::Vector3d(0.1, 0.3, 1).normalized();
   const DepthMap seen = SeePlane(SevenScenesDepthCamera(), Rigid3(), normal, 1.5);
   StoredDepth stored;

@@ -9,7 +9,7 @@
 namespace raylift {
 namespace {
 
-// 1/z by a function of the pixel centre; 0 or less is a hole.
+// 1/z by a function of the pixel center; 0 or less is a hole.
 DepthMap MakeMap(int width, int height, const std::function<double(double, double)>& inverse_z) {
   DepthMap map{width, height, {}};
   for (int y = 0; y < height; ++y) {

@@ -265,7 +265,7 @@ TEST(DepthSource, SuspiciousMapsAreSaidToBe) {
   WriteDepthFile(wall.folder / "a.png", wall.Map(0), {.png_step = 0.001});
   const NamedGeometry integers = MakeGeometrySource(spec, context);
   ASSERT_EQ(integers.warnings.size(), 1u);
-  EXPECT_NE(integers.warnings[0].find("taken as millimetres"), std::string::npos);
+  EXPECT_NE(integers.warnings[0].find("taken as millimeters"), std::string::npos);
   EXPECT_NEAR(LiftedDepth(*integers.source, wall.references[0]), 2, 1e-6);
   EXPECT_TRUE(MakeGeometrySource(spec + ",unit=mm", context).warnings.empty());
 

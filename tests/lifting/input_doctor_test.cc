@@ -234,7 +234,7 @@ TEST_F(RgbdSmallDoctor, FewMatchesTellGrossErrorsAndRaiseNoFalseAlarm) {
   }
 }
 
-// The data's own depth and colour are registered within a pixel of the images (the matches say 1.2
+// The data's own depth and color are registered within a pixel of the images (the matches say 1.2
 // px, downwards), so that half a pixel can be told where pixels are larger.
 TEST_F(RgbdSmallDoctor, FindsHalfAPixelOfCoarseMaps) {
   const auto caster = Open(data_ / "mesh.ply");

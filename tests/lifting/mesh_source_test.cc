@@ -131,7 +131,7 @@ TEST(MeshSource, DepthJumpIsLargeAtSilhouettesAndSmallOnSlantedWalls) {
   const double params[] = {500, 500, 320, 240};
   const PosedImage reference{"reference", Camera(CameraModel::kPinhole, 640, 480, params),
                              LookAt({0.4, 0.1, -5}, {0.4, 0.1, 0})};
-  // The box's right side is at x = 0.6 of depth 4 in front: 75 px right of the centre.
+  // The box's right side is at x = 0.6 of depth 4 in front: 75 px right of the center.
   const std::vector<Eigen::Vector2d> pixels = {{394, 240}, {396, 240}, {390, 240}, {400, 240}};
   const MeshSource all("mesh", caster, {.limits = {.max_depth_jump = 1e9}});
   const auto points = all.Lift(reference, pixels);
@@ -187,7 +187,7 @@ TEST(MeshSource, APointDoesNotDependOnWhatElseIsLifted) {
     ASSERT_EQ(together[i].has_value(), from_near[i].has_value());
     if (!alone) continue;
     ++num_lifted;
-    // Float decides which of two neighbouring triangles is hit at their edge.
+    // Float decides which of two neighboring triangles is hit at their edge.
     EXPECT_LT((together[i]->point_in_world - alone->point_in_world).norm(), 1e-6);
     EXPECT_LT((together[i]->point_in_world - from_near[i]->point_in_world).norm(), 1e-6);
     if (alone->incidence_deg < 70) {

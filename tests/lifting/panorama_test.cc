@@ -52,7 +52,7 @@ TEST_F(Panorama, MeshesAreLiftedInAllDirections) {
   EXPECT_GT(num_behind, 200u);
 }
 
-// Between the pixels' centres of a rendered map; the edges of the box are left out.
+// Between the pixels' centers of a rendered map; the edges of the box are left out.
 TEST_F(Panorama, RenderedDepthIsTheDistanceAndIsLiftedBack) {
   const DepthMap map = RenderDepth(*caster_, reference_.camera, reference_.cam_from_world, 1);
   StoredDepth stored;

@@ -32,7 +32,7 @@ PoseCovariance Diagonal(double rotation_variance, double position_variance) {
 
 TEST(JoinedReferences, PixelsSpreadByThePosesCovariance) {
   JoinedReferences joined(true);
-  // Half a centimetre at 5 units is half a pixel, at the distance of 10 a quarter.
+  // Half a centimeter at 5 units is half a pixel, at the distance of 10 a quarter.
   joined.Add(MakeReference(Diagonal(0, 0.005 * 0.005)));
   EXPECT_NEAR(*joined.SigmaPx("joined", Eigen::Vector2d(320, 240)), 0.5, 1e-12);
   EXPECT_NEAR(*joined.SigmaPx("joined", Eigen::Vector2d(321, 240)), 0.25, 1e-4);
@@ -120,12 +120,12 @@ TEST(JoinedReferences, LinksAreTheInliersOneForEachKeypoint) {
   auto& matches = synthetic.problem.matches_2d3d;
   matches[1].query_px = matches[2].query_px = matches[0].query_px;
   // Three candidates along one ray: the middle one.
-  const Eigen::Vector3d centre = synthetic.query_from_world.OriginInSource();
+  const Eigen::Vector3d center = synthetic.query_from_world.OriginInSource();
   for (int i = 0; i < 3; ++i) {
     const double share[] = {1.0, 1.2, 1.1};
     const Eigen::Vector3d ray = synthetic.query_from_world.rotation.conjugate() *
                                 *synthetic.problem.query_camera.RayInCam(matches[0].query_px);
-    matches[static_cast<size_t>(i)].point_in_world = centre + 8 * share[i] * ray;
+    matches[static_cast<size_t>(i)].point_in_world = center + 8 * share[i] * ray;
   }
   const QueryResult result = Localize(synthetic.problem);
   std::map<double, Eigen::Vector3d> by_x;

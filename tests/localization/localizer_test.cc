@@ -93,7 +93,7 @@ TEST_F(LocalizerTest, APointCloudStandsInForTheMesh) {
   // Keypoints are anywhere on the surfaces: those at edges may find none.
   EXPECT_GT(counts.hit, 0.9 * counts.matched);
   ASSERT_TRUE(result.localized.localized()) << result.localized.reason;
-  // Some hundred points, each some 4 mm off, from a few metres away.
+  // Some hundred points, each some 4 mm off, from a few meters away.
   EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 0.1, 0.005));
 }
 
@@ -185,7 +185,7 @@ TEST_F(LocalizerTest, ReasonsNameTheFirstStageThatCameUpEmpty) {
   EXPECT_EQ(reason(two), ToString(FailureReason::kTooFewMatches));
 }
 
-TEST_F(LocalizerTest, ReferencesAtOneCentreGiveAnOrientationOnly) {
+TEST_F(LocalizerTest, ReferencesAtOneCenterGiveAnOrientationOnly) {
   QueryMatches matches = AllMatches();
   std::erase_if(matches.matches, [](const Match2D2D& m) { return m.reference != 0; });
   matches.references.resize(1);
@@ -223,7 +223,7 @@ TEST_F(LocalizerTest, APhotographInMemoryIsLocalizedLikeOneOnDisk) {
   const MatchingOptions matching{.front_end = {.query_images = room_.images()}};
   const Localizer with_files = Make(OpenMatches(scene_, queries_, matching), Method::kP3p);
   const Localizer from_memory = Make(OpenMatches(scene_, {}, {}), Method::kP3p);
-  const Image photograph = ReadImage(room_.images() / query_.name, ImageChannels::kGrey);
+  const Image photograph = ReadImage(room_.images() / query_.name, ImageChannels::kGray);
   const QueryResult expected = with_files.Localize(query_);
   ASSERT_TRUE(expected.localized.localized()) << expected.localized.reason;
   EXPECT_TRUE(IsNearPose(*expected.localized.estimate.cam_from_world, truth(), 0.5, 0.05));

@@ -82,9 +82,9 @@ TEST(RunCheck, NoticesGeometryThatIsElsewhere) {
   // Twice as large as the scene.
   const CheckedRun run = Checked([](PoseProblem& problem) {
     for (Match2D3D& match : problem.matches_2d3d) {
-      const Eigen::Vector3d centre =
+      const Eigen::Vector3d center =
           problem.references[static_cast<size_t>(*match.reference)].cam_from_world.OriginInSource();
-      match.point_in_world = centre + 2 * (match.point_in_world - centre);
+      match.point_in_world = center + 2 * (match.point_in_world - center);
     }
   });
   ASSERT_TRUE(WarnOfGeometry(run.localized));

@@ -123,7 +123,7 @@ TEST(SceneGlb, EachCameraIsANodeThatStandsAndLooksAsItDoes) {
     const aiMesh& lines = *scene->mMeshes[node->mMeshes[0]];
     EXPECT_EQ(lines.mPrimitiveTypes, unsigned{aiPrimitiveType_LINE});
     EXPECT_EQ(lines.mNumFaces, 10u);
-    // The centre and the four corners of the image at the depth of the frustum.
+    // The center and the four corners of the image at the depth of the frustum.
     const double x = kSize * 320 / 500, y = kSize * 240 / 400;
     const Eigen::Vector3d expected[] = {
         {0, 0, 0}, {-x, -y, kSize}, {x, -y, kSize}, {x, y, kSize}, {-x, y, kSize}};

@@ -45,11 +45,11 @@ std::string EncodedByOpenCv(const char* extension, const cv::Mat& picture,
 }
 
 Image DecodedByOpenCv(std::string bytes, ImageChannels channels) {
-  const bool is_grey = channels == ImageChannels::kGrey;
+  const bool is_gray = channels == ImageChannels::kGray;
   cv::Mat picture = cv::imdecode(
       cv::Mat(1, static_cast<int>(bytes.size()), CV_8U, bytes.data()),
-      (is_grey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_COLOR) | cv::IMREAD_IGNORE_ORIENTATION);
-  if (!is_grey) cv::cvtColor(picture, picture, cv::COLOR_BGR2RGB);
+      (is_gray ? cv::IMREAD_GRAYSCALE : cv::IMREAD_COLOR) | cv::IMREAD_IGNORE_ORIENTATION);
+  if (!is_gray) cv::cvtColor(picture, picture, cv::COLOR_BGR2RGB);
   return {picture.cols, picture.rows, picture.channels(), {picture.datastart, picture.dataend}};
 }
 
@@ -65,14 +65,14 @@ int LargestDifference(const Image& a, const Image& b) {
   return largest;
 }
 
-// grey_tolerance: 1 where OpenCV rounds the grey of colours in another way.
-void ExpectAsOpenCv(const std::string& bytes, int grey_tolerance = 0) {
+// gray_tolerance: 1 where OpenCV rounds the gray of colors in another way.
+void ExpectAsOpenCv(const std::string& bytes, int gray_tolerance = 0) {
   EXPECT_EQ(LargestDifference(DecodePicture(bytes, ImageChannels::kRgb),
                               DecodedByOpenCv(bytes, ImageChannels::kRgb)),
             0);
-  EXPECT_LE(LargestDifference(DecodePicture(bytes, ImageChannels::kGrey),
-                              DecodedByOpenCv(bytes, ImageChannels::kGrey)),
-            grey_tolerance);
+  EXPECT_LE(LargestDifference(DecodePicture(bytes, ImageChannels::kGray),
+                              DecodedByOpenCv(bytes, ImageChannels::kGray)),
+            gray_tolerance);
 }
 
 TEST(PictureCodec, JpegsHaveThePixelsThatOpenCvFinds) {
@@ -146,10 +146,10 @@ TEST(PictureCodec, WhatIsEncodedOpenCvReads) {
   for (const int channels : {1, 3}) {
     const cv::Mat scene = Scene(CV_8UC(channels));
     const Image image{scene.cols, scene.rows, channels, {scene.datastart, scene.dataend}};
-    const auto kind = channels == 1 ? ImageChannels::kGrey : ImageChannels::kRgb;
+    const auto kind = channels == 1 ? ImageChannels::kGray : ImageChannels::kRgb;
     EXPECT_EQ(DecodedByOpenCv(EncodePng(image), kind).data, image.data);
     const std::string jpeg = EncodeJpeg(image, 100);
-    // The last bits are lost to rounding, and colours to having half the resolution.
+    // The last bits are lost to rounding, and colors to having half the resolution.
     const Image back = DecodedByOpenCv(jpeg, kind);
     EXPECT_LE(LargestDifference(back, image), channels == 1 ? 3 : 120);
     EXPECT_EQ(DecodePicture(jpeg, kind).data, back.data);

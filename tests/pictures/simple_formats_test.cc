@@ -26,18 +26,18 @@ std::string LittleEndian(std::initializer_list<std::array<uint32_t, 2>> numbers)
 std::vector<uint8_t> Rgb(std::string_view bytes) {
   return DecodePicture(bytes, ImageChannels::kRgb).data;
 }
-std::vector<uint8_t> Grey(std::string_view bytes) {
-  return DecodePicture(bytes, ImageChannels::kGrey).data;
+std::vector<uint8_t> Gray(std::string_view bytes) {
+  return DecodePicture(bytes, ImageChannels::kGray).data;
 }
 
 TEST(Pnm, OfEveryKindReads) {
-  EXPECT_THAT(Grey("P1\n# bits\n3 2\n101\n0 1 0\n"), ElementsAre(0, 255, 0, 255, 0, 255));
-  EXPECT_THAT(Grey("P2 2 1 3\n1 3\n"), ElementsAre(85, 255));
+  EXPECT_THAT(Gray("P1\n# bits\n3 2\n101\n0 1 0\n"), ElementsAre(0, 255, 0, 255, 0, 255));
+  EXPECT_THAT(Gray("P2 2 1 3\n1 3\n"), ElementsAre(85, 255));
   EXPECT_THAT(Rgb("P3\n1 1\n255\n1 2 3\n"), ElementsAre(1, 2, 3));
-  EXPECT_THAT(Grey("P4 3 2\n\xA0\x40"sv), ElementsAre(0, 255, 0, 255, 0, 255));
+  EXPECT_THAT(Gray("P4 3 2\n\xA0\x40"sv), ElementsAre(0, 255, 0, 255, 0, 255));
   EXPECT_THAT(Rgb("P5 2 1 255\n\x07\xC8"sv), ElementsAre(7, 7, 7, 200, 200, 200));
-  EXPECT_THAT(Grey("P5 3 1 65535\n\0\xFF\x01\0\xFF\xFF"sv), ElementsAre(0, 1, 255));
-  EXPECT_THAT(Grey("P5 2 1 1023\n\x02\0\x03\xFF"sv), ElementsAre(128, 255));
+  EXPECT_THAT(Gray("P5 3 1 65535\n\0\xFF\x01\0\xFF\xFF"sv), ElementsAre(0, 1, 255));
+  EXPECT_THAT(Gray("P5 2 1 1023\n\x02\0\x03\xFF"sv), ElementsAre(128, 255));
   EXPECT_THAT(Rgb("P6 1 1 255 abc"), ElementsAre('a', 'b', 'c'));
 }
 
@@ -105,7 +105,7 @@ TEST(Tiff, OrientationIsIgnored) {
                            tag(278, kLong, 1) + tag(279, kLong, 2);
   const std::string bytes = std::string("II*\0\x0A\0\0\0\x07\xC8", 10) + LittleEndian({{10, 2}}) +
                             tags + std::string(4, '\0');
-  EXPECT_THAT(Grey(bytes), ElementsAre(7, 200));
+  EXPECT_THAT(Gray(bytes), ElementsAre(7, 200));
 }
 
 }  // namespace

@@ -44,18 +44,18 @@ def test_render_perturb_and_compare(tmp_path):
     assert scaled["scale_percent"] == pytest.approx(10, abs=1)
 
 
-def test_colour(tmp_path):
+def test_color(tmp_path):
     bare = tmp_path / "bare.obj"
     lines = (DEMO / "scene.obj").read_text().splitlines()
     bare.write_text("\n".join(line for line in lines if not line.startswith(("mtllib", "usemtl"))))
     assert raylift.Mesh.read(bare).colors is None
     told = []
-    mesh = raylift.colour(bare, tmp_path / "coloured.ply", model=DEMO / "model", images=DEMO / "images",
+    mesh = raylift.color(bare, tmp_path / "colored.ply", model=DEMO / "model", images=DEMO / "images",
                           max_edge=0.2, every=4, progress=lambda *a: told.append(a))
     assert told[-1] == (6, 6, "photographs")
     assert mesh.colors.shape == mesh.vertices.shape and len(np.unique(mesh.colors, axis=0)) > 100
     with pytest.raises(raylift.OptionError, match=r"out = .*expected a name that ends in .ply"):
-        raylift.colour(bare, tmp_path / "coloured.obj", model=DEMO / "model", images=DEMO / "images")
+        raylift.color(bare, tmp_path / "colored.obj", model=DEMO / "model", images=DEMO / "images")
 
 
 def test_doctor(tmp_path):

@@ -147,7 +147,7 @@ def test_matches_of_ones_own(hloc):
     query = localizer.localize_matches(camera, **matches)
     hloc.expect_near(name, query.cam_from_world)
     assert query.counts["matched"] == sum(map(len, arrays.values()))
-    # Corners instead of centres for the first pixel's place: half a pixel beside it.
+    # Corners instead of centers for the first pixel's place: half a pixel beside it.
     shifted = raylift.hloc.matches_from({k: v + 0.5 for k, v in arrays.items()}, first_pixel=0.5)
     assert shifted["query2d"] == pytest.approx(matches["query2d"])
     one = raylift.hloc.matches_from(arrays[hloc.references[0].name], reference=hloc.references[0].name)

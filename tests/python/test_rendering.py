@@ -37,7 +37,7 @@ def test_mesh_from_arrays():
     ((CORNERS, FACES + 1), "triangle 2: expected indices into 8 vertices, found 8"),
     ((CORNERS, -FACES), "expected indices"),
     ((CORNERS[:, :2], FACES), r"vertices: expected an array of shape \(N, 3\)"),
-    ((CORNERS, FACES, np.zeros((3, 3))), "expected a colour for each of 8 vertices, found 3"),
+    ((CORNERS, FACES, np.zeros((3, 3))), "expected a color for each of 8 vertices, found 3"),
     ((CORNERS, np.zeros((1, 3))), "mesh"),
 ])
 def test_wrong_meshes_are_input_errors(arguments, message):
@@ -79,7 +79,7 @@ def test_render_gives_what_the_camera_sees(caster):
                         ("mask", "u1")]:
         assert maps[name].shape == (48, 64) and maps[name].dtype == np.dtype(dtype)
     assert maps["normals"].shape == maps["color"].shape == (48, 64, 3)
-    # The face spans 60 * 1 / 3 = 20 pixels on each side of the centre.
+    # The face spans 60 * 1 / 3 = 20 pixels on each side of the center.
     seen = maps["mask"] == 255
     assert seen.sum() == 40 * 40 and seen[4:44, 12:52].all()
     assert maps["depth"][seen] == pytest.approx(3, abs=1e-5)

@@ -43,7 +43,7 @@ double Area(const TriangleMesh& mesh) {
   return area;
 }
 
-TEST(DecimatedMesh, KeepsPlaceAreaAndColoursWithFewTriangles) {
+TEST(DecimatedMesh, KeepsPlaceAreaAndColorsWithFewTriangles) {
   const TriangleMesh mesh = Sheet();
   const TriangleMesh coarse = DecimatedMesh(mesh, 800);
   EXPECT_LE(coarse.triangles.size(), 800u);
@@ -72,7 +72,7 @@ TEST(DecimatedMesh, FewTrianglesStayAsTheyAre) {
   EXPECT_EQ(same.vertices, mesh.vertices);
 }
 
-TEST(DecimatedMesh, TexturesBecomeColours) {
+TEST(DecimatedMesh, TexturesBecomeColors) {
   TriangleMesh mesh = Sheet();
   mesh.vertex_colors_rgb.clear();
   for (const Eigen::Vector3f& vertex : mesh.vertices) {

@@ -28,7 +28,7 @@ namespace raylift {
 namespace {
 
 // A GLB of one textured triangle (0 0 0, 1 0 0, 0 1 0) under a node that scales by 2 and moves by
-// (10, 20, 30), and, under a child that mirrors x, the same once more without texture, in a colour.
+// (10, 20, 30), and, under a child that mirrors x, the same once more without texture, in a color.
 std::string MakeGlb() {
   std::string bin;
   for (const float value : {0, 0, 0, 1, 0, 0, 0, 1, 0}) AppendBytes(bin, value);  // positions
@@ -64,7 +64,7 @@ std::string MakeGlb() {
   return glb;
 }
 
-TEST(ReadGlb, NodesTexturesAndColoursAreApplied) {
+TEST(ReadGlb, NodesTexturesAndColorsAreApplied) {
   const auto path = TestFolder() / "mesh.glb";
   WriteFile(path, MakeGlb());
   const TriangleMesh mesh = ReadMesh(path);

@@ -21,7 +21,7 @@ namespace {
 
 const Eigen::Vector3d kGeoreferenced(4e5, 5e6, 300);
 const Eigen::Vector3d kHalf(3, 2, 4);
-const Eigen::Vector3d kEye(0.5, -0.3, -1);  // from the box's centre
+const Eigen::Vector3d kEye(0.5, -0.3, -1);  // from the box's center
 
 std::shared_ptr<const RayCaster> MakeCaster(TriangleMesh mesh) {
   return std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(std::move(mesh)));

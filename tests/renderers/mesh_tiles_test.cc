@@ -13,7 +13,7 @@ namespace raylift {
 namespace {
 
 TEST(MeshTiles, RaysMeetEveryTileWhereItIs) {
-  // Tiles of a map: coordinates of millions, a kilometre apart.
+  // Tiles of a map: coordinates of millions, a kilometer apart.
   const Eigen::Vector3d origin(4e5, 5e6, 300);
   const Eigen::Vector3d apart(1000, 0, 0);
   const RayCaster caster(std::make_shared<const TriangleMesh>(

@@ -27,7 +27,7 @@ constexpr char kMaterials[] =
     "newmtl wall paper\nKa 1 1 1\nKd 0.5 0.5 0.5\nmap_Kd my wall.png\n\n"
     "newmtl plain\nKd 1 0.5 0\n";
 
-TEST(ReadObj, TexturesAndColoursComeFromTheMaterials) {
+TEST(ReadObj, TexturesAndColorsComeFromTheMaterials) {
   const auto folder = TestFolder();
   WriteFile(folder / "my wall.png", TestPicturePng());
   WriteFile(folder / "my materials.mtl", kMaterials);
@@ -90,7 +90,7 @@ TEST(ReadObj, CoordinatesAreReadInDouble) {
             1e-7);
 }
 
-TEST(ReadObj, VertexColoursAndConcavePolygonsAreRead) {
+TEST(ReadObj, VertexColorsAndConcavePolygonsAreRead) {
   const auto path = TestFolder() / "arrow.obj";
   WriteFile(path,
             "v 0 0 0 1 0 0\nv 2 1 0 0 1 0\nv 0 2 0 0 0 1\nv 1 1 0\nv 5 5 5 1 1 1\n"

@@ -86,7 +86,7 @@ class PlyBody {
 
 const std::vector<Eigen::Vector3d> kTetrahedron = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
 
-// A tetrahedron whose base is followed by a quadrilateral's two halves, with colours, properties
+// A tetrahedron whose base is followed by a quadrilateral's two halves, with colors, properties
 // and elements that no one asked for, list lengths and indices of unusual types.
 template <typename Real>
 std::string RichPly(Encoding encoding, const Eigen::Vector3d& offset) {
@@ -217,7 +217,7 @@ TEST(ReadPly, AMissingTextureIsAWarning) {
   EXPECT_NE(mesh.warnings[0].find("my picture.png"), std::string::npos);
 }
 
-TEST(ReadPly, VerticesHaveTextureCoordinatesAndFloatColours) {
+TEST(ReadPly, VerticesHaveTextureCoordinatesAndFloatColors) {
   const auto folder = TestFolder();
   WriteFile(folder / "t.png", TestPicturePng());
   WriteFile(folder / "mesh.ply",

@@ -127,7 +127,7 @@ TEST(Splats, ADiscIsHitOnItsPlane) {
     const SplatLook look = LookAlong(caster, {eye, target - eye});
     const double alpha =
         0.95 * std::exp(-0.5 * (at.x() * at.x() / 0.25 + at.y() * at.y() / 0.0625));
-    // Float resolves 2e-7 of the centre's place; that moves the hit on the disc by more, and there
+    // Float resolves 2e-7 of the center's place; that moves the hit on the disc by more, and there
     // by more standard deviations.
     EXPECT_NEAR(look.transmittance, 1 - alpha, 2e-6 / cosine);
     if (!look.hit) continue;
@@ -307,7 +307,7 @@ TEST(Splats, PicturesHaveDepthNormalsAndColorsOverTheBackground) {
         EXPECT_EQ(frame.mask.data[pixel], is_hit ? 255 : 0);
         EXPECT_NEAR(double{frame.normals[3 * pixel + 2]}, is_hit ? -1 : 0, 1e-5);
         const double seen = alpha < 1.0 / 255 ? 0 : alpha;
-        // The mean over a pixel is that of its centre within the curvature.
+        // The mean over a pixel is that of its center within the curvature.
         const double tolerance = side == 1 ? 0.6 : 1.6;
         EXPECT_NEAR(frame.color.data[3 * pixel], 255 * seen, tolerance);
         EXPECT_NEAR(frame.color.data[3 * pixel + 2], 200 * (1 - seen), tolerance);
@@ -318,7 +318,7 @@ TEST(Splats, PicturesHaveDepthNormalsAndColorsOverTheBackground) {
   }
 }
 
-TEST(Splats, ThoseWithoutColorsAreGrey) {
+TEST(Splats, ThoseWithoutColorsAreGray) {
   auto splats = ReadSplats(WriteSplats({{.mean = {0, 0, 2}, .opacity = 0.999}}));
   splats.harmonics.clear();
   const RayCaster caster(std::make_shared<const Splats>(std::move(splats)), SplatDepth::kMedian);

@@ -25,8 +25,8 @@ TEST(SplitLongEdges, KeepsTheSurface) {
         (fine.vertices[b] - fine.vertices[a]).cross(fine.vertices[c] - fine.vertices[a]);
     area += 0.5 * normal.norm();
     // Outward as before, and of the same object and face.
-    const Vector3d centre = fine.VertexInWorld(a) - Vector3d(1, 2, 3);
-    EXPECT_GT(normal.cast<double>().dot(centre), 0);
+    const Vector3d center = fine.VertexInWorld(a) - Vector3d(1, 2, 3);
+    EXPECT_GT(normal.cast<double>().dot(center), 0);
     EXPECT_LT(fine.FaceOf(t), fine.ObjectOf(t) == 0 ? 4u : 8u);
   }
   EXPECT_NEAR(area, 2 * (2 * 1 + 2 * 4 + 1 * 4), 1e-4);

@@ -78,7 +78,7 @@ TEST(Surfels, APlaneIsHitWhereTheClosedFormSays) {
       ++missed;
       continue;
     }
-    // Float resolves 1e-7 of a metre here; planes through so few points magnify that.
+    // Float resolves 1e-7 of a meter here; planes through so few points magnify that.
     EXPECT_NEAR(hit->ray_t, 5, 2e-6 / std::abs(direction.dot(square.normal())));
     EXPECT_GT(std::abs(hit->normal_in_world.dot(square.normal())), 1 - 1e-6);
     EXPECT_LT(hit->normal_in_world.dot(direction), 0) << "turned against the ray";
@@ -154,7 +154,7 @@ TEST(Surfels, NoiseIsAveragedAndTold) {
   const double told = std::sqrt(sum_of_variances / hits);
   RecordProperty("rms_of_noise", std::to_string(rms / square.noise));
   RecordProperty("told_of_noise", std::to_string(told / square.noise));
-  EXPECT_LT(std::abs(sum / hits), 0.05 * square.noise) << "no bias towards the viewer";
+  EXPECT_LT(std::abs(sum / hits), 0.05 * square.noise) << "no bias toward the viewer";
   EXPECT_LT(rms, 0.5 * square.noise);
   // Neither are the discs independent of each other nor is their spread all of the error.
   EXPECT_GT(told, 0.75 * rms);

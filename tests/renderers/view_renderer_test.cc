@@ -81,7 +81,7 @@ TEST(RenderDepth, BoxHasTheDepthOfTheClosedFormInEveryCamera) {
   const Eigen::Vector3d half(3, 2, 4);
   for (const Eigen::Vector3d& center : {Eigen::Vector3d(0, 0, 0), kGeoreferenced}) {
     const RayCaster caster = MakeCaster(MakeBox(center, half));
-    const Eigen::Vector3d eye(0.5, -0.3, -1);  // from the box's centre
+    const Eigen::Vector3d eye(0.5, -0.3, -1);  // from the box's center
     const Rigid3 cam_from_world = LookAt(center + eye, center + Eigen::Vector3d(2, 1.5, 3));
     for (const Camera& camera : CamerasOfEveryModel()) {
       const DepthMap depth = RenderDepth(caster, camera, cam_from_world, 2);
@@ -132,7 +132,7 @@ TEST(RenderColor, TextureStandsUprightAndKeepsItsTexels) {
   for (uint8_t& byte : texture.data) byte = static_cast<uint8_t>(rng.UniformIndex(256));
   const RayCaster caster = MakeCaster(TexturedSquare(texture));
   const Image image = RenderColor(caster, Pinhole(64, 64, 64), Rigid3(), {}, 2);
-  // A pixel sees one texel, centre on centre; its footprint is estimated to a few percent, so that
+  // A pixel sees one texel, center on center; its footprint is estimated to a few percent, so that
   // a little of the halved texture is mixed in.
   for (int y = 0; y < 64; ++y) {
     for (int x = 0; x < 64; ++x) {
@@ -155,7 +155,7 @@ TEST(RenderColor, FarTextureIsAveragedNotSampled) {
   }
 }
 
-TEST(RenderColor, VertexColoursAreInterpolated) {
+TEST(RenderColor, VertexColorsAreInterpolated) {
   TriangleMesh mesh =
       MakeMesh({{-1, -1, 2}, {1, -1, 2}, {1, 1, 2}, {-1, 1, 2}}, {{0, 2, 1}, {0, 3, 2}});
   mesh.vertex_colors_rgb = {{0, 0, 0}, {255, 0, 0}, {255, 255, 0}, {0, 255, 0}};
@@ -169,7 +169,7 @@ TEST(RenderColor, VertexColoursAreInterpolated) {
   }
 }
 
-TEST(RenderColor, BackgroundAndUntexturedColoursAreTheOptions) {
+TEST(RenderColor, BackgroundAndUntexturedColorsAreTheOptions) {
   const RayCaster caster = MakeCaster(MakeBox({0, 0, 10}, {1, 1, 1}));
   ColorOptions options;
   options.background_rgb = {1, 2, 3};

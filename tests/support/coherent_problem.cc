@@ -44,21 +44,21 @@ bool IsInside(const Vector2d& px) {
   return px.x() > 0 && px.y() > 0 && px.x() < kCamera.width_px() && px.y() < kCamera.height_px();
 }
 
-// At `centre`, looking at `target`, its x axis level.
-Rigid3 LookAt(const Vector3d& centre, const Vector3d& target) {
-  const Vector3d z = (target - centre).normalized();
+// At `center`, looking at `target`, its x axis level.
+Rigid3 LookAt(const Vector3d& center, const Vector3d& target) {
+  const Vector3d z = (target - center).normalized();
   const Vector3d x = Vector3d::UnitY().cross(z).normalized();
   Eigen::Matrix3d rotation;
   rotation << x.transpose(), z.cross(x).transpose(), z.transpose();
-  return {Eigen::Quaterniond(rotation), -(rotation * centre)};
+  return {Eigen::Quaterniond(rotation), -(rotation * center)};
 }
 
 // Another camera of the rig: elsewhere, and turned about all axes, as rigs are.
 RigCamera OtherCamera(int index, double extent, Rng& rng) {
-  const Vector3d centre = extent * rng.Uniform(0.5, 1) * Direction(rng);
+  const Vector3d center = extent * rng.Uniform(0.5, 1) * Direction(rng);
   const Vector3d target(rng.Uniform(-5, 5), rng.Uniform(-3, 3), kDistance);
   const Rigid3 rolled{RotationFromVector(rng.Uniform(-1, 1) * Vector3d::UnitZ()), Vector3d::Zero()};
-  return {"camera " + std::to_string(index), kCamera, rolled * LookAt(centre, target)};
+  return {"camera " + std::to_string(index), kCamera, rolled * LookAt(center, target)};
 }
 
 }  // namespace
@@ -100,12 +100,12 @@ CoherentProblem MakeCoherentProblem(const std::string& name, const CoherentOptio
   }
 
   for (int r = 0; r < options.num_references; ++r) {
-    Vector3d centre(rng.Uniform(-1, 1), options.vertical * rng.Uniform(-1, 1),
+    Vector3d center(rng.Uniform(-1, 1), options.vertical * rng.Uniform(-1, 1),
                     rng.Uniform(-0.4, 0.4));
-    centre *= options.baseline;
-    centre.x() += std::copysign(0.1 * options.baseline, centre.x());
+    center *= options.baseline;
+    center.x() += std::copysign(0.1 * options.baseline, center.x());
     const Rigid3 ref_from_query =
-        LookAt(centre, Vector3d(rng.Normal(), rng.Normal(), kDistance + rng.Normal()));
+        LookAt(center, Vector3d(rng.Normal(), rng.Normal(), kDistance + rng.Normal()));
     const double turn = options.reference_deg * std::numbers::pi / 180 * rng.Normal();
     const double shift = options.reference_position * rng.Normal();
     const Rigid3 error{RotationFromVector(turn * Direction(rng)), shift * Direction(rng)};

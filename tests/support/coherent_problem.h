@@ -21,7 +21,7 @@ struct CoherentOptions {
   double vertical = 0.1;  // of it upwards
   double seen = 0.55;     // share of the keypoints that a reference is matched with
   double wrong = 0.2;     // share of matches that show another keypoint
-  double repeated = 0;    // share of keypoints that look like their neighbours 2.4 m away
+  double repeated = 0;    // share of keypoints that look like their neighbors 2.4 m away
   double sigma_px = 0.7;
   int tail_degrees = 0;      // of freedom, where a keypoint's noise is Student's t; 0: it is normal
   double reference_deg = 0;  // standard deviations of the known poses

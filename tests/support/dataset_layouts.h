@@ -16,7 +16,7 @@ struct LayoutInput {
   int height_px = 48;
   std::vector<Rigid3> references;  // cam_from_world
   std::vector<Rigid3> queries;     // data sets without queries of their own take the first alone
-  // Writes the photograph of a view; by default a grey one.
+  // Writes the photograph of a view; by default a gray one.
   std::function<void(const std::filesystem::path& file, const PosedImage& view)> write_picture = {};
 };
 
@@ -32,8 +32,8 @@ struct Layout {
 // 7-Scenes: seq-01 and seq-02 are for training, seq-03 is the test. The files hold the poses of the
 // depth camera.
 Layout Write7Scenes(const std::filesystem::path& folder, const LayoutInput& input);
-// 12 Scenes: the first sequence is the test. Its camera's centre, and ScanNet's, is counted from the
-// centre of the first pixel.
+// 12 Scenes: the first sequence is the test. Its camera's center, and ScanNet's, is counted from the
+// center of the first pixel.
 Layout Write12Scenes(const std::filesystem::path& folder, const LayoutInput& input);
 // Cambridge Landmarks: every photograph has a focal length of its own.
 Layout WriteCambridge(const std::filesystem::path& folder, const LayoutInput& input);

@@ -13,7 +13,7 @@
 
 namespace raylift {
 
-// The orientation within `deg` and the camera centre within `units` of the expected pose.
+// The orientation within `deg` and the camera center within `units` of the expected pose.
 ::testing::AssertionResult IsNearPose(const Rigid3& actual, const Rigid3& expected, double deg,
                                       double units);
 

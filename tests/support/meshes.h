@@ -13,7 +13,7 @@
 
 namespace raylift {
 
-// A mesh of these world positions, recentred as ReadMesh does.
+// A mesh of these world positions, recentered as ReadMesh does.
 TriangleMesh MakeMesh(const std::vector<Eigen::Vector3d>& positions,
                       std::vector<std::array<uint32_t, 3>> triangles);
 

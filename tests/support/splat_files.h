@@ -21,14 +21,14 @@ struct TestSplat {
   std::vector<Eigen::Vector3f> harmonics = {{0, 0, 0}};  // 1, 4, 9 or 16
 };
 
-// The coefficient of degree 0 that makes this colour (1: full intensity).
+// The coefficient of degree 0 that makes this color (1: full intensity).
 Eigen::Vector3f HarmonicOf(const Eigen::Vector3d& rgb);
 
 // As the reference code and gsplat write it: kDiscs have two scales.
 enum class SplatLayout { kEllipsoids, kDiscs };
 std::string SplatPly(std::span<const TestSplat> splats, SplatLayout layout);
 
-// Flat discs that cover a mesh in the colours of its texture or vertices: on a square lattice in each
+// Flat discs that cover a mesh in the colors of its texture or vertices: on a square lattice in each
 // triangle's plane, `spacing` apart or as far as a small triangle has room for.
 std::vector<TestSplat> DiscsOn(const TriangleMesh& mesh, double spacing);
 

@@ -25,9 +25,9 @@ Vector3d NormalVector(Rng& rng) { return Vector3d{rng.Normal(), rng.Normal(), rn
 
 double Draw(Rng& rng, Interval interval) { return rng.Uniform(interval.low, interval.high); }
 
-// The orientation of a camera at `centre` that looks at `target`, with y down.
-Eigen::Quaterniond LookAt(const Vector3d& centre, const Vector3d& target) {
-  const Vector3d z = (target - centre).normalized();
+// The orientation of a camera at `center` that looks at `target`, with y down.
+Eigen::Quaterniond LookAt(const Vector3d& center, const Vector3d& target) {
+  const Vector3d z = (target - center).normalized();
   const Vector3d x = Vector3d::UnitY().cross(z).normalized();
   Eigen::Matrix3d rotation;
   rotation << x.transpose(), z.cross(x).transpose(), z.transpose();
@@ -74,31 +74,31 @@ class ProblemMaker {
     }
   }
 
-  Vector3d ReferenceCentre() {
+  Vector3d ReferenceCenter() {
     while (true) {
-      const Vector3d centre{rng_.Uniform(-1, 1), rng_.Uniform(-1, 1), rng_.Uniform(-1, 1)};
-      const double length = centre.norm();
-      if (length > 0.3 && length <= 1) return options_.baseline * centre;
+      const Vector3d center{rng_.Uniform(-1, 1), rng_.Uniform(-1, 1), rng_.Uniform(-1, 1)};
+      const double length = center.norm();
+      if (length > 0.3 && length <= 1) return options_.baseline * center;
     }
   }
 
   // reference_from_query.
   std::vector<Rigid3> MakeReferences() {
     std::vector<Rigid3> references;
-    const Vector3d shared = ReferenceCentre();
+    const Vector3d shared = ReferenceCenter();
     for (int i = 0; i < options_.num_references; ++i) {
-      Vector3d centre = ReferenceCentre();
+      Vector3d center = ReferenceCenter();
       const Vector3d axis = NormalVector(rng_).normalized();
       const double tilt = options_.tilt_deg * kDegree * rng_.Uniform();
-      if (options_.layout == ReferenceLayout::kShared) centre = shared;
-      if (options_.layout == ReferenceLayout::kCoincident && i == 0) centre.setZero();
-      Eigen::Quaterniond rotation = RotationFromVector(tilt * axis) * LookAt(centre, SceneMiddle());
+      if (options_.layout == ReferenceLayout::kShared) center = shared;
+      if (options_.layout == ReferenceLayout::kCoincident && i == 0) center.setZero();
+      Eigen::Quaterniond rotation = RotationFromVector(tilt * axis) * LookAt(center, SceneMiddle());
       if (options_.layout == ReferenceLayout::kForward) {
         const double distance = options_.baseline * rng_.Uniform(0.3, 1);
-        centre = {0, 0, rng_.Uniform() < 0.5 ? distance : -distance};
+        center = {0, 0, rng_.Uniform() < 0.5 ? distance : -distance};
         rotation.setIdentity();
       }
-      references.push_back({rotation, -(rotation * centre)});
+      references.push_back({rotation, -(rotation * center)});
     }
     return references;
   }
@@ -215,7 +215,7 @@ std::vector<SyntheticRegime> MakeRegimes() {
       {"many_outliers", "accurate, 50-70 % outliers", "B", 50, many_outliers},
       {"noisy_points", "0.3 m point noise", "C", 50, noisy},
       {"few_points", "30 2D-3D, 300 2D-2D", "D", 50, sparse},
-      {"shared_centre", "references share one centre", "E1", 20,
+      {"shared_centre", "references share one center", "E1", 20,
        DegenerateLayout(ReferenceLayout::kShared)},
       {"planar_scene", "planar scene", "E2", 20, planar},
       {"reference_at_query", "a reference at the query", "E3", 20,

@@ -25,8 +25,8 @@ enum class SceneShape { kVolume, kPlane };
 
 enum class ReferenceLayout {
   kAround,      // anywhere around the query
-  kShared,      // all at one centre
-  kCoincident,  // the first at the query's centre
+  kShared,      // all at one center
+  kCoincident,  // the first at the query's center
   kForward,     // on the query's optical axis, all turned alike
 };
 
@@ -36,17 +36,17 @@ struct SyntheticOptions {
   Interval outlier_ratio_2d3d = {0.1, 0.1};  // drawn per problem
   Interval outlier_ratio_2d2d = {0.1, 0.1};
   double sigma_px = 1;     // of each keypoint's coordinate, in both images
-  double sigma_point = 0;  // of each 3D coordinate, metres
+  double sigma_point = 0;  // of each 3D coordinate, meters
   int num_references = 20;
-  double baseline = 2;  // references lie within this distance of the query, metres
+  double baseline = 2;  // references lie within this distance of the query, meters
   double tilt_deg = 8;  // at most, off the direction to the scene's middle
   Interval depth = {5, 15};
   SceneShape scene = SceneShape::kVolume;
   ReferenceLayout layout = ReferenceLayout::kAround;
   bool split_five_and_one = false;  // the first six 2D-2D matches: five to one reference, one to
                                     // another
-  double unit = 1;                  // scene units per metre
-  double origin_distance = 0;       // of the world's origin, metres
+  double unit = 1;                  // scene units per meter
+  double origin_distance = 0;       // of the world's origin, meters
   // Of all images; none for a pinhole camera of 640 x 480 pixels with f = 585.
   std::optional<Camera> camera;
 };

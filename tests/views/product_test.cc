@@ -168,7 +168,7 @@ TEST(Product, IdsAreTheFilesFacesAndTheObjects) {
   EXPECT_EQ(written(Product::kObject), (std::vector<float>{0, 4294967295.0f, 0, 1}));
 }
 
-TEST(Product, ColourAndMaskComeBack) {
+TEST(Product, ColorAndMaskComeBack) {
   const auto folder = TestFolder();
   FrameOptions options;
   options.color_options.background_rgb = {9, 8, 7};
@@ -176,7 +176,7 @@ TEST(Product, ColourAndMaskComeBack) {
   WriteProduct(folder / "c.png", {Product::kColor, "png"}, frame, {}, {});
   EXPECT_EQ(ReadImage(folder / "c.png", ImageChannels::kRgb).data, frame.color.data);
   WriteProduct(folder / "m.png", {Product::kMask, "png"}, frame, {}, {});
-  EXPECT_EQ(ReadImage(folder / "m.png", ImageChannels::kGrey).data, frame.mask.data);
+  EXPECT_EQ(ReadImage(folder / "m.png", ImageChannels::kGray).data, frame.mask.data);
   WriteProduct(folder / "c.jpg", {Product::kColor, "jpg"}, frame, {}, {});
   EXPECT_EQ(ReadImage(folder / "c.jpg", ImageChannels::kRgb).width_px, 33);
 }

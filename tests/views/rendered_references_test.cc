@@ -115,17 +115,17 @@ TEST(RenderReferences, TakeTheKindThatIsAskedFor) {
   EXPECT_TRUE(NamesEveryValue<ViewKind>());
 }
 
-TEST(RenderReferences, WarnOfAMeshWithoutColours) {
+TEST(RenderReferences, WarnOfAMeshWithoutColors) {
   TriangleMesh bare = Room()->mesh();
   bare.vertex_colors_rgb.clear();
   const auto mesh =
       std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(std::move(bare)));
   const auto warnings = RenderReferences(mesh, SmallViews(TestFolder()), {}).warnings;
   ASSERT_EQ(warnings.size(), 1u);
-  EXPECT_NE(warnings[0].find("neither texture nor vertex colours"), std::string::npos);
+  EXPECT_NE(warnings[0].find("neither texture nor vertex colors"), std::string::npos);
 }
 
-TEST(ColorsLikePhotographs, LightMeshesWithoutColours) {
+TEST(ColorsLikePhotographs, LightMeshesWithoutColors) {
   EXPECT_EQ(ColorsLikePhotographs(*Room()).shading, ColorOptions::Shading::kUnlit);
   const RayCaster box(std::make_shared<const TriangleMesh>(MakeBox({0, 0, 0}, {1, 1, 1})));
   EXPECT_EQ(ColorsLikePhotographs(box).shading, ColorOptions::Shading::kHeadlight);

@@ -1,4 +1,4 @@
-// Vertex colours from photographs that are painted by formula.
+// Vertex colors from photographs that are painted by formula.
 
 #include "raylift/views/vertex_coloring.h"
 
@@ -20,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 using Eigen::Vector3d;
 
-// The wall z = 0, [-2, 2]^2, seen from -z, in colours that change slowly.
+// The wall z = 0, [-2, 2]^2, seen from -z, in colors that change slowly.
 Vector3d WallColor(double x, double y) {
   return {128 + 60 * std::sin(2 * x), 120 + 60 * std::cos(1.5 * y), 110 + 50 * std::sin(x + y)};
 }
@@ -32,24 +32,24 @@ Camera Pinhole() {
   return {CameraModel::kPinhole, 320, 240, params};
 }
 
-// At `centre`, looking along +z.
-PosedImage View(const std::string& name, const Vector3d& centre) {
-  return {name, Pinhole(), Rigid3{Eigen::Quaterniond::Identity(), -centre}};
+// At `center`, looking along +z.
+PosedImage View(const std::string& name, const Vector3d& center) {
+  return {name, Pinhole(), Rigid3{Eigen::Quaterniond::Identity(), -center}};
 }
 
-// What the camera sees of the wall, times `factor`; `nearer` gives the colour of what hides it.
+// What the camera sees of the wall, times `factor`; `nearer` gives the color of what hides it.
 using Nearer = std::function<std::optional<Vector3d>(const Vector3d& origin, const Vector3d& ray)>;
 void Paint(const fs::path& folder, const PosedImage& view, const Vector3d& factor,
            const Nearer& nearer = {}) {
-  const Vector3d centre = view.cam_from_world.OriginInSource();
+  const Vector3d center = view.cam_from_world.OriginInSource();
   Image image{.width_px = 320, .height_px = 240, .channels = 3, .data = {}};
   image.data.resize(size_t{320} * 240 * 3);
   for (int y = 0; y < 240; ++y) {
     for (int x = 0; x < 320; ++x) {
       const Vector3d ray((x + 0.5 - 160) / 300, (y + 0.5 - 120) / 300, 1);
-      const Vector3d point = centre - centre.z() * ray;
+      const Vector3d point = center - center.z() * ray;
       Vector3d color = WallColor(point.x(), point.y());
-      if (nearer) color = nearer(centre, ray).value_or(color);
+      if (nearer) color = nearer(center, ray).value_or(color);
       for (int c = 0; c < 3; ++c) image.Pixel(x, y)[c] = NearestByte(color[c] * factor[c]);
     }
   }
@@ -138,7 +138,7 @@ TEST(VertexColoring, WhatIsHiddenTakesNoColorOfWhatHidesIt) {
   };
   for (const PosedImage& view : views) Paint(folder, view, Vector3d::Ones(), green);
   const VertexColoring coloring = ColorVertices(both, CasterOf(both), views, folder);
-  // All of the wall, what neighbours lend to the hidden part among it, but where the box's edge is
+  // All of the wall, what neighbors lend to the hidden part among it, but where the box's edge is
   // within the patch of a vertex.
   for (uint32_t v = 0; v < first; ++v) {
     const Vector3d at = both.VertexInWorld(v);

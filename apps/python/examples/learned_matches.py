@@ -9,7 +9,7 @@ import raylift
 
 
 def match(query: raylift.PosedImage, reference: raylift.PosedImage, caster: raylift.RayCaster) -> np.ndarray:
-    """Stands in for RoMa, MASt3R, ...: N x 4 pixels, the first pixel's centre being (0, 0)."""
+    """Stands in for RoMa, MASt3R, ...: N x 4 pixels, the first pixel's center being (0, 0)."""
     pixels = np.random.default_rng(0).uniform(0, reference.camera.height, (300, 2))
     points = raylift.Lifter(caster).lift(reference, pixels)["points"]
     seen = query.camera.project(query.cam_from_world.transform(points))

@@ -15,6 +15,6 @@ estimate = raylift.estimate_pose(camera, pixels, points)
 print(f"{estimate.verdict} with confidence {estimate.confidence:.3f}")
 print(f"{estimate.num_inliers_2d3d} of {len(points)} points agree")
 if estimate.cam_from_world is not None and estimate.covariance is not None:
-    print(f"centre {estimate.cam_from_world.center.round(3)} +- {estimate.position_sigma:.4f}")
+    print(f"center {estimate.cam_from_world.center.round(3)} +- {estimate.position_sigma:.4f}")
     # 6 x 6: the rotation vector in radians, then the translation, in the camera's frame.
     print(f"rotation +- {np.degrees(np.sqrt(estimate.covariance.diagonal()[:3])).round(4)} degrees")

@@ -1,7 +1,7 @@
 """Raylift: where was a photograph taken, in a scene with a mesh, depth maps or an SfM model?
 
 Frames and pixels are COLMAP's: cameras look along z with x right and y down, poses are
-cam_from_world, and the centre of an image's first pixel is (0.5, 0.5). Lengths are in scene units,
+cam_from_world, and the center of an image's first pixel is (0.5, 0.5). Lengths are in scene units,
 errors in pixels, angles in degrees where a name ends in _deg. Options have the names and defaults of
 the program's. Work is done without the interpreter's lock; long calls take `threads` and `progress`,
 and Ctrl-C ends them.
@@ -9,6 +9,7 @@ and Ctrl-C ends them.
 
 from . import hloc
 from ._commands import (
+    color,
     colour,
     compare,
     doctor,
@@ -71,6 +72,7 @@ __all__ = [
     "Scene",
     "SfmPoints",
     "__version__",
+    "color",
     "colour",
     "compare",
     "doctor",

@@ -137,16 +137,19 @@ def render_dataset(geometry: Union[str, Sequence[str]], out: PathLike, **options
     return summary
 
 
-def colour(mesh: PathLike, out: PathLike, **options: Any) -> _core.Mesh:
-    """`raylift colour`: vertex colours for a bare mesh, from photographs with poses.
+def color(mesh: PathLike, out: PathLike, **options: Any) -> _core.Mesh:
+    """`raylift color`: vertex colors for a bare mesh, from photographs with poses.
 
-    mesh: a file, or "mesh:PATH[,key=value...]". out: the coloured mesh (PLY). options: model, images,
-    max_edge, keep_exposures, ... as of `raylift colour --help`.
+    mesh: a file, or "mesh:PATH[,key=value...]". out: the colored mesh (PLY). options: model, images,
+    max_edge, keep_exposures, ... as of `raylift color --help`.
 
-    Returns the coloured mesh.
+    Returns the colored mesh.
     """
-    run("colour", mesh, out=out, **options)
+    run("color", mesh, out=out, **options)
     return _core.Mesh.read(out)
+
+
+colour = color  # its name in earlier versions
 
 
 def import_dataset(dataset: str, folder: PathLike, out: PathLike, **options: Any) -> List[Path]:

@@ -22,7 +22,7 @@ class Camera:
     """
     A camera's intrinsics, of any of COLMAP's models.
 
-    The frame is COLMAP's: x right, y down, z forward. So are pixels: the centre of the first
+    The frame is COLMAP's: x right, y down, z forward. So are pixels: the center of the first
     one is (0.5, 0.5). Wherever a camera is an argument, the text "MODEL width height
     params...", a dict with model, width, height and params, and pycolmap's cameras serve, too.
     """
@@ -136,7 +136,7 @@ class Rigid3:
     @property
     def center(self) -> numpy.typing.NDArray[numpy.float64]:
         """
-        Of cam_from_world: the camera's centre in the world (3,).
+        Of cam_from_world: the camera's center in the world (3,).
         """
     @property
     def matrix(self) -> numpy.typing.NDArray[numpy.float64]:
@@ -331,7 +331,7 @@ class PoseEstimate:
     @property
     def position_sigma(self) -> float:
         """
-        Standard deviation of the camera's centre, scene units; 0 without a covariance.
+        Standard deviation of the camera's center, scene units; 0 without a covariance.
         """
     @property
     def refined_camera(self) -> Camera | None:
@@ -368,7 +368,7 @@ class Mesh:
     def __init__(self, vertices: numpy.typing.ArrayLike, triangles: numpy.typing.ArrayLike, colors: numpy.typing.ArrayLike | None = None) -> None:
         """
         From vertices (N, 3) in the world, triangles (M, 3) of indices and, where there are any,
-        the vertices' colours (N, 3), uint8.
+        the vertices' colors (N, 3), uint8.
 
         Triangles without an area are left out, as are vertices that no triangle uses. Raises
         InputError for an index out of range.
@@ -378,7 +378,7 @@ class Mesh:
     @property
     def colors(self) -> numpy.typing.NDArray[numpy.uint8] | None:
         """
-        The vertices' colours (N, 3), uint8, or None. A view.
+        The vertices' colors (N, 3), uint8, or None. A view.
         """
     @property
     def has_texture(self) -> bool:
@@ -427,7 +427,7 @@ class RayCaster:
 
         depth      (H, W) float32, z along the optical axis, scene units; 0: no surface
         distance   (H, W) float32, along the ray; 0: no surface
-        normals    (H, W, 3) float32, unit, towards the camera; 0: no surface
+        normals    (H, W, 3) float32, unit, toward the camera; 0: no surface
         color      (H, W, 3) uint8, RGB
         triangle   (H, W) uint32, index; 4294967295: none
         object     (H, W) uint32, which of several meshes; 4294967295: none
@@ -475,7 +475,7 @@ class Geometry:
     def lift(self, reference: raylift._types.PosedImageLike, pixels: numpy.typing.ArrayLike) -> dict[str, typing.Any]:
         """
         The surface points that pixels (N, 2) of a reference show. A dict: points and normals (N, 3) in
-        the world (unit, towards the camera), NaN where there is no surface; and (N,) each: depth along
+        the world (unit, toward the camera), NaN where there is no surface; and (N,) each: depth along
         the optical axis, sigma (standard deviation of the point, where it is known) in scene units,
         incidence_deg, depth_jump (largest relative jump of depth around the pixel, where it was looked
         for), back_face (bool).
@@ -535,7 +535,7 @@ class Lifter:
     def lift(self, reference: raylift._types.PosedImageLike, pixels: numpy.typing.ArrayLike) -> dict[str, typing.Any]:
         """
         The surface points that pixels (N, 2) of a reference show. A dict: points and normals (N, 3) in
-        the world (unit, towards the camera), NaN where there is no surface; and (N,) each: depth along
+        the world (unit, toward the camera), NaN where there is no surface; and (N,) each: depth along
         the optical axis, sigma (standard deviation of the point, where it is known) in scene units,
         incidence_deg, depth_jump (largest relative jump of depth around the pixel, where it was looked
         for), back_face (bool). source: index of the source (N,), -1: none.

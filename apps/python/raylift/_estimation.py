@@ -50,7 +50,7 @@ def estimate_pose(
     point_keypoints, query_keypoints, reference_keypoints: (N,), (M,), (M,) indices of keypoints, where
         they are known: matches of one keypoint have equal ones. Without, equal pixels are one keypoint.
     reference_clusters: covisibility cluster of each reference, for the method "hloc".
-    position_prior: (position, sigma) of the camera's centre in the world, sigma one number or one per
+    position_prior: (position, sigma) of the camera's center in the world, sigma one number or one per
         axis; 0: exact.
     gravity_prior: (down_in_cam, down_in_world, sigma_deg), directions of any length.
     name: the photograph's; random choices depend on it and on `seed` alone.

@@ -145,7 +145,7 @@ def matches_from(matches: Union[ArrayLike, Mapping[str, ArrayLike]], *, referenc
 
     matches: (N, 4), x and y in the query, then in the reference of the name `reference`; or a dict of
         such arrays by the references' names.
-    first_pixel: where the matcher puts the centre of the first pixel: 0, or 0.5 as COLMAP and RoMa.
+    first_pixel: where the matcher puts the center of the first pixel: 0, or 0.5 as COLMAP and RoMa.
     cell_px: query pixels in one cell of this size are one keypoint, in however many references, for
         dense matchers, whose pixels differ from pair to pair. None: equal pixels are.
 

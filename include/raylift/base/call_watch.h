@@ -20,7 +20,7 @@ namespace raylift {
 // Leaves a call that its watch has ended.
 class Cancelled : public std::runtime_error {
  public:
-  Cancelled() : std::runtime_error("the call was cancelled") {}
+  Cancelled() : std::runtime_error("the call was canceled") {}
 };
 
 // Watches what its thread calls while it exists, and what is done for that on other threads.

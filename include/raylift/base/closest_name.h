@@ -9,7 +9,7 @@
 
 namespace raylift {
 
-// The fewest letters to change, add, leave out or swap with their neighbour that make `b` of `a`.
+// The fewest letters to change, add, leave out or swap with their neighbor that make `b` of `a`.
 size_t EditDistance(std::string_view a, std::string_view b);
 
 // The one of `names` with the fewest such mistakes, the first of several; none where they are more

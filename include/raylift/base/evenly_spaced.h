@@ -1,4 +1,4 @@
-// Some of many that stand in an order, for where only so many can be looked at, and neighbours are
+// Some of many that stand in an order, for where only so many can be looked at, and neighbors are
 // alike.
 
 #pragma once

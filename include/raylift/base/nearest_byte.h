@@ -1,4 +1,4 @@
-// Colours and normals as 8-bit pictures hold them.
+// Colors and normals as 8-bit pictures hold them.
 
 #pragma once
 

@@ -3,7 +3,7 @@
 //
 //   shift, zoom, lens        e(p) = t(w(p)), w a motion of pixels
 //   rotation, displacement,  e is what a camera sees that is turned, moved, or where the images of
-//   time offset              a neighbouring frame were taken
+//   time offset              a neighboring frame were taken
 //   factor, offset, affine,  e = a t, t + b, a t + b; 1 / e = a / t + b; e = min(t, c) or max(t, c);
 //   inverse offset, clamp    e in steps; e = t after a Gaussian
 //   quantization, smoothing

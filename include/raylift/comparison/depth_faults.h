@@ -3,7 +3,7 @@
 //
 //   scale            the median of r over everything       per-image scale   its spread over images
 //   warp             the spread of the medians of r over blocks of an image
-//   noise            differences of r between neighbours: additive where they fall as 1 / depth,
+//   noise            differences of r between neighbors: additive where they fall as 1 / depth,
 //                    multiplicative where they are the same at every depth
 //   edges            outliers within 3 px of true depth edges that are none in the interior
 //   floaters         interior pixels well in front of the surface, with edges of their own

@@ -36,7 +36,7 @@ struct RenderReport {
   int threads = 0;
 };
 
-// Every image in a table, some of them (evenly spread) as small pictures of colour and depth, and
+// Every image in a table, some of them (evenly spread) as small pictures of color and depth, and
 // scene and cameras in 3D.
 std::string FormatRenderReport(const RenderReport& report);
 

@@ -31,7 +31,7 @@ struct ReportOptions {
 // Collects the pictures of a comparison while it runs.
 class ReportPictures {
  public:
-  // Which images are shown, and the range of depth for the colours, follow from the sources.
+  // Which images are shown, and the range of depth for the colors, follow from the sources.
   ReportPictures(std::span<const ComparedSource> sources, std::span<const PosedImage> images,
                  std::optional<size_t> truth, const ReportOptions& options);
   ~ReportPictures();

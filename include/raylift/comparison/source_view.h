@@ -1,4 +1,4 @@
-// What a source of geometry shows to a camera, at every pixel centre and through the same door as
+// What a source of geometry shows to a camera, at every pixel center and through the same door as
 // the lifter: whatever a source is made of, what is compared is what localization would get.
 
 #pragma once
@@ -22,7 +22,7 @@ SourceView LookThrough(const GeometrySource& source, const PosedImage& image);
 // The same view with its longer side at most `max_side_px`.
 PosedImage ShrunkTo(const PosedImage& image, int max_side_px);
 
-// The pixel centres of a grid of about `count` cells over an image.
+// The pixel centers of a grid of about `count` cells over an image.
 std::vector<Eigen::Vector2d> GridPixels(const Camera& camera, int count);
 
 }  // namespace raylift

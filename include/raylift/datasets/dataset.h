@@ -1,5 +1,5 @@
 // The field's data sets, each in the layout in which it is published, as scenes. Every convention
-// of theirs (camera to world, camera centres, quaternions with w last, OpenGL's axes) is converted
+// of theirs (camera to world, camera centers, quaternions with w last, OpenGL's axes) is converted
 // here, once. Photographs and depth maps stay where they are.
 
 #pragma once
@@ -23,12 +23,12 @@ namespace raylift {
 
 // Of 7-Scenes, whose poses are the depth camera's: what the photographs' poses are.
 enum class SensorCalibration {
-  kColor,  // moved to the colour camera
+  kColor,  // moved to the color camera
   kRaw,    // as published, as if both cameras stood in one place
 };
 template <>
 inline constexpr auto kEnumNames<SensorCalibration> = std::to_array<EnumName<SensorCalibration>>({
-    {SensorCalibration::kColor, "colour"},
+    {SensorCalibration::kColor, "color"},
     {SensorCalibration::kRaw, "raw"},
 });
 

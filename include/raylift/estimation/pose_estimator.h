@@ -106,13 +106,13 @@ inline constexpr auto kEnumNames<Refinement> = std::to_array<EnumName<Refinement
     {Refinement::kPaper, "paper", "paper", "the paper's methods and nothing beyond"},
 });
 
-enum class Solver { kP3p, kE5p1, kD3p1, kKnownCentre, kUpright };
+enum class Solver { kP3p, kE5p1, kD3p1, kKnownCenter, kUpright };
 template <>
 inline constexpr auto kEnumNames<Solver> = std::to_array<EnumName<Solver>>({
     {Solver::kP3p, "p3p"},
     {Solver::kE5p1, "e5p1"},
     {Solver::kD3p1, "d3p1"},
-    {Solver::kKnownCentre, "p2p_centre"},  // two 2D-3D matches, and the position's prior
+    {Solver::kKnownCenter, "p2p_centre"},  // two 2D-3D matches, and the position's prior
     {Solver::kUpright, "up2p"},            // two 2D-3D matches, and gravity
 });
 
@@ -209,7 +209,7 @@ struct PoseEstimate {
   // determine the pose.
   std::optional<Eigen::Matrix<double, 6, 6>> covariance;
   double rotation_sigma_deg = 0;  // root mean square over the axes' sum; 0 without a covariance
-  double position_sigma = 0;      // of the camera centre, scene units
+  double position_sigma = 0;      // of the camera center, scene units
 
   // The probability that the pose is right: that its inliers are not there by chance, that no other
   // pose explains the matches as well, among those that its RANSAC found and one that is looked for
@@ -227,7 +227,7 @@ struct PoseEstimate {
   double ransac_value = 0;
   double refined_value = 0;
 
-  // False where only the orientation is determined (E5+1 with all references at one centre).
+  // False where only the orientation is determined (E5+1 with all references at one center).
   bool position_observable = true;
 
   // The query's camera with the refined focal length, where that was asked for or not known.

@@ -1,7 +1,7 @@
 // The dense correspondence reprojection error (Wald et al., "Beyond Controlled Environments", 2020;
 // Panek et al., "CadLoc", 2023): how far the surface that a photograph shows moves in the image
 // when the estimated pose takes the place of the true one. It asks what an application sees rather
-// than how far a camera centre is off.
+// than how far a camera center is off.
 
 #pragma once
 

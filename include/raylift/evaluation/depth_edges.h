@@ -15,7 +15,7 @@
 
 namespace raylift {
 
-// 1 where a pixel's depth is smaller than that of one of its 4 neighbours by more than `min_jump`
+// 1 where a pixel's depth is smaller than that of one of its 4 neighbors by more than `min_jump`
 // times its own; holes make no edges.
 std::vector<uint8_t> FindDepthEdges(const DepthMap& map, double min_jump = 0.05);
 

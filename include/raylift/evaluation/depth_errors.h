@@ -139,7 +139,7 @@ std::optional<NormalErrors> ComputeNormalErrors(std::span<const float> estimated
 // How much of what the truth knows a map knows, and how its holes are spread.
 struct DepthCoverage {
   double covered_percent = 0;      // of the truth's pixels (of all pixels where there is no truth)
-  double holes_per_megapixel = 0;  // connected holes (4-neighbours) of at least 4 pixels
+  double holes_per_megapixel = 0;  // connected holes (4-neighbors) of at least 4 pixels
   double invented_percent = 0;     // of all pixels: the map has depth where the truth has none
 };
 // `truth` may be empty: then nothing is invented.

@@ -18,7 +18,7 @@ struct DepthPerturbation {
   double scale_sigma = 0;     // ln of a factor per image
   double offset = 0;          // scene units, added
   double warp_sigma = 0;      // ln of a smooth field's factors, nodes of a 5 x 4 grid
-  int bubbles = 0;            // per image: smooth domes towards the camera (Poisson meshing)
+  int bubbles = 0;            // per image: smooth domes toward the camera (Poisson meshing)
   double bubble_height = .2;  // of a bubble, relative to the depth
   int floaters = 0;           // per image: small blobs in front of the surface (over-fitted NeRFs)
   double flying_share = 0;    // of the pixels at depth edges: moved between the two surfaces

@@ -12,7 +12,7 @@
 namespace raylift {
 
 struct PoseError {
-  double position;      // distance of the camera centres, in scene units
+  double position;      // distance of the camera centers, in scene units
   double rotation_deg;  // angle of the rotation between the orientations
 };
 

@@ -27,7 +27,7 @@ struct Threshold {
 };
 
 // "0.05,5:0.1,1:0.25,2", that is position,degrees between colons, or the name of a data set, whose
-// customary thresholds (in metres) they are. OptionError, in the name of "thresholds", on anything
+// customary thresholds (in meters) they are. OptionError, in the name of "thresholds", on anything
 // but positive finite numbers in pairs.
 std::vector<Threshold> ParseThresholds(std::string_view text);
 std::string ThresholdPresetNames();  // "aachen|robotcar|..."

@@ -23,7 +23,7 @@ struct SubmissionReport {
 };
 
 // Names must be those of the queries or their ends from a `/` on. `reference_centers` (may be
-// empty) say where the scene is: where most camera centres lie far outside of it and would not,
+// empty) say where the scene is: where most camera centers lie far outside of it and would not,
 // were the poses camera to world, the direction is wrong. InputError where the file cannot be read.
 SubmissionReport CheckSubmission(const std::filesystem::path& file,
                                  std::span<const std::string> query_names,

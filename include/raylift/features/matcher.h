@@ -1,5 +1,5 @@
 // Finds which features of a query and of a reference show the same place: those that are each
-// other's nearest neighbours by descriptor, where the nearest is clearly nearer than the runner-up.
+// other's nearest neighbors by descriptor, where the nearest is clearly nearer than the runner-up.
 
 #pragma once
 
@@ -10,7 +10,7 @@
 namespace raylift {
 
 struct MatchOptions {
-  // Lowe's ratio test: the distance from the query's descriptor to its nearest neighbour is below
+  // Lowe's ratio test: the distance from the query's descriptor to its nearest neighbor is below
   // this share of the distance to the second nearest. 1: no such test.
   double max_ratio = 0.8;
   // The second nearest must lie farther from the nearest than this: the same place found again, at

@@ -21,12 +21,12 @@ struct RootSiftOptions {
   double contrast_threshold = 0.01;
 };
 
-// Features of a grey image, the strongest first; a keypoint with several dominant orientations
+// Features of a gray image, the strongest first; a keypoint with several dominant orientations
 // appears once for each. Scores are the contrasts. No features in an empty or tiny image.
 //
 // The result does not depend on threads: run it for many images at once (ParallelFor). OpenCV uses
 // threads of its own within each image unless the program tells it not to, once and for all, by
 // cv::setNumThreads(1); that is faster where there are many images, as in the program `raylift`.
-Features ExtractRootSift(const Image& grey, const RootSiftOptions& options = {});
+Features ExtractRootSift(const Image& gray, const RootSiftOptions& options = {});
 
 }  // namespace raylift

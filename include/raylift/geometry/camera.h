@@ -1,6 +1,6 @@
 // A camera's intrinsics: which pixel a point in front of the camera falls on, and which ray leaves
 // through a pixel. The frame is COLMAP's: x right, y down, z forward; pixels are COLMAP's, too: the
-// centre of the first pixel is (0.5, 0.5).
+// center of the first pixel is (0.5, 0.5).
 //
 // A panorama (EQUIRECTANGULAR) sees all directions: azimuth from x / width and elevation from
 // y / height, z in the middle of the image. What stands for its focal lengths are pixels per radian.
@@ -42,7 +42,7 @@ class Camera {
   double MeanFocalPx() const { return 0.5 * (focal_x_px() + focal_y_px()); }
   Eigen::Vector2d principal_point_px() const { return principal_point_px_; }
 
-  // The pixel of a point; none where the point is behind the camera (or at its centre) or outside
+  // The pixel of a point; none where the point is behind the camera (or at its center) or outside
   // the domain in which the model's distortion is one-to-one. The pixel may lie outside the image.
   std::optional<Eigen::Vector2d> ImgFromCam(const Eigen::Vector3d& point_in_cam) const;
 

@@ -39,7 +39,7 @@ struct SampsonResidual {
 // that is the epipolar constraint q' E r over the length of its gradient with respect to the four
 // pixel coordinates. Taking the gradient through the true camera models makes it a distance in
 // pixels for any lens, and weighs the two images by their own focal lengths. None where a pixel has
-// no ray or both gradients vanish (the two camera centres coincide).
+// no ray or both gradients vanish (the two camera centers coincide).
 std::optional<SampsonResidual> SampsonError(const Camera& query_camera,
                                             const Rigid3& query_from_world,
                                             const Eigen::Vector2d& query_px,
@@ -47,7 +47,7 @@ std::optional<SampsonResidual> SampsonError(const Camera& query_camera,
                                             const Rigid3& reference_from_world,
                                             const Eigen::Vector2d& reference_px);
 
-// A pixel's neighbourhood, linearized: for a point p on the ray through a nearby pixel,
+// A pixel's neighborhood, linearized: for a point p on the ray through a nearby pixel,
 //   (ImgFromCam(p) - pixel) ~ (image_from_ray * p).head<2>() / (image_from_ray * p).z(),
 // exact for a pinhole camera and to first order for every other. The third row is positive in front
 // of the camera. The inverse's first two columns are d ray / d pixel, its third is the ray.

@@ -23,7 +23,7 @@ struct Rigid3 {
     const Eigen::Quaterniond inverse = rotation.conjugate();
     return {inverse, -(inverse * translation)};
   }
-  // The source origin's counterpart: for cam_from_world, the camera centre in the world.
+  // The source origin's counterpart: for cam_from_world, the camera center in the world.
   Eigen::Vector3d OriginInSource() const { return -(rotation.conjugate() * translation); }
 
   bool IsFinite() const { return rotation.coeffs().allFinite() && translation.allFinite(); }

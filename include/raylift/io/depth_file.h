@@ -19,8 +19,8 @@ namespace raylift {
 
 enum class DepthFileFormat {
   kExr,     // OpenEXR: float16, float32 or uint32; scan lines or tiles, one or several parts
-  kPng,     // grey, 8 or 16 bits
-  kTiff,    // grey, integers of 8 to 32 bits, float32 or float64
+  kPng,     // gray, 8 or 16 bits
+  kTiff,    // gray, integers of 8 to 32 bits, float32 or float64
   kPgm,     // binary, 8 or 16 bits
   kNpy,     // numpy: float16/32/64 and (u)int8/16/32/64, either byte order, C or Fortran order
   kNpz,     // numpy: a ZIP of those
@@ -112,7 +112,7 @@ struct DepthWriteOptions {
   ExrCompression exr_compression = ExrCompression::kPxr24;
   bool deflate_npz = false;  // numpy reads both; stored is some 20 times faster to write
   // Default: key "depth" of an NPZ, and of an EXR channel "Y", which readers of pictures take for
-  // grey; OpenCV reads a file that has a "Z" alone as zeros and says nothing.
+  // gray; OpenCV reads a file that has a "Z" alone as zeros and says nothing.
   std::string layer = {};
   double png_step = 0.001;  // scene units per count of a 16-bit PNG
   int png_compression = 1;  // 0 .. 9

@@ -1,4 +1,4 @@
-// hloc's local features, features.h5. Their keypoints put the first pixel's centre at (0, 0), ours
+// hloc's local features, features.h5. Their keypoints put the first pixel's center at (0, 0), ours
 // are COLMAP's (0.5, 0.5): they are converted here.
 
 #pragma once

@@ -19,7 +19,7 @@
 namespace raylift {
 
 struct PairPixels {
-  // Row by row what is matched, as it stands in the file: where the first pixel's centre is, is not
+  // Row by row what is matched, as it stands in the file: where the first pixel's center is, is not
   // known here.
   std::vector<Eigen::Vector2d> first_px, second_px;
   std::vector<double> scores;  // empty where there are none

@@ -1,6 +1,6 @@
 // What is known of queries' poses beforehand, as a text file:
 //
-//   # of a query: the camera's centre in the world and its standard deviation, one or per axis
+//   # of a query: the camera's center in the world and its standard deviation, one or per axis
 //   day/001.jpg position 465203.1 5428113.9 248.0 5
 //   day/002.jpg position 465210.6 5428115.2 247.1 3 3 10
 //   # of a query: down in the camera's frame (x right, y down, z forward), standard deviation, deg

@@ -1,5 +1,5 @@
 // What the numbers of a folder of depth maps mean. Every pipeline has its own dialect (z or the
-// length of the ray, metres or millimetres, holes as 0, 65535 or infinity), and each map is
+// length of the ray, meters or millimeters, holes as 0, 65535 or infinity), and each map is
 // converted once, when it is loaded, to the one that everything else knows: DepthMap.
 
 #pragma once
@@ -22,7 +22,7 @@ namespace raylift {
 
 enum class DepthKind {
   kZ,        // along the optical axis
-  kRay,      // along the ray of each pixel, from the camera's centre
+  kRay,      // along the ray of each pixel, from the camera's center
   kInverse,  // 1 / z
 };
 template <>
@@ -53,7 +53,7 @@ struct DepthConvention {
   DepthKind kind = DepthKind::kZ;
   MapOrientation orientation = MapOrientation::kAsStored;
   // Scene units of a stored 1 (of kInverse: 1 / scene units). None: 1 where the file holds floats,
-  // 0.001 (millimetres) where it holds integers.
+  // 0.001 (millimeters) where it holds integers.
   std::optional<double> unit = std::nullopt;
   double scale = 1;  // times this, for whole sources whose scale is off
   // Stored values that mean "none"; what is not finite or not positive always does.
@@ -85,7 +85,7 @@ std::string DepthPresetNames();  // "colmap|nerfstudio|..."
 // The file that a pattern means, before {time} is looked up.
 std::string ExpandPattern(std::string_view pattern, std::string_view image_name);
 
-// The z component of the unit ray through each pixel's centre (of a panorama, whose depth is the
+// The z component of the unit ray through each pixel's center (of a panorama, whose depth is the
 // distance: 1); 0 where there is no ray.
 std::vector<float> RayZOfPixels(const Camera& camera);
 

@@ -15,7 +15,7 @@ struct DepthSensor {
   Rigid3 image_from_sensor;  // from the sensor's frame to that of the photograph's camera
 };
 
-// The sensor's map seen by `image`, of its size. Neighbours in the map span triangles, so planes
+// The sensor's map seen by `image`, of its size. Neighbors in the map span triangles, so planes
 // stay planes, unless their depths jump by more than 5 %; the nearest surface counts.
 DepthMap RegisterDepth(const DepthMap& map, const DepthSensor& sensor, const Camera& image);
 

@@ -1,8 +1,8 @@
-// Depth between the pixel centres of a map, as exact as the surface allows and never a mixture of
+// Depth between the pixel centers of a map, as exact as the surface allows and never a mixture of
 // two surfaces: a depth map is a set of samples of several surfaces, and a mean of foreground and
 // background is on neither.
 //
-// On a plane 1/z is affine in the pixel, so interpolation is linear in 1/z. Two neighbours belong
+// On a plane 1/z is affine in the pixel, so interpolation is linear in 1/z. Two neighbors belong
 // to one surface unless their depths jump: by more than `max_jump` (relative), or by more than a
 // fifth of it where neither side's slope leads to the other.
 
@@ -27,9 +27,9 @@ inline constexpr auto kEnumNames<DepthInterpolation> = std::to_array<EnumName<De
 struct DepthSamplingOptions {
   DepthInterpolation interpolation = DepthInterpolation::kEdgeAware;
   double max_jump = 0.05;  // relative, from pixel to pixel
-  // Where the first sample of a map lies, in its pixels: 0.5 where samples are at pixel centres, 0
+  // Where the first sample of a map lies, in its pixels: 0.5 where samples are at pixel centers, 0
   // where the map was made for integer coordinates. For LiftByDepthMap; SampleDepth takes positions
-  // with centres at 0.5.
+  // with centers at 0.5.
   double first_sample_px = 0.5;
 };
 
@@ -39,7 +39,7 @@ struct DepthSample {
   // a pixel stands alone).
   Eigen::Vector2d inverse_z_gradient;
   bool has_gradient;
-  // The largest relative difference between a neighbouring pixel and where the surface would be
+  // The largest relative difference between a neighboring pixel and where the surface would be
   // there; holes do not count.
   double depth_jump;
 };

@@ -26,7 +26,7 @@ struct SfmOptions {
 };
 
 // A keypoint that coincides with one of the model's is that one: where it has no 3D point, there is
-// none, however close its neighbours are. Where several coincide (one place, several orientations)
+// none, however close its neighbors are. Where several coincide (one place, several orientations)
 // the 3D point of the longest track is taken.
 class SfmSource final : public GeometrySource {
  public:

@@ -1,5 +1,5 @@
 // The built-in front end: RootSIFT features, retrieval by VLAD unless it is given, and mutual
-// nearest neighbours. All that other programs would bring, made from the photographs alone.
+// nearest neighbors. All that other programs would bring, made from the photographs alone.
 
 #pragma once
 
@@ -63,7 +63,7 @@ struct FeatureCount {
 FeatureCount PrepareFrontEnd(const FrontEndOptions& options, const ReferenceSet& references,
                              const std::vector<Query>& queries, const Shard& shard, bool for_vlad);
 
-// The features of a photograph (grey or RGB) as MatchPhotograph() extracts them, rounded as a cache
+// The features of a photograph (gray or RGB) as MatchPhotograph() extracts them, rounded as a cache
 // would store them: a query gives the same bytes from memory as from disk.
 Features ExtractFrontEndFeatures(const Image& photograph, int max_features);
 

@@ -30,7 +30,7 @@ struct JoiningQueries {
 struct MatchReading {
   // Those of a lower score are left out; matches without scores count as 1, as in hloc.
   std::optional<double> min_score = std::nullopt;
-  // Of pixels without features (pair_matches.h): where the matcher puts the centre of the first
+  // Of pixels without features (pair_matches.h): where the matcher puts the center of the first
   // pixel, between 0 and 1, and the side of the cells in which query pixels are one keypoint;
   // 0: equal pixels alone are.
   double first_pixel = 0;

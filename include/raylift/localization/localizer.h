@@ -102,7 +102,7 @@ class Localizer {
 
   // All stages.
   QueryResult Localize(const Query& query) const;                           // known by its name
-  QueryResult Localize(const Query& query, const Image& photograph) const;  // grey or RGB
+  QueryResult Localize(const Query& query, const Image& photograph) const;  // gray or RGB
   QueryResult Localize(const Query& query, const Features& features) const;
   QueryResult Localize(const Query& query, QueryMatches matches) const;
 

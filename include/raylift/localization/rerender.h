@@ -46,7 +46,7 @@ double PoseSupport(const Camera& camera, const Rigid3& cam_from_world,
 
 class Rerenderer {
  public:
-  // Colours and light as in `look`.
+  // Colors and light as in `look`.
   Rerenderer(const std::shared_ptr<const RayCaster>& mesh, const ColorOptions& look,
              std::filesystem::path query_images, const RerenderOptions& options);
 
@@ -58,7 +58,7 @@ class Rerenderer {
   // cannot be read or does not have its camera's size.
   void Improve(const Query& query, const PoseEstimator& estimator, QueryResult& result,
                double min_confidence = 0) const;
-  // The same of a photograph in memory, grey or RGB.
+  // The same of a photograph in memory, gray or RGB.
   void Improve(const Query& query, const Image& photograph, const PoseEstimator& estimator,
                QueryResult& result, double min_confidence = 0) const;
 

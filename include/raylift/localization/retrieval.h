@@ -94,7 +94,7 @@ RetrievedLists RetrieveByGlobalFeatures(std::span<const std::string> queries,
                                         const GlobalFeatureFiles& files, int top_k, int threads,
                                         bool show_progress);
 
-// The nearest cameras, the score being minus the distance of the centres.
+// The nearest cameras, the score being minus the distance of the centers.
 RetrievedLists RetrieveByDistance(std::span<const PosedImage> queries,
                                   std::span<const PosedImage> references, double max_angle_deg,
                                   int top_k, int threads);

@@ -37,11 +37,11 @@ struct GlbOptions {
   std::optional<Eigen::Vector3d> up_in_world = std::nullopt;
 };
 
-// Each camera is a node of its image's name in the group of its kind: lines from its centre through
+// Each camera is a node of its image's name in the group of its kind: lines from its center through
 // the corners of the image, blue for references, green for localized and orange for doubtful
 // queries, and a glTF camera (a pinhole: what is left of a lens that a GLB cannot hold). Numbers are
 // float about an origin that the outermost node holds in double. The mesh keeps its textures (as
-// JPEG) or its vertex colours, unlit; without them it is grey and lit.
+// JPEG) or its vertex colors, unlit; without them it is gray and lit.
 void WriteGlb(const std::filesystem::path& path, const TriangleMesh* mesh,
               std::span<const GlbCamera> cameras, const GlbOptions& options = {});
 

@@ -8,8 +8,8 @@
 
 namespace raylift {
 
-// All vertices in a cell of a grid become one, at their mean and of their mean colour; textures
-// become colours of vertices. The cells are as small as no more triangles than asked for allow. A
+// All vertices in a cell of a grid become one, at their mean and of their mean color; textures
+// become colors of vertices. The cells are as small as no more triangles than asked for allow. A
 // mesh that has no more comes back as it is.
 TriangleMesh DecimatedMesh(const TriangleMesh& mesh, size_t max_triangles);
 

@@ -1,4 +1,4 @@
-// Everything that a camera sees of a scene, in one pass over its pixels: depth, normals, colour,
+// Everything that a camera sees of a scene, in one pass over its pixels: depth, normals, color,
 // which triangle, how obliquely.
 
 #pragma once
@@ -18,7 +18,7 @@ namespace raylift {
 
 struct ColorOptions {
   enum class Shading {
-    kUnlit,      // the surface's own colour
+    kUnlit,      // the surface's own color
     kHeadlight,  // times the cosine to the viewer; what untextured meshes need
     kSun,        // a directional light with shadows, and ambient light
   };

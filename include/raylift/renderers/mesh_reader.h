@@ -23,7 +23,7 @@ struct MeshReadOptions {
 // point cloud says so).
 TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& options = {});
 
-// The same from memory. Colours are one per vertex, or none at all. InputError where an index is out
+// The same from memory. Colors are one per vertex, or none at all. InputError where an index is out
 // of range, the counts differ, or no triangle is left.
 TriangleMesh MakeMesh(std::vector<Eigen::Vector3d> vertices,
                       std::vector<std::array<uint32_t, 3>> triangles,

@@ -21,7 +21,7 @@ std::vector<std::filesystem::path> ListMeshFiles(const std::string& files);
 TriangleMesh ReadMeshes(std::span<const std::filesystem::path> files,
                         const MeshReadOptions& options = {});
 
-// One mesh of all of them, recentred. Vertex colours, texture coordinates and textures stay where
+// One mesh of all of them, recentered. Vertex colors, texture coordinates and textures stay where
 // any mesh has them; the others' vertices are white there.
 TriangleMesh MergeMeshes(std::vector<TriangleMesh> meshes);
 

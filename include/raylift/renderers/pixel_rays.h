@@ -1,4 +1,4 @@
-// The rays through all pixel centres of a picture. They depend on the lens alone, so that one table
+// The rays through all pixel centers of a picture. They depend on the lens alone, so that one table
 // serves all views of a camera; what makes a distorted lens dear, its inversion, is done once. A
 // pinhole needs no table but one slope per column and row.
 
@@ -18,7 +18,7 @@ class PixelRays {
   PixelRays(const Camera& camera, int threads);
 
   // A panorama of all directions: column x + 0.5 looks at the azimuth 2 pi ((x + 0.5) / width -
-  // 0.5) from z towards x, row y + 0.5 at the elevation pi (0.5 - (y + 0.5) / height), up being -y.
+  // 0.5) from z toward x, row y + 0.5 at the elevation pi (0.5 - (y + 0.5) / height), up being -y.
   // Not a camera to localize with.
   static PixelRays Equirectangular(int width_px, int height_px, int threads);
 
@@ -26,7 +26,7 @@ class PixelRays {
   int height_px() const { return height_px_; }
   bool is_panorama() const { return !camera_; }
 
-  // The unit ray through the centre of a pixel in the camera's frame, in double.
+  // The unit ray through the center of a pixel in the camera's frame, in double.
   std::optional<Eigen::Vector3d> RayInCam(int x, int y) const;
 
   // Whether the rays are those of a lens without distortion. Then they are (x slope of the column,

@@ -98,8 +98,8 @@ class RayCaster {
   explicit RayCaster(std::shared_ptr<const TriangleMesh> mesh,
                      const RayCasterOptions& options = {});
   // Of surfels. Where a ray passes through several discs that are one surface within their scatter,
-  // and their centres surround it, it hits the mean of their planes, by their precision; the hit is
-  // of the disc whose centre is the closest to it. The surfels are shared as the mesh is.
+  // and their centers surround it, it hits the mean of their planes, by their precision; the hit is
+  // of the disc whose center is the closest to it. The surfels are shared as the mesh is.
   explicit RayCaster(std::shared_ptr<const Surfels> surfels, const RayCasterOptions& options = {});
   // Of splats, as splats.h says; their surface is at `depth`, with a normal that is the mean of the
   // Gaussians' shortest axes, turned against the ray, and the spread of their t as its sigma.
@@ -117,7 +117,7 @@ class RayCaster {
   SurfaceKind kind() const;
   // Whether hits have a sigma: at surfels and splats, which have no coarse hits to refine.
   bool HitsHaveSigma() const;
-  // Whether the surface has colours of its own.
+  // Whether the surface has colors of its own.
   bool HasColors() const;
 
   // The nearest hit of each ray, in order; none where it leaves the scene or is not finite. Both

@@ -11,7 +11,7 @@
 // A disc is what an ellipsoid becomes as its third axis vanishes: t is where the ray meets its plane.
 // Gaussians with alpha >= 1/255 are blended by their t, from front to back: each with the weight
 // w = alpha T, which leaves T (1 - alpha) of the transmittance T. The first one that would leave less
-// than 1e-4, and all behind it, are not there (Kerbl et al.). The colour is the sum of w c; a ray has
+// than 1e-4, and all behind it, are not there (Kerbl et al.). The color is the sum of w c; a ray has
 // a surface where the sum of w is at least a half.
 //
 // The filters that rasterizers apply in the picture (0.3 pixels of variance, or the low-pass of discs)
@@ -52,9 +52,9 @@ struct Splats {
   std::vector<Eigen::Vector3f> scales;        // standard deviations along the axes
   std::vector<float> opacities;
 
-  // Spherical harmonics of the colour by the direction from the eye to the mean: (degree + 1)^2
+  // Spherical harmonics of the color by the direction from the eye to the mean: (degree + 1)^2
   // coefficients of red, green and blue for each Gaussian, in the reference code's order. Empty where
-  // there are no colours.
+  // there are no colors.
   int degree = 0;
   std::vector<Eigen::Vector3f> harmonics;
   // From the world's directions to those that the harmonics are of; a mirror where its determinant
@@ -79,7 +79,7 @@ struct Splats {
 // InputError naming the file and field where it cannot be read or nothing is left.
 Splats ReadSplats(const std::filesystem::path& path);
 
-// The colours from an eye, red, green and blue of at least 0, where 1 is full intensity.
+// The colors from an eye, red, green and blue of at least 0, where 1 is full intensity.
 std::vector<Eigen::Vector3f> SplatColors(const Splats& splats, const Eigen::Vector3d& eye_in_world,
                                          int threads);
 

@@ -6,8 +6,8 @@
 
 namespace raylift {
 
-// Edges longer than `max_edge` are halved, again and again: triangles that share one stay neighbours.
-// Colours and texture coordinates are interpolated; faces and objects are known as before.
+// Edges longer than `max_edge` are halved, again and again: triangles that share one stay neighbors.
+// Colors and texture coordinates are interpolated; faces and objects are known as before.
 TriangleMesh SplitLongEdges(const TriangleMesh& mesh, double max_edge);
 
 }  // namespace raylift

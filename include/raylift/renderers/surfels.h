@@ -2,9 +2,9 @@
 // that rays can be cast at it.
 //
 // A disc lies in a plane through the k points nearest to its own. Its radius r is such that its mean
-// squared distance from its centre, r^2 / 2, is theirs. Then
+// squared distance from its center, r^2 / 2, is theirs. Then
 //  - on average k discs cover a place of a surface that was sampled at random, whatever the density
-//    is. RayCaster takes a place for a surface where their centres surround it: all but a share of
+//    is. RayCaster takes a place for a surface where their centers surround it: all but a share of
 //    k exp(-k / 2) of its places (0.5 % for k = 16), and no place outside;
 //  - where the surface is curved, the points' mean, through which the plane goes, lies behind it by
 //    r^2 / 4R, as much as the discs that meet at a place lie before it on average: the mean of
@@ -34,7 +34,7 @@ struct SurfelOptions {
 struct Surfels {
   // Discs are float, relative to this origin, which is subtracted in double before rounding.
   Eigen::Vector3d origin_in_world = Eigen::Vector3d::Zero();
-  std::vector<Eigen::Vector4f> discs;  // centre and radius
+  std::vector<Eigen::Vector4f> discs;  // center and radius
   std::vector<Eigen::Vector3f> normals;
   // How far the points scatter about the discs' planes: standard deviation.
   std::vector<float> sigmas;

@@ -11,11 +11,11 @@
 
 namespace raylift {
 
-// z-depth at every pixel centre. Same bytes for any number of threads.
+// z-depth at every pixel center. Same bytes for any number of threads.
 DepthMap RenderDepth(const RayCaster& caster, const Camera& camera, const Rigid3& cam_from_world,
                      int threads);
 
-// RGB from texture (bilinear), else vertex colours, else `untextured_rgb`.
+// RGB from texture (bilinear), else vertex colors, else `untextured_rgb`.
 Image RenderColor(const RayCaster& caster, const Camera& camera, const Rigid3& cam_from_world,
                   const ColorOptions& options, int threads);
 

@@ -1,4 +1,4 @@
-// A depth map: for each pixel the depth of the surface that its centre shows.
+// A depth map: for each pixel the depth of the surface that its center shows.
 
 #pragma once
 

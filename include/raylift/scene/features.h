@@ -10,7 +10,7 @@
 
 namespace raylift {
 
-// One row per keypoint. Pixels are COLMAP's (the first pixel's centre is (0.5, 0.5)).
+// One row per keypoint. Pixels are COLMAP's (the first pixel's center is (0.5, 0.5)).
 struct Features {
   int image_width_px = 0;
   int image_height_px = 0;

@@ -8,7 +8,7 @@
 
 namespace raylift {
 
-// 8-bit, row-major, interleaved channels (1: grey, 3: red, green, blue).
+// 8-bit, row-major, interleaved channels (1: gray, 3: red, green, blue).
 struct Image {
   int width_px = 0;
   int height_px = 0;
@@ -23,7 +23,7 @@ struct Image {
   }
 };
 
-// Of an RGB picture by ITU-R BT.601, as decoders make grey of colour; a grey one as it is.
-Image ToGrey(const Image& image);
+// Of an RGB picture by ITU-R BT.601, as decoders make gray of color; a gray one as it is.
+Image ToGray(const Image& image);
 
 }  // namespace raylift

@@ -10,7 +10,7 @@
 namespace raylift {
 
 struct PositionPrior {
-  Eigen::Vector3d position;  // of the camera's centre, world frame
+  Eigen::Vector3d position;  // of the camera's center, world frame
   // Standard deviation along each axis of the world, scene units; 0: exact.
   Eigen::Vector3d sigma = Eigen::Vector3d::Zero();
 };

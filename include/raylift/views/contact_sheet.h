@@ -1,4 +1,4 @@
-// A sheet of small colour-mapped depth maps, to see at a glance whether the cameras are where they
+// A sheet of small color-mapped depth maps, to see at a glance whether the cameras are where they
 // should be.
 
 #pragma once

@@ -23,7 +23,7 @@ enum class Product {
   kDistance,      // along the ray; 0 = none
   kInverseDepth,  // 1 / depth: disparity over baseline and focal length; 0 = none
   kPoints,        // x, y, z of what is seen; NaN = none
-  kNormals,       // unit, towards the camera; 0 = none
+  kNormals,       // unit, toward the camera; 0 = none
   kColor,         // RGB
   kTriangle,      // face of the mesh's file, from 0; 4294967295 = none
   kObject,        // which of the meshes, from 0; 4294967295 = none

@@ -1,4 +1,4 @@
-// Colours for the vertices of a mesh that has none, from photographs with poses: so that a scan or an
+// Colors for the vertices of a mesh that has none, from photographs with poses: so that a scan or an
 // MVS mesh can be rendered as photographs see it, and be localized against alone.
 
 #pragma once
@@ -27,11 +27,11 @@ struct VertexColoringOptions {
 
 struct VertexColoring {
   std::vector<std::array<uint8_t, 3>> colors_rgb;
-  // Vertices that a photograph sees. The others have the colours of their neighbours, and are grey
+  // Vertices that a photograph sees. The others have the colors of their neighbors, and are gray
   // where nothing that they are connected with is seen.
   size_t num_seen = 0;
   std::vector<Eigen::Vector3d> factors_rgb;  // per photograph; geometric mean 1
-  // How far apart neighbouring vertices are in the photographs that see them best, and how wide a
+  // How far apart neighboring vertices are in the photographs that see them best, and how wide a
   // pixel is on the surface there (units of the mesh), medians over those seen: what is finer than
   // the vertices is lost.
   double median_spacing_px = 0;

@@ -54,7 +54,7 @@ SampledViews SampleAround(const RayCaster& mesh, const ViewSamplerOptions& optio
 // faces it. By the winding of the triangles, unless `any_side`. InputError where there is no place.
 struct InsideOptions {
   double eye_height = 1.6;
-  double max_step = 0.4;      // between neighbouring places
+  double max_step = 0.4;      // between neighboring places
   double look_down_deg = 0;   // below the horizon
   double min_coverage = 0.6;  // share of the picture that must see a surface
 };
@@ -65,12 +65,12 @@ std::optional<SampledViews> TrySampleInside(const RayCaster& mesh,
                                             const ViewSamplerOptions& options,
                                             const InsideOptions& inside);
 
-// Evenly spaced along a line of camera centres, looking along it. What is not clear of surfaces
+// Evenly spaced along a line of camera centers, looking along it. What is not clear of surfaces
 // or inside a body is left out with a warning; InputError where nothing is left.
 SampledViews SampleAlong(const RayCaster& mesh, const ViewSamplerOptions& options,
                          std::span<const Eigen::Vector3d> line);
 
-// The pose of a camera that looks along `forward`, with the picture's top towards `up`.
+// The pose of a camera that looks along `forward`, with the picture's top toward `up`.
 Rigid3 LookAlong(const Eigen::Vector3d& center, const Eigen::Vector3d& forward,
                  const Eigen::Vector3d& up);
 

@@ -1,4 +1,4 @@
-// Small helpers: elements, numbers, colours, sortable tables.
+// Small helpers: elements, numbers, colors, sortable tables.
 const data = JSON.parse(document.getElementById("data").textContent);
 
 function element(tag, attributes, ...children) {
@@ -16,7 +16,7 @@ function number(value, digits) {
   return digits === undefined ? String(+value.toPrecision(4)) : value.toFixed(digits);
 }
 
-// Okabe and Ito's colours, told apart by the colour blind, with a dash pattern as a second sign.
+// Okabe and Ito's colors, told apart by the color blind, with a dash pattern as a second sign.
 const palette = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
 const dashes = ["", "7 4", "2 3", "9 3 2 3"];
 function styleOf(index) {

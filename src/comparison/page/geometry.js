@@ -23,7 +23,7 @@ function renderedSections({ images, pictures }) {
     { title: "files, kB", value: (row) => row.bytes, text: (row) => number(row.bytes / 1000) },
   ], [...images].sort((a, b) => a.coverage_percent - b.coverage_percent), (row) => row.image));
   const total = pictures.length < images.length ? `${pictures.length} of ${images.length} images, evenly spread. ` : "";
-  pictureStrips(section("pictures", "Pictures", `${total}One colour scale of depth for all, grey is a hole.`), pictures);
+  pictureStrips(section("pictures", "Pictures", `${total}One color scale of depth for all, gray is a hole.`), pictures);
 }
 
 const doctorVerdicts = { as_meant: ["localized", "read as it is meant"], repair: ["doubtful", "another reading fits"],
@@ -56,5 +56,5 @@ function doctorSections({ diagnosis, pictures }) {
       { title: "gain, standard errors", better: "high", value: (row) => row.standard_errors, text: (row) => number(row.standard_errors, 1) },
     ], diagnosis.readings, { tall: diagnosis.readings.length > 14 }));
   }
-  pictureStrips(section("pictures", "Depth as it is read", "One colour scale of depth for all, grey is a hole."), pictures);
+  pictureStrips(section("pictures", "Depth as it is read", "One color scale of depth for all, gray is a hole."), pictures);
 }

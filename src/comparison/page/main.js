@@ -254,15 +254,15 @@ function imageSection() {
 
 function colorKey(name, colors, from, to) {
   return element("div", { class: "key" }, element("span", {}, `${name}: ${from}`),
-    element("div", { class: "bar", role: "img", "aria-label": `colours of ${name}`, style: `background:linear-gradient(90deg,${colors.join(",")})` }),
+    element("div", { class: "bar", role: "img", "aria-label": `colors of ${name}`, style: `background:linear-gradient(90deg,${colors.join(",")})` }),
     element("span", {}, to));
 }
 
 function stripSection() {
   if (!data.strips || data.strips.length === 0) return;
   const node = section("strips", "Depth side by side",
-    "The image with the worst source first. One colour scale of depth for all, grey is a hole."
-    + (data.truth ? " Histograms cover the range of the errors' colours." : ""));
+    "The image with the worst source first. One color scale of depth for all, gray is a hole."
+    + (data.truth ? " Histograms cover the range of the errors' colors." : ""));
   const full = number(100 * data.full_error, 0);
   node.append(element("div", { class: "keys" },
     colorKey("depth", data.depth_colors, number(data.depth_range[0]), `${number(data.depth_range[1])} units (log)`),

@@ -81,7 +81,7 @@ class SceneView {
     step();
   }
 
-  // The camera whose centre is drawn the nearest, within a finger's width.
+  // The camera whose center is drawn the nearest, within a finger's width.
   pick(x, y) {
     const scale = this.canvas.width / this.canvas.clientWidth;
     let best = null, least = 14 * scale;
@@ -219,7 +219,7 @@ class SceneView {
     canvas.dataset.frames = this.frames;
   }
 
-  // Triangles with a depth buffer, each of the mean colour of its corners, lit from the viewer.
+  // Triangles with a depth buffer, each of the mean color of its corners, lit from the viewer.
   paintMesh(pixels, depths, width, height, eye, axes, focal) {
     const { vertices, colors, triangles } = this.mesh;
     const count = vertices.length / 3;

@@ -157,13 +157,13 @@ struct PointTerms {
   Lanes<T> SquaredDenominator() const { return depth * depth + spread; }
 };
 
-// One block of 2D-2D matches under a pose. `centre` is the reference's camera centre in the query's
+// One block of 2D-2D matches under a pose. `center` is the reference's camera center in the query's
 // frame.
 template <typename T>
 struct PairTerms {
   Vec3<T> query_ray, g;         // g: the reference's ray in the query's frame
-  Vec3<T> normal;               // of the epipolar plane: centre x g = E r
-  Vec3<T> h;                    // query ray x centre; E' q in the query's frame
+  Vec3<T> normal;               // of the epipolar plane: center x g = E r
+  Vec3<T> h;                    // query ray x center; E' q in the query's frame
   Lanes<T> numerator;           // q . E r
   Lanes<T> eq0, eq1, er0, er1;  // the gradient
   Lanes<T> squared_denominator;
@@ -171,12 +171,12 @@ struct PairTerms {
   // parallel but for the noise of their pixels meet behind the cameras half of the time.
   Lanes<T> query_depth, reference_depth;
 
-  PairTerms(const PairBlock<T>& block, const WidePose<T>& pose, const Vec3<T>& centre,
+  PairTerms(const PairBlock<T>& block, const WidePose<T>& pose, const Vec3<T>& center,
             const Lanes<T>& baseline)
       : query_ray(LoadVec3<T>(block.query_ray)),
         g(pose.Rotate(LoadVec3<T>(block.reference_ray))),
-        normal(Cross(centre, g)),
-        h(Cross(query_ray, centre)),
+        normal(Cross(center, g)),
+        h(Cross(query_ray, center)),
         numerator(Dot(query_ray, normal)) {
     eq0 = Dot(LoadVec3<T>(block.query_gradient), normal);
     eq1 = Dot(LoadVec3<T>(block.query_gradient + 3), normal);
@@ -184,8 +184,8 @@ struct PairTerms {
     er0 = Dot(LoadVec3<T>(block.reference_gradient), u);
     er1 = Dot(LoadVec3<T>(block.reference_gradient + 3), u);
     squared_denominator = eq0 * eq0 + eq1 * eq1 + er0 * er0 + er1 * er1;
-    const Lanes<T> a = Dot(centre, query_ray);
-    const Lanes<T> b = Dot(centre, g);
+    const Lanes<T> a = Dot(center, query_ray);
+    const Lanes<T> b = Dot(center, g);
     const Lanes<T> c = Dot(query_ray, g);
     const Lanes<T> tolerance = baseline * Lanes<T>::Load(block.parallax);
     query_depth = a - b * c + tolerance;
@@ -219,7 +219,7 @@ KernelScore ScorePoints(const PointBlock<float>* blocks, int count, const Kernel
 }
 
 KernelScore ScorePairs(const PairBlock<float>* blocks, const int* block_reference, int count,
-                       const KernelPose<float>& pose, const float* centres) {
+                       const KernelPose<float>& pose, const float* centers) {
   using L = Lanes<float>;
   const WidePose<float> wide(pose);
   const L one = L::Fill(1.0f);
@@ -227,8 +227,8 @@ KernelScore ScorePairs(const PairBlock<float>* blocks, const int* block_referenc
   L cost = zero;
   L inliers = zero;
   for (int i = 0; i < count; ++i) {
-    const float* centre = centres + 3 * static_cast<std::ptrdiff_t>(block_reference[i]);
-    const PairTerms<float> m(blocks[i], wide, Fill3(centre), Length(centre));
+    const float* center = centers + 3 * static_cast<std::ptrdiff_t>(block_reference[i]);
+    const PairTerms<float> m(blocks[i], wide, Fill3(center), Length(center));
     const L squared = m.numerator * m.numerator;
     cost = cost + SelectInlier(squared, m.squared_denominator, m.query_depth, m.reference_depth,
                                squared / m.squared_denominator, one);
@@ -256,14 +256,14 @@ void PointResiduals(const PointBlock<T>* blocks, int count, const KernelPose<T>&
 
 template <typename T>
 void PairResiduals(const PairBlock<T>* blocks, const int* block_reference, int count,
-                   const KernelPose<T>& pose, const T* centres, T* squared_residuals) {
+                   const KernelPose<T>& pose, const T* centers, T* squared_residuals) {
   using L = Lanes<T>;
   const WidePose<T> wide(pose);
   const L infinity = L::Fill(static_cast<T>(__builtin_inf()));
   const L zero = L::Fill(0);
   for (int i = 0; i < count; ++i) {
-    const T* centre = centres + 3 * static_cast<std::ptrdiff_t>(block_reference[i]);
-    const PairTerms<T> m(blocks[i], wide, Fill3(centre), Length(centre));
+    const T* center = centers + 3 * static_cast<std::ptrdiff_t>(block_reference[i]);
+    const PairTerms<T> m(blocks[i], wide, Fill3(center), Length(center));
     SelectInlier(zero, m.squared_denominator, m.query_depth, m.reference_depth,
                  m.numerator * m.numerator / m.squared_denominator, infinity)
         .Store(squared_residuals + i * kLanes<T>);
@@ -376,24 +376,24 @@ KernelNormals PointNormals(const PointBlock<T>* blocks, int count, const KernelP
 
 template <typename T>
 KernelNormals PairNormals(const PairBlock<T>* blocks, const int* block_reference, int count,
-                          const KernelPose<T>& pose, const T* centres, const KernelLoss& loss) {
+                          const KernelPose<T>& pose, const T* centers, const KernelLoss& loss) {
   using L = Lanes<T>;
   const WidePose<T> wide(pose);
   const L one = L::Fill(1);
   NormalLanes<T> sums;
   for (int i = 0; i < count; ++i) {
-    const T* centre_values = centres + 3 * static_cast<std::ptrdiff_t>(block_reference[i]);
-    const Vec3<T> centre = Fill3(centre_values);
-    const PairTerms<T> m(blocks[i], wide, centre, Length(centre_values));
+    const T* center_values = centers + 3 * static_cast<std::ptrdiff_t>(block_reference[i]);
+    const Vec3<T> center = Fill3(center_values);
+    const PairTerms<T> m(blocks[i], wide, center, Length(center_values));
     const LossTerms<T> terms(m.numerator * m.numerator, m.squared_denominator, m.query_depth,
                              m.reference_depth, loss);
     sums.cost = sums.cost + terms.cost;
     sums.inliers = sums.inliers + terms.inlier;
 
-    // s = num / sqrt(den). Under (w, v), g turns by w, the centre moves by w x centre + v:
-    //   d num = w . (n x q) + v . (g x q)                        with n = centre x g
+    // s = num / sqrt(den). Under (w, v), g turns by w, the center moves by w x center + v:
+    //   d num = w . (n x q) + v . (g x q)                        with n = center x g
     //   d (G_q . n) = w . (n x G_q) + v . (g x G_q)
-    //   d (G_r . R' h) = w . (k x h + centre x (k x q)) + v . (k x q)   with k = R G_r
+    //   d (G_r . R' h) = w . (k x h + center x (k x q)) + v . (k x q)   with k = R G_r
     // All times the root of the weight.
     const L inverse = Silence(one / SquareRoot(m.squared_denominator), terms.inlier);
     const L weighted = inverse * terms.root_weight;
@@ -409,7 +409,7 @@ KernelNormals PairNormals(const PairBlock<T>* blocks, const int* block_reference
     const Vec3<T> k_cross_q = Cross(k_mix, m.query_ray);
     const Vec3<T> by_rotation =
         Cross(m.normal, m.query_ray) * weighted -
-        (Cross(m.normal, q_mix) + Cross(k_mix, m.h) + Cross(centre, k_cross_q)) * pull;
+        (Cross(m.normal, q_mix) + Cross(k_mix, m.h) + Cross(center, k_cross_q)) * pull;
     const Vec3<T> by_translation =
         Cross(m.g, m.query_ray) * weighted - (Cross(m.g, q_mix) + k_cross_q) * pull;
     sums.Add(Silence(by_rotation, terms.inlier), Silence(by_translation, terms.inlier), s);

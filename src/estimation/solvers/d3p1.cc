@@ -7,14 +7,14 @@
 namespace raylift {
 
 int SolveRelativePoseByDepth(const std::array<Eigen::Vector3d, 3>& query_rays,
-                             const std::array<Eigen::Vector3d, 3>& points_from_centre,
+                             const std::array<Eigen::Vector3d, 3>& points_from_center,
                              std::span<RelativePose, 4> poses) {
   // A shorter translation than this, beside the points' distances, is rounding.
   constexpr double kLeastTranslation = 1e-9;
   std::array<SolverPose, 4> solutions;
-  const int num_solutions = SolveP3p(query_rays, points_from_centre, solutions);
+  const int num_solutions = SolveP3p(query_rays, points_from_center, solutions);
   double farthest2 = 0;
-  for (const Eigen::Vector3d& point : points_from_centre) {
+  for (const Eigen::Vector3d& point : points_from_center) {
     farthest2 = std::max(farthest2, point.squaredNorm());
   }
   int count = 0;

@@ -14,10 +14,10 @@
 namespace raylift {
 
 // The relative poses of three matches: unit rays of the query, and the points from the reference's
-// centre, in world axes, up to a common positive factor. Returns their count; 0 where the query is
-// at the reference's centre, as that has no direction, and where P3P has no solution.
+// center, in world axes, up to a common positive factor. Returns their count; 0 where the query is
+// at the reference's center, as that has no direction, and where P3P has no solution.
 int SolveRelativePoseByDepth(const std::array<Eigen::Vector3d, 3>& query_rays,
-                             const std::array<Eigen::Vector3d, 3>& points_from_centre,
+                             const std::array<Eigen::Vector3d, 3>& points_from_center,
                              std::span<RelativePose, 4> poses);
 
 }  // namespace raylift

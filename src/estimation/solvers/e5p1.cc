@@ -12,14 +12,14 @@ constexpr double kLeastParallax = 1e-9;
 
 }  // namespace
 
-SolverPose QueryPose(const RelativePose& relative, const Eigen::Vector3d& centre, double length) {
-  return {relative.rotation, length * relative.direction - relative.rotation * centre};
+SolverPose QueryPose(const RelativePose& relative, const Eigen::Vector3d& center, double length) {
+  return {relative.rotation, length * relative.direction - relative.rotation * center};
 }
 
-std::optional<double> TranslationLength(const RelativePose& relative, const Eigen::Vector3d& centre,
-                                        const RayPair& sixth, const Eigen::Vector3d& sixth_centre) {
+std::optional<double> TranslationLength(const RelativePose& relative, const Eigen::Vector3d& center,
+                                        const RayPair& sixth, const Eigen::Vector3d& sixth_center) {
   // In the query's frame the sixth reference sits at a + length * direction.
-  const Eigen::Vector3d a = relative.rotation * (sixth_centre - centre);
+  const Eigen::Vector3d a = relative.rotation * (sixth_center - center);
   const Eigen::Vector3d g = relative.rotation * sixth.reference_ray;
   const Eigen::Vector3d plane_normal = g.cross(sixth.query_ray);
   const double parallax = plane_normal.dot(relative.direction);

@@ -19,15 +19,15 @@ struct RayPair {
   Eigen::Vector3d reference_ray;
 };
 
-// cam_from_world of the query for a reference at `centre` (rays in world axes) and a translation of
+// cam_from_world of the query for a reference at `center` (rays in world axes) and a translation of
 // `length` along the relative pose's direction.
-SolverPose QueryPose(const RelativePose& relative, const Eigen::Vector3d& centre, double length);
+SolverPose QueryPose(const RelativePose& relative, const Eigen::Vector3d& center, double length);
 
 // The length of the translation from the first reference at which the sixth match, to a reference
-// at `sixth_centre`, meets its epipolar constraint; none where it is not positive and finite, or
+// at `sixth_center`, meets its epipolar constraint; none where it is not positive and finite, or
 // where the sixth point would lie behind the query or behind its own reference. None, either, where
 // the match says nothing of the length, its rays lying in one plane with the direction.
-std::optional<double> TranslationLength(const RelativePose& relative, const Eigen::Vector3d& centre,
-                                        const RayPair& sixth, const Eigen::Vector3d& sixth_centre);
+std::optional<double> TranslationLength(const RelativePose& relative, const Eigen::Vector3d& center,
+                                        const RayPair& sixth, const Eigen::Vector3d& sixth_center);
 
 }  // namespace raylift

@@ -53,12 +53,12 @@ double At(const std::array<double, N>& a, double x) {
 struct DistanceEquation {
   double xy, by_x, by_y, constant;
 
-  DistanceEquation(const Vector3d& from_second_centre, const Vector3d& first_ray,
+  DistanceEquation(const Vector3d& from_second_center, const Vector3d& first_ray,
                    const Vector3d& second_ray, double squared_distance)
       : xy(-2 * first_ray.dot(second_ray)),
-        by_x(2 * first_ray.dot(from_second_centre)),
-        by_y(-2 * second_ray.dot(from_second_centre)),
-        constant(from_second_centre.squaredNorm() - squared_distance) {}
+        by_x(2 * first_ray.dot(from_second_center)),
+        by_y(-2 * second_ray.dot(from_second_center)),
+        constant(from_second_center.squaredNorm() - squared_distance) {}
 
   // As a quadratic y^2 + Linear(x) y + Constant(x).
   Polynomial<1> Linear() const { return {by_y, xy}; }
@@ -108,7 +108,7 @@ Matrix3d AxesOf(const Vector3d& first_side, const Vector3d& second_side) {
 
 }  // namespace
 
-int SolveGeneralizedP3p(const std::array<Vector3d, 3>& centres, const std::array<Vector3d, 3>& rays,
+int SolveGeneralizedP3p(const std::array<Vector3d, 3>& centers, const std::array<Vector3d, 3>& rays,
                         const std::array<Vector3d, 3>& points_in_world,
                         std::span<SolverPose, kMaxGeneralizedP3pSolutions> poses) {
   const Vector3d side12 = points_in_world[1] - points_in_world[0];
@@ -122,7 +122,7 @@ int SolveGeneralizedP3p(const std::array<Vector3d, 3>& centres, const std::array
   const double scale = std::sqrt(squares / angles2);
   if (!std::isfinite(scale)) return 0;
   const auto equation = [&](size_t first, size_t second, const Vector3d& side) {
-    return DistanceEquation((centres[first] - centres[second]) / scale, rays[first], rays[second],
+    return DistanceEquation((centers[first] - centers[second]) / scale, rays[first], rays[second],
                             side.squaredNorm() / (scale * scale));
   };
   const TriangleOfRays triangle = {equation(0, 1, side12), equation(0, 2, side13),
@@ -162,7 +162,7 @@ int SolveGeneralizedP3p(const std::array<Vector3d, 3>& centres, const std::array
     if (!along) continue;
     std::array<Vector3d, 3> points_in_rig;
     for (size_t k = 0; k < 3; ++k) {
-      points_in_rig[k] = centres[k] + scale * (*along)[static_cast<Eigen::Index>(k)] * rays[k];
+      points_in_rig[k] = centers[k] + scale * (*along)[static_cast<Eigen::Index>(k)] * rays[k];
     }
     SolverPose& pose = poses[static_cast<size_t>(count)];
     pose.rotation =

@@ -15,10 +15,10 @@ namespace raylift {
 
 inline constexpr int kMaxGeneralizedP3pSolutions = 8;
 
-// `centres` are those of the cameras that see the points, `rays` unit vectors, both in the rig's
+// `centers` are those of the cameras that see the points, `rays` unit vectors, both in the rig's
 // frame. Writes the poses (rig_from_world) that put all points in front of their cameras, along the
 // rays, and returns their count; 0 for collinear or coinciding points. All poses are finite.
-int SolveGeneralizedP3p(const std::array<Eigen::Vector3d, 3>& centres,
+int SolveGeneralizedP3p(const std::array<Eigen::Vector3d, 3>& centers,
                         const std::array<Eigen::Vector3d, 3>& rays,
                         const std::array<Eigen::Vector3d, 3>& points_in_world,
                         std::span<SolverPose, kMaxGeneralizedP3pSolutions> poses);

@@ -30,19 +30,19 @@ Matrix3d TurnToZ(const Vector3d& direction) {
 
 }  // namespace
 
-std::optional<SolverPose> SolvePoseAtCentre(const std::array<Vector3d, 2>& rays,
+std::optional<SolverPose> SolvePoseAtCenter(const std::array<Vector3d, 2>& rays,
                                             const std::array<Vector3d, 2>& points_in_world,
-                                            const Vector3d& centre_in_world) {
-  const Vector3d first = (points_in_world[0] - centre_in_world).normalized();
-  const Vector3d second = (points_in_world[1] - centre_in_world).normalized();
+                                            const Vector3d& center_in_world) {
+  const Vector3d first = (points_in_world[0] - center_in_world).normalized();
+  const Vector3d second = (points_in_world[1] - center_in_world).normalized();
   const auto in_cam = AxesOf(rays[0], rays[1]);
   const auto in_world = AxesOf(first, second);
   if (!in_cam || !in_world) return std::nullopt;
   const Matrix3d rotation = *in_cam * in_world->transpose();
-  return SolverPose{rotation, -(rotation * centre_in_world)};
+  return SolverPose{rotation, -(rotation * center_in_world)};
 }
 
-int SolveUprightPose(const std::array<Vector3d, 2>& centres, const std::array<Vector3d, 2>& rays,
+int SolveUprightPose(const std::array<Vector3d, 2>& centers, const std::array<Vector3d, 2>& rays,
                      const std::array<Vector3d, 2>& points_in_world, const Vector3d& down_in_cam,
                      const Vector3d& down_in_world, std::span<SolverPose, 2> poses) {
   constexpr double kLevel = 1e-9;
@@ -52,14 +52,14 @@ int SolveUprightPose(const std::array<Vector3d, 2>& centres, const std::array<Ve
   Vector3d a = level_from_cam * rays[0];
   Vector3d b = level_from_cam * rays[1];
   Vector3d difference = level_from_world * (points_in_world[0] - points_in_world[1]);
-  Vector3d apart = level_from_cam * (centres[0] - centres[1]);
-  Vector3d centre = centres[0];
+  Vector3d apart = level_from_cam * (centers[0] - centers[1]);
+  Vector3d center = centers[0];
   Vector3d point = points_in_world[0];
   if (std::abs(a.z()) > std::abs(b.z())) {
     std::swap(a, b);
     difference = -difference;
     apart = -apart;
-    centre = centres[1];
+    center = centers[1];
     point = points_in_world[1];
   }
   const double level2 = difference.head<2>().squaredNorm();
@@ -88,7 +88,7 @@ int SolveUprightPose(const std::array<Vector3d, 2>& centres, const std::array<Ve
     const Matrix3d rotation = level_from_cam.transpose() *
                               Eigen::AngleAxisd(angle, Vector3d::UnitZ()).toRotationMatrix() *
                               level_from_world;
-    const Vector3d translation = x * (level_from_cam.transpose() * a) + centre - rotation * point;
+    const Vector3d translation = x * (level_from_cam.transpose() * a) + center - rotation * point;
     if (!rotation.allFinite() || !translation.allFinite()) continue;
     poses[static_cast<size_t>(count++)] = {rotation, translation};
     if (root == 0) break;

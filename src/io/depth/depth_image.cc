@@ -152,11 +152,11 @@ bool IsPng(std::string_view bytes) { return bytes.starts_with(kPngMagic); }
 
 StoredDepth DecodePng(const path& file, std::string_view bytes) {
   const PngHeader header = ReadPngHeader(file, bytes);
-  if (!header.is_grey || (header.bits != 8 && header.bits != 16)) {
+  if (!header.is_gray || (header.bits != 8 && header.bits != 16)) {
     throw InputError(
         file,
-        fmt::format("expected a grey PNG of 16 bits, found {} of {} bits",
-                    header.is_grey ? "a grey one" : "one in colours or with alpha", header.bits));
+        fmt::format("expected a gray PNG of 16 bits, found {} of {} bits",
+                    header.is_gray ? "a gray one" : "one in colors or with alpha", header.bits));
   }
   CheckClaimedSize(file, header.width_px, header.height_px,
                    kMaxDeflateRatio * bytes.size() * 8 / static_cast<uint64_t>(header.bits));
@@ -165,7 +165,7 @@ StoredDepth DecodePng(const path& file, std::string_view bytes) {
   depth.height_px = static_cast<int>(header.height_px);
   depth.format = DepthFileFormat::kPng;
   depth.sample_type = header.bits == 8 ? "uint8" : "uint16";
-  depth.values = DecodeGreyPng(file, header, bytes);
+  depth.values = DecodeGrayPng(file, header, bytes);
   return depth;
 }
 

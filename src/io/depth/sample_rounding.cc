@@ -17,7 +17,7 @@ constexpr uint32_t kMaxHalfBits = 0x477fe000u;         // 65504
 
 // Of the bits of a finite float of at most kMaxHalf, without sign.
 uint32_t HalfOfMagnitude(uint32_t magnitude) {
-  // Half of the last bit that is kept, and a tie goes to the even neighbour; then the exponent's
+  // Half of the last bit that is kept, and a tie goes to the even neighbor; then the exponent's
   // bias changes from 127 to 15.
   const uint32_t normal = (magnitude + 0xfffu + ((magnitude >> 13) & 1u) - (112u << 23)) >> 13;
   // Adding 0.5 shifts the bits of a subnormal half to the end of the mantissa, rounded.
@@ -61,7 +61,7 @@ Lost RoundChunkToHalf(const float* __restrict values, uint16_t* __restrict halve
     halves[i] = static_cast<uint16_t>(is_beyond ? 0u : half | sign);
     beyond += is_beyond ? 1u : 0u;
     dropped += is_lost ? 1u : 0u;
-    // A difference of neighbours is exact in float.
+    // A difference of neighbors is exact in float.
     const float rounding = std::abs(FloatOfMagnitude(finite) - std::bit_cast<float>(magnitude));
     const float kept = is_finite && !is_beyond ? rounding : 0.0f;
     max_rounding = kept > max_rounding ? kept : max_rounding;

@@ -15,7 +15,7 @@
 namespace raylift {
 namespace {
 
-// hloc puts the centre of the first pixel at (0, 0), COLMAP at (0.5, 0.5).
+// hloc puts the center of the first pixel at (0, 0), COLMAP at (0.5, 0.5).
 constexpr double kPixelShift = 0.5;
 
 // From here on float16 has steps of half a pixel and more.

@@ -1,4 +1,4 @@
-// Photographs whose file ends too soon: decoders fill the rest with grey and say nothing.
+// Photographs whose file ends too soon: decoders fill the rest with gray and say nothing.
 
 #pragma once
 

@@ -13,7 +13,7 @@ PlaneSize ReadImageSize(const std::filesystem::path& path) {
     std::ifstream file(path, std::ios::binary);
     if (const auto size = PictureSizeFromHeader(file)) return *size;
   }
-  const Image image = ReadImage(path, ImageChannels::kGrey);
+  const Image image = ReadImage(path, ImageChannels::kGray);
   return {image.width_px, image.height_px};
 }
 

@@ -10,7 +10,7 @@
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
 
-// toml++ takes some things for granted that not every text grants it: there its behaviour would be
+// toml++ takes some things for granted that not every text grants it: there its behavior would be
 // undefined. Let it ask instead.
 namespace {
 struct BrokenTomlPremise {};

@@ -19,8 +19,8 @@ int main() {
   const auto estimator = raylift::MakePoseEstimator({.method = raylift::Method::kP3p});
   const raylift::PoseEstimate estimate = estimator->Estimate(problem);
   if (!estimate.cam_from_world) return 1;
-  const Eigen::Vector3d centre = estimate.cam_from_world->OriginInSource();
-  std::printf("camera at (%.1f, %.1f, %.1f), %d of %d matches are inliers\n", centre.x(),
-              centre.y(), centre.z(), estimate.score_2d3d.num_inliers,
+  const Eigen::Vector3d center = estimate.cam_from_world->OriginInSource();
+  std::printf("camera at (%.1f, %.1f, %.1f), %d of %d matches are inliers\n", center.x(),
+              center.y(), center.z(), estimate.score_2d3d.num_inliers,
               estimate.score_2d3d.num_matches);
 }

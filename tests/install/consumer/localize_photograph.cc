@@ -23,6 +23,6 @@ int main(int, char** arguments) {
   const raylift::LocalizedQuery query =
       localizer.Localize({"a photograph", camera}, photograph).localized;
   if (!query.localized()) return 1;
-  const Eigen::Vector3d centre = query.estimate.cam_from_world->OriginInSource();
-  std::printf("taken at (%.0f, %.0f, %.0f)\n", centre.x(), centre.y(), centre.z());
+  const Eigen::Vector3d center = query.estimate.cam_from_world->OriginInSource();
+  std::printf("taken at (%.0f, %.0f, %.0f)\n", center.x(), center.y(), center.z());
 }

@@ -1,4 +1,4 @@
-// raylift colour: vertex colours for a bare mesh, from photographs with poses.
+// raylift color: vertex colors for a bare mesh, from photographs with poses.
 
 #include <memory>
 
@@ -25,7 +25,7 @@ using std::filesystem::path;
 constexpr double kCoarsePx = 3;
 constexpr double kMostTriangles = 5e8;
 
-struct ColourFlags {
+struct ColorFlags {
   std::string mesh;
   ReferenceFlags references;
   ModelPosesFlags model_poses;
@@ -35,7 +35,7 @@ struct ColourFlags {
   RunFlags run;
 };
 
-void Check(const ColourFlags& flags) {
+void Check(const ColorFlags& flags) {
   flags.references.Check();
   flags.run.Check();
   if (!(flags.max_edge >= 0)) {
@@ -67,7 +67,7 @@ TriangleMesh FineMesh(const TriangleMesh& mesh, double max_edge) {
   return SplitLongEdges(mesh, max_edge);
 }
 
-void Colour(const ColourFlags& flags) {
+void Color(const ColorFlags& flags) {
   RequireWritable(flags.out);
   const LoadedReferences loaded = LoadReferences(flags.references.model, flags.references.thinning,
                                                  flags.model_poses.Resolve());
@@ -101,19 +101,19 @@ void Colour(const ColourFlags& flags) {
   }
   if (flags.run.quiet) return;
   fmt::print(
-      "{:.1f} % of {} vertices coloured by {} photographs, {:.1f} px apart there; the others "
-      "as their neighbours: {}\n",
+      "{:.1f} % of {} vertices colored by {} photographs, {:.1f} px apart there; the others "
+      "as their neighbors: {}\n",
       100.0 * static_cast<double>(coloring.num_seen) / static_cast<double>(mesh.vertices.size()),
       mesh.vertices.size(), photographs.size(), coloring.median_spacing_px, flags.out.string());
 }
 
 }  // namespace
 
-Command AddColourCommand(CLI::App& program) {
-  auto flags = std::make_shared<ColourFlags>();
-  CLI::App* command = program.add_subcommand(
-      "colour", "Vertex colours for a bare mesh, from photographs with poses");
-  command->alias("color");
+Command AddColorCommand(CLI::App& program) {
+  auto flags = std::make_shared<ColorFlags>();
+  CLI::App* command =
+      program.add_subcommand("color", "Vertex colors for a bare mesh, from photographs with poses");
+  command->alias("colour");
   command->add_option("MESH", flags->mesh, "The mesh: a file, or mesh:PATH[,key=value...]")
       ->required();
   AddReferenceOptions(*command, flags->references);
@@ -123,7 +123,7 @@ Command AddColourCommand(CLI::App& program) {
       ->group("References");
   command
       ->add_option("--max-edge", flags->max_edge,
-                   "Split longer edges, as only vertices have colours (units of\n"
+                   "Split longer edges, as only vertices have colors (units of\n"
                    "the mesh; 0: none)")
       ->capture_default_str()
       ->group("Mesh");
@@ -131,19 +131,19 @@ Command AddColourCommand(CLI::App& program) {
       ->add_flag("--keep-exposures", flags->keep_exposures,
                  "Do not level the photographs' exposures")
       ->group("Mesh");
-  command->add_option("--out", flags->out, "The coloured mesh (PLY)")->required()->group("Output");
+  command->add_option("--out", flags->out, "The colored mesh (PLY)")->required()->group("Output");
   AddRunOptions(*command, flags->run);
   command->footer(
       "Each vertex takes what the photographs agree on that see it best. Where there are no\n"
-      "colours, a mesh alone is hardly localized against: its rendered views look like none of\n"
+      "colors, a mesh alone is hardly localized against: its rendered views look like none of\n"
       "the photographs.\n"
       "Example:\n"
-      "  raylift colour scan.ply --model sfm --images photos --out coloured.ply\n"
-      "  raylift localize --geometry mesh:coloured.ply --queries queries.txt \\\n"
+      "  raylift color scan.ply --model sfm --images photos --out colored.ply\n"
+      "  raylift localize --geometry mesh:colored.ply --queries queries.txt \\\n"
       "      --query-images new --out result");
   return {command, [flags] {
             Check(*flags);
-            Colour(*flags);
+            Color(*flags);
           }};
 }
 

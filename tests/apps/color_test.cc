@@ -1,4 +1,4 @@
-// colour: a bare mesh gets the photographs' colours.
+// color: a bare mesh gets the photographs' colors.
 
 #include <cmath>
 #include <span>
@@ -17,20 +17,20 @@ namespace {
 
 namespace fs = std::filesystem;
 
-class Colour : public ::testing::Test {
+class Color : public ::testing::Test {
  protected:
   Arguments Command(const std::string& mesh) const {
-    return {"colour", mesh, "--model", scene_.model(), "--images", scene_.images(), "--out", out_};
+    return {"color", mesh, "--model", scene_.model(), "--images", scene_.images(), "--out", out_};
   }
 
   RoomScene scene_ = WriteRoomScene(TestFolder(), {.matches = false, .pictures = true});
-  fs::path out_ = scene_.folder / "coloured.ply";
+  fs::path out_ = scene_.folder / "colored.ply";
 };
 
-TEST_F(Colour, TheMeshLooksLikePhotographsOfOtherPlaces) {
+TEST_F(Color, TheMeshLooksLikePhotographsOfOtherPlaces) {
   const CommandResult result = RunRaylift(Command(scene_.mesh()) + Arguments{"--max-edge", "0.02"});
   ASSERT_TRUE(Succeeds(result));
-  EXPECT_NE(result.out.find("coloured by 6 photographs"), std::string::npos) << result.out;
+  EXPECT_NE(result.out.find("colored by 6 photographs"), std::string::npos) << result.out;
   const fs::path rendered = scene_.folder / "rendered";
   ASSERT_TRUE(
       Succeeds(RunRaylift({"render", "--geometry", "mesh:" + out_.string(), "--model",
@@ -48,7 +48,7 @@ TEST_F(Colour, TheMeshLooksLikePhotographsOfOtherPlaces) {
   }
 }
 
-TEST_F(Colour, SaysWhereVerticesAreTooFewAndWhatIsWrong) {
+TEST_F(Color, SaysWhereVerticesAreTooFewAndWhatIsWrong) {
   const CommandResult coarse = RunRaylift(Command(scene_.mesh()));
   EXPECT_EQ(coarse.exit_code, 0);
   EXPECT_NE(coarse.err.find("--max-edge"), std::string::npos) << coarse.err;
