@@ -2,17 +2,17 @@
 
 #include <memory>
 
+#include "base/progress.h"
 #include "commands.h"
 #include "options.h"
 #include "scene_options.h"
+#include "surfaces/resampled_mesh.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/progress.h"
 #include "raylift/localization/references.h"
-#include "raylift/renderers/mesh_writer.h"
-#include "raylift/renderers/split_mesh.h"
+#include "raylift/surfaces/mesh_files.h"
 #include "raylift/views/mesh_scene.h"
 #include "raylift/views/vertex_coloring.h"
 

@@ -7,6 +7,8 @@
 #include <optional>
 #include <set>
 
+#include "base/json_text.h"
+#include "base/progress.h"
 #include "commands.h"
 #include "geometry_options.h"
 #include "interrupt.h"
@@ -25,9 +27,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/json_text.h"
-#include "raylift/base/option_checks.h"
-#include "raylift/base/progress.h"
 #include "raylift/base/text.h"
 #include "raylift/comparison/comparison_tables.h"
 #include "raylift/comparison/depth_comparison.h"

@@ -3,13 +3,12 @@
 #include <algorithm>
 #include <utility>
 
+#include "base/hash.h"
 #include "options.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
-#include "raylift/base/hash.h"
-#include "raylift/base/option_checks.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/localization/continuous_order.h"
 

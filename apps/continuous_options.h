@@ -12,7 +12,7 @@
 
 #include "raylift/localization/continuous_gate.h"
 #include "raylift/localization/references.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

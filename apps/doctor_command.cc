@@ -4,6 +4,7 @@
 #include <memory>
 #include <optional>
 
+#include "base/json_text.h"
 #include "commands.h"
 #include "matching_options.h"
 #include "options.h"
@@ -14,7 +15,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/json_text.h"
 #include "raylift/comparison/geometry_report.h"
 #include "raylift/io/query_list.h"
 #include "raylift/lifting/input_doctor.h"

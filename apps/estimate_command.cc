@@ -8,6 +8,9 @@
 #include <optional>
 #include <set>
 
+#include "base/hash.h"
+#include "base/index_sets.h"
+#include "base/progress.h"
 #include "commands.h"
 #include "estimate_results.h"
 #include "interrupt.h"
@@ -18,12 +21,8 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
-#include "raylift/base/evenly_spaced.h"
 #include "raylift/base/file.h"
-#include "raylift/base/hash.h"
-#include "raylift/base/option_checks.h"
 #include "raylift/base/parallel.h"
-#include "raylift/base/progress.h"
 #include "raylift/io/pose_problem_json.h"
 #include "raylift/jobs/fingerprint.h"
 #include "raylift/localization/localizer.h"

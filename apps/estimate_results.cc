@@ -2,14 +2,13 @@
 
 #include <map>
 
+#include "base/json_text.h"
+#include "geometry/pose_json.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
-#include "raylift/base/text_table.h"
-#include "raylift/geometry/pose_json.h"
 #include "raylift/localization/estimate_json.h"
 #include "raylift/localization/localizer.h"
 

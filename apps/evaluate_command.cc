@@ -11,7 +11,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/text_table.h"
+#include "raylift/base/text.h"
 #include "raylift/comparison/dense_errors.h"
 #include "raylift/comparison/report.h"
 #include "raylift/evaluation/calibration.h"

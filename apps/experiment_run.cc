@@ -4,6 +4,9 @@
 #include <map>
 #include <optional>
 
+#include "base/hash.h"
+#include "base/json_text.h"
+#include "base/progress.h"
 #include "interrupt.h"
 #include "job_header.h"
 #include <fmt/format.h>
@@ -11,9 +14,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/hash.h"
-#include "raylift/base/json_text.h"
-#include "raylift/base/progress.h"
 #include "raylift/experiment/cell_store.h"
 #include "raylift/experiment/cells.h"
 #include "raylift/experiment/claims.h"

@@ -9,12 +9,12 @@
 #include "commands.h"
 #include "finished_run.h"
 #include "options.h"
+#include "surfaces/resampled_mesh.h"
 #include "typed_options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/option_checks.h"
 #include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/kapture_folder.h"
@@ -25,7 +25,6 @@
 #include "raylift/localization/localized_model.h"
 #include "raylift/localization/references.h"
 #include "raylift/localization/scene_glb.h"
-#include "raylift/renderers/decimated_mesh.h"
 
 namespace raylift {
 

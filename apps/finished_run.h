@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "raylift/geometry/pose_convention.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/localization/localizer.h"
-#include "raylift/scene/thinning.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/option_checks.h"
 #include "raylift/base/text.h"
 
 namespace raylift {

@@ -9,7 +9,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/option_checks.h"
 #include "raylift/datasets/dataset.h"
 #include "raylift/io/view_list.h"
 

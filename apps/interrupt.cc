@@ -2,7 +2,7 @@
 
 #include <csignal>
 
-#include "raylift/base/call_watch.h"
+#include "raylift/base/parallel.h"
 
 namespace raylift {
 namespace {

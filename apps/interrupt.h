@@ -17,7 +17,7 @@ class Interrupted : public std::runtime_error {
 };
 
 // While one exists, the first signal sets stop(); a second one ends the program at once. Where the
-// call is watched (base/call_watch.h), signals are the watcher's.
+// call is watched (base/parallel.h), signals are the watcher's.
 class SignalGuard {
  public:
   SignalGuard();

@@ -1,6 +1,6 @@
 #include "job_header.h"
 
-#include "raylift/base/json_text.h"
+#include "base/json_text.h"
 
 namespace raylift {
 

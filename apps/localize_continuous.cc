@@ -5,13 +5,13 @@
 #include <system_error>
 #include <utility>
 
+#include "base/progress.h"
 #include "interrupt.h"
 #include "job_header.h"
 #include "localize_inputs.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/progress.h"
 #include "raylift/localization/continuous_localizer.h"
 #include "raylift/localization/query_job.h"
 #include "raylift/localization/result_files.h"

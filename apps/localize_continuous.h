@@ -13,7 +13,7 @@
 
 #include "raylift/localization/batch_localizer.h"
 #include "raylift/localization/scene.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

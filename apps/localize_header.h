@@ -8,7 +8,7 @@
 #include "localize_flags.h"
 
 #include "raylift/localization/scene.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -12,7 +12,7 @@
 #include "raylift/localization/batch_localizer.h"
 #include "raylift/localization/front_end.h"
 #include "raylift/localization/scene.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

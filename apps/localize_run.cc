@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/progress.h"
 #include "interrupt.h"
 #include "job_header.h"
 #include "lap_clock.h"
@@ -15,7 +16,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/file.h"
-#include "raylift/base/progress.h"
 #include "raylift/localization/query_job.h"
 #include "raylift/localization/result_files.h"
 

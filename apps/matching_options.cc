@@ -1,7 +1,6 @@
 #include "matching_options.h"
 
 #include "raylift/base/error.h"
-#include "raylift/base/option_checks.h"
 
 namespace raylift {
 

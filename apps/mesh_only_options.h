@@ -9,10 +9,10 @@
 #include <string>
 #include <string_view>
 
+#include "base/progress.h"
 #include <CLI/App.hpp>
 #include <Eigen/Core>
 
-#include "raylift/base/progress.h"
 #include "raylift/localization/scene.h"
 #include "raylift/views/rendered_references.h"
 

@@ -3,12 +3,12 @@
 #include <cmath>
 #include <cstdio>
 
+#include "base/json_text.h"
 #include "typed_options.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
-#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
 
 namespace raylift {

@@ -6,11 +6,11 @@
 #include <string>
 #include <vector>
 
+#include "base/progress.h"
 #include <CLI/App.hpp>
 
-#include "raylift/base/progress.h"
 #include "raylift/estimation/pose_estimator.h"
-#include "raylift/geometry/pose_convention.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/lifting/consistency_filter.h"
 
 namespace raylift {

@@ -10,7 +10,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/option_checks.h"
 #include "raylift/base/text.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/retrieval_pairs.h"

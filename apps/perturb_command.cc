@@ -6,6 +6,7 @@
 #include <memory>
 #include <vector>
 
+#include "base/progress.h"
 #include "commands.h"
 #include "options.h"
 #include "scene_arguments.h"
@@ -15,13 +16,12 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/parallel.h"
-#include "raylift/base/progress.h"
 #include "raylift/comparison/depth_misalignment.h"
 #include "raylift/evaluation/depth_perturbation.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/localization/references.h"
-#include "raylift/renderers/view_renderer.h"
+#include "raylift/renderers/frame_renderer.h"
 #include "raylift/views/product.h"
 
 namespace raylift {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "raylift/evaluation/pose_errors.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

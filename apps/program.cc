@@ -22,9 +22,8 @@
 #include "scene_arguments.h"
 #include <CLI/CLI.hpp>
 
-#include "raylift/base/closest_name.h"
-#include "raylift/base/output_error.h"
-#include "raylift/base/resource_error.h"
+#include "raylift/base/error.h"
+#include "raylift/base/text.h"
 #include "raylift/io/scene_file.h"
 
 namespace raylift {

@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 
+#include "base/progress.h"
 #include "commands.h"
 #include "interrupt.h"
 #include "render_options.h"
@@ -14,7 +15,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/progress.h"
 #include "raylift/comparison/geometry_report.h"
 #include "raylift/datasets/dataset.h"
 #include "raylift/io/colmap_model.h"

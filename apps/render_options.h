@@ -11,7 +11,7 @@
 #include "options.h"
 #include <CLI/App.hpp>
 
-#include "raylift/scene/thinning.h"
+#include "raylift/scene/photographs.h"
 #include "raylift/views/render_job.h"
 #include "raylift/views/task_list.h"
 

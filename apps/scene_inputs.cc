@@ -1,13 +1,13 @@
 #include "scene_inputs.h"
 
+#include "base/hash.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "raylift/base/hash.h"
 #include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/jobs/fingerprint.h"
-#include "raylift/renderers/surface_hash.h"
+#include "raylift/renderers/ray_caster.h"
 
 namespace raylift {
 namespace {

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/localization/scene.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

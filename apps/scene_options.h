@@ -9,7 +9,7 @@
 #include <CLI/App.hpp>
 
 #include "raylift/localization/hloc_matches.h"
-#include "raylift/scene/thinning.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

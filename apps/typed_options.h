@@ -12,7 +12,6 @@
 
 #include <CLI/CLI.hpp>
 
-#include "raylift/base/closest_name.h"
 #include "raylift/base/enum_names.h"
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"

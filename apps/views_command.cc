@@ -15,7 +15,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/option_checks.h"
 #include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/image_file.h"

@@ -4,7 +4,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "raylift/base/median.h"
+#include "base/statistics.h"
+
 #include "raylift/lifting/multi_view_errors.h"
 
 namespace raylift {

@@ -6,12 +6,12 @@
 #include <numbers>
 #include <utility>
 
+#include "geometry/triangulation.h"
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
-#include "raylift/geometry/triangulation.h"
 #include "raylift/lifting/multi_view_errors.h"
 #include "raylift/scene/keypoints.h"
 
@@ -19,7 +19,7 @@ namespace raylift {
 namespace {
 
 // A keypoint that a point should project onto.
-struct View {
+struct Observation {
   const PosedImage* reference;
   Eigen::Vector2d pixel;
 };
@@ -33,9 +33,9 @@ double MsacCost(std::span<const ViewError> views, double max_error_px) {
   return cost;
 }
 
-std::vector<View> AgreeingViews(std::span<const PosedImage> references,
-                                std::span<const ViewError> views, double max_error_px) {
-  std::vector<View> agreeing;
+std::vector<Observation> AgreeingViews(std::span<const PosedImage> references,
+                                       std::span<const ViewError> views, double max_error_px) {
+  std::vector<Observation> agreeing;
   for (const ViewError& view : views) {
     if (view.error_px && view.error_px->squaredNorm() <= max_error_px * max_error_px) {
       agreeing.push_back({&references[static_cast<size_t>(view.reference)], view.reference_px});
@@ -45,11 +45,11 @@ std::vector<View> AgreeingViews(std::span<const PosedImage> references,
 }
 
 // Whether two of the views see the point in directions that differ by this angle.
-bool MeetAtAngle(std::span<const View> views, const Eigen::Vector3d& point_in_world,
+bool MeetAtAngle(std::span<const Observation> views, const Eigen::Vector3d& point_in_world,
                  double min_angle_deg) {
   const double largest_cosine = std::cos(min_angle_deg * std::numbers::pi / 180);
   std::vector<Eigen::Vector3d> directions;
-  for (const View& view : views) {
+  for (const Observation& view : views) {
     const Eigen::Vector3d center = view.reference->cam_from_world.OriginInSource();
     const Eigen::Vector3d direction = (point_in_world - center).normalized();
     for (const Eigen::Vector3d& other : directions) {
@@ -68,10 +68,10 @@ struct NormalEquations {
 };
 
 // None where the point cannot be projected into a view.
-std::optional<NormalEquations> Linearize(std::span<const View> views,
+std::optional<NormalEquations> Linearize(std::span<const Observation> views,
                                          const Eigen::Vector3d& point_in_world) {
   NormalEquations equations;
-  for (const View& view : views) {
+  for (const Observation& view : views) {
     const Rigid3& cam_from_world = view.reference->cam_from_world;
     const auto projection =
         view.reference->camera.ImgFromCamWithJacobian(cam_from_world * point_in_world);
@@ -88,7 +88,7 @@ std::optional<NormalEquations> Linearize(std::span<const View> views,
 
 // Levenberg and Marquardt's method. ceres::TinySolver finds the same minima, but takes 1.1 times as
 // long for two views and 1.4 times for twenty: it evaluates each step that it takes twice.
-Eigen::Vector3d RefinePoint(std::span<const View> views, Eigen::Vector3d point_in_world) {
+Eigen::Vector3d RefinePoint(std::span<const Observation> views, Eigen::Vector3d point_in_world) {
   constexpr int kMaxIterations = 20;
   constexpr double kConverged = 1e-6;  // relative change of the cost
   auto equations = Linearize(views, point_in_world);

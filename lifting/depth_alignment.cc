@@ -7,12 +7,12 @@
 #include <map>
 #include <utility>
 
+#include "base/hash.h"
+#include "base/index_sets.h"
+#include "base/statistics.h"
 #include "depth_fit.h"
 
 #include "raylift/base/error.h"
-#include "raylift/base/evenly_spaced.h"
-#include "raylift/base/hash.h"
-#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 
 namespace raylift {

@@ -5,8 +5,9 @@
 #include <cmath>
 #include <utility>
 
+#include "scene/seven_scenes_kinect.h"
+
 #include "raylift/base/error.h"
-#include "raylift/scene/seven_scenes_kinect.h"
 
 namespace raylift {
 namespace {

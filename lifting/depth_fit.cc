@@ -7,9 +7,9 @@
 #include <optional>
 #include <utility>
 
+#include "base/statistics.h"
 #include <ceres/ceres.h>
 
-#include "raylift/base/median.h"
 #include "raylift/geometry/residuals.h"
 
 namespace raylift {

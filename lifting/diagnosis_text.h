@@ -12,7 +12,7 @@
 #include "mesh_frame.h"
 #include "stored_faults.h"
 
-#include "raylift/geometry/pose_convention.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/lifting/input_doctor.h"
 
 namespace raylift {

@@ -5,19 +5,19 @@
 #include <cmath>
 #include <utility>
 
+#include "base/read_limits.h"
+#include "base/statistics.h"
 #include "spec_keys.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
-#include "raylift/base/read_limits.h"
 #include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/lifting/depth_source.h"
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/lifting/mesh_spec.h"
 #include "raylift/lifting/sfm_source.h"
-#include "raylift/renderers/mesh_tiles.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {

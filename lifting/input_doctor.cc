@@ -8,6 +8,8 @@
 #include <string>
 #include <utility>
 
+#include "base/index_sets.h"
+#include "base/statistics.h"
 #include "diagnosis_text.h"
 #include "match_agreement.h"
 #include "mesh_frame.h"
@@ -16,8 +18,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/evenly_spaced.h"
-#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 
 namespace raylift {

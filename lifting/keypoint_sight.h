@@ -5,10 +5,10 @@
 
 #include <optional>
 
+#include "geometry/triangulation.h"
 #include <Eigen/Core>
 
 #include "raylift/geometry/camera.h"
-#include "raylift/geometry/triangulation.h"
 #include "raylift/scene/pose_problem.h"
 
 namespace raylift {

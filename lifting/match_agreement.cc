@@ -6,9 +6,9 @@
 #include <optional>
 #include <utility>
 
+#include "base/statistics.h"
 #include "keypoint_sight.h"
 
-#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 
 namespace raylift {

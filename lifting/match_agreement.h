@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "raylift/geometry/camera.h"
-#include "raylift/geometry/pose_convention.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/lifting/reference_matches.h"
 #include "raylift/scene/pose_problem.h"
 

@@ -8,15 +8,15 @@
 #include <limits>
 #include <utility>
 
+#include "base/rng.h"
+#include "base/statistics.h"
 #include "match_agreement.h"
 #include "stored_faults.h"
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
-#include "raylift/base/rng.h"
 #include "raylift/lifting/mesh_spec.h"
 
 namespace raylift {

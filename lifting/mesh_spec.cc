@@ -14,7 +14,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
-#include "raylift/renderers/point_cloud.h"
+#include "raylift/surfaces/point_cloud.h"
 
 namespace raylift {
 namespace {

@@ -8,12 +8,12 @@
 #include <set>
 #include <utility>
 
+#include "base/rng.h"
+#include "base/statistics.h"
 #include "match_agreement.h"
 
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
-#include "raylift/base/rng.h"
 
 namespace raylift {
 namespace {

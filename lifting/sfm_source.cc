@@ -5,10 +5,10 @@
 #include <unordered_map>
 #include <utility>
 
+#include "base/statistics.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
 
 namespace raylift {
 namespace {

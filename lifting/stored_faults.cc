@@ -8,14 +8,14 @@
 #include <tuple>
 #include <utility>
 
+#include "base/index_sets.h"
+#include "base/rng.h"
+#include "base/statistics.h"
 #include <Eigen/Core>
 #include <Eigen/LU>
 #include <fmt/format.h>
 
-#include "raylift/base/evenly_spaced.h"
-#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
-#include "raylift/base/rng.h"
 #include "raylift/lifting/depth_convention.h"
 
 namespace raylift {

@@ -1,9 +1,9 @@
-#include "block_kernels.h"
+#include "renderers/block_kernels.h"
 
 #include <cmath>
 #include <limits>
 
-#include "raylift/base/instruction_sets.h"
+#include "base/instruction_sets.h"
 
 namespace raylift {
 namespace {

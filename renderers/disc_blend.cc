@@ -1,4 +1,4 @@
-#include "disc_blend.h"
+#include "renderers/disc_blend.h"
 
 #include <algorithm>
 #include <cmath>

@@ -8,7 +8,7 @@
 
 #include <Eigen/Core>
 
-#include "raylift/renderers/surfels.h"
+#include "raylift/surfaces/point_cloud.h"
 
 namespace raylift {
 

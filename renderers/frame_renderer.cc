@@ -18,13 +18,14 @@
 #include <span>
 #include <vector>
 
-#include "block_kernels.h"
-#include "surface_shader.h"
+#include "renderers/block_kernels.h"
+#include "renderers/splat_blend.h"
+#include "renderers/surface_shader.h"
 #include <Eigen/Geometry>
 
 #include "raylift/base/error.h"
-#include "raylift/base/nearest_byte.h"
 #include "raylift/base/parallel.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 namespace {
@@ -488,6 +489,36 @@ void FrameRenderer::Render(const PixelRays& rays, const Rigid3& cam_from_world, 
     num_hits += pass.RenderTileRow(static_cast<int>(row) * kTileSide);
   });
   frame.num_hits = num_hits;
+}
+
+namespace {
+
+Frame RenderOne(const RayCaster& caster, const Camera& camera, const Rigid3& cam_from_world,
+                const FrameOptions& options, int threads) {
+  // The caster outlives the renderer, which is gone when this returns.
+  const std::shared_ptr<const RayCaster> borrowed(std::shared_ptr<void>(), &caster);
+  Frame frame;
+  FrameRenderer(borrowed, options)
+      .Render(PixelRays(camera, threads), cam_from_world, threads, frame);
+  return frame;
+}
+
+}  // namespace
+
+DepthMap RenderDepth(const RayCaster& caster, const Camera& camera, const Rigid3& cam_from_world,
+                     int threads) {
+  FrameOptions options;
+  options.depth = true;
+  Frame frame = RenderOne(caster, camera, cam_from_world, options, threads);
+  return {frame.width_px, frame.height_px, std::move(frame.depth)};
+}
+
+Image RenderColor(const RayCaster& caster, const Camera& camera, const Rigid3& cam_from_world,
+                  const ColorOptions& options, int threads) {
+  FrameOptions frame_options;
+  frame_options.color = true;
+  frame_options.color_options = options;
+  return std::move(RenderOne(caster, camera, cam_from_world, frame_options, threads).color);
 }
 
 }  // namespace raylift

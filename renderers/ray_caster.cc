@@ -8,16 +8,14 @@
 #include <new>
 #include <stdexcept>
 
-#include "block_kernels.h"
-#include "disc_blend.h"
-#include "embree_shim.h"
-#include "splat_blend.h"
-#include "splat_visitor.h"
+#include "renderers/block_kernels.h"
+#include "renderers/disc_blend.h"
+#include "renderers/embree_shim.h"
+#include "renderers/splat_blend.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/resource_error.h"
 
 namespace raylift {
 namespace {

@@ -1,9 +1,9 @@
-#include "raylift/renderers/surface_hash.h"
-
 #include <span>
 #include <vector>
 
-#include "raylift/base/hash.h"
+#include "base/hash.h"
+
+#include "raylift/renderers/ray_caster.h"
 
 namespace raylift {
 namespace {

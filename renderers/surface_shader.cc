@@ -1,4 +1,4 @@
-#include "surface_shader.h"
+#include "renderers/surface_shader.h"
 
 #include <algorithm>
 #include <array>

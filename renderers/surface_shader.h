@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "texture.h"
+#include "surfaces/texture.h"
 
 #include "raylift/renderers/frame_renderer.h"
 

@@ -2,7 +2,7 @@
 
 #include <mutex>
 
-#include "raylift/base/call_watch.h"
+#include "raylift/base/parallel.h"
 #include "raylift/io/view_list.h"
 
 namespace raylift::python {

@@ -27,7 +27,7 @@
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/scene/image.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift::python {
 

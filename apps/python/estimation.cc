@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <limits>
 
+#include "base/progress.h"
 #include "bindings.h"
 #include "conversions.h"
 #include "options_by_keyword.h"
 
 #include "raylift/base/parallel.h"
-#include "raylift/base/progress.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/io/pose_problem_json.h"
 

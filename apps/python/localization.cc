@@ -4,13 +4,13 @@
 #include <map>
 #include <mutex>
 
+#include "base/progress.h"
 #include "bindings.h"
 #include "conversions.h"
 #include "geometry_source.h"
 #include "options_by_keyword.h"
 
-#include "raylift/base/option_checks.h"
-#include "raylift/base/progress.h"
+#include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/localization/batch_localizer.h"

@@ -3,17 +3,16 @@
 #include <limits>
 #include <mutex>
 
+#include "base/progress.h"
 #include "bindings.h"
 #include "conversions.h"
 #include "mesh.h"
 
 #include "raylift/base/parallel.h"
-#include "raylift/base/progress.h"
 #include "raylift/evaluation/depth_edges.h"
 #include "raylift/lifting/mesh_spec.h"
 #include "raylift/renderers/frame_renderer.h"
-#include "raylift/renderers/mesh_reader.h"
-#include "raylift/renderers/mesh_tiles.h"
+#include "raylift/surfaces/mesh_files.h"
 #include "raylift/views/product.h"
 
 namespace raylift::python {

@@ -10,12 +10,12 @@
 #include <optional>
 #include <string_view>
 
+#include "base/rng.h"
 #include "courtyard.h"
 #include "photograph.h"
 #include "scene_writer.h"
 #include "viewpoints.h"
 
-#include "raylift/base/rng.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/query_list.h"
 

@@ -11,10 +11,10 @@
 #include <utility>
 #include <vector>
 
+#include "base/rng.h"
 #include <Eigen/Core>
 
-#include "raylift/base/rng.h"
-#include "raylift/renderers/triangle_mesh.h"
+#include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift::demo {
 

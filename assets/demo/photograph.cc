@@ -7,12 +7,12 @@
 #include <span>
 #include <vector>
 
+#include "base/rng.h"
 #include "noise.h"
 #include <Eigen/Geometry>
 #include <opencv2/imgproc.hpp>
 
 #include "raylift/base/parallel.h"
-#include "raylift/base/rng.h"
 
 namespace raylift::demo {
 

@@ -7,7 +7,7 @@
 
 #include "courtyard.h"
 
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift::demo {
 

@@ -3,9 +3,8 @@
 
 #pragma once
 
+#include "base/rng.h"
 #include "canvas.h"
-
-#include "raylift/base/rng.h"
 
 namespace raylift::demo {
 

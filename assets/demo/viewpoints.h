@@ -4,8 +4,9 @@
 
 #include <vector>
 
-#include "raylift/base/rng.h"
-#include "raylift/scene/posed_image.h"
+#include "base/rng.h"
+
+#include "raylift/scene/photographs.h"
 
 namespace raylift::demo {
 

@@ -10,11 +10,11 @@
 #include <utility>
 #include <vector>
 
+#include "base/hash.h"
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include "raylift/base/hash.h"
-#include "raylift/base/output_error.h"
+#include "raylift/base/error.h"
 #include "raylift/base/text.h"
 
 namespace raylift {

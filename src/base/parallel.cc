@@ -7,6 +7,7 @@
 #include <mutex>
 #include <stdexcept>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -14,8 +15,7 @@
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
-#include "raylift/base/call_watch.h"
-#include "raylift/base/resource_error.h"
+#include "raylift/base/error.h"
 
 // TBB gives work to threads and waits for them by means that the thread sanitizer does not see, as
 // TBB is not compiled with it.
@@ -26,6 +26,7 @@
 #define RAYLIFT_THREAD_SANITIZER 1
 #endif
 #endif
+
 namespace raylift {
 namespace {
 
@@ -104,5 +105,40 @@ void ParallelFor(size_t count, int threads, const std::function<void(size_t)>& b
     std::rethrow_exception(first_exception);
   }
 }
+
+namespace {
+
+thread_local CallWatch* current_watch = nullptr;
+
+// Asking may be dear: a binding takes its interpreter's lock for it.
+constexpr std::chrono::milliseconds kBetweenQuestions{20};
+
+}  // namespace
+
+CallWatch::CallWatch(Hooks hooks)
+    : hooks_(std::move(hooks)),
+      caller_(std::this_thread::get_id()),
+      last_asked_(std::chrono::steady_clock::now()),
+      on_this_thread_(this) {}
+
+CallWatch::~CallWatch() = default;
+
+CallWatch* CallWatch::Current() { return current_watch; }
+
+void CallWatch::Check() {
+  if (hooks_.stop_wanted && std::this_thread::get_id() == caller_) {
+    const auto now = std::chrono::steady_clock::now();
+    if (now - last_asked_ > kBetweenQuestions) {
+      last_asked_ = now;
+      if (hooks_.stop_wanted()) stopped_ = true;
+    }
+  }
+  if (stopped_) throw Cancelled();
+}
+
+CallWatch::OnThisThread::OnThisThread(CallWatch* watch)
+    : before_(std::exchange(current_watch, watch)) {}
+
+CallWatch::OnThisThread::~OnThisThread() { current_watch = before_; }
 
 }  // namespace raylift

@@ -1,7 +1,10 @@
 #include "raylift/base/text.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <string_view>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -135,6 +138,100 @@ uint64_t LineReader::Uint(std::string_view token, std::string_view field) const 
     Fail(fmt::format("{}: expected a non-negative integer, found \"{}\"", field, token));
   }
   return *value;
+}
+
+size_t EditDistance(std::string_view a, std::string_view b) {
+  // Of the first i letters of a to the first j of b, for the last three i.
+  std::vector<size_t> before(b.size() + 1), last(b.size() + 1), row(b.size() + 1);
+  for (size_t j = 0; j <= b.size(); ++j) row[j] = j;
+  for (size_t i = 1; i <= a.size(); ++i) {
+    std::swap(before, last);
+    std::swap(last, row);
+    row[0] = i;
+    for (size_t j = 1; j <= b.size(); ++j) {
+      const size_t changed = last[j - 1] + (a[i - 1] == b[j - 1] ? 0 : 1);
+      row[j] = std::min({changed, last[j] + 1, row[j - 1] + 1});
+      const bool swapped = i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1];
+      if (swapped) row[j] = std::min(row[j], before[j - 2] + 1);
+    }
+  }
+  return row[b.size()];
+}
+
+std::optional<std::string> ClosestName(std::string_view typed, std::span<const std::string> names) {
+  std::optional<std::string> closest;
+  size_t least = 0;
+  for (const std::string& name : names) {
+    const size_t distance = EditDistance(typed, name);
+    if (3 * distance <= name.size() && (!closest || distance < least)) {
+      closest = name;
+      least = distance;
+    }
+  }
+  return closest;
+}
+
+std::string DidYouMean(std::string_view typed, std::span<const std::string> names) {
+  const auto closest = ClosestName(typed, names);
+  return closest ? fmt::format("; did you mean {}?", *closest) : "";
+}
+
+namespace {
+
+std::string CsvField(const std::string& text) {
+  const bool is_plain = text.find_first_of(",\"\r\n") == std::string::npos && Trim(text) == text;
+  if (is_plain) return text;
+  std::string quoted = "\"";
+  for (const char c : text) {
+    quoted += c;
+    if (c == '"') quoted += c;
+  }
+  return quoted + '"';
+}
+
+// Characters, not bytes, of UTF-8.
+size_t Width(std::string_view text) {
+  return static_cast<size_t>(std::count_if(text.begin(), text.end(), [](char c) {
+    return (static_cast<unsigned char>(c) & 0xc0) != 0x80;
+  }));
+}
+
+}  // namespace
+
+std::string AlignColumns(std::span<const TableRow> rows) {
+  if (rows.empty()) return {};
+  std::vector<size_t> widths(rows.front().size(), 0);
+  for (const TableRow& row : rows) {
+    RAYLIFT_CHECK_EQ(row.size(), widths.size());
+    for (size_t i = 0; i < row.size(); ++i) {
+      widths[i] = std::max(widths[i], Width(row[i]));
+    }
+  }
+  std::string text;
+  for (const TableRow& row : rows) {
+    for (size_t i = 0; i < row.size(); ++i) {
+      const std::string padding(widths[i] - Width(row[i]), ' ');
+      text += i == 0 ? row[i] + padding : "  " + padding + row[i];
+    }
+    text += '\n';
+  }
+  return text;
+}
+
+std::string CsvLine(const TableRow& fields) {
+  std::string line;
+  for (size_t i = 0; i < fields.size(); ++i) {
+    line += i > 0 ? "," : "";
+    line += CsvField(fields[i]);
+  }
+  return line + '\n';
+}
+
+std::string Printable(std::string text) {
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
+  }
+  return text;
 }
 
 }  // namespace raylift

@@ -17,9 +17,7 @@ if(RAYLIFT_BUILD_PROGRAM)
     DESTINATION ${CMAKE_INSTALL_DATAROOTDIR}/raylift COMPONENT raylift USE_SOURCE_PERMISSIONS)
 endif()
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/raylift
-  DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT libraylift-dev FILES_MATCHING PATTERN *.h
-  # Helpers of our own writers, which need JSON's headers.
-  PATTERN pose_json.h EXCLUDE PATTERN json_text.h EXCLUDE)
+  DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT libraylift-dev FILES_MATCHING PATTERN *.h)
 foreach(part raylift libraylift-dev)
   install(FILES ${PROJECT_SOURCE_DIR}/LICENSE DESTINATION ${docs_dir}/${part} COMPONENT ${part}
     RENAME copyright)

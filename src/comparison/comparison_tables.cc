@@ -4,11 +4,11 @@
 #include <array>
 #include <cmath>
 
+#include "base/json_text.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "raylift/base/json_text.h"
-#include "raylift/base/text_table.h"
+#include "raylift/base/text.h"
 
 namespace raylift {
 namespace {

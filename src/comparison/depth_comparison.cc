@@ -5,13 +5,13 @@
 #include <iterator>
 #include <memory>
 
+#include "base/statistics.h"
 #include "explained_views.h"
 #include "image_comparison.h"
 #include "match_errors.h"
 #include "surface_scorer.h"
 
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 #include "raylift/geometry/residuals.h"
 

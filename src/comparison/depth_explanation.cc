@@ -7,12 +7,12 @@
 #include <numbers>
 #include <utility>
 
+#include "base/statistics.h"
 #include "value_steps.h"
 #include <Eigen/Core>
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 #include "raylift/evaluation/depth_perturbation.h"
 

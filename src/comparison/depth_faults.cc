@@ -6,11 +6,11 @@
 #include <limits>
 #include <utility>
 
+#include "base/statistics.h"
 #include <Eigen/Core>
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
 #include "raylift/evaluation/depth_edges.h"
 #include "raylift/evaluation/depth_errors.h"
 

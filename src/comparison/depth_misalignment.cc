@@ -5,7 +5,6 @@
 #include <string>
 
 #include "raylift/base/error.h"
-#include "raylift/base/option_checks.h"
 #include "raylift/base/text.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/lifting/depth_sampling.h"

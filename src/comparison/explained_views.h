@@ -7,7 +7,7 @@
 
 #include "raylift/comparison/depth_explanation.h"
 #include "raylift/lifting/geometry_source.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

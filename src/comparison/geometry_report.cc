@@ -4,13 +4,13 @@
 #include <cmath>
 #include <vector>
 
+#include "base/index_sets.h"
+#include "base/json_text.h"
 #include "report_pictures.h"
 #include "report_scene.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "raylift/base/evenly_spaced.h"
-#include "raylift/base/json_text.h"
 #include "raylift/base/parallel.h"
 #include "raylift/comparison/report_page.h"
 #include "raylift/comparison/source_view.h"

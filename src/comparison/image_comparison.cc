@@ -2,9 +2,8 @@
 
 #include <algorithm>
 
+#include "base/statistics.h"
 #include "surface_scorer.h"
-
-#include "raylift/base/median.h"
 
 namespace raylift {
 namespace {

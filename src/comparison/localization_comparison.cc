@@ -5,11 +5,11 @@
 #include <tuple>
 #include <utility>
 
+#include "base/statistics.h"
 #include "localization_outcome.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/text.h"
 #include "raylift/evaluation/depth_errors.h"

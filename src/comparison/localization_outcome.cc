@@ -1,9 +1,8 @@
 #include "localization_outcome.h"
 
+#include "base/json_text.h"
+#include "geometry/pose_json.h"
 #include <nlohmann/json.hpp>
-
-#include "raylift/base/json_text.h"
-#include "raylift/geometry/pose_json.h"
 
 namespace raylift {
 namespace {

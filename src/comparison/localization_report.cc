@@ -6,6 +6,8 @@
 #include <mutex>
 #include <vector>
 
+#include "base/index_sets.h"
+#include "base/json_text.h"
 #include "query_page.h"
 #include "report_pictures.h"
 #include "report_scene.h"
@@ -13,9 +15,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
-#include "raylift/base/evenly_spaced.h"
 #include "raylift/base/file.h"
-#include "raylift/base/json_text.h"
 #include "raylift/comparison/report_page.h"
 #include "raylift/io/image_file.h"
 

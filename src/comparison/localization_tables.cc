@@ -1,11 +1,10 @@
 #include <cmath>
 
+#include "base/json_text.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
-#include "raylift/base/text_table.h"
 #include "raylift/comparison/localization_comparison.h"
 
 namespace raylift {

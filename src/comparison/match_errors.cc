@@ -4,7 +4,8 @@
 #include <cmath>
 #include <numeric>
 
-#include "raylift/base/median.h"
+#include "base/statistics.h"
+
 #include "raylift/base/parallel.h"
 #include "raylift/lifting/depth_alignment.h"
 #include "raylift/lifting/reference_matches.h"

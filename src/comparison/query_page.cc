@@ -4,10 +4,10 @@
 #include <cmath>
 #include <vector>
 
+#include "base/index_sets.h"
 #include "report_pictures.h"
 
-#include "raylift/base/evenly_spaced.h"
-#include "raylift/renderers/view_renderer.h"
+#include "raylift/renderers/frame_renderer.h"
 
 namespace raylift {
 namespace {

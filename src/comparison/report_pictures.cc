@@ -5,12 +5,12 @@
 #include <cmath>
 #include <cstdint>
 
+#include "pictures/picture_codec.h"
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
-#include "raylift/pictures/picture_codec.h"
 
 namespace raylift {
 namespace {

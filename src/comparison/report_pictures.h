@@ -8,7 +8,6 @@
 #include <string_view>
 #include <vector>
 
-#include "raylift/scene/depth_map.h"
 #include "raylift/scene/image.h"
 
 namespace raylift {

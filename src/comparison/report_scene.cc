@@ -4,10 +4,9 @@
 #include <cmath>
 
 #include "report_pictures.h"
+#include "surfaces/resampled_mesh.h"
 
 #include "raylift/comparison/source_view.h"
-#include "raylift/renderers/decimated_mesh.h"
-#include "raylift/renderers/split_mesh.h"
 
 namespace raylift {
 namespace {

@@ -12,10 +12,9 @@
 #include <Eigen/Core>
 #include <nlohmann/json.hpp>
 
-#include "raylift/renderers/triangle_mesh.h"
-#include "raylift/scene/depth_map.h"
 #include "raylift/scene/image.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
+#include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
 

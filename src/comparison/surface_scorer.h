@@ -13,7 +13,7 @@
 #include "raylift/comparison/surface_distance.h"
 #include "raylift/evaluation/depth_errors.h"
 #include "raylift/lifting/geometry_source.h"
-#include "raylift/renderers/triangle_mesh.h"
+#include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
 

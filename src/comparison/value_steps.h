@@ -4,7 +4,7 @@
 
 #include <optional>
 
-#include "raylift/scene/depth_map.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 

@@ -3,7 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "raylift/base/median.h"
+#include "base/statistics.h"
+
 #include "raylift/base/parallel.h"
 #include "raylift/comparison/source_view.h"
 

@@ -6,10 +6,10 @@
 #include <set>
 #include <utility>
 
+#include "base/read_limits.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/read_limits.h"
 #include "raylift/base/text.h"
 #include "raylift/io/line_tokens.h"
 #include "raylift/io/unit_quaternion.h"

@@ -12,7 +12,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/geometry/pose_convention.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/json_document.h"

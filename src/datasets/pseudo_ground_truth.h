@@ -10,7 +10,7 @@
 
 #include "datasets/importers.h"
 
-#include "raylift/scene/plane_size.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 

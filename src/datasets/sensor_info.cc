@@ -5,10 +5,10 @@
 #include <string>
 #include <vector>
 
+#include "base/read_limits.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/read_limits.h"
 #include "raylift/base/text.h"
 
 namespace raylift {

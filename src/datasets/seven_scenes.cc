@@ -4,10 +4,10 @@
 
 #include "datasets/importers.h"
 #include "datasets/pseudo_ground_truth.h"
+#include "scene/seven_scenes_kinect.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/scene/seven_scenes_kinect.h"
 
 namespace raylift {
 namespace {

@@ -4,11 +4,11 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/read_limits.h"
 #include <Eigen/QR>
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/read_limits.h"
 
 namespace raylift {
 namespace {

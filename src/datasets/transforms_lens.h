@@ -10,7 +10,7 @@
 
 #include "raylift/geometry/camera.h"
 #include "raylift/io/json_document.h"
-#include "raylift/scene/plane_size.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 

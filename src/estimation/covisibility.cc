@@ -2,7 +2,8 @@
 
 #include <optional>
 
-#include "raylift/base/disjoint_sets.h"
+#include "base/index_sets.h"
+
 #include "raylift/scene/keypoints.h"
 
 namespace raylift {

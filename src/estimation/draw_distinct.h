@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <array>
 
-#include "raylift/base/rng.h"
+#include "base/rng.h"
 
 namespace raylift {
 

@@ -5,12 +5,11 @@
 #include <numbers>
 #include <vector>
 
+#include "base/rng.h"
 #include "estimation/final_refinement.h"
 #include "estimation/keypoint_evidence.h"
 #include "estimation/local_optimization.h"
 #include "estimation/maximum_likelihood.h"
-
-#include "raylift/base/rng.h"
 
 namespace raylift {
 namespace {

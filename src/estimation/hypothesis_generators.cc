@@ -6,14 +6,13 @@
 #include <span>
 #include <utility>
 
+#include "base/statistics.h"
 #include "estimation/draw_distinct.h"
 #include "estimation/match_residuals.h"
 #include "estimation/solvers/d3p1.h"
 #include "estimation/solvers/e5p1.h"
 #include "estimation/solvers/gp3p.h"
 #include <Eigen/LU>
-
-#include "raylift/base/median.h"
 
 namespace raylift {
 namespace {

@@ -4,12 +4,11 @@
 
 #include <vector>
 
+#include "base/rng.h"
 #include "estimation/joint_score.h"
 #include "estimation/keypoint_evidence.h"
 #include "estimation/prepared_problem.h"
 #include "estimation/solvers/p3p.h"
-
-#include "raylift/base/rng.h"
 
 namespace raylift {
 

@@ -56,7 +56,7 @@ bool IsModest(const Eigen::Ref<const VectorXd>& step) {
 }
 
 // One view of a keypoint.
-struct View {
+struct KeypointView {
   int column;  // of its first unknown
   Quadratic cost;
   // d^2 cost / d (point, common error) d (displacement, factor), where the query has the mean
@@ -149,7 +149,7 @@ class JointRefinement {
     bool used = false;
     Matrix4d covariance;  // of the point and its common error, the views held
     Vector4d gradient;
-    std::vector<View> views;
+    std::vector<KeypointView> views;
   };
 
   static constexpr int kQueryColumns = 7;
@@ -254,7 +254,7 @@ bool JointRefinement::LinearizeKeypoint(size_t index) {
   point.gradient.head<3>() += query_cost.gradient.head<3>();
 
   // Each view's cost; sightings of one reference are one view.
-  std::vector<View>& views = back.views;
+  std::vector<KeypointView>& views = back.views;
   views.clear();
   Matrix4d coupling = query_cost.hessian;
   coupling.row(3).setZero();
@@ -268,7 +268,7 @@ bool JointRefinement::LinearizeKeypoint(size_t index) {
     const int column = column_[evidence_.sightings[i].reference];
     if (column < 0) continue;
     const auto same = std::find_if(views.begin(), views.end(),
-                                   [&](const View& view) { return view.column == column; });
+                                   [&](const KeypointView& view) { return view.column == column; });
     if (same == views.end()) {
       views.push_back({column, cost, cost.hessian});
     } else {
@@ -290,11 +290,11 @@ void JointRefinement::AddEliminated(size_t index) {
   auto gradient = part_gradients_.col(evidence_.keypoints[index].part_of_image);
   const Matrix3d cross = Skew(model_.keypoints[index].point);
   const Vector4d solved_gradient = back.covariance * back.gradient;
-  for (const View& view : back.views) {
+  for (const KeypointView& view : back.views) {
     const Vector4d slope = view.cost.gradient - view.coupling.transpose() * solved_gradient;
     AddDisplaced(slope, cross, gradient.segment<7>(view.column));
     const Matrix4d solved = back.covariance * view.coupling;
-    for (const View& other : back.views) {
+    for (const KeypointView& other : back.views) {
       if (other.column > view.column) continue;
       Matrix4d shared = -solved.transpose() * other.coupling;
       if (other.column == view.column) shared += view.cost.hessian;
@@ -343,8 +343,8 @@ std::optional<double> JointRefinement::Step() {
     if (!back.used) continue;
     KeypointState& state = model_.keypoints[k];
     Vector4d pull = back.gradient;
-    for (const View& view : back.views) {
-      pull += view.coupling * View::Displacement(step.segment<7>(view.column), state.point);
+    for (const KeypointView& view : back.views) {
+      pull += view.coupling * KeypointView::Displacement(step.segment<7>(view.column), state.point);
     }
     MovePoint(-back.covariance * pull, evidence_.keypoints[k].CenterOfCamera(model_.pose), state);
   }
@@ -531,7 +531,7 @@ std::optional<FocalStep> JointRefinement::StepOfFocal() {
     equations.slope += query.weight * by_focal.dot(query.seen.error_px) - solved.dot(back.gradient);
     equations.curvature += query.weight * by_focal.squaredNorm() - solved.dot(by_point);
     const Matrix3d cross = Skew(model_.keypoints[k].point);
-    for (const View& view : back.views) {
+    for (const KeypointView& view : back.views) {
       Vector4d shared = -view.coupling.transpose() * solved;
       if (view.column == 0) shared += by_point;
       AddDisplaced(shared, cross, equations.mixed.segment<7>(view.column));

@@ -7,12 +7,11 @@
 #include <numbers>
 #include <span>
 
+#include "base/statistics.h"
 #include "estimation/keypoint_sight.h"
 #include "estimation/log_of_product.h"
 #include "estimation/student_t.h"
 #include <Eigen/Geometry>
-
-#include "raylift/base/median.h"
 
 namespace raylift {
 namespace {

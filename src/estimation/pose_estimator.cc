@@ -6,6 +6,7 @@
 #include <numbers>
 #include <set>
 
+#include "base/rng.h"
 #include "estimation/covisibility.h"
 #include "estimation/final_refinement.h"
 #include "estimation/focal_refinement.h"
@@ -21,7 +22,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/rng.h"
 
 namespace raylift {
 namespace {

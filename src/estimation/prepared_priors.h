@@ -14,7 +14,7 @@
 #include "estimation/solvers/p3p.h"
 #include <Eigen/Core>
 
-#include "raylift/scene/pose_priors.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -5,7 +5,8 @@
 #include <cstring>
 #include <numeric>
 
-#include "raylift/base/median.h"
+#include "base/statistics.h"
+
 #include "raylift/geometry/residuals.h"
 #include "raylift/scene/keypoints.h"
 

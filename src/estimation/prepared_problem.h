@@ -15,13 +15,13 @@
 #include <optional>
 #include <vector>
 
+#include "base/rng.h"
 #include "estimation/kernels/blocks.h"
 #include "estimation/prepared_priors.h"
 #include "estimation/sigmas_of_threshold.h"
 #include "estimation/solvers/p3p.h"
 #include <Eigen/Core>
 
-#include "raylift/base/rng.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/scene/pose_problem.h"
 

@@ -6,10 +6,9 @@
 #include <numbers>
 #include <optional>
 
+#include "base/statistics.h"
 #include "estimation/draw_distinct.h"
 #include "estimation/solvers/p2p.h"
-
-#include "raylift/base/median.h"
 
 namespace raylift {
 namespace {

@@ -5,12 +5,12 @@
 #include <optional>
 #include <vector>
 
+#include "base/rng.h"
 #include "estimation/hypothesis_generators.h"
 #include "estimation/joint_score.h"
 #include "estimation/match_residuals.h"
 #include "estimation/prepared_problem.h"
 
-#include "raylift/base/rng.h"
 #include "raylift/estimation/pose_estimator.h"
 
 namespace raylift {

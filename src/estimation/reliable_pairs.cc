@@ -4,9 +4,8 @@
 #include <array>
 #include <cmath>
 
+#include "base/statistics.h"
 #include <Eigen/Geometry>
-
-#include "raylift/base/median.h"
 
 namespace raylift {
 namespace {

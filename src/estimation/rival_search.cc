@@ -2,11 +2,10 @@
 
 #include <algorithm>
 
+#include "base/rng.h"
 #include "estimation/hypothesis_generators.h"
 #include "estimation/joint_score.h"
 #include "estimation/ransac.h"
-
-#include "raylift/base/rng.h"
 
 namespace raylift {
 namespace {

@@ -7,10 +7,10 @@
 #include <set>
 #include <span>
 
+#include "base/statistics.h"
 #include "estimation/image_parts.h"
 #include "estimation/rival_search.h"
 
-#include "raylift/base/median.h"
 #include "raylift/estimation/pose_estimator.h"
 
 namespace raylift {

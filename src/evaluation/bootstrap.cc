@@ -5,9 +5,10 @@
 #include <limits>
 #include <numbers>
 
+#include "base/rng.h"
+#include "base/statistics.h"
+
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
-#include "raylift/base/rng.h"
 
 namespace raylift {
 namespace {

@@ -3,9 +3,9 @@
 #include <cmath>
 #include <vector>
 
+#include "base/statistics.h"
 #include <Eigen/Cholesky>
 
-#include "raylift/base/median.h"
 #include "raylift/geometry/residuals.h"
 
 namespace raylift {

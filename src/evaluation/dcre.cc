@@ -4,11 +4,10 @@
 #include <cmath>
 #include <limits>
 
+#include "base/statistics.h"
 #include <fmt/format.h>
 
-#include "raylift/base/median.h"
 #include "raylift/base/text.h"
-#include "raylift/base/text_table.h"
 #include "raylift/evaluation/depth_errors.h"
 
 namespace raylift {

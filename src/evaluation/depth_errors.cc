@@ -4,9 +4,9 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/statistics.h"
+
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
-#include "raylift/base/option_checks.h"
 #include "raylift/base/text.h"
 
 namespace raylift {

@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "base/rng.h"
+
 #include "raylift/base/error.h"
-#include "raylift/base/option_checks.h"
-#include "raylift/base/rng.h"
 #include "raylift/base/text.h"
 
 namespace raylift {

@@ -5,10 +5,10 @@
 #include <limits>
 #include <utility>
 
+#include "base/statistics.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
 #include "raylift/base/text.h"
 
 namespace raylift {

@@ -4,13 +4,12 @@
 #include <cmath>
 #include <vector>
 
+#include "base/json_text.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
-#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
-#include "raylift/base/text_table.h"
 
 namespace raylift {
 namespace {

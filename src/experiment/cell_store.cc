@@ -1,11 +1,11 @@
 #include "raylift/experiment/cell_store.h"
 
+#include "base/json_text.h"
+#include "geometry/pose_json.h"
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/json_text.h"
-#include "raylift/geometry/pose_json.h"
 
 namespace raylift {
 namespace {

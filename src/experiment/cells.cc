@@ -5,13 +5,13 @@
 #include <set>
 #include <tuple>
 
+#include "base/hash.h"
+#include "base/json_text.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/hash.h"
-#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
 #include "raylift/io/pose_prior_list.h"
 #include "raylift/io/query_list.h"

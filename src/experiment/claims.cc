@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/text.h"
-#include "raylift/base/text_table.h"
 #include "raylift/experiment/pivot.h"
 
 namespace raylift {

@@ -9,7 +9,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
-#include "raylift/geometry/pose_convention.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/io/toml_file.h"
 

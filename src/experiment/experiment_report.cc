@@ -4,12 +4,11 @@
 #include <cmath>
 #include <map>
 
+#include "base/json_text.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
-#include "raylift/base/text_table.h"
 #include "raylift/comparison/report_page.h"
 
 namespace raylift {

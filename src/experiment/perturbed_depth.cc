@@ -6,7 +6,7 @@
 #include "raylift/base/file.h"
 #include "raylift/base/parallel.h"
 #include "raylift/io/depth_file.h"
-#include "raylift/renderers/view_renderer.h"
+#include "raylift/renderers/frame_renderer.h"
 
 namespace raylift {
 namespace {

@@ -8,7 +8,7 @@
 
 #include "raylift/evaluation/depth_perturbation.h"
 #include "raylift/lifting/geometry_spec.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include "raylift/base/text_table.h"
+#include "raylift/base/text.h"
 #include "raylift/experiment/pivot.h"
 
 namespace raylift {

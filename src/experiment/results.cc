@@ -10,7 +10,6 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
-#include "raylift/base/text_table.h"
 #include "raylift/experiment/cell_store.h"
 #include "raylift/experiment/grid.h"
 #include "raylift/io/colmap_model.h"

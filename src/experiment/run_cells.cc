@@ -6,16 +6,16 @@
 #include <memory>
 #include <tuple>
 
+#include "base/hash.h"
 #include "perturbed_depth.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
-#include "raylift/base/hash.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/text.h"
 #include "raylift/experiment/cell_store.h"
-#include "raylift/geometry/pose_convention.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/localization/continuous_localizer.h"
 #include "raylift/localization/continuous_order.h"

@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/rng.h"
 #include "quantized_descriptors.h"
 #include "vocabulary_kmeans.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/rng.h"
 #include "raylift/features/dot_product_search.h"
 
 namespace raylift {

@@ -5,10 +5,9 @@
 
 #include <vector>
 
+#include "base/rng.h"
 #include "quantized_descriptors.h"
 #include <Eigen/Core>
-
-#include "raylift/base/rng.h"
 
 namespace raylift {
 

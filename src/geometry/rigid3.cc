@@ -3,6 +3,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "raylift/base/error.h"
+
 namespace raylift {
 
 Eigen::Quaterniond RotationFromVector(const Eigen::Vector3d& rotation_vector) {
@@ -23,6 +25,43 @@ Eigen::Quaterniond RotationFromVector(const Eigen::Vector3d& rotation_vector) {
 double AngleBetweenDeg(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {
   const Eigen::Quaterniond difference = a.conjugate() * b;
   return 2 * std::atan2(difference.vec().norm(), std::abs(difference.w())) * 180 / std::numbers::pi;
+}
+
+namespace {
+
+using enum PoseConvention;
+
+// A half turn about x: its own inverse.
+Rigid3 CamFromOpenGlCam() { return {Eigen::Quaterniond(0, 1, 0, 0), Eigen::Vector3d::Zero()}; }
+
+}  // namespace
+
+Rigid3 CamFromWorld(const Rigid3& stored, PoseConvention convention) {
+  switch (convention) {
+    case kCamFromWorld:
+      return stored;
+    case kWorldFromCam:
+      return stored.Inverse();
+    case kOpenGlCamFromWorld:
+      return CamFromOpenGlCam() * stored;
+    case kWorldFromOpenGlCamera:
+      return CamFromOpenGlCam() * stored.Inverse();
+  }
+  RAYLIFT_CHECK(false);
+}
+
+Rigid3 StoredPose(const Rigid3& cam_from_world, PoseConvention convention) {
+  switch (convention) {
+    case kCamFromWorld:
+      return cam_from_world;
+    case kWorldFromCam:
+      return cam_from_world.Inverse();
+    case kOpenGlCamFromWorld:
+      return CamFromOpenGlCam() * cam_from_world;
+    case kWorldFromOpenGlCamera:
+      return (CamFromOpenGlCam() * cam_from_world).Inverse();
+  }
+  RAYLIFT_CHECK(false);
 }
 
 }  // namespace raylift

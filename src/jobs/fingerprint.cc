@@ -4,11 +4,11 @@
 #include <fstream>
 #include <vector>
 
+#include "base/hash.h"
+#include "base/index_sets.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/evenly_spaced.h"
-#include "raylift/base/hash.h"
 
 namespace raylift {
 namespace {

@@ -8,8 +8,8 @@
 #include <sys/file.h>
 #include <unistd.h>
 
-#include "raylift/base/call_watch.h"
 #include "raylift/base/error.h"
+#include "raylift/base/parallel.h"
 
 namespace raylift {
 namespace {

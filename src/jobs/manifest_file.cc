@@ -14,7 +14,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/output_error.h"
 #include "raylift/base/text.h"
 
 namespace raylift {

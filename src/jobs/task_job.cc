@@ -2,11 +2,11 @@
 
 #include <utility>
 
+#include "base/hash.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/hash.h"
 
 namespace raylift {
 namespace {

@@ -2,11 +2,11 @@
 
 #include <utility>
 
+#include "base/json_text.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
-#include "raylift/base/json_text.h"
 #include "raylift/jobs/manifest_file.h"
 
 namespace raylift {

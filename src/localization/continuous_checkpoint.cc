@@ -4,15 +4,15 @@
 #include <system_error>
 #include <utility>
 
+#include "base/json_text.h"
+#include "geometry/pose_json.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
 #include "raylift/geometry/camera_models.h"
-#include "raylift/geometry/pose_json.h"
 #include "raylift/localization/result_files.h"
 
 namespace raylift {

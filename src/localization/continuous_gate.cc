@@ -9,7 +9,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/option_checks.h"
 #include "raylift/base/parallel.h"
 #include "raylift/geometry/residuals.h"
 

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/statistics.h"
+#include "geometry/triangulation.h"
 #include <Eigen/Geometry>
 
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
-#include "raylift/geometry/triangulation.h"
 #include "raylift/scene/keypoints.h"
 
 namespace raylift {

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <unordered_map>
 
+#include "base/index_sets.h"
 #include "localization/retrieved_lists.h"
 
-#include "raylift/base/disjoint_sets.h"
 #include "raylift/base/parallel.h"
 
 namespace raylift {

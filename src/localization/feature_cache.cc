@@ -9,13 +9,13 @@
 #include <span>
 #include <utility>
 
+#include "base/hash.h"
+#include "base/progress.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/hash.h"
 #include "raylift/base/parallel.h"
-#include "raylift/base/progress.h"
 #include "raylift/base/text.h"
 #include "raylift/features/root_sift.h"
 #include "raylift/io/hloc_features.h"

@@ -13,7 +13,7 @@
 
 #include "raylift/io/hloc_features.h"
 #include "raylift/scene/features.h"
-#include "raylift/scene/plane_size.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 

@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/option_checks.h"
 #include "raylift/scene/keypoints.h"
 
 namespace raylift {

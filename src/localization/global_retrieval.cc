@@ -2,11 +2,11 @@
 
 #include <algorithm>
 
+#include "base/progress.h"
 #include "localization/retrieved_lists.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/progress.h"
 #include "raylift/features/dot_product_search.h"
 #include "raylift/io/hloc_global_features.h"
 #include "raylift/localization/retrieval.h"

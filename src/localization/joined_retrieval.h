@@ -13,7 +13,7 @@
 #include <Eigen/Core>
 
 #include "raylift/scene/features.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -4,11 +4,11 @@
 #include <set>
 #include <utility>
 
+#include "base/json_text.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
-#include "raylift/base/json_text.h"
 
 namespace raylift {
 namespace {

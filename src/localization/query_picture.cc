@@ -3,12 +3,12 @@
 #include <cmath>
 #include <vector>
 
+#include "base/index_sets.h"
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "raylift/base/error.h"
-#include "raylift/base/evenly_spaced.h"
-#include "raylift/renderers/view_renderer.h"
+#include "raylift/renderers/frame_renderer.h"
 
 namespace raylift {
 namespace {

@@ -7,10 +7,10 @@
 #include <numeric>
 #include <utility>
 
+#include "base/statistics.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
 #include "raylift/features/matcher.h"
 #include "raylift/features/root_sift.h"
 #include "raylift/io/image_file.h"

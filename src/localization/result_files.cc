@@ -4,15 +4,15 @@
 #include <array>
 #include <utility>
 
+#include "base/json_text.h"
+#include "base/statistics.h"
+#include "geometry/pose_json.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/json_text.h"
-#include "raylift/base/median.h"
 #include "raylift/base/text.h"
-#include "raylift/geometry/pose_json.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/view_list.h"
 #include "raylift/localization/estimate_json.h"

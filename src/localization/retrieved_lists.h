@@ -6,7 +6,7 @@
 #include <span>
 #include <string>
 
-#include "raylift/scene/retrieved.h"
+#include "raylift/scene/features.h"
 
 namespace raylift {
 

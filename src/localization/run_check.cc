@@ -3,9 +3,9 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/statistics.h"
 #include <fmt/format.h>
 
-#include "raylift/base/median.h"
 #include "raylift/localization/scene_matches.h"
 
 namespace raylift {

@@ -9,13 +9,13 @@
 #include <utility>
 #include <vector>
 
+#include "base/json_text.h"
+#include "pictures/picture_codec.h"
 #include <Eigen/Geometry>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/json_text.h"
-#include "raylift/pictures/picture_codec.h"
 
 namespace raylift {
 namespace {

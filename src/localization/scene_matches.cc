@@ -6,7 +6,8 @@
 #include <tuple>
 #include <unordered_map>
 
-#include "raylift/base/evenly_spaced.h"
+#include "base/index_sets.h"
+
 #include "raylift/base/parallel.h"
 
 namespace raylift {

@@ -3,9 +3,9 @@
 #include <optional>
 #include <vector>
 
+#include "base/hash.h"
 #include <fmt/format.h>
 
-#include "raylift/base/hash.h"
 #include "raylift/io/hloc_global_features.h"
 #include "raylift/jobs/folder_lock.h"
 

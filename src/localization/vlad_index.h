@@ -14,7 +14,6 @@
 
 #include "raylift/features/vlad.h"
 #include "raylift/scene/features.h"
-#include "raylift/scene/retrieved.h"
 
 namespace raylift {
 

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "pictures/decoders.h"
+#include "pictures/codecs.h"
 // It needs <cstdio> before it.
 #include <jpeglib.h>
 

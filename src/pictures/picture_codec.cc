@@ -1,13 +1,13 @@
-#include "raylift/pictures/picture_codec.h"
+#include "pictures/picture_codec.h"
 
 #include <stdexcept>
 
-#include "pictures/decoders.h"
+#include "pictures/codecs.h"
+#include "pictures/picture_header.h"
 #include <fmt/format.h>
 #include <webp/decode.h>
 
 #include "raylift/base/error.h"
-#include "raylift/scene/picture_header.h"
 
 namespace raylift {
 namespace {

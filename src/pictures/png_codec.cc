@@ -1,12 +1,10 @@
-#include "pictures/png_codec.h"
-
 #include <algorithm>
 #include <bit>
 #include <cstring>
 #include <new>
 #include <stdexcept>
 
-#include "pictures/decoders.h"
+#include "pictures/codecs.h"
 #include <fmt/format.h>
 #include <png.h>
 #include <zlib.h>

@@ -1,5 +1,3 @@
-#include "pictures/tiff_codec.h"
-
 #include <algorithm>
 #include <array>
 #include <cstdio>
@@ -8,10 +6,9 @@
 #include <stdexcept>
 #include <utility>
 
-#include "pictures/decoders.h"
+#include "base/read_limits.h"
+#include "pictures/codecs.h"
 #include <tiffio.h>
-
-#include "raylift/base/read_limits.h"
 
 namespace raylift {
 namespace {

@@ -4,10 +4,10 @@
 #include <cmath>
 #include <iterator>
 
+#include "base/index_sets.h"
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
-#include "raylift/base/evenly_spaced.h"
 #include "raylift/base/parallel.h"
 #include "raylift/renderers/frame_renderer.h"
 

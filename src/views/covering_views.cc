@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/rng.h"
 #include "space_probe.h"
 #include "surface_samples.h"
 #include <Eigen/Geometry>
@@ -11,7 +12,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
-#include "raylift/base/rng.h"
 
 namespace raylift {
 namespace {

@@ -2,10 +2,9 @@
 
 #include <cmath>
 
+#include "base/statistics.h"
 #include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
-
-#include "raylift/base/median.h"
 
 namespace raylift {
 namespace {

@@ -5,14 +5,14 @@
 #include <set>
 #include <unordered_set>
 
+#include "base/hash.h"
+#include "base/json_text.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
-#include "raylift/base/hash.h"
-#include "raylift/base/json_text.h"
 #include "raylift/base/text.h"
-#include "raylift/renderers/surface_hash.h"
+#include "raylift/renderers/ray_caster.h"
 
 namespace raylift {
 namespace {

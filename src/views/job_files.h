@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "raylift/renderers/triangle_mesh.h"
+#include "raylift/surfaces/triangle_mesh.h"
 #include "raylift/views/render_job.h"
 
 namespace raylift {

@@ -1,8 +1,8 @@
 #include "raylift/views/manifest.h"
 
+#include "base/json_text.h"
 #include <nlohmann/json.hpp>
 
-#include "raylift/base/json_text.h"
 #include "raylift/jobs/manifest_file.h"
 
 namespace raylift {

@@ -9,8 +9,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/lifting/mesh_spec.h"
-#include "raylift/renderers/mesh_reader.h"
-#include "raylift/renderers/mesh_tiles.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {

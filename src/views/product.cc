@@ -5,9 +5,9 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/nearest_byte.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/map_file.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 namespace {

@@ -11,7 +11,7 @@
 #include <utility>
 
 #include "raylift/renderers/pixel_rays.h"
-#include "raylift/scene/view.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -7,6 +7,7 @@
 #include <mutex>
 #include <set>
 
+#include "base/hash.h"
 #include "job_files.h"
 #include "ray_tables.h"
 #include "unseen_mesh.h"
@@ -14,8 +15,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/file_hash.h"
-#include "raylift/base/output_error.h"
 #include "raylift/base/parallel.h"
 #include "raylift/io/image_file.h"
 #include "raylift/jobs/folder_lock.h"

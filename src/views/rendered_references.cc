@@ -5,10 +5,10 @@
 #include <numbers>
 #include <utility>
 
+#include "base/statistics.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/views/covering_views.h"
 #include "raylift/views/sampled_model.h"

@@ -5,7 +5,7 @@
 #include <limits>
 #include <numbers>
 
-#include "raylift/base/median.h"
+#include "base/statistics.h"
 
 namespace raylift {
 namespace {

@@ -3,9 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/rng.h"
 #include <Eigen/Geometry>
-
-#include "raylift/base/rng.h"
 
 namespace raylift {
 

@@ -8,7 +8,7 @@
 
 #include <Eigen/Core>
 
-#include "raylift/renderers/triangle_mesh.h"
+#include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
 

@@ -2,9 +2,9 @@
 
 #include <optional>
 
+#include "base/hash.h"
 #include <fmt/format.h>
 
-#include "raylift/base/file_hash.h"
 #include "raylift/base/parallel.h"
 #include "raylift/jobs/manifest_file.h"
 #include "raylift/views/manifest.h"

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <optional>
 
+#include "base/statistics.h"
 #include "exposure_levels.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -11,10 +12,9 @@
 #include <opencv2/imgproc.hpp>
 
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
-#include "raylift/base/nearest_byte.h"
 #include "raylift/base/parallel.h"
 #include "raylift/io/image_file.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 namespace {

@@ -5,6 +5,7 @@
 #include <limits>
 #include <numbers>
 
+#include "base/rng.h"
 #include "space_probe.h"
 #include "walkable_ground.h"
 #include <Eigen/Geometry>
@@ -12,7 +13,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
-#include "raylift/base/rng.h"
 
 namespace raylift {
 namespace {

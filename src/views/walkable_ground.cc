@@ -5,9 +5,9 @@
 #include <limits>
 #include <map>
 
+#include "base/index_sets.h"
 #include <Eigen/Geometry>
 
-#include "raylift/base/disjoint_sets.h"
 #include "raylift/base/parallel.h"
 
 namespace raylift {

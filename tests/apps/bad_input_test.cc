@@ -13,8 +13,8 @@
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/io/image_file.h"
-#include "raylift/renderers/mesh_reader.h"
-#include "raylift/renderers/triangle_mesh.h"
+#include "raylift/surfaces/mesh_files.h"
+#include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
 namespace {

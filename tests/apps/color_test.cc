@@ -5,11 +5,11 @@
 #include <vector>
 
 #include "apps/program.h"
+#include "base/statistics.h"
 #include "support/room_scene.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
-#include "raylift/base/median.h"
 #include "raylift/io/image_file.h"
 
 namespace raylift {

@@ -12,9 +12,9 @@
 #include "raylift/io/image_file.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
-#include "raylift/renderers/mesh_reader.h"
+#include "raylift/renderers/frame_renderer.h"
 #include "raylift/renderers/ray_caster.h"
-#include "raylift/renderers/view_renderer.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {

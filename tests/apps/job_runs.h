@@ -9,9 +9,8 @@
 #include <vector>
 
 #include "apps/program.h"
+#include "base/rng.h"
 #include <nlohmann/json.hpp>
-
-#include "raylift/base/rng.h"
 
 namespace raylift {
 

@@ -8,8 +8,8 @@
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/query_list.h"
-#include "raylift/renderers/mesh_reader.h"
 #include "raylift/renderers/ray_caster.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {

@@ -12,7 +12,7 @@
 #include "raylift/base/file.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/renderers/frame_renderer.h"
-#include "raylift/renderers/mesh_reader.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {

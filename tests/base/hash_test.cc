@@ -1,4 +1,4 @@
-#include "raylift/base/hash.h"
+#include "base/hash.h"
 
 #include <set>
 

@@ -1,9 +1,15 @@
 #include "raylift/base/parallel.h"
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <mutex>
 #include <numeric>
 #include <stdexcept>
+#include <thread>
+#include <vector>
 
+#include "base/progress.h"
 #include <gtest/gtest.h>
 
 namespace raylift {
@@ -32,4 +38,76 @@ TEST(ParallelFor, RethrowsTheExceptionOfTheLowestIndex) {
 }
 
 }  // namespace
+
+namespace {
+
+void Work() { std::this_thread::sleep_for(std::chrono::milliseconds(1)); }
+
+TEST(CallWatch, NobodyWatchesByDefault) {
+  EXPECT_EQ(CallWatch::Current(), nullptr);
+  {
+    CallWatch watch({});
+    EXPECT_EQ(CallWatch::Current(), &watch);
+    watch.Check();
+  }
+  EXPECT_EQ(CallWatch::Current(), nullptr);
+}
+
+TEST(CallWatch, EndsLoopsOfAnyNumberOfThreads) {
+  for (const int threads : {1, 3}) {
+    std::atomic<size_t> done{0};
+    CallWatch watch({.stop_wanted = [&] { return done > 2; }});
+    constexpr size_t kItems = 100000;
+    const auto count = [&](size_t) {
+      Work();
+      ++done;
+    };
+    EXPECT_THROW(ParallelFor(kItems, threads, count), Cancelled);
+    EXPECT_LT(done, kItems);
+  }
+}
+
+TEST(CallWatch, EndsLoopsWithinLoops) {
+  std::atomic<size_t> done{0};
+  CallWatch watch({.stop_wanted = [&] { return done > 2; }});
+  EXPECT_THROW(ParallelFor(2, 2,
+                           [&](size_t) {
+                             ParallelFor(100000, 2, [&](size_t) {
+                               Work();
+                               ++done;
+                             });
+                           }),
+               Cancelled);
+}
+
+TEST(CallWatch, AsksOnTheCallersThreadAlone) {
+  const auto caller = std::this_thread::get_id();
+  std::atomic<int> asked_elsewhere{0};
+  std::atomic<int> asked{0};
+  CallWatch watch({.stop_wanted = [&] {
+    ++(std::this_thread::get_id() == caller ? asked : asked_elsewhere);
+    return false;
+  }});
+  ParallelFor(300, 2, [](size_t) { Work(); });
+  EXPECT_GT(asked, 0);
+  EXPECT_EQ(asked_elsewhere, 0);
+}
+
+TEST(CallWatch, IsToldOfProgress) {
+  std::mutex mutex;
+  std::vector<size_t> told;
+  CallWatch watch({.on_progress = [&](const std::string& what, size_t done, size_t total) {
+    const std::lock_guard<std::mutex> lock(mutex);
+    EXPECT_EQ(what, "items");
+    EXPECT_EQ(total, 50u);
+    told.push_back(done);
+  }});
+  Progress progress("items", 50, Progress::Show::kNever);
+  ParallelFor(50, 2, [&](size_t) { progress.Advance(); });
+  ASSERT_FALSE(told.empty());
+  EXPECT_EQ(*std::max_element(told.begin(), told.end()), 50u);
+}
+
+}  // namespace
+
 }  // namespace raylift

@@ -1,4 +1,4 @@
-#include "raylift/base/progress.h"
+#include "base/progress.h"
 
 #include <algorithm>
 #include <chrono>

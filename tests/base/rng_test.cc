@@ -1,4 +1,4 @@
-#include "raylift/base/rng.h"
+#include "base/rng.h"
 
 #include <cmath>
 #include <set>

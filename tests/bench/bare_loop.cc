@@ -2,7 +2,7 @@
 
 #include <limits>
 
-#include "embree_shim.h"
+#include "renderers/embree_shim.h"
 #include <pmmintrin.h>
 #include <xmmintrin.h>
 

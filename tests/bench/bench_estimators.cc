@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
+#include "base/statistics.h"
 #include "support/synthetic_problem.h"
 #include <benchmark/benchmark.h>
 
-#include "raylift/base/median.h"
 #include "raylift/estimation/pose_estimator.h"
 
 namespace raylift {

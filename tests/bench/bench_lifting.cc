@@ -12,11 +12,11 @@
 #include <string>
 
 #include "bare_loop.h"
+#include "base/rng.h"
+#include "base/statistics.h"
 #include "city.h"
 #include <time.h>
 
-#include "raylift/base/median.h"
-#include "raylift/base/rng.h"
 #include "raylift/lifting/mesh_source.h"
 
 namespace raylift {
@@ -30,14 +30,14 @@ double CpuSeconds() {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-struct View {
+struct CityView {
   PosedImage pinhole;
   PosedImage distorted;  // the same with a lens that bends by up to some 20 px
   std::vector<Eigen::Vector2d> pixels;
   std::vector<BareRay> rays;
 };
 
-std::vector<View> MakeViews(size_t num_keypoints) {
+std::vector<CityView> MakeViews(size_t num_keypoints) {
   Rng rng(1);
   const Camera camera = CityCamera();
   const Eigen::Vector2d center = camera.principal_point_px();
@@ -50,9 +50,9 @@ std::vector<View> MakeViews(size_t num_keypoints) {
                            0.0005,
                            -0.0003};
   const Camera distorted(CameraModel::kOpenCv, camera.width_px(), camera.height_px(), params);
-  std::vector<View> views;
+  std::vector<CityView> views;
   for (const Rigid3& pose : CityViews(kViews)) {
-    View view{{"view", camera, pose}, {"view", distorted, pose}, {}, {}};
+    CityView view{{"view", camera, pose}, {"view", distorted, pose}, {}, {}};
     for (size_t i = 0; i < num_keypoints; ++i) {
       view.pixels.emplace_back(rng.Uniform(0, camera.width_px()),
                                rng.Uniform(0, camera.height_px()));
@@ -67,7 +67,7 @@ std::vector<View> MakeViews(size_t num_keypoints) {
 
 struct Contestant {
   std::string name;
-  std::function<void(const View&)> lift;
+  std::function<void(const CityView&)> lift;
   std::vector<double> seconds = {};
 };
 
@@ -80,28 +80,28 @@ void Run(size_t num_triangles, int rounds, size_t num_keypoints, const std::stri
   MeshOptions with_jumps;
   with_jumps.limits.max_depth_jump = 1e9;  // measured, and none dropped
   const MeshSource records("records", caster, with_jumps);
-  const std::vector<View> views = MakeViews(num_keypoints);
+  const std::vector<CityView> views = MakeViews(num_keypoints);
   std::vector<float> ray_t(num_keypoints);
   std::vector<Contestant> contestants = {
-      {"bare rtcIntersect1, rays given", [&](const View& v) { bare.Cast(v.rays, ray_t); }},
+      {"bare rtcIntersect1, rays given", [&](const CityView& v) { bare.Cast(v.rays, ray_t); }},
       {"bare rtcIntersect1, robust scene, rays given",
-       [&](const View& v) { bare_robust.Cast(v.rays, ray_t); }},
+       [&](const CityView& v) { bare_robust.Cast(v.rays, ray_t); }},
       {"bare rtcIntersect1, rays made from pixels",
-       [&](const View& v) {
+       [&](const CityView& v) {
          bare.CastPixels(v.pinhole.camera, v.pinhole.cam_from_world, v.pixels, ray_t);
        }},
-      {"points, normals, incidence", [&](const View& v) { points.Lift(v.pinhole, v.pixels); }},
+      {"points, normals, incidence", [&](const CityView& v) { points.Lift(v.pinhole, v.pixels); }},
       {"the same through a distorted lens",
-       [&](const View& v) { points.Lift(v.distorted, v.pixels); }},
+       [&](const CityView& v) { points.Lift(v.distorted, v.pixels); }},
       {"with the depth jump (four more rays each)",
-       [&](const View& v) { records.Lift(v.pinhole, v.pixels); }}};
+       [&](const CityView& v) { records.Lift(v.pinhole, v.pixels); }}};
   std::erase_if(contestants, [&](const Contestant& c) { return !only.empty() && c.name != only; });
   // In random order, as who comes first, or after a large one, finds colder caches.
   std::vector<Contestant*> order;
   for (Contestant& contestant : contestants) order.push_back(&contestant);
   Rng rng(2);
   for (int round = 0; round < rounds; ++round) {
-    for (const View& view : views) {
+    for (const CityView& view : views) {
       for (size_t k = order.size(); k > 1; --k) std::swap(order[k - 1], order[rng.UniformIndex(k)]);
       for (Contestant* contestant : order) {
         const double start = CpuSeconds();

@@ -15,8 +15,9 @@
 #include <memory>
 #include <string>
 
+#include "base/statistics.h"
 #include "city.h"
-#include "mapped_file.h"
+#include "surfaces/mapped_file.h"
 #include <assimp/Importer.hpp>
 #include <assimp/scene.h>
 #include <fmt/format.h>
@@ -25,8 +26,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "raylift/base/median.h"
-#include "raylift/renderers/mesh_reader.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {

@@ -10,10 +10,10 @@
 #include <string>
 
 #include "bare_loop.h"
+#include "base/statistics.h"
 #include "city.h"
 #include <time.h>
 
-#include "raylift/base/median.h"
 #include "raylift/renderers/frame_renderer.h"
 
 namespace raylift {

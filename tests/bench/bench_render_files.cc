@@ -20,12 +20,12 @@
 
 #include "bare_files.h"
 #include "bare_loop.h"
+#include "base/statistics.h"
 #include "city.h"
 #include <fmt/format.h>
 #include <time.h>
 #include <unistd.h>
 
-#include "raylift/base/median.h"
 #include "raylift/views/render_job.h"
 
 namespace raylift {

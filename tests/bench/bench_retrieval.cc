@@ -9,10 +9,10 @@
 #include <ctime>
 #include <vector>
 
+#include "base/rng.h"
+#include "base/statistics.h"
 #include <Eigen/Core>
 
-#include "raylift/base/median.h"
-#include "raylift/base/rng.h"
 #include "raylift/features/dot_product_search.h"
 
 namespace raylift {

@@ -24,6 +24,7 @@
 #include <string>
 #include <vector>
 
+#include "base/rng.h"
 #include "city.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -31,15 +32,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "raylift/base/rng.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/hloc_features.h"
 #include "raylift/io/hloc_matches.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/retrieval_pairs.h"
-#include "raylift/renderers/mesh_reader.h"
-#include "raylift/renderers/mesh_writer.h"
 #include "raylift/renderers/ray_caster.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {

@@ -5,7 +5,7 @@
 #include <functional>
 #include <numbers>
 
-#include "raylift/base/rng.h"
+#include "base/rng.h"
 
 namespace raylift {
 namespace {

@@ -13,11 +13,11 @@
 #include <string>
 #include <vector>
 
+#include "base/statistics.h"
 #include "support/synthetic_problem.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/evaluation/pose_errors.h"

@@ -17,7 +17,7 @@
 #include "raylift/evaluation/depth_perturbation.h"
 #include "raylift/lifting/depth_source.h"
 #include "raylift/lifting/mesh_source.h"
-#include "raylift/renderers/view_renderer.h"
+#include "raylift/renderers/frame_renderer.h"
 
 namespace raylift {
 

@@ -2,13 +2,13 @@
 
 #include <cmath>
 
+#include "base/rng.h"
 #include "compared_room.h"
 #include "support/enum_names.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>
 #include <nlohmann/json.hpp>
 
-#include "raylift/base/rng.h"
 #include "raylift/comparison/comparison_tables.h"
 
 namespace raylift {

@@ -7,12 +7,12 @@
 #include <numbers>
 #include <ostream>
 
+#include "base/rng.h"
 #include "compared_room.h"
 #include "explained_views.h"
 #include "value_steps.h"
 #include <gmock/gmock.h>
 
-#include "raylift/base/rng.h"
 #include "raylift/comparison/depth_misalignment.h"
 
 namespace raylift {

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/rng.h"
 #include "compared_room.h"
 #include <gmock/gmock.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/rng.h"
 
 namespace raylift {
 namespace {

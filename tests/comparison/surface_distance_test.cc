@@ -5,11 +5,11 @@
 #include <memory>
 #include <vector>
 
+#include "base/rng.h"
 #include "comparison/surface_scorer.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 
-#include "raylift/base/rng.h"
 #include "raylift/lifting/mesh_source.h"
 
 namespace raylift {

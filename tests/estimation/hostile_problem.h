@@ -3,7 +3,8 @@
 
 #pragma once
 
-#include "raylift/base/rng.h"
+#include "base/rng.h"
+
 #include "raylift/estimation/pose_estimator.h"
 
 namespace raylift {

@@ -14,12 +14,12 @@
 #include <utility>
 #include <vector>
 
+#include "base/statistics.h"
 #include "estimation/hostile_problem.h"
 #include "estimation/standard_options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/median.h"
 #include "raylift/base/text.h"
 #include "raylift/geometry/residuals.h"
 #include "raylift/scene/keypoints.h"

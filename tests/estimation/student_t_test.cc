@@ -4,9 +4,8 @@
 #include <numbers>
 #include <vector>
 
+#include "base/rng.h"
 #include "support/matchers.h"
-
-#include "raylift/base/rng.h"
 
 namespace raylift {
 namespace {

@@ -3,9 +3,8 @@
 #include <cmath>
 #include <vector>
 
+#include "base/rng.h"
 #include <gtest/gtest.h>
-
-#include "raylift/base/rng.h"
 
 namespace raylift {
 namespace {

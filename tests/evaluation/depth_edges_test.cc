@@ -5,9 +5,8 @@
 #include <limits>
 #include <vector>
 
+#include "base/rng.h"
 #include <gtest/gtest.h>
-
-#include "raylift/base/rng.h"
 
 namespace raylift {
 namespace {

@@ -7,11 +7,11 @@
 #include <numeric>
 #include <sstream>
 
+#include "base/rng.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/rng.h"
 #include "raylift/base/text.h"
 
 namespace raylift {

@@ -6,11 +6,11 @@
 #include <map>
 #include <set>
 
+#include "base/statistics.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <opencv2/imgcodecs.hpp>
 
-#include "raylift/base/median.h"
 #include "raylift/base/parallel.h"
 #include "raylift/features/matcher.h"
 #include "raylift/features/root_sift.h"

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/rng.h"
 #include "support/matchers.h"
 #include <opencv2/core/utility.hpp>
 
 #include "raylift/base/parallel.h"
-#include "raylift/base/rng.h"
 
 namespace raylift {
 namespace {

@@ -3,7 +3,7 @@
 #include "fuzz/fuzz_targets.h"
 
 #include "raylift/base/error.h"
-#include "raylift/renderers/point_cloud.h"
+#include "raylift/surfaces/point_cloud.h"
 
 namespace raylift {
 namespace {

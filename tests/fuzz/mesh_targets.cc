@@ -10,8 +10,8 @@
 
 #include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
-#include "raylift/renderers/mesh_reader.h"
 #include "raylift/scene/image.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {

@@ -8,8 +8,6 @@
 #include "support/matchers.h"
 #include <Eigen/LU>
 
-#include "raylift/geometry/pose_convention.h"
-
 namespace raylift {
 namespace {
 

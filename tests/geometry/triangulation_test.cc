@@ -1,4 +1,4 @@
-#include "raylift/geometry/triangulation.h"
+#include "geometry/triangulation.h"
 
 #include <cmath>
 #include <limits>

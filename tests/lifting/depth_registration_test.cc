@@ -2,11 +2,11 @@
 
 #include <cmath>
 
+#include "scene/seven_scenes_kinect.h"
 #include "support/matchers.h"
 #include <gtest/gtest.h>
 
 #include "raylift/lifting/depth_convention.h"
-#include "raylift/scene/seven_scenes_kinect.h"
 
 namespace raylift {
 namespace {

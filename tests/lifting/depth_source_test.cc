@@ -15,8 +15,8 @@
 #include "raylift/io/depth_file.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/lifting/mesh_source.h"
-#include "raylift/renderers/mesh_tiles.h"
-#include "raylift/renderers/view_renderer.h"
+#include "raylift/renderers/frame_renderer.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {

@@ -10,11 +10,11 @@
 #include <map>
 #include <memory>
 
+#include "base/rng.h"
 #include "support/test_data.h"
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include "raylift/base/rng.h"
 #include "raylift/io/query_list.h"
 #include "raylift/lifting/depth_source.h"
 #include "raylift/lifting/geometry_spec.h"
@@ -23,8 +23,8 @@
 #include "raylift/localization/hloc_matches.h"
 #include "raylift/localization/references.h"
 #include "raylift/localization/scene_matches.h"
-#include "raylift/renderers/mesh_reader.h"
-#include "raylift/renderers/view_renderer.h"
+#include "raylift/renderers/frame_renderer.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {

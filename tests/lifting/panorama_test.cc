@@ -11,7 +11,7 @@
 #include "raylift/lifting/depth_source.h"
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/lifting/sfm_source.h"
-#include "raylift/renderers/view_renderer.h"
+#include "raylift/renderers/frame_renderer.h"
 
 namespace raylift {
 namespace {

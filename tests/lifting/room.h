@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
+#include "base/rng.h"
 #include "support/meshes.h"
 
-#include "raylift/base/rng.h"
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/lifting/reference_matches.h"
 

@@ -1,12 +1,12 @@
 #include "raylift/localization/continuous_checkpoint.h"
 
+#include "base/rng.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
-#include "raylift/base/rng.h"
 #include "raylift/localization/result_files.h"
 
 namespace raylift {

@@ -3,13 +3,13 @@
 #include <atomic>
 #include <thread>
 
+#include "base/rng.h"
 #include "localization/vlad_cache.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/rng.h"
 
 namespace raylift {
 namespace {

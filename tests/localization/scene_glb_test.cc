@@ -13,7 +13,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
-#include "raylift/renderers/mesh_reader.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {

@@ -1,6 +1,6 @@
 // Against OpenCV, which reads the same formats by the same libraries.
 
-#include "raylift/pictures/picture_codec.h"
+#include "pictures/picture_codec.h"
 
 #include <algorithm>
 #include <cstdio>

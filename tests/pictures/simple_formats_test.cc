@@ -4,10 +4,9 @@
 #include <string>
 #include <string_view>
 
+#include "pictures/picture_codec.h"
 #include "support/matchers.h"
 #include <gmock/gmock.h>
-
-#include "raylift/pictures/picture_codec.h"
 
 namespace raylift {
 namespace {

@@ -1,13 +1,13 @@
 // Rays at Gaussian splats, against closed forms and a plain renderer of the published equations.
 
-#include "raylift/renderers/splats.h"
+#include "raylift/surfaces/splats.h"
 
 #include <array>
 #include <cmath>
 #include <numbers>
 #include <sstream>
 
-#include "splat_blend.h"
+#include "renderers/splat_blend.h"
 #include "support/matchers.h"
 #include "support/splat_files.h"
 #include "support/test_data.h"
@@ -17,9 +17,8 @@
 
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
+#include "raylift/renderers/frame_renderer.h"
 #include "raylift/renderers/ray_caster.h"
-#include "raylift/renderers/surface_hash.h"
-#include "raylift/renderers/view_renderer.h"
 
 namespace raylift {
 namespace {

@@ -1,5 +1,3 @@
-#include "raylift/renderers/view_renderer.h"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -8,6 +6,8 @@
 #include "support/meshes.h"
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
+
+#include "raylift/renderers/frame_renderer.h"
 
 namespace raylift {
 namespace {

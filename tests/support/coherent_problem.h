@@ -8,7 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "raylift/base/rng.h"
+#include "base/rng.h"
+
 #include "raylift/geometry/rigid3.h"
 #include "raylift/scene/pose_problem.h"
 

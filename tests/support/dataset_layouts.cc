@@ -1,5 +1,6 @@
 #include "support/dataset_layouts.h"
 
+#include "scene/seven_scenes_kinect.h"
 #include <fmt/format.h>
 
 #include "raylift/base/file.h"
@@ -7,7 +8,6 @@
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/query_list.h"
-#include "raylift/scene/seven_scenes_kinect.h"
 
 namespace raylift {
 namespace {

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

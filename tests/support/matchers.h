@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "base/rng.h"
 #include <gtest/gtest.h>
 
-#include "raylift/base/rng.h"
 #include "raylift/geometry/rigid3.h"
 
 namespace raylift {

@@ -9,7 +9,7 @@
 
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
-#include "raylift/renderers/triangle_mesh.h"
+#include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
 

@@ -7,21 +7,21 @@
 #include <memory>
 #include <optional>
 
+#include "base/rng.h"
 #include "support/meshes.h"
 #include <fmt/format.h>
 
 #include "raylift/base/file.h"
-#include "raylift/base/rng.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/hloc_features.h"
 #include "raylift/io/hloc_matches.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/retrieval_pairs.h"
-#include "raylift/renderers/mesh_reader.h"
+#include "raylift/renderers/frame_renderer.h"
 #include "raylift/renderers/ray_caster.h"
-#include "raylift/renderers/view_renderer.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {

@@ -7,7 +7,7 @@
 
 #include <Eigen/Core>
 
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -10,7 +10,8 @@
 #include <string_view>
 #include <vector>
 
-#include "raylift/base/rng.h"
+#include "base/rng.h"
+
 #include "raylift/geometry/rigid3.h"
 #include "raylift/scene/pose_problem.h"
 

@@ -6,7 +6,7 @@
 #include "support/meshes.h"
 #include <gtest/gtest.h>
 
-#include "raylift/renderers/mesh_tiles.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {

@@ -2,13 +2,13 @@
 
 #include <numbers>
 
+#include "base/rng.h"
 #include "support/meshes.h"
 #include "support/test_data.h"
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
-#include "raylift/base/rng.h"
-#include "raylift/renderers/mesh_reader.h"
+#include "raylift/surfaces/mesh_files.h"
 #include "raylift/views/view_sampler.h"
 
 namespace raylift {

@@ -11,8 +11,8 @@
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
-#include "raylift/base/nearest_byte.h"
 #include "raylift/io/image_file.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 namespace {

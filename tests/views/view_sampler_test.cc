@@ -9,8 +9,7 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
-#include "raylift/renderers/mesh_reader.h"
-#include "raylift/renderers/mesh_tiles.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {

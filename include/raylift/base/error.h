@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <type_traits>
 
 namespace raylift {
 
@@ -63,5 +64,25 @@ namespace internal {
           std::to_string(check_a_) + " against " + std::to_string(check_b_)); \
     }                                                                         \
   } while (false)
+
+// An InputError too, for those who need not tell them apart.
+class OutputError : public InputError {
+ public:
+  using InputError::InputError;
+};
+
+class ResourceError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+// Checks of numbers that options hold: OptionError with the name, the value and the constraint.
+
+// T: int or double. What is not finite is refused.
+template <typename T>
+void RequireAtLeast(std::string_view name, T value, std::type_identity_t<T> least);
+
+template <typename T>
+void RequirePositive(std::string_view name, T value);
 
 }  // namespace raylift

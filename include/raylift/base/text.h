@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -57,5 +58,26 @@ class LineReader {
   size_t position_ = 0;
   int line_number_ = 0;
 };
+
+// The fewest letters to change, add, leave out or swap with their neighbor that make `b` of `a`.
+size_t EditDistance(std::string_view a, std::string_view b);
+
+// The one of `names` with the fewest such mistakes, the first of several; none where they are more
+// than a third of its letters.
+std::optional<std::string> ClosestName(std::string_view typed, std::span<const std::string> names);
+
+// "; did you mean NAME?", or nothing.
+std::string DidYouMean(std::string_view typed, std::span<const std::string> names);
+
+using TableRow = std::vector<std::string>;
+
+// The first column to the left, the others to the right; all rows are as long as the first.
+std::string AlignColumns(std::span<const TableRow> rows);
+
+// One line of RFC 4180 with its end; fields are quoted where they must be.
+std::string CsvLine(const TableRow& fields);
+
+// Control characters, which would break the lines of a table, become question marks.
+std::string Printable(std::string text);
 
 }  // namespace raylift

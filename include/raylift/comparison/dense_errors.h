@@ -10,7 +10,7 @@
 #include "raylift/evaluation/dcre.h"
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/lifting/geometry_source.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -23,7 +23,7 @@
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/lifting/reference_matches.h"
 #include "raylift/localization/scene.h"
-#include "raylift/renderers/triangle_mesh.h"
+#include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
 

@@ -26,7 +26,7 @@
 #include "raylift/comparison/depth_faults.h"
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
-#include "raylift/scene/depth_map.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 

@@ -23,7 +23,7 @@
 #include <vector>
 
 #include "raylift/base/enum_names.h"
-#include "raylift/scene/depth_map.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 

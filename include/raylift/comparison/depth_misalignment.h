@@ -6,7 +6,7 @@
 #include <Eigen/Core>
 
 #include "raylift/geometry/camera.h"
-#include "raylift/scene/depth_map.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 

@@ -15,8 +15,7 @@
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/renderers/frame_renderer.h"
 #include "raylift/renderers/ray_caster.h"
-#include "raylift/scene/posed_image.h"
-#include "raylift/scene/view.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -13,7 +13,7 @@
 
 #include "raylift/localization/localizer.h"
 #include "raylift/renderers/ray_caster.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

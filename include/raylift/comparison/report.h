@@ -15,7 +15,7 @@
 #include "raylift/comparison/localization_comparison.h"
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/evaluation/recall.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "raylift/lifting/geometry_source.h"
-#include "raylift/scene/depth_map.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

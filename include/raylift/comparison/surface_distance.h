@@ -12,7 +12,7 @@
 
 #include <Eigen/Geometry>
 
-#include "raylift/renderers/triangle_mesh.h"
+#include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
 

@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "raylift/lifting/geometry_source.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -16,8 +16,7 @@
 #include "raylift/geometry/camera.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
-#include "raylift/scene/posed_image.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

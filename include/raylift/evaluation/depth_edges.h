@@ -11,7 +11,7 @@
 #include <span>
 #include <vector>
 
-#include "raylift/scene/depth_map.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 

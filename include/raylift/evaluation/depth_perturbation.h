@@ -8,7 +8,7 @@
 #include <cstdint>
 #include <string_view>
 
-#include "raylift/scene/depth_map.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 

@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "raylift/experiment/experiment.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

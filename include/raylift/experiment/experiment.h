@@ -16,7 +16,7 @@
 #include "raylift/evaluation/depth_perturbation.h"
 #include "raylift/evaluation/recall.h"
 #include "raylift/experiment/setting.h"
-#include "raylift/geometry/pose_convention.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/lifting/candidates.h"
 #include "raylift/lifting/consistency_filter.h"
 #include "raylift/lifting/lifter.h"

@@ -26,7 +26,7 @@ struct RunCellsOptions {
 };
 
 // `cells` as ListCells() orders them. Each is written to the store the moment it is complete, and
-// stays there where a watch of the call (base/call_watch.h) ends the others.
+// stays there where a watch of the call (base/parallel.h) ends the others.
 // Returns what the user should be told. Results do not depend on the number of threads.
 std::vector<std::string> RunCells(const Experiment& experiment, std::span<const Cell> cells,
                                   const CellStore& store, const RunCellsOptions& options);

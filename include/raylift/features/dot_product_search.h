@@ -15,7 +15,7 @@
 
 #include <Eigen/Core>
 
-#include "raylift/scene/retrieved.h"
+#include "raylift/scene/features.h"
 
 namespace raylift {
 

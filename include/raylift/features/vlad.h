@@ -16,7 +16,6 @@
 #include <Eigen/Core>
 
 #include "raylift/scene/features.h"
-#include "raylift/scene/retrieved.h"
 
 namespace raylift {
 

@@ -18,7 +18,7 @@
 
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

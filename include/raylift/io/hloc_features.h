@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "raylift/scene/features.h"
-#include "raylift/scene/plane_size.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 

@@ -5,9 +5,7 @@
 
 #include <filesystem>
 
-#include "raylift/pictures/picture_codec.h"
 #include "raylift/scene/image.h"
-#include "raylift/scene/plane_size.h"
 
 namespace raylift {
 

@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <span>
 
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

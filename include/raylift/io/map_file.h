@@ -8,7 +8,7 @@
 #include <span>
 
 #include "raylift/io/depth_file.h"
-#include "raylift/scene/plane_size.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 

@@ -17,8 +17,7 @@
 #include <span>
 #include <string>
 
-#include "raylift/scene/pose_priors.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -8,7 +8,7 @@
 
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -13,7 +13,7 @@
 #include <filesystem>
 #include <span>
 
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

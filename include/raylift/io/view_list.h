@@ -8,7 +8,7 @@
 
 #include <Eigen/Core>
 
-#include "raylift/scene/view.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

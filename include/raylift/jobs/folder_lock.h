@@ -10,7 +10,7 @@ class FolderLock {
  public:
   // kShared: shards of one job write side by side.
   enum class Mode { kExclusive, kShared };
-  // kWait: a watch of the call (base/call_watch.h) can end the waiting.
+  // kWait: a watch of the call (base/parallel.h) can end the waiting.
   enum class IfHeld { kFail, kWait };
 
   // InputError where another run holds the folder; file systems without locks have none.

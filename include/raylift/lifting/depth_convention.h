@@ -15,8 +15,7 @@
 #include "raylift/geometry/camera.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/lifting/depth_registration.h"
-#include "raylift/scene/depth_map.h"
-#include "raylift/scene/plane_size.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "raylift/lifting/depth_convention.h"
-#include "raylift/scene/plane_size.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -13,7 +13,7 @@
 #include <Eigen/Core>
 
 #include "raylift/base/enum_names.h"
-#include "raylift/scene/depth_map.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 

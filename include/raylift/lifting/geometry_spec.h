@@ -16,7 +16,7 @@
 #include "raylift/lifting/input_reading.h"
 #include "raylift/lifting/mesh_placement.h"
 #include "raylift/renderers/ray_caster.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

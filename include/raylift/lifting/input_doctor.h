@@ -37,8 +37,7 @@
 #include "raylift/lifting/mesh_placement.h"
 #include "raylift/lifting/reference_matches.h"
 #include "raylift/renderers/ray_caster.h"
-#include "raylift/scene/depth_map.h"
-#include "raylift/scene/plane_size.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 

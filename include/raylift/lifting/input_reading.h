@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "raylift/geometry/pose_convention.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/lifting/depth_convention.h"
 
 namespace raylift {

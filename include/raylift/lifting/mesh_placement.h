@@ -12,9 +12,9 @@
 
 #include <Eigen/Core>
 
-#include "raylift/renderers/point_cloud.h"
-#include "raylift/renderers/splats.h"
-#include "raylift/renderers/triangle_mesh.h"
+#include "raylift/surfaces/point_cloud.h"
+#include "raylift/surfaces/splats.h"
+#include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
 

@@ -12,8 +12,8 @@
 #include "raylift/lifting/mesh_placement.h"
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/renderers/ray_caster.h"
-#include "raylift/renderers/splats.h"
-#include "raylift/renderers/surfels.h"
+#include "raylift/surfaces/point_cloud.h"
+#include "raylift/surfaces/splats.h"
 
 namespace raylift {
 

@@ -19,7 +19,7 @@
 #include "raylift/localization/continuous_references.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/match_source.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -10,8 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "raylift/scene/posed_image.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

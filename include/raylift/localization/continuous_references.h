@@ -19,8 +19,8 @@
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/scene/keypoints.h"
+#include "raylift/scene/photographs.h"
 #include "raylift/scene/pose_problem.h"
-#include "raylift/scene/posed_image.h"
 
 namespace raylift {
 

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "raylift/io/colmap_model.h"
-#include "raylift/scene/posed_image.h"
-#include "raylift/scene/retrieved.h"
+#include "raylift/scene/features.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -16,7 +16,6 @@
 #include "raylift/localization/references.h"
 #include "raylift/scene/features.h"
 #include "raylift/scene/image.h"
-#include "raylift/scene/retrieved.h"
 
 namespace raylift {
 

@@ -9,7 +9,7 @@
 
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/references.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

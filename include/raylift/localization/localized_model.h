@@ -8,7 +8,7 @@
 #include "raylift/io/colmap_model.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/references.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -24,8 +24,8 @@
 #include "raylift/lifting/lifter.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
+#include "raylift/scene/photographs.h"
 #include "raylift/scene/pose_problem.h"
-#include "raylift/scene/query.h"
 
 namespace raylift {
 

@@ -8,9 +8,8 @@
 
 #include "raylift/scene/features.h"
 #include "raylift/scene/image.h"
+#include "raylift/scene/photographs.h"
 #include "raylift/scene/pose_problem.h"
-#include "raylift/scene/posed_image.h"
-#include "raylift/scene/query.h"
 
 namespace raylift {
 

@@ -12,7 +12,7 @@
 
 #include "raylift/jobs/task_job.h"
 #include "raylift/localization/query_manifest.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

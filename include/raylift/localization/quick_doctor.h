@@ -9,12 +9,12 @@
 #include <string>
 #include <vector>
 
-#include "raylift/geometry/pose_convention.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/lifting/reference_matches.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/references.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

@@ -7,11 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "raylift/geometry/pose_convention.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/localization/covisibility.h"
-#include "raylift/scene/posed_image.h"
-#include "raylift/scene/query.h"
-#include "raylift/scene/thinning.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

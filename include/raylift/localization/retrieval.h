@@ -23,9 +23,8 @@
 #include "raylift/localization/covisibility.h"
 #include "raylift/localization/front_end.h"
 #include "raylift/renderers/ray_caster.h"
-#include "raylift/scene/posed_image.h"
-#include "raylift/scene/query.h"
-#include "raylift/scene/retrieved.h"
+#include "raylift/scene/features.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

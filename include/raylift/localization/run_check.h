@@ -12,7 +12,7 @@
 
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/localization/localizer.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

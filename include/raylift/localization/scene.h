@@ -22,14 +22,14 @@
 #include <string>
 #include <vector>
 
-#include "raylift/geometry/pose_convention.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/lifting/depth_alignment.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/localization/covisibility.h"
 #include "raylift/localization/references.h"
 #include "raylift/renderers/ray_caster.h"
-#include "raylift/scene/thinning.h"
+#include "raylift/scene/photographs.h"
 #include "raylift/views/rendered_references.h"
 
 namespace raylift {

@@ -11,8 +11,8 @@
 #include <Eigen/Core>
 
 #include "raylift/base/enum_names.h"
-#include "raylift/renderers/triangle_mesh.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
+#include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
 

@@ -10,7 +10,7 @@
 #include "raylift/lifting/reference_matches.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/references.h"
-#include "raylift/scene/query.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

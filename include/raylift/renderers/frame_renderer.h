@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "raylift/base/enum_names.h"
+#include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/renderers/pixel_rays.h"
 #include "raylift/renderers/ray_caster.h"
@@ -96,5 +97,15 @@ class FrameRenderer {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+// Short forms for one picture at a time.
+
+// z-depth at every pixel center. Same bytes for any number of threads.
+DepthMap RenderDepth(const RayCaster& caster, const Camera& camera, const Rigid3& cam_from_world,
+                     int threads);
+
+// RGB from texture (bilinear), else vertex colors, else `untextured_rgb`.
+Image RenderColor(const RayCaster& caster, const Camera& camera, const Rigid3& cam_from_world,
+                  const ColorOptions& options, int threads);
 
 }  // namespace raylift

@@ -16,9 +16,9 @@
 #include <Eigen/Core>
 
 #include "raylift/base/enum_names.h"
-#include "raylift/renderers/splats.h"
-#include "raylift/renderers/surfels.h"
-#include "raylift/renderers/triangle_mesh.h"
+#include "raylift/surfaces/point_cloud.h"
+#include "raylift/surfaces/splats.h"
+#include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
 
@@ -152,5 +152,8 @@ class RayCaster {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+// Of all that can be seen of it. The same for any number of threads.
+uint64_t SurfaceHash(const RayCaster& scene, int threads);
 
 }  // namespace raylift

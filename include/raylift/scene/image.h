@@ -1,12 +1,22 @@
-// An 8-bit picture in memory.
+// Pictures and depth maps in memory.
 
 #pragma once
 
+#include <algorithm>
+#include <concepts>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
 
 namespace raylift {
+
+struct PlaneSize {
+  int width_px = 0;
+  int height_px = 0;
+  bool operator==(const PlaneSize&) const = default;
+};
+
+enum class ImageChannels { kGray, kRgb };
 
 // 8-bit, row-major, interleaved channels (1: gray, 3: red, green, blue).
 struct Image {
@@ -25,5 +35,23 @@ struct Image {
 
 // Of an RGB picture by ITU-R BT.601, as decoders make gray of color; a gray one as it is.
 Image ToGray(const Image& image);
+
+// z along the optical axis (never the length of the ray, but in a panorama, which has no axis),
+// row-major, in scene units; 0 = no surface.
+struct DepthMap {
+  int width_px = 0;
+  int height_px = 0;
+  std::vector<float> z;
+
+  float At(int x, int y) const { return z[static_cast<size_t>(y) * width_px + x]; }
+};
+
+// The nearest of 0 .. 255, halves upwards; 0 for NaN.
+template <std::floating_point T>
+uint8_t NearestByte(T value) {
+  if (!(value > 0)) return 0;
+  const T raised = std::min(value, T{255}) + T{0.5};
+  return static_cast<uint8_t>(raised);  // not negative, hence cut off downwards
+}
 
 }  // namespace raylift

@@ -11,8 +11,7 @@
 #include <Eigen/Core>
 
 #include "raylift/geometry/camera.h"
-#include "raylift/scene/pose_priors.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

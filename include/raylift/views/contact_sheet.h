@@ -8,7 +8,7 @@
 
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/image.h"
-#include "raylift/scene/view.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

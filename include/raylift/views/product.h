@@ -14,7 +14,7 @@
 #include "raylift/base/enum_names.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/renderers/frame_renderer.h"
-#include "raylift/renderers/triangle_mesh.h"
+#include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
 

@@ -15,7 +15,7 @@
 #include "raylift/jobs/shard.h"
 #include "raylift/renderers/frame_renderer.h"
 #include "raylift/renderers/ray_caster.h"
-#include "raylift/scene/view.h"
+#include "raylift/scene/photographs.h"
 #include "raylift/views/manifest.h"
 #include "raylift/views/product.h"
 

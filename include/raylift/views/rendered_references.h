@@ -15,7 +15,7 @@
 #include "raylift/base/enum_names.h"
 #include "raylift/geometry/camera.h"
 #include "raylift/renderers/ray_caster.h"
-#include "raylift/scene/plane_size.h"
+#include "raylift/scene/image.h"
 #include "raylift/views/render_job.h"
 #include "raylift/views/view_sampler.h"
 

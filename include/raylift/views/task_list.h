@@ -10,9 +10,8 @@
 #include <vector>
 
 #include "raylift/io/colmap_model.h"
-#include "raylift/scene/plane_size.h"
-#include "raylift/scene/thinning.h"
-#include "raylift/scene/view.h"
+#include "raylift/scene/image.h"
+#include "raylift/scene/photographs.h"
 #include "raylift/views/render_job.h"
 
 namespace raylift {

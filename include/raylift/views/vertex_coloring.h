@@ -14,7 +14,7 @@
 #include <Eigen/Core>
 
 #include "raylift/renderers/ray_caster.h"
-#include "raylift/scene/posed_image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 

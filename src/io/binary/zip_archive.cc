@@ -2,12 +2,12 @@
 
 #include <algorithm>
 
+#include "base/read_limits.h"
 #include "io/depth/depth_formats.h"
 #include <fmt/format.h>
 #include <zip.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/read_limits.h"
 
 namespace raylift {
 namespace {

@@ -8,11 +8,11 @@
 #include <mutex>
 #include <unordered_map>
 
+#include "base/read_limits.h"
 #include <fmt/format.h>
 #include <sqlite3.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/read_limits.h"
 
 namespace raylift {
 namespace {

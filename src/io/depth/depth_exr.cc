@@ -9,6 +9,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/read_limits.h"
 #include "io/depth/depth_formats.h"
 #include "io/depth/sample_rounding.h"
 #include <Imath/ImathBox.h>
@@ -23,7 +24,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/read_limits.h"
 
 namespace raylift {
 namespace {

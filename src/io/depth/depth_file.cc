@@ -7,15 +7,15 @@
 #include <cmath>
 #include <utility>
 
+#include "base/read_limits.h"
 #include "io/binary/npy_array.h"
 #include "io/depth/depth_formats.h"
 #include "io/depth/sample_rounding.h"
-#include "pictures/png_codec.h"
+#include "pictures/codecs.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/base/read_limits.h"
 
 namespace raylift {
 namespace {

@@ -9,7 +9,7 @@
 #include <string_view>
 
 #include "raylift/io/depth_file.h"
-#include "raylift/scene/plane_size.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 

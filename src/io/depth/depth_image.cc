@@ -9,13 +9,12 @@
 #include <optional>
 #include <stdexcept>
 
+#include "base/read_limits.h"
 #include "io/depth/depth_formats.h"
-#include "pictures/png_codec.h"
-#include "pictures/tiff_codec.h"
+#include "pictures/codecs.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/read_limits.h"
 
 namespace raylift {
 namespace {

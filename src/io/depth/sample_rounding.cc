@@ -4,8 +4,9 @@
 #include <bit>
 #include <cmath>
 
+#include "base/instruction_sets.h"
+
 #include "raylift/base/error.h"
-#include "raylift/base/instruction_sets.h"
 
 namespace raylift {
 namespace {

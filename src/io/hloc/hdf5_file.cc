@@ -6,14 +6,14 @@
 #include <mutex>
 #include <utility>
 
+#include "base/read_limits.h"
 #include <Eigen/Core>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <hdf5.h>
 #include <unistd.h>
 
-#include "raylift/base/output_error.h"
-#include "raylift/base/read_limits.h"
+#include "raylift/base/error.h"
 #include "raylift/io/hdf5_exit.h"
 
 namespace raylift {

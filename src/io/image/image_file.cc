@@ -4,6 +4,7 @@
 #include <string>
 
 #include "io/image/cut_short.h"
+#include "pictures/picture_codec.h"
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"

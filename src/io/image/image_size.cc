@@ -2,8 +2,9 @@
 
 #include <fstream>
 
+#include "pictures/picture_header.h"
+
 #include "raylift/io/image_file.h"
-#include "raylift/scene/picture_header.h"
 
 namespace raylift {
 

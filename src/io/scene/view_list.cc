@@ -2,10 +2,10 @@
 
 #include <unordered_set>
 
+#include "base/read_limits.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/read_limits.h"
 #include "raylift/io/line_tokens.h"
 #include "raylift/io/unit_quaternion.h"
 

@@ -1,0 +1,115 @@
+// Photographs whose poses are known, are to be taken or are looked for.
+
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/geometry/camera.h"
+#include "raylift/geometry/rigid3.h"
+
+namespace raylift {
+
+// A reference photograph: its name, its lens and where it was taken.
+struct PosedImage {
+  std::string name;  // as in the model: a path relative to the image folder
+  Camera camera;
+  Rigid3 cam_from_world;
+};
+
+// One of COLMAP's cameras, or an equirectangular panorama of all directions, which has no other
+// parameters than its size (PixelRays::Equirectangular says which pixel looks where).
+struct ViewCamera {
+  std::optional<Camera> lens = std::nullopt;  // none: a panorama, also where it is COLMAP's
+  int width_px = 0;
+  int height_px = 0;
+
+  ViewCamera() = default;
+  ViewCamera(const Camera& camera)  // NOLINT(google-explicit-constructor): it is one of the two
+      : lens(camera.is_panorama() ? std::nullopt : std::optional(camera)),
+        width_px(camera.width_px()),
+        height_px(camera.height_px()) {}
+  static ViewCamera Panorama(int width_px, int height_px) {
+    ViewCamera camera;
+    camera.width_px = width_px;
+    camera.height_px = height_px;
+    return camera;
+  }
+
+  // "MODEL width height params...", the model of a panorama being EQUIRECTANGULAR.
+  std::string ToString() const;
+
+  // The same on an image of another size.
+  ViewCamera Scaled(int new_width_px, int new_height_px) const;
+};
+
+// A picture to be taken of a scene: its name, from where, and through what.
+struct View {
+  std::string name;  // as of a photograph: a path relative to some folder
+  ViewCamera camera;
+  Rigid3 cam_from_world;
+};
+
+struct PositionPrior {
+  Eigen::Vector3d position;  // of the camera's center, world frame
+  // Standard deviation along each axis of the world, scene units; 0: exact.
+  Eigen::Vector3d sigma = Eigen::Vector3d::Zero();
+};
+
+struct GravityPrior {
+  Eigen::Vector3d down_in_cam;    // any length but 0
+  Eigen::Vector3d down_in_world;  // any length but 0
+  double sigma_deg = 1;  // standard deviation of the angle about each axis across; 0: exact
+};
+
+inline constexpr double kMaxFocalRange = 10;
+
+// What is known of a query's pose before its matches are looked at: a position from GNSS, the
+// direction of gravity from an accelerometer; and what is not known of its camera.
+struct PosePriors {
+  std::optional<PositionPrior> position = std::nullopt;
+  std::optional<GravityPrior> gravity = std::nullopt;
+  // The focal length is the given camera's up to this factor either way, of 1 (it is known) to
+  // kMaxFocalRange. Where an estimator is asked to refine it, too, the wider range counts.
+  double focal_range = 1;
+
+  bool empty() const { return !position && !gravity && focal_range == 1; }
+};
+
+// The place of a photograph's camera on a rig. Photographs of one frame were taken at one moment and
+// have one unknown pose together.
+struct RigMount {
+  std::string frame;
+  int sensor = 0;  // among the rig's cameras: the first one that a frame has speaks for it
+  Rigid3 cam_from_rig;
+};
+
+// A photograph whose pose is looked for.
+struct Query {
+  std::string name;
+  Camera camera;
+  PosePriors priors = {};
+  std::optional<RigMount> rig = std::nullopt;
+};
+
+// Sparser references: every N-th image of a scene by name, to see what fewer of them cost.
+struct Thinning {
+  int every = 1;   // at least 1; 1 keeps all
+  int offset = 0;  // of the first that is kept, from 0 to every - 1
+  // Every N-th image of each camera rather than of all: where the cameras of a rig take turns, an
+  // even N would keep those of one camera alone.
+  bool per_camera = false;
+
+  bool KeepsAll() const { return every == 1; }
+};
+
+// The indices of the images that are kept, in order. `cameras` says which camera took each image,
+// the images being sorted by name.
+std::vector<size_t> KeptIndices(std::span<const std::string> cameras, const Thinning& thinning);
+
+}  // namespace raylift

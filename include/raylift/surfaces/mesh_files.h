@@ -1,0 +1,54 @@
+// Meshes from files: PLY, OBJ (both read in double), and whatever else assimp reads (GLB/glTF, STL,
+// DAE, FBX, ...; in float).
+
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raylift/surfaces/triangle_mesh.h"
+
+namespace raylift {
+
+struct MeshReadOptions {
+  int threads = 0;  // <= 0: all; never changes the mesh
+};
+
+// Reads a mesh. Faces with more than three corners are triangulated; triangles with a non-finite
+// vertex or no area are removed and counted in `warnings`, vertices that no triangle uses are
+// dropped. A texture that cannot be read is a warning. InputError naming the file where it is
+// missing, unreadable, has an index out of range (naming the face), or has no triangle left (a
+// point cloud says so).
+TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& options = {});
+
+// The same from memory. Colors are one per vertex, or none at all. InputError where an index is out
+// of range, the counts differ, or no triangle is left.
+TriangleMesh MakeMesh(std::vector<Eigen::Vector3d> vertices,
+                      std::vector<std::array<uint32_t, 3>> triangles,
+                      std::vector<std::array<uint8_t, 3>> colors_rgb = {});
+
+// Scenes that come as several meshes: tiles of a city, a building and its furniture.
+
+// The files that "a.ply+b.obj", "tiles/*.ply" or a folder (all mesh files in it) name, sorted
+// within each part. A file whose own name holds "+" or "*" is that file. InputError where a part
+// names no file.
+std::vector<std::filesystem::path> ListMeshFiles(const std::string& files);
+
+// Reads all of them as one mesh.
+TriangleMesh ReadMeshes(std::span<const std::filesystem::path> files,
+                        const MeshReadOptions& options = {});
+
+// One mesh of all of them, recentered. Vertex colors, texture coordinates and textures stay where
+// any mesh has them; the others' vertices are white there.
+TriangleMesh MergeMeshes(std::vector<TriangleMesh> meshes);
+
+// Binary PLY with the mesh's vertices (float; double where it has an origin of its own), triangles
+// and, where it has them, vertex colors. Textures are left out. OutputError where it cannot be
+// written.
+void WritePly(const std::filesystem::path& path, const TriangleMesh& mesh);
+
+}  // namespace raylift

@@ -1,0 +1,31 @@
+// A fast 64-bit hash of large memory, to tell whether two meshes or jobs are the same. Not for
+// protection against intent.
+
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace raylift {
+
+// XXH3.
+uint64_t HashBytes64(std::string_view bytes, uint64_t seed = 0);
+
+// The same for any number of threads.
+uint64_t HashLarge(std::string_view bytes, int threads);
+
+template <typename T>
+std::string_view AsBytes(std::span<const T> values) {
+  return {reinterpret_cast<const char*>(values.data()), values.size_bytes()};
+}
+
+std::string HexText(uint64_t hash);  // 16 digits
+
+// XXH3 with 64 bits, as `xxhsum -H3` writes it: 16 digits. None where the file cannot be read.
+std::optional<std::string> FileHash(const std::filesystem::path& file);
+
+}  // namespace raylift

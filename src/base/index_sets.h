@@ -1,0 +1,52 @@
+// Subsets of the indices of a list.
+
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <map>
+#include <numeric>
+#include <vector>
+
+namespace raylift {
+
+// At most `most` of the indices 0, ..., count - 1, ascending and evenly spaced from 0 on.
+inline std::vector<size_t> EvenlySpaced(size_t count, size_t most) {
+  std::vector<size_t> chosen(std::min(count, most));
+  for (size_t i = 0; i < chosen.size(); ++i) chosen[i] = i * count / chosen.size();
+  return chosen;
+}
+
+// Disjoint sets of indices that are joined one link at a time (union-find).
+
+class DisjointSets {
+ public:
+  explicit DisjointSets(size_t count) : parent_(count) {
+    std::iota(parent_.begin(), parent_.end(), size_t{0});
+  }
+
+  void Join(size_t a, size_t b) { parent_[Root(a)] = Root(b); }
+
+  // The set of each index, numbered from 0 in the order of their first members.
+  std::vector<int> Numbers() {
+    std::map<size_t, int> number_of_root;
+    std::vector<int> numbers;
+    for (size_t i = 0; i < parent_.size(); ++i) {
+      const int next = static_cast<int>(number_of_root.size());
+      numbers.push_back(number_of_root.try_emplace(Root(i), next).first->second);
+    }
+    return numbers;
+  }
+
+ private:
+  size_t Root(size_t i) {
+    while (parent_[i] != i) {
+      i = parent_[i] = parent_[parent_[i]];
+    }
+    return i;
+  }
+
+  std::vector<size_t> parent_;
+};
+
+}  // namespace raylift

@@ -1,0 +1,68 @@
+// The decoders of single formats, which throw std::runtime_error for what is damaged. Their callers
+// have looked at the claimed size (picture_header.h). Private to pictures.
+
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "pictures/picture_codec.h"
+
+#include "raylift/scene/image.h"
+
+namespace raylift {
+
+// A picture of this size whose pixels are to be filled in.
+inline Image BlankImage(int width_px, int height_px, int channels) {
+  Image image{width_px, height_px, channels, {}};
+  image.data.resize(static_cast<size_t>(width_px) * static_cast<size_t>(height_px) *
+                    static_cast<size_t>(channels));
+  return image;
+}
+
+// These make gray by themselves, as the files' own library does.
+Image DecodeJpeg(std::string_view bytes, ImageChannels channels);
+Image DecodePng(std::string_view bytes, ImageChannels channels);
+
+// Red, green and blue; PNM gray where the file is.
+Image DecodeBmp(std::string_view bytes);
+Image DecodePnm(std::string_view bytes);
+Image DecodeTiff(std::string_view bytes);
+
+// Planes of numbers in TIFF files by libtiff. Private to the libraries.
+
+enum class TiffSample { kUint8, kUint16, kInt16, kInt32, kFloat32, kFloat64 };
+
+// The only channel of a file that holds such samples, row by row. std::runtime_error where it holds
+// others, or is damaged or truncated.
+std::vector<float> DecodeTiffPlane(std::string_view bytes, PlaneSize size, TiffSample sample);
+
+// 32-bit floats without compression.
+std::string EncodeTiffPlane(PlaneSize size, std::span<const float> values);
+
+// Gray PNG files of depth by libpng, as fast as it writes them. Private to the libraries.
+
+// compression: 0 .. 9, of deflate. Every row is stored as its difference from the row above, which
+// for depth takes half of the time of choosing a filter for each row, at a few per cent of size.
+std::string EncodePng16(const std::filesystem::path& path_for_messages, PlaneSize size,
+                        std::span<const uint16_t> counts, int compression);
+
+// What a PNG file's header says. InputError where the bytes end in it.
+struct PngHeader {
+  uint32_t width_px = 0;
+  uint32_t height_px = 0;
+  int bits = 0;
+  bool is_gray = false;  // one channel, without alpha and palette
+};
+PngHeader ReadPngHeader(const std::filesystem::path& path_for_messages, std::string_view bytes);
+
+// The samples of a file whose header says gray and 8 or 16 bits, row by row. InputError where the
+// file is damaged or truncated: every checksum and the end are looked at.
+std::vector<float> DecodeGrayPng(const std::filesystem::path& path_for_messages,
+                                 const PngHeader& header, std::string_view bytes);
+
+}  // namespace raylift

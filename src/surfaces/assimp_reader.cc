@@ -1,0 +1,239 @@
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cmath>
+#include <csignal>
+#include <map>
+#include <new>
+
+#include "base/read_limits.h"
+#include "surfaces/file_names.h"
+#include "surfaces/mapped_file.h"
+#include "surfaces/mesh_readers.h"
+#include "surfaces/raw_mesh.h"
+#include <Eigen/Geometry>
+#include <assimp/Importer.hpp>
+#include <assimp/postprocess.h>
+#include <assimp/scene.h>
+#include <fmt/format.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/scene/image.h"
+
+namespace raylift {
+namespace {
+
+constexpr unsigned int kSteps = aiProcess_Triangulate;
+
+Eigen::Affine3d ToEigen(const aiMatrix4x4& m) {
+  Eigen::Affine3d transform;
+  transform.matrix() << m.a1, m.a2, m.a3, m.a4, m.b1, m.b2, m.b3, m.b4, m.c1, m.c2, m.c3, m.c4,  //
+      m.d1, m.d2, m.d3, m.d4;
+  return transform;
+}
+
+double SrgbFromLinear(double c) {
+  return c <= 0.0031308 ? 12.92 * c : 1.055 * std::pow(c, 1 / 2.4) - 0.055;
+}
+
+std::string OneLine(std::string text) {
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  return text;
+}
+
+class SceneConverter {
+ public:
+  // glTF states colors in linear light, the other formats as they are shown.
+  SceneConverter(const std::filesystem::path& path, const aiScene& scene, bool linear_colors)
+      : path_(path), scene_(scene), linear_colors_(linear_colors) {}
+
+  RawMesh Convert() {
+    for (unsigned int i = 0; i < scene_.mNumMaterials; ++i) {
+      AddMaterial(*scene_.mMaterials[i]);
+    }
+    for (unsigned int i = 0; i < scene_.mNumMeshes; ++i) {
+      any_colors_ |= scene_.mMeshes[i]->HasVertexColors(0);
+      any_uvs_ |= scene_.mMeshes[i]->HasTextureCoords(0);
+    }
+    if (scene_.mRootNode != nullptr) {
+      AddNode(*scene_.mRootNode, Eigen::Affine3d::Identity(), 0);
+    }
+    return std::move(mesh_);
+  }
+
+ private:
+  Rgb Color(const aiColor4D& color) const {
+    const auto byte = [&](double c) {
+      return NearestByte((linear_colors_ ? SrgbFromLinear(c) : c) * 255);
+    };
+    return {byte(color.r), byte(color.g), byte(color.b)};
+  }
+
+  void AddMaterial(const aiMaterial& material) {
+    RawMesh::Material added;
+    for (const aiTextureType type : {aiTextureType_BASE_COLOR, aiTextureType_DIFFUSE}) {
+      aiString name;
+      if (added.texture < 0 && material.GetTexture(type, 0, &name) == aiReturn_SUCCESS) {
+        added.texture = Texture(name.C_Str());
+      }
+    }
+    aiColor4D color;
+    if (material.Get(AI_MATKEY_BASE_COLOR, color) == aiReturn_SUCCESS ||
+        material.Get(AI_MATKEY_COLOR_DIFFUSE, color) == aiReturn_SUCCESS) {
+      added.color_rgb = Color(color);
+    }
+    mesh_.materials.push_back(added);
+  }
+
+  int32_t Texture(const std::string& name) {
+    const auto [entry, is_new] = texture_by_name_.try_emplace(name, -1);
+    if (is_new) {
+      const aiTexture* embedded = scene_.GetEmbeddedTexture(name.c_str());
+      entry->second =
+          embedded != nullptr ? AddEmbedded(*embedded, name) : AddTextureFile(path_, name, mesh_);
+    }
+    return entry->second;
+  }
+
+  int32_t AddEmbedded(const aiTexture& texture, const std::string& name) {
+    std::optional<Image> image;
+    if (texture.mHeight == 0) {  // a whole file of mWidth bytes
+      image = DecodeTexture({reinterpret_cast<const uint8_t*>(texture.pcData), texture.mWidth});
+    } else {
+      image = Image{static_cast<int>(texture.mWidth), static_cast<int>(texture.mHeight), 3, {}};
+      const size_t count = size_t{texture.mWidth} * texture.mHeight;
+      image->data.reserve(count * 3);
+      for (size_t i = 0; i < count; ++i) {
+        const aiTexel& texel = texture.pcData[i];
+        image->data.insert(image->data.end(), {texel.r, texel.g, texel.b});
+      }
+    }
+    if (!image) {
+      mesh_.warnings.push_back(fmt::format(
+          "{}: embedded texture {}: cannot be decoded as a picture", path_.string(), name));
+      return -1;
+    }
+    mesh_.textures.push_back(std::move(*image));
+    return static_cast<int32_t>(mesh_.textures.size()) - 1;
+  }
+
+  void AddNode(const aiNode& node, const Eigen::Affine3d& root_from_parent, int depth) {
+    if (depth > kMaxNodeNesting) {
+      throw InputError(path_, fmt::format("nodes are nested more than {} deep", kMaxNodeNesting));
+    }
+    const Eigen::Affine3d root_from_node = root_from_parent * ToEigen(node.mTransformation);
+    for (unsigned int i = 0; i < node.mNumMeshes; ++i) {
+      AddMesh(*scene_.mMeshes[node.mMeshes[i]], root_from_node);
+    }
+    for (unsigned int i = 0; i < node.mNumChildren; ++i) {
+      AddNode(*node.mChildren[i], root_from_node, depth + 1);
+    }
+  }
+
+  void AddMesh(const aiMesh& part, const Eigen::Affine3d& root_from_part) {
+    const size_t first = mesh_.positions.size();
+    if (first + part.mNumVertices >= RawMesh::kNone) {
+      throw InputError(path_, "too many vertices");
+    }
+    for (unsigned int i = 0; i < part.mNumVertices; ++i) {
+      const aiVector3D& v = part.mVertices[i];
+      mesh_.positions.push_back(root_from_part * Eigen::Vector3d(v.x, v.y, v.z));
+      if (any_colors_) {
+        mesh_.position_colors.push_back(part.HasVertexColors(0) ? Color(part.mColors[0][i])
+                                                                : Rgb{255, 255, 255});
+      }
+      if (any_uvs_) {
+        const bool has_uv = part.HasTextureCoords(0);
+        mesh_.uvs.emplace_back(has_uv ? part.mTextureCoords[0][i].x : 0.0f,
+                               has_uv ? part.mTextureCoords[0][i].y : 0.0f);
+      }
+    }
+    const bool mirrored = root_from_part.linear().determinant() < 0;
+    for (unsigned int f = 0; f < part.mNumFaces; ++f) {
+      AddTriangle(part, part.mFaces[f], first, mirrored);
+    }
+  }
+
+  void AddTriangle(const aiMesh& part, const aiFace& face, size_t first, bool mirrored) {
+    if (face.mNumIndices != 3) {  // points and lines; polygons were cut by assimp
+      return;
+    }
+    std::array<uint32_t, 3> corners;
+    for (size_t k = 0; k < 3; ++k) {
+      if (face.mIndices[k] >= part.mNumVertices) {
+        throw InputError(path_, fmt::format("triangle {}", mesh_.triangles.size()),
+                         fmt::format("expected a vertex index below {}, found {}",
+                                     part.mNumVertices, face.mIndices[k]));
+      }
+      corners[k] = static_cast<uint32_t>(first + face.mIndices[k]);
+    }
+    if (mirrored) {
+      std::swap(corners[1], corners[2]);
+    }
+    mesh_.triangles.push_back(corners);
+    mesh_.triangle_materials.push_back(
+        part.mMaterialIndex < scene_.mNumMaterials ? part.mMaterialIndex : RawMesh::kNone);
+  }
+
+  const std::filesystem::path& path_;
+  const aiScene& scene_;
+  bool linear_colors_;
+  bool any_colors_ = false;
+  bool any_uvs_ = false;
+  RawMesh mesh_;
+  std::map<std::string, int32_t> texture_by_name_;
+};
+
+// Of the formats that are not checked beforehand (COLLADA, FBX, ...), a broken file ends the process
+// within assimp. So a process of its own reads it first, which takes the time twice.
+bool EndsProcess(const std::filesystem::path& path) {
+  constexpr unsigned int kLongest_s = 600;
+  const pid_t child = fork();
+  if (child < 0) return false;  // nothing can be told
+  if (child == 0) {
+    for (const int signal_number : {SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, SIGALRM}) {
+      signal(signal_number, SIG_DFL);
+    }
+    alarm(kLongest_s);
+    try {
+      Assimp::Importer().ReadFile(path.string(), kSteps);
+    } catch (const std::exception&) {  // is told by the process that goes on
+    }
+    _exit(0);
+  }
+  int status = 0;
+  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
+  return !WIFEXITED(status) || WEXITSTATUS(status) != 0;
+}
+
+}  // namespace
+
+RawMesh ReadWithAssimp(const std::filesystem::path& path) {
+  const std::string extension = LowerExtension(path);
+  const bool is_gltf = extension == ".glb" || extension == ".gltf";
+  if (is_gltf) {
+    CheckGltf(path, MappedFile(path).contents());
+  } else if (extension != ".stl" && EndsProcess(path)) {
+    throw InputError(path, "cannot be read as a mesh: the file is damaged");
+  }
+  Assimp::Importer importer;
+  const aiScene* scene = nullptr;
+  try {
+    scene = importer.ReadFile(path.string(), kSteps);
+  } catch (const std::bad_alloc&) {
+    throw;
+  } catch (const std::exception& error) {
+    throw InputError(path, fmt::format("cannot be read as a mesh: {}", OneLine(error.what())));
+  }
+  if (scene == nullptr) {
+    throw InputError(
+        path, fmt::format("cannot be read as a mesh: {}", OneLine(importer.GetErrorString())));
+  }
+  return SceneConverter(path, *scene, is_gltf).Convert();
+}
+
+}  // namespace raylift

@@ -1,0 +1,213 @@
+#include "raylift/surfaces/mesh_files.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstring>
+#include <iterator>
+#include <limits>
+#include <string>
+#include <utility>
+
+#include "surfaces/file_names.h"
+#include "surfaces/mapped_file.h"
+#include "surfaces/mesh_readers.h"
+#include "surfaces/raw_mesh.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+TriangleMesh ReadPlyMesh(const std::filesystem::path& path, int threads) {
+  const MappedFile file(path);
+  const PlyHeader header = ParsePlyHeader(path, file.contents());
+  if (auto mesh = ReadPlyTriangles(path, header, file.contents(), threads)) {
+    return std::move(*mesh);
+  }
+  return FinishMesh(path, ReadPly(path, header, file.contents()));
+}
+
+TriangleMesh ReadByExtension(const std::filesystem::path& path, int threads) {
+  const std::string extension = LowerExtension(path);
+  if (extension == ".ply") return ReadPlyMesh(path, threads);
+  if (extension == ".obj") return FinishMesh(path, ReadObj(path));
+  return FinishMesh(path, ReadWithAssimp(path));
+}
+
+}  // namespace
+
+TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& options) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(path, ignored)) {
+    throw InputError(path, "no such file");
+  }
+  if (std::filesystem::is_directory(path, ignored)) {
+    throw InputError(path, "expected a mesh file, found a folder");
+  }
+  return ReadByExtension(path, options.threads);
+}
+
+TriangleMesh MakeMesh(std::vector<Eigen::Vector3d> vertices,
+                      std::vector<std::array<uint32_t, 3>> triangles,
+                      std::vector<std::array<uint8_t, 3>> colors_rgb) {
+  if (!colors_rgb.empty() && colors_rgb.size() != vertices.size()) {
+    throw InputError(fmt::format("mesh: expected a color for each of {} vertices, found {}",
+                                 vertices.size(), colors_rgb.size()));
+  }
+  for (size_t i = 0; i < triangles.size(); ++i) {
+    for (const uint32_t index : triangles[i]) {
+      if (index >= vertices.size()) {
+        throw InputError(
+            fmt::format("mesh: triangle {}: expected indices into {} vertices, found {}", i,
+                        vertices.size(), index));
+      }
+    }
+  }
+  RawMesh raw;
+  raw.positions = std::move(vertices);
+  raw.position_colors = std::move(colors_rgb);
+  raw.triangles = std::move(triangles);
+  return FinishMesh("mesh", std::move(raw));
+}
+
+namespace {
+
+using std::filesystem::path;
+
+constexpr std::array<std::string_view, 9> kExtensions = {".ply", ".obj", ".glb", ".gltf", ".stl",
+                                                         ".dae", ".fbx", ".off", ".3ds"};
+
+template <typename T>
+void AppendAttribute(const std::vector<T>& values, size_t count, const T& missing,
+                     std::vector<T>& target) {
+  if (values.empty()) {
+    target.resize(target.size() + count, missing);
+  } else {
+    target.insert(target.end(), values.begin(), values.end());
+  }
+}
+
+struct Attributes {
+  bool colors = false, coordinates = false, textures = false, faces = false;
+};
+
+void Append(TriangleMesh mesh, const Attributes& attributes, TriangleMesh& target) {
+  const size_t first_vertex = target.vertices.size();
+  if (mesh.vertices.size() > std::numeric_limits<uint32_t>::max() - first_vertex) {
+    throw InputError("the meshes together have more than 2^32 vertices");
+  }
+  const auto offset = static_cast<uint32_t>(first_vertex);
+  target.object_begins.push_back(static_cast<uint32_t>(target.triangles.size()));
+  for (uint32_t i = 0; attributes.faces && i < mesh.triangles.size(); ++i) {
+    target.triangle_faces.push_back(mesh.FaceOf(i));
+  }
+  const Eigen::Vector3d shift = mesh.origin_in_world - target.origin_in_world;
+  for (const Eigen::Vector3f& vertex : mesh.vertices) {
+    target.vertices.push_back((vertex.cast<double>() + shift).cast<float>());
+  }
+  for (const auto& triangle : mesh.triangles) {
+    target.triangles.push_back({triangle[0] + offset, triangle[1] + offset, triangle[2] + offset});
+  }
+  if (attributes.colors) {
+    AppendAttribute(mesh.vertex_colors_rgb, mesh.vertices.size(), {255, 255, 255},
+                    target.vertex_colors_rgb);
+  }
+  if (attributes.coordinates) {
+    AppendAttribute(mesh.texture_coordinates, mesh.vertices.size(), {0.0f, 0.0f},
+                    target.texture_coordinates);
+  }
+  if (attributes.textures) {
+    const auto first_texture = static_cast<int32_t>(target.textures.size());
+    for (int32_t& texture : mesh.triangle_textures) {
+      if (texture >= 0) texture += first_texture;
+    }
+    AppendAttribute(mesh.triangle_textures, mesh.triangles.size(), -1, target.triangle_textures);
+    std::move(mesh.textures.begin(), mesh.textures.end(), std::back_inserter(target.textures));
+  }
+  target.warnings.insert(target.warnings.end(), mesh.warnings.begin(), mesh.warnings.end());
+}
+
+}  // namespace
+
+std::vector<path> ListMeshFiles(const std::string& files) {
+  return ListFiles(files, kExtensions, "mesh");
+}
+
+TriangleMesh ReadMeshes(std::span<const path> files, const MeshReadOptions& options) {
+  RAYLIFT_CHECK(!files.empty());
+  if (files.size() == 1) return ReadMesh(files.front(), options);
+  std::vector<TriangleMesh> meshes;
+  for (const path& file : files) meshes.push_back(ReadMesh(file, options));
+  return MergeMeshes(std::move(meshes));
+}
+
+TriangleMesh MergeMeshes(std::vector<TriangleMesh> meshes) {
+  TriangleMesh merged;
+  Attributes attributes;
+  size_t num_vertices = 0;
+  size_t num_triangles = 0;
+  for (const TriangleMesh& mesh : meshes) {
+    merged.origin_in_world += mesh.origin_in_world / static_cast<double>(meshes.size());
+    num_vertices += mesh.vertices.size();
+    num_triangles += mesh.triangles.size();
+    attributes.colors |= !mesh.vertex_colors_rgb.empty();
+    attributes.coordinates |= !mesh.texture_coordinates.empty();
+    attributes.textures |= !mesh.triangle_textures.empty();
+    attributes.faces |= !mesh.triangle_faces.empty();
+  }
+  merged.vertices.reserve(num_vertices + 1);  // the ray caster wants room for one more
+  merged.triangles.reserve(num_triangles);
+  for (TriangleMesh& mesh : meshes) {
+    Append(std::move(mesh), attributes, merged);
+    mesh = TriangleMesh();
+  }
+  return merged;
+}
+
+namespace {
+
+static_assert(std::endian::native == std::endian::little);
+
+template <typename T>
+void Append(const T* values, size_t count, std::string& bytes) {
+  const size_t begin = bytes.size();
+  bytes.resize(begin + count * sizeof(T));
+  std::memcpy(bytes.data() + begin, values, count * sizeof(T));
+}
+
+}  // namespace
+
+void WritePly(const std::filesystem::path& path, const TriangleMesh& mesh) {
+  const bool far_away = !mesh.origin_in_world.isZero(0);
+  const bool has_colors = !mesh.vertex_colors_rgb.empty();
+  const char* const type = far_away ? "double" : "float";
+  std::string header = fmt::format(
+      "ply\nformat binary_little_endian 1.0\ncomment written by Raylift\nelement vertex {0}\n"
+      "property {1} x\nproperty {1} y\nproperty {1} z\n",
+      mesh.vertices.size(), type);
+  if (has_colors) header += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+  header += fmt::format("element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+                        mesh.triangles.size());
+  std::string body;
+  body.reserve(mesh.vertices.size() * (far_away ? 27 : 15) + mesh.triangles.size() * 13);
+  for (size_t i = 0; i < mesh.vertices.size(); ++i) {
+    if (far_away) {
+      Append(mesh.VertexInWorld(static_cast<uint32_t>(i)).eval().data(), 3, body);
+    } else {
+      Append(mesh.vertices[i].data(), 3, body);
+    }
+    if (has_colors) Append(mesh.vertex_colors_rgb[i].data(), 3, body);
+  }
+  for (const auto& triangle : mesh.triangles) {
+    body += '\3';
+    Append(triangle.data(), 3, body);
+  }
+  const std::string_view parts[] = {header, body};
+  WriteFile(path, parts);
+}
+
+}  // namespace raylift

@@ -1,0 +1,75 @@
+// The header of a PLY file: which elements follow, in what form.
+
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raylift {
+
+enum class PlyType { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat, kDouble };
+
+size_t SizeOf(PlyType type);
+
+struct PlyProperty {
+  std::string name;
+  PlyType type;
+  std::optional<PlyType> count_type;  // of a list
+};
+
+struct PlyElement {
+  std::string name;
+  uint64_t count = 0;
+  std::vector<PlyProperty> properties;
+};
+
+struct PlyHeader {
+  enum class Format { kAscii, kLittleEndian, kBigEndian };
+  Format format = Format::kAscii;
+  std::vector<PlyElement> elements;
+  std::vector<std::string> texture_files;
+  size_t size_bytes = 0;
+};
+
+// `contents` is the whole file; `path` is for messages. InputError where it is no PLY header.
+PlyHeader ParsePlyHeader(const std::filesystem::path& path, std::string_view contents);
+
+class PlyColumns {
+ public:
+  // A property's place in a row.
+  struct Column {
+    size_t offset;
+    PlyType type;
+  };
+
+  // The element `name` in the contents of a file. InputError where there is none, it or one before it
+  // has a list, the file is not binary, or it ends before the last row.
+  PlyColumns(const std::filesystem::path& path, const PlyHeader& header, std::string_view contents,
+             std::string_view name);
+
+  size_t num_rows() const { return num_rows_; }
+
+  std::optional<Column> Find(std::string_view property) const;
+  // InputError where there is none, or it is of another type.
+  Column Get(std::string_view property) const;
+  Column Get(std::string_view property, PlyType type) const;
+
+  double At(size_t row, const Column& column) const;
+
+ private:
+  template <typename T>
+  T Load(const char* from) const;
+
+  std::filesystem::path path_;
+  PlyElement element_;
+  std::string_view rows_;
+  size_t num_rows_ = 0;
+  size_t row_bytes_ = 0;
+  bool swap_bytes_;
+};
+
+}  // namespace raylift

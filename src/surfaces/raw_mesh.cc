@@ -1,0 +1,371 @@
+#include "surfaces/raw_mesh.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "pictures/picture_codec.h"
+#include <Eigen/Geometry>
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+// A surface without any color in a mesh that has colors elsewhere (the default of MTL files).
+constexpr Rgb kDefaultColor = {204, 204, 204};
+
+std::vector<uint32_t> FirstIndices(size_t count) {
+  std::vector<uint32_t> indices(count);
+  std::iota(indices.begin(), indices.end(), 0u);
+  return indices;
+}
+
+// Removes the triangles for which `remove` is true, with what belongs to them.
+template <typename Predicate>
+size_t RemoveTriangles(RawMesh& raw, const Predicate& remove) {
+  size_t kept = 0;
+  for (size_t i = 0; i < raw.triangles.size(); ++i) {
+    if (remove(raw.triangles[i])) {
+      if (raw.triangle_faces.empty()) raw.triangle_faces = FirstIndices(raw.triangles.size());
+      continue;
+    }
+    if (!raw.triangle_faces.empty()) raw.triangle_faces[kept] = raw.triangle_faces[i];
+    raw.triangles[kept] = raw.triangles[i];
+    if (!raw.triangle_uvs.empty()) raw.triangle_uvs[kept] = raw.triangle_uvs[i];
+    if (!raw.triangle_materials.empty()) raw.triangle_materials[kept] = raw.triangle_materials[i];
+    ++kept;
+  }
+  const size_t removed = raw.triangles.size() - kept;
+  raw.triangles.resize(kept);
+  if (!raw.triangle_faces.empty()) raw.triangle_faces.resize(kept);
+  if (!raw.triangle_uvs.empty()) raw.triangle_uvs.resize(kept);
+  if (!raw.triangle_materials.empty()) raw.triangle_materials.resize(kept);
+  return removed;
+}
+
+// That of the used vertices.
+Eigen::Vector3d ChooseOrigin(const RawMesh& raw) {
+  const double infinity = std::numeric_limits<double>::infinity();
+  Eigen::Vector3d low = Eigen::Vector3d::Constant(infinity);
+  Eigen::Vector3d high = -low;
+  for (const auto& triangle : raw.triangles) {
+    for (const uint32_t index : triangle) {
+      low = low.cwiseMin(raw.positions[index]);
+      high = high.cwiseMax(raw.positions[index]);
+    }
+  }
+  return raw.triangles.empty() ? Eigen::Vector3d::Zero() : ChooseMeshOrigin(low, high);
+}
+
+Rgb Product(const Rgb& a, const Rgb& b) {
+  Rgb product;
+  for (size_t i = 0; i < 3; ++i) {
+    product[i] = static_cast<uint8_t>((a[i] * b[i] + 127) / 255);
+  }
+  return product;
+}
+
+// Unites positions, texture coordinates and material colors to vertices: a position gets one
+// vertex per combination that its corners use, none if no triangle uses it.
+class VertexUniter {
+ public:
+  VertexUniter(const RawMesh& raw, TriangleMesh& mesh)
+      : raw_(raw),
+        mesh_(mesh),
+        has_colors_(
+            !raw.position_colors.empty() ||
+            std::any_of(raw.materials.begin(), raw.materials.end(),
+                        [](const auto& m) { return m.texture < 0 && m.color_rgb.has_value(); })),
+        first_vertex_(raw.positions.size(), RawMesh::kNone) {
+    mesh_.vertices.reserve(raw.positions.size() + 1);  // one more: RayCaster can share it
+  }
+
+  void AddTriangle(size_t triangle) {
+    std::array<uint32_t, 3> corners;
+    for (size_t k = 0; k < 3; ++k) {
+      const uint32_t position = raw_.triangles[triangle][k];
+      const uint32_t uv = raw_.uvs.empty()            ? RawMesh::kNone
+                          : raw_.triangle_uvs.empty() ? position
+                                                      : raw_.triangle_uvs[triangle][k];
+      corners[k] = FindOrAdd(position, uv, Color(position, triangle));
+    }
+    mesh_.triangles.push_back(corners);
+  }
+
+ private:
+  struct Attributes {
+    uint32_t uv;
+    uint32_t next_vertex;  // of the same position
+  };
+
+  Rgb Color(uint32_t position, size_t triangle) const {
+    if (!has_colors_) {
+      return {};
+    }
+    const uint32_t material =
+        raw_.triangle_materials.empty() ? RawMesh::kNone : raw_.triangle_materials[triangle];
+    const bool is_plain = material != RawMesh::kNone && raw_.materials[material].texture < 0;
+    const std::optional<Rgb> tint = is_plain ? raw_.materials[material].color_rgb : std::nullopt;
+    if (raw_.position_colors.empty()) {
+      return tint.value_or(kDefaultColor);
+    }
+    const Rgb& own = raw_.position_colors[position];
+    return tint ? Product(own, *tint) : own;
+  }
+
+  // Many writers repeat the same coordinates at each corner.
+  bool IsSameUv(uint32_t a, uint32_t b) const {
+    return a == b || (a != RawMesh::kNone && b != RawMesh::kNone && raw_.uvs[a] == raw_.uvs[b]);
+  }
+
+  uint32_t FindOrAdd(uint32_t position, uint32_t uv, const Rgb& color) {
+    uint32_t* link = &first_vertex_[position];
+    while (*link != RawMesh::kNone) {
+      Attributes& vertex = attributes_[*link];
+      if (IsSameUv(vertex.uv, uv) && (!has_colors_ || mesh_.vertex_colors_rgb[*link] == color)) {
+        return *link;
+      }
+      link = &vertex.next_vertex;
+    }
+    const auto added = static_cast<uint32_t>(attributes_.size());
+    *link = added;  // before the vector moves what it points into
+    attributes_.push_back({uv, RawMesh::kNone});
+    mesh_.vertices.push_back((raw_.positions[position] - mesh_.origin_in_world).cast<float>());
+    if (has_colors_) mesh_.vertex_colors_rgb.push_back(color);
+    if (!raw_.uvs.empty()) {
+      mesh_.texture_coordinates.push_back(uv == RawMesh::kNone ? Eigen::Vector2f(0, 0)
+                                                               : raw_.uvs[uv]);
+    }
+    return added;
+  }
+
+  const RawMesh& raw_;
+  TriangleMesh& mesh_;
+  bool has_colors_;
+  std::vector<uint32_t> first_vertex_;
+  std::vector<Attributes> attributes_;
+};
+
+void SetTriangleTextures(const RawMesh& raw, TriangleMesh& mesh) {
+  const bool textured =
+      std::any_of(raw.triangle_materials.begin(), raw.triangle_materials.end(),
+                  [&](uint32_t m) { return m != RawMesh::kNone && raw.materials[m].texture >= 0; });
+  if (!textured || raw.uvs.empty()) {
+    return;
+  }
+  mesh.triangle_textures.reserve(raw.triangles.size());
+  for (size_t i = 0; i < raw.triangles.size(); ++i) {
+    const uint32_t material = raw.triangle_materials[i];
+    const bool has_uvs =
+        raw.triangle_uvs.empty() ||
+        std::count(raw.triangle_uvs[i].begin(), raw.triangle_uvs[i].end(), RawMesh::kNone) == 0;
+    mesh.triangle_textures.push_back(
+        material != RawMesh::kNone && has_uvs ? raw.materials[material].texture : -1);
+  }
+}
+
+}  // namespace
+
+size_t AddFace(size_t face, std::span<const uint32_t> corners, std::span<const uint32_t> corner_uvs,
+               RawMesh& mesh) {
+  const auto add = [&](uint32_t a, uint32_t b, uint32_t c) {
+    if (mesh.triangle_faces.empty() && mesh.triangles.size() != face) {
+      mesh.triangle_faces = FirstIndices(mesh.triangles.size());
+    }
+    if (mesh.triangles.size() != face || !mesh.triangle_faces.empty()) {
+      mesh.triangle_faces.push_back(static_cast<uint32_t>(face));
+    }
+    mesh.triangles.push_back({corners[a], corners[b], corners[c]});
+    if (!corner_uvs.empty()) {
+      mesh.triangle_uvs.push_back({corner_uvs[a], corner_uvs[b], corner_uvs[c]});
+    }
+  };
+  if (corners.size() == 3) {
+    add(0, 1, 2);
+    return 1;
+  }
+  std::vector<Eigen::Vector3d> points;
+  points.reserve(corners.size());
+  for (const uint32_t corner : corners) {
+    points.push_back(mesh.positions[corner]);
+  }
+  const auto triangles = TriangulatePolygon(points);
+  for (const auto& [a, b, c] : triangles) {
+    add(a, b, c);
+  }
+  return triangles.size();
+}
+
+Eigen::Vector3d ChooseMeshOrigin(const Eigen::Vector3d& low, const Eigen::Vector3d& high) {
+  const double extent = (high - low).maxCoeff();
+  if (!(extent > 0)) {
+    return low;
+  }
+  const double step = std::exp2(std::ceil(std::log2(extent)));
+  const Eigen::Vector3d center = 0.5 * low + 0.5 * high;
+  return center.unaryExpr([step](double c) { return step * std::round(c / step) + 0.0; });
+}
+
+bool TriangleHasNoArea(const Eigen::Vector3f& a, const Eigen::Vector3f& b,
+                       const Eigen::Vector3f& c) {
+  const Eigen::Vector3d ab = b.cast<double>() - a.cast<double>();
+  const Eigen::Vector3d ac = c.cast<double>() - a.cast<double>();
+  return ab.cross(ac).squaredNorm() == 0;
+}
+
+TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw) {
+  if (raw.triangles.empty()) {
+    if (raw.positions.empty()) {
+      throw InputError(path, "expected a mesh, found no vertices and no faces");
+    }
+    throw InputError(path,
+                     fmt::format("expected a mesh, found a point cloud: {} vertices, no faces",
+                                 raw.positions.size()));
+  }
+  const size_t triangles_in_file = raw.triangles.size();
+  const size_t not_finite = RemoveTriangles(raw, [&](const auto& t) {
+    return !(IsUsablePosition(raw.positions[t[0]]) && IsUsablePosition(raw.positions[t[1]]) &&
+             IsUsablePosition(raw.positions[t[2]]));
+  });
+  TriangleMesh mesh;
+  mesh.origin_in_world = ChooseOrigin(raw);
+  const auto local = [&](uint32_t index) -> Eigen::Vector3f {
+    return (raw.positions[index] - mesh.origin_in_world).cast<float>();
+  };
+  const size_t without_area = RemoveTriangles(
+      raw, [&](const auto& t) { return TriangleHasNoArea(local(t[0]), local(t[1]), local(t[2])); });
+  mesh.warnings = std::move(raw.warnings);
+  if (not_finite > 0) {
+    mesh.warnings.push_back(fmt::format("{}: {} of {} triangles removed: a vertex is not finite",
+                                        path.string(), not_finite, triangles_in_file));
+  }
+  if (without_area > 0) {
+    mesh.warnings.push_back(fmt::format("{}: {} of {} triangles removed: they have no area",
+                                        path.string(), without_area, triangles_in_file));
+  }
+  if (raw.triangles.empty()) {
+    throw InputError(path, fmt::format("expected a mesh, found {} triangles, none of which has "
+                                       "finite vertices and an area",
+                                       triangles_in_file));
+  }
+  mesh.triangles.reserve(raw.triangles.size());
+  VertexUniter uniter(raw, mesh);
+  for (size_t i = 0; i < raw.triangles.size(); ++i) {
+    uniter.AddTriangle(i);
+  }
+  SetTriangleTextures(raw, mesh);
+  mesh.textures = std::move(raw.textures);
+  mesh.triangle_faces = std::move(raw.triangle_faces);
+  return mesh;
+}
+
+std::optional<Image> DecodeTexture(std::span<const uint8_t> bytes) {
+  try {
+    return DecodePicture({reinterpret_cast<const char*>(bytes.data()), bytes.size()},
+                         ImageChannels::kRgb);
+  } catch (const InputError&) {
+    return std::nullopt;
+  }
+}
+
+int32_t AddTextureFile(const std::filesystem::path& mesh_path, const std::string& name,
+                       RawMesh& mesh) {
+  std::string portable = name;
+  std::replace(portable.begin(), portable.end(), '\\', '/');
+  const std::filesystem::path path = mesh_path.parent_path() / portable;
+  try {
+    const std::string bytes = ReadFile(path);
+    auto image = DecodeTexture({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()});
+    if (image) {
+      mesh.textures.push_back(std::move(*image));
+      return static_cast<int32_t>(mesh.textures.size()) - 1;
+    }
+    mesh.warnings.push_back(fmt::format("{}: texture {}: cannot be decoded as a picture",
+                                        mesh_path.string(), path.string()));
+  } catch (const InputError& error) {
+    mesh.warnings.push_back(fmt::format("{}: texture {}", mesh_path.string(), error.what()));
+  }
+  return -1;
+}
+
+namespace {
+
+// Cutting ears takes cubic time at worst; a polygon beyond this is no surface that was modeled.
+constexpr size_t kMaxCornersForEars = 1000;
+
+double Cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
+
+// The corners in their plane, counter-clockwise (Newell's normal is their mean orientation).
+std::vector<Eigen::Vector2d> ProjectToPlane(std::span<const Eigen::Vector3d> corners) {
+  Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+  for (size_t i = 0; i < corners.size(); ++i) {
+    normal += (corners[i] - corners[0]).cross(corners[(i + 1) % corners.size()] - corners[0]);
+  }
+  const Eigen::Vector3d x_axis = normal.unitOrthogonal();
+  const Eigen::Vector3d y_axis = normal.normalized().cross(x_axis);
+  std::vector<Eigen::Vector2d> flat;
+  flat.reserve(corners.size());
+  for (const Eigen::Vector3d& corner : corners) {
+    const Eigen::Vector3d offset = corner - corners[0];
+    flat.emplace_back(offset.dot(x_axis), offset.dot(y_axis));
+  }
+  return flat;
+}
+
+bool IsEar(const std::vector<Eigen::Vector2d>& points, const std::vector<uint32_t>& left,
+           size_t tip) {
+  const size_t n = left.size();
+  const Eigen::Vector2d& a = points[left[(tip + n - 1) % n]];
+  const Eigen::Vector2d& b = points[left[tip]];
+  const Eigen::Vector2d& c = points[left[(tip + 1) % n]];
+  if (Cross(b - a, c - b) <= 0) {
+    return false;
+  }
+  for (const uint32_t index : left) {
+    const Eigen::Vector2d& p = points[index];
+    if (p == a || p == b || p == c) {
+      continue;
+    }
+    if (Cross(b - a, p - a) >= 0 && Cross(c - b, p - b) >= 0 && Cross(a - c, p - c) >= 0) {
+      return false;
+    }
+  }
+  return true;
+}
+
+}  // namespace
+
+std::vector<std::array<uint32_t, 3>> TriangulatePolygon(std::span<const Eigen::Vector3d> corners) {
+  RAYLIFT_CHECK(corners.size() >= 3);
+  std::vector<std::array<uint32_t, 3>> triangles;
+  triangles.reserve(corners.size() - 2);
+  std::vector<uint32_t> left(corners.size());
+  std::iota(left.begin(), left.end(), 0u);
+  if (corners.size() > 3 && corners.size() <= kMaxCornersForEars) {
+    const std::vector<Eigen::Vector2d> points = ProjectToPlane(corners);
+    bool found = true;
+    while (left.size() > 3 && found) {
+      found = false;
+      for (size_t tip = 1; tip <= left.size() && !found; ++tip) {
+        const size_t n = left.size();
+        if (IsEar(points, left, tip % n)) {
+          triangles.push_back({left[(tip + n - 1) % n], left[tip % n], left[(tip + 1) % n]});
+          left.erase(left.begin() + static_cast<std::ptrdiff_t>(tip % n));
+          found = true;
+        }
+      }
+    }
+  }
+  for (size_t i = 1; i + 1 < left.size(); ++i) {
+    triangles.push_back({left[0], left[i], left[i + 1]});
+  }
+  return triangles;
+}
+
+}  // namespace raylift

@@ -1,0 +1,91 @@
+// What a mesh file holds, before it becomes a TriangleMesh: positions in double, texture
+// coordinates with indices of their own, materials. The readers fill it; FinishMesh cleans it,
+// recenters it and unites positions and attributes to vertices.
+
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/scene/image.h"
+#include "raylift/surfaces/triangle_mesh.h"
+
+namespace raylift {
+
+using Rgb = std::array<uint8_t, 3>;
+
+struct RawMesh {
+  static constexpr uint32_t kNone = 0xffffffffu;
+
+  struct Material {
+    int32_t texture = -1;          // index into `textures`, -1 = none
+    std::optional<Rgb> color_rgb;  // what a surface without texture looks like
+  };
+
+  std::vector<Eigen::Vector3d> positions;
+  std::vector<Rgb> position_colors;                // empty, or one per position
+  std::vector<Eigen::Vector3f> position_normals;   // of a point cloud; empty, or one per position
+  std::vector<std::array<uint32_t, 3>> triangles;  // indices into `positions`, all in range
+
+  // The face of the file that each triangle is of; empty while that is its own place.
+  std::vector<uint32_t> triangle_faces;
+
+  std::vector<Eigen::Vector2f> uvs;
+  // Indices into `uvs` (or kNone), one per triangle; empty where `uvs` is empty or per position.
+  std::vector<std::array<uint32_t, 3>> triangle_uvs;
+  std::vector<uint32_t> triangle_materials;  // empty, or one per triangle; kNone allowed
+
+  std::vector<Material> materials;
+  std::vector<Image> textures;
+  std::vector<std::string> warnings;
+};
+
+// Adds the file's face number `face`: triangles as they are, larger polygons cut. `corner_uvs` is
+// empty or as long as `corners`; the material is left to the caller. Returns the number of triangles
+// added.
+size_t AddFace(size_t face, std::span<const uint32_t> corners, std::span<const uint32_t> corner_uvs,
+               RawMesh& mesh);
+
+// Embree takes no coordinate beyond 1.844e18; nothing that was measured comes near.
+inline constexpr double kMaxCoordinate = 1e18;
+
+// Finite, and within what Embree takes.
+inline bool IsUsablePosition(const Eigen::Vector3d& p) {
+  return std::abs(p.x()) <= kMaxCoordinate && std::abs(p.y()) <= kMaxCoordinate &&
+         std::abs(p.z()) <= kMaxCoordinate;
+}
+
+// The origin of a mesh in this box: its center, rounded to a multiple of a power of two above its
+// extent, so that it is zero for a mesh around the world's origin, and the difference of a float
+// coordinate to it is exact.
+Eigen::Vector3d ChooseMeshOrigin(const Eigen::Vector3d& low, const Eigen::Vector3d& high);
+
+bool TriangleHasNoArea(const Eigen::Vector3f& a, const Eigen::Vector3f& b,
+                       const Eigen::Vector3f& c);
+
+// `path` is for messages only.
+TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw);
+
+// The picture as RGB; none where the bytes are no picture that can be decoded.
+std::optional<Image> DecodeTexture(std::span<const uint8_t> bytes);
+
+// Adds the picture `name`, as the mesh file calls it (relative to the mesh's folder; Windows
+// separators allowed), to the textures and returns its index. -1 and a warning where it cannot be
+// read: a mesh is of use without its texture.
+int32_t AddTextureFile(const std::filesystem::path& mesh_path, const std::string& name,
+                       RawMesh& mesh);
+
+// The triangles of a (nearly) plane, simple polygon as indices into `corners`, by cutting ears;
+// concave polygons are filled correctly. A polygon that is not simple, or has a corner that is not
+// finite, comes back as a fan. Three corners or more; n - 2 triangles, wound as the polygon.
+std::vector<std::array<uint32_t, 3>> TriangulatePolygon(std::span<const Eigen::Vector3d> corners);
+
+}  // namespace raylift

@@ -1,0 +1,20 @@
+// Coarser and finer copies of a mesh.
+
+#pragma once
+
+#include <cstddef>
+
+#include "raylift/surfaces/triangle_mesh.h"
+
+namespace raylift {
+
+// All vertices in a cell of a grid become one, at their mean and of their mean color; textures
+// become colors of vertices. The cells are as small as no more triangles than asked for allow. A
+// mesh that has no more comes back as it is.
+TriangleMesh DecimatedMesh(const TriangleMesh& mesh, size_t max_triangles);
+
+// Edges longer than `max_edge` are halved, again and again: triangles that share one stay neighbors.
+// Colors and texture coordinates are interpolated; faces and objects are known as before.
+TriangleMesh SplitLongEdges(const TriangleMesh& mesh, double max_edge);
+
+}  // namespace raylift

@@ -1,0 +1,67 @@
+#include "surfaces/neighbor_tree.h"
+
+#include <algorithm>
+#include <vector>
+
+#include "support/matchers.h"
+#include <gtest/gtest.h>
+
+namespace raylift {
+namespace {
+
+using Neighbor = NeighborTree::Neighbor;
+
+// A dense clump in a sparse cube, some points twice.
+std::vector<Eigen::Vector3f> UnevenPoints() {
+  Rng rng = TestRng();
+  std::vector<Eigen::Vector3f> points;
+  for (int i = 0; i < 1500; ++i) {
+    const double size = i % 3 == 0 ? 10 : 0.1;
+    points.emplace_back(
+        Eigen::Vector3d(rng.Uniform(0, size), rng.Uniform(0, size), rng.Uniform(0, size))
+            .cast<float>());
+    if (i % 10 == 0) points.push_back(points.back());
+  }
+  return points;
+}
+
+TEST(NeighborTree, FindsWhatAllDistancesSay) {
+  const std::vector<Eigen::Vector3f> points = UnevenPoints();
+  const NeighborTree tree(points, 2);
+  std::vector<Neighbor> room(9);
+  for (size_t i = 0; i < points.size(); ++i) {
+    EXPECT_EQ(tree.point(i), points[tree.IndexOf(i)]);
+    std::vector<float> expected;
+    for (size_t j = 0; j < points.size(); ++j) {
+      const float squared = (points[j] - tree.point(i)).squaredNorm();
+      const bool is_twin = j > 0 && points[j] == points[j - 1];
+      if (squared > 0 && !is_twin) expected.push_back(squared);
+    }
+    std::sort(expected.begin(), expected.end());
+    const auto found = tree.Nearest(i, room);
+    ASSERT_EQ(found.size(), room.size());
+    for (size_t k = 0; k < found.size(); ++k) {
+      EXPECT_EQ(found[k].squared_distance, expected[k]);
+      EXPECT_EQ((tree.point(found[k].point) - tree.point(i)).squaredNorm(), expected[k]);
+    }
+  }
+}
+
+TEST(NeighborTree, IsTheSameForAnyNumberOfThreads) {
+  const std::vector<Eigen::Vector3f> points = UnevenPoints();
+  const NeighborTree one(points, 1);
+  const NeighborTree four(points, 4);
+  for (size_t i = 0; i < points.size(); ++i) EXPECT_EQ(one.IndexOf(i), four.IndexOf(i));
+}
+
+TEST(NeighborTree, PointsAtOnePlaceAreOne) {
+  const std::vector<Eigen::Vector3f> points = {{0, 0, 0}, {0, 0, 0}, {1, 0, 0}};
+  const NeighborTree tree(points, 1);
+  std::vector<Neighbor> room(5);
+  for (size_t i = 0; i < points.size(); ++i) {
+    EXPECT_EQ(tree.Nearest(i, room).size(), 1u);
+  }
+}
+
+}  // namespace
+}  // namespace raylift
