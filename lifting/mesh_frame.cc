@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <iterator>
 #include <limits>
+#include <span>
 #include <utility>
 
 #include "base/rng.h"
@@ -79,15 +80,11 @@ std::vector<Eigen::Vector3d> SampleSurface(const TriangleMesh& mesh) {
 }
 
 Eigen::Vector3d Quantile(std::span<const Eigen::Vector3d> points, double share) {
-  RAYLIFT_CHECK(!points.empty());
   Eigen::Vector3d quantile;
   for (int axis = 0; axis < 3; ++axis) {
     std::vector<double> values;
     for (const Eigen::Vector3d& point : points) values.push_back(point[axis]);
-    const auto at = values.begin() +
-                    static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-    std::nth_element(values.begin(), at, values.end());
-    quantile[axis] = *at;
+    quantile[axis] = QuantileInPlace(std::span(values), share);
   }
   return quantile;
 }

@@ -22,11 +22,8 @@ constexpr size_t kFewestOfMap = 10;
 
 // The standard error of the median of values, from their median deviation as of normal ones.
 double StandardErrorOfMedian(const std::vector<double>& values) {
-  const double median = UpperMedianOr(values, 0);
-  std::vector<double> deviations;
-  deviations.reserve(values.size());
-  for (const double value : values) deviations.push_back(std::abs(value - median));
-  return 1.2533 * 1.4826 * UpperMedianOr(std::move(deviations), 0) /
+  return kMedianErrorPerMeanError * kSigmaPerMad *
+         UpperDeviation(values, UpperMedianOr(values, 0)) /
          std::sqrt(std::max<double>(1, static_cast<double>(values.size())));
 }
 

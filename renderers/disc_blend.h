@@ -18,7 +18,7 @@ struct DiscRay {
   Eigen::Vector3d direction;
 };
 
-// How far along the ray behind the first disc others may be of the same surface.
+// Returns how far behind the first disc others may belong to the same surface, along the ray.
 double BlendReach(const Surfels& surfels, const DiscRay& ray, uint32_t first);
 
 struct BlendedHit {
@@ -32,11 +32,12 @@ struct Blend {
   double last_t;  // where the ray has passed through all discs of this surface
 };
 
-// Of `discs`, which the ray meets within BlendReach, those are of the first one's surface whose
-// planes meet the ray where its does, within the scatter of both. Between their centers there is a
-// surface: the mean of their planes, by their precision, so that a disc across a crease, whose points
-// scatter, counts for little. Beyond their centers there is none: a surface ends where its points
-// do, and not a radius further on. `rounding`: what float coordinates resolve.
+// Blends those of `discs`, which the ray meets within BlendReach, that belong to the first one's
+// surface: their planes meet the ray where its does, within the scatter of both. Between their
+// centers there is a surface: the mean of their planes, by their precision, so that a disc across a
+// crease, whose points scatter, counts for little. Beyond their centers there is none: a surface
+// ends where its points do, and not a radius further on. `rounding`: what float coordinates
+// resolve.
 Blend BlendDiscs(const Surfels& surfels, const DiscRay& ray, uint32_t first,
                  std::span<const uint32_t> discs, double rounding);
 

@@ -32,7 +32,7 @@ using Device = std::unique_ptr<std::remove_pointer_t<RTCDevice>, ReleaseDevice>;
 using Scene = std::unique_ptr<std::remove_pointer_t<RTCScene>, ReleaseScene>;
 using Geometry = std::unique_ptr<std::remove_pointer_t<RTCGeometry>, ReleaseGeometry>;
 
-// Whether the rays of a call run close together. Saying so for rays that do not halves the speed.
+// kCoherent: the rays of a call run close together. Saying so of rays that do not halves the speed.
 enum class Coherence { kIncoherent, kCoherent };
 
 #if RAYLIFT_EMBREE_MAJOR >= 4
@@ -87,7 +87,8 @@ class IntersectState {
 template <typename RayHitN>
 inline constexpr size_t kPacketSize = sizeof(RayHitN::ray.tfar) / sizeof(float);
 
-// What stays the same for all packets from one point; every field is set, as Embree reads them all.
+// Sets the fields that all packets from one point share; sets every field, as Embree reads them
+// all.
 template <typename RayHitN>
 void SetConstants(RayHitN& packet, const float* origin) {
   for (size_t i = 0; i < kPacketSize<RayHitN>; ++i) {
@@ -158,7 +159,7 @@ class GatherState {
   GatherState(const GatherState&) = delete;  // arguments point to the query
   GatherState& operator=(const GatherState&) = delete;
 
-  // What a scene must be set to before it is committed.
+  // Prepares a scene; to be called before it is committed.
   static void Allow(RTCScene scene, [[maybe_unused]] RTCGeometry geometry) {
 #if RAYLIFT_EMBREE_MAJOR >= 4
     constexpr RTCSceneFlags kFlag = RTC_SCENE_FLAG_FILTER_FUNCTION_IN_ARGUMENTS;
@@ -225,7 +226,7 @@ class VisitState {
   VisitState(const VisitState&) = delete;  // arguments point to the query
   VisitState& operator=(const VisitState&) = delete;
 
-  // What user geometry must be set to before it is committed.
+  // Prepares user geometry; to be called before it is committed.
   static void Allow(RTCGeometry geometry) {
     rtcSetGeometryIntersectFunction(geometry, &VisitState::OnBox);
   }

@@ -90,8 +90,8 @@ double DepthOf(SplatDepth depth, double median, double expected, double peak) {
 
 }  // namespace
 
-// A point x of the ellipsoid is mean + sum over axes a of a.length * u[a] * a.direction with |u| = 1;
-// a row of the whitening is an axis over its squared length.
+// A point x of the ellipsoid is mean + sum over axes a of a.length * u[a] * a.direction with |u| =
+// 1; a row of the whitening is an axis over its squared length.
 Eigen::Vector3f PackedSplat::HalfBox() const {
   const Eigen::Matrix3d rows = WhiteningOf(*this);
   Eigen::Vector3d squares = Eigen::Vector3d::Zero();
@@ -117,9 +117,9 @@ std::vector<PackedSplat> PackSplats(const Splats& splats, int threads) {
 }
 
 // In the Gaussian's own round space: o' = W (o - m), d' = W d. The ray is closest to the center at
-// t = -o'.d' / d'.d', at the distance |o' x d'| / |d'|, which stays exact where one axis is so short
-// that o' and d' are large.
-std::optional<SplatOnRay> MeetSplat(const PackedSplat& splat, uint32_t place, const SplatRay& ray) {
+// t = -o'.d' / d'.d', at the distance |o' x d'| / |d'|, which stays exact where one axis is so
+// short that o' and d' are large.
+std::optional<SplatOnRay> MeetSplat(const PackedSplat& splat, uint32_t index, const SplatRay& ray) {
   const Eigen::Matrix3d whitening = WhiteningOf(splat);
   const Eigen::Vector3d origin = whitening * (ray.origin - MeanOf(splat));
   const Eigen::Vector3d direction = whitening * ray.direction;
@@ -127,7 +127,7 @@ std::optional<SplatOnRay> MeetSplat(const PackedSplat& splat, uint32_t place, co
   const double distance2 = origin.cross(direction).squaredNorm() / length2;
   if (!(distance2 <= double{splat.reach2})) return std::nullopt;
   const double alpha = std::min(kMostAlpha, double{splat.opacity} * std::exp(-0.5 * distance2));
-  return SplatOnRay{-origin.dot(direction) / length2, alpha, place};
+  return SplatOnRay{-origin.dot(direction) / length2, alpha, index};
 }
 
 std::optional<double> SortVisible(std::vector<SplatOnRay>& met) {
@@ -192,8 +192,8 @@ SplatBlend BlendSplats(std::span<const PackedSplat> splats, const SplatRay& ray,
   return blend;
 }
 
-// The colors of splats from an eye: real spherical harmonics, in the order and with the signs of the
-// reference code (Kerbl et al. 2023).
+// The colors of splats from an eye: real spherical harmonics, in the order and with the signs of
+// the reference code (Kerbl et al. 2023).
 
 namespace {
 

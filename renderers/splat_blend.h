@@ -1,4 +1,4 @@
-// What a ray meets of Gaussian splats, one by one and blended: the equations of splats.h.
+// The Gaussians that a ray meets, one by one and blended: the equations of splats.h.
 
 #pragma once
 
@@ -48,8 +48,8 @@ struct SplatOnRay {
   uint32_t splat;  // among the packed ones
 };
 
-// None where alpha < kLeastAlpha. Any t.
-std::optional<SplatOnRay> MeetSplat(const PackedSplat& splat, uint32_t place, const SplatRay& ray);
+// nullopt if alpha < kLeastAlpha. Any t.
+std::optional<SplatOnRay> MeetSplat(const PackedSplat& splat, uint32_t index, const SplatRay& ray);
 
 // Sorts by t and drops those that light does not reach. Where there are such: the t from which on
 // nothing counts.
@@ -90,8 +90,8 @@ class SplatVisitor {
   }
 
   // Embree's ray may meet this one; returns where the ray ends from now on.
-  float Visit(uint32_t place) {
-    const auto met = MeetSplat(splats_[place], place, ray_);
+  float Visit(uint32_t index) {
+    const auto met = MeetSplat(splats_[index], index, ray_);
     if (!met || !(met->t > t_near_)) return end_;
     met_.push_back(*met);
     if (met_.size() >= limit_) Prune();

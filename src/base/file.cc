@@ -20,8 +20,8 @@
 namespace raylift {
 namespace {
 
-// Tells apart where process numbers are given: machines that share a folder, which may have one name,
-// and containers.
+// Tells apart where process numbers are given: machines that share a folder, which may have one
+// name, and containers.
 const std::string& ThisHost() {
   static const std::string host = [] {
     char name[256] = {};

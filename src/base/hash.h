@@ -25,7 +25,8 @@ std::string_view AsBytes(std::span<const T> values) {
 
 std::string HexText(uint64_t hash);  // 16 digits
 
-// XXH3 with 64 bits, as `xxhsum -H3` writes it: 16 digits. None where the file cannot be read.
+// Returns the file's XXH3 with 64 bits, as `xxhsum -H3` writes it: 16 digits; nullopt if it cannot
+// be read.
 std::optional<std::string> FileHash(const std::filesystem::path& file);
 
 }  // namespace raylift

@@ -1,6 +1,6 @@
-// Progress of a long loop on stderr: count, rate, time left. One line that changes where stderr is a
-// terminal, else, as in the logs of a cluster, a line every minute, so that short loops leave none; a
-// watch of the call (base/parallel.h) is told in any case.
+// Progress of a long loop on stderr: count, rate, time left. One line that changes where stderr is
+// a terminal, else, as in the logs of a cluster, a line every minute, so that short loops leave
+// none; a watch of the call (base/parallel.h) is told in any case.
 
 #pragma once
 

@@ -1,8 +1,8 @@
-// What files may claim, in one place. A reader allocates no more than a stated multiple of a file's
-// bytes: what is counted in a header is held against the bytes that follow it before memory is taken
-// for it. The limits here are for what the bytes do not bound: sizes of pictures whose pixels are
-// compressed, and depths of nesting. They lie far beyond what cameras, scanners and tools make; what
-// is larger is refused as bad input that names file and field.
+// Limits of what files may claim. A reader allocates no more than a stated multiple of a file's
+// bytes: what is counted in a header is held against the bytes that follow it before memory is
+// taken for it. The limits here are for what the bytes do not bound: sizes of pictures whose pixels
+// are compressed, and depths of nesting. They lie far beyond what cameras, scanners and tools make;
+// what is larger is refused as bad input that names file and field.
 
 #pragma once
 

@@ -1,18 +1,37 @@
-// Medians, for robust statistics. Of an even count there are two in use: the upper of the middle
-// two, which is one of the values and stays finite as long as half of them are, and their midpoint.
+// Medians and quantiles, for robust statistics. Two medians of an even count are in use: the upper
+// of the middle two, which is one of the values and stays finite as long as half of them are, and
+// their midpoint.
 
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "raylift/base/error.h"
 
 namespace raylift {
 
-// The values are reordered; at least one.
+// The standard deviation of normal values over their median absolute deviation: 1 / Phi^-1(3/4).
+inline constexpr double kSigmaPerMad = 1.4826;
+// The standard error of the median of normal values over that of their mean: sqrt(pi / 2).
+inline constexpr double kMedianErrorPerMeanError = 1.2533;
+
+// Returns the value at index share * (count - 1), rounded down, of the values in order. Reorders
+// the values, of which there must be one at least.
+template <typename T>
+T QuantileInPlace(std::span<T> values, double share) {
+  RAYLIFT_CHECK(!values.empty());
+  const auto at =
+      values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
+}
+
+// Reorders the values, of which there must be one at least.
 template <typename T>
 T UpperMedianInPlace(std::span<T> values) {
   RAYLIFT_CHECK(!values.empty());
@@ -25,7 +44,13 @@ inline double UpperMedianOr(std::vector<double> values, double if_none) {
   return values.empty() ? if_none : UpperMedianInPlace(std::span(values));
 }
 
-// The values are reordered; at least one.
+// Returns the upper median of |value - center|; 0 for no values.
+inline double UpperDeviation(std::vector<double> values, double center) {
+  for (double& value : values) value = std::abs(value - center);
+  return UpperMedianOr(std::move(values), 0);
+}
+
+// Reorders the values, of which there must be one at least.
 template <typename T>
 double MidpointMedianInPlace(std::span<T> values) {
   const auto upper = static_cast<double>(UpperMedianInPlace(values));
@@ -39,7 +64,7 @@ struct WeightedValue {
   double weight;
 };
 
-// The smallest value at which half of the weight is reached; 0 of none.
+// Returns the smallest value at which half of the weight is reached; 0 for no values.
 inline double WeightedMedian(std::vector<WeightedValue> values) {
   std::sort(values.begin(), values.end(),
             [](const WeightedValue& a, const WeightedValue& b) { return a.value < b.value; });

@@ -17,7 +17,6 @@
 namespace raylift {
 namespace {
 
-constexpr double kSigmaPerMad = 1.4826;
 constexpr size_t kMinPixels = 100;
 constexpr int kBlockColumns = 10;
 constexpr int kBlockRows = 8;

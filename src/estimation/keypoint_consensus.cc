@@ -156,10 +156,9 @@ JointNoise GuessNoise(const KeypointEvidence& evidence, const SolverPose& pose,
   }
   if (!log_distances.empty()) {
     noise.log_distance_mean = UpperMedianOr(log_distances, 0);
-    std::vector<double>& deviations = log_distances;
-    for (double& d : deviations) d = std::abs(d - noise.log_distance_mean);
     // Half as wide again as the bulk, and a quarter of the distance at least.
-    const double deviation = 1.5 * 1.4826 * UpperMedianOr(deviations, 0);
+    const double deviation =
+        1.5 * kSigmaPerMad * UpperDeviation(log_distances, noise.log_distance_mean);
     noise.log_distance_variance = std::max(0.0625, deviation * deviation);
   }
   if (!depths.empty()) {

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <numbers>
 
-#include "first_positive_root.h"
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
@@ -12,11 +11,6 @@ namespace raylift {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-// The polar grid on which lenses with tangential or prism terms are examined.
-constexpr int kNumDirections = 16;
-constexpr int kNumRadii = 40;
-constexpr double kMaxGridRadius = 8;  // on the plane z = 1: 83 degrees off the axis
 
 // 1 + c0 q + c1 q^2 + ..., and its derivative.
 struct ValueAndSlope {
@@ -41,30 +35,6 @@ size_t NumTerms(const std::array<double, kCount>& coefficients) {
     --count;
   }
   return count;
-}
-
-template <size_t kCount>
-Polynomial ToPolynomial(const std::array<double, kCount>& coefficients) {
-  Polynomial polynomial = {1};
-  std::copy(coefficients.begin(), coefficients.end(), polynomial.begin() + 1);
-  return polynomial;
-}
-
-bool IsPositive(const Eigen::Matrix2d& jacobian) {
-  return jacobian.determinant() > 0 && jacobian.trace() > 0;
-}
-
-// The numerator of d(r s(r^2)) / dr as a polynomial in q = r^2, for s = n / d:
-// n d + 2 q (n' d - n d').
-Polynomial RadialGrowth(const Polynomial& n, const Polynomial& d) {
-  const Polynomial two_q = {0, 2};
-  const Polynomial rise = Product(Product(two_q, Derivative(n)), d);
-  const Polynomial fall = Product(Product(two_q, n), Derivative(d));
-  Polynomial growth = Product(n, d);
-  for (size_t i = 0; i < growth.size(); ++i) {
-    growth[i] += rise[i] - fall[i];
-  }
-  return growth;
 }
 
 }  // namespace
@@ -152,102 +122,6 @@ Lens::Lens(CameraModel model, std::span<const double> params) {
   }
   LimitRadialDomain();
   LimitNonRadialDomain();
-}
-
-void Lens::LimitRadialDomain() {
-  switch (projection_type_) {
-    case ProjectionType::kPerspective:
-      break;
-    case ProjectionType::kEquidistant:
-      max_radius_ = std::numbers::pi;
-      break;
-    case ProjectionType::kDivision:
-      max_radius_ = division_k_ > 0 ? 1 / std::sqrt(division_k_) : kInfinity;
-      break;
-    case ProjectionType::kUnified:
-      // Khomutenko, Garcia, Martinet, "An enhanced unified camera model" (2016): the parameters'
-      // ranges, and where the image ends. Other parameters have no image.
-      if (!(unified_alpha_ >= 0 && unified_alpha_ <= 1 && unified_beta_ > 0)) {
-        max_radius_ = 0;
-      } else if (unified_alpha_ > 0.5) {
-        max_radius_ = 1 / std::sqrt((2 * unified_alpha_ - 1) * unified_beta_);
-      }
-      break;
-    case ProjectionType::kPanorama:
-      break;
-  }
-  switch (radial_) {
-    case Radial::kNone:
-      max_distorted_radius_ = max_radius_;
-      break;
-    case Radial::kFov: {
-      const double omega = std::abs(fov_omega_);
-      max_radius_ = omega < std::numbers::pi ? kInfinity : 0;
-      max_distorted_radius_ = omega < std::numbers::pi ? 0.5 * std::numbers::pi / omega : 0;
-      break;
-    }
-    case Radial::kRational: {
-      const Polynomial numerator = ToPolynomial(numerator_);
-      const Polynomial denominator = ToPolynomial(denominator_);
-      const double fold = std::sqrt(FirstPositiveRoot(RadialGrowth(numerator, denominator)));
-      const double pole = std::sqrt(FirstPositiveRoot(denominator));
-      max_radius_ = std::min({max_radius_, fold, pole});
-      // Where nothing folds, the radius grows without bounds.
-      max_distorted_radius_ = max_radius_ < pole && max_radius_ < kInfinity
-                                  ? max_radius_ * RationalScale(max_radius_ * max_radius_).value
-                                  : kInfinity;
-      break;
-    }
-  }
-}
-
-// A map whose Jacobian has a positive definite symmetric part on a convex region is one-to-one
-// there: this finds the largest such disc, to one step of a polar grid.
-void Lens::LimitNonRadialDomain() {
-  if (non_radial_ == NonRadial::kNone) {
-    safe_radius_ = max_radius_;
-    return;
-  }
-  safe_radius_ = GridPoint(0, kNumRadii - 1).norm();
-  for (int direction = 0; direction < kNumDirections; ++direction) {
-    double good_radius = 0;
-    for (int i = 1; i < kNumRadii && good_radius < safe_radius_; ++i) {
-      const Eigen::Vector2d projected = GridPoint(direction, i);
-      const Eigen::Matrix2d jacobian = Distort(projected).jacobian;
-      if (!IsPositive(0.5 * (jacobian + jacobian.transpose()))) {
-        safe_radius_ = good_radius;
-        break;
-      }
-      good_radius = projected.norm();
-    }
-  }
-}
-
-Eigen::Vector2d Lens::GridPoint(int direction, int radius) const {
-  const double angle = 2 * std::numbers::pi * direction / kNumDirections;
-  const double length = std::min(max_radius_, kMaxGridRadius) * radius / kNumRadii;
-  return {length * std::cos(angle), length * std::sin(angle)};
-}
-
-bool Lens::IsInDomain(const Eigen::Vector2d& projected) const {
-  const double squared_radius = projected.squaredNorm();
-  if (squared_radius < safe_radius_ * safe_radius_) {
-    return true;
-  }
-  if (non_radial_ == NonRadial::kNone || !(squared_radius < max_radius_ * max_radius_)) {
-    return false;
-  }
-  // Close to the limit the tangential and prism terms decide, differently in every direction: no
-  // fold may lie on the way from the safe disc.
-  constexpr int kNumSteps = 24;
-  const double safe_part = safe_radius_ / std::sqrt(squared_radius);
-  for (int i = 1; i <= kNumSteps; ++i) {
-    const double part = safe_part + (1 - safe_part) * i / kNumSteps;
-    if (!IsPositive(Distort(part * projected).jacobian)) {
-      return false;
-    }
-  }
-  return true;
 }
 
 double Lens::UnifiedRho(const Eigen::Vector3d& point) const {
@@ -534,23 +408,6 @@ std::optional<Eigen::Vector2d> Lens::Undistort(const Eigen::Vector2d& distorted)
     return solution;
   }
   return UndistortByNewton(NearestOnGrid(distorted), distorted);
-}
-
-// Where tangential or prism terms are so strong that the radial solution is no good start.
-Eigen::Vector2d Lens::NearestOnGrid(const Eigen::Vector2d& distorted) const {
-  Eigen::Vector2d nearest = Eigen::Vector2d::Zero();
-  double least_error = distorted.norm();
-  for (int direction = 0; direction < kNumDirections; ++direction) {
-    for (int i = 1; i < kNumRadii; ++i) {
-      const Eigen::Vector2d projected = GridPoint(direction, i);
-      const double error = (Distort(projected).distorted - distorted).norm();
-      if (error < least_error && IsInDomain(projected)) {
-        nearest = projected;
-        least_error = error;
-      }
-    }
-  }
-  return nearest;
 }
 
 // Newton's method kept between bounds: the distorted radius grows with the radius up to

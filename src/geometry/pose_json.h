@@ -6,7 +6,7 @@
 
 namespace raylift {
 
-// Of nlohmann's json or ordered_json.
+// Json is nlohmann's json or ordered_json.
 template <typename Json>
 Json PoseJson(const Rigid3& pose) {
   const Eigen::Quaterniond& q = pose.rotation;

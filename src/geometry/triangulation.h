@@ -32,7 +32,7 @@ struct ClosestApproach {
   double sine;  // of the angle between the lines
 };
 
-// None where the lines are parallel or numbers are not finite.
+// nullopt if the lines are parallel or numbers are not finite.
 inline std::optional<ClosestApproach> Approach(const SightLine& a, const SightLine& b) {
   const Eigen::Vector3d normal = a.direction.cross(b.direction);
   const double length2 = normal.squaredNorm();

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <span>
 
 #include "base/statistics.h"
 #include <fmt/format.h>
@@ -85,13 +86,10 @@ std::vector<std::string> RunWarnings(std::span<const LocalizedQuery> queries,
 
 std::optional<std::string> WarnOfFocalLength(std::span<const double> log_factors) {
   if (log_factors.size() < kLeastFocalQueries) return std::nullopt;
-  const double median =
-      UpperMedianOr(std::vector<double>(log_factors.begin(), log_factors.end()), 0);
-  std::vector<double> deviations;
-  deviations.reserve(log_factors.size());
-  for (const double factor : log_factors) deviations.push_back(std::abs(factor - median));
+  const std::vector<double> factors(log_factors.begin(), log_factors.end());
+  const double median = UpperMedianOr(factors, 0);
   // Three standard errors of a median of normal errors.
-  const double error = 3 * 1.4826 * UpperMedianOr(deviations, 0) *
+  const double error = 3 * kSigmaPerMad * UpperDeviation(factors, median) *
                        std::sqrt(std::numbers::pi / 2 / static_cast<double>(log_factors.size()));
   if (std::abs(median) < std::max(kFocalTolerance, error)) return std::nullopt;
   return fmt::format(

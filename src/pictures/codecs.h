@@ -1,5 +1,5 @@
 // The decoders of single formats, which throw std::runtime_error for what is damaged. Their callers
-// have looked at the claimed size (picture_header.h). Private to pictures.
+// have looked at the claimed size (picture_header.h).
 
 #pragma once
 
@@ -33,7 +33,7 @@ Image DecodeBmp(std::string_view bytes);
 Image DecodePnm(std::string_view bytes);
 Image DecodeTiff(std::string_view bytes);
 
-// Planes of numbers in TIFF files by libtiff. Private to the libraries.
+// ---- planes of numbers in TIFF files, by libtiff ----
 
 enum class TiffSample { kUint8, kUint16, kInt16, kInt32, kFloat32, kFloat64 };
 
@@ -44,14 +44,14 @@ std::vector<float> DecodeTiffPlane(std::string_view bytes, PlaneSize size, TiffS
 // 32-bit floats without compression.
 std::string EncodeTiffPlane(PlaneSize size, std::span<const float> values);
 
-// Gray PNG files of depth by libpng, as fast as it writes them. Private to the libraries.
+// ---- gray PNG files of depth, by libpng ----
 
 // compression: 0 .. 9, of deflate. Every row is stored as its difference from the row above, which
 // for depth takes half of the time of choosing a filter for each row, at a few per cent of size.
 std::string EncodePng16(const std::filesystem::path& path_for_messages, PlaneSize size,
                         std::span<const uint16_t> counts, int compression);
 
-// What a PNG file's header says. InputError where the bytes end in it.
+// The header of a PNG file.
 struct PngHeader {
   uint32_t width_px = 0;
   uint32_t height_px = 0;

@@ -1,4 +1,4 @@
-// What the first bytes of a picture's file say, looked at before a decoder gets them.
+// The first bytes of a picture's file, looked at before a decoder gets them.
 
 #pragma once
 
@@ -11,13 +11,13 @@
 
 namespace raylift {
 
-// The size of a PNG, JPEG, TIFF, BMP, WebP or PNM; none where the header is damaged or of another
-// format.
+// Returns the size of a PNG, JPEG, TIFF, BMP, WebP or PNM; nullopt if the header is damaged or of
+// another format.
 std::optional<PlaneSize> PictureSizeFromHeader(std::istream& file);
 
-// What is wrong with the bytes of a picture, as far as its header tells: they are of none of the
-// formats that photographs and textures come in (PNG, JPEG, TIFF, BMP, WebP, PNM), or they claim
-// more pixels than so many bytes can hold.
+// Returns what is wrong with the bytes of a picture, as far as its header tells: they are of none
+// of the formats that photographs and textures come in (PNG, JPEG, TIFF, BMP, WebP, PNM), or they
+// claim more pixels than so many bytes can hold.
 std::optional<std::string> WhyNoPicture(std::string_view bytes);
 
 }  // namespace raylift

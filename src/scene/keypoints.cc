@@ -79,12 +79,12 @@ KeypointIndices CompleteIndices(std::span<const Match2D2D> matches_2d2d,
 
 int KeypointsByPixel::FindOrAdd(const Eigen::Vector2d& pixel, int index) {
   if (!pixel.allFinite()) return index;
-  return index_of_place_.try_emplace({pixel.x(), pixel.y()}, index).first->second;
+  return index_of_pixel_.try_emplace({pixel.x(), pixel.y()}, index).first->second;
 }
 
 std::optional<int> KeypointsByPixel::Find(const Eigen::Vector2d& pixel) const {
-  const auto found = index_of_place_.find({pixel.x(), pixel.y()});
-  if (found == index_of_place_.end()) return std::nullopt;
+  const auto found = index_of_pixel_.find({pixel.x(), pixel.y()});
+  if (found == index_of_pixel_.end()) return std::nullopt;
   return found->second;
 }
 

@@ -187,8 +187,8 @@ class SceneConverter {
   std::map<std::string, int32_t> texture_by_name_;
 };
 
-// Of the formats that are not checked beforehand (COLLADA, FBX, ...), a broken file ends the process
-// within assimp. So a process of its own reads it first, which takes the time twice.
+// Of the formats that are not checked beforehand (COLLADA, FBX, ...), a broken file ends the
+// process within assimp. So a process of its own reads it first, which takes the time twice.
 bool EndsProcess(const std::filesystem::path& path) {
   constexpr unsigned int kLongest_s = 600;
   const pid_t child = fork();

@@ -24,7 +24,7 @@ class NeighborTree {
 
   size_t size() const { return items_.size(); }
   const Eigen::Vector3f& point(size_t i) const { return items_[i].point; }
-  // Which of the points given to the constructor it is.
+  // Returns the index among the points given to the constructor.
   uint32_t IndexOf(size_t i) const { return items_[i].index; }
 
   // The points nearest to point i, nearest first: as many as `neighbors` has room for, as far as

@@ -46,8 +46,8 @@ class PlyColumns {
     PlyType type;
   };
 
-  // The element `name` in the contents of a file. InputError where there is none, it or one before it
-  // has a list, the file is not binary, or it ends before the last row.
+  // The element `name` in the contents of a file. InputError where there is none, it or one before
+  // it has a list, the file is not binary, or it ends before the last row.
   PlyColumns(const std::filesystem::path& path, const PlyHeader& header, std::string_view contents,
              std::string_view name);
 

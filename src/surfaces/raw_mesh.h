@@ -1,4 +1,4 @@
-// What a mesh file holds, before it becomes a TriangleMesh: positions in double, texture
+// The contents of a mesh file before it becomes a TriangleMesh: positions in double, texture
 // coordinates with indices of their own, materials. The readers fill it; FinishMesh cleans it,
 // recenters it and unites positions and attributes to vertices.
 
@@ -49,8 +49,8 @@ struct RawMesh {
 };
 
 // Adds the file's face number `face`: triangles as they are, larger polygons cut. `corner_uvs` is
-// empty or as long as `corners`; the material is left to the caller. Returns the number of triangles
-// added.
+// empty or as long as `corners`; the material is left to the caller. Returns the number of
+// triangles added.
 size_t AddFace(size_t face, std::span<const uint32_t> corners, std::span<const uint32_t> corner_uvs,
                RawMesh& mesh);
 
@@ -74,7 +74,7 @@ bool TriangleHasNoArea(const Eigen::Vector3f& a, const Eigen::Vector3f& b,
 // `path` is for messages only.
 TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw);
 
-// The picture as RGB; none where the bytes are no picture that can be decoded.
+// Returns the picture as RGB; nullopt if the bytes are no picture that can be decoded.
 std::optional<Image> DecodeTexture(std::span<const uint8_t> bytes);
 
 // Adds the picture `name`, as the mesh file calls it (relative to the mesh's folder; Windows

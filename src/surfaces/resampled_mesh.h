@@ -13,8 +13,9 @@ namespace raylift {
 // mesh that has no more comes back as it is.
 TriangleMesh DecimatedMesh(const TriangleMesh& mesh, size_t max_triangles);
 
-// Edges longer than `max_edge` are halved, again and again: triangles that share one stay neighbors.
-// Colors and texture coordinates are interpolated; faces and objects are known as before.
+// Edges longer than `max_edge` are halved, again and again: triangles that share one stay
+// neighbors. Colors and texture coordinates are interpolated; faces and objects are known as
+// before.
 TriangleMesh SplitLongEdges(const TriangleMesh& mesh, double max_edge);
 
 }  // namespace raylift

@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <span>
 
 #include "base/index_sets.h"
+#include "base/statistics.h"
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
@@ -75,9 +77,7 @@ LogScale ScaleOf(const std::vector<Tile>& tiles) {
   }
   if (depths.empty()) return {};
   const auto percentile = [&depths](double share) {
-    const auto at = static_cast<std::ptrdiff_t>(share * static_cast<double>(depths.size() - 1));
-    std::nth_element(depths.begin(), depths.begin() + at, depths.end());
-    return std::log(double{depths[static_cast<size_t>(at)]});
+    return std::log(double{QuantileInPlace(std::span(depths), share)});
   };
   return {percentile(kNearPercentile), percentile(kFarPercentile)};
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <span>
 
 #include "base/statistics.h"
 #include "exposure_levels.h"
@@ -38,7 +39,7 @@ constexpr float kDarkest = 8, kBrightest = 247;
 constexpr size_t kPointsPerPhotograph = 200;
 constexpr size_t kLeastPoints = 20000;
 // Of medians of absolute deviations: three standard deviations of normal noise.
-constexpr double kFarDeviations = 3 * 1.4826;
+constexpr double kFarDeviations = 3 * kSigmaPerMad;
 constexpr double kLeastDeviation = 2;  // levels of 255
 constexpr std::array<uint8_t, 3> kUnseen = {128, 128, 128};
 

@@ -4,8 +4,10 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <span>
 
 #include "base/index_sets.h"
+#include "base/statistics.h"
 #include <Eigen/Geometry>
 
 #include "raylift/base/parallel.h"
@@ -49,14 +51,8 @@ Grid MakeGrid(const TriangleMesh& mesh, const Eigen::Vector3d& up, double min_ce
     for (uint32_t i = 0; i < mesh.vertices.size(); ++i) {
       values.push_back((level_from_world * mesh.VertexInWorld(i))[axis]);
     }
-    const auto percentile = [&values](double share) {
-      const auto at = values.begin() +
-                      static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-      std::nth_element(values.begin(), at, values.end());
-      return *at;
-    };
-    grid.low[axis] = percentile(axis == 2 ? 0 : kOutliers);
-    grid.high[axis] = percentile(axis == 2 ? 1 : 1 - kOutliers);
+    grid.low[axis] = QuantileInPlace(std::span(values), axis == 2 ? 0 : kOutliers);
+    grid.high[axis] = QuantileInPlace(std::span(values), axis == 2 ? 1 : 1 - kOutliers);
   }
   const Eigen::Vector3d extent = grid.high - grid.low;
   grid.high.z() += 1e-3 * (extent.norm() + 1e-9);

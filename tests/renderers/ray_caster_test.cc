@@ -263,9 +263,9 @@ TEST(RayCaster, RaysThatAreNotFiniteMiss) {
   EXPECT_FALSE(caster.IsOccluded({{0, 0, nan}, forward}));
 }
 
-// A closed form, so that every version of Embree gives the same. Packets of coherent occlusion rays,
-// which would be quicker, never return from some scenes where Embree 3.13 takes AVX-512: this test
-// would hang, until its time-out.
+// A closed form, so that every version of Embree gives the same. Packets of coherent occlusion
+// rays, which would be quicker, never return from some scenes where Embree 3.13 takes AVX-512: this
+// test would hang, until its time-out.
 TEST(RayCaster, OcclusionByAFineSphereIsThatOfTheClosedForm) {
   constexpr int kRings = 300;
   // The middles of its triangles lie deeper than its vertices.

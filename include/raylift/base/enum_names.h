@@ -54,7 +54,7 @@ constexpr std::string_view TitleOf(Enum value) {
   return {};
 }
 
-// None for a name that is not in the table.
+// nullopt if the name is not in the table.
 template <NamedEnum Enum>
 constexpr std::optional<Enum> FromName(std::string_view name) {
   for (const EnumName<Enum>& entry : kEnumNames<Enum>) {

@@ -65,20 +65,22 @@ namespace internal {
     }                                                                         \
   } while (false)
 
-// An InputError too, for those who need not tell them apart.
+// An output that cannot be written: no space is left, a folder is read-only, a file is in the way.
+// The input is not to blame, and the same command may well succeed later. It is an InputError so
+// that callers that need not tell the two apart catch both.
 class OutputError : public InputError {
  public:
   using InputError::InputError;
 };
 
+// The machine lacks what the call needs: a thread cannot be started (memory is std::bad_alloc's).
 class ResourceError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-// Checks of numbers that options hold: OptionError with the name, the value and the constraint.
-
-// T: int or double. What is not finite is refused.
+// Check a number that an option holds, an int or a double: throw OptionError with the name, the
+// value and the constraint where it is out of range or not finite.
 template <typename T>
 void RequireAtLeast(std::string_view name, T value, std::type_identity_t<T> least);
 

@@ -10,17 +10,17 @@
 
 namespace raylift {
 
-// The bytes of a file. InputError where it is missing, a folder or not readable.
+// Returns the bytes of a file. Throws InputError where it is missing, a folder or not readable.
 std::string ReadFile(const std::filesystem::path& path);
 
 // Writes to a temporary name beside `path` and renames it, so that a killed run leaves no half
-// file. Makes the parent folders. InputError naming the file if it cannot be written.
+// file. Makes the parent folders. Throws OutputError naming the file if it cannot be written.
 void WriteFile(const std::filesystem::path& path, std::string_view contents);
 // The same of several parts, one after the other, without joining them in memory.
 void WriteFile(const std::filesystem::path& path, std::span<const std::string_view> parts);
 
 // Tells before long work whether a file can be written later: makes the parent folders and tries.
-// InputError naming the file or folder otherwise.
+// Throws OutputError naming the file or folder otherwise.
 void RequireWritable(const std::filesystem::path& path);
 
 // The file of an image that is named by a relative path: below `folder`, whatever the name says.
@@ -47,7 +47,7 @@ class AtomicFile {
 };
 
 // The file that a temporary name, as AtomicFile and WriteFile make them, stands for: what a killed
-// run has left of it. None where the name is no such name.
+// run has left of it. nullopt if it is no such name.
 std::optional<std::filesystem::path> TargetOfTemporary(const std::filesystem::path& path);
 
 // Removes the temporary files in a folder and below it whose processes have ended on this machine:

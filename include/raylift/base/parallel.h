@@ -20,9 +20,9 @@ int ResolveThreads(int threads);
 // the lowest index among those that were thrown is rethrown after the running items end.
 void ParallelFor(size_t count, int threads, const std::function<void(size_t)>& body);
 
-// How a caller that is no command line (a binding to another language, a window) follows a long call
-// and ends it: loops of ParallelFor() ask between their items whether to go on, and what Progress
-// counts is told.
+// A caller that is no command line (a binding to another language, a window) follows a long call
+// and ends it by a CallWatch: loops of ParallelFor() ask between their items whether to go on, and
+// report what Progress counts.
 //
 //   CallWatch watch({.stop_wanted = [&] { return button_pressed; }});
 //   localizer.LocalizeAll();  // throws Cancelled soon after the button
@@ -48,7 +48,7 @@ class CallWatch {
   CallWatch(const CallWatch&) = delete;
   CallWatch& operator=(const CallWatch&) = delete;
 
-  // Of this thread; null where nobody watches.
+  // Returns this thread's watch; null where nobody watches.
   static CallWatch* Current();
 
   // Throws Cancelled where the call is to end.

@@ -20,7 +20,7 @@ std::vector<std::string_view> SplitBy(std::string_view line, char separator);
 
 std::string_view Trim(std::string_view text);
 
-// The whole token as a number, or none. Any finite or non-finite double is accepted here.
+// Returns the whole token as a number; nullopt if it is none. Accepts non-finite doubles, too.
 std::optional<double> ParseDouble(std::string_view token);
 std::optional<int64_t> ParseInt(std::string_view token);
 std::optional<uint64_t> ParseUint(std::string_view token);
@@ -35,10 +35,10 @@ class LineReader {
   explicit LineReader(const std::filesystem::path& path);
   LineReader(std::filesystem::path path_for_messages, std::string contents);
 
-  // The next line without its end (LF or CRLF), or none at the end of the file.
+  // Returns the next line without its end (LF or CRLF); nullopt at the end of the file.
   std::optional<std::string_view> Next();
 
-  // The next line that is neither blank nor a `#` comment, or none.
+  // Returns the next line that is neither blank nor a `#` comment; nullopt if there is none.
   std::optional<std::string_view> NextContent();
 
   int line_number() const { return line_number_; }
@@ -59,11 +59,12 @@ class LineReader {
   int line_number_ = 0;
 };
 
-// The fewest letters to change, add, leave out or swap with their neighbor that make `b` of `a`.
+// Returns the fewest letters to change, add, leave out or swap with their neighbor to turn `a` into
+// `b`.
 size_t EditDistance(std::string_view a, std::string_view b);
 
-// The one of `names` with the fewest such mistakes, the first of several; none where they are more
-// than a third of its letters.
+// Returns the one of `names` with the fewest such mistakes, the first of several; nullopt if they
+// are more than a third of its letters.
 std::optional<std::string> ClosestName(std::string_view typed, std::span<const std::string> names);
 
 // "; did you mean NAME?", or nothing.

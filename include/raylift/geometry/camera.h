@@ -3,7 +3,8 @@
 // center of the first pixel is (0.5, 0.5).
 //
 // A panorama (EQUIRECTANGULAR) sees all directions: azimuth from x / width and elevation from
-// y / height, z in the middle of the image. What stands for its focal lengths are pixels per radian.
+// y / height, z in the middle of the image. What stands for its focal lengths are pixels per
+// radian.
 
 #pragma once
 
@@ -42,8 +43,9 @@ class Camera {
   double MeanFocalPx() const { return 0.5 * (focal_x_px() + focal_y_px()); }
   Eigen::Vector2d principal_point_px() const { return principal_point_px_; }
 
-  // The pixel of a point; none where the point is behind the camera (or at its center) or outside
-  // the domain in which the model's distortion is one-to-one. The pixel may lie outside the image.
+  // Returns the pixel of a point; nullopt if the point is behind the camera (or at its center) or
+  // outside the domain in which the model's distortion is one-to-one. The pixel may lie outside the
+  // image.
   std::optional<Eigen::Vector2d> ImgFromCam(const Eigen::Vector3d& point_in_cam) const;
 
   struct Projection {
@@ -53,16 +55,16 @@ class Camera {
   std::optional<Projection> ImgFromCamWithJacobian(const Eigen::Vector3d& point_in_cam) const;
 
   // The unit ray through a pixel, by Newton's method, so that ImgFromCam(ray) is the pixel within
-  // 1e-10 px times the focal length's order. None where the pixel is outside the model's valid
+  // 1e-10 px times the focal length's order. nullopt if the pixel is outside the model's valid
   // domain (for instance beyond the radius at which barrel distortion folds over).
   std::optional<Eigen::Vector3d> RayInCam(const Eigen::Vector2d& pixel) const;
 
-  // What is called the depth of a point: z, but the distance where the camera sees all around it.
+  // Returns the depth of a point: z, or the distance for a panorama.
   double DepthOf(const Eigen::Vector3d& point_in_cam) const {
     return is_panorama() ? point_in_cam.norm() : point_in_cam.z();
   }
 
-  // Whether the pixel lies in the image rectangle [0, width] x [0, height].
+  // Returns whether the pixel lies in the image rectangle [0, width] x [0, height].
   bool Contains(const Eigen::Vector2d& pixel) const;
 
   // The same lens on an image whose sides are scaled: principal point, focal lengths and size are
@@ -84,7 +86,7 @@ class Camera {
   int width_px_ = 1;
   int height_px_ = 1;
   std::array<double, kMaxCameraParams> params_ = {1, 1, 0.5, 0.5};
-  // What the parameters say, unpacked once for every projection.
+  // The parameters, unpacked once for every projection.
   Eigen::Vector2d focal_px_ = {1, 1};
   Eigen::Vector2d principal_point_px_ = {0.5, 0.5};
   Lens lens_;

@@ -1,13 +1,13 @@
-// What a camera does to a point before focal lengths and principal point turn it into a pixel: the
-// point is projected to two coordinates (on the plane z = 1, or by its angle for fisheye lenses)
-// and distorted. All of COLMAP's models fit one normal form:
+// A lens is what precedes focal lengths and principal point on a point's way to a pixel: the point
+// is projected to two coordinates (on the plane z = 1, or by its angle for fisheye lenses) and
+// distorted. All of COLMAP's models fit one normal form:
 //
 //   u = projection(point),  q = |u|^2,
 //   x = u (1 + n1 q + ... + n6 q^6) / (1 + d1 q + d2 q^2 + d3 q^3),
 //   distorted = x + tangential(y) + prism(y),
 //
-// where y = u, or y = x for RAD_TAN_THIN_PRISM_FISHEYE. A panorama's two coordinates are azimuth and
-// elevation (downward), in radians.
+// where y = u, or y = x for RAD_TAN_THIN_PRISM_FISHEYE. A panorama's two coordinates are azimuth
+// and elevation (downward), in radians.
 //
 // The valid domain is where this is one-to-one: |u| below the first radius at which |x| stops
 // growing with |u|, and the Jacobian of the distortion positive all the way from the axis. For the
@@ -35,7 +35,7 @@ class Lens {
   // `params` are the model's, behind focal lengths and principal point; finite, of the right count.
   Lens(CameraModel model, std::span<const double> params);
 
-  // The distorted coordinates of a point in the camera's frame; none outside the valid domain.
+  // Returns the distorted coordinates of a point; nullopt outside the valid domain.
   std::optional<Eigen::Vector2d> Project(const Eigen::Vector3d& point_in_cam) const;
 
   struct Projection {
@@ -44,16 +44,18 @@ class Lens {
   };
   std::optional<Projection> ProjectWithJacobian(const Eigen::Vector3d& point_in_cam) const;
 
-  // The unit ray that projects to `distorted`; none outside the image of the valid domain.
+  // Returns the unit ray that projects to `distorted`; nullopt outside the image of the valid
+  // domain.
   std::optional<Eigen::Vector3d> Unproject(const Eigen::Vector2d& distorted) const;
 
  private:
-  // How a point becomes two coordinates: (x, y) / z; angle * (x, y) / |(x, y)|; or the division
+  // A point becomes two coordinates by (x, y) / z; angle * (x, y) / |(x, y)|; or the division
   // model's (x, y) r with r so that (u, 1 + k |u|^2) is parallel to the point; the unified model's
-  // (x, y) / (alpha rho + (1 - alpha) z) with rho^2 = beta (x^2 + y^2) + z^2; azimuth and elevation.
+  // (x, y) / (alpha rho + (1 - alpha) z) with rho^2 = beta (x^2 + y^2) + z^2; azimuth and
+  // elevation.
   enum class ProjectionType { kPerspective, kEquidistant, kDivision, kUnified, kPanorama };
   enum class Radial { kNone, kRational, kFov };
-  // What the tangential and thin prism terms are functions of.
+  // The tangential and thin prism terms are functions of the projected point u or of x.
   enum class NonRadial { kNone, kOfProjected, kOfRadial };
 
   struct Scale {

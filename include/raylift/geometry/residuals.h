@@ -24,7 +24,7 @@ struct ReprojectionResidual {
   Eigen::Matrix<double, 2, 6> jacobian;  // d error / d (w, v)
 };
 
-// None where the point cannot be projected (behind the camera, outside the lens model's domain).
+// nullopt if the point cannot be projected (behind the camera, outside the lens model's domain).
 std::optional<ReprojectionResidual> ReprojectionError(const Camera& camera,
                                                       const Rigid3& cam_from_world,
                                                       const Eigen::Vector3d& point_in_world,
@@ -38,7 +38,7 @@ struct SampsonResidual {
 // The Sampson error (Hartley and Zisserman, eq. 11.9) of a match between a query and a reference,
 // that is the epipolar constraint q' E r over the length of its gradient with respect to the four
 // pixel coordinates. Taking the gradient through the true camera models makes it a distance in
-// pixels for any lens, and weighs the two images by their own focal lengths. None where a pixel has
+// pixels for any lens, and weighs the two images by their own focal lengths. nullopt if a pixel has
 // no ray or both gradients vanish (the two camera centers coincide).
 std::optional<SampsonResidual> SampsonError(const Camera& query_camera,
                                             const Rigid3& query_from_world,

@@ -47,8 +47,9 @@ inline Eigen::Matrix3d Skew(const Eigen::Vector3d& a) {
 // Angle in degrees of the rotation that separates two orientations; exact for tiny angles, too.
 double AngleBetweenDeg(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b);
 
-// What the poses of a file mean. Everything here is cam_from_world with the camera's x right, y
-// down, z forward; files of others may hold the inverse, or cameras in OpenGL's axes.
+// PoseConvention says what the poses of a file mean. Everything here is cam_from_world with the
+// camera's x right, y down, z forward; files of others may hold the inverse, or cameras in OpenGL's
+// axes.
 
 enum class PoseConvention {
   kCamFromWorld,           // ours, and COLMAP's

@@ -41,7 +41,7 @@ inline constexpr auto kEnumNames<ColorOptions::Shading> =
     });
 
 struct FrameOptions {
-  // Which of a Frame's maps are made.
+  // The maps of a Frame that are made.
   bool depth = false;
   bool distance = false;
   bool points = false;

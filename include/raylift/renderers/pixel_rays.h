@@ -29,19 +29,19 @@ class PixelRays {
   // The unit ray through the center of a pixel in the camera's frame, in double.
   std::optional<Eigen::Vector3d> RayInCam(int x, int y) const;
 
-  // Whether the rays are those of a lens without distortion. Then they are (x slope of the column,
-  // y slope of the row, 1) in the camera's frame, and their z is 1 instead of their length.
+  // Returns whether the rays are those of a lens without distortion. Then they are (x slope of the
+  // column, y slope of the row, 1) in the camera's frame, and their z is 1 instead of their length.
   bool is_pinhole() const { return !column_slopes_.empty(); }
 
-  // Of a pinhole: the x slopes of the pixels (4 bx, ...) ... (4 bx + 3, ...), and the y slopes of
-  // the pixels (..., 4 by) ... (..., 4 by + 3), in the order of a RayBlock. NaN outside the
-  // picture.
+  // A pinhole's slopes: the x slopes of the pixels (4 bx, ...) ... (4 bx + 3, ...), and the y
+  // slopes of the pixels (..., 4 by) ... (..., 4 by + 3), in the order of a RayBlock. NaN outside
+  // the picture.
   using Slopes = std::array<float, RayBlock::kSize>;
   const Slopes& ColumnSlopes(int bx) const { return column_slopes_[static_cast<size_t>(bx)]; }
   const Slopes& RowSlopes(int by) const { return row_slopes_[static_cast<size_t>(by)]; }
 
-  // Of any other camera: the unit rays of the pixels (4 bx, 4 by) ... (4 bx + 3, 4 by + 3); no ray
-  // (zero length) where the lens has none, and outside the picture.
+  // Any other camera's rays: the unit rays of the pixels (4 bx, 4 by) ... (4 bx + 3, 4 by + 3); no
+  // ray (zero length) where the lens has none, and outside the picture.
   const RayBlock& Block(int bx, int by) const {
     return blocks_[static_cast<size_t>(by) * static_cast<size_t>(blocks_per_row_) +
                    static_cast<size_t>(bx)];
@@ -50,7 +50,7 @@ class PixelRays {
   // The unit ray of a pixel of any camera, in float; zero where there is none.
   Eigen::Vector3f UnitRay(int x, int y) const;
 
-  // How the unit ray changes from one pixel to the next.
+  // The change of the unit ray from one pixel to the next.
   struct Differential {
     Eigen::Vector3f along_x = Eigen::Vector3f::Zero();
     Eigen::Vector3f along_y = Eigen::Vector3f::Zero();

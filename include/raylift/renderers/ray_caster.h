@@ -1,6 +1,6 @@
-// Casting rays at a mesh, at the discs of a point cloud or at Gaussian splats, on Embree 3 (from 3.12
-// on) or 4. All coordinates are the world's, in double; the recentring that float needs happens
-// inside.
+// Casting rays at a mesh, at the discs of a point cloud or at Gaussian splats, on Embree 3 (from
+// 3.12 on) or 4. All coordinates are the world's, in double; the recentring that float needs
+// happens inside.
 
 #pragma once
 
@@ -80,7 +80,7 @@ struct alignas(64) RayBlock {
   std::array<float, kSize> z{};
 };
 
-// What a RayBlock hits.
+// The hits of a RayBlock.
 struct alignas(64) HitBlock {
   static constexpr uint32_t kNoTriangle = 0xffffffffu;
   std::array<float, RayBlock::kSize> ray_t;        // in lengths of the ray's direction; 0: no hit
@@ -97,12 +97,14 @@ class RayCaster {
   // more, which Embree wants to be readable). std::runtime_error with Embree's text where it fails.
   explicit RayCaster(std::shared_ptr<const TriangleMesh> mesh,
                      const RayCasterOptions& options = {});
-  // Of surfels. Where a ray passes through several discs that are one surface within their scatter,
-  // and their centers surround it, it hits the mean of their planes, by their precision; the hit is
-  // of the disc whose center is the closest to it. The surfels are shared as the mesh is.
+  // Casts rays at surfels. Where a ray passes through several discs that are one surface within
+  // their scatter, and their centers surround it, it hits the mean of their planes, by their
+  // precision; the hit is that of the disc whose center is the closest to it. The surfels are
+  // shared as the mesh is.
   explicit RayCaster(std::shared_ptr<const Surfels> surfels, const RayCasterOptions& options = {});
-  // Of splats, as splats.h says; their surface is at `depth`, with a normal that is the mean of the
-  // Gaussians' shortest axes, turned against the ray, and the spread of their t as its sigma.
+  // Casts rays at splats, as splats.h says; their surface is at `depth`, with a normal that is the
+  // mean of the Gaussians' shortest axes, turned against the ray, and the spread of their t as its
+  // sigma.
   RayCaster(std::shared_ptr<const Splats> splats, SplatDepth depth,
             const RayCasterOptions& options = {});
   ~RayCaster();
@@ -115,14 +117,14 @@ class RayCaster {
   const Splats* splats() const;    // the same
   SplatDepth splat_depth() const;
   SurfaceKind kind() const;
-  // Whether hits have a sigma: at surfels and splats, which have no coarse hits to refine.
+  // Returns whether hits have a sigma: at surfels and splats, which have no coarse hits to refine.
   bool HitsHaveSigma() const;
-  // Whether the surface has colors of its own.
+  // Returns whether the surface has colors of its own.
   bool HasColors() const;
 
-  // The nearest hit of each ray, in order; none where it leaves the scene or is not finite. Both
-  // sides of a triangle are hit. A hit's ray_t and barycentric coordinates are refined in double
-  // against the triangle's plane. Thread safe.
+  // Returns the nearest hit of each ray, in order; nullopt where it leaves the scene or is not
+  // finite. Both sides of a triangle are hit. A hit's ray_t and barycentric coordinates are refined
+  // in double against the triangle's plane. Thread safe.
   std::vector<std::optional<RayHit>> Cast(std::span<const Ray> rays) const;
 
   // As Cast for rays from one point, several times faster where the rays of a block run close
@@ -137,15 +139,15 @@ class RayCaster {
                    const Eigen::Vector3d& direction_in_world, uint32_t triangle,
                    double coarse_t) const;
 
-  // Whether anything lies on the ray beyond its ray_t_near. Thread safe.
+  // Returns whether anything lies on the ray beyond its ray_t_near. Thread safe.
   bool IsOccluded(const Ray& ray) const;
 
-  // Of splats: what each ray sees. `colors_rgb` has one for each Gaussian as it looks from the rays'
-  // origin (SplatColors), or is empty. looks.size() == rays.size(). Thread safe.
+  // Sets what each ray sees of splats. `colors_rgb` has one for each Gaussian as it looks from the
+  // rays' origin (SplatColors), or is empty. looks.size() == rays.size(). Thread safe.
   void LookAtSplats(std::span<const Ray> rays, std::span<const Eigen::Vector3f> colors_rgb,
                     std::span<SplatLook> looks) const;
 
-  // What the acceleration structure holds, without the mesh, surfels or splats.
+  // Returns the size of the acceleration structure, without the mesh, surfels or splats.
   size_t MemoryBytes() const;
 
  private:
@@ -153,7 +155,7 @@ class RayCaster {
   std::unique_ptr<Impl> impl_;
 };
 
-// Of all that can be seen of it. The same for any number of threads.
+// Hashes all that can be seen of the surface. The same for any number of threads.
 uint64_t SurfaceHash(const RayCaster& scene, int threads);
 
 }  // namespace raylift

@@ -29,13 +29,14 @@ struct FeatureMatch {
   bool operator==(const FeatureMatch&) const = default;
 };
 
+// A reference that a query is to be matched with.
 struct RetrievedReference {
   int reference_index;
   double score;  // the larger, the better
   bool operator==(const RetrievedReference&) const = default;
 };
 
-// Of each query, best first, the lower index first among equals.
+// Each query's references, best first, the lower index first among equals.
 using RetrievedLists = std::vector<std::vector<RetrievedReference>>;
 
 }  // namespace raylift

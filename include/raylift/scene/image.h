@@ -33,7 +33,8 @@ struct Image {
   }
 };
 
-// Of an RGB picture by ITU-R BT.601, as decoders make gray of color; a gray one as it is.
+// Returns the luma of an RGB picture by ITU-R BT.601, as decoders make gray of color; a gray
+// picture as it is.
 Image ToGray(const Image& image);
 
 // z along the optical axis (never the length of the ray, but in a panorama, which has no axis),
@@ -46,7 +47,7 @@ struct DepthMap {
   float At(int x, int y) const { return z[static_cast<size_t>(y) * width_px + x]; }
 };
 
-// The nearest of 0 .. 255, halves upwards; 0 for NaN.
+// Returns the nearest of 0 .. 255, halves upwards; 0 for NaN.
 template <std::floating_point T>
 uint8_t NearestByte(T value) {
   if (!(value > 0)) return 0;

@@ -1,5 +1,5 @@
-// Which keypoint of the query a match is of. A keypoint that is matched with several references has
-// one error in all of its matches, and they show one point of the scene.
+// Keypoints of the query, by which matches are grouped. A keypoint that is matched with several
+// references has one error in all of its matches, and they show one point of the scene.
 //
 // Matches that are read or made from features carry the keypoint's index. Matches that carry none,
 // as a caller may fill them in, are of one keypoint where their query pixels are equal: that is
@@ -26,26 +26,26 @@ namespace raylift {
 // others.
 inline constexpr int kLargestKeypoint = 1'000'000'000;
 
-// The keypoints of one image by their places.
+// The keypoints of one image by their pixels.
 class KeypointsByPixel {
  public:
-  // The keypoint at this pixel; where there is none yet, `index` becomes it. One that is not finite
-  // is at no place and found by nobody.
+  // The keypoint at this pixel; where there is none yet, `index` becomes it. A pixel
+  // that is not finite holds no keypoint.
   int FindOrAdd(const Eigen::Vector2d& pixel, int index);
   std::optional<int> Find(const Eigen::Vector2d& pixel) const;
 
  private:
-  using Place = std::pair<double, double>;
-  struct HashOfPlace {
-    size_t operator()(const Place& place) const {
-      return 31 * std::hash<double>()(place.first) + std::hash<double>()(place.second);
+  using Pixel = std::pair<double, double>;
+  struct HashOfPixel {
+    size_t operator()(const Pixel& pixel) const {
+      return 31 * std::hash<double>()(pixel.first) + std::hash<double>()(pixel.second);
     }
   };
-  std::unordered_map<Place, int, HashOfPlace> index_of_place_;
+  std::unordered_map<Pixel, int, HashOfPixel> index_of_pixel_;
 };
 
-// For each feature of an image the index of the first one at the same place: several features at
-// one place, such as those of several orientations, are one keypoint.
+// Returns for each feature of an image the index of the first one at the same pixel: several
+// features at one pixel, such as those of several orientations, are one keypoint.
 std::vector<int> CanonicalKeypoints(std::span<const Eigen::Vector2d> pixels);
 
 // The query keypoints of matches, numbered from 0 in the order of their first matches, those of

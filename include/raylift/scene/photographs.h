@@ -69,7 +69,7 @@ struct GravityPrior {
 
 inline constexpr double kMaxFocalRange = 10;
 
-// What is known of a query's pose before its matches are looked at: a position from GNSS, the
+// The prior knowledge of a query's pose: a position from GNSS, the
 // direction of gravity from an accelerometer; and what is not known of its camera.
 struct PosePriors {
   std::optional<PositionPrior> position = std::nullopt;
@@ -81,8 +81,8 @@ struct PosePriors {
   bool empty() const { return !position && !gravity && focal_range == 1; }
 };
 
-// The place of a photograph's camera on a rig. Photographs of one frame were taken at one moment and
-// have one unknown pose together.
+// The place of a photograph's camera on a rig. Photographs of one frame were taken at one moment
+// and have one unknown pose together.
 struct RigMount {
   std::string frame;
   int sensor = 0;  // among the rig's cameras: the first one that a frame has speaks for it

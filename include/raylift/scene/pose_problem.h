@@ -23,12 +23,12 @@ struct Match2D2D {
   // Standard deviation (isotropic) of the reference pixel beyond a keypoint's own noise, where the
   // reference's pose is uncertain: by so much the pose may show the same point elsewhere.
   std::optional<double> reference_sigma_px = std::nullopt;
-  // Which keypoint of the query it is, and of the reference's image: matches of one keypoint have
-  // equal indices. With matches from features these are the features' own. None: not known, and
+  // The keypoint's index in the query and in the reference's image: matches of one keypoint have
+  // equal indices. With matches from features these are the features' own. nullopt: not known, and
   // then equal pixels are one keypoint (keypoints.h).
   std::optional<int> query_keypoint = std::nullopt;
   std::optional<int> reference_keypoint = std::nullopt;
-  int camera = 0;  // of the query's: PoseProblem::CameraAt()
+  int camera = 0;  // index into the query's cameras: PoseProblem::CameraAt()
 };
 
 // A query pixel that shows a point of the scene.
@@ -39,10 +39,10 @@ struct Match2D3D {
   std::optional<int> reference = std::nullopt;
   // Standard deviation of the point in scene units (isotropic), where the geometry source knows it.
   std::optional<double> point_sigma = std::nullopt;
-  std::optional<int> query_keypoint = std::nullopt;  // as of a Match2D2D
+  std::optional<int> query_keypoint = std::nullopt;  // as in Match2D2D
   // The 2D-2D match it was lifted from, where it was: an index into PoseProblem::matches_2d2d.
   std::optional<size_t> match_2d2d = std::nullopt;
-  int camera = 0;  // as of a Match2D2D
+  int camera = 0;  // as in Match2D2D
 };
 
 // One more camera of a query that is a rig: photographs of one moment whose cameras' relative poses

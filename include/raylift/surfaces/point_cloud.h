@@ -21,7 +21,7 @@ struct PointCloud {
   std::vector<Eigen::Vector3f> normals;
   std::vector<std::array<uint8_t, 3>> colors_rgb;  // per point; empty where there are none
 
-  // What the reader should tell the user: points that were left out, ...
+  // The reader's messages to the user: points that were left out, ...
   std::vector<std::string> warnings;
 };
 
@@ -42,8 +42,8 @@ PointCloud ReadPointClouds(std::span<const std::filesystem::path> files);
 // Surfels: a point cloud as small discs that lie on the surface its points were measured on, so
 // that rays can be cast at it.
 //
-// A disc lies in a plane through the k points nearest to its own. Its radius r is such that its mean
-// squared distance from its center, r^2 / 2, is theirs. Then
+// A disc lies in a plane through the k points nearest to its own. Its radius r is such that its
+// mean squared distance from its center, r^2 / 2, is theirs. Then
 //  - on average k discs cover a place of a surface that was sampled at random, whatever the density
 //    is. RayCaster takes a place for a surface where their centers surround it: all but a share of
 //    k exp(-k / 2) of its places (0.5 % for k = 16), and no place outside;
@@ -62,7 +62,7 @@ struct Surfels {
   Eigen::Vector3d origin_in_world = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector4f> discs;  // center and radius
   std::vector<Eigen::Vector3f> normals;
-  // How far the points scatter about the discs' planes: standard deviation.
+  // The standard deviation of the points about the discs' planes.
   std::vector<float> sigmas;
   std::vector<std::array<uint8_t, 3>> colors_rgb;  // empty where the cloud has none
   std::vector<std::string> warnings;
@@ -70,8 +70,8 @@ struct Surfels {
   size_t MemoryBytes() const;
 };
 
-// Points at one place count as one. Those of which no plane can be told (fewer than three places,
-// or all on a line) are left out and counted. InputError where none is left.
+// Points at one place count as one. Points whose neighbors span no plane (fewer than three places,
+// or all on a line) are left out and counted. Throws InputError if none is left.
 Surfels MakeSurfels(PointCloud cloud, const SurfelOptions& options = {});
 
 }  // namespace raylift

@@ -8,14 +8,14 @@
 //
 //   t = d^T S (m - o) / d^T S d,  alpha = min(0.99, opacity exp(-(o + t d - m)^T S (o + t d - m) / 2))
 //
-// A disc is what an ellipsoid becomes as its third axis vanishes: t is where the ray meets its plane.
-// Gaussians with alpha >= 1/255 are blended by their t, from front to back: each with the weight
-// w = alpha T, which leaves T (1 - alpha) of the transmittance T. The first one that would leave less
-// than 1e-4, and all behind it, are not there (Kerbl et al.). The color is the sum of w c; a ray has
-// a surface where the sum of w is at least a half.
+// A disc is what an ellipsoid becomes as its third axis vanishes: t is where the ray meets its
+// plane. Gaussians with alpha >= 1/255 are blended by their t, from front to back: each with the
+// weight w = alpha T, which leaves T (1 - alpha) of the transmittance T. The first one that would
+// leave less than 1e-4, and all behind it, are not there (Kerbl et al.). The color is the sum of w
+// c; a ray has a surface where the sum of w is at least a half.
 //
-// The filters that rasterizers apply in the picture (0.3 pixels of variance, or the low-pass of discs)
-// are those of one camera and are left out: what is thinner than a pixel looks thinner here.
+// The filters that rasterizers apply in the picture (0.3 pixels of variance, or the low-pass of
+// discs) are those of one camera and are left out: what is thinner than a pixel looks thinner here.
 
 #pragma once
 
@@ -44,7 +44,7 @@ inline constexpr auto kEnumNames<SplatDepth> = std::to_array<EnumName<SplatDepth
     {SplatDepth::kPeak, "peak"},
 });
 
-// What is more transparent than this is not there.
+// Gaussians more transparent than this are not seen.
 inline constexpr double kLeastAlpha = 1.0 / 255;
 
 struct Splats {
@@ -56,8 +56,8 @@ struct Splats {
   std::vector<float> opacities;
 
   // Spherical harmonics of the color by the direction from the eye to the mean: (degree + 1)^2
-  // coefficients of red, green and blue for each Gaussian, in the reference code's order. Empty where
-  // there are no colors.
+  // coefficients of red, green and blue for each Gaussian, in the reference code's order. Empty
+  // where there are no colors.
   int degree = 0;
   std::vector<Eigen::Vector3f> harmonics;
   // From the world's directions to those that the harmonics are of; a mirror where its determinant
@@ -72,14 +72,15 @@ struct Splats {
   size_t MemoryBytes() const;
 };
 
-// Reads a PLY (binary) with x, y, z, opacity (its logit), scale_0 to scale_2 (logarithms; discs have
-// two), rot_0 to rot_3 (w x y z, of any length), f_dc_0 to f_dc_2 and f_rest_* (degrees 1 to 3; all
-// coefficients of red, then of green, then of blue), as the reference code, gsplat and nerfstudio
-// write it; or red, green and blue in place of the harmonics. Compressed ones, as PlayCanvas'
-// SuperSplat and splat-transform write them, have packed_position, packed_rotation, packed_scale and
-// packed_color, and the element chunk with their ranges. Gaussians with a number that is not finite
-// are left out and counted in `warnings`; so are those too transparent to be seen, without a word.
-// InputError naming the file and field where it cannot be read or nothing is left.
+// Reads a PLY (binary) with x, y, z, opacity (its logit), scale_0 to scale_2 (logarithms; discs
+// have two), rot_0 to rot_3 (w x y z, of any length), f_dc_0 to f_dc_2 and f_rest_* (degrees 1 to
+// 3; all coefficients of red, then of green, then of blue), as the reference code, gsplat and
+// nerfstudio write it; or red, green and blue in place of the harmonics. Compressed ones, as
+// PlayCanvas' SuperSplat and splat-transform write them, have packed_position, packed_rotation,
+// packed_scale and packed_color, and the element chunk with their ranges. Gaussians with a number
+// that is not finite are left out and counted in `warnings`; so are those too transparent to be
+// seen, without a word. InputError naming the file and field where it cannot be read or nothing is
+// left.
 Splats ReadSplats(const std::filesystem::path& path);
 
 }  // namespace raylift

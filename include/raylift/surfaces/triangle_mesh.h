@@ -32,19 +32,19 @@ struct TriangleMesh {
   // The face of its file that each triangle is of, where polygons were cut or faces dropped; empty
   // where that is its own place.
   std::vector<uint32_t> triangle_faces;
-  // Of meshes that were joined, the first triangle of each; empty where it is one mesh.
+  // The first triangle of each mesh where several were joined; empty where it is one mesh.
   std::vector<uint32_t> object_begins;
 
-  // What the reader should tell the user: degenerate triangles removed, a texture missing, ...
+  // The reader's messages to the user: degenerate triangles removed, a texture missing, ...
   std::vector<std::string> warnings;
 
-  // Which of the joined meshes a triangle is of, in their order.
+  // Returns the index of the joined mesh that a triangle belongs to.
   uint32_t ObjectOf(uint32_t triangle) const {
     if (object_begins.empty()) return 0;
     const auto next = std::upper_bound(object_begins.begin(), object_begins.end(), triangle);
     return static_cast<uint32_t>(next - object_begins.begin()) - 1;
   }
-  // The face of that mesh's file, counted from 0.
+  // Returns the triangle's face in that mesh's file, counted from 0.
   uint32_t FaceOf(uint32_t triangle) const {
     if (!triangle_faces.empty()) return triangle_faces[triangle];
     return object_begins.empty() ? triangle : triangle - object_begins[ObjectOf(triangle)];
