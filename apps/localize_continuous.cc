@@ -91,8 +91,8 @@ void LocalizeContinuously(const LocalizeFlags& flags, const ContinuousInputs& in
   WriteSummary(flags.out / "summary.json", localized,
                {.num_references = scene.references.images.size(),
                 .geometry = SummaryOf(scene.sources),
-                .warnings = warnings,
-                .times = times});
+                .warnings = warnings});
+  WriteTiming(flags.out / "timing.jsonl", localized, times);
   output.Finish(localized, {scene, inputs.queries, warnings, times, joined},
                 OptionsOfResults(inputs.options_json));
 }

@@ -111,13 +111,7 @@ Json QueryFacts(const LocalizedQuery& query) {
                {"inliers_2d3d", counts.inliers_2d3d},
                {"inliers_2d2d", counts.inliers_2d2d},
                {"keypoints", estimate.num_keypoints},
-               {"inlier_keypoints", estimate.inlier_keypoints},
-               {"times_ms",
-                {{"match", query.match_ms},
-                 {"lift", query.lift_ms},
-                 {"filter", query.filter_ms},
-                 {"estimate", query.estimate_ms},
-                 {"render again", query.rerender_ms}}}};
+               {"inlier_keypoints", estimate.inlier_keypoints}};
   if (query.localized()) {
     json["solver"] = ToString(estimate.solver);
     if (estimate.covariance) {

@@ -149,8 +149,10 @@ std::optional<ContinuousRecord> ContinuousCheckpoint::Read(size_t place, const Q
       throw InputError(
           fmt::format("expected the query \"{}\", found \"{}\"", AsUtf8(query.name), name));
     }
-    return ContinuousRecord{ParseQueryDiagnostics(JsonText(diagnostics), query.name),
+    ContinuousRecord record{ParseQueryDiagnostics(JsonText(diagnostics), query.name),
                             JsonText(diagnostics), JoinedOf(json.at("joined"), query.name)};
+    record.localized.times = TimesFromJson(json.at("milliseconds"));
+    return record;
   } catch (const nlohmann::json::exception& e) {
     throw InputError(file, e.what());
   } catch (const InputError& e) {
@@ -161,6 +163,7 @@ std::optional<ContinuousRecord> ContinuousCheckpoint::Read(size_t place, const Q
 void ContinuousCheckpoint::Write(size_t place, const ContinuousRecord& record) const {
   const Json json = {{"format", kFormat},
                      {"diagnostics", Json::parse(record.diagnostics)},
+                     {"milliseconds", TimesJson(record.localized.times)},
                      {"joined", JoinedJson(record.joined)}};
   WriteFile(FileOf(place), JsonText(json) + '\n');
 }

@@ -143,7 +143,7 @@ QueryResult Localizer::Begin(const Query& query, const MakeMatches& make_matches
   problem.query_camera = query.camera;
   problem.priors = query.priors;
   {
-    const StageTimer timer(localized.match_ms);
+    const StageTimer timer(localized.times.match_ms);
     QueryMatches matches = make_matches();
     problem.references = std::move(matches.references);
     problem.matches_2d2d = std::move(matches.matches);
@@ -181,7 +181,7 @@ QueryResult Localizer::Match(const Query& query, QueryMatches matches) const {
 void Localizer::Lift(QueryResult& result) const {
   PoseProblem& problem = result.problem;
   StageCounts& counts = result.localized.counts;
-  const StageTimer timer(result.localized.lift_ms);
+  const StageTimer timer(result.localized.times.lift_ms);
   if (options_.candidates.mode == CandidateMode::kTriangulate) {
     problem.matches_2d3d =
         TriangulateMatches(problem.references, problem.matches_2d2d, options_.candidates);
@@ -199,7 +199,7 @@ void Localizer::Lift(QueryResult& result) const {
 void Localizer::Filter(QueryResult& result) const {
   PoseProblem& problem = result.problem;
   StageCounts& counts = result.localized.counts;
-  const StageTimer timer(result.localized.filter_ms);
+  const StageTimer timer(result.localized.times.filter_ms);
   const FilterResult filtered = FilterProblem(options_.filter, problem);
   counts.filter = filtered.counts;
   counts.noise = filtered.noise;
@@ -212,7 +212,7 @@ void Localizer::Filter(QueryResult& result) const {
 
 void Localizer::Estimate(QueryResult& result) const {
   LocalizedQuery& localized = result.localized;
-  const StageTimer timer(localized.estimate_ms);
+  const StageTimer timer(localized.times.estimate_ms);
   localized.TakeEstimate(estimator_->Estimate(result.problem));
   localized.reason = ReasonOf(localized, options_.min_confidence);
 }
@@ -220,7 +220,7 @@ void Localizer::Estimate(QueryResult& result) const {
 void Localizer::EstimateRig(std::span<QueryResult> photographs,
                             std::span<const Rigid3> cam_from_rig) const {
   QueryResult& first = photographs.front();
-  const StageTimer timer(first.localized.estimate_ms);
+  const StageTimer timer(first.localized.times.estimate_ms);
   std::vector<const PoseProblem*> problems;
   for (const QueryResult& photograph : photographs) problems.push_back(&photograph.problem);
   PoseProblem joined = JoinProblems(problems, cam_from_rig);

@@ -37,6 +37,7 @@ void QueryJob::Add(size_t query, const LocalizedQuery& localized,
                    const std::optional<double>& log_focal_factor) {
   QueryRecord record{.place = query, .key = job_.key(query)};
   record.localized.name = names_[query];
+  record.localized.times = localized.times;
   record.diagnostics = FormatQueryDiagnostics(localized);
   record.log_focal_factor = log_focal_factor;
   const std::lock_guard<std::mutex> lock(mutex_);

@@ -78,6 +78,7 @@ QueryRecord RecordOf(const Json& json) {
   record.key = json.at("key");
   record.diagnostics = JsonText(json.at("diagnostics"));
   record.localized = ParseQueryDiagnostics(record.diagnostics, json.at("name"));
+  record.localized.times = TimesFromJson(json.at("milliseconds"));
   record.warnings = json.at("warnings").get<std::vector<std::string>>();
   if (const Json& factor = json.at("log_focal_factor"); !factor.is_null()) {
     record.log_focal_factor = factor.get<double>();
@@ -111,6 +112,7 @@ std::string ToJsonLine(const QueryRecord& record) {
                {"key", record.key},
                {"warnings", record.warnings},
                {"log_focal_factor", nullptr},
+               {"milliseconds", TimesJson(record.localized.times)},
                {"diagnostics", Json::parse(record.diagnostics)}};
   if (record.log_focal_factor) json["log_focal_factor"] = *record.log_focal_factor;
   return JsonText(json);
@@ -193,8 +195,8 @@ void WriteResults(const std::filesystem::path& out, const RunFacts& facts,
                {.num_references = facts.num_references,
                 .geometry = facts.geometry,
                 .warnings = AllWarnings(facts, records),
-                .scene_noise = facts.knowledge.scene_noise,
-                .times = times});
+                .scene_noise = facts.knowledge.scene_noise});
+  WriteTiming(out / "timing.jsonl", localized, times);
 }
 
 }  // namespace raylift

@@ -243,7 +243,7 @@ void Rerenderer::Improve(const Query& query, const Image& photograph,
   }
   const std::chrono::duration<double, std::milli> elapsed =
       std::chrono::steady_clock::now() - start;
-  localized.rerender_ms = elapsed.count();
+  localized.times.rerender_ms = elapsed.count();
 }
 
 }  // namespace raylift

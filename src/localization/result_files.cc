@@ -48,14 +48,7 @@ Json QueryJson(const LocalizedQuery& query) {
   }
   if (estimate.cam_from_world) json["cam_from_world"] = PoseJson<Json>(*estimate.cam_from_world);
   AddEstimate(estimate, json);
-  json["milliseconds"] = {{"match", query.match_ms},
-                          {"lift", query.lift_ms},
-                          {"filter", query.filter_ms},
-                          {"estimate", query.estimate_ms}};
-  if (query.rerender_rounds) {
-    json["rerender_rounds_kept"] = *query.rerender_rounds;
-    json["milliseconds"]["rerender"] = query.rerender_ms;
-  }
+  if (query.rerender_rounds) json["rerender_rounds_kept"] = *query.rerender_rounds;
   return json;
 }
 
@@ -138,40 +131,48 @@ LocalizedQuery LocalizedOf(const Json& json, const std::string& name) {
   if (localized.localized() && !localized.estimate.cam_from_world) {
     throw InputError("a localized query without a pose");
   }
-  const Json& milliseconds = json.at("milliseconds");
-  localized.match_ms = milliseconds.at("match").get<double>();
-  localized.lift_ms = milliseconds.at("lift").get<double>();
-  localized.filter_ms = milliseconds.value("filter", 0.0);
-  localized.estimate_ms = milliseconds.at("estimate").get<double>();
   if (json.contains("refined_camera")) {
     localized.estimate.refined_camera =
         ParseCamera("refined_camera", json.at("refined_camera").get<std::string>());
   }
   if (json.contains("rerender_rounds_kept")) {
     localized.rerender_rounds = json.at("rerender_rounds_kept").get<int>();
-    localized.rerender_ms = milliseconds.at("rerender").get<double>();
   }
   return localized;
 }
 
 struct QueryStage {
   const char* name;
-  double LocalizedQuery::*milliseconds;
+  double StageTimes::*milliseconds;
 };
-constexpr QueryStage kQueryStages[] = {{"match", &LocalizedQuery::match_ms},
-                                       {"lift", &LocalizedQuery::lift_ms},
-                                       {"filter", &LocalizedQuery::filter_ms},
-                                       {"estimate", &LocalizedQuery::estimate_ms},
-                                       {"rerender", &LocalizedQuery::rerender_ms}};
+constexpr QueryStage kQueryStages[] = {{"match", &StageTimes::match_ms},
+                                       {"lift", &StageTimes::lift_ms},
+                                       {"filter", &StageTimes::filter_ms},
+                                       {"estimate", &StageTimes::estimate_ms},
+                                       {"rerender", &StageTimes::rerender_ms}};
 
 double SecondsOf(const QueryStage& stage, std::span<const LocalizedQuery> queries) {
   constexpr double kMilli = 1e-3;
   double sum = 0;
-  for (const LocalizedQuery& query : queries) sum += kMilli * query.*stage.milliseconds;
+  for (const LocalizedQuery& query : queries) sum += kMilli * query.times.*stage.milliseconds;
   return sum;
 }
 
 }  // namespace
+
+nlohmann::ordered_json TimesJson(const StageTimes& times) {
+  Json json = Json::object();
+  for (const QueryStage& stage : kQueryStages) json[stage.name] = times.*stage.milliseconds;
+  return json;
+}
+
+StageTimes TimesFromJson(const nlohmann::ordered_json& json) {
+  StageTimes times;
+  for (const QueryStage& stage : kQueryStages) {
+    times.*stage.milliseconds = json.at(stage.name).get<double>();
+  }
+  return times;
+}
 
 std::vector<const LocalizedQuery*> NotLocalizedOrDoubtful(std::span<const LocalizedQuery> queries) {
   std::vector<const LocalizedQuery*> worst;
@@ -335,6 +336,29 @@ std::string Describe(const RunTimes& times, std::span<const LocalizedQuery> quer
       times.Total(), times.reading, times.matching, times.learning, times.queries, stages);
 }
 
+void WriteTiming(const std::filesystem::path& path, std::span<const LocalizedQuery> queries,
+                 const std::optional<RunTimes>& run) {
+  std::string text;
+  for (const LocalizedQuery& query : queries) {
+    Json json = {{"name", query.name}, {"milliseconds", TimesJson(query.times)}};
+    text += JsonText(json) + '\n';
+  }
+  if (run) {
+    Json json = {{"seconds", run->Total()},
+                 {"stage_seconds",
+                  {{"reading", run->reading},
+                   {"matching", run->matching},
+                   {"learning", run->learning},
+                   {"queries", run->queries}}}};
+    for (const QueryStage& stage : kQueryStages) {
+      SetIn<Json>(json, "thread_seconds", stage.name, SecondsOf(stage, queries));
+    }
+    SetIn<Json>(json, "thread_seconds", "write", run->writing);
+    text += JsonText(json) + '\n';
+  }
+  WriteFile(path, text);
+}
+
 void WriteSummary(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries,
                   const RunSummary& summary) {
   const auto median_of = [&queries](const auto& value) {
@@ -369,23 +393,9 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
          median_of([](const LocalizedQuery& q) { return q.counts.filter.dropped_as_too_few; })},
         {"points", median_of([](const LocalizedQuery& q) { return q.counts.points; })},
         {"inliers_2d3d", median_of([](const LocalizedQuery& q) { return q.counts.inliers_2d3d; })},
-        {"inliers_2d2d", median_of([](const LocalizedQuery& q) { return q.counts.inliers_2d2d; })},
-        {"match_ms", median_of([](const LocalizedQuery& q) { return q.match_ms; })},
-        {"lift_ms", median_of([](const LocalizedQuery& q) { return q.lift_ms; })},
-        {"filter_ms", median_of([](const LocalizedQuery& q) { return q.filter_ms; })},
-        {"estimate_ms", median_of([](const LocalizedQuery& q) { return q.estimate_ms; })}}},
-      {"seconds", summary.times ? Json(summary.times->Total()) : Json(nullptr)},
+        {"inliers_2d2d",
+         median_of([](const LocalizedQuery& q) { return q.counts.inliers_2d2d; })}}},
       {"warnings", summary.warnings}};
-  if (summary.times) {
-    json["stage_seconds"] = {{"reading", summary.times->reading},
-                             {"matching", summary.times->matching},
-                             {"learning", summary.times->learning},
-                             {"queries", summary.times->queries}};
-    for (const QueryStage& stage : kQueryStages) {
-      SetIn<Json>(json, "thread_seconds", stage.name, SecondsOf(stage, queries));
-    }
-    SetIn<Json>(json, "thread_seconds", "write", summary.times->writing);
-  }
   if (summary.scene_noise) json["scene_noise"] = SceneNoiseJson(*summary.scene_noise);
   const RerenderCounts rerender = CountRerendered(queries);
   if (rerender.asked) {

@@ -52,7 +52,7 @@ def contents(folder, names=None):
     found = {}
     for file in sorted(folder.rglob("*")):
         name = str(file.relative_to(folder))
-        if file.is_file() and name != "summary.json" and (names is None or name in names):
+        if file.is_file() and name not in ("summary.json", "timing.jsonl") and (names is None or name in names):
             found[name] = file.read_bytes()
     return found
 

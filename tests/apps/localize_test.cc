@@ -172,11 +172,15 @@ TEST(Localize, StdoutHoldsResultsAndQuietNothing) {
   ASSERT_EQ(lines.size(), 2u) << loud.out;
   EXPECT_NE(lines[0].find(" s to read"), std::string::npos) << loud.out;
   EXPECT_TRUE(lines[1].starts_with("localized 2 of 2 queries against 6 references")) << loud.out;
-  const nlohmann::json summary = nlohmann::json::parse(ReadFile(scene.folder / "out/summary.json"));
+  const std::vector<std::string> times = Lines(ReadFile(scene.folder / "out/timing.jsonl"));
+  ASSERT_EQ(times.size(), 3u);
+  const auto query = nlohmann::json::parse(times[0]);
+  EXPECT_GT(query.at("milliseconds").at("estimate"), 0);
+  const auto run = nlohmann::json::parse(times[2]);
   double stages = 0;
-  for (const auto& seconds : summary.at("stage_seconds")) stages += seconds.get<double>();
-  EXPECT_NEAR(summary.at("seconds"), stages, 1e-9);
-  EXPECT_GT(summary.at("thread_seconds").at("estimate"), 0);
+  for (const auto& seconds : run.at("stage_seconds")) stages += seconds.get<double>();
+  EXPECT_NEAR(run.at("seconds"), stages, 1e-9);
+  EXPECT_GT(run.at("thread_seconds").at("estimate"), 0);
   const CommandResult quiet =
       RunRaylift(LocalizeWithHloc(scene, scene.folder / "quiet") + Arguments{"--quiet"});
   EXPECT_TRUE(Succeeds(quiet));

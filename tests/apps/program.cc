@@ -122,7 +122,7 @@ std::map<std::string, std::string> Diagnostics(const fs::path& file) {
   std::map<std::string, std::string> diagnostics;
   for (const std::string& line : Lines(ReadFile(file))) {
     auto json = nlohmann::ordered_json::parse(line);
-    EXPECT_EQ(json.erase("milliseconds"), 1u);
+    EXPECT_FALSE(json.contains("milliseconds"));
     EXPECT_TRUE(diagnostics.emplace(json.at("name"), json.dump()).second);
   }
   return diagnostics;

@@ -268,11 +268,28 @@ class Photographs {
   std::vector<PairMatches> matches_;
 };
 
+// The median over the queries of what each stage took.
+std::map<std::string, double> StageMedians(const fs::path& timing) {
+  std::map<std::string, std::vector<double>> values;
+  std::ifstream file(timing);
+  for (std::string line; std::getline(file, line);) {
+    const auto json = nlohmann::json::parse(line);
+    if (!json.contains("name")) continue;
+    for (const auto& [stage, ms] : json.at("milliseconds").items()) values[stage].push_back(ms);
+  }
+  std::map<std::string, double> medians;
+  for (auto& [stage, ms] : values) {
+    std::nth_element(ms.begin(), ms.begin() + static_cast<std::ptrdiff_t>(ms.size() / 2), ms.end());
+    medians[stage] = ms[ms.size() / 2];
+  }
+  return medians;
+}
+
 struct CityCost {
   Size size;
   Cost all;
-  Cost opening;  // with one query
-  nlohmann::json medians;
+  Cost opening;                            // with one query
+  std::map<std::string, double> stage_ms;  // medians over the queries
   size_t right = 0;
 };
 
@@ -300,8 +317,7 @@ class Bench {
     CityCost cost;
     cost.size = size;
     cost.all = Localize(size, "queries.txt", {});
-    std::ifstream(folder_ / "out/summary.json") >> cost.medians;
-    cost.medians = nlohmann::json(cost.medians.at("medians"));
+    cost.stage_ms = StageMedians(folder_ / "out/timing.jsonl");
     cost.right = CountRight(folder_ / "out/poses.txt", truth);
     cost.opening = Localize(size, "one.txt", {});
     return cost;
@@ -348,14 +364,14 @@ class Bench {
 };
 
 void Print(const CityCost& cost) {
-  const auto stage = [&](const char* name) { return cost.medians.at(name).get<double>(); };
+  const auto stage = [&](const char* name) { return cost.stage_ms.at(name); };
   fmt::print(
       "{:9.3g} {:10} {:7} {:9} | {:8.1f} {:8.1f} {:6.2f} | {:7.1f} {:6.2f} | {:6.2f} {:6.2f} "
       "{:6.2f} {:8.2f} | {}\n",
       cost.size.million_triangles, cost.size.references, cost.size.queries, cost.size.keypoints,
       cost.all.seconds, cost.all.cpu_seconds, cost.all.peak_gb, cost.opening.seconds,
-      cost.opening.peak_gb, stage("match_ms"), stage("lift_ms"), stage("filter_ms"),
-      stage("estimate_ms"), cost.right);
+      cost.opening.peak_gb, stage("match"), stage("lift"), stage("filter"), stage("estimate"),
+      cost.right);
   std::fflush(stdout);
 }
 

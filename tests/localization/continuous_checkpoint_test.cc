@@ -27,7 +27,7 @@ ContinuousRecord RandomRecord(Rng& rng) {
   query.counts.retrieved = 10;
   query.counts.points_of_source = {3, 4};
   query.counts.inliers_2d2d = 77;
-  query.match_ms = 0.1;
+  query.times.match_ms = 0.1;
   const Rigid3 pose{RotationFromVector({rng.Normal(), rng.Normal(), rng.Normal()}),
                     {rng.Normal(), -0.0, rng.Normal()}};
   query.estimate.cam_from_world = pose;

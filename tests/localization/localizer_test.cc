@@ -211,10 +211,10 @@ TEST_F(LocalizerTest, StagesCanBeCalledOneByOne) {
   EXPECT_EQ(result.localized.counts.filter.consistent, whole.localized.counts.filter.consistent);
   for (const LocalizedQuery* q :
        std::initializer_list<const LocalizedQuery*>{&result.localized, &whole.localized}) {
-    EXPECT_GT(q->match_ms, 0);
-    EXPECT_GT(q->lift_ms, 0);
-    EXPECT_GT(q->filter_ms, 0);
-    EXPECT_GT(q->estimate_ms, 0);
+    EXPECT_GT(q->times.match_ms, 0);
+    EXPECT_GT(q->times.lift_ms, 0);
+    EXPECT_GT(q->times.filter_ms, 0);
+    EXPECT_GT(q->times.estimate_ms, 0);
   }
 }
 

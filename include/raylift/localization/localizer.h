@@ -42,6 +42,15 @@ struct StageCounts {
   size_t inliers_2d2d = 0;
 };
 
+// What each stage of a query took.
+struct StageTimes {
+  double match_ms = 0;
+  double lift_ms = 0;
+  double filter_ms = 0;
+  double estimate_ms = 0;
+  double rerender_ms = 0;
+};
+
 struct LocalizedQuery {
   std::string name;
   std::string rig;     // where it is one of a rig's photographs: the name of the one whose camera's
@@ -49,12 +58,8 @@ struct LocalizedQuery {
   std::string reason;  // why there is no pose; empty where there is one
   StageCounts counts;
   PoseEstimate estimate;
-  double match_ms = 0;
-  double lift_ms = 0;
-  double filter_ms = 0;
-  double estimate_ms = 0;
+  StageTimes times;
   std::optional<int> rerender_rounds;  // that were kept; none where it was not asked for
-  double rerender_ms = 0;
 
   // Localized: the whole pose is known.
   bool localized() const { return reason.empty(); }

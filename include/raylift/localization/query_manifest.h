@@ -55,7 +55,7 @@ TaskManifest WithRecords(TaskManifest manifest, std::span<const QueryRecord> rec
 // What the whole run has to say to its user, from records of all queries.
 std::vector<std::string> AllWarnings(const RunFacts& facts, std::span<const QueryRecord> records);
 
-// poses.txt, queries.jsonl and summary.json of records of all queries.
+// poses.txt, queries.jsonl, summary.json and timing.jsonl of records of all queries.
 void WriteResults(const std::filesystem::path& out, const RunFacts& facts,
                   std::span<const QueryRecord> records, const std::optional<RunTimes>& times);
 

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <nlohmann/json_fwd.hpp>
 
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/scene.h"
@@ -21,7 +22,7 @@ namespace raylift {
 void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries);
 
 // `queries.jsonl`: one JSON object per query: name, status, reason, verdict, confidence, counts of
-// each stage, solver, scores, iterations, pose, covariance, milliseconds.
+// each stage, solver, scores, iterations, pose, covariance.
 void WriteQueryDiagnostics(const std::filesystem::path& path,
                            const std::vector<LocalizedQuery>& queries);
 
@@ -60,7 +61,7 @@ RerenderCounts CountRerendered(std::span<const LocalizedQuery> queries);
 std::vector<const LocalizedQuery*> NotLocalizedOrDoubtful(std::span<const LocalizedQuery> queries);
 
 // `summary.json`: totals, geometry, medians of the stages' counts, what the queries' matches have
-// in common, warnings, seconds of each stage.
+// in common, warnings.
 struct GeometrySummary {
   std::string spec, understood;
   struct Alignment {
@@ -80,6 +81,14 @@ struct RunTimes {
   double writing = 0;  // of this, by all threads: problems, pictures, parts of the page
   double Total() const { return reading + matching + learning + queries; }
 };
+// `timing.jsonl`: one JSON object per query with the milliseconds of each stage, and one of the run
+// that writes it: seconds by the clock, of each stage, and of all threads together. It alone holds
+// times: the other files have the same bytes in every run.
+void WriteTiming(const std::filesystem::path& path, std::span<const LocalizedQuery> queries,
+                 const std::optional<RunTimes>& run);
+nlohmann::ordered_json TimesJson(const StageTimes& times);
+StageTimes TimesFromJson(const nlohmann::ordered_json& json);
+
 // One line, with what all threads together took for each stage of the queries.
 std::string Describe(const RunTimes& times, std::span<const LocalizedQuery> queries);
 
@@ -88,7 +97,6 @@ struct RunSummary {
   std::vector<GeometrySummary> geometry;
   std::vector<std::string> warnings;
   std::optional<SceneNoise> scene_noise = std::nullopt;
-  std::optional<RunTimes> times = std::nullopt;  // of the run that writes it
 };
 void WriteSummary(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries,
                   const RunSummary& summary);

@@ -106,8 +106,6 @@ function verdictFacts(query) {
     facts.push(`${query.verdict}: right with probability ${number(query.confidence)}`);
     facts.push(`${query.inlier_keypoints} of ${query.keypoints} keypoints are inliers`);
   }
-  const times = Object.entries(query.times_ms || {}).filter(([, ms]) => ms > 0).map(([stage, ms]) => `${stage} ${number(ms, 0)} ms`);
-  if (times.length) facts.push(`time: ${times.join(", ")}`);
   return facts;
 }
 
