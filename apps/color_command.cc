@@ -2,10 +2,9 @@
 
 #include <memory>
 
+#include "apps/commands.h"
+#include "apps/options.h"
 #include "base/progress.h"
-#include "commands.h"
-#include "options.h"
-#include "scene_options.h"
 #include "surfaces/resampled_mesh.h"
 #include <fmt/format.h>
 
@@ -28,7 +27,7 @@ constexpr double kMostTriangles = 5e8;
 struct ColorFlags {
   std::string mesh;
   ReferenceFlags references;
-  ModelPosesFlags model_poses;
+  PoseConvention model_poses = PoseConvention::kCamFromWorld;
   path images, out;
   double max_edge = 0;
   bool keep_exposures = false;
@@ -69,8 +68,8 @@ TriangleMesh FineMesh(const TriangleMesh& mesh, double max_edge) {
 
 void Color(const ColorFlags& flags) {
   RequireWritable(flags.out);
-  const LoadedReferences loaded = LoadReferences(flags.references.model, flags.references.thinning,
-                                                 flags.model_poses.Resolve());
+  const LoadedReferences loaded =
+      LoadReferences(flags.references.model, flags.references.thinning, flags.model_poses);
   PrintWarnings(loaded.warnings);
   const std::string spec = flags.mesh.starts_with("mesh:") ? flags.mesh : "mesh:" + flags.mesh;
   const MeshScene scene = LoadMeshScene({spec}, {.threads = flags.run.threads});
@@ -111,29 +110,25 @@ void Color(const ColorFlags& flags) {
 
 Command AddColorCommand(CLI::App& program) {
   auto flags = std::make_shared<ColorFlags>();
-  CLI::App* command =
-      program.add_subcommand("color", "Vertex colors for a bare mesh, from photographs with poses");
-  command->alias("colour");
-  command->add_option("MESH", flags->mesh, "The mesh: a file, or mesh:PATH[,key=value...]")
-      ->required();
-  AddReferenceOptions(*command, flags->references);
-  AddModelPosesOption(*command, flags->model_poses);
-  command->add_option("--images", flags->images, "Folder of the photographs")
-      ->required()
-      ->group("References");
-  command
-      ->add_option("--max-edge", flags->max_edge,
-                   "Split longer edges, as only vertices have colors (units of\n"
-                   "the mesh; 0: none)")
-      ->capture_default_str()
-      ->group("Mesh");
-  command
-      ->add_flag("--keep-exposures", flags->keep_exposures,
-                 "Do not level the photographs' exposures")
-      ->group("Mesh");
-  command->add_option("--out", flags->out, "The colored mesh (PLY)")->required()->group("Output");
-  AddRunOptions(*command, flags->run);
-  command->footer(
+  CLI::App& command =
+      AddCommand(program, "color", "Vertex colors for a bare mesh, from photographs with poses");
+  AddAlias(command, "colour");
+  const OptionGroup options(command);
+  options.Add("MESH", flags->mesh, "The mesh: a file, or mesh:PATH[,key=value...]").Required();
+  AddReferenceOptions(command, flags->references);
+  AddModelPosesOption(command, flags->model_poses);
+  const OptionGroup references(command, "References");
+  references.Add("--images", flags->images, "Folder of the photographs").Required();
+  const OptionGroup mesh(command, "Mesh");
+  mesh.Add("--max-edge", flags->max_edge,
+           "Split longer edges, as only vertices have colors (units of\n"
+           "the mesh; 0: none)");
+  mesh.Flag("--keep-exposures", flags->keep_exposures, "Do not level the photographs' exposures");
+  const OptionGroup output(command, "Output");
+  output.Add("--out", flags->out, "The colored mesh (PLY)").Required();
+  AddRunOptions(command, flags->run);
+  SetFooter(
+      command,
       "Each vertex takes what the photographs agree on that see it best. Where there are no\n"
       "colors, a mesh alone is hardly localized against: its rendered views look like none of\n"
       "the photographs.\n"
@@ -141,7 +136,7 @@ Command AddColorCommand(CLI::App& program) {
       "  raylift color scan.ply --model sfm --images photos --out colored.ply\n"
       "  raylift localize --geometry mesh:colored.ply --queries queries.txt \\\n"
       "      --query-images new --out result");
-  return {command, [flags] {
+  return {&command, [flags] {
             Check(*flags);
             Color(*flags);
           }};

@@ -2,9 +2,11 @@
 
 #pragma once
 
+#include <filesystem>
 #include <functional>
+#include <vector>
 
-#include <CLI/App.hpp>
+#include "apps/command_line.h"
 
 namespace raylift {
 
@@ -31,5 +33,10 @@ Command AddVerifyCommand(CLI::App& program);
 Command AddExportCommand(CLI::App& program);
 Command AddColorCommand(CLI::App& program);
 Command AddPrepareCommand(CLI::App& program);
+
+// The results from the cells of shards that had folders of their own; `parts` are their manifests.
+// Throws Interrupted where cells are missing.
+void MergeExperiment(const std::filesystem::path& out,
+                     const std::vector<std::filesystem::path>& parts);
 
 }  // namespace raylift

@@ -6,22 +6,22 @@
 #include <memory>
 #include <optional>
 #include <set>
+#include <string>
+#include <string_view>
+#include <vector>
 
+#include "apps/argument_files.h"
+#include "apps/command_line.h"
+#include "apps/commands.h"
+#include "apps/interrupt.h"
+#include "apps/job_options.h"
+#include "apps/matching_options.h"
+#include "apps/options.h"
+#include "apps/pose_files.h"
 #include "base/json_text.h"
 #include "base/progress.h"
-#include "commands.h"
-#include "geometry_options.h"
-#include "interrupt.h"
-#include "job_header.h"
-#include "job_options.h"
-#include "matching_options.h"
-#include "method_list.h"
-#include "options.h"
-#include "pose_files.h"
-#include "scene_arguments.h"
-#include "scene_inputs.h"
-#include "scene_options.h"
-#include "typed_options.h"
+#include "estimation/option_fields.h"
+#include "lifting/option_fields.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -32,6 +32,7 @@
 #include "raylift/comparison/depth_comparison.h"
 #include "raylift/comparison/localization_comparison.h"
 #include "raylift/comparison/report.h"
+#include "raylift/estimation/pose_estimator.h"
 #include "raylift/io/query_list.h"
 #include "raylift/jobs/task_job.h"
 #include "raylift/localization/matching.h"
@@ -42,6 +43,51 @@ namespace raylift {
 namespace {
 
 using std::filesystem::path;
+
+// The forms of --methods, for help: "p3p|...|adaptive[:SCORE]|...".
+std::string MethodForms() {
+  std::string forms;
+  for (const Method method : AllValues<Method>()) {
+    if (!forms.empty()) forms += '|';
+    forms += ToString(method);
+    if (method == Method::kAdaptive) forms += "[:SCORE]";
+    if (method == Method::kSelect) forms += "[:ALPHA]";
+  }
+  return forms;
+}
+
+EstimatorOptions ParseMethod(std::string_view text, EstimatorOptions options) {
+  const size_t colon = text.find(':');
+  const auto method = FromName<Method>(text.substr(0, colon));
+  const auto fail = [text](const std::string& constraint) {
+    return OptionError("--methods", text, constraint);
+  };
+  if (!method) throw fail("expected " + MethodForms());
+  options.method = *method;
+  if (colon == std::string_view::npos) return options;
+  const std::string_view detail = text.substr(colon + 1);
+  if (*method == Method::kAdaptive) {
+    const auto score = FromName<ScoreCombination>(detail);
+    if (!score) throw fail("expected adaptive:" + NameList<ScoreCombination>());
+    options.score = *score;
+  } else if (*method == Method::kSelect) {
+    const auto alpha = ParseDouble(detail);
+    if (!alpha) throw fail("expected select:ALPHA");
+    options.alpha = *alpha;
+  } else {
+    throw fail("only adaptive has a score and select an alpha");
+  }
+  options.Validate();
+  return options;
+}
+
+// "p3p,adaptive:mult_inl,select:0.7": names of methods, Adaptive's with a score and Select's with
+// an alpha where these are not those of `base`. Throws OptionError in the name of --methods.
+std::vector<EstimatorOptions> ParseMethods(std::string_view text, const EstimatorOptions& base) {
+  std::vector<EstimatorOptions> methods;
+  for (const std::string_view part : SplitBy(text, ',')) methods.push_back(ParseMethod(part, base));
+  return methods;
+}
 
 // An image's maps and those of its neighbors, for two threads: more would only grow with the
 // scene.
@@ -57,7 +103,7 @@ size_t CacheBytes(std::span<const PosedImage> images) {
 
 struct CompareFlags {
   ReferenceFlags references;
-  ModelPosesFlags model_poses;
+  PoseConvention model_poses = PoseConvention::kCamFromWorld;
   std::vector<std::string> geometry;
   std::string truth;
   int max_side_px = 640;
@@ -192,7 +238,7 @@ LocalizationGrid ParseGrid(const CompareFlags& flags) {
 // The references and all sources.
 Scene OpenSceneOf(const CompareFlags& flags) {
   Scene scene = OpenScene({.model = flags.references.model,
-                           .model_poses = flags.model_poses.Resolve(),
+                           .model_poses = flags.model_poses,
                            .thinning = flags.references.thinning,
                            .images = flags.images});
   PrintWarnings(scene.warnings);
@@ -399,96 +445,73 @@ std::string ProtocolHelp() {
 }
 
 void AddLocalizationOptions(CLI::App& command, CompareFlags& flags) {
-  const std::string group = "Localization with every source, on the same matches";
-  const auto add = [&](const char* name, auto& value, const std::string& help) {
-    command.add_option(name, value, help)->capture_default_str()->group(group);
-  };
-  add("--ground-truth", flags.ground_truth,
-      "True poses of the queries: COLMAP model folder or pose file");
-  add("--thresholds", flags.thresholds,
+  const OptionGroup group(command, "Localization with every source, on the same matches");
+  group.Add("--ground-truth", flags.ground_truth,
+            "True poses of the queries: COLMAP model folder or pose file");
+  group.Add(
+      "--thresholds", flags.thresholds,
       "Recall thresholds: position,degrees between colons, or those of\n" + ThresholdPresetNames());
-  add("--methods", flags.methods, "List of " + MethodForms());
-  AddEnumListOption(command, "--filters", flags.filters, "List of {}")->group(group);
-  AddEnumListOption(command, "--alignments", flags.alignments, "List of {}")->group(group);
-  AddFilterThresholds(command, flags.filter_thresholds, group);
-  AddCandidateOptions(command, flags.candidates, group);
-  AddEstimatorNumbers(command, flags.estimator, group);
+  group.Add("--methods", flags.methods, "List of " + MethodForms());
+  group.AddList("--filters", flags.filters, "List of {}");
+  group.AddList("--alignments", flags.alignments, "List of {}");
+  group.Add(FieldsOf(flags.filter_thresholds));
+  group.Add(FieldsOf(flags.candidates));
+  group.Add(NumberFieldsOf(flags.estimator));
 }
 
 }  // namespace
 
 Command AddCompareCommand(CLI::App& program) {
   auto flags = std::make_shared<CompareFlags>();
-  CLI::App* command = program.add_subcommand(
-      "compare", "Which source of geometry is best, where, and what is wrong with the others");
-  AddSceneOption(*command);
-  AddReferenceOptions(*command, flags->references);
-  AddModelPosesOption(*command, flags->model_poses);
-  command->add_option("--geometry", flags->geometry, "name=SPEC, repeated. " + GeometryHelp())
-      ->required()
-      ->allow_extra_args(false)
-      ->group("Geometry");
-  command->add_option("--truth", flags->truth, "Name of the geometry to take for the truth")
-      ->group("Geometry");
-  AddEnumListOption(*command, "--protocol", flags->protocols,
-                    "Print the standard metrics of depth networks' papers, aligned with the truth\n"
-                    "image by image: list of {}" +
-                        ProtocolHelp())
-      ->group("Geometry");
-  command
-      ->add_option("--min-depth", flags->min_depth,
-                   "Errors count true depths from here, and depth is clamped to it; scene units")
-      ->capture_default_str()
-      ->group("Geometry");
-  command
-      ->add_option("--max-depth", flags->max_depth,
-                   "The same up to here (NYU's protocol: 10 m; KITTI's: 80 m)")
-      ->group("Geometry");
-  command
-      ->add_option("--max-side", flags->max_side_px,
-                   "Maps are compared at images of this longer side, pixels")
-      ->capture_default_str()
-      ->group("Geometry");
-  command
-      ->add_option("--overlaps", flags->overlaps,
-                   "Overlapping images that each image is compared with; 0: none")
-      ->capture_default_str()
-      ->group("Geometry");
-  command
-      ->add_option("--surface-thresholds", flags->surface_thresholds,
-                   "Of accuracy, completeness and F-score against a mesh, scene units\n"
-                   "(default: 1, 2 and 5 % of the median depth)")
-      ->delimiter(',')
-      ->group("Geometry");
-  command->add_option("--queries", flags->queries, "List of queries, whose matches are used")
-      ->group("Matches");
-  AddMatchingOptions(*command, flags->matching, "; without it, RootSIFT of --images",
+  CLI::App& command =
+      AddCommand(program, "compare",
+                 "Which source of geometry is best, where, and what is wrong with the others");
+  AddSceneOption(command);
+  AddReferenceOptions(command, flags->references);
+  AddModelPosesOption(command, flags->model_poses);
+  const OptionGroup geometry(command, "Geometry");
+  geometry.Add("--geometry", flags->geometry, "name=SPEC, repeated. " + GeometryHelp())
+      .Required()
+      .OnePerUse();
+  geometry.Add("--truth", flags->truth, "Name of the geometry to take for the truth");
+  geometry.AddList("--protocol", flags->protocols,
+                   "Print the standard metrics of depth networks' papers, aligned with the truth\n"
+                   "image by image: list of {}" +
+                       ProtocolHelp());
+  geometry.Add("--min-depth", flags->min_depth,
+               "Errors count true depths from here, and depth is clamped to it; scene units");
+  geometry.Add("--max-depth", flags->max_depth,
+               "The same up to here (NYU's protocol: 10 m; KITTI's: 80 m)");
+  geometry.Add("--max-side", flags->max_side_px,
+               "Maps are compared at images of this longer side, pixels");
+  geometry.Add("--overlaps", flags->overlaps,
+               "Overlapping images that each image is compared with; 0: none");
+  geometry
+      .Add("--surface-thresholds", flags->surface_thresholds,
+           "Of accuracy, completeness and F-score against a mesh, scene units\n"
+           "(default: 1, 2 and 5 % of the median depth)")
+      .Commas();
+  const OptionGroup matches(command, "Matches");
+  matches.Add("--queries", flags->queries, "List of queries, whose matches are used");
+  AddMatchingOptions(command, flags->matching, "; without it, RootSIFT of --images",
                      "OUT/cache or REPORT/cache");
-  AddLocalizationOptions(*command, *flags);
-  command
-      ->add_option("--out", flags->out,
-                   "Folder for sources.csv, images.csv, curves.csv, comparison.json")
-      ->group("Output");
-  command
-      ->add_option("--report", flags->report,
-                   "Folder for one HTML page to look at (index.html), and the same tables")
-      ->group("Output");
-  command
-      ->add_option("--images", flags->images,
-                   "Photographs of the references, for matches and the page")
-      ->group("Matches");
-  command
-      ->add_option("--query-images", flags->query_images,
-                   "Photographs of the queries (default: --images)")
-      ->group("Matches");
-  command
-      ->add_flag("--resume", flags->resume,
-                 "Go on where a run of the same options and inputs was stopped or killed:\n"
-                 "queries that are localized are kept; it ends with the same bytes")
-      ->group("Running");
-  AddOverwriteOption(*command, flags->overwrite);
-  AddRunOptions(*command, flags->run);
-  command->footer(
+  AddLocalizationOptions(command, *flags);
+  const OptionGroup output(command, "Output");
+  output.Add("--out", flags->out,
+             "Folder for sources.csv, images.csv, curves.csv, comparison.json");
+  output.Add("--report", flags->report,
+             "Folder for one HTML page to look at (index.html), and the same tables");
+  matches.Add("--images", flags->images, "Photographs of the references, for matches and the page");
+  matches.Add("--query-images", flags->query_images,
+              "Photographs of the queries (default: --images)");
+  const OptionGroup running(command, "Running");
+  running.Flag("--resume", flags->resume,
+               "Go on where a run of the same options and inputs was stopped or killed:\n"
+               "queries that are localized are kept; it ends with the same bytes");
+  AddOverwriteOption(command, flags->overwrite);
+  AddRunOptions(command, flags->run);
+  SetFooter(
+      command,
       "Each query that is localized is kept in manifest.jsonl; a signal ends the run between two\n"
       "images or queries (exit code 4). Shards are what `raylift experiment` has, for many\n"
       "queries in many ways.\n"
@@ -504,10 +527,10 @@ Command AddCompareCommand(CLI::App& program) {
       "      --queries queries.txt --images photos --out comparison\n"
       "  and what the sources do to localization, with --ground-truth truth \\\n"
       "      --methods p3p,e5p1,adaptive,select:0.7,select:0.9 --filters off,auto");
-  return {command, [flags, command] {
+  return {&command, [flags, &command] {
             Check(*flags);
             const SignalGuard signals;
-            UntilSignal([&] { CompareRun(*flags).Run(EffectiveOptionsJson(*command)); },
+            UntilSignal([&] { CompareRun(*flags).Run(EffectiveOptionsJson(command)); },
                         [] { return "stopped by a signal; --resume goes on"; });
           }};
 }

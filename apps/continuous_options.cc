@@ -1,10 +1,10 @@
-#include "continuous_options.h"
+#include "apps/continuous_options.h"
 
 #include <algorithm>
 #include <utility>
 
+#include "apps/options.h"
 #include "base/hash.h"
-#include "options.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -41,47 +41,32 @@ std::vector<size_t> ContinuousFlags::Order(std::span<const Query> queries,
   return OrderByTime(queries, references.images, ReadTimes(times), times);
 }
 
-void AddContinuousOptions(CLI::App& app, ContinuousFlags& flags) {
-  const std::string group = "Continuous localization";
-  app.add_flag("--continuous", flags.enabled,
-               "Localize one query after the other; each that is localized well\n"
-               "becomes a reference for those that follow")
-      ->group(group);
-  app.add_option("--times", flags.times,
-                 "Their order: lines `name seconds` of queries and references. Those\n"
-                 "older than the references first, backwards (default: by name)")
-      ->group(group);
-  app.add_option("--max-joined", flags.max_joined,
-                 "Joined queries among a query's references (default: half of --top-k)")
-      ->group(group);
-  app.add_flag("--trust-joined", flags.trust_joined, "Take the poses of joined queries for exact")
-      ->group(group);
+void AddContinuousOptions(CLI::App& command, ContinuousFlags& flags) {
+  const OptionGroup group(command, "Continuous localization");
+  group.Flag("--continuous", flags.enabled,
+             "Localize one query after the other; each that is localized well\n"
+             "becomes a reference for those that follow");
+  group.Add("--times", flags.times,
+            "Their order: lines `name seconds` of queries and references. Those\n"
+            "older than the references first, backwards (default: by name)");
+  group.Add("--max-joined", flags.max_joined,
+            "Joined queries among a query's references (default: half of --top-k)");
+  group.Flag("--trust-joined", flags.trust_joined, "Take the poses of joined queries for exact");
   JoinGateOptions& gate = flags.gate;
-  app.add_option("--join-min-inliers-2d2d", gate.min_inliers_2d2d, "To join, a query needs so many")
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--join-min-inliers-2d3d", gate.min_inliers_2d3d,
-                 "The same of 2D-3D inliers, where there is geometry")
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--join-max-rotation-sigma-deg", gate.max_rotation_sigma_deg,
-                 "Largest standard deviation of its rotation")
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--join-max-position-sigma", gate.max_position_sigma,
-                 "The same of its position, scene units (default: 2 % of the distance\n"
-                 "to what it sees)")
-      ->group(group);
-  app.add_option("--join-max-difference-deg", gate.max_difference_deg,
-                 "Largest difference of its poses by P3P alone and by E5+1 alone")
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--join-max-difference-position", gate.max_difference_position,
-                 "The same of the positions, scene units (default: 5 % of the distance)")
-      ->group(group);
-  app.add_flag("--join-any-difference", flags.join_any_difference,
-               "Do not ask for poses by P3P and E5+1 alone")
-      ->group(group);
+  group.Add("--join-min-inliers-2d2d", gate.min_inliers_2d2d, "To join, a query needs so many");
+  group.Add("--join-min-inliers-2d3d", gate.min_inliers_2d3d,
+            "The same of 2D-3D inliers, where there is geometry");
+  group.Add("--join-max-rotation-sigma-deg", gate.max_rotation_sigma_deg,
+            "Largest standard deviation of its rotation");
+  group.Add("--join-max-position-sigma", gate.max_position_sigma,
+            "The same of its position, scene units (default: 2 % of the distance\n"
+            "to what it sees)");
+  group.Add("--join-max-difference-deg", gate.max_difference_deg,
+            "Largest difference of its poses by P3P alone and by E5+1 alone");
+  group.Add("--join-max-difference-position", gate.max_difference_position,
+            "The same of the positions, scene units (default: 5 % of the distance)");
+  group.Flag("--join-any-difference", flags.join_any_difference,
+             "Do not ask for poses by P3P and E5+1 alone");
 }
 
 std::string ContinuousRunKey(const std::string& options_json, const ReferenceSet& references,

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include <CLI/App.hpp>
+#include "apps/command_line.h"
 
 #include "raylift/localization/continuous_gate.h"
 #include "raylift/localization/references.h"
@@ -32,7 +32,7 @@ struct ContinuousFlags {
   // By the times file, or by name where there is none.
   std::vector<size_t> Order(std::span<const Query> queries, const ReferenceSet& references) const;
 };
-void AddContinuousOptions(CLI::App& app, ContinuousFlags& flags);
+void AddContinuousOptions(CLI::App& command, ContinuousFlags& flags);
 
 // Equal for runs that give the same results: a hash of the effective options, but for those that
 // change no result, of the references, and of the queries in their order.

@@ -4,12 +4,11 @@
 #include <memory>
 #include <optional>
 
+#include "apps/argument_files.h"
+#include "apps/commands.h"
+#include "apps/matching_options.h"
+#include "apps/options.h"
 #include "base/json_text.h"
-#include "commands.h"
-#include "matching_options.h"
-#include "options.h"
-#include "scene_arguments.h"
-#include "scene_options.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -31,7 +30,7 @@ using Json = nlohmann::ordered_json;
 struct DoctorFlags {
   ReferenceFlags references;
   path images, queries, query_images;
-  ModelPosesFlags model_poses;
+  PoseConvention model_poses = PoseConvention::kCamFromWorld;
   std::string geometry;
   MatchingFlags matching;
   path json, report;
@@ -149,7 +148,7 @@ void Print(const Diagnosis& diagnosis) {
 
 void Run(const DoctorFlags& flags) {
   const Scene scene = OpenScene({.model = flags.references.model,
-                                 .model_poses = flags.model_poses.Resolve(),
+                                 .model_poses = flags.model_poses,
                                  .thinning = flags.references.thinning,
                                  .images = flags.images,
                                  .geometry = {flags.geometry},
@@ -197,34 +196,33 @@ void Run(const DoctorFlags& flags) {
 
 Command AddDoctorCommand(CLI::App& program) {
   auto flags = std::make_shared<DoctorFlags>();
-  CLI::App* command =
-      program.add_subcommand("doctor", "Whether depth, mesh and poses are read as they were meant");
-  AddSceneOption(*command);
-  AddReferenceOptions(*command, flags->references);
-  command->add_option("--images", flags->images, "Folder of the reference photographs")
-      ->group("References");
-  AddModelPosesOption(*command, flags->model_poses);
-  command->add_option("--geometry", flags->geometry, GeometryHelp())->required()->group("Geometry");
-  command
-      ->add_option("--queries", flags->queries,
-                   "List of queries, whose matches join the references (default: the\n"
-                   "references are matched with each other)")
-      ->group("Matches");
-  command
-      ->add_option("--query-images", flags->query_images,
-                   "Folder of the query photographs (default: --images)")
-      ->group("Matches");
-  AddMatchingOptions(*command, flags->matching, "; without it, RootSIFT", "none");
-  command->add_option("--json", flags->json, "Also write the table as JSON")->group("Output");
-  command->add_option("--report", flags->report, "Folder for one HTML page to look at (index.html)")
-      ->group("Output");
-  AddRunOptions(*command, flags->run);
-  command->footer(
+  CLI::App& command =
+      AddCommand(program, "doctor", "Whether depth, mesh and poses are read as they were meant");
+  AddSceneOption(command);
+  AddReferenceOptions(command, flags->references);
+  const OptionGroup references(command, "References");
+  references.Add("--images", flags->images, "Folder of the reference photographs");
+  AddModelPosesOption(command, flags->model_poses);
+  const OptionGroup geometry(command, "Geometry");
+  geometry.Add("--geometry", flags->geometry, GeometryHelp()).Required();
+  const OptionGroup matches(command, "Matches");
+  matches.Add("--queries", flags->queries,
+              "List of queries, whose matches join the references (default: the\n"
+              "references are matched with each other)");
+  matches.Add("--query-images", flags->query_images,
+              "Folder of the query photographs (default: --images)");
+  AddMatchingOptions(command, flags->matching, "; without it, RootSIFT", "none");
+  const OptionGroup output(command, "Output");
+  output.Add("--json", flags->json, "Also write the table as JSON");
+  output.Add("--report", flags->report, "Folder for one HTML page to look at (index.html)");
+  AddRunOptions(command, flags->run);
+  SetFooter(
+      command,
       "Columns: distance of projected keypoints from their matches in other references (median,\n"
       "share within 5 px), the median with each map at its own best scale, and by how much the\n"
       "reading explains the matches better than the one as read. The last line is the verdict:\n"
       "read as meant, what repairs it, or that nothing fits, and why.");
-  return {command, [flags] {
+  return {&command, [flags] {
             Check(*flags);
             Run(*flags);
           }};

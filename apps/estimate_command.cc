@@ -8,15 +8,14 @@
 #include <optional>
 #include <set>
 
+#include "apps/commands.h"
+#include "apps/estimate_results.h"
+#include "apps/interrupt.h"
+#include "apps/job_options.h"
+#include "apps/options.h"
 #include "base/hash.h"
 #include "base/index_sets.h"
 #include "base/progress.h"
-#include "commands.h"
-#include "estimate_results.h"
-#include "interrupt.h"
-#include "job_header.h"
-#include "job_options.h"
-#include "options.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -37,8 +36,8 @@ struct EstimateFlags {
   path csv, json, poses, out;
   int repeat = 1;
   bool independent = false;
-  FilterFlags filter;
-  EstimatorFlags estimator;
+  FilterOptions filter;
+  EstimatorOptions estimator;
   RunFlags run;
   JobFlags running;
 
@@ -131,8 +130,10 @@ class EstimateRun {
   EstimateRun(const EstimateFlags& flags, const std::string& options_json)
       : flags_(flags),
         options_json_(options_json),
-        options_(flags.estimator.Resolve()),
-        filter_(flags.filter.Resolve()) {
+        options_(flags.estimator),
+        filter_(flags.filter) {
+    options_.Validate();
+    filter_.thresholds.Validate();
     filter_.few_points = FewPointsFor(options_.method);
     flags.Check();
     for (const path& output : {flags.csv, flags.json, flags.poses}) {
@@ -247,41 +248,39 @@ class EstimateRun {
 
 Command AddEstimateCommand(CLI::App& program) {
   auto flags = std::make_shared<EstimateFlags>();
-  CLI::App* command = program.add_subcommand(
-      "estimate", "Poses from pose problems (JSON files of matches); needs no geometry");
-  command->add_option("problems", flags->problems, "Files, or folders of .json files")->required();
-  command->add_option("--csv", flags->csv, "One row per problem")->group("Output");
-  command->add_option("--json", flags->json, "One object per problem")->group("Output");
-  command->add_option("--poses", flags->poses, "Pose file: name qw qx qy qz tx ty tz")
-      ->group("Output");
-  command
-      ->add_option("--out", flags->out,
-                   "Folder for estimates.csv, estimates.json and poses.txt, and for\n"
-                   "manifest.jsonl with what is done")
-      ->group("Output");
-  command->add_flag("--independent", flags->independent,
-                    "The problems are not of one scene: none tells of the noise of another's\n"
-                    "matches (where Adaptive estimates both kinds together)");
-  command
-      ->add_option("--repeat", flags->repeat,
-                   "Estimate each problem N times; time_ms is the median")
-      ->capture_default_str()
-      ->group("Running");
-  AddFilterOptions(*command, flags->filter);
-  AddEstimatorOptions(*command, flags->estimator);
-  AddJobOptions(*command, flags->running,
+  CLI::App& command = AddCommand(
+      program, "estimate", "Poses from pose problems (JSON files of matches); needs no geometry");
+  const OptionGroup options(command);
+  options.Add("problems", flags->problems, "Files, or folders of .json files").Required();
+  const OptionGroup output(command, "Output");
+  output.Add("--csv", flags->csv, "One row per problem");
+  output.Add("--json", flags->json, "One object per problem");
+  output.Add("--poses", flags->poses, "Pose file: name qw qx qy qz tx ty tz");
+  output.Add("--out", flags->out,
+             "Folder for estimates.csv, estimates.json and poses.txt, and for\n"
+             "manifest.jsonl with what is done");
+  options.Flag("--independent", flags->independent,
+               "The problems are not of one scene: none tells of the noise of another's\n"
+               "matches (where Adaptive estimates both kinds together)");
+  const OptionGroup running(command, "Running");
+  running.Add("--repeat", flags->repeat, "Estimate each problem N times; time_ms is the median");
+  AddFilterOptions(command, flags->filter);
+  AddEstimatorOptions(command, flags->estimator);
+  AddJobOptions(command, flags->running,
                 "With --out, go on where a run of the same options and problems was stopped\n"
                 "or killed; it ends with the same bytes",
                 "Begin anew in a folder where a former run was; else it is refused");
-  AddRunOptions(*command, flags->run);
-  command->footer(
+  AddRunOptions(command, flags->run);
+  SetFooter(
+      command,
       "With --out each problem that is done is kept at once; a signal finishes the problems in\n"
       "hand (exit code 4), and --shard, --resume, `raylift status` and `raylift merge` are as of\n"
       "localize.\n"
       "Examples:\n"
       "  raylift estimate problems --method select --alpha 0.9 --csv select.csv\n"
       "  raylift estimate problems --out adaptive --shard 1/4");
-  return {command, [flags, command] { EstimateRun(*flags, EffectiveOptionsJson(*command)).Run(); }};
+  return {&command,
+          [flags, &command] { EstimateRun(*flags, EffectiveOptionsJson(command)).Run(); }};
 }
 
 }  // namespace raylift

@@ -1,4 +1,4 @@
-#include "estimate_results.h"
+#include "apps/estimate_results.h"
 
 #include <map>
 

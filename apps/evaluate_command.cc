@@ -3,10 +3,10 @@
 #include <cstdio>
 #include <map>
 
-#include "commands.h"
-#include "options.h"
-#include "pose_files.h"
-#include "scene_arguments.h"
+#include "apps/argument_files.h"
+#include "apps/commands.h"
+#include "apps/options.h"
+#include "apps/pose_files.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -219,56 +219,49 @@ void Run(const EvaluateFlags& flags) {
 
 Command AddEvaluateCommand(CLI::App& program) {
   auto flags = std::make_shared<EvaluateFlags>();
-  CLI::App* command =
-      program.add_subcommand("evaluate", "Recalls and median errors of poses against the truth");
-  AddSceneOption(*command);
-  command->add_option("--ground-truth", flags->ground_truth, "COLMAP model folder, or a pose file");
-  command
-      ->add_option("--poses", flags->poses,
-                   "Pose files (name qw qx qy qz tx ty tz), one row of the table each")
-      ->required();
-  command->add_option("--names", flags->names, "Names of the rows (default: from the file names)");
-  command
-      ->add_option("--thresholds", flags->thresholds,
-                   "Recall thresholds: position,degrees between colons, or those of\n" +
-                       ThresholdPresetNames())
-      ->capture_default_str();
-  command->add_option("--groups", flags->groups,
-                      "Groups of queries (name group), such as day and night: one more row each");
-  command->add_flag("--calibration", flags->calibration,
-                    "Also how well the covariances fit that stand in queries.jsonl beside the\n"
-                    "poses: squared errors over them (1 where right), share within their 90 %");
-  command->add_option("--json", flags->json, "The table as JSON");
-  command->add_option("--csv", flags->csv, "The table as CSV");
-  command->add_option("--report", flags->report,
-                      "Folder for one HTML page to look at (index.html), and the table");
-  command
-      ->add_option("--geometry", flags->geometry,
-                   "Also report how far the scene moves in the images (DCRE): a mesh,\n"
-                   "or depth maps of the queries. " +
-                       GeometryHelp())
-      ->group("Dense errors");
-  command->add_option("--dcre-csv", flags->dcre_csv, "DCRE of each query")->group("Dense errors");
-  command
-      ->add_flag("--check-submission", flags->submission,
-                 "Check that the files can be handed in at visuallocalization.net;\n"
-                 "then --ground-truth is not required")
-      ->group("Submission");
-  command
-      ->add_option("--queries", flags->queries,
-                   "List of queries: for --check-submission, and for --geometry where\n"
-                   "the ground truth is a pose file")
-      ->group("Submission");
-  command
-      ->add_option("--model", flags->model,
-                   "COLMAP model of the references, to tell where the scene is")
-      ->group("Submission");
-  AddRunOptions(*command, flags->run);
-  command->footer(
-      "Example:\n"
-      "  raylift evaluate --ground-truth truth --poses p3p.txt adaptive.txt \\\n"
-      "      --thresholds 0.05,5:0.1,1:0.25,2 --csv table.csv");
-  return {command, [flags] { Run(*flags); }};
+  CLI::App& command =
+      AddCommand(program, "evaluate", "Recalls and median errors of poses against the truth");
+  AddSceneOption(command);
+  const OptionGroup options(command);
+  options.Add("--ground-truth", flags->ground_truth, "COLMAP model folder, or a pose file");
+  options
+      .Add("--poses", flags->poses,
+           "Pose files (name qw qx qy qz tx ty tz), one row of the table each")
+      .Required();
+  options.Add("--names", flags->names, "Names of the rows (default: from the file names)");
+  options.Add(
+      "--thresholds", flags->thresholds,
+      "Recall thresholds: position,degrees between colons, or those of\n" + ThresholdPresetNames());
+  options.Add("--groups", flags->groups,
+              "Groups of queries (name group), such as day and night: one more row each");
+  options.Flag("--calibration", flags->calibration,
+               "Also how well the covariances fit that stand in queries.jsonl beside the\n"
+               "poses: squared errors over them (1 where right), share within their 90 %");
+  options.Add("--json", flags->json, "The table as JSON");
+  options.Add("--csv", flags->csv, "The table as CSV");
+  options.Add("--report", flags->report,
+              "Folder for one HTML page to look at (index.html), and the table");
+  const OptionGroup dense(command, "Dense errors");
+  dense.Add("--geometry", flags->geometry,
+            "Also report how far the scene moves in the images (DCRE): a mesh,\n"
+            "or depth maps of the queries. " +
+                GeometryHelp());
+  dense.Add("--dcre-csv", flags->dcre_csv, "DCRE of each query");
+  const OptionGroup submission(command, "Submission");
+  submission.Flag("--check-submission", flags->submission,
+                  "Check that the files can be handed in at visuallocalization.net;\n"
+                  "then --ground-truth is not required");
+  submission.Add("--queries", flags->queries,
+                 "List of queries: for --check-submission, and for --geometry where\n"
+                 "the ground truth is a pose file");
+  submission.Add("--model", flags->model,
+                 "COLMAP model of the references, to tell where the scene is");
+  AddRunOptions(command, flags->run);
+  SetFooter(command,
+            "Example:\n"
+            "  raylift evaluate --ground-truth truth --poses p3p.txt adaptive.txt \\\n"
+            "      --thresholds 0.05,5:0.1,1:0.25,2 --csv table.csv");
+  return {&command, [flags] { Run(*flags); }};
 }
 
 }  // namespace raylift

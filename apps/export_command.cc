@@ -2,20 +2,24 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <set>
+#include <string>
 #include <unordered_map>
+#include <vector>
 
-#include "commands.h"
-#include "finished_run.h"
-#include "options.h"
+#include "apps/command_line.h"
+#include "apps/commands.h"
+#include "apps/options.h"
 #include "surfaces/resampled_mesh.h"
-#include "typed_options.h"
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/kapture_folder.h"
 #include "raylift/io/query_list.h"
@@ -23,8 +27,11 @@
 #include "raylift/io/trajectory_file.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/localization/localized_model.h"
+#include "raylift/localization/localizer.h"
 #include "raylift/localization/references.h"
+#include "raylift/localization/result_files.h"
 #include "raylift/localization/scene_glb.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 
@@ -51,6 +58,66 @@ inline constexpr auto kEnumNames<NameForm> = std::to_array<EnumName<NameForm>>({
 namespace {
 
 using std::filesystem::path;
+
+// What a run of localize has left behind.
+struct FinishedRun {
+  std::vector<LocalizedQuery> queries;  // in the order of the list, with and without poses
+  // As its options.json has them: relative paths start where it ran. Empty where it has none.
+  std::filesystem::path query_list, query_images, model;
+  bool leave_one_out = false;  // the queries are the model's images, and there is no list
+  PoseConvention model_poses = PoseConvention::kCamFromWorld;
+  Thinning thinning;
+  std::vector<std::string> geometry;
+};
+
+using Json = nlohmann::json;
+
+// Empty where the option has no value.
+path PathOption(const Json& options, const char* name) {
+  const Json& value = options.at(name);
+  return value.is_null() ? path() : path(value.get<std::string>());
+}
+
+void TakeOptions(const path& folder, FinishedRun& run) {
+  const path file = folder / "options.json";
+  try {
+    const Json options = Json::parse(ReadFile(file));
+    run.query_list = PathOption(options, "queries");
+    run.leave_one_out = options.value("leave-one-out", false);
+    run.query_images = PathOption(options, "query-images");
+    if (run.query_images.empty()) run.query_images = PathOption(options, "images");
+    run.model = PathOption(options, "model");
+    if (run.model.empty()) run.model = folder / "references" / "model";  // rendered
+    const auto poses = FromName<PoseConvention>(options.at("model-poses").get<std::string>());
+    if (!poses) throw InputError(file, "model-poses", "expected " + NameList<PoseConvention>());
+    run.model_poses = *poses;
+    run.thinning = {.every = options.at("every").get<int>(),
+                    .offset = options.at("every-offset").get<int>(),
+                    .per_camera = options.at("every-per-camera").get<bool>()};
+    run.geometry = options.at("geometry").get<std::vector<std::string>>();
+  } catch (const Json::exception& error) {
+    throw InputError(file, "is not what localize writes: " + std::string(error.what()));
+  }
+}
+
+// From the folder of a run, or from a pose file alone, whose poses all count as localized. Throws
+// InputError where it is neither.
+FinishedRun ReadFinishedRun(const path& folder_or_pose_file) {
+  FinishedRun run;
+  if (std::filesystem::is_directory(folder_or_pose_file)) {
+    run.queries = ReadQueryDiagnostics(folder_or_pose_file / "queries.jsonl");
+    TakeOptions(folder_or_pose_file, run);
+    return run;
+  }
+  for (const NamedPose& pose : ReadPoseFile(folder_or_pose_file)) {
+    LocalizedQuery& query = run.queries.emplace_back();
+    query.name = pose.name;
+    query.estimate.cam_from_world = pose.cam_from_world;
+    query.estimate.verdict = PoseVerdict::kLocalized;
+    query.estimate.confidence = 1;
+  }
+  return run;
+}
 
 struct ExportFlags {
   ExportFormat format = ExportFormat::kColmap;
@@ -325,51 +392,40 @@ void Run(const ExportFlags& flags) {
 
 Command AddExportCommand(CLI::App& program) {
   auto flags = std::make_shared<ExportFlags>();
-  CLI::App* command =
-      program.add_subcommand("export", "Poses of localize in the formats of other tools");
-  AddEnumOption(*command, "FORMAT", flags->format, Descriptions<ExportFormat>())
-      ->required()
-      ->default_str("");
-  command->add_option("RUN", flags->run, "Folder of a run of localize, or a pose file")->required();
-  command->add_option("--out", flags->out, "File or folder to write")->required();
-  command
-      ->add_option("--min-confidence", flags->min_confidence, "Leave out poses that are less sure")
-      ->capture_default_str();
-  const std::string group = "What the run's options.json says, from another place";
-  command->add_option("--model", flags->model, "COLMAP model of the references")->group(group);
-  command
-      ->add_option("--queries", flags->queries,
-                   "List of queries: name MODEL width height params...")
-      ->group(group);
-  command
-      ->add_option("--query-images", flags->query_images,
-                   "Folder of the query photographs, for names that stand alone in the list")
-      ->group(group);
-  command->add_option("--geometry", flags->geometry, "Of glb: mesh:PATH[,key=value...]")
-      ->group(group);
-  AddEnumOption(*command, "--names", flags->names,
-                "Of hloc: {}; full as in the list, file the last part\n"
-                "(hloc, Aachen, CMU), camera the last folder with it (RobotCar); by default file");
-  command->add_option("--times", flags->times,
-                      "Of tum and kitti: lines `name seconds` (default: names that are numbers,\n"
-                      "as TUM's, else the places in the list)");
-  command
-      ->add_option("--max-triangles", flags->max_triangles,
-                   "Of glb: make the mesh coarser until it has no more, in colors without\n"
-                   "textures; 0: as it is")
-      ->capture_default_str();
-  command->add_option("--up", flags->up,
-                      "Of glb: the world's axis that points up, x|y|z|-x|-y|-z, is turned to\n"
-                      "glTF's y (default: the world's own axes)");
-  AddParsedOption(*command, "--frustum-size", flags->frustum_size, &ParsePositive,
-                  "Of glb: how far a camera reaches, scene units");
-  AddRunOptions(*command, flags->running);
-  command->footer(
-      "Examples:\n"
-      "  raylift export colmap result --out result/model\n"
-      "  raylift export glb result --out result/scene.glb --up z\n"
-      "  raylift export hloc result --names camera --out robotcar.txt");
-  return {command, [flags] { Run(*flags); }};
+  CLI::App& command =
+      AddCommand(program, "export", "Poses of localize in the formats of other tools");
+  const OptionGroup options(command);
+  options.Add("FORMAT", flags->format, Descriptions<ExportFormat>()).Required().Default("");
+  options.Add("RUN", flags->run, "Folder of a run of localize, or a pose file").Required();
+  options.Add("--out", flags->out, "File or folder to write").Required();
+  options.Add("--min-confidence", flags->min_confidence, "Leave out poses that are less sure");
+  const OptionGroup group(command, "What the run's options.json says, from another place");
+  group.Add("--model", flags->model, "COLMAP model of the references");
+  group.Add("--queries", flags->queries, "List of queries: name MODEL width height params...");
+  group.Add("--query-images", flags->query_images,
+            "Folder of the query photographs, for names that stand alone in the list");
+  group.Add("--geometry", flags->geometry, "Of glb: mesh:PATH[,key=value...]");
+  options.Add("--names", flags->names,
+              "Of hloc: {}; full as in the list, file the last part\n"
+              "(hloc, Aachen, CMU), camera the last folder with it (RobotCar); by default file");
+  options.Add("--times", flags->times,
+              "Of tum and kitti: lines `name seconds` (default: names that are numbers,\n"
+              "as TUM's, else the places in the list)");
+  options.Add("--max-triangles", flags->max_triangles,
+              "Of glb: make the mesh coarser until it has no more, in colors without\n"
+              "textures; 0: as it is");
+  options.Add("--up", flags->up,
+              "Of glb: the world's axis that points up, x|y|z|-x|-y|-z, is turned to\n"
+              "glTF's y (default: the world's own axes)");
+  options.AddParsed("--frustum-size", flags->frustum_size, &ParsePositive,
+                    "Of glb: how far a camera reaches, scene units");
+  AddRunOptions(command, flags->running);
+  SetFooter(command,
+            "Examples:\n"
+            "  raylift export colmap result --out result/model\n"
+            "  raylift export glb result --out result/scene.glb --up z\n"
+            "  raylift export hloc result --names camera --out robotcar.txt");
+  return {&command, [flags] { Run(*flags); }};
 }
 
 }  // namespace raylift

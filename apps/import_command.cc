@@ -2,9 +2,9 @@
 
 #include <cstdio>
 
-#include "commands.h"
-#include "options.h"
-#include "typed_options.h"
+#include "apps/command_line.h"
+#include "apps/commands.h"
+#include "apps/options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -66,43 +66,39 @@ std::string DatasetHelp() {
 
 Command AddImportCommand(CLI::App& program) {
   auto flags = std::make_shared<ImportFlags>();
-  CLI::App* command =
-      program.add_subcommand("import", "A scene file from one of the field's data sets");
-  command->add_option("DATASET", flags->dataset, DatasetHelp())->required();
-  command->add_option("DIR", flags->folder, "The data set's folder, as described there")
-      ->required();
-  command
-      ->add_option("--out", flags->out,
-                   "Folder for scene.toml, references, queries.txt, ground_truth, times.txt\n"
-                   "and groups.txt; photographs and depth maps stay where they are")
-      ->required();
-  command
-      ->add_option("--query-every", flags->options.query_every,
-                   "Every N-th frame is a query where the data set has none of its own\n"
-                   "(nerfstudio, tum, scannet, eth3d)")
-      ->capture_default_str();
-  command
-      ->add_option("--split", flags->options.split,
-                   "Of gangnam: whose photographs are the queries, validation|test")
-      ->capture_default_str();
-  AddEnumOption(*command, "--calibration", flags->options.calibration,
-                "Of 7scenes, whose poses are the depth camera's: color moves them to the\n"
-                "photographs (as kapture and ACE do), raw takes them as they are (hloc): {}")
-      ->capture_default_str();
-  command->add_option("--pgt", flags->options.pseudo_ground_truth,
-                      "Of 7scenes and 12scenes: folder of SCENE_train.txt and SCENE_test.txt with\n"
-                      "poses and focal lengths to take instead (Brachmann et al., ICCV 2021)");
-  command->add_option("--camera", flags->camera,
-                      "\"MODEL width height params...\" of all images, instead of the data\n"
-                      "set's intrinsics");
-  command->add_flag("--quiet", flags->quiet, "Print nothing but warnings")->group("Running");
-  AddConfigOption(*command);
-  command->footer(
-      "Example:\n"
-      "  raylift import 7scenes 7scenes/chess --out scenes/chess\n"
-      "  raylift localize --scene scenes/chess/scene.toml --out result\n"
-      "  raylift evaluate --scene scenes/chess/scene.toml --poses result/poses.txt");
-  return {command, [flags] { Run(*flags); }};
+  CLI::App& command =
+      AddCommand(program, "import", "A scene file from one of the field's data sets");
+  const OptionGroup options(command);
+  options.Add("DATASET", flags->dataset, DatasetHelp()).Required();
+  options.Add("DIR", flags->folder, "The data set's folder, as described there").Required();
+  options
+      .Add("--out", flags->out,
+           "Folder for scene.toml, references, queries.txt, ground_truth, times.txt\n"
+           "and groups.txt; photographs and depth maps stay where they are")
+      .Required();
+  options.Add("--query-every", flags->options.query_every,
+              "Every N-th frame is a query where the data set has none of its own\n"
+              "(nerfstudio, tum, scannet, eth3d)");
+  options.Add("--split", flags->options.split,
+              "Of gangnam: whose photographs are the queries, validation|test");
+  options.Add("--calibration", flags->options.calibration,
+              "Of 7scenes, whose poses are the depth camera's: color moves them to the\n"
+              "photographs (as kapture and ACE do), raw takes them as they are (hloc): {}");
+  options.Add("--pgt", flags->options.pseudo_ground_truth,
+              "Of 7scenes and 12scenes: folder of SCENE_train.txt and SCENE_test.txt with\n"
+              "poses and focal lengths to take instead (Brachmann et al., ICCV 2021)");
+  options.Add("--camera", flags->camera,
+              "\"MODEL width height params...\" of all images, instead of the data\n"
+              "set's intrinsics");
+  const OptionGroup running(command, "Running");
+  running.Flag("--quiet", flags->quiet, "Print nothing but warnings");
+  AddConfigOption(command);
+  SetFooter(command,
+            "Example:\n"
+            "  raylift import 7scenes 7scenes/chess --out scenes/chess\n"
+            "  raylift localize --scene scenes/chess/scene.toml --out result\n"
+            "  raylift evaluate --scene scenes/chess/scene.toml --poses result/poses.txt");
+  return {&command, [flags] { Run(*flags); }};
 }
 
 }  // namespace raylift

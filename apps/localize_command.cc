@@ -2,30 +2,27 @@
 
 #include <memory>
 
-#include "commands.h"
-#include "localize_flags.h"
-#include "localize_run.h"
-#include "options.h"
+#include "apps/commands.h"
+#include "apps/localize_flags.h"
+#include "apps/localize_run.h"
+#include "apps/options.h"
 
 namespace raylift {
 
 Command AddLocalizeCommand(CLI::App& program) {
   auto flags = std::make_shared<LocalizeFlags>();
-  CLI::App* command =
-      program.add_subcommand("localize", "Poses of query photographs in a known scene");
-  AddLocalizeOptions(*command, *flags);
-  return {command, [flags, command] {
-            const EstimatorOptions estimator = flags->estimator.Resolve();
-            const FilterOptions filter = flags->filter.Resolve();
-            const GeometryOptions geometry = flags->geometry.Resolve();
-            flags->Check(geometry, estimator);
+  CLI::App& command =
+      AddCommand(program, "localize", "Poses of query photographs in a known scene");
+  AddLocalizeOptions(command, *flags);
+  return {&command, [flags, &command] {
+            flags->Check();
             RunLocalize(*flags,
-                        {.estimator = estimator,
-                         .filter = filter,
-                         .geometry_mode = geometry.mode,
+                        {.estimator = flags->estimator,
+                         .filter = flags->filter,
+                         .geometry_mode = flags->geometry.mode,
                          .min_confidence = flags->min_confidence,
-                         .candidates = geometry.candidates},
-                        geometry.align, EffectiveOptionsJson(*command));
+                         .candidates = flags->geometry.candidates},
+                        flags->geometry.align, EffectiveOptionsJson(command));
           }};
 }
 

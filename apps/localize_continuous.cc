@@ -1,14 +1,14 @@
-#include "localize_continuous.h"
+#include "apps/localize_continuous.h"
 
 #include <filesystem>
 #include <memory>
 #include <system_error>
 #include <utility>
 
+#include "apps/interrupt.h"
+#include "apps/job_options.h"
+#include "apps/localize_inputs.h"
 #include "base/progress.h"
-#include "interrupt.h"
-#include "job_header.h"
-#include "localize_inputs.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "lap_clock.h"
-#include "localize_flags.h"
-#include "localize_output.h"
+#include "apps/lap_clock.h"
+#include "apps/localize_flags.h"
+#include "apps/localize_output.h"
 
 #include "raylift/localization/batch_localizer.h"
 #include "raylift/localization/scene.h"

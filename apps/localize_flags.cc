@@ -1,6 +1,6 @@
-#include "localize_flags.h"
+#include "apps/localize_flags.h"
 
-#include "scene_arguments.h"
+#include "apps/argument_files.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -39,7 +39,7 @@ void CheckRunning(const LocalizeFlags& flags) {
 }
 
 // A rig is localized as one, once.
-void CheckRigs(const LocalizeFlags& flags, const EstimatorOptions& estimator) {
+void CheckRigs(const LocalizeFlags& flags) {
   if (flags.rigs.empty()) return;
   const auto refuse = [](const char* option, bool given) {
     if (given) throw OptionError(fmt::format("{} does not go with --rigs", option));
@@ -47,7 +47,7 @@ void CheckRigs(const LocalizeFlags& flags, const EstimatorOptions& estimator) {
   refuse("--leave-one-out", flags.leave_one_out);
   refuse("--continuous", flags.continuous.enabled);
   refuse("--rerender", flags.mesh_only.rerender > 0);
-  refuse("--refine-focal", estimator.refine_focal);
+  refuse("--refine-focal", flags.estimator.refine_focal);
 }
 
 void CheckQueries(const LocalizeFlags& flags) {
@@ -69,12 +69,13 @@ void CheckQueries(const LocalizeFlags& flags) {
 
 }  // namespace
 
-void LocalizeFlags::Check(const GeometryOptions& geometry_options,
-                          const EstimatorOptions& estimator_options) const {
+void LocalizeFlags::Check() const {
+  estimator.Validate();
+  filter.thresholds.Validate();
+  geometry.Check();
   CheckQueries(*this);
-  CheckRigs(*this, estimator_options);
+  CheckRigs(*this);
   CheckReferences(*this);
-  matching.front_end.Check();
   if (pictures < 0) {
     throw OptionError("--pictures", std::to_string(pictures), "must not be negative");
   }
@@ -90,11 +91,11 @@ void LocalizeFlags::Check(const GeometryOptions& geometry_options,
   CheckRunning(*this);
   continuous.Check();
   matching.Check(geometry.specs, QueriesAre());
-  if (geometry.specs.empty() && UsesPoints(estimator_options.method) &&
-      geometry_options.candidates.mode != CandidateMode::kTriangulate) {
+  if (geometry.specs.empty() && UsesPoints(estimator.method) &&
+      geometry.candidates.mode != CandidateMode::kTriangulate) {
     throw OptionError(fmt::format(
         "--geometry is required by --method {} (e5p1 and --candidates triangulate need none)",
-        ToString(estimator_options.method)));
+        ToString(estimator.method)));
   }
   if (pictures > 0 && images.empty() && query_images.empty()) {
     throw OptionError("--pictures", std::to_string(pictures), "needs --images or --query-images");
@@ -103,71 +104,49 @@ void LocalizeFlags::Check(const GeometryOptions& geometry_options,
 
 void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
   AddSceneOption(command);
-  AddReferenceOptions(command, flags.references);
-  command.get_option("--model")->required(false);
-  command.add_option("--images", flags.images, "Folder of the reference photographs")
-      ->group("References");
+  AddReferenceOptions(command, flags.references, /*model_is_required=*/false);
+  const OptionGroup references(command, "References");
+  references.Add("--images", flags.images, "Folder of the reference photographs");
   AddModelPosesOption(command, flags.model_poses);
   AddGeometryOptions(command, flags.geometry);
-  command
-      .add_flag("--no-doctor", flags.no_doctor,
-                "Do not check whether depth and poses are read as they were meant")
-      ->group("Geometry");
-  command
-      .add_option("--queries", flags.queries,
-                  "List of queries: name MODEL width height params...; where a name\n"
-                  "stands alone, the focal length is found with the pose")
-      ->group("Queries");
-  command
-      .add_flag("--leave-one-out", flags.leave_one_out,
-                "The queries are the references: each is localized by the others")
-      ->group("Queries");
-  command
-      .add_option("--query-images", flags.query_images,
-                  "Folder of the query photographs (default: --images)")
-      ->group("Queries");
-  command
-      .add_option("--priors", flags.priors,
-                  "What is known of the queries' poses: lines `name position x y z sigma`\n"
-                  "(world), `name gravity x y z sigma_deg` (down in the camera's frame),\n"
-                  "`name focal_range F` (the focal length, up to a factor),\n"
-                  "`* world_down x y z` (default: 0 0 -1)")
-      ->group("Queries");
-  command
-      .add_option("--rigs", flags.rigs,
-                  "Queries that are photographs of one rig have one pose together:\n"
-                  "rig_config.json of COLMAP's rig_configurator with cam_from_rig_* (names alike\n"
-                  "after the prefix are of one moment), or a COLMAP model with rigs and frames.\n"
-                  "Priors are those of the rig's first camera")
-      ->group("Queries");
+  const OptionGroup geometry(command, "Geometry");
+  geometry.Flag("--no-doctor", flags.no_doctor,
+                "Do not check whether depth and poses are read as they were meant");
+  const OptionGroup queries(command, "Queries");
+  queries.Add("--queries", flags.queries,
+              "List of queries: name MODEL width height params...; where a name\n"
+              "stands alone, the focal length is found with the pose");
+  queries.Flag("--leave-one-out", flags.leave_one_out,
+               "The queries are the references: each is localized by the others");
+  queries.Add("--query-images", flags.query_images,
+              "Folder of the query photographs (default: --images)");
+  queries.Add("--priors", flags.priors,
+              "What is known of the queries' poses: lines `name position x y z sigma`\n"
+              "(world), `name gravity x y z sigma_deg` (down in the camera's frame),\n"
+              "`name focal_range F` (the focal length, up to a factor),\n"
+              "`* world_down x y z` (default: 0 0 -1)");
+  queries.Add("--rigs", flags.rigs,
+              "Queries that are photographs of one rig have one pose together:\n"
+              "rig_config.json of COLMAP's rig_configurator with cam_from_rig_* (names alike\n"
+              "after the prefix are of one moment), or a COLMAP model with rigs and frames.\n"
+              "Priors are those of the rig's first camera");
   AddMatchingOptions(command, flags.matching, "; without it, RootSIFT", "OUT/cache");
-  command
-      .add_option("--out", flags.out,
-                  "Folder for poses.txt, queries.jsonl, summary.json, and manifest.jsonl\n"
-                  "with what is done")
-      ->required()
-      ->group("Output");
-  command
-      .add_option("--write-problems", flags.write_problems,
-                  "Also write each query's pose problem (JSON) here")
-      ->group("Output");
-  command
-      .add_option("--write-model", flags.write_model,
-                  "Also write the references and the localized queries here as one COLMAP model")
-      ->group("Output");
-  command.add_option("--report", flags.report, "Folder for one HTML page to look at (index.html)")
-      ->group("Output");
-  command
-      .add_option("--pictures", flags.pictures,
-                  "Draw the first N queries beside the mesh seen from their poses")
-      ->capture_default_str()
-      ->group("Output");
-  command
-      .add_option("--min-confidence", flags.min_confidence,
-                  "Queries whose pose is right with less than this\n"
-                  "probability count as not localized")
-      ->capture_default_str()
-      ->group("Output");
+  const OptionGroup output(command, "Output");
+  output
+      .Add("--out", flags.out,
+           "Folder for poses.txt, queries.jsonl, summary.json, and manifest.jsonl\n"
+           "with what is done")
+      .Required();
+  output.Add("--write-problems", flags.write_problems,
+             "Also write each query's pose problem (JSON) here");
+  output.Add("--write-model", flags.write_model,
+             "Also write the references and the localized queries here as one COLMAP model");
+  output.Add("--report", flags.report, "Folder for one HTML page to look at (index.html)");
+  output.Add("--pictures", flags.pictures,
+             "Draw the first N queries beside the mesh seen from their poses");
+  output.Add("--min-confidence", flags.min_confidence,
+             "Queries whose pose is right with less than this\n"
+             "probability count as not localized");
   AddMeshOnlyOptions(command, flags.mesh_only);
   AddFilterOptions(command, flags.filter);
   AddEstimatorOptions(command, flags.estimator);
@@ -177,7 +156,8 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
                 "it ends with the same bytes",
                 "Begin anew in a folder where a former run was; else it is refused");
   AddRunOptions(command, flags.run);
-  command.footer(
+  SetFooter(
+      command,
       "Each query that is done is kept at once. SIGINT and SIGTERM finish the queries in hand; "
       "the\n"
       "exit code then is 4, and 5 where a file cannot be written, as on a full disk: --resume "

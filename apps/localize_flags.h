@@ -4,13 +4,11 @@
 
 #include <filesystem>
 
-#include "continuous_options.h"
-#include "geometry_options.h"
-#include "job_options.h"
-#include "matching_options.h"
-#include "mesh_only_options.h"
-#include "options.h"
-#include "scene_options.h"
+#include "apps/continuous_options.h"
+#include "apps/job_options.h"
+#include "apps/matching_options.h"
+#include "apps/mesh_only_options.h"
+#include "apps/options.h"
 #include <CLI/App.hpp>
 
 #include "raylift/estimation/pose_estimator.h"
@@ -20,7 +18,7 @@ namespace raylift {
 struct LocalizeFlags {
   ReferenceFlags references;
   std::filesystem::path images, queries, query_images, priors, rigs;
-  ModelPosesFlags model_poses;
+  PoseConvention model_poses = PoseConvention::kCamFromWorld;
   GeometryFlags geometry;
   MatchingFlags matching;
   std::filesystem::path out, write_problems, write_model, report;
@@ -28,8 +26,8 @@ struct LocalizeFlags {
   double min_confidence = 0;
   bool no_doctor = false;
   bool leave_one_out = false;
-  FilterFlags filter;
-  EstimatorFlags estimator;
+  FilterOptions filter;
+  EstimatorOptions estimator;
   ContinuousFlags continuous;
   RunFlags run;
   JobFlags running;
@@ -48,8 +46,7 @@ struct LocalizeFlags {
   }
 
   // OptionError for what the options alone can tell, before any work.
-  void Check(const GeometryOptions& geometry_options,
-             const EstimatorOptions& estimator_options) const;
+  void Check() const;
 };
 
 // With examples.

@@ -1,7 +1,6 @@
-#include "localize_header.h"
+#include "apps/localize_header.h"
 
-#include "job_header.h"
-#include "scene_inputs.h"
+#include "apps/job_options.h"
 #include <nlohmann/json.hpp>
 
 namespace raylift {

@@ -5,7 +5,7 @@
 #include <span>
 #include <string>
 
-#include "localize_flags.h"
+#include "apps/localize_flags.h"
 
 #include "raylift/localization/scene.h"
 #include "raylift/scene/photographs.h"

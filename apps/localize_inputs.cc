@@ -1,4 +1,4 @@
-#include "localize_inputs.h"
+#include "apps/localize_inputs.h"
 
 #include <algorithm>
 #include <utility>
@@ -52,7 +52,7 @@ std::shared_ptr<const Rerenderer> RerendererOf(const LocalizeFlags& flags, const
 Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
   if (!flags.RendersReferences()) {
     return OpenScene({.model = flags.references.model,
-                      .model_poses = flags.model_poses.Resolve(),
+                      .model_poses = flags.model_poses,
                       .thinning = flags.references.thinning,
                       .images = flags.images,
                       .geometry = flags.geometry.specs,

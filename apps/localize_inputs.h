@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "localize_flags.h"
+#include "apps/localize_flags.h"
 
 #include "raylift/localization/batch_localizer.h"
 #include "raylift/localization/front_end.h"

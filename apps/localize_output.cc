@@ -1,8 +1,8 @@
-#include "localize_output.h"
+#include "apps/localize_output.h"
 
 #include <optional>
 
-#include "lap_clock.h"
+#include "apps/lap_clock.h"
 #include <fmt/format.h>
 
 #include "raylift/base/file.h"

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "localize_flags.h"
+#include "apps/localize_flags.h"
 
 #include "raylift/comparison/localization_report.h"
 #include "raylift/localization/continuous_localizer.h"

@@ -1,18 +1,18 @@
-#include "localize_run.h"
+#include "apps/localize_run.h"
 
 #include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "apps/interrupt.h"
+#include "apps/job_options.h"
+#include "apps/lap_clock.h"
+#include "apps/localize_continuous.h"
+#include "apps/localize_header.h"
+#include "apps/localize_inputs.h"
+#include "apps/localize_output.h"
 #include "base/progress.h"
-#include "interrupt.h"
-#include "job_header.h"
-#include "lap_clock.h"
-#include "localize_continuous.h"
-#include "localize_header.h"
-#include "localize_inputs.h"
-#include "localize_output.h"
 #include <fmt/format.h>
 
 #include "raylift/base/file.h"

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "localize_flags.h"
+#include "apps/localize_flags.h"
 
 #include "raylift/lifting/depth_alignment.h"
 #include "raylift/localization/localizer.h"

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "program.h"
+#include "apps/program.h"
 #include <opencv2/core/utility.hpp>
 
 #include "raylift/io/hdf5_exit.h"

@@ -3,24 +3,60 @@
 
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
-#include "front_end_options.h"
-#include "options.h"
-#include "retrieval_options.h"
-#include "scene_options.h"
-#include <CLI/App.hpp>
+#include "apps/options.h"
 
+#include "raylift/localization/hloc_matches.h"
 #include "raylift/localization/matching.h"
+#include "raylift/localization/retrieval.h"
 
 namespace raylift {
+
+struct HlocFlags {
+  HlocFiles files;
+  MatchReading reading;
+  int top_k = 10;
+
+  // Any of the three files is named; all that are needed.
+  bool Any() const;
+  bool All() const;
+  // The three files go together, but a database or a folder of pairs stands alone. Throws
+  // OptionError.
+  void Check() const;
+};
+// What must be given where hloc's files are not: `options_are` says so ("--images is"). Throws
+// OptionError.
+void RequireWithoutHloc(const HlocFlags& flags, std::string_view options_are, bool are_given);
+
+struct RetrievalFlags {
+  std::optional<RetrievalMethod> method;
+  GlobalFeatureFiles global_features;
+  std::filesystem::path prior_poses;
+  double max_angle_deg = 30;
+  std::vector<double> view_range;
+
+  // Any of the options is given.
+  bool Any() const;
+  // Whose poses queries have.
+  enum class Queries { kOwn, kReferences };
+  // What can be told without reading anything: all but poses, mesh and model. `geometry` are the
+  // specifications of --geometry. Throws OptionError.
+  RetrievalOptions Resolve(const std::vector<std::string>& geometry, Queries queries) const;
+  // Reads the queries' prior poses where the method wants them.
+  void ReadPriorPoses(RetrievalOptions* options) const;
+};
+void AddRetrievalOptions(CLI::App& command, RetrievalFlags& flags);
 
 struct MatchingFlags {
   HlocFlags hloc;
   RetrievalFlags retrieval;
-  FrontEndFlags front_end;
+  FrontEndOptions front_end;  // features, ratio test, cache
 
   // What the options alone can tell, before any work; `geometry` are specifications. Throws
   // OptionError.
@@ -34,7 +70,7 @@ struct MatchingFlags {
                           RetrievalFlags::Queries queries = RetrievalFlags::Queries::kOwn) const;
 };
 // `without_hloc` ends the help of --features, `default_cache` that of --cache.
-void AddMatchingOptions(CLI::App& app, MatchingFlags& flags, const std::string& without_hloc,
+void AddMatchingOptions(CLI::App& command, MatchingFlags& flags, const std::string& without_hloc,
                         const std::string& default_cache);
 
 }  // namespace raylift

@@ -1,12 +1,10 @@
-#include "mesh_only_options.h"
+#include "apps/mesh_only_options.h"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <optional>
 
-#include "options.h"
-#include "typed_options.h"
+#include "apps/command_line.h"
+#include "apps/options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -22,34 +20,7 @@ double ParseFov(std::string_view option, const std::string& text) {
   return fov_deg;
 }
 
-std::optional<Eigen::Vector3d> ParseUp(std::string_view option, const std::string& text) {
-  if (text == "auto") return std::nullopt;
-  constexpr std::array<std::string_view, 3> kAxes = {"x", "y", "z"};
-  for (int axis = 0; axis < 3; ++axis) {
-    const std::string name(kAxes[static_cast<size_t>(axis)]);
-    if (text == name) return Eigen::Vector3d::Unit(axis);
-    if (text == "-" + name) return Eigen::Vector3d(-Eigen::Vector3d::Unit(axis));
-  }
-  const auto parts = SplitBy(text, ',');
-  Eigen::Vector3d up = Eigen::Vector3d::Zero();
-  for (size_t i = 0; parts.size() == 3 && i < 3; ++i) {
-    up[static_cast<int>(i)] = ParseDouble(parts[i]).value_or(std::nan(""));
-  }
-  if (!up.allFinite() || up.norm() == 0) {
-    throw OptionError(option, text, "expected auto|x|y|z|-x|-y|-z or X,Y,Z");
-  }
-  return up;
-}
-
 }  // namespace
-
-CLI::Option* AddUpOption(CLI::App& app, const std::string& name,
-                         std::optional<Eigen::Vector3d>& up_in_world) {
-  return AddParsedOption(app, name, up_in_world, &ParseUp,
-                         "x|y|z|-x|-y|-z or X,Y,Z in the mesh's coordinates; auto: by\n"
-                         "what its floors and walls face, z where that does not tell",
-                         "auto");
-}
 
 void MeshOnlyFlags::Check() const {
   RequireAtLeast("--views", views, 1);
@@ -73,38 +44,28 @@ RenderedReferenceOptions MeshOnlyFlags::Resolve(std::span<const Camera> queries,
   return options;
 }
 
-void AddMeshOnlyOptions(CLI::App& app, MeshOnlyFlags& flags) {
-  const std::string group = "Without --model: references rendered from the mesh";
-  app.add_option("--views", flags.views, "How many; they are kept in OUT/references")
-      ->capture_default_str()
-      ->group(group);
-  AddEnumOption(app, "--view-kind", flags.kind,
-                "Where from: {}. inside: at eye height above\n"
-                "the ground; around: from outside, looking at the middle; cover: from\n"
-                "wherever there is room in front of surfaces; auto: inside where there\n"
-                "is a ground, else cover")
-      ->group(group);
-  AddParsedOption(app, "--view-size", flags.size, &ParseSize,
-                  "WIDTHxHEIGHT (default: as sharp as the queries)")
-      ->group(group);
-  AddParsedOption(app, "--view-fov-deg", flags.fov_deg, &ParseFov,
-                  "Horizontal angle of view (default: the queries', 60 to 100)")
-      ->group(group);
-  AddUpOption(app, "--view-up", flags.up_in_world)->group(group);
-  app.add_option("--view-eye-height", flags.eye_height, "inside: above the ground")
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--view-clearance", flags.clearance,
-                 "Distance to the nearest surface (but for inside, at most 5 % of the\n"
-                 "mesh's size)")
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--rerender", flags.rerender,
-                 "Rounds of rendering the mesh (or splats) from the estimated pose, matching\n"
-                 "the query with that and estimating again; a pose is kept where the 2D-3D\n"
-                 "matches support it better. For what looks like the photographs")
-      ->capture_default_str()
-      ->group("Estimator");
+void AddMeshOnlyOptions(CLI::App& command, MeshOnlyFlags& flags) {
+  const OptionGroup group(command, "Without --model: references rendered from the mesh");
+  group.Add("--views", flags.views, "How many; they are kept in OUT/references");
+  group.Add("--view-kind", flags.kind,
+            "Where from: {}. inside: at eye height above\n"
+            "the ground; around: from outside, looking at the middle; cover: from\n"
+            "wherever there is room in front of surfaces; auto: inside where there\n"
+            "is a ground, else cover");
+  group.AddParsed("--view-size", flags.size, &ParseSize,
+                  "WIDTHxHEIGHT (default: as sharp as the queries)");
+  group.AddParsed("--view-fov-deg", flags.fov_deg, &ParseFov,
+                  "Horizontal angle of view (default: the queries', 60 to 100)");
+  AddUpOption(group, "--view-up", flags.up_in_world);
+  group.Add("--view-eye-height", flags.eye_height, "inside: above the ground");
+  group.Add("--view-clearance", flags.clearance,
+            "Distance to the nearest surface (but for inside, at most 5 % of the\n"
+            "mesh's size)");
+  const OptionGroup estimator(command, "Estimator");
+  estimator.Add("--rerender", flags.rerender,
+                "Rounds of rendering the mesh (or splats) from the estimated pose, matching\n"
+                "the query with that and estimating again; a pose is kept where the 2D-3D\n"
+                "matches support it better. For what looks like the photographs");
 }
 
 void RequireMeshOnly(std::span<const std::string> geometry, std::string_view needless,

@@ -9,18 +9,14 @@
 #include <string>
 #include <string_view>
 
+#include "apps/command_line.h"
 #include "base/progress.h"
-#include <CLI/App.hpp>
 #include <Eigen/Core>
 
 #include "raylift/localization/scene.h"
 #include "raylift/views/rendered_references.h"
 
 namespace raylift {
-
-// "x", "-y", ... or "X,Y,Z"; none, "auto", unless given: what the mesh tells (EstimateUp).
-CLI::Option* AddUpOption(CLI::App& app, const std::string& name,
-                         std::optional<Eigen::Vector3d>& up_in_world);
 
 struct MeshOnlyFlags {
   int views = 48;
@@ -38,7 +34,7 @@ struct MeshOnlyFlags {
   RenderedReferenceOptions Resolve(std::span<const Camera> queries,
                                    const std::filesystem::path& out) const;
 };
-void AddMeshOnlyOptions(CLI::App& app, MeshOnlyFlags& flags);
+void AddMeshOnlyOptions(CLI::App& command, MeshOnlyFlags& flags);
 
 // Without --model there must be one mesh to render the references from, and nothing that only a
 // model has: `needless` is the name of such an option, where `is_given`. Throws OptionError.

@@ -3,46 +3,59 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "apps/command_line.h"
 #include "base/progress.h"
-#include <CLI/App.hpp>
+#include <Eigen/Core>
 
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/geometry/rigid3.h"
+#include "raylift/lifting/candidates.h"
 #include "raylift/lifting/consistency_filter.h"
+#include "raylift/lifting/depth_alignment.h"
+#include "raylift/lifting/lifter.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 
-struct EstimatorFlags {
-  EstimatorOptions values;
+void AddEstimatorOptions(CLI::App& command, EstimatorOptions& options);
+void AddFilterOptions(CLI::App& command, FilterOptions& options);
+// `--model-poses`: what the poses of --model mean.
+void AddModelPosesOption(CLI::App& command, PoseConvention& poses);
+
+// Where 3D points come from.
+struct GeometryFlags {
+  std::vector<std::string> specs;  // in the order in which sources are asked
+  GeometryMode mode = GeometryMode::kFirst;
+  AlignMode align = AlignMode::kAuto;
+  CandidateOptions candidates;
 
   // Throws OptionError.
-  EstimatorOptions Resolve() const;
+  void Check() const;
 };
-void AddEstimatorOptions(CLI::App& app, EstimatorFlags& flags);
-// Those of them that do not say which method: thresholds, RANSAC, the seed.
-void AddEstimatorNumbers(CLI::App& app, EstimatorOptions& values, const std::string& group);
+void AddGeometryOptions(CLI::App& command, GeometryFlags& flags);
 
-struct FilterFlags {
-  FilterMode mode = FilterMode::kOff;
-  ConsistencyThresholds thresholds;
+// `--every` and what goes with it. `of_what` ends the help of --every.
+void AddThinningOptions(const OptionGroup& group, Thinning& thinning, const std::string& of_what);
+// Throws OptionError.
+void CheckThinning(const Thinning& thinning);
+
+// A scene's references.
+struct ReferenceFlags {
+  std::filesystem::path model;
+  Thinning thinning;
 
   // Throws OptionError.
-  FilterOptions Resolve() const;
+  void Check() const { CheckThinning(thinning); }
 };
-void AddFilterOptions(CLI::App& app, FilterFlags& flags);
-void AddFilterThresholds(CLI::App& app, ConsistencyThresholds& thresholds,
-                         const std::string& group);
+void AddReferenceOptions(CLI::App& command, ReferenceFlags& flags, bool model_is_required = true);
 
-// What the poses of --model mean.
-struct ModelPosesFlags {
-  PoseConvention convention = PoseConvention::kCamFromWorld;
-
-  PoseConvention Resolve() const { return convention; }
-};
-void AddModelPosesOption(CLI::App& app, ModelPosesFlags& flags);
+// "x", "-y", ... or "X,Y,Z"; none, "auto", unless given: what the mesh tells (EstimateUp).
+void AddUpOption(const OptionGroup& group, const std::string& name,
+                 std::optional<Eigen::Vector3d>& up_in_world);
 
 struct RunFlags {
   int threads = 0;
@@ -52,28 +65,12 @@ struct RunFlags {
   // Throws OptionError.
   void Check() const;
 };
-void AddRunOptions(CLI::App& app, RunFlags& flags);
-
-// Throws OptionError.
-double ParsePositive(std::string_view option, const std::string& text);
-
-// `--config`, which main reads before the command runs (config_file.h).
-void AddConfigOption(CLI::App& app);
-
-// Makes options that are numbers take plain decimal ones only: CLI11 alone reads 010 as 8 and -1 as
-// the largest unsigned number.
-void CheckNumbers(CLI::App& app);
+void AddRunOptions(CLI::App& command, RunFlags& flags);
+// `--config`, which main reads before the command runs (argument_files.h).
+void AddConfigOption(CLI::App& command);
 
 // One line on stderr.
 void PrintWarning(const std::string& warning);
 void PrintWarnings(const std::vector<std::string>& warnings);
-
-// "raylift COMMAND --option value ..." of all options that were given, also by files, as a shell
-// takes it.
-std::string CommandLine(const CLI::App& app);
-
-// The options of a command with the values in effect, as JSON, for `options.json`: numbers and
-// booleans as such, null where an option has no value.
-std::string EffectiveOptionsJson(const CLI::App& app);
 
 }  // namespace raylift

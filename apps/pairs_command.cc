@@ -2,10 +2,9 @@
 
 #include <memory>
 
-#include "commands.h"
-#include "options.h"
-#include "retrieval_options.h"
-#include "scene_options.h"
+#include "apps/commands.h"
+#include "apps/matching_options.h"
+#include "apps/options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -24,7 +23,7 @@ using std::filesystem::path;
 
 struct PairsFlags {
   ReferenceFlags references;
-  ModelPosesFlags model_poses;
+  PoseConvention model_poses = PoseConvention::kCamFromWorld;
   std::string geometry;
   path queries, images, query_images, cache;
   int max_features = 4096;
@@ -60,8 +59,8 @@ class PairsRun {
   PairsRun(const PairsFlags& flags, RetrievalOptions options)
       : flags_(flags),
         options_(std::move(options)),
-        loaded_(LoadReferences(flags.references.model, flags.references.thinning,
-                               flags.model_poses.Resolve())) {
+        loaded_(
+            LoadReferences(flags.references.model, flags.references.thinning, flags.model_poses)) {
     PrintWarnings(loaded_.warnings);
     RequireWritable(flags.out);
     if (!flags.scores.empty()) RequireWritable(flags.scores);
@@ -140,55 +139,39 @@ class PairsRun {
 
 Command AddPairsCommand(CLI::App& program) {
   auto flags = std::make_shared<PairsFlags>();
-  CLI::App* command = program.add_subcommand(
-      "pairs", "Which references to match with each query or reference, as hloc's pairs list");
-  AddReferenceOptions(*command, flags->references);
-  AddModelPosesOption(*command, flags->model_poses);
-  command
-      ->add_option("--queries", flags->queries,
-                   "List of queries: name MODEL width height params...\n"
-                   "(default: pairs among the references)")
-      ->group("Queries");
-  AddRetrievalOptions(*command, flags->retrieval);
-  command->add_option("--top-k", flags->top_k, "References per query")
-      ->capture_default_str()
-      ->group("Retrieval");
-  command->add_option("--geometry", flags->geometry, "mesh:PATH, for --retrieval overlap")
-      ->group("Retrieval");
-  const std::string group = "Images, for --retrieval vlad";
-  command->add_option("--images", flags->images, "Folder of the reference photographs")
-      ->group(group);
-  command
-      ->add_option("--query-images", flags->query_images,
-                   "Folder of the query photographs (default: --images)")
-      ->group(group);
-  command
-      ->add_option("--max-features", flags->max_features,
-                   "RootSIFT features per image, the strongest")
-      ->capture_default_str()
-      ->group(group);
-  command
-      ->add_option("--cache", flags->cache,
-                   "Where RootSIFT features are kept (default: cache beside --out)")
-      ->group(group);
-  command->add_option("--seed", flags->seed, "Seed of the vocabulary")
-      ->capture_default_str()
-      ->group(group);
-  command->add_option("--out", flags->out, "Pairs list: query reference, best first")
-      ->required()
-      ->group("Output");
-  command
-      ->add_option("--scores", flags->scores,
-                   "Also write them with scores: query, reference, score")
-      ->group("Output");
-  AddRunOptions(*command, flags->run);
-  command->footer(
+  CLI::App& command =
+      AddCommand(program, "pairs",
+                 "Which references to match with each query or reference, as hloc's pairs list");
+  AddReferenceOptions(command, flags->references);
+  AddModelPosesOption(command, flags->model_poses);
+  const OptionGroup queries(command, "Queries");
+  queries.Add("--queries", flags->queries,
+              "List of queries: name MODEL width height params...\n"
+              "(default: pairs among the references)");
+  AddRetrievalOptions(command, flags->retrieval);
+  const OptionGroup retrieval(command, "Retrieval");
+  retrieval.Add("--top-k", flags->top_k, "References per query");
+  retrieval.Add("--geometry", flags->geometry, "mesh:PATH, for --retrieval overlap");
+  const OptionGroup group(command, "Images, for --retrieval vlad");
+  group.Add("--images", flags->images, "Folder of the reference photographs");
+  group.Add("--query-images", flags->query_images,
+            "Folder of the query photographs (default: --images)");
+  group.Add("--max-features", flags->max_features, "RootSIFT features per image, the strongest");
+  group.Add("--cache", flags->cache,
+            "Where RootSIFT features are kept (default: cache beside --out)");
+  group.Add("--seed", flags->seed, "Seed of the vocabulary");
+  const OptionGroup output(command, "Output");
+  output.Add("--out", flags->out, "Pairs list: query reference, best first").Required();
+  output.Add("--scores", flags->scores, "Also write them with scores: query, reference, score");
+  AddRunOptions(command, flags->run);
+  SetFooter(
+      command,
       "Examples:\n"
       "  raylift pairs --model sfm --queries queries.txt \\\n"
       "      --global-features global-feats-netvlad.h5 --top-k 50 --out pairs.txt\n"
       "  Pairs of references that see the same part of a mesh:\n"
       "  raylift pairs --model sfm --retrieval overlap --geometry mesh:scene.ply --out pairs.txt");
-  return {command, [flags] { PairsRun(*flags, Resolve(*flags)).Run(); }};
+  return {&command, [flags] { PairsRun(*flags, Resolve(*flags)).Run(); }};
 }
 
 }  // namespace raylift

@@ -6,11 +6,10 @@
 #include <memory>
 #include <vector>
 
+#include "apps/argument_files.h"
+#include "apps/commands.h"
+#include "apps/options.h"
 #include "base/progress.h"
-#include "commands.h"
-#include "options.h"
-#include "scene_arguments.h"
-#include "scene_options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -150,72 +149,68 @@ void Run(const PerturbFlags& flags, const std::string& options_json) {
 }
 
 void AddMisalignmentOptions(CLI::App& command, PerturbFlags& flags) {
-  const std::string group = "Misalignment, before the perturbation";
-  const auto add = [&](const char* name, auto& value, const char* help) {
-    return command.add_option(name, value, help)->capture_default_str()->group(group);
-  };
-  add("--time-offset", flags.frames,
-      "Take the map of the image this many places on in the order of names");
-  add("--rotate", flags.rotation_deg,
-      "X,Y,Z: the rotation vector, in degrees, from the camera of the maps to the image's")
-      ->delimiter(',');
-  add("--shift", flags.shift_px, "X,Y: pixels by which maps lie off")->delimiter(',');
-  add("--zoom", flags.misalignment.zoom, "Factor of the focal length");
-  add("--lens", flags.misalignment.lens,
-      "k: maps show at p what the image has at c + (p - c) (1 + k (|p - c| / f)^2)");
+  const OptionGroup group(command, "Misalignment, before the perturbation");
+  group.Add("--time-offset", flags.frames,
+            "Take the map of the image this many places on in the order of names");
+  group
+      .Add("--rotate", flags.rotation_deg,
+           "X,Y,Z: the rotation vector, in degrees, from the camera of the maps to the image's")
+      .Commas();
+  group.Add("--shift", flags.shift_px, "X,Y: pixels by which maps lie off").Commas();
+  group.Add("--zoom", flags.misalignment.zoom, "Factor of the focal length");
+  group.Add("--lens", flags.misalignment.lens,
+            "k: maps show at p what the image has at c + (p - c) (1 + k (|p - c| / f)^2)");
 }
 
 void AddPerturbationOptions(CLI::App& command, DepthPerturbation& values) {
-  const std::string group = "Perturbation, in the order of application";
-  const auto add = [&](const char* name, auto& value, const char* help) {
-    command.add_option(name, value, help)->capture_default_str()->group(group);
-  };
-  add("--scale", values.scale, "One factor for all images");
-  add("--scale-sigma", values.scale_sigma, "A factor per image: standard deviation of its ln");
-  add("--offset", values.offset, "Added to the depth, scene units");
-  add("--warp", values.warp_sigma, "A smooth field of factors per image: deviation of their ln");
-  add("--bubbles", values.bubbles, "Smooth domes per image");
-  add("--bubble-height", values.bubble_height, "Of the domes, as a share of the depth");
-  add("--floaters", values.floaters, "Small blobs per image in front of the surface");
-  add("--flying", values.flying_share, "Share of the pixels at depth edges that fly between");
-  add("--smooth", values.smoothing_px, "Gaussian over all surfaces: its deviation in pixels");
-  add("--noise", values.noise_sigma, "Gaussian noise, scene units");
-  add("--relative-noise", values.relative_noise_sigma, "Gaussian noise, as a share of the depth");
-  add("--clamp", values.clamp, "Put what is farther than this there, scene units; 0: nothing");
-  add("--quantize", values.quantization_step, "Round to multiples of this, scene units");
-  add("--quantize-bits", values.quantization_bits,
-      "Keep an integer of so many bits, its largest value for the map's; 0: no");
-  add("--holes", values.hole_share, "Share of the pixels to remove, in blobs");
-  add("--seed", values.seed, "Seed of all random choices");
+  const OptionGroup group(command, "Perturbation, in the order of application");
+  group.Add("--scale", values.scale, "One factor for all images");
+  group.Add("--scale-sigma", values.scale_sigma,
+            "A factor per image: standard deviation of its ln");
+  group.Add("--offset", values.offset, "Added to the depth, scene units");
+  group.Add("--warp", values.warp_sigma,
+            "A smooth field of factors per image: deviation of their ln");
+  group.Add("--bubbles", values.bubbles, "Smooth domes per image");
+  group.Add("--bubble-height", values.bubble_height, "Of the domes, as a share of the depth");
+  group.Add("--floaters", values.floaters, "Small blobs per image in front of the surface");
+  group.Add("--flying", values.flying_share, "Share of the pixels at depth edges that fly between");
+  group.Add("--smooth", values.smoothing_px, "Gaussian over all surfaces: its deviation in pixels");
+  group.Add("--noise", values.noise_sigma, "Gaussian noise, scene units");
+  group.Add("--relative-noise", values.relative_noise_sigma,
+            "Gaussian noise, as a share of the depth");
+  group.Add("--clamp", values.clamp,
+            "Put what is farther than this there, scene units; 0: nothing");
+  group.Add("--quantize", values.quantization_step, "Round to multiples of this, scene units");
+  group.Add("--quantize-bits", values.quantization_bits,
+            "Keep an integer of so many bits, its largest value for the map's; 0: no");
+  group.Add("--holes", values.hole_share, "Share of the pixels to remove, in blobs");
+  group.Add("--seed", values.seed, "Seed of all random choices");
 }
 
 }  // namespace
 
 Command AddPerturbCommand(CLI::App& program) {
   auto flags = std::make_shared<PerturbFlags>();
-  CLI::App* command =
-      program.add_subcommand("perturb", "Depth maps made worse on purpose, to test with");
-  AddSceneOption(*command);
-  AddReferenceOptions(*command, flags->references);
-  command->add_option("--geometry", flags->geometry, GeometryHelp())->required();
-  command->add_option("--out", flags->out, "Folder for the maps, DIR/STEM.FORMAT of each image")
-      ->required()
-      ->group("Output");
-  command
-      ->add_option("--format", flags->format,
-                   fmt::format("{}; png in millimeters, bin as COLMAP has it",
-                               fmt::join(FormatsOf(Product::kDepth), "|")))
-      ->capture_default_str()
-      ->group("Output");
-  AddMisalignmentOptions(*command, *flags);
-  AddPerturbationOptions(*command, flags->perturbation);
-  AddRunOptions(*command, flags->run);
-  command->footer(
-      "Example:\n"
-      "  raylift perturb --model sfm --geometry mesh:scene.ply --out warped --warp 0.05\n"
-      "  raylift compare --model sfm --geometry mesh=mesh:scene.ply \\\n"
-      "      --geometry warped=depth:warped --truth mesh");
-  return {command, [flags, command] { Run(*flags, EffectiveOptionsJson(*command)); }};
+  CLI::App& command =
+      AddCommand(program, "perturb", "Depth maps made worse on purpose, to test with");
+  AddSceneOption(command);
+  AddReferenceOptions(command, flags->references);
+  const OptionGroup options(command);
+  options.Add("--geometry", flags->geometry, GeometryHelp()).Required();
+  const OptionGroup output(command, "Output");
+  output.Add("--out", flags->out, "Folder for the maps, DIR/STEM.FORMAT of each image").Required();
+  output.Add("--format", flags->format,
+             fmt::format("{}; png in millimeters, bin as COLMAP has it",
+                         fmt::join(FormatsOf(Product::kDepth), "|")));
+  AddMisalignmentOptions(command, *flags);
+  AddPerturbationOptions(command, flags->perturbation);
+  AddRunOptions(command, flags->run);
+  SetFooter(command,
+            "Example:\n"
+            "  raylift perturb --model sfm --geometry mesh:scene.ply --out warped --warp 0.05\n"
+            "  raylift compare --model sfm --geometry mesh=mesh:scene.ply \\\n"
+            "      --geometry warped=depth:warped --truth mesh");
+  return {&command, [flags, &command] { Run(*flags, EffectiveOptionsJson(command)); }};
 }
 
 }  // namespace raylift

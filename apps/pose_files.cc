@@ -1,4 +1,4 @@
-#include "pose_files.h"
+#include "apps/pose_files.h"
 
 #include <map>
 

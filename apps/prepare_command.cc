@@ -2,25 +2,24 @@
 
 #include <memory>
 
-#include "commands.h"
-#include "interrupt.h"
-#include "localize_flags.h"
-#include "localize_inputs.h"
-#include "options.h"
+#include "apps/commands.h"
+#include "apps/interrupt.h"
+#include "apps/localize_flags.h"
+#include "apps/localize_inputs.h"
+#include "apps/options.h"
 #include <fmt/format.h>
 
 namespace raylift {
 namespace {
 
 void Run(const LocalizeFlags& flags) {
-  const EstimatorOptions estimator = flags.estimator.Resolve();
-  flags.Check(flags.geometry.Resolve(), estimator);
+  flags.Check();
   const SignalGuard signals;
   FeatureCount features;
   const auto prepare = [&] {
     const LocalizeInputs inputs = OpenLocalizeInputs(flags);
     PrintWarnings(inputs.scene.warnings);
-    features = PrepareFeatures(flags, inputs, estimator.seed);
+    features = PrepareFeatures(flags, inputs, flags.estimator.seed);
   };
   UntilSignal(prepare, [] { return "stopped by a signal; the same command goes on"; });
   if (flags.run.quiet) return;
@@ -36,10 +35,11 @@ void Run(const LocalizeFlags& flags) {
 
 Command AddPrepareCommand(CLI::App& program) {
   auto flags = std::make_shared<LocalizeFlags>();
-  CLI::App* command = program.add_subcommand(
-      "prepare", "Features and rendered references of localize, made beforehand");
-  AddLocalizeOptions(*command, *flags);
-  command->footer(
+  CLI::App& command = AddCommand(program, "prepare",
+                                 "Features and rendered references of localize, made beforehand");
+  AddLocalizeOptions(command, *flags);
+  SetFooter(
+      command,
       "Takes the arguments of localize, which then finds what was made; what was there is kept. A\n"
       "signal ends it in good order (exit code 4), and the same command goes on. Shards share the\n"
       "photographs; references that are rendered from a mesh are made by one of them, and the "
@@ -49,7 +49,7 @@ Command AddPrepareCommand(CLI::App& program) {
       "  raylift prepare --scene scene.toml --out result --shard 1/2\n"
       "  raylift prepare --scene scene.toml --out result --shard 2/2\n"
       "  raylift localize --scene scene.toml --out result");
-  return {command, [flags] { Run(*flags); }};
+  return {&command, [flags] { Run(*flags); }};
 }
 
 }  // namespace raylift

@@ -1,26 +1,26 @@
 // The whole program: parses, runs one command, turns errors into exit codes.
 
-#include "program.h"
+#include "apps/program.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdio>
 #include <exception>
 #include <filesystem>
 #include <memory>
 #include <new>
 #include <string>
+#include <string_view>
+#include <system_error>
 #include <vector>
 
-#include "commands.h"
-#include "config_file.h"
-#include "interrupt.h"
-#include "library_versions.h"
-#include "man_pages.h"
-#include "option_names.h"
-#include "options.h"
-#include "program_help.h"
-#include "scene_arguments.h"
+#include "apps/argument_files.h"
+#include "apps/commands.h"
+#include "apps/interrupt.h"
+#include "apps/program_help.h"
 #include <CLI/CLI.hpp>
+#include <fmt/format.h>
+#include <link.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
@@ -28,6 +28,30 @@
 
 namespace raylift {
 namespace {
+
+constexpr std::array<std::string_view, 16> kLibraries = {
+    "libassimp.", "libceres.",  "libembree", "libfmt.",    "libhdf5",   "libjpeg.",
+    "libopencv_", "libOpenEXR", "libpng",    "libraylift", "libsqlite", "libstdc++.",
+    "libtbb.",    "libtiff.",   "libwebp.",  "libzip."};
+
+int Add(dl_phdr_info* library, size_t, void* names) {
+  std::error_code failed;
+  const std::string name =
+      std::filesystem::canonical(library->dlpi_name, failed).filename().string();
+  const bool known = std::any_of(kLibraries.begin(), kLibraries.end(),
+                                 [&](std::string_view begin) { return name.starts_with(begin); });
+  if (!failed && known) static_cast<std::vector<std::string>*>(names)->push_back(name);
+  return 0;  // go on
+}
+
+// The files of the shared libraries that were loaded and do the work, with their versions as their
+// names have them ("libembree3.so.3.13.5"), sorted; what they need in turn is left out.
+std::vector<std::string> LoadedLibraries() {
+  std::vector<std::string> names;
+  dl_iterate_phdr(&Add, &names);
+  std::sort(names.begin(), names.end());
+  return names;
+}
 
 int Fail(ExitCode code, const char* message) {
   std::fprintf(stderr, "raylift: %s\n", message);
@@ -179,7 +203,36 @@ std::string Hint(const CLI::App& app, const std::vector<std::string>& arguments)
   return {};
 }
 
+constexpr std::string_view kCharacters = "abcdefghijklmnopqrstuvwxyz0123456789_";
+
+std::string OptionOfField(std::string_view field) {
+  if (field == "dataset") return "DATASET";
+  std::string option = fmt::format("--{}", field);
+  std::replace(option.begin(), option.end(), '_', '-');
+  return option;
+}
+
 }  // namespace
+
+std::string MessageInOptions(const OptionError& error) {
+  const std::string& name = error.name();
+  const bool is_field = !name.empty() && name.find_first_not_of(kCharacters) == std::string::npos;
+  if (!is_field) return error.what();
+  // The constraint may speak of another field, as "name = value".
+  std::string constraint = error.constraint();
+  if (const size_t equals = constraint.find(" = "); equals != std::string::npos) {
+    const size_t begin = constraint.find_last_not_of(kCharacters, equals - 1) + 1;
+    if (begin < equals) {
+      constexpr std::string_view kOn = " = true";
+      const bool is_flag = constraint.compare(equals, kOn.size(), kOn) == 0;
+      constraint.replace(begin, equals - begin + (is_flag ? kOn.size() : 0),
+                         OptionOfField(constraint.substr(begin, equals - begin)));
+    }
+  }
+  if (error.value() == "false")
+    return fmt::format("without {}: {}", OptionOfField(name), constraint);
+  return fmt::format("{} = {}: {}", OptionOfField(name), error.value(), constraint);
+}
 
 int RunProgram(const std::vector<std::string>& arguments) {
   try {

@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "raylift/base/error.h"
+
 namespace raylift {
 
 enum ExitCode {
@@ -24,5 +26,9 @@ int RunProgram(const std::vector<std::string>& arguments);
 // The same, but errors leave it as they are (Interrupted among them), and what cannot be parsed as
 // an OptionError.
 void RunCommand(const std::vector<std::string>& arguments);
+
+// The error's message in the words of the command line: "min_iterations = 0: ..." says
+// "--min-iterations = 0: ...".
+std::string MessageInOptions(const OptionError& error);
 
 }  // namespace raylift

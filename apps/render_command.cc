@@ -1,31 +1,255 @@
 // raylift render: a mesh and cameras in, depth maps and other pictures out.
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <optional>
+#include <string>
+#include <vector>
 
+#include "apps/argument_files.h"
+#include "apps/command_line.h"
+#include "apps/commands.h"
+#include "apps/interrupt.h"
+#include "apps/job_options.h"
+#include "apps/options.h"
 #include "base/progress.h"
-#include "commands.h"
-#include "interrupt.h"
-#include "render_options.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <unistd.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/text.h"
 #include "raylift/comparison/geometry_report.h"
 #include "raylift/datasets/dataset.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/view_list.h"
 #include "raylift/lifting/mesh_spec.h"
+#include "raylift/scene/photographs.h"
+#include "raylift/views/file_guide.h"
 #include "raylift/views/mesh_scene.h"
 #include "raylift/views/render_job.h"
 #include "raylift/views/task_list.h"
 
 namespace raylift {
 namespace {
+
+struct RenderFlags {
+  std::vector<std::string> geometry;
+  std::filesystem::path model, cameras;
+  TaskSelection selection;
+  RenderJobOptions job;  // all but what follows
+  std::vector<Product> products = {Product::kDepth};
+  std::vector<std::string> formats;
+  std::optional<ColorOptions::Shading> shading;  // none: by whether the mesh has colors
+  JobFlags running;
+  bool log_json = false;
+  std::filesystem::path report;
+  RunFlags run;
+};
+
+std::string FormatNames(Product product) {
+  return fmt::format("{}", fmt::join(FormatsOf(product), "|"));
+}
+
+// "npy" is for the products that can be stored so, "depth=npy" for one.
+void SetFormat(const std::string& text, std::vector<ProductOutput>& outputs) {
+  const auto parts = SplitBy(text, '=');
+  const bool for_one = parts.size() == 2;
+  const std::string format(parts.back());
+  bool used = false;
+  for (ProductOutput& output : outputs) {
+    if (for_one && output.product != ParseEnum<Product>("--format", parts.front())) {
+      continue;
+    }
+    const auto known = FormatsOf(output.product);
+    if (std::find(known.begin(), known.end(), format) != known.end()) {
+      output.format = format;
+      used = true;
+    } else if (for_one) {
+      throw OptionError("--format", text, fmt::format("expected {}", FormatNames(output.product)));
+    }
+  }
+  if (!used) {
+    throw OptionError("--format", text, "none of the --products is stored in this format");
+  }
+}
+
+std::vector<Product> ParseProducts(std::string_view option, const std::string& text) {
+  std::vector<Product> products;
+  for (const std::string_view name : SplitBy(text, ',')) {
+    const auto product = ParseEnum<Product>(option, name);
+    if (std::find(products.begin(), products.end(), product) != products.end()) {
+      throw OptionError(option, text, "a product stands twice");
+    }
+    products.push_back(product);
+  }
+  return products;
+}
+
+std::vector<ProductOutput> ResolveProducts(const RenderFlags& flags) {
+  std::vector<ProductOutput> outputs;
+  for (const Product product : flags.products) {
+    outputs.push_back({product, std::string(FormatsOf(product).front())});
+  }
+  for (const std::string& text : flags.formats) SetFormat(text, outputs);
+  return outputs;
+}
+
+void CheckStorage(const StorageOptions& storage) {
+  if (!(storage.floats.png_step > 0)) {
+    throw OptionError("--png-step", FormatDouble(storage.floats.png_step), "must be positive");
+  }
+  if (storage.jpeg_quality < 1 || storage.jpeg_quality > 100) {
+    throw OptionError("--jpeg-quality", std::to_string(storage.jpeg_quality), "must be 1 to 100");
+  }
+}
+
+void CheckSelection(const TaskSelection& selection) {
+  CheckThinning(selection.thinning);
+  if (selection.scale.has_value() + selection.size.has_value() + selection.panorama.has_value() >
+      1) {
+    throw OptionError("give at most one of --scale, --size and --panorama");
+  }
+}
+
+std::array<uint8_t, 3> ParseRgb(std::string_view option, const std::string& text) {
+  const auto parts = SplitBy(text, ',');
+  std::array<uint8_t, 3> rgb{};
+  bool good = parts.size() == 3;
+  for (size_t i = 0; good && i < 3; ++i) {
+    const auto value = ParseInt(parts[i]);
+    good = value && *value >= 0 && *value <= 255;
+    if (good) rgb[i] = static_cast<uint8_t>(*value);
+  }
+  if (!good) throw OptionError(option, text, "expected RED,GREEN,BLUE of 0 to 255");
+  return rgb;
+}
+
+void AddInputOptions(CLI::App& command, RenderFlags& flags) {
+  TaskSelection& selection = flags.selection;
+  const OptionGroup scene(command, "Scene");
+  scene
+      .Add("--geometry", flags.geometry,
+           "mesh:PATH[,build=low|medium]: PLY, OBJ, glTF, STL, ...; a.ply+b.ply,\n"
+           "tiles/*.ply or a folder, and several --geometry, are one scene; the\n"
+           "acceleration structure is built in medium quality by default; or\n"
+           "cloud:PATH[,key=value...], a point cloud, or splat:FILE[,key=value...],\n"
+           "Gaussian splats, as localize takes them")
+      .Required()
+      .OnePerUse();
+  scene.Add("--model", flags.model, "Cameras: COLMAP model folder, text or binary");
+  scene.Add("--cameras", flags.cameras,
+            "Cameras: list of name qw qx qy qz tx ty tz MODEL width height params...;\n"
+            "MODEL is one of COLMAP's or EQUIRECTANGULAR (without parameters); or a\n"
+            "transforms.json of nerfstudio or instant-ngp");
+  scene.Add("--list-images", selection.list, "Only the images in this list");
+  scene.Add("--glob", selection.glob, "Only images whose name matches, as in a shell");
+  AddThinningOptions(scene, selection.thinning, "of these (by name)");
+  scene.AddParsed("--scale", selection.scale, &ParsePositive,
+                  "Factor of the images' sides; OUT/model then has their cameras");
+  scene.AddParsed("--size", selection.size, &ParseSize, "WIDTHxHEIGHT of all images; likewise");
+  scene.AddParsed("--panorama", selection.panorama, &ParseSize,
+                  "WIDTHxHEIGHT: an equirectangular panorama from each camera's place");
+}
+
+void AddProductOptions(CLI::App& command, RenderFlags& flags) {
+  const OptionGroup group(command, "Products");
+  std::string formats;
+  for (const Product product : AllValues<Product>()) {
+    formats += fmt::format("\n  {}: {}", ToString(product), FormatNames(product));
+  }
+  group.AddParsed(
+      "--products", flags.products, &ParseProducts,
+      "Of depth (z), distance (along the ray), inverse_depth (1 / z), points (x, y, z),\n"
+      "normals, color, triangle (the face of the mesh's file), object (which mesh of\n"
+      "several), incidence (degrees), mask; separated by commas",
+      "depth");
+  group
+      .Add("--format", flags.formats,
+           "FORMAT or PRODUCT=FORMAT, repeatable; the first is the default:" + formats)
+      .OnePerUse();
+  DepthWriteOptions& floats = flags.job.storage.floats;
+  group.Add("--exr-compression", floats.exr_compression, "{}; pxr24 keeps 24 of 32 bits");
+  group.Add("--sample", floats.sample, "{}, of EXR, NPY and NPZ");
+  group.Add("--png-step", floats.png_step, "Scene units per count of a 16-bit PNG");
+  group.Add("--out-of-range", floats.out_of_range,
+            "{}: what to do with depth that a PNG or half cannot hold");
+  group.Flag("--deflate-npz", floats.deflate_npz, "Smaller NPZ files, written slower");
+  group.Add("--jpeg-quality", flags.job.storage.jpeg_quality, "1 to 100");
+  FrameOptions& frame = flags.job.frame;
+  group.Add("--normals-in", frame.normals_in, "{}, of normals and points");
+  group.Add("--shading", NamedValue(flags.shading, "auto"),
+            "{} (headlight where the mesh has no colors)");
+  group.Add("--supersampling", frame.color_options.samples_per_pixel_side,
+            "N: each pixel's color is the mean of N x N samples");
+  group.AddParsed("--background", frame.color_options.background_rgb, &ParseRgb,
+                  "RED,GREEN,BLUE where there is no surface", "0,0,0");
+}
+
+void AddOutputOptions(CLI::App& command, RenderFlags& flags) {
+  const OptionGroup output(command, "Output");
+  output
+      .Add("--out", flags.job.out,
+           "Folder for PRODUCT/NAME.FORMAT, manifest.jsonl and summary.json")
+      .Required();
+  output.Add("--pattern", flags.selection.pattern,
+             "Names of the files without extension: {name}, {dir}, {stem}, {base} of the\n"
+             "image; {name}.geometric for COLMAP, {dir}/{base}_depth for MeshLoc");
+  output.Add("--report", flags.report,
+             "Folder for one HTML page to look at (index.html): images, pictures, 3D view");
+  output.Flag("--preview", flags.job.preview, "Also write preview.png, a sheet of small depths");
+  output.Flag("--log-json", flags.log_json,
+              "A line of JSON on stdout for each image, and no table");
+  AddJobOptions(command, flags.running, "Keep what the manifest says to be complete and not stale",
+                "Render all again in a folder where a former run was; else it is refused");
+}
+
+void AddRenderOptions(CLI::App& command, RenderFlags& flags) {
+  AddSceneOption(command);
+  AddInputOptions(command, flags);
+  AddProductOptions(command, flags);
+  AddOutputOptions(command, flags);
+  OptionGroup(command, "Output")
+      .Print(
+          "--help-files", &FileGuide,
+          "Print what the files of each product hold and exit; README.txt beside them says so too")
+      .NotConfigurable();
+  AddRunOptions(command, flags.run);
+}
+
+void CheckRenderFlags(const RenderFlags& flags) {
+  flags.run.Check();
+  if (flags.model.empty() == flags.cameras.empty()) {
+    throw OptionError("give either --model or --cameras");
+  }
+  flags.running.Check();
+  CheckSelection(flags.selection);
+  CheckStorage(flags.job.storage);
+  const int supersampling = flags.job.frame.color_options.samples_per_pixel_side;
+  if (supersampling < 1 || supersampling > 16) {
+    throw OptionError("--supersampling", std::to_string(supersampling), "must be 1 to 16");
+  }
+}
+
+RenderJobOptions ResolveJob(const RenderFlags& flags) {
+  RenderJobOptions job = flags.job;
+  job.products = ResolveProducts(flags);
+  job.threads = flags.run.threads;
+  job.resume = flags.running.resume;
+  job.overwrite = flags.running.overwrite;
+  job.shard = flags.running.Resolve();
+  return job;
+}
+
+ColorOptions::Shading ResolveShading(const RenderFlags& flags, const RayCaster& scene) {
+  return flags.shading.value_or(scene.HasColors() ? ColorOptions::Shading::kUnlit
+                                                  : ColorOptions::Shading::kHeadlight);
+}
 
 // What is going on before the first image, on stderr where that is a terminal.
 class Steps {
@@ -218,10 +442,11 @@ class RenderRun {
 
 Command AddRenderCommand(CLI::App& program) {
   auto flags = std::make_shared<RenderFlags>();
-  CLI::App* command = program.add_subcommand(
-      "render", "Depth maps, normals, color, ids of a mesh for all images of a data set");
-  AddRenderOptions(*command, *flags);
-  command->footer(
+  CLI::App& command = AddCommand(
+      program, "render", "Depth maps, normals, color, ids of a mesh for all images of a data set");
+  AddRenderOptions(command, *flags);
+  SetFooter(
+      command,
       "SIGINT and SIGTERM finish the images in hand; the exit code then is 4, and 5 where a file\n"
       "cannot be written, as on a full disk: --resume goes on.\n"
       "Examples:\n"
@@ -230,9 +455,9 @@ Command AddRenderCommand(CLI::App& program) {
       "      --format bin --pattern {name}.geometric\n"
       "  raylift render --geometry mesh:tiles --model sfm --out rendered --shard auto \\\n"
       "      --products depth,normals,color --format normals=npy --format color=jpg --scale 0.5");
-  return {command, [flags, command] {
+  return {&command, [flags, &command] {
             CheckRenderFlags(*flags);
-            flags->job.command = CommandLine(*command);
+            flags->job.command = CommandLine(command);
             RenderRun(*flags, ResolveJob(*flags)).Run();
           }};
 }

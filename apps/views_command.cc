@@ -5,12 +5,11 @@
 #include <numbers>
 #include <optional>
 
-#include "commands.h"
-#include "interrupt.h"
-#include "job_options.h"
-#include "mesh_only_options.h"
-#include "options.h"
-#include "typed_options.h"
+#include "apps/command_line.h"
+#include "apps/commands.h"
+#include "apps/interrupt.h"
+#include "apps/job_options.h"
+#include "apps/options.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -187,102 +186,67 @@ void Run(const ViewsFlags& flags) {
 }
 
 void AddPlaceOptions(CLI::App& command, ViewsFlags& flags) {
-  const std::string group = "Places";
-  AddEnumOption(command, "--mode", flags.mode, Descriptions<SamplingMode>())->group(group);
-  command.add_option("--count", flags.count, "Poses")->capture_default_str()->group(group);
-  AddUpOption(command, "--up", flags.up_in_world)->group(group);
-  command
-      .add_flag("--level", flags.level,
-                "Turn --up to what the mesh's floors and tables face (within 30 degrees)")
-      ->group(group);
-  command
-      .add_option("--clearance", flags.clearance,
-                  "Distance to the nearest surface, in all directions")
-      ->capture_default_str()
-      ->group(group);
-  command.add_option("--eye-height", flags.inside.eye_height, "inside: above the ground")
-      ->capture_default_str()
-      ->group(group);
-  command.add_option("--max-step", flags.inside.max_step, "inside: what one can walk over")
-      ->capture_default_str()
-      ->group(group);
-  command.add_option("--look-down-deg", flags.inside.look_down_deg, "inside: below the horizon")
-      ->capture_default_str()
-      ->group(group);
-  command
-      .add_option("--min-coverage", flags.inside.min_coverage,
-                  "inside: share of each picture that must see a surface")
-      ->capture_default_str()
-      ->group(group);
-  command
-      .add_flag("--any-side", flags.any_side,
-                "The mesh's triangles are not wound consistently: do not ask which side is seen")
-      ->group(group);
-  AddParsedOption(command, "--distance", flags.around.distance, &ParsePositive,
-                  "around: from the middle (default: the whole mesh is in the picture)")
-      ->group(group);
-  command.add_option("--min-elevation-deg", flags.around.min_elevation_deg, "around")
-      ->capture_default_str()
-      ->group(group);
-  command
-      .add_option("--max-elevation-deg", flags.around.max_elevation_deg,
-                  "around; equal elevations make a ring")
-      ->capture_default_str()
-      ->group(group);
-  command.add_option("--line", flags.line, "along: file of camera centers, x y z per line")
-      ->group(group);
-  command.add_option("--seed", flags.seed, "Seed of all random choices")
-      ->capture_default_str()
-      ->group(group);
+  const OptionGroup group(command, "Places");
+  group.Add("--mode", flags.mode, Descriptions<SamplingMode>());
+  group.Add("--count", flags.count, "Poses");
+  AddUpOption(group, "--up", flags.up_in_world);
+  group.Flag("--level", flags.level,
+             "Turn --up to what the mesh's floors and tables face (within 30 degrees)");
+  group.Add("--clearance", flags.clearance, "Distance to the nearest surface, in all directions");
+  group.Add("--eye-height", flags.inside.eye_height, "inside: above the ground");
+  group.Add("--max-step", flags.inside.max_step, "inside: what one can walk over");
+  group.Add("--look-down-deg", flags.inside.look_down_deg, "inside: below the horizon");
+  group.Add("--min-coverage", flags.inside.min_coverage,
+            "inside: share of each picture that must see a surface");
+  group.Flag("--any-side", flags.any_side,
+             "The mesh's triangles are not wound consistently: do not ask which side is seen");
+  group.AddParsed("--distance", flags.around.distance, &ParsePositive,
+                  "around: from the middle (default: the whole mesh is in the picture)");
+  group.Add("--min-elevation-deg", flags.around.min_elevation_deg, "around");
+  group.Add("--max-elevation-deg", flags.around.max_elevation_deg,
+            "around; equal elevations make a ring");
+  group.Add("--line", flags.line, "along: file of camera centers, x y z per line");
+  group.Add("--seed", flags.seed, "Seed of all random choices");
 }
 
 void AddCameraOptions(CLI::App& command, ViewsFlags& flags) {
-  const std::string group = "Camera";
-  AddParsedOption(command, "--camera", flags.camera, &ParseCameraOption,
-                  "\"MODEL width height params...\" (default: a pinhole camera)")
-      ->group(group);
-  AddParsedOption(command, "--size", flags.size, &ParseSize, "WIDTHxHEIGHT of the pinhole camera",
-                  "640x480")
-      ->group(group);
-  command.add_option("--fov-deg", flags.fov_deg, "Horizontal angle of the pinhole camera")
-      ->capture_default_str()
-      ->group(group);
-  command
-      .add_option("--rig-cameras", flags.rig_cameras,
-                  "N: each pose is a rig of N cameras that look all around; writes rigs and\n"
-                  "frames, too")
-      ->capture_default_str()
-      ->group(group);
+  const OptionGroup group(command, "Camera");
+  group.AddParsed("--camera", flags.camera, &ParseCameraOption,
+                  "\"MODEL width height params...\" (default: a pinhole camera)");
+  group.AddParsed("--size", flags.size, &ParseSize, "WIDTHxHEIGHT of the pinhole camera",
+                  "640x480");
+  group.Add("--fov-deg", flags.fov_deg, "Horizontal angle of the pinhole camera");
+  group.Add("--rig-cameras", flags.rig_cameras,
+            "N: each pose is a rig of N cameras that look all around; writes rigs and\n"
+            "frames, too");
 }
 
 }  // namespace
 
 Command AddViewsCommand(CLI::App& program) {
   auto flags = std::make_shared<ViewsFlags>();
-  CLI::App* command =
-      program.add_subcommand("views", "Camera poses on a mesh, for scenes without photographs");
-  command->add_option("--geometry", flags->geometry, "mesh:PATH, as of render")
-      ->required()
-      ->allow_extra_args(false)
-      ->group("Places");
-  AddPlaceOptions(*command, *flags);
-  AddCameraOptions(*command, *flags);
-  command->add_option("--out", flags->out, "Folder for the COLMAP model, ready for render --model")
-      ->required()
-      ->group("Output");
-  command->add_flag("--text", flags->text, "Write the model as text")->group("Output");
-  command->add_flag("--preview", flags->preview, "Also write preview.png, a sheet of small depths")
-      ->group("Output");
-  AddOverwriteOption(*command, flags->overwrite);
-  AddRunOptions(*command, flags->run);
-  command->footer(
+  CLI::App& command =
+      AddCommand(program, "views", "Camera poses on a mesh, for scenes without photographs");
+  const OptionGroup places(command, "Places");
+  places.Add("--geometry", flags->geometry, "mesh:PATH, as of render").Required().OnePerUse();
+  AddPlaceOptions(command, *flags);
+  AddCameraOptions(command, *flags);
+  const OptionGroup output(command, "Output");
+  output.Add("--out", flags->out, "Folder for the COLMAP model, ready for render --model")
+      .Required();
+  output.Flag("--text", flags->text, "Write the model as text");
+  output.Flag("--preview", flags->preview, "Also write preview.png, a sheet of small depths");
+  AddOverwriteOption(command, flags->overwrite);
+  AddRunOptions(command, flags->run);
+  SetFooter(
+      command,
       "Each place depends on those before it: the work cannot be shared, and a run that a signal "
       "has\n"
       "ended (exit code 4) begins anew, with the same bytes.\n"
       "Example:\n"
       "  raylift views --geometry mesh:scene.ply --count 100 --out views --preview\n"
       "  raylift render --geometry mesh:scene.ply --model views --out rendered");
-  return {command, [flags] { Run(*flags); }};
+  return {&command, [flags] { Run(*flags); }};
 }
 
 }  // namespace raylift

@@ -2,11 +2,10 @@
 
 #include <regex>
 
+#include "apps/interrupt.h"
+#include "apps/program.h"
 #include "bindings.h"
 #include "conversions.h"
-#include "interrupt.h"
-#include "option_names.h"
-#include "program.h"
 
 namespace raylift::python {
 namespace {

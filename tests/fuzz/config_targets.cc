@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <utility>
 
-#include "commands.h"
-#include "config_file.h"
+#include "apps/argument_files.h"
+#include "apps/commands.h"
+#include "apps/options.h"
 #include "fuzz/fuzz_targets.h"
-#include "options.h"
 #include <CLI/CLI.hpp>
 
 #include "raylift/base/error.h"

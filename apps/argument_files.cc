@@ -1,15 +1,66 @@
-#include "scene_arguments.h"
+#include "apps/argument_files.h"
 
 #include <array>
-#include <filesystem>
+#include <map>
 #include <string_view>
 
 #include <fmt/format.h>
+
+#include "raylift/io/toml_file.h"
 
 namespace raylift {
 namespace {
 
 using std::filesystem::path;
+
+class ConfigReader {
+ public:
+  explicit ConfigReader(const CLI::App& command) : command_(command) {}
+
+  std::vector<std::string> Arguments(const path& file) {
+    TomlTable top = ReadToml(file);
+    for (const std::string& key : top.Keys()) {
+      if (!top.IsTable(key) || !IsSibling(command_, key)) Take(top, key);
+    }
+    if (const std::string name = NameOf(command_); top.IsTable(name)) {
+      TomlTable table = *top.Table(name);
+      for (const std::string& key : table.Keys()) Take(table, key);
+    }
+    // Positional arguments first: an option of several values would take them for its own.
+    std::vector<std::string> positionals, options;
+    for (const auto& [name, values] : values_) {
+      const OptionFacts option = *FindOption(command_, name);
+      if (option.is_given) continue;
+      for (const std::string& value : values) {
+        if (option.is_positional) {
+          positionals.push_back(value);
+        } else {
+          options.push_back(fmt::format("{}={}", name, value));
+        }
+      }
+    }
+    positionals.insert(positionals.end(), options.begin(), options.end());
+    return positionals;
+  }
+
+ private:
+  void Take(TomlTable& table, const std::string& key) {
+    const std::string name = OptionName(table, key);  // first, for its message
+    values_[name] = table.Values(key);
+  }
+
+  std::string OptionName(const TomlTable& table, const std::string& key) const {
+    for (const std::string& name : {"--" + key, key}) {
+      const auto option = FindOption(command_, name);
+      if (option && option->is_configurable && option->name == name) return name;
+    }
+    table.FailAtLineOf(key,
+                       fmt::format("\"{}\" is no option of raylift {}", key, NameOf(command_)));
+  }
+
+  const CLI::App& command_;
+  std::map<std::string, std::vector<std::string>> values_;  // by the option's name
+};
 
 struct PathOption {
   const char* option;
@@ -24,18 +75,13 @@ constexpr std::array<PathOption, 8> kPathOptions = {{{"--model", &SceneFile::ref
                                                      {"--groups", &SceneFile::groups},
                                                      {"--priors", &SceneFile::priors}}};
 
-bool IsGiven(const CLI::App& command, const char* option) {
-  const CLI::Option* found = command.get_option_no_throw(option);
-  return found != nullptr && found->count() > 0;
-}
-
 bool Wants(const CLI::App& command, const char* option) {
-  return command.get_option_no_throw(option) != nullptr && !IsGiven(command, option);
+  return FindOption(command, option) && !IsGiven(command, option);
 }
 
 // Whether the scene's value can stand beside what the command was given.
 bool Fits(const SceneFile& scene, const CLI::App& command, std::string_view option) {
-  const std::string& name = command.get_name();
+  const std::string name = NameOf(command);
   // Without a model, references are rendered.
   if (option == "--images" && scene.references.empty()) return IsGiven(command, "--model");
   if (option == "--times") return IsGiven(command, "--continuous");
@@ -49,7 +95,7 @@ bool Fits(const SceneFile& scene, const CLI::App& command, std::string_view opti
 }
 
 bool CanUse(const CLI::App& command, const SceneGeometry& geometry) {
-  const std::string& name = command.get_name();
+  const std::string name = NameOf(command);
   if (name == "render") return geometry.spec.starts_with("mesh:");
   if (name == "doctor") return !geometry.spec.starts_with("sfm");
   return name != "evaluate";  // there it asks for another figure of merit
@@ -59,7 +105,7 @@ std::vector<std::string> GeometryArguments(const SceneFile& scene, const CLI::Ap
   std::vector<std::string> arguments;
   for (const SceneGeometry& geometry : scene.geometries) {
     if (!CanUse(command, geometry)) continue;
-    if (command.get_name() == "compare") {
+    if (NameOf(command) == "compare") {
       arguments.push_back(fmt::format("--geometry={}={}", geometry.name, geometry.spec));
     } else {
       return {fmt::format("--geometry={}", geometry.spec)};
@@ -70,12 +116,16 @@ std::vector<std::string> GeometryArguments(const SceneFile& scene, const CLI::Ap
 
 }  // namespace
 
-void AddSceneOption(CLI::App& app) {
-  app.add_option("--scene",
-                 "Scene file (raylift import makes them): says what the options do\n"
-                 "not; --geometry also takes the names of its geometries")
-      ->type_name("TEXT")
-      ->group("Scene file");
+std::vector<std::string> ConfigArguments(const path& file, const CLI::App& command) {
+  return ConfigReader(command).Arguments(file);
+}
+
+void AddSceneOption(CLI::App& command) {
+  OptionGroup(command, "Scene file")
+      .AddText("--scene",
+               "Scene file (raylift import makes them): says what the options do\n"
+               "not; --geometry also takes the names of its geometries",
+               [](const std::string&) {});
 }
 
 std::vector<std::string> SceneArguments(const SceneFile& scene, const CLI::App& command) {
@@ -97,19 +147,15 @@ std::vector<std::string> SceneArguments(const SceneFile& scene, const CLI::App& 
 }
 
 void TakeGeometryNames(const SceneFile& scene, CLI::App& command) {
-  CLI::Option* option = command.get_option_no_throw("--geometry");
-  if (option == nullptr) return;
-  const bool named = command.get_name() == "compare";
-  option->transform(CLI::Validator(
-      [geometries = scene.geometries, named](std::string& text) -> std::string {
-        for (const SceneGeometry& geometry : geometries) {
-          if (geometry.name != text) continue;
-          text = named ? fmt::format("{}={}", geometry.name, geometry.spec) : geometry.spec;
-          break;
-        }
-        return {};
-      },
-      ""));
+  Translate(command, "--geometry",
+            [geometries = scene.geometries,
+             named = NameOf(command) == "compare"](const std::string& text) -> std::string {
+              for (const SceneGeometry& geometry : geometries) {
+                if (geometry.name != text) continue;
+                return named ? fmt::format("{}={}", geometry.name, geometry.spec) : geometry.spec;
+              }
+              return text;
+            });
 }
 
 }  // namespace raylift

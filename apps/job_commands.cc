@@ -1,26 +1,59 @@
-// raylift merge: the results of a whole run from its parts.
+// raylift status, merge and verify: how far the jobs of a folder are, their results from shards, and
+// whether rendered files are still as they were written.
 
 #include <algorithm>
 #include <memory>
 #include <vector>
 
-#include "commands.h"
-#include "estimate_results.h"
-#include "experiment_run.h"
-#include "interrupt.h"
-#include "options.h"
+#include "apps/commands.h"
+#include "apps/estimate_results.h"
+#include "apps/interrupt.h"
+#include "apps/options.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/jobs/folder_lock.h"
+#include "raylift/jobs/job_status.h"
 #include "raylift/localization/query_job.h"
+#include "raylift/views/verify.h"
 
 namespace raylift {
 namespace {
 
 using std::filesystem::path;
+
+std::string_view StateName(ShardStatus::State state) {
+  switch (state) {
+    case ShardStatus::State::kDone:
+      return "done";
+    case ShardStatus::State::kRunning:
+      return "running";
+    case ShardStatus::State::kStopped:
+      return "stopped or failed";
+    case ShardStatus::State::kNotBegun:
+      return "nothing done yet";
+  }
+  return {};
+}
+
+void PrintStatus(const JobStatus& status) {
+  for (const ShardStatus& shard : status.shards) {
+    if (status.shards.size() == 1) {
+      fmt::print("{}: {}\n", status.command, StateName(shard.state));
+    } else {
+      fmt::print("shard {}/{}: {} of {}, {}\n", shard.shard.index, shard.shard.count, shard.done,
+                 shard.tasks, StateName(shard.state));
+    }
+  }
+  fmt::print("done: {} of {}\n", status.done, status.tasks);
+  const std::string left = ShardsToSubmit(status);
+  if (!left.empty() && status.shards.size() > 1) {
+    fmt::print("to submit again: --array={} with --shard auto/{} --resume\n", left,
+               status.shards.size());
+  }
+}
 
 struct MergeFlags {
   path out;
@@ -145,17 +178,58 @@ class Merger {
   Header header_;
 };
 
+void Verify(const std::filesystem::path& out, const RunFlags& run) {
+  const JobStatus status = ReadJobStatus(out);
+  if (status.command != "render") {
+    throw InputError(
+        out, fmt::format("is of `raylift {}`: only rendered files have checksums", status.command));
+  }
+  const Verification found = VerifyRenderedFiles(out, run.threads);
+  for (const FileFault& fault : found.faults) fmt::print("{} {}\n", fault.file, fault.what);
+  if (!found.faults.empty()) {
+    throw InputError(out,
+                     fmt::format("{} of {} files are not as they were written; render --resume "
+                                 "makes them anew",
+                                 found.faults.size(), found.files));
+  }
+  if (run.quiet) return;
+  fmt::print("{} images, {} files, {:.1f} MB: all are as they were written\n", found.images,
+             found.files, 1e-6 * static_cast<double>(found.bytes));
+}
+
 }  // namespace
+
+Command AddStatusCommand(CLI::App& program) {
+  auto out = std::make_shared<std::filesystem::path>();
+  CLI::App& command =
+      AddCommand(program, "status", "How far a run with --shard and --resume is, and its shards");
+  const OptionGroup options(command);
+  options.Add("OUT", *out, "The folder of --out").Required();
+  AddConfigOption(command);
+  SetFooter(command,
+            "The exit code is 0 where all is done, 4 where work is left.\n"
+            "Example:\n"
+            "  raylift status result || sbatch --array=... job.sh");
+  return {&command, [out] {
+            const JobStatus status = ReadJobStatus(*out);
+            PrintStatus(status);
+            if (!status.IsComplete()) {
+              throw Interrupted(fmt::format("{}: {} of {} are not done", out->string(),
+                                            status.tasks - status.done, status.tasks));
+            }
+          }};
+}
 
 Command AddMergeCommand(CLI::App& program) {
   auto flags = std::make_shared<MergeFlags>();
-  CLI::App* command =
-      program.add_subcommand("merge", "The results of a run from shards in other folders");
-  command->add_option("OUT", flags->out, "Folder for the results; its own parts count, too")
-      ->required();
-  command->add_option("PART", flags->parts, "Folders of shards, or their manifests");
-  AddConfigOption(*command);
-  command->footer(
+  CLI::App& command =
+      AddCommand(program, "merge", "The results of a run from shards in other folders");
+  const OptionGroup options(command);
+  options.Add("OUT", flags->out, "Folder for the results; its own parts count, too").Required();
+  options.Add("PART", flags->parts, "Folders of shards, or their manifests");
+  AddConfigOption(command);
+  SetFooter(
+      command,
       "The results of localize and estimate, and the manifest, are those of a run that was not\n"
       "shared, but for its times. What each query has written by itself (--write-problems,\n"
       "--pictures) stays where it is, and --write-model is for shards of one folder. The exit "
@@ -164,7 +238,29 @@ Command AddMergeCommand(CLI::App& program) {
       "merging.\n"
       "Example:\n"
       "  raylift merge result shard_0 shard_1 shard_2");
-  return {command, [flags] { Merger(*flags).Merge(); }};
+  return {&command, [flags] { Merger(*flags).Merge(); }};
+}
+
+Command AddVerifyCommand(CLI::App& program) {
+  struct Flags {
+    std::filesystem::path out;
+    RunFlags run;
+  };
+  auto flags = std::make_shared<Flags>();
+  CLI::App& command = AddCommand(
+      program, "verify", "Whether the files of render are still as they were written (checksums)");
+  const OptionGroup options(command);
+  options.Add("OUT", flags->out, "The folder of --out").Required();
+  AddRunOptions(command, flags->run);
+  SetFooter(command,
+            "Prints the files that are missing or have other contents; the exit code then is 3.\n"
+            "The manifest's checksums are those of `xxhsum -H3`.\n"
+            "Example:\n"
+            "  raylift verify rendered");
+  return {&command, [flags] {
+            flags->run.Check();
+            Verify(flags->out, flags->run);
+          }};
 }
 
 }  // namespace raylift

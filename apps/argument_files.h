@@ -1,4 +1,4 @@
-// Options from a TOML file: what `--config FILE` adds to the command line.
+// Options from files: what `--config FILE` and `--scene FILE` add to the command line.
 
 #pragma once
 
@@ -6,7 +6,9 @@
 #include <string>
 #include <vector>
 
-#include <CLI/App.hpp>
+#include "apps/command_line.h"
+
+#include "raylift/io/scene_file.h"
 
 namespace raylift {
 
@@ -23,5 +25,15 @@ namespace raylift {
 // InputError with the line for anything else.
 std::vector<std::string> ConfigArguments(const std::filesystem::path& file,
                                          const CLI::App& command);
+
+// `--scene`, which main reads before the command runs.
+void AddSceneOption(CLI::App& command);
+
+// What the scene says for the options that `command`, already parsed, was not given, as arguments.
+// Of several geometries the first is taken that the command can use.
+std::vector<std::string> SceneArguments(const SceneFile& scene, const CLI::App& command);
+
+// Lets --geometry take the names of the scene's geometries. Before the command is parsed.
+void TakeGeometryNames(const SceneFile& scene, CLI::App& command);
 
 }  // namespace raylift

@@ -1,0 +1,167 @@
+// The options of a command, behind plain functions: CLI11, whose templates are dear to compile, is
+// seen by command_line.cc and program.cc alone. What a value cannot be is an OptionError, which
+// passes through CLI11: "--method = foo: expected p3p|...".
+
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "base/fields.h"
+
+namespace CLI {
+class App;
+class Option;
+}  // namespace CLI
+
+namespace raylift {
+
+// What is said of few options.
+class AddedOption {
+ public:
+  explicit AddedOption(CLI::Option* option) : option_(option) {}
+
+  const AddedOption& Required(bool required = true) const;
+  const AddedOption& OnePerUse() const;  // of several values, each is given by the option's name
+  const AddedOption& Commas() const;     // values are separated by commas
+  const AddedOption& Default(const std::string& text) const;  // for help and options.json
+  const AddedOption& Type(const std::string& name) const;
+  const AddedOption& NotConfigurable() const;  // it is in no file and not in options.json
+
+ private:
+  CLI::Option* option_;
+};
+
+// Adds options to a group of a command's. The variables outlive the command; what they hold is the
+// default.
+class OptionGroup {
+ public:
+  explicit OptionGroup(CLI::App& command, std::string name = "Options")
+      : command_(command), name_(std::move(name)) {}
+
+  AddedOption Flag(const std::string& name, bool& value, const std::string& help) const;
+  // Prints the text and ends the program.
+  AddedOption Print(const std::string& name, std::string (*text)(), const std::string& help) const;
+
+  AddedOption Add(const std::string& name, int& value, const std::string& help) const;
+  AddedOption Add(const std::string& name, uint64_t& value, const std::string& help) const;
+  AddedOption Add(const std::string& name, double& value, const std::string& help) const;
+  AddedOption Add(const std::string& name, std::string& value, const std::string& help) const;
+  AddedOption Add(const std::string& name, std::filesystem::path& value,
+                  const std::string& help) const;
+  AddedOption Add(const std::string& name, std::optional<int>& value,
+                  const std::string& help) const;
+  AddedOption Add(const std::string& name, std::optional<double>& value,
+                  const std::string& help) const;
+  AddedOption Add(const std::string& name, std::vector<std::string>& values,
+                  const std::string& help) const;
+  AddedOption Add(const std::string& name, std::vector<std::filesystem::path>& values,
+                  const std::string& help) const;
+  AddedOption Add(const std::string& name, std::vector<double>& values,
+                  const std::string& help) const;
+  // "{}" in the help stands for the list of names.
+  AddedOption Add(const std::string& name, const NamedValue& value, const std::string& help) const;
+  // Of any table: "--" and dashes for underscores make the option's name.
+  void Add(std::span<const Field> fields) const;
+
+  // `take` gets the option's text.
+  AddedOption AddText(const std::string& name, const std::string& help,
+                      const std::function<void(const std::string& text)>& take,
+                      const std::string& default_text = "") const;
+  // A value, or an optional one, that `parse` makes of the option's name and text.
+  template <typename Value, typename Parse>
+  AddedOption AddParsed(const std::string& name, Value& value, Parse parse, const std::string& help,
+                        const std::string& default_text = "") const {
+    return AddText(
+        name, help, [name, &value, parse](const std::string& text) { value = parse(name, text); },
+        default_text);
+  }
+  // Values of an enum, separated by commas.
+  template <NamedEnum Enum>
+  AddedOption AddList(const std::string& name, std::vector<Enum>& values,
+                      const std::string& help) const {
+    std::vector<std::string> defaults;
+    for (const Enum value : values) defaults.emplace_back(ToString(value));
+    const auto take = [&values](std::span<const size_t> indices) {
+      values.clear();
+      for (const size_t i : indices) values.push_back(kEnumNames<Enum>[i].value);
+    };
+    return AddNameList(name, NamesOf<Enum>(), take, defaults, help);
+  }
+
+ private:
+  AddedOption AddNameList(const std::string& name, const std::vector<std::string>& names,
+                          const std::function<void(std::span<const size_t>)>& take,
+                          const std::vector<std::string>& defaults, const std::string& help) const;
+  template <typename Value>
+  AddedOption AddValue(const std::string& name, Value& value, const std::string& help) const;
+
+  CLI::App& command_;
+  std::string name_;
+};
+
+// The index of the name; throws OptionError, with the likeliest name, where it is none of them.
+size_t ParseName(std::string_view option, std::string_view text,
+                 const std::vector<std::string>& names);
+template <NamedEnum Enum>
+Enum ParseEnum(std::string_view option, std::string_view text) {
+  return kEnumNames<Enum>[ParseName(option, text, NamesOf<Enum>())].value;
+}
+double ParsePositive(std::string_view option, const std::string& text);
+
+// "name: description" of each value, a line each.
+template <NamedEnum Enum>
+std::string Descriptions() {
+  std::string lines;
+  for (const EnumName<Enum>& entry : kEnumNames<Enum>) {
+    if (!lines.empty()) lines += '\n';
+    (lines += entry.name) += ": ";
+    lines += entry.description;
+  }
+  return lines;
+}
+
+CLI::App& AddCommand(CLI::App& program, const std::string& name, const std::string& what);
+void AddAlias(CLI::App& command, const std::string& name);
+void SetFooter(CLI::App& command, const std::string& text);
+
+std::string NameOf(const CLI::App& command);
+// Whether the program has another command, or this one, of that name.
+bool IsSibling(const CLI::App& command, const std::string& name);
+
+// An option of a command that was parsed.
+struct OptionFacts {
+  std::string name;
+  bool is_positional;
+  bool is_configurable;  // it may stand in a file
+  bool is_given;
+};
+std::optional<OptionFacts> FindOption(const CLI::App& command, const std::string& option);
+bool IsGiven(const CLI::App& command, const std::string& option);
+// What was given, as it stands in the command line; empty where nothing was.
+std::string GivenText(const CLI::App& command, const std::string& option);
+
+// Lets the values of an option, where the command has it, stand for others. Before it is parsed.
+void Translate(CLI::App& command, const std::string& option,
+               std::function<std::string(const std::string&)> translation);
+
+// Makes options that are numbers take plain decimal ones only: CLI11 alone reads 010 as 8 and -1 as
+// the largest unsigned number.
+void CheckNumbers(CLI::App& command);
+
+// "raylift COMMAND --option value ..." of all options that were given, also by files, as a shell
+// takes it.
+std::string CommandLine(const CLI::App& command);
+
+// The options of a command with the values in effect, as JSON, for `options.json`: numbers and
+// booleans as such, null where an option has no value.
+std::string EffectiveOptionsJson(const CLI::App& command);
+
+}  // namespace raylift

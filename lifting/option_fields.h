@@ -1,0 +1,20 @@
+// The filter's and the candidates' options, and the filter's counts, as fields.
+
+#pragma once
+
+#include <vector>
+
+#include "base/fields.h"
+
+#include "raylift/lifting/candidates.h"
+#include "raylift/lifting/consistency_filter.h"
+
+namespace raylift {
+
+std::vector<Field> FieldsOf(ConsistencyThresholds& thresholds);
+// The mode and the thresholds.
+std::vector<Field> FieldsOf(FilterOptions& options);
+std::vector<Field> FieldsOf(CandidateOptions& options);
+std::vector<Field> FieldsOf(FilterCounts& counts);
+
+}  // namespace raylift

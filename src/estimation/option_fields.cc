@@ -1,0 +1,79 @@
+#include "estimation/option_fields.h"
+
+#include <fmt/format.h>
+
+#include "raylift/scene/pose_problem.h"
+
+namespace raylift {
+namespace {
+
+std::string MethodHelp() {
+  std::string text = "Estimator:";
+  for (const EnumName<Method>& method : kEnumNames<Method>) {
+    text += fmt::format("\n{} = {}: {}", method.name, method.title, method.description);
+  }
+  return text;
+}
+
+}  // namespace
+
+std::vector<Field> MethodFieldsOf(EstimatorOptions& options) {
+  return {
+      {"method", options.method, MethodHelp()},
+      {"score", options.score, "Score that Adaptive compares poses by:\n{}"},
+      {"lo", options.local_optimization, "Adaptive's local optimization: {}"},
+      {"alpha", options.alpha,
+       "Select takes the P3P pose if it has more than alpha times\n"
+       "the E5+1 pose's 2D-2D inliers",
+       kNotNegative},
+  };
+}
+
+std::vector<Field> NumberFieldsOf(EstimatorOptions& options) {
+  return {
+      {"refinement", options.refinement,
+       "What happens beyond the paper, in every method: {}.\n"
+       "robust refines the pose after RANSAC by maximum likelihood,\n"
+       "Adaptive's and D3+1's by both kinds of matches with what they are\n"
+       "found to be worth, draws samples of D3+1 in Adaptive as well, and\n"
+       "drops poses that chance explains;\n"
+       "paper optimizes each new best pose on all matches, no more"},
+      {"reprojection_threshold_px", options.reprojection_threshold_px,
+       "Inlier threshold of 2D-3D matches", kPositive},
+      {"sampson_threshold_px", options.sampson_threshold_px, "Inlier threshold of 2D-2D matches",
+       kPositive},
+      {"point_sigma", options.point_sigma,
+       "Standard deviation of the 3D points, in scene units:\n"
+       "widens the inlier threshold of 2D-3D matches",
+       kNotNegative},
+      {"refine_focal", options.refine_focal, "Find the query's focal length with the pose"},
+      {"focal_range", options.focal_range,
+       "With --refine-focal: it is the given one up to this factor\n"
+       "either way",
+       Range{.says = fmt::format("must lie between 1 and {}", kMaxFocalRange),
+             .least = 1,
+             .most = kMaxFocalRange}},
+      {"min_iterations", options.min_iterations, "RANSAC", kAtLeastOne},
+      {"max_iterations", options.max_iterations, "RANSAC",
+       Range{.says = fmt::format("must not be below min_iterations = {}", options.min_iterations),
+             .least = static_cast<double>(options.min_iterations)}},
+      {"confidence", options.confidence,
+       "RANSAC stops when a sample of inliers alone has\n"
+       "been drawn with this probability",
+       Range{.says = "must lie between 0 and 1",
+             .least = 0,
+             .most = 1,
+             .without_least = true,
+             .without_most = true}},
+      {"seed", options.seed, "Seed of all random choices"},
+  };
+}
+
+std::vector<Field> FieldsOf(EstimatorOptions& options) {
+  std::vector<Field> fields = MethodFieldsOf(options);
+  const std::vector<Field> numbers = NumberFieldsOf(options);
+  fields.insert(fields.end(), numbers.begin(), numbers.end());
+  return fields;
+}
+
+}  // namespace raylift
