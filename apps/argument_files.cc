@@ -4,9 +4,8 @@
 #include <map>
 #include <string_view>
 
+#include "io/text/toml_file.h"
 #include <fmt/format.h>
-
-#include "raylift/io/toml_file.h"
 
 namespace raylift {
 namespace {

@@ -6,6 +6,7 @@
 #include "apps/options.h"
 #include "base/progress.h"
 #include "surfaces/resampled_mesh.h"
+#include "views/vertex_coloring.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -13,7 +14,6 @@
 #include "raylift/localization/references.h"
 #include "raylift/surfaces/mesh_files.h"
 #include "raylift/views/mesh_scene.h"
-#include "raylift/views/vertex_coloring.h"
 
 namespace raylift {
 namespace {

@@ -16,6 +16,7 @@
 #include "base/hash.h"
 #include "base/index_sets.h"
 #include "base/progress.h"
+#include "jobs/fingerprint.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -23,7 +24,6 @@
 #include "raylift/base/file.h"
 #include "raylift/base/parallel.h"
 #include "raylift/io/pose_problem_json.h"
-#include "raylift/jobs/fingerprint.h"
 #include "raylift/localization/localizer.h"
 
 namespace raylift {

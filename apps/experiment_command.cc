@@ -15,19 +15,15 @@
 #include "base/hash.h"
 #include "base/json_text.h"
 #include "base/progress.h"
+#include "experiment/pivot.h"
+#include "experiment/results.h"
+#include "jobs/manifest_file.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/experiment/cell_store.h"
-#include "raylift/experiment/cells.h"
-#include "raylift/experiment/claims.h"
-#include "raylift/experiment/experiment_file.h"
-#include "raylift/experiment/experiment_report.h"
-#include "raylift/experiment/grid.h"
-#include "raylift/experiment/pivot.h"
-#include "raylift/experiment/results.h"
+#include "raylift/experiment/experiment.h"
 #include "raylift/experiment/run_cells.h"
 #include "raylift/jobs/task_job.h"
 

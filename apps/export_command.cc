@@ -12,6 +12,7 @@
 #include "apps/command_line.h"
 #include "apps/commands.h"
 #include "apps/options.h"
+#include "io/scene/trajectory_file.h"
 #include "surfaces/resampled_mesh.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -21,10 +22,8 @@
 #include "raylift/base/text.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/io/colmap_model.h"
-#include "raylift/io/kapture_folder.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
-#include "raylift/io/trajectory_file.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/localization/localized_model.h"
 #include "raylift/localization/localizer.h"

@@ -9,15 +9,15 @@
 #include "apps/estimate_results.h"
 #include "apps/interrupt.h"
 #include "apps/options.h"
+#include "jobs/job_status.h"
+#include "jobs/manifest_file.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/jobs/folder_lock.h"
-#include "raylift/jobs/job_status.h"
 #include "raylift/localization/query_job.h"
-#include "raylift/views/verify.h"
+#include "raylift/views/render_job.h"
 
 namespace raylift {
 namespace {

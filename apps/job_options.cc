@@ -2,12 +2,12 @@
 
 #include "base/hash.h"
 #include "base/json_text.h"
+#include "jobs/fingerprint.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
-#include "raylift/jobs/fingerprint.h"
 #include "raylift/renderers/ray_caster.h"
 
 namespace raylift {

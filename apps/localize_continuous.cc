@@ -9,6 +9,7 @@
 #include "apps/job_options.h"
 #include "apps/localize_inputs.h"
 #include "base/progress.h"
+#include "jobs/manifest_file.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

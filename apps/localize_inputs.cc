@@ -6,9 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "raylift/io/pose_prior_list.h"
 #include "raylift/io/query_list.h"
-#include "raylift/io/rig_list.h"
 #include "raylift/localization/matching.h"
 #include "raylift/localization/result_files.h"
 

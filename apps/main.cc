@@ -7,9 +7,8 @@
 #include <vector>
 
 #include "apps/program.h"
+#include "io/hloc/hdf5_file.h"
 #include <opencv2/core/utility.hpp>
-
-#include "raylift/io/hdf5_exit.h"
 
 namespace {
 

@@ -5,11 +5,11 @@
 
 #include "apps/command_line.h"
 #include "apps/options.h"
+#include "views/task_list.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
-#include "raylift/views/task_list.h"
 
 namespace raylift {
 namespace {

@@ -21,7 +21,7 @@
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/localization/references.h"
 #include "raylift/renderers/frame_renderer.h"
-#include "raylift/views/product.h"
+#include "raylift/views/render_job.h"
 
 namespace raylift {
 namespace {

@@ -17,6 +17,8 @@
 #include "apps/job_options.h"
 #include "apps/options.h"
 #include "base/progress.h"
+#include "views/job_files.h"
+#include "views/task_list.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <unistd.h>
@@ -30,10 +32,8 @@
 #include "raylift/io/view_list.h"
 #include "raylift/lifting/mesh_spec.h"
 #include "raylift/scene/photographs.h"
-#include "raylift/views/file_guide.h"
 #include "raylift/views/mesh_scene.h"
 #include "raylift/views/render_job.h"
-#include "raylift/views/task_list.h"
 
 namespace raylift {
 namespace {

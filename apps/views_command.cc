@@ -10,6 +10,8 @@
 #include "apps/interrupt.h"
 #include "apps/job_options.h"
 #include "apps/options.h"
+#include "views/job_files.h"
+#include "views/task_list.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -19,11 +21,8 @@
 #include "raylift/io/image_file.h"
 #include "raylift/io/view_list.h"
 #include "raylift/lifting/mesh_spec.h"
-#include "raylift/views/contact_sheet.h"
 #include "raylift/views/mesh_scene.h"
-#include "raylift/views/sampled_model.h"
-#include "raylift/views/task_list.h"
-#include "raylift/views/up_direction.h"
+#include "raylift/views/rendered_references.h"
 #include "raylift/views/view_sampler.h"
 
 namespace raylift {

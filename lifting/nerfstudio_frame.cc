@@ -2,9 +2,10 @@
 
 #include <vector>
 
+#include "io/text/json_document.h"
+
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/io/json_document.h"
 
 namespace raylift {
 

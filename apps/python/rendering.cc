@@ -13,7 +13,7 @@
 #include "raylift/lifting/mesh_spec.h"
 #include "raylift/renderers/frame_renderer.h"
 #include "raylift/surfaces/mesh_files.h"
-#include "raylift/views/product.h"
+#include "raylift/views/render_job.h"
 
 namespace raylift::python {
 namespace {

@@ -1,12 +1,19 @@
 #include "raylift/datasets/dataset.h"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
+#include <limits>
+#include <utility>
 
 #include "datasets/importers.h"
+#include <Eigen/LU>
+#include <Eigen/SVD>
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/io/colmap_model.h"
+#include "raylift/io/image_file.h"
 
 namespace raylift {
 namespace {
@@ -133,6 +140,163 @@ path WriteImportedScene(const path& folder, const ImportedScene& scene, std::str
   if (!scene.warnings.empty()) file.provenance.emplace_back("warnings", Joined(scene.warnings));
   WriteSceneFile(out / "scene.toml", file);
   return out / "scene.toml";
+}
+
+namespace {
+
+// Text files round; more than this is another matrix.
+constexpr double kRotationTolerance = 0.02;
+
+// Numbers as they were printed, infinities of Windows ("-1.#INF") included.
+double NumberOrInfinity(const LineReader& lines, std::string_view token) {
+  if (const auto number = ParseDouble(token)) return *number;
+  for (const std::string_view none : {"INF", "inf", "IND", "NAN", "nan", "QNAN"}) {
+    if (token.find(none) != std::string_view::npos) return std::numeric_limits<double>::infinity();
+  }
+  lines.Fail(fmt::format("expected a number, found \"{}\"", token));
+}
+
+Eigen::Matrix4d ReadAnyMatrix(const path& file) {
+  Eigen::Matrix4d matrix;
+  LineReader lines(file);
+  for (int row = 0; row < 4; ++row) {
+    const auto line = lines.NextContent();
+    if (!line) lines.Fail(fmt::format("expected 4 rows of a matrix, found {}", row));
+    const auto tokens = SplitTokens(*line);
+    if (tokens.size() != 4) {
+      lines.Fail(fmt::format("expected 4 numbers, found {}", tokens.size()));
+    }
+    for (int column = 0; column < 4; ++column) {
+      matrix(row, column) = NumberOrInfinity(lines, tokens[static_cast<size_t>(column)]);
+    }
+  }
+  return matrix;
+}
+
+// Why images were skipped, to end a message.
+std::string Reasons(const ImportedScene& scene) {
+  std::string reasons;
+  for (const std::string& warning : scene.warnings) reasons += "; " + warning;
+  return reasons;
+}
+
+}  // namespace
+
+ImportedScene SceneOfFolder(const path& folder) {
+  if (!std::filesystem::is_directory(folder)) {
+    throw InputError(folder, "expected the folder of a data set");
+  }
+  ImportedScene scene;
+  scene.name = std::filesystem::canonical(folder).filename().string();
+  scene.images = folder;
+  scene.query_images = folder;
+  return scene;
+}
+
+void Skipped::Add(const std::string& reason, const std::string& name) {
+  Entry& entry = entries_[reason];
+  if (entry.count++ == 0) entry.first = name;
+}
+
+void Skipped::AddWarnings(std::vector<std::string>& warnings) const {
+  for (const auto& [reason, entry] : entries_) {
+    warnings.push_back(fmt::format("{} {} skipped: {} (first: {})", entry.count,
+                                   entry.count == 1 ? "image is" : "images are", reason,
+                                   entry.first));
+  }
+}
+
+void AddQuery(const PosedImage& image, ImportedScene& scene) {
+  scene.queries.push_back({image.name, image.camera});
+  scene.ground_truth.push_back({image.name, image.cam_from_world});
+}
+
+void SplitFrames(const std::vector<PosedImage>& frames, int query_every, const path& source,
+                 ImportedScene& scene) {
+  for (size_t i = 0; i < frames.size(); ++i) {
+    if ((i + 1) % static_cast<size_t>(query_every) == 0) {
+      AddQuery(frames[i], scene);
+    } else {
+      scene.references.push_back(frames[i]);
+    }
+  }
+  if (scene.queries.empty() || scene.references.empty()) {
+    throw InputError(source, fmt::format("{} frames that can be used make no references and "
+                                         "queries by query_every = {}{}",
+                                         frames.size(), query_every, Reasons(scene)));
+  }
+}
+
+void RequireImages(const path& folder, const ImportedScene& scene) {
+  const std::string skipped = Reasons(scene);
+  if (scene.references.empty() && scene.reference_model.empty()) {
+    throw InputError(folder, "no references are left" + skipped);
+  }
+  if (scene.queries.empty()) throw InputError(folder, "no queries are left" + skipped);
+}
+
+SharedCamera::SharedCamera(const ImportOptions& options) : known_(options.camera.has_value()) {
+  if (options.camera) camera_ = *options.camera;
+}
+
+const Camera& SharedCamera::Get(const std::function<Camera()>& make) {
+  if (!known_) camera_ = make();
+  known_ = true;
+  return camera_;
+}
+
+Camera FitToPhotograph(const Camera& camera, const path& photograph) {
+  const PlaneSize size = ReadImageSize(photograph);
+  if (size.width_px == camera.width_px() && size.height_px == camera.height_px()) return camera;
+  return camera.Scaled(size.width_px, size.height_px);
+}
+
+std::optional<Rigid3> RigidFromMatrix(const Eigen::Matrix4d& matrix) {
+  if (!matrix.allFinite() || !matrix.row(3).isApprox(Eigen::RowVector4d(0, 0, 0, 1), 1e-6)) {
+    return std::nullopt;
+  }
+  const Eigen::Matrix3d given = matrix.topLeftCorner<3, 3>();
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(given, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Eigen::Matrix3d rotation = svd.matrixU() * svd.matrixV().transpose();
+  if (rotation.determinant() < 0 || (rotation - given).norm() > kRotationTolerance) {
+    return std::nullopt;
+  }
+  return Rigid3{Eigen::Quaterniond(rotation).normalized(), matrix.topRightCorner<3, 1>()};
+}
+
+std::optional<Rigid3> ReadWorldFromCam(const path& file) {
+  const Eigen::Matrix4d matrix = ReadAnyMatrix(file);
+  if (!matrix.allFinite()) return std::nullopt;
+  auto world_from_cam = RigidFromMatrix(matrix);
+  if (!world_from_cam) throw InputError(file, "expected a rotation and a translation");
+  return world_from_cam;
+}
+
+Eigen::Matrix4d ReadMatrix(const path& file) {
+  Eigen::Matrix4d matrix = ReadAnyMatrix(file);
+  if (!matrix.allFinite()) throw InputError(file, "expected finite numbers");
+  return matrix;
+}
+
+bool Exists(const path& file) {
+  std::error_code ignored;
+  return std::filesystem::exists(file, ignored);
+}
+
+std::vector<std::string> ListFiles(const path& folder, const std::string& suffix) {
+  if (!std::filesystem::is_directory(folder)) throw InputError(folder, "there is no such folder");
+  std::vector<std::pair<uint64_t, std::string>> files;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    const std::string name = entry.path().filename().string();
+    if (!name.ends_with(suffix) || name.size() == suffix.size()) continue;
+    const std::string stem = name.substr(0, name.size() - suffix.size());
+    files.emplace_back(ParseUint(stem).value_or(0), name);
+  }
+  std::sort(files.begin(), files.end());
+  std::vector<std::string> names;
+  names.reserve(files.size());
+  for (auto& [number, name] : files) names.push_back(std::move(name));
+  return names;
 }
 
 }  // namespace raylift

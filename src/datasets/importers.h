@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <filesystem>
 #include <functional>
 #include <map>
 #include <optional>
@@ -12,6 +13,7 @@
 
 #include "raylift/base/text.h"
 #include "raylift/datasets/dataset.h"
+#include "raylift/geometry/camera.h"
 
 namespace raylift {
 
@@ -92,5 +94,12 @@ Eigen::Matrix4d ReadMatrix(const std::filesystem::path& file);
 // The file names in a folder that end in `suffix`, by the number in front of it if that is one,
 // else by name. InputError where the folder is missing.
 std::vector<std::string> ListFiles(const std::filesystem::path& folder, const std::string& suffix);
+
+// The color camera. InputError naming file and key for anything else.
+Camera ReadColorCamera(const std::filesystem::path& info);
+
+// A PINHOLE whose center is counted from the center of the first pixel, as SensReader does
+// (sensorData.h projects to whole pixels): half a pixel more here.
+Camera CameraOfSensor(int width_px, int height_px, double fx, double fy, double cx, double cy);
 
 }  // namespace raylift

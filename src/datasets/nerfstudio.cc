@@ -8,6 +8,7 @@
 
 #include "datasets/importers.h"
 #include "datasets/transforms_lens.h"
+#include "io/text/json_document.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -15,7 +16,6 @@
 #include "raylift/geometry/rigid3.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/io/image_file.h"
-#include "raylift/io/json_document.h"
 
 namespace raylift {
 namespace {

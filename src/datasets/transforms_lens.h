@@ -8,8 +8,9 @@
 #include <string>
 #include <vector>
 
+#include "io/text/json_document.h"
+
 #include "raylift/geometry/camera.h"
-#include "raylift/io/json_document.h"
 #include "raylift/scene/image.h"
 
 namespace raylift {

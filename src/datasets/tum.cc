@@ -5,11 +5,10 @@
 #include <iterator>
 
 #include "datasets/importers.h"
+#include "io/text/line_tokens.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/io/line_tokens.h"
-#include "raylift/io/unit_quaternion.h"
 
 namespace raylift {
 namespace {

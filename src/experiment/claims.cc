@@ -1,12 +1,11 @@
-#include "raylift/experiment/claims.h"
-
 #include <algorithm>
 #include <functional>
 
+#include "experiment/pivot.h"
+#include "experiment/results.h"
 #include <fmt/format.h>
 
 #include "raylift/base/text.h"
-#include "raylift/experiment/pivot.h"
 
 namespace raylift {
 namespace {

@@ -1,17 +1,16 @@
-#include "raylift/experiment/experiment_file.h"
-
 #include <algorithm>
 #include <charconv>
 #include <limits>
 
-#include "experiment_layouts.h"
+#include "experiment/experiment_layouts.h"
+#include "io/text/toml_file.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
+#include "raylift/experiment/experiment.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/io/scene_file.h"
-#include "raylift/io/toml_file.h"
 
 namespace raylift {
 namespace {

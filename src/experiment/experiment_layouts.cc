@@ -1,4 +1,4 @@
-#include "experiment_layouts.h"
+#include "experiment/experiment_layouts.h"
 
 #include <algorithm>
 #include <set>

@@ -3,8 +3,9 @@
 
 #pragma once
 
+#include "io/text/toml_file.h"
+
 #include "raylift/experiment/experiment.h"
-#include "raylift/io/toml_file.h"
 
 namespace raylift {
 

@@ -1,10 +1,9 @@
-#include "raylift/experiment/experiment_report.h"
-
 #include <algorithm>
 #include <cmath>
 #include <map>
 
 #include "base/json_text.h"
+#include "experiment/pivot.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 

@@ -1,4 +1,4 @@
-#include "raylift/experiment/pivot.h"
+#include "experiment/pivot.h"
 
 #include <algorithm>
 #include <cmath>

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 
+#include "experiment/pivot.h"
 #include <fmt/format.h>
 
 #include "raylift/base/text.h"
-#include "raylift/experiment/pivot.h"
 
 namespace raylift {
 namespace {

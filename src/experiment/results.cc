@@ -1,4 +1,4 @@
-#include "raylift/experiment/results.h"
+#include "experiment/results.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,8 +10,8 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
-#include "raylift/experiment/cell_store.h"
-#include "raylift/experiment/grid.h"
+#include "raylift/experiment/experiment.h"
+#include "raylift/experiment/run_cells.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
 

@@ -1,4 +1,4 @@
-#include "raylift/jobs/fingerprint.h"
+#include "jobs/fingerprint.h"
 
 #include <algorithm>
 #include <fstream>

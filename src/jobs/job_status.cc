@@ -1,13 +1,13 @@
-#include "raylift/jobs/job_status.h"
+#include "jobs/job_status.h"
 
 #include <map>
 #include <set>
 
+#include "jobs/manifest_file.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
-#include "raylift/jobs/manifest_file.h"
 
 namespace raylift {
 namespace {

@@ -118,7 +118,7 @@ class AutoShard {
     const auto first = Number(launcher.first);
     const auto last = Number(launcher.last);
     const auto step = Number(launcher.step);
-    const auto count = launcher.count.empty() ? std::optional<int64_t>() : Number(launcher.count);
+    const std::optional<int64_t> count = Number(launcher.count);  // none where it has no name
     const std::string remedy =
         fmt::format("; say of how many it is one: auto/N where the indices count from 0, or ${}/N",
                     launcher.index);
@@ -132,7 +132,7 @@ class AutoShard {
       Fail(fmt::format(
           "the indices of the {} are not evenly spaced: {} of {}{} to {} by {}, so that its place "
           "among them is not known{}",
-          launcher.name, id, count ? fmt::format("{} from ", *count) : "", *first, *last, *step,
+          launcher.name, id, count ? std::to_string(*count) + " from " : "", *first, *last, *step,
           remedy));
     }
     if (*last == *first) {

@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "base/hash.h"
+#include "jobs/manifest_file.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -17,12 +18,6 @@ using std::filesystem::path;
   throw OptionError(
       "overwrite", "false",
       fmt::format("{} is of a former run; resume = true keeps what is done", file.string()));
-}
-
-// The folder must be there to be locked.
-const path& Writable(const path& out, const path& file) {
-  RequireWritable(file);
-  return out;
 }
 
 }  // namespace
@@ -44,15 +39,19 @@ TaskJob::TaskJob(const std::vector<std::string>& names, const std::string& heade
                  JobForm form)
     : folder_(std::move(folder)),
       form_(std::move(form)),
-      file_(ManifestPath(folder_.out, folder_.shard)),
-      lock_(Writable(folder_.out, file_),
-            folder_.shard.IsAll() ? FolderLock::Mode::kExclusive : FolderLock::Mode::kShared) {
+      file_(ManifestPath(folder_.out, folder_.shard)) {
+  RequireWritable(file_);  // the folder must be there to be locked
+  lock_ =
+      std::make_unique<FolderLock>(folder_.out, folder_.shard.IsAll() ? FolderLock::Mode::kExclusive
+                                                                      : FolderLock::Mode::kShared);
   for (const std::string& name : names) {
     keys_.push_back(HexText(HashBytes64(fmt::format("{}\n{}", header, name))));
   }
   RefuseIfAppended(file_);
   TakeFormerRuns(header);
 }
+
+TaskJob::~TaskJob() = default;
 
 void TaskJob::TakeFormerRuns(const std::string& header) {
   RefuseFormerRun(folder_, form_);

@@ -3,11 +3,11 @@
 #include <set>
 #include <utility>
 
+#include "io/colmap/colmap_database.h"
 #include "localization/file_matches.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/io/colmap_database.h"
 
 namespace raylift {
 namespace {

@@ -11,6 +11,7 @@
 
 #include "base/hash.h"
 #include "base/progress.h"
+#include "jobs/manifest_file.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -18,9 +19,8 @@
 #include "raylift/base/parallel.h"
 #include "raylift/base/text.h"
 #include "raylift/features/root_sift.h"
-#include "raylift/io/hloc_features.h"
+#include "raylift/io/hloc_files.h"
 #include "raylift/io/image_file.h"
-#include "raylift/jobs/folder_lock.h"
 
 namespace raylift {
 namespace {

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "raylift/io/hloc_features.h"
+#include "raylift/io/hloc_files.h"
 #include "raylift/scene/features.h"
 #include "raylift/scene/image.h"
 

@@ -12,7 +12,7 @@
 #include <unordered_map>
 #include <vector>
 
-#include "raylift/io/retrieval_pairs.h"
+#include "raylift/io/hloc_files.h"
 #include "raylift/localization/hloc_matches.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/references.h"

@@ -17,7 +17,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
 #include "raylift/features/matcher.h"
-#include "raylift/io/retrieval_pairs.h"
+#include "raylift/io/hloc_files.h"
 #include "raylift/localization/front_end.h"
 #include "raylift/scene/keypoints.h"
 

@@ -8,7 +8,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/features/dot_product_search.h"
-#include "raylift/io/hloc_global_features.h"
+#include "raylift/io/hloc_files.h"
 #include "raylift/localization/retrieval.h"
 
 namespace raylift {

@@ -2,8 +2,7 @@
 
 #include "localization/file_matches.h"
 
-#include "raylift/io/hloc_features.h"
-#include "raylift/io/hloc_matches.h"
+#include "raylift/io/hloc_files.h"
 
 namespace raylift {
 namespace {

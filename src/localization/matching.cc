@@ -2,8 +2,9 @@
 
 #include <utility>
 
+#include "io/colmap/colmap_database.h"
+
 #include "raylift/base/error.h"
-#include "raylift/io/colmap_database.h"
 #include "raylift/localization/database_matches.h"
 #include "raylift/localization/pair_matches.h"
 

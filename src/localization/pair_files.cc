@@ -5,11 +5,11 @@
 #include <unordered_map>
 #include <utility>
 
+#include "io/scene/pair_pixels.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
-#include "raylift/io/pair_pixels.h"
 
 namespace raylift {
 namespace {

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "raylift/io/retrieval_pairs.h"
+#include "raylift/io/hloc_files.h"
 
 namespace raylift {
 

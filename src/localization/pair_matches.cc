@@ -6,12 +6,12 @@
 #include <set>
 #include <utility>
 
+#include "io/scene/pair_pixels.h"
 #include "localization/file_matches.h"
 #include "localization/pair_files.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/io/pair_pixels.h"
 #include "raylift/scene/keypoints.h"
 
 namespace raylift {

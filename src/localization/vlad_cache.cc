@@ -4,10 +4,10 @@
 #include <vector>
 
 #include "base/hash.h"
+#include "jobs/manifest_file.h"
 #include <fmt/format.h>
 
-#include "raylift/io/hloc_global_features.h"
-#include "raylift/jobs/folder_lock.h"
+#include "raylift/io/hloc_files.h"
 
 namespace raylift {
 namespace {

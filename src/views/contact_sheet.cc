@@ -1,5 +1,3 @@
-#include "raylift/views/contact_sheet.h"
-
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -7,6 +5,7 @@
 
 #include "base/index_sets.h"
 #include "base/statistics.h"
+#include "views/job_files.h"
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 

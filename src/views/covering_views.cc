@@ -1,17 +1,15 @@
-#include "raylift/views/covering_views.h"
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
 #include "base/rng.h"
-#include "space_probe.h"
-#include "surface_samples.h"
+#include "views/space_probe.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
+#include "raylift/views/view_sampler.h"
 
 namespace raylift {
 namespace {

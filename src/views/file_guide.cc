@@ -1,7 +1,6 @@
-#include "raylift/views/file_guide.h"
-
 #include <vector>
 
+#include "views/job_files.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

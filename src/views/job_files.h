@@ -1,15 +1,23 @@
-// Names and contents of the files that a rendering job keeps beside the pictures. Private to
-// views.
+// What a rendering job keeps beside the pictures: the header of its manifest, summary.json,
+// README.txt, preview.png, and what it warns of.
 
 #pragma once
 
 #include <chrono>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include <Eigen/Core>
+
+#include "raylift/renderers/frame_renderer.h"
+#include "raylift/renderers/ray_caster.h"
+#include "raylift/scene/image.h"
+#include "raylift/scene/photographs.h"
 #include "raylift/surfaces/triangle_mesh.h"
 #include "raylift/views/render_job.h"
 
@@ -43,5 +51,29 @@ struct RunRecord {
 std::string SummaryJson(const std::string& header, const ManifestEntries& entries,
                         const std::vector<std::string>& warnings,
                         const std::optional<RunRecord>& run);
+
+// The file that a job leaves beside its products, and how it starts.
+inline constexpr std::string_view kFileGuideName = "README.txt";
+inline constexpr std::string_view kFileGuideTitle = "What these files hold";
+
+// Of a job that writes these products in these formats.
+std::string FileGuide(std::span<const ProductOutput> outputs, const StorageOptions& storage,
+                      FrameOptions::NormalsIn normals_in);
+
+// Of all products and formats.
+std::string FileGuide();
+
+inline constexpr int kMaxTiles = 48;
+
+// RGB; at most kMaxTiles of the views, evenly chosen, each with its name, its coverage and the
+// range of its depth. Near is red, far is blue, on a logarithmic scale that all tiles share; no
+// surface is black. The same bytes for any number of threads.
+Image MakeContactSheet(const std::shared_ptr<const RayCaster>& scene,
+                       const std::vector<View>& views, int threads);
+
+// One sentence: where both are, and what may be wrong with unit, origin or axes. At least one
+// camera.
+std::string WhyTheMeshIsUnseen(const RayCaster& scene,
+                               const std::vector<Eigen::Vector3d>& camera_centers);
 
 }  // namespace raylift

@@ -1,13 +1,12 @@
-#include "raylift/views/product.h"
-
 #include <algorithm>
 
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/io/depth_file.h"
 #include "raylift/io/image_file.h"
-#include "raylift/io/map_file.h"
 #include "raylift/scene/image.h"
+#include "raylift/views/render_job.h"
 
 namespace raylift {
 namespace {

@@ -3,24 +3,26 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <future>
 #include <limits>
+#include <list>
+#include <memory>
 #include <mutex>
 #include <set>
+#include <string>
+#include <utility>
 
 #include "base/hash.h"
-#include "job_files.h"
-#include "ray_tables.h"
-#include "unseen_mesh.h"
+#include "jobs/manifest_file.h"
+#include "views/job_files.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/parallel.h"
 #include "raylift/io/image_file.h"
-#include "raylift/jobs/folder_lock.h"
-#include "raylift/jobs/manifest_file.h"
-#include "raylift/views/contact_sheet.h"
-#include "raylift/views/file_guide.h"
+#include "raylift/renderers/pixel_rays.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 namespace {
@@ -51,6 +53,57 @@ std::optional<std::pair<float, float>> DepthRange(const std::vector<float>& dept
   const float high = *std::max_element(highs.begin(), highs.end());
   if (high == 0) return std::nullopt;
   return std::pair(*std::min_element(lows.begin(), lows.end()), high);
+}
+
+// The tables of rays of the cameras that are in use: views of one camera share one.
+class RayTables {
+ public:
+  // Keeps at most `capacity` tables, besides those that are held by others.
+  explicit RayTables(size_t capacity) : capacity_(capacity) {}
+
+  // Makes the table where it is not there. Thread safe; a table is made once.
+  std::shared_ptr<const PixelRays> Get(const ViewCamera& camera);
+
+ private:
+  using Table = std::shared_future<std::shared_ptr<const PixelRays>>;
+
+  size_t capacity_;
+  std::mutex mutex_;
+  std::list<std::pair<std::string, Table>> tables_;  // the last used first
+};
+
+std::shared_ptr<const PixelRays> MakeTable(const ViewCamera& camera) {
+  return std::make_shared<const PixelRays>(
+      camera.lens ? PixelRays(*camera.lens, 1)
+                  : PixelRays::Equirectangular(camera.width_px, camera.height_px, 1));
+}
+
+std::shared_ptr<const PixelRays> RayTables::Get(const ViewCamera& camera) {
+  const std::string key = camera.ToString();
+  std::promise<std::shared_ptr<const PixelRays>> promise;
+  Table table;
+  bool make = false;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto found = std::find_if(tables_.begin(), tables_.end(),
+                                    [&key](const auto& entry) { return entry.first == key; });
+    if (found != tables_.end()) {
+      tables_.splice(tables_.begin(), tables_, found);
+    } else {
+      tables_.emplace_front(key, promise.get_future().share());
+      if (tables_.size() > capacity_) tables_.pop_back();
+      make = true;
+    }
+    table = tables_.front().second;
+  }
+  if (make) {
+    try {
+      promise.set_value(MakeTable(camera));
+    } catch (...) {
+      promise.set_exception(std::current_exception());
+    }
+  }
+  return table.get();
 }
 
 // Frames that are not in use, so that their memory is used again.

@@ -1,7 +1,9 @@
-// What the space around a point of a scene is like. Private to views.
+// What the surfaces of a scene leave room for, where cameras can stand.
 
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include <Eigen/Core>
@@ -9,6 +11,8 @@
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/renderers/ray_caster.h"
+#include "raylift/surfaces/triangle_mesh.h"
+#include "raylift/views/view_sampler.h"
 
 namespace raylift {
 
@@ -27,5 +31,19 @@ struct Sight {
   double median_range = 0;  // distance of what is seen
 };
 Sight LookThrough(const RayCaster& mesh, const Camera& camera, const Rigid3& cam_from_world);
+
+struct SurfaceSample {
+  Eigen::Vector3d point_in_world;
+  Eigen::Vector3d normal_in_world;  // unit, by the triangle's winding
+};
+
+// None where the mesh has no area.
+std::vector<SurfaceSample> SampleSurface(const TriangleMesh& mesh, size_t count, uint64_t seed);
+
+// Points of the ground, on a grid, of the largest connected area; empty where there is none. Room
+// for the eye height and the clearance is above each.
+std::vector<Eigen::Vector3d> FindWalkableGround(const RayCaster& mesh,
+                                                const ViewSamplerOptions& options,
+                                                const InsideOptions& inside);
 
 }  // namespace raylift

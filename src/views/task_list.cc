@@ -1,4 +1,4 @@
-#include "raylift/views/task_list.h"
+#include "views/task_list.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,5 +1,3 @@
-#include "raylift/views/up_direction.h"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -7,6 +5,8 @@
 #include <vector>
 
 #include <Eigen/Eigenvalues>
+
+#include "raylift/views/view_sampler.h"
 
 namespace raylift {
 namespace {

@@ -6,8 +6,7 @@
 #include <numbers>
 
 #include "base/rng.h"
-#include "space_probe.h"
-#include "walkable_ground.h"
+#include "views/space_probe.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 

@@ -1,12 +1,12 @@
 // localize with what COLMAP makes, and for what reads its models. Debian's COLMAP runs here.
 
 #include "apps/program.h"
+#include "io/colmap/colmap_database.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
-#include "raylift/io/colmap_database.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
 

@@ -11,7 +11,7 @@
 #include "raylift/base/file.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
-#include "raylift/views/sampled_model.h"
+#include "raylift/views/rendered_references.h"
 
 namespace raylift {
 namespace {

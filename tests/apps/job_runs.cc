@@ -4,12 +4,12 @@
 #include <cstdlib>
 #include <fstream>
 
+#include "jobs/manifest_file.h"
 #include <gtest/gtest.h>
 #include <unistd.h>
 
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
-#include "raylift/jobs/manifest_file.h"
 
 namespace raylift {
 

@@ -7,8 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
-#include "raylift/io/hloc_global_features.h"
-#include "raylift/io/retrieval_pairs.h"
+#include "raylift/io/hloc_files.h"
 
 namespace raylift {
 namespace {

@@ -20,7 +20,7 @@
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/io/image_file.h"
-#include "raylift/views/manifest.h"
+#include "raylift/views/render_job.h"
 
 namespace raylift {
 namespace {

@@ -33,10 +33,8 @@
 #include <unistd.h>
 
 #include "raylift/io/colmap_model.h"
-#include "raylift/io/hloc_features.h"
-#include "raylift/io/hloc_matches.h"
+#include "raylift/io/hloc_files.h"
 #include "raylift/io/query_list.h"
-#include "raylift/io/retrieval_pairs.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/surfaces/mesh_files.h"
 
@@ -187,7 +185,7 @@ class Photographs {
     WriteMatchFile(folder / "matches.h5", matches_);
     WriteQueryList(folder / "queries.txt", list);
     std::vector<std::pair<std::string, std::string>> pairs;
-    for (const PairMatches& pair : matches_)
+    for (const MatchedPair& pair : matches_)
       pairs.emplace_back(pair.query_name, pair.reference_name);
     WritePairs(folder / "pairs.txt", pairs);
   }
@@ -244,7 +242,7 @@ class Photographs {
     }
     const std::vector<std::optional<RayHit>> hits = mesh_.Cast(rays);
     for (const size_t r : retrieved) {
-      PairMatches pair{QueryName(q), ReferenceName(r), rays.size(), {}};
+      MatchedPair pair{QueryName(q), ReferenceName(r), rays.size(), {}};
       for (size_t i = 0; i < rays.size(); ++i) {
         if (!hits[i]) continue;
         const Eigen::Vector3d point =
@@ -265,7 +263,7 @@ class Photographs {
   std::vector<Rigid3> views_;  // of the references, then of the queries
   std::vector<Features> references_;
   std::vector<Features> queries_;
-  std::vector<PairMatches> matches_;
+  std::vector<MatchedPair> matches_;
 };
 
 // The median over the queries of what each stage took.

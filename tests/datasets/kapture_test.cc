@@ -3,6 +3,7 @@
 #include "datasets/kapture.h"
 
 #include "datasets/test_input.h"
+#include "io/scene/trajectory_file.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>
@@ -10,7 +11,6 @@
 
 #include "raylift/base/file.h"
 #include "raylift/datasets/dataset.h"
-#include "raylift/io/kapture_folder.h"
 
 namespace raylift {
 namespace {

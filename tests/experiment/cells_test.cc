@@ -1,5 +1,3 @@
-#include "raylift/experiment/cells.h"
-
 #include <filesystem>
 #include <fstream>
 
@@ -7,8 +5,8 @@
 #include <gmock/gmock.h>
 
 #include "raylift/base/error.h"
-#include "raylift/experiment/cell_store.h"
-#include "raylift/experiment/grid.h"
+#include "raylift/experiment/experiment.h"
+#include "raylift/experiment/run_cells.h"
 
 namespace raylift {
 namespace {

@@ -1,5 +1,4 @@
-#include "raylift/experiment/claims.h"
-
+#include "experiment/results.h"
 #include "experiment/test_experiments.h"
 #include "support/enum_names.h"
 #include <gmock/gmock.h>

@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 
 #include "raylift/base/error.h"
-#include "raylift/experiment/grid.h"
+#include "raylift/experiment/experiment.h"
 
 namespace raylift {
 namespace {

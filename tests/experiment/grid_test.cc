@@ -1,10 +1,9 @@
-#include "raylift/experiment/grid.h"
-
 #include "experiment/test_experiments.h"
 #include "support/enum_names.h"
 #include <gmock/gmock.h>
 
 #include "raylift/base/error.h"
+#include "raylift/experiment/experiment.h"
 
 namespace raylift {
 namespace {

@@ -14,9 +14,7 @@
 
 #include "raylift/base/file.h"
 #include "raylift/comparison/localization_comparison.h"
-#include "raylift/experiment/cell_store.h"
-#include "raylift/experiment/experiment_file.h"
-#include "raylift/experiment/grid.h"
+#include "raylift/experiment/experiment.h"
 #include "raylift/experiment/run_cells.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/batch_localizer.h"

@@ -1,4 +1,4 @@
-#include "raylift/experiment/pivot.h"
+#include "experiment/pivot.h"
 
 #include "experiment/test_experiments.h"
 #include <gmock/gmock.h>

@@ -8,7 +8,7 @@
 #include "support/test_data.h"
 
 #include "raylift/base/file.h"
-#include "raylift/experiment/experiment_file.h"
+#include "raylift/experiment/experiment.h"
 
 namespace raylift {
 

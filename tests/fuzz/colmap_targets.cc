@@ -3,11 +3,11 @@
 #include <array>
 
 #include "fuzz/fuzz_targets.h"
+#include "io/colmap/colmap_database.h"
 #include "io/colmap_test_models.h"
 #include <sqlite3.h>
 
 #include "raylift/base/error.h"
-#include "raylift/io/colmap_database.h"
 #include "raylift/io/colmap_model.h"
 
 namespace raylift {

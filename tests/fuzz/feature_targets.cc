@@ -3,12 +3,10 @@
 #include <array>
 
 #include "fuzz/fuzz_targets.h"
+#include "io/scene/pair_pixels.h"
 
 #include "raylift/io/depth_file.h"
-#include "raylift/io/hloc_features.h"
-#include "raylift/io/hloc_global_features.h"
-#include "raylift/io/hloc_matches.h"
-#include "raylift/io/pair_pixels.h"
+#include "raylift/io/hloc_files.h"
 
 namespace raylift {
 namespace {
@@ -46,7 +44,7 @@ void ReadMatchesOfHloc(std::string_view bytes) {
 }
 
 std::vector<std::string> MatchSeeds() {
-  const std::vector<PairMatches> pairs = {{"a.jpg", "b.jpg", 3, {{0, 1, 0.5f}, {2, 0, 1}}}};
+  const std::vector<MatchedPair> pairs = {{"a.jpg", "b.jpg", 3, {{0, 1, 0.5f}, {2, 0, 1}}}};
   const auto file = ScratchFolder() / "seed.h5";
   WriteMatchFile(file, pairs);
   return {TakeFile(file)};

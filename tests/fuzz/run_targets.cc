@@ -1,14 +1,14 @@
 // What describes a run: experiments, tasks, manifests.
 
 #include "fuzz/fuzz_targets.h"
+#include "jobs/job_status.h"
+#include "jobs/manifest_file.h"
+#include "views/task_list.h"
 
-#include "raylift/experiment/experiment_file.h"
-#include "raylift/experiment/grid.h"
-#include "raylift/jobs/job_status.h"
+#include "raylift/experiment/experiment.h"
 #include "raylift/localization/continuous_checkpoint.h"
 #include "raylift/localization/query_manifest.h"
 #include "raylift/localization/result_files.h"
-#include "raylift/views/task_list.h"
 
 namespace raylift {
 namespace {

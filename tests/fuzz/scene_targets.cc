@@ -4,11 +4,9 @@
 
 #include "raylift/base/file.h"
 #include "raylift/evaluation/submission.h"
-#include "raylift/io/pose_prior_list.h"
+#include "raylift/io/hloc_files.h"
 #include "raylift/io/pose_problem_json.h"
 #include "raylift/io/query_list.h"
-#include "raylift/io/retrieval_pairs.h"
-#include "raylift/io/rig_list.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/io/view_list.h"
 

@@ -1,4 +1,4 @@
-#include "raylift/io/colmap_database.h"
+#include "io/colmap/colmap_database.h"
 
 #include <array>
 #include <numeric>

@@ -3,7 +3,7 @@
 #include "io/depth_test_files.h"
 #include "support/matchers.h"
 
-#include "raylift/io/map_file.h"
+#include "raylift/io/depth_file.h"
 
 namespace raylift {
 namespace {

@@ -1,6 +1,4 @@
 // Feature files and global descriptors, against h5py.
-#include "raylift/io/hloc_features.h"
-
 #include <chrono>
 #include <thread>
 
@@ -11,6 +9,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/io/hloc_files.h"
 
 namespace raylift {
 namespace {

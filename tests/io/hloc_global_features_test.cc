@@ -1,10 +1,10 @@
-#include "raylift/io/hloc_global_features.h"
-
 #include "io/h5py.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "raylift/io/hloc_files.h"
 
 namespace raylift {
 namespace {

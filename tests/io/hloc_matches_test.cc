@@ -1,14 +1,11 @@
 // Match files against h5py, and pairs lists.
-#include "raylift/io/hloc_matches.h"
-
 #include "io/h5py.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>
 
 #include "raylift/base/file.h"
-#include "raylift/io/hloc_features.h"
-#include "raylift/io/retrieval_pairs.h"
+#include "raylift/io/hloc_files.h"
 
 namespace raylift {
 namespace {
@@ -89,7 +86,7 @@ f.create_group('a/h')
 }
 
 TEST_F(HlocMatches, WrittenFilesReadBackAndHaveHlocsLayout) {
-  const std::vector<PairMatches> pairs = {
+  const std::vector<MatchedPair> pairs = {
       {"q/a.jpg", "r/b.jpg", 4, {{3, 32767, 0.5f}, {1, 0, 0.25f}}},
       {"q/a.jpg", "r/c.jpg", 2, {{0, 32768, 1.0f}}},
       {"q/d.jpg", "r/b.jpg", 0, {}},
@@ -110,10 +107,10 @@ print(f['q-a.jpg/r-c.jpg/matches0'].dtype)
 }
 
 TEST_F(HlocMatches, WhatTheFileCannotHoldIsRefused) {
-  const std::vector<PairMatches> same_name = {{"q/a", "b", 1, {}}, {"q-a", "b", 1, {}}};
+  const std::vector<MatchedPair> same_name = {{"q/a", "b", 1, {}}, {"q-a", "b", 1, {}}};
   EXPECT_TRUE(FailsWithInputError([&] { WriteMatchFile(path_, same_name); },
                                   {"matches.h5: q-a/b: two pairs have this name"}));
-  const std::vector<PairMatches> twice = {{"a", "b", 5, {{4, 1, 1}, {4, 2, 1}}}};
+  const std::vector<MatchedPair> twice = {{"a", "b", 5, {{4, 1, 1}, {4, 2, 1}}}};
   EXPECT_TRUE(FailsWithInputError([&] { WriteMatchFile(path_, twice); },
                                   {"matches.h5: a/b: keypoint 4 has two matches"}));
   EXPECT_FALSE(std::filesystem::exists(path_));

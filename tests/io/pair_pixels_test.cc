@@ -1,6 +1,6 @@
 // Matches of pairs as numpy wrote them.
 
-#include "raylift/io/pair_pixels.h"
+#include "io/scene/pair_pixels.h"
 
 #include "support/matchers.h"
 #include "support/test_data.h"

@@ -1,11 +1,10 @@
-#include "raylift/io/pose_prior_list.h"
-
 #include <vector>
 
 #include "support/matchers.h"
 #include "support/test_data.h"
 
 #include "raylift/base/file.h"
+#include "raylift/io/query_list.h"
 
 namespace raylift {
 namespace {

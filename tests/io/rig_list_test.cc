@@ -1,5 +1,3 @@
-#include "raylift/io/rig_list.h"
-
 #include <string>
 #include <vector>
 
@@ -10,6 +8,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/io/colmap_model.h"
+#include "raylift/io/query_list.h"
 
 namespace raylift {
 namespace {

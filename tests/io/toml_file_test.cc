@@ -1,4 +1,4 @@
-#include "raylift/io/toml_file.h"
+#include "io/text/toml_file.h"
 
 #include <functional>
 

@@ -1,4 +1,4 @@
-#include "raylift/io/trajectory_file.h"
+#include "io/scene/trajectory_file.h"
 
 #include <cmath>
 #include <sstream>

@@ -1,4 +1,4 @@
-#include "raylift/jobs/fingerprint.h"
+#include "jobs/fingerprint.h"
 
 #include "support/test_data.h"
 #include <gtest/gtest.h>

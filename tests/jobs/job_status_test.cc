@@ -1,10 +1,9 @@
-#include "raylift/jobs/job_status.h"
+#include "jobs/job_status.h"
 
+#include "jobs/manifest_file.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
-
-#include "raylift/jobs/manifest_file.h"
 
 namespace raylift {
 namespace {

@@ -1,4 +1,4 @@
-#include "raylift/jobs/manifest_file.h"
+#include "jobs/manifest_file.h"
 
 #include "support/matchers.h"
 #include "support/test_data.h"

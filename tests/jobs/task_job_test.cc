@@ -1,5 +1,6 @@
 #include "raylift/jobs/task_job.h"
 
+#include "jobs/manifest_file.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>

@@ -9,7 +9,7 @@
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
-#include "raylift/io/hloc_features.h"
+#include "raylift/io/hloc_files.h"
 #include "raylift/lifting/geometry_spec.h"
 
 namespace raylift {

@@ -10,9 +10,8 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
-#include "raylift/io/hloc_matches.h"
+#include "raylift/io/hloc_files.h"
 #include "raylift/io/query_list.h"
-#include "raylift/io/retrieval_pairs.h"
 #include "raylift/localization/continuous_order.h"
 #include "raylift/localization/hloc_matches.h"
 #include "raylift/localization/scene.h"
@@ -53,7 +52,7 @@ class ContinuousLocalizer : public ::testing::Test {
 
   // To the matches that both queries have with the references, those that follow between them.
   void AddMatchesBetweenQueries() {
-    std::vector<PairMatches> all;
+    std::vector<MatchedPair> all;
     std::map<int, std::pair<int, float>> b_of_a;
     {
       const MatchFile file(scene_.matches());

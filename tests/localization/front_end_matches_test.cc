@@ -2,7 +2,7 @@
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
-#include "raylift/io/hloc_features.h"
+#include "raylift/io/hloc_files.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/front_end.h"
 #include "raylift/scene/keypoints.h"

@@ -7,10 +7,8 @@
 
 #include "raylift/base/file.h"
 #include "raylift/estimation/pose_estimator.h"
-#include "raylift/io/hloc_features.h"
-#include "raylift/io/hloc_matches.h"
+#include "raylift/io/hloc_files.h"
 #include "raylift/io/pose_problem_json.h"
-#include "raylift/io/retrieval_pairs.h"
 #include "raylift/lifting/consistency_filter.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/lifting/lifter.h"
@@ -81,7 +79,7 @@ TEST_F(HlocSource, KeypointsAreTheFilesAndSeveralAtOnePlaceAreTheFirst) {
                     {"ref/00.png", features({{7.5, 7.5}, {6.5, 6.5}, {7.5, 7.5}})},
                     {"ref/01.png", features({{7.5, 7.5}})}},
                    false);
-  WriteMatchFile(scene_.matches(), std::vector<PairMatches>{
+  WriteMatchFile(scene_.matches(), std::vector<MatchedPair>{
                                        {"query/a.png", "ref/00.png", 4, {{1, 2, 1}, {2, 1, 1}}},
                                        {"query/a.png", "ref/01.png", 4, {{2, 0, 1}, {3, 0, 1}}}});
   const auto matches = Open(2)->Match(QueryA()).matches;
@@ -137,7 +135,7 @@ TEST_F(HlocSource, AQueryThatIsNotInThePairsHasNothing) {
 }
 
 TEST_F(HlocSource, APairWithoutMatchesIsAWarningAndKeepsItsReference) {
-  WriteMatchFile(scene_.matches(), std::vector<PairMatches>{
+  WriteMatchFile(scene_.matches(), std::vector<MatchedPair>{
                                        {"query/a.png", "ref/01.png", 5, {{0, 2, 1}, {3, 1, 1}}}});
   const auto source = Open(2);
   const QueryMatches matches = source->Match(QueryA());
@@ -150,7 +148,7 @@ TEST_F(HlocSource, APairWithoutMatchesIsAWarningAndKeepsItsReference) {
 
 TEST_F(HlocSource, AKeypointOutOfRangeNamesThePair) {
   WriteMatchFile(scene_.matches(),
-                 std::vector<PairMatches>{{"query/a.png", "ref/00.png", 5, {{0, 30000, 1}}}});
+                 std::vector<MatchedPair>{{"query/a.png", "ref/00.png", 5, {{0, 30000, 1}}}});
   EXPECT_TRUE(
       FailsWithInputError([&] { Open(1)->Match(QueryA()); },
                           {scene_.matches().string(), "query/a.png", "ref/00.png", "30000"}));

@@ -13,7 +13,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/io/retrieval_pairs.h"
+#include "raylift/io/hloc_files.h"
 #include "raylift/localization/references.h"
 
 namespace raylift {

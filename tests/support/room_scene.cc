@@ -13,11 +13,9 @@
 
 #include "raylift/base/file.h"
 #include "raylift/io/colmap_model.h"
-#include "raylift/io/hloc_features.h"
-#include "raylift/io/hloc_matches.h"
+#include "raylift/io/hloc_files.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/query_list.h"
-#include "raylift/io/retrieval_pairs.h"
 #include "raylift/renderers/frame_renderer.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/photographs.h"
@@ -190,14 +188,14 @@ void WriteMatches(const RoomScene& scene, const RayCaster& caster) {
     f.image_height_px = view.camera.height_px();
     for (const auto& [point, pixel] : seen[view.name]) f.keypoints_px.push_back(pixel);
   }
-  std::vector<PairMatches> all_matches;
+  std::vector<MatchedPair> all_matches;
   std::vector<std::pair<std::string, std::string>> pairs;
   for (const PosedImage& query : scene.queries) {
     for (const PosedImage& reference : scene.references) {
       const auto& in_query = seen[query.name];
       const auto& in_reference = seen[reference.name];
-      PairMatches& pair =
-          all_matches.emplace_back(PairMatches{query.name, reference.name, in_query.size(), {}});
+      MatchedPair& pair =
+          all_matches.emplace_back(MatchedPair{query.name, reference.name, in_query.size(), {}});
       int query_index = 0;
       for (const auto& [point, pixel] : in_query) {
         const auto other = in_reference.find(point);

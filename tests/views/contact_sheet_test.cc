@@ -1,6 +1,5 @@
-#include "raylift/views/contact_sheet.h"
-
 #include "support/meshes.h"
+#include "views/job_files.h"
 #include <gtest/gtest.h>
 
 namespace raylift {

@@ -1,5 +1,3 @@
-#include "raylift/views/covering_views.h"
-
 #include <cmath>
 
 #include "support/matchers.h"
@@ -7,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "raylift/surfaces/mesh_files.h"
+#include "raylift/views/view_sampler.h"
 
 namespace raylift {
 namespace {

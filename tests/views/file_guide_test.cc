@@ -1,5 +1,4 @@
-#include "raylift/views/file_guide.h"
-
+#include "views/job_files.h"
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 

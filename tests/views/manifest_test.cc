@@ -1,10 +1,9 @@
-#include "raylift/views/manifest.h"
-
+#include "jobs/manifest_file.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
-#include "raylift/jobs/manifest_file.h"
+#include "raylift/views/render_job.h"
 
 namespace raylift {
 namespace {

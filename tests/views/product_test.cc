@@ -1,5 +1,3 @@
-#include "raylift/views/product.h"
-
 #include <array>
 #include <cmath>
 #include <cstring>
@@ -12,6 +10,7 @@
 
 #include "raylift/base/file.h"
 #include "raylift/io/image_file.h"
+#include "raylift/views/render_job.h"
 
 namespace raylift {
 namespace {

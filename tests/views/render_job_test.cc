@@ -3,6 +3,7 @@
 #include <cmath>
 #include <fstream>
 
+#include "jobs/manifest_file.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include "support/test_data.h"
@@ -13,7 +14,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/jobs/manifest_file.h"
 
 namespace raylift {
 namespace {

@@ -1,9 +1,8 @@
-#include "raylift/views/sampled_model.h"
-
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
+#include "raylift/views/rendered_references.h"
 #include "raylift/views/view_sampler.h"
 
 namespace raylift {

@@ -1,4 +1,4 @@
-#include "raylift/views/task_list.h"
+#include "views/task_list.h"
 
 #include "support/matchers.h"
 #include "support/test_data.h"

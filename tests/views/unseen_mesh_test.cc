@@ -1,6 +1,5 @@
-#include "views/unseen_mesh.h"
-
 #include "support/meshes.h"
+#include "views/job_files.h"
 #include <gtest/gtest.h>
 
 namespace raylift {

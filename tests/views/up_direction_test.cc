@@ -1,5 +1,3 @@
-#include "raylift/views/up_direction.h"
-
 #include <numbers>
 
 #include "base/rng.h"

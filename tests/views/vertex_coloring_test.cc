@@ -1,6 +1,6 @@
 // Vertex colors from photographs that are painted by formula.
 
-#include "raylift/views/vertex_coloring.h"
+#include "views/vertex_coloring.h"
 
 #include <cmath>
 #include <functional>

@@ -1,13 +1,18 @@
 // What an experiment is: scenes, a grid of ways to localize in them, and the tables, figures and
-// claims that are made of the results. The form of its file is in experiment_file.h.
+// claims that are made of the results; and its file.
 
 #pragma once
 
+#include <array>
+#include <compare>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
+#include <map>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <variant>
 #include <vector>
 
@@ -15,13 +20,83 @@
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/evaluation/depth_perturbation.h"
 #include "raylift/evaluation/recall.h"
-#include "raylift/experiment/setting.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/lifting/candidates.h"
 #include "raylift/lifting/consistency_filter.h"
+#include "raylift/lifting/depth_alignment.h"
 #include "raylift/lifting/lifter.h"
 
 namespace raylift {
+
+enum class Axis { kScene, kEvery, kGeometry, kAlign, kFilter, kMethod, kScore, kLo, kAlpha };
+template <>
+inline constexpr auto kEnumNames<Axis> = std::to_array<EnumName<Axis>>({
+    {Axis::kScene, "scene", "Scene"},
+    {Axis::kEvery, "every", "References"},
+    {Axis::kGeometry, "geometry", "Geometry"},
+    {Axis::kAlign, "align", "Alignment"},
+    {Axis::kFilter, "filter", "Filter"},
+    {Axis::kMethod, "method", "Method"},
+    {Axis::kScore, "score", "Scoring"},
+    {Axis::kLo, "lo", "LO"},
+    {Axis::kAlpha, "alpha"},
+});
+constexpr size_t kNumAxes = kEnumNames<Axis>.size();
+
+// The axes that say what the method is, and not what it is given.
+constexpr bool IsOfMethod(Axis axis) { return axis >= Axis::kMethod; }
+
+// Stands for a method: the better pose of P3P's and E5+1's, chosen with the ground truth.
+struct Oracle {
+  auto operator<=>(const Oracle&) const = default;
+};
+constexpr std::string_view kOracleName = "oracle";
+
+// A value on an axis:
+//   scene, geometry, filter   the name that the experiment gives it
+//   every                     size_t
+//   method                    Method or Oracle
+//   align, score, lo          the enum
+//   alpha                     double
+// None where the axis does not matter to the setting (E5+1 needs no geometry, P3P has no score).
+using AxisValue = std::variant<std::monostate, std::string, size_t, AlignMode, Method, Oracle,
+                               ScoreCombination, LocalOptimization, double>;
+inline bool Matters(const AxisValue& value) {
+  return !std::holds_alternative<std::monostate>(value);
+}
+// As files and tables have it; empty for none.
+std::string TextOf(const AxisValue& value);
+
+struct Setting {
+  std::array<AxisValue, kNumAxes> values;
+
+  AxisValue& operator[](Axis axis) { return values[static_cast<size_t>(axis)]; }
+  const AxisValue& operator[](Axis axis) const { return values[static_cast<size_t>(axis)]; }
+  // What the compiler compares with zero is no pointer.
+  auto operator<=>(const Setting&) const = default;  // NOLINT(modernize-use-nullptr)
+
+  // The value on an axis where it matters and is of this type, else null.
+  template <typename T>
+  const T* Find(Axis axis) const {
+    return std::get_if<T>(&(*this)[axis]);
+  }
+  // The axes that matter to every setting of a grid.
+  const std::string& Scene() const { return std::get<std::string>((*this)[Axis::kScene]); }
+  size_t Every() const { return std::get<size_t>((*this)[Axis::kEvery]); }
+  bool Is(Method method) const { return (*this)[Axis::kMethod] == AxisValue(method); }
+  bool IsOracle() const { return Find<Oracle>(Axis::kMethod) != nullptr; }
+
+  // "scene=demo every=5 ..." of the values that matter.
+  std::string Name() const;
+};
+
+// Values that settings may have on some axes; an axis that is not named may have any.
+struct Selection {
+  std::map<Axis, std::vector<AxisValue>> values;
+
+  // A value that does not matter to the setting matches.
+  bool Matches(const Setting& setting) const;
+};
 
 // Where 3D points come from: sources of geometry, and what is made of their points. "{every}" in a
 // specification stands for the thinning.
@@ -162,5 +237,67 @@ struct Experiment {
   // Null where geometry does not matter to the setting, or its scene has none of that name.
   const ExperimentGeometry* GeometryOf(const Setting& setting) const;
 };
+
+// An experiment's file (TOML):
+//
+//   title = "The demo"
+//   seeds = [0, 1, 2]
+//   offsets = "all"                   # from each of the first N references every N-th, pooled
+//
+//   [scenes.demo]
+//   scene = "demo/scene.toml"         # a scene file, and what it does not hold or shall not hold:
+//   model = "demo/model"              # as the options of `raylift localize`: images, queries,
+//   queries = "demo/queries.txt"      # query_images, features, matches, pairs, top_k, ...
+//   ground_truth = "demo/truth"       # without: poses are written for a benchmark's server
+//   thresholds = "0.1,1:0.25,2"
+//   group = "night"                   # only the queries of this group
+//   continuous = true                 # localized queries join the references
+//   [scenes.demo.geometry]
+//   mesh = "mesh:demo/scene.obj"
+//   noisy = { spec = "mesh:demo/scene.obj", scale_sigma = 0.05 }   # as `raylift perturb`
+//   both = { spec = ["sfm", "mesh:demo/scene.obj"], mode = "all", candidates = "merge" }
+//
+//   [filters."2 px"]
+//   reprojection_px = 2
+//
+//   [[grid]]                          # all combinations; several blocks are joined
+//   every = [1, 2, 5]
+//   method = ["p3p", "e5p1", "adaptive", "oracle"]
+//   score = ["sum_inl", "sum_msac"]
+//
+//   [[table]]
+//   name = "methods"
+//   rows = ["method", "score"]
+//   columns = ["scene", "every"]
+//
+//   [[claim]]
+//   text = "P3P wins where references are dense"
+//   where = { every = 1 }
+//   first = { method = "p3p" }
+//   second = { method = "e5p1" }
+//
+// Paths are relative to the file; ${NAME} in any text stands for a variable.
+using VariableLookup = std::function<std::optional<std::string>(const std::string& name)>;
+
+// A scene file that is not there is only noted (ExperimentScene::file_is_missing), so that a file
+// can be looked at without its data. InputError with the file and the key for what is missing,
+// unknown, of the wrong kind or out of range.
+Experiment ReadExperiment(const std::filesystem::path& file, const VariableLookup& variables);
+
+// Every setting of the grid once, in the order of the file. InputError naming the file where a
+// block names what is not there.
+std::vector<Setting> ExpandGrid(const Experiment& experiment);
+
+// Whether the results of a setting are chosen from those of P3P and E5+1, without estimating: the
+// oracle's always, Select's unless the filter is automatic, which treats P3P alone differently, or
+// localization is continuous.
+bool IsChosen(const Setting& setting, const Experiment& experiment);
+
+// The settings that must be estimated for these, each once.
+std::vector<Setting> SettingsToEstimate(const std::vector<Setting>& settings,
+                                        const Experiment& experiment);
+// The P3P and E5+1 settings that a chosen one is chosen from.
+Setting P3pOf(const Setting& setting);
+Setting E5p1Of(const Setting& setting);
 
 }  // namespace raylift

@@ -1,20 +1,94 @@
-// Estimates the cells of an experiment that are not there yet. References, matches and lifted
-// points are made once for all cells that share them.
+// The pieces of work of an experiment, and what comes out of them. A cell is one setting with one seed
+// on a block of a scene's queries; what comes out of it is kept in a file that is named by the hash of
+// all that went in, so that a cell is estimated once and a changed input is noticed.
 
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <map>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
-#include "raylift/experiment/cell_store.h"
-#include "raylift/experiment/cells.h"
+#include "raylift/estimation/pose_estimator.h"
 #include "raylift/experiment/experiment.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/localization/scene.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
+
+struct Cell {
+  Setting setting;
+  uint64_t seed = 0;
+  size_t offset = 0;          // of the first reference that is taken
+  size_t begin = 0, end = 0;  // of the scene's queries
+  std::string inputs;         // all that went in, as JSON
+
+  std::string Key() const;  // the hash of the inputs
+};
+
+// Says whether a file or folder is still the same: by its contents, or, where it is large, by sizes
+// and times of modification. Remembers what it looked at. InputError where there is nothing.
+class InputIdentity {
+ public:
+  const std::string& Of(const std::filesystem::path& path);
+
+ private:
+  std::map<std::filesystem::path, std::string> known_;
+};
+
+// The experiment's paths with the thinning put in for "{every}".
+std::filesystem::path ForThinning(const std::filesystem::path& path, size_t every);
+// The files or folders of a specification of geometry; none where it names none ("sfm").
+std::vector<std::filesystem::path> PathsOfSpec(const std::string& spec);
+
+// The queries of a scene, or those of its group. InputError where there are none.
+std::vector<Query> QueriesOf(const ExperimentScene& scene);
+
+// The inputs of the settings' scenes that are not there.
+std::vector<std::filesystem::path> MissingInputs(const Experiment& experiment,
+                                                 std::span<const Setting> settings);
+
+// The offsets that thinning is run with.
+size_t NumOffsets(const Experiment& experiment, const Setting& setting);
+
+// The cells of the settings, by scene, thinning, block of queries, geometry. InputError where an
+// input is missing.
+std::vector<Cell> ListCells(const Experiment& experiment, std::span<const Setting> settings);
+
+// What came out for one query.
+struct QueryOutcome {
+  std::string name;
+  std::optional<Rigid3> cam_from_world;
+  bool position_observable = true;
+  std::string reason;  // why it counts as not localized; empty: localized
+  int inliers_2d3d = 0, inliers_2d2d = 0;
+  int matches_2d3d = 0, matches_2d2d = 0;
+  Solver solver = Solver::kP3p;
+
+  bool operator==(const QueryOutcome&) const;
+};
+
+// A folder of cells' files.
+class CellStore {
+ public:
+  explicit CellStore(std::filesystem::path folder);
+
+  bool Has(const Cell& cell) const { return Read(cell).has_value(); }
+  // None where the cell was not estimated, or its file is no good.
+  std::optional<std::vector<QueryOutcome>> Read(const Cell& cell) const;
+  void Write(const Cell& cell, std::span<const QueryOutcome> outcomes) const;
+
+ private:
+  std::filesystem::path FileOf(const Cell& cell) const;
+
+  std::filesystem::path folder_;
+};
 
 struct RunCellsOptions {
   // Features that are made here and perturbed depth are kept here.
@@ -25,8 +99,9 @@ struct RunCellsOptions {
   WrapSource wrap_source = {};
 };
 
-// `cells` as ListCells() orders them. Each is written to the store the moment it is complete, and
-// stays there where a watch of the call (base/parallel.h) ends the others.
+// Estimates the cells that are not there yet; references, matches and lifted points are made once for all
+// cells that share them. `cells` is ordered as by ListCells(). Each is written to the store the moment it is complete, and
+// stays there where a watch of the call (base/call_watch.h) ends the others.
 // Returns what the user should be told. Results do not depend on the number of threads.
 std::vector<std::string> RunCells(const Experiment& experiment, std::span<const Cell> cells,
                                   const CellStore& store, const RunCellsOptions& options);

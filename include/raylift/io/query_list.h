@@ -1,8 +1,11 @@
-// Lists of query photographs with intrinsics, and lists of poses: the field's plain text files.
+// Lists of query photographs with intrinsics, what is known of them beforehand, which of them one rig
+// has taken, and lists of poses: the field's plain text files.
 
 #pragma once
 
 #include <filesystem>
+#include <map>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -37,5 +40,38 @@ struct NamedPose {
 std::vector<NamedPose> ReadPoseFile(const std::filesystem::path& path);
 // Numbers in their shortest form that reads back as the same double.
 void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPose>& poses);
+
+// What is known of queries' poses beforehand, by the query's name. Lines of such a file:
+//
+//   # of a query: the camera's center in the world and its standard deviation, one or per axis
+//   day/001.jpg position 465203.1 5428113.9 248.0 5
+//   day/002.jpg position 465210.6 5428115.2 247.1 3 3 10
+//   # of a query: down in the camera's frame (x right, y down, z forward), standard deviation, deg
+//   day/001.jpg gravity 0.02 0.998 0.05 1
+//   # of a query's camera: its focal length is the given one up to this factor either way
+//   day/002.jpg focal_range 1.5
+//   # down in the world; 0 0 -1 where no line says it
+//   * world_down 0 0 -1
+//
+// `#` comments and empty lines are skipped. Throws InputError for anything else, and for what is said
+// twice.
+std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& file);
+
+// Gives each query what such a file knows of it; a focal length that was guessed stays unknown where
+// the file does not mention it. Throws InputError where the file knows none of the queries.
+void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries);
+
+// Gives each query that was taken by a rig its frame and its pose in the rig. The file is COLMAP's rig
+// configuration (rig_config.json of its rig_configurator), a list of rigs
+//
+//   [{"cameras": [{"image_prefix": "left/", "ref_sensor": true},
+//                 {"image_prefix": "right/", "cam_from_rig_rotation": [qw, qx, qy, qz],
+//                  "cam_from_rig_translation": [tx, ty, tz]}]}]
+//
+// where photographs whose names are alike after the prefix are of one frame; or a model with rigs and
+// frames (COLMAP >= 3.12), whose poses are not looked at. Queries that share their frame with no other
+// query, or that the file does not know, stay as they are. Throws InputError where it knows none at
+// all, and for a camera without known pose in its rig.
+void TakeRigs(const std::filesystem::path& file_or_model, std::span<Query> queries);
 
 }  // namespace raylift

@@ -6,18 +6,20 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "raylift/jobs/folder_lock.h"
-#include "raylift/jobs/manifest_file.h"
 #include "raylift/jobs/shard.h"
-#include "raylift/jobs/task_manifest.h"
 
 namespace raylift {
+
+class FolderLock;
+class ManifestAppender;
 
 struct JobFolder {
   std::filesystem::path out;
@@ -26,6 +28,23 @@ struct JobFolder {
   // Begin anew where there was a former run. With neither of the two its folder is refused.
   bool overwrite = false;
 };
+
+// A task that is done: its line in the manifest is {"name": ..., "place": ..., "key": ..., ...}.
+struct TaskRecord {
+  size_t place = 0;  // in the list of all tasks
+  std::string line;
+};
+
+// A job's manifest: a header of all that the results depend on, a line of what all tasks have in common
+// where there is such a thing (the facts), and a line for each task that is done.
+struct TaskManifest {
+  std::string header;  // empty: there is no manifest
+  std::optional<std::string> facts;
+  std::map<std::string, TaskRecord> records;  // by key
+};
+
+// Whether a line of facts or of a task can be read by who has written it.
+using IsReadable = std::function<bool(const std::string& line)>;
 
 // What tells one command's jobs from another's.
 struct JobForm {
@@ -45,6 +64,7 @@ class TaskJob {
   // is at work.
   TaskJob(const std::vector<std::string>& names, const std::string& header, JobFolder folder,
           JobForm form);
+  ~TaskJob();
 
   // What is done of this shard, and the facts as this or another run of the same header has found
   // them.
@@ -76,8 +96,8 @@ class TaskJob {
   JobFolder folder_;
   JobForm form_;
   std::vector<std::string> keys_;
-  std::filesystem::path file_;
-  FolderLock lock_;
+  std::filesystem::path file_;  // the manifest
+  std::unique_ptr<FolderLock> lock_;
   TaskManifest manifest_;     // of this shard
   mutable std::mutex mutex_;  // guards the manifest's records
   std::unique_ptr<ManifestAppender> appender_;

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "raylift/jobs/task_manifest.h"
+#include "raylift/jobs/task_job.h"
 #include "raylift/localization/batch_localizer.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/result_files.h"

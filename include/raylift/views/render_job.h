@@ -3,23 +3,138 @@
 
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
+#include "raylift/io/depth_file.h"
 #include "raylift/jobs/shard.h"
 #include "raylift/renderers/frame_renderer.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/photographs.h"
-#include "raylift/views/manifest.h"
-#include "raylift/views/product.h"
+#include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
+
+enum class Product {
+  kDepth,         // z along the optical axis; 0 = none
+  kDistance,      // along the ray; 0 = none
+  kInverseDepth,  // 1 / depth: disparity over baseline and focal length; 0 = none
+  kPoints,        // x, y, z of what is seen; NaN = none
+  kNormals,       // unit, toward the camera; 0 = none
+  kColor,         // RGB
+  kTriangle,      // face of the mesh's file, from 0; 4294967295 = none
+  kObject,        // which of the meshes, from 0; 4294967295 = none
+  kIncidence,     // angle between normal and ray, degrees; -1 = none
+  kMask,          // 255 where there is a surface
+};
+template <>
+inline constexpr auto kEnumNames<Product> = std::to_array<EnumName<Product>>({
+    {Product::kDepth, "depth"},
+    {Product::kDistance, "distance"},
+    {Product::kInverseDepth, "inverse_depth"},
+    {Product::kPoints, "points"},
+    {Product::kNormals, "normals"},
+    {Product::kColor, "color"},
+    {Product::kTriangle, "triangle"},
+    {Product::kObject, "object"},
+    {Product::kIncidence, "incidence"},
+    {Product::kMask, "mask"},
+});
+
+// x, y, z per pixel.
+constexpr bool IsVector(Product product) {
+  return product == Product::kNormals || product == Product::kPoints;
+}
+
+// Whole numbers.
+constexpr bool IsId(Product product) {
+  return product == Product::kTriangle || product == Product::kObject;
+}
+
+// What kInverseDepth holds, of a frame with a map of depth.
+std::vector<float> InverseDepths(const Frame& frame);
+
+// What kTriangle and kObject hold, of a frame of this mesh with a map of triangles.
+std::vector<uint32_t> FaceIds(const Frame& frame, const TriangleMesh& mesh);
+std::vector<uint32_t> ObjectIds(const Frame& frame, const TriangleMesh& mesh);
+
+struct ProductOutput {
+  Product product;
+  std::string format;  // one of FormatsOf(product); also the files' extension
+};
+
+// The formats that can hold a product, the default first: of "exr", "npy", "npz", "png", "tiff",
+// "bin" (COLMAP), "pfm", "jpg".
+std::span<const std::string_view> FormatsOf(Product product);
+
+// What the channels of an EXR file are called, separated by commas.
+std::string_view ExrChannels(Product product);
+
+struct StorageOptions {
+  DepthWriteOptions floats;  // `format` and `layer` are set for each file
+  int jpeg_quality = 92;
+};
+
+// Asks for the maps that the products need.
+void Request(std::span<const ProductOutput> products, FrameOptions& options);
+
+struct WrittenFile {
+  std::filesystem::path file;
+  size_t bytes = 0;
+  size_t dropped = 0;  // values that the format could not hold
+};
+
+// Writes one product of a frame of this mesh. Errors as WriteDepthFile; thread safe.
+WrittenFile WriteProduct(const std::filesystem::path& file, const ProductOutput& output,
+                         const Frame& frame, const TriangleMesh& mesh,
+                         const StorageOptions& options);
+
+struct ManifestEntry {
+  std::string name;
+  std::string key;  // of everything that the files' bytes depend on
+  std::string camera;
+  size_t pixels = 0;
+  size_t hits = 0;
+  std::optional<std::pair<float, float>> depth_range = std::nullopt;  // none: nothing was hit
+  size_t dropped = 0;  // values that a format could not hold
+  struct File {
+    std::string path;  // relative to the output folder
+    size_t bytes = 0;
+    std::string xxh3 = {};  // FileHash(); empty: a manifest of before there were any
+  };
+  std::vector<File> files = {};
+
+  double Coverage() const {
+    return pixels == 0 ? 0 : static_cast<double>(hits) / static_cast<double>(pixels);
+  }
+};
+
+using ManifestEntries = std::map<std::string, ManifestEntry>;  // by name
+
+// The entries of a manifest. A last line that was cut off by a crash, and lines that make no sense,
+// count as not there; so does a missing file.
+ManifestEntries ReadManifest(const std::filesystem::path& path);
+
+// The whole file at once: `header`, one line of JSON on the job, then the entries by name.
+// InputError naming the file where it cannot be written.
+void WriteManifest(const std::filesystem::path& path, const std::string& header,
+                   const ManifestEntries& entries);
+
+// One line of JSON.
+std::string ToJsonLine(const ManifestEntry& entry);
 
 struct RenderTask {
   View view;
@@ -92,5 +207,20 @@ struct RenderSummary {
 RenderSummary RunRenderJob(const std::shared_ptr<const RayCaster>& scene,
                            std::vector<RenderTask> tasks, const RenderJobOptions& options,
                            const RenderHooks& hooks);
+
+struct FileFault {
+  std::string file;  // relative to the folder
+  std::string what;
+};
+
+struct Verification {
+  size_t images = 0;
+  size_t files = 0;
+  size_t bytes = 0;
+  std::vector<FileFault> faults = {};  // by the names of the images
+};
+
+// Reads all files that the folder's manifests list and compares sizes and checksums.
+Verification VerifyRenderedFiles(const std::filesystem::path& out, int threads);
 
 }  // namespace raylift

@@ -14,6 +14,8 @@
 
 #include "raylift/base/enum_names.h"
 #include "raylift/geometry/camera.h"
+#include "raylift/geometry/rigid3.h"
+#include "raylift/io/colmap_model.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/image.h"
 #include "raylift/views/render_job.h"
@@ -69,5 +71,11 @@ RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh
 
 // How a picture of this scene is to look like a photograph: anti-aliased, on gray.
 ColorOptions ColorsLikePhotographs(const RayCaster& scene);
+
+// One camera, images "0000.jpg", ... With rig_cameras > 1 each pose is that of a rig of so many
+// cameras at one place, turned to the right about the image's vertical by equal angles: images
+// "camera0/0000.jpg", ..., and COLMAP's rigs and frames.
+ColmapModel MakeSampledModel(const Camera& camera, std::span<const Rigid3> cam_from_world,
+                             int rig_cameras);
 
 }  // namespace raylift

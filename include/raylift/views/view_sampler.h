@@ -1,5 +1,5 @@
 // Camera poses on a mesh, for scenes that come without photographs: around an object, inside an
-// environment, along a path. All keep clear of the surfaces.
+// environment, along a path, wherever there is room. All keep clear of the surfaces.
 
 #pragma once
 
@@ -15,6 +15,7 @@
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/renderers/ray_caster.h"
+#include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
 
@@ -73,5 +74,43 @@ SampledViews SampleAlong(const RayCaster& mesh, const ViewSamplerOptions& option
 // The pose of a camera that looks along `forward`, with the picture's top toward `up`.
 Rigid3 LookAlong(const Eigen::Vector3d& center, const Eigen::Vector3d& forward,
                  const Eigen::Vector3d& up);
+
+struct CoveringOptions {
+  // Distance from the surface that a camera looks at, as a share of the mesh's size (the diagonal
+  // of its bounds without the outermost points).
+  double min_distance = 0.12;
+  double max_distance = 0.5;
+  double min_coverage = 0.5;   // share of the picture that must see a surface
+  double max_tilt_deg = 90.0;  // of the line of sight, above or below the horizon
+};
+
+// Of many random places in front of surfaces, those are taken, one by one, that add most: a surface
+// point counts the less the more views see it already from a similar direction and distance.
+// InputError where there is no place.
+SampledViews SampleCovering(const RayCaster& mesh, const ViewSamplerOptions& options,
+                            const CoveringOptions& covering);
+
+// How well views show the mesh's surfaces: the sum, over points spread over them, of what
+// SampleCovering counts for each view, per point. More views give more, views from other sides far
+// more.
+double CoverageOf(const RayCaster& mesh, const ViewSamplerOptions& options,
+                  std::span<const Rigid3> cam_from_world);
+
+// The diagonal of the mesh's bounds, the outermost 2 % of its area left out on each side.
+double MeshSize(const TriangleMesh& mesh, uint64_t seed);
+
+struct UpDirection {
+  Eigen::Vector3d up_in_world{0, 0, 1};
+  // No direction far from it explains the mesh nearly as well. Otherwise up is z.
+  bool is_clear = false;
+};
+
+// By what the surfaces face, weighted by their area. Floors and walls are parallel or at right angles
+// to up; and more faces up (floors, tables, ground, roofs) than down, as what faces down is rarely
+// seen, while walls face each other. The direction with most of both is levelled by floors and
+// walls. As most meshes have it, up is z where that explains the mesh about as well and twice as much
+// faces it as faces away, and where it is within 2 degrees. The triangles have to be wound
+// consistently (counterclockwise from the side that is looked at).
+UpDirection EstimateUp(const TriangleMesh& mesh);
 
 }  // namespace raylift

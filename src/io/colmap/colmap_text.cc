@@ -2,12 +2,12 @@
 // reads back as the same double.
 
 #include "io/colmap/colmap_files.h"
+#include "io/text/line_tokens.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
-#include "raylift/io/line_tokens.h"
 
 namespace raylift::colmap {
 namespace {

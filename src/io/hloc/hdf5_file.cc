@@ -14,7 +14,6 @@
 #include <unistd.h>
 
 #include "raylift/base/error.h"
-#include "raylift/io/hdf5_exit.h"
 
 namespace raylift {
 namespace {

@@ -6,12 +6,16 @@
 
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <span>
 #include <string>
 #include <vector>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "raylift/base/file.h"
 
@@ -81,5 +85,22 @@ class Hdf5Writer {
   AtomicFile file_on_disk_;
   int64_t file_ = -1;
 };
+
+template <typename T>
+void CheckFinite(const Hdf5Reader& file, const std::string& dataset, const std::vector<T>& values) {
+  for (size_t i = 0; i < values.size(); ++i) {
+    if (!std::isfinite(values[i])) {
+      file.Fail(dataset, fmt::format("expected finite numbers, number {} is {}", i + 1, values[i]));
+    }
+  }
+}
+
+inline std::string ToString(const std::vector<size_t>& shape) {
+  return shape.empty() ? "one number" : fmt::format("{}", fmt::join(shape, " x "));
+}
+
+// For programs, which end when their results are written: to be called before anything else. HDF5 then does not clean up when the process ends. Where a disk was
+// full it would crash there, as it goes through files again that it could not close.
+void LeaveHdf5AsItIsAtExit();
 
 }  // namespace raylift

@@ -1,4 +1,4 @@
-#include "raylift/io/pair_pixels.h"
+#include "io/scene/pair_pixels.h"
 
 #include <cmath>
 #include <optional>

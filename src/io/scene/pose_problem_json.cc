@@ -5,12 +5,12 @@
 #include <algorithm>
 #include <optional>
 
+#include "io/text/json_document.h"
+#include "io/text/line_tokens.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/io/json_document.h"
-#include "raylift/io/unit_quaternion.h"
 #include "raylift/scene/keypoints.h"
 
 namespace raylift {

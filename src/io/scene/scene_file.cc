@@ -5,13 +5,13 @@
 #include <functional>
 #include <string_view>
 
+#include "io/text/line_tokens.h"
+#include "io/text/toml_file.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
-#include "raylift/io/line_tokens.h"
-#include "raylift/io/toml_file.h"
 
 namespace raylift {
 namespace {

@@ -1,7 +1,11 @@
-#include "raylift/io/trajectory_file.h"
+#include "io/scene/trajectory_file.h"
 
+#include <map>
 #include <string>
 
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
 
@@ -39,6 +43,61 @@ void WriteKittiTrajectory(const std::filesystem::path& path, std::span<const Tim
     AppendLine({matrix.data(), static_cast<size_t>(matrix.size())}, text);
   }
   WriteFile(path, text);
+}
+
+namespace {
+
+using std::filesystem::path;
+
+// kapture has the first eleven of COLMAP's models.
+bool IsOfKapture(CameraModel model) { return model <= CameraModel::kThinPrismFisheye; }
+
+void CheckNameInCsv(const path& file, const std::string& name) {
+  if (name.empty() || name.find_first_of(",\r\n") != std::string::npos || Trim(name) != name ||
+      name.starts_with('#')) {
+    throw InputError(file, fmt::format("the file cannot hold the name \"{}\"", name));
+  }
+}
+
+}  // namespace
+
+void WriteKapture(const path& folder, std::span<const PosedImage> images) {
+  const path sensors_file = folder / "sensors" / "sensors.txt";
+  const path trajectories_file = folder / "sensors" / "trajectories.txt";
+  const path records_file = folder / "sensors" / "records_camera.txt";
+  constexpr const char* kHeader = "# kapture format: 1.1\n";
+  std::string sensors = fmt::format("{}# sensor_device_id, name, type, params...\n", kHeader);
+  std::string trajectories =
+      fmt::format("{}# timestamp, device_id, qw, qx, qy, qz, tx, ty, tz\n", kHeader);
+  std::string records = fmt::format("{}# timestamp, device_id, image_path\n", kHeader);
+  std::map<std::string, size_t> sensor_of_camera;
+  for (size_t i = 0; i < images.size(); ++i) {
+    const PosedImage& image = images[i];
+    CheckNameInCsv(records_file, image.name);
+    std::string camera = image.camera.ToString();
+    if (!IsOfKapture(image.camera.model())) {
+      throw InputError(sensors_file, image.name,
+                       fmt::format("kapture has no camera model for \"{}\"", camera));
+    }
+    const auto [sensor, is_new] = sensor_of_camera.emplace(camera, sensor_of_camera.size());
+    if (is_new) {
+      for (size_t at = 0; (at = camera.find(' ', at)) != std::string::npos; at += 2) {
+        camera.replace(at, 1, ", ");
+      }
+      sensors += fmt::format("camera{}, , camera, {}\n", sensor->second, camera);
+    }
+    const Eigen::Quaterniond& q = image.cam_from_world.rotation;
+    const Eigen::Vector3d& t = image.cam_from_world.translation;
+    trajectories += fmt::format("{}, camera{}", i, sensor->second);
+    for (const double number : {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()}) {
+      trajectories += ", " + FormatDouble(number);
+    }
+    trajectories += '\n';
+    records += fmt::format("{}, camera{}, {}\n", i, sensor->second, image.name);
+  }
+  WriteFile(sensors_file, sensors);
+  WriteFile(trajectories_file, trajectories);
+  WriteFile(records_file, records);
 }
 
 }  // namespace raylift

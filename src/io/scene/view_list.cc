@@ -3,11 +3,10 @@
 #include <unordered_set>
 
 #include "base/read_limits.h"
+#include "io/text/line_tokens.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/io/line_tokens.h"
-#include "raylift/io/unit_quaternion.h"
 
 namespace raylift {
 namespace {

@@ -1,4 +1,4 @@
-#include "raylift/io/json_document.h"
+#include "io/text/json_document.h"
 
 #include <climits>
 

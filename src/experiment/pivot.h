@@ -9,8 +9,9 @@
 #include <string_view>
 #include <vector>
 
+#include "experiment/results.h"
+
 #include "raylift/experiment/experiment.h"
-#include "raylift/experiment/results.h"
 
 namespace raylift {
 
@@ -53,5 +54,13 @@ std::string EscapeLatex(std::string_view text);
 // A value of an axis as a table prints it ("P3P", "1/5").
 std::string ValueTitle(const Experiment& experiment, const Setting& setting, LayoutAxis axis);
 std::string AxisTitle(LayoutAxis axis);
+
+std::string FormatExperimentPage(const Experiment& experiment, std::span<const PivotTable> tables,
+                                 std::span<const SettingResult> results,
+                                 std::span<const JudgedClaim> claims);
+
+// The figure's points as CSV: panel, line, thinning, a column per value.
+std::string FormatFigureCsv(const Experiment& experiment, const FigureLayout& layout,
+                            std::span<const SettingResult> results);
 
 }  // namespace raylift

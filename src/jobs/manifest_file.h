@@ -4,7 +4,10 @@
 
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
+#include <functional>
+#include <map>
 #include <mutex>
 #include <optional>
 #include <span>
@@ -13,6 +16,7 @@
 #include <vector>
 
 #include "raylift/jobs/shard.h"
+#include "raylift/jobs/task_job.h"
 
 namespace raylift {
 
@@ -63,5 +67,39 @@ class ManifestAppender {
   std::mutex mutex_;
   int descriptor_;
 };
+
+// Keeps two runs from writing to the same folder at the same time.
+class FolderLock {
+ public:
+  // kShared: shards of one job write side by side.
+  enum class Mode { kExclusive, kShared };
+  // kWait: a watch of the call (base/call_watch.h) can end the waiting.
+  enum class IfHeld { kFail, kWait };
+
+  // InputError where another run holds the folder; file systems without locks have none.
+  FolderLock(const std::filesystem::path& folder, Mode mode, IfHeld if_held = IfHeld::kFail);
+  ~FolderLock();
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+
+ private:
+  int descriptor_;
+};
+
+// Lines that make no sense, or are not readable, count as not there.
+TaskManifest ReadTaskManifest(const std::filesystem::path& file, const IsReadable& is_readable);
+// Takes the records, the facts and the header of a part of the same run.
+void AddPart(TaskManifest part, TaskManifest& all);
+// Of `files`, which must all be of one run. InputError naming the file that is of another one.
+TaskManifest ReadTaskManifests(std::span<const std::filesystem::path> files,
+                               const IsReadable& is_readable);
+
+// With the tasks in the order of the list.
+void WriteTaskManifest(const std::filesystem::path& file, const TaskManifest& manifest);
+// To `out`, whose manifests of shards are no longer needed.
+void WriteWholeManifest(const std::filesystem::path& out, const TaskManifest& manifest);
+
+// Where two headers, JSON both, first differ: "options/seed: 0 there, 1 here".
+std::string HeaderDifference(const std::string& there, const std::string& here);
 
 }  // namespace raylift

@@ -1,5 +1,4 @@
-// Poses in the order of time, as tools for trajectories (evo, rpg_trajectory_evaluation, rerun) read
-// them: both formats hold camera to world, the camera's x right, y down, z forward.
+// Poses for other tools: trajectories (evo, rpg_trajectory_evaluation, rerun), and kapture's folders.
 
 #pragma once
 
@@ -7,6 +6,7 @@
 #include <span>
 
 #include "raylift/geometry/rigid3.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 
@@ -21,5 +21,10 @@ void WriteTumTrajectory(const std::filesystem::path& path, std::span<const Timed
 // KITTI's: a line per pose, the upper three rows of its matrix, row by row; times and names have no
 // place in it.
 void WriteKittiTrajectory(const std::filesystem::path& path, std::span<const TimedPose> poses);
+
+// Writes posed images as a kapture data set (format 1.1): sensors.txt, trajectories.txt and records_camera.txt to `folder`/sensors. Equal cameras are
+// one sensor; the timestamp of an image is its place. InputError where kapture has no such camera
+// model or cannot hold a name; photographs belong to `folder`/sensors/records_data.
+void WriteKapture(const std::filesystem::path& folder, std::span<const PosedImage> images);
 
 }  // namespace raylift

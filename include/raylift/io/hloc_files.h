@@ -1,0 +1,134 @@
+// hloc's files: local features (features.h5), global descriptors (global-feats*.h5), matches of pairs
+// of images (matches.h5), and lists of the pairs to match.
+//
+// hloc's keypoints put the first pixel's center at (0, 0), ours are COLMAP's (0.5, 0.5): they are
+// converted here.
+
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/scene/features.h"
+#include "raylift/scene/image.h"
+
+namespace raylift {
+
+// features.h5: one (nested) group per image name.
+class FeatureFile {
+ public:
+  // Opens for reading; InputError where it is missing or no HDF5 file.
+  explicit FeatureFile(const std::filesystem::path& path);
+  ~FeatureFile();
+  FeatureFile(FeatureFile&&) noexcept;
+  FeatureFile& operator=(FeatureFile&&) noexcept;
+
+  std::vector<std::string> ImageNames() const;  // sorted
+  bool Contains(const std::string& image_name) const;
+  // Only the keypoints must be there; without `image_size` the image's sides are 0. InputError
+  // naming file and image where it is absent or malformed (a wrong shape, a number that is not
+  // finite). Safe to call from several threads (HDF5 itself is serialized inside).
+  Features Read(const std::string& image_name) const;
+  // The image's size alone; sides of 0 where the file does not tell.
+  PlaneSize ReadImageSize(const std::string& image_name) const;
+  // Warnings met so far, e.g. float16 keypoints of an image so wide that they lose precision.
+  std::vector<std::string> Warnings() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// Writes such a file at once; float32 keypoints and scores, float16 descriptors as hloc does where
+// `half_descriptors`.
+void WriteFeatureFile(const std::filesystem::path& path,
+                      const std::map<std::string, Features>& features_by_image,
+                      bool half_descriptors);
+// The same of images whose features are asked for one after the other and need not be in memory
+// together.
+void WriteFeatureFile(const std::filesystem::path& path, std::span<const std::string> image_names,
+                      const std::function<Features(const std::string& image_name)>& features_of,
+                      bool half_descriptors);
+
+// The features as they are read back from a file that they were written to.
+Features AsStored(Features features, bool half_descriptors);
+
+// global-feats*.h5, read as they are asked for: 100,000 of them need not be in memory at once.
+class GlobalFeatureFile {
+ public:
+  explicit GlobalFeatureFile(const std::filesystem::path& path);
+  ~GlobalFeatureFile();
+  GlobalFeatureFile(GlobalFeatureFile&&) noexcept;
+  GlobalFeatureFile& operator=(GlobalFeatureFile&&) noexcept;
+
+  std::vector<std::string> ImageNames() const;  // sorted; walks the whole file
+  // A column for each image. InputError naming file and data set where an image is absent, its
+  // descriptor is no vector, of another size than the first that was read, or not finite. Thread
+  // safe.
+  Eigen::MatrixXf Read(std::span<const std::string> image_names) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// All of such a file at once: one row per image in the order of `names` (sorted when read).
+struct GlobalDescriptors {
+  std::vector<std::string> names;
+  Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> descriptors;
+};
+GlobalDescriptors ReadGlobalDescriptors(const std::filesystem::path& path);
+void WriteGlobalDescriptors(const std::filesystem::path& path, const GlobalDescriptors& global);
+// A column for each image.
+void WriteGlobalDescriptors(const std::filesystem::path& path,
+                            std::span<const std::string> image_names,
+                            const Eigen::MatrixXf& descriptors);
+
+// matches.h5.
+class MatchFile {
+ public:
+  explicit MatchFile(const std::filesystem::path& path);
+  ~MatchFile();
+  MatchFile(MatchFile&&) noexcept;
+  MatchFile& operator=(MatchFile&&) noexcept;
+
+  // The matches of a pair whichever way round and in whichever naming (new or old) it is stored;
+  // none where the pair is not in the file. Whether the indices fit the keypoints is the caller's
+  // to check. Safe to call from several threads.
+  std::optional<std::vector<FeatureMatch>> Read(const std::string& query_name,
+                                                const std::string& reference_name) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+struct MatchedPair {
+  std::string query_name;
+  std::string reference_name;
+  size_t num_query_keypoints;
+  std::vector<FeatureMatch> matches;
+};
+// InputError where the format cannot hold the matches: two of one query keypoint, or two pairs
+// whose names differ only by "/" and "-".
+void WriteMatchFile(const std::filesystem::path& path, std::span<const MatchedPair> pairs);
+
+// `query reference` per line; the order of a query's lines is the rank; a reference that stands
+// twice keeps its better one. Also takes the comma separated forms of MeshLoc and kapture (query,
+// reference, score).
+using RetrievalPairs = std::map<std::string, std::vector<std::string>>;
+RetrievalPairs ReadPairs(const std::filesystem::path& path);
+void WritePairs(const std::filesystem::path& path,
+                std::span<const std::pair<std::string, std::string>> pairs);
+
+}  // namespace raylift
