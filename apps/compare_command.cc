@@ -20,8 +20,8 @@
 #include "apps/pose_files.h"
 #include "base/json_text.h"
 #include "base/progress.h"
-#include "estimation/option_fields.h"
-#include "lifting/option_fields.h"
+#include "estimation/fields.h"
+#include "lifting/fields.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 

@@ -5,6 +5,7 @@
 
 #include "apps/options.h"
 #include "base/hash.h"
+#include "localization/fields.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -52,19 +53,7 @@ void AddContinuousOptions(CLI::App& command, ContinuousFlags& flags) {
   group.Add("--max-joined", flags.max_joined,
             "Joined queries among a query's references (default: half of --top-k)");
   group.Flag("--trust-joined", flags.trust_joined, "Take the poses of joined queries for exact");
-  JoinGateOptions& gate = flags.gate;
-  group.Add("--join-min-inliers-2d2d", gate.min_inliers_2d2d, "To join, a query needs so many");
-  group.Add("--join-min-inliers-2d3d", gate.min_inliers_2d3d,
-            "The same of 2D-3D inliers, where there is geometry");
-  group.Add("--join-max-rotation-sigma-deg", gate.max_rotation_sigma_deg,
-            "Largest standard deviation of its rotation");
-  group.Add("--join-max-position-sigma", gate.max_position_sigma,
-            "The same of its position, scene units (default: 2 % of the distance\n"
-            "to what it sees)");
-  group.Add("--join-max-difference-deg", gate.max_difference_deg,
-            "Largest difference of its poses by P3P alone and by E5+1 alone");
-  group.Add("--join-max-difference-position", gate.max_difference_position,
-            "The same of the positions, scene units (default: 5 % of the distance)");
+  group.Add(FieldsOf(flags.gate));
   group.Flag("--join-any-difference", flags.join_any_difference,
              "Do not ask for poses by P3P and E5+1 alone");
 }

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <cstdio>
 
-#include "estimation/option_fields.h"
-#include "lifting/option_fields.h"
+#include "estimation/fields.h"
+#include "lifting/fields.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

@@ -10,6 +10,7 @@
 #include "apps/commands.h"
 #include "apps/options.h"
 #include "base/progress.h"
+#include "evaluation/fields.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -162,31 +163,6 @@ void AddMisalignmentOptions(CLI::App& command, PerturbFlags& flags) {
             "k: maps show at p what the image has at c + (p - c) (1 + k (|p - c| / f)^2)");
 }
 
-void AddPerturbationOptions(CLI::App& command, DepthPerturbation& values) {
-  const OptionGroup group(command, "Perturbation, in the order of application");
-  group.Add("--scale", values.scale, "One factor for all images");
-  group.Add("--scale-sigma", values.scale_sigma,
-            "A factor per image: standard deviation of its ln");
-  group.Add("--offset", values.offset, "Added to the depth, scene units");
-  group.Add("--warp", values.warp_sigma,
-            "A smooth field of factors per image: deviation of their ln");
-  group.Add("--bubbles", values.bubbles, "Smooth domes per image");
-  group.Add("--bubble-height", values.bubble_height, "Of the domes, as a share of the depth");
-  group.Add("--floaters", values.floaters, "Small blobs per image in front of the surface");
-  group.Add("--flying", values.flying_share, "Share of the pixels at depth edges that fly between");
-  group.Add("--smooth", values.smoothing_px, "Gaussian over all surfaces: its deviation in pixels");
-  group.Add("--noise", values.noise_sigma, "Gaussian noise, scene units");
-  group.Add("--relative-noise", values.relative_noise_sigma,
-            "Gaussian noise, as a share of the depth");
-  group.Add("--clamp", values.clamp,
-            "Put what is farther than this there, scene units; 0: nothing");
-  group.Add("--quantize", values.quantization_step, "Round to multiples of this, scene units");
-  group.Add("--quantize-bits", values.quantization_bits,
-            "Keep an integer of so many bits, its largest value for the map's; 0: no");
-  group.Add("--holes", values.hole_share, "Share of the pixels to remove, in blobs");
-  group.Add("--seed", values.seed, "Seed of all random choices");
-}
-
 }  // namespace
 
 Command AddPerturbCommand(CLI::App& program) {
@@ -203,7 +179,8 @@ Command AddPerturbCommand(CLI::App& program) {
              fmt::format("{}; png in millimeters, bin as COLMAP has it",
                          fmt::join(FormatsOf(Product::kDepth), "|")));
   AddMisalignmentOptions(command, *flags);
-  AddPerturbationOptions(command, flags->perturbation);
+  OptionGroup(command, "Perturbation, in the order of application")
+      .Add(FieldsOf(flags->perturbation));
   AddRunOptions(command, flags->run);
   SetFooter(command,
             "Example:\n"

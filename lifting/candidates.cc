@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "geometry/triangulation.h"
+#include "lifting/fields.h"
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 
@@ -203,15 +204,7 @@ std::vector<Eigen::Vector3d> PointsOfPairs(const std::vector<KeypointRay>& rays,
 
 }  // namespace
 
-void CandidateOptions::Validate() const {
-  if (!(max_error_px > 0) || !std::isfinite(max_error_px)) {
-    throw OptionError("max_error_px", FormatDouble(max_error_px), "must be positive");
-  }
-  if (!(min_angle_deg >= 0 && min_angle_deg < 90)) {
-    throw OptionError("min_angle_deg", FormatDouble(min_angle_deg),
-                      "must be at least 0 and below 90");
-  }
-}
+void CandidateOptions::Validate() const { CheckRanges(ConstFieldsOf(*this)); }
 
 std::vector<Match2D3D> MergeCandidates(std::span<const PosedImage> references,
                                        std::span<const Match2D2D> matches_2d2d,

@@ -5,6 +5,8 @@
 #include <string>
 #include <utility>
 
+#include "lifting/fields.h"
+
 #include "raylift/base/error.h"
 #include "raylift/lifting/multi_view_errors.h"
 
@@ -76,17 +78,7 @@ void KeepBest(const MultiViewTrust& trust, size_t count, FilterResult& result) {
 
 }  // namespace
 
-void ConsistencyThresholds::Validate() const {
-  if (!(reprojection_px > 0) || !std::isfinite(reprojection_px)) {
-    throw OptionError("reprojection_px", std::to_string(reprojection_px), "must be positive");
-  }
-  if (min_views < 1) {
-    throw OptionError("min_views", std::to_string(min_views), "must be at least 1");
-  }
-  if (!(min_ratio >= 0 && min_ratio <= 1)) {
-    throw OptionError("min_ratio", std::to_string(min_ratio), "must be between 0 and 1");
-  }
-}
+void ConsistencyThresholds::Validate() const { CheckRanges(ConstFieldsOf(*this)); }
 
 FilterResult FilterPoints(std::span<const PosedImage> references,
                           std::span<const Match2D2D> matches_2d2d,

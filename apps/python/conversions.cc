@@ -1,4 +1,4 @@
-#include "conversions.h"
+#include "apps/python/conversions.h"
 
 #include <mutex>
 
@@ -206,6 +206,28 @@ Image ToImage(const ArrayLike& argument) {
           .height_px = static_cast<int>(array.shape(0)),
           .channels = gray ? 1 : 3,
           .data = {data, data + array.size()}};
+}
+
+void Keywords::Take(std::span<const Field> fields) {
+  for (const Field& field : fields) {
+    const char* name = field.name.data();  // of a literal: it ends in a zero
+    std::visit(
+        [&]<typename Value>(const Value& value) {
+          if constexpr (std::is_same_v<Value, NamedValue>) {
+            std::string text = value.name();
+            Take(name, text);
+            const auto known = std::find(value.names().begin(), value.names().end(), text);
+            if (known == value.names().end()) {
+              throw OptionError(name, text,
+                                fmt::format("expected {}", fmt::join(value.names(), "|")));
+            }
+            value.Set(static_cast<size_t>(known - value.names().begin()));
+          } else {
+            Take(name, *value);
+          }
+        },
+        field.value);
+  }
 }
 
 void Keywords::RequireAllTaken() const {

@@ -16,6 +16,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/fields.h"
 #include <Eigen/Core>
 #include <fmt/format.h>
 #include <pybind11/numpy.h>
@@ -179,6 +180,14 @@ py::array_t<T> HandOver(std::vector<T>&& values, const std::vector<py::ssize_t>&
   return py::array_t<T>(shape, owned->data(), owner);
 }
 
+// The parts of the module raylift._core; each adds its classes and functions.
+void BindGeometry(py::module_& module);
+void BindEstimation(py::module_& module);
+void BindRendering(py::module_& module);
+void BindLifting(py::module_& module);
+void BindLocalization(py::module_& module);
+void BindIo(py::module_& module);
+
 // The value of an enum by its name on the command line.
 template <NamedEnum Enum>
 Enum ToEnum(std::string_view name, const std::string& value) {
@@ -212,6 +221,9 @@ class Keywords {
       ThrowKind(name, handle);
     }
   }
+
+  // The fields of a table, under their names.
+  void Take(std::span<const Field> fields);
 
   // OptionError naming one that was not taken.
   void RequireAllTaken() const;

@@ -3,10 +3,9 @@
 #include <algorithm>
 #include <limits>
 
+#include "apps/python/conversions.h"
 #include "base/progress.h"
-#include "bindings.h"
-#include "conversions.h"
-#include "options_by_keyword.h"
+#include "estimation/fields.h"
 
 #include "raylift/base/parallel.h"
 #include "raylift/estimation/pose_estimator.h"
@@ -359,7 +358,7 @@ void BindEstimate(py::module_& module) {
 EstimatorOptions OptionsOf(const py::kwargs& given) {
   Keywords keywords(given);
   EstimatorOptions options;
-  TakeEstimatorOptions(keywords, options);
+  keywords.Take(FieldsOf(options));
   keywords.RequireAllTaken();
   options.Validate();
   return options;

@@ -1,7 +1,6 @@
 // Camera, Rigid3 and PosedImage.
 
-#include "bindings.h"
-#include "conversions.h"
+#include "apps/python/conversions.h"
 
 #include "raylift/base/text.h"
 #include "raylift/io/view_list.h"

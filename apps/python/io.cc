@@ -2,8 +2,7 @@
 
 #include <cmath>
 
-#include "bindings.h"
-#include "conversions.h"
+#include "apps/python/conversions.h"
 
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/depth_file.h"

@@ -4,10 +4,9 @@
 #include <limits>
 #include <map>
 
-#include "bindings.h"
-#include "conversions.h"
-#include "geometry_source.h"
-#include "options_by_keyword.h"
+#include "apps/python/conversions.h"
+#include "apps/python/geometry_source.h"
+#include "lifting/fields.h"
 
 #include "raylift/base/text.h"
 #include "raylift/lifting/depth_source.h"
@@ -322,7 +321,7 @@ py::tuple Filter(const PoseProblem& problem, const std::string& mode, const std:
   options.mode = ToEnum<FilterMode>("filter", mode);
   options.few_points = FewPointsFor(ToEnum<Method>("method", method));
   Keywords keywords(given);
-  TakeFilterThresholds(keywords, options.thresholds);
+  keywords.Take(FieldsOf(options.thresholds));
   keywords.RequireAllTaken();
   options.thresholds.Validate();
   auto filtered = std::make_shared<PoseProblem>(problem);
@@ -333,7 +332,7 @@ py::tuple Filter(const PoseProblem& problem, const std::string& mode, const std:
 std::shared_ptr<PoseProblem> WithCandidates(const PoseProblem& problem, const py::kwargs& given) {
   CandidateOptions options{.mode = CandidateMode::kMerge};
   Keywords keywords(given);
-  TakeCandidateOptions(keywords, options);
+  keywords.Take(FieldsOf(options));
   keywords.RequireAllTaken();
   options.Validate();
   return WithoutLock([&] {

@@ -4,11 +4,12 @@
 #include <map>
 #include <mutex>
 
+#include "apps/python/conversions.h"
+#include "apps/python/geometry_source.h"
 #include "base/progress.h"
-#include "bindings.h"
-#include "conversions.h"
-#include "geometry_source.h"
-#include "options_by_keyword.h"
+#include "estimation/fields.h"
+#include "lifting/fields.h"
+#include "localization/fields.h"
 
 #include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
@@ -170,10 +171,9 @@ bool IsMapping(const py::object& object) {
 
 LocalizerOptions TakeLocalizerOptions(Keywords& keywords) {
   LocalizerOptions options;
-  TakeEstimatorOptions(keywords, options.estimator);
-  keywords.Take("filter", options.filter.mode);
-  TakeFilterThresholds(keywords, options.filter.thresholds);
-  TakeCandidateOptions(keywords, options.candidates);
+  keywords.Take(FieldsOf(options.estimator));
+  keywords.Take(FieldsOf(options.filter));
+  keywords.Take(FieldsOf(options.candidates));
   keywords.Take("geometry_mode", options.geometry_mode);
   keywords.Take("min_confidence", options.min_confidence);
   return options;
@@ -351,12 +351,9 @@ py::dict LeaveOneOut(const SceneLocalizer& localizer, int threads,
 
 py::dict CountsOf(const StageCounts& counts) {
   py::dict dict;
-  dict["retrieved"] = counts.retrieved;
-  dict["matched"] = counts.matched;
-  dict["hit"] = counts.hit;
-  dict["points"] = counts.points;
-  dict["inliers_2d3d"] = counts.inliers_2d3d;
-  dict["inliers_2d2d"] = counts.inliers_2d2d;
+  ForEachNumber<uint64_t>(ConstFieldsOf(counts), [&dict](const std::string& name, size_t count) {
+    dict[py::str(name)] = count;
+  });
   return dict;
 }
 

@@ -4,8 +4,7 @@
 
 #include "apps/interrupt.h"
 #include "apps/program.h"
-#include "bindings.h"
-#include "conversions.h"
+#include "apps/python/conversions.h"
 
 namespace raylift::python {
 namespace {

@@ -3,10 +3,8 @@
 #include <limits>
 #include <mutex>
 
+#include "apps/python/conversions.h"
 #include "base/progress.h"
-#include "bindings.h"
-#include "conversions.h"
-#include "mesh.h"
 
 #include "raylift/base/parallel.h"
 #include "raylift/evaluation/depth_edges.h"

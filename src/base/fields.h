@@ -120,20 +120,12 @@ std::vector<Field> ConstFieldsOf(const Struct& values) {
   return FieldsOf(const_cast<Struct&>(values));  // NOLINT(cppcoreguidelines-pro-type-const-cast)
 }
 
-// The fields that hold one number or flag each, as JSON or a Python dictionary takes them:
-// `take(name, value)`.
-template <typename Take>
-void ForEachValue(std::span<const Field> fields, const Take& take) {
+// `take(name, value)` for each field of a record of counts or of numbers (Number: uint64_t, double),
+// as JSON or a Python dictionary takes them.
+template <typename Number, typename Take>
+void ForEachNumber(std::span<const Field> fields, const Take& take) {
   for (const Field& field : fields) {
-    std::visit(
-        [&]<typename Value>(const Value& value) {
-          if constexpr (std::is_same_v<Value, NamedValue>) {
-            take(std::string(field.name), value.name());
-          } else {
-            take(std::string(field.name), *value);
-          }
-        },
-        field.value);
+    take(std::string(field.name), *std::get<Number*>(field.value));
   }
 }
 

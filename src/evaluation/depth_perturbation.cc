@@ -1,5 +1,3 @@
-#include "raylift/evaluation/depth_perturbation.h"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -7,6 +5,7 @@
 #include <vector>
 
 #include "base/rng.h"
+#include "evaluation/fields.h"
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
@@ -223,34 +222,39 @@ class Perturber {
   std::string_view image_name_;
 };
 
-void RequireShare(double value, std::string_view name) {
-  if (!(value >= 0 && value <= 1)) {
-    throw OptionError(name, FormatDouble(value), "must be between 0 and 1");
-  }
-}
-
 }  // namespace
 
-void DepthPerturbation::Validate() const {
-  RequirePositive("scale", scale);
-  RequireAtLeast("scale_sigma", scale_sigma, 0);
-  if (!std::isfinite(offset)) throw OptionError("offset", FormatDouble(offset), "must be finite");
-  RequireAtLeast("warp_sigma", warp_sigma, 0);
-  RequireAtLeast("bubbles", bubbles, 0);
-  RequireShare(bubble_height, "bubble_height");
-  RequireAtLeast("floaters", floaters, 0);
-  RequireShare(flying_share, "flying_share");
-  RequireAtLeast("smoothing_px", smoothing_px, 0);
-  RequireAtLeast("noise_sigma", noise_sigma, 0);
-  RequireAtLeast("relative_noise_sigma", relative_noise_sigma, 0);
-  RequireAtLeast("clamp", clamp, 0);
-  RequireAtLeast("quantization_step", quantization_step, 0);
-  if (quantization_bits < 0 || quantization_bits > 16) {
-    throw OptionError("quantization_bits", std::to_string(quantization_bits),
-                      "must be between 1 and 16, or 0 for none");
-  }
-  RequireShare(hole_share, "hole_share");
+std::vector<Field> FieldsOf(DepthPerturbation& values) {
+  return {
+      {"scale", values.scale, "One factor for all images", kPositive},
+      {"scale_sigma", values.scale_sigma, "A factor per image: standard deviation of its ln",
+       kAtLeastZero},
+      {"offset", values.offset, "Added to the depth, scene units"},
+      {"warp", values.warp_sigma, "A smooth field of factors per image: deviation of their ln",
+       kAtLeastZero},
+      {"bubbles", values.bubbles, "Smooth domes per image", kAtLeastZero},
+      {"bubble_height", values.bubble_height, "Of the domes, as a share of the depth", kShare},
+      {"floaters", values.floaters, "Small blobs per image in front of the surface", kAtLeastZero},
+      {"flying", values.flying_share, "Share of the pixels at depth edges that fly between",
+       kShare},
+      {"smooth", values.smoothing_px, "Gaussian over all surfaces: its deviation in pixels",
+       kAtLeastZero},
+      {"noise", values.noise_sigma, "Gaussian noise, scene units", kAtLeastZero},
+      {"relative_noise", values.relative_noise_sigma, "Gaussian noise, as a share of the depth",
+       kAtLeastZero},
+      {"clamp", values.clamp, "Put what is farther than this there, scene units; 0: nothing",
+       kAtLeastZero},
+      {"quantize", values.quantization_step, "Round to multiples of this, scene units",
+       kAtLeastZero},
+      {"quantize_bits", values.quantization_bits,
+       "Keep an integer of so many bits, its largest value for the map's; 0: no",
+       Range{.says = "must be between 1 and 16, or 0 for none", .least = 0, .most = 16}},
+      {"holes", values.hole_share, "Share of the pixels to remove, in blobs", kShare},
+      {"seed", values.seed, "Seed of all random choices"},
+  };
 }
+
+void DepthPerturbation::Validate() const { CheckRanges(ConstFieldsOf(*this)); }
 
 DepthMap SmoothDepth(const DepthMap& map, double sigma_px) {
   RAYLIFT_CHECK(sigma_px > 0);

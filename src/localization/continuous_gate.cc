@@ -5,6 +5,7 @@
 #include <numbers>
 #include <string_view>
 
+#include "localization/fields.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 
@@ -19,22 +20,9 @@ constexpr double kDegPerRad = 180 / std::numbers::pi;
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
-void RequireCount(std::string_view name, int value) {
-  if (value < 0) throw OptionError(name, std::to_string(value), "must not be negative");
-}
-
 }  // namespace
 
-void JoinGateOptions::Validate() const {
-  RequireCount("min_inliers_2d2d", min_inliers_2d2d);
-  RequireCount("min_inliers_2d3d", min_inliers_2d3d);
-  RequirePositive("max_rotation_sigma_deg", max_rotation_sigma_deg);
-  if (max_position_sigma) RequirePositive("max_position_sigma", *max_position_sigma);
-  RequirePositive("max_difference_deg", max_difference_deg);
-  if (max_difference_position) {
-    RequirePositive("max_difference_position", *max_difference_position);
-  }
-}
+void JoinGateOptions::Validate() const { CheckRanges(ConstFieldsOf(*this)); }
 
 SolverPoses EstimateBySolvers(const PoseProblem& problem, const EstimatorOptions& options,
                               int threads) {

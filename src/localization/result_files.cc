@@ -1,12 +1,12 @@
 #include "raylift/localization/result_files.h"
 
 #include <algorithm>
-#include <array>
 #include <utility>
 
 #include "base/json_text.h"
 #include "base/statistics.h"
 #include "geometry/pose_json.h"
+#include "localization/fields.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -28,19 +28,11 @@ Json QueryJson(const LocalizedQuery& query) {
                {"status", query.localized() ? "ok" : "not localized"},
                {"reason", query.reason},
                {"verdict", ToString(query.verdict())},
-               {"confidence", query.confidence()},
-               {"retrieved", query.counts.retrieved},
-               {"matched", query.counts.matched},
-               {"hit", query.counts.hit},
-               {"points_by_geometry", query.counts.points_of_source},
-               {"consistent", query.counts.filter.consistent},
-               {"dropped_by_views", query.counts.filter.dropped_by_views},
-               {"dropped_by_ratio", query.counts.filter.dropped_by_ratio},
-               {"dropped_by_error", query.counts.filter.dropped_by_error},
-               {"dropped_as_too_few", query.counts.filter.dropped_as_too_few},
-               {"points", query.counts.points},
-               {"inliers_2d3d", query.counts.inliers_2d3d},
-               {"inliers_2d2d", query.counts.inliers_2d2d}};
+               {"confidence", query.confidence()}};
+  ForEachNumber<uint64_t>(ConstFieldsOf(query.counts), [&](const std::string& name, size_t count) {
+    json[name] = count;
+    if (name == "hit") json["points_by_geometry"] = query.counts.points_of_source;
+  });
   if (!query.rig.empty()) json["rig"] = query.rig;
   if (query.counts.noise) {
     json["keypoint_noise_px"] = query.counts.noise->keypoints_px;
@@ -99,25 +91,31 @@ Json LeastConfidentJson(std::span<const LocalizedQuery> queries) {
   return json;
 }
 
+// The medians of what each stage counts.
+Json MediansJson(std::span<const LocalizedQuery> queries) {
+  Json values = Json::object();
+  for (const LocalizedQuery& query : queries) {
+    ForEachNumber<uint64_t>(ConstFieldsOf(query.counts),
+                            [&](const std::string& name, size_t count) {
+                              values[name].push_back(static_cast<double>(count));
+                            });
+  }
+  Json medians = Json::object();
+  const StageCounts none;
+  ForEachNumber<uint64_t>(ConstFieldsOf(none), [&](const std::string& name, size_t) {
+    medians[name] = UpperMedianOr(values.value(name, std::vector<double>()), 0);
+  });
+  return medians;
+}
+
 LocalizedQuery LocalizedOf(const Json& json, const std::string& name) {
   LocalizedQuery localized;
   localized.name = name;
   localized.reason = json.at("reason").get<std::string>();
   StageCounts& counts = localized.counts;
-  const std::array<std::pair<const char*, size_t*>, 10> fields = {{
-      {"retrieved", &counts.retrieved},
-      {"matched", &counts.matched},
-      {"hit", &counts.hit},
-      {"consistent", &counts.filter.consistent},
-      {"dropped_by_views", &counts.filter.dropped_by_views},
-      {"dropped_by_ratio", &counts.filter.dropped_by_ratio},
-      {"dropped_by_error", &counts.filter.dropped_by_error},
-      {"dropped_as_too_few", &counts.filter.dropped_as_too_few},
-      {"points", &counts.points},
-      {"inliers_2d3d", &counts.inliers_2d3d},
-  }};
-  for (const auto& [field, value] : fields) *value = json.at(field).get<size_t>();
-  counts.inliers_2d2d = json.at("inliers_2d2d").get<size_t>();
+  ForEachNumber<uint64_t>(FieldsOf(counts), [&json](const std::string& field, uint64_t& count) {
+    count = json.at(field).get<uint64_t>();
+  });
   counts.points_of_source = json.at("points_by_geometry").get<std::vector<size_t>>();
   if (json.contains("cam_from_world")) {
     localized.estimate.cam_from_world = PoseFromJson(json.at("cam_from_world"));
@@ -361,41 +359,15 @@ void WriteTiming(const std::filesystem::path& path, std::span<const LocalizedQue
 
 void WriteSummary(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries,
                   const RunSummary& summary) {
-  const auto median_of = [&queries](const auto& value) {
-    std::vector<double> values;
-    values.reserve(queries.size());
-    for (const LocalizedQuery& query : queries) {
-      values.push_back(static_cast<double>(value(query)));
-    }
-    return UpperMedianOr(std::move(values), 0);
-  };
-  Json json = {
-      {"queries", queries.size()},
-      {"localized", std::count_if(queries.begin(), queries.end(),
-                                  [](const LocalizedQuery& q) { return q.localized(); })},
-      {"verdicts", VerdictsJson(queries)},
-      {"least_confident", LeastConfidentJson(queries)},
-      {"references", summary.num_references},
-      {"geometry", GeometryJson(summary.geometry)},
-      {"medians",
-       {{"retrieved", median_of([](const LocalizedQuery& q) { return q.counts.retrieved; })},
-        {"matched", median_of([](const LocalizedQuery& q) { return q.counts.matched; })},
-        {"hit", median_of([](const LocalizedQuery& q) { return q.counts.hit; })},
-        {"consistent",
-         median_of([](const LocalizedQuery& q) { return q.counts.filter.consistent; })},
-        {"dropped_by_views",
-         median_of([](const LocalizedQuery& q) { return q.counts.filter.dropped_by_views; })},
-        {"dropped_by_ratio",
-         median_of([](const LocalizedQuery& q) { return q.counts.filter.dropped_by_ratio; })},
-        {"dropped_by_error",
-         median_of([](const LocalizedQuery& q) { return q.counts.filter.dropped_by_error; })},
-        {"dropped_as_too_few",
-         median_of([](const LocalizedQuery& q) { return q.counts.filter.dropped_as_too_few; })},
-        {"points", median_of([](const LocalizedQuery& q) { return q.counts.points; })},
-        {"inliers_2d3d", median_of([](const LocalizedQuery& q) { return q.counts.inliers_2d3d; })},
-        {"inliers_2d2d",
-         median_of([](const LocalizedQuery& q) { return q.counts.inliers_2d2d; })}}},
-      {"warnings", summary.warnings}};
+  Json json = {{"queries", queries.size()},
+               {"localized", std::count_if(queries.begin(), queries.end(),
+                                           [](const LocalizedQuery& q) { return q.localized(); })},
+               {"verdicts", VerdictsJson(queries)},
+               {"least_confident", LeastConfidentJson(queries)},
+               {"references", summary.num_references},
+               {"geometry", GeometryJson(summary.geometry)},
+               {"medians", MediansJson(queries)},
+               {"warnings", summary.warnings}};
   if (summary.scene_noise) json["scene_noise"] = SceneNoiseJson(*summary.scene_noise);
   const RerenderCounts rerender = CountRerendered(queries);
   if (rerender.asked) {

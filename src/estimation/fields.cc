@@ -1,4 +1,4 @@
-#include "estimation/option_fields.h"
+#include "estimation/fields.h"
 
 #include <fmt/format.h>
 

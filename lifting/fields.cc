@@ -1,4 +1,4 @@
-#include "lifting/option_fields.h"
+#include "lifting/fields.h"
 
 namespace raylift {
 
