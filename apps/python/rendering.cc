@@ -3,7 +3,7 @@
 #include <limits>
 #include <mutex>
 
-#include "apps/python/conversions.h"
+#include "apps/python/geometry_source.h"
 #include "base/progress.h"
 
 #include "raylift/base/parallel.h"
