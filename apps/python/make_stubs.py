@@ -19,8 +19,36 @@ REPAIRS = [
     (r"(?<=-> )list(?=:)", "list[typing.Any]"),
     (r"\*\*kwargs\)", "**kwargs: typing.Any)"),
     (r"\*args,", "*args: raylift._types.GeometryLike,"),
+    (r"(?m)^import typing$", "import typing\nimport typing_extensions"),
 ]
+# The options that functions take by keyword, as raylift/_types.py has them.
+OPTIONS = {
+    "DepthMaps.from_arrays": "DepthMapOptions",
+    "Localizer.__init__": "LocalizerOptions",
+    "RayCaster.render": "RenderOptions",
+    "RayCaster.render_many": "RenderOptions",
+    "estimate": "EstimatorOptions",
+    "estimate_all": "EstimatorOptions",
+    "filter_points": "FilterThresholds",
+    "merge_candidates": "CandidateOptions",
+    "write_depth": "DepthWriteOptions",
+}
 HEAD = "# Written by make_stubs.py; do not edit.\n"
+
+
+def with_options(text: str) -> str:
+    """The stubs with the options' types for what is left of keywords."""
+    lines, owner = [], ""
+    for line in text.splitlines():
+        if found := re.match(r"(class|def) (\w+)", line):
+            owner = found[2] + "." if found[1] == "class" else ""
+        if found := re.match(r"\s*def (\w+)", line):
+            options = OPTIONS.get(owner + found[1])
+            if options is not None:
+                line = line.replace("**kwargs: typing.Any",
+                                    f"**kwargs: typing_extensions.Unpack[raylift._types.{options}]")
+        lines.append(line.rstrip())
+    return "\n".join(lines) + "\n"
 
 
 def make_stubs() -> str:
@@ -33,7 +61,7 @@ def make_stubs() -> str:
     for i in range(0, len(parts), 2):
         for pattern, replacement in REPAIRS:
             parts[i] = re.sub(pattern, replacement, parts[i])
-    return HEAD + "\n".join(line.rstrip() for line in "".join(parts).splitlines()) + "\n"
+    return HEAD + with_options("".join(parts))
 
 
 if __name__ == "__main__":

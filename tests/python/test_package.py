@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 
 import raylift
-from raylift import _core
+from raylift import _core, _types
 
 SOURCE = Path(os.environ["RAYLIFT_SOURCE"])
 PYTHON = SOURCE / "apps/python"
+DEMO = SOURCE / "assets/demo"
 
 
 def test_each_name_is_documented():
@@ -57,3 +58,14 @@ def test_stubs_are_those_of_the_module(tmp_path):
     subprocess.run([sys.executable, PYTHON / "make_stubs.py", tmp_path], check=True)
     assert (tmp_path / "_core.pyi").read_text() == (PYTHON / "raylift/_core.pyi").read_text(), (
         "run apps/python/make_stubs.py")
+
+
+@pytest.mark.parametrize("options, call", [
+    (_types.EstimatorOptions, lambda **o: _core.estimate(_core.PoseProblem("PINHOLE 9 9 9 9 4 4"), **o)),
+    (_types.LocalizerOptions, lambda **o: raylift.Localizer(raylift.Scene(DEMO / "model"), **o)),
+])
+def test_the_types_name_the_options_that_there_are(options, call):
+    with pytest.raises(raylift.OptionError) as error:
+        call(nonsense=1)
+    names = str(error.value).split("there are ")[1].split(", ")
+    assert sorted(names) == sorted(options.__annotations__)

@@ -8,6 +8,7 @@ import numpy
 import numpy.typing
 import raylift._types
 import typing
+import typing_extensions
 __all__: list[str] = ['Camera', 'ColmapModel', 'DepthMaps', 'Geometry', 'InputError', 'Lifter', 'LocalizedQuery', 'Localizer', 'Mesh', 'OptionError', 'PYBIND11_MAJOR', 'PoseEstimate', 'PoseProblem', 'PosedImage', 'RayCaster', 'Rigid3', 'Scene', 'SfmPoints', 'VERSION', 'estimate', 'estimate_all', 'extract_features', 'filter_points', 'merge_candidates', 'read_depth', 'read_image', 'read_poses', 'read_queries', 'run_command', 'run_program', 'write_depth', 'write_poses', 'write_queries']
 class InputError(ValueError):
     """
@@ -421,7 +422,7 @@ class RayCaster:
         """
         Whether anything lies on each ray (N,), bool.
         """
-    def render(self, camera: raylift._types.CameraLike, pose: raylift._types.PoseLike, products: collections.abc.Sequence[str] = ['depth'], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing.Any) -> dict[str, typing.Any]:
+    def render(self, camera: raylift._types.CameraLike, pose: raylift._types.PoseLike, products: collections.abc.Sequence[str] = ['depth'], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing_extensions.Unpack[raylift._types.RenderOptions]) -> dict[str, typing.Any]:
         """
         What a camera sees from a pose (cam_from_world), a dict of arrays by product:
 
@@ -440,7 +441,7 @@ class RayCaster:
         "unlit", "headlight", "sun"), supersampling=1, background=(0, 0, 0). The arrays are the
         renderer's own memory. The same bytes for any number of threads (0: all).
         """
-    def render_many(self, cameras: typing.Any, poses: collections.abc.Sequence[raylift._types.PoseLike], products: collections.abc.Sequence[str] = ['depth'], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None, **kwargs: typing.Any) -> list[typing.Any]:
+    def render_many(self, cameras: typing.Any, poses: collections.abc.Sequence[raylift._types.PoseLike], products: collections.abc.Sequence[str] = ['depth'], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None, **kwargs: typing_extensions.Unpack[raylift._types.RenderOptions]) -> list[typing.Any]:
         """
         A list with the pictures of each pose, as of render(). `cameras` is one camera, or a list
         of as many as there are poses.
@@ -496,7 +497,7 @@ class DepthMaps(Geometry):
     Depth maps of references.
     """
     @staticmethod
-    def from_arrays(maps: dict[str, typing.Any], references: collections.abc.Sequence[raylift._types.PosedImageLike], **kwargs: typing.Any) -> DepthMaps:
+    def from_arrays(maps: dict[str, typing.Any], references: collections.abc.Sequence[raylift._types.PosedImageLike], **kwargs: typing_extensions.Unpack[raylift._types.DepthMapOptions]) -> DepthMaps:
         """
         From a dict of (height, width) arrays by the references' names, of the image's size
         or another; what is not finite or not positive is no surface. They are copied.
@@ -636,7 +637,7 @@ class Localizer:
     """
     Localizes photographs in a scene. Thread safe.
     """
-    def __init__(self, scene: Scene, *, reference_features: dict[str, typing.Any] = {}, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing.Any) -> None:
+    def __init__(self, scene: Scene, *, reference_features: dict[str, typing.Any] = {}, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing_extensions.Unpack[raylift._types.LocalizerOptions]) -> None:
         """
         Options as of `raylift localize`, with its defaults: those of raylift.estimate_pose(), and
         filter="off", filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8,
@@ -737,11 +738,11 @@ class ColmapModel:
     @property
     def warnings(self) -> list[str]:
         ...
-def estimate(problem: PoseProblem, **kwargs: typing.Any) -> PoseEstimate:
+def estimate(problem: PoseProblem, **kwargs: typing_extensions.Unpack[raylift._types.EstimatorOptions]) -> PoseEstimate:
     """
     The pose of a problem. Options as of raylift.estimate_pose(), which see.
     """
-def estimate_all(problems: collections.abc.Sequence[PoseProblem], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None, **kwargs: typing.Any) -> list[PoseEstimate]:
+def estimate_all(problems: collections.abc.Sequence[PoseProblem], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None, **kwargs: typing_extensions.Unpack[raylift._types.EstimatorOptions]) -> list[PoseEstimate]:
     """
     The poses of many problems, on `threads` threads (0: all). The same for any number of them.
     """
@@ -750,7 +751,7 @@ def extract_features(image: numpy.typing.ArrayLike, *, max_features: typing.Supp
     RootSIFT features of a photograph, (H, W) or (H, W, 3) uint8: a dict with keypoints (N, 2),
     descriptors (N, 128) float32 of unit length, scores (N,).
     """
-def filter_points(problem: PoseProblem, filter: str = 'auto', *, method: str = 'adaptive', **kwargs: typing.Any) -> tuple[typing.Any, ...]:
+def filter_points(problem: PoseProblem, filter: str = 'auto', *, method: str = 'adaptive', **kwargs: typing_extensions.Unpack[raylift._types.FilterThresholds]) -> tuple[typing.Any, ...]:
     """
     Drops the 2D-3D matches of a PoseProblem that its references disagree on. filter: "off",
     "fixed" (with filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8) or
@@ -759,7 +760,7 @@ def filter_points(problem: PoseProblem, filter: str = 'auto', *, method: str = '
 
     Returns the problem without them, which were kept (N,) bool, and a dict of counts.
     """
-def merge_candidates(problem: PoseProblem, **kwargs: typing.Any) -> PoseProblem:
+def merge_candidates(problem: PoseProblem, **kwargs: typing_extensions.Unpack[raylift._types.CandidateOptions]) -> PoseProblem:
     """
     The PoseProblem with one 3D point per query keypoint. candidates="merge": the one that
     the references agree on best; "triangulate": from the 2D-2D matches alone; "keep": all.
@@ -794,7 +795,7 @@ def run_program(arguments: collections.abc.Sequence[str]) -> int:
     """
     The program `raylift`. Returns its exit code.
     """
-def write_depth(file: raylift._types.PathLike, depth: numpy.typing.ArrayLike, **kwargs: typing.Any) -> dict[str, typing.Any]:
+def write_depth(file: raylift._types.PathLike, depth: numpy.typing.ArrayLike, **kwargs: typing_extensions.Unpack[raylift._types.DepthWriteOptions]) -> dict[str, typing.Any]:
     """
     Writes a depth map (height, width) in the format of the file's name: .exr, .png, .tiff,
     .npy, .npz, .bin (COLMAP), .pfm. Options as of `raylift render`: sample="float" (or

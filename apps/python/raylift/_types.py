@@ -82,5 +82,71 @@ class EstimatorOptions(TypedDict, total=False):
     seed: int
 
 
+
+class FilterThresholds(TypedDict, total=False):
+    """Thresholds of the consistency filter, as of `raylift localize`."""
+
+    filter_reprojection_px: float
+    filter_min_views: int
+    filter_min_ratio: float
+
+
+class CandidateOptions(TypedDict, total=False):
+    """What becomes of a keypoint's 3D points, as of `raylift localize`."""
+
+    candidates: Literal["keep", "merge", "triangulate"]
+    candidates_error_px: float
+    candidates_min_angle_deg: float
+
+
+class LocalizerOptions(EstimatorOptions, FilterThresholds, CandidateOptions, total=False):
+    """Options of `raylift localize`, whose defaults they have."""
+
+    filter: Literal["off", "fixed", "auto"]
+    geometry_mode: Literal["first", "all"]
+    min_confidence: float
+    features: PathLike
+    matches: PathLike
+    pairs: PathLike
+    top_k: int
+    max_features: int
+    max_ratio: float
+    cache: PathLike
+    query_images: PathLike
+    min_match_score: float
+    first_pixel: float
+    cell_px: float
+
+
+class RenderOptions(TypedDict, total=False):
+    """How pictures are rendered, as of `raylift render`."""
+
+    shading: Literal["auto", "unlit", "headlight", "sun"]
+    normals_in: Literal["world", "camera"]
+    supersampling: int
+    background: Tuple[int, int, int]
+
+
+class DepthMapOptions(TypedDict, total=False):
+    """What depth maps in memory hold, and how they are sampled."""
+
+    kind: Literal["z", "ray", "inverse"]
+    scale: float
+    max_depth: float
+    interpolation: Literal["edge", "nearest"]
+    max_jump: float
+
+
+class DepthWriteOptions(TypedDict, total=False):
+    """How depth is stored, as of `raylift render`."""
+
+    sample: Literal["float", "half"]
+    exr_compression: Literal["none", "zips", "zip", "piz", "pxr24", "dwaa"]
+    png_step: float
+    out_of_range: Literal["refuse", "drop"]
+    deflate_npz: bool
+    layer: str
+
+
 GeometryLike = Union["_core.Geometry", "_core.RayCaster", "_core.Mesh", str]
 """Geometry, or a text as the option --geometry takes it."""
