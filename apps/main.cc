@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/mesh_trial.h"
 #include "apps/program.h"
 #include "io/hloc/hdf5_file.h"
 #include <opencv2/core/utility.hpp>
@@ -46,6 +47,10 @@ void NoteAndThrow() {
 }  // namespace
 
 int main(int argc, char** argv) {
+  // The program tries meshes in a process of its own: `raylift --try-mesh FILE`.
+  const std::string try_mesh = "--try-mesh";
+  if (argc == 3 && argv[1] == try_mesh) return raylift::TryMesh(argv[2]);
+  raylift::TryMeshesBy({"/proc/self/exe", try_mesh});
   std::set_terminate(&End);
   std::set_new_handler(&NoteAndThrow);
   raylift::LeaveHdf5AsItIsAtExit();

@@ -3,6 +3,7 @@
 #include <regex>
 
 #include "apps/interrupt.h"
+#include "apps/mesh_trial.h"
 #include "apps/program.h"
 #include "apps/python/conversions.h"
 
@@ -63,6 +64,10 @@ void RefuseNumpyThatIsNotKnown() {
 }
 
 void BindProgram(py::module_& module) {
+  module.def("_try_mesh", &TryMesh, py::arg("file"));
+  const auto python = py::module_::import("sys").attr("executable").cast<std::string>();
+  TryMeshesBy(
+      {python, "-c", "import sys; from raylift import _core; _core._try_mesh(sys.argv[1])"});
   module.def(
       "run_command",
       [](const std::vector<std::string>& arguments, const std::optional<ProgressCall>& progress) {

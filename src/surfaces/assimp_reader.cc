@@ -1,27 +1,25 @@
 #include <algorithm>
 #include <array>
-#include <cerrno>
 #include <cmath>
-#include <csignal>
+#include <functional>
 #include <map>
 #include <new>
+#include <utility>
 
 #include "base/read_limits.h"
-#include "surfaces/file_names.h"
-#include "surfaces/mapped_file.h"
-#include "surfaces/mesh_readers.h"
+#include "surfaces/file_readers.h"
+#include "surfaces/input_files.h"
 #include "surfaces/raw_mesh.h"
 #include <Eigen/Geometry>
 #include <assimp/Importer.hpp>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
 #include <fmt/format.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/scene/image.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {
@@ -135,9 +133,7 @@ class SceneConverter {
 
   void AddMesh(const aiMesh& part, const Eigen::Affine3d& root_from_part) {
     const size_t first = mesh_.positions.size();
-    if (first + part.mNumVertices >= RawMesh::kNone) {
-      throw InputError(path_, "too many vertices");
-    }
+    if (first + part.mNumVertices >= RawMesh::kNone) throw InputError(path_, "too many vertices");
     for (unsigned int i = 0; i < part.mNumVertices; ++i) {
       const aiVector3D& v = part.mVertices[i];
       mesh_.positions.push_back(root_from_part * Eigen::Vector3d(v.x, v.y, v.z));
@@ -187,37 +183,20 @@ class SceneConverter {
   std::map<std::string, int32_t> texture_by_name_;
 };
 
-// Of the formats that are not checked beforehand (COLLADA, FBX, ...), a broken file ends the
-// process within assimp. So a process of its own reads it first, which takes the time twice.
-bool EndsProcess(const std::filesystem::path& path) {
-  constexpr unsigned int kLongest_s = 600;
-  const pid_t child = fork();
-  if (child < 0) return false;  // nothing can be told
-  if (child == 0) {
-    for (const int signal_number : {SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, SIGALRM}) {
-      signal(signal_number, SIG_DFL);
-    }
-    alarm(kLongest_s);
-    try {
-      Assimp::Importer().ReadFile(path.string(), kSteps);
-    } catch (const std::exception&) {  // is told by the process that goes on
-    }
-    _exit(0);
-  }
-  int status = 0;
-  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
-  }
-  return !WIFEXITED(status) || WEXITSTATUS(status) != 0;
-}
+std::function<bool(const std::filesystem::path&)> survives;
 
 }  // namespace
+
+void SetMeshTrial(std::function<bool(const std::filesystem::path&)> trial) {
+  survives = std::move(trial);
+}
 
 RawMesh ReadWithAssimp(const std::filesystem::path& path) {
   const std::string extension = LowerExtension(path);
   const bool is_gltf = extension == ".glb" || extension == ".gltf";
   if (is_gltf) {
     CheckGltf(path, MappedFile(path).contents());
-  } else if (extension != ".stl" && EndsProcess(path)) {
+  } else if (extension != ".stl" && survives && !survives(path)) {
     throw InputError(path, "cannot be read as a mesh: the file is damaged");
   }
   Assimp::Importer importer;

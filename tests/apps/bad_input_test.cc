@@ -51,6 +51,16 @@ class BadInput : public ::testing::Test {
   fs::path out_ = scene_.folder / "out";
 };
 
+// assimp ends the process that reads this file.
+TEST_F(BadInput, MeshThatEndsAssimpIsNamed) {
+  const fs::path mesh = scene_.folder / "damaged.dae";
+  fs::copy_file(
+      fs::path(RAYLIFT_DEMO_FOLDER) / "../../tests/fuzz/findings/mesh_dae/reference_to_nothing",
+      mesh);
+  EXPECT_TRUE(FailsWith(3, {"damaged.dae", "cannot be read as a mesh: the file is damaged"},
+                        RunWithMesh(mesh)));
+}
+
 TEST_F(BadInput, MissingFilesAreNamed) {
   for (const fs::path& file :
        {scene_.model() / "images.txt", scene_.model() / "cameras.txt", scene_.mesh(),

@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <span>
 #include <string>
 #include <vector>
@@ -30,6 +31,12 @@ TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& 
 TriangleMesh MakeMesh(std::vector<Eigen::Vector3d> vertices,
                       std::vector<std::array<uint32_t, 3>> triangles,
                       std::vector<std::array<uint8_t, 3>> colors_rgb = {});
+
+// assimp ends the process where a file of some formats (COLLADA, FBX, ...) is damaged. A program
+// may therefore let `trial` read such files first, in a process of its own; it returns whether that
+// process has lived on. ReadMesh throws InputError where it has not. To be set before meshes are
+// read.
+void SetMeshTrial(std::function<bool(const std::filesystem::path&)> trial);
 
 // Scenes that come as several meshes: tiles of a city, a building and its furniture.
 
