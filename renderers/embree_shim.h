@@ -137,27 +137,66 @@ inline RTCRayHit MakeRayHit(const float* origin, const float* direction, float t
   return ray_hit;
 }
 
+#if RAYLIFT_EMBREE_MAJOR >= 4
+using QueryContext = RTCRayQueryContext;
+using QueryFlags = RTCRayQueryFlags;
+constexpr QueryFlags kIncoherent = RTC_RAY_QUERY_FLAG_INCOHERENT;
+#else
+using QueryContext = RTCIntersectContext;
+using QueryFlags = RTCIntersectContextFlags;
+constexpr QueryFlags kIncoherent = RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+#endif
+
+// A query of single rays whose callbacks get at `data`.
+template <typename Data>
+class Query {
+ public:
+  explicit Query(Data data, RTCFilterFunctionN filter = nullptr) : shared_{{}, data} {
+#if RAYLIFT_EMBREE_MAJOR >= 4
+    rtcInitRayQueryContext(&shared_.context);
+    rtcInitIntersectArguments(&arguments_);
+    arguments_.context = &shared_.context;
+    arguments_.filter = filter;
+    arguments_.flags =
+        filter == nullptr
+            ? kIncoherent
+            : static_cast<QueryFlags>(kIncoherent | RTC_RAY_QUERY_FLAG_INVOKE_ARGUMENT_FILTER);
+#else
+    rtcInitIntersectContext(&shared_.context);
+    shared_.context.flags = kIncoherent;
+    shared_.context.filter = filter;
+#endif
+  }
+  Query(const Query&) = delete;  // arguments point to what is shared
+  Query& operator=(const Query&) = delete;
+
+  void Intersect(RTCScene scene, RTCRayHit& ray_hit) {
+#if RAYLIFT_EMBREE_MAJOR >= 4
+    rtcIntersect1(scene, &ray_hit, &arguments_);
+#else
+    rtcIntersect1(scene, &shared_.context, &ray_hit);
+#endif
+  }
+
+  Data& data() { return shared_.data; }
+  // For callbacks, from what Embree hands to them.
+  static Data& DataOf(QueryContext* context) { return reinterpret_cast<Shared*>(context)->data; }
+
+ private:
+  struct Shared {
+    QueryContext context;
+    Data data;
+  };
+  Shared shared_;
+#if RAYLIFT_EMBREE_MAJOR >= 4
+  RTCIntersectArguments arguments_;
+#endif
+};
+
 // Takes down every primitive that a ray meets, instead of the first one.
 class GatherState {
  public:
-#if RAYLIFT_EMBREE_MAJOR >= 4
-  GatherState() {
-    rtcInitRayQueryContext(&query_.context);
-    rtcInitIntersectArguments(&arguments_);
-    arguments_.context = &query_.context;
-    arguments_.filter = &GatherState::OnHit;
-    arguments_.flags = static_cast<RTCRayQueryFlags>(RTC_RAY_QUERY_FLAG_INCOHERENT |
-                                                     RTC_RAY_QUERY_FLAG_INVOKE_ARGUMENT_FILTER);
-  }
-#else
-  GatherState() {
-    rtcInitIntersectContext(&query_.context);
-    query_.context.flags = RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
-    query_.context.filter = &GatherState::OnHit;
-  }
-#endif
-  GatherState(const GatherState&) = delete;  // arguments point to the query
-  GatherState& operator=(const GatherState&) = delete;
+  GatherState() : query_({}, &GatherState::OnHit) {}
 
   // Prepares a scene; to be called before it is committed.
   static void Allow(RTCScene scene, [[maybe_unused]] RTCGeometry geometry) {
@@ -170,39 +209,27 @@ class GatherState {
     rtcSetSceneFlags(scene, static_cast<RTCSceneFlags>(rtcGetSceneFlags(scene) | kFlag));
   }
 
-  // The primitives that a ray meets between t_near and t_far, in no order; valid until the next.
+  // Returns the primitives that a ray meets between t_near and t_far, in no order; valid until the
+  // next call.
   std::vector<uint32_t>& Gather(RTCScene scene, const float* origin, const float* direction,
                                 float t_near, float t_far) {
-    query_.primitives.clear();
+    query_.data().clear();
     RTCRayHit ray_hit = MakeRayHit(origin, direction, t_near);
     ray_hit.ray.tfar = t_far;
-#if RAYLIFT_EMBREE_MAJOR >= 4
-    rtcIntersect1(scene, &ray_hit, &arguments_);
-#else
-    rtcIntersect1(scene, &query_.context, &ray_hit);
-#endif
-    return query_.primitives;
+    query_.Intersect(scene, ray_hit);
+    return query_.data();
   }
 
  private:
-#if RAYLIFT_EMBREE_MAJOR >= 4
-  using Context = RTCRayQueryContext;
-  RTCIntersectArguments arguments_;
-#else
-  using Context = RTCIntersectContext;
-#endif
-  struct Query {
-    Context context;
-    std::vector<uint32_t> primitives;
-  };
+  using Primitives = std::vector<uint32_t>;
 
   static void OnHit(const RTCFilterFunctionNArguments* arguments) {
-    auto* const query = reinterpret_cast<Query*>(arguments->context);
-    query->primitives.push_back(RTCHitN_primID(arguments->hit, arguments->N, 0));
+    Query<Primitives>::DataOf(arguments->context)
+        .push_back(RTCHitN_primID(arguments->hit, arguments->N, 0));
     arguments->valid[0] = 0;  // go on
   }
 
-  Query query_;
+  Query<Primitives> query_;
 };
 
 // Shows a visitor every primitive of user geometry whose box a ray meets, about from front to back.
@@ -210,21 +237,7 @@ class GatherState {
 template <typename Visitor>
 class VisitState {
  public:
-#if RAYLIFT_EMBREE_MAJOR >= 4
-  explicit VisitState(Visitor& visitor) : query_{{}, &visitor} {
-    rtcInitRayQueryContext(&query_.context);
-    rtcInitIntersectArguments(&arguments_);
-    arguments_.context = &query_.context;
-    arguments_.flags = RTC_RAY_QUERY_FLAG_INCOHERENT;
-  }
-#else
-  explicit VisitState(Visitor& visitor) : query_{{}, &visitor} {
-    rtcInitIntersectContext(&query_.context);
-    query_.context.flags = RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
-  }
-#endif
-  VisitState(const VisitState&) = delete;  // arguments point to the query
-  VisitState& operator=(const VisitState&) = delete;
+  explicit VisitState(Visitor& visitor) : query_(&visitor) {}
 
   // Prepares user geometry; to be called before it is committed.
   static void Allow(RTCGeometry geometry) {
@@ -233,33 +246,17 @@ class VisitState {
 
   void Visit(RTCScene scene, const float* origin, const float* direction, float t_near) {
     RTCRayHit ray_hit = MakeRayHit(origin, direction, t_near);
-#if RAYLIFT_EMBREE_MAJOR >= 4
-    rtcIntersect1(scene, &ray_hit, &arguments_);
-#else
-    rtcIntersect1(scene, &query_.context, &ray_hit);
-#endif
+    query_.Intersect(scene, ray_hit);
   }
 
  private:
-#if RAYLIFT_EMBREE_MAJOR >= 4
-  using Context = RTCRayQueryContext;
-  RTCIntersectArguments arguments_;
-#else
-  using Context = RTCIntersectContext;
-#endif
-  struct Query {
-    Context context;
-    Visitor* visitor;
-  };
-
   static void OnBox(const RTCIntersectFunctionNArguments* arguments) {
     if (arguments->valid[0] == 0) return;
-    const Query* const query = reinterpret_cast<const Query*>(arguments->context);
     float& end = RTCRayN_tfar(RTCRayHitN_RayN(arguments->rayhit, arguments->N), arguments->N, 0);
-    end = std::min(end, query->visitor->Visit(arguments->primID));
+    end = std::min(end, Query<Visitor*>::DataOf(arguments->context)->Visit(arguments->primID));
   }
 
-  Query query_;
+  Query<Visitor*> query_;
 };
 
 }  // namespace raylift::embree

@@ -11,34 +11,26 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cmath>
-#include <limits>
-#include <numbers>
 #include <optional>
 #include <span>
-#include <vector>
 
 #include "renderers/block_kernels.h"
+#include "renderers/frame_maps.h"
 #include "renderers/splat_blend.h"
 #include "renderers/surface_shader.h"
 #include <Eigen/Geometry>
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
-#include "raylift/scene/image.h"
 
 namespace raylift {
 namespace {
 
-constexpr int kSide = static_cast<int>(RayBlock::kSide);
 constexpr int kTileBlocks = 2;  // per side: tiles of 8 x 8 pixels
-constexpr int kTileSide = kTileBlocks * kSide;
+constexpr int kTileSide = kTileBlocks * kBlockSide;
 constexpr size_t kBlocksPerTile = size_t{kTileBlocks} * kTileBlocks;
 // Tiles in a row that are cast at a time; what they need stays in the first cache.
 constexpr size_t kTilesAtATime = 8;
-constexpr double kDegPerRad = 180 / std::numbers::pi;
-
-Eigen::Vector3f Lane(const RayBlock& rays, size_t i) { return {rays.x[i], rays.y[i], rays.z[i]}; }
 
 }  // namespace
 
@@ -62,6 +54,120 @@ struct FrameRenderer::Impl {
 
 namespace {
 
+// The colors of a view's pixels, and what its rays see of splats.
+class ViewColors {
+ public:
+  // `shader` may be null where no color is asked for.
+  ViewColors(const RayCaster& caster, const ColorOptions& options, const SurfaceShader* shader,
+             std::span<const Eigen::Vector3f> splat_colors, const PixelRays& rays,
+             const FrameMaps& maps)
+      : caster_(caster),
+        side_(options.samples_per_pixel_side),
+        shader_(shader),
+        splat_colors_(splat_colors),
+        rays_(rays),
+        maps_(maps),
+        world_from_cam_float_(maps.world_from_cam().cast<float>()) {}
+
+  using SplatLooks = std::array<SplatLook, RayBlock::kSize>;
+
+  SplatLooks LookAt(const RayBlock& rays_in_world) const {
+    std::array<Ray, RayBlock::kSize> rays;
+    for (size_t i = 0; i < rays.size(); ++i) {
+      rays[i] = {maps_.center_in_world(), Lane(rays_in_world, i).cast<double>()};
+    }
+    SplatLooks looks;
+    caster_.LookAtSplats(rays, splat_colors_, looks);
+    return looks;
+  }
+
+  Eigen::Vector3f ColorOf(SplatLook look, const Eigen::Vector3d& direction) const {
+    const double length = direction.norm();
+    if (length == 0) return background();  // no ray, as outside a lens's domain
+    if (look.hit) look.hit->ray_t *= length;
+    return shader_->Color(look, maps_.center_in_world(), direction / length);
+  }
+
+  // Returns the color of a pixel from its only sample.
+  Eigen::Vector3f ColorOf(int x, int y, RayHit hit, const Eigen::Vector3d& direction) const {
+    const double length = direction.norm();
+    hit.ray_t *= length;
+    return shader_->Color(hit, maps_.center_in_world(), direction / length,
+                          rays_.DifferentialAt(x, y).SolidAngle());
+  }
+
+  const Eigen::Vector3f& background() const { return shader_->background(); }
+
+  // n x n samples per pixel, whose rays are those of the pixel's center, moved by the differential.
+  void StoreSupersampled(const BlockArea& area) const {
+    std::array<Eigen::Vector3f, RayBlock::kSize> sums;
+    sums.fill(Eigen::Vector3f::Zero());
+    Differentials differentials;
+    area.ForEachPixel(
+        [&](size_t i, int x, int y) { differentials[i] = rays_.DifferentialAt(x, y); });
+    for (int sample = 0; sample < side_ * side_; ++sample) {
+      const int right = sample % side_;
+      const int down = sample / side_;
+      const float dx = (static_cast<float>(right) + 0.5f) / static_cast<float>(side_) - 0.5f;
+      const float dy = (static_cast<float>(down) + 0.5f) / static_cast<float>(side_) - 0.5f;
+      AddSample(area, dx, dy, differentials, sums);
+    }
+    area.ForEachPixel([&](size_t i, int x, int y) {
+      maps_.StoreColor(x, y, sums[i] / static_cast<float>(side_ * side_));
+    });
+  }
+
+ private:
+  using Differentials = std::array<PixelRays::Differential, RayBlock::kSize>;
+
+  void AddSample(const BlockArea& area, float dx, float dy, const Differentials& differentials,
+                 std::array<Eigen::Vector3f, RayBlock::kSize>& sums) const {
+    RayBlock moved;
+    for (size_t i = 0; i < RayBlock::kSize; ++i) {
+      const auto k = static_cast<int>(i);
+      const Eigen::Vector3f center =
+          rays_.UnitRay(area.x0 + k % kBlockSide, area.y0 + k / kBlockSide);
+      if (center.isZero()) continue;
+      const Eigen::Vector3f ray =
+          (center + dx * differentials[i].along_x + dy * differentials[i].along_y).normalized();
+      moved.x[i] = ray.x();
+      moved.y[i] = ray.y();
+      moved.z[i] = ray.z();
+    }
+    RayBlock in_world;
+    HitBlock hits;
+    RotateBlock(world_from_cam_float_, moved, in_world);
+    if (caster_.splats() != nullptr) {
+      const SplatLooks looks = LookAt(in_world);
+      for (size_t i = 0; i < RayBlock::kSize; ++i) {
+        sums[i] += ColorOf(looks[i], Lane(in_world, i).cast<double>());
+      }
+      return;
+    }
+    const Eigen::Vector3d& center = maps_.center_in_world();
+    caster_.CastBlocks(center, std::span(&in_world, 1), std::span(&hits, 1));
+    for (size_t i = 0; i < RayBlock::kSize; ++i) {
+      if (hits.triangle[i] == HitBlock::kNoTriangle) {
+        sums[i] += background();
+        continue;
+      }
+      const Eigen::Vector3d direction = Lane(in_world, i).cast<double>();
+      const RayHit hit =
+          caster_.RefineHit(center, direction, hits.triangle[i], double{hits.ray_t[i]});
+      sums[i] +=
+          shader_->Color(hit, center, direction, differentials[i].SolidAngle() / (side_ * side_));
+    }
+  }
+
+  const RayCaster& caster_;
+  int side_;
+  const SurfaceShader* shader_;
+  std::span<const Eigen::Vector3f> splat_colors_;  // as seen from here; empty where none are needed
+  const PixelRays& rays_;
+  const FrameMaps& maps_;
+  Eigen::Matrix3f world_from_cam_float_;
+};
+
 // One view being rendered: fills the maps of its frame.
 class ViewPass {
  public:
@@ -70,14 +176,13 @@ class ViewPass {
            const Rigid3& cam_from_world, Frame& frame)
       : caster_(caster),
         options_(options),
-        shader_(shader),
         refine_(refine),
-        splat_colors_(splat_colors),
         rays_(rays),
-        center_in_world_(cam_from_world.OriginInSource()),
-        world_from_cam_(cam_from_world.rotation.conjugate().toRotationMatrix()),
-        world_from_cam_float_(world_from_cam_.cast<float>()),
-        frame_(frame) {}
+        maps_(options, rays, cam_from_world, frame),
+        colors_(caster, options.color_options, shader, splat_colors, rays, maps_),
+        world_from_cam_float_(maps_.world_from_cam().cast<float>()) {}
+  ViewPass(const ViewPass&) = delete;  // the colors refer to the maps
+  ViewPass& operator=(const ViewPass&) = delete;
 
   // Returns the number of pixels that see the mesh.
   size_t RenderTileRow(int tile_y) const {
@@ -106,10 +211,10 @@ class ViewPass {
 
   void AddTile(int tile_x, int tile_y, Batch& batch) const {
     for (int i = 0; i < static_cast<int>(kBlocksPerTile); ++i) {
-      const int x = tile_x + i % kTileBlocks * kSide;
-      const int y = tile_y + i / kTileBlocks * kSide;
+      const int x = tile_x + i % kTileBlocks * kBlockSide;
+      const int y = tile_y + i / kTileBlocks * kBlockSide;
       if (x >= rays_.width_px() || y >= rays_.height_px()) continue;
-      TurnBlock(x / kSide, y / kSide, batch.rays_in_world[batch.count]);
+      TurnBlock(x / kBlockSide, y / kBlockSide, batch.rays_in_world[batch.count]);
       batch.xs[batch.count] = x;
       batch.ys[batch.count] = y;
       ++batch.count;
@@ -123,7 +228,7 @@ class ViewPass {
     }
     RotateBlock(world_from_cam_float_, rays_.Block(bx, by), in_world);
     constexpr int kAhead = static_cast<int>(kTilesAtATime) * kTileBlocks;
-    if ((bx + kAhead) * kSide < rays_.width_px()) Prefetch(rays_.Block(bx + kAhead, by));
+    if ((bx + kAhead) * kBlockSide < rays_.width_px()) Prefetch(rays_.Block(bx + kAhead, by));
   }
 
   // The table of rays is larger than the caches: it is on its way while packets are cast.
@@ -135,22 +240,22 @@ class ViewPass {
 
   size_t RenderBatch(Batch& batch) const {
     if (caster_.splats() != nullptr) return RenderSplats(batch);
-    const size_t num_hits =
-        caster_.CastBlocks(center_in_world_, std::span(batch.rays_in_world).first(batch.count),
-                           std::span(batch.hits).first(batch.count));
+    const size_t num_hits = caster_.CastBlocks(maps_.center_in_world(),
+                                               std::span(batch.rays_in_world).first(batch.count),
+                                               std::span(batch.hits).first(batch.count));
     for (size_t i = 0; i < batch.count; ++i) {
       StoreBlock(batch.xs[i], batch.ys[i], batch.rays_in_world[i], batch.hits[i]);
     }
     return num_hits;  // pixels outside the picture have no ray
   }
 
-  using SplatLooks = std::array<SplatLook, RayBlock::kSize>;
+  using SplatLooks = ViewColors::SplatLooks;
 
   // Splats give depth and color at once, ray by ray.
   size_t RenderSplats(Batch& batch) const {
     size_t num_hits = 0;
     for (size_t i = 0; i < batch.count; ++i) {
-      const SplatLooks looks = LookAt(batch.rays_in_world[i]);
+      const SplatLooks looks = colors_.LookAt(batch.rays_in_world[i]);
       HitBlock& hits = batch.hits[i];
       hits.grazing = 0;
       for (size_t k = 0; k < RayBlock::kSize; ++k) {
@@ -164,66 +269,18 @@ class ViewPass {
     return num_hits;
   }
 
-  SplatLooks LookAt(const RayBlock& rays_in_world) const {
-    std::array<Ray, RayBlock::kSize> rays;
-    for (size_t i = 0; i < rays.size(); ++i) {
-      rays[i] = {center_in_world_, Lane(rays_in_world, i).cast<double>()};
-    }
-    SplatLooks looks;
-    caster_.LookAtSplats(rays, splat_colors_, looks);
-    return looks;
-  }
-
   // `looks` is that of splats; else null.
   void StoreBlock(int x0, int y0, const RayBlock& rays_in_world, HitBlock& hits,
                   const SplatLooks* looks = nullptr) const {
-    if (hits.grazing != 0) {
-      RefineGrazing(x0, y0, hits);
-    }
-    const int width = std::min(kSide, rays_.width_px() - x0);
-    const int height = std::min(kSide, rays_.height_px() - y0);
-    alignas(64) BlockValues depth_storage;
-    alignas(64) BlockValues distance_storage;
-    const float* const depth = Depths(x0, y0, hits, depth_storage);
-    const float* const distance = Distances(x0, y0, hits, distance_storage);
-    if (options_.depth) StoreBlockOf(depth, x0, y0, width, height, frame_.depth);
-    if (options_.distance) StoreBlockOf(distance, x0, y0, width, height, frame_.distance);
-    if (options_.points) StorePoints(x0, y0, width, height, rays_in_world, hits);
-    if (options_.triangle) {
-      StoreBlockOf(hits.triangle.data(), x0, y0, width, height, frame_.triangle);
-    }
-    if (options_.mask) {
-      std::array<uint8_t, RayBlock::kSize> mask;
-      std::transform(hits.triangle.begin(), hits.triangle.end(), mask.begin(), [](uint32_t id) {
-        return id != HitBlock::kNoTriangle ? uint8_t{255} : uint8_t{0};
-      });
-      StoreBlockOf(mask.data(), x0, y0, width, height, frame_.mask.data);
-    }
+    if (hits.grazing != 0) RefineGrazing(x0, y0, hits);
+    const BlockArea area = maps_.AreaAt(x0, y0);
+    maps_.StoreHits(area, rays_in_world, hits);
     if (refine_ && looks != nullptr) {
-      StoreLooks(x0, y0, width, height, rays_in_world, *looks);
+      StoreLooks(area, rays_in_world, *looks);
     } else if (refine_) {
-      StoreRefined(x0, y0, width, height, rays_in_world, hits);
+      StoreRefined(area, rays_in_world, hits);
     }
-    if (options_.color && !refine_color()) {
-      StoreSupersampled(x0, y0, width, height);
-    }
-  }
-
-  using BlockValues = std::array<float, RayBlock::kSize>;
-
-  // A pinhole's rays have z = 1, so that their ray_t is the depth. A panorama's depth is the
-  // distance.
-  const float* Depths(int x0, int y0, const HitBlock& hits, BlockValues& storage) const {
-    if (!options_.depth || rays_.is_pinhole() || rays_.is_panorama()) return hits.ray_t.data();
-    DepthOfBlock(hits, rays_.Block(x0 / kSide, y0 / kSide), storage.data());
-    return storage.data();
-  }
-
-  const float* Distances(int x0, int y0, const HitBlock& hits, BlockValues& storage) const {
-    if (!options_.distance || !rays_.is_pinhole()) return hits.ray_t.data();
-    DistanceOfBlock(hits, rays_.ColumnSlopes(x0 / kSide), rays_.RowSlopes(y0 / kSide),
-                    storage.data());
-    return storage.data();
+    if (options_.color && !refine_color()) colors_.StoreSupersampled(area);
   }
 
   // Few pixels; the ray is made again in double.
@@ -231,198 +288,43 @@ class ViewPass {
     for (size_t i = 0; i < RayBlock::kSize; ++i) {
       if ((hits.grazing >> i & 1u) == 0) continue;
       const auto k = static_cast<int>(i);
-      auto ray = rays_.RayInCam(x0 + k % kSide, y0 + k / kSide);
+      auto ray = rays_.RayInCam(x0 + k % kBlockSide, y0 + k / kBlockSide);
       if (!ray) continue;
       if (rays_.is_pinhole()) *ray /= ray->z();
-      const RayHit hit = caster_.RefineHit(center_in_world_, world_from_cam_ * *ray,
+      const RayHit hit = caster_.RefineHit(maps_.center_in_world(), maps_.world_from_cam() * *ray,
                                            hits.triangle[i], double{hits.ray_t[i]});
       hits.ray_t[i] = static_cast<float>(std::max(hit.ray_t, 0.0));
     }
   }
 
-  template <typename T>
-  void StoreBlockOf(const T* values, int x0, int y0, int width, int height,
-                    std::vector<T>& map) const {
-    T* row = &map[PixelIndex(x0, y0)];
-    const auto stride = static_cast<size_t>(rays_.width_px());
-    if (width == kSide && height == kSide) {  // counts that the compiler knows
-      for (int y = 0; y < kSide; ++y)
-        std::copy_n(values + y * kSide, kSide, row + static_cast<size_t>(y) * stride);
-      return;
-    }
-    for (int y = 0; y < height; ++y)
-      std::copy_n(values + y * kSide, width, row + static_cast<size_t>(y) * stride);
-  }
-
-  void StorePoints(int x0, int y0, int width, int height, const RayBlock& rays_in_world,
-                   const HitBlock& hits) const {
-    for (int y = 0; y < height; ++y) {
-      for (int x = 0; x < width; ++x) {
-        const size_t i = LaneAt(x, y);
-        Eigen::Map<Eigen::Vector3f> point(&frame_.points[3 * PixelIndex(x0 + x, y0 + y)]);
-        if (hits.triangle[i] == HitBlock::kNoTriangle) {
-          point.setConstant(std::numeric_limits<float>::quiet_NaN());
-          continue;
-        }
-        const Eigen::Vector3d ray = Lane(rays_in_world, i).cast<double>() * double{hits.ray_t[i]};
-        const bool in_camera = options_.normals_in == FrameOptions::NormalsIn::kCamera;
-        point = (in_camera ? Eigen::Vector3d(world_from_cam_.transpose() * ray)
-                           : Eigen::Vector3d(center_in_world_ + ray))
-                    .cast<float>();
-      }
-    }
-  }
-
-  // What needs the triangle itself.
-  void StoreRefined(int x0, int y0, int width, int height, const RayBlock& rays_in_world,
+  // Fills what needs the triangle itself.
+  void StoreRefined(const BlockArea& area, const RayBlock& rays_in_world,
                     const HitBlock& hits) const {
-    for (int y = 0; y < height; ++y) {
-      for (int x = 0; x < width; ++x) {
-        const size_t i = LaneAt(x, y);
-        const size_t pixel = PixelIndex(x0 + x, y0 + y);
-        if (hits.triangle[i] == HitBlock::kNoTriangle) {
-          StoreMiss(pixel);
-          continue;
-        }
-        const Eigen::Vector3d direction = Lane(rays_in_world, i).cast<double>();
-        RayHit hit =
-            caster_.RefineHit(center_in_world_, direction, hits.triangle[i], double{hits.ray_t[i]});
-        StoreNormal(pixel, hit, direction);
-        if (refine_color()) {
-          const double length = direction.norm();
-          hit.ray_t *= length;
-          StoreColor(pixel, shader_->Color(hit, center_in_world_, direction / length,
-                                           rays_.DifferentialAt(x0 + x, y0 + y).SolidAngle()));
-        }
-      }
-    }
-  }
-
-  void StoreLooks(int x0, int y0, int width, int height, const RayBlock& rays_in_world,
-                  const SplatLooks& looks) const {
-    for (int y = 0; y < height; ++y) {
-      for (int x = 0; x < width; ++x) {
-        const size_t i = LaneAt(x, y);
-        const size_t pixel = PixelIndex(x0 + x, y0 + y);
-        const Eigen::Vector3d direction = Lane(rays_in_world, i).cast<double>();
-        if (looks[i].hit) {
-          StoreNormal(pixel, *looks[i].hit, direction);
-        } else {
-          StoreNoNormal(pixel);
-        }
-        if (refine_color()) StoreColor(pixel, ColorOf(looks[i], direction));
-      }
-    }
-  }
-
-  Eigen::Vector3f ColorOf(SplatLook look, const Eigen::Vector3d& direction) const {
-    const double length = direction.norm();
-    if (length == 0) return shader_->background();  // no ray, as outside a lens's domain
-    if (look.hit) look.hit->ray_t *= length;
-    return shader_->Color(look, center_in_world_, direction / length);
-  }
-
-  void StoreNoNormal(size_t pixel) const {
-    if (options_.normals) std::fill_n(&frame_.normals[3 * pixel], 3, 0.0f);
-    if (options_.incidence) frame_.incidence_deg[pixel] = -1;
-  }
-
-  void StoreMiss(size_t pixel) const {
-    StoreNoNormal(pixel);
-    if (refine_color()) StoreColor(pixel, shader_->background());
-  }
-
-  void StoreNormal(size_t pixel, const RayHit& hit, const Eigen::Vector3d& direction) const {
-    const double along = hit.normal_in_world.dot(direction);
-    if (options_.normals) {
-      Eigen::Vector3d normal = along > 0 ? -hit.normal_in_world : hit.normal_in_world;
-      if (options_.normals_in == FrameOptions::NormalsIn::kCamera) {
-        normal = world_from_cam_.transpose() * normal;
-      }
-      Eigen::Map<Eigen::Vector3f>(&frame_.normals[3 * pixel]) = normal.cast<float>();
-    }
-    if (options_.incidence) {
-      const double sine = hit.normal_in_world.cross(direction).norm();
-      frame_.incidence_deg[pixel] =
-          static_cast<float>(std::atan2(sine, std::abs(along)) * kDegPerRad);
-    }
-  }
-
-  void StoreColor(size_t pixel, const Eigen::Vector3f& rgb) const {
-    for (int c = 0; c < 3; ++c) {
-      frame_.color.data[3 * pixel + static_cast<size_t>(c)] = NearestByte(rgb[c]);
-    }
-  }
-
-  // n x n samples per pixel, whose rays are those of the pixel's center, moved by the differential.
-  void StoreSupersampled(int x0, int y0, int width, int height) const {
-    const int side = options_.color_options.samples_per_pixel_side;
-    std::array<Eigen::Vector3f, RayBlock::kSize> sums;
-    sums.fill(Eigen::Vector3f::Zero());
-    std::array<PixelRays::Differential, RayBlock::kSize> differentials;
-    for (int i = 0; i < width * height; ++i) {
-      differentials[LaneOf(i, width)] = rays_.DifferentialAt(x0 + i % width, y0 + i / width);
-    }
-    for (int sample = 0; sample < side * side; ++sample) {
-      const int right = sample % side;
-      const int down = sample / side;
-      const float dx = (static_cast<float>(right) + 0.5f) / static_cast<float>(side) - 0.5f;
-      const float dy = (static_cast<float>(down) + 0.5f) / static_cast<float>(side) - 0.5f;
-      AddSample(x0, y0, dx, dy, differentials, sums);
-    }
-    for (int i = 0; i < width * height; ++i) {
-      StoreColor(PixelIndex(x0 + i % width, y0 + i / width),
-                 sums[LaneOf(i, width)] / static_cast<float>(side * side));
-    }
-  }
-
-  void AddSample(int x0, int y0, float dx, float dy,
-                 const std::array<PixelRays::Differential, RayBlock::kSize>& differentials,
-                 std::array<Eigen::Vector3f, RayBlock::kSize>& sums) const {
-    RayBlock moved;
-    for (size_t i = 0; i < RayBlock::kSize; ++i) {
-      const auto k = static_cast<int>(i);
-      const Eigen::Vector3f center = rays_.UnitRay(x0 + k % kSide, y0 + k / kSide);
-      if (center.isZero()) continue;
-      const Eigen::Vector3f ray =
-          (center + dx * differentials[i].along_x + dy * differentials[i].along_y).normalized();
-      moved.x[i] = ray.x();
-      moved.y[i] = ray.y();
-      moved.z[i] = ray.z();
-    }
-    RayBlock in_world;
-    HitBlock hits;
-    RotateBlock(world_from_cam_float_, moved, in_world);
-    if (caster_.splats() != nullptr) {
-      const SplatLooks looks = LookAt(in_world);
-      for (size_t i = 0; i < RayBlock::kSize; ++i) {
-        sums[i] += ColorOf(looks[i], Lane(in_world, i).cast<double>());
-      }
-      return;
-    }
-    caster_.CastBlocks(center_in_world_, std::span(&in_world, 1), std::span(&hits, 1));
-    const int side = options_.color_options.samples_per_pixel_side;
-    for (size_t i = 0; i < RayBlock::kSize; ++i) {
+    area.ForEachPixel([&](size_t i, int x, int y) {
       if (hits.triangle[i] == HitBlock::kNoTriangle) {
-        sums[i] += shader_->background();
-        continue;
+        maps_.StoreNoNormal(x, y);
+        if (refine_color()) maps_.StoreColor(x, y, colors_.background());
+        return;
       }
-      const Eigen::Vector3d direction = Lane(in_world, i).cast<double>();
-      const RayHit hit =
-          caster_.RefineHit(center_in_world_, direction, hits.triangle[i], double{hits.ray_t[i]});
-      sums[i] += shader_->Color(hit, center_in_world_, direction,
-                                differentials[i].SolidAngle() / (side * side));
-    }
+      const Eigen::Vector3d direction = Lane(rays_in_world, i).cast<double>();
+      const RayHit hit = caster_.RefineHit(maps_.center_in_world(), direction, hits.triangle[i],
+                                           double{hits.ray_t[i]});
+      maps_.StoreNormal(x, y, hit, direction);
+      if (refine_color()) maps_.StoreColor(x, y, colors_.ColorOf(x, y, hit, direction));
+    });
   }
 
-  static size_t LaneOf(int i, int width) { return LaneAt(i % width, i / width); }
-
-  static size_t LaneAt(int x, int y) {
-    return static_cast<size_t>(y) * RayBlock::kSide + static_cast<size_t>(x);
-  }
-
-  size_t PixelIndex(int x, int y) const {
-    return static_cast<size_t>(y) * static_cast<size_t>(rays_.width_px()) + static_cast<size_t>(x);
+  void StoreLooks(const BlockArea& area, const RayBlock& rays_in_world,
+                  const SplatLooks& looks) const {
+    area.ForEachPixel([&](size_t i, int x, int y) {
+      const Eigen::Vector3d direction = Lane(rays_in_world, i).cast<double>();
+      if (looks[i].hit) {
+        maps_.StoreNormal(x, y, *looks[i].hit, direction);
+      } else {
+        maps_.StoreNoNormal(x, y);
+      }
+      if (refine_color()) maps_.StoreColor(x, y, colors_.ColorOf(looks[i], direction));
+    });
   }
 
   // Color of one sample per pixel: that of the pass's own hits.
@@ -432,14 +334,11 @@ class ViewPass {
 
   const RayCaster& caster_;
   const FrameOptions& options_;
-  const SurfaceShader* shader_;
   bool refine_;
-  std::span<const Eigen::Vector3f> splat_colors_;  // as seen from here; empty where none are needed
   const PixelRays& rays_;
-  Eigen::Vector3d center_in_world_;
-  Eigen::Matrix3d world_from_cam_;
+  FrameMaps maps_;
+  ViewColors colors_;
   Eigen::Matrix3f world_from_cam_float_;
-  Frame& frame_;
 };
 
 void Resize(const FrameOptions& options, int width_px, int height_px, Frame& frame) {

@@ -98,9 +98,7 @@ void PixelRays::MakeBlocks(int threads) {
 }
 
 std::optional<Eigen::Vector3d> PixelRays::RayInCam(int x, int y) const {
-  if (camera_) {
-    return camera_->RayInCam({x + 0.5, y + 0.5});
-  }
+  if (camera_) return camera_->RayInCam({x + 0.5, y + 0.5});
   const double azimuth = 2 * std::numbers::pi * ((x + 0.5) / width_px_ - 0.5);
   const double elevation = std::numbers::pi * (0.5 - (y + 0.5) / height_px_);
   return Eigen::Vector3d(std::cos(elevation) * std::sin(azimuth), -std::sin(elevation),

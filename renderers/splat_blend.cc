@@ -1,8 +1,5 @@
 #include "renderers/splat_blend.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <numbers>
 #include <utility>
 
@@ -10,7 +7,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
-#include "raylift/surfaces/splats.h"
 
 namespace raylift {
 namespace {

@@ -109,17 +109,13 @@ double SurfaceShader::SunLight(const RayHit& hit, const Eigen::Vector3d& center_
   const bool is_front = hit.normal_in_world.dot(direction_in_world) < 0;
   const Eigen::Vector3d normal = is_front ? hit.normal_in_world : -hit.normal_in_world;
   const double cosine = normal.dot(to_sun_);
-  if (cosine <= 0) {
-    return options_.ambient;
-  }
+  if (cosine <= 0) return options_.ambient;
   const Eigen::Vector3d point = center_in_world + hit.ray_t * direction_in_world;
   // Off the surface by more than float resolves at this place,
   // and off discs and splats by more than they scatter.
   const double lift =
       1e-5 * ((point - mesh_.origin_in_world).norm() + hit.ray_t) + kSigmasOff * hit.sigma;
-  if (caster_.IsOccluded({point + lift * normal, to_sun_})) {
-    return options_.ambient;
-  }
+  if (caster_.IsOccluded({point + lift * normal, to_sun_})) return options_.ambient;
   return options_.ambient + (1 - options_.ambient) * cosine;
 }
 

@@ -1,7 +1,6 @@
 #include "raylift/base/error.h"
 
 #include <cmath>
-#include <string>
 
 #include <fmt/format.h>
 

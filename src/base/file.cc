@@ -5,7 +5,6 @@
 #include <csignal>
 #include <cstring>
 #include <fstream>
-#include <string>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -78,16 +77,12 @@ bool HasEnded(const TemporaryFile& file) {
 std::string ReadFile(const std::filesystem::path& path) {
   std::error_code error;
   const auto status = std::filesystem::status(path, error);
-  if (!std::filesystem::exists(status)) {
-    throw InputError(path, "no such file");
-  }
+  if (!std::filesystem::exists(status)) throw InputError(path, "no such file");
   if (std::filesystem::is_directory(status)) {
     throw InputError(path, "expected a file, found a folder");
   }
   std::ifstream stream(path, std::ios::binary);
-  if (!stream) {
-    throw InputError(path, fmt::format("cannot be read: {}", std::strerror(errno)));
-  }
+  if (!stream) throw InputError(path, fmt::format("cannot be read: {}", std::strerror(errno)));
   std::string contents;
   const auto size = std::filesystem::file_size(path, error);
   if (!error) {
@@ -97,9 +92,7 @@ std::string ReadFile(const std::filesystem::path& path) {
   while (stream.read(buffer, sizeof(buffer)) || stream.gcount() > 0) {
     contents.append(buffer, static_cast<size_t>(stream.gcount()));
   }
-  if (stream.bad()) {
-    throw InputError(path, "cannot be read to its end");
-  }
+  if (stream.bad()) throw InputError(path, "cannot be read to its end");
   return contents;
 }
 
@@ -181,9 +174,7 @@ AtomicFile::~AtomicFile() {
 void AtomicFile::Commit() {
   std::error_code error;
   std::filesystem::rename(temporary_path_, path_, error);
-  if (error) {
-    throw OutputError(path_, fmt::format("cannot be written: {}", error.message()));
-  }
+  if (error) throw OutputError(path_, fmt::format("cannot be written: {}", error.message()));
   committed_ = true;
 }
 

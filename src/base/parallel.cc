@@ -1,12 +1,9 @@
 #include "raylift/base/parallel.h"
 
 #include <algorithm>
-#include <atomic>
 #include <exception>
 #include <limits>
 #include <mutex>
-#include <stdexcept>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -65,9 +62,7 @@ void RunOnThreads(size_t count, int num_threads, const std::function<void(size_t
 }  // namespace
 
 int ResolveThreads(int threads) {
-  if (threads > 0) {
-    return threads;
-  }
+  if (threads > 0) return threads;
   return std::max(1u, std::thread::hardware_concurrency());
 }
 

@@ -47,9 +47,7 @@ void Progress::CountAlso(std::string unit, double total) {
 void Progress::Advance(double amount) {
   const size_t done = ++done_;
   const bool told = watch_ != nullptr && watch_->hooks().on_progress;
-  if (form_ == Form::kNone && !told) {
-    return;
-  }
+  if (form_ == Form::kNone && !told) return;
   const std::lock_guard<std::mutex> lock(mutex_);
   amount_ += amount;
   const auto now = std::chrono::steady_clock::now();

@@ -35,9 +35,7 @@ double Rng::Normal() {
     const double x = Uniform(-1, 1);
     const double y = Uniform(-1, 1);
     const double s = x * x + y * y;
-    if (s > 0 && s < 1) {
-      return x * std::sqrt(-2 * std::log(s) / s);
-    }
+    if (s > 0 && s < 1) return x * std::sqrt(-2 * std::log(s) / s);
   }
 }
 

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <string_view>
-#include <vector>
 
 #include <fmt/format.h>
 
@@ -20,15 +18,11 @@ template <typename T>
 std::optional<T> ParseWhole(std::string_view token) {
   if (token.starts_with('+')) {  // from_chars takes none
     token.remove_prefix(1);
-    if (token.starts_with('-')) {
-      return std::nullopt;
-    }
+    if (token.starts_with('-')) return std::nullopt;
   }
   T value{};
   const auto [end, error] = std::from_chars(token.data(), token.data() + token.size(), value);
-  if (error != std::errc() || end != token.data() + token.size()) {
-    return std::nullopt;
-  }
+  if (error != std::errc() || end != token.data() + token.size()) return std::nullopt;
   return value;
 }
 
@@ -59,9 +53,7 @@ std::vector<std::string_view> SplitBy(std::string_view line, char separator) {
   while (true) {
     const size_t end = line.find(separator);
     parts.push_back(Trim(line.substr(0, end)));
-    if (end == std::string_view::npos) {
-      return parts;
-    }
+    if (end == std::string_view::npos) return parts;
     line.remove_prefix(end + 1);
   }
 }
@@ -83,9 +75,7 @@ LineReader::LineReader(std::filesystem::path path_for_messages, std::string cont
     : path_(std::move(path_for_messages)), contents_(std::move(contents)) {}
 
 std::optional<std::string_view> LineReader::Next() {
-  if (position_ >= contents_.size()) {
-    return std::nullopt;
-  }
+  if (position_ >= contents_.size()) return std::nullopt;
   ++line_number_;
   size_t end = contents_.find('\n', position_);
   if (end == std::string::npos) {
@@ -102,9 +92,7 @@ std::optional<std::string_view> LineReader::Next() {
 std::optional<std::string_view> LineReader::NextContent() {
   while (const auto line = Next()) {
     const std::string_view trimmed = Trim(*line);
-    if (!trimmed.empty() && trimmed.front() != '#') {
-      return trimmed;
-    }
+    if (!trimmed.empty() && trimmed.front() != '#') return trimmed;
   }
   return std::nullopt;
 }
@@ -115,9 +103,7 @@ void LineReader::Fail(std::string_view message) const {
 
 double LineReader::Double(std::string_view token, std::string_view field) const {
   const auto value = ParseDouble(token);
-  if (!value) {
-    Fail(fmt::format("{}: expected a number, found \"{}\"", field, token));
-  }
+  if (!value) Fail(fmt::format("{}: expected a number, found \"{}\"", field, token));
   if (!std::isfinite(*value)) {
     Fail(fmt::format("{}: expected a finite number, found \"{}\"", field, token));
   }
@@ -126,17 +112,13 @@ double LineReader::Double(std::string_view token, std::string_view field) const 
 
 int64_t LineReader::Int(std::string_view token, std::string_view field) const {
   const auto value = ParseInt(token);
-  if (!value) {
-    Fail(fmt::format("{}: expected an integer, found \"{}\"", field, token));
-  }
+  if (!value) Fail(fmt::format("{}: expected an integer, found \"{}\"", field, token));
   return *value;
 }
 
 uint64_t LineReader::Uint(std::string_view token, std::string_view field) const {
   const auto value = ParseUint(token);
-  if (!value) {
-    Fail(fmt::format("{}: expected a non-negative integer, found \"{}\"", field, token));
-  }
+  if (!value) Fail(fmt::format("{}: expected a non-negative integer, found \"{}\"", field, token));
   return *value;
 }
 

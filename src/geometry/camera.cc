@@ -1,7 +1,6 @@
 #include "raylift/geometry/camera.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
 #include <vector>
@@ -10,7 +9,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
-#include "raylift/geometry/camera_models.h"
 
 namespace raylift {
 namespace {
@@ -90,18 +88,14 @@ Camera::Camera(CameraModel model, int width_px, int height_px, std::span<const d
 
 std::optional<Eigen::Vector2d> Camera::ImgFromCam(const Eigen::Vector3d& point_in_cam) const {
   const auto distorted = lens_.Project(point_in_cam);
-  if (!distorted) {
-    return std::nullopt;
-  }
+  if (!distorted) return std::nullopt;
   return focal_px_.cwiseProduct(*distorted) + principal_point_px_;
 }
 
 std::optional<Camera::Projection> Camera::ImgFromCamWithJacobian(
     const Eigen::Vector3d& point_in_cam) const {
   const auto projection = lens_.ProjectWithJacobian(point_in_cam);
-  if (!projection) {
-    return std::nullopt;
-  }
+  if (!projection) return std::nullopt;
   return Projection{focal_px_.cwiseProduct(projection->distorted) + principal_point_px_,
                     focal_px_.asDiagonal() * projection->jacobian};
 }
@@ -180,17 +174,13 @@ const CameraModelInfo& GetCameraModelInfo(CameraModel model) {
 
 std::optional<CameraModel> CameraModelFromName(std::string_view name) {
   for (const CameraModelInfo& info : kModels) {
-    if (info.name == name) {
-      return info.model;
-    }
+    if (info.name == name) return info.model;
   }
   return std::nullopt;
 }
 
 std::optional<CameraModel> CameraModelFromId(int id) {
-  if (id < 0 || id >= static_cast<int>(kModels.size())) {
-    return std::nullopt;
-  }
+  if (id < 0 || id >= static_cast<int>(kModels.size())) return std::nullopt;
   return static_cast<CameraModel>(id);
 }
 

@@ -133,32 +133,22 @@ std::optional<Eigen::Vector2d> Lens::ApplyProjection(const Eigen::Vector3d& poin
   const double z = point.z();
   switch (projection_type_) {
     case ProjectionType::kPerspective:
-      if (!(z > 0)) {
-        return std::nullopt;
-      }
+      if (!(z > 0)) return std::nullopt;
       return xy / z;
     case ProjectionType::kEquidistant: {
       const double rho = std::hypot(xy.x(), xy.y());
-      if (rho > 0) {
-        return std::atan2(rho, z) / rho * xy;
-      }
-      if (!(z > 0)) {
-        return std::nullopt;
-      }
+      if (rho > 0) return std::atan2(rho, z) / rho * xy;
+      if (!(z > 0)) return std::nullopt;
       return Eigen::Vector2d::Zero();
     }
     case ProjectionType::kDivision: {
       // u = r (x, y) with k rho^2 r^2 - z r + 1 = 0.
       const double four_k_rho2 = 4 * division_k_ * xy.squaredNorm();
       const double squared_root = z * z - four_k_rho2;
-      if (!(squared_root > 0) || (division_k_ > 0 && z < 0)) {
-        return std::nullopt;
-      }
+      if (!(squared_root > 0) || (division_k_ > 0 && z < 0)) return std::nullopt;
       const double root = std::sqrt(squared_root);
       const double sum = z > 0 ? z + root : -four_k_rho2 / (root - z);
-      if (!(sum > 0)) {
-        return std::nullopt;
-      }
+      if (!(sum > 0)) return std::nullopt;
       return 2 / sum * xy;
     }
     case ProjectionType::kUnified: {
@@ -261,9 +251,7 @@ Eigen::Vector3d Lens::InvertProjection(const Eigen::Vector2d& projected) const {
 Lens::Scale Lens::RationalScale(double squared_radius) const {
   const ValueAndSlope n =
       OnePlusPolynomial({numerator_.data(), num_numerator_terms_}, squared_radius);
-  if (num_denominator_terms_ == 0) {
-    return {n.value, n.slope};
-  }
+  if (num_denominator_terms_ == 0) return {n.value, n.slope};
   const ValueAndSlope d =
       OnePlusPolynomial({denominator_.data(), num_denominator_terms_}, squared_radius);
   const double value = n.value / d.value;
@@ -286,9 +274,7 @@ Lens::Scale Lens::FovScale(double squared_radius) const {
 }
 
 Lens::Distortion Lens::RadialPart(const Eigen::Vector2d& projected) const {
-  if (radial_ == Radial::kNone) {
-    return {projected, Eigen::Matrix2d::Identity()};
-  }
+  if (radial_ == Radial::kNone) return {projected, Eigen::Matrix2d::Identity()};
   const double squared_radius = projected.squaredNorm();
   const Scale scale =
       radial_ == Radial::kFov ? FovScale(squared_radius) : RationalScale(squared_radius);
@@ -337,76 +323,50 @@ Lens::Distortion Lens::Distort(const Eigen::Vector2d& projected) const {
 
 std::optional<Eigen::Vector2d> Lens::Project(const Eigen::Vector3d& point_in_cam) const {
   const auto projected = ApplyProjection(point_in_cam);
-  if (!projected || !IsInDomain(*projected)) {
-    return std::nullopt;
-  }
+  if (!projected || !IsInDomain(*projected)) return std::nullopt;
   const Distortion distortion = Distort(*projected);
-  if (!distortion.distorted.allFinite()) {
-    return std::nullopt;
-  }
+  if (!distortion.distorted.allFinite()) return std::nullopt;
   return distortion.distorted;
 }
 
 std::optional<Lens::Projection> Lens::ProjectWithJacobian(
     const Eigen::Vector3d& point_in_cam) const {
   const auto projected = ApplyProjection(point_in_cam);
-  if (!projected || !IsInDomain(*projected)) {
-    return std::nullopt;
-  }
+  if (!projected || !IsInDomain(*projected)) return std::nullopt;
   const Distortion distortion = Distort(*projected);
-  if (!distortion.distorted.allFinite()) {
-    return std::nullopt;
-  }
+  if (!distortion.distorted.allFinite()) return std::nullopt;
   const Projection projection = {
       distortion.distorted, distortion.jacobian * ProjectionJacobian(point_in_cam, *projected)};
-  if (!projection.jacobian.allFinite()) {
-    return std::nullopt;
-  }
+  if (!projection.jacobian.allFinite()) return std::nullopt;
   return projection;
 }
 
 std::optional<Eigen::Vector3d> Lens::Unproject(const Eigen::Vector2d& distorted) const {
-  if (!distorted.allFinite()) {
-    return std::nullopt;
-  }
+  if (!distorted.allFinite()) return std::nullopt;
   const auto projected = Undistort(distorted);
-  if (!projected || !IsInDomain(*projected)) {
-    return std::nullopt;
-  }
+  if (!projected || !IsInDomain(*projected)) return std::nullopt;
   if (projection_type_ == ProjectionType::kPanorama) {
     constexpr double kPi = std::numbers::pi * (1 + 1e-12);  // the edge belongs to the image
-    if (std::abs(projected->x()) > kPi || std::abs(projected->y()) > 0.5 * kPi) {
-      return std::nullopt;
-    }
+    if (std::abs(projected->x()) > kPi || std::abs(projected->y()) > 0.5 * kPi) return std::nullopt;
   }
   const Eigen::Vector3d ray = InvertProjection(*projected);
-  if (!ray.allFinite()) {
-    return std::nullopt;
-  }
+  if (!ray.allFinite()) return std::nullopt;
   return ray;
 }
 
 std::optional<Eigen::Vector2d> Lens::Undistort(const Eigen::Vector2d& distorted) const {
-  if (radial_ == Radial::kNone && non_radial_ == NonRadial::kNone) {
-    return distorted;
-  }
+  if (radial_ == Radial::kNone && non_radial_ == NonRadial::kNone) return distorted;
   Eigen::Vector2d projected = distorted;
   const double radius = distorted.norm();
   if (radial_ != Radial::kNone && radius > 0) {
     // With tangential or prism terms the radial solution is only a start, so that one beyond the
     // limit will do from inside it.
     const bool inside = radius < max_distorted_radius_;
-    if (!inside && non_radial_ == NonRadial::kNone) {
-      return std::nullopt;
-    }
+    if (!inside && non_radial_ == NonRadial::kNone) return std::nullopt;
     projected *= (inside ? UndistortRadius(radius) : 0.99 * max_radius_) / radius;
   }
-  if (non_radial_ == NonRadial::kNone) {
-    return projected;
-  }
-  if (auto solution = UndistortByNewton(projected, distorted)) {
-    return solution;
-  }
+  if (non_radial_ == NonRadial::kNone) return projected;
+  if (auto solution = UndistortByNewton(projected, distorted)) return solution;
   return UndistortByNewton(NearestOnGrid(distorted), distorted);
 }
 
@@ -426,9 +386,7 @@ double Lens::UndistortRadius(double distorted_radius) const {
     (excess > 0 ? high : low) = radius;
     radius -= step;
     // A step this small leaves its square.
-    if (std::abs(step) <= 1e-9 * radius || high - low <= 1e-15 * low) {
-      break;
-    }
+    if (std::abs(step) <= 1e-9 * radius || high - low <= 1e-15 * low) break;
     if (!(radius > low && radius < high)) {
       radius = high < kInfinity ? 0.5 * (low + high) : 2 * low;
     }
@@ -463,9 +421,7 @@ std::optional<Eigen::Vector2d> Lens::UndistortByNewton(const Eigen::Vector2d& st
       }
     }
   }
-  if (!(error <= 1e-11 * scale)) {
-    return std::nullopt;
-  }
+  if (!(error <= 1e-11 * scale)) return std::nullopt;
   return projected;
 }
 

@@ -60,9 +60,7 @@ double BisectSignChange(const Polynomial& polynomial, double low, double high) {
   const bool low_is_positive = Evaluate(polynomial, low) > 0;
   for (int i = 0; i < 200; ++i) {
     const double middle = 0.5 * (low + high);
-    if (middle <= low || middle >= high) {
-      break;
-    }
+    if (middle <= low || middle >= high) break;
     ((Evaluate(polynomial, middle) > 0) == low_is_positive ? low : high) = middle;
   }
   return low;
@@ -71,9 +69,7 @@ double BisectSignChange(const Polynomial& polynomial, double low, double high) {
 // The sign changes in (0, 1], ascending: at most one between neighboring roots of the derivative.
 Roots SignChangesInUnitInterval(const Polynomial& polynomial, int degree) {
   Roots roots;
-  if (degree == 0) {
-    return roots;
-  }
+  if (degree == 0) return roots;
   Roots turns = SignChangesInUnitInterval(Derivative(polynomial), degree - 1);
   turns.x[static_cast<size_t>(turns.count++)] = 1;
   double low = 0;
@@ -95,16 +91,12 @@ double FirstPositiveRoot(const Polynomial& polynomial) {
     --degree;
   }
   const Roots near = SignChangesInUnitInterval(polynomial, degree);
-  if (near.count > 0) {
-    return near.x[0];
-  }
+  if (near.count > 0) return near.x[0];
   // Beyond 1 by x -> 1 / x, which reverses the coefficients and the order.
   Polynomial reversed = {};
   std::reverse_copy(polynomial.begin(), polynomial.begin() + degree + 1, reversed.begin());
   const Roots far = SignChangesInUnitInterval(reversed, degree);
-  if (far.count > 0) {
-    return 1 / far.x[static_cast<size_t>(far.count - 1)];
-  }
+  if (far.count > 0) return 1 / far.x[static_cast<size_t>(far.count - 1)];
   return kInfinity;
 }
 
@@ -211,9 +203,7 @@ Eigen::Vector2d Lens::GridPoint(int direction, int radius) const {
 
 bool Lens::IsInDomain(const Eigen::Vector2d& projected) const {
   const double squared_radius = projected.squaredNorm();
-  if (squared_radius < safe_radius_ * safe_radius_) {
-    return true;
-  }
+  if (squared_radius < safe_radius_ * safe_radius_) return true;
   if (non_radial_ == NonRadial::kNone || !(squared_radius < max_radius_ * max_radius_)) {
     return false;
   }
@@ -223,9 +213,7 @@ bool Lens::IsInDomain(const Eigen::Vector2d& projected) const {
   const double safe_part = safe_radius_ / std::sqrt(squared_radius);
   for (int i = 1; i <= kNumSteps; ++i) {
     const double part = safe_part + (1 - safe_part) * i / kNumSteps;
-    if (!IsPositive(Distort(part * projected).jacobian)) {
-      return false;
-    }
+    if (!IsPositive(Distort(part * projected).jacobian)) return false;
   }
   return true;
 }

@@ -23,9 +23,7 @@ std::optional<ReprojectionResidual> ReprojectionError(const Camera& camera,
                                                       const Eigen::Vector2d& observed_px) {
   const Eigen::Vector3d point_in_cam = cam_from_world * point_in_world;
   const auto projection = camera.ImgFromCamWithJacobian(point_in_cam);
-  if (!projection) {
-    return std::nullopt;
-  }
+  if (!projection) return std::nullopt;
   ReprojectionResidual residual;
   residual.error_px = projection->pixel - observed_px;
   residual.jacobian << -projection->jacobian * Skew(point_in_cam), projection->jacobian;
@@ -40,9 +38,7 @@ std::optional<SampsonResidual> SampsonError(const Camera& query_camera,
                                             const Eigen::Vector2d& reference_px) {
   const auto query_frame = MakePixelFrame(query_camera, query_px);
   const auto reference_frame = MakePixelFrame(reference_camera, reference_px);
-  if (!query_frame || !reference_frame) {
-    return std::nullopt;
-  }
+  if (!query_frame || !reference_frame) return std::nullopt;
   const Eigen::Matrix3d R = (query_from_world.rotation * reference_from_world.rotation.conjugate())
                                 .normalized()
                                 .toRotationMatrix();
@@ -50,9 +46,7 @@ std::optional<SampsonResidual> SampsonError(const Camera& query_camera,
   const Eigen::Vector3d t = query_from_world.translation - rotated_translation;
   // Shorter baselines are rounding errors of the two translations.
   const double size = query_from_world.translation.norm() + rotated_translation.norm();
-  if (!(t.norm() > 1e-14 * size)) {
-    return std::nullopt;
-  }
+  if (!(t.norm() > 1e-14 * size)) return std::nullopt;
 
   // In pixels around the match, the constraint is (x, y, 1) G (x', y', 1)^T: its value is G(2, 2),
   // the other entries of the last row and column are its gradient.
@@ -65,9 +59,7 @@ std::optional<SampsonResidual> SampsonError(const Camera& query_camera,
   const Eigen::Matrix3d G = left * E * right;
   const Eigen::Vector4d gradient = gradient_of(G);
   const double length = gradient.norm();
-  if (!(length > 0)) {
-    return std::nullopt;
-  }
+  if (!(length > 0)) return std::nullopt;
   SampsonResidual residual;
   residual.error_px = G(2, 2) / length;
   for (int i = 0; i < 3; ++i) {
@@ -79,9 +71,7 @@ std::optional<SampsonResidual> SampsonError(const Camera& query_camera,
       residual.jacobian(3 * kind + i) = (step(2, 2) - residual.error_px * length_step) / length;
     }
   }
-  if (!std::isfinite(residual.error_px) || !residual.jacobian.allFinite()) {
-    return std::nullopt;
-  }
+  if (!std::isfinite(residual.error_px) || !residual.jacobian.allFinite()) return std::nullopt;
   return residual;
 }
 
@@ -107,14 +97,10 @@ std::optional<PixelFrame> MakePixelFrame(const Camera& camera, const Eigen::Vect
   if (camera.model() == CameraModel::kPinhole || camera.model() == CameraModel::kSimplePinhole) {
     const Eigen::Vector2d focal(camera.focal_x_px(), camera.focal_y_px());
     const Eigen::Vector2d slope = (pixel - camera.principal_point_px()).cwiseQuotient(focal);
-    if (slope.squaredNorm() < kMaxSlope * kMaxSlope) {
-      return MakePinholeFrame(camera, slope);
-    }
+    if (slope.squaredNorm() < kMaxSlope * kMaxSlope) return MakePinholeFrame(camera, slope);
   }
   const auto ray = camera.RayInCam(pixel);
-  if (!ray) {
-    return std::nullopt;
-  }
+  if (!ray) return std::nullopt;
   // The plane z = 1 makes a pinhole exact; far from the axis it would degenerate, and a panorama
   // has none.
   static const double kMinCosine = std::cos(80 * std::numbers::pi / 180);
@@ -122,16 +108,12 @@ std::optional<PixelFrame> MakePixelFrame(const Camera& camera, const Eigen::Vect
   const Eigen::Vector3d normal = near_axis ? Eigen::Vector3d::UnitZ() : *ray;
   const Eigen::Vector3d scaled_ray = near_axis ? Eigen::Vector3d(*ray / ray->z()) : *ray;
   const auto projection = camera.ImgFromCamWithJacobian(scaled_ray);
-  if (!projection) {
-    return std::nullopt;
-  }
+  if (!projection) return std::nullopt;
   PixelFrame frame;
   frame.image_from_ray << projection->jacobian, normal.transpose();
   frame.ray_from_image = frame.image_from_ray.inverse();
   frame.ray_from_image.col(2) = scaled_ray;
-  if (!frame.ray_from_image.allFinite()) {
-    return std::nullopt;
-  }
+  if (!frame.ray_from_image.allFinite()) return std::nullopt;
   return frame;
 }
 

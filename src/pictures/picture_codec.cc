@@ -3,7 +3,6 @@
 #include <stdexcept>
 
 #include "pictures/codecs.h"
-#include "pictures/picture_header.h"
 #include <fmt/format.h>
 #include <webp/decode.h>
 

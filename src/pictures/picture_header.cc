@@ -1,6 +1,3 @@
-#include "pictures/picture_header.h"
-
-#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstdlib>
@@ -9,6 +6,7 @@
 #include <sstream>
 
 #include "base/read_limits.h"
+#include "pictures/picture_codec.h"
 #include <fmt/format.h>
 
 namespace raylift {

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "base/read_limits.h"
-#include "surfaces/mesh_readers.h"
+#include "surfaces/file_readers.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -40,25 +40,64 @@ constexpr auto kListOfMember = std::to_array<std::pair<std::string_view, std::st
      {"skeleton", "nodes"},
      {"node", "nodes"}});
 
-class GltfCheck {
+// The JSON of a glTF file, whose members are looked at with messages that name their place.
+class GltfDocument {
  public:
-  GltfCheck(const std::filesystem::path& path, std::string_view contents)
-      : path_(path), contents_(contents) {}
-
-  void Run() {
+  GltfDocument(const std::filesystem::path& path, std::string_view contents)
+      : path_(path), contents_(contents) {
     root_ = Parse(contents_.starts_with("glTF") ? TakeJsonOfBinary() : contents_);
     CheckVersion();
-    for (const auto& [member, value] : root_.items()) CheckReferences(member, member, value);
-    CheckBuffers();
-    CheckAccessors();
-    CheckNodes();
   }
 
- private:
   [[noreturn]] void Fail(std::string_view place, std::string_view message) const {
     throw InputError(path_, place, message);
   }
 
+  const json& root() const { return root_; }
+  size_t size_bytes() const { return contents_.size(); }
+
+  // Returns a list of objects; an empty one where there is none.
+  const json& List(const std::string& name) const {
+    static const json kNone = json::array();
+    const auto found = root_.find(name);
+    const json& list = found == root_.end() ? kNone : *found;
+    const bool good =
+        list.is_array() &&
+        std::all_of(list.begin(), list.end(), [](const json& item) { return item.is_object(); });
+    if (!good) Fail(name, "expected a list of objects");
+    return list;
+  }
+
+  void CheckIndex(const std::string& place, const json& index, std::string_view list) const {
+    const size_t count = List(std::string(list)).size();
+    if (!index.is_number_unsigned() || index.get<uint64_t>() >= count) {
+      Fail(place, fmt::format("expected an index of one of {} {}", count, list));
+    }
+  }
+
+  // Returns a number of bytes or items; `missing` where there is none.
+  uint64_t Count(const std::string& place, const json& object, const char* member,
+                 uint64_t missing) const {
+    constexpr uint64_t kMost = UINT32_MAX;
+    const auto value = object.find(member);
+    if (value == object.end()) return missing;
+    if (!value->is_number_unsigned() || value->get<uint64_t>() > kMost) {
+      Fail(fmt::format("{}.{}", place, member), "expected a number up to 4294967295");
+    }
+    return value->get<uint64_t>();
+  }
+
+  // Returns how many bytes a buffer can have.
+  uint64_t RoomOf(const json& buffer) const {
+    if (!buffer.contains("uri")) return data_.size();
+    const std::string uri = buffer["uri"].is_string() ? buffer["uri"].get<std::string>() : "";
+    if (uri.starts_with("data:")) return uri.size();
+    std::error_code error;
+    const auto size = std::filesystem::file_size(path_.parent_path() / uri, error);
+    return error ? contents_.size() : size;  // a missing file is assimp's to tell
+  }
+
+ private:
   void CheckVersion() const {
     const auto asset = root_.find("asset");
     const bool is_object = asset != root_.end() && asset->is_object();
@@ -109,25 +148,26 @@ class GltfCheck {
     return root;
   }
 
-  // Of objects; empty where there is none.
-  const json& List(const std::string& name) const {
-    static const json kNone = json::array();
-    const auto found = root_.find(name);
-    const json& list = found == root_.end() ? kNone : *found;
-    const bool good =
-        list.is_array() &&
-        std::all_of(list.begin(), list.end(), [](const json& item) { return item.is_object(); });
-    if (!good) Fail(name, "expected a list of objects");
-    return list;
-  }
+  const std::filesystem::path& path_;
+  std::string_view contents_;
+  std::string_view data_;  // the second chunk of a binary file
+  json root_;
+};
 
-  void CheckIndex(const std::string& place, const json& index, std::string_view list) const {
-    const size_t count = List(std::string(list)).size();
-    if (!index.is_number_unsigned() || index.get<uint64_t>() >= count) {
-      Fail(place, fmt::format("expected an index of one of {} {}", count, list));
+class GltfCheck {
+ public:
+  explicit GltfCheck(const GltfDocument& document) : document_(document) {}
+
+  void Run() {
+    for (const auto& [member, value] : document_.root().items()) {
+      CheckReferences(member, member, value);
     }
+    CheckBuffers();
+    CheckAccessors();
+    CheckNodes();
   }
 
+ private:
   void CheckReferences(const std::string& place, std::string_view member, const json& value) const {
     if (member == "extras") return;
     const auto known = std::find_if(kListOfMember.begin(), kListOfMember.end(),
@@ -137,84 +177,51 @@ class GltfCheck {
       for (const auto& [key, inner] : value.items()) {
         const std::string inner_place = place + "." + key;
         if (inner.is_number() && is_attributes) {
-          CheckIndex(inner_place, inner, "accessors");
+          document_.CheckIndex(inner_place, inner, "accessors");
         } else if (inner.is_number() && value.is_array() && known != kListOfMember.end()) {
-          CheckIndex(inner_place, inner, known->second);
+          document_.CheckIndex(inner_place, inner, known->second);
         } else {
           CheckReferences(inner_place, value.is_array() ? member : std::string_view(key), inner);
         }
       }
     } else if (known != kListOfMember.end()) {
-      CheckIndex(place, value, known->second);
+      document_.CheckIndex(place, value, known->second);
     }
-  }
-
-  // A number of bytes or items; `missing` where there is none.
-  uint64_t Count(const std::string& place, const json& object, const char* member,
-                 uint64_t missing) const {
-    constexpr uint64_t kMost = UINT32_MAX;
-    const auto value = object.find(member);
-    if (value == object.end()) return missing;
-    if (!value->is_number_unsigned() || value->get<uint64_t>() > kMost) {
-      Fail(fmt::format("{}.{}", place, member), "expected a number up to 4294967295");
-    }
-    return value->get<uint64_t>();
-  }
-
-  // How many bytes a buffer can have.
-  uint64_t RoomOf(const json& buffer) const {
-    if (!buffer.contains("uri")) return data_.size();
-    const std::string uri = buffer["uri"].is_string() ? buffer["uri"].get<std::string>() : "";
-    if (uri.starts_with("data:")) return uri.size();
-    std::error_code error;
-    const auto size = std::filesystem::file_size(path_.parent_path() / uri, error);
-    return error ? contents_.size() : size;  // a missing file is assimp's to tell
   }
 
   void CheckBuffers() const {
-    const json &buffers = List("buffers"), &views = List("bufferViews");
+    const json &buffers = document_.List("buffers"), &views = document_.List("bufferViews");
     for (size_t i = 0; i < buffers.size(); ++i) {
       const std::string place = fmt::format("buffers.{}", i);
-      const uint64_t size = Count(place, buffers[i], "byteLength", 0);
-      if (const uint64_t room = RoomOf(buffers[i]); size > room) {
-        Fail(place, fmt::format("it claims {} bytes, there are {}", size, room));
+      const uint64_t size = document_.Count(place, buffers[i], "byteLength", 0);
+      if (const uint64_t room = document_.RoomOf(buffers[i]); size > room) {
+        document_.Fail(place, fmt::format("it claims {} bytes, there are {}", size, room));
       }
     }
     for (size_t i = 0; i < views.size(); ++i) {
       const std::string place = fmt::format("bufferViews.{}", i);
       const auto buffer = views[i].find("buffer");
-      if (buffer == views[i].end()) Fail(place, "expected the member buffer");
-      const uint64_t end =
-          Count(place, views[i], "byteOffset", 0) + Count(place, views[i], "byteLength", 0);
-      const uint64_t room = Count(place, buffers[buffer->get<size_t>()], "byteLength", 0);
-      if (end > room) Fail(place, fmt::format("it ends at {}, its buffer at {}", end, room));
+      if (buffer == views[i].end()) document_.Fail(place, "expected the member buffer");
+      const uint64_t end = document_.Count(place, views[i], "byteOffset", 0) +
+                           document_.Count(place, views[i], "byteLength", 0);
+      const uint64_t room = document_.Count(place, buffers[buffer->get<size_t>()], "byteLength", 0);
+      if (end > room)
+        document_.Fail(place, fmt::format("it ends at {}, its buffer at {}", end, room));
     }
   }
 
+  // Of one component; 0 for an unknown type.
   static uint64_t BytesOf(uint64_t component_type) {
-    switch (component_type) {
-      case 5120:
-      case 5121:
-        return 1;
-      case 5122:
-      case 5123:
-        return 2;
-      case 5125:
-      case 5126:
-        return 4;
-      default:
-        return 0;
-    }
+    constexpr uint64_t kFirst = 5120;
+    constexpr std::array<uint64_t, 7> kBytes = {1, 1, 2, 2, 0, 4, 4};
+    const uint64_t index = component_type - kFirst;
+    return index < kBytes.size() ? kBytes[index] : 0;
   }
 
   static uint64_t NumComponents(const json& accessor) {
-    constexpr auto kTypes = std::to_array<std::pair<std::string_view, uint64_t>>({{"SCALAR", 1},
-                                                                                  {"VEC2", 2},
-                                                                                  {"VEC3", 3},
-                                                                                  {"VEC4", 4},
-                                                                                  {"MAT2", 4},
-                                                                                  {"MAT3", 9},
-                                                                                  {"MAT4", 16}});
+    static constexpr std::pair<std::string_view, uint64_t> kTypes[] = {
+        {"SCALAR", 1}, {"VEC2", 2}, {"VEC3", 3}, {"VEC4", 4},
+        {"MAT2", 4},   {"MAT3", 9}, {"MAT4", 16}};
     for (const auto& [name, count] : kTypes) {
       if (accessor.value("type", json()) == name) return count;
     }
@@ -225,30 +232,30 @@ class GltfCheck {
   void CheckRoom(const std::string& place, const json& object, uint64_t count,
                  uint64_t item_bytes) const {
     const auto view = object.find("bufferView");
-    uint64_t room = contents_.size(), offset = 0, stride = item_bytes;
+    uint64_t room = document_.size_bytes(), offset = 0, stride = item_bytes;
     if (view != object.end()) {
-      const json& views = List("bufferViews");
+      const json& views = document_.List("bufferViews");
       const json& of_object = views[view->get<size_t>()];
-      room = Count(place, of_object, "byteLength", 0);
-      offset = Count(place, object, "byteOffset", 0);
-      stride = Count(place, of_object, "byteStride", item_bytes);
+      room = document_.Count(place, of_object, "byteLength", 0);
+      offset = document_.Count(place, object, "byteOffset", 0);
+      stride = document_.Count(place, of_object, "byteStride", item_bytes);
     }
     const uint64_t end = offset + (count - 1) * stride + item_bytes;
     if (stride < item_bytes || end > room) {
-      Fail(place, fmt::format("its {} items end at {} bytes of {}", count, end, room));
+      document_.Fail(place, fmt::format("its {} items end at {} bytes of {}", count, end, room));
     }
   }
 
   void CheckAccessors() const {
-    const json& accessors = List("accessors");
+    const json& accessors = document_.List("accessors");
     for (size_t i = 0; i < accessors.size(); ++i) {
       const std::string place = fmt::format("accessors.{}", i);
       const json& accessor = accessors[i];
       const uint64_t item_bytes =
-          BytesOf(Count(place, accessor, "componentType", 0)) * NumComponents(accessor);
-      if (item_bytes == 0) Fail(place, "expected a known componentType and type");
-      const uint64_t count = Count(place, accessor, "count", 0);
-      if (count == 0) Fail(place, "expected a count of 1 or more");
+          BytesOf(document_.Count(place, accessor, "componentType", 0)) * NumComponents(accessor);
+      if (item_bytes == 0) document_.Fail(place, "expected a known componentType and type");
+      const uint64_t count = document_.Count(place, accessor, "count", 0);
+      if (count == 0) document_.Fail(place, "expected a count of 1 or more");
       CheckRoom(place, accessor, count, item_bytes);
       if (accessor.contains("sparse"))
         CheckSparse(place + ".sparse", accessor["sparse"], count, item_bytes);
@@ -261,23 +268,23 @@ class GltfCheck {
     const json values = sparse.is_object() ? sparse.value("values", json()) : json();
     if (!indices.is_object() || !values.is_object() || !indices.contains("bufferView") ||
         !values.contains("bufferView")) {
-      Fail(place, "expected indices and values in buffer views");
+      document_.Fail(place, "expected indices and values in buffer views");
     }
-    const uint64_t num_changed = Count(place, sparse, "count", 0);
-    const uint64_t index_bytes = BytesOf(Count(place, indices, "componentType", 0));
+    const uint64_t num_changed = document_.Count(place, sparse, "count", 0);
+    const uint64_t index_bytes = BytesOf(document_.Count(place, indices, "componentType", 0));
     if (num_changed == 0 || num_changed > count || index_bytes == 0) {
-      Fail(place, "expected a count and a known componentType");
+      document_.Fail(place, "expected a count and a known componentType");
     }
     CheckRoom(place + ".indices", indices, num_changed, index_bytes);
     CheckRoom(place + ".values", values, num_changed, item_bytes);
   }
 
   void CheckNodes() const {
-    const json &nodes = List("nodes"), &scenes = List("scenes");
+    const json &nodes = document_.List("nodes"), &scenes = document_.List("scenes");
     std::vector<bool> has_parent(nodes.size());
     for (const json& node : nodes) {
       for (const json& child : node.value("children", json::array())) {
-        if (has_parent[child.get<size_t>()]) Fail("nodes", "a node is the child of two");
+        if (has_parent[child.get<size_t>()]) document_.Fail("nodes", "a node is the child of two");
         has_parent[child.get<size_t>()] = true;
       }
     }
@@ -285,7 +292,7 @@ class GltfCheck {
     for (const json& scene : scenes) {
       for (const json& node : scene.value("nodes", json::array())) {
         if (has_parent[node.get<size_t>()])
-          Fail("scenes", "a node of a scene is a child of another");
+          document_.Fail("scenes", "a node of a scene is a child of another");
         open.emplace_back(node.get<size_t>(), 0);
       }
     }
@@ -293,23 +300,21 @@ class GltfCheck {
       const auto [node, depth] = open.back();
       open.pop_back();
       if (depth > kMaxGltfNodeNesting)
-        Fail("nodes", fmt::format("they are nested more than {} deep", kMaxGltfNodeNesting));
+        document_.Fail("nodes",
+                       fmt::format("they are nested more than {} deep", kMaxGltfNodeNesting));
       for (const json& child : nodes[node].value("children", json::array())) {
         open.emplace_back(child.get<size_t>(), depth + 1);
       }
     }
   }
 
-  const std::filesystem::path& path_;
-  std::string_view contents_;
-  std::string_view data_;  // the second chunk of a binary file
-  json root_;
+  const GltfDocument& document_;
 };
 
 }  // namespace
 
 void CheckGltf(const std::filesystem::path& path, std::string_view contents) {
-  GltfCheck(path, contents).Run();
+  GltfCheck(GltfDocument(path, contents)).Run();
 }
 
 }  // namespace raylift

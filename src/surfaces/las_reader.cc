@@ -8,7 +8,7 @@
 #include <cstring>
 #include <limits>
 
-#include "surfaces/cloud_readers.h"
+#include "surfaces/file_readers.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

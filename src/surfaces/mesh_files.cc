@@ -1,17 +1,13 @@
 #include "raylift/surfaces/mesh_files.h"
 
-#include <algorithm>
-#include <array>
 #include <bit>
 #include <cstring>
 #include <iterator>
 #include <limits>
-#include <string>
 #include <utility>
 
-#include "surfaces/file_names.h"
-#include "surfaces/mapped_file.h"
-#include "surfaces/mesh_readers.h"
+#include "surfaces/file_readers.h"
+#include "surfaces/input_files.h"
 #include "surfaces/raw_mesh.h"
 #include <fmt/format.h>
 
@@ -25,9 +21,7 @@ namespace {
 TriangleMesh ReadPlyMesh(const std::filesystem::path& path, int threads) {
   const MappedFile file(path);
   const PlyHeader header = ParsePlyHeader(path, file.contents());
-  if (auto mesh = ReadPlyTriangles(path, header, file.contents(), threads)) {
-    return std::move(*mesh);
-  }
+  if (auto mesh = ReadPlyTriangles(path, header, file.contents(), threads)) return std::move(*mesh);
   return FinishMesh(path, ReadPly(path, header, file.contents()));
 }
 
@@ -42,9 +36,7 @@ TriangleMesh ReadByExtension(const std::filesystem::path& path, int threads) {
 
 TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& options) {
   std::error_code ignored;
-  if (!std::filesystem::exists(path, ignored)) {
-    throw InputError(path, "no such file");
-  }
+  if (!std::filesystem::exists(path, ignored)) throw InputError(path, "no such file");
   if (std::filesystem::is_directory(path, ignored)) {
     throw InputError(path, "expected a mesh file, found a folder");
   }

@@ -1,8 +1,6 @@
-#include <algorithm>
-#include <cmath>
 #include <map>
 
-#include "surfaces/mesh_readers.h"
+#include "surfaces/file_readers.h"
 #include "surfaces/raw_mesh.h"
 #include <fmt/format.h>
 

@@ -10,8 +10,8 @@
 #include <optional>
 
 #include "base/read_limits.h"
-#include "surfaces/cloud_readers.h"
-#include "surfaces/file_names.h"
+#include "surfaces/file_readers.h"
+#include "surfaces/input_files.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -31,34 +31,12 @@ struct PcdField {
   size_t token = 0;  // in a line of text
 };
 
-class PcdReader {
+// What is left of the file, line by line.
+class PcdLines {
  public:
-  PcdReader(const std::filesystem::path& path, std::string_view contents)
-      : path_(path), rest_(contents) {}
+  explicit PcdLines(std::string_view contents) : rest_(contents) {}
 
-  PointCloud Read() {
-    ReadHeader();
-    position_ = {Find({"x"}), Find({"y"}), Find({"z"})};
-    if (std::find(position_.begin(), position_.end(), nullptr) != position_.end()) {
-      throw InputError(path_, "FIELDS", "expected x, y and z among them");
-    }
-    normal_ = {Find({"normal_x", "nx"}), Find({"normal_y", "ny"}), Find({"normal_z", "nz"})};
-    color_ = Find({"rgb", "rgba"});
-    if (color_ != nullptr && color_->bytes != 4) {
-      throw InputError(path_, "SIZE, " + color_->name,
-                       fmt::format("expected 4, found {}", color_->bytes));
-    }
-    cloud_.points_in_world.reserve(count_);
-    if (is_binary_) {
-      ReadBinary();
-    } else {
-      ReadText();
-    }
-    return std::move(cloud_);
-  }
-
- private:
-  std::string_view NextLine() {
+  std::string_view Next() {
     const size_t end = std::min(rest_.find('\n'), rest_.size());
     const std::string_view line = Trim(rest_.substr(0, end));
     rest_.remove_prefix(std::min(end + 1, rest_.size()));
@@ -66,17 +44,38 @@ class PcdReader {
     return line;
   }
 
-  void ReadHeader() {
+  std::string_view rest() const { return rest_; }
+  int number() const { return line_number_; }
+
+ private:
+  std::string_view rest_;
+  int line_number_ = 0;
+};
+
+struct PcdHeader {
+  bool is_binary = false;
+  uint64_t count = 0;
+  std::vector<PcdField> fields;
+  size_t point_bytes = 0;
+  size_t point_tokens = 0;
+};
+
+class HeaderReader {
+ public:
+  HeaderReader(const std::filesystem::path& path, PcdLines& lines) : path_(path), lines_(lines) {}
+
+  PcdHeader Read() {
     std::map<std::string, std::vector<std::string_view>, std::less<>> keys;
     while (!keys.contains("DATA")) {
-      if (rest_.empty()) throw InputError(path_, "header", "the file ends before the line DATA");
-      const std::string_view line = NextLine();
+      if (lines_.rest().empty())
+        throw InputError(path_, "header", "the file ends before the line DATA");
+      const std::string_view line = lines_.Next();
       if (line.empty() || line.starts_with('#')) continue;
       auto tokens = SplitTokens(line);
       const std::string key(tokens.front());
       tokens.erase(tokens.begin());
       if (!IsKey(key)) {
-        throw InputError(path_, fmt::format("line {}", line_number_),
+        throw InputError(path_, fmt::format("line {}", lines_.number()),
                          "expected a PCD header: VERSION, FIELDS, SIZE, TYPE, ... DATA");
       }
       keys[key] = std::move(tokens);
@@ -88,10 +87,12 @@ class PcdReader {
       throw InputError(path_, "DATA",
                        fmt::format("expected ascii or binary, found \"{}\"", Shown(form)));
     }
-    is_binary_ = form == "binary";
-    count_ = CountOfPoints(keys);
+    header_.is_binary = form == "binary";
+    header_.count = CountOfPoints(keys);
+    return std::move(header_);
   }
 
+ private:
   static bool IsKey(std::string_view word) {
     for (const std::string_view key : {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH",
                                        "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}) {
@@ -127,11 +128,11 @@ class PcdReader {
       field.type = types[i].front();
       field.bytes = *bytes;
       field.count = *count;
-      field.at = point_bytes_;
-      field.token = point_tokens_;
-      point_bytes_ += field.bytes * field.count;
-      point_tokens_ += field.count;
-      fields_.push_back(std::move(field));
+      field.at = header_.point_bytes;
+      field.token = header_.point_tokens;
+      header_.point_bytes += field.bytes * field.count;
+      header_.point_tokens += field.count;
+      header_.fields.push_back(std::move(field));
     }
   }
 
@@ -150,8 +151,8 @@ class PcdReader {
     }
     if (!count) throw InputError(path_, "POINTS", "expected the number of points");
     // The last number of a text needs no separator.
-    const uint64_t bytes = is_binary_ ? rest_.size() : rest_.size() + 1;
-    const uint64_t min_bytes = is_binary_ ? point_bytes_ : 2 * point_tokens_;
+    const uint64_t bytes = header_.is_binary ? lines_.rest().size() : lines_.rest().size() + 1;
+    const uint64_t min_bytes = header_.is_binary ? header_.point_bytes : 2 * header_.point_tokens;
     const uint64_t room = min_bytes == 0 ? 0 : bytes / min_bytes;
     if (*count > room) {
       throw InputError(path_, "POINTS",
@@ -160,8 +161,39 @@ class PcdReader {
     return *count;
   }
 
+  const std::filesystem::path& path_;
+  PcdLines& lines_;
+  PcdHeader header_;
+};
+
+class PcdReader {
+ public:
+  PcdReader(const std::filesystem::path& path, std::string_view contents)
+      : path_(path), lines_(contents), header_(HeaderReader(path, lines_).Read()) {}
+
+  PointCloud Read() {
+    position_ = {Find({"x"}), Find({"y"}), Find({"z"})};
+    if (std::find(position_.begin(), position_.end(), nullptr) != position_.end()) {
+      throw InputError(path_, "FIELDS", "expected x, y and z among them");
+    }
+    normal_ = {Find({"normal_x", "nx"}), Find({"normal_y", "ny"}), Find({"normal_z", "nz"})};
+    color_ = Find({"rgb", "rgba"});
+    if (color_ != nullptr && color_->bytes != 4) {
+      throw InputError(path_, "SIZE, " + color_->name,
+                       fmt::format("expected 4, found {}", color_->bytes));
+    }
+    cloud_.points_in_world.reserve(header_.count);
+    if (header_.is_binary) {
+      ReadBinary();
+    } else {
+      ReadText();
+    }
+    return std::move(cloud_);
+  }
+
+ private:
   const PcdField* Find(std::initializer_list<std::string_view> names) const {
-    for (const PcdField& field : fields_) {
+    for (const PcdField& field : header_.fields) {
       for (const std::string_view name : names) {
         if (field.name == name && field.count == 1) return &field;
       }
@@ -191,8 +223,8 @@ class PcdReader {
   }
 
   void ReadBinary() {
-    const char* point = rest_.data();
-    for (uint64_t i = 0; i < count_; ++i, point += point_bytes_) {
+    const char* point = lines_.rest().data();
+    for (uint64_t i = 0; i < header_.count; ++i, point += header_.point_bytes) {
       AddPoint([point](const PcdField& field) { return ValueAt(point + field.at, field); });
       if (color_ != nullptr) AddColor(Load<uint32_t>(point + color_->at));
     }
@@ -217,19 +249,19 @@ class PcdReader {
   }
 
   void ReadText() {
-    while (cloud_.points_in_world.size() < count_) {
-      if (rest_.empty()) {
-        throw InputError(path_,
-                         fmt::format("point {} of {}", cloud_.points_in_world.size(), count_),
-                         "the file ends early");
+    while (cloud_.points_in_world.size() < header_.count) {
+      if (lines_.rest().empty()) {
+        throw InputError(
+            path_, fmt::format("point {} of {}", cloud_.points_in_world.size(), header_.count),
+            "the file ends early");
       }
-      const std::string_view line = NextLine();
+      const std::string_view line = lines_.Next();
       if (line.empty()) continue;
       const auto tokens = SplitTokens(line);
-      if (tokens.size() != point_tokens_) {
+      if (tokens.size() != header_.point_tokens) {
         throw InputError(
-            path_, fmt::format("line {}", line_number_),
-            fmt::format("expected {} numbers, found {}", point_tokens_, tokens.size()));
+            path_, fmt::format("line {}", lines_.number()),
+            fmt::format("expected {} numbers, found {}", header_.point_tokens, tokens.size()));
       }
       const auto value_of = [&](const PcdField& field) { return Number(tokens, field); };
       AddPoint(value_of);
@@ -240,7 +272,7 @@ class PcdReader {
   double Number(const std::vector<std::string_view>& tokens, const PcdField& field) const {
     const auto value = ParseDouble(tokens[field.token]);
     if (!value) {
-      throw InputError(path_, fmt::format("line {}, {}", line_number_, field.name),
+      throw InputError(path_, fmt::format("line {}, {}", lines_.number(), field.name),
                        fmt::format("expected a number, found \"{}\"", Shown(tokens[field.token])));
     }
     return *value;
@@ -250,20 +282,15 @@ class PcdReader {
     if (color_->type == 'F') return std::bit_cast<uint32_t>(static_cast<float>(color));
     constexpr double kBeyond = 4294967296;  // of 32 bits
     if (!(std::abs(color) < kBeyond)) {
-      throw InputError(path_, fmt::format("line {}, {}", line_number_, color_->name),
+      throw InputError(path_, fmt::format("line {}, {}", lines_.number(), color_->name),
                        fmt::format("expected a color of 32 bits, found {}", color));
     }
     return static_cast<uint32_t>(static_cast<int64_t>(color));
   }
 
   const std::filesystem::path& path_;
-  std::string_view rest_;
-  int line_number_ = 0;
-  bool is_binary_ = false;
-  uint64_t count_ = 0;
-  std::vector<PcdField> fields_;
-  size_t point_bytes_ = 0;
-  size_t point_tokens_ = 0;
+  PcdLines lines_;
+  PcdHeader header_;
   std::array<const PcdField*, 3> position_{};
   std::array<const PcdField*, 3> normal_{};
   const PcdField* color_ = nullptr;

@@ -5,7 +5,7 @@
 #include <bit>
 #include <cstring>
 
-#include "surfaces/file_names.h"
+#include "surfaces/input_files.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -98,9 +98,7 @@ class HeaderParser {
 
   void ParseElement(const std::vector<std::string_view>& tokens) {
     const auto count = tokens.size() == 3 ? ParseUint(tokens[2]) : std::nullopt;
-    if (!count) {
-      Fail("expected \"element NAME COUNT\"");
-    }
+    if (!count) Fail("expected \"element NAME COUNT\"");
     for (const PlyElement& element : header_.elements) {
       if (element.name == tokens[1]) Fail(fmt::format("a second element {}", Shown(tokens[1])));
     }
@@ -108,9 +106,7 @@ class HeaderParser {
   }
 
   void ParseProperty(const std::vector<std::string_view>& tokens) {
-    if (header_.elements.empty()) {
-      Fail("a property before the first element");
-    }
+    if (header_.elements.empty()) Fail("a property before the first element");
     const bool is_list = tokens.size() > 1 && tokens[1] == "list";
     if (tokens.size() != (is_list ? 5u : 3u)) {
       Fail("expected \"property TYPE NAME\" or \"property list TYPE TYPE NAME\"");
@@ -129,9 +125,7 @@ class HeaderParser {
 
   PlyType Type(std::string_view name) const {
     const auto type = PlyTypeFromName(name);
-    if (!type) {
-      Fail(fmt::format("expected a PLY type, found \"{}\"", Shown(name)));
-    }
+    if (!type) Fail(fmt::format("expected a PLY type, found \"{}\"", Shown(name)));
     return *type;
   }
 
@@ -149,33 +143,6 @@ class HeaderParser {
   PlyHeader header_;
 };
 
-}  // namespace
-
-size_t SizeOf(PlyType type) {
-  using enum PlyType;
-  switch (type) {
-    case kInt8:
-    case kUint8:
-      return 1;
-    case kInt16:
-    case kUint16:
-      return 2;
-    case kInt32:
-    case kUint32:
-    case kFloat:
-      return 4;
-    case kDouble:
-      return 8;
-  }
-  return 0;
-}
-
-PlyHeader ParsePlyHeader(const std::filesystem::path& path, std::string_view contents) {
-  return HeaderParser(path, contents).Parse();
-}
-
-namespace {
-
 size_t RowBytes(const std::filesystem::path& path, const PlyElement& element) {
   size_t bytes = 0;
   for (const PlyProperty& property : element.properties) {
@@ -189,6 +156,10 @@ size_t RowBytes(const std::filesystem::path& path, const PlyElement& element) {
 }
 
 }  // namespace
+
+PlyHeader ParsePlyHeader(const std::filesystem::path& path, std::string_view contents) {
+  return HeaderParser(path, contents).Parse();
+}
 
 PlyColumns::PlyColumns(const std::filesystem::path& path, const PlyHeader& header,
                        std::string_view contents, std::string_view name)
@@ -255,27 +226,9 @@ T PlyColumns::Load(const char* from) const {
 }
 
 double PlyColumns::At(size_t row, const Column& column) const {
-  using enum PlyType;
   const char* const from = rows_.data() + row * row_bytes_ + column.offset;
-  switch (column.type) {
-    case kInt8:
-      return Load<int8_t>(from);
-    case kUint8:
-      return Load<uint8_t>(from);
-    case kInt16:
-      return Load<int16_t>(from);
-    case kUint16:
-      return Load<uint16_t>(from);
-    case kInt32:
-      return Load<int32_t>(from);
-    case kUint32:
-      return Load<uint32_t>(from);
-    case kFloat:
-      return double{Load<float>(from)};
-    case kDouble:
-      return Load<double>(from);
-  }
-  return 0;
+  return WithPlyValue(column.type,
+                      [&](auto value) { return static_cast<double>(Load<decltype(value)>(from)); });
 }
 
 }  // namespace raylift

@@ -13,7 +13,34 @@ namespace raylift {
 
 enum class PlyType { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat, kDouble };
 
-size_t SizeOf(PlyType type);
+// Calls body with a value of the type that `type` stands for.
+template <typename Body>
+auto WithPlyValue(PlyType type, const Body& body) {
+  using enum PlyType;
+  switch (type) {
+    case kInt8:
+      return body(int8_t{});
+    case kUint8:
+      return body(uint8_t{});
+    case kInt16:
+      return body(int16_t{});
+    case kUint16:
+      return body(uint16_t{});
+    case kInt32:
+      return body(int32_t{});
+    case kUint32:
+      return body(uint32_t{});
+    case kFloat:
+      return body(float{});
+    case kDouble:
+      break;
+  }
+  return body(double{});
+}
+
+inline size_t SizeOf(PlyType type) {
+  return WithPlyValue(type, [](auto value) { return sizeof(value); });
+}
 
 struct PlyProperty {
   std::string name;

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <cstring>
 
-#include "surfaces/file_names.h"
-#include "surfaces/mesh_readers.h"
+#include "surfaces/file_readers.h"
+#include "surfaces/input_files.h"
 #include "surfaces/raw_mesh.h"
 #include <fmt/format.h>
 
@@ -32,26 +32,8 @@ class BinaryCursor {
       : next_(bytes.data()), end_(bytes.data() + bytes.size()) {}
 
   double Read(PlyType type) {
-    using enum PlyType;
-    switch (type) {
-      case kInt8:
-        return Take<int8_t>();
-      case kUint8:
-        return Take<uint8_t>();
-      case kInt16:
-        return Take<int16_t>();
-      case kUint16:
-        return Take<uint16_t>();
-      case kInt32:
-        return Take<int32_t>();
-      case kUint32:
-        return Take<uint32_t>();
-      case kFloat:
-        return static_cast<double>(Take<float>());
-      case kDouble:
-        return Take<double>();
-    }
-    return 0;
+    return WithPlyValue(type,
+                        [&](auto value) { return static_cast<double>(Take<decltype(value)>()); });
   }
 
   size_t remaining_bytes() const { return static_cast<size_t>(end_ - next_); }
@@ -120,32 +102,30 @@ enum VertexSlot {
 };
 
 std::optional<VertexSlot> SlotOf(std::string_view name) {
-  static constexpr std::pair<std::string_view, VertexSlot> kNames[] = {
-      {"x", kX},
-      {"y", kY},
-      {"z", kZ},
-      {"red", kRed},
-      {"green", kGreen},
-      {"blue", kBlue},
-      {"r", kRed},
-      {"g", kGreen},
-      {"b", kBlue},
-      {"diffuse_red", kRed},
-      {"diffuse_green", kGreen},
-      {"diffuse_blue", kBlue},
-      {"u", kU},
-      {"v", kV},
-      {"s", kU},
-      {"t", kV},
-      {"texture_u", kU},
-      {"texture_v", kV},
-      {"nx", kNormalX},
-      {"ny", kNormalY},
-      {"nz", kNormalZ},
-      {"normal_x", kNormalX},
-      {"normal_y", kNormalY},
-      {"normal_z", kNormalZ},
-  };
+  static constexpr std::pair<std::string_view, VertexSlot> kNames[] = {{"x", kX},
+                                                                       {"y", kY},
+                                                                       {"z", kZ},
+                                                                       {"red", kRed},
+                                                                       {"green", kGreen},
+                                                                       {"blue", kBlue},
+                                                                       {"r", kRed},
+                                                                       {"g", kGreen},
+                                                                       {"b", kBlue},
+                                                                       {"diffuse_red", kRed},
+                                                                       {"diffuse_green", kGreen},
+                                                                       {"diffuse_blue", kBlue},
+                                                                       {"u", kU},
+                                                                       {"v", kV},
+                                                                       {"s", kU},
+                                                                       {"t", kV},
+                                                                       {"texture_u", kU},
+                                                                       {"texture_v", kV},
+                                                                       {"nx", kNormalX},
+                                                                       {"ny", kNormalY},
+                                                                       {"nz", kNormalZ},
+                                                                       {"normal_x", kNormalX},
+                                                                       {"normal_y", kNormalY},
+                                                                       {"normal_z", kNormalZ}};
   for (const auto& [known, slot] : kNames) {
     if (known == name) return slot;
   }
@@ -154,26 +134,28 @@ std::optional<VertexSlot> SlotOf(std::string_view name) {
 
 // Full intensity of a color of this type.
 double ColorRange(PlyType type) {
-  using enum PlyType;
-  switch (type) {
-    case kInt8:
-    case kUint8:
-      return 255;
-    case kInt16:
-    case kUint16:
-      return 65535;
-    case kInt32:
-    case kUint32:
-      return 255;
-    case kFloat:
-    case kDouble:
-      return 1;
-  }
-  return 255;
+  if (type == PlyType::kFloat || type == PlyType::kDouble) return 1;
+  return SizeOf(type) == 2 ? 65535 : 255;
 }
 
 uint8_t ColorByte(double value, PlyType type) {
   return NearestByte(value / ColorRange(type) * 255);
+}
+
+// Throws where a header claims more than its file can hold.
+template <typename Cursor>
+void CheckCount(const std::filesystem::path& path, const PlyElement& element,
+                const Cursor& cursor) {
+  size_t min_bytes = 0;
+  for (const PlyProperty& property : element.properties) {
+    min_bytes += Cursor::MinBytes(property.count_type.value_or(property.type));
+  }
+  if (min_bytes == 0 ? element.count > 0 : element.count > cursor.remaining_bytes() / min_bytes) {
+    throw InputError(
+        path, fmt::format("element {}", element.name),
+        fmt::format("the header claims {} of them, the file has room for {}", element.count,
+                    min_bytes == 0 ? 0 : cursor.remaining_bytes() / min_bytes));
+  }
 }
 
 template <typename Cursor>
@@ -186,7 +168,7 @@ class ElementReader {
   void ReadAll() {
     bool has_vertices = false;
     for (const PlyElement& element : header_.elements) {
-      CheckCount(element);
+      CheckCount(path_, element, cursor_);
       if (element.name == "vertex") {
         ReadVertices(element);
         has_vertices = true;
@@ -204,20 +186,6 @@ class ElementReader {
   }
 
  private:
-  void CheckCount(const PlyElement& element) const {
-    size_t min_bytes = 0;
-    for (const PlyProperty& property : element.properties) {
-      min_bytes += Cursor::MinBytes(property.count_type.value_or(property.type));
-    }
-    if (min_bytes == 0 ? element.count > 0
-                       : element.count > cursor_.remaining_bytes() / min_bytes) {
-      throw InputError(
-          path_, fmt::format("element {}", element.name),
-          fmt::format("the header claims {} of them, the file has room for {}", element.count,
-                      min_bytes == 0 ? 0 : cursor_.remaining_bytes() / min_bytes));
-    }
-  }
-
   bool HasFaces() const {
     return std::any_of(
         header_.elements.begin(), header_.elements.end(),

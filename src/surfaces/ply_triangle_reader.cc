@@ -4,8 +4,8 @@
 #include <bit>
 #include <cstring>
 
-#include "surfaces/mapped_file.h"
-#include "surfaces/mesh_readers.h"
+#include "surfaces/file_readers.h"
+#include "surfaces/input_files.h"
 #include "surfaces/raw_mesh.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -153,9 +153,7 @@ class TriangleReader {
     mesh_.origin_in_world = ChooseMeshOrigin(all.min(), all.max());
     ConvertVertices<T>();
     if (!ReadTriangles()) return false;
-    if (std::find(used_.begin(), used_.end(), uint8_t{0}) == used_.end()) {
-      return !any_unusable_;
-    }
+    if (std::find(used_.begin(), used_.end(), uint8_t{0}) == used_.end()) return !any_unusable_;
     any_unusable_ = false;
     const Eigen::AlignedBox3d used = Bounds<T>([&](size_t i) { return used_[i] != 0; });
     if (any_unusable_ || used.isEmpty()) return false;

@@ -2,10 +2,8 @@
 #include <array>
 #include <utility>
 
-#include "surfaces/cloud_readers.h"
-#include "surfaces/file_names.h"
-#include "surfaces/mapped_file.h"
-#include "surfaces/mesh_readers.h"
+#include "surfaces/file_readers.h"
+#include "surfaces/input_files.h"
 #include "surfaces/raw_mesh.h"
 #include <fmt/format.h>
 

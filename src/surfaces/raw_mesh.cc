@@ -1,7 +1,6 @@
 #include "surfaces/raw_mesh.h"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 #include <numeric>
 
@@ -103,16 +102,12 @@ class VertexUniter {
   };
 
   Rgb Color(uint32_t position, size_t triangle) const {
-    if (!has_colors_) {
-      return {};
-    }
+    if (!has_colors_) return {};
     const uint32_t material =
         raw_.triangle_materials.empty() ? RawMesh::kNone : raw_.triangle_materials[triangle];
     const bool is_plain = material != RawMesh::kNone && raw_.materials[material].texture < 0;
     const std::optional<Rgb> tint = is_plain ? raw_.materials[material].color_rgb : std::nullopt;
-    if (raw_.position_colors.empty()) {
-      return tint.value_or(kDefaultColor);
-    }
+    if (raw_.position_colors.empty()) return tint.value_or(kDefaultColor);
     const Rgb& own = raw_.position_colors[position];
     return tint ? Product(own, *tint) : own;
   }
@@ -154,9 +149,7 @@ void SetTriangleTextures(const RawMesh& raw, TriangleMesh& mesh) {
   const bool textured =
       std::any_of(raw.triangle_materials.begin(), raw.triangle_materials.end(),
                   [&](uint32_t m) { return m != RawMesh::kNone && raw.materials[m].texture >= 0; });
-  if (!textured || raw.uvs.empty()) {
-    return;
-  }
+  if (!textured || raw.uvs.empty()) return;
   mesh.triangle_textures.reserve(raw.triangles.size());
   for (size_t i = 0; i < raw.triangles.size(); ++i) {
     const uint32_t material = raw.triangle_materials[i];
@@ -202,9 +195,7 @@ size_t AddFace(size_t face, std::span<const uint32_t> corners, std::span<const u
 
 Eigen::Vector3d ChooseMeshOrigin(const Eigen::Vector3d& low, const Eigen::Vector3d& high) {
   const double extent = (high - low).maxCoeff();
-  if (!(extent > 0)) {
-    return low;
-  }
+  if (!(extent > 0)) return low;
   const double step = std::exp2(std::ceil(std::log2(extent)));
   const Eigen::Vector3d center = 0.5 * low + 0.5 * high;
   return center.unaryExpr([step](double c) { return step * std::round(c / step) + 0.0; });
@@ -324,14 +315,10 @@ bool IsEar(const std::vector<Eigen::Vector2d>& points, const std::vector<uint32_
   const Eigen::Vector2d& a = points[left[(tip + n - 1) % n]];
   const Eigen::Vector2d& b = points[left[tip]];
   const Eigen::Vector2d& c = points[left[(tip + 1) % n]];
-  if (Cross(b - a, c - b) <= 0) {
-    return false;
-  }
+  if (Cross(b - a, c - b) <= 0) return false;
   for (const uint32_t index : left) {
     const Eigen::Vector2d& p = points[index];
-    if (p == a || p == b || p == c) {
-      continue;
-    }
+    if (p == a || p == b || p == c) continue;
     if (Cross(b - a, p - a) >= 0 && Cross(c - b, p - b) >= 0 && Cross(a - c, p - c) >= 0) {
       return false;
     }

@@ -8,7 +8,7 @@
 #include <span>
 #include <utility>
 
-#include "surfaces/mapped_file.h"
+#include "surfaces/input_files.h"
 #include "surfaces/ply_file.h"
 #include "surfaces/raw_mesh.h"
 #include <fmt/format.h>

@@ -7,8 +7,8 @@
 #include <optional>
 #include <utility>
 
-#include "surfaces/cloud_readers.h"
-#include "surfaces/file_names.h"
+#include "surfaces/file_readers.h"
+#include "surfaces/input_files.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

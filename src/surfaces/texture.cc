@@ -54,12 +54,8 @@ Eigen::Vector3f Bilinear(const Image& image, double u, double v) {
 
 // Into [0, 1] by repetition, but 1 stays 1.
 double Repeat(float coordinate) {
-  if (!std::isfinite(coordinate)) {
-    return 0;
-  }
-  if (coordinate >= 0 && coordinate <= 1) {
-    return static_cast<double>(coordinate);
-  }
+  if (!std::isfinite(coordinate)) return 0;
+  if (coordinate >= 0 && coordinate <= 1) return static_cast<double>(coordinate);
   return static_cast<double>(coordinate) - std::floor(static_cast<double>(coordinate));
 }
 
@@ -81,9 +77,7 @@ Eigen::Vector3f Texture::Sample(const Eigen::Vector2f& uv, double level) const {
   const auto lower = static_cast<size_t>(clamped);
   const auto fraction = static_cast<float>(clamped - static_cast<double>(lower));
   Eigen::Vector3f fine = Bilinear(Level(lower), u, v);
-  if (fraction == 0) {
-    return fine;
-  }
+  if (fraction == 0) return fine;
   return (1 - fraction) * fine + fraction * Bilinear(Level(lower + 1), u, v);
 }
 

@@ -17,7 +17,7 @@
 
 #include "base/statistics.h"
 #include "city.h"
-#include "surfaces/mapped_file.h"
+#include "surfaces/input_files.h"
 #include <assimp/Importer.hpp>
 #include <assimp/scene.h>
 #include <fmt/format.h>

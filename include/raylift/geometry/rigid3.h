@@ -3,8 +3,6 @@
 
 #pragma once
 
-#include <optional>
-#include <string_view>
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>

@@ -6,7 +6,6 @@
 #include <string>
 
 #include "pictures/picture_codec.h"
-#include "pictures/picture_header.h"
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"

@@ -1,10 +1,16 @@
-#include "surfaces/file_names.h"
+#include "surfaces/input_files.h"
 
 #include <algorithm>
 #include <cctype>
+#include <cerrno>
+#include <cstring>
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <glob.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
@@ -76,6 +82,66 @@ std::string Shown(std::string_view token) {
   std::replace_if(
       text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
   return text;
+}
+
+MappedFile::MappedFile(const std::filesystem::path& path) {
+  const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  struct stat status {};
+  if (file < 0 || fstat(file, &status) != 0) {
+    const int error = errno;
+    if (file >= 0) close(file);
+    throw InputError(path, fmt::format("cannot be read: {}", std::strerror(error)));
+  }
+  if (!S_ISREG(status.st_mode)) {
+    close(file);
+    throw InputError(path, "expected a file, found a folder or a device");
+  }
+  size_ = static_cast<size_t>(status.st_size);
+  void* mapped = MAP_FAILED;
+  if (size_ > 0) {
+    mapped = mmap(nullptr, size_, PROT_READ, MAP_PRIVATE, file, 0);
+  }
+  const int error = errno;
+  close(file);
+  if (size_ > 0 && mapped == MAP_FAILED) {
+    throw InputError(path, fmt::format("cannot be read: {}", std::strerror(error)));
+  }
+  if (size_ > 0) {
+    madvise(mapped, size_, MADV_SEQUENTIAL);
+    data_ = static_cast<const char*>(mapped);
+  }
+}
+
+MappedFile::~MappedFile() {
+  if (data_ != nullptr) {
+    munmap(const_cast<char*>(data_), size_);
+  }
+}
+
+void ReleaseMapped(std::string_view part) {
+  const auto page = static_cast<uintptr_t>(sysconf(_SC_PAGESIZE));
+  const auto begin = reinterpret_cast<uintptr_t>(part.data());
+  const uintptr_t first = (begin + page - 1) / page * page;  // whole pages only
+  const uintptr_t last = (begin + part.size()) / page * page;
+  if (last > first) {
+    madvise(const_cast<char*>(part.data()) + (first - begin), last - first, MADV_DONTNEED);
+  }
+}
+
+void AdviseLargePages(void* data, size_t size_bytes) {
+#if defined(MADV_HUGEPAGE)
+  constexpr size_t kLargePage = size_t{2} << 20;
+  const auto begin = reinterpret_cast<uintptr_t>(data);
+  const uintptr_t first = (begin + kLargePage - 1) / kLargePage * kLargePage;
+  const uintptr_t last = (begin + size_bytes) / kLargePage * kLargePage;
+  if (last > first) {
+    // Advice may be refused.
+    madvise(static_cast<char*>(data) + (first - begin), last - first, MADV_HUGEPAGE);
+  }
+#else
+  static_cast<void>(data);
+  static_cast<void>(size_bytes);
+#endif
 }
 
 }  // namespace raylift

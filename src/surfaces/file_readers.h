@@ -1,4 +1,4 @@
-// The formats of meshes, a reader each. `contents` is the whole file; `path` is for messages and
+// The formats of meshes and point clouds, a reader each. `contents` is the whole file; `path` is for messages and
 // for what lies beside the file.
 
 #pragma once
@@ -10,6 +10,7 @@
 #include "surfaces/ply_file.h"
 #include "surfaces/raw_mesh.h"
 
+#include "raylift/surfaces/point_cloud.h"
 #include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
@@ -43,5 +44,11 @@ RawMesh ReadWithAssimp(const std::filesystem::path& path);
 // InputError naming the file and the JSON path where the file is no glTF 2 (text or binary), its
 // sizes are beyond what is there, an index is beyond its list, or nodes are no tree.
 void CheckGltf(const std::filesystem::path& path, std::string_view contents);
+
+// Read point clouds, which may hold points that are not finite, and no point at all.
+PointCloud ReadPlyCloud(const std::filesystem::path& path, std::string_view contents);
+PointCloud ReadLasCloud(const std::filesystem::path& path, std::string_view contents);
+PointCloud ReadPcdCloud(const std::filesystem::path& path, std::string_view contents);
+PointCloud ReadTextCloud(const std::filesystem::path& path, std::string_view contents);
 
 }  // namespace raylift
