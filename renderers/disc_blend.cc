@@ -22,7 +22,7 @@ double Variance(const Surfels& surfels, uint32_t disc) {
   return sigma * sigma;
 }
 
-// How a ray meets a disc's plane.
+// Where a ray meets a disc's plane.
 struct DiscHit {
   double t;
   double cosine;           // of the angle between ray and normal
@@ -38,7 +38,7 @@ DiscHit MeetDisc(const Surfels& surfels, const DiscRay& ray, uint32_t disc) {
           cosine > 0 ? Eigen::Vector3d(-normal) : normal};
 }
 
-// Whether some of the offsets lie on either side of every line through the origin of the plane.
+// Returns whether some of the offsets lie on either side of every line through the plane's origin.
 class Surroundings {
  public:
   explicit Surroundings(const Eigen::Vector3d& normal)

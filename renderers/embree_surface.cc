@@ -57,8 +57,9 @@ void OnError(void* error, RTCError code, const char* message) {
   stored.code = code;
   stored.message = message != nullptr ? message : "no text";
 }
-// What Embree takes is checked before. Of what it calls an unknown error it gives the text: of
-// TBB, which could not start a thread.
+
+// What Embree takes is checked before, so that an unknown error is one of TBB, which could not start
+// a thread.
 [[noreturn]] void ThrowError(const EmbreeSurface::Error& error) {
   if (error.code == RTC_ERROR_OUT_OF_MEMORY) throw std::bad_alloc();
   const std::string text =

@@ -13,7 +13,7 @@ namespace {
 
 constexpr int kSide = static_cast<int>(RayBlock::kSide);
 
-// Of a pixel in its block.
+// Returns the index of a pixel in its block.
 size_t LaneOf(int x, int y) {
   return static_cast<size_t>(y % kSide) * RayBlock::kSide + static_cast<size_t>(x % kSide);
 }
@@ -118,7 +118,7 @@ Eigen::Vector3f PixelRays::UnitRay(int x, int y) const {
 PixelRays::Differential PixelRays::DifferentialAt(int x, int y) const {
   const Eigen::Vector3f center = UnitRay(x, y);
   if (is_pinhole()) {
-    // Of (slope x, slope y, 1) over its length, which is 1 / center.z.
+    // The derivative of (slope x, slope y, 1) over its length, which is 1 / center.z.
     const auto moved = [&](int axis, double focal_px) -> Eigen::Vector3f {
       return center.z() / static_cast<float>(focal_px) *
              (Eigen::Vector3f::Unit(axis) - center[axis] * center);

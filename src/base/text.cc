@@ -123,7 +123,7 @@ uint64_t LineReader::Uint(std::string_view token, std::string_view field) const 
 }
 
 size_t EditDistance(std::string_view a, std::string_view b) {
-  // Of the first i letters of a to the first j of b, for the last three i.
+  // Distances of the first i letters of a to the first j of b, for the last three i.
   std::vector<size_t> before(b.size() + 1), last(b.size() + 1), row(b.size() + 1);
   for (size_t j = 0; j <= b.size(); ++j) row[j] = j;
   for (size_t i = 1; i <= a.size(); ++i) {

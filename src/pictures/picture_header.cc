@@ -105,7 +105,7 @@ std::optional<PlaneSize> PnmSize(std::istream& file) {
   return Checked(sides[0], sides[1]);
 }
 
-// How many bytes one value of a type has that libtiff takes for a width, and whether it has a sign.
+// The size and sign of one value of a type that libtiff takes for a width.
 struct TiffInteger {
   uint64_t type;
   size_t num_bytes;

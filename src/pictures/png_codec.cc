@@ -17,7 +17,7 @@ namespace {
 
 void Ignore(png_structp, png_const_charp) {}
 
-// What is left to read.
+// The bytes that are left to read.
 void Take(png_structp png, png_bytep data, size_t size) {
   auto& rest = *static_cast<std::string_view*>(png_get_io_ptr(png));
   if (size > rest.size()) throw std::runtime_error("it is truncated");
@@ -76,7 +76,7 @@ class Reader {
   Reader(const Reader&) = delete;
   Reader& operator=(const Reader&) = delete;
 
-  // What libpng only warns of (a damaged comment) is an error, too.
+  // A damage that libpng only warns of (of a comment) is an error, too.
   std::vector<float> ReadPlane(const PngHeader& header) {
     png_set_crc_action(png_, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);
     ReadInfo();
@@ -89,7 +89,7 @@ class Reader {
     return header.bits == 16 ? ReadAs<uint16_t>(header) : ReadAs<uint8_t>(header);
   }
 
-  // Of any kind.
+  // Reads a PNG of any kind.
   Image ReadPicture(ImageChannels channels) {
     ReadInfo();
     png_set_strip_16(png_);

@@ -149,7 +149,7 @@ class PnmReader {
   bool IsText() const { return kind_ <= 3; }
   bool IsBits() const { return kind_ % 3 == 1; }
 
-  // That the samples take at least.
+  // Returns the fewest bytes that the samples take.
   size_t NumBytes(size_t channels) const {
     const size_t width = width_, height = height_;
     if (kind_ == 4) return (width + 7) / 8 * height;
@@ -201,7 +201,7 @@ class PnmReader {
     }
   }
 
-  // Of 16 bits the upper half, as of a PNG.
+  // Returns the upper half of 16 bits, as for a PNG.
   uint8_t ToByte(uint32_t sample) const {
     sample = std::min(sample, max_value_);
     return static_cast<uint8_t>(max_value_ > 255 ? sample * 256 / (max_value_ + 1)

@@ -15,7 +15,7 @@ namespace {
 
 [[noreturn]] void Fail() { throw std::runtime_error("the TIFF file is damaged or truncated"); }
 
-// What libtiff takes for a file.
+// The bytes that libtiff takes for a file.
 struct Memory {
   std::string_view given = {};  // to be read
   std::string written = {};

@@ -19,7 +19,7 @@ namespace {
 
 using nlohmann::json;
 
-// Which list the numbers of a member are indices into, wherever the member stands.
+// The list that the numbers of a member are indices into, wherever the member stands.
 constexpr auto kListOfMember = std::to_array<std::pair<std::string_view, std::string_view>>(
     {{"buffer", "buffers"},
      {"bufferView", "bufferViews"},
@@ -210,7 +210,7 @@ class GltfCheck {
     }
   }
 
-  // Of one component; 0 for an unknown type.
+  // Returns the bytes of one component; 0 for an unknown type.
   static uint64_t BytesOf(uint64_t component_type) {
     constexpr uint64_t kFirst = 5120;
     constexpr std::array<uint64_t, 7> kBytes = {1, 1, 2, 2, 0, 4, 4};
@@ -228,7 +228,7 @@ class GltfCheck {
     return 0;
   }
 
-  // That `count` items of some bytes each are in the view that `object` names.
+  // Checks that `count` items of some bytes each are in the view that `object` names.
   void CheckRoom(const std::string& place, const json& object, uint64_t count,
                  uint64_t item_bytes) const {
     const auto view = object.find("bufferView");

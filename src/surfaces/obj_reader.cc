@@ -15,7 +15,7 @@ Rgb RgbFromUnit(double red, double green, double blue) {
   return {NearestByte(red * 255), NearestByte(green * 255), NearestByte(blue * 255)};
 }
 
-// What follows the keyword, as written: file names may hold blanks.
+// Returns the text behind the keyword, as written: file names may hold blanks.
 std::string_view Rest(std::string_view line, std::string_view keyword) {
   return Trim(line.substr(static_cast<size_t>(keyword.data() - line.data()) + keyword.size()));
 }

@@ -31,7 +31,7 @@ struct PcdField {
   size_t token = 0;  // in a line of text
 };
 
-// What is left of the file, line by line.
+// The rest of the file, line by line.
 class PcdLines {
  public:
   explicit PcdLines(std::string_view contents) : rest_(contents) {}

@@ -18,7 +18,7 @@ namespace {
 
 // ---- values ----
 
-// What is wrong at the cursor; the element loop adds where.
+// Says what is wrong at the cursor; the element loop adds where.
 struct ValueError {
   std::string message;
 };
@@ -85,7 +85,7 @@ class AsciiCursor {
 
 // ---- elements ----
 
-// Which number of a vertex a property holds.
+// The number of a vertex that a property holds.
 enum VertexSlot {
   kX,
   kY,

@@ -30,7 +30,7 @@ struct FaceLayout {
   size_t corners = 0;
 };
 
-// The places of `names`; none unless all are there and of one type.
+// Returns the offsets of `names` in a record; nullopt unless all are there and of this type.
 std::optional<std::array<size_t, 3>> Places(const PlyElement& element,
                                             const std::array<std::string_view, 3>& names,
                                             PlyType type) {
@@ -200,8 +200,8 @@ class TriangleReader {
     std::atomic_ref<uint8_t>(used_[vertex]).store(1, std::memory_order_relaxed);
   }
 
-  // Of the usable ones among the vertices for which include(i) is true; notes whether there are
-  // others.
+  // Returns the bounds of the usable ones among the vertices for which include(i) is true; notes
+  // whether there are others.
   template <typename T, typename Include>
   Eigen::AlignedBox3d Bounds(const Include& include) {
     std::vector<Eigen::AlignedBox3d> boxes((num_vertices_ + kChunk - 1) / kChunk);
@@ -253,7 +253,7 @@ class TriangleReader {
     return TriangleHasNoArea(a, mesh_.vertices[t[1]], mesh_.vertices[t[2]]);
   }
 
-  // Those that stay keep the number of their face.
+  // Triangles that stay keep the number of their face.
   size_t RemoveThoseWithoutArea() {
     std::vector<uint32_t> faces;
     for (size_t i = 0; i < mesh_.triangles.size(); ++i) {

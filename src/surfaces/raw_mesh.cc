@@ -46,7 +46,7 @@ size_t RemoveTriangles(RawMesh& raw, const Predicate& remove) {
   return removed;
 }
 
-// That of the used vertices.
+// Returns the origin of the used vertices.
 Eigen::Vector3d ChooseOrigin(const RawMesh& raw) {
   const double infinity = std::numeric_limits<double>::infinity();
   Eigen::Vector3d low = Eigen::Vector3d::Constant(infinity);

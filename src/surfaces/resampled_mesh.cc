@@ -48,7 +48,7 @@ Cells FindCells(const TriangleMesh& mesh, const Eigen::Vector3f& low, double sid
   return cells;
 }
 
-// Those between three cells, once each.
+// Returns the triangles between three cells, once each.
 Triangles TrianglesOf(const TriangleMesh& mesh, const Cells& cells) {
   Triangles triangles;
   for (const auto& [a, b, c] : mesh.triangles) {
@@ -99,7 +99,7 @@ Coarse FinestWithin(const TriangleMesh& mesh, size_t max_triangles) {
 
 constexpr std::array<uint8_t, 3> kGray = {128, 128, 128};
 
-// Of textured meshes: what a texture shows around each vertex, where `num_triangles` share it.
+// Returns the mean that a texture shows around each vertex, where `num_triangles` share it.
 std::vector<std::array<uint8_t, 3>> ColorsOfTextures(const TriangleMesh& mesh,
                                                      size_t num_triangles) {
   std::vector<std::array<uint8_t, 3>> colors(mesh.vertices.size(), kGray);
@@ -160,7 +160,7 @@ class Splitter {
  public:
   Splitter(float max_edge, TriangleMesh& mesh) : max_edge_(max_edge), mesh_(mesh) {}
 
-  // Whether anything was.
+  // Returns whether anything was split.
   bool Split() {
     std::vector<Triangle> triangles;
     std::vector<uint32_t> parents;

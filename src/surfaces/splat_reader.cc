@@ -28,7 +28,7 @@ const double kHarmonic0 = 0.5 / std::sqrt(std::numbers::pi);
 // A disc's third axis, in its smaller one: nothing, but for rays that run along the disc.
 constexpr double kDiscThickness = 1e-6;
 
-// What scales are kept above, so that their inverses are finite in float.
+// Scales are kept above this, so that their inverses are finite in float.
 constexpr double kLeastScale = 1e-20;
 
 // One Gaussian as files have it, decoded.
@@ -154,7 +154,7 @@ class TrainedColors {
   }
 
  private:
-  // Of bytes, or of shares where the column holds real numbers.
+  // Reads bytes, or shares where the column holds real numbers.
   Eigen::Vector3f HarmonicOf(const Eigen::Vector3d& rgb) const {
     const PlyType type = (*first_)[0].type;
     const bool is_real = type == PlyType::kFloat || type == PlyType::kDouble;

@@ -42,7 +42,7 @@ class Neighborhood {
     }
   }
 
-  // Of the plane that fits all of them best; none where they lie on a line.
+  // Returns the normal of the plane that fits all of them best; nullopt if they lie on a line.
   std::optional<Eigen::Vector3d> Normal() const {
     if (offsets_.size() < 3) return std::nullopt;
     Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
@@ -52,10 +52,10 @@ class Neighborhood {
     return solver.eigenvectors().col(0);
   }
 
-  // Of the mean above the point.
+  // Returns the height of the mean above the point.
   double HeightAlong(const Eigen::Vector3d& normal) const { return mean_.dot(normal); }
 
-  // Of the points' distances from their plane, which fits three of them.
+  // Returns the variance of the points' distances from their plane, which fits three of them.
   double VarianceAlong(const Eigen::Vector3d& normal) const {
     const double variance = std::max(normal.dot(covariance_ * normal), 0.0);
     return variance * count() / std::max(count() - 3, 1.0);
@@ -112,7 +112,7 @@ class DiscMaker {
     });
   }
 
-  // A disc without radius is none.
+  // Sets the disc of a point; no radius means no disc.
   void Place(size_t i, const Neighborhood& around) {
     surfels_.discs[i].setZero();
     const auto normal = NormalOf(i, around);

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "mesh_files.h"
+#include "renderers/splat_blend.h"
 #include "support/matchers.h"
 #include "support/splat_files.h"
 #include "support/test_data.h"
