@@ -32,6 +32,7 @@
 #include "raylift/comparison/depth_comparison.h"
 #include "raylift/comparison/localization_comparison.h"
 #include "raylift/comparison/report.h"
+#include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/io/query_list.h"
 #include "raylift/jobs/task_job.h"

@@ -9,7 +9,8 @@
 
 #include <nlohmann/json.hpp>
 
-#include "raylift/estimation/pose_estimator.h"
+#include "raylift/estimation/options.h"
+#include "raylift/estimation/pose_estimate.h"
 #include "raylift/io/query_list.h"
 #include "raylift/jobs/task_job.h"
 

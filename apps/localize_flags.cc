@@ -91,7 +91,7 @@ void LocalizeFlags::Check() const {
   CheckRunning(*this);
   continuous.Check();
   matching.Check(geometry.specs, QueriesAre());
-  if (geometry.specs.empty() && UsesPoints(estimator.method) &&
+  if (geometry.specs.empty() && Uses2D3D(estimator.method) &&
       geometry.candidates.mode != CandidateMode::kTriangulate) {
     throw OptionError(fmt::format(
         "--geometry is required by --method {} (e5p1 and --candidates triangulate need none)",

@@ -11,7 +11,7 @@
 #include "apps/options.h"
 #include <CLI/App.hpp>
 
-#include "raylift/estimation/pose_estimator.h"
+#include "raylift/estimation/options.h"
 
 namespace raylift {
 

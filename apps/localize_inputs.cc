@@ -42,7 +42,7 @@ std::shared_ptr<const Rerenderer> RerendererOf(const LocalizeFlags& flags, const
   return std::make_shared<const Rerenderer>(
       surface, ColorsLikePhotographs(*surface), flags.QueryImages(),
       RerenderOptions{.rounds = flags.mesh_only.rerender,
-                      .use_pairs = ScoresPairsAlone(estimator.method),
+                      .use_pairs = Scores2D2DAlone(estimator.method),
                       .max_features = flags.matching.front_end.max_features,
                       .reprojection_threshold_px = estimator.reprojection_threshold_px});
 }

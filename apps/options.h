@@ -11,7 +11,7 @@
 #include "base/progress.h"
 #include <Eigen/Core>
 
-#include "raylift/estimation/pose_estimator.h"
+#include "raylift/estimation/options.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/lifting/candidates.h"
 #include "raylift/lifting/consistency_filter.h"

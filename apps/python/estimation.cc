@@ -8,6 +8,7 @@
 #include "estimation/fields.h"
 
 #include "raylift/base/parallel.h"
+#include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/io/pose_problem_json.h"
 

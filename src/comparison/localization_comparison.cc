@@ -84,7 +84,7 @@ class Runner {
   void AddWaysWithoutGeometry(const Scene& scene) {
     const auto shared = std::make_shared<const Scene>(scene);
     for (const EstimatorOptions& method : grid_.methods) {
-      if (!UsesPoints(method.method))
+      if (!Uses2D3D(method.method))
         AddWay(shared, {"", "", "", method}, {.candidates = grid_.candidates});
     }
   }
@@ -97,7 +97,7 @@ class Runner {
       options.filter.scene_noise =
           EstimateSceneNoise(queries_, scene, *matches_, options, grid_.threads);
       for (const EstimatorOptions& method : grid_.methods) {
-        if (!UsesPoints(method.method)) continue;
+        if (!Uses2D3D(method.method)) continue;
         AddWay(shared,
                {scene.sources.front().name, std::string(ToString(alignment)),
                 std::string(ToString(mode)), method},

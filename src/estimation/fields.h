@@ -6,7 +6,7 @@
 
 #include "base/fields.h"
 
-#include "raylift/estimation/pose_estimator.h"
+#include "raylift/estimation/options.h"
 
 namespace raylift {
 

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <vector>
 
+#include "raylift/estimation/pose_estimate.h"
+
 namespace raylift {
 namespace {
 
@@ -78,6 +80,17 @@ SceneNoise PoolNoise(std::span<const MatchNoise> queries) {
     scene.keypoint_tail_variance = squares / count;
   }
   return scene;
+}
+
+std::optional<SceneNoise> CommonNoise(std::span<const PoseEstimate> estimates) {
+  std::vector<MatchNoise> noise;
+  for (const PoseEstimate& estimate : estimates) {
+    if (estimate.verdict == PoseVerdict::kLocalized && estimate.noise) {
+      noise.push_back(*estimate.noise);
+    }
+  }
+  if (noise.size() < kLeastForCommonNoise) return std::nullopt;
+  return PoolNoise(noise);
 }
 
 }  // namespace raylift

@@ -19,7 +19,7 @@ namespace {
 AlignMode AlignModeOf(const Scene& scene, const BatchOptions& options) {
   const LocalizerOptions& localizer = options.localizer;
   if (options.align != AlignMode::kAuto) return options.align;
-  const bool is_of_use = UsesPoints(localizer.estimator.method) &&
+  const bool is_of_use = Uses2D3D(localizer.estimator.method) &&
                          localizer.estimator.refinement == Refinement::kRobust &&
                          localizer.candidates.mode != CandidateMode::kTriangulate &&
                          !scene.rendered && !scene.sources.empty();
@@ -194,7 +194,7 @@ std::vector<std::string> BatchLocalizer::DoctorWarnings() const {
 }
 
 bool BatchLocalizer::ChecksGeometry() const {
-  return options_.check_input && UsesPoints(options_.localizer.estimator.method) &&
+  return options_.check_input && Uses2D3D(options_.localizer.estimator.method) &&
          !scene_->sources.empty();
 }
 

@@ -56,7 +56,7 @@ void LocalizedQuery::TakeEstimate(PoseEstimate taken) {
 }
 
 FewPoints FewPointsFor(Method method) {
-  return NeedsPoints(method) ? FewPoints::kKeepBest : FewPoints::kDropAll;
+  return Needs2D3D(method) ? FewPoints::kKeepBest : FewPoints::kDropAll;
 }
 
 std::string ReasonNotLocalized(const PoseEstimate& estimate, double min_confidence) {

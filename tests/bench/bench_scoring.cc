@@ -4,11 +4,11 @@
 
 #include <vector>
 
-#include "estimation/final_refinement.h"
-#include "estimation/joint_score.h"
 #include "estimation/kernels/kernel_table.h"
-#include "estimation/local_optimization.h"
-#include "estimation/prepared_problem.h"
+#include "estimation/problem/normalized_problem.h"
+#include "estimation/ransac/local_optimization.h"
+#include "estimation/ransac/scores.h"
+#include "estimation/refinement/refinement.h"
 #include "support/synthetic_problem.h"
 #include <benchmark/benchmark.h>
 
@@ -19,13 +19,13 @@ using kernels::SimdLevel;
 
 struct ScoringProblem {
   SyntheticProblem synthetic;
-  PreparedProblem prepared;
-  SolverPose truth;
+  NormalizedProblem prepared;
+  CamFromLocal truth;
 
   ScoringProblem(SyntheticProblem problem, Rng& rng)
       : synthetic(std::move(problem)),
         prepared(synthetic.problem, 4, 2, rng),
-        truth(prepared.CamFromLocal(synthetic.query_from_world)) {}
+        truth(prepared.ToLocal(synthetic.query_from_world)) {}
 };
 
 ScoringProblem MakeScoringProblem(int num_matches) {
@@ -54,62 +54,62 @@ const kernels::KernelTable* TableOf(benchmark::State& state) {
   return table;
 }
 
-void ScorePoints(benchmark::State& state) {
+void Score2D3D(benchmark::State& state) {
   const kernels::KernelTable* table = TableOf(state);
   if (table == nullptr) return;
   const int count = static_cast<int>(state.range(1));
   const ScoringProblem problem = MakeScoringProblem(count);
   const auto pose = ToKernelPose<float>(problem.truth);
-  const auto& blocks = problem.prepared.point_blocks;
+  const auto& blocks = problem.prepared.blocks_2d3d;
   for (auto _ : state) {
     benchmark::DoNotOptimize(
-        table->score_points(blocks.data(), static_cast<int>(blocks.size()), pose));
+        table->score_2d3d(blocks.data(), static_cast<int>(blocks.size()), pose));
   }
   SetPerMatch(state, count);
 }
 
-void ScorePairs(benchmark::State& state) {
+void Score2D2D(benchmark::State& state) {
   const kernels::KernelTable* table = TableOf(state);
   if (table == nullptr) return;
   const int count = static_cast<int>(state.range(1));
   const ScoringProblem problem = MakeScoringProblem(count);
   const auto pose = ToKernelPose<float>(problem.truth);
   const auto centers = CentersInCam<float>(problem.prepared, problem.truth);
-  const auto& blocks = problem.prepared.pair_blocks;
+  const auto& blocks = problem.prepared.blocks_2d2d;
   for (auto _ : state) {
     benchmark::DoNotOptimize(
-        table->score_pairs(blocks.data(), problem.prepared.pair_block_view.data(),
-                           static_cast<int>(blocks.size()), pose, centers.data()));
+        table->score_2d2d(blocks.data(), problem.prepared.block_camera_reference_2d2d.data(),
+                          static_cast<int>(blocks.size()), pose, centers.data()));
   }
   SetPerMatch(state, count);
 }
 
-void PointNormals(benchmark::State& state) {
+void Normals2D3D(benchmark::State& state) {
   const kernels::KernelTable* table = TableOf(state);
   if (table == nullptr) return;
   const int count = static_cast<int>(state.range(1));
   const ScoringProblem problem = MakeScoringProblem(count);
   const auto pose = ToKernelPose<float>(problem.truth);
-  const auto& blocks = problem.prepared.point_blocks;
+  const auto& blocks = problem.prepared.blocks_2d3d;
   for (auto _ : state) {
-    benchmark::DoNotOptimize(table->point_normals_float(
+    benchmark::DoNotOptimize(table->normals_2d3d_float(
         blocks.data(), static_cast<int>(blocks.size()), pose, kernels::KernelLoss{}));
   }
   SetPerMatch(state, count);
 }
 
-void PairNormals(benchmark::State& state) {
+void Normals2D2D(benchmark::State& state) {
   const kernels::KernelTable* table = TableOf(state);
   if (table == nullptr) return;
   const int count = static_cast<int>(state.range(1));
   const ScoringProblem problem = MakeScoringProblem(count);
   const auto pose = ToKernelPose<float>(problem.truth);
   const auto centers = CentersInCam<float>(problem.prepared, problem.truth);
-  const auto& blocks = problem.prepared.pair_blocks;
+  const auto& blocks = problem.prepared.blocks_2d2d;
   for (auto _ : state) {
-    benchmark::DoNotOptimize(table->pair_normals_float(
-        blocks.data(), problem.prepared.pair_block_view.data(), static_cast<int>(blocks.size()),
-        pose, centers.data(), kernels::KernelLoss{}));
+    benchmark::DoNotOptimize(table->normals_2d2d_float(
+        blocks.data(), problem.prepared.block_camera_reference_2d2d.data(),
+        static_cast<int>(blocks.size()), pose, centers.data(), kernels::KernelLoss{}));
   }
   SetPerMatch(state, count);
 }
@@ -120,17 +120,17 @@ void EveryLevel(benchmark::internal::Benchmark* benchmark) {
     for (const int count : {100, 1000}) benchmark->Args({static_cast<int>(level), count});
   }
 }
-BENCHMARK(ScorePoints)->Apply(EveryLevel);
-BENCHMARK(ScorePairs)->Apply(EveryLevel);
-BENCHMARK(PointNormals)->Apply(EveryLevel);
-BENCHMARK(PairNormals)->Apply(EveryLevel);
+BENCHMARK(Score2D3D)->Apply(EveryLevel);
+BENCHMARK(Score2D2D)->Apply(EveryLevel);
+BENCHMARK(Normals2D3D)->Apply(EveryLevel);
+BENCHMARK(Normals2D2D)->Apply(EveryLevel);
 
 void LocalOptimizationHybrid(benchmark::State& state) {
   const ScoringProblem problem = MakeScoringProblem(static_cast<int>(state.range(0)));
-  SolverPose start = problem.truth;
+  CamFromLocal start = problem.truth;
   start.translation.x() += 0.01;
   for (auto _ : state) {
-    benchmark::DoNotOptimize(OptimizeLocally(problem.prepared, start, ResidualKinds{}, 6));
+    benchmark::DoNotOptimize(OptimizeLocally(problem.prepared, start, MatchSets::kBoth, 6));
   }
 }
 BENCHMARK(LocalOptimizationHybrid)->Arg(100)->Arg(1000)->Unit(benchmark::kMicrosecond);
@@ -140,7 +140,7 @@ void FinalRefinement(benchmark::State& state) {
   for (auto _ : state) {
     benchmark::DoNotOptimize(
         RefineFinally(problem.prepared, GatherEvidence(problem.synthetic.problem, problem.prepared),
-                      problem.truth, ResidualKinds{}, {}));
+                      problem.truth, MatchSets::kBoth, {}));
   }
 }
 BENCHMARK(FinalRefinement)->Arg(100)->Arg(1000)->Unit(benchmark::kMicrosecond);
@@ -149,7 +149,7 @@ void Preparation(benchmark::State& state) {
   const ScoringProblem problem = MakeScoringProblem(static_cast<int>(state.range(0)));
   for (auto _ : state) {
     Rng rng(1);
-    benchmark::DoNotOptimize(PreparedProblem(problem.synthetic.problem, 4, 2, rng));
+    benchmark::DoNotOptimize(NormalizedProblem(problem.synthetic.problem, 4, 2, rng));
   }
 }
 BENCHMARK(Preparation)->Arg(100)->Arg(1000)->Unit(benchmark::kMicrosecond);

@@ -3,9 +3,7 @@
 #include <array>
 #include <vector>
 
-#include "estimation/solvers/e5p1.h"
-#include "estimation/solvers/five_point.h"
-#include "estimation/solvers/p3p.h"
+#include "estimation/solvers/minimal_solvers.h"
 #include "support/matchers.h"
 #include <benchmark/benchmark.h>
 
@@ -39,7 +37,7 @@ void P3p(benchmark::State& state) {
       instance.points[i] = world_from_cam * point;
     }
   }
-  std::array<SolverPose, 4> poses;
+  std::array<CamFromLocal, 4> poses;
   size_t next = 0;
   for (auto _ : state) {
     const Instance& instance = instances[next++ % kInstances];

@@ -19,6 +19,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
+#include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/io/colmap_model.h"

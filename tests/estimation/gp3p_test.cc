@@ -1,15 +1,14 @@
-#include "estimation/solvers/gp3p.h"
-
 #include <algorithm>
 #include <limits>
 
+#include "estimation/solvers/minimal_solvers.h"
 #include "support/matchers.h"
 
 namespace raylift {
 namespace {
 
 using Eigen::Vector3d;
-using Poses = std::array<SolverPose, kMaxGeneralizedP3pSolutions>;
+using Poses = std::array<CamFromLocal, kMaxGeneralizedP3pSolutions>;
 
 Vector3d RandomVector(Rng& rng, double extent) {
   const double x = rng.Uniform(-extent, extent);
@@ -31,13 +30,13 @@ struct Seen {
     }
   }
 
-  double Distance(const SolverPose& pose) const {
+  double Distance(const CamFromLocal& pose) const {
     return std::max((pose.rotation - rig_from_world.rotation.toRotationMatrix()).norm(),
                     (pose.translation - rig_from_world.translation).norm());
   }
-  double NearestOf(std::span<const SolverPose> poses) const {
+  double NearestOf(std::span<const CamFromLocal> poses) const {
     double nearest = std::numeric_limits<double>::infinity();
-    for (const SolverPose& pose : poses) nearest = std::min(nearest, Distance(pose));
+    for (const CamFromLocal& pose : poses) nearest = std::min(nearest, Distance(pose));
     return nearest;
   }
 };
@@ -67,7 +66,7 @@ TEST(GeneralizedP3p, EachSolutionPutsThePointsOntoTheirRays) {
     Poses poses;
     const int count = SolveGeneralizedP3p(seen.centers, seen.rays, seen.points, poses);
     for (int s = 0; s < count; ++s) {
-      const SolverPose& pose = poses[static_cast<size_t>(s)];
+      const CamFromLocal& pose = poses[static_cast<size_t>(s)];
       EXPECT_NEAR(pose.rotation.determinant(), 1, 1e-12);
       for (size_t k = 0; k < 3; ++k) {
         const Vector3d ray = pose.rotation * seen.points[k] + pose.translation - seen.centers[k];
@@ -84,14 +83,14 @@ TEST(GeneralizedP3p, OfOneCenterIsP3p) {
   constexpr int kSamples = 1000;
   for (int i = 0; i < kSamples; ++i) {
     const Seen seen(rng, 0);
-    std::array<SolverPose, 4> of_p3p;
+    std::array<CamFromLocal, 4> of_p3p;
     Poses poses;
     const int count_p3p = SolveP3p(seen.rays, seen.points, of_p3p);
     const int count = SolveGeneralizedP3p(seen.centers, seen.rays, seen.points, poses);
     bool same = count == count_p3p;
     for (int s = 0; s < count_p3p; ++s) {
-      const SolverPose& pose = of_p3p[static_cast<size_t>(s)];
-      same = same && std::any_of(poses.begin(), poses.begin() + count, [&](const SolverPose& p) {
+      const CamFromLocal& pose = of_p3p[static_cast<size_t>(s)];
+      same = same && std::any_of(poses.begin(), poses.begin() + count, [&](const CamFromLocal& p) {
                return (p.rotation - pose.rotation).norm() < 1e-5;
              });
     }

@@ -5,7 +5,8 @@
 
 #include "base/rng.h"
 
-#include "raylift/estimation/pose_estimator.h"
+#include "raylift/estimation/options.h"
+#include "raylift/scene/pose_problem.h"
 
 namespace raylift {
 

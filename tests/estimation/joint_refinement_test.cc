@@ -1,16 +1,16 @@
 // The joint refinement on scenes whose mistakes come together: as accurate as the better kind of
 // matches alone, and as sure as it may be.
 
-#include "estimation/joint_refinement.h"
-
 #include <algorithm>
 #include <cmath>
 #include <utility>
 #include <vector>
 
+#include "estimation/refinement/refinement.h"
 #include "support/coherent_problem.h"
 #include "support/matchers.h"
 
+#include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/geometry/residuals.h"
 

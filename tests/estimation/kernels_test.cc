@@ -8,11 +8,11 @@
 #include <numbers>
 #include <numeric>
 
-#include "estimation/joint_score.h"
 #include "estimation/kernels/kernel_table.h"
 #include "estimation/near_truth.h"
-#include "estimation/pose_minimizer.h"
-#include "estimation/prepared_problem.h"
+#include "estimation/problem/normalized_problem.h"
+#include "estimation/ransac/scores.h"
+#include "estimation/refinement/pose_minimizer.h"
 #include "geometry/test_cameras.h"
 #include "support/matchers.h"
 #include "support/synthetic_problem.h"
@@ -53,48 +53,48 @@ void AppendNormals(const kernels::KernelNormals& normals, std::vector<unsigned c
 }
 
 std::vector<unsigned char> AllOutputs(const kernels::KernelTable& table, const NearTruth& near) {
-  const PreparedProblem& problem = near.prepared;
+  const NormalizedProblem& problem = near.prepared;
   const auto points =
-      MakePointBlocks<double>(problem.points, AllIndices(problem.points.size())).blocks;
-  const auto pairs = MakePairBlocks<double>(problem.pairs, AllIndices(problem.pairs.size()));
+      MakeBlocks2D3D<double>(problem.matches_2d3d, AllIndices(problem.matches_2d3d.size())).blocks;
+  const auto pairs =
+      MakeBlocks2D2D<double>(problem.matches_2d2d, AllIndices(problem.matches_2d2d.size()));
   const auto pose = ToKernelPose<double>(near.local);
   const auto pose_float = ToKernelPose<float>(near.local);
   const auto centers = CentersInCam<double>(problem, near.local);
   const auto centers_float = CentersInCam<float>(problem, near.local);
-  const auto& points_float = problem.point_blocks;
-  const auto& pairs_float = problem.pair_blocks;
-  const int* reference_float = problem.pair_block_view.data();
+  const auto& points_float = problem.blocks_2d3d;
+  const auto& pairs_float = problem.blocks_2d2d;
+  const int* reference_float = problem.block_camera_reference_2d2d.data();
   const auto size = [](const auto& blocks) { return static_cast<int>(blocks.size()); };
 
   std::vector<unsigned char> bytes;
-  AppendScore(table.score_points(points_float.data(), size(points_float), pose_float), bytes);
-  AppendScore(table.score_pairs(pairs_float.data(), reference_float, size(pairs_float), pose_float,
-                                centers_float.data()),
+  AppendScore(table.score_2d3d(points_float.data(), size(points_float), pose_float), bytes);
+  AppendScore(table.score_2d2d(pairs_float.data(), reference_float, size(pairs_float), pose_float,
+                               centers_float.data()),
               bytes);
   std::vector<double> residuals(points.size() * kernels::kLanes<double>);
-  table.point_residuals(points.data(), size(points), pose, residuals.data());
+  table.residuals_2d3d(points.data(), size(points), pose, residuals.data());
   for (const double r : residuals) Append(r, bytes);
   residuals.resize(pairs.blocks.size() * kernels::kLanes<double>);
-  table.pair_residuals(pairs.blocks.data(), pairs.block_view.data(), size(pairs.blocks), pose,
-                       centers.data(), residuals.data());
+  table.residuals_2d2d(pairs.blocks.data(), pairs.block_camera_reference.data(), size(pairs.blocks),
+                       pose, centers.data(), residuals.data());
   for (const double r : residuals) Append(r, bytes);
   std::vector<float> float_residuals(points_float.size() * kernels::kLanes<float>);
-  table.point_residuals_float(points_float.data(), size(points_float), pose_float,
-                              float_residuals.data());
+  table.residuals_2d3d_float(points_float.data(), size(points_float), pose_float,
+                             float_residuals.data());
   for (const float r : float_residuals) Append(r, bytes);
   float_residuals.resize(pairs_float.size() * kernels::kLanes<float>);
-  table.pair_residuals_float(pairs_float.data(), reference_float, size(pairs_float), pose_float,
+  table.residuals_2d2d_float(pairs_float.data(), reference_float, size(pairs_float), pose_float,
                              centers_float.data(), float_residuals.data());
   for (const float r : float_residuals) Append(r, bytes);
   for (const kernels::KernelLoss& loss : kLosses) {
-    AppendNormals(table.point_normals(points.data(), size(points), pose, loss), bytes);
-    AppendNormals(table.pair_normals(pairs.blocks.data(), pairs.block_view.data(),
+    AppendNormals(table.normals_2d3d(points.data(), size(points), pose, loss), bytes);
+    AppendNormals(table.normals_2d2d(pairs.blocks.data(), pairs.block_camera_reference.data(),
                                      size(pairs.blocks), pose, centers.data(), loss),
                   bytes);
     AppendNormals(
-        table.point_normals_float(points_float.data(), size(points_float), pose_float, loss),
-        bytes);
-    AppendNormals(table.pair_normals_float(pairs_float.data(), reference_float, size(pairs_float),
+        table.normals_2d3d_float(points_float.data(), size(points_float), pose_float, loss), bytes);
+    AppendNormals(table.normals_2d2d_float(pairs_float.data(), reference_float, size(pairs_float),
                                            pose_float, centers_float.data(), loss),
                   bytes);
   }
@@ -142,7 +142,7 @@ TEST(Kernels, FarOffPosesGiveTheSameBytesToo) {
 // infinite where a point lies behind a camera.
 std::vector<double> ReferencePointErrors(const NearTruth& near) {
   std::vector<double> squared;
-  for (const PreparedPoint& point : near.prepared.points) {
+  for (const NormalizedMatch2D3D& point : near.prepared.matches_2d3d) {
     const Match2D3D& match = near.synthetic.problem.matches_2d3d[point.match];
     const auto error = ReprojectionError(near.synthetic.problem.query_camera, near.pose,
                                          match.point_in_world, match.query_px);
@@ -154,7 +154,7 @@ std::vector<double> ReferencePointErrors(const NearTruth& near) {
 
 // Whether both rays meet in front of the cameras, or would after a turn by less than what noise of
 // a threshold explains.
-bool LiesInFront(const NearTruth& near, const PreparedPair& pair) {
+bool LiesInFront(const NearTruth& near, const NormalizedMatch2D2D& pair) {
   const PosedImage& reference = near.synthetic.problem.references[pair.reference];
   const Rigid3 query_from_reference = near.pose * reference.cam_from_world.Inverse();
   const Match2D2D& match = near.synthetic.problem.matches_2d2d[pair.match];
@@ -170,7 +170,7 @@ bool LiesInFront(const NearTruth& near, const PreparedPair& pair) {
 std::vector<double> ReferencePairErrors(const NearTruth& near) {
   std::vector<double> squared;
   const PoseProblem& problem = near.synthetic.problem;
-  for (const PreparedPair& pair : near.prepared.pairs) {
+  for (const NormalizedMatch2D2D& pair : near.prepared.matches_2d2d) {
     const Match2D2D& match = problem.matches_2d2d[pair.match];
     const PosedImage& reference = problem.references[pair.reference];
     const auto error = SampsonError(problem.query_camera, near.pose, match.query_px,
@@ -183,27 +183,28 @@ std::vector<double> ReferencePairErrors(const NearTruth& near) {
 }
 
 struct KernelErrors {
-  std::vector<double> points;
-  std::vector<double> pairs;
+  std::vector<double> of_2d3d;
+  std::vector<double> of_2d2d;
 };
 KernelErrors ErrorsByKernels(const NearTruth& near) {
   const auto& table = kernels::ActiveKernels();
-  const PreparedProblem& problem = near.prepared;
+  const NormalizedProblem& problem = near.prepared;
   const auto pose = ToKernelPose<double>(near.local);
   const auto centers = CentersInCam<double>(problem, near.local);
   const auto points =
-      MakePointBlocks<double>(problem.points, AllIndices(problem.points.size())).blocks;
-  const auto pairs = MakePairBlocks<double>(problem.pairs, AllIndices(problem.pairs.size()));
+      MakeBlocks2D3D<double>(problem.matches_2d3d, AllIndices(problem.matches_2d3d.size())).blocks;
+  const auto pairs =
+      MakeBlocks2D2D<double>(problem.matches_2d2d, AllIndices(problem.matches_2d2d.size()));
   KernelErrors errors;
-  errors.points.resize(points.size() * kernels::kLanes<double>);
-  table.point_residuals(points.data(), static_cast<int>(points.size()), pose, errors.points.data());
-  errors.points.resize(problem.points.size());
-  std::vector<double> lanes(pairs.lane_pair.size());
-  table.pair_residuals(pairs.blocks.data(), pairs.block_view.data(),
+  errors.of_2d3d.resize(points.size() * kernels::kLanes<double>);
+  table.residuals_2d3d(points.data(), static_cast<int>(points.size()), pose, errors.of_2d3d.data());
+  errors.of_2d3d.resize(problem.matches_2d3d.size());
+  std::vector<double> lanes(pairs.lane_match.size());
+  table.residuals_2d2d(pairs.blocks.data(), pairs.block_camera_reference.data(),
                        static_cast<int>(pairs.blocks.size()), pose, centers.data(), lanes.data());
-  errors.pairs.resize(problem.pairs.size());
+  errors.of_2d2d.resize(problem.matches_2d2d.size());
   for (size_t i = 0; i < lanes.size(); ++i) {
-    if (pairs.lane_pair[i] >= 0) errors.pairs[pairs.lane_pair[i]] = lanes[i];
+    if (pairs.lane_match[i] >= 0) errors.of_2d2d[pairs.lane_match[i]] = lanes[i];
   }
   return errors;
 }
@@ -224,16 +225,16 @@ TEST(Kernels, PinholeErrorsAreTheReferenceErrors) {
     const KernelErrors errors = ErrorsByKernels(near);
     const auto points = ReferencePointErrors(near);
     for (size_t i = 0; i < points.size(); ++i) {
-      ASSERT_EQ(std::isfinite(errors.points[i]), std::isfinite(points[i]));
+      ASSERT_EQ(std::isfinite(errors.of_2d3d[i]), std::isfinite(points[i]));
       if (std::isfinite(points[i])) {
-        EXPECT_NEAR(errors.points[i], points[i], 1e-9 * (1 + points[i]));
+        EXPECT_NEAR(errors.of_2d3d[i], points[i], 1e-9 * (1 + points[i]));
       }
     }
     const auto pairs = ReferencePairErrors(near);
     for (size_t i = 0; i < pairs.size(); ++i) {
-      ASSERT_EQ(std::isfinite(errors.pairs[i]), std::isfinite(pairs[i]));
+      ASSERT_EQ(std::isfinite(errors.of_2d2d[i]), std::isfinite(pairs[i]));
       if (std::isfinite(pairs[i])) {
-        EXPECT_NEAR(errors.pairs[i], pairs[i], 1e-9 * (1 + pairs[i]));
+        EXPECT_NEAR(errors.of_2d2d[i], pairs[i], 1e-9 * (1 + pairs[i]));
       }
     }
   }
@@ -243,29 +244,29 @@ TEST(Kernels, PinholeScoresAreTheSumsOfTheReferenceErrors) {
   Rng rng = TestRng();
   for (int trial = 0; trial < 20; ++trial) {
     const NearTruth near = MakeNearTruth(rng, SyntheticOptions{}, rng.Uniform(0, 0.3), 0.02);
-    const Objective objective(Objective::Sets::kBoth, ScoreCombination::kSumMsac, 1, 1);
-    const JointScore score = Scorer(near.prepared, objective).ScoreAll(near.local);
+    const PoseScore pose_score(MatchSets::kBoth, ScoreCombination::kSumMsac, 1, 1);
+    const SetScores score = Scorer(near.prepared, pose_score).ScoreAll(near.local);
     const auto points = ReferencePointErrors(near);
     const auto pairs = ReferencePairErrors(near);
     // Single precision: 1e-5 of a match's cost each.
-    EXPECT_NEAR(score.points.cost, MsacCost(points), 1e-5 * static_cast<double>(points.size()));
-    EXPECT_NEAR(score.pairs.cost, MsacCost(pairs), 1e-5 * static_cast<double>(pairs.size()));
-    EXPECT_NEAR(score.points.inliers, CountInliers(points), 1);
-    EXPECT_NEAR(score.pairs.inliers, CountInliers(pairs), 1);
+    EXPECT_NEAR(score.of_2d3d.cost, MsacCost(points), 1e-5 * static_cast<double>(points.size()));
+    EXPECT_NEAR(score.of_2d2d.cost, MsacCost(pairs), 1e-5 * static_cast<double>(pairs.size()));
+    EXPECT_NEAR(score.of_2d3d.inliers, CountInliers(points), 1);
+    EXPECT_NEAR(score.of_2d2d.inliers, CountInliers(pairs), 1);
   }
 }
 
 TEST(Kernels, EarlyExitNeverChangesWhichPoseIsBetter) {
   Rng rng = TestRng();
-  const Objective objective(Objective::Sets::kBoth, ScoreCombination::kSumMsac, 500, 1000);
+  const PoseScore pose_score(MatchSets::kBoth, ScoreCombination::kSumMsac, 500, 1000);
   for (int trial = 0; trial < 50; ++trial) {
     const NearTruth near = MakeNearTruth(rng, SyntheticOptions{}, rng.Uniform(0, 1), 0.05);
-    const Scorer scorer(near.prepared, objective);
-    const double value = objective.Value(scorer.ScoreAll(near.local));
+    const Scorer scorer(near.prepared, pose_score);
+    const double value = pose_score.Value(scorer.ScoreAll(near.local));
     EXPECT_FALSE(scorer.ScoreIfBetter(near.local, value - 0.01));
     const auto better = scorer.ScoreIfBetter(near.local, value + 0.01);
     ASSERT_TRUE(better);
-    EXPECT_NEAR(objective.Value(*better), value, 1e-3);
+    EXPECT_NEAR(pose_score.Value(*better), value, 1e-3);
   }
 }
 
@@ -284,41 +285,42 @@ TEST_P(EveryCameraKernel, ErrorsOfNearPointsAgreeToFirstOrder) {
   for (size_t i = 0; i < points.size(); ++i) {
     if (!(points[i] < 1)) continue;
     // Meridians meet at a panorama's poles: nothing is straight within 20 degrees of them.
-    const double from_equator = std::abs(std::asin(near.prepared.points[i].ray.y()));
+    const double from_equator = std::abs(std::asin(near.prepared.matches_2d3d[i].ray.y()));
     if (GetParam().camera.is_panorama() && from_equator > 70 * std::numbers::pi / 180) continue;
     ++compared;
     // What is left is of second order: at most a seventh of the error at the threshold's four
     // pixels, for the fisheye with the shortest focal length (150 px) and the panorama (100 px).
-    EXPECT_NEAR(std::sqrt(errors.points[i]), std::sqrt(points[i]), 0.15 * points[i] + 1e-9);
+    EXPECT_NEAR(std::sqrt(errors.of_2d3d[i]), std::sqrt(points[i]), 0.15 * points[i] + 1e-9);
   }
   EXPECT_GT(compared, 300);
   // The Sampson error is linearized in the reference implementation as well.
   const auto pairs = ReferencePairErrors(near);
   int disagree = 0;  // by rounding, about the side on which nearly parallel rays meet
   for (size_t i = 0; i < pairs.size(); ++i) {
-    disagree += std::isfinite(errors.pairs[i]) == std::isfinite(pairs[i]) ? 0 : 1;
-    if (std::isfinite(pairs[i]) && std::isfinite(errors.pairs[i])) {
-      EXPECT_NEAR(errors.pairs[i], pairs[i], 1e-9 * (1 + pairs[i]));
+    disagree += std::isfinite(errors.of_2d2d[i]) == std::isfinite(pairs[i]) ? 0 : 1;
+    if (std::isfinite(pairs[i]) && std::isfinite(errors.of_2d2d[i])) {
+      EXPECT_NEAR(errors.of_2d2d[i], pairs[i], 1e-9 * (1 + pairs[i]));
     }
   }
   EXPECT_LE(disagree, 2);
 }
 
 struct KindNormals {
-  kernels::KernelNormals points;
-  kernels::KernelNormals pairs;
+  kernels::KernelNormals of_2d3d;
+  kernels::KernelNormals of_2d2d;
 };
-KindNormals NormalsAt(const NearTruth& near, const SolverPose& local,
+KindNormals NormalsAt(const NearTruth& near, const CamFromLocal& local,
                       const kernels::KernelLoss& loss) {
   const auto& table = kernels::ActiveKernels();
-  const PreparedProblem& problem = near.prepared;
+  const NormalizedProblem& problem = near.prepared;
   const auto points =
-      MakePointBlocks<double>(problem.points, AllIndices(problem.points.size())).blocks;
-  const auto pairs = MakePairBlocks<double>(problem.pairs, AllIndices(problem.pairs.size()));
+      MakeBlocks2D3D<double>(problem.matches_2d3d, AllIndices(problem.matches_2d3d.size())).blocks;
+  const auto pairs =
+      MakeBlocks2D2D<double>(problem.matches_2d2d, AllIndices(problem.matches_2d2d.size()));
   const auto pose = ToKernelPose<double>(local);
   const auto centers = CentersInCam<double>(problem, local);
-  return {table.point_normals(points.data(), static_cast<int>(points.size()), pose, loss),
-          table.pair_normals(pairs.blocks.data(), pairs.block_view.data(),
+  return {table.normals_2d3d(points.data(), static_cast<int>(points.size()), pose, loss),
+          table.normals_2d2d(pairs.blocks.data(), pairs.block_camera_reference.data(),
                              static_cast<int>(pairs.blocks.size()), pose, centers.data(), loss)};
 }
 
@@ -338,8 +340,8 @@ TEST(Kernels, GradientsMatchCentralDifferencesOfTheCost) {
         const double scale = std::sqrt(at.hessian[0] * at.cost);
         EXPECT_NEAR(at.gradient[i], (p.cost - m.cost) / (4 * kStep), 1e-4 * scale);
       };
-      check(normals.points, plus.points, minus.points);
-      check(normals.pairs, plus.pairs, minus.pairs);
+      check(normals.of_2d3d, plus.of_2d3d, minus.of_2d3d);
+      check(normals.of_2d2d, plus.of_2d2d, minus.of_2d2d);
     }
   }
 }
@@ -362,18 +364,18 @@ TEST(Kernels, NormalEquationsSumTheReferenceJacobians) {
   unit.tail<3>().setConstant(near.prepared.scale);
   const auto errors = ErrorsByKernels(near);
   Matrix6d points = Matrix6d::Zero();
-  for (size_t i = 0; i < errors.points.size(); ++i) {
-    if (!(errors.points[i] < 1)) continue;
-    const Match2D3D& match = problem.matches_2d3d[near.prepared.points[i].match];
+  for (size_t i = 0; i < errors.of_2d3d.size(); ++i) {
+    if (!(errors.of_2d3d[i] < 1)) continue;
+    const Match2D3D& match = problem.matches_2d3d[near.prepared.matches_2d3d[i].match];
     const auto residual =
         ReprojectionError(problem.query_camera, near.pose, match.point_in_world, match.query_px);
     const Eigen::Matrix<double, 2, 6> j = residual->jacobian * unit.asDiagonal();
     points += j.transpose() * j / std::pow(kPointThresholdPx, 2);
   }
   Matrix6d pairs = Matrix6d::Zero();
-  for (size_t i = 0; i < errors.pairs.size(); ++i) {
-    if (!(errors.pairs[i] < 1)) continue;
-    const Match2D2D& match = problem.matches_2d2d[near.prepared.pairs[i].match];
+  for (size_t i = 0; i < errors.of_2d2d.size(); ++i) {
+    if (!(errors.of_2d2d[i] < 1)) continue;
+    const Match2D2D& match = problem.matches_2d2d[near.prepared.matches_2d2d[i].match];
     const PosedImage& reference = problem.references[match.reference];
     const auto residual =
         SampsonError(problem.query_camera, near.pose, match.query_px, reference.camera,
@@ -382,26 +384,26 @@ TEST(Kernels, NormalEquationsSumTheReferenceJacobians) {
     pairs += j.transpose() * j / std::pow(kPairThresholdPx, 2);
   }
   const KindNormals normals = NormalsAt(near, near.local, kLosses[0]);
-  EXPECT_LT((Unpacked(normals.points) - points).norm(), 1e-9 * points.norm());
-  EXPECT_LT((Unpacked(normals.pairs) - pairs).norm(), 1e-9 * pairs.norm());
+  EXPECT_LT((Unpacked(normals.of_2d3d) - points).norm(), 1e-9 * points.norm());
+  EXPECT_LT((Unpacked(normals.of_2d2d) - pairs).norm(), 1e-9 * pairs.norm());
 }
 
 TEST(Kernels, SinglePrecisionNormalEquationsAgreeWithDouble) {
   Rng rng = TestRng();
   const NearTruth near = MakeNearTruth(rng, SyntheticOptions{});
-  const PreparedProblem& problem = near.prepared;
+  const NormalizedProblem& problem = near.prepared;
   const auto& table = kernels::ActiveKernels();
   const KindNormals exact = NormalsAt(near, near.local, kLosses[1]);
   const auto pose = ToKernelPose<float>(near.local);
   const auto centers = CentersInCam<float>(problem, near.local);
   const kernels::KernelLoss& loss = kLosses[1];
-  const auto points = table.point_normals_float(
-      problem.point_blocks.data(), static_cast<int>(problem.point_blocks.size()), pose, loss);
-  const auto pairs = table.pair_normals_float(
-      problem.pair_blocks.data(), problem.pair_block_view.data(),
-      static_cast<int>(problem.pair_blocks.size()), pose, centers.data(), loss);
-  EXPECT_LT((Unpacked(points) - Unpacked(exact.points)).norm(), 1e-3 * Unpacked(points).norm());
-  EXPECT_LT((Unpacked(pairs) - Unpacked(exact.pairs)).norm(), 1e-3 * Unpacked(pairs).norm());
+  const auto points = table.normals_2d3d_float(
+      problem.blocks_2d3d.data(), static_cast<int>(problem.blocks_2d3d.size()), pose, loss);
+  const auto pairs = table.normals_2d2d_float(
+      problem.blocks_2d2d.data(), problem.block_camera_reference_2d2d.data(),
+      static_cast<int>(problem.blocks_2d2d.size()), pose, centers.data(), loss);
+  EXPECT_LT((Unpacked(points) - Unpacked(exact.of_2d3d)).norm(), 1e-3 * Unpacked(points).norm());
+  EXPECT_LT((Unpacked(pairs) - Unpacked(exact.of_2d2d)).norm(), 1e-3 * Unpacked(pairs).norm());
 }
 
 TEST(Kernels, UnknownLevelsAreNotOffered) {

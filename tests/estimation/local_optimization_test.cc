@@ -1,16 +1,16 @@
-#include "estimation/local_optimization.h"
+#include "estimation/ransac/local_optimization.h"
 
 #include <algorithm>
 
-#include "estimation/joint_score.h"
 #include "estimation/near_truth.h"
+#include "estimation/ransac/scores.h"
 
 namespace raylift {
 namespace {
 
-constexpr ResidualKinds kPoints{.points = true, .pairs = false};
-constexpr ResidualKinds kPairs{.points = false, .pairs = true};
-constexpr ResidualKinds kBoth{.points = true, .pairs = true};
+constexpr MatchSets kPoints = MatchSets::k2D3D;
+constexpr MatchSets kPairs = MatchSets::k2D2D;
+constexpr MatchSets kBoth = MatchSets::kBoth;
 
 // So few matches that all take part.
 SyntheticOptions FewMatches() {
@@ -22,21 +22,21 @@ SyntheticOptions FewMatches() {
   return options;
 }
 
-double Cost(const PreparedProblem& problem, const SolverPose& pose, ResidualKinds kinds) {
-  const Objective any(Objective::Sets::kBoth, ScoreCombination::kSumMsac, 1, 1);
-  const JointScore score = Scorer(problem, any).ScoreAll(pose);
-  return (kinds.points ? score.points.cost : 0) + (kinds.pairs ? score.pairs.cost : 0);
+double Cost(const NormalizedProblem& problem, const CamFromLocal& pose, MatchSets sets) {
+  const PoseScore any(MatchSets::kBoth, ScoreCombination::kSumMsac, 1, 1);
+  const SetScores score = Scorer(problem, any).ScoreAll(pose);
+  return (Has2D3D(sets) ? score.of_2d3d.cost : 0) + (Has2D2D(sets) ? score.of_2d2d.cost : 0);
 }
 
 TEST(OptimizeLocally, MoreStepsNeverCostMore) {
   Rng rng = TestRng();
-  for (const ResidualKinds kinds : {kPoints, kPairs, kBoth}) {
+  for (const MatchSets sets : {kPoints, kPairs, kBoth}) {
     for (int trial = 0; trial < 10; ++trial) {
       const NearTruth near = MakeNearTruth(rng, FewMatches(), 1, 0.1);
       double least = 1e9;
       for (int steps = 0; steps <= 8; ++steps) {
         const double cost =
-            Cost(near.prepared, OptimizeLocally(near.prepared, near.local, kinds, steps), kinds);
+            Cost(near.prepared, OptimizeLocally(near.prepared, near.local, sets, steps), sets);
         EXPECT_LE(cost, (1 + 1e-5) * least);  // sums in single precision
         least = std::min(least, cost);
       }
@@ -49,13 +49,13 @@ TEST(OptimizeLocally, ReachesTheInliersThatLieNear) {
   Rng rng = TestRng();
   for (int trial = 0; trial < 10; ++trial) {
     const NearTruth near = MakeNearTruth(rng, FewMatches(), 0.8, 0.02);
-    const Objective any(Objective::Sets::kBoth, ScoreCombination::kSumMsac, 1, 1);
+    const PoseScore any(MatchSets::kBoth, ScoreCombination::kSumMsac, 1, 1);
     const Scorer scorer(near.prepared, any);
-    const int at_truth = scorer.CountInliers(near.local_truth).points;
-    EXPECT_LT(scorer.CountInliers(near.local).points, 0.5 * at_truth);
-    for (const ResidualKinds kinds : {kPoints, kBoth}) {
-      const SolverPose pose = OptimizeLocally(near.prepared, near.local, kinds, 6);
-      EXPECT_GT(scorer.CountInliers(pose).points, 0.97 * at_truth);
+    const int at_truth = scorer.CountInliers(near.local_truth).of_2d3d;
+    EXPECT_LT(scorer.CountInliers(near.local).of_2d3d, 0.5 * at_truth);
+    for (const MatchSets sets : {kPoints, kBoth}) {
+      const CamFromLocal pose = OptimizeLocally(near.prepared, near.local, sets, 6);
+      EXPECT_GT(scorer.CountInliers(pose).of_2d3d, 0.97 * at_truth);
       EXPECT_TRUE(near.IsTrue(pose, 0.1, 0.03));
     }
   }
@@ -64,12 +64,12 @@ TEST(OptimizeLocally, ReachesTheInliersThatLieNear) {
 TEST(OptimizeLocally, OfOneKindTakesNoNoticeOfTheOther) {
   Rng rng = TestRng();
   const NearTruth near = MakeNearTruth(rng, FewMatches(), 0.5, 0.05);
-  PreparedProblem points_alone = near.prepared;
-  points_alone.pair_blocks.clear();
-  points_alone.pair_block_view.clear();
-  PreparedProblem pairs_alone = near.prepared;
-  pairs_alone.point_blocks.clear();
-  const auto expect_equal = [](const SolverPose& a, const SolverPose& b) {
+  NormalizedProblem points_alone = near.prepared;
+  points_alone.blocks_2d2d.clear();
+  points_alone.block_camera_reference_2d2d.clear();
+  NormalizedProblem pairs_alone = near.prepared;
+  pairs_alone.blocks_2d3d.clear();
+  const auto expect_equal = [](const CamFromLocal& a, const CamFromLocal& b) {
     EXPECT_EQ(a.rotation, b.rotation);
     EXPECT_EQ(a.translation, b.translation);
   };

@@ -6,6 +6,7 @@
 #include "support/coherent_problem.h"
 #include "support/matchers.h"
 
+#include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
 
 namespace raylift {

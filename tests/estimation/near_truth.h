@@ -6,7 +6,7 @@
 #include <string>
 #include <utility>
 
-#include "estimation/prepared_problem.h"
+#include "estimation/problem/normalized_problem.h"
 #include "support/matchers.h"
 #include "support/synthetic_problem.h"
 
@@ -17,22 +17,21 @@ inline constexpr double kPairThresholdPx = 2;
 
 struct NearTruth {
   SyntheticProblem synthetic;
-  PreparedProblem prepared;
+  NormalizedProblem prepared;
   Rigid3 pose;  // cam_from_world
-  SolverPose local;
-  SolverPose local_truth;
+  CamFromLocal local;
+  CamFromLocal local_truth;
 
   NearTruth(SyntheticProblem problem, const Rigid3& query_from_world, Rng& rng)
       : synthetic(std::move(problem)),
         prepared(synthetic.problem, kPointThresholdPx, kPairThresholdPx, rng),
         pose(query_from_world),
-        local(prepared.CamFromLocal(query_from_world)),
-        local_truth(prepared.CamFromLocal(synthetic.query_from_world)) {}
+        local(prepared.ToLocal(query_from_world)),
+        local_truth(prepared.ToLocal(synthetic.query_from_world)) {}
 
-  ::testing::AssertionResult IsTrue(const SolverPose& cam_from_local, double deg,
+  ::testing::AssertionResult IsTrue(const CamFromLocal& cam_from_local, double deg,
                                     double units) const {
-    return IsNearPose(prepared.CamFromWorld(cam_from_local), synthetic.query_from_world, deg,
-                      units);
+    return IsNearPose(prepared.ToWorld(cam_from_local), synthetic.query_from_world, deg, units);
   }
 };
 

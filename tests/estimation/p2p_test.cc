@@ -1,7 +1,6 @@
-#include "estimation/solvers/p2p.h"
-
 #include <algorithm>
 
+#include "estimation/solvers/minimal_solvers.h"
 #include "support/matchers.h"
 #include <Eigen/Geometry>
 
@@ -36,7 +35,7 @@ Seen MakeSeen(Rng& rng) {
   return seen;
 }
 
-double Distance(const SolverPose& pose, const Rigid3& truth) {
+double Distance(const CamFromLocal& pose, const Rigid3& truth) {
   return std::max((pose.rotation - truth.rotation.toRotationMatrix()).norm(),
                   (pose.translation - truth.translation).norm());
 }
@@ -57,7 +56,7 @@ TEST(P2p, OfAKnownVerticalIsExact) {
   for (int i = 0; i < 1000; ++i) {
     const Seen seen = MakeSeen(rng);
     const Vector3d down = RandomVector(rng, 1).normalized();
-    std::array<SolverPose, 2> poses;
+    std::array<CamFromLocal, 2> poses;
     const int count = SolveUprightPose(kOneCenter, seen.rays, seen.points,
                                        seen.cam_from_world.rotation * down, down, poses);
     ASSERT_GE(count, 1);
@@ -86,7 +85,7 @@ TEST(P2p, OfAKnownVerticalIsExactForTwoCameras) {
       seen.rays[k] = (seen.cam_from_world * seen.points[k] - centers[k]).normalized();
     }
     const Vector3d down = RandomVector(rng, 1).normalized();
-    std::array<SolverPose, 2> poses;
+    std::array<CamFromLocal, 2> poses;
     const int count = SolveUprightPose(centers, seen.rays, seen.points,
                                        seen.cam_from_world.rotation * down, down, poses);
     double nearest = 1e9;
@@ -106,7 +105,7 @@ TEST(P2p, DegenerateSamplesGiveNone) {
   EXPECT_FALSE(
       SolvePoseAtCenter({forward, points[1].normalized()}, {points[0], points[0]}, center));
   EXPECT_FALSE(SolvePoseAtCenter({forward, points[1].normalized()}, points, points[0]));
-  std::array<SolverPose, 2> poses;
+  std::array<CamFromLocal, 2> poses;
   // Both rays level; one point above the other.
   EXPECT_EQ(
       SolveUprightPose(kOneCenter, {forward, points[1].normalized()}, points, down, down, poses),

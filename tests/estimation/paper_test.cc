@@ -9,6 +9,7 @@
 #include "support/matchers.h"
 #include "support/synthetic_problem.h"
 
+#include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/geometry/residuals.h"
 

@@ -7,6 +7,7 @@
 #include "support/synthetic_problem.h"
 
 #include "raylift/base/error.h"
+#include "raylift/estimation/options.h"
 
 namespace raylift {
 namespace {

@@ -1,4 +1,4 @@
-#include "estimation/pose_minimizer.h"
+#include "estimation/refinement/pose_minimizer.h"
 
 #include <algorithm>
 #include <cmath>
@@ -15,14 +15,14 @@ using kernels::LossShape;
 
 // All matches of a problem, in double precision.
 struct AllMatches {
-  PointBlocks<double> points;
-  PairBlocks<double> pairs;
+  Blocks2D3D<double> points;
+  Blocks2D2D<double> pairs;
 
-  explicit AllMatches(const PreparedProblem& problem)
-      : points(MakePointBlocks<double>(problem.points, Indices(problem.points.size()))),
-        pairs(MakePairBlocks<double>(problem.pairs, Indices(problem.pairs.size()))) {}
+  explicit AllMatches(const NormalizedProblem& problem)
+      : points(MakeBlocks2D3D<double>(problem.matches_2d3d, Indices(problem.matches_2d3d.size()))),
+        pairs(MakeBlocks2D2D<double>(problem.matches_2d2d, Indices(problem.matches_2d2d.size()))) {}
   ActiveMatches<double> Active() const {
-    return {points.blocks, points.block_camera, pairs.blocks, pairs.block_view};
+    return {points.blocks, points.block_camera, pairs.blocks, pairs.block_camera_reference};
   }
 
  private:
@@ -34,21 +34,21 @@ struct AllMatches {
 };
 
 // The shapes and weights that refinements use.
-const KindWeights kEveryWeights[] = {
+const MatchSetWeights kEveryWeights[] = {
     {},
-    {.point_loss = {LossShape::kTruncated, 9}, .pair_loss = {LossShape::kTruncated, 9}},
-    {.point_weight = 4,
-     .pair_weight = 0.5,
-     .point_loss = {LossShape::kBiweight, 7.5},
-     .pair_loss = {LossShape::kBiweight, 5}}};
+    {.loss_2d3d = {LossShape::kTruncated, 9}, .loss_2d2d = {LossShape::kTruncated, 9}},
+    {.weight_2d3d = 4,
+     .weight_2d2d = 0.5,
+     .loss_2d3d = {LossShape::kBiweight, 7.5},
+     .loss_2d2d = {LossShape::kBiweight, 5}}};
 
 TEST(PoseMinimizer, GradientIsHalfOfTheCostsSlope) {
   Rng rng = TestRng();
   constexpr double kStep = 1e-7;
-  for (const KindWeights& weights : kEveryWeights) {
+  for (const MatchSetWeights& weights : kEveryWeights) {
     const NearTruth near = MakeNearTruth(rng, {});
     const AllMatches matches(near.prepared);
-    const auto at = [&](const SolverPose& pose) {
+    const auto at = [&](const CamFromLocal& pose) {
       return Linearize(near.prepared, matches.Active(), pose, weights);
     };
     const NormalEquations equations = at(near.local);
@@ -67,27 +67,27 @@ TEST(PoseMinimizer, WeighsEachKindByItself) {
   const NearTruth near = MakeNearTruth(rng, {});
   const AllMatches matches(near.prepared);
   ActiveMatches<double> points = matches.Active();
-  points.pair_blocks = {};
+  points.blocks_2d2d = {};
   ActiveMatches<double> pairs = matches.Active();
-  pairs.point_blocks = {};
-  const auto linearize = [&](const ActiveMatches<double>& active, const KindWeights& weights) {
+  pairs.blocks_2d3d = {};
+  const auto linearize = [&](const ActiveMatches<double>& active, const MatchSetWeights& weights) {
     return Linearize(near.prepared, active, near.local, weights);
   };
-  const NormalEquations of_points = linearize(points, {});
-  const NormalEquations of_pairs = linearize(pairs, {});
-  const NormalEquations both = linearize(matches.Active(), {.point_weight = 4, .pair_weight = 0.5});
-  EXPECT_EQ(both.cost, 4 * of_points.cost + 0.5 * of_pairs.cost);
-  EXPECT_EQ(both.gradient, 4 * of_points.gradient + 0.5 * of_pairs.gradient);
-  EXPECT_EQ(both.hessian, 4 * of_points.hessian + 0.5 * of_pairs.hessian);
+  const NormalEquations of_2d3d = linearize(points, {});
+  const NormalEquations of_2d2d = linearize(pairs, {});
+  const NormalEquations both = linearize(matches.Active(), {.weight_2d3d = 4, .weight_2d2d = 0.5});
+  EXPECT_EQ(both.cost, 4 * of_2d3d.cost + 0.5 * of_2d2d.cost);
+  EXPECT_EQ(both.gradient, 4 * of_2d3d.gradient + 0.5 * of_2d2d.gradient);
+  EXPECT_EQ(both.hessian, 4 * of_2d3d.hessian + 0.5 * of_2d2d.hessian);
 }
 
 TEST(PoseMinimizer, MoreStepsNeverCostMore) {
   Rng rng = TestRng();
   for (const double turn_deg : {0.1, 1.0, 5.0}) {
-    for (const KindWeights& weights : kEveryWeights) {
+    for (const MatchSetWeights& weights : kEveryWeights) {
       const NearTruth near = MakeNearTruth(rng, {}, turn_deg, 0.1 * turn_deg);
       const AllMatches matches(near.prepared);
-      const auto cost = [&](const SolverPose& pose) {
+      const auto cost = [&](const CamFromLocal& pose) {
         return Linearize(near.prepared, matches.Active(), pose, weights).cost;
       };
       double least = cost(near.local);
@@ -103,10 +103,11 @@ TEST(PoseMinimizer, MoreStepsNeverCostMore) {
 
 TEST(PoseMinimizer, EndsWhereNoStepIsLeft) {
   Rng rng = TestRng();
-  for (const KindWeights& weights : kEveryWeights) {
+  for (const MatchSetWeights& weights : kEveryWeights) {
     const NearTruth near = MakeNearTruth(rng, {});
     const AllMatches matches(near.prepared);
-    const SolverPose pose = Minimize(near.prepared, matches.Active(), near.local, weights, 100, 0);
+    const CamFromLocal pose =
+        Minimize(near.prepared, matches.Active(), near.local, weights, 100, 0);
     const NormalEquations equations = Linearize(near.prepared, matches.Active(), pose, weights);
     const Vector6d step = equations.hessian.ldlt().solve(equations.gradient);
     EXPECT_LT(step.norm(), 1e-7);
@@ -119,8 +120,8 @@ TEST(PoseMinimizer, EndsWhereNoStepIsLeft) {
 TEST(PoseMinimizer, StaysWhereThereAreNoMatches) {
   Rng rng = TestRng();
   const NearTruth near = MakeNearTruth(rng, {});
-  const SolverPose pose =
-      Minimize(near.prepared, ActiveMatches<double>{}, near.local, KindWeights{}, 10, 1e-9);
+  const CamFromLocal pose =
+      Minimize(near.prepared, ActiveMatches<double>{}, near.local, MatchSetWeights{}, 10, 1e-9);
   EXPECT_LT((pose.rotation - near.local.rotation).norm(), 1e-15);
   EXPECT_EQ(pose.translation, near.local.translation);
 }

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "estimation/pose_minimizer.h"
-#include "estimation/prepared_priors.h"
+#include "estimation/problem/priors.h"
+#include "estimation/refinement/pose_minimizer.h"
 #include "estimation/standard_options.h"
 #include "support/coherent_problem.h"
 #include "support/matchers.h"
@@ -40,13 +40,13 @@ TEST(PosePriors, GradientIsHalfOfTheCostsSlope) {
   for (int i = 0; i < 50; ++i) {
     const Rigid3 truth = RandomRigid3(rng, 2);
     const PosePriors known = RightPriors(truth, 0.3, 5);
-    const PreparedPriors priors(known, Vector3d(0.1, 0.2, 0.3), 1.5, {});
-    SolverPose pose{truth.rotation.toRotationMatrix(),
-                    (truth.translation + truth.rotation * Vector3d(0.1, 0.2, 0.3)) / 1.5};
+    const NormalizedPriors priors(known, Vector3d(0.1, 0.2, 0.3), 1.5, {});
+    CamFromLocal pose{truth.rotation.toRotationMatrix(),
+                      (truth.translation + truth.rotation * Vector3d(0.1, 0.2, 0.3)) / 1.5};
     Vector6d off;
     for (double& x : off) x = 0.1 * rng.Normal();
     pose = Moved(pose, off);
-    const auto at = [&](const SolverPose& where) {
+    const auto at = [&](const CamFromLocal& where) {
       NormalEquations equations;
       priors.AddTo(where, 0.7, equations);
       return equations;
@@ -63,12 +63,12 @@ TEST(PosePriors, GradientIsHalfOfTheCostsSlope) {
 }
 
 TEST(PosePriors, ACostIsBoundedAndNoneIsNone) {
-  const PreparedPriors none;
-  const SolverPose pose{Eigen::Matrix3d::Identity(), Vector3d(1e6, 0, 0)};
+  const NormalizedPriors none;
+  const CamFromLocal pose{Eigen::Matrix3d::Identity(), Vector3d(1e6, 0, 0)};
   EXPECT_TRUE(none.empty());
   EXPECT_EQ(none.Cost(pose), 0);
   EXPECT_EQ(none.WorstCost(), 0);
-  const PreparedPriors priors(RightPriors(Rigid3(), 1, 2), Vector3d::Zero(), 1, {});
+  const NormalizedPriors priors(RightPriors(Rigid3(), 1, 2), Vector3d::Zero(), 1, {});
   EXPECT_LE(priors.Cost(pose), priors.WorstCost());
   EXPECT_LT(priors.WorstCost(), 20);  // matches
   EXPECT_NEAR(priors.ProbabilityOfPosition(pose), 0, 1e-12);
@@ -77,7 +77,7 @@ TEST(PosePriors, ACostIsBoundedAndNoneIsNone) {
 
 TEST(PosePriors, WhatIsNotFiniteIsNamed) {
   const auto prepare = [](const PosePriors& priors) {
-    return [priors] { PreparedPriors(priors, Vector3d::Zero(), 1, {}); };
+    return [priors] { NormalizedPriors(priors, Vector3d::Zero(), 1, {}); };
   };
   const Vector3d nan = Vector3d::Constant(std::nan(""));
   EXPECT_TRUE(FailsWithInputError(prepare({.position = PositionPrior{nan, Vector3d::Ones()}}),

@@ -1,4 +1,4 @@
-#include "estimation/ransac.h"
+#include "estimation/ransac/ransac.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,15 +8,15 @@
 namespace raylift {
 namespace {
 
-constexpr ResidualKinds kBoth{.points = true, .pairs = true};
+constexpr MatchSets kBoth = MatchSets::kBoth;
 
 // Gives the same poses every time, and says how likely it is to succeed.
-class FixedGenerator final : public HypothesisGenerator {
+class FixedGenerator final : public HypothesisSampler {
  public:
-  FixedGenerator(std::vector<SolverPose> poses, double success_probability)
+  FixedGenerator(std::vector<CamFromLocal> poses, double success_probability)
       : poses_(std::move(poses)), success_probability_(success_probability) {}
 
-  void Generate(Rng& /*rng*/, std::vector<SolverPose>& poses) const override {
+  void Sample(Rng& /*rng*/, std::vector<CamFromLocal>& poses) const override {
     ++num_samples_;
     poses = poses_;
   }
@@ -27,7 +27,7 @@ class FixedGenerator final : public HypothesisGenerator {
   int num_samples() const { return num_samples_; }
 
  private:
-  std::vector<SolverPose> poses_;
+  std::vector<CamFromLocal> poses_;
   double success_probability_;
   mutable int num_samples_ = 0;
 };
@@ -39,9 +39,10 @@ EstimatorOptions Iterations(int min_iterations, int max_iterations) {
   return options;
 }
 
-Objective SumOfBoth(const PreparedProblem& problem) {
-  return Objective(Objective::Sets::kBoth, ScoreCombination::kSumMsac,
-                   static_cast<int>(problem.points.size()), static_cast<int>(problem.pairs.size()));
+PoseScore SumOfBoth(const NormalizedProblem& problem) {
+  return PoseScore(MatchSets::kBoth, ScoreCombination::kSumMsac,
+                   static_cast<int>(problem.matches_2d3d.size()),
+                   static_cast<int>(problem.matches_2d2d.size()));
 }
 
 RansacReport RunWith(const NearTruth& near, const std::vector<RansacSolver>& solvers,
@@ -75,8 +76,8 @@ TEST(Ransac, DrawsAsManySamplesAsTheConfidenceAsksFor) {
     for (const double confidence : {0.9, 0.9999}) {
       EstimatorOptions options = Iterations(10, 100000);
       options.confidence = confidence;
-      const FixedGenerator generator({near.local}, probability);
-      const auto report = RunWith(near, {{&generator, Solver::kP3p, kBoth}}, options, rng);
+      const FixedGenerator sampler({near.local}, probability);
+      const auto report = RunWith(near, {{&sampler, Solver::kP3p, kBoth}}, options, rng);
       const int needed =
           static_cast<int>(std::ceil(std::log(1 - confidence) / std::log(1 - probability)));
       EXPECT_EQ(report.iterations, std::max(10, needed));
@@ -115,7 +116,7 @@ TEST(Ransac, EndsAtOnceWhereNothingCanFitBetter) {
   perfect.sigma_px = 0;
   perfect.outlier_ratio_2d3d = perfect.outlier_ratio_2d2d = {0, 0};
   const NearTruth near = MakeNearTruth(rng, perfect);
-  const P3pGenerator p3p(near.prepared);
+  const P3pSampler p3p(near.prepared);
   const auto report = RunWith(near, {{&p3p, Solver::kP3p, kBoth}}, Iterations(100, 1000), rng);
   EXPECT_EQ(report.iterations, 1);
   ASSERT_TRUE(report.best);
@@ -155,10 +156,10 @@ TEST(Ransac, FindsThePoseByThreePointsInTheExpectedNumberOfSamples) {
   options.outlier_ratio_2d3d = {0.5, 0.5};
   for (int trial = 0; trial < 10; ++trial) {
     const NearTruth near = MakeNearTruth(rng, options);
-    const P3pGenerator p3p(near.prepared);
-    const Objective points(Objective::Sets::kPoints, ScoreCombination::kSumMsac,
-                           static_cast<int>(near.prepared.points.size()), 0);
-    const ResidualKinds refined{.points = true, .pairs = false};
+    const P3pSampler p3p(near.prepared);
+    const PoseScore points(MatchSets::k2D3D, ScoreCombination::kSumMsac,
+                           static_cast<int>(near.prepared.matches_2d3d.size()), 0);
+    const MatchSets refined = MatchSets::k2D3D;
     const auto run = [&](Rng stream) {
       return RunRansac(near.prepared, points, {{&p3p, Solver::kP3p, refined}}, SolverSchedule::kAll,
                        Iterations(10, 10000), stream);

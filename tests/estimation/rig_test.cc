@@ -5,9 +5,9 @@
 #include <cmath>
 #include <utility>
 
-#include "estimation/hypothesis_generators.h"
-#include "estimation/match_residuals.h"
-#include "estimation/pose_minimizer.h"
+#include "estimation/problem/normalized_problem.h"
+#include "estimation/ransac/samplers.h"
+#include "estimation/refinement/pose_minimizer.h"
 #include "estimation/standard_options.h"
 #include "support/coherent_problem.h"
 #include "support/matchers.h"
@@ -83,37 +83,37 @@ TEST(Rig, ResidualsAreThoseOfEachCamera) {
   Rng rng = TestRng();
   const CoherentProblem made =
       MakeCoherentProblem("rig", {.num_keypoints = 40, .num_cameras = 3}, rng);
-  const PreparedProblem prepared(made.problem, 4, 2, rng);
+  const NormalizedProblem prepared(made.problem, 4, 2, rng);
   const Rigid3 near = Rigid3{RotationFromVector(Vector3d(1e-3, -2e-3, 1e-3)), {0.02, 0.01, 0}} *
                       made.query_from_world;
-  const Residuals residuals = ComputeResiduals(prepared, prepared.CamFromLocal(near));
+  const Residuals residuals = ComputeResiduals(prepared, prepared.ToLocal(near));
   std::array<int, 3> compared{};
   const auto pose_of = [&](int camera) {
     return camera == 0
                ? near
                : made.problem.other_cameras[static_cast<size_t>(camera - 1)].cam_from_query * near;
   };
-  for (size_t i = 0; i < prepared.points.size(); ++i) {
+  for (size_t i = 0; i < prepared.matches_2d3d.size(); ++i) {
     const Match2D3D& match =
-        made.problem.matches_2d3d[static_cast<size_t>(prepared.points[i].match)];
+        made.problem.matches_2d3d[static_cast<size_t>(prepared.matches_2d3d[i].match)];
     const auto px = made.problem.CameraAt(match.camera)
                         .ImgFromCam(pose_of(match.camera) * match.point_in_world);
     const double squared = px ? (*px - match.query_px).squaredNorm() / 16 : 1e9;
     if (!(squared < 100)) continue;
-    EXPECT_NEAR(residuals.points[i], squared, 1e-6 * (1 + squared));
+    EXPECT_NEAR(residuals.of_2d3d[i], squared, 1e-6 * (1 + squared));
     ++compared[match.camera];
   }
-  for (size_t i = 0; i < prepared.pairs.size(); ++i) {
+  for (size_t i = 0; i < prepared.matches_2d2d.size(); ++i) {
     const Match2D2D& match =
-        made.problem.matches_2d2d[static_cast<size_t>(prepared.pairs[i].match)];
+        made.problem.matches_2d2d[static_cast<size_t>(prepared.matches_2d2d[i].match)];
     const PosedImage& reference = made.problem.references[static_cast<size_t>(match.reference)];
     const auto error =
         SampsonError(made.problem.CameraAt(match.camera), pose_of(match.camera), match.query_px,
                      reference.camera, reference.cam_from_world, match.reference_px);
     ASSERT_TRUE(error);
     const double squared = error->error_px * error->error_px / 4;
-    if (!std::isfinite(residuals.pairs[i])) continue;
-    EXPECT_NEAR(residuals.pairs[i], squared, 1e-6 * (1 + squared));
+    if (!std::isfinite(residuals.of_2d2d[i])) continue;
+    EXPECT_NEAR(residuals.of_2d2d[i], squared, 1e-6 * (1 + squared));
     ++compared[match.camera];
   }
   for (const int count : compared) EXPECT_GT(count, 100);
@@ -123,19 +123,19 @@ TEST(Rig, GradientIsHalfOfTheCostsSlope) {
   Rng rng = TestRng();
   const CoherentProblem made =
       MakeCoherentProblem("rig", {.num_keypoints = 60, .wrong = 0, .num_cameras = 3}, rng);
-  const PreparedProblem prepared(made.problem, 4, 2, rng);
-  std::vector<int> points(prepared.points.size());
-  std::vector<int> pairs(prepared.pairs.size());
+  const NormalizedProblem prepared(made.problem, 4, 2, rng);
+  std::vector<int> points(prepared.matches_2d3d.size());
+  std::vector<int> pairs(prepared.matches_2d2d.size());
   for (size_t i = 0; i < points.size(); ++i) points[i] = static_cast<int>(i);
   for (size_t i = 0; i < pairs.size(); ++i) pairs[i] = static_cast<int>(i);
-  const auto of_points = MakePointBlocks<double>(prepared.points, points);
-  const auto of_pairs = MakePairBlocks<double>(prepared.pairs, pairs);
-  const ActiveMatches<double> matches = {of_points.blocks, of_points.block_camera, of_pairs.blocks,
-                                         of_pairs.block_view};
-  KindWeights weights;
-  weights.point_loss.limit = weights.pair_loss.limit = 1e6;
-  const SolverPose pose =
-      Moved(prepared.CamFromLocal(made.query_from_world), Vector6d(1e-3 * Vector6d::Ones()));
+  const auto of_2d3d = MakeBlocks2D3D<double>(prepared.matches_2d3d, points);
+  const auto of_2d2d = MakeBlocks2D2D<double>(prepared.matches_2d2d, pairs);
+  const ActiveMatches<double> matches = {of_2d3d.blocks, of_2d3d.block_camera, of_2d2d.blocks,
+                                         of_2d2d.block_camera_reference};
+  MatchSetWeights weights;
+  weights.loss_2d3d.limit = weights.loss_2d2d.limit = 1e6;
+  const CamFromLocal pose =
+      Moved(prepared.ToLocal(made.query_from_world), Vector6d(1e-3 * Vector6d::Ones()));
   const NormalEquations equations = Linearize(prepared, matches, pose, weights);
   for (int k = 0; k < 6; ++k) {
     const Vector6d step = 1e-6 * Vector6d::Unit(k);
@@ -281,8 +281,8 @@ TEST(Rig, PriorsAreOfTheQuerysOwnCamera) {
         .gravity = GravityPrior{made.query_from_world.rotation * down, down, 0.01}};
     EstimatorOptions options = StandardOptions(Method::kP3p);
     options.refinement = Refinement::kPaper;
-    const PreparedProblem prepared(made.problem, 4, 2, rng);
-    if (prepared.points.size() < 4) continue;
+    const NormalizedProblem prepared(made.problem, 4, 2, rng);
+    if (prepared.matches_2d3d.size() < 4) continue;
     EXPECT_LT(PositionError(EstimateWith(options, made.problem), made.query_from_world), 0.02);
   }
 }

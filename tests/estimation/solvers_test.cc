@@ -3,10 +3,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "estimation/solvers/d3p1.h"
-#include "estimation/solvers/e5p1.h"
-#include "estimation/solvers/five_point.h"
-#include "estimation/solvers/p3p.h"
+#include "estimation/solvers/minimal_solvers.h"
 #include "support/matchers.h"
 
 namespace raylift {
@@ -39,7 +36,7 @@ Vector3d RandomDirection(Rng& rng) {
 }
 
 struct P3pInstance {
-  SolverPose truth;
+  CamFromLocal truth;
   std::array<Vector3d, 3> rays;
   std::array<Vector3d, 3> points;
 };
@@ -57,7 +54,7 @@ P3pInstance MakeP3pInstance(Rng& rng) {
 
 // Six matches: five to a first reference, one to a second.
 struct E5p1Instance {
-  SolverPose truth;  // query_from_world
+  CamFromLocal truth;  // query_from_world
   Vector3d center;
   std::array<Vector3d, 5> query_rays;
   std::array<Vector3d, 5> reference_rays;  // in world axes
@@ -106,7 +103,7 @@ TEST(P3p, FindsTheTruePoseOfCleanPoints) {
   EXPECT_GE(ShareFound(rng,
                        [](Rng& r) {
                          const P3pInstance instance = MakeP3pInstance(r);
-                         std::array<SolverPose, 4> poses;
+                         std::array<CamFromLocal, 4> poses;
                          const int count = SolveP3p(instance.rays, instance.points, poses);
                          double nearest = 10;
                          for (int i = 0; i < count; ++i) {
@@ -124,7 +121,7 @@ TEST(P3p, EverySolutionMapsThePointsOntoTheirRays) {
   int exact = 0;
   for (int trial = 0; trial < kTrials / 10; ++trial) {
     const P3pInstance instance = MakeP3pInstance(rng);
-    std::array<SolverPose, 4> poses;
+    std::array<CamFromLocal, 4> poses;
     const int count = SolveP3p(instance.rays, instance.points, poses);
     for (int i = 0; i < count; ++i) {
       ASSERT_TRUE(poses[i].rotation.allFinite() && poses[i].translation.allFinite());
@@ -147,7 +144,7 @@ TEST(P3p, CollinearPointsHaveNoSolution) {
     P3pInstance instance = MakeP3pInstance(rng);
     const double along = rng.Uniform(-2, 2);
     instance.points[2] = instance.points[0] + along * (instance.points[1] - instance.points[0]);
-    std::array<SolverPose, 4> poses;
+    std::array<CamFromLocal, 4> poses;
     EXPECT_EQ(SolveP3p(instance.rays, instance.points, poses), 0);
   }
 }
@@ -157,7 +154,7 @@ TEST(P3p, CoincidingPointsHaveNoSolution) {
   for (int i = 0; i < 1000; ++i) {
     P3pInstance instance = MakeP3pInstance(rng);
     instance.points[2] = instance.points[1];
-    std::array<SolverPose, 4> poses;
+    std::array<CamFromLocal, 4> poses;
     EXPECT_EQ(SolveP3p(instance.rays, instance.points, poses), 0);
     instance.points[0] = instance.points[1];
     EXPECT_EQ(SolveP3p(instance.rays, instance.points, poses), 0);
@@ -170,7 +167,7 @@ TEST(P3p, EqualRaysGiveNoNan) {
     P3pInstance instance = MakeP3pInstance(rng);
     instance.rays[1] = instance.rays[0];
     if (i % 2 == 0) instance.rays[2] = instance.rays[0];
-    std::array<SolverPose, 4> poses;
+    std::array<CamFromLocal, 4> poses;
     const int count = SolveP3p(instance.rays, instance.points, poses);
     for (int k = 0; k < count; ++k) {
       EXPECT_TRUE(poses[k].rotation.allFinite() && poses[k].translation.allFinite());
@@ -264,7 +261,7 @@ double NearestPose(const E5p1Instance& instance, double baseline) {
     const auto length =
         TranslationLength(relative[i], instance.center, instance.sixth, instance.sixth_center);
     if (!length) continue;
-    const SolverPose pose = QueryPose(relative[i], instance.center, *length);
+    const CamFromLocal pose = QueryPose(relative[i], instance.center, *length);
     const double position = (pose.rotation.transpose() * pose.translation -
                              instance.truth.rotation.transpose() * instance.truth.translation)
                                 .norm();
@@ -295,7 +292,7 @@ TEST(E5p1, SixthMatchBehindItsReferenceIsRejected) {
 
 // Three matches to a reference whose depths have one unknown factor, and one to another reference.
 struct D3p1Instance {
-  SolverPose truth;  // query_from_world
+  CamFromLocal truth;  // query_from_world
   Vector3d center;
   std::array<Vector3d, 3> query_rays;
   std::array<Vector3d, 3> points_from_center;  // times the factor
@@ -325,11 +322,11 @@ D3p1Instance MakeD3p1Instance(Rng& rng) {
   return instance;
 }
 
-std::vector<SolverPose> SolveD3p1(const D3p1Instance& instance) {
+std::vector<CamFromLocal> SolveD3p1(const D3p1Instance& instance) {
   std::array<RelativePose, 4> relative;
   const int count =
       SolveRelativePoseByDepth(instance.query_rays, instance.points_from_center, relative);
-  std::vector<SolverPose> poses;
+  std::vector<CamFromLocal> poses;
   for (int i = 0; i < count; ++i) {
     EXPECT_TRUE(relative[i].rotation.allFinite() && relative[i].direction.allFinite());
     const auto length =
@@ -345,7 +342,7 @@ TEST(D3p1, FindsTheTruePoseWhateverTheFactorOfTheDepths) {
   for (int trial = 0; trial < kTrials; ++trial) {
     const D3p1Instance instance = MakeD3p1Instance(rng);
     double nearest = 10;
-    for (const SolverPose& pose : SolveD3p1(instance)) {
+    for (const CamFromLocal& pose : SolveD3p1(instance)) {
       nearest = std::min(nearest, (pose.rotation - instance.truth.rotation).norm() +
                                       (pose.translation - instance.truth.translation).norm());
     }
@@ -364,7 +361,7 @@ TEST(D3p1, EverySolutionMeetsItsFourMatches) {
   int exact = 0;
   for (int trial = 0; trial < kTrials / 10; ++trial) {
     const D3p1Instance instance = MakeD3p1Instance(rng);
-    for (const SolverPose& pose : SolveD3p1(instance)) {
+    for (const CamFromLocal& pose : SolveD3p1(instance)) {
       const Vector3d query = -pose.rotation.transpose() * pose.translation;
       const auto world_ray = [&pose](const Vector3d& ray) -> Vector3d {
         return pose.rotation.transpose() * ray;
@@ -406,7 +403,7 @@ TEST(D3p1, AQueryAtTheReferencesCenterHasNoSolution) {
           instance.truth.rotation.transpose() * instance.query_rays[k] * rng.Uniform(3, 10);
     }
     // P3P's other solutions are elsewhere.
-    for (const SolverPose& pose : SolveD3p1(instance)) {
+    for (const CamFromLocal& pose : SolveD3p1(instance)) {
       EXPECT_TRUE(pose.translation.allFinite());
       EXPECT_GT((pose.rotation - instance.truth.rotation).norm(), 1e-6);
     }

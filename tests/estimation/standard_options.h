@@ -6,7 +6,9 @@
 
 #include <gtest/gtest.h>
 
-#include "raylift/estimation/pose_estimator.h"
+#include "raylift/estimation/options.h"
+#include "raylift/estimation/pose_estimate.h"
+#include "raylift/scene/pose_problem.h"
 
 namespace raylift {
 

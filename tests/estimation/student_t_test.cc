@@ -1,4 +1,4 @@
-#include "estimation/student_t.h"
+#include "estimation/refinement/joint/student_t.h"
 
 #include <cmath>
 #include <numbers>

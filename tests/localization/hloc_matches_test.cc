@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
+#include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/io/hloc_files.h"
 #include "raylift/io/pose_problem_json.h"

@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "raylift/comparison/query_detail.h"
-#include "raylift/estimation/pose_estimator.h"
+#include "raylift/estimation/options.h"
 #include "raylift/evaluation/bootstrap.h"
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/evaluation/recall.h"

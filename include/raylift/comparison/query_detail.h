@@ -9,7 +9,8 @@
 
 #include <Eigen/Core>
 
-#include "raylift/estimation/pose_estimator.h"
+#include "raylift/estimation/options.h"
+#include "raylift/estimation/pose_estimate.h"
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/scene/pose_problem.h"
 

@@ -17,7 +17,7 @@
 #include <vector>
 
 #include "raylift/base/enum_names.h"
-#include "raylift/estimation/pose_estimator.h"
+#include "raylift/estimation/options.h"
 #include "raylift/evaluation/depth_perturbation.h"
 #include "raylift/evaluation/recall.h"
 #include "raylift/geometry/rigid3.h"

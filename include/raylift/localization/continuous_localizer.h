@@ -12,6 +12,7 @@
 #include <span>
 #include <vector>
 
+#include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/localization/continuous_checkpoint.h"

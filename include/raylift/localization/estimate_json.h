@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "raylift/estimation/pose_estimator.h"
+#include "raylift/estimation/pose_estimate.h"
 
 namespace raylift {
 

@@ -17,6 +17,7 @@
 #include <string>
 #include <vector>
 
+#include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/lifting/candidates.h"
 #include "raylift/lifting/consistency_filter.h"

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/scene/photographs.h"

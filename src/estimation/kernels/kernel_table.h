@@ -7,7 +7,7 @@
 #include <optional>
 #include <string_view>
 
-#include "estimation/kernels/kernel_variants.h"
+#include "estimation/kernels/kernels.h"
 
 namespace raylift::kernels {
 

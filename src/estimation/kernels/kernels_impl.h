@@ -7,8 +7,7 @@
 
 #include <cstddef>
 
-#include "estimation/kernels/blocks.h"
-#include "estimation/kernels/kernel_variants.h"
+#include "estimation/kernels/kernels.h"
 
 namespace raylift::kernels {
 namespace {
@@ -138,12 +137,12 @@ struct WidePose {
 
 // One block of 2D-3D matches under a pose.
 template <typename T>
-struct PointTerms {
+struct Terms2D3D {
   Vec3<T> frame0, frame1, frame2;  // the rows of image_from_ray
   Vec3<T> point_in_cam;
-  Lanes<T> n0, n1, depth, spread;
+  Lanes<T> n0, n1, depth, variance_at_unit_depth;
 
-  PointTerms(const PointBlock<T>& block, const WidePose<T>& pose)
+  Terms2D3D(const Block2D3D<T>& block, const WidePose<T>& pose)
       : frame0(LoadVec3<T>(block.image_from_ray)),
         frame1(LoadVec3<T>(block.image_from_ray + 3)),
         frame2(LoadVec3<T>(block.image_from_ray + 6)),
@@ -151,16 +150,16 @@ struct PointTerms {
         n0(Dot(frame0, point_in_cam)),
         n1(Dot(frame1, point_in_cam)),
         depth(Dot(frame2, point_in_cam)),
-        spread(Lanes<T>::Load(block.spread)) {}
+        variance_at_unit_depth(Lanes<T>::Load(block.variance_at_unit_depth)) {}
 
   Lanes<T> SquaredNumerator() const { return n0 * n0 + n1 * n1; }
-  Lanes<T> SquaredDenominator() const { return depth * depth + spread; }
+  Lanes<T> SquaredDenominator() const { return depth * depth + variance_at_unit_depth; }
 };
 
 // One block of 2D-2D matches under a pose. `center` is the reference's camera center in the query's
 // frame.
 template <typename T>
-struct PairTerms {
+struct Terms2D2D {
   Vec3<T> query_ray, g;         // g: the reference's ray in the query's frame
   Vec3<T> normal;               // of the epipolar plane: center x g = E r
   Vec3<T> h;                    // query ray x center; E' q in the query's frame
@@ -171,7 +170,7 @@ struct PairTerms {
   // parallel but for the noise of their pixels meet behind the cameras half of the time.
   Lanes<T> query_depth, reference_depth;
 
-  PairTerms(const PairBlock<T>& block, const WidePose<T>& pose, const Vec3<T>& center,
+  Terms2D2D(const Block2D2D<T>& block, const WidePose<T>& pose, const Vec3<T>& center,
             const Lanes<T>& baseline)
       : query_ray(LoadVec3<T>(block.query_ray)),
         g(pose.Rotate(LoadVec3<T>(block.reference_ray))),
@@ -201,7 +200,7 @@ inline Lanes<T> Length(const T* v) {
                             : static_cast<T>(__builtin_sqrt(static_cast<double>(length2))));
 }
 
-KernelScore ScorePoints(const PointBlock<float>* blocks, int count, const KernelPose<float>& pose) {
+KernelScore Score2D3D(const Block2D3D<float>* blocks, int count, const KernelPose<float>& pose) {
   using L = Lanes<float>;
   const WidePose<float> wide(pose);
   const L one = L::Fill(1.0f);
@@ -209,7 +208,7 @@ KernelScore ScorePoints(const PointBlock<float>* blocks, int count, const Kernel
   L cost = zero;
   L inliers = zero;
   for (int i = 0; i < count; ++i) {
-    const PointTerms<float> m(blocks[i], wide);
+    const Terms2D3D<float> m(blocks[i], wide);
     const L numerator = m.SquaredNumerator();
     const L denominator = m.SquaredDenominator();
     cost = cost + SelectInlier(numerator, denominator, m.depth, one, numerator / denominator, one);
@@ -218,8 +217,8 @@ KernelScore ScorePoints(const PointBlock<float>* blocks, int count, const Kernel
   return {cost.Sum(), static_cast<int>(inliers.Sum())};
 }
 
-KernelScore ScorePairs(const PairBlock<float>* blocks, const int* block_reference, int count,
-                       const KernelPose<float>& pose, const float* centers) {
+KernelScore Score2D2D(const Block2D2D<float>* blocks, const int* block_camera_reference, int count,
+                      const KernelPose<float>& pose, const float* centers) {
   using L = Lanes<float>;
   const WidePose<float> wide(pose);
   const L one = L::Fill(1.0f);
@@ -227,8 +226,8 @@ KernelScore ScorePairs(const PairBlock<float>* blocks, const int* block_referenc
   L cost = zero;
   L inliers = zero;
   for (int i = 0; i < count; ++i) {
-    const float* center = centers + 3 * static_cast<std::ptrdiff_t>(block_reference[i]);
-    const PairTerms<float> m(blocks[i], wide, Fill3(center), Length(center));
+    const float* center = centers + 3 * static_cast<std::ptrdiff_t>(block_camera_reference[i]);
+    const Terms2D2D<float> m(blocks[i], wide, Fill3(center), Length(center));
     const L squared = m.numerator * m.numerator;
     cost = cost + SelectInlier(squared, m.squared_denominator, m.query_depth, m.reference_depth,
                                squared / m.squared_denominator, one);
@@ -239,15 +238,15 @@ KernelScore ScorePairs(const PairBlock<float>* blocks, const int* block_referenc
 }
 
 template <typename T>
-void PointResiduals(const PointBlock<T>* blocks, int count, const KernelPose<T>& pose,
-                    T* squared_residuals) {
+void Residuals2D3D(const Block2D3D<T>* blocks, int count, const KernelPose<T>& pose,
+                   T* squared_residuals) {
   using L = Lanes<T>;
   const WidePose<T> wide(pose);
   const L one = L::Fill(1);
   const L infinity = L::Fill(static_cast<T>(__builtin_inf()));
   const L zero = L::Fill(0);
   for (int i = 0; i < count; ++i) {
-    const PointTerms<T> m(blocks[i], wide);
+    const Terms2D3D<T> m(blocks[i], wide);
     const L denominator = m.SquaredDenominator();
     SelectInlier(zero, denominator, m.depth, one, m.SquaredNumerator() / denominator, infinity)
         .Store(squared_residuals + i * kLanes<T>);
@@ -255,15 +254,15 @@ void PointResiduals(const PointBlock<T>* blocks, int count, const KernelPose<T>&
 }
 
 template <typename T>
-void PairResiduals(const PairBlock<T>* blocks, const int* block_reference, int count,
+void Residuals2D2D(const Block2D2D<T>* blocks, const int* block_camera_reference, int count,
                    const KernelPose<T>& pose, const T* centers, T* squared_residuals) {
   using L = Lanes<T>;
   const WidePose<T> wide(pose);
   const L infinity = L::Fill(static_cast<T>(__builtin_inf()));
   const L zero = L::Fill(0);
   for (int i = 0; i < count; ++i) {
-    const T* center = centers + 3 * static_cast<std::ptrdiff_t>(block_reference[i]);
-    const PairTerms<T> m(blocks[i], wide, Fill3(center), Length(center));
+    const T* center = centers + 3 * static_cast<std::ptrdiff_t>(block_camera_reference[i]);
+    const Terms2D2D<T> m(blocks[i], wide, Fill3(center), Length(center));
     SelectInlier(zero, m.squared_denominator, m.query_depth, m.reference_depth,
                  m.numerator * m.numerator / m.squared_denominator, infinity)
         .Store(squared_residuals + i * kLanes<T>);
@@ -348,14 +347,14 @@ inline Lanes<T> Silence(const Lanes<T>& v, const Lanes<T>& inlier) {
 }
 
 template <typename T>
-KernelNormals PointNormals(const PointBlock<T>* blocks, int count, const KernelPose<T>& pose,
-                           const KernelLoss& loss) {
+KernelNormals Normals2D3D(const Block2D3D<T>* blocks, int count, const KernelPose<T>& pose,
+                          const KernelLoss& loss) {
   using L = Lanes<T>;
   const WidePose<T> wide(pose);
   const L one = L::Fill(1);
   NormalLanes<T> sums;
   for (int i = 0; i < count; ++i) {
-    const PointTerms<T> m(blocks[i], wide);
+    const Terms2D3D<T> m(blocks[i], wide);
     const LossTerms<T> terms(m.SquaredNumerator(), m.SquaredDenominator(), m.depth, one, loss);
     sums.cost = sums.cost + terms.cost;
     sums.inliers = sums.inliers + terms.inlier;
@@ -375,16 +374,16 @@ KernelNormals PointNormals(const PointBlock<T>* blocks, int count, const KernelP
 }
 
 template <typename T>
-KernelNormals PairNormals(const PairBlock<T>* blocks, const int* block_reference, int count,
+KernelNormals Normals2D2D(const Block2D2D<T>* blocks, const int* block_camera_reference, int count,
                           const KernelPose<T>& pose, const T* centers, const KernelLoss& loss) {
   using L = Lanes<T>;
   const WidePose<T> wide(pose);
   const L one = L::Fill(1);
   NormalLanes<T> sums;
   for (int i = 0; i < count; ++i) {
-    const T* center_values = centers + 3 * static_cast<std::ptrdiff_t>(block_reference[i]);
+    const T* center_values = centers + 3 * static_cast<std::ptrdiff_t>(block_camera_reference[i]);
     const Vec3<T> center = Fill3(center_values);
-    const PairTerms<T> m(blocks[i], wide, center, Length(center_values));
+    const Terms2D2D<T> m(blocks[i], wide, center, Length(center_values));
     const LossTerms<T> terms(m.numerator * m.numerator, m.squared_denominator, m.query_depth,
                              m.reference_depth, loss);
     sums.cost = sums.cost + terms.cost;
@@ -418,10 +417,16 @@ KernelNormals PairNormals(const PairBlock<T>* blocks, const int* block_reference
 }
 
 constexpr KernelTable MakeKernelTable() {
-  return {
-      ScorePoints,           ScorePairs,           PointResiduals<double>, PairResiduals<double>,
-      PointResiduals<float>, PairResiduals<float>, PointNormals<double>,   PairNormals<double>,
-      PointNormals<float>,   PairNormals<float>};
+  return {Score2D3D,
+          Score2D2D,
+          Residuals2D3D<double>,
+          Residuals2D2D<double>,
+          Residuals2D3D<float>,
+          Residuals2D2D<float>,
+          Normals2D3D<double>,
+          Normals2D2D<double>,
+          Normals2D3D<float>,
+          Normals2D2D<float>};
 }
 
 }  // namespace

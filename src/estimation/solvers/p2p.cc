@@ -1,8 +1,7 @@
-#include "estimation/solvers/p2p.h"
-
 #include <cmath>
 #include <utility>
 
+#include "estimation/solvers/minimal_solvers.h"
 #include <Eigen/Geometry>
 
 namespace raylift {
@@ -24,31 +23,31 @@ std::optional<Matrix3d> AxesOf(const Vector3d& a, const Vector3d& b) {
   return axes;
 }
 
-Matrix3d TurnToZ(const Vector3d& direction) {
+Matrix3d RotationToZ(const Vector3d& direction) {
   return Eigen::Quaterniond::FromTwoVectors(direction, Vector3d::UnitZ()).toRotationMatrix();
 }
 
 }  // namespace
 
-std::optional<SolverPose> SolvePoseAtCenter(const std::array<Vector3d, 2>& rays,
-                                            const std::array<Vector3d, 2>& points_in_world,
-                                            const Vector3d& center_in_world) {
+std::optional<CamFromLocal> SolvePoseAtCenter(const std::array<Vector3d, 2>& rays,
+                                              const std::array<Vector3d, 2>& points_in_world,
+                                              const Vector3d& center_in_world) {
   const Vector3d first = (points_in_world[0] - center_in_world).normalized();
   const Vector3d second = (points_in_world[1] - center_in_world).normalized();
   const auto in_cam = AxesOf(rays[0], rays[1]);
   const auto in_world = AxesOf(first, second);
   if (!in_cam || !in_world) return std::nullopt;
   const Matrix3d rotation = *in_cam * in_world->transpose();
-  return SolverPose{rotation, -(rotation * center_in_world)};
+  return CamFromLocal{rotation, -(rotation * center_in_world)};
 }
 
 int SolveUprightPose(const std::array<Vector3d, 2>& centers, const std::array<Vector3d, 2>& rays,
                      const std::array<Vector3d, 2>& points_in_world, const Vector3d& down_in_cam,
-                     const Vector3d& down_in_world, std::span<SolverPose, 2> poses) {
+                     const Vector3d& down_in_world, std::span<CamFromLocal, 2> poses) {
   constexpr double kLevel = 1e-9;
   // In frames whose z axis is vertical the rotation is one about it.
-  const Matrix3d level_from_cam = TurnToZ(down_in_cam);
-  const Matrix3d level_from_world = TurnToZ(down_in_world);
+  const Matrix3d level_from_cam = RotationToZ(down_in_cam);
+  const Matrix3d level_from_world = RotationToZ(down_in_world);
   Vector3d a = level_from_cam * rays[0];
   Vector3d b = level_from_cam * rays[1];
   Vector3d difference = level_from_world * (points_in_world[0] - points_in_world[1]);

@@ -1,5 +1,6 @@
 #include <cstdio>
 
+#include <raylift/estimation/options.h>
 #include <raylift/estimation/pose_estimator.h>
 
 int main() {

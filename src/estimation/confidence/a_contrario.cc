@@ -1,0 +1,189 @@
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <set>
+#include <span>
+
+#include "estimation/confidence/confidence.h"
+#include "estimation/problem/observations.h"
+
+#include "raylift/estimation/pose_estimate.h"
+
+namespace raylift {
+namespace {
+
+// Keypoints in one of 16 x 16 parts of the image are neighbors.
+constexpr int kNeighborCellsPerSide = 16;
+
+// 2D-2D matches of a sample of E5+1.
+constexpr double kSample2D2D = 6;
+
+// Wrong matches are counted between so many thresholds, where even inaccurate right ones are rare.
+constexpr double kInnerRing = 5;
+constexpr double kOuterRing = 15;
+
+// One kind of matches, by keypoint.
+struct SetInliers {
+  std::vector<int> matches;  // of each keypoint
+  std::vector<bool> inlier;
+  double chance = 0;  // that a wrong match is an inlier
+
+  explicit SetInliers(size_t keypoints) : matches(keypoints, 0), inlier(keypoints, false) {}
+
+  // That none of a keypoint's matches is an inlier, if all are wrong.
+  double ChanceOfNone(size_t keypoint) const { return std::pow(1 - chance, matches[keypoint]); }
+};
+
+// The number of wrong residuals grows with their limit's `dimensions`th power.
+template <typename NormalizedMatch>
+SetInliers Count(std::span<const double> squared, const std::vector<NormalizedMatch>& matches,
+                 size_t keypoints, double uniform_chance, int dimensions) {
+  SetInliers kind(keypoints);
+  int in_ring = 0;
+  for (size_t i = 0; i < squared.size(); ++i) {
+    ++kind.matches[matches[i].keypoint];
+    if (squared[i] < 1) kind.inlier[matches[i].keypoint] = true;
+    in_ring += squared[i] > kInnerRing * kInnerRing && squared[i] < kOuterRing * kOuterRing ? 1 : 0;
+  }
+  const double ring = std::pow(kOuterRing, dimensions) - std::pow(kInnerRing, dimensions);
+  const double observed =
+      squared.empty() ? 0 : in_ring / ring / static_cast<double>(squared.size());
+  kind.chance = std::clamp(std::max(uniform_chance, observed), 1e-9, 1.0);
+  return kind;
+}
+
+// The expected number of false alarms by one kind, as a logarithm: of `trials` keypoints beyond
+// those of the sample, so many are inliers.
+struct Trials {
+  double trials = 0, inliers = 0, chance_sum = 0;
+
+  void Add(const SetInliers& kind, size_t keypoint) {
+    if (kind.matches[keypoint] == 0) return;
+    trials += 1;
+    inliers += kind.inlier[keypoint] ? 1 : 0;
+    chance_sum += 1 - kind.ChanceOfNone(keypoint);
+  }
+
+  // Hoeffding's bound of the binomial tail. `sample` keypoints fit by construction.
+  double LogTail(double sample, double clustering) const {
+    const double n = (trials - sample) / clustering;
+    const double k = (inliers - sample) / clustering;
+    if (!(n > 0) || !(k > 0)) return 0;
+    const double p = chance_sum / trials;
+    const double share = std::min(k / n, 1.0);
+    if (share <= p) return 0;
+    const double miss = share < 1 ? (1 - share) * std::log((1 - share) / (1 - p)) : 0;
+    return -n * (share * std::log(share / p) + miss);
+  }
+};
+
+}  // namespace
+
+InlierAssessor::InlierAssessor(const PoseProblem& original, const NormalizedProblem& problem,
+                               MatchSets sets, double num_poses_tried, int sample_2d3d)
+    : problem_(problem),
+      sets_(sets),
+      num_poses_tried_(num_poses_tried),
+      sample_2d3d_(sample_2d3d),
+      area_px2_(QueryAreaPx2(original)) {
+  cell_.assign(problem.num_keypoints, 0);
+  const auto cell_of = [&](const auto& match) {
+    return QueryImageCell(original, match, kNeighborCellsPerSide);
+  };
+  for (const NormalizedMatch2D3D& point : problem.matches_2d3d) {
+    cell_[point.keypoint] = cell_of(original.matches_2d3d[static_cast<size_t>(point.match)]);
+  }
+  for (const NormalizedMatch2D2D& pair : problem.matches_2d2d) {
+    cell_[pair.keypoint] = cell_of(original.matches_2d2d[static_cast<size_t>(pair.match)]);
+  }
+}
+
+double InlierAssessor::Widening2D3D(const CamFromLocal& pose) const {
+  double sum = 0;
+  for (const NormalizedMatch2D3D& point : problem_.matches_2d3d) {
+    const double depth = point.image_from_ray.row(2).dot(
+        pose.rotation * point.point + problem_.PoseOfCamera(pose, point.camera).translation);
+    sum += 1 + (depth > 0 ? point.variance_at_unit_depth / (depth * depth) : 0);
+  }
+  return problem_.matches_2d3d.empty() ? 1
+                                       : sum / static_cast<double>(problem_.matches_2d3d.size());
+}
+
+double InlierAssessor::Widening2D2D() const {
+  double sum = 0;
+  for (const NormalizedMatch2D2D& pair : problem_.matches_2d2d) {
+    sum += ReferenceSigmaFactor(pair.reference_sigma_px, problem_.sampson_threshold_px);
+  }
+  return problem_.matches_2d2d.empty() ? 1
+                                       : sum / static_cast<double>(problem_.matches_2d2d.size());
+}
+
+InlierEvidence InlierAssessor::Assess(const CamFromLocal& pose) const {
+  const Residuals residuals = ComputeResiduals(problem_, pose);
+  const double threshold_2d3d = problem_.reprojection_threshold_px;
+  // The Sampson error is the distance from the epipolar line over the square root of two.
+  const double threshold_2d2d = std::numbers::sqrt2 * problem_.sampson_threshold_px;
+  const double inlier_area = std::numbers::pi * threshold_2d3d * threshold_2d3d;
+  const SetInliers points = Count(residuals.of_2d3d, problem_.matches_2d3d, problem_.num_keypoints,
+                                  Widening2D3D(pose) * inlier_area / area_px2_, 2);
+  const SetInliers pairs = Count(residuals.of_2d2d, problem_.matches_2d2d, problem_.num_keypoints,
+                                 Widening2D2D() * 2 * threshold_2d2d / std::sqrt(area_px2_), 1);
+
+  InlierEvidence evidence;
+  evidence.inlier.assign(problem_.num_keypoints, false);
+  std::set<int> cells;
+  for (size_t k = 0; k < problem_.num_keypoints; ++k) {
+    const bool matched =
+        (Has2D3D(sets_) && points.matches[k] > 0) || (Has2D2D(sets_) && pairs.matches[k] > 0);
+    if (!matched) continue;
+    ++evidence.keypoints;
+    const double miss = (Has2D3D(sets_) ? points.ChanceOfNone(k) : 1) *
+                        (Has2D2D(sets_) ? pairs.ChanceOfNone(k) : 1);
+    evidence.chance += 1 - miss;
+    evidence.inlier[k] =
+        (Has2D3D(sets_) && points.inlier[k]) || (Has2D2D(sets_) && pairs.inlier[k]);
+    if (!evidence.inlier[k]) continue;
+    ++evidence.inlier_keypoints;
+    cells.insert(cell_[k]);
+  }
+  evidence.chance /= std::max(1, evidence.keypoints);
+  if (!cells.empty()) {
+    evidence.clustering =
+        static_cast<double>(evidence.inlier_keypoints) / static_cast<double>(cells.size());
+  }
+
+  // A keypoint's point is lifted from its pair, so it may speak for one kind only: for points where
+  // it has one, or for pairs where it has one; the stronger of the two counts.
+  Trials by_2d3d, rest_of_2d3d, by_2d2d, rest_of_2d2d;
+  for (size_t k = 0; k < problem_.num_keypoints; ++k) {
+    by_2d3d.Add(points, k);
+    by_2d2d.Add(pairs, k);
+    if (points.matches[k] == 0) rest_of_2d3d.Add(pairs, k);
+    if (pairs.matches[k] == 0) rest_of_2d2d.Add(points, k);
+  }
+  double tail = 0;
+  if (Has2D3D(sets_)) {
+    const double rest = Has2D2D(sets_) ? rest_of_2d3d.LogTail(0, evidence.clustering) : 0;
+    tail = std::min(tail, by_2d3d.LogTail(sample_2d3d_, evidence.clustering) + rest);
+  }
+  if (Has2D2D(sets_)) {
+    const double rest = Has2D3D(sets_) ? rest_of_2d2d.LogTail(0, evidence.clustering) : 0;
+    tail = std::min(tail, by_2d2d.LogTail(kSample2D2D, evidence.clustering) + rest);
+  }
+  evidence.log_false_alarms = std::log(2 * std::max(1.0, num_poses_tried_)) + tail;
+  return evidence;
+}
+
+bool InlierAssessor::IsBeyondChance(const InlierEvidence& best,
+                                    const InlierEvidence& alternative) const {
+  const ExclusiveInliers exclusive(best.inlier, alternative.inlier);
+  const double left = best.keypoints - best.inlier_keypoints;
+  const Trials trials = {
+      .trials = left, .inliers = exclusive.only_second, .chance_sum = alternative.chance * left};
+  const double sample = Has2D3D(sets_) ? sample_2d3d_ : kSample2D2D;
+  const double tried = std::max(num_poses_tried_, 2.0 * kAlternativeSamples);
+  return std::log(tried) + trials.LogTail(sample, alternative.clustering) <
+         std::log(1 - kLocalizedConfidence);
+}
+
+}  // namespace raylift

@@ -1,0 +1,64 @@
+#include "estimation/confidence/confidence.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "raylift/scene/pose_problem.h"
+
+namespace raylift {
+namespace {
+
+// 1 / (1 + NFA).
+double ProbabilityOfNoChance(double log_false_alarms) {
+  return 1 / (1 + std::exp(std::min(log_false_alarms, 700.0)));
+}
+
+}  // namespace
+
+void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& normalized,
+                      const AssessedPose& assessed, const EstimatorOptions& options,
+                      PoseEstimate& estimate) {
+  const bool drawn_by_prior =
+      assessed.solver == Solver::kKnownCenter || assessed.solver == Solver::kUpright;
+  const InlierAssessor assessor(problem, normalized, assessed.scored, assessed.num_poses_tried,
+                                drawn_by_prior ? 2 : 3);
+  const InlierEvidence evidence = assessor.Assess(assessed.pose);
+  estimate.num_keypoints = evidence.keypoints;
+  estimate.inlier_keypoints = evidence.inlier_keypoints;
+
+  // That a pose fits the priors says something if it was not drawn by them; one that does not fit
+  // them is doubtful, but remains a pose.
+  double confidence = ProbabilityOfNoChance(evidence.log_false_alarms);
+  const double log_prior = normalized.priors.LogEvidence(assessed.pose);
+  if (log_prior < 0 || !drawn_by_prior) {
+    confidence = std::max(ProbabilityOfNoChance(evidence.log_false_alarms - log_prior),
+                          std::min(confidence, kLeastConfidence));
+  }
+
+  std::vector<CamFromLocal> alternatives = assessed.alternatives;
+  if (options.refinement == Refinement::kRobust && evidence.LeavesRoomForAnAlternative()) {
+    const auto found =
+        FindAlternative(problem, normalized, evidence.inlier, assessed.scored, options);
+    if (found) alternatives.push_back(normalized.ToLocal(*found));
+  }
+  for (const CamFromLocal& pose : alternatives) {
+    const InlierEvidence alternative = assessor.Assess(pose);
+    if (ExplainTheSame(evidence, alternative)) continue;
+    const double log_odds = log_prior - normalized.priors.LogEvidence(pose);
+    confidence = std::min(
+        confidence,
+        ProbabilityOverAlternative(evidence, alternative,
+                                   assessor.IsBeyondChance(evidence, alternative), log_odds));
+  }
+
+  double of_position = ProbabilityOfPosition(normalized, assessed.pose, assessed.position_sigma);
+  if (!Has2D3D(assessed.scored)) {
+    of_position = std::min(of_position,
+                           ProbabilityOfDistance(normalized, assessed.pose, evidence.clustering));
+  }
+  estimate.confidence = std::min(confidence, std::max(kLeastConfidence, of_position));
+  estimate.verdict = estimate.confidence >= kLocalizedConfidence ? PoseVerdict::kLocalized
+                                                                 : PoseVerdict::kDoubtful;
+}
+
+}  // namespace raylift

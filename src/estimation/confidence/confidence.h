@@ -1,0 +1,138 @@
+// How sure a pose is: the probability that it is right.
+//
+//   confidence = min(P_chance, P_alternative, max(0.1, P_position))
+//
+//   P_chance       The inliers are not there by chance: 1 / (1 + NFA / L), with the expected number of
+//                  false alarms NFA (below) and how much likelier the priors make the pose, L.
+//   P_alternative  No other pose explains the matches as well: the least over those that RANSAC found
+//                  and one that is looked for in what the pose leaves unexplained.
+//   P_position     The matches tell where the camera is. Where they do not, the orientation holds all
+//                  the same: so no less than what is needed for a pose.
+//
+// NFA is an a-contrario test (Moisan and Stival, IJCV 2004): how many poses with so many inliers would
+// wrong matches give? Wrong matches fall anywhere, so each is an inlier with the share of the image
+// that its threshold covers (more for uncertain points and references), or with the density of the
+// residuals well beyond the threshold if that is larger. A keypoint counts once, in however many
+// references it is matched; and keypoints that lie together count as fewer, as what repeats (a
+// sign, a window) repeats with all of its keypoints. The logarithm of the expected number of such
+// poses among those that were tried is bounded by Hoeffding's inequality.
+
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "estimation/problem/normalized_problem.h"
+
+#include "raylift/estimation/options.h"
+#include "raylift/estimation/pose_estimate.h"
+
+namespace raylift {
+
+// A pose that is less sure than this is none.
+inline constexpr double kLeastConfidence = 0.1;
+
+struct AssessedPose {
+  CamFromLocal pose;
+  double position_sigma;  // local units; 0: not known
+  Solver solver;          // that made it
+  MatchSets scored;       // by which it was chosen
+  double num_poses_tried;
+  std::vector<CamFromLocal> alternatives;  // that RANSAC found
+};
+
+// Sets the estimate's confidence, verdict and counts of keypoints.
+void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& normalized,
+                      const AssessedPose& assessed, const EstimatorOptions& options,
+                      PoseEstimate& estimate);
+
+// What the inliers of a pose say for it; of the match sets in use.
+struct InlierEvidence {
+  int keypoints = 0;         // that have matches
+  int inlier_keypoints = 0;  // of which one match is an inlier
+  // The logarithm of the expected number of poses that chance supports as well.
+  double log_false_alarms = 0;
+  std::vector<bool> inlier;  // by keypoint
+  double clustering = 1;     // inlier keypoints per cell of the image
+  double chance = 0;         // that a keypoint with wrong matches alone is an inlier, on average
+
+  // Whether an alternative that explains all the rest would make the pose doubtful.
+  bool LeavesRoomForAnAlternative() const;
+};
+
+// Assesses poses of one problem, to which it holds a reference.
+class InlierAssessor {
+ public:
+  // `sample_2d3d` 2D-3D matches fit the pose by construction.
+  InlierAssessor(const PoseProblem& original, const NormalizedProblem& problem, MatchSets sets,
+                 double num_poses_tried, int sample_2d3d = 3);
+
+  InlierEvidence Assess(const CamFromLocal& pose) const;
+
+  // Whether the alternative explains more of the keypoints that the best pose does not than chance
+  // would: then the scene holds something twice, or one of them is wrong as a whole.
+  bool IsBeyondChance(const InlierEvidence& best, const InlierEvidence& alternative) const;
+
+ private:
+  // By how much uncertain points and references widen the area or the width of an inlier, on
+  // average.
+  double Widening2D3D(const CamFromLocal& pose) const;
+  double Widening2D2D() const;
+
+  const NormalizedProblem& problem_;
+  MatchSets sets_;
+  double num_poses_tried_;
+  int sample_2d3d_;
+  double area_px2_;
+  std::vector<int> cell_;  // of the image, that each keypoint lies in
+};
+
+// Counts the keypoints that one of two answers alone explains.
+struct ExclusiveInliers {
+  double only_first = 0, only_second = 0;
+
+  ExclusiveInliers(const std::vector<bool>& first, const std::vector<bool>& second);
+
+  // The probability that the first is right if one of them is, where each keypoint speaks for itself;
+  // nullopt where there is no such keypoint.
+  std::optional<double> ProbabilityOfFirst(double clustering) const;
+};
+
+// Whether two poses explain mostly the same keypoints: then they are one answer.
+bool ExplainTheSame(const InlierEvidence& a, const InlierEvidence& b);
+
+// The probability that the first of two poses is right if one of them is, from the keypoints that
+// only one of them explains, and the logarithm of the odds for it beforehand. Where the alternative is
+// beyond chance, keypoints do not speak each for itself: that many agree says that they show one
+// thing, not that it is the right one. They count as two witnesses then, each of them right with the
+// share of the keypoints that agree with it.
+double ProbabilityOverAlternative(const InlierEvidence& best, const InlierEvidence& alternative,
+                                  bool beyond_chance, double log_odds = 0);
+
+// So many samples that one is of right matches alone in nineteen cases of twenty, where one in 64 is:
+// three of a quarter, six of a half.
+inline constexpr int kAlternativeSamples = 191;
+
+// Looks for a pose among the matches of the keypoints that are not explained, by samples of three 2D-3D
+// matches where these are of the scored sets and left, of E5+1 otherwise. Where there is one, the scene
+// holds something twice, or one of the two poses is wrong as a whole.
+std::optional<Rigid3> FindAlternative(const PoseProblem& problem,
+                                      const NormalizedProblem& normalized,
+                                      const std::vector<bool>& explained, MatchSets scored,
+                                      const EstimatorOptions& options);
+
+// The probability that the pose is right in its distance from the reference that explains most of its
+// 2D-2D matches. Those fit at any distance, so that matches with other references (or of other cameras
+// of a rig) alone tell it: they must explain more keypoints than where the pose is moved along that
+// line by a good part of the references' spread. 1 where no such move is one.
+double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLocal& pose,
+                             double clustering);
+
+// The probability that the position errs by less than the distances that it is measured by: from the
+// references, among them, or to the points that fit. What errs by more says nothing of where the
+// camera is, however many matches agree (on the sky, or far away). `position_sigma` in local units;
+// 0: not known, which speaks for nothing.
+double ProbabilityOfPosition(const NormalizedProblem& problem, const CamFromLocal& pose,
+                             double position_sigma);
+
+}  // namespace raylift

@@ -1,0 +1,304 @@
+// The focal length of the query, found with its pose: RANSAC with some focal lengths of the range, a
+// search along one dimension for the lowest MSAC cost about the best of them, and from there, where
+// poses are refined by maximum likelihood, Newton's steps on the likelihood.
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "estimation/methods/methods.h"
+#include "estimation/problem/observations.h"
+#include "estimation/refinement/refinement.h"
+#include "estimation/refinement/single_set.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "base/rng.h"
+#include "raylift/scene/pose_problem.h"
+
+namespace raylift {
+namespace {
+
+// How near, as a logarithm, a candidate is to any focal length in the range, and how far from its
+// candidate a focal length is looked for.
+constexpr double kCandidateReach = 0.1;
+constexpr double kSearchStep = 0.03;
+constexpr int kSearchSteps = 9;
+
+Camera WithFocalScaled(const Camera& camera, double factor) {
+  std::vector<double> params(camera.params().begin(), camera.params().end());
+  const int num_focal_lengths = GetCameraModelInfo(camera.model()).num_focal_lengths;
+  for (int i = 0; i < num_focal_lengths; ++i) {
+    params[static_cast<size_t>(i)] *= factor;
+  }
+  return {camera.model(), camera.width_px(), camera.height_px(), params};
+}
+
+double TruncatedSum(const std::vector<double>& squared_residuals, int num_matches) {
+  double sum = num_matches - static_cast<double>(squared_residuals.size());
+  for (const double e2 : squared_residuals) {
+    sum += std::min(e2, 1.0);
+  }
+  return sum;
+}
+
+PoseProblem WithCamera(const PoseProblem& problem, const Camera& camera) {
+  PoseProblem changed = problem;
+  changed.query_camera = camera;
+  return changed;
+}
+
+struct Trial {
+  double log_factor;  // over the focal length of the search's problem
+  double cost;
+  Camera camera;
+  Rigid3 cam_from_world;
+};
+
+struct FocalRefinement {
+  Camera camera;
+  // What the pose's covariance lacks where the camera is taken for granted: that of the step (w, v) in
+  // the camera's tangent frame, scene units. nullopt where the matches do not tell.
+  std::optional<Matrix6d> covariance_by_focal;
+};
+
+// Searches near the problem's focal length, from a pose of the problem as it is, by the sets in use.
+class FocalSearch {
+ public:
+  FocalSearch(const PoseProblem& problem, const Rigid3& start, MatchSets sets,
+              const EstimatorOptions& options)
+      : problem_(problem), start_(start), sets_(sets), options_(options) {}
+
+  Trial Best(double shortest, double longest) const;
+  // Newton's steps from there.
+  FocalRefinement Polish(const Trial& from, double shortest, double longest) const;
+
+ private:
+  Trial Try(double log_factor) const;
+  // Refines the pose with this camera first.
+  std::optional<FocalStep> StepFrom(const Camera& camera, CamFromLocal& pose) const;
+  // With its matches in the same order for every camera.
+  NormalizedProblem Prepare(const PoseProblem& problem) const {
+    Rng rng(StreamSeed(options_.seed, problem_.name, "focal"));
+    return {problem, options_.reprojection_threshold_px, options_.sampson_threshold_px, rng,
+            options_.point_sigma};
+  }
+
+  const PoseProblem& problem_;
+  const Rigid3& start_;
+  MatchSets sets_;
+  const EstimatorOptions& options_;
+};
+
+Trial FocalSearch::Try(double log_factor) const {
+  const PoseProblem scaled =
+      WithCamera(problem_, WithFocalScaled(problem_.query_camera, std::exp(log_factor)));
+  const NormalizedProblem prepared = Prepare(scaled);
+  // Inliers under a wrong focal length lie beyond the threshold: the local optimization reaches
+  // for them first.
+  const CamFromLocal near = OptimizeLocally(prepared, prepared.ToLocal(start_), sets_, 10);
+  CamFromLocal pose = near;
+  if (options_.refinement == Refinement::kRobust) {
+    MaximumLikelihood likelihood(prepared, sets_);
+    likelihood.Refine(near);
+    pose = likelihood.pose();
+  }
+  const Residuals residuals = ComputeResiduals(prepared, pose);
+  // Matches whose pixel has no ray cost as much as outliers.
+  const double cost =
+      (Has2D3D(sets_) ? TruncatedSum(residuals.of_2d3d, prepared.num_matches_2d3d) : 0) +
+      (Has2D2D(sets_) ? TruncatedSum(residuals.of_2d2d, prepared.num_matches_2d2d) : 0);
+  return {log_factor, cost, scaled.query_camera, prepared.ToWorld(pose)};
+}
+
+// A coarse grid finds the basin, golden sections its lowest point.
+Trial FocalSearch::Best(double shortest, double longest) const {
+  Trial best = Try(0);
+  for (int i = -kSearchSteps; i <= kSearchSteps; ++i) {
+    const double log_factor = i * kSearchStep;
+    if (i == 0 || log_factor < shortest || log_factor > longest) continue;
+    Trial trial = Try(log_factor);
+    if (trial.cost < best.cost) {
+      best = std::move(trial);
+    }
+  }
+  double low = std::max(best.log_factor - kSearchStep, shortest);
+  double high = std::min(best.log_factor + kSearchStep, longest);
+  constexpr double kGolden = 1 / std::numbers::phi;
+  Trial left = Try(high - kGolden * (high - low));
+  Trial right = Try(low + kGolden * (high - low));
+  for (int i = 0; i < 14; ++i) {
+    if (left.cost < right.cost) {
+      high = right.log_factor;
+      right = std::move(left);
+      left = Try(high - kGolden * (high - low));
+    } else {
+      low = left.log_factor;
+      left = std::move(right);
+      right = Try(low + kGolden * (high - low));
+    }
+  }
+  for (Trial* trial : {&left, &right}) {
+    if (trial->cost < best.cost) {
+      best = std::move(*trial);
+    }
+  }
+  return best;
+}
+
+std::optional<FocalStep> FocalSearch::StepFrom(const Camera& camera, CamFromLocal& pose) const {
+  const PoseProblem problem = WithCamera(problem_, camera);
+  const NormalizedProblem prepared = Prepare(problem);
+  if (sets_ == MatchSets::kBoth) {
+    const RefinedPose refined = RefineByEvidence(prepared, GatherEvidence(problem, prepared), pose,
+                                                 options_.scene_noise, FocalDerivatives::kAtPose);
+    pose = refined.pose;
+    return refined.focal;
+  }
+  MaximumLikelihood likelihood(prepared, sets_);
+  likelihood.Refine(pose);
+  pose = likelihood.pose();
+  constexpr double kDifference = 1e-4;
+  const auto prepare = [&](double log_factor) {
+    return Prepare(WithCamera(problem, WithFocalScaled(camera, std::exp(log_factor))));
+  };
+  return likelihood.StepOfFocal(prepare(-kDifference), prepare(kDifference), kDifference);
+}
+
+FocalRefinement FocalSearch::Polish(const Trial& from, double shortest, double longest) const {
+  constexpr int kMaxSteps = 6;
+  constexpr double kSettled = 0.05;                   // standard deviations
+  const NormalizedProblem frame = Prepare(problem_);  // the same for all cameras
+  FocalRefinement result = {from.camera, std::nullopt};
+  CamFromLocal pose = frame.ToLocal(from.cam_from_world);
+  double log_factor = from.log_factor;
+  for (int i = 0; i < kMaxSteps; ++i) {
+    const std::optional<FocalStep> step = StepFrom(result.camera, pose);
+    if (!step) break;
+    Vector6d by_factor = step->pose_by_log_factor;
+    // Nothing is less certain than anywhere in the range.
+    const double variance =
+        1 / (1 / step->variance + 12 / ((longest - shortest) * (longest - shortest)));
+    const double taken = std::clamp(log_factor + step->log_factor, shortest, longest) - log_factor;
+    log_factor += taken;
+    result.camera = WithFocalScaled(problem_.query_camera, std::exp(log_factor));
+    pose = Moved(pose, taken * by_factor);
+    by_factor.tail<3>() *= frame.scale;
+    result.covariance_by_focal = variance * by_factor * by_factor.transpose();
+    if (std::abs(taken) < kSettled * std::sqrt(variance)) break;
+  }
+  return result;
+}
+
+// Returns focal lengths within a factor of the camera's, the camera itself first, so close to each other
+// that the pose found with the nearest one leads to the true one.
+std::vector<Camera> FocalCandidates(const Camera& camera, double range) {
+  std::vector<Camera> candidates = {camera};
+  const double outermost = std::log(range) - kCandidateReach;
+  const int steps = static_cast<int>(std::ceil(std::max(outermost, 0.0) / (2 * kCandidateReach)));
+  for (int i = 1; i <= steps; ++i) {
+    for (const int sign : {-1, 1}) {
+      candidates.push_back(WithFocalScaled(camera, std::exp(sign * i * outermost / steps)));
+    }
+  }
+  return candidates;
+}
+
+// Finds the focal length near the problem's, and within a factor of `middle_px`, that the sets in use
+// speak for.
+FocalRefinement RefineFocal(const PoseProblem& problem, const Rigid3& cam_from_world,
+                            MatchSets sets, const EstimatorOptions& options, double middle_px,
+                            double range) {
+  const double middle = std::log(middle_px / problem.query_camera.MeanFocalPx());
+  const double shortest = middle - std::log(range);
+  const double longest = middle + std::log(range);
+  const FocalSearch search(problem, cam_from_world, sets, options);
+  const Trial best = search.Best(shortest, longest);
+  if (options.refinement == Refinement::kPaper) {
+    return {best.camera, std::nullopt};
+  }
+  return search.Polish(best, shortest, longest);
+}
+
+int NumInliers(const PoseEstimate& estimate) {
+  return estimate.score_2d3d.num_inliers + estimate.score_2d2d.num_inliers;
+}
+
+// All focal lengths in the range must be numbers.
+void RequireFocalRange(const PoseProblem& problem, double range) {
+  const Camera& camera = problem.query_camera;
+  for (const double focal_px : {camera.focal_x_px(), camera.focal_y_px()}) {
+    if (focal_px / range >= std::numeric_limits<double>::min() && std::isfinite(focal_px * range)) {
+      continue;
+    }
+    throw InputError(
+        fmt::format("{}: query camera: no focal lengths within a factor of {} of {} px",
+                    problem.name, range, focal_px));
+  }
+}
+
+}  // namespace
+
+std::optional<double> UnknownFocalRange(const PoseProblem& problem,
+                                        const EstimatorOptions& options) {
+  const double prior = problem.priors.focal_range;
+  if (!(prior >= 1 && prior <= kMaxFocalRange)) {
+    throw InputError(fmt::format("focal range prior: expected a factor from 1 to {}, found {}",
+                                 kMaxFocalRange, prior));
+  }
+  const double range = std::max(options.refine_focal ? options.focal_range : 1, prior);
+  if (range == 1 || problem.query_camera.is_panorama()) return std::nullopt;
+  if (!problem.other_cameras.empty()) {
+    throw InputError(problem.name + ": the focal lengths of a rig's cameras must be known");
+  }
+  RequireFocalRange(problem, range);
+  return range;
+}
+
+// The focal length is refined at the best of the poses found with some in its range; the estimate is
+// then made anew, as a better focal length has more inliers.
+PoseEstimate EstimateWithFocal(const RansacEstimator& estimator, const PoseProblem& problem,
+                               const EstimatorOptions& options, double range) {
+  const double focal_px = problem.query_camera.MeanFocalPx();
+  PoseProblem changed = problem;
+  std::optional<PoseEstimate> first;
+  Camera camera;
+  int iterations = 0;
+  for (const Camera& candidate : FocalCandidates(problem.query_camera, range)) {
+    changed.query_camera = candidate;
+    PoseEstimate estimate = estimator.EstimateWithCamera(changed);
+    iterations += estimate.iterations;
+    const bool is_better =
+        first && estimate.cam_from_world &&
+        (!first->cam_from_world || estimate.refined_value < first->refined_value);
+    if (!first || is_better) {
+      first = std::move(estimate);
+      camera = candidate;
+    }
+  }
+  first->iterations = iterations;
+  if (!first->cam_from_world) return *first;
+  first->refined_camera = camera;
+  if (!first->position_observable) return *first;
+  changed.query_camera = camera;
+  const FocalRefinement refined =
+      RefineFocal(changed, *first->cam_from_world, estimator.RefinedSets(first->solver), options,
+                  focal_px, range);
+  changed.query_camera = refined.camera;
+  PoseEstimate second = estimator.EstimateWithCamera(changed);
+  second.iterations += iterations;
+  second.refined_camera = refined.camera;
+  if (!second.cam_from_world || NumInliers(second) < kKeptGain * NumInliers(*first)) {
+    DropCovariance(*first);  // it takes the camera for granted
+    return *first;
+  }
+  if (refined.covariance_by_focal && second.covariance) {
+    SetCovariance(*second.covariance + *refined.covariance_by_focal, second);
+  } else {
+    DropCovariance(second);
+  }
+  return second;
+}
+
+}  // namespace raylift

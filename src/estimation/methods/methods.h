@@ -1,0 +1,94 @@
+// How the methods are made of one LO-RANSAC: which samplers draw, by which score poses are compared,
+// which matches optimize a new best pose locally, and which refine the last one. Each method's file
+// says it.
+
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "estimation/problem/normalized_problem.h"
+#include "estimation/ransac/ransac.h"
+
+#include "raylift/estimation/options.h"
+#include "raylift/estimation/pose_estimator.h"
+
+namespace raylift {
+
+struct RefinedPose;
+
+struct RansacMethod {
+  // A sampler, used where the problem has what it draws, and the matches that optimize its poses
+  // locally.
+  struct Draws {
+    Solver solver;
+    MatchSets optimized;
+  };
+  std::vector<Draws> samplers;
+  SolverSchedule schedule = SolverSchedule::kAll;
+  MatchSets scored;
+  ScoreCombination score;
+  // The matches of the final refinement; nullopt: those that optimized the pose.
+  std::optional<MatchSets> refined = std::nullopt;
+};
+RansacMethod P3pMethod(const EstimatorOptions& options);
+RansacMethod E5p1Method(const EstimatorOptions& options);
+RansacMethod D3p1Method(const EstimatorOptions& options);
+RansacMethod AdaptiveMethod(const EstimatorOptions& options);
+RansacMethod HybridRansacMethod();
+
+// A refined pose keeps at least this share of what RANSAC's gains over a pose that nothing fits.
+inline constexpr double kKeptGain = 0.5;
+
+// Any of those methods, from a problem to its estimate.
+class RansacEstimator final : public PoseEstimator {
+ public:
+  RansacEstimator(const EstimatorOptions& options, RansacMethod method)
+      : options_(options), method_(std::move(method)) {}
+
+  PoseEstimate Estimate(const PoseProblem& problem) const override;
+  // Takes the focal length of the query's camera for granted.
+  PoseEstimate EstimateWithCamera(const PoseProblem& problem) const;
+  // Refines a pose without RANSAC.
+  PoseEstimate RefineFrom(const PoseProblem& problem, const Rigid3& cam_from_world) const;
+
+  // Returns the matches that refine a pose which this solver made.
+  MatchSets RefinedSets(Solver solver) const;
+
+ private:
+  bool Draws(Solver solver) const;
+  PoseScore ScoreFor(const NormalizedProblem& problem) const;
+  // Refines RANSAC's pose, and sets the values by which the estimate compares both.
+  RefinedPose Refine(const NormalizedProblem& problem,
+                     const std::optional<KeypointEvidence>& evidence, const PoseScore& pose_score,
+                     const RansacReport& report, PoseEstimate& estimate) const;
+  FailureReason WhyNoSample(const NormalizedProblem& problem) const;
+  void RejectUnsupported(bool e5p1_observes_position, PoseEstimate& estimate) const;
+
+  EstimatorOptions options_;
+  RansacMethod method_;
+};
+
+// Sets the covariance and the standard deviations that follow from it; none where it is not finite.
+void SetCovariance(const Matrix6d& covariance, PoseEstimate& estimate);
+void DropCovariance(PoseEstimate& estimate);
+
+// Eq. 6: takes the P3P pose if it explains nearly as many 2D-2D matches as the E5+1 pose does.
+PoseEstimate SelectPose(PoseEstimate p3p, PoseEstimate e5p1, double alpha);
+std::unique_ptr<PoseEstimator> MakeSelectEstimator(const EstimatorOptions& options);
+
+std::unique_ptr<PoseEstimator> MakeHlocEstimator(const EstimatorOptions& options);
+// Returns the cluster of each reference, numbered by first member from 0, for problems whose clusters
+// are not known from an SfM model: references are linked where a query keypoint matches both.
+std::vector<int> ClusterBySharedKeypoints(const PoseProblem& problem);
+
+// Returns the factor within which the query's focal length is to be found; nullopt where the camera's
+// holds. Throws InputError for a prior or a camera with which it cannot be looked for.
+std::optional<double> UnknownFocalRange(const PoseProblem& problem,
+                                        const EstimatorOptions& options);
+// Finds the focal length with the pose, by any method's estimator.
+PoseEstimate EstimateWithFocal(const RansacEstimator& estimator, const PoseProblem& problem,
+                               const EstimatorOptions& options, double range);
+
+}  // namespace raylift

@@ -1,0 +1,305 @@
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "base/rng.h"
+#include "estimation/confidence/confidence.h"
+#include "estimation/methods/methods.h"
+#include "estimation/problem/observations.h"
+#include "estimation/refinement/refinement.h"
+
+#include "raylift/scene/pose_problem.h"
+
+namespace raylift {
+namespace {
+
+MatchNoise Describe(const JointNoise& noise, bool references_disagree, double scale) {
+  MatchNoise described;
+  described.keypoint_px = std::sqrt(noise.keypoint_px2);
+  described.keypoint_tail = noise.keypoint_tail;
+  described.depth = std::sqrt(noise.depth);
+  described.common_depth = std::sqrt(noise.common_depth);
+  described.keypoint_errors = noise.keypoint_errors;
+  described.depth_errors = noise.depth_errors;
+  described.common_depth_errors = noise.common_depth_errors;
+  if (references_disagree) {
+    described.reference_factor = std::sqrt(noise.reference_scale);
+    described.reference_rotation_deg = std::sqrt(noise.reference_rotation) * 180 / std::numbers::pi;
+    described.reference_position = std::sqrt(noise.reference_center) * scale;
+  }
+  return described;
+}
+
+// Fills what follows from the final pose: scores, inliers, covariance.
+void DescribePose(const NormalizedProblem& problem, const PoseProblem& original,
+                  const RefinedPose& final_pose, PoseEstimate& estimate) {
+  estimate.cam_from_world = problem.ToWorld(final_pose.pose);
+  const Residuals residuals = ComputeResiduals(problem, final_pose.pose);
+  const auto describe = [](const auto& matches, const std::vector<double>& squared, size_t total,
+                           MatchSetScore& score, std::vector<bool>& inliers) {
+    inliers.assign(total, false);
+    score.num_matches = static_cast<int>(total);
+    score.msac_cost = static_cast<double>(total - matches.size());
+    for (size_t i = 0; i < matches.size(); ++i) {
+      const bool inlier = squared[i] < 1;
+      inliers[matches[i].match] = inlier;
+      score.num_inliers += inlier ? 1 : 0;
+      score.msac_cost += inlier ? squared[i] : 1;
+    }
+  };
+  describe(problem.matches_2d3d, residuals.of_2d3d, original.matches_2d3d.size(),
+           estimate.score_2d3d, estimate.inliers_2d3d);
+  describe(problem.matches_2d2d, residuals.of_2d2d, original.matches_2d2d.size(),
+           estimate.score_2d2d, estimate.inliers_2d2d);
+
+  if (final_pose.noise) {
+    estimate.noise = Describe(*final_pose.noise, final_pose.references_disagree, problem.scale);
+  }
+  if (final_pose.covariance) {
+    Eigen::Matrix<double, 6, 1> unit;
+    unit << 1, 1, 1, problem.scale, problem.scale, problem.scale;
+    SetCovariance(unit.asDiagonal() * *final_pose.covariance * unit.asDiagonal(), estimate);
+  }
+}
+
+// The samplers that a method names and the problem has something to draw for.
+class Samplers {
+ public:
+  Samplers(const NormalizedProblem& problem, const std::vector<RansacMethod::Draws>& wanted,
+           const std::optional<KeypointEvidence>& evidence)
+      : p3p_(problem), known_center_(problem), upright_(problem), e5p1_(problem) {
+    if (evidence) d3p1_.emplace(problem, *evidence);
+    for (const auto& [solver, optimized] : wanted) {
+      if (const HypothesisSampler* sampler = Find(solver, problem)) {
+        solvers_.push_back({sampler, solver, optimized});
+      }
+    }
+  }
+  Samplers(const Samplers&) = delete;
+  Samplers& operator=(const Samplers&) = delete;
+
+  const std::vector<RansacSolver>& solvers() const { return solvers_; }
+  const HypothesisSampler& Of(Solver solver) const {
+    return *std::find_if(solvers_.begin(), solvers_.end(), [&](const RansacSolver& candidate) {
+              return candidate.solver == solver;
+            })->sampler;
+  }
+  bool E5p1ObservesPosition() const { return e5p1_.PositionObservable(); }
+
+ private:
+  const HypothesisSampler* Find(Solver solver, const NormalizedProblem& problem) const {
+    const auto if_able = [](const HypothesisSampler& sampler, bool is_able) {
+      return is_able ? &sampler : nullptr;
+    };
+    switch (solver) {
+      case Solver::kP3p:
+        return if_able(p3p_, P3pSampler::CanSample(problem));
+      case Solver::kKnownCenter:
+        return if_able(known_center_, KnownCenterSampler::CanSample(problem));
+      case Solver::kUpright:
+        return if_able(upright_, UprightSampler::CanSample(problem));
+      case Solver::kE5p1:
+        return if_able(e5p1_, E5p1Sampler::CanSample(problem));
+      case Solver::kD3p1:
+        return d3p1_ && d3p1_->CanSample() ? &*d3p1_ : nullptr;
+    }
+    return nullptr;
+  }
+
+  P3pSampler p3p_;
+  KnownCenterSampler known_center_;
+  UprightSampler upright_;
+  E5p1Sampler e5p1_;
+  std::optional<D3p1Sampler> d3p1_;
+  std::vector<RansacSolver> solvers_;
+};
+
+PoseEstimate WithoutPose(const PoseProblem& problem, const NormalizedProblem& normalized) {
+  PoseEstimate estimate;
+  estimate.score_2d3d.num_matches = normalized.num_matches_2d3d;
+  estimate.score_2d2d.num_matches = normalized.num_matches_2d2d;
+  estimate.inliers_2d3d.assign(problem.matches_2d3d.size(), false);
+  estimate.inliers_2d2d.assign(problem.matches_2d2d.size(), false);
+  return estimate;
+}
+
+// Where few matches are right, wrong 2D-2D matches draw RANSAC's pose onto their epipolar lines; a
+// refinement by the 2D-3D matches, which made the sample, frees it from them before the joint one.
+CamFromLocal StartOfRefinement(const RansacResult& best, const NormalizedProblem& problem,
+                               MatchSets refined, Refinement refinement) {
+  const bool frees = refinement == Refinement::kRobust && refined == MatchSets::kBoth &&
+                     best.solver == Solver::kP3p;
+  return frees ? RefineByInliers(problem, best.pose, MatchSets::k2D3D).pose : best.pose;
+}
+
+}  // namespace
+
+PoseEstimate RansacEstimator::Estimate(const PoseProblem& problem) const {
+  const std::optional<double> range = UnknownFocalRange(problem, options_);
+  return range ? EstimateWithFocal(*this, problem, options_, *range) : EstimateWithCamera(problem);
+}
+
+PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem) const {
+  Rng rng(StreamSeed(options_.seed, problem.name, ToString(options_.method)));
+  const NormalizedProblem normalized(problem, options_.reprojection_threshold_px,
+                                     options_.sampson_threshold_px, rng, options_.point_sigma);
+  PoseEstimate estimate = WithoutPose(problem, normalized);
+  std::optional<KeypointEvidence> evidence;
+  if (Draws(Solver::kD3p1)) evidence = GatherEvidence(problem, normalized);
+  const Samplers samplers(normalized, method_.samplers, evidence);
+  if (samplers.solvers().empty()) {
+    estimate.failure = WhyNoSample(normalized);
+    return estimate;
+  }
+  const PoseScore pose_score = ScoreFor(normalized);
+  const RansacReport report =
+      RunRansac(normalized, pose_score, samplers.solvers(), method_.schedule, options_, rng);
+  estimate.iterations = report.iterations;
+  if (!report.best) {
+    estimate.failure = FailureReason::kNoConsistentSample;
+    return estimate;
+  }
+  estimate.solver = report.best->solver;
+  estimate.ransac_value = report.best_value;
+  const RefinedPose refined = Refine(normalized, evidence, pose_score, report, estimate);
+  DescribePose(normalized, problem, refined, estimate);
+
+  const double num_samples =
+      std::min<double>(report.iterations, samplers.Of(estimate.solver).NumSamples());
+  // A sample gives some two poses; each solver has its share of the false alarms.
+  const double tried = 2.0 * num_samples * static_cast<double>(samplers.solvers().size());
+  AssessConfidence(problem, normalized,
+                   {.pose = refined.pose,
+                    .position_sigma = estimate.position_sigma / normalized.scale,
+                    .solver = estimate.solver,
+                    .scored = method_.scored,
+                    .num_poses_tried = tried,
+                    .alternatives = report.alternatives},
+                   options_, estimate);
+  RejectUnsupported(samplers.E5p1ObservesPosition(), estimate);
+  return estimate;
+}
+
+// The likeliest pose rarely has the best score, but one that explains far less has lost its way: then
+// RANSAC's pose is kept.
+RefinedPose RansacEstimator::Refine(const NormalizedProblem& problem,
+                                    const std::optional<KeypointEvidence>& evidence,
+                                    const PoseScore& pose_score, const RansacReport& report,
+                                    PoseEstimate& estimate) const {
+  const MatchSets sets = RefinedSets(report.best->solver);
+  const CamFromLocal start = StartOfRefinement(*report.best, problem, sets, options_.refinement);
+  RefinedPose refined = RefineFinally(problem, evidence, start, sets, options_);
+  const Scorer scorer(problem, pose_score);
+  estimate.refined_value = pose_score.Value(scorer.ScoreAll(refined.pose));
+  const double nothing = pose_score.Value({{static_cast<double>(problem.num_matches_2d3d), 0},
+                                           {static_cast<double>(problem.num_matches_2d2d), 0},
+                                           problem.priors.WorstCost()});
+  if (!(nothing - estimate.refined_value > kKeptGain * (nothing - estimate.ransac_value))) {
+    refined = KeepPose(problem, report.best->pose, sets);
+    estimate.refined_value = estimate.ransac_value;
+  }
+  return refined;
+}
+
+PoseEstimate RansacEstimator::RefineFrom(const PoseProblem& problem,
+                                         const Rigid3& cam_from_world) const {
+  Rng rng(StreamSeed(options_.seed, problem.name, "refine"));
+  const NormalizedProblem normalized(problem, options_.reprojection_threshold_px,
+                                     options_.sampson_threshold_px, rng, options_.point_sigma);
+  PoseEstimate estimate = WithoutPose(problem, normalized);
+  std::optional<KeypointEvidence> evidence;
+  if (Draws(Solver::kD3p1)) evidence = GatherEvidence(problem, normalized);
+  const PoseScore pose_score = ScoreFor(normalized);
+  estimate.solver = method_.samplers.front().solver;
+  const MatchSets sets = RefinedSets(estimate.solver);
+  RansacReport report;
+  report.best = {OptimizeLocally(normalized, normalized.ToLocal(cam_from_world), sets, kLocalSteps,
+                                 OptimizedMatches::kAll),
+                 estimate.solver, sets};
+  report.best_value = pose_score.Value(Scorer(normalized, pose_score).ScoreAll(report.best->pose));
+  estimate.ransac_value = report.best_value;
+  const RefinedPose refined = Refine(normalized, evidence, pose_score, report, estimate);
+  DescribePose(normalized, problem, refined, estimate);
+  AssessConfidence(problem, normalized,
+                   {.pose = refined.pose,
+                    .position_sigma = estimate.position_sigma / normalized.scale,
+                    .solver = estimate.solver,
+                    .scored = method_.scored,
+                    .num_poses_tried = 1,
+                    .alternatives = {}},
+                   options_, estimate);
+  RejectUnsupported(E5p1Sampler(normalized).PositionObservable(), estimate);
+  return estimate;
+}
+
+MatchSets RansacEstimator::RefinedSets(Solver solver) const {
+  if (method_.refined) return *method_.refined;
+  return std::find_if(method_.samplers.begin(), method_.samplers.end(),
+                      [&](const RansacMethod::Draws& draws) { return draws.solver == solver; })
+      ->optimized;
+}
+
+bool RansacEstimator::Draws(Solver solver) const {
+  return std::any_of(method_.samplers.begin(), method_.samplers.end(),
+                     [&](const RansacMethod::Draws& draws) { return draws.solver == solver; });
+}
+
+// A set whose matches are all unusable counts as empty.
+PoseScore RansacEstimator::ScoreFor(const NormalizedProblem& problem) const {
+  return {method_.scored, method_.score,
+          problem.matches_2d3d.empty() ? 0 : problem.num_matches_2d3d,
+          problem.matches_2d2d.empty() ? 0 : problem.num_matches_2d2d, options_.refinement};
+}
+
+FailureReason RansacEstimator::WhyNoSample(const NormalizedProblem& problem) const {
+  if (Draws(Solver::kE5p1) && problem.matches_2d2d.size() >= 5) {
+    return FailureReason::kNoReferencePair;
+  }
+  if (options_.method == Method::kD3p1 && problem.matches_2d2d.size() >= 4 &&
+      problem.matches_2d3d.size() >= 3) {
+    return FailureReason::kNoDepthPair;
+  }
+  return FailureReason::kTooFewMatches;
+}
+
+// A pose that its own minimal sample alone supports, or that chance supports as well, says nothing.
+void RansacEstimator::RejectUnsupported(bool e5p1_observes_position, PoseEstimate& estimate) const {
+  const bool enough_2d3d = Draws(Solver::kP3p) && estimate.score_2d3d.num_inliers >= 3;
+  const bool enough_2d2d = (Draws(Solver::kE5p1) || Draws(Solver::kD3p1)) &&
+                           estimate.score_2d2d.num_inliers >= (e5p1_observes_position ? 6 : 5);
+  const bool by_chance =
+      options_.refinement == Refinement::kRobust && estimate.confidence < kLeastConfidence;
+  if (by_chance || !(enough_2d3d || enough_2d2d) || !estimate.cam_from_world->IsFinite()) {
+    estimate.cam_from_world.reset();
+    estimate.verdict = PoseVerdict::kFailed;
+    estimate.noise.reset();
+    DropCovariance(estimate);
+    estimate.failure = FailureReason::kNoConsistentSample;
+    return;
+  }
+  estimate.position_observable =
+      e5p1_observes_position || options_.method == Method::kD3p1 || enough_2d3d;
+  if (!estimate.position_observable) {
+    DropCovariance(estimate);
+    estimate.verdict = PoseVerdict::kDoubtful;
+  }
+}
+
+void SetCovariance(const Matrix6d& covariance, PoseEstimate& estimate) {
+  estimate.covariance.reset();
+  if (!covariance.allFinite()) return;
+  estimate.covariance = covariance;
+  estimate.rotation_sigma_deg =
+      std::sqrt(covariance.topLeftCorner<3, 3>().trace()) * 180 / std::numbers::pi;
+  // The center is -R' t: a step moves it by -R' v in the world, whatever w is, as both R and t turn
+  // with w.
+  estimate.position_sigma = std::sqrt(covariance.bottomRightCorner<3, 3>().trace());
+}
+
+void DropCovariance(PoseEstimate& estimate) {
+  estimate.covariance.reset();
+  estimate.rotation_sigma_deg = 0;
+  estimate.position_sigma = 0;
+}
+
+}  // namespace raylift

@@ -1,0 +1,474 @@
+#include "estimation/problem/normalized_problem.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <numeric>
+
+#include "estimation/kernels/kernel_table.h"
+
+#include "base/statistics.h"
+#include "raylift/geometry/residuals.h"
+#include "raylift/scene/keypoints.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+// Points and cameras so far away that float arithmetic would overflow cannot be told from none.
+constexpr double kFarthest = 1e15;
+
+struct Frame {
+  Vector3d origin = Vector3d::Zero();
+  double scale = 1;
+};
+
+// Centered on the references that have matches and scaled by their spread; where they share one
+// center (or there are none) by the median distance of the 3D points.
+Frame ChooseFrame(const PoseProblem& problem) {
+  std::vector<bool> used(problem.references.size(), false);
+  for (const Match2D2D& match : problem.matches_2d2d) {
+    if (match.reference >= 0 && match.reference < static_cast<int>(used.size())) {
+      used[match.reference] = true;
+    }
+  }
+  std::vector<Vector3d> centers;
+  for (size_t i = 0; i < used.size(); ++i) {
+    const Vector3d center = problem.references[i].cam_from_world.OriginInSource();
+    if (used[i] && center.allFinite()) {
+      centers.push_back(center);
+    }
+  }
+  std::vector<Vector3d> points;
+  for (const Match2D3D& match : problem.matches_2d3d) {
+    if (match.point_in_world.allFinite()) {
+      points.push_back(match.point_in_world);
+    }
+  }
+  Frame frame;
+  if (!centers.empty()) {
+    // Differences to the first center, as sums of large coordinates would lose digits.
+    Vector3d sum = Vector3d::Zero();
+    for (const Vector3d& c : centers) sum += c - centers[0];
+    frame.origin = centers[0] + sum / static_cast<double>(centers.size());
+    double squares = 0;
+    for (const Vector3d& c : centers) squares += (c - frame.origin).squaredNorm();
+    frame.scale = std::sqrt(squares / static_cast<double>(centers.size()));
+  } else if (!points.empty()) {
+    for (int axis = 0; axis < 3; ++axis) {
+      std::vector<double> values;
+      values.reserve(points.size());
+      for (const Vector3d& p : points) values.push_back(p[axis]);
+      frame.origin[axis] = UpperMedianOr(std::move(values), 0);
+    }
+    frame.scale = 0;
+  }
+  // A variance_at_unit_depth at the level of the coordinates' rounding is none.
+  const double rounding = 1e-10 * frame.origin.norm();
+  if (!(frame.scale > rounding) && !points.empty()) {
+    std::vector<double> distances;
+    distances.reserve(points.size());
+    for (const Vector3d& p : points) distances.push_back((p - frame.origin).norm());
+    frame.scale = UpperMedianOr(std::move(distances), 0);
+  }
+  if (!(frame.scale > rounding) || !std::isfinite(frame.scale)) {
+    frame.scale = 1;
+  }
+  return frame;
+}
+
+std::optional<NormalizedMatch2D3D> Normalize2D3D(const Camera& camera, const Match2D3D& match,
+                                                 const Frame& frame, double threshold_px,
+                                                 double point_sigma, int index) {
+  if (!match.query_px.allFinite() || !match.point_in_world.allFinite()) {
+    return std::nullopt;
+  }
+  const auto pixel_frame = MakePixelFrame(camera, match.query_px);
+  if (!pixel_frame) {
+    return std::nullopt;
+  }
+  NormalizedMatch2D3D point;
+  point.ray = pixel_frame->ray_from_image.col(2).normalized();
+  point.image_from_ray = pixel_frame->image_from_ray;
+  point.image_from_ray.topRows<2>() /= threshold_px;
+  point.point = (match.point_in_world - frame.origin) / frame.scale;
+  point.sigma = match.point_sigma.value_or(point_sigma) / frame.scale;
+  // An isotropic error of the point shows in the image as an error of both pixel rows' mean scale.
+  const double widened = kSigmasOfThreshold * point.sigma;
+  point.variance_at_unit_depth =
+      0.5 * point.image_from_ray.topRows<2>().squaredNorm() * widened * widened;
+  point.match = index;
+  if (!(point.point.norm() < kFarthest) || !std::isfinite(point.variance_at_unit_depth)) {
+    return std::nullopt;
+  }
+  return point;
+}
+
+std::optional<NormalizedMatch2D2D> Normalize2D2D(const PoseProblem& problem, const Match2D2D& match,
+                                                 double threshold_px, int index) {
+  if (!match.query_px.allFinite() || !match.reference_px.allFinite()) {
+    return std::nullopt;
+  }
+  const PosedImage& reference = problem.references[match.reference];
+  if (!reference.cam_from_world.IsFinite()) {
+    return std::nullopt;
+  }
+  const auto query_frame = MakePixelFrame(problem.CameraAt(match.camera), match.query_px);
+  const auto reference_frame = MakePixelFrame(reference.camera, match.reference_px);
+  if (!query_frame || !reference_frame) {
+    return std::nullopt;
+  }
+  const Matrix3d world_from_cam = reference.cam_from_world.rotation.conjugate().toRotationMatrix();
+  const double query_norm = query_frame->ray_from_image.col(2).norm();
+  const double reference_norm = reference_frame->ray_from_image.col(2).norm();
+  NormalizedMatch2D2D pair;
+  pair.query_ray = query_frame->ray_from_image.col(2) / query_norm;
+  pair.query_gradient = query_frame->ray_from_image.leftCols<2>() * (threshold_px / query_norm);
+  pair.reference_sigma_px = match.reference_sigma_px.value_or(0);
+  pair.reference_ray = world_from_cam * (reference_frame->ray_from_image.col(2) / reference_norm);
+  pair.reference_gradient =
+      world_from_cam * reference_frame->ray_from_image.leftCols<2>() *
+      (threshold_px / reference_norm * ReferenceSigmaFactor(pair.reference_sigma_px, threshold_px));
+  pair.parallax = std::sqrt(pair.query_gradient.colwise().squaredNorm().maxCoeff() +
+                            pair.reference_gradient.colwise().squaredNorm().maxCoeff());
+  if (!std::isfinite(pair.parallax)) {
+    return std::nullopt;
+  }
+  pair.reference = match.reference;
+  pair.match = index;
+  return pair;
+}
+
+// From a camera's own axes to those of the query's own camera.
+void TurnToQueryAxes(const Matrix3d& cam_from_query, NormalizedMatch2D3D& point) {
+  point.ray = cam_from_query.transpose() * point.ray;
+  point.image_from_ray = point.image_from_ray * cam_from_query;
+}
+void TurnToQueryAxes(const Matrix3d& cam_from_query, NormalizedMatch2D2D& pair) {
+  pair.query_ray = cam_from_query.transpose() * pair.query_ray;
+  pair.query_gradient = cam_from_query.transpose() * pair.query_gradient;
+}
+
+std::vector<int> AllIndices(size_t count) {
+  std::vector<int> indices(count);
+  std::iota(indices.begin(), indices.end(), 0);
+  return indices;
+}
+
+// A random order of `count` things.
+std::vector<int> RandomOrder(size_t count, Rng& rng) {
+  std::vector<int> order = AllIndices(count);
+  for (size_t i = count; i > 1; --i) {
+    std::swap(order[i - 1], order[rng.UniformIndex(static_cast<uint32_t>(i))]);
+  }
+  return order;
+}
+
+std::vector<int> Joined(const std::vector<std::vector<int>>& groups, size_t count) {
+  std::vector<int> joined;
+  joined.reserve(count);
+  for (const std::vector<int>& group : groups) {
+    joined.insert(joined.end(), group.begin(), group.end());
+  }
+  return joined;
+}
+
+// The 2D-2D matches grouped by reference and camera, in random order within a group; without those
+// of a reference or a camera that does not exist.
+std::vector<int> RandomOrderByCameraReference(const PoseProblem& problem, Rng& rng) {
+  const auto num_cameras = static_cast<size_t>(problem.num_cameras());
+  std::vector<std::vector<int>> by_camera_reference(problem.references.size() * num_cameras);
+  for (const int i : RandomOrder(problem.matches_2d2d.size(), rng)) {
+    const Match2D2D& match = problem.matches_2d2d[static_cast<size_t>(i)];
+    if (match.reference >= 0 && match.reference < static_cast<int>(problem.references.size()) &&
+        problem.HasCamera(match.camera)) {
+      by_camera_reference[static_cast<size_t>(match.reference) * num_cameras +
+                          static_cast<size_t>(match.camera)]
+          .push_back(i);
+    }
+  }
+  return Joined(by_camera_reference, problem.matches_2d2d.size());
+}
+
+// The 2D-3D matches grouped by camera, as those.
+std::vector<int> RandomOrderByCamera(const PoseProblem& problem, Rng& rng) {
+  std::vector<std::vector<int>> by_camera(static_cast<size_t>(problem.num_cameras()));
+  for (const int i : RandomOrder(problem.matches_2d3d.size(), rng)) {
+    const int camera = problem.matches_2d3d[static_cast<size_t>(i)].camera;
+    if (problem.HasCamera(camera)) by_camera[static_cast<size_t>(camera)].push_back(i);
+  }
+  return Joined(by_camera, problem.matches_2d3d.size());
+}
+
+// How many blocks some matches fill, each with those of one `group`.
+template <typename Match>
+size_t CountBlocks(const std::vector<Match>& matches, int Match::*group,
+                   const std::vector<int>& selection, int lanes) {
+  size_t count = 0;
+  int used = 0;
+  for (size_t i = 0; i < selection.size(); ++i) {
+    const bool same = i > 0 && matches[selection[i]].*group == matches[selection[i - 1]].*group;
+    used = same && used < lanes ? used + 1 : 1;
+    count += used == 1 ? 1 : 0;
+  }
+  return count;
+}
+
+}  // namespace
+
+template <typename T>
+Blocks2D3D<T> MakeBlocks2D3D(const std::vector<NormalizedMatch2D3D>& points,
+                             const std::vector<int>& selection) {
+  constexpr int kLanes = kernels::kLanes<T>;
+  Blocks2D3D<T> result;
+  const size_t num_blocks = CountBlocks(points, &NormalizedMatch2D3D::camera, selection, kLanes);
+  result.blocks.resize(num_blocks);
+  if (num_blocks > 0) {
+    std::memset(static_cast<void*>(result.blocks.data()), 0, num_blocks * sizeof(result.blocks[0]));
+  }
+  result.block_camera.reserve(num_blocks);
+  result.lane_match.assign(num_blocks * kLanes, -1);
+  int lane = kLanes;
+  for (const int index : selection) {
+    const NormalizedMatch2D3D& point = points[index];
+    if (lane == kLanes || result.block_camera.back() != point.camera) {
+      lane = 0;
+      result.block_camera.push_back(point.camera);
+    }
+    const size_t last = result.block_camera.size() - 1;
+    kernels::Block2D3D<T>& block = result.blocks[last];
+    result.lane_match[last * kLanes + lane] = index;
+    block.variance_at_unit_depth[lane] = static_cast<T>(point.variance_at_unit_depth);
+    for (int k = 0; k < 3; ++k) {
+      block.x[k][lane] = static_cast<T>(point.point[k]);
+      for (int c = 0; c < 3; ++c) {
+        block.image_from_ray[3 * k + c][lane] = static_cast<T>(point.image_from_ray(k, c));
+      }
+    }
+    ++lane;
+  }
+  return result;
+}
+
+template <typename T>
+Blocks2D2D<T> MakeBlocks2D2D(const std::vector<NormalizedMatch2D2D>& pairs,
+                             const std::vector<int>& selection) {
+  constexpr int kLanes = kernels::kLanes<T>;
+  Blocks2D2D<T> result;
+  const size_t num_blocks =
+      CountBlocks(pairs, &NormalizedMatch2D2D::camera_reference, selection, kLanes);
+  result.blocks.reserve(num_blocks);
+  result.block_camera_reference.reserve(num_blocks);
+  result.lane_match.reserve(num_blocks * kLanes);
+  int lane = kLanes;
+  for (const int index : selection) {
+    const NormalizedMatch2D2D& pair = pairs[index];
+    if (lane == kLanes || result.block_camera_reference.back() != pair.camera_reference) {
+      lane = 0;
+      result.blocks.emplace_back();
+      std::memset(static_cast<void*>(&result.blocks.back()), 0, sizeof(result.blocks.back()));
+      result.block_camera_reference.push_back(pair.camera_reference);
+      result.lane_match.insert(result.lane_match.end(), kLanes, -1);
+    }
+    kernels::Block2D2D<T>& block = result.blocks.back();
+    result.lane_match[(result.blocks.size() - 1) * kLanes + lane] = index;
+    for (int k = 0; k < 3; ++k) {
+      block.query_ray[k][lane] = static_cast<T>(pair.query_ray[k]);
+      block.reference_ray[k][lane] = static_cast<T>(pair.reference_ray[k]);
+      for (int g = 0; g < 2; ++g) {
+        block.query_gradient[3 * g + k][lane] = static_cast<T>(pair.query_gradient(k, g));
+        block.reference_gradient[3 * g + k][lane] = static_cast<T>(pair.reference_gradient(k, g));
+      }
+    }
+    block.parallax[lane] = static_cast<T>(pair.parallax);
+    ++lane;
+  }
+  return result;
+}
+
+template Blocks2D3D<float> MakeBlocks2D3D<float>(const std::vector<NormalizedMatch2D3D>&,
+                                                 const std::vector<int>&);
+template Blocks2D3D<double> MakeBlocks2D3D<double>(const std::vector<NormalizedMatch2D3D>&,
+                                                   const std::vector<int>&);
+template Blocks2D2D<float> MakeBlocks2D2D<float>(const std::vector<NormalizedMatch2D2D>&,
+                                                 const std::vector<int>&);
+template Blocks2D2D<double> MakeBlocks2D2D<double>(const std::vector<NormalizedMatch2D2D>&,
+                                                   const std::vector<int>&);
+
+NormalizedProblem::NormalizedProblem(const PoseProblem& problem, double threshold_2d3d_px,
+                                     double threshold_2d2d_px, Rng& rng, double point_sigma)
+    : reprojection_threshold_px(threshold_2d3d_px),
+      sampson_threshold_px(threshold_2d2d_px),
+      num_matches_2d3d(static_cast<int>(problem.matches_2d3d.size())),
+      num_matches_2d2d(static_cast<int>(problem.matches_2d2d.size())) {
+  const Frame frame = ChooseFrame(problem);
+  origin_in_world = frame.origin;
+  scale = frame.scale;
+  for (const PosedImage& reference : problem.references) {
+    centers.push_back((reference.cam_from_world.OriginInSource() - frame.origin) / frame.scale);
+  }
+  std::vector<Matrix3d> cam_from_query;  // of the other cameras
+  camera_centers.assign(1, Vector3d::Zero());
+  for (const RigCamera& other : problem.other_cameras) {
+    cam_from_query.push_back(other.cam_from_query.rotation.toRotationMatrix());
+    camera_centers.push_back(other.cam_from_query.OriginInSource() / frame.scale);
+  }
+  const auto is_near = [&](int camera) {
+    return camera_centers[static_cast<size_t>(camera)].norm() < kFarthest;
+  };
+  const auto finish = [&](auto& match, int camera, size_t keypoint) {
+    match.camera = camera;
+    match.keypoint = keypoint;
+    if (camera > 0) TurnToQueryAxes(cam_from_query[static_cast<size_t>(camera - 1)], match);
+  };
+  priors = NormalizedPriors(problem.priors, frame.origin, frame.scale, centers);
+  const KeypointNumbers numbers = NumberQueryKeypoints(problem.matches_2d2d, problem.matches_2d3d);
+  num_keypoints = numbers.count;
+  matches_2d3d.reserve(problem.matches_2d3d.size());
+  for (const int i : RandomOrderByCamera(problem, rng)) {
+    const Match2D3D& match = problem.matches_2d3d[static_cast<size_t>(i)];
+    if (!is_near(match.camera)) continue;
+    if (const auto point = Normalize2D3D(problem.CameraAt(match.camera), match, frame,
+                                         reprojection_threshold_px, point_sigma, i)) {
+      matches_2d3d.push_back(*point);
+      finish(matches_2d3d.back(), match.camera, numbers.of_2d3d[static_cast<size_t>(i)]);
+    }
+  }
+  matches_2d2d.reserve(problem.matches_2d2d.size());
+  for (const int i : RandomOrderByCameraReference(problem, rng)) {
+    const Match2D2D& match = problem.matches_2d2d[static_cast<size_t>(i)];
+    if (!is_near(match.camera)) continue;
+    if (const auto pair = Normalize2D2D(problem, match, sampson_threshold_px, i)) {
+      matches_2d2d.push_back(*pair);
+      finish(matches_2d2d.back(), match.camera, numbers.of_2d2d[static_cast<size_t>(i)]);
+      matches_2d2d.back().camera_reference = CameraReferenceIndex(match.camera, match.reference);
+    }
+  }
+  for (int i = 0; i < static_cast<int>(matches_2d2d.size()); ++i) {
+    if (groups_2d2d.empty() ||
+        groups_2d2d.back().camera_reference != matches_2d2d[i].camera_reference) {
+      groups_2d2d.push_back({matches_2d2d[i].reference, matches_2d2d[i].camera,
+                             matches_2d2d[i].camera_reference, i, i});
+    }
+    groups_2d2d.back().end = i + 1;
+  }
+  Blocks2D3D<float> by_camera =
+      MakeBlocks2D3D<float>(matches_2d3d, AllIndices(matches_2d3d.size()));
+  if (problem.other_cameras.empty()) {
+    blocks_2d3d = std::move(by_camera.blocks);
+    block_camera_2d3d = std::move(by_camera.block_camera);
+  } else {
+    // So that a prefix of the blocks sees all cameras.
+    for (const int i : RandomOrder(by_camera.blocks.size(), rng)) {
+      blocks_2d3d.push_back(by_camera.blocks[i]);
+      block_camera_2d3d.push_back(by_camera.block_camera[i]);
+    }
+  }
+
+  const Blocks2D2D<float> grouped =
+      MakeBlocks2D2D<float>(matches_2d2d, AllIndices(matches_2d2d.size()));
+  blocks_2d2d.reserve(grouped.blocks.size());
+  // So that a prefix of the blocks sees all references.
+  for (const int i : RandomOrder(grouped.blocks.size(), rng)) {
+    blocks_2d2d.push_back(grouped.blocks[i]);
+    block_camera_reference_2d2d.push_back(grouped.block_camera_reference[i]);
+  }
+}
+
+CamFromLocal NormalizedProblem::ToLocal(const Rigid3& cam_from_world) const {
+  return {cam_from_world.rotation.toRotationMatrix(), (cam_from_world * origin_in_world) / scale};
+}
+
+Rigid3 NormalizedProblem::ToWorld(const CamFromLocal& cam_from_local) const {
+  Rigid3 pose;
+  pose.rotation = Eigen::Quaterniond(cam_from_local.rotation).normalized();
+  if (pose.rotation.w() < 0) {  // one of the two signs, so that equal poses print alike
+    pose.rotation.coeffs() *= -1;
+  }
+  pose.translation = scale * cam_from_local.translation - pose.rotation * origin_in_world;
+  return pose;
+}
+
+template <typename T>
+kernels::KernelPose<T> ToKernelPose(const CamFromLocal& pose) {
+  kernels::KernelPose<T> result;
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) {
+      result.rotation[3 * r + c] = static_cast<T>(pose.rotation(r, c));
+    }
+    result.translation[r] = static_cast<T>(pose.translation[r]);
+  }
+  return result;
+}
+template kernels::KernelPose<float> ToKernelPose<float>(const CamFromLocal&);
+template kernels::KernelPose<double> ToKernelPose<double>(const CamFromLocal&);
+
+template <typename T>
+std::vector<T> CentersInCam(const NormalizedProblem& problem, const CamFromLocal& pose) {
+  const size_t num_references = problem.centers.size();
+  std::vector<T> centers(3 * problem.num_camera_references());
+  for (size_t i = 0; i < num_references; ++i) {
+    const Eigen::Vector3d from_query = pose.rotation * problem.centers[i] + pose.translation;
+    for (size_t camera = 0; camera < problem.camera_centers.size(); ++camera) {
+      const Eigen::Vector3d center = from_query - problem.camera_centers[camera];
+      T* of_view = &centers[3 * (camera * num_references + i)];
+      for (int k = 0; k < 3; ++k) of_view[k] = static_cast<T>(center[k]);
+    }
+  }
+  return centers;
+}
+template std::vector<float> CentersInCam<float>(const NormalizedProblem&, const CamFromLocal&);
+template std::vector<double> CentersInCam<double>(const NormalizedProblem&, const CamFromLocal&);
+
+namespace {
+
+std::vector<double> ByMatch(const std::vector<double>& lanes, const std::vector<int>& match_of_lane,
+                            size_t count) {
+  std::vector<double> by_match(count);
+  for (size_t i = 0; i < lanes.size(); ++i) {
+    if (match_of_lane[i] >= 0) by_match[match_of_lane[i]] = lanes[i];
+  }
+  return by_match;
+}
+
+std::vector<double> Residuals2D3D(const NormalizedProblem& problem, const CamFromLocal& pose) {
+  const auto blocks =
+      MakeBlocks2D3D<double>(problem.matches_2d3d, AllIndices(problem.matches_2d3d.size()));
+  std::vector<double> lanes(blocks.lane_match.size());
+  ForEachCamera(
+      0, static_cast<int>(blocks.blocks.size()),
+      [&](int block) { return blocks.block_camera[block]; },
+      [&](int camera, int first, int num_blocks) {
+        kernels::ActiveKernels().residuals_2d3d(
+            &blocks.blocks[first], num_blocks,
+            ToKernelPose<double>(problem.PoseOfCamera(pose, camera)),
+            &lanes[static_cast<size_t>(first) * kernels::kLanes<double>]);
+      });
+  return ByMatch(lanes, blocks.lane_match, problem.matches_2d3d.size());
+}
+
+std::vector<double> Residuals2D2D(const NormalizedProblem& problem, const CamFromLocal& pose) {
+  const auto blocks =
+      MakeBlocks2D2D<double>(problem.matches_2d2d, AllIndices(problem.matches_2d2d.size()));
+  const auto centers = CentersInCam<double>(problem, pose);
+  std::vector<double> lanes(blocks.lane_match.size());
+  kernels::ActiveKernels().residuals_2d2d(blocks.blocks.data(),
+                                          blocks.block_camera_reference.data(),
+                                          static_cast<int>(blocks.blocks.size()),
+                                          ToKernelPose<double>(pose), centers.data(), lanes.data());
+  return ByMatch(lanes, blocks.lane_match, problem.matches_2d2d.size());
+}
+
+}  // namespace
+
+Residuals ComputeResiduals(const NormalizedProblem& problem, const CamFromLocal& pose,
+                           MatchSets sets) {
+  Residuals residuals;
+  if (Has2D3D(sets)) residuals.of_2d3d = Residuals2D3D(problem, pose);
+  if (Has2D2D(sets)) residuals.of_2d2d = Residuals2D2D(problem, pose);
+  return residuals;
+}
+
+}  // namespace raylift

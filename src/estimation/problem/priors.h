@@ -1,0 +1,86 @@
+// What is known of the pose beforehand, as one more residual of each kind of knowledge.
+//
+// A prior may be wrong, as a match may: with a chance of one in twenty it says nothing, and the
+// position is anywhere about the references, the direction of gravity any. The probability of a pose
+// is a mixture of both, so that a prior's cost is bounded: one that contradicts what the matches say
+// costs all poses there the same.
+
+#pragma once
+
+#include <optional>
+#include <span>
+
+#include "estimation/problem/cam_from_local.h"
+#include <Eigen/Core>
+
+#include "raylift/scene/photographs.h"
+
+namespace raylift {
+
+// In the local frame of a NormalizedProblem.
+class NormalizedPriors {
+ public:
+  NormalizedPriors() = default;
+  // `centers`: of the references, local. Throws InputError for a prior that is not finite.
+  NormalizedPriors(const PosePriors& priors, const Eigen::Vector3d& origin_in_world, double scale,
+                   std::span<const Eigen::Vector3d> centers);
+
+  struct Position {
+    Eigen::Vector3d center;
+    Eigen::Vector3d sigma;
+  };
+  struct Gravity {
+    Eigen::Vector3d down_in_cam;    // unit
+    Eigen::Vector3d down_in_local;  // unit
+    double sigma;                   // radians
+  };
+  const std::optional<Position>& position() const { return position_; }
+  const std::optional<Gravity>& gravity() const { return gravity_; }
+  bool empty() const { return !position_ && !gravity_; }
+
+  // The probabilities that the position's and gravity's priors are right, at a pose; 0 without one.
+  double ProbabilityOfPosition(const CamFromLocal& pose) const;
+  double ProbabilityOfGravity(const CamFromLocal& pose) const;
+
+  // The logarithm of how much likelier a pose is than without priors.
+  double LogEvidence(const CamFromLocal& pose) const;
+
+  // How much a pose's evidence falls short of the greatest, in the unit of a match's squared
+  // residual over its squared threshold; at most WorstCost().
+  double Cost(const CamFromLocal& pose) const;
+  double WorstCost() const;
+
+  // Adds what pulls at the pose by a step (w, v) in the camera's tangent frame, with a residual's
+  // square over its variance as its cost.
+  void AddTo(const CamFromLocal& pose, double weight, NormalEquations& equations) const;
+
+ private:
+  // One kind of knowledge at a pose.
+  struct Term {
+    Eigen::Vector3d residual;  // over its standard deviations
+    double log_peak;  // the logarithm of the density at its greatest, over that of knowing nothing
+
+    double LogEvidence() const;
+    double Probability() const;  // that the prior is right
+    double Shortfall() const;    // of the evidence from its greatest
+
+    void AddTo(const Eigen::Matrix<double, 3, 6>& jacobian, double weight,
+               NormalEquations& equations) const;
+  };
+  std::optional<Term> PositionTerm(const CamFromLocal& pose) const;
+  std::optional<Term> GravityTerm(const CamFromLocal& pose) const;
+
+  std::optional<Position> position_;
+  std::optional<Gravity> gravity_;
+  double position_log_peak_ = 0;
+  double gravity_log_peak_ = 0;
+};
+
+// A threshold is some two and a half standard deviations of the keypoints' noise, and stays so of
+// both errors together where a point or a reference is uncertain: t^2 becomes t^2 + (2.5 sigma)^2.
+inline constexpr double kSigmasOfThreshold = 2.5;
+
+// The squared residual of one standard deviation over its squared threshold.
+inline constexpr double kSquaredSigma = 1 / (kSigmasOfThreshold * kSigmasOfThreshold);
+
+}  // namespace raylift

@@ -1,0 +1,39 @@
+// Local optimization inside RANSAC (the LO of LO-RANSAC): which poses, and how.
+
+#pragma once
+
+#include "estimation/problem/normalized_problem.h"
+
+#include "raylift/estimation/options.h"
+
+namespace raylift {
+
+// How many matches take part.
+enum class OptimizedMatches {
+  kEnough,  // a random part of each kind, which stands for all of it
+  kAll,
+};
+
+// Which samples' poses are optimized.
+struct OptimizationPolicy {
+  // The first samples are soon beaten by others: not worth optimizing.
+  int first_iteration;
+  // So many samples that come near the best one, without beating it, are optimized as well.
+  int max_near_best;
+  OptimizedMatches matches;
+};
+// The paper optimizes each new best pose at once, on all matches.
+constexpr OptimizationPolicy PolicyOf(Refinement refinement) {
+  return refinement == Refinement::kPaper ? OptimizationPolicy{1, 0, OptimizedMatches::kAll}
+                                          : OptimizationPolicy{10, 6, OptimizedMatches::kEnough};
+}
+
+inline constexpr int kLocalSteps = 6;
+
+// Takes a few steps on the MSAC cost (the sum of both sets' normalized truncated residuals, as in
+// scoring) of the matches near the pose, in single precision.
+CamFromLocal OptimizeLocally(const NormalizedProblem& problem, const CamFromLocal& pose,
+                             MatchSets sets, int max_steps,
+                             OptimizedMatches matches = OptimizedMatches::kEnough);
+
+}  // namespace raylift

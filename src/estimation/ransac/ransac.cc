@@ -1,0 +1,245 @@
+#include "estimation/ransac/ransac.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace raylift {
+namespace {
+
+// A sample comes near the best one if it gains so much of what that gains over no fit at all.
+constexpr double kNearBestGain = 0.85;
+
+// Alternatives of the best pose, and how far off they are at least.
+constexpr size_t kMaxAlternatives = 3;
+constexpr double kAlternativeGain = 0.5;
+constexpr double kAlternativeRotation = 0.01;    // radians
+constexpr double kAlternativeTranslation = 0.1;  // local units
+
+double SamplesForConfidence(double success_probability, double confidence) {
+  if (success_probability <= 0) {
+    return std::numeric_limits<double>::infinity();
+  }
+  if (success_probability >= 1) {
+    return 1;
+  }
+  return std::log(1 - confidence) / std::log1p(-success_probability);
+}
+
+// A solver and how far it has got.
+struct SolverProgress {
+  RansacSolver solver;
+  int samples = 0;
+  double success_probability = 0;  // of a sample, by the best pose so far
+  double required = std::numeric_limits<double>::infinity();
+
+  bool Done() const { return samples >= required; }
+};
+
+// The state of one run.
+class Ransac {
+ public:
+  Ransac(const NormalizedProblem& problem, const PoseScore& pose_score,
+         const std::vector<RansacSolver>& solvers, SolverSchedule schedule,
+         const RansacOptions& options)
+      : problem_(problem),
+        schedule_(schedule),
+        options_(options),
+        scorer_(problem, pose_score),
+        near_best_left_(options.optimization.max_near_best) {
+    for (const RansacSolver& solver : solvers) {
+      solvers_.push_back({solver});
+    }
+    SetScores none;
+    none.of_2d3d.cost = problem.num_matches_2d3d;
+    none.of_2d2d.cost = problem.num_matches_2d2d;
+    none.prior = problem.priors.WorstCost();
+    worst_value_ = pose_score.Value(none);
+    SetScores all;
+    all.of_2d3d.inliers = problem.num_matches_2d3d;
+    all.of_2d2d.inliers = problem.num_matches_2d2d;
+    best_possible_ = pose_score.Value(all);
+  }
+
+  RansacReport Run(Rng& rng) {
+    int iteration = 0;
+    while (iteration < options_.max_iterations && !IsExact(sample_value_) &&
+           (iteration < options_.min_iterations || !AnyDone())) {
+      ++iteration;
+      if (schedule_ == SolverSchedule::kByProbability) {
+        Sample(Choose(rng), rng);
+      } else {
+        for (SolverProgress& progress : solvers_) {
+          Sample(progress, rng);
+        }
+      }
+      if (iteration >= options_.optimization.first_iteration) {
+        Optimize();
+      }
+    }
+    Optimize();
+    return {best_, best_value_, Alternatives(), iteration};
+  }
+
+ private:
+  bool AnyDone() const {
+    return std::any_of(solvers_.begin(), solvers_.end(),
+                       [](const SolverProgress& progress) { return progress.Done(); });
+  }
+
+  // Nothing can score better: all matches fit but for rounding or, where inliers are counted, all
+  // are inliers. Of the solutions of one sample the first is then taken.
+  bool IsExact(double value) const {
+    return value - best_possible_ < 1e-6 * (worst_value_ - best_possible_);
+  }
+
+  // Eq. 1 of Camposeco et al.: the probability that the next sample of a solver is the first that
+  // is of inliers alone; alike for all as long as no pose is known.
+  SolverProgress& Choose(Rng& rng) {
+    std::vector<double> weights;
+    double sum = 0;
+    for (const SolverProgress& progress : solvers_) {
+      weights.push_back(progress.success_probability * std::pow(1 - progress.success_probability,
+                                                                std::max(progress.samples - 1, 0)));
+      sum += weights.back();
+    }
+    if (!(sum > 0)) {
+      return solvers_[rng.UniformIndex(static_cast<uint32_t>(solvers_.size()))];
+    }
+    double draw = rng.Uniform(0, sum);
+    size_t chosen = 0;
+    while (chosen + 1 < weights.size() && draw >= weights[chosen]) {
+      draw -= weights[chosen++];
+    }
+    return solvers_[chosen];
+  }
+
+  void Sample(SolverProgress& progress, Rng& rng) {
+    ++progress.samples;
+    progress.solver.sampler->Sample(rng, poses_);
+    for (const CamFromLocal& pose : poses_) {
+      Consider({pose, progress.solver.solver, progress.solver.optimized_sets});
+    }
+  }
+
+  // Keeps a sample's pose for optimization if it beats those of all samples before. As the optimum
+  // of a second best sample can be the better one (a plane has two, half as many more are made by
+  // noise), a few that come near the best are optimized as well.
+  void Consider(const RansacResult& hypothesis) {
+    if (IsExact(sample_value_)) {
+      return;
+    }
+    const PoseScore& pose_score = scorer_.pose_score();
+    const double near_best =
+        near_best_left_ > 0
+            ? worst_value_ - kNearBestGain * (worst_value_ - std::min(sample_value_, worst_value_))
+            : sample_value_;
+    const double bound = pending_ ? std::min(near_best, pending_value_) : near_best;
+    const auto score = scorer_.ScoreIfBetter(hypothesis.pose, bound);
+    if (!score) {
+      return;
+    }
+    pending_ = hypothesis;
+    pending_value_ = pose_score.Value(*score);
+    near_best_left_ -= pending_value_ < sample_value_ ? 0 : 1;
+    sample_value_ = std::min(sample_value_, pending_value_);
+  }
+
+  void Optimize() {
+    if (!pending_) {
+      return;
+    }
+    bool improved = TakeIfBetter(*pending_, Role::kSample);
+    RansacResult optimized = *pending_;
+    optimized.pose = OptimizeLocally(problem_, pending_->pose, pending_->optimized_sets,
+                                     kLocalSteps, options_.optimization.matches);
+    improved = TakeIfBetter(optimized, Role::kOptimized) || improved;
+    if (improved) {
+      UpdateRequiredSamples();
+    }
+    pending_.reset();
+  }
+
+  enum class Role { kSample, kOptimized };
+
+  // By the exact score: so few poses are worth looking at all matches.
+  bool TakeIfBetter(const RansacResult& candidate, Role role) {
+    const double value = scorer_.pose_score().Value(scorer_.ScoreAll(candidate.pose));
+    if (role == Role::kOptimized) optimized_.push_back({value, candidate.pose});
+    if (!(value < best_value_)) {
+      return false;
+    }
+    best_ = candidate;
+    best_value_ = value;
+    return true;
+  }
+
+  // The best of the optimized poses that are not near the best one.
+  std::vector<CamFromLocal> Alternatives() {
+    if (!best_) return {};
+    std::stable_sort(optimized_.begin(), optimized_.end(),
+                     [](const Optimized& a, const Optimized& b) { return a.value < b.value; });
+    std::vector<CamFromLocal> alternatives;
+    for (const Optimized& other : optimized_) {
+      if (worst_value_ - other.value < kAlternativeGain * (worst_value_ - best_value_) ||
+          alternatives.size() == kMaxAlternatives) {
+        break;
+      }
+      const bool is_new = std::all_of(
+          alternatives.begin(), alternatives.end(),
+          [&](const CamFromLocal& alternative) { return AreApart(alternative, other.pose); });
+      if (is_new && AreApart(best_->pose, other.pose)) alternatives.push_back(other.pose);
+    }
+    return alternatives;
+  }
+
+  static bool AreApart(const CamFromLocal& a, const CamFromLocal& b) {
+    const Eigen::Matrix3d rotation = a.rotation * b.rotation.transpose();
+    const Eigen::Vector3d translation =
+        a.rotation.transpose() * a.translation - b.rotation.transpose() * b.translation;
+    return rotation.trace() < 1 + 2 * std::cos(kAlternativeRotation) ||
+           translation.norm() > kAlternativeTranslation;
+  }
+
+  void UpdateRequiredSamples() {
+    const InlierCounts inliers = scorer_.CountInliers(best_->pose);
+    scorer_.ExpectClusters(inliers.clustering_2d2d);
+    for (SolverProgress& progress : solvers_) {
+      progress.success_probability = progress.solver.sampler->SuccessProbability(inliers);
+      progress.required = SamplesForConfidence(progress.success_probability, options_.confidence);
+    }
+  }
+
+  const NormalizedProblem& problem_;
+  SolverSchedule schedule_;
+  const RansacOptions& options_;
+  Scorer scorer_;
+  std::vector<SolverProgress> solvers_;
+  std::vector<CamFromLocal> poses_;  // of the last sample
+  double worst_value_;               // of a pose that nothing fits
+  double best_possible_;             // of one that everything fits exactly
+  double sample_value_ = std::numeric_limits<double>::infinity();  // of the best sample
+  struct Optimized {
+    double value;
+    CamFromLocal pose;
+  };
+  std::vector<Optimized> optimized_;
+  int near_best_left_;
+  std::optional<RansacResult> pending_;  // to be optimized
+  double pending_value_ = std::numeric_limits<double>::infinity();
+  std::optional<RansacResult> best_;
+  double best_value_ = std::numeric_limits<double>::infinity();
+};
+
+}  // namespace
+
+RansacReport RunRansac(const NormalizedProblem& problem, const PoseScore& pose_score,
+                       const std::vector<RansacSolver>& solvers, SolverSchedule schedule,
+                       const RansacOptions& options, Rng& rng) {
+  if (solvers.empty()) {
+    return {};
+  }
+  return Ransac(problem, pose_score, solvers, schedule, options).Run(rng);
+}
+
+}  // namespace raylift

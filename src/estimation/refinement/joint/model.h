@@ -1,0 +1,224 @@
+// What the matches of one query are worth: the variances and shares that the joint refinement
+// estimates together with the pose.
+
+#pragma once
+
+#include <cmath>
+#include <numbers>
+#include <optional>
+#include <vector>
+
+#include "estimation/problem/cam_from_local.h"
+#include "estimation/problem/observations.h"
+#include "estimation/refinement/joint/student_t.h"
+#include <Eigen/Core>
+
+namespace raylift {
+
+struct JointNoise {
+  // Of a keypoint's pixel, in either image: squared scale and tail of Student's t (student_t.h).
+  double keypoint_px2 = 1;
+  double keypoint_tail = 0.25;
+  // Of the logarithm of a lifted point's distance: of each point by itself, and what the points of
+  // one keypoint have in common, as a mesh is wrong alike for all references.
+  double depth = 1e-4;
+  double common_depth = 5e-5;
+  double unanchored = 1e-6;  // of each coordinate of an unanchored point, local units squared
+  // Shares: of right matches, of right depths among those, of right unanchored points.
+  double right = 0.7;
+  double depth_right = 0.8;
+  double unanchored_right = 0.7;
+  // How many errors have shown the variances of pixels, depths and common depths.
+  double keypoint_errors = 0;
+  double depth_errors = 0;
+  double common_depth_errors = 0;
+  // Of the logarithm of the distance from the query, over all keypoints.
+  double log_distance_mean = 0;
+  double log_distance_variance = 1;
+  // Of what is common to a reference: the logarithm of its depths' factor, and its pose (radians
+  // and local units, per axis). 0: not looked for.
+  double reference_scale = 0;
+  double reference_rotation = 0;
+  double reference_center = 0;
+};
+
+// A keypoint in one image as the joint refinement sees it, and the densities that it compares.
+
+// The residual of a ray in an image, pixels, and how it moves with the ray.
+struct PixelResidual {
+  bool in_front = false;
+  Eigen::Vector2d error_px = Eigen::Vector2d::Zero();
+  Eigen::Matrix<double, 2, 3> jacobian = Eigen::Matrix<double, 2, 3>::Zero();
+};
+
+inline PixelResidual ResidualOf(const Eigen::Matrix3d& image_from_ray, const Eigen::Vector3d& ray) {
+  const Eigen::Vector3d n = image_from_ray * ray;
+  PixelResidual residual;
+  if (!(n.z() > 0)) return residual;
+  const double inverse = 1 / n.z();
+  residual.in_front = true;
+  residual.error_px = n.head<2>() * inverse;
+  residual.jacobian =
+      (image_from_ray.topRows<2>() - residual.error_px * image_from_ray.row(2)) * inverse;
+  return residual;
+}
+
+// Densities of normal distributions, by the squared distance from the mean.
+inline double Normal1D(double squared, double variance) {
+  return std::exp(-0.5 * squared / variance) / std::sqrt(2 * std::numbers::pi * variance);
+}
+inline double Normal2D(double squared, double variance) {
+  return std::exp(-0.5 * squared / variance) / (2 * std::numbers::pi * variance);
+}
+
+// Of the logarithm of a point's distance that says nothing of the keypoint: any in the scene. As
+// two of those that are differ, and none is impossible.
+inline double DensityOfAnyDistance(const JointNoise& noise, double log_distance) {
+  constexpr double kLeast = 1e-9;
+  const double off = log_distance - noise.log_distance_mean;
+  return Normal1D(off * off, 2 * noise.log_distance_variance) + kLeast;
+}
+
+// A first guess, at a given pose, of where on its ray each query keypoint lies, of which of its
+// matches agree on that, and of the noise.
+
+// Of one keypoint.
+struct KeypointState {
+  Eigen::Vector3d point = Eigen::Vector3d::Zero();  // local frame
+  double common = 0;                                // error of its depths, see JointNoise
+  double query_right = 1;                           // probability that the query's pixel is
+  double query_precision = 1;                       // of that pixel, as an observation's
+};
+
+// The probability that each piece of evidence is right; of a depth, given that its observation is.
+struct EvidenceWeights {
+  std::vector<double> observation;
+  std::vector<double> precision;  // of its pixel, over the mean one (StudentPrecision())
+  std::vector<double> depth;
+  std::vector<double> unanchored;
+  // By how much wrong matches with each reference are denser near epipolar lines than anywhere in
+  // the image, at least 1: those with the next window of a row lie near them.
+  std::vector<double> epipolar_clutter;
+};
+
+// The likeliest noise of depths and unanchored points, where they are compared with what the observations
+// alone say at this pose, and the distances' distribution.
+JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal& pose,
+                           double keypoint_variance_px2);
+
+// On each keypoint's ray the point that most of its evidence agrees on.
+void InitializeByVoting(const KeypointEvidence& evidence, const CamFromLocal& pose,
+                        const JointNoise& noise, std::vector<KeypointState>& states,
+                        EvidenceWeights& weights);
+
+// The unknowns of the joint refinement, and how they explain the evidence: each observation, each
+// unanchored point and the query's frame as a quadratic in the unknowns of its keypoint and of its frame.
+
+using Matrix7d = Eigen::Matrix<double, 7, 7>;
+using Matrix47d = Eigen::Matrix<double, 4, 7>;
+
+// The unknowns of a frame, by how they displace a point: by a turn about the local origin, and a
+// shift. (Common to all frames of a point, so that one matrix serves them all.)
+Eigen::Matrix<double, 3, 6> DisplacementJacobian(const Eigen::Vector3d& point);
+
+// Evidence with less weight is left out.
+inline constexpr double kLeastWeight = 1e-3;
+
+// What is wrong with a reference: points seem displaced to it by turn x point + shift, and its
+// depths have a factor.
+struct ReferenceError {
+  Eigen::Vector3d rotation_vector = Eigen::Vector3d::Zero();
+  Eigen::Vector3d translation = Eigen::Vector3d::Zero();
+  double log_scale = 0;
+
+  Eigen::Vector3d Displaced(const Eigen::Vector3d& point) const {
+    return point + rotation_vector.cross(point) + translation;
+  }
+};
+
+// Of a quadratic in a point's displacement and the logarithm of its depths' common factor.
+struct Quadratic {
+  Eigen::Matrix4d hessian = Eigen::Matrix4d::Zero();
+  Eigen::Vector4d gradient = Eigen::Vector4d::Zero();
+
+  void Add(const Quadratic& other) {
+    hessian += other.hessian;
+    gradient += other.gradient;
+  }
+};
+
+// An observation, linearized.
+struct ObservationTerm {
+  PixelResidual seen;
+  double pixel_variance = 0;
+  Eigen::Vector3d log_gradient = Eigen::Vector3d::Zero();  // of the logarithm of the distance
+  double depth_error = 0;
+  double depth_variance = 0;
+  double weight = 0;        // of the pixel, over its variance
+  double depth_weight = 0;  // of the depth, over its variance
+
+  Quadratic Cost() const;
+};
+
+// The query's frame, with the prior of the point's distance.
+struct QueryTerm {
+  PixelResidual seen;
+  Eigen::Matrix<double, 2, 3> jacobian = Eigen::Matrix<double, 2, 3>::Zero();  // by the point
+  double weight = 0;                                                           // over its variance
+  Eigen::Vector3d log_gradient = Eigen::Vector3d::Zero();
+  double distance_error = 0;     // logarithm of the distance less the prior's mean
+  double prior_information = 0;  // of the distance's logarithm
+
+  // In the point's displacement and the prior's mean, which is an unknown of the query.
+  Quadratic Cost() const;
+};
+
+struct JointModel {
+  const KeypointEvidence& evidence;
+  CamFromLocal pose;
+  JointNoise noise;
+  std::vector<KeypointState> keypoints;
+  EvidenceWeights weights;
+  std::vector<ReferenceError> references;  // and last of the unanchored points, as of one more
+
+  JointModel(const KeypointEvidence& of, const CamFromLocal& start)
+      : evidence(of), pose(start), references(of.centers.size()) {}
+
+  size_t UnanchoredFrame() const { return evidence.num_references(); }
+
+  QueryTerm QueryTermOf(size_t keypoint) const;
+  ObservationTerm ObservationTermOf(int observation, const KeypointState& state) const;
+  Quadratic UnanchoredCost(const KeypointObservations& keypoint,
+                           const Eigen::Vector3d& point) const;
+  Quadratic CommonPrior(const KeypointState& state) const;
+  // Of all that references and unanchored points say of it.
+  double TotalWeight(const KeypointObservations& keypoint) const;
+};
+
+// How likely each piece of evidence of the joint refinement is right, and how noisy its kind is.
+
+// A variance that is known before, as if `count` errors had shown it.
+struct VariancePrior {
+  double variance = 0;
+  double count = 0;
+};
+
+// What is known of the noise before the query's own evidence.
+struct NoisePrior {
+  VariancePrior keypoint_px2, depth, common_depth;
+  std::optional<TailPrior> keypoint_tail;
+};
+
+// The squared error along the axis that is best predicted, over its variance. The covariance has a
+// positive determinant, however little is known along its other axis.
+double SquaredAcross(const Eigen::Vector2d& error, const Eigen::Matrix2d& covariance);
+
+// Sets the model's weights by what all other evidence predicts (they go `share` of the way from what
+// they were, so that what contradicts each other comes to rest), and its noise by what the residuals
+// show; the points must be the likeliest ones for the model as it is. `query_covariance`: of the
+// query's unknowns. A pose that little is known of goes where any wrong match on an epipolar line
+// calls it; what the match says of itself is no evidence for it.
+void EStep(const NoisePrior& prior, double share, const Matrix7d& query_covariance,
+           JointModel& model);
+
+}  // namespace raylift

@@ -1,0 +1,71 @@
+// Student's t distribution of keypoints' errors in two dimensions. Detectors place most keypoints
+// well and some, of coarse scales for instance, several times worse: a scale mixture of normal
+// distributions (Lange, Little and Taylor, JASA 1989).
+//
+// The distribution is given by its `tail`, the inverse of its degrees of freedom: 0 is normal, 1 is
+// Cauchy's. Squared distances are in units of its squared scale.
+
+#pragma once
+
+#include <cmath>
+#include <optional>
+#include <span>
+
+namespace raylift {
+
+inline constexpr double kAsGoodAsNormal = 1e-3;  // as a tail
+
+// The density over that at the center.
+inline double StudentDensity(double squared, double tail) {
+  if (tail < kAsGoodAsNormal) return std::exp(-0.5 * squared);
+  return std::exp(-(0.5 / tail + 1) * std::log1p(tail * squared));
+}
+
+// The precision of the normal distribution that an error seems to come from, over the mean one.
+inline double StudentPrecision(double squared, double tail) {
+  return (1 + 2 * tail) / (1 + tail * squared);
+}
+
+// The expected information of an error over the mean precision.
+inline double StudentInformation(double tail) { return (1 + 2 * tail) / (1 + 4 * tail); }
+
+// All but this share of the errors are nearer.
+inline double StudentQuantile(double share_beyond, double tail) {
+  return tail < kAsGoodAsNormal ? -2 * std::log(share_beyond)
+                                : (std::pow(share_beyond, -2 * tail) - 1) / tail;
+}
+
+// Three times as far (squared) as all but one in a hundred: such errors are no keypoint's noise,
+// and beyond what a linearization tells.
+inline double StudentFar(double tail) { return 3 * StudentQuantile(0.01, tail); }
+
+// What is known of a tail before, as a normal distribution.
+struct TailPrior {
+  double mean, variance;
+};
+
+// The tail by the squared errors along one axis, whose scale is unknown; its posterior mean, all
+// between 0 and 1 being as likely before but for the prior. At most some hundred errors are looked
+// at.
+double EstimateTail(std::span<const double> squared_errors, const std::optional<TailPrior>& prior);
+
+// The sum of many logarithms, taken of their product: one logarithm for some dozens of factors.
+
+class LogOfProduct {
+ public:
+  // `factor` is positive and neither it nor its inverse beyond 1e200.
+  void Multiply(double factor) {
+    product_ *= factor;
+    if (product_ > 1e100 || product_ < 1e-100) {
+      sum_ += std::log(product_);
+      product_ = 1;
+    }
+  }
+  double Sum() const { return sum_ + std::log(product_); }
+
+ private:
+  double sum_ = 0;
+  double product_ = 1;
+};
+
+}  // namespace raylift

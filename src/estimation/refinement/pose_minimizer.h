@@ -1,0 +1,71 @@
+// Minimizing a robust cost of matches over the pose, by Levenberg-Marquardt on fixed-size normal
+// equations that the kernels sum: in single precision for local optimization, in double for the
+// final refinement.
+
+#pragma once
+
+#include <optional>
+#include <span>
+
+#include "estimation/kernels/kernels.h"
+#include "estimation/problem/normalized_problem.h"
+#include <Eigen/Core>
+
+namespace raylift {
+
+// The matches that a refinement works on; blocks that live elsewhere.
+template <typename T>
+struct ActiveMatches {
+  std::span<const kernels::Block2D3D<T>> blocks_2d3d;
+  std::span<const int> block_camera_2d3d;
+  std::span<const kernels::Block2D2D<T>> blocks_2d2d;
+  std::span<const int> block_camera_reference_2d2d;
+};
+
+// What a match costs: its kind's weight times the loss of its squared residual; and the weight of
+// the pose's priors, whose residuals are over standard deviations instead of thresholds.
+struct MatchSetWeights {
+  double weight_2d3d = 1;
+  double weight_2d2d = 1;
+  double prior_weight = kSquaredSigma;
+  kernels::KernelLoss loss_2d3d = {};
+  kernels::KernelLoss loss_2d2d = {};
+};
+
+template <typename T>
+NormalEquations Linearize(const NormalizedProblem& problem, const ActiveMatches<T>& matches,
+                          const CamFromLocal& pose, const MatchSetWeights& weights);
+
+CamFromLocal Moved(const CamFromLocal& pose, const Vector6d& step);
+
+// Takes `max_steps` steps at most, of which none raises the cost; ends sooner where a step gains
+// less than `relative_tolerance` of the cost.
+template <typename T>
+CamFromLocal Minimize(const NormalizedProblem& problem, const ActiveMatches<T>& matches,
+                      const CamFromLocal& start, const MatchSetWeights& weights, int max_steps,
+                      double relative_tolerance);
+
+// What the evidence says of the query's focal length at a refined pose, all else following it.
+
+struct FocalStep {
+  double log_factor;            // Newton's step of the focal length's logarithm
+  double variance;              // of that logarithm
+  Vector6d pose_by_log_factor;  // the pose's step (w, v) in the camera's tangent frame, local units
+};
+
+// Normal equations of more unknowns than the focal length, the pose's first: half of the cost's
+// gradient and second derivatives.
+struct FocalEquations {
+  Eigen::MatrixXd hessian;
+  Eigen::VectorXd gradient;
+  // With the logarithm of the focal length.
+  Eigen::VectorXd mixed;
+  double slope = 0;
+  double curvature = 0;
+
+  // None where the focal length is not determined. `cam_from_pose` takes the first six unknowns to
+  // the camera's tangent frame.
+  std::optional<FocalStep> Solve(const Matrix6d& cam_from_pose = Matrix6d::Identity()) const;
+};
+
+}  // namespace raylift

@@ -1,0 +1,68 @@
+// The refinement of a pose after RANSAC: by one match set, or jointly by all evidence.
+//
+// Jointly, each query keypoint is one unknown point of the scene, which its pixel in the query, its
+// pixels in the references, its lifted depths and unanchored 3D points all observe. With exact depths
+// this is the P3P problem, without depths that of structure-less localization over several
+// references, and nothing counts twice: a keypoint's noise is in all of its matches, and a depth that
+// follows from a pixel adds nothing to it. The likelihood of a match is a mixture: right with its
+// depth, right with a useless depth, wrong; pixels' errors follow Student's t.
+//
+// What the depths are worth is estimated with the pose: an error of each depth by itself, one that
+// the depths of a keypoint have in common (the surface is off) and, where the residuals show that
+// references disagree as wholes, a scale of each reference's depths and an error of its pose.
+// Variances follow MacKay's fixed point (Neural Computation 4, 1992), which takes the unknowns' own
+// uncertainty into account; the points are eliminated by the Schur complement. README.md beside
+// src/estimation has the equations.
+
+#pragma once
+
+#include <optional>
+
+#include "estimation/problem/normalized_problem.h"
+#include "estimation/problem/observations.h"
+#include "estimation/refinement/joint/model.h"
+#include "estimation/refinement/pose_minimizer.h"
+
+#include "raylift/estimation/options.h"
+
+namespace raylift {
+
+struct RefinedPose {
+  CamFromLocal pose;
+  // The covariance of the step (w, v) in the camera's tangent frame, v in local units; nullopt where
+  // the normal equations are singular.
+  std::optional<Matrix6d> covariance;
+  // What the joint refinement found the matches to be worth.
+  std::optional<JointNoise> noise = std::nullopt;
+  bool references_disagree = false;
+  std::optional<FocalStep> focal = std::nullopt;  // where it was asked for
+};
+
+// Whether the step of the focal length is to be found at the refined pose.
+enum class FocalDerivatives { kNone, kAtPose };
+
+// Refines a pose as the options say: kPaper leaves it as it is; kRobust refines it jointly where both
+// sets are asked for, which needs the evidence, and by maximum likelihood of one set otherwise.
+RefinedPose RefineFinally(const NormalizedProblem& problem,
+                          const std::optional<KeypointEvidence>& evidence, const CamFromLocal& pose,
+                          MatchSets sets, const EstimatorOptions& options);
+
+// Takes the pose as it is, and says how well some match sets determine it.
+RefinedPose KeepPose(const NormalizedProblem& problem, const CamFromLocal& pose, MatchSets sets);
+
+// Refines a pose by maximum likelihood of the sets' inliers (single_set.h).
+RefinedPose RefineByInliers(const NormalizedProblem& problem, const CamFromLocal& pose,
+                            MatchSets sets);
+
+// Refines a pose jointly; `scene` is what the scene's queries have in common.
+RefinedPose RefineByEvidence(const NormalizedProblem& problem, const KeypointEvidence& evidence,
+                             const CamFromLocal& pose, const std::optional<SceneNoise>& scene,
+                             FocalDerivatives focal = FocalDerivatives::kNone);
+
+// The joint refinement itself, from a first guess of the keypoints' variance.
+RefinedPose RefineJointly(const KeypointEvidence& evidence, const CamFromLocal& start,
+                          double keypoint_variance_px2, const NoisePrior& prior,
+                          const NormalizedPriors& pose_priors = {},
+                          FocalDerivatives focal = FocalDerivatives::kNone);
+
+}  // namespace raylift

@@ -1,0 +1,97 @@
+// Refining a pose, in double precision, with each kind's noise estimated from its own inliers, so
+// that inaccurate geometry does not drag the pose, and a robust loss.
+
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "estimation/kernels/kernels.h"
+#include "estimation/problem/normalized_problem.h"
+#include "estimation/refinement/pose_minimizer.h"
+
+namespace raylift {
+
+// Holds a reference to the problem.
+class MaximumLikelihood {
+ public:
+  MaximumLikelihood(const NormalizedProblem& problem, MatchSets sets)
+      : problem_(problem), sets_(sets) {}
+
+  void Refine(const CamFromLocal& start);
+
+  // Takes the pose as it is, for its covariance.
+  void StayAt(const CamFromLocal& pose);
+
+  // Of the step (w, v) in the camera's tangent frame; none where singular.
+  std::optional<Matrix6d> Covariance() const;
+
+  // What the matches near the pose say of the focal length. `shorter` and `longer` are the problem
+  // with it divided and multiplied by exp(log_factor), a small number. None where matches have a ray
+  // in one of them alone.
+  std::optional<FocalStep> StepOfFocal(const NormalizedProblem& shorter,
+                                       const NormalizedProblem& longer, double log_factor) const;
+
+  const CamFromLocal& pose() const { return pose_; }
+
+ private:
+  // Blocks of the matches near the pose.
+  struct GatheredMatches {
+    Blocks2D3D<double> blocks_2d3d;
+    Blocks2D2D<double> blocks_2d2d;
+
+    ActiveMatches<double> Active() const {
+      return {blocks_2d3d.blocks, blocks_2d3d.block_camera, blocks_2d2d.blocks,
+              blocks_2d2d.block_camera_reference};
+    }
+  };
+
+  void Gather();
+  void Minimize();
+
+  const NormalizedProblem& problem_;
+  MatchSets sets_;
+  CamFromLocal pose_;
+  MatchSetWeights weights_;
+  GatheredMatches near_;
+};
+
+// The noise of the residuals near a pose, estimated from themselves, and the robust loss for it.
+// All in units of the squared threshold.
+
+// What is assumed of the noise's variance before anything is seen, as if a few matches had shown
+// it.
+inline constexpr double kPriorVariance = 0.1;
+
+// What the noise of one kind of residual is estimated with: the mean square of a residual of unit
+// variance that is cut at a limit, and where the robust loss ends for unit variance.
+struct ResidualModel {
+  double (*mean_square_below)(double squared_limit);
+  double squared_loss_limit;  // 95 % of the efficiency of least squares on normal residuals
+};
+extern const ResidualModel kModel2D3D;  // of two residuals per match
+extern const ResidualModel kModel2D2D;  // of one
+
+// The variance of one residual component: the one that explains the mean square of the residuals
+// within two and a half standard deviations. Where the residuals spread evenly over all that lies
+// near, as with inaccurate geometry, it grows beyond bounds.
+double NoiseVariance(const std::vector<double>& squared_residuals, const ResidualModel& model);
+
+kernels::KernelLoss RobustLoss(double variance, const ResidualModel& model);
+
+// Which 2D-2D matches near a pose can be trusted to refine it.
+//
+// A wrong match lands near its epipolar line by chance, and then mostly as a point close to the
+// cameras, where random rays meet. Nothing in its residual tells it from a right one, but so near a
+// point pulls at the position many times as hard as the true ones do: a handful of them spoils what
+// hundreds of inliers know. How many of the matches at one parallax are there by chance shows in
+// the residuals a little farther off, where only wrong ones are.
+
+// The indices, in order, of the pairs whose squared residual is below `limit`, without those at
+// parallaxes where chance explains too many of them. `variance` is that of the residuals of right
+// matches; all in units of the squared threshold.
+std::vector<int> ReliableMatches2D2D(const NormalizedProblem& problem, const CamFromLocal& pose,
+                                     const std::vector<double>& squared_residuals, double variance,
+                                     double limit);
+
+}  // namespace raylift

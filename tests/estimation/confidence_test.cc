@@ -1,0 +1,240 @@
+#include "estimation/confidence/confidence.h"
+
+#include <map>
+#include <vector>
+
+#include "support/coherent_problem.h"
+#include "support/matchers.h"
+
+#include "raylift/estimation/options.h"
+#include "raylift/estimation/pose_estimator.h"
+
+namespace raylift {
+namespace {
+
+constexpr MatchSets kBoth = MatchSets::kBoth;
+
+PoseEstimate Estimate(const PoseProblem& problem, Method method = Method::kAdaptive) {
+  EstimatorOptions options;
+  options.method = method;
+  return MakePoseEstimator(options)->Estimate(problem);
+}
+
+// Each reference pixel, and its point, is given to another query keypoint.
+void Shuffle(PoseProblem& problem, Rng& rng) {
+  for (size_t i = problem.matches_2d2d.size(); i > 1; --i) {
+    const size_t j = rng.UniformIndex(static_cast<uint32_t>(i));
+    Match2D2D& a = problem.matches_2d2d[i - 1];
+    Match2D2D& b = problem.matches_2d2d[j];
+    std::swap(a.query_px, b.query_px);
+    std::swap(a.query_keypoint, b.query_keypoint);
+    std::swap(problem.matches_2d3d[i - 1].query_px, problem.matches_2d3d[j].query_px);
+    std::swap(problem.matches_2d3d[i - 1].query_keypoint, problem.matches_2d3d[j].query_keypoint);
+  }
+}
+
+// All that each keypoint is matched with is given to the next one: no match is right.
+void Rotate(PoseProblem& problem) {
+  std::map<int, Eigen::Vector2d> pixels;
+  for (const Match2D2D& match : problem.matches_2d2d) {
+    pixels.emplace(match.query_keypoint.value(), match.query_px);
+  }
+  const auto rotate = [&pixels](auto& match) {
+    auto next = pixels.upper_bound(*match.query_keypoint);
+    if (next == pixels.end()) next = pixels.begin();
+    match.query_keypoint = next->first;
+    match.query_px = next->second;
+  };
+  for (Match2D2D& match : problem.matches_2d2d) rotate(match);
+  for (Match2D3D& match : problem.matches_2d3d) rotate(match);
+}
+
+TEST(InlierEvidence, RightPosesAreLocalizedAlsoByFewKeypoints) {
+  Rng rng = TestRng();
+  for (const int keypoints : {20, 40, 300}) {
+    for (int i = 0; i < 10; ++i) {
+      const CoherentProblem made = MakeCoherentProblem(
+          "right", {.num_keypoints = keypoints, .num_references = 4, .wrong = 0.3}, rng);
+      for (const Method method : {Method::kP3p, Method::kE5p1, Method::kAdaptive}) {
+        const PoseEstimate estimate = Estimate(made.problem, method);
+        EXPECT_EQ(estimate.verdict, PoseVerdict::kLocalized)
+            << keypoints << " " << ToString(method) << " " << estimate.confidence;
+      }
+    }
+  }
+}
+
+TEST(InlierEvidence, ShuffledMatchesAreNotLocalized) {
+  Rng rng = TestRng();
+  for (const int keypoints : {10, 30, 100, 300}) {
+    for (int i = 0; i < 10; ++i) {
+      CoherentProblem made =
+          MakeCoherentProblem("shuffled", {.num_keypoints = keypoints, .num_references = 4}, rng);
+      Shuffle(made.problem, rng);
+      for (const Method method : {Method::kP3p, Method::kE5p1, Method::kAdaptive}) {
+        const PoseEstimate estimate = Estimate(made.problem, method);
+        // Of few matches enough may be left as they were.
+        if (estimate.cam_from_world &&
+            IsNearPose(*estimate.cam_from_world, made.query_from_world, 5, 1)) {
+          continue;
+        }
+        EXPECT_NE(estimate.verdict, PoseVerdict::kLocalized)
+            << keypoints << " keypoints, " << ToString(method) << ": " << estimate.inlier_keypoints
+            << " of " << estimate.num_keypoints << " are inliers";
+      }
+    }
+  }
+}
+
+TEST(InlierEvidence, InliersOfUncertainPointsProveLittle) {
+  // Each point may be anywhere in the image: all are inliers, of any pose.
+  Rng rng = TestRng();
+  CoherentProblem made = MakeCoherentProblem("uncertain", {}, rng);
+  Rotate(made.problem);
+  const MatchSets points = MatchSets::k2D3D;
+  const auto log_false_alarms = [&](double point_sigma) {
+    const NormalizedProblem prepared(made.problem, 8, 2, rng, point_sigma);
+    const InlierEvidence evidence = InlierAssessor(made.problem, prepared, points, 100)
+                                        .Assess(prepared.ToLocal(made.query_from_world));
+    EXPECT_EQ(evidence.inlier_keypoints > 200, point_sigma > 1);
+    return evidence.log_false_alarms;
+  };
+  EXPECT_GT(log_false_alarms(20), 0);
+  EXPECT_GT(log_false_alarms(0), 0);
+}
+
+TEST(InlierEvidence, PairsOfOneReferenceDoNotTellTheDistance) {
+  Rng rng = TestRng();
+  for (int i = 0; i < 5; ++i) {
+    CoherentProblem made =
+        MakeCoherentProblem("distance", {.num_references = 2, .vertical = 0.5}, rng);
+    PoseProblem& problem = made.problem;
+    problem.matches_2d3d.clear();
+    const auto estimator = MakePoseEstimator({.method = Method::kE5p1});
+    EXPECT_EQ(estimator->Estimate(problem).verdict, PoseVerdict::kLocalized);
+    // Of the second reference eight wrong pairs are left.
+    std::vector<Match2D2D> left;
+    int of_second = 0;
+    for (Match2D2D match : problem.matches_2d2d) {
+      if (match.reference == 1) {
+        if (++of_second > 8) continue;
+        match.reference_px = {rng.Uniform(0, 1600), rng.Uniform(0, 1200)};
+      }
+      left.push_back(match);
+    }
+    problem.matches_2d2d = left;
+    const PoseEstimate estimate = estimator->Estimate(problem);
+    ASSERT_TRUE(estimate.cam_from_world);
+    EXPECT_EQ(estimate.verdict, PoseVerdict::kDoubtful);
+  }
+}
+
+TEST(InlierEvidence, PairsWithoutParallaxDoNotTellThePosition) {
+  // References 2 mm from the query, 20 m before the facade: a tenth of a pixel of parallax.
+  Rng rng = TestRng();
+  for (int i = 0; i < 5; ++i) {
+    const CoherentProblem made =
+        MakeCoherentProblem("without parallax", {.baseline = 0.002, .wrong = 0.1}, rng);
+    const PoseEstimate by_2d2d = Estimate(made.problem, Method::kE5p1);
+    ASSERT_TRUE(by_2d2d.cam_from_world);
+    EXPECT_LT(AngleBetweenDeg(by_2d2d.cam_from_world->rotation, made.query_from_world.rotation),
+              0.1);
+    EXPECT_EQ(by_2d2d.verdict, PoseVerdict::kDoubtful) << by_2d2d.position_sigma;
+    EXPECT_EQ(Estimate(made.problem, Method::kP3p).verdict, PoseVerdict::kLocalized);
+  }
+}
+
+TEST(InlierEvidence, CountsAKeypointOnce) {
+  Rng rng = TestRng();
+  const CoherentProblem made = MakeCoherentProblem("once", {}, rng);
+  const NormalizedProblem prepared(made.problem, 8, 2, rng);
+  const InlierAssessor assessor(made.problem, prepared, kBoth, 100);
+  const InlierEvidence evidence = assessor.Assess(prepared.ToLocal(made.query_from_world));
+  EXPECT_LE(evidence.keypoints, 300);
+  EXPECT_GT(evidence.keypoints, 290);
+  EXPECT_GT(evidence.inlier_keypoints, 0.9 * evidence.keypoints);
+  EXPECT_LT(evidence.log_false_alarms, -50);
+}
+
+TEST(InlierEvidence, KeypointsInOnePlaceCountAsFewer) {
+  // Twelve matches all over the image, or all within a few pixels.
+  const auto support_of = [](double spread) {
+    Rng rng = TestRng();
+    CoherentProblem made = MakeCoherentProblem("place", {.num_keypoints = 12, .wrong = 0}, rng);
+    for (Match2D2D& match : made.problem.matches_2d2d) {
+      match.query_px =
+          Eigen::Vector2d(830, 630) + spread * (match.query_px - Eigen::Vector2d(830, 630));
+    }
+    for (Match2D3D& match : made.problem.matches_2d3d) {
+      match.query_px =
+          Eigen::Vector2d(830, 630) + spread * (match.query_px - Eigen::Vector2d(830, 630));
+      // The point moves with its pixel.
+      const Rigid3& pose = made.query_from_world;
+      const Eigen::Vector3d p = pose * match.point_in_world;
+      const Eigen::Vector2d middle(0.02, 0.02);  // of the same place, as a ray
+      Eigen::Vector3d ray;
+      ray << middle + spread * (p.head<2>() / p.z() - middle), 1;
+      match.point_in_world = pose.Inverse() * Eigen::Vector3d(p.z() * ray);
+    }
+    const NormalizedProblem prepared(made.problem, 8, 2, rng);
+    const MatchSets points = MatchSets::k2D3D;
+    return InlierAssessor(made.problem, prepared, points, 100)
+        .Assess(prepared.ToLocal(made.query_from_world));
+  };
+  const InlierEvidence wide = support_of(1);
+  const InlierEvidence narrow = support_of(0.01);
+  EXPECT_EQ(wide.inlier_keypoints, narrow.inlier_keypoints);
+  EXPECT_LT(wide.log_false_alarms, -10);
+  EXPECT_GT(narrow.log_false_alarms, -2);  // one pose in eight or more
+}
+
+TEST(ProbabilityOverAlternative, FollowsFromWhatOnlyOneOfThemExplains) {
+  InlierEvidence best, alternative;
+  best.inlier = {true, true, true, true, false, false};
+  alternative.inlier = {true, true, false, false, true, true};
+  best.inlier_keypoints = alternative.inlier_keypoints = 4;
+  EXPECT_DOUBLE_EQ(ProbabilityOverAlternative(best, alternative, false), 0.5);
+  alternative.inlier = {true, true, false, false, false, false};
+  EXPECT_GT(ProbabilityOverAlternative(best, alternative, false), 0.9);
+  EXPECT_LT(ProbabilityOverAlternative(alternative, best, false), 0.1);
+  EXPECT_DOUBLE_EQ(ProbabilityOverAlternative(best, best, false), 1);
+}
+
+TEST(ProbabilityOverAlternative, TakesWhatAgreesBeyondChanceForTwoWitnesses) {
+  InlierEvidence best, alternative;
+  for (int k = 0; k < 400; ++k) {
+    best.inlier.push_back(k < 300);
+    alternative.inlier.push_back(k >= 300);
+  }
+  EXPECT_GT(ProbabilityOverAlternative(best, alternative, false), 0.9999);
+  EXPECT_DOUBLE_EQ(ProbabilityOverAlternative(best, alternative, true), 0.9);  // 9 to 1
+}
+
+// Three quarters of the keypoints are taken for those of the same thing elsewhere, in all
+// references: neither the place that most of them show nor the other one is sure. Where a quarter is
+// wrong at random, the pose is.
+TEST(InlierEvidence, WhatTheSceneHoldsTwiceIsDoubtful) {
+  Rng rng = TestRng();
+  for (const bool twice : {true, false}) {
+    CoherentProblem made = MakeCoherentProblem("twice", {.wrong = 0}, rng);
+    PoseProblem& problem = made.problem;
+    problem.matches_2d2d.clear();
+    for (Match2D3D& match : problem.matches_2d3d) {
+      match.match_2d2d.reset();
+      const bool of_most = match.query_keypoint.value() % 4 != 0;
+      if (twice && of_most) match.point_in_world += Eigen::Vector3d(3, 0.5, 0);
+      if (!twice && !of_most) {
+        match.point_in_world += Eigen::Vector3d(rng.Uniform(-5, 5), rng.Uniform(-5, 5), 0);
+      }
+    }
+    for (const Method method : {Method::kP3p, Method::kAdaptive}) {
+      const PoseEstimate estimate = Estimate(problem, method);
+      ASSERT_TRUE(estimate.cam_from_world);
+      EXPECT_EQ(estimate.verdict, twice ? PoseVerdict::kDoubtful : PoseVerdict::kLocalized)
+          << ToString(method) << ", confidence " << estimate.confidence;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace raylift
