@@ -11,7 +11,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/localization/references.h"
+#include "raylift/localization/scene.h"
 #include "raylift/surfaces/mesh_files.h"
 #include "raylift/views/mesh_scene.h"
 

@@ -22,6 +22,7 @@
 #include "base/progress.h"
 #include "estimation/fields.h"
 #include "lifting/fields.h"
+#include "localization/scene_matches.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -36,9 +37,8 @@
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/io/query_list.h"
 #include "raylift/jobs/task_job.h"
-#include "raylift/localization/matching.h"
+#include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
-#include "raylift/localization/scene_matches.h"
 
 namespace raylift {
 namespace {

@@ -9,6 +9,7 @@
 #include "apps/matching_options.h"
 #include "apps/options.h"
 #include "base/json_text.h"
+#include "localization/scene_matches.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -17,9 +18,8 @@
 #include "raylift/comparison/geometry_report.h"
 #include "raylift/io/query_list.h"
 #include "raylift/lifting/input_doctor.h"
-#include "raylift/localization/matching.h"
+#include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
-#include "raylift/localization/scene_matches.h"
 
 namespace raylift {
 namespace {

@@ -4,12 +4,12 @@
 
 #include "base/json_text.h"
 #include "geometry/pose_json.h"
+#include "localization/results/estimate_json.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
-#include "raylift/localization/estimate_json.h"
 #include "raylift/localization/localizer.h"
 
 namespace raylift {

@@ -13,6 +13,7 @@
 #include "apps/commands.h"
 #include "apps/options.h"
 #include "io/scene/trajectory_file.h"
+#include "localization/results/exports.h"
 #include "surfaces/resampled_mesh.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -25,11 +26,9 @@
 #include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/lifting/geometry_spec.h"
-#include "raylift/localization/localized_model.h"
 #include "raylift/localization/localizer.h"
-#include "raylift/localization/references.h"
 #include "raylift/localization/result_files.h"
-#include "raylift/localization/scene_glb.h"
+#include "raylift/localization/scene.h"
 #include "raylift/scene/photographs.h"
 
 namespace raylift {

@@ -11,12 +11,12 @@
 #include "apps/options.h"
 #include "jobs/job_status.h"
 #include "jobs/manifest_file.h"
+#include "localization/results/query_job.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/localization/query_job.h"
 #include "raylift/views/render_job.h"
 
 namespace raylift {

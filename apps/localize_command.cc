@@ -1,13 +1,255 @@
 // raylift localize: a scene and query photographs in, poses out.
 
+#include <filesystem>
 #include <memory>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
 
 #include "apps/commands.h"
+#include "apps/interrupt.h"
+#include "apps/job_options.h"
+#include "apps/lap_clock.h"
 #include "apps/localize_flags.h"
-#include "apps/localize_run.h"
+#include "apps/localize_inputs.h"
+#include "apps/localize_output.h"
 #include "apps/options.h"
+#include "base/progress.h"
+#include "jobs/manifest_file.h"
+#include "localization/continuous/continuous_localizer.h"
+#include "localization/results/query_job.h"
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/localization/result_files.h"
 
 namespace raylift {
+namespace {
+
+// What the results depend on, as the manifest begins with it: JSON of the options that matter, and
+// fingerprints of the inputs in place of their paths, so that the same run may go on on another
+// machine.
+std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& options_json,
+                           const Scene& scene, std::span<const Query> queries) {
+  auto options = nlohmann::ordered_json::parse(options_json);
+  // Where problems are written changes nothing, but that they are must hold for all queries.
+  options["write-problems"] = !flags.write_problems.empty();
+  return JobHeader(std::move(options), queries.size(),
+                   {"scene", "model", "images", "queries", "priors", "rigs", "query-images",
+                    "features", "matches", "pairs", "cache", "prior-poses", "global-features",
+                    "report", "query-global-features", "write-model"},
+                   InputsJson({.model = flags.references.model,
+                               .images = flags.images,
+                               .query_images = flags.QueryImages(),
+                               .out = flags.out,
+                               .matching = flags.matching,
+                               .threads = flags.run.threads},
+                              scene, queries));
+}
+
+// Also writes queries.jsonl, whose lines say which queries joined the references.
+ContinuousRecords LocalizeInOrder(const LocalizeFlags& flags, BatchLocalizer& localizer,
+                                  LocalizeOutput& output, const std::string& options_json) {
+  const ReferenceSet& references = localizer.scene().references;
+  const std::vector<size_t> order = flags.continuous.Order(localizer.queries(), references);
+  const ContinuousCheckpoint checkpoint(
+      flags.out / "continuous",
+      ContinuousRunKey(options_json, references, localizer.queries(), order), flags.running.resume);
+  Progress progress("queries", order.size(), flags.run.Show());
+  ContinuousRecords records =
+      localizer.LocalizeContinuously({.order = order,
+                                      .checkpoint = checkpoint,
+                                      .gate = flags.continuous.Gate(),
+                                      .weigh = !flags.continuous.trust_joined,
+                                      .stop = &SignalGuard::stop(),
+                                      .on_done = [&](size_t i, const QueryResult* result) {
+                                        if (result != nullptr) output.Show(i, *result);
+                                        progress.Advance();
+                                      }});
+  if (const size_t left = CountMissing(records); left > 0) {
+    throw Interrupted(
+        fmt::format("stopped by a signal with {} queries left; --resume goes on", left));
+  }
+  WriteQueryDiagnostics(flags.out / "queries.jsonl", records);
+  return records;
+}
+
+// A folder holds a run with --continuous or one without it: throws OptionError, unless --overwrite
+// removes the other.
+void RefuseOtherMode(const LocalizeFlags& flags) {
+  const std::filesystem::path checkpoint = flags.out / "continuous";
+  const std::vector<std::filesystem::path> manifests = ListManifests(flags.out);
+  const bool continuous = flags.continuous.enabled;
+  std::error_code ignored;
+  const bool other_is_there =
+      continuous ? !manifests.empty() : std::filesystem::exists(checkpoint, ignored);
+  if (!other_is_there) return;
+  if (!flags.running.overwrite) {
+    throw OptionError("--out", flags.out.string(),
+                      fmt::format("holds a former run {} --continuous; --overwrite removes it",
+                                  continuous ? "without" : "with"));
+  }
+  std::filesystem::remove_all(checkpoint, ignored);
+  for (const auto& manifest : manifests) std::filesystem::remove(manifest, ignored);
+}
+
+struct ContinuousInputs {
+  const Scene& scene;
+  std::span<const Query> queries;
+  const BatchOptions& options;
+  const std::vector<std::string>& warnings;  // of the scene
+  const std::string& options_json;
+  LapClock clock;
+  RunTimes times;  // as far as they are known
+};
+
+// Localizes all queries one after the other, in an order of their own, and writes what was asked
+// for. Throws Interrupted where a signal came first.
+void LocalizeContinuously(const LocalizeFlags& flags, const ContinuousInputs& inputs,
+                          LocalizeOutput& output) {
+  LapClock clock = inputs.clock;
+  RunTimes times = inputs.times;
+  std::unique_ptr<BatchLocalizer> localizer;
+  UntilSignal(
+      [&] { localizer = OpenLocalizer(flags, inputs.scene, inputs.queries, inputs.options); });
+  times.matching = clock.Lap();
+  std::vector<LocalizedQuery> localized;
+  size_t joined = 0;
+  for (auto& record : LocalizeInOrder(flags, *localizer, output, inputs.options_json)) {
+    joined += record->joined ? 1 : 0;
+    localized.push_back(std::move(record->localized));
+  }
+  std::vector<std::string> warnings = inputs.warnings;
+  for (std::string& warning : localizer->ContinuousWarnings(localized)) {
+    warnings.push_back(std::move(warning));
+  }
+  PrintWarnings(warnings);
+  const Scene& scene = localizer->scene();
+  times.queries = clock.Lap();
+  times.writing = output.ShowSeconds();
+  WritePoses(flags.out / "poses.txt", localized);
+  WriteSummary(flags.out / "summary.json", localized,
+               {.num_references = scene.references.images.size(),
+                .geometry = SummaryOf(scene.sources),
+                .warnings = warnings});
+  WriteTiming(flags.out / "timing.jsonl", localized, times);
+  output.Finish(localized, {scene, inputs.queries, warnings, times, joined},
+                OptionsOfResults(inputs.options_json));
+}
+
+// One command's work. A signal ends what comes before the first query.
+class LocalizeRun {
+ public:
+  LocalizeRun(const LocalizeFlags& flags, BatchOptions options, const std::string& options_json)
+      : flags_(flags), options_(std::move(options)), options_json_(options_json) {
+    RefuseOtherMode(flags);
+    RefuseFormerRun(flags.running.In(flags.out), QueryJobForm());
+    UntilSignal([this] {
+      LocalizeInputs inputs = OpenLocalizeInputs(flags_);
+      scene_ = std::move(inputs.scene);
+      queries_ = std::move(inputs.queries);
+    });
+    times_.reading = clock_.Lap();
+    warnings_ = scene_.warnings;
+    const CandidateOptions& candidates = options_.localizer.candidates;
+    if (candidates.mode == CandidateMode::kTriangulate && !scene_.sources.empty()) {
+      warnings_.emplace_back(
+          "--candidates triangulate lifts nothing: --geometry is not used for points");
+    }
+    output_ = std::make_unique<LocalizeOutput>(flags, queries_.size(), scene_.Surface());
+  }
+
+  void Run() {
+    if (flags_.continuous.enabled) {
+      LocalizeContinuously(
+          flags_, {scene_, queries_, options_, warnings_, options_json_, clock_, times_}, *output_);
+    } else {
+      RunAsJob();
+    }
+  }
+
+ private:
+  void RunAsJob() {
+    QueryJob job(queries_, LocalizeHeader(flags_, options_json_, scene_, queries_),
+                 flags_.running.In(flags_.out));
+    const std::vector<size_t> missing = job.Missing();
+    if (!missing.empty() || !job.facts()) {
+      std::unique_ptr<BatchLocalizer> localizer;
+      UntilSignal([&] {
+        if (job.facts()) options_.knowledge = job.facts()->knowledge;
+        localizer = OpenLocalizer(flags_, scene_, queries_, options_);
+        times_.matching = clock_.Lap();
+        localizer->Learn();
+        times_.learning = clock_.Lap();
+      });
+      job.Begin(FactsOf(*localizer));
+      WriteFile(flags_.out / "options.json", OptionsOfResults(options_json_));
+      Localize(*localizer, missing, job);
+      times_.queries = clock_.Lap();
+      times_.writing = output_->ShowSeconds();
+      scene_ = localizer->scene();
+    }
+    Finish(job, missing.size());
+  }
+
+  RunFacts FactsOf(BatchLocalizer& localizer) const {
+    const Scene& scene = localizer.scene();
+    return {.num_references = scene.references.images.size(),
+            .geometry = SummaryOf(scene.sources),
+            .warnings = warnings_,
+            .checks_geometry = localizer.ChecksGeometry(),
+            .knowledge = localizer.Learn()};
+  }
+
+  void Localize(BatchLocalizer& localizer, const std::vector<size_t>& missing, QueryJob& job) {
+    Progress progress("queries", missing.size(), flags_.run.Show());
+    localizer.Localize(
+        missing,
+        [&](size_t i, const QueryResult& result) {
+          output_->Show(i, result);
+          job.Add(i, result.localized, localizer.MatchWarnings(), localizer.LogFocalFactor(i));
+          progress.Advance();
+        },
+        &SignalGuard::stop());
+    if (const size_t left = job.Missing().size(); left > 0) {
+      throw Interrupted(
+          fmt::format("stopped by a signal with {} queries left; --resume goes on", left));
+    }
+  }
+
+  void Finish(QueryJob& job, size_t done) {
+    const Shard shard = flags_.running.Resolve();
+    const auto records = job.Finish();
+    if (!shard.IsAll() && !flags_.run.quiet) {
+      fmt::print("shard {}/{} of {} queries: {} localized now{}\n", shard.index, shard.count,
+                 queries_.size(), done, records ? "; all shards are complete" : "");
+    }
+    if (!records) return;
+    const std::vector<std::string> warnings = AllWarnings(*job.facts(), *records);
+    PrintWarnings(warnings);
+    WriteResults(flags_.out, *job.facts(), *records, times_);
+    std::vector<LocalizedQuery> localized;
+    for (const QueryRecord& record : *records) localized.push_back(record.localized);
+    output_->Finish(localized, {scene_, queries_, warnings, times_},
+                    OptionsOfResults(options_json_));
+  }
+
+  const SignalGuard signals_;
+  const LocalizeFlags& flags_;
+  BatchOptions options_;
+  const std::string& options_json_;
+  std::vector<Query> queries_;
+  Scene scene_;
+  std::vector<std::string> warnings_;
+  std::unique_ptr<LocalizeOutput> output_;
+  LapClock clock_;
+  RunTimes times_;
+};
+
+}  // namespace
 
 Command AddLocalizeCommand(CLI::App& program) {
   auto flags = std::make_shared<LocalizeFlags>();
@@ -16,13 +258,18 @@ Command AddLocalizeCommand(CLI::App& program) {
   AddLocalizeOptions(command, *flags);
   return {&command, [flags, &command] {
             flags->Check();
-            RunLocalize(*flags,
-                        {.estimator = flags->estimator,
-                         .filter = flags->filter,
-                         .geometry_mode = flags->geometry.mode,
-                         .min_confidence = flags->min_confidence,
-                         .candidates = flags->geometry.candidates},
-                        flags->geometry.align, EffectiveOptionsJson(command));
+            const LocalizerOptions localizer{.estimator = flags->estimator,
+                                             .filter = flags->filter,
+                                             .geometry_mode = flags->geometry.mode,
+                                             .min_confidence = flags->min_confidence,
+                                             .candidates = flags->geometry.candidates};
+            LocalizeRun(*flags,
+                        {.localizer = localizer,
+                         .align = flags->geometry.align,
+                         .check_input = !flags->no_doctor,
+                         .threads = flags->run.threads},
+                        EffectiveOptionsJson(command))
+                .Run();
           }};
 }
 

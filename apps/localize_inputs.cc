@@ -7,7 +7,7 @@
 #include <fmt/format.h>
 
 #include "raylift/io/query_list.h"
-#include "raylift/localization/matching.h"
+#include "raylift/localization/match_source.h"
 #include "raylift/localization/result_files.h"
 
 namespace raylift {

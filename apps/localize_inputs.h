@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "apps/localize_flags.h"
+#include "localization/batch_localizer.h"
 
-#include "raylift/localization/batch_localizer.h"
-#include "raylift/localization/front_end.h"
+#include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
 #include "raylift/scene/photographs.h"
 

@@ -3,13 +3,12 @@
 #include <optional>
 
 #include "apps/lap_clock.h"
+#include "localization/results/exports.h"
 #include <fmt/format.h>
 
 #include "raylift/base/file.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/pose_problem_json.h"
-#include "raylift/localization/localized_model.h"
-#include "raylift/localization/query_picture.h"
 
 namespace raylift {
 namespace {

@@ -11,9 +11,9 @@
 #include <vector>
 
 #include "apps/localize_flags.h"
+#include "localization/continuous/continuous_localizer.h"
 
 #include "raylift/comparison/localization_report.h"
-#include "raylift/localization/continuous_localizer.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/result_files.h"
 #include "raylift/localization/scene.h"

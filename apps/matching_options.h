@@ -11,10 +11,10 @@
 #include <vector>
 
 #include "apps/options.h"
+#include "localization/matching/file_matches.h"
+#include "localization/retrieval/retrieval.h"
 
-#include "raylift/localization/hloc_matches.h"
-#include "raylift/localization/matching.h"
-#include "raylift/localization/retrieval.h"
+#include "raylift/localization/match_source.h"
 
 namespace raylift {
 

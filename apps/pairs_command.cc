@@ -5,6 +5,7 @@
 #include "apps/commands.h"
 #include "apps/matching_options.h"
 #include "apps/options.h"
+#include "localization/retrieval/retrieval.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -13,8 +14,7 @@
 #include "raylift/io/hloc_files.h"
 #include "raylift/io/query_list.h"
 #include "raylift/lifting/geometry_spec.h"
-#include "raylift/localization/references.h"
-#include "raylift/localization/retrieval.h"
+#include "raylift/localization/scene.h"
 
 namespace raylift {
 namespace {

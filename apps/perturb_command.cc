@@ -20,7 +20,7 @@
 #include "raylift/evaluation/depth_perturbation.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/lifting/geometry_spec.h"
-#include "raylift/localization/references.h"
+#include "raylift/localization/scene.h"
 #include "raylift/renderers/frame_renderer.h"
 #include "raylift/views/render_job.h"
 

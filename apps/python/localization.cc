@@ -9,15 +9,15 @@
 #include "base/progress.h"
 #include "estimation/fields.h"
 #include "lifting/fields.h"
+#include "localization/batch_localizer.h"
 #include "localization/fields.h"
 
 #include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/scene_file.h"
-#include "raylift/localization/batch_localizer.h"
 #include "raylift/localization/localizer.h"
-#include "raylift/localization/matching.h"
-#include "raylift/localization/references.h"
+#include "raylift/localization/match_source.h"
+#include "raylift/localization/scene.h"
 
 namespace raylift::python {
 namespace {

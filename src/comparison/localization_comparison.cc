@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "base/statistics.h"
+#include "localization/grid_localizer.h"
 #include "localization_outcome.h"
 #include <fmt/format.h>
 
@@ -13,7 +14,6 @@
 #include "raylift/base/parallel.h"
 #include "raylift/base/text.h"
 #include "raylift/evaluation/depth_errors.h"
-#include "raylift/localization/grid_localizer.h"
 
 namespace raylift {
 namespace {

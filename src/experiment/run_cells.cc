@@ -8,6 +8,9 @@
 #include <tuple>
 
 #include "base/hash.h"
+#include "localization/continuous/continuous_localizer.h"
+#include "localization/grid_localizer.h"
+#include "localization/scene_matches.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -20,12 +23,8 @@
 #include "raylift/io/depth_file.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/lifting/geometry_spec.h"
-#include "raylift/localization/continuous_localizer.h"
-#include "raylift/localization/continuous_order.h"
-#include "raylift/localization/grid_localizer.h"
-#include "raylift/localization/matching.h"
+#include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
-#include "raylift/localization/scene_matches.h"
 #include "raylift/renderers/frame_renderer.h"
 
 namespace raylift {

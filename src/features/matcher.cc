@@ -1,5 +1,3 @@
-#include "raylift/features/matcher.h"
-
 #include <algorithm>
 #include <array>
 #include <cstdint>
@@ -7,10 +5,11 @@
 #include <map>
 #include <span>
 
-#include "quantized_descriptors.h"
+#include "features/dot_products.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/features/local_features.h"
 
 namespace raylift {
 namespace {

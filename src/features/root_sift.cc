@@ -1,5 +1,3 @@
-#include "raylift/features/root_sift.h"
-
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -11,6 +9,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/features/local_features.h"
 
 namespace raylift {
 namespace {

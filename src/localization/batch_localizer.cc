@@ -1,4 +1,4 @@
-#include "raylift/localization/batch_localizer.h"
+#include "localization/batch_localizer.h"
 
 #include <algorithm>
 #include <map>
@@ -7,11 +7,11 @@
 #include <set>
 #include <utility>
 
-#include "localization/remembered_matches.h"
+#include "localization/cached_matches.h"
+#include "localization/grid_localizer.h"
+#include "localization/scene_matches.h"
 
 #include "raylift/base/parallel.h"
-#include "raylift/localization/grid_localizer.h"
-#include "raylift/localization/scene_matches.h"
 
 namespace raylift {
 namespace {
@@ -33,7 +33,7 @@ BatchLocalizer::BatchLocalizer(const Scene& scene, std::vector<Query> queries,
     : options_(options),
       queries_(std::move(queries)),
       matches_(std::move(matches)),
-      remembered_(matches_),
+      cached_(matches_),
       as_read_(scene.sources),
       doctor_(queries_),
       focal_check_(queries_, options.localizer.estimator),
@@ -47,9 +47,8 @@ BatchLocalizer::BatchLocalizer(const Scene& scene, std::vector<Query> queries,
     std::vector<Query> asked;
     const size_t most = align == AlignMode::kAuto ? kQueriesOfAuto : queries_.size();
     for (const size_t query : SampleByName(queries_, most)) asked.push_back(queries_[query]);
-    remembered_ = std::make_shared<RememberedMatches>(matches_);
-    reference_matches =
-        CollectReferenceMatches(asked, *remembered_, scene.references, options.threads);
+    cached_ = std::make_shared<CachedMatches>(matches_);
+    reference_matches = CollectReferenceMatches(asked, *cached_, scene.references, options.threads);
   }
   scene_ = std::make_shared<const Scene>(Aligned(scene, align, reference_matches, options.threads));
   LocalizerOptions& localizer = options_.localizer;
@@ -58,13 +57,13 @@ BatchLocalizer::BatchLocalizer(const Scene& scene, std::vector<Query> queries,
     localizer.estimator.scene_noise = knowledge_->scene_noise;
   } else if (!localizer.filter.scene_noise) {
     localizer.filter.scene_noise =
-        EstimateSceneNoise(queries_, *scene_, *remembered_, localizer, options.threads);
+        EstimateSceneNoise(queries_, *scene_, *cached_, localizer, options.threads);
   }
 }
 
 const SceneKnowledge& BatchLocalizer::Learn() {
   if (knowledge_) return *knowledge_;
-  const GridLocalizer grid = GridLocalizer({Localizer(scene_, remembered_, options_.localizer)})
+  const GridLocalizer grid = GridLocalizer({Localizer(scene_, cached_, options_.localizer)})
                                  .WithSceneNoise(queries_, matched_, options_.threads);
   const LocalizerOptions& learned = grid.way(0).options();
   SceneKnowledge knowledge{.geometry_noise = learned.filter.scene_noise,
@@ -97,7 +96,7 @@ std::vector<LocalizedQuery> BatchLocalizer::LocalizeAll(const OnResult& on_resul
 void BatchLocalizer::Localize(std::span<const size_t> queries, const OnResult& on_result,
                               const std::atomic<bool>* stop) {
   Learn();
-  const Localizer localizer(scene_, remembered_, options_.localizer);
+  const Localizer localizer(scene_, cached_, options_.localizer);
   const std::set<size_t> asked(queries.begin(), queries.end());
   const std::vector<Frame> frames = FramesOf(queries);
   ParallelFor(frames.size(), options_.threads, [&](size_t i) {

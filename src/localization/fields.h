@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "base/fields.h"
+#include "localization/continuous/join_gate.h"
 
-#include "raylift/localization/continuous_gate.h"
 #include "raylift/localization/localizer.h"
 
 namespace raylift {

@@ -1,11 +1,12 @@
-#include "raylift/localization/grid_localizer.h"
+#include "localization/grid_localizer.h"
 
 #include <algorithm>
 #include <optional>
 
+#include "localization/scene_matches.h"
+
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
-#include "raylift/localization/scene_matches.h"
 
 namespace raylift {
 

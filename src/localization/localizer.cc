@@ -4,12 +4,13 @@
 #include <chrono>
 #include <utility>
 
+#include "localization/retrieval/covisibility.h"
 #include "localization/rig_problem.h"
+#include "localization/scene_matches.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
-#include "raylift/localization/scene_matches.h"
 
 namespace raylift {
 namespace {

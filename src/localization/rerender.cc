@@ -1,4 +1,4 @@
-#include "raylift/localization/rerender.h"
+#include "localization/rerender.h"
 
 #include <algorithm>
 #include <chrono>
@@ -11,8 +11,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/features/matcher.h"
-#include "raylift/features/root_sift.h"
+#include "raylift/features/local_features.h"
 #include "raylift/io/image_file.h"
 #include "raylift/lifting/lifter.h"
 #include "raylift/scene/keypoints.h"

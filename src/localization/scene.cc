@@ -1,14 +1,20 @@
 #include "raylift/localization/scene.h"
 
 #include <algorithm>
+#include <string_view>
 #include <utility>
 
+#include "localization/retrieval/covisibility.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/io/colmap_model.h"
+#include "raylift/io/scene_file.h"
 #include "raylift/lifting/aligned_source.h"
+#include "raylift/views/rendered_references.h"
 
 namespace raylift {
+
 namespace {
 
 template <typename T>
@@ -19,7 +25,7 @@ void Append(std::vector<T>& all, std::vector<T> more) {
 void LoadModel(Scene& scene, const std::filesystem::path& model, const Thinning& thinning) {
   LoadedReferences loaded = LoadReferences(model, thinning, scene.model_poses);
   scene.references = std::move(loaded.references);
-  scene.covisibility = std::make_shared<const Covisibility>(std::move(loaded.covisibility));
+  scene.covisibility = std::move(loaded.covisibility);
   Append(scene.warnings, std::move(loaded.warnings));
 }
 
@@ -105,7 +111,8 @@ Scene OpenMeshScene(const std::string& mesh_spec, const Thinning& thinning,
   OpenGeometry(scene, mesh_spec, {.threads = rendered.threads});
   const auto mesh = scene.Mesh();
   if (mesh == nullptr) throw OptionError("geometry", mesh_spec, "expected mesh:PATH");
-  scene.rendered = RenderReferences(mesh, rendered, hooks);
+  scene.rendered =
+      std::make_shared<const RenderedReferences>(RenderReferences(mesh, rendered, hooks));
   scene.images = scene.rendered->images;
   Append(scene.warnings, scene.rendered->warnings);
   LoadModel(scene, scene.rendered->model, thinning);
@@ -125,6 +132,67 @@ Scene Aligned(const Scene& scene, AlignMode mode, std::span<const ReferenceMatch
         std::move(source.geometry.source), source.alignment->Corrections());
   }
   return aligned;
+}
+
+namespace {
+
+std::vector<size_t> Keep(const std::filesystem::path& model, const std::vector<PosedImage>& images,
+                         const Thinning& thinning) {
+  std::vector<std::string> cameras;
+  cameras.reserve(images.size());
+  for (const PosedImage& image : images) cameras.push_back(image.camera.ToString());
+  std::vector<size_t> kept = KeptIndices(cameras, thinning);
+  const auto fail = [&](std::string_view what) {
+    throw InputError(model, fmt::format("{} of {} images by every {}, offset {}", what,
+                                        images.size(), thinning.every, thinning.offset));
+  };
+  if (kept.empty()) fail("none is left");
+  if (thinning.per_camera && !thinning.KeepsAll() && kept.size() == images.size() &&
+      images.size() > 1) {
+    fail("each has a camera of its own, which leaves all");
+  }
+  return kept;
+}
+
+}  // namespace
+
+LoadedReferences LoadReferences(const std::filesystem::path& model, int every,
+                                PoseConvention poses) {
+  return LoadReferences(model, Thinning{.every = every}, poses);
+}
+
+LoadedReferences LoadReferences(const std::filesystem::path& model, const Thinning& thinning,
+                                PoseConvention poses) {
+  ColmapModel colmap = ReadColmapModel(model);
+  LoadedReferences loaded;
+  loaded.warnings = std::move(colmap.warnings);
+  loaded.covisibility = std::make_shared<const Covisibility>(colmap);
+  loaded.references.model = model;
+  std::vector<PosedImage> images = colmap.PosedImages();
+  for (PosedImage& image : images) image.cam_from_world = CamFromWorld(image.cam_from_world, poses);
+  if (images.empty()) {
+    throw InputError(model, "the model has no images with a pose");
+  }
+  size_t next = 0;
+  for (const size_t kept : Keep(model, images, thinning)) {
+    for (; next < kept; ++next) loaded.references.thinned_out.push_back(images[next].name);
+    loaded.references.images.push_back(images[next++]);
+  }
+  for (; next < images.size(); ++next) loaded.references.thinned_out.push_back(images[next].name);
+  return loaded;
+}
+
+std::vector<Query> QueriesOf(const ReferenceSet& references) {
+  std::vector<Query> queries;
+  queries.reserve(references.images.size());
+  for (const PosedImage& image : references.images) queries.push_back({image.name, image.camera});
+  return queries;
+}
+
+std::map<std::string, Rigid3> PosesOf(const ReferenceSet& references) {
+  std::map<std::string, Rigid3> poses;
+  for (const PosedImage& image : references.images) poses.emplace(image.name, image.cam_from_world);
+  return poses;
 }
 
 }  // namespace raylift

@@ -1,4 +1,4 @@
-#include "raylift/localization/scene_matches.h"
+#include "localization/scene_matches.h"
 
 #include <algorithm>
 #include <numeric>

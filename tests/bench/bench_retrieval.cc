@@ -11,9 +11,8 @@
 
 #include "base/rng.h"
 #include "base/statistics.h"
+#include "features/dot_products.h"
 #include <Eigen/Core>
-
-#include "raylift/features/dot_product_search.h"
 
 namespace raylift {
 namespace {

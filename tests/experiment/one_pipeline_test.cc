@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "localization/batch_localizer.h"
 #include "support/room_scene.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
@@ -17,8 +18,7 @@
 #include "raylift/experiment/experiment.h"
 #include "raylift/experiment/run_cells.h"
 #include "raylift/io/query_list.h"
-#include "raylift/localization/batch_localizer.h"
-#include "raylift/localization/matching.h"
+#include "raylift/localization/match_source.h"
 
 namespace raylift {
 namespace {

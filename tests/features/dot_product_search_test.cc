@@ -1,8 +1,7 @@
-#include "raylift/features/dot_product_search.h"
-
 #include <algorithm>
 #include <cmath>
 
+#include "features/dot_products.h"
 #include "support/matchers.h"
 #include <gtest/gtest.h>
 

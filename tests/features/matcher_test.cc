@@ -1,10 +1,10 @@
-#include "raylift/features/matcher.h"
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "support/matchers.h"
+
+#include "raylift/features/local_features.h"
 
 namespace raylift {
 namespace {

@@ -12,8 +12,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "raylift/base/parallel.h"
-#include "raylift/features/matcher.h"
-#include "raylift/features/root_sift.h"
+#include "raylift/features/local_features.h"
 #include "raylift/features/vlad.h"
 #include "raylift/geometry/residuals.h"
 #include "raylift/io/colmap_model.h"

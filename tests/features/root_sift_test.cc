@@ -1,5 +1,3 @@
-#include "raylift/features/root_sift.h"
-
 #include <algorithm>
 #include <cmath>
 
@@ -8,6 +6,7 @@
 #include <opencv2/core/utility.hpp>
 
 #include "raylift/base/parallel.h"
+#include "raylift/features/local_features.h"
 
 namespace raylift {
 namespace {

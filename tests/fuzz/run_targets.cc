@@ -3,11 +3,11 @@
 #include "fuzz/fuzz_targets.h"
 #include "jobs/job_status.h"
 #include "jobs/manifest_file.h"
+#include "localization/continuous/checkpoint.h"
+#include "localization/results/query_job.h"
 #include "views/task_list.h"
 
 #include "raylift/experiment/experiment.h"
-#include "raylift/localization/continuous_checkpoint.h"
-#include "raylift/localization/query_manifest.h"
 #include "raylift/localization/result_files.h"
 
 namespace raylift {

@@ -11,6 +11,8 @@
 #include <memory>
 
 #include "base/rng.h"
+#include "localization/matching/file_matches.h"
+#include "localization/scene_matches.h"
 #include "support/test_data.h"
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -20,9 +22,7 @@
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/lifting/mesh_placement.h"
 #include "raylift/lifting/mesh_source.h"
-#include "raylift/localization/hloc_matches.h"
-#include "raylift/localization/references.h"
-#include "raylift/localization/scene_matches.h"
+#include "raylift/localization/scene.h"
 #include "raylift/renderers/frame_renderer.h"
 #include "raylift/surfaces/mesh_files.h"
 

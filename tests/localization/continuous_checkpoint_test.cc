@@ -1,6 +1,5 @@
-#include "raylift/localization/continuous_checkpoint.h"
-
 #include "base/rng.h"
+#include "localization/continuous/checkpoint.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>

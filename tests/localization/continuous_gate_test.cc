@@ -1,7 +1,6 @@
-#include "raylift/localization/continuous_gate.h"
-
 #include <limits>
 
+#include "localization/continuous/join_gate.h"
 #include "support/matchers.h"
 #include "support/synthetic_problem.h"
 #include <gmock/gmock.h>

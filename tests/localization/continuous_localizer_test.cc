@@ -1,8 +1,9 @@
-#include "raylift/localization/continuous_localizer.h"
+#include "localization/continuous/continuous_localizer.h"
 
 #include <atomic>
 #include <map>
 
+#include "localization/matching/file_matches.h"
 #include "support/matchers.h"
 #include "support/room_scene.h"
 #include "support/test_data.h"
@@ -12,8 +13,6 @@
 #include "raylift/base/file.h"
 #include "raylift/io/hloc_files.h"
 #include "raylift/io/query_list.h"
-#include "raylift/localization/continuous_order.h"
-#include "raylift/localization/hloc_matches.h"
 #include "raylift/localization/scene.h"
 
 namespace raylift {

@@ -1,5 +1,4 @@
-#include "raylift/localization/continuous_order.h"
-
+#include "localization/continuous/continuous_localizer.h"
 #include "support/matchers.h"
 #include <gtest/gtest.h>
 

@@ -1,8 +1,7 @@
-#include "raylift/localization/continuous_references.h"
-
 #include <cmath>
 #include <map>
 
+#include "localization/continuous/joined_references.h"
 #include "support/matchers.h"
 #include "support/synthetic_problem.h"
 #include <gtest/gtest.h>

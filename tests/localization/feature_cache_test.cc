@@ -1,8 +1,7 @@
-#include "localization/feature_cache.h"
-
 #include <algorithm>
 #include <chrono>
 
+#include "localization/matching/feature_store.h"
 #include "support/matchers.h"
 #include "support/room_scene.h"
 #include "support/test_data.h"

@@ -1,10 +1,10 @@
-#include "localization/feature_store.h"
+#include "localization/matching/feature_store.h"
 
 #include <atomic>
 #include <thread>
 
 #include "base/rng.h"
-#include "localization/vlad_cache.h"
+#include "localization/retrieval/vlad_index.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>

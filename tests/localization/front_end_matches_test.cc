@@ -4,7 +4,7 @@
 
 #include "raylift/io/hloc_files.h"
 #include "raylift/io/query_list.h"
-#include "raylift/localization/front_end.h"
+#include "raylift/localization/match_source.h"
 #include "raylift/scene/keypoints.h"
 
 namespace raylift {

@@ -1,4 +1,4 @@
-#include "raylift/localization/grid_localizer.h"
+#include "localization/grid_localizer.h"
 
 #include <algorithm>
 #include <map>

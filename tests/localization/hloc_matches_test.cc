@@ -1,5 +1,4 @@
-#include "raylift/localization/hloc_matches.h"
-
+#include "localization/matching/file_matches.h"
 #include "support/matchers.h"
 #include "support/room_scene.h"
 #include "support/test_data.h"
@@ -14,7 +13,7 @@
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/lifting/lifter.h"
 #include "raylift/localization/match_source.h"
-#include "raylift/localization/references.h"
+#include "raylift/localization/scene.h"
 
 namespace raylift {
 namespace {

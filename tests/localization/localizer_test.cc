@@ -1,5 +1,6 @@
 #include "raylift/localization/localizer.h"
 
+#include "localization/grid_localizer.h"
 #include "support/matchers.h"
 #include "support/room_scene.h"
 #include "support/splat_files.h"
@@ -12,8 +13,7 @@
 #include "raylift/io/image_file.h"
 #include "raylift/io/query_list.h"
 #include "raylift/lifting/mesh_source.h"
-#include "raylift/localization/grid_localizer.h"
-#include "raylift/localization/matching.h"
+#include "raylift/localization/match_source.h"
 
 namespace raylift {
 namespace {

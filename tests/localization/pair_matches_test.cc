@@ -1,9 +1,8 @@
-#include "raylift/localization/pair_matches.h"
-
 #include <map>
 #include <optional>
 
 #include "io/depth/depth_formats.h"
+#include "localization/matching/file_matches.h"
 #include "support/matchers.h"
 #include "support/room_scene.h"
 #include "support/test_data.h"
@@ -14,7 +13,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/io/hloc_files.h"
-#include "raylift/localization/references.h"
+#include "raylift/localization/scene.h"
 
 namespace raylift {
 namespace {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "localization/batch_localizer.h"
 #include "support/test_data.h"
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -10,8 +11,7 @@
 #include "raylift/evaluation/recall.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
-#include "raylift/localization/batch_localizer.h"
-#include "raylift/localization/matching.h"
+#include "raylift/localization/match_source.h"
 
 namespace raylift {
 namespace {

@@ -1,11 +1,10 @@
-#include "raylift/localization/references.h"
-
 #include "support/matchers.h"
 #include "support/room_scene.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
+#include "raylift/localization/scene.h"
 
 namespace raylift {
 namespace {

@@ -1,5 +1,6 @@
-#include "raylift/localization/rerender.h"
+#include "localization/rerender.h"
 
+#include "localization/matching/file_matches.h"
 #include "support/matchers.h"
 #include "support/room_scene.h"
 #include "support/test_data.h"
@@ -7,7 +8,6 @@
 
 #include "raylift/io/image_file.h"
 #include "raylift/lifting/geometry_spec.h"
-#include "raylift/localization/hloc_matches.h"
 
 namespace raylift {
 namespace {

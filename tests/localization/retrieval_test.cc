@@ -1,4 +1,4 @@
-#include "raylift/localization/retrieval.h"
+#include "localization/retrieval/retrieval.h"
 
 #include <algorithm>
 #include <array>

@@ -1,8 +1,7 @@
-#include "raylift/localization/run_check.h"
-
 #include <string>
 #include <vector>
 
+#include "localization/checks/run_checks.h"
 #include "support/coherent_problem.h"
 #include "support/matchers.h"
 #include <gmock/gmock.h>

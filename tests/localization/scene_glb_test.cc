@@ -1,10 +1,9 @@
 // What WriteGlb() writes, as assimp reads it.
 
-#include "raylift/localization/scene_glb.h"
-
 #include <cmath>
 #include <cstring>
 
+#include "localization/results/exports.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <assimp/Importer.hpp>

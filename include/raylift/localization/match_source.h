@@ -1,17 +1,33 @@
-// Where the 2D-2D matches of a query come from: hloc's files (hloc_matches.h), the built-in front
-// end (front_end.h), or anything else that implements this interface.
+// Where the 2D-2D matches of a query come from: files of hloc, COLMAP or other matchers, the built-in
+// front end, or anything else that implements MatchSource.
 
 #pragma once
 
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/scene/features.h"
 #include "raylift/scene/image.h"
 #include "raylift/scene/photographs.h"
 #include "raylift/scene/pose_problem.h"
 
 namespace raylift {
+
+class Covisibility;
+class RayCaster;
+struct ReferenceSet;
+struct Scene;
+struct Shard;
+
+// Where the 2D-2D matches of a query come from: hloc's files (hloc_matches.h), the built-in front
+// end (front_end.h), or anything else that implements this interface.
 
 struct QueryMatches {
   std::vector<PosedImage> references;  // the retrieved ones, best first
@@ -37,5 +53,153 @@ class MatchSource {
   // What the user should be told, collected so far.
   virtual std::vector<std::string> Warnings() const = 0;
 };
+
+// The built-in front end: RootSIFT features, retrieval by VLAD unless it is given, and mutual
+// nearest neighbors. All that other programs would bring, made from the photographs alone.
+
+struct FrontEndOptions {
+  std::filesystem::path reference_images = {};
+  std::filesystem::path query_images = {};
+  // Features and retrieval are kept here in hloc's layout, and used again where nothing changed;
+  // features are then read when they are matched. Empty: nothing is kept, all are in memory.
+  std::filesystem::path cache = {};
+  // By image name: features that are known already. The photographs of these are not read.
+  std::map<std::string, Features> features = {};
+  int top_k = 10;
+  int max_features = 4096;
+  double max_ratio = 0.8;
+  uint64_t seed = 0;
+  int threads = 0;
+  bool show_progress = false;
+  // The references of each query where they were not to be retrieved by VLAD.
+  std::optional<RetrievedLists> retrieved = std::nullopt;
+  // Queries may be references, which are matched with the others.
+  bool among_references = false;
+  // With a number, queries may become references, up to so many of the top_k; Match() itself
+  // then uses `threads`.
+  std::optional<int> max_joined = std::nullopt;
+};
+
+// Extracts the features of all images and retrieves references; Match() matches. Queries may also
+// come one by one from memory, by MatchPhotograph() and MatchFeatures(): these take references by
+// VLAD. InputError where an image is missing or does not have its camera's size.
+std::unique_ptr<MatchSource> MakeFrontEndMatches(const FrontEndOptions& options,
+                                                 const ReferenceSet& references,
+                                                 const std::vector<Query>& queries);
+
+// Of the images of a scene and its queries.
+struct FeatureCount {
+  size_t images = 0;
+  size_t extracted = 0;  // now
+  size_t missing = 0;    // not in the cache yet, as other shards have not ended
+};
+
+// Extracts the features of this shard's images to options.cache, where MakeFrontEndMatches() finds
+// them. What was there already stays. The shard after which none is missing also learns what
+// references are retrieved by, `for_vlad`.
+FeatureCount PrepareFrontEnd(const FrontEndOptions& options, const ReferenceSet& references,
+                             const std::vector<Query>& queries, const Shard& shard, bool for_vlad);
+
+// The features of a photograph (gray or RGB) as MatchPhotograph() extracts them, rounded as a cache
+// would store them: a query gives the same bytes from memory as from disk.
+Features ExtractFrontEndFeatures(const Image& photograph, int max_features);
+
+// What retrieves the references of a query before any matching.
+enum class RetrievalMethod { kVlad, kGlobal, kPose, kOverlap, kCovisibility };
+template <>
+inline constexpr auto kEnumNames<RetrievalMethod> = std::to_array<EnumName<RetrievalMethod>>({
+    {RetrievalMethod::kVlad, "vlad", "", "RootSIFT features are alike"},
+    {RetrievalMethod::kGlobal, "global", "", "global descriptors of the images are alike"},
+    {RetrievalMethod::kPose, "pose", "", "cameras look at the same part of space"},
+    {RetrievalMethod::kOverlap, "overlap", "", "cameras see the same part of the mesh (by rays)"},
+    {RetrievalMethod::kCovisibility, "covisibility", "",
+     "images observe the same points of the model"},
+});
+
+struct GlobalFeatureFiles {
+  std::filesystem::path references;
+  std::filesystem::path queries;  // empty: in the same file
+};
+
+// Distances from the camera, scene units.
+struct ViewRange {
+  double near;
+  double far;
+};
+
+struct RetrievalOptions {
+  RetrievalMethod method = RetrievalMethod::kGlobal;
+  int top_k = 10;
+  // kGlobal.
+  GlobalFeatureFiles global_features = {};
+  // kPose, kOverlap: of the queries, cam_from_world; a query without one has no references.
+  std::map<std::string, Rigid3> prior_poses = {};
+  // kPose: without a range, the nearest references whose optical axes differ by at most this.
+  double max_angle_deg = 30;
+  // kPose: with one, those that see most of what the query sees at these distances.
+  std::optional<ViewRange> view_range = std::nullopt;
+  // kOverlap.
+  std::shared_ptr<const RayCaster> mesh = nullptr;
+  // kCovisibility.
+  std::shared_ptr<const Covisibility> covisibility = nullptr;  // null: nothing is known of it
+  int threads = 0;
+  bool show_progress = false;  // on stderr
+};
+
+struct HlocFiles {
+  std::filesystem::path features;
+  std::filesystem::path matches;
+  std::filesystem::path pairs;
+};
+
+// Queries that may become references by Join(), and how many of them a query may have among its
+// references; none may by default.
+struct JoiningQueries {
+  std::span<const Query> queries = {};
+  int max_joined = 0;
+};
+
+// How matches that stand in files are taken.
+struct MatchReading {
+  // Those of a lower score are left out; matches without scores count as 1, as in hloc.
+  std::optional<double> min_score = std::nullopt;
+  // Of pixels without features (pair_matches.h): where the matcher puts the center of the first
+  // pixel, between 0 and 1, and the side of the cells in which query pixels are one keypoint;
+  // 0: equal pixels alone are.
+  double first_pixel = 0;
+  double cell_px = 0;
+};
+// Throws OptionError.
+void Check(const MatchReading& reading);
+
+// The matches of a scene's queries by whatever there is: hloc's files, COLMAP's database, a folder
+// of pairs, or the built-in front end with any kind of retrieval.
+
+struct MatchingOptions {
+  // None: the front end. Where `matches` stand alone, they are all that is needed.
+  std::optional<HlocFiles> hloc = std::nullopt;
+  MatchReading reading = {};  // of matches in files
+  int top_k = 10;             // references per query
+  // With a number, localized queries may join the references, up to so many among the top_k.
+  std::optional<int> max_joined = std::nullopt;
+
+  // Of the front end. Its top_k, max_joined and reference images are set from here and the scene.
+  FrontEndOptions front_end = {};
+  // None: by VLAD. top_k is set from here, and from the scene the covisibility, and the mesh of
+  // `overlap` unless one is given.
+  std::optional<RetrievalOptions> retrieval = std::nullopt;
+};
+
+// Whether these matches need no features and no pairs: COLMAP's database, a folder of pairs.
+bool StandAlone(const std::filesystem::path& matches);
+
+// Warnings of the retrieval come with those of the source.
+std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Query> queries,
+                                         const MatchingOptions& options);
+
+// Makes beforehand what OpenMatches() would: the features of a shard's images and, after the last
+// of them, the vectors for retrieval; nothing where the matches are in files.
+FeatureCount PrepareMatches(const Scene& scene, std::span<const Query> queries,
+                            const MatchingOptions& options, const Shard& shard);
 
 }  // namespace raylift

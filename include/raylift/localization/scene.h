@@ -16,6 +16,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
@@ -23,16 +24,48 @@
 #include <vector>
 
 #include "raylift/geometry/rigid3.h"
-#include "raylift/io/scene_file.h"
 #include "raylift/lifting/depth_alignment.h"
 #include "raylift/lifting/geometry_spec.h"
-#include "raylift/localization/covisibility.h"
-#include "raylift/localization/references.h"
-#include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/photographs.h"
-#include "raylift/views/rendered_references.h"
 
 namespace raylift {
+
+class Covisibility;
+class RayCaster;
+struct RenderHooks;
+struct RenderedReferenceOptions;
+struct RenderedReferences;
+struct SceneFile;
+
+// The references of a scene: photographs whose cameras and poses are known.
+
+// Those in use, and the names that exist but are thinned out, which a retrieval list may name
+// without being wrong.
+struct ReferenceSet {
+  std::filesystem::path model;  // for messages
+  std::vector<PosedImage> images;
+  std::vector<std::string> thinned_out;
+};
+
+struct LoadedReferences {
+  ReferenceSet references;
+  std::shared_ptr<const Covisibility> covisibility;
+  std::vector<std::string> warnings;
+};
+
+// The images of a COLMAP model whose poses may be in another convention, thinned out. Cameras of
+// equal parameters count as one. InputError where no image is left, or where thinning per camera
+// drops none as each image has a camera of its own.
+LoadedReferences LoadReferences(const std::filesystem::path& model, const Thinning& thinning,
+                                PoseConvention poses = PoseConvention::kCamFromWorld);
+// Every `every`-th from the first on.
+LoadedReferences LoadReferences(const std::filesystem::path& model, int every,
+                                PoseConvention poses = PoseConvention::kCamFromWorld);
+
+// The references as queries, to be localized by the others: whatever matches them leaves out the
+// one that has the query's name.
+std::vector<Query> QueriesOf(const ReferenceSet& references);
+std::map<std::string, Rigid3> PosesOf(const ReferenceSet& references);
 
 // A source of geometry of a scene.
 struct SceneSource {
@@ -51,8 +84,8 @@ struct Scene {
   // Null: nothing is known of it.
   std::shared_ptr<const Covisibility> covisibility = nullptr;
   std::vector<SceneSource> sources;  // in the order in which they are asked
-  // Where the references were rendered: what was found there, and what was made.
-  std::optional<RenderedReferences> rendered = std::nullopt;
+  // What was made where the references were rendered; else null.
+  std::shared_ptr<const RenderedReferences> rendered = nullptr;
   std::vector<std::string> warnings;  // what the user should know of the files
 
   // Named by its description. `mesh`: what it lifts from, where that is one, for Mesh(). The kind
@@ -93,7 +126,7 @@ SceneOptions SceneOptionsOf(const SceneFile& file, std::span<const std::string> 
 // A scene whose references are rendered from its one geometry, a mesh. What `rendered.out` holds
 // from before is used again.
 Scene OpenMeshScene(const std::string& mesh_spec, const Thinning& thinning,
-                    const RenderedReferenceOptions& rendered, const RenderHooks& hooks = {});
+                    const RenderedReferenceOptions& rendered, const RenderHooks& hooks);
 
 // Opens a specification of geometry for the scene's references; what is said of it goes to the
 // scene's warnings.

@@ -4,7 +4,7 @@
 
 #include <raylift/io/image_file.h>
 #include <raylift/localization/localizer.h>
-#include <raylift/localization/matching.h>
+#include <raylift/localization/match_source.h>
 
 int main(int, char** arguments) {
   // References with known poses, their photographs, and a mesh in the same coordinates.

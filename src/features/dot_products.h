@@ -1,0 +1,88 @@
+// Dot products of many vectors: exact ones of rounded descriptors, and searches for the largest.
+
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/scene/features.h"
+
+namespace raylift {
+
+// Descriptors rounded to 16-bit integers. Their inner products are exact, hence the same for any
+// order of summation, thread count and machine, and about twice as fast as in float, since every
+// x86-64 multiplies and adds eight of them at once. Rounding changes a squared distance by about
+// 2e-5; neighboring descriptors of photographs are 0.1 to 1 apart.
+
+// What 1.0 becomes. Inner products of vectors of at most unit length stay below 2^31 (for up to
+// 65536 values, rounding included).
+inline constexpr int kQuantizedOne = 32767;
+inline constexpr int64_t kQuantizedOneSquared = int64_t{kQuantizedOne} * kQuantizedOne;
+
+struct QuantizedDescriptors {
+  // All zeros.
+  QuantizedDescriptors(Eigen::Index dimension, Eigen::Index count);
+
+  Eigen::Index dimension;
+  Eigen::Index count;
+  // A descriptor is a column. Sides are padded with zeros to what ComputeDots works in.
+  Eigen::Matrix<int16_t, Eigen::Dynamic, Eigen::Dynamic> values;
+};
+
+// Columns scaled to unit length and rounded. A column that has no direction (all zero, or not
+// finite) becomes zero.
+QuantizedDescriptors QuantizeDirections(const Eigen::MatrixXf& descriptors);
+
+// The products of descriptors [first_row, first_row + num_rows) of `rows` with all of `columns`,
+// row after row; a row has DotStride(columns) places, of which the first columns.count are meant.
+// first_row is even; dots has room for an even count of rows.
+Eigen::Index DotStride(const QuantizedDescriptors& columns);
+void ComputeDots(const QuantizedDescriptors& rows, Eigen::Index first_row, Eigen::Index num_rows,
+                 const QuantizedDescriptors& columns, std::span<int32_t> dots);
+
+// The first of the largest values; `values` is not empty.
+size_t IndexOfMax(std::span<const int32_t> values);
+
+// best[j], best_row[j] = values[j], row wherever values[j] > best[j].
+void UpdateColumnBest(std::span<const int32_t> values, int32_t row, std::span<int32_t> best,
+                      std::span<int32_t> best_row);
+
+// Finds, for each query vector, the k reference vectors of the largest dot product: retrieval by
+// global descriptors (VLAD, NetVLAD, AP-GeM, ...). References come in blocks, so that they need not
+// fit into memory.
+//
+// Matrix products in float are fast, but their last digits depend on the machine and on where a
+// vector stands in its block. They only choose here: whatever may be among the k best, given the
+// largest rounding error that a sum in float can have, is scored again in double. So the result is
+// that of dot products in double, equal vectors have equal scores, and neither blocks nor threads
+// nor the machine change it.
+
+class DotProductSearch {
+ public:
+  // A query is a column; all values must be finite.
+  DotProductSearch(Eigen::MatrixXf query_vectors, int k);
+
+  // The next references, a column each, numbered on from those before. `meanwhile` runs beside the
+  // work, e.g. to read the next block.
+  void Add(const Eigen::MatrixXf& reference_vectors, int threads,
+           const std::function<void()>& meanwhile = {});
+
+  RetrievedLists Best() const;
+
+ private:
+  void TakeBest(Eigen::Index query, const Eigen::MatrixXf& reference_vectors);
+
+  Eigen::MatrixXf query_vectors_;
+  Eigen::VectorXf query_norms_;
+  size_t k_;
+  int num_references_ = 0;  // before the block in hand
+  RetrievedLists best_;     // of each query a heap, its worst in front
+  Eigen::MatrixXf scores_;  // in float, of the block in hand: references x queries
+  Eigen::VectorXf block_norms_;
+};
+
+}  // namespace raylift

@@ -1,0 +1,81 @@
+// What all queries of a run say together of their input, where no query by itself would notice: the
+// geometry is not where the references are, the queries' focal length is wrong.
+
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raylift/estimation/options.h"
+#include "raylift/estimation/pose_estimator.h"
+#include "raylift/geometry/rigid3.h"
+#include "raylift/lifting/geometry_spec.h"
+#include "raylift/lifting/reference_matches.h"
+#include "raylift/localization/localizer.h"
+#include "raylift/localization/match_source.h"
+#include "raylift/localization/scene.h"
+#include "raylift/scene/photographs.h"
+
+namespace raylift {
+
+// Looks at the focal length in some ten queries, the same ones whatever their order.
+class FocalCheck {
+ public:
+  // In none if `options` refine it anyway.
+  FocalCheck(std::span<const Query> queries, const EstimatorOptions& options);
+
+  // The logarithm of how many times too long the query's focal length seems. None where it is not
+  // looked at, or the query is not localized with confidence. Thread safe.
+  std::optional<double> LogFactor(size_t query, const QueryResult& result) const;
+
+ private:
+  std::vector<bool> wanted_;  // of each query
+  std::shared_ptr<const PoseEstimator> estimator_;
+};
+
+// Where the photographs agree on another focal length than the given one; LogFactor() of those that
+// have one, in any order.
+std::optional<std::string> WarnOfFocalLength(std::span<const double> log_factors);
+
+// Of the queries that were localized with confidence: where no or few points come from the
+// geometry, or few of them fit, although the 2D-2D matches do.
+std::optional<std::string> WarnOfGeometry(std::span<const LocalizedQuery> queries);
+
+// Both, the first where it is asked for.
+std::vector<std::string> RunWarnings(std::span<const LocalizedQuery> queries,
+                                     std::span<const double> log_factors, bool checks_geometry);
+
+// The quick form of the doctor during localization: it takes the matches of a few queries
+// that were made anyway, and says in one line what is suspicious.
+
+class QuickDoctor {
+ public:
+  // Looks at some 30 queries, the same ones whatever their order.
+  explicit QuickDoctor(std::span<const Query> queries);
+
+  bool Wants(size_t query) const { return wanted_[query]; }
+  // The matches of a query that is wanted. Thread safe for different queries.
+  void Add(size_t query, std::span<const PosedImage> references,
+           std::span<const Match2D2D> matches);
+
+  // A warning where another reading of the source explains the matches far better; none for SfM
+  // points, which are the references' own.
+  std::optional<std::string> Warn(const NamedGeometry& geometry, const ReferenceSet& references,
+                                  PoseConvention poses, int threads) const;
+
+ private:
+  struct MatchesOfQuery {
+    std::vector<std::string> references;
+    std::vector<ReferenceMatch> matches;
+  };
+
+  std::vector<bool> wanted_;             // of each query
+  std::vector<size_t> by_name_;          // the queries that are wanted
+  std::vector<MatchesOfQuery> matches_;  // of each query
+};
+
+}  // namespace raylift

@@ -1,0 +1,191 @@
+#include "localization/continuous/continuous_localizer.h"
+
+#include <algorithm>
+#include <numeric>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/localization/result_files.h"
+
+namespace raylift {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+// Both solvers are asked where both have what they need.
+std::optional<SolverPoses> AskSolvers(const QueryResult& result, const EstimatorOptions& estimator,
+                                      const ContinuousOptions& options) {
+  if (JoinsAsInPaper(estimator) || !options.gate.needs_agreement ||
+      result.problem.matches_2d3d.empty()) {
+    return std::nullopt;
+  }
+  const PoseEstimate& estimate = result.localized.estimate;
+  if (estimate.p3p_cam_from_world && estimate.e5p1_cam_from_world) {
+    return SolverPoses{estimate.p3p_cam_from_world, estimate.e5p1_cam_from_world};
+  }
+  return EstimateBySolvers(result.problem, estimator, options.threads);
+}
+
+size_t CountJoined(const PoseProblem& problem, const JoinedReferences& joined) {
+  size_t count = 0;
+  for (const PosedImage& reference : problem.references) {
+    count += joined.Contains(reference.name) ? 1 : 0;
+  }
+  return count;
+}
+
+// Decides on a query that was just localized.
+ContinuousRecord MakeRecord(const QueryResult& result, size_t place, const GrowingScene& scene,
+                            const ContinuousOptions& options) {
+  const PoseEstimate& estimate = result.localized.estimate;
+  ContinuousRecord record;
+  record.localized = result.localized;
+  Json json = Json::parse(FormatQueryDiagnostics(result.localized));
+  json["place_in_order"] = place;
+  json["retrieved_joined"] = CountJoined(result.problem, scene.joined());
+  std::string reason = "not localized";
+  if (result.localized.localized()) {
+    const EstimatorOptions& estimator = scene.localizer().options().estimator;
+    const JoinEvidence evidence =
+        CollectEvidence(result, scene.joined(), AskSolvers(result, estimator, options));
+    reason = JoinsAsInPaper(estimator) ? "" : ReasonNotToJoin(evidence, options.gate);
+    if (evidence.difference_deg) {
+      json["solvers_differ_deg"] = *evidence.difference_deg;
+      json["solvers_differ_position"] = *evidence.difference_position;
+    }
+    if (evidence.covariance) {
+      json["joint_rotation_sigma_deg"] = evidence.rotation_sigma_deg;
+      json["joint_position_sigma"] = evidence.position_sigma;
+    }
+    if (reason.empty()) {
+      record.joined = {.image = {result.localized.name,
+                                 estimate.refined_camera.value_or(result.problem.query_camera),
+                                 *estimate.cam_from_world},
+                       .covariance = evidence.covariance,
+                       .distance = evidence.distance,
+                       .links = LinksOfInliers(result)};
+    }
+  }
+  json["joined"] = reason.empty();
+  json["not_joined_because"] = reason;
+  record.diagnostics = json.dump();
+  return record;
+}
+
+// The scene as one sees it whose references may also be joined queries.
+std::shared_ptr<const Scene> WithJoined(const Scene& scene,
+                                        const std::shared_ptr<const JoinedReferences>& joined) {
+  auto growing = std::make_shared<Scene>(scene);
+  growing->covisibility = nullptr;
+  auto links = JoinedGeometry::Links::kGive;
+  for (SceneSource& source : growing->sources) {
+    source.geometry.source =
+        std::make_shared<JoinedGeometry>(std::move(source.geometry.source), joined, links);
+    links = JoinedGeometry::Links::kLeaveOut;
+  }
+  return growing;
+}
+
+}  // namespace
+
+GrowingScene::GrowingScene(const Scene& scene, std::shared_ptr<MatchSource> matches,
+                           const LocalizerOptions& options, bool weigh)
+    : source_(std::move(matches)),
+      joined_(std::make_shared<JoinedReferences>(weigh && !JoinsAsInPaper(options.estimator))),
+      localizer_(WithJoined(scene, joined_), std::make_shared<WeighedMatches>(source_, joined_),
+                 options) {}
+
+void GrowingScene::Join(const JoinedReference& reference) {
+  joined_->Add(reference);
+  source_->Join(reference.image);
+}
+
+size_t CountMissing(const ContinuousRecords& records) {
+  return static_cast<size_t>(
+      std::count_if(records.begin(), records.end(), [](const auto& record) { return !record; }));
+}
+
+void WriteQueryDiagnostics(const std::filesystem::path& path, const ContinuousRecords& records) {
+  std::string text;
+  for (const auto& record : records) text += record->diagnostics + "\n";
+  WriteFile(path, text);
+}
+
+ContinuousRecords LocalizeContinuously(std::span<const Query> queries,
+                                       std::span<const size_t> order, GrowingScene& scene,
+                                       const ContinuousCheckpoint& checkpoint,
+                                       const ContinuousOptions& options,
+                                       const ContinuousHooks& hooks) {
+  RAYLIFT_CHECK_EQ(order.size(), queries.size());
+  ContinuousRecords records(queries.size());
+  for (size_t place = 0; place < order.size(); ++place) {
+    const size_t query = order[place];
+    records[query] = checkpoint.Read(place, queries[query]);
+    std::optional<QueryResult> result;
+    if (!records[query]) {
+      if (options.stop != nullptr && *options.stop) break;
+      result = scene.localizer().Localize(queries[query]);
+      if (hooks.on_localized) hooks.on_localized(query, *result);
+      records[query] = MakeRecord(*result, place, scene, options);
+    }
+    if (result) checkpoint.Write(place, *records[query]);
+    if (records[query]->joined) scene.Join(*records[query]->joined);
+    if (hooks.on_done) hooks.on_done(query, result ? &*result : nullptr);
+  }
+  return records;
+}
+
+namespace {
+
+std::optional<double> OldestOf(std::span<const PosedImage> images, const CaptureTimes& times) {
+  std::optional<double> oldest;
+  for (const PosedImage& image : images) {
+    const auto time = times.find(image.name);
+    if (time == times.end()) continue;
+    oldest = std::min(oldest.value_or(time->second), time->second);
+  }
+  return oldest;
+}
+
+}  // namespace
+
+std::vector<size_t> OrderByTime(std::span<const Query> queries,
+                                std::span<const PosedImage> references, const CaptureTimes& times,
+                                const std::filesystem::path& path_for_messages) {
+  std::vector<double> time_of_query;
+  for (const Query& query : queries) {
+    const auto time = times.find(query.name);
+    if (time == times.end()) {
+      throw InputError(path_for_messages,
+                       fmt::format("there is no time of the query \"{}\"", query.name));
+    }
+    time_of_query.push_back(time->second);
+  }
+  const auto oldest_reference = OldestOf(references, times);
+  const auto is_older = [&](size_t i) {
+    return oldest_reference && time_of_query[i] < *oldest_reference;
+  };
+  std::vector<size_t> order = OrderByName(queries);
+  std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) {
+    if (is_older(a) != is_older(b)) return is_older(a);
+    return is_older(a) ? time_of_query[a] > time_of_query[b] : time_of_query[a] < time_of_query[b];
+  });
+  return order;
+}
+
+std::vector<size_t> OrderByName(std::span<const Query> queries) {
+  std::vector<size_t> order(queries.size());
+  std::iota(order.begin(), order.end(), size_t{0});
+  std::sort(order.begin(), order.end(),
+            [&](size_t a, size_t b) { return queries[a].name < queries[b].name; });
+  return order;
+}
+
+}  // namespace raylift

@@ -1,0 +1,105 @@
+// Continuous localization (the paper, Sec. 4.3): queries that have been localized become references
+// for those that follow. One query after the other; work within a query may be parallel.
+
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "localization/continuous/checkpoint.h"
+#include "localization/continuous/join_gate.h"
+#include "localization/continuous/joined_references.h"
+
+#include "raylift/estimation/options.h"
+#include "raylift/estimation/pose_estimator.h"
+#include "raylift/lifting/geometry_source.h"
+#include "raylift/localization/localizer.h"
+#include "raylift/localization/match_source.h"
+#include "raylift/scene/photographs.h"
+
+namespace raylift {
+
+// With the paper's methods and nothing beyond every localized query joins, and counts as any other
+// reference.
+constexpr bool JoinsAsInPaper(const EstimatorOptions& options) {
+  return options.refinement == Refinement::kPaper;
+}
+
+// A scene whose references grow, and a localizer that sees what it holds now. The covisibility of
+// the references is not used, as it knows nothing of queries: clusters follow from the matches.
+class GrowingScene {
+ public:
+  // `matches` must have been opened for queries that join. With `weigh` off, and as in the paper,
+  // joined references count as if their poses were exact.
+  GrowingScene(const Scene& scene, std::shared_ptr<MatchSource> matches,
+               const LocalizerOptions& options, bool weigh);
+  GrowingScene(const GrowingScene&) = delete;
+  GrowingScene& operator=(const GrowingScene&) = delete;
+
+  const Localizer& localizer() const { return localizer_; }
+  const JoinedReferences& joined() const { return *joined_; }
+
+  void Join(const JoinedReference& reference);
+
+ private:
+  std::shared_ptr<MatchSource> source_;
+  std::shared_ptr<JoinedReferences> joined_;
+  Localizer localizer_;
+};
+
+struct ContinuousOptions {
+  JoinGateOptions gate = {};  // not as in the paper
+  int threads = 0;
+  const std::atomic<bool>* stop = nullptr;  // finish the query in hand
+};
+
+struct ContinuousHooks {
+  // A query was localized with what the scene holds now, and may be changed before it is judged.
+  std::function<void(size_t query, QueryResult& result)> on_localized = {};
+  // A query is done; `result` is null where it was done by an earlier run.
+  std::function<void(size_t query, const QueryResult* result)> on_done = {};
+};
+
+// The records of the queries, one for each, in the order of the list; with `stop`, those that were
+// not reached are missing.
+using ContinuousRecords = std::vector<std::optional<ContinuousRecord>>;
+
+size_t CountMissing(const ContinuousRecords& records);
+
+// `queries.jsonl`, as WriteQueryDiagnostics() writes it, with what was decided on each query. All
+// records must be there.
+void WriteQueryDiagnostics(const std::filesystem::path& path, const ContinuousRecords& records);
+
+// Takes the queries in `order`. What `checkpoint` holds is not done again.
+ContinuousRecords LocalizeContinuously(std::span<const Query> queries,
+                                       std::span<const size_t> order, GrowingScene& scene,
+                                       const ContinuousCheckpoint& checkpoint,
+                                       const ContinuousOptions& options,
+                                       const ContinuousHooks& hooks);
+
+// The order in which continuous localization takes the queries (the paper's supplement): those that
+// are most like the references come first, where a scene changes slowly.
+
+// When photographs were taken, in seconds since any moment.
+using CaptureTimes = std::map<std::string, double>;
+
+// Indices of the queries. Those that are older than the oldest reference go first, backwards in
+// time; then the others, from the oldest on. Of one time, by name. References whose times are not
+// known do not count; where none is known, all queries go from the oldest on. InputError naming the
+// query whose time is missing (`path_for_messages`).
+std::vector<size_t> OrderByTime(std::span<const Query> queries,
+                                std::span<const PosedImage> references, const CaptureTimes& times,
+                                const std::filesystem::path& path_for_messages);
+
+// Where there are no times.
+std::vector<size_t> OrderByName(std::span<const Query> queries);
+
+}  // namespace raylift

@@ -1,0 +1,223 @@
+// Matches made here: RootSIFT, retrieval by VLAD unless it is given, mutual nearest neighbors.
+
+#include <algorithm>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <set>
+#include <string>
+#include <utility>
+
+#include "localization/matching/feature_store.h"
+#include "localization/retrieval/vlad_index.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/parallel.h"
+#include "raylift/features/local_features.h"
+#include "raylift/io/hloc_files.h"
+#include "raylift/jobs/shard.h"
+#include "raylift/localization/match_source.h"
+#include "raylift/localization/scene.h"
+#include "raylift/scene/keypoints.h"
+
+namespace raylift {
+namespace {
+
+// All images whose features are not known, each once.
+std::vector<ImageFile> ImagesOf(const FrontEndOptions& options, const ReferenceSet& references,
+                                const std::vector<Query>& queries) {
+  std::vector<ImageFile> files;
+  const auto want = [&](const std::string& name, const std::filesystem::path& folder) {
+    if (!options.features.contains(name)) files.push_back({name, folder / name});
+  };
+  std::set<std::string> reference_names;
+  for (const PosedImage& image : references.images) {
+    want(image.name, options.reference_images);
+    reference_names.insert(image.name);
+  }
+  for (const Query& query : queries) {
+    if (reference_names.contains(query.name)) {
+      if (options.among_references) continue;
+      throw InputError(fmt::format("the query \"{}\" is also a reference of the model {}",
+                                   query.name, references.model.string()));
+    }
+    want(query.name, options.query_images);
+  }
+  return files;
+}
+
+FeatureCacheOptions CacheOf(const FrontEndOptions& options) {
+  return {.folder = options.cache,
+          .max_features = options.max_features,
+          .threads = options.threads,
+          .show_progress = options.show_progress};
+}
+
+std::vector<std::string> NamesOf(const std::vector<PosedImage>& images) {
+  std::vector<std::string> names;
+  names.reserve(images.size());
+  for (const PosedImage& image : images) names.push_back(image.name);
+  return names;
+}
+
+class FrontEndMatches final : public MatchSource {
+ public:
+  FrontEndMatches(const FrontEndOptions& options, const ReferenceSet& references,
+                  const std::vector<Query>& queries)
+      : options_(options), references_(references.images) {
+    features_ = ExtractOrReadFeatures(ImagesOf(options, references, queries), CacheOf(options),
+                                      std::move(options_.features));
+    for (const Query& query : queries) {
+      CheckSize(options_.query_images / query.name, query.camera, features_->SizeOf(query.name));
+    }
+    Retrieve(queries);
+    if (options.max_joined) joined_ = std::make_unique<JoinedRetrieval>(Index());
+  }
+
+  QueryMatches Match(const Query& query) const override {
+    const auto retrieved = retrieved_.find(query.name);
+    if (retrieved == retrieved_.end()) {
+      throw InputError(fmt::format(
+          "the query \"{}\" is not among those that the features were extracted of", query.name));
+    }
+    return MatchWith(query, *features_->Get(query.name), retrieved->second);
+  }
+
+  QueryMatches MatchPhotograph(const Query& query, const Image& photograph) const override {
+    return MatchFeatures(query, ExtractFrontEndFeatures(photograph, options_.max_features));
+  }
+
+  QueryMatches MatchFeatures(const Query& query, const Features& features) const override {
+    if (features.image_width_px > 0) {
+      CheckSize(query.name, query.camera, {features.image_width_px, features.image_height_px});
+    }
+    const std::string name[] = {query.name};
+    const RetrievedLists best = Index()->Best(name, Index()->VectorOf(features), options_.top_k, 1);
+    std::vector<int> retrieved;
+    for (const RetrievedReference& r : best.front()) {
+      CheckSizeOfReference(r.reference_index);
+      retrieved.push_back(r.reference_index);
+    }
+    return MatchWith(query, {features, CanonicalKeypoints(features.keypoints_px)}, retrieved);
+  }
+
+  void Join(const PosedImage& localized_query) override {
+    RAYLIFT_CHECK(joined_ != nullptr);
+    joined_->Join(localized_query, features_->Get(localized_query.name)->features);
+  }
+
+  std::vector<std::string> Warnings() const override { return {}; }
+
+ private:
+  QueryMatches MatchWith(const Query& query, const ImageFeatures& of_query,
+                         const std::vector<int>& retrieved) const {
+    QueryMatches result;
+    for (const int index : retrieved) {
+      result.references.push_back(references_[static_cast<size_t>(index)]);
+    }
+    if (joined_) {
+      result.references = joined_->Merge(query.name, of_query.features, result.references,
+                                         static_cast<size_t>(options_.top_k),
+                                         static_cast<size_t>(*options_.max_joined));
+    }
+    std::vector<std::shared_ptr<const ImageFeatures>> of_references(result.references.size());
+    std::vector<std::vector<FeatureMatch>> matches(result.references.size());
+    // Where queries follow each other, the references of one are matched side by side.
+    ParallelFor(matches.size(), joined_ ? options_.threads : 1, [&](size_t i) {
+      of_references[i] = features_->Get(result.references[i].name);
+      matches[i] = MatchMutualNearest(of_query.features, of_references[i]->features,
+                                      {.max_ratio = options_.max_ratio});
+    });
+    for (size_t rank = 0; rank < matches.size(); ++rank) {
+      const ImageFeatures& of_reference = *of_references[rank];
+      for (const FeatureMatch& match : matches[rank]) {
+        const auto query_index = static_cast<size_t>(match.query_index);
+        const auto reference_index = static_cast<size_t>(match.reference_index);
+        result.matches.push_back(
+            {.reference = static_cast<int>(rank),
+             .query_px = of_query.features.keypoints_px[query_index],
+             .reference_px = of_reference.features.keypoints_px[reference_index],
+             .query_keypoint = of_query.keypoints[query_index],
+             .reference_keypoint = of_reference.keypoints[reference_index]});
+      }
+    }
+    return result;
+  }
+
+  // Made when it is first wanted: other ways to retrieve need none.
+  const std::shared_ptr<const VladIndex>& Index() const {
+    std::call_once(index_is_made_, [this] {
+      std::vector<std::string> names = NamesOf(references_);
+      VladVectors vectors = ComputeOrReadVladVectors(names, *features_, options_.cache,
+                                                     options_.seed, options_.threads);
+      index_ = std::make_shared<const VladIndex>(std::move(names), std::move(vectors));
+    });
+    return index_;
+  }
+
+  void CheckSizeOfReference(int index) const {
+    const PosedImage& image = references_[static_cast<size_t>(index)];
+    CheckSize(options_.reference_images / image.name, image.camera, features_->SizeOf(image.name));
+  }
+
+  static void CheckSize(const std::filesystem::path& image, const Camera& camera, PlaneSize size) {
+    if (size.width_px == camera.width_px() && size.height_px == camera.height_px()) return;
+    throw InputError(image, fmt::format("the image is {} x {}, its camera {} x {}", size.width_px,
+                                        size.height_px, camera.width_px(), camera.height_px()));
+  }
+
+  void Retrieve(const std::vector<Query>& queries) {
+    if (queries.empty()) return;
+    std::vector<std::string> query_names;
+    query_names.reserve(queries.size());
+    for (const Query& query : queries) query_names.push_back(query.name);
+    const RetrievedLists ranks =
+        options_.retrieved
+            ? *options_.retrieved
+            : RetrieveByVlad(*Index(), query_names, *features_, options_.top_k, options_.threads);
+    RAYLIFT_CHECK_EQ(ranks.size(), queries.size());
+    std::set<int> all_retrieved;
+    std::vector<std::pair<std::string, std::string>> pairs;
+    for (size_t i = 0; i < queries.size(); ++i) {
+      std::vector<int>& indices = retrieved_[query_names[i]];
+      for (const RetrievedReference& r : ranks[i]) {
+        indices.push_back(r.reference_index);
+        all_retrieved.insert(r.reference_index);
+        pairs.emplace_back(query_names[i],
+                           references_[static_cast<size_t>(r.reference_index)].name);
+      }
+    }
+    for (const int index : all_retrieved) CheckSizeOfReference(index);
+    if (!options_.cache.empty()) WritePairs(options_.cache / "pairs.txt", pairs);
+  }
+
+  FrontEndOptions options_;
+  std::vector<PosedImage> references_;
+  std::shared_ptr<const FeatureStore> features_;
+  std::map<std::string, std::vector<int>> retrieved_;  // indices into references_, best first
+  std::unique_ptr<JoinedRetrieval> joined_;            // null: no query becomes a reference
+  mutable std::once_flag index_is_made_;
+  mutable std::shared_ptr<const VladIndex> index_;
+};
+
+}  // namespace
+
+FeatureCount PrepareFrontEnd(const FrontEndOptions& options, const ReferenceSet& references,
+                             const std::vector<Query>& queries, const Shard& shard, bool for_vlad) {
+  const FeatureCount count =
+      PrepareFeatures(ImagesOf(options, references, queries), shard, CacheOf(options));
+  if (count.missing > 0 || !for_vlad) return count;
+  const auto features = ExtractOrReadFeatures(ImagesOf(options, references, {}), CacheOf(options));
+  ComputeOrReadVladVectors(NamesOf(references.images), *features, options.cache, options.seed,
+                           options.threads);
+  return count;
+}
+
+std::unique_ptr<MatchSource> MakeFrontEndMatches(const FrontEndOptions& options,
+                                                 const ReferenceSet& references,
+                                                 const std::vector<Query>& queries) {
+  return std::make_unique<FrontEndMatches>(options, references, queries);
+}
+
+}  // namespace raylift

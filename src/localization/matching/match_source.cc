@@ -1,0 +1,115 @@
+#include "raylift/localization/match_source.h"
+
+#include <stdexcept>
+#include <utility>
+
+#include "io/colmap/colmap_database.h"
+#include "localization/matching/file_matches.h"
+#include "localization/retrieval/retrieval.h"
+
+#include "raylift/base/error.h"
+#include "raylift/localization/scene.h"
+
+namespace raylift {
+
+QueryMatches MatchSource::MatchPhotograph(const Query& query, const Image&) const {
+  throw InputError("the photograph " + query.name +
+                   " is in memory: only the built-in front end can match it");
+}
+
+QueryMatches MatchSource::MatchFeatures(const Query& query, const Features&) const {
+  throw InputError("the features of " + query.name +
+                   " are in memory: only the built-in front end can match them");
+}
+
+void MatchSource::Join(const PosedImage& localized_query) {
+  throw std::logic_error("this source of matches was not opened for " + localized_query.name);
+}
+
+namespace {
+
+// The matches of another source, with warnings of what came before them.
+class WithWarnings final : public MatchSource {
+ public:
+  WithWarnings(std::unique_ptr<MatchSource> source, std::vector<std::string> warnings)
+      : source_(std::move(source)), warnings_(std::move(warnings)) {}
+
+  QueryMatches Match(const Query& query) const override { return source_->Match(query); }
+  QueryMatches MatchPhotograph(const Query& query, const Image& photograph) const override {
+    return source_->MatchPhotograph(query, photograph);
+  }
+  QueryMatches MatchFeatures(const Query& query, const Features& features) const override {
+    return source_->MatchFeatures(query, features);
+  }
+  void Join(const PosedImage& localized_query) override { source_->Join(localized_query); }
+  std::vector<std::string> Warnings() const override {
+    std::vector<std::string> all = warnings_;
+    for (std::string& warning : source_->Warnings()) all.push_back(std::move(warning));
+    return all;
+  }
+
+ private:
+  std::unique_ptr<MatchSource> source_;
+  std::vector<std::string> warnings_;
+};
+
+FrontEndOptions FrontEndOf(const Scene& scene, const MatchingOptions& options) {
+  FrontEndOptions front_end = options.front_end;
+  front_end.reference_images = scene.images;
+  front_end.top_k = options.top_k;
+  front_end.max_joined = options.max_joined;
+  return front_end;
+}
+
+}  // namespace
+
+bool StandAlone(const std::filesystem::path& matches) {
+  std::error_code ignored;
+  return IsColmapDatabase(matches) || std::filesystem::is_directory(matches, ignored);
+}
+
+std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Query> queries,
+                                         const MatchingOptions& options) {
+  if (options.hloc) {
+    JoiningQueries joining;
+    if (options.max_joined) joining = {queries, *options.max_joined};
+    if (IsColmapDatabase(options.hloc->matches)) {
+      return OpenDatabaseMatches(options.hloc->matches, options.hloc->pairs, scene.references,
+                                 options.top_k, joining);
+    }
+    if (std::filesystem::is_directory(options.hloc->matches)) {
+      return OpenPairMatches(options.hloc->matches, options.hloc->pairs, scene.references,
+                             options.top_k, joining, options.reading);
+    }
+    return OpenHlocMatches(*options.hloc, scene.references, options.top_k, joining,
+                           options.reading);
+  }
+  FrontEndOptions front_end = FrontEndOf(scene, options);
+  std::vector<std::string> warnings;
+  if (options.retrieval && options.retrieval->method != RetrievalMethod::kVlad) {
+    RetrievalOptions how = *options.retrieval;
+    how.top_k = options.top_k;
+    if (how.mesh == nullptr) how.mesh = scene.Surface();
+    if (how.method == RetrievalMethod::kOverlap && how.mesh == nullptr) {
+      throw InputError(
+          "references are retrieved by overlap, but the scene has no mesh, point cloud or splats");
+    }
+    if (how.covisibility == nullptr) how.covisibility = scene.covisibility;
+    Retrieval retrieval = RetrieveReferences(queries, scene.references.images, how);
+    front_end.retrieved = std::move(retrieval.lists);
+    warnings = std::move(retrieval.warnings);
+  }
+  auto source = MakeFrontEndMatches(front_end, scene.references, {queries.begin(), queries.end()});
+  if (warnings.empty()) return source;
+  return std::make_unique<WithWarnings>(std::move(source), std::move(warnings));
+}
+
+FeatureCount PrepareMatches(const Scene& scene, std::span<const Query> queries,
+                            const MatchingOptions& options, const Shard& shard) {
+  if (options.hloc) return {};
+  const bool for_vlad = !options.retrieval || options.retrieval->method == RetrievalMethod::kVlad;
+  return PrepareFrontEnd(FrontEndOf(scene, options), scene.references,
+                         {queries.begin(), queries.end()}, shard, for_vlad);
+}
+
+}  // namespace raylift

@@ -1,0 +1,259 @@
+#include "localization/results/query_job.h"
+
+#include <algorithm>
+#include <set>
+#include <utility>
+
+#include "base/json_text.h"
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+
+namespace {
+
+std::vector<std::string> NamesOf(std::span<const Query> queries) {
+  std::vector<std::string> names;
+  names.reserve(queries.size());
+  for (const Query& query : queries) names.push_back(query.name);
+  return names;
+}
+
+}  // namespace
+
+JobForm QueryJobForm() {
+  return {.results = {"queries.jsonl", "poses.txt", "summary.json"},
+          .is_readable = &IsReadableLine};
+}
+
+QueryJob::QueryJob(std::span<const Query> queries, const std::string& header,
+                   const JobFolder& folder)
+    : names_(NamesOf(queries)),
+      job_(names_, header, folder, QueryJobForm()),
+      facts_(FactsOf(job_.manifest())) {
+  for (const QueryRecord& record : RecordsOf(job_.manifest())) {
+    told_.insert(record.warnings.begin(), record.warnings.end());
+  }
+}
+
+void QueryJob::Begin(const RunFacts& facts) {
+  job_.Begin(ToJsonLine(facts));
+  facts_ = facts;
+}
+
+void QueryJob::Add(size_t query, const LocalizedQuery& localized,
+                   const std::vector<std::string>& warnings,
+                   const std::optional<double>& log_focal_factor) {
+  QueryRecord record{.place = query, .key = job_.key(query)};
+  record.localized.name = names_[query];
+  record.localized.times = localized.times;
+  record.diagnostics = FormatQueryDiagnostics(localized);
+  record.log_focal_factor = log_focal_factor;
+  const std::lock_guard<std::mutex> lock(mutex_);
+  for (const std::string& warning : warnings) {
+    if (told_.insert(warning).second) record.warnings.push_back(warning);
+  }
+  job_.Add(query, ToJsonLine(record));
+}
+
+std::optional<std::vector<QueryRecord>> QueryJob::Finish() {
+  const std::optional<TaskManifest> whole = job_.Whole();
+  if (!whole) return std::nullopt;
+  std::vector<QueryRecord> records = RecordsOf(*whole);
+  job_.Finish(WithRecords(*whole, records));
+  // As they are in the list, where they need not be UTF-8.
+  for (QueryRecord& record : records) record.localized.name = names_[record.place];
+  return records;
+}
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json KnownJson(const KnownNoise& noise) { return {noise.sigma, noise.errors}; }
+
+KnownNoise KnownOf(const Json& json) { return {json.at(0), json.at(1)}; }
+
+Json KnowledgeJson(const SceneKnowledge& knowledge) {
+  Json json = {{"geometry_noise", nullptr}, {"scene_noise", nullptr}};
+  if (const auto& noise = knowledge.geometry_noise) {
+    json["geometry_noise"] = {{"keypoints_px", noise->keypoints_px},
+                              {"geometry_px", noise->geometry_px},
+                              {"num_views", noise->num_views}};
+  }
+  if (const auto& noise = knowledge.scene_noise) {
+    json["scene_noise"] = {{"keypoint_px", KnownJson(noise->keypoint_px)},
+                           {"depth", KnownJson(noise->depth)},
+                           {"common_depth", KnownJson(noise->common_depth)},
+                           {"keypoint_tail", noise->keypoint_tail},
+                           {"keypoint_tail_variance", noise->keypoint_tail_variance}};
+  }
+  json["warnings"] = knowledge.warnings;
+  return json;
+}
+
+SceneKnowledge KnowledgeOf(const Json& json) {
+  SceneKnowledge knowledge;
+  if (const Json& noise = json.at("geometry_noise"); !noise.is_null()) {
+    knowledge.geometry_noise = {.keypoints_px = noise.at("keypoints_px"),
+                                .geometry_px = noise.at("geometry_px"),
+                                .num_views = noise.at("num_views")};
+  }
+  if (const Json& noise = json.at("scene_noise"); !noise.is_null()) {
+    knowledge.scene_noise = {.keypoint_px = KnownOf(noise.at("keypoint_px")),
+                             .depth = KnownOf(noise.at("depth")),
+                             .common_depth = KnownOf(noise.at("common_depth")),
+                             .keypoint_tail = noise.at("keypoint_tail"),
+                             .keypoint_tail_variance = noise.at("keypoint_tail_variance")};
+  }
+  knowledge.warnings = json.at("warnings").get<std::vector<std::string>>();
+  return knowledge;
+}
+
+RunFacts FactsOf(const Json& json) {
+  RunFacts facts;
+  facts.num_references = json.at("references");
+  for (const Json& used : json.at("geometry")) {
+    GeometrySummary& summary = facts.geometry.emplace_back();
+    summary.spec = used.at("spec");
+    summary.understood = used.at("understood");
+    if (const Json& alignment = used.at("alignment"); !alignment.is_null()) {
+      summary.alignment = {alignment.at(0), alignment.at(1), alignment.at(2), alignment.at(3)};
+    }
+  }
+  facts.warnings = json.at("warnings").get<std::vector<std::string>>();
+  facts.checks_geometry = json.at("checks_geometry");
+  facts.knowledge = KnowledgeOf(json.at("knowledge"));
+  return facts;
+}
+
+QueryRecord RecordOf(const Json& json) {
+  QueryRecord record;
+  record.place = json.at("place");
+  record.key = json.at("key");
+  record.diagnostics = JsonText(json.at("diagnostics"));
+  record.localized = ParseQueryDiagnostics(record.diagnostics, json.at("name"));
+  record.localized.times = TimesFromJson(json.at("milliseconds"));
+  record.warnings = json.at("warnings").get<std::vector<std::string>>();
+  if (const Json& factor = json.at("log_focal_factor"); !factor.is_null()) {
+    record.log_focal_factor = factor.get<double>();
+  }
+  return record;
+}
+
+}  // namespace
+
+std::string ToJsonLine(const RunFacts& facts) {
+  Json geometry = Json::array();
+  for (const GeometrySummary& used : facts.geometry) {
+    Json json = {{"spec", used.spec}, {"understood", used.understood}, {"alignment", nullptr}};
+    if (const auto& alignment = used.alignment) {
+      json["alignment"] = {alignment->mode, alignment->median_factor, alignment->median_before_px,
+                           alignment->median_after_px};
+    }
+    geometry.push_back(std::move(json));
+  }
+  return JsonText(Json{{"scene",
+                        {{"references", facts.num_references},
+                         {"geometry", std::move(geometry)},
+                         {"warnings", facts.warnings},
+                         {"checks_geometry", facts.checks_geometry},
+                         {"knowledge", KnowledgeJson(facts.knowledge)}}}});
+}
+
+std::string ToJsonLine(const QueryRecord& record) {
+  Json json = {{"name", record.localized.name},
+               {"place", record.place},
+               {"key", record.key},
+               {"warnings", record.warnings},
+               {"log_focal_factor", nullptr},
+               {"milliseconds", TimesJson(record.localized.times)},
+               {"diagnostics", Json::parse(record.diagnostics)}};
+  if (record.log_focal_factor) json["log_focal_factor"] = *record.log_focal_factor;
+  return JsonText(json);
+}
+
+bool IsReadableLine(const std::string& line) {
+  try {
+    const Json json = Json::parse(line);
+    if (json.contains("scene")) {
+      FactsOf(json.at("scene"));
+    } else {
+      RecordOf(json);
+    }
+    return true;
+  } catch (const nlohmann::json::exception&) {
+    return false;
+  } catch (const InputError&) {
+    return false;
+  }
+}
+
+std::optional<RunFacts> FactsOf(const TaskManifest& manifest) {
+  if (!manifest.facts) return std::nullopt;
+  return FactsOf(Json::parse(*manifest.facts).at("scene"));
+}
+
+std::vector<QueryRecord> RecordsOf(const TaskManifest& manifest) {
+  std::vector<QueryRecord> sorted;
+  sorted.reserve(manifest.records.size());
+  for (const auto& [key, record] : manifest.records) {
+    sorted.push_back(RecordOf(Json::parse(record.line)));
+  }
+  std::sort(sorted.begin(), sorted.end(),
+            [](const QueryRecord& a, const QueryRecord& b) { return a.place < b.place; });
+  std::set<std::string> warnings;
+  for (QueryRecord& record : sorted) {
+    warnings.insert(record.warnings.begin(), record.warnings.end());
+    record.warnings.clear();
+  }
+  if (!sorted.empty()) sorted.front().warnings.assign(warnings.begin(), warnings.end());
+  return sorted;
+}
+
+TaskManifest WithRecords(TaskManifest manifest, std::span<const QueryRecord> records) {
+  manifest.records.clear();
+  for (const QueryRecord& record : records) {
+    manifest.records.insert_or_assign(record.key, TaskRecord{record.place, ToJsonLine(record)});
+  }
+  return manifest;
+}
+
+std::vector<std::string> AllWarnings(const RunFacts& facts, std::span<const QueryRecord> records) {
+  std::set<std::string> of_matches;
+  std::vector<LocalizedQuery> localized;
+  std::vector<double> log_focal_factors;
+  for (const QueryRecord& record : records) {
+    of_matches.insert(record.warnings.begin(), record.warnings.end());
+    localized.push_back(record.localized);
+    if (record.log_focal_factor) log_focal_factors.push_back(*record.log_focal_factor);
+  }
+  std::vector<std::string> all = facts.warnings;
+  const auto add = [&all](const auto& more) { all.insert(all.end(), more.begin(), more.end()); };
+  add(of_matches);
+  add(facts.knowledge.warnings);
+  add(RunWarnings(localized, log_focal_factors, facts.checks_geometry));
+  return all;
+}
+
+void WriteResults(const std::filesystem::path& out, const RunFacts& facts,
+                  std::span<const QueryRecord> records, const std::optional<RunTimes>& times) {
+  std::vector<LocalizedQuery> localized;
+  std::vector<std::string> lines;
+  for (const QueryRecord& record : records) {
+    localized.push_back(record.localized);
+    lines.push_back(record.diagnostics);
+  }
+  WritePoses(out / "poses.txt", localized);
+  WriteQueryDiagnostics(out / "queries.jsonl", lines);
+  WriteSummary(out / "summary.json", localized,
+               {.num_references = facts.num_references,
+                .geometry = facts.geometry,
+                .warnings = AllWarnings(facts, records),
+                .scene_noise = facts.knowledge.scene_noise});
+  WriteTiming(out / "timing.jsonl", localized, times);
+}
+
+}  // namespace raylift

@@ -1,0 +1,99 @@
+// A run of localization as a job (jobs/task_job.h): its tasks are the queries.
+
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <set>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "localization/batch_localizer.h"
+
+#include "raylift/jobs/task_job.h"
+#include "raylift/localization/localizer.h"
+#include "raylift/localization/result_files.h"
+#include "raylift/scene/photographs.h"
+
+namespace raylift {
+
+// What the manifest of a run of localization (jobs/task_manifest.h) says: what all queries have in
+// common, then each query that is done. Results follow from it alone.
+
+// The same in all shards.
+struct RunFacts {
+  size_t num_references = 0;
+  std::vector<GeometrySummary> geometry;
+  std::vector<std::string> warnings;  // of the scene's files
+  bool checks_geometry = false;       // for RunWarnings()
+  SceneKnowledge knowledge;
+};
+
+struct QueryRecord {
+  size_t place = 0;               // in the list
+  std::string key = {};           // of all that its results depend on
+  LocalizedQuery localized = {};  // as ParseQueryDiagnostics() gives it
+  std::string diagnostics = {};   // its line of queries.jsonl, without the line's end
+  // Of its matches, and of those of queries whose records are still to come.
+  std::vector<std::string> warnings = {};
+  std::optional<double> log_focal_factor = std::nullopt;
+};
+
+// Lines of the manifest, without their ends.
+std::string ToJsonLine(const RunFacts& facts);
+std::string ToJsonLine(const QueryRecord& record);
+
+// Of one of the two kinds.
+bool IsReadableLine(const std::string& line);
+
+// Of a manifest of readable lines; names are as UTF-8 has them.
+std::optional<RunFacts> FactsOf(const TaskManifest& manifest);
+// In the order of the list. All warnings are with the first record, so that it does not show which
+// query was done first.
+std::vector<QueryRecord> RecordsOf(const TaskManifest& manifest);
+// The manifest with such records.
+TaskManifest WithRecords(TaskManifest manifest, std::span<const QueryRecord> records);
+
+// What the whole run has to say to its user, from records of all queries.
+std::vector<std::string> AllWarnings(const RunFacts& facts, std::span<const QueryRecord> records);
+
+// poses.txt, queries.jsonl, summary.json and timing.jsonl of records of all queries.
+void WriteResults(const std::filesystem::path& out, const RunFacts& facts,
+                  std::span<const QueryRecord> records, const std::optional<RunTimes>& times);
+
+JobForm QueryJobForm();
+
+class QueryJob {
+ public:
+  // `header`: JSON of all that the results depend on. Throws as TaskJob's does.
+  QueryJob(std::span<const Query> queries, const std::string& header, const JobFolder& folder);
+
+  // As this or another run of the same header has found them; none: nobody has.
+  const std::optional<RunFacts>& facts() const { return facts_; }
+  // Before the first Add(), as TaskJob's.
+  void Begin(const RunFacts& facts);
+
+  // The queries of this shard that are not done.
+  std::vector<size_t> Missing() const { return job_.Missing(); }
+
+  // A query is done. `warnings` are those of all matches so far. Thread safe.
+  void Add(size_t query, const LocalizedQuery& localized, const std::vector<std::string>& warnings,
+           const std::optional<double>& log_focal_factor);
+
+  // The records of all shards, in the order of the list, once all are done; then the manifest is
+  // that of the whole run. None before.
+  std::optional<std::vector<QueryRecord>> Finish();
+
+ private:
+  std::vector<std::string> names_;  // of the queries
+  TaskJob job_;
+  std::optional<RunFacts> facts_;
+  std::mutex mutex_;            // guards what follows
+  std::set<std::string> told_;  // warnings that are in a record
+};
+
+}  // namespace raylift
