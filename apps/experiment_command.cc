@@ -324,17 +324,15 @@ Command AddExperimentCommand(CLI::App& program) {
   AddRunOptions(command, flags->run);
   SetFooter(
       command,
-      "A cell is one setting with one seed on up to 256 queries; each is kept the moment it is "
-      "done.\n"
-      "A signal ends the run after the queries in hand (exit code 4); the same command goes on.\n"
-      "With --shard the cells are dealt in turn; the tables are written by the last shard of a\n"
-      "folder, or by `raylift merge` of folders of their own, where the experiment's file and "
-      "data\n"
-      "must be there under the same paths.\n"
-      "Examples:\n"
-      "  raylift experiment assets/experiments/demo.toml --out out/experiment\n"
-      "  raylift experiment assets/experiments/table1_aachen_scores.toml --datasets /data \\\n"
-      "      --out out/table1");
+      R"(A cell is one setting with one seed on up to 256 queries; each is kept the moment it is done.
+A signal ends the run after the queries in hand (exit code 4); the same command goes on.
+With --shard the cells are dealt in turn; the tables are written by the last shard of a
+folder, or by `raylift merge` of folders of their own, where the experiment's file and data
+must be there under the same paths.
+Examples:
+  raylift experiment assets/experiments/demo.toml --out out/experiment
+  raylift experiment assets/experiments/table1_aachen_scores.toml --datasets /data \
+      --out out/table1)");
   return {&command, [flags, &command] {
             flags->run.Check();
             flags->running.Check();

@@ -230,14 +230,12 @@ Command AddMergeCommand(CLI::App& program) {
   AddConfigOption(command);
   SetFooter(
       command,
-      "The results of localize and estimate, and the manifest, are those of a run that was not\n"
-      "shared, but for its times. What each query has written by itself (--write-problems,\n"
-      "--pictures) stays where it is, and --write-model is for shards of one folder. The exit "
-      "code\n"
-      "is 4 where queries are not done. Shards of render that write to one folder need no "
-      "merging.\n"
-      "Example:\n"
-      "  raylift merge result shard_0 shard_1 shard_2");
+      R"(The results of localize and estimate, and the manifest, are those of a run that was not
+shared, but for its times. What each query has written by itself (--write-problems,
+--pictures) stays where it is, and --write-model is for shards of one folder. The exit code
+is 4 where queries are not done. Shards of render that write to one folder need no merging.
+Example:
+  raylift merge result shard_0 shard_1 shard_2)");
   return {&command, [flags] { Merger(*flags).Merge(); }};
 }
 

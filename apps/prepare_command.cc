@@ -40,15 +40,14 @@ Command AddPrepareCommand(CLI::App& program) {
   AddLocalizeOptions(command, *flags);
   SetFooter(
       command,
-      "Takes the arguments of localize, which then finds what was made; what was there is kept. A\n"
-      "signal ends it in good order (exit code 4), and the same command goes on. Shards share the\n"
-      "photographs; references that are rendered from a mesh are made by one of them, and the "
-      "others\n"
-      "wait. localize alone makes the same, and its shards wait for the first of them.\n"
-      "Example:\n"
-      "  raylift prepare --scene scene.toml --out result --shard 1/2\n"
-      "  raylift prepare --scene scene.toml --out result --shard 2/2\n"
-      "  raylift localize --scene scene.toml --out result");
+      R"(Takes the arguments of localize, which then finds what was made; what was there is kept. A
+signal ends it in good order (exit code 4), and the same command goes on. Shards share the
+photographs; references that are rendered from a mesh are made by one of them, and the others
+wait. localize alone makes the same, and its shards wait for the first of them.
+Example:
+  raylift prepare --scene scene.toml --out result --shard 1/2
+  raylift prepare --scene scene.toml --out result --shard 2/2
+  raylift localize --scene scene.toml --out result)");
   return {&command, [flags] { Run(*flags); }};
 }
 

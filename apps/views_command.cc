@@ -239,12 +239,11 @@ Command AddViewsCommand(CLI::App& program) {
   AddRunOptions(command, flags->run);
   SetFooter(
       command,
-      "Each place depends on those before it: the work cannot be shared, and a run that a signal "
-      "has\n"
-      "ended (exit code 4) begins anew, with the same bytes.\n"
-      "Example:\n"
-      "  raylift views --geometry mesh:scene.ply --count 100 --out views --preview\n"
-      "  raylift render --geometry mesh:scene.ply --model views --out rendered");
+      R"(Each place depends on those before it: the work cannot be shared, and a run that a signal has
+ended (exit code 4) begins anew, with the same bytes.
+Example:
+  raylift views --geometry mesh:scene.ply --count 100 --out views --preview
+  raylift render --geometry mesh:scene.ply --model views --out rendered)");
   return {&command, [flags] { Run(*flags); }};
 }
 

@@ -30,39 +30,35 @@
 #include "raylift/scene/image.h"
 #include "raylift/scene/photographs.h"
 
+// An argument that may be an object of many kinds; signatures show a name of raylift/_types.py for
+// it, and what is missing (None) is none of them.
+#define RAYLIFT_PYTHON_ARGUMENT(Class, is_one, shown)                 \
+  namespace raylift::python {                                         \
+  class Class : public pybind11::object {                             \
+   public:                                                            \
+    PYBIND11_OBJECT(Class, pybind11::object, is_one)                  \
+  };                                                                  \
+  }                                                                   \
+  template <>                                                         \
+  struct pybind11::detail::handle_type_name<raylift::python::Class> { \
+    static constexpr auto name = const_name(shown);                   \
+  };
+
+namespace raylift::python {
+inline bool IsSomething(PyObject* object) { return object != Py_None; }
+}  // namespace raylift::python
+
+RAYLIFT_PYTHON_ARGUMENT(ArrayLike, IsSomething, "numpy.typing.ArrayLike")
+RAYLIFT_PYTHON_ARGUMENT(CameraLike, IsSomething, "raylift._types.CameraLike")
+RAYLIFT_PYTHON_ARGUMENT(PoseLike, IsSomething, "raylift._types.PoseLike")
+RAYLIFT_PYTHON_ARGUMENT(PosedImageLike, IsSomething, "raylift._types.PosedImageLike")
+RAYLIFT_PYTHON_ARGUMENT(PathLike, IsSomething, "raylift._types.PathLike")
+// Called with (done, total, what), from any thread.
+RAYLIFT_PYTHON_ARGUMENT(ProgressCall, PyCallable_Check, "raylift._types.Progress")
+
 namespace raylift::python {
 
 namespace py = pybind11;
-
-// Arguments that may be objects of many kinds. Signatures show the names of raylift/_types.py for
-// them, and what is missing (None) is none of them.
-inline bool IsSomething(PyObject* object) { return object != Py_None; }
-
-class ArrayLike : public py::object {
- public:
-  PYBIND11_OBJECT(ArrayLike, py::object, IsSomething)
-};
-class CameraLike : public py::object {
- public:
-  PYBIND11_OBJECT(CameraLike, py::object, IsSomething)
-};
-class PoseLike : public py::object {
- public:
-  PYBIND11_OBJECT(PoseLike, py::object, IsSomething)
-};
-class PosedImageLike : public py::object {
- public:
-  PYBIND11_OBJECT(PosedImageLike, py::object, IsSomething)
-};
-class PathLike : public py::object {
- public:
-  PYBIND11_OBJECT(PathLike, py::object, IsSomething)
-};
-// Called with (done, total, what), from any thread.
-class ProgressCall : public py::object {
- public:
-  PYBIND11_OBJECT(ProgressCall, py::object, PyCallable_Check)
-};
 
 // A camera is a Camera, "MODEL width height params...", a mapping with the keys model, width, height
 // and params, or an object with attributes of these names (pycolmap's).
@@ -259,30 +255,3 @@ auto Watched(const std::optional<ProgressCall>& progress, const Work& work) {
 }
 
 }  // namespace raylift::python
-
-namespace pybind11::detail {
-template <>
-struct handle_type_name<raylift::python::ArrayLike> {
-  static constexpr auto name = const_name("numpy.typing.ArrayLike");
-};
-template <>
-struct handle_type_name<raylift::python::CameraLike> {
-  static constexpr auto name = const_name("raylift._types.CameraLike");
-};
-template <>
-struct handle_type_name<raylift::python::PoseLike> {
-  static constexpr auto name = const_name("raylift._types.PoseLike");
-};
-template <>
-struct handle_type_name<raylift::python::PosedImageLike> {
-  static constexpr auto name = const_name("raylift._types.PosedImageLike");
-};
-template <>
-struct handle_type_name<raylift::python::PathLike> {
-  static constexpr auto name = const_name("raylift._types.PathLike");
-};
-template <>
-struct handle_type_name<raylift::python::ProgressCall> {
-  static constexpr auto name = const_name("raylift._types.Progress");
-};
-}  // namespace pybind11::detail

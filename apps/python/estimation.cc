@@ -153,25 +153,51 @@ PoseProblem MakeProblem(const CameraLike& camera, const ProblemArrays& arrays,
   return problem;
 }
 
-template <typename Matches, typename Get>
-py::array_t<double> Pixels(const Matches& matches, size_t columns, const Get& get) {
-  return MakeRows(matches.size(), columns, [&](size_t i) { return get(matches[i]); });
-}
-template <typename Matches, typename Get>
-py::array_t<int64_t> Indices(const Matches& matches, const Get& get) {
-  py::array_t<int64_t> array(static_cast<py::ssize_t>(matches.size()));
-  for (size_t i = 0; i < matches.size(); ++i) {
-    const auto index = get(matches[i]);
-    array.mutable_data()[i] = index ? static_cast<int64_t>(*index) : -1;
+// Properties that are arrays of what each match has: its pixels or its point, or an index (-1: none).
+template <typename Match>
+class MatchProperties {
+ public:
+  using Class = py::class_<PoseProblem, std::shared_ptr<PoseProblem>>;
+
+  MatchProperties(Class& owner, std::vector<Match> PoseProblem::*matches)
+      : owner_(owner), matches_(matches) {}
+
+  template <int kRows>
+  const MatchProperties& Add(const char* name, Eigen::Matrix<double, kRows, 1> Match::*member,
+                             const char* help) const {
+    const auto get = [matches = matches_, member](const PoseProblem& problem) {
+      const auto& all = problem.*matches;
+      return MakeRows(all.size(), kRows, [&](size_t i) { return all[i].*member; });
+    };
+    owner_.def_property_readonly(name, get, help);
+    return *this;
   }
-  return array;
-}
+  template <typename Index>
+  const MatchProperties& Add(const char* name, Index Match::*member, const char* help) const {
+    const auto get = [matches = matches_, member](const PoseProblem& problem) {
+      const auto& all = problem.*matches;
+      py::array_t<int64_t> array(std::ssize(all));
+      for (size_t i = 0; i < all.size(); ++i) {
+        const auto index = std::optional(all[i].*member);
+        array.mutable_data()[i] = index ? static_cast<int64_t>(*index) : -1;
+      }
+      return array;
+    };
+    owner_.def_property_readonly(name, get, help);
+    return *this;
+  }
+
+ private:
+  Class& owner_;
+  std::vector<Match> PoseProblem::*matches_;
+};
 
 void BindProblem(py::module_& module) {
   const auto none = py::none();
-  py::class_<PoseProblem, std::shared_ptr<PoseProblem>>(
+  py::class_<PoseProblem, std::shared_ptr<PoseProblem>> bound(
       module, "PoseProblem",
-      "All that an estimator sees of one query: 2D-3D matches, 2D-2D matches, or both.")
+      "All that an estimator sees of one query: 2D-3D matches, 2D-2D matches, or both.");
+  bound
       .def(py::init([](const CameraLike& camera, OptionalArray points2d, OptionalArray points3d,
                        OptionalArray point_sigmas, OptionalArray point_references,
                        OptionalArray point_keypoints, OptionalArray point_matches,
@@ -201,61 +227,6 @@ void BindProblem(py::module_& module) {
       .def_readonly("name", &PoseProblem::name, "The query's; estimates depend on it.")
       .def_readonly("camera", &PoseProblem::query_camera, "The query's.")
       .def_readonly("references", &PoseProblem::references)
-      .def_property_readonly(
-          "points2d",
-          [](const PoseProblem& p) {
-            return Pixels(p.matches_2d3d, 2, [](const Match2D3D& m) { return m.query_px; });
-          },
-          "Query pixels (N, 2) of the 2D-3D matches.")
-      .def_property_readonly(
-          "points3d",
-          [](const PoseProblem& p) {
-            return Pixels(p.matches_2d3d, 3, [](const Match2D3D& m) { return m.point_in_world; });
-          },
-          "Their points in the world (N, 3).")
-      .def_property_readonly(
-          "point_references",
-          [](const PoseProblem& p) {
-            return Indices(p.matches_2d3d, [](const Match2D3D& m) { return m.reference; });
-          },
-          "Index of the reference that each point was lifted from (N,); -1: none.")
-      .def_property_readonly(
-          "point_keypoints",
-          [](const PoseProblem& p) {
-            return Indices(p.matches_2d3d, [](const Match2D3D& m) { return m.query_keypoint; });
-          },
-          "Index of the query's keypoint (N,); -1: not known.")
-      .def_property_readonly(
-          "point_matches",
-          [](const PoseProblem& p) {
-            return Indices(p.matches_2d3d, [](const Match2D3D& m) { return m.match_2d2d; });
-          },
-          "Index of the 2D-2D match that each point was lifted from (N,); -1: none.")
-      .def_property_readonly(
-          "query2d",
-          [](const PoseProblem& p) {
-            return Pixels(p.matches_2d2d, 2, [](const Match2D2D& m) { return m.query_px; });
-          },
-          "Query pixels (M, 2) of the 2D-2D matches.")
-      .def_property_readonly(
-          "reference2d",
-          [](const PoseProblem& p) {
-            return Pixels(p.matches_2d2d, 2, [](const Match2D2D& m) { return m.reference_px; });
-          },
-          "Their reference pixels (M, 2).")
-      .def_property_readonly(
-          "reference_index",
-          [](const PoseProblem& p) {
-            return Indices(p.matches_2d2d,
-                           [](const Match2D2D& m) { return std::optional(m.reference); });
-          },
-          "Which reference (M,).")
-      .def_property_readonly(
-          "query_keypoints",
-          [](const PoseProblem& p) {
-            return Indices(p.matches_2d2d, [](const Match2D2D& m) { return m.query_keypoint; });
-          },
-          "Index of the query's keypoint (M,); -1: not known.")
       .def(
           "write",
           [](const PoseProblem& problem, const PathLike& file) {
@@ -272,6 +243,21 @@ void BindProblem(py::module_& module) {
         return fmt::format("<raylift.PoseProblem {} 2D-3D, {} 2D-2D matches, {} references>",
                            p.matches_2d3d.size(), p.matches_2d2d.size(), p.references.size());
       });
+  MatchProperties<Match2D3D>(bound, &PoseProblem::matches_2d3d)
+      .Add("points2d", &Match2D3D::query_px, "Query pixels (N, 2) of the 2D-3D matches.")
+      .Add("points3d", &Match2D3D::point_in_world, "Their points in the world (N, 3).")
+      .Add("point_references", &Match2D3D::reference,
+           "Index of the reference that each point was lifted from (N,); -1: none.")
+      .Add("point_keypoints", &Match2D3D::query_keypoint,
+           "Index of the query's keypoint (N,); -1: not known.")
+      .Add("point_matches", &Match2D3D::match_2d2d,
+           "Index of the 2D-2D match that each point was lifted from (N,); -1: none.");
+  MatchProperties<Match2D2D>(bound, &PoseProblem::matches_2d2d)
+      .Add("query2d", &Match2D2D::query_px, "Query pixels (M, 2) of the 2D-2D matches.")
+      .Add("reference2d", &Match2D2D::reference_px, "Their reference pixels (M, 2).")
+      .Add("reference_index", &Match2D2D::reference, "Which reference (M,).")
+      .Add("query_keypoints", &Match2D2D::query_keypoint,
+           "Index of the query's keypoint (M,); -1: not known.");
 }
 
 py::object NoiseDict(const PoseEstimate& estimate) {
@@ -309,11 +295,9 @@ void BindEstimate(py::module_& module) {
             if (!e.covariance) return std::nullopt;
             return ToArray(*e.covariance);
           },
-          "6 x 6, of a step (rotation vector in radians, translation in scene units) in the "
-          "camera's\n"
-          "frame: the true pose is exp(w), v after the estimated one. None where the inliers do "
-          "not\n"
-          "determine the pose.")
+          R"(6 x 6, of a step (rotation vector in radians, translation in scene units) in the camera's
+frame: the true pose is exp(w), v after the estimated one. None where the inliers do not
+determine the pose.)")
       .def_readonly("rotation_sigma_deg", &PoseEstimate::rotation_sigma_deg,
                     "Standard deviation of the orientation, degrees; 0 without a covariance.")
       .def_readonly(

@@ -16,6 +16,10 @@
 #include "raylift/renderers/pixel_rays.h"
 #include "raylift/renderers/ray_caster.h"
 
+// Arguments that stand for geometry: a Geometry, a RayCaster, a Mesh, or a specification as the option
+// --geometry takes it, which may need the references and their model.
+RAYLIFT_PYTHON_ARGUMENT(GeometryLike, IsSomething, "raylift._types.GeometryLike")
+
 namespace raylift::python {
 
 // The rays of the camera that was used last: views mostly come from one, and distorted lenses are
@@ -65,12 +69,6 @@ struct SfmPoints final : Geometry {
   using Geometry::Geometry;
 };
 
-// Arguments that stand for geometry: a Geometry, a RayCaster, a Mesh, or a specification as the option
-// --geometry takes it, which may need the references and their model.
-class GeometryLike : public py::object {
- public:
-  PYBIND11_OBJECT(GeometryLike, py::object, IsSomething)
-};
 NamedGeometry ToGeometry(const GeometryLike& geometry, const GeometryContext& context = {});
 
 // "KIND:PATH,key=value,...", as the option --geometry takes it, from keywords.
@@ -78,10 +76,3 @@ std::string SpecOf(const std::string& kind, const std::filesystem::path& path,
                    const py::kwargs& keys);
 
 }  // namespace raylift::python
-
-namespace pybind11::detail {
-template <>
-struct handle_type_name<raylift::python::GeometryLike> {
-  static constexpr auto name = const_name("raylift._types.GeometryLike");
-};
-}  // namespace pybind11::detail

@@ -272,20 +272,17 @@ void BindLists(py::module_& module) {
 void BindIo(py::module_& module) {
   BindModel(module);
   BindLists(module);
-  module.def(
-      "read_depth", &ReadDepth, py::arg("file"), py::kw_only(), py::arg("layer") = "",
-      py::arg("raw_size") = py::none(),
-      "A depth map as it is stored (height, width), float32: EXR, PNG, TIFF, PGM, NPY, NPZ,\n"
-      "COLMAP's .bin, PFM, or plain floats with raw_size=(width, height). layer: the channel of "
-      "an\n"
-      "EXR or key of an NPZ. DepthMaps knows what the numbers mean. Raises InputError.");
+  module.def("read_depth", &ReadDepth, py::arg("file"), py::kw_only(), py::arg("layer") = "",
+             py::arg("raw_size") = py::none(),
+             R"(A depth map as it is stored (height, width), float32: EXR, PNG, TIFF, PGM, NPY, NPZ,
+COLMAP's .bin, PFM, or plain floats with raw_size=(width, height). layer: the channel of an
+EXR or key of an NPZ. DepthMaps knows what the numbers mean. Raises InputError.)");
   module.def(
       "write_depth", &WriteDepth, py::arg("file"), py::arg("depth"),
-      "Writes a depth map (height, width) in the format of the file's name: .exr, .png, .tiff,\n"
-      ".npy, .npz, .bin (COLMAP), .pfm. Options as of `raylift render`: sample=\"float\" (or\n"
-      "\"half\"), exr_compression=\"pxr24\", png_step=0.001, out_of_range=\"refuse\" (or "
-      "\"drop\"),\n"
-      "deflate_npz=False; layer. Returns a dict: bytes, dropped values, max_rounding.");
+      R"(Writes a depth map (height, width) in the format of the file's name: .exr, .png, .tiff,
+.npy, .npz, .bin (COLMAP), .pfm. Options as of `raylift render`: sample="float" (or
+"half"), exr_compression="pxr24", png_step=0.001, out_of_range="refuse" (or "drop"),
+deflate_npz=False; layer. Returns a dict: bytes, dropped values, max_rounding.)");
   module.def(
       "read_image",
       [](const PathLike& file) {

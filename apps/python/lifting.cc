@@ -49,14 +49,11 @@ py::dict ToDict(const SurfacePoints& points) {
 }
 
 constexpr const char* kLiftDoc =
-    "The surface points that pixels (N, 2) of a reference show. A dict: points and normals (N, 3) "
-    "in\n"
-    "the world (unit, toward the camera), NaN where there is no surface; and (N,) each: depth "
-    "along\n"
-    "the optical axis, sigma (standard deviation of the point, where it is known) in scene units,\n"
-    "incidence_deg, depth_jump (largest relative jump of depth around the pixel, where it was "
-    "looked\n"
-    "for), back_face (bool).";
+    R"(The surface points that pixels (N, 2) of a reference show. A dict: points and normals (N, 3) in
+the world (unit, toward the camera), NaN where there is no surface; and (N,) each: depth along
+the optical axis, sigma (standard deviation of the point, where it is known) in scene units,
+incidence_deg, depth_jump (largest relative jump of depth around the pixel, where it was looked
+for), back_face (bool).)";
 
 py::dict LiftPixels(const GeometrySource& source, const PosedImageLike& reference,
                     const ArrayLike& pixels) {
@@ -158,10 +155,9 @@ void BindSources(py::module_& module) {
            }),
            py::arg("geometry"), py::kw_only(), py::arg("model") = py::none(),
            py::arg("references") = std::vector<PosedImageLike>(), py::arg("threads") = 0,
-           "From a Mesh, a RayCaster, or a text as the option --geometry takes it:\n"
-           "\"mesh:PATH[,key=value...]\", \"depth:DIR[,...]\" (needs the references), "
-           "\"sfm[:DIR][,...]\"\n"
-           "(without DIR, the points of `model`). Raises OptionError for what is none.")
+           R"(From a Mesh, a RayCaster, or a text as the option --geometry takes it:
+"mesh:PATH[,key=value...]", "depth:DIR[,...]" (needs the references), "sfm[:DIR][,...]"
+(without DIR, the points of `model`). Raises OptionError for what is none.)")
       .def_property_readonly(
           "description",
           [](const Geometry& geometry) { return geometry.named.source->Description(); })
@@ -190,17 +186,15 @@ void BindSources(py::module_& module) {
              });
            }),
            py::arg("folder"), py::arg("references"),
-           "Finds the references' maps in a folder. Keywords are the keys of --geometry depth:...\n"
-           "(preset, kind, unit, scale, pattern, ...; `raylift localize --help` lists them). "
-           "Raises\n"
-           "InputError where there is no map.")
+           R"(Finds the references' maps in a folder. Keywords are the keys of --geometry depth:...
+(preset, kind, unit, scale, pattern, ...; `raylift localize --help` lists them). Raises
+InputError where there is no map.)")
       .def_static(
           "from_arrays", &DepthFromArrays, py::arg("maps"), py::arg("references"),
-          "From a dict of (height, width) arrays by the references' names, of the image's size\n"
-          "or another; what is not finite or not positive is no surface. They are copied.\n"
-          "Keywords: kind=\"z\" (or \"ray\", \"inverse\"), scale=1, max_depth, "
-          "interpolation=\"edge\"\n"
-          "(or \"nearest\"), max_jump=0.05.")
+          R"(From a dict of (height, width) arrays by the references' names, of the image's size
+or another; what is not finite or not positive is no surface. They are copied.
+Keywords: kind="z" (or "ray", "inverse"), scale=1, max_depth, interpolation="edge"
+(or "nearest"), max_jump=0.05.)")
       .def("load", &LoadMap, py::arg("reference"),
            "The map of a reference (height, width), float32, z in scene units, 0: no surface; or "
            "None.\n"
@@ -263,21 +257,20 @@ void BindLifter(py::module_& module) {
   py::class_<Lifter, std::shared_ptr<Lifter>>(
       module, "Lifter",
       "Lifts keypoints of references to the scene by one source of geometry or several.")
-      .def(py::init([](const py::args& geometry, const std::string& mode) {
-             std::vector<std::shared_ptr<const GeometrySource>> sources;
-             for (const py::handle one : geometry) {
-               sources.push_back(ToGeometry(py::reinterpret_borrow<GeometryLike>(one)).source);
-             }
-             if (sources.empty()) throw OptionError("give at least one source of geometry");
-             return std::make_shared<Lifter>(std::move(sources),
-                                             ToEnum<GeometryMode>("geometry_mode", mode));
-           }),
-           py::arg("geometry_mode") = "first",
-           "Each source is a Mesh, RayCaster, DepthMaps, SfmPoints, Geometry or \"mesh:PATH\"; "
-           "they are\n"
-           "asked in order. geometry_mode: of lift_matches(), the point of the \"first\" that has "
-           "one,\n"
-           "or those of \"all\".")
+      .def(
+          py::init([](const py::args& geometry, const std::string& mode) {
+            std::vector<std::shared_ptr<const GeometrySource>> sources;
+            for (const py::handle one : geometry) {
+              sources.push_back(ToGeometry(py::reinterpret_borrow<GeometryLike>(one)).source);
+            }
+            if (sources.empty()) throw OptionError("give at least one source of geometry");
+            return std::make_shared<Lifter>(std::move(sources),
+                                            ToEnum<GeometryMode>("geometry_mode", mode));
+          }),
+          py::arg("geometry_mode") = "first",
+          R"(Each source is a Mesh, RayCaster, DepthMaps, SfmPoints, Geometry or "mesh:PATH"; they are
+asked in order. geometry_mode: of lift_matches(), the point of the "first" that has one,
+or those of "all".)")
       .def(
           "lift",
           [](const Lifter& lifter, const PosedImageLike& reference, const ArrayLike& pixels) {
@@ -408,10 +401,9 @@ void BindLifting(py::module_& module) {
       "Returns the problem without them, which were kept (N,) bool, and a dict of counts.");
   module.def(
       "merge_candidates", &WithCandidates, py::arg("problem"),
-      "The PoseProblem with one 3D point per query keypoint. candidates=\"merge\": the one that\n"
-      "the references agree on best; \"triangulate\": from the 2D-2D matches alone; \"keep\": "
-      "all.\n"
-      "Also candidates_error_px=4, candidates_min_angle_deg=1.");
+      R"(The PoseProblem with one 3D point per query keypoint. candidates="merge": the one that
+the references agree on best; "triangulate": from the 2D-2D matches alone; "keep": all.
+Also candidates_error_px=4, candidates_min_angle_deg=1.)");
 }
 
 }  // namespace raylift::python

@@ -79,11 +79,10 @@ void BindScene(py::module_& module) {
           py::arg("images") = py::none(), py::arg("model_poses") = "cam_from_world",
           py::arg("every") = 1, py::arg("every_offset") = 0, py::arg("every_per_camera") = false,
           py::arg("threads") = 0,
-          "From a COLMAP model (text or binary). geometry: Mesh, RayCaster, Geometry, or texts as "
-          "the\n"
-          "option --geometry takes them, asked in order. images: folder of the references'\n"
-          "photographs. every: only each N-th reference. Raises InputError where a file cannot be\n"
-          "read.")
+          R"(From a COLMAP model (text or binary). geometry: Mesh, RayCaster, Geometry, or texts as the
+option --geometry takes them, asked in order. images: folder of the references'
+photographs. every: only each N-th reference. Raises InputError where a file cannot be
+read.)")
       .def_static("of", &MakeScene, py::arg("references"), py::arg("geometry") = no_sources,
                   py::kw_only(), py::arg("images") = py::none(), py::arg("threads") = 0,
                   "From references in memory.")
@@ -404,45 +403,41 @@ void BindLocalization(py::module_& module) {
   BindResult(module);
   py::class_<SceneLocalizer, std::shared_ptr<SceneLocalizer>>(
       module, "Localizer", "Localizes photographs in a scene. Thread safe.")
-      .def(py::init([](ScenePointer scene, const py::dict& reference_features, int threads,
-                       const py::kwargs& options) {
-             return std::make_shared<SceneLocalizer>(std::move(scene), reference_features, threads,
-                                                     options);
-           }),
-           py::arg("scene"), py::kw_only(), py::arg("reference_features") = py::dict(),
-           py::arg("threads") = 0,
-           "Options as of `raylift localize`, with its defaults: those of raylift.estimate_pose(), "
-           "and\n"
-           "filter=\"off\", filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8,\n"
-           "candidates=\"keep\", candidates_error_px=4, candidates_min_angle_deg=1,\n"
-           "geometry_mode=\"first\", min_confidence=0, top_k=10; of the built-in front end "
-           "(RootSIFT and\n"
-           "VLAD, made from the scene's photographs) max_features=4096, max_ratio=0.8, cache,\n"
-           "query_images; or hloc's files features, matches and pairs; or as matches alone "
-           "COLMAP's\n"
-           "database, or a folder of the matches of each pair (N, 4), with first_pixel=0, "
-           "cell_px=0\n"
-           "as of raylift.hloc.matches_from(); of matches in files, min_match_score.\n\n"
-           "reference_features: features of one's own, a dict by the references' names of dicts "
-           "with\n"
-           "keypoints (N, 2) and descriptors (N, D) of unit length; their photographs are not "
-           "read.\n\n"
-           "Raises OptionError for an option out of range.")
-      .def("localize", &LocalizeOne, py::arg("query"), py::arg("camera"), py::kw_only(),
-           py::arg("name") = "query",
-           "One query: a photograph, (H, W) or (H, W, 3) uint8, RGB, or its file; or features, a "
-           "dict\n"
-           "with keypoints (N, 2) and descriptors (N, D), as the references have.\n\n"
-           "Returns a LocalizedQuery. Raises InputError where a photograph is not of the camera's "
-           "size.")
+      .def(
+          py::init([](ScenePointer scene, const py::dict& reference_features, int threads,
+                      const py::kwargs& options) {
+            return std::make_shared<SceneLocalizer>(std::move(scene), reference_features, threads,
+                                                    options);
+          }),
+          py::arg("scene"), py::kw_only(), py::arg("reference_features") = py::dict(),
+          py::arg("threads") = 0,
+          R"(Options as of `raylift localize`, with its defaults: those of raylift.estimate_pose(), and
+filter="off", filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8,
+candidates="keep", candidates_error_px=4, candidates_min_angle_deg=1,
+geometry_mode="first", min_confidence=0, top_k=10; of the built-in front end (RootSIFT and
+VLAD, made from the scene's photographs) max_features=4096, max_ratio=0.8, cache,
+query_images; or hloc's files features, matches and pairs; or as matches alone COLMAP's
+database, or a folder of the matches of each pair (N, 4), with first_pixel=0, cell_px=0
+as of raylift.hloc.matches_from(); of matches in files, min_match_score.
+
+reference_features: features of one's own, a dict by the references' names of dicts with
+keypoints (N, 2) and descriptors (N, D) of unit length; their photographs are not read.
+
+Raises OptionError for an option out of range.)")
+      .def(
+          "localize", &LocalizeOne, py::arg("query"), py::arg("camera"), py::kw_only(),
+          py::arg("name") = "query",
+          R"(One query: a photograph, (H, W) or (H, W, 3) uint8, RGB, or its file; or features, a dict
+with keypoints (N, 2) and descriptors (N, D), as the references have.
+
+Returns a LocalizedQuery. Raises InputError where a photograph is not of the camera's size.)")
       .def(
           "localize_matches", &LocalizeMatches, py::arg("camera"), py::arg("query2d"),
           py::arg("reference2d"), py::arg("reference_names"), py::kw_only(),
           py::arg("query_keypoints") = py::none(), py::arg("name") = "query",
-          "One query by matches of one's own: pixels (M, 2) of the query and of references, and "
-          "the\n"
-          "references' names (M,). query_keypoints: (M,), where it is known which keypoint of the\n"
-          "query a match is of.")
+          R"(One query by matches of one's own: pixels (M, 2) of the query and of references, and the
+references' names (M,). query_keypoints: (M,), where it is known which keypoint of the
+query a match is of.)")
       .def("localize_all", &LocalizeAll, py::arg("queries"), py::kw_only(), py::arg("threads") = 0,
            py::arg("progress") = py::none(),
            "Many queries, (name, camera) each, whose photographs or matches are in files: what "

@@ -488,18 +488,18 @@ void BindCaster(py::module_& module) {
            "A list with the pictures of each pose, as of render(). `cameras` is one camera, or a "
            "list\n"
            "of as many as there are poses.")
-      .def("score_views", &ScoreViews, py::arg("camera"), py::arg("poses"), py::kw_only(),
-           py::arg("mask") = py::none(), py::arg("depth") = py::none(),
-           py::arg("edges") = py::none(), py::arg("depth_tolerance") = 0.05, py::arg("threads") = 0,
-           py::arg("progress") = py::none(),
-           "How well many views fit what is known of a photograph, without keeping their pictures: "
-           "a\n"
-           "dict of (N,) arrays, one for each that is given, the larger the better.\n\n"
-           "mask   (H, W) bool; the intersection of what both show over their union\n"
-           "depth  (H, W), 0 or not finite: not known; share of the known pixels whose rendered "
-           "depth\n"
-           "       is within depth_tolerance of it, as a share of it\n"
-           "edges  (H, W), how much each pixel is an edge; its mean over the view's depth edges")
+      .def(
+          "score_views", &ScoreViews, py::arg("camera"), py::arg("poses"), py::kw_only(),
+          py::arg("mask") = py::none(), py::arg("depth") = py::none(),
+          py::arg("edges") = py::none(), py::arg("depth_tolerance") = 0.05, py::arg("threads") = 0,
+          py::arg("progress") = py::none(),
+          R"(How well many views fit what is known of a photograph, without keeping their pictures: a
+dict of (N,) arrays, one for each that is given, the larger the better.
+
+mask   (H, W) bool; the intersection of what both show over their union
+depth  (H, W), 0 or not finite: not known; share of the known pixels whose rendered depth
+       is within depth_tolerance of it, as a share of it
+edges  (H, W), how much each pixel is an edge; its mean over the view's depth edges)")
       .def("__repr__", [](const Caster& caster) {
         return fmt::format("<raylift.RayCaster {} triangles>",
                            caster.caster->mesh().triangles.size());
