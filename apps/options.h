@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "apps/command_line.h"
@@ -22,6 +23,11 @@
 namespace raylift {
 
 void AddEstimatorOptions(CLI::App& command, EstimatorOptions& options);
+// "p3p,adaptive:mult_inl,select:0.7": names of methods, Adaptive's with a score and Select's with
+// an alpha where these are not those of `base`. Throws OptionError in the name of --methods.
+std::vector<EstimatorOptions> ParseMethods(std::string_view text, const EstimatorOptions& base);
+// The forms of these names, for help: "p3p|...|adaptive[:SCORE]|...".
+std::string MethodForms();
 void AddFilterOptions(CLI::App& command, FilterOptions& options);
 // `--model-poses`: what the poses of --model mean.
 void AddModelPosesOption(CLI::App& command, PoseConvention& poses);

@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "estimation/fields.h"
 #include "estimation/methods/methods.h"
 #include <fmt/format.h>
 
@@ -22,35 +23,18 @@ void Require(bool condition, std::string_view name, const std::string& value,
 }  // namespace
 
 void EstimatorOptions::Validate() const {
-  const auto positive = [](double value, std::string_view name) {
-    Require(std::isfinite(value) && value > 0, name, fmt::format("{}", value), "must be positive");
-  };
-  positive(reprojection_threshold_px, "reprojection_threshold_px");
-  positive(sampson_threshold_px, "sampson_threshold_px");
-  Require(std::isfinite(alpha) && alpha >= 0, "alpha", fmt::format("{}", alpha),
-          "must not be negative");
-  Require(std::isfinite(point_sigma) && point_sigma >= 0, "point_sigma",
-          fmt::format("{}", point_sigma), "must not be negative");
-  if (scene_noise) {
-    for (const KnownNoise& known :
-         {scene_noise->keypoint_px, scene_noise->depth, scene_noise->common_depth}) {
-      Require(known.errors >= 0 && std::isfinite(known.errors) && std::isfinite(known.sigma) &&
-                  (known.errors == 0 || known.sigma > 0),
-              "scene_noise", fmt::format("{} by {} errors", known.sigma, known.errors),
-              "must be positive");
-    }
-    Require(scene_noise->keypoint_tail >= 0 && scene_noise->keypoint_tail <= 1,
-            "scene_noise, keypoint_tail", fmt::format("{}", scene_noise->keypoint_tail),
-            "must lie between 0 and 1");
+  CheckRanges(ConstFieldsOf(*this));
+  if (!scene_noise) return;
+  for (const KnownNoise& known :
+       {scene_noise->keypoint_px, scene_noise->depth, scene_noise->common_depth}) {
+    Require(known.errors >= 0 && std::isfinite(known.errors) && std::isfinite(known.sigma) &&
+                (known.errors == 0 || known.sigma > 0),
+            "scene_noise", fmt::format("{} by {} errors", known.sigma, known.errors),
+            "must be positive");
   }
-  Require(focal_range >= 1 && focal_range <= kMaxFocalRange, "focal_range",
-          fmt::format("{}", focal_range), fmt::format("must lie between 1 and {}", kMaxFocalRange));
-  Require(confidence > 0 && confidence < 1, "confidence", fmt::format("{}", confidence),
+  Require(scene_noise->keypoint_tail >= 0 && scene_noise->keypoint_tail <= 1,
+          "scene_noise, keypoint_tail", fmt::format("{}", scene_noise->keypoint_tail),
           "must lie between 0 and 1");
-  Require(min_iterations >= 1, "min_iterations", fmt::format("{}", min_iterations),
-          "must be at least 1");
-  Require(max_iterations >= min_iterations, "max_iterations", fmt::format("{}", max_iterations),
-          fmt::format("must not be below min_iterations = {}", min_iterations));
 }
 
 std::unique_ptr<PoseEstimator> MakePoseEstimator(const EstimatorOptions& options) {
