@@ -262,15 +262,10 @@ void BindProblem(py::module_& module) {
 
 py::object NoiseDict(const PoseEstimate& estimate) {
   if (!estimate.noise) return py::none();
-  const MatchNoise& noise = *estimate.noise;
   py::dict dict;
-  dict["keypoint_px"] = noise.keypoint_px;
-  dict["keypoint_tail"] = noise.keypoint_tail;
-  dict["depth"] = noise.depth;
-  dict["common_depth"] = noise.common_depth;
-  dict["reference_factor"] = noise.reference_factor;
-  dict["reference_rotation_deg"] = noise.reference_rotation_deg;
-  dict["reference_position"] = noise.reference_position;
+  ForEachNumber<double>(ConstFieldsOf(*estimate.noise), [&](const std::string& name, double value) {
+    dict[py::str(name)] = value;
+  });
   return dict;
 }
 

@@ -76,4 +76,16 @@ std::vector<Field> FieldsOf(EstimatorOptions& options) {
   return fields;
 }
 
+std::vector<Field> FieldsOf(MatchNoise& noise) {
+  return {
+      {"keypoint_px", noise.keypoint_px},
+      {"keypoint_tail", noise.keypoint_tail},
+      {"depth", noise.depth},
+      {"common_depth", noise.common_depth},
+      {"reference_factor", noise.reference_factor},
+      {"reference_rotation_deg", noise.reference_rotation_deg},
+      {"reference_position", noise.reference_position},
+  };
+}
+
 }  // namespace raylift

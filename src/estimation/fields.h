@@ -1,4 +1,4 @@
-// The estimator's options as fields: on the command line, as Python's keywords, in files.
+// The estimator's options, and the noise that it finds, as fields.
 
 #pragma once
 
@@ -6,6 +6,7 @@
 
 #include "base/fields.h"
 
+#include "raylift/estimation/match_noise.h"
 #include "raylift/estimation/options.h"
 
 namespace raylift {
@@ -15,5 +16,8 @@ std::vector<Field> MethodFieldsOf(EstimatorOptions& options);
 std::vector<Field> NumberFieldsOf(EstimatorOptions& options);
 // All of them.
 std::vector<Field> FieldsOf(EstimatorOptions& options);
+
+// Without what the errors have shown it.
+std::vector<Field> FieldsOf(MatchNoise& noise);
 
 }  // namespace raylift

@@ -6,6 +6,8 @@
 #include <utility>
 #include <vector>
 
+#include "estimation/fields.h"
+
 #include "raylift/estimation/pose_estimate.h"
 
 namespace raylift {
@@ -29,13 +31,9 @@ void AddEstimate(const PoseEstimate& estimate, Json& json) {
     json["refined_value"] = estimate.refined_value;
   }
   if (estimate.noise) {
-    json["noise"] = {{"keypoint_px", estimate.noise->keypoint_px},
-                     {"keypoint_tail", estimate.noise->keypoint_tail},
-                     {"depth", estimate.noise->depth},
-                     {"common_depth", estimate.noise->common_depth},
-                     {"reference_factor", estimate.noise->reference_factor},
-                     {"reference_rotation_deg", estimate.noise->reference_rotation_deg},
-                     {"reference_position", estimate.noise->reference_position}};
+    Json& noise = json["noise"];
+    ForEachNumber<double>(ConstFieldsOf(*estimate.noise),
+                          [&](const std::string& name, double value) { noise[name] = value; });
   }
   if (estimate.refined_camera) {
     json["refined_camera"] = estimate.refined_camera->ToString();
