@@ -37,9 +37,7 @@ constexpr size_t kTilesAtATime = 8;
 struct FrameRenderer::Impl {
   Impl(std::shared_ptr<const RayCaster> caster_in, const FrameOptions& options_in)
       : caster(std::move(caster_in)), options(options_in) {
-    if (options.color) {
-      shader.emplace(*caster, options.color_options);
-    }
+    if (options.color) shader.emplace(*caster, options.color_options);
   }
 
   bool NeedsRefinedHits() const {

@@ -173,9 +173,7 @@ struct BlockOrigin {
 
 template <size_t kSize>
 void MarkGrazing(const std::array<int, kSize>& grazes, size_t begin, HitBlock& hits) {
-  for (size_t i = 0; i < kSize; ++i) {
-    hits.grazing |= (grazes[i] != 0 ? 1u : 0u) << (begin + i);
-  }
+  for (size_t i = 0; i < kSize; ++i) hits.grazing |= (grazes[i] != 0 ? 1u : 0u) << (begin + i);
 }
 
 // A part of a block as one packet, whose constant fields are set. Returns the number of hits.

@@ -23,9 +23,7 @@ SurfaceShader::SurfaceShader(const RayCaster& caster, const ColorOptions& option
       options_(options),
       to_sun_(-options.sun_direction_in_world.normalized()),
       background_(ToVector(options.background_rgb)) {
-  for (const Image& image : mesh_.textures) {
-    textures_.emplace_back(image);
-  }
+  for (const Image& image : mesh_.textures) textures_.emplace_back(image);
 }
 
 Eigen::Vector3f SurfaceShader::Color(const RayHit& hit, const Eigen::Vector3d& center_in_world,

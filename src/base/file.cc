@@ -85,9 +85,7 @@ std::string ReadFile(const std::filesystem::path& path) {
   if (!stream) throw InputError(path, fmt::format("cannot be read: {}", std::strerror(errno)));
   std::string contents;
   const auto size = std::filesystem::file_size(path, error);
-  if (!error) {
-    contents.reserve(size);
-  }
+  if (!error) contents.reserve(size);
   char buffer[1 << 16];
   while (stream.read(buffer, sizeof(buffer)) || stream.gcount() > 0) {
     contents.append(buffer, static_cast<size_t>(stream.gcount()));

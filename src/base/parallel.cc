@@ -96,9 +96,7 @@ void ParallelFor(size_t count, int threads, const std::function<void(size_t)>& b
       }
     }
   });
-  if (first_exception) {
-    std::rethrow_exception(first_exception);
-  }
+  if (first_exception) std::rethrow_exception(first_exception);
 }
 
 namespace {

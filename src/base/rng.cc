@@ -25,9 +25,7 @@ uint64_t HashBytes(uint64_t hash, std::string_view bytes) {
 }  // namespace
 
 Rng::Rng(uint64_t seed) {
-  for (uint64_t& word : state_) {
-    word = SplitMix64(seed);
-  }
+  for (uint64_t& word : state_) word = SplitMix64(seed);
 }
 
 double Rng::Normal() {

@@ -35,9 +35,7 @@ std::vector<std::string_view> SplitTokens(std::string_view line) {
     while (i < line.size() && IsBlank(line[i])) ++i;
     const size_t begin = i;
     while (i < line.size() && !IsBlank(line[i])) ++i;
-    if (i > begin) {
-      tokens.push_back(line.substr(begin, i - begin));
-    }
+    if (i > begin) tokens.push_back(line.substr(begin, i - begin));
   }
   return tokens;
 }
@@ -78,14 +76,10 @@ std::optional<std::string_view> LineReader::Next() {
   if (position_ >= contents_.size()) return std::nullopt;
   ++line_number_;
   size_t end = contents_.find('\n', position_);
-  if (end == std::string::npos) {
-    end = contents_.size();
-  }
+  if (end == std::string::npos) end = contents_.size();
   std::string_view line(contents_.data() + position_, end - position_);
   position_ = end + 1;
-  if (line.ends_with('\r')) {
-    line.remove_suffix(1);
-  }
+  if (line.ends_with('\r')) line.remove_suffix(1);
   return line;
 }
 
@@ -185,9 +179,7 @@ std::string AlignColumns(std::span<const TableRow> rows) {
   std::vector<size_t> widths(rows.front().size(), 0);
   for (const TableRow& row : rows) {
     RAYLIFT_CHECK_EQ(row.size(), widths.size());
-    for (size_t i = 0; i < row.size(); ++i) {
-      widths[i] = std::max(widths[i], Width(row[i]));
-    }
+    for (size_t i = 0; i < row.size(); ++i) widths[i] = std::max(widths[i], Width(row[i]));
   }
   std::string text;
   for (const TableRow& row : rows) {

@@ -133,9 +133,7 @@ Camera Camera::Scaled(int new_width_px, int new_height_px) const {
 std::string Camera::ToString() const {
   std::string text =
       fmt::format("{} {} {}", GetCameraModelInfo(model_).name, width_px_, height_px_);
-  for (const double param : params()) {
-    text += ' ' + FormatDouble(param);
-  }
+  for (const double param : params()) text += ' ' + FormatDouble(param);
   return text;
 }
 

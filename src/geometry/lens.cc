@@ -31,9 +31,7 @@ ValueAndSlope OnePlusPolynomial(std::span<const double> coefficients, double q) 
 template <size_t kCount>
 size_t NumTerms(const std::array<double, kCount>& coefficients) {
   size_t count = kCount;
-  while (count > 0 && coefficients[count - 1] == 0) {
-    --count;
-  }
+  while (count > 0 && coefficients[count - 1] == 0) --count;
   return count;
 }
 
@@ -387,9 +385,7 @@ double Lens::UndistortRadius(double distorted_radius) const {
     radius -= step;
     // A step this small leaves its square.
     if (std::abs(step) <= 1e-9 * radius || high - low <= 1e-15 * low) break;
-    if (!(radius > low && radius < high)) {
-      radius = high < kInfinity ? 0.5 * (low + high) : 2 * low;
-    }
+    if (!(radius > low && radius < high)) radius = high < kInfinity ? 0.5 * (low + high) : 2 * low;
   }
   return radius;
 }
@@ -400,9 +396,7 @@ std::optional<Eigen::Vector2d> Lens::UndistortByNewton(const Eigen::Vector2d& st
   constexpr int kMaxSteps = 100;
   constexpr int kMaxHalvings = 30;
   Eigen::Vector2d projected = start;
-  for (int i = 0; i < kMaxHalvings && !IsInDomain(projected); ++i) {
-    projected *= 0.5;
-  }
+  for (int i = 0; i < kMaxHalvings && !IsInDomain(projected); ++i) projected *= 0.5;
   const double scale = 1 + distorted.norm();
   Distortion distortion = Distort(projected);
   double error = (distortion.distorted - distorted).norm();

@@ -26,9 +26,7 @@ using Polynomial = std::array<double, 10>;
 
 double Evaluate(const Polynomial& polynomial, double x) {
   double value = 0;
-  for (size_t i = polynomial.size(); i-- > 0;) {
-    value = value * x + polynomial[i];
-  }
+  for (size_t i = polynomial.size(); i-- > 0;) value = value * x + polynomial[i];
   return value;
 }
 
@@ -44,9 +42,7 @@ Polynomial Derivative(const Polynomial& polynomial) {
 Polynomial Product(const Polynomial& a, const Polynomial& b) {
   Polynomial product = {};
   for (size_t i = 0; i < a.size(); ++i) {
-    for (size_t j = 0; i + j < product.size(); ++j) {
-      product[i + j] += a[i] * b[j];
-    }
+    for (size_t j = 0; i + j < product.size(); ++j) product[i + j] += a[i] * b[j];
   }
   return product;
 }
@@ -87,9 +83,7 @@ Roots SignChangesInUnitInterval(const Polynomial& polynomial, int degree) {
 // if it never does. Touching zero from above may count as either.
 double FirstPositiveRoot(const Polynomial& polynomial) {
   int degree = static_cast<int>(polynomial.size()) - 1;
-  while (degree > 0 && polynomial[static_cast<size_t>(degree)] == 0) {
-    --degree;
-  }
+  while (degree > 0 && polynomial[static_cast<size_t>(degree)] == 0) --degree;
   const Roots near = SignChangesInUnitInterval(polynomial, degree);
   if (near.count > 0) return near.x[0];
   // Beyond 1 by x -> 1 / x, which reverses the coefficients and the order.
@@ -118,9 +112,7 @@ Polynomial RadialGrowth(const Polynomial& n, const Polynomial& d) {
   const Polynomial rise = Product(Product(two_q, Derivative(n)), d);
   const Polynomial fall = Product(Product(two_q, n), Derivative(d));
   Polynomial growth = Product(n, d);
-  for (size_t i = 0; i < growth.size(); ++i) {
-    growth[i] += rise[i] - fall[i];
-  }
+  for (size_t i = 0; i < growth.size(); ++i) growth[i] += rise[i] - fall[i];
   return growth;
 }
 

@@ -97,9 +97,7 @@ class BmpReader {
   uint32_t Number(size_t at, size_t num_bytes) const {
     if (at + num_bytes > bytes_.size()) Fail();
     uint32_t value = 0;
-    for (size_t i = num_bytes; i-- > 0;) {
-      value = value << 8 | static_cast<uint8_t>(bytes_[at + i]);
-    }
+    for (size_t i = num_bytes; i-- > 0;) value = value << 8 | static_cast<uint8_t>(bytes_[at + i]);
     return value;
   }
 

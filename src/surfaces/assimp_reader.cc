@@ -49,16 +49,12 @@ class SceneConverter {
       : path_(path), scene_(scene), linear_colors_(linear_colors) {}
 
   RawMesh Convert() {
-    for (unsigned int i = 0; i < scene_.mNumMaterials; ++i) {
-      AddMaterial(*scene_.mMaterials[i]);
-    }
+    for (unsigned int i = 0; i < scene_.mNumMaterials; ++i) AddMaterial(*scene_.mMaterials[i]);
     for (unsigned int i = 0; i < scene_.mNumMeshes; ++i) {
       any_colors_ |= scene_.mMeshes[i]->HasVertexColors(0);
       any_uvs_ |= scene_.mMeshes[i]->HasTextureCoords(0);
     }
-    if (scene_.mRootNode != nullptr) {
-      AddNode(*scene_.mRootNode, Eigen::Affine3d::Identity(), 0);
-    }
+    if (scene_.mRootNode != nullptr) AddNode(*scene_.mRootNode, Eigen::Affine3d::Identity(), 0);
     return std::move(mesh_);
   }
 
@@ -166,9 +162,7 @@ class SceneConverter {
       }
       corners[k] = static_cast<uint32_t>(first + face.mIndices[k]);
     }
-    if (mirrored) {
-      std::swap(corners[1], corners[2]);
-    }
+    if (mirrored) std::swap(corners[1], corners[2]);
     mesh_.triangles.push_back(corners);
     mesh_.triangle_materials.push_back(
         part.mMaterialIndex < scene_.mNumMaterials ? part.mMaterialIndex : RawMesh::kNone);

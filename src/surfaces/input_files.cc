@@ -98,9 +98,7 @@ MappedFile::MappedFile(const std::filesystem::path& path) {
   }
   size_ = static_cast<size_t>(status.st_size);
   void* mapped = MAP_FAILED;
-  if (size_ > 0) {
-    mapped = mmap(nullptr, size_, PROT_READ, MAP_PRIVATE, file, 0);
-  }
+  if (size_ > 0) mapped = mmap(nullptr, size_, PROT_READ, MAP_PRIVATE, file, 0);
   const int error = errno;
   close(file);
   if (size_ > 0 && mapped == MAP_FAILED) {
@@ -113,9 +111,7 @@ MappedFile::MappedFile(const std::filesystem::path& path) {
 }
 
 MappedFile::~MappedFile() {
-  if (data_ != nullptr) {
-    munmap(const_cast<char*>(data_), size_);
-  }
+  if (data_ != nullptr) munmap(const_cast<char*>(data_), size_);
 }
 
 void ReleaseMapped(std::string_view part) {

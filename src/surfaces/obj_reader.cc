@@ -30,12 +30,8 @@ class ObjParser {
   explicit ObjParser(const std::filesystem::path& path) : path_(path), reader_(path) {}
 
   RawMesh Parse() {
-    while (const auto line = reader_.NextContent()) {
-      ParseLine(*line);
-    }
-    if (mesh_.uvs.empty()) {
-      mesh_.triangle_uvs.clear();
-    }
+    while (const auto line = reader_.NextContent()) ParseLine(*line);
+    if (mesh_.uvs.empty()) mesh_.triangle_uvs.clear();
     if (too_small_ > 0) {
       mesh_.warnings.push_back(fmt::format("{}: {} faces skipped: fewer than three corners",
                                            path_.string(), too_small_));
@@ -83,15 +79,11 @@ class ObjParser {
     } else if (!mesh_.position_colors.empty()) {
       mesh_.position_colors.push_back({204, 204, 204});
     }
-    if (mesh_.positions.size() >= RawMesh::kNone) {
-      reader_.Fail("too many vertices");
-    }
+    if (mesh_.positions.size() >= RawMesh::kNone) reader_.Fail("too many vertices");
   }
 
   void ParseTextureCoordinate(const std::vector<std::string_view>& tokens) {
-    if (tokens.size() < 2) {
-      reader_.Fail("expected \"vt U V\", found no numbers");
-    }
+    if (tokens.size() < 2) reader_.Fail("expected \"vt U V\", found no numbers");
     const double v = tokens.size() > 2 ? Number(tokens[2], "v") : 0;
     mesh_.uvs.emplace_back(static_cast<float>(Number(tokens[1], "u")), static_cast<float>(v));
   }
@@ -138,9 +130,7 @@ class ObjParser {
       ReadMaterialFile(names);
       return;
     }
-    for (const std::string_view name : SplitTokens(names)) {
-      ReadMaterialFile(std::string(name));
-    }
+    for (const std::string_view name : SplitTokens(names)) ReadMaterialFile(std::string(name));
   }
 
   void ReadMaterialFile(const std::string& name) {
@@ -172,9 +162,7 @@ class ObjParser {
 
   int32_t Texture(const std::string& name) {
     const auto [entry, is_new] = texture_by_name_.try_emplace(name, -1);
-    if (is_new) {
-      entry->second = AddTextureFile(path_, name, mesh_);
-    }
+    if (is_new) entry->second = AddTextureFile(path_, name, mesh_);
     return entry->second;
   }
 

@@ -211,17 +211,13 @@ class ElementReader {
           fmt::format("expected the length of list {}, found {}", property.name, size)};
     }
     const size_t room = cursor_.remaining_bytes() / Cursor::MinBytes(property.type);
-    if (size > static_cast<double>(room)) {
-      FailAtEnd();
-    }
+    if (size > static_cast<double>(room)) FailAtEnd();
     return static_cast<uint64_t>(size);
   }
 
   void Skip(const PlyProperty& property) {
     const uint64_t count = property.count_type ? ReadListSize(property) : 1;
-    for (uint64_t i = 0; i < count; ++i) {
-      cursor_.Read(property.type);
-    }
+    for (uint64_t i = 0; i < count; ++i) cursor_.Read(property.type);
   }
 
   void ReadVertices(const PlyElement& element) {

@@ -62,9 +62,7 @@ Eigen::Vector3d ChooseOrigin(const RawMesh& raw) {
 
 Rgb Product(const Rgb& a, const Rgb& b) {
   Rgb product;
-  for (size_t i = 0; i < 3; ++i) {
-    product[i] = static_cast<uint8_t>((a[i] * b[i] + 127) / 255);
-  }
+  for (size_t i = 0; i < 3; ++i) product[i] = static_cast<uint8_t>((a[i] * b[i] + 127) / 255);
   return product;
 }
 
@@ -183,13 +181,9 @@ size_t AddFace(size_t face, std::span<const uint32_t> corners, std::span<const u
   }
   std::vector<Eigen::Vector3d> points;
   points.reserve(corners.size());
-  for (const uint32_t corner : corners) {
-    points.push_back(mesh.positions[corner]);
-  }
+  for (const uint32_t corner : corners) points.push_back(mesh.positions[corner]);
   const auto triangles = TriangulatePolygon(points);
-  for (const auto& [a, b, c] : triangles) {
-    add(a, b, c);
-  }
+  for (const auto& [a, b, c] : triangles) add(a, b, c);
   return triangles.size();
 }
 
@@ -245,9 +239,7 @@ TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw) {
   }
   mesh.triangles.reserve(raw.triangles.size());
   VertexUniter uniter(raw, mesh);
-  for (size_t i = 0; i < raw.triangles.size(); ++i) {
-    uniter.AddTriangle(i);
-  }
+  for (size_t i = 0; i < raw.triangles.size(); ++i) uniter.AddTriangle(i);
   SetTriangleTextures(raw, mesh);
   mesh.textures = std::move(raw.textures);
   mesh.triangle_faces = std::move(raw.triangle_faces);

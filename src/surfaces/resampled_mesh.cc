@@ -82,9 +82,7 @@ Coarse FinestWithin(const TriangleMesh& mesh, size_t max_triangles) {
   // A cell of a plane has two triangles; fewer where the mesh has large ones and small ones.
   const double of_plane = std::sqrt(2 * Area(mesh) / static_cast<double>(max_triangles));
   Coarse best = Coarsen(mesh, box.min(), std::max(of_plane, extent / kMaxCells));
-  while (best.triangles.size() > max_triangles) {
-    best = Coarsen(mesh, box.min(), 1.1 * best.side);
-  }
+  while (best.triangles.size() > max_triangles) best = Coarsen(mesh, box.min(), 1.1 * best.side);
   double too_fine = std::max(best.side / 1024, extent / kMaxCells);
   while (best.side > 1.05 * too_fine) {
     Coarse finer = Coarsen(mesh, box.min(), std::sqrt(best.side * too_fine));
