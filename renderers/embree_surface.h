@@ -16,8 +16,8 @@
 
 namespace raylift {
 
-// Where a hit in float and its refinement in double are further apart than this share of the scene's
-// size, float's is the better one.
+// Where a hit in float and its refinement in double are further apart than this share of the
+// scene's size, float's is the better one.
 inline constexpr double kMaxRefinementOfScene = 4e-6;
 
 struct EmbreeSurface {

@@ -74,7 +74,6 @@ SplatBlend BlendSplats(std::span<const PackedSplat> splats, const SplatRay& ray,
 
 // Collects the Gaussians that a ray meets, while Embree finds them about from front to back: what
 // light does not reach is dropped on the way, and the search ends there.
-
 class SplatVisitor {
  public:
   explicit SplatVisitor(std::span<const PackedSplat> splats) : splats_(splats) {}
@@ -124,7 +123,8 @@ class SplatVisitor {
   float end_ = 0;
 };
 
-// The colors from an eye, red, green and blue of at least 0, where 1 is full intensity.
+// Returns the colors as seen from an eye: red, green and blue of at least 0, where 1 is full
+// intensity.
 std::vector<Eigen::Vector3f> SplatColors(const Splats& splats, const Eigen::Vector3d& eye_in_world,
                                          int threads);
 

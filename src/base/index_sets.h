@@ -10,7 +10,7 @@
 
 namespace raylift {
 
-// At most `most` of the indices 0, ..., count - 1, ascending and evenly spaced from 0 on.
+// Returns at most `most` of the indices 0, ..., count - 1, ascending and evenly spaced from 0 on.
 inline std::vector<size_t> EvenlySpaced(size_t count, size_t most) {
   std::vector<size_t> chosen(std::min(count, most));
   for (size_t i = 0; i < chosen.size(); ++i) chosen[i] = i * count / chosen.size();
@@ -18,7 +18,6 @@ inline std::vector<size_t> EvenlySpaced(size_t count, size_t most) {
 }
 
 // Disjoint sets of indices that are joined one link at a time (union-find).
-
 class DisjointSets {
  public:
   explicit DisjointSets(size_t count) : parent_(count) {
@@ -27,7 +26,7 @@ class DisjointSets {
 
   void Join(size_t a, size_t b) { parent_[Root(a)] = Root(b); }
 
-  // The set of each index, numbered from 0 in the order of their first members.
+  // Returns the set of each index, numbered from 0 in the order of their first members.
   std::vector<int> Numbers() {
     std::map<size_t, int> number_of_root;
     std::vector<int> numbers;
@@ -40,9 +39,7 @@ class DisjointSets {
 
  private:
   size_t Root(size_t i) {
-    while (parent_[i] != i) {
-      i = parent_[i] = parent_[parent_[i]];
-    }
+    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
     return i;
   }
 

@@ -1,5 +1,5 @@
-// The formats of meshes and point clouds, a reader each. `contents` is the whole file; `path` is for messages and
-// for what lies beside the file.
+// The formats of meshes and point clouds, a reader each. `contents` is the whole file; `path` is
+// for messages and for what lies beside the file.
 
 #pragma once
 

@@ -11,9 +11,9 @@
 
 namespace raylift {
 
-// The files that "a.ply+b.obj", "tiles/*.ply" or a folder (all files with these extensions in it)
-// name, sorted within each part. A file whose own name holds "+" or "*" is that file. InputError
-// where a part names no file; `kind`, as "mesh", is for the message.
+// Lists the files that "a.ply+b.obj", "tiles/*.ply" or a folder (all files with these extensions in
+// it) name, sorted within each part. A file whose own name holds "+" or "*" is that file. Throws
+// InputError where a part names no file; `kind`, as "mesh", is for the message.
 std::vector<std::filesystem::path> ListFiles(const std::string& files,
                                              std::span<const std::string_view> extensions,
                                              std::string_view kind);
@@ -24,9 +24,10 @@ std::string LowerExtension(const std::filesystem::path& path);
 // A word for a message: its beginning, in printable ASCII.
 std::string Shown(std::string_view token);
 
+// A file in memory, read page by page as it is looked at.
 class MappedFile {
  public:
-  // InputError where the file is missing, a folder or not readable.
+  // Throws InputError where the file is missing, a folder or not readable.
   explicit MappedFile(const std::filesystem::path& path);
   ~MappedFile();
   MappedFile(const MappedFile&) = delete;

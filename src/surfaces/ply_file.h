@@ -1,4 +1,4 @@
-// The header of a PLY file: which elements follow, in what form.
+// PLY files: the header, and the rows of binary elements.
 
 #pragma once
 
@@ -65,6 +65,8 @@ struct PlyHeader {
 // `contents` is the whole file; `path` is for messages. InputError where it is no PLY header.
 PlyHeader ParsePlyHeader(const std::filesystem::path& path, std::string_view contents);
 
+// The rows of a binary element whose properties are all single numbers, by property: any order and
+// type.
 class PlyColumns {
  public:
   // A property's place in a row.
@@ -73,7 +75,7 @@ class PlyColumns {
     PlyType type;
   };
 
-  // The element `name` in the contents of a file. InputError where there is none, it or one before
+  // Takes the element `name` of a file. Throws InputError where there is none, it or one before
   // it has a list, the file is not binary, or it ends before the last row.
   PlyColumns(const std::filesystem::path& path, const PlyHeader& header, std::string_view contents,
              std::string_view name);
@@ -81,7 +83,7 @@ class PlyColumns {
   size_t num_rows() const { return num_rows_; }
 
   std::optional<Column> Find(std::string_view property) const;
-  // InputError where there is none, or it is of another type.
+  // Throw InputError where there is none, or it is of another type.
   Column Get(std::string_view property) const;
   Column Get(std::string_view property, PlyType type) const;
 
