@@ -2,7 +2,6 @@
 
 #include <optional>
 
-#include "apps/lap_clock.h"
 #include "localization/results/exports.h"
 #include <fmt/format.h>
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <cstddef>
 #include <memory>
 #include <optional>
@@ -19,6 +20,22 @@
 #include "raylift/localization/scene.h"
 
 namespace raylift {
+
+// Times one stage of a command after the other.
+class LapClock {
+ public:
+  // Seconds since the last lap, at first since it was made.
+  double Lap() {
+    const Clock::time_point now = Clock::now();
+    const std::chrono::duration<double> lap = now - begin_;
+    begin_ = now;
+    return lap.count();
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  Clock::time_point begin_ = Clock::now();
+};
 
 class LocalizeOutput {
  public:
