@@ -15,11 +15,11 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/comparison/geometry_report.h"
+#include "raylift/diagnosis/doctor.h"
 #include "raylift/io/query_list.h"
-#include "raylift/lifting/input_doctor.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
+#include "raylift/report/geometry_report.h"
 
 namespace raylift {
 namespace {
@@ -72,9 +72,9 @@ std::unique_ptr<MatchSource> Open(const DoctorFlags& flags, const Scene& scene,
   return OpenMatches(scene, queries, matching);
 }
 
-Json EvidenceJson(const ReadingEvidence& evidence, const InputReading& as_read) {
-  const RepairOptions repair = FindRepair(as_read, evidence.reading);
-  return {{"reading", DescribeDifference(as_read, evidence.reading)},
+Json EvidenceJson(const ConventionEvidence& evidence, const DataConvention& as_read) {
+  const RepairOptions repair = FindRepair(as_read, evidence.convention);
+  return {{"reading", DescribeDifference(as_read, evidence.convention)},
           {"keypoints", evidence.num_keypoints},
           {"median_px", evidence.median_px},
           {"share_within_5px", evidence.share_within_5px},
@@ -100,11 +100,11 @@ Json PlacementJson(const MeshPlacement& placement) {
 }
 
 Json DiagnosisJson(const Diagnosis& diagnosis) {
-  Json readings = Json::array();
-  for (const ReadingEvidence& evidence : diagnosis.readings) {
-    readings.push_back(EvidenceJson(evidence, diagnosis.as_read));
+  Json conventions = Json::array();
+  for (const ConventionEvidence& evidence : diagnosis.conventions) {
+    conventions.push_back(EvidenceJson(evidence, diagnosis.as_read));
   }
-  const ReadingFit& fit = diagnosis.fit;
+  const ConventionFit& fit = diagnosis.fit;
   Json json = {{"verdict", ToString(diagnosis.verdict)},
                {"fault", ToString(diagnosis.fault)},
                {"reason", diagnosis.reason},
@@ -122,7 +122,7 @@ Json DiagnosisJson(const Diagnosis& diagnosis) {
                  {"median_px_by_chance", fit.median_chance_px},
                  {"three_quarters_px", fit.upper_px},
                  {"three_quarters_px_by_chance", fit.upper_chance_px}}},
-               {"readings", std::move(readings)}};
+               {"readings", std::move(conventions)}};
   // The readings are those of the mesh as it is placed.
   if (diagnosis.mesh_placement) {
     json["world_from_mesh"] = PlacementJson(*diagnosis.mesh_placement);
@@ -134,14 +134,14 @@ Json DiagnosisJson(const Diagnosis& diagnosis) {
 }
 
 void Print(const Diagnosis& diagnosis) {
-  if (!diagnosis.readings.empty()) {
+  if (!diagnosis.conventions.empty()) {
     fmt::print("{:>10} {:>9} {:>10} {:>8} {:>9}  {}\n", "median px", "in 5 px", "own scale", "gain",
                "std. err.", "reading");
   }
-  for (const ReadingEvidence& evidence : diagnosis.readings) {
+  for (const ConventionEvidence& evidence : diagnosis.conventions) {
     fmt::print("{:>10.2f} {:>8.1f}% {:>10.2f} {:>+8.3f} {:>+9.1f}  {}\n", evidence.median_px,
                100 * evidence.share_within_5px, evidence.median_own_scale_px, evidence.gain,
-               evidence.sigmas, DescribeDifference(diagnosis.as_read, evidence.reading));
+               evidence.sigmas, DescribeDifference(diagnosis.as_read, evidence.convention));
   }
   fmt::print("{}\n", Summary(diagnosis));
 }

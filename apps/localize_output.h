@@ -14,10 +14,10 @@
 #include "apps/localize_flags.h"
 #include "localization/continuous/continuous_localizer.h"
 
-#include "raylift/comparison/localization_report.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/result_files.h"
 #include "raylift/localization/scene.h"
+#include "raylift/report/localization_report.h"
 
 namespace raylift {
 

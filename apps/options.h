@@ -14,7 +14,6 @@
 
 #include "raylift/estimation/options.h"
 #include "raylift/geometry/rigid3.h"
-#include "raylift/lifting/candidates.h"
 #include "raylift/lifting/consistency_filter.h"
 #include "raylift/lifting/depth_alignment.h"
 #include "raylift/lifting/lifter.h"

@@ -10,13 +10,13 @@
 #include "apps/commands.h"
 #include "apps/options.h"
 #include "base/progress.h"
+#include "diagnosis/depth_misalignment.h"
 #include "evaluation/fields.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/parallel.h"
-#include "raylift/comparison/depth_misalignment.h"
 #include "raylift/evaluation/depth_perturbation.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/lifting/geometry_spec.h"

@@ -10,6 +10,7 @@
 #include "apps/interrupt.h"
 #include "apps/job_options.h"
 #include "apps/options.h"
+#include "lifting/mesh_spec.h"
 #include "views/job_files.h"
 #include "views/task_list.h"
 #include <fmt/format.h>
@@ -20,7 +21,6 @@
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/view_list.h"
-#include "raylift/lifting/mesh_spec.h"
 #include "raylift/views/mesh_scene.h"
 #include "raylift/views/rendered_references.h"
 #include "raylift/views/view_sampler.h"

@@ -1,4 +1,4 @@
-#include "raylift/lifting/depth_sampling.h"
+#include "lifting/depth_sampling.h"
 
 #include <algorithm>
 #include <array>
@@ -30,7 +30,7 @@ class Neighborhood {
     return z > 0 ? 1 / static_cast<double>(z) : 0;
   }
 
-  // Whether the pixel at `a` and its neighbor, a `step` further, are on one surface.
+  // Says whether the pixel at `a` and its neighbor, a `step` further, are on one surface.
   bool Linked(Offset a, Offset step) const {
     const double wa = InverseZ(a);
     const double wb = InverseZ({a.x + step.x, a.y + step.y});
@@ -60,7 +60,7 @@ class Neighborhood {
   }
 
  private:
-  // From those of the two neighbors that are on the pixel's surface.
+  // Takes the slope from those of the two neighbors that are on the pixel's surface.
   std::optional<double> SlopeAt(Offset at, Offset axis) const {
     const Offset next{at.x + axis.x, at.y + axis.y};
     const Offset previous{at.x - axis.x, at.y - axis.y};

@@ -1,12 +1,320 @@
 #include "raylift/lifting/depth_source.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <future>
+#include <iterator>
+#include <list>
+#include <map>
+#include <mutex>
 #include <numbers>
+#include <unordered_map>
+
+#include "lifting/depth_convention.h"
+#include "lifting/depth_sampling.h"
+#include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/text.h"
+#include "raylift/io/depth_file.h"
 
 namespace raylift {
+namespace {
+
+using std::filesystem::path;
+
+constexpr double kMaxTimeDifferenceS = 0.02;
+constexpr double kMaxAspectDifference = 0.01;
+constexpr std::string_view kTime = "{time}";
+
+std::vector<std::string> UsualPatterns() {
+  std::vector<std::string> patterns;
+  for (const char* name : {"{dir}/{stem}", "{name}", "{stem}"}) {
+    for (const char* extension :
+         {".exr", ".npy", ".npz", ".npy.gz", ".png", ".tiff", ".tif", ".pfm", ".bin", ".pgm"}) {
+      patterns.push_back(std::string(name) + extension);
+    }
+  }
+  patterns.insert(patterns.end(),
+                  {"{name}.geometric.bin", "{dir}/{base}.depth.png", "{dir}/{base}.depth.tiff",
+                   "{dir}/{base}_depth.npz", "{flat}_depth.npz"});
+  return patterns;
+}
+
+// Finds files by the time in their names; the listing of a folder is read once.
+class TimeIndex {
+ public:
+  // `expanded` holds {time} once, in its file name.
+  std::optional<path> Find(const path& folder, const std::string& expanded,
+                           std::string_view image_stem) {
+    const path place = folder / expanded;
+    const std::string file = place.filename().string();
+    const size_t at = file.find(kTime);
+    const auto wanted = ParseDouble(image_stem);
+    if (!wanted || at == std::string::npos) return std::nullopt;
+    const auto& files =
+        List(place.parent_path(), file.substr(0, at), file.substr(at + kTime.size()));
+    const auto after = files.lower_bound(*wanted);
+    std::optional<path> best;
+    double best_difference = kMaxTimeDifferenceS;
+    const auto consider = [&](const auto& entry) {
+      const double difference = std::abs(entry->first - *wanted);
+      if (difference <= best_difference) {
+        best_difference = difference;
+        best = entry->second;
+      }
+    };
+    if (after != files.end()) consider(after);
+    if (after != files.begin()) consider(std::prev(after));
+    return best;
+  }
+
+ private:
+  using FilesByTime = std::map<double, path>;
+
+  const FilesByTime& List(const path& folder, const std::string& prefix,
+                          const std::string& suffix) {
+    const auto [listing, is_new] = listings_.try_emplace((folder / (prefix + suffix)).string());
+    if (!is_new) return listing->second;
+    std::error_code missing;
+    for (const auto& entry : std::filesystem::directory_iterator(folder, missing)) {
+      const std::string name = entry.path().filename().string();
+      if (name.size() <= prefix.size() + suffix.size() || !name.starts_with(prefix) ||
+          !name.ends_with(suffix)) {
+        continue;
+      }
+      const auto time = ParseDouble(std::string_view(name).substr(
+          prefix.size(), name.size() - prefix.size() - suffix.size()));
+      if (time) listing->second.emplace(*time, entry.path());
+    }
+    return listing->second;
+  }
+
+  std::unordered_map<std::string, FilesByTime> listings_;
+};
+
+using FilesByImage = std::unordered_map<std::string, path>;
+
+FilesByImage FindFiles(const path& folder, const std::string& pattern,
+                       std::span<const PosedImage> references, TimeIndex& times) {
+  FilesByImage files;
+  std::error_code ignored;
+  for (const PosedImage& reference : references) {
+    const std::string expanded = ExpandPattern(pattern, reference.name);
+    if (expanded.find(kTime) != std::string::npos) {
+      const std::string stem = path(reference.name).stem().string();
+      if (const auto file = times.Find(folder, expanded, stem)) files[reference.name] = *file;
+    } else if (std::filesystem::is_regular_file(folder / expanded, ignored)) {
+      files[reference.name] = folder / expanded;
+    }
+  }
+  return files;
+}
+
+struct FoundFiles {
+  std::string pattern;
+  FilesByImage files;
+};
+
+// Returns the first pattern of those that find the most maps.
+FoundFiles FindByBestPattern(const path& folder, const std::vector<std::string>& patterns,
+                             std::span<const PosedImage> references) {
+  FoundFiles best;
+  TimeIndex times;
+  for (const std::string& pattern : patterns) {
+    FilesByImage files = FindFiles(folder, pattern, references, times);
+    if (files.size() > best.files.size()) best = {pattern, std::move(files)};
+    if (best.files.size() == references.size() && !best.files.empty()) break;
+  }
+  return best;
+}
+
+std::string DescribeStored(const StoredDepth& stored, const DepthConvention& convention) {
+  std::string text = fmt::format("{} {} {} x {}, {}", ToString(stored.format), stored.sample_type,
+                                 stored.width_px, stored.height_px, ToString(convention.kind));
+  if (!stored.layer.empty()) text += fmt::format(", layer {}", stored.layer);
+  if (convention.sensor) text += ", registered into the photograph's camera";
+  return text;
+}
+
+}  // namespace
+
+struct DepthFolder::Impl {
+  using MapPointer = std::shared_ptr<const DepthMap>;
+  struct Entry {
+    std::shared_future<MapPointer> map;
+    std::list<std::string>::iterator place;  // in `order`
+    size_t bytes = 0;                        // 0 while it is being read
+  };
+
+  path folder;
+  DepthConvention convention;
+  FilesByImage files;
+  size_t max_cache_bytes = 0;
+
+  mutable std::mutex mutex;
+  mutable std::unordered_map<std::string, Entry> cache;
+  mutable std::list<std::string> order;  // the most recently used first
+  mutable size_t cache_bytes = 0;
+  // These are of the camera that was seen last; most scenes have one.
+  mutable std::mutex ray_mutex;
+  mutable std::optional<Camera> ray_camera;
+  mutable std::shared_ptr<const std::vector<float>> ray_z;
+
+  DepthReadOptions ReadOptions(const Camera& camera) const {
+    DepthReadOptions options{.layer = convention.layer};
+    if (convention.headerless) {
+      options.raw_size =
+          convention.raw_size.value_or(PlaneSize{camera.width_px(), camera.height_px()});
+    }
+    return options;
+  }
+
+  std::shared_ptr<const std::vector<float>> RayZ(const Camera& camera) const {
+    const std::lock_guard<std::mutex> lock(ray_mutex);
+    if (!ray_camera || !(*ray_camera == camera)) {
+      ray_z = std::make_shared<const std::vector<float>>(RayZOfPixels(camera));
+      ray_camera = camera;
+    }
+    return ray_z;
+  }
+
+  MapPointer Read(const PosedImage& reference, const path& file) const {
+    const StoredDepth stored =
+        Oriented(ReadDepthFile(file, ReadOptions(reference.camera)), convention.orientation);
+    std::optional<StoredDepth> confidence;
+    if (!convention.confidence_pattern.empty()) {
+      confidence = Oriented(
+          ReadDepthFile(folder / ExpandPattern(convention.confidence_pattern, reference.name)),
+          convention.orientation);
+    }
+    std::shared_ptr<const std::vector<float>> rays;
+    if (convention.kind == DepthKind::kRay) {
+      const Camera& camera = convention.sensor ? convention.sensor->camera : reference.camera;
+      rays = RayZ(camera.Scaled(stored.width_px, stored.height_px));
+    }
+    return std::make_shared<const DepthMap>(
+        ToDepthMap(stored, reference.camera, convention, confidence ? &*confidence : nullptr,
+                   rays ? std::span<const float>(*rays) : std::span<const float>()));
+  }
+
+  // Drops the least recently used ones, but for those that are being read and the last one; those
+  // in use stay alive with their users. Needs the lock.
+  void MakeRoom() const {
+    for (auto place = order.end(); cache_bytes > max_cache_bytes && place != order.begin();) {
+      --place;
+      const auto oldest = cache.find(*place);
+      if (oldest->second.bytes == 0 || place == order.begin()) continue;
+      cache_bytes -= oldest->second.bytes;
+      cache.erase(oldest);
+      place = order.erase(place);
+    }
+  }
+
+  // A map that could not be read is not kept: who asks again, reads again.
+  void Forget(const std::string& name) const {
+    const std::lock_guard<std::mutex> lock(mutex);
+    const auto entry = cache.find(name);
+    order.erase(entry->second.place);
+    cache.erase(entry);
+  }
+
+  // The map where it is there or another thread reads it; else its place is taken, and what comes
+  // of `promise` belongs there.
+  std::optional<std::shared_future<MapPointer>> FindOrEnter(
+      const std::string& name, std::promise<MapPointer>& promise) const {
+    const std::lock_guard<std::mutex> lock(mutex);
+    if (const auto found = cache.find(name); found != cache.end()) {
+      order.splice(order.begin(), order, found->second.place);
+      return found->second.map;
+    }
+    order.push_front(name);
+    cache[name] = {promise.get_future().share(), order.begin(), 0};
+    return std::nullopt;
+  }
+
+  MapPointer Load(const PosedImage& reference, const path& file) const {
+    std::promise<MapPointer> promise;
+    if (const auto other = FindOrEnter(reference.name, promise)) return other->get();
+    try {
+      MapPointer map = Read(reference, file);
+      promise.set_value(map);
+      const std::lock_guard<std::mutex> lock(mutex);
+      Entry& entry = cache.at(reference.name);
+      entry.bytes = map->z.size() * sizeof(float);
+      cache_bytes += entry.bytes;
+      MakeRoom();
+      return map;
+    } catch (...) {
+      promise.set_exception(std::current_exception());
+      Forget(reference.name);
+      throw;
+    }
+  }
+};
+
+DepthFolder::DepthFolder(path folder, DepthConvention convention,
+                         std::span<const PosedImage> references, size_t max_cache_bytes)
+    : impl_(std::make_unique<Impl>()) {
+  const std::vector<std::string> patterns =
+      convention.patterns.empty() ? UsualPatterns() : convention.patterns;
+  FoundFiles found = FindByBestPattern(folder, patterns, references);
+  impl_->folder = std::move(folder);
+  impl_->convention = std::move(convention);
+  impl_->files = std::move(found.files);
+  impl_->max_cache_bytes = max_cache_bytes;
+  const auto first = std::find_if(
+      references.begin(), references.end(),
+      [this](const PosedImage& reference) { return impl_->files.contains(reference.name); });
+  if (first == references.end()) {
+    throw InputError(impl_->folder,
+                     fmt::format("no depth map of any of the {} references is here; looked for {}",
+                                 references.size(), fmt::join(patterns, ", ")));
+  }
+  const size_t missing = references.size() - impl_->files.size();
+  if (missing > 0) {
+    const auto first_missing = std::find_if(
+        references.begin(), references.end(),
+        [this](const PosedImage& reference) { return !impl_->files.contains(reference.name); });
+    warnings_.push_back(fmt::format("{}: {} of {} references have no depth map, e.g. {}",
+                                    (impl_->folder / found.pattern).string(), missing,
+                                    references.size(), first_missing->name));
+  }
+  const StoredDepth stored =
+      ReadDepthFile(impl_->files.at(first->name), impl_->ReadOptions(first->camera));
+  understood_ = DescribeStored(stored, impl_->convention);
+  const std::string file = impl_->files.at(first->name).string();
+  if (stored.sample_type == "uint8") {
+    throw InputError(file, "expected depth in 16 bits or floats, found 8 bits");
+  }
+  if (!impl_->convention.unit && !stored.sample_type.starts_with("float")) {
+    warnings_.push_back(fmt::format("{}: integers, taken as millimeters (unit=mm says so)", file));
+  }
+  unit_ = StoredUnit(stored, impl_->convention);
+  const StoredDepth oriented = Oriented(stored, impl_->convention.orientation);
+  size_px_ = {oriented.width_px, oriented.height_px};
+  const double aspect = static_cast<double>(size_px_.width_px) / size_px_.height_px;
+  const double image_aspect =
+      static_cast<double>(first->camera.width_px()) / first->camera.height_px();
+  if (std::abs(aspect / image_aspect - 1) > kMaxAspectDifference) {
+    warnings_.push_back(
+        fmt::format("{}: {} x {} is not the shape of its image, {} x {}: a map of a part of the "
+                    "image would be read wrongly",
+                    file, stored.width_px, stored.height_px, first->camera.width_px(),
+                    first->camera.height_px()));
+  }
+}
+
+DepthFolder::~DepthFolder() = default;
+
+const DepthConvention& DepthFolder::convention() const { return impl_->convention; }
+
+std::shared_ptr<const DepthMap> DepthFolder::Load(const PosedImage& reference) const {
+  const auto file = impl_->files.find(reference.name);
+  return file == impl_->files.end() ? nullptr : impl_->Load(reference, file->second);
+}
+
 namespace {
 
 constexpr double kDegPerRad = 180 / std::numbers::pi;

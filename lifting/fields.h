@@ -6,8 +6,8 @@
 
 #include "base/fields.h"
 
-#include "raylift/lifting/candidates.h"
 #include "raylift/lifting/consistency_filter.h"
+#include "raylift/lifting/lifter.h"
 
 namespace raylift {
 

@@ -7,7 +7,10 @@
 
 #include "base/read_limits.h"
 #include "base/statistics.h"
-#include "spec_keys.h"
+#include "lifting/depth_convention.h"
+#include "lifting/mesh_spec.h"
+#include "lifting/sfm_source.h"
+#include "lifting/spec_keys.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -15,8 +18,6 @@
 #include "raylift/io/colmap_model.h"
 #include "raylift/lifting/depth_source.h"
 #include "raylift/lifting/mesh_source.h"
-#include "raylift/lifting/mesh_spec.h"
-#include "raylift/lifting/sfm_source.h"
 #include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
@@ -38,7 +39,7 @@ std::string DepthKeys() {
       NameList<DepthKind>(), NameList<DepthInterpolation>());
 }
 
-// Of a few thousand discs, evenly spaced.
+// Looks at a few thousand discs, evenly spaced.
 double MedianRadius(const Surfels& surfels) {
   constexpr size_t kSamples = 4096;
   std::vector<double> radii;
@@ -171,10 +172,10 @@ NamedGeometry MakeDepth(SpecKeys keys, const GeometryContext& context) {
                                                   context.max_cache_bytes);
   NamedGeometry geometry;
   geometry.kind = GeometryKind::kDepth;
-  geometry.depth_reading = InputReading{.kind = convention.kind,
-                                        .orientation = convention.orientation,
-                                        .first_sample_px = sampling.first_sample_px,
-                                        .scale = convention.scale};
+  geometry.depth_convention = DataConvention{.kind = convention.kind,
+                                             .orientation = convention.orientation,
+                                             .first_sample_px = sampling.first_sample_px,
+                                             .scale = convention.scale};
   geometry.understood = maps->understood();
   geometry.warnings = maps->warnings();
   geometry.maps = maps;

@@ -1,4 +1,4 @@
-#include "raylift/lifting/mesh_placement.h"
+#include "lifting/mesh_placement.h"
 
 #include <algorithm>
 #include <array>
@@ -17,7 +17,7 @@ namespace {
 
 constexpr std::string_view kAxisNames = "xyz";
 
-// Of rotations that are not axes: by their angle.
+// Describes a rotation that is not one of axes by its angle.
 double AngleDeg(const Eigen::Matrix3d& rotation) {
   constexpr double kDegPerRad = 57.29577951308232;
   return kDegPerRad * std::acos(std::clamp((rotation.trace() - 1) / 2, -1.0, 1.0));

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <numbers>
 
-#include "curve_order.h"
 #include <Eigen/Geometry>
 
 #include "raylift/base/error.h"
@@ -162,7 +162,8 @@ class ReferenceLifter {
     return point;
   }
 
-  // How far the hit of a neighboring ray (none: it leaves the scene) is from the point's plane.
+  // Returns how far the hit of a neighboring ray (none: it leaves the scene) is from the point's
+  // plane.
   double JumpTo(const SurfacePoint& point, const PixelRay& ray, const CoarseHit& hit) const {
     if (!hit.IsHit()) return std::numeric_limits<double>::infinity();
     const Eigen::Vector3d point_from_center = point.point_in_world - center_in_world_;
@@ -180,12 +181,48 @@ class ReferenceLifter {
   Eigen::Matrix3d world_from_cam_;
   double near_z_;
   double jump_radius_px_;
-  // Of the current batch; kept for the next one.
+  // The memory of the current batch is kept for the next one.
   std::vector<PixelRay> rays_;
   std::vector<CoarseHit> hits_;
   std::vector<RayBlock> ray_blocks_;
   std::vector<HitBlock> hit_blocks_;
 };
+
+constexpr uint32_t kSide = 64;  // cells
+
+// The bits of a number below 2^8, with zeros between them.
+uint32_t SpreadBits(uint32_t value) {
+  value = (value | value << 4) & 0x0f0fu;
+  value = (value | value << 2) & 0x3333u;
+  return (value | value << 1) & 0x5555u;
+}
+
+// NaN falls into cell 0.
+uint32_t CellAlong(double cells) {
+  return cells > 0 ? static_cast<uint32_t>(std::min<double>(cells, kSide - 1)) : 0;
+}
+
+// Returns the pixels' indices along a Z-shaped curve through the cells of a grid over the image, in
+// the given order within a cell; pixels outside count as at the border. Rays through neighbors meet
+// the same parts of a mesh, which are still in the cache, and can be cast in blocks.
+std::vector<uint32_t> OrderAlongCurve(const Camera& camera,
+                                      std::span<const Eigen::Vector2d> pixels) {
+  const Eigen::Vector2d cells_per_px(kSide / static_cast<double>(camera.width_px()),
+                                     kSide / static_cast<double>(camera.height_px()));
+  std::vector<uint32_t> cell_of_pixel;
+  cell_of_pixel.reserve(pixels.size());
+  std::array<uint32_t, size_t{kSide} * kSide + 1> next{};  // place of each cell's next pixel
+  for (const Eigen::Vector2d& pixel : pixels) {
+    const uint32_t cell = SpreadBits(CellAlong(pixel.x() * cells_per_px.x())) |
+                          SpreadBits(CellAlong(pixel.y() * cells_per_px.y())) << 1;
+    cell_of_pixel.push_back(cell);
+    ++next[cell + 1];
+  }
+  for (size_t cell = 0; cell + 1 < next.size(); ++cell) next[cell + 1] += next[cell];
+  std::vector<uint32_t> order(pixels.size());
+  for (uint32_t i = 0; i < pixels.size(); ++i) order[next[cell_of_pixel[i]]++] = i;
+  return order;
+}
 
 }  // namespace
 

@@ -1,4 +1,4 @@
-#include "raylift/lifting/mesh_spec.h"
+#include "lifting/mesh_spec.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,11 +8,12 @@
 #include <utility>
 #include <vector>
 
-#include "nerfstudio_frame.h"
-#include "spec_keys.h"
+#include "io/text/json_document.h"
+#include "lifting/spec_keys.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 #include "raylift/base/text.h"
 #include "raylift/surfaces/point_cloud.h"
 
@@ -45,7 +46,8 @@ std::string KeysOf(MeshUse use) {
       NameList<BackFaces>(), PlaceKeys());
 }
 
-// Of what has neither front nor back: its own keys, and those that it shares with meshes.
+// Returns the keys of surfaces without front and back: their own, and those that they share with
+// meshes.
 std::string KeysWithoutFaces(std::string_view own, MeshUse use) {
   if (use == MeshUse::kRender) return fmt::format("{}, {}", own, PlaceKeys());
   return fmt::format("{}, near, far, max_incidence_deg, max_depth_jump, jump_radius_px, {}", own,
@@ -114,7 +116,7 @@ void RefuseKeysOfLifting(const SpecKeys& keys, std::string_view known) {
   }
 }
 
-// What they all have in common.
+// Reads the keys that all of them have.
 void TakeSurfaceKeys(SpecKeys& keys, MeshSpec& spec) {
   spec.files = keys.path();
   spec.placement = TakePlacement(keys);
@@ -140,6 +142,29 @@ SurfelOptions TakeSurfelOptions(SpecKeys& keys) {
   }
   options.neighbors = static_cast<int>(neighbors);
   return options;
+}
+
+// Nerfstudio exports in a frame of its own; the way from the data set's is in this file:
+// point_in_model = scale * (transform * point_in_world). Returns its inverse. Throws InputError
+// naming the file and field.
+constexpr const char* kNerfstudioTransforms = "dataparser_transforms.json";
+
+MeshPlacement ReadNerfstudioPlacement(const std::filesystem::path& path) {
+  const JsonDocument document(ReadFile(path), path);
+  const JsonPlace root = document.Root();
+  const JsonPlace transform = root.Member("transform");
+  transform.ExpectArraySize(3);
+  std::vector<double> numbers;
+  for (size_t row = 0; row < 3; ++row) {
+    const JsonPlace values = transform.At(row);
+    values.ExpectArraySize(4);
+    for (size_t column = 0; column < 4; ++column) numbers.push_back(values.At(column).Number());
+  }
+  const auto moved = PlacementFromMatrix(numbers);
+  if (!moved) transform.Fail("expected a rotation and a translation");
+  const JsonPlace scale = root.Member("scale");
+  if (!(scale.Number() > 0)) scale.Fail("expected a positive number");
+  return Inverse(MeshPlacement{.scale = scale.Number()} * *moved);
 }
 
 }  // namespace

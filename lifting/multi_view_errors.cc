@@ -1,4 +1,4 @@
-#include "raylift/lifting/multi_view_errors.h"
+#include "lifting/multi_view_errors.h"
 
 #include <algorithm>
 

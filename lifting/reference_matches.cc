@@ -1,8 +1,11 @@
-#include "raylift/lifting/reference_matches.h"
+#include "lifting/reference_matches.h"
 
 #include <algorithm>
 #include <tuple>
 
+#include <Eigen/Geometry>
+
+#include "raylift/lifting/depth_alignment.h"
 #include "raylift/scene/keypoints.h"
 
 namespace raylift {
@@ -55,6 +58,32 @@ std::vector<std::vector<HalfMatch>> HalvesByReference(std::span<const ReferenceM
     halves[static_cast<size_t>(m.reference_b)].push_back({m.b_px, m.reference_a, m.a_px});
   }
   return halves;
+}
+
+std::optional<SightLine> LineInOther(const PosedImage& map, const Eigen::Vector2d& pixel,
+                                     const PosedImage& other) {
+  const auto ray = map.camera.RayInCam(pixel);
+  const double depth = ray ? map.camera.DepthOf(*ray) : 0;
+  if (!(depth > 0)) return std::nullopt;
+  const Rigid3 other_from_map = other.cam_from_world * map.cam_from_world.Inverse();
+  return SightLine{.origin = other_from_map.translation,
+                   .direction = other_from_map.rotation * (*ray / depth)};
+}
+
+std::optional<TriangulatedDepth> TriangulateDepth(const SightLine& line_in_other,
+                                                  const Camera& other_camera,
+                                                  const Eigen::Vector2d& other_px) {
+  const auto other_ray = other_camera.RayInCam(other_px);
+  if (!other_ray) return std::nullopt;
+  const auto approach =
+      Approach(line_in_other, {.origin = Eigen::Vector3d::Zero(), .direction = *other_ray});
+  if (!approach || !(approach->ray_t_a > 0)) return std::nullopt;
+  const double z = approach->ray_t_a;
+  const auto projection = other_camera.ImgFromCamWithJacobian(line_in_other.At(z));
+  if (!projection) return std::nullopt;
+  return TriangulatedDepth{.z = z,
+                           .projected_px = projection->pixel,
+                           .gain_px = (projection->jacobian * line_in_other.direction).norm() * z};
 }
 
 }  // namespace raylift

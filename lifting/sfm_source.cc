@@ -1,4 +1,4 @@
-#include "raylift/lifting/sfm_source.h"
+#include "lifting/sfm_source.h"
 
 #include <algorithm>
 #include <map>
@@ -70,7 +70,7 @@ SurfacePoint::Track TrackOf(const ColmapPoint3D& point) {
   return track;
 }
 
-// How far the model's points project from its keypoints if the references' poses are used.
+// Returns how far the model's points project from its keypoints by the references' poses.
 std::vector<double> DistancesPx(const ColmapModel& model, const ColmapImage& image,
                                 const PosedImage& reference) {
   std::vector<double> distances;

@@ -1,4 +1,4 @@
-#include "spec_keys.h"
+#include "lifting/spec_keys.h"
 
 #include <cmath>
 

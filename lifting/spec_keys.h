@@ -1,4 +1,4 @@
-// The parts of a specification "kind:PATH,key=value,..." by key. Private to lifting.
+// The parts of a specification "kind:PATH,key=value,..." by key.
 
 #pragma once
 
@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "raylift/base/enum_names.h"
-#include "raylift/lifting/surface_limits.h"
+#include "raylift/lifting/geometry_source.h"
 
 namespace raylift {
 

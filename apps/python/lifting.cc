@@ -6,6 +6,7 @@
 
 #include "apps/python/conversions.h"
 #include "apps/python/geometry_source.h"
+#include "lifting/depth_convention.h"
 #include "lifting/fields.h"
 
 #include "raylift/base/text.h"

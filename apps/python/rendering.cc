@@ -5,10 +5,10 @@
 
 #include "apps/python/geometry_source.h"
 #include "base/progress.h"
+#include "lifting/mesh_spec.h"
 
 #include "raylift/base/parallel.h"
-#include "raylift/evaluation/depth_edges.h"
-#include "raylift/lifting/mesh_spec.h"
+#include "raylift/evaluation/depth_errors.h"
 #include "raylift/renderers/frame_renderer.h"
 #include "raylift/surfaces/mesh_files.h"
 #include "raylift/views/render_job.h"

@@ -1,4 +1,4 @@
-#include "raylift/comparison/comparison_tables.h"
+#include "comparison/comparison_tables.h"
 
 #include <algorithm>
 #include <array>
@@ -38,7 +38,7 @@ auto Of(std::optional<Part> Whole::*part, std::array<double, N> Part::*member, s
   };
 }
 
-// None where no match could be lifted: nothing is not an error of 0 px.
+// Returns nullopt where no match could be lifted: that is not an error of 0 px.
 Value MedianMatchError(const std::optional<MatchErrors>& matches) {
   if (!matches || matches->count == 0) return std::nullopt;
   return matches->median_px;
@@ -202,7 +202,7 @@ std::string Field(const Value& value, int digits) {
   return fmt::format("{:.{}f}", *value, digits);
 }
 
-// For machines: enough digits to tell values apart.
+// Writes enough digits to tell values apart.
 std::string Exact(const Value& value) { return value ? fmt::format("{:.9g}", *value) : ""; }
 
 Json Number(const Value& value) { return value && std::isfinite(*value) ? Json(*value) : Json(); }

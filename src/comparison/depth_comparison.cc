@@ -6,10 +6,11 @@
 #include <memory>
 
 #include "base/statistics.h"
-#include "explained_views.h"
-#include "image_comparison.h"
-#include "match_errors.h"
-#include "surface_scorer.h"
+#include "comparison/image_errors.h"
+#include "comparison/surface_distance.h"
+#include "comparison/view_consistency.h"
+#include "diagnosis/depth_explanation.h"
+#include "lifting/source_view.h"
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
@@ -94,7 +95,7 @@ class Comparer {
     return error && std::abs(error->error_px) <= kMaxSampsonPx;
   }
 
-  // Of the truth (else the first source), sorted.
+  // Returns depths of the truth (else of the first source), sorted.
   std::vector<double> SampleDepths() const {
     constexpr int kPixels = 64;
     const GeometrySource& source = *sources_[options_.truth.value_or(0)].source;
@@ -119,7 +120,7 @@ class Comparer {
             BinnedDepthErrors({0, 1, 2, 3, 5, 8, 12, 20, 40, 80})};
   }
 
-  // In batches: compared in parallel, added in order.
+  // Works in batches: images are compared in parallel and added in order.
   void CompareImages(const ImageCurves& curves, DepthComparison& result) {
     const size_t batch = 4 * static_cast<size_t>(ResolveThreads(options_.threads));
     for (size_t begin = 0; begin < images_.size(); begin += batch) {
@@ -270,7 +271,7 @@ class Comparer {
     } else if (!view_scales.empty()) {
       traits.log_scale_sigma = RobustSigma(view_scales);
     }
-    // What keypoints' noise alone makes of a grid of factors.
+    // Keypoints' noise alone spreads a grid of factors by so much.
     constexpr double kGridNoise = 0.02;
     if (source.match_warp_sigma) {
       traits.warp_sigma = std::max(0.0, *source.match_warp_sigma - kGridNoise);
@@ -295,8 +296,10 @@ std::vector<ComparedSource> ComparedSourcesOf(const Scene& scene) {
     sources.push_back({.name = source.name,
                        .spec = source.spec,
                        .understood = geometry.understood,
-                       .source = geometry.source.get(),
-                       .mesh = geometry.mesh ? &geometry.mesh->mesh() : nullptr});
+                       .source = geometry.source,
+                       .mesh = geometry.mesh ? std::shared_ptr<const TriangleMesh>(
+                                                   geometry.mesh, &geometry.mesh->mesh())
+                                             : nullptr});
   }
   return sources;
 }

@@ -1,25 +1,161 @@
 #include "raylift/comparison/localization_comparison.h"
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <tuple>
 #include <utility>
 
+#include "base/json_text.h"
 #include "base/statistics.h"
+#include "geometry/pose_json.h"
 #include "localization/grid_localizer.h"
-#include "localization_outcome.h"
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/text.h"
 #include "raylift/evaluation/depth_errors.h"
+#include "raylift/geometry/residuals.h"
 
 namespace raylift {
 namespace {
 
-// What tells one way to localize from the others; what does not matter to it is empty.
-struct Way {
+size_t CountInliers2D2D(const PoseProblem& problem, const Rigid3& cam_from_world,
+                        double threshold_px) {
+  size_t count = 0;
+  for (const Match2D2D& match : problem.matches_2d2d) {
+    const PosedImage& reference = problem.references[static_cast<size_t>(match.reference)];
+    const auto error = SampsonError(problem.query_camera, cam_from_world, match.query_px,
+                                    reference.camera, reference.cam_from_world, match.reference_px);
+    count += error && std::abs(error->error_px) <= threshold_px;
+  }
+  return count;
+}
+
+}  // namespace
+
+QueryDetail DescribeQuery(const PoseProblem& problem, size_t hit, const PoseEstimate& estimate,
+                          const EstimatorOptions& options, const Rigid3& true_cam_from_world,
+                          size_t max_keypoints) {
+  QueryDetail detail;
+  detail.retrieved = problem.references.size();
+  detail.matched = problem.matches_2d2d.size();
+  detail.hit = hit;
+  detail.consistent = problem.matches_2d3d.size();
+  detail.inliers_2d3d = static_cast<size_t>(std::max(0, estimate.score_2d3d.num_inliers));
+  detail.inliers_2d2d = static_cast<size_t>(std::max(0, estimate.score_2d2d.num_inliers));
+  detail.cam_from_world = estimate.cam_from_world;
+  if (estimate.cam_from_world) detail.solver = ToString(estimate.solver);
+  const auto add_candidate = [&](Solver solver, const std::optional<Rigid3>& pose) {
+    if (!pose) return;
+    detail.candidates.push_back({std::string(ToString(solver)),
+                                 ComparePoses(*pose, true_cam_from_world),
+                                 CountInliers2D2D(problem, *pose, options.sampson_threshold_px),
+                                 estimate.cam_from_world && estimate.solver == solver});
+  };
+  add_candidate(Solver::kP3p, estimate.p3p_cam_from_world);
+  add_candidate(Solver::kE5p1, estimate.e5p1_cam_from_world);
+  const size_t count = problem.matches_2d3d.size();
+  const size_t stride = max_keypoints > 0 ? count / max_keypoints + 1 : count + 1;
+  for (size_t i = 0; max_keypoints > 0 && i < count; i += stride) {
+    const bool is_inlier = i < estimate.inliers_2d3d.size() && estimate.inliers_2d3d[i];
+    detail.keypoints.push_back({problem.matches_2d3d[i].query_px, is_inlier});
+  }
+  return detail;
+}
+
+namespace {
+
+// The result of one configuration for one query, as a comparison keeps it.
+struct LocalizationOutcome {
+  std::optional<Rigid3> cam_from_world;  // none: not localized
+  double inliers_2d3d = 0, inliers_2d2d = 0;
+  QueryDetail detail;
+};
+
+using Json = nlohmann::ordered_json;
+
+Json ToJson(const std::optional<Rigid3>& pose) { return pose ? PoseJson<Json>(*pose) : Json(); }
+
+std::optional<Rigid3> PoseOf(const Json& json) {
+  return json.is_null() ? std::nullopt : std::optional(PoseFromJson(json));
+}
+
+Json ToJson(const QueryDetail& detail) {
+  Json candidates = Json::array();
+  for (const QueryDetail::Candidate& candidate : detail.candidates) {
+    candidates.push_back({candidate.solver, candidate.error.position, candidate.error.rotation_deg,
+                          candidate.inliers_2d2d, candidate.chosen});
+  }
+  Json keypoints = Json::array();
+  for (const QueryDetail::Keypoint& keypoint : detail.keypoints) {
+    keypoints.push_back({keypoint.pixel.x(), keypoint.pixel.y(), keypoint.is_inlier});
+  }
+  return {{"counts",
+           {detail.retrieved, detail.matched, detail.hit, detail.consistent, detail.inliers_2d3d,
+            detail.inliers_2d2d}},
+          {"solver", detail.solver},
+          {"pose", ToJson(detail.cam_from_world)},
+          {"candidates", std::move(candidates)},
+          {"keypoints", std::move(keypoints)}};
+}
+
+QueryDetail DetailOf(const Json& json) {
+  QueryDetail detail;
+  const Json& counts = json.at("counts");
+  size_t next = 0;
+  for (size_t* count : {&detail.retrieved, &detail.matched, &detail.hit, &detail.consistent,
+                        &detail.inliers_2d3d, &detail.inliers_2d2d}) {
+    *count = counts.at(next++).get<size_t>();
+  }
+  detail.solver = json.at("solver").get<std::string>();
+  detail.cam_from_world = PoseOf(json.at("pose"));
+  for (const Json& candidate : json.at("candidates")) {
+    detail.candidates.push_back(
+        {.solver = candidate.at(0).get<std::string>(),
+         .error = {candidate.at(1).get<double>(), candidate.at(2).get<double>()},
+         .inliers_2d2d = candidate.at(3).get<size_t>(),
+         .chosen = candidate.at(4).get<bool>()});
+  }
+  for (const Json& keypoint : json.at("keypoints")) {
+    detail.keypoints.push_back(
+        {.pixel = {keypoint.at(0).get<double>(), keypoint.at(1).get<double>()},
+         .is_inlier = keypoint.at(2).get<bool>()});
+  }
+  return detail;
+}
+
+std::string FormatOutcomes(std::span<const LocalizationOutcome> outcomes) {
+  Json json = Json::array();
+  for (const LocalizationOutcome& outcome : outcomes) {
+    json.push_back({{"pose", ToJson(outcome.cam_from_world)},
+                    {"inliers", {outcome.inliers_2d3d, outcome.inliers_2d2d}},
+                    {"detail", ToJson(outcome.detail)}});
+  }
+  return JsonText(json);
+}
+
+// Returns nullopt where the text is no such JSON, as of numbers that are not finite.
+std::optional<std::vector<LocalizationOutcome>> ParseOutcomes(const std::string& text) {
+  try {
+    std::vector<LocalizationOutcome> outcomes;
+    for (const Json& json : Json::parse(text)) {
+      LocalizationOutcome& outcome = outcomes.emplace_back();
+      outcome.cam_from_world = PoseOf(json.at("pose"));
+      outcome.inliers_2d3d = json.at("inliers").at(0).get<double>();
+      outcome.inliers_2d2d = json.at("inliers").at(1).get<double>();
+      outcome.detail = DetailOf(json.at("detail"));
+    }
+    return outcomes;
+  } catch (const nlohmann::json::exception&) {
+    return std::nullopt;
+  }
+}
+
+// A configuration of the grid; fields that do not matter to it are empty.
+struct Configuration {
   std::string source, alignment, filter;
   EstimatorOptions method;
 
@@ -46,12 +182,12 @@ class Runner {
     if (truth_.empty()) throw InputError("the ground truth holds none of the queries");
     Scene without_geometry = scene;
     without_geometry.sources.clear();
-    AddWaysWithoutGeometry(without_geometry);
+    AddWithoutGeometry(without_geometry);
     for (const SceneSource& source : scene.sources) {
       Scene alone = without_geometry;
       alone.sources = {source};
       for (const AlignMode mode : grid.alignments) {
-        AddWays(Aligned(alone, mode, reference_matches, grid.threads), mode);
+        AddConfigurations(Aligned(alone, mode, reference_matches, grid.threads), mode);
       }
     }
   }
@@ -72,8 +208,8 @@ class Runner {
     });
     LocalizationComparison result;
     result.thresholds = grid_.thresholds;
-    for (size_t way = 0; way < ways_.size(); ++way) {
-      result.rows.push_back(MakeRow(way));
+    for (size_t configuration = 0; configuration < configurations_.size(); ++configuration) {
+      result.rows.push_back(MakeRow(configuration));
     }
     AddOracles(result.rows);
     Rate(result.rows);
@@ -81,15 +217,15 @@ class Runner {
   }
 
  private:
-  void AddWaysWithoutGeometry(const Scene& scene) {
+  void AddWithoutGeometry(const Scene& scene) {
     const auto shared = std::make_shared<const Scene>(scene);
     for (const EstimatorOptions& method : grid_.methods) {
       if (!Uses2D3D(method.method))
-        AddWay(shared, {"", "", "", method}, {.candidates = grid_.candidates});
+        AddConfiguration(shared, {"", "", "", method}, {.candidates = grid_.candidates});
     }
   }
 
-  void AddWays(const Scene& scene, AlignMode alignment) {
+  void AddConfigurations(const Scene& scene, AlignMode alignment) {
     const auto shared = std::make_shared<const Scene>(scene);
     for (const FilterMode mode : grid_.filters) {
       LocalizerOptions options{.filter = {.mode = mode, .thresholds = grid_.filter_thresholds},
@@ -98,38 +234,39 @@ class Runner {
           EstimateSceneNoise(queries_, scene, *matches_, options, grid_.threads);
       for (const EstimatorOptions& method : grid_.methods) {
         if (!Uses2D3D(method.method)) continue;
-        AddWay(shared,
-               {scene.sources.front().name, std::string(ToString(alignment)),
-                std::string(ToString(mode)), method},
-               options);
+        AddConfiguration(shared,
+                         {scene.sources.front().name, std::string(ToString(alignment)),
+                          std::string(ToString(mode)), method},
+                         options);
       }
     }
   }
 
-  void AddWay(const std::shared_ptr<const Scene>& scene, Way way, LocalizerOptions options) {
-    options.estimator = way.method;
+  void AddConfiguration(const std::shared_ptr<const Scene>& scene, Configuration configuration,
+                        LocalizerOptions options) {
+    options.estimator = configuration.method;
     localizers_.emplace_back(scene, matches_, options);
-    ways_.push_back(std::move(way));
+    configurations_.push_back(std::move(configuration));
   }
 
   bool TakeKept(size_t query, const LocalizationHooks& hooks) {
     const auto text = hooks.kept ? hooks.kept(query) : std::nullopt;
     auto outcomes = text ? ParseOutcomes(*text) : std::nullopt;
-    if (!outcomes || outcomes->size() != ways_.size()) return false;
+    if (!outcomes || outcomes->size() != configurations_.size()) return false;
     outcomes_[query] = std::move(*outcomes);
     return true;
   }
 
   std::vector<LocalizationOutcome> Localize(const GridLocalizer& localizer,
                                             const QueryResult& matched) const {
-    std::vector<LocalizationOutcome> outcomes(ways_.size());
-    localizer.Localize(matched, 1, [&](size_t way, const QueryResult& result) {
-      outcomes[way] = Keep(ways_[way], result);
+    std::vector<LocalizationOutcome> outcomes(configurations_.size());
+    localizer.Localize(matched, 1, [&](size_t configuration, const QueryResult& result) {
+      outcomes[configuration] = Keep(configurations_[configuration], result);
     });
     return outcomes;
   }
 
-  LocalizationOutcome Keep(const Way& way, const QueryResult& result) const {
+  LocalizationOutcome Keep(const Configuration& configuration, const QueryResult& result) const {
     const LocalizedQuery& localized = result.localized;
     LocalizationOutcome outcome;
     if (localized.localized()) outcome.cam_from_world = localized.estimate.cam_from_world;
@@ -137,18 +274,19 @@ class Runner {
     outcome.inliers_2d2d = localized.estimate.score_2d2d.num_inliers;
     if (const auto pose = truth_.find(localized.name); pose != truth_.end()) {
       outcome.detail = DescribeQuery(result.problem, localized.counts.hit, localized.estimate,
-                                     way.method, pose->second, way.IsPlain() ? kShownKeypoints : 0);
+                                     configuration.method, pose->second,
+                                     configuration.IsPlain() ? kShownKeypoints : 0);
     }
     return outcome;
   }
 
   LocalizationRow MakeRow(size_t index) const {
-    const Way& way = ways_[index];
+    const Configuration& configuration = configurations_[index];
     LocalizationRow row;
-    row.source = way.source;
-    row.alignment = way.alignment;
-    row.filter = way.filter;
-    row.method = MethodTitle(way.method);
+    row.source = configuration.source;
+    row.alignment = configuration.alignment;
+    row.filter = configuration.filter;
+    row.method = MethodTitle(configuration.method);
     PosesByName poses;
     std::vector<double> points, matches;
     for (size_t i = 0; i < queries_.size(); ++i) {
@@ -164,7 +302,7 @@ class Runner {
     return row;
   }
 
-  // Of P3P and E5+1, where both were run.
+  // The oracle of P3P and E5+1 exists where both were run.
   static void AddOracles(std::vector<LocalizationRow>& rows) {
     const auto e5p1 = std::find_if(rows.begin(), rows.end(), [](const LocalizationRow& row) {
       return row.method == ToString(Method::kE5p1);
@@ -206,7 +344,7 @@ class Runner {
     }
   }
 
-  // By recall, then by the median error.
+  // The best row has the highest recall, then the least median error.
   static bool IsBetter(const ResultSummary& a, const ResultSummary& b, size_t threshold) {
     return std::tuple(-a.recalls_percent[threshold], a.median_position) <
            std::tuple(-b.recalls_percent[threshold], b.median_position);
@@ -216,9 +354,9 @@ class Runner {
   std::shared_ptr<const MatchSource> matches_;
   const LocalizationGrid& grid_;
   PosesByName truth_;
-  std::vector<Way> ways_;
-  std::vector<Localizer> localizers_;                       // one for each way
-  std::vector<std::vector<LocalizationOutcome>> outcomes_;  // of each query, of each way
+  std::vector<Configuration> configurations_;
+  std::vector<Localizer> localizers_;                       // one for each configuration
+  std::vector<std::vector<LocalizationOutcome>> outcomes_;  // of each query and configuration
 };
 
 }  // namespace

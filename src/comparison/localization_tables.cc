@@ -16,7 +16,7 @@ std::string Error(double value) {
 
 std::string OrDash(const std::string& text) { return text.empty() ? "-" : Printable(text); }
 
-// How a row stands to the best one at a threshold.
+// Says how a row stands to the best one at a threshold.
 std::string Verdict(const LocalizationRow& row, size_t threshold) {
   if (row.is_oracle) return "oracle";
   const Interval& difference = row.difference_to_best[threshold];
@@ -31,7 +31,7 @@ nlohmann::ordered_json ToJson(const Interval& interval) {
   return {number(interval.low), number(interval.high)};
 }
 
-// What the stages left of a query's matches, and why its pose is what it is.
+// Lists what the stages left of a query's matches, and how its pose was found.
 void AddDetail(const QueryDetail& detail, nlohmann::ordered_json& entry) {
   entry["retrieved"] = detail.retrieved;
   entry["matched"] = detail.matched;

@@ -7,15 +7,16 @@
 
 #include "base/index_sets.h"
 #include "base/json_text.h"
-#include "report_pictures.h"
-#include "report_scene.h"
+#include "comparison/comparison_tables.h"
+#include "lifting/source_view.h"
+#include "report/page.h"
+#include "report/pictures.h"
+#include "report/scene_json.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
-#include "raylift/comparison/comparison_tables.h"
-#include "raylift/comparison/report_page.h"
 #include "raylift/io/image_file.h"
 
 namespace raylift {
@@ -106,7 +107,7 @@ void ReportPictures::Take(size_t image, const PosedImage& view, std::span<const 
   if (strip == impl_->strips.end()) return;
   const auto photo = ReadPhoto(impl_->options.images, view.name);
   strip->second.json = impl_->MakeStrip(view, views, photo);
-  // Of the truth, else the first source; colored by the photograph, else by how near it is.
+  // Shows the truth, else the first source, colored by the photograph, else by how near it is.
   const DepthMap& depth = views[impl_->truth.value_or(0)].depth;
   strip->second.points =
       PointsOf(view, depth, photo ? *photo : ColorizeDepth(depth, impl_->near, impl_->far));

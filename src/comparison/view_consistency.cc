@@ -1,12 +1,12 @@
-#include "raylift/comparison/view_consistency.h"
+#include "comparison/view_consistency.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include "base/statistics.h"
+#include "lifting/source_view.h"
 
 #include "raylift/base/parallel.h"
-#include "raylift/comparison/source_view.h"
 
 namespace raylift {
 namespace {

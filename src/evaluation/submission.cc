@@ -1,4 +1,4 @@
-#include "raylift/evaluation/submission.h"
+#include "evaluation/submission.h"
 
 #include <algorithm>
 #include <array>

@@ -1,4 +1,4 @@
-#include "raylift/evaluation/tables.h"
+#include "evaluation/tables.h"
 
 #include <algorithm>
 #include <cmath>
@@ -41,7 +41,7 @@ nlohmann::ordered_json CalibrationJson(const Calibration& calibration) {
 
 using Row = TableRow;
 
-// How well the covariances of the results fit that have some; empty where none has.
+// Says how well the covariances of the results fit that have some; empty where none has.
 std::string FormatCalibrationText(std::span<const ResultSummary> results) {
   std::vector<Row> rows = {{"covariances", "poses", "mean e2/6", "median e2/6", "in 90% %",
                             "median sigmas", "< 3 sigma %"}};

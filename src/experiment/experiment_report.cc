@@ -4,11 +4,11 @@
 
 #include "base/json_text.h"
 #include "experiment/pivot.h"
+#include "report/page.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/text.h"
-#include "raylift/comparison/report_page.h"
 
 namespace raylift {
 namespace {

@@ -12,7 +12,6 @@
 #include "raylift/base/enum_names.h"
 #include "raylift/evaluation/bootstrap.h"
 #include "raylift/evaluation/pose_errors.h"
-#include "raylift/evaluation/recall.h"
 #include "raylift/experiment/experiment.h"
 #include "raylift/experiment/run_cells.h"
 

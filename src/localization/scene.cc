@@ -10,7 +10,7 @@
 #include "raylift/base/error.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/scene_file.h"
-#include "raylift/lifting/aligned_source.h"
+#include "raylift/lifting/depth_alignment.h"
 #include "raylift/views/rendered_references.h"
 
 namespace raylift {

@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "raylift/lifting/reference_matches.h"
+#include "raylift/lifting/depth_alignment.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
 #include "raylift/scene/photographs.h"

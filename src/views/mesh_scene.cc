@@ -5,10 +5,10 @@
 #include <string_view>
 #include <utility>
 
+#include "lifting/mesh_spec.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/lifting/mesh_spec.h"
 #include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {

@@ -6,6 +6,7 @@
 #include <unordered_map>
 #include <unordered_set>
 
+#include "lifting/depth_convention.h"
 #include <fmt/format.h>
 #include <fnmatch.h>
 
@@ -13,7 +14,6 @@
 #include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
-#include "raylift/lifting/depth_convention.h"
 
 namespace raylift {
 namespace {

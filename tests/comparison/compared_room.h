@@ -69,8 +69,12 @@ struct ComparedRoom {
   MapSource Perturbed(const DepthPerturbation& perturbation) const {
     return MapSource(PerturbedMaps(perturbation));
   }
-  std::shared_ptr<const MapSource> Scaled(double factor) const {
-    return std::make_shared<const MapSource>(PerturbedMaps({.scale = factor}));
+  std::shared_ptr<const MapSource> Shared(const DepthPerturbation& perturbation) const {
+    return std::make_shared<const MapSource>(PerturbedMaps(perturbation));
+  }
+  std::shared_ptr<const MapSource> Scaled(double factor) const { return Shared({.scale = factor}); }
+  std::shared_ptr<const MeshSource> SharedTruth() const {
+    return std::make_shared<const MeshSource>(truth);
   }
 
  private:

@@ -3,13 +3,12 @@
 #include <cmath>
 
 #include "base/rng.h"
-#include "compared_room.h"
+#include "comparison/compared_room.h"
+#include "comparison/comparison_tables.h"
 #include "support/enum_names.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>
 #include <nlohmann/json.hpp>
-
-#include "raylift/comparison/comparison_tables.h"
 
 namespace raylift {
 namespace {
@@ -45,16 +44,14 @@ std::vector<Planted> EveryDistortion() {
 class Sources {
  public:
   explicit Sources(const ComparedRoom& room) {
-    compared_.push_back({"mesh", "", "", &room.truth, room.mesh.get()});
+    compared_.push_back({"mesh", "", "", room.SharedTruth(), room.mesh});
     for (const Planted& planted : EveryDistortion()) {
-      maps_.emplace_back(new MapSource(room.Perturbed(planted.perturbation)));
-      compared_.push_back({planted.name, "", "", maps_.back().get(), nullptr});
+      compared_.push_back({planted.name, "", "", room.Shared(planted.perturbation)});
     }
   }
   std::span<const ComparedSource> compared() const { return compared_; }
 
  private:
-  std::vector<std::unique_ptr<MapSource>> maps_;
   std::vector<ComparedSource> compared_;
 };
 
@@ -134,12 +131,10 @@ TEST(Diagnose, NamesNoiseByHowItGrows) {
 
 TEST(CompareDepth, WithoutATruthViewsTellScales) {
   const ComparedRoom room;
-  const MapSource scaled = room.Perturbed({.scale = 1.1});
-  const MapSource good = room.Perturbed({});
-  const MapSource uneven = room.Perturbed({.scale_sigma = 0.08});
-  const std::vector<ComparedSource> sources = {{"good", "", "", &good, nullptr},
-                                               {"scaled", "", "", &scaled, nullptr},
-                                               {"uneven", "", "", &uneven, nullptr}};
+  const std::vector<ComparedSource> sources = {
+      {"good", "", "", room.Shared({})},
+      {"scaled", "", "", room.Scaled(1.1)},
+      {"uneven", "", "", room.Shared({.scale_sigma = 0.08})}};
   const DepthComparison comparison = CompareDepth(sources, room.images, {}, {});
   EXPECT_THAT(Named(comparison.sources[0]), IsEmpty()) << FormatComparisonText(comparison);
   EXPECT_THAT(Named(comparison.sources[1]), ::testing::Contains(DepthFault::kScale))
@@ -164,9 +159,8 @@ TEST(CompareDepth, MatchesTellScalesWithoutATruth) {
       }
     }
   }
-  const MapSource scaled = room.Perturbed({.scale = 1.1});
-  const std::vector<ComparedSource> sources = {{"good", "", "", &room.truth, nullptr},
-                                               {"scaled", "", "", &scaled, nullptr}};
+  const std::vector<ComparedSource> sources = {{"good", "", "", room.SharedTruth()},
+                                               {"scaled", "", "", room.Scaled(1.1)}};
   const DepthComparison comparison = CompareDepth(sources, room.images, matches, {});
   ASSERT_TRUE(comparison.sources[0].matches.has_value());
   // What the match sees may be hidden in the other image, but its reprojection is right.
@@ -207,9 +201,8 @@ TEST(CompareDepth, TheSameForAnyNumberOfThreads) {
 
 TEST(ComparisonTables, HoldTheSameNumbers) {
   const ComparedRoom room(3);
-  const MapSource scaled = room.Perturbed({.scale = 1.1});
-  const std::vector<ComparedSource> sources = {{"mesh", "", "", &room.truth, room.mesh.get()},
-                                               {"scaled, twice", "", "", &scaled, nullptr}};
+  const std::vector<ComparedSource> sources = {{"mesh", "", "", room.SharedTruth(), room.mesh},
+                                               {"scaled, twice", "", "", room.Scaled(1.1)}};
   DepthComparisonOptions options;
   options.truth = 0;
   const DepthComparison comparison = CompareDepth(sources, room.images, {}, options);

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "base/rng.h"
-#include "compared_room.h"
+#include "comparison/compared_room.h"
 #include <gmock/gmock.h>
 
 #include "raylift/base/error.h"

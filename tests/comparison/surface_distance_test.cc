@@ -1,4 +1,4 @@
-#include "raylift/comparison/surface_distance.h"
+#include "comparison/surface_distance.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "base/rng.h"
-#include "comparison/surface_scorer.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 

@@ -1,8 +1,8 @@
-#include "raylift/comparison/view_consistency.h"
+#include "comparison/view_consistency.h"
 
 #include <cmath>
 
-#include "compared_room.h"
+#include "comparison/compared_room.h"
 #include <gtest/gtest.h>
 
 namespace raylift {

@@ -1,10 +1,10 @@
-#include "raylift/evaluation/calibration.h"
-
 #include <cmath>
 #include <vector>
 
 #include "base/rng.h"
 #include "support/matchers.h"
+
+#include "raylift/evaluation/pose_errors.h"
 
 namespace raylift {
 namespace {

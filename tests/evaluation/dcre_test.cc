@@ -1,4 +1,4 @@
-#include "raylift/evaluation/dcre.h"
+#include "evaluation/dcre.h"
 
 #include <cmath>
 #include <vector>

@@ -1,5 +1,3 @@
-#include "raylift/evaluation/depth_edges.h"
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -7,6 +5,8 @@
 
 #include "base/rng.h"
 #include <gtest/gtest.h>
+
+#include "raylift/evaluation/depth_errors.h"
 
 namespace raylift {
 namespace {

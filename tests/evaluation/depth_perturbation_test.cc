@@ -6,7 +6,6 @@
 #include <gtest/gtest.h>
 
 #include "raylift/base/error.h"
-#include "raylift/evaluation/depth_edges.h"
 #include "raylift/evaluation/depth_errors.h"
 
 namespace raylift {

@@ -1,5 +1,3 @@
-#include "raylift/evaluation/recall.h"
-
 #include <cmath>
 #include <fstream>
 #include <limits>
@@ -11,6 +9,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
+#include "raylift/evaluation/pose_errors.h"
 
 namespace raylift {
 namespace {

@@ -1,4 +1,4 @@
-#include "raylift/evaluation/submission.h"
+#include "evaluation/submission.h"
 
 #include "support/test_data.h"
 #include <gmock/gmock.h>

@@ -1,4 +1,4 @@
-#include "raylift/evaluation/tables.h"
+#include "evaluation/tables.h"
 
 #include <fstream>
 #include <limits>

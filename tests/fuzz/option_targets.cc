@@ -1,13 +1,13 @@
 // What the command line says in texts of a grammar of their own.
 
 #include "fuzz/fuzz_targets.h"
+#include "lifting/depth_convention.h"
+#include "lifting/mesh_spec.h"
 
-#include "raylift/evaluation/recall.h"
+#include "raylift/evaluation/pose_errors.h"
 #include "raylift/io/view_list.h"
 #include "raylift/jobs/shard.h"
-#include "raylift/lifting/depth_convention.h"
 #include "raylift/lifting/geometry_spec.h"
-#include "raylift/lifting/mesh_spec.h"
 
 namespace raylift {
 namespace {

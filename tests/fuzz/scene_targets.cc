@@ -1,9 +1,9 @@
 // Pose problems, lists and scene files.
 
+#include "evaluation/submission.h"
 #include "fuzz/fuzz_targets.h"
 
 #include "raylift/base/file.h"
-#include "raylift/evaluation/submission.h"
 #include "raylift/io/hloc_files.h"
 #include "raylift/io/pose_problem_json.h"
 #include "raylift/io/query_list.h"

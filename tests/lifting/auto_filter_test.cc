@@ -1,9 +1,7 @@
-#include "raylift/lifting/auto_filter.h"
-
 #include <algorithm>
 #include <cmath>
 
-#include "room.h"
+#include "lifting/room.h"
 #include "support/matchers.h"
 #include <gtest/gtest.h>
 

@@ -1,5 +1,3 @@
-#include "raylift/lifting/candidates.h"
-
 #include <algorithm>
 #include <cmath>
 
@@ -9,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "raylift/base/error.h"
+#include "raylift/lifting/lifter.h"
 
 namespace raylift {
 namespace {

@@ -2,13 +2,13 @@
 
 #include <cmath>
 
+#include "lifting/multi_view_errors.h"
 #include "support/enum_names.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include <gtest/gtest.h>
 
 #include "raylift/base/error.h"
-#include "raylift/lifting/multi_view_errors.h"
 
 namespace raylift {
 namespace {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "room.h"
+#include "lifting/room.h"
 #include "support/enum_names.h"
 #include "support/matchers.h"
 #include <gtest/gtest.h>

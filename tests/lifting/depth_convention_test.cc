@@ -1,4 +1,4 @@
-#include "raylift/lifting/depth_convention.h"
+#include "lifting/depth_convention.h"
 
 #include <limits>
 

@@ -1,12 +1,11 @@
-#include "raylift/lifting/depth_registration.h"
-
 #include <cmath>
 
+#include "lifting/depth_convention.h"
 #include "scene/seven_scenes_kinect.h"
 #include "support/matchers.h"
 #include <gtest/gtest.h>
 
-#include "raylift/lifting/depth_convention.h"
+#include "raylift/lifting/depth_source.h"
 
 namespace raylift {
 namespace {

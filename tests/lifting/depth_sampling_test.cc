@@ -1,4 +1,4 @@
-#include "raylift/lifting/depth_sampling.h"
+#include "lifting/depth_sampling.h"
 
 #include <cmath>
 #include <functional>

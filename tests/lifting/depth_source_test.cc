@@ -5,6 +5,7 @@
 #include <cmath>
 #include <memory>
 
+#include "lifting/depth_convention.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include "support/test_data.h"

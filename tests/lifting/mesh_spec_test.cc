@@ -1,4 +1,4 @@
-#include "raylift/lifting/mesh_spec.h"
+#include "lifting/mesh_spec.h"
 
 #include "support/matchers.h"
 #include <Eigen/Geometry>

@@ -3,14 +3,14 @@
 
 #include <cmath>
 
+#include "lifting/depth_convention.h"
+#include "lifting/sfm_source.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include <gtest/gtest.h>
 
-#include "raylift/lifting/depth_convention.h"
 #include "raylift/lifting/depth_source.h"
 #include "raylift/lifting/mesh_source.h"
-#include "raylift/lifting/sfm_source.h"
 #include "raylift/renderers/frame_renderer.h"
 
 namespace raylift {

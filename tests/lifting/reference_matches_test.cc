@@ -1,6 +1,8 @@
-#include "raylift/lifting/reference_matches.h"
+#include "lifting/reference_matches.h"
 
 #include <gtest/gtest.h>
+
+#include "raylift/lifting/depth_alignment.h"
 
 namespace raylift {
 namespace {

@@ -10,8 +10,8 @@
 #include "base/rng.h"
 #include "support/meshes.h"
 
+#include "raylift/lifting/depth_alignment.h"
 #include "raylift/lifting/mesh_source.h"
-#include "raylift/lifting/reference_matches.h"
 
 namespace raylift {
 

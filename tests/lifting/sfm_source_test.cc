@@ -1,4 +1,4 @@
-#include "raylift/lifting/sfm_source.h"
+#include "lifting/sfm_source.h"
 
 #include <algorithm>
 #include <map>

@@ -8,7 +8,6 @@
 #include <gtest/gtest.h>
 
 #include "raylift/evaluation/pose_errors.h"
-#include "raylift/evaluation/recall.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/match_source.h"

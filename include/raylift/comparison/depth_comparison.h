@@ -9,19 +9,16 @@
 #include <cstddef>
 #include <functional>
 #include <map>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
-#include "raylift/comparison/depth_explanation.h"
-#include "raylift/comparison/depth_faults.h"
-#include "raylift/comparison/source_view.h"
-#include "raylift/comparison/view_consistency.h"
-#include "raylift/evaluation/depth_edges.h"
+#include "raylift/diagnosis/depth_faults.h"
 #include "raylift/evaluation/depth_errors.h"
+#include "raylift/lifting/depth_alignment.h"
 #include "raylift/lifting/geometry_source.h"
-#include "raylift/lifting/reference_matches.h"
 #include "raylift/localization/scene.h"
 #include "raylift/surfaces/triangle_mesh.h"
 
@@ -31,20 +28,43 @@ struct ComparedSource {
   std::string name;
   std::string spec;
   std::string understood;  // how its files were read
-  const GeometrySource* source = nullptr;
-  const TriangleMesh* mesh = nullptr;  // where it is one
+  std::shared_ptr<const GeometrySource> source;
+  std::shared_ptr<const TriangleMesh> mesh = nullptr;  // null where it is none
 };
 
-// The sources of a scene, which must outlive them.
 std::vector<ComparedSource> ComparedSourcesOf(const Scene& scene);
 
-// How far lifted keypoints land from their matches in other images.
+// Distances of lifted keypoints from their matches in other images.
 inline constexpr std::array<double, 6> kMatchErrorThresholdsPx = {1, 2, 4, 8, 16, 32};
 struct MatchErrors {
   size_t count = 0;    // ends of matches that could be lifted and projected
   size_t missing = 0;  // that the source has no depth for
   double median_px = 0;
   std::array<double, kMatchErrorThresholdsPx.size()> within_percent = {};  // of count + missing
+};
+
+// Agreement of an image's depth with that of others, see comparison/view_consistency.h.
+struct ConsistencyOptions {
+  int samples = 800;  // pixels per image, on a grid
+  // Factors that are tried on all depths at once, to find the common scale.
+  double max_log_scale = 0.24;
+  int scale_steps = 13;
+};
+
+struct PairConsistency {
+  size_t other = 0;
+  size_t count = 0;
+  double median_rho = 0;  // of |rho| < 0.25: which of the two images has the larger scale
+};
+
+struct ImageConsistency {
+  size_t count = 0;                                  // samples that fall on depth in another image
+  std::array<double, 3> within_percent = {0, 0, 0};  // |rho| below 1, 2 and 5 %
+  double contradicted_percent = 0;                   // rho < -5 %
+  double behind_percent = 0;                         // rho > 5 %
+  double median_abs_rho = 0;
+  std::vector<PairConsistency> pairs;
+  std::vector<double> cost_of_scale;  // sum of min(|rho|, 10 %) per factor tried
 };
 
 // One source in one image.
@@ -108,7 +128,7 @@ DepthComparison CompareDepth(std::span<const ComparedSource> sources,
                              std::span<const ReferenceMatch> matches,
                              const DepthComparisonOptions& options);
 
-// The mean over the images that have the value; none where no image has.
+// Return the mean, or median, over the images that have the value; nullopt where no image has.
 std::optional<double> MeanOverImages(
     const SourceComparison& source,
     const std::function<std::optional<double>(const ImageComparison&)>& value);

@@ -1,6 +1,4 @@
-// The same matches, many geometries: identical 2D-2D matches are lifted through every source,
-// corrected and filtered in every way asked for, and estimated by every method, so that what
-// differs in the results is what differs in the geometry.
+// One method's result for one query, for people who want to know why.
 
 #pragma once
 
@@ -14,18 +12,49 @@
 #include <string_view>
 #include <vector>
 
-#include "raylift/comparison/query_detail.h"
-#include "raylift/estimation/options.h"
+#include <Eigen/Core>
+
+#include "raylift/estimation/pose_estimator.h"
 #include "raylift/evaluation/bootstrap.h"
 #include "raylift/evaluation/pose_errors.h"
-#include "raylift/evaluation/recall.h"
-#include "raylift/lifting/candidates.h"
 #include "raylift/lifting/consistency_filter.h"
 #include "raylift/lifting/depth_alignment.h"
+#include "raylift/lifting/lifter.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
+#include "raylift/scene/pose_problem.h"
 
 namespace raylift {
+
+struct QueryDetail {
+  size_t retrieved = 0, matched = 0, hit = 0, consistent = 0;
+  size_t inliers_2d3d = 0, inliers_2d2d = 0;
+  std::string solver;  // that the pose comes from; empty without a pose
+  std::optional<Rigid3> cam_from_world;
+  // Select's two poses.
+  struct Candidate {
+    std::string solver;
+    PoseError error;
+    size_t inliers_2d2d = 0;  // what Select decides by
+    bool chosen = false;
+  };
+  std::vector<Candidate> candidates;
+  // Lifted keypoints of the query, evenly thinned.
+  struct Keypoint {
+    Eigen::Vector2d pixel;
+    bool is_inlier = false;
+  };
+  std::vector<Keypoint> keypoints;
+};
+
+// `problem` is what was estimated, `hit` how many matches were lifted before filtering.
+QueryDetail DescribeQuery(const PoseProblem& problem, size_t hit, const PoseEstimate& estimate,
+                          const EstimatorOptions& options, const Rigid3& true_cam_from_world,
+                          size_t max_keypoints);
+
+// The same matches, many geometries: identical 2D-2D matches are lifted through every source,
+// corrected and filtered in every way asked for, and estimated by every method, so that what
+// differs in the results is what differs in the geometry.
 
 std::string MethodTitle(const EstimatorOptions& options);  // "adaptive:sum_msac"
 
@@ -62,11 +91,11 @@ struct LocalizationComparison {
   std::vector<LocalizationRow> rows;
 };
 
-// From any thread.
+// Hooks are called from any thread.
 struct LocalizationHooks {
   std::function<void()> on_query = {};
-  // What all ways made of a query, as JSON, for a run that goes on; none or what makes no sense: the
-  // query is localized.
+  // Returns the kept JSON of all configurations for a query, for a run that goes on; where there is
+  // none or it makes no sense, the query is localized.
   std::function<std::optional<std::string>(size_t query)> kept = {};
   std::function<void(size_t query, const std::string& outcomes)> keep = {};
 };

@@ -14,7 +14,6 @@
 #include "raylift/comparison/depth_comparison.h"
 #include "raylift/comparison/localization_comparison.h"
 #include "raylift/evaluation/pose_errors.h"
-#include "raylift/evaluation/recall.h"
 #include "raylift/scene/photographs.h"
 
 namespace raylift {
@@ -36,7 +35,7 @@ class ReportPictures {
                  std::optional<size_t> truth, const ReportOptions& options);
   ~ReportPictures();
 
-  // As DepthComparisonOptions::on_views. Thread safe.
+  // Serves as DepthComparisonOptions::on_views. Thread safe.
   void Take(size_t image, const PosedImage& view, std::span<const SourceView> views);
 
  private:
@@ -47,13 +46,15 @@ class ReportPictures {
   std::unique_ptr<Impl> impl_;
 };
 
-// The page. `localization` may be null; `true_queries` (may be empty) are drawn in the 3D view.
+// Returns the page. `localization` may be null; `true_queries` (may be empty) are drawn in the 3D
+// view.
 std::string FormatReport(const DepthComparison& comparison,
                          const LocalizationComparison* localization, const ReportPictures& pictures,
                          std::span<const PosedImage> references,
                          std::span<const PosedImage> true_queries, const ReportOptions& options);
 
-// The page of `raylift evaluate`: recalls, errors of each query, poses in 3D.
+// One result on the page of `raylift evaluate`, which shows recalls, errors of each query, poses in
+// 3D.
 struct EvaluatedResult {
   ResultSummary summary;
   Comparison comparison;

@@ -1,4 +1,4 @@
-// Whether a difference between two methods is more than luck with the queries: the bootstrap
+// Says whether a difference between two methods is more than luck with the queries: the bootstrap
 // (Efron 1979). Queries are drawn with replacement, all methods are rated on the same draws, and
 // the middle 95 % of what comes out is the interval.
 
@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "raylift/evaluation/pose_errors.h"
-#include "raylift/evaluation/recall.h"
 
 namespace raylift {
 
@@ -25,28 +24,28 @@ class QueryBootstrap {
   // Draws depend on the seed and the numbers alone. num_queries > 0.
   QueryBootstrap(size_t num_queries, uint64_t seed, int num_draws = 2000);
 
-  // Of the recall in percent. The comparison must have `num_queries` queries.
+  // Returns the interval of the recall in percent. The comparison must have `num_queries` queries.
   Interval RecallPercent(const Comparison& comparison, const Threshold& threshold) const;
 
-  // Of recall(a) - recall(b) in percent. Where it contains 0, the difference is noise.
+  // Returns that of recall(a) - recall(b) in percent. Where it contains 0, the difference is noise.
   Interval RecallDifferencePercent(const Comparison& a, const Comparison& b,
                                    const Threshold& threshold) const;
 
-  // Of the mean of one value per query.
+  // Returns that of the mean of one value per query.
   Interval Mean(std::span<const double> per_query) const;
 
-  // Of the mean of `first` minus the largest mean of `others`, which is looked for anew in each
+  // The mean of `first` minus the largest mean of `others`, which is looked for anew in each
   // draw: the one that is best on all queries is partly so by luck. `others` is not empty.
   struct Difference {
     Interval interval;
-    // That `first` is not better than one of them, or not worse than any, one-sided, by the normal
-    // approximation of each difference; not below what that many queries can show.
+    // Probabilities that `first` is not better than one of them, or not worse than any, one-sided,
+    // by the normal approximation of each difference; not below what that many queries can show.
     double p_better = 1, p_worse = 1;
   };
   Difference ToBest(std::span<const double> first,
                     std::span<const std::vector<double>> others) const;
 
-  // Of the median position error; infinite where half of a draw has no pose.
+  // Returns that of the median position error; infinite where half of a draw has no pose.
   Interval MedianPosition(const Comparison& comparison) const;
 
  private:

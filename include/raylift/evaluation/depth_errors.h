@@ -1,6 +1,6 @@
-// How far depth is from the true depth, by the figures of merit of the depth estimation literature
-// (Eigen, Puhrsch, Fergus 2014; KITTI). All of them look at pixels where both maps have depth; what
-// one of them lacks is coverage, which is counted apart.
+// Errors of depth against the true depth, by the figures of merit of the depth estimation
+// literature (Eigen, Puhrsch, Fergus 2014; KITTI). All of them look at pixels where both maps have
+// depth; what one of them lacks is coverage, which is counted apart.
 //
 //   AbsRel |e - t| / t     SqRel (e - t)^2 / t     MAE |e - t|     means
 //   RMSE, RMSE log         root mean squares of e - t and of d = ln e - ln t
@@ -17,12 +17,14 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <optional>
 #include <span>
 #include <vector>
 
 #include "raylift/base/enum_names.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 
@@ -39,7 +41,7 @@ struct DepthErrors {
   double median_signed_error = 0;  // e - t, scene units
 };
 
-// None where no pixel is known to both.
+// Returns nullopt where no pixel is known to both.
 std::optional<DepthErrors> ComputeDepthErrors(std::span<const float> estimated,
                                               std::span<const float> truth);
 
@@ -55,7 +57,7 @@ enum class DepthFitKind {
   kInverseScale,   // least squares of the scale, of inverse depth
   kInverseAffine,  // of scale and shift, of inverse depth (Ranftl et al. 2020, eq. 4)
 };
-// None where too few pixels (1, or 2 different ones) are known to both.
+// Returns nullopt where too few pixels (1, or 2 different ones) are known to both.
 std::optional<DepthFit> FitDepth(std::span<const float> estimated, std::span<const float> truth,
                                  DepthFitKind kind);
 
@@ -75,7 +77,7 @@ struct DepthRange {
 std::vector<float> ApplyFit(std::span<const float> estimated, const DepthFit& fit,
                             const DepthRange& range = {});
 
-// How the papers of depth networks align a map with the truth, image by image.
+// The papers of depth networks align a map with the truth in these ways, image by image.
 enum class DepthProtocol { kMetric, kScale, kAffine, kScaleInverse, kAffineInverse };
 template <>
 inline constexpr auto kEnumNames<DepthProtocol> = std::to_array<EnumName<DepthProtocol>>({
@@ -90,7 +92,7 @@ inline constexpr auto kEnumNames<DepthProtocol> = std::to_array<EnumName<DepthPr
     {DepthProtocol::kAffineInverse, "affine-inverse", "scale and shift of inverse depth",
      "least squares of inverse depth (MiDaS, Depth Anything)"},
 });
-// None where nothing is left to compare, or nothing to align by.
+// Returns nullopt where nothing is left to compare, or nothing to align by.
 std::optional<DepthErrors> ComputeDepthErrors(std::span<const float> estimated,
                                               std::span<const float> truth, DepthProtocol protocol,
                                               const DepthRange& range = {});
@@ -136,7 +138,7 @@ struct NormalErrors {
 std::optional<NormalErrors> ComputeNormalErrors(std::span<const float> estimated,
                                                 std::span<const float> truth);
 
-// How much of what the truth knows a map knows, and how its holes are spread.
+// The share of what the truth knows that a map knows, and how its holes are spread.
 struct DepthCoverage {
   double covered_percent = 0;      // of the truth's pixels (of all pixels where there is no truth)
   double holes_per_megapixel = 0;  // connected holes (4-neighbors) of at least 4 pixels
@@ -156,5 +158,32 @@ struct SurfaceScore {
 };
 SurfaceScore ComputeSurfaceScore(std::span<const float> to_truth, std::span<const float> from_truth,
                                  double threshold);
+
+// Jumps of depth, and how well those of one map lie on those of another: the depth boundary
+// errors of Koch et al., "Evaluation of CNN-based Single-Image Depth Estimation Methods" (2018).
+// Edges here are jumps of depth itself rather than Canny's on a normalized picture, so that they
+// mean the same in every map.
+
+// Returns 1 where a pixel's depth is smaller than that of one of its 4 neighbors by more than
+// `min_jump` times its own; holes make no edges.
+std::vector<uint8_t> FindDepthEdges(const DepthMap& map, double min_jump = 0.05);
+
+// Returns the Euclidean distance in pixels of every pixel to the nearest set one, exactly
+// (Felzenszwalb and Huttenlocher 2012); infinite where none is set. width_px divides mask.size().
+std::vector<float> DistanceToSet(std::span<const uint8_t> mask, int width_px);
+
+struct EdgeErrors {
+  size_t num_true = 0;
+  size_t num_estimated = 0;
+  // Mean distance in pixels of estimated edges to true ones, of those closer than `max_px`; none
+  // where there are none.
+  std::optional<double> accuracy_px;
+  // Mean distance of true edges to estimated ones, no distance counting more than `max_px`; none
+  // where there are no true edges.
+  std::optional<double> completeness_px;
+  double spurious_percent = 0;  // of the estimated edges: `max_px` or farther from any true one
+};
+EdgeErrors ComputeEdgeErrors(std::span<const uint8_t> estimated, std::span<const uint8_t> truth,
+                             int width_px, double max_px = 10);
 
 }  // namespace raylift

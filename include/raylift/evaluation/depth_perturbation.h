@@ -35,8 +35,8 @@ struct DepthPerturbation {
   void Validate() const;
 };
 
-// The mean of the known depths by weights of a Gaussian of `sigma_px`, up to three of it away; holes
-// stay holes.
+// Returns the mean of the known depths by weights of a Gaussian of `sigma_px`, up to three of it
+// away; holes stay holes.
 DepthMap SmoothDepth(const DepthMap& map, double sigma_px);
 
 DepthMap PerturbDepth(const DepthMap& map, const DepthPerturbation& perturbation,

@@ -1,11 +1,16 @@
-// How far estimated poses are from the true ones, query by query.
+// Errors of estimated poses, query by query; recalls and medians; calibration of covariances.
 
 #pragma once
 
+#include <cstddef>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
+
+#include <Eigen/Core>
 
 #include "raylift/geometry/rigid3.h"
 
@@ -39,18 +44,84 @@ struct Comparison {
 // pose counts as not localized.
 Comparison CompareWithGroundTruth(const PosesByName& ground_truth, const PosesByName& estimated);
 
-// The estimated poses under the names of the ground truth, by the same rule; unknown ones are left
-// out.
+// Returns the estimated poses under the names of the ground truth, by the same rule; unknown ones
+// are left out.
 PosesByName MatchNames(const PosesByName& ground_truth, const PosesByName& estimated);
 
-// The comparison of each group of queries (such as day and night), by the group's name. Queries
-// that `group_of_query` does not know are in none, unknown names neither.
+// Returns the comparison of each group of queries (such as day and night), by the group's name.
+// Queries that `group_of_query` does not know are in none, unknown names neither.
 std::map<std::string, Comparison> SplitByGroup(
     const Comparison& comparison, const std::map<std::string, std::string>& group_of_query);
 
-// The paper's Oracle: of two methods' poses of a query, the one with the smaller
+// Returns the paper's Oracle: of two methods' poses of a query, the one with the smaller
 // max(position error in cm, rotation error in deg). An upper bound for choosing between them, made
 // with the ground truth. Both comparisons must be with the same ground truth.
 Comparison ChooseByOracle(const Comparison& a, const Comparison& b, double cm_per_scene_unit = 100);
+
+// Calibration says whether the covariances of poses tell how wrong the poses are.
+
+struct UncertainPose {
+  Rigid3 estimated_cam_from_world;
+  Rigid3 true_cam_from_world;
+  // The covariance of the step (w, v) in the camera's tangent frame, as PoseEstimate::covariance.
+  Eigen::Matrix<double, 6, 6> covariance;
+};
+
+// Right covariances have the mean 1 and the coverage 0.9; where poses are less sure than they say,
+// the mean is larger and the coverage smaller. A few poses that are far off rule the mean, not the
+// coverage.
+struct Calibration {
+  size_t poses = 0;
+  double mean_normalized_square = 0;  // e' covariance^-1 e / 6
+  double median_normalized_square = 0;
+  double coverage_90 = 0;          // share of the poses within the ellipsoid of 90 %
+  double median_sigmas = 0;        // of the position error over position_sigma
+  double share_below_3_sigma = 0;  // of the same
+};
+
+// Covariances that are singular are left out.
+Calibration Calibrate(std::span<const UncertainPose> poses);
+
+// The field's figures of merit: the share of queries localized within error thresholds, and median
+// errors. Both count every query of the ground truth: one without a pose has infinite errors.
+
+struct Threshold {
+  double position;  // scene units
+  double rotation_deg;
+
+  // Within both, or exactly at them.
+  bool Accepts(const PoseError& error) const {
+    return error.position <= position && error.rotation_deg <= rotation_deg;
+  }
+  bool operator==(const Threshold&) const = default;
+};
+
+// "0.05,5:0.1,1:0.25,2", that is position,degrees between colons, or the name of a data set, whose
+// customary thresholds (in meters) they are. OptionError, in the name of "thresholds", on anything
+// but positive finite numbers in pairs.
+std::vector<Threshold> ParseThresholds(std::string_view text);
+std::string ThresholdPresetNames();  // "aachen|robotcar|..."
+
+struct ResultSummary {
+  std::string name;
+  bool uses_ground_truth = false;
+  size_t num_queries = 0;  // in the ground truth
+  size_t num_localized = 0;
+  std::vector<double> recalls_percent;  // of all queries, one per threshold
+  // Over all queries, as 7-Scenes reports them: infinite where half of the queries or more have no
+  // pose. The mean of the middle two for an even count.
+  double median_position = 0;
+  double median_rotation_deg = 0;
+  std::vector<std::string> missing_names;                 // queries without a pose
+  std::vector<std::string> unknown_names;                 // poses without a query
+  std::optional<Calibration> calibration = std::nullopt;  // where covariances are known
+};
+
+// InputError where the ground truth holds no queries.
+ResultSummary Summarize(std::string name, const Comparison& comparison,
+                        std::span<const Threshold> thresholds);
+
+// One line for the user where poses were left out for not being in the ground truth; else empty.
+std::string UnknownNamesWarning(const ResultSummary& summary);
 
 }  // namespace raylift

@@ -12,15 +12,61 @@
 #include <vector>
 
 #include "raylift/base/enum_names.h"
-#include "raylift/lifting/auto_filter.h"
 #include "raylift/scene/pose_problem.h"
 
 namespace raylift {
 
+// The consistency filter without thresholds: how far each lifted point can be trusted follows from
+// the multi-view errors alone.
+//
+// The error of a point in another reference has a part across the epipolar line, which only the
+// keypoints' noise causes, and a part along it, which wrong depth adds to. Their distributions over
+// all points of the query give the deviations s_n (keypoints) and s_a (along), and what the depth
+// adds, s_g^2 = s_a^2 - s_n^2. Where s_g is of the order of s_n, the geometry is as good as the
+// matches and all points are kept.
+//
+// Else the error in log depth of each point is estimated from its views: a view in which one unit
+// of it moves the projection by g px along the line measures it as -a / g with deviation s_n / g;
+// before any view it is 0 with deviation s_g / G, G being the median of g. The point's expected
+// error in a further view, G sqrt(mean^2 + variance), must be of the order of s_n. So a point that
+// no other reference sees well enough is as good as the geometry is on the whole.
+//
+// All queries of a scene together say better whether its geometry is accurate than the few
+// views of one.
+
+// Standard deviations in pixels of a reference.
+struct MultiViewNoise {
+  double keypoints_px = 0;
+  double geometry_px = 0;  // what wrong depth adds along epipolar lines, at a typical baseline
+  size_t num_views = 0;    // that say so
+
+  bool operator==(const MultiViewNoise&) const = default;
+};
+
+struct PointTrust {
+  bool seen_by_others = false;  // in a view that agrees across the epipolar line
+  bool in_doubt = false;        // at least half of the views disagree there: a wrong match
+  double expected_error_px = 0;
+};
+
+struct MultiViewTrust {
+  MultiViewNoise noise;
+  std::vector<PointTrust> points;
+};
+
+// Returns nullopt where there are too few views of several references to say anything.
+std::optional<MultiViewTrust> EstimateTrust(std::span<const PosedImage> references,
+                                            std::span<const Match2D2D> matches_2d2d,
+                                            std::span<const Match2D3D> points);
+
+// Returns the noise of a scene from that of its queries, over all of their views; nullopt for an
+// empty list.
+std::optional<MultiViewNoise> PooledNoise(std::span<const MultiViewNoise> of_queries);
+
 enum class FilterMode {
   kOff,
   kFixed,  // the paper's, with the thresholds of the options
-  kAuto,   // by each point's expected error, see auto_filter.h; leaves accurate geometry alone
+  kAuto,   // by each point's expected error, see above; leaves accurate geometry alone
 };
 template <>
 inline constexpr auto kEnumNames<FilterMode> = std::to_array<EnumName<FilterMode>>({
@@ -43,7 +89,7 @@ struct ConsistencyThresholds {
   void Validate() const;
 };
 
-// What kAuto does where it would keep fewer than `min_points`.
+// Says what kAuto does where it would keep fewer than `min_points`.
 enum class FewPoints {
   kDropAll,   // a handful of noisy points only disturbs an estimator that can do without
   kKeepBest,  // the best `min_points`, for an estimator that has nothing else
@@ -54,8 +100,8 @@ struct FilterOptions {
   ConsistencyThresholds thresholds;  // of kFixed
   FewPoints few_points = FewPoints::kDropAll;
   size_t min_points = 30;
-  // Of kAuto: what the scene's queries show together, which says better than one query's views
-  // whether the geometry is accurate.
+  // For kAuto: the noise that the scene's queries show together, which says better than one query's
+  // views whether the geometry is accurate.
   std::optional<MultiViewNoise> scene_noise = std::nullopt;
 
   bool operator==(const FilterOptions&) const = default;

@@ -1,16 +1,140 @@
-// Depth maps as a source of geometry.
+// Depth maps as a source of geometry: what the numbers of a folder of maps mean, the folder, and
+// the source that lifts pixels by it. Every pipeline has its own dialect (z or the length of the
+// ray, meters or millimeters, holes as 0, 65535 or infinity), and each map is converted once, when
+// it is loaded, to the one that everything else knows: DepthMap.
 
 #pragma once
 
+#include <cstddef>
+#include <filesystem>
+#include <limits>
 #include <memory>
+#include <optional>
+#include <span>
 #include <string>
+#include <vector>
 
-#include "raylift/lifting/depth_folder.h"
-#include "raylift/lifting/depth_sampling.h"
+#include "raylift/base/enum_names.h"
+#include "raylift/geometry/camera.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/lifting/geometry_source.h"
-#include "raylift/lifting/surface_limits.h"
+#include "raylift/scene/image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
+
+enum class DepthKind {
+  kZ,        // along the optical axis
+  kRay,      // along the ray of each pixel, from the camera's center
+  kInverse,  // 1 / z
+};
+template <>
+inline constexpr auto kEnumNames<DepthKind> = std::to_array<EnumName<DepthKind>>({
+    {DepthKind::kZ, "z"},
+    {DepthKind::kRay, "ray", "ray length"},
+    {DepthKind::kInverse, "inverse", "inverse depth"},
+});
+
+// How the samples of a file lie in its image; each undoes itself.
+enum class MapOrientation {
+  kAsStored,
+  kFlippedX,    // left and right exchanged
+  kFlippedY,    // the bottom row first
+  kHalfTurn,    // both
+  kTransposed,  // columns first
+};
+template <>
+inline constexpr auto kEnumNames<MapOrientation> = std::to_array<EnumName<MapOrientation>>({
+    {MapOrientation::kAsStored, "as_stored", "as stored"},
+    {MapOrientation::kFlippedX, "flipped_x", "left and right exchanged"},
+    {MapOrientation::kFlippedY, "flipped_y", "top and bottom exchanged"},
+    {MapOrientation::kHalfTurn, "half_turn", "upside down"},
+    {MapOrientation::kTransposed, "transposed"},
+});
+
+// A sensor that stands beside the photograph's camera.
+struct DepthSensor {
+  Camera camera;
+  Rigid3 image_from_sensor;  // from the sensor's frame to that of the photograph's camera
+};
+
+struct DepthConvention {
+  DepthKind kind = DepthKind::kZ;
+  MapOrientation orientation = MapOrientation::kAsStored;
+  // Scene units of a stored 1 (of kInverse: 1 / scene units). None: 1 where the file holds floats,
+  // 0.001 (millimeters) where it holds integers.
+  std::optional<double> unit = std::nullopt;
+  double scale = 1;  // times this, for whole sources whose scale is off
+  // Stored values that mean "none"; what is not finite or not positive always does.
+  std::vector<double> invalid_values = {};
+  double max_depth = std::numeric_limits<double>::infinity();  // scene units; beyond: none
+
+  // Where the map of an image is, relative to the folder, in the order of preference. "{name}" is
+  // the image's name in the model, "{dir}" its folder, "{stem}" its file name without extension,
+  // "{base}" that up to the first dot, "{flat}" the folder and {base} joined by "_", "{flat7}" the
+  // same without the folder's "-", "{time}" the number in the folder nearest to {stem} as seconds
+  // (within 20 ms). Empty: the usual ones are tried.
+  std::vector<std::string> patterns = {};
+  std::string layer = {};   // the channel of an EXR, the key of an NPZ
+  bool headerless = false;  // plain floats, of `raw_size` or else of the image's size
+  std::optional<PlaneSize> raw_size = std::nullopt;
+
+  // Whose maps these are, where that is not the photograph's camera: they are turned into its own.
+  std::optional<DepthSensor> sensor = std::nullopt;
+
+  // A second map that says how far each depth can be trusted; below the threshold there is none.
+  std::string confidence_pattern = {};  // empty: there is no such map
+  double confidence_threshold = 0.5;    // in stored values
+};
+
+// The depth maps of the references of a scene, found, loaded and converted when they are needed.
+class DepthFolder {
+ public:
+  // Finds the maps of these references. InputError where there is none at all. One is read, so
+  // that a wrong format is noticed at once.
+  DepthFolder(std::filesystem::path folder, DepthConvention convention,
+              std::span<const PosedImage> references, size_t max_cache_bytes = size_t{1} << 29);
+  ~DepthFolder();
+
+  // The converted map of a reference; null where there is none. Maps are kept while the cache has
+  // room. Thread safe: a map is read once even where many threads ask for it.
+  std::shared_ptr<const DepthMap> Load(const PosedImage& reference) const;
+
+  // Says how the files were read ("PNG uint16 640 x 480, z, 1 is 0.001").
+  const std::string& understood() const { return understood_; }
+  // Returns the size of the first reference's map, as it lies in the image.
+  PlaneSize size_px() const { return size_px_; }
+  // Returns what a stored 1 is in scene units (of kInverse: in 1 / scene units), with the scale, of
+  // the first reference's map.
+  double unit() const { return unit_; }
+  const DepthConvention& convention() const;
+  // Returns what the user should know: references without a map, a unit that was guessed.
+  const std::vector<std::string>& warnings() const { return warnings_; }
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+  std::string understood_;
+  PlaneSize size_px_;
+  double unit_ = 1;
+  std::vector<std::string> warnings_;
+};
+
+enum class DepthInterpolation { kEdgeAware, kNearest };
+template <>
+inline constexpr auto kEnumNames<DepthInterpolation> = std::to_array<EnumName<DepthInterpolation>>({
+    {DepthInterpolation::kEdgeAware, "edge"},
+    {DepthInterpolation::kNearest, "nearest"},
+});
+
+struct DepthSamplingOptions {
+  DepthInterpolation interpolation = DepthInterpolation::kEdgeAware;
+  double max_jump = 0.05;  // relative, from pixel to pixel
+  // Where the first sample of a map lies, in its pixels: 0.5 where samples are at pixel centers, 0
+  // where the map was made for integer coordinates. For LiftByDepthMap; SampleDepth takes positions
+  // with centers at 0.5.
+  double first_sample_px = 0.5;
+};
 
 class DepthSource final : public GeometrySource {
  public:

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -10,6 +11,8 @@
 
 #include <Eigen/Core>
 
+#include "raylift/base/enum_names.h"
+#include "raylift/scene/image.h"
 #include "raylift/scene/photographs.h"
 
 namespace raylift {
@@ -24,9 +27,9 @@ struct SurfacePoint {
   bool back_face;        // the surface was met from behind (by its winding)
   // The largest relative difference of depth, close around the keypoint, between what is there and
   // the point's plane: near a silhouette it is large, in the middle of a slanted wall it is not.
-  // None where the source did not look.
+  // It is nullopt where the source did not look.
   std::optional<double> depth_jump = std::nullopt;
-  // Of a triangulated point.
+  // A triangulated point has one.
   struct Track {
     size_t length = 0;               // images that observe it
     std::optional<double> error_px;  // its mean reprojection error in them
@@ -40,7 +43,7 @@ class GeometrySource {
  public:
   virtual ~GeometrySource() = default;
 
-  // For messages and diagnostics, e.g. "mesh:room.ply".
+  // Returns a name for messages and diagnostics, e.g. "mesh:room.ply".
   virtual std::string Description() const = 0;
 
   // The surface points of a batch of pixels of one reference, in order; none where the source has
@@ -48,5 +51,38 @@ class GeometrySource {
   virtual std::vector<std::optional<SurfacePoint>> Lift(
       const PosedImage& reference, std::span<const Eigen::Vector2d> pixels) const = 0;
 };
+
+// A source seen by a camera at every pixel center: row-major, of the size of the camera.
+struct SourceView {
+  DepthMap depth;
+  std::vector<float> normals_in_world;  // x, y, z per pixel; 0, 0, 0 = not known
+  std::vector<float> incidence_deg;     // -1 = not known
+};
+
+// Which surface points a source gives away: what is seen too obliquely, too far off or at a
+// silhouette is lifted badly.
+
+struct SurfaceLimits {
+  enum class BackFaces { kKeep, kDrop };
+
+  double near_z = 0;  // what is closer is not there: a mesh is looked through
+  double far_z = std::numeric_limits<double>::infinity();
+  double max_incidence_deg = 90;
+  double max_depth_jump = std::numeric_limits<double>::infinity();
+  BackFaces back_faces = BackFaces::kKeep;
+
+  bool Keep(const SurfacePoint& point) const {
+    return point.depth_z >= near_z && point.depth_z <= far_z &&
+           point.incidence_deg <= max_incidence_deg &&
+           point.depth_jump.value_or(0) <= max_depth_jump &&
+           !(point.back_face && back_faces == BackFaces::kDrop);
+  }
+};
+template <>
+inline constexpr auto kEnumNames<SurfaceLimits::BackFaces> =
+    std::to_array<EnumName<SurfaceLimits::BackFaces>>({
+        {SurfaceLimits::BackFaces::kKeep, "keep"},
+        {SurfaceLimits::BackFaces::kDrop, "drop"},
+    });
 
 }  // namespace raylift

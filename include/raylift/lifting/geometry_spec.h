@@ -11,16 +11,46 @@
 #include <string>
 #include <vector>
 
-#include "raylift/lifting/depth_folder.h"
+#include <Eigen/LU>
+
+#include "raylift/geometry/rigid3.h"
+#include "raylift/lifting/depth_source.h"
 #include "raylift/lifting/geometry_source.h"
-#include "raylift/lifting/input_reading.h"
-#include "raylift/lifting/mesh_placement.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/photographs.h"
 
 namespace raylift {
 
 enum class GeometryKind { kMesh, kCloud, kSplats, kDepth, kSfm };
+
+// Where a mesh, point cloud or splats belong in the world of the references, for those in another
+// unit, with other axes or about another origin:
+//
+//   point_in_world = scale * axes * point_in_mesh + shift
+struct MeshPlacement {
+  double scale = 1;
+  // Orthogonal; a mirror where its determinant is -1.
+  Eigen::Matrix3d axes = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d shift = Eigen::Vector3d::Zero();
+
+  bool IsIdentity() const;
+  bool IsMirror() const { return axes.determinant() < 0; }
+  Eigen::Vector3d operator*(const Eigen::Vector3d& point_in_mesh) const {
+    return scale * (axes * point_in_mesh) + shift;
+  }
+};
+
+// How a scene's input is read: what the numbers of the depth maps and of the poses are taken to
+// mean.
+struct DataConvention {
+  DepthKind kind = DepthKind::kZ;
+  MapOrientation orientation = MapOrientation::kAsStored;
+  double first_sample_px = 0.5;  // see DepthSamplingOptions
+  double scale = 1;              // see DepthConvention
+  PoseConvention poses = PoseConvention::kCamFromWorld;
+
+  bool operator==(const DataConvention&) const = default;
+};
 
 struct NamedGeometry {
   GeometryKind kind = GeometryKind::kMesh;
@@ -31,14 +61,14 @@ struct NamedGeometry {
   // How the files were read ("PNG uint16 640 x 480, z").
   std::string understood = {};
   std::vector<std::string> warnings;  // what the user should know of the files
-  std::optional<InputReading> depth_reading = std::nullopt;  // of depth maps
+  std::optional<DataConvention> depth_convention = std::nullopt;  // of depth maps
   MeshPlacement placement = {};  // of a mesh, cloud or splats, by its specification
 
-  // What can be rendered: the mesh, cloud or splats; null where there is none of them.
+  // Returns what can be rendered: the mesh, cloud or splats; null where there is none of them.
   std::shared_ptr<const RayCaster> Surface() const { return mesh != nullptr ? mesh : cloud; }
 };
 
-// What a specification does not say.
+// The rest that it takes to open a specification.
 struct GeometryContext {
   std::filesystem::path model = {};             // the references' COLMAP model
   std::span<const PosedImage> references = {};  // that will be lifted from
@@ -50,7 +80,8 @@ struct GeometryContext {
 
 // Opens "mesh:PATH[,key=value...]", "cloud:PATH[,key=value...]", "splat:FILE[,key=value...]",
 // "depth:DIR[,key=value...]" or "sfm[:DIR][,key=value...]" (by default the references' own model);
-// GeometryHelp() lists the keys. OptionError for an unknown kind, key or value, InputError where a file cannot be read.
+// GeometryHelp() lists the keys. OptionError for an unknown kind, key or value, InputError where a
+// file cannot be read.
 NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext& context = {});
 
 // The forms of a specification and their keys, for help texts.

@@ -6,7 +6,6 @@
 #include <memory>
 
 #include "raylift/lifting/geometry_source.h"
-#include "raylift/lifting/surface_limits.h"
 #include "raylift/renderers/ray_caster.h"
 
 namespace raylift {

@@ -19,7 +19,6 @@
 
 #include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
-#include "raylift/lifting/candidates.h"
 #include "raylift/lifting/consistency_filter.h"
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/lifting/lifter.h"

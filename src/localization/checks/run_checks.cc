@@ -9,7 +9,7 @@
 #include "localization/scene_matches.h"
 #include <fmt/format.h>
 
-#include "raylift/lifting/input_doctor.h"
+#include "raylift/diagnosis/doctor.h"
 
 namespace raylift {
 

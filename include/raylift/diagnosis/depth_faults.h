@@ -1,0 +1,159 @@
+// Faults of a source of depth by name: each kind of error leaves its own trace in
+// r = ln(estimated / true).
+//
+//   scale            the median of r over everything       per-image scale   its spread over images
+//   warp             the spread of the medians of r over blocks of an image
+//   noise            differences of r between neighbors: additive where they fall as 1 / depth,
+//                    multiplicative where they are the same at every depth
+//   edges            outliers within 3 px of true depth edges that are none in the interior
+//   floaters         interior pixels well in front of the surface, with edges of their own
+//   bubbles          the same, but smooth
+//   quantization     few different values of depth
+//   holes            the truth has depth where the source has none
+//
+// A cause that explains most of the errors together (depth_explanation.h) stands for those of its
+// traces: a map that is turned is neither warped nor bad at edges.
+
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raylift/base/enum_names.h"
+#include "raylift/scene/image.h"
+
+namespace raylift {
+
+// The noise among pixels of similar depth.
+struct NoiseLevel {
+  double depth;
+  double sigma;  // of r
+};
+
+// The traces in one image. Deviations are of r, robust (1.4826 times the median absolute one).
+struct DepthDeviation {
+  size_t count = 0;  // pixels that both maps know
+  double log_scale = 0;
+  double warp_sigma = 0;
+  double noise_sigma = 0;
+  std::vector<NoiseLevel> noise_levels;  // of a fifth of the pixels each
+  double edge_outliers_percent = 0;
+  double interior_outliers_percent = 0;
+  double in_front_percent = 0;          // of the interior
+  double edges_per_pixel_in_front = 0;  // that the truth does not have
+};
+// `to_true_edge_px` is the distance of each pixel to the nearest depth edge of the truth. None
+// where the maps have fewer than 100 pixels in common.
+std::optional<DepthDeviation> MeasureDeviation(const DepthMap& estimated, const DepthMap& truth,
+                                               std::span<const float> to_true_edge_px);
+
+// The power of depth that the noise of r grows with: about -1 for additive noise, 0 for
+// multiplicative, 1 for that of stereo and structured light. None where all is of similar depth.
+std::optional<double> NoiseExponent(std::span<const NoiseLevel> levels);
+
+enum class DepthFault {
+  kScale,
+  kPerImageScale,
+  kWarp,
+  kNoise,  // neither of the next two, or not known which
+  kAdditiveNoise,
+  kMultiplicativeNoise,
+  kEdges,
+  kFloaters,
+  kBubbles,
+  kQuantization,
+  kHoles,
+  // Causes of all that is wrong, found by trying (diagnosis/depth_explanation.h):
+  kShift,
+  kZoom,
+  kLens,
+  kRotation,
+  kDisplacement,
+  kTimeOffset,
+  kOffset,
+  kAffine,
+  kInverseOffset,
+  kClamp,
+  kSmoothing,
+  kUnexplained,
+};
+template <>
+inline constexpr auto kEnumNames<DepthFault> = std::to_array<EnumName<DepthFault>>({
+    {DepthFault::kScale, "scale"},
+    {DepthFault::kPerImageScale, "per-image scale"},
+    {DepthFault::kWarp, "warp"},
+    {DepthFault::kNoise, "noise"},
+    {DepthFault::kAdditiveNoise, "additive noise"},
+    {DepthFault::kMultiplicativeNoise, "multiplicative noise"},
+    {DepthFault::kEdges, "edges"},
+    {DepthFault::kFloaters, "floaters"},
+    {DepthFault::kBubbles, "bubbles"},
+    {DepthFault::kQuantization, "quantization"},
+    {DepthFault::kHoles, "holes"},
+    {DepthFault::kShift, "shift"},
+    {DepthFault::kZoom, "zoom"},
+    {DepthFault::kLens, "lens"},
+    {DepthFault::kRotation, "rotation"},
+    {DepthFault::kDisplacement, "displacement"},
+    {DepthFault::kTimeOffset, "time offset"},
+    {DepthFault::kOffset, "offset"},
+    {DepthFault::kAffine, "affine"},
+    {DepthFault::kInverseOffset, "inverse offset"},
+    {DepthFault::kClamp, "clamp"},
+    {DepthFault::kSmoothing, "smoothing"},
+    {DepthFault::kUnexplained, "not explained"},
+});
+
+struct Finding {
+  DepthFault fault;
+  double amount = 0;    // what the text says, as a number
+  double severity = 0;  // in units of the least that is worth a word
+  std::string text;     // "scale: depth is 10.2 % too large"
+};
+
+// Knowledge of one source, from the images together; nullopt if not measured.
+struct SourceTraits {
+  std::optional<double> log_scale;        // of the median image
+  std::optional<double> log_scale_sigma;  // between images
+  std::optional<double> warp_sigma;
+  std::optional<double> noise_sigma;
+  std::optional<double> noise_exponent;         // as NoiseExponent
+  std::optional<double> noise_length;           // standard deviation of the depth, scene units
+  std::optional<double> edge_outliers_percent;  // beyond those of the interior
+  std::optional<double> in_front_percent;
+  bool front_is_smooth = false;
+  std::optional<double> relative_quantization;  // step over median depth
+  std::optional<double> missing_percent;
+};
+// The gravest first.
+std::vector<Finding> FindFaults(const SourceTraits& traits);
+
+// 1.4826 times the median absolute deviation from the median; 0 for no values.
+double RobustSigma(std::vector<double> values);
+
+// Why maps of depth differ from the truth, see diagnosis/depth_explanation.h.
+struct DepthExplanation {
+  // The mean |ln(estimated / true)| of the judged pixels, and of that what noise makes.
+  double error = 0;
+  double noise = 0;
+  // The error can be told from noise, with any cause or none.
+  bool is_beyond_noise = false;
+  // kScale: a factor of its own for each view does it, which other measures know more of.
+  std::optional<DepthFault> cause;
+  // Shift: x, y in pixels of the image by which the map lies off. Rotation: the vector in degrees,
+  // displacement: scene units, of cam_from_map_camera. Zoom: the map's focal length over the true
+  // one. Lens: k in w(p) = c + (p - c) (1 + k (|p - c| / f)^2). Time offset: frames. Offset: b,
+  // scene units. Affine, inverse offset: medians of a and b over the views. Clamp: c. Quantization:
+  // step (scene units, or of inverse depth: 1 / scene units) and bits of the largest value.
+  // Smoothing: standard deviation in pixels of the image.
+  std::vector<double> size;
+  double explained_percent = 0;   // of what is beyond noise
+  std::vector<DepthFault> alike;  // the best causes where they explain it alike; none is named
+  std::string text;               // "shift: maps lie 2.0, -1.0 px off"
+  double severity = 0;            // in units of the least that is worth a word
+};
+
+}  // namespace raylift

@@ -1,0 +1,184 @@
+// Tells whether a scene's input is read as it was meant, without ground truth. Each reading of the
+// depth maps and poses (z or ray length or inverse, unit, flips, half a pixel, inverted poses,
+// OpenGL's axes) lifts the references' keypoints elsewhere; under the right one they project onto
+// their matches in the other references.
+//
+// Only matches that agree with the poses are asked: where too few do, no depth is to blame.
+//
+// Readings are compared in pairs over the same matches by c = log(1 + e^2 / px^2) of the
+// reprojection errors e: the difference's mean over its standard error, in which the matches of one
+// pair of images count as one (they share the errors of poses). Another reading explains the data
+// far better where this exceeds `min_sigmas` and errors shrink by at least a hundredth. As the
+// readings are few and discrete, that is so only where the data are nearer to the other one. Each
+// map's scale is left free in these comparisons: monocular depth is inconsistent between maps
+// whatever its reading. Then the unit is what the maps' scales have in common.
+//
+// The best reading may still be bad in itself. So its errors are held against two others, neither
+// of which is a constant: the distances of matches from their epipolar lines, which no depth
+// changes, and the errors of depths that are dealt out at random among the keypoints of each map.
+// Where it is bad, faults are looked for that no reading repairs (values that are cut off, that
+// start again at zero, or that are an affine map of inverse depth; a mesh in another frame), and
+// else nothing fits.
+
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raylift/base/enum_names.h"
+#include "raylift/lifting/depth_alignment.h"
+#include "raylift/lifting/geometry_source.h"
+#include "raylift/lifting/geometry_spec.h"
+#include "raylift/renderers/ray_caster.h"
+#include "raylift/scene/image.h"
+
+namespace raylift {
+
+// The maps themselves, for faults of what they store.
+struct StoredMaps {
+  std::function<std::shared_ptr<const DepthMap>(const PosedImage&)> load;
+  double unit = 1;  // what a stored 1 is as read
+  std::vector<double> invalid_values = {};
+};
+
+struct DoctorInput {
+  const GeometrySource& source;  // as it is read
+  std::span<const PosedImage> references;
+  std::span<const ReferenceMatch> matches;
+  DataConvention as_read = {};
+  // The size of depth maps; nullopt for a surface in the world (a mesh), of which only the poses
+  // are in doubt.
+  std::optional<PlaneSize> map_size_px = std::nullopt;
+  std::optional<StoredMaps> stored = std::nullopt;
+  // The mesh of a surface, where it is tested whether it is where the references are; may be null.
+  std::shared_ptr<const RayCaster> mesh = nullptr;
+  MeshPlacement as_placed = {};  // of the mesh, which has it already
+};
+
+// Returns the input for a mesh or depth maps; what is passed must outlive it.
+DoctorInput MakeDoctorInput(const NamedGeometry& geometry, std::span<const PosedImage> references,
+                            std::span<const ReferenceMatch> matches, PoseConvention poses);
+
+struct DoctorOptions {
+  size_t max_matches = 20000;  // evenly out of all
+  double min_sigmas = 5;
+  bool half_pixels = true;  // also tests these, which take many matches
+  // Looks for the place of a mesh that does not fit, or that would fit far better elsewhere, which
+  // takes time.
+  bool mesh_frames = true;
+  int threads = 0;
+};
+
+// The evidence of the matches for a convention: a keypoint lifted in one reference, seen in
+// another.
+struct ConventionEvidence {
+  DataConvention convention;
+  size_t num_keypoints = 0;  // that have a depth under this reading
+  double median_px = 0;      // their distance from their matches
+  double share_within_5px = 0;
+  double median_own_scale_px = 0;  // with each map at the scale that suits it best
+  // Better than as read (negative: worse): the mean gain in c, and over its standard error.
+  double gain = 0;
+  double sigmas = 0;
+};
+
+// Says what differs from `as_read` ("ray length, not z; depth x 0.001").
+std::string DescribeDifference(const DataConvention& as_read, const DataConvention& other);
+
+// The options that change `as_read` into the other: keys of --geometry depth:..., options of the
+// program.
+struct RepairOptions {
+  std::vector<std::string> geometry_keys;  // "kind=ray"
+  std::vector<std::string> options;        // "--model-poses opengl"
+  // Keys of --geometry that it has and the others stand in place of, or nothing does.
+  std::vector<std::string> replaced_keys = {};
+};
+RepairOptions FindRepair(const DataConvention& as_read, const DataConvention& other);
+
+// "in --geometry: kind=ray,scale=0.001; --model-poses opengl"
+std::string ToString(const RepairOptions& repair);
+
+enum class InputVerdict {
+  kAsMeant,        // the input as read fits the matches
+  kRepair,         // another reading fits them, and is far better
+  kNothingFits,    // none does
+  kTooFewMatches,  // that agree with the poses and tell depth, for any conclusion
+};
+template <>
+inline constexpr auto kEnumNames<InputVerdict> = std::to_array<EnumName<InputVerdict>>({
+    {InputVerdict::kAsMeant, "as_meant"},
+    {InputVerdict::kRepair, "repair"},
+    {InputVerdict::kNothingFits, "nothing_fits"},
+    {InputVerdict::kTooFewMatches, "too_few_matches"},
+});
+
+// Faults that are no matter of conventions.
+enum class InputFault {
+  kNone,
+  kPoses,      // they do not agree with the matches
+  kClamp,      // many pixels hold the largest or smallest value, which is not their depth
+  kWrap,       // values start again at zero
+  kDisparity,  // an affine map of inverse depth
+  kAffine,     // an affine map of depth
+  kMeshFrame,  // the mesh is in another frame than the references
+};
+template <>
+inline constexpr auto kEnumNames<InputFault> = std::to_array<EnumName<InputFault>>({
+    {InputFault::kNone, "none"},
+    {InputFault::kPoses, "poses"},
+    {InputFault::kClamp, "clamp"},
+    {InputFault::kWrap, "wrap"},
+    {InputFault::kDisparity, "disparity"},
+    {InputFault::kAffine, "affine"},
+    {InputFault::kMeshFrame, "mesh_frame"},
+});
+
+// The fit of a convention to the matches in itself, each map at its own scale: the errors of
+// keypoints whose depth the matches tell, beside those of depths that are dealt out at random among
+// the keypoints of each map. What has nothing to do with the scene fits no better than chance.
+struct ConventionFit {
+  size_t asked = 0;     // keypoints whose depth the matches tell
+  size_t count = 0;     // of those that have a depth as read
+  double coverage = 0;  // their share
+  double median_px = 0;
+  double median_chance_px = 0;
+  double upper_px = 0;  // three quarters are below
+  double upper_chance_px = 0;
+};
+
+struct Diagnosis {
+  InputVerdict verdict = InputVerdict::kAsMeant;
+  InputFault fault = InputFault::kNone;
+  std::string reason;  // one clause: why nothing fits or nothing can be said, what is repaired
+  DataConvention as_read;
+  DataConvention best;  // as read, unless `verdict` is to repair it
+  std::vector<ConventionEvidence>
+      conventions;       // `best` first, then by how well they explain the data
+  RepairOptions repair;  // empty unless that is the verdict
+  // The placement that repairs the mesh as its files have it, in place of any that it is read with.
+  std::optional<MeshPlacement> mesh_placement = std::nullopt;
+  ConventionFit fit;  // of the best
+
+  size_t num_matches = 0;
+  size_t num_agreeing = 0;  // with the poses
+  double epipolar_px = 0;   // their median distance from their epipolar lines
+
+  bool suspicious() const {
+    return verdict == InputVerdict::kRepair || verdict == InputVerdict::kNothingFits;
+  }
+  const ConventionEvidence& EvidenceOf(
+      const DataConvention& convention) const;  // one that is listed
+};
+
+// The same for any number of threads.
+Diagnosis Diagnose(const DoctorInput& input, const DoctorOptions& options = {});
+
+// One line that says what is suspected, why, and what repairs it.
+std::string Summary(const Diagnosis& diagnosis);
+
+}  // namespace raylift

@@ -1,0 +1,48 @@
+// The page of `raylift localize`: every query with its verdict, what its stages left, and its
+// photograph over the mesh as seen from the pose, with edges, matches and residuals; and the poses
+// among the references and the mesh in 3D. It knows no ground truth.
+
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "raylift/localization/localizer.h"
+#include "raylift/renderers/ray_caster.h"
+#include "raylift/scene/photographs.h"
+
+namespace raylift {
+
+struct LocalizationReportOptions {
+  size_t num_queries = 0;
+  // May be empty: then no photographs are shown.
+  std::filesystem::path query_images = {}, reference_images = {};
+  std::shared_ptr<const RayCaster> mesh = nullptr;  // null: no pictures of it
+  // Pictures and matches of more queries are in files of their own, which the page loads as they
+  // are looked at.
+  size_t max_in_page = 50;
+  std::filesystem::path folder = {};  // of the page
+};
+
+class LocalizationReport {
+ public:
+  explicit LocalizationReport(LocalizationReportOptions options);
+  ~LocalizationReport();
+
+  // Once per query, in any order. Thread safe. OutputError where a file cannot be written.
+  void Take(size_t index, const QueryResult& result);
+
+  // `warnings`: of the run.
+  std::string Format(std::string_view title, std::span<const PosedImage> references,
+                     std::span<const std::string> warnings) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace raylift

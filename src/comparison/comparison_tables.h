@@ -1,0 +1,47 @@
+// A comparison of depth sources as tables: the same numbers for reading, as CSV and as JSON.
+
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raylift/comparison/depth_comparison.h"
+
+namespace raylift {
+
+// A number that every image of a source has, or has not.
+struct DepthMetric {
+  enum class Better { kLow, kHigh, kNeither };
+  std::string key;    // in CSV and JSON
+  std::string title;  // for readers
+  Better better;
+  int digits;  // after the point
+  std::function<std::optional<double>(const ImageComparison&)> value;
+  // The value of all images together; null: the mean over the images. Metrics of matches count each
+  // match once: an image with a few wrong matches must not weigh as much as one with thousands.
+  std::function<std::optional<double>(const SourceComparison&)> pooled = nullptr;
+};
+const std::vector<DepthMetric>& DepthMetrics();
+
+// Returns the metric of a source as a whole.
+std::optional<double> ValueOfSource(const SourceComparison& source, const DepthMetric& metric);
+
+// Returns one row per source, the truth marked, one line of findings each, and a table of the
+// standard metrics for each of `protocols`.
+std::string FormatComparisonText(const DepthComparison& comparison,
+                                 std::span<const DepthProtocol> protocols = {});
+
+// Returns a row per source: every metric of it as a whole, and what is known of a source alone.
+std::string FormatSourcesCsv(const DepthComparison& comparison);
+// Returns a row per source and image.
+std::string FormatImagesCsv(const DepthComparison& comparison);
+// Returns errors by distance, incidence angle and distance to an edge, shares of matches by
+// reprojection error, surface scores: source, curve, from, to, count, abs_rel, mae, bias, percent.
+std::string FormatCurvesCsv(const DepthComparison& comparison);
+// Returns all of the comparison.
+std::string FormatComparisonJson(const DepthComparison& comparison);
+
+}  // namespace raylift

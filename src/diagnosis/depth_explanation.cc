@@ -1,0 +1,288 @@
+#include "diagnosis/depth_explanation.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+#include <utility>
+
+#include "base/statistics.h"
+#include "diagnosis/cause_fits.h"
+#include "lifting/source_view.h"
+#include <Eigen/Core>
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/parallel.h"
+#include "raylift/diagnosis/depth_faults.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector2d;
+
+// Pixels of one block see the same surface: blocks are what counts as independent.
+constexpr int kBlockPx = 16;
+constexpr size_t kMinBlocks = 20;
+constexpr size_t kMaxSamples = 20000;  // of all views; bounds the time
+// Three standard errors: one in 700 by chance.
+constexpr double kSure = 3;
+constexpr double kMinExplained = 0.5;  // most of it
+// Over another cause: a tenth of what is left, lest what neither models decides, and a hundredth of
+// what there was, lest rounding does.
+constexpr double kMinLeadOfRest = 0.1;
+constexpr double kMinLeadOfAll = 0.01;
+constexpr double kLeastError = 0.008;  // as of the finding "noise"
+
+// A mean over samples and its standard error over blocks.
+struct Estimate {
+  double mean = 0, sigma = 0;
+  bool IsSurelyAbove(double least) const { return mean - least > kSure * sigma; }
+};
+Estimate MeanOverBlocks(std::span<const CauseSample> samples, std::span<const double> values) {
+  const auto n = static_cast<double>(samples.size());
+  Estimate estimate;
+  for (const double value : values) estimate.mean += value / n;
+  double square = 0, sum = 0;
+  for (size_t i = 0; i < samples.size(); ++i) {
+    sum += values[i] - estimate.mean;
+    if (i + 1 < samples.size() && samples[i + 1].block == samples[i].block) continue;
+    square += sum * sum;
+    sum = 0;
+  }
+  estimate.sigma = std::sqrt(square) / n;
+  return estimate;
+}
+
+struct Halves {
+  std::vector<CauseSample> training, judging;
+  size_t judging_blocks = 0;
+};
+
+// Blocks of pixels like the fields of a chessboard.
+Halves Split(std::span<const ExplainedView> views) {
+  size_t pixels = 0;
+  for (const ExplainedView& view : views) pixels += view.truth.z.size();
+  const auto stride = static_cast<int>(1 + pixels / kMaxSamples);
+  Halves halves;
+  size_t block = 0;
+  for (size_t v = 0; v < views.size(); ++v) {
+    const ExplainedView& view = views[v];
+    const int width = view.truth.width_px, height = view.truth.height_px;
+    for (int top = 0; top < height; top += kBlockPx) {
+      for (int left = 0; left < width; left += kBlockPx, ++block) {
+        const bool is_judging = (top + left) / kBlockPx % 2 == 1;
+        std::vector<CauseSample>& half = is_judging ? halves.judging : halves.training;
+        const size_t before = half.size();
+        for (int y = top; y < std::min(height, top + kBlockPx); ++y) {
+          for (int x = left; x < std::min(width, left + kBlockPx); ++x) {
+            // A step that shares no factor with the block's side visits all of its columns.
+            if ((y * 7 + x) % stride != 0) continue;
+            const float estimated = view.estimated.At(x, y), truth = view.truth.At(x, y);
+            if (!(estimated > 0) || !(truth > 0)) continue;
+            const Vector2d pixel(x + 0.5, y + 0.5);
+            const auto ray = view.camera.RayInCam(pixel);
+            if (!ray || !(ray->z() > 0)) continue;
+            half.push_back({v, pixel, *ray / ray->z(), static_cast<double>(estimated),
+                            static_cast<double>(truth), block});
+          }
+        }
+        halves.judging_blocks += is_judging && half.size() > before;
+      }
+    }
+  }
+  return halves;
+}
+
+std::string Describe(const CauseFit& fitted) {
+  const std::vector<double>& size = fitted.size;
+  using enum DepthFault;
+  switch (fitted.cause) {
+    case kShift:
+      return fmt::format("shift: maps lie {:.1f}, {:.1f} px off", size[0], size[1]);
+    case kZoom:
+      return fmt::format("zoom: the focal length is {:.1f} % too {}", 100 * std::abs(size[0] - 1),
+                         size[0] > 1 ? "long" : "short");
+    case kLens:
+      return fmt::format("lens: a radial distortion of {:.3f} is left or missing", size[0]);
+    case kRotation:
+      return fmt::format("rotation: maps are turned by {:.2f}, {:.2f}, {:.2f} deg about x, y, z",
+                         size[0], size[1], size[2]);
+    case kDisplacement:
+      return fmt::format("displacement: maps are seen from {:.3g}, {:.3g}, {:.3g} units off",
+                         size[0], size[1], size[2]);
+    case kTimeOffset:
+      return fmt::format("time offset: maps are {:.1f} frames {}", std::abs(size[0]),
+                         size[0] > 0 ? "ahead" : "behind");
+    case kOffset:
+      return fmt::format("offset: depth is {:.3g} units too {}", std::abs(size[0]),
+                         size[0] > 0 ? "large" : "small");
+    case kAffine:
+      return fmt::format("affine: depth is {:.3f} times the true one {:+.3g} units", size[0],
+                         size[1]);
+    case kInverseOffset:
+      return fmt::format("inverse offset: 1 / depth is {:.3f} times the true one {:+.3g}", size[0],
+                         size[1]);
+    case kClamp:
+      return fmt::format("clamp: {:.1f} % of the depths are {:.3g} instead of their own", size[1],
+                         size[0]);
+    case kQuantization:
+      return fmt::format("quantization: {}depth in steps of {:.3g}, {:.1f} bits",
+                         size[2] > 0 ? "1 / " : "", size[0], size[1]);
+    case kSmoothing:
+      return fmt::format("smoothing: by {:.1f} px", size[0]);
+    default:
+      return {};
+  }
+}
+
+bool Contains(std::span<const DepthFault> faults, DepthFault fault) {
+  return std::find(faults.begin(), faults.end(), fault) != faults.end();
+}
+
+}  // namespace
+
+std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView> views,
+                                                   double noise_sigma, int threads) {
+  for (const ExplainedView& view : views) {
+    if (view.camera.is_panorama()) return std::nullopt;
+    RAYLIFT_CHECK_EQ(view.estimated.z.size(), view.truth.z.size());
+  }
+  const Halves halves = Split(views);
+  if (halves.training.empty() || halves.judging_blocks < kMinBlocks) return std::nullopt;
+  const std::span<const CauseSample> judging = halves.judging;
+  std::vector<double> errors;
+  for (const CauseSample& sample : judging) errors.push_back(IdentityError(sample));
+  const Estimate error = MeanOverBlocks(judging, errors);
+  DepthExplanation result;
+  result.error = error.mean;
+  // The mean of |x| of a normal distribution.
+  result.noise = noise_sigma * std::sqrt(2 / std::numbers::pi);
+  result.is_beyond_noise = error.IsSurelyAbove(result.noise);
+  const double beyond = std::max(0.0, result.error - result.noise);
+
+  std::vector<CauseFitter> tries = MotionFitters(views, halves.training);
+  for (auto& fitter : ValueFitters(views, halves.training)) tries.push_back(std::move(fitter));
+  std::vector<std::optional<CauseFit>> causes(tries.size());
+  std::vector<std::vector<double>> gains(tries.size());  // of each sample
+  std::vector<std::vector<bool>> predicted(tries.size());
+  ParallelFor(tries.size(), threads, [&](size_t i) {
+    causes[i] = tries[i]();
+    if (!causes[i]) return;
+    for (size_t k = 0; k < judging.size(); ++k) {
+      const auto rest = causes[i]->residual(judging[k]);
+      predicted[i].push_back(rest.has_value());
+      gains[i].push_back(rest ? errors[k] - std::abs(*rest) : 0);
+    }
+  });
+
+  const auto lead = [&](size_t a, size_t b) {
+    std::vector<double> differences(judging.size());
+    for (size_t k = 0; k < judging.size(); ++k) {
+      // A map that lies off shows at its border what the truth does not have.
+      if (predicted[a][k] && predicted[b][k]) differences[k] = gains[a][k] - gains[b][k];
+    }
+    return MeanOverBlocks(judging, differences);
+  };
+  const auto beats = [&](size_t a, size_t b) {
+    const Estimate estimate = lead(a, b);
+    const double rest = error.mean - MeanOverBlocks(judging, gains[a]).mean;
+    return estimate.IsSurelyAbove(0) && estimate.mean > kMinLeadOfRest * rest &&
+           estimate.mean > kMinLeadOfAll * beyond;
+  };
+  std::vector<size_t> good;
+  for (size_t i = 0; i < causes.size(); ++i) {
+    if (!causes[i] || causes[i]->severity < 1) continue;
+    const Estimate gain = MeanOverBlocks(judging, gains[i]);
+    if (gain.IsSurelyAbove(0) && gain.IsSurelyAbove(kMinExplained * beyond)) good.push_back(i);
+  }
+  for (const size_t i : good) {
+    bool is_beaten = false, has_peer = false;
+    for (size_t other = 0; other < causes.size(); ++other) {
+      if (other == i || !causes[other]) continue;
+      // A general form that is no better than a special one says no more.
+      const bool is_no_better =
+          Contains(causes[other]->special_case_of, causes[i]->cause) && !beats(i, other);
+      is_beaten = is_beaten || is_no_better || beats(other, i);
+      const bool is_excused = Contains(causes[i]->special_case_of, causes[other]->cause);
+      has_peer = has_peer || (!is_excused && !beats(i, other));
+    }
+    if (is_beaten) continue;
+    if (has_peer) {
+      if (!Contains(result.alike, causes[i]->cause)) result.alike.push_back(causes[i]->cause);
+      continue;
+    }
+    result.cause = causes[i]->cause;
+    result.size = causes[i]->size;
+    result.severity = causes[i]->severity;
+    const double gain = MeanOverBlocks(judging, gains[i]).mean;
+    result.explained_percent = beyond > 0 ? 100 * std::min(1.0, gain / beyond) : 100;
+    result.text = Describe(*causes[i]);
+  }
+  if (result.cause) result.alike.clear();
+  return result;
+}
+
+void AddExplanation(const DepthExplanation& explanation, std::vector<Finding>& findings) {
+  using enum DepthFault;
+  constexpr std::array kTraces = {kScale,         kPerImageScale,       kWarp,  kNoise,
+                                  kAdditiveNoise, kMultiplicativeNoise, kEdges, kFloaters,
+                                  kBubbles,       kQuantization};
+  if (explanation.cause && *explanation.cause != kScale) {
+    std::erase_if(findings,
+                  [&](const Finding& finding) { return Contains(kTraces, finding.fault); });
+    findings.insert(findings.begin(), {*explanation.cause, explanation.size.front(),
+                                       explanation.severity, explanation.text});
+    return;
+  }
+  if (!explanation.alike.empty()) {
+    std::vector<std::string_view> names;
+    for (const DepthFault fault : explanation.alike) names.push_back(ToString(fault));
+    findings.push_back({kUnexplained, 0, 1,
+                        fmt::format("not explained: {} would do alike", fmt::join(names, " or "))});
+  } else if (findings.empty() && explanation.is_beyond_noise && explanation.error >= kLeastError) {
+    findings.push_back({kUnexplained, explanation.error, explanation.error / kLeastError,
+                        fmt::format("not explained: errors of {:.1f} % that no one cause makes",
+                                    100 * explanation.error)});
+  }
+}
+
+namespace {
+
+// A misalignment is one for all images: a few tell it as well as all.
+constexpr size_t kMaxViews = 8;
+// Larger than what is compared else: steps of values show at a map's own pixels alone, not between.
+constexpr int kMaxSidePx = 1024;
+
+}  // namespace
+
+std::vector<ExplainedView> ViewsToExplain(const GeometrySource& source, const GeometrySource& truth,
+                                          std::span<const PosedImage> images, int threads) {
+  std::vector<size_t> by_name(images.size());
+  std::iota(by_name.begin(), by_name.end(), size_t{0});
+  std::stable_sort(by_name.begin(), by_name.end(),
+                   [&](size_t a, size_t b) { return images[a].name < images[b].name; });
+  const size_t count = std::min(kMaxViews, images.size());
+  std::vector<ExplainedView> views(count);
+  ParallelFor(count, threads, [&](size_t k) {
+    // The middles of equal parts.
+    const size_t place = (2 * k + 1) * images.size() / (2 * count);
+    const PosedImage& original = images[by_name[place]];
+    const PosedImage image = ShrunkTo(original, kMaxSidePx);
+    ExplainedView& view = views[k];
+    view.camera = image.camera;
+    view.image_px = static_cast<double>(original.camera.width_px()) / image.camera.width_px();
+    view.estimated = LookThrough(source, image).depth;
+    view.truth = LookThrough(truth, image).depth;
+    for (int offset = -kMaxFrames; offset <= kMaxFrames; ++offset) {
+      const auto other = static_cast<std::ptrdiff_t>(place) + offset;
+      if (other < 0 || other >= static_cast<std::ptrdiff_t>(images.size())) continue;
+      const PosedImage& frame = images[by_name[static_cast<size_t>(other)]];
+      view.frames_from_cam[static_cast<size_t>(offset + kMaxFrames)] =
+          frame.cam_from_world * image.cam_from_world.Inverse();
+    }
+  });
+  return views;
+}
+
+}  // namespace raylift

@@ -1,0 +1,59 @@
+// Why maps of depth differ from the truth: one cause and its size, found by trying. Each cause
+// predicts what an estimated map e would be of the true map t,
+//
+//   shift, zoom, lens        e(p) = t(w(p)), w a motion of pixels
+//   rotation, displacement,  e is what a camera sees that is turned, moved, or where the images of
+//   time offset              a neighboring frame were taken
+//   factor, offset, affine,  e = a t, t + b, a t + b; 1 / e = a / t + b; e = min(t, c) or max(t,
+// c);
+//   inverse offset, clamp    e in steps; e = t after a Gaussian
+//   quantization, smoothing
+//
+// and its parameters are those with the least mean |r|, r = ln(e / predicted), over half of the
+// blocks of pixels of all views together. The other half judges: a cause is named if it explains
+// more than half of what is beyond noise, surely (by three standard errors over blocks), and every
+// other cause surely explains less, by a tenth or more of what is left. Where two explain alike, as
+// a rotation and a shift do where all is one plane, neither is named. Errors of which no one cause
+// explains half are not explained.
+
+#pragma once
+
+#include <array>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "raylift/diagnosis/depth_faults.h"
+#include "raylift/geometry/camera.h"
+#include "raylift/geometry/rigid3.h"
+#include "raylift/lifting/geometry_source.h"
+#include "raylift/scene/photographs.h"
+
+namespace raylift {
+
+// Time offsets are looked for within so many frames.
+inline constexpr int kMaxFrames = 3;
+
+struct ExplainedView {
+  Camera camera;              // of both maps' size
+  DepthMap estimated, truth;  // z-depth
+  double image_px = 1;        // of the image, that a pixel of the maps is wide
+  // The cameras of the frames from kMaxFrames before to kMaxFrames after; the middle one is itself.
+  std::array<std::optional<Rigid3>, 2 * kMaxFrames + 1> frames_from_cam;
+};
+
+// Returns a few of the images, evenly spread. Frames follow each other in the order of their names.
+std::vector<ExplainedView> ViewsToExplain(const GeometrySource& source, const GeometrySource& truth,
+                                          std::span<const PosedImage> images, int threads);
+
+// `noise_sigma` is the standard deviation of the noise of ln(estimated / true) from pixel to pixel.
+// Returns nullopt where there is too little to judge by, and for panoramas. The result is the same
+// for any `threads`.
+std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView> views,
+                                                   double noise_sigma, int threads);
+
+// Puts a cause that was found before all else, in place of the traces that it leaves; says where
+// there is none although errors are no less than what noise needs to be named.
+void AddExplanation(const DepthExplanation& explanation, std::vector<Finding>& findings);
+
+}  // namespace raylift

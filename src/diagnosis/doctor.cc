@@ -1,0 +1,416 @@
+#include "raylift/diagnosis/doctor.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <set>
+#include <string>
+#include <utility>
+
+#include "base/index_sets.h"
+#include "base/statistics.h"
+#include "diagnosis/convention_residuals.h"
+#include "diagnosis/convention_search.h"
+#include "diagnosis/diagnosis_text.h"
+#include "diagnosis/match_agreement.h"
+#include "diagnosis/mesh_frame.h"
+#include "diagnosis/stored_faults.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/parallel.h"
+
+namespace raylift {
+namespace {
+
+// At least so many of the matches that agree with the poses do so by more than chance, and so many
+// of all matches. Images that do not overlap have wrong matches only.
+constexpr double kLeastPurity = 0.7;
+constexpr double kLeastAgreement = 0.03;
+constexpr size_t kFewestAgreeing = 100;
+
+// A mesh in its place should have this much of what is seen.
+constexpr double kLeastCoverageOfPlaced = 0.4;
+// A surface that a few rays happen to meet rightly (the ground of a mirrored mesh) proves little.
+constexpr double kLeastCoverage = 0.25;
+
+std::vector<ReferenceMatch> Evenly(std::span<const ReferenceMatch> matches, size_t most) {
+  std::vector<ReferenceMatch> chosen;
+  for (const size_t i : EvenlySpaced(matches.size(), most)) chosen.push_back(matches[i]);
+  return chosen;
+}
+
+size_t NumPairs(std::span<const ReferenceMatch> matches) {
+  std::set<std::pair<int, int>> pairs;
+  for (const ReferenceMatch& m : matches) pairs.insert(std::minmax(m.reference_a, m.reference_b));
+  return pairs.size();
+}
+
+// Says whether the fit is about as exact as the matches themselves.
+bool IsExact(const ConventionFit& fit, double baseline_error_px) {
+  constexpr double kBaselineErrors = 4;
+  return fit.median_px <= kBaselineErrors * std::max(baseline_error_px, 0.5);
+}
+
+// Repairs must be far nearer to the matches than depths at random, with few exceptions.
+bool IsGood(const ConventionFit& fit, double baseline_error_px) {
+  constexpr double kOfChance = 0.25;
+  constexpr double kUpperOfChance = 0.4;
+  return (IsExact(fit, baseline_error_px) || fit.median_px <= kOfChance * fit.median_chance_px) &&
+         fit.upper_px <= std::max(kUpperOfChance * fit.upper_chance_px, 8 * baseline_error_px);
+}
+
+// Noisy depth may pass as it is read where nothing explains the matches better.
+bool IsPassable(const ConventionFit& fit, double baseline_error_px) {
+  constexpr double kOfChance = 0.5;
+  constexpr double kUpperOfChance = 0.3;
+  return IsGood(fit, baseline_error_px) || (fit.median_px <= kOfChance * fit.median_chance_px &&
+                                            fit.upper_px <= kUpperOfChance * fit.upper_chance_px);
+}
+
+class Examination {
+ public:
+  Examination(const DoctorInput& input, const DoctorOptions& options)
+      : input_(input), options_(options) {
+    diagnosis_.as_read = input.as_read;
+    diagnosis_.best = input.as_read;
+  }
+
+  Diagnosis Run() {
+    if (!KeepAgreeingMatches()) return diagnosis_;
+    data_.emplace(input_, matches_);
+    const StoredStatistics statistics = LookAtMaps(input_, options_.threads);
+    MaskExtremes(statistics);
+    search_.emplace(input_, options_, poses_, *data_);
+    diagnosis_.best = search_->best();
+    Judge(statistics);
+    diagnosis_.conventions = search_->ListEvidence(diagnosis_.best);
+    return diagnosis_;
+  }
+
+ private:
+  void Say(InputVerdict verdict, InputFault fault, std::string reason) {
+    diagnosis_.verdict = verdict;
+    diagnosis_.fault = fault;
+    diagnosis_.reason = std::move(reason);
+  }
+
+  // Returns false: there are not enough to go on with.
+  bool TooFewMatches(std::string reason) {
+    Say(InputVerdict::kTooFewMatches, InputFault::kNone, std::move(reason));
+    return false;
+  }
+
+  // Finds the convention of poses that the matches agree with.
+  MatchAgreement BestAgreement(std::span<const ReferenceMatch> matches) const {
+    const auto agreement = [&](PoseConvention poses) {
+      return Agreement(input_.references, matches, input_.as_read.poses, poses, options_.threads);
+    };
+    // Others must agree far better: with few matches chance may play.
+    constexpr double kFarBetter = 0.1;
+    MatchAgreement best = agreement(input_.as_read.poses);
+    const double as_read_skill = best.Skill();
+    for (const PoseConvention poses : AllValues<PoseConvention>()) {
+      if (poses == input_.as_read.poses) continue;
+      MatchAgreement other = agreement(poses);
+      if (other.Skill() > as_read_skill + kFarBetter && other.Skill() > best.Skill()) {
+        best = std::move(other);
+      }
+    }
+    return best;
+  }
+
+  // Returns whether there are enough; else the diagnosis says so.
+  bool KeepAgreeingMatches() {
+    const std::vector<ReferenceMatch> all = Evenly(input_.matches, options_.max_matches);
+    diagnosis_.num_matches = all.size();
+    if (2 * all.size() < kFewestKeypoints || NumPairs(all) < kFewestPairs) {
+      return TooFewMatches(DescribeFewMatches(all.size(), NumPairs(all)));
+    }
+    const MatchAgreement best = BestAgreement(all);
+    for (size_t i = 0; i < all.size(); ++i) {
+      if (best.agrees[i]) matches_.push_back(all[i]);
+    }
+    diagnosis_.num_agreeing = best.num_agreeing;
+    diagnosis_.epipolar_px = best.median_px;
+    baseline_error_px_ = best.median_px;
+    poses_ = best.poses;
+    constexpr size_t kFewestAtRandom = 20;
+    if (best.num_random < kFewestAtRandom) return TooFewMatches(DescribeFewAtRandom(best));
+    // Where even wrong matches fit, right ones prove nothing.
+    constexpr double kMostByChance = 0.5;
+    if (best.chance > kMostByChance) return TooFewMatches(DescribeChance(best));
+    if (best.Purity() < kLeastPurity || best.Skill() < kLeastAgreement) {
+      const std::string reason = DescribeDisagreement(best, all, input_.references);
+      if (all.size() < kFewestAgreeing) return TooFewMatches(reason);
+      Say(InputVerdict::kNothingFits, InputFault::kPoses, reason);
+      return false;
+    }
+    if (2 * matches_.size() < kFewestKeypoints || NumPairs(matches_) < kFewestPairs) {
+      return TooFewMatches(DescribeFewAgreeing(best, NumPairs(matches_)));
+    }
+    return true;
+  }
+
+  // Keypoints there are asked by themselves.
+  void MaskExtremes(const StoredStatistics& statistics) {
+    for (const StoredExtreme& extreme : statistics.extremes) {
+      data_->MaskStored(extreme.value * input_.stored->unit);
+      masked_.push_back(extreme);
+    }
+  }
+
+  ConventionFit FitOf(const DataConvention& convention) const {
+    return data_->FitOf(convention, data_->FitScales(convention).log_factors);
+  }
+
+  // Judges what the best convention is worth in itself, and what else is wrong.
+  void Judge(const StoredStatistics& statistics) {
+    const DataConvention best = diagnosis_.best;
+    const ConventionFit fit = FitOf(best);
+    diagnosis_.fit = fit;
+    if (!TellsDepth(fit)) {
+      diagnosis_.best = input_.as_read;
+      Say(InputVerdict::kTooFewMatches, InputFault::kNone, kViewsTooClose);
+      return;
+    }
+    const bool is_as_read = best == input_.as_read;
+    const bool covered = input_.map_size_px || fit.coverage >= kLeastCoverage;
+    const bool accepted =
+        best.poses == poses_ && covered && fit.count >= kFewestKeypoints &&
+        (IsGood(fit, baseline_error_px_) || (is_as_read && IsPassable(fit, baseline_error_px_)));
+    if (FindWrapFault(statistics, accepted)) return;
+    if (!accepted && IsMeshInPlace()) {
+      // Limits of what is lifted are the user's choice where what they leave fits.
+      if (fit.count >= kFewestKeypoints && IsGood(fit, baseline_error_px_)) return AcceptBest(fit);
+      return NothingFits(InputFault::kNone, kLimitsDrop);
+    }
+    if (input_.mesh != nullptr && options_.mesh_frames && FindMeshFrame(accepted)) return;
+    if (input_.map_size_px && FindAffineFault(accepted)) return;
+    if (accepted) return AcceptBest(fit);
+    if (best.poses != poses_) {
+      return NothingFits(InputFault::kPoses, DescribeOtherPoses(poses_, input_.as_read.poses));
+    }
+    NothingFits(InputFault::kNone, WhyNothingFits(fit));
+  }
+
+  // Says whether the mesh itself is good as read.
+  bool IsMeshInPlace() const {
+    if (input_.mesh == nullptr || diagnosis_.best.poses != poses_) return false;
+    const MeshFrameSearch search(*input_.mesh, input_, *data_, diagnosis_.best, options_.threads);
+    const ConventionFit whole = search.Judge({}).fit;
+    return whole.count >= kFewestKeypoints && whole.coverage >= kLeastCoverageOfPlaced &&
+           IsGood(whole, baseline_error_px_);
+  }
+
+  // Where all depths project to about the same place, no depth is right or wrong.
+  bool TellsDepth(const ConventionFit& fit) const {
+    constexpr double kBaselineErrors = 4;
+    constexpr double kWrongBy = 0.3;  // of log z
+    std::vector<double> gains_px;
+    for (const auto& depth : data_->Triangulated(poses_)) {
+      if (depth) gains_px.push_back(depth->gain_px);
+    }
+    const double exact_px = kBaselineErrors * std::max(baseline_error_px_, 0.5);
+    const bool few = gains_px.size() < kFewestKeypoints;
+    const bool as_by_chance = fit.count >= kFewestKeypoints && fit.median_chance_px <= exact_px &&
+                              kWrongBy * UpperMedianOr(std::move(gains_px), 0) <= exact_px;
+    return !few && !as_by_chance;
+  }
+
+  // Returns whether the diagnosis is that.
+  bool FindWrapFault(const StoredStatistics& statistics, bool accepted) {
+    DataConvention as_read = input_.as_read;
+    as_read.poses = poses_;
+    const auto wrap =
+        FindWrap(input_, *data_, as_read, statistics.largest, baseline_error_px_, IsGood);
+    if (!wrap) return false;
+    const DataConvention& best = diagnosis_.best;
+    if (accepted &&
+        !search_->IsFarBetter(Compare(
+            *data_, data_->Errors(best, data_->FitScales(best).log_factors), wrap->errors_px))) {
+      return false;
+    }
+    NothingFits(InputFault::kWrap, Describe(*wrap));
+    return true;
+  }
+
+  // Returns whether the diagnosis is that. A convention that is good must be one that a shift of
+  // inverse depth, or of depth, may be hidden behind.
+  bool FindAffineFault(bool accepted) {
+    const DataConvention& best = diagnosis_.best;
+    const bool inverse = best.kind == DepthKind::kInverse;
+    std::vector<AffineForm> forms = {{true, true}, {false, true}, {true, false}, {false, false}};
+    if (accepted && inverse) forms = {{true, true}, {true, false}};
+    if (accepted && !inverse) forms = {{false, true}};
+    if (accepted && !inverse && best.scale == input_.as_read.scale) return false;
+    DataConvention stored = input_.as_read;
+    stored.poses = poses_;
+    stored.orientation = best.orientation;
+    const auto affine = FindAffine(input_, *data_, stored, forms, baseline_error_px_, IsGood);
+    if (!affine) return false;
+    if (accepted) {
+      constexpr double kGreatGain = 0.1;
+      const Gain gain = Compare(*data_, data_->Errors(best, data_->FitScales(best).log_factors),
+                                affine->errors_px);
+      if (!search_->IsFarBetter(gain) || gain.mean < kGreatGain) return false;
+    }
+    NothingFits(affine->form.inverse ? InputFault::kDisparity : InputFault::kAffine,
+                Describe(*affine));
+    return true;
+  }
+
+  void NothingFits(InputFault fault, std::string reason) {
+    diagnosis_.best = input_.as_read;
+    Say(InputVerdict::kNothingFits, fault, std::move(reason));
+  }
+
+  // The verdict is as meant or a repair; values that are cut off are taken for none.
+  void AcceptBest(const ConventionFit& fit) {
+    std::vector<std::string> reasons;
+    std::vector<float> invalid;  // in the digits that tell floats apart
+    for (const StoredExtreme& extreme : masked_) {
+      if (const auto clamp = FindClampAt(extreme, fit)) {
+        reasons.push_back(Describe(*clamp));
+        invalid.push_back(static_cast<float>(extreme.value));
+      }
+    }
+    diagnosis_.repair = FindRepair(input_.as_read, diagnosis_.best);
+    if (!(diagnosis_.best == input_.as_read)) {
+      reasons.insert(reasons.begin(), DescribeDifference(input_.as_read, diagnosis_.best));
+    }
+    if (reasons.empty()) return;
+    if (!invalid.empty()) {
+      invalid.insert(invalid.begin(), input_.stored->invalid_values.begin(),
+                     input_.stored->invalid_values.end());
+      diagnosis_.repair.geometry_keys.push_back(fmt::format("invalid={}", fmt::join(invalid, "/")));
+    }
+    Say(InputVerdict::kRepair, invalid.empty() ? InputFault::kNone : InputFault::kClamp,
+        fmt::format("{}", fmt::join(reasons, "; ")));
+  }
+
+  std::optional<ClampFault> FindClampAt(const StoredExtreme& extreme,
+                                        const ConventionFit& fit) const {
+    // The same keypoints without the mask of this value.
+    ConventionResiduals unmasked(input_, matches_);
+    for (const StoredExtreme& other : masked_) {
+      if (&other != &extreme) unmasked.MaskStored(other.value * input_.stored->unit);
+    }
+    const DataConvention& best = diagnosis_.best;
+    unmasked.Prepare({&best, 1}, options_.threads);
+    return FindClamp(*data_, unmasked, best, extreme, std::max(fit.median_px, baseline_error_px_));
+  }
+
+  std::string WhyNothingFits(const ConventionFit& fit) const {
+    std::optional<MeshSearch> search;
+    if (input_.mesh != nullptr) search = mesh_search_;
+    if (fit.count < kFewestKeypoints) return DescribeFewDepths(fit, masked_, search);
+    if (!input_.map_size_px && fit.coverage < kLeastCoverage) {
+      return DescribeFewRaysMet(fit, search);
+    }
+    return DescribeMisfit(input_, fit, baseline_error_px_, search);
+  }
+
+  // Returns whether the diagnosis is that; where the mesh as read is good, only for far smaller
+  // errors.
+  bool FindMeshFrame(bool accepted) {
+    DataConvention convention = input_.as_read;
+    convention.poses = poses_;
+    const ErrorsPx as_read = data_->Errors(convention, 0);
+    const ConventionFit as_read_fit = FitOf(convention);
+    // Rays that pass the mesh by count, too.
+    const double as_read_px = UpperMedianOr(Known(as_read), ConventionResiduals::kLargestPx);
+    constexpr double kExact = 2;  // about as exact as it can become
+    if (accepted && as_read_px < kExact * std::max(baseline_error_px_, 0.5)) return false;
+    const MeshFrameSearch search(*input_.mesh, input_, *data_, convention, options_.threads);
+    mesh_search_ = search.Obstacle();
+    if (mesh_search_ != MeshSearch::kNoneFound) return false;
+    std::vector<PlacedMesh> found = search.Find();
+    if (!found.empty()) mesh_search_ = MeshSearch::kRejected;
+    const double largest_px = accepted ? 0.6 * as_read_px : std::numeric_limits<double>::infinity();
+    std::erase_if(found, [&](const PlacedMesh& placed) {
+      return placed.fit.count < kFewestKeypoints || placed.fit.coverage < kLeastCoverageOfPlaced ||
+             !IsGood(placed.fit, baseline_error_px_) || placed.fit.median_px > largest_px ||
+             !search_->IsFarBetter(Compare(*data_, as_read, placed.errors_px));
+    });
+    if (found.empty()) return false;
+    const PlacedMesh& best = *std::min_element(
+        found.begin(), found.end(),
+        [](const auto& a, const auto& b) { return a.fit.median_px < b.fit.median_px; });
+    // A symmetric scene has several frames.
+    const auto about_as_good = std::count_if(found.begin(), found.end(), [&](const auto& other) {
+      return &other != &best &&
+             !search_->IsFarBetter(Compare(*data_, other.errors_px, best.errors_px));
+    });
+    if (about_as_good > 0) {
+      NothingFits(InputFault::kMeshFrame, DescribeManyPlaces(about_as_good + 1));
+      return true;
+    }
+    diagnosis_.fit = best.fit;
+    if (best.placement.IsIdentity()) {
+      NothingFits(InputFault::kNone, kLimitsDrop);
+      return true;
+    }
+    diagnosis_.best = convention;
+    diagnosis_.mesh_placement = best.from_files;
+    diagnosis_.repair = FindRepair(input_.as_read, convention);
+    const std::string keys = KeysOf(best.from_files);
+    const std::string keys_as_read = KeysOf(input_.as_placed);
+    if (!keys.empty()) diagnosis_.repair.geometry_keys.push_back(keys);
+    if (!keys_as_read.empty()) {
+      diagnosis_.repair.replaced_keys.push_back(keys.empty() ? keys_as_read
+                                                             : "scale, axes, shift, matrix");
+    }
+    Say(InputVerdict::kRepair, InputFault::kMeshFrame,
+        DescribePlace(best, input_.as_placed,
+                      as_read_fit.count == 0 ? std::nullopt : std::optional(as_read_px)));
+    return true;
+  }
+
+  const DoctorInput& input_;
+  const DoctorOptions& options_;
+  std::vector<ReferenceMatch> matches_;  // that agree with the poses
+  double baseline_error_px_ = 0;
+  PoseConvention poses_ = PoseConvention::kCamFromWorld;  // by which they agree
+  std::optional<ConventionResiduals> data_;
+  std::vector<StoredExtreme> masked_;
+  std::optional<ConventionSearch> search_;
+  MeshSearch mesh_search_ = MeshSearch::kNotSearched;
+  Diagnosis diagnosis_;
+};
+
+}  // namespace
+
+DoctorInput MakeDoctorInput(const NamedGeometry& geometry, std::span<const PosedImage> references,
+                            std::span<const ReferenceMatch> matches, PoseConvention poses) {
+  DoctorInput input{.source = *geometry.source,
+                    .references = references,
+                    .matches = matches,
+                    .as_read = geometry.depth_convention.value_or(DataConvention{})};
+  input.as_read.poses = poses;
+  input.mesh = geometry.mesh;
+  input.as_placed = geometry.placement;
+  if (geometry.maps != nullptr) {
+    input.map_size_px = geometry.maps->size_px();
+    input.stored = {.load = [maps = geometry.maps](
+                                const PosedImage& reference) { return maps->Load(reference); },
+                    .unit = geometry.maps->unit(),
+                    .invalid_values = geometry.maps->convention().invalid_values};
+  }
+  return input;
+}
+
+const ConventionEvidence& Diagnosis::EvidenceOf(const DataConvention& convention) const {
+  const auto found = std::find_if(
+      conventions.begin(), conventions.end(),
+      [&](const ConventionEvidence& evidence) { return evidence.convention == convention; });
+  RAYLIFT_CHECK(found != conventions.end());
+  return *found;
+}
+
+Diagnosis Diagnose(const DoctorInput& input, const DoctorOptions& options) {
+  return Examination(input, options).Run();
+}
+
+}  // namespace raylift

@@ -1,0 +1,358 @@
+#include "raylift/report/localization_report.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <mutex>
+#include <vector>
+
+#include "base/index_sets.h"
+#include "base/json_text.h"
+#include "report/page.h"
+#include "report/pictures.h"
+#include "report/scene_json.h"
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/io/image_file.h"
+#include "raylift/renderers/frame_renderer.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector2d;
+using Json = nlohmann::ordered_json;
+
+// Pictures are at most this wide.
+constexpr int kPagePictureWidthPx = 640;
+// More would hide the picture.
+constexpr size_t kMaxMarks = 250;
+constexpr size_t kMaxLines = 120;
+
+// Inverse depth of a plane is linear in the image: what its second difference is against its value
+// tells an edge or a crease from a slanted surface.
+constexpr double kLeastCrease = 0.01;
+
+double Rounded(double value) { return std::round(value * 10) / 10; }
+
+bool IsInlier(const std::vector<bool>& inliers, size_t i) {
+  return i < inliers.size() && inliers[i];
+}
+
+Json Mark(const Vector2d& pixel, bool is_inlier, const std::optional<Vector2d>& target) {
+  Json mark = {Rounded(pixel.x()), Rounded(pixel.y()), is_inlier ? 1 : 0};
+  if (target) {
+    mark.push_back(Rounded(target->x() - pixel.x()));
+    mark.push_back(Rounded(target->y() - pixel.y()));
+  }
+  return mark;
+}
+
+// The nearest of where a reference's keypoint may be seen, by its distance.
+std::optional<Vector2d> NearestOnEpipolarLine(const PoseProblem& problem, const Match2D2D& match,
+                                              const Rigid3& cam_from_world) {
+  const PosedImage& reference = problem.references[static_cast<size_t>(match.reference)];
+  const auto ray = reference.camera.RayInCam(match.reference_px);
+  if (!ray) return std::nullopt;
+  const Rigid3 query_from_reference = cam_from_world * reference.cam_from_world.Inverse();
+  const double baseline = std::max(query_from_reference.translation.norm(), 1e-9);
+  std::optional<Vector2d> nearest;
+  Vector2d before = Vector2d::Zero();
+  bool has_before = false;
+  double least = std::numeric_limits<double>::infinity();
+  for (double distance = 0.1 * baseline; distance < 1e4 * baseline; distance *= 1.1) {
+    const auto pixel = problem.query_camera.ImgFromCam(query_from_reference * (distance * *ray));
+    if (pixel && has_before) {
+      // On the chord between this point of the line and the one before.
+      const Vector2d along = *pixel - before;
+      const double share = std::clamp(
+          (match.query_px - before).dot(along) / std::max(along.squaredNorm(), 1e-12), 0.0, 1.0);
+      const Vector2d point = before + share * along;
+      if ((point - match.query_px).norm() < least) {
+        least = (point - match.query_px).norm();
+        nearest = point;
+      }
+    }
+    has_before = pixel.has_value();
+    if (pixel) before = *pixel;
+  }
+  return nearest;
+}
+
+// Transparent but for edges and creases.
+Image EdgesOf(const DepthMap& map) {
+  Image edges{map.width_px, map.height_px, 4, {}};
+  edges.data.resize(static_cast<size_t>(4) * map.width_px * map.height_px);
+  const auto inverse = [&map](int x, int y) {
+    const float depth = map.At(x, y);
+    return depth > 0 ? 1 / static_cast<double>(depth) : 0;
+  };
+  for (int y = 1; y + 1 < map.height_px; ++y) {
+    for (int x = 1; x + 1 < map.width_px; ++x) {
+      const double here = inverse(x, y);
+      const double bend = std::max(std::abs(inverse(x - 1, y) - 2 * here + inverse(x + 1, y)),
+                                   std::abs(inverse(x, y - 1) - 2 * here + inverse(x, y + 1)));
+      if (!(bend > kLeastCrease * here) || here == 0) continue;
+      uint8_t* pixel = &edges.data[4 * (static_cast<size_t>(y) * map.width_px + x)];
+      pixel[0] = 255;
+      pixel[1] = 64;
+      pixel[2] = 160;
+      pixel[3] = 255;
+    }
+  }
+  return edges;
+}
+
+// Counts, verdict, uncertainty and times.
+Json QueryFacts(const LocalizedQuery& query) {
+  const StageCounts& counts = query.counts;
+  const PoseEstimate& estimate = query.estimate;
+  Json json = {{"query", query.name},
+               {"reason", query.reason},
+               {"verdict", ToString(query.verdict())},
+               {"confidence", query.confidence()},
+               {"position", nullptr},
+               {"rotation_deg", nullptr},
+               {"retrieved", counts.retrieved},
+               {"matched", counts.matched},
+               {"hit", counts.hit},
+               {"consistent", counts.filter.consistent},
+               {"inliers_2d3d", counts.inliers_2d3d},
+               {"inliers_2d2d", counts.inliers_2d2d},
+               {"keypoints", estimate.num_keypoints},
+               {"inlier_keypoints", estimate.inlier_keypoints}};
+  if (query.localized()) {
+    json["solver"] = ToString(estimate.solver);
+    if (estimate.covariance) {
+      json["position_sigma"] = estimate.position_sigma;
+      json["rotation_sigma_deg"] = estimate.rotation_sigma_deg;
+    }
+  }
+  return json;
+}
+
+// Returns marks of some 2D-3D and some 2D-2D matches: [x, y, inlier, dx, dy], in pixels of the
+// query. (dx, dy) leads to the projected 3D point, or to the nearest point of the epipolar line; it
+// is left out where there is no pose or nothing to be seen.
+Json PointMarks(const QueryResult& result) {
+  const PoseProblem& problem = result.problem;
+  const PoseEstimate& estimate = result.localized.estimate;
+  Json marks = Json::array();
+  for (const size_t i : EvenlySpaced(problem.matches_2d3d.size(), kMaxMarks)) {
+    const Match2D3D& match = problem.matches_2d3d[i];
+    std::optional<Vector2d> target;
+    if (estimate.cam_from_world) {
+      target = problem.query_camera.ImgFromCam(*estimate.cam_from_world * match.point_in_world);
+    }
+    marks.push_back(Mark(match.query_px, IsInlier(estimate.inliers_2d3d, i), target));
+  }
+  return marks;
+}
+
+Json PairMarks(const QueryResult& result) {
+  const PoseProblem& problem = result.problem;
+  const PoseEstimate& estimate = result.localized.estimate;
+  Json marks = Json::array();
+  for (const size_t i : EvenlySpaced(problem.matches_2d2d.size(), kMaxMarks)) {
+    const Match2D2D& match = problem.matches_2d2d[i];
+    std::optional<Vector2d> target;
+    if (estimate.cam_from_world) {
+      target = NearestOnEpipolarLine(problem, match, *estimate.cam_from_world);
+    }
+    marks.push_back(Mark(match.query_px, IsInlier(estimate.inliers_2d2d, i), target));
+  }
+  return marks;
+}
+
+// Returns the index of the reference that most inliers are of, or most matches where none is one,
+// among the problem's references.
+std::optional<size_t> BestReference(const QueryResult& result) {
+  const PoseProblem& problem = result.problem;
+  // Inliers, and then matches.
+  std::vector<std::pair<int, int>> counts(problem.references.size());
+  for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
+    auto& [inliers, matches] = counts[static_cast<size_t>(problem.matches_2d2d[i].reference)];
+    inliers += IsInlier(result.localized.estimate.inliers_2d2d, i) ? 1 : 0;
+    ++matches;
+  }
+  const auto best = std::max_element(counts.begin(), counts.end());
+  if (best == counts.end() || best->second == 0) return std::nullopt;
+  return static_cast<size_t>(best - counts.begin());
+}
+
+// [x, y, x in the reference, y, inlier].
+Json MatchLines(const QueryResult& result, size_t reference) {
+  const PoseProblem& problem = result.problem;
+  std::vector<size_t> own;
+  for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
+    if (static_cast<size_t>(problem.matches_2d2d[i].reference) == reference) own.push_back(i);
+  }
+  Json lines = Json::array();
+  for (const size_t k : EvenlySpaced(own.size(), kMaxLines)) {
+    const Match2D2D& match = problem.matches_2d2d[own[k]];
+    lines.push_back({Rounded(match.query_px.x()), Rounded(match.query_px.y()),
+                     Rounded(match.reference_px.x()), Rounded(match.reference_px.y()),
+                     IsInlier(result.localized.estimate.inliers_2d2d, own[k]) ? 1 : 0});
+  }
+  return lines;
+}
+
+// Renders the mesh from the pose, and its edges and creases on a transparent ground, as
+// data URIs: {"rendering": ..., "edges": ...}.
+Json SeenFromPose(const QueryResult& result, const RayCaster& mesh) {
+  const Camera& camera = result.problem.query_camera;
+  const int width = std::min(kPagePictureWidthPx, camera.width_px());
+  const int height = std::max(1, camera.height_px() * width / camera.width_px());
+  const Camera small = camera.Scaled(width, height);
+  const Rigid3& pose = *result.localized.estimate.cam_from_world;
+  ColorOptions colors;
+  colors.background_rgb = {222, 226, 232};
+  if (!mesh.HasColors()) colors.shading = ColorOptions::Shading::kHeadlight;
+  return {{"rendering", JpegDataUri(RenderColor(mesh, small, pose, colors, 1), width)},
+          {"edges", PngDataUri(EdgesOf(RenderDepth(mesh, small, pose, 1)))}};
+}
+
+using Json = nlohmann::ordered_json;
+
+// The camera of each query in the view in 3D.
+constexpr size_t kScenePoints = 200;
+
+struct QueryEntry {
+  Json json;
+  std::vector<ScenePoint> points;
+  std::optional<PosedImage> view;
+};
+
+Json PhotoJson(const Image& photo) {
+  return {{"uri", JpegDataUri(photo, kPagePictureWidthPx)},
+          {"width", photo.width_px},
+          {"height", photo.height_px}};
+}
+
+// Returns gray where there is no photograph.
+std::array<uint8_t, 3> ColorAt(const std::optional<Image>& photo, const Eigen::Vector2d& pixel) {
+  constexpr std::array<uint8_t, 3> kGray = {190, 190, 190};
+  if (!photo) return kGray;
+  const int x = std::clamp(static_cast<int>(pixel.x()), 0, photo->width_px - 1);
+  const int y = std::clamp(static_cast<int>(pixel.y()), 0, photo->height_px - 1);
+  const uint8_t* color = photo->Pixel(x, y);
+  return {color[0], color[1], color[2]};
+}
+
+// Returns the points of some inliers, colored by the photograph.
+std::vector<ScenePoint> ScenePointsOf(const QueryResult& result,
+                                      const std::optional<Image>& photo) {
+  const std::vector<bool>& inliers = result.localized.estimate.inliers_2d3d;
+  const auto& matches = result.problem.matches_2d3d;
+  std::vector<ScenePoint> points;
+  for (const size_t i : EvenlySpaced(matches.size(), kScenePoints)) {
+    if (i >= inliers.size() || !inliers[i]) continue;
+    points.push_back({matches[i].point_in_world, ColorAt(photo, matches[i].query_px)});
+  }
+  return points;
+}
+
+}  // namespace
+
+struct LocalizationReport::Impl {
+  LocalizationReportOptions options;
+  std::vector<QueryEntry> entries;
+  std::map<std::string, Json> reference_photos;
+  std::mutex mutex;  // guards them
+
+  bool IsPaged() const { return options.num_queries > options.max_in_page; }
+
+  // Null where there is none, and where the page has it already.
+  Json ReferencePhoto(const std::string& name) {
+    if (!IsPaged()) {
+      const std::lock_guard lock(mutex);
+      if (reference_photos.contains(name)) return nullptr;
+    }
+    const auto photo = ReadPhoto(options.reference_images, name);
+    if (!photo) return nullptr;
+    Json json = PhotoJson(*photo);
+    if (IsPaged()) return json;
+    const std::lock_guard lock(mutex);
+    reference_photos.emplace(name, std::move(json));
+    return nullptr;
+  }
+
+  // All that is looked at of one query at a time.
+  Json Pictures(const QueryResult& result, const std::optional<Image>& photo) {
+    Json json = {{"points", PointMarks(result)}, {"pairs", PairMarks(result)}};
+    if (photo) json["photo"] = PhotoJson(*photo);
+    if (const auto best = BestReference(result)) {
+      const std::string& name = result.problem.references[*best].name;
+      json["reference"] = {{"name", name}, {"lines", MatchLines(result, *best)}};
+      if (Json of_reference = ReferencePhoto(name); !of_reference.is_null()) {
+        json["reference"]["photo"] = std::move(of_reference);
+      }
+    }
+    if (result.localized.localized() && options.mesh != nullptr) {
+      json.update(SeenFromPose(result, *options.mesh));
+    }
+    return json;
+  }
+};
+
+LocalizationReport::LocalizationReport(LocalizationReportOptions options)
+    : impl_(std::make_unique<Impl>()) {
+  impl_->entries.resize(options.num_queries);
+  impl_->options = std::move(options);
+}
+
+LocalizationReport::~LocalizationReport() = default;
+
+void LocalizationReport::Take(size_t index, const QueryResult& result) {
+  // Every query has a place of its own: no lock is needed.
+  QueryEntry& entry = impl_->entries.at(index);
+  const LocalizedQuery& query = result.localized;
+  entry.json = QueryFacts(query);
+  const auto photo = ReadPhoto(impl_->options.query_images, query.name);
+  const Json pictures = impl_->Pictures(result, photo);
+  if (impl_->IsPaged()) {
+    const std::string file = fmt::format("queries/{:06}.js", index);
+    WriteFile(impl_->options.folder / file, "takeQuery(" + JsonText(pictures) + ");\n");
+    entry.json["file"] = file;
+  } else {
+    entry.json.update(pictures);
+  }
+  entry.points = ScenePointsOf(result, photo);
+  if (query.localized()) {
+    entry.view =
+        PosedImage{query.name, result.problem.query_camera, *query.estimate.cam_from_world};
+  }
+}
+
+std::string LocalizationReport::Format(std::string_view title,
+                                       std::span<const PosedImage> references,
+                                       std::span<const std::string> warnings) const {
+  Json queries = Json::array();
+  Json data = {{"title", title}};
+  SceneJson scene;
+  for (const PosedImage& reference : references) scene.AddCamera("reference", reference);
+  if (impl_->options.mesh) scene.AddMesh(impl_->options.mesh->mesh());
+  std::map<std::string, size_t> count_of;
+  for (const QueryEntry& entry : impl_->entries) {
+    queries.push_back(entry.json);
+    const auto verdict = entry.json["verdict"].get<std::string>();
+    ++count_of[verdict];
+    scene.AddPoints(entry.points);
+    if (entry.view) scene.AddCamera(verdict, *entry.view);
+  }
+  for (const auto& [name, photo] : impl_->reference_photos) {
+    SetIn(data, "reference_photos", name, photo);
+  }
+  data["subtitle"] = fmt::format(
+      "{} of {} queries localized, {} of them doubtful, against {} references",
+      queries.size() - count_of["failed"], queries.size(), count_of["doubtful"], references.size());
+  data["warnings"] = warnings;
+  data["rows"] = {{{"name", "this run"}, {"recalls", Json::array()}, {"queries", queries}}};
+  data["scene"] = scene.Build();
+  return MakePage(title, JsonText(data));
+}
+
+}  // namespace raylift
