@@ -16,7 +16,8 @@ namespace {
 constexpr size_t kBatch = 64;
 
 // Where a hit in float and its refinement in double are further apart than this share of the ray's
-// length and kMaxRefinementOfScene, the ray grazes the triangle's plane, and float's is the better one.
+// length and kMaxRefinementOfScene, the ray grazes the triangle's plane, and float's is the better
+// one.
 constexpr double kMaxRefinementOfRay = 1e-3;
 
 // Embree's robust test lets no ray through an edge, but a few in a thousand of those that aim at a

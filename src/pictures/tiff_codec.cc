@@ -124,35 +124,16 @@ std::vector<float> ReadPlane(TIFF* tiff, PlaneSize size) {
   return values;
 }
 
-struct SampleForm {
-  uint16_t bits;
-  uint16_t format;
-};
-
-SampleForm FormOf(TiffSample sample) {
-  switch (sample) {
-    case TiffSample::kUint8:
-      return {8, SAMPLEFORMAT_UINT};
-    case TiffSample::kUint16:
-      return {16, SAMPLEFORMAT_UINT};
-    case TiffSample::kInt16:
-      return {16, SAMPLEFORMAT_INT};
-    case TiffSample::kInt32:
-      return {32, SAMPLEFORMAT_INT};
-    case TiffSample::kFloat32:
-      return {32, SAMPLEFORMAT_IEEEFP};
-    case TiffSample::kFloat64:
-      return {64, SAMPLEFORMAT_IEEEFP};
-  }
-  return {0, 0};
+uint16_t BitsOf(TiffSample sample) {
+  constexpr std::array<uint16_t, 6> kBits = {8, 16, 16, 32, 32, 64};  // in the order of the enum
+  return kBits[static_cast<size_t>(sample)];
 }
 
 void RequireForm(TIFF* tiff, PlaneSize size, TiffSample sample) {
-  const SampleForm form = FormOf(sample);
   if (Field<uint32_t>(tiff, TIFFTAG_IMAGEWIDTH) != static_cast<uint32_t>(size.width_px) ||
       Field<uint32_t>(tiff, TIFFTAG_IMAGELENGTH) != static_cast<uint32_t>(size.height_px) ||
       Field<uint16_t>(tiff, TIFFTAG_SAMPLESPERPIXEL) != 1 ||
-      Field<uint16_t>(tiff, TIFFTAG_BITSPERSAMPLE) != form.bits) {
+      Field<uint16_t>(tiff, TIFFTAG_BITSPERSAMPLE) != BitsOf(sample)) {
     Fail();
   }
 }
@@ -209,14 +190,13 @@ std::vector<float> DecodeTiffPlane(std::string_view bytes, PlaneSize size, TiffS
 std::string EncodeTiffPlane(PlaneSize size, std::span<const float> values) {
   Memory memory{.is_written = true};
   TiffPointer tiff = Open(memory, "wm");
-  const SampleForm form = FormOf(TiffSample::kFloat32);
   const auto set = [&](uint32_t tag, auto value) {
     if (TIFFSetField(tiff.get(), tag, value) == 0) throw std::runtime_error("libtiff refuses it");
   };
   set(TIFFTAG_IMAGEWIDTH, static_cast<uint32_t>(size.width_px));
   set(TIFFTAG_IMAGELENGTH, static_cast<uint32_t>(size.height_px));
-  set(TIFFTAG_BITSPERSAMPLE, int{form.bits});
-  set(TIFFTAG_SAMPLEFORMAT, int{form.format});
+  set(TIFFTAG_BITSPERSAMPLE, int{BitsOf(TiffSample::kFloat32)});
+  set(TIFFTAG_SAMPLEFORMAT, SAMPLEFORMAT_IEEEFP);
   set(TIFFTAG_SAMPLESPERPIXEL, 1);
   set(TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK);
   set(TIFFTAG_COMPRESSION, COMPRESSION_NONE);

@@ -1,8 +1,8 @@
 // Rigid motions of 3D space. A transform is named target_from_source: cam_from_world maps a point
 // in world coordinates to camera coordinates, and products chain: a_from_c = a_from_b * b_from_c.
+// Files of others may store poses the other way round or in other axes: see PoseConvention.
 
 #pragma once
-
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
