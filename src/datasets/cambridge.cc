@@ -3,8 +3,6 @@
 // The focal lengths and the radial distortion are in reconstruction.nvm alone, whose names end in
 // .jpg.
 
-#include <cmath>
-
 #include "datasets/importers.h"
 #include "io/text/line_tokens.h"
 #include <fmt/format.h>

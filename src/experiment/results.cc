@@ -1,7 +1,6 @@
 #include "experiment/results.h"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 #include <map>
 
@@ -10,8 +9,6 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
-#include "raylift/experiment/experiment.h"
-#include "raylift/experiment/run_cells.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
 

@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
-#include <map>
 #include <memory>
-#include <optional>
 #include <tuple>
 
 #include "base/hash.h"
@@ -19,7 +17,6 @@
 #include "raylift/base/parallel.h"
 #include "raylift/base/text.h"
 #include "raylift/evaluation/depth_perturbation.h"
-#include "raylift/geometry/rigid3.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/lifting/geometry_spec.h"

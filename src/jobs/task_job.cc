@@ -3,11 +3,14 @@
 #include <utility>
 
 #include "base/hash.h"
+#include "base/json_text.h"
 #include "jobs/manifest_file.h"
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/parallel.h"
 
 namespace raylift {
 namespace {
@@ -18,6 +21,13 @@ using std::filesystem::path;
   throw OptionError(
       "overwrite", "false",
       fmt::format("{} is of a former run; resume = true keeps what is done", file.string()));
+}
+
+// The same line for a task that is at another place of the list now.
+std::string AtPlace(const std::string& line, size_t place) {
+  auto json = nlohmann::ordered_json::parse(line);
+  json["place"] = place;
+  return JsonText(json);
 }
 
 }  // namespace
@@ -41,10 +51,13 @@ TaskJob::TaskJob(const std::vector<std::string>& names, const std::string& heade
       form_(std::move(form)),
       file_(ManifestPath(folder_.out, folder_.shard)) {
   RequireWritable(file_);  // the folder must be there to be locked
-  lock_ =
-      std::make_unique<FolderLock>(folder_.out, folder_.shard.IsAll() ? FolderLock::Mode::kExclusive
-                                                                      : FolderLock::Mode::kShared);
-  for (const std::string& name : names) {
+  lock_ = std::make_unique<FolderLock>(
+      folder_.out, folder_.shard.IsAll() ? FolderLock::Mode::kExclusive : FolderLock::Mode::kShared,
+      folder_.wait ? FolderLock::IfHeld::kWait : FolderLock::IfHeld::kFail);
+  keys_ = form_.keys;
+  RAYLIFT_CHECK(keys_.empty() || keys_.size() == names.size());
+  for (size_t i = keys_.size(); i < names.size(); ++i) {
+    const std::string& name = names[i];
     keys_.push_back(HexText(HashBytes64(fmt::format("{}\n{}", header, name))));
   }
   RefuseIfAppended(file_);
@@ -61,7 +74,7 @@ void TaskJob::TakeFormerRuns(const std::string& header) {
     const bool beside = IsManifestOfOtherShard(manifest, folder_.shard) && same;
     if (beside || folder_.overwrite || there.CountTasks() == 0) continue;
     if (!folder_.resume) FailByFormerRun(manifest);
-    if (same) continue;
+    if (same || GoesOnAnyway()) continue;
     throw InputError(manifest,
                      fmt::format("the run that is to go on had other options or inputs ({})",
                                  HeaderDifference(there.header, header)));
@@ -71,16 +84,34 @@ void TaskJob::TakeFormerRuns(const std::string& header) {
   TaskManifest all = ReadAll(header);
   manifest_.facts = std::move(all.facts);
   if (!folder_.resume) return;
+  std::vector<size_t> kept;
   for (size_t i = 0; i < keys_.size(); ++i) {
-    if (folder_.shard.Contains(i) && Holds(all, i)) {
-      manifest_.records.insert(*all.records.find(keys_[i]));
-    }
+    if (folder_.shard.Contains(i) && TakeRecord(i, all, manifest_)) kept.push_back(i);
   }
+  KeepWithFiles(kept, JobForm::Look::kContents, manifest_);
 }
 
-bool TaskJob::Holds(const TaskManifest& manifest, size_t task) const {
-  const auto record = manifest.records.find(keys_[task]);
-  return record != manifest.records.end() && record->second.place == task;
+// The list of tasks may have become another one.
+bool TaskJob::TakeRecord(size_t task, const TaskManifest& from, TaskManifest& to) const {
+  const auto record = from.records.find(keys_[task]);
+  if (record == from.records.end()) return false;
+  const auto& [place, line] = record->second;
+  if (place != task && !GoesOnAnyway()) return false;
+  to.records.emplace(keys_[task], TaskRecord{task, place == task ? line : AtPlace(line, task)});
+  return true;
+}
+
+void TaskJob::KeepWithFiles(const std::vector<size_t>& tasks, JobForm::Look look,
+                            TaskManifest& manifest) const {
+  if (!form_.has_files) return;
+  std::vector<char> has_files(tasks.size());
+  ParallelFor(tasks.size(), form_.threads, [&](size_t i) {
+    const std::string& line = manifest.records.at(keys_[tasks[i]]).line;
+    has_files[i] = form_.has_files(tasks[i], line, look) ? 1 : 0;
+  });
+  for (size_t i = 0; i < tasks.size(); ++i) {
+    if (has_files[i] == 0) manifest.records.erase(keys_[tasks[i]]);
+  }
 }
 
 // Other shards of the same run may be at work.
@@ -97,13 +128,13 @@ void TaskJob::RemoveFormerRun() const {
   }
 }
 
-// Without manifests of other runs, and without those that another shard, which is the last one to
-// end, is just removing.
+// Leaves out the manifests of other runs that this one does not go on from, and those that another
+// shard, which is the last one to end, is just removing.
 TaskManifest TaskJob::ReadAll(const std::string& header) const {
   TaskManifest all;
   for (const path& file : ListManifests(folder_.out)) {
     TaskManifest part = ReadTaskManifest(file, form_.is_readable);
-    if (part.header == header) AddPart(std::move(part), all);
+    if (part.header == header || GoesOnAnyway()) AddPart(std::move(part), all);
   }
   return all;
 }
@@ -133,11 +164,18 @@ void TaskJob::Add(size_t task, const std::string& line) {
 }
 
 std::optional<TaskManifest> TaskJob::Whole() const {
-  TaskManifest all = folder_.shard.IsAll() ? manifest_ : ReadAll(manifest_.header);
-  for (size_t i = 0; i < keys_.size(); ++i) {
-    if (!Holds(all, i)) return std::nullopt;
+  if (folder_.shard.IsAll()) {
+    return manifest_.records.size() == keys_.size() ? std::optional(manifest_) : std::nullopt;
   }
-  return all;
+  TaskManifest all = ReadAll(manifest_.header);
+  TaskManifest whole{manifest_.header, std::move(all.facts), {}};
+  std::vector<size_t> tasks(keys_.size());
+  for (size_t i = 0; i < keys_.size(); ++i) {
+    if (!TakeRecord(i, all, whole)) return std::nullopt;
+    tasks[i] = i;
+  }
+  KeepWithFiles(tasks, JobForm::Look::kSizes, whole);
+  return whole.records.size() == keys_.size() ? std::optional(std::move(whole)) : std::nullopt;
 }
 
 void TaskJob::Finish(const TaskManifest& whole) {

@@ -1,8 +1,6 @@
 #include "views/job_files.h"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <ctime>
 #include <set>
 #include <unordered_set>
@@ -16,7 +14,6 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
-#include "raylift/renderers/ray_caster.h"
 
 namespace raylift {
 namespace {

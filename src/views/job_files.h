@@ -14,6 +14,7 @@
 
 #include <Eigen/Core>
 
+#include "raylift/jobs/task_job.h"
 #include "raylift/renderers/frame_renderer.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/image.h"
@@ -34,6 +35,10 @@ std::string TaskKey(const std::string& header, const RenderTask& task);
 
 // "PRODUCT/stem.FORMAT" of each product.
 std::vector<std::string> TaskFiles(const RenderTask& task, std::span<const ProductOutput> products);
+
+// nullopt if the line is no entry of a manifest.
+std::optional<ManifestEntry> ParseEntry(const std::string& line);
+ManifestEntries EntriesOf(const TaskManifest& manifest);
 
 // Removes what a killed run has left of these files: half-written ones under temporary names.
 void RemoveLeftovers(const std::filesystem::path& out, std::span<const std::string> files);

@@ -17,6 +17,7 @@ using std::filesystem::path;
 
 ManifestEntry FromJson(const Json& json) {
   ManifestEntry entry;
+  entry.place = json.value("place", size_t{0});
   entry.name = json.at("name");
   entry.key = json.at("key");
   entry.camera = json.at("camera");
@@ -36,9 +37,9 @@ ManifestEntry FromJson(const Json& json) {
 }  // namespace
 
 std::string ToJsonLine(const ManifestEntry& entry) {
-  Json json = {{"name", entry.name},      {"key", entry.key},   {"camera", entry.camera},
-               {"pixels", entry.pixels},  {"hits", entry.hits}, {"depth_range", nullptr},
-               {"dropped", entry.dropped}};
+  Json json = {{"name", entry.name},     {"place", entry.place},    {"key", entry.key},
+               {"camera", entry.camera}, {"pixels", entry.pixels},  {"hits", entry.hits},
+               {"depth_range", nullptr}, {"dropped", entry.dropped}};
   if (entry.depth_range) {
     json["depth_range"] = {entry.depth_range->first, entry.depth_range->second};
   }
@@ -50,24 +51,29 @@ std::string ToJsonLine(const ManifestEntry& entry) {
   return JsonText(json);
 }
 
+std::optional<ManifestEntry> ParseEntry(const std::string& line) {
+  try {
+    return FromJson(Json::parse(line));
+  } catch (const Json::exception&) {
+    return std::nullopt;
+  }
+}
+
 ManifestEntries ReadManifest(const path& file) {
   ManifestEntries entries;
   for (const std::string& line : ReadManifestText(file).lines) {
-    try {
-      ManifestEntry entry = FromJson(Json::parse(line));
-      entries.insert_or_assign(entry.name, std::move(entry));
-    } catch (const nlohmann::json::exception&) {
-      continue;
-    }
+    if (auto entry = ParseEntry(line)) entries.insert_or_assign(entry->name, std::move(*entry));
   }
   return entries;
 }
 
-void WriteManifest(const path& file, const std::string& header, const ManifestEntries& entries) {
-  std::vector<std::string> lines;
-  lines.reserve(entries.size());
-  for (const auto& [name, entry] : entries) lines.push_back(ToJsonLine(entry));
-  WriteManifestText(file, header, lines);
+ManifestEntries EntriesOf(const TaskManifest& manifest) {
+  ManifestEntries entries;
+  for (const auto& [key, record] : manifest.records) {
+    ManifestEntry entry = ParseEntry(record.line).value();
+    entries.emplace(entry.name, std::move(entry));
+  }
+  return entries;
 }
 
 namespace {

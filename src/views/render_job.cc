@@ -1,16 +1,12 @@
 #include "raylift/views/render_job.h"
 
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <future>
 #include <limits>
 #include <list>
-#include <memory>
 #include <mutex>
 #include <set>
-#include <string>
-#include <utility>
 
 #include "base/hash.h"
 #include "jobs/manifest_file.h"
@@ -21,8 +17,8 @@
 #include "raylift/base/file.h"
 #include "raylift/base/parallel.h"
 #include "raylift/io/image_file.h"
+#include "raylift/jobs/task_job.h"
 #include "raylift/renderers/pixel_rays.h"
-#include "raylift/scene/photographs.h"
 
 namespace raylift {
 namespace {
@@ -133,68 +129,69 @@ FrameOptions OptionsOfFrames(const RenderJobOptions& options) {
   return frame;
 }
 
-class Job {
+class RenderJob {
  public:
-  Job(const std::shared_ptr<const RayCaster>& scene, std::vector<RenderTask> tasks,
-      const RenderJobOptions& options, const RenderHooks& hooks)
+  RenderJob(const std::shared_ptr<const RayCaster>& scene, std::vector<RenderTask> tasks,
+            const RenderJobOptions& options, const RenderHooks& hooks)
       : options_(options),
         hooks_(hooks),
         scene_(scene),
-        tasks_(std::move(tasks)),
+        tasks_(InOrder(std::move(tasks))),
         renderer_(scene, OptionsOfFrames(options)),
         threads_(ResolveThreads(options.threads)),
         tables_(static_cast<size_t>(threads_) + 1),
         header_(JobHeader(*scene, options)),
-        manifest_header_(ManifestHeader(header_, tasks_.size())) {
-    // Views of one camera follow each other, so that few tables of rays are needed at a time; and
-    // all shards deal the same list.
-    std::sort(tasks_.begin(), tasks_.end(), [](const RenderTask& a, const RenderTask& b) {
-      return std::pair(a.view.camera.ToString(), a.view.name) <
-             std::pair(b.view.camera.ToString(), b.view.name);
-    });
-    for (const RenderTask& task : tasks_) keys_.push_back(TaskKey(header_, task));
-  }
+        job_(NamesOf(tasks_), ManifestHeader(header_, tasks_.size()),
+             {options.out, options.shard, options.resume, options.overwrite, options.wait},
+             Form()) {}
 
   RenderSummary Run() {
-    const path manifest = ManifestPath(options_.out, options_.shard);
-    RequireWritable(manifest);
-    const FolderLock lock(
-        options_.out,
-        options_.shard.IsAll() ? FolderLock::Mode::kExclusive : FolderLock::Mode::kShared,
-        options_.wait ? FolderLock::IfHeld::kWait : FolderLock::IfHeld::kFail);
-    RefuseIfAppended(manifest);
-    RefuseFormerRun();
-    RemoveLeftoversOfShard();
+    const std::vector<size_t> missing = job_.Missing();
+    kept_ = job_.manifest().records.size();
+    if (hooks_.on_start) hooks_.on_start(missing.size(), RaysOf(missing));
     std::vector<std::string> foreign_files = ListForeignFiles();
-    const std::vector<size_t> to_do = ListWork();
-    WriteManifest(manifest, manifest_header_, done_);
-    const bool all_done = RenderAll(to_do, manifest);
-    WriteManifest(manifest, manifest_header_, done_);
-    RenderSummary summary = Summarize();
-    summary.left = to_do.size() - rendered_;
-    summary.complete = all_done && Finish();
-    summary.warnings = Warnings(done_);
+    RemoveLeftoversOfShard();
+    job_.Begin(std::nullopt);
+    const bool all_done = RenderAll(missing);
+    const bool complete = all_done && Finish();
+    ManifestEntries done = EntriesOf(job_.manifest());
+    RenderSummary summary = Summarize(done);
+    summary.left = missing.size() - rendered_;
+    summary.complete = complete;
+    summary.warnings = Warnings(done);
     summary.foreign_files = std::move(foreign_files);
-    summary.entries = std::move(done_);
+    summary.entries = std::move(done);
     summary.seconds = SecondsSince(start_);
     return summary;
   }
 
  private:
-  // What took hours is not lost by an option that was forgotten. Other shards of this job, which
-  // may be at work, are no former run.
-  void RefuseFormerRun() const {
-    if (options_.resume || options_.overwrite) return;
-    for (const path& manifest : ListManifests(options_.out)) {
-      const size_t images = ReadManifest(manifest).size();
-      const bool beside = IsManifestOfOtherShard(manifest, options_.shard) &&
-                          ReadManifestText(manifest).header == manifest_header_;
-      if (images == 0 || beside) continue;
-      throw OptionError("overwrite", "false",
-                        fmt::format("{} holds {} images of a former run; resume = true keeps those "
-                                    "that are complete",
-                                    manifest.string(), images));
-    }
+  // Views of one camera follow each other, so that few tables of rays are needed at a time; and all
+  // shards deal the same list.
+  static std::vector<RenderTask> InOrder(std::vector<RenderTask> tasks) {
+    std::sort(tasks.begin(), tasks.end(), [](const RenderTask& a, const RenderTask& b) {
+      return std::pair(a.view.camera.ToString(), a.view.name) <
+             std::pair(b.view.camera.ToString(), b.view.name);
+    });
+    return tasks;
+  }
+
+  static std::vector<std::string> NamesOf(std::span<const RenderTask> tasks) {
+    std::vector<std::string> names;
+    for (const RenderTask& task : tasks) names.push_back(task.view.name);
+    return names;
+  }
+
+  JobForm Form() const {
+    JobForm form{.results = {}, .is_readable = [](const std::string& line) {
+                   return ParseEntry(line).has_value();
+                 }};
+    for (const RenderTask& task : tasks_) form.keys.push_back(TaskKey(header_, task));
+    form.has_files = [this](size_t task, const std::string& line, JobForm::Look look) {
+      return HasFiles(task, ParseEntry(line).value(), look);
+    };
+    form.threads = threads_;
+    return form;
   }
 
   // Files that a former run lists and this one does not write.
@@ -228,67 +225,24 @@ class Job {
     RemoveLeftovers(options_.out, files);
   }
 
-  // What is looked at of files that are there.
-  enum class Look { kSizes, kContents };
-
-  // Whether all files of the task are there as the entry says, and are what would be made now.
-  bool IsComplete(size_t index, const ManifestEntry& entry, Look look) const {
+  // Returns whether all files of the task are there as the entry says.
+  bool HasFiles(size_t index, const ManifestEntry& entry, JobForm::Look look) const {
     const auto files = TaskFiles(tasks_[index], options_.products);
-    if (entry.key != keys_[index] || entry.files.size() != files.size()) return false;
+    if (entry.files.size() != files.size()) return false;
     for (size_t i = 0; i < files.size(); ++i) {
       std::error_code error;
       const auto size = std::filesystem::file_size(options_.out / files[i], error);
       if (error || entry.files[i].path != files[i] || size != entry.files[i].bytes) return false;
-      const bool reads = look == Look::kContents;
+      const bool reads = look == JobForm::Look::kContents;
       if (reads && FileHash(options_.out / files[i]) != entry.files[i].xxh3) return false;
     }
     return true;
   }
 
-  // The entries of tasks that are complete, from all manifests.
-  ManifestEntries ReadComplete(Look look) const {
-    std::map<std::string, size_t> index_of_name;
-    for (size_t i = 0; i < tasks_.size(); ++i) index_of_name.emplace(tasks_[i].view.name, i);
-    std::vector<ManifestEntry> entries;
-    for (const path& manifest : ListManifests(options_.out)) {
-      for (auto& [name, entry] : ReadManifest(manifest)) {
-        const auto index = index_of_name.find(name);
-        if (index == index_of_name.end()) continue;
-        // Other shards look at the contents of their own files.
-        const bool is_wanted = look == Look::kSizes || options_.shard.Contains(index->second);
-        if (is_wanted) entries.push_back(std::move(entry));
-      }
-    }
-    std::vector<char> is_complete(entries.size());
-    ParallelFor(entries.size(), threads_, [&](size_t i) {
-      is_complete[i] = IsComplete(index_of_name.at(entries[i].name), entries[i], look) ? 1 : 0;
-    });
-    ManifestEntries complete;
-    for (size_t i = 0; i < entries.size(); ++i) {
-      if (is_complete[i]) complete.insert_or_assign(entries[i].name, std::move(entries[i]));
-    }
-    return complete;
-  }
-
-  // The tasks to do, after which `done_` holds those that are kept.
-  std::vector<size_t> ListWork() {
-    ManifestEntries complete;
-    if (options_.resume) complete = ReadComplete(Look::kContents);
-    std::vector<size_t> to_do;
+  size_t RaysOf(std::span<const size_t> tasks) const {
     size_t rays = 0;
-    for (size_t i = 0; i < tasks_.size(); ++i) {
-      if (!options_.shard.Contains(i)) continue;
-      const auto entry = complete.find(tasks_[i].view.name);
-      if (entry != complete.end()) {
-        done_.insert(*entry);
-      } else {
-        to_do.push_back(i);
-        rays += NumRays(tasks_[i].view.camera);
-      }
-    }
-    kept_ = done_.size();
-    if (hooks_.on_start) hooks_.on_start(to_do.size(), rays);
-    return to_do;
+    for (const size_t i : tasks) rays += NumRays(tasks_[i].view.camera);
+    return rays;
   }
 
   size_t NumRays(const ViewCamera& camera) const {
@@ -302,15 +256,14 @@ class Job {
   }
 
   // Whether none was left out.
-  bool RenderAll(const std::vector<size_t>& to_do, const path& manifest) {
+  bool RenderAll(const std::vector<size_t>& to_do) {
     if (to_do.empty()) return true;
-    ManifestAppender appender(manifest);
     std::atomic<bool> failed{false};
     const int frame_threads = std::max(1, threads_ / static_cast<int>(to_do.size()));
     ParallelFor(to_do.size(), threads_, [&](size_t i) {
       if (failed || (hooks_.stop != nullptr && *hooks_.stop)) return;
       try {
-        RenderOne(to_do[i], frame_threads, appender);
+        RenderOne(to_do[i], frame_threads);
       } catch (...) {
         failed = true;
         throw;
@@ -319,7 +272,7 @@ class Job {
     return rendered_ == to_do.size();
   }
 
-  void RenderOne(size_t index, int frame_threads, ManifestAppender& appender) {
+  void RenderOne(size_t index, int frame_threads) {
     const RenderTask& task = tasks_[index];
     const auto start = Clock::now();
     std::unique_ptr<Frame> frame = frames_.Take();
@@ -327,7 +280,8 @@ class Job {
                      *frame);
     const double render_s = SecondsSince(start);
     ManifestEntry entry{.name = task.view.name,
-                        .key = keys_[index],
+                        .place = index,
+                        .key = job_.key(index),
                         .camera = task.view.camera.ToString(),
                         .pixels = frame->depth.size(),
                         .hits = frame->num_hits,
@@ -343,7 +297,7 @@ class Job {
       entry.files.push_back({files[i], written.bytes, *hash});
     }
     frames_.Return(std::move(frame));
-    appender.Append(ToJsonLine(entry));
+    job_.Add(index, ToJsonLine(entry));
     const std::lock_guard<std::mutex> lock(mutex_);
     const size_t rays = NumRays(task.view.camera);
     rays_ += rays;
@@ -351,14 +305,13 @@ class Job {
     if (hooks_.on_image) {
       hooks_.on_image({entry, render_s, SecondsSince(start) - render_s, rays});
     }
-    done_.insert_or_assign(entry.name, std::move(entry));
   }
 
-  RenderSummary Summarize() const {
-    RenderSummary summary{.images = done_.size(), .rendered = rendered_, .kept = kept_};
+  RenderSummary Summarize(const ManifestEntries& done) const {
+    RenderSummary summary{.images = done.size(), .rendered = rendered_, .kept = kept_};
     summary.rays = rays_;
     size_t pixels = 0, hits = 0;
-    for (const auto& [name, entry] : done_) {
+    for (const auto& [name, entry] : done) {
       pixels += entry.pixels;
       hits += entry.hits;
       summary.dropped += entry.dropped;
@@ -376,20 +329,16 @@ class Job {
 
   // What the job as a whole leaves, once all shards are complete; the last one to see that does it
   // (or several, which then write the same). Whether they are.
-  bool Finish() const {
-    const ManifestEntries all = options_.shard.IsAll() ? done_ : ReadComplete(Look::kSizes);
-    if (all.size() != tasks_.size()) return false;
-    const path whole = ManifestPath(options_.out, Shard());
+  bool Finish() {
+    const std::optional<TaskManifest> whole = job_.Whole();
+    if (!whole) return false;
+    const ManifestEntries all = EntriesOf(*whole);
     if (options_.preview) {
       WriteImage(options_.out / "preview.png", MakeContactSheet(scene_, Views(), threads_));
     }
     WriteGuide();
     WriteFile(options_.out / "summary.json", SummaryJson(header_, all, Warnings(all), Record()));
-    WriteManifest(whole, manifest_header_, all);
-    for (const path& manifest : ListManifests(options_.out)) {
-      std::error_code ignored;
-      if (manifest != whole) std::filesystem::remove(manifest, ignored);
-    }
+    job_.Finish(*whole);
     return true;
   }
 
@@ -436,15 +385,14 @@ class Job {
   const RenderHooks& hooks_;
   std::shared_ptr<const RayCaster> scene_;
   std::vector<RenderTask> tasks_;
-  std::vector<std::string> keys_;  // of the tasks
   FrameRenderer renderer_;
   int threads_;
   RayTables tables_;
-  std::string header_, manifest_header_;
+  std::string header_;
+  TaskJob job_;
   FramePool frames_;
 
   std::mutex mutex_;  // guards what follows while images are rendered
-  ManifestEntries done_;
   size_t kept_ = 0;
   size_t rendered_ = 0;
   size_t rays_ = 0;
@@ -457,7 +405,7 @@ RenderSummary RunRenderJob(const std::shared_ptr<const RayCaster>& scene,
                            const RenderHooks& hooks) {
   RAYLIFT_CHECK(scene != nullptr);
   RAYLIFT_CHECK(!options.products.empty());
-  return Job(scene, std::move(tasks), options, hooks).Run();
+  return RenderJob(scene, std::move(tasks), options, hooks).Run();
 }
 
 }  // namespace raylift

@@ -11,8 +11,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/io/colmap_model.h"
-#include "raylift/views/view_sampler.h"
 
 namespace raylift {
 namespace {

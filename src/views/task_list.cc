@@ -12,7 +12,6 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
-#include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
 
 namespace raylift {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
-#include <span>
 
 #include "base/statistics.h"
 #include "views/exposure_levels.h"

@@ -1,3 +1,5 @@
+#include <array>
+
 #include "jobs/manifest_file.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
@@ -10,6 +12,7 @@ namespace {
 
 ManifestEntry Entry(const std::string& name) {
   return {.name = name,
+          .place = 3,
           .key = "0123",
           .camera = "PINHOLE 4 3 1 1 2 1.5",
           .pixels = 12,
@@ -23,7 +26,7 @@ TEST(Manifest, EntriesComeBackAsTheyWere) {
   const auto file = TestFolder() / "manifest.jsonl";
   ManifestEntry nothing = Entry("b \"quoted\"");
   nothing.depth_range = std::nullopt;
-  WriteManifest(file, R"({"job":1})", {{"a", Entry("a")}, {nothing.name, nothing}});
+  WriteManifestText(file, R"({"job":1})", std::array{ToJsonLine(Entry("a")), ToJsonLine(nothing)});
   ManifestAppender(file).Append(ToJsonLine(Entry("c")));
   const ManifestEntries entries = ReadManifest(file);
   ASSERT_EQ(entries.size(), 3u);
@@ -35,7 +38,8 @@ TEST(Manifest, EntriesComeBackAsTheyWere) {
 
 TEST(Manifest, ALineThatWasCutOffIsNotThere) {
   const auto file = TestFolder() / "manifest.jsonl";
-  WriteManifest(file, R"({"job":1})", {{"a", Entry("a")}, {"b", Entry("b")}});
+  WriteManifestText(file, R"({"job":1})",
+                    std::array{ToJsonLine(Entry("a")), ToJsonLine(Entry("b"))});
   const std::string whole = ReadFile(file);
   const size_t last = whole.rfind("{\"name\"");
   for (size_t size = last; size < whole.size() - 1; ++size) {

@@ -27,6 +27,7 @@ struct JobFolder {
   bool resume = false;  // keep what former runs have left
   // Begin anew where there was a former run. With neither of the two its folder is refused.
   bool overwrite = false;
+  bool wait = false;  // until another run that writes to the folder has ended; else it is an error
 };
 
 // A task that is done: its line in the manifest is {"name": ..., "place": ..., "key": ..., ...}.
@@ -51,6 +52,15 @@ struct JobForm {
   // What a complete run leaves in its folder; where the first is, there was one.
   std::vector<std::string> results;
   IsReadable is_readable;
+
+  // For jobs whose tasks leave files of their own. `keys` then has for each task the hash of all that its
+  // files depend on, and a run that goes on keeps the tasks whose keys are the same, whatever else has
+  // changed; without, it must have had the same header.
+  std::vector<std::string> keys = {};
+  enum class Look { kSizes, kContents };
+  // Returns whether the files that a task's line tells of are there. From several threads.
+  std::function<bool(size_t task, const std::string& line, Look look)> has_files = {};
+  int threads = 0;
 };
 
 // OptionError where the folder holds a former run, as far as can be told without its header (shards
@@ -89,7 +99,10 @@ class TaskJob {
 
  private:
   void TakeFormerRuns(const std::string& header);
-  bool Holds(const TaskManifest& manifest, size_t task) const;
+  bool TakeRecord(size_t task, const TaskManifest& from, TaskManifest& to) const;
+  bool GoesOnAnyway() const { return !form_.keys.empty(); }
+  void KeepWithFiles(const std::vector<size_t>& tasks, JobForm::Look look,
+                     TaskManifest& manifest) const;
   void RemoveFormerRun() const;
   TaskManifest ReadAll(const std::string& header) const;
 

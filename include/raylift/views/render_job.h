@@ -104,7 +104,8 @@ WrittenFile WriteProduct(const std::filesystem::path& file, const ProductOutput&
 
 struct ManifestEntry {
   std::string name;
-  std::string key;  // of everything that the files' bytes depend on
+  size_t place = 0;  // in the list of the job's images
+  std::string key;   // of everything that the files' bytes depend on
   std::string camera;
   size_t pixels = 0;
   size_t hits = 0;
@@ -127,11 +128,6 @@ using ManifestEntries = std::map<std::string, ManifestEntry>;  // by name
 // The entries of a manifest. A last line that was cut off by a crash, and lines that make no sense,
 // count as not there; so does a missing file.
 ManifestEntries ReadManifest(const std::filesystem::path& path);
-
-// The whole file at once: `header`, one line of JSON on the job, then the entries by name.
-// InputError naming the file where it cannot be written.
-void WriteManifest(const std::filesystem::path& path, const std::string& header,
-                   const ManifestEntries& entries);
 
 // One line of JSON.
 std::string ToJsonLine(const ManifestEntry& entry);

@@ -1,7 +1,6 @@
 // The binary form of COLMAP's models: little endian, packed; see COLMAP's
 // src/colmap/scene/reconstruction_io_binary.cc.
 
-#include <algorithm>
 #include <bit>
 #include <climits>
 #include <cmath>

@@ -6,9 +6,7 @@
 #include <cctype>
 #include <cmath>
 #include <cstring>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include "base/read_limits.h"
 #include "io/binary/npy_array.h"

@@ -8,8 +8,6 @@
 
 #include "base/read_limits.h"
 #include <Eigen/Core>
-#include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <hdf5.h>
 #include <unistd.h>
 

@@ -3,7 +3,6 @@
 #include "raylift/io/pose_problem_json.h"
 
 #include <algorithm>
-#include <optional>
 
 #include "io/text/json_document.h"
 #include "io/text/line_tokens.h"

@@ -4,13 +4,10 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <map>
 #include <optional>
-#include <string>
 #include <string_view>
 #include <unordered_map>
 #include <utility>
-#include <vector>
 
 #include "io/colmap/colmap_files.h"
 #include "io/text/json_document.h"
