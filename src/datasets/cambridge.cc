@@ -38,7 +38,7 @@ NvmCamera ReadCamera(const LineReader& lines, std::string_view line) {
 }
 
 // The cameras of the first model: `name f qw qx qy qz cx cy cz k 0`, the quaternion world to
-// camera, c the camera's center. InputError for anything else.
+// camera, c the camera's center. Throws InputError for anything else.
 std::vector<NvmCamera> ReadNvmCameras(const std::filesystem::path& file) {
   LineReader lines(file);
   const auto header = lines.NextContent();

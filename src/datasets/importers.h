@@ -1,4 +1,4 @@
-// One importer per data set, and what they share. Private to datasets.
+// One importer per data set, and what they share.
 
 #pragma once
 
@@ -35,7 +35,7 @@ ImportedScenes ImportLamar(const std::filesystem::path& folder, const ImportOpti
 // A scene named after its folder.
 ImportedScene SceneOfFolder(const std::filesystem::path& folder);
 
-// Whether there is a file of a name that a file says: false for names that no file can have, too.
+// Returns whether there is a file of this name; false for names that no file can have, too.
 bool Exists(const std::filesystem::path& file);
 
 // Counts what cannot be used, by reason.
@@ -85,17 +85,17 @@ Camera FitToPhotograph(const Camera& camera, const std::filesystem::path& photog
 std::optional<Rigid3> RigidFromMatrix(const Eigen::Matrix4d& matrix);
 
 // A text file of a 4x4 matrix, a row per line, of a camera in the world. None where a number is
-// infinite or not one, as in frames that were not tracked. InputError for anything else.
+// infinite or not one, as in frames that were not tracked. Throws InputError for anything else.
 std::optional<Rigid3> ReadWorldFromCam(const std::filesystem::path& file);
 
 // The same matrix as it is, all numbers finite.
 Eigen::Matrix4d ReadMatrix(const std::filesystem::path& file);
 
 // The file names in a folder that end in `suffix`, by the number in front of it if that is one,
-// else by name. InputError where the folder is missing.
+// else by name. Throws InputError where the folder is missing.
 std::vector<std::string> ListFiles(const std::filesystem::path& folder, const std::string& suffix);
 
-// The color camera. InputError naming file and key for anything else.
+// The color camera. Throws InputError naming file and key for anything else.
 Camera ReadColorCamera(const std::filesystem::path& info);
 
 // A PINHOLE whose center is counted from the center of the first pixel, as SensReader does

@@ -36,7 +36,7 @@ std::optional<Rigid3> ParsePose(const LineReader& lines,
   return Rigid3{*rotation, {numbers[4], numbers[5], numbers[6]}};
 }
 
-// What tells the two formats apart.
+// The differences between the two formats.
 enum class Form { kKapture, kCapture };
 
 // The comma-separated fields of each line.
@@ -61,8 +61,8 @@ class CsvReader {
     return fields;
   }
 
-  // What a pose of the line takes into the device, from the world or from the rig; none where it is
-  // not known.
+  // Returns the line's pose: into the device, from the world or from the rig; nullopt if it is not
+  // known.
   std::optional<Rigid3> Pose(const std::vector<std::string_view>& fields, size_t first) const {
     const auto pose = ParsePose(lines_, fields, first);
     return pose && form_ == Form::kCapture ? pose->Inverse() : pose;
@@ -130,7 +130,8 @@ class Trajectories {
     }
   }
 
-  // Of a sensor: its own, else that of a rig that holds it, which may hold that one in turn.
+  // Returns a sensor's own pose, else that by a rig that holds it, which another rig may hold in
+  // turn.
   std::optional<Rigid3> Find(uint64_t timestamp, const std::string& device, int depth = 0) const {
     const auto own = poses_.find({timestamp, device});
     if (own != poses_.end()) return own->second;
@@ -144,7 +145,7 @@ class Trajectories {
     return std::nullopt;
   }
 
-  // Whether keys hold a device or a rig that it is part of.
+  // Returns whether keys hold a device or a rig that it is part of.
   bool Names(const Keys& keys, uint64_t timestamp, const std::string& device) const {
     if (keys.contains({timestamp, device})) return true;
     const auto mounts = rigs_.find(device);
@@ -293,8 +294,9 @@ ImportedScenes ImportGangnam(const path& folder, const ImportOptions& options) {
 
 // LaMAR (Sarlin et al., ECCV 2022) and CroCoDL: a location's folder in the capture format
 // (github.com/microsoft/lamar-benchmark, CAPTURE.md). The session `map` holds the references, each
-// session whose name begins with `query` is a scene's queries; poses of test queries are not public.
-// A session's queries.txt (or proc/queries.txt) says which of its images, or rigs, are localized.
+// session whose name begins with `query` is a scene's queries; poses of test queries are not
+// public. A session's queries.txt (or proc/queries.txt) says which of its images, or rigs, are
+// localized.
 
 namespace {
 

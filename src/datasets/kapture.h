@@ -1,6 +1,6 @@
 // The sensors, records and trajectories of a kapture data set (format 1.x): CSV files below
 // `sensors`; and those of a capture (github.com/microsoft/lamar-benchmark, CAPTURE.md), which have
-// other names, no header, and all poses the other way round. Private to datasets.
+// other names, no header, and all poses the other way round.
 
 #pragma once
 
@@ -22,7 +22,7 @@ struct KaptureImage {
 };
 
 // All records of cameras, by name. Poses of rigs are composed with the sensors' places in them.
-// `folder` holds the folder `sensors`. InputError naming file and line for anything else.
+// `folder` holds the folder `sensors`. Throws InputError naming file and line for anything else.
 std::vector<KaptureImage> ReadKapture(const std::filesystem::path& folder);
 
 // The same of a session of a capture, whose names are below `session`/raw_data. With a file of

@@ -1,9 +1,9 @@
 // ScanNet++ (Yeshwanth et al., ICCV 2023), a scene's folder as it is published
-// (github.com/scannetpp/scannetpp, common/scene_release.py): photographs of a DSLR with a fisheye lens
-// in dslr/resized_images, their COLMAP model in dslr/colmap, dslr/train_test_lists.json; a telephone's
-// frames in iphone/rgb with theirs in iphone/colmap; a mesh of the laser scans in the same frame,
-// scans/mesh_aligned_0.05.ply. References are the DSLR's training photographs, and one scene has its
-// test photographs as queries, a second one the telephone's.
+// (github.com/scannetpp/scannetpp, common/scene_release.py): photographs of a DSLR with a fisheye
+// lens in dslr/resized_images, their COLMAP model in dslr/colmap, dslr/train_test_lists.json; a
+// telephone's frames in iphone/rgb with theirs in iphone/colmap; a mesh of the laser scans in the
+// same frame, scans/mesh_aligned_0.05.ply. References are the DSLR's training photographs, and one
+// scene has its test photographs as queries, a second one the telephone's.
 
 #include <set>
 
@@ -41,7 +41,7 @@ std::vector<PosedImage> ReadFrames(const path& model, const path& photographs,
   return frames;
 }
 
-// What both scenes share but their queries.
+// Makes what both scenes share: all but their queries.
 ImportedScene MakeScene(const path& folder, const std::string& device) {
   ImportedScene scene = SceneOfFolder(folder);
   scene.folder = device;
@@ -116,9 +116,9 @@ ImportedScenes ImportScanNetPp(const path& folder, const ImportOptions& options)
 
 // ETH3D's high-resolution multi-view scenes (Schoeps et al., CVPR 2017; eth3d.net/documentation):
 // photographs below images/, and dslr_calibration_jpg/ (as they were taken, THIN_PRISM_FISHEYE) or
-// dslr_calibration_undistorted/ (PINHOLE), COLMAP's text models, whose names are relative to images/.
-// Training scenes have ground_truth_depth/dslr_images/NAME.JPG, plain floats that fit the photographs
-// as they were taken, and occlusion/surface_mesh.ply, a mesh of the laser scans.
+// dslr_calibration_undistorted/ (PINHOLE), COLMAP's text models, whose names are relative to
+// images/. Training scenes have ground_truth_depth/dslr_images/NAME.JPG, plain floats that fit the
+// photographs as they were taken, and occlusion/surface_mesh.ply, a mesh of the laser scans.
 
 namespace {
 

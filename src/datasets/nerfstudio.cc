@@ -1,6 +1,6 @@
-// nerfstudio and instant-ngp: transforms.json with camera-to-world matrices of cameras in OpenGL's axes (x right, y
-// up, z back), intrinsics for all frames or per frame. The scene is in the world that the images
-// were in before nerfstudio's `applied_transform` and `applied_scale`.
+// nerfstudio and instant-ngp: transforms.json with camera-to-world matrices of cameras in OpenGL's
+// axes (x right, y up, z back), intrinsics for all frames or per frame. The scene is in the world
+// that the images were in before nerfstudio's `applied_transform` and `applied_scale`.
 
 #include <algorithm>
 #include <cmath>
@@ -22,7 +22,7 @@ namespace {
 
 using std::filesystem::path;
 
-// What nerfstudio reads depth maps of every kind with: its depth_unit_scale_factor.
+// nerfstudio reads depth maps of every kind with its depth_unit_scale_factor.
 constexpr double kDepthUnit = 1e-3;
 
 struct Frame {
@@ -30,7 +30,7 @@ struct Frame {
   std::string depth;  // as named in the file; empty: none
 };
 
-// What was done to the world: q = scale * (transform * p).
+// The change that was made to the world: q = scale * (transform * p).
 struct AppliedTransform {
   Rigid3 transform;
   double scale = 1;
@@ -160,7 +160,7 @@ class Reader {
       if (!transform) place.Fail("expected a rotation and a translation");
       applied_.transform = *transform;
     } else if (std::filesystem::exists(folder_ / "colmap" / "sparse" / "0")) {
-      // What ns-process-data did before it wrote so (nerfstudio_dataparser.py).
+      // ns-process-data did this before it wrote so (nerfstudio_dataparser.py).
       Eigen::Matrix3d exchanged;
       exchanged << 0, 1, 0, 1, 0, 0, 0, 0, -1;
       applied_.transform.rotation = Eigen::Quaterniond(exchanged);

@@ -87,7 +87,7 @@ namespace {
 struct Export {
   path poses;
   std::string pose_suffix;
-  // Of a pose file's name without the suffix.
+  // Takes a pose file's name without the suffix.
   std::string (*photograph)(const std::string& stem);
   Camera (*read_camera)(const path& folder, const path& photograph);
 };

@@ -1,6 +1,6 @@
 // The cameras of transforms.json, of which two tools have dialects: nerfstudio
 // (nerfstudio/cameras/camera_utils.py: camera_model, distortion_params) and instant-ngp
-// (src/nerf_loader.cu, read_lens: is_fisheye, x_fov). Private to datasets.
+// (src/nerf_loader.cu, read_lens: is_fisheye, x_fov).
 
 #pragma once
 
@@ -16,8 +16,8 @@
 namespace raylift {
 
 // The camera of a frame: every number is the frame's own, else the one of the whole file. `photo`
-// is asked where the file does not say the size. InputError naming frame and member where it cannot
-// be one of COLMAP's.
+// is asked where the file does not say the size. Throws InputError naming frame and member where it
+// cannot be one of COLMAP's.
 class TransformsLens {
  public:
   TransformsLens(const JsonPlace& frame, const JsonPlace& root) : frame_(frame), root_(root) {}

@@ -22,7 +22,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 using std::filesystem::path;
 
-// Of the form of cells and of what fills them: a change of either makes all cells anew.
+// The version of the cells' form and of what fills them: a change of either makes all cells anew.
 constexpr int kCellVersion = 3;
 // A cell's queries are in memory with all their matches, and those that noise is learned from.
 constexpr size_t kQueriesPerCell = 256;
@@ -77,7 +77,7 @@ std::string Replaced(std::string text, const std::string& from, const std::strin
   return text;
 }
 
-// Of "kind:PLACE[,key=value...]".
+// Takes "kind:PLACE[,key=value...]".
 std::string PlaceOfSpec(const std::string& spec) {
   const size_t colon = spec.find(':');
   const size_t comma = spec.find(',');

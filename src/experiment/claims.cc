@@ -10,7 +10,7 @@
 namespace raylift {
 namespace {
 
-// What is judged: a value of each query.
+// The quantity that is judged: a value of each query.
 struct Measure {
   std::string name;
   std::function<std::vector<double>(const SettingResult&)> per_query;
@@ -182,7 +182,7 @@ class ClaimJudge {
     return title;
   }
 
-  // What the claim names and the method's own values.
+  // Returns the title by the axes that the claim names and the method's own.
   std::string MethodTitleOf(const SettingResult& result) const {
     std::string title;
     for (const Axis axis : AllValues<Axis>()) {

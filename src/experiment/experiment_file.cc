@@ -76,7 +76,7 @@ class ExperimentReader {
     value = table.Number(key).value_or(value);
   }
 
-  // What the options' own checks complain of, with the place in the file.
+  // Adds the place in the file to the complaints of the options' own checks.
   template <typename Function>
   static auto Checked(const TomlTable& table, std::string_view key, const Function& function) {
     try {
@@ -195,7 +195,7 @@ class ExperimentReader {
     return read.thresholds;
   }
 
-  // What a scene cannot do without; a scene file that is missing may hold it.
+  // Requires what a scene cannot do without; a scene file that is missing may hold it.
   static void CheckScene(const TomlTable& table, const ExperimentScene& scene) {
     const auto hloc = {scene.features, scene.matches, scene.pairs};
     const bool any =

@@ -144,7 +144,7 @@ class LayoutReader {
     return selection;
   }
 
-  // Of a file of results, hence a plain one, once.
+  // The name of a file of results, hence a plain one, once.
   std::string ReadName(TomlTable& table) {
     std::string name = table.RequiredText("name");
     const bool plain = !name.empty() && std::all_of(name.begin(), name.end(), [](char c) {

@@ -9,8 +9,8 @@
 
 namespace raylift {
 
-// Every axis that the table names. InputError where an axis cannot have a value: the experiment's
-// scenes and filters must be known.
+// Every axis that the table names. Throws InputError where an axis cannot have a value: the
+// experiment's scenes and filters must be known.
 Selection ReadSelection(TomlTable& table, const Experiment& experiment);
 
 // Adds [[table]], [[figure]] and [[claim]] of the whole file to the experiment.

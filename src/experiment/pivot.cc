@@ -30,7 +30,7 @@ std::string FilterTitle(const Experiment& experiment, const Setting& setting, Fi
   RAYLIFT_CHECK(false);
 }
 
-// What tells settings apart on an axis; empty: it does not matter.
+// Returns the text that tells settings apart on an axis; empty if it does not matter.
 std::string Value(const Experiment& experiment, const Setting& setting, LayoutAxis axis) {
   if (const Axis* known = std::get_if<Axis>(&axis)) return TextOf(setting[*known]);
   return FilterTitle(experiment, setting, std::get<FilterPart>(axis));

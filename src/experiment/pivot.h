@@ -35,8 +35,8 @@ struct PivotTable {
   std::vector<Row> rows;
 };
 
-// A setting to which a column axis does not matter stands in all columns. InputError where two
-// settings fall into one cell.
+// A setting to which a column axis does not matter stands in all columns. Throws InputError where
+// two settings fall into one cell.
 PivotTable MakePivot(const Experiment& experiment, const TableLayout& layout,
                      std::span<const SettingResult> results);
 

@@ -34,7 +34,7 @@ PosesByName ReadTruth(const path& model_or_file) {
 // A seed and an offset of the thinning.
 using Run = std::pair<uint64_t, size_t>;
 
-// Of the queries of a scene, by name.
+// The outcomes of a scene's queries, by name.
 using Outcomes = std::map<std::string, QueryOutcome>;
 
 // Eq. 6, as the estimator itself does it.
@@ -52,7 +52,7 @@ class ResultCollector {
     for (const Cell& cell : cells) cells_[cell.setting].push_back(&cell);
   }
 
-  // None where there is no ground truth of these queries.
+  // Returns nullopt if there is no ground truth of these queries.
   std::optional<Comparison> Compare(const Setting& setting, Run run) {
     const ExperimentScene& scene = experiment_.SceneOf(setting);
     if (scene.ground_truth.empty()) return std::nullopt;

@@ -1,4 +1,4 @@
-// What the cells of an experiment say: pose errors against the ground truth, pooled over runs: the
+// The results of an experiment's cells: pose errors against the ground truth, pooled over runs: the
 // seeds, times the offsets of the thinning.
 
 #pragma once
@@ -36,7 +36,7 @@ struct SettingResult {
   std::vector<double> AucPerQuery(size_t threshold) const;
 };
 
-// One per setting, in order. InputError where a scene's ground truth is no good.
+// One per setting, in order. Throws InputError where a scene's ground truth is no good.
 std::vector<SettingResult> CollectResults(const Experiment& experiment,
                                           std::span<const Setting> settings,
                                           std::span<const Cell> cells, const CellStore& store);
@@ -64,10 +64,10 @@ inline constexpr auto kEnumNames<ClaimVerdict> = std::to_array<EnumName<ClaimVer
     {ClaimVerdict::kContradicted, "contradicted"},
 });
 
-// What counts as not worse: a percentage point.
+// A difference up to a percentage point counts as not worse.
 inline constexpr double kNotWorsePercent = 1;
-// Of all lines of all claims together, shown and contradicted are those whose difference survives
-// Holm's correction (1979) at this level.
+// Shown and contradicted are those lines, of all claims together, whose difference survives Holm's
+// correction (1979) at this level.
 inline constexpr double kClaimLevel = 0.05;
 
 struct ClaimLine {

@@ -46,8 +46,9 @@ path FileOfImage(const path& folder, const std::string& image) {
   return file.replace_extension("npy");
 }
 
-// Writes geometry made worse on purpose as depth maps of the references, unless the folder is complete,
-// and returns its specification. Throws InputError where the geometry is neither a mesh nor depth maps.
+// Writes geometry made worse on purpose as depth maps of the references, unless the folder is
+// complete, and returns its specification. Throws InputError where the geometry is neither a mesh
+// nor depth maps.
 std::string WritePerturbedDepth(const path& folder, const std::string& spec,
                                 const GeometryContext& context,
                                 const DepthPerturbation& perturbation, int threads) {
@@ -141,12 +142,12 @@ class ThinnedScene {
     std::map<GeometryKey, std::vector<Cell>> by_geometry;
     for (const Cell& cell : cells) by_geometry[KeyOf(cell)].push_back(cell);
     for (const auto& [key, of_geometry] : by_geometry) {
-      std::vector<Localizer> ways;
+      std::vector<Localizer> configurations;
       for (const Cell& cell : of_geometry) {
-        ways.emplace_back(SceneOf(cell), matches_, LocalizerOptionsOf(cell));
+        configurations.emplace_back(SceneOf(cell), matches_, LocalizerOptionsOf(cell));
       }
-      Match(ways.front(), cells.front());
-      const GridLocalizer localizer(std::move(ways));
+      Match(configurations.front(), cells.front());
+      const GridLocalizer localizer(std::move(configurations));
       Estimate(of_geometry, localizer.WithSceneNoise(queries_, matched_, options_.threads), store);
     }
     // Other blocks learn the noise from the same sample.
@@ -190,15 +191,15 @@ class ThinnedScene {
       cell.outcomes.resize(count);
       cell.left = count;
     }
-    // Few queries leave threads for the ways of each.
+    // Few queries leave threads for the configurations of each.
     const bool enough = count >= static_cast<size_t>(ResolveThreads(options_.threads));
     ParallelFor(count, options_.threads, [&](size_t query) {
       localizer.Localize(*matched_[begin + query], enough ? 1 : options_.threads,
-                         [&](size_t way, const QueryResult& result) {
-                           InHand& cell = in_hand[way];
+                         [&](size_t configuration, const QueryResult& result) {
+                           InHand& cell = in_hand[configuration];
                            cell.outcomes[query] = OutcomeOf(result.localized);
                            if (options_.on_estimate) options_.on_estimate();
-                           if (--cell.left == 0) Keep(cells[way], cell.outcomes, store);
+                           if (--cell.left == 0) Keep(cells[configuration], cell.outcomes, store);
                          });
     });
   }

@@ -1,5 +1,6 @@
-// What a job's inputs are, in a few characters each, so that a run that goes on can tell whether
-// they are the same: by contents and sizes, as times of files change where these are copied.
+// A fingerprint tells a job's input in a few characters, so that a run that goes on can tell
+// whether they are the same: by contents and sizes, as times of files change where these are
+// copied.
 
 #pragma once
 
@@ -12,10 +13,10 @@ namespace raylift {
 // "SIZE HASH", or "missing". Of files beyond 64 MB so much is read, in evenly spaced pieces.
 std::string FileFingerprint(const std::filesystem::path& file);
 
-// Of many files, by their names and sizes: "COUNT HASH". They need not be there.
+// The fingerprint of many files, by their names and sizes: "COUNT HASH". They need not be there.
 std::string SizesFingerprint(const std::filesystem::path& folder,
                              std::span<const std::string> names);
-// Of all files below `folder` but those below `except`.
+// The fingerprint of all files below `folder` but those below `except`.
 std::string FolderFingerprint(const std::filesystem::path& folder,
                               const std::filesystem::path& except);
 

@@ -43,7 +43,7 @@ std::set<std::string> NamesOfTasks(const ManifestText& manifest) {
   return names;
 }
 
-// What is dealt to one of `count`.
+// Returns how many tasks are dealt to one of `count`.
 size_t NumTasks(size_t tasks, const Shard& shard) {
   const auto count = static_cast<size_t>(shard.count);
   return (tasks + count - 1 - static_cast<size_t>(shard.index)) / count;

@@ -34,7 +34,7 @@ struct JobStatus {
   bool IsComplete() const { return done >= tasks; }
 };
 
-// InputError where the folder holds no job, or parts of different ones.
+// Throws InputError where the folder holds no job, or parts of different ones.
 JobStatus ReadJobStatus(const std::filesystem::path& out);
 
 // "0,3-5": the shards that are neither done nor at work, as job arrays take them.

@@ -19,18 +19,18 @@ namespace raylift {
 
 // manifest.jsonl, or manifest.I-of-N.jsonl of a shard.
 std::filesystem::path ManifestPath(const std::filesystem::path& out, const Shard& shard);
-// What a file of that name is of; none where it has another name.
+// Returns the shard that a file of that name is of; nullopt if it has another name.
 std::optional<Shard> ShardOfManifest(const std::filesystem::path& manifest);
-// Of the whole job and of any shard, sorted.
+// Returns the manifests of the whole job and of any shard, sorted.
 std::vector<std::filesystem::path> ListManifests(const std::filesystem::path& out);
-// Of another part of the same division of the job.
+// Returns whether it is of another part of the same division of the job.
 bool IsManifestOfOtherShard(const std::filesystem::path& manifest, const Shard& shard);
 
 struct ManifestText {
   std::string header;
   std::vector<std::string> lines;
 
-  // Of the lines, those of tasks: they begin with the task's name, {"name":...
+  // Returns how many lines are of tasks: these begin with the task's name, {"name":...
   size_t CountTasks() const;
 };
 
@@ -38,19 +38,19 @@ struct ManifestText {
 // file.
 ManifestText ReadManifestText(const std::filesystem::path& manifest);
 
-// The whole file at once. OutputError naming it where it cannot be written.
+// The whole file at once. Throws OutputError naming it where it cannot be written.
 void WriteManifestText(const std::filesystem::path& manifest, const std::string& header,
                        std::span<const std::string> lines);
 
-// Whether a ManifestAppender of any process has the file open, as far as the file system has locks.
+// Returns whether a ManifestAppender of any process has the file open, as far as there are locks.
 bool IsBeingAppended(const std::filesystem::path& manifest);
-// InputError where one has: to be asked before a manifest is written anew.
+// Throws InputError where one has: to be called before a manifest is written anew.
 void RefuseIfAppended(const std::filesystem::path& manifest);
 
 // Adds lines to a manifest that is there. Thread safe.
 class ManifestAppender {
  public:
-  // OutputError where it cannot be opened, InputError where another one has it open.
+  // Throws OutputError where it cannot be opened, InputError where another one has it open.
   explicit ManifestAppender(std::filesystem::path manifest);
   ~ManifestAppender();
   ManifestAppender(const ManifestAppender&) = delete;
@@ -73,7 +73,7 @@ class FolderLock {
   // kWait: a watch of the call (base/call_watch.h) can end the waiting.
   enum class IfHeld { kFail, kWait };
 
-  // InputError where another run holds the folder; file systems without locks have none.
+  // Throws InputError where another run holds the folder; file systems without locks have none.
   FolderLock(const std::filesystem::path& folder, Mode mode, IfHeld if_held = IfHeld::kFail);
   ~FolderLock();
   FolderLock(const FolderLock&) = delete;
@@ -87,7 +87,7 @@ class FolderLock {
 TaskManifest ReadTaskManifest(const std::filesystem::path& file, const IsReadable& is_readable);
 // Takes the records, the facts and the header of a part of the same run.
 void AddPart(TaskManifest part, TaskManifest& all);
-// Of `files`, which must all be of one run. InputError naming the file that is of another one.
+// Reads `files`, which must all be of one run. Throws InputError naming the file of another one.
 TaskManifest ReadTaskManifests(std::span<const std::filesystem::path> files,
                                const IsReadable& is_readable);
 

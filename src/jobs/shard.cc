@@ -29,7 +29,7 @@ struct Launcher {
   Kind kind;
   std::string_view index;
   std::string_view count = {};  // empty: is not told
-  // Of arrays whose indices are first, first + step, ..., last; `count` checks them.
+  // For arrays whose indices are first, first + step, ..., last; `count` checks them.
   std::string_view first = {}, last = {}, step = {};
 };
 
@@ -56,7 +56,7 @@ constexpr auto kLaunchers = std::to_array<Launcher>({
 });
 
 // Which of how many, as one launcher tells it.
-struct Place {
+struct Rank {
   std::string_view launcher;
   Launcher::Kind kind;
   std::string_view variable;  // of the index
@@ -78,9 +78,9 @@ class AutoShard {
     const auto array = Array();
     const auto task = Task(array.has_value());
     if (!array && !task) FailWithoutLauncher();
-    const Place& place = array ? *array : *task;
-    int64_t index = place.index;
-    int64_t count = place.count.value_or(1);
+    const Rank& rank = array ? *array : *task;
+    int64_t index = rank.index;
+    int64_t count = rank.count.value_or(1);
     if (array && task) {
       index = index * *task->count + task->index;
       count *= *task->count;
@@ -114,7 +114,7 @@ class AutoShard {
   }
 
   // The index counted from 0, and the count, of an array with a first, a last and a step.
-  Place RangePlace(const Launcher& launcher, int64_t id) const {
+  Rank RangeRank(const Launcher& launcher, int64_t id) const {
     const auto first = Number(launcher.first);
     const auto last = Number(launcher.last);
     const auto step = Number(launcher.step);
@@ -143,72 +143,72 @@ class AutoShard {
             (*last - *first) / *step + 1};
   }
 
-  Place PlaceOf(const Launcher& launcher) const {
+  Rank RankOf(const Launcher& launcher) const {
     const int64_t index = *Number(launcher.index);
     const bool counted_by_user = launcher.kind == kArray && total_;
     if (counted_by_user) return {launcher.name, launcher.kind, launcher.index, index, total_};
-    if (!launcher.first.empty()) return RangePlace(launcher, index);
+    if (!launcher.first.empty()) return RangeRank(launcher, index);
     return {launcher.name, launcher.kind, launcher.index, index, Number(launcher.count)};
   }
 
-  std::vector<Place> Places(std::initializer_list<Launcher::Kind> kinds) const {
-    std::vector<Place> places;
+  std::vector<Rank> Ranks(std::initializer_list<Launcher::Kind> kinds) const {
+    std::vector<Rank> ranks;
     for (const Launcher& launcher : kLaunchers) {
       for (const Launcher::Kind kind : kinds) {
-        if (launcher.kind == kind && IsThere(launcher)) places.push_back(PlaceOf(launcher));
+        if (launcher.kind == kind && IsThere(launcher)) ranks.push_back(RankOf(launcher));
       }
     }
-    return places;
+    return ranks;
   }
 
-  void RequireInRange(const Place& place) const {
-    if (place.index < *place.count) return;
+  void RequireInRange(const Rank& rank) const {
+    if (rank.index < *rank.count) return;
     Fail(
-        fmt::format("{} = {} is not below {}{}", place.variable, place.index, *place.count,
-                    place.kind == kArray
+        fmt::format("{} = {} is not below {}{}", rank.variable, rank.index, *rank.count,
+                    rank.kind == kArray
                         ? fmt::format(": count the indices from 0, or give ${}/{}, which may count "
                                       "from 1 as well",
-                                      place.variable, *place.count)
+                                      rank.variable, *rank.count)
                         : ""));
   }
 
-  [[noreturn]] void FailByContradiction(const Place& a, const Place& b) const {
+  [[noreturn]] void FailByContradiction(const Rank& a, const Rank& b) const {
     Fail(fmt::format("the environment says two things ({}; {}): give i/n", a.Text(), b.Text()));
   }
 
   // Which job of an array this is.
-  std::optional<Place> Array() const {
-    const std::vector<Place> places = Places({kArray});
-    if (places.empty()) return std::nullopt;
-    if (places.size() > 1) FailByContradiction(places[0], places[1]);
-    const Place& place = places.front();
-    if (!place.count) {
+  std::optional<Rank> Array() const {
+    const std::vector<Rank> ranks = Ranks({kArray});
+    if (ranks.empty()) return std::nullopt;
+    if (ranks.size() > 1) FailByContradiction(ranks[0], ranks[1]);
+    const Rank& rank = ranks.front();
+    if (!rank.count) {
       Fail(
           fmt::format("{} = {}, but a {} does not tell of how many: give auto/N where the indices "
                       "count from 0, or ${}/N",
-                      place.variable, place.index, place.launcher, place.variable));
+                      rank.variable, rank.index, rank.launcher, rank.variable));
     }
-    RequireInRange(place);
-    return place;
+    RequireInRange(rank);
+    return rank;
   }
 
-  // The place on which all of these agree.
-  Place Common(const std::vector<Place>& places) const {
-    Place common = places.front();
-    for (const Place& place : places) {
-      if (place.index != common.index ||
-          (place.count && common.count && *place.count != *common.count)) {
-        FailByContradiction(common, place);
+  // The rank on which all of these agree.
+  Rank Common(const std::vector<Rank>& ranks) const {
+    Rank common = ranks.front();
+    for (const Rank& rank : ranks) {
+      if (rank.index != common.index ||
+          (rank.count && common.count && *rank.count != *common.count)) {
+        FailByContradiction(common, rank);
       }
-      if (place.count) common = place;
+      if (rank.count) common = rank;
     }
     return common;
   }
 
   // Which process of a parallel run this is.
-  std::optional<Place> Task(bool in_array) const {
-    std::vector<Place> tasks = Places({kTasks, kLoose});
-    const std::vector<Place> steps = Places({kStep});
+  std::optional<Rank> Task(bool in_array) const {
+    std::vector<Rank> tasks = Ranks({kTasks, kLoose});
+    const std::vector<Rank> steps = Ranks({kStep});
     const bool has_step = !steps.empty() && steps.front().count;
     if (tasks.empty() && !has_step) return WithoutStep(in_array);
     const auto loose_only = tasks.size() == 1 && tasks.front().kind == kLoose && !has_step;
@@ -219,7 +219,7 @@ class AutoShard {
     }
     if (has_step) CheckStep(steps.front());
     if (tasks.empty()) tasks = steps;
-    Place task = Common(tasks);
+    Rank task = Common(tasks);
     if (has_step) task = UnderStep(task, steps.front());
     if (!task.count && !in_array) task.count = total_;
     if (!task.count) {
@@ -235,7 +235,7 @@ class AutoShard {
 
   // mpirun starts its helpers by srun, one on each machine, whose numbers the processes then see:
   // the ranks count. But each of several tasks that has a run of its own would do the same.
-  Place UnderStep(const Place& task, const Place& step) const {
+  Rank UnderStep(const Rank& task, const Rank& step) const {
     if (task.kind == kStep) return task;
     if (!task.count || *task.count < *step.count) {
       return Common({task, step});
@@ -244,9 +244,9 @@ class AutoShard {
   }
 
   // srun sets both; one of them may be left over from where the job was submitted.
-  void CheckStep(const Place& step) const {
+  void CheckStep(const Rank& step) const {
     const auto tasks = Number("SLURM_NTASKS");
-    if (tasks && *tasks != *step.count && Places({kTasks}).empty()) {
+    if (tasks && *tasks != *step.count && Ranks({kTasks}).empty()) {
       Fail(
           fmt::format("SLURM_NTASKS = {} and SLURM_STEP_NUM_TASKS = {} disagree: start it by srun, "
                       "or give i/n",
@@ -255,13 +255,13 @@ class AutoShard {
   }
 
   // A job of Slurm that runs one process, whatever it has asked for.
-  std::optional<Place> WithoutStep(bool in_array) const {
+  std::optional<Rank> WithoutStep(bool in_array) const {
     if (in_array) return std::nullopt;
     const auto tasks = Number("SLURM_NTASKS");
     const auto index = Number("SLURM_PROCID");
     if (!tasks && !index) return std::nullopt;
     if (tasks.value_or(1) == 1 && index.value_or(0) == 0) {
-      return Place{"Slurm", kStep, "SLURM_PROCID", 0, 1};
+      return Rank{"Slurm", kStep, "SLURM_PROCID", 0, 1};
     }
     Fail(
         fmt::format("the Slurm job has {} tasks, but this process is not started by srun and would "

@@ -27,7 +27,7 @@ constexpr size_t kMinCandidates = 800;
 constexpr size_t kCandidatesPerView = 16;
 
 // A surface sample as a candidate sees it.
-struct Seen {
+struct SeenSample {
   size_t sample;
   Eigen::Vector3d toward_camera;  // unit
   double distance;
@@ -36,11 +36,11 @@ struct Seen {
 
 struct Candidate {
   Rigid3 cam_from_world;
-  std::vector<Seen> seen;
+  std::vector<SeenSample> seen;
   bool taken = false;
 };
 
-bool IsAlike(const Seen& a, const Seen& b) {
+bool IsAlike(const SeenSample& a, const SeenSample& b) {
   const double ratio = std::max(a.distance, b.distance) / std::min(a.distance, b.distance);
   return ratio < kSimilarDistance &&
          a.toward_camera.dot(b.toward_camera) > std::cos(kSimilarAngleDeg * kRadPerDeg);
@@ -93,11 +93,11 @@ class CoveringSampler {
     return views;
   }
 
-  // What the views add up to, each for what those before it do not show.
+  // Returns the sum over the views, each counted for what those before it do not show.
   double Measure(std::span<const Rigid3> cam_from_world) {
     candidates_.resize(cam_from_world.size());
     ParallelFor(cam_from_world.size(), options_.threads, [&](size_t i) {
-      candidates_[i] = {cam_from_world[i], WhatIsSeen(cam_from_world[i])};
+      candidates_[i] = {cam_from_world[i], SeenSamples(cam_from_world[i])};
     });
     Index();
     double sum = 0;
@@ -116,7 +116,7 @@ class CoveringSampler {
             : std::max(kMinCandidates, kCandidatesPerView * static_cast<size_t>(options_.count));
     std::vector<std::optional<Candidate>> tried(count);
     ParallelFor(count, options_.threads, [&](size_t i) {
-      if (const auto pose = DrawPose(i)) tried[i] = Candidate{*pose, WhatIsSeen(*pose)};
+      if (const auto pose = DrawPose(i)) tried[i] = Candidate{*pose, SeenSamples(*pose)};
     });
     std::vector<Candidate> found;
     for (auto& candidate : tried) {
@@ -140,10 +140,10 @@ class CoveringSampler {
     }
     const Eigen::Vector3d eye = target.point_in_world + distance * outward;
     if (!Sees(eye, target.point_in_world)) return std::nullopt;
-    const Surroundings around = LookAround(mesh_, eye, kDirections);
+    const Surroundings around = ProbeSurroundings(mesh_, eye, kDirections);
     if (around.clearance < options_.clearance) return std::nullopt;
     const Rigid3 pose = LookAlong(eye, -outward, up_);
-    const Sight sight = LookThrough(mesh_, options_.camera, pose);
+    const VisibleSurface sight = MeasureView(mesh_, options_.camera, pose);
     if (sight.coverage < covering_.min_coverage || sight.median_range < 2 * options_.clearance) {
       return std::nullopt;
     }
@@ -166,9 +166,9 @@ class CoveringSampler {
     return hit && std::abs(hit->ray_t - 1) < 1e-3;
   }
 
-  std::vector<Seen> WhatIsSeen(const Rigid3& cam_from_world) const {
+  std::vector<SeenSample> SeenSamples(const Rigid3& cam_from_world) const {
     const Eigen::Vector3d eye = cam_from_world.OriginInSource();
-    std::vector<Seen> seen;
+    std::vector<SeenSample> seen;
     std::vector<Ray> rays;
     for (size_t i = 0; i < samples_.size(); ++i) {
       const Eigen::Vector3d to_camera = eye - samples_[i].point_in_world;
@@ -183,7 +183,7 @@ class CoveringSampler {
       rays.push_back({eye, -to_camera});
     }
     const auto hits = mesh_.Cast(rays);
-    std::vector<Seen> visible;
+    std::vector<SeenSample> visible;
     for (size_t i = 0; i < seen.size(); ++i) {
       if (hits[i] && std::abs(hits[i]->ray_t - 1) < 1e-2) visible.push_back(seen[i]);
     }
@@ -193,13 +193,13 @@ class CoveringSampler {
   void Index() {
     seen_of_sample_.assign(samples_.size(), {});
     for (Candidate& candidate : candidates_) {
-      for (Seen& seen : candidate.seen) seen_of_sample_[seen.sample].push_back(&seen);
+      for (SeenSample& seen : candidate.seen) seen_of_sample_[seen.sample].push_back(&seen);
     }
   }
 
   static double Gain(const Candidate& candidate) {
     double gain = 0;
-    for (const Seen& seen : candidate.seen) gain += 1.0 / (1 + seen.similar);
+    for (const SeenSample& seen : candidate.seen) gain += 1.0 / (1 + seen.similar);
     return gain;
   }
 
@@ -220,8 +220,8 @@ class CoveringSampler {
 
   void Take(Candidate& candidate) {
     candidate.taken = true;
-    for (const Seen& taken : candidate.seen) {
-      for (Seen* other : seen_of_sample_[taken.sample]) {
+    for (const SeenSample& taken : candidate.seen) {
+      for (SeenSample* other : seen_of_sample_[taken.sample]) {
         if (IsAlike(taken, *other)) ++other->similar;
       }
     }
@@ -234,7 +234,7 @@ class CoveringSampler {
   std::vector<SurfaceSample> samples_;
   double size_;
   std::vector<Candidate> candidates_;
-  std::vector<std::vector<Seen*>> seen_of_sample_;  // into candidates_
+  std::vector<std::vector<SeenSample*>> seen_of_sample_;  // into candidates_
 };
 
 }  // namespace

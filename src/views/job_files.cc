@@ -219,7 +219,7 @@ Box BoxOf(const RayCaster& scene) {
   return box;
 }
 
-// Whether the cameras stand in the mesh's box or no further from it than it is large.
+// Returns whether the cameras stand in the mesh's box or no further from it than it is large.
 bool AreNear(const Box& cameras, const Box& mesh) {
   return cameras.exteriorDistance(mesh) <= mesh.diagonal().norm();
 }

@@ -1,5 +1,5 @@
-// What a rendering job keeps beside the pictures: the header of its manifest, summary.json,
-// README.txt, preview.png, and what it warns of.
+// The files that a rendering job keeps beside the pictures: its manifest, summary.json, README.txt,
+// preview.png; and what it warns of.
 
 #pragma once
 
@@ -30,7 +30,7 @@ std::string JobHeader(const RayCaster& scene, const RenderJobOptions& options);
 // The first line of its manifest: that of which job, of how many images.
 std::string ManifestHeader(const std::string& header, size_t images);
 
-// Of everything that a view's files depend on.
+// Returns the hash of everything that a view's files depend on.
 std::string TaskKey(const std::string& header, const RenderTask& task);
 
 // "PRODUCT/stem.FORMAT" of each product.
@@ -61,11 +61,11 @@ std::string SummaryJson(const std::string& header, const ManifestEntries& entrie
 inline constexpr std::string_view kFileGuideName = "README.txt";
 inline constexpr std::string_view kFileGuideTitle = "What these files hold";
 
-// Of a job that writes these products in these formats.
+// The guide of a job that writes these products in these formats.
 std::string FileGuide(std::span<const ProductOutput> outputs, const StorageOptions& storage,
                       FrameOptions::NormalsIn normals_in);
 
-// Of all products and formats.
+// The guide to all products and formats.
 std::string FileGuide();
 
 inline constexpr int kMaxTiles = 48;

@@ -42,7 +42,7 @@ WrittenFile WriteFloats(const path& file, const Frame& frame, const std::vector<
   return {file, report.bytes, report.dropped};
 }
 
-// What `number` makes of each triangle.
+// Returns for each pixel the number of its triangle.
 template <typename Number>
 std::vector<uint32_t> Numbered(const Frame& frame, const Number& number) {
   std::vector<uint32_t> ids(frame.triangle.size());

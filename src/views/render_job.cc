@@ -30,7 +30,7 @@ double SecondsSince(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
-// Of the depths that are not 0. In lanes, which compilers turn into vector instructions.
+// The range of the depths that are not 0. In lanes, which compilers turn into vector instructions.
 std::optional<std::pair<float, float>> DepthRange(const std::vector<float>& depth) {
   constexpr size_t kLanes = 16;
   std::array<float, kLanes> lows, highs;
@@ -255,7 +255,7 @@ class RenderJob {
     return has_color && side > 1 ? pixels * (1 + side * side) : pixels;
   }
 
-  // Whether none was left out.
+  // Returns whether none was left out.
   bool RenderAll(const std::vector<size_t>& to_do) {
     if (to_do.empty()) return true;
     std::atomic<bool> failed{false};
@@ -327,8 +327,8 @@ class RenderJob {
     return summary;
   }
 
-  // What the job as a whole leaves, once all shards are complete; the last one to see that does it
-  // (or several, which then write the same). Whether they are.
+  // Writes what the job as a whole leaves, once all shards are complete; the last one to see that
+  // does it (or several, which then write the same). Returns whether they are.
   bool Finish() {
     const std::optional<TaskManifest> whole = job_.Whole();
     if (!whole) return false;

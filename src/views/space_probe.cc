@@ -34,7 +34,8 @@ std::vector<Eigen::Vector3d> SpreadDirections(int count) {
   return directions;
 }
 
-Surroundings LookAround(const RayCaster& mesh, const Eigen::Vector3d& center, int directions) {
+Surroundings ProbeSurroundings(const RayCaster& mesh, const Eigen::Vector3d& center,
+                               int directions) {
   const std::vector<Eigen::Vector3d> all = SpreadDirections(directions);
   std::vector<Ray> rays;
   rays.reserve(all.size());
@@ -53,7 +54,8 @@ Surroundings LookAround(const RayCaster& mesh, const Eigen::Vector3d& center, in
   return around;
 }
 
-Sight LookThrough(const RayCaster& mesh, const Camera& camera, const Rigid3& cam_from_world) {
+VisibleSurface MeasureView(const RayCaster& mesh, const Camera& camera,
+                           const Rigid3& cam_from_world) {
   const Eigen::Vector3d center = cam_from_world.OriginInSource();
   std::vector<Ray> rays;
   for (int i = 0; i < kGridColumns * kGridRows; ++i) {
@@ -133,7 +135,7 @@ struct Grid {
   }
 };
 
-struct Place {
+struct GroundCell {
   int cell;
   double height;  // level z
 };
@@ -180,8 +182,8 @@ std::vector<double> GroundHeights(const RayCaster& mesh, const Grid& grid, int c
   return heights;
 }
 
-std::vector<Place> FindPlaces(const RayCaster& mesh, const Grid& grid, double headroom,
-                              const ViewSamplerOptions& options) {
+std::vector<GroundCell> FindGroundCells(const RayCaster& mesh, const Grid& grid, double headroom,
+                                        const ViewSamplerOptions& options) {
   std::vector<std::vector<double>> heights(static_cast<size_t>(grid.columns * grid.rows));
   ParallelFor(static_cast<size_t>(grid.rows), options.threads, [&](size_t row) {
     for (int x = 0; x < grid.columns; ++x) {
@@ -190,29 +192,30 @@ std::vector<Place> FindPlaces(const RayCaster& mesh, const Grid& grid, double he
           GroundHeights(mesh, grid, cell, headroom, options.any_side);
     }
   });
-  std::vector<Place> places;
+  std::vector<GroundCell> cells;
   for (size_t cell = 0; cell < heights.size(); ++cell) {
-    for (const double height : heights[cell]) places.push_back({static_cast<int>(cell), height});
+    for (const double height : heights[cell]) cells.push_back({static_cast<int>(cell), height});
   }
-  return places;
+  return cells;
 }
 
-// The members of the largest set of places that follow each other without a high step. `places`
-// are in the order of their cells.
-std::vector<Place> LargestArea(const std::vector<Place>& places, const Grid& grid,
-                               double max_step) {
-  DisjointSets sets(places.size());
-  const auto of_cell = [&places](int cell) {
-    return std::equal_range(places.begin(), places.end(), Place{cell, 0},
-                            [](const Place& a, const Place& b) { return a.cell < b.cell; });
+// The members of the largest set of cells that follow each other without a high step. `cells`
+// are in the order of the grid.
+std::vector<GroundCell> LargestArea(const std::vector<GroundCell>& cells, const Grid& grid,
+                                    double max_step) {
+  DisjointSets sets(cells.size());
+  const auto of_cell = [&cells](int cell) {
+    return std::equal_range(
+        cells.begin(), cells.end(), GroundCell{cell, 0},
+        [](const GroundCell& a, const GroundCell& b) { return a.cell < b.cell; });
   };
-  for (size_t i = 0; i < places.size(); ++i) {
-    const int cell = places[i].cell;
+  for (size_t i = 0; i < cells.size(); ++i) {
+    const int cell = cells[i].cell;
     for (const int next : {(cell + 1) % grid.columns == 0 ? -1 : cell + 1, cell + grid.columns}) {
       const auto [first, last] = of_cell(next);
       for (auto other = first; other != last; ++other) {
-        if (std::abs(other->height - places[i].height) <= max_step) {
-          sets.Join(i, static_cast<size_t>(other - places.begin()));
+        if (std::abs(other->height - cells[i].height) <= max_step) {
+          sets.Join(i, static_cast<size_t>(other - cells.begin()));
         }
       }
     }
@@ -222,9 +225,9 @@ std::vector<Place> LargestArea(const std::vector<Place>& places, const Grid& gri
   for (const int number : numbers) ++sizes[number];
   const auto largest = std::max_element(
       sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
-  std::vector<Place> area;
-  for (size_t i = 0; i < places.size(); ++i) {
-    if (numbers[i] == largest->first) area.push_back(places[i]);
+  std::vector<GroundCell> area;
+  for (size_t i = 0; i < cells.size(); ++i) {
+    if (numbers[i] == largest->first) area.push_back(cells[i]);
   }
   return area;
 }
@@ -236,13 +239,13 @@ std::vector<Eigen::Vector3d> FindWalkableGround(const RayCaster& mesh,
                                                 const InsideOptions& inside) {
   const Grid grid =
       MakeGrid(mesh.mesh(), options.up_in_world.normalized(), 0.5 * options.clearance);
-  const std::vector<Place> places =
-      FindPlaces(mesh, grid, inside.eye_height + options.clearance, options);
+  const std::vector<GroundCell> cells =
+      FindGroundCells(mesh, grid, inside.eye_height + options.clearance, options);
   std::vector<Eigen::Vector3d> points;
-  if (places.empty()) return points;
-  for (const Place& place : LargestArea(places, grid, inside.max_step)) {
-    const Eigen::Vector3d top = grid.TopOf(place.cell);
-    points.push_back(grid.world_from_level * Eigen::Vector3d(top.x(), top.y(), place.height));
+  if (cells.empty()) return points;
+  for (const GroundCell& ground : LargestArea(cells, grid, inside.max_step)) {
+    const Eigen::Vector3d top = grid.TopOf(ground.cell);
+    points.push_back(grid.world_from_level * Eigen::Vector3d(top.x(), top.y(), ground.height));
   }
   return points;
 }

@@ -1,4 +1,4 @@
-// What the surfaces of a scene leave room for, where cameras can stand.
+// Where the surfaces of a scene leave room for cameras.
 
 #pragma once
 
@@ -23,21 +23,23 @@ struct Surroundings {
   double clearance;    // distance to the nearest surface in any direction; infinite: none
   double front_share;  // of the surfaces that are seen, those seen from their front; 1: none seen
 };
-Surroundings LookAround(const RayCaster& mesh, const Eigen::Vector3d& center, int directions);
+Surroundings ProbeSurroundings(const RayCaster& mesh, const Eigen::Vector3d& center,
+                               int directions);
 
-struct Sight {
+struct VisibleSurface {
   double coverage = 0;      // share of the picture that sees a surface
   double front_share = 0;   // of that, seen from its front
   double median_range = 0;  // distance of what is seen
 };
-Sight LookThrough(const RayCaster& mesh, const Camera& camera, const Rigid3& cam_from_world);
+VisibleSurface MeasureView(const RayCaster& mesh, const Camera& camera,
+                           const Rigid3& cam_from_world);
 
 struct SurfaceSample {
   Eigen::Vector3d point_in_world;
   Eigen::Vector3d normal_in_world;  // unit, by the triangle's winding
 };
 
-// None where the mesh has no area.
+// Returns no samples if the mesh has no area.
 std::vector<SurfaceSample> SampleSurface(const TriangleMesh& mesh, size_t count, uint64_t seed);
 
 // Points of the ground, on a grid, of the largest connected area; empty where there is none. Room

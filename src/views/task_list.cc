@@ -112,7 +112,7 @@ std::optional<std::string> StretchWarning(const std::vector<View>& views,
   const std::vector<RenderTask> tasks = SelectTasks(views, unscaled);
   const auto is_stretched = [&size = *selection.size](const RenderTask& task) {
     const int64_t width = task.view.camera.width_px, height = task.view.camera.height_px;
-    // What rounding both sides makes of the right shape is within half a pixel of it.
+    // The right shape with both sides rounded is within half a pixel of it.
     return 2 * std::abs(size.width_px * height - size.height_px * width) > width + height;
   };
   const auto count = std::count_if(tasks.begin(), tasks.end(), is_stretched);

@@ -16,14 +16,14 @@
 
 namespace raylift {
 
-// "WIDTHxHEIGHT"; OptionError naming the option for anything else.
+// "WIDTHxHEIGHT"; throws OptionError naming the option for anything else.
 PlaneSize ParseSize(std::string_view option, const std::string& text);
 
 struct TaskSelection {
   std::filesystem::path list = {};  // only the images in this list; empty: all
   std::string glob = {};            // only names that match, as in a shell; empty: all
   Thinning thinning = {};           // only every N-th of those, by name
-  // Of the images; the lens is scaled with it. At most one of the two.
+  // The images are scaled so, and their lens with them. At most one of the two.
   std::optional<double> scale = std::nullopt;
   std::optional<PlaneSize> size = std::nullopt;
   // Instead of the cameras: a panorama of this size from each camera's place.
@@ -40,12 +40,12 @@ std::vector<View> ReadModelViews(const std::filesystem::path& model,
 std::optional<std::string> StretchWarning(const std::vector<View>& views,
                                           const TaskSelection& selection);
 
-// The tasks by name. InputError where an image of the list is not among the views, where none is
-// left, or where two images would be written to one file or outside of the output folder.
+// The tasks by name. Throws InputError where an image of the list is not among the views, where
+// none is left, or where two images would be written to one file or outside of the output folder.
 std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection& selection);
 
-// The cameras and poses of what is rendered, under the images' names: of scaled images the cameras are
-// scaled, so that the maps and this model belong together. None where one is a panorama.
+// The cameras and poses of what is rendered, under the images' names: of scaled images the cameras
+// are scaled, so that the maps and this model belong together. None where one is a panorama.
 std::optional<ColmapModel> ModelOf(std::span<const RenderTask> tasks);
 
 }  // namespace raylift

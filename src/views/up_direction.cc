@@ -15,7 +15,8 @@ constexpr double kRadPerDeg = std::numbers::pi / 180;
 constexpr double kFloorConeDeg = 15;
 constexpr double kWallBandDeg = 10;
 constexpr double kFarDeg = 30;  // a direction that is another one
-// What faces up over what faces down; and the best direction over others, where z is as level.
+// The least ratio of area that faces up to area that faces down; and of the best direction to
+// others.
 constexpr double kLead = 2;
 // Over others where z is at right angles to nothing, and so is hardly up.
 constexpr double kLeadOfAny = 1.1;
@@ -57,7 +58,7 @@ std::vector<Facing> CollectFacings(const TriangleMesh& mesh) {
   return facings;
 }
 
-// What a direction has if it is up, as shares of the whole area.
+// The evidence that a direction is up, as shares of the whole area.
 struct Evidence {
   double up = 0;     // faces it
   double down = 0;   // faces away
@@ -80,7 +81,7 @@ Evidence EvidenceFor(const std::vector<Facing>& facings, const Eigen::Vector3d& 
   return evidence;
 }
 
-// What floors and ceilings are parallel to and walls at right angles, in the least squares.
+// Returns the normal of floors and ceilings that is at right angles to walls', by least squares.
 Eigen::Vector3d Levelled(const std::vector<Facing>& facings, Eigen::Vector3d up) {
   for (const double cone_deg : {kFloorConeDeg, kWallBandDeg, kWallBandDeg / 2}) {
     const double floor = std::cos(cone_deg * kRadPerDeg), wall = std::sin(cone_deg * kRadPerDeg);
@@ -106,7 +107,7 @@ UpDirection EstimateUp(const TriangleMesh& mesh) {
     Eigen::Vector3d up;
     Evidence evidence;
   };
-  // What a surface faces, or faces away from.
+  // Where a surface faces, or faces away from.
   std::vector<Candidate> candidates;
   for (const Facing& facing : facings) {
     for (const Eigen::Vector3d& up : {facing.normal, Eigen::Vector3d(-facing.normal)}) {

@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <optional>
+#include <span>
+#include <vector>
 
 #include "base/statistics.h"
-#include "views/exposure_levels.h"
+#include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
@@ -21,8 +24,15 @@
 namespace raylift {
 namespace {
 
+// The color that a photograph shows at a point.
+struct PointColor {
+  size_t photograph;
+  double weight;
+  Eigen::Vector3d log_rgb;
+};
+
 constexpr int kRounds = 5;
-// Of a photograph's factors, beside the many points that tell them: they are 1 where none does.
+// The weight of factor 1 beside the many points that tell a photograph's factors.
 constexpr double kPrior = 1e-3;
 
 using Levels = Eigen::MatrixX3d;  // of the logarithms, added
@@ -89,8 +99,9 @@ Levels Solve(size_t count, std::span<const std::vector<PointColor>> points) {
   return levels.allFinite() ? levels : none;
 }
 
-}  // namespace
-
+// Factors for each channel of each photograph, of geometric mean 1, that make the logarithms at
+// each point agree: weighted least squares, whose weights are Cauchy's where photographs disagree
+// by more than they usually do. Photographs that share no point with others keep 1.
 std::vector<Eigen::Vector3d> LevelExposures(size_t num_photographs,
                                             std::span<const std::vector<PointColor>> points) {
   std::vector<std::vector<PointColor>> weighed(points.begin(), points.end());
@@ -108,13 +119,11 @@ std::vector<Eigen::Vector3d> LevelExposures(size_t num_photographs,
   return factors;
 }
 
-namespace {
-
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::Vector3f;
 
-// Of a vertex, the photographs that see it best. What one shows more than another is little then.
+// A vertex takes the photographs that see it best: further ones add little.
 constexpr size_t kMaxSamples = 8;
 constexpr size_t kVerticesPerItem = 4096;
 // A vertex lies on the surface that the ray hits: what is nearer by more than that, in edges and in
@@ -128,7 +137,7 @@ constexpr float kDarkest = 8, kBrightest = 247;
 // Points that tell exposures, per photograph; more change nothing.
 constexpr size_t kPointsPerPhotograph = 200;
 constexpr size_t kLeastPoints = 20000;
-// Of medians of absolute deviations: three standard deviations of normal noise.
+// In medians of absolute deviations: three standard deviations of normal noise.
 constexpr double kFarDeviations = 3 * kSigmaPerMad;
 constexpr double kLeastDeviation = 2;  // levels of 255
 constexpr std::array<uint8_t, 3> kUnseen = {128, 128, 128};
@@ -332,7 +341,7 @@ class Coloring {
     Sample sample;
   };
 
-  // What the photograph would say of a vertex if nothing hid it.
+  // Returns what the photograph would show of a vertex if nothing hid it.
   std::optional<Candidate> Project(uint32_t photograph, size_t vertex) const {
     const Camera& camera = photographs_[photograph].camera;
     const Rigid3& cam_from_world = photographs_[photograph].cam_from_world;

@@ -1,5 +1,5 @@
-// Colors for the vertices of a mesh that has none, from photographs with poses: so that a scan or an
-// MVS mesh can be rendered as photographs see it, and be localized against alone.
+// Colors for the vertices of a mesh that has none, from photographs with poses: so that a scan or
+// an MVS mesh can be rendered as photographs see it, and be localized against alone.
 
 #pragma once
 
@@ -39,10 +39,10 @@ struct VertexColoring {
 };
 
 // `mesh` has the surface of `surface`, and may be finer. A vertex takes what the photographs show
-// that see it (by rays), the side of the surface that is seen better: those that resolve it best, in
-// a patch as wide as its edges, weighed by how steeply they look at it; what disagrees with most of
-// them is left out. The same for any number of threads. InputError where a photograph is missing
-// below `folder` or has not its camera's size.
+// that see it (by rays), the side of the surface that is seen better: those that resolve it best,
+// in a patch as wide as its edges, weighed by how steeply they look at it; what disagrees with most
+// of them is left out. The same for any number of threads. Throws InputError where a photograph is
+// missing below `folder` or has not its camera's size.
 VertexColoring ColorVertices(const TriangleMesh& mesh, const RayCaster& surface,
                              std::span<const PosedImage> photographs,
                              const std::filesystem::path& folder,

@@ -59,7 +59,7 @@ std::optional<SampledViews> Checked(SampledViews views, int wanted) {
   return views;
 }
 
-// InputError where there are none.
+// Throws InputError where there are none.
 SampledViews Required(std::optional<SampledViews> views) {
   if (!views) {
     throw InputError(
@@ -114,7 +114,7 @@ class InsideSampler {
     std::vector<char> is_clear(ground.size());
     ParallelFor(ground.size(), options_.threads, [&](size_t i) {
       ground[i] += inside_.eye_height * up_;
-      const Surroundings around = LookAround(mesh_, ground[i], kFewDirections);
+      const Surroundings around = ProbeSurroundings(mesh_, ground[i], kFewDirections);
       is_clear[i] = around.clearance >= options_.clearance &&
                     (options_.any_side || around.front_share >= kMinFrontShare);
     });
@@ -140,7 +140,7 @@ class InsideSampler {
       double score;
       Rigid3 pose;
     };
-    if (LookAround(mesh_, eye, kManyDirections).clearance < options_.clearance) {
+    if (ProbeSurroundings(mesh_, eye, kManyDirections).clearance < options_.clearance) {
       return std::nullopt;
     }
     const auto [ahead, aside] = LevelAxes(up_);
@@ -151,7 +151,7 @@ class InsideSampler {
       const double bearing = first + 2 * std::numbers::pi * k / kBearings;
       const Eigen::Vector3d level = std::cos(bearing) * ahead + std::sin(bearing) * aside;
       const Rigid3 pose = LookAlong(eye, std::cos(down) * level - std::sin(down) * up_, up_);
-      const Sight sight = LookThrough(mesh_, options_.camera, pose);
+      const VisibleSurface sight = MeasureView(mesh_, options_.camera, pose);
       if (sight.coverage < inside_.min_coverage || sight.median_range < 2 * options_.clearance ||
           (!options_.any_side && sight.front_share < kMinFrontShare)) {
         continue;
@@ -253,7 +253,7 @@ SampledViews SampleAround(const RayCaster& mesh, const ViewSamplerOptions& optio
         height * up + std::sqrt(std::max(0.0, 1 - height * height)) *
                           (std::cos(bearing) * ahead + std::sin(bearing) * aside);
     const Eigen::Vector3d center = middle + distance * from_middle;
-    if (LookAround(mesh, center, kManyDirections).clearance < options.clearance) continue;
+    if (ProbeSurroundings(mesh, center, kManyDirections).clearance < options.clearance) continue;
     views.cam_from_world.push_back(LookAlong(center, -from_middle, up));
   }
   return Required(Checked(std::move(views), options.count));
@@ -275,7 +275,7 @@ SampledViews SampleAlong(const RayCaster& mesh, const ViewSamplerOptions& option
   if (line.size() < 2) throw InputError("a line needs at least two points");
   SampledViews views;
   for (const LinePoint& point : SpreadOnLine(line, options.count)) {
-    const Surroundings around = LookAround(mesh, point.position, kManyDirections);
+    const Surroundings around = ProbeSurroundings(mesh, point.position, kManyDirections);
     const bool is_inside_a_body = !options.any_side && around.front_share < kMinOpenShare;
     if (around.clearance < options.clearance || is_inside_a_body) continue;
     views.cam_from_world.push_back(

@@ -20,7 +20,7 @@
 
 namespace raylift {
 
-// Of 7-Scenes, whose poses are the depth camera's: what the photographs' poses are.
+// How the photographs of 7-Scenes get their poses, which are published for the depth camera.
 enum class SensorCalibration {
   kColor,  // moved to the color camera
   kRaw,    // as published, as if both cameras stood in one place
@@ -32,15 +32,15 @@ inline constexpr auto kEnumNames<SensorCalibration> = std::to_array<EnumName<Sen
 });
 
 struct ImportOptions {
-  // Of data sets that have no queries of their own: every N-th frame is one, the N-th first.
+  // Every N-th frame is a query, the N-th first, in data sets that have no queries of their own.
   int query_every = 8;
-  // Whose photographs the queries of Gangnam are.
+  // The part of Gangnam Station whose photographs are the queries.
   std::string split = "validation";
   SensorCalibration calibration = SensorCalibration::kColor;
-  // Of 7-Scenes and 12 Scenes: a folder of SCENE_train.txt and SCENE_test.txt with poses and focal lengths
-  // (Brachmann et al., ICCV 2021), instead of the data set's.
+  // A folder of SCENE_train.txt and SCENE_test.txt with poses and focal lengths for 7-Scenes or 12
+  // Scenes (Brachmann et al., ICCV 2021), which replace the data set's.
   std::filesystem::path pseudo_ground_truth = {};
-  // Instead of the data set's intrinsics, for all images.
+  // Replaces the data set's intrinsics, for all images.
   std::optional<Camera> camera = std::nullopt;
 };
 
@@ -75,14 +75,15 @@ std::span<const Dataset> AllDatasets();
 std::string DatasetNames();  // "7scenes|12scenes|..."
 
 // The scenes in a folder of the data set of this name: one, but for Extended CMU Seasons, where a
-// folder of several slices is one scene each. OptionError for an unknown name, InputError naming
-// file and field where the folder does not have the layout, or where no image is left.
+// folder of several slices is one scene each. Throws OptionError for an unknown name, InputError
+// naming file and field where the folder does not have the layout, or where no image is left.
 std::vector<ImportedScene> ImportDataset(std::string_view name, const std::filesystem::path& folder,
                                          const ImportOptions& options = {});
 
-// The frames of a transforms.json of nerfstudio or instant-ngp, by name, in the world that the images were
-// in before nerfstudio moved them. Of photographs only the sizes are read, and only where the file has none.
-// Appends to `warnings` what was left out and what was assumed. InputError naming file and field.
+// The frames of a transforms.json of nerfstudio or instant-ngp, by name, in the world that the
+// images were in before nerfstudio moved them. Of photographs only the sizes are read, and only
+// where the file has none. Appends to `warnings` what was left out and what was assumed. Throws
+// InputError naming file and field.
 std::vector<PosedImage> ReadTransforms(const std::filesystem::path& file,
                                        std::vector<std::string>& warnings);
 

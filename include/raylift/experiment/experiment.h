@@ -1,4 +1,4 @@
-// What an experiment is: scenes, a grid of ways to localize in them, and the tables, figures and
+// An experiment is scenes, a grid of ways to localize in them, and the tables, figures and
 // claims that are made of the results; and its file.
 
 #pragma once
@@ -57,7 +57,8 @@ constexpr std::string_view kOracleName = "oracle";
 //   method                    Method or Oracle
 //   align, score, lo          the enum
 //   alpha                     double
-// None where the axis does not matter to the setting (E5+1 needs no geometry, P3P has no score).
+// std::monostate where the axis does not matter to the setting (E5+1 needs no geometry, P3P has no
+// score).
 using AxisValue = std::variant<std::monostate, std::string, size_t, AlignMode, Method, Oracle,
                                ScoreCombination, LocalOptimization, double>;
 inline bool Matters(const AxisValue& value) {
@@ -71,7 +72,7 @@ struct Setting {
 
   AxisValue& operator[](Axis axis) { return values[static_cast<size_t>(axis)]; }
   const AxisValue& operator[](Axis axis) const { return values[static_cast<size_t>(axis)]; }
-  // What the compiler compares with zero is no pointer.
+  // The compiler compares an ordering with zero, which is no null pointer.
   auto operator<=>(const Setting&) const = default;  // NOLINT(modernize-use-nullptr)
 
   // The value on an axis where it matters and is of this type, else null.
@@ -231,7 +232,7 @@ struct Experiment {
 
   const ExperimentScene& SceneOf(const Setting& setting) const;
   const NamedFilter& FilterNamed(const std::string& name) const;
-  // Of a setting to which geometry matters.
+  // The setting must be one to which geometry matters.
   const NamedFilter& FilterOf(const Setting& setting) const;
   // Null where geometry does not matter to the setting, or its scene has none of that name.
   const ExperimentGeometry* GeometryOf(const Setting& setting) const;
@@ -279,17 +280,17 @@ struct Experiment {
 using VariableLookup = std::function<std::optional<std::string>(const std::string& name)>;
 
 // A scene file that is not there is only noted (ExperimentScene::file_is_missing), so that a file
-// can be looked at without its data. InputError with the file and the key for what is missing,
-// unknown, of the wrong kind or out of range.
+// can be looked at without its data. Throws InputError with the file and the key for what is
+// missing, unknown, of the wrong kind or out of range.
 Experiment ReadExperiment(const std::filesystem::path& file, const VariableLookup& variables);
 
-// Every setting of the grid once, in the order of the file. InputError naming the file where a
-// block names what is not there.
+// Every setting of the grid once, in the order of the file. Throws InputError naming the file where
+// a block names what is not there.
 std::vector<Setting> ExpandGrid(const Experiment& experiment);
 
-// Whether the results of a setting are chosen from those of P3P and E5+1, without estimating: the
-// oracle's always, Select's unless the filter is automatic, which treats P3P alone differently, or
-// localization is continuous.
+// Returns whether a setting's results are chosen from those of P3P and E5+1, without estimating:
+// the oracle's always, Select's unless the filter is automatic, which treats P3P alone differently,
+// or localization is continuous.
 bool IsChosen(const Setting& setting, const Experiment& experiment);
 
 // The settings that must be estimated for these, each once.

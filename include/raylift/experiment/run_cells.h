@@ -1,6 +1,6 @@
-// The pieces of work of an experiment, and what comes out of them. A cell is one setting with one seed
-// on a block of a scene's queries; what comes out of it is kept in a file that is named by the hash of
-// all that went in, so that a cell is estimated once and a changed input is noticed.
+// The pieces of work of an experiment, and what comes out of them. A cell is one setting with one
+// seed on a block of a scene's queries; what comes out of it is kept in a file that is named by the
+// hash of all that went in, so that a cell is estimated once and a changed input is noticed.
 
 #pragma once
 
@@ -33,7 +33,7 @@ struct Cell {
 };
 
 // Says whether a file or folder is still the same: by its contents, or, where it is large, by sizes
-// and times of modification. Remembers what it looked at. InputError where there is nothing.
+// and times of modification. Remembers what it looked at. Throws InputError where there is nothing.
 class InputIdentity {
  public:
   const std::string& Of(const std::filesystem::path& path);
@@ -47,7 +47,7 @@ std::filesystem::path ForThinning(const std::filesystem::path& path, size_t ever
 // The files or folders of a specification of geometry; none where it names none ("sfm").
 std::vector<std::filesystem::path> PathsOfSpec(const std::string& spec);
 
-// The queries of a scene, or those of its group. InputError where there are none.
+// The queries of a scene, or those of its group. Throws InputError where there are none.
 std::vector<Query> QueriesOf(const ExperimentScene& scene);
 
 // The inputs of the settings' scenes that are not there.
@@ -57,11 +57,11 @@ std::vector<std::filesystem::path> MissingInputs(const Experiment& experiment,
 // The offsets that thinning is run with.
 size_t NumOffsets(const Experiment& experiment, const Setting& setting);
 
-// The cells of the settings, by scene, thinning, block of queries, geometry. InputError where an
-// input is missing.
+// The cells of the settings, by scene, thinning, block of queries, geometry. Throws InputError
+// where an input is missing.
 std::vector<Cell> ListCells(const Experiment& experiment, std::span<const Setting> settings);
 
-// What came out for one query.
+// The result of one query.
 struct QueryOutcome {
   std::string name;
   std::optional<Rigid3> cam_from_world;
@@ -80,7 +80,7 @@ class CellStore {
   explicit CellStore(std::filesystem::path folder);
 
   bool Has(const Cell& cell) const { return Read(cell).has_value(); }
-  // None where the cell was not estimated, or its file is no good.
+  // Returns nullopt if the cell was not estimated, or its file is no good.
   std::optional<std::vector<QueryOutcome>> Read(const Cell& cell) const;
   void Write(const Cell& cell, std::span<const QueryOutcome> outcomes) const;
 
@@ -99,10 +99,10 @@ struct RunCellsOptions {
   WrapSource wrap_source = {};
 };
 
-// Estimates the cells that are not there yet; references, matches and lifted points are made once for all
-// cells that share them. `cells` is ordered as by ListCells(). Each is written to the store the moment it is complete, and
-// stays there where a watch of the call (base/call_watch.h) ends the others.
-// Returns what the user should be told. Results do not depend on the number of threads.
+// Estimates the cells that are not there yet; references, matches and lifted points are made once
+// for all cells that share them. `cells` is ordered as by ListCells(). Each is written to the store
+// the moment it is complete, and stays there where a watch of the call (base/call_watch.h) ends the
+// others. Returns what the user should be told. Results do not depend on the number of threads.
 std::vector<std::string> RunCells(const Experiment& experiment, std::span<const Cell> cells,
                                   const CellStore& store, const RunCellsOptions& options);
 

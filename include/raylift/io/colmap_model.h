@@ -88,7 +88,7 @@ struct ColmapModel {
   std::vector<uint32_t> camera_order, image_order, rig_order, frame_order;
   std::vector<uint64_t> point3d_order;
 
-  // What a reader should tell the user: one line each (for instance that the poses composed from
+  // The reader's messages for the user, one line each (for instance that the poses composed from
   // rigs and frames, which are used, differ from those of the images file).
   std::vector<std::string> warnings;
 
@@ -106,9 +106,9 @@ enum class ColmapForm { kText, kBinary };
 // Which form a folder holds; binary where it holds both, as COLMAP does; none where neither.
 std::optional<ColmapForm> DetectColmapForm(const std::filesystem::path& folder);
 
-// Reads a folder in either form. points3D.* may be absent (then there are none). InputError naming
-// the file and the record for anything wrong. Tracks and the points' ids in images may point to
-// records that are not there, as in models that were cut down.
+// Reads a folder in either form. points3D.* may be absent (then there are none). Throws InputError
+// naming the file and the record for anything wrong. Tracks and the points' ids in images may point
+// to records that are not there, as in models that were cut down.
 ColmapModel ReadColmapModel(const std::filesystem::path& folder);
 ColmapModel ReadColmapModel(const std::filesystem::path& folder, ColmapForm form);
 

@@ -51,7 +51,7 @@ struct StoredDepth {
   int width_px = 0;
   int height_px = 0;
   std::vector<float> values;  // row-major, the top row first, whatever the order in the file
-  // What the file itself says.
+  // The file's own statements on its values.
   DepthFileFormat format = DepthFileFormat::kRaw;
   std::string sample_type;               // "uint16", "float32", ...
   std::string layer;                     // the channel of an EXR, the key of an NPZ
@@ -62,11 +62,11 @@ struct DepthReadOptions {
   // The channel of an EXR ("Z", "part.Z", "layer.Z") or the key of an NPZ. Empty: Z, depth, R, Y,
   // else the first channel; the key depth, else the only array.
   std::string layer = {};
-  // Of files without a header: the file then is read as kRaw, whatever it looks like.
+  // The size of a file without a header, which then is read as kRaw, whatever it looks like.
   std::optional<PlaneSize> raw_size = std::nullopt;
 };
 
-// The format is told by the content. InputError naming the file for anything wrong: unknown
+// The format is told by the content. Throws InputError naming the file for anything wrong: unknown
 // content, a truncated file, a size that cannot be in a file of this length, samples of a wrong
 // type, several channels where one is expected. Memory is never taken on a header's word. Thread
 // safe.
@@ -135,8 +135,8 @@ struct DepthWriteReport {
 };
 
 // The file appears complete or not at all, and the same values give the same bytes. Thread safe;
-// uses no threads of its own. InputError naming the file where it cannot be written or a value is
-// out of range, OptionError for an option that the format does not know.
+// uses no threads of its own. Throws InputError naming the file where it cannot be written or a
+// value is out of range, OptionError for an option that the format does not know.
 DepthWriteReport WriteDepthFile(const std::filesystem::path& path, const FloatPlane& plane,
                                 const DepthWriteOptions& options = {});
 

@@ -1,5 +1,5 @@
-// hloc's files: local features (features.h5), global descriptors (global-feats*.h5), matches of pairs
-// of images (matches.h5), and lists of the pairs to match.
+// hloc's files: local features (features.h5), global descriptors (global-feats*.h5), matches of
+// pairs of images (matches.h5), and lists of the pairs to match.
 //
 // hloc's keypoints put the first pixel's center at (0, 0), ours are COLMAP's (0.5, 0.5): they are
 // converted here.
@@ -27,7 +27,7 @@ namespace raylift {
 // features.h5: one (nested) group per image name.
 class FeatureFile {
  public:
-  // Opens for reading; InputError where it is missing or no HDF5 file.
+  // Opens for reading; throws InputError where it is missing or no HDF5 file.
   explicit FeatureFile(const std::filesystem::path& path);
   ~FeatureFile();
   FeatureFile(FeatureFile&&) noexcept;
@@ -72,9 +72,9 @@ class GlobalFeatureFile {
   GlobalFeatureFile& operator=(GlobalFeatureFile&&) noexcept;
 
   std::vector<std::string> ImageNames() const;  // sorted; walks the whole file
-  // A column for each image. InputError naming file and data set where an image is absent, its
-  // descriptor is no vector, of another size than the first that was read, or not finite. Thread
-  // safe.
+  // A column for each image. Throws InputError naming file and data set where an image is absent,
+  // its descriptor is no vector, of another size than the first that was read, or not finite.
+  // Thread safe.
   Eigen::MatrixXf Read(std::span<const std::string> image_names) const;
 
  private:
@@ -119,8 +119,8 @@ struct MatchedPair {
   size_t num_query_keypoints;
   std::vector<FeatureMatch> matches;
 };
-// InputError where the format cannot hold the matches: two of one query keypoint, or two pairs
-// whose names differ only by "/" and "-".
+// Throws InputError where the format cannot hold the matches: two of one query keypoint, or two
+// pairs whose names differ only by "/" and "-".
 void WriteMatchFile(const std::filesystem::path& path, std::span<const MatchedPair> pairs);
 
 // `query reference` per line; the order of a query's lines is the rank; a reference that stands

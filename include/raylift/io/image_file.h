@@ -1,5 +1,5 @@
-// Photographs and pictures in files. Orientation tags are ignored: pixels are those that the camera's
-// intrinsics mean.
+// Photographs and pictures in files. Orientation tags are ignored: pixels are those that the
+// camera's intrinsics mean.
 
 #pragma once
 
@@ -9,11 +9,11 @@
 
 namespace raylift {
 
-// The size alone, from the header. InputError where the file is
+// The size alone, from the header. Throws InputError where the file is
 // missing or no image.
 PlaneSize ReadImageSize(const std::filesystem::path& path);
 
-// InputError where the file is missing or no image.
+// Throws InputError where the file is missing or no image.
 Image ReadImage(const std::filesystem::path& path, ImageChannels channels);
 
 // The format follows the extension: png, jpg.

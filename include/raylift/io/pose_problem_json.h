@@ -30,15 +30,15 @@
 
 namespace raylift {
 
-// What a file holds: the problem and, apart from it, the ground truth that only an evaluation may
+// A file holds the problem and, apart from it, the ground truth that only an evaluation may
 // look at.
 struct PoseProblemFile {
   PoseProblem problem;
   std::optional<Rigid3> gt_cam_from_world;
 };
 
-// InputError with the JSON path for anything wrong: a missing member, a reference index out of
-// range, a value that is not finite.
+// Throws InputError with the JSON path for anything wrong: a missing member, a reference index out
+// of range, a value that is not finite.
 PoseProblemFile ReadPoseProblem(const std::filesystem::path& path);
 PoseProblemFile ParsePoseProblem(std::string_view json,
                                  const std::filesystem::path& path_for_messages);
@@ -48,7 +48,7 @@ void WritePoseProblem(const std::filesystem::path& path, const PoseProblemFile& 
 std::string FormatPoseProblem(const PoseProblemFile& file);
 
 // The .json files of a folder and the folders in it, in the order of their paths, or the file
-// itself. InputError where there are none.
+// itself. Throws InputError where there are none.
 std::vector<std::filesystem::path> ListPoseProblems(const std::filesystem::path& file_or_folder);
 
 }  // namespace raylift

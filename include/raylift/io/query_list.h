@@ -1,5 +1,5 @@
-// Lists of query photographs with intrinsics, what is known of them beforehand, which of them one rig
-// has taken, and lists of poses: the field's plain text files.
+// Lists of query photographs with intrinsics, what is known of them beforehand, which of them one
+// rig has taken, and lists of poses: the field's plain text files.
 
 #pragma once
 
@@ -20,8 +20,8 @@ namespace raylift {
 // is an error.
 //
 // Where the folder of the photographs is given, a line may be a name alone: then the camera is a
-// pinhole with the principal point in the middle and a focal length of 1.2 times the longer side, as
-// COLMAP has it, which the query's priors say to be known up to a factor of two.
+// pinhole with the principal point in the middle and a focal length of 1.2 times the longer side,
+// as COLMAP has it, which the query's priors say to be known up to a factor of two.
 std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
                                  const std::filesystem::path& images = {});
 void WriteQueryList(const std::filesystem::path& path, const std::vector<Query>& queries);
@@ -35,13 +35,13 @@ struct NamedPose {
 };
 
 // Lines `name qw qx qy qz tx ty tz`, world to camera. Quaternions are normalized; one that is not
-// of unit length within 1e-3 is an error, as is a NaN. Numbers behind the pose are passed over: pGT's
-// focal length, the errors and inliers of DSAC* and ACE.
+// of unit length within 1e-3 is an error, as is a NaN. Numbers behind the pose are passed over:
+// pGT's focal length, the errors and inliers of DSAC* and ACE.
 std::vector<NamedPose> ReadPoseFile(const std::filesystem::path& path);
 // Numbers in their shortest form that reads back as the same double.
 void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPose>& poses);
 
-// What is known of queries' poses beforehand, by the query's name. Lines of such a file:
+// Reads what is known of queries' poses beforehand, by the query's name. Lines of such a file:
 //
 //   # of a query: the camera's center in the world and its standard deviation, one or per axis
 //   day/001.jpg position 465203.1 5428113.9 248.0 5
@@ -53,25 +53,25 @@ void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPos
 //   # down in the world; 0 0 -1 where no line says it
 //   * world_down 0 0 -1
 //
-// `#` comments and empty lines are skipped. Throws InputError for anything else, and for what is said
-// twice.
+// `#` comments and empty lines are skipped. Throws InputError for anything else, and for what is
+// said twice.
 std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& file);
 
-// Gives each query what such a file knows of it; a focal length that was guessed stays unknown where
-// the file does not mention it. Throws InputError where the file knows none of the queries.
+// Gives each query what such a file knows of it; a focal length that was guessed stays unknown
+// where the file does not mention it. Throws InputError where the file knows none of the queries.
 void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries);
 
-// Gives each query that was taken by a rig its frame and its pose in the rig. The file is COLMAP's rig
-// configuration (rig_config.json of its rig_configurator), a list of rigs
+// Gives each query that was taken by a rig its frame and its pose in the rig. The file is COLMAP's
+// rig configuration (rig_config.json of its rig_configurator), a list of rigs
 //
 //   [{"cameras": [{"image_prefix": "left/", "ref_sensor": true},
 //                 {"image_prefix": "right/", "cam_from_rig_rotation": [qw, qx, qy, qz],
 //                  "cam_from_rig_translation": [tx, ty, tz]}]}]
 //
-// where photographs whose names are alike after the prefix are of one frame; or a model with rigs and
-// frames (COLMAP >= 3.12), whose poses are not looked at. Queries that share their frame with no other
-// query, or that the file does not know, stay as they are. Throws InputError where it knows none at
-// all, and for a camera without known pose in its rig.
+// where photographs whose names are alike after the prefix are of one frame; or a model with rigs
+// and frames (COLMAP >= 3.12), whose poses are not looked at. Queries that share their frame with
+// no other query, or that the file does not know, stay as they are. Throws InputError where it
+// knows none at all, and for a camera without known pose in its rig.
 void TakeRigs(const std::filesystem::path& file_or_model, std::span<Query> queries);
 
 }  // namespace raylift

@@ -52,15 +52,15 @@ struct SceneFile {
   std::vector<std::pair<std::string, std::string>> provenance;  // by key
 };
 
-// InputError with the line for anything else than the above, a geometry's name that stands twice
-// included. Does not look whether the files are there: their readers say it better.
+// Throws InputError with the line for anything else than the above, a geometry's name that stands
+// twice included. Does not look whether the files are there: their readers say it better.
 SceneFile ReadSceneFile(const std::filesystem::path& file);
 
 // Paths are written relative to `file`, so that scenes can be moved with what they refer to.
 void WriteSceneFile(const std::filesystem::path& file, const SceneFile& scene);
 
 // Lines `name seconds`: when images were taken, from any origin. `#` comments and empty lines are
-// skipped. InputError for anything else, and for a name that stands twice.
+// skipped. Throws InputError for anything else, and for a name that stands twice.
 std::map<std::string, double> ReadTimes(const std::filesystem::path& file);
 void WriteTimes(const std::filesystem::path& file, const std::map<std::string, double>& times);
 

@@ -26,14 +26,14 @@ struct Shard {
 // "i/n": i counts from 1 to n or from 0 to n - 1, as the scheduler does: n / n is the same shard as
 // 0 / n, so that either way all n are different.
 // "auto": i and n as what has started the process tells them in its environment (the table in
-// shard.cc): a job array, the tasks of srun or mpirun, or an array of such tasks. OptionError with
-// the way out wherever a shard could be lost or done twice.
-// "auto/N": the same where N is not told or not the whole: an array's index is i and counts from 0.
-// OptionError for anything else.
+// shard.cc): a job array, the tasks of srun or mpirun, or an array of such tasks. Throws
+// OptionError with the way out wherever a shard could be lost or done twice. "auto/N": the same
+// where N is not told or not the whole: an array's index is i and counts from 0. Throws OptionError
+// for anything else.
 using Environment = std::function<std::optional<std::string>(const std::string&)>;
 Shard ParseShard(const std::string& text, const Environment& environment);
 
-// Of this process.
+// Returns a variable of this process.
 std::optional<std::string> EnvironmentVariable(const std::string& name);
 
 }  // namespace raylift

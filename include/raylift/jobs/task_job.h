@@ -36,26 +36,26 @@ struct TaskRecord {
   std::string line;
 };
 
-// A job's manifest: a header of all that the results depend on, a line of what all tasks have in common
-// where there is such a thing (the facts), and a line for each task that is done.
+// A job's manifest: a header of all that the results depend on, a line of what all tasks have in
+// common where there is such a thing (the facts), and a line for each task that is done.
 struct TaskManifest {
   std::string header;  // empty: there is no manifest
   std::optional<std::string> facts;
   std::map<std::string, TaskRecord> records;  // by key
 };
 
-// Whether a line of facts or of a task can be read by who has written it.
+// Returns whether a line of facts or of a task can be read by the command that has written it.
 using IsReadable = std::function<bool(const std::string& line)>;
 
-// What tells one command's jobs from another's.
+// The properties that tell one command's jobs from another's.
 struct JobForm {
-  // What a complete run leaves in its folder; where the first is, there was one.
+  // The files that a complete run leaves in its folder; where the first is, there was one.
   std::vector<std::string> results;
   IsReadable is_readable;
 
-  // For jobs whose tasks leave files of their own. `keys` then has for each task the hash of all that its
-  // files depend on, and a run that goes on keeps the tasks whose keys are the same, whatever else has
-  // changed; without, it must have had the same header.
+  // For jobs whose tasks leave files of their own. `keys` then has for each task the hash of all
+  // that its files depend on, and a run that goes on keeps the tasks whose keys are the same,
+  // whatever else has changed; without, it must have had the same header.
   std::vector<std::string> keys = {};
   enum class Look { kSizes, kContents };
   // Returns whether the files that a task's line tells of are there. From several threads.
@@ -63,27 +63,27 @@ struct JobForm {
   int threads = 0;
 };
 
-// OptionError where the folder holds a former run, as far as can be told without its header (shards
-// work side by side), and the options do not say what is to become of it.
+// Throws OptionError where the folder holds a former run, as far as can be told without its header
+// (shards work side by side), and the options do not say what is to become of it.
 void RefuseFormerRun(const JobFolder& folder, const JobForm& form);
 
 class TaskJob {
  public:
   // `names` are distinct; `header` is JSON of all that the results depend on. OptionError as above;
-  // InputError where a run that is to go on had another header, naming what differs, or another run
-  // is at work.
+  // Throws InputError where a run that is to go on had another header, naming what differs, or
+  // another run is at work.
   TaskJob(const std::vector<std::string>& names, const std::string& header, JobFolder folder,
           JobForm form);
   ~TaskJob();
 
-  // What is done of this shard, and the facts as this or another run of the same header has found
-  // them.
+  // Returns what is done of this shard, and the facts as this or another run of the same header
+  // found them.
   const TaskManifest& manifest() const { return manifest_; }
-  // Of a task, by its place.
+  // Returns the key of a task, which is given by its place in the list.
   const std::string& key(size_t task) const { return keys_[task]; }
 
   // Before the first Add(): from now on there is a manifest. What was there before stays until
-  // then. OutputError where it cannot be written, InputError where another run is at work.
+  // then. Throws OutputError where it cannot be written, InputError where another run is at work.
   void Begin(const std::optional<std::string>& facts);
 
   // The tasks of this shard that are not done.
@@ -92,7 +92,7 @@ class TaskJob {
   // A task is done; `line` is {"name": ..., "place": `task`, "key": key(task), ...}. Thread safe.
   void Add(size_t task, const std::string& line);
 
-  // What is done of all shards, once all are; none before.
+  // Returns what is done of all shards, once all are; nullopt before.
   std::optional<TaskManifest> Whole() const;
   // With Whole(), perhaps in a form that does not show who has done what. The job is complete.
   void Finish(const TaskManifest& whole);

@@ -29,8 +29,8 @@ struct MeshSceneOptions {
 };
 
 // "mesh:PATH[,build=low|medium]" each (by default medium), all of which are one scene, or a
-// "cloud:PATH" or "splat:FILE" alone. OptionError for a specification that is none or contradicts another one,
-// InputError where a file cannot be read or is no mesh.
+// "cloud:PATH" or "splat:FILE" alone. Throws OptionError for a specification that is none or
+// contradicts another one, Throws InputError where a file cannot be read or is no mesh.
 MeshScene LoadMeshScene(const std::vector<std::string>& specs,
                         const MeshSceneOptions& options = {});
 

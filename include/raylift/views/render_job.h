@@ -64,10 +64,10 @@ constexpr bool IsId(Product product) {
   return product == Product::kTriangle || product == Product::kObject;
 }
 
-// What kInverseDepth holds, of a frame with a map of depth.
+// Returns the values of kInverseDepth for a frame with a map of depth.
 std::vector<float> InverseDepths(const Frame& frame);
 
-// What kTriangle and kObject hold, of a frame of this mesh with a map of triangles.
+// Return the values of kTriangle and kObject for a frame of this mesh with a map of triangles.
 std::vector<uint32_t> FaceIds(const Frame& frame, const TriangleMesh& mesh);
 std::vector<uint32_t> ObjectIds(const Frame& frame, const TriangleMesh& mesh);
 
@@ -80,7 +80,7 @@ struct ProductOutput {
 // "bin" (COLMAP), "pfm", "jpg".
 std::span<const std::string_view> FormatsOf(Product product);
 
-// What the channels of an EXR file are called, separated by commas.
+// Returns the names of an EXR file's channels, separated by commas.
 std::string_view ExrChannels(Product product);
 
 struct StorageOptions {
@@ -151,11 +151,11 @@ struct RenderJobOptions {
   // Where another run writes to the folder, wait until it has ended.
   bool wait = false;
   bool preview = false;  // also make OUT/preview.png
-  // What was called, for summary.json, which then tells the times of the run as well. Empty: neither.
+  // The command line, for summary.json, which then tells the run's times as well. Empty: neither.
   std::string command = {};
 };
 
-// What a run says of each image that it has rendered.
+// The report of a run on each image that it has rendered.
 struct RenderedImage {
   const ManifestEntry& entry;
   double render_s;
@@ -178,7 +178,7 @@ struct RenderSummary {
   size_t kept = 0;        // of a former run
   size_t left = 0;        // not begun, as the run was stopped
   bool complete = false;  // all images of all shards are there
-  // Of a former run, which stay in the folder although this one has nothing to do with them.
+  // Files of a former run that stay in the folder although this one has nothing to do with them.
   std::vector<std::string> foreign_files = {};
   std::vector<std::string> warnings = {};  // of what there is to see: that it is nothing
   double coverage = 0;                     // share of the pixels that see the mesh
@@ -195,11 +195,11 @@ struct RenderSummary {
 //   manifest.jsonl        the options, the mesh and then each image; of a shard
 //                         manifest.I-of-N.jsonl, until all shards are complete
 //   summary.json, preview.png, README.txt (file_guide.h)   when all images are complete
-// The bytes depend on neither threads, shards, interruptions nor the order of the tasks, but for what
-// summary.json says of the run. Memory is
-// that of the scene and of a few frames per thread. InputError naming the file where one cannot be
-// written: what is complete stays, and `resume` does the rest. OptionError where a former run has
-// left images in the folder and neither `resume` nor `overwrite` says what is to become of them.
+// The bytes depend on neither threads, shards, interruptions nor the order of the tasks, but for
+// what summary.json says of the run. Memory is that of the scene and of a few frames per thread.
+// Throws InputError naming the file where one cannot be written: what is complete stays, and
+// `resume` does the rest. Throws OptionError where a former run has left images in the folder and
+// neither `resume` nor `overwrite` says what is to become of them.
 RenderSummary RunRenderJob(const std::shared_ptr<const RayCaster>& scene,
                            std::vector<RenderTask> tasks, const RenderJobOptions& options,
                            const RenderHooks& hooks);

@@ -62,8 +62,8 @@ struct RenderedReferences {
 
 // Renders what is not in `out` yet from the same mesh and views; where another run does so, waits
 // for it. Unlit where the mesh has colors, else shaded by a light at the camera, with a warning.
-// The same bytes for any number of threads. InputError where there is no place for a camera, or a
-// file cannot be written.
+// The same bytes for any number of threads. Throws InputError where there is no place for a camera,
+// or a file cannot be written.
 RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh,
                                     const RenderedReferenceOptions& options,
                                     const RenderHooks& hooks);

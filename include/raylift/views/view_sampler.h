@@ -51,7 +51,8 @@ SampledViews SampleAround(const RayCaster& mesh, const ViewSamplerOptions& optio
 // At eye height above the ground on which one can walk: the largest area of upward faces that are
 // connected without high steps and have room above them, so that neither roofs nor tables count.
 // Places are spread over it; each camera looks along free space at surfaces whose front
-// faces it. By the winding of the triangles, unless `any_side`. InputError where there is no place.
+// faces it. By the winding of the triangles, unless `any_side`. Throws InputError where there is no
+// place.
 struct InsideOptions {
   double eye_height = 1.6;
   double max_step = 0.4;      // between neighboring places
@@ -60,13 +61,13 @@ struct InsideOptions {
 };
 SampledViews SampleInside(const RayCaster& mesh, const ViewSamplerOptions& options,
                           const InsideOptions& inside);
-// None where there is no place.
+// Returns nullopt if there is no place.
 std::optional<SampledViews> TrySampleInside(const RayCaster& mesh,
                                             const ViewSamplerOptions& options,
                                             const InsideOptions& inside);
 
 // Evenly spaced along a line of camera centers, looking along it. What is not clear of surfaces
-// or inside a body is left out with a warning; InputError where nothing is left.
+// or inside a body is left out with a warning; throws InputError where nothing is left.
 SampledViews SampleAlong(const RayCaster& mesh, const ViewSamplerOptions& options,
                          std::span<const Eigen::Vector3d> line);
 
@@ -83,9 +84,9 @@ struct CoveringOptions {
   double max_tilt_deg = 90.0;  // of the line of sight, above or below the horizon
 };
 
-// Of many random places in front of surfaces, those are taken, one by one, that add most: a surface
+// Takes from many random places in front of surfaces, one by one, those that add most: a surface
 // point counts the less the more views see it already from a similar direction and distance.
-// InputError where there is no place.
+// Throws InputError where there is no place.
 SampledViews SampleCovering(const RayCaster& mesh, const ViewSamplerOptions& options,
                             const CoveringOptions& covering);
 
@@ -104,11 +105,11 @@ struct UpDirection {
   bool is_clear = false;
 };
 
-// By what the surfaces face, weighted by their area. Floors and walls are parallel or at right angles
-// to up; and more faces up (floors, tables, ground, roofs) than down, as what faces down is rarely
-// seen, while walls face each other. The direction with most of both is levelled by floors and
-// walls. As most meshes have it, up is z where that explains the mesh about as well and twice as much
-// faces it as faces away, and where it is within 2 degrees. The triangles have to be wound
+// By what the surfaces face, weighted by their area. Floors and walls are parallel or at right
+// angles to up; and more faces up (floors, tables, ground, roofs) than down, as what faces down is
+// rarely seen, while walls face each other. The direction with most of both is levelled by floors
+// and walls. As most meshes have it, up is z where that explains the mesh about as well and twice
+// as much faces it as faces away, and where it is within 2 degrees. The triangles have to be wound
 // consistently (counterclockwise from the side that is looked at).
 UpDirection EstimateUp(const TriangleMesh& mesh);
 

@@ -1,4 +1,4 @@
-// Arrays of numbers in numpy's NPY. Private to io.
+// Arrays of numbers in numpy's NPY.
 
 #pragma once
 
@@ -22,8 +22,8 @@ struct NpyHeader {
 
   bool swapped() const { return descr[0] == '>'; }
 };
-// InputError where it is none, or is cut off. Whether the data are all there is the caller's to
-// check.
+// Throws InputError where it is none, or is cut off. Whether the data are all there is the caller's
+// to check.
 NpyHeader ReadNpyHeader(const std::filesystem::path& file, std::string_view bytes);
 
 // How numbers of a type are read.
@@ -33,7 +33,7 @@ struct NpySamples {
   void (*to_float)(const char* data, bool swap, std::span<float> values);
   void (*to_double)(const char* data, bool swap, std::span<double> values);
 };
-// InputError where the elements are no numbers.
+// Throws InputError where the elements are no numbers.
 const NpySamples& SamplesOf(const std::filesystem::path& file, const NpyHeader& header);
 
 struct NpyArray {
@@ -41,7 +41,8 @@ struct NpyArray {
   std::vector<double> values;  // in C's order, whatever the order in the file
   std::string_view sample_type;
 };
-// A whole file's array. InputError where it is malformed; memory is not taken on a header's word.
+// A whole file's array. Throws InputError where it is malformed; memory is not taken on a header's
+// word.
 NpyArray DecodeNpyArray(const std::filesystem::path& file, std::string_view bytes);
 
 }  // namespace raylift

@@ -1,4 +1,4 @@
-// ZIP files in memory, by libzip. Private to io.
+// ZIP files in memory, by libzip.
 
 #pragma once
 
@@ -14,14 +14,14 @@ bool IsZip(std::string_view bytes);
 
 class ZipReader {
  public:
-  // `bytes` must outlive the reader. InputError where they are no whole archive.
+  // `bytes` must outlive the reader. Throws InputError where they are no whole archive.
   ZipReader(std::filesystem::path path_for_messages, std::string_view bytes);
   ~ZipReader();
 
   const std::vector<std::string>& names() const { return names_; }
 
-  // The contents of an entry. InputError where it is damaged, or where it is said to be larger than
-  // its compressed bytes can become.
+  // The contents of an entry. Throws InputError where it is damaged, or where it is said to be
+  // larger than its compressed bytes can become.
   std::string Read(const std::string& name) const;
 
  private:

@@ -105,7 +105,7 @@ std::string UriOf(const path& file, bool is_closed) {
     const bool is_special = c == '%' || c == '?' || c == '#';
     uri += is_special ? fmt::format("%{:02x}", static_cast<unsigned char>(c)) : std::string(1, c);
   }
-  // Of a database that nobody writes no lock is needed, so that its folder may be read-only.
+  // A database that nobody writes needs no lock, so that its folder may be read-only.
   return uri + (is_closed ? "?mode=ro&immutable=1" : "?mode=ro");
 }
 

@@ -15,23 +15,23 @@
 
 namespace raylift {
 
-// Whether the file starts as SQLite's do; false where it cannot be read.
+// Returns whether the file starts as SQLite's do; false if it cannot be read.
 bool IsColmapDatabase(const std::filesystem::path& file);
 
 class ColmapDatabase {
  public:
-  // InputError where this is no database of COLMAP's.
+  // Throws InputError where this is no database of COLMAP's.
   explicit ColmapDatabase(const std::filesystem::path& file);
   ~ColmapDatabase();
   ColmapDatabase(ColmapDatabase&&) noexcept;
   ColmapDatabase& operator=(ColmapDatabase&&) noexcept;
 
-  // Of all images, by name.
+  // Reads all images, by name.
   std::vector<std::string> ImageNames() const;
 
-  // Keypoints and the size of the image's camera, without descriptors. InputError where the image
-  // is not there, or its keypoints are not. Pixels are COLMAP's. Safe to call from several threads,
-  // as ReadMatches.
+  // Keypoints and the size of the image's camera, without descriptors. Throws InputError where the
+  // image is not there, or its keypoints are not. Pixels are COLMAP's. Safe to call from several
+  // threads, as ReadMatches.
   Features ReadKeypoints(const std::string& image) const;
 
   // The images that this one is matched with, best first: by the inliers of their verified pairs

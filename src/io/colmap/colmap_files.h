@@ -1,4 +1,4 @@
-// What the text and the binary form of a COLMAP model share. Private to io.
+// The text and the binary form of a COLMAP model share this.
 
 #pragma once
 
@@ -52,10 +52,11 @@ void WriteFramesBinary(const std::filesystem::path& path, const ColmapModel& mod
 // from what the images file says, a warning tells so.
 void ComposePosesOfFrames(const std::filesystem::path& folder, ColmapForm form, ColmapModel* model);
 
-// What ColmapSensor calls a camera.
+// The type by which ColmapSensor names a camera.
 inline constexpr int32_t kCameraSensor = 0;
 
-// None where the rig does not know the sensor's pose. InputError where it lacks the sensor.
+// Returns nullopt if the rig does not know the sensor's pose. Throws InputError where it lacks the
+// sensor.
 std::optional<Rigid3> SensorFromRig(const ColmapRig& rig, const ColmapSensor& sensor);
 
 // The ids in the order to write: those of `order` that still exist, then all others by id.

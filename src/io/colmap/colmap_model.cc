@@ -139,7 +139,7 @@ void WriteColmapModel(const std::filesystem::path& folder, const ColmapModel& mo
 
 namespace {
 
-// Of points that lose some and keep fewer than two, all.
+// Removes all observations of points that lose some and keep fewer than two.
 void RemoveObservations(const std::set<uint32_t>& image_ids, ColmapPoint3D& point) {
   const size_t lost = std::erase_if(point.track, [&](const ColmapPoint3D::Observation& seen) {
     return image_ids.contains(seen.image_id);

@@ -124,7 +124,7 @@ class AttributeCheck {
     }
   }
 
-  // Of the types that OpenEXR reads without regard to the size that the file gives.
+  // Returns the size of types that OpenEXR reads without regard to the size that the file gives.
   static std::optional<uint64_t> SizeOf(std::string_view type) {
     static constexpr auto kSizes = std::to_array<std::pair<std::string_view, uint64_t>>(
         {{"box2i", 16},      {"box2f", 16},   {"chromaticities", 32},
@@ -246,7 +246,8 @@ uint64_t MaxPixels(Imf::Compression compression, Imf::PixelType type, uint64_t n
 }
 
 // The data window's values in the display window, 0 where it has none.
-std::vector<float> Place(const std::vector<float>& data, const Window& from, const Window& to) {
+std::vector<float> InDisplayWindow(const std::vector<float>& data, const Window& from,
+                                   const Window& to) {
   std::vector<float> values(to.width * to.height, 0.0f);
   const int64_t first = std::max(from.x, to.x);
   const int64_t last =
@@ -291,7 +292,7 @@ StoredDepth ReadChannel(const path& file, Imf::MultiPartInputFile& input,
   StoredDepth depth;
   depth.width_px = static_cast<int>(display.width);
   depth.height_px = static_cast<int>(display.height);
-  depth.values = data == display ? std::move(values) : Place(values, data, display);
+  depth.values = data == display ? std::move(values) : InDisplayWindow(values, data, display);
   depth.format = DepthFileFormat::kExr;
   depth.sample_type = SampleName(channel.type);
   depth.layer = found.display;

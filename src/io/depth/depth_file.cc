@@ -65,7 +65,7 @@ std::vector<uint16_t> CountSteps(const path& file, const FloatPlane& plane,
   return counts;
 }
 
-// What float16 does to the values. The encoders round in the same way.
+// Rounds the values as float16 does. The encoders round in the same way.
 void CheckHalf(const path& file, const FloatPlane& plane, const DepthWriteOptions& options,
                DepthWriteReport& report) {
   std::vector<uint16_t> halves(plane.values.size());
@@ -114,7 +114,7 @@ std::string Encode(const path& file, const FloatPlane& plane, DepthFileFormat fo
   throw InputError(file, fmt::format("{} files are read only", ToString(format)));
 }
 
-// What stands before the values where the format holds them as they are in memory; none otherwise.
+// Returns the header of a format that holds the values as they are in memory; nullopt for others.
 std::optional<std::string> PlainHeader(const FloatPlane& plane, DepthFileFormat format,
                                        const DepthWriteOptions& options) {
   if (std::endian::native != std::endian::little || options.sample != FloatSample::kFloat32) {

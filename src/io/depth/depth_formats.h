@@ -1,4 +1,4 @@
-// The readers and writers of single depth map formats, between bytes and floats. Private to io.
+// The readers and writers of single depth map formats, between bytes and floats.
 
 #pragma once
 
@@ -13,7 +13,7 @@
 
 namespace raylift {
 
-// InputError where a header claims a size that is no depth map's, or that takes more than
+// Throws InputError where a header claims a size that is no depth map's, or that takes more than
 // `max_pixels_in_file`.
 void CheckClaimedSize(const std::filesystem::path& path, uint64_t width, uint64_t height,
                       uint64_t max_pixels_in_file);
@@ -29,12 +29,11 @@ std::string EncodeExrIndices(const std::filesystem::path& path, PlaneSize size,
                              std::span<const uint32_t> indices, ExrCompression compression);
 
 StoredDepth DecodeNpy(const std::filesystem::path& path, std::string_view bytes);
-// What stands before the data of an array, for instance of ("<f4", "(480, 640)").
+// Returns what stands before the data of an array, for instance of ("<f4", "(480, 640)").
 std::string NpyHeaderBytes(std::string_view descr, std::string_view shape);
 void AppendSamples(std::span<const float> values, FloatSample sample, std::string& bytes);
 std::string EncodeNpy(const FloatPlane& plane, FloatSample sample);
 
-bool IsZip(std::string_view bytes);
 StoredDepth DecodeNpz(const std::filesystem::path& path, std::string_view bytes,
                       const std::string& key);
 std::string EncodeNpz(const std::filesystem::path& path, const FloatPlane& plane,

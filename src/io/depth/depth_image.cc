@@ -1,5 +1,5 @@
-// Depth maps in PNG and TIFF. The headers are looked at first, as libpng and libtiff take the memory
-// that they claim.
+// Depth maps in PNG and TIFF. The headers are looked at first, as libpng and libtiff take the
+// memory that they claim.
 
 #include <algorithm>
 #include <array>
@@ -31,7 +31,7 @@ T LoadAt(std::string_view bytes, uint64_t offset, bool big_endian) {
   return std::bit_cast<T>(raw);
 }
 
-// What the first directory of a TIFF file says.
+// The entries of a TIFF file's first directory.
 struct TiffFacts {
   uint64_t width = 0;
   uint64_t height = 0;

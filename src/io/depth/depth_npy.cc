@@ -1,8 +1,9 @@
+// Depth maps in numpy's NPY, NPZ and gzipped NPY.
+
 #include <algorithm>
 #include <limits>
 #include <memory>
 
-#include "io/binary/inflate.h"
 #include "io/binary/npy_array.h"
 #include "io/binary/zip_archive.h"
 #include "io/depth/depth_formats.h"
@@ -36,10 +37,8 @@ class GzipStream {
   z_stream stream_{};
 };
 
-}  // namespace
-
-bool IsGzip(std::string_view bytes) { return bytes.starts_with("\x1f\x8b"); }
-
+// Inflates all members of a gzip file, one after the other. Throws InputError where it is damaged or
+// truncated.
 std::string InflateGzip(const std::filesystem::path& path, std::string_view bytes) {
   if (bytes.size() > std::numeric_limits<uInt>::max()) {
     throw InputError(path, "the gzip file is too large");
@@ -64,10 +63,6 @@ std::string InflateGzip(const std::filesystem::path& path, std::string_view byte
   }
   throw InputError(path, "the gzip file holds more than a depth map can have");
 }
-
-// Depth maps in numpy's NPY, NPZ and gzipped NPY.
-
-namespace {
 
 using std::filesystem::path;
 
@@ -175,6 +170,8 @@ std::string EncodeNpz(const path& file, const FloatPlane& plane, FloatSample sam
   return MakeZip(file, key + ".npy", EncodeNpy(plane, sample),
                  deflate ? ZipMethod::kDeflate : ZipMethod::kStore);
 }
+
+bool IsGzip(std::string_view bytes) { return bytes.starts_with("\x1f\x8b"); }
 
 StoredDepth DecodeNpyGz(const path& file, std::string_view bytes) {
   StoredDepth depth = DecodeNpy(file, InflateGzip(file, bytes));

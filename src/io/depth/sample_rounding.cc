@@ -16,7 +16,7 @@ constexpr uint32_t kInfinity = 0x7f800000u;
 constexpr uint32_t kSmallestNormalHalf = 0x38800000u;  // 2^-14
 constexpr uint32_t kMaxHalfBits = 0x477fe000u;         // 65504
 
-// Of the bits of a finite float of at most kMaxHalf, without sign.
+// Takes the bits of a finite float of at most kMaxHalf, without sign.
 uint32_t HalfOfMagnitude(uint32_t magnitude) {
   // Half of the last bit that is kept, and a tie goes to the even neighbor; then the exponent's
   // bias changes from 127 to 15.

@@ -1,5 +1,5 @@
 // Floats as formats of 16 bits hold them: float16, and whole steps. Plain loops over lanes,
-// compiled for several instruction sets; all give the same bits. Private to io.
+// compiled for several instruction sets; all give the same bits.
 
 #pragma once
 

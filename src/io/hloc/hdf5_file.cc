@@ -41,7 +41,7 @@ std::string LastError() {
   };
   H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD, take_first, &text);
   std::replace(text.begin(), text.end(), '\n', ' ');
-  // Of a call of the system what that says alone, without addresses and times.
+  // Of the error of a system call only the system's text is kept, without addresses and times.
   constexpr std::string_view kOfSystem = "error message = '";
   if (const size_t begin = text.find(kOfSystem); begin != std::string::npos) {
     const size_t from = begin + kOfSystem.size();
@@ -155,7 +155,7 @@ hid_t NativeType<int64_t>() {
 // Numbers as they lie in the file, little-endian.
 enum class StoredType { kHalf, kFloat, kDouble, kInt16, kInt32, kInt64 };
 
-// None for types that the library itself must convert.
+// Returns nullopt for types that the library itself must convert.
 std::optional<StoredType> StoredTypeOf(hid_t type) {
   const Handle half = HalfType();
   const std::pair<hid_t, StoredType> known[] = {

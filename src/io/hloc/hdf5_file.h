@@ -1,8 +1,8 @@
-// HDF5 files in terms of arrays and paths; the C library stays behind it. Private to io.
+// HDF5 files in terms of arrays and paths; the C library stays behind it.
 //
 // The library is not thread-safe in most builds: all that it does holds one global lock. Data sets
-// that lie in the file in one piece are only found by it: several threads read them at once. It does
-// not print its errors; their text is in the InputErrors.
+// that lie in the file in one piece are only found by it: several threads read them at once. It
+// does not print its errors; their text is in the InputErrors.
 
 #pragma once
 
@@ -40,14 +40,14 @@ class Hdf5Reader {
 
   const std::filesystem::path& path() const { return path_; }
 
-  // Whether there is an object of this path ("group/group/dataset").
+  // Returns whether there is an object of this path ("group/group/dataset").
   bool Has(const std::string& object) const;
   // The paths of all groups that hold a member of this name, sorted.
   std::vector<std::string> GroupsWith(const std::string& member) const;
 
   // A data set of floating-point numbers or integers; T: float, double or int64_t, where int64_t
-  // takes only integers. InputError naming it where it is absent, of another type, of more elements
-  // than the file can hold, or damaged.
+  // takes only integers. Throws InputError naming it where it is absent, of another type, of more
+  // elements than the file can hold, or damaged.
   template <typename T>
   Hdf5Array<T> Read(const std::string& dataset) const;
 
@@ -99,8 +99,9 @@ inline std::string ToString(const std::vector<size_t>& shape) {
   return shape.empty() ? "one number" : fmt::format("{}", fmt::join(shape, " x "));
 }
 
-// For programs, which end when their results are written: to be called before anything else. HDF5 then does not clean up when the process ends. Where a disk was
-// full it would crash there, as it goes through files again that it could not close.
+// For programs, which end when their results are written: to be called before anything else. HDF5
+// then does not clean up when the process ends. Where a disk was full it would crash there, as it
+// goes through files again that it could not close.
 void LeaveHdf5AsItIsAtExit();
 
 }  // namespace raylift

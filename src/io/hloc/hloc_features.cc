@@ -234,7 +234,7 @@ namespace {
 
 std::string DatasetOf(const std::string& image_name) { return image_name + "/global_descriptor"; }
 
-// Of `size` values each, one after the other.
+// Writes vectors of `size` values each, one after the other.
 void WriteVectors(const std::filesystem::path& path, std::span<const std::string> image_names,
                   const float* values, size_t size) {
   Hdf5Writer file(path);

@@ -136,7 +136,7 @@ const Eigen::Vector2d& Indexed(const Arrays& arrays, const std::string& name,
   return pixels[static_cast<size_t>(index)];
 }
 
-// What is matched of all keypoints, which `keypoints` holds.
+// Returns the matched ones of all keypoints, which `keypoints` holds.
 PairPixels Matched(const Arrays& arrays, const std::string& name, const PairPixels& keypoints) {
   const NpyArray indices = arrays.Read(name);
   const bool in_pairs = HasColumns(indices, 2);

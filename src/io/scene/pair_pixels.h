@@ -4,10 +4,10 @@
 //   NPY  N x 4 numbers, x and y in the first image, then in the second; a fifth column is a score
 //   NPZ  `matches`, or any name where it is the only array: the same
 //        mkpts0 and mkpts1, kpts0 and kpts1, or keypoints0 and keypoints1: N x 2 each
-//        keypoints0 and keypoints1 with `matches0` or `matches`: for each keypoint of the first image
-//        the index of one of the second or -1, or K x 2 indices
-//        scores, conf, confidence, mconf, match_confidence, matching_scores0 or certainty: a score of
-//        each match
+//        keypoints0 and keypoints1 with `matches0` or `matches`: for each keypoint of the first
+//        image the index of one of the second or -1, or K x 2 indices
+//        scores, conf, confidence, mconf, match_confidence, matching_scores0 or certainty: a score
+//        of each match
 
 #pragma once
 
@@ -26,10 +26,10 @@ struct PairPixels {
   bool is_half = false;        // pixels are float16, which has steps of 0.5 from 512 on
 };
 
-// Whether the name is that of such a file: *.npy or *.npz.
+// Returns whether the name is that of such a file: *.npy or *.npz.
 bool IsPairFileName(const std::filesystem::path& file);
 
-// InputError naming file and array for anything else, and for numbers that are not finite.
+// Throws InputError naming file and array for anything else, and for numbers that are not finite.
 PairPixels ReadPairPixels(const std::filesystem::path& file);
 
 }  // namespace raylift

@@ -15,7 +15,7 @@
 namespace raylift {
 namespace {
 
-// Of the second, the first knows all but priors and rigs.
+// The first format is the second without priors and rigs.
 constexpr std::string_view kFormats[] = {"pose-problem/1", "pose-problem/2"};
 
 template <int N>

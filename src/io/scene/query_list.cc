@@ -56,7 +56,7 @@ std::vector<std::filesystem::path> ListedFiles(const std::filesystem::path& path
   return files;
 }
 
-// Of photographs whose camera is not known.
+// The guess for photographs whose camera is not known.
 constexpr double kGuessedFocalRange = 2;
 Camera GuessedCamera(const PlaneSize& size) {
   const double focal_px = 1.2 * std::max(size.width_px, size.height_px);

@@ -1,4 +1,5 @@
-// Poses for other tools: trajectories (evo, rpg_trajectory_evaluation, rerun), and kapture's folders.
+// Poses for other tools: trajectories (evo, rpg_trajectory_evaluation, rerun), and kapture's
+// folders.
 
 #pragma once
 
@@ -22,9 +23,10 @@ void WriteTumTrajectory(const std::filesystem::path& path, std::span<const Timed
 // place in it.
 void WriteKittiTrajectory(const std::filesystem::path& path, std::span<const TimedPose> poses);
 
-// Writes posed images as a kapture data set (format 1.1): sensors.txt, trajectories.txt and records_camera.txt to `folder`/sensors. Equal cameras are
-// one sensor; the timestamp of an image is its place. InputError where kapture has no such camera
-// model or cannot hold a name; photographs belong to `folder`/sensors/records_data.
+// Writes posed images as a kapture data set (format 1.1): sensors.txt, trajectories.txt and
+// records_camera.txt to `folder`/sensors. Equal cameras are one sensor; the timestamp of an image
+// is its place. Throws InputError where kapture has no such camera model or cannot hold a name;
+// photographs belong to `folder`/sensors/records_data.
 void WriteKapture(const std::filesystem::path& folder, std::span<const PosedImage> images);
 
 }  // namespace raylift

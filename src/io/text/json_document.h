@@ -51,10 +51,10 @@ class JsonPlace {
   size_t index_ = 0;
 };
 
-// What a text holds.
+// Parses a text.
 class JsonDocument {
  public:
-  // InputError naming the file for malformed JSON.
+  // Throws InputError naming the file for malformed JSON.
   JsonDocument(std::string_view json, const std::filesystem::path& file);
   ~JsonDocument();
 

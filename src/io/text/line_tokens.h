@@ -56,19 +56,19 @@ class LineTokens {
   std::string_view rest_;
 };
 
-// Names end at white space in such files, and `#` starts a comment. InputError for a name that
-// would not read back.
+// Names end at white space in such files, and `#` starts a comment. Throws InputError for a name
+// that would not read back.
 void CheckName(const std::filesystem::path& file, const std::string& name);
 
-// What files of this kind may be off by rounding; more than that is another quantity.
+// Rounding makes files of this kind be off by so much; more than that is another quantity.
 inline constexpr double kUnitLengthTolerance = 1e-3;
 
-// The unit quaternion, or none where the length is not 1 within the tolerance. One that is of unit
-// length up to rounding stays as it is, so that it is written back with the same digits.
+// Returns the unit quaternion, nullopt if the length is not 1 within the tolerance. One that is of
+// unit length up to rounding stays as it is, so that it is written back with the same digits.
 std::optional<Eigen::Quaterniond> UnitQuaternion(const Eigen::Vector4d& qvec_wxyz);
 
-// Whether a vector of any length can be normalized: it is not zero, nor so short or long that its
-// squares leave the range of numbers.
+// Returns whether a vector of any length can be normalized: it is not zero, nor so short or long
+// that its squares leave the range of numbers.
 template <int N>
 bool HasDirection(const Eigen::Matrix<double, N, 1>& vector) {
   return std::isnormal(vector.squaredNorm());

@@ -32,8 +32,8 @@ class TomlTable {
   std::vector<std::string> Keys() const;
   int LineOf(std::string_view key) const;
 
-  // The value of a key, which then counts as read; none where it is not there. InputError where it
-  // is of another kind.
+  // The value of a key, which then counts as read; none where it is not there. Throws InputError
+  // where it is of another kind.
   std::optional<std::string> Text(std::string_view key);
   std::string RequiredText(std::string_view key);
   std::optional<double> Number(std::string_view key);
@@ -57,7 +57,7 @@ class TomlTable {
 
   // The keys that were not asked for.
   std::vector<std::string> UnreadKeys() const;
-  // InputError where there are any.
+  // Throws InputError where there are any.
   void RequireAllRead() const;
 
   // "FILE: line N: PLACE.key: message".
@@ -79,7 +79,8 @@ class TomlTable {
   std::unique_ptr<Impl> impl_;
 };
 
-// InputError with the line where the file is no TOML. Without `expand`, texts are as they stand.
+// Throws InputError with the line where the file is no TOML. Without `expand`, texts are as they
+// stand.
 TomlTable ReadToml(const std::filesystem::path& file, TomlTable::Expand expand = {});
 
 // The text as a TOML string, with its quotes.
