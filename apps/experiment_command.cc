@@ -240,7 +240,7 @@ class ExperimentRun {
       WriteFile(stem.string() + ".tex", FormatPivotLatex(table));
       if (!flags_.run.quiet) fmt::print("{}\n", FormatPivotText(table));
     }
-    for (const FigureLayout& layout : experiment_.figures) {
+    for (const TableLayout& layout : experiment_.figures) {
       WriteFile(flags_.out / "figures" / (layout.name + ".csv"),
                 FormatFigureCsv(experiment_, layout, results));
     }

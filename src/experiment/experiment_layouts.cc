@@ -88,30 +88,17 @@ class LayoutReader {
  public:
   explicit LayoutReader(Experiment& experiment) : experiment_(experiment) {}
 
-  void ReadTable(TomlTable& table) {
+  TableLayout ReadLayout(TomlTable& table, std::string_view rows, std::string_view columns) {
     TableLayout layout;
     layout.name = ReadName(table);
     layout.title = table.Text("title").value_or(layout.name);
-    layout.rows = ReadAxes(table, "rows");
-    layout.columns = ReadAxes(table, "columns");
-    if (layout.rows.empty()) table.Fail("rows", "is missing");
-    layout.value = ReadValue(table);
+    layout.rows = ReadAxes(table, rows);
+    layout.columns = ReadAxes(table, columns);
+    if (layout.rows.empty()) table.Fail(rows, "is missing");
+    layout.value = table.Named<TableValue>("value").value_or(TableValue::kRecalls);
     layout.where = ReadSelection(table, "where");
     table.RequireAllRead();
-    experiment_.tables.push_back(std::move(layout));
-  }
-
-  void ReadFigure(TomlTable& table) {
-    FigureLayout layout;
-    layout.name = ReadName(table);
-    layout.title = table.Text("title").value_or(layout.name);
-    layout.panels = ReadAxes(table, "panels");
-    layout.lines = ReadAxes(table, "lines");
-    if (layout.lines.empty()) table.Fail("lines", "is missing");
-    layout.value = ReadValue(table);
-    layout.where = ReadSelection(table, "where");
-    table.RequireAllRead();
-    experiment_.figures.push_back(std::move(layout));
+    return layout;
   }
 
   void ReadClaim(TomlTable& table) {
@@ -156,10 +143,6 @@ class LayoutReader {
     return name;
   }
 
-  static TableValue ReadValue(TomlTable& table) {
-    return table.Named<TableValue>("value").value_or(TableValue::kRecalls);
-  }
-
   Experiment& experiment_;
   std::set<std::string> names_;
 };
@@ -180,8 +163,12 @@ Selection ReadSelection(TomlTable& table, const Experiment& experiment) {
 
 void ReadLayouts(TomlTable& top, Experiment& experiment) {
   LayoutReader reader(experiment);
-  for (TomlTable& table : top.Tables("table")) reader.ReadTable(table);
-  for (TomlTable& figure : top.Tables("figure")) reader.ReadFigure(figure);
+  for (TomlTable& table : top.Tables("table")) {
+    experiment.tables.push_back(reader.ReadLayout(table, "rows", "columns"));
+  }
+  for (TomlTable& figure : top.Tables("figure")) {
+    experiment.figures.push_back(reader.ReadLayout(figure, "lines", "panels"));
+  }
   for (TomlTable& claim : top.Tables("claim")) reader.ReadClaim(claim);
 }
 

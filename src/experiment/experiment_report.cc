@@ -14,15 +14,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-std::string Join(const std::vector<std::string>& parts) {
-  std::string joined;
-  for (const std::string& part : parts) {
-    if (part.empty()) continue;
-    joined += (joined.empty() ? "" : ", ") + part;
-  }
-  return joined;
-}
-
 Json CellJson(const PivotCell& cell) {
   if (!cell.known) return nullptr;
   Json values = Json::array();
@@ -34,7 +25,7 @@ Json CellJson(const PivotCell& cell) {
 
 Json TableJson(const PivotTable& table) {
   Json columns = Json::array();
-  for (const auto& column : table.columns) columns.push_back(Join(column));
+  for (const auto& column : table.columns) columns.push_back(JoinTitles(column));
   Json rows = Json::array();
   for (const PivotTable::Row& row : table.rows) {
     Json cells = Json::array();
@@ -51,10 +42,8 @@ Json TableJson(const PivotTable& table) {
 }
 
 // A figure is a table whose columns are the panels and the thinning.
-PivotTable FigureTable(const Experiment& experiment, const FigureLayout& layout,
+PivotTable FigureTable(const Experiment& experiment, TableLayout table,
                        std::span<const SettingResult> results) {
-  TableLayout table{layout.name,   layout.title, layout.lines,
-                    layout.panels, layout.value, layout.where};
   table.columns.emplace_back(Axis::kEvery);
   return MakePivot(experiment, table, results);
 }
@@ -68,7 +57,7 @@ Json FigureJson(const PivotTable& table) {
   std::vector<std::string> panels;  // in order
   for (size_t c = 0; c < table.columns.size(); ++c) {
     const std::vector<std::string>& column = table.columns[c];
-    const std::string panel = Join({column.begin(), column.end() - 1});
+    const std::string panel = JoinTitles({column.begin(), column.end() - 1});
     if (columns_of_panel[panel].empty()) panels.push_back(panel);
     columns_of_panel[panel].push_back(c);
   }
@@ -84,11 +73,11 @@ Json FigureJson(const PivotTable& table) {
             points.push_back({ThinningOf(table.columns[c]), cell.values[v]});
           }
         }
-        const std::string name = Join(row.titles) + (row.uses_ground_truth ? " *" : "");
+        const std::string name = JoinTitles(row.titles) + (row.uses_ground_truth ? " *" : "");
         lines.push_back({{"name", name}, {"points", std::move(points)}});
       }
       charts.push_back(
-          {{"title", Join({panel, table.value_names[v]})}, {"lines", std::move(lines)}});
+          {{"title", JoinTitles({panel, table.value_names[v]})}, {"lines", std::move(lines)}});
     }
   }
   return {{"title", table.title}, {"percent", !table.low_is_better}, {"panels", std::move(charts)}};
@@ -114,7 +103,7 @@ std::string FormatExperimentPage(const Experiment& experiment, std::span<const P
                                  std::span<const JudgedClaim> claims) {
   Json parts = {{"tables", Json::array()}, {"figures", Json::array()}, {"claims", Json::array()}};
   for (const PivotTable& table : tables) parts["tables"].push_back(TableJson(table));
-  for (const FigureLayout& figure : experiment.figures) {
+  for (const TableLayout& figure : experiment.figures) {
     parts["figures"].push_back(FigureJson(FigureTable(experiment, figure, results)));
   }
   for (const JudgedClaim& claim : claims) parts["claims"].push_back(ClaimJson(claim));
@@ -126,7 +115,7 @@ std::string FormatExperimentPage(const Experiment& experiment, std::span<const P
   return MakePage(experiment.title, JsonText(data));
 }
 
-std::string FormatFigureCsv(const Experiment& experiment, const FigureLayout& layout,
+std::string FormatFigureCsv(const Experiment& experiment, const TableLayout& layout,
                             std::span<const SettingResult> results) {
   const PivotTable table = FigureTable(experiment, layout, results);
   TableRow header = table.column_axes;

@@ -47,7 +47,10 @@ std::string FormatPivotCsv(const PivotTable& table);
 // as the paper defines them; the definitions come along.
 std::string FormatPivotLatex(const PivotTable& table);
 
-// LaTeX's special characters as what they print.
+// Joins the titles that are not empty.
+std::string JoinTitles(const std::vector<std::string>& parts, std::string_view between = ", ");
+
+// Returns the text with LaTeX's special characters as what they print.
 std::string EscapeLatex(std::string_view text);
 
 // A value of an axis as a table prints it ("P3P", "1/5").
@@ -59,7 +62,7 @@ std::string FormatExperimentPage(const Experiment& experiment, std::span<const P
                                  std::span<const JudgedClaim> claims);
 
 // The figure's points as CSV: panel, line, thinning, a column per value.
-std::string FormatFigureCsv(const Experiment& experiment, const FigureLayout& layout,
+std::string FormatFigureCsv(const Experiment& experiment, const TableLayout& layout,
                             std::span<const SettingResult> results);
 
 }  // namespace raylift

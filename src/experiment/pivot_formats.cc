@@ -1,6 +1,8 @@
 // The forms of a table: text, Markdown, CSV and LaTeX.
 
 #include <algorithm>
+#include <iterator>
+#include <utility>
 
 #include "experiment/pivot.h"
 #include <fmt/format.h>
@@ -9,15 +11,6 @@
 
 namespace raylift {
 namespace {
-
-std::string Join(const std::vector<std::string>& parts, std::string_view between) {
-  std::string joined;
-  for (const std::string& part : parts) {
-    if (!joined.empty() && !part.empty()) joined += between;
-    joined += part;
-  }
-  return joined;
-}
 
 // The text of a cell, each value marked by its place.
 template <typename Mark>
@@ -48,7 +41,7 @@ bool AnyUsesGroundTruth(const PivotTable& table) {
 }
 
 std::string Note(const PivotTable& table) {
-  return Join(table.value_names, " / ") +
+  return JoinTitles(table.value_names, " / ") +
          (AnyUsesGroundTruth(table) ? "; * chosen with the ground truth" : "");
 }
 
@@ -97,11 +90,25 @@ std::string LatexHeader(const PivotTable& table, size_t axis) {
   return LatexFields(fields);
 }
 
+constexpr std::string_view kEscapedInLatex = "&%$#_{}";
+constexpr std::pair<char, std::string_view> kLatexNames[] = {
+    {'\\', "\\textbackslash{}"}, {'~', "\\textasciitilde{}"}, {'^', "\\textasciicircum{}"},
+    {'<', "\\textless{}"},       {'>', "\\textgreater{}"},    {'\n', " "}};
+
 }  // namespace
+
+std::string JoinTitles(const std::vector<std::string>& parts, std::string_view between) {
+  std::string joined;
+  for (const std::string& part : parts) {
+    if (!joined.empty() && !part.empty()) joined += between;
+    joined += part;
+  }
+  return joined;
+}
 
 std::string FormatPivotText(const PivotTable& table) {
   TableRow header = table.row_axes;
-  for (const auto& column : table.columns) header.push_back(Join(column, ", "));
+  for (const auto& column : table.columns) header.push_back(JoinTitles(column, ", "));
   std::vector<TableRow> lines = {header};
   for (const PivotTable::Row& row : table.rows) {
     TableRow line = RowTitles(row);
@@ -118,7 +125,8 @@ std::string FormatPivotText(const PivotTable& table) {
 std::string FormatPivotMarkdown(const PivotTable& table) {
   TableRow header;
   for (const std::string& title : table.row_axes) header.push_back(EscapeMarkdown(title));
-  for (const auto& column : table.columns) header.push_back(EscapeMarkdown(Join(column, ", ")));
+  for (const auto& column : table.columns)
+    header.push_back(EscapeMarkdown(JoinTitles(column, ", ")));
   std::string text =
       fmt::format("**{}**\n\n{}|", EscapeMarkdown(table.title), MarkdownLine(header));
   for (size_t i = 0; i < header.size(); ++i) text += "---|";
@@ -142,7 +150,7 @@ std::string FormatPivotCsv(const PivotTable& table) {
   TableRow header = table.row_axes;
   for (const auto& column : table.columns) {
     for (const std::string& name : table.value_names) {
-      header.push_back(Join({Join(column, " "), name}, " "));
+      header.push_back(JoinTitles({JoinTitles(column, " "), name}, " "));
     }
   }
   std::string text = CsvLine(header);
@@ -161,38 +169,14 @@ std::string FormatPivotCsv(const PivotTable& table) {
 std::string EscapeLatex(std::string_view text) {
   std::string escaped;
   for (const char c : text) {
-    switch (c) {
-      case '&':
-      case '%':
-      case '$':
-      case '#':
-      case '_':
-      case '{':
-      case '}':
-        escaped += '\\';
-        escaped += c;
-        break;
-      case '\\':
-        escaped += "\\textbackslash{}";
-        break;
-      case '~':
-        escaped += "\\textasciitilde{}";
-        break;
-      case '^':
-        escaped += "\\textasciicircum{}";
-        break;
-      case '<':
-        escaped += "\\textless{}";
-        break;
-      case '>':
-        escaped += "\\textgreater{}";
-        break;
-      case '\n':
-        escaped += ' ';
-        break;
-      default:
-        escaped += c;
+    const auto* const name = std::find_if(std::begin(kLatexNames), std::end(kLatexNames),
+                                          [c](const auto& entry) { return entry.first == c; });
+    if (name != std::end(kLatexNames)) {
+      escaped += name->second;
+      continue;
     }
+    if (kEscapedInLatex.find(c) != std::string_view::npos) escaped += '\\';
+    escaped += c;
   }
   return escaped;
 }

@@ -171,6 +171,7 @@ inline constexpr auto kEnumNames<FilterPart> = std::to_array<EnumName<FilterPart
 });
 using LayoutAxis = std::variant<Axis, FilterPart>;
 
+// A table, or a figure of curves over the thinning: its rows are the lines, its columns the panels.
 struct TableLayout {
   std::string name;  // of its files
   std::string title;
@@ -179,16 +180,7 @@ struct TableLayout {
   Selection where;
 };
 
-// Curves over the thinning: one panel per value of `panels`, one line per value of `lines`.
-struct FigureLayout {
-  std::string name;
-  std::string title;
-  std::vector<LayoutAxis> panels, lines;
-  TableValue value = TableValue::kRecalls;
-  Selection where;
-};
-
-// That one way is better than another, or not worse, judged by the paired bootstrap.
+// States that one way is better than another, or not worse, judged by the paired bootstrap.
 struct Claim {
   enum class Relation { kBetter, kNotWorse };
   std::string name;
@@ -227,7 +219,7 @@ struct Experiment {
   ThinningOffsets offsets = ThinningOffsets::kFirst;
   EstimatorOptions estimator;  // all but method, score, local optimization, alpha and seed
   std::vector<TableLayout> tables;
-  std::vector<FigureLayout> figures;
+  std::vector<TableLayout> figures;
   std::vector<Claim> claims;
 
   const ExperimentScene& SceneOf(const Setting& setting) const;

@@ -10,7 +10,7 @@
 //   ground_truth = "ground_truth"    # COLMAP model or pose file of the queries, where public
 //   times = "times.txt"              # name seconds, of references and queries
 //   groups = "groups.txt"            # name group, of queries
-//   priors = "priors.txt"            # known of the queries' poses (io/pose_prior_list.h)
+//   priors = "priors.txt"            # known of the queries' poses (io/query_list.h)
 //   thresholds = "7scenes"           # as --thresholds takes them
 //   [[geometry]]                     # the first is the default
 //   name = "sensor"
