@@ -128,10 +128,7 @@ std::vector<PosedImage> ReadImages(const path& folder, const path& list, Cameras
                                    Skipped& skipped) {
   std::vector<PosedImage> images;
   for (const NamedPose& row : ReadRows(folder / list)) {
-    if (!Exists(folder / row.name)) {
-      skipped.Add("the photograph is missing", row.name);
-      continue;
-    }
+    if (!skipped.HasPhotograph(folder, row.name)) continue;
     const auto camera = cameras.Find(row.name);
     if (!camera) {
       skipped.Add("reconstruction.nvm does not hold its focal length", row.name);

@@ -197,6 +197,12 @@ void Skipped::Add(const std::string& reason, const std::string& name) {
   if (entry.count++ == 0) entry.first = name;
 }
 
+bool Skipped::HasPhotograph(const path& folder, const std::string& name) {
+  if (Exists(folder / name)) return true;
+  Add("the photograph is missing", name);
+  return false;
+}
+
 void Skipped::AddWarnings(std::vector<std::string>& warnings) const {
   for (const auto& [reason, entry] : entries_) {
     warnings.push_back(fmt::format("{} {} skipped: {} (first: {})", entry.count,

@@ -42,6 +42,8 @@ bool Exists(const std::filesystem::path& file);
 class Skipped {
  public:
   void Add(const std::string& reason, const std::string& name);
+  // Returns whether the photograph is there, and counts it where it is missing.
+  bool HasPhotograph(const std::filesystem::path& folder, const std::string& name);
   // "3 frames are skipped: REASON (first: NAME)", by reason.
   void AddWarnings(std::vector<std::string>& warnings) const;
 

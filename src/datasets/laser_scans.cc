@@ -31,10 +31,7 @@ std::vector<PosedImage> ReadFrames(const path& model, const path& photographs,
                                    const ImportOptions& options, Skipped& skipped) {
   std::vector<PosedImage> frames;
   for (PosedImage& image : ReadColmapModel(model).PosedImages()) {
-    if (!Exists(photographs / image.name)) {
-      skipped.Add("the photograph is missing", image.name);
-      continue;
-    }
+    if (!skipped.HasPhotograph(photographs, image.name)) continue;
     if (options.camera) image.camera = *options.camera;
     frames.push_back(std::move(image));
   }
@@ -137,10 +134,7 @@ std::optional<Calibrated> ReadCalibrated(const path& folder, std::string_view na
   Calibrated calibrated{.model = folder / name, .frames = {}, .skipped = {}};
   if (!DetectColmapForm(calibrated.model)) return std::nullopt;
   for (PosedImage& image : ReadColmapModel(calibrated.model).PosedImages()) {
-    if (!Exists(folder / "images" / image.name)) {
-      calibrated.skipped.Add("the photograph is missing", image.name);
-      continue;
-    }
+    if (!calibrated.skipped.HasPhotograph(folder / "images", image.name)) continue;
     if (options.camera) image.camera = *options.camera;
     calibrated.frames.push_back(std::move(image));
   }

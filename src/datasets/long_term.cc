@@ -32,10 +32,7 @@ void TakeQueries(const path& folder, const ImportOptions& options, ImportedScene
       continue;
     }
     for (Query& query : ReadQueryList(file)) {
-      if (!Exists(scene.images / query.name)) {
-        skipped.Add("the photograph is missing", query.name);
-        continue;
-      }
+      if (!skipped.HasPhotograph(scene.images, query.name)) continue;
       if (options.camera) query.camera = *options.camera;
       scene.groups.emplace(query.name, group);
       scene.queries.push_back(std::move(query));

@@ -144,10 +144,7 @@ ImportedScenes ImportScanNet(const path& folder, const ImportOptions& options) {
       skipped.Add("the pose is not finite", name);
       continue;
     }
-    if (!Exists(folder / name)) {
-      skipped.Add("the photograph is missing", name);
-      continue;
-    }
+    if (!skipped.HasPhotograph(folder, name)) continue;
     const Camera& of_all = camera.Get([&] { return layout.read_camera(folder, folder / name); });
     frames.push_back({name, of_all, world_from_cam->Inverse()});
   }

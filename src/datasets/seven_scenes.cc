@@ -121,10 +121,7 @@ class Reader {
         skipped.Add("the pose is not finite", name);
         continue;
       }
-      if (!Exists(folder_ / name)) {
-        skipped.Add("the photograph is missing", name);
-        continue;
-      }
+      if (!skipped.HasPhotograph(folder_, name)) continue;
       if (const auto frame = MakeFrame(name, world_from_depth->Inverse())) {
         frames.push_back(*frame);
       } else {
@@ -254,10 +251,7 @@ ImportedScenes Import12Scenes(const path& folder, const ImportOptions& options) 
       skipped.Add("the pose is not finite", name);
       continue;
     }
-    if (!Exists(folder / name)) {
-      skipped.Add("the photograph is missing", name);
-      continue;
-    }
+    if (!skipped.HasPhotograph(folder, name)) continue;
     const Camera& fitted = camera.Get(
         [&] { return FitToPhotograph(ReadColorCamera(folder / "info.txt"), folder / name); });
     auto frame = pgt ? pgt->Find(name, kPublishedSize, fitted)

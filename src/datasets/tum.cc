@@ -113,10 +113,7 @@ ImportedScenes ImportTum(const path& folder, const ImportOptions& options) {
       skipped.Add("groundtruth.txt has no pose near its time", name);
       continue;
     }
-    if (!Exists(folder / name)) {
-      skipped.Add("the photograph is missing", name);
-      continue;
-    }
+    if (!skipped.HasPhotograph(folder, name)) continue;
     const Camera& fitted = camera.Get(
         [&] { return FitToPhotograph(CameraOfFolder(scene.name, scene.warnings), folder / name); });
     frames.push_back({name, fitted, pose->Inverse()});

@@ -221,6 +221,33 @@ void SortByWork(std::vector<Cell>& cells, const Experiment& experiment) {
   });
 }
 
+Json ToJson(const QueryOutcome& outcome) {
+  const auto& pose = outcome.cam_from_world;
+  return {{"name", outcome.name},
+          {"pose", pose ? PoseJson<Json>(*pose) : Json()},
+          {"position_observable", outcome.position_observable},
+          {"reason", outcome.reason},
+          {"inliers_2d3d", outcome.inliers_2d3d},
+          {"inliers_2d2d", outcome.inliers_2d2d},
+          {"matches_2d3d", outcome.matches_2d3d},
+          {"matches_2d2d", outcome.matches_2d2d},
+          {"solver", ToString(outcome.solver)}};
+}
+
+QueryOutcome FromJson(const Json& json) {
+  QueryOutcome outcome;
+  outcome.name = json.at("name");
+  if (!json.at("pose").is_null()) outcome.cam_from_world = PoseFromJson(json.at("pose"));
+  outcome.position_observable = json.at("position_observable");
+  outcome.reason = json.at("reason");
+  outcome.inliers_2d3d = json.at("inliers_2d3d");
+  outcome.inliers_2d2d = json.at("inliers_2d2d");
+  outcome.matches_2d3d = json.at("matches_2d3d");
+  outcome.matches_2d2d = json.at("matches_2d2d");
+  outcome.solver = FromName<Solver>(json.at("solver").get<std::string>()).value_or(Solver::kP3p);
+  return outcome;
+}
+
 }  // namespace
 
 std::string Cell::Key() const { return HexText(HashBytes64(inputs)); }
@@ -329,37 +356,6 @@ std::vector<Cell> ListCells(const Experiment& experiment, std::span<const Settin
   SortByWork(cells, experiment);
   return cells;
 }
-
-namespace {
-
-Json ToJson(const QueryOutcome& outcome) {
-  const auto& pose = outcome.cam_from_world;
-  return {{"name", outcome.name},
-          {"pose", pose ? PoseJson<Json>(*pose) : Json()},
-          {"position_observable", outcome.position_observable},
-          {"reason", outcome.reason},
-          {"inliers_2d3d", outcome.inliers_2d3d},
-          {"inliers_2d2d", outcome.inliers_2d2d},
-          {"matches_2d3d", outcome.matches_2d3d},
-          {"matches_2d2d", outcome.matches_2d2d},
-          {"solver", ToString(outcome.solver)}};
-}
-
-QueryOutcome FromJson(const Json& json) {
-  QueryOutcome outcome;
-  outcome.name = json.at("name");
-  if (!json.at("pose").is_null()) outcome.cam_from_world = PoseFromJson(json.at("pose"));
-  outcome.position_observable = json.at("position_observable");
-  outcome.reason = json.at("reason");
-  outcome.inliers_2d3d = json.at("inliers_2d3d");
-  outcome.inliers_2d2d = json.at("inliers_2d2d");
-  outcome.matches_2d3d = json.at("matches_2d3d");
-  outcome.matches_2d2d = json.at("matches_2d2d");
-  outcome.solver = FromName<Solver>(json.at("solver").get<std::string>()).value_or(Solver::kP3p);
-  return outcome;
-}
-
-}  // namespace
 
 bool QueryOutcome::operator==(const QueryOutcome& other) const {
   return ToJson(*this) == ToJson(other);

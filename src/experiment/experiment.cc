@@ -23,64 +23,6 @@ struct ToText {
   }
 };
 
-}  // namespace
-
-std::string TextOf(const AxisValue& value) { return std::visit(ToText(), value); }
-
-std::string Setting::Name() const {
-  std::string name;
-  for (const Axis axis : AllValues<Axis>()) {
-    const AxisValue& value = (*this)[axis];
-    if (!Matters(value)) continue;
-    if (!name.empty()) name += ' ';
-    name += ToString(axis);
-    name += '=';
-    name += TextOf(value);
-  }
-  return name;
-}
-
-bool Selection::Matches(const Setting& setting) const {
-  return std::all_of(values.begin(), values.end(), [&](const auto& entry) {
-    const AxisValue& value = setting[entry.first];
-    return !Matters(value) ||
-           std::find(entry.second.begin(), entry.second.end(), value) != entry.second.end();
-  });
-}
-
-const ExperimentGeometry* ExperimentScene::FindGeometry(const std::string& geometry_name) const {
-  const auto found = std::find_if(
-      geometry.begin(), geometry.end(),
-      [&](const ExperimentGeometry& candidate) { return candidate.name == geometry_name; });
-  return found == geometry.end() ? nullptr : &*found;
-}
-
-const ExperimentScene& Experiment::SceneOf(const Setting& setting) const {
-  const auto found = std::find_if(scenes.begin(), scenes.end(), [&](const ExperimentScene& scene) {
-    return scene.name == setting.Scene();
-  });
-  RAYLIFT_CHECK(found != scenes.end());
-  return *found;
-}
-
-const NamedFilter& Experiment::FilterNamed(const std::string& name) const {
-  const auto found = std::find_if(filters.begin(), filters.end(),
-                                  [&](const NamedFilter& filter) { return filter.name == name; });
-  RAYLIFT_CHECK(found != filters.end());
-  return *found;
-}
-
-const NamedFilter& Experiment::FilterOf(const Setting& setting) const {
-  return FilterNamed(std::get<std::string>(setting[Axis::kFilter]));
-}
-
-const ExperimentGeometry* Experiment::GeometryOf(const Setting& setting) const {
-  const auto* name = setting.Find<std::string>(Axis::kGeometry);
-  return name == nullptr ? nullptr : SceneOf(setting).FindGeometry(*name);
-}
-
-namespace {
-
 class GridExpansion {
  public:
   explicit GridExpansion(const Experiment& experiment) : experiment_(experiment) {}
@@ -181,6 +123,60 @@ class GridExpansion {
 };
 
 }  // namespace
+
+std::string TextOf(const AxisValue& value) { return std::visit(ToText(), value); }
+
+std::string Setting::Name() const {
+  std::string name;
+  for (const Axis axis : AllValues<Axis>()) {
+    const AxisValue& value = (*this)[axis];
+    if (!Matters(value)) continue;
+    if (!name.empty()) name += ' ';
+    name += ToString(axis);
+    name += '=';
+    name += TextOf(value);
+  }
+  return name;
+}
+
+bool Selection::Matches(const Setting& setting) const {
+  return std::all_of(values.begin(), values.end(), [&](const auto& entry) {
+    const AxisValue& value = setting[entry.first];
+    return !Matters(value) ||
+           std::find(entry.second.begin(), entry.second.end(), value) != entry.second.end();
+  });
+}
+
+const ExperimentGeometry* ExperimentScene::FindGeometry(const std::string& geometry_name) const {
+  const auto found = std::find_if(
+      geometry.begin(), geometry.end(),
+      [&](const ExperimentGeometry& candidate) { return candidate.name == geometry_name; });
+  return found == geometry.end() ? nullptr : &*found;
+}
+
+const ExperimentScene& Experiment::SceneOf(const Setting& setting) const {
+  const auto found = std::find_if(scenes.begin(), scenes.end(), [&](const ExperimentScene& scene) {
+    return scene.name == setting.Scene();
+  });
+  RAYLIFT_CHECK(found != scenes.end());
+  return *found;
+}
+
+const NamedFilter& Experiment::FilterNamed(const std::string& name) const {
+  const auto found = std::find_if(filters.begin(), filters.end(),
+                                  [&](const NamedFilter& filter) { return filter.name == name; });
+  RAYLIFT_CHECK(found != filters.end());
+  return *found;
+}
+
+const NamedFilter& Experiment::FilterOf(const Setting& setting) const {
+  return FilterNamed(std::get<std::string>(setting[Axis::kFilter]));
+}
+
+const ExperimentGeometry* Experiment::GeometryOf(const Setting& setting) const {
+  const auto* name = setting.Find<std::string>(Axis::kGeometry);
+  return name == nullptr ? nullptr : SceneOf(setting).FindGeometry(*name);
+}
 
 std::vector<Setting> ExpandGrid(const Experiment& experiment) {
   return GridExpansion(experiment).Expand();

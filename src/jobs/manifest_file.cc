@@ -51,6 +51,23 @@ std::string TextIfThere(const path& file) {
   return {};
 }
 
+using Json = nlohmann::ordered_json;
+
+void TakeLine(const std::string& line, TaskManifest& manifest) {
+  const Json json = Json::parse(line, nullptr, /*allow_exceptions=*/false);
+  if (!json.is_object()) return;
+  if (!json.contains("name")) {
+    manifest.facts = line;
+    return;
+  }
+  try {
+    manifest.records.insert_or_assign(json.at("key").get<std::string>(),
+                                      TaskRecord{json.at("place").get<size_t>(), line});
+  } catch (const Json::exception&) {
+    return;
+  }
+}
+
 }  // namespace
 
 path ManifestPath(const path& out, const Shard& shard) {
@@ -181,27 +198,6 @@ FolderLock::FolderLock(const std::filesystem::path& folder, Mode mode, IfHeld if
 FolderLock::~FolderLock() {
   if (descriptor_ >= 0) close(descriptor_);
 }
-
-namespace {
-
-using Json = nlohmann::ordered_json;
-
-void TakeLine(const std::string& line, TaskManifest& manifest) {
-  const Json json = Json::parse(line, nullptr, /*allow_exceptions=*/false);
-  if (!json.is_object()) return;
-  if (!json.contains("name")) {
-    manifest.facts = line;
-    return;
-  }
-  try {
-    manifest.records.insert_or_assign(json.at("key").get<std::string>(),
-                                      TaskRecord{json.at("place").get<size_t>(), line});
-  } catch (const Json::exception&) {
-    return;
-  }
-}
-
-}  // namespace
 
 TaskManifest ReadTaskManifest(const path& file, const IsReadable& is_readable) {
   TaskManifest manifest;

@@ -34,6 +34,19 @@ ManifestEntry FromJson(const Json& json) {
   return entry;
 }
 
+std::optional<std::string> FaultOf(const std::filesystem::path& out,
+                                   const ManifestEntry::File& file) {
+  std::error_code error;
+  const auto size = std::filesystem::file_size(out / file.path, error);
+  if (error) return "is missing";
+  if (size != file.bytes) return fmt::format("has {} bytes, not {}", size, file.bytes);
+  if (file.xxh3.empty()) return "has no checksum in the manifest";
+  const auto hash = FileHash(out / file.path);
+  if (!hash) return "cannot be read";
+  if (*hash != file.xxh3) return "has other contents";
+  return std::nullopt;
+}
+
 }  // namespace
 
 std::string ToJsonLine(const ManifestEntry& entry) {
@@ -75,23 +88,6 @@ ManifestEntries EntriesOf(const TaskManifest& manifest) {
   }
   return entries;
 }
-
-namespace {
-
-std::optional<std::string> FaultOf(const std::filesystem::path& out,
-                                   const ManifestEntry::File& file) {
-  std::error_code error;
-  const auto size = std::filesystem::file_size(out / file.path, error);
-  if (error) return "is missing";
-  if (size != file.bytes) return fmt::format("has {} bytes, not {}", size, file.bytes);
-  if (file.xxh3.empty()) return "has no checksum in the manifest";
-  const auto hash = FileHash(out / file.path);
-  if (!hash) return "cannot be read";
-  if (*hash != file.xxh3) return "has other contents";
-  return std::nullopt;
-}
-
-}  // namespace
 
 Verification VerifyRenderedFiles(const std::filesystem::path& out, int threads) {
   ManifestEntries entries;

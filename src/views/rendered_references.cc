@@ -90,6 +90,30 @@ void RenameImages(ColmapModel& model) {
   for (auto& [id, image] : model.images) image.name = "rendered/" + image.name;
 }
 
+ColmapPose ToColmap(const Rigid3& pose) {
+  const Eigen::Quaterniond& q = pose.rotation;
+  return {{q.w(), q.x(), q.y(), q.z()}, pose.translation};
+}
+
+// The k-th of `count` cameras, turned to the right.
+Rigid3 CamFromRig(int k, int count) {
+  const double angle = 2 * std::numbers::pi * k / count;
+  // Image down is y; a turn to the right is positive about it, and the scene turns the other way.
+  return {Eigen::Quaterniond(Eigen::AngleAxisd(-angle, Eigen::Vector3d::UnitY())),
+          Eigen::Vector3d::Zero()};
+}
+
+ColmapSensor CameraSensor(int k) { return {0, static_cast<uint32_t>(k + 1)}; }
+
+ColmapRig MakeRig(int rig_cameras) {
+  ColmapRig rig;
+  rig.reference_sensor = CameraSensor(0);
+  for (int k = 1; k < rig_cameras; ++k) {
+    rig.sensors.emplace_back(CameraSensor(k), ToColmap(CamFromRig(k, rig_cameras)));
+  }
+  return rig;
+}
+
 }  // namespace
 
 Camera CameraLikeQueries(std::span<const Camera> queries, const std::optional<PlaneSize>& size,
@@ -172,34 +196,6 @@ RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh
   references.rendered = RunRenderJob(mesh, SelectTasks(std::move(views), {}), job, hooks).rendered;
   return references;
 }
-
-namespace {
-
-ColmapPose ToColmap(const Rigid3& pose) {
-  const Eigen::Quaterniond& q = pose.rotation;
-  return {{q.w(), q.x(), q.y(), q.z()}, pose.translation};
-}
-
-// The k-th of `count` cameras, turned to the right.
-Rigid3 CamFromRig(int k, int count) {
-  const double angle = 2 * std::numbers::pi * k / count;
-  // Image down is y; a turn to the right is positive about it, and the scene turns the other way.
-  return {Eigen::Quaterniond(Eigen::AngleAxisd(-angle, Eigen::Vector3d::UnitY())),
-          Eigen::Vector3d::Zero()};
-}
-
-ColmapSensor CameraSensor(int k) { return {0, static_cast<uint32_t>(k + 1)}; }
-
-ColmapRig MakeRig(int rig_cameras) {
-  ColmapRig rig;
-  rig.reference_sensor = CameraSensor(0);
-  for (int k = 1; k < rig_cameras; ++k) {
-    rig.sensors.emplace_back(CameraSensor(k), ToColmap(CamFromRig(k, rig_cameras)));
-  }
-  return rig;
-}
-
-}  // namespace
 
 ColmapModel MakeSampledModel(const Camera& camera, std::span<const Rigid3> cam_from_world,
                              int rig_cameras) {

@@ -56,6 +56,26 @@ void CheckImages(const std::filesystem::path& path, const ColmapModel& model) {
   }
 }
 
+// Removes all observations of points that lose some and keep fewer than two.
+void RemoveObservations(const std::set<uint32_t>& image_ids, ColmapPoint3D& point) {
+  const size_t lost = std::erase_if(point.track, [&](const ColmapPoint3D::Observation& seen) {
+    return image_ids.contains(seen.image_id);
+  });
+  if (lost > 0 && point.track.size() < 2) point.track.clear();
+}
+
+void RemoveFromFrames(const std::set<uint32_t>& image_ids, ColmapModel& model) {
+  constexpr int32_t kCamera = 0;
+  for (auto& [id, frame] : model.frames) {
+    std::erase_if(frame.data, [&](const ColmapFrame::Data& data) {
+      return data.sensor.type == kCamera && data.data_id <= UINT32_MAX &&
+             image_ids.contains(static_cast<uint32_t>(data.data_id));
+    });
+  }
+  std::erase_if(model.frames, [](const auto& entry) { return entry.second.data.empty(); });
+  std::erase_if(model.frame_order, [&](uint32_t id) { return !model.frames.contains(id); });
+}
+
 }  // namespace
 
 std::filesystem::path colmap::FilePath(const std::filesystem::path& folder, std::string_view file,
@@ -134,32 +154,6 @@ void WriteColmapModel(const std::filesystem::path& folder, const ColmapModel& mo
     std::filesystem::remove(FilePath(folder, file, form), ignored);
   }
 }
-
-// Taking images out of COLMAP models.
-
-namespace {
-
-// Removes all observations of points that lose some and keep fewer than two.
-void RemoveObservations(const std::set<uint32_t>& image_ids, ColmapPoint3D& point) {
-  const size_t lost = std::erase_if(point.track, [&](const ColmapPoint3D::Observation& seen) {
-    return image_ids.contains(seen.image_id);
-  });
-  if (lost > 0 && point.track.size() < 2) point.track.clear();
-}
-
-void RemoveFromFrames(const std::set<uint32_t>& image_ids, ColmapModel& model) {
-  constexpr int32_t kCamera = 0;
-  for (auto& [id, frame] : model.frames) {
-    std::erase_if(frame.data, [&](const ColmapFrame::Data& data) {
-      return data.sensor.type == kCamera && data.data_id <= UINT32_MAX &&
-             image_ids.contains(static_cast<uint32_t>(data.data_id));
-    });
-  }
-  std::erase_if(model.frames, [](const auto& entry) { return entry.second.data.empty(); });
-  std::erase_if(model.frame_order, [&](uint32_t id) { return !model.frames.contains(id); });
-}
-
-}  // namespace
 
 void RemoveImages(ColmapModel& model, std::span<const std::string> names) {
   const std::set<std::string, std::less<>> removed(names.begin(), names.end());

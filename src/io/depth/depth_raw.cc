@@ -50,42 +50,6 @@ StoredDepth CopyFloats(PlaneSize size, std::string_view data, DepthFileFormat fo
   return depth;
 }
 
-}  // namespace
-
-bool IsColmapMap(std::string_view bytes) { return ParseColmapHeader(bytes).has_value(); }
-
-StoredDepth DecodeColmapMap(const path& file, std::string_view bytes) {
-  const ColmapHeader header = ParseColmapHeader(bytes).value();
-  if (header.channels != 1) {
-    throw InputError(file, fmt::format("expected a depth map of one channel, found {}{}",
-                                       header.channels, header.channels == 3 ? " (normals)" : ""));
-  }
-  const std::string_view data = bytes.substr(header.data_offset);
-  CheckClaimedSize(file, header.width, header.height, data.size() / sizeof(float));
-  return CopyFloats({static_cast<int>(header.width), static_cast<int>(header.height)}, data,
-                    DepthFileFormat::kColmap);
-}
-
-std::string EncodeColmapMap(const FloatPlane& plane) {
-  std::string bytes = fmt::format("{}&{}&1&", plane.width_px, plane.height_px);
-  bytes.append(reinterpret_cast<const char*>(plane.values.data()), plane.values.size_bytes());
-  return bytes;
-}
-
-StoredDepth DecodeRaw(const path& file, std::string_view bytes, PlaneSize size) {
-  RAYLIFT_CHECK(size.width_px > 0 && size.height_px > 0);
-  const size_t expected =
-      static_cast<size_t>(size.width_px) * static_cast<size_t>(size.height_px) * sizeof(float);
-  if (bytes.size() != expected) {
-    throw InputError(file, fmt::format("expected {} x {} floats without a header, {} bytes, found "
-                                       "{} bytes",
-                                       size.width_px, size.height_px, expected, bytes.size()));
-  }
-  return CopyFloats(size, bytes, DepthFileFormat::kRaw);
-}
-
-namespace {
-
 // The numbers after the two letters of the format; comments run from # to the end of the line.
 class NetpbmHeader {
  public:
@@ -155,6 +119,38 @@ float LoadFloat(const char* data, bool big_endian) {
 }
 
 }  // namespace
+
+bool IsColmapMap(std::string_view bytes) { return ParseColmapHeader(bytes).has_value(); }
+
+StoredDepth DecodeColmapMap(const path& file, std::string_view bytes) {
+  const ColmapHeader header = ParseColmapHeader(bytes).value();
+  if (header.channels != 1) {
+    throw InputError(file, fmt::format("expected a depth map of one channel, found {}{}",
+                                       header.channels, header.channels == 3 ? " (normals)" : ""));
+  }
+  const std::string_view data = bytes.substr(header.data_offset);
+  CheckClaimedSize(file, header.width, header.height, data.size() / sizeof(float));
+  return CopyFloats({static_cast<int>(header.width), static_cast<int>(header.height)}, data,
+                    DepthFileFormat::kColmap);
+}
+
+std::string EncodeColmapMap(const FloatPlane& plane) {
+  std::string bytes = fmt::format("{}&{}&1&", plane.width_px, plane.height_px);
+  bytes.append(reinterpret_cast<const char*>(plane.values.data()), plane.values.size_bytes());
+  return bytes;
+}
+
+StoredDepth DecodeRaw(const path& file, std::string_view bytes, PlaneSize size) {
+  RAYLIFT_CHECK(size.width_px > 0 && size.height_px > 0);
+  const size_t expected =
+      static_cast<size_t>(size.width_px) * static_cast<size_t>(size.height_px) * sizeof(float);
+  if (bytes.size() != expected) {
+    throw InputError(file, fmt::format("expected {} x {} floats without a header, {} bytes, found "
+                                       "{} bytes",
+                                       size.width_px, size.height_px, expected, bytes.size()));
+  }
+  return CopyFloats(size, bytes, DepthFileFormat::kRaw);
+}
 
 StoredDepth DecodePgm(const path& file, std::string& bytes) {
   NetpbmHeader header(file, bytes);

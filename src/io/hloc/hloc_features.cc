@@ -142,6 +142,19 @@ void WriteFeatures(const std::string& image, const Features& features, Hdf5Kind 
   }
 }
 
+std::string DatasetOf(const std::string& image_name) { return image_name + "/global_descriptor"; }
+
+// Writes vectors of `size` values each, one after the other.
+void WriteVectors(const std::filesystem::path& path, std::span<const std::string> image_names,
+                  const float* values, size_t size) {
+  Hdf5Writer file(path);
+  for (size_t i = 0; i < image_names.size(); ++i) {
+    file.WriteFloats(DatasetOf(image_names[i]), std::array{size}, {values + i * size, size},
+                     Hdf5Kind::kFloat);
+  }
+  file.Commit();
+}
+
 }  // namespace
 
 struct FeatureFile::Impl {
@@ -229,23 +242,6 @@ Features AsStored(Features features, bool half_descriptors) {
   }
   return features;
 }
-
-namespace {
-
-std::string DatasetOf(const std::string& image_name) { return image_name + "/global_descriptor"; }
-
-// Writes vectors of `size` values each, one after the other.
-void WriteVectors(const std::filesystem::path& path, std::span<const std::string> image_names,
-                  const float* values, size_t size) {
-  Hdf5Writer file(path);
-  for (size_t i = 0; i < image_names.size(); ++i) {
-    file.WriteFloats(DatasetOf(image_names[i]), std::array{size}, {values + i * size, size},
-                     Hdf5Kind::kFloat);
-  }
-  file.Commit();
-}
-
-}  // namespace
 
 struct GlobalFeatureFile::Impl {
   explicit Impl(const std::filesystem::path& path) : file(path) {}

@@ -108,6 +108,22 @@ void WritePair(const std::filesystem::path& path, const MatchedPair& pair, Hdf5W
   file->WriteFloats(group + "/matching_scores0", shape, scores, Hdf5Kind::kHalf);
 }
 
+// "query, reference[, score]" where there are commas that separate, else by white space.
+std::vector<std::string_view> SplitPairLine(std::string_view line) {
+  const bool has_blank = line.find_first_of(" \t") != std::string_view::npos;
+  const bool has_comma = line.find(',') != std::string_view::npos;
+  const bool has_comma_and_blank = line.find(", ") != std::string_view::npos;
+  if (has_comma_and_blank || (has_comma && !has_blank)) {
+    return SplitBy(line, ',');
+  }
+  return SplitTokens(line);
+}
+
+bool IsName(const std::string& name) {
+  return !name.empty() && !name.starts_with('#') &&
+         name.find_first_of(" \t\r\n\v\f,") == std::string::npos;
+}
+
 }  // namespace
 
 struct MatchFile::Impl {
@@ -142,26 +158,6 @@ void WriteMatchFile(const std::filesystem::path& path, std::span<const MatchedPa
   }
   file.Commit();
 }
-
-namespace {
-
-// "query, reference[, score]" where there are commas that separate, else by white space.
-std::vector<std::string_view> SplitPairLine(std::string_view line) {
-  const bool has_blank = line.find_first_of(" \t") != std::string_view::npos;
-  const bool has_comma = line.find(',') != std::string_view::npos;
-  const bool has_comma_and_blank = line.find(", ") != std::string_view::npos;
-  if (has_comma_and_blank || (has_comma && !has_blank)) {
-    return SplitBy(line, ',');
-  }
-  return SplitTokens(line);
-}
-
-bool IsName(const std::string& name) {
-  return !name.empty() && !name.starts_with('#') &&
-         name.find_first_of(" \t\r\n\v\f,") == std::string::npos;
-}
-
-}  // namespace
 
 RetrievalPairs ReadPairs(const std::filesystem::path& path) {
   RetrievalPairs pairs;

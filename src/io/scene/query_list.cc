@@ -64,95 +64,6 @@ Camera GuessedCamera(const PlaneSize& size) {
   return {CameraModel::kSimplePinhole, size.width_px, size.height_px, params};
 }
 
-}  // namespace
-
-std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
-                                 const std::filesystem::path& images) {
-  std::vector<Query> queries;
-  std::unordered_map<std::string, std::string> place_of_name;
-  for (const std::filesystem::path& path : ListedFiles(path_or_pattern)) {
-    LineReader lines(path);
-    while (const auto line = lines.NextContent()) {
-      LineTokens tokens(lines, *line);
-      Query query = {.name = std::string(tokens.Token("name")), .camera = {}};
-      if (!images.empty() && tokens.AtEnd()) {
-        query.camera = GuessedCamera(ReadImageSize(PathBelow(images, query.name)));
-        query.priors.focal_range = kGuessedFocalRange;
-      } else {
-        query.camera = tokens.CameraToEnd();
-      }
-      const auto [other, is_new] = place_of_name.emplace(
-          query.name, fmt::format("{}: line {}", path.string(), lines.line_number()));
-      if (!is_new) {
-        tokens.Fail(
-            fmt::format("name: \"{}\" stands twice (also in {})", query.name, other->second));
-      }
-      queries.push_back(std::move(query));
-    }
-  }
-  return queries;
-}
-
-void WriteQueryList(const std::filesystem::path& path, const std::vector<Query>& queries) {
-  std::string text;
-  for (const Query& query : queries) {
-    CheckName(path, query.name);
-    text += fmt::format("{} {}\n", query.name, query.camera.ToString());
-  }
-  WriteFile(path, text);
-}
-
-std::vector<std::string> ReadImageList(const std::filesystem::path& path) {
-  std::vector<std::string> names;
-  LineReader lines(path);
-  while (const auto line = lines.NextContent()) {
-    names.emplace_back(Trim(*line));
-  }
-  return names;
-}
-
-std::vector<NamedPose> ReadPoseFile(const std::filesystem::path& path) {
-  std::vector<NamedPose> poses;
-  LineReader lines(path);
-  while (const auto line = lines.NextContent()) {
-    LineTokens tokens(lines, *line);
-    NamedPose& pose = poses.emplace_back();
-    pose.name = tokens.Token("name");
-    const Eigen::Vector4d qvec_wxyz = tokens.Vector<4>("qvec");
-    const auto rotation = UnitQuaternion(qvec_wxyz);
-    if (!rotation) {
-      tokens.Fail(fmt::format("qvec: expected a quaternion of length 1, found one of length {:.6g}",
-                              qvec_wxyz.norm()));
-    }
-    pose.cam_from_world = {*rotation, tokens.Vector<3>("tvec")};
-    while (!tokens.AtEnd()) {
-      const std::string_view further = tokens.Token("number");
-      if (!ParseDouble(further)) {
-        tokens.Fail(fmt::format("expected numbers behind the pose, found \"{}\"", further));
-      }
-    }
-  }
-  return poses;
-}
-
-void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPose>& poses) {
-  std::string text;
-  for (const NamedPose& pose : poses) {
-    CheckName(path, pose.name);
-    const Eigen::Quaterniond& q = pose.cam_from_world.rotation;
-    const Eigen::Vector3d& t = pose.cam_from_world.translation;
-    text += pose.name;
-    for (const double number : {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()}) {
-      text += ' ';
-      text += FormatDouble(number);
-    }
-    text += '\n';
-  }
-  WriteFile(path, text);
-}
-
-namespace {
-
 using Eigen::Vector3d;
 
 Vector3d ReadDirection(LineTokens& tokens, std::string_view field) {
@@ -185,69 +96,6 @@ void RequireNew(bool is_new, const LineTokens& tokens, std::string_view name,
                 std::string_view kind) {
   if (!is_new) tokens.Fail(fmt::format("{} of \"{}\" stands twice", kind, name));
 }
-
-}  // namespace
-
-std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& file) {
-  std::map<std::string, PosePriors> priors;
-  std::optional<Vector3d> world_down;
-  LineReader lines(file);
-  while (const auto line = lines.NextContent()) {
-    LineTokens tokens(lines, *line);
-    const std::string name(tokens.Token("name"));
-    const std::string kind(tokens.Token("kind"));
-    if (name == "*" && kind == "world_down") {
-      RequireNew(!world_down, tokens, name, kind);
-      world_down = ReadDirection(tokens, kind);
-    } else if (kind == "position") {
-      RequireNew(!priors[name].position, tokens, name, kind);
-      priors[name].position = ReadPosition(tokens);
-    } else if (kind == "gravity") {
-      RequireNew(!priors[name].gravity, tokens, name, kind);
-      const Vector3d down = ReadDirection(tokens, kind);
-      priors[name].gravity = {.down_in_cam = down,
-                              .down_in_world = -Vector3d::UnitZ(),
-                              .sigma_deg = ReadSigma(tokens, "sigma_deg")};
-    } else if (kind == "focal_range") {
-      RequireNew(priors[name].focal_range == 1, tokens, name, kind);
-      priors[name].focal_range = tokens.Double(kind);
-      if (!(priors[name].focal_range > 1 && priors[name].focal_range <= kMaxFocalRange)) {
-        tokens.Fail(
-            fmt::format("focal_range: expected a factor above 1, up to {}", kMaxFocalRange));
-      }
-    } else {
-      tokens.Fail(
-          fmt::format("expected \"position\", \"gravity\" or \"focal_range\", or \"* world_down\", "
-                      "found \"{} {}\"",
-                      name, kind));
-    }
-    tokens.ExpectEnd();
-  }
-  if (world_down) {
-    for (auto& [name, prior] : priors) {
-      if (prior.gravity) prior.gravity->down_in_world = *world_down;
-    }
-  }
-  return priors;
-}
-
-void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries) {
-  const std::map<std::string, PosePriors> priors = ReadPosePriors(file);
-  bool any = false;
-  for (Query& query : queries) {
-    const auto known = priors.find(query.name);
-    if (known == priors.end()) continue;
-    const double guessed = query.priors.focal_range;
-    query.priors = known->second;
-    if (query.priors.focal_range == 1) query.priors.focal_range = guessed;
-    any = true;
-  }
-  if (!any) {
-    throw InputError(file, fmt::format("knows none of the {} queries by name", queries.size()));
-  }
-}
-
-namespace {
 
 using std::filesystem::path;
 
@@ -357,6 +205,150 @@ std::map<std::string, RigMount> ReadMounts(const path& folder) {
 }
 
 }  // namespace
+
+std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
+                                 const std::filesystem::path& images) {
+  std::vector<Query> queries;
+  std::unordered_map<std::string, std::string> place_of_name;
+  for (const std::filesystem::path& path : ListedFiles(path_or_pattern)) {
+    LineReader lines(path);
+    while (const auto line = lines.NextContent()) {
+      LineTokens tokens(lines, *line);
+      Query query = {.name = std::string(tokens.Token("name")), .camera = {}};
+      if (!images.empty() && tokens.AtEnd()) {
+        query.camera = GuessedCamera(ReadImageSize(PathBelow(images, query.name)));
+        query.priors.focal_range = kGuessedFocalRange;
+      } else {
+        query.camera = tokens.CameraToEnd();
+      }
+      const auto [other, is_new] = place_of_name.emplace(
+          query.name, fmt::format("{}: line {}", path.string(), lines.line_number()));
+      if (!is_new) {
+        tokens.Fail(
+            fmt::format("name: \"{}\" stands twice (also in {})", query.name, other->second));
+      }
+      queries.push_back(std::move(query));
+    }
+  }
+  return queries;
+}
+
+void WriteQueryList(const std::filesystem::path& path, const std::vector<Query>& queries) {
+  std::string text;
+  for (const Query& query : queries) {
+    CheckName(path, query.name);
+    text += fmt::format("{} {}\n", query.name, query.camera.ToString());
+  }
+  WriteFile(path, text);
+}
+
+std::vector<std::string> ReadImageList(const std::filesystem::path& path) {
+  std::vector<std::string> names;
+  LineReader lines(path);
+  while (const auto line = lines.NextContent()) {
+    names.emplace_back(Trim(*line));
+  }
+  return names;
+}
+
+std::vector<NamedPose> ReadPoseFile(const std::filesystem::path& path) {
+  std::vector<NamedPose> poses;
+  LineReader lines(path);
+  while (const auto line = lines.NextContent()) {
+    LineTokens tokens(lines, *line);
+    NamedPose& pose = poses.emplace_back();
+    pose.name = tokens.Token("name");
+    const Eigen::Vector4d qvec_wxyz = tokens.Vector<4>("qvec");
+    const auto rotation = UnitQuaternion(qvec_wxyz);
+    if (!rotation) {
+      tokens.Fail(fmt::format("qvec: expected a quaternion of length 1, found one of length {:.6g}",
+                              qvec_wxyz.norm()));
+    }
+    pose.cam_from_world = {*rotation, tokens.Vector<3>("tvec")};
+    while (!tokens.AtEnd()) {
+      const std::string_view further = tokens.Token("number");
+      if (!ParseDouble(further)) {
+        tokens.Fail(fmt::format("expected numbers behind the pose, found \"{}\"", further));
+      }
+    }
+  }
+  return poses;
+}
+
+void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPose>& poses) {
+  std::string text;
+  for (const NamedPose& pose : poses) {
+    CheckName(path, pose.name);
+    const Eigen::Quaterniond& q = pose.cam_from_world.rotation;
+    const Eigen::Vector3d& t = pose.cam_from_world.translation;
+    text += pose.name;
+    for (const double number : {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()}) {
+      text += ' ';
+      text += FormatDouble(number);
+    }
+    text += '\n';
+  }
+  WriteFile(path, text);
+}
+
+std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& file) {
+  std::map<std::string, PosePriors> priors;
+  std::optional<Vector3d> world_down;
+  LineReader lines(file);
+  while (const auto line = lines.NextContent()) {
+    LineTokens tokens(lines, *line);
+    const std::string name(tokens.Token("name"));
+    const std::string kind(tokens.Token("kind"));
+    if (name == "*" && kind == "world_down") {
+      RequireNew(!world_down, tokens, name, kind);
+      world_down = ReadDirection(tokens, kind);
+    } else if (kind == "position") {
+      RequireNew(!priors[name].position, tokens, name, kind);
+      priors[name].position = ReadPosition(tokens);
+    } else if (kind == "gravity") {
+      RequireNew(!priors[name].gravity, tokens, name, kind);
+      const Vector3d down = ReadDirection(tokens, kind);
+      priors[name].gravity = {.down_in_cam = down,
+                              .down_in_world = -Vector3d::UnitZ(),
+                              .sigma_deg = ReadSigma(tokens, "sigma_deg")};
+    } else if (kind == "focal_range") {
+      RequireNew(priors[name].focal_range == 1, tokens, name, kind);
+      priors[name].focal_range = tokens.Double(kind);
+      if (!(priors[name].focal_range > 1 && priors[name].focal_range <= kMaxFocalRange)) {
+        tokens.Fail(
+            fmt::format("focal_range: expected a factor above 1, up to {}", kMaxFocalRange));
+      }
+    } else {
+      tokens.Fail(
+          fmt::format("expected \"position\", \"gravity\" or \"focal_range\", or \"* world_down\", "
+                      "found \"{} {}\"",
+                      name, kind));
+    }
+    tokens.ExpectEnd();
+  }
+  if (world_down) {
+    for (auto& [name, prior] : priors) {
+      if (prior.gravity) prior.gravity->down_in_world = *world_down;
+    }
+  }
+  return priors;
+}
+
+void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries) {
+  const std::map<std::string, PosePriors> priors = ReadPosePriors(file);
+  bool any = false;
+  for (Query& query : queries) {
+    const auto known = priors.find(query.name);
+    if (known == priors.end()) continue;
+    const double guessed = query.priors.focal_range;
+    query.priors = known->second;
+    if (query.priors.focal_range == 1) query.priors.focal_range = guessed;
+    any = true;
+  }
+  if (!any) {
+    throw InputError(file, fmt::format("knows none of the {} queries by name", queries.size()));
+  }
+}
 
 void TakeRigs(const path& file_or_model, std::span<Query> queries) {
   bool any = false;

@@ -20,6 +20,18 @@ void AppendLine(std::span<const double> numbers, std::string& text) {
   text.back() = '\n';
 }
 
+using std::filesystem::path;
+
+// kapture has the first eleven of COLMAP's models.
+bool IsOfKapture(CameraModel model) { return model <= CameraModel::kThinPrismFisheye; }
+
+void CheckNameInCsv(const path& file, const std::string& name) {
+  if (name.empty() || name.find_first_of(",\r\n") != std::string::npos || Trim(name) != name ||
+      name.starts_with('#')) {
+    throw InputError(file, fmt::format("the file cannot hold the name \"{}\"", name));
+  }
+}
+
 }  // namespace
 
 void WriteTumTrajectory(const std::filesystem::path& path, std::span<const TimedPose> poses) {
@@ -44,22 +56,6 @@ void WriteKittiTrajectory(const std::filesystem::path& path, std::span<const Tim
   }
   WriteFile(path, text);
 }
-
-namespace {
-
-using std::filesystem::path;
-
-// kapture has the first eleven of COLMAP's models.
-bool IsOfKapture(CameraModel model) { return model <= CameraModel::kThinPrismFisheye; }
-
-void CheckNameInCsv(const path& file, const std::string& name) {
-  if (name.empty() || name.find_first_of(",\r\n") != std::string::npos || Trim(name) != name ||
-      name.starts_with('#')) {
-    throw InputError(file, fmt::format("the file cannot hold the name \"{}\"", name));
-  }
-}
-
-}  // namespace
 
 void WriteKapture(const path& folder, std::span<const PosedImage> images) {
   const path sensors_file = folder / "sensors" / "sensors.txt";
