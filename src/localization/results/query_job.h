@@ -1,9 +1,4 @@
-<<<<<<< HEAD:src/localization/results/query_job.h
 // A run of localization as a job (jobs/task_job.h): its tasks are the queries.
-=======
-// What the manifest of a run of localization (jobs/task_job.h) says: what all queries have in
-// common, then each query that is done. Results follow from it alone.
->>>>>>> 763d668 (One layout for tables and figures of experiments; LaTeX's names in a table):include/raylift/localization/query_manifest.h
 
 #pragma once
 
@@ -26,7 +21,7 @@
 
 namespace raylift {
 
-// What the manifest of a run of localization (jobs/task_manifest.h) says: what all queries have in
+// What the manifest of a run of localization (jobs/task_job.h) says: what all queries have in
 // common, then each query that is done. Results follow from it alone.
 
 // The same in all shards.
