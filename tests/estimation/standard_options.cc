@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "raylift/estimation/pose_estimator.h"
+
 namespace raylift {
 
 EstimatorOptions StandardOptions(Method method) {
