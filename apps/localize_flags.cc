@@ -168,27 +168,25 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
   AddRunOptions(command, flags.run);
   SetFooter(
       command,
-      "Each query that is done is kept at once. SIGINT and SIGTERM finish the queries in hand; "
-      "the\n"
-      "exit code then is 4, and 5 where a file cannot be written, as on a full disk: --resume "
-      "goes\n"
-      "on. Shards may write to one folder, where the last one to end writes the results, or to\n"
-      "folders of their own for `raylift merge`. All shards learn from the same 30 queries what\n"
-      "geometry and matches are worth, so that poses do not depend on how they are shared.\n"
-      "Examples:\n"
-      "  From photographs alone:\n"
-      "    raylift localize --model sfm --images photos --geometry mesh:scene.ply \\\n"
-      "        --queries queries.txt --query-images photos --out result\n"
-      "  From a mesh and the queries alone:\n"
-      "    raylift localize --geometry mesh:scene.ply --queries queries.txt \\\n"
-      "        --query-images photos --out result\n"
-      "  With features and matches made by hloc:\n"
-      "    raylift localize --model sfm --geometry mesh:scene.ply --queries queries.txt \\\n"
-      "        --features features.h5 --matches matches.h5 --pairs pairs.txt --out result\n"
-      "  How well do references, whose poses are known, localize each other?\n"
-      "    raylift localize --model sfm --images photos --geometry mesh:scene.ply \\\n"
-      "        --leave-one-out --out result\n"
-      "    raylift evaluate --ground-truth sfm --poses result/poses.txt");
+      R"(Each query that is done is kept at once. SIGINT and SIGTERM finish the queries in hand; the
+exit code then is 4, and 5 where a file cannot be written, as on a full disk: --resume goes
+on. Shards may write to one folder, where the last one to end writes the results, or to
+folders of their own for `raylift merge`. All shards learn from the same 30 queries what
+geometry and matches are worth, so that poses do not depend on how they are shared.
+Examples:
+  From photographs alone:
+    raylift localize --model sfm --images photos --geometry mesh:scene.ply \
+        --queries queries.txt --query-images photos --out result
+  From a mesh and the queries alone:
+    raylift localize --geometry mesh:scene.ply --queries queries.txt \
+        --query-images photos --out result
+  With features and matches made by hloc:
+    raylift localize --model sfm --geometry mesh:scene.ply --queries queries.txt \
+        --features features.h5 --matches matches.h5 --pairs pairs.txt --out result
+  How well do references, whose poses are known, localize each other?
+    raylift localize --model sfm --images photos --geometry mesh:scene.ply \
+        --leave-one-out --out result
+    raylift evaluate --ground-truth sfm --poses result/poses.txt)");
 }
 
 void ContinuousFlags::Check() const {

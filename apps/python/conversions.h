@@ -179,6 +179,7 @@ py::array_t<T> HandOver(std::vector<T>&& values, const std::vector<py::ssize_t>&
 // The parts of the module raylift._core; each adds its classes and functions.
 void BindGeometry(py::module_& module);
 void BindEstimation(py::module_& module);
+void BindMesh(py::module_& module);
 void BindRendering(py::module_& module);
 void BindLifting(py::module_& module);
 void BindLocalization(py::module_& module);

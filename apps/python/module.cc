@@ -96,6 +96,7 @@ PYBIND11_MODULE(_core, module) {
   TranslateExceptions(module);
   BindGeometry(module);
   BindEstimation(module);
+  BindMesh(module);
   BindRendering(module);
   BindLifting(module);
   BindLocalization(module);
