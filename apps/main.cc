@@ -47,10 +47,7 @@ void NoteAndThrow() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  // The program tries meshes in a process of its own: `raylift --try-mesh FILE`.
-  const std::string try_mesh = "--try-mesh";
-  if (argc == 3 && argv[1] == try_mesh) return raylift::TryMesh(argv[2]);
-  raylift::TryMeshesBy({"/proc/self/exe", try_mesh});
+  raylift::TryMeshesBy({"/proc/self/exe", raylift::kTryMesh});
   std::set_terminate(&End);
   std::set_new_handler(&NoteAndThrow);
   raylift::LeaveHdf5AsItIsAtExit();

@@ -41,6 +41,7 @@ void TryMeshesBy(const std::vector<std::string>& command) {
 int TryMesh(const std::filesystem::path& file) {
   constexpr unsigned int kLongest_s = 600;
   alarm(kLongest_s);
+  SetMeshTrial(nullptr);
   try {
     ReadMesh(file);
   } catch (const std::exception&) {  // is told by the process that goes on

@@ -8,10 +8,13 @@
 
 namespace raylift {
 
+// `raylift --try-mesh FILE` is such a process.
+inline constexpr const char* kTryMesh = "--try-mesh";
+
 // Lets this command, with the file's path as its last argument, try such meshes (SetMeshTrial).
 void TryMeshesBy(const std::vector<std::string>& command);
 
-// Does what such a command is for: reads the mesh and returns 0, whatever is wrong with it.
+// Does what such a process is for: reads the mesh and returns 0, whatever is wrong with it.
 int TryMesh(const std::filesystem::path& file);
 
 }  // namespace raylift

@@ -19,6 +19,7 @@
 #include "apps/argument_files.h"
 #include "apps/commands.h"
 #include "apps/interrupt.h"
+#include "apps/mesh_trial.h"
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
 #include <link.h>
@@ -415,6 +416,7 @@ std::string MessageInOptions(const OptionError& error) {
 }
 
 int RunProgram(const std::vector<std::string>& arguments) {
+  if (arguments.size() == 2 && arguments[0] == kTryMesh) return TryMesh(arguments[1]);
   try {
     const Program survey = MakeSurvey();
     try {

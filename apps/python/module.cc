@@ -64,10 +64,9 @@ void RefuseNumpyThatIsNotKnown() {
 }
 
 void BindProgram(py::module_& module) {
-  module.def("_try_mesh", &TryMesh, py::arg("file"));
   const auto python = py::module_::import("sys").attr("executable").cast<std::string>();
-  TryMeshesBy(
-      {python, "-c", "import sys; from raylift import _core; _core._try_mesh(sys.argv[1])"});
+  TryMeshesBy({python, "-c",
+               "import sys; from raylift import _core; _core.run_program(sys.argv[1:])", kTryMesh});
   module.def(
       "run_command",
       [](const std::vector<std::string>& arguments, const std::optional<ProgressCall>& progress) {
