@@ -202,37 +202,43 @@ void RemoveLeftovers(const path& out, std::span<const std::string> files) {
   }
 }
 
-std::string SummaryJson(const std::string& header, const ManifestEntries& entries,
-                        const std::vector<std::string>& warnings,
-                        const std::optional<RunRecord>& run) {
-  size_t pixels = 0, hits = 0, bytes = 0, dropped = 0;
-  std::optional<std::pair<float, float>> range;
-  Json empty = Json::array();
-  double least_coverage = 1;
+JobTotals TotalsOf(const ManifestEntries& entries) {
+  JobTotals totals;
   for (const auto& [name, entry] : entries) {
-    pixels += entry.pixels;
-    hits += entry.hits;
-    dropped += entry.dropped;
-    least_coverage = std::min(least_coverage, entry.Coverage());
-    if (entry.hits == 0) empty.push_back(name);
-    for (const ManifestEntry::File& file : entry.files) bytes += file.bytes;
+    totals.pixels += entry.pixels;
+    totals.hits += entry.hits;
+    totals.dropped += entry.dropped;
+    for (const ManifestEntry::File& file : entry.files) totals.bytes += file.bytes;
     if (!entry.depth_range) continue;
+    auto& range = totals.depth_range;
     const auto [low, high] = *entry.depth_range;
     range = range ? std::pair(std::min(range->first, low), std::max(range->second, high))
                   : std::pair(low, high);
   }
-  Json json = {
-      {"images", entries.size()},
-      {"pixels", pixels},
-      {"coverage", pixels == 0 ? 0 : static_cast<double>(hits) / static_cast<double>(pixels)},
-      {"least_coverage", entries.empty() ? 0 : least_coverage},
-      {"images_without_surface", std::move(empty)},
-      {"depth_range", nullptr},
-      {"dropped_values", dropped},
-      {"bytes", bytes},
-      {"warnings", warnings},
-      {"job", Json::parse(header)}};
-  if (range) json["depth_range"] = {range->first, range->second};
+  return totals;
+}
+
+std::string SummaryJson(const std::string& header, const ManifestEntries& entries,
+                        const std::vector<std::string>& warnings,
+                        const std::optional<RunRecord>& run) {
+  const JobTotals totals = TotalsOf(entries);
+  Json empty = Json::array();
+  double least_coverage = 1;
+  for (const auto& [name, entry] : entries) {
+    least_coverage = std::min(least_coverage, entry.Coverage());
+    if (entry.hits == 0) empty.push_back(name);
+  }
+  Json json = {{"images", entries.size()},
+               {"pixels", totals.pixels},
+               {"coverage", totals.Coverage()},
+               {"least_coverage", entries.empty() ? 0 : least_coverage},
+               {"images_without_surface", std::move(empty)},
+               {"depth_range", nullptr},
+               {"dropped_values", totals.dropped},
+               {"bytes", totals.bytes},
+               {"warnings", warnings},
+               {"job", Json::parse(header)}};
+  if (const auto& range = totals.depth_range) json["depth_range"] = {range->first, range->second};
   if (run) json["run"] = RunJson(*run);
   return JsonText(json, 2) + '\n';
 }

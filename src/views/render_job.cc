@@ -129,6 +129,112 @@ FrameOptions OptionsOfFrames(const RenderJobOptions& options) {
   return frame;
 }
 
+// Views of one camera follow each other, so that few tables of rays are needed at a time; and all
+// shards deal the same list.
+std::vector<RenderTask> InOrder(std::vector<RenderTask> tasks) {
+  std::sort(tasks.begin(), tasks.end(), [](const RenderTask& a, const RenderTask& b) {
+    return std::pair(a.view.camera.ToString(), a.view.name) <
+           std::pair(b.view.camera.ToString(), b.view.name);
+  });
+  return tasks;
+}
+
+std::vector<std::string> NamesOf(std::span<const RenderTask> tasks) {
+  std::vector<std::string> names;
+  for (const RenderTask& task : tasks) names.push_back(task.view.name);
+  return names;
+}
+
+// Files that a former run lists and this one does not write.
+std::vector<std::string> ListForeignFiles(std::span<const RenderTask> tasks,
+                                          const RenderJobOptions& options) {
+  std::set<std::string> foreign;
+  for (const path& manifest : ListManifests(options.out)) {
+    for (const auto& [name, entry] : ReadManifest(manifest)) {
+      for (const ManifestEntry::File& file : entry.files) foreign.insert(file.path);
+    }
+  }
+  if (foreign.empty()) return {};
+  for (const RenderTask& task : tasks) {
+    for (const std::string& file : TaskFiles(task, options.products)) foreign.erase(file);
+  }
+  std::erase_if(foreign, [&options](const std::string& file) {
+    std::error_code ignored;
+    return !std::filesystem::exists(options.out / file, ignored);
+  });
+  return {foreign.begin(), foreign.end()};
+}
+
+void RemoveLeftoversOfShard(std::span<const RenderTask> tasks, const RenderJobOptions& options) {
+  std::vector<std::string> files = {"summary.json", "preview.png", std::string(kFileGuideName),
+                                    ManifestPath({}, options.shard).string()};
+  for (size_t i = 0; i < tasks.size(); ++i) {
+    if (!options.shard.Contains(i)) continue;
+    for (std::string& file : TaskFiles(tasks[i], options.products)) {
+      files.push_back(std::move(file));
+    }
+  }
+  RemoveLeftovers(options.out, files);
+}
+
+// Returns whether all files of the task are there as the entry says.
+bool HasFiles(const RenderTask& task, const RenderJobOptions& options, const ManifestEntry& entry,
+              JobForm::Look look) {
+  const auto files = TaskFiles(task, options.products);
+  if (entry.files.size() != files.size()) return false;
+  for (size_t i = 0; i < files.size(); ++i) {
+    std::error_code error;
+    const auto size = std::filesystem::file_size(options.out / files[i], error);
+    if (error || entry.files[i].path != files[i] || size != entry.files[i].bytes) return false;
+    const bool reads = look == JobForm::Look::kContents;
+    if (reads && FileHash(options.out / files[i]) != entry.files[i].xxh3) return false;
+  }
+  return true;
+}
+
+size_t NumRays(const ViewCamera& camera, const RenderJobOptions& options) {
+  const size_t pixels =
+      static_cast<size_t>(camera.width_px) * static_cast<size_t>(camera.height_px);
+  const auto side = static_cast<size_t>(options.frame.color_options.samples_per_pixel_side);
+  const bool has_color =
+      std::any_of(options.products.begin(), options.products.end(),
+                  [](const ProductOutput& output) { return output.product == Product::kColor; });
+  return has_color && side > 1 ? pixels * (1 + side * side) : pixels;
+}
+
+// Warns where no image sees anything, which comes of a mistake.
+std::vector<std::string> WarningsOf(const ManifestEntries& entries,
+                                    std::span<const RenderTask> tasks, const RayCaster& scene) {
+  const bool seen = std::any_of(entries.begin(), entries.end(),
+                                [](const auto& entry) { return entry.second.hits > 0; });
+  if (entries.empty() || seen) return {};
+  std::vector<Eigen::Vector3d> centers;
+  for (const RenderTask& task : tasks) {
+    if (entries.contains(task.view.name)) {
+      centers.push_back(task.view.cam_from_world.OriginInSource());
+    }
+  }
+  return {WhyTheMeshIsUnseen(scene, centers)};
+}
+
+// Writes README.txt unless there is another file of that name.
+void WriteGuide(const RenderJobOptions& options) {
+  const path file = options.out / kFileGuideName;
+  std::error_code ignored;
+  if (std::filesystem::exists(file, ignored) && !ReadFile(file).starts_with(kFileGuideTitle)) {
+    return;
+  }
+  WriteFile(file, FileGuide(options.products, options.storage, options.frame.normals_in));
+}
+
+std::vector<View> ViewsByName(std::span<const RenderTask> tasks) {
+  std::vector<View> views;
+  for (const RenderTask& task : tasks) views.push_back(task.view);
+  std::sort(views.begin(), views.end(),
+            [](const View& a, const View& b) { return a.name < b.name; });
+  return views;
+}
+
 class RenderJob {
  public:
   RenderJob(const std::shared_ptr<const RayCaster>& scene, std::vector<RenderTask> tasks,
@@ -148,111 +254,43 @@ class RenderJob {
   RenderSummary Run() {
     const std::vector<size_t> missing = job_.Missing();
     kept_ = job_.manifest().records.size();
-    if (hooks_.on_start) hooks_.on_start(missing.size(), RaysOf(missing));
-    std::vector<std::string> foreign_files = ListForeignFiles();
-    RemoveLeftoversOfShard();
+    size_t rays = 0;
+    for (const size_t i : missing) rays += NumRays(tasks_[i].view.camera, options_);
+    if (hooks_.on_start) hooks_.on_start(missing.size(), rays);
+    std::vector<std::string> foreign_files = ListForeignFiles(tasks_, options_);
+    RemoveLeftoversOfShard(tasks_, options_);
     job_.Begin(std::nullopt);
     const bool all_done = RenderAll(missing);
     const bool complete = all_done && Finish();
     ManifestEntries done = EntriesOf(job_.manifest());
-    RenderSummary summary = Summarize(done);
-    summary.left = missing.size() - rendered_;
-    summary.complete = complete;
-    summary.warnings = Warnings(done);
-    summary.foreign_files = std::move(foreign_files);
-    summary.entries = std::move(done);
-    summary.seconds = SecondsSince(start_);
-    return summary;
+    const JobTotals totals = TotalsOf(done);
+    return {.images = done.size(),
+            .rendered = rendered_,
+            .kept = kept_,
+            .left = missing.size() - rendered_,
+            .complete = complete,
+            .foreign_files = std::move(foreign_files),
+            .warnings = WarningsOf(done, tasks_, *scene_),
+            .coverage = totals.Coverage(),
+            .depth_range = totals.depth_range,
+            .dropped = totals.dropped,
+            .bytes = totals.bytes,
+            .rays = rays_,
+            .seconds = SecondsSince(start_),
+            .entries = std::move(done)};
   }
 
  private:
-  // Views of one camera follow each other, so that few tables of rays are needed at a time; and all
-  // shards deal the same list.
-  static std::vector<RenderTask> InOrder(std::vector<RenderTask> tasks) {
-    std::sort(tasks.begin(), tasks.end(), [](const RenderTask& a, const RenderTask& b) {
-      return std::pair(a.view.camera.ToString(), a.view.name) <
-             std::pair(b.view.camera.ToString(), b.view.name);
-    });
-    return tasks;
-  }
-
-  static std::vector<std::string> NamesOf(std::span<const RenderTask> tasks) {
-    std::vector<std::string> names;
-    for (const RenderTask& task : tasks) names.push_back(task.view.name);
-    return names;
-  }
-
   JobForm Form() const {
     JobForm form{.results = {}, .is_readable = [](const std::string& line) {
                    return ParseEntry(line).has_value();
                  }};
     for (const RenderTask& task : tasks_) form.keys.push_back(TaskKey(header_, task));
     form.has_files = [this](size_t task, const std::string& line, JobForm::Look look) {
-      return HasFiles(task, ParseEntry(line).value(), look);
+      return HasFiles(tasks_[task], options_, ParseEntry(line).value(), look);
     };
     form.threads = threads_;
     return form;
-  }
-
-  // Files that a former run lists and this one does not write.
-  std::vector<std::string> ListForeignFiles() const {
-    std::set<std::string> foreign;
-    for (const path& manifest : ListManifests(options_.out)) {
-      for (const auto& [name, entry] : ReadManifest(manifest)) {
-        for (const ManifestEntry::File& file : entry.files) foreign.insert(file.path);
-      }
-    }
-    if (foreign.empty()) return {};
-    for (const RenderTask& task : tasks_) {
-      for (const std::string& file : TaskFiles(task, options_.products)) foreign.erase(file);
-    }
-    std::erase_if(foreign, [this](const std::string& file) {
-      std::error_code ignored;
-      return !std::filesystem::exists(options_.out / file, ignored);
-    });
-    return {foreign.begin(), foreign.end()};
-  }
-
-  void RemoveLeftoversOfShard() const {
-    std::vector<std::string> files = {"summary.json", "preview.png", std::string(kFileGuideName),
-                                      ManifestPath({}, options_.shard).string()};
-    for (size_t i = 0; i < tasks_.size(); ++i) {
-      if (!options_.shard.Contains(i)) continue;
-      for (std::string& file : TaskFiles(tasks_[i], options_.products)) {
-        files.push_back(std::move(file));
-      }
-    }
-    RemoveLeftovers(options_.out, files);
-  }
-
-  // Returns whether all files of the task are there as the entry says.
-  bool HasFiles(size_t index, const ManifestEntry& entry, JobForm::Look look) const {
-    const auto files = TaskFiles(tasks_[index], options_.products);
-    if (entry.files.size() != files.size()) return false;
-    for (size_t i = 0; i < files.size(); ++i) {
-      std::error_code error;
-      const auto size = std::filesystem::file_size(options_.out / files[i], error);
-      if (error || entry.files[i].path != files[i] || size != entry.files[i].bytes) return false;
-      const bool reads = look == JobForm::Look::kContents;
-      if (reads && FileHash(options_.out / files[i]) != entry.files[i].xxh3) return false;
-    }
-    return true;
-  }
-
-  size_t RaysOf(std::span<const size_t> tasks) const {
-    size_t rays = 0;
-    for (const size_t i : tasks) rays += NumRays(tasks_[i].view.camera);
-    return rays;
-  }
-
-  size_t NumRays(const ViewCamera& camera) const {
-    const size_t pixels =
-        static_cast<size_t>(camera.width_px) * static_cast<size_t>(camera.height_px);
-    const auto side = static_cast<size_t>(options_.frame.color_options.samples_per_pixel_side);
-    const bool has_color =
-        std::any_of(options_.products.begin(), options_.products.end(),
-                    [](const ProductOutput& output) { return output.product == Product::kColor; });
-    return has_color && side > 1 ? pixels * (1 + side * side) : pixels;
   }
 
   // Returns whether none was left out.
@@ -299,32 +337,12 @@ class RenderJob {
     frames_.Return(std::move(frame));
     job_.Add(index, ToJsonLine(entry));
     const std::lock_guard<std::mutex> lock(mutex_);
-    const size_t rays = NumRays(task.view.camera);
+    const size_t rays = NumRays(task.view.camera, options_);
     rays_ += rays;
     ++rendered_;
     if (hooks_.on_image) {
       hooks_.on_image({entry, render_s, SecondsSince(start) - render_s, rays});
     }
-  }
-
-  RenderSummary Summarize(const ManifestEntries& done) const {
-    RenderSummary summary{.images = done.size(), .rendered = rendered_, .kept = kept_};
-    summary.rays = rays_;
-    size_t pixels = 0, hits = 0;
-    for (const auto& [name, entry] : done) {
-      pixels += entry.pixels;
-      hits += entry.hits;
-      summary.dropped += entry.dropped;
-      for (const ManifestEntry::File& file : entry.files) summary.bytes += file.bytes;
-      if (!entry.depth_range) continue;
-      const auto [low, high] = *entry.depth_range;
-      summary.depth_range = summary.depth_range
-                                ? std::pair(std::min(summary.depth_range->first, low),
-                                            std::max(summary.depth_range->second, high))
-                                : std::pair(low, high);
-    }
-    summary.coverage = pixels == 0 ? 0 : static_cast<double>(hits) / static_cast<double>(pixels);
-    return summary;
   }
 
   // Writes what the job as a whole leaves, once all shards are complete; the last one to see that
@@ -334,49 +352,19 @@ class RenderJob {
     if (!whole) return false;
     const ManifestEntries all = EntriesOf(*whole);
     if (options_.preview) {
-      WriteImage(options_.out / "preview.png", MakeContactSheet(scene_, Views(), threads_));
+      WriteImage(options_.out / "preview.png",
+                 MakeContactSheet(scene_, ViewsByName(tasks_), threads_));
     }
-    WriteGuide();
-    WriteFile(options_.out / "summary.json", SummaryJson(header_, all, Warnings(all), Record()));
+    WriteGuide(options_);
+    WriteFile(options_.out / "summary.json",
+              SummaryJson(header_, all, WarningsOf(all, tasks_, *scene_), Record()));
     job_.Finish(*whole);
     return true;
-  }
-
-  // That no image sees anything, which comes of a mistake.
-  std::vector<std::string> Warnings(const ManifestEntries& entries) const {
-    const bool seen = std::any_of(entries.begin(), entries.end(),
-                                  [](const auto& entry) { return entry.second.hits > 0; });
-    if (entries.empty() || seen) return {};
-    std::vector<Eigen::Vector3d> centers;
-    for (const RenderTask& task : tasks_) {
-      if (entries.contains(task.view.name)) {
-        centers.push_back(task.view.cam_from_world.OriginInSource());
-      }
-    }
-    return {WhyTheMeshIsUnseen(*scene_, centers)};
   }
 
   std::optional<RunRecord> Record() const {
     if (options_.command.empty()) return std::nullopt;
     return RunRecord{options_.command, wall_start_, SecondsSince(start_), rendered_, kept_};
-  }
-
-  // Unless there is another file of that name.
-  void WriteGuide() const {
-    const path file = options_.out / kFileGuideName;
-    std::error_code ignored;
-    if (std::filesystem::exists(file, ignored) && !ReadFile(file).starts_with(kFileGuideTitle)) {
-      return;
-    }
-    WriteFile(file, FileGuide(options_.products, options_.storage, options_.frame.normals_in));
-  }
-
-  std::vector<View> Views() const {
-    std::vector<View> views;
-    for (const RenderTask& task : tasks_) views.push_back(task.view);
-    std::sort(views.begin(), views.end(),
-              [](const View& a, const View& b) { return a.name < b.name; });
-    return views;
   }
 
   const Clock::time_point start_ = Clock::now();
