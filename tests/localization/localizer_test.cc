@@ -12,6 +12,7 @@
 #include "raylift/base/file.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/query_list.h"
+#include "raylift/io/scene_file.h"
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/localization/match_source.h"
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "localization/batch_localizer.h"
+#include "localization/matching/file_matches.h"
 #include "support/test_data.h"
 #include <fmt/format.h>
 #include <gtest/gtest.h>
