@@ -59,6 +59,11 @@ void RunOnThreads(size_t count, int num_threads, const std::function<void(size_t
 }
 #endif
 
+thread_local CallWatch* current_watch = nullptr;
+
+// Asking may be dear: a binding takes its interpreter's lock for it.
+constexpr std::chrono::milliseconds kBetweenQuestions{20};
+
 }  // namespace
 
 int ResolveThreads(int threads) {
@@ -98,15 +103,6 @@ void ParallelFor(size_t count, int threads, const std::function<void(size_t)>& b
   });
   if (first_exception) std::rethrow_exception(first_exception);
 }
-
-namespace {
-
-thread_local CallWatch* current_watch = nullptr;
-
-// Asking may be dear: a binding takes its interpreter's lock for it.
-constexpr std::chrono::milliseconds kBetweenQuestions{20};
-
-}  // namespace
 
 CallWatch::CallWatch(Hooks hooks)
     : hooks_(std::move(hooks)),

@@ -26,6 +26,24 @@ std::optional<T> ParseWhole(std::string_view token) {
   return value;
 }
 
+std::string CsvField(const std::string& text) {
+  const bool is_plain = text.find_first_of(",\"\r\n") == std::string::npos && Trim(text) == text;
+  if (is_plain) return text;
+  std::string quoted = "\"";
+  for (const char c : text) {
+    quoted += c;
+    if (c == '"') quoted += c;
+  }
+  return quoted + '"';
+}
+
+// Characters, not bytes, of UTF-8.
+size_t Width(std::string_view text) {
+  return static_cast<size_t>(std::count_if(text.begin(), text.end(), [](char c) {
+    return (static_cast<unsigned char>(c) & 0xc0) != 0x80;
+  }));
+}
+
 }  // namespace
 
 std::vector<std::string_view> SplitTokens(std::string_view line) {
@@ -151,28 +169,6 @@ std::string DidYouMean(std::string_view typed, std::span<const std::string> name
   const auto closest = ClosestName(typed, names);
   return closest ? fmt::format("; did you mean {}?", *closest) : "";
 }
-
-namespace {
-
-std::string CsvField(const std::string& text) {
-  const bool is_plain = text.find_first_of(",\"\r\n") == std::string::npos && Trim(text) == text;
-  if (is_plain) return text;
-  std::string quoted = "\"";
-  for (const char c : text) {
-    quoted += c;
-    if (c == '"') quoted += c;
-  }
-  return quoted + '"';
-}
-
-// Characters, not bytes, of UTF-8.
-size_t Width(std::string_view text) {
-  return static_cast<size_t>(std::count_if(text.begin(), text.end(), [](char c) {
-    return (static_cast<unsigned char>(c) & 0xc0) != 0x80;
-  }));
-}
-
-}  // namespace
 
 std::string AlignColumns(std::span<const TableRow> rows) {
   if (rows.empty()) return {};

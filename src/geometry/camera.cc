@@ -45,6 +45,29 @@ CameraModel WithTwoFocalLengths(CameraModel model) {
   return model;
 }
 
+using enum CameraModel;
+
+constexpr std::array<CameraModelInfo, 18> kModels = {{
+    {kSimplePinhole, "SIMPLE_PINHOLE", 3, 1},
+    {kPinhole, "PINHOLE", 4, 2},
+    {kSimpleRadial, "SIMPLE_RADIAL", 4, 1},
+    {kRadial, "RADIAL", 5, 1},
+    {kOpenCv, "OPENCV", 8, 2},
+    {kOpenCvFisheye, "OPENCV_FISHEYE", 8, 2},
+    {kFullOpenCv, "FULL_OPENCV", 12, 2},
+    {kFov, "FOV", 5, 2},
+    {kSimpleRadialFisheye, "SIMPLE_RADIAL_FISHEYE", 4, 1},
+    {kRadialFisheye, "RADIAL_FISHEYE", 5, 1},
+    {kThinPrismFisheye, "THIN_PRISM_FISHEYE", 12, 2},
+    {kRadTanThinPrismFisheye, "RAD_TAN_THIN_PRISM_FISHEYE", 16, 2},
+    {kSimpleDivision, "SIMPLE_DIVISION", 4, 1},
+    {kDivision, "DIVISION", 5, 2},
+    {kSimpleFisheye, "SIMPLE_FISHEYE", 3, 1},
+    {kFisheye, "FISHEYE", 4, 2},
+    {kEucm, "EUCM", 6, 2},
+    {kEquirectangular, "EQUIRECTANGULAR", 2, 0},
+}};
+
 }  // namespace
 
 Camera::Camera(CameraModel model, int width_px, int height_px, std::span<const double> params)
@@ -136,33 +159,6 @@ std::string Camera::ToString() const {
   for (const double param : params()) text += ' ' + FormatDouble(param);
   return text;
 }
-
-namespace {
-
-using enum CameraModel;
-
-constexpr std::array<CameraModelInfo, 18> kModels = {{
-    {kSimplePinhole, "SIMPLE_PINHOLE", 3, 1},
-    {kPinhole, "PINHOLE", 4, 2},
-    {kSimpleRadial, "SIMPLE_RADIAL", 4, 1},
-    {kRadial, "RADIAL", 5, 1},
-    {kOpenCv, "OPENCV", 8, 2},
-    {kOpenCvFisheye, "OPENCV_FISHEYE", 8, 2},
-    {kFullOpenCv, "FULL_OPENCV", 12, 2},
-    {kFov, "FOV", 5, 2},
-    {kSimpleRadialFisheye, "SIMPLE_RADIAL_FISHEYE", 4, 1},
-    {kRadialFisheye, "RADIAL_FISHEYE", 5, 1},
-    {kThinPrismFisheye, "THIN_PRISM_FISHEYE", 12, 2},
-    {kRadTanThinPrismFisheye, "RAD_TAN_THIN_PRISM_FISHEYE", 16, 2},
-    {kSimpleDivision, "SIMPLE_DIVISION", 4, 1},
-    {kDivision, "DIVISION", 5, 2},
-    {kSimpleFisheye, "SIMPLE_FISHEYE", 3, 1},
-    {kFisheye, "FISHEYE", 4, 2},
-    {kEucm, "EUCM", 6, 2},
-    {kEquirectangular, "EQUIRECTANGULAR", 2, 0},
-}};
-
-}  // namespace
 
 std::span<const CameraModelInfo> AllCameraModels() { return kModels; }
 

@@ -110,12 +110,6 @@ class BmpReader {
   uint32_t bits_ = 0;
 };
 
-}  // namespace
-
-Image DecodeBmp(std::string_view bytes) { return BmpReader(bytes).Read(); }
-
-namespace {
-
 class PnmReader {
  public:
   explicit PnmReader(std::string_view bytes) : rest_(bytes.substr(2)) {
@@ -216,6 +210,8 @@ class PnmReader {
 };
 
 }  // namespace
+
+Image DecodeBmp(std::string_view bytes) { return BmpReader(bytes).Read(); }
 
 Image DecodePnm(std::string_view bytes) { return PnmReader(bytes).Read(); }
 

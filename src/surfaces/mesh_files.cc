@@ -32,42 +32,6 @@ TriangleMesh ReadByExtension(const std::filesystem::path& path, int threads) {
   return FinishMesh(path, ReadWithAssimp(path));
 }
 
-}  // namespace
-
-TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& options) {
-  std::error_code ignored;
-  if (!std::filesystem::exists(path, ignored)) throw InputError(path, "no such file");
-  if (std::filesystem::is_directory(path, ignored)) {
-    throw InputError(path, "expected a mesh file, found a folder");
-  }
-  return ReadByExtension(path, options.threads);
-}
-
-TriangleMesh MakeMesh(std::vector<Eigen::Vector3d> vertices,
-                      std::vector<std::array<uint32_t, 3>> triangles,
-                      std::vector<std::array<uint8_t, 3>> colors_rgb) {
-  if (!colors_rgb.empty() && colors_rgb.size() != vertices.size()) {
-    throw InputError(fmt::format("mesh: expected a color for each of {} vertices, found {}",
-                                 vertices.size(), colors_rgb.size()));
-  }
-  for (size_t i = 0; i < triangles.size(); ++i) {
-    for (const uint32_t index : triangles[i]) {
-      if (index >= vertices.size()) {
-        throw InputError(
-            fmt::format("mesh: triangle {}: expected indices into {} vertices, found {}", i,
-                        vertices.size(), index));
-      }
-    }
-  }
-  RawMesh raw;
-  raw.positions = std::move(vertices);
-  raw.position_colors = std::move(colors_rgb);
-  raw.triangles = std::move(triangles);
-  return FinishMesh("mesh", std::move(raw));
-}
-
-namespace {
-
 using std::filesystem::path;
 
 constexpr std::array<std::string_view, 9> kExtensions = {".ply", ".obj", ".glb", ".gltf", ".stl",
@@ -123,7 +87,48 @@ void Append(TriangleMesh mesh, const Attributes& attributes, TriangleMesh& targe
   target.warnings.insert(target.warnings.end(), mesh.warnings.begin(), mesh.warnings.end());
 }
 
+static_assert(std::endian::native == std::endian::little);
+
+template <typename T>
+void Append(const T* values, size_t count, std::string& bytes) {
+  const size_t begin = bytes.size();
+  bytes.resize(begin + count * sizeof(T));
+  std::memcpy(bytes.data() + begin, values, count * sizeof(T));
+}
+
 }  // namespace
+
+TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& options) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(path, ignored)) throw InputError(path, "no such file");
+  if (std::filesystem::is_directory(path, ignored)) {
+    throw InputError(path, "expected a mesh file, found a folder");
+  }
+  return ReadByExtension(path, options.threads);
+}
+
+TriangleMesh MakeMesh(std::vector<Eigen::Vector3d> vertices,
+                      std::vector<std::array<uint32_t, 3>> triangles,
+                      std::vector<std::array<uint8_t, 3>> colors_rgb) {
+  if (!colors_rgb.empty() && colors_rgb.size() != vertices.size()) {
+    throw InputError(fmt::format("mesh: expected a color for each of {} vertices, found {}",
+                                 vertices.size(), colors_rgb.size()));
+  }
+  for (size_t i = 0; i < triangles.size(); ++i) {
+    for (const uint32_t index : triangles[i]) {
+      if (index >= vertices.size()) {
+        throw InputError(
+            fmt::format("mesh: triangle {}: expected indices into {} vertices, found {}", i,
+                        vertices.size(), index));
+      }
+    }
+  }
+  RawMesh raw;
+  raw.positions = std::move(vertices);
+  raw.position_colors = std::move(colors_rgb);
+  raw.triangles = std::move(triangles);
+  return FinishMesh("mesh", std::move(raw));
+}
 
 std::vector<path> ListMeshFiles(const std::string& files) {
   return ListFiles(files, kExtensions, "mesh");
@@ -159,19 +164,6 @@ TriangleMesh MergeMeshes(std::vector<TriangleMesh> meshes) {
   }
   return merged;
 }
-
-namespace {
-
-static_assert(std::endian::native == std::endian::little);
-
-template <typename T>
-void Append(const T* values, size_t count, std::string& bytes) {
-  const size_t begin = bytes.size();
-  bytes.resize(begin + count * sizeof(T));
-  std::memcpy(bytes.data() + begin, values, count * sizeof(T));
-}
-
-}  // namespace
 
 void WritePly(const std::filesystem::path& path, const TriangleMesh& mesh) {
   const bool far_away = !mesh.origin_in_world.isZero(0);

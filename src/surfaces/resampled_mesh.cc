@@ -118,39 +118,6 @@ std::vector<std::array<uint8_t, 3>> ColorsOfTextures(const TriangleMesh& mesh,
   return colors;
 }
 
-}  // namespace
-
-TriangleMesh DecimatedMesh(const TriangleMesh& mesh, size_t max_triangles) {
-  if (mesh.triangles.size() <= max_triangles) return mesh;
-  Coarse best = FinestWithin(mesh, max_triangles);
-  const Cells& cells = best.cells;
-  std::vector<std::array<uint8_t, 3>> colors = mesh.vertex_colors_rgb;
-  if (!mesh.textures.empty()) colors = ColorsOfTextures(mesh, best.triangles.size());
-
-  std::vector<Eigen::Vector3d> positions(cells.count, Eigen::Vector3d::Zero());
-  std::vector<Eigen::Vector3d> sums(colors.empty() ? 0 : cells.count, Eigen::Vector3d::Zero());
-  std::vector<double> counts(cells.count, 0);
-  for (size_t i = 0; i < mesh.vertices.size(); ++i) {
-    const uint32_t cell = cells.of_vertex[i];
-    positions[cell] += mesh.vertices[i].cast<double>();
-    counts[cell] += 1;
-    if (!colors.empty()) sums[cell] += Eigen::Vector3d(colors[i][0], colors[i][1], colors[i][2]);
-  }
-  TriangleMesh coarse;
-  coarse.origin_in_world = mesh.origin_in_world;
-  coarse.triangles = std::move(best.triangles);
-  for (size_t i = 0; i < cells.count; ++i) {
-    coarse.vertices.push_back((positions[i] / counts[i]).cast<float>());
-    if (colors.empty()) continue;
-    const Eigen::Vector3d mean = sums[i] / counts[i];
-    coarse.vertex_colors_rgb.push_back(
-        {NearestByte(mean.x()), NearestByte(mean.y()), NearestByte(mean.z())});
-  }
-  return coarse;
-}
-
-namespace {
-
 using Triangle = std::array<uint32_t, 3>;
 
 // Halves what is too long, once.
@@ -255,6 +222,35 @@ class Splitter {
 };
 
 }  // namespace
+
+TriangleMesh DecimatedMesh(const TriangleMesh& mesh, size_t max_triangles) {
+  if (mesh.triangles.size() <= max_triangles) return mesh;
+  Coarse best = FinestWithin(mesh, max_triangles);
+  const Cells& cells = best.cells;
+  std::vector<std::array<uint8_t, 3>> colors = mesh.vertex_colors_rgb;
+  if (!mesh.textures.empty()) colors = ColorsOfTextures(mesh, best.triangles.size());
+
+  std::vector<Eigen::Vector3d> positions(cells.count, Eigen::Vector3d::Zero());
+  std::vector<Eigen::Vector3d> sums(colors.empty() ? 0 : cells.count, Eigen::Vector3d::Zero());
+  std::vector<double> counts(cells.count, 0);
+  for (size_t i = 0; i < mesh.vertices.size(); ++i) {
+    const uint32_t cell = cells.of_vertex[i];
+    positions[cell] += mesh.vertices[i].cast<double>();
+    counts[cell] += 1;
+    if (!colors.empty()) sums[cell] += Eigen::Vector3d(colors[i][0], colors[i][1], colors[i][2]);
+  }
+  TriangleMesh coarse;
+  coarse.origin_in_world = mesh.origin_in_world;
+  coarse.triangles = std::move(best.triangles);
+  for (size_t i = 0; i < cells.count; ++i) {
+    coarse.vertices.push_back((positions[i] / counts[i]).cast<float>());
+    if (colors.empty()) continue;
+    const Eigen::Vector3d mean = sums[i] / counts[i];
+    coarse.vertex_colors_rgb.push_back(
+        {NearestByte(mean.x()), NearestByte(mean.y()), NearestByte(mean.z())});
+  }
+  return coarse;
+}
 
 TriangleMesh SplitLongEdges(const TriangleMesh& mesh, double max_edge) {
   TriangleMesh split = mesh;
