@@ -9,7 +9,6 @@
 #include "apps/pose_files.h"
 #include "comparison/image_errors.h"
 #include "evaluation/submission.h"
-#include "evaluation/tables.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

@@ -10,7 +10,7 @@
 #include "apps/commands.h"
 #include "apps/options.h"
 #include "base/progress.h"
-#include "diagnosis/depth_misalignment.h"
+#include "diagnosis/depth_explanation.h"
 #include "evaluation/fields.h"
 #include <fmt/format.h>
 

@@ -3,12 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <string>
 #include <utility>
 
 #include "base/statistics.h"
 #include "lifting/fields.h"
-#include "lifting/multi_view_errors.h"
+#include "lifting/reference_matches.h"
 
 #include "raylift/base/error.h"
 

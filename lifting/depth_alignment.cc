@@ -1,12 +1,9 @@
 #include "raylift/lifting/depth_alignment.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <map>
-#include <optional>
 #include <utility>
 
 #include "base/hash.h"

@@ -8,7 +8,6 @@
 #include "scene/seven_scenes_kinect.h"
 
 #include "raylift/base/error.h"
-#include "raylift/lifting/depth_source.h"
 
 namespace raylift {
 namespace {

@@ -1,7 +1,6 @@
 #include "lifting/depth_sampling.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 namespace raylift {

@@ -10,13 +10,11 @@
 #include "lifting/depth_convention.h"
 #include "lifting/mesh_spec.h"
 #include "lifting/sfm_source.h"
-#include "lifting/spec_keys.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
-#include "raylift/lifting/depth_source.h"
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/surfaces/mesh_files.h"
 

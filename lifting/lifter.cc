@@ -4,11 +4,10 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <utility>
 
 #include "geometry/triangulation.h"
 #include "lifting/fields.h"
-#include "lifting/multi_view_errors.h"
+#include "lifting/reference_matches.h"
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 

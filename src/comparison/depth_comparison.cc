@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <memory>
 
 #include "base/statistics.h"
 #include "comparison/image_errors.h"
@@ -30,6 +29,98 @@ std::vector<double> Collect(const SourceComparison& source, const Value& value) 
     if (const auto v = value(image)) values.push_back(*v);
   }
   return values;
+}
+
+ImageCurves EmptyCurves(const std::vector<double>& sorted_depths) {
+  const double far = sorted_depths.empty() ? 1 : sorted_depths[sorted_depths.size() * 99 / 100];
+  std::vector<double> distances;
+  for (int i = 0; i <= kDistanceBins; ++i) distances.push_back(far * i / kDistanceBins);
+  return {BinnedDepthErrors(distances), BinnedDepthErrors({0, 10, 20, 30, 40, 50, 60, 70, 80, 90}),
+          BinnedDepthErrors({0, 1, 2, 3, 5, 8, 12, 20, 40, 80})};
+}
+
+// Images together see more different depths than one.
+void JudgeNoise(SourceComparison& source) {
+  std::vector<NoiseLevel> levels;
+  std::vector<double> lengths;
+  for (const ImageComparison& image : source.images) {
+    if (!image.deviation) continue;
+    for (const NoiseLevel& level : image.deviation->noise_levels) {
+      levels.push_back(level);
+      lengths.push_back(level.depth * level.sigma);
+    }
+  }
+  source.traits.noise_exponent = NoiseExponent(levels);
+  if (!lengths.empty()) source.traits.noise_length = MidpointMedianInPlace(std::span(lengths));
+}
+
+void JudgeByTruth(SourceComparison& source) {
+  SourceTraits& traits = source.traits;
+  const auto of_deviation = [](double DepthDeviation::*member) -> Value {
+    return [member](const ImageComparison& image) -> std::optional<double> {
+      if (!image.deviation) return std::nullopt;
+      return (*image.deviation).*member;
+    };
+  };
+  const Value log_scale = of_deviation(&DepthDeviation::log_scale);
+  traits.log_scale = MedianOverImages(source, log_scale);
+  traits.log_scale_sigma = RobustSigma(Collect(source, log_scale));
+  traits.warp_sigma = MedianOverImages(source, of_deviation(&DepthDeviation::warp_sigma));
+  traits.noise_sigma = MedianOverImages(source, of_deviation(&DepthDeviation::noise_sigma));
+  JudgeNoise(source);
+  traits.edge_outliers_percent =
+      MedianOverImages(source, [](const ImageComparison& image) -> std::optional<double> {
+        if (!image.deviation) return std::nullopt;
+        return image.deviation->edge_outliers_percent - image.deviation->interior_outliers_percent;
+      });
+  traits.in_front_percent = MeanOverImages(source, of_deviation(&DepthDeviation::in_front_percent));
+  const auto sharpness =
+      MeanOverImages(source, of_deviation(&DepthDeviation::edges_per_pixel_in_front));
+  traits.front_is_smooth = sharpness && *sharpness < kSmoothFront;
+}
+
+// Matches say more of the scale than views do, where there are some.
+void JudgeWithoutTruth(SourceComparison& source) {
+  SourceTraits& traits = source.traits;
+  const Value by_matches = [](const ImageComparison& image) { return image.match_log_scale; };
+  const Value by_views = [](const ImageComparison& image) { return image.relative_log_scale; };
+  const auto match_scales = Collect(source, by_matches);
+  const auto view_scales = Collect(source, by_views);
+  traits.log_scale =
+      match_scales.empty() ? source.common_log_scale : MedianOverImages(source, by_matches);
+  if (!match_scales.empty()) {
+    traits.log_scale_sigma = RobustSigma(match_scales);
+  } else if (!view_scales.empty()) {
+    traits.log_scale_sigma = RobustSigma(view_scales);
+  }
+  // Keypoints' noise alone spreads a grid of factors by so much.
+  constexpr double kGridNoise = 0.02;
+  if (source.match_warp_sigma) {
+    traits.warp_sigma = std::max(0.0, *source.match_warp_sigma - kGridNoise);
+  }
+}
+
+void Judge(bool has_truth, SourceComparison& source) {
+  SourceTraits& traits = source.traits;
+  const auto median = [&](const Value& value) { return MedianOverImages(source, value); };
+  if (has_truth && !source.is_truth) {
+    JudgeByTruth(source);
+  } else if (!has_truth) {
+    JudgeWithoutTruth(source);
+  }
+  const auto steps = median([](const ImageComparison& image) -> std::optional<double> {
+    if (!(image.median_depth > 0)) return std::nullopt;
+    return image.quantization_step / image.median_depth;
+  });
+  if (!source.is_truth) traits.relative_quantization = steps;
+  if (!source.is_truth) {
+    const auto covered =
+        MeanOverImages(source, [](const ImageComparison& image) -> std::optional<double> {
+          return image.coverage.covered_percent;
+        });
+    if (covered) traits.missing_percent = 100 - *covered;
+  }
+  source.findings = FindFaults(traits);
 }
 
 class Comparer {
@@ -78,7 +169,7 @@ class Comparer {
       if (surfaces_ && s != *options_.truth) result.sources[s].surface = surfaces_->Score(s);
     }
     for (size_t s = 0; s < sources_.size(); ++s) {
-      Judge(result.sources[s]);
+      Judge(options_.truth.has_value(), result.sources[s]);
       if (options_.truth && s != *options_.truth) Explain(*sources_[s].source, result.sources[s]);
     }
     return result;
@@ -109,15 +200,6 @@ class Comparer {
     for (const auto& part : depths) all.insert(all.end(), part.begin(), part.end());
     std::sort(all.begin(), all.end());
     return all;
-  }
-
-  static ImageCurves EmptyCurves(const std::vector<double>& sorted_depths) {
-    const double far = sorted_depths.empty() ? 1 : sorted_depths[sorted_depths.size() * 99 / 100];
-    std::vector<double> distances;
-    for (int i = 0; i <= kDistanceBins; ++i) distances.push_back(far * i / kDistanceBins);
-    return {BinnedDepthErrors(distances),
-            BinnedDepthErrors({0, 10, 20, 30, 40, 50, 60, 70, 80, 90}),
-            BinnedDepthErrors({0, 1, 2, 3, 5, 8, 12, 20, 40, 80})};
   }
 
   // Works in batches: images are compared in parallel and added in order.
@@ -184,98 +266,12 @@ class Comparer {
     source.common_log_scale = CommonLogScale(consistency, options_.consistency);
   }
 
-  void Judge(SourceComparison& source) const {
-    SourceTraits& traits = source.traits;
-    const auto median = [&](const Value& value) { return MedianOverImages(source, value); };
-    if (options_.truth && !source.is_truth) {
-      JudgeByTruth(source);
-    } else if (!options_.truth) {
-      JudgeWithoutTruth(source);
-    }
-    const auto steps = median([](const ImageComparison& image) -> std::optional<double> {
-      if (!(image.median_depth > 0)) return std::nullopt;
-      return image.quantization_step / image.median_depth;
-    });
-    if (!source.is_truth) traits.relative_quantization = steps;
-    if (!source.is_truth) {
-      const auto covered =
-          MeanOverImages(source, [](const ImageComparison& image) -> std::optional<double> {
-            return image.coverage.covered_percent;
-          });
-      if (covered) traits.missing_percent = 100 - *covered;
-    }
-    source.findings = FindFaults(traits);
-  }
-
-  static void JudgeByTruth(SourceComparison& source) {
-    SourceTraits& traits = source.traits;
-    const auto of_deviation = [](double DepthDeviation::*member) -> Value {
-      return [member](const ImageComparison& image) -> std::optional<double> {
-        if (!image.deviation) return std::nullopt;
-        return (*image.deviation).*member;
-      };
-    };
-    const Value log_scale = of_deviation(&DepthDeviation::log_scale);
-    traits.log_scale = MedianOverImages(source, log_scale);
-    traits.log_scale_sigma = RobustSigma(Collect(source, log_scale));
-    traits.warp_sigma = MedianOverImages(source, of_deviation(&DepthDeviation::warp_sigma));
-    traits.noise_sigma = MedianOverImages(source, of_deviation(&DepthDeviation::noise_sigma));
-    JudgeNoise(source);
-    traits.edge_outliers_percent =
-        MedianOverImages(source, [](const ImageComparison& image) -> std::optional<double> {
-          if (!image.deviation) return std::nullopt;
-          return image.deviation->edge_outliers_percent -
-                 image.deviation->interior_outliers_percent;
-        });
-    traits.in_front_percent =
-        MeanOverImages(source, of_deviation(&DepthDeviation::in_front_percent));
-    const auto sharpness =
-        MeanOverImages(source, of_deviation(&DepthDeviation::edges_per_pixel_in_front));
-    traits.front_is_smooth = sharpness && *sharpness < kSmoothFront;
-  }
-
   void Explain(const GeometrySource& geometry, SourceComparison& source) const {
     const GeometrySource& truth = *sources_[*options_.truth].source;
     source.explanation =
         ExplainDepthErrors(ViewsToExplain(geometry, truth, images_, options_.threads),
                            source.traits.noise_sigma.value_or(0), options_.threads);
     if (source.explanation) AddExplanation(*source.explanation, source.findings);
-  }
-
-  // Images together see more different depths than one.
-  static void JudgeNoise(SourceComparison& source) {
-    std::vector<NoiseLevel> levels;
-    std::vector<double> lengths;
-    for (const ImageComparison& image : source.images) {
-      if (!image.deviation) continue;
-      for (const NoiseLevel& level : image.deviation->noise_levels) {
-        levels.push_back(level);
-        lengths.push_back(level.depth * level.sigma);
-      }
-    }
-    source.traits.noise_exponent = NoiseExponent(levels);
-    if (!lengths.empty()) source.traits.noise_length = MidpointMedianInPlace(std::span(lengths));
-  }
-
-  // Matches say more of the scale than views do, where there are some.
-  static void JudgeWithoutTruth(SourceComparison& source) {
-    SourceTraits& traits = source.traits;
-    const Value by_matches = [](const ImageComparison& image) { return image.match_log_scale; };
-    const Value by_views = [](const ImageComparison& image) { return image.relative_log_scale; };
-    const auto match_scales = Collect(source, by_matches);
-    const auto view_scales = Collect(source, by_views);
-    traits.log_scale =
-        match_scales.empty() ? source.common_log_scale : MedianOverImages(source, by_matches);
-    if (!match_scales.empty()) {
-      traits.log_scale_sigma = RobustSigma(match_scales);
-    } else if (!view_scales.empty()) {
-      traits.log_scale_sigma = RobustSigma(view_scales);
-    }
-    // Keypoints' noise alone spreads a grid of factors by so much.
-    constexpr double kGridNoise = 0.02;
-    if (source.match_warp_sigma) {
-      traits.warp_sigma = std::max(0.0, *source.match_warp_sigma - kGridNoise);
-    }
   }
 
   std::span<const ComparedSource> sources_;

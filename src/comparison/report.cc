@@ -1,7 +1,6 @@
 #include "raylift/comparison/report.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 
@@ -10,7 +9,6 @@
 #include "comparison/comparison_tables.h"
 #include "lifting/source_view.h"
 #include "report/page.h"
-#include "report/pictures.h"
 #include "report/scene_json.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>

@@ -9,12 +9,10 @@
 #include "base/statistics.h"
 #include "diagnosis/cause_fits.h"
 #include "lifting/source_view.h"
-#include <Eigen/Core>
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
-#include "raylift/diagnosis/depth_faults.h"
 
 namespace raylift {
 namespace {

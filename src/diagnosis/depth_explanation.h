@@ -23,10 +23,13 @@
 #include <span>
 #include <vector>
 
+#include <Eigen/Core>
+
 #include "raylift/diagnosis/depth_faults.h"
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/lifting/geometry_source.h"
+#include "raylift/scene/image.h"
 #include "raylift/scene/photographs.h"
 
 namespace raylift {
@@ -55,5 +58,25 @@ std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView
 // Puts a cause that was found before all else, in place of the traces that it leaves; says where
 // there is none although errors are no less than what noise needs to be named.
 void AddExplanation(const DepthExplanation& explanation, std::vector<Finding>& findings);
+
+// Depth maps of a camera that is not quite the image's, as an uncalibrated depth camera gives them:
+// to check that a comparison names what is wrong (depth_explanation.h has the same quantities).
+
+struct DepthMisalignment {
+  Eigen::Vector2d shift_px = Eigen::Vector2d::Zero();  // by which the map lies off
+  double zoom = 1;                                     // the map's focal length over the true one
+  double lens = 0;                                     // k of c + (p - c) (1 + k (|p - c| / f)^2)
+  Eigen::Vector3d rotation_deg = Eigen::Vector3d::Zero();  // of cam_from_map_camera, a vector
+
+  // Throws OptionError for a value out of its range.
+  void Validate() const;
+  bool IsNone() const;
+};
+
+// Returns what the misaligned camera sees of a map that `camera` sees; shift in pixels of the
+// camera's size. Applied to a pixel of the result in the order of the fields. Pixels that see what
+// the map does not show are holes.
+DepthMap MisalignDepth(const DepthMap& map, const Camera& camera,
+                       const DepthMisalignment& misalignment);
 
 }  // namespace raylift

@@ -1,11 +1,8 @@
 #include "raylift/diagnosis/doctor.h"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
-#include <map>
 #include <set>
-#include <string>
 #include <utility>
 
 #include "base/index_sets.h"
@@ -69,110 +66,135 @@ bool IsPassable(const ConventionFit& fit, double baseline_error_px) {
                                             fit.upper_px <= kUpperOfChance * fit.upper_chance_px);
 }
 
+void Say(Diagnosis& diagnosis, InputVerdict verdict, InputFault fault, std::string reason) {
+  diagnosis.verdict = verdict;
+  diagnosis.fault = fault;
+  diagnosis.reason = std::move(reason);
+}
+
+// Finds the convention of poses that the matches agree with.
+MatchAgreement BestAgreement(const DoctorInput& input, std::span<const ReferenceMatch> matches,
+                             int threads) {
+  const auto agreement = [&](PoseConvention poses) {
+    return Agreement(input.references, matches, input.as_read.poses, poses, threads);
+  };
+  // Others must agree far better: with few matches chance may play.
+  constexpr double kFarBetter = 0.1;
+  MatchAgreement best = agreement(input.as_read.poses);
+  const double as_read_skill = best.Skill();
+  for (const PoseConvention poses : AllValues<PoseConvention>()) {
+    if (poses == input.as_read.poses) continue;
+    MatchAgreement other = agreement(poses);
+    if (other.Skill() > as_read_skill + kFarBetter && other.Skill() > best.Skill()) {
+      best = std::move(other);
+    }
+  }
+  return best;
+}
+
+struct AgreeingMatches {
+  std::vector<ReferenceMatch> matches = {};
+  PoseConvention poses = PoseConvention::kCamFromWorld;  // by which they agree
+  double baseline_error_px = 0;
+};
+
+// Returns nullopt where there are not enough, as the diagnosis then says.
+std::optional<AgreeingMatches> KeepAgreeingMatches(const DoctorInput& input,
+                                                   const DoctorOptions& options,
+                                                   Diagnosis& diagnosis) {
+  const auto too_few = [&](std::string reason) {
+    Say(diagnosis, InputVerdict::kTooFewMatches, InputFault::kNone, std::move(reason));
+    return std::nullopt;
+  };
+  const std::vector<ReferenceMatch> all = Evenly(input.matches, options.max_matches);
+  diagnosis.num_matches = all.size();
+  if (2 * all.size() < kFewestKeypoints || NumPairs(all) < kFewestPairs) {
+    return too_few(DescribeFewMatches(all.size(), NumPairs(all)));
+  }
+  const MatchAgreement best = BestAgreement(input, all, options.threads);
+  AgreeingMatches agreeing{.poses = best.poses, .baseline_error_px = best.median_px};
+  for (size_t i = 0; i < all.size(); ++i) {
+    if (best.agrees[i]) agreeing.matches.push_back(all[i]);
+  }
+  diagnosis.num_agreeing = best.num_agreeing;
+  diagnosis.epipolar_px = best.median_px;
+  constexpr size_t kFewestAtRandom = 20;
+  if (best.num_random < kFewestAtRandom) return too_few(DescribeFewAtRandom(best));
+  // Where even wrong matches fit, right ones prove nothing.
+  constexpr double kMostByChance = 0.5;
+  if (best.chance > kMostByChance) return too_few(DescribeChance(best));
+  if (best.Purity() < kLeastPurity || best.Skill() < kLeastAgreement) {
+    const std::string reason = DescribeDisagreement(best, all, input.references);
+    if (all.size() < kFewestAgreeing) return too_few(reason);
+    Say(diagnosis, InputVerdict::kNothingFits, InputFault::kPoses, reason);
+    return std::nullopt;
+  }
+  if (2 * agreeing.matches.size() < kFewestKeypoints || NumPairs(agreeing.matches) < kFewestPairs) {
+    return too_few(DescribeFewAgreeing(best, NumPairs(agreeing.matches)));
+  }
+  return agreeing;
+}
+
+// Returns whether depth can be told at all: where all depths project to about the same place, no
+// depth is right or wrong.
+bool TellsDepth(const ConventionFit& fit, const ConventionResiduals& data, PoseConvention poses,
+                double baseline_error_px) {
+  constexpr double kBaselineErrors = 4;
+  constexpr double kWrongBy = 0.3;  // of log z
+  std::vector<double> gains_px;
+  for (const auto& depth : data.Triangulated(poses)) {
+    if (depth) gains_px.push_back(depth->gain_px);
+  }
+  const double exact_px = kBaselineErrors * std::max(baseline_error_px, 0.5);
+  const bool few = gains_px.size() < kFewestKeypoints;
+  const bool as_by_chance = fit.count >= kFewestKeypoints && fit.median_chance_px <= exact_px &&
+                            kWrongBy * UpperMedianOr(std::move(gains_px), 0) <= exact_px;
+  return !few && !as_by_chance;
+}
+
 class Examination {
  public:
-  Examination(const DoctorInput& input, const DoctorOptions& options)
-      : input_(input), options_(options) {
-    diagnosis_.as_read = input.as_read;
-    diagnosis_.best = input.as_read;
-  }
+  // `diagnosis` already knows of the matches.
+  Examination(const DoctorInput& input, const DoctorOptions& options, AgreeingMatches agreeing,
+              Diagnosis diagnosis)
+      : input_(input),
+        options_(options),
+        matches_(std::move(agreeing.matches)),
+        baseline_error_px_(agreeing.baseline_error_px),
+        poses_(agreeing.poses),
+        data_(input, matches_),
+        statistics_(LookAtMaps(input, options.threads)),
+        search_(input, options, poses_, Masked(statistics_.extremes)),
+        diagnosis_(std::move(diagnosis)) {}
 
   Diagnosis Run() {
-    if (!KeepAgreeingMatches()) return diagnosis_;
-    data_.emplace(input_, matches_);
-    const StoredStatistics statistics = LookAtMaps(input_, options_.threads);
-    MaskExtremes(statistics);
-    search_.emplace(input_, options_, poses_, *data_);
-    diagnosis_.best = search_->best();
-    Judge(statistics);
-    diagnosis_.conventions = search_->ListEvidence(diagnosis_.best);
+    diagnosis_.best = search_.best();
+    Judge();
+    diagnosis_.conventions = search_.ListEvidence(diagnosis_.best);
     return diagnosis_;
   }
 
  private:
-  void Say(InputVerdict verdict, InputFault fault, std::string reason) {
-    diagnosis_.verdict = verdict;
-    diagnosis_.fault = fault;
-    diagnosis_.reason = std::move(reason);
-  }
-
-  // Returns false: there are not enough to go on with.
-  bool TooFewMatches(std::string reason) {
-    Say(InputVerdict::kTooFewMatches, InputFault::kNone, std::move(reason));
-    return false;
-  }
-
-  // Finds the convention of poses that the matches agree with.
-  MatchAgreement BestAgreement(std::span<const ReferenceMatch> matches) const {
-    const auto agreement = [&](PoseConvention poses) {
-      return Agreement(input_.references, matches, input_.as_read.poses, poses, options_.threads);
-    };
-    // Others must agree far better: with few matches chance may play.
-    constexpr double kFarBetter = 0.1;
-    MatchAgreement best = agreement(input_.as_read.poses);
-    const double as_read_skill = best.Skill();
-    for (const PoseConvention poses : AllValues<PoseConvention>()) {
-      if (poses == input_.as_read.poses) continue;
-      MatchAgreement other = agreement(poses);
-      if (other.Skill() > as_read_skill + kFarBetter && other.Skill() > best.Skill()) {
-        best = std::move(other);
-      }
+  // Keypoints at extremes are asked by themselves.
+  ConventionResiduals& Masked(std::span<const StoredExtreme> extremes) {
+    for (const StoredExtreme& extreme : extremes) {
+      data_.MaskStored(extreme.value * input_.stored->unit);
     }
-    return best;
-  }
-
-  // Returns whether there are enough; else the diagnosis says so.
-  bool KeepAgreeingMatches() {
-    const std::vector<ReferenceMatch> all = Evenly(input_.matches, options_.max_matches);
-    diagnosis_.num_matches = all.size();
-    if (2 * all.size() < kFewestKeypoints || NumPairs(all) < kFewestPairs) {
-      return TooFewMatches(DescribeFewMatches(all.size(), NumPairs(all)));
-    }
-    const MatchAgreement best = BestAgreement(all);
-    for (size_t i = 0; i < all.size(); ++i) {
-      if (best.agrees[i]) matches_.push_back(all[i]);
-    }
-    diagnosis_.num_agreeing = best.num_agreeing;
-    diagnosis_.epipolar_px = best.median_px;
-    baseline_error_px_ = best.median_px;
-    poses_ = best.poses;
-    constexpr size_t kFewestAtRandom = 20;
-    if (best.num_random < kFewestAtRandom) return TooFewMatches(DescribeFewAtRandom(best));
-    // Where even wrong matches fit, right ones prove nothing.
-    constexpr double kMostByChance = 0.5;
-    if (best.chance > kMostByChance) return TooFewMatches(DescribeChance(best));
-    if (best.Purity() < kLeastPurity || best.Skill() < kLeastAgreement) {
-      const std::string reason = DescribeDisagreement(best, all, input_.references);
-      if (all.size() < kFewestAgreeing) return TooFewMatches(reason);
-      Say(InputVerdict::kNothingFits, InputFault::kPoses, reason);
-      return false;
-    }
-    if (2 * matches_.size() < kFewestKeypoints || NumPairs(matches_) < kFewestPairs) {
-      return TooFewMatches(DescribeFewAgreeing(best, NumPairs(matches_)));
-    }
-    return true;
-  }
-
-  // Keypoints there are asked by themselves.
-  void MaskExtremes(const StoredStatistics& statistics) {
-    for (const StoredExtreme& extreme : statistics.extremes) {
-      data_->MaskStored(extreme.value * input_.stored->unit);
-      masked_.push_back(extreme);
-    }
+    return data_;
   }
 
   ConventionFit FitOf(const DataConvention& convention) const {
-    return data_->FitOf(convention, data_->FitScales(convention).log_factors);
+    return data_.FitOf(convention, data_.FitScales(convention).log_factors);
   }
 
   // Judges what the best convention is worth in itself, and what else is wrong.
-  void Judge(const StoredStatistics& statistics) {
+  void Judge() {
     const DataConvention best = diagnosis_.best;
     const ConventionFit fit = FitOf(best);
     diagnosis_.fit = fit;
-    if (!TellsDepth(fit)) {
+    if (!TellsDepth(fit, data_, poses_, baseline_error_px_)) {
       diagnosis_.best = input_.as_read;
-      Say(InputVerdict::kTooFewMatches, InputFault::kNone, kViewsTooClose);
+      Say(diagnosis_, InputVerdict::kTooFewMatches, InputFault::kNone, kViewsTooClose);
       return;
     }
     const bool is_as_read = best == input_.as_read;
@@ -180,7 +202,7 @@ class Examination {
     const bool accepted =
         best.poses == poses_ && covered && fit.count >= kFewestKeypoints &&
         (IsGood(fit, baseline_error_px_) || (is_as_read && IsPassable(fit, baseline_error_px_)));
-    if (FindWrapFault(statistics, accepted)) return;
+    if (FindWrapFault(accepted)) return;
     if (!accepted && IsMeshInPlace()) {
       // Limits of what is lifted are the user's choice where what they leave fits.
       if (fit.count >= kFewestKeypoints && IsGood(fit, baseline_error_px_)) return AcceptBest(fit);
@@ -198,38 +220,23 @@ class Examination {
   // Says whether the mesh itself is good as read.
   bool IsMeshInPlace() const {
     if (input_.mesh == nullptr || diagnosis_.best.poses != poses_) return false;
-    const MeshFrameSearch search(*input_.mesh, input_, *data_, diagnosis_.best, options_.threads);
+    const MeshFrameSearch search(*input_.mesh, input_, data_, diagnosis_.best, options_.threads);
     const ConventionFit whole = search.Judge({}).fit;
     return whole.count >= kFewestKeypoints && whole.coverage >= kLeastCoverageOfPlaced &&
            IsGood(whole, baseline_error_px_);
   }
 
-  // Where all depths project to about the same place, no depth is right or wrong.
-  bool TellsDepth(const ConventionFit& fit) const {
-    constexpr double kBaselineErrors = 4;
-    constexpr double kWrongBy = 0.3;  // of log z
-    std::vector<double> gains_px;
-    for (const auto& depth : data_->Triangulated(poses_)) {
-      if (depth) gains_px.push_back(depth->gain_px);
-    }
-    const double exact_px = kBaselineErrors * std::max(baseline_error_px_, 0.5);
-    const bool few = gains_px.size() < kFewestKeypoints;
-    const bool as_by_chance = fit.count >= kFewestKeypoints && fit.median_chance_px <= exact_px &&
-                              kWrongBy * UpperMedianOr(std::move(gains_px), 0) <= exact_px;
-    return !few && !as_by_chance;
-  }
-
   // Returns whether the diagnosis is that.
-  bool FindWrapFault(const StoredStatistics& statistics, bool accepted) {
+  bool FindWrapFault(bool accepted) {
     DataConvention as_read = input_.as_read;
     as_read.poses = poses_;
     const auto wrap =
-        FindWrap(input_, *data_, as_read, statistics.largest, baseline_error_px_, IsGood);
+        FindWrap(input_, data_, as_read, statistics_.largest, baseline_error_px_, IsGood);
     if (!wrap) return false;
     const DataConvention& best = diagnosis_.best;
     if (accepted &&
-        !search_->IsFarBetter(Compare(
-            *data_, data_->Errors(best, data_->FitScales(best).log_factors), wrap->errors_px))) {
+        !search_.IsFarBetter(Compare(data_, data_.Errors(best, data_.FitScales(best).log_factors),
+                                     wrap->errors_px))) {
       return false;
     }
     NothingFits(InputFault::kWrap, Describe(*wrap));
@@ -248,13 +255,13 @@ class Examination {
     DataConvention stored = input_.as_read;
     stored.poses = poses_;
     stored.orientation = best.orientation;
-    const auto affine = FindAffine(input_, *data_, stored, forms, baseline_error_px_, IsGood);
+    const auto affine = FindAffine(input_, data_, stored, forms, baseline_error_px_, IsGood);
     if (!affine) return false;
     if (accepted) {
       constexpr double kGreatGain = 0.1;
-      const Gain gain = Compare(*data_, data_->Errors(best, data_->FitScales(best).log_factors),
-                                affine->errors_px);
-      if (!search_->IsFarBetter(gain) || gain.mean < kGreatGain) return false;
+      const Gain gain =
+          Compare(data_, data_.Errors(best, data_.FitScales(best).log_factors), affine->errors_px);
+      if (!search_.IsFarBetter(gain) || gain.mean < kGreatGain) return false;
     }
     NothingFits(affine->form.inverse ? InputFault::kDisparity : InputFault::kAffine,
                 Describe(*affine));
@@ -263,14 +270,14 @@ class Examination {
 
   void NothingFits(InputFault fault, std::string reason) {
     diagnosis_.best = input_.as_read;
-    Say(InputVerdict::kNothingFits, fault, std::move(reason));
+    Say(diagnosis_, InputVerdict::kNothingFits, fault, std::move(reason));
   }
 
   // The verdict is as meant or a repair; values that are cut off are taken for none.
   void AcceptBest(const ConventionFit& fit) {
     std::vector<std::string> reasons;
     std::vector<float> invalid;  // in the digits that tell floats apart
-    for (const StoredExtreme& extreme : masked_) {
+    for (const StoredExtreme& extreme : statistics_.extremes) {
       if (const auto clamp = FindClampAt(extreme, fit)) {
         reasons.push_back(Describe(*clamp));
         invalid.push_back(static_cast<float>(extreme.value));
@@ -286,7 +293,7 @@ class Examination {
                      input_.stored->invalid_values.end());
       diagnosis_.repair.geometry_keys.push_back(fmt::format("invalid={}", fmt::join(invalid, "/")));
     }
-    Say(InputVerdict::kRepair, invalid.empty() ? InputFault::kNone : InputFault::kClamp,
+    Say(diagnosis_, InputVerdict::kRepair, invalid.empty() ? InputFault::kNone : InputFault::kClamp,
         fmt::format("{}", fmt::join(reasons, "; ")));
   }
 
@@ -294,18 +301,18 @@ class Examination {
                                         const ConventionFit& fit) const {
     // The same keypoints without the mask of this value.
     ConventionResiduals unmasked(input_, matches_);
-    for (const StoredExtreme& other : masked_) {
+    for (const StoredExtreme& other : statistics_.extremes) {
       if (&other != &extreme) unmasked.MaskStored(other.value * input_.stored->unit);
     }
     const DataConvention& best = diagnosis_.best;
     unmasked.Prepare({&best, 1}, options_.threads);
-    return FindClamp(*data_, unmasked, best, extreme, std::max(fit.median_px, baseline_error_px_));
+    return FindClamp(data_, unmasked, best, extreme, std::max(fit.median_px, baseline_error_px_));
   }
 
   std::string WhyNothingFits(const ConventionFit& fit) const {
     std::optional<MeshSearch> search;
     if (input_.mesh != nullptr) search = mesh_search_;
-    if (fit.count < kFewestKeypoints) return DescribeFewDepths(fit, masked_, search);
+    if (fit.count < kFewestKeypoints) return DescribeFewDepths(fit, statistics_.extremes, search);
     if (!input_.map_size_px && fit.coverage < kLeastCoverage) {
       return DescribeFewRaysMet(fit, search);
     }
@@ -317,13 +324,13 @@ class Examination {
   bool FindMeshFrame(bool accepted) {
     DataConvention convention = input_.as_read;
     convention.poses = poses_;
-    const ErrorsPx as_read = data_->Errors(convention, 0);
+    const ErrorsPx as_read = data_.Errors(convention, 0);
     const ConventionFit as_read_fit = FitOf(convention);
     // Rays that pass the mesh by count, too.
     const double as_read_px = UpperMedianOr(Known(as_read), ConventionResiduals::kLargestPx);
     constexpr double kExact = 2;  // about as exact as it can become
     if (accepted && as_read_px < kExact * std::max(baseline_error_px_, 0.5)) return false;
-    const MeshFrameSearch search(*input_.mesh, input_, *data_, convention, options_.threads);
+    const MeshFrameSearch search(*input_.mesh, input_, data_, convention, options_.threads);
     mesh_search_ = search.Obstacle();
     if (mesh_search_ != MeshSearch::kNoneFound) return false;
     std::vector<PlacedMesh> found = search.Find();
@@ -332,7 +339,7 @@ class Examination {
     std::erase_if(found, [&](const PlacedMesh& placed) {
       return placed.fit.count < kFewestKeypoints || placed.fit.coverage < kLeastCoverageOfPlaced ||
              !IsGood(placed.fit, baseline_error_px_) || placed.fit.median_px > largest_px ||
-             !search_->IsFarBetter(Compare(*data_, as_read, placed.errors_px));
+             !search_.IsFarBetter(Compare(data_, as_read, placed.errors_px));
     });
     if (found.empty()) return false;
     const PlacedMesh& best = *std::min_element(
@@ -341,7 +348,7 @@ class Examination {
     // A symmetric scene has several frames.
     const auto about_as_good = std::count_if(found.begin(), found.end(), [&](const auto& other) {
       return &other != &best &&
-             !search_->IsFarBetter(Compare(*data_, other.errors_px, best.errors_px));
+             !search_.IsFarBetter(Compare(data_, other.errors_px, best.errors_px));
     });
     if (about_as_good > 0) {
       NothingFits(InputFault::kMeshFrame, DescribeManyPlaces(about_as_good + 1));
@@ -362,7 +369,7 @@ class Examination {
       diagnosis_.repair.replaced_keys.push_back(keys.empty() ? keys_as_read
                                                              : "scale, axes, shift, matrix");
     }
-    Say(InputVerdict::kRepair, InputFault::kMeshFrame,
+    Say(diagnosis_, InputVerdict::kRepair, InputFault::kMeshFrame,
         DescribePlace(best, input_.as_placed,
                       as_read_fit.count == 0 ? std::nullopt : std::optional(as_read_px)));
     return true;
@@ -370,12 +377,12 @@ class Examination {
 
   const DoctorInput& input_;
   const DoctorOptions& options_;
-  std::vector<ReferenceMatch> matches_;  // that agree with the poses
-  double baseline_error_px_ = 0;
-  PoseConvention poses_ = PoseConvention::kCamFromWorld;  // by which they agree
-  std::optional<ConventionResiduals> data_;
-  std::vector<StoredExtreme> masked_;
-  std::optional<ConventionSearch> search_;
+  std::vector<ReferenceMatch> matches_;
+  double baseline_error_px_;
+  PoseConvention poses_;
+  ConventionResiduals data_;
+  StoredStatistics statistics_;
+  ConventionSearch search_;
   MeshSearch mesh_search_ = MeshSearch::kNotSearched;
   Diagnosis diagnosis_;
 };
@@ -410,7 +417,12 @@ const ConventionEvidence& Diagnosis::EvidenceOf(const DataConvention& convention
 }
 
 Diagnosis Diagnose(const DoctorInput& input, const DoctorOptions& options) {
-  return Examination(input, options).Run();
+  Diagnosis diagnosis;
+  diagnosis.as_read = input.as_read;
+  diagnosis.best = input.as_read;
+  auto agreeing = KeepAgreeingMatches(input, options, diagnosis);
+  if (!agreeing) return diagnosis;
+  return Examination(input, options, std::move(*agreeing), std::move(diagnosis)).Run();
 }
 
 }  // namespace raylift

@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <iterator>
 #include <limits>
 #include <span>
 #include <utility>
@@ -13,7 +12,6 @@
 #include "base/statistics.h"
 #include "diagnosis/match_agreement.h"
 #include "diagnosis/stored_faults.h"
-#include "lifting/mesh_placement.h"
 #include "lifting/mesh_spec.h"
 #include <Eigen/Geometry>
 

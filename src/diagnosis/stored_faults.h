@@ -1,7 +1,6 @@
 // Faults of what depth maps store that no reading repairs: values that are cut off at a largest or
 // smallest one, that start again at zero beyond a power of two, or that are an affine map of depth
-// or inverse depth. Found by the depth that matches between references triangulate. Private to
-// lifting.
+// or inverse depth. Found by the depth that matches between references triangulate.
 
 #pragma once
 

@@ -1,7 +1,6 @@
 // Causes that change the values of depth: factor, offset, lines, clamps, steps, smoothing.
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <memory>

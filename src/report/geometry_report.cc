@@ -8,7 +8,6 @@
 #include "base/json_text.h"
 #include "lifting/source_view.h"
 #include "report/page.h"
-#include "report/pictures.h"
 #include "report/scene_json.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>

@@ -10,7 +10,6 @@
 #include "base/index_sets.h"
 #include "base/json_text.h"
 #include "report/page.h"
-#include "report/pictures.h"
 #include "report/scene_json.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>

@@ -1,11 +1,10 @@
-#include "report/pictures.h"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
 
 #include "pictures/picture_codec.h"
+#include "report/page.h"
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 

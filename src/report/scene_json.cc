@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "lifting/source_view.h"
-#include "report/pictures.h"
+#include "report/page.h"
 #include "surfaces/resampled_mesh.h"
 
 namespace raylift {

@@ -9,7 +9,6 @@
 
 #include "base/rng.h"
 #include "comparison/compared_room.h"
-#include "diagnosis/depth_misalignment.h"
 #include "diagnosis/value_models.h"
 #include <gmock/gmock.h>
 

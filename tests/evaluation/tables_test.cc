@@ -1,11 +1,11 @@
-#include "evaluation/tables.h"
-
 #include <fstream>
 #include <limits>
 
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>
+
+#include "raylift/evaluation/pose_errors.h"
 
 namespace raylift {
 namespace {

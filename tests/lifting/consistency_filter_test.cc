@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "lifting/multi_view_errors.h"
+#include "lifting/reference_matches.h"
 #include "support/enum_names.h"
 #include "support/matchers.h"
 #include "support/meshes.h"

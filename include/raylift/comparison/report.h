@@ -9,7 +9,6 @@
 #include <span>
 #include <string>
 #include <string_view>
-#include <vector>
 
 #include "raylift/comparison/depth_comparison.h"
 #include "raylift/comparison/localization_comparison.h"
