@@ -8,6 +8,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/estimation/options.h"
+#include "raylift/estimation/solvers.h"
 #include "raylift/scene/pose_problem.h"
 
 namespace raylift {
@@ -59,6 +60,30 @@ std::unique_ptr<PoseEstimator> MakePoseEstimator(const EstimatorOptions& options
       return MakeHlocEstimator(options);
   }
   return nullptr;
+}
+
+PoseEstimate RefinePose(const PoseProblem& problem, const EstimatorOptions& options,
+                        const Rigid3& initial_cam_from_world) {
+  options.Validate();
+  const auto refine = [&](RansacMethod method) {
+    return RansacEstimator(options, std::move(method)).RefineFrom(problem, initial_cam_from_world);
+  };
+  switch (options.method) {
+    case Method::kP3p:
+    case Method::kHloc:
+      return refine(P3pMethod(options));
+    case Method::kE5p1:
+      return refine(E5p1Method(options));
+    case Method::kD3p1:
+      return refine(D3p1Method(options));
+    case Method::kAdaptive:
+      return refine(AdaptiveMethod(options));
+    case Method::kHybridRansac:
+      return refine(HybridRansacMethod());
+    case Method::kSelect:
+      return SelectPose(refine(P3pMethod(options)), refine(E5p1Method(options)), options.alpha);
+  }
+  return {};
 }
 
 }  // namespace raylift

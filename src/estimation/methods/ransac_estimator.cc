@@ -211,11 +211,16 @@ PoseEstimate RansacEstimator::RefineFrom(const PoseProblem& problem,
   if (Draws(Solver::kD3p1)) evidence = GatherEvidence(problem, normalized);
   const PoseScore pose_score = ScoreFor(normalized);
   estimate.solver = method_.samplers.front().solver;
+  if (normalized.matches_2d3d.empty() && Draws(Solver::kE5p1)) estimate.solver = Solver::kE5p1;
+  if (!cam_from_world.IsFinite()) {
+    estimate.failure = FailureReason::kNoConsistentSample;
+    return estimate;
+  }
   const MatchSets sets = RefinedSets(estimate.solver);
   RansacReport report;
-  report.best = {OptimizeLocally(normalized, normalized.ToLocal(cam_from_world), sets, kLocalSteps,
-                                 OptimizedMatches::kAll),
-                 estimate.solver, sets};
+  report.best = RansacResult{OptimizeLocally(normalized, normalized.ToLocal(cam_from_world), sets,
+                                             kLocalSteps, OptimizedMatches::kAll),
+                             estimate.solver, sets};
   report.best_value = pose_score.Value(Scorer(normalized, pose_score).ScoreAll(report.best->pose));
   estimate.ransac_value = report.best_value;
   const RefinedPose refined = Refine(normalized, evidence, pose_score, report, estimate);
