@@ -6,6 +6,8 @@
 #include <cmath>
 #include <vector>
 
+#include "estimation/near_truth.h"
+#include "estimation/ransac/samplers.h"
 #include "support/matchers.h"
 #include "support/synthetic_problem.h"
 
@@ -146,6 +148,36 @@ TEST(Paper, SelectTakesThePoseThatItsRuleNames) {
       const Rigid3& expected = takes_p3p ? *p3p.cam_from_world : *e5p1.cam_from_world;
       EXPECT_TRUE(IsNearPose(*selected.cam_from_world, expected, 0, 0));
     }
+  }
+}
+
+// "one [sample] from the 2D-2D matches for the E5+1 solver": five matches and one more, so that a sample
+// is right if all six are, and has no more poses than the five-point solver.
+TEST(Paper, E5p1DrawsFiveMatchesAndOneMore) {
+  Rng rng = TestRng();
+  const NearTruth near = MakeNearTruth(rng, {});
+  const NormalizedProblem& problem = near.prepared;
+  const E5p1Sampler sampler(problem, SixthMatchesPerSample(Refinement::kPaper));
+  InlierCounts inliers;
+  inliers.of_2d2d.assign(problem.num_camera_references(), 0);
+  double all_inliers = 0;
+  for (const MatchGroup& group : problem.groups_2d2d) {
+    inliers.of_2d2d[static_cast<size_t>(group.camera_reference)] = group.size() / 2;
+    all_inliers += group.size() / 2;
+  }
+  double expected = 0;
+  const auto num_matches = static_cast<double>(problem.matches_2d2d.size());
+  for (const MatchGroup& group : problem.groups_2d2d) {
+    const double size = group.size();
+    const double own = inliers.of_2d2d[static_cast<size_t>(group.camera_reference)];
+    expected +=
+        size / num_matches * std::pow(own / size, 5) * (all_inliers - own) / (num_matches - size);
+  }
+  EXPECT_NEAR(sampler.SuccessProbability(inliers), expected, 1e-12);
+  std::vector<CamFromLocal> poses;
+  for (int i = 0; i < 200; ++i) {
+    sampler.Sample(rng, poses);
+    EXPECT_LE(poses.size(), 10u);
   }
 }
 

@@ -66,8 +66,11 @@ void DescribePose(const NormalizedProblem& problem, const PoseProblem& original,
 class Samplers {
  public:
   Samplers(const NormalizedProblem& problem, const std::vector<RansacMethod::Draws>& wanted,
-           const std::optional<KeypointEvidence>& evidence)
-      : p3p_(problem), known_center_(problem), upright_(problem), e5p1_(problem) {
+           const std::optional<KeypointEvidence>& evidence, Refinement refinement)
+      : p3p_(problem),
+        known_center_(problem),
+        upright_(problem),
+        e5p1_(problem, SixthMatchesPerSample(refinement)) {
     if (evidence) d3p1_.emplace(problem, *evidence);
     for (const auto& [solver, optimized] : wanted) {
       if (const HypothesisSampler* sampler = Find(solver, problem)) {
@@ -146,7 +149,7 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem) con
   PoseEstimate estimate = WithoutPose(problem, normalized);
   std::optional<KeypointEvidence> evidence;
   if (Draws(Solver::kD3p1)) evidence = GatherEvidence(problem, normalized);
-  const Samplers samplers(normalized, method_.samplers, evidence);
+  const Samplers samplers(normalized, method_.samplers, evidence, options_.refinement);
   if (samplers.solvers().empty()) {
     estimate.failure = WhyNoSample(normalized);
     return estimate;

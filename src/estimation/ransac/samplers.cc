@@ -29,8 +29,7 @@ std::array<int, kCount> DrawDistinct(Rng& rng, int n) {
   return indices;
 }
 
-// Sixth matches tried per essential matrix: they cost little beside the five-point solver.
-constexpr int kSixthMatchesPerSample = 2;
+// Fourth matches tried per P3P solution of D3+1.
 constexpr int kFourthMatchesPerSample = 2;
 
 // One match of all groups, whose sizes sum to `total`: its group, and its position there.
@@ -146,7 +145,8 @@ double MatchesElsewhere::InlierRatio(const InlierCounts& inliers) const {
   return sum / count_;
 }
 
-E5p1Sampler::E5p1Sampler(const NormalizedProblem& problem) : problem_(problem) {
+E5p1Sampler::E5p1Sampler(const NormalizedProblem& problem, int sixth_matches)
+    : problem_(problem), sixth_matches_(sixth_matches) {
   for (const MatchGroup& group : problem.groups_2d2d) {
     if (group.size() < 5) {
       continue;
@@ -186,7 +186,7 @@ void E5p1Sampler::Sample(Rng& rng, std::vector<CamFromLocal>& poses) const {
     }
     return;
   }
-  for (int k = 0; k < kSixthMatchesPerSample; ++k) {
+  for (int k = 0; k < sixth_matches_; ++k) {
     AddPosesByLength(problem_, source.group, std::span(relative).first(count),
                      source.sixth.Draw(problem_, rng), poses);
   }
@@ -197,9 +197,9 @@ double E5p1Sampler::SuccessProbability(const InlierCounts& inliers) const {
   for (const FiveSource& source : sources_) {
     const double ratio =
         inliers.of_2d2d[source.group.camera_reference] / static_cast<double>(source.size());
-    const double sixth = position_observable_ ? 1 - std::pow(1 - source.sixth.InlierRatio(inliers),
-                                                             kSixthMatchesPerSample)
-                                              : 1;
+    const double sixth = position_observable_
+                             ? 1 - std::pow(1 - source.sixth.InlierRatio(inliers), sixth_matches_)
+                             : 1;
     success += std::pow(ratio, 5) * sixth * source.size() / num_five_;
   }
   return success;

@@ -1,4 +1,4 @@
-// Minimal samples and the poses that they give: the three ways to make a hypothesis.
+// Minimal samples and the poses that they give.
 
 #pragma once
 
@@ -10,6 +10,8 @@
 #include "estimation/problem/normalized_problem.h"
 #include "estimation/problem/observations.h"
 #include "estimation/ransac/scores.h"
+
+#include "raylift/estimation/options.h"
 
 namespace raylift {
 
@@ -57,13 +59,21 @@ class MatchesElsewhere {
   int count_ = 0;
 };
 
-// Five 2D-2D matches of one reference and one of another with another center; references are drawn
-// in proportion to their matches. Of a rig, the five are of one camera, and the sixth may be another
-// camera's with the same reference, as the way between the cameras is known. Where all references share one center the length of the
-// translation is not observable: then the sample is five matches, and the length is one local unit.
+// Sixth matches tried per essential matrix of E5+1, as they cost little beside the five-point solver.
+// The paper draws one sample of 5+1 (Sec. 3).
+constexpr int SixthMatchesPerSample(Refinement refinement) {
+  return refinement == Refinement::kPaper ? 1 : 2;
+}
+
+// Draws five 2D-2D matches of one reference, and some of others with another center, each of which
+// gives the poses a length; references are drawn in proportion to their matches. Of a rig, the five are
+// of one camera, and the sixth may be another camera's with the same reference, as the way between the
+// cameras is known. Where all references share one center the length of the translation is not
+// observable: then the sample is five matches, and the length is one local unit.
 class E5p1Sampler final : public HypothesisSampler {
  public:
-  explicit E5p1Sampler(const NormalizedProblem& problem);
+  explicit E5p1Sampler(const NormalizedProblem& problem,
+                       int sixth_matches = SixthMatchesPerSample(Refinement::kRobust));
   // Whether some reference has five matches.
   static bool CanSample(const NormalizedProblem& problem);
 
@@ -82,6 +92,7 @@ class E5p1Sampler final : public HypothesisSampler {
   };
 
   const NormalizedProblem& problem_;
+  int sixth_matches_;  // per sample
   std::vector<FiveSource> sources_;
   int num_five_ = 0;  // pairs of all sources together
   bool position_observable_ = false;
