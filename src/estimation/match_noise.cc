@@ -9,7 +9,7 @@
 namespace raylift {
 namespace {
 
-// Of fewer errors neither their variance nor its spread is known.
+// Fewer errors tell neither their variance nor how it varies.
 constexpr double kEnoughErrors = 5;
 constexpr int kEnoughQueries = 3;
 

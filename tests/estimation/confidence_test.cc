@@ -211,8 +211,8 @@ TEST(ProbabilityOverAlternative, TakesWhatAgreesBeyondChanceForTwoWitnesses) {
 }
 
 // Three quarters of the keypoints are taken for those of the same thing elsewhere, in all
-// references: neither the place that most of them show nor the other one is sure. Where a quarter is
-// wrong at random, the pose is.
+// references: neither the place that most of them show nor the other one is sure. Where a quarter
+// is wrong at random, the pose is.
 TEST(InlierEvidence, WhatTheSceneHoldsTwiceIsDoubtful) {
   Rng rng = TestRng();
   for (const bool twice : {true, false}) {

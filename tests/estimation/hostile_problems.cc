@@ -65,8 +65,8 @@ bool IsWellFormed(const PoseProblem& problem) {
          problem.query_camera.focal_y_px() > 1e-290 && problem.query_camera.focal_y_px() < 1e290;
 }
 
-// The estimators' residual is exact for pinholes, up to 80 degrees off their axes, and that of first
-// order elsewhere.
+// The estimators' residual is exact for pinholes, up to 80 degrees off their axes, and that of
+// first order elsewhere.
 bool HasExactResidual(const Camera& camera, const Eigen::Vector2d& pixel) {
   constexpr double kMaxSlope = 5;
   const double from_axis_px = (pixel - camera.principal_point_px()).norm();
@@ -85,8 +85,8 @@ double MedianDistance(const PoseProblem& problem) {
   return UpperMedianOr(std::move(distances), 0);
 }
 
-// What is wrong with the inliers of a pose, by the residuals' reference implementations; empty where
-// nothing is. Numbers of such sizes that rounding alone could make an inlier are passed over.
+// What is wrong with the inliers of a pose, by the residuals' reference implementations; empty
+// where nothing is. Numbers of such sizes that rounding alone could make an inlier are passed over.
 std::string FaultOfInliers(const HostileProblem& made, const PoseEstimate& estimate) {
   const PoseProblem& problem = made.problem;
   const Rigid3& pose = *estimate.cam_from_world;

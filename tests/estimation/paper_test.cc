@@ -151,8 +151,8 @@ TEST(Paper, SelectTakesThePoseThatItsRuleNames) {
   }
 }
 
-// "one [sample] from the 2D-2D matches for the E5+1 solver": five matches and one more, so that a sample
-// is right if all six are, and has no more poses than the five-point solver.
+// "one [sample] from the 2D-2D matches for the E5+1 solver": five matches and one more, so that a
+// sample is right if all six are, and has no more poses than the five-point solver.
 TEST(Paper, E5p1DrawsFiveMatchesAndOneMore) {
   Rng rng = TestRng();
   const NearTruth near = MakeNearTruth(rng, {});

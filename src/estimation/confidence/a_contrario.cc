@@ -30,7 +30,7 @@ struct SetInliers {
 
   explicit SetInliers(size_t keypoints) : matches(keypoints, 0), inlier(keypoints, false) {}
 
-  // That none of a keypoint's matches is an inlier, if all are wrong.
+  // The probability that no match of a keypoint is an inlier, if all are wrong.
   double ChanceOfNone(size_t keypoint) const { return std::pow(1 - chance, matches[keypoint]); }
 };
 

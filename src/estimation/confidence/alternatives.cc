@@ -44,7 +44,7 @@ PoseProblem Rest(const PoseProblem& problem, const NormalizedProblem& prepared,
   return rest;
 }
 
-// Of two sets of keypoints beyond chance, the first is what is right.
+// The probability that the first of two sets of keypoints beyond chance is the right one.
 double ProbabilityOfLarger(double first, double second) {
   return first * first / (first * first + second * second);
 }

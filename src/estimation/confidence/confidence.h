@@ -9,11 +9,11 @@
 //   P_position     The matches tell where the camera is. Where they do not, the orientation holds all
 //                  the same: so no less than what is needed for a pose.
 //
-// NFA is an a-contrario test (Moisan and Stival, IJCV 2004): how many poses with so many inliers would
-// wrong matches give? Wrong matches fall anywhere, so each is an inlier with the share of the image
-// that its threshold covers (more for uncertain points and references), or with the density of the
-// residuals well beyond the threshold if that is larger. A keypoint counts once, in however many
-// references it is matched; and keypoints that lie together count as fewer, as what repeats (a
+// NFA is an a-contrario test (Moisan and Stival, IJCV 2004): how many poses with so many inliers
+// would wrong matches give? Wrong matches fall anywhere, so each is an inlier with the share of the
+// image that its threshold covers (more for uncertain points and references), or with the density
+// of the residuals well beyond the threshold if that is larger. A keypoint counts once, in however
+// many references it is matched; and keypoints that lie together count as fewer, as what repeats (a
 // sign, a window) repeats with all of its keypoints. The logarithm of the expected number of such
 // poses among those that were tried is bounded by Hoeffding's inequality.
 
@@ -46,7 +46,7 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
                       const AssessedPose& assessed, const EstimatorOptions& options,
                       PoseEstimate& estimate);
 
-// What the inliers of a pose say for it; of the match sets in use.
+// The evidence of a pose's inliers for it, of the match sets in use.
 struct InlierEvidence {
   int keypoints = 0;         // that have matches
   int inlier_keypoints = 0;  // of which one match is an inlier
@@ -74,8 +74,8 @@ class InlierAssessor {
   bool IsBeyondChance(const InlierEvidence& best, const InlierEvidence& alternative) const;
 
  private:
-  // By how much uncertain points and references widen the area or the width of an inlier, on
-  // average.
+  // The factor by which uncertain points and references widen the area or the width of an inlier,
+  // on average.
   double Widening2D3D(const CamFromLocal& pose) const;
   double Widening2D2D() const;
 
@@ -93,8 +93,8 @@ struct ExclusiveInliers {
 
   ExclusiveInliers(const std::vector<bool>& first, const std::vector<bool>& second);
 
-  // The probability that the first is right if one of them is, where each keypoint speaks for itself;
-  // nullopt where there is no such keypoint.
+  // The probability that the first is right if one of them is, where each keypoint speaks for
+  // itself; nullopt where there is no such keypoint.
   std::optional<double> ProbabilityOfFirst(double clustering) const;
 };
 
@@ -102,36 +102,36 @@ struct ExclusiveInliers {
 bool ExplainTheSame(const InlierEvidence& a, const InlierEvidence& b);
 
 // The probability that the first of two poses is right if one of them is, from the keypoints that
-// only one of them explains, and the logarithm of the odds for it beforehand. Where the alternative is
-// beyond chance, keypoints do not speak each for itself: that many agree says that they show one
-// thing, not that it is the right one. They count as two witnesses then, each of them right with the
-// share of the keypoints that agree with it.
+// only one of them explains, and the logarithm of the odds for it beforehand. Where the alternative
+// is beyond chance, keypoints do not speak each for itself: that many agree says that they show one
+// thing, not that it is the right one. They count as two witnesses then, each of them right with
+// the share of the keypoints that agree with it.
 double ProbabilityOverAlternative(const InlierEvidence& best, const InlierEvidence& alternative,
                                   bool beyond_chance, double log_odds = 0);
 
-// So many samples that one is of right matches alone in nineteen cases of twenty, where one in 64 is:
-// three of a quarter, six of a half.
+// So many samples that one is of right matches alone in nineteen cases of twenty, where one in 64
+// is: three of a quarter, six of a half.
 inline constexpr int kAlternativeSamples = 191;
 
-// Looks for a pose among the matches of the keypoints that are not explained, by samples of three 2D-3D
-// matches where these are of the scored sets and left, of E5+1 otherwise. Where there is one, the scene
-// holds something twice, or one of the two poses is wrong as a whole.
+// Looks for a pose among the matches of the keypoints that are not explained, by samples of three
+// 2D-3D matches where these are of the scored sets and left, of E5+1 otherwise. Where there is one,
+// the scene holds something twice, or one of the two poses is wrong as a whole.
 std::optional<Rigid3> FindAlternative(const PoseProblem& problem,
                                       const NormalizedProblem& normalized,
                                       const std::vector<bool>& explained, MatchSets scored,
                                       const EstimatorOptions& options);
 
-// The probability that the pose is right in its distance from the reference that explains most of its
-// 2D-2D matches. Those fit at any distance, so that matches with other references (or of other cameras
-// of a rig) alone tell it: they must explain more keypoints than where the pose is moved along that
-// line by a good part of the references' spread. 1 where no such move is one.
+// The probability that the pose is right in its distance from the reference that explains most of
+// its 2D-2D matches. Those fit at any distance, so that matches with other references (or of other
+// cameras of a rig) alone tell it: they must explain more keypoints than where the pose is moved
+// along that line by a good part of the references' spread. 1 where no such move is one.
 double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLocal& pose,
                              double clustering);
 
-// The probability that the position errs by less than the distances that it is measured by: from the
-// references, among them, or to the points that fit. What errs by more says nothing of where the
-// camera is, however many matches agree (on the sky, or far away). `position_sigma` in local units;
-// 0: not known, which speaks for nothing.
+// The probability that the position errs by less than the distances that it is measured by: from
+// the references, among them, or to the points that fit. What errs by more says nothing of where
+// the camera is, however many matches agree (on the sky, or far away). `position_sigma` in local
+// units; 0: not known, which speaks for nothing.
 double ProbabilityOfPosition(const NormalizedProblem& problem, const CamFromLocal& pose,
                              double position_sigma);
 

@@ -17,12 +17,12 @@ enum class SimdLevel { kSse2, kAvx2, kAvx512 };
 SimdLevel BestSimdLevel();
 std::string_view ToString(SimdLevel level);
 
-// The kernels of a level, or none if the processor or the build lacks it.
+// Returns the kernels of a level; null if the processor or the build lacks it.
 const KernelTable* FindKernels(SimdLevel level);
 
-// What the estimators use: the best level's, unless a test has asked for another.
+// Returns the kernels that the estimators use: the best level's, unless a test asked for another.
 const KernelTable& ActiveKernels();
-// For tests: none returns to the best level. Not for use while estimators run.
+// For tests: nullopt returns to the best level. Not for use while estimators run.
 void OverrideSimdLevel(std::optional<SimdLevel> level);
 
 }  // namespace raylift::kernels

@@ -1,9 +1,9 @@
-// The SIMD kernels: the layout of the matches that they take, and the kernels as a table of functions
-// for each instruction set that the build has.
+// The SIMD kernels: the layout of the matches that they take, and the kernels as a table of
+// functions for each instruction set that the build has.
 //
-// Blocks are of 64-byte rows, one row per component, so that a kernel streams through memory and every
-// row is one AVX-512 register, two of AVX or four of SSE. Plain declarations only: this header is
-// compiled for several instruction sets.
+// Blocks are of 64-byte rows, one row per component, so that a kernel streams through memory and
+// every row is one AVX-512 register, two of AVX or four of SSE. Plain declarations only: this
+// header is compiled for several instruction sets.
 
 #pragma once
 
@@ -22,7 +22,8 @@ struct alignas(64) Block2D3D {
   T x[3][kLanes<T>];
   T image_from_ray[9][kLanes<T>];  // row-major
   // The variance of the 3D point times the squared scale of the pixel rows: with it the squared
-  // residual is |n.xy|^2 / (n.z^2 + variance_at_unit_depth), that is over t^2 plus the point's variance in pixels.
+  // residual is |n.xy|^2 / (n.z^2 + variance_at_unit_depth), that is over t^2 plus the point's
+  // variance in pixels.
   T variance_at_unit_depth[kLanes<T>];
 };
 
@@ -36,8 +37,9 @@ struct alignas(64) Block2D2D {
   T reference_ray[3][kLanes<T>];
   T query_gradient[6][kLanes<T>];      // two vectors: xyz xyz
   T reference_gradient[6][kLanes<T>];  // two vectors, in world axes
-  // By which angle an error of one threshold may turn the two rays against each other, radians: a
-  // point that seems to lie behind the cameras by less than that may be far away in front of them.
+  // The angle by which an error of one threshold may turn the two rays against each other, radians:
+  // a point that seems to lie behind the cameras by less than that may be far away in front of
+  // them.
   T parallax[kLanes<T>];
 };
 
@@ -92,7 +94,7 @@ struct KernelTable {
                                int count, const KernelPose<float>& pose, const float* centers,
                                float* squared_residuals);
 
-  // Normal equations, added to nothing: the sums over these blocks alone.
+  // Normal equations: the sums over these blocks alone, which replace what was there.
   KernelNormals (*normals_2d3d)(const Block2D3D<double>* blocks, int count,
                                 const KernelPose<double>& pose, const KernelLoss& loss);
   KernelNormals (*normals_2d2d)(const Block2D2D<double>* blocks, const int* block_camera_reference,

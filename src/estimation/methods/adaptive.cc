@@ -2,9 +2,9 @@
 
 namespace raylift {
 
-// Sec. 3 of the paper: in every iteration P3P and E5+1 draw one sample each, all poses are scored on
-// both match sets (Eqs. 1 to 5), and a new best is optimized locally: over both sets (hybrid), or over
-// the set that it was drawn from (split).
+// Sec. 3 of the paper: in every iteration P3P and E5+1 draw one sample each, all poses are scored
+// on both match sets (Eqs. 1 to 5), and a new best is optimized locally: over both sets (hybrid),
+// or over the set that it was drawn from (split).
 //
 // Beyond the paper, two 2D-3D matches are drawn as well where the position or gravity is known, and
 // D3+1 draws where the joint refinement can use its poses.

@@ -1,12 +1,13 @@
-// The focal length of the query, found with its pose: RANSAC with some focal lengths of the range, a
-// search along one dimension for the lowest MSAC cost about the best of them, and from there, where
-// poses are refined by maximum likelihood, Newton's steps on the likelihood.
+// The focal length of the query, found with its pose: RANSAC with some focal lengths of the range,
+// a search along one dimension for the lowest MSAC cost about the best of them, and from there,
+// where poses are refined by maximum likelihood, Newton's steps on the likelihood.
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
 
+#include "base/rng.h"
 #include "estimation/methods/methods.h"
 #include "estimation/problem/observations.h"
 #include "estimation/refinement/refinement.h"
@@ -14,7 +15,6 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "base/rng.h"
 #include "raylift/scene/pose_problem.h"
 
 namespace raylift {
@@ -58,12 +58,13 @@ struct Trial {
 
 struct FocalRefinement {
   Camera camera;
-  // What the pose's covariance lacks where the camera is taken for granted: that of the step (w, v) in
+  // The part of the pose's covariance that is due to the focal length: that of the step (w, v) in
   // the camera's tangent frame, scene units. nullopt where the matches do not tell.
   std::optional<Matrix6d> covariance_by_focal;
 };
 
-// Searches near the problem's focal length, from a pose of the problem as it is, by the sets in use.
+// Searches near the problem's focal length, from a pose of the problem as it is, by the sets in
+// use.
 class FocalSearch {
  public:
   FocalSearch(const PoseProblem& problem, const Rigid3& start, MatchSets sets,
@@ -191,8 +192,8 @@ FocalRefinement FocalSearch::Polish(const Trial& from, double shortest, double l
   return result;
 }
 
-// Returns focal lengths within a factor of the camera's, the camera itself first, so close to each other
-// that the pose found with the nearest one leads to the true one.
+// Returns focal lengths within a factor of the camera's, the camera itself first, so close to each
+// other that the pose found with the nearest one leads to the true one.
 std::vector<Camera> FocalCandidates(const Camera& camera, double range) {
   std::vector<Camera> candidates = {camera};
   const double outermost = std::log(range) - kCandidateReach;
@@ -205,8 +206,8 @@ std::vector<Camera> FocalCandidates(const Camera& camera, double range) {
   return candidates;
 }
 
-// Finds the focal length near the problem's, and within a factor of `middle_px`, that the sets in use
-// speak for.
+// Finds the focal length near the problem's, and within a factor of `middle_px`, that the sets in
+// use speak for.
 FocalRefinement RefineFocal(const PoseProblem& problem, const Rigid3& cam_from_world,
                             MatchSets sets, const EstimatorOptions& options, double middle_px,
                             double range) {
@@ -256,8 +257,8 @@ std::optional<double> UnknownFocalRange(const PoseProblem& problem,
   return range;
 }
 
-// The focal length is refined at the best of the poses found with some in its range; the estimate is
-// then made anew, as a better focal length has more inliers.
+// The focal length is refined at the best of the poses found with some in its range; the estimate
+// is then made anew, as a better focal length has more inliers.
 PoseEstimate EstimateWithFocal(const RansacEstimator& estimator, const PoseProblem& problem,
                                const EstimatorOptions& options, double range) {
   const double focal_px = problem.query_camera.MeanFocalPx();

@@ -1,6 +1,6 @@
-// How the methods are made of one LO-RANSAC: which samplers draw, by which score poses are compared,
-// which matches optimize a new best pose locally, and which refine the last one. Each method's file
-// says it.
+// How the methods are made of one LO-RANSAC: which samplers draw, by which score poses are
+// compared, which matches optimize a new best pose locally, and which refine the last one. Each
+// method's file says it.
 
 #pragma once
 
@@ -70,7 +70,8 @@ class RansacEstimator final : public PoseEstimator {
   RansacMethod method_;
 };
 
-// Sets the covariance and the standard deviations that follow from it; none where it is not finite.
+// Sets the covariance and the standard deviations that follow from it; leaves them out where it is
+// not finite.
 void SetCovariance(const Matrix6d& covariance, PoseEstimate& estimate);
 void DropCovariance(PoseEstimate& estimate);
 
@@ -79,12 +80,13 @@ PoseEstimate SelectPose(PoseEstimate p3p, PoseEstimate e5p1, double alpha);
 std::unique_ptr<PoseEstimator> MakeSelectEstimator(const EstimatorOptions& options);
 
 std::unique_ptr<PoseEstimator> MakeHlocEstimator(const EstimatorOptions& options);
-// Returns the cluster of each reference, numbered by first member from 0, for problems whose clusters
-// are not known from an SfM model: references are linked where a query keypoint matches both.
+// Returns the cluster of each reference, numbered by first member from 0, for problems whose
+// clusters are not known from an SfM model: references are linked where a query keypoint matches
+// both.
 std::vector<int> ClusterBySharedKeypoints(const PoseProblem& problem);
 
-// Returns the factor within which the query's focal length is to be found; nullopt where the camera's
-// holds. Throws InputError for a prior or a camera with which it cannot be looked for.
+// Returns the factor within which the query's focal length is to be found; nullopt where the
+// camera's holds. Throws InputError for a prior or a camera with which it cannot be looked for.
 std::optional<double> UnknownFocalRange(const PoseProblem& problem,
                                         const EstimatorOptions& options);
 // Finds the focal length with the pose, by any method's estimator.

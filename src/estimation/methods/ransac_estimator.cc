@@ -183,8 +183,8 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem) con
   return estimate;
 }
 
-// The likeliest pose rarely has the best score, but one that explains far less has lost its way: then
-// RANSAC's pose is kept.
+// The likeliest pose rarely has the best score, but one that explains far less has lost its way:
+// then RANSAC's pose is kept.
 RefinedPose RansacEstimator::Refine(const NormalizedProblem& problem,
                                     const std::optional<KeypointEvidence>& evidence,
                                     const PoseScore& pose_score, const RansacReport& report,

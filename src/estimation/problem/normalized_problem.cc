@@ -5,9 +5,9 @@
 #include <cstring>
 #include <numeric>
 
+#include "base/statistics.h"
 #include "estimation/kernels/kernel_table.h"
 
-#include "base/statistics.h"
 #include "raylift/geometry/residuals.h"
 #include "raylift/scene/keypoints.h"
 

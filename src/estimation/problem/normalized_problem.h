@@ -5,8 +5,8 @@
 // follows depends on the scene's unit or origin: local = (world - origin) / scale, axes unchanged.
 //
 // All cameras of a query that is a rig are turned into the axes of the query's own, so that they
-// differ by their centers alone: camera k sees a point p of the query's frame at p - center_k. A pose
-// is that of the query's own camera; PoseOfCamera() is another one's.
+// differ by their centers alone: camera k sees a point p of the query's frame at p - center_k. A
+// pose is that of the query's own camera; PoseOfCamera() is another one's.
 
 #pragma once
 
@@ -26,7 +26,7 @@
 
 namespace raylift {
 
-// By which factor an uncertain reference's pixel spreads more than a certain one's.
+// The standard deviation of an uncertain reference's pixel over that of a certain one's.
 inline double ReferenceSigmaFactor(double reference_sigma_px, double threshold_px) {
   return std::hypot(1, kSigmasOfThreshold * reference_sigma_px / threshold_px);
 }
@@ -85,7 +85,8 @@ struct NormalizedProblem {
   size_t num_keypoints;  // of the query, that matches are of (scene/keypoints.h)
 
   std::vector<Eigen::Vector3d> centers;  // of all references, local frame
-  // Of the query's cameras, in the axes of its own and from its center: the first is zero.
+  // The centers of the query's cameras, in the axes of its own and from its center: the first is
+  // zero.
   std::vector<Eigen::Vector3d> camera_centers;
   NormalizedPriors priors;
   std::vector<MatchGroup> groups_2d2d;  // none is empty

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <Eigen/LU>
 
@@ -23,121 +24,148 @@ bool IsOnRay(const Observation& observation, const Eigen::Vector3d& point) {
   return n.z() > 0 && n.head<2>().norm() < kOnRayPx * n.z();
 }
 
+// The evidence being gathered, keypoint by keypoint.
+class Gathering {
+ public:
+  Gathering(const PoseProblem& original, const NormalizedProblem& problem)
+      : original_(original),
+        problem_(problem),
+        observation_of_match_(original.matches_2d2d.size(), -1) {
+    evidence_.query_area_px2 = QueryAreaPx2(original);
+    evidence_.num_image_cells *= original.num_cameras();
+    evidence_.focal_px = original.query_camera.MeanFocalPx();
+    evidence_.centers = problem.centers;
+    evidence_.observations.reserve(problem.matches_2d2d.size());
+  }
+
+  // Adds a keypoint with the indices of its 2D-2D and its 2D-3D matches.
+  void Add(const std::vector<int>& of_2d2d, std::vector<int> of_2d3d) {
+    KeypointObservations keypoint;
+    keypoint.first_observation = static_cast<int>(evidence_.observations.size());
+    for (const int i : of_2d2d) Observe(problem_.matches_2d2d[i], keypoint.first_observation);
+    keypoint.end_observation = static_cast<int>(evidence_.observations.size());
+    keypoint.first_unanchored = static_cast<int>(evidence_.unanchored.size());
+    // In the order of the matches: of several points on one ray the first is taken.
+    std::sort(of_2d3d.begin(), of_2d3d.end(), [&](int a, int b) {
+      return problem_.matches_2d3d[a].match < problem_.matches_2d3d[b].match;
+    });
+    for (auto i = of_2d3d.begin(); i != of_2d3d.end(); ++i) {
+      const NormalizedMatch2D3D& match = problem_.matches_2d3d[*i];
+      // A 3D point that several references have is one.
+      const bool is_known = std::any_of(of_2d3d.begin(), i, [&](int other) {
+        return problem_.matches_2d3d[other].point == match.point;
+      });
+      if (!is_known) AddPoint(match, keypoint);
+    }
+    keypoint.end_unanchored = static_cast<int>(evidence_.unanchored.size());
+    if (of_2d2d.empty()) {
+      const NormalizedMatch2D3D& match = problem_.matches_2d3d[of_2d3d.front()];
+      SeeInQuery(original_.matches_2d3d[static_cast<size_t>(match.match)], keypoint);
+      keypoint.image_from_cam = match.image_from_ray;
+      keypoint.image_from_cam.topRows<2>() *= problem_.reprojection_threshold_px;
+    } else {
+      const NormalizedMatch2D2D& match = problem_.matches_2d2d[of_2d2d.front()];
+      SeeInQuery(original_.matches_2d2d[static_cast<size_t>(match.match)], keypoint);
+      keypoint.image_from_cam =
+          ImageFromRay(match.query_ray, match.query_gradient, problem_.sampson_threshold_px);
+    }
+    evidence_.keypoints.push_back(keypoint);
+  }
+
+  KeypointEvidence Finish() {
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    for (const UnanchoredPoint& point : evidence_.unanchored) sum += point.point;
+    evidence_.centers.push_back(sum /
+                                std::max(1.0, static_cast<double>(evidence_.unanchored.size())));
+    return std::move(evidence_);
+  }
+
+ private:
+  // Adds what a 2D-2D match shows, unless it was given before.
+  void Observe(const NormalizedMatch2D2D& match, int first_of_keypoint) {
+    const auto same = std::find_if(evidence_.observations.begin() + first_of_keypoint,
+                                   evidence_.observations.end(), [&](const Observation& other) {
+                                     return other.reference == match.reference &&
+                                            other.ray == match.reference_ray;
+                                   });
+    observation_of_match_[static_cast<size_t>(match.match)] =
+        static_cast<int>(same - evidence_.observations.begin());
+    if (same != evidence_.observations.end()) return;
+    evidence_.observations.push_back(
+        {.image_from_ray = ImageFromRay(match.reference_ray, match.reference_gradient,
+                                        std::hypot(problem_.sampson_threshold_px,
+                                                   kSigmasOfThreshold * match.reference_sigma_px)),
+         .center = problem_.centers[match.reference],
+         .ray = match.reference_ray,
+         .extra_variance_px2 = match.reference_sigma_px * match.reference_sigma_px,
+         .log_distance = 0,
+         .depth_variance = 0,
+         .reference = match.reference,
+         .has_depth = false});
+  }
+
+  // Makes a point the depth of the observation on whose ray it lies, or adds it unanchored.
+  void AddPoint(const NormalizedMatch2D3D& match, const KeypointObservations& keypoint) {
+    Observation* observation = FindObservation(match, keypoint);
+    if (!observation) {
+      evidence_.unanchored.push_back({match.point, match.sigma * match.sigma});
+    } else if (!observation->has_depth) {
+      observation->has_depth = true;
+      const double distance = (match.point - observation->center).norm();
+      observation->log_distance = std::log(distance);
+      observation->depth_variance = match.sigma * match.sigma / (distance * distance);
+    }
+  }
+
+  // Finds the keypoint's observation that a point was lifted from: the match that it names, or the
+  // one of its own index in the lists, or any; null where it lies on no observation's ray.
+  Observation* FindObservation(const NormalizedMatch2D3D& match,
+                               const KeypointObservations& keypoint) {
+    const auto index = static_cast<size_t>(match.match);
+    const size_t likely = original_.matches_2d3d[index].match_2d2d.value_or(index);
+    if (likely < observation_of_match_.size() &&
+        observation_of_match_[likely] >= keypoint.first_observation) {
+      Observation& observation = evidence_.observations[observation_of_match_[likely]];
+      if (IsOnRay(observation, match.point)) return &observation;
+    }
+    for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
+      if (IsOnRay(evidence_.observations[i], match.point)) return &evidence_.observations[i];
+    }
+    return nullptr;
+  }
+
+  template <typename Match>
+  void SeeInQuery(const Match& match, KeypointObservations& keypoint) const {
+    keypoint.camera = match.camera;
+    keypoint.camera_center = problem_.camera_centers[static_cast<size_t>(match.camera)];
+    keypoint.image_cell = QueryImageCell(original_, match, kImageCellsPerSide);
+    keypoint.px_by_log_focal =
+        match.query_px - original_.CameraAt(match.camera).principal_point_px();
+  }
+
+  const PoseProblem& original_;
+  const NormalizedProblem& problem_;
+  std::vector<int> observation_of_match_;  // -1: of none
+  KeypointEvidence evidence_;
+};
+
 }  // namespace
 
 KeypointEvidence GatherEvidence(const PoseProblem& original, const NormalizedProblem& problem) {
-  std::vector<std::vector<int>> pairs(problem.num_keypoints);
-  std::vector<std::vector<int>> points(problem.num_keypoints);
+  std::vector<std::vector<int>> of_2d2d(problem.num_keypoints);
+  std::vector<std::vector<int>> of_2d3d(problem.num_keypoints);
   for (int i = 0; i < static_cast<int>(problem.matches_2d2d.size()); ++i) {
-    pairs[problem.matches_2d2d[i].keypoint].push_back(i);
+    of_2d2d[problem.matches_2d2d[i].keypoint].push_back(i);
   }
   for (int i = 0; i < static_cast<int>(problem.matches_2d3d.size()); ++i) {
-    points[problem.matches_2d3d[i].keypoint].push_back(i);
+    of_2d3d[problem.matches_2d3d[i].keypoint].push_back(i);
   }
-  std::vector<int> observation_of_match(original.matches_2d2d.size(), -1);
-  KeypointEvidence evidence;
-  evidence.query_area_px2 = QueryAreaPx2(original);
-  evidence.num_image_cells *= original.num_cameras();
-  evidence.focal_px = original.query_camera.MeanFocalPx();
-  evidence.centers = problem.centers;
-  evidence.observations.reserve(problem.matches_2d2d.size());
+  Gathering gathering(original, problem);
   for (size_t k = 0; k < problem.num_keypoints; ++k) {
-    if (pairs[k].empty() && points[k].empty()) continue;
-    KeypointObservations parts;
-    parts.first_observation = static_cast<int>(evidence.observations.size());
-    for (const int i : pairs[k]) {
-      const NormalizedMatch2D2D& pair = problem.matches_2d2d[i];
-      const auto same = std::find_if(evidence.observations.begin() + parts.first_observation,
-                                     evidence.observations.end(), [&](const Observation& other) {
-                                       return other.reference == pair.reference &&
-                                              other.ray == pair.reference_ray;
-                                     });
-      if (same != evidence.observations.end()) {  // one match, given twice
-        observation_of_match[static_cast<size_t>(pair.match)] =
-            static_cast<int>(same - evidence.observations.begin());
-        continue;
-      }
-      observation_of_match[static_cast<size_t>(pair.match)] =
-          static_cast<int>(evidence.observations.size());
-      evidence.observations.push_back(
-          {.image_from_ray = ImageFromRay(pair.reference_ray, pair.reference_gradient,
-                                          std::hypot(problem.sampson_threshold_px,
-                                                     kSigmasOfThreshold * pair.reference_sigma_px)),
-           .center = problem.centers[pair.reference],
-           .ray = pair.reference_ray,
-           .extra_variance_px2 = pair.reference_sigma_px * pair.reference_sigma_px,
-           .log_distance = 0,
-           .depth_variance = 0,
-           .reference = pair.reference,
-           .has_depth = false});
-    }
-    parts.end_observation = static_cast<int>(evidence.observations.size());
-    parts.first_unanchored = static_cast<int>(evidence.unanchored.size());
-    // In the order of the matches: of several points on one ray the first is taken.
-    std::sort(points[k].begin(), points[k].end(), [&](int a, int b) {
-      return problem.matches_2d3d[a].match < problem.matches_2d3d[b].match;
-    });
-    for (size_t j = 0; j < points[k].size(); ++j) {
-      const int i = points[k][j];
-      const NormalizedMatch2D3D& point = problem.matches_2d3d[i];
-      // A 3D point that several references have is one.
-      if (std::any_of(
-              points[k].begin(), points[k].begin() + static_cast<std::ptrdiff_t>(j),
-              [&](int other) { return problem.matches_2d3d[other].point == point.point; })) {
-        continue;
-      }
-      // The match that it says it was lifted from, or the one of its own place in the lists, or
-      // any.
-      Observation* owner = nullptr;
-      const auto match = static_cast<size_t>(point.match);
-      const size_t likely = original.matches_2d3d[match].match_2d2d.value_or(match);
-      if (likely < observation_of_match.size() &&
-          observation_of_match[likely] >= parts.first_observation) {
-        Observation& observation = evidence.observations[observation_of_match[likely]];
-        if (IsOnRay(observation, point.point)) owner = &observation;
-      }
-      for (int n = parts.first_observation; n < parts.end_observation && !owner; ++n) {
-        Observation& observation = evidence.observations[n];
-        if (IsOnRay(observation, point.point)) owner = &observation;
-      }
-      if (owner && owner->has_depth) continue;
-      if (owner) {
-        owner->has_depth = true;
-        const double distance = (point.point - owner->center).norm();
-        owner->log_distance = std::log(distance);
-        owner->depth_variance = point.sigma * point.sigma / (distance * distance);
-        continue;
-      }
-      evidence.unanchored.push_back({point.point, point.sigma * point.sigma});
-    }
-    parts.end_unanchored = static_cast<int>(evidence.unanchored.size());
-    const auto see_in = [&](const auto& match) {
-      parts.camera = match.camera;
-      parts.camera_center = problem.camera_centers[static_cast<size_t>(match.camera)];
-      parts.image_cell = QueryImageCell(original, match, kImageCellsPerSide);
-      parts.px_by_log_focal = match.query_px - original.CameraAt(match.camera).principal_point_px();
-    };
-    if (pairs[k].empty()) {
-      see_in(original
-                 .matches_2d3d[static_cast<size_t>(problem.matches_2d3d[points[k].front()].match)]);
-    } else {
-      see_in(
-          original.matches_2d2d[static_cast<size_t>(problem.matches_2d2d[pairs[k].front()].match)]);
-    }
-    if (!pairs[k].empty()) {
-      const NormalizedMatch2D2D& pair = problem.matches_2d2d[pairs[k].front()];
-      parts.image_from_cam =
-          ImageFromRay(pair.query_ray, pair.query_gradient, problem.sampson_threshold_px);
-    } else {
-      parts.image_from_cam = problem.matches_2d3d[points[k].front()].image_from_ray;
-      parts.image_from_cam.topRows<2>() *= problem.reprojection_threshold_px;
-    }
-    evidence.keypoints.push_back(parts);
+    if (of_2d2d[k].empty() && of_2d3d[k].empty()) continue;
+    gathering.Add(of_2d2d[k], std::move(of_2d3d[k]));
   }
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  for (const UnanchoredPoint& point : evidence.unanchored) sum += point.point;
-  evidence.centers.push_back(sum / std::max(1.0, static_cast<double>(evidence.unanchored.size())));
-  return evidence;
+  return gathering.Finish();
 }
 
 }  // namespace raylift

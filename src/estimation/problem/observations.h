@@ -47,7 +47,8 @@ struct KeypointObservations {
   int first_observation, end_observation;
   int first_unanchored, end_unanchored;
 
-  // Of the camera that it is seen by, and a point as that camera sees it, at a pose of the query.
+  // The center of the camera that it is seen by, and a point in that camera, at a pose of the
+  // query.
   Eigen::Vector3d CenterOfCamera(const CamFromLocal& pose) const {
     return pose.rotation.transpose() * (camera_center - pose.translation);
   }
@@ -60,8 +61,8 @@ struct KeypointEvidence {
   std::vector<KeypointObservations> keypoints;
   std::vector<Observation> observations;
   std::vector<UnanchoredPoint> unanchored;
-  // Of the references, local frame; and after them the middle of the unanchored points, which may be off
-  // as a whole as a reference may.
+  // The references' centers, local frame; then the middle of the unanchored points, which may be
+  // off as a whole as a reference may.
   std::vector<Eigen::Vector3d> centers;
   double query_area_px2 = 1;
   int num_image_cells = kImageCellsPerSide * kImageCellsPerSide;  // of all images of the query
@@ -94,14 +95,14 @@ inline int ImageCell(const Camera& camera, const Eigen::Vector2d& pixel, int cel
          along(pixel.x(), camera.width_px());
 }
 
-// Of a match's query pixel: below num_cameras() * cells_per_side^2.
+// Returns the cell of a match's query pixel, below num_cameras() * cells_per_side^2.
 template <typename Match>
 int QueryImageCell(const PoseProblem& problem, const Match& match, int cells_per_side) {
   return match.camera * cells_per_side * cells_per_side +
          ImageCell(problem.CameraAt(match.camera), match.query_px, cells_per_side);
 }
 
-// Of the query's images, their mean.
+// Returns the mean area of the query's images.
 inline double QueryAreaPx2(const PoseProblem& problem) {
   double sum = 0;
   for (int i = 0; i < problem.num_cameras(); ++i) {

@@ -19,7 +19,7 @@ constexpr double kWrong = 0.05;
 // from the references' middle, at least of so many local units.
 constexpr double kReach = 3;
 
-// What is said to be exact is taken for exact to so much of a local unit, or radian.
+// A prior that is said to be exact is exact to so much of a local unit, or radian.
 constexpr double kExact = 1e-6;
 
 // The logarithms of the two parts of the mixture, over the density of knowing nothing: of a density

@@ -1,9 +1,9 @@
-// What is known of the pose beforehand, as one more residual of each kind of knowledge.
+// The pose's priors, each as one more residual.
 //
 // A prior may be wrong, as a match may: with a chance of one in twenty it says nothing, and the
-// position is anywhere about the references, the direction of gravity any. The probability of a pose
-// is a mixture of both, so that a prior's cost is bounded: one that contradicts what the matches say
-// costs all poses there the same.
+// position is anywhere about the references, the direction of gravity any. The probability of a
+// pose is a mixture of both, so that a prior's cost is bounded: one that contradicts what the
+// matches say costs all poses there the same.
 
 #pragma once
 

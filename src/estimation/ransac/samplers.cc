@@ -68,7 +68,7 @@ void AddPosesByLength(const NormalizedProblem& problem, const MatchGroup& group,
   }
 }
 
-// Of n things, how many sets of k there are.
+// Returns how many sets of k there are of n things.
 double NumSets(double n, int k) {
   double sets = 1;
   for (int i = 0; i < k; ++i) sets *= (n - i) / (i + 1);
@@ -313,7 +313,7 @@ Vector3d DrawNormal(Rng& rng) {
 }
 
 // Where the query's own camera sees a point that lies so far from it, if another camera of a rig
-// sees it along this ray; none where that ray nowhere is so far away.
+// sees it along this ray; nullopt where that ray nowhere is so far away.
 std::optional<Vector3d> RayFromQuery(const Vector3d& camera_center, const Vector3d& ray,
                                      double distance) {
   if (camera_center.isZero(0)) return ray;
@@ -324,7 +324,7 @@ std::optional<Vector3d> RayFromQuery(const Vector3d& camera_center, const Vector
   return (camera_center + length * ray).normalized();
 }
 
-// By how much a ray may turn before its pixel leaves the threshold.
+// Returns the angle by which a ray may turn before its pixel leaves the threshold.
 double ToleratedAngle(const NormalizedMatch2D3D& point) {
   return std::numbers::sqrt2 / point.image_from_ray.topRows<2>().norm();
 }

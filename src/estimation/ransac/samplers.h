@@ -59,17 +59,17 @@ class MatchesElsewhere {
   int count_ = 0;
 };
 
-// Sixth matches tried per essential matrix of E5+1, as they cost little beside the five-point solver.
-// The paper draws one sample of 5+1 (Sec. 3).
+// Sixth matches tried per essential matrix of E5+1, as they cost little beside the five-point
+// solver. The paper draws one sample of 5+1 (Sec. 3).
 constexpr int SixthMatchesPerSample(Refinement refinement) {
   return refinement == Refinement::kPaper ? 1 : 2;
 }
 
 // Draws five 2D-2D matches of one reference, and some of others with another center, each of which
-// gives the poses a length; references are drawn in proportion to their matches. Of a rig, the five are
-// of one camera, and the sixth may be another camera's with the same reference, as the way between the
-// cameras is known. Where all references share one center the length of the translation is not
-// observable: then the sample is five matches, and the length is one local unit.
+// gives the poses a length; references are drawn in proportion to their matches. Of a rig, the five
+// are of one camera, and the sixth may be another camera's with the same reference, as the way
+// between the cameras is known. Where all references share one center the length of the translation
+// is not observable: then the sample is five matches, and the length is one local unit.
 class E5p1Sampler final : public HypothesisSampler {
  public:
   explicit E5p1Sampler(const NormalizedProblem& problem,
@@ -137,7 +137,7 @@ class D3p1Sampler final : public HypothesisSampler {
 // Minimal samples where something is known of the pose beforehand: two 2D-3D matches, and a draw of
 // what is known.
 
-// What both have in common.
+// The base of both: two matches, and the probability of the prior.
 class PriorSampler : public HypothesisSampler {
  public:
   double SuccessProbability(const InlierCounts& inliers) const override;

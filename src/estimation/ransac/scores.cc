@@ -96,7 +96,7 @@ kernels::KernelScore Scorer::Score2D3D(const CamFromLocal& pose, int begin, int 
 std::optional<SetScores> Scorer::ScoreIfBetter(const CamFromLocal& pose, double best_value) const {
   const auto& kernel = kernels::ActiveKernels();
   const auto kernel_pose = ToKernelPose<float>(pose);
-  // What has not been scored yet is taken for the best that it may be.
+  // Matches that have not been scored yet are taken for the best that they may be.
   SetScores score;
   score.of_2d3d = {0, problem_.num_matches_2d3d};
   score.of_2d2d = {0, problem_.num_matches_2d2d};
@@ -178,7 +178,7 @@ InlierCounts Scorer::CountInliers(const CamFromLocal& pose) const {
     sum += inliers;
     squares += inliers * inliers;
   }
-  // Of counts with this mean, Poisson's variance is the mean.
+  // Poisson's variance of counts is their mean.
   const double blocks = static_cast<double>(problem_.blocks_2d2d.size());
   if (sum > 0) counts.clustering_2d2d = std::max(1.0, (squares - sum * sum / blocks) / sum);
   return counts;

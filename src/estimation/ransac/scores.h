@@ -62,8 +62,8 @@ class Scorer {
  public:
   Scorer(const NormalizedProblem& problem, const PoseScore& pose_score);
 
-  // Returns the full scores; nullopt if their value is not below `best_value`, which is told as soon
-  // as a part of the matches leaves little hope that it will be.
+  // Returns the full scores; nullopt if their value is not below `best_value`, which is told as
+  // soon as a part of the matches leaves little hope that it will be.
   std::optional<SetScores> ScoreIfBetter(const CamFromLocal& pose, double best_value) const;
 
   // From now on a part of the pairs tells the less of the whole, the more they are clustered.

@@ -160,12 +160,28 @@ template CamFromLocal Minimize<float>(const NormalizedProblem&, const ActiveMatc
 template CamFromLocal Minimize<double>(const NormalizedProblem&, const ActiveMatches<double>&,
                                        const CamFromLocal&, const MatchSetWeights&, int, double);
 
+SymmetricFactors::SymmetricFactors(const Eigen::MatrixXd& matrix)
+    : factors_(std::make_unique<const Eigen::LDLT<Eigen::MatrixXd>>(matrix)) {}
+SymmetricFactors::~SymmetricFactors() = default;
+
+bool SymmetricFactors::IsPositive() const { return factors_->isPositive(); }
+double SymmetricFactors::ReciprocalCondition() const { return factors_->rcond(); }
+double SymmetricFactors::LogDeterminant() const {
+  return factors_->vectorD().array().abs().log().sum();
+}
+Eigen::VectorXd SymmetricFactors::Solve(const Eigen::VectorXd& right_side) const {
+  return factors_->solve(right_side);
+}
+Eigen::MatrixXd SymmetricFactors::Solve(const Eigen::MatrixXd& right_sides) const {
+  return factors_->solve(right_sides);
+}
+
 std::optional<FocalStep> FocalEquations::Solve(const Matrix6d& cam_from_pose) const {
-  // What is left of the curvature is no rounding.
+  // The curvature that is left must be more than rounding.
   constexpr double kLeastShare = 1e-9;
-  const Eigen::LDLT<Eigen::MatrixXd> factors(hessian);
-  if (!factors.isPositive() || !(factors.rcond() > 1e-16)) return std::nullopt;
-  const Eigen::VectorXd followed = factors.solve(mixed);
+  const SymmetricFactors factors(hessian);
+  if (!factors.IsPositive() || !(factors.ReciprocalCondition() > 1e-16)) return std::nullopt;
+  const Eigen::VectorXd followed = factors.Solve(mixed);
   const double information = curvature - mixed.dot(followed);
   if (!(information > kLeastShare * curvature)) return std::nullopt;
   const FocalStep step = {.log_factor = -(slope - followed.dot(gradient)) / information,

@@ -4,6 +4,7 @@
 
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <span>
 
@@ -22,7 +23,7 @@ struct ActiveMatches {
   std::span<const int> block_camera_reference_2d2d;
 };
 
-// What a match costs: its kind's weight times the loss of its squared residual; and the weight of
+// The cost of a match: its set's weight times the loss of its squared residual; and the weight of
 // the pose's priors, whose residuals are over standard deviations instead of thresholds.
 struct MatchSetWeights {
   double weight_2d3d = 1;
@@ -45,8 +46,23 @@ CamFromLocal Minimize(const NormalizedProblem& problem, const ActiveMatches<T>& 
                       const CamFromLocal& start, const MatchSetWeights& weights, int max_steps,
                       double relative_tolerance);
 
-// What the evidence says of the query's focal length at a refined pose, all else following it.
+// LDLT factors of a symmetric matrix of any size. (Eigen's take long to compile: here, once.)
+class SymmetricFactors {
+ public:
+  explicit SymmetricFactors(const Eigen::MatrixXd& matrix);
+  ~SymmetricFactors();
 
+  bool IsPositive() const;
+  double ReciprocalCondition() const;
+  double LogDeterminant() const;
+  Eigen::VectorXd Solve(const Eigen::VectorXd& right_side) const;
+  Eigen::MatrixXd Solve(const Eigen::MatrixXd& right_sides) const;
+
+ private:
+  std::unique_ptr<const Eigen::LDLT<Eigen::MatrixXd>> factors_;
+};
+
+// A step of the query's focal length at a refined pose, all else following it.
 struct FocalStep {
   double log_factor;            // Newton's step of the focal length's logarithm
   double variance;              // of that logarithm
@@ -58,13 +74,13 @@ struct FocalStep {
 struct FocalEquations {
   Eigen::MatrixXd hessian;
   Eigen::VectorXd gradient;
-  // With the logarithm of the focal length.
+  // The mixed derivatives with the logarithm of the focal length.
   Eigen::VectorXd mixed;
   double slope = 0;
   double curvature = 0;
 
-  // None where the focal length is not determined. `cam_from_pose` takes the first six unknowns to
-  // the camera's tangent frame.
+  // Eliminates all other unknowns; nullopt where the focal length is not determined.
+  // `cam_from_pose` takes the first six unknowns to the camera's tangent frame.
   std::optional<FocalStep> Solve(const Matrix6d& cam_from_pose = Matrix6d::Identity()) const;
 };
 

@@ -7,8 +7,8 @@
 namespace raylift {
 namespace {
 
-// What the scene tells; of keypoints, where it tells nothing, as if four errors had shown what is
-// assumed before anything is seen.
+// Takes what is known of the scene; where nothing is known of its keypoints, it is as if four
+// errors had shown what is assumed before anything is seen.
 NoisePrior PriorOf(const std::optional<SceneNoise>& scene, double threshold2) {
   NoisePrior prior;
   prior.keypoint_px2 = {threshold2 * kPriorVariance, 4};

@@ -1,11 +1,11 @@
 // The refinement of a pose after RANSAC: by one match set, or jointly by all evidence.
 //
 // Jointly, each query keypoint is one unknown point of the scene, which its pixel in the query, its
-// pixels in the references, its lifted depths and unanchored 3D points all observe. With exact depths
-// this is the P3P problem, without depths that of structure-less localization over several
-// references, and nothing counts twice: a keypoint's noise is in all of its matches, and a depth that
-// follows from a pixel adds nothing to it. The likelihood of a match is a mixture: right with its
-// depth, right with a useless depth, wrong; pixels' errors follow Student's t.
+// pixels in the references, its lifted depths and unanchored 3D points all observe. With exact
+// depths this is the P3P problem, without depths that of structure-less localization over several
+// references, and nothing counts twice: a keypoint's noise is in all of its matches, and a depth
+// that follows from a pixel adds nothing to it. The likelihood of a match is a mixture: right with
+// its depth, right with a useless depth, wrong; pixels' errors follow Student's t.
 //
 // What the depths are worth is estimated with the pose: an error of each depth by itself, one that
 // the depths of a keypoint have in common (the surface is off) and, where the residuals show that
@@ -29,8 +29,8 @@ namespace raylift {
 
 struct RefinedPose {
   CamFromLocal pose;
-  // The covariance of the step (w, v) in the camera's tangent frame, v in local units; nullopt where
-  // the normal equations are singular.
+  // The covariance of the step (w, v) in the camera's tangent frame, v in local units; nullopt
+  // where the normal equations are singular.
   std::optional<Matrix6d> covariance;
   // What the joint refinement found the matches to be worth.
   std::optional<JointNoise> noise = std::nullopt;
@@ -41,8 +41,9 @@ struct RefinedPose {
 // Whether the step of the focal length is to be found at the refined pose.
 enum class FocalDerivatives { kNone, kAtPose };
 
-// Refines a pose as the options say: kPaper leaves it as it is; kRobust refines it jointly where both
-// sets are asked for, which needs the evidence, and by maximum likelihood of one set otherwise.
+// Refines a pose as the options say: kPaper leaves it as it is; kRobust refines it jointly where
+// both sets are asked for, which needs the evidence, and by maximum likelihood of one set
+// otherwise.
 RefinedPose RefineFinally(const NormalizedProblem& problem,
                           const std::optional<KeypointEvidence>& evidence, const CamFromLocal& pose,
                           MatchSets sets, const EstimatorOptions& options);

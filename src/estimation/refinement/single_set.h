@@ -23,12 +23,13 @@ class MaximumLikelihood {
   // Takes the pose as it is, for its covariance.
   void StayAt(const CamFromLocal& pose);
 
-  // Of the step (w, v) in the camera's tangent frame; none where singular.
+  // Returns the covariance of the step (w, v) in the camera's tangent frame; nullopt where
+  // singular.
   std::optional<Matrix6d> Covariance() const;
 
-  // What the matches near the pose say of the focal length. `shorter` and `longer` are the problem
-  // with it divided and multiplied by exp(log_factor), a small number. None where matches have a ray
-  // in one of them alone.
+  // Returns the step of the focal length that the matches near the pose ask for. `shorter` and
+  // `longer` are the problem with it divided and multiplied by exp(log_factor), a small number.
+  // None where matches have a ray in one of them alone.
   std::optional<FocalStep> StepOfFocal(const NormalizedProblem& shorter,
                                        const NormalizedProblem& longer, double log_factor) const;
 
@@ -59,12 +60,11 @@ class MaximumLikelihood {
 // The noise of the residuals near a pose, estimated from themselves, and the robust loss for it.
 // All in units of the squared threshold.
 
-// What is assumed of the noise's variance before anything is seen, as if a few matches had shown
-// it.
+// The noise's variance as it is assumed before anything is seen, as if a few matches had shown it.
 inline constexpr double kPriorVariance = 0.1;
 
-// What the noise of one kind of residual is estimated with: the mean square of a residual of unit
-// variance that is cut at a limit, and where the robust loss ends for unit variance.
+// The distribution of one set's residuals: the mean square of a residual of unit variance that is
+// cut at a limit, and where the robust loss ends for unit variance.
 struct ResidualModel {
   double (*mean_square_below)(double squared_limit);
   double squared_loss_limit;  // 95 % of the efficiency of least squares on normal residuals

@@ -23,10 +23,10 @@ int SolveP3p(const std::array<Eigen::Vector3d, 3>& rays,
              const std::array<Eigen::Vector3d, 3>& points_in_world,
              std::span<CamFromLocal, 4> poses);
 
-// The pose of a rig from three points, each seen by a camera of its own (generalized P3P; Nister and
-// Stewenius, "A minimal solution to the generalised 3-point pose problem", JMIV 2007). The distances
-// between the points are three quadratic equations in how far along its ray each lies; two of them
-// are eliminated linearly, which leaves a polynomial of degree eight in one.
+// The pose of a rig from three points, each seen by a camera of its own (generalized P3P; Nister
+// and Stewenius, "A minimal solution to the generalised 3-point pose problem", JMIV 2007). The
+// distances between the points are three quadratic equations in how far along its ray each lies;
+// two of them are eliminated linearly, which leaves a polynomial of degree eight in one.
 
 inline constexpr int kMaxGeneralizedP3pSolutions = 8;
 
@@ -75,8 +75,8 @@ struct RayPair {
 CamFromLocal QueryPose(const RelativePose& relative, const Eigen::Vector3d& center, double length);
 
 // The length of the translation from the first reference at which the sixth match, to a reference
-// at `sixth_center`, meets its epipolar constraint; none where it is not positive and finite, or
-// where the sixth point would lie behind the query or behind its own reference. None, either, where
+// at `sixth_center`, meets its epipolar constraint; nullopt where it is not positive and finite, or
+// where the sixth point would lie behind the query or behind its own reference. nullopt, too, where
 // the match says nothing of the length, its rays lying in one plane with the direction.
 std::optional<double> TranslationLength(const RelativePose& relative, const Eigen::Vector3d& center,
                                         const RayPair& sixth, const Eigen::Vector3d& sixth_center);

@@ -11,7 +11,8 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// Right-handed axes of two unit vectors: between them, across both. None where they lie in one line.
+// Right-handed axes of two unit vectors: between them, across both. None where they lie in one
+// line.
 std::optional<Matrix3d> AxesOf(const Vector3d& a, const Vector3d& b) {
   const Vector3d across = a.cross(b);
   const double sine = across.norm();

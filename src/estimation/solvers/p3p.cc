@@ -145,8 +145,8 @@ void PolishDistances(const TriangleEquations& e, Vector3d& l) {
   }
 }
 
-// Of points that are nearly on a line the distances may be those of no triangle, and what turns one
-// into the other is then no rotation.
+// Returns the rotation nearest to a matrix: where points are nearly on a line, the distances may be
+// those of no triangle, and the matrix that takes one triangle to the other is then no rotation.
 Matrix3d NearestRotation(const Matrix3d& matrix) {
   constexpr double kRounding = 1e-9;
   const Matrix3d deviation = matrix.transpose() * matrix - Matrix3d::Identity();
@@ -322,7 +322,7 @@ struct TriangleOfRays {
     return {e12.Value(x[0], x[1]), e13.Value(x[0], x[2]), e23.Value(x[1], x[2])};
   }
 
-  // Newton's method; none where it ends elsewhere than at a solution in front of the cameras.
+  // Polishes by Newton's method; nullopt where that ends at no solution in front of the cameras.
   std::optional<Vector3d> Polished(Vector3d x) const {
     constexpr int kSteps = 5;
     constexpr double kSolved = 1e-10;

@@ -22,8 +22,8 @@ using Matrix24d = Eigen::Matrix<double, 2, 4>;
 constexpr double kQueryWrong = 0.1;
 
 // The leave-one-out prediction of residuals `e` with variances `variance`, of which a part
-// `information` is among the evidence that gave them; `evidence_covariance` is the evidence's uncertainty in
-// them.
+// `information` is among the evidence that gave them; `evidence_covariance` is the evidence's
+// uncertainty in them.
 template <int N>
 struct Prediction {
   Eigen::Matrix<double, N, 1> error;
@@ -41,8 +41,8 @@ struct Prediction {
   }
 };
 
-// What errors show of their variance: the sum of their squares, and how many of them are not
-// explained by the unknowns that were fitted to them (MacKay 1992).
+// Sums what errors show of their variance: their squares, and how many of them are not explained by
+// the unknowns that were fitted to them (MacKay 1992).
 struct VarianceSum {
   double squares = 0, count = 0;
 
@@ -78,7 +78,7 @@ class ExpectationStep {
   void UpdateNoise(const NoisePrior& prior);
 
  private:
-  // What is common to the parts of one keypoint.
+  // A keypoint's point, as the evidence has it, for all of its observations.
   struct KeypointPosterior {
     QueryTerm query;
     Matrix4d covariance;             // of the point and its common error, the query's pose given
@@ -87,7 +87,7 @@ class ExpectationStep {
     double total = 0;                // weight
     int num_right = 0;
     bool query_far = false;  // and nothing tells whose pixel is wrong
-    // What has not found its place yet says nothing of the noise.
+    // A keypoint whose point has not settled yet says nothing of the noise.
     double trust = 0;
   };
 

@@ -5,11 +5,10 @@
 #include <numbers>
 #include <span>
 
+#include "base/statistics.h"
 #include "estimation/refinement/joint/model.h"
 #include "estimation/refinement/joint/student_t.h"
 #include <Eigen/Geometry>
-
-#include "base/statistics.h"
 
 namespace raylift {
 namespace {
@@ -319,8 +318,8 @@ class RayHypotheses {
   std::vector<double> px2_;  // squared pixels per squared local unit, of each unanchored point
 };
 
-// EvidenceWeights::epipolar_clutter, by the matches that lie beside their epipolar lines: beyond what is
-// noise, and up to three times as far.
+// EvidenceWeights::epipolar_clutter, by the matches that lie beside their epipolar lines: beyond
+// what is noise, and up to three times as far.
 std::vector<double> EpipolarClutter(const KeypointEvidence& evidence, const CamFromLocal& pose,
                                     const JointNoise& noise) {
   const double near2 = StudentFar(noise.keypoint_tail) * 2 * noise.keypoint_px2;

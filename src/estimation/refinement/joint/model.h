@@ -1,5 +1,5 @@
-// What the matches of one query are worth: the variances and shares that the joint refinement
-// estimates together with the pose.
+// The model of the joint refinement: its unknowns, how they explain the evidence, and the noise
+// that is estimated with them. README.md in src/estimation has the equations.
 
 #pragma once
 
@@ -15,12 +15,15 @@
 
 namespace raylift {
 
+// What the matches of one query are worth: variances, and the shares of what is right.
 struct JointNoise {
-  // Of a keypoint's pixel, in either image: squared scale and tail of Student's t (student_t.h).
+  // The squared scale and the tail of Student's t (student_t.h) of a keypoint's pixel, in either
+  // image.
   double keypoint_px2 = 1;
   double keypoint_tail = 0.25;
-  // Of the logarithm of a lifted point's distance: of each point by itself, and what the points of
-  // one keypoint have in common, as a mesh is wrong alike for all references.
+  // The variances of the logarithm of a lifted point's distance: of each point by itself, and of
+  // the error that the points of one keypoint have in common, as a mesh is wrong alike for all
+  // references.
   double depth = 1e-4;
   double common_depth = 5e-5;
   double unanchored = 1e-6;  // of each coordinate of an unanchored point, local units squared
@@ -32,11 +35,11 @@ struct JointNoise {
   double keypoint_errors = 0;
   double depth_errors = 0;
   double common_depth_errors = 0;
-  // Of the logarithm of the distance from the query, over all keypoints.
+  // The mean and variance over all keypoints of the logarithm of the distance from the query.
   double log_distance_mean = 0;
   double log_distance_variance = 1;
-  // Of what is common to a reference: the logarithm of its depths' factor, and its pose (radians
-  // and local units, per axis). 0: not looked for.
+  // The variances of a reference's errors: of the logarithm of its depths' scale, and of its pose
+  // (radians and local units, per axis). 0: not looked for.
   double reference_scale = 0;
   double reference_rotation = 0;
   double reference_center = 0;
@@ -71,8 +74,8 @@ inline double Normal2D(double squared, double variance) {
   return std::exp(-0.5 * squared / variance) / (2 * std::numbers::pi * variance);
 }
 
-// Of the logarithm of a point's distance that says nothing of the keypoint: any in the scene. As
-// two of those that are differ, and none is impossible.
+// The density of the logarithm of a distance that says nothing of the keypoint: that of any point
+// in the scene, and nowhere zero.
 inline double DensityOfAnyDistance(const JointNoise& noise, double log_distance) {
   constexpr double kLeast = 1e-9;
   const double off = log_distance - noise.log_distance_mean;
@@ -82,7 +85,7 @@ inline double DensityOfAnyDistance(const JointNoise& noise, double log_distance)
 // A first guess, at a given pose, of where on its ray each query keypoint lies, of which of its
 // matches agree on that, and of the noise.
 
-// Of one keypoint.
+// The unknowns of one keypoint, and how far its pixel in the query is to be trusted.
 struct KeypointState {
   Eigen::Vector3d point = Eigen::Vector3d::Zero();  // local frame
   double common = 0;                                // error of its depths, see JointNoise
@@ -96,13 +99,13 @@ struct EvidenceWeights {
   std::vector<double> precision;  // of its pixel, over the mean one (StudentPrecision())
   std::vector<double> depth;
   std::vector<double> unanchored;
-  // By how much wrong matches with each reference are denser near epipolar lines than anywhere in
-  // the image, at least 1: those with the next window of a row lie near them.
+  // The factor, at least 1, by which wrong matches with each reference are denser near epipolar
+  // lines than anywhere in the image: those with the next window of a row lie near them.
   std::vector<double> epipolar_clutter;
 };
 
-// The likeliest noise of depths and unanchored points, where they are compared with what the observations
-// alone say at this pose, and the distances' distribution.
+// The likeliest noise of depths and unanchored points, where they are compared with what the
+// observations alone say at this pose, and the distances' distribution.
 JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal& pose,
                            double keypoint_variance_px2);
 
@@ -112,20 +115,21 @@ void InitializeByVoting(const KeypointEvidence& evidence, const CamFromLocal& po
                         EvidenceWeights& weights);
 
 // The unknowns of the joint refinement, and how they explain the evidence: each observation, each
-// unanchored point and the query's frame as a quadratic in the unknowns of its keypoint and of its frame.
+// unanchored point and the query's frame as a quadratic in the unknowns of its keypoint and of its
+// frame.
 
 using Matrix7d = Eigen::Matrix<double, 7, 7>;
 using Matrix47d = Eigen::Matrix<double, 4, 7>;
 
-// The unknowns of a frame, by how they displace a point: by a turn about the local origin, and a
-// shift. (Common to all frames of a point, so that one matrix serves them all.)
+// The unknowns of a frame, by how they displace a point: by a rotation about the local
+// origin, and a translation. (Common to all frames of a point, so that one matrix serves them all.)
 Eigen::Matrix<double, 3, 6> DisplacementJacobian(const Eigen::Vector3d& point);
 
 // Evidence with less weight is left out.
 inline constexpr double kLeastWeight = 1e-3;
 
-// What is wrong with a reference: points seem displaced to it by turn x point + shift, and its
-// depths have a factor.
+// A reference's error: points seem displaced to it by rotation_vector x point + translation, and
+// its depths have a scale.
 struct ReferenceError {
   Eigen::Vector3d rotation_vector = Eigen::Vector3d::Zero();
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();
@@ -136,7 +140,7 @@ struct ReferenceError {
   }
 };
 
-// Of a quadratic in a point's displacement and the logarithm of its depths' common factor.
+// A quadratic in a point's displacement and the logarithm of its depths' common scale.
 struct Quadratic {
   Eigen::Matrix4d hessian = Eigen::Matrix4d::Zero();
   Eigen::Vector4d gradient = Eigen::Vector4d::Zero();
@@ -191,7 +195,7 @@ struct JointModel {
   Quadratic UnanchoredCost(const KeypointObservations& keypoint,
                            const Eigen::Vector3d& point) const;
   Quadratic CommonPrior(const KeypointState& state) const;
-  // Of all that references and unanchored points say of it.
+  // Sums the weights of all that references and unanchored points say of a keypoint.
   double TotalWeight(const KeypointObservations& keypoint) const;
 };
 
@@ -203,7 +207,7 @@ struct VariancePrior {
   double count = 0;
 };
 
-// What is known of the noise before the query's own evidence.
+// The noise as it is known before the query's own evidence.
 struct NoisePrior {
   VariancePrior keypoint_px2, depth, common_depth;
   std::optional<TailPrior> keypoint_tail;
@@ -213,11 +217,12 @@ struct NoisePrior {
 // positive determinant, however little is known along its other axis.
 double SquaredAcross(const Eigen::Vector2d& error, const Eigen::Matrix2d& covariance);
 
-// Sets the model's weights by what all other evidence predicts (they go `share` of the way from what
-// they were, so that what contradicts each other comes to rest), and its noise by what the residuals
-// show; the points must be the likeliest ones for the model as it is. `query_covariance`: of the
-// query's unknowns. A pose that little is known of goes where any wrong match on an epipolar line
-// calls it; what the match says of itself is no evidence for it.
+// Sets the model's weights by what all other evidence predicts (they go `share` of the way from
+// what they were, so that what contradicts each other comes to rest), and its noise by what the
+// residuals show; the points must be the likeliest ones for the model as it is. `query_covariance`:
+// of the query's unknowns. A match is judged by the others' prediction, never by its own: where
+// little is known of the pose, any wrong match on an epipolar line would pull the pose to itself
+// and confirm itself.
 void EStep(const NoisePrior& prior, double share, const Matrix7d& query_covariance,
            JointModel& model);
 

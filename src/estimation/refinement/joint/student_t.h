@@ -39,7 +39,7 @@ inline double StudentQuantile(double share_beyond, double tail) {
 // and beyond what a linearization tells.
 inline double StudentFar(double tail) { return 3 * StudentQuantile(0.01, tail); }
 
-// What is known of a tail before, as a normal distribution.
+// A tail as it is known before, by a normal distribution.
 struct TailPrior {
   double mean, variance;
 };

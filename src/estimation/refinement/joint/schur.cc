@@ -1,0 +1,326 @@
+#include "estimation/refinement/joint/schur.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+
+#include "raylift/geometry/rigid3.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Matrix4d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::Vector4d;
+using Eigen::VectorXd;
+
+// D f: how a frame's unknowns displace a point.
+Vector4d Displacement(const Eigen::Ref<const VectorXd>& unknowns, const Vector3d& point) {
+  Vector4d displacement;
+  displacement << unknowns.head<3>().cross(point) + unknowns.segment<3>(3), unknowns[6];
+  return displacement;
+}
+
+// Adds D' m D, with the cross product's matrix of the point.
+template <typename Block>
+void AddDisplaced(const Matrix4d& m, const Matrix3d& cross, Block block) {
+  const Matrix3d middle = m.topLeftCorner<3, 3>();
+  const Matrix3d turned = cross.lazyProduct(middle);
+  block.template topLeftCorner<3, 3>() -= turned.lazyProduct(cross);
+  block.template block<3, 3>(0, 3) += turned;
+  block.template block<3, 3>(3, 0) -= middle.lazyProduct(cross);
+  block.template block<3, 3>(3, 3) += middle;
+  const Vector3d column = m.topRightCorner<3, 1>();
+  block.template block<3, 1>(0, 6) += cross * column;
+  block.template block<3, 1>(3, 6) += column;
+  const Vector3d row = m.bottomLeftCorner<1, 3>();
+  block.template block<1, 3>(6, 0) += (cross * row).transpose();
+  block.template block<1, 3>(6, 3) += row.transpose();
+  block(6, 6) += m(3, 3);
+}
+
+// Adds D' v.
+template <typename Segment>
+void AddDisplaced(const Vector4d& v, const Matrix3d& cross, Segment segment) {
+  segment.template head<3>() += cross * v.head<3>();
+  segment.template segment<3>(3) += v.head<3>();
+  segment[6] += v[3];
+}
+
+// Moves a point, but not beyond what the linearization tells.
+void MovePoint(const Vector4d& move, const Vector3d& query_center, KeypointState& state) {
+  const double limit = 0.5 * (state.point - query_center).norm();
+  const double length = move.head<3>().norm();
+  if (!std::isfinite(length + move[3])) return;
+  const double share = length > limit ? limit / length : 1;
+  state.point += share * move.head<3>();
+  state.common += share * move[3];
+}
+
+}  // namespace
+
+Matrix6d CamStepFromOwn(const CamFromLocal& pose) {
+  Matrix6d step = Matrix6d::Zero();
+  step.topLeftCorner<3, 3>() = pose.rotation;
+  step.bottomRightCorner<3, 3>() = pose.rotation;
+  step.bottomLeftCorner<3, 3>() = Skew(pose.translation) * pose.rotation;
+  return step;
+}
+
+bool JointSystem::LinearizeKeypoint(const JointModel& model, size_t index) {
+  const KeypointObservations& keypoint = evidence_.keypoints[index];
+  const KeypointState& state = model.keypoints[index];
+  SchurBlock& block = schur_blocks_[index];
+  if (model.TotalWeight(keypoint) < kLeastWeight) return false;
+  const QueryTerm query = model.QueryTermOf(index);
+  if (!query.seen.in_front) return false;
+
+  // The point and its common error; the prior's mean is the query's unknown, not theirs.
+  Quadratic point = model.CommonPrior(state);
+  const Quadratic unanchored = model.UnanchoredCost(keypoint, state.point);
+  point.Add(unanchored);
+  const Quadratic query_cost = query.Cost();
+  point.hessian.topLeftCorner<3, 3>() += query_cost.hessian.topLeftCorner<3, 3>();
+  point.gradient.head<3>() += query_cost.gradient.head<3>();
+
+  // Each frame's cost; observations of one reference are one frame.
+  std::vector<FrameTerm>& frames = block.frames;
+  frames.clear();
+  Matrix4d coupling = query_cost.hessian;
+  coupling.row(3).setZero();
+  frames.push_back({0, query_cost, coupling});
+  for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
+    if (model.weights.observation[i] < kLeastWeight) continue;
+    const ObservationTerm term = model.ObservationTermOf(i, state);
+    if (term.weight == 0) continue;
+    const Quadratic cost = term.Cost();
+    point.Add(cost);
+    const int column = column_[evidence_.observations[i].reference];
+    if (column < 0) continue;
+    const auto same = std::find_if(frames.begin(), frames.end(),
+                                   [&](const FrameTerm& frame) { return frame.column == column; });
+    if (same == frames.end()) {
+      frames.push_back({column, cost, cost.hessian});
+    } else {
+      same->cost.Add(cost);
+      same->coupling += cost.hessian;
+    }
+  }
+  if (column_[model.UnanchoredFrame()] >= 0 &&
+      keypoint.end_unanchored > keypoint.first_unanchored) {
+    frames.push_back({column_[model.UnanchoredFrame()], unanchored, unanchored.hessian});
+  }
+
+  block.covariance = point.hessian.inverse();
+  block.gradient = point.gradient;
+  return block.covariance.allFinite();
+}
+
+void JointSystem::AddEliminated(const JointModel& model, size_t index) {
+  const SchurBlock& block = schur_blocks_[index];
+  auto gradient = cell_gradients_.col(evidence_.keypoints[index].image_cell);
+  const Matrix3d cross = Skew(model.keypoints[index].point);
+  const Vector4d solved_gradient = block.covariance * block.gradient;
+  for (const FrameTerm& frame : block.frames) {
+    const Vector4d slope = frame.cost.gradient - frame.coupling.transpose() * solved_gradient;
+    AddDisplaced(slope, cross, gradient.segment<7>(frame.column));
+    const Matrix4d solved = block.covariance * frame.coupling;
+    for (const FrameTerm& other : block.frames) {
+      if (other.column > frame.column) continue;
+      Matrix4d shared = -solved.transpose() * other.coupling;
+      if (other.column == frame.column) shared += frame.cost.hessian;
+      AddDisplaced(shared, cross, hessian_.block<7, 7>(frame.column, other.column));
+    }
+  }
+}
+
+VectorXd JointSystem::Linearize(const JointModel& model, const NormalizedPriors& pose_priors) {
+  hessian_.setZero(num_columns_, num_columns_);
+  cell_gradients_.setZero(num_columns_, evidence_.num_image_cells);
+  for (size_t k = 0; k < schur_blocks_.size(); ++k) {
+    schur_blocks_[k].used = LinearizeKeypoint(model, k);
+    if (schur_blocks_[k].used) AddEliminated(model, k);
+  }
+  VectorXd gradient = cell_gradients_.rowwise().sum();
+  if (!pose_priors.empty()) AddPosePriors(model, pose_priors, gradient);
+  if (HasReferences()) AddReferencePriors(model, gradient);
+  hessian_ = MatrixXd(hessian_.selfadjointView<Eigen::Lower>());
+  return gradient;
+}
+
+void JointSystem::MoveReferences(const VectorXd& step, JointModel& model) const {
+  for (size_t r = 0; r < column_.size(); ++r) {
+    if (column_[r] < 0) continue;
+    model.references[r].rotation_vector += step.segment<3>(column_[r]);
+    model.references[r].translation += step.segment<3>(column_[r] + 3);
+    model.references[r].log_scale += step[column_[r] + 6];
+  }
+}
+
+void JointSystem::MovePoints(const VectorXd& step, JointModel& model) const {
+  for (size_t k = 0; k < schur_blocks_.size(); ++k) {
+    const SchurBlock& block = schur_blocks_[k];
+    if (!block.used) continue;
+    KeypointState& state = model.keypoints[k];
+    Vector4d pull = block.gradient;
+    for (const FrameTerm& frame : block.frames) {
+      pull += frame.coupling * Displacement(step.segment<7>(frame.column), state.point);
+    }
+    MovePoint(-block.covariance * pull, evidence_.keypoints[k].CenterOfCamera(model.pose), state);
+  }
+}
+
+void JointSystem::AddPosePriors(const JointModel& model, const NormalizedPriors& pose_priors,
+                                VectorXd& gradient) {
+  NormalEquations of_cam;
+  pose_priors.AddTo(model.pose, 1, of_cam);
+  const Matrix6d to_cam = CamStepFromOwn(model.pose);
+  gradient.head<6>() += to_cam.transpose() * of_cam.gradient;
+  // The pixels' cell of the Hessian is their information by that factor.
+  hessian_.topLeftCorner<6, 6>() +=
+      to_cam.transpose() * of_cam.hessian * to_cam / StudentInformation(model.noise.keypoint_tail);
+}
+
+bool JointSystem::ReferencesDisagree(const JointModel& model) const {
+  std::vector<Matrix7d> information(column_.size(), Matrix7d::Zero());
+  std::vector<Vector7d> score(column_.size(), Vector7d::Zero());
+  std::vector<int> residuals(column_.size(), 0);
+  for (size_t index = 0; index < schur_blocks_.size(); ++index) {
+    const KeypointObservations& keypoint = evidence_.keypoints[index];
+    if (!schur_blocks_[index].used) continue;
+    const Matrix4d covariance = schur_blocks_[index].covariance;
+    Matrix47d by_camera_reference = Matrix47d::Zero();
+    by_camera_reference.topLeftCorner<3, 6>() = DisplacementJacobian(model.keypoints[index].point);
+    by_camera_reference(3, 6) = 1;
+    const auto add = [&](size_t frame, const Quadratic& cost) {
+      const Matrix4d reduced = cost.hessian - cost.hessian * covariance * cost.hessian;
+      information[frame].noalias() +=
+          by_camera_reference.transpose() * reduced * by_camera_reference;
+      score[frame].noalias() += by_camera_reference.transpose() * cost.gradient;
+      residuals[frame] += 3;
+    };
+    for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
+      if (model.weights.observation[i] < 0.5) continue;
+      const ObservationTerm term = model.ObservationTermOf(i, model.keypoints[index]);
+      if (term.weight > 0) {
+        add(static_cast<size_t>(evidence_.observations[i].reference), term.Cost());
+      }
+    }
+    if (keypoint.end_unanchored > keypoint.first_unanchored) {
+      add(model.UnanchoredFrame(), model.UnanchoredCost(keypoint, model.keypoints[index].point));
+    }
+  }
+  double statistic = 0;
+  int degrees = 0;
+  for (size_t r = 0; r < column_.size(); ++r) {
+    const double trace = information[r].trace();
+    if (!(trace > 0)) continue;
+    information[r].diagonal().array() += 1e-9 * trace;
+    statistic += score[r].dot(information[r].ldlt().solve(score[r]));
+    degrees += std::min(residuals[r], r == model.UnanchoredFrame() ? 6 : 7);
+  }
+  // Gradients have the pixels' expected information, not their mean precision (depths' are normal).
+  statistic /= StudentInformation(model.noise.keypoint_tail);
+  // One case in a thousand, by the normal approximation.
+  return degrees > 0 && statistic > degrees + 3.1 * std::sqrt(2.0 * degrees);
+}
+
+void JointSystem::AdmitReferenceErrors(JointModel& model) {
+  std::vector<double> support(column_.size(), 0);
+  for (size_t i = 0; i < evidence_.observations.size(); ++i) {
+    support[evidence_.observations[i].reference] += model.weights.observation[i];
+  }
+  for (const double weight : model.weights.unanchored) support[model.UnanchoredFrame()] += weight;
+  for (size_t r = 0; r < column_.size(); ++r) {
+    if (support[r] < 1) continue;
+    column_[r] = num_columns_;
+    num_columns_ += 7;
+  }
+  // To begin with, as large as what single matches show.
+  const double angle2 = model.noise.keypoint_px2 / (evidence_.focal_px * evidence_.focal_px);
+  model.noise.reference_rotation = 0.25 * angle2;
+  model.noise.reference_center = 0.25 * angle2 * std::exp(2 * model.noise.log_distance_mean);
+  model.noise.reference_scale = model.noise.depth + model.noise.common_depth;
+}
+
+void JointSystem::AddReferencePriors(const JointModel& model, VectorXd& gradient) {
+  const JointNoise& noise = model.noise;
+  for (size_t r = 0; r < column_.size(); ++r) {
+    if (column_[r] < 0) continue;
+    // The center c is displaced by turn x c + shift.
+    Matrix7d to_prior = Matrix7d::Identity();
+    to_prior.block<3, 6>(3, 0) = DisplacementJacobian(evidence_.centers[r]);
+    const ReferenceError& error = model.references[r];
+    Vector7d value, information;
+    value << error.rotation_vector, error.Displaced(evidence_.centers[r]) - evidence_.centers[r],
+        error.log_scale;
+    information << Vector3d::Constant(1 / noise.reference_rotation),
+        Vector3d::Constant(1 / noise.reference_center), 1 / noise.reference_scale;
+    hessian_.block<7, 7>(column_[r], column_[r]) +=
+        to_prior.transpose() * information.asDiagonal() * to_prior;
+    gradient.segment<7>(column_[r]) += to_prior.transpose() * information.cwiseProduct(value);
+  }
+}
+
+void JointSystem::UpdateReferenceVariances(const MatrixXd& covariance, JointModel& model) const {
+  struct Sum {
+    double squares = 0, count = 0;
+    double Variance(double prior) const {
+      return std::max((squares + prior) / (std::max(count, 0.0) + 1), 1e-14);
+    }
+  };
+  Sum rotation, center, factor;
+  for (size_t r = 0; r < column_.size(); ++r) {
+    if (column_[r] < 0) continue;
+    const ReferenceError& error = model.references[r];
+    const Eigen::Matrix<double, 3, 6> at_center = DisplacementJacobian(evidence_.centers[r]);
+    const Matrix6d pose = covariance.block<6, 6>(column_[r], column_[r]);
+    rotation.squares += error.rotation_vector.squaredNorm();
+    rotation.count += 3 - pose.topLeftCorner<3, 3>().trace() / model.noise.reference_rotation;
+    center.squares += (error.Displaced(evidence_.centers[r]) - evidence_.centers[r]).squaredNorm();
+    center.count +=
+        3 - (at_center * pose * at_center.transpose()).trace() / model.noise.reference_center;
+    factor.squares += error.log_scale * error.log_scale;
+    factor.count += 1 - covariance(column_[r] + 6, column_[r] + 6) / model.noise.reference_scale;
+  }
+  // As if one more reference had errors of a tenth of a keypoint's, or of a depth's.
+  const double angle2 = 0.01 * model.noise.keypoint_px2 / (evidence_.focal_px * evidence_.focal_px);
+  model.noise.reference_rotation = rotation.Variance(angle2);
+  model.noise.reference_center =
+      center.Variance(angle2 * std::exp(2 * model.noise.log_distance_mean));
+  model.noise.reference_scale = factor.Variance(model.noise.depth + model.noise.common_depth);
+}
+
+FocalEquations JointSystem::LinearizeWithFocal(const JointModel& model,
+                                               const NormalizedPriors& pose_priors) {
+  FocalEquations equations;
+  equations.gradient = Linearize(model, pose_priors);
+  equations.hessian = hessian_;
+  equations.mixed = VectorXd::Zero(num_columns_);
+  for (size_t k = 0; k < schur_blocks_.size(); ++k) {
+    const SchurBlock& block = schur_blocks_[k];
+    if (!block.used) continue;
+    const QueryTerm query = model.QueryTermOf(k);
+    const Eigen::Vector2d& by_focal = evidence_.keypoints[k].px_by_log_focal;
+    Vector4d by_point = Vector4d::Zero();
+    by_point.head<3>() = query.weight * query.jacobian.transpose() * by_focal;
+    const Vector4d solved = block.covariance * by_point;
+    equations.slope +=
+        query.weight * by_focal.dot(query.seen.error_px) - solved.dot(block.gradient);
+    equations.curvature += query.weight * by_focal.squaredNorm() - solved.dot(by_point);
+    const Matrix3d cross = Skew(model.keypoints[k].point);
+    for (const FrameTerm& frame : block.frames) {
+      Vector4d shared = -frame.coupling.transpose() * solved;
+      if (frame.column == 0) shared += by_point;
+      AddDisplaced(shared, cross, equations.mixed.segment<7>(frame.column));
+    }
+  }
+  return equations;
+}
+
+}  // namespace raylift

@@ -1,0 +1,97 @@
+// The normal equations of the joint refinement, its points eliminated by the Schur complement.
+//
+// With a frame's seven unknowns f (of the query: rotation, translation and the mean of the
+// distances' logarithm; of a reference that errs: rotation, translation and the logarithm of its
+// depths' scale) and the four of a keypoint p (its point, and the error that its depths have in
+// common), each keypoint adds
+//
+//   H_ff - H_fp H_pp^-1 H_pf   and   g_f - H_fp H_pp^-1 g_p.
+//
+// All frames displace a point alike, by D f with D = (-[point]x, 1, 0; 0, 0, 1), so that a
+// keypoint's part is worked out in the four dimensions of D f first.
+
+#pragma once
+
+#include <vector>
+
+#include "estimation/refinement/joint/model.h"
+#include "estimation/refinement/pose_minimizer.h"
+#include <Eigen/Core>
+
+namespace raylift {
+
+using Vector7d = Eigen::Matrix<double, 7, 1>;
+
+// Takes a rotation about the local origin and a translation before the pose to (w, v) after it, in
+// the camera's tangent frame.
+Matrix6d CamStepFromOwn(const CamFromLocal& pose);
+
+class JointSystem {
+ public:
+  static constexpr int kQueryColumns = 7;
+
+  explicit JointSystem(const KeypointEvidence& evidence)
+      : evidence_(evidence),
+        column_(evidence.centers.size(), -1),
+        schur_blocks_(evidence.keypoints.size()) {}
+
+  bool HasReferences() const { return num_columns_ > kQueryColumns; }
+  int num_columns() const { return num_columns_; }
+  // The Hessian of all frames after Linearize(); empty before it.
+  const Eigen::MatrixXd& hessian() const { return hessian_; }
+  // The gradient of each cell of the query's images, in a column.
+  const Eigen::MatrixXd& cell_gradients() const { return cell_gradients_; }
+
+  // Fills the normal equations, and returns their gradient.
+  Eigen::VectorXd Linearize(const JointModel& model, const NormalizedPriors& pose_priors);
+
+  // Moves the references, and then the points, by a step of all frames; the query has moved
+  // already.
+  void MoveReferences(const Eigen::VectorXd& step, JointModel& model) const;
+  void MovePoints(const Eigen::VectorXd& step, JointModel& model) const;
+
+  // Whether the residuals of whole references have a direction, by the score test: chi-squared with
+  // seven degrees of freedom each, if they are independent.
+  bool ReferencesDisagree(const JointModel& model) const;
+  // Gives the references that enough evidence speaks for columns of their own.
+  void AdmitReferenceErrors(JointModel& model);
+  // `covariance` is the inverse Hessian.
+  void UpdateReferenceVariances(const Eigen::MatrixXd& covariance, JointModel& model) const;
+
+  // Linearizes with the logarithm of the query's focal length as one more unknown.
+  FocalEquations LinearizeWithFocal(const JointModel& model, const NormalizedPriors& pose_priors);
+
+ private:
+  // A frame's evidence on a keypoint, linearized.
+  struct FrameTerm {
+    int column;  // of the frame's first unknown
+    Quadratic cost;
+    // d^2 cost / d (point, common error) d (displacement, scale); the query has the mean distance
+    // in place of a scale.
+    Eigen::Matrix4d coupling;
+  };
+  // Moves a keypoint's point after a step of the frames.
+  struct SchurBlock {
+    bool used = false;
+    Eigen::Matrix4d covariance;  // H_pp^-1
+    Eigen::Vector4d gradient;    // g_p
+    std::vector<FrameTerm> frames;
+  };
+
+  // Fills a keypoint's block; false where nothing tells of its point.
+  bool LinearizeKeypoint(const JointModel& model, size_t index);
+  // Adds the keypoint's part, its point eliminated, to the lower triangle of the Hessian.
+  void AddEliminated(const JointModel& model, size_t index);
+  void AddPosePriors(const JointModel& model, const NormalizedPriors& pose_priors,
+                     Eigen::VectorXd& gradient);
+  void AddReferencePriors(const JointModel& model, Eigen::VectorXd& gradient);
+
+  const KeypointEvidence& evidence_;
+  std::vector<int> column_;  // of each reference's first unknown; -1: it has none
+  int num_columns_ = kQueryColumns;
+  std::vector<SchurBlock> schur_blocks_;
+  Eigen::MatrixXd hessian_;
+  Eigen::MatrixXd cell_gradients_;
+};
+
+}  // namespace raylift
