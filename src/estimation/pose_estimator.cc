@@ -38,28 +38,34 @@ void EstimatorOptions::Validate() const {
           "must lie between 0 and 1");
 }
 
-std::unique_ptr<PoseEstimator> MakePoseEstimator(const EstimatorOptions& options) {
-  options.Validate();
-  const auto ransac = [&](RansacMethod method) {
-    return std::make_unique<RansacEstimator>(options, std::move(method));
-  };
+namespace {
+
+// Returns the one RANSAC of a method; HLoc's of each cluster, and Select's first.
+RansacMethod RansacMethodOf(const EstimatorOptions& options) {
   switch (options.method) {
     case Method::kP3p:
-      return ransac(P3pMethod(options));
-    case Method::kE5p1:
-      return ransac(E5p1Method(options));
-    case Method::kD3p1:
-      return ransac(D3p1Method(options));
-    case Method::kAdaptive:
-      return ransac(AdaptiveMethod(options));
-    case Method::kHybridRansac:
-      return ransac(HybridRansacMethod());
-    case Method::kSelect:
-      return MakeSelectEstimator(options);
     case Method::kHloc:
-      return MakeHlocEstimator(options);
+    case Method::kSelect:
+      break;
+    case Method::kE5p1:
+      return E5p1Method(options);
+    case Method::kD3p1:
+      return D3p1Method(options);
+    case Method::kAdaptive:
+      return AdaptiveMethod(options);
+    case Method::kHybridRansac:
+      return HybridRansacMethod();
   }
-  return nullptr;
+  return P3pMethod(options);
+}
+
+}  // namespace
+
+std::unique_ptr<PoseEstimator> MakePoseEstimator(const EstimatorOptions& options) {
+  options.Validate();
+  if (options.method == Method::kSelect) return MakeSelectEstimator(options);
+  if (options.method == Method::kHloc) return MakeHlocEstimator(options);
+  return std::make_unique<RansacEstimator>(options, RansacMethodOf(options));
 }
 
 PoseEstimate RefinePose(const PoseProblem& problem, const EstimatorOptions& options,
@@ -68,22 +74,9 @@ PoseEstimate RefinePose(const PoseProblem& problem, const EstimatorOptions& opti
   const auto refine = [&](RansacMethod method) {
     return RansacEstimator(options, std::move(method)).RefineFrom(problem, initial_cam_from_world);
   };
-  switch (options.method) {
-    case Method::kP3p:
-    case Method::kHloc:
-      return refine(P3pMethod(options));
-    case Method::kE5p1:
-      return refine(E5p1Method(options));
-    case Method::kD3p1:
-      return refine(D3p1Method(options));
-    case Method::kAdaptive:
-      return refine(AdaptiveMethod(options));
-    case Method::kHybridRansac:
-      return refine(HybridRansacMethod());
-    case Method::kSelect:
-      return SelectPose(refine(P3pMethod(options)), refine(E5p1Method(options)), options.alpha);
-  }
-  return {};
+  PoseEstimate refined = refine(RansacMethodOf(options));
+  if (options.method != Method::kSelect) return refined;
+  return SelectPose(std::move(refined), refine(E5p1Method(options)), options.alpha);
 }
 
 }  // namespace raylift

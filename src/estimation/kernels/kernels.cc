@@ -1,13 +1,11 @@
-// The kernels themselves, on vectors of RAYLIFT_KERNEL_BYTES bytes. Included once by each of
-// kernels_sse2.cc, kernels_avx2.cc and kernels_avx512.cc, which are compiled with different flags:
-// so everything here has internal linkage, and no library header is used whose inline functions
-// could leak instructions that another processor lacks into the rest of the program.
-
-#pragma once
-
-#include <cstddef>
+// The kernels themselves, on vectors of RAYLIFT_KERNEL_BYTES bytes. Compiled once per instruction set
+// (CMakeLists.txt), each time with other flags: so everything here but RAYLIFT_KERNEL_TABLE has internal
+// linkage, and no library header is used whose inline functions could leak instructions that another
+// processor lacks into the rest of the program.
 
 #include "estimation/kernels/kernels.h"
+
+#include <cstddef>
 
 namespace raylift::kernels {
 namespace {
@@ -416,18 +414,20 @@ KernelNormals Normals2D2D(const Block2D2D<T>* blocks, const int* block_camera_re
   return sums.Sum();
 }
 
-constexpr KernelTable MakeKernelTable() {
-  return {Score2D3D,
-          Score2D2D,
-          Residuals2D3D<double>,
-          Residuals2D2D<double>,
-          Residuals2D3D<float>,
-          Residuals2D2D<float>,
-          Normals2D3D<double>,
-          Normals2D2D<double>,
-          Normals2D3D<float>,
-          Normals2D2D<float>};
+}  // namespace
+
+const KernelTable& RAYLIFT_KERNEL_TABLE() {
+  static constexpr KernelTable kTable = {Score2D3D,
+                                         Score2D2D,
+                                         Residuals2D3D<double>,
+                                         Residuals2D2D<double>,
+                                         Residuals2D3D<float>,
+                                         Residuals2D2D<float>,
+                                         Normals2D3D<double>,
+                                         Normals2D2D<double>,
+                                         Normals2D3D<float>,
+                                         Normals2D2D<float>};
+  return kTable;
 }
 
-}  // namespace
 }  // namespace raylift::kernels
