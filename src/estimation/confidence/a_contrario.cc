@@ -22,7 +22,7 @@ constexpr double kSample2D2D = 6;
 constexpr double kInnerRing = 5;
 constexpr double kOuterRing = 15;
 
-// One kind of matches, by keypoint.
+// The inliers of one match set, by keypoint.
 struct SetInliers {
   std::vector<int> matches;  // of each keypoint
   std::vector<bool> inlier;
@@ -38,30 +38,30 @@ struct SetInliers {
 template <typename NormalizedMatch>
 SetInliers Count(std::span<const double> squared, const std::vector<NormalizedMatch>& matches,
                  size_t keypoints, double uniform_chance, int dimensions) {
-  SetInliers kind(keypoints);
+  SetInliers set(keypoints);
   int in_ring = 0;
   for (size_t i = 0; i < squared.size(); ++i) {
-    ++kind.matches[matches[i].keypoint];
-    if (squared[i] < 1) kind.inlier[matches[i].keypoint] = true;
+    ++set.matches[matches[i].keypoint];
+    if (squared[i] < 1) set.inlier[matches[i].keypoint] = true;
     in_ring += squared[i] > kInnerRing * kInnerRing && squared[i] < kOuterRing * kOuterRing ? 1 : 0;
   }
   const double ring = std::pow(kOuterRing, dimensions) - std::pow(kInnerRing, dimensions);
   const double observed =
       squared.empty() ? 0 : in_ring / ring / static_cast<double>(squared.size());
-  kind.chance = std::clamp(std::max(uniform_chance, observed), 1e-9, 1.0);
-  return kind;
+  set.chance = std::clamp(std::max(uniform_chance, observed), 1e-9, 1.0);
+  return set;
 }
 
-// The expected number of false alarms by one kind, as a logarithm: of `trials` keypoints beyond
-// those of the sample, so many are inliers.
+// The expected number of false alarms by one match set, as a logarithm: of `trials` keypoints
+// beyond those of the sample, so many are inliers.
 struct Trials {
   double trials = 0, inliers = 0, chance_sum = 0;
 
-  void Add(const SetInliers& kind, size_t keypoint) {
-    if (kind.matches[keypoint] == 0) return;
+  void Add(const SetInliers& set, size_t keypoint) {
+    if (set.matches[keypoint] == 0) return;
     trials += 1;
-    inliers += kind.inlier[keypoint] ? 1 : 0;
-    chance_sum += 1 - kind.ChanceOfNone(keypoint);
+    inliers += set.inlier[keypoint] ? 1 : 0;
+    chance_sum += 1 - set.ChanceOfNone(keypoint);
   }
 
   // Hoeffding's bound of the binomial tail. `sample` keypoints fit by construction.
@@ -124,24 +124,24 @@ InlierEvidence InlierAssessor::Assess(const CamFromLocal& pose) const {
   // The Sampson error is the distance from the epipolar line over the square root of two.
   const double threshold_2d2d = std::numbers::sqrt2 * problem_.sampson_threshold_px;
   const double inlier_area = std::numbers::pi * threshold_2d3d * threshold_2d3d;
-  const SetInliers points = Count(residuals.of_2d3d, problem_.matches_2d3d, problem_.num_keypoints,
-                                  Widening2D3D(pose) * inlier_area / area_px2_, 2);
-  const SetInliers pairs = Count(residuals.of_2d2d, problem_.matches_2d2d, problem_.num_keypoints,
-                                 Widening2D2D() * 2 * threshold_2d2d / std::sqrt(area_px2_), 1);
+  const SetInliers of_2d3d = Count(residuals.of_2d3d, problem_.matches_2d3d, problem_.num_keypoints,
+                                   Widening2D3D(pose) * inlier_area / area_px2_, 2);
+  const SetInliers of_2d2d = Count(residuals.of_2d2d, problem_.matches_2d2d, problem_.num_keypoints,
+                                   Widening2D2D() * 2 * threshold_2d2d / std::sqrt(area_px2_), 1);
 
   InlierEvidence evidence;
   evidence.inlier.assign(problem_.num_keypoints, false);
   std::set<int> cells;
   for (size_t k = 0; k < problem_.num_keypoints; ++k) {
     const bool matched =
-        (Has2D3D(sets_) && points.matches[k] > 0) || (Has2D2D(sets_) && pairs.matches[k] > 0);
+        (Has2D3D(sets_) && of_2d3d.matches[k] > 0) || (Has2D2D(sets_) && of_2d2d.matches[k] > 0);
     if (!matched) continue;
     ++evidence.keypoints;
-    const double miss = (Has2D3D(sets_) ? points.ChanceOfNone(k) : 1) *
-                        (Has2D2D(sets_) ? pairs.ChanceOfNone(k) : 1);
+    const double miss = (Has2D3D(sets_) ? of_2d3d.ChanceOfNone(k) : 1) *
+                        (Has2D2D(sets_) ? of_2d2d.ChanceOfNone(k) : 1);
     evidence.chance += 1 - miss;
     evidence.inlier[k] =
-        (Has2D3D(sets_) && points.inlier[k]) || (Has2D2D(sets_) && pairs.inlier[k]);
+        (Has2D3D(sets_) && of_2d3d.inlier[k]) || (Has2D2D(sets_) && of_2d2d.inlier[k]);
     if (!evidence.inlier[k]) continue;
     ++evidence.inlier_keypoints;
     cells.insert(cell_[k]);
@@ -152,14 +152,15 @@ InlierEvidence InlierAssessor::Assess(const CamFromLocal& pose) const {
         static_cast<double>(evidence.inlier_keypoints) / static_cast<double>(cells.size());
   }
 
-  // A keypoint's point is lifted from its pair, so it may speak for one kind only: for points where
-  // it has one, or for pairs where it has one; the stronger of the two counts.
+  // A keypoint's point is lifted from its 2D-2D match, so a keypoint speaks by one match set only:
+  // by its 2D-3D matches where it has some, or by its 2D-2D matches; the stronger of the two
+  // counts.
   Trials by_2d3d, rest_of_2d3d, by_2d2d, rest_of_2d2d;
   for (size_t k = 0; k < problem_.num_keypoints; ++k) {
-    by_2d3d.Add(points, k);
-    by_2d2d.Add(pairs, k);
-    if (points.matches[k] == 0) rest_of_2d3d.Add(pairs, k);
-    if (pairs.matches[k] == 0) rest_of_2d2d.Add(points, k);
+    by_2d3d.Add(of_2d3d, k);
+    by_2d2d.Add(of_2d2d, k);
+    if (of_2d3d.matches[k] == 0) rest_of_2d3d.Add(of_2d2d, k);
+    if (of_2d2d.matches[k] == 0) rest_of_2d2d.Add(of_2d3d, k);
   }
   double tail = 0;
   if (Has2D3D(sets_)) {

@@ -75,7 +75,7 @@ struct KernelNormals {
 };
 
 struct KernelTable {
-  // Scores of `count` consecutive blocks. The camera centers of the pairs' references are given in
+  // Scores of `count` consecutive blocks. The centers of the 2D-2D matches' references are given in
   // the query's camera frame: `centers[3 * block_camera_reference[i]]`.
   KernelScore (*score_2d3d)(const Block2D3D<float>* blocks, int count,
                             const KernelPose<float>& pose);

@@ -132,7 +132,7 @@ struct Blocks2D2D {
   std::vector<int> block_camera_reference;
   std::vector<int> lane_match;  // as of the points
 };
-// `selection` must list the pairs of a view next to each other.
+// `selection` must list the matches of a camera-reference pair next to each other.
 template <typename T>
 Blocks2D2D<T> MakeBlocks2D2D(const std::vector<NormalizedMatch2D2D>& pairs,
                              const std::vector<int>& selection);

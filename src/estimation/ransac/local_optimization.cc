@@ -8,17 +8,17 @@
 namespace raylift {
 namespace {
 
-// No more matches than these of each kind are needed to come as near as the score can tell; the
+// No more matches than these of each set are needed to come as near as the score can tell; the
 // final refinement takes all. Blocks are in random order.
 constexpr size_t kBlocksToReach = 24;
 constexpr size_t kBlocksToSettle = 32;
 
-// The first blocks of each kind, and the weights with which they stand for all.
-struct Part {
+// The first blocks of each set, and the weights with which they stand for all.
+struct BlockSample {
   ActiveMatches<float> matches;
   MatchSetWeights weights;
 
-  Part(const ActiveMatches<float>& all, size_t count, double loss_limit) : matches(all) {
+  BlockSample(const ActiveMatches<float>& all, size_t count, double loss_limit) : matches(all) {
     matches.blocks_2d3d = all.blocks_2d3d.first(std::min(all.blocks_2d3d.size(), count));
     matches.blocks_2d2d = all.blocks_2d2d.first(std::min(all.blocks_2d2d.size(), count));
     weights.weight_2d3d = Share(all.blocks_2d3d.size(), matches.blocks_2d3d.size());
@@ -50,14 +50,14 @@ CamFromLocal OptimizeLocally(const NormalizedProblem& problem, const CamFromLoca
     active.blocks_2d2d = problem.blocks_2d2d;
     active.block_camera_reference_2d2d = problem.block_camera_reference_2d2d;
   }
-  const auto part = [&](size_t count, double loss_limit) {
+  const auto sample = [&](size_t count, double loss_limit) {
     const bool all = matches == OptimizedMatches::kAll;
-    return Part(active, all ? std::numeric_limits<size_t>::max() : count, loss_limit);
+    return BlockSample(active, all ? std::numeric_limits<size_t>::max() : count, loss_limit);
   };
   // A minimal sample's pose may be so far off that many inliers lie beyond the threshold: first
   // reach for those, then settle on the score's own cost.
-  const CamFromLocal near = part(kBlocksToReach, kNearSquared).Minimized(problem, pose, 2, 1e-2);
-  return part(kBlocksToSettle, 1).Minimized(problem, near, max_steps, 1e-4);
+  const CamFromLocal near = sample(kBlocksToReach, kNearSquared).Minimized(problem, pose, 2, 1e-2);
+  return sample(kBlocksToSettle, 1).Minimized(problem, near, max_steps, 1e-4);
 }
 
 }  // namespace raylift

@@ -10,7 +10,7 @@ namespace raylift {
 
 // How many matches take part.
 enum class OptimizedMatches {
-  kEnough,  // a random part of each kind, which stands for all of it
+  kEnough,  // a random part of each set, which stands for all of it
   kAll,
 };
 

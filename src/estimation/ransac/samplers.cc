@@ -49,7 +49,7 @@ CamFromLocal QueryPoseOf(const NormalizedProblem& problem, const MatchGroup& gro
   return pose;
 }
 
-// Adds the poses that a camera has relative to a reference, each with the length that a pair of
+// Adds the poses that a camera has relative to a reference, each with the length that a match of
 // another reference or camera gives it.
 void AddPosesByLength(const NormalizedProblem& problem, const MatchGroup& group,
                       std::span<const RelativePose> relative, const NormalizedMatch2D2D& pair,

@@ -43,8 +43,9 @@ class P3pSampler final : public HypothesisSampler {
   const NormalizedProblem& problem_;
 };
 
-// The pairs of all references whose center is another than one reference's, and those of a rig's
-// other cameras with another center: one of them tells how far the query is from that reference.
+// The 2D-2D matches of all references whose center is another than one reference's, and those of a
+// rig's other cameras with another center: one of them tells how far the query is from that
+// reference.
 class MatchesElsewhere {
  public:
   MatchesElsewhere(const NormalizedProblem& problem, const MatchGroup& group);
@@ -84,7 +85,7 @@ class E5p1Sampler final : public HypothesisSampler {
   double NumSamples() const override;
 
  private:
-  // A reference for the five, and the pairs that may be the sixth.
+  // A reference for the five, and the matches that may be the sixth.
   struct FiveSource {
     MatchGroup group;
     MatchesElsewhere sixth;
@@ -94,7 +95,7 @@ class E5p1Sampler final : public HypothesisSampler {
   const NormalizedProblem& problem_;
   int sixth_matches_;  // per sample
   std::vector<FiveSource> sources_;
-  int num_five_ = 0;  // pairs of all sources together
+  int num_five_ = 0;  // matches of all sources together
   bool position_observable_ = false;
 };
 
@@ -117,7 +118,7 @@ class D3p1Sampler final : public HypothesisSampler {
     Eigen::Matrix3d image_from_ray;     // of the query, as a NormalizedMatch2D3D's
     Eigen::Vector3d point_from_center;  // world axes
   };
-  // A reference for the three, and the pairs that may be the fourth.
+  // A reference for the three, and the matches that may be the fourth.
   struct DepthSource {
     MatchGroup group;
     std::vector<LiftedMatch> lifted;

@@ -31,7 +31,7 @@ struct InlierCounts {
   int of_2d3d = 0;
   std::vector<int> of_2d2d;  // by NormalizedProblem::CameraReferenceIndex()
   // How much more the counts of blocks vary than those of independent matches would: a block's
-  // pairs are of one reference, and references are good or bad as a whole.
+  // matches are of one reference, and references are good or bad as a whole.
   double clustering_2d2d = 1;
 };
 
@@ -66,7 +66,8 @@ class Scorer {
   // soon as a part of the matches leaves little hope that it will be.
   std::optional<SetScores> ScoreIfBetter(const CamFromLocal& pose, double best_value) const;
 
-  // From now on a part of the pairs tells the less of the whole, the more they are clustered.
+  // From now on a part of the 2D-2D matches tells the less of the whole, the more they are
+  // clustered.
   void ExpectClusters(double clustering_2d2d) { clustering_2d2d_ = clustering_2d2d; }
 
   // Both sets, whatever the pose score uses.

@@ -1,4 +1,4 @@
-// Refining a pose, in double precision, with each kind's noise estimated from its own inliers, so
+// Refining a pose, in double precision, with each set's noise estimated from its own inliers, so
 // that inaccurate geometry does not drag the pose, and a robust loss.
 
 #pragma once
@@ -87,9 +87,9 @@ kernels::KernelLoss RobustLoss(double variance, const ResidualModel& model);
 // hundreds of inliers know. How many of the matches at one parallax are there by chance shows in
 // the residuals a little farther off, where only wrong ones are.
 
-// The indices, in order, of the pairs whose squared residual is below `limit`, without those at
-// parallaxes where chance explains too many of them. `variance` is that of the residuals of right
-// matches; all in units of the squared threshold.
+// The indices, in order, of the 2D-2D matches whose squared residual is below `limit`, without
+// those at parallaxes where chance explains too many of them. `variance` is that of the residuals
+// of right matches; all in units of the squared threshold.
 std::vector<int> ReliableMatches2D2D(const NormalizedProblem& problem, const CamFromLocal& pose,
                                      const std::vector<double>& squared_residuals, double variance,
                                      double limit);

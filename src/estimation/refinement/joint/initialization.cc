@@ -77,11 +77,11 @@ struct ObservedError {
 
 // A strided part is enough to tell a deviation to a few per cent.
 constexpr size_t kEnoughErrors = 400;
-std::vector<ObservedError> Part(const std::vector<ObservedError>& errors) {
+std::vector<ObservedError> Strided(const std::vector<ObservedError>& errors) {
   const size_t stride = errors.size() / kEnoughErrors + 1;
-  std::vector<ObservedError> part;
-  for (size_t i = 0; i < errors.size(); i += stride) part.push_back(errors[i]);
-  return part;
+  std::vector<ObservedError> strided;
+  for (size_t i = 0; i < errors.size(); i += stride) strided.push_back(errors[i]);
+  return strided;
 }
 
 struct VarianceAndShare {
@@ -160,7 +160,7 @@ JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal&
   }
   if (!depths.empty()) {
     const auto [variance, share] = Likeliest(
-        Part(depths), 1,
+        Strided(depths), 1,
         [&](const ObservedError& error, double v) {
           return Normal1D(error.squared, keypoint_variance_px2 * error.squared_gain + v);
         },
@@ -174,7 +174,7 @@ JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal&
   if (!unanchored.empty()) {
     const double extent = std::exp(noise.log_distance_mean);
     const auto [variance, share] = Likeliest(
-        Part(unanchored), extent * extent,
+        Strided(unanchored), extent * extent,
         [&](const ObservedError& error, double v) {
           return Normal2D(error.squared, keypoint_variance_px2 * error.squared_gain + v);
         },
