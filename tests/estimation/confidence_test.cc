@@ -49,7 +49,7 @@ void Rotate(PoseProblem& problem) {
   for (Match2D3D& match : problem.matches_2d3d) rotate(match);
 }
 
-TEST(InlierEvidence, RightPosesAreLocalizedAlsoByFewKeypoints) {
+TEST(Support, RightPosesAreLocalizedAlsoByFewKeypoints) {
   Rng rng = TestRng();
   for (const int keypoints : {20, 40, 300}) {
     for (int i = 0; i < 10; ++i) {
@@ -64,7 +64,7 @@ TEST(InlierEvidence, RightPosesAreLocalizedAlsoByFewKeypoints) {
   }
 }
 
-TEST(InlierEvidence, ShuffledMatchesAreNotLocalized) {
+TEST(Support, ShuffledMatchesAreNotLocalized) {
   Rng rng = TestRng();
   for (const int keypoints : {10, 30, 100, 300}) {
     for (int i = 0; i < 10; ++i) {
@@ -86,7 +86,7 @@ TEST(InlierEvidence, ShuffledMatchesAreNotLocalized) {
   }
 }
 
-TEST(InlierEvidence, InliersOfUncertainPointsProveLittle) {
+TEST(Support, InliersOfUncertainPointsProveLittle) {
   // Each point may be anywhere in the image: all are inliers, of any pose.
   Rng rng = TestRng();
   CoherentProblem made = MakeCoherentProblem("uncertain", {}, rng);
@@ -103,7 +103,7 @@ TEST(InlierEvidence, InliersOfUncertainPointsProveLittle) {
   EXPECT_GT(log_false_alarms(0), 0);
 }
 
-TEST(InlierEvidence, PairsOfOneReferenceDoNotTellTheDistance) {
+TEST(Support, PairsOfOneReferenceDoNotTellTheDistance) {
   Rng rng = TestRng();
   for (int i = 0; i < 5; ++i) {
     CoherentProblem made =
@@ -129,7 +129,7 @@ TEST(InlierEvidence, PairsOfOneReferenceDoNotTellTheDistance) {
   }
 }
 
-TEST(InlierEvidence, PairsWithoutParallaxDoNotTellThePosition) {
+TEST(Support, PairsWithoutParallaxDoNotTellThePosition) {
   // References 2 mm from the query, 20 m before the facade: a tenth of a pixel of parallax.
   Rng rng = TestRng();
   for (int i = 0; i < 5; ++i) {
@@ -144,7 +144,7 @@ TEST(InlierEvidence, PairsWithoutParallaxDoNotTellThePosition) {
   }
 }
 
-TEST(InlierEvidence, CountsAKeypointOnce) {
+TEST(Support, CountsAKeypointOnce) {
   Rng rng = TestRng();
   const CoherentProblem made = MakeCoherentProblem("once", {}, rng);
   const NormalizedProblem prepared(made.problem, 8, 2, rng);
@@ -156,7 +156,7 @@ TEST(InlierEvidence, CountsAKeypointOnce) {
   EXPECT_LT(evidence.log_false_alarms, -50);
 }
 
-TEST(InlierEvidence, KeypointsInOnePlaceCountAsFewer) {
+TEST(Support, KeypointsInOnePlaceCountAsFewer) {
   // Twelve matches all over the image, or all within a few pixels.
   const auto support_of = [](double spread) {
     Rng rng = TestRng();
@@ -213,7 +213,7 @@ TEST(ProbabilityOverAlternative, TakesWhatAgreesBeyondChanceForTwoWitnesses) {
 // Three quarters of the keypoints are taken for those of the same thing elsewhere, in all
 // references: neither the place that most of them show nor the other one is sure. Where a quarter
 // is wrong at random, the pose is.
-TEST(InlierEvidence, WhatTheSceneHoldsTwiceIsDoubtful) {
+TEST(Support, WhatTheSceneHoldsTwiceIsDoubtful) {
   Rng rng = TestRng();
   for (const bool twice : {true, false}) {
     CoherentProblem made = MakeCoherentProblem("twice", {.wrong = 0}, rng);
