@@ -21,6 +21,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
+#include "raylift/estimation/pose_estimator.h"
 #include "raylift/geometry/residuals.h"
 #include "raylift/scene/keypoints.h"
 
