@@ -1,5 +1,6 @@
 #include "lifting/mesh_spec.h"
 
+#include "renderers/splat_blend.h"
 #include "support/matchers.h"
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>

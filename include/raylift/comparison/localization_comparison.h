@@ -13,6 +13,7 @@
 
 #include <Eigen/Core>
 
+#include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/evaluation/bootstrap.h"
 #include "raylift/evaluation/pose_errors.h"
