@@ -1,6 +1,7 @@
 // Pose problems and their estimates.
 
 #include <algorithm>
+#include <array>
 #include <limits>
 
 #include "apps/python/conversions.h"
@@ -10,6 +11,7 @@
 #include "raylift/base/parallel.h"
 #include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
+#include "raylift/estimation/solvers.h"
 #include "raylift/io/pose_problem_json.h"
 
 namespace raylift::python {
@@ -344,11 +346,93 @@ EstimatorOptions OptionsOf(const py::kwargs& given) {
   return options;
 }
 
+// The rows of an array of the shape (kCount, 3).
+template <size_t kCount>
+std::array<Eigen::Vector3d, kCount> Vectors(const ArrayLike& argument, std::string_view name) {
+  const Rows<3> rows(argument, name);
+  if (rows.size() != kCount) {
+    throw InputError(fmt::format("{}: expected an array of shape ({}, 3), found {} rows", name,
+                                 kCount, rows.size()));
+  }
+  std::array<Eigen::Vector3d, kCount> vectors;
+  for (size_t i = 0; i < kCount; ++i) vectors[i] = rows[i];
+  return vectors;
+}
+
+void BindSolvers(py::module_& module) {
+  module.def(
+      "solve_p3p",
+      [](const ArrayLike& rays, const ArrayLike& points) {
+        return SolveP3p(Vectors<3>(rays, "rays"), Vectors<3>(points, "points3d"));
+      },
+      py::arg("rays"), py::arg("points3d"),
+      "P3P: the poses (cam_from_world, up to 4) from three points (3, 3) and the rays to them in\n"
+      "the camera's frame (3, 3), of any length (Camera.rays()). Lambda Twist.");
+  module.def(
+      "solve_gp3p",
+      [](const ArrayLike& centers, const ArrayLike& rays, const ArrayLike& points) {
+        return SolveGeneralizedP3p(Vectors<3>(centers, "centers"), Vectors<3>(rays, "rays"),
+                                   Vectors<3>(points, "points3d"));
+      },
+      py::arg("centers"), py::arg("rays"), py::arg("points3d"),
+      "Generalized P3P: a rig's poses (rig_from_world, up to 8) from three points, each seen from\n"
+      "a center of its own; centers and rays (3, 3) are in the rig's frame.");
+  module.def(
+      "solve_e5p1",
+      [](const ArrayLike& rays, const ArrayLike& reference_rays, const PoseLike& reference,
+         const PoseLike& sixth_reference) {
+        return SolveE5p1(Vectors<6>(rays, "rays"), Vectors<6>(reference_rays, "reference_rays"),
+                         ToPose(reference), ToPose(sixth_reference));
+      },
+      py::arg("rays"), py::arg("reference_rays"), py::arg("reference"), py::arg("sixth_reference"),
+      "E5+1: the poses (cam_from_world, up to 10) from five 2D-2D matches with one reference and "
+      "a\n"
+      "sixth with another: rays (6, 3) in the camera's frame and in those of the references, "
+      "whose\n"
+      "poses (cam_from_world) are given.");
+  module.def(
+      "solve_d3p1",
+      [](const ArrayLike& rays, const ArrayLike& points_in_reference, const ArrayLike& fourth_ray,
+         const PoseLike& reference, const PoseLike& fourth_reference) {
+        return SolveD3p1(Vectors<4>(rays, "rays"),
+                         Vectors<3>(points_in_reference, "points_in_reference"),
+                         ToVector3(fourth_ray, "fourth_reference_ray"), ToPose(reference),
+                         ToPose(fourth_reference));
+      },
+      py::arg("rays"), py::arg("points_in_reference"), py::arg("fourth_reference_ray"),
+      py::arg("reference"), py::arg("fourth_reference"),
+      "D3+1: as E5+1, but by three matches whose points (3, 3) are known in the reference's frame\n"
+      "up to one factor (depth of any scale), and a fourth with another reference, by its ray "
+      "(3,).\n"
+      "Rays are (4, 3); up to 4 poses.");
+  module.def(
+      "solve_up2p",
+      [](const ArrayLike& rays, const ArrayLike& points, const ArrayLike& down_in_cam,
+         const ArrayLike& down_in_world) {
+        return SolveUp2p(Vectors<2>(rays, "rays"), Vectors<2>(points, "points3d"),
+                         ToVector3(down_in_cam, "down_in_cam"),
+                         ToVector3(down_in_world, "down_in_world"));
+      },
+      py::arg("rays"), py::arg("points3d"), py::arg("down_in_cam"), py::arg("down_in_world"),
+      "UP2P: the poses (cam_from_world, up to 2) from two points (2, 3), the rays to them and the\n"
+      "direction of gravity (3,) in both frames.");
+  module.def(
+      "solve_known_center",
+      [](const ArrayLike& rays, const ArrayLike& points, const ArrayLike& center) {
+        return SolveKnownCenter(Vectors<2>(rays, "rays"), Vectors<2>(points, "points3d"),
+                                ToVector3(center, "center"));
+      },
+      py::arg("rays"), py::arg("points3d"), py::arg("center"),
+      "The pose (cam_from_world, none or one) of a camera at a known center (3,) from two points\n"
+      "(2, 3) and the rays to them.");
+}
+
 }  // namespace
 
 void BindEstimation(py::module_& module) {
   BindProblem(module);
   BindEstimate(module);
+  BindSolvers(module);
   module.def(
       "estimate",
       [](const PoseProblem& problem, const py::kwargs& options) {
@@ -375,6 +459,18 @@ void BindEstimation(py::module_& module) {
       py::arg("problems"), py::kw_only(), py::arg("threads") = 0, py::arg("progress") = py::none(),
       "The poses of many problems, on `threads` threads (0: all). The same for any number of "
       "them.");
+  module.def(
+      "refine_pose",
+      [](const PoseProblem& problem, const PoseLike& pose, const py::kwargs& options) {
+        const EstimatorOptions values = OptionsOf(options);
+        const Rigid3 cam_from_world = ToPose(pose);
+        return WithoutLock([&] { return RefinePose(problem, values, cam_from_world); });
+      },
+      py::arg("problem"), py::arg("cam_from_world"),
+      "Refines a pose without RANSAC: on the matches near it, and then as the method does with\n"
+      "RANSAC's best pose. It must be so near that some right matches lie within three "
+      "thresholds.\n"
+      "Options as of raylift.estimate_pose(). Returns a PoseEstimate.");
 }
 
 }  // namespace raylift::python

@@ -31,6 +31,7 @@ OPTIONS = {
     "estimate_all": "EstimatorOptions",
     "filter_points": "FilterThresholds",
     "merge_candidates": "CandidateOptions",
+    "refine_pose": "EstimatorOptions",
     "write_depth": "DepthWriteOptions",
 }
 HEAD = "# Written by make_stubs.py; do not edit.\n"

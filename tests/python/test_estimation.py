@@ -12,7 +12,7 @@ import pytest
 
 import raylift
 from raylift import _types
-from synthetic import CAMERA, Problem
+from synthetic import CAMERA, Problem, pose
 
 METHODS = ["p3p", "e5p1", "adaptive", "select", "hybrid_ransac", "hloc"]
 
@@ -289,3 +289,35 @@ except KeyboardInterrupt:
     run = subprocess.run([sys.executable, "-c", script], text=True, capture_output=True, timeout=200,
                          env=dict(os.environ, TESTS=os.path.dirname(__file__)))
     assert run.stdout == "stopped\n", run.stderr
+
+
+def test_minimal_solvers_find_the_pose_among_few():
+    problem = Problem(noise_px=0, wrong=0)
+    truth, points = problem.truth, problem.points3d
+    in_cam = truth.transform(points)
+    poses = [reference.cam_from_world for reference in problem.references]
+    in_reference = [pose.transform(points) for pose in poses]
+    down = np.array([0.2, 0.1, -0.9])
+    found = [
+        raylift.solve_p3p(in_cam[:3], points[:3]),
+        raylift.solve_gp3p(np.zeros((3, 3)) + np.eye(3), in_cam[:3] - np.eye(3), points[:3]),
+        raylift.solve_e5p1(in_cam[:6], np.vstack([in_reference[0][:5], in_reference[1][5:6]]), *poses[:2]),
+        raylift.solve_d3p1(in_cam[:4], 3 * in_reference[0][:3], in_reference[1][3], *poses[:2]),
+        raylift.solve_up2p(in_cam[:2], points[:2], truth.rotation @ down, down),
+        raylift.solve_known_center(in_cam[:2], points[:2], truth.center),
+    ]
+    for solutions in found:
+        errors = [np.abs(pose.matrix - truth.matrix).max() for pose in solutions]
+        assert 0 < len(errors) <= 10 and min(errors) < 1e-6
+    with pytest.raises(raylift.InputError, match=r"rays: expected an array of shape \(3, 3\), found 2"):
+        raylift.solve_p3p(in_cam[:2], points[:3])
+
+
+def test_a_pose_that_is_nearly_known_is_refined():
+    problem = Problem()
+    asked = raylift.PoseProblem(CAMERA, problem.points2d, problem.points3d, **problem.pairs)
+    near = pose([0.102, -0.199, 0.05], problem.truth.center + 0.01)
+    problem.expect_near(raylift.refine_pose(asked, near))
+    problem.expect_near(raylift.refine_pose(asked, near, method="p3p"))
+    with pytest.raises(raylift.OptionError, match="alpha"):
+        raylift.refine_pose(asked, near, alpha=-1)

@@ -9,7 +9,7 @@ import numpy.typing
 import raylift._types
 import typing
 import typing_extensions
-__all__: list[str] = ['Camera', 'ColmapModel', 'DepthMaps', 'Geometry', 'InputError', 'Lifter', 'LocalizedQuery', 'Localizer', 'Mesh', 'OptionError', 'PYBIND11_MAJOR', 'PoseEstimate', 'PoseProblem', 'PosedImage', 'RayCaster', 'Rigid3', 'Scene', 'SfmPoints', 'VERSION', 'estimate', 'estimate_all', 'extract_features', 'filter_points', 'merge_candidates', 'read_depth', 'read_image', 'read_poses', 'read_queries', 'run_command', 'run_program', 'write_depth', 'write_poses', 'write_queries']
+__all__: list[str] = ['Camera', 'ColmapModel', 'DepthMaps', 'Geometry', 'InputError', 'Lifter', 'LocalizedQuery', 'Localizer', 'Mesh', 'OptionError', 'PYBIND11_MAJOR', 'PoseEstimate', 'PoseProblem', 'PosedImage', 'RayCaster', 'Rigid3', 'Scene', 'SfmPoints', 'VERSION', 'estimate', 'estimate_all', 'extract_features', 'filter_points', 'merge_candidates', 'read_depth', 'read_image', 'read_poses', 'read_queries', 'refine_pose', 'run_command', 'run_program', 'solve_d3p1', 'solve_e5p1', 'solve_gp3p', 'solve_known_center', 'solve_p3p', 'solve_up2p', 'write_depth', 'write_poses', 'write_queries']
 class InputError(ValueError):
     """
     Bad input: a file, or an argument's value. One line that names it, the place
@@ -785,6 +785,12 @@ def read_queries(file: raylift._types.PathLike) -> list[tuple[str, Camera]]:
     """
     Lines `name MODEL width height params...`: a list of (name, Camera).
     """
+def refine_pose(problem: PoseProblem, cam_from_world: raylift._types.PoseLike, **kwargs: typing_extensions.Unpack[raylift._types.EstimatorOptions]) -> PoseEstimate:
+    """
+    Refines a pose without RANSAC: on the matches near it, and then as the method does with
+    RANSAC's best pose. It must be so near that some right matches lie within three thresholds.
+    Options as of raylift.estimate_pose(). Returns a PoseEstimate.
+    """
 def run_command(arguments: collections.abc.Sequence[str], *, progress: raylift._types.Progress | None = None) -> None:
     """
     Runs a command of the program by its arguments, as a shell would.
@@ -794,6 +800,38 @@ def run_command(arguments: collections.abc.Sequence[str], *, progress: raylift._
 def run_program(arguments: collections.abc.Sequence[str]) -> int:
     """
     The program `raylift`. Returns its exit code.
+    """
+def solve_d3p1(rays: numpy.typing.ArrayLike, points_in_reference: numpy.typing.ArrayLike, fourth_reference_ray: numpy.typing.ArrayLike, reference: raylift._types.PoseLike, fourth_reference: raylift._types.PoseLike) -> list[Rigid3]:
+    """
+    D3+1: as E5+1, but by three matches whose points (3, 3) are known in the reference's frame
+    up to one factor (depth of any scale), and a fourth with another reference, by its ray (3,).
+    Rays are (4, 3); up to 4 poses.
+    """
+def solve_e5p1(rays: numpy.typing.ArrayLike, reference_rays: numpy.typing.ArrayLike, reference: raylift._types.PoseLike, sixth_reference: raylift._types.PoseLike) -> list[Rigid3]:
+    """
+    E5+1: the poses (cam_from_world, up to 10) from five 2D-2D matches with one reference and a
+    sixth with another: rays (6, 3) in the camera's frame and in those of the references, whose
+    poses (cam_from_world) are given.
+    """
+def solve_gp3p(centers: numpy.typing.ArrayLike, rays: numpy.typing.ArrayLike, points3d: numpy.typing.ArrayLike) -> list[Rigid3]:
+    """
+    Generalized P3P: a rig's poses (rig_from_world, up to 8) from three points, each seen from
+    a center of its own; centers and rays (3, 3) are in the rig's frame.
+    """
+def solve_known_center(rays: numpy.typing.ArrayLike, points3d: numpy.typing.ArrayLike, center: numpy.typing.ArrayLike) -> list[Rigid3]:
+    """
+    The pose (cam_from_world, none or one) of a camera at a known center (3,) from two points
+    (2, 3) and the rays to them.
+    """
+def solve_p3p(rays: numpy.typing.ArrayLike, points3d: numpy.typing.ArrayLike) -> list[Rigid3]:
+    """
+    P3P: the poses (cam_from_world, up to 4) from three points (3, 3) and the rays to them in
+    the camera's frame (3, 3), of any length (Camera.rays()). Lambda Twist.
+    """
+def solve_up2p(rays: numpy.typing.ArrayLike, points3d: numpy.typing.ArrayLike, down_in_cam: numpy.typing.ArrayLike, down_in_world: numpy.typing.ArrayLike) -> list[Rigid3]:
+    """
+    UP2P: the poses (cam_from_world, up to 2) from two points (2, 3), the rays to them and the
+    direction of gravity (3,) in both frames.
     """
 def write_depth(file: raylift._types.PathLike, depth: numpy.typing.ArrayLike, **kwargs: typing_extensions.Unpack[raylift._types.DepthWriteOptions]) -> dict[str, typing.Any]:
     """
