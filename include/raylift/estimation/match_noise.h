@@ -1,5 +1,5 @@
-// What matches are worth: what the estimate of one query found, and what the queries of a scene
-// tell of a new one's.
+// The noise of matches: as the estimate of one query found it, and as the queries of a scene
+// foretell a new one's.
 
 #pragma once
 
@@ -7,19 +7,19 @@
 
 namespace raylift {
 
-// What Adaptive found the matches of a query to be worth, as standard deviations (of pixels, as
-// scales).
+// The noise of one query's matches as the joint refinement found it, by standard deviations (those
+// of pixels are scales).
 struct MatchNoise {
-  // Of a keypoint's pixel: the scale of Student's t, and the inverse of its degrees of freedom (0:
-  // normal).
+  // A keypoint's pixel errs by Student's t: its scale, and the inverse of its degrees of freedom
+  // (0: normal).
   double keypoint_px = 0;
   double keypoint_tail = 0;
-  // Of lifted points along their rays, as a share of the distance: each by itself, what those of a
-  // keypoint have in common, and the factors of whole references (0: not looked for).
+  // Lifted points err along their rays, by a share of the distance: each by itself, those of a
+  // keypoint in common, and whole references by a factor (0: not looked for).
   double depth = 0;
   double common_depth = 0;
   double reference_factor = 0;
-  // Of the references' poses, per axis; 0: not looked for.
+  // The references' poses err by this, per axis; 0: not looked for.
   double reference_rotation_deg = 0;
   double reference_position = 0;  // scene units
 
@@ -38,8 +38,8 @@ struct KnownNoise {
   bool operator==(const KnownNoise&) const = default;
 };
 
-// What is common to a scene's queries. A single query with few keypoints cannot tell the noise of
-// its depths from its own pose's error.
+// The noise that a scene's queries have in common. A single query with few keypoints cannot tell
+// the noise of its depths from its own pose's error.
 struct SceneNoise {
   KnownNoise keypoint_px, depth, common_depth;
   // Mean and variance over the queries; no variance: not known.
@@ -50,8 +50,8 @@ struct SceneNoise {
 };
 
 // By a random-effects model of the variances (DerSimonian and Laird, Controlled Clinical Trials
-// 1986): what differs from query to query is worth few errors. What fewer than three queries have
-// shown is not known.
+// 1986): what differs from query to query is worth few errors. Noise that fewer than three queries
+// have shown is not known.
 SceneNoise PoolNoise(std::span<const MatchNoise> queries);
 
 }  // namespace raylift

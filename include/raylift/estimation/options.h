@@ -82,7 +82,7 @@ inline constexpr auto kEnumNames<LocalOptimization> = std::to_array<EnumName<Loc
     {LocalOptimization::kSplit, "split"},
 });
 
-// What happens beyond the paper, in every method.
+// How far methods go beyond the paper.
 enum class Refinement {
   // The pose is refined by maximum likelihood after RANSAC, Adaptive's and D3+1's by both match
   // sets together, and Adaptive draws samples of D3+1 as well; a pose that chance explains is none.
@@ -109,8 +109,8 @@ struct EstimatorOptions {
   // Standard deviation (scene units) of the 3D points whose match carries none: it widens a match's
   // threshold by the point's error in pixels at its depth. 0: points are exact.
   double point_sigma = 0;
-  // What the scene's queries have in common (PoolNoise()), for the robust refinement of both match
-  // sets together. None: each query tells by itself.
+  // The noise that the scene's queries have in common (PoolNoise()), for the robust refinement of
+  // both match sets together. nullopt: each query tells by itself.
   std::optional<SceneNoise> scene_noise = std::nullopt;
   // Find the query's focal length with the pose, for photographs of unknown calibration, within
   // this factor of the camera's either way. Lenses without one stay as they are. (A problem whose

@@ -1,4 +1,4 @@
-// What an estimator found: the pose or a reason, what supports it, and how sure it is.
+// The result of an estimator: the pose or a reason, its support, and how sure it is.
 
 #pragma once
 
@@ -64,7 +64,7 @@ struct PoseEstimate {
   std::optional<Rigid3> cam_from_world;
   FailureReason failure = FailureReason::kNone;
 
-  // Of the final pose, with the thresholds of the options; always over both match sets.
+  // The final pose's scores with the thresholds of the options, always over both match sets.
   MatchSetScore score_2d3d;
   MatchSetScore score_2d2d;
   std::vector<bool> inliers_2d3d;  // one per match of the problem
@@ -73,9 +73,9 @@ struct PoseEstimate {
   Solver solver = Solver::kP3p;  // which solver the pose comes from
   int iterations = 0;
 
-  // Of the step (w, v) in the camera's tangent frame (geometry/residuals.h), from the normal
-  // equations at the final pose with the residuals' own spread; none where the inliers do not
-  // determine the pose.
+  // The covariance of the step (w, v) in the camera's tangent frame (geometry/residuals.h), from
+  // the normal equations at the final pose with the residuals' own variance; nullopt where the
+  // inliers do not determine the pose.
   std::optional<Eigen::Matrix<double, 6, 6>> covariance;
   double rotation_sigma_deg = 0;  // root mean square over the axes' sum; 0 without a covariance
   double position_sigma = 0;      // of the camera center, scene units
@@ -83,8 +83,8 @@ struct PoseEstimate {
   // The probability that the pose is right: that its inliers are not there by chance, that no other
   // pose explains the matches as well, among those that its RANSAC found and one that is looked for
   // in what it leaves unexplained, and, of E5+1's, that it is right in its
-  // distance from the reference that explains most: pairs of other references must tell that. See
-  // support.h in src/estimation.
+  // distance from the reference that explains most: pairs of other references must tell that.
+  // src/estimation/README.md has the formula.
   double confidence = 0;
   PoseVerdict verdict = PoseVerdict::kFailed;
   int inlier_keypoints = 0;  // of the query: one counts once, in however many references
@@ -107,8 +107,8 @@ struct PoseEstimate {
   std::optional<Rigid3> e5p1_cam_from_world;
 };
 
-// What the estimates of a scene's queries tell of another one's (PoolNoise() of those that are
-// localized); none where they are too few.
+// Returns the noise that the estimates of a scene's queries have in common (PoolNoise() of those
+// that are localized); nullopt where they are too few.
 inline constexpr size_t kLeastForCommonNoise = 3;
 std::optional<SceneNoise> CommonNoise(std::span<const PoseEstimate> estimates);
 

@@ -1,6 +1,6 @@
 // From matches to a camera pose: the methods of Panek, Sattler and Kukelova, "Combining Absolute
-// and Semi-Generalized Relative Poses for Visual Localization" (2024), and more (options.h), behind one
-// interface.
+// and Semi-Generalized Relative Poses for Visual Localization" (2024), and more (options.h), behind
+// one interface.
 
 #pragma once
 
