@@ -78,7 +78,7 @@ bool Wants(const CLI::App& command, const char* option) {
   return FindOption(command, option) && !IsGiven(command, option);
 }
 
-// Whether the scene's value can stand beside what the command was given.
+// Returns whether the scene's value can stand beside what the command was given.
 bool Fits(const SceneFile& scene, const CLI::App& command, std::string_view option) {
   const std::string name = NameOf(command);
   // Without a model, references are rendered.

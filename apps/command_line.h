@@ -133,7 +133,7 @@ void AddAlias(CLI::App& command, const std::string& name);
 void SetFooter(CLI::App& command, const std::string& text);
 
 std::string NameOf(const CLI::App& command);
-// Whether the program has another command, or this one, of that name.
+// Returns whether the program has another command, or this one, of that name.
 bool IsSibling(const CLI::App& command, const std::string& name);
 
 // An option of a command that was parsed.

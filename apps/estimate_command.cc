@@ -159,7 +159,7 @@ class EstimateRun {
   }
 
  private:
-  // Whether all shards are done.
+  // Returns whether all shards are done.
   bool RunAsJob() {
     const std::vector<std::string> names = Names();
     const JobFolder folder = flags_.running.In(flags_.out);
