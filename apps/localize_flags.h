@@ -14,7 +14,6 @@
 #include "apps/mesh_only_options.h"
 #include "apps/options.h"
 #include "localization/continuous/join_gate.h"
-#include <CLI/App.hpp>
 
 #include "raylift/estimation/options.h"
 #include "raylift/localization/scene.h"
