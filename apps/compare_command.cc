@@ -23,7 +23,7 @@
 #include "comparison/comparison_tables.h"
 #include "estimation/fields.h"
 #include "lifting/fields.h"
-#include "localization/scene_matches.h"
+#include "localization/calibration_images.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 

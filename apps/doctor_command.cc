@@ -9,7 +9,7 @@
 #include "apps/matching_options.h"
 #include "apps/options.h"
 #include "base/json_text.h"
-#include "localization/scene_matches.h"
+#include "localization/calibration_images.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 

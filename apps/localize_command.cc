@@ -15,6 +15,7 @@
 #include "apps/localize_inputs.h"
 #include "apps/localize_output.h"
 #include "apps/options.h"
+#include "base/hash.h"
 #include "base/progress.h"
 #include "jobs/manifest_file.h"
 #include "localization/continuous/continuous_localizer.h"
@@ -24,7 +25,9 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/localization/localize_all.h"
 #include "raylift/localization/result_files.h"
+#include "raylift/localization/scene_calibration.h"
 
 namespace raylift {
 namespace {
@@ -37,6 +40,9 @@ std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& option
   auto options = nlohmann::ordered_json::parse(options_json);
   // Where problems are written changes nothing, but that they are must hold for all queries.
   options["write-problems"] = !flags.write_problems.empty();
+  if (!flags.scene_calibration.empty()) {
+    options["scene-calibration"] = HexText(HashBytes64(FormatSceneCalibration(*scene.calibration)));
+  }
   return JobHeader(std::move(options), queries.size(),
                    {"scene", "model", "images", "queries", "priors", "rigs", "query-images",
                     "features", "matches", "pairs", "cache", "prior-poses", "global-features",
@@ -51,7 +57,7 @@ std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& option
 }
 
 // Also writes queries.jsonl, whose lines say which queries joined the references.
-ContinuousRecords LocalizeInOrder(const LocalizeFlags& flags, BatchLocalizer& localizer,
+ContinuousRecords LocalizeInOrder(const LocalizeFlags& flags, LocalizeAll& localizer,
                                   LocalizeOutput& output, const std::string& options_json) {
   const ReferenceSet& references = localizer.scene().references;
   const std::vector<size_t> order = flags.continuous.Order(localizer.queries(), references);
@@ -60,15 +66,15 @@ ContinuousRecords LocalizeInOrder(const LocalizeFlags& flags, BatchLocalizer& lo
       ContinuousRunKey(options_json, references, localizer.queries(), order), flags.running.resume);
   Progress progress("queries", order.size(), flags.run.Show());
   ContinuousRecords records =
-      localizer.LocalizeContinuously({.order = order,
-                                      .checkpoint = checkpoint,
-                                      .gate = flags.continuous.Gate(),
-                                      .weigh = !flags.continuous.trust_joined,
-                                      .stop = &SignalGuard::stop(),
-                                      .on_done = [&](size_t i, const QueryResult* result) {
-                                        if (result != nullptr) output.Show(i, *result);
-                                        progress.Advance();
-                                      }});
+      localizer.RunContinuously({.order = order,
+                                 .checkpoint = checkpoint,
+                                 .gate = flags.continuous.Gate(),
+                                 .weigh = !flags.continuous.trust_joined,
+                                 .stop = &SignalGuard::stop(),
+                                 .on_done = [&](size_t i, const QueryResult* result) {
+                                   if (result != nullptr) output.Show(i, *result);
+                                   progress.Advance();
+                                 }});
   if (const size_t left = CountMissing(records); left > 0) {
     throw Interrupted(
         fmt::format("stopped by a signal with {} queries left; --resume goes on", left));
@@ -99,7 +105,7 @@ void RefuseOtherMode(const LocalizeFlags& flags) {
 struct ContinuousInputs {
   const Scene& scene;
   std::span<const Query> queries;
-  const BatchOptions& options;
+  const LocalizeAllOptions& options;
   const std::vector<std::string>& warnings;  // of the scene
   const std::string& options_json;
   LapClock clock;
@@ -112,17 +118,22 @@ void LocalizeContinuously(const LocalizeFlags& flags, const ContinuousInputs& in
                           LocalizeOutput& output) {
   LapClock clock = inputs.clock;
   RunTimes times = inputs.times;
-  std::unique_ptr<BatchLocalizer> localizer;
+  std::unique_ptr<LocalizeAll> localizer;
   UntilSignal(
       [&] { localizer = OpenLocalizer(flags, inputs.scene, inputs.queries, inputs.options); });
   times.matching = clock.Lap();
+  UntilSignal([&] { localizer->Calibrate(); });
+  std::vector<std::string> warnings = inputs.warnings;
+  for (std::string& warning :
+       WriteCalibration(flags, localizer->scene(), inputs.options.localizer.estimator)) {
+    warnings.push_back(std::move(warning));
+  }
   std::vector<LocalizedQuery> localized;
   size_t joined = 0;
   for (auto& record : LocalizeInOrder(flags, *localizer, output, inputs.options_json)) {
     joined += record->joined ? 1 : 0;
     localized.push_back(std::move(record->localized));
   }
-  std::vector<std::string> warnings = inputs.warnings;
   for (std::string& warning : localizer->ContinuousWarnings(localized)) {
     warnings.push_back(std::move(warning));
   }
@@ -143,7 +154,8 @@ void LocalizeContinuously(const LocalizeFlags& flags, const ContinuousInputs& in
 // One command's work. A signal ends what comes before the first query.
 class LocalizeRun {
  public:
-  LocalizeRun(const LocalizeFlags& flags, BatchOptions options, const std::string& options_json)
+  LocalizeRun(const LocalizeFlags& flags, LocalizeAllOptions options,
+              const std::string& options_json)
       : flags_(flags), options_(std::move(options)), options_json_(options_json) {
     RefuseOtherMode(flags);
     RefuseFormerRun(flags.running.In(flags.out), QueryJobForm());
@@ -177,15 +189,19 @@ class LocalizeRun {
                  flags_.running.In(flags_.out));
     const std::vector<size_t> missing = job.Missing();
     if (!missing.empty() || !job.facts()) {
-      std::unique_ptr<BatchLocalizer> localizer;
+      std::unique_ptr<LocalizeAll> localizer;
+      RunFacts facts;
       UntilSignal([&] {
-        if (job.facts()) options_.knowledge = job.facts()->knowledge;
+        if (job.facts() && scene_.calibration == nullptr) {
+          scene_ = Calibrated(scene_,
+                              std::make_shared<const SceneCalibration>(job.facts()->calibration));
+        }
         localizer = OpenLocalizer(flags_, scene_, queries_, options_);
         times_.matching = clock_.Lap();
-        localizer->Learn();
+        facts = FactsOf(*localizer, job.facts());
         times_.learning = clock_.Lap();
       });
-      job.Begin(FactsOf(*localizer));
+      job.Begin(facts);
       WriteFile(flags_.out / "options.json", OptionsOfResults(options_json_));
       Localize(*localizer, missing, job);
       times_.queries = clock_.Lap();
@@ -195,18 +211,24 @@ class LocalizeRun {
     Finish(job, missing.size());
   }
 
-  RunFacts FactsOf(BatchLocalizer& localizer) const {
+  // `known`: what a run before this one has found.
+  RunFacts FactsOf(LocalizeAll& localizer, const std::optional<RunFacts>& known) {
+    localizer.Calibrate();
     const Scene& scene = localizer.scene();
+    for (std::string& warning : WriteCalibration(flags_, scene, options_.localizer.estimator)) {
+      warnings_.push_back(std::move(warning));
+    }
     return {.num_references = scene.references.images.size(),
             .geometry = SummaryOf(scene.sources),
             .warnings = warnings_,
             .checks_geometry = localizer.ChecksGeometry(),
-            .knowledge = localizer.Learn()};
+            .calibration = *scene.calibration,
+            .input_warnings = known ? known->input_warnings : localizer.InputWarnings()};
   }
 
-  void Localize(BatchLocalizer& localizer, const std::vector<size_t>& missing, QueryJob& job) {
+  void Localize(LocalizeAll& localizer, const std::vector<size_t>& missing, QueryJob& job) {
     Progress progress("queries", missing.size(), flags_.run.Show());
-    localizer.Localize(
+    localizer.Run(
         missing,
         [&](size_t i, const QueryResult& result) {
           output_->Show(i, result);
@@ -239,7 +261,7 @@ class LocalizeRun {
 
   const SignalGuard signals_;
   const LocalizeFlags& flags_;
-  BatchOptions options_;
+  LocalizeAllOptions options_;
   const std::string& options_json_;
   std::vector<Query> queries_;
   Scene scene_;
@@ -287,6 +309,7 @@ Command AddLocalizeCommand(CLI::App& program) {
                         {.localizer = localizer,
                          .align = flags->geometry.align,
                          .check_input = !flags->no_doctor,
+                         .one_by_one = flags->continuous.enabled,
                          .threads = flags->run.threads},
                         EffectiveOptionsJson(command))
                 .Run();

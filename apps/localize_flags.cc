@@ -97,6 +97,9 @@ void LocalizeFlags::Check() const {
   if (!write_model.empty() && std::filesystem::equivalent(write_model, references.model, none)) {
     throw OptionError("--write-model", write_model.string(), "is the folder of --model");
   }
+  if (!scene_calibration.empty() && geometry.align != AlignMode::kAuto) {
+    throw OptionError("--align-depth does not go with --scene-calibration, which says it");
+  }
   run.Check();
   CheckRunning(*this);
   continuous.Check();
@@ -112,7 +115,7 @@ void LocalizeFlags::Check() const {
   }
 }
 
-void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
+void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out_help) {
   AddSceneOption(command);
   AddReferenceOptions(command, flags.references, /*model_is_required=*/false);
   const OptionGroup references(command, "References");
@@ -122,6 +125,10 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
   const OptionGroup geometry(command, "Geometry");
   geometry.Flag("--no-doctor", flags.no_doctor,
                 "Do not check whether depth and poses are read as they were meant");
+  geometry.Add("--scene-calibration", flags.scene_calibration,
+               "What is known of the scene, depth corrections and noise: the file that\n"
+               "calibrate or a run wrote (default: learned from the references, or from the\n"
+               "queries where --matches hold none between references)");
   const OptionGroup queries(command, "Queries");
   queries.Add("--queries", flags.queries,
               "List of queries: name MODEL width height params...; where a name\n"
@@ -142,11 +149,7 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
               "Priors are those of the rig's first camera");
   AddMatchingOptions(command, flags.matching, "; without it, RootSIFT", "OUT/cache");
   const OptionGroup output(command, "Output");
-  output
-      .Add("--out", flags.out,
-           "Folder for poses.txt, queries.jsonl, summary.json, and manifest.jsonl\n"
-           "with what is done")
-      .Required();
+  output.Add("--out", flags.out, out_help).Required();
   output.Add("--write-problems", flags.write_problems,
              "Also write each query's pose problem (JSON) here");
   output.Add("--write-model", flags.write_model,
@@ -171,8 +174,8 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags) {
       R"(Each query that is done is kept at once. SIGINT and SIGTERM finish the queries in hand; the
 exit code then is 4, and 5 where a file cannot be written, as on a full disk: --resume goes
 on. Shards may write to one folder, where the last one to end writes the results, or to
-folders of their own for `raylift merge`. All shards learn from the same 30 queries what
-geometry and matches are worth, so that poses do not depend on how they are shared.
+folders of their own for `raylift merge`. All shards learn the same of the scene, which
+OUT/scene_calibration.json says: poses do not depend on how they are shared.
 Examples:
   From photographs alone:
     raylift localize --model sfm --images photos --geometry mesh:scene.ply \

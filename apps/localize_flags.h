@@ -48,7 +48,7 @@ std::string ContinuousRunKey(const std::string& options_json, const ReferenceSet
 
 struct LocalizeFlags {
   ReferenceFlags references;
-  std::filesystem::path images, queries, query_images, priors, rigs;
+  std::filesystem::path images, queries, query_images, priors, rigs, scene_calibration;
   PoseConvention model_poses = PoseConvention::kCamFromWorld;
   GeometryFlags geometry;
   MatchingFlags matching;
@@ -81,6 +81,10 @@ struct LocalizeFlags {
 };
 
 // With examples.
-void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags);
+void AddLocalizeOptions(
+    CLI::App& command, LocalizeFlags& flags,
+    const char* out_help =
+        "Folder for poses.txt, queries.jsonl, summary.json, and manifest.jsonl\n"
+        "with what is done");
 
 }  // namespace raylift

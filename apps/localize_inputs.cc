@@ -4,11 +4,14 @@
 #include <utility>
 #include <vector>
 
+#include "localization/rerender.h"
 #include <fmt/format.h>
 
+#include "raylift/base/error.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/result_files.h"
+#include "raylift/localization/scene_calibration.h"
 
 namespace raylift {
 namespace {
@@ -77,6 +80,14 @@ LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags) {
   if (!flags.leave_one_out) inputs.queries = ReadQueryList(flags.queries, flags.QueryImages());
   inputs.scene = OpenSceneOf(flags, inputs.queries);
   if (flags.leave_one_out) inputs.queries = QueriesOf(inputs.scene.references);
+  if (!flags.scene_calibration.empty()) {
+    const auto calibration = ReadSceneCalibration(flags.scene_calibration);
+    try {
+      inputs.scene = Calibrated(inputs.scene, calibration);
+    } catch (const InputError& error) {
+      throw InputError(flags.scene_calibration, error.what());
+    }
+  }
   if (!flags.priors.empty()) TakePosePriors(flags.priors, inputs.queries);
   if (!flags.rigs.empty()) TakeRigs(flags.rigs, inputs.queries);
   return inputs;
@@ -88,21 +99,34 @@ FeatureCount PrepareFeatures(const LocalizeFlags& flags, const LocalizeInputs& i
                         MatchingOf(flags, inputs.scene.references, seed), flags.running.Resolve());
 }
 
-std::unique_ptr<BatchLocalizer> OpenLocalizer(const LocalizeFlags& flags, const Scene& scene,
-                                              std::span<const Query> queries,
-                                              BatchOptions options) {
-  auto matches = OpenMatches(scene, queries,
-                             MatchingOf(flags, scene.references, options.localizer.estimator.seed));
+std::unique_ptr<MatchSource> OpenMatchesOf(const LocalizeFlags& flags, const Scene& scene,
+                                           std::span<const Query> queries, uint64_t seed) {
+  return OpenMatches(scene, queries, MatchingOf(flags, scene.references, seed));
+}
+
+std::unique_ptr<LocalizeAll> OpenLocalizer(const LocalizeFlags& flags, const Scene& scene,
+                                           std::span<const Query> queries,
+                                           LocalizeAllOptions options) {
   options.rerenderer = RerendererOf(flags, scene, options.localizer.estimator);
-  auto localizer = std::make_unique<BatchLocalizer>(
-      scene, std::vector<Query>(queries.begin(), queries.end()), std::move(matches), options);
-  const auto& sources = localizer->scene().sources;
-  if (std::any_of(sources.begin(), sources.end(), [](const SceneSource& source) {
+  return std::make_unique<LocalizeAll>(
+      scene, std::vector<Query>(queries.begin(), queries.end()),
+      OpenMatchesOf(flags, scene, queries, options.localizer.estimator.seed), options);
+}
+
+std::vector<std::string> WriteCalibration(const LocalizeFlags& flags, const Scene& scene,
+                                          const EstimatorOptions& estimator) {
+  WriteSceneCalibration(flags.out / "scene_calibration.json", *scene.calibration);
+  if (std::any_of(scene.sources.begin(), scene.sources.end(), [](const SceneSource& source) {
         return source.alignment && source.alignment->mode != AlignMode::kOff;
       })) {
-    WriteAlignment(flags.out / "depth_alignment.jsonl", sources);
+    WriteAlignment(flags.out / "depth_alignment.jsonl", scene.sources);
   }
-  return localizer;
+  if (scene.rendered == nullptr || scene.calibration->match_noise || !UsesSceneNoise(estimator)) {
+    return {};
+  }
+  return {
+      "rendered references do not tell how noisy matches with photographs are: `raylift calibrate` "
+      "learns it from some queries, for --scene-calibration"};
 }
 
 }  // namespace raylift

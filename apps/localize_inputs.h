@@ -5,11 +5,12 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "apps/localize_flags.h"
-#include "localization/batch_localizer.h"
 
+#include "raylift/localization/localize_all.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
 #include "raylift/scene/photographs.h"
@@ -23,12 +24,22 @@ struct LocalizeInputs {
 };
 LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags);
 
-// Extracts the features that OpenLocalizer() would, of the flags' shard.
+// Opens the matches of the queries.
+std::unique_ptr<MatchSource> OpenMatchesOf(const LocalizeFlags& flags, const Scene& scene,
+                                           std::span<const Query> queries, uint64_t seed);
+
+// Extracts the features that OpenMatchesOf() would, of the flags' shard.
 FeatureCount PrepareFeatures(const LocalizeFlags& flags, const LocalizeInputs& inputs,
                              uint64_t seed);
 
-// A scene with its matches, ready to localize. Writes how depth was aligned, where it was.
-std::unique_ptr<BatchLocalizer> OpenLocalizer(const LocalizeFlags& flags, const Scene& scene,
-                                              std::span<const Query> queries, BatchOptions options);
+// Returns a scene with its matches, ready to localize.
+std::unique_ptr<LocalizeAll> OpenLocalizer(const LocalizeFlags& flags, const Scene& scene,
+                                           std::span<const Query> queries,
+                                           LocalizeAllOptions options);
+
+// Writes scene_calibration.json and, where depth was corrected, depth_alignment.jsonl. Returns
+// warnings: where queries could tell what the references do not.
+std::vector<std::string> WriteCalibration(const LocalizeFlags& flags, const Scene& scene,
+                                          const EstimatorOptions& estimator);
 
 }  // namespace raylift

@@ -89,9 +89,10 @@ constexpr std::string_view kLocalize = "Localize photographs";
 constexpr std::string_view kCompare = "Compare depth";
 constexpr std::string_view kRender = "Render depth";
 constexpr std::string_view kJobs = "Long runs, in parts";
-constexpr std::array<std::pair<std::string_view, std::string_view>, 17> kGroupOfCommand = {
+constexpr std::array<std::pair<std::string_view, std::string_view>, 18> kGroupOfCommand = {
     {{"localize", kLocalize},
      {"prepare", kLocalize},
+     {"calibrate", kLocalize},
      {"estimate", kLocalize},
      {"evaluate", kLocalize},
      {"export", kLocalize},

@@ -9,15 +9,16 @@
 #include "base/progress.h"
 #include "estimation/fields.h"
 #include "lifting/fields.h"
-#include "localization/batch_localizer.h"
 #include "localization/fields.h"
 
 #include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/scene_file.h"
+#include "raylift/localization/localize_all.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
+#include "raylift/localization/scene_calibration.h"
 
 namespace raylift::python {
 namespace {
@@ -219,8 +220,13 @@ class SceneLocalizer {
     Keywords keywords(given);
     options_ = TakeLocalizerOptions(keywords);
     matching_ = TakeMatchingOptions(keywords, *scene_);
+    std::filesystem::path calibration;
+    keywords.Take("scene_calibration", calibration);
     keywords.RequireAllTaken();
     matching_.front_end.threads = threads;
+    if (!calibration.empty()) {
+      scene_ = std::make_shared<Scene>(Calibrated(*scene_, ReadSceneCalibration(calibration)));
+    }
     for (const PosedImage& image : scene_->references.images) {
       if (!reference_features.contains(image.name)) continue;
       matching_.front_end.features.emplace(
@@ -233,9 +239,23 @@ class SceneLocalizer {
   Localizer WithoutMatches() const { return {scene_, nullptr, options_}; }
   // Without the interpreter's lock.
   Localizer ForQueries() {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      if (!source_) source_ = OpenMatches(*scene_, {}, matching_);
+    }
+    return {CalibratedScene(source_), source_, options_};
+  }
+  // The scene as every query sees it that the front end matches, alone or among others: what is
+  // learned of it is learned once, from the references.
+  std::shared_ptr<const Scene> CalibratedScene(const std::shared_ptr<const MatchSource>& source) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (!source_) source_ = OpenMatches(*scene_, {}, matching_);
-    return {scene_, source_, options_};
+    if (!calibrated_) {
+      calibrated_ = matching_.hloc
+                        ? std::shared_ptr<const Scene>(scene_)
+                        : std::make_shared<const Scene>(Calibrate(
+                              *scene_, source, {}, {.localizer = options_, .threads = threads_}));
+    }
+    return calibrated_;
   }
   const Scene& scene() const { return *scene_; }
   const LocalizerOptions& options() const { return options_; }
@@ -249,6 +269,7 @@ class SceneLocalizer {
   int threads_;
   std::mutex mutex_;
   std::shared_ptr<const MatchSource> source_;
+  std::shared_ptr<const Scene> calibrated_;
 };
 
 using ResultPointer = std::shared_ptr<QueryResult>;
@@ -313,16 +334,18 @@ ResultPointer LocalizeMatches(const SceneLocalizer& localizer, const CameraLike&
   });
 }
 
-py::dict LocalizeInParallel(const SceneLocalizer& localizer, const std::vector<Query>& asked,
+py::dict LocalizeInParallel(SceneLocalizer& localizer, const std::vector<Query>& asked,
                             MatchingOptions matching, int threads,
                             const std::optional<ProgressCall>& progress) {
   std::vector<ResultPointer> results(asked.size());
   Watched(progress, [&] {
     matching.front_end.threads = threads;
-    BatchLocalizer batch(localizer.scene(), asked, OpenMatches(localizer.scene(), asked, matching),
-                         {.localizer = localizer.options(), .threads = threads});
+    std::shared_ptr<MatchSource> matches = OpenMatches(localizer.scene(), asked, matching);
+    const auto scene = localizer.CalibratedScene(matches);
+    raylift::LocalizeAll batch(*scene, asked, std::move(matches),
+                               {.localizer = localizer.options(), .threads = threads});
     Progress count("queries", asked.size(), Progress::Show::kNever);
-    batch.LocalizeAll([&](size_t i, const QueryResult& result) {
+    batch.Run([&](size_t i, const QueryResult& result) {
       results[i] = std::make_shared<QueryResult>(result);
       count.Advance();
     });
@@ -332,15 +355,15 @@ py::dict LocalizeInParallel(const SceneLocalizer& localizer, const std::vector<Q
   return by_name;
 }
 
-py::dict LocalizeAll(const SceneLocalizer& localizer,
-                     const std::vector<std::pair<std::string, CameraLike>>& queries, int threads,
-                     const std::optional<ProgressCall>& progress) {
+py::dict LocalizeList(SceneLocalizer& localizer,
+                      const std::vector<std::pair<std::string, CameraLike>>& queries, int threads,
+                      const std::optional<ProgressCall>& progress) {
   std::vector<Query> asked;
   for (const auto& [name, camera] : queries) asked.push_back({name, ToCamera(camera)});
   return LocalizeInParallel(localizer, asked, localizer.matching(), threads, progress);
 }
 
-py::dict LeaveOneOut(const SceneLocalizer& localizer, int threads,
+py::dict LeaveOneOut(SceneLocalizer& localizer, int threads,
                      const std::optional<ProgressCall>& progress) {
   MatchingOptions matching = localizer.matching();
   matching.front_end.among_references = true;
@@ -418,7 +441,8 @@ geometry_mode="first", min_confidence=0, top_k=10; of the built-in front end (Ro
 VLAD, made from the scene's photographs) max_features=4096, max_ratio=0.8, cache,
 query_images; or hloc's files features, matches and pairs; or as matches alone COLMAP's
 database, or a folder of the matches of each pair (N, 4), with first_pixel=0, cell_px=0
-as of raylift.hloc.matches_from(); of matches in files, min_match_score.
+as of raylift.hloc.matches_from(); of matches in files, min_match_score;
+scene_calibration: the file that `raylift calibrate` or write_calibration() wrote.
 
 reference_features: features of one's own, a dict by the references' names of dicts with
 keypoints (N, 2) and descriptors (N, D) of unit length; their photographs are not read.
@@ -438,11 +462,25 @@ Returns a LocalizedQuery. Raises InputError where a photograph is not of the cam
           R"(One query by matches of one's own: pixels (M, 2) of the query and of references, and the
 references' names (M,). query_keypoints: (M,), where it is known which keypoint of the
 query a match is of.)")
-      .def("localize_all", &LocalizeAll, py::arg("queries"), py::kw_only(), py::arg("threads") = 0,
+      .def("localize_all", &LocalizeList, py::arg("queries"), py::kw_only(), py::arg("threads") = 0,
            py::arg("progress") = py::none(),
-           "Many queries, (name, camera) each, whose photographs or matches are in files: what "
-           "they\n"
-           "have in common is learned first, as `raylift localize` does. Returns a dict by name.")
+           "Many queries, (name, camera) each, whose photographs or matches are in files. Of\n"
+           "photographs the results are those of localize(). Returns a dict by name.")
+      .def(
+          "write_calibration",
+          [](SceneLocalizer& localizer, const PathLike& file) {
+            const std::filesystem::path path = ToPath(file);
+            Watched(std::nullopt, [&] {
+              const Localizer calibrated = localizer.ForQueries();
+              if (calibrated.scene().calibration == nullptr) {
+                throw InputError("a scene is calibrated by the built-in front end, or read");
+              }
+              WriteSceneCalibration(path, *calibrated.scene().calibration);
+            });
+          },
+          py::arg("file"),
+          "Writes what is known of the scene, for the option scene_calibration and\n"
+          "`raylift localize --scene-calibration`.")
       .def("leave_one_out", &LeaveOneOut, py::kw_only(), py::arg("threads") = 0,
            py::arg("progress") = py::none(),
            "Each reference as a query of the others: what is to be expected where no query's pose\n"

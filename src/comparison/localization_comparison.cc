@@ -8,7 +8,7 @@
 #include "base/json_text.h"
 #include "base/statistics.h"
 #include "geometry/pose_json.h"
-#include "localization/grid_localizer.h"
+#include "localization/calibration_images.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -17,6 +17,7 @@
 #include "raylift/base/text.h"
 #include "raylift/evaluation/depth_errors.h"
 #include "raylift/geometry/residuals.h"
+#include "raylift/localization/localize_all.h"
 
 namespace raylift {
 namespace {
@@ -173,7 +174,10 @@ class Runner {
          std::shared_ptr<const MatchSource> matches,
          std::span<const ReferenceMatch> reference_matches, const PosesByName& ground_truth,
          const LocalizationGrid& grid)
-      : queries_(queries), matches_(std::move(matches)), grid_(grid) {
+      : queries_(queries),
+        matches_(std::make_shared<CachedMatches>(std::move(matches))),
+        images_(ImagesToCalibrateBy(scene.references, matches_, queries)),
+        grid_(grid) {
     for (const Query& query : queries) {
       const auto pose = ground_truth.find(query.name);
       if (pose != ground_truth.end()) truth_.insert(*pose);
@@ -192,17 +196,14 @@ class Runner {
   }
 
   LocalizationComparison Run(const LocalizationHooks& hooks) {
-    GridLocalizer::Matched matched(queries_.size());
-    const GridLocalizer localizer =
-        GridLocalizer(localizers_).WithSceneNoise(queries_, matched, grid_.threads);
+    LocalizeAll localizer(localizers_, {queries_.begin(), queries_.end()}, matches_, grid_.threads);
+    localizer.Calibrate();
     outcomes_.assign(queries_.size(), {});
     ParallelFor(queries_.size(), grid_.threads, [&](size_t query) {
       if (!TakeKept(query, hooks)) {
-        if (!matched[query]) matched[query] = localizer.way(0).Match(queries_[query]);
-        outcomes_[query] = Localize(localizer, *matched[query]);
+        outcomes_[query] = Localize(localizer, query);
         if (hooks.keep) hooks.keep(query, FormatOutcomes(outcomes_[query]));
       }
-      matched[query].reset();
       if (hooks.on_query) hooks.on_query();
     });
     LocalizationComparison result;
@@ -229,8 +230,7 @@ class Runner {
     for (const FilterMode mode : grid_.filters) {
       LocalizerOptions options{.filter = {.mode = mode, .thresholds = grid_.filter_thresholds},
                                .candidates = grid_.candidates};
-      options.filter.scene_noise =
-          EstimateSceneNoise(queries_, scene, *matches_, options, grid_.threads);
+      options.filter.scene_noise = LearnGeometryNoise(images_, scene, options, grid_.threads);
       for (const EstimatorOptions& method : grid_.methods) {
         if (!Uses2D3D(method.method)) continue;
         AddConfiguration(shared,
@@ -256,10 +256,9 @@ class Runner {
     return true;
   }
 
-  std::vector<LocalizationOutcome> Localize(const GridLocalizer& localizer,
-                                            const QueryResult& matched) const {
+  std::vector<LocalizationOutcome> Localize(const LocalizeAll& localizer, size_t query) const {
     std::vector<LocalizationOutcome> outcomes(configurations_.size());
-    localizer.Localize(matched, 1, [&](size_t configuration, const QueryResult& result) {
+    localizer.LocalizeQuery(query, 1, [&](size_t configuration, const QueryResult& result) {
       outcomes[configuration] = Keep(configurations_[configuration], result);
     });
     return outcomes;
@@ -351,6 +350,7 @@ class Runner {
 
   std::span<const Query> queries_;
   std::shared_ptr<const MatchSource> matches_;
+  CalibrationImages images_;
   const LocalizationGrid& grid_;
   PosesByName truth_;
   std::vector<Configuration> configurations_;

@@ -6,9 +6,8 @@
 #include <tuple>
 
 #include "base/hash.h"
+#include "localization/calibration_images.h"
 #include "localization/continuous/continuous_localizer.h"
-#include "localization/grid_localizer.h"
-#include "localization/scene_matches.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -20,6 +19,7 @@
 #include "raylift/io/depth_file.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/lifting/geometry_spec.h"
+#include "raylift/localization/localize_all.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
 #include "raylift/renderers/frame_renderer.h"
@@ -128,8 +128,8 @@ class ThinnedScene {
              .model_poses = scene.model_poses,
              .thinning = {.every = static_cast<int>(every), .offset = static_cast<int>(offset)},
              .images = scene.images})),
-        matches_(OpenMatches()),
-        matched_(queries_.size()) {
+        matches_(std::make_shared<CachedMatches>(OpenMatches(), kMostBytes)),
+        images_(ImagesToCalibrateBy(references_.references, matches_, queries_)) {
     Take(references_.warnings);
   }
 
@@ -146,14 +146,9 @@ class ThinnedScene {
       for (const Cell& cell : of_geometry) {
         configurations.emplace_back(SceneOf(cell), matches_, LocalizerOptionsOf(cell));
       }
-      Match(configurations.front(), cells.front());
-      const GridLocalizer localizer(std::move(configurations));
-      Estimate(of_geometry, localizer.WithSceneNoise(queries_, matched_, options_.threads), store);
-    }
-    // Other blocks learn the noise from the same sample.
-    const std::vector<size_t> kept = NoiseSample(queries_);
-    for (size_t i = cells.front().begin; i < cells.front().end; ++i) {
-      if (std::find(kept.begin(), kept.end(), i) == kept.end()) matched_[i].reset();
+      LocalizeAll localizer(std::move(configurations), queries_, matches_, options_.threads);
+      localizer.Calibrate();
+      Estimate(of_geometry, localizer, store);
     }
   }
 
@@ -163,22 +158,16 @@ class ThinnedScene {
   }
 
  private:
+  static constexpr size_t kMostBytes = size_t{2} << 30;  // of matches
+
   void Take(std::vector<std::string> warnings) {
     for (std::string& warning : warnings) {
       warnings_.push_back(fmt::format("{}, 1/{}: {}", settings_.name, every_, warning));
     }
   }
 
-  // All queries of a cell; cells that follow in the block have the same matches.
-  void Match(const Localizer& localizer, const Cell& cell) {
-    ParallelFor(cell.end - cell.begin, options_.threads, [&](size_t i) {
-      auto& matched = matched_[cell.begin + i];
-      if (!matched) matched = localizer.Match(queries_[cell.begin + i]);
-    });
-  }
-
   // A cell is written by who estimates its last query.
-  void Estimate(std::span<const Cell> cells, const GridLocalizer& localizer,
+  void Estimate(std::span<const Cell> cells, const LocalizeAll& localizer,
                 const CellStore& store) const {
     const size_t begin = cells.front().begin;
     const size_t count = cells.front().end - begin;
@@ -194,13 +183,13 @@ class ThinnedScene {
     // Few queries leave threads for the configurations of each.
     const bool enough = count >= static_cast<size_t>(ResolveThreads(options_.threads));
     ParallelFor(count, options_.threads, [&](size_t query) {
-      localizer.Localize(*matched_[begin + query], enough ? 1 : options_.threads,
-                         [&](size_t configuration, const QueryResult& result) {
-                           InHand& cell = in_hand[configuration];
-                           cell.outcomes[query] = OutcomeOf(result.localized);
-                           if (options_.on_estimate) options_.on_estimate();
-                           if (--cell.left == 0) Keep(cells[configuration], cell.outcomes, store);
-                         });
+      localizer.LocalizeQuery(begin + query, enough ? 1 : options_.threads,
+                              [&](size_t index, const QueryResult& result) {
+                                InHand& cell = in_hand[index];
+                                cell.outcomes[query] = OutcomeOf(result.localized);
+                                if (options_.on_estimate) options_.on_estimate();
+                                if (--cell.left == 0) Keep(cells[index], cell.outcomes, store);
+                              });
     });
   }
 
@@ -257,8 +246,8 @@ class ThinnedScene {
 
   const std::vector<ReferenceMatch>& Matches() {
     if (!reference_matches_) {
-      reference_matches_ =
-          CollectReferenceMatches(queries_, *matches_, references_.references, options_.threads);
+      reference_matches_ = CollectReferenceMatches(images_.images, *images_.matches,
+                                                   references_.references, options_.threads);
     }
     return *reference_matches_;
   }
@@ -279,7 +268,7 @@ class ThinnedScene {
     const std::shared_ptr<const Scene> scene = SceneOf(cell);
     const auto known = noise_.find(scene);
     if (known != noise_.end()) return known->second;
-    const auto noise = EstimateSceneNoise(queries_, *scene, *matches_, options, options_.threads);
+    const auto noise = LearnGeometryNoise(images_, *scene, options, options_.threads);
     return noise_.emplace(scene, noise).first->second;
   }
 
@@ -315,9 +304,9 @@ class ThinnedScene {
   size_t every_;
   const RunCellsOptions& options_;
   std::vector<Query> queries_;
-  Scene references_;  // without geometry
-  std::shared_ptr<MatchSource> matches_;
-  GridLocalizer::Matched matched_;
+  Scene references_;                            // without geometry
+  std::shared_ptr<const MatchSource> matches_;  // kept, as cells that follow have the same
+  CalibrationImages images_;
   std::map<GeometryKey, std::shared_ptr<const Scene>> scenes_;
   std::optional<std::vector<ReferenceMatch>> reference_matches_;
   std::map<std::shared_ptr<const Scene>, std::optional<MultiViewNoise>> noise_;

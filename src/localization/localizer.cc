@@ -6,11 +6,11 @@
 
 #include "localization/retrieval/covisibility.h"
 #include "localization/rig_problem.h"
-#include "localization/scene_matches.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
+#include "raylift/localization/scene_calibration.h"
 
 namespace raylift {
 namespace {
@@ -48,6 +48,20 @@ std::vector<const GeometrySource*> PointersTo(
   return pointers;
 }
 
+// The options with what the scene's calibration knows and they do not say.
+LocalizerOptions WithCalibration(const Scene& scene, LocalizerOptions options) {
+  if (scene.calibration == nullptr) return options;
+  const SceneCalibration& known = *scene.calibration;
+  if (!options.filter.scene_noise && options.filter.mode == FilterMode::kAuto &&
+      options.candidates.mode != CandidateMode::kTriangulate) {
+    options.filter.scene_noise = known.geometry_noise;
+  }
+  if (!options.estimator.scene_noise && UsesSceneNoise(options.estimator)) {
+    options.estimator.scene_noise = known.match_noise;
+  }
+  return options;
+}
+
 }  // namespace
 
 void LocalizedQuery::TakeEstimate(PoseEstimate taken) {
@@ -76,8 +90,8 @@ std::string ReasonNotLocalized(const PoseEstimate& estimate, double min_confiden
 
 Localizer::Localizer(std::shared_ptr<const Scene> scene, std::shared_ptr<const MatchSource> matches,
                      const LocalizerOptions& options)
-    : Localizer(std::move(scene), std::move(matches), options,
-                MakePoseEstimator(options.estimator)) {
+    : Localizer(scene, std::move(matches), options,
+                MakePoseEstimator(WithCalibration(*scene, options).estimator)) {
   own_estimator_ = true;
 }
 
@@ -86,7 +100,7 @@ Localizer::Localizer(std::shared_ptr<const Scene> scene, std::shared_ptr<const M
                      std::shared_ptr<const PoseEstimator> estimator)
     : scene_(std::move(scene)),
       matches_(std::move(matches)),
-      options_(options),
+      options_(WithCalibration(*scene_, options)),
       estimator_(std::move(estimator)),
       own_estimator_(false) {
   RAYLIFT_CHECK(scene_ != nullptr && estimator_ != nullptr);
@@ -251,32 +265,6 @@ bool Localizer::LiftsAlike(const Localizer& other) const {
 bool Localizer::FiltersAlike(const Localizer& other) const {
   return options_.filter == other.options_.filter &&
          options_.candidates == other.options_.candidates;
-}
-
-std::optional<MultiViewNoise> EstimateSceneNoise(std::span<const Query> queries, const Scene& scene,
-                                                 const MatchSource& matches,
-                                                 const LocalizerOptions& options, int threads) {
-  constexpr size_t kQueries = 30;
-  if (options.filter.mode != FilterMode::kAuto ||
-      options.candidates.mode == CandidateMode::kTriangulate) {
-    return std::nullopt;
-  }
-  const auto geometry = scene.Geometry();
-  const std::vector<const GeometrySource*> sources = PointersTo(geometry);
-  const std::vector<size_t> sample = SampleByName(queries, kQueries);
-  std::vector<std::optional<MultiViewNoise>> found(sample.size());
-  ParallelFor(sample.size(), threads, [&](size_t i) {
-    const QueryMatches of_query = matches.Match(queries[sample[i]]);
-    const LiftResult lifted =
-        LiftMatches(sources, options.geometry_mode, of_query.references, of_query.matches);
-    const auto trust = EstimateTrust(of_query.references, of_query.matches, Matches2D3D(lifted));
-    if (trust) found[i] = trust->noise;
-  });
-  std::vector<MultiViewNoise> noise;
-  for (const auto& of_query : found) {
-    if (of_query) noise.push_back(*of_query);
-  }
-  return PooledNoise(noise);
 }
 
 }  // namespace raylift

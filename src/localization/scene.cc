@@ -10,7 +10,6 @@
 #include "raylift/base/error.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/scene_file.h"
-#include "raylift/lifting/depth_alignment.h"
 #include "raylift/views/rendered_references.h"
 
 namespace raylift {
@@ -117,21 +116,6 @@ Scene OpenMeshScene(const std::string& mesh_spec, const Thinning& thinning,
   Append(scene.warnings, scene.rendered->warnings);
   LoadModel(scene, scene.rendered->model, thinning);
   return scene;
-}
-
-Scene Aligned(const Scene& scene, AlignMode mode, std::span<const ReferenceMatch> matches,
-              int threads) {
-  Scene aligned = scene;
-  if (mode == AlignMode::kOff) return aligned;
-  for (SceneSource& source : aligned.sources) {
-    if (source.geometry.kind == GeometryKind::kSfm) continue;
-    source.alignment = AlignDepth(*source.geometry.source, scene.references.images, matches,
-                                  {.mode = mode}, threads);
-    if (source.alignment->mode == AlignMode::kOff) continue;
-    source.geometry.source = std::make_shared<const AlignedSource>(
-        std::move(source.geometry.source), source.alignment->Corrections());
-  }
-  return aligned;
 }
 
 namespace {

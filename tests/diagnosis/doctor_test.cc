@@ -13,8 +13,8 @@
 #include "base/rng.h"
 #include "lifting/depth_convention.h"
 #include "lifting/mesh_placement.h"
+#include "localization/calibration_images.h"
 #include "localization/matching/file_matches.h"
-#include "localization/scene_matches.h"
 #include "support/test_data.h"
 #include <fmt/format.h>
 #include <gtest/gtest.h>

@@ -8,7 +8,6 @@
 #include <string>
 #include <utility>
 
-#include "localization/batch_localizer.h"
 #include "support/room_scene.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
@@ -18,6 +17,7 @@
 #include "raylift/experiment/experiment.h"
 #include "raylift/experiment/run_cells.h"
 #include "raylift/io/query_list.h"
+#include "raylift/localization/localize_all.h"
 #include "raylift/localization/match_source.h"
 
 namespace raylift {
@@ -70,9 +70,9 @@ class OnePipeline : public ::testing::TestWithParam<FilterMode> {
     options.estimator.method = Method::kP3p;
     options.filter.mode = GetParam();
     // Comparisons align nothing unless asked.
-    const BatchOptions batch = {
+    const LocalizeAllOptions batch = {
         .localizer = options, .align = AlignMode::kOff, .check_input = false};
-    BatchLocalizer(scene, queries_, Matches(scene), batch).LocalizeAll();
+    LocalizeAll(scene, queries_, Matches(scene), batch).Run();
     return calls;
   }
 

@@ -1,6 +1,5 @@
 #include "raylift/localization/localizer.h"
 
-#include "localization/grid_localizer.h"
 #include "support/matchers.h"
 #include "support/room_scene.h"
 #include "support/splat_files.h"
@@ -14,6 +13,7 @@
 #include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/lifting/mesh_source.h"
+#include "raylift/localization/localize_all.h"
 #include "raylift/localization/match_source.h"
 
 namespace raylift {
@@ -281,15 +281,15 @@ TEST_F(LocalizerTest, ASceneFileOpensTheSameScene) {
   EXPECT_TRUE(FailsWithInputError([&] { SceneOptionsOf(file, unknown); }, {"geometry near"}));
 }
 
-TEST_F(LocalizerTest, AGridGivesWhatEachOfItsWaysGivesAlone) {
+TEST_F(LocalizerTest, SeveralConfigurationsGiveWhatEachGivesAlone) {
   const std::shared_ptr<const MatchSource> source = HlocSource();
   const FilterOptions fixed{FilterMode::kFixed, {}};
   const std::vector<Localizer> ways = {Make(source, Method::kP3p), Make(source, Method::kE5p1),
                                        Make(source, Method::kAdaptive, fixed),
                                        Make(source, Method::kP3p, fixed, {CandidateMode::kMerge})};
-  const GridLocalizer grid(ways);
+  const LocalizeAll all(ways, {query_}, source, 2);
   std::vector<std::optional<QueryResult>> results(ways.size());
-  grid.Localize(query_, 2, [&](size_t way, const QueryResult& result) { results[way] = result; });
+  all.LocalizeQuery(0, 2, [&](size_t way, const QueryResult& result) { results[way] = result; });
   for (size_t i = 0; i < ways.size(); ++i) {
     const QueryResult alone = ways[i].Localize(query_);
     ASSERT_TRUE(results[i].has_value());

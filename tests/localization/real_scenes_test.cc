@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "localization/batch_localizer.h"
 #include "localization/matching/file_matches.h"
 #include "support/test_data.h"
 #include <fmt/format.h>
@@ -11,6 +10,7 @@
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
+#include "raylift/localization/localize_all.h"
 #include "raylift/localization/match_source.h"
 
 namespace raylift {
@@ -32,10 +32,10 @@ Comparison Localize(const std::vector<Query>& queries, const std::shared_ptr<Mat
                     AlignMode align = AlignMode::kAuto) {
   LocalizerOptions options{.candidates = {.mode = candidates}};
   options.estimator.method = method;
-  BatchLocalizer localizer(scene, queries, matches,
-                           {.localizer = options, .align = align, .check_input = false});
+  LocalizeAll localizer(scene, queries, matches,
+                        {.localizer = options, .align = align, .check_input = false});
   PosesByName poses;
-  for (const LocalizedQuery& query : localizer.LocalizeAll()) {
+  for (const LocalizedQuery& query : localizer.Run()) {
     if (query.localized()) poses.emplace(query.name, *query.estimate.cam_from_world);
   }
   return CompareWithGroundTruth(truth, poses);

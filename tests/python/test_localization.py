@@ -213,3 +213,38 @@ def test_references_localized_by_each_other(tmp_path):
                      leave_one_out=True, max_features=1000, top_k=5, cache=tmp_path / "cache", **every)
     raylift.write_poses(tmp_path / "poses.txt", {name: query.cam_from_world for name, query in found.items()})
     assert (tmp_path / "poses.txt").read_bytes() == (tmp_path / "out/poses.txt").read_bytes()
+
+
+def test_a_query_has_one_pose_whoever_asks(tmp_path):
+    # Monocular depth: each map has a scale of its own.
+    caster = raylift.Scene(DEMO / "model", [MESH]).mesh
+    references = raylift.Scene(DEMO / "model", every=3).references
+    rng = np.random.default_rng(0)
+    for reference in references:
+        depth = caster.render(reference.camera, reference.cam_from_world)["depth"]
+        file = (tmp_path / "depth" / reference.name).with_suffix(".npy")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        np.save(file, (depth * rng.uniform(1.2, 2)).astype(np.float32))
+
+    spec = f"depth:{tmp_path / 'depth'}"
+    scene = raylift.Scene(DEMO / "model", [spec], images=DEMO / "images", every=3)
+    options = dict(max_features=1500, cache=tmp_path / "cache")
+    queries = [(name, cameras()[name]) for name in PHOTOGRAPHS]
+    many = raylift.Localizer(scene, **options).localize_all(queries)
+    localizer = raylift.Localizer(scene, **options)
+    calibration = tmp_path / "calibration.json"
+    localizer.write_calibration(calibration)
+    known = raylift.Localizer(scene, scene_calibration=calibration, **options)
+    raylift.write_queries(tmp_path / "queries.txt", queries)
+    subprocess.run([os.environ["RAYLIFT"], "localize", "--model", DEMO / "model", "--images", DEMO / "images",
+                    "--geometry", spec, "--every", "3", "--queries", tmp_path / "queries.txt",
+                    "--max-features", "1500", "--cache", tmp_path / "cache", "--out", tmp_path / "out", "--quiet"],
+                   check=True)
+    assert calibration.read_bytes() == (tmp_path / "out/scene_calibration.json").read_bytes()
+    of_program = raylift.read_poses(tmp_path / "out/poses.txt")
+    for name, camera in queries:
+        expect_near(many[name], name)
+        pose = many[name].cam_from_world.matrix.tolist()
+        for other in localizer, known:
+            assert other.localize(DEMO / "images" / name, camera, name=name).cam_from_world.matrix.tolist() == pose
+        assert of_program[name].matrix == pytest.approx(many[name].cam_from_world.matrix, abs=1e-12)

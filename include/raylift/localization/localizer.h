@@ -83,10 +83,10 @@ struct QueryResult {
 // keep the best, as a handful of noisy ones only disturbs the others.
 FewPoints FewPointsFor(Method method);
 
+// What a scene's calibration says of noise is used where the options do not say it.
 struct LocalizerOptions {
   EstimatorOptions estimator = {};
-  // What becomes of few points follows from the method. The scene's noise should be given where the
-  // filter is automatic (EstimateSceneNoise()).
+  // What becomes of few points follows from the method.
   FilterOptions filter = {};
   GeometryMode geometry_mode = GeometryMode::kFirst;
   // Queries whose pose is less sure (PoseEstimate::confidence) are not localized.
@@ -153,12 +153,5 @@ class Localizer {
   bool own_estimator_;                                           // made from the options
   std::vector<std::shared_ptr<const GeometrySource>> geometry_;  // the scene's
 };
-
-// How noisy the scene's geometry is in the views of some 30 queries, the same ones whatever their
-// order, for FilterOptions::scene_noise. None where the options do not use it (the filter is not
-// automatic, or points are triangulated) and where no query tells.
-std::optional<MultiViewNoise> EstimateSceneNoise(std::span<const Query> queries, const Scene& scene,
-                                                 const MatchSource& matches,
-                                                 const LocalizerOptions& options, int threads);
 
 }  // namespace raylift

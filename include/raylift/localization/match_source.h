@@ -46,6 +46,11 @@ class MatchSource {
   virtual QueryMatches MatchPhotograph(const Query& query, const Image& photograph) const;
   virtual QueryMatches MatchFeatures(const Query& query, const Features& features) const;
 
+  // Whether the references can be matched with each other, and the matches of one of them with the
+  // others, as of a query. Thread safe.
+  virtual bool MatchesReferences() const { return false; }
+  virtual QueryMatches MatchReference(const Query& reference) const;
+
   // From now on this query, localized, is also a reference. Not while matches are made. Only for
   // sources that were opened for it.
   virtual void Join(const PosedImage& localized_query);

@@ -33,6 +33,7 @@ namespace raylift {
 class Covisibility;
 class RayCaster;
 struct RenderHooks;
+struct SceneCalibration;
 struct RenderedReferenceOptions;
 struct RenderedReferences;
 struct SceneFile;
@@ -72,8 +73,10 @@ struct SceneSource {
   NamedGeometry geometry;
   std::string spec;  // as in the option --geometry; of a source from memory its description
   std::string name;  // what tables call it: the specification, unless someone named it
-  // How its depth was corrected (Aligned()); geometry.source then gives the corrected points.
+  // How its depth was corrected; geometry.source then gives the corrected points, and `as_read` is
+  // the source without.
   std::optional<DepthAlignment> alignment = std::nullopt;
+  std::shared_ptr<const GeometrySource> as_read = nullptr;
 };
 
 struct Scene {
@@ -86,6 +89,8 @@ struct Scene {
   std::vector<SceneSource> sources;  // in the order in which they are asked
   // What was made where the references were rendered; else null.
   std::shared_ptr<const RenderedReferences> rendered = nullptr;
+  // What is known beyond the files (scene_calibration.h); null: nothing.
+  std::shared_ptr<const SceneCalibration> calibration = nullptr;
   std::vector<std::string> warnings;  // what the user should know of the files
 
   // Named by its description. `mesh`: what it lifts from, where that is one, for Mesh(). The kind
@@ -131,11 +136,5 @@ Scene OpenMeshScene(const std::string& mesh_spec, const Thinning& thinning,
 // Opens a specification of geometry for the scene's references; what is said of it goes to the
 // scene's warnings.
 void OpenGeometry(Scene& scene, const std::string& spec, const SceneOptions& options = {});
-
-// The scene with the depth of its sources corrected, each by itself, by matches between the
-// references (indices count in references.images). The points of SfM models stay: they agree with
-// the references as they are.
-Scene Aligned(const Scene& scene, AlignMode mode, std::span<const ReferenceMatch> matches,
-              int threads);
 
 }  // namespace raylift

@@ -6,7 +6,7 @@
 #include <unordered_map>
 
 #include "base/statistics.h"
-#include "localization/scene_matches.h"
+#include "localization/calibration_images.h"
 #include <fmt/format.h>
 
 #include "raylift/diagnosis/doctor.h"

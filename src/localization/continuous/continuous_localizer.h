@@ -55,6 +55,17 @@ class GrowingScene {
   Localizer localizer_;
 };
 
+// How LocalizeAll takes queries one after the other.
+struct ContinuousRun {
+  std::span<const size_t> order;
+  const ContinuousCheckpoint& checkpoint;
+  JoinGateOptions gate = {};
+  bool weigh = true;
+  const std::atomic<bool>* stop = nullptr;
+  // `result` is null where an earlier run did the query.
+  std::function<void(size_t query, const QueryResult* result)> on_done = {};
+};
+
 struct ContinuousOptions {
   JoinGateOptions gate = {};  // not as in the paper
   int threads = 0;

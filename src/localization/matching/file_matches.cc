@@ -1,5 +1,6 @@
 #include "localization/matching/file_matches.h"
 
+#include <algorithm>
 #include <set>
 #include <utility>
 
@@ -28,7 +29,12 @@ class FileMatches final : public MatchSource {
       : files_(std::move(files)),
         pairs_(std::move(pairs)),
         references_(references, top_k, joining),
-        reading_(reading) {}
+        reading_(reading),
+        lists_references_(!references.images.empty() &&
+                          std::all_of(references.images.begin(), references.images.end(),
+                                      [&](const PosedImage& reference) {
+                                        return pairs_.contains(reference.name);
+                                      })) {}
 
   QueryMatches Match(const Query& query) const override {
     QueryMatches result;
@@ -63,6 +69,9 @@ class FileMatches final : public MatchSource {
     }
     return result;
   }
+
+  bool MatchesReferences() const override { return lists_references_; }
+  QueryMatches MatchReference(const Query& reference) const override { return Match(reference); }
 
   void Join(const PosedImage& localized_query) override { references_.Join(localized_query); }
 
@@ -104,6 +113,7 @@ class FileMatches final : public MatchSource {
   RetrievalPairs pairs_;
   KnownReferences references_;
   MatchReading reading_;
+  bool lists_references_;  // as queries, too
   WarningSet warnings_;
 };
 

@@ -102,6 +102,20 @@ class FrontEndMatches final : public MatchSource {
     return MatchWith(query, {features, CanonicalKeypoints(features.keypoints_px)}, retrieved);
   }
 
+  bool MatchesReferences() const override { return true; }
+
+  // References are retrieved by VLAD, in whatever way the queries' are.
+  QueryMatches MatchReference(const Query& reference) const override {
+    const std::string name[] = {reference.name};
+    const Eigen::MatrixXf vector = Index()->VectorOfReference(reference.name);
+    std::vector<int> retrieved;
+    for (const RetrievedReference& r : Index()->Best(name, vector, options_.top_k, 1).front()) {
+      CheckSizeOfReference(r.reference_index);
+      retrieved.push_back(r.reference_index);
+    }
+    return MatchWith(reference, *features_->Get(reference.name), retrieved);
+  }
+
   void Join(const PosedImage& localized_query) override {
     RAYLIFT_CHECK(joined_ != nullptr);
     joined_->Join(localized_query, features_->Get(localized_query.name)->features);

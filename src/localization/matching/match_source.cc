@@ -22,6 +22,10 @@ QueryMatches MatchSource::MatchFeatures(const Query& query, const Features&) con
                    " are in memory: only the built-in front end can match them");
 }
 
+QueryMatches MatchSource::MatchReference(const Query& reference) const {
+  throw std::logic_error("this source does not match the reference " + reference.name);
+}
+
 void MatchSource::Join(const PosedImage& localized_query) {
   throw std::logic_error("this source of matches was not opened for " + localized_query.name);
 }
@@ -40,6 +44,10 @@ class WithWarnings final : public MatchSource {
   }
   QueryMatches MatchFeatures(const Query& query, const Features& features) const override {
     return source_->MatchFeatures(query, features);
+  }
+  bool MatchesReferences() const override { return source_->MatchesReferences(); }
+  QueryMatches MatchReference(const Query& reference) const override {
+    return source_->MatchReference(reference);
   }
   void Join(const PosedImage& localized_query) override { source_->Join(localized_query); }
   std::vector<std::string> Warnings() const override {

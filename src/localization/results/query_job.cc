@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "base/json_text.h"
+#include "localization/checks/run_checks.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -72,46 +73,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-Json KnownJson(const KnownNoise& noise) { return {noise.sigma, noise.errors}; }
-
-KnownNoise KnownOf(const Json& json) { return {json.at(0), json.at(1)}; }
-
-Json KnowledgeJson(const SceneKnowledge& knowledge) {
-  Json json = {{"geometry_noise", nullptr}, {"scene_noise", nullptr}};
-  if (const auto& noise = knowledge.geometry_noise) {
-    json["geometry_noise"] = {{"keypoints_px", noise->keypoints_px},
-                              {"geometry_px", noise->geometry_px},
-                              {"num_views", noise->num_views}};
-  }
-  if (const auto& noise = knowledge.scene_noise) {
-    json["scene_noise"] = {{"keypoint_px", KnownJson(noise->keypoint_px)},
-                           {"depth", KnownJson(noise->depth)},
-                           {"common_depth", KnownJson(noise->common_depth)},
-                           {"keypoint_tail", noise->keypoint_tail},
-                           {"keypoint_tail_variance", noise->keypoint_tail_variance}};
-  }
-  json["warnings"] = knowledge.warnings;
-  return json;
-}
-
-SceneKnowledge KnowledgeOf(const Json& json) {
-  SceneKnowledge knowledge;
-  if (const Json& noise = json.at("geometry_noise"); !noise.is_null()) {
-    knowledge.geometry_noise = {.keypoints_px = noise.at("keypoints_px"),
-                                .geometry_px = noise.at("geometry_px"),
-                                .num_views = noise.at("num_views")};
-  }
-  if (const Json& noise = json.at("scene_noise"); !noise.is_null()) {
-    knowledge.scene_noise = {.keypoint_px = KnownOf(noise.at("keypoint_px")),
-                             .depth = KnownOf(noise.at("depth")),
-                             .common_depth = KnownOf(noise.at("common_depth")),
-                             .keypoint_tail = noise.at("keypoint_tail"),
-                             .keypoint_tail_variance = noise.at("keypoint_tail_variance")};
-  }
-  knowledge.warnings = json.at("warnings").get<std::vector<std::string>>();
-  return knowledge;
-}
-
 RunFacts FactsOf(const Json& json) {
   RunFacts facts;
   facts.num_references = json.at("references");
@@ -125,7 +86,8 @@ RunFacts FactsOf(const Json& json) {
   }
   facts.warnings = json.at("warnings").get<std::vector<std::string>>();
   facts.checks_geometry = json.at("checks_geometry");
-  facts.knowledge = KnowledgeOf(json.at("knowledge"));
+  facts.calibration = ParseSceneCalibration(JsonText(json.at("calibration")));
+  facts.input_warnings = json.at("input_warnings").get<std::vector<std::string>>();
   return facts;
 }
 
@@ -160,7 +122,8 @@ std::string ToJsonLine(const RunFacts& facts) {
                          {"geometry", std::move(geometry)},
                          {"warnings", facts.warnings},
                          {"checks_geometry", facts.checks_geometry},
-                         {"knowledge", KnowledgeJson(facts.knowledge)}}}});
+                         {"calibration", Json::parse(FormatSceneCalibration(facts.calibration))},
+                         {"input_warnings", facts.input_warnings}}}});
 }
 
 std::string ToJsonLine(const QueryRecord& record) {
@@ -233,7 +196,7 @@ std::vector<std::string> AllWarnings(const RunFacts& facts, std::span<const Quer
   std::vector<std::string> all = facts.warnings;
   const auto add = [&all](const auto& more) { all.insert(all.end(), more.begin(), more.end()); };
   add(of_matches);
-  add(facts.knowledge.warnings);
+  add(facts.input_warnings);
   add(RunWarnings(localized, log_focal_factors, facts.checks_geometry));
   return all;
 }
@@ -246,13 +209,14 @@ void WriteResults(const std::filesystem::path& out, const RunFacts& facts,
     localized.push_back(record.localized);
     lines.push_back(record.diagnostics);
   }
+  WriteSceneCalibration(out / "scene_calibration.json", facts.calibration);
   WritePoses(out / "poses.txt", localized);
   WriteQueryDiagnostics(out / "queries.jsonl", lines);
   WriteSummary(out / "summary.json", localized,
                {.num_references = facts.num_references,
                 .geometry = facts.geometry,
                 .warnings = AllWarnings(facts, records),
-                .scene_noise = facts.knowledge.scene_noise});
+                .scene_noise = facts.calibration.match_noise});
   WriteTiming(out / "timing.jsonl", localized, times);
 }
 

@@ -12,11 +12,10 @@
 #include <string>
 #include <vector>
 
-#include "localization/batch_localizer.h"
-
 #include "raylift/jobs/task_job.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/result_files.h"
+#include "raylift/localization/scene_calibration.h"
 #include "raylift/scene/photographs.h"
 
 namespace raylift {
@@ -30,7 +29,8 @@ struct RunFacts {
   std::vector<GeometrySummary> geometry;
   std::vector<std::string> warnings;  // of the scene's files
   bool checks_geometry = false;       // for RunWarnings()
-  SceneKnowledge knowledge;
+  SceneCalibration calibration;
+  std::vector<std::string> input_warnings;  // of how the input is read (LocalizeAll)
 };
 
 struct QueryRecord {

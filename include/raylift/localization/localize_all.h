@@ -1,0 +1,129 @@
+// All queries of a list in one scene, by one configuration (options of the localizer) or by several
+// at once, for comparisons. What a scene's calibration says is learned first unless the scene holds
+// one; then the result of a query depends on no other query's. Its stages:
+//
+//   calibrate   depth and noise, by matches that are kept for their query's own turn
+//   localize    match, lift, filter, estimate (localizer.h); what configurations have in common is
+//               made once, so that what differs in the results is what differs in them. Photographs
+//               of one frame of a rig (Query::rig) are localized together
+//   rerender    sharpens the pose against the rendered mesh, where asked for
+//   check       asks what the photographs say of their focal length, and how the input is read
+//
+// LocalizeContinuously() takes the queries one after the other, and adds the stage
+//
+//   join        a query that is localized well becomes a reference of those that follow
+
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raylift/lifting/depth_alignment.h"
+#include "raylift/localization/localizer.h"
+#include "raylift/localization/scene.h"
+
+namespace raylift {
+
+class FocalCheck;
+class QuickDoctor;
+class Rerenderer;
+struct ContinuousRecord;
+struct ContinuousRun;
+
+struct LocalizeAllOptions {
+  LocalizerOptions localizer = {};
+  // How depth is corrected in a scene without a calibration (CalibrationOptions::align).
+  AlignMode align = AlignMode::kAuto;
+  // Null: poses are not sharpened by rendering the mesh again.
+  std::shared_ptr<const Rerenderer> rerenderer = nullptr;
+  bool check_input = true;
+  // For RunContinuously(): queries do not tell what the matches of others are worth, as the first
+  // ones must not know of those that come later.
+  bool one_by_one = false;
+  int threads = 0;
+};
+
+class LocalizeAll {
+ public:
+  LocalizeAll(const Scene& scene, std::vector<Query> queries, std::shared_ptr<MatchSource> matches,
+              const LocalizeAllOptions& options);
+  // Several configurations of scenes with the same references, at least one; without the stages
+  // after the pose. The localizers' own sources of matches are not asked.
+  LocalizeAll(std::vector<Localizer> configurations, std::vector<Query> queries,
+              std::shared_ptr<const MatchSource> matches, int threads);
+  ~LocalizeAll();
+
+  // Learns what is not known yet: the scene's calibration, or what matches are worth to each of
+  // several configurations. The functions below begin with it.
+  void Calibrate();
+
+  // Calibrated, once that is done.
+  const Scene& scene() const { return configurations_.front().scene(); }
+  const std::vector<Query>& queries() const { return queries_; }
+  const Localizer& configuration(size_t index) const { return configurations_[index]; }
+
+  // Localizes in parallel; returns the results in the order of the list. `on_result` is called from
+  // any thread.
+  using OnResult = std::function<void(size_t query, const QueryResult& result)>;
+  std::vector<LocalizedQuery> Run(const OnResult& on_result = {});
+  // The same of some of them; a frame's photographs help each other even where some of them are not
+  // asked for. With `stop`, those in hand are finished and no other is begun.
+  void Run(std::span<const size_t> queries, const OnResult& on_result,
+           const std::atomic<bool>* stop = nullptr);
+
+  // One after the other (continuous/continuous_localizer.h); the records are in the order of the
+  // list, and missing where a signal came first.
+  std::vector<std::optional<ContinuousRecord>> RunContinuously(const ContinuousRun& run);
+
+  // One query by each of the configurations. Hands over each one's result; the calls may come in any
+  // order and, for different configurations, from several threads. Thread safe after Calibrate().
+  using Take = std::function<void(size_t configuration, QueryResult& result)>;
+  void LocalizeQuery(size_t query, int threads, const Take& take) const;
+
+  // The logarithm of how many times too long the focal length of a query that was localized seems.
+  std::optional<double> LogFocalFactor(size_t query) const { return log_focal_factors_[query]; }
+
+  // Warnings of the matches that were made so far, sorted.
+  std::vector<std::string> MatchWarnings() const;
+  // Warnings of how depth and poses are read, by some 30 queries; none where they are not checked.
+  std::vector<std::string> InputWarnings();
+  // All warnings, after RunContinuously().
+  std::vector<std::string> ContinuousWarnings(std::span<const LocalizedQuery> localized) const;
+  // Whether the geometry is to be judged by all results (RunWarnings()).
+  bool ChecksGeometry() const;
+
+ private:
+  // Configurations that filter alike, among those that lift alike.
+  using Filtered = std::vector<size_t>;
+  using Lifted = std::vector<Filtered>;
+  // Queries that are localized together: the photographs of a frame, by their sensors, or one.
+  using Frame = std::vector<size_t>;
+
+  void MakeTree();
+  void LearnMatchNoise();
+  void LocalizeMatched(const QueryResult& matched, std::span<const size_t> configurations,
+                       int threads, const Take& take) const;
+  std::vector<Frame> FramesOf(std::span<const size_t> queries) const;
+  std::vector<QueryResult> LocalizeFrame(const Frame& frame) const;
+  void Complete(size_t query, const Localizer& localizer, QueryResult& result);
+  std::vector<std::string> DoctorWarnings() const;
+
+  LocalizeAllOptions options_;
+  std::vector<Query> queries_;
+  std::shared_ptr<MatchSource> matches_;       // for queries that join; null: none can
+  std::shared_ptr<const MatchSource> cached_;  // the same, while no query joins
+  std::vector<Localizer> configurations_;
+  std::vector<Lifted> tree_;
+  bool is_calibrated_ = false;
+  std::unique_ptr<QuickDoctor> doctor_;
+  std::unique_ptr<FocalCheck> focal_check_;
+  std::vector<std::optional<double>> log_focal_factors_;
+};
+
+}  // namespace raylift

@@ -1,0 +1,266 @@
+#include "raylift/localization/scene_calibration.h"
+
+#include <algorithm>
+#include <set>
+#include <utility>
+
+#include "base/json_text.h"
+#include "localization/calibration_images.h"
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/parallel.h"
+
+namespace raylift {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr std::string_view kFormat = "raylift-scene-calibration/1";
+
+Json MapJson(const MapAlignment& map) {
+  return {{"reference", map.reference},
+          {"columns", map.correction.columns},
+          {"rows", map.correction.rows},
+          {"log_factors", map.correction.log_factors},
+          {"shift", map.correction.shift},
+          {"matches", map.num_matches},
+          {"own_correction", map.own_correction},
+          {"median_before_px", map.median_before_px},
+          {"median_after_px", map.median_after_px}};
+}
+
+MapAlignment MapOf(const Json& json) {
+  MapAlignment map{.reference = json.at("reference"),
+                   .correction = {.columns = json.at("columns"),
+                                  .rows = json.at("rows"),
+                                  .log_factors = json.at("log_factors"),
+                                  .shift = json.at("shift")},
+                   .num_matches = json.at("matches"),
+                   .own_correction = json.at("own_correction"),
+                   .median_before_px = json.at("median_before_px"),
+                   .median_after_px = json.at("median_after_px")};
+  const DepthCorrection& correction = map.correction;
+  if (correction.columns < 1 || correction.rows < 1 ||
+      correction.log_factors.size() !=
+          static_cast<size_t>(correction.columns) * static_cast<size_t>(correction.rows)) {
+    throw InputError(fmt::format("log_factors of {}: expected {} x {} numbers, found {}",
+                                 map.reference, correction.columns, correction.rows,
+                                 correction.log_factors.size()));
+  }
+  return map;
+}
+
+Json AlignmentJson(const DepthAlignment& alignment) {
+  Json maps = Json::array();
+  for (const MapAlignment& map : alignment.maps) maps.push_back(MapJson(map));
+  return {{"mode", ToString(alignment.mode)},
+          {"median_factor", alignment.median_factor},
+          {"median_before_px", alignment.median_before_px},
+          {"median_after_px", alignment.median_after_px},
+          {"maps", std::move(maps)}};
+}
+
+template <typename Enum>
+Enum EnumOf(const Json& json) {
+  const auto value = FromName<Enum>(json.get<std::string>());
+  if (!value) throw InputError(fmt::format("unknown value \"{}\"", json.get<std::string>()));
+  return *value;
+}
+
+DepthAlignment AlignmentOf(const Json& json) {
+  DepthAlignment alignment{.mode = EnumOf<AlignMode>(json.at("mode")),
+                           .maps = {},
+                           .median_factor = json.at("median_factor"),
+                           .median_before_px = json.at("median_before_px"),
+                           .median_after_px = json.at("median_after_px")};
+  for (const Json& map : json.at("maps")) alignment.maps.push_back(MapOf(map));
+  return alignment;
+}
+
+Json KnownJson(const KnownNoise& noise) {
+  return {{"sigma", noise.sigma}, {"errors", noise.errors}};
+}
+
+KnownNoise KnownOf(const Json& json) { return {json.at("sigma"), json.at("errors")}; }
+
+AlignMode AlignModeOf(const Scene& scene, const CalibrationOptions& options) {
+  const LocalizerOptions& localizer = options.localizer;
+  if (options.align != AlignMode::kAuto) return options.align;
+  const bool is_of_use = Uses2D3D(localizer.estimator.method) &&
+                         localizer.estimator.refinement == Refinement::kRobust &&
+                         localizer.candidates.mode != CandidateMode::kTriangulate &&
+                         scene.rendered == nullptr && !scene.sources.empty();
+  return is_of_use ? AlignMode::kAuto : AlignMode::kOff;
+}
+
+std::vector<std::optional<DepthAlignment>> AlignSources(const Scene& scene, AlignMode mode,
+                                                        std::span<const ReferenceMatch> matches,
+                                                        int threads) {
+  std::vector<std::optional<DepthAlignment>> alignments(scene.sources.size());
+  for (size_t i = 0; i < scene.sources.size(); ++i) {
+    const NamedGeometry& geometry = scene.sources[i].geometry;
+    if (geometry.kind == GeometryKind::kSfm) continue;
+    alignments[i] =
+        AlignDepth(*geometry.source, scene.references.images, matches, {.mode = mode}, threads);
+  }
+  return alignments;
+}
+
+std::optional<SceneNoise> LearnMatchNoise(const CalibrationImages& images, const Scene& scene,
+                                          const CalibrationOptions& options) {
+  const bool is_of_use =
+      UsesSceneNoise(options.localizer.estimator) && !options.localizer.estimator.scene_noise &&
+      TellsNoise(images, scene) &&
+      (images.by == CalibratedBy::kReferences || options.queries_tell_match_noise);
+  const std::vector<size_t> sample = NoiseSample(images.images);
+  if (!is_of_use || sample.size() < kLeastForCommonNoise) return std::nullopt;
+  const Localizer localizer(std::make_shared<const Scene>(scene), images.matches,
+                            options.localizer);
+  std::vector<PoseEstimate> estimates(sample.size());
+  ParallelFor(sample.size(), options.threads, [&](size_t i) {
+    estimates[i] = localizer.Localize(images.images[sample[i]]).localized.estimate;
+  });
+  return CommonNoise(estimates);
+}
+
+}  // namespace
+
+Scene Calibrate(const Scene& scene, const std::shared_ptr<const MatchSource>& matches,
+                std::span<const Query> queries, const CalibrationOptions& options) {
+  if (scene.calibration != nullptr) return scene;
+  const CalibrationImages images = ImagesToCalibrateBy(scene.references, matches, queries);
+  SceneCalibration found{.by = images.by};
+  if (const AlignMode mode = AlignModeOf(scene, options); mode != AlignMode::kOff) {
+    constexpr size_t kImagesOfAuto = 500;
+    std::vector<Query> asked;
+    const size_t most = mode == AlignMode::kAuto ? kImagesOfAuto : images.images.size();
+    for (const size_t i : SampleByName(images.images, most)) asked.push_back(images.images[i]);
+    found.depth = AlignSources(
+        scene, mode,
+        CollectReferenceMatches(asked, *images.matches, scene.references, options.threads),
+        options.threads);
+  }
+  const bool by_queries = options.noise_by == CalibratedBy::kQueries && !queries.empty();
+  const CalibrationImages tell_noise =
+      by_queries ? CalibrationImages{.by = CalibratedBy::kQueries,
+                                     .images = {queries.begin(), queries.end()},
+                                     .matches = matches}
+                 : images;
+  found.by = tell_noise.by;
+  // Each step goes on with the scene as far as it is known.
+  const auto so_far = [&] {
+    return Calibrated(scene, std::make_shared<const SceneCalibration>(found));
+  };
+  LocalizerOptions filtering = options.localizer;
+  if (options.any_filter) filtering.filter.mode = FilterMode::kAuto;
+  found.geometry_noise = LearnGeometryNoise(tell_noise, so_far(), filtering, options.threads);
+  found.match_noise = LearnMatchNoise(tell_noise, so_far(), options);
+  return so_far();
+}
+
+Scene Calibrated(const Scene& scene, std::shared_ptr<const SceneCalibration> calibration) {
+  RAYLIFT_CHECK(calibration != nullptr);
+  const auto& depth = calibration->depth;
+  if (!depth.empty() && depth.size() != scene.sources.size()) {
+    throw InputError(
+        fmt::format("the calibration is of a scene with {} sources of geometry, found {}",
+                    depth.size(), scene.sources.size()));
+  }
+  std::set<std::string> names;
+  for (const PosedImage& image : scene.references.images) names.insert(image.name);
+  Scene calibrated = scene;
+  for (size_t i = 0; i < depth.size(); ++i) {
+    SceneSource& source = calibrated.sources[i];
+    source.alignment = depth[i];
+    if (!depth[i] || depth[i]->mode == AlignMode::kOff) continue;
+    const auto corrections = depth[i]->Corrections();
+    if (std::none_of(corrections.begin(), corrections.end(),
+                     [&](const auto& correction) { return names.contains(correction.first); })) {
+      throw InputError("the calibration corrects the depth of none of the scene's references");
+    }
+    if (source.as_read == nullptr) source.as_read = source.geometry.source;
+    source.geometry.source = std::make_shared<const AlignedSource>(source.as_read, corrections);
+  }
+  calibrated.calibration = std::move(calibration);
+  return calibrated;
+}
+
+Scene Aligned(const Scene& scene, AlignMode mode, std::span<const ReferenceMatch> matches,
+              int threads) {
+  if (mode == AlignMode::kOff) return scene;
+  Scene aligned = Calibrated(scene, std::make_shared<const SceneCalibration>(SceneCalibration{
+                                        .depth = AlignSources(scene, mode, matches, threads)}));
+  aligned.calibration = scene.calibration;
+  return aligned;
+}
+
+std::string FormatSceneCalibration(const SceneCalibration& calibration) {
+  Json json = {{"format", kFormat},
+               {"by", ToString(calibration.by)},
+               {"depth", Json::array()},
+               {"geometry_noise", nullptr},
+               {"match_noise", nullptr}};
+  for (const auto& alignment : calibration.depth) {
+    json["depth"].push_back(alignment ? AlignmentJson(*alignment) : Json(nullptr));
+  }
+  if (const auto& noise = calibration.geometry_noise) {
+    json["geometry_noise"] = {{"keypoints_px", noise->keypoints_px},
+                              {"geometry_px", noise->geometry_px},
+                              {"num_views", noise->num_views}};
+  }
+  if (const auto& noise = calibration.match_noise) {
+    json["match_noise"] = {{"keypoint_px", KnownJson(noise->keypoint_px)},
+                           {"depth", KnownJson(noise->depth)},
+                           {"common_depth", KnownJson(noise->common_depth)},
+                           {"keypoint_tail", noise->keypoint_tail},
+                           {"keypoint_tail_variance", noise->keypoint_tail_variance}};
+  }
+  return JsonText(json);
+}
+
+SceneCalibration ParseSceneCalibration(const std::string& text) {
+  try {
+    const Json json = Json::parse(text);
+    if (json.at("format").get<std::string>() != kFormat) {
+      throw InputError(fmt::format("expected the format \"{}\"", kFormat));
+    }
+    SceneCalibration calibration{.by = EnumOf<CalibratedBy>(json.at("by"))};
+    for (const Json& alignment : json.at("depth")) {
+      calibration.depth.emplace_back();
+      if (!alignment.is_null()) calibration.depth.back() = AlignmentOf(alignment);
+    }
+    if (const Json& noise = json.at("geometry_noise"); !noise.is_null()) {
+      calibration.geometry_noise = {.keypoints_px = noise.at("keypoints_px"),
+                                    .geometry_px = noise.at("geometry_px"),
+                                    .num_views = noise.at("num_views")};
+    }
+    if (const Json& noise = json.at("match_noise"); !noise.is_null()) {
+      calibration.match_noise = {.keypoint_px = KnownOf(noise.at("keypoint_px")),
+                                 .depth = KnownOf(noise.at("depth")),
+                                 .common_depth = KnownOf(noise.at("common_depth")),
+                                 .keypoint_tail = noise.at("keypoint_tail"),
+                                 .keypoint_tail_variance = noise.at("keypoint_tail_variance")};
+    }
+    return calibration;
+  } catch (const nlohmann::json::exception& error) {
+    throw InputError(fmt::format("no calibration of a scene: {}", error.what()));
+  }
+}
+
+void WriteSceneCalibration(const std::filesystem::path& path, const SceneCalibration& calibration) {
+  WriteFile(path, FormatSceneCalibration(calibration) + '\n');
+}
+
+std::shared_ptr<const SceneCalibration> ReadSceneCalibration(const std::filesystem::path& path) {
+  const std::string text = ReadFile(path);
+  try {
+    return std::make_shared<const SceneCalibration>(ParseSceneCalibration(text));
+  } catch (const InputError& error) {
+    throw InputError(path, error.what());
+  }
+}
+
+}  // namespace raylift

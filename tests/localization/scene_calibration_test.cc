@@ -1,0 +1,97 @@
+#include "raylift/localization/scene_calibration.h"
+
+#include "support/matchers.h"
+#include "support/room_scene.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+
+#include "raylift/base/file.h"
+#include "raylift/io/query_list.h"
+#include "raylift/localization/match_source.h"
+
+namespace raylift {
+namespace {
+
+SceneCalibration MakeCalibration() {
+  SceneCalibration calibration{.by = CalibratedBy::kQueries};
+  DepthAlignment alignment{.mode = AlignMode::kGrid, .maps = {}, .median_factor = 1.0 / 3};
+  alignment.maps.push_back({.reference = "left.jpg",
+                            .correction = {.columns = 2, .rows = 1, .log_factors = {0.1, 1.0 / 7}},
+                            .num_matches = 12,
+                            .own_correction = true});
+  calibration.depth = {std::nullopt, alignment};
+  calibration.geometry_noise = {.keypoints_px = 0.7, .geometry_px = 3.1, .num_views = 41};
+  calibration.match_noise = {.keypoint_px = {1.1, 30.5}, .depth = {0.01, 7}, .common_depth = {}};
+  return calibration;
+}
+
+TEST(SceneCalibration, IsReadAsItWasWritten) {
+  const SceneCalibration made = MakeCalibration();
+  const auto file = TestFolder() / "calibration.json";
+  WriteSceneCalibration(file, made);
+  const auto read = ReadSceneCalibration(file);
+  EXPECT_EQ(FormatSceneCalibration(*read), FormatSceneCalibration(made));
+  EXPECT_EQ(read->by, made.by);
+  EXPECT_EQ(read->geometry_noise, made.geometry_noise);
+  EXPECT_EQ(read->match_noise, made.match_noise);
+  ASSERT_EQ(read->depth.size(), 2u);
+  EXPECT_FALSE(read->depth[0]);
+  EXPECT_EQ(read->depth[1]->maps[0].correction.log_factors,
+            made.depth[1]->maps[0].correction.log_factors);
+}
+
+TEST(SceneCalibration, MalformedFilesAreNamed) {
+  const auto file = TestFolder() / "calibration.json";
+  for (const char* text : {"", "{}", "{\"format\": \"other/1\"}"}) {
+    WriteFile(file, text);
+    EXPECT_TRUE(FailsWithInputError([&] { ReadSceneCalibration(file); }, {"calibration.json"}));
+  }
+  std::string text = FormatSceneCalibration(MakeCalibration());
+  text.replace(text.find("\"columns\":2"), 11, "\"columns\":9");
+  EXPECT_TRUE(FailsWithInputError([&] { ParseSceneCalibration(text); }, {"left.jpg", "9 x 1"}));
+}
+
+class CalibratedRoom : public ::testing::Test {
+ protected:
+  std::shared_ptr<const MatchSource> Matches(const Scene& scene) const {
+    return OpenMatches(scene, queries_,
+                       {.hloc = HlocFiles{room_.features(), room_.matches(), room_.pairs()}});
+  }
+
+  RoomScene room_ = WriteRoomScene(TestFolder());
+  std::vector<Query> queries_ = ReadQueryList(room_.query_list());
+  Scene scene_ = OpenScene({.model = room_.model(), .geometry = {"mesh:" + room_.mesh().string()}});
+};
+
+TEST_F(CalibratedRoom, FilesWithoutPairsOfReferencesAreCalibratedByQueriesInAnyOrder) {
+  const Scene calibrated = Calibrate(scene_, Matches(scene_), queries_, {.threads = 1});
+  ASSERT_NE(calibrated.calibration, nullptr);
+  EXPECT_EQ(calibrated.calibration->by, CalibratedBy::kQueries);
+  const std::vector<Query> reversed(queries_.rbegin(), queries_.rend());
+  EXPECT_EQ(FormatSceneCalibration(
+                *Calibrate(scene_, Matches(scene_), reversed, {.threads = 4}).calibration),
+            FormatSceneCalibration(*calibrated.calibration));
+  // What is known is not learned again.
+  EXPECT_EQ(Calibrate(calibrated, Matches(scene_), {}, {}).calibration, calibrated.calibration);
+}
+
+TEST_F(CalibratedRoom, ALocalizerTakesWhatTheSceneKnows) {
+  auto known = std::make_shared<SceneCalibration>(MakeCalibration());
+  known->depth.clear();
+  const auto scene = std::make_shared<const Scene>(Calibrated(scene_, known));
+  EXPECT_EQ(Localizer(scene, nullptr, {}).options().estimator.scene_noise, known->match_noise);
+  EXPECT_FALSE(Localizer(scene, nullptr, {}).options().filter.scene_noise);
+  const LocalizerOptions automatic{.filter = {.mode = FilterMode::kAuto, .thresholds = {}}};
+  EXPECT_EQ(Localizer(scene, nullptr, automatic).options().filter.scene_noise,
+            known->geometry_noise);
+}
+
+TEST_F(CalibratedRoom, AnotherScenesCalibrationIsRefused) {
+  auto other = std::make_shared<SceneCalibration>(MakeCalibration());
+  EXPECT_TRUE(FailsWithInputError([&] { Calibrated(scene_, other); }, {"2 sources", "found 1"}));
+  other->depth.erase(other->depth.begin());
+  EXPECT_TRUE(FailsWithInputError([&] { Calibrated(scene_, other); }, {"none of the scene's"}));
+}
+
+}  // namespace
+}  // namespace raylift
