@@ -32,9 +32,9 @@
 namespace raylift {
 namespace {
 
-// What the results depend on, as the manifest begins with it: JSON of the options that matter, and
-// fingerprints of the inputs in place of their paths, so that the same run may go on on another
-// machine.
+// Returns what the results depend on, as the manifest begins with it: JSON of the options that
+// matter, and fingerprints of the inputs in place of their paths, so that the same run may go on on
+// another machine.
 std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& options_json,
                            const Scene& scene, std::span<const Query> queries) {
   auto options = nlohmann::ordered_json::parse(options_json);

@@ -18,7 +18,7 @@ namespace raylift {
 
 namespace {
 
-// What needs --model, or is needed without it.
+// Checks what needs --model, or is needed without it.
 void CheckReferences(const LocalizeFlags& flags) {
   flags.references.Check();
   flags.matching.hloc.Check();
@@ -34,7 +34,7 @@ void CheckReferences(const LocalizeFlags& flags) {
   if (flags.query_images.empty()) throw OptionError("--query-images is required without --model");
 }
 
-// What goes with neither going on nor sharing the work.
+// Refuses what goes with neither --resume nor shards.
 void CheckRunning(const LocalizeFlags& flags) {
   flags.running.Check();
   const Shard shard = flags.running.Resolve();

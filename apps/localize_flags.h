@@ -22,7 +22,6 @@
 namespace raylift {
 
 // The options of continuous localization: `localize --continuous`.
-
 struct ContinuousFlags {
   bool enabled = false;
   std::filesystem::path times;
@@ -34,9 +33,9 @@ struct ContinuousFlags {
   // Throws OptionError.
   void Check() const;
   JoinGateOptions Gate() const;
-  // Of the `top_k` references of a query.
+  // Returns how many of the `top_k` references of a query may be joined queries.
   int MaxJoined(int top_k) const;
-  // By the times file, or by name where there is none.
+  // Orders by the times file, or by name where there is none.
   std::vector<size_t> Order(std::span<const Query> queries, const ReferenceSet& references) const;
 };
 void AddContinuousOptions(CLI::App& command, ContinuousFlags& flags);

@@ -1,4 +1,4 @@
-// What `raylift localize` works with, from its flags.
+// Opens what `raylift localize` works with, as its flags say.
 
 #pragma once
 

@@ -41,7 +41,7 @@ LocalizeOutput::LocalizeOutput(const LocalizeFlags& flags, size_t num_queries,
 void LocalizeOutput::Show(size_t index, const QueryResult& result) {
   LapClock clock;
   const std::string& name = result.localized.name;
-  // Of a rig its one problem, where it belongs.
+  // A rig has one problem, which is written with the photograph that it belongs to.
   const bool is_of_another = !result.localized.rig.empty() && result.localized.rig != name;
   if (!flags_.write_problems.empty() && !is_of_another) {
     WritePoseProblem(FileOfQuery(flags_.write_problems, name, ".json"),

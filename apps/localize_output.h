@@ -1,4 +1,4 @@
-// What `raylift localize` leaves behind and prints.
+// Writes what `raylift localize` leaves behind, and prints.
 
 #pragma once
 
@@ -45,10 +45,10 @@ class LocalizeOutput {
                  std::shared_ptr<const RayCaster> mesh);
 
   // What is to be seen of a query beside its pose: its problem, its picture, its part of the page.
-  // From any thread.
+  // May be called from any thread.
   void Show(size_t index, const QueryResult& result);
 
-  // What Show has taken, in seconds of all threads.
+  // Returns what Show() has taken, in seconds of all threads.
   double ShowSeconds() const { return show_seconds_; }
 
   struct Run {

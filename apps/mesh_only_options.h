@@ -30,7 +30,7 @@ struct MeshOnlyFlags {
 
   // Throws OptionError.
   void Check() const;
-  // Of queries with these cameras, to `out`.
+  // Returns the options for queries with these cameras; pictures go to `out`.
   RenderedReferenceOptions Resolve(std::span<const Camera> queries,
                                    const std::filesystem::path& out) const;
 };
@@ -41,7 +41,7 @@ void AddMeshOnlyOptions(CLI::App& command, MeshOnlyFlags& flags);
 void RequireMeshOnly(std::span<const std::string> geometry, std::string_view needless,
                      bool is_given);
 
-// What --rerender needs: a mesh, and the queries' photographs. Throws OptionError.
+// Throws OptionError unless there is what --rerender needs: a mesh, and the queries' photographs.
 void CheckRerender(int rounds, std::span<const std::string> geometry, bool has_photographs);
 
 // Renders the references of a scene, and says on stderr how far it is.

@@ -276,7 +276,7 @@ Program MakeProgram() {
                       AddDoctorCommand(app),     AddViewsCommand(app),    AddPairsCommand(app),
                       AddExperimentCommand(app), AddImportCommand(app),   AddStatusCommand(app),
                       AddMergeCommand(app),      AddVerifyCommand(app),   AddExportCommand(app),
-                      AddColorCommand(app),      AddPrepareCommand(app)};
+                      AddColorCommand(app),      AddPrepareCommand(app),  AddCalibrateCommand(app)};
   for (const Command& command : program.commands) {
     CheckNumbers(*command.app);
   }

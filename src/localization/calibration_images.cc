@@ -19,7 +19,7 @@ auto KeyOf(const ReferenceMatch& m) {
   return std::tuple(m.reference_a, m.reference_b, m.a_px.x(), m.a_px.y(), m.b_px.x(), m.b_px.y());
 }
 
-// The same whichever of the two was the query.
+// Returns the same whichever of the two was the query.
 ReferenceMatch MatchOf(int a, const Eigen::Vector2d& a_px, int b, const Eigen::Vector2d& b_px) {
   if (a < b) return {a, b, a_px, b_px};
   return {b, a, b_px, a_px};

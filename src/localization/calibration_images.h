@@ -19,9 +19,9 @@
 
 namespace raylift {
 
-// The first matches that a source is asked for are kept, up to so much memory: a scene is calibrated
-// by matches that are asked for again when it is their query's turn. Thread safe. The source must
-// not be told of more references.
+// The first matches that a source is asked for are kept, up to so much memory: a scene is
+// calibrated by matches that are asked for again when it is their query's turn. Thread safe. The
+// source must not be told of more references.
 class CachedMatches final : public MatchSource {
  public:
   explicit CachedMatches(std::shared_ptr<const MatchSource> source,
@@ -54,11 +54,12 @@ CalibrationImages ImagesToCalibrateBy(const ReferenceSet& references,
                                       const std::shared_ptr<const MatchSource>& matches,
                                       std::span<const Query> queries);
 
-// Whether these images tell how noisy matches with photographs are: rendered references do not.
+// Returns whether these images tell how noisy matches with photographs are: rendered references do
+// not.
 bool TellsNoise(const CalibrationImages& images, const Scene& scene);
 
-// Returns evenly spaced queries in the order of their names: the same ones whatever order they stand
-// in.
+// Returns evenly spaced queries in the order of their names: the same ones whatever order they
+// stand in.
 std::vector<size_t> SampleByName(std::span<const Query> queries, size_t count);
 
 // The images that noise is learned from: some 30.
@@ -67,16 +68,16 @@ std::vector<size_t> NoiseSample(std::span<const Query> images);
 // Returns the matches between references that the images' matches imply, on which depth alignment
 // and the check of the input rest. An image that is itself a reference brings its own matches.
 // Indices count in references.images; sorted, each match once, whatever the number of threads.
-// References that have `enough` matches already take no more from later images, so that memory stays
-// bounded.
+// References that have `enough` matches already take no more from later images, so that memory
+// stays bounded.
 std::vector<ReferenceMatch> CollectReferenceMatches(std::span<const Query> images,
                                                     const MatchSource& match_source,
                                                     const ReferenceSet& references, int threads,
                                                     size_t enough = 5000);
 
 // Returns how noisy the scene's geometry is in the views of the images' sample; nullopt where the
-// options do not use it (the filter is not automatic, or points are triangulated) and where no image
-// tells, as rendered references do not.
+// options do not use it (the filter is not automatic, or points are triangulated) and where no
+// image tells, as rendered references do not.
 std::optional<MultiViewNoise> LearnGeometryNoise(const CalibrationImages& images,
                                                  const Scene& scene,
                                                  const LocalizerOptions& options, int threads);

@@ -1,4 +1,5 @@
-// What the stages of a localization count, and what a query needs to join the references, as fields.
+// What the stages of a localization count, and what a query needs to join the references, as
+// fields.
 
 #pragma once
 

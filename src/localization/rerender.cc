@@ -38,12 +38,12 @@ Camera AtMost(const Camera& camera, int max_side_px) {
   return camera.Scaled(scaled(camera.width_px()), scaled(camera.height_px()));
 }
 
-// As far as the estimator knows it.
+// Returns the camera as far as the estimator knows it.
 Camera CameraOf(const Query& query, const PoseEstimate& estimate) {
   return estimate.refined_camera.value_or(query.camera);
 }
 
-// Of the inliers, along the optical axis.
+// Returns the median depth of the inliers along the optical axis.
 double MedianDepth(const QueryResult& result) {
   std::vector<double> depths;
   const auto& matches = result.problem.matches_2d3d;
@@ -179,8 +179,8 @@ class Rounds {
 
 }  // namespace
 
-double PoseSupport(const Camera& camera, const Rigid3& cam_from_world,
-                   std::span<const Match2D3D> matches, double threshold_px) {
+double KeypointSupport(const Camera& camera, const Rigid3& cam_from_world,
+                       std::span<const Match2D3D> matches, double threshold_px) {
   const KeypointNumbers keypoints = NumberQueryKeypoints({}, matches);
   std::vector<double> support_of_keypoint(keypoints.count, 0);
   for (size_t i = 0; i < matches.size(); ++i) {
@@ -231,8 +231,8 @@ void Rerenderer::Improve(const Query& query, const Image& photograph,
     // Nor one that is less sure than what was asked for.
     if (!ReasonNotLocalized(after, min_confidence).empty()) break;
     const auto support = [&](const PoseEstimate& estimate) {
-      return PoseSupport(CameraOf(query, estimate), *estimate.cam_from_world, problem.matches_2d3d,
-                         options_.reprojection_threshold_px);
+      return KeypointSupport(CameraOf(query, estimate), *estimate.cam_from_world,
+                             problem.matches_2d3d, options_.reprojection_threshold_px);
     };
     if (!(support(after) > support(before))) break;
     result.problem = std::move(problem);

@@ -41,8 +41,8 @@ struct RerenderOptions {
 // How well 2D-3D matches support a pose: the sum over the query's keypoints of 1 - e^2 / t^2, not
 // below 0, e being the smallest reprojection error of the keypoint's matches and t the threshold. A
 // keypoint with many matches counts once.
-double PoseSupport(const Camera& camera, const Rigid3& cam_from_world,
-                   std::span<const Match2D3D> matches, double threshold_px);
+double KeypointSupport(const Camera& camera, const Rigid3& cam_from_world,
+                       std::span<const Match2D3D> matches, double threshold_px);
 
 class Rerenderer {
  public:
@@ -52,13 +52,13 @@ class Rerenderer {
 
   // Does nothing for a query that is not localized. Otherwise the rounds: each takes the matches
   // with the retrieved references and the 2D-3D matches with the pictures of this round, and its
-  // pose is kept where it is at least as sure as `min_confidence` and PoseSupport by these 2D-3D
-  // matches is above that of the pose before. The result then is that of the kept round, with its
-  // matches, and counts the rounds. The same on any thread; InputError where the query's photograph
-  // cannot be read or does not have its camera's size.
+  // pose is kept where it is at least as sure as `min_confidence` and KeypointSupport by these
+  // 2D-3D matches is above that of the pose before. The result then is that of the kept round, with
+  // its matches, and counts the rounds. The same on any thread; InputError where the query's
+  // photograph cannot be read or does not have its camera's size.
   void Improve(const Query& query, const PoseEstimator& estimator, QueryResult& result,
                double min_confidence = 0) const;
-  // The same of a photograph in memory, gray or RGB.
+  // Does the same with a photograph in memory, gray or RGB.
   void Improve(const Query& query, const Image& photograph, const PoseEstimator& estimator,
                QueryResult& result, double min_confidence = 0) const;
 

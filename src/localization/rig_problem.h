@@ -15,8 +15,8 @@ namespace raylift {
 PoseProblem JoinProblems(std::span<const PoseProblem* const> photographs,
                          std::span<const Rigid3> cam_from_rig);
 
-// The rig's estimate for the camera of one of the photographs: its pose, with that pose's covariance,
-// and the inliers among its own matches. Scores, confidence and verdict are the rig's.
+// The rig's estimate for the camera of one of the photographs: its pose, with that pose's
+// covariance, and the inliers among its own matches. Scores, confidence and verdict are the rig's.
 PoseEstimate EstimateOfCamera(const PoseProblem& joined, const PoseEstimate& estimate, int camera);
 
 }  // namespace raylift

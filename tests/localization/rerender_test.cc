@@ -25,8 +25,8 @@ TEST(PoseSupport, TakesTheBestMatchOfEachKeypoint) {
       match(10, 4),                                          // at the threshold
       {{20, 20}, {0, 0, -1}, std::nullopt, std::nullopt},    // behind the camera
       match(20, 0)};
-  EXPECT_NEAR(PoseSupport(camera, Rigid3(), matches, 4), (1 - 1 / 16.0) + 1, 1e-12);
-  EXPECT_EQ(PoseSupport(camera, Rigid3(), {}, 4), 0);
+  EXPECT_NEAR(KeypointSupport(camera, Rigid3(), matches, 4), (1 - 1 / 16.0) + 1, 1e-12);
+  EXPECT_EQ(KeypointSupport(camera, Rigid3(), {}, 4), 0);
 }
 
 TEST(PoseSupport, IndicesSayWhichMatchesAreOfOneKeypoint) {
@@ -41,8 +41,8 @@ TEST(PoseSupport, IndicesSayWhichMatchesAreOfOneKeypoint) {
   };
   const std::vector<Match2D3D> one = {match(0, 2, 7), match(1, 1, 7)};
   const std::vector<Match2D3D> two = {match(0, 2, 7), match(1, 1, 8)};
-  EXPECT_NEAR(PoseSupport(camera, Rigid3(), one, 4), 1 - 1 / 16.0, 1e-12);
-  EXPECT_NEAR(PoseSupport(camera, Rigid3(), two, 4), 2 - 1 / 16.0 - 4 / 16.0, 1e-12);
+  EXPECT_NEAR(KeypointSupport(camera, Rigid3(), one, 4), 1 - 1 / 16.0, 1e-12);
+  EXPECT_NEAR(KeypointSupport(camera, Rigid3(), two, 4), 2 - 1 / 16.0 - 4 / 16.0, 1e-12);
 }
 
 // The same pose for every problem.

@@ -646,7 +646,8 @@ class Localizer:
         VLAD, made from the scene's photographs) max_features=4096, max_ratio=0.8, cache,
         query_images; or hloc's files features, matches and pairs; or as matches alone COLMAP's
         database, or a folder of the matches of each pair (N, 4), with first_pixel=0, cell_px=0
-        as of raylift.hloc.matches_from(); of matches in files, min_match_score.
+        as of raylift.hloc.matches_from(); of matches in files, min_match_score;
+        scene_calibration: the file that `raylift calibrate` or write_calibration() wrote.
 
         reference_features: features of one's own, a dict by the references' names of dicts with
         keypoints (N, 2) and descriptors (N, D) of unit length; their photographs are not read.
@@ -667,14 +668,19 @@ class Localizer:
         """
     def localize_all(self, queries: collections.abc.Sequence[tuple[str, raylift._types.CameraLike]], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> dict[str, typing.Any]:
         """
-        Many queries, (name, camera) each, whose photographs or matches are in files: what they
-        have in common is learned first, as `raylift localize` does. Returns a dict by name.
+        Many queries, (name, camera) each, whose photographs or matches are in files. Of
+        photographs the results are those of localize(). Returns a dict by name.
         """
     def localize_matches(self, camera: raylift._types.CameraLike, query2d: numpy.typing.ArrayLike, reference2d: numpy.typing.ArrayLike, reference_names: collections.abc.Sequence[str], *, query_keypoints: numpy.typing.ArrayLike | None = None, name: str = 'query') -> LocalizedQuery:
         """
         One query by matches of one's own: pixels (M, 2) of the query and of references, and the
         references' names (M,). query_keypoints: (M,), where it is known which keypoint of the
         query a match is of.
+        """
+    def write_calibration(self, file: raylift._types.PathLike) -> None:
+        """
+        Writes what is known of the scene, for the option scene_calibration and
+        `raylift localize --scene-calibration`.
         """
 class ColmapModel:
     """

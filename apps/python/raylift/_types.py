@@ -116,6 +116,7 @@ class LocalizerOptions(EstimatorOptions, FilterThresholds, CandidateOptions, tot
     min_match_score: float
     first_pixel: float
     cell_px: float
+    scene_calibration: PathLike
 
 
 class RenderOptions(TypedDict, total=False):

@@ -81,8 +81,9 @@ class LocalizeAll {
   // list, and missing where a signal came first.
   std::vector<std::optional<ContinuousRecord>> RunContinuously(const ContinuousRun& run);
 
-  // One query by each of the configurations. Hands over each one's result; the calls may come in any
-  // order and, for different configurations, from several threads. Thread safe after Calibrate().
+  // One query by each of the configurations. Hands over each one's result; the calls may come in
+  // any order and, for different configurations, from several threads. Thread safe after
+  // Calibrate().
   using Take = std::function<void(size_t configuration, QueryResult& result)>;
   void LocalizeQuery(size_t query, int threads, const Take& take) const;
 

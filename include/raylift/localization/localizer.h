@@ -65,7 +65,7 @@ struct LocalizedQuery {
   bool localized() const { return reason.empty(); }
   PoseVerdict verdict() const { return localized() ? estimate.verdict : PoseVerdict::kFailed; }
   double confidence() const { return localized() ? estimate.confidence : 0; }
-  // Also counts its inliers.
+  // Takes an estimate and counts its inliers.
   void TakeEstimate(PoseEstimate taken);
 };
 
@@ -79,8 +79,8 @@ struct QueryResult {
   std::optional<PoseProblem> rig_problem = std::nullopt;
 };
 
-// What the automatic filter does with few points for a method: those that have nothing but points
-// keep the best, as a handful of noisy ones only disturbs the others.
+// Returns what the automatic filter does with few points for a method: those that have nothing but
+// points keep the best, as a handful of noisy ones only disturbs the others.
 FewPoints FewPointsFor(Method method);
 
 // What a scene's calibration says of noise is used where the options do not say it.

@@ -1,5 +1,5 @@
-// Where the 2D-2D matches of a query come from: files of hloc, COLMAP or other matchers, the built-in
-// front end, or anything else that implements MatchSource.
+// Where the 2D-2D matches of a query come from: files of hloc, COLMAP or other matchers, the
+// built-in front end, or anything else that implements MatchSource.
 
 #pragma once
 
@@ -26,9 +26,6 @@ struct ReferenceSet;
 struct Scene;
 struct Shard;
 
-// Where the 2D-2D matches of a query come from: hloc's files (hloc_matches.h), the built-in front
-// end (front_end.h), or anything else that implements this interface.
-
 struct QueryMatches {
   std::vector<PosedImage> references;  // the retrieved ones, best first
   std::vector<Match2D2D> matches;      // `reference` counts in `references`
@@ -38,11 +35,12 @@ class MatchSource {
  public:
   virtual ~MatchSource() = default;
 
-  // Of a query that the source knows by its name. Thread safe.
+  // Returns the matches of a query that the source knows by its name. Thread safe.
   virtual QueryMatches Match(const Query& query) const = 0;
 
-  // Of a photograph in memory, or of features that were extracted from it. Thread safe. InputError
-  // where the source has nothing to match them with, or cannot: only the front end can.
+  // Returns the matches of a photograph in memory, or of features that were extracted from it.
+  // Thread safe. Throws InputError where the source has nothing to match them with, or cannot: only
+  // the front end can.
   virtual QueryMatches MatchPhotograph(const Query& query, const Image& photograph) const;
   virtual QueryMatches MatchFeatures(const Query& query, const Features& features) const;
 
@@ -55,7 +53,7 @@ class MatchSource {
   // sources that were opened for it.
   virtual void Join(const PosedImage& localized_query);
 
-  // What the user should be told, collected so far.
+  // Returns what the user should be told, collected so far.
   virtual std::vector<std::string> Warnings() const = 0;
 };
 
@@ -92,7 +90,7 @@ std::unique_ptr<MatchSource> MakeFrontEndMatches(const FrontEndOptions& options,
                                                  const ReferenceSet& references,
                                                  const std::vector<Query>& queries);
 
-// Of the images of a scene and its queries.
+// Counts of the images of a scene and its queries.
 struct FeatureCount {
   size_t images = 0;
   size_t extracted = 0;  // now
@@ -109,7 +107,7 @@ FeatureCount PrepareFrontEnd(const FrontEndOptions& options, const ReferenceSet&
 // would store them: a query gives the same bytes from memory as from disk.
 Features ExtractFrontEndFeatures(const Image& photograph, int max_features);
 
-// What retrieves the references of a query before any matching.
+// Ways to retrieve the references of a query before any matching.
 enum class RetrievalMethod { kVlad, kGlobal, kPose, kOverlap, kCovisibility };
 template <>
 inline constexpr auto kEnumNames<RetrievalMethod> = std::to_array<EnumName<RetrievalMethod>>({
@@ -166,10 +164,10 @@ struct JoiningQueries {
 
 // How matches that stand in files are taken.
 struct MatchReading {
-  // Those of a lower score are left out; matches without scores count as 1, as in hloc.
+  // Matches of a lower score are left out; matches without scores count as 1, as in hloc.
   std::optional<double> min_score = std::nullopt;
-  // Of pixels without features (pair_matches.h): where the matcher puts the center of the first
-  // pixel, between 0 and 1, and the side of the cells in which query pixels are one keypoint;
+  // In a folder of pairs, whose pixels are no features: where the matcher puts the center of the
+  // first pixel, between 0 and 1, and the side of the cells in which query pixels are one keypoint;
   // 0: equal pixels alone are.
   double first_pixel = 0;
   double cell_px = 0;
@@ -195,7 +193,8 @@ struct MatchingOptions {
   std::optional<RetrievalOptions> retrieval = std::nullopt;
 };
 
-// Whether these matches need no features and no pairs: COLMAP's database, a folder of pairs.
+// Returns whether these matches need no features and no pairs: COLMAP's database, a folder of
+// pairs.
 bool StandAlone(const std::filesystem::path& matches);
 
 // Warnings of the retrieval come with those of the source.

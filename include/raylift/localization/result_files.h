@@ -1,4 +1,4 @@
-// What a run of localization leaves behind: poses, diagnostics per query, a summary.
+// Files that a run of localization leaves behind: poses, diagnostics per query, a summary.
 
 #pragma once
 
@@ -30,7 +30,7 @@ void WriteQueryDiagnostics(const std::filesystem::path& path,
 std::map<std::string, Eigen::Matrix<double, 6, 6>> ReadCovariances(
     const std::filesystem::path& path);
 
-// The same of lines that are there.
+// Writes lines that are there already.
 void WriteQueryDiagnostics(const std::filesystem::path& path, std::span<const std::string> lines);
 
 // A line of it, without the line's end.

@@ -38,10 +38,8 @@ struct RenderedReferenceOptions;
 struct RenderedReferences;
 struct SceneFile;
 
-// The references of a scene: photographs whose cameras and poses are known.
-
-// Those in use, and the names that exist but are thinned out, which a retrieval list may name
-// without being wrong.
+// The references in use, and the names of those that exist but are thinned out, which a retrieval
+// list may name without being wrong.
 struct ReferenceSet {
   std::filesystem::path model;  // for messages
   std::vector<PosedImage> images;
@@ -98,9 +96,9 @@ struct Scene {
   void AddGeometry(std::shared_ptr<const GeometrySource> source,
                    std::shared_ptr<const RayCaster> mesh = nullptr,
                    GeometryKind kind = GeometryKind::kMesh);
-  // Of the first source that is a mesh; null where none is.
+  // Returns the mesh of the first source that is one; null where none is.
   std::shared_ptr<const RayCaster> Mesh() const;
-  // Of the first one that is a mesh or a point cloud, for pictures and retrieval.
+  // Returns the first mesh or point cloud, for pictures and retrieval; null where there is none.
   std::shared_ptr<const RayCaster> Surface() const;
   // The sources to lift by.
   std::vector<std::shared_ptr<const GeometrySource>> Geometry() const;
@@ -124,8 +122,8 @@ struct SceneOptions {
 // OptionError for a specification of geometry that is none, InputError where a file cannot be read.
 Scene OpenScene(const SceneOptions& options);
 
-// What a scene file says of the references and the geometry: its first one, or those named.
-// InputError where there is none of a name.
+// Returns what a scene file says of the references and the geometry: its first one, or those named.
+// Throws InputError where there is none of a name.
 SceneOptions SceneOptionsOf(const SceneFile& file, std::span<const std::string> geometries = {});
 
 // A scene whose references are rendered from its one geometry, a mesh. What `rendered.out` holds

@@ -1,6 +1,7 @@
-// What is known of a scene beyond its files, learned once and used for every query: how the depth of
-// its geometry is corrected, and how noisy its geometry and the matches with its references are. In
-// a scene that holds a calibration a query gets the same pose alone and among others, in any order.
+// What is known of a scene beyond its files, learned once and used for every query: how the depth
+// of its geometry is corrected, and how noisy its geometry and the matches with its references are.
+// In a scene that holds a calibration a query gets the same pose alone and among others, in any
+// order.
 //
 //   Scene scene = Calibrate(OpenScene(...), matches, {}, {.localizer = options});
 //   WriteSceneCalibration("scene_calibration.json", *scene.calibration);
@@ -41,18 +42,18 @@ inline constexpr auto kEnumNames<CalibratedBy> = std::to_array<EnumName<Calibrat
 
 struct SceneCalibration {
   CalibratedBy by = CalibratedBy::kReferences;
-  // How the depth of each source is corrected, in the order of the scene's; nullopt where it is left
-  // as it is. Empty where nothing was asked.
+  // How the depth of each source is corrected, in the order of the scene's; nullopt where it is
+  // left as it is. Empty where nothing was asked.
   std::vector<std::optional<DepthAlignment>> depth = {};
-  // Of the lifted points, for the automatic filter, and of a query's matches; nullopt where it is not
-  // known: each query then finds its own.
+  // Of the lifted points, for the automatic filter, and of a query's matches; nullopt where it is
+  // not known: each query then finds its own.
   std::optional<MultiViewNoise> geometry_noise = std::nullopt;
   std::optional<SceneNoise> match_noise = std::nullopt;
 };
 
 struct CalibrationOptions {
-  // Match noise is what this localizer's estimates find. What its method, filter and candidates make
-  // no use of is not learned.
+  // Match noise is what this localizer's estimates find. What its method, filter and candidates
+  // make no use of is not learned.
   LocalizerOptions localizer = {};
   // kAuto asks some 500 images, and is off where depth is known better than that, or not used:
   // rendered references, methods and candidates without depth, the paper's refinement.
@@ -66,11 +67,11 @@ struct CalibrationOptions {
   int threads = 0;
 };
 
-// Returns the scene with a calibration; a scene that has one already is returned as it is. Depth and
-// geometry noise rest on the matches of the references with each other or, where `matches` holds
-// none, on those of the queries; of 30 images the noise, the same ones whatever their order. Rendered
-// references tell nothing of photographs: of them noise is learned from queries alone, and only by
-// kQueries. The result does not depend on the number of threads.
+// Returns the scene with a calibration; a scene that has one already is returned as it is. Depth
+// and geometry noise rest on the matches of the references with each other or, where `matches`
+// holds none, on those of the queries; of 30 images the noise, the same ones whatever their order.
+// Rendered references tell nothing of photographs: of them noise is learned from queries alone, and
+// only by kQueries. The result does not depend on the number of threads.
 Scene Calibrate(const Scene& scene, const std::shared_ptr<const MatchSource>& matches,
                 std::span<const Query> queries, const CalibrationOptions& options);
 

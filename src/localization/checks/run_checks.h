@@ -1,5 +1,6 @@
-// What all queries of a run say together of their input, where no query by itself would notice: the
-// geometry is not where the references are, the queries' focal length is wrong.
+// Checks of what all queries of a run say together of their input, where no query by itself would
+// notice: how depth and poses are read, whether the geometry is not where the references are, the
+// queries' focal length is wrong.
 
 #pragma once
 
@@ -25,7 +26,7 @@ namespace raylift {
 // Looks at the focal length in some ten queries, the same ones whatever their order.
 class FocalCheck {
  public:
-  // In none if `options` refine it anyway.
+  // Looks at none if `options` refine it anyway.
   FocalCheck(std::span<const Query> queries, const EstimatorOptions& options);
 
   // The logarithm of how many times too long the query's focal length seems. None where it is not
@@ -37,15 +38,15 @@ class FocalCheck {
   std::shared_ptr<const PoseEstimator> estimator_;
 };
 
-// Where the photographs agree on another focal length than the given one; LogFactor() of those that
-// have one, in any order.
+// Returns a warning where the photographs agree on another focal length than the given one;
+// LogFactor() of those that have one, in any order.
 std::optional<std::string> WarnOfFocalLength(std::span<const double> log_factors);
 
 // Of the queries that were localized with confidence: where no or few points come from the
 // geometry, or few of them fit, although the 2D-2D matches do.
 std::optional<std::string> WarnOfGeometry(std::span<const LocalizedQuery> queries);
 
-// Both, the first where it is asked for.
+// Returns both warnings, that of the geometry where it is asked for.
 std::vector<std::string> RunWarnings(std::span<const LocalizedQuery> queries,
                                      std::span<const double> log_factors, bool checks_geometry);
 

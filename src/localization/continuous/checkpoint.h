@@ -1,5 +1,5 @@
-// What continuous localization has done so far, on disk: a file for each query, written the moment
-// it is done, so that a run that was stopped or killed can go on where it was.
+// Keeps what continuous localization has done so far on disk: a file for each query, written the
+// moment it is done, so that a run that was stopped or killed can go on where it was.
 
 #pragma once
 
@@ -17,7 +17,7 @@ namespace raylift {
 
 // A query that is done.
 struct ContinuousRecord {
-  // As far as poses.txt and summary.json need it where the record was read.
+  // Of a record that was read, as far as poses.txt and summary.json need it.
   LocalizedQuery localized;
   // Its line of queries.jsonl, without the line's end.
   std::string diagnostics;

@@ -110,7 +110,7 @@ std::vector<size_t> OrderByTime(std::span<const Query> queries,
                                 std::span<const PosedImage> references, const CaptureTimes& times,
                                 const std::filesystem::path& path_for_messages);
 
-// Where there are no times.
+// Returns the order by name, for queries without times.
 std::vector<size_t> OrderByName(std::span<const Query> queries);
 
 }  // namespace raylift

@@ -38,7 +38,7 @@ struct SolverPoses {
 SolverPoses EstimateBySolvers(const PoseProblem& problem, const EstimatorOptions& options,
                               int threads);
 
-// What a localized query has to show.
+// Evidence that a localized query has to show.
 struct JoinEvidence {
   PoseVerdict verdict = PoseVerdict::kLocalized;
   int inliers_2d2d = 0;

@@ -23,8 +23,8 @@ SurfacePoint MakeSurfacePoint(const PosedImage& reference, const Eigen::Vector3d
           .back_face = false};
 }
 
-// Where along the query's ray it meets the reference's; none where they are nearly parallel or meet
-// behind a camera.
+// Returns where along the query's ray it meets the reference's; nullopt where they are nearly
+// parallel or meet behind a camera.
 std::optional<double> DistanceByRays(const PoseProblem& problem, const Rigid3& cam_from_world,
                                      const Match2D2D& match) {
   constexpr double kMinSine = 0.01;

@@ -61,22 +61,22 @@ class JoinedReferences {
   std::optional<Eigen::Vector3d> LinkedPoint(const std::string& name,
                                              const Eigen::Vector2d& pixel) const;
 
-  // By how many pixels (standard deviation, isotropic) the pose of a joined reference moves what it
-  // shows at a pixel, to first order: of the point that the pixel is linked to, or else of one at
-  // the reference's distance. None of other references, and where it is not known.
+  // Returns by how many pixels (standard deviation, isotropic) the pose of a joined reference moves
+  // what it shows at a pixel, to first order: of the point that the pixel is linked to, or else of
+  // one at the reference's distance. None of other references, and where it is not known.
   std::optional<double> SigmaPx(const std::string& name, const Eigen::Vector2d& pixel) const;
-  // The same of a point.
+  // Returns the same of a point.
   std::optional<double> SigmaPx(const std::string& name,
                                 const Eigen::Vector3d& point_in_world) const;
 
   // Sets `reference_sigma_px` of the matches with joined references.
   void Weigh(QueryMatches& matches) const;
 
-  // What the uncertainty of joined references adds to the covariance of a query that rests on them.
-  // The error of a reference is common to all matches with it, so that many do not average it away:
-  // a reference that holds a share s of the inliers passes on s times its error. As references may
-  // rest on each other, their errors may be alike in any way: the bound sum(s) * sum(s *
-  // covariance) holds for all.
+  // Returns what the uncertainty of joined references adds to the covariance of a query that rests
+  // on them. The error of a reference is common to all matches with it, so that many do not average
+  // it away: a reference that holds a share s of the inliers passes on s times its error. As
+  // references may rest on each other, their errors may be alike in any way: the bound sum(s) *
+  // sum(s * covariance) holds for all.
   PoseCovariance PassedOn(const QueryResult& result) const;
 
  private:

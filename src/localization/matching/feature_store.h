@@ -76,11 +76,11 @@ struct FeatureCacheOptions {
   bool show_progress;
 };
 
-// The RootSIFT features of all images beside those that are `known`: read from `folder`/features.h5 where that was made from the
-// same files (by size and time of change) with the same options, else extracted and written there.
-// In both cases they are the file's, so that a second run sees the same numbers as the first.
-// What is extracted is kept as it comes: a run that ends early loses the few images in hand.
-// Without a folder they are extracted, to the same numbers.
+// The RootSIFT features of all images beside those that are `known`: read from `folder`/features.h5
+// where that was made from the same files (by size and time of change) with the same options, else
+// extracted and written there. In both cases they are the file's, so that a second run sees the
+// same numbers as the first. What is extracted is kept as it comes: a run that ends early loses the
+// few images in hand. Without a folder they are extracted, to the same numbers.
 std::shared_ptr<const FeatureStore> ExtractOrReadFeatures(
     const std::vector<ImageFile>& images, const FeatureCacheOptions& options,
     std::map<std::string, Features> known = {});

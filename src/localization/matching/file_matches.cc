@@ -257,7 +257,7 @@ class DatabaseFiles final : public MatchFiles {
   ColmapDatabase database_;
 };
 
-// Of every image.
+// Features of every image.
 RetrievalPairs PairsOf(const ColmapDatabase& database, const std::set<std::string>& in_use) {
   RetrievalPairs pairs;
   for (const std::string& image : database.ImageNames()) {

@@ -20,14 +20,14 @@
 
 namespace raylift {
 
-// What the files hold of images and of pairs of them. Thread safe.
+// Reads what the files hold of images and of pairs of them. Thread safe.
 class MatchFiles {
  public:
   virtual ~MatchFiles() = default;
 
   // InputError where the image is not there.
   virtual Features ReadFeatures(const std::string& image) const = 0;
-  // None where the pair is not there.
+  // Returns nullopt where the pair is not there.
   virtual std::optional<std::vector<FeatureMatch>> ReadMatches(
       const std::string& query, const std::string& reference) const = 0;
   virtual std::vector<std::string> Warnings() const = 0;
@@ -74,7 +74,7 @@ class WarningSet {
 // the model does not hold.
 RetrievalPairs ReadPairsInUse(const std::filesystem::path& file, const ReferenceSet& references,
                               const JoiningQueries& joining);
-// The same of a list that was read from there.
+// Returns the same of a list that was read from there.
 RetrievalPairs PairsInUse(RetrievalPairs pairs, const std::filesystem::path& file,
                           const ReferenceSet& references, const JoiningQueries& joining);
 
@@ -98,14 +98,14 @@ std::unique_ptr<MatchSource> OpenDatabaseMatches(const std::filesystem::path& da
 // Matches that stand as pixels in a folder, a file of each pair (io/pair_pixels.h): of dense and
 // learned matchers, whose pixels are no features of an image.
 //
-// Which pair a file is of: `pairs.txt` in the folder says so in lines `query reference FILE`, or the
-// name does: QUERY__REFERENCE.npz, QUERY_REFERENCE_matches.npz (SuperGlue) or QUERY/REFERENCE.npz,
-// where "/" within names may stand as "-" or "_" and extensions may be left out, or all folders of
-// one of them. A file may be of the reference first.
+// Which pair a file is of: `pairs.txt` in the folder says so in lines `query reference FILE`, or
+// the name does: QUERY__REFERENCE.npz, QUERY_REFERENCE_matches.npz (SuperGlue) or
+// QUERY/REFERENCE.npz, where "/" within names may stand as "-" or "_" and extensions may be left
+// out, or all folders of one of them. A file may be of the reference first.
 
 // `pairs` ranks the references of each query; else `pairs.txt` in the folder, else the number of
-// matches with each. Equal pixels of a query are one keypoint, in whatever pair they stand, or those
-// in one cell (MatchReading). Warns of pixels outside of their image, as of resized images.
+// matches with each. Equal pixels of a query are one keypoint, in whatever pair they stand, or
+// those in one cell (MatchReading). Warns of pixels outside of their image, as of resized images.
 // InputError where the folder holds no file of a pair with one of the references.
 std::unique_ptr<MatchSource> OpenPairMatches(const std::filesystem::path& folder,
                                              const std::filesystem::path& pairs,

@@ -107,9 +107,10 @@ class FrontEndMatches final : public MatchSource {
   // References are retrieved by VLAD, in whatever way the queries' are.
   QueryMatches MatchReference(const Query& reference) const override {
     const std::string name[] = {reference.name};
-    const Eigen::MatrixXf vector = Index()->VectorOfReference(reference.name);
+    const RetrievedLists best =
+        Index()->Best(name, Index()->VectorOfReference(reference.name), options_.top_k, 1);
     std::vector<int> retrieved;
-    for (const RetrievedReference& r : Index()->Best(name, vector, options_.top_k, 1).front()) {
+    for (const RetrievedReference& r : best.front()) {
       CheckSizeOfReference(r.reference_index);
       retrieved.push_back(r.reference_index);
     }

@@ -78,7 +78,7 @@ using fs::path;
 constexpr const char* kListName = "pairs.txt";
 constexpr const char* kSeparators[] = {"__", "_-_", "_", "/"};
 
-// What an image may be called in a file's name.
+// A form that an image's name may take in a file's name.
 struct Form {
   std::string text;
   int level;  // 0: all of its name, 1: without its extension, 2: without folders, 3: without both
@@ -111,7 +111,7 @@ std::vector<path> PairFilesBelow(const path& folder) {
   return files;
 }
 
-// Of a file of matches: its path in the folder without what does not name the images.
+// Returns the path of a file of matches in the folder without what does not name the images.
 std::string NameOfPair(const path& folder, const path& file) {
   std::string name = file.lexically_relative(folder).replace_extension().generic_string();
   constexpr std::string_view kMatches = "_matches";
@@ -119,7 +119,7 @@ std::string NameOfPair(const path& folder, const path& file) {
   return name;
 }
 
-// Both halves of a name at each place where it may be cut.
+// Visits both halves of a name at each place where it may be cut.
 std::vector<std::pair<std::string, std::string>> Halves(const std::string& name) {
   std::vector<std::pair<std::string, std::string>> halves;
   for (const std::string_view separator : kSeparators) {

@@ -12,7 +12,7 @@
 
 namespace raylift {
 
-// Of nlohmann's json or ordered_json. Its members are given to `json`.
+// Gives the estimate's members to `json`, nlohmann's json or ordered_json.
 template <typename Json>
 void AddEstimate(const PoseEstimate& estimate, Json& json) {
   json["keypoints"] = estimate.num_keypoints;

@@ -1,4 +1,4 @@
-// What other programs, and people, look at results by: a COLMAP model, a GLB, pictures.
+// Results for other programs, and people, to look at: a COLMAP model, a GLB, pictures.
 
 #pragma once
 
@@ -31,7 +31,8 @@ namespace raylift {
 ColmapModel LocalizedModel(const ReferenceSet& references, std::span<const Query> queries,
                            std::span<const LocalizedQuery> localized);
 
-// A scene and its cameras as one GLB (binary glTF 2.0), for Blender, MeshLab and viewers on the web.
+// A scene and its cameras as one GLB (binary glTF 2.0), for Blender, MeshLab and viewers on the
+// web.
 
 enum class GlbCameraKind { kReference, kLocalized, kDoubtful };
 template <>
@@ -56,9 +57,9 @@ struct GlbOptions {
 
 // Each camera is a node of its image's name in the group of its kind: lines from its center through
 // the corners of the image, blue for references, green for localized and orange for doubtful
-// queries, and a glTF camera (a pinhole: what is left of a lens that a GLB cannot hold). Numbers are
-// float about an origin that the outermost node holds in double. The mesh keeps its textures (as
-// JPEG) or its vertex colors, unlit; without them it is gray and lit.
+// queries, and a glTF camera (a pinhole: what is left of a lens that a GLB cannot hold). Numbers
+// are float about an origin that the outermost node holds in double. The mesh keeps its textures
+// (as JPEG) or its vertex colors, unlit; without them it is gray and lit.
 void WriteGlb(const std::filesystem::path& path, const TriangleMesh* mesh,
               std::span<const GlbCamera> cameras, const GlbOptions& options = {});
 

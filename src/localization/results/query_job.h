@@ -20,10 +20,10 @@
 
 namespace raylift {
 
-// What the manifest of a run of localization (jobs/task_job.h) says: what all queries have in
+// The manifest of a run of localization (jobs/task_job.h) says what all queries have in
 // common, then each query that is done. Results follow from it alone.
 
-// The same in all shards.
+// What all shards have in common.
 struct RunFacts {
   size_t num_references = 0;
   std::vector<GeometrySummary> geometry;
@@ -47,10 +47,10 @@ struct QueryRecord {
 std::string ToJsonLine(const RunFacts& facts);
 std::string ToJsonLine(const QueryRecord& record);
 
-// Of one of the two kinds.
+// Returns whether the line is of one of the two kinds.
 bool IsReadableLine(const std::string& line);
 
-// Of a manifest of readable lines; names are as UTF-8 has them.
+// Return what a manifest of readable lines holds; names are as UTF-8 has them.
 std::optional<RunFacts> FactsOf(const TaskManifest& manifest);
 // In the order of the list. All warnings are with the first record, so that it does not show which
 // query was done first.
@@ -58,7 +58,7 @@ std::vector<QueryRecord> RecordsOf(const TaskManifest& manifest);
 // The manifest with such records.
 TaskManifest WithRecords(TaskManifest manifest, std::span<const QueryRecord> records);
 
-// What the whole run has to say to its user, from records of all queries.
+// Returns what the whole run has to say to its user, from records of all queries.
 std::vector<std::string> AllWarnings(const RunFacts& facts, std::span<const QueryRecord> records);
 
 // poses.txt, queries.jsonl, summary.json and timing.jsonl of records of all queries.
@@ -72,7 +72,7 @@ class QueryJob {
   // `header`: JSON of all that the results depend on. Throws as TaskJob's does.
   QueryJob(std::span<const Query> queries, const std::string& header, const JobFolder& folder);
 
-  // As this or another run of the same header has found them; none: nobody has.
+  // Returns the facts as this or another run of the same header has found them; nullopt: none has.
   const std::optional<RunFacts>& facts() const { return facts_; }
   // Before the first Add(), as TaskJob's.
   void Begin(const RunFacts& facts);

@@ -191,8 +191,8 @@ size_t AddMesh(const path& file, const TriangleMesh& mesh, GlbFile& glb) {
   return glb.Add("meshes", {{"primitives", primitives}});
 }
 
-// What a corner of the image sees at the depth z = 1. Where the lens looks too far to the side for
-// that, something nearer to the middle.
+// Returns what a corner of the image sees at the depth z = 1. Where the lens looks too far to the
+// side for that, something nearer to the middle.
 Eigen::Vector3d RayThroughCorner(const Camera& camera, const Eigen::Vector2d& corner_px) {
   constexpr double kMinZ = 0.1;
   const Eigen::Vector2d middle(0.5 * camera.width_px(), 0.5 * camera.height_px());

@@ -25,10 +25,10 @@ class Covisibility {
   // or through others of the list. Empty where the model has no points.
   std::vector<int> Clusters(const std::vector<PosedImage>& references) const;
 
-  // Whether an image of this name observes points.
+  // Returns whether an image of this name observes points.
   bool Knows(const std::string& image) const;
-  // Of each query, an image of the model, the k references that observe most of the points that it
-  // observes, their number being the score; without itself and those that observe none.
+  // Returns, for each query, an image of the model, the k references that observe most of the points
+  // that it observes, their number being the score; without itself and those that observe none.
   RetrievedLists MostShared(std::span<const std::string> queries,
                             std::span<const std::string> references, int k, int threads) const;
 

@@ -35,11 +35,12 @@ struct Retrieval {
   std::vector<std::string> warnings;
 };
 
-// By any method but VLAD, which needs images. InputError where a file does not hold what it must.
+// Retrieves by any method but VLAD, which needs images. Throws InputError where a file does not
+// hold what it must.
 Retrieval RetrieveReferences(std::span<const Query> queries, std::span<const PosedImage> references,
                              const RetrievalOptions& options);
 
-// By VLAD as the built-in front end does, with its cache of features.
+// Retrieves by VLAD as the built-in front end does, with its cache of features.
 RetrievedLists RetrieveByVlad(std::span<const Query> queries,
                               std::span<const PosedImage> references,
                               const FrontEndOptions& options);
@@ -71,8 +72,6 @@ RetrievedLists RetrieveByOverlap(std::span<const PosedImage> queries,
                                  std::span<const PosedImage> references, const RayCaster& mesh,
                                  int top_k, int threads);
 
-// What all ways to retrieve share.
-
 inline bool IsBetter(const RetrievedReference& a, const RetrievedReference& b) {
   return a.score != b.score ? a.score > b.score : a.reference_index < b.reference_index;
 }
@@ -85,7 +84,7 @@ inline void KeepBest(std::vector<RetrievedReference>* list, int k) {
   list->resize(count);
 }
 
-// From lists of k + 1: without the query itself, k at most.
+// Drops the query itself from lists of k + 1; k at most are left.
 inline void DropOwn(std::span<const std::string> queries, std::span<const std::string> references,
                     int k, RetrievedLists* lists) {
   for (size_t i = 0; i < lists->size(); ++i) {

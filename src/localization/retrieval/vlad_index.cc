@@ -77,7 +77,7 @@ using std::filesystem::path;
 // Changes whenever the vectors of the same features do.
 constexpr int kVladVersion = 1;
 
-// What the vectors depend on; none where that is not known.
+// Returns what the vectors depend on; nullopt where that is not known.
 std::optional<std::string> KeyOf(std::span<const std::string> references,
                                  const FeatureStore& features, uint64_t seed) {
   std::string key = fmt::format("vlad version {} seed {}\n", kVladVersion, seed);

@@ -41,7 +41,8 @@ class VladIndex {
   Eigen::VectorXf VectorOf(const Features& features) const;
   Eigen::VectorXf VectorOfReference(const std::string& name) const;
 
-  // Of each query, whose vector is a column, the `top_k` most alike; none is its own reference.
+  // Returns of each query, whose vector is a column, the `top_k` most alike; none is its own
+  // reference.
   RetrievedLists Best(std::span<const std::string> queries, const Eigen::MatrixXf& vectors,
                       int top_k, int threads) const;
 
@@ -51,17 +52,17 @@ class VladIndex {
   std::map<std::string, Eigen::Index> index_of_name_;
 };
 
-// Of queries whose features are in the same store.
+// Retrieves for queries whose features are in the same store.
 RetrievedLists RetrieveByVlad(const VladIndex& index, std::span<const std::string> queries,
                               const FeatureStore& features, int top_k, int threads);
 
 // The vectors by which references are retrieved, kept beside their features: learning a vocabulary
 // means to read the features of all references.
 
-// As ComputeVladVectors() has them: read from `folder`/vlad, in hloc's layout of global features, where
-// they were made from the same features of the same references with the same seed, else computed
-// and written there. Of runs that begin at once one computes, and the others wait. Nothing is kept
-// without a folder, or where features are known that are in no file.
+// As ComputeVladVectors() has them: read from `folder`/vlad, in hloc's layout of global features,
+// where they were made from the same features of the same references with the same seed, else
+// computed and written there. Of runs that begin at once one computes, and the others wait. Nothing
+// is kept without a folder, or where features are known that are in no file.
 VladVectors ComputeOrReadVladVectors(std::span<const std::string> references,
                                      const FeatureStore& features,
                                      const std::filesystem::path& folder, uint64_t seed,
