@@ -1,6 +1,7 @@
 // Gaussian splats.
 
 #include "fuzz/fuzz_targets.h"
+#include "renderers/splat_blend.h"
 #include "support/splat_files.h"
 
 #include "raylift/base/error.h"

@@ -5,6 +5,7 @@
 #include "raylift/io/hloc_files.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/match_source.h"
+#include "raylift/localization/scene.h"
 #include "raylift/scene/keypoints.h"
 
 namespace raylift {
