@@ -25,6 +25,7 @@
 #include "raylift/base/parallel.h"
 #include "raylift/io/pose_problem_json.h"
 #include "raylift/localization/localizer.h"
+#include "raylift/localization/scene_calibration.h"
 
 namespace raylift {
 namespace {
@@ -34,6 +35,7 @@ using std::filesystem::path;
 struct EstimateFlags {
   std::vector<path> problems;
   path csv, json, poses, out;
+  path scene_calibration;  // empty: the problems tell
   int repeat = 1;
   bool independent = false;
   FilterOptions filter;
@@ -216,8 +218,12 @@ class EstimateRun {
   // Of these files, until a signal.
   void Estimate(const std::vector<size_t>& places,
                 const std::function<void(size_t, EstimateRow)>& on_row) {
-    UntilSignal(
-        [this] { options_.scene_noise = LearnSceneNoise(files_, flags_, filter_, options_); });
+    if (flags_.scene_calibration.empty()) {
+      UntilSignal(
+          [this] { options_.scene_noise = LearnSceneNoise(files_, flags_, filter_, options_); });
+    } else {
+      options_.scene_noise = ReadSceneCalibration(flags_.scene_calibration)->match_noise;
+    }
     const auto estimator = MakePoseEstimator(options_);
     std::atomic<size_t> left = places.size();
     Progress progress("problems", places.size(), flags_.run.Show());
@@ -259,6 +265,9 @@ Command AddEstimateCommand(CLI::App& program) {
   output.Add("--out", flags->out,
              "Folder for estimates.csv, estimates.json and poses.txt, and for\n"
              "manifest.jsonl with what is done");
+  options.Add("--scene-calibration", flags->scene_calibration,
+              "What localize learned of the scene (its scene_calibration.json): how noisy\n"
+              "matches are. Without it, some 30 of the problems tell");
   options.Flag("--independent", flags->independent,
                "The problems are not of one scene: none tells of the noise of another's\n"
                "matches (where Adaptive estimates both kinds together)");

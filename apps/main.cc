@@ -47,11 +47,11 @@ void NoteAndThrow() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  raylift::TryMeshesBy({"/proc/self/exe", raylift::kTryMesh});
   std::set_terminate(&End);
   std::set_new_handler(&NoteAndThrow);
   raylift::LeaveHdf5AsItIsAtExit();
   try {
+    raylift::TryMeshesBy({"/proc/self/exe", raylift::kTryMesh});
     // Images are worked on side by side, on --threads; OpenCV's own threads would come on top.
     cv::setNumThreads(1);
     const int code = raylift::RunProgram(std::vector<std::string>(argv + 1, argv + argc));

@@ -29,8 +29,10 @@ void ExpectSamePoses(const RoomScene& scene, const Arguments& localize, const Ar
   ASSERT_TRUE(Succeeds(RunRaylift(arguments))) << label;
   const fs::path csv = out / "poses.csv";
   const fs::path poses = out / "again.txt";
-  ASSERT_TRUE(Succeeds(RunRaylift(
-      Arguments{"estimate", out / "problems", "--csv", csv, "--poses", poses} + options)))
+  ASSERT_TRUE(
+      Succeeds(RunRaylift(Arguments{"estimate", out / "problems", "--csv", csv, "--poses", poses,
+                                    "--scene-calibration", out / "scene_calibration.json"} +
+                          options)))
       << label;
   EXPECT_EQ(ReadFile(out / "poses.txt"), ReadFile(poses)) << label;
 

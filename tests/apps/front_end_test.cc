@@ -46,7 +46,8 @@ TEST_F(FrontEnd, LocalizesFromImagesAlone) {
   EXPECT_EQ(std::erase_if(files, [](const auto& f) { return f.starts_with("cache/vlad/"); }), 2u);
   EXPECT_EQ(files, (std::vector<std::string>{"cache/features.h5", "cache/features.inputs.txt",
                                              "cache/pairs.txt", "manifest.jsonl", "options.json",
-                                             "poses.txt", "queries.jsonl", "summary.json"}));
+                                             "poses.txt", "queries.jsonl", "scene_calibration.json",
+                                             "summary.json", "timing.jsonl"}));
 }
 
 TEST_F(FrontEnd, ReferencesAreLocalizedByEachOther) {

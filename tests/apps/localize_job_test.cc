@@ -131,6 +131,7 @@ TEST_F(LocalizeJob, ALineThatWasCutOffIsDoneAgain) {
 TEST_F(LocalizeJob, AFormerRunIsReplacedOnlyWhereThatIsAskedFor) {
   const fs::path whole = Whole();
   const std::string before = ReadFile(whole / "queries.jsonl");
+  const std::string manifest = ReadFile(whole / "manifest.jsonl");
   EXPECT_TRUE(FailsWith(2, {"--overwrite", "--resume", whole.string(), "former run"},
                         RunRaylift(Localize(whole))));
   EXPECT_TRUE(FailsWith(2, {"--overwrite", "--resume"},
@@ -140,9 +141,11 @@ TEST_F(LocalizeJob, AFormerRunIsReplacedOnlyWhereThatIsAskedFor) {
                         RunRaylift(Localize(whole, {"--resume", "--report", folder_ / "page"}))));
   EXPECT_EQ(ReadFile(whole / "queries.jsonl"), before);
   ASSERT_TRUE(Succeeds(RunRaylift(Localize(whole, {"--resume"}))));
-  EXPECT_EQ(ReadFile(whole / "queries.jsonl"), before) << "not even the times are others";
+  EXPECT_EQ(ReadFile(whole / "queries.jsonl"), before);
+  EXPECT_EQ(ReadFile(whole / "manifest.jsonl"), manifest) << "not even the times are others";
   ASSERT_TRUE(Succeeds(RunRaylift(Localize(whole, {"--overwrite"}))));
-  EXPECT_NE(ReadFile(whole / "queries.jsonl"), before);
+  EXPECT_NE(ReadFile(whole / "manifest.jsonl"), manifest) << "the times of queries";
+  EXPECT_EQ(ReadFile(whole / "queries.jsonl"), before);
 }
 
 TEST_F(LocalizeJob, ARunOfOtherOptionsOrInputsDoesNotGoOn) {

@@ -119,7 +119,8 @@ TEST(Localize, LeavesExactlyTheFilesItPromises) {
   EXPECT_EQ(FilesBelow(out),
             (std::vector<std::string>{"manifest.jsonl", "options.json", "poses.txt",
                                       "problems/query/a.png.json", "problems/query/b.png.json",
-                                      "queries.jsonl", "summary.json"}));
+                                      "queries.jsonl", "scene_calibration.json", "summary.json",
+                                      "timing.jsonl"}));
 }
 
 TEST(Localize, SummaryCountsQueries) {

@@ -165,3 +165,7 @@ def test_the_program(tmp_path):
     assert raylift_program("--version").stdout == f"raylift {raylift.__version__}\n"
     wrong = raylift_program("evaluate", "--poses", "missing.txt", "--ground-truth", "missing.txt")
     assert wrong.returncode == 3 and "missing.txt" in wrong.stderr
+
+
+def test_colour_is_color():
+    assert raylift.colour is raylift.color
