@@ -26,8 +26,8 @@ struct Paint {
 std::vector<Field> FieldsOf(Paint& paint) {
   return {{"shade", paint.shade, "{}"},
           {"glossy", paint.glossy, "Shines"},
-          {"thickness_mm", paint.thickness_mm, "Of all coats", Positive()},
-          {"coats", paint.coats, "How many", AtLeastOne()}};
+          {"thickness_mm", paint.thickness_mm, "Of all coats", kPositive},
+          {"coats", paint.coats, "How many", kAtLeastOne}};
 }
 
 std::string ErrorOf(const Paint& paint) {
@@ -48,9 +48,9 @@ TEST(Fields, NumbersOutOfTheirRangeAreNamed) {
 }
 
 TEST(Fields, RangesEndWhereTheySay) {
-  EXPECT_TRUE(Share().Contains(0) && Share().Contains(1));
-  EXPECT_FALSE(Share().Contains(1.001) || Positive().Contains(0) ||
-               AnyNumber().Contains(std::nan("")));
+  EXPECT_TRUE(kShare.Contains(0) && kShare.Contains(1));
+  EXPECT_FALSE(kShare.Contains(1.001) || kPositive.Contains(0) ||
+               kAnyNumber.Contains(std::nan("")));
 }
 
 TEST(Fields, AnEnumIsSetByTheIndexOfItsName) {
