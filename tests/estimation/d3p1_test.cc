@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <optional>
 #include <vector>
 
@@ -109,7 +110,7 @@ TEST(D3p1, NeedsFewerSamplesThanE5p1) {
 TEST(D3p1, SaysWhereThereIsNothingToSample) {
   Rng rng = TestRng();
   const CoherentProblem made = MakeCoherentProblem("none", UnknownScale(), rng);
-  PoseProblem off_rays = made.problem;  // as SfM's points are
+  PoseProblem off_rays = made.problem;  // beyond the threshold
   for (Match2D3D& match : off_rays.matches_2d3d) match.point_in_world.y() += 0.5;
   PoseProblem one_reference = made.problem;
   std::erase_if(one_reference.matches_2d2d,
@@ -135,6 +136,42 @@ TEST(D3p1, FindsLiftedMatchesWithoutTheirIndices) {
   const PoseEstimate estimate = EstimateWith(Method::kD3p1, bare);
   ASSERT_TRUE(estimate.cam_from_world);
   EXPECT_TRUE(IsNearPose(*estimate.cam_from_world, made.query_from_world, 0.3, 0.15));
+}
+
+// Returns the problem with one point per keypoint, as of SfM: the mean of what the references lift,
+// off the rays of all of them, and given as each reference's.
+PoseProblem WithMeanPoints(const PoseProblem& problem) {
+  struct Sum {
+    Eigen::Vector3d of_points = Eigen::Vector3d::Zero();
+    int count = 0;
+  };
+  std::map<int, Sum> sums;
+  for (const Match2D3D& match : problem.matches_2d3d) {
+    Sum& sum = sums[match.query_keypoint.value()];
+    sum.of_points += match.point_in_world;
+    ++sum.count;
+  }
+  PoseProblem meant = problem;
+  for (Match2D3D& match : meant.matches_2d3d) {
+    const Sum& sum = sums.at(*match.query_keypoint);
+    match.point_in_world = sum.of_points / sum.count;
+  }
+  return meant;
+}
+
+TEST(D3p1, SolvesByPointsOfSfmWhatItSolvesByTheMeshs) {
+  Rng rng = TestRng();
+  for (int i = 0; i < kProblems; ++i) {
+    const CoherentProblem made = MakeCoherentProblem(
+        "sfm", {.num_keypoints = 150, .num_references = 4, .vertical = 0.5, .wrong = 0}, rng);
+    for (const PoseProblem& problem : {made.problem, WithMeanPoints(made.problem)}) {
+      const PoseEstimate estimate = EstimateWith(Method::kD3p1, problem);
+      ASSERT_TRUE(estimate.cam_from_world);
+      EXPECT_EQ(estimate.solver, Solver::kD3p1);
+      EXPECT_TRUE(IsSound(estimate, problem));
+      EXPECT_TRUE(IsNearPose(*estimate.cam_from_world, made.query_from_world, 0.3, 0.15));
+    }
+  }
 }
 
 TEST(D3p1, EverySimdLevelAndEveryRunGiveTheSameBytes) {

@@ -38,7 +38,8 @@ inline constexpr auto kEnumNames<FailureReason> = std::to_array<EnumName<Failure
     {FailureReason::kNone, "ok"},
     {FailureReason::kTooFewMatches, "too few matches"},
     {FailureReason::kNoReferencePair, "no reference has five matches"},
-    {FailureReason::kNoDepthPair, "no reference has three matches with depth"},
+    {FailureReason::kNoDepthPair,
+     "no reference has three matches with depth and another one a match"},
     {FailureReason::kNoConsistentSample, "no pose that enough matches agree on"},
 });
 

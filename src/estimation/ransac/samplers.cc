@@ -213,22 +213,45 @@ double E5p1Sampler::NumSamples() const {
   return samples;
 }
 
+namespace {
+
+// Says whether a reference shows a point where its observation is, within the threshold.
+bool IsShownBy(const Observation& observation, const Eigen::Vector3d& point, double threshold_px) {
+  const Eigen::Vector3d n = observation.image_from_ray * (point - observation.center);
+  return n.z() > 0 && n.head<2>().norm() < threshold_px * n.z();
+}
+
+// Returns where the geometry has an observation's keypoint, from the reference's center: on its ray
+// where the point was lifted by it; else the first point nearby, as SfM's are, which lie on no ray
+// as they are the mean of many.
+std::optional<Eigen::Vector3d> PointFromCenter(const Observation& observation,
+                                               std::span<const UnanchoredPoint> unanchored,
+                                               double threshold_px) {
+  if (observation.has_depth) return std::exp(observation.log_distance) * observation.ray;
+  for (const UnanchoredPoint& point : unanchored) {
+    if (IsShownBy(observation, point.point, threshold_px)) {
+      return point.point - observation.center;
+    }
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
 D3p1Sampler::D3p1Sampler(const NormalizedProblem& problem, const KeypointEvidence& evidence)
     : problem_(problem) {
   std::vector<std::vector<LiftedMatch>> lifted(problem.num_camera_references());
+  const double threshold_px = problem.reprojection_threshold_px;
   for (const KeypointObservations& keypoint : evidence.keypoints) {
-    const auto observations = evidence.ObservationsOf(keypoint);
-    if (std::none_of(observations.begin(), observations.end(),
-                     [](const Observation& observation) { return observation.has_depth; })) {
-      continue;
-    }
     const Eigen::Vector3d query_ray = keypoint.image_from_cam.inverse().col(2).normalized();
     Eigen::Matrix3d image_from_ray = keypoint.image_from_cam;
-    image_from_ray.topRows<2>() /= problem.reprojection_threshold_px;
-    for (const Observation& observation : observations) {
-      if (!observation.has_depth) continue;
+    image_from_ray.topRows<2>() /= threshold_px;
+    for (const Observation& observation : evidence.ObservationsOf(keypoint)) {
+      const auto point =
+          PointFromCenter(observation, evidence.UnanchoredOf(keypoint), threshold_px);
+      if (!point) continue;
       lifted[problem.CameraReferenceIndex(keypoint.camera, observation.reference)].push_back(
-          {query_ray, image_from_ray, std::exp(observation.log_distance) * observation.ray});
+          {query_ray, image_from_ray, *point});
     }
   }
   for (const MatchGroup& group : problem.groups_2d2d) {

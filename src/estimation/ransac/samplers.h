@@ -99,9 +99,10 @@ class E5p1Sampler final : public HypothesisSampler {
   bool position_observable_ = false;
 };
 
-// Three 2D-2D matches of one reference that the geometry has lifted, whatever the scale of the
-// reference's depths, and one match of another reference with another center; references are drawn
-// in proportion to their lifted matches. Of a rig, cameras are as in E5+1.
+// Three 2D-2D matches of one reference that the geometry has lifted (to the keypoint's ray or, as
+// SfM's points lie, within the threshold of it), whatever the scale of the reference's depths, and
+// one match of another reference with another center; references are drawn in proportion to their
+// lifted matches. Of a rig, cameras are as in E5+1.
 class D3p1Sampler final : public HypothesisSampler {
  public:
   D3p1Sampler(const NormalizedProblem& problem, const KeypointEvidence& evidence);
