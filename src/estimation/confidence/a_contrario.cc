@@ -4,6 +4,7 @@
 #include <set>
 #include <span>
 
+#include "base/statistics.h"
 #include "estimation/confidence/confidence.h"
 #include "estimation/problem/observations.h"
 
@@ -85,17 +86,27 @@ InlierAssessor::InlierAssessor(const PoseProblem& original, const NormalizedProb
       sets_(sets),
       num_poses_tried_(num_poses_tried),
       sample_2d3d_(sample_2d3d),
-      area_px2_(QueryAreaPx2(original)) {
+      area_px2_(MatchedAreaPx2(original)) {
   cell_.assign(problem.num_keypoints, 0);
-  const auto cell_of = [&](const auto& match) {
-    return QueryImageCell(original, match, kNeighborCellsPerSide);
+  camera_.assign(problem.num_keypoints, 0);
+  pixel_.assign(problem.num_keypoints, Eigen::Vector2d::Zero());
+  const auto place = [&](size_t keypoint, const auto& match) {
+    cell_[keypoint] = QueryImageCell(original, match, kNeighborCellsPerSide);
+    camera_[keypoint] = match.camera;
+    pixel_[keypoint] = match.query_px;
   };
   for (const NormalizedMatch2D3D& point : problem.matches_2d3d) {
-    cell_[point.keypoint] = cell_of(original.matches_2d3d[static_cast<size_t>(point.match)]);
+    place(point.keypoint, original.matches_2d3d[static_cast<size_t>(point.match)]);
   }
   for (const NormalizedMatch2D2D& pair : problem.matches_2d2d) {
-    cell_[pair.keypoint] = cell_of(original.matches_2d2d[static_cast<size_t>(pair.match)]);
+    place(pair.keypoint, original.matches_2d2d[static_cast<size_t>(pair.match)]);
   }
+}
+
+size_t InlierAssessor::KeypointOf(size_t match) const {
+  const size_t num_2d3d = Has2D3D(sets_) ? problem_.matches_2d3d.size() : 0;
+  return match < num_2d3d ? problem_.matches_2d3d[match].keypoint
+                          : problem_.matches_2d2d[match - num_2d3d].keypoint;
 }
 
 double InlierAssessor::Widening2D3D(const CamFromLocal& pose) const {
@@ -130,7 +141,12 @@ InlierEvidence InlierAssessor::Assess(const CamFromLocal& pose) const {
                                    Widening2D2D() * 2 * threshold_2d2d / std::sqrt(area_px2_), 1);
 
   InlierEvidence evidence;
-  evidence.inlier.assign(problem_.num_keypoints, false);
+  if (Has2D3D(sets_)) {
+    for (const double squared : residuals.of_2d3d) evidence.inlier.push_back(squared < 1);
+  }
+  if (Has2D2D(sets_)) {
+    for (const double squared : residuals.of_2d2d) evidence.inlier.push_back(squared < 1);
+  }
   std::set<int> cells;
   for (size_t k = 0; k < problem_.num_keypoints; ++k) {
     const bool matched =
@@ -140,9 +156,9 @@ InlierEvidence InlierAssessor::Assess(const CamFromLocal& pose) const {
     const double miss = (Has2D3D(sets_) ? of_2d3d.ChanceOfNone(k) : 1) *
                         (Has2D2D(sets_) ? of_2d2d.ChanceOfNone(k) : 1);
     evidence.chance += 1 - miss;
-    evidence.inlier[k] =
+    const bool is_inlier =
         (Has2D3D(sets_) && of_2d3d.inlier[k]) || (Has2D2D(sets_) && of_2d2d.inlier[k]);
-    if (!evidence.inlier[k]) continue;
+    if (!is_inlier) continue;
     ++evidence.inlier_keypoints;
     cells.insert(cell_[k]);
   }
@@ -175,16 +191,66 @@ InlierEvidence InlierAssessor::Assess(const CamFromLocal& pose) const {
   return evidence;
 }
 
-bool InlierAssessor::IsBeyondChance(const InlierEvidence& best,
-                                    const InlierEvidence& alternative) const {
-  const ExclusiveInliers exclusive(best.inlier, alternative.inlier);
+std::optional<ExclusiveInliers> InlierAssessor::Compare(const InlierEvidence& first,
+                                                        const InlierEvidence& second) const {
+  int shared = 0;
+  std::vector<int> more_of_first(problem_.num_keypoints, 0);
+  for (size_t i = 0; i < first.inlier.size(); ++i) {
+    shared += first.inlier[i] && second.inlier[i] ? 1 : 0;
+    more_of_first[KeypointOf(i)] += (first.inlier[i] ? 1 : 0) - (second.inlier[i] ? 1 : 0);
+  }
+  const auto inliers_of = [](const InlierEvidence& evidence) {
+    return std::count(evidence.inlier.begin(), evidence.inlier.end(), true);
+  };
+  if (2 * shared > std::min(inliers_of(first), inliers_of(second))) return std::nullopt;
+  ExclusiveInliers exclusive;
+  for (const int more : more_of_first) {
+    exclusive.only_first += more > 0 ? 1 : 0;
+    exclusive.only_second += more < 0 ? 1 : 0;
+  }
+  return exclusive;
+}
+
+bool InlierAssessor::IsBeyondChance(const InlierEvidence& best, const InlierEvidence& alternative,
+                                    const ExclusiveInliers& exclusive) const {
   const double left = best.keypoints - best.inlier_keypoints;
-  const Trials trials = {
-      .trials = left, .inliers = exclusive.only_second, .chance_sum = alternative.chance * left};
+  const double trials_left = std::max(left, exclusive.only_second);
+  const Trials trials = {.trials = trials_left,
+                         .inliers = exclusive.only_second,
+                         .chance_sum = alternative.chance * trials_left};
   const double sample = Has2D3D(sets_) ? sample_2d3d_ : kSample2D2D;
   const double tried = std::max(num_poses_tried_, 2.0 * kAlternativeSamples);
   return std::log(tried) + trials.LogTail(sample, alternative.clustering) <
          std::log(1 - kLocalizedConfidence);
+}
+
+double InlierAssessor::Spread(const InlierEvidence& evidence) const {
+  std::vector<bool> matched(problem_.num_keypoints, false), inlier(problem_.num_keypoints, false);
+  for (size_t i = 0; i < evidence.inlier.size(); ++i) {
+    matched[KeypointOf(i)] = true;
+    if (evidence.inlier[i]) inlier[KeypointOf(i)] = true;
+  }
+  std::vector<double> x, y;
+  for (size_t k = 0; k < inlier.size(); ++k) {
+    if (!inlier[k]) continue;
+    if (camera_[k] != camera_.front()) return 1;  // two photographs are two places
+    x.push_back(pixel_[k].x());
+    y.push_back(pixel_[k].y());
+  }
+  if (x.empty()) return 1;
+  const Eigen::Vector2d middle(UpperMedianOr(std::move(x), 0), UpperMedianOr(std::move(y), 0));
+  std::vector<double> distances, of_inliers;
+  for (size_t k = 0; k < matched.size(); ++k) {
+    if (!matched[k]) continue;
+    distances.push_back((pixel_[k] - middle).norm());
+    if (inlier[k]) of_inliers.push_back(distances.back());
+  }
+  constexpr double kShare = 2.0 / 3;
+  const auto nth = of_inliers.begin() + static_cast<ptrdiff_t>(kShare * (of_inliers.size() - 1));
+  std::nth_element(of_inliers.begin(), nth, of_inliers.end());
+  const auto near = std::count_if(distances.begin(), distances.end(),
+                                  [&](double distance) { return distance <= *nth; });
+  return static_cast<double>(near) / static_cast<double>(distances.size()) / kShare;
 }
 
 }  // namespace raylift

@@ -15,34 +15,80 @@
 namespace raylift {
 namespace {
 
-// The problem without the matches of explained keypoints, and without those that cannot count: its
-// 2D-3D matches, if they are scored and enough for a sample, else its 2D-2D matches.
-PoseProblem Rest(const PoseProblem& problem, const NormalizedProblem& prepared,
-                 const std::vector<bool>& explained, MatchSets scored) {
-  PoseProblem rest;
-  rest.name = problem.name;
-  rest.query_camera = problem.query_camera;
-  rest.other_cameras = problem.other_cameras;
-  rest.references = problem.references;
-  rest.priors = problem.priors;
-  if (Has2D3D(scored)) {
-    for (const NormalizedMatch2D3D& point : prepared.matches_2d3d) {
-      if (explained[point.keypoint]) continue;
-      Match2D3D match = problem.matches_2d3d[static_cast<size_t>(point.match)];
-      match.match_2d2d.reset();
-      rest.matches_2d3d.push_back(match);
-    }
-    if (rest.matches_2d3d.size() >= 3) return rest;
-    rest.matches_2d3d.clear();
-  }
-  if (Has2D2D(scored)) {
-    for (const NormalizedMatch2D2D& pair : prepared.matches_2d2d) {
-      if (explained[pair.keypoint]) continue;
-      rest.matches_2d2d.push_back(problem.matches_2d2d[static_cast<size_t>(pair.match)]);
-    }
-  }
-  return rest;
+// The reference that a 3D point was lifted from: the one it names, or that of the match that it
+// names or has beside it in the lists; nullopt where it is of none.
+std::optional<int> ReferenceOf(const PoseProblem& problem, int match_2d3d) {
+  const auto index = static_cast<size_t>(match_2d3d);
+  const Match2D3D& point = problem.matches_2d3d[index];
+  if (point.reference) return point.reference;
+  const size_t likely = point.match_2d2d.value_or(index);
+  if (likely >= problem.matches_2d2d.size()) return std::nullopt;
+  const Match2D2D& match = problem.matches_2d2d[likely];
+  if (match.query_px != point.query_px) return std::nullopt;
+  return match.reference;
 }
+
+// The problem without the explained matches, and without those that cannot count: its 2D-3D matches,
+// if they are scored and enough for a sample, else its 2D-2D matches. Of the 2D-3D matches only the
+// ones of the reference that most are of, where one has enough: another answer is one reference's
+// at least, and its matches agree where others may not.
+class Rest {
+ public:
+  Rest(const PoseProblem& problem, const NormalizedProblem& prepared,
+       const std::vector<bool>& explained, MatchSets scored)
+      : problem_(problem) {
+    size_t index = 0;
+    if (Has2D3D(scored)) {
+      for (const NormalizedMatch2D3D& point : prepared.matches_2d3d) {
+        if (!explained[index++]) left_2d3d_.push_back(point.match);
+      }
+    }
+    if (Has2D2D(scored)) {
+      for (const NormalizedMatch2D2D& pair : prepared.matches_2d2d) {
+        if (!explained[index++]) left_2d2d_.push_back(pair.match);
+      }
+    }
+  }
+
+  PoseProblem Problem() const {
+    PoseProblem rest;
+    rest.name = problem_.name;
+    rest.query_camera = problem_.query_camera;
+    rest.other_cameras = problem_.other_cameras;
+    rest.references = problem_.references;
+    rest.priors = problem_.priors;
+    if (left_2d3d_.size() >= 3) {
+      for (const int i : Largest2D3D()) {
+        rest.matches_2d3d.push_back(problem_.matches_2d3d[static_cast<size_t>(i)]);
+        rest.matches_2d3d.back().match_2d2d.reset();
+      }
+    } else {
+      for (const int i : left_2d2d_) {
+        rest.matches_2d2d.push_back(problem_.matches_2d2d[static_cast<size_t>(i)]);
+      }
+    }
+    return rest;
+  }
+
+ private:
+  // Returns what is left of the reference that most is left of, or all.
+  std::vector<int> Largest2D3D() const {
+    std::vector<std::vector<int>> by_reference(problem_.references.size());
+    for (const int i : left_2d3d_) {
+      if (const auto reference = ReferenceOf(problem_, i)) {
+        by_reference[static_cast<size_t>(*reference)].push_back(i);
+      }
+    }
+    const auto largest =
+        std::max_element(by_reference.begin(), by_reference.end(),
+                         [](const auto& a, const auto& b) { return a.size() < b.size(); });
+    constexpr size_t kEnough = 6;  // twice a sample
+    return largest != by_reference.end() && largest->size() >= kEnough ? *largest : left_2d3d_;
+  }
+
+  const PoseProblem& problem_;
+  std::vector<int> left_2d3d_, left_2d2d_;
+};
 
 // The probability that the first of two sets of keypoints beyond chance is the right one.
 double ProbabilityOfLarger(double first, double second) {
@@ -51,14 +97,6 @@ double ProbabilityOfLarger(double first, double second) {
 
 }  // namespace
 
-ExclusiveInliers::ExclusiveInliers(const std::vector<bool>& first,
-                                   const std::vector<bool>& second) {
-  for (size_t k = 0; k < first.size(); ++k) {
-    only_first += first[k] && !second[k] ? 1 : 0;
-    only_second += second[k] && !first[k] ? 1 : 0;
-  }
-}
-
 std::optional<double> ExclusiveInliers::ProbabilityOfFirst(double clustering) const {
   const double all = (only_first + only_second) / clustering;
   if (!(all > 0)) return std::nullopt;
@@ -66,22 +104,15 @@ std::optional<double> ExclusiveInliers::ProbabilityOfFirst(double clustering) co
   return 0.5 * std::erfc(-z / std::numbers::sqrt2);
 }
 
-bool ExplainTheSame(const InlierEvidence& a, const InlierEvidence& b) {
-  int shared = 0;
-  for (size_t k = 0; k < a.inlier.size(); ++k) shared += a.inlier[k] && b.inlier[k] ? 1 : 0;
-  return 2 * shared > std::min(a.inlier_keypoints, b.inlier_keypoints);
-}
-
 bool InlierEvidence::LeavesRoomForAnAlternative() const {
-  return inlier_keypoints > 0 &&
-         ProbabilityOfLarger(inlier_keypoints, keypoints - inlier_keypoints) < kLocalizedConfidence;
+  const auto inliers = static_cast<double>(std::count(inlier.begin(), inlier.end(), true));
+  return inliers > 0 && ProbabilityOfLarger(inliers, static_cast<double>(inlier.size()) - inliers) <
+                            kLocalizedConfidence;
 }
 
-double ProbabilityOverAlternative(const InlierEvidence& best, const InlierEvidence& alternative,
+double ProbabilityOverAlternative(const ExclusiveInliers& exclusive, double clustering,
                                   bool beyond_chance, double log_odds) {
-  const ExclusiveInliers exclusive(best.inlier, alternative.inlier);
-  auto probability =
-      exclusive.ProbabilityOfFirst(std::max(best.clustering, alternative.clustering));
+  auto probability = exclusive.ProbabilityOfFirst(clustering);
   if (!probability) return 1;  // they explain the same
   if (beyond_chance) {
     probability =
@@ -95,7 +126,7 @@ std::optional<Rigid3> FindAlternative(const PoseProblem& problem, const Normaliz
                                       const std::vector<bool>& explained, MatchSets scored,
                                       const EstimatorOptions& options) {
   Rng rng(StreamSeed(options.seed, problem.name, "rival"));
-  const NormalizedProblem rest(Rest(problem, prepared, explained, scored),
+  const NormalizedProblem rest(Rest(problem, prepared, explained, scored).Problem(),
                                options.reprojection_threshold_px, options.sampson_threshold_px, rng,
                                options.point_sigma);
   const P3pSampler p3p(rest);

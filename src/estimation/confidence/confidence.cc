@@ -43,18 +43,27 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
   }
   for (const CamFromLocal& pose : alternatives) {
     const InlierEvidence alternative = assessor.Assess(pose);
-    if (ExplainTheSame(evidence, alternative)) continue;
+    const std::optional<ExclusiveInliers> exclusive = assessor.Compare(evidence, alternative);
+    if (!exclusive) continue;
     const double log_odds = log_prior - normalized.priors.LogEvidence(pose);
     confidence = std::min(
-        confidence,
-        ProbabilityOverAlternative(evidence, alternative,
-                                   assessor.IsBeyondChance(evidence, alternative), log_odds));
+        confidence, ProbabilityOverAlternative(
+                        *exclusive, std::max(evidence.clustering, alternative.clustering),
+                        assessor.IsBeyondChance(evidence, alternative, *exclusive), log_odds));
   }
+  // What a scene holds twice, a window or a sign, seldom is as large as a fourth of what the
+  // photograph shows: inliers on less are one witness.
+  constexpr double kOnePlace = 0.25;
+  if (assessor.Spread(evidence) < kOnePlace) confidence = std::min(confidence, 0.5);
 
-  double of_position = ProbabilityOfPosition(normalized, assessed.pose, assessed.position_sigma);
-  if (!Has2D3D(assessed.scored)) {
-    of_position = std::min(of_position,
-                           ProbabilityOfDistance(normalized, assessed.pose, evidence.clustering));
+  const double distance = SceneDistance(normalized, assessed.pose, assessed.scored);
+  double of_position = ProbabilityOfPosition(assessed.position_sigma, distance);
+  if (Has2D2D(assessed.scored)) {
+    const double depth_sigma =
+        estimate.noise ? std::hypot(estimate.noise->depth, estimate.noise->common_depth) : 0;
+    of_position =
+        std::min(of_position, ProbabilityOfDistance(normalized, assessed.pose, assessed.scored,
+                                                    distance, depth_sigma, evidence.clustering));
   }
   estimate.confidence = std::min(confidence, std::max(kLeastConfidence, of_position));
   estimate.verdict = estimate.confidence >= kLocalizedConfidence ? PoseVerdict::kLocalized

@@ -6,8 +6,10 @@
 //                  false alarms NFA (below) and how much likelier the priors make the pose, L.
 //   P_alternative  No other pose explains the matches as well: the least over those that RANSAC found
 //                  and one that is looked for in what the pose leaves unexplained.
-//   P_position     The matches tell where the camera is. Where they do not, the orientation holds all
-//                  the same: so no less than what is needed for a pose.
+//   P_position     The matches tell where the camera is: within 1.25 % of the distance to the scene, and
+//                  not by chance along the line on which the dominant reference leaves it. Where they
+//                  do not, the orientation holds all the same: so no less than what is needed for a
+//                  pose.
 //
 // NFA is an a-contrario test (Moisan and Stival, IJCV 2004): how many poses with so many inliers
 // would wrong matches give? Wrong matches fall anywhere, so each is an inlier with the share of the
@@ -52,12 +54,23 @@ struct InlierEvidence {
   int inlier_keypoints = 0;  // of which one match is an inlier
   // The logarithm of the expected number of poses that chance supports as well.
   double log_false_alarms = 0;
-  std::vector<bool> inlier;  // by keypoint
-  double clustering = 1;     // inlier keypoints per cell of the image
-  double chance = 0;         // that a keypoint with wrong matches alone is an inlier, on average
+  // Whether each match is an inlier: the 2D-3D matches, then the 2D-2D matches, of the sets in use.
+  std::vector<bool> inlier;
+  double clustering = 1;  // inlier keypoints per cell of the image
+  double chance = 0;      // that a keypoint with wrong matches alone is an inlier, on average
 
   // Whether an alternative that explains all the rest would make the pose doubtful.
   bool LeavesRoomForAnAlternative() const;
+};
+
+// Counts the keypoints that speak for one of two poses: those of which it explains more matches
+// than the other one does.
+struct ExclusiveInliers {
+  double only_first = 0, only_second = 0;
+
+  // The probability that the first is right if one of them is, where each keypoint speaks for
+  // itself; nullopt where there is no such keypoint.
+  std::optional<double> ProbabilityOfFirst(double clustering) const;
 };
 
 // Assesses poses of one problem, to which it holds a reference.
@@ -69,11 +82,23 @@ class InlierAssessor {
 
   InlierEvidence Assess(const CamFromLocal& pose) const;
 
+  // Returns what only one of two poses explains; nullopt where they explain mostly the same
+  // matches, and are one answer.
+  std::optional<ExclusiveInliers> Compare(const InlierEvidence& first,
+                                          const InlierEvidence& second) const;
+
   // Whether the alternative explains more of the keypoints that the best pose does not than chance
   // would: then the scene holds something twice, or one of them is wrong as a whole.
-  bool IsBeyondChance(const InlierEvidence& best, const InlierEvidence& alternative) const;
+  bool IsBeyondChance(const InlierEvidence& best, const InlierEvidence& alternative,
+                      const ExclusiveInliers& exclusive) const;
+
+  // The share of the keypoints with matches that lie as near to the middle of the inliers as two
+  // thirds of these do, over two thirds: 1 where inliers are spread as all are.
+  double Spread(const InlierEvidence& evidence) const;
 
  private:
+  // The keypoint of each match of the sets in use, as InlierEvidence::inlier has them.
+  size_t KeypointOf(size_t match) const;
   // The factor by which uncertain points and references widen the area or the width of an inlier,
   // on average.
   double Widening2D3D(const CamFromLocal& pose) const;
@@ -85,54 +110,49 @@ class InlierAssessor {
   int sample_2d3d_;
   double area_px2_;
   std::vector<int> cell_;  // of the image, that each keypoint lies in
+  std::vector<Eigen::Vector2d> pixel_;
+  std::vector<int> camera_;  // of each keypoint
 };
-
-// Counts the keypoints that one of two answers alone explains.
-struct ExclusiveInliers {
-  double only_first = 0, only_second = 0;
-
-  ExclusiveInliers(const std::vector<bool>& first, const std::vector<bool>& second);
-
-  // The probability that the first is right if one of them is, where each keypoint speaks for
-  // itself; nullopt where there is no such keypoint.
-  std::optional<double> ProbabilityOfFirst(double clustering) const;
-};
-
-// Whether two poses explain mostly the same keypoints: then they are one answer.
-bool ExplainTheSame(const InlierEvidence& a, const InlierEvidence& b);
 
 // The probability that the first of two poses is right if one of them is, from the keypoints that
-// only one of them explains, and the logarithm of the odds for it beforehand. Where the alternative
+// speak for one of them, and the logarithm of the odds for it beforehand. Where the alternative
 // is beyond chance, keypoints do not speak each for itself: that many agree says that they show one
 // thing, not that it is the right one. They count as two witnesses then, each of them right with
 // the share of the keypoints that agree with it.
-double ProbabilityOverAlternative(const InlierEvidence& best, const InlierEvidence& alternative,
+double ProbabilityOverAlternative(const ExclusiveInliers& exclusive, double clustering,
                                   bool beyond_chance, double log_odds = 0);
 
 // So many samples that one is of right matches alone in nineteen cases of twenty, where one in 64
 // is: three of a quarter, six of a half.
 inline constexpr int kAlternativeSamples = 191;
 
-// Looks for a pose among the matches of the keypoints that are not explained, by samples of three
-// 2D-3D matches where these are of the scored sets and left, of E5+1 otherwise. Where there is one,
-// the scene holds something twice, or one of the two poses is wrong as a whole.
+// Looks for a pose among the matches that the pose does not explain (InlierEvidence::inlier), by
+// samples of three 2D-3D matches where these are of the scored sets and left, of E5+1 otherwise.
+// Where there is one, the scene holds something twice, or one of the two poses is wrong as a whole.
 std::optional<Rigid3> FindAlternative(const PoseProblem& problem,
                                       const NormalizedProblem& normalized,
                                       const std::vector<bool>& explained, MatchSets scored,
                                       const EstimatorOptions& options);
 
+// A position is right within this share of the distance to the scene: a quarter of a meter at
+// twenty, the finest threshold in use outdoors, and 3 cm in a room.
+inline constexpr double kRightPosition = 0.0125;
+
+// The median distance from the camera to what the inliers show, local units.
+double SceneDistance(const NormalizedProblem& problem, const CamFromLocal& pose, MatchSets sets);
+
 // The probability that the pose is right in its distance from the reference that explains most of
-// its 2D-2D matches. Those fit at any distance, so that matches with other references (or of other
-// cameras of a rig) alone tell it: they must explain more keypoints than where the pose is moved
-// along that line by a good part of the references' spread. 1 where no such move is one.
+// its 2D-2D matches. Those fit at any distance, so that other matches alone tell it, those with
+// other references (or of other cameras of a rig), and that reference's depths: two witnesses. For
+// each, more keypoints must speak for the pose than for any place elsewhere on that line, as what
+// few among many agree on is chance's. `depth_sigma` is the relative standard deviation of depths.
+// 1 where no 2D-2D match is explained.
 double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLocal& pose,
+                             MatchSets sets, double scene_distance, double depth_sigma,
                              double clustering);
 
-// The probability that the position errs by less than the distances that it is measured by: from
-// the references, among them, or to the points that fit. What errs by more says nothing of where
-// the camera is, however many matches agree (on the sky, or far away). `position_sigma` in local
-// units; 0: not known, which speaks for nothing.
-double ProbabilityOfPosition(const NormalizedProblem& problem, const CamFromLocal& pose,
-                             double position_sigma);
+// The probability that the position is right (kRightPosition) by its standard deviation; both in
+// local units. 0 without one (0): then the matches do not tell where the camera is.
+double ProbabilityOfPosition(double position_sigma, double scene_distance);
 
 }  // namespace raylift

@@ -31,7 +31,7 @@ class Gathering {
       : original_(original),
         problem_(problem),
         observation_of_match_(original.matches_2d2d.size(), -1) {
-    evidence_.query_area_px2 = QueryAreaPx2(original);
+    evidence_.matched_area_px2 = MatchedAreaPx2(original);
     evidence_.num_image_cells *= original.num_cameras();
     evidence_.focal_px = original.query_camera.MeanFocalPx();
     evidence_.centers = problem.centers;
@@ -149,7 +149,49 @@ class Gathering {
   KeypointEvidence evidence_;
 };
 
+// The sum of pixels' squares about their mean.
+struct Scatter {
+  double count = 0;
+  Eigen::Vector2d sum = Eigen::Vector2d::Zero();
+  Eigen::Matrix2d squares = Eigen::Matrix2d::Zero();
+
+  void Add(const Eigen::Vector2d& pixel) {
+    if (!pixel.allFinite()) return;
+    count += 1;
+    sum += pixel;
+    squares += pixel * pixel.transpose();
+  }
+  // The area of the rectangle: a side has twelve times its square's variance.
+  double Area() const {
+    if (count < 2) return 0;
+    const Eigen::Matrix2d covariance = (squares - sum * sum.transpose() / count) / (count - 1);
+    return 12 * std::sqrt(std::max(0.0, covariance.determinant()));
+  }
+};
+
 }  // namespace
+
+double MatchedAreaPx2(const PoseProblem& problem) {
+  std::vector<Scatter> scatter(static_cast<size_t>(problem.num_cameras()));
+  for (const Match2D2D& match : problem.matches_2d2d) {
+    scatter[static_cast<size_t>(match.camera)].Add(match.query_px);
+  }
+  for (const Match2D3D& match : problem.matches_2d3d) {
+    scatter[static_cast<size_t>(match.camera)].Add(match.query_px);
+  }
+  double area = 0, count = 0;
+  for (int i = 0; i < problem.num_cameras(); ++i) {
+    const Camera& camera = problem.CameraAt(i);
+    const double image =
+        static_cast<double>(camera.width_px()) * static_cast<double>(camera.height_px());
+    const Scatter& matched = scatter[static_cast<size_t>(i)];
+    area += matched.count * std::min(image, matched.Area());
+    count += matched.count;
+  }
+  // Pixels in one place are as far apart as a keypoint is wide.
+  constexpr double kLeastAreaPx2 = 100;
+  return std::max(kLeastAreaPx2, area / std::max(1.0, count));
+}
 
 KeypointEvidence GatherEvidence(const PoseProblem& original, const NormalizedProblem& problem) {
   std::vector<std::vector<int>> of_2d2d(problem.num_keypoints);

@@ -64,7 +64,7 @@ struct KeypointEvidence {
   // The references' centers, local frame; then the middle of the unanchored points, which may be
   // off as a whole as a reference may.
   std::vector<Eigen::Vector3d> centers;
-  double query_area_px2 = 1;
+  double matched_area_px2 = 1;
   int num_image_cells = kImageCellsPerSide * kImageCellsPerSide;  // of all images of the query
   double focal_px = 1000;
 
@@ -102,14 +102,9 @@ int QueryImageCell(const PoseProblem& problem, const Match& match, int cells_per
          ImageCell(problem.CameraAt(match.camera), match.query_px, cells_per_side);
 }
 
-// Returns the mean area of the query's images.
-inline double QueryAreaPx2(const PoseProblem& problem) {
-  double sum = 0;
-  for (int i = 0; i < problem.num_cameras(); ++i) {
-    const Camera& camera = problem.CameraAt(i);
-    sum += static_cast<double>(camera.width_px()) * static_cast<double>(camera.height_px());
-  }
-  return sum / problem.num_cameras();
-}
+// Returns the area of the query's images over which its matches are spread, and wrong ones fall: that
+// of a rectangle in which uniform pixels would have their covariance, of one image on average and no
+// larger than it.
+double MatchedAreaPx2(const PoseProblem& problem);
 
 }  // namespace raylift

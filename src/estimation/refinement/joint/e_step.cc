@@ -229,7 +229,7 @@ void ExpectationStep::UpdateQuery(KeypointPosterior& posterior, KeypointState& s
         query.seen.error_px, Vector2d::Constant(noise_.keypoint_px2),
         Vector2d::Constant(query.weight),
         query.jacobian * posterior.full_query_covariance * query.jacobian.transpose());
-    const double chance = kQueryWrong / evidence_.query_area_px2;
+    const double chance = kQueryWrong / evidence_.matched_area_px2;
     const double density = (1 - kQueryWrong) * Density(predicted.error, predicted.covariance);
     right = density / (density + chance);
   }
@@ -311,7 +311,7 @@ void ExpectationStep::UpdateObservation(int i, const ObservationTerm& term,
           ? Likelihood{}
           : LikelihoodOf(observation, term, ResidualCovariance(term, posterior.full_covariance));
   if (!std::isfinite(with_depth + without_depth)) with_depth = without_depth = 0;
-  const double wrong = (1 - noise_.right) / evidence_.query_area_px2 *
+  const double wrong = (1 - noise_.right) / evidence_.matched_area_px2 *
                        model_.weights.epipolar_clutter[static_cast<size_t>(observation.reference)];
   const double right = (with_depth + without_depth) / (with_depth + without_depth + wrong);
   if (right > 0.5 && posterior.trust > 0.5) across_.push_back(squared_across);
@@ -354,7 +354,7 @@ void ExpectationStep::UpdateUnanchored(int i, const KeypointObservations& keypoi
   const double distance = (point.point - keypoint.CenterOfCamera(model_.pose)).norm();
   const double px2 = 0.5 * seen.jacobian.squaredNorm();
   const double any =
-      DensityOfAnyDistance(noise_, std::log(distance)) / distance * px2 / evidence_.query_area_px2;
+      DensityOfAnyDistance(noise_, std::log(distance)) / distance * px2 / evidence_.matched_area_px2;
   const double p = std::isfinite(density) ? noise_.unanchored_right * density : 0;
   Approach(weight, p / (p + (1 - noise_.unanchored_right) * any));
   unanchored_right_.right += weight;

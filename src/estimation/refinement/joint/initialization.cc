@@ -179,7 +179,7 @@ JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal&
           return Normal2D(error.squared, keypoint_variance_px2 * error.squared_gain + v);
         },
         [&](const ObservedError& error, double) {
-          return 1 / (evidence.query_area_px2 * error.squared_gain);
+          return 1 / (evidence.matched_area_px2 * error.squared_gain);
         });
     noise.unanchored = variance;
     noise.unanchored_right = share;
@@ -211,7 +211,7 @@ class RayHypotheses {
     pixel_variance_ = 2 * noise.keypoint_px2;
     far_ = StudentFar(noise.keypoint_tail);
     fit_ = StudentQuantile(0.01, noise.keypoint_tail);
-    right_ = noise.right / (1 - noise.right) * evidence.query_area_px2 /
+    right_ = noise.right / (1 - noise.right) * evidence.matched_area_px2 /
              (2 * std::numbers::pi * pixel_variance_);
     scans_.reserve(observations_.size());
     depth_ratio_.reserve(observations_.size());
@@ -224,7 +224,7 @@ class RayHypotheses {
           ResidualOf(keypoint.image_from_cam, pose.rotation * (point.point - ray_.origin));
       px2_.push_back(seen.in_front ? 0.5 * seen.jacobian.squaredNorm() : 0);
     }
-    area_px2_ = evidence.query_area_px2;
+    area_px2_ = evidence.matched_area_px2;
   }
 
   const QueryRay& ray() const { return ray_; }
@@ -334,7 +334,7 @@ std::vector<double> EpipolarClutter(const KeypointEvidence& evidence, const CamF
     }
   }
   // Two strips of twice the noise's width, along a line as long as the image.
-  const double share = std::min(1.0, 4 * std::sqrt(near2 / evidence.query_area_px2));
+  const double share = std::min(1.0, 4 * std::sqrt(near2 / evidence.matched_area_px2));
   std::vector<double> epipolar_clutter;
   for (size_t r = 0; r < wrong.size(); ++r) {
     epipolar_clutter.push_back(std::max(1.0, (beside[r] + 1) / (wrong[r] * share + 1)));
