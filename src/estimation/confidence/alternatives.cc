@@ -90,11 +90,6 @@ class Rest {
   std::vector<int> left_2d3d_, left_2d2d_;
 };
 
-// The probability that the first of two sets of keypoints beyond chance is the right one.
-double ProbabilityOfLarger(double first, double second) {
-  return first * first / (first * first + second * second);
-}
-
 }  // namespace
 
 std::optional<double> ExclusiveInliers::ProbabilityOfFirst(double clustering) const {
@@ -102,6 +97,10 @@ std::optional<double> ExclusiveInliers::ProbabilityOfFirst(double clustering) co
   if (!(all > 0)) return std::nullopt;
   const double z = (only_first - only_second) / clustering / std::sqrt(all);
   return 0.5 * std::erfc(-z / std::numbers::sqrt2);
+}
+
+double ProbabilityOfLarger(double first, double second) {
+  return first * first / (first * first + second * second);
 }
 
 bool InlierEvidence::LeavesRoomForAnAlternative() const {

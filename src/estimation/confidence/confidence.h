@@ -73,6 +73,10 @@ struct ExclusiveInliers {
   std::optional<double> ProbabilityOfFirst(double clustering) const;
 };
 
+// The probability that the first of two sets of keypoints beyond chance is the right one: each set
+// counts as one witness, right with the share that agrees with it.
+double ProbabilityOfLarger(double first, double second);
+
 // Assesses poses of one problem, to which it holds a reference.
 class InlierAssessor {
  public:

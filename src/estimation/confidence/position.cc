@@ -175,12 +175,15 @@ class PlacesOnLine {
   ExclusiveInliers exclusive_;  // of 0 and of here
 };
 
-// The 2D-3D matches that are the dominant reference's own depths: they lie on its rays.
-std::vector<bool> OwnDepths(const NormalizedProblem& problem, int dominant,
-                            const Vector3d& center) {
+// The 2D-3D matches that are the dominant reference's own depths of explained 2D-2D matches: they lie
+// on its rays.
+std::vector<bool> OwnDepths(const NormalizedProblem& problem, const Residuals& residuals,
+                            int dominant, const Vector3d& center) {
   std::vector<std::optional<Vector3d>> ray(problem.num_keypoints);
-  for (const NormalizedMatch2D2D& match : problem.matches_2d2d) {
-    if (match.camera_reference == dominant) ray[match.keypoint] = match.reference_ray;
+  for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
+    const NormalizedMatch2D2D& match = problem.matches_2d2d[i];
+    const bool is_explained = match.camera_reference == dominant && residuals.of_2d2d[i] < 1;
+    if (is_explained) ray[match.keypoint] = match.reference_ray;
   }
   std::vector<bool> own;
   for (const NormalizedMatch2D3D& match : problem.matches_2d3d) {
@@ -243,9 +246,11 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
     if (interval && interval->end - interval->begin < longest) to.push_back(*interval);
   };
   for (const NormalizedMatch2D2D& match : problem.matches_2d2d) add(match, by_others);
+  double num_own_depths = 0;  // of explained 2D-2D matches
   if (Has2D3D(sets)) {
-    const std::vector<bool> own = OwnDepths(problem, *dominant, reference);
+    const std::vector<bool> own = OwnDepths(problem, residuals, *dominant, reference);
     for (size_t i = 0; i < own.size(); ++i) {
+      num_own_depths += own[i] ? 1 : 0;
       add(problem.matches_2d3d[i], own[i] ? by_own_depths : by_others);
     }
   }
@@ -253,10 +258,15 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
     return PlacesOnLine(intervals, problem.num_keypoints).ProbabilityOfZero(clustering);
   };
   // The scale of one reference's depths is as uncertain as one error of a depth tells: by Cauchy's
-  // distribution, which is Student's t with one degree of freedom. So they are no surer for the
-  // place than their scale is, and where it is off they say nothing.
-  const double scale_holds =
-      2 / std::numbers::pi * std::atan2(kRightPosition * scene_distance, depth_sigma * length);
+  // distribution, which is Student's t with one degree of freedom. Depths that agree with the place
+  // and those that do not are two witnesses of it. So they are no surer for the place than their
+  // scale is, and where it is off they say nothing.
+  const auto agreeing = static_cast<double>(
+      std::count_if(by_own_depths.begin(), by_own_depths.end(),
+                    [](const Interval& interval) { return interval.Contains(0); }));
+  const double scale_holds = std::min(
+      2 / std::numbers::pi * std::atan2(kRightPosition * scene_distance, depth_sigma * length),
+      num_own_depths > 0 ? ProbabilityOfLarger(agreeing, num_own_depths - agreeing) : 1);
   const double by_depths = probability(by_own_depths);
   const double own = by_depths > 0.5 ? std::min(by_depths, std::max(0.5, scale_holds))
                                      : 0.5 + scale_holds * (by_depths - 0.5);

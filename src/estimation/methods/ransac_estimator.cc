@@ -135,6 +135,14 @@ CamFromLocal StartOfRefinement(const RansacResult& best, const NormalizedProblem
   return frees ? RefineByInliers(problem, best.pose, MatchSets::k2D3D).pose : best.pose;
 }
 
+// All poses that RANSAC gives a reason to doubt the refined one by.
+std::vector<CamFromLocal> OtherPoses(const RansacReport& report) {
+  std::vector<CamFromLocal> poses = report.alternatives;
+  if (!report.best_of_2d2d.empty()) poses.push_back(report.best->pose);
+  for (const RansacResult& other : report.best_of_2d2d) poses.push_back(other.pose);
+  return poses;
+}
+
 }  // namespace
 
 PoseEstimate RansacEstimator::Estimate(const PoseProblem& problem) const {
@@ -155,8 +163,10 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem) con
     return estimate;
   }
   const PoseScore pose_score = ScoreFor(normalized);
+  RansacOptions ransac(options_);
+  ransac.keeps_best_of_2d2d = UsesSceneNoise(options_) && samplers.E5p1ObservesPosition();
   const RansacReport report =
-      RunRansac(normalized, pose_score, samplers.solvers(), method_.schedule, options_, rng);
+      RunRansac(normalized, pose_score, samplers.solvers(), method_.schedule, ransac, rng);
   estimate.iterations = report.iterations;
   if (!report.best) {
     estimate.failure = FailureReason::kNoConsistentSample;
@@ -177,12 +187,15 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem) con
                     .solver = estimate.solver,
                     .scored = method_.scored,
                     .num_poses_tried = tried,
-                    .alternatives = report.alternatives},
+                    .alternatives = OtherPoses(report)},
                    options_, estimate);
   RejectUnsupported(samplers.E5p1ObservesPosition(), estimate);
   return estimate;
 }
 
+// Where the 2D-2D matches alone like another pose best, the joint model's likelihood decides: it knows
+// that the depths of a reference are wrong together.
+//
 // The likeliest pose rarely has the best score, but one that explains far less has lost its way:
 // then RANSAC's pose is kept.
 RefinedPose RansacEstimator::Refine(const NormalizedProblem& problem,
@@ -192,6 +205,19 @@ RefinedPose RansacEstimator::Refine(const NormalizedProblem& problem,
   const MatchSets sets = RefinedSets(report.best->solver);
   const CamFromLocal start = StartOfRefinement(*report.best, problem, sets, options_.refinement);
   RefinedPose refined = RefineFinally(problem, evidence, start, sets, options_);
+  if (!report.best_of_2d2d.empty() && refined.noise) {
+    const auto with_scales = [&](const CamFromLocal& pose) {
+      return RefineWithScales(problem, *evidence, pose, options_);
+    };
+    double best = with_scales(start).log_likelihood;
+    for (const RansacResult& result : report.best_of_2d2d) {
+      RefinedPose other = with_scales(result.pose);
+      if (!(other.log_likelihood > best)) continue;
+      best = other.log_likelihood;
+      refined = std::move(other);
+      estimate.solver = result.solver;
+    }
+  }
   const Scorer scorer(problem, pose_score);
   estimate.refined_value = pose_score.Value(scorer.ScoreAll(refined.pose));
   const double nothing = pose_score.Value({{static_cast<double>(problem.num_matches_2d3d), 0},

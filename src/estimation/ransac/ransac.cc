@@ -1,6 +1,7 @@
 #include "estimation/ransac/ransac.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -50,6 +51,11 @@ class Ransac {
     for (const RansacSolver& solver : solvers) {
       solvers_.push_back({solver});
     }
+    if (options.keeps_best_of_2d2d && pose_score.sets() == MatchSets::kBoth) {
+      scorer_of_2d2d_.emplace(
+          problem, PoseScore(MatchSets::k2D2D, ScoreCombination::kSumMsac, problem.num_matches_2d3d,
+                             problem.num_matches_2d2d));
+    }
     SetScores none;
     none.of_2d3d.cost = problem.num_matches_2d3d;
     none.of_2d2d.cost = problem.num_matches_2d2d;
@@ -78,7 +84,7 @@ class Ransac {
       }
     }
     Optimize();
-    return {best_, best_value_, Alternatives(), iteration};
+    return {best_, best_value_, Alternatives(), BestOf2D2D(), iteration};
   }
 
  private:
@@ -118,8 +124,52 @@ class Ransac {
     ++progress.samples;
     progress.solver.sampler->Sample(rng, poses_);
     for (const CamFromLocal& pose : poses_) {
-      Consider({pose, progress.solver.solver, progress.solver.optimized_sets});
+      const RansacResult hypothesis{pose, progress.solver.solver, progress.solver.optimized_sets};
+      Consider(hypothesis);
+      ConsiderBy2D2D(hypothesis);
     }
+  }
+
+  // What depths say that are wrong together may outvote the 2D-2D matches: the best of the poses that
+  // each solver made of these is kept.
+  void ConsiderBy2D2D(const RansacResult& hypothesis) {
+    if (!scorer_of_2d2d_) return;
+    for (BestOfSolver& best : best_of_2d2d_) {
+      if (hypothesis.solver != best.solver) continue;
+      const auto score = scorer_of_2d2d_->ScoreIfBetter(hypothesis.pose, best.value);
+      if (!score) return;
+      best.result = hypothesis;
+      best.value = scorer_of_2d2d_->pose_score().Value(*score);
+    }
+  }
+
+  std::vector<RansacResult> BestOf2D2D() const {
+    std::vector<RansacResult> others;
+    if (!best_) return others;
+    const SetScores of_best = scorer_.ScoreAll(best_->pose);
+    for (const BestOfSolver& best : best_of_2d2d_) {
+      if (!best.result) continue;
+      RansacResult optimized = *best.result;
+      optimized.pose = OptimizeLocally(problem_, optimized.pose, MatchSets::k2D2D, kLocalSteps,
+                                       options_.optimization.matches);
+      if (AreApart(optimized.pose, best_->pose) &&
+          IsInDoubt(of_best, scorer_.ScoreAll(optimized.pose))) {
+        others.push_back(optimized);
+      }
+    }
+    return others;
+  }
+
+  // Whether the 2D-2D matches contradict the best pose: it explains fewer of them than another pose,
+  // by three standard deviations of their number, or a much smaller share of the 2D-3D matches than
+  // of those that they were lifted from. Then depths of some references are wrong together.
+  bool IsInDoubt(const SetScores& of_best, const SetScores& of_other) const {
+    constexpr double kShare = 0.75;
+    const double inliers = of_best.of_2d2d.inliers;
+    const double of_2d3d = of_best.of_2d3d.inliers / std::max(1.0, 1.0 * problem_.num_matches_2d3d);
+    const double of_2d2d = inliers / std::max(1.0, 1.0 * problem_.num_matches_2d2d);
+    return of_2d3d < kShare * of_2d2d ||
+           of_best.of_2d2d.cost - of_other.of_2d2d.cost > 3 * std::sqrt(inliers);
   }
 
   // Keeps a sample's pose for optimization if it beats those of all samples before. As the optimum
@@ -227,6 +277,13 @@ class Ransac {
   int near_best_left_;
   std::optional<RansacResult> pending_;  // to be optimized
   double pending_value_ = std::numeric_limits<double>::infinity();
+  std::optional<Scorer> scorer_of_2d2d_;
+  struct BestOfSolver {
+    Solver solver;
+    std::optional<RansacResult> result = std::nullopt;
+    double value = std::numeric_limits<double>::infinity();
+  };
+  std::array<BestOfSolver, 2> best_of_2d2d_ = {{{Solver::kE5p1}, {Solver::kD3p1}}};
   std::optional<RansacResult> best_;
   double best_value_ = std::numeric_limits<double>::infinity();
 };

@@ -40,6 +40,9 @@ struct RansacReport {
   double best_value = 0;  // PoseScore::Value()
   // Locally optimized poses elsewhere that explain at least half as much as the best one.
   std::vector<CamFromLocal> alternatives;
+  // Of the poses that E5+1 and D3+1 made, those that the 2D-2D matches alone like best, where they
+  // were asked for and are others than the best one.
+  std::vector<RansacResult> best_of_2d2d;
   int iterations = 0;
 };
 
@@ -48,6 +51,7 @@ struct RansacOptions {
   int min_iterations, max_iterations;
   double confidence;
   OptimizationPolicy optimization;
+  bool keeps_best_of_2d2d = false;  // RansacReport::best_of_2d2d
 
   RansacOptions(const EstimatorOptions& options)  // NOLINT: its part of them
       : min_iterations(options.min_iterations),

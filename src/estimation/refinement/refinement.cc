@@ -1,6 +1,13 @@
 #include "estimation/refinement/refinement.h"
 
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "base/statistics.h"
 #include "estimation/refinement/single_set.h"
+#include <Eigen/Geometry>
+#include <Eigen/LU>
 
 #include "raylift/base/error.h"
 
@@ -25,6 +32,45 @@ NoisePrior PriorOf(const std::optional<SceneNoise>& scene, double threshold2) {
   return prior;
 }
 
+// Returns the point of the query's ray that is nearest to an observation's, at a pose.
+Eigen::Vector3d Triangulate(const KeypointObservations& keypoint, const Observation& observation,
+                            const CamFromLocal& pose) {
+  const Eigen::Vector3d center = keypoint.CenterOfCamera(pose);
+  const Eigen::Vector3d ray =
+      pose.rotation.transpose() * keypoint.image_from_cam.inverse().col(2).normalized();
+  const Eigen::Vector3d normal = ray.cross(observation.ray);
+  const double along =
+      (observation.center - center).cross(observation.ray).dot(normal) / normal.squaredNorm();
+  return center + along * ray;
+}
+
+// Returns the logarithm by which each reference's depths are too small for where its matches are
+// triangulated, their median by weight: an error of a pixel moves the logarithm of a distance by the
+// inverse of the angle between the rays. 0 where fewer than five matches tell.
+std::vector<double> LogScales(const KeypointEvidence& evidence, const CamFromLocal& pose,
+                              double largest_error_px) {
+  std::vector<std::vector<WeightedValue>> errors(evidence.num_references());
+  for (const KeypointObservations& keypoint : evidence.keypoints) {
+    for (const Observation& observation : evidence.ObservationsOf(keypoint)) {
+      if (!observation.has_depth) continue;
+      const Eigen::Vector3d point = Triangulate(keypoint, observation, pose);
+      const PixelResidual seen = ResidualOf(observation.image_from_ray, point - observation.center);
+      const bool fits = seen.in_front && seen.error_px.norm() < largest_error_px &&
+                        keypoint.PointInCamera(pose, point).z() > 0;
+      if (!fits) continue;
+      const Eigen::Vector3d from_query = (point - keypoint.CenterOfCamera(pose)).normalized();
+      errors[static_cast<size_t>(observation.reference)].push_back(
+          {std::log((point - observation.center).norm()) - observation.log_distance,
+           from_query.cross(observation.ray).squaredNorm()});
+    }
+  }
+  std::vector<double> scales;
+  for (std::vector<WeightedValue>& of_reference : errors) {
+    scales.push_back(of_reference.size() < 5 ? 0 : WeightedMedian(std::move(of_reference)));
+  }
+  return scales;
+}
+
 }  // namespace
 
 RefinedPose KeepPose(const NormalizedProblem& problem, const CamFromLocal& pose, MatchSets sets) {
@@ -42,14 +88,14 @@ RefinedPose RefineByInliers(const NormalizedProblem& problem, const CamFromLocal
 
 RefinedPose RefineByEvidence(const NormalizedProblem& problem, const KeypointEvidence& evidence,
                              const CamFromLocal& pose, const std::optional<SceneNoise>& scene,
-                             FocalDerivatives focal) {
+                             FocalDerivatives focal, ReferenceErrors reference_errors) {
   const double threshold2 = problem.sampson_threshold_px * problem.sampson_threshold_px;
   const double variance =
       problem.matches_2d2d.empty()
           ? kPriorVariance
           : NoiseVariance(ComputeResiduals(problem, pose, MatchSets::k2D2D).of_2d2d, kModel2D2D);
   return RefineJointly(evidence, pose, threshold2 * variance, PriorOf(scene, threshold2),
-                       problem.priors, focal);
+                       problem.priors, focal, reference_errors);
 }
 
 RefinedPose RefineFinally(const NormalizedProblem& problem,
@@ -59,6 +105,23 @@ RefinedPose RefineFinally(const NormalizedProblem& problem,
   if (sets != MatchSets::kBoth) return RefineByInliers(problem, pose, sets);
   RAYLIFT_CHECK(evidence.has_value());
   return RefineByEvidence(problem, *evidence, pose, options.scene_noise);
+}
+
+RefinedPose RefineWithScales(const NormalizedProblem& problem, const KeypointEvidence& evidence,
+                             const CamFromLocal& pose, const EstimatorOptions& options) {
+  const std::vector<double> log_scales =
+      LogScales(evidence, pose, 2 * problem.sampson_threshold_px);
+  KeypointEvidence scaled = evidence;
+  for (Observation& observation : scaled.observations) {
+    observation.log_distance += log_scales[static_cast<size_t>(observation.reference)];
+  }
+  RefinedPose refined = RefineByEvidence(problem, scaled, pose, options.scene_noise,
+                                         FocalDerivatives::kNone, ReferenceErrors::kAlways);
+  const double variance = refined.noise->depth + refined.noise->common_depth;
+  for (const double log_scale : log_scales) {
+    refined.log_likelihood -= std::log1p(log_scale * log_scale / variance);
+  }
+  return refined;
 }
 
 }  // namespace raylift

@@ -35,11 +35,17 @@ struct RefinedPose {
   // What the joint refinement found the matches to be worth.
   std::optional<JointNoise> noise = std::nullopt;
   bool references_disagree = false;
+  // Of the joint model, to compare refinements of one problem that have the same unknowns.
+  double log_likelihood = 0;
   std::optional<FocalStep> focal = std::nullopt;  // where it was asked for
 };
 
 // Whether the step of the focal length is to be found at the refined pose.
 enum class FocalDerivatives { kNone, kAtPose };
+
+// Whether the joint refinement gives each reference errors of its own: where their residuals show
+// some, or in any case.
+enum class ReferenceErrors { kWhereSeen, kAlways };
 
 // Refines a pose as the options say: kPaper leaves it as it is; kRobust refines it jointly where
 // both sets are asked for, which needs the evidence, and by maximum likelihood of one set
@@ -47,6 +53,12 @@ enum class FocalDerivatives { kNone, kAtPose };
 RefinedPose RefineFinally(const NormalizedProblem& problem,
                           const std::optional<KeypointEvidence>& evidence, const CamFromLocal& pose,
                           MatchSets sets, const EstimatorOptions& options);
+
+// Refines a pose jointly where each reference's depths may have any scale, which triangulation at the
+// pose gives to begin with. For comparing poses that depths and 2D-2D matches disagree on: the log
+// likelihood is with a prior of the scales, Cauchy's distribution as wide as the error of one depth.
+RefinedPose RefineWithScales(const NormalizedProblem& problem, const KeypointEvidence& evidence,
+                             const CamFromLocal& pose, const EstimatorOptions& options);
 
 // Takes the pose as it is, and says how well some match sets determine it.
 RefinedPose KeepPose(const NormalizedProblem& problem, const CamFromLocal& pose, MatchSets sets);
@@ -58,12 +70,14 @@ RefinedPose RefineByInliers(const NormalizedProblem& problem, const CamFromLocal
 // Refines a pose jointly; `scene` is what the scene's queries have in common.
 RefinedPose RefineByEvidence(const NormalizedProblem& problem, const KeypointEvidence& evidence,
                              const CamFromLocal& pose, const std::optional<SceneNoise>& scene,
-                             FocalDerivatives focal = FocalDerivatives::kNone);
+                             FocalDerivatives focal = FocalDerivatives::kNone,
+                             ReferenceErrors reference_errors = ReferenceErrors::kWhereSeen);
 
 // The joint refinement itself, from a first guess of the keypoints' variance.
 RefinedPose RefineJointly(const KeypointEvidence& evidence, const CamFromLocal& start,
                           double keypoint_variance_px2, const NoisePrior& prior,
                           const NormalizedPriors& pose_priors = {},
-                          FocalDerivatives focal = FocalDerivatives::kNone);
+                          FocalDerivatives focal = FocalDerivatives::kNone,
+                          ReferenceErrors reference_errors = ReferenceErrors::kWhereSeen);
 
 }  // namespace raylift

@@ -76,6 +76,7 @@ class ExpectationStep {
     for (size_t k = 0; k < evidence_.keypoints.size(); ++k) UpdateKeypoint(k);
   }
   void UpdateNoise(const NoisePrior& prior);
+  double LogLikelihood() const { return likelihood_.Sum(); }
 
  private:
   // A keypoint's point, as the evidence has it, for all of its observations.
@@ -135,6 +136,7 @@ class ExpectationStep {
   VarianceSum pixels_, depths_, commons_, unanchored_;
   ShareSum right_, depth_right_, unanchored_right_;
   std::vector<double> across_;
+  LogOfProduct likelihood_;
 };
 
 void ExpectationStep::UpdateKeypoint(size_t index) {
@@ -205,9 +207,12 @@ void ExpectationStep::UpdateKeypoint(size_t index) {
 void ExpectationStep::Drop(const KeypointObservations& keypoint) {
   for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
     model_.weights.observation[i] = 0;
+    likelihood_.Multiply(1 - noise_.right);
   }
-  for (int i = keypoint.first_unanchored; i < keypoint.end_unanchored; ++i)
+  for (int i = keypoint.first_unanchored; i < keypoint.end_unanchored; ++i) {
     model_.weights.unanchored[i] = 0;
+    likelihood_.Multiply(1 - noise_.unanchored_right);
+  }
 }
 
 void ExpectationStep::UpdateQuery(KeypointPosterior& posterior, KeypointState& state) {
@@ -288,6 +293,7 @@ void ExpectationStep::UpdateObservation(int i, const ObservationTerm& term,
   double& precision = model_.weights.precision[i];
   if (!term.seen.in_front) {
     weight = 0;
+    likelihood_.Multiply(1 - noise_.right);
     return;
   }
   const Observation& observation = evidence_.observations[i];
@@ -313,7 +319,9 @@ void ExpectationStep::UpdateObservation(int i, const ObservationTerm& term,
   if (!std::isfinite(with_depth + without_depth)) with_depth = without_depth = 0;
   const double wrong = (1 - noise_.right) / evidence_.matched_area_px2 *
                        model_.weights.epipolar_clutter[static_cast<size_t>(observation.reference)];
-  const double right = (with_depth + without_depth) / (with_depth + without_depth + wrong);
+  const double any = with_depth + without_depth + wrong;
+  const double right = (with_depth + without_depth) / any;
+  likelihood_.Multiply(any * evidence_.matched_area_px2);
   if (right > 0.5 && posterior.trust > 0.5) across_.push_back(squared_across);
   Approach(weight, right);
   Approach(of_depth, with_depth > 0 ? with_depth / (with_depth + without_depth) : 0);
@@ -340,6 +348,7 @@ void ExpectationStep::UpdateUnanchored(int i, const KeypointObservations& keypoi
       ResidualOf(keypoint.image_from_cam, keypoint.PointInCamera(model_.pose, point.point));
   if (!seen.in_front) {
     weight = 0;
+    likelihood_.Multiply(1 - noise_.unanchored_right);
     return;
   }
   const Prediction<3> predicted(e, Vector3d::Constant(variance), Vector3d::Constant(used),
@@ -353,10 +362,12 @@ void ExpectationStep::UpdateUnanchored(int i, const KeypointObservations& keypoi
   // A wrong one is anywhere in the image, at any distance of the scene.
   const double distance = (point.point - keypoint.CenterOfCamera(model_.pose)).norm();
   const double px2 = 0.5 * seen.jacobian.squaredNorm();
-  const double any =
-      DensityOfAnyDistance(noise_, std::log(distance)) / distance * px2 / evidence_.matched_area_px2;
+  const double any = DensityOfAnyDistance(noise_, std::log(distance)) / distance * px2 /
+                     evidence_.matched_area_px2;
   const double p = std::isfinite(density) ? noise_.unanchored_right * density : 0;
-  Approach(weight, p / (p + (1 - noise_.unanchored_right) * any));
+  const double wrong = (1 - noise_.unanchored_right) * any;
+  Approach(weight, p / (p + wrong));
+  likelihood_.Multiply((p + wrong) / any);
   unanchored_right_.right += weight;
 }
 
@@ -398,6 +409,7 @@ void EStep(const NoisePrior& prior, double share, const Matrix7d& query_covarian
   ExpectationStep step(share, query_covariance, model);
   step.UpdateWeights();
   step.UpdateNoise(prior);
+  model.log_likelihood = step.LogLikelihood();
 }
 
 }  // namespace raylift

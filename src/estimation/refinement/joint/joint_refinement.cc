@@ -52,7 +52,7 @@ class JointRefinement {
     InitializePoints(keypoint_variance_px2);
   }
 
-  RefinedPose Run(FocalDerivatives focal) {
+  RefinedPose Run(FocalDerivatives focal, ReferenceErrors reference_errors) {
     double information = 0;
     for (int round = 0; round < kMaxRounds; ++round) {
       const std::optional<double> decrement = Step();
@@ -68,7 +68,7 @@ class JointRefinement {
       information = log_information_;
     }
     Step();
-    if (system_.ReferencesDisagree(model_)) {
+    if (reference_errors == ReferenceErrors::kAlways || system_.ReferencesDisagree(model_)) {
       system_.AdmitReferenceErrors(model_);
       for (int round = 0; round < kReferenceRounds; ++round) {
         Step();
@@ -80,6 +80,7 @@ class JointRefinement {
             .covariance = Covariance(),
             .noise = model_.noise,
             .references_disagree = system_.HasReferences(),
+            .log_likelihood = model_.log_likelihood,
             .focal = focal == FocalDerivatives::kAtPose ? StepOfFocal() : std::nullopt};
   }
 
@@ -238,8 +239,10 @@ double JointRefinement::Inflation(const MatrixXd& pose_columns) const {
 
 RefinedPose RefineJointly(const KeypointEvidence& evidence, const CamFromLocal& start,
                           double keypoint_variance_px2, const NoisePrior& prior,
-                          const NormalizedPriors& pose_priors, FocalDerivatives focal) {
-  return JointRefinement(evidence, start, keypoint_variance_px2, prior, pose_priors).Run(focal);
+                          const NormalizedPriors& pose_priors, FocalDerivatives focal,
+                          ReferenceErrors reference_errors) {
+  return JointRefinement(evidence, start, keypoint_variance_px2, prior, pose_priors)
+      .Run(focal, reference_errors);
 }
 
 }  // namespace raylift

@@ -184,6 +184,8 @@ struct JointModel {
   std::vector<KeypointState> keypoints;
   EvidenceWeights weights;
   std::vector<ReferenceError> references;  // and last of the unanchored points, as of one more
+  // Of all matches, each as the others predict it, over that of uniform ones; set by EStep().
+  double log_likelihood = 0;
 
   JointModel(const KeypointEvidence& of, const CamFromLocal& start)
       : evidence(of), pose(start), references(of.centers.size()) {}
