@@ -189,25 +189,118 @@ TEST(Support, KeypointsInOnePlaceCountAsFewer) {
 }
 
 TEST(ProbabilityOverAlternative, FollowsFromWhatOnlyOneOfThemExplains) {
-  InlierEvidence best, alternative;
-  best.inlier = {true, true, true, true, false, false};
-  alternative.inlier = {true, true, false, false, true, true};
-  best.inlier_keypoints = alternative.inlier_keypoints = 4;
-  EXPECT_DOUBLE_EQ(ProbabilityOverAlternative(best, alternative, false), 0.5);
-  alternative.inlier = {true, true, false, false, false, false};
-  EXPECT_GT(ProbabilityOverAlternative(best, alternative, false), 0.9);
-  EXPECT_LT(ProbabilityOverAlternative(alternative, best, false), 0.1);
-  EXPECT_DOUBLE_EQ(ProbabilityOverAlternative(best, best, false), 1);
+  EXPECT_DOUBLE_EQ(ProbabilityOverAlternative({2, 2}, 1, false), 0.5);
+  EXPECT_GT(ProbabilityOverAlternative({2, 0}, 1, false), 0.9);
+  EXPECT_LT(ProbabilityOverAlternative({0, 2}, 1, false), 0.1);
+  EXPECT_DOUBLE_EQ(ProbabilityOverAlternative({0, 0}, 1, false), 1);
 }
 
 TEST(ProbabilityOverAlternative, TakesWhatAgreesBeyondChanceForTwoWitnesses) {
-  InlierEvidence best, alternative;
-  for (int k = 0; k < 400; ++k) {
-    best.inlier.push_back(k < 300);
-    alternative.inlier.push_back(k >= 300);
+  EXPECT_GT(ProbabilityOverAlternative({300, 100}, 1, false), 0.9999);
+  EXPECT_DOUBLE_EQ(ProbabilityOverAlternative({300, 100}, 1, true), 0.9);  // 9 to 1
+}
+
+// Half of the references are of another place that looks the same: each keypoint is explained by
+// either pose, but by other matches.
+TEST(Support, PosesThatExplainTheSameKeypointsByOtherMatchesAreTwoAnswers) {
+  Rng rng = TestRng();
+  CoherentProblem made = MakeCoherentProblem("look-alike", {.wrong = 0.1}, rng);
+  PoseProblem& problem = made.problem;
+  const Rigid3 other_from_world(
+      Eigen::Quaterniond(Eigen::AngleAxisd(0.05, Eigen::Vector3d::UnitY())),
+      Eigen::Vector3d(2, 0.5, 1));
+  for (size_t r = 0; r < problem.references.size(); r += 2) {
+    PosedImage& reference = problem.references[r];
+    reference.cam_from_world = reference.cam_from_world * other_from_world.Inverse();
   }
-  EXPECT_GT(ProbabilityOverAlternative(best, alternative, false), 0.9999);
-  EXPECT_DOUBLE_EQ(ProbabilityOverAlternative(best, alternative, true), 0.9);  // 9 to 1
+  for (Match2D3D& match : problem.matches_2d3d) {
+    if (problem.matches_2d2d[*match.match_2d2d].reference % 2 == 0) {
+      match.point_in_world = other_from_world * match.point_in_world;
+    }
+  }
+  EXPECT_NE(Estimate(problem).verdict, PoseVerdict::kLocalized);
+
+  const NormalizedProblem prepared(problem, 8, 2, rng);
+  const InlierAssessor assessor(problem, prepared, kBoth, 100);
+  const auto evidence = [&](const Rigid3& pose) { return assessor.Assess(prepared.ToLocal(pose)); };
+  const InlierEvidence first = evidence(made.query_from_world);
+  const InlierEvidence second = evidence(made.query_from_world * other_from_world.Inverse());
+  EXPECT_GT(first.inlier_keypoints, 0.8 * first.keypoints);
+  EXPECT_GT(second.inlier_keypoints, 0.8 * second.keypoints);
+  EXPECT_TRUE(assessor.Compare(first, second));
+  EXPECT_FALSE(assessor.Compare(first, first));
+}
+
+// One reference shows what the query does, but its depths are useless; the others have a handful of
+// matches, all wrong. Whatever distance they suggest is chance's.
+TEST(Support, AChanceMatchOfAnotherReferenceDoesNotTellTheDistance) {
+  Rng rng = TestRng();
+  for (int i = 0; i < 5; ++i) {
+    CoherentProblem made =
+        MakeCoherentProblem("chance", {.num_references = 4, .vertical = 0.5}, rng);
+    PoseProblem& problem = made.problem;
+    PoseProblem few = problem;
+    few.matches_2d2d.clear();
+    few.matches_2d3d.clear();
+    std::vector<int> of_reference(problem.references.size(), 0);
+    for (size_t k = 0; k < problem.matches_2d2d.size(); ++k) {
+      Match2D2D match = problem.matches_2d2d[k];
+      Match2D3D point = problem.matches_2d3d[k];
+      if (match.reference > 0) {
+        if (++of_reference[static_cast<size_t>(match.reference)] > 6) continue;
+        match.reference_px = {rng.Uniform(0, 1600), rng.Uniform(0, 1200)};
+      }
+      const Eigen::Vector3d center =
+          problem.references[static_cast<size_t>(match.reference)].cam_from_world.OriginInSource();
+      point.point_in_world = center + rng.Uniform(0.5, 1.5) * (point.point_in_world - center);
+      few.matches_2d2d.push_back(match);
+      if (match.reference > 0) continue;
+      point.match_2d2d = few.matches_2d2d.size() - 1;
+      few.matches_2d3d.push_back(point);
+    }
+    const PoseEstimate estimate = Estimate(few);
+    EXPECT_EQ(estimate.verdict, PoseVerdict::kDoubtful) << estimate.confidence;
+  }
+}
+
+// The inliers are all keypoints of a small part of the photograph; nothing else in it fits.
+TEST(Support, InliersOnOnePatchAreOneWitness) {
+  Rng rng = TestRng();
+  for (const bool on_patch : {true, false}) {
+    CoherentProblem made = MakeCoherentProblem("patch", {.wrong = 0}, rng);
+    PoseProblem& problem = made.problem;
+    problem.matches_2d2d.clear();
+    for (Match2D3D& match : problem.matches_2d3d) {
+      match.match_2d2d.reset();
+      const bool is_right = on_patch ? (match.query_px - Eigen::Vector2d(800, 600)).norm() < 250
+                                     : match.query_keypoint.value() % 8 == 0;
+      if (is_right) continue;
+      match.point_in_world += Eigen::Vector3d(rng.Uniform(-5, 5), rng.Uniform(-5, 5), 0);
+    }
+    const PoseEstimate estimate = Estimate(problem, Method::kP3p);
+    EXPECT_EQ(estimate.verdict, on_patch ? PoseVerdict::kDoubtful : PoseVerdict::kLocalized)
+        << estimate.inlier_keypoints << " of " << estimate.num_keypoints;
+  }
+}
+
+// The bounds of a match along a line are where its residual is the threshold.
+TEST(ProbabilityOfDistance, IsSureWhereOtherReferencesAgree) {
+  Rng rng = TestRng();
+  const CoherentProblem made =
+      MakeCoherentProblem("distance", {.num_references = 4, .vertical = 0.5}, rng);
+  const NormalizedProblem prepared(made.problem, 8, 2, rng);
+  const CamFromLocal right = prepared.ToLocal(made.query_from_world);
+  const double distance = SceneDistance(prepared, right, kBoth);
+  EXPECT_NEAR(distance * prepared.scale, 20, 4);
+  EXPECT_GT(ProbabilityOfDistance(prepared, right, kBoth, distance, 0.001, 1), 0.999);
+  EXPECT_GT(ProbabilityOfDistance(prepared, right, MatchSets::k2D2D, distance, 0, 1), 0.999);
+}
+
+// Without a standard deviation the matches do not tell where the camera is.
+TEST(ProbabilityOfPosition, ComparesTheErrorWithTheSceneDistance) {
+  EXPECT_EQ(ProbabilityOfPosition(0, 20), 0);
+  EXPECT_GT(ProbabilityOfPosition(0.1, 20), 0.98);
+  EXPECT_LT(ProbabilityOfPosition(0.5, 20), 0.5);
 }
 
 // Three quarters of the keypoints are taken for those of the same thing elsewhere, in all

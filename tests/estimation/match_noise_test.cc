@@ -76,7 +76,7 @@ TEST(SceneNoise, HelpsQueriesOfFewKeypoints) {
   knowing.scene_noise = PoolNoise(noise);
   EXPECT_LT(knowing.scene_noise->depth.sigma, 0.003);
   double log_ratio = 0;
-  constexpr int kProblems = 30;
+  constexpr int kProblems = 100;
   for (int i = 0; i < kProblems; ++i) {
     const CoherentProblem made =
         MakeCoherentProblem("few", {.num_keypoints = 25, .num_references = 3}, rng);

@@ -75,9 +75,8 @@ class Rest {
   std::vector<int> Largest2D3D() const {
     std::vector<std::vector<int>> by_reference(problem_.references.size());
     for (const int i : left_2d3d_) {
-      if (const auto reference = ReferenceOf(problem_, i)) {
-        by_reference[static_cast<size_t>(*reference)].push_back(i);
-      }
+      const auto reference = static_cast<size_t>(ReferenceOf(problem_, i).value_or(-1));
+      if (reference < by_reference.size()) by_reference[reference].push_back(i);
     }
     const auto largest =
         std::max_element(by_reference.begin(), by_reference.end(),

@@ -173,12 +173,13 @@ struct Scatter {
 
 double MatchedAreaPx2(const PoseProblem& problem) {
   std::vector<Scatter> scatter(static_cast<size_t>(problem.num_cameras()));
-  for (const Match2D2D& match : problem.matches_2d2d) {
-    scatter[static_cast<size_t>(match.camera)].Add(match.query_px);
-  }
-  for (const Match2D3D& match : problem.matches_2d3d) {
-    scatter[static_cast<size_t>(match.camera)].Add(match.query_px);
-  }
+  const auto add = [&](const auto& match) {
+    if (problem.HasCamera(match.camera)) {
+      scatter[static_cast<size_t>(match.camera)].Add(match.query_px);
+    }
+  };
+  for (const Match2D2D& match : problem.matches_2d2d) add(match);
+  for (const Match2D3D& match : problem.matches_2d3d) add(match);
   double area = 0, count = 0;
   for (int i = 0; i < problem.num_cameras(); ++i) {
     const Camera& camera = problem.CameraAt(i);
