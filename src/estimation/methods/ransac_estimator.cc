@@ -135,6 +135,16 @@ CamFromLocal StartOfRefinement(const RansacResult& best, const NormalizedProblem
   return frees ? RefineByInliers(problem, best.pose, MatchSets::k2D3D).pose : best.pose;
 }
 
+// Counts the matches within three thresholds of a pose, the nearer the more.
+double NearMatches(const NormalizedProblem& problem, const CamFromLocal& pose) {
+  const Residuals residuals = ComputeResiduals(problem, pose);
+  double sum = 0;
+  for (const auto* of_set : {&residuals.of_2d3d, &residuals.of_2d2d}) {
+    for (const double squared : *of_set) sum += 1 - std::min(squared / kNearSquared, 1.0);
+  }
+  return sum;
+}
+
 // All poses that RANSAC gives a reason to doubt the refined one by.
 std::vector<CamFromLocal> OtherPoses(const RansacReport& report) {
   std::vector<CamFromLocal> poses = report.alternatives;
@@ -175,20 +185,29 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem) con
   estimate.solver = report.best->solver;
   estimate.ransac_value = report.best_value;
   const RefinedPose refined = Refine(normalized, evidence, pose_score, report, estimate);
-  DescribePose(normalized, problem, refined, estimate);
 
   const double num_samples =
       std::min<double>(report.iterations, samplers.Of(estimate.solver).NumSamples());
   // A sample gives some two poses; each solver has its share of the false alarms.
   const double tried = 2.0 * num_samples * static_cast<double>(samplers.solvers().size());
-  AssessConfidence(problem, normalized,
-                   {.pose = refined.pose,
-                    .position_sigma = estimate.position_sigma / normalized.scale,
-                    .solver = estimate.solver,
-                    .scored = method_.scored,
-                    .num_poses_tried = tried,
-                    .alternatives = OtherPoses(report)},
-                   options_, estimate);
+  const auto conclude = [&](const RefinedPose& final_pose) {
+    DescribePose(normalized, problem, final_pose, estimate);
+    AssessConfidence(problem, normalized,
+                     {.pose = final_pose.pose,
+                      .position_sigma = estimate.position_sigma / normalized.scale,
+                      .solver = estimate.solver,
+                      .scored = method_.scored,
+                      .num_poses_tried = tried,
+                      .alternatives = OtherPoses(report)},
+                     options_, estimate);
+  };
+  conclude(refined);
+  // A pose between references that err as wholes may fit none of them; RANSAC's fits one at least.
+  if (refined.references_disagree && estimate.confidence < kLeastConfidence) {
+    estimate.noise.reset();
+    DropCovariance(estimate);
+    conclude(KeepPose(normalized, report.best->pose, RefinedSets(report.best->solver)));
+  }
   RejectUnsupported(samplers.E5p1ObservesPosition(), estimate);
   return estimate;
 }
@@ -223,7 +242,12 @@ RefinedPose RansacEstimator::Refine(const NormalizedProblem& problem,
   const double nothing = pose_score.Value({{static_cast<double>(problem.num_matches_2d3d), 0},
                                            {static_cast<double>(problem.num_matches_2d2d), 0},
                                            problem.priors.WorstCost()});
-  if (!(nothing - estimate.refined_value > kKeptGain * (nothing - estimate.ransac_value))) {
+  // Where references err as wholes, the pose between them is near many matches, and fits few.
+  const bool has_kept =
+      refined.references_disagree
+          ? NearMatches(problem, refined.pose) > kKeptGain * NearMatches(problem, report.best->pose)
+          : nothing - estimate.refined_value > kKeptGain * (nothing - estimate.ransac_value);
+  if (!has_kept) {
     refined = KeepPose(problem, report.best->pose, sets);
     estimate.refined_value = estimate.ransac_value;
   }
