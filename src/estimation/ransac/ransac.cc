@@ -47,14 +47,14 @@ class Ransac {
         schedule_(schedule),
         options_(options),
         scorer_(problem, pose_score),
+        score_of_2d2d_(MatchSets::k2D2D, ScoreCombination::kSumMsac, problem.num_matches_2d3d,
+                       problem.num_matches_2d2d),
         near_best_left_(options.optimization.max_near_best) {
     for (const RansacSolver& solver : solvers) {
       solvers_.push_back({solver});
     }
     if (options.keeps_best_of_2d2d && pose_score.sets() == MatchSets::kBoth) {
-      scorer_of_2d2d_.emplace(
-          problem, PoseScore(MatchSets::k2D2D, ScoreCombination::kSumMsac, problem.num_matches_2d3d,
-                             problem.num_matches_2d2d));
+      scorer_of_2d2d_.emplace(problem, score_of_2d2d_);
     }
     SetScores none;
     none.of_2d3d.cost = problem.num_matches_2d3d;
@@ -264,6 +264,8 @@ class Ransac {
   SolverSchedule schedule_;
   const RansacOptions& options_;
   Scorer scorer_;
+  PoseScore score_of_2d2d_;
+  std::optional<Scorer> scorer_of_2d2d_;
   std::vector<SolverProgress> solvers_;
   std::vector<CamFromLocal> poses_;  // of the last sample
   double worst_value_;               // of a pose that nothing fits
@@ -277,7 +279,6 @@ class Ransac {
   int near_best_left_;
   std::optional<RansacResult> pending_;  // to be optimized
   double pending_value_ = std::numeric_limits<double>::infinity();
-  std::optional<Scorer> scorer_of_2d2d_;
   struct BestOfSolver {
     Solver solver;
     std::optional<RansacResult> result = std::nullopt;
