@@ -4,6 +4,7 @@
 #include <utility>
 #include <vector>
 
+#include "lifting/alignment_text.h"
 #include "localization/rerender.h"
 #include <fmt/format.h>
 
@@ -121,12 +122,17 @@ std::vector<std::string> WriteCalibration(const LocalizeFlags& flags, const Scen
       })) {
     WriteAlignment(flags.out / "depth_alignment.jsonl", scene.sources);
   }
-  if (scene.rendered == nullptr || scene.calibration->match_noise || !UsesSceneNoise(estimator)) {
-    return {};
+  std::vector<std::string> warnings;
+  for (const SceneSource& source : scene.sources) {
+    const auto warning = source.alignment ? WarnOfFactors(*source.alignment) : std::nullopt;
+    if (warning) warnings.push_back(fmt::format("{}: {}", source.spec, *warning));
   }
-  return {
-      "rendered references do not tell how noisy matches with photographs are: `raylift calibrate` "
-      "learns it from some queries, for --scene-calibration"};
+  if (scene.rendered != nullptr && !scene.calibration->match_noise && UsesSceneNoise(estimator)) {
+    warnings.emplace_back(
+        "rendered references do not tell how noisy matches with photographs are: `raylift "
+        "calibrate` learns it from some queries, for --scene-calibration");
+  }
+  return warnings;
 }
 
 }  // namespace raylift

@@ -2,6 +2,7 @@
 
 #include <optional>
 
+#include "lifting/alignment_text.h"
 #include "localization/results/exports.h"
 #include <fmt/format.h>
 
@@ -76,11 +77,7 @@ void LocalizeOutput::Finish(const std::vector<LocalizedQuery>& localized, const 
 void LocalizeOutput::Print(const std::vector<LocalizedQuery>& localized, const Run& run) const {
   for (const SceneSource& source : run.scene.sources) {
     if (!source.alignment || source.alignment->mode == AlignMode::kOff) continue;
-    const DepthAlignment& alignment = *source.alignment;
-    fmt::print(
-        "aligned {} by {}: keypoints were {:.2f} px from their matches, now {:.2f} px (median)\n",
-        source.spec, ToString(alignment.mode), alignment.median_before_px,
-        alignment.median_after_px);
+    fmt::print("aligned {} {}\n", source.spec, Describe(*source.alignment));
   }
   size_t count = 0;
   for (const LocalizedQuery& query : localized) count += query.localized() ? 1 : 0;

@@ -4,11 +4,14 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <numeric>
+#include <optional>
 #include <utility>
 
 #include "base/hash.h"
 #include "base/index_sets.h"
 #include "base/statistics.h"
+#include "lifting/factor_belief.h"
 #include "lifting/reference_matches.h"
 #include <ceres/ceres.h>
 
@@ -91,7 +94,9 @@ namespace {
 // A keypoint of a map and its match in another image.
 struct DepthObservation {
   Eigen::Vector2d pixel;
-  double z;                 // as the source says
+  double z;  // as the source says
+  int other;
+  double epipolar_px;       // distance of the match from the epipolar line
   SightLine line_in_other;  // ray_t is the depth in the map
   const Camera* other_camera;
   Eigen::Vector2d other_px;
@@ -108,6 +113,8 @@ std::optional<DepthObservation> MakeObservation(const PosedImage& map, const Pos
   }
   return DepthObservation{.pixel = match.pixel,
                           .z = z,
+                          .other = match.other,
+                          .epipolar_px = std::abs(epipolar->error_px),
                           .line_in_other = *line_in_other,
                           .other_camera = &other.camera,
                           .other_px = match.other_px};
@@ -155,18 +162,18 @@ class ProjectedDepthCost final : public ceres::CostFunction {
   bool has_shift_;
 };
 
-// A weighted sum of parameters that should be near 0.
+// A weighted sum of parameters that should be near a value.
 class LinearPrior final : public ceres::CostFunction {
  public:
-  LinearPrior(std::vector<GridWeight> terms, double sigma, int num_parameters)
-      : terms_(std::move(terms)), sigma_(sigma) {
+  LinearPrior(std::vector<GridWeight> terms, double sigma, int num_parameters, double value = 0)
+      : terms_(std::move(terms)), sigma_(sigma), value_(value) {
     set_num_residuals(1);
     mutable_parameter_block_sizes()->push_back(num_parameters);
   }
 
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override {
-    residuals[0] = 0;
+    residuals[0] = -value_ / sigma_;
     for (const auto& [index, weight] : terms_) {
       residuals[0] += weight * parameters[0][index] / sigma_;
     }
@@ -180,6 +187,7 @@ class LinearPrior final : public ceres::CostFunction {
  private:
   std::vector<GridWeight> terms_;
   double sigma_;
+  double value_;
 };
 
 // Monocular depth drifts by a few percent over a fifth of the image: where there are no matches,
@@ -236,6 +244,15 @@ std::vector<double> MatchDistances(const std::vector<DepthObservation>& observat
   return distances;
 }
 
+// The part of a map's image, of kPlacesPerSide squared, that a pixel is in.
+int PlaceOf(const Eigen::Vector2d& pixel, const Camera& camera) {
+  const auto along = [](double at, int size) {
+    return static_cast<int>(std::clamp(at / size * kPlacesPerSide, 0.0, kPlacesPerSide - 1.0));
+  };
+  return along(pixel.y(), camera.height_px()) * kPlacesPerSide +
+         along(pixel.x(), camera.width_px());
+}
+
 double RobustLogFactor(const std::vector<DepthObservation>& observations) {
   std::vector<WeightedValue> factors;
   for (const DepthObservation& o : observations) {
@@ -245,10 +262,36 @@ double RobustLogFactor(const std::vector<DepthObservation>& observations) {
   return WeightedMedian(std::move(factors));
 }
 
+// A map's log factor before a fit, and how surely it is known.
+struct KnownFactor {
+  double log_factor;
+  double sigma;
+  // Neighboring matches are no further evidence: so many times as many there are as independent.
+  double repeats;
+};
+
+// Cauchy's loss of width c, c^2 / 2 ln(1 + d^2 / c^2), is c^2 / 3 times the negative logarithm of
+// Cauchy's density in the plane, (1 + d^2 / c^2)^(-3/2): so much does a square of sigmas weigh. A
+// shift s is a factor 1 + s / z of the depth z: here of most.
+void AddKnownFactor(const KnownFactor& known, size_t num_nodes, double depth,
+                    const AlignOptions& options, std::vector<double>& parameters,
+                    ceres::Problem& problem) {
+  std::vector<GridWeight> factor;
+  for (size_t i = 0; i < num_nodes; ++i) {
+    factor.push_back({i, 1.0 / static_cast<double>(num_nodes)});
+  }
+  if (parameters.size() > num_nodes) factor.push_back({num_nodes, 1 / depth});
+  const double weight = options.loss_width_px * std::sqrt(known.repeats / 3);
+  problem.AddResidualBlock(new LinearPrior(std::move(factor), known.sigma / weight,
+                                           static_cast<int>(parameters.size()), known.log_factor),
+                           nullptr, parameters.data());
+}
+
 // Returns the correction of the options' mode (not off, not auto) that starts from one factor and
-// fits the observations best.
+// fits the observations best; the mean of its factors also fits what is known of it, if that is.
 DepthCorrection FitCorrection(const std::vector<DepthObservation>& observations,
                               const Camera& camera, double log_factor,
+                              const std::optional<KnownFactor>& known,
                               const AlignOptions& options) {
   DepthCorrection correction;
   if (options.mode == AlignMode::kGrid) {
@@ -276,6 +319,9 @@ DepthCorrection FitCorrection(const std::vector<DepthObservation>& observations,
   }
   if (depths.empty()) return correction;
   if (num_nodes > 1) AddSmoothness(correction, parameters.data(), problem);
+  if (known) {
+    AddKnownFactor(*known, num_nodes, UpperMedianOr(depths, 0), options, parameters, problem);
+  }
   if (has_shift) {
     // Factor and shift are told apart by the range of depths alone; without one, no shift.
     constexpr double kShareOfDepth = 0.3;
@@ -299,42 +345,45 @@ DepthCorrection FitCorrection(const std::vector<DepthObservation>& observations,
 constexpr std::array kModes = {AlignMode::kOff, AlignMode::kScale, AlignMode::kAffine,
                                AlignMode::kGrid};
 
-// Each mode leaves a loss of a keypoint's matches: the sum of Cauchy's losses.
+// Each mode leaves a loss of a place's matches: the sum of Cauchy's losses.
 using Losses = std::array<double, kModes.size()>;
 
-// Half of a map's keypoints are corrected by what the other half says, and the other way around.
+// Half of the places of a map are corrected by what the other half says, and the other way around;
+// matches of one place of the map are not independent. Returns the losses of each place.
 std::vector<Losses> HeldOutLosses(const std::vector<DepthObservation>& observations,
                                   const Camera& camera, const AlignOptions& options) {
-  std::map<uint64_t, Losses> losses;
-  const auto hash = [](const DepthObservation& o) {
-    return HashBytes64(AsBytes(std::span(o.pixel.data(), 2)));
+  std::map<int, Losses> losses;
+  const auto is_in_half = [&](const DepthObservation& o, uint64_t half) {
+    const int place = PlaceOf(o.pixel, camera);
+    return HashBytes64(AsBytes(std::span(&place, 1))) % 2 == half;
   };
   for (const uint64_t half : {0, 1}) {
     std::vector<DepthObservation> shown, held_out;
     for (const DepthObservation& o : observations) {
-      (hash(o) % 2 == half ? held_out : shown).push_back(o);
+      (is_in_half(o, half) ? held_out : shown).push_back(o);
     }
     if (shown.empty()) continue;
     const double log_factor = RobustLogFactor(shown);
     for (size_t m = 0; m < kModes.size(); ++m) {
       AlignOptions fit = options;
       fit.mode = kModes[m];
-      const DepthCorrection correction = kModes[m] == AlignMode::kOff
-                                             ? DepthCorrection{}
-                                             : FitCorrection(shown, camera, log_factor, fit);
+      const DepthCorrection correction =
+          kModes[m] == AlignMode::kOff
+              ? DepthCorrection{}
+              : FitCorrection(shown, camera, log_factor, std::nullopt, fit);
       const auto distances = MatchDistances(held_out, camera, correction);
       for (size_t i = 0; i < held_out.size(); ++i) {
         // A point that does not project is as wrong as can be.
         const double most_px = std::hypot(camera.width_px(), camera.height_px());
         const double loss = std::min(distances[i], most_px) / options.loss_width_px;
-        losses[hash(held_out[i])][m] += std::log1p(loss * loss);
+        losses[PlaceOf(held_out[i].pixel, camera)][m] += std::log1p(loss * loss);
       }
     }
   }
-  std::vector<Losses> by_keypoint;
-  by_keypoint.reserve(losses.size());
-  for (const auto& [keypoint, loss] : losses) by_keypoint.push_back(loss);
-  return by_keypoint;
+  std::vector<Losses> by_place;
+  by_place.reserve(losses.size());
+  for (const auto& [place, loss] : losses) by_place.push_back(loss);
+  return by_place;
 }
 
 // Says whether the second mode leaves less by more than two standard errors.
@@ -378,6 +427,82 @@ AlignMode ChooseMode(const std::vector<std::vector<DepthObservation>>& observati
   return kModes[mode];
 }
 
+// What the matches say of the maps' factors.
+FactorBeliefs BeliefsOf(const std::vector<std::vector<DepthObservation>>& observations,
+                        std::span<const PosedImage> references, int threads) {
+  std::vector<MapMatches> maps(observations.size());
+  std::vector<double> epipolar_px;
+  for (size_t i = 0; i < maps.size(); ++i) {
+    const Camera& camera = references[i].camera;
+    maps[i].extent_px = std::hypot(camera.width_px(), camera.height_px());
+    for (const DepthObservation& o : observations[i]) {
+      epipolar_px.push_back(o.epipolar_px);
+      if (const auto depth = TriangulateDepth(o.line_in_other, *o.other_camera, o.other_px)) {
+        maps[i].matches.push_back(
+            {o.other, PlaceOf(o.pixel, camera), std::log(depth->z / o.z), depth->gain_px});
+      }
+    }
+  }
+  // What poses and pixels are known to at best.
+  constexpr double kLeastNoisePx = 0.25;
+  const double noise_px =
+      std::max(kLeastNoisePx, kSigmaPerMad * UpperMedianOr(std::move(epipolar_px), 0));
+  return BelieveFactors(maps, noise_px, threads);
+}
+
+// Returns the observations but for those of references whose matches are wrong together.
+std::vector<DepthObservation> WithoutMisled(const std::vector<DepthObservation>& observations,
+                                            const FactorBelief& belief) {
+  std::vector<DepthObservation> kept;
+  for (const DepthObservation& o : observations) {
+    if (std::find(belief.misled.begin(), belief.misled.end(), o.other) == belief.misled.end()) {
+      kept.push_back(o);
+    }
+  }
+  return kept;
+}
+
+// Returns a map's own correction, which its matches tell.
+DepthCorrection OwnCorrection(const std::vector<DepthObservation>& observations,
+                              const Camera& camera, const FactorBelief& belief,
+                              const AlignOptions& options) {
+  // A fit is finer than a belief.
+  constexpr double kLeastSigma = 0.01;
+  const KnownFactor known = {
+      .log_factor = belief.log_factor,
+      .sigma = std::max(belief.sigma, kLeastSigma),
+      .repeats = std::max(1.0, static_cast<double>(observations.size()) /
+                                   static_cast<double>(belief.num_independent))};
+  return FitCorrection(observations, camera, belief.log_factor, known, options);
+}
+
+// Returns the median of the factors of the maps with a correction of their own; 0 for none.
+double MedianLogFactor(std::span<const MapAlignment> maps) {
+  std::vector<double> means;
+  for (const MapAlignment& map : maps) {
+    if (!map.own_correction) continue;
+    const std::vector<double>& nodes = map.correction.log_factors;
+    means.push_back(std::accumulate(nodes.begin(), nodes.end(), 0.0) /
+                    static_cast<double>(nodes.size()));
+  }
+  return UpperMedianOr(std::move(means), 0);
+}
+
+// The first mode that predicts as well as any, but none where no map needs a factor.
+AlignMode ModeOf(const std::vector<std::vector<DepthObservation>>& observations,
+                 const FactorBeliefs& beliefs, std::span<const PosedImage> references,
+                 const AlignOptions& options, int threads) {
+  if (options.mode != AlignMode::kAuto) return options.mode;
+  const AlignMode chosen = ChooseMode(observations, references, options, threads);
+  return chosen == AlignMode::kScale && beliefs.all_right ? AlignMode::kOff : chosen;
+}
+
+double MedianOfAll(const std::vector<std::vector<double>>& lists) {
+  std::vector<double> all;
+  for (const auto& list : lists) all.insert(all.end(), list.begin(), list.end());
+  return UpperMedianOr(std::move(all), 0);
+}
+
 }  // namespace
 
 std::map<std::string, DepthCorrection> DepthAlignment::Corrections() const {
@@ -392,53 +517,50 @@ DepthAlignment AlignDepth(const GeometrySource& source, std::span<const PosedIma
   RAYLIFT_CHECK(options.mode != AlignMode::kOff);
   const auto halves = HalvesByReference(matches, references.size());
   std::vector<std::vector<DepthObservation>> observations(references.size());
-  std::vector<double> log_factors(references.size(), 0);
-  DepthAlignment alignment;
-  alignment.maps.resize(references.size());
   ParallelFor(references.size(), threads, [&](size_t i) {
     observations[i] = ObserveDepth(source, references, references[i], halves[i], options);
-    log_factors[i] = RobustLogFactor(observations[i]);
-    MapAlignment& map = alignment.maps[i];
-    map.reference = references[i].name;
-    map.num_matches = observations[i].size();
   });
-  alignment.mode = options.mode == AlignMode::kAuto
-                       ? ChooseMode(observations, references, options, threads)
-                       : options.mode;
-  AlignOptions fit = options;
-  fit.mode = alignment.mode;
-  for (MapAlignment& map : alignment.maps) {
-    map.own_correction =
-        alignment.mode != AlignMode::kOff && map.num_matches >= options.min_matches;
+  const FactorBeliefs beliefs = BeliefsOf(observations, references, threads);
+  std::vector<std::vector<DepthObservation>> believed(references.size());
+  for (size_t i = 0; i < references.size(); ++i) {
+    believed[i] = WithoutMisled(observations[i], beliefs.of_map[i]);
   }
 
-  std::vector<double> own_log_factors;
-  for (size_t i = 0; i < references.size(); ++i) {
-    if (alignment.maps[i].own_correction) own_log_factors.push_back(log_factors[i]);
-  }
-  const double median_log_factor = UpperMedianOr(own_log_factors, 0);
-  alignment.median_factor = std::exp(median_log_factor);
+  DepthAlignment alignment;
+  alignment.mode = ModeOf(believed, beliefs, references, options, threads);
+  AlignOptions fit = options;
+  fit.mode = alignment.mode;
+  alignment.maps.resize(references.size());
+  ParallelFor(references.size(), threads, [&](size_t i) {
+    MapAlignment& map = alignment.maps[i];
+    const FactorBelief& belief = beliefs.of_map[i];
+    map.reference = references[i].name;
+    map.num_matches = belief.num_independent;
+    map.own_correction = alignment.mode != AlignMode::kOff && belief.is_own &&
+                         map.num_matches >= options.min_matches;
+    if (map.own_correction) {
+      map.correction = OwnCorrection(believed[i], references[i].camera, belief, fit);
+    }
+  });
+  alignment.median_factor = std::exp(MedianLogFactor(alignment.maps));
 
   std::vector<std::vector<double>> before(references.size()), after(references.size());
   ParallelFor(references.size(), threads, [&](size_t i) {
     MapAlignment& map = alignment.maps[i];
     const Camera& camera = references[i].camera;
-    map.correction.log_factors = {median_log_factor};
-    if (map.own_correction) {
-      map.correction = FitCorrection(observations[i], camera, log_factors[i], fit);
+    if (alignment.mode != AlignMode::kOff && !map.own_correction) {
+      // Few matches move a factor from what the others have as far as they are sure of it.
+      const bool has_matches = map.num_matches > 0;
+      map.correction.log_factors = {has_matches ? beliefs.of_map[i].log_factor
+                                                : std::log(alignment.median_factor)};
     }
     before[i] = MatchDistances(observations[i], camera, {});
     after[i] = MatchDistances(observations[i], camera, map.correction);
     map.median_before_px = UpperMedianOr(before[i], 0);
     map.median_after_px = UpperMedianOr(after[i], 0);
   });
-  const auto median_of_all = [](const std::vector<std::vector<double>>& lists) {
-    std::vector<double> all;
-    for (const auto& list : lists) all.insert(all.end(), list.begin(), list.end());
-    return UpperMedianOr(std::move(all), 0);
-  };
-  alignment.median_before_px = median_of_all(before);
-  alignment.median_after_px = median_of_all(after);
+  alignment.median_before_px = MedianOfAll(before);
+  alignment.median_after_px = MedianOfAll(after);
   return alignment;
 }
 

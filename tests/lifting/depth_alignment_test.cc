@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "lifting/alignment_text.h"
 #include "lifting/room.h"
 #include "support/enum_names.h"
 #include "support/matchers.h"
@@ -162,6 +163,56 @@ TEST(AlignDepth, MapsWithFewMatchesTakeTheOthersFactor) {
   EXPECT_EQ(lonely.num_matches, 0u);
   EXPECT_FALSE(lonely.own_correction);
   EXPECT_EQ(lonely.correction.log_factors[0], std::log(aligned.alignment.median_factor));
+}
+
+// A few keypoints of the last map matched where they would be if its depth were to be halved: as of
+// a facade with one like it.
+std::vector<ReferenceMatch> MatchesOfALookAlike(const Room& room, int count, Rng& rng) {
+  std::vector<ReferenceMatch> matches;
+  const int last = static_cast<int>(room.references.size()) - 1;
+  const PosedImage& map = room.references.back();
+  const PosedImage& other = room.references[static_cast<size_t>(last) - 1];
+  for (int tries = 0; tries < 1000 && static_cast<int>(matches.size()) < count; ++tries) {
+    const Eigen::Vector2d pixel(rng.Uniform(0, 320), rng.Uniform(0, 240));
+    const auto point = room.walls->Lift(map, {&pixel, 1})[0];
+    const Eigen::Vector3d center = map.cam_from_world.OriginInSource();
+    const auto seen = other.camera.ImgFromCam(other.cam_from_world *
+                                              (center + 0.47 * (point->point_in_world - center)));
+    if (seen && other.camera.Contains(*seen)) matches.push_back({last, last - 1, pixel, *seen});
+  }
+  return matches;
+}
+
+TEST(AlignDepth, RightDepthStaysWhereFewMatchesAreWrongTogether) {
+  Rng rng = TestRng();
+  const auto exact = [](const PosedImage&, const Eigen::Vector2d&, double z) { return z; };
+  for (int i = 0; i < 3; ++i) {
+    const Room room(5, rng);
+    std::vector<ReferenceMatch> matches = room.MatchAll(60, 0.5, rng);
+    std::erase_if(matches,
+                  [](const ReferenceMatch& m) { return m.reference_a == 4 || m.reference_b == 4; });
+    const auto wrong = MatchesOfALookAlike(room, 29, rng);
+    matches.insert(matches.end(), wrong.begin(), wrong.end());
+    EXPECT_EQ(Align(room, exact, matches, AlignMode::kAuto).alignment.mode, AlignMode::kOff);
+    const Aligned scale = Align(room, exact, matches, AlignMode::kScale);
+    EXPECT_NEAR(scale.alignment.maps[4].correction.log_factors[0], 0, 0.02);
+  }
+}
+
+TEST(AlignDepth, NamesTheReferencesWhoseFactorsAreNotTold) {
+  Rng rng = TestRng();
+  const Room room(5, rng);
+  const auto distort = [](const PosedImage& r, const Eigen::Vector2d&, double z) {
+    return z * FactorOf(r);
+  };
+  std::vector<ReferenceMatch> matches = room.MatchAll(100, 0, rng);
+  EXPECT_FALSE(WarnOfFactors(Align(room, distort, matches, AlignMode::kScale).alignment));
+  std::erase_if(matches,
+                [](const ReferenceMatch& m) { return m.reference_a == 4 || m.reference_b == 4; });
+  const auto warning = WarnOfFactors(Align(room, distort, matches, AlignMode::kScale).alignment);
+  ASSERT_TRUE(warning);
+  EXPECT_NE(warning->find("1 of 5 references"), std::string::npos) << *warning;
+  EXPECT_NE(warning->find("r4"), std::string::npos) << *warning;
 }
 
 TEST(AlignDepth, ThreadsDoNotChangeTheResult) {
