@@ -9,6 +9,7 @@
 #include "apps/matching_options.h"
 #include "apps/options.h"
 #include "base/json_text.h"
+#include "lifting/alignment_text.h"
 #include "localization/calibration_images.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -17,6 +18,7 @@
 #include "raylift/base/file.h"
 #include "raylift/diagnosis/doctor.h"
 #include "raylift/io/query_list.h"
+#include "raylift/lifting/depth_alignment.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
 #include "raylift/report/geometry_report.h"
@@ -99,7 +101,7 @@ Json PlacementJson(const MeshPlacement& placement) {
   return rows;
 }
 
-Json DiagnosisJson(const Diagnosis& diagnosis) {
+Json DiagnosisJson(const Diagnosis& diagnosis, const DepthAlignment& alignment) {
   Json conventions = Json::array();
   for (const ConventionEvidence& evidence : diagnosis.conventions) {
     conventions.push_back(EvidenceJson(evidence, diagnosis.as_read));
@@ -122,6 +124,11 @@ Json DiagnosisJson(const Diagnosis& diagnosis) {
                  {"median_px_by_chance", fit.median_chance_px},
                  {"three_quarters_px", fit.upper_px},
                  {"three_quarters_px_by_chance", fit.upper_chance_px}}},
+               {"alignment",
+                {{"mode", ToString(alignment.mode)},
+                 {"median_before_px", alignment.median_before_px},
+                 {"median_after_px", alignment.median_after_px},
+                 {"warning", WarnOfFactors(alignment).value_or("")}}},
                {"readings", std::move(conventions)}};
   // The readings are those of the mesh as it is placed.
   if (diagnosis.mesh_placement) {
@@ -133,7 +140,7 @@ Json DiagnosisJson(const Diagnosis& diagnosis) {
   return json;
 }
 
-void Print(const Diagnosis& diagnosis) {
+void Print(const Diagnosis& diagnosis, const DepthAlignment& alignment) {
   if (!diagnosis.conventions.empty()) {
     fmt::print("{:>10} {:>9} {:>10} {:>8} {:>9}  {}\n", "median px", "in 5 px", "own scale", "gain",
                "std. err.", "reading");
@@ -142,6 +149,12 @@ void Print(const Diagnosis& diagnosis) {
     fmt::print("{:>10.2f} {:>8.1f}% {:>10.2f} {:>+8.3f} {:>+9.1f}  {}\n", evidence.median_px,
                100 * evidence.share_within_5px, evidence.median_own_scale_px, evidence.gain,
                evidence.sigmas, DescribeDifference(diagnosis.as_read, evidence.convention));
+  }
+  // Of what is read otherwise than it was meant, no factors are to be told.
+  if (!diagnosis.suspicious()) {
+    fmt::print("--align-depth auto: the depth {}{}\n",
+               alignment.mode == AlignMode::kOff ? "" : "is corrected ", Describe(alignment));
+    if (const auto warning = WarnOfFactors(alignment)) fmt::print("{}\n", *warning);
   }
   fmt::print("{}\n", Summary(diagnosis));
 }
@@ -169,7 +182,9 @@ void Run(const DoctorFlags& flags) {
   const Diagnosis diagnosis =
       Diagnose(MakeDoctorInput(geometry, scene.references.images, matches, scene.model_poses),
                {.threads = flags.run.threads});
-  const std::string json = JsonText(DiagnosisJson(diagnosis), 2) + "\n";
+  const DepthAlignment alignment = AlignDepth(*geometry.source, scene.references.images, matches,
+                                              {.mode = AlignMode::kAuto}, flags.run.threads);
+  const std::string json = JsonText(DiagnosisJson(diagnosis, alignment), 2) + "\n";
   if (!flags.json.empty()) WriteFile(flags.json, json);
   if (!flags.report.empty()) {
     std::vector<std::string> warnings = scene.warnings;
@@ -189,7 +204,7 @@ void Run(const DoctorFlags& flags) {
              .warnings = warnings,
              .threads = flags.run.threads}));
   }
-  if (!flags.run.quiet) Print(diagnosis);
+  if (!flags.run.quiet) Print(diagnosis, alignment);
 }
 
 }  // namespace
@@ -221,7 +236,9 @@ Command AddDoctorCommand(CLI::App& program) {
       "Columns: distance of projected keypoints from their matches in other references (median,\n"
       "share within 5 px), the median with each map at its own best scale, and by how much the\n"
       "reading explains the matches better than the one as read. The last line is the verdict:\n"
-      "read as meant, what repairs it, or that nothing fits, and why.");
+      "read as meant, what repairs it, or that nothing fits, and why; above it stands what "
+      "localize\n"
+      "makes of such depth by --align-depth auto.");
   return {&command, [flags] {
             Check(*flags);
             Run(*flags);

@@ -183,8 +183,7 @@ std::string Summary(const Diagnosis& diagnosis) {
       const bool scales_differ = as_read.median_px > 2 * as_read.median_own_scale_px;
       return fmt::format("the input is read as the matches suggest: median {:.2f} px{}",
                          as_read.median_px,
-                         scales_differ ? fmt::format(", {:.2f} px with each map at its own scale "
-                                                     "(--align-depth scale)",
+                         scales_differ ? fmt::format(", {:.2f} px with each map at its own scale",
                                                      as_read.median_own_scale_px)
                                        : "");
     }
