@@ -206,7 +206,7 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem) con
   if (refined.references_disagree && estimate.confidence < kLeastConfidence) {
     estimate.noise.reset();
     DropCovariance(estimate);
-    conclude(KeepPose(normalized, report.best->pose, RefinedSets(report.best->solver)));
+    conclude({.pose = report.best->pose, .covariance = std::nullopt});
   }
   RejectUnsupported(samplers.E5p1ObservesPosition(), estimate);
   return estimate;
@@ -248,7 +248,10 @@ RefinedPose RansacEstimator::Refine(const NormalizedProblem& problem,
           ? NearMatches(problem, refined.pose) > kKeptGain * NearMatches(problem, report.best->pose)
           : nothing - estimate.refined_value > kKeptGain * (nothing - estimate.ransac_value);
   if (!has_kept) {
+    // How uncertain a pose is whose matches err with their references is not known.
+    const bool is_certain = !refined.references_disagree;
     refined = KeepPose(problem, report.best->pose, sets);
+    if (!is_certain) refined.covariance.reset();
     estimate.refined_value = estimate.ransac_value;
   }
   return refined;
