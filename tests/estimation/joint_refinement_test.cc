@@ -77,6 +77,13 @@ TEST(JointRefinement, IsAsGoodAsPointsWhereGeometryIsExact) {
   ExpectCalibrated(outcome);
 }
 
+// So many that a part of them starts the refinement.
+TEST(JointRefinement, IsAsGoodWithManyKeypoints) {
+  const Outcome outcome = Try({.num_keypoints = 1200, .num_references = 2}, Method::kP3p);
+  EXPECT_LT(outcome.log_ratio, kLargestLogRatio);
+  ExpectCalibrated(outcome);
+}
+
 TEST(JointRefinement, IsAsSureAsItMayBeOfKeypointsWithHeavyTails) {
   const Outcome outcome =
       Try({.num_keypoints = 150, .sigma_px = 0.4, .tail_degrees = 2}, Method::kP3p);

@@ -13,13 +13,22 @@ constexpr int kBlocksPerCheck = 8;
 
 // The score of the part of a set that has been seen. A match gains what it costs less than one.
 struct PartialScore {
+  int blocks = 0;
   double gain = 0;
   int inliers = 0;
 
-  // The best score of the whole that is still likely: the blocks are in random order, so the part
-  // tells what the whole will be within the spread of a count (four standard deviations), which is
-  // larger where matches come in clusters.
-  SetScore Optimistic(int num_matches, double share, double clustering) const {
+  void Add(const kernels::KernelScore& part, int num_blocks) {
+    blocks += num_blocks;
+    gain += num_blocks * kernels::kLanes<float> - part.cost;
+    inliers += part.inliers;
+  }
+
+  // The score of the whole once all has been seen, and before that the best one that is still
+  // likely: the blocks are in random order, so the part tells what the whole will be within the
+  // spread of a count (four standard deviations), which is larger where matches come in clusters.
+  SetScore OfWhole(int num_matches, int num_blocks, double clustering) const {
+    if (blocks == num_blocks) return {num_matches - gain, inliers};
+    const double share = static_cast<double>(blocks) / num_blocks;
     const auto whole = [num_matches, share, clustering](double part) {
       return std::min<double>(num_matches, (part + 4 * std::sqrt(clustering * (part + 1))) / share);
     };
@@ -102,40 +111,36 @@ std::optional<SetScores> Scorer::ScoreIfBetter(const CamFromLocal& pose, double 
   score.of_2d2d = {0, problem_.num_matches_2d2d};
   score.prior = problem_.priors.Cost(pose);
 
-  // Scores a set block by block; false as soon as the whole cannot beat the best value any more.
-  const auto scan = [&](SetScore& set, int num_matches, int num_blocks, double clustering,
-                        const auto& score_blocks) {
-    PartialScore partial;
-    for (int i = 0; i < num_blocks; i += kBlocksPerCheck) {
-      const int n = std::min(kBlocksPerCheck, num_blocks - i);
-      const kernels::KernelScore part = score_blocks(i, n);
-      partial.gain += n * kernels::kLanes<float> - part.cost;
-      partial.inliers += part.inliers;
-      set = partial.Optimistic(num_matches, static_cast<double>(i + n) / num_blocks, clustering);
-      if (pose_score_.Value(score) >= best_value) {
-        return false;
-      }
-    }
-    set = {num_matches - partial.gain, partial.inliers};
+  // Looks at some more blocks of a set; false as soon as the whole cannot beat the best value.
+  const auto look = [&](PartialScore& seen, SetScore& set, int num_matches, size_t num_blocks,
+                        double clustering, const auto& score_blocks) {
+    const int all = static_cast<int>(num_blocks);
+    const int n = std::min(kBlocksPerCheck, all - seen.blocks);
+    if (n > 0) seen.Add(score_blocks(seen.blocks, n), n);
+    set = seen.OfWhole(num_matches, all, clustering);
     return pose_score_.Value(score) < best_value;
   };
-
-  if (Has2D3D(pose_score_.sets())) {
-    const auto score_blocks = [&](int begin, int count) { return Score2D3D(pose, begin, count); };
-    if (!scan(score.of_2d3d, problem_.num_matches_2d3d,
-              static_cast<int>(problem_.blocks_2d3d.size()), 1, score_blocks)) {
+  const auto score_2d3d = [&](int begin, int count) { return Score2D3D(pose, begin, count); };
+  const auto centers = CentersInCam<float>(problem_, pose);
+  const auto score_2d2d = [&](int begin, int count) {
+    return kernel.score_2d2d(&problem_.blocks_2d2d[begin],
+                             &problem_.block_camera_reference_2d2d[begin], count, kernel_pose,
+                             centers.data());
+  };
+  const bool has_2d3d = Has2D3D(pose_score_.sets());
+  const bool has_2d2d = Has2D2D(pose_score_.sets());
+  const size_t blocks_2d3d = has_2d3d ? problem_.blocks_2d3d.size() : 0;
+  const size_t blocks_2d2d = has_2d2d ? problem_.blocks_2d2d.size() : 0;
+  // By turns: a set that has not been looked at is taken to fit entirely, so that one alone rarely
+  // tells.
+  PartialScore seen_2d3d, seen_2d2d;
+  for (size_t i = 0; i <= std::max(blocks_2d3d, blocks_2d2d); i += kBlocksPerCheck) {
+    if (has_2d3d &&
+        !look(seen_2d3d, score.of_2d3d, problem_.num_matches_2d3d, blocks_2d3d, 1, score_2d3d)) {
       return std::nullopt;
     }
-  }
-  if (Has2D2D(pose_score_.sets())) {
-    const auto centers = CentersInCam<float>(problem_, pose);
-    const auto score_blocks = [&](int begin, int count) {
-      return kernel.score_2d2d(&problem_.blocks_2d2d[begin],
-                               &problem_.block_camera_reference_2d2d[begin], count, kernel_pose,
-                               centers.data());
-    };
-    if (!scan(score.of_2d2d, problem_.num_matches_2d2d,
-              static_cast<int>(problem_.blocks_2d2d.size()), clustering_2d2d_, score_blocks)) {
+    if (has_2d2d && !look(seen_2d2d, score.of_2d2d, problem_.num_matches_2d2d, blocks_2d2d,
+                          clustering_2d2d_, score_2d2d)) {
       return std::nullopt;
     }
   }

@@ -15,7 +15,8 @@ using Eigen::Matrix4d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::Vector4d;
-using Matrix37d = Eigen::Matrix<double, 3, 7>;
+using Matrix34d = Eigen::Matrix<double, 3, 4>;
+using Matrix23d = Eigen::Matrix<double, 2, 3>;
 using Matrix24d = Eigen::Matrix<double, 2, 4>;
 
 // A query's pixel is wrong, although its matches agree with each other, as often as that.
@@ -70,7 +71,8 @@ class ExpectationStep {
         model_(model),
         evidence_(model.evidence),
         noise_(model.noise),
-        far_(StudentFar(noise_.keypoint_tail)) {}
+        far_(StudentFar(noise_.keypoint_tail)),
+        is_pose_certain_(IsPoseCertain()) {}
 
   void UpdateWeights() {
     for (size_t k = 0; k < evidence_.keypoints.size(); ++k) UpdateKeypoint(k);
@@ -82,17 +84,23 @@ class ExpectationStep {
   // A keypoint's point, as the evidence has it, for all of its observations.
   struct KeypointPosterior {
     QueryTerm query;
-    Matrix4d covariance;             // of the point and its common error, the query's pose given
-    Matrix4d full_covariance;        // of the same, the pose being uncertain
-    Matrix3d full_query_covariance;  // of the point as the query sees it
-    double total = 0;                // weight
+    Matrix4d covariance;       // of the point and its common error, the query's pose given
+    Matrix4d full_covariance;  // of the same, the pose being uncertain
+    // Unless the pose is certain: of how the query's unknowns displace a point, and by how much the
+    // point and its common error follow that.
+    Matrix4d frame_covariance;
+    Matrix4d follows;
+    double total = 0;  // weight
     int num_right = 0;
     bool query_far = false;  // and nothing tells whose pixel is wrong
     // A keypoint whose point has not settled yet says nothing of the noise.
     double trust = 0;
   };
 
+  // Whether the pose's uncertainty moves pixels by so little that predictions need not know of it.
+  bool IsPoseCertain() const;
   void UpdateKeypoint(size_t index);
+  void UpdateEvidence(size_t index, const KeypointObservations& keypoint, KeypointState& state);
   void UpdateQuery(KeypointPosterior& posterior, KeypointState& state);
   void UpdateObservation(int i, const ObservationTerm& term, const KeypointPosterior& posterior);
   // How likely a right match is to look like this.
@@ -102,10 +110,18 @@ class ExpectationStep {
     double squared_across = 0;
   };
   Likelihood LikelihoodOf(const Observation& observation, const ObservationTerm& term,
-                          const Matrix3d& evidence_covariance) const;
+                          const Matrix4d& point_covariance) const;
   void UpdateUnanchored(int i, const KeypointObservations& keypoint,
                         const KeypointPosterior& posterior, const Vector3d& displaced);
   void Drop(const KeypointObservations& keypoint);
+  // The covariance of the point as the query sees it, the pose being uncertain.
+  Matrix3d FullQueryCovariance(const KeypointPosterior& posterior) const {
+    const Matrix3d of_point = posterior.covariance.topLeftCorner<3, 3>();
+    if (is_pose_certain_) return of_point;
+    Matrix34d seen = posterior.follows.topRows<3>();
+    seen.leftCols<3>() += Matrix3d::Identity();
+    return of_point + seen * posterior.frame_covariance * seen.transpose();
+  }
 
   bool IsFar(const PixelResidual& seen, double variance) const {
     return seen.error_px.squaredNorm() > far_ * variance;
@@ -123,6 +139,9 @@ class ExpectationStep {
         (2 * std::numbers::pi * std::sqrt(determinant));
     return std::isfinite(density) ? density : 0;
   }
+  double Clutter(const Observation& observation) const {
+    return model_.weights.epipolar_clutter[static_cast<size_t>(observation.reference)];
+  }
   void Approach(double& weight, double next) const { weight += share_ * (next - weight); }
 
   double share_;
@@ -131,6 +150,7 @@ class ExpectationStep {
   const KeypointEvidence& evidence_;
   JointNoise& noise_;
   double far_;  // squared, in variances
+  bool is_pose_certain_;
   std::vector<ObservationTerm> terms_;
 
   VarianceSum pixels_, depths_, commons_, unanchored_;
@@ -139,20 +159,55 @@ class ExpectationStep {
   LogOfProduct likelihood_;
 };
 
+bool ExpectationStep::IsPoseCertain() const {
+  // Of the pixels' variance, which itself is known to a few per cent at best.
+  constexpr double kNegligibleShare = 0.02;
+  // Some keypoints over all of the image tell.
+  constexpr size_t kEnoughKeypoints = 32;
+  if (query_covariance_.isZero(0)) return true;
+  const size_t stride = evidence_.keypoints.size() / kEnoughKeypoints + 1;
+  double variance = 0, count = 0;
+  for (size_t k = 0; k < evidence_.keypoints.size(); k += stride) {
+    const QueryTerm query = model_.QueryTermOf(k);
+    if (!query.seen.in_front) continue;
+    const Matrix3d of_point =
+        DisplacementCovariance(query_covariance_, model_.keypoints[k].point).topLeftCorner<3, 3>();
+    variance += (query.jacobian * of_point * query.jacobian.transpose()).trace();
+    count += 2;
+  }
+  return variance < kNegligibleShare * count * noise_.keypoint_px2;
+}
+
 void ExpectationStep::UpdateKeypoint(size_t index) {
   const KeypointObservations& keypoint = evidence_.keypoints[index];
   KeypointState& state = model_.keypoints[index];
   right_.count += keypoint.end_observation - keypoint.first_observation;
   unanchored_right_.count += keypoint.end_unanchored - keypoint.first_unanchored;
+  if (state.given_up) {
+    for (const Observation& observation : evidence_.ObservationsOf(keypoint)) {
+      likelihood_.Multiply((1 - noise_.right) * Clutter(observation));
+    }
+    for (int i = keypoint.first_unanchored; i < keypoint.end_unanchored; ++i) {
+      likelihood_.Multiply(1 - noise_.unanchored_right);
+    }
+    return;
+  }
+  const bool was_wrong = model_.TotalWeight(keypoint) < kLeastWeight;
+  UpdateEvidence(index, keypoint, state);
+  state.given_up = was_wrong && model_.TotalWeight(keypoint) < kLeastWeight;
+}
+
+void ExpectationStep::UpdateEvidence(size_t index, const KeypointObservations& keypoint,
+                                     KeypointState& state) {
   KeypointPosterior posterior;
   posterior.query = model_.QueryTermOf(index);
   if (!posterior.query.seen.in_front) {
     Drop(keypoint);
     return;
   }
-  Matrix4d information = model_.CommonPrior(state).hessian;
-  information += model_.UnanchoredCost(keypoint, state.point).hessian;
-  information.topLeftCorner<3, 3>() += posterior.query.Cost().hessian.topLeftCorner<3, 3>();
+  const Quadratic query_cost = posterior.query.Cost();
+  Quadratic cost = model_.CostWithoutObservations(keypoint, state, query_cost,
+                                                  model_.UnanchoredCost(keypoint, state.point));
   bool far = IsFar(posterior.query.seen, noise_.keypoint_px2);
   posterior.query_far = far;
   terms_.clear();
@@ -160,27 +215,23 @@ void ExpectationStep::UpdateKeypoint(size_t index) {
     const ObservationTerm& term = terms_.emplace_back(model_.ObservationTermOf(i, state));
     posterior.num_right += model_.weights.observation[i] > 0.5 ? 1 : 0;
     if (term.weight == 0) continue;
-    information += term.Cost().hessian;
+    term.AddTo(cost);
     far = far || IsFar(term.seen, term.pixel_variance);
   }
   for (int i = keypoint.first_unanchored; i < keypoint.end_unanchored; ++i) {
     posterior.num_right += model_.weights.unanchored[i] > 0.5 ? 1 : 0;
   }
-  posterior.covariance = information.inverse();
+  posterior.covariance = cost.hessian.inverse();
   if (!posterior.covariance.allFinite()) return;
-  // How the query's unknowns move the point, and what it looks like from there.
-  Matrix4d coupling = posterior.query.Cost().hessian;
-  coupling.row(3).setZero();
-  Matrix47d displacement = Matrix47d::Zero();
-  displacement.topLeftCorner<3, 6>() = DisplacementJacobian(state.point);
-  displacement(3, 6) = 1;
-  const Matrix47d follows = -posterior.covariance * coupling * displacement;
-  posterior.full_covariance =
-      posterior.covariance + follows * query_covariance_ * follows.transpose();
-  Matrix37d seen = follows.topRows<3>();
-  seen.leftCols<6>() += displacement.topLeftCorner<3, 6>();
-  posterior.full_query_covariance =
-      posterior.covariance.topLeftCorner<3, 3>() + seen * query_covariance_ * seen.transpose();
+  posterior.full_covariance = posterior.covariance;
+  if (!is_pose_certain_) {
+    // How the query's unknowns move the point.
+    posterior.frame_covariance = DisplacementCovariance(query_covariance_, state.point);
+    posterior.follows.noalias() =
+        -posterior.covariance.leftCols<3>().lazyProduct(query_cost.hessian.topRows<3>());
+    posterior.full_covariance.noalias() +=
+        posterior.follows * posterior.frame_covariance * posterior.follows.transpose();
+  }
   posterior.total = model_.TotalWeight(keypoint);
   posterior.query_far = posterior.query_far && posterior.num_right <= 1;
   posterior.trust = far ? 0 : std::min(1.0, posterior.total) * state.query_right;
@@ -233,12 +284,25 @@ void ExpectationStep::UpdateQuery(KeypointPosterior& posterior, KeypointState& s
     const Prediction<2> predicted(
         query.seen.error_px, Vector2d::Constant(noise_.keypoint_px2),
         Vector2d::Constant(query.weight),
-        query.jacobian * posterior.full_query_covariance * query.jacobian.transpose());
+        query.jacobian * FullQueryCovariance(posterior) * query.jacobian.transpose());
     const double chance = kQueryWrong / evidence_.matched_area_px2;
     const double density = (1 - kQueryWrong) * Density(predicted.error, predicted.covariance);
     right = density / (density + chance);
   }
   Approach(state.query_right, right);
+}
+
+// The covariance of an observation's pixel by that of its point.
+Matrix2d PixelCovariance(const ObservationTerm& term, const Matrix4d& covariance) {
+  const Matrix23d half = term.seen.jacobian.lazyProduct(covariance.topLeftCorner<3, 3>());
+  return half.lazyProduct(term.seen.jacobian.transpose());
+}
+
+// The variance of an observation's depth by that of its point and of the common error.
+double DepthVariance(const ObservationTerm& term, const Matrix4d& covariance) {
+  Vector4d depth_by_point;
+  depth_by_point << term.log_gradient, -1;
+  return depth_by_point.dot(covariance.lazyProduct(depth_by_point));
 }
 
 // The covariance of an observation's residuals, of its pixel and its depth, by that of its point.
@@ -257,19 +321,20 @@ Matrix3d ResidualCovariance(const ObservationTerm& term, const Matrix4d& covaria
   return evidence_covariance;
 }
 
-ExpectationStep::Likelihood ExpectationStep::LikelihoodOf(
-    const Observation& observation, const ObservationTerm& term,
-    const Matrix3d& evidence_covariance) const {
+ExpectationStep::Likelihood ExpectationStep::LikelihoodOf(const Observation& observation,
+                                                          const ObservationTerm& term,
+                                                          const Matrix4d& point_covariance) const {
   if (!observation.has_depth) {
     const Prediction<2> predicted(term.seen.error_px, Vector2d::Constant(term.pixel_variance),
                                   Vector2d::Constant(term.weight),
-                                  evidence_covariance.topLeftCorner<2, 2>());
+                                  PixelCovariance(term, point_covariance));
     return {.without_depth = noise_.right * Density(predicted.error, predicted.covariance),
             .squared_across = SquaredAcross(predicted.error, predicted.covariance)};
   }
   const Prediction<3> predicted({term.seen.error_px.x(), term.seen.error_px.y(), term.depth_error},
                                 {term.pixel_variance, term.pixel_variance, term.depth_variance},
-                                {term.weight, term.weight, term.depth_weight}, evidence_covariance);
+                                {term.weight, term.weight, term.depth_weight},
+                                ResidualCovariance(term, point_covariance));
   const Vector2d error = predicted.error.head<2>();
   const Matrix2d covariance = predicted.covariance.topLeftCorner<2, 2>();
   const double right_pixel = noise_.right * Density(error, covariance);
@@ -297,9 +362,7 @@ void ExpectationStep::UpdateObservation(int i, const ObservationTerm& term,
     return;
   }
   const Observation& observation = evidence_.observations[i];
-  const Matrix3d evidence_covariance = ResidualCovariance(term, posterior.covariance);
-  const Matrix2d pixel_covariance = evidence_covariance.topLeftCorner<2, 2>();
-
+  const Matrix2d pixel_covariance = PixelCovariance(term, posterior.covariance);
   Approach(precision, Precision(term.seen, pixel_covariance, term.pixel_variance));
   // The noise, as of the query's pixel.
   pixels_.squares += posterior.trust * weight * precision * term.seen.error_px.squaredNorm() *
@@ -309,16 +372,16 @@ void ExpectationStep::UpdateObservation(int i, const ObservationTerm& term,
     const double w = weight * of_depth;
     depths_.squares += posterior.trust * w * term.depth_error * term.depth_error * noise_.depth /
                        term.depth_variance;
-    depths_.count += posterior.trust * (w - term.depth_weight * evidence_covariance(2, 2));
+    depths_.count +=
+        posterior.trust * (w - term.depth_weight * DepthVariance(term, posterior.covariance));
   }
 
   auto [with_depth, without_depth, squared_across] =
       posterior.query_far || IsFar(term.seen, term.pixel_variance)
           ? Likelihood{}
-          : LikelihoodOf(observation, term, ResidualCovariance(term, posterior.full_covariance));
+          : LikelihoodOf(observation, term, posterior.full_covariance);
   if (!std::isfinite(with_depth + without_depth)) with_depth = without_depth = 0;
-  const double wrong = (1 - noise_.right) / evidence_.matched_area_px2 *
-                       model_.weights.epipolar_clutter[static_cast<size_t>(observation.reference)];
+  const double wrong = (1 - noise_.right) / evidence_.matched_area_px2 * Clutter(observation);
   const double any = with_depth + without_depth + wrong;
   const double right = (with_depth + without_depth) / any;
   likelihood_.Multiply(any * evidence_.matched_area_px2);

@@ -60,6 +60,7 @@ struct RayScan {
 struct QueryRay {
   Vector3d origin, direction;  // local frame
 
+  QueryRay() = default;
   QueryRay(const KeypointObservations& keypoint, const CamFromLocal& pose)
       : origin(keypoint.CenterOfCamera(pose)) {
     const Vector3d ray = keypoint.image_from_cam.row(0).cross(keypoint.image_from_cam.row(1));
@@ -195,36 +196,39 @@ struct Ratios {
   double without_depth = 0;  // right, its depth useless or unknown
 };
 
-// One keypoint's evidence along its ray.
+// One keypoint's evidence along its ray, after LookAt().
 class RayHypotheses {
  public:
-  RayHypotheses(const KeypointEvidence& evidence, const KeypointObservations& keypoint,
-                const CamFromLocal& pose, const JointNoise& noise,
+  RayHypotheses(const KeypointEvidence& evidence, const CamFromLocal& pose, const JointNoise& noise,
                 const std::vector<double>& epipolar_clutter)
-      : observations_(evidence.ObservationsOf(keypoint)),
-        unanchored_(evidence.UnanchoredOf(keypoint)),
-        ray_(keypoint, pose),
+      : evidence_(evidence),
+        pose_(pose),
         noise_(noise),
         epipolar_clutter_(epipolar_clutter),
-        depth_variance_(noise.depth + noise.common_depth) {
-    // Both pixels' noise shows in the reference.
-    pixel_variance_ = 2 * noise.keypoint_px2;
-    far_ = StudentFar(noise.keypoint_tail);
-    fit_ = StudentQuantile(0.01, noise.keypoint_tail);
-    right_ = noise.right / (1 - noise.right) * evidence.matched_area_px2 /
-             (2 * std::numbers::pi * pixel_variance_);
-    scans_.reserve(observations_.size());
-    depth_ratio_.reserve(observations_.size());
+        depth_variance_(noise.depth + noise.common_depth),
+        pixel_variance_(2 * noise.keypoint_px2),
+        far_(StudentFar(noise.keypoint_tail)),
+        fit_(StudentQuantile(0.01, noise.keypoint_tail)),
+        right_(noise.right / (1 - noise.right) * evidence.matched_area_px2 /
+               (2 * std::numbers::pi * pixel_variance_)),
+        mean_distance_(std::exp(noise.log_distance_mean)) {}
+
+  void LookAt(const KeypointObservations& keypoint) {
+    observations_ = evidence_.ObservationsOf(keypoint);
+    unanchored_ = evidence_.UnanchoredOf(keypoint);
+    ray_ = QueryRay(keypoint, pose_);
+    scans_.clear();
+    depth_ratio_.clear();
+    px2_.clear();
     for (const Observation& s : observations_) {
       scans_.emplace_back(s, ray_.origin, ray_.direction);
       depth_ratio_.push_back(s.has_depth ? DepthRatio(s) : 0);
     }
     for (const UnanchoredPoint& point : unanchored_) {
       const PixelResidual seen =
-          ResidualOf(keypoint.image_from_cam, pose.rotation * (point.point - ray_.origin));
+          ResidualOf(keypoint.image_from_cam, pose_.rotation * (point.point - ray_.origin));
       px2_.push_back(seen.in_front ? 0.5 * seen.jacobian.squaredNorm() : 0);
     }
-    area_px2_ = evidence.matched_area_px2;
   }
 
   const QueryRay& ray() const { return ray_; }
@@ -251,7 +255,7 @@ class RayHypotheses {
       if (along > 0) distances.push_back(along);
     }
     // Rays that are as good as parallel fit any distance.
-    if (!distances.empty()) distances.push_back(std::exp(noise_.log_distance_mean));
+    if (!distances.empty()) distances.push_back(mean_distance_);
   }
 
   Ratios RatiosOf(size_t i, double distance) const {
@@ -275,8 +279,8 @@ class RayHypotheses {
     const double along = off.dot(ray_.direction);
     const double variance = noise_.unanchored + unanchored_[i].variance;
     const double across = variance + noise_.keypoint_px2 / px2_[i];
-    return noise_.unanchored_right / (1 - noise_.unanchored_right) * area_px2_ / px2_[i] *
-           Normal2D(off.squaredNorm() - along * along, across) *
+    return noise_.unanchored_right / (1 - noise_.unanchored_right) * evidence_.matched_area_px2 /
+           px2_[i] * Normal2D(off.squaredNorm() - along * along, across) *
            Normal1D(along * along, variance + 1e-12 * distance * distance) /
            (DensityOfAnyDistance(noise_, std::log(distance)) / distance);
   }
@@ -303,16 +307,19 @@ class RayHypotheses {
            DensityOfAnyDistance(noise_, observation.log_distance);
   }
 
-  std::span<const Observation> observations_;
-  std::span<const UnanchoredPoint> unanchored_;
-  QueryRay ray_;
+  const KeypointEvidence& evidence_;
+  const CamFromLocal& pose_;
   const JointNoise& noise_;
   const std::vector<double>& epipolar_clutter_;
   double depth_variance_;
-  double pixel_variance_;
-  double far_, fit_;  // squared, in variances of a pixel
+  double pixel_variance_;  // both pixels' noise shows in the reference
+  double far_, fit_;       // squared, in variances of a pixel
   double right_;
-  double area_px2_;
+  double mean_distance_;
+
+  std::span<const Observation> observations_;
+  std::span<const UnanchoredPoint> unanchored_;
+  QueryRay ray_;
   std::vector<RayScan> scans_;
   std::vector<double> depth_ratio_;
   std::vector<double> px2_;  // squared pixels per squared local unit, of each unanchored point
@@ -353,12 +360,14 @@ void InitializeByVoting(const KeypointEvidence& evidence, const CamFromLocal& po
   weights.depth.assign(evidence.observations.size(), 0);
   weights.unanchored.assign(evidence.unanchored.size(), 0);
   weights.epipolar_clutter = EpipolarClutter(evidence, pose, noise);
+  RayHypotheses hypotheses(evidence, pose, noise, weights.epipolar_clutter);
+  const double mean_distance = std::exp(noise.log_distance_mean);
   std::vector<double> candidates;
   for (size_t k = 0; k < evidence.keypoints.size(); ++k) {
     const KeypointObservations& keypoint = evidence.keypoints[k];
-    const RayHypotheses hypotheses(evidence, keypoint, pose, noise, weights.epipolar_clutter);
+    hypotheses.LookAt(keypoint);
     hypotheses.Candidates(candidates);
-    double distance = std::exp(noise.log_distance_mean);
+    double distance = mean_distance;
     double most = -std::numeric_limits<double>::infinity();
     for (const double candidate : candidates) {
       const double log_evidence = hypotheses.LogEvidence(candidate);

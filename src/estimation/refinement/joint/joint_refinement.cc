@@ -30,6 +30,11 @@ constexpr double kSettledStep = 0.01;
 // less.
 constexpr double kSettledInformation = 0.3;
 constexpr int kReferenceRounds = 3;
+// So many keypoints bring the pose and the noise to rest, as near as a part can; all of them then
+// take the last rounds. The part's rounds cost less than they save where it is a quarter or less.
+constexpr size_t kEnoughKeypoints = 300;
+constexpr size_t kLeastStride = 4;
+constexpr int kRoundsAfterPart = 3;
 
 // Whether a step of the query is one that the linearization can be believed for.
 bool IsModest(const Eigen::Ref<const VectorXd>& step) {
@@ -37,6 +42,28 @@ bool IsModest(const Eigen::Ref<const VectorXd>& step) {
   constexpr double kLargestFactor = 1;  // of the mean distance, as a logarithm
   return step.allFinite() && step.head<3>().norm() < kLargestRotation &&
          std::abs(step[6]) < kLargestFactor;
+}
+
+// Returns every n-th keypoint with its evidence.
+KeypointEvidence Thinned(const KeypointEvidence& evidence, size_t n) {
+  KeypointEvidence part;
+  part.centers = evidence.centers;
+  part.matched_area_px2 = evidence.matched_area_px2;
+  part.num_image_cells = evidence.num_image_cells;
+  part.focal_px = evidence.focal_px;
+  const auto append = [](const auto& pieces, auto& list, int& first, int& end) {
+    first = static_cast<int>(list.size());
+    list.insert(list.end(), pieces.begin(), pieces.end());
+    end = static_cast<int>(list.size());
+  };
+  for (size_t k = 0; k < evidence.keypoints.size(); k += n) {
+    KeypointObservations& keypoint = part.keypoints.emplace_back(evidence.keypoints[k]);
+    append(evidence.ObservationsOf(evidence.keypoints[k]), part.observations,
+           keypoint.first_observation, keypoint.end_observation);
+    append(evidence.UnanchoredOf(evidence.keypoints[k]), part.unanchored, keypoint.first_unanchored,
+           keypoint.end_unanchored);
+  }
+  return part;
 }
 
 class JointRefinement {
@@ -51,10 +78,22 @@ class JointRefinement {
         system_(evidence) {
     InitializePoints(keypoint_variance_px2);
   }
+  // Goes on from where a part of the evidence has brought the pose and the noise.
+  JointRefinement(const KeypointEvidence& evidence, const JointRefinement& of_part)
+      : evidence_(evidence),
+        prior_(of_part.prior_),
+        pose_priors_(of_part.pose_priors_),
+        model_(evidence, of_part.model_.pose),
+        system_(evidence) {
+    initialized_at_ = model_.pose;
+    model_.noise = of_part.model_.noise;
+    InitializeByVoting(evidence_, model_.pose, model_.noise, model_.keypoints, model_.weights);
+  }
 
-  RefinedPose Run(FocalDerivatives focal, ReferenceErrors reference_errors) {
+  // Takes rounds of a step and an E step until pose and information have settled.
+  void Settle(int max_rounds) {
     double information = 0;
-    for (int round = 0; round < kMaxRounds; ++round) {
+    for (int round = 0; round < max_rounds; ++round) {
       const std::optional<double> decrement = Step();
       if (decrement && *decrement > kFarStep) Step();
       const double share = round < kFirstDampedRound ? 1 : 1.0 / (round - kFirstDampedRound + 2);
@@ -67,6 +106,9 @@ class JointRefinement {
       if (decrement && *decrement < kSettledStep && same) break;
       information = log_information_;
     }
+  }
+
+  RefinedPose Finish(FocalDerivatives focal, ReferenceErrors reference_errors) {
     Step();
     if (reference_errors == ReferenceErrors::kAlways || system_.ReferencesDisagree(model_)) {
       system_.AdmitReferenceErrors(model_);
@@ -241,8 +283,18 @@ RefinedPose RefineJointly(const KeypointEvidence& evidence, const CamFromLocal& 
                           double keypoint_variance_px2, const NoisePrior& prior,
                           const NormalizedPriors& pose_priors, FocalDerivatives focal,
                           ReferenceErrors reference_errors) {
-  return JointRefinement(evidence, start, keypoint_variance_px2, prior, pose_priors)
-      .Run(focal, reference_errors);
+  const size_t stride = evidence.keypoints.size() / kEnoughKeypoints;
+  if (stride < kLeastStride) {
+    JointRefinement refinement(evidence, start, keypoint_variance_px2, prior, pose_priors);
+    refinement.Settle(kMaxRounds);
+    return refinement.Finish(focal, reference_errors);
+  }
+  const KeypointEvidence part = Thinned(evidence, stride);
+  JointRefinement of_part(part, start, keypoint_variance_px2, prior, pose_priors);
+  of_part.Settle(kMaxRounds);
+  JointRefinement refinement(evidence, of_part);
+  refinement.Settle(kRoundsAfterPart);
+  return refinement.Finish(focal, reference_errors);
 }
 
 }  // namespace raylift

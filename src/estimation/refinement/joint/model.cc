@@ -10,31 +10,58 @@ Eigen::Matrix<double, 3, 6> DisplacementJacobian(const Eigen::Vector3d& point) {
   return jacobian;
 }
 
+using Eigen::Matrix4d;
 using Eigen::Vector3d;
 using Eigen::Vector4d;
 
-Quadratic ObservationTerm::Cost() const {
-  Quadratic q;
-  q.hessian.topLeftCorner<3, 3>().noalias() = weight * seen.jacobian.transpose() * seen.jacobian;
-  q.gradient.head<3>().noalias() = weight * seen.jacobian.transpose() * seen.error_px;
-  if (depth_weight > 0) {
-    Vector4d d;
-    d << log_gradient, -1;
-    q.hessian.noalias() += depth_weight * d * d.transpose();
-    q.gradient += depth_weight * depth_error * d;
+Matrix4d DisplacementCovariance(const Matrix7d& frame_covariance, const Vector3d& point) {
+  // D Q, then its product with D'.
+  Matrix47d half;
+  for (int column = 0; column < 7; ++column) {
+    const Vector3d rotation = frame_covariance.block<3, 1>(0, column);
+    half.block<3, 1>(0, column) = rotation.cross(point) + frame_covariance.block<3, 1>(3, column);
+    half(3, column) = frame_covariance(6, column);
   }
-  return q;
+  Matrix4d covariance;
+  for (int row = 0; row < 4; ++row) {
+    const Vector3d rotation = half.block<1, 3>(row, 0);
+    covariance.block<1, 3>(row, 0) = rotation.cross(point).transpose() + half.block<1, 3>(row, 3);
+    covariance(row, 3) = half(row, 6);
+  }
+  return covariance;
+}
+
+void Quadratic::AddPixel(const Eigen::Matrix<double, 2, 3>& jacobian, const Eigen::Vector2d& error,
+                         double weight) {
+  const Eigen::Matrix<double, 3, 2> weighted = weight * jacobian.transpose();
+  hessian.topLeftCorner<3, 3>() += weighted.lazyProduct(jacobian);
+  gradient.head<3>() += weighted.lazyProduct(error);
+}
+
+void Quadratic::AddLogDistance(const Vector3d& log_gradient, double error, double weight) {
+  Vector4d direction;
+  direction << log_gradient, -1;
+  const Vector4d weighted = weight * direction;
+  hessian += weighted.lazyProduct(direction.transpose());
+  gradient += error * weighted;
+}
+
+void ObservationTerm::AddTo(Quadratic& cost) const {
+  cost.AddPixel(seen.jacobian, seen.error_px, weight);
+  if (depth_weight > 0) cost.AddLogDistance(log_gradient, depth_error, depth_weight);
+}
+
+Quadratic ObservationTerm::Cost() const {
+  Quadratic cost;
+  AddTo(cost);
+  return cost;
 }
 
 Quadratic QueryTerm::Cost() const {
-  Quadratic q;
-  Vector4d d;
-  d << log_gradient, -1;
-  q.hessian.noalias() = prior_information * d * d.transpose();
-  q.gradient = prior_information * distance_error * d;
-  q.hessian.topLeftCorner<3, 3>().noalias() += weight * jacobian.transpose() * jacobian;
-  q.gradient.head<3>().noalias() += weight * jacobian.transpose() * seen.error_px;
-  return q;
+  Quadratic cost;
+  cost.AddPixel(jacobian, seen.error_px, weight);
+  cost.AddLogDistance(log_gradient, distance_error, prior_information);
+  return cost;
 }
 
 QueryTerm JointModel::QueryTermOf(size_t keypoint) const {
@@ -79,6 +106,7 @@ ObservationTerm JointModel::ObservationTermOf(int i, const KeypointState& state)
 Quadratic JointModel::UnanchoredCost(const KeypointObservations& keypoint,
                                      const Vector3d& point) const {
   Quadratic q;
+  if (keypoint.end_unanchored == keypoint.first_unanchored) return q;
   const Vector3d displaced = references[UnanchoredFrame()].Displaced(point);
   for (int i = keypoint.first_unanchored; i < keypoint.end_unanchored; ++i) {
     if (weights.unanchored[i] < kLeastWeight) continue;
@@ -90,11 +118,17 @@ Quadratic JointModel::UnanchoredCost(const KeypointObservations& keypoint,
   return q;
 }
 
-Quadratic JointModel::CommonPrior(const KeypointState& state) const {
-  Quadratic q;
-  q.hessian(3, 3) = 1 / noise.common_depth;
-  q.gradient[3] = state.common / noise.common_depth;
-  return q;
+Quadratic JointModel::CostWithoutObservations(const KeypointObservations& keypoint,
+                                              const KeypointState& state,
+                                              const Quadratic& query_cost,
+                                              const Quadratic& unanchored) const {
+  Quadratic cost = query_cost;
+  cost.hessian.row(3).setZero();
+  cost.hessian.col(3).setZero();
+  cost.hessian(3, 3) = 1 / noise.common_depth;
+  cost.gradient[3] = state.common / noise.common_depth;
+  if (keypoint.end_unanchored > keypoint.first_unanchored) cost.Add(unanchored);
+  return cost;
 }
 
 double JointModel::TotalWeight(const KeypointObservations& keypoint) const {

@@ -91,6 +91,8 @@ struct KeypointState {
   double common = 0;                                // error of its depths, see JointNoise
   double query_right = 1;                           // probability that the query's pixel is
   double query_precision = 1;                       // of that pixel, as an observation's
+  // Two E steps running found all of its evidence wrong: it is not looked at again.
+  bool given_up = false;
 };
 
 // The probability that each piece of evidence is right; of a depth, given that its observation is.
@@ -125,6 +127,11 @@ using Matrix47d = Eigen::Matrix<double, 4, 7>;
 // origin, and a translation. (Common to all frames of a point, so that one matrix serves them all.)
 Eigen::Matrix<double, 3, 6> DisplacementJacobian(const Eigen::Vector3d& point);
 
+// D Q D', the covariance of a point's displacement and of the last unknown by that of a frame's
+// unknowns, with D = (-[point]x, 1, 0; 0, 0, 1).
+Eigen::Matrix4d DisplacementCovariance(const Matrix7d& frame_covariance,
+                                       const Eigen::Vector3d& point);
+
 // Evidence with less weight is left out.
 inline constexpr double kLeastWeight = 1e-3;
 
@@ -145,6 +152,11 @@ struct Quadratic {
   Eigen::Matrix4d hessian = Eigen::Matrix4d::Zero();
   Eigen::Vector4d gradient = Eigen::Vector4d::Zero();
 
+  // Adds weight |error + jacobian displacement|^2 / 2.
+  void AddPixel(const Eigen::Matrix<double, 2, 3>& jacobian, const Eigen::Vector2d& error,
+                double weight);
+  // Adds weight (error + log_gradient' displacement - scale)^2 / 2.
+  void AddLogDistance(const Eigen::Vector3d& log_gradient, double error, double weight);
   void Add(const Quadratic& other) {
     hessian += other.hessian;
     gradient += other.gradient;
@@ -161,6 +173,7 @@ struct ObservationTerm {
   double weight = 0;        // of the pixel, over its variance
   double depth_weight = 0;  // of the depth, over its variance
 
+  void AddTo(Quadratic& cost) const;
   Quadratic Cost() const;
 };
 
@@ -196,7 +209,11 @@ struct JointModel {
   ObservationTerm ObservationTermOf(int observation, const KeypointState& state) const;
   Quadratic UnanchoredCost(const KeypointObservations& keypoint,
                            const Eigen::Vector3d& point) const;
-  Quadratic CommonPrior(const KeypointState& state) const;
+  // What is known of a keypoint's point and common error but for what references show: the prior of
+  // the common error, unanchored points and the query's cost, whose last unknown is not theirs.
+  Quadratic CostWithoutObservations(const KeypointObservations& keypoint,
+                                    const KeypointState& state, const Quadratic& query_cost,
+                                    const Quadratic& unanchored) const;
   // Sums the weights of all that references and unanchored points say of a keypoint.
   double TotalWeight(const KeypointObservations& keypoint) const;
 };

@@ -12,44 +12,45 @@
 namespace raylift {
 namespace {
 
-using Eigen::Matrix3d;
 using Eigen::Matrix4d;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::Vector4d;
 using Eigen::VectorXd;
+using Matrix43d = Eigen::Matrix<double, 4, 3>;
 
 // D f: how a frame's unknowns displace a point.
-Vector4d Displacement(const Eigen::Ref<const VectorXd>& unknowns, const Vector3d& point) {
+Vector4d Displacement(const Vector7d& unknowns, const Vector3d& point) {
   Vector4d displacement;
   displacement << unknowns.head<3>().cross(point) + unknowns.segment<3>(3), unknowns[6];
   return displacement;
 }
 
-// Adds D' m D, with the cross product's matrix of the point.
+// Adds D' m D.
 template <typename Block>
-void AddDisplaced(const Matrix4d& m, const Matrix3d& cross, Block block) {
-  const Matrix3d middle = m.topLeftCorner<3, 3>();
-  const Matrix3d turned = cross.lazyProduct(middle);
-  block.template topLeftCorner<3, 3>() -= turned.lazyProduct(cross);
-  block.template block<3, 3>(0, 3) += turned;
-  block.template block<3, 3>(3, 0) -= middle.lazyProduct(cross);
-  block.template block<3, 3>(3, 3) += middle;
-  const Vector3d column = m.topRightCorner<3, 1>();
-  block.template block<3, 1>(0, 6) += cross * column;
-  block.template block<3, 1>(3, 6) += column;
-  const Vector3d row = m.bottomLeftCorner<1, 3>();
-  block.template block<1, 3>(6, 0) += (cross * row).transpose();
-  block.template block<1, 3>(6, 3) += row.transpose();
-  block(6, 6) += m(3, 3);
+void AddDisplacedHessian(const Matrix4d& m, const Vector3d& point, Block&& block) {
+  // The columns of m displaced, then the rows of that.
+  Eigen::Matrix<double, 3, 4> turned;
+  for (int column = 0; column < 4; ++column) {
+    turned.col(column) = point.cross(m.block<3, 1>(0, column));
+  }
+  for (int row = 0; row < 3; ++row) {
+    const Vector3d across = turned.block<1, 3>(row, 0);
+    block.template block<1, 3>(row, 0) += point.cross(across).transpose();
+    const Vector3d below = m.block<1, 3>(row, 0);
+    block.template block<1, 3>(row + 3, 0) += point.cross(below).transpose();
+  }
+  const Vector3d last = m.block<1, 3>(3, 0);
+  block.template block<1, 3>(6, 0) += point.cross(last).transpose();
+  block.template block<3, 4>(0, 3) += turned;
+  block.template block<4, 4>(3, 3) += m;
 }
 
 // Adds D' v.
 template <typename Segment>
-void AddDisplaced(const Vector4d& v, const Matrix3d& cross, Segment segment) {
-  segment.template head<3>() += cross * v.head<3>();
-  segment.template segment<3>(3) += v.head<3>();
-  segment[6] += v[3];
+void AddDisplacedGradient(const Vector4d& v, const Vector3d& point, Segment&& segment) {
+  segment.template head<3>() += point.cross(v.head<3>());
+  segment.template tail<4>() += v;
 }
 
 // Moves a point, but not beyond what the linearization tells.
@@ -80,72 +81,73 @@ bool JointSystem::LinearizeKeypoint(const JointModel& model, size_t index) {
   const QueryTerm query = model.QueryTermOf(index);
   if (!query.seen.in_front) return false;
 
-  // The point and its common error; the prior's mean is the query's unknown, not theirs.
-  Quadratic point = model.CommonPrior(state);
+  block.query = query.Cost();
   const Quadratic unanchored = model.UnanchoredCost(keypoint, state.point);
-  point.Add(unanchored);
-  const Quadratic query_cost = query.Cost();
-  point.hessian.topLeftCorner<3, 3>() += query_cost.hessian.topLeftCorner<3, 3>();
-  point.gradient.head<3>() += query_cost.gradient.head<3>();
-
-  // Each frame's cost; observations of one reference are one frame.
-  std::vector<FrameTerm>& frames = block.frames;
-  frames.clear();
-  Matrix4d coupling = query_cost.hessian;
-  coupling.row(3).setZero();
-  frames.push_back({0, query_cost, coupling});
+  Quadratic cost = model.CostWithoutObservations(keypoint, state, block.query, unanchored);
+  block.references.clear();
   for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
     if (model.weights.observation[i] < kLeastWeight) continue;
     const ObservationTerm term = model.ObservationTermOf(i, state);
     if (term.weight == 0) continue;
-    const Quadratic cost = term.Cost();
-    point.Add(cost);
+    term.AddTo(cost);
     const int column = column_[evidence_.observations[i].reference];
-    if (column < 0) continue;
-    const auto same = std::find_if(frames.begin(), frames.end(),
-                                   [&](const FrameTerm& frame) { return frame.column == column; });
-    if (same == frames.end()) {
-      frames.push_back({column, cost, cost.hessian});
-    } else {
-      same->cost.Add(cost);
-      same->coupling += cost.hessian;
-    }
+    if (column >= 0) AddToReference(column, term.Cost(), block);
   }
   if (column_[model.UnanchoredFrame()] >= 0 &&
       keypoint.end_unanchored > keypoint.first_unanchored) {
-    frames.push_back({column_[model.UnanchoredFrame()], unanchored, unanchored.hessian});
+    AddToReference(column_[model.UnanchoredFrame()], unanchored, block);
   }
 
-  block.covariance = point.hessian.inverse();
-  block.gradient = point.gradient;
+  block.covariance = cost.hessian.inverse();
+  block.gradient = cost.gradient;
   return block.covariance.allFinite();
+}
+
+void JointSystem::AddToReference(int column, const Quadratic& cost, SchurBlock& block) {
+  for (FrameTerm& frame : block.references) {
+    if (frame.column != column) continue;
+    frame.cost.Add(cost);
+    frame.coupling += cost.hessian;
+    return;
+  }
+  block.references.push_back({column, cost, cost.hessian});
 }
 
 void JointSystem::AddEliminated(const JointModel& model, size_t index) {
   const SchurBlock& block = schur_blocks_[index];
   auto gradient = cell_gradients_.col(evidence_.keypoints[index].image_cell);
-  const Matrix3d cross = Skew(model.keypoints[index].point);
+  const Vector3d& point = model.keypoints[index].point;
   const Vector4d solved_gradient = block.covariance * block.gradient;
-  for (const FrameTerm& frame : block.frames) {
-    const Vector4d slope = frame.cost.gradient - frame.coupling.transpose() * solved_gradient;
-    AddDisplaced(slope, cross, gradient.segment<7>(frame.column));
-    const Matrix4d solved = block.covariance * frame.coupling;
-    for (const FrameTerm& other : block.frames) {
+  const auto query_coupling = block.query.hessian.leftCols<3>();  // transposed
+  const Matrix43d query_solved = query_coupling * block.covariance.topLeftCorner<3, 3>();
+  AddDisplacedGradient(block.query.gradient - query_coupling * solved_gradient.head<3>(), point,
+                       gradient.segment<7>(0));
+  AddDisplacedHessian(block.query.hessian - query_solved * query_coupling.transpose(), point,
+                      query_hessian_);
+  for (const FrameTerm& frame : block.references) {
+    AddDisplacedGradient(frame.cost.gradient - frame.coupling.transpose() * solved_gradient, point,
+                         gradient.segment<7>(frame.column));
+    const Matrix4d solved = frame.coupling.transpose() * block.covariance;
+    AddDisplacedHessian(-solved.leftCols<3>() * query_coupling.transpose(), point,
+                        hessian_.block<7, 7>(frame.column, 0));
+    for (const FrameTerm& other : block.references) {
       if (other.column > frame.column) continue;
-      Matrix4d shared = -solved.transpose() * other.coupling;
+      Matrix4d shared = -solved * other.coupling;
       if (other.column == frame.column) shared += frame.cost.hessian;
-      AddDisplaced(shared, cross, hessian_.block<7, 7>(frame.column, other.column));
+      AddDisplacedHessian(shared, point, hessian_.block<7, 7>(frame.column, other.column));
     }
   }
 }
 
 VectorXd JointSystem::Linearize(const JointModel& model, const NormalizedPriors& pose_priors) {
   hessian_.setZero(num_columns_, num_columns_);
+  query_hessian_.setZero();
   cell_gradients_.setZero(num_columns_, evidence_.num_image_cells);
   for (size_t k = 0; k < schur_blocks_.size(); ++k) {
     schur_blocks_[k].used = LinearizeKeypoint(model, k);
     if (schur_blocks_[k].used) AddEliminated(model, k);
   }
+  hessian_.topLeftCorner<kQueryColumns, kQueryColumns>() = query_hessian_;
   VectorXd gradient = cell_gradients_.rowwise().sum();
   if (!pose_priors.empty()) AddPosePriors(model, pose_priors, gradient);
   if (HasReferences()) AddReferencePriors(model, gradient);
@@ -168,7 +170,8 @@ void JointSystem::MovePoints(const VectorXd& step, JointModel& model) const {
     if (!block.used) continue;
     KeypointState& state = model.keypoints[k];
     Vector4d pull = block.gradient;
-    for (const FrameTerm& frame : block.frames) {
+    pull.head<3>() += block.query.hessian.topRows<3>() * Displacement(step.head<7>(), state.point);
+    for (const FrameTerm& frame : block.references) {
       pull += frame.coupling * Displacement(step.segment<7>(frame.column), state.point);
     }
     MovePoint(-block.covariance * pull, evidence_.keypoints[k].CenterOfCamera(model.pose), state);
@@ -313,11 +316,12 @@ FocalEquations JointSystem::LinearizeWithFocal(const JointModel& model,
     equations.slope +=
         query.weight * by_focal.dot(query.seen.error_px) - solved.dot(block.gradient);
     equations.curvature += query.weight * by_focal.squaredNorm() - solved.dot(by_point);
-    const Matrix3d cross = Skew(model.keypoints[k].point);
-    for (const FrameTerm& frame : block.frames) {
-      Vector4d shared = -frame.coupling.transpose() * solved;
-      if (frame.column == 0) shared += by_point;
-      AddDisplaced(shared, cross, equations.mixed.segment<7>(frame.column));
+    const auto add_mixed = [&](const Vector4d& mixed, int column) {
+      AddDisplacedGradient(mixed, model.keypoints[k].point, equations.mixed.segment<7>(column));
+    };
+    add_mixed(by_point - block.query.hessian.leftCols<3>() * solved.head<3>(), 0);
+    for (const FrameTerm& frame : block.references) {
+      add_mixed(-frame.coupling.transpose() * solved, frame.column);
     }
   }
   return equations;

@@ -75,11 +75,14 @@ class JointSystem {
     bool used = false;
     Eigen::Matrix4d covariance;  // H_pp^-1
     Eigen::Vector4d gradient;    // g_p
-    std::vector<FrameTerm> frames;
+    Quadratic query;             // the query's cost; its coupling has no row of the common error
+    std::vector<FrameTerm> references;  // those with columns, one term each
   };
 
   // Fills a keypoint's block; false where nothing tells of its point.
   bool LinearizeKeypoint(const JointModel& model, size_t index);
+  // Adds what a reference says of a keypoint to that reference's term.
+  static void AddToReference(int column, const Quadratic& cost, SchurBlock& block);
   // Adds the keypoint's part, its point eliminated, to the lower triangle of the Hessian.
   void AddEliminated(const JointModel& model, size_t index);
   void AddPosePriors(const JointModel& model, const NormalizedPriors& pose_priors,
@@ -90,6 +93,7 @@ class JointSystem {
   std::vector<int> column_;  // of each reference's first unknown; -1: it has none
   int num_columns_ = kQueryColumns;
   std::vector<SchurBlock> schur_blocks_;
+  Matrix7d query_hessian_ = Matrix7d::Zero();  // the query's block, while it is being summed
   Eigen::MatrixXd hessian_;
   Eigen::MatrixXd cell_gradients_;
 };
