@@ -381,36 +381,24 @@ void WriteFrame(BinaryWriter& writer, const ColmapFrame& frame) {
 
 }  // namespace
 
-void ReadCamerasBinary(const std::filesystem::path& path, ColmapModel* model) {
-  ReadRecords(path, "camera", &model->cameras, &model->camera_order, ReadCamera);
-}
-void ReadImagesBinary(const std::filesystem::path& path, ColmapModel* model) {
-  ReadRecords(path, "image", &model->images, &model->image_order, ReadImage);
-}
-void ReadPoints3DBinary(const std::filesystem::path& path, ColmapModel* model) {
-  ReadRecords(path, "point", &model->points3d, &model->point3d_order, ReadPoint3D);
-}
-void ReadRigsBinary(const std::filesystem::path& path, ColmapModel* model) {
-  ReadRecords(path, "rig", &model->rigs, &model->rig_order, ReadRig);
-}
-void ReadFramesBinary(const std::filesystem::path& path, ColmapModel* model) {
-  ReadRecords(path, "frame", &model->frames, &model->frame_order, ReadFrame);
+void ReadBinary(std::string_view file, const std::filesystem::path& path, ColmapModel* model) {
+  const auto read = [&](std::string_view kind, auto& records, auto& order, auto read_record) {
+    ReadRecords(path, kind, &records, &order, read_record);
+  };
+  if (file == kCameras) read("camera", model->cameras, model->camera_order, ReadCamera);
+  if (file == kImages) read("image", model->images, model->image_order, ReadImage);
+  if (file == kPoints3D) read("point", model->points3d, model->point3d_order, ReadPoint3D);
+  if (file == kRigs) read("rig", model->rigs, model->rig_order, ReadRig);
+  if (file == kFrames) read("frame", model->frames, model->frame_order, ReadFrame);
 }
 
-void WriteCamerasBinary(const std::filesystem::path& path, const ColmapModel& model) {
-  WriteRecords(path, model.cameras, model.camera_order, WriteCamera);
-}
-void WriteImagesBinary(const std::filesystem::path& path, const ColmapModel& model) {
-  WriteRecords(path, model.images, model.image_order, WriteImage);
-}
-void WritePoints3DBinary(const std::filesystem::path& path, const ColmapModel& model) {
-  WriteRecords(path, model.points3d, model.point3d_order, WritePoint3D);
-}
-void WriteRigsBinary(const std::filesystem::path& path, const ColmapModel& model) {
-  WriteRecords(path, model.rigs, model.rig_order, WriteRig);
-}
-void WriteFramesBinary(const std::filesystem::path& path, const ColmapModel& model) {
-  WriteRecords(path, model.frames, model.frame_order, WriteFrame);
+void WriteBinary(std::string_view file, const std::filesystem::path& path,
+                 const ColmapModel& model) {
+  if (file == kCameras) WriteRecords(path, model.cameras, model.camera_order, WriteCamera);
+  if (file == kImages) WriteRecords(path, model.images, model.image_order, WriteImage);
+  if (file == kPoints3D) WriteRecords(path, model.points3d, model.point3d_order, WritePoint3D);
+  if (file == kRigs) WriteRecords(path, model.rigs, model.rig_order, WriteRig);
+  if (file == kFrames) WriteRecords(path, model.frames, model.frame_order, WriteFrame);
 }
 
 }  // namespace raylift::colmap

@@ -25,28 +25,12 @@ inline constexpr std::string_view kFrames = "frames";
 std::filesystem::path FilePath(const std::filesystem::path& folder, std::string_view file,
                                ColmapForm form);
 
-// Read the records of one file each; all but the relations between files is checked.
-void ReadCamerasText(const std::filesystem::path& path, ColmapModel* model);
-void ReadImagesText(const std::filesystem::path& path, ColmapModel* model);
-void ReadPoints3DText(const std::filesystem::path& path, ColmapModel* model);
-void ReadRigsText(const std::filesystem::path& path, ColmapModel* model);
-void ReadFramesText(const std::filesystem::path& path, ColmapModel* model);
-void ReadCamerasBinary(const std::filesystem::path& path, ColmapModel* model);
-void ReadImagesBinary(const std::filesystem::path& path, ColmapModel* model);
-void ReadPoints3DBinary(const std::filesystem::path& path, ColmapModel* model);
-void ReadRigsBinary(const std::filesystem::path& path, ColmapModel* model);
-void ReadFramesBinary(const std::filesystem::path& path, ColmapModel* model);
-
-void WriteCamerasText(const std::filesystem::path& path, const ColmapModel& model);
-void WriteImagesText(const std::filesystem::path& path, const ColmapModel& model);
-void WritePoints3DText(const std::filesystem::path& path, const ColmapModel& model);
-void WriteRigsText(const std::filesystem::path& path, const ColmapModel& model);
-void WriteFramesText(const std::filesystem::path& path, const ColmapModel& model);
-void WriteCamerasBinary(const std::filesystem::path& path, const ColmapModel& model);
-void WriteImagesBinary(const std::filesystem::path& path, const ColmapModel& model);
-void WritePoints3DBinary(const std::filesystem::path& path, const ColmapModel& model);
-void WriteRigsBinary(const std::filesystem::path& path, const ColmapModel& model);
-void WriteFramesBinary(const std::filesystem::path& path, const ColmapModel& model);
+// Reads the records of one of these files; all but the relations between files is checked.
+void ReadText(std::string_view file, const std::filesystem::path& path, ColmapModel* model);
+void ReadBinary(std::string_view file, const std::filesystem::path& path, ColmapModel* model);
+void WriteText(std::string_view file, const std::filesystem::path& path, const ColmapModel& model);
+void WriteBinary(std::string_view file, const std::filesystem::path& path,
+                 const ColmapModel& model);
 
 // Poses the images of rigs by sensor_from_rig * rig_from_world, as COLMAP does. Where that differs
 // from what the images file says, a warning tells so.

@@ -23,20 +23,10 @@ bool HasFile(const std::filesystem::path& folder, std::string_view file, ColmapF
 
 void ReadFiles(const std::filesystem::path& folder, ColmapForm form, ColmapModel* model) {
   using namespace colmap;
-  const bool text = form == ColmapForm::kText;
-  const auto read = [&](std::string_view file, auto read_text, auto read_binary) {
-    (text ? read_text : read_binary)(FilePath(folder, file, form), model);
-  };
-  read(kCameras, ReadCamerasText, ReadCamerasBinary);
-  read(kImages, ReadImagesText, ReadImagesBinary);
-  if (HasFile(folder, kPoints3D, form)) {
-    read(kPoints3D, ReadPoints3DText, ReadPoints3DBinary);
-  }
-  if (HasFile(folder, kRigs, form)) {
-    read(kRigs, ReadRigsText, ReadRigsBinary);
-  }
-  if (HasFile(folder, kFrames, form)) {
-    read(kFrames, ReadFramesText, ReadFramesBinary);
+  for (const std::string_view file : {kCameras, kImages, kPoints3D, kRigs, kFrames}) {
+    const bool is_required = file == kCameras || file == kImages;
+    if (!is_required && !HasFile(folder, file, form)) continue;
+    (form == ColmapForm::kText ? ReadText : ReadBinary)(file, FilePath(folder, file, form), model);
   }
 }
 
@@ -135,18 +125,13 @@ ColmapModel ReadColmapModel(const std::filesystem::path& folder, ColmapForm form
 void WriteColmapModel(const std::filesystem::path& folder, const ColmapModel& model,
                       ColmapForm form) {
   using namespace colmap;
-  const bool text = form == ColmapForm::kText;
-  const auto write = [&](std::string_view file, auto write_text, auto write_binary) {
-    (text ? write_text : write_binary)(FilePath(folder, file, form), model);
-  };
-  write(kCameras, WriteCamerasText, WriteCamerasBinary);
-  write(kPoints3D, WritePoints3DText, WritePoints3DBinary);
-  if (!model.frames.empty()) {
-    write(kRigs, WriteRigsText, WriteRigsBinary);
-    write(kFrames, WriteFramesText, WriteFramesBinary);
+  std::vector<std::string_view> files = {kCameras, kPoints3D};
+  if (!model.frames.empty()) files.insert(files.end(), {kRigs, kFrames});
+  files.push_back(kImages);  // the last: without images nothing is taken for a model that is whole
+  for (const std::string_view file : files) {
+    (form == ColmapForm::kText ? WriteText : WriteBinary)(file, FilePath(folder, file, form),
+                                                          model);
   }
-  // The last of them: without images nothing is taken for a model that is whole.
-  write(kImages, WriteImagesText, WriteImagesBinary);
   if (!model.frames.empty()) return;
   // Those of a former model would override the poses of this one.
   for (const std::string_view file : {kRigs, kFrames}) {

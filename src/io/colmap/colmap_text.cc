@@ -242,56 +242,57 @@ void FormatFrame(const ColmapFrame& frame, std::string* text) {
   }
 }
 
-}  // namespace
-
-void ReadCamerasText(const std::filesystem::path& path, ColmapModel* model) {
-  ReadRecords(path, "camera", &model->cameras, &model->camera_order, ReadCamera);
-}
-void ReadImagesText(const std::filesystem::path& path, ColmapModel* model) {
-  ReadRecords(path, "image", &model->images, &model->image_order, ReadImage);
-}
-void ReadPoints3DText(const std::filesystem::path& path, ColmapModel* model) {
-  ReadRecords(path, "point", &model->points3d, &model->point3d_order, ReadPoint3D);
-}
-void ReadRigsText(const std::filesystem::path& path, ColmapModel* model) {
-  ReadRecords(path, "rig", &model->rigs, &model->rig_order, ReadRig);
-}
-void ReadFramesText(const std::filesystem::path& path, ColmapModel* model) {
-  ReadRecords(path, "frame", &model->frames, &model->frame_order, ReadFrame);
-}
-
-void WriteCamerasText(const std::filesystem::path& path, const ColmapModel& model) {
-  WriteRecords(path, "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n", model.cameras, model.camera_order,
-               FormatCamera);
-}
-void WriteImagesText(const std::filesystem::path& path, const ColmapModel& model) {
+void RequireTextNames(const std::filesystem::path& path, const ColmapModel& model) {
   for (const auto& [id, image] : model.images) {
     if (image.name.find_first_of("\r\n") != std::string::npos || Trim(image.name) != image.name) {
       throw InputError(path, fmt::format("image {}", id),
                        "the text form cannot hold a name with line ends or outer blanks");
     }
   }
-  WriteRecords(path,
-               "# Two lines each:\n"
-               "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME\n"
-               "# POINTS2D[] as (X Y POINT3D_ID)\n",
-               model.images, model.image_order, FormatImage);
 }
-void WritePoints3DText(const std::filesystem::path& path, const ColmapModel& model) {
-  WriteRecords(path, "# POINT3D_ID X Y Z R G B ERROR TRACK[] as (IMAGE_ID POINT2D_IDX)\n",
-               model.points3d, model.point3d_order, FormatPoint3D);
+
+}  // namespace
+
+void ReadText(std::string_view file, const std::filesystem::path& path, ColmapModel* model) {
+  const auto read = [&](std::string_view kind, auto& records, auto& order, auto read_record) {
+    ReadRecords(path, kind, &records, &order, read_record);
+  };
+  if (file == kCameras) read("camera", model->cameras, model->camera_order, ReadCamera);
+  if (file == kImages) read("image", model->images, model->image_order, ReadImage);
+  if (file == kPoints3D) read("point", model->points3d, model->point3d_order, ReadPoint3D);
+  if (file == kRigs) read("rig", model->rigs, model->rig_order, ReadRig);
+  if (file == kFrames) read("frame", model->frames, model->frame_order, ReadFrame);
 }
-void WriteRigsText(const std::filesystem::path& path, const ColmapModel& model) {
-  WriteRecords(path,
-               "# RIG_ID NUM_SENSORS REF_SENSOR_TYPE REF_SENSOR_ID SENSORS[] as (SENSOR_TYPE "
-               "SENSOR_ID HAS_POSE [QW QX QY QZ TX TY TZ])\n",
-               model.rigs, model.rig_order, FormatRig);
-}
-void WriteFramesText(const std::filesystem::path& path, const ColmapModel& model) {
-  WriteRecords(path,
-               "# FRAME_ID RIG_ID QW QX QY QZ TX TY TZ NUM_DATA_IDS DATA_IDS[] as (SENSOR_TYPE "
-               "SENSOR_ID DATA_ID)\n",
-               model.frames, model.frame_order, FormatFrame);
+
+void WriteText(std::string_view file, const std::filesystem::path& path, const ColmapModel& model) {
+  const auto write = [&](std::string_view comment, const auto& records, const auto& order,
+                         auto format_record) {
+    WriteRecords(path, comment, records, order, format_record);
+  };
+  if (file == kCameras) {
+    write("# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n", model.cameras, model.camera_order,
+          FormatCamera);
+  } else if (file == kImages) {
+    RequireTextNames(path, model);
+    write(
+        "# Two lines each:\n"
+        "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME\n"
+        "# POINTS2D[] as (X Y POINT3D_ID)\n",
+        model.images, model.image_order, FormatImage);
+  } else if (file == kPoints3D) {
+    write("# POINT3D_ID X Y Z R G B ERROR TRACK[] as (IMAGE_ID POINT2D_IDX)\n", model.points3d,
+          model.point3d_order, FormatPoint3D);
+  } else if (file == kRigs) {
+    write(
+        "# RIG_ID NUM_SENSORS REF_SENSOR_TYPE REF_SENSOR_ID SENSORS[] as (SENSOR_TYPE "
+        "SENSOR_ID HAS_POSE [QW QX QY QZ TX TY TZ])\n",
+        model.rigs, model.rig_order, FormatRig);
+  } else if (file == kFrames) {
+    write(
+        "# FRAME_ID RIG_ID QW QX QY QZ TX TY TZ NUM_DATA_IDS DATA_IDS[] as (SENSOR_TYPE "
+        "SENSOR_ID DATA_ID)\n",
+        model.frames, model.frame_order, FormatFrame);
+  }
 }
 
 }  // namespace raylift::colmap
