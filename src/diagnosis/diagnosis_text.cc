@@ -142,13 +142,12 @@ std::string DescribeFewDepths(const ConventionFit& fit, std::span<const StoredEx
                      DescribeSearch(search));
 }
 
-std::string DescribeFewRaysMet(const ConventionFit& fit, std::optional<MeshSearch> search) {
-  return fmt::format("only {:.0f} % of the keypoints' rays meet the mesh{}", 100 * fit.coverage,
-                     DescribeSearch(search));
-}
-
 std::string DescribeMisfit(const DoctorInput& input, const ConventionFit& fit,
                            double baseline_error_px, std::optional<MeshSearch> search) {
+  if (!input.map_size_px && fit.coverage < kLeastCoverage) {
+    return fmt::format("only {:.0f} % of the keypoints' rays meet the mesh{}", 100 * fit.coverage,
+                       DescribeSearch(search));
+  }
   return fmt::format(
       "lifted keypoints are {:.1f} px from their matches (median of the best reading{}; {:.1f} px "
       "with depths at random), while the matches are {:.1f} px from their epipolar lines{}",

@@ -17,6 +17,9 @@
 
 namespace raylift {
 
+// A surface that a few rays happen to meet rightly (the ground of a mirrored mesh) proves little.
+inline constexpr double kLeastCoverage = 0.25;
+
 // These say why nothing can be said.
 std::string DescribeFewMatches(size_t num_matches, size_t num_pairs);
 std::string DescribeFewAtRandom(const MatchAgreement& agreement);
@@ -39,7 +42,6 @@ std::string Describe(const AffineFault& affine);
 // The best reading, with what came of looking for another place of the mesh, where there is one.
 std::string DescribeFewDepths(const ConventionFit& fit, std::span<const StoredExtreme> extremes,
                               std::optional<MeshSearch> search);
-std::string DescribeFewRaysMet(const ConventionFit& fit, std::optional<MeshSearch> search);
 std::string DescribeMisfit(const DoctorInput& input, const ConventionFit& fit,
                            double baseline_error_px, std::optional<MeshSearch> search);
 

@@ -29,8 +29,6 @@ constexpr size_t kFewestAgreeing = 100;
 
 // A mesh in its place should have this much of what is seen.
 constexpr double kLeastCoverageOfPlaced = 0.4;
-// A surface that a few rays happen to meet rightly (the ground of a mirrored mesh) proves little.
-constexpr double kLeastCoverage = 0.25;
 
 std::vector<ReferenceMatch> Evenly(std::span<const ReferenceMatch> matches, size_t most) {
   std::vector<ReferenceMatch> chosen;
@@ -152,6 +150,60 @@ bool TellsDepth(const ConventionFit& fit, const ConventionResiduals& data, PoseC
   return !few && !as_by_chance;
 }
 
+// Returns the forms of a fault that a convention which is good may hide: a shift of inverse depth,
+// or of depth.
+std::vector<AffineForm> FormsBehind(const DataConvention& good, const DataConvention& as_read) {
+  if (good.kind == DepthKind::kInverse) return {{true, true}, {true, false}};
+  if (good.scale == as_read.scale) return {};
+  return {{false, true}};
+}
+
+// Keypoints at extremes, but for the one that `except` points to, are asked by themselves.
+ConventionResiduals& MaskExtremes(const DoctorInput& input, std::span<const StoredExtreme> extremes,
+                                  const StoredExtreme* except, ConventionResiduals& data) {
+  for (const StoredExtreme& extreme : extremes) {
+    if (&extreme != except) data.MaskStored(extreme.value * input.stored->unit);
+  }
+  return data;
+}
+
+// `data` has the keypoints at all extremes masked.
+std::vector<ClampFault> FindClamps(const DoctorInput& input,
+                                   std::span<const ReferenceMatch> matches,
+                                   std::span<const StoredExtreme> extremes,
+                                   const ConventionResiduals& data, const DataConvention& best,
+                                   double error_px, int threads) {
+  std::vector<ClampFault> clamps;
+  for (const StoredExtreme& extreme : extremes) {
+    // The same keypoints without the mask of this value.
+    ConventionResiduals unmasked(input, matches);
+    MaskExtremes(input, extremes, &extreme, unmasked);
+    unmasked.Prepare({&best, 1}, threads);
+    if (const auto clamp = FindClamp(data, unmasked, best, extreme, error_px)) {
+      clamps.push_back(*clamp);
+    }
+  }
+  return clamps;
+}
+
+bool IsGoodPlace(const ConventionFit& fit, double baseline_error_px) {
+  return fit.count >= kFewestKeypoints && fit.coverage >= kLeastCoverageOfPlaced &&
+         IsGood(fit, baseline_error_px);
+}
+
+// Returns the repair of a mesh that belongs elsewhere than it was placed as read.
+RepairOptions RepairOfPlace(const DoctorInput& input, const DataConvention& convention,
+                            const MeshPlacement& from_files) {
+  RepairOptions repair = FindRepair(input.as_read, convention);
+  const std::string keys = KeysOf(from_files);
+  const std::string keys_as_read = KeysOf(input.as_placed);
+  if (!keys.empty()) repair.geometry_keys.push_back(keys);
+  if (!keys_as_read.empty()) {
+    repair.replaced_keys.push_back(keys.empty() ? keys_as_read : "scale, axes, shift, matrix");
+  }
+  return repair;
+}
+
 class Examination {
  public:
   // `diagnosis` already knows of the matches.
@@ -164,7 +216,7 @@ class Examination {
         poses_(agreeing.poses),
         data_(input, matches_),
         statistics_(LookAtMaps(input, options.threads)),
-        search_(input, options, poses_, Masked(statistics_.extremes)),
+        search_(input, options, poses_, MaskExtremes(input, statistics_.extremes, nullptr, data_)),
         diagnosis_(std::move(diagnosis)) {}
 
   Diagnosis Run() {
@@ -175,14 +227,6 @@ class Examination {
   }
 
  private:
-  // Keypoints at extremes are asked by themselves.
-  ConventionResiduals& Masked(std::span<const StoredExtreme> extremes) {
-    for (const StoredExtreme& extreme : extremes) {
-      data_.MaskStored(extreme.value * input_.stored->unit);
-    }
-    return data_;
-  }
-
   ConventionFit FitOf(const DataConvention& convention) const {
     return data_.FitOf(convention, data_.FitScales(convention).log_factors);
   }
@@ -214,16 +258,22 @@ class Examination {
     if (best.poses != poses_) {
       return NothingFits(InputFault::kPoses, DescribeOtherPoses(poses_, input_.as_read.poses));
     }
-    NothingFits(InputFault::kNone, WhyNothingFits(fit));
+    const auto search = input_.mesh == nullptr ? std::nullopt : std::optional(mesh_search_);
+    NothingFits(InputFault::kNone, fit.count < kFewestKeypoints
+                                       ? DescribeFewDepths(fit, statistics_.extremes, search)
+                                       : DescribeMisfit(input_, fit, baseline_error_px_, search));
   }
 
   // Says whether the mesh itself is good as read.
   bool IsMeshInPlace() const {
     if (input_.mesh == nullptr || diagnosis_.best.poses != poses_) return false;
     const MeshFrameSearch search(*input_.mesh, input_, data_, diagnosis_.best, options_.threads);
-    const ConventionFit whole = search.Judge({}).fit;
-    return whole.count >= kFewestKeypoints && whole.coverage >= kLeastCoverageOfPlaced &&
-           IsGood(whole, baseline_error_px_);
+    return IsGoodPlace(search.Judge({}).fit, baseline_error_px_);
+  }
+
+  Gain GainOverBest(const ErrorsPx& errors_px) const {
+    const DataConvention& best = diagnosis_.best;
+    return Compare(data_, data_.Errors(best, data_.FitScales(best).log_factors), errors_px);
   }
 
   // Returns whether the diagnosis is that.
@@ -233,25 +283,19 @@ class Examination {
     const auto wrap =
         FindWrap(input_, data_, as_read, statistics_.largest, baseline_error_px_, IsGood);
     if (!wrap) return false;
-    const DataConvention& best = diagnosis_.best;
-    if (accepted &&
-        !search_.IsFarBetter(Compare(data_, data_.Errors(best, data_.FitScales(best).log_factors),
-                                     wrap->errors_px))) {
-      return false;
-    }
+    if (accepted && !search_.IsFarBetter(GainOverBest(wrap->errors_px))) return false;
     NothingFits(InputFault::kWrap, Describe(*wrap));
     return true;
   }
 
-  // Returns whether the diagnosis is that. A convention that is good must be one that a shift of
-  // inverse depth, or of depth, may be hidden behind.
+  // Returns whether the diagnosis is that.
   bool FindAffineFault(bool accepted) {
     const DataConvention& best = diagnosis_.best;
-    const bool inverse = best.kind == DepthKind::kInverse;
-    std::vector<AffineForm> forms = {{true, true}, {false, true}, {true, false}, {false, false}};
-    if (accepted && inverse) forms = {{true, true}, {true, false}};
-    if (accepted && !inverse) forms = {{false, true}};
-    if (accepted && !inverse && best.scale == input_.as_read.scale) return false;
+    const std::vector<AffineForm> forms =
+        accepted
+            ? FormsBehind(best, input_.as_read)
+            : std::vector<AffineForm>{{true, true}, {false, true}, {true, false}, {false, false}};
+    if (forms.empty()) return false;
     DataConvention stored = input_.as_read;
     stored.poses = poses_;
     stored.orientation = best.orientation;
@@ -259,8 +303,7 @@ class Examination {
     if (!affine) return false;
     if (accepted) {
       constexpr double kGreatGain = 0.1;
-      const Gain gain =
-          Compare(data_, data_.Errors(best, data_.FitScales(best).log_factors), affine->errors_px);
+      const Gain gain = GainOverBest(affine->errors_px);
       if (!search_.IsFarBetter(gain) || gain.mean < kGreatGain) return false;
     }
     NothingFits(affine->form.inverse ? InputFault::kDisparity : InputFault::kAffine,
@@ -277,11 +320,11 @@ class Examination {
   void AcceptBest(const ConventionFit& fit) {
     std::vector<std::string> reasons;
     std::vector<float> invalid;  // in the digits that tell floats apart
-    for (const StoredExtreme& extreme : statistics_.extremes) {
-      if (const auto clamp = FindClampAt(extreme, fit)) {
-        reasons.push_back(Describe(*clamp));
-        invalid.push_back(static_cast<float>(extreme.value));
-      }
+    for (const ClampFault& clamp :
+         FindClamps(input_, matches_, statistics_.extremes, data_, diagnosis_.best,
+                    std::max(fit.median_px, baseline_error_px_), options_.threads)) {
+      reasons.push_back(Describe(clamp));
+      invalid.push_back(static_cast<float>(clamp.extreme.value));
     }
     diagnosis_.repair = FindRepair(input_.as_read, diagnosis_.best);
     if (!(diagnosis_.best == input_.as_read)) {
@@ -295,28 +338,6 @@ class Examination {
     }
     Say(diagnosis_, InputVerdict::kRepair, invalid.empty() ? InputFault::kNone : InputFault::kClamp,
         fmt::format("{}", fmt::join(reasons, "; ")));
-  }
-
-  std::optional<ClampFault> FindClampAt(const StoredExtreme& extreme,
-                                        const ConventionFit& fit) const {
-    // The same keypoints without the mask of this value.
-    ConventionResiduals unmasked(input_, matches_);
-    for (const StoredExtreme& other : statistics_.extremes) {
-      if (&other != &extreme) unmasked.MaskStored(other.value * input_.stored->unit);
-    }
-    const DataConvention& best = diagnosis_.best;
-    unmasked.Prepare({&best, 1}, options_.threads);
-    return FindClamp(data_, unmasked, best, extreme, std::max(fit.median_px, baseline_error_px_));
-  }
-
-  std::string WhyNothingFits(const ConventionFit& fit) const {
-    std::optional<MeshSearch> search;
-    if (input_.mesh != nullptr) search = mesh_search_;
-    if (fit.count < kFewestKeypoints) return DescribeFewDepths(fit, statistics_.extremes, search);
-    if (!input_.map_size_px && fit.coverage < kLeastCoverage) {
-      return DescribeFewRaysMet(fit, search);
-    }
-    return DescribeMisfit(input_, fit, baseline_error_px_, search);
   }
 
   // Returns whether the diagnosis is that; where the mesh as read is good, only for far smaller
@@ -337,8 +358,7 @@ class Examination {
     if (!found.empty()) mesh_search_ = MeshSearch::kRejected;
     const double largest_px = accepted ? 0.6 * as_read_px : std::numeric_limits<double>::infinity();
     std::erase_if(found, [&](const PlacedMesh& placed) {
-      return placed.fit.count < kFewestKeypoints || placed.fit.coverage < kLeastCoverageOfPlaced ||
-             !IsGood(placed.fit, baseline_error_px_) || placed.fit.median_px > largest_px ||
+      return !IsGoodPlace(placed.fit, baseline_error_px_) || placed.fit.median_px > largest_px ||
              !search_.IsFarBetter(Compare(data_, as_read, placed.errors_px));
     });
     if (found.empty()) return false;
@@ -347,11 +367,10 @@ class Examination {
         [](const auto& a, const auto& b) { return a.fit.median_px < b.fit.median_px; });
     // A symmetric scene has several frames.
     const auto about_as_good = std::count_if(found.begin(), found.end(), [&](const auto& other) {
-      return &other != &best &&
-             !search_.IsFarBetter(Compare(data_, other.errors_px, best.errors_px));
+      return !search_.IsFarBetter(Compare(data_, other.errors_px, best.errors_px));
     });
-    if (about_as_good > 0) {
-      NothingFits(InputFault::kMeshFrame, DescribeManyPlaces(about_as_good + 1));
+    if (about_as_good > 1) {
+      NothingFits(InputFault::kMeshFrame, DescribeManyPlaces(about_as_good));
       return true;
     }
     diagnosis_.fit = best.fit;
@@ -361,14 +380,7 @@ class Examination {
     }
     diagnosis_.best = convention;
     diagnosis_.mesh_placement = best.from_files;
-    diagnosis_.repair = FindRepair(input_.as_read, convention);
-    const std::string keys = KeysOf(best.from_files);
-    const std::string keys_as_read = KeysOf(input_.as_placed);
-    if (!keys.empty()) diagnosis_.repair.geometry_keys.push_back(keys);
-    if (!keys_as_read.empty()) {
-      diagnosis_.repair.replaced_keys.push_back(keys.empty() ? keys_as_read
-                                                             : "scale, axes, shift, matrix");
-    }
+    diagnosis_.repair = RepairOfPlace(input_, convention, best.from_files);
     Say(diagnosis_, InputVerdict::kRepair, InputFault::kMeshFrame,
         DescribePlace(best, input_.as_placed,
                       as_read_fit.count == 0 ? std::nullopt : std::optional(as_read_px)));
