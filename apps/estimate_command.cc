@@ -138,6 +138,7 @@ class EstimateRun {
     filter_.thresholds.Validate();
     filter_.few_points = FewPointsFor(options_.method);
     flags.Check();
+    if (!flags.scene_calibration.empty()) TakeCalibration();
     for (const path& output : {flags.csv, flags.json, flags.poses}) {
       if (!output.empty()) RequireWritable(output);
     }
@@ -161,6 +162,16 @@ class EstimateRun {
   }
 
  private:
+  // What a localizer makes of a scene's calibration; the problems' depth is corrected already.
+  void TakeCalibration() {
+    Scene scene;
+    scene.calibration = ReadSceneCalibration(flags_.scene_calibration);
+    const Localizer knowing(std::make_shared<const Scene>(std::move(scene)), nullptr,
+                            {.estimator = options_, .filter = filter_});
+    options_ = knowing.options().estimator;
+    filter_ = knowing.options().filter;
+  }
+
   // Returns whether all shards are done.
   bool RunAsJob() {
     const std::vector<std::string> names = Names();
@@ -209,10 +220,13 @@ class EstimateRun {
                 [&](size_t i) { prints[i] = FileFingerprint(files_[i].file); });
     std::string text;
     for (size_t i = 0; i < names.size(); ++i) text += names[i] + ' ' + prints[i] + '\n';
-    return JobHeader(
-        nlohmann::ordered_json::parse(options_json_), names.size(),
-        {"problems", "csv", "json", "poses"},
-        {{"problems", fmt::format("{} {}", names.size(), HexText(HashBytes64(text)))}});
+    nlohmann::ordered_json inputs = {
+        {"problems", fmt::format("{} {}", names.size(), HexText(HashBytes64(text)))}};
+    if (!flags_.scene_calibration.empty()) {
+      inputs["scene-calibration"] = FileFingerprint(flags_.scene_calibration);
+    }
+    return JobHeader(nlohmann::ordered_json::parse(options_json_), names.size(),
+                     {"problems", "csv", "json", "poses", "scene-calibration"}, inputs);
   }
 
   // Of these files, until a signal.
@@ -221,8 +235,6 @@ class EstimateRun {
     if (flags_.scene_calibration.empty()) {
       UntilSignal(
           [this] { options_.scene_noise = LearnSceneNoise(files_, flags_, filter_, options_); });
-    } else {
-      options_.scene_noise = ReadSceneCalibration(flags_.scene_calibration)->match_noise;
     }
     const auto estimator = MakePoseEstimator(options_);
     std::atomic<size_t> left = places.size();
@@ -267,7 +279,8 @@ Command AddEstimateCommand(CLI::App& program) {
              "manifest.jsonl with what is done");
   options.Add("--scene-calibration", flags->scene_calibration,
               "What localize learned of the scene (its scene_calibration.json): how noisy\n"
-              "matches are. Without it, some 30 of the problems tell");
+              "matches are and, for --filter auto, its geometry. Without it, some 30 of the\n"
+              "problems tell of the matches");
   options.Flag("--independent", flags->independent,
                "The problems are not of one scene: none tells of the noise of another's\n"
                "matches (where Adaptive estimates both kinds together)");

@@ -164,6 +164,26 @@ TEST(Estimate, APoseFileTakesANameOnce) {
   EXPECT_FALSE(fs::exists(poses));
 }
 
+TEST(Estimate, AJobGoesOnWithTheSameCalibrationWhereverItIs) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path out = scene.folder / "out";
+  ASSERT_TRUE(Succeeds(
+      RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--write-problems", out / "problems"})));
+  const fs::path calibration = scene.folder / "calibration.json";
+  const auto estimate = [&](const fs::path& calibrated) {
+    return RunRaylift({"estimate", out / "problems", "--out", scene.folder / "estimates",
+                       "--resume", "--scene-calibration", calibrated});
+  };
+  EXPECT_TRUE(Succeeds(estimate(out / "scene_calibration.json")));
+  WriteFile(calibration, ReadFile(out / "scene_calibration.json"));
+  EXPECT_TRUE(Succeeds(estimate(calibration)));
+  WriteFile(calibration,
+            R"({"format": "raylift-scene-calibration/1", "by": "queries", "depth": [],)"
+            R"("geometry_noise": null, "match_noise": null})");
+  EXPECT_TRUE(
+      FailsWith(3, {"other options or inputs", "scene-calibration"}, estimate(calibration)));
+}
+
 TEST(Estimate, QuietPrintsNothing) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const fs::path problems = scene.folder / "problems";
