@@ -53,6 +53,13 @@ std::vector<Field> NumberFieldsOf(EstimatorOptions& options) {
        Range{.says = fmt::format("must lie between 1 and {}", kMaxFocalRange),
              .least = 1,
              .most = kMaxFocalRange}},
+      {"focal_sigma", options.focal_sigma,
+       "Standard deviation of the query's focal length as a share of it,\n"
+       "which the pose and its covariance take into account; 0: exact.\n"
+       "Default: what is said with the query's camera",
+       Range{.says = fmt::format("must lie between 0 and {}", kMaxFocalSigma),
+             .least = 0,
+             .most = kMaxFocalSigma}},
       {"min_iterations", options.min_iterations, "RANSAC", kAtLeastOne},
       {"max_iterations", options.max_iterations, "RANSAC",
        Range{.says = fmt::format("must not be below min_iterations = {}", options.min_iterations),

@@ -20,11 +20,22 @@ constexpr int kProblems = 200;
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
-double MeanSquaredMahalanobis(Method method, const SyntheticOptions& synthetic) {
+// The query's focal length is wrong by errors of this share, which the problem knows.
+double MeanSquaredMahalanobis(Method method, const SyntheticOptions& synthetic,
+                              double focal_sigma = 0) {
   Rng rng = TestRng();
   double sum = 0;
   for (int i = 0; i < kProblems; ++i) {
-    const SyntheticProblem made = MakeSyntheticProblem("covariance", synthetic, rng);
+    SyntheticProblem made = MakeSyntheticProblem("covariance", synthetic, rng);
+    if (focal_sigma > 0) {
+      const Camera& camera = made.problem.query_camera;
+      std::vector<double> params(camera.params().begin(), camera.params().end());
+      const double factor = 1 + focal_sigma * rng.Normal();
+      params[0] *= factor;
+      params[1] *= factor;
+      made.problem.query_camera = {camera.model(), camera.width_px(), camera.height_px(), params};
+      made.problem.priors.focal_sigma = focal_sigma;
+    }
     const PoseEstimate estimate = EstimateWith(method, made.problem);
     EXPECT_TRUE(estimate.covariance);
     if (!estimate.covariance) continue;
@@ -55,6 +66,13 @@ TEST(Covariance, PredictsTheErrorsOfE5p1) {
 
 TEST(Covariance, PredictsTheErrorsOfAdaptive) {
   EXPECT_NEAR(MeanSquaredMahalanobis(Method::kAdaptive, FewMatches()), 6, kTolerance);
+}
+
+TEST(Covariance, HoldsAFocalLengthThatIsUncertain) {
+  for (const Method method : {Method::kP3p, Method::kAdaptive}) {
+    EXPECT_NEAR(MeanSquaredMahalanobis(method, FewMatches(), 0.005), 6, kTolerance)
+        << ToString(method);
+  }
 }
 
 TEST(Covariance, StandardDeviationsFollowFromIt) {

@@ -217,6 +217,7 @@ class Maker {
                                             {0, 0, Pick({-1.0, 1e-200, 1e200})},
                                             Pick({0.0, 1.0, 1e10})};
     }
+    if (Chance(0.3)) problem.priors.focal_sigma = Pick({0.0, 0.002, kMaxFocalSigma});
     if (Chance(0.3)) problem.priors.focal_range = Pick({1.0, 1.2, kMaxFocalRange});
   }
 

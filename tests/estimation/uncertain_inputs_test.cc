@@ -219,6 +219,63 @@ TEST(RefineFocal, ARangeThatHoldsNoNumbersIsNamed) {
   }
 }
 
+TEST(FocalSigma, OfZeroOrNoneAreTheSame) {
+  SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
+  for (const Method method : {Method::kP3p, Method::kAdaptive}) {
+    const auto estimator = MakePoseEstimator(StandardOptions(method));
+    synthetic.problem.priors.focal_sigma.reset();
+    const PoseEstimate known = estimator->Estimate(synthetic.problem);
+    synthetic.problem.priors.focal_sigma = 0;
+    const PoseEstimate exact = estimator->Estimate(synthetic.problem);
+    ASSERT_TRUE(known.cam_from_world && exact.cam_from_world);
+    EXPECT_TRUE(IsNearPose(*exact.cam_from_world, *known.cam_from_world, 0, 0));
+    EXPECT_EQ(*exact.covariance, *known.covariance);
+  }
+}
+
+// The pose and its inliers are those of the true focal length, which 900 matches tell.
+TEST(FocalSigma, LeavesTheCameraAndFindsThePose) {
+  SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
+  const auto estimator = MakePoseEstimator(StandardOptions(Method::kAdaptive));
+  const PoseEstimate best = estimator->Estimate(synthetic.problem);
+  synthetic.problem.query_camera = WithFocalTimes(synthetic.problem.query_camera, 1.005);
+  const PoseEstimate wrong = estimator->Estimate(synthetic.problem);
+  synthetic.problem.priors.focal_sigma = 0.005;
+  const PoseEstimate uncertain = estimator->Estimate(synthetic.problem);
+  ASSERT_TRUE(best.cam_from_world && wrong.cam_from_world && uncertain.cam_from_world);
+  EXPECT_FALSE(uncertain.refined_camera);
+  const auto error = [&](const PoseEstimate& estimate) {
+    return (estimate.cam_from_world->OriginInSource() - synthetic.query_from_world.OriginInSource())
+        .norm();
+  };
+  EXPECT_LT(error(uncertain), 0.5 * error(wrong));
+  EXPECT_GT(uncertain.position_sigma, best.position_sigma);
+  EXPECT_GE(uncertain.score_2d3d.num_inliers, 0.99 * best.score_2d3d.num_inliers);
+}
+
+TEST(FocalSigma, OfTheOptionsTakesThePlaceOfTheProblems) {
+  SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
+  EstimatorOptions options = StandardOptions(Method::kAdaptive);
+  synthetic.problem.priors.focal_sigma = 0.02;
+  options.focal_sigma = 0;
+  const PoseEstimate exact = MakePoseEstimator(options)->Estimate(synthetic.problem);
+  synthetic.problem.priors.focal_sigma = 0;
+  options.focal_sigma = 0.02;
+  const PoseEstimate uncertain = MakePoseEstimator(options)->Estimate(synthetic.problem);
+  ASSERT_TRUE(exact.covariance && uncertain.covariance);
+  EXPECT_LT(exact.position_sigma, uncertain.position_sigma);
+}
+
+TEST(FocalSigma, OutOfItsRangeIsNamed) {
+  PoseProblem problem = MakeRegime(RegimeByName("accurate"), 1).front().problem;
+  for (const double sigma : {-0.1, 0.31, std::nan("")}) {
+    problem.priors.focal_sigma = sigma;
+    EXPECT_TRUE(FailsWithInputError(
+        [&] { MakePoseEstimator(StandardOptions(Method::kP3p))->Estimate(problem); },
+        {"focal length's sigma: expected a share from 0 to 0.3"}));
+  }
+}
+
 // A panorama has no focal length: nothing changes.
 TEST(RefineFocal, LeavesPanoramasAsTheyAre) {
   SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();

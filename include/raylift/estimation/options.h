@@ -117,6 +117,9 @@ struct EstimatorOptions {
   // priors say that it is not known needs no option.)
   bool refine_focal = false;
   double focal_range = 1.3;
+  // The standard deviation of the query's focal length as a share of it, 0: exact; the pose takes
+  // it into account. nullopt: what the problem's priors say.
+  std::optional<double> focal_sigma = std::nullopt;
 
   int min_iterations = 100;
   int max_iterations = 10000;

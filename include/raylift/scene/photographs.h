@@ -68,6 +68,8 @@ struct GravityPrior {
 };
 
 inline constexpr double kMaxFocalRange = 10;
+// Focal lengths that are less certain are looked for, see PosePriors::focal_range.
+inline constexpr double kMaxFocalSigma = 0.3;
 
 // The prior knowledge of a query's pose: a position from GNSS, the
 // direction of gravity from an accelerometer; and what is not known of its camera.
@@ -77,7 +79,12 @@ struct PosePriors {
   // The focal length is the given camera's up to this factor either way, of 1 (it is known) to
   // kMaxFocalRange. Where an estimator is asked to refine it, too, the wider range counts.
   double focal_range = 1;
+  // The standard deviation of the given focal length as a share of it, from 0 (it is exact) to
+  // kMaxFocalSigma, where it is not looked for: then the pose takes it into account. nullopt where
+  // nothing is known of it, which counts as exact.
+  std::optional<double> focal_sigma = std::nullopt;
 
+  // Nothing is known of the pose, and the focal length is not to be looked for.
   bool empty() const { return !position && !gravity && focal_range == 1; }
 };
 

@@ -150,21 +150,18 @@ Trial FocalSearch::Best(double shortest, double longest) const {
 
 std::optional<FocalStep> FocalSearch::StepFrom(const Camera& camera, CamFromLocal& pose) const {
   const PoseProblem problem = WithCamera(problem_, camera);
-  const NormalizedProblem prepared = Prepare(problem);
+  NormalizedProblem prepared = Prepare(problem);
   if (sets_ == MatchSets::kBoth) {
     const RefinedPose refined = RefineByEvidence(prepared, GatherEvidence(problem, prepared), pose,
                                                  options_.scene_noise, FocalDerivatives::kAtPose);
     pose = refined.pose;
     return refined.focal;
   }
+  prepared.TakeFocalSigma(problem, kMaxFocalSigma);
   MaximumLikelihood likelihood(prepared, sets_);
   likelihood.Refine(pose);
   pose = likelihood.pose();
-  constexpr double kDifference = 1e-4;
-  const auto prepare = [&](double log_factor) {
-    return Prepare(WithCamera(problem, WithFocalScaled(camera, std::exp(log_factor))));
-  };
-  return likelihood.StepOfFocal(prepare(-kDifference), prepare(kDifference), kDifference);
+  return likelihood.StepOfFocal();
 }
 
 FocalRefinement FocalSearch::Polish(const Trial& from, double shortest, double longest) const {
@@ -240,6 +237,15 @@ void RequireFocalRange(const PoseProblem& problem, double range) {
 }
 
 }  // namespace
+
+double FocalSigma(const PoseProblem& problem, const EstimatorOptions& options) {
+  const double sigma = problem.priors.focal_sigma.value_or(0);
+  if (!(sigma >= 0 && sigma <= kMaxFocalSigma)) {
+    throw InputError(fmt::format("focal length's sigma: expected a share from 0 to {}, found {}",
+                                 kMaxFocalSigma, sigma));
+  }
+  return options.focal_sigma.value_or(sigma);
+}
 
 std::optional<double> UnknownFocalRange(const PoseProblem& problem,
                                         const EstimatorOptions& options) {

@@ -48,8 +48,9 @@ class RansacEstimator final : public PoseEstimator {
       : options_(options), method_(std::move(method)) {}
 
   PoseEstimate Estimate(const PoseProblem& problem) const override;
-  // Takes the focal length of the query's camera for granted.
-  PoseEstimate EstimateWithCamera(const PoseProblem& problem) const;
+  // Takes the focal length of the query's camera for granted, but for errors of this share of it
+  // (standard deviation).
+  PoseEstimate EstimateWithCamera(const PoseProblem& problem, double focal_sigma = 0) const;
   // Refines a pose without RANSAC.
   PoseEstimate RefineFrom(const PoseProblem& problem, const Rigid3& cam_from_world) const;
 
@@ -63,6 +64,12 @@ class RansacEstimator final : public PoseEstimator {
   RefinedPose Refine(const NormalizedProblem& problem,
                      const std::optional<KeypointEvidence>& evidence, const PoseScore& pose_score,
                      const RansacReport& report, PoseEstimate& estimate) const;
+  NormalizedProblem Normalize(const PoseProblem& problem, Rng& rng) const;
+  // Fills what follows from the refined pose, by the residuals through the lens that it was found
+  // with.
+  void Describe(const PoseProblem& problem, const NormalizedProblem& normalized,
+                const RefinedPose& refined, double num_poses_tried,
+                const std::vector<CamFromLocal>& alternatives, PoseEstimate& estimate) const;
   FailureReason WhyNoSample(const NormalizedProblem& problem) const;
   void RejectUnsupported(bool e5p1_observes_position, PoseEstimate& estimate) const;
 
@@ -85,6 +92,9 @@ std::unique_ptr<PoseEstimator> MakeHlocEstimator(const EstimatorOptions& options
 // both.
 std::vector<int> ClusterBySharedKeypoints(const PoseProblem& problem);
 
+// Returns the standard deviation of the query's focal length as a share of it. Throws InputError
+// where the problem's priors have one out of range.
+double FocalSigma(const PoseProblem& problem, const EstimatorOptions& options);
 // Returns the factor within which the query's focal length is to be found; nullopt where the
 // camera's holds. Throws InputError for a prior or a camera with which it cannot be looked for.
 std::optional<double> UnknownFocalRange(const PoseProblem& problem,

@@ -7,6 +7,7 @@
 #include "estimation/methods/methods.h"
 #include "estimation/problem/observations.h"
 #include "estimation/refinement/refinement.h"
+#include "estimation/refinement/single_set.h"
 
 #include "raylift/scene/pose_problem.h"
 
@@ -132,7 +133,20 @@ CamFromLocal StartOfRefinement(const RansacResult& best, const NormalizedProblem
                                MatchSets refined, Refinement refinement) {
   const bool frees = refinement == Refinement::kRobust && refined == MatchSets::kBoth &&
                      best.solver == Solver::kP3p;
-  return frees ? RefineByInliers(problem, best.pose, MatchSets::k2D3D).pose : best.pose;
+  if (!frees) return best.pose;
+  MaximumLikelihood likelihood(problem, MatchSets::k2D3D);
+  likelihood.Refine(best.pose);
+  return likelihood.pose();
+}
+
+// Returns the problem through the lens that a pose was found with; nullopt where that is the given
+// one.
+std::optional<NormalizedProblem> Refocused(const NormalizedProblem& problem,
+                                           const RefinedPose& refined) {
+  if (refined.focal_error == 0) return std::nullopt;
+  std::optional<NormalizedProblem> refocused = problem;
+  refocused->TakeFocalError(refined.focal_error);
+  return refocused;
 }
 
 // Counts the matches within three thresholds of a pose, the nearer the more.
@@ -157,13 +171,16 @@ std::vector<CamFromLocal> OtherPoses(const RansacReport& report) {
 
 PoseEstimate RansacEstimator::Estimate(const PoseProblem& problem) const {
   const std::optional<double> range = UnknownFocalRange(problem, options_);
-  return range ? EstimateWithFocal(*this, problem, options_, *range) : EstimateWithCamera(problem);
+  const double focal_sigma = FocalSigma(problem, options_);
+  return range ? EstimateWithFocal(*this, problem, options_, *range)
+               : EstimateWithCamera(problem, focal_sigma);
 }
 
-PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem) const {
+PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem,
+                                                 double focal_sigma) const {
   Rng rng(StreamSeed(options_.seed, problem.name, ToString(options_.method)));
-  const NormalizedProblem normalized(problem, options_.reprojection_threshold_px,
-                                     options_.sampson_threshold_px, rng, options_.point_sigma);
+  NormalizedProblem normalized = Normalize(problem, rng);
+  normalized.TakeFocalSigma(problem, focal_sigma);
   PoseEstimate estimate = WithoutPose(problem, normalized);
   std::optional<KeypointEvidence> evidence;
   if (Draws(Solver::kD3p1)) evidence = GatherEvidence(problem, normalized);
@@ -185,28 +202,17 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem) con
   estimate.solver = report.best->solver;
   estimate.ransac_value = report.best_value;
   const RefinedPose refined = Refine(normalized, evidence, pose_score, report, estimate);
-
   const double num_samples =
       std::min<double>(report.iterations, samplers.Of(estimate.solver).NumSamples());
   // A sample gives some two poses; each solver has its share of the false alarms.
   const double tried = 2.0 * num_samples * static_cast<double>(samplers.solvers().size());
-  const auto conclude = [&](const RefinedPose& final_pose) {
-    DescribePose(normalized, problem, final_pose, estimate);
-    AssessConfidence(problem, normalized,
-                     {.pose = final_pose.pose,
-                      .position_sigma = estimate.position_sigma / normalized.scale,
-                      .solver = estimate.solver,
-                      .scored = method_.scored,
-                      .num_poses_tried = tried,
-                      .alternatives = OtherPoses(report)},
-                     options_, estimate);
-  };
-  conclude(refined);
+  Describe(problem, normalized, refined, tried, OtherPoses(report), estimate);
   // A pose between references that err as wholes may fit none of them; RANSAC's fits one at least.
   if (refined.references_disagree && estimate.confidence < kLeastConfidence) {
     estimate.noise.reset();
     DropCovariance(estimate);
-    conclude({.pose = report.best->pose, .covariance = std::nullopt});
+    Describe(problem, normalized, {.pose = report.best->pose, .covariance = std::nullopt}, tried,
+             OtherPoses(report), estimate);
   }
   RejectUnsupported(samplers.E5p1ObservesPosition(), estimate);
   return estimate;
@@ -237,15 +243,16 @@ RefinedPose RansacEstimator::Refine(const NormalizedProblem& problem,
       estimate.solver = result.solver;
     }
   }
-  const Scorer scorer(problem, pose_score);
-  estimate.refined_value = pose_score.Value(scorer.ScoreAll(refined.pose));
+  const std::optional<NormalizedProblem> refocused = Refocused(problem, refined);
+  const NormalizedProblem& seen = refocused ? *refocused : problem;
+  estimate.refined_value = pose_score.Value(Scorer(seen, pose_score).ScoreAll(refined.pose));
   const double nothing = pose_score.Value({{static_cast<double>(problem.num_matches_2d3d), 0},
                                            {static_cast<double>(problem.num_matches_2d2d), 0},
                                            problem.priors.WorstCost()});
   // Where references err as wholes, the pose between them is near many matches, and fits few.
   const bool has_kept =
       refined.references_disagree
-          ? NearMatches(problem, refined.pose) > kKeptGain * NearMatches(problem, report.best->pose)
+          ? NearMatches(seen, refined.pose) > kKeptGain * NearMatches(problem, report.best->pose)
           : nothing - estimate.refined_value > kKeptGain * (nothing - estimate.ransac_value);
   if (!has_kept) {
     // How uncertain a pose is whose matches err with their references is not known.
@@ -257,11 +264,33 @@ RefinedPose RansacEstimator::Refine(const NormalizedProblem& problem,
   return refined;
 }
 
+NormalizedProblem RansacEstimator::Normalize(const PoseProblem& problem, Rng& rng) const {
+  return {problem, options_.reprojection_threshold_px, options_.sampson_threshold_px, rng,
+          options_.point_sigma};
+}
+
+void RansacEstimator::Describe(const PoseProblem& problem, const NormalizedProblem& normalized,
+                               const RefinedPose& refined, double num_poses_tried,
+                               const std::vector<CamFromLocal>& alternatives,
+                               PoseEstimate& estimate) const {
+  const std::optional<NormalizedProblem> refocused = Refocused(normalized, refined);
+  const NormalizedProblem& seen = refocused ? *refocused : normalized;
+  DescribePose(seen, problem, refined, estimate);
+  AssessConfidence(problem, seen,
+                   {.pose = refined.pose,
+                    .position_sigma = estimate.position_sigma / seen.scale,
+                    .solver = estimate.solver,
+                    .scored = method_.scored,
+                    .num_poses_tried = num_poses_tried,
+                    .alternatives = alternatives},
+                   options_, estimate);
+}
+
 PoseEstimate RansacEstimator::RefineFrom(const PoseProblem& problem,
                                          const Rigid3& cam_from_world) const {
   Rng rng(StreamSeed(options_.seed, problem.name, "refine"));
-  const NormalizedProblem normalized(problem, options_.reprojection_threshold_px,
-                                     options_.sampson_threshold_px, rng, options_.point_sigma);
+  NormalizedProblem normalized = Normalize(problem, rng);
+  normalized.TakeFocalSigma(problem, FocalSigma(problem, options_));
   PoseEstimate estimate = WithoutPose(problem, normalized);
   std::optional<KeypointEvidence> evidence;
   if (Draws(Solver::kD3p1)) evidence = GatherEvidence(problem, normalized);
@@ -280,15 +309,7 @@ PoseEstimate RansacEstimator::RefineFrom(const PoseProblem& problem,
   report.best_value = pose_score.Value(Scorer(normalized, pose_score).ScoreAll(report.best->pose));
   estimate.ransac_value = report.best_value;
   const RefinedPose refined = Refine(normalized, evidence, pose_score, report, estimate);
-  DescribePose(normalized, problem, refined, estimate);
-  AssessConfidence(problem, normalized,
-                   {.pose = refined.pose,
-                    .position_sigma = estimate.position_sigma / normalized.scale,
-                    .solver = estimate.solver,
-                    .scored = method_.scored,
-                    .num_poses_tried = 1,
-                    .alternatives = {}},
-                   options_, estimate);
+  Describe(problem, normalized, refined, 1, {}, estimate);
   RejectUnsupported(E5p1Sampler(normalized).PositionObservable(), estimate);
   return estimate;
 }

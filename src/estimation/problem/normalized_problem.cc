@@ -377,6 +377,45 @@ NormalizedProblem::NormalizedProblem(const PoseProblem& problem, double threshol
   }
 }
 
+void NormalizedProblem::TakeFocalSigma(const PoseProblem& original, double sigma) {
+  focal = {.sigma = sigma, .px_2d3d = {}, .px_2d2d = {}};
+  if (sigma == 0) return;
+  const auto moves = [&](const auto& matches, const auto& of) {
+    std::vector<Eigen::Vector2d> px;
+    px.reserve(matches.size());
+    for (const auto& match : matches) {
+      px.push_back(PxByLogFocal(original.CameraAt(match.camera),
+                                of[static_cast<size_t>(match.match)].query_px));
+    }
+    return px;
+  };
+  focal.px_2d3d = moves(matches_2d3d, original.matches_2d3d);
+  focal.px_2d2d = moves(matches_2d2d, original.matches_2d2d);
+}
+
+void NormalizedProblem::TakeFocalError(double share) {
+  for (size_t i = 0; i < matches_2d3d.size(); ++i) {
+    NormalizedMatch2D3D& point = matches_2d3d[i];
+    point.image_from_ray.topRows<2>() +=
+        share / reprojection_threshold_px * focal.px_2d3d[i] * point.image_from_ray.row(2);
+    const Vector3d ray = point.image_from_ray.row(0).cross(point.image_from_ray.row(1));
+    point.ray = (ray.dot(point.ray) > 0 ? ray : -ray).normalized();
+  }
+  for (size_t i = 0; i < matches_2d2d.size(); ++i) {
+    NormalizedMatch2D2D& pair = matches_2d2d[i];
+    pair.query_ray -= pair.query_gradient * (share / sampson_threshold_px * focal.px_2d2d[i]);
+    const double length = pair.query_ray.norm();
+    pair.query_ray /= length;
+    pair.query_gradient /= length;
+  }
+  Blocks2D3D<float> points = MakeBlocks2D3D<float>(matches_2d3d, AllIndices(matches_2d3d.size()));
+  blocks_2d3d = std::move(points.blocks);
+  block_camera_2d3d = std::move(points.block_camera);
+  Blocks2D2D<float> pairs = MakeBlocks2D2D<float>(matches_2d2d, AllIndices(matches_2d2d.size()));
+  blocks_2d2d = std::move(pairs.blocks);
+  block_camera_reference_2d2d = std::move(pairs.block_camera_reference);
+}
+
 CamFromLocal NormalizedProblem::ToLocal(const Rigid3& cam_from_world) const {
   return {cam_from_world.rotation.toRotationMatrix(), (cam_from_world * origin_in_world) / scale};
 }

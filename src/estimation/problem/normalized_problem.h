@@ -65,6 +65,20 @@ struct MatchGroup {
   int size() const { return end - begin; }
 };
 
+// Returns how what a camera sees at a pixel moves with the focal length's logarithm; a panorama has
+// none.
+inline Eigen::Vector2d PxByLogFocal(const Camera& camera, const Eigen::Vector2d& pixel) {
+  if (camera.is_panorama()) return Eigen::Vector2d::Zero();
+  return pixel - camera.principal_point_px();
+}
+
+// What is not known of the query's focal length, of which all of its cameras have the same share.
+struct FocalUncertainty {
+  double sigma = 0;  // of its logarithm; 0: it is exact, and the lists are empty
+  // How the pixels of the matches in use move with that logarithm.
+  std::vector<Eigen::Vector2d> px_2d3d, px_2d2d;
+};
+
 struct NormalizedProblem {
   // `rng` shuffles the matches, so that any prefix of the blocks is a fair sample. `point_sigma`
   // (scene units) is the standard deviation of 3D points that carry none.
@@ -89,12 +103,19 @@ struct NormalizedProblem {
   // zero.
   std::vector<Eigen::Vector3d> camera_centers;
   NormalizedPriors priors;
+  FocalUncertainty focal;
   std::vector<MatchGroup> groups_2d2d;  // none is empty
 
   std::vector<kernels::Block2D3D<float>> blocks_2d3d;
   std::vector<int> block_camera_2d3d;
   std::vector<kernels::Block2D2D<float>> blocks_2d2d;
   std::vector<int> block_camera_reference_2d2d;
+
+  // Takes the query's focal length, of which this problem was made, for uncertain.
+  void TakeFocalSigma(const PoseProblem& original, double sigma);
+  // Makes the matches those that a focal length longer by this share shows, which must be uncertain.
+  // The blocks are then in the order of the matches.
+  void TakeFocalError(double share);
 
   // Numbers the pairs of a camera of the query and a reference, below num_camera_references().
   int CameraReferenceIndex(int camera, int reference) const {

@@ -139,8 +139,7 @@ class Gathering {
     keypoint.camera = match.camera;
     keypoint.camera_center = problem_.camera_centers[static_cast<size_t>(match.camera)];
     keypoint.image_cell = QueryImageCell(original_, match, kImageCellsPerSide);
-    keypoint.px_by_log_focal =
-        match.query_px - original_.CameraAt(match.camera).principal_point_px();
+    keypoint.px_by_log_focal = PxByLogFocal(original_.CameraAt(match.camera), match.query_px);
   }
 
   const PoseProblem& original_;

@@ -71,19 +71,32 @@ std::vector<double> LogScales(const KeypointEvidence& evidence, const CamFromLoc
   return scales;
 }
 
+// The pose with its covariance. An uncertain focal length moves the pose of one match set by
+// d = d pose / d log f, and is not refined with it: a keypoint counts there once per match, which
+// would make the matches too sure of f. So the covariance has all of sigma's part, sigma^2 d d'.
+RefinedPose WithCovariance(const NormalizedProblem& problem, const MaximumLikelihood& likelihood) {
+  RefinedPose refined = {.pose = likelihood.pose(), .covariance = likelihood.Covariance()};
+  if (problem.focal.sigma == 0 || !refined.covariance) return refined;
+  if (const std::optional<FocalStep> step = likelihood.StepOfFocal()) {
+    const Vector6d by_sigma = problem.focal.sigma * step->pose_by_log_factor;
+    *refined.covariance += by_sigma * by_sigma.transpose();
+  }
+  return refined;
+}
+
 }  // namespace
 
 RefinedPose KeepPose(const NormalizedProblem& problem, const CamFromLocal& pose, MatchSets sets) {
   MaximumLikelihood likelihood(problem, sets);
   likelihood.StayAt(pose);
-  return {.pose = pose, .covariance = likelihood.Covariance()};
+  return WithCovariance(problem, likelihood);
 }
 
 RefinedPose RefineByInliers(const NormalizedProblem& problem, const CamFromLocal& pose,
                             MatchSets sets) {
   MaximumLikelihood likelihood(problem, sets);
   likelihood.Refine(pose);
-  return {.pose = likelihood.pose(), .covariance = likelihood.Covariance()};
+  return WithCovariance(problem, likelihood);
 }
 
 RefinedPose RefineByEvidence(const NormalizedProblem& problem, const KeypointEvidence& evidence,
@@ -95,7 +108,7 @@ RefinedPose RefineByEvidence(const NormalizedProblem& problem, const KeypointEvi
           ? kPriorVariance
           : NoiseVariance(ComputeResiduals(problem, pose, MatchSets::k2D2D).of_2d2d, kModel2D2D);
   return RefineJointly(evidence, pose, threshold2 * variance, PriorOf(scene, threshold2),
-                       problem.priors, focal, reference_errors);
+                       problem.priors, focal, reference_errors, problem.focal.sigma);
 }
 
 RefinedPose RefineFinally(const NormalizedProblem& problem,

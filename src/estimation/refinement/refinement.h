@@ -37,6 +37,9 @@ struct RefinedPose {
   bool references_disagree = false;
   // Of the joint model, to compare refinements of one problem that have the same unknowns.
   double log_likelihood = 0;
+  // By which share the query's focal length seems longer than the given one, where it is uncertain;
+  // the pose is that of the longer one.
+  double focal_error = 0;
   std::optional<FocalStep> focal = std::nullopt;  // where it was asked for
 };
 
@@ -78,6 +81,7 @@ RefinedPose RefineJointly(const KeypointEvidence& evidence, const CamFromLocal& 
                           double keypoint_variance_px2, const NoisePrior& prior,
                           const NormalizedPriors& pose_priors = {},
                           FocalDerivatives focal = FocalDerivatives::kNone,
-                          ReferenceErrors reference_errors = ReferenceErrors::kWhereSeen);
+                          ReferenceErrors reference_errors = ReferenceErrors::kWhereSeen,
+                          double focal_sigma = 0);
 
 }  // namespace raylift

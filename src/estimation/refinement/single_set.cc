@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <numbers>
-#include <set>
 
 #include "base/statistics.h"
 #include "estimation/problem/normalized_problem.h"
@@ -154,16 +153,6 @@ std::vector<int> IndicesBelow(const std::vector<double>& values, double limit) {
   return indices;
 }
 
-template <typename NormalizedMatch>
-std::vector<int> IndicesOf(const std::vector<NormalizedMatch>& prepared,
-                           const std::set<int>& matches) {
-  std::vector<int> indices;
-  for (int i = 0; i < static_cast<int>(prepared.size()); ++i) {
-    if (matches.contains(prepared[static_cast<size_t>(i)].match)) indices.push_back(i);
-  }
-  return indices;
-}
-
 }  // namespace
 
 void MaximumLikelihood::Refine(const CamFromLocal& start) {
@@ -193,54 +182,68 @@ std::optional<Matrix6d> MaximumLikelihood::Covariance() const {
   return Matrix6d(0.5 * (covariance + covariance.transpose()));
 }
 
+MaximumLikelihood::GatheredMatches MaximumLikelihood::WithFocal(const GatheredMatches& matches,
+                                                                double log_factor) const {
+  GatheredMatches moved = matches;
+  constexpr int kLanes = kernels::kLanes<double>;
+  for (size_t i = 0; i < moved.blocks_2d3d.lane_match.size(); ++i) {
+    const int match = moved.blocks_2d3d.lane_match[i];
+    if (match < 0) continue;
+    auto& image_from_ray = moved.blocks_2d3d.blocks[i / kLanes].image_from_ray;
+    const Eigen::Vector2d move =
+        log_factor / problem_.reprojection_threshold_px * problem_.focal.px_2d3d[match];
+    for (int row = 0; row < 2; ++row) {
+      for (int k = 0; k < 3; ++k) {
+        image_from_ray[3 * row + k][i % kLanes] += move[row] * image_from_ray[6 + k][i % kLanes];
+      }
+    }
+  }
+  for (size_t i = 0; i < moved.blocks_2d2d.lane_match.size(); ++i) {
+    const int match = moved.blocks_2d2d.lane_match[i];
+    if (match < 0) continue;
+    auto& query_ray = moved.blocks_2d2d.blocks[i / kLanes].query_ray;
+    const Eigen::Vector3d move =
+        problem_.matches_2d2d[match].query_gradient *
+        (log_factor / problem_.sampson_threshold_px * problem_.focal.px_2d2d[match]);
+    for (int k = 0; k < 3; ++k) query_ray[k][i % kLanes] -= move[k];
+  }
+  return moved;
+}
+
 // By least squares of the matches within two and a half standard deviations: the differences are
 // then of the same cost as the Gauss-Newton matrix.
-std::optional<FocalStep> MaximumLikelihood::StepOfFocal(const NormalizedProblem& shorter,
-                                                        const NormalizedProblem& longer,
-                                                        double log_factor) const {
-  const Residuals residuals = ComputeResiduals(problem_, pose_, sets_);
+std::optional<FocalStep> MaximumLikelihood::StepOfFocal() const {
   constexpr double kNear = kSigmasOfThreshold * kSigmasOfThreshold;
-  const auto matches_near = [](const auto& matches, const std::vector<double>& squared,
-                               double weight) {
-    std::set<int> near;
-    for (size_t i = 0; i < squared.size(); ++i) {
-      if (squared[i] * weight < kNear) near.insert(matches[i].match);
-    }
-    return near;
-  };
-  std::set<int> points;
-  std::set<int> pairs;
+  const Residuals residuals = ComputeResiduals(problem_, pose_, sets_);
+  GatheredMatches near;
   if (Has2D3D(sets_)) {
-    points = matches_near(problem_.matches_2d3d, residuals.of_2d3d, weights_.weight_2d3d);
+    near.blocks_2d3d = MakeBlocks2D3D<double>(
+        problem_.matches_2d3d, IndicesBelow(residuals.of_2d3d, kNear / weights_.weight_2d3d));
   }
-  if (Has2D2D(sets_))
-    pairs = matches_near(problem_.matches_2d2d, residuals.of_2d2d, weights_.weight_2d2d);
+  if (Has2D2D(sets_)) {
+    near.blocks_2d2d = MakeBlocks2D2D<double>(
+        problem_.matches_2d2d, IndicesBelow(residuals.of_2d2d, kNear / weights_.weight_2d2d));
+  }
   MatchSetWeights weights = weights_;
   const auto squared = [](double weight) {  // as far as these matches lie
     return kernels::KernelLoss{kernels::LossShape::kTruncated, 4 * kNear / weight};
   };
   weights.loss_2d3d = squared(weights.weight_2d3d);
   weights.loss_2d2d = squared(weights.weight_2d2d);
-  bool complete = true;
-  const auto linearize = [&](const NormalizedProblem& problem) {
-    const std::vector<int> of_2d3d = IndicesOf(problem.matches_2d3d, points);
-    const std::vector<int> of_2d2d = IndicesOf(problem.matches_2d2d, pairs);
-    complete = complete && of_2d3d.size() == points.size() && of_2d2d.size() == pairs.size();
-    const GatheredMatches gathered = {MakeBlocks2D3D<double>(problem.matches_2d3d, of_2d3d),
-                                      MakeBlocks2D2D<double>(problem.matches_2d2d, of_2d2d)};
-    return Linearize(problem, gathered.Active(), pose_, weights);
+  const auto linearize = [&](const GatheredMatches& matches) {
+    return Linearize(problem_, matches.Active(), pose_, weights);
   };
-  const NormalEquations at = linearize(problem_);
-  const NormalEquations below = linearize(shorter);
-  const NormalEquations above = linearize(longer);
-  if (!complete) return std::nullopt;
+  constexpr double kDifference = 1e-4;
+  const NormalEquations at = linearize(near);
+  const NormalEquations below = linearize(WithFocal(near, -kDifference));
+  const NormalEquations above = linearize(WithFocal(near, kDifference));
   FocalEquations equations;
   equations.hessian = at.hessian;
   equations.gradient = at.gradient;
-  equations.mixed = (above.gradient - below.gradient) / (2 * log_factor);
+  equations.mixed = (above.gradient - below.gradient) / (2 * kDifference);
   // Halves, as the gradient is.
-  equations.slope = (above.cost - below.cost) / (4 * log_factor);
-  equations.curvature = (above.cost - 2 * at.cost + below.cost) / (2 * log_factor * log_factor);
+  equations.slope = (above.cost - below.cost) / (4 * kDifference);
+  equations.curvature = (above.cost - 2 * at.cost + below.cost) / (2 * kDifference * kDifference);
   return equations.Solve();
 }
 

@@ -27,11 +27,9 @@ class MaximumLikelihood {
   // singular.
   std::optional<Matrix6d> Covariance() const;
 
-  // Returns the step of the focal length that the matches near the pose ask for. `shorter` and
-  // `longer` are the problem with it divided and multiplied by exp(log_factor), a small number.
-  // None where matches have a ray in one of them alone.
-  std::optional<FocalStep> StepOfFocal(const NormalizedProblem& shorter,
-                                       const NormalizedProblem& longer, double log_factor) const;
+  // Returns the step of the focal length that the matches near the pose ask for. The problem must
+  // know how they move with it (TakeFocalSigma()).
+  std::optional<FocalStep> StepOfFocal() const;
 
   const CamFromLocal& pose() const { return pose_; }
 
@@ -49,6 +47,9 @@ class MaximumLikelihood {
 
   void Gather();
   void Minimize();
+  // Returns the matches seen through a lens whose focal length is longer by this factor's
+  // logarithm, a small number.
+  GatheredMatches WithFocal(const GatheredMatches& matches, double log_factor) const;
 
   const NormalizedProblem& problem_;
   MatchSets sets_;

@@ -66,14 +66,28 @@ KeypointEvidence Thinned(const KeypointEvidence& evidence, size_t n) {
   return part;
 }
 
+// The evidence with the query's rays through a lens whose focal length is longer by this share:
+// their pixels' residuals are then those of QueryTermOf(). nullopt where nothing changes.
+std::optional<KeypointEvidence> WithFocalError(const KeypointEvidence& evidence,
+                                               double focal_error) {
+  if (focal_error == 0) return std::nullopt;
+  std::optional<KeypointEvidence> changed = evidence;
+  for (KeypointObservations& keypoint : changed->keypoints) {
+    keypoint.image_from_cam.topRows<2>() +=
+        focal_error * keypoint.px_by_log_focal * keypoint.image_from_cam.row(2);
+  }
+  return changed;
+}
+
 class JointRefinement {
  public:
   JointRefinement(const KeypointEvidence& evidence, const CamFromLocal& start,
                   double keypoint_variance_px2, const NoisePrior& prior,
-                  const NormalizedPriors& pose_priors)
+                  const NormalizedPriors& pose_priors, double focal_sigma)
       : evidence_(evidence),
         prior_(prior),
         pose_priors_(pose_priors),
+        focal_sigma_(focal_sigma),
         model_(evidence, start),
         system_(evidence) {
     InitializePoints(keypoint_variance_px2);
@@ -83,11 +97,15 @@ class JointRefinement {
       : evidence_(evidence),
         prior_(of_part.prior_),
         pose_priors_(of_part.pose_priors_),
+        focal_sigma_(of_part.focal_sigma_),
         model_(evidence, of_part.model_.pose),
         system_(evidence) {
     initialized_at_ = model_.pose;
+    initialized_with_ = model_.focal_error = of_part.model_.focal_error;
     model_.noise = of_part.model_.noise;
-    InitializeByVoting(evidence_, model_.pose, model_.noise, model_.keypoints, model_.weights);
+    const auto refocused = WithFocalError(evidence_, model_.focal_error);
+    InitializeByVoting(refocused ? *refocused : evidence_, model_.pose, model_.noise,
+                       model_.keypoints, model_.weights);
   }
 
   // Takes rounds of a step and an E step until pose and information have settled.
@@ -122,7 +140,8 @@ class JointRefinement {
             .covariance = Covariance(),
             .noise = model_.noise,
             .references_disagree = system_.HasReferences(),
-            .log_likelihood = model_.log_likelihood,
+            .log_likelihood = model_.log_likelihood - FocalCost(),
+            .focal_error = model_.focal_error,
             .focal = focal == FocalDerivatives::kAtPose ? StepOfFocal() : std::nullopt};
   }
 
@@ -136,12 +155,23 @@ class JointRefinement {
   // deviations (Newton's decrement); nullopt where there is none to take.
   std::optional<double> Step();
   void MoveQuery(const Eigen::Ref<const VectorXd>& step);
+  // Fills the normal equations. Those of a focal length that is known have no more than the others'
+  // gradient and Hessian.
+  void Linearize();
 
+  // Returns what the focal length's error costs by its prior.
+  double FocalCost() const {
+    const double sigmas = focal_sigma_ > 0 ? model_.focal_error / focal_sigma_ : 0;
+    return 0.5 * sigmas * sigmas;
+  }
   std::optional<FocalStep> StepOfFocal();
   // The covariance of the query's unknowns, those of the references given; zero where there is
   // none.
   Matrix7d QueryCovariance() const;
   std::optional<Matrix6d> Covariance() const;
+  // The part that an uncertain focal length has in the pose's covariance. `factor` is the variance
+  // over the inverse Hessian's.
+  Matrix6d CovarianceByFocal(const SymmetricFactors& factors, double factor) const;
   // The first six columns of the inverse Hessian.
   MatrixXd PoseColumns(const SymmetricFactors& factors) const {
     return factors.Solve(
@@ -158,19 +188,25 @@ class JointRefinement {
   const KeypointEvidence& evidence_;
   const NoisePrior& prior_;
   const NormalizedPriors& pose_priors_;
+  const double focal_sigma_;
   JointModel model_;
   JointSystem system_;
+  FocalEquations equations_;  // of the last step
   CamFromLocal initialized_at_;
-  double log_information_ = 0;  // of the last step's Hessian, its determinant's logarithm
+  double initialized_with_ = 0;  // error of the focal length
+  double log_information_ = 0;   // of the last step's Hessian, its determinant's logarithm
 };
 
 void JointRefinement::InitializePoints(double keypoint_variance_px2) {
   initialized_at_ = model_.pose;
-  model_.noise = InitializeNoise(evidence_, model_.pose, keypoint_variance_px2);
+  initialized_with_ = model_.focal_error;
+  const auto refocused = WithFocalError(evidence_, model_.focal_error);
+  const KeypointEvidence& evidence = refocused ? *refocused : evidence_;
+  model_.noise = InitializeNoise(evidence, model_.pose, keypoint_variance_px2);
   if (prior_.depth.count > 0) model_.noise.depth = prior_.depth.variance;
   if (prior_.common_depth.count > 0) model_.noise.common_depth = prior_.common_depth.variance;
   if (prior_.keypoint_tail) model_.noise.keypoint_tail = prior_.keypoint_tail->mean;
-  InitializeByVoting(evidence_, model_.pose, model_.noise, model_.keypoints, model_.weights);
+  InitializeByVoting(evidence, model_.pose, model_.noise, model_.keypoints, model_.weights);
 }
 
 bool JointRefinement::HasMovedFar() const {
@@ -182,9 +218,10 @@ bool JointRefinement::HasMovedFar() const {
       return ResidualOf(keypoint.image_from_cam,
                         keypoint.PointInCamera(pose, model_.keypoints[k].point));
     };
-    const PixelResidual now = seen_from(model_.pose);
+    PixelResidual now = seen_from(model_.pose);
     const PixelResidual then = seen_from(initialized_at_);
     if (!now.in_front || !then.in_front) continue;
+    now.error_px += (model_.focal_error - initialized_with_) * keypoint.px_by_log_focal;
     // A point that went out of sight counts no more than one that has moved by ten deviations.
     squares +=
         std::min((now.error_px - then.error_px).squaredNorm(), 100 * model_.noise.keypoint_px2);
@@ -194,25 +231,45 @@ bool JointRefinement::HasMovedFar() const {
 }
 
 std::optional<double> JointRefinement::Step() {
-  const VectorXd gradient = system_.Linearize(model_, pose_priors_);
+  Linearize();
   constexpr int kQueryColumns = JointSystem::kQueryColumns;
   MatrixXd damped = system_.hessian();
   damped.diagonal().head<kQueryColumns>().array() +=
       1e-12 * damped.diagonal().head<kQueryColumns>().maxCoeff();
   const SymmetricFactors factors(damped);
-  const VectorXd step = factors.Solve(VectorXd(-gradient));
-  if (!IsModest(step)) return std::nullopt;
+  VectorXd step = factors.Solve(VectorXd(-equations_.gradient));
+  double focal_step = 0;
+  if (focal_sigma_ > 0) {
+    const VectorXd followed = factors.Solve(equations_.mixed);
+    focal_step = -(equations_.slope - followed.dot(equations_.gradient)) /
+                 (equations_.curvature - followed.dot(equations_.mixed));
+    step -= focal_step * followed;
+  }
+  if (!IsModest(step) || !std::isfinite(focal_step)) return std::nullopt;
   log_information_ = factors.LogDeterminant();
 
   MoveQuery(step);
+  model_.focal_error += focal_step;
   if (system_.HasReferences()) {
     system_.MoveReferences(step, model_);
     system_.UpdateReferenceVariances(
         factors.Solve(MatrixXd(MatrixXd::Identity(system_.num_columns(), system_.num_columns()))),
         model_);
   }
-  system_.MovePoints(step, model_);
-  return -gradient.dot(step);
+  system_.MovePoints(step, focal_step, model_);
+  return -equations_.gradient.dot(step) - equations_.slope * focal_step;
+}
+
+void JointRefinement::Linearize() {
+  if (focal_sigma_ == 0) {
+    equations_.gradient = system_.Linearize(model_, pose_priors_);
+    return;
+  }
+  equations_ = system_.LinearizeWithFocal(model_, pose_priors_);
+  const double information = 1 / (focal_sigma_ * focal_sigma_);
+  equations_.slope += information * model_.focal_error;
+  // As of the pose's priors, by what the pixels' part is their information over.
+  equations_.curvature += information / StudentInformation(model_.noise.keypoint_tail);
 }
 
 void JointRefinement::MoveQuery(const Eigen::Ref<const VectorXd>& step) {
@@ -238,10 +295,22 @@ std::optional<Matrix6d> JointRefinement::Covariance() const {
   if (!factors.IsPositive() || !(factors.ReciprocalCondition() > 1e-16)) return std::nullopt;
   const MatrixXd inverse = PoseColumns(factors);
   const Matrix6d to_cam = CamStepFromOwn(model_.pose);
-  const Matrix6d covariance =
-      VarianceFactor(inverse) * to_cam * inverse.topRows<6>() * to_cam.transpose();
+  const double factor = VarianceFactor(inverse);
+  Matrix6d of_own = factor * inverse.topRows<6>();
+  if (focal_sigma_ > 0) of_own += CovarianceByFocal(factors, factor);
+  const Matrix6d covariance = to_cam * of_own * to_cam.transpose();
   if (!covariance.allFinite()) return std::nullopt;
   return Matrix6d(0.5 * (covariance + covariance.transpose()));
+}
+
+Matrix6d JointRefinement::CovarianceByFocal(const SymmetricFactors& factors, double factor) const {
+  const VectorXd followed = factors.Solve(equations_.mixed);
+  const double prior = 1 / (focal_sigma_ * focal_sigma_);
+  const double by_matches = equations_.curvature -
+                            prior / StudentInformation(model_.noise.keypoint_tail) -
+                            equations_.mixed.dot(followed);
+  const double variance = 1 / (std::max(by_matches, 0.0) / factor + prior);
+  return variance * followed.head<6>() * followed.head<6>().transpose();
 }
 
 double JointRefinement::VarianceFactor(const MatrixXd& pose_columns) const {
@@ -282,15 +351,16 @@ double JointRefinement::Inflation(const MatrixXd& pose_columns) const {
 RefinedPose RefineJointly(const KeypointEvidence& evidence, const CamFromLocal& start,
                           double keypoint_variance_px2, const NoisePrior& prior,
                           const NormalizedPriors& pose_priors, FocalDerivatives focal,
-                          ReferenceErrors reference_errors) {
+                          ReferenceErrors reference_errors, double focal_sigma) {
   const size_t stride = evidence.keypoints.size() / kEnoughKeypoints;
   if (stride < kLeastStride) {
-    JointRefinement refinement(evidence, start, keypoint_variance_px2, prior, pose_priors);
+    JointRefinement refinement(evidence, start, keypoint_variance_px2, prior, pose_priors,
+                               focal_sigma);
     refinement.Settle(kMaxRounds);
     return refinement.Finish(focal, reference_errors);
   }
   const KeypointEvidence part = Thinned(evidence, stride);
-  JointRefinement of_part(part, start, keypoint_variance_px2, prior, pose_priors);
+  JointRefinement of_part(part, start, keypoint_variance_px2, prior, pose_priors, focal_sigma);
   of_part.Settle(kMaxRounds);
   JointRefinement refinement(evidence, of_part);
   refinement.Settle(kRoundsAfterPart);

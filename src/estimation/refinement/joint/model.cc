@@ -70,6 +70,7 @@ QueryTerm JointModel::QueryTermOf(size_t keypoint) const {
   QueryTerm term;
   term.seen = ResidualOf(parts.image_from_cam, parts.PointInCamera(pose, state.point));
   if (!term.seen.in_front) return term;
+  term.seen.error_px += focal_error * parts.px_by_log_focal;
   term.weight = state.query_right * state.query_precision / noise.keypoint_px2;
   term.jacobian.noalias() = term.seen.jacobian * pose.rotation;
   const Vector3d offset = state.point - parts.CenterOfCamera(pose);

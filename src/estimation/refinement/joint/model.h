@@ -196,6 +196,8 @@ struct JointModel {
   JointNoise noise;
   std::vector<KeypointState> keypoints;
   EvidenceWeights weights;
+  // By which share the query's focal length is longer than the given one.
+  double focal_error = 0;
   std::vector<ReferenceError> references;  // and last of the unanchored points, as of one more
   // Of all matches, each as the others predict it, over that of uniform ones; set by EStep().
   double log_likelihood = 0;

@@ -164,12 +164,13 @@ void JointSystem::MoveReferences(const VectorXd& step, JointModel& model) const 
   }
 }
 
-void JointSystem::MovePoints(const VectorXd& step, JointModel& model) const {
+void JointSystem::MovePoints(const VectorXd& step, double focal_step, JointModel& model) const {
   for (size_t k = 0; k < schur_blocks_.size(); ++k) {
     const SchurBlock& block = schur_blocks_[k];
     if (!block.used) continue;
     KeypointState& state = model.keypoints[k];
     Vector4d pull = block.gradient;
+    if (focal_step != 0) pull += focal_step * block.by_focal;
     pull.head<3>() += block.query.hessian.topRows<3>() * Displacement(step.head<7>(), state.point);
     for (const FrameTerm& frame : block.references) {
       pull += frame.coupling * Displacement(step.segment<7>(frame.column), state.point);
@@ -306,12 +307,12 @@ FocalEquations JointSystem::LinearizeWithFocal(const JointModel& model,
   equations.hessian = hessian_;
   equations.mixed = VectorXd::Zero(num_columns_);
   for (size_t k = 0; k < schur_blocks_.size(); ++k) {
-    const SchurBlock& block = schur_blocks_[k];
+    SchurBlock& block = schur_blocks_[k];
     if (!block.used) continue;
     const QueryTerm query = model.QueryTermOf(k);
     const Eigen::Vector2d& by_focal = evidence_.keypoints[k].px_by_log_focal;
-    Vector4d by_point = Vector4d::Zero();
-    by_point.head<3>() = query.weight * query.jacobian.transpose() * by_focal;
+    Vector4d& by_point = block.by_focal;
+    by_point << query.weight * query.jacobian.transpose() * by_focal, 0;
     const Vector4d solved = block.covariance * by_point;
     equations.slope +=
         query.weight * by_focal.dot(query.seen.error_px) - solved.dot(block.gradient);

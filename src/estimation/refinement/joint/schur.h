@@ -45,10 +45,10 @@ class JointSystem {
   // Fills the normal equations, and returns their gradient.
   Eigen::VectorXd Linearize(const JointModel& model, const NormalizedPriors& pose_priors);
 
-  // Moves the references, and then the points, by a step of all frames; the query has moved
-  // already.
+  // Moves the references, and then the points, by a step of all frames (and of the focal length's
+  // logarithm, after LinearizeWithFocal()); the query has moved already.
   void MoveReferences(const Eigen::VectorXd& step, JointModel& model) const;
-  void MovePoints(const Eigen::VectorXd& step, JointModel& model) const;
+  void MovePoints(const Eigen::VectorXd& step, double focal_step, JointModel& model) const;
 
   // Whether the residuals of whole references have a direction, by the score test: chi-squared with
   // seven degrees of freedom each, if they are independent.
@@ -75,7 +75,9 @@ class JointSystem {
     bool used = false;
     Eigen::Matrix4d covariance;  // H_pp^-1
     Eigen::Vector4d gradient;    // g_p
-    Quadratic query;             // the query's cost; its coupling has no row of the common error
+    // d^2 cost / d p d focal length's logarithm, by LinearizeWithFocal() alone.
+    Eigen::Vector4d by_focal;
+    Quadratic query;  // the query's cost; its coupling has no row of the common error
     std::vector<FrameTerm> references;  // those with columns, one term each
   };
 
