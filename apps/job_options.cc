@@ -38,6 +38,7 @@ std::string PriorsText(const PosePriors& priors) {
             NumbersText(std::span(&known->sigma_deg, 1));
   }
   if (priors.focal_range != 1) text += " focal_range " + FormatDouble(priors.focal_range);
+  if (priors.focal_sigma) text += " focal_sigma " + FormatDouble(*priors.focal_sigma);
   return text;
 }
 

@@ -131,8 +131,9 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
                "queries where --matches hold none between references)");
   const OptionGroup queries(command, "Queries");
   queries.Add("--queries", flags.queries,
-              "List of queries: name MODEL width height params...; where a name\n"
-              "stands alone, the focal length is found with the pose");
+              "List of queries: name MODEL width height params... [focal_sigma S], S the focal\n"
+              "length's standard deviation as a share of it; where a name stands\n"
+              "alone, the focal length is found with the pose");
   queries.Flag("--leave-one-out", flags.leave_one_out,
                "The queries are the references: each is localized by the others");
   queries.Add("--query-images", flags.query_images,
@@ -141,6 +142,7 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
               "What is known of the queries' poses: lines `name position x y z sigma`\n"
               "(world), `name gravity x y z sigma_deg` (down in the camera's frame),\n"
               "`name focal_range F` (the focal length, up to a factor),\n"
+              "`name focal_sigma S` (its standard deviation as a share of it),\n"
               "`* world_down x y z` (default: 0 0 -1)");
   queries.Add("--rigs", flags.rigs,
               "Queries that are photographs of one rig have one pose together:\n"

@@ -118,8 +118,10 @@ Eigen::Vector3d ToVector3(const ArrayLike& argument, std::string_view name) {
 using PositionArgument = std::optional<std::pair<ArrayLike, ArrayLike>>;
 using GravityArgument = std::optional<std::tuple<ArrayLike, ArrayLike, double>>;
 
-PosePriors ToPriors(const PositionArgument& position, const GravityArgument& gravity) {
+PosePriors ToPriors(const PositionArgument& position, const GravityArgument& gravity,
+                    const std::optional<double>& focal_sigma) {
   PosePriors priors;
+  priors.focal_sigma = focal_sigma;
   if (position) {
     const auto sigma = internal::ArrayOf<double>(position->second, "position_prior, sigma",
                                                  "a number or an array of shape (3,)");
@@ -208,13 +210,13 @@ void BindProblem(py::module_& module) {
                        OptionalArray reference_sigmas_px, OptionalArray query_keypoints,
                        OptionalArray reference_keypoints, const std::vector<int>& clusters,
                        const PositionArgument& position, const GravityArgument& gravity,
-                       const std::string& name) {
+                       const std::optional<double>& focal_sigma, const std::string& name) {
              return std::make_shared<PoseProblem>(
                  MakeProblem(camera,
                              {points2d, points3d, point_sigmas, point_references, point_keypoints,
                               point_matches, query2d, reference2d, reference_index,
                               reference_sigmas_px, query_keypoints, reference_keypoints},
-                             references, clusters, ToPriors(position, gravity), name));
+                             references, clusters, ToPriors(position, gravity, focal_sigma), name));
            }),
            py::arg("camera"), py::arg("points2d") = none, py::arg("points3d") = none, py::kw_only(),
            py::arg("point_sigmas") = none, py::arg("point_references") = none,
@@ -224,8 +226,8 @@ void BindProblem(py::module_& module) {
            py::arg("reference_sigmas_px") = none, py::arg("query_keypoints") = none,
            py::arg("reference_keypoints") = none,
            py::arg("reference_clusters") = std::vector<int>(), py::arg("position_prior") = none,
-           py::arg("gravity_prior") = none, py::arg("name") = "",
-           "The arguments are those of raylift.estimate_pose().")
+           py::arg("gravity_prior") = none, py::arg("focal_sigma") = none, py::arg("name") = "",
+           "The arguments are those of raylift.estimate_pose(), and the camera's focal_sigma.")
       .def_readonly("name", &PoseProblem::name, "The query's; estimates depend on it.")
       .def_readonly("camera", &PoseProblem::query_camera, "The query's.")
       .def_readonly("references", &PoseProblem::references)

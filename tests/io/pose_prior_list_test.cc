@@ -30,6 +30,7 @@ TEST(PosePriorList, IsReadInAnyOrder) {
   EXPECT_EQ(ReadPosePriors(FileOf("a gravity 0 1 0 1")).at("a").gravity->down_in_world,
             Eigen::Vector3d(0, 0, -1));
   EXPECT_EQ(ReadPosePriors(FileOf("a focal_range 1.5")).at("a").focal_range, 1.5);
+  EXPECT_EQ(ReadPosePriors(FileOf("a focal_sigma 0.002")).at("a").focal_sigma, 0.002);
 }
 
 TEST(PosePriorList, MistakesAreNamedByLineAndField) {
@@ -48,6 +49,8 @@ TEST(PosePriorList, MistakesAreNamedByLineAndField) {
                     {"line 2", "position of \"a\" stands twice"}));
   EXPECT_TRUE(
       fails("a focal_range 0.5", {"line 1", "focal_range: expected a factor above 1, up to 10"}));
+  EXPECT_TRUE(fails("a focal_sigma 1", {"line 1", "focal_sigma: expected a share"}));
+  EXPECT_TRUE(fails("a focal_sigma 0\na focal_sigma 0", {"line 2", "stands twice"}));
   EXPECT_TRUE(fails("* world_down 0 0 1\n* world_down 0 0 1", {"line 2", "stands twice"}));
 }
 
@@ -58,8 +61,12 @@ TEST(PosePriorList, QueriesTakeWhatIsKnownOfThem) {
   EXPECT_TRUE(queries[0].priors.empty());
   EXPECT_TRUE(queries[1].priors.position);
   queries[1].priors.focal_range = 2;  // as the query list says
+  queries[1].priors.focal_sigma = 0.001;
   TakePosePriors(FileOf("b position 1 2 3 4"), queries);
   EXPECT_EQ(queries[1].priors.focal_range, 2);
+  EXPECT_EQ(queries[1].priors.focal_sigma, 0.001);
+  TakePosePriors(FileOf("b focal_sigma 0"), queries);
+  EXPECT_EQ(queries[1].priors.focal_sigma, 0);
   const auto file = FileOf("c position 1 2 3 4");
   EXPECT_TRUE(
       FailsWithInputError([&] { TakePosePriors(file, queries); }, {"knows none of the 2 queries"}));

@@ -319,6 +319,8 @@ TEST(PoseProblemJson, PriorsComeBack) {
   EXPECT_EQ(read.gravity->down_in_world, file.problem.priors.gravity->down_in_world);
   EXPECT_EQ(read.gravity->sigma_deg, 0.5);
   EXPECT_EQ(read.focal_range, 1.5);
+  file.problem.priors = {.focal_sigma = 0.03};
+  EXPECT_EQ(ParsePoseProblem(FormatPoseProblem(file), "p.json").problem.priors.focal_sigma, 0.03);
   file.problem.priors = {.focal_range = 2};
   EXPECT_EQ(ParsePoseProblem(FormatPoseProblem(file), "p.json").problem.priors.focal_range, 2);
 }

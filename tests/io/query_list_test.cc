@@ -48,6 +48,22 @@ TEST(QueryList, ANameAloneIsAPhotographOfUnknownFocalLength) {
                                   {"no.png"}));
 }
 
+TEST(QueryList, ALineMayTellHowSureItsFocalLengthIs) {
+  const auto folder = TestFolder();
+  const std::string text =
+      "a.jpg PINHOLE 4 3 5 5 2 1\nb.jpg PINHOLE 4 3 5 5 2 1 focal_sigma 0.03\n"
+      "c.jpg PINHOLE 4 3 5 5 2 1 focal_sigma 0\n";
+  WriteFile(folder / "a.txt", text);
+  const auto queries = ReadQueryList(folder / "a.txt");
+  ASSERT_EQ(queries.size(), 3u);
+  EXPECT_FALSE(queries[0].priors.focal_sigma);
+  EXPECT_EQ(queries[1].priors.focal_sigma, 0.03);
+  EXPECT_EQ(queries[1].camera, queries[0].camera);
+  EXPECT_EQ(queries[2].priors.focal_sigma, 0);
+  WriteQueryList(folder / "b.txt", queries);
+  EXPECT_EQ(ReadFile(folder / "b.txt"), text);
+}
+
 TEST(QueryList, PatternsNameSeveralLists) {
   const auto folder = TestFolder() / "with [brackets]";
   WriteFile(folder / "night_queries.txt", "n.jpg PINHOLE 4 3 5 5 2 1\n");
@@ -76,6 +92,11 @@ TEST(QueryList, WrongLinesAreNamed) {
   expect_failure("a.jpg FOO 4 3 5\n", {"q.txt: line 1: camera model", "found \"FOO\""});
   expect_failure("a.jpg PINHOLE 4 x 5 5 2 1\n", {"line 1: height: expected an integer"});
   expect_failure("a.jpg PINHOLE 4.5 3 5 5 2 1\n", {"line 1: width: expected an integer"});
+  expect_failure(
+      "a.jpg PINHOLE 4 3 5 5 2 1 focal_sigma 3\n",
+      {"q.txt: line 1: focal_sigma: expected a share of the focal length from 0 to 0.3"});
+  expect_failure("a.jpg PINHOLE 4 3 5 5 2 1 focal_sigma\n", {"line 1: focal_sigma"});
+  expect_failure("a.jpg PINHOLE 4 3 5 5 2 1 focal_sigma 0 1\n", {"line 1: expected the end"});
   expect_failure("a.jpg PINHOLE 4 3 5 5 2 nan\n", {"line 1: params: expected a finite number"});
   expect_failure("# c\na.jpg PINHOLE 4 3 5 5 2\n", {"q.txt: line 2: "});
   expect_failure("a.jpg PINHOLE 4 3 5 5 2 1 0\n", {"q.txt: line 1: "});

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Callable, Literal, Mapping, Protocol, Sequence, Tuple, TypedDict, Union
+from typing import Any, Callable, Literal, Mapping, Optional, Protocol, Sequence, Tuple, TypedDict, Union
 
 import numpy.typing
 
@@ -76,6 +76,7 @@ class EstimatorOptions(TypedDict, total=False):
     point_sigma: float
     refine_focal: bool
     focal_range: float
+    focal_sigma: Optional[float]
     min_iterations: int
     max_iterations: int
     confidence: float

@@ -18,6 +18,8 @@ namespace raylift {
 // Lines `name MODEL width height params...`; `#` comments and empty lines are skipped. The file
 // name may hold `*` and `?` (several lists, in the order of their names). A name that stands twice
 // is an error.
+// A camera's line may end in `focal_sigma S`, the standard deviation of its focal length as a share
+// of it.
 //
 // Where the folder of the photographs is given, a line may be a name alone: then the camera is a
 // pinhole with the principal point in the middle and a focal length of 1.2 times the longer side,
@@ -50,6 +52,8 @@ void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPos
 //   day/001.jpg gravity 0.02 0.998 0.05 1
 //   # of a query's camera: its focal length is the given one up to this factor either way
 //   day/002.jpg focal_range 1.5
+//   # the focal length's standard deviation as a share of it
+//   day/001.jpg focal_sigma 0.002
 //   # down in the world; 0 0 -1 where no line says it
 //   * world_down 0 0 -1
 //
@@ -57,8 +61,8 @@ void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPos
 // said twice.
 std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& file);
 
-// Gives each query what such a file knows of it; a focal length that was guessed stays unknown
-// where the file does not mention it. Throws InputError where the file knows none of the queries.
+// Gives each query what such a file knows of it; what the list says of the focal length holds where
+// the file does not mention it. Throws InputError where the file knows none of the queries.
 void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries);
 
 // Gives each query that was taken by a rig its frame and its pose in the rig. The file is COLMAP's

@@ -182,6 +182,10 @@ void AppendPriors(const PosePriors& priors, std::string* text) {
     *text += ", \"focal_range\": ";
     AppendNumber(priors.focal_range, text);
   }
+  if (priors.focal_sigma) {
+    *text += ", \"focal_sigma\": ";
+    AppendNumber(*priors.focal_sigma, text);
+  }
 }
 
 // Which keypoints the matches are of: also where a reader would find them by equal pixels, as other

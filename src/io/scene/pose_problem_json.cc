@@ -260,6 +260,13 @@ PosePriors ReadPriors(const JsonPlace& query) {
       place.Fail(fmt::format("expected a factor of 1 to {}", kMaxFocalRange));
     }
   }
+  if (query.Has("focal_sigma")) {
+    const JsonPlace place = query.Member("focal_sigma");
+    priors.focal_sigma = ReadSigma(place);
+    if (priors.focal_sigma.value_or(0) > kMaxFocalSigma) {
+      place.Fail(fmt::format("expected a share of the focal length of 0 to {}", kMaxFocalSigma));
+    }
+  }
   return priors;
 }
 

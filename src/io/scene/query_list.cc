@@ -64,6 +64,24 @@ Camera GuessedCamera(const PlaneSize& size) {
   return {CameraModel::kSimplePinhole, size.width_px, size.height_px, params};
 }
 
+double ReadFocalSigma(LineTokens& tokens) {
+  const double sigma = tokens.Double("focal_sigma");
+  if (!(sigma >= 0 && sigma <= kMaxFocalSigma)) {
+    tokens.Fail(fmt::format("focal_sigma: expected a share of the focal length from 0 to {}",
+                            kMaxFocalSigma));
+  }
+  return sigma;
+}
+
+// A camera that was calibrated, with what the line says of how well.
+void ReadCamera(LineTokens& tokens, Query& query) {
+  query.camera = tokens.CameraToEnd("focal_sigma");
+  if (tokens.AtEnd()) return;
+  tokens.Token("focal_sigma");
+  query.priors.focal_sigma = ReadFocalSigma(tokens);
+  tokens.ExpectEnd();
+}
+
 using Eigen::Vector3d;
 
 Vector3d ReadDirection(LineTokens& tokens, std::string_view field) {
@@ -219,7 +237,7 @@ std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
         query.camera = GuessedCamera(ReadImageSize(PathBelow(images, query.name)));
         query.priors.focal_range = kGuessedFocalRange;
       } else {
-        query.camera = tokens.CameraToEnd();
+        ReadCamera(tokens, query);
       }
       const auto [other, is_new] = place_of_name.emplace(
           query.name, fmt::format("{}: line {}", path.string(), lines.line_number()));
@@ -237,7 +255,11 @@ void WriteQueryList(const std::filesystem::path& path, const std::vector<Query>&
   std::string text;
   for (const Query& query : queries) {
     CheckName(path, query.name);
-    text += fmt::format("{} {}\n", query.name, query.camera.ToString());
+    text += query.name + ' ' + query.camera.ToString();
+    if (const auto& sigma = query.priors.focal_sigma) {
+      text += " focal_sigma " + FormatDouble(*sigma);
+    }
+    text += '\n';
   }
   WriteFile(path, text);
 }
@@ -318,10 +340,13 @@ std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& fi
         tokens.Fail(
             fmt::format("focal_range: expected a factor above 1, up to {}", kMaxFocalRange));
       }
+    } else if (kind == "focal_sigma") {
+      RequireNew(!priors[name].focal_sigma, tokens, name, kind);
+      priors[name].focal_sigma = ReadFocalSigma(tokens);
     } else {
       tokens.Fail(
-          fmt::format("expected \"position\", \"gravity\" or \"focal_range\", or \"* world_down\", "
-                      "found \"{} {}\"",
+          fmt::format("expected \"position\", \"gravity\", \"focal_range\" or \"focal_sigma\", or "
+                      "\"* world_down\", found \"{} {}\"",
                       name, kind));
     }
     tokens.ExpectEnd();
@@ -340,9 +365,10 @@ void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries)
   for (Query& query : queries) {
     const auto known = priors.find(query.name);
     if (known == priors.end()) continue;
-    const double guessed = query.priors.focal_range;
+    const PosePriors of_list = query.priors;
     query.priors = known->second;
-    if (query.priors.focal_range == 1) query.priors.focal_range = guessed;
+    if (query.priors.focal_range == 1) query.priors.focal_range = of_list.focal_range;
+    if (!query.priors.focal_sigma) query.priors.focal_sigma = of_list.focal_sigma;
     any = true;
   }
   if (!any) {

@@ -56,6 +56,11 @@ std::string_view LineTokens::Token(std::string_view field) {
   return token;
 }
 
+bool LineTokens::NextIs(std::string_view token) {
+  LineTokens ahead = *this;
+  return !ahead.AtEnd() && ahead.Token(token) == token;
+}
+
 uint32_t LineTokens::Uint32(std::string_view field) {
   const uint64_t value = Uint64(field);
   if (value > UINT32_MAX) {
@@ -93,7 +98,7 @@ Eigen::Vector4d LineTokens::Quaternion(std::string_view field) {
   return qvec_wxyz;
 }
 
-Camera LineTokens::CameraToEnd() {
+Camera LineTokens::CameraToEnd(std::string_view end) {
   const std::string_view name = Token("camera model");
   const auto model = CameraModelFromName(name);
   if (!model) {
@@ -103,7 +108,7 @@ Camera LineTokens::CameraToEnd() {
   const int width_px = Int("width");
   const int height_px = Int("height");
   std::vector<double> params;
-  while (!AtEnd()) {
+  while (!AtEnd() && !NextIs(end)) {
     params.push_back(Double("params"));
   }
   try {

@@ -46,11 +46,12 @@ class LineTokens {
   // Four numbers, w first, not normalized but not all zero.
   Eigen::Vector4d Quaternion(std::string_view field);
 
-  // "MODEL WIDTH HEIGHT PARAMS..." up to the end of the line.
-  Camera CameraToEnd();
+  // "MODEL WIDTH HEIGHT PARAMS..." up to the end of the line, or up to this word.
+  Camera CameraToEnd(std::string_view end = {});
 
  private:
   void SkipBlanks();
+  bool NextIs(std::string_view token);
 
   const LineReader& lines_;
   std::string_view rest_;
