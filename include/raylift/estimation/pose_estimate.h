@@ -82,9 +82,8 @@ struct PoseEstimate {
   double position_sigma = 0;      // of the camera center, scene units
 
   // The probability that the pose is right: that its inliers are not there by chance, that no other
-  // pose explains the matches as well, among those that its RANSAC found and one that is looked for
-  // in what it leaves unexplained, and, of E5+1's, that it is right in its
-  // distance from the reference that explains most: pairs of other references must tell that.
+  // pose explains the matches as well, that more than one small part of the photograph speaks for
+  // it, and that the matches tell where the camera is, within 1.25 % of the distance to the scene.
   // src/estimation/README.md has the formula.
   double confidence = 0;
   PoseVerdict verdict = PoseVerdict::kFailed;
