@@ -1,5 +1,6 @@
 #include "estimation/confidence/confidence.h"
 
+#include <algorithm>
 #include <map>
 #include <vector>
 
@@ -283,7 +284,6 @@ TEST(Support, InliersOnOnePatchAreOneWitness) {
   }
 }
 
-// The bounds of a match along a line are where its residual is the threshold.
 TEST(ProbabilityOfDistance, IsSureWhereOtherReferencesAgree) {
   Rng rng = TestRng();
   const CoherentProblem made =
@@ -294,6 +294,33 @@ TEST(ProbabilityOfDistance, IsSureWhereOtherReferencesAgree) {
   EXPECT_NEAR(distance * prepared.scale, 20, 4);
   EXPECT_GT(ProbabilityOfDistance(prepared, right, kBoth, distance, 0.001, 1), 0.999);
   EXPECT_GT(ProbabilityOfDistance(prepared, right, MatchSets::k2D2D, distance, 0, 1), 0.999);
+}
+
+// Wrong matches with the dominant reference say nothing of the distance from it.
+TEST(ProbabilityOfDistance, IsNotMovedByWrongMatchesOfTheDominantReference) {
+  Rng rng = TestRng();
+  for (int i = 0; i < 5; ++i) {
+    const CoherentProblem made =
+        MakeCoherentProblem("outliers", {.num_references = 3, .vertical = 0.5, .wrong = 0.6}, rng);
+    EXPECT_EQ(Estimate(made.problem, Method::kE5p1).verdict, PoseVerdict::kLocalized);
+    EXPECT_EQ(Estimate(made.problem).verdict, PoseVerdict::kLocalized);
+  }
+}
+
+// References that err as wholes by far more than the thresholds: no pose is sure, and counts are of
+// the pose that is returned.
+TEST(Support, ReferencesThatErrLeaveThePoseInDoubt) {
+  Rng rng = TestRng();
+  for (int i = 0; i < 5; ++i) {
+    const CoherentProblem made =
+        MakeCoherentProblem("references err", {.reference_deg = 1, .reference_position = 0.5}, rng);
+    const PoseEstimate estimate = Estimate(made.problem);
+    EXPECT_NE(estimate.verdict, PoseVerdict::kLocalized);
+    EXPECT_EQ(estimate.score_2d3d.num_inliers,
+              std::count(estimate.inliers_2d3d.begin(), estimate.inliers_2d3d.end(), true));
+    EXPECT_EQ(estimate.score_2d2d.num_inliers,
+              std::count(estimate.inliers_2d2d.begin(), estimate.inliers_2d2d.end(), true));
+  }
 }
 
 // Without a standard deviation the matches do not tell where the camera is.

@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <optional>
 #include <set>
 #include <span>
 
@@ -195,8 +197,10 @@ std::optional<ExclusiveInliers> InlierAssessor::Compare(const InlierEvidence& fi
                                                         const InlierEvidence& second) const {
   int shared = 0;
   std::vector<int> more_of_first(problem_.num_keypoints, 0);
+  std::vector<bool> left(problem_.num_keypoints, false);
   for (size_t i = 0; i < first.inlier.size(); ++i) {
     shared += first.inlier[i] && second.inlier[i] ? 1 : 0;
+    if (!first.inlier[i]) left[KeypointOf(i)] = true;
     more_of_first[KeypointOf(i)] += (first.inlier[i] ? 1 : 0) - (second.inlier[i] ? 1 : 0);
   }
   const auto inliers_of = [](const InlierEvidence& evidence) {
@@ -208,16 +212,15 @@ std::optional<ExclusiveInliers> InlierAssessor::Compare(const InlierEvidence& fi
     exclusive.only_first += more > 0 ? 1 : 0;
     exclusive.only_second += more < 0 ? 1 : 0;
   }
+  exclusive.left = static_cast<double>(std::count(left.begin(), left.end(), true));
   return exclusive;
 }
 
-bool InlierAssessor::IsBeyondChance(const InlierEvidence& best, const InlierEvidence& alternative,
+bool InlierAssessor::IsBeyondChance(const InlierEvidence& alternative,
                                     const ExclusiveInliers& exclusive) const {
-  const double left = best.keypoints - best.inlier_keypoints;
-  const double trials_left = std::max(left, exclusive.only_second);
-  const Trials trials = {.trials = trials_left,
+  const Trials trials = {.trials = exclusive.left,
                          .inliers = exclusive.only_second,
-                         .chance_sum = alternative.chance * trials_left};
+                         .chance_sum = alternative.chance * exclusive.left};
   const double sample = Has2D3D(sets_) ? sample_2d3d_ : kSample2D2D;
   const double tried = std::max(num_poses_tried_, 2.0 * kAlternativeSamples);
   return std::log(tried) + trials.LogTail(sample, alternative.clustering) <
@@ -231,9 +234,11 @@ double InlierAssessor::Spread(const InlierEvidence& evidence) const {
     if (evidence.inlier[i]) inlier[KeypointOf(i)] = true;
   }
   std::vector<double> x, y;
+  std::optional<int> camera;
   for (size_t k = 0; k < inlier.size(); ++k) {
     if (!inlier[k]) continue;
-    if (camera_[k] != camera_.front()) return 1;  // two photographs are two places
+    if (camera && camera_[k] != *camera) return 1;  // two photographs are two places
+    camera = camera_[k];
     x.push_back(pixel_[k].x());
     y.push_back(pixel_[k].y());
   }
@@ -242,7 +247,8 @@ double InlierAssessor::Spread(const InlierEvidence& evidence) const {
   std::vector<double> distances, of_inliers;
   for (size_t k = 0; k < matched.size(); ++k) {
     if (!matched[k]) continue;
-    distances.push_back((pixel_[k] - middle).norm());
+    distances.push_back(camera_[k] == *camera ? (pixel_[k] - middle).norm()
+                                              : std::numeric_limits<double>::infinity());
     if (inlier[k]) of_inliers.push_back(distances.back());
   }
   constexpr double kShare = 2.0 / 3;

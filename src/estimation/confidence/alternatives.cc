@@ -24,70 +24,57 @@ std::optional<int> ReferenceOf(const PoseProblem& problem, int match_2d3d) {
   const size_t likely = point.match_2d2d.value_or(index);
   if (likely >= problem.matches_2d2d.size()) return std::nullopt;
   const Match2D2D& match = problem.matches_2d2d[likely];
-  if (match.query_px != point.query_px) return std::nullopt;
+  if (match.camera != point.camera || match.query_px != point.query_px) return std::nullopt;
   return match.reference;
 }
 
+// Returns the matches of the reference that most of them are of; all where none has two samples.
+std::vector<int> OfOneReference(const PoseProblem& problem, const std::vector<int>& matches_2d3d) {
+  std::vector<std::vector<int>> by_reference(problem.references.size());
+  for (const int i : matches_2d3d) {
+    const std::optional<int> reference = ReferenceOf(problem, i);
+    if (!reference || *reference < 0) continue;
+    if (static_cast<size_t>(*reference) >= by_reference.size()) continue;
+    by_reference[static_cast<size_t>(*reference)].push_back(i);
+  }
+  const auto largest =
+      std::max_element(by_reference.begin(), by_reference.end(),
+                       [](const auto& a, const auto& b) { return a.size() < b.size(); });
+  return largest != by_reference.end() && largest->size() >= 6 ? *largest : matches_2d3d;
+}
+
 // The problem without the explained matches, and without those that cannot count: its 2D-3D matches,
-// if they are scored and enough for a sample, else its 2D-2D matches. Of the 2D-3D matches only the
-// ones of the reference that most are of, where one has enough: another answer is one reference's
-// at least, and its matches agree where others may not.
-class Rest {
- public:
-  Rest(const PoseProblem& problem, const NormalizedProblem& prepared,
-       const std::vector<bool>& explained, MatchSets scored)
-      : problem_(problem) {
-    size_t index = 0;
-    if (Has2D3D(scored)) {
-      for (const NormalizedMatch2D3D& point : prepared.matches_2d3d) {
-        if (!explained[index++]) left_2d3d_.push_back(point.match);
-      }
+// if they are scored and enough for a sample, else its 2D-2D matches. Of the 2D-3D matches only one
+// reference's: its matches agree on another answer where those of others may not.
+PoseProblem Rest(const PoseProblem& problem, const NormalizedProblem& prepared,
+                 const std::vector<bool>& explained, MatchSets scored) {
+  PoseProblem rest;
+  rest.name = problem.name;
+  rest.query_camera = problem.query_camera;
+  rest.other_cameras = problem.other_cameras;
+  rest.references = problem.references;
+  rest.priors = problem.priors;
+  size_t index = 0;
+  if (Has2D3D(scored)) {
+    std::vector<int> left;
+    for (const NormalizedMatch2D3D& point : prepared.matches_2d3d) {
+      if (!explained[index++]) left.push_back(point.match);
     }
-    if (Has2D2D(scored)) {
-      for (const NormalizedMatch2D2D& pair : prepared.matches_2d2d) {
-        if (!explained[index++]) left_2d2d_.push_back(pair.match);
-      }
+    for (const int i : OfOneReference(problem, left)) {
+      rest.matches_2d3d.push_back(problem.matches_2d3d[static_cast<size_t>(i)]);
+      rest.matches_2d3d.back().match_2d2d.reset();
+    }
+    if (rest.matches_2d3d.size() >= 3) return rest;
+    rest.matches_2d3d.clear();
+  }
+  if (Has2D2D(scored)) {
+    for (const NormalizedMatch2D2D& pair : prepared.matches_2d2d) {
+      if (explained[index++]) continue;
+      rest.matches_2d2d.push_back(problem.matches_2d2d[static_cast<size_t>(pair.match)]);
     }
   }
-
-  PoseProblem Problem() const {
-    PoseProblem rest;
-    rest.name = problem_.name;
-    rest.query_camera = problem_.query_camera;
-    rest.other_cameras = problem_.other_cameras;
-    rest.references = problem_.references;
-    rest.priors = problem_.priors;
-    if (left_2d3d_.size() >= 3) {
-      for (const int i : Largest2D3D()) {
-        rest.matches_2d3d.push_back(problem_.matches_2d3d[static_cast<size_t>(i)]);
-        rest.matches_2d3d.back().match_2d2d.reset();
-      }
-    } else {
-      for (const int i : left_2d2d_) {
-        rest.matches_2d2d.push_back(problem_.matches_2d2d[static_cast<size_t>(i)]);
-      }
-    }
-    return rest;
-  }
-
- private:
-  // Returns what is left of the reference that most is left of, or all.
-  std::vector<int> Largest2D3D() const {
-    std::vector<std::vector<int>> by_reference(problem_.references.size());
-    for (const int i : left_2d3d_) {
-      const auto reference = static_cast<size_t>(ReferenceOf(problem_, i).value_or(-1));
-      if (reference < by_reference.size()) by_reference[reference].push_back(i);
-    }
-    const auto largest =
-        std::max_element(by_reference.begin(), by_reference.end(),
-                         [](const auto& a, const auto& b) { return a.size() < b.size(); });
-    constexpr size_t kEnough = 6;  // twice a sample
-    return largest != by_reference.end() && largest->size() >= kEnough ? *largest : left_2d3d_;
-  }
-
-  const PoseProblem& problem_;
-  std::vector<int> left_2d3d_, left_2d2d_;
-};
+  return rest;
+}
 
 }  // namespace
 
@@ -124,7 +111,7 @@ std::optional<Rigid3> FindAlternative(const PoseProblem& problem, const Normaliz
                                       const std::vector<bool>& explained, MatchSets scored,
                                       const EstimatorOptions& options) {
   Rng rng(StreamSeed(options.seed, problem.name, "rival"));
-  const NormalizedProblem rest(Rest(problem, prepared, explained, scored).Problem(),
+  const NormalizedProblem rest(Rest(problem, prepared, explained, scored),
                                options.reprojection_threshold_px, options.sampson_threshold_px, rng,
                                options.point_sigma);
   const P3pSampler p3p(rest);

@@ -46,10 +46,10 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
     const std::optional<ExclusiveInliers> exclusive = assessor.Compare(evidence, alternative);
     if (!exclusive) continue;
     const double log_odds = log_prior - normalized.priors.LogEvidence(pose);
-    confidence = std::min(
-        confidence, ProbabilityOverAlternative(
-                        *exclusive, std::max(evidence.clustering, alternative.clustering),
-                        assessor.IsBeyondChance(evidence, alternative, *exclusive), log_odds));
+    confidence =
+        std::min(confidence, ProbabilityOverAlternative(
+                                 *exclusive, std::max(evidence.clustering, alternative.clustering),
+                                 assessor.IsBeyondChance(alternative, *exclusive), log_odds));
   }
   // What a scene holds twice, a window or a sign, seldom is as large as a fourth of what the
   // photograph shows: inliers on less are one witness.

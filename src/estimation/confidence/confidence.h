@@ -1,11 +1,12 @@
 // How sure a pose is: the probability that it is right.
 //
-//   confidence = min(P_chance, P_alternative, max(0.1, P_position))
+//   confidence = min(P_chance, P_alternative, P_patch, max(0.1, P_position))
 //
 //   P_chance       The inliers are not there by chance: 1 / (1 + NFA / L), with the expected number of
 //                  false alarms NFA (below) and how much likelier the priors make the pose, L.
 //   P_alternative  No other pose explains the matches as well: the least over those that RANSAC found
 //                  and one that is looked for in what the pose leaves unexplained.
+//   P_patch        1/2 where the inliers lie on a small part of what is matched.
 //   P_position     The matches tell where the camera is: within 1.25 % of the distance to the scene, and
 //                  not by chance along the line on which the dominant reference leaves it. Where they
 //                  do not, the orientation holds all the same: so no less than what is needed for a
@@ -13,7 +14,7 @@
 //
 // NFA is an a-contrario test (Moisan and Stival, IJCV 2004): how many poses with so many inliers
 // would wrong matches give? Wrong matches fall anywhere, so each is an inlier with the share of the
-// image that its threshold covers (more for uncertain points and references), or with the density
+// area of all matches that its threshold covers (more for uncertain points and references), or with the density
 // of the residuals well beyond the threshold if that is larger. A keypoint counts once, in however
 // many references it is matched; and keypoints that lie together count as fewer, as what repeats (a
 // sign, a window) repeats with all of its keypoints. The logarithm of the expected number of such
@@ -67,6 +68,7 @@ struct InlierEvidence {
 // than the other one does.
 struct ExclusiveInliers {
   double only_first = 0, only_second = 0;
+  double left = 0;  // that have a match which the first does not explain
 
   // The probability that the first is right if one of them is, where each keypoint speaks for
   // itself; nullopt where there is no such keypoint.
@@ -91,10 +93,9 @@ class InlierAssessor {
   std::optional<ExclusiveInliers> Compare(const InlierEvidence& first,
                                           const InlierEvidence& second) const;
 
-  // Whether the alternative explains more of the keypoints that the best pose does not than chance
-  // would: then the scene holds something twice, or one of them is wrong as a whole.
-  bool IsBeyondChance(const InlierEvidence& best, const InlierEvidence& alternative,
-                      const ExclusiveInliers& exclusive) const;
+  // Whether more of the keypoints that the best pose leaves a match of speak for the alternative than
+  // chance would have: then the scene holds something twice, or one of them is wrong as a whole.
+  bool IsBeyondChance(const InlierEvidence& alternative, const ExclusiveInliers& exclusive) const;
 
   // The share of the keypoints with matches that lie as near to the middle of the inliers as two
   // thirds of these do, over two thirds: 1 where inliers are spread as all are.
@@ -131,7 +132,8 @@ double ProbabilityOverAlternative(const ExclusiveInliers& exclusive, double clus
 inline constexpr int kAlternativeSamples = 191;
 
 // Looks for a pose among the matches that the pose does not explain (InlierEvidence::inlier), by
-// samples of three 2D-3D matches where these are of the scored sets and left, of E5+1 otherwise.
+// samples of three 2D-3D matches where these are of the scored sets and left, of E5+1 otherwise. Of
+// the 2D-3D matches only those of the reference that most are left of are looked at.
 // Where there is one, the scene holds something twice, or one of the two poses is wrong as a whole.
 std::optional<Rigid3> FindAlternative(const PoseProblem& problem,
                                       const NormalizedProblem& normalized,
@@ -150,7 +152,7 @@ double SceneDistance(const NormalizedProblem& problem, const CamFromLocal& pose,
 // other references (or of other cameras of a rig), and that reference's depths: two witnesses. For
 // each, more keypoints must speak for the pose than for any place elsewhere on that line, as what
 // few among many agree on is chance's. `depth_sigma` is the relative standard deviation of depths.
-// 1 where no 2D-2D match is explained.
+// 1 where no 2D-2D match is explained, or the camera is at that reference.
 double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLocal& pose,
                              MatchSets sets, double scene_distance, double depth_sigma,
                              double clustering);

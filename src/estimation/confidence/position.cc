@@ -42,7 +42,7 @@ class CameraOnLine {
       : problem_(problem), pose_(pose), direction_(direction) {}
 
   // The squared reprojection error |n.xy|^2 / (n.z^2 + v), with n = m - x k.
-  std::optional<Interval> Of(const NormalizedMatch2D3D& match) const {
+  std::optional<Interval> InlierInterval(const NormalizedMatch2D3D& match) const {
     const CamFromLocal camera = problem_.PoseOfCamera(pose_, match.camera);
     const Vector3d m = match.image_from_ray * (camera.rotation * match.point + camera.translation);
     const Vector3d k = match.image_from_ray * (camera.rotation * direction_);
@@ -57,7 +57,7 @@ class CameraOnLine {
 
   // The squared Sampson error (q . (b x r))^2 / (|Gq' (b x r)|^2 + |Gr' (q x b)|^2), with the
   // baseline b = b0 - x direction.
-  std::optional<Interval> Of(const NormalizedMatch2D2D& match) const {
+  std::optional<Interval> InlierInterval(const NormalizedMatch2D2D& match) const {
     const Matrix3d local_from_cam = pose_.rotation.transpose();
     const Vector3d query_ray = local_from_cam * match.query_ray;
     const Vector3d baseline =
@@ -79,7 +79,15 @@ class CameraOnLine {
       return p.numerator * q.numerator - p.by_query.dot(q.by_query) -
              p.by_reference.dot(q.by_reference);
     };
-    return WhereNegative(dot(k, k), -dot(m, k), dot(m, m), match.keypoint);
+    const auto interval = WhereNegative(dot(k, k), -dot(m, k), dot(m, m), match.keypoint);
+    if (!interval) return std::nullopt;
+    const Vector3d middle = baseline - 0.5 * (interval->begin + interval->end) * direction_;
+    // The rays may meet behind a camera by what a pixel's error moves the angle between them.
+    const double cosine = query_ray.dot(match.reference_ray);
+    const double slack = match.parallax * middle.norm();
+    const double from_query = middle.dot(query_ray - cosine * match.reference_ray);
+    const double from_reference = middle.dot(cosine * query_ray - match.reference_ray);
+    return from_query + slack > 0 && from_reference + slack > 0 ? interval : std::nullopt;
   }
 
  private:
@@ -175,22 +183,24 @@ class PlacesOnLine {
   ExclusiveInliers exclusive_;  // of 0 and of here
 };
 
-// The 2D-3D matches that are the dominant reference's own depths of explained 2D-2D matches: they lie
-// on its rays.
+// Whether each 2D-3D match is a depth of an explained 2D-2D match of the dominant reference: then its
+// point lies on that match's ray.
 std::vector<bool> OwnDepths(const NormalizedProblem& problem, const Residuals& residuals,
                             int dominant, const Vector3d& center) {
-  std::vector<std::optional<Vector3d>> ray(problem.num_keypoints);
+  std::vector<std::vector<Vector3d>> rays(problem.num_keypoints);
   for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
     const NormalizedMatch2D2D& match = problem.matches_2d2d[i];
     const bool is_explained = match.camera_reference == dominant && residuals.of_2d2d[i] < 1;
-    if (is_explained) ray[match.keypoint] = match.reference_ray;
+    if (is_explained) rays[match.keypoint].push_back(match.reference_ray);
   }
   std::vector<bool> own;
   for (const NormalizedMatch2D3D& match : problem.matches_2d3d) {
-    const Vector3d to_point = match.point - center;
-    constexpr double kOnRay = 1e-4;  // radians, well below a pixel
-    own.push_back(ray[match.keypoint] &&
-                  to_point.cross(*ray[match.keypoint]).norm() < kOnRay * to_point.norm());
+    const Vector3d to_point = (match.point - center).normalized();
+    constexpr double kOnRay = 1e-5;  // radians, well below a pixel
+    const std::vector<Vector3d>& of_keypoint = rays[match.keypoint];
+    own.push_back(std::any_of(of_keypoint.begin(), of_keypoint.end(), [&](const Vector3d& ray) {
+      return to_point.cross(ray).norm() < kOnRay;
+    }));
   }
   return own;
 }
@@ -227,7 +237,7 @@ double SceneDistance(const NormalizedProblem& problem, const CamFromLocal& pose,
 double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLocal& pose,
                              MatchSets sets, double scene_distance, double depth_sigma,
                              double clustering) {
-  const Residuals residuals = ComputeResiduals(problem, pose, MatchSets::k2D2D);
+  const Residuals residuals = ComputeResiduals(problem, pose);
   const std::optional<int> dominant = DominantReference(problem, residuals);
   if (!dominant) return 1;
   const Vector3d& reference =
@@ -242,15 +252,18 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
   const double longest = std::max(length, 0.5 * scene_distance);
   std::vector<Interval> by_others, by_own_depths;
   const auto add = [&](const auto& match, std::vector<Interval>& to) {
-    const std::optional<Interval> interval = camera.Of(match);
+    const std::optional<Interval> interval = camera.InlierInterval(match);
     if (interval && interval->end - interval->begin < longest) to.push_back(*interval);
   };
-  for (const NormalizedMatch2D2D& match : problem.matches_2d2d) add(match, by_others);
-  double num_own_depths = 0;  // of explained 2D-2D matches
+  for (const NormalizedMatch2D2D& match : problem.matches_2d2d) {
+    if (match.camera_reference != *dominant) add(match, by_others);
+  }
+  double num_own_depths = 0, agreeing = 0;  // of explained 2D-2D matches
   if (Has2D3D(sets)) {
     const std::vector<bool> own = OwnDepths(problem, residuals, *dominant, reference);
     for (size_t i = 0; i < own.size(); ++i) {
       num_own_depths += own[i] ? 1 : 0;
+      agreeing += own[i] && residuals.of_2d3d[i] < 1 ? 1 : 0;
       add(problem.matches_2d3d[i], own[i] ? by_own_depths : by_others);
     }
   }
@@ -261,9 +274,6 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
   // distribution, which is Student's t with one degree of freedom. Depths that agree with the place
   // and those that do not are two witnesses of it. So they are no surer for the place than their
   // scale is, and where it is off they say nothing.
-  const auto agreeing = static_cast<double>(
-      std::count_if(by_own_depths.begin(), by_own_depths.end(),
-                    [](const Interval& interval) { return interval.Contains(0); }));
   const double scale_holds = std::min(
       2 / std::numbers::pi * std::atan2(kRightPosition * scene_distance, depth_sigma * length),
       num_own_depths > 0 ? ProbabilityOfLarger(agreeing, num_own_depths - agreeing) : 1);

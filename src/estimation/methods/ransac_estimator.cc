@@ -40,6 +40,7 @@ void DescribePose(const NormalizedProblem& problem, const PoseProblem& original,
                            MatchSetScore& score, std::vector<bool>& inliers) {
     inliers.assign(total, false);
     score.num_matches = static_cast<int>(total);
+    score.num_inliers = 0;
     score.msac_cost = static_cast<double>(total - matches.size());
     for (size_t i = 0; i < matches.size(); ++i) {
       const bool inlier = squared[i] < 1;
@@ -202,17 +203,30 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem,
   estimate.solver = report.best->solver;
   estimate.ransac_value = report.best_value;
   const RefinedPose refined = Refine(normalized, evidence, pose_score, report, estimate);
-  const double num_samples =
-      std::min<double>(report.iterations, samplers.Of(estimate.solver).NumSamples());
-  // A sample gives some two poses; each solver has its share of the false alarms.
-  const double tried = 2.0 * num_samples * static_cast<double>(samplers.solvers().size());
-  Describe(problem, normalized, refined, tried, OtherPoses(report), estimate);
+  const std::vector<CamFromLocal> others = OtherPoses(report);
+  const auto conclude = [&](const RefinedPose& final_pose) {
+    const double num_samples =
+        std::min<double>(report.iterations, samplers.Of(estimate.solver).NumSamples());
+    DescribePose(normalized, problem, final_pose, estimate);
+    // A sample gives some two poses; each solver has its share of the false alarms.
+    AssessConfidence(
+        problem, normalized,
+        {.pose = final_pose.pose,
+         .position_sigma = estimate.position_sigma / normalized.scale,
+         .solver = estimate.solver,
+         .scored = method_.scored,
+         .num_poses_tried = 2.0 * num_samples * static_cast<double>(samplers.solvers().size()),
+         .alternatives = others},
+        options_, estimate);
+  };
+  conclude(refined);
   // A pose between references that err as wholes may fit none of them; RANSAC's fits one at least.
   if (refined.references_disagree && estimate.confidence < kLeastConfidence) {
     estimate.noise.reset();
     DropCovariance(estimate);
-    Describe(problem, normalized, {.pose = report.best->pose, .covariance = std::nullopt}, tried,
-             OtherPoses(report), estimate);
+    estimate.solver = report.best->solver;
+    estimate.refined_value = estimate.ransac_value;
+    conclude({.pose = report.best->pose, .covariance = std::nullopt});
   }
   RejectUnsupported(samplers.E5p1ObservesPosition(), estimate);
   return estimate;
@@ -250,16 +264,17 @@ RefinedPose RansacEstimator::Refine(const NormalizedProblem& problem,
                                            {static_cast<double>(problem.num_matches_2d2d), 0},
                                            problem.priors.WorstCost()});
   // Where references err as wholes, the pose between them is near many matches, and fits few.
-  const bool has_kept =
+  const bool explains_enough =
       refined.references_disagree
           ? NearMatches(seen, refined.pose) > kKeptGain * NearMatches(problem, report.best->pose)
           : nothing - estimate.refined_value > kKeptGain * (nothing - estimate.ransac_value);
-  if (!has_kept) {
+  if (!explains_enough) {
     // How uncertain a pose is whose matches err with their references is not known.
-    const bool is_certain = !refined.references_disagree;
+    const bool references_agree = !refined.references_disagree;
     refined = KeepPose(problem, report.best->pose, sets);
-    if (!is_certain) refined.covariance.reset();
+    if (!references_agree) refined.covariance.reset();
     estimate.refined_value = estimate.ransac_value;
+    estimate.solver = report.best->solver;
   }
   return refined;
 }

@@ -148,22 +148,24 @@ class Gathering {
   KeypointEvidence evidence_;
 };
 
-// The sum of pixels' squares about their mean.
+// The covariance of pixels, as their sum and squares.
 struct Scatter {
   double count = 0;
   Eigen::Vector2d sum = Eigen::Vector2d::Zero();
   Eigen::Matrix2d squares = Eigen::Matrix2d::Zero();
 
   void Add(const Eigen::Vector2d& pixel) {
-    if (!pixel.allFinite()) return;
     count += 1;
     sum += pixel;
     squares += pixel * pixel.transpose();
   }
-  // The area of the rectangle: a side has twelve times its square's variance.
+  // The area of the rectangle in which uniform pixels would have this covariance: a side has twelve
+  // times its square's variance. None is shorter than a keypoint is wide.
   double Area() const {
-    if (count < 2) return 0;
-    const Eigen::Matrix2d covariance = (squares - sum * sum.transpose() / count) / (count - 1);
+    constexpr double kLeastSidePx = 10;
+    if (count < 2) return kLeastSidePx * kLeastSidePx;
+    Eigen::Matrix2d covariance = (squares - sum * sum.transpose() / count) / (count - 1);
+    covariance.diagonal().array() += kLeastSidePx * kLeastSidePx / 12;
     return 12 * std::sqrt(std::max(0.0, covariance.determinant()));
   }
 };
@@ -173,9 +175,11 @@ struct Scatter {
 double MatchedAreaPx2(const PoseProblem& problem) {
   std::vector<Scatter> scatter(static_cast<size_t>(problem.num_cameras()));
   const auto add = [&](const auto& match) {
-    if (problem.HasCamera(match.camera)) {
-      scatter[static_cast<size_t>(match.camera)].Add(match.query_px);
-    }
+    if (!problem.HasCamera(match.camera) || !match.query_px.allFinite()) return;
+    const Camera& camera = problem.CameraAt(match.camera);
+    const Eigen::Vector2d corner(camera.width_px(), camera.height_px());
+    scatter[static_cast<size_t>(match.camera)].Add(
+        match.query_px.cwiseMax(Eigen::Vector2d::Zero()).cwiseMin(corner));
   };
   for (const Match2D2D& match : problem.matches_2d2d) add(match);
   for (const Match2D3D& match : problem.matches_2d3d) add(match);
@@ -188,9 +192,7 @@ double MatchedAreaPx2(const PoseProblem& problem) {
     area += matched.count * std::min(image, matched.Area());
     count += matched.count;
   }
-  // Pixels in one place are as far apart as a keypoint is wide.
-  constexpr double kLeastAreaPx2 = 100;
-  return std::max(kLeastAreaPx2, area / std::max(1.0, count));
+  return count > 0 ? area / count : 1;
 }
 
 KeypointEvidence GatherEvidence(const PoseProblem& original, const NormalizedProblem& problem) {

@@ -152,8 +152,11 @@ class Ransac {
       RansacResult optimized = *best.result;
       optimized.pose = OptimizeLocally(problem_, optimized.pose, MatchSets::k2D2D, kLocalSteps,
                                        options_.optimization.matches);
-      if (AreApart(optimized.pose, best_->pose) &&
-          IsInDoubt(of_best, scorer_.ScoreAll(optimized.pose))) {
+      const bool is_new = AreApart(optimized.pose, best_->pose) &&
+                          std::all_of(others.begin(), others.end(), [&](const RansacResult& other) {
+                            return AreApart(other.pose, optimized.pose);
+                          });
+      if (is_new && IsInDoubt(of_best, scorer_.ScoreAll(optimized.pose))) {
         others.push_back(optimized);
       }
     }
@@ -162,7 +165,7 @@ class Ransac {
 
   // Whether the 2D-2D matches contradict the best pose: it explains fewer of them than another pose,
   // by three standard deviations of their number, or a much smaller share of the 2D-3D matches than
-  // of those that they were lifted from. Then depths of some references are wrong together.
+  // of the 2D-2D matches. Then depths of some references are wrong together.
   bool IsInDoubt(const SetScores& of_best, const SetScores& of_other) const {
     constexpr double kShare = 0.75;
     const double inliers = of_best.of_2d2d.inliers;
@@ -254,6 +257,7 @@ class Ransac {
   void UpdateRequiredSamples() {
     const InlierCounts inliers = scorer_.CountInliers(best_->pose);
     scorer_.ExpectClusters(inliers.clustering_2d2d);
+    if (scorer_of_2d2d_) scorer_of_2d2d_->ExpectClusters(inliers.clustering_2d2d);
     for (SolverProgress& progress : solvers_) {
       progress.success_probability = progress.solver.sampler->SuccessProbability(inliers);
       progress.required = SamplesForConfidence(progress.success_probability, options_.confidence);

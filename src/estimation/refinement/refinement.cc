@@ -61,7 +61,7 @@ std::vector<double> LogScales(const KeypointEvidence& evidence, const CamFromLoc
       const Eigen::Vector3d from_query = (point - keypoint.CenterOfCamera(pose)).normalized();
       errors[static_cast<size_t>(observation.reference)].push_back(
           {std::log((point - observation.center).norm()) - observation.log_distance,
-           from_query.cross(observation.ray).squaredNorm()});
+           from_query.cross(observation.ray).norm()});
     }
   }
   std::vector<double> scales;
@@ -132,7 +132,8 @@ RefinedPose RefineWithScales(const NormalizedProblem& problem, const KeypointEvi
                                          FocalDerivatives::kNone, ReferenceErrors::kAlways);
   const double variance = refined.noise->depth + refined.noise->common_depth;
   for (const double log_scale : log_scales) {
-    refined.log_likelihood -= std::log1p(log_scale * log_scale / variance);
+    refined.log_likelihood -=
+        std::log1p(log_scale * log_scale / variance) + 0.5 * std::log(variance);
   }
   return refined;
 }

@@ -430,7 +430,7 @@ void ExpectationStep::UpdateUnanchored(int i, const KeypointObservations& keypoi
   const double p = std::isfinite(density) ? noise_.unanchored_right * density : 0;
   const double wrong = (1 - noise_.unanchored_right) * any;
   Approach(weight, p / (p + wrong));
-  likelihood_.Multiply((p + wrong) / any);
+  if (any > 0) likelihood_.Multiply(std::clamp((p + wrong) / any, 1e-99, 1e99));
   unanchored_right_.right += weight;
 }
 
