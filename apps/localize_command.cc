@@ -134,7 +134,8 @@ void LocalizeContinuously(const LocalizeFlags& flags, const ContinuousInputs& in
     joined += record->joined ? 1 : 0;
     localized.push_back(std::move(record->localized));
   }
-  for (std::string& warning : localizer->ContinuousWarnings(localized)) {
+  for (std::string& warning :
+       InputOrDepthWarnings(localizer->ContinuousWarnings(localized), localizer->scene())) {
     warnings.push_back(std::move(warning));
   }
   PrintWarnings(warnings);
@@ -223,7 +224,8 @@ class LocalizeRun {
             .warnings = warnings_,
             .checks_geometry = localizer.ChecksGeometry(),
             .calibration = *scene.calibration,
-            .input_warnings = known ? known->input_warnings : localizer.InputWarnings()};
+            .input_warnings = known ? known->input_warnings
+                                    : InputOrDepthWarnings(localizer.InputWarnings(), scene)};
   }
 
   void Localize(LocalizeAll& localizer, const std::vector<size_t>& missing, QueryJob& job) {

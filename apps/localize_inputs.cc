@@ -122,15 +122,21 @@ std::vector<std::string> WriteCalibration(const LocalizeFlags& flags, const Scen
       })) {
     WriteAlignment(flags.out / "depth_alignment.jsonl", scene.sources);
   }
+  if (scene.rendered == nullptr || scene.calibration->match_noise || !UsesSceneNoise(estimator)) {
+    return {};
+  }
+  return {
+      "rendered references do not tell how noisy matches with photographs are: `raylift calibrate` "
+      "learns it from some queries, for --scene-calibration"};
+}
+
+std::vector<std::string> InputOrDepthWarnings(std::vector<std::string> of_input,
+                                              const Scene& scene) {
+  if (!of_input.empty()) return of_input;
   std::vector<std::string> warnings;
   for (const SceneSource& source : scene.sources) {
     const auto warning = source.alignment ? WarnOfFactors(*source.alignment) : std::nullopt;
     if (warning) warnings.push_back(fmt::format("{}: {}", source.spec, *warning));
-  }
-  if (scene.rendered != nullptr && !scene.calibration->match_noise && UsesSceneNoise(estimator)) {
-    warnings.emplace_back(
-        "rendered references do not tell how noisy matches with photographs are: `raylift "
-        "calibrate` learns it from some queries, for --scene-calibration");
   }
   return warnings;
 }

@@ -42,4 +42,9 @@ std::unique_ptr<LocalizeAll> OpenLocalizer(const LocalizeFlags& flags, const Sce
 std::vector<std::string> WriteCalibration(const LocalizeFlags& flags, const Scene& scene,
                                           const EstimatorOptions& estimator);
 
+// Returns the warnings of the input, or where there are none those of its depths' factors: what is
+// read wrongly makes factors that mean nothing.
+std::vector<std::string> InputOrDepthWarnings(std::vector<std::string> of_input,
+                                              const Scene& scene);
+
 }  // namespace raylift
