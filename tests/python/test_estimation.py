@@ -170,11 +170,13 @@ def test_options_are_those_of_the_program_with_its_defaults(tmp_path):
                           capture_output=True).stdout
     group = text[text.index("\nEstimator:"):].split("\nRunning:")[0]
     # "--name TEXT=default" or, by later versions of CLI11, "--name TEXT [default]".
-    options = re.findall(r"^  --([a-z0-9-]+)(?: [A-Z]+(?:=| \[)([^\s\]]+))?", group, flags=re.MULTILINE)
-    assert {name.replace("-", "_") for name, _ in options} == set(_types.EstimatorOptions.__annotations__)
+    options = re.findall(r"^  --([a-z0-9-]+)(?: ([A-Z]+)(?:(?:=| \[)([^\s\]]+))?)?", group,
+                         flags=re.MULTILINE)
+    assert {name.replace("-", "_") for name, _, _ in options} == set(_types.EstimatorOptions.__annotations__)
     documented = inspect.getdoc(raylift.estimate_pose)
-    for name, default in options:
-        shown = f'"{default}"' if default and default[0].isalpha() else default or "False"
+    for name, kind, default in options:
+        none = "None" if kind else "False"  # a value that may be left open, or a flag
+        shown = f'"{default}"' if default and default[0].isalpha() else default or none
         assert f'{name.replace("-", "_")}={shown}' in documented
 
 
