@@ -135,7 +135,7 @@ void LocalizeContinuously(const LocalizeFlags& flags, const ContinuousInputs& in
     localized.push_back(std::move(record->localized));
   }
   for (std::string& warning :
-       InputOrDepthWarnings(localizer->ContinuousWarnings(localized), localizer->scene())) {
+       InputOrDepthWarnings(flags, localizer->ContinuousWarnings(localized), localizer->scene())) {
     warnings.push_back(std::move(warning));
   }
   PrintWarnings(warnings);
@@ -224,8 +224,9 @@ class LocalizeRun {
             .warnings = warnings_,
             .checks_geometry = localizer.ChecksGeometry(),
             .calibration = *scene.calibration,
-            .input_warnings = known ? known->input_warnings
-                                    : InputOrDepthWarnings(localizer.InputWarnings(), scene)};
+            .input_warnings = known
+                                  ? known->input_warnings
+                                  : InputOrDepthWarnings(flags_, localizer.InputWarnings(), scene)};
   }
 
   void Localize(LocalizeAll& localizer, const std::vector<size_t>& missing, QueryJob& job) {

@@ -130,9 +130,10 @@ std::vector<std::string> WriteCalibration(const LocalizeFlags& flags, const Scen
       "learns it from some queries, for --scene-calibration"};
 }
 
-std::vector<std::string> InputOrDepthWarnings(std::vector<std::string> of_input,
+std::vector<std::string> InputOrDepthWarnings(const LocalizeFlags& flags,
+                                              std::vector<std::string> of_input,
                                               const Scene& scene) {
-  if (!of_input.empty()) return of_input;
+  if (flags.no_doctor || !of_input.empty()) return of_input;
   std::vector<std::string> warnings;
   for (const SceneSource& source : scene.sources) {
     const auto warning = source.alignment ? WarnOfFactors(*source.alignment) : std::nullopt;
