@@ -102,7 +102,7 @@ struct AlignOptions {
   double epipolar_threshold_px = 3;
   // Residuals are weighed by Cauchy's loss of this width.
   double loss_width_px = 2;
-  // A map with fewer matches takes the median factor of the others.
+  // A map with fewer matches takes the factor that is likely by the others.
   size_t min_matches = 10;
 };
 
@@ -110,8 +110,8 @@ struct AlignOptions {
 struct MapAlignment {
   std::string reference;
   DepthCorrection correction;
-  size_t num_matches = 0;       // that the correction rests on
-  bool own_correction = false;  // else the others' median factor
+  size_t num_matches = 0;       // independent ones, that the correction rests on
+  bool own_correction = false;  // else what its matches and the others' factors make likely
   double median_before_px = 0;  // distance of projected keypoints from their matches
   double median_after_px = 0;
 };
