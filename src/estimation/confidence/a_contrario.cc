@@ -252,10 +252,9 @@ double InlierAssessor::Spread(const InlierEvidence& evidence) const {
     if (inlier[k]) of_inliers.push_back(distances.back());
   }
   constexpr double kShare = 2.0 / 3;
-  const auto nth = of_inliers.begin() + static_cast<ptrdiff_t>(kShare * (of_inliers.size() - 1));
-  std::nth_element(of_inliers.begin(), nth, of_inliers.end());
+  const double radius = QuantileInPlace(std::span(of_inliers), kShare);
   const auto near = std::count_if(distances.begin(), distances.end(),
-                                  [&](double distance) { return distance <= *nth; });
+                                  [&](double distance) { return distance <= radius; });
   return static_cast<double>(near) / static_cast<double>(distances.size()) / kShare;
 }
 

@@ -19,11 +19,6 @@ Eigen::Matrix3d ImageFromRay(const Eigen::Vector3d& ray,
   return ray_from_image.inverse();
 }
 
-bool IsOnRay(const Observation& observation, const Eigen::Vector3d& point) {
-  const Eigen::Vector3d n = observation.image_from_ray * (point - observation.center);
-  return n.z() > 0 && n.head<2>().norm() < kOnRayPx * n.z();
-}
-
 // The evidence being gathered, keypoint by keypoint.
 class Gathering {
  public:
@@ -126,10 +121,11 @@ class Gathering {
     if (likely < observation_of_match_.size() &&
         observation_of_match_[likely] >= keypoint.first_observation) {
       Observation& observation = evidence_.observations[observation_of_match_[likely]];
-      if (IsOnRay(observation, match.point)) return &observation;
+      if (IsShownBy(observation, match.point, kOnRayPx)) return &observation;
     }
     for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
-      if (IsOnRay(evidence_.observations[i], match.point)) return &evidence_.observations[i];
+      if (IsShownBy(evidence_.observations[i], match.point, kOnRayPx))
+        return &evidence_.observations[i];
     }
     return nullptr;
   }

@@ -28,6 +28,13 @@ struct Observation {
   bool has_depth;
 };
 
+// Whether a reference shows a point within some pixels of where its observation is.
+inline bool IsShownBy(const Observation& observation, const Eigen::Vector3d& point,
+                      double within_px) {
+  const Eigen::Vector3d n = observation.image_from_ray * (point - observation.center);
+  return n.z() > 0 && n.head<2>().norm() < within_px * n.z();
+}
+
 // A 3D point that lies on no observation's ray: of SfM, merged, or given without 2D-2D matches.
 struct UnanchoredPoint {
   Eigen::Vector3d point;  // local frame

@@ -215,12 +215,6 @@ double E5p1Sampler::NumSamples() const {
 
 namespace {
 
-// Says whether a reference shows a point where its observation is, within the threshold.
-bool IsShownBy(const Observation& observation, const Eigen::Vector3d& point, double threshold_px) {
-  const Eigen::Vector3d n = observation.image_from_ray * (point - observation.center);
-  return n.z() > 0 && n.head<2>().norm() < threshold_px * n.z();
-}
-
 // Returns where the geometry has an observation's keypoint, from the reference's center: on its ray
 // where the point was lifted by it; else the first point nearby, as SfM's are, which lie on no ray
 // as they are the mean of many.
