@@ -1,5 +1,6 @@
 #include "apps/python/conversions.h"
 
+#include <cmath>
 #include <mutex>
 
 #include "raylift/base/parallel.h"
@@ -46,12 +47,27 @@ std::vector<double> Numbers(const py::object& values, std::string_view name) {
   return {array.data(), array.data() + array.size()};
 }
 
+int SizePx(const py::object& value, std::string_view name) {
+  const std::vector<double> size = value.is_none() ? std::vector<double>() : Numbers(value, name);
+  const bool is_size = size.size() == 1 && size[0] >= 1 && size[0] == std::floor(size[0]) &&
+                       size[0] <= std::numeric_limits<int>::max();
+  if (is_size) return static_cast<int>(size[0]);
+  throw InputError(
+      fmt::format("{}: expected a number of pixels, found {}", name, std::string(py::repr(value))));
+}
+
+Eigen::Vector3d Finite(const Eigen::Vector3d& translation) {
+  if (translation.allFinite()) return translation;
+  throw InputError(fmt::format("pose, translation: expected finite numbers, found ({}, {}, {})",
+                               translation.x(), translation.y(), translation.z()));
+}
+
 Eigen::Vector3d Translation(const py::object& values) {
   const std::vector<double> t = Numbers(values, "pose, translation");
   if (t.size() != 3) {
     throw InputError(fmt::format("pose, translation: expected 3 numbers, found {}", t.size()));
   }
-  return {t[0], t[1], t[2]};
+  return Finite({t[0], t[1], t[2]});
 }
 
 Eigen::Quaterniond Unit(double w, double x, double y, double z) {
@@ -89,14 +105,45 @@ Rigid3 FromMatrixRows(const py::object& values) {
         fmt::format("pose: expected a 4 x 4 or 3 x 4 matrix, found {} numbers", m.size()));
   }
   const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> upper(m.data());
-  return {FromMatrix(upper.leftCols<3>()), upper.col(3)};
+  // A matrix in column order, as OpenGL's are, has its translation here.
+  if (m.size() == 16 &&
+      Eigen::Map<const Eigen::RowVector4d>(m.data() + 12) != Eigen::RowVector4d(0, 0, 0, 1)) {
+    throw InputError(fmt::format(
+        "pose: expected (0, 0, 0, 1) as the last row of a 4 x 4 matrix, found ({}, {}, {}, {}); "
+        "is it transposed?",
+        m[12], m[13], m[14], m[15]));
+  }
+  return {FromMatrix(upper.leftCols<3>()), Finite(upper.col(3))};
 }
 
 }  // namespace
 
 namespace internal {
 
-py::object ForNumpy(const ArrayLike& argument) {
+void RequireIntegers(const py::object& numbers, std::string_view name, int64_t lowest,
+                     int64_t highest) {
+  const auto array = py::array::ensure(numbers);
+  if (!array || array.size() == 0) return;
+  if (array.dtype().kind() == 'b' || (array.dtype().kind() == 'u' && array.itemsize() == 1)) return;
+  const auto values = py::array_t<double, py::array::forcecast | py::array::c_style>::ensure(array);
+  if (!values) return;
+  for (py::ssize_t i = 0; i < values.size(); ++i) {
+    const double value = values.data()[i];
+    // The bounds as doubles: rounding 2^63 - 1 up lets one value more pass, which numpy then refuses.
+    const bool fits = value == std::floor(value) && value >= static_cast<double>(lowest) &&
+                      value <= static_cast<double>(highest);
+    if (!fits) {
+      throw InputError(fmt::format("{}: expected integers from {} to {}, found {}", name, lowest,
+                                   highest, value));
+    }
+  }
+}
+
+py::object ForNumpy(const ArrayLike& argument, std::string_view name) {
+  if (py::hasattr(argument, "mask") && py::hasattr(argument, "filled")) {
+    throw InputError(fmt::format(
+        "{}: a masked array was given, whose mask would be lost; leave masked values out", name));
+  }
   if (!py::isinstance<py::array>(argument) && py::hasattr(argument, "__dlpack__") &&
       !py::hasattr(argument, "__array__")) {
     return py::module_::import("numpy").attr("from_dlpack")(argument);
@@ -126,8 +173,8 @@ Camera ToCamera(const CameraLike& camera) {
                     "something with model, width, height and params, found {}",
                     TypeName(camera)));
   }
-  return {ToCameraModel(model), Member(camera, "width").cast<int>(),
-          Member(camera, "height").cast<int>(), Numbers(params, "camera, params")};
+  return {ToCameraModel(model), SizePx(Member(camera, "width"), "camera, width"),
+          SizePx(Member(camera, "height"), "camera, height"), Numbers(params, "camera, params")};
 }
 
 Rigid3 ToPose(const PoseLike& pose) {
@@ -184,14 +231,18 @@ std::vector<PosedImage> ToPosedImages(const std::vector<PosedImageLike>& images)
   return posed;
 }
 
-std::filesystem::path ToPath(const PathLike& path) {
-  return py::reinterpret_steal<py::object>(PyOS_FSPath(path.ptr())).cast<std::string>();
+std::filesystem::path ToPath(const PathLike& path, std::string_view name) {
+  const auto text = py::reinterpret_steal<py::object>(PyOS_FSPath(path.ptr()));
+  if (text) return text.cast<std::string>();
+  PyErr_Clear();
+  throw InputError(
+      fmt::format("{}: expected a path (str or os.PathLike), found {}", name, TypeName(path)));
 }
 
 Image ToImage(const ArrayLike& argument) {
   constexpr std::string_view kExpected =
       "a uint8 array of shape (height, width) or (height, width, 3)";
-  const auto array = py::array::ensure(internal::ForNumpy(argument), py::array::c_style);
+  const auto array = py::array::ensure(internal::ForNumpy(argument, "image"), py::array::c_style);
   if (!array) internal::ThrowNotNumbers("image", kExpected, argument);
   if (!py::isinstance<py::array_t<uint8_t>>(array)) {
     throw InputError(fmt::format("image: expected {}, found {}", kExpected,

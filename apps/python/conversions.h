@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -53,6 +54,7 @@ RAYLIFT_PYTHON_ARGUMENT(CameraLike, IsSomething, "raylift._types.CameraLike")
 RAYLIFT_PYTHON_ARGUMENT(PoseLike, IsSomething, "raylift._types.PoseLike")
 RAYLIFT_PYTHON_ARGUMENT(PosedImageLike, IsSomething, "raylift._types.PosedImageLike")
 RAYLIFT_PYTHON_ARGUMENT(PathLike, IsSomething, "raylift._types.PathLike")
+RAYLIFT_PYTHON_ARGUMENT(ModelLike, IsSomething, "raylift._types.ModelLike")
 // Called with (done, total, what), from any thread.
 RAYLIFT_PYTHON_ARGUMENT(ProgressCall, PyCallable_Check, "raylift._types.Progress")
 
@@ -70,7 +72,8 @@ Rigid3 ToPose(const PoseLike& pose);
 // and cam_from_world (pycolmap's images).
 PosedImage ToPosedImage(const PosedImageLike& image);
 std::vector<PosedImage> ToPosedImages(const std::vector<PosedImageLike>& images);
-std::filesystem::path ToPath(const PathLike& path);
+// A str, bytes or os.PathLike. InputError naming the argument for anything else.
+std::filesystem::path ToPath(const PathLike& path, std::string_view name);
 // uint8: height x width, or height x width x 3 (red, green, blue).
 Image ToImage(const ArrayLike& array);
 
@@ -80,15 +83,24 @@ namespace internal {
 [[noreturn]] void ThrowShape(std::string_view name, std::string_view expected,
                              const py::array& found);
 // What numpy takes: the object itself, or what it gives by __dlpack__ where it knows no other way.
-py::object ForNumpy(const ArrayLike& argument);
+// InputError for a masked array, whose mask would be dropped.
+py::object ForNumpy(const ArrayLike& argument, std::string_view name);
+// InputError where a number of the argument is none of the integers lowest ... highest: numpy would
+// cut it to one of these.
+void RequireIntegers(const py::object& numbers, std::string_view name, int64_t lowest,
+                     int64_t highest);
 // The argument as an array of T in C order; a copy only where it is none.
 template <typename T>
 py::array_t<T> ArrayOf(const ArrayLike& argument, std::string_view name,
                        std::string_view expected) {
   constexpr int kFlags =
       py::array::c_style | py::array::forcecast | py::detail::npy_api::NPY_ARRAY_ALIGNED_;
-  auto array = py::array_t<T, kFlags>::ensure(ForNumpy(argument));
+  const py::object numbers = ForNumpy(argument, name);
+  auto array = py::array_t<T, kFlags>::ensure(numbers);
   if (!array) ThrowNotNumbers(name, expected, argument);
+  if constexpr (std::is_integral_v<T>) {
+    RequireIntegers(numbers, name, std::numeric_limits<T>::min(), std::numeric_limits<T>::max());
+  }
   return array;
 }
 }  // namespace internal
@@ -210,7 +222,7 @@ class Keywords {
       if constexpr (NamedEnum<T>) {
         value = ToEnum<T>(name, handle.cast<std::string>());
       } else if constexpr (std::is_same_v<T, std::filesystem::path>) {
-        value = ToPath(py::reinterpret_borrow<PathLike>(handle));
+        value = ToPath(py::reinterpret_borrow<PathLike>(handle), name);
       } else {
         value = handle.cast<T>();
       }
@@ -233,19 +245,12 @@ class Keywords {
   std::vector<std::string_view> names_;
 };
 
-// Works without the interpreter's lock.
-template <typename Work>
-auto WithoutLock(const Work& work) {
-  const py::gil_scoped_release release;
-  return work();
-}
-
-// The same for work that may take long: `progress` is called where it is given, and Ctrl-C, or an
-// exception of `progress`, ends it.
+// Works without the interpreter's lock. `progress` is called where it is given, and Ctrl-C, or an
+// exception of `progress`, ends the work.
 void WatchedWithoutLock(const std::optional<ProgressCall>& progress,
                         const std::function<void()>& work);
 template <typename Work>
-auto Watched(const std::optional<ProgressCall>& progress, const Work& work) {
+auto WithoutLock(const std::optional<ProgressCall>& progress, const Work& work) {
   if constexpr (std::is_void_v<decltype(work())>) {
     WatchedWithoutLock(progress, work);
   } else {
@@ -253,6 +258,10 @@ auto Watched(const std::optional<ProgressCall>& progress, const Work& work) {
     WatchedWithoutLock(progress, [&] { result.emplace(work()); });
     return *std::move(result);
   }
+}
+template <typename Work>
+auto WithoutLock(const Work& work) {
+  return WithoutLock(std::nullopt, work);
 }
 
 }  // namespace raylift::python

@@ -26,9 +26,15 @@ std::optional<int> IndexAt(const std::optional<py::array_t<int64_t>>& indices, s
   return static_cast<int>(std::min(indices->data()[i], kBeyondAll));
 }
 // Deviations that may be missing: NaN is none.
-std::optional<double> SigmaAt(const std::optional<py::array_t<double>>& sigmas, size_t i) {
+std::optional<double> SigmaAt(const std::optional<py::array_t<double>>& sigmas, const char* name,
+                              size_t i) {
   if (!sigmas || std::isnan(sigmas->data()[i])) return std::nullopt;
-  return sigmas->data()[i];
+  const double sigma = sigmas->data()[i];
+  if (!(sigma >= 0)) {
+    throw InputError(
+        fmt::format("{}, row {}: expected a standard deviation, found {}", name, i, sigma));
+  }
+  return sigma;
 }
 
 void RequireEqualCounts(const char* a, size_t count_a, const char* b, size_t count_b) {
@@ -66,7 +72,7 @@ void AddPoints(const ProblemArrays& arrays, PoseProblem& problem) {
     Match2D3D& match = problem.matches_2d3d[i];
     match.query_px = pixels[i];
     match.point_in_world = points[i];
-    match.point_sigma = SigmaAt(sigmas, i);
+    match.point_sigma = SigmaAt(sigmas, "point_sigmas", i);
     match.query_keypoint = IndexAt(keypoints, i);
     if (const auto reference = IndexAt(references, i)) {
       match.reference =
@@ -102,7 +108,7 @@ void AddPairs(const ProblemArrays& arrays, PoseProblem& problem) {
                                        problem.references.size());
     match.query_px = query[i];
     match.reference_px = reference[i];
-    match.reference_sigma_px = SigmaAt(sigmas, i);
+    match.reference_sigma_px = SigmaAt(sigmas, "reference_sigmas_px", i);
     match.query_keypoint = IndexAt(keypoints, i);
     match.reference_keypoint = IndexAt(others, i);
   }
@@ -234,13 +240,13 @@ void BindProblem(py::module_& module) {
       .def(
           "write",
           [](const PoseProblem& problem, const PathLike& file) {
-            WritePoseProblem(ToPath(file), {problem, std::nullopt});
+            WritePoseProblem(ToPath(file, "file"), {problem, std::nullopt});
           },
           py::arg("file"), "As JSON (pose-problem/2), which `raylift estimate` reads.")
       .def_static(
           "read",
           [](const PathLike& file) {
-            return std::make_shared<PoseProblem>(ReadPoseProblem(ToPath(file)).problem);
+            return std::make_shared<PoseProblem>(ReadPoseProblem(ToPath(file, "file")).problem);
           },
           py::arg("file"), "Raises InputError with the JSON path of what is wrong.")
       .def("__repr__", [](const PoseProblem& p) {
@@ -445,14 +451,14 @@ void BindEstimation(py::module_& module) {
       "The pose of a problem. Options as of raylift.estimate_pose(), which see.");
   module.def(
       "estimate_all",
-      [](const std::vector<std::shared_ptr<PoseProblem>>& problems, int threads,
+      [](const std::vector<std::reference_wrapper<const PoseProblem>>& problems, int threads,
          const std::optional<ProgressCall>& progress, const py::kwargs& options) {
         const auto estimator = MakePoseEstimator(OptionsOf(options));
-        return Watched(progress, [&] {
+        return WithoutLock(progress, [&] {
           std::vector<PoseEstimate> estimates(problems.size());
           Progress count("problems", problems.size(), Progress::Show::kNever);
           ParallelFor(problems.size(), threads, [&](size_t i) {
-            estimates[i] = estimator->Estimate(*problems[i]);
+            estimates[i] = estimator->Estimate(problems[i]);
             count.Advance();
           });
           return estimates;

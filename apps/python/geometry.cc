@@ -165,7 +165,8 @@ void BindRigid3(py::module_& module) {
       .def_property_readonly(
           "center", [](const Rigid3& pose) { return ToArray(pose.OriginInSource()); },
           "Of cam_from_world: the camera's center in the world (3,).")
-      .def("inverse", &Rigid3::Inverse, "source_from_target.")
+      .def(
+          "inverse", [](const Rigid3& pose) { return pose.Inverse(); }, "source_from_target.")
       .def(
           "transform",
           [](const Rigid3& pose, const ArrayLike& points) {
@@ -263,9 +264,10 @@ void BindMesh(py::module_& module) {
           "read",
           [](const py::object& files, int threads) {
             const bool is_text = py::isinstance<py::str>(files);
-            return ReadMeshOf(is_text ? files.cast<std::string>()
-                                      : ToPath(py::reinterpret_borrow<PathLike>(files)).string(),
-                              threads);
+            return ReadMeshOf(
+                is_text ? files.cast<std::string>()
+                        : ToPath(py::reinterpret_borrow<PathLike>(files), "files").string(),
+                threads);
           },
           py::arg("files"), py::kw_only(), py::arg("threads") = 0,
           "Reads PLY, OBJ, glTF, STL, ...: a file, \"a.ply+b.obj\", \"tiles/*.ply\", a folder, or\n"

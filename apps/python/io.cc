@@ -74,11 +74,26 @@ py::array_t<int64_t> Track(const ColmapModel& model, uint64_t id) {
   return track;
 }
 
+void RequireFinite(const std::string& name, const auto& numbers) {
+  if (!numbers.allFinite()) throw InputError(name + ": expected finite numbers");
+}
+
+// An image's keypoints say which points they observe by `add_image`, or learn it by `add_point3d`.
 void AddImage(ColmapModel& model, uint32_t image_id, const std::string& name, uint32_t camera_id,
               const PoseLike& pose, const std::optional<ArrayLike>& points2d,
               const std::optional<ArrayLike>& point3d_ids) {
+  const std::string what = fmt::format("image {}", image_id);
   if (!model.cameras.contains(camera_id)) {
-    throw InputError(fmt::format("image {}: the model has no camera {}", image_id, camera_id));
+    throw InputError(fmt::format("{}: the model has no camera {}", what, camera_id));
+  }
+  if (model.images.contains(image_id)) throw InputError(what + ": the model has one already");
+  if (name.empty() || name.find('\n') != std::string::npos) {
+    throw InputError(fmt::format("{}, name: expected one line of text, found '{}'", what, name));
+  }
+  for (const auto& [id, other] : model.images) {
+    if (other.name == name) {
+      throw InputError(fmt::format("{}: image {} has the name {}, too", what, id, name));
+    }
   }
   ColmapImage image;
   image.name = name;
@@ -87,6 +102,7 @@ void AddImage(ColmapModel& model, uint32_t image_id, const std::string& name, ui
   const Rows<2> pixels(points2d, "points2d");
   const auto ids = PerMatch<int64_t>(point3d_ids, "point3d_ids", pixels.size());
   for (size_t i = 0; i < pixels.size(); ++i) {
+    RequireFinite(fmt::format("{}, points2d, row {}", what, i), pixels[i]);
     auto& point = image.points2d.emplace_back();
     point.pixel = pixels[i];
     if (ids && ids->data()[i] >= 0) point.point3d_id = static_cast<uint64_t>(ids->data()[i]);
@@ -94,20 +110,60 @@ void AddImage(ColmapModel& model, uint32_t image_id, const std::string& name, ui
   model.images[image_id] = std::move(image);
 }
 
+// The keypoint that a track names. InputError where there is none, or it observes another point.
+ColmapImage::Point2D& Observed(ColmapModel& model, uint64_t point_id, int64_t image_id,
+                               int64_t index) {
+  const std::string what = fmt::format("point {}, track", point_id);
+  const auto image =
+      image_id < 0 ? model.images.end() : model.images.find(static_cast<uint32_t>(image_id));
+  if (image == model.images.end() || image->first != image_id) {
+    throw InputError(fmt::format("{}: the model has no image {}", what, image_id));
+  }
+  auto& keypoints = image->second.points2d;
+  if (index < 0 || index >= std::ssize(keypoints)) {
+    throw InputError(fmt::format("{}: image {} has {} keypoints, and none of index {}", what,
+                                 image_id, keypoints.size(), index));
+  }
+  ColmapImage::Point2D& keypoint = keypoints[static_cast<size_t>(index)];
+  if (keypoint.point3d_id.value_or(point_id) != point_id) {
+    throw InputError(fmt::format("{}: keypoint {} of image {} observes point {} already", what,
+                                 index, image_id, *keypoint.point3d_id));
+  }
+  return keypoint;
+}
+
 void AddPoint(ColmapModel& model, uint64_t id, const ArrayLike& position, const ArrayLike& track,
               const std::array<uint8_t, 3>& color, double error_px) {
+  const std::string what = fmt::format("point {}", id);
+  if (model.points3d.contains(id)) throw InputError(what + ": the model has one already");
   ColmapPoint3D point;
   const auto xyz = internal::ArrayOf<double>(position, "position", "3 numbers");
   if (xyz.size() != 3) internal::ThrowShape("position", "3 numbers", xyz);
   point.position_in_world = Eigen::Map<const Eigen::Vector3d>(xyz.data());
+  RequireFinite(what + ", position", point.position_in_world);
   point.color_rgb = color;
   point.error_px = error_px;
   const Rows<2, int64_t> observations(track, "track");
+  std::vector<ColmapImage::Point2D*> observed;
   for (size_t i = 0; i < observations.size(); ++i) {
+    observed.push_back(&Observed(model, id, observations[i][0], observations[i][1]));
     point.track.push_back(
         {static_cast<uint32_t>(observations[i][0]), static_cast<uint32_t>(observations[i][1])});
   }
+  for (ColmapImage::Point2D* const keypoint : observed) keypoint->point3d_id = id;
   model.points3d[id] = std::move(point);
+}
+
+// COLMAP reads no model whose keypoints observe points that are not there.
+void RequireObservedPoints(const ColmapModel& model) {
+  for (const auto& [id, image] : model.images) {
+    for (size_t i = 0; i < image.points2d.size(); ++i) {
+      const auto point = image.points2d[i].point3d_id;
+      if (!point || model.points3d.contains(*point)) continue;
+      throw InputError(fmt::format("image {}: keypoint {} observes point {}, which the model lacks",
+                                   id, i, *point));
+    }
+  }
 }
 
 void BindModel(py::module_& module) {
@@ -117,7 +173,7 @@ void BindModel(py::module_& module) {
       .def_static(
           "read",
           [](const PathLike& folder) {
-            const std::filesystem::path path = ToPath(folder);
+            const std::filesystem::path path = ToPath(folder, "folder");
             return WithoutLock(
                 [&] { return std::make_shared<ColmapModel>(ReadColmapModel(path)); });
           },
@@ -128,7 +184,8 @@ void BindModel(py::module_& module) {
             if (form != "binary" && form != "text") {
               throw OptionError("form", form, "expected binary|text");
             }
-            const std::filesystem::path path = ToPath(folder);
+            const std::filesystem::path path = ToPath(folder, "folder");
+            RequireObservedPoints(model);
             std::filesystem::create_directories(path);
             WithoutLock([&] {
               WriteColmapModel(path, model,
@@ -171,16 +228,20 @@ void BindModel(py::module_& module) {
       .def(
           "add_camera",
           [](ColmapModel& model, uint32_t id, const CameraLike& camera) {
-            model.cameras[id] = ToCamera(camera);
+            if (!model.cameras.emplace(id, ToCamera(camera)).second) {
+              throw InputError(fmt::format("camera {}: the model has one already", id));
+            }
           },
           py::arg("camera_id"), py::arg("camera"))
       .def("add_image", &AddImage, py::arg("image_id"), py::arg("name"), py::arg("camera_id"),
            py::arg("cam_from_world"), py::arg("points2d") = py::none(),
            py::arg("point3d_ids") = py::none(),
-           "Raises InputError where the camera is not there yet.")
+           "Raises InputError where the camera is not there yet, or another image has the id or "
+           "name.")
       .def("add_point3d", &AddPoint, py::arg("point3d_id"), py::arg("position"), py::arg("track"),
            py::arg("color") = std::array<uint8_t, 3>{}, py::arg("error_px") = -1.0,
-           "track (K, 2): the image's id, and the index of its points2d.")
+           "track (K, 2): the image's id, and the index of its points2d, which then observes the\n"
+           "point. Raises InputError where there is none, or it observes another point.")
       .def_readonly("warnings", &ColmapModel::warnings)
       .def("__repr__", [](const ColmapModel& model) {
         return fmt::format("<raylift.ColmapModel {} cameras, {} images, {} points>",
@@ -190,7 +251,7 @@ void BindModel(py::module_& module) {
 
 py::array_t<float> ReadDepth(const PathLike& file, const std::string& layer,
                              const std::optional<std::pair<int, int>>& raw_size) {
-  const std::filesystem::path path = ToPath(file);
+  const std::filesystem::path path = ToPath(file, "file");
   DepthReadOptions options{.layer = layer};
   if (raw_size) options.raw_size = PlaneSize{raw_size->first, raw_size->second};
   StoredDepth stored = WithoutLock([&] { return ReadDepthFile(path, options); });
@@ -199,7 +260,7 @@ py::array_t<float> ReadDepth(const PathLike& file, const std::string& layer,
 }
 
 py::dict WriteDepth(const PathLike& file, const ArrayLike& depth, const py::kwargs& given) {
-  const std::filesystem::path path = ToPath(file);
+  const std::filesystem::path path = ToPath(file, "file");
   constexpr const char* kExpected = "an array of shape (height, width)";
   const auto array = internal::ArrayOf<float>(depth, "depth", kExpected);
   if (array.ndim() != 2) internal::ThrowShape("depth", kExpected, array);
@@ -227,7 +288,7 @@ void BindLists(py::module_& module) {
       "read_poses",
       [](const PathLike& file) {
         py::dict poses;
-        for (const NamedPose& pose : ReadPoseFile(ToPath(file))) {
+        for (const NamedPose& pose : ReadPoseFile(ToPath(file, "file"))) {
           poses[py::str(pose.name)] = pose.cam_from_world;
         }
         return poses;
@@ -244,14 +305,14 @@ void BindLists(py::module_& module) {
           named.push_back(
               {name.cast<std::string>(), ToPose(py::reinterpret_borrow<PoseLike>(pose))});
         }
-        WritePoseFile(ToPath(file), named);
+        WritePoseFile(ToPath(file, "file"), named);
       },
       py::arg("file"), py::arg("poses"), "A dict of poses (cam_from_world) by name; in its order.");
   module.def(
       "read_queries",
       [](const PathLike& file) {
         std::vector<std::pair<std::string, Camera>> queries;
-        for (const Query& query : ReadQueryList(ToPath(file))) {
+        for (const Query& query : ReadQueryList(ToPath(file, "file"))) {
           queries.emplace_back(query.name, query.camera);
         }
         return queries;
@@ -262,7 +323,7 @@ void BindLists(py::module_& module) {
       [](const PathLike& file, const std::vector<std::pair<std::string, CameraLike>>& queries) {
         std::vector<Query> list;
         for (const auto& [name, camera] : queries) list.push_back({name, ToCamera(camera)});
-        WriteQueryList(ToPath(file), list);
+        WriteQueryList(ToPath(file, "file"), list);
       },
       py::arg("file"), py::arg("queries"), "From a list of (name, camera).");
 }
@@ -286,7 +347,7 @@ deflate_npz=False; layer. Returns a dict: bytes, dropped values, max_rounding.)"
   module.def(
       "read_image",
       [](const PathLike& file) {
-        const std::filesystem::path path = ToPath(file);
+        const std::filesystem::path path = ToPath(file, "file");
         Image image = WithoutLock([&] { return ReadImage(path, ImageChannels::kRgb); });
         const py::ssize_t height = image.height_px, width = image.width_px;
         return HandOver(std::move(image.data), {height, width, 3});

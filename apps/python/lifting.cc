@@ -149,10 +149,10 @@ void BindSources(py::module_& module) {
       .def(py::init([](const GeometryLike& geometry, const std::optional<PathLike>& model,
                        const std::vector<PosedImageLike>& references, int threads) {
              const std::vector<PosedImage> images = ToPosedImages(references);
-             return std::make_shared<Geometry>(
-                 ToGeometry(geometry, {.model = model ? ToPath(*model) : std::filesystem::path(),
-                                       .references = images,
-                                       .threads = threads}));
+             return std::make_shared<Geometry>(ToGeometry(
+                 geometry, {.model = model ? ToPath(*model, "model") : std::filesystem::path(),
+                            .references = images,
+                            .threads = threads}));
            }),
            py::arg("geometry"), py::kw_only(), py::arg("model") = py::none(),
            py::arg("references") = std::vector<PosedImageLike>(), py::arg("threads") = 0,
@@ -181,7 +181,7 @@ void BindSources(py::module_& module) {
       .def(py::init([](const PathLike& folder, const std::vector<PosedImageLike>& references,
                        const py::kwargs& keys) {
              const std::vector<PosedImage> images = ToPosedImages(references);
-             const std::string spec = SpecOf("depth", ToPath(folder), keys);
+             const std::string spec = SpecOf("depth", ToPath(folder, "folder"), keys);
              return WithoutLock([&] {
                return std::make_shared<DepthMaps>(MakeGeometrySource(spec, {.references = images}));
              });
@@ -205,7 +205,7 @@ Keywords: kind="z" (or "ray", "inverse"), scale=1, max_depth, interpolation="edg
       .def(py::init([](const PathLike& model, const std::vector<PosedImageLike>& references,
                        const py::kwargs& keys) {
              const std::vector<PosedImage> images = ToPosedImages(references);
-             const std::string spec = SpecOf("sfm", ToPath(model), keys);
+             const std::string spec = SpecOf("sfm", ToPath(model, "model"), keys);
              return WithoutLock([&] {
                return std::make_shared<SfmPoints>(MakeGeometrySource(spec, {.references = images}));
              });

@@ -40,16 +40,31 @@ void AddSources(Scene& scene, const SourceList& geometry, int threads) {
   }
 }
 
-ScenePointer OpenModelScene(const PathLike& model, const SourceList& geometry,
+// Opens the scene of a folder, or of an object that writes a COLMAP model into one
+// (pycolmap.Reconstruction).
+ScenePointer OpenScene(const ModelLike& model, SceneOptions options) {
+  if (PyUnicode_Check(model.ptr()) || py::hasattr(model, "__fspath__") ||
+      !py::hasattr(model, "write")) {
+    options.model = ToPath(py::reinterpret_borrow<PathLike>(model), "model");
+    return WithoutLock([&] { return std::make_shared<Scene>(OpenScene(options)); });
+  }
+  const py::object folder = py::module_::import("tempfile").attr("TemporaryDirectory")();
+  model.attr("write")(folder.attr("name"));
+  options.model = folder.attr("name").cast<std::string>();
+  auto scene = WithoutLock([&] { return std::make_shared<Scene>(OpenScene(options)); });
+  folder.attr("cleanup")();
+  return scene;
+}
+
+ScenePointer OpenModelScene(const ModelLike& model, const SourceList& geometry,
                             const std::optional<PathLike>& images, const std::string& model_poses,
                             const Thinning& thinning, int threads) {
-  SceneOptions options{.model = ToPath(model),
-                       .model_poses = ToEnum<PoseConvention>("model_poses", model_poses),
+  SceneOptions options{.model_poses = ToEnum<PoseConvention>("model_poses", model_poses),
                        .thinning = thinning,
-                       .images = images ? ToPath(*images) : std::filesystem::path(),
+                       .images = images ? ToPath(*images, "images") : std::filesystem::path(),
                        .threads = threads};
   RequireAtLeast("every", thinning.every, 1);
-  auto scene = WithoutLock([&] { return std::make_shared<Scene>(OpenScene(options)); });
+  auto scene = OpenScene(model, std::move(options));
   AddSources(*scene, geometry, threads);
   return scene;
 }
@@ -58,7 +73,7 @@ ScenePointer MakeScene(const std::vector<PosedImageLike>& references, const Sour
                        const std::optional<PathLike>& images, int threads) {
   auto scene = std::make_shared<Scene>();
   scene->references.images = ToPosedImages(references);
-  if (images) scene->images = ToPath(*images);
+  if (images) scene->images = ToPath(*images, "images");
   AddSources(*scene, geometry, threads);
   return scene;
 }
@@ -70,7 +85,7 @@ void BindScene(py::module_& module) {
       "What photographs are localized in: references with known poses, and\n"
       "the geometry that their keypoints are lifted by.")
       .def(
-          py::init([](const PathLike& model, const SourceList& geometry,
+          py::init([](const ModelLike& model, const SourceList& geometry,
                       const std::optional<PathLike>& images, const std::string& model_poses,
                       int every, int every_offset, bool every_per_camera, int threads) {
             return OpenModelScene(model, geometry, images, model_poses,
@@ -80,17 +95,18 @@ void BindScene(py::module_& module) {
           py::arg("images") = py::none(), py::arg("model_poses") = "cam_from_world",
           py::arg("every") = 1, py::arg("every_offset") = 0, py::arg("every_per_camera") = false,
           py::arg("threads") = 0,
-          R"(From a COLMAP model (text or binary). geometry: Mesh, RayCaster, Geometry, or texts as the
-option --geometry takes them, asked in order. images: folder of the references'
-photographs. every: only each N-th reference. Raises InputError where a file cannot be
-read.)")
+          R"(From a COLMAP model: a folder (text or binary), or a pycolmap.Reconstruction.
+
+geometry: Mesh, RayCaster, Geometry, or texts as the option --geometry takes them, asked in
+order. images: folder of the references' photographs. every: only each N-th reference. Raises
+InputError where a file cannot be read.)")
       .def_static("of", &MakeScene, py::arg("references"), py::arg("geometry") = no_sources,
                   py::kw_only(), py::arg("images") = py::none(), py::arg("threads") = 0,
                   "From references in memory.")
       .def_static(
           "read",
           [](const PathLike& file, const std::vector<std::string>& geometry, int threads) {
-            const std::filesystem::path path = ToPath(file);
+            const std::filesystem::path path = ToPath(file, "file");
             return WithoutLock([&] {
               SceneOptions options = SceneOptionsOf(ReadSceneFile(path), geometry);
               options.threads = threads;
@@ -278,13 +294,13 @@ ResultPointer LocalizeOne(SceneLocalizer& localizer, const py::object& query,
                           const CameraLike& camera, const std::string& name) {
   const Query asked{name, ToCamera(camera)};
   const auto run = [&](const auto& what) {
-    return Watched(std::nullopt, [&] {
+    return WithoutLock([&] {
       return std::make_shared<QueryResult>(localizer.ForQueries().Localize(asked, what));
     });
   };
   if (IsMapping(query)) return run(ToFeatures(query, asked.camera));
   if (py::isinstance<py::str>(query) || py::hasattr(query, "__fspath__")) {
-    const std::filesystem::path file = ToPath(py::reinterpret_borrow<PathLike>(query));
+    const std::filesystem::path file = ToPath(py::reinterpret_borrow<PathLike>(query), "query");
     return run(WithoutLock([&] { return ReadImage(file, ImageChannels::kRgb); }));
   }
   if (query.is_none()) throw InputError("query: expected a photograph or features, found None");
@@ -328,7 +344,7 @@ ResultPointer LocalizeMatches(const SceneLocalizer& localizer, const CameraLike&
     }
   }
   const Query asked{name, ToCamera(camera)};
-  return Watched(std::nullopt, [&] {
+  return WithoutLock([&] {
     return std::make_shared<QueryResult>(
         localizer.WithoutMatches().Localize(asked, std::move(matches)));
   });
@@ -338,7 +354,7 @@ py::dict LocalizeInParallel(SceneLocalizer& localizer, const std::vector<Query>&
                             MatchingOptions matching, int threads,
                             const std::optional<ProgressCall>& progress) {
   std::vector<ResultPointer> results(asked.size());
-  Watched(progress, [&] {
+  WithoutLock(progress, [&] {
     matching.front_end.threads = threads;
     std::shared_ptr<MatchSource> matches = OpenMatches(localizer.scene(), asked, matching);
     const auto scene = localizer.CalibratedScene(matches);
@@ -432,7 +448,7 @@ void BindLocalization(py::module_& module) {
             return std::make_shared<SceneLocalizer>(std::move(scene), reference_features, threads,
                                                     options);
           }),
-          py::arg("scene"), py::kw_only(), py::arg("reference_features") = py::dict(),
+          py::arg("scene").none(false), py::kw_only(), py::arg("reference_features") = py::dict(),
           py::arg("threads") = 0,
           R"(Options as of `raylift localize`, with its defaults: those of raylift.estimate_pose(), and
 filter="off", filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8,
@@ -469,8 +485,8 @@ query a match is of.)")
       .def(
           "write_calibration",
           [](SceneLocalizer& localizer, const PathLike& file) {
-            const std::filesystem::path path = ToPath(file);
-            Watched(std::nullopt, [&] {
+            const std::filesystem::path path = ToPath(file, "file");
+            WithoutLock([&] {
               const Localizer calibrated = localizer.ForQueries();
               if (calibrated.scene().calibration == nullptr) {
                 throw InputError("a scene is calibrated by the built-in front end, or read");

@@ -70,7 +70,7 @@ void BindProgram(py::module_& module) {
   module.def(
       "run_command",
       [](const std::vector<std::string>& arguments, const std::optional<ProgressCall>& progress) {
-        Watched(progress, [&] { RunCommand(arguments); });
+        WithoutLock(progress, [&] { RunCommand(arguments); });
       },
       py::arg("arguments"), py::kw_only(), py::arg("progress") = py::none(),
       "Runs a command of the program by its arguments, as a shell would.\n\n"

@@ -199,7 +199,7 @@ py::list RenderMany(Caster& caster, const py::object& cameras, const std::vector
   const Pictures pictures = ToPictures(caster, products, options);
   const Views views = ToViews(caster, cameras, poses, threads);
   std::vector<Frame> frames(poses.size());
-  Watched(progress, [&] {
+  WithoutLock(progress, [&] {
     const auto renderer = caster.renderer.Of(caster.caster, pictures.frame);
     Progress count("images", frames.size(), Progress::Show::kNever);
     ParallelFor(frames.size(), threads, [&](size_t i) {
@@ -298,7 +298,7 @@ py::dict ScoreViews(Caster& caster, const CameraLike& camera, const std::vector<
   const bool* mask_data = mask_map ? mask_map->data() : nullptr;
   const float* depth_data = depth_map ? depth_map->data() : nullptr;
   const float* edge_data = edge_map ? edge_map->data() : nullptr;
-  Watched(progress, [&] {
+  WithoutLock(progress, [&] {
     FrameOptions options;
     options.depth = true;
     const FrameRenderer renderer(caster.caster, options);
@@ -355,7 +355,7 @@ void BindRendering(py::module_& module) {
                return std::make_shared<Caster>(std::make_shared<const RayCaster>(mesh, options));
              });
            }),
-           py::arg("mesh"), py::kw_only(), py::arg("build") = "medium",
+           py::arg("mesh").none(false), py::kw_only(), py::arg("build") = "medium",
            "Builds the acceleration structure. build: \"medium\" for many views, \"low\" for few.")
       .def_property_readonly(
           "mesh",

@@ -37,9 +37,19 @@ TEST(ParallelFor, RethrowsTheExceptionOfTheLowestIndex) {
   }
 }
 
-}  // namespace
-
-namespace {
+#if defined(__SANITIZE_THREAD__)
+// The gate sees what it is there for: a loop that counts without a lock ends the thread sanitizer's
+// process with its exit code.
+TEST(ParallelForDeathTest, TheSanitizerFindsARaceInItsBody) {
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  const auto count = [] {
+    size_t counter = 0;
+    ParallelFor(100000, 4, [&](size_t) { ++counter; });
+    std::exit(counter > 0 ? 0 : 1);
+  };
+  EXPECT_EXIT(count(), testing::ExitedWithCode(66), "data race");
+}
+#endif
 
 void Work() { std::this_thread::sleep_for(std::chrono::milliseconds(1)); }
 

@@ -144,6 +144,15 @@ def test_priors_of_position_and_gravity():
     (dict(points2d=np.zeros((1, 2)), points3d=np.zeros((1, 3)), point_matches=[0]),
      "point_matches, row 0"),
     (dict(references=[(CAMERA, np.eye(4))], reference_clusters=[1, 2]), "reference_clusters"),
+    (dict(points2d=np.zeros((1, 2)), points3d=np.zeros((1, 3)), point_sigmas=[-1]),
+     "point_sigmas, row 0: expected a standard deviation, found -1"),
+    (dict(query2d=np.zeros((1, 2)), reference2d=np.zeros((1, 2)), reference_index=[0.7],
+          references=[(CAMERA, np.eye(4))]), "reference_index: expected integers .* found 0.7"),
+    (dict(points2d=np.ma.zeros((1, 2)), points3d=np.zeros((1, 3))), "points2d: a masked array"),
+    (dict(references=[(CAMERA, np.eye(4).T + np.outer([0, 0, 0, 1], [1, 2, 3, 0]))]),
+     r"last row of a 4 x 4 matrix, found \(1, 2, 3, 1\); is it transposed"),
+    (dict(references=[(CAMERA, np.diag([1, 1, 1, np.nan]))]), "last row"),
+    (dict(references=[(CAMERA, (np.eye(3), [0, np.nan, 0]))]), "translation: expected finite"),
 ])
 def test_wrong_arrays_are_input_errors(arguments, message):
     with pytest.raises(raylift.InputError, match=message):
@@ -289,6 +298,26 @@ except KeyboardInterrupt:
     print("stopped")
 """
     run = subprocess.run([sys.executable, "-c", script], text=True, capture_output=True, timeout=200,
+                         env=dict(os.environ, TESTS=os.path.dirname(__file__)))
+    assert run.stdout == "stopped\n", run.stderr
+
+
+def test_ctrl_c_ends_one_long_estimate():
+    script = """
+import os, signal, sys, threading
+sys.path.insert(0, os.environ["TESTS"])
+import numpy as np, raylift
+from test_estimation import CAMERA
+signal.signal(signal.SIGINT, signal.default_int_handler)
+threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+random = np.random.default_rng(0)
+points2d, points3d = random.uniform(0, 400, (2000, 2)), random.uniform(-1, 1, (2000, 3))
+try:
+    raylift.estimate_pose(CAMERA, points2d, points3d, max_iterations=2**30, min_iterations=2**30)
+except KeyboardInterrupt:
+    print("stopped")
+"""
+    run = subprocess.run([sys.executable, "-c", script], text=True, capture_output=True, timeout=60,
                          env=dict(os.environ, TESTS=os.path.dirname(__file__)))
     assert run.stdout == "stopped\n", run.stderr
 

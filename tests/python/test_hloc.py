@@ -38,17 +38,22 @@ def test_logs_are_hlocs(hloc, tmp_path):
     with open(tmp_path / "results.txt_logs.pkl", "rb") as file:
         logs = pickle.load(file)
     assert set(logs) == {"features", "matches", "retrieval", "loc"}
-    names = [reference.name for reference in hloc.scene.references]
     for name, log in logs["loc"].items():
-        assert [names[i] for i in log["db"]] == [r.name for r in hloc.references[:3]]
-        points = len(log["points3D_xyz"])
-        assert log["keypoints_query"].shape == (points, 2) and len(log["points3D_ids"]) == points
-        assert log["PnP_ret"]["inliers"].shape == (points,)
+        assert log["db"] == [r.name for r in hloc.references[:3]]
+        points = len(log["3d_points"])
+        assert log["keypoints_query"].shape == (points, 2)
         assert log["PnP_ret"]["num_inliers"] == log["PnP_ret"]["inliers"].sum() > 100
         assert log["PnP_ret"]["covariance"].shape == (6, 6)
         assert log["num_matches"] == found[name].counts["matched"]
-        keypoints, to_db = log["keypoint_index_to_db"]
-        assert len(keypoints) == len(to_db) == points
+        # The look-ups of hloc's visualize_loc_from_log, where there is no model with points.
+        inliers = np.array(log["PnP_ret"]["inlier_mask"])
+        assert log["indices_db"].shape == inliers.shape == (points,)
+        for i, image in enumerate(hloc.references[:3]):
+            of_reference = log["indices_db"] == i
+            shown = log["keypoints_db"][of_reference]
+            assert len(shown) == len(log["keypoints_query"][of_reference]) == len(inliers[of_reference])
+            assert (shown >= 0).all() and (shown <= [image.camera.width, image.camera.height]).all()
+        assert sum(np.sum(log["indices_db"][inliers] == i) for i in range(3)) > 100
 
 
 def test_options(hloc, tmp_path):

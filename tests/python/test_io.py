@@ -43,6 +43,35 @@ def test_models_round_trip(tmp_path, form):
         raylift.ColmapModel.read(tmp_path / "nowhere")
 
 
+@pytest.mark.parametrize("add, message", [
+    (lambda m: m.add_image(7, "a.jpg", 3, np.eye(4)), "image 6 has the name a.jpg, too"),
+    (lambda m: m.add_image(5, "c.jpg", 3, np.eye(4)), "image 5: the model has one already"),
+    (lambda m: m.add_camera(3, CAMERA), "camera 3: the model has one already"),
+    (lambda m: m.add_image(7, "c.jpg", 3, np.eye(4), [[np.nan, 1]]), "points2d, row 0: expected finite"),
+    (lambda m: m.add_point3d(9, [0, 0, 1], []), "point 9: the model has one already"),
+    (lambda m: m.add_point3d(1, [0, 0, np.nan], []), "point 1, position: expected finite"),
+    (lambda m: m.add_point3d(1, [0, 0, 1], [[8, 0]]), "point 1, track: the model has no image 8"),
+    (lambda m: m.add_point3d(1, [0, 0, 1], [[-1, 0]]), "has no image -1"),
+    (lambda m: m.add_point3d(1, [0, 0, 1], [[5, 2]]), "image 5 has 2 keypoints, and none of index 2"),
+    (lambda m: m.add_point3d(1, [0, 0, 1], [[5, 0]]), "keypoint 0 of image 5 observes point 9 already"),
+])
+def test_what_no_reader_takes_is_refused_when_added(tmp_path, add, message):
+    model = small_model()
+    with pytest.raises(raylift.InputError, match=message):
+        add(model)
+    model.write(tmp_path)
+    assert raylift.ColmapModel.read(tmp_path).points3d["ids"].tolist() == [9]
+
+
+def test_keypoints_and_tracks_agree(tmp_path):
+    model = small_model()
+    model.add_point3d(4, [0, 0, 1], [[5, 1]])
+    assert model.image(5)["point3d_ids"].tolist() == [9, 4]
+    model.add_image(7, "c.jpg", 3, np.eye(4), [[1, 1]], [77])
+    with pytest.raises(raylift.InputError, match="image 7: keypoint 0 observes point 77"):
+        model.write(tmp_path / "model")
+
+
 @pytest.mark.parametrize("name", ["a.exr", "a.npy", "a.npz", "a.tiff", "a.pfm", "a.bin", "a.png"])
 def test_depth_round_trips(tmp_path, name):
     depth = np.random.default_rng(0).uniform(0.5, 9, (6, 8)).astype(np.float32)

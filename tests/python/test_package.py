@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import raylift
@@ -69,3 +70,77 @@ def test_the_types_name_the_options_that_there_are(options, call):
         call(nonsense=1)
     names = str(error.value).split("there are ")[1].split(", ")
     assert sorted(names) == sorted(options.__annotations__)
+
+
+WRONG_CALLS = """
+import ast, pathlib, sys
+import numpy as np
+import raylift
+from raylift import _core
+
+VALUES = [None, 5, -1, "nowhere", b"x", [], [1], ["a"], {}, {"a": 1}, np.zeros(3), np.full((2, 2), np.nan),
+          object(), float("nan"), print, raylift.Rigid3(), True]
+random = np.random.default_rng(0)
+
+
+def calls(function, count):
+    # Each value for all arguments, and mixtures.
+    for value in VALUES:
+        for n in range(1, count + 1):
+            yield [value] * n
+    for _ in range(40):
+        yield [VALUES[i] for i in random.integers(0, len(VALUES), max(count, 1))]
+
+
+def attack(name, function, count):
+    print(name, flush=True)  # the last one is whom it ended with
+    for arguments in calls(function, count):
+        try:
+            function(*arguments)
+        except Exception:
+            pass
+
+
+def parameters(node):
+    return len([a for a in node.args.args if a.arg != "self"])
+
+
+stub = ast.parse((pathlib.Path(raylift.__file__).parent / "_core.pyi").read_text())
+for node in stub.body:
+    if isinstance(node, ast.FunctionDef) and node.name not in ("run_program", "run_command"):
+        attack(node.name, getattr(_core, node.name), parameters(node))
+    if isinstance(node, ast.ClassDef):
+        owner = getattr(_core, node.name)
+        for method in node.body:
+            if not isinstance(method, ast.FunctionDef):
+                continue
+            if method.name == "__init__":
+                attack(node.name, owner, parameters(method))
+            elif any(getattr(d, "id", "") == "staticmethod" for d in method.decorator_list):
+                attack(f"{node.name}.{method.name}", getattr(owner, method.name), parameters(method))
+            elif not method.name.startswith("__") and not method.decorator_list:
+                # Also without an object of its own class.
+                attack(f"{node.name}.{method.name}", getattr(owner, method.name), parameters(method) + 1)
+print("survived")
+"""
+
+
+def test_no_wrong_argument_ends_the_process(tmp_path):
+    run = subprocess.run([sys.executable, "-c", WRONG_CALLS], text=True, capture_output=True, cwd=tmp_path,
+                         timeout=250)
+    assert run.stdout.endswith("survived\n"), run.stdout[-300:] + run.stderr
+
+
+def test_a_path_that_is_none_is_named(tmp_path):
+    for call in (lambda: raylift.Scene(5), lambda: raylift.read_image(np.zeros((2, 2))),
+                 lambda: raylift.Mesh.read(["a.ply"]), lambda: raylift.read_poses({})):
+        with pytest.raises(raylift.InputError, match=r"^(model|file|files): expected a path"):
+            call()
+
+
+def test_a_scene_of_an_object_that_writes_a_model():
+    class Reconstruction:
+        def write(self, folder):
+            raylift.ColmapModel.read(DEMO / "model").write(folder)
+
+    assert len(raylift.Scene(Reconstruction()).references) == len(raylift.Scene(DEMO / "model").references)

@@ -560,12 +560,13 @@ class Scene:
         """
         From a scene file (TOML); geometry: names of its geometries, by default the first one.
         """
-    def __init__(self, model: raylift._types.PathLike, geometry: collections.abc.Sequence[raylift._types.GeometryLike] = [], *, images: raylift._types.PathLike | None = None, model_poses: str = 'cam_from_world', every: typing.SupportsInt | typing.SupportsIndex = 1, every_offset: typing.SupportsInt | typing.SupportsIndex = 0, every_per_camera: bool = False, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> None:
+    def __init__(self, model: raylift._types.ModelLike, geometry: collections.abc.Sequence[raylift._types.GeometryLike] = [], *, images: raylift._types.PathLike | None = None, model_poses: str = 'cam_from_world', every: typing.SupportsInt | typing.SupportsIndex = 1, every_offset: typing.SupportsInt | typing.SupportsIndex = 0, every_per_camera: bool = False, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> None:
         """
-        From a COLMAP model (text or binary). geometry: Mesh, RayCaster, Geometry, or texts as the
-        option --geometry takes them, asked in order. images: folder of the references'
-        photographs. every: only each N-th reference. Raises InputError where a file cannot be
-        read.
+        From a COLMAP model: a folder (text or binary), or a pycolmap.Reconstruction.
+        
+        geometry: Mesh, RayCaster, Geometry, or texts as the option --geometry takes them, asked in
+        order. images: folder of the references' photographs. every: only each N-th reference. Raises
+        InputError where a file cannot be read.
         """
     def __repr__(self) -> str:
         ...
@@ -701,11 +702,12 @@ class ColmapModel:
         ...
     def add_image(self, image_id: typing.SupportsInt | typing.SupportsIndex, name: str, camera_id: typing.SupportsInt | typing.SupportsIndex, cam_from_world: raylift._types.PoseLike, points2d: numpy.typing.ArrayLike | None = None, point3d_ids: numpy.typing.ArrayLike | None = None) -> None:
         """
-        Raises InputError where the camera is not there yet.
+        Raises InputError where the camera is not there yet, or another image has the id or name.
         """
     def add_point3d(self, point3d_id: typing.SupportsInt | typing.SupportsIndex, position: numpy.typing.ArrayLike, track: numpy.typing.ArrayLike, color: typing.Annotated[collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex], "FixedSize(3)"] = [0, 0, 0], error_px: typing.SupportsFloat | typing.SupportsIndex = -1.0) -> None:
         """
-        track (K, 2): the image's id, and the index of its points2d.
+        track (K, 2): the image's id, and the index of its points2d, which then observes the
+        point. Raises InputError where there is none, or it observes another point.
         """
     def image(self, image_id: typing.SupportsInt | typing.SupportsIndex) -> dict[str, typing.Any]:
         """

@@ -59,6 +59,15 @@ PoseLike = Union[
 ]
 PosedImageLike = Union["_core.PosedImage", Tuple[CameraLike, PoseLike], ColmapImage]
 PathLike = Union[str, "os.PathLike[str]"]
+
+
+class Reconstruction(Protocol):
+    """pycolmap's Reconstruction: writes a COLMAP model into a folder."""
+
+    def write(self, folder: str, /) -> Any: ...
+
+
+ModelLike = Union[PathLike, Reconstruction]
 Progress = Callable[[int, int, str], object]
 """Called with (done, total, what): 3 of 10 "queries"."""
 

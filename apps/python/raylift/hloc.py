@@ -6,7 +6,6 @@ Neither hloc nor pycolmap is imported.
 from __future__ import annotations
 
 import pickle
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Union, cast
 
@@ -26,20 +25,21 @@ def _open_scene(reference: Any, geometry: Sequence[GeometryLike], images: Option
                 threads: int) -> _core.Scene:
     if isinstance(reference, _core.Scene):
         return reference
-    if hasattr(reference, "write") and not isinstance(reference, (str, Path)):
-        with tempfile.TemporaryDirectory() as folder:  # pycolmap.Reconstruction
-            reference.write(folder)
-            return _core.Scene(folder, list(geometry), images=images, threads=threads)
     return _core.Scene(reference, list(geometry), images=images, threads=threads)
 
 
-def _log(result: _core.LocalizedQuery, of_reference: Mapping[str, int]) -> Dict[str, Any]:
-    """What hloc logs of a query, without objects of other libraries."""
+def _log(result: _core.LocalizedQuery) -> Dict[str, Any]:
+    """What hloc logs of a query whose points are lifted, as hloc.localize_inloc does: the points have
+    no ids of a model, so each has its keypoint in a reference (-1: several)."""
     problem, estimate = result.problem, result.estimate
     pose = result.cam_from_world
     inliers = estimate.inliers_2d3d
+    pair = problem.point_matches
+    known = pair >= 0
+    keypoints_db = np.full((len(pair), 2), np.nan)
+    keypoints_db[known] = problem.reference2d[pair[known]]
     return {
-        "db": [of_reference[image.name] for image in problem.references],
+        "db": [image.name for image in problem.references],
         "PnP_ret": None if pose is None else {
             "success": True,
             "qvec": pose.qvec,
@@ -52,14 +52,10 @@ def _log(result: _core.LocalizedQuery, of_reference: Mapping[str, int]) -> Dict[
             "verdict": result.verdict,
         },
         "keypoints_query": problem.points2d,
-        "points3D_ids": [-1] * len(problem.points3d),
-        "points3D_xyz": problem.points3d,
+        "3d_points": problem.points3d,
+        "keypoints_db": keypoints_db,
+        "indices_db": np.where(known, problem.reference_index[pair], -1) if len(problem.query2d) else pair,
         "num_matches": len(problem.query2d),
-        "keypoint_index_to_db": (
-            problem.point_keypoints,
-            [[-1, [of_reference[problem.references[r].name]] if r >= 0 else []]
-             for r in problem.point_references],
-        ),
     }
 
 
@@ -131,9 +127,8 @@ def localize(
             poses["/".join(parts[-2:]) if prepend_camera_name else parts[-1]] = result.cam_from_world
     results = Path(results)
     _core.write_poses(results, poses)
-    of_reference = {image.name: i for i, image in enumerate(scene.references)}
     logs = {"features": Path(features), "matches": Path(matches), "retrieval": Path(retrieval),
-            "loc": {name: _log(result, of_reference) for name, result in found.items()}}
+            "loc": {name: _log(result) for name, result in found.items()}}
     with open(f"{results}_logs.pkl", "wb") as file:
         pickle.dump(logs, file)
     return found

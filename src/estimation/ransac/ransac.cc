@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "raylift/base/parallel.h"
+
 namespace raylift {
 namespace {
 
@@ -68,10 +70,12 @@ class Ransac {
   }
 
   RansacReport Run(Rng& rng) {
+    CallWatch* const watch = CallWatch::Current();
     int iteration = 0;
     while (iteration < options_.max_iterations && !IsExact(sample_value_) &&
            (iteration < options_.min_iterations || !AnyDone())) {
       ++iteration;
+      if (watch != nullptr) watch->Check();
       if (schedule_ == SolverSchedule::kByProbability) {
         Sample(Choose(rng), rng);
       } else {
