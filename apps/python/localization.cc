@@ -84,18 +84,17 @@ void BindScene(py::module_& module) {
       module, "Scene",
       "What photographs are localized in: references with known poses, and\n"
       "the geometry that their keypoints are lifted by.")
-      .def(
-          py::init([](const ModelLike& model, const SourceList& geometry,
-                      const std::optional<PathLike>& images, const std::string& model_poses,
-                      int every, int every_offset, bool every_per_camera, int threads) {
-            return OpenModelScene(model, geometry, images, model_poses,
-                                  {every, every_offset, every_per_camera}, threads);
-          }),
-          py::arg("model"), py::arg("geometry") = no_sources, py::kw_only(),
-          py::arg("images") = py::none(), py::arg("model_poses") = "cam_from_world",
-          py::arg("every") = 1, py::arg("every_offset") = 0, py::arg("every_per_camera") = false,
-          py::arg("threads") = 0,
-          R"(From a COLMAP model: a folder (text or binary), or a pycolmap.Reconstruction.
+      .def(py::init([](const ModelLike& model, const SourceList& geometry,
+                       const std::optional<PathLike>& images, const std::string& model_poses,
+                       int every, int every_offset, bool every_per_camera, int threads) {
+             return OpenModelScene(model, geometry, images, model_poses,
+                                   {every, every_offset, every_per_camera}, threads);
+           }),
+           py::arg("model"), py::arg("geometry") = no_sources, py::kw_only(),
+           py::arg("images") = py::none(), py::arg("model_poses") = "cam_from_world",
+           py::arg("every") = 1, py::arg("every_offset") = 0, py::arg("every_per_camera") = false,
+           py::arg("threads") = 0,
+           R"(From a COLMAP model: a folder (text or binary), or a pycolmap.Reconstruction.
 
 geometry: Mesh, RayCaster, Geometry, or texts as the option --geometry takes them, asked in
 order. images: folder of the references' photographs. every: only each N-th reference. Raises
