@@ -45,8 +45,9 @@ std::string OneLine(std::string text) {
 class SceneConverter {
  public:
   // glTF states colors in linear light, the other formats as they are shown.
-  SceneConverter(const std::filesystem::path& path, const aiScene& scene, bool linear_colors)
-      : path_(path), scene_(scene), linear_colors_(linear_colors) {}
+  SceneConverter(const std::filesystem::path& path, const aiScene& scene,
+                 const std::optional<GltfScene>& gltf)
+      : path_(path), scene_(scene), gltf_(gltf) {}
 
   RawMesh Convert() {
     for (unsigned int i = 0; i < scene_.mNumMaterials; ++i) AddMaterial(*scene_.mMaterials[i]);
@@ -54,15 +55,13 @@ class SceneConverter {
       any_colors_ |= scene_.mMeshes[i]->HasVertexColors(0);
       any_uvs_ |= scene_.mMeshes[i]->HasTextureCoords(0);
     }
-    if (scene_.mRootNode != nullptr) AddNode(*scene_.mRootNode, Eigen::Affine3d::Identity(), 0);
+    if (scene_.mRootNode != nullptr) AddRoot(*scene_.mRootNode);
     return std::move(mesh_);
   }
 
  private:
   Rgb Color(const aiColor4D& color) const {
-    const auto byte = [&](double c) {
-      return NearestByte((linear_colors_ ? SrgbFromLinear(c) : c) * 255);
-    };
+    const auto byte = [&](double c) { return NearestByte((gltf_ ? SrgbFromLinear(c) : c) * 255); };
     return {byte(color.r), byte(color.g), byte(color.b)};
   }
 
@@ -114,17 +113,47 @@ class SceneConverter {
     return static_cast<int32_t>(mesh_.textures.size()) - 1;
   }
 
-  void AddNode(const aiNode& node, const Eigen::Affine3d& root_from_parent, int depth) {
+  // Assimp makes a node above those of a glTF scene, unless there is one.
+  void AddRoot(const aiNode& root) {
+    const auto identity = Eigen::Affine3d::Identity();
+    if (!gltf_ || gltf_->roots.empty()) return AddNode(root, identity, 0, std::nullopt);
+    if (gltf_->roots.size() == 1) return AddNode(root, identity, 0, gltf_->roots[0]);
+    RequireChildren(root, gltf_->roots);
+    for (unsigned int i = 0; i < root.mNumChildren; ++i) {
+      AddNode(*root.mChildren[i], identity, 1, gltf_->roots[i]);
+    }
+  }
+
+  void RequireChildren(const aiNode& node, const std::vector<size_t>& children) const {
+    if (node.mNumChildren == children.size()) return;
+    throw InputError(path_, "nodes", "their tree is not what it is read as");
+  }
+
+  // `index`: of a glTF node, whose place assimp has in float alone.
+  void AddNode(const aiNode& node, const Eigen::Affine3d& root_from_parent, int depth,
+               std::optional<size_t> index) {
     if (depth > kMaxNodeNesting) {
       throw InputError(path_, fmt::format("nodes are nested more than {} deep", kMaxNodeNesting));
     }
-    const Eigen::Affine3d root_from_node = root_from_parent * ToEigen(node.mTransformation);
+    const Eigen::Affine3d root_from_node =
+        root_from_parent *
+        (index ? gltf_->nodes[*index].parent_from_node : ToEigen(node.mTransformation));
     for (unsigned int i = 0; i < node.mNumMeshes; ++i) {
       AddMesh(*scene_.mMeshes[node.mMeshes[i]], root_from_node);
     }
+    if (index) RequireChildren(node, gltf_->nodes[*index].children);
     for (unsigned int i = 0; i < node.mNumChildren; ++i) {
-      AddNode(*node.mChildren[i], root_from_node, depth + 1);
+      AddNode(*node.mChildren[i], root_from_node, depth + 1,
+              index ? std::optional(gltf_->nodes[*index].children[i]) : std::nullopt);
     }
+  }
+
+  // Assimp's v goes up; glTF's and its transforms' go down.
+  Eigen::Vector2f TextureCoordinate(const aiMesh& part, const aiVector3D& uv) const {
+    if (!gltf_ || part.mMaterialIndex >= gltf_->uv_transforms.size()) return {uv.x, uv.y};
+    const Eigen::Vector2d down =
+        gltf_->uv_transforms[part.mMaterialIndex] * Eigen::Vector2d(uv.x, 1.0 - uv.y);
+    return Eigen::Vector2d(down.x(), 1 - down.y()).cast<float>();
   }
 
   void AddMesh(const aiMesh& part, const Eigen::Affine3d& root_from_part) {
@@ -138,9 +167,9 @@ class SceneConverter {
                                                                 : Rgb{255, 255, 255});
       }
       if (any_uvs_) {
-        const bool has_uv = part.HasTextureCoords(0);
-        mesh_.uvs.emplace_back(has_uv ? part.mTextureCoords[0][i].x : 0.0f,
-                               has_uv ? part.mTextureCoords[0][i].y : 0.0f);
+        mesh_.uvs.push_back(part.HasTextureCoords(0)
+                                ? TextureCoordinate(part, part.mTextureCoords[0][i])
+                                : Eigen::Vector2f(0, 0));
       }
     }
     const bool mirrored = root_from_part.linear().determinant() < 0;
@@ -170,7 +199,7 @@ class SceneConverter {
 
   const std::filesystem::path& path_;
   const aiScene& scene_;
-  bool linear_colors_;
+  const std::optional<GltfScene>& gltf_;
   bool any_colors_ = false;
   bool any_uvs_ = false;
   RawMesh mesh_;
@@ -187,9 +216,9 @@ void SetMeshTrial(std::function<bool(const std::filesystem::path&)> trial) {
 
 RawMesh ReadWithAssimp(const std::filesystem::path& path) {
   const std::string extension = LowerExtension(path);
-  const bool is_gltf = extension == ".glb" || extension == ".gltf";
-  if (is_gltf) {
-    CheckGltf(path, MappedFile(path).contents());
+  std::optional<GltfScene> gltf;
+  if (extension == ".glb" || extension == ".gltf") {
+    gltf = ReadGltfScene(path, MappedFile(path).contents());
   } else if (extension != ".stl" && survives && !survives(path)) {
     throw InputError(path, "cannot be read as a mesh: the file is damaged");
   }
@@ -206,7 +235,13 @@ RawMesh ReadWithAssimp(const std::filesystem::path& path) {
     throw InputError(
         path, fmt::format("cannot be read as a mesh: {}", OneLine(importer.GetErrorString())));
   }
-  return SceneConverter(path, *scene, is_gltf).Convert();
+  RawMesh mesh = SceneConverter(path, *scene, gltf).Convert();
+  if (gltf) {
+    for (const std::string& warning : gltf->warnings) {
+      mesh.warnings.push_back(fmt::format("{}: {}", path.string(), warning));
+    }
+  }
+  return mesh;
 }
 
 }  // namespace raylift

@@ -5,10 +5,13 @@
 
 #include <filesystem>
 #include <optional>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "surfaces/ply_file.h"
 #include "surfaces/raw_mesh.h"
+#include <Eigen/Geometry>
 
 #include "raylift/surfaces/point_cloud.h"
 #include "raylift/surfaces/triangle_mesh.h"
@@ -40,10 +43,24 @@ RawMesh ReadObj(const std::filesystem::path& path);
 // node graph, in the root's frame.
 RawMesh ReadWithAssimp(const std::filesystem::path& path);
 
-// Checks what assimp takes for granted of a glTF file, and ends the process otherwise. Throws
-// InputError naming the file and the JSON path where the file is no glTF 2 (text or binary), its
-// sizes are beyond what is there, an index is beyond its list, or nodes are no tree.
-void CheckGltf(const std::filesystem::path& path, std::string_view contents);
+// What assimp loses of a glTF file: the places of nodes in double, and its textures' transforms.
+struct GltfScene {
+  struct Node {
+    Eigen::Affine3d parent_from_node = Eigen::Affine3d::Identity();
+    std::vector<size_t> children;
+  };
+  std::vector<Node> nodes;
+  std::vector<size_t> roots;  // of the scene that is shown
+  // Of each material's base color (KHR_texture_transform); u to the right, v down.
+  std::vector<Eigen::Affine2d> uv_transforms;
+  std::vector<std::string> warnings;
+};
+
+// Reads that, and checks what assimp takes for granted, and ends the process otherwise. Throws
+// InputError naming the file and the JSON path where the file is no glTF 2 (text or binary), it
+// requires an extension that is not read, its sizes are beyond what is there, an index is beyond its
+// list, or nodes are no tree.
+GltfScene ReadGltfScene(const std::filesystem::path& path, std::string_view contents);
 
 // Read point clouds, which may hold points that are not finite, and no point at all.
 PointCloud ReadPlyCloud(const std::filesystem::path& path, std::string_view contents);

@@ -159,6 +159,7 @@ class GltfCheck {
   explicit GltfCheck(const GltfDocument& document) : document_(document) {}
 
   void Run() {
+    CheckExtensions();
     for (const auto& [member, value] : document_.root().items()) {
       CheckReferences(member, member, value);
     }
@@ -168,6 +169,23 @@ class GltfCheck {
   }
 
  private:
+  // Extensions that the geometry and its base color need nothing of are left to assimp.
+  void CheckExtensions() const {
+    const auto required = document_.root().find("extensionsRequired");
+    if (required == document_.root().end()) return;
+    if (!required->is_array()) document_.Fail("extensionsRequired", "expected a list of names");
+    for (const json& extension : *required) {
+      const std::string name = extension.is_string() ? extension.get<std::string>() : "";
+      const bool known = name == "KHR_texture_transform" || name == "KHR_lights_punctual" ||
+                         name.starts_with("KHR_materials_");
+      if (!known) {
+        document_.Fail("extensionsRequired",
+                       fmt::format("the file requires {}, which is not read; write it without",
+                                   name.empty() ? "an extension without a name" : name));
+      }
+    }
+  }
+
   void CheckReferences(const std::string& place, std::string_view member, const json& value) const {
     if (member == "extras") return;
     const auto known = std::find_if(kListOfMember.begin(), kListOfMember.end(),
@@ -311,10 +329,95 @@ class GltfCheck {
   const GltfDocument& document_;
 };
 
+// Returns the `count` numbers of a member, or `missing` where there is none.
+std::vector<double> Numbers(const GltfDocument& document, const std::string& place,
+                            const json& object, const char* member,
+                            const std::vector<double>& missing) {
+  const auto found = object.find(member);
+  if (found == object.end()) return missing;
+  std::vector<double> numbers;
+  if (found->is_array()) {
+    for (const json& number : *found) {
+      if (number.is_number()) numbers.push_back(number.get<double>());
+    }
+  }
+  if (numbers.size() != missing.size() || numbers.size() != found->size()) {
+    document.Fail(fmt::format("{}.{}", place, member),
+                  fmt::format("expected {} numbers", missing.size()));
+  }
+  return numbers;
+}
+
+// A matrix in column order, or translation * rotation (x, y, z, w) * scale.
+Eigen::Affine3d PlaceOf(const GltfDocument& document, const std::string& place, const json& node) {
+  Eigen::Affine3d transform = Eigen::Affine3d::Identity();
+  if (node.contains("matrix")) {
+    const auto m = Numbers(document, place, node, "matrix", std::vector<double>(16));
+    transform.matrix() = Eigen::Map<const Eigen::Matrix4d>(m.data());
+    return transform;
+  }
+  const auto t = Numbers(document, place, node, "translation", {0, 0, 0});
+  const auto r = Numbers(document, place, node, "rotation", {0, 0, 0, 1});
+  const auto s = Numbers(document, place, node, "scale", {1, 1, 1});
+  return transform.translate(Eigen::Vector3d(t[0], t[1], t[2]))
+      .rotate(Eigen::Quaterniond(r[3], r[0], r[1], r[2]).normalized())
+      .scale(Eigen::Vector3d(s[0], s[1], s[2]));
+}
+
+// translation * rotation * scale, where the rotation is counter-clockwise as a picture is looked at.
+Eigen::Affine2d UvTransformOf(const GltfDocument& document, const std::string& place,
+                              const json& material) {
+  const json none = json::object();
+  const json* part = &material;
+  for (const char* member :
+       {"pbrMetallicRoughness", "baseColorTexture", "extensions", "KHR_texture_transform"}) {
+    const auto found = part->find(member);
+    part = found != part->end() && found->is_object() ? &*found : &none;
+  }
+  const auto offset = Numbers(document, place, *part, "offset", {0, 0});
+  const auto scale = Numbers(document, place, *part, "scale", {1, 1});
+  const json rotation = part->value("rotation", json(0.0));
+  if (!rotation.is_number()) document.Fail(place + ".rotation", "expected a number");
+  return Eigen::Translation2d(offset[0], offset[1]) * Eigen::Rotation2Dd(-rotation.get<double>()) *
+         Eigen::Scaling(scale[0], scale[1]);
+}
+
+std::vector<size_t> Indices(const json& object, const char* member) {
+  std::vector<size_t> indices;
+  for (const json& index : object.value(member, json::array())) {
+    indices.push_back(index.get<size_t>());
+  }
+  return indices;
+}
+
+GltfScene SceneOf(const GltfDocument& document) {
+  GltfScene scene;
+  const json &nodes = document.List("nodes"), &scenes = document.List("scenes");
+  for (size_t i = 0; i < nodes.size(); ++i) {
+    const std::string place = fmt::format("nodes.{}", i);
+    scene.nodes.push_back({PlaceOf(document, place, nodes[i]), Indices(nodes[i], "children")});
+    if (nodes[i].value("extensions", json()).contains("EXT_mesh_gpu_instancing")) {
+      scene.warnings.push_back(place + ": of its instances only the one without a place is read");
+    }
+  }
+  if (!scenes.empty()) {
+    const json shown = document.root().value("scene", json(0u));
+    scene.roots = Indices(scenes[shown.is_number_unsigned() ? shown.get<size_t>() : 0], "nodes");
+  }
+  const json& materials = document.List("materials");
+  for (size_t i = 0; i < materials.size(); ++i) {
+    scene.uv_transforms.push_back(
+        UvTransformOf(document, fmt::format("materials.{}", i), materials[i]));
+  }
+  return scene;
+}
+
 }  // namespace
 
-void CheckGltf(const std::filesystem::path& path, std::string_view contents) {
-  GltfCheck(GltfDocument(path, contents)).Run();
+GltfScene ReadGltfScene(const std::filesystem::path& path, std::string_view contents) {
+  const GltfDocument document(path, contents);
+  GltfCheck(document).Run();
+  return SceneOf(document);
 }
 
 }  // namespace raylift

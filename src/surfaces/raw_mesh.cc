@@ -243,6 +243,35 @@ bool TriangleHasNoArea(const Eigen::Vector3f& a, const Eigen::Vector3f& b,
   return ab.cross(ac).squaredNorm() == 0;
 }
 
+// Throws where so many triangles lost their area that their vertices must have been rounded to
+// floats far from the origin: coordinates that are floats, whose step there is no small part of a
+// common edge.
+void RefuseCoarseFloats(const std::filesystem::path& path, const RawMesh& raw, size_t without_area,
+                        size_t triangles_in_file) {
+  constexpr double kShare = 0.01;  // of triangles; scans have some that never had an area
+  if (static_cast<double>(without_area) <= kShare * static_cast<double>(triangles_in_file)) return;
+  double farthest = 0;
+  for (const Eigen::Vector3d& p : raw.positions) {
+    if (!IsUsablePosition(p)) continue;
+    if (p.cast<float>().cast<double>() != p) return;
+    farthest = std::max(farthest, p.cwiseAbs().maxCoeff());
+  }
+  std::vector<double> edges;
+  for (const auto& t : raw.triangles) {
+    edges.push_back((raw.positions[t[0]] - raw.positions[t[1]]).norm());
+  }
+  if (edges.empty()) return;
+  std::nth_element(edges.begin(), edges.begin() + std::ssize(edges) / 2, edges.end());
+  const double step = farthest * std::numeric_limits<float>::epsilon();
+  constexpr double kFineSteps = 16;  // of an edge whose triangle keeps its shape
+  if (edges[edges.size() / 2] > kFineSteps * step) return;
+  throw InputError(
+      path, fmt::format("{} of {} triangles lost their area, as coordinates of {:.7g} are floats, "
+                        "which have steps of {:.2g} there; write its vertices as double, or "
+                        "relative to an origin that shift=X/Y/Z adds",
+                        without_area, triangles_in_file, farthest, step));
+}
+
 TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw) {
   if (raw.triangles.empty()) {
     if (raw.positions.empty()) {
@@ -264,6 +293,7 @@ TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw) {
   };
   const size_t without_area = RemoveTriangles(
       raw, [&](const auto& t) { return TriangleHasNoArea(local(t[0]), local(t[1]), local(t[2])); });
+  RefuseCoarseFloats(path, raw, without_area, triangles_in_file);
   mesh.warnings = std::move(raw.warnings);
   if (not_finite > 0) {
     mesh.warnings.push_back(fmt::format("{}: {} of {} triangles removed: a vertex is not finite",

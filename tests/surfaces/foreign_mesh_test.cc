@@ -87,6 +87,74 @@ TEST(ReadGlb, NodesTexturesAndColorsAreApplied) {
   }
 }
 
+// A quad of 30 units under a node far from the origin, with what stands in the places of a glTF file.
+std::string MakeFarQuad(const std::string& root, const std::string& node,
+                        const std::string& material) {
+  return fmt::format(
+      R"({{"asset":{{"version":"2.0"}},{}"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0,{}}}],
+"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"TEXCOORD_0":1}},"indices":2,"material":0}}]}}],
+"materials":[{{"pbrMetallicRoughness":{{"baseColorTexture":{{"index":0{}}}}}}}],
+"textures":[{{"source":0}}],"images":[{{"uri":"picture.png"}}],
+"buffers":[{{"byteLength":92,"uri":"quad.bin"}}],
+"bufferViews":[{{"buffer":0,"byteLength":48}},{{"buffer":0,"byteOffset":48,"byteLength":32}},
+{{"buffer":0,"byteOffset":80,"byteLength":12}}],
+"accessors":[{{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3","min":[0,0,0],"max":[30,30,0]}},
+{{"bufferView":1,"componentType":5126,"count":4,"type":"VEC2"}},
+{{"bufferView":2,"componentType":5123,"count":6,"type":"SCALAR"}}]}})",
+      root, node, material);
+}
+
+std::filesystem::path WriteFarQuad(const std::string& name, const std::string& gltf) {
+  std::string bin;
+  for (const float value : {0, 0, 0, 30, 0, 0, 30, 30, 0, 0, 30, 0}) AppendBytes(bin, value);
+  for (const float value : {0, 0, 1, 0, 1, 1, 0, 1}) AppendBytes(bin, value);
+  for (const uint16_t value : {0, 1, 2, 0, 2, 3}) AppendBytes(bin, value);
+  const auto folder = TestFolder();
+  WriteFile(folder / "quad.bin", bin);
+  WriteFile(folder / "picture.png", TestPicturePng());
+  WriteFile(folder / name, gltf);
+  return folder / name;
+}
+
+// Earth-centered coordinates, whose steps as floats are of half a unit.
+TEST(ReadGltf, NodesFarFromTheOriginKeepTheirPlace) {
+  for (const std::string place :
+       {R"("translation":[3919871.1,749219.2,4957101.3])",
+        R"("matrix":[1,0,0,0,0,1,0,0,0,0,1,0,3919871.1,749219.2,4957101.3,1])"}) {
+    const TriangleMesh mesh = ReadMesh(WriteFarQuad("far.gltf", MakeFarQuad("", place, "")));
+    const auto corner = [&](size_t k) { return mesh.VertexInWorld(mesh.triangles[0][k]); };
+    EXPECT_NEAR((corner(1) - corner(0)).norm(), 30, 1e-5);
+    EXPECT_LT((corner(0) - Eigen::Vector3d(3919871.1, 749219.2, 4957101.3)).norm(), 1e-5);
+  }
+}
+
+TEST(ReadGltf, RequiredExtensionsThatAreNotReadAreNamed) {
+  const auto path = WriteFarQuad("required.gltf",
+                                 MakeFarQuad(R"("extensionsRequired":["EXT_mesh_gpu_instancing"],)",
+                                             R"("scale":[1,1,1])", ""));
+  EXPECT_TRUE(FailsWithInputError([&] { ReadMesh(path); },
+                                  {path.string(), "requires EXT_mesh_gpu_instancing"}));
+  ReadMesh(WriteFarQuad(
+      "unlit.gltf",
+      MakeFarQuad(R"("extensionsRequired":["KHR_materials_unlit"],)", R"("scale":[1,1,1])", "")));
+}
+
+// A quarter turn, counter-clockwise as one looks at a picture, takes (1, 0) to (0, -1) where v goes
+// down.
+TEST(ReadGltf, TextureTransformsAreApplied) {
+  const TriangleMesh mesh = ReadMesh(WriteFarQuad(
+      "uv.gltf", MakeFarQuad("", R"("scale":[1,1,1])",
+                             R"(,"extensions":{"KHR_texture_transform":{"offset":[0.25,0.5],)"
+                             R"("rotation":1.5707963267948966,"scale":[0.5,1]}})")));
+  const auto uv_down = [&](size_t k) -> Eigen::Vector2f {
+    const Eigen::Vector2f uv = mesh.texture_coordinates[mesh.triangles[0][k]];
+    return {uv.x(), 1 - uv.y()};
+  };
+  EXPECT_LT((uv_down(0) - Eigen::Vector2f(0.25f, 0.5f)).norm(), 1e-6);
+  EXPECT_LT((uv_down(1) - Eigen::Vector2f(0.25f, 0.0f)).norm(), 1e-6);
+  EXPECT_LT((uv_down(2) - Eigen::Vector2f(1.25f, 0.0f)).norm(), 1e-6);
+}
+
 TEST(ReadGlb, TruncatedFilesNeverCrash) {
   EXPECT_EQ(ReadTruncated(TestFolder() / "cut.glb", MakeGlb(), 7), 0);
 }

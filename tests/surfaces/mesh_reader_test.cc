@@ -5,6 +5,7 @@
 #include "mesh_files.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
@@ -71,6 +72,36 @@ TEST(ReadMesh, ReadMeshesAreSharedWithEmbreeAsTheyAre) {
   EXPECT_GT(mesh->vertices.capacity(), mesh->vertices.size());  // what RayCaster needs to share
   const Ray ray{{0.2, 0.2, 0}, {0, 0, 1}};
   EXPECT_TRUE(RayCaster(mesh).Cast({&ray, 1})[0]);
+}
+
+// A grid of 20 cm at the place of a town in UTM coordinates.
+TEST(ReadMesh, FloatsTooCoarseForTheirPlaceAreAnError) {
+  constexpr int kSide = 40;
+  const auto write = [](const std::string& name, const std::string& type) {
+    std::string ply = fmt::format(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty {} x\nproperty {} y\nproperty {} z\n"
+        "element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        kSide * kSide, type, type, type, 2 * (kSide - 1) * (kSide - 1));
+    for (int i = 0; i < kSide * kSide; ++i) {
+      const double x = 4.1e5 + 0.2 * (i % kSide), y = 5.3e6 + 0.2 * (i / kSide);
+      ply += type == "float" ? fmt::format("{} {} 50\n", double{static_cast<float>(x)},
+                                           double{static_cast<float>(y)})
+                             : fmt::format("{} {} 50\n", x, y);
+    }
+    for (int y = 0; y + 1 < kSide; ++y) {
+      for (int x = 0; x + 1 < kSide; ++x) {
+        const int a = y * kSide + x, b = a + kSide;
+        ply += fmt::format("3 {} {} {}\n3 {} {} {}\n", a, a + 1, b, a + 1, b + 1, b);
+      }
+    }
+    const auto path = TestFolder() / name;
+    WriteFile(path, ply);
+    return path;
+  };
+  EXPECT_EQ(ReadMesh(write("double.ply", "double")).triangles.size(), 2u * 39 * 39);
+  const auto coarse = write("float.ply", "float");
+  EXPECT_TRUE(FailsWithInputError([&] { ReadMesh(coarse); },
+                                  {coarse.string(), "lost their area", "shift="}));
 }
 
 }  // namespace
