@@ -7,6 +7,11 @@
 namespace raylift {
 namespace {
 
+constexpr double kLargestSigma = 1e6;
+const Range kSigma{.says = fmt::format("must lie between 0 and {}", kLargestSigma),
+                   .least = 0,
+                   .most = kLargestSigma};
+
 std::string MethodHelp() {
   std::string text = "Estimator:";
   for (const EnumName<Method>& method : kEnumNames<Method>) {
@@ -60,6 +65,16 @@ std::vector<Field> NumberFieldsOf(EstimatorOptions& options) {
        Range{.says = fmt::format("must lie between 0 and {}", kMaxFocalSigma),
              .least = 0,
              .most = kMaxFocalSigma}},
+      {"reference_factor_sigma", options.reference_factor_sigma,
+       "Standard deviation of the factor that all depths of a reference\n"
+       "are wrong by, as a share: single images tell their scale by\n"
+       "some 0.1. Default: what the problem says, or found where\n"
+       "references disagree",
+       kSigma},
+      {"reference_rotation_sigma_deg", options.reference_rotation_sigma_deg,
+       "The same of the references' orientations, about each axis", kSigma},
+      {"reference_position_sigma", options.reference_position_sigma,
+       "The same of their positions along each axis, in scene units", kSigma},
       {"min_iterations", options.min_iterations, "RANSAC", kAtLeastOne},
       {"max_iterations", options.max_iterations, "RANSAC",
        Range{.says = fmt::format("must not be below min_iterations = {}", options.min_iterations),

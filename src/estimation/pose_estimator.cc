@@ -27,7 +27,9 @@ void EstimatorOptions::Validate() const {
   CheckRanges(ConstFieldsOf(*this));
   if (!scene_noise) return;
   for (const KnownNoise& known :
-       {scene_noise->keypoint_px, scene_noise->depth, scene_noise->common_depth}) {
+       {scene_noise->keypoint_px, scene_noise->depth, scene_noise->common_depth,
+        scene_noise->reference_factor, scene_noise->reference_rotation_deg,
+        scene_noise->reference_position}) {
     Require(known.errors >= 0 && std::isfinite(known.errors) && std::isfinite(known.sigma) &&
                 (known.errors == 0 || known.sigma > 0),
             "scene_noise", fmt::format("{} by {} errors", known.sigma, known.errors),

@@ -217,6 +217,12 @@ std::string FormatSceneCalibration(const SceneCalibration& calibration) {
                            {"common_depth", KnownJson(noise->common_depth)},
                            {"keypoint_tail", noise->keypoint_tail},
                            {"keypoint_tail_variance", noise->keypoint_tail_variance}};
+    const auto add = [&](const char* name, const KnownNoise& known) {
+      if (known.errors > 0) json["match_noise"][name] = KnownJson(known);
+    };
+    add("reference_factor", noise->reference_factor);
+    add("reference_rotation_deg", noise->reference_rotation_deg);
+    add("reference_position", noise->reference_position);
   }
   return JsonText(json);
 }
@@ -243,6 +249,12 @@ SceneCalibration ParseSceneCalibration(const std::string& text) {
                                  .common_depth = KnownOf(noise.at("common_depth")),
                                  .keypoint_tail = noise.at("keypoint_tail"),
                                  .keypoint_tail_variance = noise.at("keypoint_tail_variance")};
+      const auto take = [&](const char* name, KnownNoise& known) {
+        if (noise.contains(name)) known = KnownOf(noise.at(name));
+      };
+      take("reference_factor", calibration.match_noise->reference_factor);
+      take("reference_rotation_deg", calibration.match_noise->reference_rotation_deg);
+      take("reference_position", calibration.match_noise->reference_position);
     }
     return calibration;
   } catch (const nlohmann::json::exception& error) {

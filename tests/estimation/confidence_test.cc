@@ -292,8 +292,12 @@ TEST(ProbabilityOfDistance, IsSureWhereOtherReferencesAgree) {
   const CamFromLocal right = prepared.ToLocal(made.query_from_world);
   const double distance = SceneDistance(prepared, right, kBoth);
   EXPECT_NEAR(distance * prepared.scale, 20, 4);
-  EXPECT_GT(ProbabilityOfDistance(prepared, right, kBoth, distance, 0.001, 1), 0.999);
-  EXPECT_GT(ProbabilityOfDistance(prepared, right, MatchSets::k2D2D, distance, 0, 1), 0.999);
+  const InlierEvidence evidence = {.chance = 0.02};
+  EXPECT_GT(
+      ProbabilityOfDistance(prepared, right, kBoth, distance, {.depth_sigma = 0.001}, evidence),
+      0.999);
+  EXPECT_GT(ProbabilityOfDistance(prepared, right, MatchSets::k2D2D, distance, {}, evidence),
+            0.999);
 }
 
 // Wrong matches with the dominant reference say nothing of the distance from it.
@@ -304,23 +308,58 @@ TEST(ProbabilityOfDistance, IsNotMovedByWrongMatchesOfTheDominantReference) {
         MakeCoherentProblem("outliers", {.num_references = 3, .vertical = 0.5, .wrong = 0.6}, rng);
     EXPECT_EQ(Estimate(made.problem, Method::kE5p1).verdict, PoseVerdict::kLocalized);
     EXPECT_EQ(Estimate(made.problem).verdict, PoseVerdict::kLocalized);
+
+    // Of the other references seven matches that fit are left, and as many that do not.
+    const Rigid3 pose = made.query_from_world;
+    const NormalizedProblem all(made.problem, 8, 2, rng);
+    const Residuals residuals = ComputeResiduals(all, all.ToLocal(pose));
+    PoseProblem few = made.problem, without_wrong;
+    few.matches_2d2d.clear();
+    few.matches_2d3d.clear();
+    without_wrong = few;
+    int right = 0, wrong = 0;
+    for (size_t k = 0; k < all.matches_2d2d.size(); ++k) {
+      const bool fits = residuals.of_2d2d[k] < 1;
+      const bool of_dominant = all.matches_2d2d[k].reference == 0;
+      if (!of_dominant && ++(fits ? right : wrong) > 7) continue;
+      const Match2D2D& match =
+          made.problem.matches_2d2d[static_cast<size_t>(all.matches_2d2d[k].match)];
+      few.matches_2d2d.push_back(match);
+      if (fits || !of_dominant) without_wrong.matches_2d2d.push_back(match);
+    }
+    const auto probability = [&](const PoseProblem& problem) {
+      const NormalizedProblem prepared(problem, 8, 2, rng);
+      return ProbabilityOfDistance(prepared, prepared.ToLocal(pose), MatchSets::k2D2D,
+                                   20 / prepared.scale, {}, {.chance = 0.1});
+    };
+    EXPECT_GT(few.matches_2d2d.size(), without_wrong.matches_2d2d.size() + 50);
+    EXPECT_DOUBLE_EQ(probability(few), probability(without_wrong));
+    EXPECT_GT(probability(few), 0.9);
+    EXPECT_LT(probability(few), 0.9999);
   }
 }
 
 // References that err as wholes by far more than the thresholds: no pose is sure, and counts are of
-// the pose that is returned.
+// the pose that is returned: of RANSAC's, too, where it is taken after the refined one was described.
 TEST(Support, ReferencesThatErrLeaveThePoseInDoubt) {
   Rng rng = TestRng();
-  for (int i = 0; i < 5; ++i) {
+  EstimatorOptions options;
+  options.reprojection_threshold_px = 4;
+  options.sampson_threshold_px = 2;
+  const auto estimator = MakePoseEstimator(options);
+  int by_ransac = 0;
+  for (int i = 0; i < 12; ++i) {
     const CoherentProblem made =
         MakeCoherentProblem("references err", {.reference_deg = 1, .reference_position = 0.5}, rng);
-    const PoseEstimate estimate = Estimate(made.problem);
+    const PoseEstimate estimate = estimator->Estimate(made.problem);
     EXPECT_NE(estimate.verdict, PoseVerdict::kLocalized);
     EXPECT_EQ(estimate.score_2d3d.num_inliers,
               std::count(estimate.inliers_2d3d.begin(), estimate.inliers_2d3d.end(), true));
     EXPECT_EQ(estimate.score_2d2d.num_inliers,
               std::count(estimate.inliers_2d2d.begin(), estimate.inliers_2d2d.end(), true));
+    by_ransac += estimate.cam_from_world && !estimate.noise ? 1 : 0;
   }
+  EXPECT_GT(by_ransac, 3);
 }
 
 // Without a standard deviation the matches do not tell where the camera is.

@@ -217,6 +217,9 @@ class Maker {
                                             {0, 0, Pick({-1.0, 1e-200, 1e200})},
                                             Pick({0.0, 1.0, 1e10})};
     }
+    if (Chance(0.2)) problem.reference_sigmas.factor = Pick({0.0, 1e-300, 0.1, 1e300});
+    if (Chance(0.1)) problem.reference_sigmas.rotation_deg = Pick({0.0, 1e-300, 0.1, 1e300});
+    if (Chance(0.1)) problem.reference_sigmas.position = Pick({0.0, 1e-300, 0.1, 1e300});
     if (Chance(0.3)) problem.priors.focal_sigma = Pick({0.0, 0.002, kMaxFocalSigma});
     if (Chance(0.3)) problem.priors.focal_range = Pick({1.0, 1.2, kMaxFocalRange});
   }

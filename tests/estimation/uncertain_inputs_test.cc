@@ -8,11 +8,15 @@
 #include <vector>
 
 #include "estimation/standard_options.h"
+#include "support/coherent_problem.h"
 #include "support/matchers.h"
 #include "support/synthetic_problem.h"
+#include <Eigen/Cholesky>
 
+#include "raylift/base/error.h"
 #include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
+#include "raylift/geometry/residuals.h"
 
 namespace raylift {
 namespace {
@@ -328,6 +332,51 @@ TEST(RefineFocal, IsOffByDefault) {
   const SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
   EXPECT_FALSE(
       MakePoseEstimator(StandardOptions(Method::kP3p))->Estimate(synthetic.problem).refined_camera);
+}
+
+// The depths of the one reference are all wrong by a factor, of which the standard deviation is known:
+// the covariance holds what follows from it. Said by the options or by the problem, it is the same;
+// without it the position is not sure.
+TEST(ReferenceSigmas, HoldAFactorThatOneReferencesDepthsAreWrongBy) {
+  Rng rng = TestRng();
+  constexpr int kProblems = 60;
+  constexpr double kSigma = 0.08;
+  double sum = 0;
+  int known = 0;
+  for (int i = 0; i < kProblems; ++i) {
+    CoherentProblem made = MakeCoherentProblem("factor",
+                                               {.num_references = 1,
+                                                .vertical = 0.5,
+                                                .seen = 0.9,
+                                                .reference_factor = kSigma,
+                                                .surface = 0.02},
+                                               rng);
+    EstimatorOptions options;
+    EXPECT_NE(MakePoseEstimator(options)->Estimate(made.problem).verdict, PoseVerdict::kLocalized);
+    options.reference_factor_sigma = kSigma;
+    const PoseEstimate estimate = MakePoseEstimator(options)->Estimate(made.problem);
+    // Seldom a pose explains the 2D-2D matches alone, which do not tell the position.
+    if (!estimate.covariance) continue;
+    ++known;
+    const Eigen::Matrix<double, 6, 1> error =
+        StepBetween(made.query_from_world, *estimate.cam_from_world);
+    sum += error.dot(estimate.covariance->ldlt().solve(error)) / 6;
+    if (i > 0) continue;
+    options.reference_factor_sigma.reset();
+    made.problem.reference_sigmas.factor = kSigma;
+    EXPECT_EQ(MakePoseEstimator(options)->Estimate(made.problem).covariance, estimate.covariance);
+  }
+  EXPECT_GE(known, kProblems - 3);
+  // Three standard deviations of the mean, to what calibration is asked to be.
+  const double tolerance = 3 * std::sqrt(2.0 / 6 / kProblems);
+  EXPECT_GT(sum / known, 0.8 - tolerance);
+  EXPECT_LT(sum / known, 1.3 + tolerance);
+}
+
+TEST(ReferenceSigmas, MustBeStandardDeviations) {
+  EstimatorOptions options;
+  options.reference_position_sigma = -1;
+  EXPECT_THROW(MakePoseEstimator(options), OptionError);
 }
 
 }  // namespace

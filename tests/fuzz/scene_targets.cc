@@ -42,7 +42,8 @@ std::vector<FuzzTarget> SceneFuzzTargets() {
          return Lines(FormatPoseProblem({SmallProblem(), Rigid3()}));
        },
        "pose-problem/1 pose-problem/2 null true -1 1e308 1e999 \"extra\" \"keypoint\" \"query\" "
-       "\"position_prior\" \"gravity_prior\" \"focal_range\" \"reference_clusters\" "
+       "\"position_prior\" \"gravity_prior\" \"focal_range\" \"reference_sigmas\" "
+       "\"reference_clusters\" "
        "\"other_cameras\" "
        "\"matches_2d2d_camera\" [[[["},
       {"query_list",

@@ -321,6 +321,12 @@ TEST(PoseProblemJson, PriorsComeBack) {
   EXPECT_EQ(read.focal_range, 1.5);
   file.problem.priors = {.focal_sigma = 0.03};
   EXPECT_EQ(ParsePoseProblem(FormatPoseProblem(file), "p.json").problem.priors.focal_sigma, 0.03);
+  file.problem.reference_sigmas = {.factor = 0.08, .position = 0};
+  const ReferenceSigmas sigmas =
+      ParsePoseProblem(FormatPoseProblem(file), "p.json").problem.reference_sigmas;
+  EXPECT_EQ(sigmas.factor, 0.08);
+  EXPECT_FALSE(sigmas.rotation_deg);
+  EXPECT_EQ(sigmas.position, 0);
   file.problem.priors = {.focal_range = 2};
   EXPECT_EQ(ParsePoseProblem(FormatPoseProblem(file), "p.json").problem.priors.focal_range, 2);
 }

@@ -21,7 +21,10 @@ SceneCalibration MakeCalibration() {
                             .own_correction = true});
   calibration.depth = {std::nullopt, alignment};
   calibration.geometry_noise = {.keypoints_px = 0.7, .geometry_px = 3.1, .num_views = 41};
-  calibration.match_noise = {.keypoint_px = {1.1, 30.5}, .depth = {0.01, 7}, .common_depth = {}};
+  calibration.match_noise = {.keypoint_px = {1.1, 30.5},
+                             .depth = {0.01, 7},
+                             .common_depth = {},
+                             .reference_factor = {0.08, 12}};
   return calibration;
 }
 

@@ -57,8 +57,9 @@ def estimate_pose(
     options: as of `raylift estimate`, with its defaults: method="adaptive" (or "p3p", "e5p1", "d3p1",
         "select", "hybrid_ransac", "hloc"), score="sum_msac", lo="hybrid", alpha=0.8, refinement="robust",
         reprojection_threshold_px=8, sampson_threshold_px=2, point_sigma=0, refine_focal=False,
-        focal_range=1.3, focal_sigma=None, min_iterations=100, max_iterations=10000,
-        confidence=0.9999, seed=0.
+        focal_range=1.3, focal_sigma=None, reference_factor_sigma=None, reference_rotation_sigma_deg=None,
+        reference_position_sigma=None, min_iterations=100, max_iterations=10000, confidence=0.9999,
+        seed=0.
 
     That there is no pose is a result. Raises InputError for arrays of a wrong shape or an index out
     of range, OptionError for an option out of range.

@@ -86,6 +86,9 @@ class EstimatorOptions(TypedDict, total=False):
     refine_focal: bool
     focal_range: float
     focal_sigma: Optional[float]
+    reference_factor_sigma: Optional[float]
+    reference_rotation_sigma_deg: Optional[float]
+    reference_position_sigma: Optional[float]
     min_iterations: int
     max_iterations: int
     confidence: float

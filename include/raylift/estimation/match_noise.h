@@ -45,6 +45,9 @@ struct SceneNoise {
   // Mean and variance over the queries; no variance: not known.
   double keypoint_tail = 0;
   double keypoint_tail_variance = 0;
+  // How whole references err (MatchNoise's). Where it is known, each reference's error is unknown
+  // from the beginning; where it is not (no errors), only if references disagree.
+  KnownNoise reference_factor = {}, reference_rotation_deg = {}, reference_position = {};
 
   bool operator==(const SceneNoise&) const = default;
 };

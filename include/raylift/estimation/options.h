@@ -120,6 +120,11 @@ struct EstimatorOptions {
   // The standard deviation of the query's focal length as a share of it, 0: exact; the pose takes
   // it into account. nullopt: what the problem's priors say.
   std::optional<double> focal_sigma = std::nullopt;
+  // How far references err as wholes (ReferenceSigmas): the robust refinement of both match sets
+  // together takes it into account. nullopt: what the problem says, or else scene_noise.
+  std::optional<double> reference_factor_sigma = std::nullopt;
+  std::optional<double> reference_rotation_sigma_deg = std::nullopt;
+  std::optional<double> reference_position_sigma = std::nullopt;
 
   int min_iterations = 100;
   int max_iterations = 10000;

@@ -7,7 +7,8 @@
 // camera, i for other_cameras[i - 1]. Both are read.
 //
 // Beyond the format's own members, the query's "focal_sigma" (of its focal length, as a share of
-// it), "reference_clusters" (the covisibility cluster of each
+// it), "reference_sigmas" (how far the references err as wholes: "factor", "rotation_deg" and
+// "position", each of them if known), "reference_clusters" (the covisibility cluster of each
 // reference), "matches_2d3d_reference" (an index or null per 2D-3D match), "matches_2d3d_sigma" and
 // "matches_2d2d_sigma_px" (a number or null per match: of the point, of the reference pixel) keep
 // what the format has no place for, and so does "extra", whose members hold an integer or null per

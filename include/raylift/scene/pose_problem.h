@@ -53,6 +53,17 @@ struct RigCamera {
   Rigid3 cam_from_query;
 };
 
+// How far the references err as wholes, by standard deviations, 0 being exact; nullopt where it is
+// not known, and found where they disagree.
+struct ReferenceSigmas {
+  // Of the factor, as a share, that all depths of a reference are wrong by: those of a single image
+  // know their scale by some 10 %.
+  std::optional<double> factor = std::nullopt;
+  // Of a reference's pose, about and along each axis.
+  std::optional<double> rotation_deg = std::nullopt;
+  std::optional<double> position = std::nullopt;  // scene units
+};
+
 struct PoseProblem {
   std::string name;  // the query's
   Camera query_camera;
@@ -63,6 +74,7 @@ struct PoseProblem {
   std::vector<Match2D2D> matches_2d2d;
   std::vector<Match2D3D> matches_2d3d;
   PosePriors priors;
+  ReferenceSigmas reference_sigmas = {};
 
   // The query's own camera is 0, the others follow.
   int num_cameras() const { return 1 + static_cast<int>(other_cameras.size()); }

@@ -67,20 +67,22 @@ struct Trials {
     chance_sum += 1 - set.ChanceOfNone(keypoint);
   }
 
-  // Hoeffding's bound of the binomial tail. `sample` keypoints fit by construction.
+  // `sample` keypoints fit by construction.
   double LogTail(double sample, double clustering) const {
-    const double n = (trials - sample) / clustering;
-    const double k = (inliers - sample) / clustering;
-    if (!(n > 0) || !(k > 0)) return 0;
-    const double p = chance_sum / trials;
-    const double share = std::min(k / n, 1.0);
-    if (share <= p) return 0;
-    const double miss = share < 1 ? (1 - share) * std::log((1 - share) / (1 - p)) : 0;
-    return -n * (share * std::log(share / p) + miss);
+    return LogBinomialTail((trials - sample) / clustering, (inliers - sample) / clustering,
+                           trials > 0 ? chance_sum / trials : 0);
   }
 };
 
 }  // namespace
+
+double LogBinomialTail(double trials, double successes, double chance) {
+  if (!(trials > 0) || !(successes > 0)) return 0;
+  const double share = std::min(successes / trials, 1.0);
+  if (share <= chance) return 0;
+  const double miss = share < 1 ? (1 - share) * std::log((1 - share) / (1 - chance)) : 0;
+  return -trials * (share * std::log(share / chance) + miss);
+}
 
 InlierAssessor::InlierAssessor(const PoseProblem& original, const NormalizedProblem& problem,
                                MatchSets sets, double num_poses_tried, int sample_2d3d)

@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
+
+#include "estimation/refinement/refinement.h"
 
 #include "raylift/scene/pose_problem.h"
 
@@ -59,11 +62,17 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
   const double distance = SceneDistance(normalized, assessed.pose, assessed.scored);
   double of_position = ProbabilityOfPosition(assessed.position_sigma, distance);
   if (Has2D2D(assessed.scored)) {
-    const double depth_sigma =
-        estimate.noise ? std::hypot(estimate.noise->depth, estimate.noise->common_depth) : 0;
+    DepthScale scale;
+    if (estimate.noise) {
+      scale.depth_sigma = std::hypot(estimate.noise->depth, estimate.noise->common_depth);
+    }
+    const std::optional<SceneNoise> known = KnownNoiseOf(normalized, options);
+    if (known && known->reference_factor.errors > 0) {
+      scale.known_sigma = known->reference_factor.sigma;
+    }
     of_position =
         std::min(of_position, ProbabilityOfDistance(normalized, assessed.pose, assessed.scored,
-                                                    distance, depth_sigma, evidence.clustering));
+                                                    distance, scale, evidence));
   }
   estimate.confidence = std::min(confidence, std::max(kLeastConfidence, of_position));
   estimate.verdict = estimate.confidence >= kLocalizedConfidence ? PoseVerdict::kLocalized

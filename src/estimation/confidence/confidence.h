@@ -49,6 +49,10 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
                       const AssessedPose& assessed, const EstimatorOptions& options,
                       PoseEstimate& estimate);
 
+// The logarithm of Hoeffding's bound of the probability that of independent trials so many succeed,
+// each by a chance.
+double LogBinomialTail(double trials, double successes, double chance);
+
 // The evidence of a pose's inliers for it, of the match sets in use.
 struct InlierEvidence {
   int keypoints = 0;         // that have matches
@@ -56,7 +60,7 @@ struct InlierEvidence {
   // The logarithm of the expected number of poses that chance supports as well.
   double log_false_alarms = 0;
   // Whether each match is an inlier: the 2D-3D matches, then the 2D-2D matches, of the sets in use.
-  std::vector<bool> inlier;
+  std::vector<bool> inlier = {};
   double clustering = 1;  // inlier keypoints per cell of the image
   double chance = 0;      // that a keypoint with wrong matches alone is an inlier, on average
 
@@ -147,15 +151,27 @@ inline constexpr double kRightPosition = 0.0125;
 // The median distance from the camera to what the inliers show, local units.
 double SceneDistance(const NormalizedProblem& problem, const CamFromLocal& pose, MatchSets sets);
 
+// How well the scale of one reference's depths is known.
+struct DepthScale {
+  double depth_sigma = 0;  // of one depth, relative
+  std::optional<double> known_sigma =
+      std::nullopt;  // of the scale itself, where it is known before
+
+  // The probability that the scale errs by no more than a share: normally distributed where its
+  // deviation is known; else it is as uncertain as one error of a depth tells, by Cauchy's
+  // distribution, which is Student's t with one degree of freedom.
+  double ProbabilityWithin(double share) const;
+};
+
 // The probability that the pose is right in its distance from the reference that explains most of
 // its 2D-2D matches. Those fit at any distance, so that other matches alone tell it, those with
 // other references (or of other cameras of a rig), and that reference's depths: two witnesses. For
-// each, more keypoints must speak for the pose than for any place elsewhere on that line, as what
-// few among many agree on is chance's. `depth_sigma` is the relative standard deviation of depths.
+// each, more keypoints must speak for the pose than for any place elsewhere on that line; and more
+// than chance has agree there, as what few among many agree on is chance's.
 // 1 where no 2D-2D match is explained, or the camera is at that reference.
 double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLocal& pose,
-                             MatchSets sets, double scene_distance, double depth_sigma,
-                             double clustering);
+                             MatchSets sets, double scene_distance, const DepthScale& scale,
+                             const InlierEvidence& evidence);
 
 // The probability that the position is right (kRightPosition) by its standard deviation; both in
 // local units. 0 without one (0): then the matches do not tell where the camera is.

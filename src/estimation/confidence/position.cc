@@ -16,6 +16,12 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
+// Wrong matches are counted between so many thresholds, as in a_contrario.cc.
+constexpr double kInnerRing = 5;
+constexpr double kOuterRing = 15;
+
+double Square(double x) { return x * x; }
+
 // Where a match is an inlier, as the camera moves along a line.
 struct Interval {
   double begin, end;
@@ -90,6 +96,43 @@ class CameraOnLine {
     return from_query + slack > 0 && from_reference + slack > 0 ? interval : std::nullopt;
   }
 
+  // How another reference sees the point of a match with the one that the line goes through:
+  // |n.xy|^2 / (n.z^2 + v), with n = F^-1 (C + (1 + x / l) z r - C'), F the axes of its pixel, and v
+  // by how well query and dominant tell z.
+  std::optional<Interval> InlierInterval(const NormalizedMatch2D2D& of_dominant,
+                                         const NormalizedMatch2D2D& of_other) const {
+    const auto center_of = [&](const NormalizedMatch2D2D& match) -> const Vector3d& {
+      return problem_.centers[static_cast<size_t>(match.reference)];
+    };
+    const Vector3d query_ray = pose_.rotation.transpose() * of_dominant.query_ray;
+    const Vector3d query_center =
+        pose_.rotation.transpose() *
+        (problem_.camera_centers[static_cast<size_t>(of_dominant.camera)] - pose_.translation);
+    const Vector3d baseline = query_center - center_of(of_dominant);
+    const Vector3d& ray = of_dominant.reference_ray;
+    const Vector3d normal = query_ray.cross(ray);
+    const double sine = normal.norm();
+    // Nearly parallel rays do not tell the point.
+    if (!(sine > 2 * of_dominant.parallax)) return std::nullopt;
+    const double z = query_ray.cross(baseline).dot(normal) / (sine * sine);
+    if (!(z > 0)) return std::nullopt;
+    Matrix3d axes;
+    axes << of_other.reference_gradient, of_other.reference_ray;
+    const Matrix3d image_from_ray = axes.inverse();
+    if (!image_from_ray.allFinite()) return std::nullopt;
+    const Vector3d along = image_from_ray * (z * ray);
+    const Vector3d m = image_from_ray * (center_of(of_dominant) - center_of(of_other)) + along;
+    const Vector3d k = -along / baseline.norm();
+    const double variance = along.head<2>().squaredNorm() * Square(of_dominant.parallax / sine);
+    const auto dot = [](const Vector3d& p, const Vector3d& q) {
+      return p.head<2>().dot(q.head<2>()) - p.z() * q.z();
+    };
+    const auto interval =
+        WhereNegative(dot(k, k), -dot(m, k), dot(m, m) - variance, of_dominant.keypoint);
+    const bool in_front = interval && m.z() - 0.5 * (interval->begin + interval->end) * k.z() > 0;
+    return in_front ? interval : std::nullopt;
+  }
+
  private:
   const NormalizedProblem& problem_;
   const CamFromLocal& pose_;
@@ -122,11 +165,31 @@ std::optional<int> DominantReference(const NormalizedProblem& problem, const Res
   return static_cast<int>(most - counts.begin());
 }
 
+// How many keypoints chance has agree on a place of the line: of so many that have matches, each does
+// with a chance.
+struct ByChance {
+  double keypoints = 0;
+  double chance = 1;
+
+  // The logarithm of the expected number of places that as many keypoints agree on, of which one has
+  // chosen the place.
+  double LogFalseAlarms(double agreeing, double of, double clustering) const {
+    return std::log(std::max(keypoints, 1.0)) +
+           LogBinomialTail((of - 1) / clustering, (agreeing - 1) / clustering, chance);
+  }
+};
+
 // What the matches say at a place of the line, beside what they say at 0.
 class PlacesOnLine {
  public:
-  PlacesOnLine(const std::vector<Interval>& intervals, size_t num_keypoints)
-      : intervals_(intervals), at_zero_(num_keypoints, 0), here_(num_keypoints, 0) {
+  // `by_chance` where wrong matches fall anywhere; not where they may agree by what they have in
+  // common.
+  PlacesOnLine(const std::vector<Interval>& intervals, size_t num_keypoints,
+               const std::optional<ByChance>& by_chance)
+      : intervals_(intervals),
+        by_chance_(by_chance),
+        at_zero_(num_keypoints, 0),
+        here_(num_keypoints, 0) {
     for (const Interval& interval : intervals) {
       if (!interval.Contains(0)) continue;
       ++at_zero_[interval.keypoint];
@@ -134,6 +197,7 @@ class PlacesOnLine {
     }
     exclusive_.only_first = static_cast<double>(
         std::count_if(at_zero_.begin(), at_zero_.end(), [](int count) { return count > 0; }));
+    speak_for_zero_ = exclusive_.only_first;
   }
 
   // The probability that 0 is the right place, if one is, by the place elsewhere that most
@@ -153,18 +217,44 @@ class PlacesOnLine {
     }
     std::sort(bounds.begin(), bounds.end(),
               [](const Bound& a, const Bound& b) { return a.x < b.x; });
-    double probability = 1;
+    double probability = OverChance(0, clustering);
     for (const Bound& bound : bounds) {
       Move(intervals_[bound.interval], bound.is_begin ? 1 : -1);
-      if (4 * shared_ > matches_at_zero_) continue;
-      const ExclusiveInliers beyond_sample{exclusive_.only_first - 1, exclusive_.only_second};
-      probability =
-          std::min(probability, beyond_sample.ProbabilityOfFirst(clustering).value_or(0.5));
+      if (4 * shared_ <= matches_at_zero_) {
+        probability = std::min(probability, OverPlace(exclusive_, clustering));
+      }
     }
     return probability;
   }
 
  private:
+  // 1 / (1 + NFA_0 (1 + 1 / NFA_x)): 0 is as likely as it has fewer false alarms than another place
+  // and than chance; no less than nothing would make it.
+  double OverChance(double only_second, double clustering) const {
+    if (!by_chance_) return 1;
+    const double of_zero =
+        by_chance_->LogFalseAlarms(speak_for_zero_, by_chance_->keypoints, clustering);
+    const double of_other = LogFalseAlarmsOfOther(only_second, clustering);
+    const double odds = std::exp(-std::max(of_zero, -700.0)) / (1 + std::exp(-of_other));
+    return std::max(odds, 1.0) / (1 + std::max(odds, 1.0));
+  }
+  double LogFalseAlarmsOfOther(double only_second, double clustering) const {
+    return std::max(by_chance_->LogFalseAlarms(only_second, by_chance_->keypoints - speak_for_zero_,
+                                               clustering),
+                    -700.0);
+  }
+  // What agrees beyond chance has a reason: then keypoints speak for one of the places, each as
+  // likely as not.
+  double OverPlace(const ExclusiveInliers& exclusive, double clustering) const {
+    const double over_chance = OverChance(exclusive.only_second, clustering);
+    const bool may_be_chance =
+        by_chance_ && LogFalseAlarmsOfOther(exclusive.only_second, clustering) >
+                          std::log(1 - kLocalizedConfidence);
+    if (may_be_chance) return over_chance;
+    const ExclusiveInliers beyond_sample{exclusive.only_first - 1, exclusive.only_second};
+    return std::min(over_chance, beyond_sample.ProbabilityOfFirst(clustering).value_or(0.5));
+  }
+
   // Enters an interval (1) or leaves it (-1).
   void Move(const Interval& interval, int change) {
     if (interval.Contains(0)) shared_ += change;
@@ -178,6 +268,8 @@ class PlacesOnLine {
   }
 
   const std::vector<Interval>& intervals_;
+  std::optional<ByChance> by_chance_;
+  double speak_for_zero_ = 0;        // keypoints
   std::vector<int> at_zero_, here_;  // matches of each keypoint
   int matches_at_zero_ = 0, shared_ = 0;
   ExclusiveInliers exclusive_;  // of 0 and of here
@@ -205,6 +297,53 @@ std::vector<bool> OwnDepths(const NormalizedProblem& problem, const Residuals& r
   return own;
 }
 
+// Counts what may agree by chance: keypoints, and matches between some thresholds of the pose, where
+// right ones are rare. Their number grows with the residual's `dimensions`th power.
+class WrongMatches {
+ public:
+  explicit WrongMatches(size_t num_keypoints) : has_match_(num_keypoints, false) {}
+
+  void Add(size_t keypoint, double squared, int dimensions) {
+    has_match_[keypoint] = true;
+    if (squared > kInnerRing * kInnerRing && squared < kOuterRing * kOuterRing) {
+      expected_ += 1 / (std::pow(kOuterRing, dimensions) - std::pow(kInnerRing, dimensions));
+    }
+  }
+  ByChance Chance(double least) const {
+    const auto count = static_cast<double>(std::count(has_match_.begin(), has_match_.end(), true));
+    return {count, std::clamp(std::max(least, expected_ / std::max(count, 1.0)), 1e-9, 1.0)};
+  }
+
+ private:
+  std::vector<bool> has_match_;
+  double expected_ = 0;  // wrong inliers
+};
+
+// A keypoint that the dominant reference and another one show: by the query's pixel and the
+// dominant's its point is C + z r, whose distance z grows as the camera's from C does, so that the
+// other reference sees it where it does in an interval alone. This tells the distance where all
+// centers are on one line, and pairs of pixels do not.
+std::vector<Interval> ByThreeViews(const NormalizedProblem& problem, const Residuals& residuals,
+                                   int dominant, const CameraOnLine& camera) {
+  std::vector<std::vector<const NormalizedMatch2D2D*>> explained(problem.num_keypoints);
+  for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
+    const NormalizedMatch2D2D& match = problem.matches_2d2d[i];
+    if (match.camera_reference == dominant && residuals.of_2d2d[i] < 1) {
+      explained[match.keypoint].push_back(&match);
+    }
+  }
+  std::vector<Interval> intervals;
+  for (const NormalizedMatch2D2D& match : problem.matches_2d2d) {
+    if (match.camera_reference == dominant) continue;
+    for (const NormalizedMatch2D2D* of_dominant : explained[match.keypoint]) {
+      if (const auto interval = camera.InlierInterval(*of_dominant, match)) {
+        intervals.push_back(*interval);
+      }
+    }
+  }
+  return intervals;
+}
+
 // The probability that both are right if they are independent witnesses, and agree.
 double OddsOfBoth(double a, double b) {
   constexpr double kLeast = 1e-12;
@@ -217,6 +356,13 @@ double OddsOfBoth(double a, double b) {
 }
 
 }  // namespace
+
+double DepthScale::ProbabilityWithin(double share) const {
+  if (known_sigma) {
+    return *known_sigma > 0 ? std::erf(share / (*known_sigma * std::numbers::sqrt2)) : 1;
+  }
+  return 2 / std::numbers::pi * std::atan2(share, depth_sigma);
+}
 
 double SceneDistance(const NormalizedProblem& problem, const CamFromLocal& pose, MatchSets sets) {
   const Residuals residuals = ComputeResiduals(problem, pose, sets);
@@ -235,8 +381,8 @@ double SceneDistance(const NormalizedProblem& problem, const CamFromLocal& pose,
 }
 
 double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLocal& pose,
-                             MatchSets sets, double scene_distance, double depth_sigma,
-                             double clustering) {
+                             MatchSets sets, double scene_distance, const DepthScale& scale,
+                             const InlierEvidence& evidence) {
   const Residuals residuals = ComputeResiduals(problem, pose);
   const std::optional<int> dominant = DominantReference(problem, residuals);
   if (!dominant) return 1;
@@ -251,12 +397,18 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
   // distance, or of a fourth of the way to the scene.
   const double longest = std::max(length, 0.5 * scene_distance);
   std::vector<Interval> by_others, by_own_depths;
-  const auto add = [&](const auto& match, std::vector<Interval>& to) {
-    const std::optional<Interval> interval = camera.InlierInterval(match);
+  const auto add = [&](const std::optional<Interval>& interval, std::vector<Interval>& to) {
     if (interval && interval->end - interval->begin < longest) to.push_back(*interval);
   };
-  for (const NormalizedMatch2D2D& match : problem.matches_2d2d) {
-    if (match.camera_reference != *dominant) add(match, by_others);
+  WrongMatches others(problem.num_keypoints);
+  for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
+    const NormalizedMatch2D2D& match = problem.matches_2d2d[i];
+    if (match.camera_reference == *dominant) continue;
+    add(camera.InlierInterval(match), by_others);
+    others.Add(match.keypoint, residuals.of_2d2d[i], 1);
+  }
+  for (const Interval& interval : ByThreeViews(problem, residuals, *dominant, camera)) {
+    add(interval, by_others);
   }
   double num_own_depths = 0, agreeing = 0;  // of explained 2D-2D matches
   if (Has2D3D(sets)) {
@@ -264,23 +416,32 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
     for (size_t i = 0; i < own.size(); ++i) {
       num_own_depths += own[i] ? 1 : 0;
       agreeing += own[i] && residuals.of_2d3d[i] < 1 ? 1 : 0;
-      add(problem.matches_2d3d[i], own[i] ? by_own_depths : by_others);
+      const NormalizedMatch2D3D& match = problem.matches_2d3d[i];
+      add(camera.InlierInterval(match), own[i] ? by_own_depths : by_others);
+      if (!own[i]) others.Add(match.keypoint, residuals.of_2d3d[i], 2);
     }
   }
-  const auto probability = [&](const std::vector<Interval>& intervals) {
-    return PlacesOnLine(intervals, problem.num_keypoints).ProbabilityOfZero(clustering);
+  const auto probability = [&](const std::vector<Interval>& intervals,
+                               const std::optional<ByChance>& by_chance) {
+    return PlacesOnLine(intervals, problem.num_keypoints, by_chance)
+        .ProbabilityOfZero(evidence.clustering);
   };
-  // The scale of one reference's depths is as uncertain as one error of a depth tells: by Cauchy's
-  // distribution, which is Student's t with one degree of freedom. Depths that agree with the place
-  // and those that do not are two witnesses of it. So they are no surer for the place than their
-  // scale is, and where it is off they say nothing.
-  const double scale_holds = std::min(
-      2 / std::numbers::pi * std::atan2(kRightPosition * scene_distance, depth_sigma * length),
-      num_own_depths > 0 ? ProbabilityOfLarger(agreeing, num_own_depths - agreeing) : 1);
-  const double by_depths = probability(by_own_depths);
-  const double own = by_depths > 0.5 ? std::min(by_depths, std::max(0.5, scale_holds))
-                                     : 0.5 + scale_holds * (by_depths - 0.5);
-  return OddsOfBoth(probability(by_others), own);
+  // Depths that agree with the place and those that do not are two witnesses of their scale. So they
+  // are no surer for the place than their scale is, and where it is off they say nothing.
+  const double scale_holds =
+      std::min(scale.ProbabilityWithin(kRightPosition * scene_distance / length),
+               num_own_depths > 0 ? ProbabilityOfLarger(agreeing, num_own_depths - agreeing) : 1);
+  const double by_depths = probability(by_own_depths, std::nullopt);
+  double own = by_depths > 0.5 ? std::min(by_depths, std::max(0.5, scale_holds))
+                               : 0.5 + scale_holds * (by_depths - 0.5);
+  const double other = probability(by_others, others.Chance(evidence.chance));
+  // Where no other reference tells, depths that err alike over a part of the image turn the camera
+  // about the scene, by as large a share of its distance as they err by.
+  if (other == 0.5 && !scale.known_sigma && scale.depth_sigma > 0) {
+    const double one_depth = std::erf(kRightPosition / (scale.depth_sigma * std::numbers::sqrt2));
+    own = std::min(own, std::max(0.5, one_depth));
+  }
+  return OddsOfBoth(other, own);
 }
 
 double ProbabilityOfPosition(double position_sigma, double scene_distance) {

@@ -152,8 +152,9 @@ std::optional<FocalStep> FocalSearch::StepFrom(const Camera& camera, CamFromLoca
   const PoseProblem problem = WithCamera(problem_, camera);
   NormalizedProblem prepared = Prepare(problem);
   if (sets_ == MatchSets::kBoth) {
-    const RefinedPose refined = RefineByEvidence(prepared, GatherEvidence(problem, prepared), pose,
-                                                 options_.scene_noise, FocalDerivatives::kAtPose);
+    const RefinedPose refined =
+        RefineByEvidence(prepared, GatherEvidence(problem, prepared), pose,
+                         KnownNoiseOf(prepared, options_), FocalDerivatives::kAtPose);
     pose = refined.pose;
     return refined.focal;
   }

@@ -299,7 +299,8 @@ template Blocks2D2D<double> MakeBlocks2D2D<double>(const std::vector<NormalizedM
 
 NormalizedProblem::NormalizedProblem(const PoseProblem& problem, double threshold_2d3d_px,
                                      double threshold_2d2d_px, Rng& rng, double point_sigma)
-    : reprojection_threshold_px(threshold_2d3d_px),
+    : reference_sigmas(problem.reference_sigmas),
+      reprojection_threshold_px(threshold_2d3d_px),
       sampson_threshold_px(threshold_2d2d_px),
       num_matches_2d3d(static_cast<int>(problem.matches_2d3d.size())),
       num_matches_2d2d(static_cast<int>(problem.matches_2d2d.size())) {

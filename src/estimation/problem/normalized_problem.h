@@ -87,6 +87,7 @@ struct NormalizedProblem {
 
   Eigen::Vector3d origin_in_world;
   double scale;
+  ReferenceSigmas reference_sigmas;
   double reprojection_threshold_px;
   double sampson_threshold_px;
 

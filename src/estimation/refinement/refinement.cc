@@ -1,6 +1,7 @@
 #include "estimation/refinement/refinement.h"
 
 #include <cmath>
+#include <numbers>
 #include <utility>
 #include <vector>
 
@@ -8,6 +9,7 @@
 #include "estimation/refinement/single_set.h"
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <fmt/format.h>
 
 #include "raylift/base/error.h"
 
@@ -16,16 +18,19 @@ namespace {
 
 // Takes what is known of the scene; where nothing is known of its keypoints, it is as if four
 // errors had shown what is assumed before anything is seen.
-NoisePrior PriorOf(const std::optional<SceneNoise>& scene, double threshold2) {
+NoisePrior PriorOf(const std::optional<SceneNoise>& scene, double threshold2, double local_unit) {
   NoisePrior prior;
   prior.keypoint_px2 = {threshold2 * kPriorVariance, 4};
   if (!scene) return prior;
-  const auto variance = [](const KnownNoise& known) {
-    return VariancePrior{known.sigma * known.sigma, known.errors};
+  const auto variance = [](const KnownNoise& known, double unit = 1) {
+    return VariancePrior{std::pow(known.sigma / unit, 2), known.errors};
   };
   if (scene->keypoint_px.errors > 4) prior.keypoint_px2 = variance(scene->keypoint_px);
   prior.depth = variance(scene->depth);
   prior.common_depth = variance(scene->common_depth);
+  prior.reference_scale = variance(scene->reference_factor);
+  prior.reference_rotation = variance(scene->reference_rotation_deg, 180 / std::numbers::pi);
+  prior.reference_center = variance(scene->reference_position, local_unit);
   if (scene->keypoint_tail_variance > 0) {
     prior.keypoint_tail = TailPrior{scene->keypoint_tail, scene->keypoint_tail_variance};
   }
@@ -86,6 +91,30 @@ RefinedPose WithCovariance(const NormalizedProblem& problem, const MaximumLikeli
 
 }  // namespace
 
+std::optional<SceneNoise> KnownNoiseOf(const NormalizedProblem& problem,
+                                       const EstimatorOptions& options) {
+  std::optional<SceneNoise> known = options.scene_noise;
+  const auto take = [&](const std::optional<double>& by_options,
+                        const std::optional<double>& by_problem, KnownNoise SceneNoise::*noise) {
+    const std::optional<double> sigma = by_options ? by_options : by_problem;
+    if (!sigma) return;
+    if (!(*sigma >= 0) || !std::isfinite(*sigma)) {
+      throw InputError(
+          fmt::format("reference_sigmas: expected standard deviations, found {}", *sigma));
+    }
+    if (!known) known.emplace();
+    // More errors than a problem can have.
+    constexpr double kAsGiven = 1e9;
+    (*known).*noise = {*sigma, kAsGiven};
+  };
+  const ReferenceSigmas& sigmas = problem.reference_sigmas;
+  take(options.reference_factor_sigma, sigmas.factor, &SceneNoise::reference_factor);
+  take(options.reference_rotation_sigma_deg, sigmas.rotation_deg,
+       &SceneNoise::reference_rotation_deg);
+  take(options.reference_position_sigma, sigmas.position, &SceneNoise::reference_position);
+  return known;
+}
+
 RefinedPose KeepPose(const NormalizedProblem& problem, const CamFromLocal& pose, MatchSets sets) {
   MaximumLikelihood likelihood(problem, sets);
   likelihood.StayAt(pose);
@@ -107,8 +136,9 @@ RefinedPose RefineByEvidence(const NormalizedProblem& problem, const KeypointEvi
       problem.matches_2d2d.empty()
           ? kPriorVariance
           : NoiseVariance(ComputeResiduals(problem, pose, MatchSets::k2D2D).of_2d2d, kModel2D2D);
-  return RefineJointly(evidence, pose, threshold2 * variance, PriorOf(scene, threshold2),
-                       problem.priors, focal, reference_errors, problem.focal.sigma);
+  return RefineJointly(evidence, pose, threshold2 * variance,
+                       PriorOf(scene, threshold2, problem.scale), problem.priors, focal,
+                       reference_errors, problem.focal.sigma);
 }
 
 RefinedPose RefineFinally(const NormalizedProblem& problem,
@@ -117,7 +147,7 @@ RefinedPose RefineFinally(const NormalizedProblem& problem,
   if (options.refinement == Refinement::kPaper) return KeepPose(problem, pose, sets);
   if (sets != MatchSets::kBoth) return RefineByInliers(problem, pose, sets);
   RAYLIFT_CHECK(evidence.has_value());
-  return RefineByEvidence(problem, *evidence, pose, options.scene_noise);
+  return RefineByEvidence(problem, *evidence, pose, KnownNoiseOf(problem, options));
 }
 
 RefinedPose RefineWithScales(const NormalizedProblem& problem, const KeypointEvidence& evidence,
@@ -128,12 +158,17 @@ RefinedPose RefineWithScales(const NormalizedProblem& problem, const KeypointEvi
   for (Observation& observation : scaled.observations) {
     observation.log_distance += log_scales[static_cast<size_t>(observation.reference)];
   }
-  RefinedPose refined = RefineByEvidence(problem, scaled, pose, options.scene_noise,
-                                         FocalDerivatives::kNone, ReferenceErrors::kAlways);
-  const double variance = refined.noise->depth + refined.noise->common_depth;
+  const std::optional<SceneNoise> known = KnownNoiseOf(problem, options);
+  RefinedPose refined = RefineByEvidence(problem, scaled, pose, known, FocalDerivatives::kNone,
+                                         ReferenceErrors::kAlways);
+  const double sigma =
+      known && known->reference_factor.errors > 0 ? known->reference_factor.sigma : 0;
+  const double variance =
+      sigma > 0 ? sigma * sigma : refined.noise->depth + refined.noise->common_depth;
   for (const double log_scale : log_scales) {
+    const double squared = log_scale * log_scale / variance;
     refined.log_likelihood -=
-        std::log1p(log_scale * log_scale / variance) + 0.5 * std::log(variance);
+        (sigma > 0 ? 0.5 * squared : std::log1p(squared)) + 0.5 * std::log(variance);
   }
   return refined;
 }

@@ -34,7 +34,7 @@ struct RefinedPose {
   std::optional<Matrix6d> covariance;
   // What the joint refinement found the matches to be worth.
   std::optional<JointNoise> noise = std::nullopt;
-  bool references_disagree = false;
+  bool references_disagree = false;  // by more than is known of them
   // Of the joint model, to compare refinements of one problem that have the same unknowns.
   double log_likelihood = 0;
   // By which share the query's focal length seems longer than the given one, where it is uncertain;
@@ -42,6 +42,10 @@ struct RefinedPose {
   double focal_error = 0;
   std::optional<FocalStep> focal = std::nullopt;  // where it was asked for
 };
+
+// Returns what is known of the noise: by the options, by the problem, by the scene.
+std::optional<SceneNoise> KnownNoiseOf(const NormalizedProblem& problem,
+                                       const EstimatorOptions& options);
 
 // Whether the step of the focal length is to be found at the refined pose.
 enum class FocalDerivatives { kNone, kAtPose };
@@ -59,7 +63,8 @@ RefinedPose RefineFinally(const NormalizedProblem& problem,
 
 // Refines a pose jointly where each reference's depths may have any scale, which triangulation at the
 // pose gives to begin with. For comparing poses that depths and 2D-2D matches disagree on: the log
-// likelihood is with a prior of the scales, Cauchy's distribution as wide as the error of one depth.
+// likelihood is with a prior of the scales, the normal distribution that is known of them, or Cauchy's
+// as wide as the error of one depth.
 RefinedPose RefineWithScales(const NormalizedProblem& problem, const KeypointEvidence& evidence,
                              const CamFromLocal& pose, const EstimatorOptions& options);
 

@@ -188,6 +188,19 @@ void AppendPriors(const PosePriors& priors, std::string* text) {
   }
 }
 
+void AppendReferenceSigmas(const ReferenceSigmas& sigmas, std::string* text) {
+  std::string members;
+  const auto append = [&](std::string_view name, const std::optional<double>& sigma) {
+    if (!sigma) return;
+    members += fmt::format("{}\"{}\": ", members.empty() ? "" : ", ", name);
+    AppendNumber(*sigma, &members);
+  };
+  append("factor", sigmas.factor);
+  append("rotation_deg", sigmas.rotation_deg);
+  append("position", sigmas.position);
+  if (!members.empty()) *text += ",\n\"reference_sigmas\": {" + members + '}';
+}
+
 // Which keypoints the matches are of: also where a reader would find them by equal pixels, as other
 // readers need not know that.
 void AppendExtra(const PoseProblem& problem, std::string* text) {
@@ -244,6 +257,7 @@ std::string FormatPoseProblem(const PoseProblemFile& file) {
     AppendCamerasOf("matches_2d2d_camera", pairs, &text);
     AppendCamerasOf("matches_2d3d_camera", matches, &text);
   }
+  AppendReferenceSigmas(problem.reference_sigmas, &text);
   AppendExtra(problem, &text);
   text += "\n}\n";
   return text;

@@ -270,6 +270,15 @@ PosePriors ReadPriors(const JsonPlace& query) {
   return priors;
 }
 
+ReferenceSigmas ReadReferenceSigmas(const JsonPlace& place) {
+  const auto sigma = [&](const char* name) {
+    return place.Has(name) ? ReadSigma(place.Member(name)) : std::nullopt;
+  };
+  return {.factor = sigma("factor"),
+          .rotation_deg = sigma("rotation_deg"),
+          .position = sigma("position")};
+}
+
 PoseProblemFile ReadRoot(const JsonPlace& root) {
   const JsonPlace format = root.Member("format");
   if (std::ranges::find(kFormats, format.String()) == std::end(kFormats)) {
@@ -312,6 +321,9 @@ PoseProblemFile ReadRoot(const JsonPlace& root) {
   }
   if (root.Has("matches_2d3d_sigma")) {
     ReadSigmasOf2D3D(root.Member("matches_2d3d_sigma"), &problem);
+  }
+  if (root.Has("reference_sigmas")) {
+    problem.reference_sigmas = ReadReferenceSigmas(root.Member("reference_sigmas"));
   }
   if (root.Has("extra")) {
     ReadExtra(root.Member("extra"), &problem);

@@ -89,8 +89,9 @@ class JointRefinement {
         pose_priors_(pose_priors),
         focal_sigma_(focal_sigma),
         model_(evidence, start),
-        system_(evidence) {
+        system_(evidence, prior_) {
     InitializePoints(keypoint_variance_px2);
+    if (prior_.KnowsReferences()) AdmitReferenceErrors(JointSystem::UnknownErrors::kNone);
   }
   // Goes on from where a part of the evidence has brought the pose and the noise.
   JointRefinement(const KeypointEvidence& evidence, const JointRefinement& of_part)
@@ -99,13 +100,15 @@ class JointRefinement {
         pose_priors_(of_part.pose_priors_),
         focal_sigma_(of_part.focal_sigma_),
         model_(evidence, of_part.model_.pose),
-        system_(evidence) {
+        system_(evidence, prior_) {
     initialized_at_ = model_.pose;
     initialized_with_ = model_.focal_error = of_part.model_.focal_error;
     model_.noise = of_part.model_.noise;
+    model_.references = of_part.model_.references;
     const auto refocused = WithFocalError(evidence_, model_.focal_error);
     InitializeByVoting(refocused ? *refocused : evidence_, model_.pose, model_.noise,
                        model_.keypoints, model_.weights);
+    if (prior_.KnowsReferences()) AdmitReferenceErrors(JointSystem::UnknownErrors::kNone);
   }
 
   // Takes rounds of a step and an E step until pose and information have settled.
@@ -118,6 +121,7 @@ class JointRefinement {
       EStep(prior_, share, QueryCovariance(), model_);
       if (round == kRoundOfReinitialization && HasMovedFar()) {
         InitializePoints(model_.noise.keypoint_px2);
+        if (prior_.KnowsReferences()) AdmitReferenceErrors(JointSystem::UnknownErrors::kNone);
         continue;
       }
       const bool same = std::abs(log_information_ - information) < kSettledInformation;
@@ -128,8 +132,10 @@ class JointRefinement {
 
   RefinedPose Finish(FocalDerivatives focal, ReferenceErrors reference_errors) {
     Step();
-    if (reference_errors == ReferenceErrors::kAlways || system_.ReferencesDisagree(model_)) {
-      system_.AdmitReferenceErrors(model_);
+    const bool admits = reference_errors == ReferenceErrors::kAlways ||
+                        (!prior_.KnowsAllOfReferences() && system_.ReferencesDisagree(model_));
+    if (admits) {
+      AdmitReferenceErrors(JointSystem::UnknownErrors::kAsOfMatches);
       for (int round = 0; round < kReferenceRounds; ++round) {
         Step();
         EStep(prior_, 1, QueryCovariance(), model_);
@@ -139,13 +145,16 @@ class JointRefinement {
     return {.pose = model_.pose,
             .covariance = Covariance(),
             .noise = model_.noise,
-            .references_disagree = system_.HasReferences(),
+            .references_disagree = admits,
             .log_likelihood = model_.log_likelihood - FocalCost(),
             .focal_error = model_.focal_error,
             .focal = focal == FocalDerivatives::kAtPose ? StepOfFocal() : std::nullopt};
   }
 
  private:
+  void AdmitReferenceErrors(JointSystem::UnknownErrors unknown) {
+    system_.AdmitReferenceErrors(unknown, model_);
+  }
   // Finds each keypoint's point by voting, at the pose as it is.
   void InitializePoints(double keypoint_variance_px2);
   // Whether the keypoints are elsewhere than where their points were initialized.

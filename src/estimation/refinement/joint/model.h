@@ -232,6 +232,16 @@ struct VariancePrior {
 struct NoisePrior {
   VariancePrior keypoint_px2, depth, common_depth;
   std::optional<TailPrior> keypoint_tail;
+  // Of references' errors (JointNoise::reference_scale and so on). References have unknowns from
+  // the beginning where one of them is known.
+  VariancePrior reference_scale, reference_rotation, reference_center;
+
+  bool KnowsReferences() const {
+    return reference_scale.count > 0 || reference_rotation.count > 0 || reference_center.count > 0;
+  }
+  bool KnowsAllOfReferences() const {
+    return reference_scale.count > 0 && reference_rotation.count > 0 && reference_center.count > 0;
+  }
 };
 
 // The squared error along the axis that is best predicted, over its variance. The covariance has a

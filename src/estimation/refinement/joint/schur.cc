@@ -234,7 +234,23 @@ bool JointSystem::ReferencesDisagree(const JointModel& model) const {
   return degrees > 0 && statistic > degrees + 3.1 * std::sqrt(2.0 * degrees);
 }
 
-void JointSystem::AdmitReferenceErrors(JointModel& model) {
+void JointSystem::AdmitReferenceErrors(UnknownErrors unknown, JointModel& model) {
+  if (!HasReferences()) AddReferenceColumns(model);
+  const double unknown_share = unknown == UnknownErrors::kNone ? 0 : 0.25;
+  const double angle2 = AngleVariance(model.noise);
+  const auto begin = [](const VariancePrior& known, double otherwise) {
+    return known.count > 0 ? known.variance : otherwise;
+  };
+  JointNoise& noise = model.noise;
+  noise.reference_rotation = begin(prior_.reference_rotation, unknown_share * angle2);
+  noise.reference_center = begin(prior_.reference_center,
+                                 unknown_share * angle2 * std::exp(2 * noise.log_distance_mean));
+  noise.reference_scale =
+      begin(prior_.reference_scale,
+            unknown == UnknownErrors::kNone ? 0 : noise.depth + noise.common_depth);
+}
+
+void JointSystem::AddReferenceColumns(const JointModel& model) {
   std::vector<double> support(column_.size(), 0);
   for (size_t i = 0; i < evidence_.observations.size(); ++i) {
     support[evidence_.observations[i].reference] += model.weights.observation[i];
@@ -245,15 +261,23 @@ void JointSystem::AdmitReferenceErrors(JointModel& model) {
     column_[r] = num_columns_;
     num_columns_ += 7;
   }
-  // To begin with, as large as what single matches show.
-  const double angle2 = model.noise.keypoint_px2 / (evidence_.focal_px * evidence_.focal_px);
-  model.noise.reference_rotation = 0.25 * angle2;
-  model.noise.reference_center = 0.25 * angle2 * std::exp(2 * model.noise.log_distance_mean);
-  model.noise.reference_scale = model.noise.depth + model.noise.common_depth;
 }
 
 void JointSystem::AddReferencePriors(const JointModel& model, VectorXd& gradient) {
   const JointNoise& noise = model.noise;
+  // An error that is not looked for is as good as none.
+  const double none2 = 1e-6 * AngleVariance(noise);
+  // A variance that is known is divided as those of the pose's priors are; one that is found is of
+  // this Hessian.
+  const auto information_of = [&](const VariancePrior& known, double variance, double none) {
+    const double unit = known.count > 0 ? StudentInformation(noise.keypoint_tail) : 1;
+    return 1 / (std::max(variance, none) * unit);
+  };
+  const double rotation =
+      information_of(prior_.reference_rotation, noise.reference_rotation, none2);
+  const double center = information_of(prior_.reference_center, noise.reference_center,
+                                       none2 * std::exp(2 * noise.log_distance_mean));
+  const double scale = information_of(prior_.reference_scale, noise.reference_scale, none2);
   for (size_t r = 0; r < column_.size(); ++r) {
     if (column_[r] < 0) continue;
     // The center c is displaced by turn x c + shift.
@@ -263,8 +287,7 @@ void JointSystem::AddReferencePriors(const JointModel& model, VectorXd& gradient
     Vector7d value, information;
     value << error.rotation_vector, error.Displaced(evidence_.centers[r]) - evidence_.centers[r],
         error.log_scale;
-    information << Vector3d::Constant(1 / noise.reference_rotation),
-        Vector3d::Constant(1 / noise.reference_center), 1 / noise.reference_scale;
+    information << Vector3d::Constant(rotation), Vector3d::Constant(center), scale;
     hessian_.block<7, 7>(column_[r], column_[r]) +=
         to_prior.transpose() * information.asDiagonal() * to_prior;
     gradient.segment<7>(column_[r]) += to_prior.transpose() * information.cwiseProduct(value);
@@ -274,9 +297,18 @@ void JointSystem::AddReferencePriors(const JointModel& model, VectorXd& gradient
 void JointSystem::UpdateReferenceVariances(const MatrixXd& covariance, JointModel& model) const {
   struct Sum {
     double squares = 0, count = 0;
-    double Variance(double prior) const {
-      return std::max((squares + prior) / (std::max(count, 0.0) + 1), 1e-14);
+    // Where nothing is known, it is as if one more reference had shown `otherwise`.
+    void Update(const VariancePrior& known, double otherwise, double& variance) const {
+      if (variance == 0) return;  // not looked for
+      const VariancePrior before = known.count > 0 ? known : VariancePrior{otherwise, 1};
+      variance = std::max(
+          (squares + before.count * before.variance) / (std::max(count, 0.0) + before.count),
+          1e-14);
     }
+  };
+  JointNoise& noise = model.noise;
+  const auto explained = [](double variance_left, double variance) {
+    return variance > 0 ? variance_left / variance : 0;
   };
   Sum rotation, center, factor;
   for (size_t r = 0; r < column_.size(); ++r) {
@@ -285,19 +317,24 @@ void JointSystem::UpdateReferenceVariances(const MatrixXd& covariance, JointMode
     const Eigen::Matrix<double, 3, 6> at_center = DisplacementJacobian(evidence_.centers[r]);
     const Matrix6d pose = covariance.block<6, 6>(column_[r], column_[r]);
     rotation.squares += error.rotation_vector.squaredNorm();
-    rotation.count += 3 - pose.topLeftCorner<3, 3>().trace() / model.noise.reference_rotation;
+    rotation.count += 3 - explained(pose.topLeftCorner<3, 3>().trace(), noise.reference_rotation);
     center.squares += (error.Displaced(evidence_.centers[r]) - evidence_.centers[r]).squaredNorm();
     center.count +=
-        3 - (at_center * pose * at_center.transpose()).trace() / model.noise.reference_center;
+        3 - explained((at_center * pose * at_center.transpose()).trace(), noise.reference_center);
     factor.squares += error.log_scale * error.log_scale;
-    factor.count += 1 - covariance(column_[r] + 6, column_[r] + 6) / model.noise.reference_scale;
+    factor.count +=
+        1 - explained(covariance(column_[r] + 6, column_[r] + 6), noise.reference_scale);
   }
-  // As if one more reference had errors of a tenth of a keypoint's, or of a depth's.
-  const double angle2 = 0.01 * model.noise.keypoint_px2 / (evidence_.focal_px * evidence_.focal_px);
-  model.noise.reference_rotation = rotation.Variance(angle2);
-  model.noise.reference_center =
-      center.Variance(angle2 * std::exp(2 * model.noise.log_distance_mean));
-  model.noise.reference_scale = factor.Variance(model.noise.depth + model.noise.common_depth);
+  // Errors of a tenth of a keypoint's, or of a depth's.
+  const double angle2 = 0.01 * AngleVariance(noise);
+  rotation.Update(prior_.reference_rotation, angle2, noise.reference_rotation);
+  center.Update(prior_.reference_center, angle2 * std::exp(2 * noise.log_distance_mean),
+                noise.reference_center);
+  factor.Update(prior_.reference_scale, noise.depth + noise.common_depth, noise.reference_scale);
+}
+
+double JointSystem::AngleVariance(const JointNoise& noise) const {
+  return noise.keypoint_px2 / (evidence_.focal_px * evidence_.focal_px);
 }
 
 FocalEquations JointSystem::LinearizeWithFocal(const JointModel& model,

@@ -30,8 +30,9 @@ class JointSystem {
  public:
   static constexpr int kQueryColumns = 7;
 
-  explicit JointSystem(const KeypointEvidence& evidence)
+  JointSystem(const KeypointEvidence& evidence, const NoisePrior& prior)
       : evidence_(evidence),
+        prior_(prior),
         column_(evidence.centers.size(), -1),
         schur_blocks_(evidence.keypoints.size()) {}
 
@@ -53,8 +54,11 @@ class JointSystem {
   // Whether the residuals of whole references have a direction, by the score test: chi-squared with
   // seven degrees of freedom each, if they are independent.
   bool ReferencesDisagree(const JointModel& model) const;
-  // Gives the references that enough evidence speaks for columns of their own.
-  void AdmitReferenceErrors(JointModel& model);
+  // Gives the references that enough evidence speaks for columns of their own, if they have none.
+  // What is known of their errors is as large as that; the rest is as large as what single matches
+  // show, or nothing.
+  enum class UnknownErrors { kNone, kAsOfMatches };
+  void AdmitReferenceErrors(UnknownErrors unknown, JointModel& model);
   // `covariance` is the inverse Hessian.
   void UpdateReferenceVariances(const Eigen::MatrixXd& covariance, JointModel& model) const;
 
@@ -90,8 +94,12 @@ class JointSystem {
   void AddPosePriors(const JointModel& model, const NormalizedPriors& pose_priors,
                      Eigen::VectorXd& gradient);
   void AddReferencePriors(const JointModel& model, Eigen::VectorXd& gradient);
+  void AddReferenceColumns(const JointModel& model);
+  // Of a keypoint's direction, radians.
+  double AngleVariance(const JointNoise& noise) const;
 
   const KeypointEvidence& evidence_;
+  const NoisePrior& prior_;
   std::vector<int> column_;  // of each reference's first unknown; -1: it has none
   int num_columns_ = kQueryColumns;
   std::vector<SchurBlock> schur_blocks_;
