@@ -449,8 +449,11 @@ int RunProgram(const std::vector<std::string>& arguments) {
 }
 
 void RunCommand(const std::vector<std::string>& arguments) {
+  const Program survey = MakeSurvey();
   try {
-    Parsed(MakeSurvey(), arguments).Chosen().run();
+    Parsed(survey, arguments).Chosen().run();
+  } catch (const CLI::Success& success) {  // --help, --version
+    survey.app->exit(success);
   } catch (const CLI::ParseError& error) {
     throw OptionError(error.what());
   }

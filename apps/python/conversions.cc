@@ -166,7 +166,9 @@ void ThrowShape(std::string_view name, std::string_view expected, const py::arra
 Camera ToCamera(const CameraLike& camera) {
   if (py::isinstance<Camera>(camera)) return camera.cast<Camera>();
   if (py::isinstance<py::str>(camera)) return ParseCamera("camera", camera.cast<std::string>());
-  const py::object model = Member(camera, "model"), params = Member(camera, "params");
+  py::object model = Member(camera, "model");
+  if (model.is_none()) model = Called(Member(camera, "model_name"));  // PoseLib's
+  const py::object params = Member(camera, "params");
   if (model.is_none() || params.is_none()) {
     throw InputError(
         fmt::format("camera: expected a raylift.Camera, \"MODEL width height params...\", or "
@@ -212,7 +214,9 @@ PosedImage ToPosedImage(const PosedImageLike& image) {
   if (py::isinstance<py::tuple>(image) && py::len(image) == 2) {
     return {"", camera_of(image[py::int_(0)]), pose_of(image[py::int_(1)])};
   }
-  const py::object camera = Member(image, "camera"), pose = Member(image, "cam_from_world");
+  const py::object camera = Member(image, "camera");
+  py::object pose = Member(image, "cam_from_world");
+  if (pose.is_none()) pose = Member(image, "pose");  // PoseLib's
   if (camera.is_none() || pose.is_none()) {
     throw InputError(
         fmt::format("reference: expected a raylift.PosedImage, (camera, pose), or something with "

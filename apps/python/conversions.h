@@ -63,13 +63,13 @@ namespace raylift::python {
 namespace py = pybind11;
 
 // A camera is a Camera, "MODEL width height params...", a mapping with the keys model, width, height
-// and params, or an object with attributes of these names (pycolmap's).
+// and params, or an object with attributes of these names (pycolmap's, PoseLib's).
 Camera ToCamera(const CameraLike& camera);
 // A pose is a Rigid3, a 4 x 4 or 3 x 4 matrix, a pair (qvec, tvec), a mapping with the keys qvec and
 // tvec, or an object with the attributes rotation and translation (pycolmap's) or q and t (PoseLib's).
 Rigid3 ToPose(const PoseLike& pose);
 // A reference is a PosedImage, a pair (camera, pose), or an object with the attributes name, camera
-// and cam_from_world (pycolmap's images).
+// and cam_from_world (pycolmap's images), or camera and pose (PoseLib's).
 PosedImage ToPosedImage(const PosedImageLike& image);
 std::vector<PosedImage> ToPosedImages(const std::vector<PosedImageLike>& images);
 // A str, bytes or os.PathLike. InputError naming the argument for anything else.

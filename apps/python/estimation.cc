@@ -249,10 +249,18 @@ void BindProblem(py::module_& module) {
             return std::make_shared<PoseProblem>(ReadPoseProblem(ToPath(file, "file")).problem);
           },
           py::arg("file"), "Raises InputError with the JSON path of what is wrong.")
-      .def("__repr__", [](const PoseProblem& p) {
-        return fmt::format("<raylift.PoseProblem {} 2D-3D, {} 2D-2D matches, {} references>",
-                           p.matches_2d3d.size(), p.matches_2d2d.size(), p.references.size());
-      });
+      .def("__repr__",
+           [](const PoseProblem& p) {
+             return fmt::format("<raylift.PoseProblem {} 2D-3D, {} 2D-2D matches, {} references>",
+                                p.matches_2d3d.size(), p.matches_2d2d.size(), p.references.size());
+           })
+      .def(py::pickle(
+          [](const PoseProblem& problem) {
+            return FormatPoseProblem({problem, std::nullopt});
+          },
+          [](const std::string& json) {
+            return std::make_shared<PoseProblem>(ParsePoseProblem(json, "pickle").problem);
+          }));
   MatchProperties<Match2D3D>(bound, &PoseProblem::matches_2d3d)
       .Add("points2d", &Match2D3D::query_px, "Query pixels (N, 2) of the 2D-3D matches.")
       .Add("points3d", &Match2D3D::point_in_world, "Their points in the world (N, 3).")

@@ -246,9 +246,18 @@ void BindGeometry(py::module_& module) {
       .def_readonly("name", &PosedImage::name, "As in the model: a path within the image folder.")
       .def_readonly("camera", &PosedImage::camera)
       .def_readonly("cam_from_world", &PosedImage::cam_from_world)
-      .def("__repr__", [](const PosedImage& image) {
-        return fmt::format("<raylift.PosedImage {}>", image.name);
-      });
+      .def("__repr__",
+           [](const PosedImage& image) {
+             return fmt::format("<raylift.PosedImage {}>", image.name);
+           })
+      .def(py::pickle(
+          [](const PosedImage& image) {
+            return py::make_tuple(image.name, image.camera, image.cam_from_world);
+          },
+          [](const py::tuple& state) {
+            return PosedImage{state[0].cast<std::string>(), state[1].cast<Camera>(),
+                              state[2].cast<Rigid3>()};
+          }));
 }
 
 void BindMesh(py::module_& module) {

@@ -14,7 +14,7 @@ def test_evaluate(tmp_path):
     raylift.write_poses(tmp_path / "poses.txt", poses)
     moved = {name: raylift.Rigid3(p.rotation, p.tvec + [0.3, 0, 0]) for name, p in poses.items()}
     table = raylift.evaluate([tmp_path / "poses.txt", moved], DEMO / "ground_truth",
-                             names=["right", "moved"], thresholds="0.1,1:0.5,1")
+                             names=["right", "moved"], thresholds=[(0.1, 1), (0.5, 1)])
     rows = table["results"]
     assert [row["name"] for row in rows] == ["right", "moved"]
     assert rows[0]["recalls_percent"] == [100, 100] and rows[1]["recalls_percent"] == [0, 100]
@@ -159,12 +159,17 @@ except KeyboardInterrupt:
 
 def test_the_program(tmp_path):
     def raylift_program(*arguments):
-        script = "import sys; from raylift._commands import main; sys.exit(main())"
-        return subprocess.run([sys.executable, "-c", script, *arguments], text=True, capture_output=True)
+        return subprocess.run([sys.executable, "-m", "raylift", *arguments], text=True,
+                              capture_output=True)
 
     assert raylift_program("--version").stdout == f"raylift {raylift.__version__}\n"
     wrong = raylift_program("evaluate", "--poses", "missing.txt", "--ground-truth", "missing.txt")
     assert wrong.returncode == 3 and "missing.txt" in wrong.stderr
+
+
+def test_help_is_no_error(capfd):
+    raylift.run("evaluate", "--help")
+    assert "--thresholds" in capfd.readouterr().out
 
 
 def test_colour_is_color():

@@ -1,6 +1,8 @@
+import copy
 import inspect
 import json
 import os
+import pickle
 import re
 import subprocess
 import sys
@@ -196,7 +198,8 @@ def test_problem_keeps_what_it_is_given(tmp_path):
         point_keypoints=np.arange(20), query_keypoints=np.tile(np.arange(20), 3), name="query.jpg",
         **data.pairs)
     problem.write(tmp_path / "problem.json")
-    for p in problem, raylift.PoseProblem.read(str(tmp_path / "problem.json")):
+    for p in (problem, raylift.PoseProblem.read(str(tmp_path / "problem.json")),
+              pickle.loads(pickle.dumps(problem)), copy.deepcopy(problem)):
         assert p.name == "query.jpg" and p.camera == CAMERA
         assert [r.name for r in p.references] == ["0.jpg", "1.jpg", "2.jpg"]
         assert (p.points2d == data.points2d).all() and (p.points3d == data.points3d).all()

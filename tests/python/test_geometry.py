@@ -35,6 +35,9 @@ def test_camera_attributes():
     SimpleNamespace(model=SimpleNamespace(name="SIMPLE_RADIAL"), width=640, height=480,
                     params=np.array([500, 320, 240, -0.05])),
     SimpleNamespace(model=2, width=640, height=480, params=(500, 320, 240, -0.05)),
+    {"model": "SIMPLE_RADIAL", "width": 640.0, "height": 480.0, "params": [500, 320, 240, -0.05]},
+    SimpleNamespace(model_name=lambda: "SIMPLE_RADIAL", width=640, height=480,  # PoseLib's
+                    params=[500, 320, 240, -0.05]),
 ])
 def test_cameras_of_many_kinds(camera):
     assert raylift.Camera.of(camera) == CAMERA
@@ -44,6 +47,7 @@ def test_cameras_of_many_kinds(camera):
     ({"model": "SIMPLE_RADIAL", "width": 640, "height": 480, "params": [500]}, "param"),
     ({"model": "PINHOLES", "width": 640, "height": 480, "params": [500]}, "PINHOLES"),
     ("PINHOLE 640", "camera"),
+    ({"model": "PINHOLE", "height": 480, "params": [500, 500, 320, 240]}, "camera, width: .* None"),
     (7, "expected a raylift.Camera"),
 ])
 def test_wrong_cameras_are_input_errors(wrong, message):
@@ -91,9 +95,13 @@ def test_wrong_poses_are_input_errors(wrong):
 def test_posed_images_of_many_kinds():
     for image in [(CAMERA, P), raylift.PosedImage("", CAMERA, P),
                   SimpleNamespace(name="", camera=CAMERA, cam_from_world=P),
-                  SimpleNamespace(name="", camera=CAMERA, cam_from_world=lambda: P)]:
+                  SimpleNamespace(name="", camera=CAMERA, cam_from_world=lambda: P),
+                  SimpleNamespace(camera=CAMERA, pose=P)]:  # PoseLib's
         problem = raylift.PoseProblem(CAMERA, references=[image])
         assert problem.references[0].camera == CAMERA
         assert problem.references[0].cam_from_world.matrix == pytest.approx(P.matrix)
+    again = pickle.loads(pickle.dumps(raylift.PosedImage("a.jpg", CAMERA, P)))
+    assert again.name == "a.jpg" and again.camera == CAMERA
+    assert again.cam_from_world.matrix.tolist() == P.matrix.tolist()
     with pytest.raises(raylift.InputError, match="reference"):
         raylift.PoseProblem(CAMERA, references=[3])

@@ -14,7 +14,7 @@ from . import _core
 if TYPE_CHECKING:
     from ._types import PathLike, PoseLike, Progress
 
-Poses = Union["PathLike", Mapping[str, "PoseLike"]]
+Poses = Union["PathLike", Mapping[str, Union["PoseLike", _core.LocalizedQuery]]]
 
 
 def _text(value: object) -> str:
@@ -57,7 +57,8 @@ def _pose_file(poses: Poses, folder: str, name: str) -> PathLike:
     if not isinstance(poses, Mapping):
         return poses
     file = Path(folder) / name
-    _core.write_poses(file, dict(poses))
+    found = {name: getattr(pose, "cam_from_world", pose) for name, pose in poses.items()}
+    _core.write_poses(file, {name: pose for name, pose in found.items() if pose is not None})
     return file
 
 
@@ -69,13 +70,17 @@ def evaluate(poses: Union[Poses, Sequence[Poses]], ground_truth: Optional[Poses]
              **options: Any) -> Any:
     """`raylift evaluate`: recalls and median errors of poses against the truth.
 
-    poses, ground_truth: files, or dicts of poses (cam_from_world) by name; of poses also a list of
-    these, one row of the table each. ground_truth may be a COLMAP model. options: thresholds, names,
-    groups, calibration, geometry (dense errors), report, ... as of `raylift evaluate --help`.
+    poses, ground_truth: files, or dicts of poses (cam_from_world) or LocalizedQuery by name; of poses
+    also a list of these, one row of the table each. ground_truth may be a COLMAP model. options:
+    thresholds (pairs of position and degrees), names, groups, calibration, geometry (dense errors),
+    report, ... as of `raylift evaluate --help`.
 
     Returns the table, as the option --json writes it.
     """
     several = poses if isinstance(poses, (list, tuple)) else [poses]
+    thresholds = options.get("thresholds")
+    if isinstance(thresholds, (list, tuple)):
+        options["thresholds"] = ":".join(",".join(map(_text, pair)) for pair in thresholds)
     with tempfile.TemporaryDirectory() as folder:
         files = [_pose_file(one, folder, f"poses_{i}.txt") for i, one in enumerate(several)]
         if ground_truth is not None:

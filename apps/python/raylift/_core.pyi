@@ -166,9 +166,13 @@ class PosedImage:
     Wherever one is an argument, a pair (camera, cam_from_world) and
     pycolmap's images serve, too.
     """
+    def __getstate__(self) -> tuple[str, Camera, Rigid3]:
+        ...
     def __init__(self, name: str, camera: raylift._types.CameraLike, cam_from_world: raylift._types.PoseLike) -> None:
         ...
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None:
         ...
     @property
     def cam_from_world(self) -> Rigid3:
@@ -190,11 +194,15 @@ class PoseProblem:
         """
         Raises InputError with the JSON path of what is wrong.
         """
+    def __getstate__(self) -> str:
+        ...
     def __init__(self, camera: raylift._types.CameraLike, points2d: numpy.typing.ArrayLike | None = None, points3d: numpy.typing.ArrayLike | None = None, *, point_sigmas: numpy.typing.ArrayLike | None = None, point_references: numpy.typing.ArrayLike | None = None, point_keypoints: numpy.typing.ArrayLike | None = None, point_matches: numpy.typing.ArrayLike | None = None, references: collections.abc.Sequence[raylift._types.PosedImageLike] = [], query2d: numpy.typing.ArrayLike | None = None, reference2d: numpy.typing.ArrayLike | None = None, reference_index: numpy.typing.ArrayLike | None = None, reference_sigmas_px: numpy.typing.ArrayLike | None = None, query_keypoints: numpy.typing.ArrayLike | None = None, reference_keypoints: numpy.typing.ArrayLike | None = None, reference_clusters: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [], position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, name: str = '') -> None:
         """
         The arguments are those of raylift.estimate_pose(), and the camera's focal_sigma.
         """
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: str) -> None:
         ...
     def write(self, file: raylift._types.PathLike) -> None:
         """

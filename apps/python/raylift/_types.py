@@ -23,6 +23,18 @@ class ColmapCamera(Protocol):
     def params(self) -> Any: ...
 
 
+class PoseLibCamera(Protocol):
+    """poselib's Camera."""
+
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def params(self) -> Any: ...
+    def model_name(self) -> str: ...
+
+
 class ColmapPose(Protocol):
     """pycolmap's Rigid3d, and others like it."""
 
@@ -52,12 +64,21 @@ class ColmapImage(Protocol):
     def cam_from_world(self) -> Any: ...
 
 
-CameraLike = Union["_core.Camera", str, Mapping[str, Any], ColmapCamera]
+class PoseLibImage(Protocol):
+    """poselib's Image."""
+
+    @property
+    def camera(self) -> Any: ...
+    @property
+    def pose(self) -> Any: ...
+
+
+CameraLike = Union["_core.Camera", str, Mapping[str, Any], ColmapCamera, PoseLibCamera]
 PoseLike = Union[
     "_core.Rigid3", ColmapPose, PoseLibPose, Mapping[str, Any], numpy.typing.ArrayLike,
     Tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike],
 ]
-PosedImageLike = Union["_core.PosedImage", Tuple[CameraLike, PoseLike], ColmapImage]
+PosedImageLike = Union["_core.PosedImage", Tuple[CameraLike, PoseLike], ColmapImage, PoseLibImage]
 PathLike = Union[str, "os.PathLike[str]"]
 
 
