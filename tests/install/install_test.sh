@@ -32,6 +32,19 @@ if [ -n "$(find "$work/prefix" -name 'libraylift_lifting.a')" ] && grep -q 'lift
   exit 1
 fi
 
+# A misspelt component is told from those that there are.
+mkdir "$work/misspelt"
+cat > "$work/misspelt/CMakeLists.txt" << EOF
+cmake_minimum_required(VERSION 3.22)
+project(misspelt LANGUAGES CXX)
+find_package(raylift REQUIRED COMPONENTS estimatoin)
+EOF
+if cmake -S "$work/misspelt" -B "$work/misspelt/build" -G Ninja "${as_consumer[@]}" > "$work/misspelt/log" 2>&1 ||
+   ! tr -s '\n ' ' ' < "$work/misspelt/log" | grep -q 'no raylift::estimatoin; there are .*estimation'; then
+  cat "$work/misspelt/log" >&2
+  exit 1
+fi
+
 # As a subproject it adds its libraries and nothing else.
 mkdir "$work/parent"
 cat > "$work/parent/CMakeLists.txt" << EOF
