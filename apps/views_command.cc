@@ -30,16 +30,18 @@ namespace {
 
 using std::filesystem::path;
 
-enum class SamplingMode { kInside, kAround, kAlong };
+enum class SamplingMode { kAuto, kInside, kAround, kCover, kAlong };
 
 }  // namespace
 
 template <>
 inline constexpr auto kEnumNames<SamplingMode> = std::to_array<EnumName<SamplingMode>>({
+    {SamplingMode::kAuto, "auto", "", "inside where that shows the mesh well, else cover"},
     {SamplingMode::kInside, "inside", "",
      "at eye height over the ground, clear of walls, looking along free space"},
     {SamplingMode::kAround, "around", "",
      "on a sphere or ring around the mesh, looking at its middle"},
+    {SamplingMode::kCover, "cover", "", "wherever there is room in front of surfaces"},
     {SamplingMode::kAlong, "along", "", "on a line"},
 });
 
@@ -47,7 +49,7 @@ namespace {
 
 struct ViewsFlags {
   std::vector<std::string> geometry;
-  SamplingMode mode = SamplingMode::kInside;
+  SamplingMode mode = SamplingMode::kAuto;
   path line;
   int count = 48;
   std::optional<Camera> camera;
@@ -118,15 +120,16 @@ void Check(const ViewsFlags& flags) {
 
 SampledViews Sample(const ViewsFlags& flags, const RayCaster& mesh,
                     const ViewSamplerOptions& options) {
-  switch (flags.mode) {
-    case SamplingMode::kInside:
-      return SampleInside(mesh, options, flags.inside);
-    case SamplingMode::kAround:
-      return SampleAround(mesh, options, flags.around);
-    case SamplingMode::kAlong:
-      return SampleAlong(mesh, options, ReadPointList(flags.line));
+  if (flags.mode == SamplingMode::kAlong) {
+    return SampleAlong(mesh, options, ReadPointList(flags.line));
   }
-  RAYLIFT_CHECK(false);
+  const ViewKind kind = FromName<ViewKind>(ToString(flags.mode)).value();
+  ViewsOfKind views = SampleViews(mesh, kind, options, flags.inside, flags.around);
+  if (views.kind == ViewKind::kCover && kind == ViewKind::kAuto) {
+    views.views.warnings.push_back(
+        "there is no ground that shows the mesh well: places are those of --mode cover");
+  }
+  return std::move(views.views);
 }
 
 Eigen::Vector3d ResolveUp(const ViewsFlags& flags, const TriangleMesh& mesh) {

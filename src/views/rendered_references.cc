@@ -34,14 +34,9 @@ std::optional<double> HorizontalFovDeg(const Camera& camera) {
 
 double HalfTan(double fov_deg) { return std::tan(0.5 * fov_deg * kRadPerDeg); }
 
-struct SampledKind {
-  ViewKind kind;
-  SampledViews views;
-};
-
 // Inside, unless there is no ground or it shows far less of the mesh than other places would: a
 // table's top can pass for a ground.
-SampledKind SampleAuto(const RayCaster& mesh, const ViewSamplerOptions& options,
+ViewsOfKind SampleAuto(const RayCaster& mesh, const ViewSamplerOptions& options,
                        const ViewSamplerOptions& close, const InsideOptions& inside_options) {
   constexpr double kMinShare = 0.25;
   std::optional<SampledViews> inside = TrySampleInside(mesh, options, inside_options);
@@ -65,24 +60,6 @@ std::vector<std::string> DescribeUp(const UpDirection& up) {
       fmt::format("up is taken to be ({:.3f}, {:.3f}, {:.3f}), by the mesh's floors and walls "
                   "(--view-up says otherwise)",
                   axis.x(), axis.y(), axis.z())};
-}
-
-SampledKind Sample(const RayCaster& mesh, const ViewSamplerOptions& views,
-                   const RenderedReferenceOptions& options) {
-  const double size = MeshSize(mesh.mesh(), views.seed);
-  ViewSamplerOptions close = views;
-  close.clearance = std::min(views.clearance, kMaxClearance * size);
-  switch (options.kind) {
-    case ViewKind::kInside:
-      return {ViewKind::kInside, SampleInside(mesh, views, options.inside)};
-    case ViewKind::kAround:
-      return {ViewKind::kAround, SampleAround(mesh, close, {})};
-    case ViewKind::kCover:
-      return {ViewKind::kCover, SampleCovering(mesh, close, {})};
-    case ViewKind::kAuto:
-      break;
-  }
-  return SampleAuto(mesh, views, close, options.inside);
 }
 
 // Names that no photograph is likely to have.
@@ -115,6 +92,24 @@ ColmapRig MakeRig(int rig_cameras) {
 }
 
 }  // namespace
+
+ViewsOfKind SampleViews(const RayCaster& mesh, ViewKind kind, const ViewSamplerOptions& options,
+                        const InsideOptions& inside, const AroundOptions& around) {
+  ViewSamplerOptions close = options;
+  close.clearance =
+      std::min(options.clearance, kMaxClearance * MeshSize(mesh.mesh(), options.seed));
+  switch (kind) {
+    case ViewKind::kInside:
+      return {kind, SampleInside(mesh, options, inside)};
+    case ViewKind::kAround:
+      return {kind, SampleAround(mesh, close, around)};
+    case ViewKind::kCover:
+      return {kind, SampleCovering(mesh, close, {})};
+    case ViewKind::kAuto:
+      break;
+  }
+  return SampleAuto(mesh, options, close, inside);
+}
 
 Camera CameraLikeQueries(std::span<const Camera> queries, const std::optional<PlaneSize>& size,
                          const std::optional<double>& fov_deg) {
@@ -164,7 +159,7 @@ RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh
     views_options.up_in_world = up.up_in_world;
     warnings = DescribeUp(up);
   }
-  SampledKind sampled = Sample(*mesh, views_options, options);
+  ViewsOfKind sampled = SampleViews(*mesh, options.kind, views_options, options.inside);
   warnings.insert(warnings.end(), sampled.views.warnings.begin(), sampled.views.warnings.end());
   RenderedReferences references{.model = options.out / "model",
                                 .images = options.out / "color",

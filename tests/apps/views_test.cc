@@ -52,6 +52,23 @@ TEST_F(Views, OfTheDemoSeeItsCourtyardAndCanBeRendered) {
   EXPECT_GT(summary.at("depth_range").at(0), 0.2);
 }
 
+// A scan without a floor, as of a shelf or a facade.
+TEST_F(Views, WhereThereIsNoGroundPlacesAreInFrontOfSurfaces) {
+  const fs::path wall = folder_ / "wall.ply";
+  WriteFile(wall,
+            "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+            "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n"
+            "0 0 0\n4 0 0\n4 0 3\n0 0 3\n3 0 1 2\n3 0 2 3\n");
+  const Arguments command = {
+      "views", "--geometry", "mesh:" + wall.string(), "--out", out_, "--count", "5", "--up", "z"};
+  EXPECT_TRUE(
+      FailsWith(3, {"no place for a camera"}, RunRaylift(command + Arguments{"--mode", "inside"})));
+  const CommandResult result = RunRaylift(command);
+  EXPECT_EQ(result.exit_code, 0);
+  EXPECT_THAT(result.err, ::testing::HasSubstr("--mode cover"));
+  EXPECT_EQ(ReadColmapModel(out_).images.size(), 5u);
+}
+
 TEST_F(Views, RigsComeWithTheirFrames) {
   ASSERT_TRUE(
       Succeeds(RunRaylift(Command() + Arguments{"--count", "3", "--rig-cameras", "4", "--text"})));
@@ -92,7 +109,7 @@ TEST_F(Views, WrongOptionsAreNamed) {
   const auto fails = [&](const Arguments& more, const std::string& part) {
     return FailsWith(2, {part}, RunRaylift(Command() + more));
   };
-  EXPECT_TRUE(fails({"--mode", "above"}, "inside|around|along"));
+  EXPECT_TRUE(fails({"--mode", "above"}, "auto|inside|around|cover|along"));
   EXPECT_TRUE(fails({"--mode", "along"}, "--line"));
   EXPECT_TRUE(fails({"--up", "w"}, "--up"));
   EXPECT_TRUE(fails({"--up", "0,0,0"}, "--up"));

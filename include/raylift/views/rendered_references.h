@@ -36,6 +36,15 @@ inline constexpr auto kEnumNames<ViewKind> = std::to_array<EnumName<ViewKind>>({
     {ViewKind::kCover, "cover"},
 });
 
+struct ViewsOfKind {
+  ViewKind kind;  // that was taken for kAuto
+  SampledViews views;
+};
+// Views of one kind. Around and covering views keep no further from surfaces than a twentieth of the
+// mesh's size. Throws InputError where there is no place for a camera.
+ViewsOfKind SampleViews(const RayCaster& mesh, ViewKind kind, const ViewSamplerOptions& options,
+                        const InsideOptions& inside, const AroundOptions& around = {});
+
 // A pinhole camera whose pictures match those of the queries' cameras: of their median angle of
 // view (at least 60 and at most 100 degrees wide), and as sharp as the median query in its middle,
 // up to 1600 pixels. `size` and `fov_deg` (horizontal) override. At least one query.
