@@ -300,6 +300,37 @@ TEST(ProbabilityOfDistance, IsSureWhereOtherReferencesAgree) {
             0.999);
 }
 
+// The depths of both references are too small by a fifth: a place between what they say and what the
+// pixels say is doubted, however many matches it explains.
+TEST(ProbabilityOfDistance, DoubtsWhatPixelsContradict) {
+  Rng rng = TestRng();
+  for (int i = 0; i < 20; ++i) {
+    CoherentProblem made =
+        MakeCoherentProblem("too small", {.num_references = 2, .vertical = 0.04, .seen = 0.9}, rng);
+    for (Match2D3D& point : made.problem.matches_2d3d) {
+      const Match2D2D& pair = made.problem.matches_2d2d[point.match_2d2d.value()];
+      const Eigen::Vector3d center = made.problem.references[static_cast<size_t>(pair.reference)]
+                                         .cam_from_world.OriginInSource();
+      point.point_in_world = center + 0.8 * (point.point_in_world - center);
+    }
+    const NormalizedProblem prepared(made.problem, 4, 2, rng);
+    const Eigen::Vector3d center = made.query_from_world.OriginInSource();
+    const Eigen::Vector3d reference = made.problem.references[0].cam_from_world.OriginInSource();
+    for (const double share : {0.0, 0.15, 0.2}) {
+      const Eigen::Vector3d moved = center + share * (reference - center);
+      const Rigid3 pose(made.query_from_world.rotation, -(made.query_from_world.rotation * moved));
+      const double p = ProbabilityOfDistance(prepared, prepared.ToLocal(pose), kBoth,
+                                             20 / prepared.scale, {}, {.chance = 0.02});
+      // A right position is within a quarter of a meter at twenty.
+      if (share == 0) {
+        EXPECT_GT(p, 0.95);
+      } else if ((moved - center).norm() > 0.3) {
+        EXPECT_LT(p, 0.6);
+      }
+    }
+  }
+}
+
 // Wrong matches with the dominant reference say nothing of the distance from it.
 TEST(ProbabilityOfDistance, IsNotMovedByWrongMatchesOfTheDominantReference) {
   Rng rng = TestRng();

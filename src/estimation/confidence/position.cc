@@ -205,25 +205,23 @@ class PlacesOnLine {
   double ProbabilityOfZero(double clustering) {
     // RANSAC's sample has chosen the place by one of the matches, which says nothing.
     if (!(exclusive_.only_first > 1)) return 0.5;
-    struct Bound {
-      double x;
-      bool is_begin;
-      size_t interval;
-    };
-    std::vector<Bound> bounds;
-    for (size_t i = 0; i < intervals_.size(); ++i) {
-      bounds.push_back({intervals_[i].begin, true, i});
-      bounds.push_back({intervals_[i].end, false, i});
-    }
-    std::sort(bounds.begin(), bounds.end(),
-              [](const Bound& a, const Bound& b) { return a.x < b.x; });
     double probability = OverChance(0, clustering);
-    for (const Bound& bound : bounds) {
-      Move(intervals_[bound.interval], bound.is_begin ? 1 : -1);
-      if (4 * shared_ <= matches_at_zero_) {
-        probability = std::min(probability, OverPlace(exclusive_, clustering));
-      }
-    }
+    ForEachPlace([&](double) {
+      if (4 * shared_ > matches_at_zero_) return;
+      probability = std::min(probability, OverPlace(exclusive_, clustering));
+    });
+    return probability;
+  }
+
+  // The same by places that are farther than a right one may be and sure to be better, however many
+  // matches they share with 0; 1 where there is none.
+  double ProbabilityOverBetter(double clustering, double right_within) {
+    double probability = 1;
+    ForEachPlace([&](double x) {
+      if (!(std::abs(x) > right_within)) return;
+      const double over_x = exclusive_.ProbabilityOfFirst(clustering).value_or(1);
+      if (over_x < 1 - kLocalizedConfidence) probability = std::min(probability, over_x);
+    });
     return probability;
   }
 
@@ -255,6 +253,26 @@ class PlacesOnLine {
     return std::min(over_chance, beyond_sample.ProbabilityOfFirst(clustering).value_or(0.5));
   }
 
+  // Goes along the line, and calls use(x) after each bound of an interval.
+  template <typename Use>
+  void ForEachPlace(const Use& use) {
+    struct Bound {
+      double x;
+      bool is_begin;
+      size_t interval;
+    };
+    std::vector<Bound> bounds;
+    for (size_t i = 0; i < intervals_.size(); ++i) {
+      bounds.push_back({intervals_[i].begin, true, i});
+      bounds.push_back({intervals_[i].end, false, i});
+    }
+    std::sort(bounds.begin(), bounds.end(),
+              [](const Bound& a, const Bound& b) { return a.x < b.x; });
+    for (const Bound& bound : bounds) {
+      Move(intervals_[bound.interval], bound.is_begin ? 1 : -1);
+      use(bound.x);
+    }
+  }
   // Enters an interval (1) or leaves it (-1).
   void Move(const Interval& interval, int change) {
     if (interval.Contains(0)) shared_ += change;
@@ -396,20 +414,35 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
   // What a match tells of the distance is worth something if it is within a factor of two of the
   // distance, or of a fourth of the way to the scene.
   const double longest = std::max(length, 0.5 * scene_distance);
-  std::vector<Interval> by_others, by_own_depths;
+  std::vector<Interval> by_others, by_parallax, by_own_depths;
   const auto add = [&](const std::optional<Interval>& interval, std::vector<Interval>& to) {
     if (interval && interval->end - interval->begin < longest) to.push_back(*interval);
+  };
+  // At a reference all of its pairs fit, wrong ones, too: there is no parallax.
+  const double right_within = kRightPosition * scene_distance;
+  const auto is_at_reference = [&](const NormalizedMatch2D2D& match, const Interval& interval) {
+    const Vector3d to_center = problem.centers[static_cast<size_t>(match.reference)] - reference;
+    const double along = to_center.dot(offset) / length;
+    return (to_center - along * offset / length).norm() < right_within &&
+           interval.begin < along - length + right_within &&
+           interval.end > along - length - right_within;
   };
   WrongMatches others(problem.num_keypoints);
   for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
     const NormalizedMatch2D2D& match = problem.matches_2d2d[i];
     if (match.camera_reference == *dominant) continue;
-    add(camera.InlierInterval(match), by_others);
+    const std::optional<Interval> interval = camera.InlierInterval(match);
+    add(interval, by_others);
+    if (interval && !is_at_reference(match, *interval)) add(interval, by_parallax);
     others.Add(match.keypoint, residuals.of_2d2d[i], 1);
   }
   for (const Interval& interval : ByThreeViews(problem, residuals, *dominant, camera)) {
     add(interval, by_others);
+    add(interval, by_parallax);
   }
+  // Depths, of all references, may be wrong alike; pairs of pixels are not.
+  const double by_pairs = PlacesOnLine(by_parallax, problem.num_keypoints, std::nullopt)
+                              .ProbabilityOverBetter(evidence.clustering, right_within);
   double num_own_depths = 0, agreeing = 0;  // of explained 2D-2D matches
   if (Has2D3D(sets)) {
     const std::vector<bool> own = OwnDepths(problem, residuals, *dominant, reference);
@@ -434,7 +467,7 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
   const double by_depths = probability(by_own_depths, std::nullopt);
   double own = by_depths > 0.5 ? std::min(by_depths, std::max(0.5, scale_holds))
                                : 0.5 + scale_holds * (by_depths - 0.5);
-  const double other = probability(by_others, others.Chance(evidence.chance));
+  const double other = std::min(by_pairs, probability(by_others, others.Chance(evidence.chance)));
   // Where no other reference tells, depths that err alike over a part of the image turn the camera
   // about the scene, by as large a share of its distance as they err by.
   if (other == 0.5 && !scale.known_sigma && scale.depth_sigma > 0) {
