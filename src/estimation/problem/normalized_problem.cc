@@ -376,6 +376,12 @@ NormalizedProblem::NormalizedProblem(const PoseProblem& problem, double threshol
     blocks_2d2d.push_back(grouped.blocks[i]);
     block_camera_reference_2d2d.push_back(grouped.block_camera_reference[i]);
   }
+  FillExactBlocks();
+}
+
+void NormalizedProblem::FillExactBlocks() {
+  exact_2d3d = MakeBlocks2D3D<double>(matches_2d3d, AllIndices(matches_2d3d.size()));
+  exact_2d2d = MakeBlocks2D2D<double>(matches_2d2d, AllIndices(matches_2d2d.size()));
 }
 
 void NormalizedProblem::TakeFocalSigma(const PoseProblem& original, double sigma) {
@@ -415,6 +421,7 @@ void NormalizedProblem::TakeFocalError(double share) {
   Blocks2D2D<float> pairs = MakeBlocks2D2D<float>(matches_2d2d, AllIndices(matches_2d2d.size()));
   blocks_2d2d = std::move(pairs.blocks);
   block_camera_reference_2d2d = std::move(pairs.block_camera_reference);
+  FillExactBlocks();
 }
 
 CamFromLocal NormalizedProblem::ToLocal(const Rigid3& cam_from_world) const {
@@ -474,8 +481,7 @@ std::vector<double> ByMatch(const std::vector<double>& lanes, const std::vector<
 }
 
 std::vector<double> Residuals2D3D(const NormalizedProblem& problem, const CamFromLocal& pose) {
-  const auto blocks =
-      MakeBlocks2D3D<double>(problem.matches_2d3d, AllIndices(problem.matches_2d3d.size()));
+  const Blocks2D3D<double>& blocks = problem.exact_2d3d;
   std::vector<double> lanes(blocks.lane_match.size());
   ForEachCamera(
       0, static_cast<int>(blocks.blocks.size()),
@@ -490,8 +496,7 @@ std::vector<double> Residuals2D3D(const NormalizedProblem& problem, const CamFro
 }
 
 std::vector<double> Residuals2D2D(const NormalizedProblem& problem, const CamFromLocal& pose) {
-  const auto blocks =
-      MakeBlocks2D2D<double>(problem.matches_2d2d, AllIndices(problem.matches_2d2d.size()));
+  const Blocks2D2D<double>& blocks = problem.exact_2d2d;
   const auto centers = CentersInCam<double>(problem, pose);
   std::vector<double> lanes(blocks.lane_match.size());
   kernels::ActiveKernels().residuals_2d2d(blocks.blocks.data(),

@@ -79,6 +79,30 @@ struct FocalUncertainty {
   std::vector<Eigen::Vector2d> px_2d3d, px_2d2d;
 };
 
+// Fills blocks with some of the matches, in the given order; unused lanes are zero.
+template <typename T>
+struct Blocks2D3D {
+  std::vector<kernels::Block2D3D<T>> blocks;
+  std::vector<int> block_camera;
+  // The point in each lane, -1 for an unused one.
+  std::vector<int> lane_match;
+};
+// `selection` must list the points of a camera next to each other.
+template <typename T>
+Blocks2D3D<T> MakeBlocks2D3D(const std::vector<NormalizedMatch2D3D>& points,
+                             const std::vector<int>& selection);
+
+template <typename T>
+struct Blocks2D2D {
+  std::vector<kernels::Block2D2D<T>> blocks;
+  std::vector<int> block_camera_reference;
+  std::vector<int> lane_match;  // as of the points
+};
+// `selection` must list the matches of a camera-reference pair next to each other.
+template <typename T>
+Blocks2D2D<T> MakeBlocks2D2D(const std::vector<NormalizedMatch2D2D>& pairs,
+                             const std::vector<int>& selection);
+
 struct NormalizedProblem {
   // `rng` shuffles the matches, so that any prefix of the blocks is a fair sample. `point_sigma`
   // (scene units) is the standard deviation of 3D points that carry none.
@@ -111,6 +135,9 @@ struct NormalizedProblem {
   std::vector<int> block_camera_2d3d;
   std::vector<kernels::Block2D2D<float>> blocks_2d2d;
   std::vector<int> block_camera_reference_2d2d;
+  // The same matches in their own order, for exact residuals.
+  Blocks2D3D<double> exact_2d3d;
+  Blocks2D2D<double> exact_2d2d;
 
   // Takes the query's focal length, of which this problem was made, for uncertain.
   void TakeFocalSigma(const PoseProblem& original, double sigma);
@@ -133,31 +160,10 @@ struct NormalizedProblem {
 
   CamFromLocal ToLocal(const Rigid3& cam_from_world) const;
   Rigid3 ToWorld(const CamFromLocal& cam_from_local) const;
-};
 
-// Fills blocks with some of the matches, in the given order; unused lanes are zero.
-template <typename T>
-struct Blocks2D3D {
-  std::vector<kernels::Block2D3D<T>> blocks;
-  std::vector<int> block_camera;
-  // The point in each lane, -1 for an unused one.
-  std::vector<int> lane_match;
+ private:
+  void FillExactBlocks();
 };
-// `selection` must list the points of a camera next to each other.
-template <typename T>
-Blocks2D3D<T> MakeBlocks2D3D(const std::vector<NormalizedMatch2D3D>& points,
-                             const std::vector<int>& selection);
-
-template <typename T>
-struct Blocks2D2D {
-  std::vector<kernels::Block2D2D<T>> blocks;
-  std::vector<int> block_camera_reference;
-  std::vector<int> lane_match;  // as of the points
-};
-// `selection` must list the matches of a camera-reference pair next to each other.
-template <typename T>
-Blocks2D2D<T> MakeBlocks2D2D(const std::vector<NormalizedMatch2D2D>& pairs,
-                             const std::vector<int>& selection);
 
 // A pose as the kernels take it, and for each camera-reference pair the reference's center from the
 // camera's.

@@ -198,14 +198,11 @@ bool JointSystem::ReferencesDisagree(const JointModel& model) const {
     const KeypointObservations& keypoint = evidence_.keypoints[index];
     if (!schur_blocks_[index].used) continue;
     const Matrix4d covariance = schur_blocks_[index].covariance;
-    Matrix47d by_camera_reference = Matrix47d::Zero();
-    by_camera_reference.topLeftCorner<3, 6>() = DisplacementJacobian(model.keypoints[index].point);
-    by_camera_reference(3, 6) = 1;
+    const Vector3d& point = model.keypoints[index].point;
     const auto add = [&](size_t frame, const Quadratic& cost) {
       const Matrix4d reduced = cost.hessian - cost.hessian * covariance * cost.hessian;
-      information[frame].noalias() +=
-          by_camera_reference.transpose() * reduced * by_camera_reference;
-      score[frame].noalias() += by_camera_reference.transpose() * cost.gradient;
+      AddDisplacedHessian(reduced, point, information[frame]);
+      AddDisplacedGradient(cost.gradient, point, score[frame]);
       residuals[frame] += 3;
     };
     for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
@@ -216,7 +213,7 @@ bool JointSystem::ReferencesDisagree(const JointModel& model) const {
       }
     }
     if (keypoint.end_unanchored > keypoint.first_unanchored) {
-      add(model.UnanchoredFrame(), model.UnanchoredCost(keypoint, model.keypoints[index].point));
+      add(model.UnanchoredFrame(), model.UnanchoredCost(keypoint, point));
     }
   }
   double statistic = 0;
