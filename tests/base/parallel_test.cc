@@ -38,8 +38,8 @@ TEST(ParallelFor, RethrowsTheExceptionOfTheLowestIndex) {
 }
 
 #if defined(__SANITIZE_THREAD__)
-// The gate sees what it is there for: a loop that counts without a lock ends the thread sanitizer's
-// process with its exit code.
+// The gate sees what it is there for: a race in a loop's body ends the thread sanitizer's process
+// with its exit code.
 TEST(ParallelForDeathTest, TheSanitizerFindsARaceInItsBody) {
   GTEST_FLAG_SET(death_test_style, "threadsafe");
   const auto count = [] {
@@ -48,6 +48,22 @@ TEST(ParallelForDeathTest, TheSanitizerFindsARaceInItsBody) {
     std::exit(counter > 0 ? 0 : 1);
   };
   EXPECT_EXIT(count(), testing::ExitedWithCode(66), "data race");
+}
+
+// How items are handed out puts no order between two of them, which would hide this one.
+TEST(ParallelForDeathTest, TheSanitizerFindsARaceOfItemsFarApart) {
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  const auto write_first_and_last = [] {
+    const std::thread::id caller = std::this_thread::get_id();
+    size_t shared = 0;
+    ParallelFor(64, 2, [&](size_t i) {
+      const bool writes = std::this_thread::get_id() == caller ? i < 8 : i >= 56;
+      if (writes) ++shared;
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    });
+    std::exit(shared > 0 ? 0 : 1);
+  };
+  EXPECT_EXIT(write_first_and_last(), testing::ExitedWithCode(66), "data race");
 }
 #endif
 
