@@ -56,10 +56,9 @@ struct GltfScene {
   std::vector<std::string> warnings;
 };
 
-// Reads that, and checks what assimp takes for granted, and ends the process otherwise. Throws
-// InputError naming the file and the JSON path where the file is no glTF 2 (text or binary), it
-// requires an extension that is not read, its sizes are beyond what is there, an index is beyond its
-// list, or nodes are no tree.
+// Reads that, and checks what assimp would end the process for. Throws InputError naming the file
+// and the JSON path where the file is no glTF 2 (text or binary), it requires an extension that is
+// not read, its sizes are beyond what is there, an index is beyond its list, or nodes are no tree.
 GltfScene ReadGltfScene(const std::filesystem::path& path, std::string_view contents);
 
 // Read point clouds, which may hold points that are not finite, and no point at all.

@@ -329,7 +329,7 @@ class GltfCheck {
   const GltfDocument& document_;
 };
 
-// Returns the `count` numbers of a member, or `missing` where there is none.
+// Returns the numbers of a member, as many as `missing` has, which it returns where there is none.
 std::vector<double> Numbers(const GltfDocument& document, const std::string& place,
                             const json& object, const char* member,
                             const std::vector<double>& missing) {
@@ -397,7 +397,9 @@ GltfScene SceneOf(const GltfDocument& document) {
     const std::string place = fmt::format("nodes.{}", i);
     scene.nodes.push_back({PlaceOf(document, place, nodes[i]), Indices(nodes[i], "children")});
     if (nodes[i].value("extensions", json()).contains("EXT_mesh_gpu_instancing")) {
-      scene.warnings.push_back(place + ": of its instances only the one without a place is read");
+      scene.warnings.push_back(
+          place +
+          ": its instances (EXT_mesh_gpu_instancing) are not read, its mesh stands there once");
     }
   }
   if (!scenes.empty()) {

@@ -123,9 +123,6 @@ class TriangleReader {
     const bool is_float = vertices_.position_type == PlyType::kFloat;
     if (!(is_float ? ReadAll<float>() : ReadAll<double>())) return std::nullopt;
     const size_t removed = any_without_area_ ? RemoveThoseWithoutArea() : 0;
-    // The general reader tells why so many are lost.
-    constexpr size_t kOneIn = 100;
-    if (kOneIn * removed > num_faces_) return std::nullopt;
     if (removed > 0) {
       mesh_.warnings.push_back(fmt::format("{}: {} of {} triangles removed: they have no area",
                                            path.string(), removed, num_faces_));
@@ -136,6 +133,7 @@ class TriangleReader {
     }
     if (mesh_.triangles.empty()) return std::nullopt;
     RemoveUnusedVertices();
+    RefuseCoarseFloats(path, mesh_, removed, num_faces_);
     return std::move(mesh_);
   }
 

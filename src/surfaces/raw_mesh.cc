@@ -243,24 +243,20 @@ bool TriangleHasNoArea(const Eigen::Vector3f& a, const Eigen::Vector3f& b,
   return ab.cross(ac).squaredNorm() == 0;
 }
 
-// Throws where so many triangles lost their area that their vertices must have been rounded to
-// floats far from the origin: coordinates that are floats, whose step there is no small part of a
-// common edge.
-void RefuseCoarseFloats(const std::filesystem::path& path, const RawMesh& raw, size_t without_area,
-                        size_t triangles_in_file) {
+void RefuseCoarseFloats(const std::filesystem::path& path, const TriangleMesh& mesh,
+                        size_t without_area, size_t triangles_in_file) {
   constexpr double kShare = 0.01;  // of triangles; scans have some that never had an area
   if (static_cast<double>(without_area) <= kShare * static_cast<double>(triangles_in_file)) return;
   double farthest = 0;
-  for (const Eigen::Vector3d& p : raw.positions) {
-    if (!IsUsablePosition(p)) continue;
+  for (uint32_t i = 0; i < mesh.vertices.size(); ++i) {
+    const Eigen::Vector3d p = mesh.VertexInWorld(i);
     if (p.cast<float>().cast<double>() != p) return;
     farthest = std::max(farthest, p.cwiseAbs().maxCoeff());
   }
-  std::vector<double> edges;
-  for (const auto& t : raw.triangles) {
-    edges.push_back((raw.positions[t[0]] - raw.positions[t[1]]).norm());
+  std::vector<float> edges;
+  for (const auto& t : mesh.triangles) {
+    edges.push_back((mesh.vertices[t[0]] - mesh.vertices[t[1]]).norm());
   }
-  if (edges.empty()) return;
   std::nth_element(edges.begin(), edges.begin() + std::ssize(edges) / 2, edges.end());
   const double step = farthest * std::numeric_limits<float>::epsilon();
   constexpr double kFineSteps = 16;  // of an edge whose triangle keeps its shape
@@ -293,7 +289,6 @@ TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw) {
   };
   const size_t without_area = RemoveTriangles(
       raw, [&](const auto& t) { return TriangleHasNoArea(local(t[0]), local(t[1]), local(t[2])); });
-  RefuseCoarseFloats(path, raw, without_area, triangles_in_file);
   mesh.warnings = std::move(raw.warnings);
   if (not_finite > 0) {
     mesh.warnings.push_back(fmt::format("{}: {} of {} triangles removed: a vertex is not finite",
@@ -311,6 +306,7 @@ TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw) {
   mesh.triangles.reserve(raw.triangles.size());
   VertexUniter uniter(raw, mesh);
   for (size_t i = 0; i < raw.triangles.size(); ++i) uniter.AddTriangle(i);
+  RefuseCoarseFloats(path, mesh, without_area, triangles_in_file);
   SetTriangleTextures(raw, mesh);
   mesh.textures = std::move(raw.textures);
   mesh.triangle_faces = std::move(raw.triangle_faces);

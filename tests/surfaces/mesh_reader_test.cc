@@ -6,6 +6,7 @@
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <fmt/format.h>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
@@ -74,34 +75,72 @@ TEST(ReadMesh, ReadMeshesAreSharedWithEmbreeAsTheyAre) {
   EXPECT_TRUE(RayCaster(mesh).Cast({&ray, 1})[0]);
 }
 
-// A grid of 20 cm at the place of a town in UTM coordinates.
-TEST(ReadMesh, FloatsTooCoarseForTheirPlaceAreAnError) {
+// A grid of 20 cm around a corner, in floats or doubles, as text or binary; with a triangle without
+// an area after each row, which are more than one in a hundred.
+template <typename Coordinate>
+std::filesystem::path WriteGrid(const std::filesystem::path& path, double x0, double y0,
+                                bool is_text) {
   constexpr int kSide = 40;
-  const auto write = [](const std::string& name, const std::string& type) {
-    std::string ply = fmt::format(
-        "ply\nformat ascii 1.0\nelement vertex {}\nproperty {} x\nproperty {} y\nproperty {} z\n"
-        "element face {}\nproperty list uchar int vertex_indices\nend_header\n",
-        kSide * kSide, type, type, type, 2 * (kSide - 1) * (kSide - 1));
-    for (int i = 0; i < kSide * kSide; ++i) {
-      const double x = 4.1e5 + 0.2 * (i % kSide), y = 5.3e6 + 0.2 * (i / kSide);
-      ply += type == "float" ? fmt::format("{} {} 50\n", double{static_cast<float>(x)},
-                                           double{static_cast<float>(y)})
-                             : fmt::format("{} {} 50\n", x, y);
+  constexpr int kTriangles = (kSide - 1) * (2 * (kSide - 1) + 1);
+  const std::string_view type = sizeof(Coordinate) == 4 ? "float" : "double";
+  std::string ply = fmt::format(
+      "ply\nformat {} 1.0\nelement vertex {}\nproperty {} x\nproperty {} y\nproperty {} z\n"
+      "element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+      is_text ? "ascii" : "binary_little_endian", kSide * kSide, type, type, type, kTriangles);
+  for (int i = 0; i < kSide * kSide; ++i) {
+    const auto x = static_cast<Coordinate>(x0 + 0.2 * (i % kSide));
+    const auto y = static_cast<Coordinate>(y0 + 0.2 * (i / kSide));
+    if (is_text) {
+      ply += fmt::format("{} {} 50\n", double{x}, double{y});
+    } else {
+      for (const Coordinate c : {x, y, Coordinate{50}}) AppendBytes(ply, c);
     }
-    for (int y = 0; y + 1 < kSide; ++y) {
-      for (int x = 0; x + 1 < kSide; ++x) {
-        const int a = y * kSide + x, b = a + kSide;
-        ply += fmt::format("3 {} {} {}\n3 {} {} {}\n", a, a + 1, b, a + 1, b + 1, b);
-      }
+  }
+  const auto add = [&](int a, int b, int c) {
+    if (is_text) {
+      ply += fmt::format("3 {} {} {}\n", a, b, c);
+      return;
     }
-    const auto path = TestFolder() / name;
-    WriteFile(path, ply);
-    return path;
+    AppendBytes(ply, uint8_t{3});
+    for (const int corner : {a, b, c}) AppendBytes(ply, corner);
   };
-  EXPECT_EQ(ReadMesh(write("double.ply", "double")).triangles.size(), 2u * 39 * 39);
-  const auto coarse = write("float.ply", "float");
-  EXPECT_TRUE(FailsWithInputError([&] { ReadMesh(coarse); },
-                                  {coarse.string(), "lost their area", "shift="}));
+  for (int y = 0; y + 1 < kSide; ++y) {
+    for (int x = 0; x + 1 < kSide; ++x) {
+      const int a = y * kSide + x, b = a + kSide;
+      add(a, a + 1, b);
+      add(a + 1, b + 1, b);
+    }
+    add(y, y, y + 1);
+  }
+  WriteFile(path, ply);
+  return path;
+}
+
+TEST(ReadMesh, FloatsTooCoarseForTheirPlaceAreAnError) {
+  const auto folder = TestFolder();
+  constexpr double kEasting = 4.1e5, kNorthing = 5.3e6;  // of a town, in UTM coordinates
+  for (const bool is_text : {true, false}) {
+    const auto precise = WriteGrid<double>(folder / "double.ply", kEasting, kNorthing, is_text);
+    EXPECT_EQ(ReadMesh(precise).triangles.size(), 2u * 39 * 39);
+    const auto coarse = WriteGrid<float>(folder / "float.ply", kEasting, kNorthing, is_text);
+    EXPECT_TRUE(FailsWithInputError([&] { ReadMesh(coarse); },
+                                    {coarse.string(), "lost their area", "shift="}));
+    // Triangles that never had an area are no reason.
+    EXPECT_EQ(ReadMesh(WriteGrid<float>(folder / "near.ply", 0, 0, is_text)).triangles.size(),
+              2u * 39 * 39);
+  }
+}
+
+// Also where so many triangles are left out that it might be rounding's doing.
+TEST(ReadMesh, BinaryVerticesKeepTheirOrder) {
+  const TriangleMesh mesh =
+      ReadMesh(WriteGrid<float>(TestFolder() / "grid.ply", 0, 0, /*is_text=*/false));
+  ASSERT_EQ(mesh.vertices.size(), 1600u);
+  for (uint32_t i = 0; i < 1600; ++i) {
+    EXPECT_NEAR(mesh.VertexInWorld(i).x(), 0.2 * (i % 40), 1e-5);
+    EXPECT_NEAR(mesh.VertexInWorld(i).y(), 0.2 * (i / 40), 1e-5);
+  }
+  EXPECT_THAT(mesh.warnings, ::testing::ElementsAre(::testing::HasSubstr("39 of 3081 triangles")));
 }
 
 }  // namespace
