@@ -21,7 +21,7 @@ constexpr int kNeighborCellsPerSide = 16;
 // 2D-2D matches of a sample of E5+1.
 constexpr double kSample2D2D = 6;
 
-// Wrong matches are counted between so many thresholds, where even inaccurate right ones are rare.
+// Of the ring in which wrong matches are counted, in thresholds.
 constexpr double kInnerRing = 5;
 constexpr double kOuterRing = 15;
 
@@ -37,7 +37,6 @@ struct SetInliers {
   double ChanceOfNone(size_t keypoint) const { return std::pow(1 - chance, matches[keypoint]); }
 };
 
-// The number of wrong residuals grows with their limit's `dimensions`th power.
 template <typename NormalizedMatch>
 SetInliers Count(std::span<const double> squared, const std::vector<NormalizedMatch>& matches,
                  size_t keypoints, double uniform_chance, int dimensions) {
@@ -46,11 +45,11 @@ SetInliers Count(std::span<const double> squared, const std::vector<NormalizedMa
   for (size_t i = 0; i < squared.size(); ++i) {
     ++set.matches[matches[i].keypoint];
     if (squared[i] < 1) set.inlier[matches[i].keypoint] = true;
-    in_ring += squared[i] > kInnerRing * kInnerRing && squared[i] < kOuterRing * kOuterRing ? 1 : 0;
+    in_ring += IsInRing(squared[i]) ? 1 : 0;
   }
-  const double ring = std::pow(kOuterRing, dimensions) - std::pow(kInnerRing, dimensions);
   const double observed =
-      squared.empty() ? 0 : in_ring / ring / static_cast<double>(squared.size());
+      squared.empty() ? 0
+                      : in_ring / RingPerInlier(dimensions) / static_cast<double>(squared.size());
   set.chance = std::clamp(std::max(uniform_chance, observed), 1e-9, 1.0);
   return set;
 }
@@ -75,6 +74,14 @@ struct Trials {
 };
 
 }  // namespace
+
+bool IsInRing(double squared) {
+  return squared > kInnerRing * kInnerRing && squared < kOuterRing * kOuterRing;
+}
+
+double RingPerInlier(int dimensions) {
+  return std::pow(kOuterRing, dimensions) - std::pow(kInnerRing, dimensions);
+}
 
 double LogBinomialTail(double trials, double successes, double chance) {
   if (!(trials > 0) || !(successes > 0)) return 0;

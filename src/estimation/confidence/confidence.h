@@ -53,6 +53,12 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
 // each by a chance.
 double LogBinomialTail(double trials, double successes, double chance);
 
+// Wrong residuals are counted between 5 and 15 thresholds, where even inaccurate right ones are rare.
+// Their number grows with their limit's `dimensions`th power: of so many there, one is within the
+// threshold.
+bool IsInRing(double squared);
+double RingPerInlier(int dimensions);
+
 // The evidence of a pose's inliers for it, of the match sets in use.
 struct InlierEvidence {
   int keypoints = 0;         // that have matches

@@ -16,10 +16,6 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// Wrong matches are counted between so many thresholds, as in a_contrario.cc.
-constexpr double kInnerRing = 5;
-constexpr double kOuterRing = 15;
-
 double Square(double x) { return x * x; }
 
 // Where a match is an inlier, as the camera moves along a line.
@@ -315,17 +311,14 @@ std::vector<bool> OwnDepths(const NormalizedProblem& problem, const Residuals& r
   return own;
 }
 
-// Counts what may agree by chance: keypoints, and matches between some thresholds of the pose, where
-// right ones are rare. Their number grows with the residual's `dimensions`th power.
+// Counts what may agree by chance: keypoints, and wrong matches by those in the ring (IsInRing).
 class WrongMatches {
  public:
   explicit WrongMatches(size_t num_keypoints) : has_match_(num_keypoints, false) {}
 
   void Add(size_t keypoint, double squared, int dimensions) {
     has_match_[keypoint] = true;
-    if (squared > kInnerRing * kInnerRing && squared < kOuterRing * kOuterRing) {
-      expected_ += 1 / (std::pow(kOuterRing, dimensions) - std::pow(kInnerRing, dimensions));
-    }
+    if (IsInRing(squared)) expected_ += 1 / RingPerInlier(dimensions);
   }
   ByChance Chance(double least) const {
     const auto count = static_cast<double>(std::count(has_match_.begin(), has_match_.end(), true));
