@@ -124,14 +124,13 @@ void RequireIntegers(const py::object& numbers, std::string_view name, int64_t l
                      int64_t highest) {
   const auto array = py::array::ensure(numbers);
   if (!array || array.size() == 0) return;
-  if (array.dtype().kind() == 'b' || (array.dtype().kind() == 'u' && array.itemsize() == 1)) return;
   const auto values = py::array_t<double, py::array::forcecast | py::array::c_style>::ensure(array);
   if (!values) return;
   for (py::ssize_t i = 0; i < values.size(); ++i) {
     const double value = values.data()[i];
-    // The bounds as doubles: rounding 2^63 - 1 up lets one value more pass, which numpy then refuses.
+    // 2^63 - 1 is no double; one more is.
     const bool fits = value == std::floor(value) && value >= static_cast<double>(lowest) &&
-                      value <= static_cast<double>(highest);
+                      value < static_cast<double>(highest) + 1;
     if (!fits) {
       throw InputError(fmt::format("{}: expected integers from {} to {}, found {}", name, lowest,
                                    highest, value));

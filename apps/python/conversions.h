@@ -96,11 +96,14 @@ py::array_t<T> ArrayOf(const ArrayLike& argument, std::string_view name,
   constexpr int kFlags =
       py::array::c_style | py::array::forcecast | py::detail::npy_api::NPY_ARRAY_ALIGNED_;
   const py::object numbers = ForNumpy(argument, name);
+  if constexpr (std::is_integral_v<T>) {
+    using Limits = std::numeric_limits<T>;
+    if (!py::isinstance<py::array_t<T>>(numbers)) {
+      RequireIntegers(numbers, name, Limits::min(), Limits::max());
+    }
+  }
   auto array = py::array_t<T, kFlags>::ensure(numbers);
   if (!array) ThrowNotNumbers(name, expected, argument);
-  if constexpr (std::is_integral_v<T>) {
-    RequireIntegers(numbers, name, std::numeric_limits<T>::min(), std::numeric_limits<T>::max());
-  }
   return array;
 }
 }  // namespace internal

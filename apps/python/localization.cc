@@ -40,31 +40,28 @@ void AddSources(Scene& scene, const SourceList& geometry, int threads) {
   }
 }
 
-// Opens the scene of a folder, or of an object that writes a COLMAP model into one
-// (pycolmap.Reconstruction).
-ScenePointer OpenScene(const ModelLike& model, SceneOptions options) {
-  if (PyUnicode_Check(model.ptr()) || py::hasattr(model, "__fspath__") ||
-      !py::hasattr(model, "write")) {
-    options.model = ToPath(py::reinterpret_borrow<PathLike>(model), "model");
-    return WithoutLock([&] { return std::make_shared<Scene>(OpenScene(options)); });
-  }
+// The temporary folder into which an object that has a COLMAP model (pycolmap.Reconstruction,
+// ColmapModel) has written it; None for a path, and for what is none: an open file writes, too.
+py::object WrittenModel(const ModelLike& model) {
+  if (!py::hasattr(model, "write") || py::hasattr(model, "fileno")) return py::none();
   const py::object folder = py::module_::import("tempfile").attr("TemporaryDirectory")();
   model.attr("write")(folder.attr("name"));
-  options.model = folder.attr("name").cast<std::string>();
-  auto scene = WithoutLock([&] { return std::make_shared<Scene>(OpenScene(options)); });
-  folder.attr("cleanup")();
-  return scene;
+  return folder;
 }
 
 ScenePointer OpenModelScene(const ModelLike& model, const SourceList& geometry,
                             const std::optional<PathLike>& images, const std::string& model_poses,
                             const Thinning& thinning, int threads) {
-  SceneOptions options{.model_poses = ToEnum<PoseConvention>("model_poses", model_poses),
+  const py::object written = WrittenModel(model);
+  const py::object path = written.is_none() ? py::object(model) : written.attr("name");
+  SceneOptions options{.model = ToPath(py::reinterpret_borrow<PathLike>(path), "model"),
+                       .model_poses = ToEnum<PoseConvention>("model_poses", model_poses),
                        .thinning = thinning,
                        .images = images ? ToPath(*images, "images") : std::filesystem::path(),
                        .threads = threads};
   RequireAtLeast("every", thinning.every, 1);
-  auto scene = OpenScene(model, std::move(options));
+  auto scene = WithoutLock([&] { return std::make_shared<Scene>(OpenScene(options)); });
+  if (!written.is_none()) written.attr("cleanup")();
   AddSources(*scene, geometry, threads);
   return scene;
 }
@@ -84,17 +81,18 @@ void BindScene(py::module_& module) {
       module, "Scene",
       "What photographs are localized in: references with known poses, and\n"
       "the geometry that their keypoints are lifted by.")
-      .def(py::init([](const ModelLike& model, const SourceList& geometry,
-                       const std::optional<PathLike>& images, const std::string& model_poses,
-                       int every, int every_offset, bool every_per_camera, int threads) {
-             return OpenModelScene(model, geometry, images, model_poses,
-                                   {every, every_offset, every_per_camera}, threads);
-           }),
-           py::arg("model"), py::arg("geometry") = no_sources, py::kw_only(),
-           py::arg("images") = py::none(), py::arg("model_poses") = "cam_from_world",
-           py::arg("every") = 1, py::arg("every_offset") = 0, py::arg("every_per_camera") = false,
-           py::arg("threads") = 0,
-           R"(From a COLMAP model: a folder (text or binary), or a pycolmap.Reconstruction.
+      .def(
+          py::init([](const ModelLike& model, const SourceList& geometry,
+                      const std::optional<PathLike>& images, const std::string& model_poses,
+                      int every, int every_offset, bool every_per_camera, int threads) {
+            return OpenModelScene(model, geometry, images, model_poses,
+                                  {every, every_offset, every_per_camera}, threads);
+          }),
+          py::arg("model"), py::arg("geometry") = no_sources, py::kw_only(),
+          py::arg("images") = py::none(), py::arg("model_poses") = "cam_from_world",
+          py::arg("every") = 1, py::arg("every_offset") = 0, py::arg("every_per_camera") = false,
+          py::arg("threads") = 0,
+          R"(From a COLMAP model: a folder (text or binary), a pycolmap.Reconstruction or a ColmapModel.
 
 geometry: Mesh, RayCaster, Geometry, or texts as the option --geometry takes them, asked in
 order. images: folder of the references' photographs. every: only each N-th reference. Raises

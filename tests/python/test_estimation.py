@@ -150,6 +150,8 @@ def test_priors_of_position_and_gravity():
      "point_sigmas, row 0: expected a standard deviation, found -1"),
     (dict(query2d=np.zeros((1, 2)), reference2d=np.zeros((1, 2)), reference_index=[0.7],
           references=[(CAMERA, np.eye(4))]), "reference_index: expected integers .* found 0.7"),
+    (dict(query2d=np.zeros((1, 2)), reference2d=np.zeros((1, 2)), reference_index=np.array([2.0**63]),
+          references=[(CAMERA, np.eye(4))]), "reference_index: expected integers .* found 9.2"),
     (dict(points2d=np.ma.zeros((1, 2)), points3d=np.zeros((1, 3))), "points2d: a masked array"),
     (dict(references=[(CAMERA, np.eye(4).T + np.outer([0, 0, 0, 1], [1, 2, 3, 0]))]),
      r"last row of a 4 x 4 matrix, found \(1, 2, 3, 1\); is it transposed"),

@@ -143,4 +143,13 @@ def test_a_scene_of_an_object_that_writes_a_model():
         def write(self, folder):
             raylift.ColmapModel.read(DEMO / "model").write(folder)
 
-    assert len(raylift.Scene(Reconstruction()).references) == len(raylift.Scene(DEMO / "model").references)
+    there_are = len(raylift.Scene(DEMO / "model").references)
+    for model in Reconstruction(), raylift.ColmapModel.read(DEMO / "model"):
+        assert len(raylift.Scene(model).references) == there_are
+
+
+def test_an_open_file_is_no_model(tmp_path):
+    with open(tmp_path / "kept.txt", "w+") as file:
+        with pytest.raises(raylift.InputError, match="model: expected a path"):
+            raylift.Scene(file)
+    assert (tmp_path / "kept.txt").read_text() == ""

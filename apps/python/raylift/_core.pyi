@@ -570,7 +570,7 @@ class Scene:
         """
     def __init__(self, model: raylift._types.ModelLike, geometry: collections.abc.Sequence[raylift._types.GeometryLike] = [], *, images: raylift._types.PathLike | None = None, model_poses: str = 'cam_from_world', every: typing.SupportsInt | typing.SupportsIndex = 1, every_offset: typing.SupportsInt | typing.SupportsIndex = 0, every_per_camera: bool = False, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> None:
         """
-        From a COLMAP model: a folder (text or binary), or a pycolmap.Reconstruction.
+        From a COLMAP model: a folder (text or binary), a pycolmap.Reconstruction or a ColmapModel.
         
         geometry: Mesh, RayCaster, Geometry, or texts as the option --geometry takes them, asked in
         order. images: folder of the references' photographs. every: only each N-th reference. Raises

@@ -10,28 +10,25 @@ import numpy.typing
 from . import _core
 
 
-class ColmapCamera(Protocol):
+class _Lens(Protocol):
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def params(self) -> Any: ...
+
+
+class ColmapCamera(_Lens, Protocol):
     """pycolmap's cameras, and others like them."""
 
     @property
     def model(self) -> Any: ...
-    @property
-    def width(self) -> int: ...
-    @property
-    def height(self) -> int: ...
-    @property
-    def params(self) -> Any: ...
 
 
-class PoseLibCamera(Protocol):
+class PoseLibCamera(_Lens, Protocol):
     """poselib's Camera."""
 
-    @property
-    def width(self) -> int: ...
-    @property
-    def height(self) -> int: ...
-    @property
-    def params(self) -> Any: ...
     def model_name(self) -> str: ...
 
 
