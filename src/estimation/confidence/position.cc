@@ -355,6 +355,103 @@ std::vector<Interval> ByThreeViews(const NormalizedProblem& problem, const Resid
   return intervals;
 }
 
+// The line from the dominant reference through the camera.
+struct LineFromReference {
+  int dominant;  // problem.CameraOf's
+  Vector3d reference;
+  Vector3d offset, direction;  // from the reference to the camera
+  double length, longest, right_within;
+
+  LineFromReference(const NormalizedProblem& problem, const CamFromLocal& pose, int dominant_pair,
+                    double scene_distance)
+      : dominant(dominant_pair),
+        reference(problem.centers[static_cast<size_t>(dominant) % problem.centers.size()]),
+        offset(CenterOfCamera(problem, pose, problem.CameraOf(dominant)) - reference),
+        direction(offset / offset.norm()),
+        length(offset.norm()),
+        // What a match tells of the distance is worth something if it is within a factor of two of
+        // the distance, or of a fourth of the way to the scene.
+        longest(std::max(length, 0.5 * scene_distance)),
+        right_within(kRightPosition * scene_distance) {}
+
+  // Whether a match fits where the camera would be at its reference: all of its pairs do there,
+  // wrong ones, too, as there is no parallax.
+  bool FitsAtReference(const Vector3d& center, const Interval& interval) const {
+    const Vector3d to_center = center - reference;
+    const double along = to_center.dot(offset) / length;
+    return (to_center - along * offset / length).norm() < right_within &&
+           interval.begin < along - length + right_within &&
+           interval.end > along - length - right_within;
+  }
+};
+
+// Where the matches fit on that line, but for those that fit everywhere.
+struct EvidenceOnLine {
+  std::vector<Interval> by_others, by_parallax, by_own_depths;
+  WrongMatches others;
+  double own_depths = 0, agreeing = 0;  // of explained 2D-2D matches
+
+  EvidenceOnLine(const NormalizedProblem& problem, const Residuals& residuals,
+                 const LineFromReference& line, const CameraOnLine& camera)
+      : others(problem.num_keypoints),
+        problem_(problem),
+        residuals_(residuals),
+        line_(line),
+        camera_(camera) {}
+
+  void AddPairs() {
+    for (size_t i = 0; i < problem_.matches_2d2d.size(); ++i) {
+      const NormalizedMatch2D2D& match = problem_.matches_2d2d[i];
+      if (match.camera_reference == line_.dominant) continue;
+      const std::optional<Interval> interval = camera_.InlierInterval(match);
+      Add(interval, by_others);
+      const Vector3d& center = problem_.centers[static_cast<size_t>(match.reference)];
+      if (interval && !line_.FitsAtReference(center, *interval)) Add(interval, by_parallax);
+      others.Add(match.keypoint, residuals_.of_2d2d[i], 1);
+    }
+    for (const Interval& interval : ByThreeViews(problem_, residuals_, line_.dominant, camera_)) {
+      Add(interval, by_others);
+      Add(interval, by_parallax);
+    }
+  }
+
+  void AddDepths() {
+    const std::vector<bool> own = OwnDepths(problem_, residuals_, line_.dominant, line_.reference);
+    for (size_t i = 0; i < own.size(); ++i) {
+      own_depths += own[i] ? 1 : 0;
+      agreeing += own[i] && residuals_.of_2d3d[i] < 1 ? 1 : 0;
+      const NormalizedMatch2D3D& match = problem_.matches_2d3d[i];
+      Add(camera_.InlierInterval(match), own[i] ? by_own_depths : by_others);
+      if (!own[i]) others.Add(match.keypoint, residuals_.of_2d3d[i], 2);
+    }
+  }
+
+  double ShareOfDepths() const {
+    return own_depths > 0 ? ProbabilityOfLarger(agreeing, own_depths - agreeing) : 1;
+  }
+
+ private:
+  void Add(const std::optional<Interval>& interval, std::vector<Interval>& to) const {
+    if (interval && interval->end - interval->begin < line_.longest) to.push_back(*interval);
+  }
+
+  const NormalizedProblem& problem_;
+  const Residuals& residuals_;
+  const LineFromReference& line_;
+  const CameraOnLine& camera_;
+};
+
+// What the dominant reference's depths say of the place: no surer for it than their scale is, and
+// nothing where the scale is off. Where they are alone, depths that err alike over a part of the image
+// turn the camera about the scene, by as large a share of its distance as they err by.
+double OfOwnDepths(double by_depths, double scale_holds, const DepthScale& scale, bool alone) {
+  const double probability = by_depths > 0.5 ? std::min(by_depths, std::max(0.5, scale_holds))
+                                             : 0.5 + scale_holds * (by_depths - 0.5);
+  if (!alone || scale.known_sigma || !(scale.depth_sigma > 0)) return probability;
+  const double one_depth = std::erf(kRightPosition / (scale.depth_sigma * std::numbers::sqrt2));
+  return std::min(probability, std::max(0.5, one_depth));
+}
+
 // The probability that both are right if they are independent witnesses, and agree.
 double OddsOfBoth(double a, double b) {
   constexpr double kLeast = 1e-12;
@@ -397,77 +494,29 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
   const Residuals residuals = ComputeResiduals(problem, pose);
   const std::optional<int> dominant = DominantReference(problem, residuals);
   if (!dominant) return 1;
-  const Vector3d& reference =
-      problem.centers[static_cast<size_t>(*dominant) % problem.centers.size()];
-  const Vector3d offset = CenterOfCamera(problem, pose, problem.CameraOf(*dominant)) - reference;
-  const double length = offset.norm();
-  if (!(length > 0)) return 1;
+  const LineFromReference line(problem, pose, *dominant, scene_distance);
+  if (!(line.length > 0)) return 1;
 
-  const CameraOnLine camera(problem, pose, offset / length);
-  // What a match tells of the distance is worth something if it is within a factor of two of the
-  // distance, or of a fourth of the way to the scene.
-  const double longest = std::max(length, 0.5 * scene_distance);
-  std::vector<Interval> by_others, by_parallax, by_own_depths;
-  const auto add = [&](const std::optional<Interval>& interval, std::vector<Interval>& to) {
-    if (interval && interval->end - interval->begin < longest) to.push_back(*interval);
+  const CameraOnLine camera(problem, pose, line.direction);
+  EvidenceOnLine found(problem, residuals, line, camera);
+  found.AddPairs();
+  if (Has2D3D(sets)) found.AddDepths();
+  const auto places = [&](const std::vector<Interval>& intervals,
+                          const std::optional<ByChance>& by_chance) {
+    return PlacesOnLine(intervals, problem.num_keypoints, by_chance);
   };
-  // At a reference all of its pairs fit, wrong ones, too: there is no parallax.
-  const double right_within = kRightPosition * scene_distance;
-  const auto is_at_reference = [&](const NormalizedMatch2D2D& match, const Interval& interval) {
-    const Vector3d to_center = problem.centers[static_cast<size_t>(match.reference)] - reference;
-    const double along = to_center.dot(offset) / length;
-    return (to_center - along * offset / length).norm() < right_within &&
-           interval.begin < along - length + right_within &&
-           interval.end > along - length - right_within;
-  };
-  WrongMatches others(problem.num_keypoints);
-  for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
-    const NormalizedMatch2D2D& match = problem.matches_2d2d[i];
-    if (match.camera_reference == *dominant) continue;
-    const std::optional<Interval> interval = camera.InlierInterval(match);
-    add(interval, by_others);
-    if (interval && !is_at_reference(match, *interval)) add(interval, by_parallax);
-    others.Add(match.keypoint, residuals.of_2d2d[i], 1);
-  }
-  for (const Interval& interval : ByThreeViews(problem, residuals, *dominant, camera)) {
-    add(interval, by_others);
-    add(interval, by_parallax);
-  }
+  const double clustering = evidence.clustering;
   // Depths, of all references, may be wrong alike; pairs of pixels are not.
-  const double by_pairs = PlacesOnLine(by_parallax, problem.num_keypoints, std::nullopt)
-                              .ProbabilityOverBetter(evidence.clustering, right_within);
-  double num_own_depths = 0, agreeing = 0;  // of explained 2D-2D matches
-  if (Has2D3D(sets)) {
-    const std::vector<bool> own = OwnDepths(problem, residuals, *dominant, reference);
-    for (size_t i = 0; i < own.size(); ++i) {
-      num_own_depths += own[i] ? 1 : 0;
-      agreeing += own[i] && residuals.of_2d3d[i] < 1 ? 1 : 0;
-      const NormalizedMatch2D3D& match = problem.matches_2d3d[i];
-      add(camera.InlierInterval(match), own[i] ? by_own_depths : by_others);
-      if (!own[i]) others.Add(match.keypoint, residuals.of_2d3d[i], 2);
-    }
-  }
-  const auto probability = [&](const std::vector<Interval>& intervals,
-                               const std::optional<ByChance>& by_chance) {
-    return PlacesOnLine(intervals, problem.num_keypoints, by_chance)
-        .ProbabilityOfZero(evidence.clustering);
-  };
-  // Depths that agree with the place and those that do not are two witnesses of their scale. So they
-  // are no surer for the place than their scale is, and where it is off they say nothing.
+  const double by_pairs =
+      places(found.by_parallax, std::nullopt).ProbabilityOverBetter(clustering, line.right_within);
+  const double by_others =
+      places(found.by_others, found.others.Chance(evidence.chance)).ProbabilityOfZero(clustering);
+  const double others = std::min(by_pairs, by_others);
+  const double by_depths = places(found.by_own_depths, std::nullopt).ProbabilityOfZero(clustering);
+  // Depths that agree with the place and those that do not are two witnesses of their scale.
   const double scale_holds =
-      std::min(scale.ProbabilityWithin(kRightPosition * scene_distance / length),
-               num_own_depths > 0 ? ProbabilityOfLarger(agreeing, num_own_depths - agreeing) : 1);
-  const double by_depths = probability(by_own_depths, std::nullopt);
-  double own = by_depths > 0.5 ? std::min(by_depths, std::max(0.5, scale_holds))
-                               : 0.5 + scale_holds * (by_depths - 0.5);
-  const double other = std::min(by_pairs, probability(by_others, others.Chance(evidence.chance)));
-  // Where no other reference tells, depths that err alike over a part of the image turn the camera
-  // about the scene, by as large a share of its distance as they err by.
-  if (other == 0.5 && !scale.known_sigma && scale.depth_sigma > 0) {
-    const double one_depth = std::erf(kRightPosition / (scale.depth_sigma * std::numbers::sqrt2));
-    own = std::min(own, std::max(0.5, one_depth));
-  }
-  return OddsOfBoth(other, own);
+      std::min(scale.ProbabilityWithin(line.right_within / line.length), found.ShareOfDepths());
+  return OddsOfBoth(others, OfOwnDepths(by_depths, scale_holds, scale, others == 0.5));
 }
 
 double ProbabilityOfPosition(double position_sigma, double scene_distance) {
