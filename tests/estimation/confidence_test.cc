@@ -87,6 +87,37 @@ TEST(Support, ShuffledMatchesAreNotLocalized) {
   }
 }
 
+// Matches of the two sets that share no keypoint: three points fit some pose exactly, which proves
+// nothing, although no pair is needed for it. Chance reaches a confidence of .95 in one of twenty.
+TEST(Support, AFewWrongPointsAndPairsProveNothing) {
+  Rng rng = TestRng();
+  int tried = 0, localized = 0;
+  for (const size_t points : {size_t{3}, size_t{4}}) {
+    for (int i = 0; i < 40; ++i) {
+      PoseProblem problem =
+          MakeCoherentProblem("few", {.num_keypoints = 40, .num_references = 4}, rng).problem;
+      problem.matches_2d3d.resize(points);
+      problem.matches_2d2d.resize(6);
+      int keypoint = 0;
+      const auto misplace = [&](auto& match) {
+        match.query_px = {rng.Uniform(0, problem.query_camera.width_px()),
+                          rng.Uniform(0, problem.query_camera.height_px())};
+        match.query_keypoint = keypoint++;
+      };
+      for (Match2D3D& match : problem.matches_2d3d) {
+        misplace(match);
+        match.match_2d2d.reset();
+      }
+      for (Match2D2D& match : problem.matches_2d2d) misplace(match);
+      for (const Method method : {Method::kAdaptive, Method::kHybridRansac}) {
+        ++tried;
+        localized += Estimate(problem, method).verdict == PoseVerdict::kLocalized ? 1 : 0;
+      }
+    }
+  }
+  EXPECT_LE(localized, 0.05 * tried);
+}
+
 TEST(Support, InliersOfUncertainPointsProveLittle) {
   // Each point may be anywhere in the image: all are inliers, of any pose.
   Rng rng = TestRng();

@@ -189,15 +189,17 @@ InlierEvidence InlierAssessor::Assess(const CamFromLocal& pose) const {
     if (of_2d3d.matches[k] == 0) rest_of_2d3d.Add(of_2d2d, k);
     if (of_2d2d.matches[k] == 0) rest_of_2d2d.Add(of_2d3d, k);
   }
+  // The sample, of one set, fits by construction. Where that has not as many inliers the pose is not
+  // of such a sample, and what fits it is no evidence beside one.
+  const bool both = sets_ == MatchSets::kBoth;
+  const auto tail_of = [&](const Trials& set, double sample, const Trials& rest) {
+    if (set.inliers < sample) return 0.0;
+    return set.LogTail(sample, evidence.clustering) +
+           (both ? rest.LogTail(0, evidence.clustering) : 0);
+  };
   double tail = 0;
-  if (Has2D3D(sets_)) {
-    const double rest = Has2D2D(sets_) ? rest_of_2d3d.LogTail(0, evidence.clustering) : 0;
-    tail = std::min(tail, by_2d3d.LogTail(sample_2d3d_, evidence.clustering) + rest);
-  }
-  if (Has2D2D(sets_)) {
-    const double rest = Has2D3D(sets_) ? rest_of_2d2d.LogTail(0, evidence.clustering) : 0;
-    tail = std::min(tail, by_2d2d.LogTail(kSample2D2D, evidence.clustering) + rest);
-  }
+  if (Has2D3D(sets_)) tail = std::min(tail, tail_of(by_2d3d, sample_2d3d_, rest_of_2d3d));
+  if (Has2D2D(sets_)) tail = std::min(tail, tail_of(by_2d2d, kSample2D2D, rest_of_2d2d));
   evidence.log_false_alarms = std::log(2 * std::max(1.0, num_poses_tried_)) + tail;
   return evidence;
 }
