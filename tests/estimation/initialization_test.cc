@@ -13,10 +13,7 @@ std::vector<double> EpipolarClutter(const CoherentOptions& options, Rng& rng) {
   const CamFromLocal pose = prepared.ToLocal(made.query_from_world);
   JointNoise noise = InitializeNoise(evidence, pose, options.sigma_px * options.sigma_px);
   noise.keypoint_tail = 0;
-  std::vector<KeypointState> states;
-  EvidenceWeights weights;
-  InitializeByVoting(evidence, pose, noise, states, weights);
-  return weights.epipolar_clutter;
+  return InitializeByVoting(evidence, pose, noise).weights.epipolar_clutter;
 }
 
 TEST(KeypointConsensus, WrongMatchesOfARowOfWindowsCrowdAtEpipolarLines) {

@@ -7,116 +7,12 @@
 
 #include <cstddef>
 
+#include "estimation/kernels/joint_expectation.h"
+#include "estimation/kernels/joint_lanes.h"
+#include "estimation/kernels/lanes.h"
+
 namespace raylift::kernels {
 namespace {
-
-// 64 bytes of T as native vectors, with arithmetic lane by lane.
-template <typename T>
-struct Lanes {
-  typedef T Native __attribute__((vector_size(RAYLIFT_KERNEL_BYTES)));
-  static constexpr int kParts = 64 / RAYLIFT_KERNEL_BYTES;
-  static constexpr int kPartLanes = RAYLIFT_KERNEL_BYTES / sizeof(T);
-  Native part[kParts];
-
-  static Lanes Load(const T* values) {
-    Lanes r;
-    for (int i = 0; i < kParts; ++i) {
-      __builtin_memcpy(&r.part[i], values + i * kPartLanes, sizeof(Native));
-    }
-    return r;
-  }
-  void Store(T* values) const {
-    for (int i = 0; i < kParts; ++i) {
-      __builtin_memcpy(values + i * kPartLanes, &part[i], sizeof(Native));
-    }
-  }
-  static Lanes Fill(T value) {
-    Lanes r;
-    for (int i = 0; i < kParts; ++i) r.part[i] = value - Native{};
-    return r;
-  }
-  // Summed in the order of the lanes, halving: the same for every width of the native vectors.
-  double Sum() const {
-    alignas(64) T v[kLanes<T>];
-    Store(v);
-    for (int width = kLanes<T> / 2; width > 0; width /= 2) {
-      for (int i = 0; i < width; ++i) v[i] += v[i + width];
-    }
-    return static_cast<double>(v[0]);
-  }
-};
-
-#define RAYLIFT_LANES_OPERATOR(op)                                    \
-  template <typename T>                                               \
-  inline Lanes<T> operator op(const Lanes<T>& a, const Lanes<T>& b) { \
-    Lanes<T> r;                                                       \
-    for (int i = 0; i < Lanes<T>::kParts; ++i) {                      \
-      r.part[i] = a.part[i] op b.part[i];                             \
-    }                                                                 \
-    return r;                                                         \
-  }
-RAYLIFT_LANES_OPERATOR(+)
-RAYLIFT_LANES_OPERATOR(-)
-RAYLIFT_LANES_OPERATOR(*)
-RAYLIFT_LANES_OPERATOR(/)
-#undef RAYLIFT_LANES_OPERATOR
-
-// condition(a < b and c > 0 and d > 0) ? x : y, the one selection that the kernels need.
-template <typename T>
-inline Lanes<T> SelectInlier(const Lanes<T>& a, const Lanes<T>& b, const Lanes<T>& c,
-                             const Lanes<T>& d, const Lanes<T>& x, const Lanes<T>& y) {
-  Lanes<T> r;
-  for (int i = 0; i < Lanes<T>::kParts; ++i) {
-    const typename Lanes<T>::Native zero{};
-    r.part[i] =
-        ((a.part[i] < b.part[i]) & (c.part[i] > zero) & (d.part[i] > zero)) ? x.part[i] : y.part[i];
-  }
-  return r;
-}
-
-template <typename T>
-inline Lanes<T> SquareRoot(const Lanes<T>& a) {
-  alignas(64) T v[kLanes<T>];
-  a.Store(v);
-  for (int i = 0; i < kLanes<T>; ++i) {
-    v[i] = sizeof(T) == 4 ? static_cast<T>(__builtin_sqrtf(static_cast<float>(v[i])))
-                          : static_cast<T>(__builtin_sqrt(static_cast<double>(v[i])));
-  }
-  return Lanes<T>::Load(v);
-}
-
-template <typename T>
-struct Vec3 {
-  Lanes<T> x, y, z;
-};
-template <typename T>
-inline Vec3<T> LoadVec3(const T (*rows)[kLanes<T>]) {
-  return {Lanes<T>::Load(rows[0]), Lanes<T>::Load(rows[1]), Lanes<T>::Load(rows[2])};
-}
-template <typename T>
-inline Lanes<T> Dot(const Vec3<T>& a, const Vec3<T>& b) {
-  return a.x * b.x + a.y * b.y + a.z * b.z;
-}
-template <typename T>
-inline Vec3<T> Cross(const Vec3<T>& a, const Vec3<T>& b) {
-  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
-template <typename T>
-inline Vec3<T> Fill3(const T* v) {
-  return {Lanes<T>::Fill(v[0]), Lanes<T>::Fill(v[1]), Lanes<T>::Fill(v[2])};
-}
-template <typename T>
-inline Vec3<T> operator+(const Vec3<T>& a, const Vec3<T>& b) {
-  return {a.x + b.x, a.y + b.y, a.z + b.z};
-}
-template <typename T>
-inline Vec3<T> operator-(const Vec3<T>& a, const Vec3<T>& b) {
-  return {a.x - b.x, a.y - b.y, a.z - b.z};
-}
-template <typename T>
-inline Vec3<T> operator*(const Vec3<T>& a, const Lanes<T>& s) {
-  return {a.x * s, a.y * s, a.z * s};
-}
 
 // A pose with every coefficient in all lanes.
 template <typename T>
@@ -198,7 +94,8 @@ inline Lanes<T> Length(const T* v) {
                             : static_cast<T>(__builtin_sqrt(static_cast<double>(length2))));
 }
 
-KernelScore Score2D3D(const Block2D3D<float>* blocks, int count, const KernelPose<float>& pose) {
+[[gnu::flatten]] KernelScore Score2D3D(const Block2D3D<float>* blocks, int count,
+                                       const KernelPose<float>& pose) {
   using L = Lanes<float>;
   const WidePose<float> wide(pose);
   const L one = L::Fill(1.0f);
@@ -215,8 +112,9 @@ KernelScore Score2D3D(const Block2D3D<float>* blocks, int count, const KernelPos
   return {cost.Sum(), static_cast<int>(inliers.Sum())};
 }
 
-KernelScore Score2D2D(const Block2D2D<float>* blocks, const int* block_camera_reference, int count,
-                      const KernelPose<float>& pose, const float* centers) {
+[[gnu::flatten]] KernelScore Score2D2D(const Block2D2D<float>* blocks,
+                                       const int* block_camera_reference, int count,
+                                       const KernelPose<float>& pose, const float* centers) {
   using L = Lanes<float>;
   const WidePose<float> wide(pose);
   const L one = L::Fill(1.0f);
@@ -236,8 +134,8 @@ KernelScore Score2D2D(const Block2D2D<float>* blocks, const int* block_camera_re
 }
 
 template <typename T>
-void Residuals2D3D(const Block2D3D<T>* blocks, int count, const KernelPose<T>& pose,
-                   T* squared_residuals) {
+[[gnu::flatten]] void Residuals2D3D(const Block2D3D<T>* blocks, int count,
+                                    const KernelPose<T>& pose, T* squared_residuals) {
   using L = Lanes<T>;
   const WidePose<T> wide(pose);
   const L one = L::Fill(1);
@@ -252,8 +150,9 @@ void Residuals2D3D(const Block2D3D<T>* blocks, int count, const KernelPose<T>& p
 }
 
 template <typename T>
-void Residuals2D2D(const Block2D2D<T>* blocks, const int* block_camera_reference, int count,
-                   const KernelPose<T>& pose, const T* centers, T* squared_residuals) {
+[[gnu::flatten]] void Residuals2D2D(const Block2D2D<T>* blocks, const int* block_camera_reference,
+                                    int count, const KernelPose<T>& pose, const T* centers,
+                                    T* squared_residuals) {
   using L = Lanes<T>;
   const WidePose<T> wide(pose);
   const L infinity = L::Fill(static_cast<T>(__builtin_inf()));
@@ -345,8 +244,8 @@ inline Lanes<T> Silence(const Lanes<T>& v, const Lanes<T>& inlier) {
 }
 
 template <typename T>
-KernelNormals Normals2D3D(const Block2D3D<T>* blocks, int count, const KernelPose<T>& pose,
-                          const KernelLoss& loss) {
+[[gnu::flatten]] KernelNormals Normals2D3D(const Block2D3D<T>* blocks, int count,
+                                           const KernelPose<T>& pose, const KernelLoss& loss) {
   using L = Lanes<T>;
   const WidePose<T> wide(pose);
   const L one = L::Fill(1);
@@ -372,8 +271,10 @@ KernelNormals Normals2D3D(const Block2D3D<T>* blocks, int count, const KernelPos
 }
 
 template <typename T>
-KernelNormals Normals2D2D(const Block2D2D<T>* blocks, const int* block_camera_reference, int count,
-                          const KernelPose<T>& pose, const T* centers, const KernelLoss& loss) {
+[[gnu::flatten]] KernelNormals Normals2D2D(const Block2D2D<T>* blocks,
+                                           const int* block_camera_reference, int count,
+                                           const KernelPose<T>& pose, const T* centers,
+                                           const KernelLoss& loss) {
   using L = Lanes<T>;
   const WidePose<T> wide(pose);
   const L one = L::Fill(1);
@@ -426,7 +327,10 @@ const KernelTable& RAYLIFT_KERNEL_TABLE() {
                                          Normals2D3D<double>,
                                          Normals2D2D<double>,
                                          Normals2D3D<float>,
-                                         Normals2D2D<float>};
+                                         Normals2D2D<float>,
+                                         LinearizeJointly,
+                                         MoveJointly,
+                                         ExpectJointly};
   return kTable;
 }
 

@@ -7,6 +7,8 @@
 
 #pragma once
 
+#include "estimation/kernels/joint.h"
+
 namespace raylift::kernels {
 
 // 16 floats or 8 doubles.
@@ -106,6 +108,14 @@ struct KernelTable {
                                       const int* block_camera_reference, int count,
                                       const KernelPose<float>& pose, const float* centers,
                                       const KernelLoss& loss);
+
+  // Of the joint refinement: the normal equations, its points' eliminated; the points' step after the
+  // query's, which `parameters` have taken already; and the E step.
+  JointNormals (*linearize_jointly)(const JointBlocks& blocks, const JointParameters& parameters);
+  void (*move_jointly)(const JointBlocks& blocks, const JointParameters& parameters,
+                       const double* step, double focal_step);
+  JointSums (*expect_jointly)(const JointBlocks& blocks, const JointParameters& parameters,
+                              const JointExpectation& expectation);
 };
 
 const KernelTable& KernelTableSse2();  // the baseline, on any processor

@@ -351,12 +351,12 @@ std::vector<double> EpipolarClutter(const KeypointEvidence& evidence, const CamF
 
 }  // namespace
 
-void InitializeByVoting(const KeypointEvidence& evidence, const CamFromLocal& pose,
-                        const JointNoise& noise, std::vector<KeypointState>& states,
-                        EvidenceWeights& weights) {
-  states.assign(evidence.keypoints.size(), {});
+VotedPoints InitializeByVoting(const KeypointEvidence& evidence, const CamFromLocal& pose,
+                               const JointNoise& noise) {
+  VotedPoints voted;
+  voted.points.resize(evidence.keypoints.size());
+  EvidenceWeights& weights = voted.weights;
   weights.observation.assign(evidence.observations.size(), 0);
-  weights.precision.assign(evidence.observations.size(), 1);
   weights.depth.assign(evidence.observations.size(), 0);
   weights.unanchored.assign(evidence.unanchored.size(), 0);
   weights.epipolar_clutter = EpipolarClutter(evidence, pose, noise);
@@ -376,7 +376,7 @@ void InitializeByVoting(const KeypointEvidence& evidence, const CamFromLocal& po
         distance = candidate;
       }
     }
-    states[k].point = hypotheses.ray().At(distance);
+    voted.points[k] = hypotheses.ray().At(distance);
     if (candidates.empty()) continue;
     for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
       const Ratios ratios =
@@ -391,6 +391,7 @@ void InitializeByVoting(const KeypointEvidence& evidence, const CamFromLocal& po
       weights.unanchored[i] = right / (right + 1);
     }
   }
+  return voted;
 }
 
 }  // namespace raylift

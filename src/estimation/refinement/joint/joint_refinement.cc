@@ -106,8 +106,8 @@ class JointRefinement {
     model_.noise = of_part.model_.noise;
     model_.references = of_part.model_.references;
     const auto refocused = WithFocalError(evidence_, model_.focal_error);
-    InitializeByVoting(refocused ? *refocused : evidence_, model_.pose, model_.noise,
-                       model_.keypoints, model_.weights);
+    model_.blocks.Take(evidence_, InitializeByVoting(refocused ? *refocused : evidence_,
+                                                     model_.pose, model_.noise));
     if (prior_.KnowsReferences()) AdmitReferenceErrors(JointSystem::UnknownErrors::kNone);
   }
 
@@ -132,6 +132,7 @@ class JointRefinement {
 
   RefinedPose Finish(FocalDerivatives focal, ReferenceErrors reference_errors) {
     Step();
+    Linearize();
     const bool admits = reference_errors == ReferenceErrors::kAlways ||
                         (!prior_.KnowsAllOfReferences() && system_.ReferencesDisagree(model_));
     if (admits) {
@@ -141,6 +142,7 @@ class JointRefinement {
         EStep(prior_, 1, QueryCovariance(), model_);
       }
       Step();
+      Linearize();
     }
     return {.pose = model_.pose,
             .covariance = Covariance(),
@@ -215,17 +217,17 @@ void JointRefinement::InitializePoints(double keypoint_variance_px2) {
   if (prior_.depth.count > 0) model_.noise.depth = prior_.depth.variance;
   if (prior_.common_depth.count > 0) model_.noise.common_depth = prior_.common_depth.variance;
   if (prior_.keypoint_tail) model_.noise.keypoint_tail = prior_.keypoint_tail->mean;
-  InitializeByVoting(evidence, model_.pose, model_.noise, model_.keypoints, model_.weights);
+  model_.blocks.Take(evidence_, InitializeByVoting(evidence, model_.pose, model_.noise));
 }
 
 bool JointRefinement::HasMovedFar() const {
   double squares = 0;
   double count = 0;
-  for (size_t k = 0; k < model_.keypoints.size(); ++k) {
+  for (size_t k = 0; k < evidence_.keypoints.size(); ++k) {
     const KeypointObservations& keypoint = evidence_.keypoints[k];
+    const Eigen::Vector3d point = model_.blocks.PointOf(k);
     const auto seen_from = [&](const CamFromLocal& pose) {
-      return ResidualOf(keypoint.image_from_cam,
-                        keypoint.PointInCamera(pose, model_.keypoints[k].point));
+      return ResidualOf(keypoint.image_from_cam, keypoint.PointInCamera(pose, point));
     };
     PixelResidual now = seen_from(model_.pose);
     const PixelResidual then = seen_from(initialized_at_);
@@ -271,10 +273,10 @@ std::optional<double> JointRefinement::Step() {
 
 void JointRefinement::Linearize() {
   if (focal_sigma_ == 0) {
-    equations_.gradient = system_.Linearize(model_, pose_priors_);
+    equations_.gradient = system_.Linearize(pose_priors_, model_);
     return;
   }
-  equations_ = system_.LinearizeWithFocal(model_, pose_priors_);
+  equations_ = system_.LinearizeWithFocal(pose_priors_, model_);
   const double information = 1 / (focal_sigma_ * focal_sigma_);
   equations_.slope += information * model_.focal_error;
   // As of the pose's priors, by what the pixels' part is their information over.
@@ -327,7 +329,7 @@ double JointRefinement::VarianceFactor(const MatrixXd& pose_columns) const {
 }
 
 std::optional<FocalStep> JointRefinement::StepOfFocal() {
-  const FocalEquations equations = system_.LinearizeWithFocal(model_, pose_priors_);
+  const FocalEquations equations = system_.LinearizeWithFocal(pose_priors_, model_);
   std::optional<FocalStep> step = equations.Solve(CamStepFromOwn(model_.pose));
   if (step) {
     step->variance *= VarianceFactor(PoseColumns(SymmetricFactors(system_.hessian())));
@@ -337,13 +339,14 @@ std::optional<FocalStep> JointRefinement::StepOfFocal() {
 
 double JointRefinement::Inflation(const MatrixXd& pose_columns) const {
   // Each cell's step, if the others were settled: a sandwich estimator with clusters.
-  const MatrixXd steps = pose_columns.transpose() * system_.cell_gradients();
+  const MatrixXd gradients = system_.CellGradients(model_);
+  const MatrixXd steps = pose_columns.transpose() * gradients;
   const Matrix6d covariance = pose_columns.topRows<6>();
   const Eigen::LDLT<Matrix6d> factors(covariance);
   double squares = 0;
   int cells = 0;
   for (int cell = 0; cell < evidence_.num_image_cells; ++cell) {
-    if (system_.cell_gradients().col(cell).isZero(0)) continue;
+    if (gradients.col(cell).isZero(0)) continue;
     squares += steps.col(cell).dot(factors.solve(steps.col(cell)));
     ++cells;
   }

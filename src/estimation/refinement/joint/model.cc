@@ -1,145 +1,172 @@
 #include "estimation/refinement/joint/model.h"
 
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
 
 namespace raylift {
 
-Eigen::Matrix<double, 3, 6> DisplacementJacobian(const Eigen::Vector3d& point) {
+using Eigen::Vector3d;
+
+Eigen::Matrix<double, 3, 6> DisplacementJacobian(const Vector3d& point) {
   Eigen::Matrix<double, 3, 6> jacobian;
   jacobian << -Skew(point), Eigen::Matrix3d::Identity();
   return jacobian;
 }
 
-using Eigen::Matrix4d;
-using Eigen::Vector3d;
-using Eigen::Vector4d;
+namespace {
 
-Matrix4d DisplacementCovariance(const Matrix7d& frame_covariance, const Vector3d& point) {
-  // D Q, then its product with D'.
-  Matrix47d half;
-  for (int column = 0; column < 7; ++column) {
-    const Vector3d rotation = frame_covariance.block<3, 1>(0, column);
-    half.block<3, 1>(0, column) = rotation.cross(point) + frame_covariance.block<3, 1>(3, column);
-    half(3, column) = frame_covariance(6, column);
+constexpr size_t kLanes = kernels::kLanes<double>;
+
+template <typename Vector>
+void Put(const Vector& values, size_t lane, kernels::Row* rows) {
+  for (Eigen::Index i = 0; i < values.size(); ++i) rows[i][lane] = values[i];
+}
+void PutRowMajor(const Eigen::Matrix3d& matrix, size_t lane, kernels::Row* rows) {
+  for (Eigen::Index i = 0; i < 9; ++i) rows[i][lane] = matrix(i / 3, i % 3);
+}
+
+// Returns a slot whose lanes see all points at finite pixels: those without an observation add zero times
+// these.
+kernels::JointObservations EmptySlot() {
+  kernels::JointObservations slot{};
+  for (size_t lane = 0; lane < kLanes; ++lane) {
+    PutRowMajor(Eigen::Matrix3d::Identity(), lane, slot.image_from_ray);
   }
-  Matrix4d covariance;
-  for (int row = 0; row < 4; ++row) {
-    const Vector3d rotation = half.block<1, 3>(row, 0);
-    covariance.block<1, 3>(row, 0) = rotation.cross(point).transpose() + half.block<1, 3>(row, 3);
-    covariance(row, 3) = half(row, 6);
+  return slot;
+}
+
+// Returns the keypoints in an order that has those with the same kinds and numbers of pieces together.
+std::vector<size_t> BySize(const KeypointEvidence& evidence) {
+  std::vector<uint64_t> keys;
+  keys.reserve(evidence.keypoints.size());
+  for (size_t k = 0; k < evidence.keypoints.size(); ++k) {
+    const KeypointObservations& keypoint = evidence.keypoints[k];
+    const auto observations = evidence.ObservationsOf(keypoint);
+    const bool has_depths = std::any_of(observations.begin(), observations.end(),
+                                        [](const Observation& o) { return o.has_depth; });
+    keys.push_back(evidence.UnanchoredOf(keypoint).size() << 49 | observations.size() << 33 |
+                   uint64_t{has_depths} << 32 | k);
   }
-  return covariance;
+  std::sort(keys.begin(), keys.end());
+  std::vector<size_t> order;
+  order.reserve(keys.size());
+  for (const uint64_t key : keys) order.push_back(key & 0xffffffff);
+  return order;
 }
 
-void Quadratic::AddPixel(const Eigen::Matrix<double, 2, 3>& jacobian, const Eigen::Vector2d& error,
-                         double weight) {
-  const Eigen::Matrix<double, 3, 2> weighted = weight * jacobian.transpose();
-  hessian.topLeftCorner<3, 3>() += weighted.lazyProduct(jacobian);
-  gradient.head<3>() += weighted.lazyProduct(error);
+}  // namespace
+
+EvidenceBlocks::EvidenceBlocks(const KeypointEvidence& evidence)
+    : places_(evidence.keypoints.size()),
+      keypoints_((evidence.keypoints.size() + kLanes - 1) / kLanes) {
+  size_t place = 0;
+  for (const size_t k : BySize(evidence)) {
+    places_[k] = place++;
+    Append(evidence, k);
+  }
 }
 
-void Quadratic::AddLogDistance(const Vector3d& log_gradient, double error, double weight) {
-  Vector4d direction;
-  direction << log_gradient, -1;
-  const Vector4d weighted = weight * direction;
-  hessian += weighted.lazyProduct(direction.transpose());
-  gradient += error * weighted;
+void EvidenceBlocks::Append(const KeypointEvidence& evidence, size_t k) {
+  const auto [index, lane] = PlaceOf(k);
+  const KeypointObservations& keypoint = evidence.keypoints[k];
+  kernels::JointKeypoints& block = keypoints_[index];
+  PutRowMajor(keypoint.image_from_cam, lane, block.image_from_cam);
+  Put(keypoint.camera_center, lane, block.camera_center);
+  Put(keypoint.px_by_log_focal, lane, block.px_by_log_focal);
+  // The last keypoints have the most pieces.
+  if (lane == 0) {
+    block.first_observation = static_cast<int>(observations_.size());
+    block.first_unanchored = static_cast<int>(unanchored_.size());
+  }
+  const auto observations = evidence.ObservationsOf(keypoint);
+  const auto unanchored = evidence.UnanchoredOf(keypoint);
+  const size_t first_observation = static_cast<size_t>(block.first_observation);
+  while (observations_.size() < first_observation + observations.size()) {
+    observations_.push_back(EmptySlot());
+  }
+  const size_t first_unanchored = static_cast<size_t>(block.first_unanchored);
+  unanchored_.resize(std::max(unanchored_.size(), first_unanchored + unanchored.size()));
+  block.end_observation = static_cast<int>(observations_.size());
+  block.end_unanchored = static_cast<int>(unanchored_.size());
+  for (size_t i = 0; i < observations.size(); ++i) {
+    const Observation& observation = observations[i];
+    kernels::JointObservations& slot = ObservationAt(index, static_cast<int>(i));
+    slot.is_there[lane] = 1;
+    PutRowMajor(observation.image_from_ray, lane, slot.image_from_ray);
+    Put(observation.center, lane, slot.center);
+    slot.extra_variance_px2[lane] = observation.extra_variance_px2;
+    slot.has_depth[lane] = observation.has_depth ? 1 : 0;
+    slot.log_distance[lane] = observation.log_distance;
+    slot.depth_variance[lane] = observation.depth_variance;
+    block.has_depths = block.has_depths || observation.has_depth;
+  }
+  for (size_t i = 0; i < unanchored.size(); ++i) {
+    kernels::JointUnanchored& slot = unanchored_[static_cast<size_t>(block.first_unanchored) + i];
+    slot.is_there[lane] = 1;
+    Put(unanchored[i].point, lane, slot.point);
+    slot.variance[lane] = unanchored[i].variance;
+  }
 }
 
-void ObservationTerm::AddTo(Quadratic& cost) const {
-  cost.AddPixel(seen.jacobian, seen.error_px, weight);
-  if (depth_weight > 0) cost.AddLogDistance(log_gradient, depth_error, depth_weight);
-}
-
-Quadratic ObservationTerm::Cost() const {
-  Quadratic cost;
-  AddTo(cost);
-  return cost;
-}
-
-Quadratic QueryTerm::Cost() const {
-  Quadratic cost;
-  cost.AddPixel(jacobian, seen.error_px, weight);
-  cost.AddLogDistance(log_gradient, distance_error, prior_information);
-  return cost;
-}
-
-QueryTerm JointModel::QueryTermOf(size_t keypoint) const {
-  const KeypointObservations& parts = evidence.keypoints[keypoint];
-  const KeypointState& state = keypoints[keypoint];
-  QueryTerm term;
-  term.seen = ResidualOf(parts.image_from_cam, parts.PointInCamera(pose, state.point));
-  if (!term.seen.in_front) return term;
-  term.seen.error_px += focal_error * parts.px_by_log_focal;
-  term.weight = state.query_right * state.query_precision / noise.keypoint_px2;
-  term.jacobian.noalias() = term.seen.jacobian * pose.rotation;
-  const Vector3d offset = state.point - parts.CenterOfCamera(pose);
-  const double squared = offset.squaredNorm();
-  term.log_gradient = offset / squared;
-  term.distance_error = 0.5 * std::log(squared) - noise.log_distance_mean;
-  term.prior_information = 1 / noise.log_distance_variance;
-  return term;
-}
-
-ObservationTerm JointModel::ObservationTermOf(int i, const KeypointState& state) const {
-  const Observation& observation = evidence.observations[i];
-  const ReferenceError& error = references[observation.reference];
-  ObservationTerm term;
-  const Vector3d offset = error.Displaced(state.point) - observation.center;
-  term.seen = ResidualOf(observation.image_from_ray, offset);
-  if (!term.seen.in_front) return term;
-  term.pixel_variance = noise.keypoint_px2 + observation.extra_variance_px2;
-  const double weight = weights.observation[i];
-  if (weight >= kLeastWeight) term.weight = weight * weights.precision[i] / term.pixel_variance;
-  if (observation.has_depth) {
-    const double squared = offset.squaredNorm();
-    term.log_gradient = offset / squared;
-    term.depth_variance = noise.depth + observation.depth_variance;
-    term.depth_error =
-        0.5 * std::log(squared) - observation.log_distance - state.common - error.log_scale;
-    if (term.weight > 0 && weights.depth[i] >= kLeastWeight) {
-      term.depth_weight = weight * weights.depth[i] / term.depth_variance;
+void EvidenceBlocks::Take(const KeypointEvidence& evidence, const VotedPoints& voted) {
+  for (size_t k = 0; k < places_.size(); ++k) {
+    const auto [index, lane] = PlaceOf(k);
+    const KeypointObservations& keypoint = evidence.keypoints[k];
+    kernels::JointKeypoints& block = keypoints_[index];
+    Put(voted.points[k], lane, block.point);
+    block.common[lane] = 0;
+    block.query_right[lane] = block.query_precision[lane] = 1;
+    for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
+      kernels::JointObservations& slot = ObservationAt(index, i - keypoint.first_observation);
+      slot.epipolar_clutter[lane] =
+          voted.weights.epipolar_clutter[static_cast<size_t>(evidence.observations[i].reference)];
+      slot.weight[lane] = voted.weights.observation[i];
+      slot.depth[lane] = voted.weights.depth[i];
+      slot.precision[lane] = 1;
+    }
+    for (int i = keypoint.first_unanchored; i < keypoint.end_unanchored; ++i) {
+      unanchored_[static_cast<size_t>(block.first_unanchored + i - keypoint.first_unanchored)]
+          .weight[lane] = voted.weights.unanchored[i];
     }
   }
-  return term;
 }
 
-Quadratic JointModel::UnanchoredCost(const KeypointObservations& keypoint,
-                                     const Vector3d& point) const {
-  Quadratic q;
-  if (keypoint.end_unanchored == keypoint.first_unanchored) return q;
-  const Vector3d displaced = references[UnanchoredFrame()].Displaced(point);
-  for (int i = keypoint.first_unanchored; i < keypoint.end_unanchored; ++i) {
-    if (weights.unanchored[i] < kLeastWeight) continue;
-    const UnanchoredPoint& unanchored = evidence.unanchored[i];
-    const double w = weights.unanchored[i] / (noise.unanchored + unanchored.variance);
-    q.hessian.diagonal().head<3>().array() += w;
-    q.gradient.head<3>() += w * (displaced - unanchored.point);
+kernels::JointParameters JointModel::ForKernels() {
+  kernels::JointParameters parameters = {.focal_error = focal_error,
+                                         .is_focal_unknown = false,
+                                         .have_references_errors = have_references_errors,
+                                         .keypoint_px2 = noise.keypoint_px2,
+                                         .keypoint_tail = noise.keypoint_tail,
+                                         .depth = noise.depth,
+                                         .common_depth = noise.common_depth,
+                                         .unanchored = noise.unanchored,
+                                         .right = noise.right,
+                                         .depth_right = noise.depth_right,
+                                         .unanchored_right = noise.unanchored_right,
+                                         .log_distance_mean = noise.log_distance_mean,
+                                         .log_distance_variance = noise.log_distance_variance,
+                                         .matched_area_px2 = evidence.matched_area_px2,
+                                         .least_weight = kLeastWeight};
+  Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(parameters.rotation) = pose.rotation;
+  Eigen::Map<Vector3d>(parameters.translation) = pose.translation;
+  if (!have_references_errors) return parameters;
+  const ReferenceError& unanchored = references[UnanchoredFrame()];
+  Eigen::Map<Eigen::Matrix<double, 6, 1>>(parameters.unanchored_error)
+      << unanchored.rotation_vector,
+      unanchored.translation;
+  for (size_t k = 0; k < evidence.keypoints.size(); ++k) {
+    const auto [block, lane] = blocks.PlaceOf(k);
+    int n = 0;
+    for (const Observation& observation : evidence.ObservationsOf(evidence.keypoints[k])) {
+      const ReferenceError& error = references[static_cast<size_t>(observation.reference)];
+      auto& rows = blocks.ObservationAt(block, n++).reference_error;
+      Put(error.rotation_vector, lane, rows);
+      Put(error.translation, lane, rows + 3);
+      rows[6][lane] = error.log_scale;
+    }
   }
-  return q;
-}
-
-Quadratic JointModel::CostWithoutObservations(const KeypointObservations& keypoint,
-                                              const KeypointState& state,
-                                              const Quadratic& query_cost,
-                                              const Quadratic& unanchored) const {
-  Quadratic cost = query_cost;
-  cost.hessian.row(3).setZero();
-  cost.hessian.col(3).setZero();
-  cost.hessian(3, 3) = 1 / noise.common_depth;
-  cost.gradient[3] = state.common / noise.common_depth;
-  if (keypoint.end_unanchored > keypoint.first_unanchored) cost.Add(unanchored);
-  return cost;
-}
-
-double JointModel::TotalWeight(const KeypointObservations& keypoint) const {
-  double total = 0;
-  for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
-    total += weights.observation[i];
-  }
-  for (int i = keypoint.first_unanchored; i < keypoint.end_unanchored; ++i)
-    total += weights.unanchored[i];
-  return total;
+  return parameters;
 }
 
 }  // namespace raylift

@@ -8,6 +8,7 @@
 #include <optional>
 #include <vector>
 
+#include "estimation/kernels/kernels.h"
 #include "estimation/problem/cam_from_local.h"
 #include "estimation/problem/observations.h"
 #include "estimation/refinement/joint/student_t.h"
@@ -85,20 +86,9 @@ inline double DensityOfAnyDistance(const JointNoise& noise, double log_distance)
 // A first guess, at a given pose, of where on its ray each query keypoint lies, of which of its
 // matches agree on that, and of the noise.
 
-// The unknowns of one keypoint, and how far its pixel in the query is to be trusted.
-struct KeypointState {
-  Eigen::Vector3d point = Eigen::Vector3d::Zero();  // local frame
-  double common = 0;                                // error of its depths, see JointNoise
-  double query_right = 1;                           // probability that the query's pixel is
-  double query_precision = 1;                       // of that pixel, as an observation's
-  // Two E steps running found all of its evidence wrong: it is not looked at again.
-  bool given_up = false;
-};
-
 // The probability that each piece of evidence is right; of a depth, given that its observation is.
 struct EvidenceWeights {
   std::vector<double> observation;
-  std::vector<double> precision;  // of its pixel, over the mean one (StudentPrecision())
   std::vector<double> depth;
   std::vector<double> unanchored;
   // The factor, at least 1, by which wrong matches with each reference are denser near epipolar
@@ -111,26 +101,23 @@ struct EvidenceWeights {
 JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal& pose,
                            double keypoint_variance_px2);
 
-// On each keypoint's ray the point that most of its evidence agrees on.
-void InitializeByVoting(const KeypointEvidence& evidence, const CamFromLocal& pose,
-                        const JointNoise& noise, std::vector<KeypointState>& states,
-                        EvidenceWeights& weights);
+// Finds on each keypoint's ray the point that most of its evidence agrees on.
+struct VotedPoints {
+  std::vector<Eigen::Vector3d> points;  // local frame, of each keypoint
+  EvidenceWeights weights;
+};
+VotedPoints InitializeByVoting(const KeypointEvidence& evidence, const CamFromLocal& pose,
+                               const JointNoise& noise);
 
 // The unknowns of the joint refinement, and how they explain the evidence: each observation, each
 // unanchored point and the query's frame as a quadratic in the unknowns of its keypoint and of its
 // frame.
 
 using Matrix7d = Eigen::Matrix<double, 7, 7>;
-using Matrix47d = Eigen::Matrix<double, 4, 7>;
 
 // The unknowns of a frame, by how they displace a point: by a rotation about the local
 // origin, and a translation. (Common to all frames of a point, so that one matrix serves them all.)
 Eigen::Matrix<double, 3, 6> DisplacementJacobian(const Eigen::Vector3d& point);
-
-// D Q D', the covariance of a point's displacement and of the last unknown by that of a frame's
-// unknowns, with D = (-[point]x, 1, 0; 0, 0, 1).
-Eigen::Matrix4d DisplacementCovariance(const Matrix7d& frame_covariance,
-                                       const Eigen::Vector3d& point);
 
 // Evidence with less weight is left out.
 inline constexpr double kLeastWeight = 1e-3;
@@ -152,72 +139,79 @@ struct Quadratic {
   Eigen::Matrix4d hessian = Eigen::Matrix4d::Zero();
   Eigen::Vector4d gradient = Eigen::Vector4d::Zero();
 
-  // Adds weight |error + jacobian displacement|^2 / 2.
-  void AddPixel(const Eigen::Matrix<double, 2, 3>& jacobian, const Eigen::Vector2d& error,
-                double weight);
-  // Adds weight (error + log_gradient' displacement - scale)^2 / 2.
-  void AddLogDistance(const Eigen::Vector3d& log_gradient, double error, double weight);
   void Add(const Quadratic& other) {
     hessian += other.hessian;
     gradient += other.gradient;
   }
 };
 
-// An observation, linearized.
-struct ObservationTerm {
-  PixelResidual seen;
-  double pixel_variance = 0;
-  Eigen::Vector3d log_gradient = Eigen::Vector3d::Zero();  // of the logarithm of the distance
-  double depth_error = 0;
-  double depth_variance = 0;
-  double weight = 0;        // of the pixel, over its variance
-  double depth_weight = 0;  // of the depth, over its variance
+// The evidence in blocks of eight keypoints, those with as many pieces together, and the unknowns that
+// belong to keypoints (kernels/joint.h).
+class EvidenceBlocks {
+ public:
+  // A keypoint's lane in its block.
+  struct Place {
+    size_t block;
+    size_t lane;
+  };
 
-  void AddTo(Quadratic& cost) const;
-  Quadratic Cost() const;
-};
+  explicit EvidenceBlocks(const KeypointEvidence& evidence);
+  // Takes what voting has found; all else begins anew.
+  void Take(const KeypointEvidence& evidence, const VotedPoints& voted);
 
-// The query's frame, with the prior of the point's distance.
-struct QueryTerm {
-  PixelResidual seen;
-  Eigen::Matrix<double, 2, 3> jacobian = Eigen::Matrix<double, 2, 3>::Zero();  // by the point
-  double weight = 0;                                                           // over its variance
-  Eigen::Vector3d log_gradient = Eigen::Vector3d::Zero();
-  double distance_error = 0;     // logarithm of the distance less the prior's mean
-  double prior_information = 0;  // of the distance's logarithm
+  Place PlaceOf(size_t keypoint) const {
+    return {places_[keypoint] / kernels::kLanes<double>,
+            places_[keypoint] % kernels::kLanes<double>};
+  }
+  Eigen::Vector3d PointOf(size_t keypoint) const {
+    const auto [block, lane] = PlaceOf(keypoint);
+    const auto& point = keypoints_[block].point;
+    return {point[0][lane], point[1][lane], point[2][lane]};
+  }
+  const kernels::JointKeypoints& BlockAt(size_t block) const { return keypoints_[block]; }
+  kernels::JointKeypoints& BlockAt(size_t block) { return keypoints_[block]; }
+  // The slot of the n-th observation, or unanchored point, of a block's keypoints.
+  const kernels::JointObservations& ObservationAt(size_t block, int n) const {
+    return observations_[static_cast<size_t>(keypoints_[block].first_observation + n)];
+  }
+  kernels::JointObservations& ObservationAt(size_t block, int n) {
+    return observations_[static_cast<size_t>(keypoints_[block].first_observation + n)];
+  }
+  const kernels::JointUnanchored& UnanchoredAt(size_t block, int n) const {
+    return unanchored_[static_cast<size_t>(keypoints_[block].first_unanchored + n)];
+  }
+  kernels::JointBlocks ForKernels() {
+    return {keypoints_.data(), static_cast<int>(keypoints_.size()), observations_.data(),
+            unanchored_.data()};
+  }
 
-  // In the point's displacement and the prior's mean, which is an unknown of the query.
-  Quadratic Cost() const;
+ private:
+  void Append(const KeypointEvidence& evidence, size_t keypoint);
+
+  std::vector<size_t> places_;  // block x 8 + lane, of each keypoint
+  std::vector<kernels::JointKeypoints> keypoints_;
+  std::vector<kernels::JointObservations> observations_;
+  std::vector<kernels::JointUnanchored> unanchored_;
 };
 
 struct JointModel {
   const KeypointEvidence& evidence;
   CamFromLocal pose;
   JointNoise noise;
-  std::vector<KeypointState> keypoints;
-  EvidenceWeights weights;
+  EvidenceBlocks blocks;
   // By which share the query's focal length is longer than the given one.
   double focal_error = 0;
   std::vector<ReferenceError> references;  // and last of the unanchored points, as of one more
+  bool have_references_errors = false;
   // Of all matches, each as the others predict it, over that of uniform ones; set by EStep().
   double log_likelihood = 0;
 
   JointModel(const KeypointEvidence& of, const CamFromLocal& start)
-      : evidence(of), pose(start), references(of.centers.size()) {}
+      : evidence(of), pose(start), blocks(of), references(of.centers.size()) {}
 
   size_t UnanchoredFrame() const { return evidence.num_references(); }
-
-  QueryTerm QueryTermOf(size_t keypoint) const;
-  ObservationTerm ObservationTermOf(int observation, const KeypointState& state) const;
-  Quadratic UnanchoredCost(const KeypointObservations& keypoint,
-                           const Eigen::Vector3d& point) const;
-  // What is known of a keypoint's point and common error but for what references show: the prior of
-  // the common error, unanchored points and the query's cost, whose last unknown is not theirs.
-  Quadratic CostWithoutObservations(const KeypointObservations& keypoint,
-                                    const KeypointState& state, const Quadratic& query_cost,
-                                    const Quadratic& unanchored) const;
-  // Sums the weights of all that references and unanchored points say of a keypoint.
-  double TotalWeight(const KeypointObservations& keypoint) const;
+  // What the kernels take of all this; also tells the slots how their references err.
+  kernels::JointParameters ForKernels();
 };
 
 // How likely each piece of evidence of the joint refinement is right, and how noisy its kind is.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "estimation/kernels/kernel_table.h"
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -17,7 +18,6 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::Vector4d;
 using Eigen::VectorXd;
-using Matrix43d = Eigen::Matrix<double, 4, 3>;
 
 // D f: how a frame's unknowns displace a point.
 Vector4d Displacement(const Vector7d& unknowns, const Vector3d& point) {
@@ -53,14 +53,62 @@ void AddDisplacedGradient(const Vector4d& v, const Vector3d& point, Segment&& se
   segment.template tail<4>() += v;
 }
 
-// Moves a point, but not beyond what the linearization tells.
-void MovePoint(const Vector4d& move, const Vector3d& query_center, KeypointState& state) {
-  const double limit = 0.5 * (state.point - query_center).norm();
-  const double length = move.head<3>().norm();
-  if (!std::isfinite(length + move[3])) return;
-  const double share = length > limit ? limit / length : 1;
-  state.point += share * move.head<3>();
-  state.common += share * move[3];
+// A keypoint's symmetric matrix, and a vector, of a block.
+Matrix4d MatrixAt(const kernels::Row* rows, size_t lane) {
+  Matrix4d matrix;
+  for (int row = 0, i = 0; row < 4; ++row) {
+    for (int column = row; column < 4; ++column, ++i) {
+      matrix(row, column) = matrix(column, row) = rows[i][lane];
+    }
+  }
+  return matrix;
+}
+template <int N>
+Eigen::Matrix<double, N, 1> VectorAt(const kernels::Row* rows, size_t lane) {
+  Eigen::Matrix<double, N, 1> vector;
+  for (int i = 0; i < N; ++i) vector[i] = rows[i][lane];
+  return vector;
+}
+
+// What an observation shows of its keypoint, as of the last linearization.
+Quadratic CostAt(const kernels::JointObservations& slot, size_t lane) {
+  Quadratic cost;
+  const double weight = slot.pixel_weight[lane];
+  if (weight == 0) return cost;
+  for (int row = 0; row < 2; ++row) {
+    const Vector3d by_point = VectorAt<3>(slot.jacobian + 3 * row, lane);
+    cost.hessian.topLeftCorner<3, 3>() += weight * by_point * by_point.transpose();
+    cost.gradient.head<3>() += weight * slot.error_px[row][lane] * by_point;
+  }
+  Vector4d by_point;
+  by_point << VectorAt<3>(slot.log_gradient, lane), -1;
+  const Vector4d weighted = slot.depth_weight[lane] * by_point;
+  cost.hessian += weighted * by_point.transpose();
+  cost.gradient += slot.depth_error[lane] * weighted;
+  return cost;
+}
+
+// What the unanchored points show of a keypoint.
+Quadratic UnanchoredCost(const JointModel& model, size_t keypoint) {
+  Quadratic cost;
+  const auto [block, lane] = model.blocks.PlaceOf(keypoint);
+  const Vector3d displaced =
+      model.references[model.UnanchoredFrame()].Displaced(model.blocks.PointOf(keypoint));
+  int n = 0;
+  for (const UnanchoredPoint& unanchored :
+       model.evidence.UnanchoredOf(model.evidence.keypoints[keypoint])) {
+    const double weight = model.blocks.UnanchoredAt(block, n++).weight[lane];
+    if (weight < kLeastWeight) continue;
+    const double information = weight / (model.noise.unanchored + unanchored.variance);
+    cost.hessian.diagonal().head<3>().array() += information;
+    cost.gradient.head<3>() += information * (displaced - unanchored.point);
+  }
+  return cost;
+}
+
+// Whether anything tells of a keypoint's point, as of the last linearization.
+bool IsUsed(const kernels::JointKeypoints& block, size_t lane) {
+  return block.covariance[0][lane] > 0;
 }
 
 }  // namespace
@@ -73,86 +121,118 @@ Matrix6d CamStepFromOwn(const CamFromLocal& pose) {
   return step;
 }
 
-bool JointSystem::LinearizeKeypoint(const JointModel& model, size_t index) {
-  const KeypointObservations& keypoint = evidence_.keypoints[index];
-  const KeypointState& state = model.keypoints[index];
-  SchurBlock& block = schur_blocks_[index];
-  if (model.TotalWeight(keypoint) < kLeastWeight) return false;
-  const QueryTerm query = model.QueryTermOf(index);
-  if (!query.seen.in_front) return false;
-
-  block.query = query.Cost();
-  const Quadratic unanchored = model.UnanchoredCost(keypoint, state.point);
-  Quadratic cost = model.CostWithoutObservations(keypoint, state, block.query, unanchored);
-  block.references.clear();
-  for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
-    if (model.weights.observation[i] < kLeastWeight) continue;
-    const ObservationTerm term = model.ObservationTermOf(i, state);
-    if (term.weight == 0) continue;
-    term.AddTo(cost);
-    const int column = column_[evidence_.observations[i].reference];
-    if (column >= 0) AddToReference(column, term.Cost(), block);
+std::vector<JointSystem::FrameTerm> JointSystem::TermsOf(const JointModel& model,
+                                                         size_t keypoint) const {
+  std::vector<FrameTerm> terms;
+  const auto add = [&terms](int column, const Quadratic& cost) {
+    const auto same = std::find_if(terms.begin(), terms.end(),
+                                   [&](const FrameTerm& term) { return term.column == column; });
+    if (same == terms.end()) {
+      terms.push_back({column, cost});
+    } else {
+      same->cost.Add(cost);
+    }
+  };
+  const auto [block, lane] = model.blocks.PlaceOf(keypoint);
+  if (!IsUsed(model.blocks.BlockAt(block), lane)) return terms;
+  int n = 0;
+  for (const Observation& observation : evidence_.ObservationsOf(evidence_.keypoints[keypoint])) {
+    const kernels::JointObservations& slot = model.blocks.ObservationAt(block, n++);
+    const int column = column_[static_cast<size_t>(observation.reference)];
+    if (column >= 0 && slot.pixel_weight[lane] > 0) add(column, CostAt(slot, lane));
   }
-  if (column_[model.UnanchoredFrame()] >= 0 &&
-      keypoint.end_unanchored > keypoint.first_unanchored) {
-    AddToReference(column_[model.UnanchoredFrame()], unanchored, block);
+  const int column = column_[model.UnanchoredFrame()];
+  if (column >= 0 && !evidence_.UnanchoredOf(evidence_.keypoints[keypoint]).empty()) {
+    add(column, UnanchoredCost(model, keypoint));
   }
-
-  block.covariance = cost.hessian.inverse();
-  block.gradient = cost.gradient;
-  return block.covariance.allFinite();
+  return terms;
 }
 
-void JointSystem::AddToReference(int column, const Quadratic& cost, SchurBlock& block) {
-  for (FrameTerm& frame : block.references) {
-    if (frame.column != column) continue;
-    frame.cost.Add(cost);
-    frame.coupling += cost.hessian;
-    return;
-  }
-  block.references.push_back({column, cost, cost.hessian});
-}
-
-void JointSystem::AddEliminated(const JointModel& model, size_t index) {
-  const SchurBlock& block = schur_blocks_[index];
-  auto gradient = cell_gradients_.col(evidence_.keypoints[index].image_cell);
-  const Vector3d& point = model.keypoints[index].point;
-  const Vector4d solved_gradient = block.covariance * block.gradient;
-  const auto query_coupling = block.query.hessian.leftCols<3>();  // transposed
-  const Matrix43d query_solved = query_coupling * block.covariance.topLeftCorner<3, 3>();
-  AddDisplacedGradient(block.query.gradient - query_coupling * solved_gradient.head<3>(), point,
-                       gradient.segment<7>(0));
-  AddDisplacedHessian(block.query.hessian - query_solved * query_coupling.transpose(), point,
-                      query_hessian_);
-  for (const FrameTerm& frame : block.references) {
-    AddDisplacedGradient(frame.cost.gradient - frame.coupling.transpose() * solved_gradient, point,
-                         gradient.segment<7>(frame.column));
-    const Matrix4d solved = frame.coupling.transpose() * block.covariance;
-    AddDisplacedHessian(-solved.leftCols<3>() * query_coupling.transpose(), point,
+void JointSystem::AddReferenceTerms(const JointModel& model, FocalLength focal_length,
+                                    size_t keypoint, FocalEquations& equations) {
+  const auto [index, lane] = model.blocks.PlaceOf(keypoint);
+  const kernels::JointKeypoints& block = model.blocks.BlockAt(index);
+  const std::vector<FrameTerm> terms = TermsOf(model, keypoint);
+  if (terms.empty()) return;
+  const Vector3d point = model.blocks.PointOf(keypoint);
+  const Matrix4d covariance = MatrixAt(block.covariance, lane);
+  const Matrix4d query = MatrixAt(block.query_hessian, lane);
+  const Vector4d solved_gradient = covariance * VectorAt<4>(block.gradient, lane);
+  const Vector4d solved_focal = covariance.leftCols<3>() * VectorAt<3>(block.by_focal, lane);
+  for (const FrameTerm& frame : terms) {
+    AddDisplacedGradient(frame.cost.gradient - frame.cost.hessian * solved_gradient, point,
+                         equations.gradient.segment<7>(frame.column));
+    if (focal_length == FocalLength::kUnknown) {
+      AddDisplacedGradient(-frame.cost.hessian * solved_focal, point,
+                           equations.mixed.segment<7>(frame.column));
+    }
+    const Matrix4d solved = frame.cost.hessian * covariance;
+    AddDisplacedHessian(-solved.leftCols<3>() * query.topRows<3>(), point,
                         hessian_.block<7, 7>(frame.column, 0));
-    for (const FrameTerm& other : block.references) {
+    for (const FrameTerm& other : terms) {
       if (other.column > frame.column) continue;
-      Matrix4d shared = -solved * other.coupling;
+      Matrix4d shared = -solved * other.cost.hessian;
       if (other.column == frame.column) shared += frame.cost.hessian;
       AddDisplacedHessian(shared, point, hessian_.block<7, 7>(frame.column, other.column));
     }
   }
 }
 
-VectorXd JointSystem::Linearize(const JointModel& model, const NormalizedPriors& pose_priors) {
-  hessian_.setZero(num_columns_, num_columns_);
-  query_hessian_.setZero();
-  cell_gradients_.setZero(num_columns_, evidence_.num_image_cells);
-  for (size_t k = 0; k < schur_blocks_.size(); ++k) {
-    schur_blocks_[k].used = LinearizeKeypoint(model, k);
-    if (schur_blocks_[k].used) AddEliminated(model, k);
+MatrixXd JointSystem::CellGradients(const JointModel& model) const {
+  MatrixXd gradients = MatrixXd::Zero(num_columns_, evidence_.num_image_cells);
+  for (size_t k = 0; k < evidence_.keypoints.size(); ++k) {
+    const auto [index, lane] = model.blocks.PlaceOf(k);
+    const kernels::JointKeypoints& block = model.blocks.BlockAt(index);
+    auto gradient = gradients.col(evidence_.keypoints[k].image_cell);
+    gradient.head<7>() += VectorAt<7>(block.pose_gradient, lane);
+    if (!HasReferences()) continue;
+    const Vector4d solved = MatrixAt(block.covariance, lane) * VectorAt<4>(block.gradient, lane);
+    for (const FrameTerm& frame : TermsOf(model, k)) {
+      AddDisplacedGradient(frame.cost.gradient - frame.cost.hessian * solved,
+                           model.blocks.PointOf(k), gradient.segment<7>(frame.column));
+    }
   }
-  hessian_.topLeftCorner<kQueryColumns, kQueryColumns>() = query_hessian_;
-  VectorXd gradient = cell_gradients_.rowwise().sum();
-  if (!pose_priors.empty()) AddPosePriors(model, pose_priors, gradient);
-  if (HasReferences()) AddReferencePriors(model, gradient);
+  return gradients;
+}
+
+VectorXd JointSystem::Linearize(const NormalizedPriors& pose_priors, JointModel& model) {
+  return LinearizeKeypoints(pose_priors, FocalLength::kKnown, model).gradient;
+}
+
+FocalEquations JointSystem::LinearizeWithFocal(const NormalizedPriors& pose_priors,
+                                               JointModel& model) {
+  return LinearizeKeypoints(pose_priors, FocalLength::kUnknown, model);
+}
+
+FocalEquations JointSystem::LinearizeKeypoints(const NormalizedPriors& pose_priors,
+                                               FocalLength focal_length, JointModel& model) {
+  kernels::JointParameters parameters = model.ForKernels();
+  parameters.is_focal_unknown = focal_length == FocalLength::kUnknown;
+  const kernels::JointNormals normals =
+      kernels::ActiveKernels().linearize_jointly(model.blocks.ForKernels(), parameters);
+  FocalEquations equations;
+  equations.slope = normals.slope;
+  equations.curvature = normals.curvature;
+  equations.mixed = VectorXd::Zero(num_columns_);
+  equations.gradient = VectorXd::Zero(num_columns_);
+  equations.mixed.head<kQueryColumns>() = Eigen::Map<const Vector7d>(normals.mixed);
+  hessian_.setZero(num_columns_, num_columns_);
+  for (int row = 0, i = 0; row < kQueryColumns; ++row) {
+    for (int column = row; column < kQueryColumns; ++column, ++i) {
+      hessian_(column, row) = normals.hessian[i];
+    }
+  }
+  if (HasReferences()) {
+    for (size_t k = 0; k < evidence_.keypoints.size(); ++k) {
+      AddReferenceTerms(model, focal_length, k, equations);
+    }
+  }
+  equations.gradient.head<kQueryColumns>() = Eigen::Map<const Vector7d>(normals.gradient);
+  if (!pose_priors.empty()) AddPosePriors(model, pose_priors, equations.gradient);
+  if (HasReferences()) AddReferencePriors(model, equations.gradient);
   hessian_ = MatrixXd(hessian_.selfadjointView<Eigen::Lower>());
-  return gradient;
+  equations.hessian = hessian_;
+  return equations;
 }
 
 void JointSystem::MoveReferences(const VectorXd& step, JointModel& model) const {
@@ -165,18 +245,18 @@ void JointSystem::MoveReferences(const VectorXd& step, JointModel& model) const 
 }
 
 void JointSystem::MovePoints(const VectorXd& step, double focal_step, JointModel& model) const {
-  for (size_t k = 0; k < schur_blocks_.size(); ++k) {
-    const SchurBlock& block = schur_blocks_[k];
-    if (!block.used) continue;
-    KeypointState& state = model.keypoints[k];
-    Vector4d pull = block.gradient;
-    if (focal_step != 0) pull += focal_step * block.by_focal;
-    pull.head<3>() += block.query.hessian.topRows<3>() * Displacement(step.head<7>(), state.point);
-    for (const FrameTerm& frame : block.references) {
-      pull += frame.coupling * Displacement(step.segment<7>(frame.column), state.point);
+  for (size_t k = 0; HasReferences() && k < evidence_.keypoints.size(); ++k) {
+    const auto [block, lane] = model.blocks.PlaceOf(k);
+    for (const FrameTerm& frame : TermsOf(model, k)) {
+      const Vector4d pull =
+          frame.cost.hessian * Displacement(step.segment<7>(frame.column), model.blocks.PointOf(k));
+      for (int i = 0; i < 4; ++i) model.blocks.BlockAt(block).gradient[i][lane] += pull[i];
     }
-    MovePoint(-block.covariance * pull, evidence_.keypoints[k].CenterOfCamera(model.pose), state);
   }
+  kernels::JointParameters parameters = model.ForKernels();
+  parameters.is_focal_unknown = focal_step != 0;
+  kernels::ActiveKernels().move_jointly(model.blocks.ForKernels(), parameters, step.data(),
+                                        focal_step);
 }
 
 void JointSystem::AddPosePriors(const JointModel& model, const NormalizedPriors& pose_priors,
@@ -194,26 +274,25 @@ bool JointSystem::ReferencesDisagree(const JointModel& model) const {
   std::vector<Matrix7d> information(column_.size(), Matrix7d::Zero());
   std::vector<Vector7d> score(column_.size(), Vector7d::Zero());
   std::vector<int> residuals(column_.size(), 0);
-  for (size_t index = 0; index < schur_blocks_.size(); ++index) {
-    const KeypointObservations& keypoint = evidence_.keypoints[index];
-    if (!schur_blocks_[index].used) continue;
-    const Matrix4d covariance = schur_blocks_[index].covariance;
-    const Vector3d& point = model.keypoints[index].point;
+  for (size_t k = 0; k < evidence_.keypoints.size(); ++k) {
+    const auto [block, lane] = model.blocks.PlaceOf(k);
+    if (!IsUsed(model.blocks.BlockAt(block), lane)) continue;
+    const Matrix4d covariance = MatrixAt(model.blocks.BlockAt(block).covariance, lane);
+    const Vector3d point = model.blocks.PointOf(k);
     const auto add = [&](size_t frame, const Quadratic& cost) {
       const Matrix4d reduced = cost.hessian - cost.hessian * covariance * cost.hessian;
       AddDisplacedHessian(reduced, point, information[frame]);
       AddDisplacedGradient(cost.gradient, point, score[frame]);
       residuals[frame] += 3;
     };
-    for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
-      if (model.weights.observation[i] < 0.5) continue;
-      const ObservationTerm term = model.ObservationTermOf(i, model.keypoints[index]);
-      if (term.weight > 0) {
-        add(static_cast<size_t>(evidence_.observations[i].reference), term.Cost());
-      }
+    int n = 0;
+    for (const Observation& observation : evidence_.ObservationsOf(evidence_.keypoints[k])) {
+      const kernels::JointObservations& slot = model.blocks.ObservationAt(block, n++);
+      if (slot.weight[lane] < 0.5 || !(slot.pixel_weight[lane] > 0)) continue;
+      add(static_cast<size_t>(observation.reference), CostAt(slot, lane));
     }
-    if (keypoint.end_unanchored > keypoint.first_unanchored) {
-      add(model.UnanchoredFrame(), model.UnanchoredCost(keypoint, point));
+    if (!evidence_.UnanchoredOf(evidence_.keypoints[k]).empty()) {
+      add(model.UnanchoredFrame(), UnanchoredCost(model, k));
     }
   }
   double statistic = 0;
@@ -233,6 +312,7 @@ bool JointSystem::ReferencesDisagree(const JointModel& model) const {
 
 void JointSystem::AdmitReferenceErrors(UnknownErrors unknown, JointModel& model) {
   if (!HasReferences()) AddReferenceColumns(model);
+  model.have_references_errors = HasReferences();
   const double unknown_share = unknown == UnknownErrors::kNone ? 0 : 0.25;
   const double angle2 = AngleVariance(model.noise);
   const auto begin = [](const VariancePrior& known, double otherwise) {
@@ -249,10 +329,18 @@ void JointSystem::AdmitReferenceErrors(UnknownErrors unknown, JointModel& model)
 
 void JointSystem::AddReferenceColumns(const JointModel& model) {
   std::vector<double> support(column_.size(), 0);
-  for (size_t i = 0; i < evidence_.observations.size(); ++i) {
-    support[evidence_.observations[i].reference] += model.weights.observation[i];
+  for (size_t k = 0; k < evidence_.keypoints.size(); ++k) {
+    const auto [block, lane] = model.blocks.PlaceOf(k);
+    const KeypointObservations& keypoint = evidence_.keypoints[k];
+    for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
+      support[static_cast<size_t>(evidence_.observations[i].reference)] +=
+          model.blocks.ObservationAt(block, i - keypoint.first_observation).weight[lane];
+    }
+    for (int i = keypoint.first_unanchored; i < keypoint.end_unanchored; ++i) {
+      support[model.UnanchoredFrame()] +=
+          model.blocks.UnanchoredAt(block, i - keypoint.first_unanchored).weight[lane];
+    }
   }
-  for (const double weight : model.weights.unanchored) support[model.UnanchoredFrame()] += weight;
   for (size_t r = 0; r < column_.size(); ++r) {
     if (support[r] < 1) continue;
     column_[r] = num_columns_;
@@ -332,34 +420,6 @@ void JointSystem::UpdateReferenceVariances(const MatrixXd& covariance, JointMode
 
 double JointSystem::AngleVariance(const JointNoise& noise) const {
   return noise.keypoint_px2 / (evidence_.focal_px * evidence_.focal_px);
-}
-
-FocalEquations JointSystem::LinearizeWithFocal(const JointModel& model,
-                                               const NormalizedPriors& pose_priors) {
-  FocalEquations equations;
-  equations.gradient = Linearize(model, pose_priors);
-  equations.hessian = hessian_;
-  equations.mixed = VectorXd::Zero(num_columns_);
-  for (size_t k = 0; k < schur_blocks_.size(); ++k) {
-    SchurBlock& block = schur_blocks_[k];
-    if (!block.used) continue;
-    const QueryTerm query = model.QueryTermOf(k);
-    const Eigen::Vector2d& by_focal = evidence_.keypoints[k].px_by_log_focal;
-    Vector4d& by_point = block.by_focal;
-    by_point << query.weight * query.jacobian.transpose() * by_focal, 0;
-    const Vector4d solved = block.covariance * by_point;
-    equations.slope +=
-        query.weight * by_focal.dot(query.seen.error_px) - solved.dot(block.gradient);
-    equations.curvature += query.weight * by_focal.squaredNorm() - solved.dot(by_point);
-    const auto add_mixed = [&](const Vector4d& mixed, int column) {
-      AddDisplacedGradient(mixed, model.keypoints[k].point, equations.mixed.segment<7>(column));
-    };
-    add_mixed(by_point - block.query.hessian.leftCols<3>() * solved.head<3>(), 0);
-    for (const FrameTerm& frame : block.references) {
-      add_mixed(-frame.coupling.transpose() * solved, frame.column);
-    }
-  }
-  return equations;
 }
 
 }  // namespace raylift

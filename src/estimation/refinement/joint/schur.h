@@ -31,20 +31,19 @@ class JointSystem {
   static constexpr int kQueryColumns = 7;
 
   JointSystem(const KeypointEvidence& evidence, const NoisePrior& prior)
-      : evidence_(evidence),
-        prior_(prior),
-        column_(evidence.centers.size(), -1),
-        schur_blocks_(evidence.keypoints.size()) {}
+      : evidence_(evidence), prior_(prior), column_(evidence.centers.size(), -1) {}
 
   bool HasReferences() const { return num_columns_ > kQueryColumns; }
   int num_columns() const { return num_columns_; }
   // The Hessian of all frames after Linearize(); empty before it.
   const Eigen::MatrixXd& hessian() const { return hessian_; }
-  // The gradient of each cell of the query's images, in a column.
-  const Eigen::MatrixXd& cell_gradients() const { return cell_gradients_; }
+  // Returns the gradient of each cell of the query's images, in a column, as of Linearize().
+  Eigen::MatrixXd CellGradients(const JointModel& model) const;
 
   // Fills the normal equations, and returns their gradient.
-  Eigen::VectorXd Linearize(const JointModel& model, const NormalizedPriors& pose_priors);
+  Eigen::VectorXd Linearize(const NormalizedPriors& pose_priors, JointModel& model);
+  // Does so with the logarithm of the query's focal length as one more unknown.
+  FocalEquations LinearizeWithFocal(const NormalizedPriors& pose_priors, JointModel& model);
 
   // Moves the references, and then the points, by a step of all frames (and of the focal length's
   // logarithm, after LinearizeWithFocal()); the query has moved already.
@@ -62,35 +61,23 @@ class JointSystem {
   // `covariance` is the inverse Hessian.
   void UpdateReferenceVariances(const Eigen::MatrixXd& covariance, JointModel& model) const;
 
-  // Linearizes with the logarithm of the query's focal length as one more unknown.
-  FocalEquations LinearizeWithFocal(const JointModel& model, const NormalizedPriors& pose_priors);
-
  private:
-  // A frame's evidence on a keypoint, linearized.
+  // What a frame with columns shows of a keypoint, linearized.
   struct FrameTerm {
     int column;  // of the frame's first unknown
     Quadratic cost;
-    // d^2 cost / d (point, common error) d (displacement, scale); the query has the mean distance
-    // in place of a scale.
-    Eigen::Matrix4d coupling;
-  };
-  // Moves a keypoint's point after a step of the frames.
-  struct SchurBlock {
-    bool used = false;
-    Eigen::Matrix4d covariance;  // H_pp^-1
-    Eigen::Vector4d gradient;    // g_p
-    // d^2 cost / d p d focal length's logarithm, by LinearizeWithFocal() alone.
-    Eigen::Vector4d by_focal;
-    Quadratic query;  // the query's cost; its coupling has no row of the common error
-    std::vector<FrameTerm> references;  // those with columns, one term each
   };
 
-  // Fills a keypoint's block; false where nothing tells of its point.
-  bool LinearizeKeypoint(const JointModel& model, size_t index);
-  // Adds what a reference says of a keypoint to that reference's term.
-  static void AddToReference(int column, const Quadratic& cost, SchurBlock& block);
-  // Adds the keypoint's part, its point eliminated, to the lower triangle of the Hessian.
-  void AddEliminated(const JointModel& model, size_t index);
+  enum class FocalLength { kKnown, kUnknown };
+
+  FocalEquations LinearizeKeypoints(const NormalizedPriors& pose_priors, FocalLength focal_length,
+                                    JointModel& model);
+  // Returns the terms of a keypoint's references with columns, as of Linearize().
+  std::vector<FrameTerm> TermsOf(const JointModel& model, size_t keypoint) const;
+  // Adds the references' part of a keypoint, its point eliminated, to the equations and to the lower
+  // triangle of the Hessian.
+  void AddReferenceTerms(const JointModel& model, FocalLength focal_length, size_t keypoint,
+                         FocalEquations& equations);
   void AddPosePriors(const JointModel& model, const NormalizedPriors& pose_priors,
                      Eigen::VectorXd& gradient);
   void AddReferencePriors(const JointModel& model, Eigen::VectorXd& gradient);
@@ -102,10 +89,7 @@ class JointSystem {
   const NoisePrior& prior_;
   std::vector<int> column_;  // of each reference's first unknown; -1: it has none
   int num_columns_ = kQueryColumns;
-  std::vector<SchurBlock> schur_blocks_;
-  Matrix7d query_hessian_ = Matrix7d::Zero();  // the query's block, while it is being summed
   Eigen::MatrixXd hessian_;
-  Eigen::MatrixXd cell_gradients_;
 };
 
 }  // namespace raylift
