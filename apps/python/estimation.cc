@@ -324,6 +324,18 @@ determine the pose.)")
       .def_property_readonly(
           "inliers_2d2d", [](const PoseEstimate& e) { return ToArray(e.inliers_2d2d); },
           "Which 2D-2D matches agree with the pose (M,), bool.")
+      .def_property_readonly(
+          "inlier_mask",
+          [](const PoseEstimate& e) {
+            std::vector<bool> all = e.inliers_2d3d;
+            all.insert(all.end(), e.inliers_2d2d.begin(), e.inliers_2d2d.end());
+            return ToArray(all);
+          },
+          "Which matches agree with the pose (N + M,), bool: inliers_2d3d and inliers_2d2d.")
+      .def_property_readonly(
+          "num_inliers",
+          [](const PoseEstimate& e) { return e.score_2d3d.num_inliers + e.score_2d2d.num_inliers; },
+          "Of both kinds of matches.")
       .def_property_readonly("num_inliers_2d3d",
                              [](const PoseEstimate& e) { return e.score_2d3d.num_inliers; })
       .def_property_readonly("num_inliers_2d2d",

@@ -125,6 +125,28 @@ std::string PoseText(const Rigid3& pose) {
                      FormatDouble(t[1]), FormatDouble(t[2]));
 }
 
+Eigen::Matrix<double, 7, 1> Numbers(const Rigid3& pose) {
+  Eigen::Matrix<double, 7, 1> numbers;
+  numbers << QvecWxyz(pose), pose.translation;
+  return numbers;
+}
+
+Eigen::Matrix4d Matrix4(const Rigid3& pose) {
+  Eigen::Matrix4d matrix = Eigen::Matrix4d::Identity();
+  matrix.topLeftCorner<3, 3>() = pose.rotation.toRotationMatrix();
+  matrix.topRightCorner<3, 1>() = pose.translation;
+  return matrix;
+}
+
+py::array_t<double> TransformPoints(const Rigid3& pose, const ArrayLike& points) {
+  const auto one = internal::ArrayOf<double>(points, "points", "an array of shape (N, 3) or (3,)");
+  if (one.ndim() == 1 && one.shape(0) == 3) {
+    return ToArray(Eigen::Vector3d(pose * Eigen::Map<const Eigen::Vector3d>(one.data())));
+  }
+  const Rows<3> rows(points, "points");
+  return MakeRows(rows.size(), 3, [&](size_t i) { return pose * rows[i]; });
+}
+
 void BindRigid3(py::module_& module) {
   py::class_<Rigid3>(
       module, "Rigid3",
@@ -154,30 +176,36 @@ void BindRigid3(py::module_& module) {
           "rotation", [](const Rigid3& pose) { return ToArray(pose.rotation.toRotationMatrix()); },
           "The rotation as a 3 x 3 matrix.")
       .def_property_readonly(
-          "matrix",
-          [](const Rigid3& pose) {
-            Eigen::Matrix4d matrix = Eigen::Matrix4d::Identity();
-            matrix.topLeftCorner<3, 3>() = pose.rotation.toRotationMatrix();
-            matrix.topRightCorner<3, 1>() = pose.translation;
-            return ToArray(matrix);
-          },
-          "4 x 4.")
+          "matrix", [](const Rigid3& pose) { return ToArray(Matrix4(pose)); }, "4 x 4.")
       .def_property_readonly(
           "center", [](const Rigid3& pose) { return ToArray(pose.OriginInSource()); },
           "Of cam_from_world: the camera's center in the world (3,).")
       .def(
           "inverse", [](const Rigid3& pose) { return pose.Inverse(); }, "source_from_target.")
+      .def("transform", &TransformPoints, py::arg("points"),
+           "Points (N, 3), or one (3,), of the source in the target's frame.")
       .def(
-          "transform",
-          [](const Rigid3& pose, const ArrayLike& points) {
-            const Rows<3> rows(points, "points");
-            return MakeRows(rows.size(), 3, [&](size_t i) { return pose * rows[i]; });
+          "__mul__", [](const Rigid3& a, const Rigid3& b) { return a * b; }, py::arg("other"),
+          py::is_operator())
+      .def("__mul__", &TransformPoints, py::arg("other"), py::is_operator(),
+           "With another motion, or with points (3,) or (N, 3) of the source.")
+      .def(
+          "__matmul__", [](const Rigid3& a, const Rigid3& b) { return a * b; }, py::arg("other"),
+          py::is_operator())
+      .def(
+          "__eq__",
+          [](const Rigid3& a, const py::object& b) {
+            return py::isinstance<Rigid3>(b) && Numbers(a) == Numbers(b.cast<Rigid3>());
           },
-          py::arg("points"), "Points (N, 3) of the source in the target's frame.")
+          py::arg("other"), "Equal in every number; poses that are computed differ by rounding.")
+      .def("__hash__", [](const Rigid3& pose) { return std::hash<std::string>()(PoseText(pose)); })
       .def(
-          "__mul__", [](const Rigid3& a, const Rigid3& b) { return a * b; }, py::arg("other"))
-      .def(
-          "__matmul__", [](const Rigid3& a, const Rigid3& b) { return a * b; }, py::arg("other"))
+          "__array__",
+          [](const Rigid3& pose, const py::object& dtype, const py::object&) -> py::object {
+            const py::object matrix = ToArray(Matrix4(pose));
+            return dtype.is_none() ? matrix : matrix.attr("astype")(dtype);
+          },
+          py::arg("dtype") = py::none(), py::arg("copy") = py::none(), "The matrix, 4 x 4.")
       .def("__repr__", &PoseText)
       .def(py::pickle(
           [](const Rigid3& pose) {

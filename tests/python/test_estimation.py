@@ -63,6 +63,23 @@ def test_result():
     assert "localized" in repr(estimate)
 
 
+def test_names_of_pycolmap_and_poselib():
+    problem = Problem(wrong=0)
+    mine = raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d)
+    theirs = raylift.estimate_pose(camera=CAMERA, points2D=problem.points2d, points3D=problem.points3d)
+    assert theirs.cam_from_world == mine.cam_from_world
+    assert mine.num_inliers == mine.inlier_mask.sum() == mine.num_inliers_2d3d
+    both = raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d, **problem.pairs)
+    assert both.num_inliers == both.inlier_mask.sum() == both.num_inliers_2d3d + both.num_inliers_2d2d
+    with pytest.raises(raylift.InputError, match="points2d and points2D: expected one"):
+        raylift.estimate_pose(CAMERA, problem.points2d, points2D=problem.points2d, points3d=problem.points3d)
+
+    near = raylift.Rigid3(problem.truth.qvec, problem.truth.tvec + 0.01)
+    refined = raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d, initial_pose=near)
+    problem.expect_near(refined)
+    assert refined.iterations == 0
+
+
 def test_no_pose_is_a_result():
     estimate = raylift.estimate_pose(CAMERA, [[1, 2]], [[1, 2, 3]])
     assert isinstance(estimate, raylift.PoseEstimate)

@@ -105,3 +105,18 @@ def test_posed_images_of_many_kinds():
     assert again.cam_from_world.matrix.tolist() == P.matrix.tolist()
     with pytest.raises(raylift.InputError, match="reference"):
         raylift.PoseProblem(CAMERA, references=[3])
+
+
+def test_poses_do_as_those_of_pycolmap_do():
+    pose = raylift.Rigid3([1, 0.1, 0.2, 0.3], [1, 2, 3])
+    points = np.array([[0.0, 0, 1], [2, 3, 4]])
+    assert (pose * points).tolist() == pose.transform(points).tolist()
+    assert (pose * points[1]).tolist() == pose.transform(points)[1].tolist() == pose.transform(points[1]).tolist()
+    assert (pose * pose.inverse()).matrix == pytest.approx(np.eye(4), abs=1e-12)
+    assert np.asarray(pose).tolist() == pose.matrix.tolist() and np.asarray(pose, np.float32).dtype == np.float32
+    assert pose == raylift.Rigid3([1, 0.1, 0.2, 0.3], [1, 2, 3]) and pose != raylift.Rigid3() and pose != 5
+    assert len({pose, raylift.Rigid3.of(pose)}) == 1
+    with pytest.raises(raylift.InputError, match=r"points: expected an array of shape \(N, 3\)"):
+        pose.transform([[1, 2]])
+    with pytest.raises(TypeError):
+        5 @ pose

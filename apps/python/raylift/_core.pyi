@@ -104,7 +104,17 @@ class Rigid3:
         """
         From anything that an argument `pose` may be.
         """
+    def __array__(self, dtype: typing.Any = None, copy: typing.Any = None) -> numpy.typing.NDArray[typing.Any]:
+        """
+        The matrix, 4 x 4.
+        """
+    def __eq__(self, other: typing.Any) -> bool:
+        """
+        Equal in every number; poses that are computed differ by rounding.
+        """
     def __getstate__(self) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]:
+        ...
+    def __hash__(self) -> int:
         ...
     @typing.overload
     def __init__(self, rotation: numpy.typing.ArrayLike, translation: numpy.typing.ArrayLike) -> None:
@@ -120,8 +130,14 @@ class Rigid3:
         """
     def __matmul__(self, other: Rigid3) -> Rigid3:
         ...
+    @typing.overload
     def __mul__(self, other: Rigid3) -> Rigid3:
         ...
+    @typing.overload
+    def __mul__(self, other: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        With another motion, or with points (3,) or (N, 3) of the source.
+        """
     def __repr__(self) -> str:
         ...
     def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None:
@@ -132,7 +148,7 @@ class Rigid3:
         """
     def transform(self, points: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.float64]:
         """
-        Points (N, 3) of the source in the target's frame.
+        Points (N, 3), or one (3,), of the source in the target's frame.
         """
     @property
     def center(self) -> numpy.typing.NDArray[numpy.float64]:
@@ -302,6 +318,11 @@ class PoseEstimate:
         Of the query: one counts once, in however many references.
         """
     @property
+    def inlier_mask(self) -> numpy.typing.NDArray[numpy.bool_]:
+        """
+        Which matches agree with the pose (N + M,), bool: inliers_2d3d and inliers_2d2d.
+        """
+    @property
     def inliers_2d2d(self) -> numpy.typing.NDArray[numpy.bool]:
         """
         Which 2D-2D matches agree with the pose (M,), bool.
@@ -320,6 +341,11 @@ class PoseEstimate:
     def noise(self) -> typing.Any:
         """
         What Adaptive found the matches to be worth (standard deviations), or None.
+        """
+    @property
+    def num_inliers(self) -> int:
+        """
+        Of both kinds of matches.
         """
     @property
     def num_inliers_2d2d(self) -> int:
@@ -646,7 +672,7 @@ class Localizer:
     """
     Localizes photographs in a scene. Thread safe.
     """
-    def __init__(self, scene: Scene, *, reference_features: dict[str, typing.Any] = {}, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing_extensions.Unpack[raylift._types.LocalizerOptions]) -> None:
+    def __init__(self, scene: Scene, *, reference_features: dict[str, typing.Any] = {}, extractor: raylift._types.Extractor | None = None, matcher: raylift._types.Matcher | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing_extensions.Unpack[raylift._types.LocalizerOptions]) -> None:
         """
         Options as of `raylift localize`, with its defaults: those of raylift.estimate_pose(), and
         filter="off", filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8,
@@ -660,6 +686,18 @@ class Localizer:
 
         reference_features: features of one's own, a dict by the references' names of dicts with
         keypoints (N, 2) and descriptors (N, D) of unit length; their photographs are not read.
+
+        extractor: called with each photograph (H, W, 3) uint8, RGB, in place of RootSIFT: OpenCV's
+        Feature2D, or a callable that returns a dict or pair of keypoints and descriptors. Its
+        features are cached under its extractor_name.
+
+        matcher: called with a query's photograph and a reference's that RootSIFT and VLAD
+        retrieved: returns rows (N, 4) of pixels, a pair of (N, 2), or a dict as LoFTR, SuperGlue
+        or image-matching-models return; with an extractor, it is called with what that returned,
+        may return indices (K, 2) of keypoints, and OpenCV's DescriptorMatcher is one.
+
+        Both are called one at a time; their pixels count as first_pixel says, by default as
+        OpenCV's, whose first pixel's center is (0, 0).
 
         Raises OptionError for an option out of range.
         """

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
     from typing_extensions import Unpack
 
-    from ._types import CameraLike, EstimatorOptions, PosedImageLike
+    from ._types import CameraLike, EstimatorOptions, PosedImageLike, PoseLike
 
 
 def estimate_pose(
@@ -32,7 +32,10 @@ def estimate_pose(
     reference_clusters: Sequence[int] = (),
     position_prior: Optional[Tuple[ArrayLike, ArrayLike]] = None,
     gravity_prior: Optional[Tuple[ArrayLike, ArrayLike, float]] = None,
+    initial_pose: Optional[PoseLike] = None,
     name: str = "",
+    points2D: Optional[ArrayLike] = None,
+    points3D: Optional[ArrayLike] = None,
     **options: Unpack[EstimatorOptions],
 ) -> _core.PoseEstimate:
     """The pose of a photograph from its 2D-3D matches, its 2D-2D matches with photographs whose poses
@@ -53,6 +56,8 @@ def estimate_pose(
     position_prior: (position, sigma) of the camera's center in the world, sigma one number or one per
         axis; 0: exact.
     gravity_prior: (down_in_cam, down_in_world, sigma_deg), directions of any length.
+    initial_pose: cam_from_world near which the pose is; RANSAC is then left out, as in refine_pose().
+    points2D, points3D: points2d and points3d by the names that pycolmap and PoseLib give them.
     name: the photograph's; random choices depend on it and on `seed` alone.
     options: as of `raylift estimate`, with its defaults: method="adaptive" (or "p3p", "e5p1", "d3p1",
         "select", "hybrid_ransac", "hloc"), score="sum_msac", lo="hybrid", alpha=0.8, refinement="robust",
@@ -66,8 +71,8 @@ def estimate_pose(
     """
     problem = _core.PoseProblem(
         camera,
-        points2d,
-        points3d,
+        _either("points2d", points2d, "points2D", points2D),
+        _either("points3d", points3d, "points3D", points3D),
         point_sigmas=point_sigmas,
         point_references=point_references,
         point_keypoints=point_keypoints,
@@ -84,4 +89,13 @@ def estimate_pose(
         gravity_prior=gravity_prior,
         name=name,
     )
+    if initial_pose is not None:
+        return _core.refine_pose(problem, initial_pose, **options)
     return _core.estimate(problem, **options)
+
+
+def _either(name: str, value: Optional[ArrayLike], other_name: str,
+            other: Optional[ArrayLike]) -> Optional[ArrayLike]:
+    if value is not None and other is not None:
+        raise _core.InputError(f"{name} and {other_name}: expected one of them, found both")
+    return other if value is None else value
