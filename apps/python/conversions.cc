@@ -262,6 +262,12 @@ Image ToImage(const ArrayLike& argument) {
           .data = {data, data + array.size()}};
 }
 
+py::array_t<uint8_t> ToArray(Image image) {
+  std::vector<py::ssize_t> shape{image.height_px, image.width_px};
+  if (image.channels > 1) shape.push_back(image.channels);
+  return HandOver(std::move(image.data), shape);
+}
+
 void Keywords::Take(std::span<const Field> fields) {
   for (const Field& field : fields) {
     const char* name = field.name.data();  // of a literal: it ends in a zero

@@ -28,6 +28,7 @@
 #include "raylift/base/error.h"
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
+#include "raylift/scene/features.h"
 #include "raylift/scene/image.h"
 #include "raylift/scene/photographs.h"
 
@@ -45,6 +46,11 @@
     static constexpr auto name = const_name(shown);                   \
   };
 
+namespace raylift {
+struct FrontEndOptions;
+struct MatchReading;
+}  // namespace raylift
+
 namespace raylift::python {
 inline bool IsSomething(PyObject* object) { return object != Py_None; }
 }  // namespace raylift::python
@@ -55,6 +61,8 @@ RAYLIFT_PYTHON_ARGUMENT(PoseLike, IsSomething, "raylift._types.PoseLike")
 RAYLIFT_PYTHON_ARGUMENT(PosedImageLike, IsSomething, "raylift._types.PosedImageLike")
 RAYLIFT_PYTHON_ARGUMENT(PathLike, IsSomething, "raylift._types.PathLike")
 RAYLIFT_PYTHON_ARGUMENT(ModelLike, IsSomething, "raylift._types.ModelLike")
+RAYLIFT_PYTHON_ARGUMENT(ExtractorLike, IsSomething, "raylift._types.Extractor")
+RAYLIFT_PYTHON_ARGUMENT(MatcherLike, IsSomething, "raylift._types.Matcher")
 // Called with (done, total, what), from any thread.
 RAYLIFT_PYTHON_ARGUMENT(ProgressCall, PyCallable_Check, "raylift._types.Progress")
 
@@ -76,6 +84,13 @@ std::vector<PosedImage> ToPosedImages(const std::vector<PosedImageLike>& images)
 std::filesystem::path ToPath(const PathLike& path, std::string_view name);
 // uint8: height x width, or height x width x 3 (red, green, blue).
 Image ToImage(const ArrayLike& array);
+py::array_t<uint8_t> ToArray(Image image);
+// From a mapping with keypoints (N, 2) and descriptors (N, D).
+Features ToFeatures(const py::object& mapping, PlaneSize size);
+// Lets the front end extract and match by what Python gave.
+void UseOwn(const std::optional<ExtractorLike>& extractor,
+            const std::optional<MatcherLike>& matcher, const MatchReading& reading,
+            FrontEndOptions* options);
 
 namespace internal {
 [[noreturn]] void ThrowNotNumbers(std::string_view name, std::string_view expected,
@@ -198,6 +213,7 @@ void BindMesh(py::module_& module);
 void BindRendering(py::module_& module);
 void BindLifting(py::module_& module);
 void BindLocalization(py::module_& module);
+void BindFeatures(py::module_& module);
 void BindIo(py::module_& module);
 
 // The value of an enum by its name on the command line.

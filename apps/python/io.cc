@@ -348,9 +348,7 @@ deflate_npz=False; layer. Returns a dict: bytes, dropped values, max_rounding.)"
       "read_image",
       [](const PathLike& file) {
         const std::filesystem::path path = ToPath(file, "file");
-        Image image = WithoutLock([&] { return ReadImage(path, ImageChannels::kRgb); });
-        const py::ssize_t height = image.height_px, width = image.width_px;
-        return HandOver(std::move(image.data), {height, width, 3});
+        return ToArray(WithoutLock([&] { return ReadImage(path, ImageChannels::kRgb); }));
       },
       py::arg("file"),
       "A photograph (height, width, 3), uint8, RGB, without turning it by its tags.");

@@ -140,44 +140,6 @@ InputError where a file cannot be read.)")
       });
 }
 
-// A mapping with keypoints (N, 2) and, where they are to be matched, descriptors (N, D).
-Features ToFeatures(const py::object& mapping, const Camera& camera) {
-  const auto item = [&](const char* key) -> py::object {
-    return mapping.attr("get")(py::str(key));
-  };
-  const py::object keypoints = item("keypoints"), descriptors = item("descriptors");
-  if (keypoints.is_none() || descriptors.is_none()) {
-    throw InputError("features: expected keypoints (N, 2) and descriptors (N, D)");
-  }
-  Features features;
-  features.image_width_px = camera.width_px();
-  features.image_height_px = camera.height_px();
-  features.keypoints_px =
-      Rows<2>(py::reinterpret_borrow<ArrayLike>(keypoints), "features, keypoints").ToVector();
-  const std::string expected =
-      fmt::format("an array of shape ({}, D)", features.keypoints_px.size());
-  const auto rows = internal::ArrayOf<float>(py::reinterpret_borrow<ArrayLike>(descriptors),
-                                             "features, descriptors", expected);
-  if (rows.ndim() != 2 || static_cast<size_t>(rows.shape(0)) != features.keypoints_px.size()) {
-    internal::ThrowShape("features, descriptors", expected, rows);
-  }
-  features.descriptors =
-      Eigen::Map<const Eigen::MatrixXf>(rows.data(), rows.shape(1), rows.shape(0));
-  return features;
-}
-
-py::dict ToDict(const Features& features) {
-  py::dict dict;
-  dict["keypoints"] =
-      MakeRows(features.keypoints_px.size(), 2, [&](size_t i) { return features.keypoints_px[i]; });
-  py::array_t<float> descriptors(
-      {py::ssize_t{features.descriptors.cols()}, py::ssize_t{features.descriptors.rows()}});
-  std::copy_n(features.descriptors.data(), features.descriptors.size(), descriptors.mutable_data());
-  dict["descriptors"] = descriptors;
-  dict["scores"] = py::array_t<float>(std::ssize(features.scores), features.scores.data());
-  return dict;
-}
-
 bool IsMapping(const py::object& object) {
   return PyMapping_Check(object.ptr()) != 0 && py::hasattr(object, "keys");
 }
@@ -192,7 +154,9 @@ LocalizerOptions TakeLocalizerOptions(Keywords& keywords) {
   return options;
 }
 
-MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene) {
+MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene,
+                                    const std::optional<ExtractorLike>& extractor,
+                                    const std::optional<MatcherLike>& matcher) {
   MatchingOptions options;
   HlocFiles files;
   keywords.Take("features", files.features);
@@ -202,6 +166,7 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene) {
   keywords.Take("max_features", options.front_end.max_features);
   keywords.Take("max_ratio", options.front_end.max_ratio);
   keywords.Take("cache", options.front_end.cache);
+  keywords.Take("extractor_name", options.front_end.extractor_name);
   keywords.Take("query_images", options.front_end.query_images);
   const bool any = !files.features.empty() || !files.matches.empty() || !files.pairs.empty();
   const bool all = StandAlone(files.matches)
@@ -212,6 +177,10 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene) {
         "features, matches and pairs go together, but for matches that are COLMAP's database or a "
         "folder of pairs");
   }
+  if (any && (extractor || matcher)) {
+    throw OptionError(
+        "an extractor or matcher makes matches, which features, matches and pairs give");
+  }
   if (any) options.hloc = files;
   keywords.Take("min_match_score", options.reading.min_score);
   keywords.Take("first_pixel", options.reading.first_pixel);
@@ -220,6 +189,7 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene) {
   RequireAtLeast("top_k", options.top_k, 1);
   RequireAtLeast("max_features", options.front_end.max_features, 1);
   if (options.front_end.query_images.empty()) options.front_end.query_images = scene.images;
+  UseOwn(extractor, matcher, options.reading, &options.front_end);
   return options;
 }
 
@@ -227,12 +197,13 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene) {
 // query needs them.
 class SceneLocalizer {
  public:
-  SceneLocalizer(ScenePointer scene, const py::dict& reference_features, int threads,
-                 const py::kwargs& given)
+  SceneLocalizer(ScenePointer scene, const py::dict& reference_features,
+                 const std::optional<ExtractorLike>& extractor,
+                 const std::optional<MatcherLike>& matcher, int threads, const py::kwargs& given)
       : scene_(std::move(scene)), threads_(threads) {
     Keywords keywords(given);
     options_ = TakeLocalizerOptions(keywords);
-    matching_ = TakeMatchingOptions(keywords, *scene_);
+    matching_ = TakeMatchingOptions(keywords, *scene_, extractor, matcher);
     std::filesystem::path calibration;
     keywords.Take("scene_calibration", calibration);
     keywords.RequireAllTaken();
@@ -243,7 +214,8 @@ class SceneLocalizer {
     for (const PosedImage& image : scene_->references.images) {
       if (!reference_features.contains(image.name)) continue;
       matching_.front_end.features.emplace(
-          image.name, ToFeatures(reference_features[py::str(image.name)], image.camera));
+          image.name, ToFeatures(reference_features[py::str(image.name)],
+                                 {image.camera.width_px(), image.camera.height_px()}));
     }
     // Options out of their range are told now.
     Localizer(scene_, nullptr, options_);
@@ -295,7 +267,8 @@ ResultPointer LocalizeOne(SceneLocalizer& localizer, const py::object& query,
       return std::make_shared<QueryResult>(localizer.ForQueries().Localize(asked, what));
     });
   };
-  if (IsMapping(query)) return run(ToFeatures(query, asked.camera));
+  if (IsMapping(query))
+    return run(ToFeatures(query, {asked.camera.width_px(), asked.camera.height_px()}));
   if (py::isinstance<py::str>(query) || py::hasattr(query, "__fspath__")) {
     const std::filesystem::path file = ToPath(py::reinterpret_borrow<PathLike>(query), "query");
     return run(WithoutLock([&] { return ReadImage(file, ImageChannels::kRgb); }));
@@ -440,12 +413,15 @@ void BindLocalization(py::module_& module) {
   py::class_<SceneLocalizer, std::shared_ptr<SceneLocalizer>>(
       module, "Localizer", "Localizes photographs in a scene. Thread safe.")
       .def(
-          py::init([](ScenePointer scene, const py::dict& reference_features, int threads,
+          py::init([](ScenePointer scene, const py::dict& reference_features,
+                      const std::optional<ExtractorLike>& extractor,
+                      const std::optional<MatcherLike>& matcher, int threads,
                       const py::kwargs& options) {
-            return std::make_shared<SceneLocalizer>(std::move(scene), reference_features, threads,
-                                                    options);
+            return std::make_shared<SceneLocalizer>(std::move(scene), reference_features, extractor,
+                                                    matcher, threads, options);
           }),
           py::arg("scene").none(false), py::kw_only(), py::arg("reference_features") = py::dict(),
+          py::arg("extractor") = py::none(), py::arg("matcher") = py::none(),
           py::arg("threads") = 0,
           R"(Options as of `raylift localize`, with its defaults: those of raylift.estimate_pose(), and
 filter="off", filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8,
@@ -459,6 +435,18 @@ scene_calibration: the file that `raylift calibrate` or write_calibration() wrot
 
 reference_features: features of one's own, a dict by the references' names of dicts with
 keypoints (N, 2) and descriptors (N, D) of unit length; their photographs are not read.
+
+extractor: called with each photograph (H, W, 3) uint8, RGB, in place of RootSIFT: OpenCV's
+Feature2D, or a callable that returns a dict or pair of keypoints and descriptors. Its
+features are cached under its extractor_name.
+
+matcher: called with a query's photograph and a reference's that RootSIFT and VLAD
+retrieved: returns rows (N, 4) of pixels, a pair of (N, 2), or a dict as LoFTR, SuperGlue
+or image-matching-models return; with an extractor, it is called with what that returned,
+may return indices (K, 2) of keypoints, and OpenCV's DescriptorMatcher is one.
+
+Both are called one at a time; their pixels count as first_pixel says, by default as
+OpenCV's, whose first pixel's center is (0, 0).
 
 Raises OptionError for an option out of range.)")
       .def(
@@ -498,18 +486,7 @@ query a match is of.)")
            py::arg("progress") = py::none(),
            "Each reference as a query of the others: what is to be expected where no query's pose\n"
            "is known. Returns a dict by name.");
-  module.def(
-      "extract_features",
-      [](const ArrayLike& image, int max_features) {
-        const Image photograph = ToImage(image);
-        RequireAtLeast("max_features", max_features, 1);
-        return ToDict(
-            WithoutLock([&] { return ExtractFrontEndFeatures(photograph, max_features); }));
-      },
-      py::arg("image"), py::kw_only(), py::arg("max_features") = 4096,
-      "RootSIFT features of a photograph, (H, W) or (H, W, 3) uint8: a dict with keypoints (N, "
-      "2),\n"
-      "descriptors (N, 128) float32 of unit length, scores (N,).");
+  BindFeatures(module);
 }
 
 }  // namespace raylift::python

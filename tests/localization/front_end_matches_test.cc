@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "raylift/io/hloc_files.h"
+#include "raylift/io/image_file.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
@@ -41,6 +42,44 @@ TEST(FrontEndMatches, KeypointsAreTheFeaturesAndSeveralAtOnePlaceAreTheFirst) {
     expect_keypoint(of_references[static_cast<size_t>(match.reference)], match.reference_keypoint,
                     match.reference_px);
   }
+}
+
+// A matcher of one's own sees the files of what was retrieved, and pixels where they are in memory.
+TEST(FrontEndMatches, OwnMatchersMatchWhatIsRetrieved) {
+  const RoomScene scene = WriteRoomScene(TestFolder(), {.matches = false, .pictures = true});
+  const std::vector<Query> queries = ReadQueryList(scene.query_list());
+  std::vector<std::string> in_memory;
+  FrontEndOptions options{.reference_images = scene.images(),
+                          .query_images = scene.images(),
+                          .top_k = 2,
+                          .max_features = 300};
+  options.matcher = [&](const Photograph& query, std::span<const Photograph> references) {
+    if (query.pixels != nullptr) in_memory.push_back(query.name);
+    EXPECT_EQ(query.file, scene.images() / query.name);
+    std::vector<PixelMatches> matches;
+    for (const Photograph& reference : references) {
+      EXPECT_TRUE(std::filesystem::exists(reference.file)) << reference.file;
+      const auto x = static_cast<double>(matches.size());
+      matches.push_back({.query_px = {{7, 8}, {x, 9}, {3, 4}},
+                         .reference_px = {{x, 1}, {x, 2}, {x, 3}},
+                         .scores = {.9, .8, .1}});
+    }
+    return matches;
+  };
+  options.reading = {.min_score = .5};
+  const auto source =
+      MakeFrontEndMatches(options, LoadReferences(scene.model(), 1).references, queries);
+  const QueryMatches matches = source->Match(queries[0]);
+  ASSERT_EQ(matches.references.size(), 2u);
+  ASSERT_EQ(matches.matches.size(), 4u);
+  EXPECT_EQ(matches.matches[0].query_px, Eigen::Vector2d(7.5, 8.5));
+  EXPECT_EQ(matches.matches[3].reference_px, Eigen::Vector2d(1.5, 2.5));
+  EXPECT_EQ(matches.matches[0].query_keypoint, matches.matches[2].query_keypoint);
+  EXPECT_NE(matches.matches[0].query_keypoint, matches.matches[3].query_keypoint);
+  EXPECT_TRUE(in_memory.empty());
+  const Image photograph = ReadImage(scene.images() / queries[0].name, ImageChannels::kRgb);
+  EXPECT_EQ(source->MatchPhotograph(queries[0], photograph).matches.size(), 4u);
+  EXPECT_EQ(in_memory, std::vector<std::string>{queries[0].name});
 }
 
 }  // namespace

@@ -86,6 +86,25 @@ class Reconstruction(Protocol):
 
 
 ModelLike = Union[PathLike, Reconstruction]
+
+
+class OpenCvFeature2D(Protocol):
+    """cv2.SIFT_create(), cv2.ORB_create() and others."""
+
+    def detectAndCompute(self, image: Any, mask: Any, /) -> Any: ...
+
+
+class OpenCvMatcher(Protocol):
+    """cv2.BFMatcher and others."""
+
+    def match(self, query: Any, reference: Any, /) -> Any: ...
+
+
+Extractor = Union[Callable[[numpy.typing.NDArray[numpy.uint8]], Any], OpenCvFeature2D]
+"""Called with a photograph (H, W, 3): returns keypoints (N, 2) and descriptors (N, D), a dict or pair."""
+Matcher = Union[Callable[[Any, Any], Any], OpenCvMatcher]
+"""Called with the photographs of a query and a reference, or with their extractor's features: returns
+pixels (N, 4), or indices of keypoints (K, 2)."""
 Progress = Callable[[int, int, str], object]
 """Called with (done, total, what): 3 of 10 "queries"."""
 
@@ -143,6 +162,7 @@ class LocalizerOptions(EstimatorOptions, FilterThresholds, CandidateOptions, tot
     max_features: int
     max_ratio: float
     cache: PathLike
+    extractor_name: str
     query_images: PathLike
     min_match_score: float
     first_pixel: float

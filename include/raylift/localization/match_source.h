@@ -5,12 +5,15 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
 #include <span>
 #include <string>
 #include <vector>
+
+#include <Eigen/Core>
 
 #include "raylift/base/enum_names.h"
 #include "raylift/scene/features.h"
@@ -57,6 +60,41 @@ class MatchSource {
   virtual std::vector<std::string> Warnings() const = 0;
 };
 
+// How matches that are pixels or stand in files are taken.
+struct MatchReading {
+  // Matches of a lower score are left out; matches without scores count as 1, as in hloc.
+  std::optional<double> min_score = std::nullopt;
+  // Of pixels that are no features' (a folder of pairs, a matcher of one's own): where the matcher
+  // puts the center of the first pixel, between 0 and 1, and the side of the cells in which query pixels are one keypoint;
+  // 0: equal pixels alone are.
+  double first_pixel = 0;
+  double cell_px = 0;
+};
+// Throws OptionError.
+void Check(const MatchReading& reading);
+
+// What a matcher of one's own is given of a photograph.
+struct Photograph {
+  std::string name;
+  std::filesystem::path file;
+  const Image* pixels = nullptr;  // null: they are in the file
+};
+
+// Where a query and a reference show the same thing, row by row.
+struct PixelMatches {
+  std::vector<Eigen::Vector2d> query_px, reference_px;
+  std::vector<double> scores;  // empty: each counts as 1
+};
+
+// Matches a query with each of the references and returns as many PixelMatches, in their order.
+// Called from several threads; what it returns depends on the photographs alone.
+using PhotographMatcher = std::function<std::vector<PixelMatches>(
+    const Photograph& query, std::span<const Photograph> references)>;
+
+// Extracts features from a photograph, gray or RGB; called from several threads. Their size is set
+// by the caller.
+using FeatureExtractor = std::function<Features(const Image& photograph)>;
+
 // The built-in front end: RootSIFT features, retrieval by VLAD unless it is given, and mutual
 // nearest neighbors. All that other programs would bring, made from the photographs alone.
 
@@ -71,6 +109,14 @@ struct FrontEndOptions {
   int top_k = 10;
   int max_features = 4096;
   double max_ratio = 0.8;
+  // In place of RootSIFT, for retrieval and matching; `extractor_name` tells its features in the
+  // cache from those of others.
+  FeatureExtractor extractor = nullptr;
+  std::string extractor_name = {};
+  // In place of mutual nearest neighbors: the retrieved references are matched by it, and `reading`
+  // says how its pixels are taken.
+  PhotographMatcher matcher = nullptr;
+  MatchReading reading = {};
   uint64_t seed = 0;
   int threads = 0;
   bool show_progress = false;
@@ -161,19 +207,6 @@ struct JoiningQueries {
   std::span<const Query> queries = {};
   int max_joined = 0;
 };
-
-// How matches that stand in files are taken.
-struct MatchReading {
-  // Matches of a lower score are left out; matches without scores count as 1, as in hloc.
-  std::optional<double> min_score = std::nullopt;
-  // In a folder of pairs, whose pixels are no features: where the matcher puts the center of the
-  // first pixel, between 0 and 1, and the side of the cells in which query pixels are one keypoint;
-  // 0: equal pixels alone are.
-  double first_pixel = 0;
-  double cell_px = 0;
-};
-// Throws OptionError.
-void Check(const MatchReading& reading);
 
 // The matches of a scene's queries by whatever there is: hloc's files, COLMAP's database, a folder
 // of pairs, or the built-in front end with any kind of retrieval.

@@ -133,12 +133,12 @@ std::string NameIn(std::string_view line) {
 }
 
 // As they are read back from the cache.
-std::map<std::string, Features> Extract(std::span<const Input> inputs, int max_features,
-                                        int threads, Progress& progress) {
+std::map<std::string, Features> Extract(std::span<const Input> inputs,
+                                        const FeatureCacheOptions& options, Progress& progress) {
+  const auto channels = options.extractor ? ImageChannels::kRgb : ImageChannels::kGray;
   std::vector<Features> extracted(inputs.size());
-  ParallelFor(inputs.size(), threads, [&](size_t i) {
-    extracted[i] = ExtractFrontEndFeatures(ReadImage(inputs[i].image.path, ImageChannels::kGray),
-                                           max_features);
+  ParallelFor(inputs.size(), options.threads, [&](size_t i) {
+    extracted[i] = ExtractAsStored(ReadImage(inputs[i].image.path, channels), options);
     progress.Advance();
   });
   std::map<std::string, Features> by_name;
@@ -154,8 +154,9 @@ class Cache {
  public:
   explicit Cache(const FeatureCacheOptions& options)
       : options_(options),
-        header_(fmt::format("rootsift version {} max_features {}", kExtractionVersion,
-                            options.max_features)) {
+        header_(options.extractor ? fmt::format("extractor {}", options.extractor_name)
+                                  : fmt::format("rootsift version {} max_features {}",
+                                                kExtractionVersion, options.max_features)) {
     std::error_code ignored;
     std::filesystem::create_directories(options.folder, ignored);
   }
@@ -184,7 +185,7 @@ class Cache {
                       options_.show_progress ? Progress::Show::kAuto : Progress::Show::kNever);
     for (size_t begin = 0; begin < inputs.size(); begin += kImagesPerPart) {
       const auto part = inputs.subspan(begin, std::min(kImagesPerPart, inputs.size() - begin));
-      const auto features = Extract(part, options_.max_features, options_.threads, progress);
+      const auto features = Extract(part, options_, progress);
       std::vector<std::string> lines;
       for (const Input& input : part) lines.push_back(input.line);
       const std::string list = ListOf(lines);
@@ -275,6 +276,14 @@ std::vector<Input> MissingIn(const Cache& cache, const std::vector<Input>& input
 
 }  // namespace
 
+Features ExtractAsStored(const Image& photograph, const FeatureCacheOptions& options) {
+  if (!options.extractor) return ExtractFrontEndFeatures(photograph, options.max_features);
+  Features features = options.extractor(photograph);
+  features.image_width_px = photograph.width_px;
+  features.image_height_px = photograph.height_px;
+  return AsStored(features, kHalfDescriptors);
+}
+
 Features ExtractFrontEndFeatures(const Image& photograph, int max_features) {
   return AsStored(ExtractRootSift(ToGray(photograph), {.max_features = max_features}),
                   kHalfDescriptors);
@@ -293,7 +302,7 @@ std::shared_ptr<const FeatureStore> ExtractOrReadFeatures(const std::vector<Imag
   if (options.folder.empty()) {
     Progress progress("images", inputs.size(),
                       options.show_progress ? Progress::Show::kAuto : Progress::Show::kNever);
-    auto extracted = Extract(inputs, options.max_features, options.threads, progress);
+    auto extracted = Extract(inputs, options, progress);
     for (auto& [name, features] : extracted) store->Add(name, std::move(features));
     return store;
   }

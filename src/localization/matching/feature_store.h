@@ -72,11 +72,13 @@ struct ImageFile {
 struct FeatureCacheOptions {
   std::filesystem::path folder;
   int max_features;
+  FeatureExtractor extractor;  // null: RootSIFT
+  std::string extractor_name;
   int threads;
   bool show_progress;
 };
 
-// The RootSIFT features of all images beside those that are `known`: read from `folder`/features.h5
+// The features of all images beside those that are `known`: read from `folder`/features.h5
 // where that was made from the same files (by size and time of change) with the same options, else
 // extracted and written there. In both cases they are the file's, so that a second run sees the
 // same numbers as the first. What is extracted is kept as it comes: a run that ends early loses the
@@ -84,6 +86,9 @@ struct FeatureCacheOptions {
 std::shared_ptr<const FeatureStore> ExtractOrReadFeatures(
     const std::vector<ImageFile>& images, const FeatureCacheOptions& options,
     std::map<std::string, Features> known = {});
+
+// The features of a photograph, rounded as a cache would store them.
+Features ExtractAsStored(const Image& photograph, const FeatureCacheOptions& options);
 
 // Extracts what is not kept in the folder yet of a shard's images. The last shard to end writes
 // features.h5; until then the folder holds the parts.

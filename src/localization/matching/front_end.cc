@@ -9,6 +9,8 @@
 #include <utility>
 
 #include "localization/matching/feature_store.h"
+#include "localization/matching/file_matches.h"
+#include "localization/matching/pixel_matches.h"
 #include "localization/retrieval/vlad_index.h"
 #include <fmt/format.h>
 
@@ -50,6 +52,8 @@ std::vector<ImageFile> ImagesOf(const FrontEndOptions& options, const ReferenceS
 FeatureCacheOptions CacheOf(const FrontEndOptions& options) {
   return {.folder = options.cache,
           .max_features = options.max_features,
+          .extractor = options.extractor,
+          .extractor_name = options.extractor_name,
           .threads = options.threads,
           .show_progress = options.show_progress};
 }
@@ -66,6 +70,7 @@ class FrontEndMatches final : public MatchSource {
   FrontEndMatches(const FrontEndOptions& options, const ReferenceSet& references,
                   const std::vector<Query>& queries)
       : options_(options), references_(references.images) {
+    for (const PosedImage& image : references_) reference_names_.insert(image.name);
     features_ = ExtractOrReadFeatures(ImagesOf(options, references, queries), CacheOf(options),
                                       std::move(options_.features));
     for (const Query& query : queries) {
@@ -81,40 +86,27 @@ class FrontEndMatches final : public MatchSource {
       throw InputError(fmt::format(
           "the query \"{}\" is not among those that the features were extracted of", query.name));
     }
-    return MatchWith(query, *features_->Get(query.name), retrieved->second);
+    return MatchWith(query, nullptr, *features_->Get(query.name), retrieved->second);
   }
 
   QueryMatches MatchPhotograph(const Query& query, const Image& photograph) const override {
-    return MatchFeatures(query, ExtractFrontEndFeatures(photograph, options_.max_features));
+    return MatchInMemory(query, &photograph, ExtractAsStored(photograph, CacheOf(options_)));
   }
 
   QueryMatches MatchFeatures(const Query& query, const Features& features) const override {
-    if (features.image_width_px > 0) {
-      CheckSize(query.name, query.camera, {features.image_width_px, features.image_height_px});
+    if (options_.matcher) {
+      throw InputError("the features of " + query.name +
+                       " are in memory: the matcher takes photographs");
     }
-    const std::string name[] = {query.name};
-    const RetrievedLists best = Index()->Best(name, Index()->VectorOf(features), options_.top_k, 1);
-    std::vector<int> retrieved;
-    for (const RetrievedReference& r : best.front()) {
-      CheckSizeOfReference(r.reference_index);
-      retrieved.push_back(r.reference_index);
-    }
-    return MatchWith(query, {features, CanonicalKeypoints(features.keypoints_px)}, retrieved);
+    return MatchInMemory(query, nullptr, features);
   }
 
   bool MatchesReferences() const override { return true; }
 
   // References are retrieved by VLAD, in whatever way the queries' are.
   QueryMatches MatchReference(const Query& reference) const override {
-    const std::string name[] = {reference.name};
-    const RetrievedLists best =
-        Index()->Best(name, Index()->VectorOfReference(reference.name), options_.top_k, 1);
-    std::vector<int> retrieved;
-    for (const RetrievedReference& r : best.front()) {
-      CheckSizeOfReference(r.reference_index);
-      retrieved.push_back(r.reference_index);
-    }
-    return MatchWith(reference, *features_->Get(reference.name), retrieved);
+    return MatchWith(reference, nullptr, *features_->Get(reference.name),
+                     BestByVlad(reference.name, Index()->VectorOfReference(reference.name)));
   }
 
   void Join(const PosedImage& localized_query) override {
@@ -122,10 +114,31 @@ class FrontEndMatches final : public MatchSource {
     joined_->Join(localized_query, features_->Get(localized_query.name)->features);
   }
 
-  std::vector<std::string> Warnings() const override { return {}; }
+  std::vector<std::string> Warnings() const override { return warnings_.All(); }
 
  private:
-  QueryMatches MatchWith(const Query& query, const ImageFeatures& of_query,
+  QueryMatches MatchInMemory(const Query& query, const Image* photograph,
+                             const Features& features) const {
+    if (features.image_width_px > 0) {
+      CheckSize(query.name, query.camera, {features.image_width_px, features.image_height_px});
+    }
+    return MatchWith(query, photograph, {features, CanonicalKeypoints(features.keypoints_px)},
+                     BestByVlad(query.name, Index()->VectorOf(features)));
+  }
+
+  std::vector<int> BestByVlad(const std::string& query, const Eigen::MatrixXf& vector) const {
+    const std::string name[] = {query};
+    const RetrievedLists best = Index()->Best(name, vector, options_.top_k, 1);
+    std::vector<int> retrieved;
+    for (const RetrievedReference& r : best.front()) {
+      CheckSizeOfReference(r.reference_index);
+      retrieved.push_back(r.reference_index);
+    }
+    return retrieved;
+  }
+
+  // `photograph` is null where it is in its file.
+  QueryMatches MatchWith(const Query& query, const Image* photograph, const ImageFeatures& of_query,
                          const std::vector<int>& retrieved) const {
     QueryMatches result;
     for (const int index : retrieved) {
@@ -136,11 +149,45 @@ class FrontEndMatches final : public MatchSource {
                                          static_cast<size_t>(options_.top_k),
                                          static_cast<size_t>(*options_.max_joined));
     }
-    std::vector<std::shared_ptr<const ImageFeatures>> of_references(result.references.size());
-    std::vector<std::vector<FeatureMatch>> matches(result.references.size());
+    if (options_.matcher) {
+      MatchPixels(query, photograph, &result);
+    } else {
+      MatchFeaturesOf(of_query, &result);
+    }
+    return result;
+  }
+
+  void MatchPixels(const Query& query, const Image* photograph, QueryMatches* result) const {
+    std::vector<Photograph> references;
+    for (const PosedImage& image : result->references) references.push_back(InFile(image.name));
+    Photograph asked = InFile(query.name);
+    asked.pixels = photograph;
+    const std::vector<PixelMatches> found = options_.matcher(asked, references);
+    RAYLIFT_CHECK_EQ(found.size(), references.size());
+    QueryPixels pixels(query, options_.reading);
+    for (size_t rank = 0; rank < found.size(); ++rank) {
+      const PosedImage& image = result->references[rank];
+      const InsideMatches inside =
+          pixels.Inside(found[rank], image.name, image.camera, "the matcher");
+      if (inside.outside > 0) {
+        warnings_.Add("the matcher: matches outside of their images are left out");
+      }
+      pixels.Add(inside.matches, static_cast<int>(rank), result);
+    }
+  }
+
+  // Queries that have joined the references stay in their folder.
+  Photograph InFile(const std::string& name) const {
+    const bool is_reference = reference_names_.contains(name);
+    return {name, (is_reference ? options_.reference_images : options_.query_images) / name};
+  }
+
+  void MatchFeaturesOf(const ImageFeatures& of_query, QueryMatches* result) const {
+    std::vector<std::shared_ptr<const ImageFeatures>> of_references(result->references.size());
+    std::vector<std::vector<FeatureMatch>> matches(result->references.size());
     // Where queries follow each other, the references of one are matched side by side.
     ParallelFor(matches.size(), joined_ ? options_.threads : 1, [&](size_t i) {
-      of_references[i] = features_->Get(result.references[i].name);
+      of_references[i] = features_->Get(result->references[i].name);
       matches[i] = MatchMutualNearest(of_query.features, of_references[i]->features,
                                       {.max_ratio = options_.max_ratio});
     });
@@ -149,7 +196,7 @@ class FrontEndMatches final : public MatchSource {
       for (const FeatureMatch& match : matches[rank]) {
         const auto query_index = static_cast<size_t>(match.query_index);
         const auto reference_index = static_cast<size_t>(match.reference_index);
-        result.matches.push_back(
+        result->matches.push_back(
             {.reference = static_cast<int>(rank),
              .query_px = of_query.features.keypoints_px[query_index],
              .reference_px = of_reference.features.keypoints_px[reference_index],
@@ -157,7 +204,6 @@ class FrontEndMatches final : public MatchSource {
              .reference_keypoint = of_reference.keypoints[reference_index]});
       }
     }
-    return result;
   }
 
   // Made when it is first wanted: other ways to retrieve need none.
@@ -209,6 +255,8 @@ class FrontEndMatches final : public MatchSource {
 
   FrontEndOptions options_;
   std::vector<PosedImage> references_;
+  std::set<std::string> reference_names_;
+  WarningSet warnings_;
   std::shared_ptr<const FeatureStore> features_;
   std::map<std::string, std::vector<int>> retrieved_;  // indices into references_, best first
   std::unique_ptr<JoinedRetrieval> joined_;            // null: no query becomes a reference

@@ -15,12 +15,12 @@
 
 #include "io/scene/pair_pixels.h"
 #include "localization/matching/file_matches.h"
+#include "localization/matching/pixel_matches.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
 #include "raylift/io/hloc_files.h"
-#include "raylift/scene/keypoints.h"
 
 namespace raylift {
 namespace {
@@ -237,17 +237,6 @@ namespace {
 
 using std::filesystem::path;
 
-// The matches of a query with one reference; pixels are COLMAP's.
-struct QueryPair {
-  std::vector<Eigen::Vector2d> query_px, reference_px;
-};
-
-bool Shows(const Camera& camera, const Eigen::Vector2d& pixel) {
-  constexpr double kRoundingPx = 1;
-  return pixel.x() >= -kRoundingPx && pixel.x() <= camera.width_px() + kRoundingPx &&
-         pixel.y() >= -kRoundingPx && pixel.y() <= camera.height_px() + kRoundingPx;
-}
-
 // From here on float16 has steps of half a pixel and more.
 bool IsCoarseInHalf(const Camera& camera) {
   constexpr int kCoarseHalfPx = 512;
@@ -268,12 +257,11 @@ class PairMatches final : public MatchSource {
 
   QueryMatches Match(const Query& query) const override {
     const auto files = files_.Of(query.name);
-    std::map<std::string, QueryPair> pairs;  // that were read to rank them
+    std::map<std::string, PixelMatches> pairs;  // that were read to rank them
     const std::vector<std::string> names =
         ranked_ ? Ranked(query.name) : RankedByMatches(query, files, pairs);
     QueryMatches result{.references = references_.Take(query.name, names), .matches = {}};
-    KeypointsByPixel query_keypoints;
-    int next_keypoint = 0;
+    QueryPixels pixels(query, reading_);
     for (size_t r = 0; r < result.references.size(); ++r) {
       const std::string& name = result.references[r].name;
       const auto file = files.find(name);
@@ -283,19 +271,8 @@ class PairMatches final : public MatchSource {
         continue;
       }
       const auto known = pairs.find(name);
-      const QueryPair pair =
-          known != pairs.end() ? std::move(known->second) : Read(query, name, file->second);
-      KeypointsByPixel reference_keypoints;
-      for (size_t i = 0; i < pair.query_px.size(); ++i) {
-        const int keypoint = query_keypoints.FindOrAdd(PlaceOf(pair.query_px[i]), next_keypoint);
-        next_keypoint = std::max(next_keypoint, keypoint + 1);
-        result.matches.push_back({.reference = static_cast<int>(r),
-                                  .query_px = pair.query_px[i],
-                                  .reference_px = pair.reference_px[i],
-                                  .query_keypoint = keypoint,
-                                  .reference_keypoint = reference_keypoints.FindOrAdd(
-                                      pair.reference_px[i], static_cast<int>(i))});
-      }
+      pixels.Add(known != pairs.end() ? known->second : Read(query, name, file->second),
+                 static_cast<int>(r), &result);
     }
     return result;
   }
@@ -312,7 +289,7 @@ class PairMatches final : public MatchSource {
   // Those with the most matches first.
   std::vector<std::string> RankedByMatches(const Query& query,
                                            const std::map<std::string, PairFile>& files,
-                                           std::map<std::string, QueryPair>& pairs) const {
+                                           std::map<std::string, PixelMatches>& pairs) const {
     std::vector<std::string> names;
     for (const auto& [name, file] : files) {
       if (!cameras_.contains(name) || name == query.name) continue;
@@ -325,7 +302,7 @@ class PairMatches final : public MatchSource {
     return names;
   }
 
-  QueryPair Read(const Query& query, const std::string& reference, const PairFile& file) const {
+  PixelMatches Read(const Query& query, const std::string& reference, const PairFile& file) const {
     PairPixels pixels = ReadPairPixels(file.file);
     if (file.reference_first) std::swap(pixels.first_px, pixels.second_px);
     const Camera& reference_camera = cameras_.at(reference);
@@ -335,46 +312,15 @@ class PairMatches final : public MatchSource {
                       "and to 1 px beyond 1024 px",
                       files_.folder().string()));
     }
-    const Eigen::Vector2d shift = Eigen::Vector2d::Constant(0.5 - reading_.first_pixel);
-    QueryPair pair;
-    size_t outside = 0;
-    for (size_t i = 0; i < pixels.first_px.size(); ++i) {
-      const double score = pixels.scores.empty() ? 1 : pixels.scores[i];
-      if (reading_.min_score && !(score >= *reading_.min_score)) continue;
-      const Eigen::Vector2d query_px = pixels.first_px[i] + shift;
-      const Eigen::Vector2d reference_px = pixels.second_px[i] + shift;
-      if (!Shows(query.camera, query_px) || !Shows(reference_camera, reference_px)) {
-        ++outside;
-        continue;
-      }
-      pair.query_px.push_back(query_px);
-      pair.reference_px.push_back(reference_px);
+    InsideMatches inside = QueryPixels(query, reading_)
+                               .Inside({std::move(pixels.first_px), std::move(pixels.second_px),
+                                        std::move(pixels.scores)},
+                                       reference, reference_camera, file.file);
+    if (inside.outside > 0) {
+      warnings_.Add(fmt::format("{}: matches outside of their images are left out",
+                                files_.folder().string()));
     }
-    CheckOutside(query, reference, file.file, outside, pair.query_px.size());
-    return pair;
-  }
-
-  // A matcher may see things in the margin that it put round an image, but not everything.
-  void CheckOutside(const Query& query, const std::string& reference, const path& file,
-                    size_t outside, size_t inside) const {
-    if (outside == 0) return;
-    if (outside > inside) {
-      const Camera& camera = cameras_.at(reference);
-      throw InputError(
-          file,
-          fmt::format("{} of {} matches lie outside of {} ({} x {}) or {} ({} x {}): are "
-                      "their pixels those of resized images?",
-                      outside, outside + inside, query.name, query.camera.width_px(),
-                      query.camera.height_px(), reference, camera.width_px(), camera.height_px()));
-    }
-    warnings_.Add(
-        fmt::format("{}: matches outside of their images are left out", files_.folder().string()));
-  }
-
-  // By which a keypoint is told from others.
-  Eigen::Vector2d PlaceOf(const Eigen::Vector2d& query_px) const {
-    if (reading_.cell_px == 0) return query_px;
-    return (query_px / reading_.cell_px).array().floor();
+    return std::move(inside.matches);
   }
 
   PairFiles files_;

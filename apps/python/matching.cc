@@ -1,0 +1,137 @@
+// Features of photographs, and extractors and matchers that are Python's.
+
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "apps/python/conversions.h"
+
+#include "raylift/base/error.h"
+#include "raylift/localization/match_source.h"
+
+namespace raylift::python {
+namespace {
+
+// Keeps an object that is called, copied and let go of by threads without the interpreter's lock.
+std::shared_ptr<const py::object> Shared(py::object object) {
+  return {new py::object(std::move(object)), [](const py::object* held) {
+            const py::gil_scoped_acquire lock;
+            delete held;
+          }};
+}
+
+py::dict ToDict(const Features& features) {
+  py::dict dict;
+  dict["keypoints"] =
+      MakeRows(features.keypoints_px.size(), 2, [&](size_t i) { return features.keypoints_px[i]; });
+  py::array_t<float> descriptors(
+      {py::ssize_t{features.descriptors.cols()}, py::ssize_t{features.descriptors.rows()}});
+  std::copy_n(features.descriptors.data(), features.descriptors.size(), descriptors.mutable_data());
+  dict["descriptors"] = descriptors;
+  dict["scores"] = py::array_t<float>(std::ssize(features.scores), features.scores.data());
+  return dict;
+}
+
+FeatureExtractor ToExtractor(const ExtractorLike& extractor, const MatchReading& reading) {
+  const py::object adapt = py::module_::import("raylift._matching").attr("extractor_of");
+  return [extract = Shared(adapt(extractor)),
+          shift = 0.5 - reading.first_pixel](const Image& photograph) {
+    const py::gil_scoped_acquire lock;
+    Features features =
+        ToFeatures((*extract)(ToArray(photograph)), {photograph.width_px, photograph.height_px});
+    for (Eigen::Vector2d& pixel : features.keypoints_px) pixel.array() += shift;
+    return features;
+  };
+}
+
+PhotographMatcher ToMatcher(const MatcherLike& matcher,
+                            const std::optional<ExtractorLike>& extractor) {
+  const py::object adapt = py::module_::import("raylift._matching").attr("matcher_of");
+  return [match = Shared(adapt(matcher, extractor))](const Photograph& query,
+                                                     std::span<const Photograph> references) {
+    const py::gil_scoped_acquire lock;
+    py::list files;
+    for (const Photograph& reference : references) files.append(reference.file.string());
+    const py::object pixels =
+        query.pixels == nullptr ? py::object(py::none()) : ToArray(*query.pixels);
+    std::vector<PixelMatches> matches;
+    for (const py::handle& found : (*match)(query.file.string(), pixels, files)) {
+      const auto [query_px, reference_px, scores] =
+          found.cast<std::tuple<ArrayLike, ArrayLike, std::optional<ArrayLike>>>();
+      PixelMatches& rows = matches.emplace_back();
+      rows.query_px = Rows<2>(query_px, "matcher").ToVector();
+      rows.reference_px = Rows<2>(reference_px, "matcher").ToVector();
+      const auto numbers = PerMatch<double>(scores, "matcher, scores", rows.query_px.size());
+      if (numbers) rows.scores.assign(numbers->data(), numbers->data() + numbers->size());
+    }
+    return matches;
+  };
+}
+
+}  // namespace
+
+Features ToFeatures(const py::object& mapping, PlaneSize size) {
+  const auto item = [&](const char* key) -> py::object {
+    return mapping.attr("get")(py::str(key));
+  };
+  const py::object keypoints = item("keypoints"), descriptors = item("descriptors");
+  if (keypoints.is_none() || descriptors.is_none()) {
+    throw InputError("features: expected keypoints (N, 2) and descriptors (N, D)");
+  }
+  Features features;
+  features.image_width_px = size.width_px;
+  features.image_height_px = size.height_px;
+  features.keypoints_px =
+      Rows<2>(py::reinterpret_borrow<ArrayLike>(keypoints), "features, keypoints").ToVector();
+  if (py::isinstance<py::array_t<uint8_t>>(descriptors)) {
+    throw InputError(
+        "features, descriptors: uint8 ones, such as ORB's, are compared by bits, which a matcher "
+        "does: "
+        "matcher=cv2.BFMatcher(cv2.NORM_HAMMING)");
+  }
+  const std::string expected =
+      fmt::format("an array of shape ({}, D)", features.keypoints_px.size());
+  const auto rows = internal::ArrayOf<float>(py::reinterpret_borrow<ArrayLike>(descriptors),
+                                             "features, descriptors", expected);
+  if (rows.ndim() != 2 || static_cast<size_t>(rows.shape(0)) != features.keypoints_px.size()) {
+    internal::ThrowShape("features, descriptors", expected, rows);
+  }
+  features.descriptors =
+      Eigen::Map<const Eigen::MatrixXf>(rows.data(), rows.shape(1), rows.shape(0));
+  return features;
+}
+
+void UseOwn(const std::optional<ExtractorLike>& extractor,
+            const std::optional<MatcherLike>& matcher, const MatchReading& reading,
+            FrontEndOptions* options) {
+  options->reading = reading;
+  // Retrieval goes by features that are compared by their directions; a matcher's may be others.
+  if (matcher) options->matcher = ToMatcher(*matcher, extractor);
+  if (!extractor || matcher) return;
+  options->extractor = ToExtractor(*extractor, reading);
+  if (!options->cache.empty() && options->extractor_name.empty()) {
+    throw OptionError("extractor_name", "",
+                      "expected a name of the extractor, by which the cache tells its "
+                      "features from others");
+  }
+}
+
+void BindFeatures(py::module_& module) {
+  module.def(
+      "extract_features",
+      [](const ArrayLike& image, int max_features) {
+        const Image photograph = ToImage(image);
+        RequireAtLeast("max_features", max_features, 1);
+        return ToDict(
+            WithoutLock([&] { return ExtractFrontEndFeatures(photograph, max_features); }));
+      },
+      py::arg("image"), py::kw_only(), py::arg("max_features") = 4096,
+      "RootSIFT features of a photograph, (H, W) or (H, W, 3) uint8: a dict with keypoints (N, "
+      "2),\n"
+      "descriptors (N, 128) float32 of unit length, scores (N,).");
+}
+
+}  // namespace raylift::python
