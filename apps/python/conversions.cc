@@ -1,4 +1,5 @@
 #include "apps/python/conversions.h"
+#include "io/text/line_tokens.h"
 
 #include <cmath>
 #include <mutex>
@@ -260,6 +261,67 @@ Image ToImage(const ArrayLike& argument) {
           .height_px = static_cast<int>(array.shape(0)),
           .channels = gray ? 1 : 3,
           .data = {data, data + array.size()}};
+}
+
+Eigen::Vector3d ToVector3(const ArrayLike& argument, std::string_view name) {
+  constexpr std::string_view kExpected = "an array of shape (3,)";
+  const auto array = internal::ArrayOf<double>(argument, name, kExpected);
+  if (array.ndim() != 1 || array.shape(0) != 3) internal::ThrowShape(name, kExpected, array);
+  return Eigen::Map<const Eigen::Vector3d>(array.data());
+}
+
+namespace {
+
+void RequirePrior(bool is_right, std::string_view name, std::string_view expected) {
+  if (!is_right) throw InputError(fmt::format("{}: expected {}", name, expected));
+}
+
+}  // namespace
+
+PosePriors ToPriors(const PositionArgument& position, const GravityArgument& gravity,
+                    const std::optional<double>& focal_sigma, double focal_range) {
+  PosePriors priors{.focal_range = focal_range, .focal_sigma = focal_sigma};
+  if (position) {
+    const auto sigma = internal::ArrayOf<double>(position->second, "position_prior, sigma",
+                                                 "a number or an array of shape (3,)");
+    priors.position = {.position = ToVector3(position->first, "position_prior"),
+                       .sigma = sigma.size() == 1
+                                    ? Eigen::Vector3d(Eigen::Vector3d::Constant(*sigma.data()))
+                                    : ToVector3(position->second, "position_prior, sigma")};
+  }
+  if (gravity) {
+    const auto& [in_cam, in_world, sigma_deg] = *gravity;
+    priors.gravity = {.down_in_cam = ToVector3(in_cam, "gravity_prior, down_in_cam"),
+                      .down_in_world = ToVector3(in_world, "gravity_prior, down_in_world"),
+                      .sigma_deg = sigma_deg};
+  }
+  if (priors.position) {
+    RequirePrior((priors.position->sigma.array() >= 0).all(), "position_prior, sigma",
+                 "at least 0");
+  }
+  if (priors.gravity) {
+    RequirePrior(HasDirection(priors.gravity->down_in_cam), "gravity_prior, down_in_cam",
+                 "a direction");
+    RequirePrior(HasDirection(priors.gravity->down_in_world), "gravity_prior, down_in_world",
+                 "a direction");
+    RequirePrior(priors.gravity->sigma_deg >= 0, "gravity_prior, sigma_deg", "at least 0");
+  }
+  RequirePrior(!focal_sigma || (*focal_sigma >= 0 && *focal_sigma <= kMaxFocalSigma), "focal_sigma",
+               fmt::format("a share of the focal length from 0 to {}", kMaxFocalSigma));
+  RequirePrior(focal_range >= 1 && focal_range <= kMaxFocalRange, "focal_range",
+               fmt::format("a factor from 1 to {}", kMaxFocalRange));
+  return priors;
+}
+
+Query ToQuery(const QueryLike& query) {
+  if (py::isinstance<Query>(query)) return query.cast<Query>();
+  if (!py::isinstance<py::sequence>(query) || py::isinstance<py::str>(query) ||
+      py::len(query) != 2) {
+    throw InputError("query: expected a raylift.Query or a pair (name, camera), found a " +
+                     std::string(py::str(py::type::of(query).attr("__name__"))));
+  }
+  const auto [name, camera] = query.cast<std::pair<std::string, CameraLike>>();
+  return {name, ToCamera(camera)};
 }
 
 py::array_t<uint8_t> ToArray(Image image) {

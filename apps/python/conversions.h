@@ -61,6 +61,7 @@ RAYLIFT_PYTHON_ARGUMENT(PoseLike, IsSomething, "raylift._types.PoseLike")
 RAYLIFT_PYTHON_ARGUMENT(PosedImageLike, IsSomething, "raylift._types.PosedImageLike")
 RAYLIFT_PYTHON_ARGUMENT(PathLike, IsSomething, "raylift._types.PathLike")
 RAYLIFT_PYTHON_ARGUMENT(ModelLike, IsSomething, "raylift._types.ModelLike")
+RAYLIFT_PYTHON_ARGUMENT(QueryLike, IsSomething, "raylift._types.QueryLike")
 RAYLIFT_PYTHON_ARGUMENT(ExtractorLike, IsSomething, "raylift._types.Extractor")
 RAYLIFT_PYTHON_ARGUMENT(MatcherLike, IsSomething, "raylift._types.Matcher")
 // Called with (done, total, what), from any thread.
@@ -80,6 +81,14 @@ Rigid3 ToPose(const PoseLike& pose);
 // and cam_from_world (pycolmap's images), or camera and pose (PoseLib's).
 PosedImage ToPosedImage(const PosedImageLike& image);
 std::vector<PosedImage> ToPosedImages(const std::vector<PosedImageLike>& images);
+// A query is a Query, or a pair (name, camera).
+Query ToQuery(const QueryLike& query);
+Eigen::Vector3d ToVector3(const ArrayLike& argument, std::string_view name);
+// (position, sigma), sigma being one number or one per axis; (down_in_cam, down_in_world, sigma_deg).
+using PositionArgument = std::optional<std::pair<ArrayLike, ArrayLike>>;
+using GravityArgument = std::optional<std::tuple<ArrayLike, ArrayLike, double>>;
+PosePriors ToPriors(const PositionArgument& position, const GravityArgument& gravity,
+                    const std::optional<double>& focal_sigma, double focal_range = 1);
 // A str, bytes or os.PathLike. InputError naming the argument for anything else.
 std::filesystem::path ToPath(const PathLike& path, std::string_view name);
 // uint8: height x width, or height x width x 3 (red, green, blue).

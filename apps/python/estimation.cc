@@ -114,37 +114,6 @@ void AddPairs(const ProblemArrays& arrays, PoseProblem& problem) {
   }
 }
 
-Eigen::Vector3d ToVector3(const ArrayLike& argument, std::string_view name) {
-  constexpr std::string_view kExpected = "an array of shape (3,)";
-  const auto array = internal::ArrayOf<double>(argument, name, kExpected);
-  if (array.ndim() != 1 || array.shape(0) != 3) internal::ThrowShape(name, kExpected, array);
-  return Eigen::Map<const Eigen::Vector3d>(array.data());
-}
-
-using PositionArgument = std::optional<std::pair<ArrayLike, ArrayLike>>;
-using GravityArgument = std::optional<std::tuple<ArrayLike, ArrayLike, double>>;
-
-PosePriors ToPriors(const PositionArgument& position, const GravityArgument& gravity,
-                    const std::optional<double>& focal_sigma) {
-  PosePriors priors;
-  priors.focal_sigma = focal_sigma;
-  if (position) {
-    const auto sigma = internal::ArrayOf<double>(position->second, "position_prior, sigma",
-                                                 "a number or an array of shape (3,)");
-    priors.position = {.position = ToVector3(position->first, "position_prior"),
-                       .sigma = sigma.size() == 1
-                                    ? Eigen::Vector3d(Eigen::Vector3d::Constant(*sigma.data()))
-                                    : ToVector3(position->second, "position_prior, sigma")};
-  }
-  if (gravity) {
-    const auto& [in_cam, in_world, sigma_deg] = *gravity;
-    priors.gravity = {.down_in_cam = ToVector3(in_cam, "gravity_prior, down_in_cam"),
-                      .down_in_world = ToVector3(in_world, "gravity_prior, down_in_world"),
-                      .sigma_deg = sigma_deg};
-  }
-  return priors;
-}
-
 PoseProblem MakeProblem(const CameraLike& camera, const ProblemArrays& arrays,
                         const std::vector<PosedImageLike>& references,
                         const std::vector<int>& clusters, const PosePriors& priors,

@@ -258,11 +258,82 @@ py::array_t<T> View(const T* data, const std::vector<py::ssize_t>& shape, const 
   return array;
 }
 
+// As the arguments of Query, but for the priors' arrays, which are lists.
+py::tuple StateOf(const Query& query) {
+  const auto list = [](const Eigen::Vector3d& v) { return std::array{v.x(), v.y(), v.z()}; };
+  py::object position = py::none(), gravity = py::none();
+  if (const auto& prior = query.priors.position) {
+    position = py::make_tuple(list(prior->position), list(prior->sigma));
+  }
+  if (const auto& prior = query.priors.gravity) {
+    gravity =
+        py::make_tuple(list(prior->down_in_cam), list(prior->down_in_world), prior->sigma_deg);
+  }
+  return py::make_tuple(query.name, query.camera, position, gravity, query.priors.focal_sigma,
+                        query.priors.focal_range);
+}
+
+bool EqualsQuery(const Query& query, const py::object& other) {
+  if (py::isinstance<Query>(other)) return StateOf(query).equal(StateOf(other.cast<Query>()));
+  return py::isinstance<py::tuple>(other) && py::make_tuple(query.name, query.camera).equal(other);
+}
+
+void BindQuery(py::module_& module) {
+  const auto none = py::none();
+  const auto at = [](const Query& query, int index) -> py::object {
+    if (index == 0 || index == -2) return py::str(query.name);
+    if (index == 1 || index == -1) return py::cast(query.camera);
+    throw py::index_error("a query is a pair (name, camera)");
+  };
+  py::class_<Query>(module, "Query",
+                    "A photograph whose pose is looked for: its name, its camera and what is known "
+                    "beforehand.\n\n"
+                    "It unpacks as the pair (name, camera), which serves wherever one is an "
+                    "argument.")
+      .def(
+          py::init([](std::string name, const CameraLike& camera, const PositionArgument& position,
+                      const GravityArgument& gravity, const std::optional<double>& focal_sigma,
+                      double focal_range) {
+            return Query{std::move(name), ToCamera(camera),
+                         ToPriors(position, gravity, focal_sigma, focal_range)};
+          }),
+          py::arg("name"), py::arg("camera"), py::kw_only(), py::arg("position_prior") = none,
+          py::arg("gravity_prior") = none, py::arg("focal_sigma") = none,
+          py::arg("focal_range") = 1.0,
+          R"(position_prior: (position, sigma) of the camera's center in the world, sigma one number or
+one per axis. gravity_prior: (down_in_cam, down_in_world, sigma_deg). focal_sigma: standard
+deviation of the camera's focal length as a share of it. focal_range: it is the camera's up
+to this factor either way.)")
+      .def_readonly("name", &Query::name)
+      .def_readonly("camera", &Query::camera)
+      .def_property_readonly(
+          "focal_sigma", [](const Query& query) { return query.priors.focal_sigma; },
+          "None: nothing is known of it.")
+      .def_property_readonly("focal_range",
+                             [](const Query& query) { return query.priors.focal_range; })
+      .def("__eq__", &EqualsQuery, py::arg("other"), "With another Query, or a pair.")
+      .def("__hash__", [](const Query& query) { return std::hash<std::string>()(query.name); })
+      .def(py::pickle(&StateOf,
+                      [](const py::tuple& state) {
+                        return Query{state[0].cast<std::string>(), state[1].cast<Camera>(),
+                                     ToPriors(state[2].cast<PositionArgument>(),
+                                              state[3].cast<GravityArgument>(),
+                                              state[4].cast<std::optional<double>>(),
+                                              state[5].cast<double>())};
+                      }))
+      .def("__len__", [](const Query&) { return 2; })
+      .def("__getitem__", at, py::arg("index"))
+      .def("__repr__", [](const Query& query) {
+        return fmt::format("<raylift.Query {}, {}>", query.name, query.camera.ToString());
+      });
+}
+
 }  // namespace
 
 void BindGeometry(py::module_& module) {
   BindCamera(module);
   BindRigid3(module);
+  BindQuery(module);
   py::class_<PosedImage>(module, "PosedImage",
                          "A reference photograph: its name, its camera and where it was taken.\n\n"
                          "Wherever one is an argument, a pair (camera, cam_from_world) and\n"

@@ -309,23 +309,19 @@ void BindLists(py::module_& module) {
       },
       py::arg("file"), py::arg("poses"), "A dict of poses (cam_from_world) by name; in its order.");
   module.def(
-      "read_queries",
-      [](const PathLike& file) {
-        std::vector<std::pair<std::string, Camera>> queries;
-        for (const Query& query : ReadQueryList(ToPath(file, "file"))) {
-          queries.emplace_back(query.name, query.camera);
-        }
-        return queries;
-      },
-      py::arg("file"), "Lines `name MODEL width height params...`: a list of (name, Camera).");
+      "read_queries", [](const PathLike& file) { return ReadQueryList(ToPath(file, "file")); },
+      py::arg("file"),
+      "Lines `name MODEL width height params... [focal_sigma S]`: a list of Query, which unpack "
+      "as\n"
+      "(name, camera).");
   module.def(
       "write_queries",
-      [](const PathLike& file, const std::vector<std::pair<std::string, CameraLike>>& queries) {
+      [](const PathLike& file, const std::vector<QueryLike>& queries) {
         std::vector<Query> list;
-        for (const auto& [name, camera] : queries) list.push_back({name, ToCamera(camera)});
+        for (const QueryLike& query : queries) list.push_back(ToQuery(query));
         WriteQueryList(ToPath(file, "file"), list);
       },
-      py::arg("file"), py::arg("queries"), "From a list of (name, camera).");
+      py::arg("file"), py::arg("queries"), "From a list of Query, or of (name, camera).");
 }
 
 }  // namespace

@@ -260,8 +260,10 @@ class SceneLocalizer {
 using ResultPointer = std::shared_ptr<QueryResult>;
 
 ResultPointer LocalizeOne(SceneLocalizer& localizer, const py::object& query,
-                          const CameraLike& camera, const std::string& name) {
-  const Query asked{name, ToCamera(camera)};
+                          const CameraLike& camera, const std::string& name,
+                          const PositionArgument& position, const GravityArgument& gravity,
+                          const std::optional<double>& focal_sigma, double focal_range) {
+  const Query asked{name, ToCamera(camera), ToPriors(position, gravity, focal_sigma, focal_range)};
   const auto run = [&](const auto& what) {
     return WithoutLock([&] {
       return std::make_shared<QueryResult>(localizer.ForQueries().Localize(asked, what));
@@ -281,7 +283,9 @@ ResultPointer LocalizeMatches(const SceneLocalizer& localizer, const CameraLike&
                               const ArrayLike& query2d, const ArrayLike& reference2d,
                               const std::vector<std::string>& reference_names,
                               const std::optional<ArrayLike>& query_keypoints,
-                              const std::string& name) {
+                              const std::string& name, const PositionArgument& position,
+                              const GravityArgument& gravity,
+                              const std::optional<double>& focal_sigma, double focal_range) {
   const Rows<2> query(query2d, "query2d"), reference(reference2d, "reference2d");
   if (query.size() != reference.size() || query.size() != reference_names.size()) {
     throw InputError(fmt::format(
@@ -313,7 +317,7 @@ ResultPointer LocalizeMatches(const SceneLocalizer& localizer, const CameraLike&
       match.query_keypoint = static_cast<int>(keypoints->data()[i]);
     }
   }
-  const Query asked{name, ToCamera(camera)};
+  const Query asked{name, ToCamera(camera), ToPriors(position, gravity, focal_sigma, focal_range)};
   return WithoutLock([&] {
     return std::make_shared<QueryResult>(
         localizer.WithoutMatches().Localize(asked, std::move(matches)));
@@ -341,11 +345,10 @@ py::dict LocalizeInParallel(SceneLocalizer& localizer, const std::vector<Query>&
   return by_name;
 }
 
-py::dict LocalizeList(SceneLocalizer& localizer,
-                      const std::vector<std::pair<std::string, CameraLike>>& queries, int threads,
+py::dict LocalizeList(SceneLocalizer& localizer, const std::vector<QueryLike>& queries, int threads,
                       const std::optional<ProgressCall>& progress) {
   std::vector<Query> asked;
-  for (const auto& [name, camera] : queries) asked.push_back({name, ToCamera(camera)});
+  for (const QueryLike& query : queries) asked.push_back(ToQuery(query));
   return LocalizeInParallel(localizer, asked, localizer.matching(), threads, progress);
 }
 
@@ -451,21 +454,27 @@ OpenCV's, whose first pixel's center is (0, 0).
 Raises OptionError for an option out of range.)")
       .def(
           "localize", &LocalizeOne, py::arg("query"), py::arg("camera"), py::kw_only(),
-          py::arg("name") = "query",
+          py::arg("name") = "query", py::arg("position_prior") = py::none(),
+          py::arg("gravity_prior") = py::none(), py::arg("focal_sigma") = py::none(),
+          py::arg("focal_range") = 1.0,
           R"(One query: a photograph, (H, W) or (H, W, 3) uint8, RGB, or its file; or features, a dict
-with keypoints (N, 2) and descriptors (N, D), as the references have.
+with keypoints (N, 2) and descriptors (N, D), as the references have. Priors and focal_...
+as of raylift.Query.
 
 Returns a LocalizedQuery. Raises InputError where a photograph is not of the camera's size.)")
       .def(
           "localize_matches", &LocalizeMatches, py::arg("camera"), py::arg("query2d"),
           py::arg("reference2d"), py::arg("reference_names"), py::kw_only(),
           py::arg("query_keypoints") = py::none(), py::arg("name") = "query",
+          py::arg("position_prior") = py::none(), py::arg("gravity_prior") = py::none(),
+          py::arg("focal_sigma") = py::none(), py::arg("focal_range") = 1.0,
           R"(One query by matches of one's own: pixels (M, 2) of the query and of references, and the
 references' names (M,). query_keypoints: (M,), where it is known which keypoint of the
-query a match is of.)")
+query a match is of. Priors and focal_... as of raylift.Query.)")
       .def("localize_all", &LocalizeList, py::arg("queries"), py::kw_only(), py::arg("threads") = 0,
            py::arg("progress") = py::none(),
-           "Many queries, (name, camera) each, whose photographs or matches are in files. Of\n"
+           "Many queries, Query or (name, camera) each, whose photographs or matches are in files. "
+           "Of\n"
            "photographs the results are those of localize(). Returns a dict by name.")
       .def(
           "write_calibration",

@@ -1,5 +1,6 @@
 import inspect
 import os
+import pickle
 import re
 import subprocess
 
@@ -253,3 +254,50 @@ def test_a_query_has_one_pose_whoever_asks(tmp_path):
             alone = other.localize(DEMO / "images" / name, camera, name=name).cam_from_world.center
             assert np.linalg.norm(alone - center) < 0.01 * many[name].estimate.position_sigma
         assert of_program[name].matrix == pytest.approx(many[name].cam_from_world.matrix, abs=1e-12)
+
+
+def test_queries_with_what_is_known_beforehand(localizer, tmp_path):
+    name = PHOTOGRAPHS[0]
+    camera = cameras()[name]
+    (tmp_path / "list.txt").write_text(f"{name} {camera} focal_sigma 0.002\n")
+    [query] = raylift.read_queries(tmp_path / "list.txt")
+    assert tuple(query) == (name, camera) and query[0] == query.name and query.focal_sigma == 0.002
+    raylift.write_queries(tmp_path / "again.txt", [query])
+    assert (tmp_path / "again.txt").read_text() == (tmp_path / "list.txt").read_text()
+
+    whole = raylift.Query(name, camera, position_prior=([1, 2, 3], 4), gravity_prior=([0, 1, 0], [0, 0, -1], 2),
+                          focal_sigma=0.1, focal_range=1.5)
+    assert pickle.loads(pickle.dumps(whole)) == whole != query and len({whole, query}) == 2
+
+    exact = localizer.localize_all([(name, camera)])[name]
+    for uncertain in (localizer.localize_all([query])[name],
+                      localizer.localize(DEMO / "images" / name, camera, name=name, focal_sigma=0.002)):
+        expect_near(uncertain, name)
+        assert uncertain.estimate.position_sigma > 1.05 * exact.estimate.position_sigma
+    center = truth()[name].cam_from_world.center
+    known = localizer.localize_all([raylift.Query(name, camera, position_prior=(center, 1e-4))])[name]
+    assert np.linalg.norm(known.cam_from_world.center - center) < 1e-3
+    found = localizer.localize(DEMO / "images" / name, raylift.Camera("SIMPLE_RADIAL", 640, 480,
+                                                                      [400, 323.1, 236.4, -0.11]),
+                               name=name, focal_range=1.5)
+    assert found.estimate.refined_camera.params[0] == pytest.approx(camera.params[0], rel=0.03)
+
+
+@pytest.mark.parametrize("priors, message", [
+    (dict(focal_sigma=2), "focal_sigma: expected a share"),
+    (dict(focal_range=0.5), "focal_range: expected a factor"),
+    (dict(position_prior=([0, 0, 0], -1)), "position_prior, sigma: expected at least 0"),
+    (dict(gravity_prior=([0, 0, 0], [0, 0, 1], 1)), "down_in_cam: expected a direction"),
+    (dict(gravity_prior=([0, 0, 1], [0, 0, 1], float("nan"))), "sigma_deg: expected at least 0"),
+])
+def test_wrong_priors_are_input_errors(localizer, priors, message):
+    with pytest.raises(raylift.InputError, match=message):
+        raylift.Query("a.jpg", CAMERA, **priors)
+    with pytest.raises(raylift.InputError, match=message):
+        localizer.localize(np.zeros((480, 640), np.uint8), CAMERA, **priors)
+
+
+def test_what_is_no_query(localizer):
+    for wrong in ("a.jpg", ("a.jpg",), 5):
+        with pytest.raises(raylift.InputError, match="query: expected a raylift.Query or a pair"):
+            localizer.localize_all([wrong])

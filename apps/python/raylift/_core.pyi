@@ -9,7 +9,7 @@ import numpy.typing
 import raylift._types
 import typing
 import typing_extensions
-__all__: list[str] = ['Camera', 'ColmapModel', 'DepthMaps', 'Geometry', 'InputError', 'Lifter', 'LocalizedQuery', 'Localizer', 'Mesh', 'OptionError', 'PYBIND11_MAJOR', 'PoseEstimate', 'PoseProblem', 'PosedImage', 'RayCaster', 'Rigid3', 'Scene', 'SfmPoints', 'VERSION', 'estimate', 'estimate_all', 'extract_features', 'filter_points', 'merge_candidates', 'read_depth', 'read_image', 'read_poses', 'read_queries', 'refine_pose', 'run_command', 'run_program', 'solve_d3p1', 'solve_e5p1', 'solve_gp3p', 'solve_known_center', 'solve_p3p', 'solve_up2p', 'write_depth', 'write_poses', 'write_queries']
+__all__: list[str] = ['Camera', 'ColmapModel', 'DepthMaps', 'Geometry', 'InputError', 'Lifter', 'LocalizedQuery', 'Localizer', 'Mesh', 'OptionError', 'PYBIND11_MAJOR', 'PoseEstimate', 'PoseProblem', 'PosedImage', 'Query', 'RayCaster', 'Rigid3', 'Scene', 'SfmPoints', 'VERSION', 'estimate', 'estimate_all', 'extract_features', 'filter_points', 'merge_candidates', 'read_depth', 'read_image', 'read_poses', 'read_queries', 'refine_pose', 'run_command', 'run_program', 'solve_d3p1', 'solve_e5p1', 'solve_gp3p', 'solve_known_center', 'solve_p3p', 'solve_up2p', 'write_depth', 'write_poses', 'write_queries']
 class InputError(ValueError):
     """
     Bad input: a file, or an argument's value. One line that names it, the place
@@ -175,6 +175,49 @@ class Rigid3:
         """
         The translation (3,), scene units.
         """
+class Query:
+    """
+    A photograph whose pose is looked for: its name, its camera and what is known beforehand.
+
+    It unpacks as the pair (name, camera), which serves wherever one is an argument.
+    """
+    def __eq__(self, other: typing.Any) -> bool:
+        """
+        With another Query, or a pair.
+        """
+    def __getitem__(self, index: typing.SupportsInt | typing.SupportsIndex) -> typing.Any:
+        ...
+    def __getstate__(self) -> tuple[typing.Any, ...]:
+        ...
+    def __hash__(self) -> int:
+        ...
+    def __init__(self, name: str, camera: raylift._types.CameraLike, *, position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, focal_range: typing.SupportsFloat | typing.SupportsIndex = 1.0) -> None:
+        """
+        position_prior: (position, sigma) of the camera's center in the world, sigma one number or
+        one per axis. gravity_prior: (down_in_cam, down_in_world, sigma_deg). focal_sigma: standard
+        deviation of the camera's focal length as a share of it. focal_range: it is the camera's up
+        to this factor either way.
+        """
+    def __len__(self) -> int:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None:
+        ...
+    @property
+    def camera(self) -> Camera:
+        ...
+    @property
+    def focal_range(self) -> float:
+        ...
+    @property
+    def focal_sigma(self) -> float | None:
+        """
+        None: nothing is known of it.
+        """
+    @property
+    def name(self) -> str:
+        ...
 class PosedImage:
     """
     A reference photograph: its name, its camera and where it was taken.
@@ -706,23 +749,24 @@ class Localizer:
         Each reference as a query of the others: what is to be expected where no query's pose
         is known. Returns a dict by name.
         """
-    def localize(self, query: typing.Any, camera: raylift._types.CameraLike, *, name: str = 'query') -> LocalizedQuery:
+    def localize(self, query: typing.Any, camera: raylift._types.CameraLike, *, name: str = 'query', position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, focal_range: typing.SupportsFloat | typing.SupportsIndex = 1.0) -> LocalizedQuery:
         """
         One query: a photograph, (H, W) or (H, W, 3) uint8, RGB, or its file; or features, a dict
-        with keypoints (N, 2) and descriptors (N, D), as the references have.
+        with keypoints (N, 2) and descriptors (N, D), as the references have. Priors and focal_...
+        as of raylift.Query.
 
         Returns a LocalizedQuery. Raises InputError where a photograph is not of the camera's size.
         """
-    def localize_all(self, queries: collections.abc.Sequence[tuple[str, raylift._types.CameraLike]], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> dict[str, typing.Any]:
+    def localize_all(self, queries: collections.abc.Sequence[raylift._types.QueryLike], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> dict[str, typing.Any]:
         """
-        Many queries, (name, camera) each, whose photographs or matches are in files. Of
+        Many queries, Query or (name, camera) each, whose photographs or matches are in files. Of
         photographs the results are those of localize(). Returns a dict by name.
         """
-    def localize_matches(self, camera: raylift._types.CameraLike, query2d: numpy.typing.ArrayLike, reference2d: numpy.typing.ArrayLike, reference_names: collections.abc.Sequence[str], *, query_keypoints: numpy.typing.ArrayLike | None = None, name: str = 'query') -> LocalizedQuery:
+    def localize_matches(self, camera: raylift._types.CameraLike, query2d: numpy.typing.ArrayLike, reference2d: numpy.typing.ArrayLike, reference_names: collections.abc.Sequence[str], *, query_keypoints: numpy.typing.ArrayLike | None = None, name: str = 'query', position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, focal_range: typing.SupportsFloat | typing.SupportsIndex = 1.0) -> LocalizedQuery:
         """
         One query by matches of one's own: pixels (M, 2) of the query and of references, and the
         references' names (M,). query_keypoints: (M,), where it is known which keypoint of the
-        query a match is of.
+        query a match is of. Priors and focal_... as of raylift.Query.
         """
     def write_calibration(self, file: raylift._types.PathLike) -> None:
         """
@@ -835,9 +879,10 @@ def read_poses(file: raylift._types.PathLike) -> dict[str, typing.Any]:
     Lines `name qw qx qy qz tx ty tz`, world to camera: a dict of Rigid3 by name. Raises InputError
     naming the line.
     """
-def read_queries(file: raylift._types.PathLike) -> list[tuple[str, Camera]]:
+def read_queries(file: raylift._types.PathLike) -> list[Query]:
     """
-    Lines `name MODEL width height params...`: a list of (name, Camera).
+    Lines `name MODEL width height params... [focal_sigma S]`: a list of Query, which unpack as
+    (name, camera).
     """
 def refine_pose(problem: PoseProblem, cam_from_world: raylift._types.PoseLike, **kwargs: typing_extensions.Unpack[raylift._types.EstimatorOptions]) -> PoseEstimate:
     """
@@ -898,9 +943,9 @@ def write_poses(file: raylift._types.PathLike, poses: dict[str, typing.Any]) -> 
     """
     A dict of poses (cam_from_world) by name; in its order.
     """
-def write_queries(file: raylift._types.PathLike, queries: collections.abc.Sequence[tuple[str, raylift._types.CameraLike]]) -> None:
+def write_queries(file: raylift._types.PathLike, queries: collections.abc.Sequence[raylift._types.QueryLike]) -> None:
     """
-    From a list of (name, camera).
+    From a list of Query, or of (name, camera).
     """
 PYBIND11_MAJOR: int = 3
 VERSION: str = '0.1.0'

@@ -76,6 +76,7 @@ PoseLike = Union[
     Tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike],
 ]
 PosedImageLike = Union["_core.PosedImage", Tuple[CameraLike, PoseLike], ColmapImage, PoseLibImage]
+QueryLike = Union["_core.Query", Tuple[str, CameraLike]]
 PathLike = Union[str, "os.PathLike[str]"]
 
 
