@@ -280,8 +280,8 @@ class CompareRun {
   }
 
  private:
-  const path& QueryImages() const {
-    return flags_.query_images.empty() ? flags_.images : flags_.query_images;
+  path QueryImages() const {
+    return QueryImagesOf(flags_.query_images, flags_.images, flags_.queries);
   }
 
   ReportOptions ReportOptionsOf() const {

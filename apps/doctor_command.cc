@@ -55,8 +55,8 @@ void Check(const DoctorFlags& flags) {
   }
 }
 
-const path& QueryImages(const DoctorFlags& flags) {
-  return flags.query_images.empty() ? flags.images : flags.query_images;
+path QueryImages(const DoctorFlags& flags) {
+  return QueryImagesOf(flags.query_images, flags.images, flags.queries);
 }
 
 std::vector<Query> ReadQueries(const DoctorFlags& flags, const ReferenceSet& references) {

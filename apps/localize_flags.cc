@@ -23,15 +23,14 @@ void CheckReferences(const LocalizeFlags& flags) {
   flags.references.Check();
   flags.matching.hloc.Check();
   flags.mesh_only.Check();
-  CheckRerender(flags.mesh_only.rerender, flags.geometry.specs,
-                !flags.query_images.empty() || !flags.images.empty());
+  CheckRerender(flags.mesh_only.rerender, flags.geometry.specs, !flags.QueryImages().empty());
   if (!flags.RendersReferences()) {
     RequireWithoutHloc(flags.matching.hloc, "--images is", !flags.images.empty());
     return;
   }
   RequireMeshOnly(flags.geometry.specs, flags.matching.hloc.Any() ? "--features" : "--images",
                   flags.matching.hloc.Any() || !flags.images.empty());
-  if (flags.query_images.empty()) throw OptionError("--query-images is required without --model");
+  if (flags.QueryImages().empty()) throw OptionError("--query-images is required without --model");
 }
 
 // Refuses what goes with neither --resume nor shards.
@@ -110,7 +109,7 @@ void LocalizeFlags::Check() const {
         "--geometry is required by --method {} (e5p1 and --candidates triangulate need none)",
         ToString(estimator.method)));
   }
-  if (pictures > 0 && images.empty() && query_images.empty()) {
+  if (pictures > 0 && QueryImages().empty()) {
     throw OptionError("--pictures", std::to_string(pictures), "needs --images or --query-images");
   }
 }
@@ -133,7 +132,7 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
   queries.Add("--queries", flags.queries,
               "List of queries: name MODEL width height params... [focal_sigma S], S the focal\n"
               "length's standard deviation as a share of it; where a name stands\n"
-              "alone, the focal length is found with the pose");
+              "alone, the focal length is found with the pose. Or the photographs' folder");
   queries.Flag("--leave-one-out", flags.leave_one_out,
                "The queries are the references: each is localized by the others");
   queries.Add("--query-images", flags.query_images,

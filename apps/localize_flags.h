@@ -66,9 +66,7 @@ struct LocalizeFlags {
   // The references are rendered from the mesh.
   bool RendersReferences() const { return references.model.empty(); }
 
-  const std::filesystem::path& QueryImages() const {
-    return query_images.empty() ? images : query_images;
-  }
+  std::filesystem::path QueryImages() const { return QueryImagesOf(query_images, images, queries); }
 
   // Whose poses queries have.
   RetrievalFlags::Queries QueriesAre() const {

@@ -66,7 +66,7 @@ class LocalizeOutput {
   void Print(const std::vector<LocalizedQuery>& localized, const Run& run) const;
 
   const LocalizeFlags& flags_;
-  const std::filesystem::path& query_images_;
+  std::filesystem::path query_images_;
   std::shared_ptr<const RayCaster> mesh_;
   std::atomic<double> show_seconds_ = 0;
   std::unique_ptr<LocalizationReport> report_;  // null where none is asked for

@@ -114,6 +114,17 @@ void AddGeometryOptions(CLI::App& command, GeometryFlags& flags) {
   geometry.Add(FieldsOf(flags.candidates));
 }
 
+std::filesystem::path QueryImagesOf(const std::filesystem::path& query_images,
+                                    const std::filesystem::path& images,
+                                    const std::filesystem::path& queries) {
+  if (!query_images.empty()) return query_images;
+  std::error_code ignored;
+  if (!std::filesystem::is_directory(queries, ignored)) return images;
+  const auto below = std::filesystem::weakly_canonical(queries).lexically_relative(
+      std::filesystem::weakly_canonical(images));
+  return images.empty() || below.string().starts_with("..") ? queries : images;
+}
+
 void AddThinningOptions(const OptionGroup& group, Thinning& thinning, const std::string& of_what) {
   group.Add("--every", thinning.every, "Use every N-th " + of_what);
   group.Add("--every-offset", thinning.offset, "The first of them, from 0 to N - 1");

@@ -43,6 +43,12 @@ struct GeometryFlags {
 };
 void AddGeometryOptions(CLI::App& command, GeometryFlags& flags);
 
+// Returns where the query photographs are: in `query_images`, or where `queries` is a folder that is
+// not in `images`, there, or in `images`.
+std::filesystem::path QueryImagesOf(const std::filesystem::path& query_images,
+                                    const std::filesystem::path& images,
+                                    const std::filesystem::path& queries);
+
 // `--every` and what goes with it. `of_what` ends the help of --every.
 void AddThinningOptions(const OptionGroup& group, Thinning& thinning, const std::string& of_what);
 // Throws OptionError.

@@ -106,8 +106,8 @@ class PairsRun {
   }
 
  private:
-  const path& QueryImages() const {
-    return flags_.query_images.empty() ? flags_.images : flags_.query_images;
+  path QueryImages() const {
+    return QueryImagesOf(flags_.query_images, flags_.images, flags_.queries);
   }
 
   const std::vector<PosedImage>& References() const { return loaded_.references.images; }

@@ -84,11 +84,13 @@ std::string FormatDouble(double value) {
   return {buffer, result.ptr};
 }
 
-LineReader::LineReader(const std::filesystem::path& path)
-    : path_(path), contents_(ReadFile(path)) {}
+LineReader::LineReader(const std::filesystem::path& path) : LineReader(path, ReadFile(path)) {}
 
 LineReader::LineReader(std::filesystem::path path_for_messages, std::string contents)
-    : path_(std::move(path_for_messages)), contents_(std::move(contents)) {}
+    : path_(std::move(path_for_messages)), contents_(std::move(contents)) {
+  constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";  // as Windows' editors write it
+  if (contents_.starts_with(kByteOrderMark)) position_ = kByteOrderMark.size();
+}
 
 std::optional<std::string_view> LineReader::Next() {
   if (position_ >= contents_.size()) return std::nullopt;

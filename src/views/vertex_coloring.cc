@@ -200,11 +200,7 @@ class Pyramid {
   Pyramid(const PosedImage& photograph, const std::filesystem::path& folder) {
     const std::filesystem::path file = folder / photograph.name;
     Image image = ReadImage(file, ImageChannels::kRgb);
-    const Camera& camera = photograph.camera;
-    if (image.width_px != camera.width_px() || image.height_px != camera.height_px()) {
-      throw InputError(file, fmt::format("is {} x {}, its camera {} x {}", image.width_px,
-                                         image.height_px, camera.width_px(), camera.height_px()));
-    }
+    RequireSizeOf(photograph.camera, photograph.name, {image.width_px, image.height_px}, file);
     levels_.push_back(cv::Mat(image.height_px, image.width_px, CV_8UC3, image.data.data()).clone());
     while (std::min(levels_.back().cols, levels_.back().rows) >= 4) {
       cv::Mat half;

@@ -72,6 +72,17 @@ TEST(Localize, APhotographThatIsListedByItsNameAloneHasAnUnknownFocalLength) {
   EXPECT_NE(ReadFile(out / "queries.jsonl").find("refined_camera"), std::string::npos);
 }
 
+TEST(Localize, AFolderOfPhotographsStandsForItsList) {
+  const RoomScene scene = WriteRoomScene(TestFolder(), {.pictures = true});
+  const fs::path out = scene.folder / "out";
+  Arguments localize = LocalizeWithHloc(scene, out);
+  for (std::string& argument : localize) {
+    if (argument == scene.query_list()) argument = scene.images() / "query";
+  }
+  ASSERT_TRUE(Succeeds(RunRaylift(localize + Arguments{"--query-images", scene.images()})));
+  EXPECT_TRUE(HoldsTruePoses(out / "poses.txt", scene.queries, 0.5, 0.05));
+}
+
 TEST(Localize, E5p1NeedsNoGeometry) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const fs::path out = scene.folder / "out";

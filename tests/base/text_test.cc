@@ -33,6 +33,12 @@ TEST(Text, DoublesReadBackExactly) {
   }
 }
 
+TEST(LineReader, AByteOrderMarkIsNoPartOfTheText) {
+  LineReader reader("list.txt", "\xEF\xBB\xBF# head\na 1\n");
+  EXPECT_EQ(reader.NextContent(), "a 1");
+  EXPECT_EQ(reader.line_number(), 2);
+}
+
 TEST(LineReader, KnowsItsLineAndSkipsComments) {
   LineReader reader("list.txt", "# head\r\n\r\na 1\r\nb");
   EXPECT_EQ(reader.NextContent(), "a 1");

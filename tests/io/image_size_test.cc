@@ -49,6 +49,31 @@ TEST(ImageSize, LongSegmentsBeforeTheFrameAreSkipped) {
   EXPECT_EQ(ReadImageSize(file).height_px, 48);
 }
 
+// EXIF in the order of bytes of a PC: the orientation alone.
+std::string Turned(const std::string& jpeg) {
+  const std::string exif("Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0",
+                         32);
+  return jpeg.substr(0, 2) + std::string("\xFF\xE1\0\x22", 4) + exif + jpeg.substr(2);
+}
+
+TEST(ImageSize, OfAnotherCameraIsNamedWithTheWayOut) {
+  const auto file = TestFolder() / "a.jpg";
+  WriteImage(file, Gray(64, 48));
+  const auto fails = [&](int width_px, int height_px, const std::vector<std::string>& parts) {
+    const Camera camera(CameraModel::kSimplePinhole, width_px, height_px,
+                        std::vector<double>{100, 60, 50});
+    return FailsWithInputError([&] { RequireSizeOf(camera, "a.jpg", ReadImageSize(file), file); },
+                               parts);
+  };
+  EXPECT_TRUE(fails(128, 96,
+                    {"a.jpg: the image is 64 x 48, its camera 128 x 96; scaled to the image it "
+                     "is: a.jpg SIMPLE_PINHOLE 64 48 50 30 25"}));
+  EXPECT_TRUE(fails(48, 64, {"64 x 48, its camera 48 x 64: turn the image"}));
+  EXPECT_TRUE(fails(100, 100, {"64 x 48, its camera 100 x 100"}));
+  WriteFile(file, Turned(ReadFile(file)));
+  EXPECT_TRUE(fails(48, 64, {"64 x 48, its camera 48 x 64: EXIF turns it in viewers"}));
+}
+
 TEST(ImageSize, WhatIsNoImageIsNamed) {
   const auto file = TestFolder() / "a.png";
   EXPECT_TRUE(FailsWithInputError([&] { ReadImageSize(file); }, {"a.png"}));

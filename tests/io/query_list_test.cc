@@ -64,6 +64,61 @@ TEST(QueryList, ALineMayTellHowSureItsFocalLengthIs) {
   EXPECT_EQ(ReadFile(folder / "b.txt"), text);
 }
 
+TEST(QueryList, NamesMayHoldBlanksAndStandInQuotes) {
+  const auto folder = TestFolder();
+  WriteImage(folder / "images/my photo.png", {4, 3, 1, std::vector<uint8_t>(12, 90)});
+  WriteFile(folder / "a.txt",
+            "\xEF\xBB\xBF"
+            "a b.jpg PINHOLE 4 3 5 5 2 1\n\"PINHOLE FOV.jpg\" PINHOLE 4 3 5 5 2 1\n"
+            "\"c.jpg\" PINHOLE 4 3 5 5 2 1 focal_sigma 0.1\nmy photo.png\n");
+  const auto queries = ReadQueryList(folder / "a.txt", folder / "images");
+  ASSERT_EQ(queries.size(), 4u);
+  EXPECT_EQ(queries[0].name, "a b.jpg");
+  EXPECT_EQ(queries[1].name, "PINHOLE FOV.jpg");
+  EXPECT_EQ(queries[2].name, "c.jpg");
+  EXPECT_EQ(queries[2].priors.focal_sigma, 0.1);
+  EXPECT_EQ(queries[3].name, "my photo.png");
+  EXPECT_EQ(queries[3].camera.width_px(), 4);
+  WriteQueryList(folder / "b.txt", queries);
+  EXPECT_EQ(ReadQueryList(folder / "b.txt")[3].name, "my photo.png");
+  WriteFile(folder / "a.txt", "\"a.jpg PINHOLE 4 3 5 5 2 1\n");
+  EXPECT_TRUE(FailsWithInputError([&] { ReadQueryList(folder / "a.txt"); },
+                                  {"a.txt: line 1: name: expected it between quotes"}));
+}
+
+TEST(QueryList, AListOfNothingIsAnError) {
+  const auto file = TestFolder() / "empty.txt";
+  WriteFile(file, "# none yet\n\n");
+  EXPECT_TRUE(
+      FailsWithInputError([&] { ReadQueryList(file); }, {"empty.txt: lists no photograph"}));
+}
+
+TEST(QueryList, AFolderStandsForItsPhotographs) {
+  const auto images = TestFolder() / "images";
+  const Image image = {30, 40, 1, std::vector<uint8_t>(1200, 90)};
+  for (const char* name : {"new/b.png", "new/deep/a.JPG", "old/c.png"}) {
+    WriteFile(images / name, "");  // makes the folder
+    WriteImage(images / "it.png", image);
+    std::filesystem::rename(images / "it.png", images / name);
+  }
+  WriteFile(images / "new/notes.txt", "no photograph");
+  const auto names = [](const std::vector<Query>& queries) {
+    std::vector<std::string> all;
+    for (const Query& query : queries) all.push_back(query.name);
+    return all;
+  };
+  const auto queries = ReadQueryList(images / "new", images);
+  EXPECT_THAT(names(queries), testing::ElementsAre("new/b.png", "new/deep/a.JPG"));
+  EXPECT_EQ(queries[0].camera.width_px(), 30);
+  EXPECT_EQ(queries[0].priors.focal_range, 2);
+  EXPECT_THAT(names(ReadQueryList(images / "new")), testing::ElementsAre("b.png", "deep/a.JPG"));
+  EXPECT_TRUE(FailsWithInputError([&] { ReadQueryList(images / "new", images / "old"); },
+                                  {"new: expected a folder in", "old"}));
+  std::filesystem::create_directory(images / "none");
+  EXPECT_TRUE(
+      FailsWithInputError([&] { ReadQueryList(images / "none"); }, {"none: holds no photograph"}));
+}
+
 TEST(QueryList, PatternsNameSeveralLists) {
   const auto folder = TestFolder() / "with [brackets]";
   WriteFile(folder / "night_queries.txt", "n.jpg PINHOLE 4 3 5 5 2 1\n");
@@ -174,13 +229,24 @@ TEST(PoseFile, WrongLinesAreNamed) {
   expect_failure("a 0 0 0 0 1 2 3\n", {"line 1: qvec: expected a quaternion of length 1"});
 }
 
+TEST(PoseFile, NamesWithBlanksStandInQuotes) {
+  const auto path = TestFolder() / "p.txt";
+  WritePoseFile(path, {{"a b.jpg", Rigid3()}, {"#c.jpg", Rigid3()}, {"d.jpg", Rigid3()}});
+  EXPECT_EQ(ReadFile(path),
+            "\"a b.jpg\" 1 0 0 0 0 0 0\n\"#c.jpg\" 1 0 0 0 0 0 0\nd.jpg 1 0 0 0 0 0 0\n");
+  const auto poses = ReadPoseFile(path);
+  ASSERT_EQ(poses.size(), 3u);
+  EXPECT_EQ(poses[0].name, "a b.jpg");
+  EXPECT_EQ(poses[1].name, "#c.jpg");
+}
+
 TEST(PoseFile, NamesThatWouldNotReadBackAreRefused) {
   const auto path = TestFolder() / "p.txt";
   EXPECT_TRUE(FailsWithInputError(
       [&] {
-        WritePoseFile(path, {{"a b.jpg", Rigid3()}});
+        WritePoseFile(path, {{"a\"b.jpg", Rigid3()}});
       },
-      {"p.txt: the file cannot hold the name \"a b.jpg\""}));
+      {"p.txt: the file cannot hold the name \"a\"b.jpg\""}));
   EXPECT_FALSE(std::filesystem::exists(path));
 }
 

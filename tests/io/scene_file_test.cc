@@ -135,7 +135,7 @@ TEST(TimesFile, HoldsTheSameDoubles) {
   EXPECT_EQ(ReadTimes(file), times);
   WriteFile(file, "# comment\n\na 1\n");
   EXPECT_THAT(ReadTimes(file), ElementsAre(Pair("a", 1.0)));
-  EXPECT_TRUE(FailsWithInputError([&] { WriteTimes(file, {{"a b", 1}}); }, {"times.txt", "a b"}));
+  EXPECT_TRUE(FailsWithInputError([&] { WriteTimes(file, {{"a\"b", 1}}); }, {"times.txt", "a\"b"}));
 }
 
 TEST(TimesFile, WrongLinesAreNamed) {

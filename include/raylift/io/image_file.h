@@ -4,7 +4,9 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 
+#include "raylift/geometry/camera.h"
 #include "raylift/scene/image.h"
 
 namespace raylift {
@@ -12,6 +14,11 @@ namespace raylift {
 // The size alone, from the header. Throws InputError where the file is
 // missing or no image.
 PlaneSize ReadImageSize(const std::filesystem::path& path);
+
+// Throws InputError where the photograph `name`, whose file it is, has another size than its
+// camera: it says whether viewers turn it, and what the camera is at the photograph's size.
+void RequireSizeOf(const Camera& camera, const std::string& name, PlaneSize size,
+                   const std::filesystem::path& file);
 
 // Throws InputError where the file is missing or no image.
 Image ReadImage(const std::filesystem::path& path, ImageChannels channels);

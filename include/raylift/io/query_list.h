@@ -15,15 +15,18 @@
 
 namespace raylift {
 
-// Lines `name MODEL width height params...`; `#` comments and empty lines are skipped. The file
-// name may hold `*` and `?` (several lists, in the order of their names). A name that stands twice
-// is an error.
+// Lines `name MODEL width height params...`; `#` comments and empty lines are skipped. A name may
+// hold blanks, and stands in quotes where it looks like something else. The file name may hold `*`
+// and `?` (several lists, in the order of their names). Names that stand twice and lists of no
+// photograph are errors.
 // A camera's line may end in `focal_sigma S`, the standard deviation of its focal length as a share
 // of it.
 //
 // Where the folder of the photographs is given, a line may be a name alone: then the camera is a
 // pinhole with the principal point in the middle and a focal length of 1.2 times the longer side,
 // as COLMAP has it, which the query's priors say to be known up to a factor of two.
+// In place of a list, a folder stands for the photographs in and below it, so listed by name: it
+// lies in that of the photographs, or is it where none is given.
 std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
                                  const std::filesystem::path& images = {});
 void WriteQueryList(const std::filesystem::path& path, const std::vector<Query>& queries);

@@ -121,7 +121,7 @@ std::vector<std::string_view> SplitPairLine(std::string_view line) {
 
 bool IsName(const std::string& name) {
   return !name.empty() && !name.starts_with('#') &&
-         name.find_first_of(" \t\r\n\v\f,") == std::string::npos;
+         name.find_first_of(",\r\n") == std::string::npos && Trim(name) == name;
 }
 
 }  // namespace
@@ -190,7 +190,8 @@ void WritePairs(const std::filesystem::path& path,
         throw InputError(path, fmt::format("the file cannot hold the name \"{}\"", name));
       }
     }
-    text += fmt::format("{} {}\n", query, reference);
+    const bool has_blank = (query + reference).find_first_of(" \t\v\f") != std::string::npos;
+    text += fmt::format("{}{} {}\n", query, has_blank ? "," : "", reference);
   }
   WriteFile(path, text);
 }

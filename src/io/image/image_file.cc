@@ -1,11 +1,14 @@
 #include "raylift/io/image_file.h"
 
 #include <cctype>
+#include <cmath>
 #include <cstdint>
 #include <fstream>
 #include <string>
 
+#include "pictures/exif.h"
 #include "pictures/picture_codec.h"
+#include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
@@ -76,6 +79,28 @@ PlaneSize ReadImageSize(const std::filesystem::path& path) {
   }
   const Image image = ReadImage(path, ImageChannels::kGray);
   return {image.width_px, image.height_px};
+}
+
+void RequireSizeOf(const Camera& camera, const std::string& name, PlaneSize size,
+                   const std::filesystem::path& file) {
+  if (size == PlaneSize{camera.width_px(), camera.height_px()}) return;
+  std::string message = fmt::format("the image is {} x {}, its camera {} x {}", size.width_px,
+                                    size.height_px, camera.width_px(), camera.height_px());
+  // Rounded sides change the ratio by so much.
+  const double rounding = 1.0 / size.width_px + 1.0 / size.height_px;
+  const double ratio_x = static_cast<double>(size.width_px) / camera.width_px();
+  const double ratio_y = static_cast<double>(size.height_px) / camera.height_px();
+  if (size == PlaneSize{camera.height_px(), camera.width_px()}) {
+    std::ifstream stream(file, std::ios::binary);
+    message +=
+        ReadExif(stream).SwapsSides()
+            ? ": EXIF turns it in viewers; expected the camera of its pixels as they are stored"
+            : ": turn the image, or take a camera of it as it stands";
+  } else if (std::abs(ratio_x / ratio_y - 1) < rounding) {
+    message += fmt::format("; scaled to the image it is: {} {}", name,
+                           camera.Scaled(size.width_px, size.height_px).ToString());
+  }
+  throw InputError(file, message);
 }
 
 Image ReadImage(const std::filesystem::path& path, ImageChannels channels) {

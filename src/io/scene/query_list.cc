@@ -3,6 +3,8 @@
 #include "raylift/io/query_list.h"
 
 #include <algorithm>
+#include <array>
+#include <cctype>
 #include <cstdint>
 #include <optional>
 #include <string_view>
@@ -80,6 +82,68 @@ void ReadCamera(LineTokens& tokens, Query& query) {
   tokens.Token("focal_sigma");
   query.priors.focal_sigma = ReadFocalSigma(tokens);
   tokens.ExpectEnd();
+}
+
+Query QueryOfUnknownCamera(const std::string& name, const std::filesystem::path& images) {
+  return {.name = name,
+          .camera = GuessedCamera(ReadImageSize(PathBelow(images, name))),
+          .priors = {.focal_range = kGuessedFocalRange}};
+}
+
+// Returns the name without quotes at the start of a line: what stands before the camera's model,
+// the first word where there is none.
+std::string_view PlainName(std::string_view line) {
+  const std::vector<std::string_view> words = SplitTokens(line);
+  const auto model = std::find_if(words.begin() + 1, words.end(),
+                                  [](std::string_view word) { return CameraModelFromName(word); });
+  return model == words.end()
+             ? words.front()
+             : Trim({line.data(), static_cast<size_t>(model->data() - line.data())});
+}
+
+Query ReadQuery(const LineReader& lines, std::string_view line,
+                const std::filesystem::path& images) {
+  std::error_code ignored;
+  if (!images.empty() && std::filesystem::is_regular_file(PathBelow(images, line), ignored)) {
+    return QueryOfUnknownCamera(std::string(line), images);
+  }
+  const std::string_view plain = PlainName(line);
+  LineTokens tokens(lines, line.starts_with('"') ? line : line.substr(plain.size()));
+  Query query = {.name = std::string(line.starts_with('"') ? tokens.Name() : plain), .camera = {}};
+  if (!images.empty() && tokens.AtEnd()) return QueryOfUnknownCamera(query.name, images);
+  ReadCamera(tokens, query);
+  return query;
+}
+
+bool HasPictureExtension(const std::filesystem::path& file) {
+  constexpr std::array<std::string_view, 10> kExtensions = {
+      ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".pgm", ".pnm"};
+  std::string extension = file.extension().string();
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
+}
+
+// All photographs in a folder and below it, by name.
+std::vector<Query> QueriesBelow(const std::filesystem::path& folder,
+                                const std::filesystem::path& images) {
+  const std::filesystem::path root =
+      std::filesystem::weakly_canonical(images.empty() ? folder : images);
+  std::vector<std::string> names;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(
+           std::filesystem::canonical(folder),
+           std::filesystem::directory_options::skip_permission_denied)) {
+    if (!entry.is_regular_file() || !HasPictureExtension(entry.path())) continue;
+    names.push_back(entry.path().lexically_relative(root).string());
+    if (names.back().starts_with("..")) {
+      throw InputError(
+          folder, fmt::format("expected a folder in {}, that of the photographs", images.string()));
+    }
+  }
+  if (names.empty()) throw InputError(folder, "holds no photograph");
+  std::sort(names.begin(), names.end());
+  std::vector<Query> queries;
+  for (const std::string& name : names) queries.push_back(QueryOfUnknownCamera(name, root));
+  return queries;
 }
 
 using Eigen::Vector3d;
@@ -226,36 +290,31 @@ std::map<std::string, RigMount> ReadMounts(const path& folder) {
 
 std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
                                  const std::filesystem::path& images) {
+  std::error_code ignored;
+  if (std::filesystem::is_directory(path_or_pattern, ignored))
+    return QueriesBelow(path_or_pattern, images);
   std::vector<Query> queries;
   std::unordered_map<std::string, std::string> place_of_name;
   for (const std::filesystem::path& path : ListedFiles(path_or_pattern)) {
     LineReader lines(path);
     while (const auto line = lines.NextContent()) {
-      LineTokens tokens(lines, *line);
-      Query query = {.name = std::string(tokens.Token("name")), .camera = {}};
-      if (!images.empty() && tokens.AtEnd()) {
-        query.camera = GuessedCamera(ReadImageSize(PathBelow(images, query.name)));
-        query.priors.focal_range = kGuessedFocalRange;
-      } else {
-        ReadCamera(tokens, query);
-      }
+      queries.push_back(ReadQuery(lines, *line, images));
+      const std::string& name = queries.back().name;
       const auto [other, is_new] = place_of_name.emplace(
-          query.name, fmt::format("{}: line {}", path.string(), lines.line_number()));
+          name, fmt::format("{}: line {}", path.string(), lines.line_number()));
       if (!is_new) {
-        tokens.Fail(
-            fmt::format("name: \"{}\" stands twice (also in {})", query.name, other->second));
+        lines.Fail(fmt::format("name: \"{}\" stands twice (also in {})", name, other->second));
       }
-      queries.push_back(std::move(query));
     }
   }
+  if (queries.empty()) throw InputError(path_or_pattern, "lists no photograph");
   return queries;
 }
 
 void WriteQueryList(const std::filesystem::path& path, const std::vector<Query>& queries) {
   std::string text;
   for (const Query& query : queries) {
-    CheckName(path, query.name);
-    text += query.name + ' ' + query.camera.ToString();
+    text += NameText(path, query.name) + ' ' + query.camera.ToString();
     if (const auto& sigma = query.priors.focal_sigma) {
       text += " focal_sigma " + FormatDouble(*sigma);
     }
@@ -279,7 +338,7 @@ std::vector<NamedPose> ReadPoseFile(const std::filesystem::path& path) {
   while (const auto line = lines.NextContent()) {
     LineTokens tokens(lines, *line);
     NamedPose& pose = poses.emplace_back();
-    pose.name = tokens.Token("name");
+    pose.name = tokens.Name();
     const Eigen::Vector4d qvec_wxyz = tokens.Vector<4>("qvec");
     const auto rotation = UnitQuaternion(qvec_wxyz);
     if (!rotation) {
@@ -300,10 +359,9 @@ std::vector<NamedPose> ReadPoseFile(const std::filesystem::path& path) {
 void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPose>& poses) {
   std::string text;
   for (const NamedPose& pose : poses) {
-    CheckName(path, pose.name);
     const Eigen::Quaterniond& q = pose.cam_from_world.rotation;
     const Eigen::Vector3d& t = pose.cam_from_world.translation;
-    text += pose.name;
+    text += NameText(path, pose.name);
     for (const double number : {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()}) {
       text += ' ';
       text += FormatDouble(number);
@@ -319,7 +377,7 @@ std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& fi
   LineReader lines(file);
   while (const auto line = lines.NextContent()) {
     LineTokens tokens(lines, *line);
-    const std::string name(tokens.Token("name"));
+    const std::string name(tokens.Name());
     const std::string kind(tokens.Token("kind"));
     if (name == "*" && kind == "world_down") {
       RequireNew(!world_down, tokens, name, kind);

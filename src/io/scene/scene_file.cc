@@ -133,8 +133,8 @@ std::map<std::string, Value> ReadByName(const path& file, std::string_view field
   LineReader lines(file);
   while (const auto line = lines.NextContent()) {
     LineTokens tokens(lines, *line);
-    const std::string name(tokens.Token("name"));
-    if (!values.emplace(name, parse(lines, tokens.Token(field))).second) {
+    const std::string name(tokens.Name());
+    if (!values.emplace(name, parse(lines, tokens.Name(field))).second) {
       tokens.Fail(fmt::format("name: \"{}\" stands twice", name));
     }
     tokens.ExpectEnd();
@@ -181,8 +181,7 @@ std::map<std::string, double> ReadTimes(const path& file) {
 void WriteTimes(const path& file, const std::map<std::string, double>& times) {
   std::string text;
   for (const auto& [name, seconds] : times) {
-    CheckName(file, name);
-    text += fmt::format("{} {}\n", name, FormatDouble(seconds));
+    text += fmt::format("{} {}\n", NameText(file, name), FormatDouble(seconds));
   }
   WriteFile(file, text);
 }
@@ -195,9 +194,7 @@ std::map<std::string, std::string> ReadGroups(const path& file) {
 void WriteGroups(const path& file, const std::map<std::string, std::string>& groups) {
   std::string text;
   for (const auto& [name, group] : groups) {
-    CheckName(file, name);
-    CheckName(file, group);
-    text += fmt::format("{} {}\n", name, group);
+    text += fmt::format("{} {}\n", NameText(file, name), NameText(file, group));
   }
   WriteFile(file, text);
 }

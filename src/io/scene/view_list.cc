@@ -37,7 +37,7 @@ std::vector<View> ReadViewList(const std::filesystem::path& path) {
   while (const auto line = lines.NextContent()) {
     LineTokens tokens(lines, *line);
     View view;
-    view.name = tokens.Token("name");
+    view.name = tokens.Name();
     if (!names.insert(view.name).second) {
       tokens.Fail(fmt::format("name: \"{}\" stands twice", view.name));
     }

@@ -56,6 +56,17 @@ std::string_view LineTokens::Token(std::string_view field) {
   return token;
 }
 
+std::string_view LineTokens::Name(std::string_view field) {
+  if (AtEnd() || rest_.front() != '"') return Token(field);
+  const size_t end = rest_.find('"', 1);
+  if (end == std::string_view::npos || end == 1) {
+    Fail(fmt::format("{}: expected it between quotes, found {}", field, rest_));
+  }
+  const std::string_view name = rest_.substr(1, end - 1);
+  rest_.remove_prefix(end + 1);
+  return name;
+}
+
 bool LineTokens::NextIs(std::string_view token) {
   LineTokens ahead = *this;
   return !ahead.AtEnd() && ahead.Token(token) == token;
@@ -118,13 +129,14 @@ Camera LineTokens::CameraToEnd(std::string_view end) {
   }
 }
 
-void CheckName(const std::filesystem::path& file, const std::string& name) {
-  if (name.empty() || name.starts_with('#') ||
-      name.find_first_of(" \t\r\n\v\f") != std::string::npos) {
+std::string NameText(const std::filesystem::path& file, const std::string& name) {
+  if (name.empty() || name.find_first_of("\"\r\n") != std::string::npos) {
     throw InputError(file, fmt::format("the file cannot hold the name \"{}\": expected one without "
-                                       "white space that does not start with #",
+                                       "quotes and line ends",
                                        name));
   }
+  const bool is_plain = !name.starts_with('#') && name.find_first_of(kBlanks) == std::string::npos;
+  return is_plain ? name : '"' + name + '"';
 }
 
 }  // namespace raylift

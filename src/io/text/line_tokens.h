@@ -25,6 +25,8 @@ class LineTokens {
   bool AtEnd();
   // The next token; fails where the line ends.
   std::string_view Token(std::string_view field);
+  // The same; in double quotes it may hold blanks.
+  std::string_view Name(std::string_view field = "name");
   double Double(std::string_view field) { return lines_.Double(Token(field), field); }
   uint64_t Uint64(std::string_view field) { return lines_.Uint(Token(field), field); }
   uint32_t Uint32(std::string_view field);
@@ -57,9 +59,9 @@ class LineTokens {
   std::string_view rest_;
 };
 
-// Names end at white space in such files, and `#` starts a comment. Throws InputError for a name
-// that would not read back.
-void CheckName(const std::filesystem::path& file, const std::string& name);
+// Returns the name as LineTokens::Name() reads it back: in quotes where it has blanks or starts
+// with `#`. Throws InputError for a name that would not read back.
+std::string NameText(const std::filesystem::path& file, const std::string& name);
 
 // Rounding makes files of this kind be off by so much; more than that is another quantity.
 inline constexpr double kUnitLengthTolerance = 1e-3;

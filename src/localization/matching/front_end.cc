@@ -18,6 +18,7 @@
 #include "raylift/base/parallel.h"
 #include "raylift/features/local_features.h"
 #include "raylift/io/hloc_files.h"
+#include "raylift/io/image_file.h"
 #include "raylift/jobs/shard.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
@@ -74,7 +75,8 @@ class FrontEndMatches final : public MatchSource {
     features_ = ExtractOrReadFeatures(ImagesOf(options, references, queries), CacheOf(options),
                                       std::move(options_.features));
     for (const Query& query : queries) {
-      CheckSize(options_.query_images / query.name, query.camera, features_->SizeOf(query.name));
+      RequireSizeOf(query.camera, query.name, features_->SizeOf(query.name),
+                    options_.query_images / query.name);
     }
     Retrieve(queries);
     if (options.max_joined) joined_ = std::make_unique<JoinedRetrieval>(Index());
@@ -120,7 +122,8 @@ class FrontEndMatches final : public MatchSource {
   QueryMatches MatchInMemory(const Query& query, const Image* photograph,
                              const Features& features) const {
     if (features.image_width_px > 0) {
-      CheckSize(query.name, query.camera, {features.image_width_px, features.image_height_px});
+      RequireSizeOf(query.camera, query.name, {features.image_width_px, features.image_height_px},
+                    query.name);
     }
     return MatchWith(query, photograph, {features, CanonicalKeypoints(features.keypoints_px)},
                      BestByVlad(query.name, Index()->VectorOf(features)));
@@ -219,13 +222,8 @@ class FrontEndMatches final : public MatchSource {
 
   void CheckSizeOfReference(int index) const {
     const PosedImage& image = references_[static_cast<size_t>(index)];
-    CheckSize(options_.reference_images / image.name, image.camera, features_->SizeOf(image.name));
-  }
-
-  static void CheckSize(const std::filesystem::path& image, const Camera& camera, PlaneSize size) {
-    if (size.width_px == camera.width_px() && size.height_px == camera.height_px()) return;
-    throw InputError(image, fmt::format("the image is {} x {}, its camera {} x {}", size.width_px,
-                                        size.height_px, camera.width_px(), camera.height_px()));
+    RequireSizeOf(image.camera, image.name, features_->SizeOf(image.name),
+                  options_.reference_images / image.name);
   }
 
   void Retrieve(const std::vector<Query>& queries) {
