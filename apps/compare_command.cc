@@ -113,10 +113,10 @@ struct NamedSpec {
 // "name=SPEC"; without a name, the specification is its own.
 NamedSpec ParseNamedSpec(const std::string& text) {
   const size_t equals = text.find('=');
-  const bool is_named = equals != std::string::npos && equals < text.find(':');
-  if (!is_named) return {text, text};
+  const bool is_named = equals != std::string::npos && equals < text.find_first_of(":,");
+  if (!is_named) return {text, GeometrySpecOf(text)};
   if (equals == 0) throw OptionError("--geometry", text, "expected name=SPEC");
-  return {text.substr(0, equals), text.substr(equals + 1)};
+  return {text.substr(0, equals), GeometrySpecOf(text.substr(equals + 1))};
 }
 
 std::vector<NamedSpec> ParseSpecs(const CompareFlags& flags) {

@@ -28,6 +28,7 @@
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
 #include "raylift/io/scene_file.h"
+#include "raylift/lifting/geometry_spec.h"
 
 namespace raylift {
 namespace {
@@ -279,6 +280,7 @@ Program MakeProgram() {
                       AddColorCommand(app),      AddPrepareCommand(app),  AddCalibrateCommand(app)};
   for (const Command& command : program.commands) {
     CheckNumbers(*command.app);
+    Translate(*command.app, "--geometry", &GeometrySpecOf);
   }
   AddProgramHelp(app);
   app.add_option_function<std::string>(
@@ -363,7 +365,8 @@ Program Parsed(const Program& survey, const std::vector<std::string>& arguments)
   return program;
 }
 
-// "; did you mean NAME?" of the first argument that is no command or option but resembles one.
+// "; did you mean NAME?" of the first argument that is no command or option but resembles one; kinds
+// of geometry stand for that option.
 std::string Hint(const CLI::App& app, const std::vector<std::string>& arguments) {
   if (arguments.empty()) return {};
   std::vector<std::string> commands;
@@ -379,6 +382,13 @@ std::string Hint(const CLI::App& app, const std::vector<std::string>& arguments)
     const std::string name = argument.substr(0, argument.find('='));
     const bool is_known = std::find(options.begin(), options.end(), name) != options.end();
     if (!name.starts_with("--") || is_known) continue;
+    const std::string kind = name.substr(2);
+    const bool takes_geometry =
+        std::find(options.begin(), options.end(), "--geometry") != options.end();
+    if (takes_geometry &&
+        (kind == "mesh" || kind == "cloud" || kind == "splat" || kind == "depth")) {
+      return fmt::format("; did you mean --geometry {}:PATH?", kind);
+    }
     const std::string hint = DidYouMean(name, options);
     if (!hint.empty()) return hint;
   }

@@ -220,7 +220,29 @@ NamedGeometry MakeSfm(SpecKeys keys, const GeometryContext& context) {
 
 }  // namespace
 
-NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext& context) {
+std::string GeometrySpecOf(const std::string& text) {
+  // Of a PLY, which may hold anything, a mesh is the most usual.
+  constexpr std::array<std::pair<std::string_view, std::string_view>, 10> kKinds = {
+      {{".obj", "mesh:"},
+       {".ply", "mesh:"},
+       {".glb", "mesh:"},
+       {".gltf", "mesh:"},
+       {".stl", "mesh:"},
+       {".off", "mesh:"},
+       {".dae", "mesh:"},
+       {".fbx", "mesh:"},
+       {".las", "cloud:"},
+       {".pcd", "cloud:"}}};
+  const std::string_view path = std::string_view(text).substr(0, text.find(','));
+  if (path.find_first_of(":=") != std::string_view::npos) return text;
+  for (const auto& [extension, kind] : kKinds) {
+    if (path.ends_with(extension)) return std::string(kind) + text;
+  }
+  return text;
+}
+
+NamedGeometry MakeGeometrySource(const std::string& text, const GeometryContext& context) {
+  const std::string spec = GeometrySpecOf(text);
   const size_t end = std::min(spec.find_first_of(":,"), spec.size());
   const std::string kind = spec.substr(0, end);
   const bool has_path = end < spec.size() && spec[end] == ':';
@@ -241,7 +263,8 @@ NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext&
 
 std::string GeometryHelp() {
   return fmt::format(
-      "Where 3D points come from; several sources are asked in order:\n"
+      "Where 3D points come from; several sources are asked in order (scene.obj alone is\n"
+      "mesh:scene.obj):\n"
       "mesh:PATH[,key=value...]: a mesh; a.ply+b.ply, tiles/*.ply or a folder\n"
       "  are one scene. Keys: near, far (depths), max_incidence_deg,\n"
       "  max_depth_jump (relative, near silhouettes), jump_radius_px,\n"

@@ -44,6 +44,19 @@ TEST_F(MeshOnly, LocalizesFromAMeshAndQueriesAlone) {
       << result.out;
 }
 
+TEST_F(MeshOnly, AModelIsSaidToComeFromColmapWhereThereIsNoMesh) {
+  Arguments without = Command("out");
+  without.erase(without.begin() + 1, without.begin() + 3);
+  EXPECT_TRUE(
+      FailsWith(2, {"--model is required", "colmap automatic_reconstructor"}, RunRaylift(without)));
+  const std::string file = scene_.mesh().string();
+  EXPECT_TRUE(FailsWith(2, {"--mesh", "did you mean --geometry mesh:PATH?"},
+                        RunRaylift(without + Arguments{"--mesh", file})));
+  const Arguments with = without + Arguments{"--geometry", file};
+  EXPECT_TRUE(SucceedsUncalibrated(
+      RunRaylift(with + Arguments{"--view-up=-y", "--view-kind", "cover", "--views", "20"})));
+}
+
 TEST_F(MeshOnly, ASecondRunUsesTheSamePicturesAndAnyThreads) {
   ASSERT_TRUE(
       SucceedsUncalibrated(RunRaylift(Localize("out", {"--rerender", "1", "--threads", "1"}))));

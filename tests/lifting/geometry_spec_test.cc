@@ -39,6 +39,16 @@ TEST(MakeGeometrySource, OpensAMeshAndPassesItsWarningsOn) {
   }
 }
 
+TEST(MakeGeometrySource, AFileAloneIsOfTheKindThatItsNameSays) {
+  EXPECT_EQ(GeometrySpecOf("a/b.obj,far=3"), "mesh:a/b.obj,far=3");
+  EXPECT_EQ(GeometrySpecOf("scan.las"), "cloud:scan.las");
+  for (const std::string text : {"mesh:a.obj", "depth:a.obj", "room=a.obj", "maps", "sfm", ""}) {
+    EXPECT_EQ(GeometrySpecOf(text), text);
+  }
+  const std::string path = WriteTriangle("one.obj");
+  EXPECT_EQ(MakeGeometrySource(path).source->Description(), "mesh:" + path);
+}
+
 TEST(MakeGeometrySource, UnknownKindsKeysAndValuesAreOptionErrors) {
   const std::string forms =
       ": expected mesh:PATH[,key=value...], cloud:PATH[,key=value...], splat:FILE[,key=value...], "

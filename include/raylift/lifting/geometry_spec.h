@@ -78,8 +78,13 @@ struct GeometryContext {
   int threads = 0;                           // to read a mesh; <= 0: all
 };
 
+// Returns the specification that the path of a file alone stands for, by its extension: that of
+// scene.obj is mesh:scene.obj. Other texts stay as they are.
+std::string GeometrySpecOf(const std::string& text);
+
 // Opens "mesh:PATH[,key=value...]", "cloud:PATH[,key=value...]", "splat:FILE[,key=value...]",
-// "depth:DIR[,key=value...]" or "sfm[:DIR][,key=value...]" (by default the references' own model);
+// "depth:DIR[,key=value...]" or "sfm[:DIR][,key=value...]" (by default the references' own model), or
+// what GeometrySpecOf() makes one of;
 // GeometryHelp() lists the keys. OptionError for an unknown kind, key or value, InputError where a
 // file cannot be read.
 NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext& context = {});
