@@ -206,7 +206,13 @@ void Run(const EvaluateFlags& flags) {
   const ResultTable table{thresholds, rows};
   if (!flags.json.empty()) WriteFile(flags.json, FormatTableJson(table));
   if (!flags.csv.empty()) WriteFile(flags.csv, FormatTableCsv(table));
-  if (!flags.run.quiet) fmt::print("{}", FormatTableText(table));
+  if (!flags.run.quiet) {
+    fmt::print("{}", FormatTableText(table));
+    for (const ResultSummary& result : results) {
+      const std::string missing = DescribeMissing(result);
+      if (!missing.empty()) fmt::print("{}\n", missing);
+    }
+  }
   if (!flags.report.empty())
     WriteReport(flags, thresholds, ground_truth, estimated, results, table);
   if (!flags.geometry.empty()) EvaluateDense(flags, names, ground_truth, estimated);

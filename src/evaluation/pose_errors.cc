@@ -263,6 +263,18 @@ ResultSummary Summarize(std::string name, const Comparison& comparison,
   return summary;
 }
 
+std::string DescribeMissing(const ResultSummary& summary) {
+  constexpr size_t kMost = 5;
+  const std::vector<std::string>& names = summary.missing_names;
+  if (names.empty()) return {};
+  std::vector<std::string> some;
+  for (size_t i = 0; i < std::min(kMost, names.size()); ++i) some.push_back(Printable(names[i]));
+  return fmt::format(
+      "{}: {} of {} images of the ground truth have no pose and count as not localized: {}{}",
+      Printable(summary.name), names.size(), summary.num_queries, fmt::join(some, ", "),
+      names.size() > kMost ? ", ..." : "");
+}
+
 std::string UnknownNamesWarning(const ResultSummary& summary) {
   if (summary.unknown_names.empty()) {
     return {};
@@ -340,6 +352,7 @@ std::string FormatTableText(const ResultTable& table) {
   bool any_uses_ground_truth = false;
   for (const ResultSummary& result : table.results) {
     Row row = Numbers(result);
+    std::replace(row.begin(), row.end(), std::string("inf"), std::string("-"));
     row.insert(row.begin(), Printable(result.name) + (result.uses_ground_truth ? " *" : ""));
     rows.push_back(std::move(row));
     any_uses_ground_truth = any_uses_ground_truth || result.uses_ground_truth;

@@ -41,9 +41,20 @@ TEST(Tables, TextIsAlignedAndMarksTheOracle) {
             "median deg\n"
             "P3P             3          2        0        33.33        66.67         0.012346  "
             "       1.5\n"
-            "Oracle *        3          1        1         0.00       100.00              inf  "
-            "       inf\n"
+            "Oracle *        3          1        1         0.00       100.00                -  "
+            "         -\n"
             "* chosen with the ground truth\n");
+}
+
+TEST(Tables, ImagesWithoutAPoseAreCountedAndNamed) {
+  ResultSummary result = Results()[1];
+  EXPECT_EQ(DescribeMissing(result),
+            "Oracle: 2 of 3 images of the ground truth have no pose and count as not localized: "
+            "a.png, c.png");
+  result.missing_names.assign(6, "d.png");
+  EXPECT_THAT(DescribeMissing(result), HasSubstr("d.png, d.png, d.png, d.png, d.png, ..."));
+  result.missing_names.clear();
+  EXPECT_EQ(DescribeMissing(result), "");
 }
 
 TEST(Tables, CsvHoldsTheSameNumbers) {

@@ -121,6 +121,10 @@ struct ResultSummary {
 ResultSummary Summarize(std::string name, const Comparison& comparison,
                         std::span<const Threshold> thresholds);
 
+// Returns one line that counts and names the images of the ground truth without a pose; empty where
+// all have one.
+std::string DescribeMissing(const ResultSummary& summary);
+
 // One line for the user where poses were left out for not being in the ground truth; else empty.
 std::string UnknownNamesWarning(const ResultSummary& summary);
 
