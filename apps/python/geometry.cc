@@ -321,6 +321,8 @@ to this factor either way.)")
                                               state[4].cast<std::optional<double>>(),
                                               state[5].cast<double>())};
                       }))
+      .def("__iter__",
+           [](const Query& query) { return py::iter(py::make_tuple(query.name, query.camera)); })
       .def("__len__", [](const Query&) { return 2; })
       .def("__getitem__", at, py::arg("index"))
       .def("__repr__", [](const Query& query) {

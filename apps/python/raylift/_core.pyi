@@ -198,6 +198,8 @@ class Query:
         deviation of the camera's focal length as a share of it. focal_range: it is the camera's up
         to this factor either way.
         """
+    def __iter__(self) -> collections.abc.Iterator[typing.Any]:
+        ...
     def __len__(self) -> int:
         ...
     def __repr__(self) -> str:

@@ -72,8 +72,8 @@ struct ImageFile {
 struct FeatureCacheOptions {
   std::filesystem::path folder;
   int max_features;
-  FeatureExtractor extractor;  // null: RootSIFT
-  std::string extractor_name;
+  FeatureExtractor extractor = nullptr;  // RootSIFT
+  std::string extractor_name = {};
   int threads;
   bool show_progress;
 };
