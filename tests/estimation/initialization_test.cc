@@ -11,9 +11,11 @@ std::vector<double> EpipolarClutter(const CoherentOptions& options, Rng& rng) {
   const NormalizedProblem prepared(made.problem, 8, 2, rng);
   const KeypointEvidence evidence = GatherEvidence(made.problem, prepared);
   const CamFromLocal pose = prepared.ToLocal(made.query_from_world);
-  JointNoise noise = InitializeNoise(evidence, pose, options.sigma_px * options.sigma_px);
-  noise.keypoint_tail = 0;
-  return InitializeByVoting(evidence, pose, noise).weights.epipolar_clutter;
+  JointModel model(evidence, pose);
+  model.noise = InitializeNoise(evidence, pose, options.sigma_px * options.sigma_px);
+  model.noise.keypoint_tail = 0;
+  InitializeByVoting(model);
+  return model.epipolar_clutter;
 }
 
 TEST(KeypointConsensus, WrongMatchesOfARowOfWindowsCrowdAtEpipolarLines) {

@@ -37,7 +37,7 @@ struct alignas(64) JointKeypoints {
 struct alignas(64) JointObservations {
   Row is_there;  // 1 or 0, as of `has_depth`
   Row image_from_ray[9];
-  Row center[3];
+  Row center[3], ray[3];
   Row extra_variance_px2;
   Row has_depth, log_distance, depth_variance;
   Row epipolar_clutter;
@@ -46,6 +46,9 @@ struct alignas(64) JointObservations {
   // Probabilities that it is right, and its depth; the precision of its pixel over the mean one.
   Row weight, depth, precision;
 
+  // While voting: the pixel's residual as the point moves along the query's ray (at infinity, direction,
+  // offset, slope), its smallest square, and the density of a right depth over that of any.
+  Row scan[6], smallest_px2, depth_ratio;
   // Linearized: the pixel's residual and the depth's, their derivatives by the point and their weights
   // over their variances.
   Row jacobian[6], error_px[2], pixel_weight;
@@ -59,6 +62,7 @@ struct alignas(64) JointUnanchored {
   Row is_there;
   Row point[3];
   Row variance;
+  Row px2;  // while voting: squared pixels per squared local unit; 0 behind the camera
   Row weight;
 };
 
@@ -81,6 +85,10 @@ struct JointParameters {
   double log_distance_mean, log_distance_variance;
   double matched_area_px2;
   double least_weight;
+};
+
+struct JointVoting {
+  double far, fit;  // squared errors, in variances: of no right match, and of one in a hundred
 };
 
 struct JointNormals {

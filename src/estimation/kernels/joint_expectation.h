@@ -12,6 +12,20 @@ constexpr double kTwoPi = 6.283185307179586;
 constexpr double kAsGoodAsNormalTail = 1e-3;
 constexpr double kLeastDistanceDensity = 1e-9;
 
+// StudentDensity() and DensityOfAnyDistance().
+inline Real StudentDensity(const Real& squared, const JointParameters& of) {
+  if (of.keypoint_tail < kAsGoodAsNormalTail) return Exp(Constant(-0.5) * squared);
+  return Exp(Constant(-0.5 / of.keypoint_tail - 1) *
+             Log(Constant(1) + Constant(of.keypoint_tail) * squared));
+}
+inline Real DensityOfAny(const Real& log_distance, const JointParameters& of) {
+  const Real off = log_distance - Constant(of.log_distance_mean);
+  const double variance = 2 * of.log_distance_variance;
+  return Exp(off * off * Constant(-0.5 / variance)) *
+             Constant(1 / __builtin_sqrt(kTwoPi * variance)) +
+         Constant(kLeastDistanceDensity);
+}
+
 // The leave-one-out prediction of a pixel, and of a pixel with its depth, with variances of which a part
 // `information` is among the evidence that gave it; `evidence` is the evidence's uncertainty in it.
 struct PixelPrediction {
@@ -127,30 +141,17 @@ class JointExpectationKernel {
     return weight + share_ * (next - weight);
   }
   Mask IsFar(const Real& squared, const Real& variance) const { return far_ * variance < squared; }
-  // StudentPrecision() and StudentDensity().
+  // StudentPrecision().
   Real Precision(const Real& squared) const {
     return Constant(1 + 2 * of_.keypoint_tail) /
            (Constant(1) + Constant(of_.keypoint_tail) * squared);
-  }
-  Real StudentDensity(const Real& squared) const {
-    if (of_.keypoint_tail < kAsGoodAsNormalTail) return Exp(Constant(-0.5) * squared);
-    return Exp(Constant(-0.5 / of_.keypoint_tail - 1) *
-               Log(Constant(1) + Constant(of_.keypoint_tail) * squared));
   }
   // 0 where it is none.
   Real Density(const PixelPrediction& predicted) const {
     const Real determinant = predicted.covariance.Determinant();
     const Real density =
-        StudentDensity(predicted.Squared()) / (Constant(kTwoPi) * SquareRoot(determinant));
+        StudentDensity(predicted.Squared(), of_) / (Constant(kTwoPi) * SquareRoot(determinant));
     return Where((Constant(0) < determinant) & IsFinite(density), density);
-  }
-  // DensityOfAnyDistance().
-  Real DensityOfAny(const Real& log_distance) const {
-    const Real off = log_distance - Constant(of_.log_distance_mean);
-    const double variance = 2 * of_.log_distance_variance;
-    return Exp(off * off * Constant(-0.5 / variance)) *
-               Constant(1 / __builtin_sqrt(kTwoPi * variance)) +
-           Constant(kLeastDistanceDensity);
   }
 
   const JointBlocks& blocks_;
@@ -339,10 +340,10 @@ void JointExpectationKernel::UpdateObservation(JointObservations& slot,
     predicted = depth.pixel;
     const Real right = Constant(of_.right) * Density(predicted);
     const Mask has_depth = zero < Load(slot.has_depth);
-    with_depth =
-        right * Constant(of_.depth_right) *
-        Exp(Constant(-0.5) * depth.error * depth.error / depth.variance) /
-        (SquareRoot(Constant(kTwoPi) * depth.variance) * DensityOfAny(Load(slot.log_distance)));
+    with_depth = right * Constant(of_.depth_right) *
+                 Exp(Constant(-0.5) * depth.error * depth.error / depth.variance) /
+                 (SquareRoot(Constant(kTwoPi) * depth.variance) *
+                  DensityOfAny(Load(slot.log_distance), of_));
     with_depth = Where(has_depth, with_depth);
     without_depth = right * Select(has_depth, Constant(1 - of_.depth_right), one);
   } else {
@@ -416,7 +417,7 @@ void JointExpectationKernel::UpdateUnanchored(JointUnanchored& slot,
   const Real squared = Dot(offset, offset);
   const Real px2 =
       Constant(0.5) * (Dot(seen.by_ray.x, seen.by_ray.x) + Dot(seen.by_ray.y, seen.by_ray.y));
-  const Real any = DensityOfAny(Constant(0.5) * Log(squared)) / SquareRoot(squared) * px2 *
+  const Real any = DensityOfAny(Constant(0.5) * Log(squared), of_) / SquareRoot(squared) * px2 *
                    Constant(1 / of_.matched_area_px2);
   const Real wrong = Constant(1 - of_.unanchored_right) * any;
   const Real weight = Where(in_front, Approached(old_weight, right / (right + wrong)));

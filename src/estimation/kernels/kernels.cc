@@ -9,6 +9,7 @@
 
 #include "estimation/kernels/joint_expectation.h"
 #include "estimation/kernels/joint_lanes.h"
+#include "estimation/kernels/joint_voting.h"
 #include "estimation/kernels/lanes.h"
 
 namespace raylift::kernels {
@@ -328,6 +329,8 @@ const KernelTable& RAYLIFT_KERNEL_TABLE() {
                                          Normals2D2D<double>,
                                          Normals2D3D<float>,
                                          Normals2D2D<float>,
+                                         ScanJointly,
+                                         VoteJointly,
                                          LinearizeJointly,
                                          MoveJointly,
                                          ExpectJointly};

@@ -109,8 +109,12 @@ struct KernelTable {
                                       const KernelPose<float>& pose, const float* centers,
                                       const KernelLoss& loss);
 
-  // Of the joint refinement: the normal equations, its points' eliminated; the points' step after the
+  // Of the joint refinement: what voting needs of each piece, and voting, once the slots have their
+  // references' clutter; the normal equations, its points' eliminated; the points' step after the
   // query's, which `parameters` have taken already; and the E step.
+  void (*scan_jointly)(const JointBlocks& blocks, const JointParameters& parameters);
+  void (*vote_jointly)(const JointBlocks& blocks, const JointParameters& parameters,
+                       const JointVoting& voting);
   JointNormals (*linearize_jointly)(const JointBlocks& blocks, const JointParameters& parameters);
   void (*move_jointly)(const JointBlocks& blocks, const JointParameters& parameters,
                        const double* step, double focal_step);

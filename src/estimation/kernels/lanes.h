@@ -153,6 +153,13 @@ inline Lanes<double> Select(const Mask& mask, const Lanes<double>& x, const Lane
   for (int i = 0; i < Mask::kParts; ++i) r.part[i] = mask.part[i] ? x.part[i] : y.part[i];
   return r;
 }
+inline bool Any(const Mask& mask) {
+  long long any = 0;
+  for (int i = 0; i < Mask::kParts; ++i) {
+    for (int lane = 0; lane < Lanes<double>::kPartLanes; ++lane) any |= mask.part[i][lane];
+  }
+  return any != 0;
+}
 inline Lanes<double> Min(const Lanes<double>& a, const Lanes<double>& b) {
   return Select(a < b, a, b);
 }

@@ -54,23 +54,28 @@ bool IsPoseCertain(const Matrix7d& query_covariance, const JointModel& model) {
   return variance < kNegligibleShare * count * model.noise.keypoint_px2;
 }
 
-// Returns the errors of pixels, as all else predicts them, that the tail is told by: at most some
-// hundred, squared and along the axis that is best predicted.
+// Returns the errors of pixels, as all else predicts them, that the tail is told by: some hundred, squared
+// and along the axis that is best predicted.
 std::vector<double> ErrorsAcross(const JointModel& model) {
-  std::vector<double> errors;
-  for (size_t k = 0; k < model.evidence.keypoints.size(); ++k) {
-    const auto [block, lane] = model.blocks.PlaceOf(k);
-    const auto count =
-        static_cast<int>(model.evidence.ObservationsOf(model.evidence.keypoints[k]).size());
-    for (int n = 0; n < count; ++n) {
-      const kernels::JointObservations& slot = model.blocks.ObservationAt(block, n);
-      if (slot.tells_noise[lane] == 0) continue;
-      const auto& predicted = slot.predicted_covariance;
-      Matrix2d covariance;
-      covariance << predicted[0][lane], predicted[1][lane], predicted[1][lane], predicted[2][lane];
-      errors.push_back(
-          SquaredAcross({slot.predicted_px[0][lane], slot.predicted_px[1][lane]}, covariance));
+  struct Place {
+    const kernels::JointObservations* slot;
+    size_t lane;
+  };
+  std::vector<Place> telling;
+  for (const kernels::JointObservations& slot : model.blocks.Observations()) {
+    for (size_t lane = 0; lane < kernels::kLanes<double>; ++lane) {
+      if (slot.tells_noise[lane] != 0) telling.push_back({&slot, lane});
     }
+  }
+  std::vector<double> errors;
+  const size_t stride = telling.size() / kErrorsOfTail + 1;
+  for (size_t i = 0; i < telling.size(); i += stride) {
+    const auto& [slot, lane] = telling[i];
+    const auto& predicted = slot->predicted_covariance;
+    Matrix2d covariance;
+    covariance << predicted[0][lane], predicted[1][lane], predicted[1][lane], predicted[2][lane];
+    errors.push_back(
+        SquaredAcross({slot->predicted_px[0][lane], slot->predicted_px[1][lane]}, covariance));
   }
   return errors;
 }

@@ -6,6 +6,7 @@
 #include <span>
 
 #include "base/statistics.h"
+#include "estimation/kernels/kernel_table.h"
 #include "estimation/refinement/joint/model.h"
 #include "estimation/refinement/joint/student_t.h"
 #include <Eigen/Geometry>
@@ -18,9 +19,6 @@ using Eigen::Vector3d;
 
 // No error is impossible.
 constexpr double kLeastDensity = 1e-9;
-
-// Beyond so many variances a density is none.
-constexpr double kFarSquared = 40;
 
 // Where a point that moves along the query's ray is seen in a reference: its residual is
 // at_infinity + direction / (offset + slope * distance).
@@ -190,151 +188,17 @@ JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal&
 
 namespace {
 
-// The density of evidence under two hypotheses, both in units of that of a wrong match.
-struct Ratios {
-  double with_depth = 0;     // right, and its depth too
-  double without_depth = 0;  // right, its depth useless or unknown
-};
-
-// One keypoint's evidence along its ray, after LookAt().
-class RayHypotheses {
- public:
-  RayHypotheses(const KeypointEvidence& evidence, const CamFromLocal& pose, const JointNoise& noise,
-                const std::vector<double>& epipolar_clutter)
-      : evidence_(evidence),
-        pose_(pose),
-        noise_(noise),
-        epipolar_clutter_(epipolar_clutter),
-        depth_variance_(noise.depth + noise.common_depth),
-        pixel_variance_(2 * noise.keypoint_px2),
-        far_(StudentFar(noise.keypoint_tail)),
-        fit_(StudentQuantile(0.01, noise.keypoint_tail)),
-        right_(noise.right / (1 - noise.right) * evidence.matched_area_px2 /
-               (2 * std::numbers::pi * pixel_variance_)),
-        mean_distance_(std::exp(noise.log_distance_mean)) {}
-
-  void LookAt(const KeypointObservations& keypoint) {
-    observations_ = evidence_.ObservationsOf(keypoint);
-    unanchored_ = evidence_.UnanchoredOf(keypoint);
-    ray_ = QueryRay(keypoint, pose_);
-    scans_.clear();
-    depth_ratio_.clear();
-    px2_.clear();
-    for (const Observation& s : observations_) {
-      scans_.emplace_back(s, ray_.origin, ray_.direction);
-      depth_ratio_.push_back(s.has_depth ? DepthRatio(s) : 0);
-    }
-    for (const UnanchoredPoint& point : unanchored_) {
-      const PixelResidual seen =
-          ResidualOf(keypoint.image_from_cam, pose_.rotation * (point.point - ray_.origin));
-      px2_.push_back(seen.in_front ? 0.5 * seen.jacobian.squaredNorm() : 0);
-    }
-  }
-
-  const QueryRay& ray() const { return ray_; }
-
-  // The distances that some evidence asks for.
-  void Candidates(std::vector<double>& distances) const {
-    distances.clear();
-    for (size_t i = 0; i < observations_.size(); ++i) {
-      if (!(scans_[i].SmallestSquaredError() < fit_ * pixel_variance_)) continue;
-      double best = scans_[i].BestDistance();
-      if (!(best > 0) || !std::isfinite(best)) {  // rays that do not meet: as good as parallel
-        best = std::exp(noise_.log_distance_mean + 2 * std::sqrt(noise_.log_distance_variance));
-      }
-      distances.push_back(best);
-      if (observations_[i].has_depth) {
-        const Vector3d lifted = observations_[i].center +
-                                std::exp(observations_[i].log_distance) * observations_[i].ray;
-        const double along = (lifted - ray_.origin).dot(ray_.direction);
-        if (along > 0 && std::abs(along - best) > 1e-3 * best) distances.push_back(along);
-      }
-    }
-    for (const UnanchoredPoint& point : unanchored_) {
-      const double along = (point.point - ray_.origin).dot(ray_.direction);
-      if (along > 0) distances.push_back(along);
-    }
-    // Rays that are as good as parallel fit any distance.
-    if (!distances.empty()) distances.push_back(mean_distance_);
-  }
-
-  Ratios RatiosOf(size_t i, double distance) const {
-    const Observation& observation = observations_[i];
-    if (!scans_[i].InFront(distance)) return {};
-    const double squared = scans_[i].SquaredError(distance) / pixel_variance_;
-    if (!(squared < far_)) return {};
-    const double right = right_ * StudentDensity(squared, noise_.keypoint_tail) /
-                         epipolar_clutter_[static_cast<size_t>(observation.reference)];
-    if (!observation.has_depth) return {0, right};
-    const double error =
-        std::log((ray_.At(distance) - observation.center).norm()) - observation.log_distance;
-    const double far = error * error / (depth_variance_ + observation.depth_variance);
-    const double with_depth = far < kFarSquared ? depth_ratio_[i] * std::exp(-0.5 * far) : 0;
-    return {right * noise_.depth_right * with_depth, right * (1 - noise_.depth_right)};
-  }
-
-  double RatioOfUnanchored(size_t i, double distance) const {
-    const Vector3d off = unanchored_[i].point - ray_.At(distance);
-    if (px2_[i] == 0) return 0;
-    const double along = off.dot(ray_.direction);
-    const double variance = noise_.unanchored + unanchored_[i].variance;
-    const double across = variance + noise_.keypoint_px2 / px2_[i];
-    return noise_.unanchored_right / (1 - noise_.unanchored_right) * evidence_.matched_area_px2 /
-           px2_[i] * Normal2D(off.squaredNorm() - along * along, across) *
-           Normal1D(along * along, variance + 1e-12 * distance * distance) /
-           (DensityOfAnyDistance(noise_, std::log(distance)) / distance);
-  }
-
-  // How much likelier the evidence is with the keypoint at this distance, as a logarithm.
-  double LogEvidence(double distance) const {
-    LogOfProduct product;
-    for (size_t i = 0; i < observations_.size(); ++i) {
-      const Ratios ratios = RatiosOf(i, distance);
-      product.Multiply(1 + ratios.with_depth + ratios.without_depth);
-    }
-    for (size_t i = 0; i < unanchored_.size(); ++i)
-      product.Multiply(1 + RatioOfUnanchored(i, distance));
-    return product.Sum() - 0.5 * Squared(std::log(distance) - noise_.log_distance_mean) /
-                               noise_.log_distance_variance;
-  }
-
- private:
-  static double Squared(double x) { return x * x; }
-
-  // The density of a right depth without error over that of any depth in the scene.
-  double DepthRatio(const Observation& observation) const {
-    return Normal1D(0, depth_variance_ + observation.depth_variance) /
-           DensityOfAnyDistance(noise_, observation.log_distance);
-  }
-
-  const KeypointEvidence& evidence_;
-  const CamFromLocal& pose_;
-  const JointNoise& noise_;
-  const std::vector<double>& epipolar_clutter_;
-  double depth_variance_;
-  double pixel_variance_;  // both pixels' noise shows in the reference
-  double far_, fit_;       // squared, in variances of a pixel
-  double right_;
-  double mean_distance_;
-
-  std::span<const Observation> observations_;
-  std::span<const UnanchoredPoint> unanchored_;
-  QueryRay ray_;
-  std::vector<RayScan> scans_;
-  std::vector<double> depth_ratio_;
-  std::vector<double> px2_;  // squared pixels per squared local unit, of each unanchored point
-};
-
-// EvidenceWeights::epipolar_clutter, by the matches that lie beside their epipolar lines: beyond
-// what is noise, and up to three times as far.
-std::vector<double> EpipolarClutter(const KeypointEvidence& evidence, const CamFromLocal& pose,
-                                    const JointNoise& noise) {
-  const double near2 = StudentFar(noise.keypoint_tail) * 2 * noise.keypoint_px2;
+// JointModel::epipolar_clutter, by the matches that lie beside their epipolar lines: beyond what is
+// noise, and up to three times as far.
+std::vector<double> EpipolarClutter(const JointModel& model, double far) {
+  const KeypointEvidence& evidence = model.evidence;
+  const double near2 = far * 2 * model.noise.keypoint_px2;
   std::vector<double> wrong(evidence.num_references(), 0), beside(evidence.num_references(), 0);
-  for (const KeypointObservations& keypoint : evidence.keypoints) {
-    const QueryRay ray(keypoint, pose);
-    for (const Observation& observation : evidence.ObservationsOf(keypoint)) {
-      const double squared = RayScan(observation, ray.origin, ray.direction).SmallestSquaredError();
+  for (size_t k = 0; k < evidence.keypoints.size(); ++k) {
+    const auto [block, lane] = model.blocks.PlaceOf(k);
+    int n = 0;
+    for (const Observation& observation : evidence.ObservationsOf(evidence.keypoints[k])) {
+      const double squared = model.blocks.ObservationAt(block, n++).smallest_px2[lane];
       if (!(squared > near2)) continue;
       wrong[static_cast<size_t>(observation.reference)] += 1;
       if (squared < 9 * near2) beside[static_cast<size_t>(observation.reference)] += 1;
@@ -351,47 +215,23 @@ std::vector<double> EpipolarClutter(const KeypointEvidence& evidence, const CamF
 
 }  // namespace
 
-VotedPoints InitializeByVoting(const KeypointEvidence& evidence, const CamFromLocal& pose,
-                               const JointNoise& noise) {
-  VotedPoints voted;
-  voted.points.resize(evidence.keypoints.size());
-  EvidenceWeights& weights = voted.weights;
-  weights.observation.assign(evidence.observations.size(), 0);
-  weights.depth.assign(evidence.observations.size(), 0);
-  weights.unanchored.assign(evidence.unanchored.size(), 0);
-  weights.epipolar_clutter = EpipolarClutter(evidence, pose, noise);
-  RayHypotheses hypotheses(evidence, pose, noise, weights.epipolar_clutter);
-  const double mean_distance = std::exp(noise.log_distance_mean);
-  std::vector<double> candidates;
-  for (size_t k = 0; k < evidence.keypoints.size(); ++k) {
-    const KeypointObservations& keypoint = evidence.keypoints[k];
-    hypotheses.LookAt(keypoint);
-    hypotheses.Candidates(candidates);
-    double distance = mean_distance;
-    double most = -std::numeric_limits<double>::infinity();
-    for (const double candidate : candidates) {
-      const double log_evidence = hypotheses.LogEvidence(candidate);
-      if (log_evidence > most) {
-        most = log_evidence;
-        distance = candidate;
-      }
-    }
-    voted.points[k] = hypotheses.ray().At(distance);
-    if (candidates.empty()) continue;
-    for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
-      const Ratios ratios =
-          hypotheses.RatiosOf(static_cast<size_t>(i - keypoint.first_observation), distance);
-      const double right = ratios.with_depth + ratios.without_depth;
-      weights.observation[i] = right / (right + 1);
-      weights.depth[i] = right > 0 ? ratios.with_depth / right : 0;
-    }
-    for (int i = keypoint.first_unanchored; i < keypoint.end_unanchored; ++i) {
-      const double right = hypotheses.RatioOfUnanchored(
-          static_cast<size_t>(i - keypoint.first_unanchored), distance);
-      weights.unanchored[i] = right / (right + 1);
+void InitializeByVoting(JointModel& model) {
+  const kernels::KernelTable& kernels = kernels::ActiveKernels();
+  const kernels::JointParameters parameters = model.ForKernels();
+  const kernels::JointVoting voting = {.far = StudentFar(model.noise.keypoint_tail),
+                                       .fit = StudentQuantile(0.01, model.noise.keypoint_tail)};
+  kernels.scan_jointly(model.blocks.ForKernels(), parameters);
+  model.epipolar_clutter = EpipolarClutter(model, voting.far);
+  for (size_t k = 0; k < model.evidence.keypoints.size(); ++k) {
+    const auto [block, lane] = model.blocks.PlaceOf(k);
+    int n = 0;
+    for (const Observation& observation :
+         model.evidence.ObservationsOf(model.evidence.keypoints[k])) {
+      model.blocks.ObservationAt(block, n++).epipolar_clutter[lane] =
+          model.epipolar_clutter[static_cast<size_t>(observation.reference)];
     }
   }
-  return voted;
+  kernels.vote_jointly(model.blocks.ForKernels(), parameters, voting);
 }
 
 }  // namespace raylift

@@ -105,9 +105,7 @@ class JointRefinement {
     initialized_with_ = model_.focal_error = of_part.model_.focal_error;
     model_.noise = of_part.model_.noise;
     model_.references = of_part.model_.references;
-    const auto refocused = WithFocalError(evidence_, model_.focal_error);
-    model_.blocks.Take(evidence_, InitializeByVoting(refocused ? *refocused : evidence_,
-                                                     model_.pose, model_.noise));
+    InitializeByVoting(model_);
     if (prior_.KnowsReferences()) AdmitReferenceErrors(JointSystem::UnknownErrors::kNone);
   }
 
@@ -212,12 +210,12 @@ void JointRefinement::InitializePoints(double keypoint_variance_px2) {
   initialized_at_ = model_.pose;
   initialized_with_ = model_.focal_error;
   const auto refocused = WithFocalError(evidence_, model_.focal_error);
-  const KeypointEvidence& evidence = refocused ? *refocused : evidence_;
-  model_.noise = InitializeNoise(evidence, model_.pose, keypoint_variance_px2);
+  model_.noise =
+      InitializeNoise(refocused ? *refocused : evidence_, model_.pose, keypoint_variance_px2);
   if (prior_.depth.count > 0) model_.noise.depth = prior_.depth.variance;
   if (prior_.common_depth.count > 0) model_.noise.common_depth = prior_.common_depth.variance;
   if (prior_.keypoint_tail) model_.noise.keypoint_tail = prior_.keypoint_tail->mean;
-  model_.blocks.Take(evidence_, InitializeByVoting(evidence, model_.pose, model_.noise));
+  InitializeByVoting(model_);
 }
 
 bool JointRefinement::HasMovedFar() const {

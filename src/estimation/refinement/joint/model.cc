@@ -26,8 +26,8 @@ void PutRowMajor(const Eigen::Matrix3d& matrix, size_t lane, kernels::Row* rows)
   for (Eigen::Index i = 0; i < 9; ++i) rows[i][lane] = matrix(i / 3, i % 3);
 }
 
-// Returns a slot whose lanes see all points at finite pixels: those without an observation add zero times
-// these.
+// Returns a slot whose lanes see all points at finite pixels, as zero times them is added by those without
+// an observation.
 kernels::JointObservations EmptySlot() {
   kernels::JointObservations slot{};
   for (size_t lane = 0; lane < kLanes; ++lane) {
@@ -65,6 +65,9 @@ EvidenceBlocks::EvidenceBlocks(const KeypointEvidence& evidence)
     places_[k] = place++;
     Append(evidence, k);
   }
+  for (; place < keypoints_.size() * kLanes; ++place) {
+    PutRowMajor(Eigen::Matrix3d::Identity(), place % kLanes, keypoints_.back().image_from_cam);
+  }
 }
 
 void EvidenceBlocks::Append(const KeypointEvidence& evidence, size_t k) {
@@ -95,6 +98,7 @@ void EvidenceBlocks::Append(const KeypointEvidence& evidence, size_t k) {
     slot.is_there[lane] = 1;
     PutRowMajor(observation.image_from_ray, lane, slot.image_from_ray);
     Put(observation.center, lane, slot.center);
+    Put(observation.ray, lane, slot.ray);
     slot.extra_variance_px2[lane] = observation.extra_variance_px2;
     slot.has_depth[lane] = observation.has_depth ? 1 : 0;
     slot.log_distance[lane] = observation.log_distance;
@@ -106,29 +110,6 @@ void EvidenceBlocks::Append(const KeypointEvidence& evidence, size_t k) {
     slot.is_there[lane] = 1;
     Put(unanchored[i].point, lane, slot.point);
     slot.variance[lane] = unanchored[i].variance;
-  }
-}
-
-void EvidenceBlocks::Take(const KeypointEvidence& evidence, const VotedPoints& voted) {
-  for (size_t k = 0; k < places_.size(); ++k) {
-    const auto [index, lane] = PlaceOf(k);
-    const KeypointObservations& keypoint = evidence.keypoints[k];
-    kernels::JointKeypoints& block = keypoints_[index];
-    Put(voted.points[k], lane, block.point);
-    block.common[lane] = 0;
-    block.query_right[lane] = block.query_precision[lane] = 1;
-    for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
-      kernels::JointObservations& slot = ObservationAt(index, i - keypoint.first_observation);
-      slot.epipolar_clutter[lane] =
-          voted.weights.epipolar_clutter[static_cast<size_t>(evidence.observations[i].reference)];
-      slot.weight[lane] = voted.weights.observation[i];
-      slot.depth[lane] = voted.weights.depth[i];
-      slot.precision[lane] = 1;
-    }
-    for (int i = keypoint.first_unanchored; i < keypoint.end_unanchored; ++i) {
-      unanchored_[static_cast<size_t>(block.first_unanchored + i - keypoint.first_unanchored)]
-          .weight[lane] = voted.weights.unanchored[i];
-    }
   }
 }
 

@@ -86,28 +86,10 @@ inline double DensityOfAnyDistance(const JointNoise& noise, double log_distance)
 // A first guess, at a given pose, of where on its ray each query keypoint lies, of which of its
 // matches agree on that, and of the noise.
 
-// The probability that each piece of evidence is right; of a depth, given that its observation is.
-struct EvidenceWeights {
-  std::vector<double> observation;
-  std::vector<double> depth;
-  std::vector<double> unanchored;
-  // The factor, at least 1, by which wrong matches with each reference are denser near epipolar
-  // lines than anywhere in the image: those with the next window of a row lie near them.
-  std::vector<double> epipolar_clutter;
-};
-
 // The likeliest noise of depths and unanchored points, where they are compared with what the
 // observations alone say at this pose, and the distances' distribution.
 JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal& pose,
                            double keypoint_variance_px2);
-
-// Finds on each keypoint's ray the point that most of its evidence agrees on.
-struct VotedPoints {
-  std::vector<Eigen::Vector3d> points;  // local frame, of each keypoint
-  EvidenceWeights weights;
-};
-VotedPoints InitializeByVoting(const KeypointEvidence& evidence, const CamFromLocal& pose,
-                               const JointNoise& noise);
 
 // The unknowns of the joint refinement, and how they explain the evidence: each observation, each
 // unanchored point and the query's frame as a quadratic in the unknowns of its keypoint and of its
@@ -156,9 +138,6 @@ class EvidenceBlocks {
   };
 
   explicit EvidenceBlocks(const KeypointEvidence& evidence);
-  // Takes what voting has found; all else begins anew.
-  void Take(const KeypointEvidence& evidence, const VotedPoints& voted);
-
   Place PlaceOf(size_t keypoint) const {
     return {places_[keypoint] / kernels::kLanes<double>,
             places_[keypoint] % kernels::kLanes<double>};
@@ -180,6 +159,7 @@ class EvidenceBlocks {
   const kernels::JointUnanchored& UnanchoredAt(size_t block, int n) const {
     return unanchored_[static_cast<size_t>(keypoints_[block].first_unanchored + n)];
   }
+  const std::vector<kernels::JointObservations>& Observations() const { return observations_; }
   kernels::JointBlocks ForKernels() {
     return {keypoints_.data(), static_cast<int>(keypoints_.size()), observations_.data(),
             unanchored_.data()};
@@ -203,6 +183,9 @@ struct JointModel {
   double focal_error = 0;
   std::vector<ReferenceError> references;  // and last of the unanchored points, as of one more
   bool have_references_errors = false;
+  // The factor, at least 1, by which wrong matches with each reference are denser near epipolar lines
+  // than anywhere in the image: those with the next window of a row lie near them.
+  std::vector<double> epipolar_clutter;
   // Of all matches, each as the others predict it, over that of uniform ones; set by EStep().
   double log_likelihood = 0;
 
@@ -213,6 +196,10 @@ struct JointModel {
   // What the kernels take of all this; also tells the slots how their references err.
   kernels::JointParameters ForKernels();
 };
+
+// Finds on each keypoint's ray, at the model's pose, the point that most of its evidence agrees on, and
+// how likely each piece is right there.
+void InitializeByVoting(JointModel& model);
 
 // How likely each piece of evidence of the joint refinement is right, and how noisy its kind is.
 

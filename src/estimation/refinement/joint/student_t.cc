@@ -8,8 +8,6 @@
 namespace raylift {
 namespace {
 
-constexpr size_t kEnoughErrors = 300;
-
 // Degrees of freedom that are told apart; after them the normal distribution.
 constexpr std::array kDegrees = {1, 2, 3, 4, 6, 8, 12, 20, 40};
 
@@ -39,7 +37,7 @@ double LogLikelihood(const std::vector<double>& squared, int degrees, double& sc
 }  // namespace
 
 double EstimateTail(std::span<const double> squared_errors, const std::optional<TailPrior>& prior) {
-  const size_t stride = squared_errors.size() / kEnoughErrors + 1;
+  const size_t stride = squared_errors.size() / kErrorsOfTail + 1;
   std::vector<double> part;
   double mean = 0;
   for (size_t i = 0; i < squared_errors.size(); i += stride) {

@@ -44,9 +44,11 @@ struct TailPrior {
   double mean, variance;
 };
 
+// At most twice as many errors tell the tail as well as all do.
+inline constexpr size_t kErrorsOfTail = 300;
+
 // The tail by the squared errors along one axis, whose scale is unknown; its posterior mean, all
-// between 0 and 1 being as likely before but for the prior. At most some hundred errors are looked
-// at.
+// between 0 and 1 being as likely before but for the prior.
 double EstimateTail(std::span<const double> squared_errors, const std::optional<TailPrior>& prior);
 
 // The sum of many logarithms, taken of their product: one logarithm for some dozens of factors.
