@@ -228,11 +228,12 @@ class CompareRun {
   void Run(const std::string& options_json) {
     const std::vector<PosedImage>& images = scene_.references.images;
     OpenMatchSource();
-    if (!flags_.ground_truth.empty() && !flags_.Folder().empty()) OpenJob(options_json);
+    if (!flags_.Folder().empty()) OpenJob(options_json);
     const std::vector<ReferenceMatch> matches =
         match_source_ ? CollectReferenceMatches(queries_, *match_source_, scene_.references,
                                                 flags_.run.threads)
                       : std::vector<ReferenceMatch>();
+    const CommittedFiles results;
     const ReportOptions report_options = ReportOptionsOf();
     std::unique_ptr<ReportPictures> pictures;
     if (!flags_.report.empty()) {
@@ -274,6 +275,7 @@ class CompareRun {
     for (const path& folder : {flags_.out, flags_.report}) {
       if (!folder.empty()) WriteFile(folder / kWrittenLast, OptionsOfResults(options_json));
     }
+    if (job_) job_->Finish(job_->Whole().value(), results.paths());
     if (match_source_) {
       PrintWarnings(match_source_->Warnings());
     }
@@ -303,8 +305,7 @@ class CompareRun {
   // From now on there is a manifest, and nothing else of a former run that is overwritten.
   void OpenJob(const std::string& options_json) {
     std::vector<std::string> names;
-    names.reserve(queries_.size());
-    for (const Query& query : queries_) names.push_back(query.name);
+    for (size_t i = 0; i < NumTasks(); ++i) names.push_back(queries_[i].name);
     JobFolder folder;
     folder.out = flags_.Folder();
     folder.resume = flags_.resume;
@@ -312,6 +313,9 @@ class CompareRun {
     job_ = std::make_unique<TaskJob>(names, Header(options_json), folder, CompareJobForm());
     job_->Begin(std::nullopt);
   }
+
+  // The queries that are localized.
+  size_t NumTasks() const { return flags_.ground_truth.empty() ? 0 : queries_.size(); }
 
   std::string Header(const std::string& options_json) const {
     nlohmann::ordered_json inputs = InputsJson({.model = flags_.references.model,
@@ -321,9 +325,11 @@ class CompareRun {
                                                 .matching = flags_.matching,
                                                 .threads = flags_.run.threads},
                                                scene_, queries_);
-    inputs["ground-truth"] = FileOrModelFingerprint(flags_.ground_truth);
+    if (!flags_.ground_truth.empty()) {
+      inputs["ground-truth"] = FileOrModelFingerprint(flags_.ground_truth);
+    }
     return JobHeader(
-        nlohmann::ordered_json::parse(options_json), queries_.size(),
+        nlohmann::ordered_json::parse(options_json), NumTasks(),
         {"scene", "model", "images", "queries", "query-images", "features", "matches", "pairs",
          "cache", "prior-poses", "global-features", "query-global-features", "ground-truth",
          "report", "max-side", "overlaps", "surface-thresholds", "truth", "thresholds"},
@@ -361,7 +367,6 @@ class CompareRun {
       comparison =
           CompareLocalization(scene_, queries_, match_source_, matches, truth, grid_, hooks);
     }
-    if (job_) job_->Finish(*job_->Whole());
     for (const path& folder : {flags_.out, flags_.report}) {
       if (folder.empty()) continue;
       WriteFile(folder / "localization.csv", FormatLocalizationCsv(comparison));

@@ -194,9 +194,10 @@ class EstimateRun {
                  whole ? "; all shards are complete" : "");
     }
     if (!whole) return false;
-    job.Finish(*whole);
     rows_ = EstimateRowsOf(*whole);
+    const CommittedFiles results;
     WriteEstimates(flags_.out, rows_);
+    job.Finish(WithoutTimes(*whole), results.paths());
     return true;
   }
 
@@ -275,8 +276,8 @@ Command AddEstimateCommand(CLI::App& program) {
   output.Add("--json", flags->json, "One object per problem");
   output.Add("--poses", flags->poses, "Pose file: name qw qx qy qz tx ty tz");
   output.Add("--out", flags->out,
-             "Folder for estimates.csv, estimates.json and poses.txt, and for\n"
-             "manifest.jsonl with what is done");
+             "Folder for estimates.csv, estimates.json, poses.txt and timing.jsonl, and\n"
+             "for manifest.jsonl with what is done");
   options.Add("--scene-calibration", flags->scene_calibration,
               "What localize learned of the scene (its scene_calibration.json): how noisy\n"
               "matches are and, for --filter auto, its geometry. Without it, some 30 of the\n"

@@ -20,6 +20,8 @@ using std::filesystem::path;
 constexpr const char* kPoses = "poses.txt";
 constexpr const char* kCsv = "estimates.csv";
 constexpr const char* kJson = "estimates.json";
+constexpr const char* kTiming = "timing.jsonl";
+constexpr const char* kTime = "time_ms";
 
 std::string Number(const EstimateRow& value) { return FormatDouble(value.get<double>()); }
 
@@ -36,7 +38,7 @@ TableRow CsvFields(const EstimateRow& row) {
     fields.push_back(std::to_string(row.at(count).get<int>()));
   }
   fields.push_back(row.value("solver", ""));
-  fields.push_back(fmt::format("{:.3f}", row.at("time_ms").get<double>()));
+  if (row.contains(kTime)) fields.push_back(fmt::format("{:.3f}", row[kTime].get<double>()));
   fields.push_back(row.at("verdict"));
   fields.push_back(Number(row.at("confidence")));
   for (const char* sigma : {"rotation_sigma_deg", "position_sigma"}) {
@@ -67,7 +69,7 @@ EstimateRow MakeEstimateRow(const std::string& name, const std::string& file, Me
                      {"confidence", ok ? estimate.confidence : 0},
                      {"inliers_2d3d", estimate.score_2d3d.num_inliers},
                      {"inliers_2d2d", estimate.score_2d2d.num_inliers},
-                     {"time_ms", time_ms}};
+                     {kTime, time_ms}};
   if (estimate.cam_from_world) row.update(PoseJson<EstimateRow>(*estimate.cam_from_world));
   AddEstimate(estimate, row);
   return row;
@@ -76,9 +78,14 @@ EstimateRow MakeEstimateRow(const std::string& name, const std::string& file, Me
 bool HasPose(const EstimateRow& row) { return row.at("status") == "ok"; }
 
 std::string FormatEstimatesCsv(std::span<const EstimateRow> rows) {
-  std::string text = CsvLine({"name", "method", "status", "qw", "qx", "qy", "qz", "tx", "ty", "tz",
-                              "inliers_2d3d", "inliers_2d2d", "iterations", "solver", "time_ms",
-                              "verdict", "confidence", "rotation_sigma_deg", "position_sigma"});
+  TableRow names = {"name",         "method",       "status",     "qw",    "qx",
+                    "qy",           "qz",           "tx",         "ty",    "tz",
+                    "inliers_2d3d", "inliers_2d2d", "iterations", "solver"};
+  if (!rows.empty() && rows.front().contains(kTime)) names.emplace_back(kTime);
+  for (const char* name : {"verdict", "confidence", "rotation_sigma_deg", "position_sigma"}) {
+    names.emplace_back(name);
+  }
+  std::string text = CsvLine(names);
   for (const EstimateRow& row : rows) text += CsvLine(CsvFields(row));
   return text;
 }
@@ -151,9 +158,26 @@ void WriteEstimatedPoses(const path& file, std::span<const EstimateRow> rows) {
 }
 
 void WriteEstimates(const path& out, std::span<const EstimateRow> rows) {
-  WriteFile(out / kJson, FormatEstimatesJson(rows));
-  WriteEstimatedPoses(out / kPoses, rows);
-  WriteFile(out / kCsv, FormatEstimatesCsv(rows));
+  std::vector<EstimateRow> timeless(rows.begin(), rows.end());
+  std::string timing;
+  for (EstimateRow& row : timeless) {
+    if (!row.contains(kTime)) continue;  // of a run that was complete
+    timing += JsonText(EstimateRow{{"name", row.at("file")}, {"milliseconds", row[kTime]}}) + '\n';
+    row.erase(kTime);
+  }
+  WriteFile(out / kJson, FormatEstimatesJson(timeless));
+  WriteEstimatedPoses(out / kPoses, timeless);
+  WriteFile(out / kCsv, FormatEstimatesCsv(timeless));
+  if (!timing.empty()) WriteFile(out / kTiming, timing);
+}
+
+TaskManifest WithoutTimes(TaskManifest manifest) {
+  for (auto& [key, record] : manifest.records) {
+    EstimateRow line = EstimateRow::parse(record.line);
+    line.at("estimate").erase(kTime);
+    record.line = JsonText(line);
+  }
+  return manifest;
 }
 
 }  // namespace raylift

@@ -38,7 +38,8 @@ std::vector<EstimateRow> EstimateRowsOf(const TaskManifest& manifest);
 
 // InputError where two problems have one name, as a pose file has it once.
 void WriteEstimatedPoses(const std::filesystem::path& file, std::span<const EstimateRow> rows);
-// The files of --out.
+// The files of --out: what the rows tell of times is in one of its own.
 void WriteEstimates(const std::filesystem::path& out, std::span<const EstimateRow> rows);
+TaskManifest WithoutTimes(TaskManifest manifest);
 
 }  // namespace raylift

@@ -17,6 +17,7 @@
 #include "base/progress.h"
 #include "experiment/pivot.h"
 #include "experiment/results.h"
+#include "jobs/file_promises.h"
 #include "jobs/manifest_file.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -113,6 +114,7 @@ class ExperimentRun {
     job.Begin(std::nullopt);
     WriteFile(flags_.out / "options.json", OptionsOfResults(options_json));
     const size_t estimated = Estimate(cells, folder.shard, job);
+    job.Whole();  // whether what was estimated is there
     const bool complete = folder.shard.IsAll() || Undone(cells).empty();
     if (!folder.shard.IsAll() && !flags_.run.quiet) {
       fmt::print("shard {}/{} of {} cells: {} estimated now{}\n", folder.shard.index,
@@ -120,8 +122,9 @@ class ExperimentRun {
                  complete ? "; all shards are complete" : "");
     }
     if (!complete) return;
-    job.Finish(WholeManifest(header, cells, job));
+    const CommittedFiles results;
     WriteResults(cells);
+    job.Finish(WholeManifest(header, cells, job), results.paths());
     if (!flags_.run.quiet) {
       fmt::print("{} cells estimated, {} were there: {}\n", estimated, cells.size() - estimated,
                  (flags_.out / "index.html").string());
@@ -169,15 +172,17 @@ class ExperimentRun {
     return names;
   }
 
-  static std::string LineOf(size_t place, const Cell& cell, const TaskJob& job) {
-    return JsonText(nlohmann::ordered_json{{"name", NamesOf({cell}).front()},
-                                           {"place", place},
-                                           {"key", job.key(place)},
-                                           {"cell", cell.Key()}});
+  std::string LineOf(size_t place, const Cell& cell, const TaskJob& job) const {
+    return JsonText(nlohmann::ordered_json{
+        {"name", NamesOf({cell}).front()},
+        {"place", place},
+        {"key", job.key(place)},
+        {"cell", cell.Key()},
+        {"files", FilesJson(PromiseFiles(flags_.out, std::vector<path>{store_.FileOf(cell)}))}});
   }
 
-  static TaskManifest WholeManifest(const std::string& header, const std::vector<Cell>& cells,
-                                    const TaskJob& job) {
+  TaskManifest WholeManifest(const std::string& header, const std::vector<Cell>& cells,
+                             const TaskJob& job) const {
     TaskManifest whole;
     whole.header = header;
     for (size_t i = 0; i < cells.size(); ++i) {

@@ -1,5 +1,5 @@
 // raylift status, merge and verify: how far the jobs of a folder are, their results from shards, and
-// whether rendered files are still as they were written.
+// whether the files of a run are still as they were written.
 
 #include <algorithm>
 #include <memory>
@@ -9,6 +9,7 @@
 #include "apps/estimate_results.h"
 #include "apps/interrupt.h"
 #include "apps/options.h"
+#include "jobs/file_promises.h"
 #include "jobs/job_status.h"
 #include "jobs/manifest_file.h"
 #include "localization/results/query_job.h"
@@ -17,7 +18,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/views/render_job.h"
+#include "raylift/jobs/promised_files.h"
 
 namespace raylift {
 namespace {
@@ -104,8 +105,9 @@ void TakeFile(const std::string& name, const path& out, std::span<const path> fi
   std::error_code ignored;
   for (const path& file : files) {
     const path part = file.parent_path() / name;
-    if (std::filesystem::exists(out / name, ignored)) return;
-    if (std::filesystem::exists(part, ignored)) WriteFile(out / name, ReadFile(part));
+    if (!std::filesystem::exists(part, ignored)) continue;
+    WriteFile(out / name, ReadFile(part));
+    return;
   }
 }
 
@@ -133,7 +135,7 @@ class Merger {
  private:
   // `tasks` names them. Throws Interrupted where some are not done.
   TaskManifest ReadAll(const JobForm& form, std::string_view tasks) const {
-    TaskManifest all = ReadTaskManifests(files_, form.is_readable);
+    TaskManifest all = ReadTaskManifests(files_, form.is_readable, out_);
     if (all.records.size() >= header_.tasks) return all;
     throw Interrupted(fmt::format("{} of {} {} are not done in {}: nothing is merged",
                                   header_.tasks - all.records.size(), header_.tasks, tasks,
@@ -148,11 +150,13 @@ class Merger {
     if (!facts) throw InputError(files_.front(), "holds no line of the scene");
     const std::vector<QueryRecord> records = RecordsOf(all);
     RequireNames(records);
+    TakeFile("depth_alignment.jsonl", out_, files_);
+    const CommittedFiles results;
     WriteResults(out_, *facts, records, std::nullopt);
-    for (const char* name : {"options.json", "depth_alignment.jsonl"}) {
-      TakeFile(name, out_, files_);
-    }
-    WriteWholeManifest(out_, WithRecords(all, records));
+    TakeFile("options.json", out_, files_);
+    TaskManifest whole = WithRecords(all, records);
+    whole.results = PromiseFiles(out_, results.paths());
+    WriteWholeManifest(out_, whole);
     PrintWarnings(AllWarnings(*facts, records));
     const auto localized =
         std::count_if(records.begin(), records.end(),
@@ -167,8 +171,11 @@ class Merger {
     const TaskManifest all = ReadAll(EstimateJobForm(), "problems");
     TakeFile("options.json", out_, files_);
     const std::vector<EstimateRow> rows = EstimateRowsOf(all);
+    const CommittedFiles results;
     WriteEstimates(out_, rows);
-    WriteWholeManifest(out_, all);
+    TaskManifest whole = WithoutTimes(all);
+    whole.results = PromiseFiles(out_, results.paths());
+    WriteWholeManifest(out_, whole);
     fmt::print("merged {} parts: {} of {} problems have a pose: {}\n", files_.size(),
                PosesOf(rows).size(), rows.size(), (out_ / "poses.txt").string());
   }
@@ -180,21 +187,16 @@ class Merger {
 
 void Verify(const std::filesystem::path& out, const RunFlags& run) {
   const JobStatus status = ReadJobStatus(out);
-  if (status.command != "render") {
-    throw InputError(
-        out, fmt::format("is of `raylift {}`: only rendered files have checksums", status.command));
-  }
-  const Verification found = VerifyRenderedFiles(out, run.threads);
+  const Verification found = VerifyFiles(out, run.threads);
   for (const FileFault& fault : found.faults) fmt::print("{} {}\n", fault.file, fault.what);
   if (!found.faults.empty()) {
-    throw InputError(out,
-                     fmt::format("{} of {} files are not as they were written; render --resume "
-                                 "makes them anew",
-                                 found.faults.size(), found.files));
+    throw InputError(out, fmt::format("{} of {} files are not as they were written; {} --resume "
+                                      "makes them anew",
+                                      found.faults.size(), found.files, status.command));
   }
   if (run.quiet) return;
-  fmt::print("{} images, {} files, {:.1f} MB: all are as they were written\n", found.images,
-             found.files, 1e-6 * static_cast<double>(found.bytes));
+  fmt::print("{} tasks of {}, {} files, {:.1f} MB: all are as they were written\n", found.tasks,
+             status.command, found.files, 1e-6 * static_cast<double>(found.bytes));
 }
 
 }  // namespace
@@ -246,7 +248,7 @@ Command AddVerifyCommand(CLI::App& program) {
   };
   auto flags = std::make_shared<Flags>();
   CLI::App& command = AddCommand(
-      program, "verify", "Whether the files of render are still as they were written (checksums)");
+      program, "verify", "Whether the files of a run are still as they were written (checksums)");
   const OptionGroup options(command);
   options.Add("OUT", flags->out, "The folder of --out").Required();
   AddRunOptions(command, flags->run);

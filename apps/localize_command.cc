@@ -17,6 +17,7 @@
 #include "apps/options.h"
 #include "base/hash.h"
 #include "base/progress.h"
+#include "jobs/file_promises.h"
 #include "jobs/manifest_file.h"
 #include "localization/continuous/continuous_localizer.h"
 #include "localization/results/query_job.h"
@@ -216,6 +217,7 @@ class LocalizeRun {
   RunFacts FactsOf(LocalizeAll& localizer, const std::optional<RunFacts>& known) {
     localizer.Calibrate();
     const Scene& scene = localizer.scene();
+    const CommittedFiles written;
     for (std::string& warning : WriteCalibration(flags_, scene, options_.localizer.estimator)) {
       warnings_.push_back(std::move(warning));
     }
@@ -226,7 +228,8 @@ class LocalizeRun {
             .calibration = *scene.calibration,
             .input_warnings = known
                                   ? known->input_warnings
-                                  : InputOrDepthWarnings(flags_, localizer.InputWarnings(), scene)};
+                                  : InputOrDepthWarnings(flags_, localizer.InputWarnings(), scene),
+            .files = PromiseFiles(flags_.out, written.paths())};
   }
 
   void Localize(LocalizeAll& localizer, const std::vector<size_t>& missing, QueryJob& job) {
@@ -234,8 +237,9 @@ class LocalizeRun {
     localizer.Run(
         missing,
         [&](size_t i, const QueryResult& result) {
-          output_->Show(i, result);
-          job.Add(i, result.localized, localizer.MatchWarnings(), localizer.LogFocalFactor(i));
+          const std::vector<std::filesystem::path> files = output_->Show(i, result);
+          job.Add(i, result.localized, localizer.MatchWarnings(), localizer.LogFocalFactor(i),
+                  files);
           progress.Advance();
         },
         &SignalGuard::stop());
@@ -247,7 +251,7 @@ class LocalizeRun {
 
   void Finish(QueryJob& job, size_t done) {
     const Shard shard = flags_.running.Resolve();
-    const auto records = job.Finish();
+    const auto records = job.Whole();
     if (!shard.IsAll() && !flags_.run.quiet) {
       fmt::print("shard {}/{} of {} queries: {} localized now{}\n", shard.index, shard.count,
                  queries_.size(), done, records ? "; all shards are complete" : "");
@@ -255,11 +259,13 @@ class LocalizeRun {
     if (!records) return;
     const std::vector<std::string> warnings = AllWarnings(*job.facts(), *records);
     PrintWarnings(warnings);
+    const CommittedFiles results;
     WriteResults(flags_.out, *job.facts(), *records, times_);
     std::vector<LocalizedQuery> localized;
     for (const QueryRecord& record : *records) localized.push_back(record.localized);
     output_->Finish(localized, {scene_, queries_, warnings, times_},
                     OptionsOfResults(options_json_));
+    job.Finish(results.paths());
   }
 
   const SignalGuard signals_;

@@ -39,8 +39,9 @@ LocalizeOutput::LocalizeOutput(const LocalizeFlags& flags, size_t num_queries,
   if (!flags.write_problems.empty()) RequireWritable(flags.write_problems / "problem.json");
 }
 
-void LocalizeOutput::Show(size_t index, const QueryResult& result) {
+std::vector<path> LocalizeOutput::Show(size_t index, const QueryResult& result) {
   LapClock clock;
+  const CommittedFiles written;
   const std::string& name = result.localized.name;
   // A rig has one problem, which is written with the photograph that it belongs to.
   const bool is_of_another = !result.localized.rig.empty() && result.localized.rig != name;
@@ -56,6 +57,7 @@ void LocalizeOutput::Show(size_t index, const QueryResult& result) {
   }
   if (report_) report_->Take(index, result);
   show_seconds_ += clock.Lap();
+  return written.paths();
 }
 
 void LocalizeOutput::Finish(const std::vector<LocalizedQuery>& localized, const Run& run,

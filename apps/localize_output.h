@@ -44,9 +44,9 @@ class LocalizeOutput {
   LocalizeOutput(const LocalizeFlags& flags, size_t num_queries,
                  std::shared_ptr<const RayCaster> mesh);
 
-  // What is to be seen of a query beside its pose: its problem, its picture, its part of the page.
-  // May be called from any thread.
-  void Show(size_t index, const QueryResult& result);
+  // Writes what is to be seen of a query beside its pose: its problem, its picture, its part of the
+  // page. Returns the files. May be called from any thread.
+  std::vector<std::filesystem::path> Show(size_t index, const QueryResult& result);
 
   // Returns what Show() has taken, in seconds of all threads.
   double ShowSeconds() const { return show_seconds_; }

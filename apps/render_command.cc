@@ -414,7 +414,7 @@ class RenderRun {
       if (found == summary.entries.end()) continue;
       const ManifestEntry& entry = found->second;
       images.push_back({task.view, entry.Coverage(), entry.depth_range});
-      for (const ManifestEntry::File& file : entry.files) images.back().bytes += file.bytes;
+      for (const PromisedFile& file : entry.files) images.back().bytes += file.bytes;
     }
     std::vector<std::string> warnings = warnings_;
     warnings.insert(warnings.end(), summary.warnings.begin(), summary.warnings.end());

@@ -67,6 +67,8 @@ std::optional<TemporaryFile> ParseTemporary(const std::filesystem::path& path) {
                        std::string(parts[0]), static_cast<pid_t>(*process)};
 }
 
+thread_local CommittedFiles* committed_files = nullptr;
+
 // False, too, where that cannot be told.
 bool HasEnded(const TemporaryFile& file) {
   return file.host == ThisHost() && kill(file.process, 0) != 0 && errno == ESRCH;
@@ -174,6 +176,11 @@ void AtomicFile::Commit() {
   std::filesystem::rename(temporary_path_, path_, error);
   if (error) throw OutputError(path_, fmt::format("cannot be written: {}", error.message()));
   committed_ = true;
+  if (committed_files != nullptr) committed_files->paths_.push_back(path_);
 }
+
+CommittedFiles::CommittedFiles() : outer_(committed_files) { committed_files = this; }
+
+CommittedFiles::~CommittedFiles() { committed_files = outer_; }
 
 }  // namespace raylift

@@ -9,10 +9,12 @@
 #include <utility>
 
 #include "base/json_text.h"
+#include "jobs/file_promises.h"
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "raylift/base/error.h"
@@ -57,7 +59,8 @@ void TakeLine(const std::string& line, TaskManifest& manifest) {
   const Json json = Json::parse(line, nullptr, /*allow_exceptions=*/false);
   if (!json.is_object()) return;
   if (!json.contains("name")) {
-    manifest.facts = line;
+    const bool is_of_results = json.size() == 1 && json.contains("files");
+    if (!is_of_results) manifest.facts = line;
     return;
   }
   try {
@@ -177,6 +180,16 @@ void ManifestAppender::Append(std::string line) {
   }
 }
 
+void ManifestAppender::RequireInPlace() const {
+  struct stat open_file {
+  }, there{};
+  if (fstat(descriptor_, &open_file) == 0 && stat(path_.c_str(), &there) == 0 &&
+      open_file.st_ino == there.st_ino && open_file.st_dev == there.st_dev) {
+    return;
+  }
+  throw OutputError(path_, "has been removed while the run was at work: what it holds is lost");
+}
+
 FolderLock::FolderLock(const std::filesystem::path& folder, Mode mode, IfHeld if_held)
     : descriptor_(open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
   if (descriptor_ < 0) return;
@@ -215,13 +228,17 @@ void AddPart(TaskManifest part, TaskManifest& all) {
   for (auto& [key, record] : part.records) all.records.insert_or_assign(key, std::move(record));
 }
 
-TaskManifest ReadTaskManifests(std::span<const path> files, const IsReadable& is_readable) {
+TaskManifest ReadTaskManifests(std::span<const path> files, const IsReadable& is_readable,
+                               const path& out) {
   TaskManifest all;
   for (const path& file : files) {
     TaskManifest manifest = ReadTaskManifest(file, is_readable);
     if (!all.header.empty() && manifest.header != all.header) {
       throw InputError(file, fmt::format("is of another run than {} ({})", files.front().string(),
                                          HeaderDifference(all.header, manifest.header)));
+    }
+    for (auto& [key, record] : manifest.records) {
+      record.line = InFolder(record.line, file.parent_path(), out);
     }
     AddPart(std::move(manifest), all);
   }
@@ -234,6 +251,9 @@ void WriteTaskManifest(const path& file, const TaskManifest& manifest) {
   std::vector<std::string> lines;
   if (manifest.facts) lines.push_back(*manifest.facts);
   for (const auto& [place, line] : in_order) lines.push_back(*line);
+  if (!manifest.results.empty()) {
+    lines.push_back(JsonText(Json{{"files", FilesJson(manifest.results)}}));
+  }
   WriteManifestText(file, manifest.header, lines);
 }
 

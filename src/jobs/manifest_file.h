@@ -59,6 +59,9 @@ class ManifestAppender {
   // `line` is without its end. It is with the operating system when the call returns.
   void Append(std::string line);
 
+  // Throws OutputError where the file has been removed or replaced.
+  void RequireInPlace() const;
+
  private:
   std::filesystem::path path_;
   std::mutex mutex_;
@@ -83,13 +86,15 @@ class FolderLock {
   int descriptor_;
 };
 
-// Lines that make no sense, or are not readable, count as not there.
+// Lines that make no sense, or are not readable, count as not there. So do the results: they are
+// written anew.
 TaskManifest ReadTaskManifest(const std::filesystem::path& file, const IsReadable& is_readable);
 // Takes the records, the facts and the header of a part of the same run.
 void AddPart(TaskManifest part, TaskManifest& all);
-// Reads `files`, which must all be of one run. Throws InputError naming the file of another one.
+// Reads `files`, which must all be of one run, as parts of a manifest in the folder `out`. Throws
+// InputError naming the file of another one.
 TaskManifest ReadTaskManifests(std::span<const std::filesystem::path> files,
-                               const IsReadable& is_readable);
+                               const IsReadable& is_readable, const std::filesystem::path& out);
 
 // With the tasks in the order of the list.
 void WriteTaskManifest(const std::filesystem::path& file, const TaskManifest& manifest);

@@ -4,6 +4,7 @@
 
 #include "base/hash.h"
 #include "base/json_text.h"
+#include "jobs/file_promises.h"
 #include "jobs/manifest_file.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -82,13 +83,16 @@ void TaskJob::TakeFormerRuns(const std::string& header) {
   manifest_.header = header;
   if (folder_.overwrite && folder_.shard.IsAll()) return;
   TaskManifest all = ReadAll(header);
-  manifest_.facts = std::move(all.facts);
-  if (!folder_.resume) return;
-  std::vector<size_t> kept;
-  for (size_t i = 0; i < keys_.size(); ++i) {
-    if (folder_.shard.Contains(i) && TakeRecord(i, all, manifest_)) kept.push_back(i);
+  if (all.facts && KeepsPromise(folder_.out, *all.facts, FileCheck::kContents)) {
+    manifest_.facts = std::move(all.facts);
   }
-  KeepWithFiles(kept, JobForm::Look::kContents, manifest_);
+  if (!folder_.resume) return;
+  for (size_t i = 0; i < keys_.size(); ++i) {
+    if (folder_.shard.Contains(i)) TakeRecord(i, all, manifest_);
+  }
+  for (const size_t task : WithoutFiles(manifest_, FileCheck::kContents)) {
+    manifest_.records.erase(keys_[task]);
+  }
 }
 
 // The list of tasks may have become another one.
@@ -101,17 +105,38 @@ bool TaskJob::TakeRecord(size_t task, const TaskManifest& from, TaskManifest& to
   return true;
 }
 
-void TaskJob::KeepWithFiles(const std::vector<size_t>& tasks, JobForm::Look look,
-                            TaskManifest& manifest) const {
-  if (!form_.has_files) return;
-  std::vector<char> has_files(tasks.size());
-  ParallelFor(tasks.size(), form_.threads, [&](size_t i) {
-    const std::string& line = manifest.records.at(keys_[tasks[i]]).line;
-    has_files[i] = form_.has_files(tasks[i], line, look) ? 1 : 0;
+std::vector<size_t> TaskJob::WithoutFiles(const TaskManifest& manifest, FileCheck check) const {
+  std::vector<const TaskRecord*> records;
+  records.reserve(manifest.records.size());
+  for (const auto& [key, record] : manifest.records) records.push_back(&record);
+  std::vector<char> has_files(records.size());
+  ParallelFor(records.size(), form_.threads, [&](size_t i) {
+    has_files[i] = KeepsPromise(folder_.out, records[i]->line, check) ? 1 : 0;
   });
-  for (size_t i = 0; i < tasks.size(); ++i) {
-    if (has_files[i] == 0) manifest.records.erase(keys_[tasks[i]]);
+  std::vector<size_t> without;
+  for (size_t i = 0; i < records.size(); ++i) {
+    if (has_files[i] == 0) without.push_back(records[i]->place);
   }
+  return without;
+}
+
+// All that this run has promised, but for the results.
+void TaskJob::RequireFiles() const {
+  std::vector<PromisedFile> files = FilesOfLine(manifest_.facts.value_or(""));
+  for (const auto& [key, record] : manifest_.records) {
+    for (PromisedFile& file : FilesOfLine(record.line)) files.push_back(std::move(file));
+  }
+  constexpr size_t kNamed = 3;
+  std::string named;
+  size_t faults = 0;
+  for (const PromisedFile& file : files) {
+    const auto fault = FaultOf(folder_.out, file, FileCheck::kSizes);
+    if (fault && ++faults <= kNamed) named += fmt::format("; {} {}", file.path, *fault);
+  }
+  if (faults == 0) return;
+  throw OutputError(folder_.out,
+                    fmt::format("{} of {} files are no longer as this run has written them{}{}",
+                                faults, files.size(), named, faults > kNamed ? "; ..." : ""));
 }
 
 // Other shards of the same run may be at work.
@@ -164,22 +189,32 @@ void TaskJob::Add(size_t task, const std::string& line) {
 }
 
 std::optional<TaskManifest> TaskJob::Whole() const {
+  RequireFiles();
   if (folder_.shard.IsAll()) {
     return manifest_.records.size() == keys_.size() ? std::optional(manifest_) : std::nullopt;
   }
-  TaskManifest all = ReadAll(manifest_.header);
-  TaskManifest whole{manifest_.header, std::move(all.facts), {}};
-  std::vector<size_t> tasks(keys_.size());
-  for (size_t i = 0; i < keys_.size(); ++i) {
-    if (!TakeRecord(i, all, whole)) return std::nullopt;
-    tasks[i] = i;
+  std::optional<TaskManifest> whole = WholeOfShards();
+  std::error_code ignored;
+  // The last shard to end makes one manifest of all.
+  if (!whole && appender_ && !std::filesystem::exists(ManifestPath(folder_.out, {}), ignored)) {
+    appender_->RequireInPlace();
   }
-  KeepWithFiles(tasks, JobForm::Look::kSizes, whole);
-  return whole.records.size() == keys_.size() ? std::optional(std::move(whole)) : std::nullopt;
+  return whole;
 }
 
-void TaskJob::Finish(const TaskManifest& whole) {
+std::optional<TaskManifest> TaskJob::WholeOfShards() const {
+  TaskManifest all = ReadAll(manifest_.header);
+  TaskManifest whole{manifest_.header, std::move(all.facts), {}};
+  for (size_t i = 0; i < keys_.size(); ++i) {
+    if (!TakeRecord(i, all, whole)) return std::nullopt;
+  }
+  if (!WithoutFiles(whole, FileCheck::kSizes).empty()) return std::nullopt;
+  return whole;
+}
+
+void TaskJob::Finish(TaskManifest whole, std::span<const path> results) {
   appender_.reset();
+  whole.results = PromiseFiles(folder_.out, results);
   WriteWholeManifest(folder_.out, whole);
 }
 

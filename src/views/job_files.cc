@@ -80,14 +80,6 @@ std::string UtcText(std::chrono::system_clock::time_point time) {
   return {text, std::strftime(text, sizeof(text), "%Y-%m-%dT%H:%M:%SZ", &utc)};
 }
 
-Json RunJson(const RunRecord& run) {
-  return {{"command", run.command},
-          {"started", UtcText(run.started)},
-          {"seconds", run.seconds},
-          {"rendered", run.rendered},
-          {"kept", run.kept}};
-}
-
 using Box = Eigen::AlignedBox3d;
 
 std::string Text(const Box& box) {
@@ -208,7 +200,7 @@ JobTotals TotalsOf(const ManifestEntries& entries) {
     totals.pixels += entry.pixels;
     totals.hits += entry.hits;
     totals.dropped += entry.dropped;
-    for (const ManifestEntry::File& file : entry.files) totals.bytes += file.bytes;
+    for (const PromisedFile& file : entry.files) totals.bytes += file.bytes;
     if (!entry.depth_range) continue;
     auto& range = totals.depth_range;
     const auto [low, high] = *entry.depth_range;
@@ -219,8 +211,7 @@ JobTotals TotalsOf(const ManifestEntries& entries) {
 }
 
 std::string SummaryJson(const std::string& header, const ManifestEntries& entries,
-                        const std::vector<std::string>& warnings,
-                        const std::optional<RunRecord>& run) {
+                        const std::vector<std::string>& warnings) {
   const JobTotals totals = TotalsOf(entries);
   Json empty = Json::array();
   double least_coverage = 1;
@@ -239,8 +230,16 @@ std::string SummaryJson(const std::string& header, const ManifestEntries& entrie
                {"warnings", warnings},
                {"job", Json::parse(header)}};
   if (const auto& range = totals.depth_range) json["depth_range"] = {range->first, range->second};
-  if (run) json["run"] = RunJson(*run);
   return JsonText(json, 2) + '\n';
+}
+
+std::string TimingJson(const RunRecord& run) {
+  return JsonText(Json{{"command", run.command},
+                       {"started", UtcText(run.started)},
+                       {"seconds", run.seconds},
+                       {"rendered", run.rendered},
+                       {"kept", run.kept}}) +
+         '\n';
 }
 
 std::string WhyTheMeshIsUnseen(const RayCaster& scene,

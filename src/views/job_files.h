@@ -65,8 +65,9 @@ struct RunRecord {
 
 // summary.json of a complete job.
 std::string SummaryJson(const std::string& header, const ManifestEntries& entries,
-                        const std::vector<std::string>& warnings,
-                        const std::optional<RunRecord>& run);
+                        const std::vector<std::string>& warnings);
+// timing.jsonl.
+std::string TimingJson(const RunRecord& run);
 
 // The file that a job leaves beside its products, and how it starts.
 inline constexpr std::string_view kFileGuideName = "README.txt";

@@ -1,12 +1,9 @@
 #include <optional>
 
-#include "base/hash.h"
 #include "base/json_text.h"
+#include "jobs/file_promises.h"
 #include "jobs/manifest_file.h"
-#include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
-#include "raylift/base/parallel.h"
 #include "raylift/views/render_job.h"
 
 namespace raylift {
@@ -28,23 +25,8 @@ ManifestEntry FromJson(const Json& json) {
         std::pair<float, float>(json.at("depth_range").at(0), json.at("depth_range").at(1));
   }
   entry.dropped = json.at("dropped");
-  for (const Json& file : json.at("files")) {
-    entry.files.push_back({file.at("path"), file.at("bytes"), file.value("xxh3", "")});
-  }
+  entry.files = FilesFromJson(json.at("files"));
   return entry;
-}
-
-std::optional<std::string> FaultOf(const std::filesystem::path& out,
-                                   const ManifestEntry::File& file) {
-  std::error_code error;
-  const auto size = std::filesystem::file_size(out / file.path, error);
-  if (error) return "is missing";
-  if (size != file.bytes) return fmt::format("has {} bytes, not {}", size, file.bytes);
-  if (file.xxh3.empty()) return "has no checksum in the manifest";
-  const auto hash = FileHash(out / file.path);
-  if (!hash) return "cannot be read";
-  if (*hash != file.xxh3) return "has other contents";
-  return std::nullopt;
 }
 
 }  // namespace
@@ -56,11 +38,7 @@ std::string ToJsonLine(const ManifestEntry& entry) {
   if (entry.depth_range) {
     json["depth_range"] = {entry.depth_range->first, entry.depth_range->second};
   }
-  Json files = Json::array();
-  for (const ManifestEntry::File& file : entry.files) {
-    files.push_back({{"path", file.path}, {"bytes", file.bytes}, {"xxh3", file.xxh3}});
-  }
-  json["files"] = std::move(files);
+  json["files"] = FilesJson(entry.files);
   return JsonText(json);
 }
 
@@ -87,26 +65,6 @@ ManifestEntries EntriesOf(const TaskManifest& manifest) {
     entries.emplace(entry.name, std::move(entry));
   }
   return entries;
-}
-
-Verification VerifyRenderedFiles(const std::filesystem::path& out, int threads) {
-  ManifestEntries entries;
-  for (const auto& manifest : ListManifests(out)) entries.merge(ReadManifest(manifest));
-  std::vector<const ManifestEntry::File*> files;
-  Verification verification{.images = entries.size()};
-  for (const auto& [name, entry] : entries) {
-    for (const ManifestEntry::File& file : entry.files) {
-      files.push_back(&file);
-      verification.bytes += file.bytes;
-    }
-  }
-  verification.files = files.size();
-  std::vector<std::optional<std::string>> faults(files.size());
-  ParallelFor(files.size(), threads, [&](size_t i) { faults[i] = FaultOf(out, *files[i]); });
-  for (size_t i = 0; i < files.size(); ++i) {
-    if (faults[i]) verification.faults.push_back({files[i]->path, *faults[i]});
-  }
-  return verification;
 }
 
 }  // namespace raylift

@@ -8,7 +8,7 @@
 #include <mutex>
 #include <set>
 
-#include "base/hash.h"
+#include "jobs/file_promises.h"
 #include "jobs/manifest_file.h"
 #include "views/job_files.h"
 #include <fmt/format.h>
@@ -151,7 +151,7 @@ std::vector<std::string> ListForeignFiles(std::span<const RenderTask> tasks,
   std::set<std::string> foreign;
   for (const path& manifest : ListManifests(options.out)) {
     for (const auto& [name, entry] : ReadManifest(manifest)) {
-      for (const ManifestEntry::File& file : entry.files) foreign.insert(file.path);
+      for (const PromisedFile& file : entry.files) foreign.insert(file.path);
     }
   }
   if (foreign.empty()) return {};
@@ -166,7 +166,8 @@ std::vector<std::string> ListForeignFiles(std::span<const RenderTask> tasks,
 }
 
 void RemoveLeftoversOfShard(std::span<const RenderTask> tasks, const RenderJobOptions& options) {
-  std::vector<std::string> files = {"summary.json", "preview.png", std::string(kFileGuideName),
+  std::vector<std::string> files = {"summary.json", "timing.jsonl", "preview.png",
+                                    std::string(kFileGuideName),
                                     ManifestPath({}, options.shard).string()};
   for (size_t i = 0; i < tasks.size(); ++i) {
     if (!options.shard.Contains(i)) continue;
@@ -175,21 +176,6 @@ void RemoveLeftoversOfShard(std::span<const RenderTask> tasks, const RenderJobOp
     }
   }
   RemoveLeftovers(options.out, files);
-}
-
-// Returns whether all files of the task are there as the entry says.
-bool HasFiles(const RenderTask& task, const RenderJobOptions& options, const ManifestEntry& entry,
-              JobForm::Look look) {
-  const auto files = TaskFiles(task, options.products);
-  if (entry.files.size() != files.size()) return false;
-  for (size_t i = 0; i < files.size(); ++i) {
-    std::error_code error;
-    const auto size = std::filesystem::file_size(options.out / files[i], error);
-    if (error || entry.files[i].path != files[i] || size != entry.files[i].bytes) return false;
-    const bool reads = look == JobForm::Look::kContents;
-    if (reads && FileHash(options.out / files[i]) != entry.files[i].xxh3) return false;
-  }
-  return true;
 }
 
 size_t NumRays(const ViewCamera& camera, const RenderJobOptions& options) {
@@ -286,9 +272,6 @@ class RenderJob {
                    return ParseEntry(line).has_value();
                  }};
     for (const RenderTask& task : tasks_) form.keys.push_back(TaskKey(header_, task));
-    form.has_files = [this](size_t task, const std::string& line, JobForm::Look look) {
-      return HasFiles(tasks_[task], options_, ParseEntry(line).value(), look);
-    };
     form.threads = threads_;
     return form;
   }
@@ -324,16 +307,14 @@ class RenderJob {
                         .pixels = frame->depth.size(),
                         .hits = frame->num_hits,
                         .depth_range = DepthRange(frame->depth)};
-    const auto files = TaskFiles(task, options_.products);
-    for (size_t i = 0; i < files.size(); ++i) {
-      const std::filesystem::path file = options_.out / files[i];
-      const WrittenFile written =
-          WriteProduct(file, options_.products[i], *frame, scene_->mesh(), options_.storage);
-      entry.dropped += written.dropped;
-      const auto hash = FileHash(file);
-      if (!hash) throw OutputError(file, "cannot be read after it was written");
-      entry.files.push_back({files[i], written.bytes, *hash});
+    std::vector<path> files;
+    for (const std::string& file : TaskFiles(task, options_.products)) {
+      files.push_back(options_.out / file);
+      entry.dropped += WriteProduct(files.back(), options_.products[files.size() - 1], *frame,
+                                    scene_->mesh(), options_.storage)
+                           .dropped;
     }
+    entry.files = PromiseFiles(options_.out, files);
     frames_.Return(std::move(frame));
     job_.Add(index, ToJsonLine(entry));
     const std::lock_guard<std::mutex> lock(mutex_);
@@ -351,20 +332,21 @@ class RenderJob {
     const std::optional<TaskManifest> whole = job_.Whole();
     if (!whole) return false;
     const ManifestEntries all = EntriesOf(*whole);
+    const CommittedFiles results;
     if (options_.preview) {
       WriteImage(options_.out / "preview.png",
                  MakeContactSheet(scene_, ViewsByName(tasks_), threads_));
     }
     WriteGuide(options_);
     WriteFile(options_.out / "summary.json",
-              SummaryJson(header_, all, WarningsOf(all, tasks_, *scene_), Record()));
-    job_.Finish(*whole);
+              SummaryJson(header_, all, WarningsOf(all, tasks_, *scene_)));
+    if (!options_.command.empty()) {
+      WriteFile(
+          options_.out / "timing.jsonl",
+          TimingJson({options_.command, wall_start_, SecondsSince(start_), rendered_, kept_}));
+    }
+    job_.Finish(*whole, results.paths());
     return true;
-  }
-
-  std::optional<RunRecord> Record() const {
-    if (options_.command.empty()) return std::nullopt;
-    return RunRecord{options_.command, wall_start_, SecondsSince(start_), rendered_, kept_};
   }
 
   const Clock::time_point start_ = Clock::now();

@@ -40,8 +40,8 @@ TEST(Compare, NamesAPlantedScaleAndWritesAllItsTables) {
   ASSERT_TRUE(Succeeds(result));
   EXPECT_THAT(result.out, ::testing::HasSubstr("worse: scale: depth is 10.0 % too small"));
   EXPECT_EQ(FilesBelow(out),
-            (std::vector<std::string>{"comparison.json", "curves.csv", "images.csv", "options.json",
-                                      "sources.csv"}));
+            (std::vector<std::string>{"comparison.json", "curves.csv", "images.csv",
+                                      "manifest.jsonl", "options.json", "sources.csv"}));
   const auto json = nlohmann::json::parse(ReadFile(out / "comparison.json"));
   EXPECT_NEAR(json["sources"][1]["means"]["abs_rel"].get<double>(), 0.1, 1e-3);
   EXPECT_EQ(Lines(ReadFile(out / "images.csv")).size(), 1 + 2 * scene.references.size());

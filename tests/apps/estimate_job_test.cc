@@ -5,6 +5,7 @@
 #include "apps/program.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
@@ -55,24 +56,23 @@ class EstimateJob : public ::testing::Test {
     return whole;
   }
 
-  static std::vector<std::string> RowsWithoutTimes(const fs::path& csv) {
-    std::vector<std::string> rows;
+  // Of a file that --csv has made.
+  static std::string WithoutTimes(const fs::path& csv) {
+    std::string rows;
     for (const std::string& line : Lines(ReadFile(csv))) {
       auto fields = SplitBy(line, ',');
       EXPECT_EQ(fields.size(), 19u) << line;
       fields.erase(fields.begin() + 14);
-      std::string row;
-      for (const auto field : fields) row += std::string(field) + ',';
-      rows.push_back(row);
+      rows += fmt::format("{}\n", fmt::join(fields, ","));
     }
     return rows;
   }
 
   static void ExpectSame(const fs::path& a, const fs::path& b) {
     EXPECT_EQ(ReadFile(a / "poses.txt"), ReadFile(b / "poses.txt"));
-    EXPECT_EQ(RowsWithoutTimes(a / "estimates.csv"), RowsWithoutTimes(b / "estimates.csv"));
-    EXPECT_EQ(JsonWithoutTimes(a / "estimates.json"), JsonWithoutTimes(b / "estimates.json"));
-    EXPECT_EQ(LinesWithoutTimes(a / "manifest.jsonl"), LinesWithoutTimes(b / "manifest.jsonl"));
+    for (const char* file : {"estimates.csv", "estimates.json", "manifest.jsonl"}) {
+      EXPECT_EQ(ReadFile(a / file), ReadFile(b / file));
+    }
     EXPECT_EQ(FilesBelow(a), FilesBelow(b));
   }
 
@@ -85,7 +85,7 @@ TEST_F(EstimateJob, ItsFilesAreThoseWithoutOut) {
   ASSERT_TRUE(Succeeds(RunRaylift({"estimate", problems_, "--csv", folder_ / "a.csv", "--json",
                                    folder_ / "a.json", "--poses", folder_ / "a.txt"})));
   EXPECT_EQ(ReadFile(folder_ / "a.txt"), ReadFile(whole / "poses.txt"));
-  EXPECT_EQ(RowsWithoutTimes(folder_ / "a.csv"), RowsWithoutTimes(whole / "estimates.csv"));
+  EXPECT_EQ(WithoutTimes(folder_ / "a.csv"), ReadFile(whole / "estimates.csv"));
   EXPECT_EQ(JsonWithoutTimes(folder_ / "a.json"), JsonWithoutTimes(whole / "estimates.json"));
 }
 
@@ -109,16 +109,16 @@ TEST_F(EstimateJob, ASignalWithoutAFolderSaysHowToKeepWhatIsDone) {
 
 TEST_F(EstimateJob, AFormerRunIsReplacedOnlyWhereThatIsAskedFor) {
   const fs::path whole = Whole();
-  const std::string before = ReadFile(whole / "estimates.csv");
+  const std::string before = ReadFile(whole / "timing.jsonl");
   EXPECT_TRUE(FailsWith(2, {"--overwrite", "resume", whole.string(), "former run"},
                         RunRaylift(Estimate(whole))));
   EXPECT_TRUE(FailsWith(3, {"manifest.jsonl", "options/seed: 0 there, 7 here"},
                         RunRaylift(Estimate(whole, {"--resume", "--seed", "7"}))));
-  EXPECT_EQ(ReadFile(whole / "estimates.csv"), before);
+  EXPECT_EQ(ReadFile(whole / "timing.jsonl"), before);
   ASSERT_TRUE(Succeeds(RunRaylift(Estimate(whole, {"--resume"}))));
-  EXPECT_EQ(ReadFile(whole / "estimates.csv"), before) << "not even the times are others";
+  EXPECT_EQ(ReadFile(whole / "timing.jsonl"), before) << "not even the times are others";
   ASSERT_TRUE(Succeeds(RunRaylift(Estimate(whole, {"--overwrite", "--seed", "7"}))));
-  EXPECT_NE(ReadFile(whole / "estimates.csv"), before);
+  EXPECT_NE(ReadFile(whole / "timing.jsonl"), before);
   const fs::path problem = problems_ / "query/query_01.jpg.json";
   WriteFile(problem, ReadFile(problem) + "\n");
   EXPECT_TRUE(FailsWith(3, {"inputs/problems: \"12 "},

@@ -194,6 +194,39 @@ TEST_F(LocalizeJob, AFullDiskNamesTheFileAndTheRestIsResumed) {
   ExpectSame(whole, out);
 }
 
+TEST_F(LocalizeJob, AFileThatIsLostIsMissedAndMadeAgain) {
+  const fs::path problems = folder_ / "problems";
+  const Arguments localize = Localize(folder_ / "out", {"--write-problems", problems});
+  ASSERT_TRUE(Succeeds(RunRaylift(localize)));
+  const auto whole = FilesBelow(problems);
+  ASSERT_EQ(whole.size(), 12u);
+  EXPECT_TRUE(Succeeds(RunRaylift({"verify", folder_ / "out"})));
+  const std::string lost = ReadFile(problems / whole.front());
+  fs::remove(problems / whole.front());
+  fs::remove(folder_ / "out/depth_alignment.jsonl");
+  fs::remove(folder_ / "out/summary.json");
+  const CommandResult verified = RunRaylift({"verify", folder_ / "out"});
+  EXPECT_EQ(verified.exit_code, 3);
+  for (const std::string& file : {whole.front(), std::string("summary.json")}) {
+    EXPECT_NE(verified.out.find(file + " is missing\n"), std::string::npos) << verified.out;
+  }
+  ASSERT_TRUE(Succeeds(RunRaylift(localize + Arguments{"--resume"})));
+  EXPECT_EQ(ReadFile(problems / whole.front()), lost);
+  EXPECT_TRUE(Succeeds(RunRaylift({"verify", folder_ / "out"})));
+}
+
+TEST_F(LocalizeJob, AFolderThatIsRemovedInMidRunIsAnError) {
+  for (const std::string removed_is : {"beside", "out"}) {
+    const fs::path out = folder_ / removed_is / "out";
+    const fs::path removed = removed_is == "out" ? out : folder_ / "problems";
+    const pid_t process =
+        StartRaylift(Localize(out, {"--threads", "1", "--write-problems", removed / "problems"}));
+    while (CountDone(out) < 2 && !HasEnded(process)) usleep(1000);
+    fs::remove_all(removed);
+    EXPECT_EQ(WaitFor(process), 5) << removed;
+  }
+}
+
 TEST_F(LocalizeJob, ShardsSideBySideAreOneRun) {
   const fs::path whole = Whole();
   const fs::path out = folder_ / "out";

@@ -7,6 +7,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace raylift {
 
@@ -44,6 +45,22 @@ class AtomicFile {
   std::filesystem::path path_;
   std::filesystem::path temporary_path_;
   bool committed_ = false;
+};
+
+// Keeps the names of the files that this thread commits while it is the last one that was made.
+class CommittedFiles {
+ public:
+  CommittedFiles();
+  ~CommittedFiles();
+  CommittedFiles(const CommittedFiles&) = delete;
+  CommittedFiles& operator=(const CommittedFiles&) = delete;
+
+  const std::vector<std::filesystem::path>& paths() const { return paths_; }
+
+ private:
+  friend class AtomicFile;
+  CommittedFiles* outer_;
+  std::vector<std::filesystem::path> paths_;
 };
 
 // The file that a temporary name, as AtomicFile and WriteFile make them, stands for: what a killed

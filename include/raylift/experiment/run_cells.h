@@ -83,10 +83,9 @@ class CellStore {
   // Returns nullopt if the cell was not estimated, or its file is no good.
   std::optional<std::vector<QueryOutcome>> Read(const Cell& cell) const;
   void Write(const Cell& cell, std::span<const QueryOutcome> outcomes) const;
-
- private:
   std::filesystem::path FileOf(const Cell& cell) const;
 
+ private:
   std::filesystem::path folder_;
 };
 

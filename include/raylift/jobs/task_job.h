@@ -11,15 +11,18 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
+#include "raylift/jobs/promised_files.h"
 #include "raylift/jobs/shard.h"
 
 namespace raylift {
 
 class FolderLock;
 class ManifestAppender;
+enum class FileCheck;
 
 struct JobFolder {
   std::filesystem::path out;
@@ -30,18 +33,22 @@ struct JobFolder {
   bool wait = false;  // until another run that writes to the folder has ended; else it is an error
 };
 
-// A task that is done: its line in the manifest is {"name": ..., "place": ..., "key": ..., ...}.
+// A task that is done: its line in the manifest is {"name": ..., "place": ..., "key": ..., ...,
+// "files": [...]}, the last of these where it has files of its own (promised_files.h). A task whose
+// files are not there is not done.
 struct TaskRecord {
   size_t place = 0;  // in the list of all tasks
   std::string line;
 };
 
 // A job's manifest: a header of all that the results depend on, a line of what all tasks have in
-// common where there is such a thing (the facts), and a line for each task that is done.
+// common where there is such a thing (the facts), a line for each task that is done, and a last one
+// of the results.
 struct TaskManifest {
   std::string header;  // empty: there is no manifest
   std::optional<std::string> facts;
   std::map<std::string, TaskRecord> records;  // by key
+  std::vector<PromisedFile> results = {};     // of a job that is complete
 };
 
 // Returns whether a line of facts or of a task can be read by the command that has written it.
@@ -53,13 +60,10 @@ struct JobForm {
   std::vector<std::string> results;
   IsReadable is_readable;
 
-  // For jobs whose tasks leave files of their own. `keys` then has for each task the hash of all
-  // that its files depend on, and a run that goes on keeps the tasks whose keys are the same,
-  // whatever else has changed; without, it must have had the same header.
+  // For jobs of which nothing but the tasks' files counts: for each task the hash of all that its
+  // files depend on. A run that goes on keeps the tasks whose keys are the same, whatever else has
+  // changed; without, it must have had the same header.
   std::vector<std::string> keys = {};
-  enum class Look { kSizes, kContents };
-  // Returns whether the files that a task's line tells of are there. From several threads.
-  std::function<bool(size_t task, const std::string& line, Look look)> has_files = {};
   int threads = 0;
 };
 
@@ -92,17 +96,21 @@ class TaskJob {
   // A task is done; `line` is {"name": ..., "place": `task`, "key": key(task), ...}. Thread safe.
   void Add(size_t task, const std::string& line);
 
-  // Returns what is done of all shards, once all are; nullopt before.
+  // Returns what is done of all shards, once all are; nullopt before. Throws OutputError where what
+  // this run has written or kept is no longer there.
   std::optional<TaskManifest> Whole() const;
-  // With Whole(), perhaps in a form that does not show who has done what. The job is complete.
-  void Finish(const TaskManifest& whole);
+  // With Whole(), perhaps in a form that does not show who has done what, and the files of the
+  // results, which are written. The job is complete. Throws OutputError where one is gone.
+  void Finish(TaskManifest whole, std::span<const std::filesystem::path> results);
 
  private:
   void TakeFormerRuns(const std::string& header);
   bool TakeRecord(size_t task, const TaskManifest& from, TaskManifest& to) const;
   bool GoesOnAnyway() const { return !form_.keys.empty(); }
-  void KeepWithFiles(const std::vector<size_t>& tasks, JobForm::Look look,
-                     TaskManifest& manifest) const;
+  // Returns the tasks whose files are not there.
+  std::vector<size_t> WithoutFiles(const TaskManifest& manifest, FileCheck check) const;
+  void RequireFiles() const;
+  std::optional<TaskManifest> WholeOfShards() const;
   void RemoveFormerRun() const;
   TaskManifest ReadAll(const std::string& header) const;
 

@@ -20,6 +20,7 @@
 
 #include "raylift/base/enum_names.h"
 #include "raylift/io/depth_file.h"
+#include "raylift/jobs/promised_files.h"
 #include "raylift/jobs/shard.h"
 #include "raylift/renderers/frame_renderer.h"
 #include "raylift/renderers/ray_caster.h"
@@ -111,12 +112,7 @@ struct ManifestEntry {
   size_t hits = 0;
   std::optional<std::pair<float, float>> depth_range = std::nullopt;  // none: nothing was hit
   size_t dropped = 0;  // values that a format could not hold
-  struct File {
-    std::string path;  // relative to the output folder
-    size_t bytes = 0;
-    std::string xxh3 = {};  // FileHash(); empty: a manifest of before there were any
-  };
-  std::vector<File> files = {};
+  std::vector<PromisedFile> files = {};
 
   double Coverage() const {
     return pixels == 0 ? 0 : static_cast<double>(hits) / static_cast<double>(pixels);
@@ -151,7 +147,7 @@ struct RenderJobOptions {
   // Where another run writes to the folder, wait until it has ended.
   bool wait = false;
   bool preview = false;  // also make OUT/preview.png
-  // The command line, for summary.json, which then tells the run's times as well. Empty: neither.
+  // The command line, for timing.jsonl, which has it and the run's times. Empty: no such file.
   std::string command = {};
 };
 
@@ -195,28 +191,13 @@ struct RenderSummary {
 //   manifest.jsonl        the options, the mesh and then each image; of a shard
 //                         manifest.I-of-N.jsonl, until all shards are complete
 //   summary.json, preview.png, README.txt (file_guide.h)   when all images are complete
-// The bytes depend on neither threads, shards, interruptions nor the order of the tasks, but for
-// what summary.json says of the run. Memory is that of the scene and of a few frames per thread.
+// and timing.jsonl, which tells of the run. All other bytes depend on neither threads, shards,
+// interruptions nor the order of the tasks. Memory is that of the scene and of a few frames per thread.
 // Throws InputError naming the file where one cannot be written: what is complete stays, and
 // `resume` does the rest. Throws OptionError where a former run has left images in the folder and
 // neither `resume` nor `overwrite` says what is to become of them.
 RenderSummary RunRenderJob(const std::shared_ptr<const RayCaster>& scene,
                            std::vector<RenderTask> tasks, const RenderJobOptions& options,
                            const RenderHooks& hooks);
-
-struct FileFault {
-  std::string file;  // relative to the folder
-  std::string what;
-};
-
-struct Verification {
-  size_t images = 0;
-  size_t files = 0;
-  size_t bytes = 0;
-  std::vector<FileFault> faults = {};  // by the names of the images
-};
-
-// Reads all files that the folder's manifests list and compares sizes and checksums.
-Verification VerifyRenderedFiles(const std::filesystem::path& out, int threads);
 
 }  // namespace raylift

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "base/json_text.h"
+#include "jobs/file_promises.h"
 #include "localization/checks/run_checks.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -31,7 +32,8 @@ JobForm QueryJobForm() {
 
 QueryJob::QueryJob(std::span<const Query> queries, const std::string& header,
                    const JobFolder& folder)
-    : names_(NamesOf(queries)),
+    : out_(folder.out),
+      names_(NamesOf(queries)),
       job_(names_, header, folder, QueryJobForm()),
       facts_(FactsOf(job_.manifest())) {
   for (const QueryRecord& record : RecordsOf(job_.manifest())) {
@@ -46,8 +48,9 @@ void QueryJob::Begin(const RunFacts& facts) {
 
 void QueryJob::Add(size_t query, const LocalizedQuery& localized,
                    const std::vector<std::string>& warnings,
-                   const std::optional<double>& log_focal_factor) {
-  QueryRecord record{.place = query, .key = job_.key(query)};
+                   const std::optional<double>& log_focal_factor,
+                   std::span<const std::filesystem::path> files) {
+  QueryRecord record{.place = query, .key = job_.key(query), .files = PromiseFiles(out_, files)};
   record.localized.name = names_[query];
   record.localized.times = localized.times;
   record.diagnostics = FormatQueryDiagnostics(localized);
@@ -59,22 +62,28 @@ void QueryJob::Add(size_t query, const LocalizedQuery& localized,
   job_.Add(query, ToJsonLine(record));
 }
 
-std::optional<std::vector<QueryRecord>> QueryJob::Finish() {
-  const std::optional<TaskManifest> whole = job_.Whole();
+std::optional<std::vector<QueryRecord>> QueryJob::Whole() {
+  std::optional<TaskManifest> whole = job_.Whole();
   if (!whole) return std::nullopt;
   std::vector<QueryRecord> records = RecordsOf(*whole);
-  job_.Finish(WithRecords(*whole, records));
+  whole_ = WithRecords(std::move(*whole), records);
   // As they are in the list, where they need not be UTF-8.
   for (QueryRecord& record : records) record.localized.name = names_[record.place];
   return records;
+}
+
+void QueryJob::Finish(std::span<const std::filesystem::path> results) {
+  job_.Finish(whole_, results);
 }
 
 namespace {
 
 using Json = nlohmann::ordered_json;
 
-RunFacts FactsOf(const Json& json) {
+RunFacts FactsOf(const Json& line) {
+  const Json& json = line.at("scene");
   RunFacts facts;
+  facts.files = FilesFromJson(line.at("files"));
   facts.num_references = json.at("references");
   for (const Json& used : json.at("geometry")) {
     GeometrySummary& summary = facts.geometry.emplace_back();
@@ -102,6 +111,7 @@ QueryRecord RecordOf(const Json& json) {
   if (const Json& factor = json.at("log_focal_factor"); !factor.is_null()) {
     record.log_focal_factor = factor.get<double>();
   }
+  record.files = FilesFromJson(json.at("files"));
   return record;
 }
 
@@ -123,7 +133,8 @@ std::string ToJsonLine(const RunFacts& facts) {
                          {"warnings", facts.warnings},
                          {"checks_geometry", facts.checks_geometry},
                          {"calibration", Json::parse(FormatSceneCalibration(facts.calibration))},
-                         {"input_warnings", facts.input_warnings}}}});
+                         {"input_warnings", facts.input_warnings}}},
+                       {"files", FilesJson(facts.files)}});
 }
 
 std::string ToJsonLine(const QueryRecord& record) {
@@ -133,7 +144,8 @@ std::string ToJsonLine(const QueryRecord& record) {
                {"warnings", record.warnings},
                {"log_focal_factor", nullptr},
                {"milliseconds", TimesJson(record.localized.times)},
-               {"diagnostics", Json::parse(record.diagnostics)}};
+               {"diagnostics", Json::parse(record.diagnostics)},
+               {"files", FilesJson(record.files)}};
   if (record.log_focal_factor) json["log_focal_factor"] = *record.log_focal_factor;
   return JsonText(json);
 }
@@ -142,7 +154,7 @@ bool IsReadableLine(const std::string& line) {
   try {
     const Json json = Json::parse(line);
     if (json.contains("scene")) {
-      FactsOf(json.at("scene"));
+      FactsOf(json);
     } else {
       RecordOf(json);
     }
@@ -156,7 +168,7 @@ bool IsReadableLine(const std::string& line) {
 
 std::optional<RunFacts> FactsOf(const TaskManifest& manifest) {
   if (!manifest.facts) return std::nullopt;
-  return FactsOf(Json::parse(*manifest.facts).at("scene"));
+  return FactsOf(Json::parse(*manifest.facts));
 }
 
 std::vector<QueryRecord> RecordsOf(const TaskManifest& manifest) {

@@ -31,6 +31,7 @@ struct RunFacts {
   bool checks_geometry = false;       // for RunWarnings()
   SceneCalibration calibration;
   std::vector<std::string> input_warnings;  // of how the input is read (LocalizeAll)
+  std::vector<PromisedFile> files = {};     // what was written of the scene
 };
 
 struct QueryRecord {
@@ -41,6 +42,7 @@ struct QueryRecord {
   // Of its matches, and of those of queries whose records are still to come.
   std::vector<std::string> warnings = {};
   std::optional<double> log_focal_factor = std::nullopt;
+  std::vector<PromisedFile> files = {};  // of its own
 };
 
 // Lines of the manifest, without their ends.
@@ -80,18 +82,24 @@ class QueryJob {
   // The queries of this shard that are not done.
   std::vector<size_t> Missing() const { return job_.Missing(); }
 
-  // A query is done. `warnings` are those of all matches so far. Thread safe.
+  // A query is done, and `files` of its own are written. `warnings` are those of all matches so far.
+  // Thread safe.
   void Add(size_t query, const LocalizedQuery& localized, const std::vector<std::string>& warnings,
-           const std::optional<double>& log_focal_factor);
+           const std::optional<double>& log_focal_factor,
+           std::span<const std::filesystem::path> files);
 
-  // The records of all shards, in the order of the list, once all are done; then the manifest is
-  // that of the whole run. None before.
-  std::optional<std::vector<QueryRecord>> Finish();
+  // The records of all shards, in the order of the list, once all are done; none before. Throws as
+  // TaskJob's does.
+  std::optional<std::vector<QueryRecord>> Whole();
+  // After Whole(), when the results are written: the manifest becomes that of the whole run.
+  void Finish(std::span<const std::filesystem::path> results);
 
  private:
+  const std::filesystem::path out_;
   std::vector<std::string> names_;  // of the queries
   TaskJob job_;
   std::optional<RunFacts> facts_;
+  TaskManifest whole_;          // of Whole()
   std::mutex mutex_;            // guards what follows
   std::set<std::string> told_;  // warnings that are in a record
 };

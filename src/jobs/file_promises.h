@@ -1,0 +1,38 @@
+// Promises of files (raylift/jobs/promised_files.h), as lines of a manifest have them.
+
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "raylift/jobs/promised_files.h"
+
+namespace raylift {
+
+// Returns what `folder` promises of files that have just been written: all but times. Throws
+// OutputError where one is gone.
+std::vector<PromisedFile> PromiseFiles(const std::filesystem::path& folder,
+                                       std::span<const std::filesystem::path> files);
+
+// The member "files" of a line.
+nlohmann::ordered_json FilesJson(std::span<const PromisedFile> files);
+// Throws nlohmann's exceptions where it is none.
+std::vector<PromisedFile> FilesFromJson(const nlohmann::ordered_json& json);
+// Returns what a line promises; nothing where it makes no sense.
+std::vector<PromisedFile> FilesOfLine(const std::string& line);
+// Returns the line with its files as another folder sees them.
+std::string InFolder(const std::string& line, const std::filesystem::path& from,
+                     const std::filesystem::path& to);
+
+enum class FileCheck { kSizes, kContents };
+// Returns what is wrong with a file: "is missing"; nullopt if nothing is.
+std::optional<std::string> FaultOf(const std::filesystem::path& folder, const PromisedFile& file,
+                                   FileCheck check);
+bool KeepsPromise(const std::filesystem::path& folder, const std::string& line, FileCheck check);
+
+}  // namespace raylift
