@@ -29,12 +29,15 @@ constexpr double kOuterRing = 15;
 struct SetInliers {
   std::vector<int> matches;  // of each keypoint
   std::vector<bool> inlier;
-  double chance = 0;  // that a wrong match is an inlier
+  double chance = 0;                   // that a wrong match is an inlier
+  std::vector<double> chance_of_none;  // of so many wrong matches
 
   explicit SetInliers(size_t keypoints) : matches(keypoints, 0), inlier(keypoints, false) {}
 
   // The probability that no match of a keypoint is an inlier, if all are wrong.
-  double ChanceOfNone(size_t keypoint) const { return std::pow(1 - chance, matches[keypoint]); }
+  double ChanceOfNone(size_t keypoint) const {
+    return chance_of_none[static_cast<size_t>(matches[keypoint])];
+  }
 };
 
 template <typename NormalizedMatch>
@@ -51,6 +54,8 @@ SetInliers Count(std::span<const double> squared, const std::vector<NormalizedMa
       squared.empty() ? 0
                       : in_ring / RingPerInlier(dimensions) / static_cast<double>(squared.size());
   set.chance = std::clamp(std::max(uniform_chance, observed), 1e-9, 1.0);
+  const int most = keypoints == 0 ? 0 : *std::max_element(set.matches.begin(), set.matches.end());
+  for (int n = 0; n <= most; ++n) set.chance_of_none.push_back(std::pow(1 - set.chance, n));
   return set;
 }
 

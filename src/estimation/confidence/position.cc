@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <optional>
 
@@ -202,9 +203,17 @@ class PlacesOnLine {
     // RANSAC's sample has chosen the place by one of the matches, which says nothing.
     if (!(exclusive_.only_first > 1)) return 0.5;
     double probability = OverChance(0, clustering);
+    // The more keypoints speak for a place alone, and the fewer for 0 alone, the less probable is 0.
+    ExclusiveInliers worst{.only_first = std::numeric_limits<double>::infinity()};
     ForEachPlace([&](double) {
       if (4 * shared_ > matches_at_zero_) return;
-      probability = std::min(probability, OverPlace(exclusive_, clustering));
+      if (exclusive_.only_second <= worst.only_second &&
+          exclusive_.only_first >= worst.only_first) {
+        return;
+      }
+      const double over_place = OverPlace(exclusive_, clustering);
+      if (over_place < probability && exclusive_.only_first > 1) worst = exclusive_;
+      probability = std::min(probability, over_place);
     });
     return probability;
   }

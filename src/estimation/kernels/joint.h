@@ -41,8 +41,8 @@ struct alignas(64) JointObservations {
   Row extra_variance_px2;
   Row has_depth, log_distance, depth_variance;
   Row epipolar_clutter;
-  // The reference's error: (rotation vector, translation, log scale).
-  Row reference_error[7];
+  // The reference's error, and its last step: (rotation vector, translation, log scale).
+  Row reference_error[7], reference_step[7];
   // Probabilities that it is right, and its depth; the precision of its pixel over the mean one.
   Row weight, depth, precision;
 
@@ -79,7 +79,7 @@ struct JointParameters {
   double focal_error = 0;
   bool is_focal_unknown = false;
   bool have_references_errors = false;
-  double unanchored_error[6] = {};  // rotation vector, translation
+  double unanchored_error[6] = {}, unanchored_step[6] = {};  // rotation vector, translation
   double keypoint_px2, keypoint_tail, depth, common_depth, unanchored;
   double right, depth_right, unanchored_right;
   double log_distance_mean, log_distance_variance;

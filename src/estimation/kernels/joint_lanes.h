@@ -161,6 +161,11 @@ struct WideParameters {
   Real3 PointInCamera(const JointKeypoints& keypoints, const Real3& point) const {
     return Rotate(point) + translation - Load3(keypoints.camera_center);
   }
+  // Of an unanchored point.
+  Real Information(const JointUnanchored& slot) const {
+    const Real weight = Load(slot.weight);
+    return Where(least_weight <= weight, weight / (Constant(of.unanchored) + Load(slot.variance)));
+  }
   // A point as the unanchored points have it.
   Real3 Displaced(const Real3& point) const {
     if (!of.have_references_errors) return point;
@@ -276,10 +281,8 @@ struct PointLanes {
     cost.last_gradient = common * cost.hessian.common;
     for (int i = keypoints.first_unanchored; i < keypoints.end_unanchored; ++i) {
       const JointUnanchored& slot = blocks.unanchored[i];
-      const Real weight = Load(slot.weight);
-      total = total + weight;
-      const Real information = Where(parameters.least_weight <= weight,
-                                     weight / (Constant(of.unanchored) + Load(slot.variance)));
+      total = total + Load(slot.weight);
+      const Real information = parameters.Information(slot);
       cost.hessian.point.AddToDiagonal(information);
       cost.gradient =
           cost.gradient + (parameters.Displaced(point) - Load3(slot.point)) * information;
@@ -436,8 +439,33 @@ void AddFocal(JointKeypoints& keypoints, const QueryLanes& query, const Mask& us
   return sums.Sum();
 }
 
-// Moves the points after a step of the query, which `parameters` have taken already; `gradient` has what
-// the references' steps add to it.
+// Adds to a keypoint's gradient, of its point and of its common error, what the references' steps do.
+inline void AddReferenceSteps(const JointBlocks& blocks, const JointKeypoints& keypoints,
+                              const WideParameters& parameters, Real3& pull, Real& common_pull) {
+  const Real3 point = Load3(keypoints.point);
+  for (int i = keypoints.first_observation; i < keypoints.end_observation; ++i) {
+    const JointObservations& slot = blocks.observations[i];
+    const Real3 displacement =
+        Cross(Load3(slot.reference_step), point) + Load3(slot.reference_step + 3);
+    const Real3 by_x = Load3(slot.jacobian), by_y = Load3(slot.jacobian + 3);
+    const Real weight = Load(slot.pixel_weight);
+    pull = pull + by_x * (weight * Dot(by_x, displacement)) +
+           by_y * (weight * Dot(by_y, displacement));
+    if (!keypoints.has_depths) continue;
+    const Real3 by_depth = Load3(slot.log_gradient);
+    const Real of_depth =
+        Load(slot.depth_weight) * (Dot(by_depth, displacement) - Load(slot.reference_step[6]));
+    pull = pull + by_depth * of_depth;
+    common_pull = common_pull - of_depth;
+  }
+  const Real3 displacement =
+      Cross(Fill3(parameters.of.unanchored_step), point) + Fill3(parameters.of.unanchored_step + 3);
+  for (int i = keypoints.first_unanchored; i < keypoints.end_unanchored; ++i) {
+    pull = pull + displacement * parameters.Information(blocks.unanchored[i]);
+  }
+}
+
+// Moves the points after a step of the query, which `parameters` have taken already, and of references.
 [[gnu::flatten]] void MoveJointly(const JointBlocks& blocks, const JointParameters& parameters,
                                   const double* step, double focal_step) {
   const WideParameters wide(parameters);
@@ -453,7 +481,10 @@ void AddFocal(JointKeypoints& keypoints, const QueryLanes& query, const Mask& us
     if (parameters.is_focal_unknown) {
       pull = pull + Load3(keypoints.by_focal) * Constant(focal_step);
     }
-    const Real common_pull = Load(keypoints.gradient[3]);
+    Real common_pull = Load(keypoints.gradient[3]);
+    if (parameters.have_references_errors) {
+      AddReferenceSteps(blocks, keypoints, wide, pull, common_pull);
+    }
     const Real3 move = covariance.point * pull + covariance.mixed * common_pull;
     const Real common_move = Dot(covariance.mixed, pull) + covariance.common * common_pull;
     // Not beyond what the linearization tells.

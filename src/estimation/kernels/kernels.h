@@ -7,9 +7,15 @@
 
 #pragma once
 
-#include "estimation/kernels/joint.h"
-
 namespace raylift::kernels {
+
+// joint.h
+struct JointBlocks;
+struct JointParameters;
+struct JointVoting;
+struct JointNormals;
+struct JointExpectation;
+struct JointSums;
 
 // 16 floats or 8 doubles.
 template <typename T>

@@ -8,6 +8,7 @@
 #include <optional>
 #include <vector>
 
+#include "estimation/kernels/joint.h"
 #include "estimation/kernels/kernels.h"
 #include "estimation/problem/cam_from_local.h"
 #include "estimation/problem/observations.h"

@@ -19,13 +19,6 @@ using Eigen::Vector3d;
 using Eigen::Vector4d;
 using Eigen::VectorXd;
 
-// D f: how a frame's unknowns displace a point.
-Vector4d Displacement(const Vector7d& unknowns, const Vector3d& point) {
-  Vector4d displacement;
-  displacement << unknowns.head<3>().cross(point) + unknowns.segment<3>(3), unknowns[6];
-  return displacement;
-}
-
 // Adds D' m D.
 template <typename Block>
 void AddDisplacedHessian(const Matrix4d& m, const Vector3d& point, Block&& block) {
@@ -121,9 +114,9 @@ Matrix6d CamStepFromOwn(const CamFromLocal& pose) {
   return step;
 }
 
-std::vector<JointSystem::FrameTerm> JointSystem::TermsOf(const JointModel& model,
-                                                         size_t keypoint) const {
-  std::vector<FrameTerm> terms;
+void JointSystem::CollectTerms(const JointModel& model, size_t keypoint,
+                               std::vector<FrameTerm>& terms) const {
+  terms.clear();
   const auto add = [&terms](int column, const Quadratic& cost) {
     const auto same = std::find_if(terms.begin(), terms.end(),
                                    [&](const FrameTerm& term) { return term.column == column; });
@@ -134,7 +127,7 @@ std::vector<JointSystem::FrameTerm> JointSystem::TermsOf(const JointModel& model
     }
   };
   const auto [block, lane] = model.blocks.PlaceOf(keypoint);
-  if (!IsUsed(model.blocks.BlockAt(block), lane)) return terms;
+  if (!IsUsed(model.blocks.BlockAt(block), lane)) return;
   int n = 0;
   for (const Observation& observation : evidence_.ObservationsOf(evidence_.keypoints[keypoint])) {
     const kernels::JointObservations& slot = model.blocks.ObservationAt(block, n++);
@@ -145,15 +138,13 @@ std::vector<JointSystem::FrameTerm> JointSystem::TermsOf(const JointModel& model
   if (column >= 0 && !evidence_.UnanchoredOf(evidence_.keypoints[keypoint]).empty()) {
     add(column, UnanchoredCost(model, keypoint));
   }
-  return terms;
 }
 
 void JointSystem::AddReferenceTerms(const JointModel& model, FocalLength focal_length,
-                                    size_t keypoint, FocalEquations& equations) {
+                                    size_t keypoint, const std::vector<FrameTerm>& terms,
+                                    FocalEquations& equations) {
   const auto [index, lane] = model.blocks.PlaceOf(keypoint);
   const kernels::JointKeypoints& block = model.blocks.BlockAt(index);
-  const std::vector<FrameTerm> terms = TermsOf(model, keypoint);
-  if (terms.empty()) return;
   const Vector3d point = model.blocks.PointOf(keypoint);
   const Matrix4d covariance = MatrixAt(block.covariance, lane);
   const Matrix4d query = MatrixAt(block.query_hessian, lane);
@@ -180,6 +171,7 @@ void JointSystem::AddReferenceTerms(const JointModel& model, FocalLength focal_l
 
 MatrixXd JointSystem::CellGradients(const JointModel& model) const {
   MatrixXd gradients = MatrixXd::Zero(num_columns_, evidence_.num_image_cells);
+  std::vector<FrameTerm> terms;
   for (size_t k = 0; k < evidence_.keypoints.size(); ++k) {
     const auto [index, lane] = model.blocks.PlaceOf(k);
     const kernels::JointKeypoints& block = model.blocks.BlockAt(index);
@@ -187,7 +179,8 @@ MatrixXd JointSystem::CellGradients(const JointModel& model) const {
     gradient.head<7>() += VectorAt<7>(block.pose_gradient, lane);
     if (!HasReferences()) continue;
     const Vector4d solved = MatrixAt(block.covariance, lane) * VectorAt<4>(block.gradient, lane);
-    for (const FrameTerm& frame : TermsOf(model, k)) {
+    CollectTerms(model, k, terms);
+    for (const FrameTerm& frame : terms) {
       AddDisplacedGradient(frame.cost.gradient - frame.cost.hessian * solved,
                            model.blocks.PointOf(k), gradient.segment<7>(frame.column));
     }
@@ -223,8 +216,10 @@ FocalEquations JointSystem::LinearizeKeypoints(const NormalizedPriors& pose_prio
     }
   }
   if (HasReferences()) {
+    std::vector<FrameTerm> terms;
     for (size_t k = 0; k < evidence_.keypoints.size(); ++k) {
-      AddReferenceTerms(model, focal_length, k, equations);
+      CollectTerms(model, k, terms);
+      if (!terms.empty()) AddReferenceTerms(model, focal_length, k, terms, equations);
     }
   }
   equations.gradient.head<kQueryColumns>() = Eigen::Map<const Vector7d>(normals.gradient);
@@ -245,18 +240,31 @@ void JointSystem::MoveReferences(const VectorXd& step, JointModel& model) const 
 }
 
 void JointSystem::MovePoints(const VectorXd& step, double focal_step, JointModel& model) const {
-  for (size_t k = 0; HasReferences() && k < evidence_.keypoints.size(); ++k) {
-    const auto [block, lane] = model.blocks.PlaceOf(k);
-    for (const FrameTerm& frame : TermsOf(model, k)) {
-      const Vector4d pull =
-          frame.cost.hessian * Displacement(step.segment<7>(frame.column), model.blocks.PointOf(k));
-      for (int i = 0; i < 4; ++i) model.blocks.BlockAt(block).gradient[i][lane] += pull[i];
-    }
-  }
   kernels::JointParameters parameters = model.ForKernels();
   parameters.is_focal_unknown = focal_step != 0;
+  if (HasReferences()) TakeReferenceSteps(step, model, parameters);
   kernels::ActiveKernels().move_jointly(model.blocks.ForKernels(), parameters, step.data(),
                                         focal_step);
+}
+
+void JointSystem::TakeReferenceSteps(const VectorXd& step, JointModel& model,
+                                     kernels::JointParameters& parameters) const {
+  const auto step_of = [&](size_t frame) {
+    return column_[frame] < 0 ? Vector7d(Vector7d::Zero())
+                              : Vector7d(step.segment<7>(column_[frame]));
+  };
+  std::vector<Vector7d> steps;
+  for (size_t frame = 0; frame < column_.size(); ++frame) steps.push_back(step_of(frame));
+  Eigen::Map<Eigen::Matrix<double, 6, 1>>(parameters.unanchored_step) = steps.back().head<6>();
+  for (size_t k = 0; k < evidence_.keypoints.size(); ++k) {
+    const auto [block, lane] = model.blocks.PlaceOf(k);
+    int n = 0;
+    for (const Observation& observation : evidence_.ObservationsOf(evidence_.keypoints[k])) {
+      const Vector7d& of_reference = steps[static_cast<size_t>(observation.reference)];
+      auto& rows = model.blocks.ObservationAt(block, n++).reference_step;
+      for (int i = 0; i < 7; ++i) rows[i][lane] = of_reference[i];
+    }
+  }
 }
 
 void JointSystem::AddPosePriors(const JointModel& model, const NormalizedPriors& pose_priors,

@@ -72,12 +72,15 @@ class JointSystem {
 
   FocalEquations LinearizeKeypoints(const NormalizedPriors& pose_priors, FocalLength focal_length,
                                     JointModel& model);
-  // Returns the terms of a keypoint's references with columns, as of Linearize().
-  std::vector<FrameTerm> TermsOf(const JointModel& model, size_t keypoint) const;
-  // Adds the references' part of a keypoint, its point eliminated, to the equations and to the lower
-  // triangle of the Hessian.
+  // Collects the terms of a keypoint's references with columns, as of Linearize().
+  void CollectTerms(const JointModel& model, size_t keypoint, std::vector<FrameTerm>& terms) const;
+  // Adds them, the keypoint's point eliminated, to the equations and to the lower triangle of the
+  // Hessian.
   void AddReferenceTerms(const JointModel& model, FocalLength focal_length, size_t keypoint,
-                         FocalEquations& equations);
+                         const std::vector<FrameTerm>& terms, FocalEquations& equations);
+  // Tells the slots, and the parameters of the unanchored points, how references move.
+  void TakeReferenceSteps(const Eigen::VectorXd& step, JointModel& model,
+                          kernels::JointParameters& parameters) const;
   void AddPosePriors(const JointModel& model, const NormalizedPriors& pose_priors,
                      Eigen::VectorXd& gradient);
   void AddReferencePriors(const JointModel& model, Eigen::VectorXd& gradient);
