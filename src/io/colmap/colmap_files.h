@@ -1,4 +1,4 @@
-// The text and the binary form of a COLMAP model share this.
+// The files of a COLMAP model.
 
 #pragma once
 
@@ -13,9 +13,6 @@
 
 namespace raylift::colmap {
 
-// COLMAP's "no point".
-inline constexpr uint64_t kNoPoint3D = ~uint64_t{0};
-
 inline constexpr std::string_view kCameras = "cameras";
 inline constexpr std::string_view kImages = "images";
 inline constexpr std::string_view kPoints3D = "points3D";
@@ -25,12 +22,11 @@ inline constexpr std::string_view kFrames = "frames";
 std::filesystem::path FilePath(const std::filesystem::path& folder, std::string_view file,
                                ColmapForm form);
 
-// Reads the records of one of these files; all but the relations between files is checked.
-void ReadText(std::string_view file, const std::filesystem::path& path, ColmapModel* model);
-void ReadBinary(std::string_view file, const std::filesystem::path& path, ColmapModel* model);
-void WriteText(std::string_view file, const std::filesystem::path& path, const ColmapModel& model);
-void WriteBinary(std::string_view file, const std::filesystem::path& path,
-                 const ColmapModel& model);
+// Read and write the records of one of these files; all but the relations between files is checked.
+void ReadRecords(std::string_view file, const std::filesystem::path& path, ColmapForm form,
+                 ColmapModel& model);
+void WriteRecords(std::string_view file, const std::filesystem::path& path, ColmapForm form,
+                  const ColmapModel& model);
 
 // Poses the images of rigs by sensor_from_rig * rig_from_world, as COLMAP does. Where that differs
 // from what the images file says, a warning tells so.

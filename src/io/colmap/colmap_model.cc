@@ -26,7 +26,7 @@ void ReadFiles(const std::filesystem::path& folder, ColmapForm form, ColmapModel
   for (const std::string_view file : {kCameras, kImages, kPoints3D, kRigs, kFrames}) {
     const bool is_required = file == kCameras || file == kImages;
     if (!is_required && !HasFile(folder, file, form)) continue;
-    (form == ColmapForm::kText ? ReadText : ReadBinary)(file, FilePath(folder, file, form), model);
+    ReadRecords(file, FilePath(folder, file, form), form, *model);
   }
 }
 
@@ -129,8 +129,7 @@ void WriteColmapModel(const std::filesystem::path& folder, const ColmapModel& mo
   if (!model.frames.empty()) files.insert(files.end(), {kRigs, kFrames});
   files.push_back(kImages);  // the last: without images nothing is taken for a model that is whole
   for (const std::string_view file : files) {
-    (form == ColmapForm::kText ? WriteText : WriteBinary)(file, FilePath(folder, file, form),
-                                                          model);
+    WriteRecords(file, FilePath(folder, file, form), form, model);
   }
   if (!model.frames.empty()) return;
   // Those of a former model would override the poses of this one.

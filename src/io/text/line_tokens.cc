@@ -81,7 +81,7 @@ uint32_t LineTokens::Uint32(std::string_view field) {
 }
 
 int LineTokens::Int(std::string_view field) {
-  const int64_t value = lines_.Int(Token(field), field);
+  const int64_t value = lines_->Int(Token(field), field);
   if (value > INT_MAX || value < INT_MIN) {
     Fail(fmt::format("{}: expected at most {} in size, found {}", field, INT_MAX, value));
   }
@@ -109,6 +109,14 @@ Eigen::Vector4d LineTokens::Quaternion(std::string_view field) {
   return qvec_wxyz;
 }
 
+Rigid3 LineTokens::Pose() {
+  const auto qvec_wxyz = Vector<4>("qvec");
+  const auto rotation = UnitQuaternion(qvec_wxyz);
+  if (rotation) return {*rotation, Vector<3>("tvec")};
+  Fail(fmt::format("qvec: expected a quaternion of length 1, found one of length {:.6g}",
+                   qvec_wxyz.norm()));
+}
+
 Camera LineTokens::CameraToEnd(std::string_view end) {
   const std::string_view name = Token("camera model");
   const auto model = CameraModelFromName(name);
@@ -127,6 +135,17 @@ Camera LineTokens::CameraToEnd(std::string_view end) {
   } catch (const InputError& error) {
     Fail(error.what());
   }
+}
+
+std::string FormatPose(const Rigid3& pose, std::string_view separator) {
+  const Eigen::Quaterniond& q = pose.rotation;
+  const Eigen::Vector3d& t = pose.translation;
+  std::string text;
+  for (const double number : {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()}) {
+    if (!text.empty()) text += separator;
+    text += FormatDouble(number);
+  }
+  return text;
 }
 
 std::string NameText(const std::filesystem::path& file, const std::string& name) {

@@ -14,28 +14,29 @@
 
 #include "raylift/base/text.h"
 #include "raylift/geometry/camera.h"
+#include "raylift/geometry/rigid3.h"
 
 namespace raylift {
 
 // The reader and the line must outlive it.
 class LineTokens {
  public:
-  LineTokens(const LineReader& lines, std::string_view line) : lines_(lines), rest_(line) {}
+  LineTokens(const LineReader& lines, std::string_view line) : lines_(&lines), rest_(line) {}
 
   bool AtEnd();
   // The next token; fails where the line ends.
   std::string_view Token(std::string_view field);
   // The same; in double quotes it may hold blanks.
   std::string_view Name(std::string_view field = "name");
-  double Double(std::string_view field) { return lines_.Double(Token(field), field); }
-  uint64_t Uint64(std::string_view field) { return lines_.Uint(Token(field), field); }
+  double Double(std::string_view field) { return lines_->Double(Token(field), field); }
+  uint64_t Uint64(std::string_view field) { return lines_->Uint(Token(field), field); }
   uint32_t Uint32(std::string_view field);
   int Int(std::string_view field);
   // All that is left, without blanks at its ends.
   std::string_view Rest();
   // Fails where there are tokens left.
   void ExpectEnd();
-  [[noreturn]] void Fail(std::string_view message) const { lines_.Fail(message); }
+  [[noreturn]] void Fail(std::string_view message) const { lines_->Fail(message); }
 
   template <int N>
   Eigen::Matrix<double, N, 1> Vector(std::string_view field) {
@@ -48,6 +49,9 @@ class LineTokens {
   // Four numbers, w first, not normalized but not all zero.
   Eigen::Vector4d Quaternion(std::string_view field);
 
+  // "QW QX QY QZ TX TY TZ", with a quaternion of length 1.
+  Rigid3 Pose();
+
   // "MODEL WIDTH HEIGHT PARAMS..." up to the end of the line, or up to this word.
   Camera CameraToEnd(std::string_view end = {});
 
@@ -55,13 +59,16 @@ class LineTokens {
   void SkipBlanks();
   bool NextIs(std::string_view token);
 
-  const LineReader& lines_;
+  const LineReader* lines_;
   std::string_view rest_;
 };
 
 // Returns the name as LineTokens::Name() reads it back: in quotes where it has blanks or starts
 // with `#`. Throws InputError for a name that would not read back.
 std::string NameText(const std::filesystem::path& file, const std::string& name);
+
+// The seven numbers of LineTokens::Pose().
+std::string FormatPose(const Rigid3& pose, std::string_view separator = " ");
 
 // Rounding makes files of this kind be off by so much; more than that is another quantity.
 inline constexpr double kUnitLengthTolerance = 1e-3;
