@@ -7,7 +7,7 @@
 
 #include "base/hash.h"
 #include "base/json_text.h"
-#include <Eigen/Geometry>
+#include "io/text/line_tokens.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -156,14 +156,9 @@ std::string ManifestHeader(const std::string& header, size_t images) {
 }
 
 std::string TaskKey(const std::string& header, const RenderTask& task) {
-  const Eigen::Quaterniond& q = task.view.cam_from_world.rotation;
-  const Eigen::Vector3d& t = task.view.cam_from_world.translation;
-  std::string text =
-      fmt::format("{}\n{}\n{}\n{}", header, task.view.name, task.stem, task.view.camera.ToString());
-  for (const double number : {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()}) {
-    text += ' ' + FormatDouble(number);
-  }
-  return HexText(HashBytes64(text));
+  return HexText(
+      HashBytes64(fmt::format("{}\n{}\n{}\n{} {}", header, task.view.name, task.stem,
+                              task.view.camera.ToString(), FormatPose(task.view.cam_from_world))));
 }
 
 std::vector<std::string> TaskFiles(const RenderTask& task,

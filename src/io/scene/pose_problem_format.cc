@@ -115,11 +115,14 @@ void AppendOtherCameras(const std::vector<RigCamera>& cameras, std::string* text
   *text += "\n]";
 }
 
-template <typename Match>
-void AppendCamerasOf(std::string_view name, const std::vector<Match>& matches, std::string* text) {
+// "," and `"name": [`, then all values in one line.
+template <typename Value, typename TextOf>
+void AppendLine(std::string_view name, const std::vector<Value>& values, TextOf text_of,
+                std::string* text) {
   *text += fmt::format(",\n\"{}\": [", name);
-  for (size_t i = 0; i < matches.size(); ++i) {
-    *text += fmt::format("{}{}", i > 0 ? ", " : "", matches[i].camera);
+  for (const Value& value : values) {
+    if (&value != values.data()) *text += ", ";
+    *text += text_of(value);
   }
   *text += ']';
 }
@@ -142,19 +145,16 @@ void AppendReferenceSigma(const Match2D2D& match, std::string* text) {
   AppendSigma(match.reference_sigma_px, text);
 }
 
-// A member of "extra", in one line: an index or null per match; left out where there is none.
+// A member of "extra": an index or null per match; left out where there is none.
 template <typename Match, typename Index>
 void AppendIndices(std::string_view name, const std::vector<Match>& matches,
                    std::optional<Index> Match::*index, std::string* extra) {
   const auto has_index = [index](const Match& match) { return (match.*index).has_value(); };
   if (std::none_of(matches.begin(), matches.end(), has_index)) return;
-  *extra += fmt::format("{}\n\"{}\": [", extra->empty() ? "" : ",", name);
-  for (size_t i = 0; i < matches.size(); ++i) {
-    const std::optional<Index>& value = matches[i].*index;
-    *extra += i > 0 ? ", " : "";
-    *extra += value ? std::to_string(*value) : "null";
-  }
-  *extra += ']';
+  const auto text_of = [&](const Match& match) {
+    return has_index(match) ? std::to_string(*(match.*index)) : std::string("null");
+  };
+  AppendLine(name, matches, text_of, extra);
 }
 
 void AppendPriors(const PosePriors& priors, std::string* text) {
@@ -213,7 +213,7 @@ void AppendExtra(const PoseProblem& problem, std::string* text) {
   AppendIndices("keypoint_2d3d", points, &Match2D3D::query_keypoint, &extra);
   AppendIndices("reference_keypoint", pairs, &Match2D2D::reference_keypoint, &extra);
   AppendIndices("match_2d2d", points, &Match2D3D::match_2d2d, &extra);
-  if (!extra.empty()) *text += ",\n\"extra\": {" + extra + '}';
+  if (!extra.empty()) *text += ",\n\"extra\": {" + extra.substr(1) + '}';
 }
 
 }  // namespace
@@ -234,11 +234,9 @@ std::string FormatPoseProblem(const PoseProblemFile& file) {
   text += '}';
   AppendArray("references", problem.references, AppendReference, &text);
   if (!problem.reference_clusters.empty()) {
-    text += ",\n\"reference_clusters\": [";
-    for (size_t i = 0; i < problem.reference_clusters.size(); ++i) {
-      text += fmt::format("{}{}", i > 0 ? ", " : "", problem.reference_clusters[i]);
-    }
-    text += ']';
+    AppendLine(
+        "reference_clusters", problem.reference_clusters,
+        [](int cluster) { return std::to_string(cluster); }, &text);
   }
   AppendArray("matches_2d2d", problem.matches_2d2d, AppendMatch2D2D, &text);
   const auto& matches = problem.matches_2d3d;
@@ -254,8 +252,9 @@ std::string FormatPoseProblem(const PoseProblemFile& file) {
     AppendArray("matches_2d2d_sigma_px", pairs, AppendReferenceSigma, &text);
   }
   if (!problem.other_cameras.empty()) {
-    AppendCamerasOf("matches_2d2d_camera", pairs, &text);
-    AppendCamerasOf("matches_2d3d_camera", matches, &text);
+    const auto camera_of = [](const auto& match) { return std::to_string(match.camera); };
+    AppendLine("matches_2d2d_camera", pairs, camera_of, &text);
+    AppendLine("matches_2d3d_camera", matches, camera_of, &text);
   }
   AppendReferenceSigmas(problem.reference_sigmas, &text);
   AppendExtra(problem, &text);

@@ -18,16 +18,6 @@ namespace {
 // The first format is the second without priors and rigs.
 constexpr std::string_view kFormats[] = {"pose-problem/1", "pose-problem/2"};
 
-template <int N>
-Eigen::Matrix<double, N, 1> ReadVector(const JsonPlace& place) {
-  place.ExpectArraySize(N);
-  Eigen::Matrix<double, N, 1> vector;
-  for (int i = 0; i < N; ++i) {
-    vector[i] = place.At(static_cast<size_t>(i)).Number();
-  }
-  return vector;
-}
-
 Camera ReadCamera(const JsonPlace& place) {
   const JsonPlace model_place = place.Member("model");
   const std::string name = model_place.String();
@@ -50,14 +40,7 @@ Camera ReadCamera(const JsonPlace& place) {
 }
 
 Rigid3 ReadPose(const JsonPlace& place) {
-  const JsonPlace qvec_place = place.Member("qvec");
-  const Eigen::Vector4d qvec_wxyz = ReadVector<4>(qvec_place);
-  const auto rotation = UnitQuaternion(qvec_wxyz);
-  if (!rotation) {
-    qvec_place.Fail(fmt::format("expected a quaternion of length 1, found one of length {:.6g}",
-                                qvec_wxyz.norm()));
-  }
-  return {*rotation, ReadVector<3>(place.Member("tvec"))};
+  return {place.Member("qvec").Rotation(), place.Member("tvec").Vector<3>()};
 }
 
 PosedImage ReadReference(const JsonPlace& place) {
@@ -75,10 +58,6 @@ int ReadIndex(const JsonPlace& place, std::string_view what, size_t count) {
   return index;
 }
 
-int ReadReferenceIndex(const JsonPlace& place, size_t num_references) {
-  return ReadIndex(place, "reference", num_references);
-}
-
 std::vector<RigCamera> ReadOtherCameras(const JsonPlace& place) {
   std::vector<RigCamera> cameras;
   const size_t count = place.ArraySize();
@@ -90,12 +69,14 @@ std::vector<RigCamera> ReadOtherCameras(const JsonPlace& place) {
   return cameras;
 }
 
-template <typename Match>
-void ReadCamerasOf(const JsonPlace& place, int num_cameras, std::vector<Match>* matches) {
-  place.ExpectArraySize(matches->size());
-  for (size_t i = 0; i < matches->size(); ++i) {
-    (*matches)[i].camera = ReadIndex(place.At(i), "camera", static_cast<size_t>(num_cameras));
-  }
+// Reads a list with a value for each match, where there is one.
+template <typename Match, typename Read>
+void ReadColumn(const JsonPlace& parent, std::string_view name, std::vector<Match>& matches,
+                const Read& read) {
+  if (!parent.Has(name)) return;
+  const JsonPlace column = parent.Member(name);
+  column.ExpectArraySize(matches.size());
+  for (size_t i = 0; i < matches.size(); ++i) read(column.At(i), matches[i]);
 }
 
 void ReadMatches2D2D(const JsonPlace& place, PoseProblem* problem) {
@@ -104,7 +85,7 @@ void ReadMatches2D2D(const JsonPlace& place, PoseProblem* problem) {
     const JsonPlace row = place.At(i);
     row.ExpectArraySize(5);
     Match2D2D& match = problem->matches_2d2d[i];
-    match.reference = ReadReferenceIndex(row.At(0), problem->references.size());
+    match.reference = ReadIndex(row.At(0), "reference", problem->references.size());
     match.query_px = {row.At(1).Number(), row.At(2).Number()};
     match.reference_px = {row.At(3).Number(), row.At(4).Number()};
   }
@@ -113,19 +94,9 @@ void ReadMatches2D2D(const JsonPlace& place, PoseProblem* problem) {
 void ReadMatches2D3D(const JsonPlace& place, PoseProblem* problem) {
   problem->matches_2d3d.resize(place.ArraySize());
   for (size_t i = 0; i < problem->matches_2d3d.size(); ++i) {
-    const auto row = ReadVector<5>(place.At(i));
+    const auto row = place.At(i).Vector<5>();
     problem->matches_2d3d[i].query_px = row.head<2>();
     problem->matches_2d3d[i].point_in_world = row.tail<3>();
-  }
-}
-
-void ReadReferencesOf2D3D(const JsonPlace& place, PoseProblem* problem) {
-  place.ExpectArraySize(problem->matches_2d3d.size());
-  for (size_t i = 0; i < problem->matches_2d3d.size(); ++i) {
-    const JsonPlace index = place.At(i);
-    if (!index.IsNull()) {
-      problem->matches_2d3d[i].reference = ReadReferenceIndex(index, problem->references.size());
-    }
   }
 }
 
@@ -138,20 +109,6 @@ std::optional<double> ReadSigma(const JsonPlace& place) {
   return sigma;
 }
 
-void ReadSigmasOf2D3D(const JsonPlace& place, PoseProblem* problem) {
-  place.ExpectArraySize(problem->matches_2d3d.size());
-  for (size_t i = 0; i < problem->matches_2d3d.size(); ++i) {
-    problem->matches_2d3d[i].point_sigma = ReadSigma(place.At(i));
-  }
-}
-
-void ReadSigmasOf2D2D(const JsonPlace& place, PoseProblem* problem) {
-  place.ExpectArraySize(problem->matches_2d2d.size());
-  for (size_t i = 0; i < problem->matches_2d2d.size(); ++i) {
-    problem->matches_2d2d[i].reference_sigma_px = ReadSigma(place.At(i));
-  }
-}
-
 int ReadKeypoint(const JsonPlace& place) {
   const int index = place.Int();
   if (index < 0 || index > kLargestKeypoint) {
@@ -161,57 +118,35 @@ int ReadKeypoint(const JsonPlace& place) {
 }
 
 template <typename Match>
-void ReadQueryKeypoints(const JsonPlace& place, std::vector<Match>* matches) {
-  place.ExpectArraySize(matches->size());
-  for (size_t i = 0; i < matches->size(); ++i) {
-    const JsonPlace index = place.At(i);
-    (*matches)[i].query_keypoint = ReadKeypoint(index);
-  }
-}
-
-void ReadReferenceKeypoints(const JsonPlace& place, PoseProblem* problem) {
-  place.ExpectArraySize(problem->matches_2d2d.size());
-  for (size_t i = 0; i < problem->matches_2d2d.size(); ++i) {
-    const JsonPlace index = place.At(i);
-    if (!index.IsNull()) problem->matches_2d2d[i].reference_keypoint = ReadKeypoint(index);
-  }
-}
-
-void ReadMatchesOf2D3D(const JsonPlace& place, PoseProblem* problem) {
-  place.ExpectArraySize(problem->matches_2d3d.size());
-  const size_t count = problem->matches_2d2d.size();
-  for (size_t i = 0; i < problem->matches_2d3d.size(); ++i) {
-    const JsonPlace place_of_index = place.At(i);
-    if (place_of_index.IsNull()) continue;
-    const int index = place_of_index.Int();
-    if (index < 0 || static_cast<size_t>(index) >= count) {
-      place_of_index.Fail(
-          fmt::format("match index {} is out of range, there are {} 2D-2D matches", index, count));
-    }
-    problem->matches_2d3d[i].match_2d2d = static_cast<size_t>(index);
-  }
+void ReadQueryKeypoint(const JsonPlace& place, Match& match) {
+  match.query_keypoint = ReadKeypoint(place);
 }
 
 // "keypoint" is of both kinds of matches where "keypoint_2d3d" is missing.
-void ReadExtra(const JsonPlace& extra, PoseProblem* problem) {
+void ReadExtra(const JsonPlace& extra, PoseProblem& problem) {
+  std::vector<Match2D2D>& pairs = problem.matches_2d2d;
+  std::vector<Match2D3D>& points = problem.matches_2d3d;
   if (extra.Has("keypoint")) {
-    const JsonPlace keypoint = extra.Member("keypoint");
-    const size_t count = keypoint.ArraySize();
-    const bool is_of_2d3d = !extra.Has("keypoint_2d3d") && count == problem->matches_2d3d.size();
-    if (is_of_2d3d) ReadQueryKeypoints(keypoint, &problem->matches_2d3d);
-    if (!is_of_2d3d || count == problem->matches_2d2d.size()) {
-      ReadQueryKeypoints(keypoint, &problem->matches_2d2d);
+    const size_t count = extra.Member("keypoint").ArraySize();
+    const bool is_of_2d3d = !extra.Has("keypoint_2d3d") && count == points.size();
+    if (is_of_2d3d) ReadColumn(extra, "keypoint", points, ReadQueryKeypoint<Match2D3D>);
+    if (!is_of_2d3d || count == pairs.size()) {
+      ReadColumn(extra, "keypoint", pairs, ReadQueryKeypoint<Match2D2D>);
     }
   }
-  if (extra.Has("keypoint_2d3d")) {
-    ReadQueryKeypoints(extra.Member("keypoint_2d3d"), &problem->matches_2d3d);
-  }
-  if (extra.Has("reference_keypoint")) {
-    ReadReferenceKeypoints(extra.Member("reference_keypoint"), problem);
-  }
-  if (extra.Has("match_2d2d")) {
-    ReadMatchesOf2D3D(extra.Member("match_2d2d"), problem);
-  }
+  ReadColumn(extra, "keypoint_2d3d", points, ReadQueryKeypoint<Match2D3D>);
+  ReadColumn(extra, "reference_keypoint", pairs, [](const JsonPlace& place, Match2D2D& pair) {
+    if (!place.IsNull()) pair.reference_keypoint = ReadKeypoint(place);
+  });
+  ReadColumn(extra, "match_2d2d", points, [&pairs](const JsonPlace& place, Match2D3D& point) {
+    if (place.IsNull()) return;
+    const int index = place.Int();
+    if (index < 0 || static_cast<size_t>(index) >= pairs.size()) {
+      place.Fail(fmt::format("match index {} is out of range, there are {} 2D-2D matches", index,
+                             pairs.size()));
+    }
+    point.match_2d2d = static_cast<size_t>(index);
+  });
 }
 
 void ReadReferenceClusters(const JsonPlace& place, PoseProblem* problem) {
@@ -228,7 +163,7 @@ void ReadReferenceClusters(const JsonPlace& place, PoseProblem* problem) {
 }
 
 Eigen::Vector3d ReadDirection(const JsonPlace& place) {
-  Eigen::Vector3d direction = ReadVector<3>(place);
+  Eigen::Vector3d direction = place.Vector<3>();
   if (!HasDirection(direction)) {
     place.Fail(fmt::format("expected a direction, found {}",
                            direction.isZero(0) ? "zeros" : "numbers out of range"));
@@ -241,8 +176,8 @@ PosePriors ReadPriors(const JsonPlace& query) {
   if (query.Has("position_prior")) {
     const JsonPlace place = query.Member("position_prior");
     const JsonPlace sigma = place.Member("sigma");
-    priors.position = {.position = ReadVector<3>(place.Member("position")),
-                       .sigma = ReadVector<3>(sigma)};
+    priors.position = {.position = place.Member("position").Vector<3>(),
+                       .sigma = sigma.Vector<3>()};
     if (priors.position->sigma.minCoeff() < 0) sigma.Fail("expected standard deviations");
   }
   if (query.Has("gravity_prior")) {
@@ -304,29 +239,30 @@ PoseProblemFile ReadRoot(const JsonPlace& root) {
   }
   ReadMatches2D2D(root.Member("matches_2d2d"), &problem);
   ReadMatches2D3D(root.Member("matches_2d3d"), &problem);
-  if (root.Has("matches_2d2d_camera")) {
-    ReadCamerasOf(root.Member("matches_2d2d_camera"), problem.num_cameras(), &problem.matches_2d2d);
-  }
-  if (root.Has("matches_2d3d_camera")) {
-    ReadCamerasOf(root.Member("matches_2d3d_camera"), problem.num_cameras(), &problem.matches_2d3d);
-  }
+  const auto read_camera = [&problem](const JsonPlace& place, auto& match) {
+    match.camera = ReadIndex(place, "camera", static_cast<size_t>(problem.num_cameras()));
+  };
+  ReadColumn(root, "matches_2d2d_camera", problem.matches_2d2d, read_camera);
+  ReadColumn(root, "matches_2d3d_camera", problem.matches_2d3d, read_camera);
   if (root.Has("reference_clusters")) {
     ReadReferenceClusters(root.Member("reference_clusters"), &problem);
   }
-  if (root.Has("matches_2d3d_reference")) {
-    ReadReferencesOf2D3D(root.Member("matches_2d3d_reference"), &problem);
-  }
-  if (root.Has("matches_2d2d_sigma_px")) {
-    ReadSigmasOf2D2D(root.Member("matches_2d2d_sigma_px"), &problem);
-  }
-  if (root.Has("matches_2d3d_sigma")) {
-    ReadSigmasOf2D3D(root.Member("matches_2d3d_sigma"), &problem);
-  }
+  ReadColumn(root, "matches_2d3d_reference", problem.matches_2d3d,
+             [&](const JsonPlace& place, Match2D3D& match) {
+               if (!place.IsNull()) match.reference = ReadIndex(place, "reference", num_references);
+             });
+  ReadColumn(root, "matches_2d2d_sigma_px", problem.matches_2d2d,
+             [](const JsonPlace& place, Match2D2D& match) {
+               match.reference_sigma_px = ReadSigma(place);
+             });
+  ReadColumn(
+      root, "matches_2d3d_sigma", problem.matches_2d3d,
+      [](const JsonPlace& place, Match2D3D& match) { match.point_sigma = ReadSigma(place); });
   if (root.Has("reference_sigmas")) {
     problem.reference_sigmas = ReadReferenceSigmas(root.Member("reference_sigmas"));
   }
   if (root.Has("extra")) {
-    ReadExtra(root.Member("extra"), &problem);
+    ReadExtra(root.Member("extra"), problem);
   }
   AssignKeypointsByPixel(problem);
   return file;

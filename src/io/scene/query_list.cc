@@ -181,14 +181,6 @@ void RequireNew(bool is_new, const LineTokens& tokens, std::string_view name,
 
 using std::filesystem::path;
 
-template <int N>
-Eigen::Matrix<double, N, 1> ReadVector(const JsonPlace& place) {
-  place.ExpectArraySize(N);
-  Eigen::Matrix<double, N, 1> vector;
-  for (int i = 0; i < N; ++i) vector[i] = place.At(static_cast<size_t>(i)).Number();
-  return vector;
-}
-
 // A camera of a rig, by how its photographs' names begin.
 struct PrefixedCamera {
   size_t rig = 0;
@@ -202,14 +194,8 @@ bool IsReference(const JsonPlace& camera) {
 }
 
 Rigid3 ReadCamFromRig(const JsonPlace& camera) {
-  const JsonPlace rotation_place = camera.Member("cam_from_rig_rotation");
-  const Eigen::Vector4d qvec_wxyz = ReadVector<4>(rotation_place);
-  const auto rotation = UnitQuaternion(qvec_wxyz);
-  if (!rotation) {
-    rotation_place.Fail(fmt::format("expected a quaternion of length 1, found one of length {:.6g}",
-                                    qvec_wxyz.norm()));
-  }
-  return {*rotation, ReadVector<3>(camera.Member("cam_from_rig_translation"))};
+  return {camera.Member("cam_from_rig_rotation").Rotation(),
+          camera.Member("cam_from_rig_translation").Vector<3>()};
 }
 
 void ReadRig(const JsonPlace& cameras, size_t rig, CamerasByPrefix& by_prefix) {
@@ -339,13 +325,7 @@ std::vector<NamedPose> ReadPoseFile(const std::filesystem::path& path) {
     LineTokens tokens(lines, *line);
     NamedPose& pose = poses.emplace_back();
     pose.name = tokens.Name();
-    const Eigen::Vector4d qvec_wxyz = tokens.Vector<4>("qvec");
-    const auto rotation = UnitQuaternion(qvec_wxyz);
-    if (!rotation) {
-      tokens.Fail(fmt::format("qvec: expected a quaternion of length 1, found one of length {:.6g}",
-                              qvec_wxyz.norm()));
-    }
-    pose.cam_from_world = {*rotation, tokens.Vector<3>("tvec")};
+    pose.cam_from_world = tokens.Pose();
     while (!tokens.AtEnd()) {
       const std::string_view further = tokens.Token("number");
       if (!ParseDouble(further)) {
@@ -359,14 +339,7 @@ std::vector<NamedPose> ReadPoseFile(const std::filesystem::path& path) {
 void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPose>& poses) {
   std::string text;
   for (const NamedPose& pose : poses) {
-    const Eigen::Quaterniond& q = pose.cam_from_world.rotation;
-    const Eigen::Vector3d& t = pose.cam_from_world.translation;
-    text += NameText(path, pose.name);
-    for (const double number : {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()}) {
-      text += ' ';
-      text += FormatDouble(number);
-    }
-    text += '\n';
+    text += fmt::format("{} {}\n", NameText(path, pose.name), FormatPose(pose.cam_from_world));
   }
   WriteFile(path, text);
 }

@@ -3,6 +3,7 @@
 #include <map>
 #include <string>
 
+#include "io/text/line_tokens.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -82,13 +83,8 @@ void WriteKapture(const path& folder, std::span<const PosedImage> images) {
       }
       sensors += fmt::format("camera{}, , camera, {}\n", sensor->second, camera);
     }
-    const Eigen::Quaterniond& q = image.cam_from_world.rotation;
-    const Eigen::Vector3d& t = image.cam_from_world.translation;
-    trajectories += fmt::format("{}, camera{}", i, sensor->second);
-    for (const double number : {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()}) {
-      trajectories += ", " + FormatDouble(number);
-    }
-    trajectories += '\n';
+    trajectories += fmt::format("{}, camera{}, {}\n", i, sensor->second,
+                                FormatPose(image.cam_from_world, ", "));
     records += fmt::format("{}, camera{}, {}\n", i, sensor->second, image.name);
   }
   WriteFile(sensors_file, sensors);

@@ -41,13 +41,7 @@ std::vector<View> ReadViewList(const std::filesystem::path& path) {
     if (!names.insert(view.name).second) {
       tokens.Fail(fmt::format("name: \"{}\" stands twice", view.name));
     }
-    const Eigen::Vector4d qvec_wxyz = tokens.Vector<4>("qvec");
-    const auto rotation = UnitQuaternion(qvec_wxyz);
-    if (!rotation) {
-      tokens.Fail(fmt::format("qvec: expected a quaternion of length 1, found one of length {:.6g}",
-                              qvec_wxyz.norm()));
-    }
-    view.cam_from_world = {*rotation, tokens.Vector<3>("tvec")};
+    view.cam_from_world = tokens.Pose();
     view.camera = CameraToEnd(tokens);
     views.push_back(std::move(view));
   }

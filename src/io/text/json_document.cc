@@ -2,6 +2,7 @@
 
 #include <climits>
 
+#include "io/text/line_tokens.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -36,6 +37,14 @@ JsonDocument::JsonDocument(std::string_view json, const std::filesystem::path& f
 JsonDocument::~JsonDocument() = default;
 
 JsonPlace JsonDocument::Root() const { return {&impl_->root, impl_->file}; }
+
+Eigen::Quaterniond JsonPlace::Rotation() const {
+  const auto qvec_wxyz = Vector<4>();
+  const auto rotation = UnitQuaternion(qvec_wxyz);
+  if (rotation) return *rotation;
+  Fail(fmt::format("expected a quaternion of length 1, found one of length {:.6g}",
+                   qvec_wxyz.norm()));
+}
 
 JsonPlace JsonPlace::Member(std::string_view name) const& {
   if (!Of(value_).is_object()) {

@@ -9,6 +9,9 @@
 #include <string>
 #include <string_view>
 
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
 namespace raylift {
 
 // A value and where it is. Children point to their parent, which must outlive them, as the document
@@ -30,6 +33,15 @@ class JsonPlace {
   double Number() const;  // JSON has only finite ones
   int Int() const;
   bool Bool() const;
+  template <int N>
+  Eigen::Matrix<double, N, 1> Vector() const {
+    ExpectArraySize(N);
+    Eigen::Matrix<double, N, 1> vector;
+    for (int i = 0; i < N; ++i) vector[i] = At(static_cast<size_t>(i)).Number();
+    return vector;
+  }
+  // Four numbers, w first, of length 1.
+  Eigen::Quaterniond Rotation() const;
 
   // Throws InputError "FILE: PATH: MESSAGE".
   [[noreturn]] void Fail(std::string_view message) const;
