@@ -241,7 +241,9 @@ class CompareRun {
     }
     DepthComparison comparison;
     {
-      Progress progress("images", images.size(), flags_.run.Show());
+      std::optional<Progress> progress(std::in_place, "views", images.size() * sources_.size(),
+                                       flags_.run.Show());
+      size_t num_judged = 0;
       DepthComparisonOptions options;
       options.truth = truth_;
       options.max_side_px = flags_.max_side_px;
@@ -249,7 +251,11 @@ class CompareRun {
       options.range = flags_.Range();
       options.surface_thresholds = flags_.surface_thresholds;
       options.threads = flags_.run.threads;
-      options.on_progress = [&progress] { progress.Advance(); };
+      options.on_progress = [&progress] { progress->Advance(); };
+      options.on_judged = [&] {
+        if (num_judged++ == 0) progress.emplace("sources", sources_.size(), flags_.run.Show());
+        progress->Advance();
+      };
       if (pictures) {
         options.on_views = [&pictures](size_t image, const PosedImage& view,
                                        std::span<const SourceView> views) {
@@ -261,7 +267,10 @@ class CompareRun {
     for (const path& folder : {flags_.out, flags_.report}) {
       if (!folder.empty()) WriteTables(folder, comparison);
     }
-    if (!flags_.run.quiet) fmt::print("{}", FormatComparisonText(comparison, flags_.protocols));
+    if (!flags_.run.quiet) {
+      PrintStride(images);
+      fmt::print("{}", FormatComparisonText(comparison, flags_.protocols));
+    }
     std::optional<LocalizationComparison> localization;
     if (!flags_.ground_truth.empty()) localization = CompareByLocalization(matches);
     if (pictures) {
@@ -284,6 +293,16 @@ class CompareRun {
  private:
   path QueryImages() const {
     return QueryImagesOf(flags_.query_images, flags_.images, flags_.queries);
+  }
+
+  void PrintStride(std::span<const PosedImage> images) const {
+    int stride = 1;
+    for (const PosedImage& image : images) {
+      stride = std::max(stride, ComparedStride(image.camera, flags_.max_side_px));
+    }
+    if (stride == 1) return;
+    fmt::print("of images larger than --max-side {}, one pixel in {} x {} is compared\n",
+               flags_.max_side_px, stride, stride);
   }
 
   ReportOptions ReportOptionsOf() const {
@@ -444,7 +463,7 @@ Command AddCompareCommand(CLI::App& program) {
   geometry.Add("--max-depth", flags->max_depth,
                "The same up to here (NYU's protocol: 10 m; KITTI's: 80 m)");
   geometry.Add("--max-side", flags->max_side_px,
-               "Maps are compared at images of this longer side, pixels");
+               "Images of a longer side than this, pixels, are compared at every n-th pixel");
   geometry.Add("--overlaps", flags->overlaps,
                "Overlapping images that each image is compared with; 0: none");
   geometry

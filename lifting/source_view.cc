@@ -12,10 +12,16 @@ constexpr int kRowsPerBatch = 32;
 // A source that does not know the surface turns the normal straight to the camera.
 constexpr double kMinIncidenceDeg = 1e-6;
 
+int SparseSide(int side_px, int stride) { return std::max(1, side_px / stride); }
+
+// The pixel center of the whole image that the i-th of a sparse one is.
+double SparsePixel(int i, int stride) { return i * stride + (stride - 1) / 2 + 0.5; }
+
 }  // namespace
 
-SourceView LookThrough(const GeometrySource& source, const PosedImage& image) {
-  const int width = image.camera.width_px(), height = image.camera.height_px();
+SourceView LookThrough(const GeometrySource& source, const PosedImage& image, int stride) {
+  const int width = SparseSide(image.camera.width_px(), stride);
+  const int height = SparseSide(image.camera.height_px(), stride);
   const size_t count = static_cast<size_t>(width) * static_cast<size_t>(height);
   SourceView view;
   view.depth = {width, height, std::vector<float>(count, 0.0F)};
@@ -25,7 +31,8 @@ SourceView LookThrough(const GeometrySource& source, const PosedImage& image) {
   for (int begin = 0; begin < height; begin += kRowsPerBatch) {
     pixels.clear();
     for (int y = begin; y < std::min(height, begin + kRowsPerBatch); ++y) {
-      for (int x = 0; x < width; ++x) pixels.emplace_back(x + 0.5, y + 0.5);
+      for (int x = 0; x < width; ++x)
+        pixels.emplace_back(SparsePixel(x, stride), SparsePixel(y, stride));
     }
     const auto points = source.Lift(image, pixels);
     size_t i = static_cast<size_t>(begin) * static_cast<size_t>(width);
@@ -44,6 +51,25 @@ SourceView LookThrough(const GeometrySource& source, const PosedImage& image) {
     }
   }
   return view;
+}
+
+PosedImage Sparse(const PosedImage& image, int stride) {
+  RAYLIFT_CHECK(stride > 0);
+  const Camera& camera = image.camera;
+  const int width = SparseSide(camera.width_px(), stride);
+  const int height = SparseSide(camera.height_px(), stride);
+  if (camera.is_panorama() || stride == 1) {
+    return {image.name, camera.Scaled(width, height), image.cam_from_world};
+  }
+  // x = SparsePixel(x' - 0.5) is the same lens with other focal lengths and principal point.
+  std::vector<double> params(camera.params().begin(), camera.params().end());
+  const auto num_focal_lengths =
+      static_cast<size_t>(GetCameraModelInfo(camera.model()).num_focal_lengths);
+  for (size_t i = 0; i < num_focal_lengths; ++i) params[i] /= stride;
+  for (size_t i = num_focal_lengths; i < num_focal_lengths + 2; ++i) {
+    params[i] = (params[i] - SparsePixel(0, stride)) / stride + 0.5;
+  }
+  return {image.name, Camera(camera.model(), width, height, params), image.cam_from_world};
 }
 
 PosedImage ShrunkTo(const PosedImage& image, int max_side_px) {

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "raylift/base/error.h"
 #include "raylift/base/text.h"
 
 namespace raylift {
@@ -341,7 +342,68 @@ std::string ProtocolText(const DepthComparison& comparison, DepthProtocol protoc
                      AlignColumns(rows));
 }
 
+// What a source may be wanted for, and the metric that tells.
+struct Purpose {
+  std::string_view name, key;
+};
+constexpr Purpose kPurposes[] = {{"depth", "abs_rel"},
+                                 {"depth up to a scale of each image", "median_abs_rel"},
+                                 {"edges", "edge_accuracy_px"},
+                                 {"normals", "normal_median_deg"},
+                                 {"agreement with the matches", "match_within_4px_percent"},
+                                 {"agreement among its views", "consistent_2_percent"},
+                                 {"completeness", "coverage_percent"}};
+
+const DepthMetric& MetricOf(std::string_view key) {
+  const std::vector<DepthMetric>& metrics = DepthMetrics();
+  const auto found = std::find_if(metrics.begin(), metrics.end(),
+                                  [key](const DepthMetric& metric) { return metric.key == key; });
+  RAYLIFT_CHECK(found != metrics.end());
+  return *found;
+}
+
+// The source that is not the truth with the best value, the first of several; null where none has
+// one or all have the same.
+const SourceComparison* BestBy(const DepthComparison& comparison, const DepthMetric& metric) {
+  const SourceComparison* best = nullptr;
+  bool differs = false;
+  const double sign = metric.better == Better::kLow ? -1 : 1;
+  for (const SourceComparison& source : comparison.sources) {
+    const Value value = ValueOfSource(source, metric);
+    if (source.is_truth || !value) continue;
+    if (best == nullptr) {
+      best = &source;
+      continue;
+    }
+    const double gain = sign * (*value - *ValueOfSource(*best, metric));
+    // What is printed alike is alike.
+    differs = differs || std::abs(gain) >= std::pow(10, -metric.digits);
+    if (gain >= std::pow(10, -metric.digits)) best = &source;
+  }
+  return differs ? best : nullptr;
+}
+
 }  // namespace
+
+std::string Advice(const DepthComparison& comparison) {
+  std::vector<std::pair<const SourceComparison*, std::string>> uses;
+  for (const Purpose& purpose : kPurposes) {
+    const DepthMetric& metric = MetricOf(purpose.key);
+    const SourceComparison* best = BestBy(comparison, metric);
+    if (best == nullptr) continue;
+    auto use = std::find_if(uses.begin(), uses.end(),
+                            [best](const auto& known) { return known.first == best; });
+    if (use == uses.end()) use = uses.insert(use, {best, {}});
+    use->second += fmt::format("{}{} ({} {})", use->second.empty() ? "" : ", ", purpose.name,
+                               metric.title, Field(ValueOfSource(*best, metric), metric.digits));
+  }
+  std::string text;
+  for (const auto& [source, purposes] : uses) {
+    text += fmt::format("{}{} for {}", text.empty() ? "best: " : "; ", Printable(source->name),
+                        purposes);
+  }
+  return text;
+}
 
 const std::vector<DepthMetric>& DepthMetrics() {
   static const std::vector<DepthMetric> metrics = MakeMetrics();
@@ -375,7 +437,9 @@ std::string FormatComparisonText(const DepthComparison& comparison,
     }
     rows.push_back(std::move(row));
   }
-  std::string text = AlignColumns(rows);
+  std::string text = Advice(comparison);
+  if (!text.empty()) text += '\n';
+  text += AlignColumns(rows);
   for (const SourceComparison& source : comparison.sources) {
     if (source.is_truth) continue;
     text += fmt::format("{}: ", Printable(source.name));
@@ -455,7 +519,7 @@ std::string FormatComparisonJson(const DepthComparison& comparison) {
   Json sources = Json::array();
   for (const SourceComparison& source : comparison.sources) sources.push_back(SourceJson(source));
   const Json truth = comparison.truth ? Json(comparison.sources[*comparison.truth].name) : Json();
-  const Json document = {{"truth", truth}, {"sources", sources}};
+  const Json document = {{"truth", truth}, {"advice", Advice(comparison)}, {"sources", sources}};
   return JsonText(document, 1) + '\n';
 }
 

@@ -131,7 +131,7 @@ class Comparer {
     RAYLIFT_CHECK(!sources.empty());
     std::copy_if(matches.begin(), matches.end(), std::back_inserter(matches_),
                  [&](const ReferenceMatch& match) { return FitsPoses(match); });
-    for (const PosedImage& image : images) views_.push_back(ShrunkTo(image, options.max_side_px));
+    for (const PosedImage& image : images) views_.push_back(Sparse(image, Stride(image)));
   }
 
   DepthComparison Run() {
@@ -171,11 +171,16 @@ class Comparer {
     for (size_t s = 0; s < sources_.size(); ++s) {
       Judge(options_.truth.has_value(), result.sources[s]);
       if (options_.truth && s != *options_.truth) Explain(*sources_[s].source, result.sources[s]);
+      if (options_.on_judged) options_.on_judged();
     }
     return result;
   }
 
  private:
+  int Stride(const PosedImage& image) const {
+    return ComparedStride(image.camera, options_.max_side_px);
+  }
+
   // A match off the epipolar line is wrong whatever the geometry.
   bool FitsPoses(const ReferenceMatch& match) const {
     constexpr double kMaxSampsonPx = 3;
@@ -210,7 +215,6 @@ class Comparer {
       std::vector<ImageResults> found(count);
       ParallelFor(count, options_.threads, [&](size_t k) {
         found[k] = CompareOne(begin + k, result.overlaps[begin + k], curves);
-        if (options_.on_progress) options_.on_progress();
       });
       for (ImageResults& image : found) {
         for (size_t s = 0; s < sources_.size(); ++s) {
@@ -229,7 +233,7 @@ class Comparer {
                           const ImageCurves& curves) const {
     std::vector<SourceView> views;
     for (const ComparedSource& source : sources_) {
-      views.push_back(LookThrough(*source.source, views_[image]));
+      views.push_back(LookThrough(*source.source, images_[image], Stride(images_[image])));
     }
     if (options_.on_views) options_.on_views(image, views_[image], views);
     ImageResults results =
@@ -237,6 +241,7 @@ class Comparer {
     for (size_t s = 0; s < sources_.size(); ++s) {
       results.of_source[s].consistency =
           MeasureConsistency(*sources_[s].source, images_, image, overlaps, options_.consistency);
+      if (options_.on_progress) options_.on_progress();
     }
     return results;
   }
@@ -298,6 +303,11 @@ std::vector<ComparedSource> ComparedSourcesOf(const Scene& scene) {
                                              : nullptr});
   }
   return sources;
+}
+
+int ComparedStride(const Camera& camera, int max_side_px) {
+  RAYLIFT_CHECK(max_side_px > 0);
+  return (std::max(camera.width_px(), camera.height_px()) + max_side_px - 1) / max_side_px;
 }
 
 DepthComparison CompareDepth(std::span<const ComparedSource> sources,

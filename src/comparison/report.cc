@@ -120,6 +120,9 @@ std::string FormatReport(const DepthComparison& comparison,
   data["title"] = options.title;
   data["subtitle"] = fmt::format("{} sources of geometry, {} images", comparison.sources.size(),
                                  references.size());
+  if (const std::string advice = Advice(comparison); !advice.empty()) {
+    data["subtitle"] = fmt::format("{}; {}", data["subtitle"].get<std::string>(), advice);
+  }
   data["metrics"] = MetricsJson();
   data["depth_range"] = {taken.near, taken.far};
   data["full_error"] = kFullError;

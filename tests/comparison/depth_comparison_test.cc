@@ -1,5 +1,6 @@
 #include "raylift/comparison/depth_comparison.h"
 
+#include <atomic>
 #include <cmath>
 
 #include "base/rng.h"
@@ -215,6 +216,60 @@ TEST(ComparisonTables, HoldTheSameNumbers) {
   const std::string text = FormatComparisonText(comparison);
   EXPECT_THAT(text, ::testing::HasSubstr("mesh (truth)"));
   EXPECT_THAT(text, ::testing::HasSubstr("scale: depth is 10.0 % too large"));
+}
+
+TEST(CompareDepth, SmallerImagesAddNoErrorToAnExactCopy) {
+  const ComparedRoom room(3);
+  const std::vector<ComparedSource> sources = {{"mesh", "", "", room.SharedTruth(), room.mesh},
+                                               {"copy", "", "", room.Shared({})}};
+  for (const int max_side_px : {192, 96, 70, 48}) {
+    DepthComparisonOptions options;
+    options.truth = 0;
+    options.max_side_px = max_side_px;
+    options.on_views = [&](size_t, const PosedImage& view, std::span<const SourceView> seen) {
+      EXPECT_EQ(view.camera.width_px(), seen[0].depth.width_px);
+      EXPECT_LE(view.camera.width_px(), max_side_px);
+    };
+    const DepthComparison comparison = CompareDepth(sources, room.images, {}, options);
+    const auto json = nlohmann::json::parse(FormatComparisonJson(comparison));
+    // Maps hold floats.
+    EXPECT_LT(json["sources"][1]["means"]["abs_rel"].get<double>(), 1e-6) << max_side_px;
+  }
+}
+
+TEST(CompareDepth, CallsAsItGoesOn) {
+  const ComparedRoom room(3);
+  const std::vector<ComparedSource> sources = {{"mesh", "", "", room.SharedTruth(), room.mesh},
+                                               {"copy", "", "", room.Shared({})}};
+  std::atomic<int> compared = 0;
+  int judged = 0;
+  DepthComparisonOptions options;
+  options.truth = 0;
+  options.on_progress = [&] { ++compared; };
+  options.on_judged = [&] {
+    EXPECT_EQ(compared, 6);
+    ++judged;
+  };
+  CompareDepth(sources, room.images, {}, options);
+  EXPECT_EQ(judged, 2);
+}
+
+TEST(ComparisonTables, TheFirstLineSaysWhichIsBestForWhat) {
+  const ComparedRoom room(3);
+  const std::vector<ComparedSource> sources = {
+      {"mesh", "", "", room.SharedTruth(), room.mesh},
+      {"scaled", "", "", room.Scaled(1.1)},
+      {"holes", "", "", room.Shared({.relative_noise_sigma = 0.02, .hole_share = 0.2})}};
+  DepthComparisonOptions options;
+  options.truth = 0;
+  const std::string text = FormatComparisonText(CompareDepth(sources, room.images, {}, options));
+  const std::string advice = text.substr(0, text.find('\n'));
+  EXPECT_TRUE(advice.starts_with("best: holes for depth (AbsRel 0.0")) << advice;
+  EXPECT_THAT(advice, ::testing::HasSubstr("; scaled for depth up to a scale of each image"));
+  EXPECT_THAT(advice, ::testing::HasSubstr("completeness (coverage % 100.0)"));
+  // Without a choice there is no advice.
+  const std::span<const ComparedSource> two = std::span(sources).first(2);
+  EXPECT_EQ(Advice(CompareDepth(two, room.images, {}, options)), "");
 }
 
 TEST(DepthFault, EachHasAName) { EXPECT_TRUE(NamesEveryValue<DepthFault>()); }

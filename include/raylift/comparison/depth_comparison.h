@@ -110,7 +110,9 @@ struct DepthComparison {
 
 struct DepthComparisonOptions {
   std::optional<size_t> truth;  // index of a source
-  int max_side_px = 640;        // maps are compared at this size
+  // Larger images are compared at every n-th pixel along each side, at values that maps of the
+  // image's size hold themselves.
+  int max_side_px = 640;
   int max_overlaps = 5;
   ConsistencyOptions consistency;
   DepthRange range;  // of the errors against the truth; all else looks at every depth
@@ -119,8 +121,12 @@ struct DepthComparisonOptions {
   // Sees the maps of each image once, one call per image, from several threads.
   std::function<void(size_t image, const PosedImage& view, std::span<const SourceView> views)>
       on_views = {};
-  std::function<void()> on_progress = {};  // once per image
+  std::function<void()> on_progress = {};  // once per image and source
+  std::function<void()> on_judged = {};    // once per source, after all images
 };
+
+// Returns the n of DepthComparisonOptions::max_side_px.
+int ComparedStride(const Camera& camera, int max_side_px);
 
 // `matches` count in `images` and may be empty. Results do not depend on the number of threads.
 DepthComparison CompareDepth(std::span<const ComparedSource> sources,
