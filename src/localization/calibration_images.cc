@@ -52,17 +52,20 @@ CachedMatches::CachedMatches(std::shared_ptr<const MatchSource> source, size_t m
     : source_(std::move(source)), most_bytes_(most_bytes) {}
 
 QueryMatches CachedMatches::Match(const Query& query) const {
+  return Cached(query, of_query_, &MatchSource::Match);
+}
+
+QueryMatches CachedMatches::Cached(const Query& query, ByName& known,
+                                   QueryMatches (MatchSource::*match)(const Query&) const) const {
   {
     const std::lock_guard lock(mutex_);
-    if (const auto known = of_query_.find(query.name); known != of_query_.end()) {
-      return known->second;
-    }
+    if (const auto found = known.find(query.name); found != known.end()) return found->second;
   }
-  QueryMatches matches = source_->Match(query);
+  QueryMatches matches = ((*source_).*match)(query);
   const size_t bytes =
       matches.matches.size() * sizeof(Match2D2D) + matches.references.size() * sizeof(PosedImage);
   const std::lock_guard lock(mutex_);
-  if (bytes_ + bytes <= most_bytes_ && of_query_.emplace(query.name, matches).second) {
+  if (bytes_ + bytes <= most_bytes_ && known.emplace(query.name, matches).second) {
     bytes_ += bytes;
   }
   return matches;
@@ -77,7 +80,7 @@ QueryMatches CachedMatches::MatchFeatures(const Query& query, const Features& fe
 }
 
 QueryMatches CachedMatches::MatchReference(const Query& reference) const {
-  return source_->MatchReference(reference);
+  return Cached(reference, of_reference_, &MatchSource::MatchReference);
 }
 
 CalibrationImages ImagesToCalibrateBy(const ReferenceSet& references,
@@ -93,9 +96,8 @@ CalibrationImages ImagesToCalibrateBy(const ReferenceSet& references,
   if (!matches->MatchesReferences()) {
     return {CalibratedBy::kQueries, {queries.begin(), queries.end()}, matches};
   }
-  // Depth and noise ask for the same matches.
   return {CalibratedBy::kReferences, QueriesOf(references),
-          std::make_shared<CachedMatches>(std::make_shared<ReferencesAsQueries>(matches))};
+          std::make_shared<ReferencesAsQueries>(matches)};
 }
 
 bool TellsNoise(const CalibrationImages& images, const Scene& scene) {

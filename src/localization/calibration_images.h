@@ -35,11 +35,16 @@ class CachedMatches final : public MatchSource {
   std::vector<std::string> Warnings() const override { return source_->Warnings(); }
 
  private:
+  using ByName = std::unordered_map<std::string, QueryMatches>;
+
+  QueryMatches Cached(const Query& query, ByName& known,
+                      QueryMatches (MatchSource::*match)(const Query&) const) const;
+
   std::shared_ptr<const MatchSource> source_;
   size_t most_bytes_;
   mutable std::mutex mutex_;
   mutable size_t bytes_ = 0;
-  mutable std::unordered_map<std::string, QueryMatches> of_query_;
+  mutable ByName of_query_, of_reference_;
 };
 
 struct CalibrationImages {
@@ -49,7 +54,7 @@ struct CalibrationImages {
 };
 
 // The references, where they are the queries or the source matches them with each other; else the
-// queries.
+// queries. Depth and noise ask for the same matches, which the source should keep.
 CalibrationImages ImagesToCalibrateBy(const ReferenceSet& references,
                                       const std::shared_ptr<const MatchSource>& matches,
                                       std::span<const Query> queries);

@@ -251,14 +251,27 @@ std::vector<std::string> LocalizeAll::InputWarnings() {
   return DoctorWarnings();
 }
 
+// A few queries say little of the references: those say the rest themselves.
+std::vector<ReferenceMatch> LocalizeAll::MatchesAmongReferences() const {
+  if (options_.one_by_one || scene().rendered != nullptr || !cached_->MatchesReferences())
+    return {};
+  const CalibrationImages images = ImagesToCalibrateBy(scene().references, cached_, {});
+  std::vector<Query> asked;
+  for (const size_t i : SampleByName(images.images, doctor_->NumMissing())) {
+    asked.push_back(images.images[i]);
+  }
+  return CollectReferenceMatches(asked, *images.matches, scene().references, options_.threads);
+}
+
 // The doctor sees sources as they were read: that their depth was corrected hides how.
 std::vector<std::string> LocalizeAll::DoctorWarnings() const {
   std::vector<std::string> warnings;
+  const std::vector<ReferenceMatch> more = MatchesAmongReferences();
   for (const SceneSource& source : scene().sources) {
     NamedGeometry geometry = source.geometry;
     if (source.as_read != nullptr) geometry.source = source.as_read;
-    if (auto warning =
-            doctor_->Warn(geometry, scene().references, scene().model_poses, options_.threads)) {
+    if (auto warning = doctor_->Warn(geometry, scene().references, more, scene().model_poses,
+                                     options_.threads)) {
       warnings.push_back(std::move(*warning));
     }
   }
@@ -278,8 +291,9 @@ std::vector<std::string> LocalizeAll::ContinuousWarnings(
   for (const auto& factor : log_focal_factors_) {
     if (factor) log_focal_factors.push_back(*factor);
   }
-  for (const auto& more :
-       {DoctorWarnings(), RunWarnings(localized, log_focal_factors, ChecksGeometry())}) {
+  const std::vector<std::string> of_doctor = DoctorWarnings();
+  for (const auto& more : {of_doctor, RunWarnings(localized, log_focal_factors,
+                                                  ChecksGeometry() && of_doctor.empty())}) {
     warnings.insert(warnings.end(), more.begin(), more.end());
   }
   return warnings;

@@ -131,7 +131,10 @@ std::optional<SceneNoise> LearnMatchNoise(const CalibrationImages& images, const
 Scene Calibrate(const Scene& scene, const std::shared_ptr<const MatchSource>& matches,
                 std::span<const Query> queries, const CalibrationOptions& options) {
   if (scene.calibration != nullptr) return scene;
-  const CalibrationImages images = ImagesToCalibrateBy(scene.references, matches, queries);
+  const bool are_cached = std::dynamic_pointer_cast<const CachedMatches>(matches) != nullptr;
+  const CalibrationImages images = ImagesToCalibrateBy(
+      scene.references, are_cached ? matches : std::make_shared<const CachedMatches>(matches),
+      queries);
   SceneCalibration found{.by = images.by};
   if (const AlignMode mode = AlignModeOf(scene, options); mode != AlignMode::kOff) {
     constexpr size_t kImagesOfAuto = 500;

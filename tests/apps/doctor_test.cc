@@ -85,5 +85,22 @@ TEST(Localize, WarnsWhereAnotherReadingIsFarBetter) {
   EXPECT_TRUE(Succeeds(RunRaylift(wrong + Arguments{"--no-doctor", "--overwrite"})));
 }
 
+// Its matches alone do not tell: the references' own are asked, too.
+TEST(Localize, WarnsByOneQueryAsByMany) {
+  const fs::path demo = RAYLIFT_DEMO_FOLDER;
+  const fs::path folder = TestFolder();
+  WriteFile(folder / "one.txt", Lines(ReadFile(demo / "queries.txt")).front() + '\n');
+  const CommandResult result = RunRaylift(
+      {"localize", "--model", demo / "model", "--images", demo / "images", "--geometry",
+       "mesh:" + (demo / "scene.obj").string(), "--queries", folder / "one.txt", "--max-features",
+       "500", "--model-poses", "world_from_cam", "--out", folder / "out", "--quiet"});
+  EXPECT_EQ(result.exit_code, 0);
+  ASSERT_EQ(Lines(result.err).size(), 1u) << result.err;
+  EXPECT_NE(result.err.find("Repair: --model-poses cam_from_world"), std::string::npos)
+      << result.err;
+  const auto summary = nlohmann::json::parse(ReadFile(folder / "out" / "summary.json"));
+  EXPECT_EQ(summary["verdicts"]["doubtful"], 1);
+}
+
 }  // namespace
 }  // namespace raylift

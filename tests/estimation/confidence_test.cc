@@ -87,6 +87,33 @@ TEST(Support, ShuffledMatchesAreNotLocalized) {
   }
 }
 
+// The points of all references are twice as far as what they show; the 2D-2D matches are right.
+void ScaleDepths(PoseProblem& problem, double factor) {
+  for (Match2D3D& match : problem.matches_2d3d) {
+    const Eigen::Vector3d center =
+        problem.references[static_cast<size_t>(*match.reference)].cam_from_world.OriginInSource();
+    match.point_in_world = center + factor * (match.point_in_world - center);
+  }
+}
+
+TEST(Support, PointsOfWhichNoneAgreesMakeAPoseDoubtful) {
+  Rng rng = TestRng();
+  for (const int keypoints : {40, 300}) {
+    for (int i = 0; i < 5; ++i) {
+      const CoherentProblem made =
+          MakeCoherentProblem("disagree", {.num_keypoints = keypoints, .num_references = 4}, rng);
+      PoseProblem wrong = made.problem;
+      ScaleDepths(wrong, 2);
+      const PoseEstimate estimate = Estimate(wrong);
+      EXPECT_EQ(estimate.verdict, PoseVerdict::kDoubtful) << keypoints;
+      // Without the geometry there is nothing that could disagree, and few points say nothing.
+      EXPECT_EQ(Estimate(wrong, Method::kE5p1).verdict, PoseVerdict::kLocalized) << keypoints;
+      wrong.matches_2d3d.resize(1);
+      EXPECT_EQ(Estimate(wrong).verdict, PoseVerdict::kLocalized) << keypoints;
+    }
+  }
+}
+
 // Matches of the two sets that share no keypoint: three points fit some pose exactly, which proves
 // nothing, although no pair is needed for it. Chance reaches a confidence of .95 in one of twenty.
 TEST(Support, AFewWrongPointsAndPairsProveNothing) {

@@ -113,6 +113,7 @@ class LocalizeAll {
   std::vector<Frame> FramesOf(std::span<const size_t> queries) const;
   std::vector<QueryResult> LocalizeFrame(const Frame& frame) const;
   void Complete(size_t query, const Localizer& localizer, QueryResult& result);
+  std::vector<ReferenceMatch> MatchesAmongReferences() const;
   std::vector<std::string> DoctorWarnings() const;
 
   LocalizeAllOptions options_;

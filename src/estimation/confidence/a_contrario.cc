@@ -179,6 +179,17 @@ InlierEvidence InlierAssessor::Assess(const CamFromLocal& pose) const {
     cells.insert(cell_[k]);
   }
   evidence.chance /= std::max(1, evidence.keypoints);
+  double wrong_2d2d = 0;
+  for (size_t k = 0; k < problem_.num_keypoints; ++k) {
+    if (of_2d3d.matches[k] == 0) continue;
+    wrong_2d2d += 1 - of_2d2d.ChanceOfNone(k);
+    if (!of_2d2d.inlier[k]) continue;
+    ++evidence.paired;
+    evidence.paired_agreeing += of_2d3d.inlier[k] ? 1 : 0;
+  }
+  evidence.paired_right = std::max(0.0, evidence.paired - wrong_2d2d);
+  evidence.line_chance =
+      std::min(1.0, Widening2D3D(pose) * 2 * threshold_2d3d / std::sqrt(area_px2_));
   if (!cells.empty()) {
     evidence.clustering =
         static_cast<double>(evidence.inlier_keypoints) / static_cast<double>(cells.size());
@@ -241,6 +252,18 @@ bool InlierAssessor::IsBeyondChance(const InlierEvidence& alternative,
   const double tried = std::max(num_poses_tried_, 2.0 * kAlternativeSamples);
   return std::log(tried) + trials.LogTail(sample, alternative.clustering) <
          std::log(1 - kLocalizedConfidence);
+}
+
+bool InlierAssessor::PointsDisagree(const InlierEvidence& evidence) const {
+  if (!Has2D3D(sets_) || evidence.paired == 0) return false;
+  const double within = 1 - std::exp(-0.5 * kSigmasOfThreshold * kSigmasOfThreshold);
+  const double expected = within * evidence.paired_right / evidence.paired;
+  const double count = evidence.paired / evidence.clustering;
+  const double agreeing = evidence.paired_agreeing / evidence.clustering;
+  const double log_significance = std::log(1 - kLocalizedConfidence);
+  const bool as_by_chance =
+      LogBinomialTail(count, agreeing, evidence.line_chance) > log_significance;
+  return as_by_chance && LogBinomialTail(count, count - agreeing, 1 - expected) < log_significance;
 }
 
 double InlierAssessor::Spread(const InlierEvidence& evidence) const {

@@ -1,12 +1,13 @@
 // How sure a pose is: the probability that it is right.
 //
-//   confidence = min(P_chance, P_alternative, P_patch, max(0.1, P_position))
+//   confidence = min(P_chance, P_alternative, P_patch, P_points, max(0.1, P_position))
 //
 //   P_chance       The inliers are not there by chance: 1 / (1 + NFA / L), with the expected number of
 //                  false alarms NFA (below) and how much likelier the priors make the pose, L.
 //   P_alternative  No other pose explains the matches as well: the least over those that RANSAC found
 //                  and one that is looked for in what the pose leaves unexplained.
 //   P_patch        1/2 where the inliers lie on a small part of what is matched.
+//   P_points       1/2 where the points of the keypoints that fit by their 2D-2D matches do not fit.
 //   P_position     The matches tell where the camera is: within 1.25 % of the distance to the scene, and
 //                  not by chance along the line on which the dominant reference leaves it. Where they
 //                  do not, the orientation holds all the same: so no less than what is needed for a
@@ -69,6 +70,12 @@ struct InlierEvidence {
   std::vector<bool> inlier = {};
   double clustering = 1;  // inlier keypoints per cell of the image
   double chance = 0;      // that a keypoint with wrong matches alone is an inlier, on average
+  // Keypoints with a 2D-3D match of which a 2D-2D match is an inlier, how many of these have a right
+  // one as chance would have it, and how many of them have a 2D-3D inlier.
+  int paired = 0;
+  double paired_right = 0;
+  int paired_agreeing = 0;
+  double line_chance = 0;  // that the point of one such keypoint agrees if its depth is wrong
 
   // Whether an alternative that explains all the rest would make the pose doubtful.
   bool LeavesRoomForAnAlternative() const;
@@ -110,6 +117,12 @@ class InlierAssessor {
   // The share of the keypoints with matches that lie as near to the middle of the inliers as two
   // thirds of these do, over two thirds: 1 where inliers are spread as all are.
   double Spread(const InlierEvidence& evidence) const;
+
+  // Whether the geometry is there and does not agree: a right 2D-2D match has its point within the
+  // threshold, which is so many of the stated standard deviations, but where pose or geometry are
+  // wrong the point may be anywhere on the match's epipolar line. So no more agree than those, and
+  // fewer than a right pose would have.
+  bool PointsDisagree(const InlierEvidence& evidence) const;
 
  private:
   // The keypoint of each match of the sets in use, as InlierEvidence::inlier has them.

@@ -54,7 +54,7 @@ std::optional<double> FocalCheck::LogFactor(size_t query, const QueryResult& res
 std::optional<std::string> WarnOfGeometry(std::span<const LocalizedQuery> queries) {
   Counts all;
   for (const LocalizedQuery& query : queries) {
-    if (query.verdict() != PoseVerdict::kLocalized) continue;
+    if (query.verdict() == PoseVerdict::kFailed) continue;
     all.matched += static_cast<double>(query.counts.matched);
     all.inliers_2d2d += static_cast<double>(query.counts.inliers_2d2d);
     all.points += static_cast<double>(query.counts.points);
@@ -115,6 +115,8 @@ QuickDoctor::QuickDoctor(std::span<const Query> queries)
   for (const size_t query : by_name_) wanted_[query] = true;
 }
 
+size_t QuickDoctor::NumMissing() const { return kQueries - by_name_.size(); }
+
 void QuickDoctor::Add(size_t query, std::span<const PosedImage> references,
                       std::span<const Match2D2D> matches) {
   MatchesOfQuery& kept = matches_[query];
@@ -123,14 +125,15 @@ void QuickDoctor::Add(size_t query, std::span<const PosedImage> references,
 }
 
 std::optional<std::string> QuickDoctor::Warn(const NamedGeometry& geometry,
-                                             const ReferenceSet& references, PoseConvention poses,
-                                             int threads) const {
+                                             const ReferenceSet& references,
+                                             std::span<const ReferenceMatch> more,
+                                             PoseConvention poses, int threads) const {
   if (geometry.kind == GeometryKind::kSfm) return std::nullopt;
   std::unordered_map<std::string, int> index_of_name;
   for (size_t i = 0; i < references.images.size(); ++i) {
     index_of_name.emplace(references.images[i].name, static_cast<int>(i));
   }
-  std::vector<ReferenceMatch> all;
+  std::vector<ReferenceMatch> all(more.begin(), more.end());
   for (const size_t query : by_name_) {
     const MatchesOfQuery& kept = matches_[query];
     for (ReferenceMatch match : kept.matches) {

@@ -42,7 +42,8 @@ class FocalCheck {
 // LogFactor() of those that have one, in any order.
 std::optional<std::string> WarnOfFocalLength(std::span<const double> log_factors);
 
-// Of the queries that were localized with confidence: where no or few points come from the
+// Of the queries that have a pose, which is doubtful where the geometry does not fit: where no or few
+// points come from the
 // geometry, or few of them fit, although the 2D-2D matches do.
 std::optional<std::string> WarnOfGeometry(std::span<const LocalizedQuery> queries);
 
@@ -59,14 +60,18 @@ class QuickDoctor {
   explicit QuickDoctor(std::span<const Query> queries);
 
   bool Wants(size_t query) const { return wanted_[query]; }
+  // So many more images could be looked at.
+  size_t NumMissing() const;
   // The matches of a query that is wanted. Thread safe for different queries.
   void Add(size_t query, std::span<const PosedImage> references,
            std::span<const Match2D2D> matches);
 
   // A warning where another reading of the source explains the matches far better; none for SfM
-  // points, which are the references' own.
+  // points, which are the references' own. `more` are matches between references that no query of
+  // these brought.
   std::optional<std::string> Warn(const NamedGeometry& geometry, const ReferenceSet& references,
-                                  PoseConvention poses, int threads) const;
+                                  std::span<const ReferenceMatch> more, PoseConvention poses,
+                                  int threads) const;
 
  private:
   struct MatchesOfQuery {

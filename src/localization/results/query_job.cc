@@ -209,7 +209,9 @@ std::vector<std::string> AllWarnings(const RunFacts& facts, std::span<const Quer
   const auto add = [&all](const auto& more) { all.insert(all.end(), more.begin(), more.end()); };
   add(of_matches);
   add(facts.input_warnings);
-  add(RunWarnings(localized, log_focal_factors, facts.checks_geometry));
+  // What names the repair needs no second warning that something is wrong.
+  add(RunWarnings(localized, log_focal_factors,
+                  facts.checks_geometry && facts.input_warnings.empty()));
   return all;
 }
 
