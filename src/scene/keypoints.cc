@@ -20,6 +20,13 @@ struct KeypointIndices {
 // The given indices, and for matches without one those by their pixels; of each camera by itself.
 class IndexCompletion {
  public:
+  IndexCompletion(std::span<const Match2D2D> matches_2d2d,
+                  std::span<const Match2D3D> matches_2d3d) {
+    const auto has_index = [](const auto& match) { return match.query_keypoint.has_value(); };
+    looks_at_pixels_ = !std::all_of(matches_2d2d.begin(), matches_2d2d.end(), has_index) ||
+                       !std::all_of(matches_2d3d.begin(), matches_2d3d.end(), has_index);
+  }
+
   template <typename Match>
   void TakeGiven(std::span<const Match> matches) {
     for (const Match& match : matches) {
@@ -29,6 +36,7 @@ class IndexCompletion {
         throw InputError(fmt::format("query_keypoint: expected an index from 0 to {}, found {}",
                                      kLargestKeypoint, index));
       }
+      if (!looks_at_pixels_) continue;
       OfCamera& keypoints = of_camera_[match.camera];
       keypoints.by_pixel.FindOrAdd(match.query_px, index);
       keypoints.next = std::max(keypoints.next, index + 1);
@@ -61,12 +69,13 @@ class IndexCompletion {
       return index;
     }
   };
+  bool looks_at_pixels_;  // as some matches have no index
   std::map<int, OfCamera> of_camera_;
 };
 
 KeypointIndices CompleteIndices(std::span<const Match2D2D> matches_2d2d,
                                 std::span<const Match2D3D> matches_2d3d) {
-  IndexCompletion completion;
+  IndexCompletion completion(matches_2d2d, matches_2d3d);
   completion.TakeGiven(matches_2d2d);
   completion.TakeGiven(matches_2d3d);
   KeypointIndices indices;

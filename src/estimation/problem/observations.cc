@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 #include <utility>
 
 #include <Eigen/LU>
@@ -33,8 +34,8 @@ class Gathering {
     evidence_.observations.reserve(problem.matches_2d2d.size());
   }
 
-  // Adds a keypoint with the indices of its 2D-2D and its 2D-3D matches.
-  void Add(const std::vector<int>& of_2d2d, std::vector<int> of_2d3d) {
+  // Adds a keypoint with the indices of its 2D-2D and its 2D-3D matches, which it sorts.
+  void Add(std::span<const int> of_2d2d, std::span<int> of_2d3d) {
     KeypointObservations keypoint;
     keypoint.first_observation = static_cast<int>(evidence_.observations.size());
     for (const int i : of_2d2d) Observe(problem_.matches_2d2d[i], keypoint.first_observation);
@@ -144,6 +145,26 @@ class Gathering {
   KeypointEvidence evidence_;
 };
 
+// The indices of the matches of each keypoint, in their order.
+struct ByKeypoint {
+  std::vector<int> indices;
+  std::vector<size_t> ends;  // of each keypoint's among them
+
+  template <typename Match>
+  ByKeypoint(const std::vector<Match>& matches, size_t num_keypoints)
+      : indices(matches.size()), ends(num_keypoints + 1, 0) {
+    for (const Match& match : matches) ++ends[match.keypoint + 1];
+    for (size_t k = 0; k < num_keypoints; ++k) ends[k + 1] += ends[k];
+    for (size_t i = 0; i < matches.size(); ++i) {
+      indices[ends[matches[i].keypoint]++] = static_cast<int>(i);
+    }
+  }
+  std::span<int> Of(size_t keypoint) {
+    const size_t begin = keypoint == 0 ? 0 : ends[keypoint - 1];
+    return std::span(indices).subspan(begin, ends[keypoint] - begin);
+  }
+};
+
 // The covariance of pixels, as their sum and squares.
 struct Scatter {
   double count = 0;
@@ -192,18 +213,12 @@ double MatchedAreaPx2(const PoseProblem& problem) {
 }
 
 KeypointEvidence GatherEvidence(const PoseProblem& original, const NormalizedProblem& problem) {
-  std::vector<std::vector<int>> of_2d2d(problem.num_keypoints);
-  std::vector<std::vector<int>> of_2d3d(problem.num_keypoints);
-  for (int i = 0; i < static_cast<int>(problem.matches_2d2d.size()); ++i) {
-    of_2d2d[problem.matches_2d2d[i].keypoint].push_back(i);
-  }
-  for (int i = 0; i < static_cast<int>(problem.matches_2d3d.size()); ++i) {
-    of_2d3d[problem.matches_2d3d[i].keypoint].push_back(i);
-  }
+  ByKeypoint by_2d2d(problem.matches_2d2d, problem.num_keypoints);
+  ByKeypoint by_2d3d(problem.matches_2d3d, problem.num_keypoints);
   Gathering gathering(original, problem);
   for (size_t k = 0; k < problem.num_keypoints; ++k) {
-    if (of_2d2d[k].empty() && of_2d3d[k].empty()) continue;
-    gathering.Add(of_2d2d[k], std::move(of_2d3d[k]));
+    const std::span<int> of_2d2d = by_2d2d.Of(k), of_2d3d = by_2d3d.Of(k);
+    if (!of_2d2d.empty() || !of_2d3d.empty()) gathering.Add(of_2d2d, of_2d3d);
   }
   return gathering.Finish();
 }

@@ -20,10 +20,12 @@ constexpr size_t kLanes = kernels::kLanes<double>;
 
 template <typename Vector>
 void Put(const Vector& values, size_t lane, kernels::Row* rows) {
-  for (Eigen::Index i = 0; i < values.size(); ++i) rows[i][lane] = values[i];
+  for (int i = 0; i < Vector::SizeAtCompileTime; ++i) rows[i][lane] = values[i];
 }
 void PutRowMajor(const Eigen::Matrix3d& matrix, size_t lane, kernels::Row* rows) {
-  for (Eigen::Index i = 0; i < 9; ++i) rows[i][lane] = matrix(i / 3, i % 3);
+  for (Eigen::Index row = 0; row < 3; ++row) {
+    Put(Eigen::Vector3d(matrix.row(row)), lane, rows + 3 * row);
+  }
 }
 
 // Returns a slot whose lanes see all points at finite pixels, as zero times them is added by those without
@@ -60,6 +62,9 @@ std::vector<size_t> BySize(const KeypointEvidence& evidence) {
 EvidenceBlocks::EvidenceBlocks(const KeypointEvidence& evidence)
     : places_(evidence.keypoints.size()),
       keypoints_((evidence.keypoints.size() + kLanes - 1) / kLanes) {
+  // As many slots as if all blocks were full, and some.
+  observations_.reserve(evidence.observations.size() / kLanes + 64);
+  unanchored_.reserve(evidence.unanchored.size() / kLanes + 16);
   size_t place = 0;
   for (const size_t k : BySize(evidence)) {
     places_[k] = place++;
@@ -85,9 +90,9 @@ void EvidenceBlocks::Append(const KeypointEvidence& evidence, size_t k) {
   const auto observations = evidence.ObservationsOf(keypoint);
   const auto unanchored = evidence.UnanchoredOf(keypoint);
   const size_t first_observation = static_cast<size_t>(block.first_observation);
-  while (observations_.size() < first_observation + observations.size()) {
-    observations_.push_back(EmptySlot());
-  }
+  static const kernels::JointObservations kEmptySlot = EmptySlot();
+  observations_.resize(std::max(observations_.size(), first_observation + observations.size()),
+                       kEmptySlot);
   const size_t first_unanchored = static_cast<size_t>(block.first_unanchored);
   unanchored_.resize(std::max(unanchored_.size(), first_unanchored + unanchored.size()));
   block.end_observation = static_cast<int>(observations_.size());
