@@ -73,8 +73,8 @@ void RequireMeshOnly(std::span<const std::string> geometry, std::string_view nee
   if (geometry.empty()) {
     throw OptionError(
         "--model is required (or --geometry mesh:PATH, to render the references from it); COLMAP "
-        "makes one "
-        "of photographs: `colmap automatic_reconstructor --workspace_path sfm --image_path PHOTOS "
+        "makes one of photographs: `colmap automatic_reconstructor --workspace_path sfm "
+        "--image_path PHOTOS "
         "--dense 0`, then --model sfm/sparse/0");
   }
   if (geometry.size() != 1 || !geometry.front().starts_with("mesh:")) {

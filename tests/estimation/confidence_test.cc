@@ -87,12 +87,14 @@ TEST(Support, ShuffledMatchesAreNotLocalized) {
   }
 }
 
-// The points of all references are twice as far as what they show; the 2D-2D matches are right.
-void ScaleDepths(PoseProblem& problem, double factor) {
+// The points are farther from their references than what they show by the factors of `next`; the
+// 2D-2D matches are right.
+template <typename Next>
+void ScaleDepths(PoseProblem& problem, const Next& next) {
   for (Match2D3D& match : problem.matches_2d3d) {
     const Eigen::Vector3d center =
         problem.references[static_cast<size_t>(*match.reference)].cam_from_world.OriginInSource();
-    match.point_in_world = center + factor * (match.point_in_world - center);
+    match.point_in_world = center + next() * (match.point_in_world - center);
   }
 }
 
@@ -103,15 +105,35 @@ TEST(Support, PointsOfWhichNoneAgreesMakeAPoseDoubtful) {
       const CoherentProblem made =
           MakeCoherentProblem("disagree", {.num_keypoints = keypoints, .num_references = 4}, rng);
       PoseProblem wrong = made.problem;
-      ScaleDepths(wrong, 2);
-      const PoseEstimate estimate = Estimate(wrong);
-      EXPECT_EQ(estimate.verdict, PoseVerdict::kDoubtful) << keypoints;
+      ScaleDepths(wrong,
+                  [&] { return std::exp(rng.Uniform(0.2, 1) * (rng.Uniform() < 0.5 ? 1 : -1)); });
+      EXPECT_EQ(Estimate(wrong).verdict, PoseVerdict::kDoubtful) << keypoints;
       // Without the geometry there is nothing that could disagree, and few points say nothing.
       EXPECT_EQ(Estimate(wrong, Method::kE5p1).verdict, PoseVerdict::kLocalized) << keypoints;
       wrong.matches_2d3d.resize(1);
       EXPECT_EQ(Estimate(wrong).verdict, PoseVerdict::kLocalized) << keypoints;
     }
   }
+}
+
+// Depth of another scale, as that of single images, is right but for the scale.
+TEST(Support, PointsThatAgreeUpToAFactorSpeakForThePose) {
+  Rng rng = TestRng();
+  int localized = 0;
+  for (const double factor : {0.8, 1.5}) {
+    for (int i = 0; i < 10; ++i) {
+      CoherentProblem made =
+          MakeCoherentProblem("scaled", {.num_keypoints = 200, .num_references = 4}, rng);
+      ScaleDepths(made.problem, [&] { return factor; });
+      const PoseEstimate estimate = Estimate(made.problem);
+      EXPECT_NE(estimate.confidence, 0.5) << factor;
+      if (estimate.verdict != PoseVerdict::kLocalized) continue;
+      ++localized;
+      EXPECT_TRUE(IsNearPose(*estimate.cam_from_world, made.query_from_world, 1, 0.1)) << factor;
+    }
+  }
+  // Here and there the distance remains in doubt.
+  EXPECT_GE(localized, 16);
 }
 
 // Matches of the two sets that share no keypoint: three points fit some pose exactly, which proves

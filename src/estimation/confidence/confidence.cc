@@ -59,7 +59,10 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
   constexpr double kOnePlace = 0.25;
   if (assessor.Spread(evidence) < kOnePlace) confidence = std::min(confidence, 0.5);
   // Pose or geometry are wrong, and nothing tells which.
-  if (assessor.PointsDisagree(evidence)) confidence = std::min(confidence, 0.5);
+  if (assessor.PointsDisagree(evidence) &&
+      !DepthsAgreeUpToFactor(normalized, assessed.pose, assessed.scored, evidence)) {
+    confidence = std::min(confidence, 0.5);
+  }
 
   const double distance = SceneDistance(normalized, assessed.pose, assessed.scored);
   double of_position = ProbabilityOfPosition(assessed.position_sigma, distance);

@@ -5,6 +5,9 @@
 #include <limits>
 #include <numbers>
 #include <optional>
+#include <span>
+#include <utility>
+#include <vector>
 
 #include "base/statistics.h"
 #include "estimation/confidence/confidence.h"
@@ -450,6 +453,19 @@ struct EvidenceOnLine {
   const CameraOnLine& camera_;
 };
 
+// Returns how many of the intervals most hold one place.
+int MostAtOnePlace(std::span<const Interval> intervals) {
+  std::vector<std::pair<double, int>> bounds;
+  for (const Interval& interval : intervals) {
+    bounds.emplace_back(interval.begin, 1);
+    bounds.emplace_back(interval.end, -1);
+  }
+  std::sort(bounds.begin(), bounds.end());
+  int here = 0, most = 0;
+  for (const auto& [x, change] : bounds) most = std::max(most, here += change);
+  return most;
+}
+
 // What the dominant reference's depths say of the place: no surer for it than their scale is, and
 // nothing where the scale is off. Where they are alone, depths that err alike over a part of the image
 // turn the camera about the scene, by as large a share of its distance as they err by.
@@ -526,6 +542,27 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
   const double scale_holds =
       std::min(scale.ProbabilityWithin(line.right_within / line.length), found.ShareOfDepths());
   return OddsOfBoth(others, OfOwnDepths(by_depths, scale_holds, scale, others == 0.5));
+}
+
+bool DepthsAgreeUpToFactor(const NormalizedProblem& problem, const CamFromLocal& pose,
+                           MatchSets sets, const InlierEvidence& evidence) {
+  const Residuals residuals = ComputeResiduals(problem, pose);
+  const std::optional<int> dominant = DominantReference(problem, residuals);
+  if (!dominant || !Has2D3D(sets)) return false;
+  const LineFromReference line(problem, pose, *dominant, SceneDistance(problem, pose, sets));
+  if (!(line.length > 0)) return false;
+  const CameraOnLine camera(problem, pose, line.direction);
+  EvidenceOnLine found(problem, residuals, line, camera);
+  found.AddDepths();
+  // Depths times s let the camera see the same from length / s; s is 1/2 to 2.
+  const double range = 1.5 * line.length;
+  double chance = 0;
+  for (const Interval& interval : found.by_own_depths) {
+    chance += std::min(1.0, (interval.end - interval.begin) / range) / found.own_depths;
+  }
+  const ByChance by_chance{found.own_depths, chance};
+  return by_chance.LogFalseAlarms(MostAtOnePlace(found.by_own_depths), found.own_depths,
+                                  evidence.clustering) < std::log(1 - kLocalizedConfidence);
 }
 
 double ProbabilityOfPosition(double position_sigma, double scene_distance) {

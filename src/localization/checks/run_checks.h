@@ -43,8 +43,7 @@ class FocalCheck {
 std::optional<std::string> WarnOfFocalLength(std::span<const double> log_factors);
 
 // Of the queries that have a pose, which is doubtful where the geometry does not fit: where no or few
-// points come from the
-// geometry, or few of them fit, although the 2D-2D matches do.
+// points come from the geometry, or few of them fit, although the 2D-2D matches do.
 std::optional<std::string> WarnOfGeometry(std::span<const LocalizedQuery> queries);
 
 // Returns both warnings, that of the geometry where it is asked for.
