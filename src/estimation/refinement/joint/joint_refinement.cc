@@ -140,7 +140,6 @@ class JointRefinement {
         EStep(prior_, 1, QueryCovariance(), model_);
       }
       Step();
-      Linearize();
     }
     return {.pose = model_.pose,
             .covariance = Covariance(),
