@@ -2,9 +2,8 @@
 
 #include <map>
 
-#include "base/json_text.h"
 #include "geometry/pose_json.h"
-#include "localization/results/estimate_json.h"
+#include "localization/results/result_json.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -51,7 +50,7 @@ TableRow CsvFields(const EstimateRow& row) {
 EstimateRow RowOf(const std::string& line) {
   EstimateRow row = EstimateRow::parse(line).at("estimate");
   CsvFields(row);
-  if (HasPose(row)) PoseFromJson(row);
+  if (HasPose(row)) FromJson<Rigid3>(row);
   return row;
 }
 
@@ -70,8 +69,8 @@ EstimateRow MakeEstimateRow(const std::string& name, const std::string& file, Me
                      {"inliers_2d3d", estimate.score_2d3d.num_inliers},
                      {"inliers_2d2d", estimate.score_2d2d.num_inliers},
                      {kTime, time_ms}};
-  if (estimate.cam_from_world) row.update(PoseJson<EstimateRow>(*estimate.cam_from_world));
-  AddEstimate(estimate, row);
+  if (estimate.cam_from_world) row.update(ToJson(*estimate.cam_from_world));
+  row.update(ToJson(estimate));
   return row;
 }
 
@@ -99,7 +98,7 @@ std::string FormatEstimatesJson(std::span<const EstimateRow> rows) {
 std::vector<NamedPose> PosesOf(std::span<const EstimateRow> rows) {
   std::vector<NamedPose> poses;
   for (const EstimateRow& row : rows) {
-    if (HasPose(row)) poses.push_back({row.at("name"), PoseFromJson(row)});
+    if (HasPose(row)) poses.push_back({row.at("name"), FromJson<Rigid3>(row)});
   }
   return poses;
 }
@@ -124,6 +123,8 @@ JobForm EstimateJobForm() {
               RowOf(line);
               return true;
             } catch (const nlohmann::json::exception&) {
+              return false;
+            } catch (const InputError&) {
               return false;
             }
           }};

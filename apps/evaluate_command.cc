@@ -132,7 +132,10 @@ void EvaluateDense(const EvaluateFlags& flags, const std::vector<std::string>& n
 // How well the covariances fit that localize has written beside the poses.
 Calibration CalibrationOf(const path& poses_file, const PosesByName& estimated,
                           const PosesByName& ground_truth) {
-  const auto covariances = ReadCovariances(poses_file.parent_path() / "queries.jsonl");
+  std::map<std::string, Eigen::Matrix<double, 6, 6>> covariances;
+  for (const auto& query : ReadQueryDiagnostics(poses_file.parent_path() / "queries.jsonl")) {
+    if (query.estimate.covariance) covariances[query.name] = *query.estimate.covariance;
+  }
   std::vector<UncertainPose> poses;
   for (const auto& [name, pose] : MatchNames(ground_truth, estimated)) {
     const auto covariance = covariances.find(name);

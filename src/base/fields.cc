@@ -1,6 +1,9 @@
 #include "base/fields.h"
 
+#include <algorithm>
 #include <cmath>
+
+#include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
@@ -10,6 +13,14 @@ namespace raylift {
 bool Range::Contains(double value) const {
   return std::isfinite(value) && (without_least ? value > least : value >= least) &&
          (without_most ? value < most : value <= most);
+}
+
+void NamedValue::Set(std::string_view name) const {
+  const auto found = std::find(names_.begin(), names_.end(), name);
+  if (found == names_.end()) {
+    throw InputError(fmt::format("expected {}, found \"{}\"", fmt::join(names_, "|"), name));
+  }
+  Set(static_cast<size_t>(found - names_.begin()));
 }
 
 void CheckRanges(std::span<const Field> fields) {

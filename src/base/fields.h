@@ -65,6 +65,8 @@ class NamedValue {
   }
   // Takes the value of names()[index].
   void Set(size_t index) const { set_(value_, index); }
+  // Takes the value of a name; throws InputError where it is none of them.
+  void Set(std::string_view name) const;
 
  private:
   void* value_;

@@ -15,6 +15,15 @@ std::string JsonText(const Json& json, int indent = -1) {
   return json.dump(indent, ' ', /*ensure_ascii=*/false, Json::error_handler_t::replace);
 }
 
+// Returns what the library says of a text or a value, without the number of its exception:
+// "[json.exception.type_error.302] type must be number, but is string".
+template <typename Exception>
+std::string MessageOf(const Exception& error) {
+  const std::string message = error.what();
+  const size_t id_end = message.find("] ");
+  return message.substr(id_end == std::string::npos ? 0 : id_end + 2);
+}
+
 // Appends to an object's list, which is made where there is none yet. The library's own push_back()
 // leaves what is no list and no null where there is no memory for one, and ends the process.
 template <typename Json>

@@ -4,8 +4,10 @@
 #include <tuple>
 
 #include "base/hash.h"
-#include "base/json_text.h"
+#include "base/json_members.h"
+#include "evaluation/fields.h"
 #include "geometry/pose_json.h"
+#include "lifting/fields.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -85,21 +87,6 @@ std::string PlaceOfSpec(const std::string& spec) {
   return spec.substr(colon + 1, comma == std::string::npos ? comma : comma - colon - 1);
 }
 
-Json PerturbationJson(const DepthPerturbation& p) {
-  return {{"scale", p.scale},
-          {"scale_sigma", p.scale_sigma},
-          {"warp", p.warp_sigma},
-          {"bubbles", p.bubbles},
-          {"bubble_height", p.bubble_height},
-          {"floaters", p.floaters},
-          {"flying", p.flying_share},
-          {"noise", p.noise_sigma},
-          {"relative_noise", p.relative_noise_sigma},
-          {"quantize", p.quantization_step},
-          {"holes", p.hole_share},
-          {"seed", p.seed}};
-}
-
 // Collects the inputs of cells; what many cells share is looked at once.
 class InputCollector {
  public:
@@ -165,7 +152,8 @@ class InputCollector {
       json["candidates"] = {ToString(geometry.candidates.mode), geometry.candidates.max_error_px,
                             geometry.candidates.min_angle_deg};
     }
-    if (geometry.perturbation) json["perturbation"] = PerturbationJson(*geometry.perturbation);
+    if (geometry.perturbation)
+      json["perturbation"] = FieldsJson(ConstFieldsOf(*geometry.perturbation));
     return json;
   }
 
@@ -183,9 +171,7 @@ class InputCollector {
     const NamedFilter& filter = experiment_.FilterOf(setting);
     Json json = {{"mode", ToString(filter.mode)}};
     if (filter.mode == FilterMode::kFixed) {
-      json["reprojection_px"] = filter.thresholds.reprojection_px;
-      json["min_views"] = filter.thresholds.min_views;
-      json["min_ratio"] = filter.thresholds.min_ratio;
+      json.update(FieldsJson(ConstFieldsOf(filter.thresholds), "filter_"));
     }
     return json;
   }
@@ -221,34 +207,32 @@ void SortByWork(std::vector<Cell>& cells, const Experiment& experiment) {
   });
 }
 
-Json ToJson(const QueryOutcome& outcome) {
-  const auto& pose = outcome.cam_from_world;
-  return {{"name", outcome.name},
-          {"pose", pose ? PoseJson<Json>(*pose) : Json()},
-          {"position_observable", outcome.position_observable},
-          {"reason", outcome.reason},
-          {"inliers_2d3d", outcome.inliers_2d3d},
-          {"inliers_2d2d", outcome.inliers_2d2d},
-          {"matches_2d3d", outcome.matches_2d3d},
-          {"matches_2d2d", outcome.matches_2d2d},
-          {"solver", ToString(outcome.solver)}};
-}
-
-QueryOutcome FromJson(const Json& json) {
-  QueryOutcome outcome;
-  outcome.name = json.at("name");
-  if (!json.at("pose").is_null()) outcome.cam_from_world = PoseFromJson(json.at("pose"));
-  outcome.position_observable = json.at("position_observable");
-  outcome.reason = json.at("reason");
-  outcome.inliers_2d3d = json.at("inliers_2d3d");
-  outcome.inliers_2d2d = json.at("inliers_2d2d");
-  outcome.matches_2d3d = json.at("matches_2d3d");
-  outcome.matches_2d2d = json.at("matches_2d2d");
-  outcome.solver = FromName<Solver>(json.at("solver").get<std::string>()).value_or(Solver::kP3p);
-  return outcome;
-}
+// What a cell's file holds.
+struct CellRecord {
+  std::string setting;
+  Json inputs;
+  std::vector<QueryOutcome> outcomes;
+};
 
 }  // namespace
+
+static void Members(JsonMembers& members, QueryOutcome& outcome) {
+  members("name", outcome.name);
+  members("pose", outcome.cam_from_world);
+  members("position_observable", outcome.position_observable);
+  members("reason", outcome.reason);
+  members("inliers_2d3d", outcome.inliers_2d3d);
+  members("inliers_2d2d", outcome.inliers_2d2d);
+  members("matches_2d3d", outcome.matches_2d3d);
+  members("matches_2d2d", outcome.matches_2d2d);
+  members("solver", outcome.solver);
+}
+
+static void Members(JsonMembers& members, CellRecord& record) {
+  members("setting", record.setting);
+  members("inputs", record.inputs);
+  members("outcomes", record.outcomes);
+}
 
 std::string Cell::Key() const { return HexText(HashBytes64(inputs)); }
 
@@ -371,26 +355,24 @@ std::optional<std::vector<QueryOutcome>> CellStore::Read(const Cell& cell) const
   const auto file = FileOf(cell);
   std::error_code ignored;
   if (!std::filesystem::is_regular_file(file, ignored)) return std::nullopt;
+  const std::string text = ReadFile(file);
   try {
-    const Json json = Json::parse(ReadFile(file));
-    if (json.at("inputs") != Json::parse(cell.inputs)) return std::nullopt;
-    std::vector<QueryOutcome> outcomes;
-    for (const Json& outcome : json.at("outcomes")) outcomes.push_back(FromJson(outcome));
-    if (outcomes.size() != cell.end - cell.begin) return std::nullopt;
-    return outcomes;
-  } catch (const nlohmann::json::exception&) {
+    auto record = ParseJson<CellRecord>(text);
+    if (record.inputs != Json::parse(cell.inputs)) return std::nullopt;
+    if (record.outcomes.size() != cell.end - cell.begin) return std::nullopt;
+    return std::move(record.outcomes);
+  } catch (const InputError&) {
     return std::nullopt;  // damaged: made again
   }
 }
 
 void CellStore::Write(const Cell& cell, std::span<const QueryOutcome> outcomes) const {
   RAYLIFT_CHECK_EQ(outcomes.size(), cell.end - cell.begin);
-  Json list = Json::array();
-  for (const QueryOutcome& outcome : outcomes) list.push_back(ToJson(outcome));
-  const Json json = {{"setting", cell.setting.Name()},
-                     {"inputs", Json::parse(cell.inputs)},
-                     {"outcomes", std::move(list)}};
-  WriteFile(FileOf(cell), JsonText(json) + '\n');
+  WriteFile(FileOf(cell),
+            JsonText(ToJson(CellRecord{.setting = cell.setting.Name(),
+                                       .inputs = Json::parse(cell.inputs),
+                                       .outcomes = {outcomes.begin(), outcomes.end()}})) +
+                '\n');
 }
 
 }  // namespace raylift

@@ -3,7 +3,6 @@
 #include <algorithm>
 
 #include "base/hash.h"
-#include "base/json_text.h"
 #include "jobs/manifest_file.h"
 #include <fmt/format.h>
 
@@ -64,30 +63,26 @@ std::vector<PromisedFile> PromiseFiles(const path& folder, std::span<const path>
   return promised;
 }
 
-Json FilesJson(std::span<const PromisedFile> files) {
-  Json json = Json::array();
-  for (const PromisedFile& file : files) {
-    Json& entry = json.emplace_back(Json{{"path", PathJson(file.path)}});
-    if (!file.xxh3.empty()) entry.update({{"bytes", file.bytes}, {"xxh3", file.xxh3}});
-  }
-  return json;
+void Members(JsonMembers& members, PromisedFile& file) {
+  Json name = PathJson(file.path);
+  members("path", name);
+  if (members.reads()) file.path = PathFromJson(name);
+  members.If(!file.xxh3.empty(), "bytes", file.bytes);
+  members.If(!file.xxh3.empty(), "xxh3", file.xxh3);
 }
 
-std::vector<PromisedFile> FilesFromJson(const Json& json) {
-  std::vector<PromisedFile> files;
-  for (const Json& file : json) {
-    files.push_back(
-        {PathFromJson(file.at("path")), file.value("bytes", size_t{0}), file.value("xxh3", "")});
-  }
-  return files;
+Json FilesJson(std::span<const PromisedFile> files) {
+  return ToJson(std::vector<PromisedFile>(files.begin(), files.end()));
 }
 
 std::vector<PromisedFile> FilesOfLine(const std::string& line) {
   // Most lines promise none, and are long.
   if (line.find(R"("files":[)") == std::string::npos) return {};
   try {
-    return FilesFromJson(Json::parse(line).value("files", Json::array()));
+    return FromJson<std::vector<PromisedFile>>(Json::parse(line).value("files", Json::array()));
   } catch (const Json::exception&) {
+    return {};
+  } catch (const InputError&) {
     return {};
   }
 }

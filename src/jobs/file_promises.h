@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include <nlohmann/json.hpp>
+#include "base/json_members.h"
 
 #include "raylift/jobs/promised_files.h"
 
@@ -21,8 +21,7 @@ std::vector<PromisedFile> PromiseFiles(const std::filesystem::path& folder,
 
 // The member "files" of a line.
 nlohmann::ordered_json FilesJson(std::span<const PromisedFile> files);
-// Throws nlohmann's exceptions where it is none.
-std::vector<PromisedFile> FilesFromJson(const nlohmann::ordered_json& json);
+void Members(JsonMembers& members, PromisedFile& file);
 // Returns what a line promises; nothing where it makes no sense.
 std::vector<PromisedFile> FilesOfLine(const std::string& line);
 // Returns the line with its files as another folder sees them.

@@ -4,10 +4,9 @@
 #include <set>
 #include <utility>
 
-#include "base/json_text.h"
 #include "localization/calibration_images.h"
+#include "localization/results/result_json.h"
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
@@ -15,76 +14,6 @@
 
 namespace raylift {
 namespace {
-
-using Json = nlohmann::ordered_json;
-
-constexpr std::string_view kFormat = "raylift-scene-calibration/1";
-
-Json MapJson(const MapAlignment& map) {
-  return {{"reference", map.reference},
-          {"columns", map.correction.columns},
-          {"rows", map.correction.rows},
-          {"log_factors", map.correction.log_factors},
-          {"shift", map.correction.shift},
-          {"matches", map.num_matches},
-          {"own_correction", map.own_correction},
-          {"median_before_px", map.median_before_px},
-          {"median_after_px", map.median_after_px}};
-}
-
-MapAlignment MapOf(const Json& json) {
-  MapAlignment map{.reference = json.at("reference"),
-                   .correction = {.columns = json.at("columns"),
-                                  .rows = json.at("rows"),
-                                  .log_factors = json.at("log_factors"),
-                                  .shift = json.at("shift")},
-                   .num_matches = json.at("matches"),
-                   .own_correction = json.at("own_correction"),
-                   .median_before_px = json.at("median_before_px"),
-                   .median_after_px = json.at("median_after_px")};
-  const DepthCorrection& correction = map.correction;
-  if (correction.columns < 1 || correction.rows < 1 ||
-      correction.log_factors.size() !=
-          static_cast<size_t>(correction.columns) * static_cast<size_t>(correction.rows)) {
-    throw InputError(fmt::format("log_factors of {}: expected {} x {} numbers, found {}",
-                                 map.reference, correction.columns, correction.rows,
-                                 correction.log_factors.size()));
-  }
-  return map;
-}
-
-Json AlignmentJson(const DepthAlignment& alignment) {
-  Json maps = Json::array();
-  for (const MapAlignment& map : alignment.maps) maps.push_back(MapJson(map));
-  return {{"mode", ToString(alignment.mode)},
-          {"median_factor", alignment.median_factor},
-          {"median_before_px", alignment.median_before_px},
-          {"median_after_px", alignment.median_after_px},
-          {"maps", std::move(maps)}};
-}
-
-template <typename Enum>
-Enum EnumOf(const Json& json) {
-  const auto value = FromName<Enum>(json.get<std::string>());
-  if (!value) throw InputError(fmt::format("unknown value \"{}\"", json.get<std::string>()));
-  return *value;
-}
-
-DepthAlignment AlignmentOf(const Json& json) {
-  DepthAlignment alignment{.mode = EnumOf<AlignMode>(json.at("mode")),
-                           .maps = {},
-                           .median_factor = json.at("median_factor"),
-                           .median_before_px = json.at("median_before_px"),
-                           .median_after_px = json.at("median_after_px")};
-  for (const Json& map : json.at("maps")) alignment.maps.push_back(MapOf(map));
-  return alignment;
-}
-
-Json KnownJson(const KnownNoise& noise) {
-  return {{"sigma", noise.sigma}, {"errors", noise.errors}};
-}
-
-KnownNoise KnownOf(const Json& json) { return {json.at("sigma"), json.at("errors")}; }
 
 AlignMode AlignModeOf(const Scene& scene, const CalibrationOptions& options) {
   const LocalizerOptions& localizer = options.localizer;
@@ -201,66 +130,13 @@ Scene Aligned(const Scene& scene, AlignMode mode, std::span<const ReferenceMatch
 }
 
 std::string FormatSceneCalibration(const SceneCalibration& calibration) {
-  Json json = {{"format", kFormat},
-               {"by", ToString(calibration.by)},
-               {"depth", Json::array()},
-               {"geometry_noise", nullptr},
-               {"match_noise", nullptr}};
-  for (const auto& alignment : calibration.depth) {
-    json["depth"].push_back(alignment ? AlignmentJson(*alignment) : Json(nullptr));
-  }
-  if (const auto& noise = calibration.geometry_noise) {
-    json["geometry_noise"] = {{"keypoints_px", noise->keypoints_px},
-                              {"geometry_px", noise->geometry_px},
-                              {"num_views", noise->num_views}};
-  }
-  if (const auto& noise = calibration.match_noise) {
-    json["match_noise"] = {{"keypoint_px", KnownJson(noise->keypoint_px)},
-                           {"depth", KnownJson(noise->depth)},
-                           {"common_depth", KnownJson(noise->common_depth)},
-                           {"keypoint_tail", noise->keypoint_tail},
-                           {"keypoint_tail_variance", noise->keypoint_tail_variance}};
-    const auto add = [&](const char* name, const KnownNoise& known) {
-      if (known.errors > 0) json["match_noise"][name] = KnownJson(known);
-    };
-    add("reference_factor", noise->reference_factor);
-    add("reference_rotation_deg", noise->reference_rotation_deg);
-    add("reference_position", noise->reference_position);
-  }
-  return JsonText(json);
+  return JsonText(ToJson(calibration));
 }
 
 SceneCalibration ParseSceneCalibration(const std::string& text) {
   try {
-    const Json json = Json::parse(text);
-    if (json.at("format").get<std::string>() != kFormat) {
-      throw InputError(fmt::format("expected the format \"{}\"", kFormat));
-    }
-    SceneCalibration calibration{.by = EnumOf<CalibratedBy>(json.at("by"))};
-    for (const Json& alignment : json.at("depth")) {
-      calibration.depth.emplace_back();
-      if (!alignment.is_null()) calibration.depth.back() = AlignmentOf(alignment);
-    }
-    if (const Json& noise = json.at("geometry_noise"); !noise.is_null()) {
-      calibration.geometry_noise = {.keypoints_px = noise.at("keypoints_px"),
-                                    .geometry_px = noise.at("geometry_px"),
-                                    .num_views = noise.at("num_views")};
-    }
-    if (const Json& noise = json.at("match_noise"); !noise.is_null()) {
-      calibration.match_noise = {.keypoint_px = KnownOf(noise.at("keypoint_px")),
-                                 .depth = KnownOf(noise.at("depth")),
-                                 .common_depth = KnownOf(noise.at("common_depth")),
-                                 .keypoint_tail = noise.at("keypoint_tail"),
-                                 .keypoint_tail_variance = noise.at("keypoint_tail_variance")};
-      const auto take = [&](const char* name, KnownNoise& known) {
-        if (noise.contains(name)) known = KnownOf(noise.at(name));
-      };
-      take("reference_factor", calibration.match_noise->reference_factor);
-      take("reference_rotation_deg", calibration.match_noise->reference_rotation_deg);
-      take("reference_position", calibration.match_noise->reference_position);
-    }
-    return calibration;
-  } catch (const nlohmann::json::exception& error) {
+    return ParseJson<SceneCalibration>(text);
+  } catch (const InputError& error) {
     throw InputError(fmt::format("no calibration of a scene: {}", error.what()));
   }
 }

@@ -1,51 +1,33 @@
 #include <optional>
 
-#include "base/json_text.h"
+#include "base/json_members.h"
 #include "jobs/file_promises.h"
 #include "jobs/manifest_file.h"
 
 #include "raylift/views/render_job.h"
 
 namespace raylift {
-namespace {
 
-using Json = nlohmann::ordered_json;
 using std::filesystem::path;
 
-ManifestEntry FromJson(const Json& json) {
-  ManifestEntry entry;
-  entry.place = json.value("place", size_t{0});
-  entry.name = json.at("name");
-  entry.key = json.at("key");
-  entry.camera = json.at("camera");
-  entry.pixels = json.at("pixels");
-  entry.hits = json.at("hits");
-  if (json.at("depth_range").is_array()) {
-    entry.depth_range =
-        std::pair<float, float>(json.at("depth_range").at(0), json.at("depth_range").at(1));
-  }
-  entry.dropped = json.at("dropped");
-  entry.files = FilesFromJson(json.at("files"));
-  return entry;
+static void Members(JsonMembers& members, ManifestEntry& entry) {
+  members("name", entry.name);
+  members.If(true, "place", entry.place);
+  members("key", entry.key);
+  members("camera", entry.camera);
+  members("pixels", entry.pixels);
+  members("hits", entry.hits);
+  members("depth_range", entry.depth_range);
+  members("dropped", entry.dropped);
+  members("files", entry.files);
 }
 
-}  // namespace
-
-std::string ToJsonLine(const ManifestEntry& entry) {
-  Json json = {{"name", entry.name},     {"place", entry.place},    {"key", entry.key},
-               {"camera", entry.camera}, {"pixels", entry.pixels},  {"hits", entry.hits},
-               {"depth_range", nullptr}, {"dropped", entry.dropped}};
-  if (entry.depth_range) {
-    json["depth_range"] = {entry.depth_range->first, entry.depth_range->second};
-  }
-  json["files"] = FilesJson(entry.files);
-  return JsonText(json);
-}
+std::string ToJsonLine(const ManifestEntry& entry) { return JsonText(ToJson(entry)); }
 
 std::optional<ManifestEntry> ParseEntry(const std::string& line) {
   try {
-    return FromJson(Json::parse(line));
-  } catch (const Json::exception&) {
+    return ParseJson<ManifestEntry>(line);
+  } catch (const InputError&) {
     return std::nullopt;
   }
 }

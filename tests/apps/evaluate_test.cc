@@ -92,7 +92,8 @@ TEST(Evaluate, TellsHowWellTheCovariancesFit) {
   EXPECT_EQ(row["calibration"]["poses"], 2);
   EXPECT_EQ(row["calibration"]["below_3_sigma_percent"], 100);
 
-  WriteFile(out / "queries.jsonl", "{\"name\": \"a\"}\n{\"covariance\"\n");
+  const std::string queries = ReadFile(out / "queries.jsonl");
+  WriteFile(out / "queries.jsonl", Lines(queries)[0] + "\n{\"covariance\"\n");
   const CommandResult broken = RunRaylift(evaluate);
   EXPECT_EQ(broken.exit_code, 3);
   EXPECT_NE(broken.err.find("queries.jsonl: line 2"), std::string::npos) << broken.err;

@@ -99,7 +99,6 @@ std::vector<FuzzTarget> RunFuzzTargets() {
        [](std::string_view bytes) {
          const auto file = PutFile("queries.jsonl", bytes);
          ReadQueryDiagnostics(file);
-         ReadCovariances(file);
        },
        [] { return std::vector{FormatQueryDiagnostics(Localized()) + "\n"}; },
        "\"covariance\" \"pose\" \"status\" \"verdict\" \"confidence\" null -1 1e308 1e-320 [[[["},

@@ -104,8 +104,8 @@ TEST(ContinuousCheckpoint, MalformedRecordsAreNamed) {
   };
   fails(whole.substr(0, whole.size() / 2), {"000000.json"});
   fails("{}", {"000000.json", "format"});
-  fails(R"({"format": "raylift-continuous/1"})", {"000000.json", "diagnostics"});
-  fails(R"({"format": "another/1"})", {"000000.json", "raylift-continuous/1"});
+  fails(R"({"format": "raylift-continuous/2"})", {"000000.json", "diagnostics"});
+  fails(R"({"format": "another/1"})", {"000000.json", "raylift-continuous/2"});
   for (const char* member : {"camera", "covariance", "links", "distance"}) {
     auto json = nlohmann::ordered_json::parse(whole);
     json["joined"][member] = "x";

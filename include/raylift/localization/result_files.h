@@ -4,14 +4,10 @@
 
 #include <cstddef>
 #include <filesystem>
-#include <map>
 #include <optional>
 #include <span>
 #include <string>
 #include <vector>
-
-#include <Eigen/Core>
-#include <nlohmann/json_fwd.hpp>
 
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/scene.h"
@@ -26,22 +22,14 @@ void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQu
 void WriteQueryDiagnostics(const std::filesystem::path& path,
                            const std::vector<LocalizedQuery>& queries);
 
-// The covariances that such a file holds, by query; InputError where it is none.
-std::map<std::string, Eigen::Matrix<double, 6, 6>> ReadCovariances(
-    const std::filesystem::path& path);
-
 // Writes lines that are there already.
 void WriteQueryDiagnostics(const std::filesystem::path& path, std::span<const std::string> lines);
 
 // A line of it, without the line's end.
 std::string FormatQueryDiagnostics(const LocalizedQuery& query);
 
-// The query of such a line, as far as poses.txt, summary.json and LocalizedModel() need it, with
-// its name as the list of queries has it, which need not be UTF-8. InputError where it is no such
-// line.
-LocalizedQuery ParseQueryDiagnostics(const std::string& line, const std::string& name);
-
-// The queries of such a file, as far as that. InputError naming the line where it is none.
+// The queries of such a file, with all that it says of them. Throws InputError naming the line where
+// it is none.
 std::vector<LocalizedQuery> ReadQueryDiagnostics(const std::filesystem::path& path);
 
 // `depth_alignment.jsonl`: one JSON object per aligned source and reference: how its depth was
@@ -86,8 +74,6 @@ struct RunTimes {
 // times: the other files have the same bytes in every run.
 void WriteTiming(const std::filesystem::path& path, std::span<const LocalizedQuery> queries,
                  const std::optional<RunTimes>& run);
-nlohmann::ordered_json TimesJson(const StageTimes& times);
-StageTimes TimesFromJson(const nlohmann::ordered_json& json);
 
 // One line, with what all threads together took for each stage of the queries.
 std::string Describe(const RunTimes& times, std::span<const LocalizedQuery> queries);

@@ -4,11 +4,10 @@
 #include <set>
 #include <utility>
 
-#include "base/json_text.h"
 #include "jobs/file_promises.h"
 #include "localization/checks/run_checks.h"
+#include "localization/results/result_json.h"
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 
@@ -76,87 +75,55 @@ void QueryJob::Finish(std::span<const std::filesystem::path> results) {
   job_.Finish(whole_, results);
 }
 
-namespace {
-
 using Json = nlohmann::ordered_json;
 
-RunFacts FactsOf(const Json& line) {
-  const Json& json = line.at("scene");
-  RunFacts facts;
-  facts.files = FilesFromJson(line.at("files"));
-  facts.num_references = json.at("references");
-  for (const Json& used : json.at("geometry")) {
-    GeometrySummary& summary = facts.geometry.emplace_back();
-    summary.spec = used.at("spec");
-    summary.understood = used.at("understood");
-    if (const Json& alignment = used.at("alignment"); !alignment.is_null()) {
-      summary.alignment = {alignment.at(0), alignment.at(1), alignment.at(2), alignment.at(3)};
-    }
-  }
-  facts.warnings = json.at("warnings").get<std::vector<std::string>>();
-  facts.checks_geometry = json.at("checks_geometry");
-  facts.calibration = ParseSceneCalibration(JsonText(json.at("calibration")));
-  facts.input_warnings = json.at("input_warnings").get<std::vector<std::string>>();
-  return facts;
-}
+namespace {
 
-QueryRecord RecordOf(const Json& json) {
-  QueryRecord record;
-  record.place = json.at("place");
-  record.key = json.at("key");
-  record.diagnostics = JsonText(json.at("diagnostics"));
-  record.localized = ParseQueryDiagnostics(record.diagnostics, json.at("name"));
-  record.localized.times = TimesFromJson(json.at("milliseconds"));
-  record.warnings = json.at("warnings").get<std::vector<std::string>>();
-  if (const Json& factor = json.at("log_focal_factor"); !factor.is_null()) {
-    record.log_focal_factor = factor.get<double>();
-  }
-  record.files = FilesFromJson(json.at("files"));
-  return record;
-}
+// What a line says of the scene.
+struct SceneFacts {
+  RunFacts& facts;
+};
 
 }  // namespace
 
-std::string ToJsonLine(const RunFacts& facts) {
-  Json geometry = Json::array();
-  for (const GeometrySummary& used : facts.geometry) {
-    Json json = {{"spec", used.spec}, {"understood", used.understood}, {"alignment", nullptr}};
-    if (const auto& alignment = used.alignment) {
-      json["alignment"] = {alignment->mode, alignment->median_factor, alignment->median_before_px,
-                           alignment->median_after_px};
-    }
-    geometry.push_back(std::move(json));
-  }
-  return JsonText(Json{{"scene",
-                        {{"references", facts.num_references},
-                         {"geometry", std::move(geometry)},
-                         {"warnings", facts.warnings},
-                         {"checks_geometry", facts.checks_geometry},
-                         {"calibration", Json::parse(FormatSceneCalibration(facts.calibration))},
-                         {"input_warnings", facts.input_warnings}}},
-                       {"files", FilesJson(facts.files)}});
+static void Members(JsonMembers& members, SceneFacts& scene) {
+  RunFacts& facts = scene.facts;
+  members("references", facts.num_references);
+  members("geometry", facts.geometry);
+  members("warnings", facts.warnings);
+  members("checks_geometry", facts.checks_geometry);
+  members("calibration", facts.calibration);
+  members("input_warnings", facts.input_warnings);
 }
 
-std::string ToJsonLine(const QueryRecord& record) {
-  Json json = {{"name", record.localized.name},
-               {"place", record.place},
-               {"key", record.key},
-               {"warnings", record.warnings},
-               {"log_focal_factor", nullptr},
-               {"milliseconds", TimesJson(record.localized.times)},
-               {"diagnostics", Json::parse(record.diagnostics)},
-               {"files", FilesJson(record.files)}};
-  if (record.log_focal_factor) json["log_focal_factor"] = *record.log_focal_factor;
-  return JsonText(json);
+static void Members(JsonMembers& members, RunFacts& facts) {
+  SceneFacts scene{facts};
+  members("scene", scene);
+  members("files", facts.files);
 }
+
+static void Members(JsonMembers& members, QueryRecord& record) {
+  members("name", record.localized.name);
+  members("place", record.place);
+  members("key", record.key);
+  members("warnings", record.warnings);
+  members("log_focal_factor", record.log_focal_factor);
+  members("milliseconds", record.localized.times);
+  MembersOfDiagnostics(members, record.diagnostics, record.localized);
+  members("files", record.files);
+}
+
+std::string ToJsonLine(const RunFacts& facts) { return JsonText(ToJson(facts)); }
+
+std::string ToJsonLine(const QueryRecord& record) { return JsonText(ToJson(record)); }
 
 bool IsReadableLine(const std::string& line) {
   try {
     const Json json = Json::parse(line);
     if (json.contains("scene")) {
-      FactsOf(json);
+      FromJson<RunFacts>(json);
     } else {
-      RecordOf(json);
+      FromJson<QueryRecord>(json);
     }
     return true;
   } catch (const nlohmann::json::exception&) {
@@ -168,14 +135,14 @@ bool IsReadableLine(const std::string& line) {
 
 std::optional<RunFacts> FactsOf(const TaskManifest& manifest) {
   if (!manifest.facts) return std::nullopt;
-  return FactsOf(Json::parse(*manifest.facts));
+  return ParseJson<RunFacts>(*manifest.facts);
 }
 
 std::vector<QueryRecord> RecordsOf(const TaskManifest& manifest) {
   std::vector<QueryRecord> sorted;
   sorted.reserve(manifest.records.size());
   for (const auto& [key, record] : manifest.records) {
-    sorted.push_back(RecordOf(Json::parse(record.line)));
+    sorted.push_back(ParseJson<QueryRecord>(record.line));
   }
   std::sort(sorted.begin(), sorted.end(),
             [](const QueryRecord& a, const QueryRecord& b) { return a.place < b.place; });

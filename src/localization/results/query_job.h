@@ -37,7 +37,7 @@ struct RunFacts {
 struct QueryRecord {
   size_t place = 0;               // in the list
   std::string key = {};           // of all that its results depend on
-  LocalizedQuery localized = {};  // as ParseQueryDiagnostics() gives it
+  LocalizedQuery localized = {};  // as its diagnostics tell it
   std::string diagnostics = {};   // its line of queries.jsonl, without the line's end
   // Of its matches, and of those of queries whose records are still to come.
   std::vector<std::string> warnings = {};

@@ -5,9 +5,8 @@
 
 #include "base/json_text.h"
 #include "base/statistics.h"
-#include "geometry/pose_json.h"
 #include "localization/fields.h"
-#include "localization/results/estimate_json.h"
+#include "localization/results/result_json.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -21,54 +20,6 @@ namespace raylift {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-Json QueryJson(const LocalizedQuery& query) {
-  const PoseEstimate& estimate = query.estimate;
-  Json json = {{"name", query.name},
-               {"status", query.localized() ? "ok" : "not localized"},
-               {"reason", query.reason},
-               {"verdict", ToString(query.verdict())},
-               {"confidence", query.confidence()}};
-  ForEachNumber<uint64_t>(ConstFieldsOf(query.counts), [&](const std::string& name, size_t count) {
-    json[name] = count;
-    if (name == "hit") json["points_by_geometry"] = query.counts.points_of_source;
-  });
-  if (!query.rig.empty()) json["rig"] = query.rig;
-  if (query.counts.noise) {
-    json["keypoint_noise_px"] = query.counts.noise->keypoints_px;
-    json["geometry_noise_px"] = query.counts.noise->geometry_px;
-  }
-  if (estimate.cam_from_world) json["cam_from_world"] = PoseJson<Json>(*estimate.cam_from_world);
-  AddEstimate(estimate, json);
-  if (query.rerender_rounds) json["rerender_rounds_kept"] = *query.rerender_rounds;
-  return json;
-}
-
-Json GeometryJson(std::span<const GeometrySummary> geometry) {
-  Json list = Json::array();
-  for (const GeometrySummary& used : geometry) {
-    Json json = {{"spec", used.spec}, {"understood", used.understood}};
-    if (used.alignment) {
-      json["alignment"] = {{"mode", used.alignment->mode},
-                           {"median_factor", used.alignment->median_factor},
-                           {"median_before_px", used.alignment->median_before_px},
-                           {"median_after_px", used.alignment->median_after_px}};
-    }
-    list.push_back(std::move(json));
-  }
-  return list;
-}
-
-Json SceneNoiseJson(const SceneNoise& noise) {
-  const auto known = [](const KnownNoise& of_kind) {
-    return Json{{"sigma", of_kind.sigma}, {"errors", of_kind.errors}};
-  };
-  return {{"keypoint_px", known(noise.keypoint_px)},
-          {"depth", known(noise.depth)},
-          {"common_depth", known(noise.common_depth)},
-          {"keypoint_tail", noise.keypoint_tail},
-          {"keypoint_tail_variance", noise.keypoint_tail_variance}};
-}
 
 Json VerdictsJson(std::span<const LocalizedQuery> queries) {
   Json json = Json::object();
@@ -108,47 +59,6 @@ Json MediansJson(std::span<const LocalizedQuery> queries) {
   return medians;
 }
 
-LocalizedQuery LocalizedOf(const Json& json, const std::string& name) {
-  LocalizedQuery localized;
-  localized.name = name;
-  localized.reason = json.at("reason").get<std::string>();
-  StageCounts& counts = localized.counts;
-  ForEachNumber<uint64_t>(FieldsOf(counts), [&json](const std::string& field, uint64_t& count) {
-    count = json.at(field).get<uint64_t>();
-  });
-  counts.points_of_source = json.at("points_by_geometry").get<std::vector<size_t>>();
-  if (json.contains("cam_from_world")) {
-    localized.estimate.cam_from_world = PoseFromJson(json.at("cam_from_world"));
-  }
-  const auto verdict = FromName<PoseVerdict>(json.at("verdict").get<std::string>());
-  if (!verdict) throw InputError("verdict: expected failed, doubtful or localized");
-  localized.estimate.verdict = *verdict;
-  localized.estimate.confidence = json.at("confidence").get<double>();
-  localized.estimate.num_keypoints = json.at("keypoints").get<int>();
-  localized.estimate.inlier_keypoints = json.at("inlier_keypoints").get<int>();
-  if (localized.localized() && !localized.estimate.cam_from_world) {
-    throw InputError("a localized query without a pose");
-  }
-  if (json.contains("refined_camera")) {
-    localized.estimate.refined_camera =
-        ParseCamera("refined_camera", json.at("refined_camera").get<std::string>());
-  }
-  if (json.contains("rerender_rounds_kept")) {
-    localized.rerender_rounds = json.at("rerender_rounds_kept").get<int>();
-  }
-  return localized;
-}
-
-struct QueryStage {
-  const char* name;
-  double StageTimes::*milliseconds;
-};
-constexpr QueryStage kQueryStages[] = {{"match", &StageTimes::match_ms},
-                                       {"lift", &StageTimes::lift_ms},
-                                       {"filter", &StageTimes::filter_ms},
-                                       {"estimate", &StageTimes::estimate_ms},
-                                       {"rerender", &StageTimes::rerender_ms}};
-
 double SecondsOf(const QueryStage& stage, std::span<const LocalizedQuery> queries) {
   constexpr double kMilli = 1e-3;
   double sum = 0;
@@ -157,20 +67,6 @@ double SecondsOf(const QueryStage& stage, std::span<const LocalizedQuery> querie
 }
 
 }  // namespace
-
-nlohmann::ordered_json TimesJson(const StageTimes& times) {
-  Json json = Json::object();
-  for (const QueryStage& stage : kQueryStages) json[stage.name] = times.*stage.milliseconds;
-  return json;
-}
-
-StageTimes TimesFromJson(const nlohmann::ordered_json& json) {
-  StageTimes times;
-  for (const QueryStage& stage : kQueryStages) {
-    times.*stage.milliseconds = json.at(stage.name).get<double>();
-  }
-  return times;
-}
 
 std::vector<const LocalizedQuery*> NotLocalizedOrDoubtful(std::span<const LocalizedQuery> queries) {
   std::vector<const LocalizedQuery*> worst;
@@ -207,9 +103,7 @@ void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQu
   WritePoseFile(path, poses);
 }
 
-std::string FormatQueryDiagnostics(const LocalizedQuery& query) {
-  return JsonText(QueryJson(query));
-}
+std::string FormatQueryDiagnostics(const LocalizedQuery& query) { return JsonText(ToJson(query)); }
 
 void WriteQueryDiagnostics(const std::filesystem::path& path,
                            const std::vector<LocalizedQuery>& queries) {
@@ -228,25 +122,15 @@ void WriteQueryDiagnostics(const std::filesystem::path& path, std::span<const st
   WriteFile(path, text);
 }
 
-LocalizedQuery ParseQueryDiagnostics(const std::string& line, const std::string& name) {
-  try {
-    return LocalizedOf(Json::parse(line), name);
-  } catch (const nlohmann::json::exception& error) {
-    throw InputError(error.what());
-  }
-}
-
 std::vector<LocalizedQuery> ReadQueryDiagnostics(const std::filesystem::path& path) {
   std::vector<LocalizedQuery> queries;
   LineReader lines(path);
   while (const auto line = lines.NextContent()) {
     try {
-      const Json json = Json::parse(*line);
-      queries.push_back(LocalizedOf(json, json.at("name").get<std::string>()));
-    } catch (const nlohmann::json::exception&) {
-      lines.Fail("is no query's diagnostics, as localize writes them");
+      queries.push_back(ParseJson<LocalizedQuery>(*line));
     } catch (const InputError& error) {
-      lines.Fail(error.what());
+      lines.Fail(
+          fmt::format("is no query's diagnostics, as localize writes them: {}", error.what()));
     }
   }
   return queries;
@@ -267,51 +151,13 @@ std::vector<GeometrySummary> SummaryOf(std::span<const SceneSource> geometry) {
   return summaries;
 }
 
-std::map<std::string, Eigen::Matrix<double, 6, 6>> ReadCovariances(
-    const std::filesystem::path& path) {
-  std::map<std::string, Eigen::Matrix<double, 6, 6>> covariances;
-  const std::string text = ReadFile(path);
-  size_t number = 0;
-  for (const std::string_view line : SplitBy(text, '\n')) {
-    ++number;
-    if (line.empty()) continue;
-    try {
-      const Json json = Json::parse(line);
-      const std::string name = json.at("name").get<std::string>();
-      if (!json.contains("covariance")) continue;
-      const auto rows = json["covariance"].get<std::vector<std::vector<double>>>();
-      Eigen::Matrix<double, 6, 6> covariance;
-      if (rows.size() != 6) throw InputError(path, "covariance", "must have six rows");
-      for (size_t r = 0; r < 6; ++r) {
-        if (rows[r].size() != 6) throw InputError(path, "covariance", "must have six columns");
-        for (size_t c = 0; c < 6; ++c) {
-          covariance(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(c)) = rows[r][c];
-        }
-      }
-      covariances[name] = covariance;
-    } catch (const nlohmann::json::exception&) {
-      throw InputError(path, fmt::format("line {}", number),
-                       "is no query's diagnostics, as localize writes them");
-    }
-  }
-  return covariances;
-}
-
 void WriteAlignment(const std::filesystem::path& path, std::span<const SceneSource> geometry) {
   std::string text;
   for (const SceneSource& used : geometry) {
     if (!used.alignment) continue;
     for (const MapAlignment& map : used.alignment->maps) {
-      const Json json = {{"geometry", used.spec},
-                         {"reference", map.reference},
-                         {"matches", map.num_matches},
-                         {"own_correction", map.own_correction},
-                         {"columns", map.correction.columns},
-                         {"rows", map.correction.rows},
-                         {"log_factors", map.correction.log_factors},
-                         {"shift", map.correction.shift},
-                         {"median_before_px", map.median_before_px},
-                         {"median_after_px", map.median_after_px}};
+      Json json = {{"geometry", used.spec}};
+      json.update(ToJson(map));
       text += JsonText(json);
       text += '\n';
     }
@@ -338,7 +184,7 @@ void WriteTiming(const std::filesystem::path& path, std::span<const LocalizedQue
                  const std::optional<RunTimes>& run) {
   std::string text;
   for (const LocalizedQuery& query : queries) {
-    Json json = {{"name", query.name}, {"milliseconds", TimesJson(query.times)}};
+    Json json = {{"name", query.name}, {"milliseconds", ToJson(query.times)}};
     text += JsonText(json) + '\n';
   }
   if (run) {
@@ -365,10 +211,10 @@ void WriteSummary(const std::filesystem::path& path, const std::vector<Localized
                {"verdicts", VerdictsJson(queries)},
                {"least_confident", LeastConfidentJson(queries)},
                {"references", summary.num_references},
-               {"geometry", GeometryJson(summary.geometry)},
+               {"geometry", ToJson(summary.geometry)},
                {"medians", MediansJson(queries)},
                {"warnings", summary.warnings}};
-  if (summary.scene_noise) json["scene_noise"] = SceneNoiseJson(*summary.scene_noise);
+  if (summary.scene_noise) json["scene_noise"] = ToJson(*summary.scene_noise);
   const RerenderCounts rerender = CountRerendered(queries);
   if (rerender.asked) {
     json["rerender"] = {{"queries_improved", rerender.improved},
