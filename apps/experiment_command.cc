@@ -57,8 +57,9 @@ VariableLookup Variables(const ExperimentFlags& flags) {
   return [known](const std::string& name) -> std::optional<std::string> {
     const auto found = known.find(name);
     if (found != known.end()) return found->second;
-    const char* of_environment = std::getenv(name.c_str());
-    return of_environment != nullptr ? std::optional<std::string>(of_environment) : std::nullopt;
+    if (const char* of_environment = std::getenv(name.c_str())) return of_environment;
+    throw InputError(fmt::format(
+        "${{{}}} is not set (--datasets DIR, --set NAME=VALUE or the environment)", name));
   };
 }
 

@@ -1,8 +1,10 @@
 #include <algorithm>
-#include <limits>
 
+#include "estimation/fields.h"
+#include "evaluation/fields.h"
 #include "experiment/experiment_layouts.h"
 #include "io/text/toml_file.h"
+#include "lifting/fields.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -12,6 +14,14 @@
 #include "raylift/io/scene_file.h"
 
 namespace raylift {
+
+static std::vector<Field> FieldsOf(ExperimentScene& scene) {
+  return {{"top_k", scene.top_k, "", kAtLeastOne},
+          {"max_features", scene.max_features, "", kAtLeastOne},
+          {"continuous", scene.continuous, ""},
+          {"model_poses", scene.model_poses, ""}};
+}
+
 namespace {
 
 using std::filesystem::path;
@@ -26,14 +36,17 @@ std::string ExpandVariables(const std::string& text, const VariableLookup& varia
     const std::string name = text.substr(begin + 2, end - begin - 2);
     const auto value = variables(name);
     if (!value) {
-      throw InputError(fmt::format(
-          "${{{}}} is not set (--datasets DIR, --set NAME=VALUE or the environment)", name));
+      throw InputError(fmt::format("${{{}}} is not set", name));
     }
     expanded += text.substr(position, begin - position) + *value;
     position = end + 1;
   }
   return expanded + text.substr(position);
 }
+
+constexpr std::string_view kEstimatorKeys[] = {"refinement",           "reprojection_threshold_px",
+                                               "sampson_threshold_px", "min_iterations",
+                                               "max_iterations",       "confidence"};
 
 class ExperimentReader {
  public:
@@ -63,29 +76,6 @@ class ExperimentReader {
     return (file_.parent_path() / text).lexically_normal();
   }
 
-  static void ReadPositive(TomlTable& table, std::string_view key, int& value) {
-    const auto number = table.Integer(key);
-    if (!number) return;
-    if (*number < 1 || *number > std::numeric_limits<int>::max()) {
-      table.Fail(key, "must be at least 1");
-    }
-    value = static_cast<int>(*number);
-  }
-
-  static void ReadNumber(TomlTable& table, std::string_view key, double& value) {
-    value = table.Number(key).value_or(value);
-  }
-
-  // Adds the place in the file to the complaints of the options' own checks.
-  template <typename Function>
-  static auto Checked(const TomlTable& table, std::string_view key, const Function& function) {
-    try {
-      return function();
-    } catch (const OptionError& error) {
-      table.Fail(key, error.what());
-    }
-  }
-
   void ReadSeeds() {
     if (!top_.Has("seeds")) return;
     experiment_.seeds.clear();
@@ -103,15 +93,17 @@ class ExperimentReader {
   void ReadEstimator() {
     auto table = top_.Table("estimator");
     if (!table) return;
-    EstimatorOptions& options = experiment_.estimator;
-    ReadNumber(*table, "reprojection_threshold_px", options.reprojection_threshold_px);
-    ReadNumber(*table, "sampson_threshold_px", options.sampson_threshold_px);
-    ReadPositive(*table, "min_iterations", options.min_iterations);
-    ReadPositive(*table, "max_iterations", options.max_iterations);
-    ReadNumber(*table, "confidence", options.confidence);
-    options.refinement = table->Named<Refinement>("refinement").value_or(options.refinement);
+    // What else can be set would have to be among the inputs of cells.
+    const auto fields = [this] {
+      std::vector<Field> all = NumberFieldsOf(experiment_.estimator);
+      std::erase_if(all, [](const Field& field) {
+        return std::ranges::find(kEstimatorKeys, field.name) == std::end(kEstimatorKeys);
+      });
+      return all;
+    };
+    table->TakeFields(fields());
+    table->CheckFields(fields());
     table->RequireAllRead();
-    Checked(top_, "estimator", [&] { options.Validate(); });
   }
 
   void ReadScenes() {
@@ -141,7 +133,6 @@ class ExperimentReader {
     std::string thresholds;
     if (const auto file = table.Text("scene")) thresholds = TakeSceneFile(Resolve(*file), scene);
     TakePath(table, "model", scene.model);
-    scene.model_poses = table.Named<PoseConvention>("model_poses").value_or(scene.model_poses);
     TakePath(table, "images", scene.images);
     TakePath(table, "query_images", scene.query_images);
     if (scene.query_images.empty()) scene.query_images = scene.images;
@@ -149,7 +140,6 @@ class ExperimentReader {
     TakePath(table, "groups", scene.groups);
     TakePath(table, "priors", scene.priors);
     scene.group = table.Text("group").value_or("");
-    scene.continuous = table.Boolean("continuous").value_or(false);
     TakePath(table, "times", scene.times);
     TakePath(table, "ground_truth", scene.ground_truth);
     for (const auto& [key, file] : {std::pair("features", &scene.features),
@@ -157,11 +147,14 @@ class ExperimentReader {
                                     {"pairs", &scene.pairs}}) {
       TakePath(table, key, *file);
     }
-    ReadPositive(table, "top_k", scene.top_k);
-    ReadPositive(table, "max_features", scene.max_features);
+    table.Take(scene);
     thresholds = table.Text("thresholds").value_or(thresholds);
     if (!thresholds.empty()) {
-      scene.thresholds = Checked(table, "thresholds", [&] { return ParseThresholds(thresholds); });
+      try {
+        scene.thresholds = ParseThresholds(thresholds);
+      } catch (const OptionError& error) {
+        table.Fail("thresholds", error.what());
+      }
     }
     if (auto geometry = table.Table("geometry")) TakeGeometries(*geometry, scene.geometry);
     CheckScene(table, scene);
@@ -243,20 +236,18 @@ class ExperimentReader {
 
   void ReadPoints(TomlTable& table, ExperimentGeometry& geometry) {
     geometry.mode = table.Named<GeometryMode>("mode").value_or(geometry.mode);
-    CandidateOptions& candidates = geometry.candidates;
-    candidates.mode = table.Named<CandidateMode>("candidates").value_or(candidates.mode);
-    ReadNumber(table, "candidates_error_px", candidates.max_error_px);
-    ReadNumber(table, "candidates_min_angle_deg", candidates.min_angle_deg);
-    Checked(table, "candidates", [&] { candidates.Validate(); });
+    table.Take(geometry.candidates);
     if (table.Has("spec")) {
       for (const std::string& spec : table.Values("spec")) {
         geometry.specs.push_back(ResolveSpec(spec));
       }
     }
-    if (geometry.specs.empty() && candidates.mode != CandidateMode::kTriangulate) {
+    if (geometry.specs.empty() && geometry.candidates.mode != CandidateMode::kTriangulate) {
       table.Fail("spec", "is missing");
     }
-    geometry.perturbation = ReadPerturbation(table);
+    DepthPerturbation perturbation;
+    table.Take(perturbation);
+    if (perturbation != DepthPerturbation()) geometry.perturbation = perturbation;
     if (geometry.perturbation && geometry.specs.size() != 1) {
       table.Fail("spec", "expected one source, whose depth is made worse");
     }
@@ -273,27 +264,6 @@ class ExperimentReader {
            (comma == std::string::npos ? std::string() : spec.substr(comma));
   }
 
-  std::optional<DepthPerturbation> ReadPerturbation(TomlTable& table) {
-    DepthPerturbation p;
-    const DepthPerturbation none;
-    ReadNumber(table, "scale", p.scale);
-    ReadNumber(table, "scale_sigma", p.scale_sigma);
-    ReadNumber(table, "warp", p.warp_sigma);
-    ReadNumber(table, "noise", p.noise_sigma);
-    ReadNumber(table, "relative_noise", p.relative_noise_sigma);
-    ReadNumber(table, "flying", p.flying_share);
-    ReadNumber(table, "quantize", p.quantization_step);
-    ReadNumber(table, "holes", p.hole_share);
-    if (table.Has("bubbles")) ReadPositive(table, "bubbles", p.bubbles);
-    if (table.Has("floaters")) ReadPositive(table, "floaters", p.floaters);
-    ReadNumber(table, "bubble_height", p.bubble_height);
-    const bool any = p.scale != none.scale || p.scale_sigma > 0 || p.warp_sigma > 0 ||
-                     p.noise_sigma > 0 || p.relative_noise_sigma > 0 || p.flying_share > 0 ||
-                     p.quantization_step > 0 || p.hole_share > 0 || p.bubbles > 0 || p.floaters > 0;
-    Checked(table, "spec", [&] { p.Validate(); });
-    return any ? std::optional(p) : std::nullopt;
-  }
-
   void ReadFilters() {
     for (const EnumName<FilterMode>& mode : kEnumNames<FilterMode>) {
       experiment_.filters.push_back({std::string(mode.name), mode.value, {}});
@@ -304,11 +274,8 @@ class ExperimentReader {
       auto table = filters->Table(name);
       NamedFilter filter{name, FilterMode::kFixed, {}};
       filter.thresholds.min_ratio = 0;
-      ReadNumber(*table, "reprojection_px", filter.thresholds.reprojection_px);
-      ReadPositive(*table, "min_views", filter.thresholds.min_views);
-      ReadNumber(*table, "min_ratio", filter.thresholds.min_ratio);
+      table->Take(filter.thresholds, "filter_");
       table->RequireAllRead();
-      Checked(*filters, name, [&] { filter.thresholds.Validate(); });
       if (std::any_of(experiment_.filters.begin(), experiment_.filters.end(),
                       [&](const NamedFilter& other) { return other.name == name; })) {
         filters->Fail(name, "off, fixed and auto have their meaning already");

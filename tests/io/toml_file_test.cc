@@ -1,6 +1,7 @@
 #include "io/text/toml_file.h"
 
 #include <functional>
+#include <map>
 
 #include "support/matchers.h"
 #include "support/test_data.h"
@@ -11,6 +12,32 @@
 #include "raylift/base/file.h"
 
 namespace raylift {
+
+enum class Finish { kMatt, kShiny };
+template <>
+inline constexpr auto kEnumNames<Finish> = std::to_array<EnumName<Finish>>({
+    {Finish::kMatt, "matt"},
+    {Finish::kShiny, "shiny"},
+});
+
+struct Coat {
+  Finish finish = Finish::kMatt;
+  bool is_dry = false;
+  int layers = 1;
+  double thickness_mm = 0.5;
+  std::optional<double> age_s = std::nullopt;
+  uint64_t batch = 0;
+};
+
+static std::vector<Field> FieldsOf(Coat& coat) {
+  return {{"coat_finish", coat.finish, ""},
+          {"coat_is_dry", coat.is_dry, ""},
+          {"coat_layers", coat.layers, "", kAtLeastOne},
+          {"coat_thickness_mm", coat.thickness_mm, "", kPositive},
+          {"coat_age_s", coat.age_s, "", kNotNegative},
+          {"coat_batch", coat.batch, ""}};
+}
+
 namespace {
 
 using ::testing::ElementsAre;
@@ -53,6 +80,29 @@ TEST(TomlFile, PartsKeepTheWhole) {
     part = table.Table("a")->Table("b");
   }
   EXPECT_EQ(part->RequiredText("name"), "deep");
+}
+
+TEST(TomlFile, GivesTheFieldsOfAStruct) {
+  TomlTable table = ReadText("finish = 'shiny'\nis_dry = true\nlayers = 3\nage_s = 2\nbatch = 7\n");
+  Coat coat;
+  table.Take(coat, "coat_");
+  EXPECT_EQ(coat.finish, Finish::kShiny);
+  EXPECT_TRUE(coat.is_dry);
+  EXPECT_EQ(coat.layers, 3);
+  EXPECT_EQ(coat.thickness_mm, 0.5);
+  EXPECT_EQ(coat.age_s, 2);
+  EXPECT_EQ(coat.batch, 7u);
+  table.RequireAllRead();
+  for (const auto& [text, message] : std::map<std::string, std::string>{
+           {"layers = 0", "line 1: layers: must be at least 1, found 0"},
+           {"layers = 3000000000", "line 1: layers: is out of range"},
+           {"batch = -1", "line 1: batch: is out of range"},
+           {"thickness_mm = -1", "line 1: thickness_mm: must be positive, found -1"},
+           {"age_s = 'old'", "line 1: age_s: expected a number"},
+           {"finish = 'dull'", "line 1: finish: expected matt|shiny, found \"dull\""}}) {
+    Coat wrong;
+    EXPECT_TRUE(FailsWithInputError([&] { ReadText(text).Take(wrong, "coat_"); }, {message}));
+  }
 }
 
 TEST(TomlFile, ErrorsNameFileLineAndKey) {

@@ -33,6 +33,8 @@ struct DepthPerturbation {
 
   // Throws OptionError for a value out of its range.
   void Validate() const;
+
+  bool operator==(const DepthPerturbation&) const = default;
 };
 
 // Returns the mean of the known depths by weights of a Gaussian of `sigma_px`, up to three of it

@@ -1,5 +1,6 @@
 #include "io/text/toml_file.h"
 
+#include <limits>
 #include <set>
 #include <sstream>
 #include <utility>
@@ -183,6 +184,47 @@ std::vector<TomlTable> TomlTable::Tables(std::string_view key) {
         impl_->Part(fmt::format("{} {}", impl_->PlaceOf(key), tables.size() + 1), *table));
   }
   return tables;
+}
+
+void TomlTable::TakeFields(std::span<const Field> fields, std::string_view prefix) {
+  const auto take_integer = [this](std::string_view key, auto& value) {
+    using Number = std::remove_reference_t<decltype(value)>;
+    const int64_t number = *Integer(key);
+    if (!std::in_range<Number>(number)) Fail(key, "is out of range");
+    value = static_cast<Number>(number);
+  };
+  for (const Field& field : fields) {
+    RAYLIFT_CHECK(field.name.starts_with(prefix));
+    const std::string_view key = field.name.substr(prefix.size());
+    if (!Has(key)) continue;
+    if (auto* const* flag = std::get_if<bool*>(&field.value)) **flag = *Boolean(key);
+    if (auto* const* number = std::get_if<int*>(&field.value)) take_integer(key, **number);
+    if (auto* const* number = std::get_if<uint64_t*>(&field.value)) take_integer(key, **number);
+    if (auto* const* number = std::get_if<double*>(&field.value)) **number = *Number(key);
+    if (auto* const* number = std::get_if<std::optional<int>*>(&field.value)) {
+      take_integer(key, (*number)->emplace());
+    }
+    if (auto* const* number = std::get_if<std::optional<double>*>(&field.value)) {
+      **number = Number(key);
+    }
+    if (const auto* named = std::get_if<NamedValue>(&field.value)) {
+      const std::string text = *Text(key);
+      try {
+        named->Set(text);
+      } catch (const InputError& error) {
+        Fail(key, error.what());
+      }
+    }
+  }
+}
+
+void TomlTable::CheckFields(std::span<const Field> fields, std::string_view prefix) const {
+  try {
+    CheckRanges(fields);
+  } catch (const OptionError& error) {
+    Fail(error.name().substr(prefix.size()),
+         fmt::format("{}, found {}", error.constraint(), error.value()));
+  }
 }
 
 std::vector<std::string> TomlTable::UnreadKeys() const {

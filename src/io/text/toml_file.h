@@ -8,9 +8,12 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
+
+#include "base/fields.h"
 
 #include "raylift/base/enum_names.h"
 
@@ -54,6 +57,16 @@ class TomlTable {
     if (!value) FailWith(key, NameList<Enum>(), *text);
     return value;
   }
+
+  // Takes the fields of a struct (base/fields.h) whose names, but for the prefix, are keys, and then
+  // checks their ranges.
+  template <typename Struct>
+  void Take(Struct& values, std::string_view prefix = {}) {
+    TakeFields(FieldsOf(values), prefix);
+    CheckFields(FieldsOf(values), prefix);
+  }
+  void TakeFields(std::span<const Field> fields, std::string_view prefix = {});
+  void CheckFields(std::span<const Field> fields, std::string_view prefix = {}) const;
 
   // The keys that were not asked for.
   std::vector<std::string> UnreadKeys() const;
