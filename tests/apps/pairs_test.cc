@@ -21,22 +21,23 @@ class Pairs : public ::testing::Test {
   }
   // One-hot descriptors: query a is like reference 4 and then 2, query b like no other.
   void WriteGlobal(const std::vector<std::string>& without = {}) const {
-    GlobalDescriptors global;
+    std::vector<std::string> names;
     for (const auto* images : {&scene_.queries, &scene_.references}) {
       for (const PosedImage& image : *images) {
         if (std::find(without.begin(), without.end(), image.name) == without.end()) {
-          global.names.push_back(image.name);
+          names.push_back(image.name);
         }
       }
     }
-    std::sort(global.names.begin(), global.names.end());
-    global.descriptors.setIdentity(static_cast<Eigen::Index>(global.names.size()), 8);
-    for (size_t i = 0; i < global.names.size(); ++i) {
-      if (global.names[i] == "ref/04.png") global.descriptors(static_cast<Eigen::Index>(i), 0) = 2;
-      if (global.names[i] == "ref/02.png") global.descriptors(static_cast<Eigen::Index>(i), 0) = 1;
-      if (global.names[i] == "ref/03.png") global.descriptors(static_cast<Eigen::Index>(i), 0) = -1;
+    std::sort(names.begin(), names.end());
+    Eigen::MatrixXf descriptors =
+        Eigen::MatrixXf::Identity(8, static_cast<Eigen::Index>(names.size()));
+    for (size_t i = 0; i < names.size(); ++i) {
+      if (names[i] == "ref/04.png") descriptors(0, static_cast<Eigen::Index>(i)) = 2;
+      if (names[i] == "ref/02.png") descriptors(0, static_cast<Eigen::Index>(i)) = 1;
+      if (names[i] == "ref/03.png") descriptors(0, static_cast<Eigen::Index>(i)) = -1;
     }
-    WriteGlobalDescriptors(global_, global);
+    WriteGlobalDescriptors(global_, names, descriptors);
   }
 
   RoomScene scene_ = WriteRoomScene(TestFolder());

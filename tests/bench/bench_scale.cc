@@ -24,6 +24,7 @@
 #include <string>
 #include <vector>
 
+#include "../support/match_file.h"
 #include "base/rng.h"
 #include "city.h"
 #include <fmt/format.h>

@@ -4,6 +4,7 @@
 
 #include "fuzz/fuzz_targets.h"
 #include "io/scene/pair_pixels.h"
+#include "support/match_file.h"
 
 #include "raylift/io/depth_file.h"
 #include "raylift/io/hloc_files.h"
@@ -28,14 +29,15 @@ std::vector<std::string> FeatureSeeds() {
   return {TakeFile(file)};
 }
 
-void ReadGlobal(std::string_view bytes) { ReadGlobalDescriptors(PutFile("global.h5", bytes)); }
+void ReadGlobal(std::string_view bytes) {
+  const GlobalFeatureFile file(PutFile("global.h5", bytes));
+  file.Read(file.ImageNames());
+}
 
 std::vector<std::string> GlobalSeeds() {
-  GlobalDescriptors global;
-  global.names = {"a.jpg", "b.jpg"};
-  global.descriptors.setOnes(2, 4);
+  const std::vector<std::string> names = {"a.jpg", "b.jpg"};
   const auto file = ScratchFolder() / "seed.h5";
-  WriteGlobalDescriptors(file, global);
+  WriteGlobalDescriptors(file, names, Eigen::MatrixXf::Ones(4, 2));
   return {TakeFile(file)};
 }
 

@@ -6,6 +6,7 @@
 #include <limits>
 #include <thread>
 
+#include "io/depth/depth_formats.h"
 #include "io/depth_test_files.h"
 #include "support/enum_names.h"
 #include "support/matchers.h"
@@ -143,7 +144,8 @@ TEST(DepthFile, LayersAreChosenByNameOrBySensibleDefault) {
   const std::vector<float> other(ramp.z.size(), 3.0f);
   const PlaneSize size{kRampWidth, kRampHeight};
   const auto write = [&](std::vector<ExrChannel> channels) {
-    WriteExrChannels(folder / "a.exr", size, channels, ExrCompression::kZip);
+    const auto file = folder / "a.exr";
+    WriteFile(file, EncodeExr(file, size, channels, ExrCompression::kZip, FloatSample::kFloat32));
   };
   write({{"A", other}, {"Z", ramp.z}});
   EXPECT_TRUE(IsRamp(ReadDepthFile(folder / "a.exr")));

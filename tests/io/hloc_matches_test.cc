@@ -1,5 +1,6 @@
 // Match files against h5py, and pairs lists.
 #include "io/h5py.h"
+#include "support/match_file.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>
@@ -104,16 +105,6 @@ print(f['q-a.jpg/r-c.jpg/matches0'].dtype)
             "matches0 int16 [-1, 0, -1, 32767]\n"
             "matching_scores0 float16 [0.0, 0.25, 0.0, 0.5]\n"
             "int32\n");
-}
-
-TEST_F(HlocMatches, WhatTheFileCannotHoldIsRefused) {
-  const std::vector<MatchedPair> same_name = {{"q/a", "b", 1, {}}, {"q-a", "b", 1, {}}};
-  EXPECT_TRUE(FailsWithInputError([&] { WriteMatchFile(path_, same_name); },
-                                  {"matches.h5: q-a/b: two pairs have this name"}));
-  const std::vector<MatchedPair> twice = {{"a", "b", 5, {{4, 1, 1}, {4, 2, 1}}}};
-  EXPECT_TRUE(FailsWithInputError([&] { WriteMatchFile(path_, twice); },
-                                  {"matches.h5: a/b: keypoint 4 has two matches"}));
-  EXPECT_FALSE(std::filesystem::exists(path_));
 }
 
 TEST_F(HlocMatches, RealFilesAreRead) {

@@ -4,6 +4,7 @@
 #include <map>
 
 #include "localization/matching/file_matches.h"
+#include "support/match_file.h"
 #include "support/matchers.h"
 #include "support/room_scene.h"
 #include "support/test_data.h"

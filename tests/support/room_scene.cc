@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "base/rng.h"
+#include "support/match_file.h"
 #include "support/meshes.h"
 #include <fmt/format.h>
 

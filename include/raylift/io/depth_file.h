@@ -140,16 +140,6 @@ struct DepthWriteReport {
 DepthWriteReport WriteDepthFile(const std::filesystem::path& path, const FloatPlane& plane,
                                 const DepthWriteOptions& options = {});
 
-// Several channels of one size in one EXR file (normals, for instance).
-struct ExrChannel {
-  std::string name;
-  std::span<const float> values;
-};
-void WriteExrChannels(const std::filesystem::path& path, PlaneSize size,
-                      std::span<const ExrChannel> channels,
-                      ExrCompression compression = ExrCompression::kPxr24,
-                      FloatSample sample = FloatSample::kFloat32);
-
 // x, y, z per pixel, row-major, the top row first. By the file name, or `options.format`:
 //   .exr  channels R, G, B (x, y, z)         .npy, .npz  an array (height, width, 3), key
 //   .bin  COLMAP's normal maps (planar)                  `options.layer`, by default "normals"

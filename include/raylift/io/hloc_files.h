@@ -82,14 +82,7 @@ class GlobalFeatureFile {
   std::unique_ptr<Impl> impl_;
 };
 
-// All of such a file at once: one row per image in the order of `names` (sorted when read).
-struct GlobalDescriptors {
-  std::vector<std::string> names;
-  Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> descriptors;
-};
-GlobalDescriptors ReadGlobalDescriptors(const std::filesystem::path& path);
-void WriteGlobalDescriptors(const std::filesystem::path& path, const GlobalDescriptors& global);
-// A column for each image.
+// Writes such a file: a column for each image.
 void WriteGlobalDescriptors(const std::filesystem::path& path,
                             std::span<const std::string> image_names,
                             const Eigen::MatrixXf& descriptors);
@@ -112,16 +105,6 @@ class MatchFile {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
-
-struct MatchedPair {
-  std::string query_name;
-  std::string reference_name;
-  size_t num_query_keypoints;
-  std::vector<FeatureMatch> matches;
-};
-// Throws InputError where the format cannot hold the matches: two of one query keypoint, or two
-// pairs whose names differ only by "/" and "-".
-void WriteMatchFile(const std::filesystem::path& path, std::span<const MatchedPair> pairs);
 
 // `query reference` per line; the order of a query's lines is the rank; a reference that stands
 // twice keeps its better one. Also takes the comma separated forms of MeshLoc and kapture (query,

@@ -301,15 +301,6 @@ DepthWriteReport WriteDepthFile(const path& file, const FloatPlane& plane,
   return report;
 }
 
-void WriteExrChannels(const path& file, PlaneSize size, std::span<const ExrChannel> channels,
-                      ExrCompression compression, FloatSample sample) {
-  for (const ExrChannel& channel : channels) {
-    RAYLIFT_CHECK_EQ(channel.values.size(),
-                     static_cast<size_t>(size.width_px) * static_cast<size_t>(size.height_px));
-  }
-  WriteFile(file, EncodeExr(file, size, channels, compression, sample));
-}
-
 size_t WriteVectorMap(const path& file, PlaneSize size, std::span<const float> vectors,
                       const DepthWriteOptions& options) {
   RAYLIFT_CHECK_EQ(vectors.size(), 3 * NumPixels(size));

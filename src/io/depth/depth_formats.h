@@ -21,6 +21,11 @@ void CheckClaimedSize(const std::filesystem::path& path, uint64_t width, uint64_
 bool IsExr(std::string_view bytes);
 StoredDepth DecodeExr(const std::filesystem::path& path, std::string_view bytes,
                       const std::string& channel);
+// One of several channels of one size.
+struct ExrChannel {
+  std::string name;
+  std::span<const float> values;
+};
 std::string EncodeExr(const std::filesystem::path& path, PlaneSize size,
                       std::span<const ExrChannel> channels, ExrCompression compression,
                       FloatSample sample);

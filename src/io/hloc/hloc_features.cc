@@ -300,20 +300,6 @@ Eigen::MatrixXf GlobalFeatureFile::Read(std::span<const std::string> image_names
   return descriptors;
 }
 
-GlobalDescriptors ReadGlobalDescriptors(const std::filesystem::path& path) {
-  const GlobalFeatureFile file(path);
-  GlobalDescriptors global;
-  global.names = file.ImageNames();
-  global.descriptors = file.Read(global.names).transpose();
-  return global;
-}
-
-void WriteGlobalDescriptors(const std::filesystem::path& path, const GlobalDescriptors& global) {
-  RAYLIFT_CHECK_EQ(global.names.size(), static_cast<size_t>(global.descriptors.rows()));
-  WriteVectors(path, global.names, global.descriptors.data(),
-               static_cast<size_t>(global.descriptors.cols()));
-}
-
 void WriteGlobalDescriptors(const std::filesystem::path& path,
                             std::span<const std::string> image_names,
                             const Eigen::MatrixXf& descriptors) {

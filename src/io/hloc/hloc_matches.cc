@@ -83,31 +83,6 @@ std::vector<FeatureMatch> ReadMatches(const Hdf5Reader& file, const std::string&
   return matches;
 }
 
-void WritePair(const std::filesystem::path& path, const MatchedPair& pair, Hdf5Writer* file) {
-  const std::string group = GroupName(pair.query_name, pair.reference_name, kNewSeparator);
-  if (file->Has(group)) {
-    throw InputError(path, group,
-                     "two pairs have this name in the file, in which \"/\" becomes \"-\"");
-  }
-  std::vector<int64_t> indices(pair.num_query_keypoints, -1);
-  std::vector<float> scores(pair.num_query_keypoints, 0);
-  int64_t largest = 0;
-  for (const FeatureMatch& match : pair.matches) {
-    const auto i = static_cast<size_t>(match.query_index);
-    RAYLIFT_CHECK(match.query_index >= 0 && i < indices.size() && match.reference_index >= 0);
-    if (indices[i] != -1) {
-      throw InputError(path, group,
-                       fmt::format("keypoint {} has two matches, the file holds one", i));
-    }
-    indices[i] = match.reference_index;
-    scores[i] = match.score;
-    largest = std::max(largest, indices[i]);
-  }
-  const std::array shape{pair.num_query_keypoints};
-  file->WriteIntegers(group + "/matches0", shape, indices, largest <= INT16_MAX ? 2 : 4);
-  file->WriteFloats(group + "/matching_scores0", shape, scores, Hdf5Kind::kHalf);
-}
-
 // "query, reference[, score]" where there are commas that separate, else by white space.
 std::vector<std::string_view> SplitPairLine(std::string_view line) {
   const bool has_blank = line.find_first_of(" \t") != std::string_view::npos;
@@ -149,14 +124,6 @@ std::optional<std::vector<FeatureMatch>> MatchFile::Read(const std::string& quer
     }
   }
   return std::nullopt;
-}
-
-void WriteMatchFile(const std::filesystem::path& path, std::span<const MatchedPair> pairs) {
-  Hdf5Writer file(path);
-  for (const MatchedPair& pair : pairs) {
-    WritePair(path, pair, &file);
-  }
-  file.Commit();
 }
 
 RetrievalPairs ReadPairs(const std::filesystem::path& path) {
