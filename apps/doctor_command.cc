@@ -74,6 +74,14 @@ std::unique_ptr<MatchSource> Open(const DoctorFlags& flags, const Scene& scene,
   return OpenMatches(scene, queries, matching);
 }
 
+Json OptionsOf(const RepairOptions& repair) {
+  Json options = Json::array();
+  if (repair.model_poses) {
+    options.push_back(fmt::format("--model-poses {}", ToString(*repair.model_poses)));
+  }
+  return options;
+}
+
 Json EvidenceJson(const ConventionEvidence& evidence, const DataConvention& as_read) {
   const RepairOptions repair = FindRepair(as_read, evidence.convention);
   return {{"reading", DescribeDifference(as_read, evidence.convention)},
@@ -84,7 +92,7 @@ Json EvidenceJson(const ConventionEvidence& evidence, const DataConvention& as_r
           {"gain", evidence.gain},
           {"standard_errors", evidence.sigmas},
           {"geometry_keys", repair.geometry_keys},
-          {"options", repair.options}};
+          {"options", OptionsOf(repair)}};
 }
 
 Json PlacementJson(const MeshPlacement& placement) {
@@ -115,7 +123,7 @@ Json DiagnosisJson(const Diagnosis& diagnosis, const DepthAlignment& alignment) 
                {"repair",
                 {{"geometry_keys", diagnosis.repair.geometry_keys},
                  {"replaced_keys", diagnosis.repair.replaced_keys},
-                 {"options", diagnosis.repair.options}}},
+                 {"options", OptionsOf(diagnosis.repair)}}},
                {"matches", diagnosis.num_matches},
                {"matches_that_fit_the_poses", diagnosis.num_agreeing},
                {"median_epipolar_px", diagnosis.epipolar_px},

@@ -216,6 +216,13 @@ void AddQuery(const PosedImage& image, ImportedScene& scene) {
   scene.ground_truth.push_back({image.name, image.cam_from_world});
 }
 
+void NotePublicPoses(ImportedScene& scene) {
+  if (scene.ground_truth.size() < scene.queries.size()) {
+    scene.notes.push_back(fmt::format("poses of {} of {} queries are public",
+                                      scene.ground_truth.size(), scene.queries.size()));
+  }
+}
+
 void SplitFrames(const std::vector<PosedImage>& frames, int query_every, const path& source,
                  ImportedScene& scene) {
   for (size_t i = 0; i < frames.size(); ++i) {

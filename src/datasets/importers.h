@@ -58,6 +58,9 @@ class Skipped {
 // A query with its true pose.
 void AddQuery(const PosedImage& image, ImportedScene& scene);
 
+// Notes how many queries have poses, where not all have.
+void NotePublicPoses(ImportedScene& scene);
+
 // Every N-th frame becomes a query, the others references. InputError in the name of `source` where
 // that leaves none of either, with the scene's warnings: they say what was skipped.
 void SplitFrames(const std::vector<PosedImage>& frames, int query_every,

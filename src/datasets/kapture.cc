@@ -263,10 +263,7 @@ void TakeQueries(const path& folder, const ImportOptions& options, Skipped& skip
     }
   }
   TakeTimes(images, scene);
-  if (scene.ground_truth.size() < scene.queries.size()) {
-    scene.notes.push_back(fmt::format("poses of {} of {} queries are public",
-                                      scene.ground_truth.size(), scene.queries.size()));
-  }
+  NotePublicPoses(scene);
 }
 
 }  // namespace
@@ -371,17 +368,14 @@ void TakeQueries(const path& sessions, const std::string& session, const ImportO
   skipped.AddWarnings(scene.warnings);
   scene.notes.push_back(keys.empty() ? "all images of the session are queries"
                                      : "the queries are those of " + keys.string());
-  if (scene.ground_truth.size() < scene.queries.size()) {
-    scene.notes.push_back(fmt::format("poses of {} of {} queries are public",
-                                      scene.ground_truth.size(), scene.queries.size()));
-  }
+  NotePublicPoses(scene);
 }
 
 // Meshes of the map, where it was scanned.
 void TakeMeshes(const path& map, ImportedScene& scene) {
   const path meshes = map / "proc" / "meshes";
   if (!std::filesystem::is_directory(meshes)) {
-    scene.notes.push_back("the map has no mesh (proc/meshes): give one by --geometry");
+    scene.notes.push_back("the map has no mesh (proc/meshes): its geometry is to be given");
     return;
   }
   for (const std::string& file : ListFiles(meshes, ".ply")) {

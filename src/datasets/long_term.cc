@@ -186,10 +186,7 @@ void TakeQueries(const path& slice, const Intrinsics& intrinsics, ImportedScene&
     const auto pose = poses.find(name);
     if (pose != poses.end()) scene.ground_truth.push_back({name, pose->second});
   }
-  if (scene.ground_truth.size() < scene.queries.size()) {
-    scene.notes.push_back(fmt::format("poses of {} of {} queries are public",
-                                      scene.ground_truth.size(), scene.queries.size()));
-  }
+  NotePublicPoses(scene);
 }
 
 ImportedScene ImportSlice(const path& slice, const ImportOptions& options) {

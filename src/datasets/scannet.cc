@@ -123,7 +123,7 @@ void WarnOfResizedPictures(ImportedScene& scene) {
   if ((center.array() - 0.5).abs().maxCoeff() < kFarFromMiddle) return;
   scene.warnings.push_back(fmt::format(
       "the camera's axis is at ({:.0f}, {:.0f}) of {} x {} pixels: where the photographs were "
-      "resized, the intrinsics are of another size (give --camera)",
+      "resized, the intrinsics are of another size: give the camera",
       camera.principal_point_px().x(), camera.principal_point_px().y(), camera.width_px(),
       camera.height_px()));
 }

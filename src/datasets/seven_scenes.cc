@@ -143,11 +143,12 @@ class Reader {
     if (pgt_) return "poses and focal lengths are those of " + pgt_->file().string();
     if (options_.calibration == SensorCalibration::kRaw) {
       return "the poses are those of the depth camera, as hloc and DSAC* take them: the "
-             "photographs' are some 26 mm and 0.67 degrees elsewhere (--calibration color)";
+             "photographs' are some 26 mm and 0.67 degrees elsewhere (the calibration color moves "
+             "the poses there)";
     }
     return "the poses were moved from the depth camera, for which they are published, to the "
-           "color camera, as kapture and ACE do: some 26 mm and 0.67 degrees; --calibration raw "
-           "leaves them, as hloc and DSAC* do";
+           "color camera, as kapture and ACE do: some 26 mm and 0.67 degrees; the calibration "
+           "raw leaves them, as hloc and DSAC* do";
   }
 
  private:

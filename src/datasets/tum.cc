@@ -45,8 +45,7 @@ Camera CameraOfFolder(const std::string& name, std::vector<std::string>& warning
   }
   warnings.push_back(
       "the folder's name holds none of freiburg1, freiburg2, freiburg3: the camera is taken to be "
-      "a "
-      "Kinect as its driver describes it (f = 525); --camera gives another");
+      "a Kinect as its driver describes it (f = 525) where none is given");
   return MakeCamera(525.0, 525.0, 319.5, 239.5, {});
 }
 

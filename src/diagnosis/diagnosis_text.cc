@@ -129,7 +129,8 @@ std::string Describe(const AffineFault& affine) {
     return fmt::format("the maps hold disparity, not depth: {}. Write z instead", formula);
   }
   return fmt::format("the maps hold depth up to a factor and a shift: {}. Write z instead{}",
-                     formula, affine.form.common ? "" : ", or localize with --align-depth affine");
+                     formula,
+                     affine.form.common ? "" : ", or localize with affine alignment of depth");
 }
 
 std::string DescribeFewDepths(const ConventionFit& fit, std::span<const StoredExtreme> extremes,
@@ -262,7 +263,7 @@ RepairOptions FindRepair(const DataConvention& as_read, const DataConvention& ot
   }
   if (other.scale != as_read.scale) keys.push_back(fmt::format("scale={:.4g}", other.scale));
   if (other.poses != as_read.poses) {
-    repair.options.push_back(fmt::format("--model-poses {}", ToString(other.poses)));
+    repair.model_poses = other.poses;
   }
   return repair;
 }
@@ -270,15 +271,16 @@ RepairOptions FindRepair(const DataConvention& as_read, const DataConvention& ot
 std::string ToString(const RepairOptions& repair) {
   std::string text;
   if (!repair.geometry_keys.empty()) {
-    text = fmt::format("in --geometry: {}", fmt::join(repair.geometry_keys, ","));
+    text = fmt::format("in the geometry: {}", fmt::join(repair.geometry_keys, ","));
   }
   if (!repair.replaced_keys.empty()) {
     const std::string replaced = fmt::format("{}", fmt::join(repair.replaced_keys, ","));
-    text = text.empty() ? fmt::format("in --geometry: leave out {}", replaced)
+    text = text.empty() ? fmt::format("in the geometry: leave out {}", replaced)
                         : fmt::format("{} in place of {}", text, replaced);
   }
-  for (const std::string& option : repair.options) {
-    text += (text.empty() ? "" : "; ") + option;
+  if (repair.model_poses) {
+    text +=
+        fmt::format("{}model poses: {}", text.empty() ? "" : "; ", ToString(*repair.model_poses));
   }
   return text;
 }

@@ -53,12 +53,12 @@ ViewsOfKind SampleAuto(const RayCaster& mesh, const ViewSamplerOptions& options,
 std::vector<std::string> DescribeUp(const UpDirection& up) {
   const Eigen::Vector3d& axis = up.up_in_world;
   if (!up.is_clear) {
-    return {"the mesh does not tell which way is up (--view-up does): z is taken for it"};
+    return {"the mesh does not tell which way is up: z is taken for it where that is not said"};
   }
   if (axis == Eigen::Vector3d::UnitZ()) return {};
   return {
-      fmt::format("up is taken to be ({:.3f}, {:.3f}, {:.3f}), by the mesh's floors and walls "
-                  "(--view-up says otherwise)",
+      fmt::format("up is taken to be ({:.3f}, {:.3f}, {:.3f}), by the mesh's floors and walls, "
+                  "as it is not said",
                   axis.x(), axis.y(), axis.z())};
 }
 

@@ -624,7 +624,7 @@ TEST_F(MovedMesh, RepairStandsInPlaceOfTheKeysAsRead) {
   for (const std::string keys : {"scale=1000", "shift=3/0/0", "axes=x/-z/y"}) {
     const Diagnosis diagnosis = examine(mesh + "," + keys);
     EXPECT_EQ(diagnosis.verdict, InputVerdict::kRepair) << Describe(diagnosis);
-    EXPECT_EQ(ToString(diagnosis.repair), "in --geometry: leave out " + keys);
+    EXPECT_EQ(ToString(diagnosis.repair), "in the geometry: leave out " + keys);
   }
   // What is printed is right when it is read again.
   const fs::path file = fs::temp_directory_path() / "raylift_moved_mesh.obj";

@@ -90,17 +90,17 @@ struct ConventionEvidence {
 // Says what differs from `as_read` ("ray length, not z; depth x 0.001").
 std::string DescribeDifference(const DataConvention& as_read, const DataConvention& other);
 
-// The options that change `as_read` into the other: keys of --geometry depth:..., options of the
-// program.
+// What changes `as_read` into the other: keys of the geometry's specification, and what the model's
+// poses are.
 struct RepairOptions {
   std::vector<std::string> geometry_keys;  // "kind=ray"
-  std::vector<std::string> options;        // "--model-poses opengl"
-  // Keys of --geometry that it has and the others stand in place of, or nothing does.
+  std::optional<PoseConvention> model_poses = std::nullopt;
+  // Keys that the specification has and the others stand in place of, or nothing does.
   std::vector<std::string> replaced_keys = {};
 };
 RepairOptions FindRepair(const DataConvention& as_read, const DataConvention& other);
 
-// "in --geometry: kind=ray,scale=0.001; --model-poses opengl"
+// "in the geometry: kind=ray,scale=0.001; model poses: opengl"
 std::string ToString(const RepairOptions& repair);
 
 enum class InputVerdict {
