@@ -174,6 +174,16 @@ void RefuseKeysOfLifting(const SpecKeys& keys, std::string_view known) {
   }
 }
 
+// Splits a specification that begins with the prefix and has a path.
+SpecKeys OpenKeys(const std::string& spec, std::string_view prefix, std::string_view form,
+                  MeshUse use, std::string_view known) {
+  if (!spec.starts_with(prefix)) throw OptionError("geometry", spec, form);
+  SpecKeys keys(spec, std::string_view(spec).substr(prefix.size()));
+  if (keys.path().empty()) keys.Fail(form);
+  if (use == MeshUse::kRender) RefuseKeysOfLifting(keys, known);
+  return keys;
+}
+
 // Reads the keys that all of them have.
 void TakeSurfaceKeys(SpecKeys& keys, MeshSpec& spec) {
   spec.files = keys.path();
@@ -228,10 +238,7 @@ MeshPlacement ReadNerfstudioPlacement(const std::filesystem::path& path) {
 }  // namespace
 
 MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
-  if (!spec.starts_with(kPrefix)) throw OptionError("geometry", spec, FormOf(use));
-  SpecKeys keys(spec, std::string_view(spec).substr(kPrefix.size()));
-  if (keys.path().empty()) keys.Fail(FormOf(use));
-  if (use == MeshUse::kRender) RefuseKeysOfLifting(keys, KeysOf(use));
+  SpecKeys keys = OpenKeys(spec, kPrefix, FormOf(use), use, KeysOf(use));
   MeshSpec mesh;
   TakeSurfaceKeys(keys, mesh);
   const auto back_faces = keys.TakeNamed<BackFaces>("back_faces");
@@ -242,10 +249,7 @@ MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
 
 CloudSpec ParseCloudSpec(const std::string& spec, MeshUse use) {
   constexpr std::string_view kForm = "expected cloud:PATH[,key=value...]";
-  if (!spec.starts_with(kCloudPrefix)) throw OptionError("geometry", spec, kForm);
-  SpecKeys keys(spec, std::string_view(spec).substr(kCloudPrefix.size()));
-  if (keys.path().empty()) keys.Fail(kForm);
-  if (use == MeshUse::kRender) RefuseKeysOfLifting(keys, CloudKeysOf(use));
+  SpecKeys keys = OpenKeys(spec, kCloudPrefix, kForm, use, CloudKeysOf(use));
   CloudSpec cloud;
   TakeSurfaceKeys(keys, cloud);
   cloud.surfels = TakeSurfelOptions(keys);
@@ -255,10 +259,7 @@ CloudSpec ParseCloudSpec(const std::string& spec, MeshUse use) {
 
 SplatSpec ParseSplatSpec(const std::string& spec, MeshUse use) {
   constexpr std::string_view kForm = "expected splat:FILE[,key=value...]";
-  if (!spec.starts_with(kSplatPrefix)) throw OptionError("geometry", spec, kForm);
-  SpecKeys keys(spec, std::string_view(spec).substr(kSplatPrefix.size()));
-  if (keys.path().empty()) keys.Fail(kForm);
-  if (use == MeshUse::kRender) RefuseKeysOfLifting(keys, SplatKeysOf(use));
+  SpecKeys keys = OpenKeys(spec, kSplatPrefix, kForm, use, SplatKeysOf(use));
   SplatSpec splats;
   TakeSurfaceKeys(keys, splats);
   splats.depth = keys.TakeNamed<SplatDepth>("depth").value_or(splats.depth);

@@ -53,10 +53,19 @@ auto OfConsistency(double ImageConsistency::*member) {
 }
 
 // ln of a factor as percent too large.
+Value PercentOf(const Value& log_scale) {
+  if (!log_scale) return std::nullopt;
+  return 100 * std::expm1(*log_scale);
+}
+
 auto AsPercent(std::optional<double> ImageComparison::*log_scale) {
-  return [log_scale](const ImageComparison& image) -> Value {
-    if (!(image.*log_scale)) return std::nullopt;
-    return 100 * std::expm1(*(image.*log_scale));
+  return [log_scale](const ImageComparison& image) { return PercentOf(image.*log_scale); };
+}
+
+auto SigmaPercent(double DepthDeviation::*sigma) {
+  return [sigma](const ImageComparison& image) -> Value {
+    if (!image.deviation) return std::nullopt;
+    return 100 * (*image.deviation).*sigma;
   };
 }
 
@@ -152,19 +161,10 @@ std::vector<DepthMetric> MakeMetrics() {
        Of(&I::normals, &NormalErrors::within_percent, 0)},
       {"scale_error_percent", "scale error %", Better::kNeither, 2,
        [](const I& image) -> Value {
-         if (!image.deviation) return std::nullopt;
-         return 100 * std::expm1(image.deviation->log_scale);
+         return PercentOf(Of(&I::deviation, &DepthDeviation::log_scale)(image));
        }},
-      {"warp_percent", "warp %", Better::kLow, 2,
-       [](const I& image) -> Value {
-         if (!image.deviation) return std::nullopt;
-         return 100 * image.deviation->warp_sigma;
-       }},
-      {"noise_percent", "noise %", Better::kLow, 2,
-       [](const I& image) -> Value {
-         if (!image.deviation) return std::nullopt;
-         return 100 * image.deviation->noise_sigma;
-       }},
+      {"warp_percent", "warp %", Better::kLow, 2, SigmaPercent(&DepthDeviation::warp_sigma)},
+      {"noise_percent", "noise %", Better::kLow, 2, SigmaPercent(&DepthDeviation::noise_sigma)},
       {"edge_outliers_percent", "outliers at edges %", Better::kLow, 1,
        Of(&I::deviation, &DepthDeviation::edge_outliers_percent)},
       {"in_front_percent", "in front %", Better::kLow, 2,
@@ -207,11 +207,6 @@ std::string Field(const Value& value, int digits) {
 std::string Exact(const Value& value) { return value ? fmt::format("{:.9g}", *value) : ""; }
 
 Json Number(const Value& value) { return value && std::isfinite(*value) ? Json(*value) : Json(); }
-
-Value PercentOf(const Value& log_scale) {
-  if (!log_scale) return std::nullopt;
-  return 100 * std::expm1(*log_scale);
-}
 
 // The columns of the printed table.
 constexpr std::string_view kPrinted[] = {

@@ -29,12 +29,6 @@ std::vector<Measure> MeasuresOf(const std::vector<Threshold>& thresholds) {
   return measures;
 }
 
-double MeanOf(const std::vector<double>& values) {
-  double sum = 0;
-  for (const double value : values) sum += value;
-  return values.empty() ? 0 : sum / static_cast<double>(values.size());
-}
-
 // Holm: the smallest p-value is compared with the level over the number of lines, the next with the
 // level over one less, until one fails.
 void Judge(const std::vector<Claim>& claims, std::vector<JudgedClaim>& judged) {

@@ -106,12 +106,6 @@ class ResultCollector {
   std::map<std::string, PosesByName> truth_;
 };
 
-double MeanOf(const std::vector<double>& values) {
-  double sum = 0;
-  for (const double value : values) sum += value;
-  return values.empty() ? 0 : sum / static_cast<double>(values.size());
-}
-
 std::vector<Run> RunsOf(const Experiment& experiment, const Setting& setting) {
   std::vector<Run> runs;
   for (size_t offset = 0; offset < NumOffsets(experiment, setting); ++offset) {
@@ -167,6 +161,12 @@ std::string FileName(const Setting& setting, Run run) {
 }
 
 }  // namespace
+
+double MeanOf(const std::vector<double>& values) {
+  double sum = 0;
+  for (const double value : values) sum += value;
+  return values.empty() ? 0 : sum / static_cast<double>(values.size());
+}
 
 size_t SettingResult::NumQueries() const {
   return comparisons.empty() ? 0 : comparisons.front().queries.size();

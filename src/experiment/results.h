@@ -64,6 +64,9 @@ inline constexpr auto kEnumNames<ClaimVerdict> = std::to_array<EnumName<ClaimVer
     {ClaimVerdict::kContradicted, "contradicted"},
 });
 
+// Returns 0 for no values.
+double MeanOf(const std::vector<double>& values);
+
 // A difference up to a percentage point counts as not worse.
 inline constexpr double kNotWorsePercent = 1;
 // Shown and contradicted are those lines, of all claims together, whose difference survives Holm's

@@ -104,11 +104,16 @@ bool TellsNoise(const CalibrationImages& images, const Scene& scene) {
   return images.by == CalibratedBy::kQueries || scene.rendered == nullptr;
 }
 
-std::vector<size_t> SampleByName(std::span<const Query> queries, size_t count) {
-  std::vector<size_t> sorted(queries.size());
-  std::iota(sorted.begin(), sorted.end(), size_t{0});
-  std::sort(sorted.begin(), sorted.end(),
+std::vector<size_t> OrderByName(std::span<const Query> queries) {
+  std::vector<size_t> order(queries.size());
+  std::iota(order.begin(), order.end(), size_t{0});
+  std::sort(order.begin(), order.end(),
             [&](size_t a, size_t b) { return queries[a].name < queries[b].name; });
+  return order;
+}
+
+std::vector<size_t> SampleByName(std::span<const Query> queries, size_t count) {
+  const std::vector<size_t> sorted = OrderByName(queries);
   std::vector<size_t> sample;
   for (const size_t i : EvenlySpaced(sorted.size(), count)) sample.push_back(sorted[i]);
   return sample;

@@ -63,6 +63,8 @@ CalibrationImages ImagesToCalibrateBy(const ReferenceSet& references,
 // not.
 bool TellsNoise(const CalibrationImages& images, const Scene& scene);
 
+std::vector<size_t> OrderByName(std::span<const Query> queries);
+
 // Returns evenly spaced queries in the order of their names: the same ones whatever order they
 // stand in.
 std::vector<size_t> SampleByName(std::span<const Query> queries, size_t count);

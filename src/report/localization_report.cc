@@ -136,34 +136,33 @@ Json QueryFacts(const LocalizedQuery& query) {
 // Returns marks of some 2D-3D and some 2D-2D matches: [x, y, inlier, dx, dy], in pixels of the
 // query. (dx, dy) leads to the projected 3D point, or to the nearest point of the epipolar line; it
 // is left out where there is no pose or nothing to be seen.
-Json PointMarks(const QueryResult& result) {
-  const PoseProblem& problem = result.problem;
-  const PoseEstimate& estimate = result.localized.estimate;
+template <typename Match, typename TargetOf>
+Json Marks(const PoseEstimate& estimate, const std::vector<Match>& matches,
+           const std::vector<bool>& inliers, const TargetOf& target_of) {
   Json marks = Json::array();
-  for (const size_t i : EvenlySpaced(problem.matches_2d3d.size(), kMaxMarks)) {
-    const Match2D3D& match = problem.matches_2d3d[i];
+  for (const size_t i : EvenlySpaced(matches.size(), kMaxMarks)) {
     std::optional<Vector2d> target;
-    if (estimate.cam_from_world) {
-      target = problem.query_camera.ImgFromCam(*estimate.cam_from_world * match.point_in_world);
-    }
-    marks.push_back(Mark(match.query_px, IsInlier(estimate.inliers_2d3d, i), target));
+    if (estimate.cam_from_world) target = target_of(*estimate.cam_from_world, matches[i]);
+    marks.push_back(Mark(matches[i].query_px, IsInlier(inliers, i), target));
   }
   return marks;
 }
 
-Json PairMarks(const QueryResult& result) {
-  const PoseProblem& problem = result.problem;
+Json PointMarks(const QueryResult& result) {
   const PoseEstimate& estimate = result.localized.estimate;
-  Json marks = Json::array();
-  for (const size_t i : EvenlySpaced(problem.matches_2d2d.size(), kMaxMarks)) {
-    const Match2D2D& match = problem.matches_2d2d[i];
-    std::optional<Vector2d> target;
-    if (estimate.cam_from_world) {
-      target = NearestOnEpipolarLine(problem, match, *estimate.cam_from_world);
-    }
-    marks.push_back(Mark(match.query_px, IsInlier(estimate.inliers_2d2d, i), target));
-  }
-  return marks;
+  return Marks(
+      estimate, result.problem.matches_2d3d, estimate.inliers_2d3d,
+      [&](const Rigid3& cam_from_world, const Match2D3D& match) {
+        return result.problem.query_camera.ImgFromCam(cam_from_world * match.point_in_world);
+      });
+}
+
+Json PairMarks(const QueryResult& result) {
+  const PoseEstimate& estimate = result.localized.estimate;
+  return Marks(estimate, result.problem.matches_2d2d, estimate.inliers_2d2d,
+               [&](const Rigid3& cam_from_world, const Match2D2D& match) {
+                 return NearestOnEpipolarLine(result.problem, match, cam_from_world);
+               });
 }
 
 // Returns the index of the reference that most inliers are of, or most matches where none is one,

@@ -180,12 +180,4 @@ std::vector<size_t> OrderByTime(std::span<const Query> queries,
   return order;
 }
 
-std::vector<size_t> OrderByName(std::span<const Query> queries) {
-  std::vector<size_t> order(queries.size());
-  std::iota(order.begin(), order.end(), size_t{0});
-  std::sort(order.begin(), order.end(),
-            [&](size_t a, size_t b) { return queries[a].name < queries[b].name; });
-  return order;
-}
-
 }  // namespace raylift

@@ -14,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "localization/calibration_images.h"
 #include "localization/continuous/checkpoint.h"
 #include "localization/continuous/join_gate.h"
 #include "localization/continuous/joined_references.h"
@@ -109,8 +110,5 @@ using CaptureTimes = std::map<std::string, double>;
 std::vector<size_t> OrderByTime(std::span<const Query> queries,
                                 std::span<const PosedImage> references, const CaptureTimes& times,
                                 const std::filesystem::path& path_for_messages);
-
-// Returns the order by name, for queries without times.
-std::vector<size_t> OrderByName(std::span<const Query> queries);
 
 }  // namespace raylift
