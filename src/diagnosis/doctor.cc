@@ -356,10 +356,14 @@ class Examination {
     if (mesh_search_ != MeshSearch::kNoneFound) return false;
     std::vector<PlacedMesh> found = search.Find();
     if (!found.empty()) mesh_search_ = MeshSearch::kRejected;
-    const double largest_px = accepted ? 0.6 * as_read_px : std::numeric_limits<double>::infinity();
+    // A place that is good in itself need only be compared with one that is, too: the spread over
+    // pairs of images, of which a few references have too few, tells the better of two. What most
+    // rays pass by is accepted for the few that meet it alone.
+    const bool stands = accepted && as_read_px < ConventionResiduals::kLargestPx;
+    const double largest_px = stands ? 0.6 * as_read_px : std::numeric_limits<double>::infinity();
     std::erase_if(found, [&](const PlacedMesh& placed) {
       return !IsGoodPlace(placed.fit, baseline_error_px_) || placed.fit.median_px > largest_px ||
-             !search_.IsFarBetter(Compare(data_, as_read, placed.errors_px));
+             (stands && !search_.IsFarBetter(Compare(data_, as_read, placed.errors_px)));
     });
     if (found.empty()) return false;
     const PlacedMesh& best = *std::min_element(

@@ -70,6 +70,23 @@ TEST(Doctor, ReferencesAloneSuffice) {
   EXPECT_FALSE(repaired.contains("best"));
 }
 
+// Eight references have too few pairs to tell a spread by.
+TEST(Doctor, NamesAMeshElsewhereWithEightReferences) {
+  const fs::path demo = RAYLIFT_DEMO_FOLDER;
+  const fs::path folder = TestFolder();
+  for (const std::string key : {"scale=1000", "axes=x/-z/y"}) {
+    const CommandResult result =
+        RunRaylift({"doctor", "--model", demo / "model", "--images", demo / "images", "--every",
+                    "3", "--cache", folder / "cache", "--geometry",
+                    "mesh:" + (demo / "scene.obj").string() + "," + key, "--quiet", "--json",
+                    folder / "doctor.json"});
+    EXPECT_TRUE(Succeeds(result));
+    const auto found = nlohmann::json::parse(ReadFile(folder / "doctor.json"));
+    EXPECT_EQ(found["verdict"], "repair") << key;
+    EXPECT_EQ(found["repair"]["replaced_keys"], nlohmann::json({key}));
+  }
+}
+
 TEST(Localize, WarnsWhereAnotherReadingIsFarBetter) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const fs::path out = scene.folder / "out";
