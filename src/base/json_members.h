@@ -5,10 +5,11 @@
 //     members("errors", noise.errors);
 //   }
 //
-// ToJson(noise) writes the members in this order, ReadJson() takes them by their names. A value is a
-// number, a boolean, a string, an enum with names, a matrix (a list of numbers or of rows), another
-// record, a std::tie() of values (an array), an optional value (null) or a vector of values. What is missing
-// or of another kind is an InputError with its path: "depth[0].maps[2].shift: ...".
+// ToJson(noise) writes the members in this order, FromJson<KnownNoise>() takes them by their names.
+// A value is a number, a boolean, a string, an enum with names, a matrix (a list of numbers or of
+// rows), another record, a std::tie() of values (an array), an optional value (null) or a vector of
+// values. What is missing or of another kind is an InputError with its path:
+// "depth[0].maps[2].shift: ...".
 
 #pragma once
 

@@ -28,8 +28,8 @@ void WriteQueryDiagnostics(const std::filesystem::path& path, std::span<const st
 // A line of it, without the line's end.
 std::string FormatQueryDiagnostics(const LocalizedQuery& query);
 
-// The queries of such a file, with all that it says of them. Throws InputError naming the line where
-// it is none.
+// The queries of such a file, with all that it says of them. Throws InputError naming the line
+// where it is none.
 std::vector<LocalizedQuery> ReadQueryDiagnostics(const std::filesystem::path& path);
 
 // `depth_alignment.jsonl`: one JSON object per aligned source and reference: how its depth was

@@ -1,8 +1,8 @@
-// The two forms of COLMAP's models, each as a reader and a writer of fields that are taken one after
-// the other: text (COLMAP's doc/format.rst), with numbers in their shortest form that reads back as
-// the same double, and binary (src/colmap/scene/reconstruction_io_binary.cc), little endian and
-// packed. Readers name the record and the field in their messages: "images.bin: image 3 of 11, tvec:
-// the file ends here", "images.txt: line 7: tvec: ...". Writers leave the fields as they are.
+// The two forms of COLMAP's models, each as a reader and a writer of fields that are taken one
+// after the other: text (COLMAP's doc/format.rst), with numbers in their shortest form that reads
+// back as the same double, and binary (src/colmap/scene/reconstruction_io_binary.cc), little endian
+// and packed. Readers name the record and the field in their messages: "images.bin: image 3 of 11,
+// tvec: the file ends here", "images.txt: line 7: tvec: ...". Writers leave the fields as they are.
 
 #pragma once
 

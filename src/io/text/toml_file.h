@@ -58,8 +58,8 @@ class TomlTable {
     return value;
   }
 
-  // Takes the fields of a struct (base/fields.h) whose names, but for the prefix, are keys, and then
-  // checks their ranges.
+  // Takes the fields of a struct (base/fields.h) whose names, but for the prefix, are keys, and
+  // then checks their ranges.
   template <typename Struct>
   void Take(Struct& values, std::string_view prefix = {}) {
     TakeFields(FieldsOf(values), prefix);
