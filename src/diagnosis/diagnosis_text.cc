@@ -280,7 +280,7 @@ std::string ToString(const RepairOptions& repair) {
   }
   if (repair.model_poses) {
     text +=
-        fmt::format("{}model poses: {}", text.empty() ? "" : "; ", ToString(*repair.model_poses));
+        fmt::format("{}model_poses = {}", text.empty() ? "" : "; ", ToString(*repair.model_poses));
   }
   return text;
 }

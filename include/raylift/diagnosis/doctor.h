@@ -100,7 +100,7 @@ struct RepairOptions {
 };
 RepairOptions FindRepair(const DataConvention& as_read, const DataConvention& other);
 
-// "in the geometry: kind=ray,scale=0.001; model poses: opengl"
+// "in the geometry: kind=ray,scale=0.001; model_poses = opengl"
 std::string ToString(const RepairOptions& repair);
 
 enum class InputVerdict {
