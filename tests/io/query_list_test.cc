@@ -48,6 +48,25 @@ TEST(QueryList, ANameAloneIsAPhotographOfUnknownFocalLength) {
                                   {"no.png"}));
 }
 
+TEST(QueryList, ExifTellsTheFocalLengthOfAPhotographOfUnknownCamera) {
+  const auto folder = TestFolder();
+  WriteImage(folder / "a.jpg", {40, 30, 1, std::vector<uint8_t>(1200, 90)});
+  const std::string jpeg = ReadFile(folder / "a.jpg");
+  // A directory with the place of the camera's, and that with 26 mm on film.
+  const std::string exif(
+      "\xFF\xE1\0\x34"
+      "Exif\0\0"
+      "II*\0\x08\0\0\0"
+      "\x01\0\x69\x87\x04\0\x01\0\0\0\x1A\0\0\0\0\0\0\0"
+      "\x01\0\x05\xA4\x03\0\x01\0\0\0\x1A\0\0\0\0\0\0\0",
+      54);
+  WriteFile(folder / "a.jpg", jpeg.substr(0, 2) + exif + jpeg.substr(2));
+  WriteFile(folder / "queries.txt", "a.jpg\n");
+  const auto queries = ReadQueryList(folder / "queries.txt", folder);
+  EXPECT_NEAR(queries[0].camera.MeanFocalPx(), 26 / 43.267 * 50, 1e-9);
+  EXPECT_EQ(queries[0].priors.focal_range, 1.2);
+}
+
 TEST(QueryList, ALineMayTellHowSureItsFocalLengthIs) {
   const auto folder = TestFolder();
   const std::string text =

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 
 #include "raylift/geometry/camera.h"
@@ -14,6 +15,10 @@ namespace raylift {
 // The size alone, from the header. Throws InputError where the file is
 // missing or no image.
 PlaneSize ReadImageSize(const std::filesystem::path& path);
+
+// Returns the focal length that the photograph's EXIF says, in mm on film of 36 mm x 24 mm; nullopt
+// where it says none.
+std::optional<double> ReadFocalLengthOnFilm(const std::filesystem::path& path);
 
 // Throws InputError where the photograph `name`, whose file it is, has another size than its
 // camera: it says whether viewers turn it, and what the camera is at the photograph's size.

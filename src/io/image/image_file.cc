@@ -81,6 +81,11 @@ PlaneSize ReadImageSize(const std::filesystem::path& path) {
   return {image.width_px, image.height_px};
 }
 
+std::optional<double> ReadFocalLengthOnFilm(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return ReadExif(file).focal_35mm;
+}
+
 void RequireSizeOf(const Camera& camera, const std::string& name, PlaneSize size,
                    const std::filesystem::path& file) {
   if (size == PlaneSize{camera.width_px(), camera.height_px()}) return;
