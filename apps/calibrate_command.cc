@@ -21,7 +21,6 @@ void Run(LocalizeFlags flags) {
   flags.out = file.parent_path();  // for the caches
   flags.Check();
   RequireWritable(file);
-  const SignalGuard signals;
   Scene scene;
   UntilSignal([&] {
     const LocalizeInputs inputs = OpenLocalizeInputs(flags);

@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "apps/commands.h"
+#include "apps/interrupt.h"
 #include "apps/options.h"
 #include "base/progress.h"
 #include "surfaces/resampled_mesh.h"
@@ -138,7 +139,7 @@ Command AddColorCommand(CLI::App& program) {
       "      --query-images new --out result");
   return {&command, [flags] {
             Check(*flags);
-            Color(*flags);
+            UntilSignal([&] { Color(*flags); }, &BeginsAnew);
           }};
 }
 

@@ -509,7 +509,6 @@ Command AddCompareCommand(CLI::App& program) {
       "      --methods p3p,e5p1,adaptive,select:0.7,select:0.9 --filters off,auto");
   return {&command, [flags, &command] {
             Check(*flags);
-            const SignalGuard signals;
             UntilSignal([&] { CompareRun(*flags).Run(EffectiveOptionsJson(command)); },
                         [] { return "stopped by a signal; --resume goes on"; });
           }};

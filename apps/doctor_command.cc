@@ -6,6 +6,7 @@
 
 #include "apps/argument_files.h"
 #include "apps/commands.h"
+#include "apps/interrupt.h"
 #include "apps/matching_options.h"
 #include "apps/options.h"
 #include "base/json_text.h"
@@ -249,7 +250,7 @@ Command AddDoctorCommand(CLI::App& program) {
       "makes of such depth by --align-depth auto.");
   return {&command, [flags] {
             Check(*flags);
-            Run(*flags);
+            UntilSignal([&] { Run(*flags); }, &BeginsAnew);
           }};
 }
 

@@ -254,7 +254,6 @@ class EstimateRun {
                     flags_.out.empty() ? "--out keeps what is done" : "--resume goes on"));
   }
 
-  const SignalGuard signals_;
   const EstimateFlags& flags_;
   const std::string& options_json_;
   EstimatorOptions options_;

@@ -5,6 +5,7 @@
 
 #include "apps/argument_files.h"
 #include "apps/commands.h"
+#include "apps/interrupt.h"
 #include "apps/options.h"
 #include "apps/pose_files.h"
 #include "comparison/image_errors.h"
@@ -267,7 +268,7 @@ Command AddEvaluateCommand(CLI::App& program) {
             "Example:\n"
             "  raylift evaluate --ground-truth truth --poses p3p.txt adaptive.txt \\\n"
             "      --thresholds 0.05,5:0.1,1:0.25,2 --csv table.csv");
-  return {&command, [flags] { Run(*flags); }};
+  return {&command, [flags] { UntilSignal([&] { Run(*flags); }, &BeginsAnew); }};
 }
 
 }  // namespace raylift

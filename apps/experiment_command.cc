@@ -103,7 +103,6 @@ class ExperimentRun {
       throw InputError(experiment_.file, fmt::format("{} does not exist", file.string()));
     }
     RequireWritable(flags_.out / "results.csv");
-    const SignalGuard signals;
     std::vector<Cell> cells;
     UntilSignal([&] { cells = ListCells(experiment_, estimated_); });
     const std::string header = Header(options_json, cells);

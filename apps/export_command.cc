@@ -11,6 +11,7 @@
 
 #include "apps/command_line.h"
 #include "apps/commands.h"
+#include "apps/interrupt.h"
 #include "apps/options.h"
 #include "io/scene/trajectory_file.h"
 #include "localization/results/exports.h"
@@ -423,7 +424,7 @@ Command AddExportCommand(CLI::App& program) {
             "  raylift export colmap result --out result/model\n"
             "  raylift export glb result --out result/scene.glb --up z\n"
             "  raylift export hloc result --names camera --out robotcar.txt");
-  return {&command, [flags] { Run(*flags); }};
+  return {&command, [flags] { UntilSignal([&] { Run(*flags); }, &BeginsAnew); }};
 }
 
 }  // namespace raylift

@@ -4,6 +4,7 @@
 
 #include "apps/command_line.h"
 #include "apps/commands.h"
+#include "apps/interrupt.h"
 #include "apps/options.h"
 #include <fmt/format.h>
 
@@ -98,7 +99,7 @@ Command AddImportCommand(CLI::App& program) {
             "  raylift import 7scenes 7scenes/chess --out scenes/chess\n"
             "  raylift localize --scene scenes/chess/scene.toml --out result\n"
             "  raylift evaluate --scene scenes/chess/scene.toml --poses result/poses.txt");
-  return {&command, [flags] { Run(*flags); }};
+  return {&command, [flags] { UntilSignal([&] { Run(*flags); }, &BeginsAnew); }};
 }
 
 }  // namespace raylift

@@ -238,7 +238,7 @@ shared, but for its times. What each query has written by itself (--write-proble
 is 4 where queries are not done. Shards of render that write to one folder need no merging.
 Example:
   raylift merge result shard_0 shard_1 shard_2)");
-  return {&command, [flags] { Merger(*flags).Merge(); }};
+  return {&command, [flags] { UntilSignal([&] { Merger(*flags).Merge(); }, &BeginsAnew); }};
 }
 
 Command AddVerifyCommand(CLI::App& program) {
@@ -259,7 +259,7 @@ Command AddVerifyCommand(CLI::App& program) {
             "  raylift verify rendered");
   return {&command, [flags] {
             flags->run.Check();
-            Verify(flags->out, flags->run);
+            UntilSignal([&] { Verify(flags->out, flags->run); }, &BeginsAnew);
           }};
 }
 

@@ -268,7 +268,6 @@ class LocalizeRun {
     job.Finish(results.paths());
   }
 
-  const SignalGuard signals_;
   const LocalizeFlags& flags_;
   LocalizeAllOptions options_;
   const std::string& options_json_;
@@ -283,7 +282,6 @@ class LocalizeRun {
 // raylift prepare: makes beforehand what localize would make before its first query.
 void Prepare(const LocalizeFlags& flags) {
   flags.Check();
-  const SignalGuard signals;
   FeatureCount features;
   const auto prepare = [&] {
     const LocalizeInputs inputs = OpenLocalizeInputs(flags);

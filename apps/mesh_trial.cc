@@ -1,10 +1,12 @@
 #include "apps/mesh_trial.h"
 
 #include <cerrno>
+#include <csignal>
 #include <exception>
 
 #include <fcntl.h>
 #include <spawn.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -41,6 +43,7 @@ void TryMeshesBy(const std::vector<std::string>& command) {
 int TryMesh(const std::filesystem::path& file) {
   constexpr unsigned int kLongest_s = 600;
   alarm(kLongest_s);
+  prctl(PR_SET_PDEATHSIG, SIGKILL);  // with the process that waits
   SetMeshTrial(nullptr);
   try {
     ReadMesh(file);

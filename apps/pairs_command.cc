@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "apps/commands.h"
+#include "apps/interrupt.h"
 #include "apps/matching_options.h"
 #include "apps/options.h"
 #include "localization/retrieval/retrieval.h"
@@ -171,7 +172,8 @@ Command AddPairsCommand(CLI::App& program) {
       "      --global-features global-feats-netvlad.h5 --top-k 50 --out pairs.txt\n"
       "  Pairs of references that see the same part of a mesh:\n"
       "  raylift pairs --model sfm --retrieval overlap --geometry mesh:scene.ply --out pairs.txt");
-  return {&command, [flags] { PairsRun(*flags, Resolve(*flags)).Run(); }};
+  return {&command,
+          [flags] { UntilSignal([&] { PairsRun(*flags, Resolve(*flags)).Run(); }, &BeginsAnew); }};
 }
 
 }  // namespace raylift

@@ -8,6 +8,7 @@
 
 #include "apps/argument_files.h"
 #include "apps/commands.h"
+#include "apps/interrupt.h"
 #include "apps/options.h"
 #include "base/progress.h"
 #include "diagnosis/depth_explanation.h"
@@ -187,7 +188,9 @@ Command AddPerturbCommand(CLI::App& program) {
             "  raylift perturb --model sfm --geometry mesh:scene.ply --out warped --warp 0.05\n"
             "  raylift compare --model sfm --geometry mesh=mesh:scene.ply \\\n"
             "      --geometry warped=depth:warped --truth mesh");
-  return {&command, [flags, &command] { Run(*flags, EffectiveOptionsJson(command)); }};
+  return {&command, [flags, &command] {
+            UntilSignal([&] { Run(*flags, EffectiveOptionsJson(command)); }, &BeginsAnew);
+          }};
 }
 
 }  // namespace raylift

@@ -429,6 +429,7 @@ std::string MessageInOptions(const OptionError& error) {
 int RunProgram(const std::vector<std::string>& arguments) {
   if (arguments.size() == 2 && arguments[0] == kTryMesh) return TryMesh(arguments[1]);
   try {
+    const SignalGuard signals;
     const Program survey = MakeSurvey();
     try {
       Parsed(survey, arguments).Chosen().run();

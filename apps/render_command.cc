@@ -314,7 +314,6 @@ class RenderRun {
     const size_t total = tasks_.size();
     RenderSummary summary;
     {
-      const SignalGuard signals;
       std::optional<Progress> progress;
       const RenderHooks hooks{.on_start =
                                   [&](size_t images, size_t rays) {

@@ -161,7 +161,6 @@ void Run(const ViewsFlags& flags) {
   RequireWritable(flags.out / "images.bin");
   MeshScene scene;
   SampledViews views;
-  const SignalGuard signals;
   UntilSignal([&] {
     scene = LoadMeshScene(flags.geometry, {.threads = flags.run.threads});
     PrintWarnings(scene.warnings);

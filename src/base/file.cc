@@ -1,5 +1,6 @@
 #include "raylift/base/file.h"
 
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <csignal>
@@ -10,7 +11,12 @@
 #include <vector>
 
 #include "base/hash.h"
+#include "base/input_paths.h"
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <linux/magic.h>
+#include <sys/stat.h>
+#include <sys/vfs.h>
 #include <unistd.h>
 
 #include "raylift/base/error.h"
@@ -67,6 +73,31 @@ std::optional<TemporaryFile> ParseTemporary(const std::filesystem::path& path) {
                        std::string(parts[0]), static_cast<pid_t>(*process)};
 }
 
+// Lists and settings are far smaller.
+constexpr size_t kMostOfPipe = size_t{256} << 20;
+
+class OpenFile {
+ public:
+  explicit OpenFile(int descriptor) : descriptor_(descriptor) {}
+  ~OpenFile() {
+    if (descriptor_ >= 0) close(descriptor_);
+  }
+  OpenFile(const OpenFile&) = delete;
+  OpenFile& operator=(const OpenFile&) = delete;
+
+  int descriptor() const { return descriptor_; }
+
+ private:
+  int descriptor_;
+};
+
+// Returns whether it is one of a shell: a file system of its own has them.
+bool IsPipeWithoutName(int descriptor, const struct stat& status) {
+  struct statfs file_system {};
+  return S_ISFIFO(status.st_mode) && fstatfs(descriptor, &file_system) == 0 &&
+         file_system.f_type == PIPEFS_MAGIC;
+}
+
 thread_local CommittedFiles* committed_files = nullptr;
 
 // False, too, where that cannot be told.
@@ -76,24 +107,69 @@ bool HasEnded(const TemporaryFile& file) {
 
 }  // namespace
 
-std::string ReadFile(const std::filesystem::path& path) {
+void RequireRegularFile(const std::filesystem::path& path) {
+  using enum std::filesystem::file_type;
   std::error_code error;
-  const auto status = std::filesystem::status(path, error);
-  if (!std::filesystem::exists(status)) throw InputError(path, "no such file");
-  if (std::filesystem::is_directory(status)) {
-    throw InputError(path, "expected a file, found a folder");
+  const auto type = std::filesystem::status(path, error).type();
+  if (type == regular) return;
+  if (type == not_found) throw InputError(path, "no such file");
+  if (type == none) {
+    throw InputError(path, fmt::format("cannot be read: {}", error.message()));
   }
-  std::ifstream stream(path, std::ios::binary);
-  if (!stream) throw InputError(path, fmt::format("cannot be read: {}", std::strerror(errno)));
+  const bool is_pipe = type == fifo || type == socket;
+  throw InputError(path, fmt::format("expected a file, found a {}", type == directory ? "folder"
+                                                                    : is_pipe         ? "pipe"
+                                                                                      : "device"));
+}
+
+std::string ReadFile(const std::filesystem::path& path) {
+  // Without O_NONBLOCK, a pipe with a name waits for somebody to write.
+  const OpenFile file(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  struct stat status {};
+  if (file.descriptor() < 0 || fstat(file.descriptor(), &status) != 0) {
+    const int error = errno;
+    RequireRegularFile(path);
+    throw InputError(path, fmt::format("cannot be read: {}", std::strerror(error)));
+  }
+  const bool is_pipe = IsPipeWithoutName(file.descriptor(), status);
+  if (!is_pipe) RequireRegularFile(path);
+  fcntl(file.descriptor(), F_SETFL, O_RDONLY);
   std::string contents;
-  const auto size = std::filesystem::file_size(path, error);
-  if (!error) contents.reserve(size);
+  contents.reserve(static_cast<size_t>(status.st_size));
   char buffer[1 << 16];
-  while (stream.read(buffer, sizeof(buffer)) || stream.gcount() > 0) {
-    contents.append(buffer, static_cast<size_t>(stream.gcount()));
+  for (;;) {
+    const ssize_t count = read(file.descriptor(), buffer, sizeof(buffer));
+    if (count < 0 && errno == EINTR) continue;
+    if (count < 0) throw InputError(path, "cannot be read to its end");
+    if (count == 0) return contents;
+    contents.append(buffer, static_cast<size_t>(count));
+    if (is_pipe && contents.size() > kMostOfPipe) {
+      throw InputError(
+          path, fmt::format("the pipe holds more than {} MB: give a file", kMostOfPipe >> 20));
+    }
   }
-  if (stream.bad()) throw InputError(path, "cannot be read to its end");
-  return contents;
+}
+
+std::vector<std::filesystem::path> ListFilesBelow(const std::filesystem::path& folder) {
+  namespace fs = std::filesystem;
+  std::vector<fs::path> files;
+  std::error_code error, ignored;
+  std::vector<fs::path> way = {fs::canonical(folder, error)};
+  constexpr auto kFollow = fs::directory_options::follow_directory_symlink;
+  for (fs::recursive_directory_iterator entry(folder, kFollow, error), end; !error && entry != end;
+       entry.increment(error)) {
+    if (entry->is_regular_file(ignored)) files.push_back(entry->path());
+    if (!entry->is_directory(ignored)) continue;
+    way.resize(static_cast<size_t>(entry.depth()) + 1);
+    way.push_back(fs::canonical(entry->path(), ignored));
+    const bool leads_back = std::find(way.begin(), way.end() - 1, way.back()) != way.end() - 1;
+    if (leads_back) entry.disable_recursion_pending();
+  }
+  if (error) {
+    throw InputError(folder, fmt::format("cannot be listed: {}", error.message()));
+  }
+  std::sort(files.begin(), files.end());
+  return files;
 }
 
 void WriteFile(const std::filesystem::path& path, std::string_view contents) {

@@ -4,6 +4,7 @@
 #include <tuple>
 
 #include "base/hash.h"
+#include "base/input_paths.h"
 #include "base/json_members.h"
 #include "evaluation/fields.h"
 #include "geometry/pose_json.h"
@@ -43,11 +44,8 @@ std::vector<FoundFile> FilesOf(const path& input) {
   if (fs::is_regular_file(input, error)) return {{"", input, fs::file_size(input)}};
   if (!fs::is_directory(input, error)) throw InputError(input, "does not exist");
   std::vector<FoundFile> files;
-  for (const auto& entry :
-       fs::recursive_directory_iterator(input, fs::directory_options::follow_directory_symlink)) {
-    if (!entry.is_regular_file()) continue;
-    files.push_back(
-        {entry.path().lexically_relative(input).string(), entry.path(), entry.file_size()});
+  for (const path& file : ListFilesBelow(input)) {
+    files.push_back({file.lexically_relative(input).string(), file, fs::file_size(file)});
   }
   std::sort(files.begin(), files.end(),
             [](const FoundFile& a, const FoundFile& b) { return a.name < b.name; });

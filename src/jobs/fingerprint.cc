@@ -6,6 +6,7 @@
 
 #include "base/hash.h"
 #include "base/index_sets.h"
+#include "base/input_paths.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -64,12 +65,10 @@ std::string FolderFingerprint(const path& folder, const path& except) {
   std::vector<std::string> names;
   const path from = Absolute(folder);
   const path not_from = Absolute(except);
-  std::error_code error;
-  using Options = std::filesystem::directory_options;
-  for (const auto& entry : std::filesystem::recursive_directory_iterator(
-           from, Options::follow_directory_symlink | Options::skip_permission_denied, error)) {
-    if (!entry.is_regular_file(error) || IsBelow(entry.path(), not_from)) continue;
-    names.push_back(entry.path().lexically_relative(from).string());
+  std::error_code ignored;
+  if (!std::filesystem::is_directory(from, ignored)) return FileFingerprint(from);
+  for (const path& file : ListFilesBelow(from)) {
+    if (!IsBelow(file, not_from)) names.push_back(file.lexically_relative(from).string());
   }
   std::sort(names.begin(), names.end());
   return SizesFingerprint(from, names);

@@ -6,6 +6,7 @@
 #include <new>
 #include <utility>
 
+#include "base/input_paths.h"
 #include "base/read_limits.h"
 #include "surfaces/file_readers.h"
 #include "surfaces/input_files.h"
@@ -215,6 +216,7 @@ void SetMeshTrial(std::function<bool(const std::filesystem::path&)> trial) {
 }
 
 RawMesh ReadWithAssimp(const std::filesystem::path& path) {
+  RequireRegularFile(path);
   const std::string extension = LowerExtension(path);
   std::optional<GltfScene> gltf;
   if (extension == ".glb" || extension == ".gltf") {

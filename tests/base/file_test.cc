@@ -3,8 +3,10 @@
 #include <array>
 #include <iterator>
 
+#include "base/input_paths.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -87,6 +89,37 @@ TEST(File, TemporariesOfEndedProcessesOfThisMachineAreRemoved) {
   EXPECT_FALSE(fs::exists(folder / left));
   EXPECT_FALSE(fs::exists(folder / "below" / left));
   RemoveLeftTemporaries(folder / "missing");
+}
+
+// What never ends is refused before it is read.
+TEST(ReadFile, TakesNeitherDevicesNorPipesWithNames) {
+  EXPECT_TRUE(FailsWithInputError([] { ReadFile("/dev/zero"); }, {"/dev/zero", "found a device"}));
+  const fs::path pipe = TestFolder() / "pipe";
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  EXPECT_TRUE(FailsWithInputError([&] { ReadFile(pipe); }, {"pipe", "found a pipe"}));
+}
+
+// As `<(...)` of a shell.
+TEST(ReadFile, TakesPipesOfShells) {
+  int ends[2];
+  ASSERT_EQ(pipe(ends), 0);
+  ASSERT_EQ(write(ends[1], "a list", 6), 6);
+  close(ends[1]);
+  EXPECT_EQ(ReadFile("/dev/fd/" + std::to_string(ends[0])), "a list");
+  close(ends[0]);
+}
+
+TEST(ListFilesBelow, FollowsLinksThatDoNotLeadBack) {
+  const fs::path elsewhere = TestFolder() / "elsewhere";
+  const fs::path folder = elsewhere.parent_path() / "folder";
+  WriteFile(folder / "a/b.txt", "");
+  WriteFile(elsewhere / "c.txt", "");
+  fs::create_directory_symlink(elsewhere, folder / "link");
+  fs::create_directory_symlink(folder, folder / "a/back");
+  fs::create_directory_symlink(".", folder / "self");
+  fs::create_symlink("loop", folder / "loop");
+  EXPECT_EQ(ListFilesBelow(folder),
+            (std::vector<fs::path>{folder / "a/b.txt", folder / "link/c.txt"}));
 }
 
 }  // namespace

@@ -11,7 +11,7 @@
 
 namespace raylift {
 
-// Returns the bytes of a file. Throws InputError where it is missing, a folder or not readable.
+// Returns the bytes of a file or of a shell's pipe. Throws InputError where it is something else.
 std::string ReadFile(const std::filesystem::path& path);
 
 // Writes to a temporary name beside `path` and renames it, so that a killed run leaves no half

@@ -112,6 +112,8 @@ std::string UriOf(const path& file, bool is_closed) {
 }  // namespace
 
 bool IsColmapDatabase(const path& file) {
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(file, ignored)) return false;
   std::ifstream stream(file, std::ios::binary);
   std::array<char, 16> start{};
   return stream.read(start.data(), start.size()) &&

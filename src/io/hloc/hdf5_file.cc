@@ -6,6 +6,7 @@
 #include <mutex>
 #include <utility>
 
+#include "base/input_paths.h"
 #include "base/read_limits.h"
 #include <Eigen/Core>
 #include <hdf5.h>
@@ -324,13 +325,7 @@ std::optional<std::string> WriteDataset(hid_t file, const std::string& name,
 }  // namespace
 
 Hdf5Reader::Hdf5Reader(std::filesystem::path path) : path_(std::move(path)) {
-  std::error_code ignored;
-  if (!std::filesystem::exists(path_, ignored)) {
-    throw InputError(path_, "no such file");
-  }
-  if (std::filesystem::is_directory(path_, ignored)) {
-    throw InputError(path_, "expected a file, found a folder");
-  }
+  RequireRegularFile(path_);
   const Lock lock;
   if (H5Fis_hdf5(path_.c_str()) == 0) {
     throw InputError(path_, "expected an HDF5 file, found something else");

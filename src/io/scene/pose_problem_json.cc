@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "base/input_paths.h"
 #include "io/text/json_document.h"
 #include "io/text/line_tokens.h"
 #include <fmt/format.h>
@@ -288,17 +289,13 @@ std::vector<std::filesystem::path> ListPoseProblems(const std::filesystem::path&
     }
     return {file_or_folder};
   }
-  std::vector<std::filesystem::path> files;
-  for (const auto& entry : std::filesystem::recursive_directory_iterator(file_or_folder)) {
-    const std::string name = entry.path().filename().string();
-    if (entry.path().extension() == ".json" && !name.starts_with('.')) {
-      files.push_back(entry.path());
-    }
-  }
+  std::vector<std::filesystem::path> files = ListFilesBelow(file_or_folder);
+  std::erase_if(files, [](const std::filesystem::path& file) {
+    return file.extension() != ".json" || file.filename().string().starts_with('.');
+  });
   if (files.empty()) {
     throw InputError(file_or_folder, "expected pose problems (*.json), found none");
   }
-  std::sort(files.begin(), files.end());
   return files;
 }
 

@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/input_paths.h"
 #include "io/scene/pair_pixels.h"
 #include "localization/matching/file_matches.h"
 #include "localization/matching/pixel_matches.h"
@@ -103,11 +104,8 @@ std::vector<Form> FormsOf(const std::string& name) {
 }
 
 std::vector<path> PairFilesBelow(const path& folder) {
-  std::vector<path> files;
-  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-    if (entry.is_regular_file() && IsPairFileName(entry.path())) files.push_back(entry.path());
-  }
-  std::sort(files.begin(), files.end());
+  std::vector<path> files = ListFilesBelow(folder);
+  std::erase_if(files, [](const path& file) { return !IsPairFileName(file); });
   return files;
 }
 

@@ -1,0 +1,17 @@
+// Files that come from outside: regular ones alone, as others may never end.
+
+#pragma once
+
+#include <filesystem>
+#include <vector>
+
+namespace raylift {
+
+// For readers that open files themselves. Throws InputError where it is missing or something else.
+void RequireRegularFile(const std::filesystem::path& path);
+
+// Returns all regular files below a folder, sorted. Links to folders are followed, but for those
+// that lead back. Throws InputError where a folder cannot be read.
+std::vector<std::filesystem::path> ListFilesBelow(const std::filesystem::path& folder);
+
+}  // namespace raylift
