@@ -1,4 +1,5 @@
 #include <atomic>
+#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
@@ -10,6 +11,7 @@
 #include "apps/program.h"
 #include "io/hloc/hdf5_file.h"
 #include <opencv2/core/utility.hpp>
+#include <sys/resource.h>
 
 namespace {
 
@@ -44,9 +46,21 @@ void NoteAndThrow() {
   std::abort();
 }
 
+// Libraries take their stacks as they need them: what is too small ends in a crash.
+bool HasStack() {
+  constexpr rlim_t kLeast = 1024 * 1024;
+  struct rlimit limit {};
+  return getrlimit(RLIMIT_STACK, &limit) != 0 || limit.rlim_cur >= kLeast;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
+  if (!HasStack()) {
+    std::fputs("raylift: the stack is limited to less than 1 MB: `ulimit -s 8192` helps\n", stderr);
+    return raylift::kNoResources;
+  }
+  std::signal(SIGXFSZ, SIG_IGN);  // the write that is too large fails, and says so
   std::set_terminate(&End);
   std::set_new_handler(&NoteAndThrow);
   raylift::LeaveHdf5AsItIsAtExit();

@@ -250,14 +250,15 @@ std::string FormatClaimsMarkdown(std::span<const JudgedClaim> claims) {
       "Holm's correction over all lines at 5 %; holds: not worse by more than a percentage point; "
       "noise: the queries do not tell.\n";
   for (const JudgedClaim& claim : claims) {
-    text += fmt::format("\n**{}. {}** {}.\n\n", claim.name, claim.text, Summary(claim));
+    text += fmt::format("\n**{}. {}** {}.\n\n", EscapeMarkdown(claim.name),
+                        EscapeMarkdown(claim.text), Summary(claim));
     if (claim.lines.empty()) continue;
     text +=
         "| where | first | second | measure | first % | second % | difference | low | high | |\n"
         "|---|---|---|---|---|---|---|---|---|---|\n";
     for (const ClaimLine& line : claim.lines) {
       text += "|";
-      for (const std::string& field : Fields(line)) text += " " + field + " |";
+      for (const std::string& field : Fields(line)) text += " " + EscapeMarkdown(field) + " |";
       text += "\n";
     }
   }

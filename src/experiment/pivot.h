@@ -50,6 +50,8 @@ std::string FormatPivotLatex(const PivotTable& table);
 // Joins the titles that are not empty.
 std::string JoinTitles(const std::vector<std::string>& parts, std::string_view between = ", ");
 
+// Returns the text as a line of Markdown that prints it, also within a table.
+std::string EscapeMarkdown(std::string_view text);
 // Returns the text with LaTeX's special characters as what they print.
 std::string EscapeLatex(std::string_view text);
 

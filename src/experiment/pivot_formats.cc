@@ -45,15 +45,6 @@ std::string Note(const PivotTable& table) {
          (AnyUsesGroundTruth(table) ? "; * chosen with the ground truth" : "");
 }
 
-std::string EscapeMarkdown(const std::string& text) {
-  std::string escaped;
-  for (const char c : text) {
-    if (c == '|' || c == '*') escaped += '\\';
-    escaped += c == '\n' ? ' ' : c;
-  }
-  return escaped;
-}
-
 std::string MarkdownLine(const TableRow& fields) {
   std::string line = "|";
   for (const std::string& field : fields) line += " " + field + " |";
@@ -120,6 +111,16 @@ std::string FormatPivotText(const PivotTable& table) {
   }
   return fmt::format("{}\n{}{}; < best of the column\n", table.title, AlignColumns(lines),
                      Note(table));
+}
+
+std::string EscapeMarkdown(std::string_view text) {
+  constexpr std::string_view kSpecial = R"(\`*_[]<>|#)";
+  std::string escaped;
+  for (const char c : text) {
+    if (kSpecial.find(c) != std::string_view::npos) escaped += '\\';
+    escaped += c == '\n' || c == '\r' ? ' ' : c;
+  }
+  return escaped;
 }
 
 std::string FormatPivotMarkdown(const PivotTable& table) {

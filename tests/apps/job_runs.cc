@@ -107,8 +107,7 @@ void InterruptAtRandom(const InterruptedRun& run, const fs::path& folder, int de
 }
 
 Arguments WithFullDisk(size_t blocks, const Arguments& command) {
-  return Arguments{"/bin/sh", "-c",
-                   "trap '' XFSZ; ulimit -f " + std::to_string(blocks) + "; exec \"$@\"", "sh",
+  return Arguments{"/bin/sh", "-c", "ulimit -f " + std::to_string(blocks) + "; exec \"$@\"", "sh",
                    RAYLIFT_PROGRAM} +
          command;
 }

@@ -1,4 +1,4 @@
-// Inputs that never end, and signals at any time.
+// Inputs that never end, signals at any time, and the limits that a shell sets.
 
 #include <csignal>
 
@@ -82,6 +82,11 @@ TEST(Limits, ASignalEndsEveryCommandInGoodOrder) {
   EXPECT_EQ(
       Terminate(StartRaylift({"export", "tum", folder / "none", "--out", folder / "poses.tum"})),
       4);
+}
+
+TEST(Limits, ASmallStackIsAnError) {
+  EXPECT_TRUE(
+      FailsWith(6, {"stack"}, RunCommand(InShell("ulimit -s 64; exec \"$@\"", {"--version"}))));
 }
 
 }  // namespace

@@ -102,6 +102,10 @@ TEST(Claims, FormsNameTheVerdict) {
               ::testing::HasSubstr("1,\"The room, 1/1, mesh\",P3P,E5+1,\"recall (0.1, 1deg)\",95.0,"
                                    "60.0,+35.0,"));
   EXPECT_THAT(FormatClaimsMarkdown(judged), ::testing::HasSubstr("**1. t** shown 2"));
+  std::vector<JudgedClaim> hostile = judged;
+  hostile.front().text = "t**\n# <b>";
+  EXPECT_THAT(FormatClaimsMarkdown(hostile),
+              ::testing::HasSubstr(R"(**1. t\*\* \# \<b\>** shown 2)"));
 }
 
 TEST(Claims, TheirValuesHaveNames) {

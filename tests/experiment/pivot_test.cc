@@ -99,6 +99,13 @@ TEST(Pivot, FormsHoldTheSameNumbers) {
   EXPECT_THAT(latex, HasSubstr("\\begin{tabular}{lll}"));
 }
 
+TEST(Pivot, TitlesAreNoMarkdown) {
+  EXPECT_EQ(EscapeMarkdown("a|b\n# <i>*c*_[d](e)`\\"), R"(a\|b \# \<i\>\*c\*\_\[d\](e)\`\\)");
+  PivotTable table = MakePivot(SomeExperiment(), kByGeometry, SomeResults());
+  table.title = "x** | <script>";
+  EXPECT_THAT(FormatPivotMarkdown(table), HasSubstr(R"(**x\*\* \| \<script\>**)"));
+}
+
 TEST(Pivot, MediansAreBestWhereTheyAreLow) {
   TableLayout layout = kByGeometry;
   layout.value = TableValue::kMedian;
