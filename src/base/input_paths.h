@@ -14,4 +14,8 @@ void RequireRegularFile(const std::filesystem::path& path);
 // that lead back. Throws InputError where a folder cannot be read.
 std::vector<std::filesystem::path> ListFilesBelow(const std::filesystem::path& folder);
 
+// Returns whether a file may have parts of it anywhere. It can read what its user may not have
+// meant to show: only where the environment's RAYLIFT_FILES_ANYWHERE is 1.
+bool FilesMayBeAnywhere();
+
 }  // namespace raylift

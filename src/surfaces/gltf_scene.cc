@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cstdint>
 #include <cstring>
 #include <set>
@@ -7,8 +8,10 @@
 #include <utility>
 #include <vector>
 
+#include "base/input_paths.h"
 #include "base/read_limits.h"
 #include "surfaces/file_readers.h"
+#include "surfaces/input_files.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -18,6 +21,20 @@ namespace raylift {
 namespace {
 
 using nlohmann::json;
+
+// "%2e" is a dot, and a backslash is taken for a slash.
+std::string DecodedUri(std::string_view uri) {
+  std::string text;
+  for (size_t i = 0; i < uri.size(); ++i) {
+    unsigned code = 0;
+    const char* const digits = uri.data() + i + 1;
+    const bool is_code = uri[i] == '%' && i + 2 < uri.size() &&
+                         std::from_chars(digits, digits + 2, code, 16).ptr == digits + 2;
+    text += is_code ? static_cast<char>(code) : uri[i] == '\\' ? '/' : uri[i];
+    if (is_code) i += 2;
+  }
+  return text;
+}
 
 // The list that the numbers of a member are indices into, wherever the member stands.
 constexpr auto kListOfMember = std::to_array<std::pair<std::string_view, std::string_view>>(
@@ -163,6 +180,8 @@ class GltfCheck {
     for (const auto& [member, value] : document_.root().items()) {
       CheckReferences(member, member, value);
     }
+    CheckPlaces("buffers");
+    CheckPlaces("images");
     CheckBuffers();
     CheckAccessors();
     CheckNodes();
@@ -204,6 +223,27 @@ class GltfCheck {
       }
     } else if (known != kListOfMember.end()) {
       document_.CheckIndex(place, value, known->second);
+    }
+  }
+
+  // What is shown as a picture or written as a mesh may not be any file of this machine.
+  void CheckPlaces(const std::string& list) const {
+    if (FilesMayBeAnywhere()) return;
+    const json& objects = document_.List(list);
+    for (size_t i = 0; i < objects.size(); ++i) {
+      const auto uri = objects[i].find("uri");
+      if (uri == objects[i].end() || !uri->is_string()) continue;
+      const auto& stated = uri->get_ref<const std::string&>();
+      if (stated.empty() || stated.starts_with("data:")) continue;
+      const std::string text = DecodedUri(stated);
+      const std::filesystem::path file = std::filesystem::path(text).lexically_normal();
+      if (file.is_relative() && *file.begin() != ".." && text.find("://") == std::string::npos) {
+        continue;
+      }
+      document_.Fail(fmt::format("{}.{}.uri", list, i),
+                     fmt::format("expected a file below the scene's folder, found {}; "
+                                 "RAYLIFT_FILES_ANYWHERE=1 in the environment allows it",
+                                 Shown(text)));
     }
   }
 

@@ -176,6 +176,18 @@ f.create_dataset('chunked/keypoints', shape=(1 << 40, 2), dtype=np.float32, chun
   expect_failure("chunked", {"chunked/keypoints: the file is too short for 1099511627776 x 2"});
 }
 
+TEST_F(HlocFeatures, DataInOtherFilesIsRefused) {
+  RunH5py(path_, "w", R"(
+raw = f.create_dataset('raw/keypoints', (4, 2), 'f4', external=[('raw.bin', 0, h5.h5f.UNLIMITED)])
+layout = h5.VirtualLayout((4, 2), 'f4')
+layout[:] = h5.VirtualSource('other.h5', 'keypoints', (4, 2))
+f.create_virtual_dataset('virtual/keypoints', layout))");
+  for (const std::string name : {"raw", "virtual"}) {
+    EXPECT_TRUE(FailsWithInputError([&] { FeatureFile(path_).Read(name); },
+                                    {"features.h5: " + name + "/keypoints: lies in other files"}));
+  }
+}
+
 TEST_F(HlocFeatures, FilesThatAreNoHdf5AreNamed) {
   EXPECT_TRUE(FailsWithInputError([&] { FeatureFile{path_}; }, {"features.h5: no such file"}));
   EXPECT_TRUE(FailsWithInputError([&] { FeatureFile{path_.parent_path()}; }, {"found a folder"}));

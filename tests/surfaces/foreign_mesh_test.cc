@@ -116,6 +116,22 @@ std::filesystem::path WriteFarQuad(const std::string& name, const std::string& g
   return folder / name;
 }
 
+// A scene from elsewhere shows no file of this machine.
+TEST(ReadGltf, FilesOutsideOfItsFolderAreRefused) {
+  const std::string gltf = MakeFarQuad("", R"("translation":[0,0,0])", "");
+  for (const std::string file : {"quad.bin", "picture.png"}) {
+    for (const std::string& place : {"../" + file, "/etc/" + file, "a/%2e%2E/../" + file,
+                                     "file:///etc/" + file, "..\\\\" + file}) {
+      std::string moved = gltf;
+      moved.replace(moved.find(file), file.size(), place);
+      const std::string list = file == "quad.bin" ? "buffers" : "images";
+      EXPECT_TRUE(FailsWithInputError([&] { ReadMesh(WriteFarQuad("far.gltf", moved)); },
+                                      {"far.gltf: " + list + ".0.uri: expected a file below"}))
+          << place;
+    }
+  }
+}
+
 // Earth-centered coordinates, whose steps as floats are of half a unit.
 TEST(ReadGltf, NodesFarFromTheOriginKeepTheirPlace) {
   for (const std::string place :

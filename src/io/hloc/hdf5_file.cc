@@ -322,6 +322,13 @@ std::optional<std::string> WriteDataset(hid_t file, const std::string& name,
   return std::nullopt;
 }
 
+// Returns whether its values lie in other files, wherever these are.
+bool LiesInOtherFiles(hid_t dataset) {
+  const Handle properties(H5Dget_create_plist(dataset), H5Pclose);
+  return H5Pget_external_count(properties.get()) != 0 ||
+         H5Pget_layout(properties.get()) == H5D_VIRTUAL;
+}
+
 }  // namespace
 
 Hdf5Reader::Hdf5Reader(std::filesystem::path path) : path_(std::move(path)) {
@@ -382,6 +389,9 @@ Hdf5Array<T> Hdf5Reader::Read(const std::string& name) const {
     const Handle dataset(H5Dopen2(file_, name.c_str(), H5P_DEFAULT), H5Dclose);
     if (!dataset.IsValid()) {
       Fail(name, fmt::format("expected a data set: {}", LastError()));
+    }
+    if (LiesInOtherFiles(dataset.get()) && !FilesMayBeAnywhere()) {
+      Fail(name, "lies in other files; RAYLIFT_FILES_ANYWHERE=1 in the environment allows that");
     }
     const Handle type(H5Dget_type(dataset.get()), H5Tclose);
     const Handle space(H5Dget_space(dataset.get()), H5Sclose);
