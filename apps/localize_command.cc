@@ -39,15 +39,16 @@ namespace {
 std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& options_json,
                            const Scene& scene, std::span<const Query> queries) {
   auto options = nlohmann::ordered_json::parse(options_json);
-  // Where problems are written changes nothing, but that they are must hold for all queries.
+  // Where they are written changes nothing, but that they are must hold for all queries.
   options["write-problems"] = !flags.write_problems.empty();
+  options["report"] = !flags.report.empty();
   if (!flags.scene_calibration.empty()) {
     options["scene-calibration"] = HexText(HashBytes64(FormatSceneCalibration(*scene.calibration)));
   }
   return JobHeader(std::move(options), queries.size(),
                    {"scene", "model", "images", "queries", "priors", "rigs", "query-images",
                     "features", "matches", "pairs", "cache", "prior-poses", "global-features",
-                    "report", "query-global-features", "write-model"},
+                    "query-global-features", "write-model"},
                    InputsJson({.model = flags.references.model,
                                .images = flags.images,
                                .query_images = flags.QueryImages(),

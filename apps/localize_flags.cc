@@ -41,9 +41,8 @@ void CheckRunning(const LocalizeFlags& flags) {
     throw OptionError("--shard", flags.running.shard,
                       "--continuous cannot be shared: each query may be a reference of the next");
   }
-  if (!flags.report.empty() && (flags.running.resume || !shard.IsAll())) {
-    throw OptionError(
-        "--report shows queries as they are localized: it goes with neither --resume nor --shard");
+  if (!flags.report.empty() && flags.running.resume && flags.continuous.enabled) {
+    throw OptionError("--report does not go with --resume of a --continuous run");
   }
 }
 

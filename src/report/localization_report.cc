@@ -4,11 +4,12 @@
 #include <array>
 #include <cmath>
 #include <map>
-#include <mutex>
+#include <set>
 #include <vector>
 
 #include "base/index_sets.h"
 #include "base/json_text.h"
+#include "geometry/pose_json.h"
 #include "report/page.h"
 #include "report/scene_json.h"
 #include <fmt/format.h>
@@ -17,12 +18,14 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/io/image_file.h"
+#include "raylift/io/view_list.h"
 #include "raylift/renderers/frame_renderer.h"
 
 namespace raylift {
 namespace {
 
 using Eigen::Vector2d;
+using std::filesystem::path;
 using Json = nlohmann::ordered_json;
 
 // Pictures are at most this wide.
@@ -213,16 +216,8 @@ Json SeenFromPose(const QueryResult& result, const RayCaster& mesh) {
           {"edges", PngDataUri(EdgesOf(RenderDepth(mesh, small, pose, 1)))}};
 }
 
-using Json = nlohmann::ordered_json;
-
-// The camera of each query in the view in 3D.
+// The points of each query in the view in 3D.
 constexpr size_t kScenePoints = 200;
-
-struct QueryEntry {
-  Json json;
-  std::vector<ScenePoint> points;
-  std::optional<PosedImage> view;
-};
 
 Json PhotoJson(const Image& photo) {
   return {{"uri", JpegDataUri(photo, kPagePictureWidthPx)},
@@ -240,54 +235,74 @@ std::array<uint8_t, 3> ColorAt(const std::optional<Image>& photo, const Eigen::V
   return {color[0], color[1], color[2]};
 }
 
-// Returns the points of some inliers, colored by the photograph.
-std::vector<ScenePoint> ScenePointsOf(const QueryResult& result,
-                                      const std::optional<Image>& photo) {
+// Returns the points of some inliers, colored by the photograph: [x, y, z, red, green, blue].
+Json ScenePointsOf(const QueryResult& result, const std::optional<Image>& photo) {
   const std::vector<bool>& inliers = result.localized.estimate.inliers_2d3d;
   const auto& matches = result.problem.matches_2d3d;
-  std::vector<ScenePoint> points;
+  Json points = Json::array();
   for (const size_t i : EvenlySpaced(matches.size(), kScenePoints)) {
     if (i >= inliers.size() || !inliers[i]) continue;
-    points.push_back({matches[i].point_in_world, ColorAt(photo, matches[i].query_px)});
+    const Eigen::Vector3d& point = matches[i].point_in_world;
+    const auto [red, green, blue] = ColorAt(photo, matches[i].query_px);
+    points.push_back({point.x(), point.y(), point.z(), red, green, blue});
   }
   return points;
+}
+
+// What a query gives to the view in 3D.
+Json InScene(const QueryResult& result, const std::optional<Image>& photo) {
+  Json json = {{"points", ScenePointsOf(result, photo)}};
+  if (result.localized.localized()) {
+    json["camera"] = result.problem.query_camera.ToString();
+    json["cam_from_world"] = ToJson(*result.localized.estimate.cam_from_world);
+  }
+  return json;
+}
+
+// `json`: as InScene() gives it.
+void AddToScene(const Json& json, const std::string& name, const std::string& verdict,
+                SceneJson& scene) {
+  std::vector<ScenePoint> points;
+  for (const Json& point : json.at("points")) {
+    const auto numbers = point.get<std::array<double, 6>>();
+    const auto byte = [&numbers](size_t i) { return static_cast<uint8_t>(numbers[i]); };
+    points.push_back(
+        {Eigen::Vector3d(numbers[0], numbers[1], numbers[2]), {byte(3), byte(4), byte(5)}});
+  }
+  scene.AddPoints(points);
+  if (json.contains("camera")) {
+    scene.AddCamera(verdict, PosedImage{name, ParseCamera("camera", json.at("camera")),
+                                        FromJson<Rigid3>(json.at("cam_from_world"))});
+  }
+}
+
+path PartOfPage(size_t index, const char* extension) {
+  return fmt::format("queries/{:06}.{}", index, extension);
 }
 
 }  // namespace
 
 struct LocalizationReport::Impl {
   LocalizationReportOptions options;
-  std::vector<QueryEntry> entries;
-  std::map<std::string, Json> reference_photos;
-  std::mutex mutex;  // guards them
 
   bool IsPaged() const { return options.num_queries > options.max_in_page; }
 
-  // Null where there is none, and where the page has it already.
-  Json ReferencePhoto(const std::string& name) {
-    if (!IsPaged()) {
-      const std::lock_guard lock(mutex);
-      if (reference_photos.contains(name)) return nullptr;
-    }
+  // Null where there is none.
+  Json ReferencePhoto(const std::string& name) const {
     const auto photo = ReadPhoto(options.reference_images, name);
-    if (!photo) return nullptr;
-    Json json = PhotoJson(*photo);
-    if (IsPaged()) return json;
-    const std::lock_guard lock(mutex);
-    reference_photos.emplace(name, std::move(json));
-    return nullptr;
+    return photo ? PhotoJson(*photo) : Json();
   }
 
   // All that is looked at of one query at a time.
-  Json Pictures(const QueryResult& result, const std::optional<Image>& photo) {
+  Json Pictures(const QueryResult& result, const std::optional<Image>& photo) const {
     Json json = {{"points", PointMarks(result)}, {"pairs", PairMarks(result)}};
     if (photo) json["photo"] = PhotoJson(*photo);
     if (const auto best = BestReference(result)) {
       const std::string& name = result.problem.references[*best].name;
       json["reference"] = {{"name", name}, {"lines", MatchLines(result, *best)}};
-      if (Json of_reference = ReferencePhoto(name); !of_reference.is_null()) {
-        json["reference"]["photo"] = std::move(of_reference);
-      }
+      // A page that has all queries has the photograph once.
+      Json of_reference = IsPaged() ? ReferencePhoto(name) : Json();
+      if (!of_reference.is_null()) json["reference"]["photo"] = std::move(of_reference);
     }
     if (result.localized.localized() && options.mesh != nullptr) {
       json.update(SeenFromPose(result, *options.mesh));
@@ -297,32 +312,24 @@ struct LocalizationReport::Impl {
 };
 
 LocalizationReport::LocalizationReport(LocalizationReportOptions options)
-    : impl_(std::make_unique<Impl>()) {
-  impl_->entries.resize(options.num_queries);
-  impl_->options = std::move(options);
-}
+    : impl_(std::make_unique<Impl>(Impl{std::move(options)})) {}
 
 LocalizationReport::~LocalizationReport() = default;
 
 void LocalizationReport::Take(size_t index, const QueryResult& result) {
-  // Every query has a place of its own: no lock is needed.
-  QueryEntry& entry = impl_->entries.at(index);
-  const LocalizedQuery& query = result.localized;
-  entry.json = QueryFacts(query);
-  const auto photo = ReadPhoto(impl_->options.query_images, query.name);
+  const path& folder = impl_->options.folder;
+  const auto photo = ReadPhoto(impl_->options.query_images, result.localized.name);
+  Json query = QueryFacts(result.localized);
   const Json pictures = impl_->Pictures(result, photo);
   if (impl_->IsPaged()) {
-    const std::string file = fmt::format("queries/{:06}.js", index);
-    WriteFile(impl_->options.folder / file, "takeQuery(" + JsonText(pictures) + ");\n");
-    entry.json["file"] = file;
+    const path file = PartOfPage(index, "js");
+    WriteFile(folder / file, "takeQuery(" + JsonText(pictures) + ");\n");
+    query["file"] = file.string();
   } else {
-    entry.json.update(pictures);
+    query.update(pictures);
   }
-  entry.points = ScenePointsOf(result, photo);
-  if (query.localized()) {
-    entry.view =
-        PosedImage{query.name, result.problem.query_camera, *query.estimate.cam_from_world};
-  }
+  WriteFile(folder / PartOfPage(index, "json"),
+            JsonText(Json{{"query", std::move(query)}, {"scene", InScene(result, photo)}}) + "\n");
 }
 
 std::string LocalizationReport::Format(std::string_view title,
@@ -334,15 +341,26 @@ std::string LocalizationReport::Format(std::string_view title,
   for (const PosedImage& reference : references) scene.AddCamera("reference", reference);
   if (impl_->options.mesh) scene.AddMesh(impl_->options.mesh->mesh());
   std::map<std::string, size_t> count_of;
-  for (const QueryEntry& entry : impl_->entries) {
-    queries.push_back(entry.json);
-    const auto verdict = entry.json["verdict"].get<std::string>();
-    ++count_of[verdict];
-    scene.AddPoints(entry.points);
-    if (entry.view) scene.AddCamera(verdict, *entry.view);
+  std::set<std::string> shown_references;
+  for (size_t i = 0; i < impl_->options.num_queries; ++i) {
+    const path file = impl_->options.folder / PartOfPage(i, "json");
+    try {
+      Json part = Json::parse(ReadFile(file));
+      Json& query = part.at("query");
+      const auto verdict = query.at("verdict").get<std::string>();
+      ++count_of[verdict];
+      AddToScene(part.at("scene"), query.at("query"), verdict, scene);
+      if (query.contains("reference")) {  // not where it is beside the page
+        shown_references.insert(query["reference"].at("name").get<std::string>());
+      }
+      queries.push_back(std::move(query));
+    } catch (const Json::exception&) {
+      throw InputError(file, "is no part of a page");
+    }
   }
-  for (const auto& [name, photo] : impl_->reference_photos) {
-    SetIn(data, "reference_photos", name, photo);
+  for (const std::string& name : shown_references) {
+    Json photo = impl_->ReferencePhoto(name);
+    if (!photo.is_null()) SetIn(data, "reference_photos", name, std::move(photo));
   }
   data["subtitle"] = fmt::format(
       "{} of {} queries localized, {} of them doubtful, against {} references",

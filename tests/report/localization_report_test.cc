@@ -55,8 +55,10 @@ class LocalizationReportTest : public ::testing::Test {
 };
 
 TEST_F(LocalizationReportTest, MarksLeadToWhereThePoseHasThem) {
-  LocalizationReport report(
-      {.num_queries = 2, .query_images = scene_.images(), .reference_images = scene_.images()});
+  LocalizationReport report({.num_queries = 2,
+                             .query_images = scene_.images(),
+                             .reference_images = scene_.images(),
+                             .folder = scene_.folder / "page"});
   report.Take(0, Result(0));
   report.Take(1, Result(1));
   const std::vector<std::string> warnings = {"a warning"};

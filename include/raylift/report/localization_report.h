@@ -33,10 +33,12 @@ class LocalizationReport {
   explicit LocalizationReport(LocalizationReportOptions options);
   ~LocalizationReport();
 
-  // Once per query, in any order. Thread safe. OutputError where a file cannot be written.
+  // Writes a query's part of the page to a file in its folder, which needs no other part: queries may
+  // be taken in any order, from any thread and by several processes. OutputError where a file cannot
+  // be written.
   void Take(size_t index, const QueryResult& result);
 
-  // `warnings`: of the run.
+  // Makes the page of all parts. `warnings`: of the run. Throws InputError where a part is missing.
   std::string Format(std::string_view title, std::span<const PosedImage> references,
                      std::span<const std::string> warnings) const;
 

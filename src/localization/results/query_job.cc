@@ -108,7 +108,10 @@ static void Members(JsonMembers& members, QueryRecord& record) {
   members("key", record.key);
   members("warnings", record.warnings);
   members("log_focal_factor", record.log_focal_factor);
-  members("milliseconds", record.localized.times);
+  StageTimes& times = record.localized.times;
+  const double all_ms =
+      times.match_ms + times.lift_ms + times.filter_ms + times.estimate_ms + times.rerender_ms;
+  members.If(all_ms > 0, "milliseconds", times);
   MembersOfDiagnostics(members, record.diagnostics, record.localized);
   members("files", record.files);
 }
@@ -158,7 +161,9 @@ std::vector<QueryRecord> RecordsOf(const TaskManifest& manifest) {
 TaskManifest WithRecords(TaskManifest manifest, std::span<const QueryRecord> records) {
   manifest.records.clear();
   for (const QueryRecord& record : records) {
-    manifest.records.insert_or_assign(record.key, TaskRecord{record.place, ToJsonLine(record)});
+    QueryRecord timeless = record;
+    timeless.localized.times = {};
+    manifest.records.insert_or_assign(record.key, TaskRecord{record.place, ToJsonLine(timeless)});
   }
   return manifest;
 }

@@ -57,7 +57,7 @@ std::optional<RunFacts> FactsOf(const TaskManifest& manifest);
 // In the order of the list. All warnings are with the first record, so that it does not show which
 // query was done first.
 std::vector<QueryRecord> RecordsOf(const TaskManifest& manifest);
-// The manifest with such records.
+// The manifest of a whole run, with such records. Their times are another's matter (WriteTiming).
 TaskManifest WithRecords(TaskManifest manifest, std::span<const QueryRecord> records);
 
 // Returns what the whole run has to say to its user, from records of all queries.

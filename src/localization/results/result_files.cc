@@ -66,6 +66,12 @@ double SecondsOf(const QueryStage& stage, std::span<const LocalizedQuery> querie
   return sum;
 }
 
+// Queries of a run that was complete have none.
+bool HasTimes(const StageTimes& times) {
+  return std::any_of(std::begin(kQueryStages), std::end(kQueryStages),
+                     [&](const QueryStage& stage) { return times.*stage.milliseconds > 0; });
+}
+
 }  // namespace
 
 std::vector<const LocalizedQuery*> NotLocalizedOrDoubtful(std::span<const LocalizedQuery> queries) {
@@ -184,9 +190,12 @@ void WriteTiming(const std::filesystem::path& path, std::span<const LocalizedQue
                  const std::optional<RunTimes>& run) {
   std::string text;
   for (const LocalizedQuery& query : queries) {
+    if (!HasTimes(query.times)) continue;
     Json json = {{"name", query.name}, {"milliseconds", ToJson(query.times)}};
     text += JsonText(json) + '\n';
   }
+  std::error_code ignored;
+  if (text.empty() && std::filesystem::exists(path, ignored)) return;
   if (run) {
     Json json = {{"seconds", run->Total()},
                  {"stage_seconds",
