@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "apps/program.h"
 #include "estimation/fields.h"
 #include "lifting/fields.h"
 #include <fmt/format.h>
@@ -176,7 +177,7 @@ void AddConfigOption(CLI::App& command) {
 }
 
 void PrintWarning(const std::string& warning) {
-  std::fputs(fmt::format("raylift: warning: {}\n", warning).c_str(), stderr);
+  std::fputs(fmt::format("raylift: warning: {}\n", OneLine(warning)).c_str(), stderr);
 }
 
 void PrintWarnings(const std::vector<std::string>& warnings) {

@@ -237,7 +237,7 @@ void WriteManPages(const CLI::App& program, const std::filesystem::path& folder)
 }
 
 int Fail(ExitCode code, const char* message) {
-  std::fprintf(stderr, "raylift: %s\n", message);
+  std::fprintf(stderr, "raylift: %s\n", OneLine(message).c_str());
   return code;
 }
 
@@ -405,6 +405,13 @@ std::string OptionOfField(std::string_view field) {
 }
 
 }  // namespace
+
+std::string OneLine(std::string message) {
+  std::replace_if(
+      message.begin(), message.end(), [](char c) { return (c >= 0 && c < ' ') || c == '\x7f'; },
+      '?');
+  return message;
+}
 
 std::string MessageInOptions(const OptionError& error) {
   const std::string& name = error.name();

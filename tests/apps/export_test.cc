@@ -41,6 +41,13 @@ TEST_F(Export, ColmapIsTheModelThatLocalizeWrites) {
   EXPECT_TRUE(FailsWith(2, {"--out", "model"}, Run("colmap", scene_.model())));
 }
 
+TEST_F(Export, NamesOfSeveralLinesAreToldInOne) {
+  Replace(run_ / "queries.jsonl", R"({"name":")", R"({"name":"a\n\u001bb)");
+  for (const std::string format : {"kapture", "glb"}) {
+    EXPECT_TRUE(FailsWith(3, {"a??b"}, Run(format, out_)));
+  }
+}
+
 TEST_F(Export, ColmapTakesItsModelAndGivesItBack) {
   if (!HasProgram("colmap")) GTEST_SKIP() << "colmap is not installed";
   const std::string colmap = "QT_QPA_PLATFORM=offscreen colmap ";
