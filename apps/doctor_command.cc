@@ -120,7 +120,7 @@ Json DiagnosisJson(const Diagnosis& diagnosis, const DepthAlignment& alignment) 
                {"fault", ToString(diagnosis.fault)},
                {"reason", diagnosis.reason},
                {"suspicious", diagnosis.suspicious()},
-               {"summary", Summary(diagnosis)},
+               {"summary", InOptions(Summary(diagnosis))},
                {"repair",
                 {{"geometry_keys", diagnosis.repair.geometry_keys},
                  {"replaced_keys", diagnosis.repair.replaced_keys},
@@ -165,7 +165,7 @@ void Print(const Diagnosis& diagnosis, const DepthAlignment& alignment) {
                alignment.mode == AlignMode::kOff ? "" : "is corrected ", Describe(alignment));
     if (const auto warning = WarnOfFactors(alignment)) fmt::print("{}\n", *warning);
   }
-  fmt::print("{}\n", Summary(diagnosis));
+  fmt::print("{}\n", InOptions(Summary(diagnosis)));
 }
 
 void Run(const DoctorFlags& flags) {

@@ -176,8 +176,19 @@ void AddConfigOption(CLI::App& command) {
       .NotConfigurable();
 }
 
+std::string InOptions(std::string text) {
+  constexpr std::pair<std::string_view, std::string_view> kOptions[] = {
+      {"model_poses = ", "--model-poses "}, {"in the geometry: ", "in --geometry: "}};
+  for (const auto& [field, option] : kOptions) {
+    const size_t at = text.find(field);
+    if (at != std::string::npos) text.replace(at, field.size(), option);
+  }
+  return text;
+}
+
 void PrintWarning(const std::string& warning) {
-  std::fputs(fmt::format("raylift: warning: {}\n", OneLine(warning)).c_str(), stderr);
+  std::fputs(fmt::format("raylift: warning: {}
+", OneLine(InOptions(warning))).c_str(), stderr);
 }
 
 void PrintWarnings(const std::vector<std::string>& warnings) {

@@ -81,6 +81,8 @@ void AddRunOptions(CLI::App& command, RunFlags& flags);
 void AddConfigOption(CLI::App& command);
 
 // One line on stderr.
+// Returns a text of the library, in which a repair names fields, with the options of these names.
+std::string InOptions(std::string text);
 void PrintWarning(const std::string& warning);
 void PrintWarnings(const std::vector<std::string>& warnings);
 

@@ -36,7 +36,7 @@ TEST(Doctor, NamesTheOptionThatRepairs) {
   const CommandResult result =
       RunRaylift(DoctorWithHloc(scene) + Arguments{"--model-poses", "opengl"});
   EXPECT_TRUE(Succeeds(result));
-  EXPECT_TRUE(Lines(result.out).back().ends_with("Repair: model_poses = cam_from_world"))
+  EXPECT_TRUE(Lines(result.out).back().ends_with("Repair: --model-poses cam_from_world"))
       << result.out;
 }
 
@@ -95,7 +95,7 @@ TEST(Localize, WarnsWhereAnotherReadingIsFarBetter) {
   const CommandResult result = RunRaylift(wrong);
   EXPECT_EQ(result.exit_code, 0);
   ASSERT_EQ(Lines(result.err).size(), 1u) << result.err;
-  EXPECT_NE(result.err.find("Repair: model_poses = cam_from_world"), std::string::npos)
+  EXPECT_NE(result.err.find("Repair: --model-poses cam_from_world"), std::string::npos)
       << result.err;
   const auto summary = nlohmann::json::parse(ReadFile(out / "summary.json"));
   EXPECT_EQ(summary["warnings"].size(), 1u);
@@ -113,7 +113,7 @@ TEST(Localize, WarnsByOneQueryAsByMany) {
        "500", "--model-poses", "world_from_cam", "--out", folder / "out", "--quiet"});
   EXPECT_EQ(result.exit_code, 0);
   ASSERT_EQ(Lines(result.err).size(), 1u) << result.err;
-  EXPECT_NE(result.err.find("Repair: model_poses = cam_from_world"), std::string::npos)
+  EXPECT_NE(result.err.find("Repair: --model-poses cam_from_world"), std::string::npos)
       << result.err;
   const auto summary = nlohmann::json::parse(ReadFile(folder / "out" / "summary.json"));
   EXPECT_EQ(summary["verdicts"]["doubtful"], 1);

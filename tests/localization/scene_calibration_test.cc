@@ -1,5 +1,8 @@
 #include "raylift/localization/scene_calibration.h"
 
+#include <cmath>
+#include <limits>
+
 #include "support/matchers.h"
 #include "support/room_scene.h"
 #include "support/test_data.h"
@@ -19,6 +22,10 @@ SceneCalibration MakeCalibration() {
                             .correction = {.columns = 2, .rows = 1, .log_factors = {0.1, 1.0 / 7}},
                             .num_matches = 12,
                             .own_correction = true});
+  // As of a reference without a match.
+  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+  alignment.maps.push_back(
+      {.reference = "right.jpg", .median_before_px = kNone, .median_after_px = kNone});
   calibration.depth = {std::nullopt, alignment};
   calibration.geometry_noise = {.keypoints_px = 0.7, .geometry_px = 3.1, .num_views = 41};
   calibration.match_noise = {.keypoint_px = {1.1, 30.5},
@@ -41,6 +48,7 @@ TEST(SceneCalibration, IsReadAsItWasWritten) {
   EXPECT_FALSE(read->depth[0]);
   EXPECT_EQ(read->depth[1]->maps[0].correction.log_factors,
             made.depth[1]->maps[0].correction.log_factors);
+  EXPECT_TRUE(std::isnan(read->depth[1]->maps[1].median_after_px));
 }
 
 TEST(SceneCalibration, MalformedFilesAreNamed) {

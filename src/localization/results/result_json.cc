@@ -1,5 +1,9 @@
 #include "localization/results/result_json.h"
 
+#include <cmath>
+#include <limits>
+#include <optional>
+
 #include "estimation/fields.h"
 #include "geometry/pose_json.h"
 #include "localization/fields.h"
@@ -8,6 +12,17 @@
 #include "raylift/io/view_list.h"
 
 namespace raylift {
+namespace {
+
+// The median of no values is not a number, which JSON has as null.
+void MemberOrNull(JsonMembers& members, const char* name, double& median) {
+  std::optional<double> known;
+  if (!std::isnan(median)) known = median;
+  members(name, known);
+  median = known.value_or(std::numeric_limits<double>::quiet_NaN());
+}
+
+}  // namespace
 
 void Members(JsonMembers& members, KnownNoise& noise) {
   members("sigma", noise.sigma);
@@ -43,8 +58,8 @@ void Members(JsonMembers& members, MapAlignment& map) {
   members("shift", shift);
   members("matches", map.num_matches);
   members("own_correction", map.own_correction);
-  members("median_before_px", map.median_before_px);
-  members("median_after_px", map.median_after_px);
+  MemberOrNull(members, "median_before_px", map.median_before_px);
+  MemberOrNull(members, "median_after_px", map.median_after_px);
   if (columns < 1 || rows < 1 ||
       log_factors.size() != static_cast<size_t>(columns) * static_cast<size_t>(rows)) {
     members.Fail("log_factors", fmt::format("of {}: expected {} x {} numbers, found {}",
@@ -55,8 +70,8 @@ void Members(JsonMembers& members, MapAlignment& map) {
 void Members(JsonMembers& members, DepthAlignment& alignment) {
   members("mode", alignment.mode);
   members("median_factor", alignment.median_factor);
-  members("median_before_px", alignment.median_before_px);
-  members("median_after_px", alignment.median_after_px);
+  MemberOrNull(members, "median_before_px", alignment.median_before_px);
+  MemberOrNull(members, "median_after_px", alignment.median_after_px);
   members("maps", alignment.maps);
 }
 
@@ -111,8 +126,8 @@ void Members(JsonMembers& members, GeometrySummary& used) {
 void Members(JsonMembers& members, GeometrySummary::Alignment& alignment) {
   members("mode", alignment.mode);
   members("median_factor", alignment.median_factor);
-  members("median_before_px", alignment.median_before_px);
-  members("median_after_px", alignment.median_after_px);
+  MemberOrNull(members, "median_before_px", alignment.median_before_px);
+  MemberOrNull(members, "median_after_px", alignment.median_after_px);
 }
 
 void Members(JsonMembers& members, LocalizedQuery& query) {
