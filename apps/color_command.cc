@@ -70,7 +70,7 @@ TriangleMesh FineMesh(const TriangleMesh& mesh, double max_edge) {
 void Color(const ColorFlags& flags) {
   RequireWritable(flags.out);
   const LoadedReferences loaded =
-      LoadReferences(flags.references.model, flags.references.thinning, flags.model_poses);
+      LoadReferences(flags.references.model, flags.references.subsampling, flags.model_poses);
   PrintWarnings(loaded.warnings);
   const std::string spec = flags.mesh.starts_with("mesh:") ? flags.mesh : "mesh:" + flags.mesh;
   const MeshScene scene = LoadMeshScene({spec}, {.threads = flags.run.threads});

@@ -195,7 +195,7 @@ LocalizationGrid ParseGrid(const CompareFlags& flags) {
 Scene OpenSceneOf(const CompareFlags& flags) {
   Scene scene = OpenScene({.model = flags.references.model,
                            .model_poses = flags.model_poses,
-                           .thinning = flags.references.thinning,
+                           .subsampling = flags.references.subsampling,
                            .images = flags.images});
   PrintWarnings(scene.warnings);
   for (const NamedSpec& named : ParseSpecs(flags)) {

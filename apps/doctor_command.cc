@@ -171,7 +171,7 @@ void Print(const Diagnosis& diagnosis, const DepthAlignment& alignment) {
 void Run(const DoctorFlags& flags) {
   const Scene scene = OpenScene({.model = flags.references.model,
                                  .model_poses = flags.model_poses,
-                                 .thinning = flags.references.thinning,
+                                 .subsampling = flags.references.subsampling,
                                  .images = flags.images,
                                  .geometry = {flags.geometry},
                                  .threads = flags.run.threads});

@@ -65,7 +65,7 @@ struct FinishedRun {
   std::filesystem::path query_list, query_images, model;
   bool leave_one_out = false;  // the queries are the model's images, and there is no list
   PoseConvention model_poses = PoseConvention::kCamFromWorld;
-  Thinning thinning;
+  Subsampling subsampling;
   std::vector<std::string> geometry;
 };
 
@@ -90,9 +90,9 @@ void TakeOptions(const path& folder, FinishedRun& run) {
     const auto poses = FromName<PoseConvention>(options.at("model-poses").get<std::string>());
     if (!poses) throw InputError(file, "model-poses", "expected " + NameList<PoseConvention>());
     run.model_poses = *poses;
-    run.thinning = {.every = options.at("every").get<int>(),
-                    .offset = options.at("every-offset").get<int>(),
-                    .per_camera = options.at("every-per-camera").get<bool>()};
+    run.subsampling = {.every = options.at("every").get<int>(),
+                       .offset = options.at("every-offset").get<int>(),
+                       .per_camera = options.at("every-per-camera").get<bool>()};
     run.geometry = options.at("geometry").get<std::vector<std::string>>();
   } catch (const Json::exception& error) {
     throw InputError(file, "is not what localize writes: " + std::string(error.what()));
@@ -186,7 +186,7 @@ class Export {
     if (!flags.model.empty()) {
       run_.model = flags.model;
       run_.model_poses = PoseConvention::kCamFromWorld;
-      run_.thinning = {};
+      run_.subsampling = {};
     }
     if (!flags.queries.empty()) run_.query_list = flags.queries;
     if (!flags.query_images.empty()) run_.query_images = flags.query_images;
@@ -222,7 +222,7 @@ class Export {
  private:
   ReferenceSet References() {
     if (run_.model.empty()) throw OptionError("--model is required where RUN is a pose file");
-    LoadedReferences loaded = LoadReferences(run_.model, run_.thinning, run_.model_poses);
+    LoadedReferences loaded = LoadReferences(run_.model, run_.subsampling, run_.model_poses);
     PrintWarnings(loaded.warnings);
     note_ = fmt::format(" beside {} references", loaded.references.images.size());
     return loaded.references;
@@ -233,7 +233,7 @@ class Export {
     if (!run_.leave_one_out) {
       throw OptionError("--queries is required where RUN is a pose file");
     }
-    return QueriesOf(LoadReferences(run_.model, run_.thinning, run_.model_poses).references);
+    return QueriesOf(LoadReferences(run_.model, run_.subsampling, run_.model_poses).references);
   }
 
   // Those that have a pose, in the order of the run's.

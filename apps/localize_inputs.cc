@@ -55,7 +55,7 @@ Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
   if (!flags.RendersReferences()) {
     return OpenScene({.model = flags.references.model,
                       .model_poses = flags.model_poses,
-                      .thinning = flags.references.thinning,
+                      .subsampling = flags.references.subsampling,
                       .images = flags.images,
                       .geometry = flags.geometry.specs,
                       .threads = flags.run.threads});
@@ -64,7 +64,7 @@ Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
   for (const Query& query : queries) cameras.push_back(query.camera);
   RenderedReferenceOptions rendering = flags.mesh_only.Resolve(cameras, flags.out / "references");
   rendering.threads = flags.run.threads;
-  Scene scene = RenderSceneWithProgress(flags.geometry.specs.front(), flags.references.thinning,
+  Scene scene = RenderSceneWithProgress(flags.geometry.specs.front(), flags.references.subsampling,
                                         rendering, flags.run.Show());
   if (!flags.run.quiet) {
     const RenderedReferences& rendered = *scene.rendered;

@@ -97,13 +97,13 @@ void CheckRerender(int rounds, std::span<const std::string> geometry, bool has_p
   if (!has_photographs) throw OptionError("--rerender", value, "needs --query-images");
 }
 
-Scene RenderSceneWithProgress(const std::string& mesh_spec, const Thinning& thinning,
+Scene RenderSceneWithProgress(const std::string& mesh_spec, const Subsampling& subsampling,
                               const RenderedReferenceOptions& options, Progress::Show show) {
   std::optional<Progress> progress;
   const RenderHooks hooks{
       .on_start = [&](size_t images, size_t) { progress.emplace("views", images, show); },
       .on_image = [&](const RenderedImage&) { progress->Advance(); }};
-  return OpenMeshScene(mesh_spec, thinning, options, hooks);
+  return OpenMeshScene(mesh_spec, subsampling, options, hooks);
 }
 
 }  // namespace raylift

@@ -45,7 +45,7 @@ void RequireMeshOnly(std::span<const std::string> geometry, std::string_view nee
 void CheckRerender(int rounds, std::span<const std::string> geometry, bool has_photographs);
 
 // Renders the references of a scene, and says on stderr how far it is.
-Scene RenderSceneWithProgress(const std::string& mesh_spec, const Thinning& thinning,
+Scene RenderSceneWithProgress(const std::string& mesh_spec, const Subsampling& subsampling,
                               const RenderedReferenceOptions& options, Progress::Show show);
 
 }  // namespace raylift

@@ -126,19 +126,20 @@ std::filesystem::path QueryImagesOf(const std::filesystem::path& query_images,
   return images.empty() || below.string().starts_with("..") ? queries : images;
 }
 
-void AddThinningOptions(const OptionGroup& group, Thinning& thinning, const std::string& of_what) {
-  group.Add("--every", thinning.every, "Use every N-th " + of_what);
-  group.Add("--every-offset", thinning.offset, "The first of them, from 0 to N - 1");
-  group.Flag("--every-per-camera", thinning.per_camera,
+void AddSubsamplingOptions(const OptionGroup& group, Subsampling& subsampling,
+                           const std::string& of_what) {
+  group.Add("--every", subsampling.every, "Use every N-th " + of_what);
+  group.Add("--every-offset", subsampling.offset, "The first of them, from 0 to N - 1");
+  group.Flag("--every-per-camera", subsampling.per_camera,
              "Every N-th of each camera, where cameras take turns");
 }
 
-void CheckThinning(const Thinning& thinning) {
-  RequireAtLeast("--every", thinning.every, 1);
-  RequireAtLeast("--every-offset", thinning.offset, 0);
-  if (thinning.offset >= thinning.every) {
-    throw OptionError("--every-offset", std::to_string(thinning.offset),
-                      fmt::format("must be below --every, {}", thinning.every));
+void CheckSubsampling(const Subsampling& subsampling) {
+  RequireAtLeast("--every", subsampling.every, 1);
+  RequireAtLeast("--every-offset", subsampling.offset, 0);
+  if (subsampling.offset >= subsampling.every) {
+    throw OptionError("--every-offset", std::to_string(subsampling.offset),
+                      fmt::format("must be below --every, {}", subsampling.every));
   }
 }
 
@@ -146,7 +147,7 @@ void AddReferenceOptions(CLI::App& command, ReferenceFlags& flags, bool model_is
   const OptionGroup references(command, "References");
   references.Add("--model", flags.model, "References: COLMAP model folder, text or binary")
       .Required(model_is_required);
-  AddThinningOptions(references, flags.thinning, "reference (by name)");
+  AddSubsamplingOptions(references, flags.subsampling, "reference (by name)");
 }
 
 void AddUpOption(const OptionGroup& group, const std::string& name,

@@ -50,17 +50,18 @@ std::filesystem::path QueryImagesOf(const std::filesystem::path& query_images,
                                     const std::filesystem::path& queries);
 
 // `--every` and what goes with it. `of_what` ends the help of --every.
-void AddThinningOptions(const OptionGroup& group, Thinning& thinning, const std::string& of_what);
+void AddSubsamplingOptions(const OptionGroup& group, Subsampling& subsampling,
+                           const std::string& of_what);
 // Throws OptionError.
-void CheckThinning(const Thinning& thinning);
+void CheckSubsampling(const Subsampling& subsampling);
 
 // A scene's references.
 struct ReferenceFlags {
   std::filesystem::path model;
-  Thinning thinning;
+  Subsampling subsampling;
 
   // Throws OptionError.
-  void Check() const { CheckThinning(thinning); }
+  void Check() const { CheckSubsampling(subsampling); }
 };
 void AddReferenceOptions(CLI::App& command, ReferenceFlags& flags, bool model_is_required = true);
 

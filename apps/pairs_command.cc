@@ -60,8 +60,8 @@ class PairsRun {
   PairsRun(const PairsFlags& flags, RetrievalOptions options)
       : flags_(flags),
         options_(std::move(options)),
-        loaded_(
-            LoadReferences(flags.references.model, flags.references.thinning, flags.model_poses)) {
+        loaded_(LoadReferences(flags.references.model, flags.references.subsampling,
+                               flags.model_poses)) {
     PrintWarnings(loaded_.warnings);
     RequireWritable(flags.out);
     if (!flags.scores.empty()) RequireWritable(flags.scores);

@@ -108,7 +108,8 @@ void Run(const PerturbFlags& flags, const std::string& options_json) {
   const DepthMisalignment misalignment = flags.Misalignment();
   misalignment.Validate();
   const DepthWriteOptions write_options = WriteOptionsOf(flags);
-  const LoadedReferences loaded = LoadReferences(flags.references.model, flags.references.thinning);
+  const LoadedReferences loaded =
+      LoadReferences(flags.references.model, flags.references.subsampling);
   const std::vector<PosedImage>& images = loaded.references.images;
   const NamedGeometry geometry =
       MakeGeometrySource(flags.geometry, {.model = flags.references.model,

@@ -110,7 +110,7 @@ void CheckStorage(const StorageOptions& storage) {
 }
 
 void CheckSelection(const TaskSelection& selection) {
-  CheckThinning(selection.thinning);
+  CheckSubsampling(selection.subsampling);
   if (selection.scale.has_value() + selection.size.has_value() + selection.panorama.has_value() >
       1) {
     throw OptionError("give at most one of --scale, --size and --panorama");
@@ -149,7 +149,7 @@ void AddInputOptions(CLI::App& command, RenderFlags& flags) {
             "transforms.json of nerfstudio or instant-ngp");
   scene.Add("--list-images", selection.list, "Only the images in this list");
   scene.Add("--glob", selection.glob, "Only images whose name matches, as in a shell");
-  AddThinningOptions(scene, selection.thinning, "of these (by name)");
+  AddSubsamplingOptions(scene, selection.subsampling, "of these (by name)");
   scene.AddParsed("--scale", selection.scale, &ParsePositive,
                   "Factor of the images' sides; OUT/model then has their cameras");
   scene.AddParsed("--size", selection.size, &ParseSize, "WIDTHxHEIGHT of all images; likewise");

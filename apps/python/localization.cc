@@ -51,15 +51,15 @@ py::object WrittenModel(const ModelLike& model) {
 
 ScenePointer OpenModelScene(const ModelLike& model, const SourceList& geometry,
                             const std::optional<PathLike>& images, const std::string& model_poses,
-                            const Thinning& thinning, int threads) {
+                            const Subsampling& subsampling, int threads) {
   const py::object written = WrittenModel(model);
   const py::object path = written.is_none() ? py::object(model) : written.attr("name");
   SceneOptions options{.model = ToPath(py::reinterpret_borrow<PathLike>(path), "model"),
                        .model_poses = ToEnum<PoseConvention>("model_poses", model_poses),
-                       .thinning = thinning,
+                       .subsampling = subsampling,
                        .images = images ? ToPath(*images, "images") : std::filesystem::path(),
                        .threads = threads};
-  RequireAtLeast("every", thinning.every, 1);
+  RequireAtLeast("every", subsampling.every, 1);
   auto scene = WithoutLock([&] { return std::make_shared<Scene>(OpenScene(options)); });
   if (!written.is_none()) written.attr("cleanup")();
   AddSources(*scene, geometry, threads);

@@ -126,9 +126,9 @@ class InputCollector {
       json["query_images"] = identity_.Of(scene.query_images);
       json["max_features"] = scene.max_features;
     } else {
-      json["features"] = identity_.Of(ForThinning(scene.features, every));
-      json["matches"] = identity_.Of(ForThinning(scene.matches, every));
-      json["pairs"] = identity_.Of(ForThinning(scene.pairs, every));
+      json["features"] = identity_.Of(ForSubsampling(scene.features, every));
+      json["matches"] = identity_.Of(ForSubsampling(scene.matches, every));
+      json["pairs"] = identity_.Of(ForSubsampling(scene.pairs, every));
     }
     return json;
   }
@@ -138,7 +138,7 @@ class InputCollector {
     const ExperimentGeometry& geometry = *experiment_.GeometryOf(setting);
     Json json = Json::object();
     for (const std::string& spec : geometry.specs) {
-      Json source = SourceJson(scene, ForThinning(spec, setting.Every()).string());
+      Json source = SourceJson(scene, ForSubsampling(spec, setting.Every()).string());
       if (json.empty()) {
         json = std::move(source);
       } else {
@@ -240,7 +240,7 @@ const std::string& InputIdentity::Of(const path& input) {
   return known_.emplace(input, DescribeInput(input)).first->second;
 }
 
-path ForThinning(const path& input, size_t every) {
+path ForSubsampling(const path& input, size_t every) {
   return Replaced(input.string(), "{every}", std::to_string(every));
 }
 
@@ -299,11 +299,11 @@ std::vector<path> MissingInputs(const Experiment& experiment, std::span<const Se
       look(scene.query_images);
     }
     for (const path& file : {scene.features, scene.matches, scene.pairs}) {
-      look(ForThinning(file, every));
+      look(ForSubsampling(file, every));
     }
     if (const auto* geometry = experiment.GeometryOf(setting)) {
       for (const std::string& spec : geometry->specs) {
-        for (const path& file : PathsOfSpec(ForThinning(spec, every).string())) look(file);
+        for (const path& file : PathsOfSpec(ForSubsampling(spec, every).string())) look(file);
       }
     }
   }
@@ -311,7 +311,7 @@ std::vector<path> MissingInputs(const Experiment& experiment, std::span<const Se
 }
 
 size_t NumOffsets(const Experiment& experiment, const Setting& setting) {
-  return experiment.offsets == ThinningOffsets::kAll ? setting.Every() : 1;
+  return experiment.offsets == SubsamplingOffsets::kAll ? setting.Every() : 1;
 }
 
 std::vector<Cell> ListCells(const Experiment& experiment, std::span<const Setting> settings) {

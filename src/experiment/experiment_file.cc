@@ -87,7 +87,7 @@ class ExperimentReader {
   }
 
   void ReadOffsets() {
-    experiment_.offsets = top_.Named<ThinningOffsets>("offsets").value_or(experiment_.offsets);
+    experiment_.offsets = top_.Named<SubsamplingOffsets>("offsets").value_or(experiment_.offsets);
   }
 
   void ReadEstimator() {

@@ -41,14 +41,14 @@ Json TableJson(const PivotTable& table) {
           {"rows", std::move(rows)}};
 }
 
-// A figure is a table whose columns are the panels and the thinning.
+// A figure is a table whose columns are the panels and the subsampling.
 PivotTable FigureTable(const Experiment& experiment, TableLayout table,
                        std::span<const SettingResult> results) {
   table.columns.emplace_back(Axis::kEvery);
   return MakePivot(experiment, table, results);
 }
 
-double ThinningOf(const std::vector<std::string>& column) {
+double SubsamplingOf(const std::vector<std::string>& column) {
   return ParseDouble(column.back().substr(2)).value();  // "1/5"
 }
 
@@ -70,7 +70,7 @@ Json FigureJson(const PivotTable& table) {
         for (const size_t c : columns_of_panel[panel]) {
           const PivotCell& cell = row.cells[c];
           if (v < cell.values.size() && std::isfinite(cell.values[v])) {
-            points.push_back({ThinningOf(table.columns[c]), cell.values[v]});
+            points.push_back({SubsamplingOf(table.columns[c]), cell.values[v]});
           }
         }
         const std::string name = JoinTitles(row.titles) + (row.uses_ground_truth ? " *" : "");

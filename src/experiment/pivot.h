@@ -63,7 +63,7 @@ std::string FormatExperimentPage(const Experiment& experiment, std::span<const P
                                  std::span<const SettingResult> results,
                                  std::span<const JudgedClaim> claims);
 
-// The figure's points as CSV: panel, line, thinning, a column per value.
+// The figure's points as CSV: panel, line, subsampling, a column per value.
 std::string FormatFigureCsv(const Experiment& experiment, const TableLayout& layout,
                             std::span<const SettingResult> results);
 

@@ -31,7 +31,7 @@ PosesByName ReadTruth(const path& model_or_file) {
   return poses;
 }
 
-// A seed and an offset of the thinning.
+// A seed and an offset of the subsampling.
 using Run = std::pair<uint64_t, size_t>;
 
 // The outcomes of a scene's queries, by name.

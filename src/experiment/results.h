@@ -1,5 +1,5 @@
 // The results of an experiment's cells: pose errors against the ground truth, pooled over runs: the
-// seeds, times the offsets of the thinning.
+// seeds, times the offsets of the subsampling.
 
 #pragma once
 

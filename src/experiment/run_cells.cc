@@ -113,11 +113,11 @@ GeometryKey KeyOf(const Cell& cell) {
   return {cell.setting[Axis::kGeometry], cell.setting[Axis::kAlign]};
 }
 
-// One thinning of a scene.
-class ThinnedScene {
+// One subsampling of a scene.
+class SubsampledScene {
  public:
-  ThinnedScene(const Experiment& experiment, const ExperimentScene& scene, size_t every,
-               size_t offset, const RunCellsOptions& options)
+  SubsampledScene(const Experiment& experiment, const ExperimentScene& scene, size_t every,
+                  size_t offset, const RunCellsOptions& options)
       : experiment_(experiment),
         settings_(scene),
         every_(every),
@@ -126,7 +126,7 @@ class ThinnedScene {
         references_(OpenScene(
             {.model = scene.model,
              .model_poses = scene.model_poses,
-             .thinning = {.every = static_cast<int>(every), .offset = static_cast<int>(offset)},
+             .subsampling = {.every = static_cast<int>(every), .offset = static_cast<int>(offset)},
              .images = scene.images})),
         matches_(std::make_shared<CachedMatches>(OpenMatches(), kMostBytes)),
         images_(ImagesToCalibrateBy(references_.references, matches_, queries_)) {
@@ -203,9 +203,9 @@ class ThinnedScene {
   std::shared_ptr<MatchSource> OpenMatches(std::optional<int> max_joined = std::nullopt) const {
     MatchingOptions matching{.top_k = settings_.top_k, .max_joined = max_joined};
     if (!settings_.features.empty()) {
-      matching.hloc =
-          HlocFiles{ForThinning(settings_.features, every_), ForThinning(settings_.matches, every_),
-                    ForThinning(settings_.pairs, every_)};
+      matching.hloc = HlocFiles{ForSubsampling(settings_.features, every_),
+                                ForSubsampling(settings_.matches, every_),
+                                ForSubsampling(settings_.pairs, every_)};
     }
     matching.front_end = {.query_images = settings_.query_images,
                           .cache = options_.cache / "features" / settings_.name,
@@ -233,10 +233,10 @@ class ThinnedScene {
     return scenes_.emplace(key, std::make_shared<const Scene>(std::move(scene))).first->second;
   }
 
-  // Depth that is made worse is written for all references: other thinnings use it, too.
+  // Depth that is made worse is written for all references: other subsamplings use it, too.
   std::string SpecOf(const ExperimentGeometry& geometry, const std::string& text,
                      const Cell& cell) const {
-    std::string spec = ForThinning(text, every_).string();
+    std::string spec = ForSubsampling(text, every_).string();
     if (!geometry.perturbation) return spec;
     const Scene all = OpenScene({.model = settings_.model, .model_poses = references_.model_poses});
     return WritePerturbedDepth(options_.cache / "depth" / settings_.name / GeometryHash(cell), spec,
@@ -326,14 +326,14 @@ size_t EndOfGroup(std::span<const Cell> cells, size_t begin, const KeyOf& key_of
 std::vector<std::string> RunCells(const Experiment& experiment, std::span<const Cell> cells,
                                   const CellStore& store, const RunCellsOptions& options) {
   std::vector<std::string> warnings;
-  const auto thinning = [](const Cell& cell) {
+  const auto subsampling = [](const Cell& cell) {
     return std::tuple(cell.setting[Axis::kScene], cell.setting[Axis::kEvery], cell.offset);
   };
   for (size_t begin = 0; begin < cells.size();) {
-    const size_t end = EndOfGroup(cells, begin, thinning);
+    const size_t end = EndOfGroup(cells, begin, subsampling);
     const Setting& setting = cells[begin].setting;
-    ThinnedScene scene(experiment, experiment.SceneOf(setting), setting.Every(),
-                       cells[begin].offset, options);
+    SubsampledScene scene(experiment, experiment.SceneOf(setting), setting.Every(),
+                          cells[begin].offset, options);
     const auto of_scene = cells.subspan(begin, end - begin);
     for (size_t first = 0; first < of_scene.size();) {
       const size_t last = EndOfGroup(of_scene, first, [](const Cell& cell) { return cell.begin; });

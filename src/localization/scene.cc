@@ -21,8 +21,8 @@ void Append(std::vector<T>& all, std::vector<T> more) {
   all.insert(all.end(), std::make_move_iterator(more.begin()), std::make_move_iterator(more.end()));
 }
 
-void LoadModel(Scene& scene, const std::filesystem::path& model, const Thinning& thinning) {
-  LoadedReferences loaded = LoadReferences(model, thinning, scene.model_poses);
+void LoadModel(Scene& scene, const std::filesystem::path& model, const Subsampling& subsampling) {
+  LoadedReferences loaded = LoadReferences(model, subsampling, scene.model_poses);
   scene.references = std::move(loaded.references);
   scene.covisibility = std::move(loaded.covisibility);
   Append(scene.warnings, std::move(loaded.warnings));
@@ -81,7 +81,7 @@ Scene OpenScene(const SceneOptions& options) {
   Scene scene;
   scene.model_poses = options.model_poses;
   scene.images = options.images;
-  LoadModel(scene, options.model, options.thinning);
+  LoadModel(scene, options.model, options.subsampling);
   for (const std::string& spec : options.geometry) OpenGeometry(scene, spec, options);
   return scene;
 }
@@ -104,7 +104,7 @@ SceneOptions SceneOptionsOf(const SceneFile& file, std::span<const std::string> 
   return options;
 }
 
-Scene OpenMeshScene(const std::string& mesh_spec, const Thinning& thinning,
+Scene OpenMeshScene(const std::string& mesh_spec, const Subsampling& subsampling,
                     const RenderedReferenceOptions& rendered, const RenderHooks& hooks) {
   Scene scene;
   OpenGeometry(scene, mesh_spec, {.threads = rendered.threads});
@@ -114,24 +114,24 @@ Scene OpenMeshScene(const std::string& mesh_spec, const Thinning& thinning,
       std::make_shared<const RenderedReferences>(RenderReferences(mesh, rendered, hooks));
   scene.images = scene.rendered->images;
   Append(scene.warnings, scene.rendered->warnings);
-  LoadModel(scene, scene.rendered->model, thinning);
+  LoadModel(scene, scene.rendered->model, subsampling);
   return scene;
 }
 
 namespace {
 
 std::vector<size_t> Keep(const std::filesystem::path& model, const std::vector<PosedImage>& images,
-                         const Thinning& thinning) {
+                         const Subsampling& subsampling) {
   std::vector<std::string> cameras;
   cameras.reserve(images.size());
   for (const PosedImage& image : images) cameras.push_back(image.camera.ToString());
-  std::vector<size_t> kept = KeptIndices(cameras, thinning);
+  std::vector<size_t> kept = KeptIndices(cameras, subsampling);
   const auto fail = [&](std::string_view what) {
     throw InputError(model, fmt::format("{} of {} images by every {}, offset {}", what,
-                                        images.size(), thinning.every, thinning.offset));
+                                        images.size(), subsampling.every, subsampling.offset));
   };
   if (kept.empty()) fail("none is left");
-  if (thinning.per_camera && !thinning.KeepsAll() && kept.size() == images.size() &&
+  if (subsampling.per_camera && !subsampling.KeepsAll() && kept.size() == images.size() &&
       images.size() > 1) {
     fail("each has a camera of its own, which leaves all");
   }
@@ -142,10 +142,10 @@ std::vector<size_t> Keep(const std::filesystem::path& model, const std::vector<P
 
 LoadedReferences LoadReferences(const std::filesystem::path& model, int every,
                                 PoseConvention poses) {
-  return LoadReferences(model, Thinning{.every = every}, poses);
+  return LoadReferences(model, Subsampling{.every = every}, poses);
 }
 
-LoadedReferences LoadReferences(const std::filesystem::path& model, const Thinning& thinning,
+LoadedReferences LoadReferences(const std::filesystem::path& model, const Subsampling& subsampling,
                                 PoseConvention poses) {
   ColmapModel colmap = ReadColmapModel(model);
   LoadedReferences loaded;
@@ -158,7 +158,7 @@ LoadedReferences LoadReferences(const std::filesystem::path& model, const Thinni
     throw InputError(model, "the model has no images with a pose");
   }
   size_t next = 0;
-  for (const size_t kept : Keep(model, images, thinning)) {
+  for (const size_t kept : Keep(model, images, subsampling)) {
     for (; next < kept; ++next) loaded.references.thinned_out.push_back(images[next].name);
     loaded.references.images.push_back(images[next++]);
   }

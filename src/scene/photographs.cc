@@ -15,13 +15,14 @@ ViewCamera ViewCamera::Scaled(int new_width_px, int new_height_px) const {
               : Panorama(new_width_px, new_height_px);
 }
 
-std::vector<size_t> KeptIndices(std::span<const std::string> cameras, const Thinning& thinning) {
-  const auto every = static_cast<size_t>(thinning.every);
-  const auto offset = static_cast<size_t>(thinning.offset);
+std::vector<size_t> KeptIndices(std::span<const std::string> cameras,
+                                const Subsampling& subsampling) {
+  const auto every = static_cast<size_t>(subsampling.every);
+  const auto offset = static_cast<size_t>(subsampling.offset);
   std::map<std::string, size_t> count_of_camera;
   std::vector<size_t> kept;
   for (size_t i = 0; i < cameras.size(); ++i) {
-    const size_t place = thinning.per_camera ? count_of_camera[cameras[i]]++ : i;
+    const size_t place = subsampling.per_camera ? count_of_camera[cameras[i]]++ : i;
     if (place % every == offset) kept.push_back(i);
   }
   return kept;

@@ -38,12 +38,12 @@ void KeepMatching(const std::string& glob, std::vector<View>& views) {
   });
 }
 
-void Thin(const Thinning& thinning, std::vector<View>& views) {
+void Thin(const Subsampling& subsampling, std::vector<View>& views) {
   std::vector<std::string> cameras;
   cameras.reserve(views.size());
   for (const View& view : views) cameras.push_back(view.camera.ToString());
   std::vector<View> kept;
-  for (const size_t i : KeptIndices(cameras, thinning)) kept.push_back(std::move(views[i]));
+  for (const size_t i : KeptIndices(cameras, subsampling)) kept.push_back(std::move(views[i]));
   views = std::move(kept);
 }
 
@@ -129,7 +129,7 @@ std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection
             [](const View& a, const View& b) { return a.name < b.name; });
   if (!selection.list.empty()) KeepListed(selection.list, views);
   if (!selection.glob.empty()) KeepMatching(selection.glob, views);
-  if (!selection.thinning.KeepsAll()) Thin(selection.thinning, views);
+  if (!selection.subsampling.KeepsAll()) Thin(selection.subsampling, views);
   if (views.empty()) throw InputError("there are no images to render");
   std::vector<RenderTask> tasks;
   std::unordered_map<std::string, std::string> name_of_stem;

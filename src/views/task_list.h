@@ -22,7 +22,7 @@ PlaneSize ParseSize(std::string_view option, const std::string& text);
 struct TaskSelection {
   std::filesystem::path list = {};  // only the images in this list; empty: all
   std::string glob = {};            // only names that match, as in a shell; empty: all
-  Thinning thinning = {};           // only every N-th of those, by name
+  Subsampling subsampling = {};     // only every N-th of those, by name
   // The images are scaled so, and their lens with them. At most one of the two.
   std::optional<double> scale = std::nullopt;
   std::optional<PlaneSize> size = std::nullopt;

@@ -51,7 +51,7 @@ std::set<std::string> Keys(const std::vector<Cell>& cells) {
 TEST(Cells, EachSettingAndSeedIsOneOfItsOwn) {
   const Planned planned = Plan();
   EXPECT_EQ(planned.cells.size(),
-            2u * 2u * 3u);  // seeds, thinnings, P3P by two geometries and E5+1
+            2u * 2u * 3u);  // seeds, subsamplings, P3P by two geometries and E5+1
   EXPECT_EQ(Keys(planned.cells).size(), planned.cells.size());
   EXPECT_EQ(planned.cells[0].end, 2u);  // queries
 }

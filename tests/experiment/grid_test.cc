@@ -46,7 +46,7 @@ method = "e5p1"
 scene = "hall"
 method = "e5p1"
 )");
-  // 2 thinnings x (E5+1 and P3P by two geometries), and the hall.
+  // 2 subsamplings x (E5+1 and P3P by two geometries), and the hall.
   EXPECT_EQ(ExpandGrid(experiment).size(), 7u);
 }
 
@@ -82,7 +82,7 @@ TEST(Axis, EachHasAName) {
   EXPECT_TRUE(NamesEveryValue<Axis>());
   EXPECT_TRUE(NamesEveryValue<TableValue>());
   EXPECT_TRUE(NamesEveryValue<FilterPart>());
-  EXPECT_TRUE(NamesEveryValue<ThinningOffsets>());
+  EXPECT_TRUE(NamesEveryValue<SubsamplingOffsets>());
 }
 
 }  // namespace

@@ -30,10 +30,10 @@ TEST(References, EveryNthIsTakenByNameFromTheFirstOn) {
   EXPECT_EQ(load(2).model, scene.model());
 }
 
-TEST(References, ThinningStartsAtTheOffset) {
+TEST(References, SubsamplingStartsAtTheOffset) {
   const RoomScene scene = WriteRoomScene(TestFolder());
-  const auto load = [&](const Thinning& thinning) {
-    return LoadReferences(scene.model(), thinning).references;
+  const auto load = [&](const Subsampling& subsampling) {
+    return LoadReferences(scene.model(), subsampling).references;
   };
   const ReferenceSet references = load({.every = 3, .offset = 1});
   EXPECT_EQ(Names(references.images), (StringVector{"ref/01.png", "ref/04.png"}));
@@ -43,18 +43,18 @@ TEST(References, ThinningStartsAtTheOffset) {
                                   {scene.model().string(), "none is left of 6 images"}));
 }
 
-TEST(References, ThinningPerCameraNeedsSharedCameras) {
+TEST(References, SubsamplingPerCameraNeedsSharedCameras) {
   const RoomScene scene = WriteRoomScene(TestFolder());
-  const Thinning thinning{.every = 2, .per_camera = true};
+  const Subsampling subsampling{.every = 2, .per_camera = true};
   // Equal parameters are one camera, whatever its ids.
-  EXPECT_EQ(LoadReferences(scene.model(), thinning).references.images.size(), 3u);
+  EXPECT_EQ(LoadReferences(scene.model(), subsampling).references.images.size(), 3u);
   std::string cameras;
   for (int id = 1; id <= 6; ++id) {
     cameras +=
         std::to_string(id) + " SIMPLE_RADIAL 320 240 26" + std::to_string(id) + " 160 120 0\n";
   }
   WriteFile(scene.model() / "cameras.txt", cameras);
-  EXPECT_TRUE(FailsWithInputError([&] { LoadReferences(scene.model(), thinning); },
+  EXPECT_TRUE(FailsWithInputError([&] { LoadReferences(scene.model(), subsampling); },
                                   {"each has a camera of its own"}));
 }
 

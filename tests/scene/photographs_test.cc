@@ -9,7 +9,7 @@ namespace {
 using testing::ElementsAre;
 using testing::IsEmpty;
 
-TEST(Thinning, KeepsEveryNthFromTheOffset) {
+TEST(Subsampling, KeepsEveryNthFromTheOffset) {
   const std::vector<std::string> cameras(7, "c0");
   EXPECT_THAT(KeptIndices(cameras, {}), ElementsAre(0, 1, 2, 3, 4, 5, 6));
   EXPECT_THAT(KeptIndices(cameras, {.every = 3}), ElementsAre(0, 3, 6));
@@ -19,12 +19,12 @@ TEST(Thinning, KeepsEveryNthFromTheOffset) {
 
 // The paper takes every 11th image of Extended CMU Seasons, where two cameras take turns: an even
 // number would leave one camera.
-TEST(Thinning, PerCameraKeepsBothCamerasOfARig) {
+TEST(Subsampling, PerCameraKeepsBothCamerasOfARig) {
   std::vector<std::string> cameras;
   for (int i = 0; i < 44; ++i) cameras.push_back(i % 2 == 0 ? "c0" : "c1");
-  const auto count = [&](const Thinning& thinning, const std::string& camera) {
+  const auto count = [&](const Subsampling& subsampling, const std::string& camera) {
     size_t kept = 0;
-    for (const size_t i : KeptIndices(cameras, thinning)) kept += cameras[i] == camera ? 1 : 0;
+    for (const size_t i : KeptIndices(cameras, subsampling)) kept += cameras[i] == camera ? 1 : 0;
     return kept;
   };
   EXPECT_EQ(count({.every = 10}, "c1"), 0u);

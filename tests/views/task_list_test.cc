@@ -31,7 +31,7 @@ using Strings = std::vector<std::string>;
 TEST(SelectTasks, TakesListGlobAndEveryNthByName) {
   const auto views = Views({"b/2.jpg", "a/1.jpg", "a/3.jpg", "b/4.jpg", "a/2.jpg"});
   EXPECT_EQ(Names(SelectTasks(views, {.glob = "a/*"})), (Strings{"a/1.jpg", "a/2.jpg", "a/3.jpg"}));
-  EXPECT_EQ(Names(SelectTasks(views, {.thinning = {.every = 2}})),
+  EXPECT_EQ(Names(SelectTasks(views, {.subsampling = {.every = 2}})),
             (Strings{"a/1.jpg", "a/3.jpg", "b/4.jpg"}));
   const auto list = TestFolder() / "list.txt";
   WriteFile(list, "# two\nb/4.jpg\na/2.jpg\n");

@@ -99,7 +99,7 @@ struct Selection {
 };
 
 // Where 3D points come from: sources of geometry, and what is made of their points. "{every}" in a
-// specification stands for the thinning.
+// specification stands for the subsampling.
 struct ExperimentGeometry {
   std::string name;
   std::string title;  // in tables
@@ -111,7 +111,7 @@ struct ExperimentGeometry {
   std::optional<DepthPerturbation> perturbation = std::nullopt;
 };
 
-// "{every}" in the paths of features, matches and pairs stands for the thinning.
+// "{every}" in the paths of features, matches and pairs stands for the subsampling.
 struct ExperimentScene {
   std::string name;
   std::string title;
@@ -171,7 +171,7 @@ inline constexpr auto kEnumNames<FilterPart> = std::to_array<EnumName<FilterPart
 });
 using LayoutAxis = std::variant<Axis, FilterPart>;
 
-// A table, or a figure of curves over the thinning: its rows are the lines, its columns the panels.
+// A table, or a figure of curves over the subsampling: its rows are the lines, its columns the panels.
 struct TableLayout {
   std::string name;  // of its files
   std::string title;
@@ -199,14 +199,14 @@ inline constexpr auto kEnumNames<Claim::Relation> = std::to_array<EnumName<Claim
 });
 
 // Where to begin to take every N-th reference.
-enum class ThinningOffsets {
+enum class SubsamplingOffsets {
   kFirst,  // at the first
   kAll,    // at each of the first N, pooled as seeds are
 };
 template <>
-inline constexpr auto kEnumNames<ThinningOffsets> = std::to_array<EnumName<ThinningOffsets>>({
-    {ThinningOffsets::kFirst, "first"},
-    {ThinningOffsets::kAll, "all"},
+inline constexpr auto kEnumNames<SubsamplingOffsets> = std::to_array<EnumName<SubsamplingOffsets>>({
+    {SubsamplingOffsets::kFirst, "first"},
+    {SubsamplingOffsets::kAll, "all"},
 });
 
 struct Experiment {
@@ -216,7 +216,7 @@ struct Experiment {
   std::vector<NamedFilter> filters;
   std::vector<GridBlock> blocks;
   std::vector<uint64_t> seeds = {0};
-  ThinningOffsets offsets = ThinningOffsets::kFirst;
+  SubsamplingOffsets offsets = SubsamplingOffsets::kFirst;
   EstimatorOptions estimator;  // all but method, score, local optimization, alpha and seed
   std::vector<TableLayout> tables;
   std::vector<TableLayout> figures;

@@ -42,8 +42,8 @@ class InputIdentity {
   std::map<std::filesystem::path, std::string> known_;
 };
 
-// The experiment's paths with the thinning put in for "{every}".
-std::filesystem::path ForThinning(const std::filesystem::path& path, size_t every);
+// The experiment's paths with the subsampling put in for "{every}".
+std::filesystem::path ForSubsampling(const std::filesystem::path& path, size_t every);
 // The files or folders of a specification of geometry; none where it names none ("sfm").
 std::vector<std::filesystem::path> PathsOfSpec(const std::string& spec);
 
@@ -54,10 +54,10 @@ std::vector<Query> QueriesOf(const ExperimentScene& scene);
 std::vector<std::filesystem::path> MissingInputs(const Experiment& experiment,
                                                  std::span<const Setting> settings);
 
-// The offsets that thinning is run with.
+// The offsets that subsampling is run with.
 size_t NumOffsets(const Experiment& experiment, const Setting& setting);
 
-// The cells of the settings, by scene, thinning, block of queries, geometry. Throws InputError
+// The cells of the settings, by scene, subsampling, block of queries, geometry. Throws InputError
 // where an input is missing.
 std::vector<Cell> ListCells(const Experiment& experiment, std::span<const Setting> settings);
 

@@ -53,9 +53,9 @@ struct LoadedReferences {
 };
 
 // The images of a COLMAP model whose poses may be in another convention, thinned out. Cameras of
-// equal parameters count as one. InputError where no image is left, or where thinning per camera
+// equal parameters count as one. InputError where no image is left, or where subsampling per camera
 // drops none as each image has a camera of its own.
-LoadedReferences LoadReferences(const std::filesystem::path& model, const Thinning& thinning,
+LoadedReferences LoadReferences(const std::filesystem::path& model, const Subsampling& subsampling,
                                 PoseConvention poses = PoseConvention::kCamFromWorld);
 // Every `every`-th from the first on.
 LoadedReferences LoadReferences(const std::filesystem::path& model, int every,
@@ -111,7 +111,7 @@ using WrapSource = std::function<std::shared_ptr<const GeometrySource>(
 struct SceneOptions {
   std::filesystem::path model = {};  // COLMAP model of the references
   PoseConvention model_poses = PoseConvention::kCamFromWorld;
-  Thinning thinning = {};
+  Subsampling subsampling = {};
   std::filesystem::path images = {};
   std::vector<std::string> geometry = {};    // as the option --geometry takes them
   size_t max_cache_bytes = size_t{1} << 29;  // of depth maps, per source
@@ -128,7 +128,7 @@ SceneOptions SceneOptionsOf(const SceneFile& file, std::span<const std::string> 
 
 // A scene whose references are rendered from its one geometry, a mesh. What `rendered.out` holds
 // from before is used again.
-Scene OpenMeshScene(const std::string& mesh_spec, const Thinning& thinning,
+Scene OpenMeshScene(const std::string& mesh_spec, const Subsampling& subsampling,
                     const RenderedReferenceOptions& rendered, const RenderHooks& hooks);
 
 // Opens a specification of geometry for the scene's references; what is said of it goes to the
