@@ -1,4 +1,4 @@
-"""Runs what the README tells its readers to run: readme_test.py SOURCE_FOLDER RAYLIFT WORK_FOLDER
+"""Runs what the README and its pages tell their readers to run: readme_test.py SOURCE_FOLDER RAYLIFT WORK_FOLDER
 [PACKAGE_FOLDER].
 
 Every command in a ```sh block is run in a folder that holds nothing but `assets`, with `raylift` on
@@ -15,36 +15,46 @@ import subprocess
 import sys
 
 
+def blocks_of(language, text):
+    """Each once, in the order in which they are read: pages repeat what the README shows."""
+    return list(dict.fromkeys(re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)))
+
+
 def main():
     source, raylift, work = (pathlib.Path(a).resolve() for a in sys.argv[1:4])
     readme = (source / "README.md").read_text(encoding="utf-8")
+    pages = "\n".join([readme] + [page.read_text(encoding="utf-8")
+                                  for page in sorted((source / "assets/docs/pages").glob("*.md"))])
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
     (work / "assets").symlink_to(source / "assets")
     environment = dict(os.environ, PATH=f"{raylift.parent}:{os.environ['PATH']}", RAYLIFT=str(raylift))
 
+    for link in re.findall(r"\]\(([^)#:]+)\)", readme):
+        if not (source / link).exists():
+            sys.exit(f"README.md links to {link}, which is not there")
     for script in re.findall(r"^    (\S+\.sh)$", readme, flags=re.MULTILINE):
         if not os.access(source / script, os.X_OK):
             sys.exit(f"README.md names {script}, which cannot be run")
-    blocks = re.findall(r"^```sh\n(.*?)^```", readme, flags=re.MULTILINE | re.DOTALL)
+    blocks = blocks_of("sh", pages)
     if not blocks:
-        sys.exit("README.md holds no commands")
+        sys.exit("the pages hold no commands")
     for block in blocks:
         print(block, flush=True)
         subprocess.run(["bash", "-euo", "pipefail", "-c", block], cwd=work, env=environment, check=True)
 
-    for script in re.findall(r"^```python\n(.*?)^```", readme, flags=re.MULTILINE | re.DOTALL):
+    for script in blocks_of("python", pages):
         if len(sys.argv) > 4:
             print(script, flush=True)
             subprocess.run([sys.executable, "-c", script], cwd=work, check=True,
                            env=dict(environment, PYTHONPATH=sys.argv[4], PYTHONDONTWRITEBYTECODE="1"))
 
     # Its C++ programs are those that are built against the installed library.
-    programs = re.findall(r"^```cpp\n(.*?)^```", readme, flags=re.MULTILINE | re.DOTALL)
+    programs = blocks_of("cpp", pages)
     consumer = [file.read_text(encoding="utf-8")
                 for file in sorted((source / "tests/install/consumer").glob("*.cc"))]
     if programs != consumer:
-        sys.exit("the programs in README.md are not those of tests/install/consumer")
+        sys.exit("the programs in the pages are not those of tests/install/consumer")
 
     demo = subprocess.run([source / "assets/demo/run.sh", work / "demo"], env=environment, check=True,
                           capture_output=True, text=True).stdout
