@@ -30,8 +30,8 @@ class SignalGuard {
   static const std::atomic<bool>& stop();
 };
 
-// Does work that a signal ends before it or between two items of its loops. Throws Interrupted with what `message`
-// then says.
+// Does work that a signal ends before it or between two items of its loops. Throws Interrupted with
+// what `message` then says.
 void UntilSignal(const std::function<void()>& work, const std::function<std::string()>& message);
 // Work that leaves nothing to go on with: what comes before the first task,
 void UntilSignal(const std::function<void()>& work);

@@ -1,8 +1,9 @@
 #include "apps/python/conversions.h"
-#include "io/text/line_tokens.h"
 
 #include <cmath>
 #include <mutex>
+
+#include "io/text/line_tokens.h"
 
 #include "raylift/base/parallel.h"
 #include "raylift/io/view_list.h"
