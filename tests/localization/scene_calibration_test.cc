@@ -24,8 +24,10 @@ SceneCalibration MakeCalibration() {
                             .own_correction = true});
   // As of a reference without a match.
   constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
-  alignment.maps.push_back(
-      {.reference = "right.jpg", .median_before_px = kNone, .median_after_px = kNone});
+  alignment.maps.push_back({.reference = "right.jpg",
+                            .correction = {},
+                            .median_before_px = kNone,
+                            .median_after_px = kNone});
   calibration.depth = {std::nullopt, alignment};
   calibration.geometry_noise = {.keypoints_px = 0.7, .geometry_px = 3.1, .num_views = 41};
   calibration.match_noise = {.keypoint_px = {1.1, 30.5},
