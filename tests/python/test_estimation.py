@@ -141,7 +141,7 @@ def test_priors_of_position_and_gravity():
     assert plain.cam_from_world.matrix.tolist() != exact.cam_from_world.matrix.tolist()
     with pytest.raises(raylift.InputError, match=r"position_prior: expected an array of shape \(3,\)"):
         raylift.estimate_pose(*arguments, position_prior=([1, 2], 1))
-    with pytest.raises(raylift.InputError, match="gravity prior, down_in_cam"):
+    with pytest.raises(raylift.InputError, match="gravity_prior, down_in_cam: expected a direction"):
         raylift.estimate_pose(*arguments, gravity_prior=([0, 0, 0], down, 1))
 
 
