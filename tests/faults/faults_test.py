@@ -241,7 +241,7 @@ def files_of(work, out):
 WITH_GAPS = {("compare", "read"): "report/index.html"}
 
 # In the order in which threads have come to it; and of the run that ended, not of all its parts.
-UNORDERED = re.compile(r"features\.h5$|^o/summary\.json$")
+UNORDERED = re.compile(r"features\.h5$|(^|/)timing\.jsonl$")
 
 
 class Undisturbed:
