@@ -17,6 +17,7 @@
 #include "raylift/io/colmap_model.h"
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/surfaces/mesh_files.h"
+#include "raylift/surfaces/point_cloud.h"
 
 namespace raylift {
 namespace {
@@ -221,24 +222,11 @@ NamedGeometry MakeSfm(SpecKeys keys, const GeometryContext& context) {
 }  // namespace
 
 std::string GeometrySpecOf(const std::string& text) {
+  const std::string path = text.substr(0, text.find(','));
+  if (path.find_first_of(":=") != std::string::npos) return text;
   // Of a PLY, which may hold anything, a mesh is the most usual.
-  constexpr std::array<std::pair<std::string_view, std::string_view>, 10> kKinds = {
-      {{".obj", "mesh:"},
-       {".ply", "mesh:"},
-       {".glb", "mesh:"},
-       {".gltf", "mesh:"},
-       {".stl", "mesh:"},
-       {".off", "mesh:"},
-       {".dae", "mesh:"},
-       {".fbx", "mesh:"},
-       {".las", "cloud:"},
-       {".pcd", "cloud:"}}};
-  const std::string_view path = std::string_view(text).substr(0, text.find(','));
-  if (path.find_first_of(":=") != std::string_view::npos) return text;
-  for (const auto& [extension, kind] : kKinds) {
-    if (path.ends_with(extension)) return std::string(kind) + text;
-  }
-  return text;
+  if (IsMeshFileName(path)) return "mesh:" + text;
+  return IsCloudFileName(path) ? "cloud:" + text : text;
 }
 
 NamedGeometry MakeGeometrySource(const std::string& text, const GeometryContext& context) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cctype>
 #include <cerrno>
 #include <csignal>
 #include <cstdlib>
@@ -176,6 +177,17 @@ std::vector<std::filesystem::path> ListFilesBelow(const std::filesystem::path& f
   }
   std::sort(files.begin(), files.end());
   return files;
+}
+
+std::string Lower(std::string_view text) {
+  std::string lower(text);
+  std::transform(lower.begin(), lower.end(), lower.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return lower;
+}
+
+std::string LowerExtension(const std::filesystem::path& path) {
+  return Lower(path.extension().string());
 }
 
 void WriteFile(const std::filesystem::path& path, std::string_view contents) {

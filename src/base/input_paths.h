@@ -3,6 +3,8 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
+#include <string_view>
 #include <vector>
 
 namespace raylift {
@@ -13,6 +15,10 @@ void RequireRegularFile(const std::filesystem::path& path);
 // Returns all regular files below a folder, sorted. Links to folders are followed, but for those
 // that lead back. Throws InputError where a folder cannot be read.
 std::vector<std::filesystem::path> ListFilesBelow(const std::filesystem::path& folder);
+
+// Names and extensions are compared in lower case (ASCII).
+std::string Lower(std::string_view text);
+std::string LowerExtension(const std::filesystem::path& path);
 
 // Returns whether a file may have parts of it anywhere. It can read what its user may not have
 // meant to show: only where the environment's RAYLIFT_FILES_ANYWHERE is 1.

@@ -5,6 +5,7 @@
 #include <cerrno>
 #include <cstring>
 
+#include "base/input_paths.h"
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <glob.h>
@@ -64,17 +65,6 @@ std::vector<path> ListFiles(const std::string& files, std::span<const std::strin
     listed.insert(listed.end(), of_part.begin(), of_part.end());
   }
   return listed;
-}
-
-std::string Lower(std::string_view text) {
-  std::string lower(text);
-  std::transform(lower.begin(), lower.end(), lower.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return lower;
-}
-
-std::string LowerExtension(const std::filesystem::path& path) {
-  return Lower(path.extension().string());
 }
 
 std::string Shown(std::string_view token) {

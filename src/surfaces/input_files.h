@@ -18,9 +18,6 @@ std::vector<std::filesystem::path> ListFiles(const std::string& files,
                                              std::span<const std::string_view> extensions,
                                              std::string_view kind);
 
-std::string Lower(std::string_view text);
-std::string LowerExtension(const std::filesystem::path& path);
-
 // A word for a message: its beginning, in printable ASCII.
 std::string Shown(std::string_view token);
 

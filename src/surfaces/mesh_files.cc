@@ -6,6 +6,7 @@
 #include <limits>
 #include <utility>
 
+#include "base/input_paths.h"
 #include "surfaces/file_readers.h"
 #include "surfaces/input_files.h"
 #include "surfaces/raw_mesh.h"
@@ -132,6 +133,11 @@ TriangleMesh MakeMesh(std::vector<Eigen::Vector3d> vertices,
 
 std::vector<path> ListMeshFiles(const std::string& files) {
   return ListFiles(files, kExtensions, "mesh");
+}
+
+bool IsMeshFileName(const path& file) {
+  return std::find(kExtensions.begin(), kExtensions.end(), LowerExtension(file)) !=
+         kExtensions.end();
 }
 
 TriangleMesh ReadMeshes(std::span<const path> files, const MeshReadOptions& options) {

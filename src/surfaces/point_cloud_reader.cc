@@ -2,6 +2,7 @@
 #include <array>
 #include <utility>
 
+#include "base/input_paths.h"
 #include "surfaces/file_readers.h"
 #include "surfaces/input_files.h"
 #include "surfaces/raw_mesh.h"
@@ -85,6 +86,11 @@ PointCloud ReadPointCloud(const std::filesystem::path& path) {
 
 std::vector<std::filesystem::path> ListCloudFiles(const std::string& files) {
   return ListFiles(files, kExtensions, "point cloud");
+}
+
+bool IsCloudFileName(const std::filesystem::path& file) {
+  return std::find(kExtensions.begin(), kExtensions.end(), LowerExtension(file)) !=
+         kExtensions.end();
 }
 
 PointCloud ReadPointClouds(std::span<const std::filesystem::path> files) {

@@ -7,6 +7,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/input_paths.h"
 #include "surfaces/file_readers.h"
 #include "surfaces/input_files.h"
 #include <fmt/format.h>

@@ -45,6 +45,9 @@ void SetMeshTrial(std::function<bool(const std::filesystem::path&)> trial);
 // names no file.
 std::vector<std::filesystem::path> ListMeshFiles(const std::string& files);
 
+// Returns whether the extension, in any case, is one of the mesh files in a folder.
+bool IsMeshFileName(const std::filesystem::path& file);
+
 // Reads all of them as one mesh.
 TriangleMesh ReadMeshes(std::span<const std::filesystem::path> files,
                         const MeshReadOptions& options = {});

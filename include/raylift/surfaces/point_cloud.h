@@ -35,6 +35,8 @@ PointCloud ReadPointCloud(const std::filesystem::path& path);
 
 // As ListMeshFiles: those of "a.las+b.ply", "scans/*.las" or a folder.
 std::vector<std::filesystem::path> ListCloudFiles(const std::string& files);
+// As IsMeshFileName().
+bool IsCloudFileName(const std::filesystem::path& file);
 
 // Reads all of them as one cloud. It has normals, or colors, where all of them do.
 PointCloud ReadPointClouds(std::span<const std::filesystem::path> files);

@@ -8,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/input_paths.h"
 #include "base/read_limits.h"
 #include "io/depth/depth_formats.h"
 #include "io/depth/sample_rounding.h"
@@ -77,11 +78,6 @@ class MemoryOutput final : public Imf::OStream {
 
 std::string OneLine(std::string text) {
   std::replace(text.begin(), text.end(), '\n', ' ');
-  return text;
-}
-
-std::string Lower(std::string text) {
-  for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   return text;
 }
 

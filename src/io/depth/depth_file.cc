@@ -8,6 +8,7 @@
 #include <cstring>
 #include <utility>
 
+#include "base/input_paths.h"
 #include "base/read_limits.h"
 #include "io/binary/npy_array.h"
 #include "io/binary/zip_archive.h"
@@ -225,8 +226,7 @@ std::string EncodeIndices(const path& file, PlaneSize size, std::span<const uint
 }  // namespace
 
 std::optional<DepthFileFormat> DepthFileFormatFromName(const path& file) {
-  std::string name = file.filename().string();
-  for (char& c : name) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  const std::string name = Lower(file.filename().string());
   for (const auto& [extension, format] : kExtensions) {
     if (name.size() > extension.size() && name.ends_with(extension)) return format;
   }

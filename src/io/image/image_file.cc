@@ -6,6 +6,7 @@
 #include <fstream>
 #include <string>
 
+#include "base/input_paths.h"
 #include "pictures/exif.h"
 #include "pictures/picture_codec.h"
 #include <fmt/format.h>
@@ -59,10 +60,7 @@ bool IsCutShort(std::string_view bytes) {
 }
 
 std::string Extension(const std::filesystem::path& path) {
-  std::string extension = path.extension().string();
-  for (char& c : extension) {
-    c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  }
+  std::string extension = LowerExtension(path);
   if (extension != ".png" && extension != ".jpg" && extension != ".jpeg") {
     throw InputError(path, "images are written as .png, .jpg or .jpeg only");
   }

@@ -12,6 +12,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include "base/input_paths.h"
 #include "io/colmap/colmap_files.h"
 #include "io/text/json_document.h"
 #include "io/text/line_tokens.h"
@@ -131,9 +132,8 @@ Query ReadQuery(const LineReader& lines, std::string_view line,
 bool HasPictureExtension(const std::filesystem::path& file) {
   constexpr std::array<std::string_view, 10> kExtensions = {
       ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".pgm", ".pnm"};
-  std::string extension = file.extension().string();
-  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
+  return std::find(kExtensions.begin(), kExtensions.end(), LowerExtension(file)) !=
+         kExtensions.end();
 }
 
 // All photographs in a folder and below it, by name.
@@ -142,11 +142,9 @@ std::vector<Query> QueriesBelow(const std::filesystem::path& folder,
   const std::filesystem::path root =
       std::filesystem::weakly_canonical(images.empty() ? folder : images);
   std::vector<std::string> names;
-  for (const auto& entry : std::filesystem::recursive_directory_iterator(
-           std::filesystem::canonical(folder),
-           std::filesystem::directory_options::skip_permission_denied)) {
-    if (!entry.is_regular_file() || !HasPictureExtension(entry.path())) continue;
-    names.push_back(entry.path().lexically_relative(root).string());
+  for (const std::filesystem::path& file : ListFilesBelow(std::filesystem::canonical(folder))) {
+    if (!HasPictureExtension(file)) continue;
+    names.push_back(file.lexically_relative(root).string());
     if (names.back().starts_with("..")) {
       throw InputError(
           folder, fmt::format("expected a folder in {}, that of the photographs", images.string()));
