@@ -58,13 +58,13 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
   // photograph shows: inliers on less are one witness.
   constexpr double kOnePlace = 0.25;
   if (assessor.Spread(evidence) < kOnePlace) confidence = std::min(confidence, 0.5);
-  // Pose or geometry are wrong, and nothing tells which.
-  if (assessor.PointsDisagree(evidence) &&
-      !DepthsAgreeUpToFactor(normalized, assessed.pose, assessed.scored, evidence)) {
-    confidence = std::min(confidence, 0.5);
-  }
 
   const double distance = SceneDistance(normalized, assessed.pose, assessed.scored);
+  // Pose or geometry are wrong, and nothing tells which.
+  if (assessor.PointsDisagree(evidence) &&
+      !DepthsAgreeUpToFactor(normalized, assessed.pose, distance, evidence)) {
+    confidence = std::min(confidence, 0.5);
+  }
   double of_position = ProbabilityOfPosition(assessed.position_sigma, distance);
   if (Has2D2D(assessed.scored)) {
     DepthScale scale;

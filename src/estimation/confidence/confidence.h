@@ -196,7 +196,7 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
 // all were longer or shorter by one factor, between 1/2 and 2: more keypoints than chance has agree on
 // one. Then pose and geometry are right but for its scale.
 bool DepthsAgreeUpToFactor(const NormalizedProblem& problem, const CamFromLocal& pose,
-                           MatchSets sets, const InlierEvidence& evidence);
+                           double scene_distance, const InlierEvidence& evidence);
 
 // The probability that the position is right (kRightPosition) by its standard deviation; both in
 // local units. 0 without one (0): then the matches do not tell where the camera is.

@@ -545,11 +545,11 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
 }
 
 bool DepthsAgreeUpToFactor(const NormalizedProblem& problem, const CamFromLocal& pose,
-                           MatchSets sets, const InlierEvidence& evidence) {
+                           double scene_distance, const InlierEvidence& evidence) {
   const Residuals residuals = ComputeResiduals(problem, pose);
   const std::optional<int> dominant = DominantReference(problem, residuals);
-  if (!dominant || !Has2D3D(sets)) return false;
-  const LineFromReference line(problem, pose, *dominant, SceneDistance(problem, pose, sets));
+  if (!dominant) return false;
+  const LineFromReference line(problem, pose, *dominant, scene_distance);
   if (!(line.length > 0)) return false;
   const CameraOnLine camera(problem, pose, line.direction);
   EvidenceOnLine found(problem, residuals, line, camera);
