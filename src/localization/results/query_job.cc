@@ -109,8 +109,8 @@ static void Members(JsonMembers& members, QueryRecord& record) {
   members("warnings", record.warnings);
   members("log_focal_factor", record.log_focal_factor);
   StageTimes& times = record.localized.times;
-  const double all_ms =
-      times.match_ms + times.lift_ms + times.filter_ms + times.estimate_ms + times.rerender_ms;
+  double all_ms = 0;
+  for (const QueryStage& stage : kQueryStages) all_ms += times.*stage.milliseconds;
   members.If(all_ms > 0, "milliseconds", times);
   MembersOfDiagnostics(members, record.diagnostics, record.localized);
   members("files", record.files);

@@ -22,6 +22,12 @@ void MemberOrNull(JsonMembers& members, const char* name, double& median) {
   median = known.value_or(std::numeric_limits<double>::quiet_NaN());
 }
 
+template <typename Record>
+void Medians(JsonMembers& members, Record& record) {
+  MemberOrNull(members, "median_before_px", record.median_before_px);
+  MemberOrNull(members, "median_after_px", record.median_after_px);
+}
+
 }  // namespace
 
 void Members(JsonMembers& members, KnownNoise& noise) {
@@ -58,8 +64,7 @@ void Members(JsonMembers& members, MapAlignment& map) {
   members("shift", shift);
   members("matches", map.num_matches);
   members("own_correction", map.own_correction);
-  MemberOrNull(members, "median_before_px", map.median_before_px);
-  MemberOrNull(members, "median_after_px", map.median_after_px);
+  Medians(members, map);
   if (columns < 1 || rows < 1 ||
       log_factors.size() != static_cast<size_t>(columns) * static_cast<size_t>(rows)) {
     members.Fail("log_factors", fmt::format("of {}: expected {} x {} numbers, found {}",
@@ -70,8 +75,7 @@ void Members(JsonMembers& members, MapAlignment& map) {
 void Members(JsonMembers& members, DepthAlignment& alignment) {
   members("mode", alignment.mode);
   members("median_factor", alignment.median_factor);
-  MemberOrNull(members, "median_before_px", alignment.median_before_px);
-  MemberOrNull(members, "median_after_px", alignment.median_after_px);
+  Medians(members, alignment);
   members("maps", alignment.maps);
 }
 
@@ -126,8 +130,7 @@ void Members(JsonMembers& members, GeometrySummary& used) {
 void Members(JsonMembers& members, GeometrySummary::Alignment& alignment) {
   members("mode", alignment.mode);
   members("median_factor", alignment.median_factor);
-  MemberOrNull(members, "median_before_px", alignment.median_before_px);
-  MemberOrNull(members, "median_after_px", alignment.median_after_px);
+  Medians(members, alignment);
 }
 
 void Members(JsonMembers& members, LocalizedQuery& query) {
