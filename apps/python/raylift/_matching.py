@@ -20,7 +20,7 @@ _PIXELS = (("matched_kpts0", "matched_kpts1"), ("mkpts0", "mkpts1"), ("kpts0", "
            ("query2d", "reference2d"), ("keypoints0", "keypoints1"))
 _SCORES = ("scores", "mconf", "conf", "confidence", "match_confidence", "matching_scores0", "certainty")
 _Pixels = Tuple[np.ndarray, np.ndarray, Optional[np.ndarray]]
-# The features of so many references are kept; those of a query, until the next one.
+# The features of so many photographs in files are kept.
 _MOST_FEATURES = 1000
 
 
