@@ -66,14 +66,14 @@ TEST(FrontEndMatches, OwnMatchersMatchWhatIsRetrieved) {
     }
     return matches;
   };
-  options.reading = {.min_score = .5};
+  options.reading = {.min_score = .5, .first_pixel = .25};
   const auto source =
       MakeFrontEndMatches(options, LoadReferences(scene.model(), 1).references, queries);
   const QueryMatches matches = source->Match(queries[0]);
   ASSERT_EQ(matches.references.size(), 2u);
   ASSERT_EQ(matches.matches.size(), 4u);
-  EXPECT_EQ(matches.matches[0].query_px, Eigen::Vector2d(7.5, 8.5));
-  EXPECT_EQ(matches.matches[3].reference_px, Eigen::Vector2d(1.5, 2.5));
+  EXPECT_EQ(matches.matches[0].query_px, Eigen::Vector2d(7.25, 8.25));
+  EXPECT_EQ(matches.matches[3].reference_px, Eigen::Vector2d(1.25, 2.25));
   EXPECT_EQ(matches.matches[0].query_keypoint, matches.matches[2].query_keypoint);
   EXPECT_NE(matches.matches[0].query_keypoint, matches.matches[3].query_keypoint);
   EXPECT_TRUE(in_memory.empty());
