@@ -14,8 +14,8 @@
 #include "apps/job_options.h"
 #include "apps/options.h"
 #include "base/hash.h"
-#include "base/index_sets.h"
 #include "base/progress.h"
+#include "estimation/common_noise.h"
 #include "jobs/fingerprint.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -94,19 +94,12 @@ PoseProblem ReadFiltered(const path& file, const FilterOptions& filter) {
 std::optional<SceneNoise> LearnSceneNoise(std::vector<ProblemFile> files,
                                           const EstimateFlags& flags, const FilterOptions& filter,
                                           const EstimatorOptions& options) {
-  constexpr size_t kProblems = 30;
-  if (flags.independent || !UsesSceneNoise(options) || files.size() < kLeastForCommonNoise) {
-    return std::nullopt;
-  }
+  if (flags.independent) return std::nullopt;
   std::sort(files.begin(), files.end(),
             [](const ProblemFile& a, const ProblemFile& b) { return a.file < b.file; });
-  const auto estimator = MakePoseEstimator(options);
-  const std::vector<size_t> sample = EvenlySpaced(files.size(), kProblems);
-  std::vector<PoseEstimate> estimates(sample.size());
-  ParallelFor(estimates.size(), flags.run.threads, [&](size_t i) {
-    estimates[i] = estimator->Estimate(ReadFiltered(files[sample[i]].file, filter));
-  });
-  return CommonNoise(estimates);
+  return raylift::LearnSceneNoise(
+      files.size(), [&](size_t i) { return ReadFiltered(files[i].file, filter); }, options,
+      flags.run.threads);
 }
 
 // The estimate, and the median time of `repeat` runs, which all give the same.

@@ -5,14 +5,18 @@
 #include <limits>
 
 #include "apps/python/conversions.h"
+#include "apps/python/pose_problem.h"
 #include "base/progress.h"
+#include "estimation/common_noise.h"
 #include "estimation/fields.h"
+#include "localization/results/result_json.h"
 
 #include "raylift/base/parallel.h"
 #include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
 #include "raylift/estimation/solvers.h"
 #include "raylift/io/pose_problem_json.h"
+#include "raylift/localization/scene_calibration.h"
 
 namespace raylift::python {
 namespace {
@@ -136,7 +140,7 @@ PoseProblem MakeProblem(const CameraLike& camera, const ProblemArrays& arrays,
 template <typename Match>
 class MatchProperties {
  public:
-  using Class = py::class_<PoseProblem, std::shared_ptr<PoseProblem>>;
+  using Class = py::class_<KnownProblem, std::shared_ptr<KnownProblem>>;
 
   MatchProperties(Class& owner, std::vector<Match> PoseProblem::*matches)
       : owner_(owner), matches_(matches) {}
@@ -144,7 +148,7 @@ class MatchProperties {
   template <int kRows>
   const MatchProperties& Add(const char* name, Eigen::Matrix<double, kRows, 1> Match::*member,
                              const char* help) const {
-    const auto get = [matches = matches_, member](const PoseProblem& problem) {
+    const auto get = [matches = matches_, member](const KnownProblem& problem) {
       const auto& all = problem.*matches;
       return MakeRows(all.size(), kRows, [&](size_t i) { return all[i].*member; });
     };
@@ -153,7 +157,7 @@ class MatchProperties {
   }
   template <typename Index>
   const MatchProperties& Add(const char* name, Index Match::*member, const char* help) const {
-    const auto get = [matches = matches_, member](const PoseProblem& problem) {
+    const auto get = [matches = matches_, member](const KnownProblem& problem) {
       const auto& all = problem.*matches;
       py::array_t<int64_t> array(std::ssize(all));
       for (size_t i = 0; i < all.size(); ++i) {
@@ -171,9 +175,16 @@ class MatchProperties {
   std::vector<Match> PoseProblem::*matches_;
 };
 
+// The problem in JSON, and its scene's noise or nothing.
+using ProblemState = std::pair<std::string, std::string>;
+ProblemState StateOf(const KnownProblem& problem) {
+  return {FormatPoseProblem({problem, std::nullopt}),
+          problem.scene_noise ? ToJson(*problem.scene_noise).dump() : ""};
+}
+
 void BindProblem(py::module_& module) {
   const auto none = py::none();
-  py::class_<PoseProblem, std::shared_ptr<PoseProblem>> bound(
+  py::class_<KnownProblem, std::shared_ptr<KnownProblem>> bound(
       module, "PoseProblem",
       "All that an estimator sees of one query: 2D-3D matches, 2D-2D matches, or both.");
   bound
@@ -186,7 +197,7 @@ void BindProblem(py::module_& module) {
                        OptionalArray reference_keypoints, const std::vector<int>& clusters,
                        const PositionArgument& position, const GravityArgument& gravity,
                        const std::optional<double>& focal_sigma, const std::string& name) {
-             return std::make_shared<PoseProblem>(
+             return std::make_shared<KnownProblem>(
                  MakeProblem(camera,
                              {points2d, points3d, point_sigmas, point_references, point_keypoints,
                               point_matches, query2d, reference2d, reference_index,
@@ -208,28 +219,27 @@ void BindProblem(py::module_& module) {
       .def_readonly("references", &PoseProblem::references)
       .def(
           "write",
-          [](const PoseProblem& problem, const PathLike& file) {
+          [](const KnownProblem& problem, const PathLike& file) {
             WritePoseProblem(ToPath(file, "file"), {problem, std::nullopt});
           },
           py::arg("file"), "As JSON (pose-problem/2), which `raylift estimate` reads.")
       .def_static(
           "read",
           [](const PathLike& file) {
-            return std::make_shared<PoseProblem>(ReadPoseProblem(ToPath(file, "file")).problem);
+            return std::make_shared<KnownProblem>(ReadPoseProblem(ToPath(file, "file")).problem);
           },
           py::arg("file"), "Raises InputError with the JSON path of what is wrong.")
       .def("__repr__",
-           [](const PoseProblem& p) {
+           [](const KnownProblem& p) {
              return fmt::format("<raylift.PoseProblem {} 2D-3D, {} 2D-2D matches, {} references>",
                                 p.matches_2d3d.size(), p.matches_2d2d.size(), p.references.size());
            })
-      .def(py::pickle(
-          [](const PoseProblem& problem) {
-            return FormatPoseProblem({problem, std::nullopt});
-          },
-          [](const std::string& json) {
-            return std::make_shared<PoseProblem>(ParsePoseProblem(json, "pickle").problem);
-          }));
+      .def(py::pickle(&StateOf, [](const ProblemState& state) {
+        std::optional<SceneNoise> noise;
+        if (!state.second.empty()) noise = ParseJson<SceneNoise>(state.second);
+        return std::make_shared<KnownProblem>(ParsePoseProblem(state.first, "pickle").problem,
+                                              noise);
+      }));
   MatchProperties<Match2D3D>(bound, &PoseProblem::matches_2d3d)
       .Add("points2d", &Match2D3D::query_px, "Query pixels (N, 2) of the 2D-3D matches.")
       .Add("points3d", &Match2D3D::point_in_world, "Their points in the world (N, 3).")
@@ -338,9 +348,51 @@ EstimatorOptions OptionsOf(const py::kwargs& given) {
   Keywords keywords(given);
   EstimatorOptions options;
   keywords.Take(FieldsOf(options));
+  std::filesystem::path calibration;
+  keywords.Take("scene_calibration", calibration);
   keywords.RequireAllTaken();
   options.Validate();
+  if (!calibration.empty()) options.scene_noise = ReadSceneCalibration(calibration)->match_noise;
   return options;
+}
+
+// The options for a problem that may know of its scene's noise, or of others that `learned` is from.
+EstimatorOptions OptionsFor(const KnownProblem& problem, EstimatorOptions options,
+                            const std::optional<SceneNoise>& learned = std::nullopt) {
+  if (!options.scene_noise) options.scene_noise = problem.scene_noise;
+  if (!options.scene_noise) options.scene_noise = learned;
+  return options;
+}
+
+using ProblemList = std::vector<std::reference_wrapper<const KnownProblem>>;
+
+// What those that know nothing of their scene tell, whatever their order.
+std::optional<SceneNoise> LearnSceneNoise(ProblemList problems, const EstimatorOptions& options,
+                                          int threads) {
+  std::erase_if(problems, [](const KnownProblem& problem) { return problem.scene_noise; });
+  const auto path_of = [](const KnownProblem& problem) {
+    return std::filesystem::path(problem.name);  // as of the files that the program reads
+  };
+  std::stable_sort(
+      problems.begin(), problems.end(),
+      [&](const KnownProblem& a, const KnownProblem& b) { return path_of(a) < path_of(b); });
+  return raylift::LearnSceneNoise(
+      problems.size(), [&](size_t i) -> PoseProblem { return problems[i].get(); }, options,
+      threads);
+}
+
+std::vector<PoseEstimate> EstimateAll(const ProblemList& problems, bool independent, int threads,
+                                      const EstimatorOptions& options) {
+  std::optional<SceneNoise> learned;
+  if (!independent && !options.scene_noise) learned = LearnSceneNoise(problems, options, threads);
+  std::vector<PoseEstimate> estimates(problems.size());
+  Progress count("problems", problems.size(), Progress::Show::kNever);
+  ParallelFor(problems.size(), threads, [&](size_t i) {
+    const KnownProblem& problem = problems[i];
+    estimates[i] = MakePoseEstimator(OptionsFor(problem, options, learned))->Estimate(problem);
+    count.Advance();
+  });
+  return estimates;
 }
 
 // The rows of an array of the shape (kCount, 3).
@@ -432,34 +484,31 @@ void BindEstimation(py::module_& module) {
   BindSolvers(module);
   module.def(
       "estimate",
-      [](const PoseProblem& problem, const py::kwargs& options) {
-        const auto estimator = MakePoseEstimator(OptionsOf(options));
+      [](const KnownProblem& problem, const py::kwargs& options) {
+        const auto estimator = MakePoseEstimator(OptionsFor(problem, OptionsOf(options)));
         return WithoutLock([&] { return estimator->Estimate(problem); });
       },
       py::arg("problem"),
       "The pose of a problem. Options as of raylift.estimate_pose(), which see.");
   module.def(
       "estimate_all",
-      [](const std::vector<std::reference_wrapper<const PoseProblem>>& problems, int threads,
-         const std::optional<ProgressCall>& progress, const py::kwargs& options) {
-        const auto estimator = MakePoseEstimator(OptionsOf(options));
-        return WithoutLock(progress, [&] {
-          std::vector<PoseEstimate> estimates(problems.size());
-          Progress count("problems", problems.size(), Progress::Show::kNever);
-          ParallelFor(problems.size(), threads, [&](size_t i) {
-            estimates[i] = estimator->Estimate(problems[i]);
-            count.Advance();
-          });
-          return estimates;
-        });
+      [](const ProblemList& problems, bool independent, int threads,
+         const std::optional<ProgressCall>& progress, const py::kwargs& given) {
+        const EstimatorOptions options = OptionsOf(given);
+        return WithoutLock(progress,
+                           [&] { return EstimateAll(problems, independent, threads, options); });
       },
-      py::arg("problems"), py::kw_only(), py::arg("threads") = 0, py::arg("progress") = py::none(),
-      "The poses of many problems, on `threads` threads (0: all). The same for any number of "
-      "them.");
+      py::arg("problems"), py::kw_only(), py::arg("independent") = false, py::arg("threads") = 0,
+      py::arg("progress") = py::none(),
+      R"(The poses of many problems of one scene, as of `raylift estimate`: some 30 of them tell how
+noisy the scene's matches are, where no scene_calibration does and the problems, as those of
+a LocalizedQuery, do not know it. independent=True: each one's pose is that of estimate().
+
+threads: 0 is all; the poses are the same for any number of them.)");
   module.def(
       "refine_pose",
-      [](const PoseProblem& problem, const PoseLike& pose, const py::kwargs& options) {
-        const EstimatorOptions values = OptionsOf(options);
+      [](const KnownProblem& problem, const PoseLike& pose, const py::kwargs& options) {
+        const EstimatorOptions values = OptionsFor(problem, OptionsOf(options));
         const Rigid3 cam_from_world = ToPose(pose);
         return WithoutLock([&] { return RefinePose(problem, values, cam_from_world); });
       },

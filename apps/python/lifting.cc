@@ -6,6 +6,7 @@
 
 #include "apps/python/conversions.h"
 #include "apps/python/geometry_source.h"
+#include "apps/python/pose_problem.h"
 #include "lifting/depth_convention.h"
 #include "lifting/fields.h"
 
@@ -287,9 +288,9 @@ or those of "all".)")
           (std::string(kLiftDoc) + " source: index of the source (N,), -1: none.").c_str())
       .def(
           "lift_matches",
-          [](const Lifter& lifter, const PoseProblem& problem) {
+          [](const Lifter& lifter, const KnownProblem& problem) {
             return WithoutLock([&] {
-              auto lifted = std::make_shared<PoseProblem>(problem);
+              auto lifted = std::make_shared<KnownProblem>(problem);
               lifted->matches_2d3d = Matches2D3D(lifter.LiftAll(problem));
               return lifted;
             });
@@ -309,7 +310,7 @@ py::dict CountsOf(const FilterCounts& counts) {
   return dict;
 }
 
-py::tuple Filter(const PoseProblem& problem, const std::string& mode, const std::string& method,
+py::tuple Filter(const KnownProblem& problem, const std::string& mode, const std::string& method,
                  const py::kwargs& given) {
   FilterOptions options;
   options.mode = ToEnum<FilterMode>("filter", mode);
@@ -318,19 +319,19 @@ py::tuple Filter(const PoseProblem& problem, const std::string& mode, const std:
   keywords.Take(FieldsOf(options.thresholds));
   keywords.RequireAllTaken();
   options.thresholds.Validate();
-  auto filtered = std::make_shared<PoseProblem>(problem);
+  auto filtered = std::make_shared<KnownProblem>(problem);
   const FilterResult result = WithoutLock([&] { return FilterProblem(options, *filtered); });
   return py::make_tuple(filtered, ToArray(result.keep), CountsOf(result.counts));
 }
 
-std::shared_ptr<PoseProblem> WithCandidates(const PoseProblem& problem, const py::kwargs& given) {
+std::shared_ptr<KnownProblem> WithCandidates(const KnownProblem& problem, const py::kwargs& given) {
   CandidateOptions options{.mode = CandidateMode::kMerge};
   Keywords keywords(given);
   keywords.Take(FieldsOf(options));
   keywords.RequireAllTaken();
   options.Validate();
   return WithoutLock([&] {
-    auto changed = std::make_shared<PoseProblem>(problem);
+    auto changed = std::make_shared<KnownProblem>(problem);
     if (options.mode == CandidateMode::kMerge) {
       changed->matches_2d3d =
           MergeCandidates(problem.references, problem.matches_2d2d, problem.matches_2d3d, options);

@@ -6,6 +6,7 @@
 
 #include "apps/python/conversions.h"
 #include "apps/python/geometry_source.h"
+#include "apps/python/pose_problem.h"
 #include "base/progress.h"
 #include "estimation/fields.h"
 #include "lifting/fields.h"
@@ -257,7 +258,14 @@ class SceneLocalizer {
   std::shared_ptr<const Scene> calibrated_;
 };
 
-using ResultPointer = std::shared_ptr<QueryResult>;
+// A result with what the localizer that made it knew of the scene.
+struct KnownResult : QueryResult {
+  KnownResult(QueryResult result, const Localizer& localizer)
+      : QueryResult(std::move(result)), scene_noise(localizer.options().estimator.scene_noise) {}
+
+  std::optional<SceneNoise> scene_noise;
+};
+using ResultPointer = std::shared_ptr<KnownResult>;
 
 ResultPointer LocalizeOne(SceneLocalizer& localizer, const py::object& query,
                           const CameraLike& camera, const std::string& name,
@@ -266,7 +274,8 @@ ResultPointer LocalizeOne(SceneLocalizer& localizer, const py::object& query,
   const Query asked{name, ToCamera(camera), ToPriors(position, gravity, focal_sigma, focal_range)};
   const auto run = [&](const auto& what) {
     return WithoutLock([&] {
-      return std::make_shared<QueryResult>(localizer.ForQueries().Localize(asked, what));
+      const Localizer knowing = localizer.ForQueries();
+      return std::make_shared<KnownResult>(knowing.Localize(asked, what), knowing);
     });
   };
   if (IsMapping(query))
@@ -319,8 +328,8 @@ ResultPointer LocalizeMatches(const SceneLocalizer& localizer, const CameraLike&
   }
   const Query asked{name, ToCamera(camera), ToPriors(position, gravity, focal_sigma, focal_range)};
   return WithoutLock([&] {
-    return std::make_shared<QueryResult>(
-        localizer.WithoutMatches().Localize(asked, std::move(matches)));
+    const Localizer knowing = localizer.WithoutMatches();
+    return std::make_shared<KnownResult>(knowing.Localize(asked, std::move(matches)), knowing);
   });
 }
 
@@ -336,7 +345,7 @@ py::dict LocalizeInParallel(SceneLocalizer& localizer, const std::vector<Query>&
                                {.localizer = localizer.options(), .threads = threads});
     Progress count("queries", asked.size(), Progress::Show::kNever);
     batch.Run([&](size_t i, const QueryResult& result) {
-      results[i] = std::make_shared<QueryResult>(result);
+      results[i] = std::make_shared<KnownResult>(result, batch.configuration(0));
       count.Advance();
     });
   });
@@ -369,39 +378,42 @@ py::dict CountsOf(const StageCounts& counts) {
 }
 
 void BindResult(py::module_& module) {
-  py::class_<QueryResult, ResultPointer>(module, "LocalizedQuery",
+  py::class_<KnownResult, ResultPointer>(module, "LocalizedQuery",
                                          "What became of a query. True where it was localized.")
-      .def_property_readonly("name", [](const QueryResult& r) { return r.localized.name; })
+      .def_property_readonly("name", [](const KnownResult& r) { return r.localized.name; })
       .def_property_readonly(
           "cam_from_world",
-          [](const QueryResult& r) -> std::optional<Rigid3> {
+          [](const KnownResult& r) -> std::optional<Rigid3> {
             if (!r.localized.localized()) return std::nullopt;
             return r.localized.estimate.cam_from_world;
           },
           "The pose, or None.")
       .def_property_readonly(
           "verdict",
-          [](const QueryResult& r) { return std::string(ToString(r.localized.verdict())); },
+          [](const KnownResult& r) { return std::string(ToString(r.localized.verdict())); },
           "\"localized\", \"doubtful\" or \"failed\".")
       .def_property_readonly(
-          "confidence", [](const QueryResult& r) { return r.localized.confidence(); },
+          "confidence", [](const KnownResult& r) { return r.localized.confidence(); },
           "The probability that the pose is right.")
       .def_property_readonly(
-          "reason", [](const QueryResult& r) { return r.localized.reason; },
+          "reason", [](const KnownResult& r) { return r.localized.reason; },
           "Why there is no pose; empty where there is one.")
       .def_property_readonly(
-          "counts", [](const QueryResult& r) { return CountsOf(r.localized.counts); },
+          "counts", [](const KnownResult& r) { return CountsOf(r.localized.counts); },
           "What each stage found: references retrieved, 2D-2D matches, those lifted, points, "
           "inliers.")
       .def_property_readonly(
           "estimate",
-          [](const QueryResult& r) { return std::make_shared<PoseEstimate>(r.localized.estimate); },
+          [](const KnownResult& r) { return std::make_shared<PoseEstimate>(r.localized.estimate); },
           "The PoseEstimate, with the covariance.")
       .def_property_readonly(
-          "problem", [](const QueryResult& r) { return std::make_shared<PoseProblem>(r.problem); },
-          "The PoseProblem that was estimated.")
-      .def("__bool__", [](const QueryResult& r) { return r.localized.localized(); })
-      .def("__repr__", [](const QueryResult& r) {
+          "problem",
+          [](const KnownResult& r) {
+            return std::make_shared<KnownProblem>(r.problem, r.scene_noise);
+          },
+          "The PoseProblem that was estimated, which knows what the scene's calibration says.")
+      .def("__bool__", [](const KnownResult& r) { return r.localized.localized(); })
+      .def("__repr__", [](const KnownResult& r) {
         return fmt::format("<raylift.LocalizedQuery {}: {}{}>", r.localized.name,
                            ToString(r.localized.verdict()),
                            r.localized.localized() ? "" : ", " + r.localized.reason);

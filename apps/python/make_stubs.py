@@ -27,11 +27,11 @@ OPTIONS = {
     "Localizer.__init__": "LocalizerOptions",
     "RayCaster.render": "RenderOptions",
     "RayCaster.render_many": "RenderOptions",
-    "estimate": "EstimatorOptions",
-    "estimate_all": "EstimatorOptions",
+    "estimate": "EstimateOptions",
+    "estimate_all": "EstimateOptions",
     "filter_points": "FilterThresholds",
     "merge_candidates": "CandidateOptions",
-    "refine_pose": "EstimatorOptions",
+    "refine_pose": "EstimateOptions",
     "write_depth": "DepthWriteOptions",
 }
 HEAD = "# Written by make_stubs.py; do not edit.\n"

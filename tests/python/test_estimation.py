@@ -251,11 +251,31 @@ def test_many_at_once_with_progress():
         data = Problem(seed)
         problems.append(raylift.PoseProblem(CAMERA, data.points2d, data.points3d, name=str(seed)))
     told = []
-    estimates = raylift.estimate_all(problems, threads=2, progress=lambda *a: told.append(a))
+    estimates = raylift.estimate_all(problems, independent=True, threads=2,
+                                     progress=lambda *a: told.append(a))
     assert told[-1] == (6, 6, "problems")
     for problem, estimate in zip(problems, estimates):
         alone = raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d, name=problem.name)
         assert alone.cam_from_world.matrix.tolist() == estimate.cam_from_world.matrix.tolist()
+
+
+def test_problems_of_a_scene_are_estimated_as_by_the_program(tmp_path):
+    names = [f"{seed}.jpg" for seed in range(5)]
+    for seed, name in enumerate(names):
+        data = Problem(seed)
+        raylift.PoseProblem(CAMERA, data.points2d, data.points3d, name=name,
+                            **data.pairs).write(tmp_path / f"{name}.json")
+    problems = [raylift.PoseProblem.read(tmp_path / f"{name}.json") for name in names]
+    for independent in (False, True):
+        subprocess.run([os.environ["RAYLIFT"], "estimate", *sorted(tmp_path.glob("*.jpg.json")), "--quiet",
+                        "--json", tmp_path / "out.json"] + ["--independent"] * independent, check=True)
+        rows = {row["name"]: row for row in json.loads((tmp_path / "out.json").read_text())}
+        found = raylift.estimate_all(problems[::-1], independent=independent)
+        for problem, estimate in zip(problems[::-1], found):
+            pose, row = estimate.cam_from_world, rows[problem.name]
+            assert pose.qvec.tolist() == row["qvec"] and pose.tvec.tolist() == row["tvec"]
+            alone = raylift._core.estimate(problem).cam_from_world
+            assert (alone == pose) == independent
 
 
 def test_an_exception_of_progress_ends_the_call():

@@ -244,6 +244,14 @@ def test_a_query_has_one_pose_whoever_asks(tmp_path):
                    check=True)
     assert calibration.read_bytes() == (tmp_path / "out/scene_calibration.json").read_bytes()
     of_program = raylift.read_poses(tmp_path / "out/poses.txt")
+    problems = [many[name].problem for name, _ in queries]
+    for i, estimate in enumerate(raylift.estimate_all(problems)):
+        file = tmp_path / "problem.json"
+        problems[i].write(file)
+        by_file = raylift._core.estimate(raylift.PoseProblem.read(file), scene_calibration=calibration)
+        copied = raylift._core.estimate(pickle.loads(pickle.dumps(problems[i])))
+        for again_estimated in (estimate, by_file, copied):
+            assert again_estimated.cam_from_world == many[queries[i][0]].estimate.cam_from_world
     for name, camera in queries:
         pose = many[name].cam_from_world.matrix.tolist()
         assert again[name].cam_from_world.matrix.tolist() == pose

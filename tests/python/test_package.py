@@ -62,7 +62,7 @@ def test_stubs_are_those_of_the_module(tmp_path):
 
 
 @pytest.mark.parametrize("options, call", [
-    (_types.EstimatorOptions, lambda **o: _core.estimate(_core.PoseProblem("PINHOLE 9 9 9 9 4 4"), **o)),
+    (_types.EstimateOptions, lambda **o: _core.estimate(_core.PoseProblem("PINHOLE 9 9 9 9 4 4"), **o)),
     (_types.LocalizerOptions, lambda **o: raylift.Localizer(raylift.Scene(DEMO / "model"), **o)),
 ])
 def test_the_types_name_the_options_that_there_are(options, call):

@@ -255,7 +255,7 @@ class PoseProblem:
         """
         Raises InputError with the JSON path of what is wrong.
         """
-    def __getstate__(self) -> str:
+    def __getstate__(self) -> tuple[str, str]:
         ...
     def __init__(self, camera: raylift._types.CameraLike, points2d: numpy.typing.ArrayLike | None = None, points3d: numpy.typing.ArrayLike | None = None, *, point_sigmas: numpy.typing.ArrayLike | None = None, point_references: numpy.typing.ArrayLike | None = None, point_keypoints: numpy.typing.ArrayLike | None = None, point_matches: numpy.typing.ArrayLike | None = None, references: collections.abc.Sequence[raylift._types.PosedImageLike] = [], query2d: numpy.typing.ArrayLike | None = None, reference2d: numpy.typing.ArrayLike | None = None, reference_index: numpy.typing.ArrayLike | None = None, reference_sigmas_px: numpy.typing.ArrayLike | None = None, query_keypoints: numpy.typing.ArrayLike | None = None, reference_keypoints: numpy.typing.ArrayLike | None = None, reference_clusters: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [], position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, name: str = '') -> None:
         """
@@ -263,7 +263,7 @@ class PoseProblem:
         """
     def __repr__(self) -> str:
         ...
-    def __setstate__(self, arg0: str) -> None:
+    def __setstate__(self, arg0: tuple[str, str]) -> None:
         ...
     def write(self, file: raylift._types.PathLike) -> None:
         """
@@ -701,7 +701,7 @@ class LocalizedQuery:
     @property
     def problem(self) -> PoseProblem:
         """
-        The PoseProblem that was estimated.
+        The PoseProblem that was estimated, which knows what the scene's calibration says.
         """
     @property
     def reason(self) -> str:
@@ -838,13 +838,17 @@ class ColmapModel:
     @property
     def warnings(self) -> list[str]:
         ...
-def estimate(problem: PoseProblem, **kwargs: typing_extensions.Unpack[raylift._types.EstimatorOptions]) -> PoseEstimate:
+def estimate(problem: PoseProblem, **kwargs: typing_extensions.Unpack[raylift._types.EstimateOptions]) -> PoseEstimate:
     """
     The pose of a problem. Options as of raylift.estimate_pose(), which see.
     """
-def estimate_all(problems: collections.abc.Sequence[PoseProblem], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None, **kwargs: typing_extensions.Unpack[raylift._types.EstimatorOptions]) -> list[PoseEstimate]:
+def estimate_all(problems: collections.abc.Sequence[PoseProblem], *, independent: bool = False, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None, **kwargs: typing_extensions.Unpack[raylift._types.EstimateOptions]) -> list[PoseEstimate]:
     """
-    The poses of many problems, on `threads` threads (0: all). The same for any number of them.
+    The poses of many problems of one scene, as of `raylift estimate`: some 30 of them tell how
+    noisy the scene's matches are, where no scene_calibration does and the problems, as those of
+    a LocalizedQuery, do not know it. independent=True: each one's pose is that of estimate().
+
+    threads: 0 is all; the poses are the same for any number of them.
     """
 def extract_features(image: numpy.typing.ArrayLike, *, max_features: typing.SupportsInt | typing.SupportsIndex = 4096) -> dict[str, typing.Any]:
     """
@@ -886,7 +890,7 @@ def read_queries(file: raylift._types.PathLike) -> list[Query]:
     Lines `name MODEL width height params... [focal_sigma S]`: a list of Query, which unpack as
     (name, camera).
     """
-def refine_pose(problem: PoseProblem, cam_from_world: raylift._types.PoseLike, **kwargs: typing_extensions.Unpack[raylift._types.EstimatorOptions]) -> PoseEstimate:
+def refine_pose(problem: PoseProblem, cam_from_world: raylift._types.PoseLike, **kwargs: typing_extensions.Unpack[raylift._types.EstimateOptions]) -> PoseEstimate:
     """
     Refines a pose without RANSAC: on the matches near it, and then as the method does with
     RANSAC's best pose. It must be so near that some right matches lie within three thresholds.

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
     from typing_extensions import Unpack
 
-    from ._types import CameraLike, EstimatorOptions, PosedImageLike, PoseLike
+    from ._types import CameraLike, EstimateOptions, PosedImageLike, PoseLike
 
 
 def estimate_pose(
@@ -36,7 +36,7 @@ def estimate_pose(
     name: str = "",
     points2D: Optional[ArrayLike] = None,
     points3D: Optional[ArrayLike] = None,
-    **options: Unpack[EstimatorOptions],
+    **options: Unpack[EstimateOptions],
 ) -> _core.PoseEstimate:
     """The pose of a photograph from its 2D-3D matches, its 2D-2D matches with photographs whose poses
     are known, or both.
@@ -64,7 +64,8 @@ def estimate_pose(
         reprojection_threshold_px=8, sampson_threshold_px=2, point_sigma=0, refine_focal=False,
         focal_range=1.3, focal_sigma=None, reference_factor_sigma=None, reference_rotation_sigma_deg=None,
         reference_position_sigma=None, min_iterations=100, max_iterations=10000, confidence=0.9999,
-        seed=0.
+        seed=0; scene_calibration: the file in which Localizer.write_calibration() or `raylift calibrate`
+        says how noisy the matches of the photograph's scene are.
 
     That there is no pose is a result. Raises InputError for arrays of a wrong shape or an index out
     of range, OptionError for an option out of range.

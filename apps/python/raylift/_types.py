@@ -133,6 +133,11 @@ class EstimatorOptions(TypedDict, total=False):
     seed: int
 
 
+class EstimateOptions(EstimatorOptions, total=False):
+    """Those of one who estimates a problem, beside what its scene is known for."""
+
+    scene_calibration: PathLike
+
 
 class FilterThresholds(TypedDict, total=False):
     """Thresholds of the consistency filter, as of `raylift localize`."""
