@@ -100,8 +100,9 @@ double ProbabilityOverAlternative(const ExclusiveInliers& exclusive, double clus
   auto probability = exclusive.ProbabilityOfFirst(clustering);
   if (!probability) return 1;  // they explain the same
   if (beyond_chance) {
-    probability =
-        std::min(*probability, ProbabilityOfLarger(exclusive.only_first, exclusive.only_second));
+    const double first = exclusive.only_first, second = exclusive.only_second;
+    const bool are_places = std::min(first, second) >= kOnePlace * (first + second);
+    probability = are_places ? 0.5 : std::min(*probability, ProbabilityOfLarger(first, second));
   }
   const double against = 1 - *probability;
   return *probability / (*probability + against * std::exp(-log_odds));

@@ -54,9 +54,7 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
                                  *exclusive, std::max(evidence.clustering, alternative.clustering),
                                  assessor.IsBeyondChance(alternative, *exclusive), log_odds));
   }
-  // What a scene holds twice, a window or a sign, seldom is as large as a fourth of what the
-  // photograph shows: inliers on less are one witness.
-  constexpr double kOnePlace = 0.25;
+  // Inliers on less are one witness.
   if (assessor.Spread(evidence) < kOnePlace) confidence = std::min(confidence, 0.5);
 
   const double distance = SceneDistance(normalized, assessed.pose, assessed.scored);

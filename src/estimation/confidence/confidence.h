@@ -1,6 +1,6 @@
 // How sure a pose is: the probability that it is right.
 //
-//   confidence = min(P_chance, P_alternative, P_patch, P_points, max(0.1, P_position))
+//   confidence = min(P_chance, P_alternative, P_patch, P_points, max(0.05, P_position))
 //
 //   P_chance       The inliers are not there by chance: 1 / (1 + NFA / L), with the expected number of
 //                  false alarms NFA (below) and how much likelier the priors make the pose, L.
@@ -33,8 +33,12 @@
 
 namespace raylift {
 
-// A pose that is less sure than this is none.
-inline constexpr double kLeastConfidence = 0.1;
+// A pose that is as surely wrong as a localized one is right is none.
+inline constexpr double kLeastConfidence = 1 - kLocalizedConfidence;
+
+// What a scene holds twice, a window or a sign, seldom is as large as this share of what the
+// photograph shows.
+inline constexpr double kOnePlace = 0.25;
 
 struct AssessedPose {
   CamFromLocal pose;
@@ -146,7 +150,8 @@ class InlierAssessor {
 // speak for one of them, and the logarithm of the odds for it beforehand. Where the alternative
 // is beyond chance, keypoints do not speak each for itself: that many agree says that they show one
 // thing, not that it is the right one. They count as two witnesses then, each of them right with
-// the share of the keypoints that agree with it.
+// the share of the keypoints that agree with it. But an alternative that is more than a window or a
+// sign (kOnePlace) is another place as a whole: how many keypoints were matched there says nothing.
 double ProbabilityOverAlternative(const ExclusiveInliers& exclusive, double clustering,
                                   bool beyond_chance, double log_odds = 0);
 
@@ -187,6 +192,7 @@ struct DepthScale {
 // other references (or of other cameras of a rig), and that reference's depths: two witnesses. For
 // each, more keypoints must speak for the pose than for any place elsewhere on that line; and more
 // than chance has agree there, as what few among many agree on is chance's.
+// Where that may be chance's and the depths' scale may not hold, the distance is right by luck.
 // 1 where no 2D-2D match is explained, or the camera is at that reference.
 double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLocal& pose,
                              MatchSets sets, double scene_distance, const DepthScale& scale,
@@ -199,7 +205,7 @@ bool DepthsAgreeUpToFactor(const NormalizedProblem& problem, const CamFromLocal&
                            double scene_distance, const InlierEvidence& evidence);
 
 // The probability that the position is right (kRightPosition) by its standard deviation; both in
-// local units. 0 without one (0): then the matches do not tell where the camera is.
+// local units. 1/2 without one (0): then nothing tells.
 double ProbabilityOfPosition(double position_sigma, double scene_distance);
 
 }  // namespace raylift

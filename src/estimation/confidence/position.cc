@@ -205,7 +205,7 @@ class PlacesOnLine {
   double ProbabilityOfZero(double clustering) {
     // RANSAC's sample has chosen the place by one of the matches, which says nothing.
     if (!(exclusive_.only_first > 1)) return 0.5;
-    double probability = OverChance(0, clustering);
+    double probability = AtLeastEven(OverChance(0, clustering));
     // The more keypoints speak for a place alone, and the fewer for 0 alone, the less probable is 0.
     ExclusiveInliers worst{.only_first = std::numeric_limits<double>::infinity()};
     ForEachPlace([&](double) {
@@ -233,17 +233,20 @@ class PlacesOnLine {
     return probability;
   }
 
- private:
   // 1 / (1 + NFA_0 (1 + 1 / NFA_x)): 0 is as likely as it has fewer false alarms than another place
-  // and than chance; no less than nothing would make it.
+  // and than chance.
   double OverChance(double only_second, double clustering) const {
     if (!by_chance_) return 1;
     const double of_zero =
         by_chance_->LogFalseAlarms(speak_for_zero_, by_chance_->keypoints, clustering);
     const double of_other = LogFalseAlarmsOfOther(only_second, clustering);
     const double odds = std::exp(-std::max(of_zero, -700.0)) / (1 + std::exp(-of_other));
-    return std::max(odds, 1.0) / (1 + std::max(odds, 1.0));
+    return odds / (1 + odds);
   }
+
+ private:
+  // No witness says less than none would.
+  static double AtLeastEven(double probability) { return std::max(0.5, probability); }
   double LogFalseAlarmsOfOther(double only_second, double clustering) const {
     return std::max(by_chance_->LogFalseAlarms(only_second, by_chance_->keypoints - speak_for_zero_,
                                                clustering),
@@ -252,7 +255,7 @@ class PlacesOnLine {
   // What agrees beyond chance has a reason: then keypoints speak for one of the places, each as
   // likely as not.
   double OverPlace(const ExclusiveInliers& exclusive, double clustering) const {
-    const double over_chance = OverChance(exclusive.only_second, clustering);
+    const double over_chance = AtLeastEven(OverChance(exclusive.only_second, clustering));
     const bool may_be_chance =
         by_chance_ && LogFalseAlarmsOfOther(exclusive.only_second, clustering) >
                           std::log(1 - kLocalizedConfidence);
@@ -439,7 +442,7 @@ struct EvidenceOnLine {
   }
 
   double ShareOfDepths() const {
-    return own_depths > 0 ? ProbabilityOfLarger(agreeing, own_depths - agreeing) : 1;
+    return own_depths > 0 ? ProbabilityOfLarger(agreeing, own_depths - agreeing) : 0;
   }
 
  private:
@@ -534,14 +537,16 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
   // Depths, of all references, may be wrong alike; pairs of pixels are not.
   const double by_pairs =
       places(found.by_parallax, std::nullopt).ProbabilityOverBetter(clustering, line.right_within);
-  const double by_others =
-      places(found.by_others, found.others.Chance(evidence.chance)).ProbabilityOfZero(clustering);
-  const double others = std::min(by_pairs, by_others);
+  PlacesOnLine of_others = places(found.by_others, found.others.Chance(evidence.chance));
+  const double others = std::min(by_pairs, of_others.ProbabilityOfZero(clustering));
   const double by_depths = places(found.by_own_depths, std::nullopt).ProbabilityOfZero(clustering);
   // Depths that agree with the place and those that do not are two witnesses of their scale.
   const double scale_holds =
       std::min(scale.ProbabilityWithin(line.right_within / line.length), found.ShareOfDepths());
-  return OddsOfBoth(others, OfOwnDepths(by_depths, scale_holds, scale, others == 0.5));
+  // Where neither tells the distance it is right by luck.
+  const double neither = (1 - of_others.OverChance(0, clustering)) * (1 - scale_holds);
+  return std::min(1 - neither,
+                  OddsOfBoth(others, OfOwnDepths(by_depths, scale_holds, scale, others == 0.5)));
 }
 
 bool DepthsAgreeUpToFactor(const NormalizedProblem& problem, const CamFromLocal& pose,
@@ -566,7 +571,7 @@ bool DepthsAgreeUpToFactor(const NormalizedProblem& problem, const CamFromLocal&
 }
 
 double ProbabilityOfPosition(double position_sigma, double scene_distance) {
-  if (!(position_sigma > 0)) return 0;
+  if (!(position_sigma > 0)) return 0.5;
   return std::erf(kRightPosition * scene_distance / (position_sigma * std::numbers::sqrt2));
 }
 
