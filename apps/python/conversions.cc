@@ -325,6 +325,17 @@ Query ToQuery(const QueryLike& query) {
   return {name, ToCamera(camera)};
 }
 
+std::string HtmlTable(const std::string& title,
+                      const std::vector<std::pair<std::string, std::string>>& rows) {
+  const py::object escape = py::module_::import("html").attr("escape");
+  const auto escaped = [&](const std::string& text) { return escape(text).cast<std::string>(); };
+  std::string html = "<table><caption>" + escaped(title) + "</caption>";
+  for (const auto& [name, value] : rows) {
+    html += "<tr><th>" + escaped(name) + "</th><td>" + escaped(value) + "</td></tr>";
+  }
+  return html + "</table>";
+}
+
 py::array_t<uint8_t> ToArray(Image image) {
   std::vector<py::ssize_t> shape{image.height_px, image.width_px};
   if (image.channels > 1) shape.push_back(image.channels);

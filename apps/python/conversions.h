@@ -207,6 +207,21 @@ inline py::array_t<bool> ToArray(const std::vector<bool>& flags) {
   return array;
 }
 
+// Objects that pickle, copy and compare by a state, from which `make` makes them anew.
+template <typename T, typename... Bound, typename StateOf, typename Make>
+void BindState(py::class_<T, Bound...>& bound, const StateOf& state_of, const Make& make) {
+  const auto equals = [state_of](const T& one, const py::object& other) {
+    return py::isinstance<T>(other) &&
+           py::make_tuple(state_of(one)).equal(py::make_tuple(state_of(other.cast<const T&>())));
+  };
+  bound.def("__eq__", equals, py::arg("other"), "Equal in all that is kept when pickled.")
+      .def(py::pickle(state_of, make));
+}
+
+// A small table of two columns, for notebooks.
+std::string HtmlTable(const std::string& title,
+                      const std::vector<std::pair<std::string, std::string>>& rows);
+
 // The vector's memory becomes the array's.
 template <typename T>
 py::array_t<T> HandOver(std::vector<T>&& values, const std::vector<py::ssize_t>& shape) {

@@ -5,11 +5,10 @@
 #include <limits>
 
 #include "apps/python/conversions.h"
-#include "apps/python/pose_problem.h"
+#include "apps/python/estimate_state.h"
 #include "base/progress.h"
 #include "estimation/common_noise.h"
 #include "estimation/fields.h"
-#include "localization/results/result_json.h"
 
 #include "raylift/base/parallel.h"
 #include "raylift/estimation/options.h"
@@ -175,13 +174,6 @@ class MatchProperties {
   std::vector<Match> PoseProblem::*matches_;
 };
 
-// The problem in JSON, and its scene's noise or nothing.
-using ProblemState = std::pair<std::string, std::string>;
-ProblemState StateOf(const KnownProblem& problem) {
-  return {FormatPoseProblem({problem, std::nullopt}),
-          problem.scene_noise ? ToJson(*problem.scene_noise).dump() : ""};
-}
-
 void BindProblem(py::module_& module) {
   const auto none = py::none();
   py::class_<KnownProblem, std::shared_ptr<KnownProblem>> bound(
@@ -229,17 +221,11 @@ void BindProblem(py::module_& module) {
             return std::make_shared<KnownProblem>(ReadPoseProblem(ToPath(file, "file")).problem);
           },
           py::arg("file"), "Raises InputError with the JSON path of what is wrong.")
-      .def("__repr__",
-           [](const KnownProblem& p) {
-             return fmt::format("<raylift.PoseProblem {} 2D-3D, {} 2D-2D matches, {} references>",
-                                p.matches_2d3d.size(), p.matches_2d2d.size(), p.references.size());
-           })
-      .def(py::pickle(&StateOf, [](const ProblemState& state) {
-        std::optional<SceneNoise> noise;
-        if (!state.second.empty()) noise = ParseJson<SceneNoise>(state.second);
-        return std::make_shared<KnownProblem>(ParsePoseProblem(state.first, "pickle").problem,
-                                              noise);
-      }));
+      .def("__repr__", [](const KnownProblem& p) {
+        return fmt::format("<raylift.PoseProblem {} 2D-3D, {} 2D-2D matches, {} references>",
+                           p.matches_2d3d.size(), p.matches_2d2d.size(), p.references.size());
+      });
+  BindState(bound, py::overload_cast<const KnownProblem&>(&StateOf), &ProblemOf);
   MatchProperties<Match2D3D>(bound, &PoseProblem::matches_2d3d)
       .Add("points2d", &Match2D3D::query_px, "Query pixels (N, 2) of the 2D-3D matches.")
       .Add("points3d", &Match2D3D::point_in_world, "Their points in the world (N, 3).")
@@ -270,9 +256,9 @@ std::optional<Rigid3> PoseOf(const PoseEstimate& estimate) { return estimate.cam
 
 void BindEstimate(py::module_& module) {
   const auto text = [](const auto value) { return std::string(ToString(value)); };
-  py::class_<PoseEstimate, std::shared_ptr<PoseEstimate>>(
-      module, "PoseEstimate", "What an estimator found. True where there is a pose.")
-      .def_property_readonly("cam_from_world", &PoseOf, "The pose; None where there is none.")
+  py::class_<PoseEstimate, std::shared_ptr<PoseEstimate>> bound(
+      module, "PoseEstimate", "What an estimator found. True where there is a pose.");
+  bound.def_property_readonly("cam_from_world", &PoseOf, "The pose; None where there is none.")
       .def_property_readonly(
           "verdict", [=](const PoseEstimate& e) { return text(e.verdict); },
           "\"localized\", \"doubtful\" or \"failed\".")
@@ -333,15 +319,20 @@ determine the pose.)")
       .def_readonly("refined_camera", &PoseEstimate::refined_camera,
                     "The camera with the refined focal length, with refine_focal; else None.")
       .def("__bool__", [](const PoseEstimate& e) { return e.cam_from_world.has_value(); })
-      .def("__repr__", [=](const PoseEstimate& e) {
-        if (!e.cam_from_world) return fmt::format("<raylift.PoseEstimate: {}>", text(e.failure));
-        return fmt::format(
-            "<raylift.PoseEstimate {}, confidence {:.4f}: {} of {} 2D-3D and {} of {} 2D-2D "
-            "matches "
-            "agree>",
-            text(e.verdict), e.confidence, e.score_2d3d.num_inliers, e.score_2d3d.num_matches,
-            e.score_2d2d.num_inliers, e.score_2d2d.num_matches);
-      });
+      .def("__repr__",
+           [=](const PoseEstimate& e) {
+             if (!e.cam_from_world)
+               return fmt::format("<raylift.PoseEstimate: {}>", text(e.failure));
+             return fmt::format(
+                 "<raylift.PoseEstimate {}, confidence {:.4f}: {} of {} 2D-3D and {} of {} 2D-2D "
+                 "matches "
+                 "agree>",
+                 text(e.verdict), e.confidence, e.score_2d3d.num_inliers, e.score_2d3d.num_matches,
+                 e.score_2d2d.num_inliers, e.score_2d2d.num_matches);
+           })
+      .def("_repr_html_",
+           [](const PoseEstimate& e) { return HtmlTable("PoseEstimate", HtmlRowsOf(e)); });
+  BindState(bound, py::overload_cast<const PoseEstimate&>(&StateOf), &EstimateOf);
 }
 
 EstimatorOptions OptionsOf(const py::kwargs& given) {

@@ -1,8 +1,10 @@
 // Camera, Rigid3, PosedImage and Mesh.
 
+#include <cstring>
 #include <limits>
 
 #include "apps/python/conversions.h"
+#include "apps/python/geometry_source.h"
 #include "lifting/mesh_spec.h"
 
 #include "raylift/base/text.h"
@@ -330,16 +332,74 @@ to this factor either way.)")
       });
 }
 
+// The numbers of a list as they lie in memory, and back.
+template <typename T>
+py::bytes ToBytes(const std::vector<T>& values) {
+  return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
+}
+template <typename T>
+void FromBytes(const py::handle& state, std::vector<T>& values) {
+  const auto bytes = state.cast<std::string_view>();
+  values.resize(bytes.size() / sizeof(T));
+  std::memcpy(static_cast<void*>(values.data()), bytes.data(), values.size() * sizeof(T));
+}
+
+// Calls a function with each list of numbers of a mesh.
+template <typename Mesh, typename Function>
+void ForEachList(Mesh& mesh, const Function& function) {
+  function(mesh.vertices);
+  function(mesh.triangles);
+  function(mesh.vertex_colors_rgb);
+  function(mesh.texture_coordinates);
+  function(mesh.triangle_textures);
+  function(mesh.triangle_faces);
+  function(mesh.object_begins);
+}
+
+// The origin, the textures, the warnings and the lists of numbers.
+py::tuple MeshState(const TriangleMesh& mesh) {
+  py::list textures, lists;
+  for (const Image& texture : mesh.textures) {
+    textures.append(py::make_tuple(texture.width_px, texture.height_px, texture.channels,
+                                   ToBytes(texture.data)));
+  }
+  ForEachList(mesh, [&](const auto& list) { lists.append(ToBytes(list)); });
+  const Eigen::Vector3d& origin = mesh.origin_in_world;
+  return py::make_tuple(std::array{origin.x(), origin.y(), origin.z()}, textures, mesh.warnings,
+                        lists);
+}
+
+std::shared_ptr<TriangleMesh> MeshOf(const py::tuple& state) {
+  auto mesh = std::make_shared<TriangleMesh>();
+  const auto origin = state[0].cast<std::array<double, 3>>();
+  mesh->origin_in_world = Eigen::Vector3d::Map(origin.data());
+  for (const py::handle one : state[1]) {
+    const auto texture = py::reinterpret_borrow<py::tuple>(one);
+    Image& image = mesh->textures.emplace_back();
+    image.width_px = texture[0].cast<int>();
+    image.height_px = texture[1].cast<int>();
+    image.channels = texture[2].cast<int>();
+    FromBytes(texture[3], image.data);
+  }
+  mesh->warnings = state[2].cast<std::vector<std::string>>();
+  py::ssize_t next = 0;
+  const py::list lists = state[3];
+  ForEachList(*mesh, [&](auto& list) { FromBytes(lists[next++], list); });
+  return mesh;
+}
+
 }  // namespace
 
 void BindGeometry(py::module_& module) {
   BindCamera(module);
   BindRigid3(module);
   BindQuery(module);
-  py::class_<PosedImage>(module, "PosedImage",
-                         "A reference photograph: its name, its camera and where it was taken.\n\n"
-                         "Wherever one is an argument, a pair (camera, cam_from_world) and\n"
-                         "pycolmap's images serve, too.")
+  py::class_<PosedImage> bound(
+      module, "PosedImage",
+      "A reference photograph: its name, its camera and where it was taken.\n\n"
+      "Wherever one is an argument, a pair (camera, cam_from_world) and\n"
+      "pycolmap's images serve, too.");
+  bound
       .def(py::init([](std::string name, const CameraLike& camera, const PoseLike& pose) {
              return PosedImage{std::move(name), ToCamera(camera), ToPose(pose)};
            }),
@@ -351,18 +411,21 @@ void BindGeometry(py::module_& module) {
            [](const PosedImage& image) {
              return fmt::format("<raylift.PosedImage {}>", image.name);
            })
-      .def(py::pickle(
-          [](const PosedImage& image) {
-            return py::make_tuple(image.name, image.camera, image.cam_from_world);
-          },
-          [](const py::tuple& state) {
-            return PosedImage{state[0].cast<std::string>(), state[1].cast<Camera>(),
-                              state[2].cast<Rigid3>()};
-          }));
+      .def("__hash__",
+           [](const PosedImage& image) { return std::hash<std::string>()(image.name); });
+  BindState(
+      bound,
+      [](const PosedImage& image) {
+        return std::tuple(image.name, image.camera, image.cam_from_world);
+      },
+      [](const std::tuple<std::string, Camera, Rigid3>& state) {
+        return PosedImage{std::get<0>(state), std::get<1>(state), std::get<2>(state)};
+      });
 }
 
 void BindMesh(py::module_& module) {
-  py::class_<TriangleMesh, std::shared_ptr<TriangleMesh>>(module, "Mesh", "A triangle mesh.")
+  py::class_<TriangleMesh, std::shared_ptr<TriangleMesh>> bound(module, "Mesh", "A triangle mesh.");
+  bound
       .def(py::init(&MeshFromArrays), py::arg("vertices"), py::arg("triangles"),
            py::arg("colors") = py::none(),
            "From vertices (N, 3) in the world, triangles (M, 3) of indices and, where there are "
@@ -409,10 +472,22 @@ void BindMesh(py::module_& module) {
                              [](const TriangleMesh& mesh) { return !mesh.textures.empty(); })
       .def_readonly("warnings", &TriangleMesh::warnings,
                     "What its reader has to say: triangles left out, a texture that is missing.")
-      .def("__repr__", [](const TriangleMesh& mesh) {
-        return fmt::format("<raylift.Mesh {} vertices, {} triangles>", mesh.vertices.size(),
-                           mesh.triangles.size());
-      });
+      .def("__repr__",
+           [](const TriangleMesh& mesh) {
+             return fmt::format("<raylift.Mesh {} vertices, {} triangles>", mesh.vertices.size(),
+                                mesh.triangles.size());
+           })
+      .def(
+          "_repr_png_",
+          [](const std::shared_ptr<TriangleMesh>& mesh) {
+            RayCasterOptions options;
+            options.build_quality = RayCasterOptions::BuildQuality::kLow;
+            return PictureOf(*WithoutLock([&] {
+              return std::make_shared<Caster>(std::make_shared<const RayCaster>(mesh, options));
+            }));
+          },
+          "A picture of it from outside.");
+  BindState(bound, &MeshState, &MeshOf);
 }
 
 }  // namespace raylift::python

@@ -55,6 +55,9 @@ struct Caster {
   LastRenderer renderer;
 };
 
+// A PNG of what a mesh looks like from outside; None where it has no triangles.
+std::optional<py::bytes> PictureOf(const Caster& caster);
+
 // Geometry of any kind.
 struct Geometry {
   explicit Geometry(NamedGeometry opened) : named(std::move(opened)) {}

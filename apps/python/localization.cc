@@ -5,12 +5,13 @@
 #include <mutex>
 
 #include "apps/python/conversions.h"
+#include "apps/python/estimate_state.h"
 #include "apps/python/geometry_source.h"
-#include "apps/python/pose_problem.h"
 #include "base/progress.h"
 #include "estimation/fields.h"
 #include "lifting/fields.h"
 #include "localization/fields.h"
+#include "localization/results/result_json.h"
 
 #include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
@@ -260,6 +261,7 @@ class SceneLocalizer {
 
 // A result with what the localizer that made it knew of the scene.
 struct KnownResult : QueryResult {
+  KnownResult() = default;
   KnownResult(QueryResult result, const Localizer& localizer)
       : QueryResult(std::move(result)), scene_noise(localizer.options().estimator.scene_noise) {}
 
@@ -377,10 +379,26 @@ py::dict CountsOf(const StageCounts& counts) {
   return dict;
 }
 
+// What became of it in JSON, the estimate and the problem.
+using ResultState = std::tuple<std::string, std::string, ProblemState>;
+ResultState StateOf(const KnownResult& result) {
+  return {ToJson(result.localized).dump(), python::StateOf(result.localized.estimate),
+          python::StateOf(KnownProblem(result.problem, result.scene_noise))};
+}
+ResultPointer ResultOf(const ResultState& state) {
+  auto result = std::make_shared<KnownResult>();
+  result->localized = ParseJson<LocalizedQuery>(std::get<0>(state));
+  result->localized.estimate = *EstimateOf(std::get<1>(state));
+  const auto problem = ProblemOf(std::get<2>(state));
+  result->problem = *problem;
+  result->scene_noise = problem->scene_noise;
+  return result;
+}
+
 void BindResult(py::module_& module) {
-  py::class_<KnownResult, ResultPointer>(module, "LocalizedQuery",
-                                         "What became of a query. True where it was localized.")
-      .def_property_readonly("name", [](const KnownResult& r) { return r.localized.name; })
+  py::class_<KnownResult, ResultPointer> bound(
+      module, "LocalizedQuery", "What became of a query. True where it was localized.");
+  bound.def_property_readonly("name", [](const KnownResult& r) { return r.localized.name; })
       .def_property_readonly(
           "cam_from_world",
           [](const KnownResult& r) -> std::optional<Rigid3> {
@@ -413,11 +431,19 @@ void BindResult(py::module_& module) {
           },
           "The PoseProblem that was estimated, which knows what the scene's calibration says.")
       .def("__bool__", [](const KnownResult& r) { return r.localized.localized(); })
-      .def("__repr__", [](const KnownResult& r) {
-        return fmt::format("<raylift.LocalizedQuery {}: {}{}>", r.localized.name,
-                           ToString(r.localized.verdict()),
-                           r.localized.localized() ? "" : ", " + r.localized.reason);
+      .def("__repr__",
+           [](const KnownResult& r) {
+             return fmt::format("<raylift.LocalizedQuery {}: {}{}>", r.localized.name,
+                                ToString(r.localized.verdict()),
+                                r.localized.localized() ? "" : ", " + r.localized.reason);
+           })
+      .def("_repr_html_", [](const KnownResult& r) {
+        auto rows = HtmlRowsOf(r.localized.estimate);
+        if (!r.localized.localized()) rows.insert(rows.begin(), {"failed", r.localized.reason});
+        rows.emplace_back("references", std::to_string(r.localized.counts.retrieved));
+        return HtmlTable(r.localized.name, rows);
       });
+  BindState(bound, py::overload_cast<const KnownResult&>(&StateOf), &ResultOf);
 }
 
 }  // namespace

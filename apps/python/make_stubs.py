@@ -18,6 +18,7 @@ REPAIRS = [
     (r"(?<=-> )tuple(?=:)|(?<=: )tuple(?=\))", "tuple[typing.Any, ...]"),
     (r"(?<=-> )list(?=:)", "list[typing.Any]"),
     (r"\*\*kwargs\)", "**kwargs: typing.Any)"),
+    (r"(__hash__: typing.ClassVar\[None\]) = None", r"\1  # type: ignore[assignment]"),
     (r"\*args,", "*args: raylift._types.GeometryLike,"),
     (r"(?m)^import typing$", "import typing\nimport typing_extensions"),
 ]

@@ -5,11 +5,14 @@
 
 #include "apps/python/geometry_source.h"
 #include "base/progress.h"
+#include "pictures/picture_codec.h"
 
 #include "raylift/base/parallel.h"
 #include "raylift/evaluation/depth_errors.h"
+#include "raylift/io/view_list.h"
 #include "raylift/renderers/frame_renderer.h"
 #include "raylift/views/render_job.h"
+#include "raylift/views/view_sampler.h"
 
 namespace raylift::python {
 namespace {
@@ -74,6 +77,12 @@ py::dict CastRays(const Caster& caster, const ArrayLike& origins, const ArrayLik
   return result;
 }
 
+// As the program: what has no colors needs light to show its shape.
+ColorOptions::Shading ShadingOf(const TriangleMesh& mesh) {
+  const bool has_colors = !mesh.vertex_colors_rgb.empty() || !mesh.triangle_textures.empty();
+  return has_colors ? ColorOptions::Shading::kUnlit : ColorOptions::Shading::kHeadlight;
+}
+
 // What a call renders.
 struct Pictures {
   std::vector<Product> products;
@@ -89,11 +98,8 @@ Pictures ToPictures(const Caster& caster, const std::vector<std::string>& produc
     outputs.push_back({pictures.products.back(), ""});
   }
   Request(outputs, pictures.frame);
-  const TriangleMesh& mesh = caster.caster->mesh();
   ColorOptions& color = pictures.frame.color_options;
-  // As the program: what has no colors needs light to show its shape.
-  const bool has_colors = !mesh.vertex_colors_rgb.empty() || !mesh.triangle_textures.empty();
-  color.shading = has_colors ? ColorOptions::Shading::kUnlit : ColorOptions::Shading::kHeadlight;
+  color.shading = ShadingOf(caster.caster->mesh());
   Keywords keywords(given);
   std::string shading = "auto";
   keywords.Take("shading", shading);
@@ -344,6 +350,28 @@ std::shared_ptr<const FrameRenderer> LastRenderer::Of(
   return renderer_;
 }
 
+std::optional<py::bytes> PictureOf(const Caster& caster) {
+  const TriangleMesh& mesh = caster.caster->mesh();
+  if (mesh.triangles.empty()) return std::nullopt;
+  return WithoutLock([&] {
+    constexpr double kElevationDeg = 30;
+    const Camera camera = ParseCamera("camera", "PINHOLE 480 360 400 400 240 180");
+    const SampledViews view = SampleAround(
+        *caster.caster,
+        {.camera = camera, .count = 1, .up_in_world = EstimateUp(mesh).up_in_world, .clearance = 0},
+        {.min_elevation_deg = kElevationDeg, .max_elevation_deg = kElevationDeg});
+    FrameOptions options;
+    options.color = true;
+    options.color_options.shading = ShadingOf(mesh);
+    Frame frame;
+    if (!view.cam_from_world.empty()) {
+      FrameRenderer(caster.caster, options)
+          .Render(PixelRays(camera, 0), view.cam_from_world.front(), 0, frame);
+    }
+    return EncodePng(frame.color);
+  });
+}
+
 void BindRendering(py::module_& module) {
   const auto depth_alone = std::vector<std::string>{"depth"};
   py::class_<Caster, std::shared_ptr<Caster>>(
@@ -425,6 +453,7 @@ mask   (H, W) bool; the intersection of what both show over their union
 depth  (H, W), 0 or not finite: not known; share of the known pixels whose rendered depth
        is within depth_tolerance of it, as a share of it
 edges  (H, W), how much each pixel is an edge; its mean over the view's depth edges)")
+      .def("_repr_png_", &PictureOf, "A picture of the mesh from outside.")
       .def("__repr__", [](const Caster& caster) {
         return fmt::format("<raylift.RayCaster {} triangles>",
                            caster.caster->mesh().triangles.size());

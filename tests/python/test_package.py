@@ -1,7 +1,9 @@
 """The package as a whole: its names, its types, its stubs."""
 
+import copy
 import inspect
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +13,7 @@ import pytest
 
 import raylift
 from raylift import _core, _types
+from synthetic import CAMERA, Problem
 
 SOURCE = Path(os.environ["RAYLIFT_SOURCE"])
 PYTHON = SOURCE / "apps/python"
@@ -70,6 +73,44 @@ def test_the_types_name_the_options_that_there_are(options, call):
         call(nonsense=1)
     names = str(error.value).split("there are ")[1].split(", ")
     assert sorted(names) == sorted(options.__annotations__)
+
+
+def examples_of_results():
+    problem = Problem()
+    mesh = raylift.Mesh.read(DEMO / "scene.obj")
+    scene = raylift.Scene.of(problem.references, [mesh])
+    names = [problem.references[i].name for i in problem.pairs["reference_index"]]
+    matches = [problem.pairs["query2d"], problem.pairs["reference2d"], names]
+    keypoints = np.tile(np.arange(200), 3)  # of those that are not known, pickles know which are equal
+    localized = raylift.Localizer(scene).localize_matches(CAMERA, *matches, query_keypoints=keypoints)
+    failed = raylift.Localizer(scene).localize_matches(CAMERA, *(rows[:1] for rows in matches), query_keypoints=[0])
+    return [problem.references[0], localized, localized.estimate, localized.problem, failed, failed.estimate, mesh]
+
+
+@pytest.mark.parametrize("one", examples_of_results(), ids=lambda one: type(one).__name__)
+def test_results_pickle_copy_compare_and_show_themselves(one):
+    for again in pickle.loads(pickle.dumps(one)), copy.copy(one), copy.deepcopy(one):
+        assert again is not one and again == one and repr(again) == repr(one)
+        for name in dir(one):
+            value, other = getattr(one, name), getattr(again, name)
+            if not name.startswith("_") and not callable(value):
+                np.testing.assert_equal(other, value)
+    assert one != 5 and one != raylift.Rigid3() and "object at" not in repr(one)
+    if isinstance(one, raylift.Mesh):
+        for picture in one._repr_png_(), raylift.RayCaster(one)._repr_png_():
+            assert picture.startswith(b"\x89PNG") and len(picture) > 10000
+    elif hasattr(one, "verdict"):
+        html = one._repr_html_()
+        assert (one.verdict if one else "no pose") in html and len(html) < 2000
+
+
+def test_what_differs_is_not_equal():
+    *_, mesh = examples_of_results()
+    others = [raylift.PoseProblem(CAMERA, name=name) for name in "ab"] + [
+        raylift.PosedImage(name, CAMERA, raylift.Rigid3()) for name in "ab"] + [
+        mesh, raylift.Mesh(mesh.vertices, mesh.triangles[:5])]
+    for one, other in zip(others[::2], others[1::2]):
+        assert one != other
 
 
 WRONG_CALLS = """

@@ -227,13 +227,19 @@ class PosedImage:
     Wherever one is an argument, a pair (camera, cam_from_world) and
     pycolmap's images serve, too.
     """
+    def __eq__(self, other: typing.Any) -> bool:
+        """
+        Equal in all that is kept when pickled.
+        """
     def __getstate__(self) -> tuple[str, Camera, Rigid3]:
+        ...
+    def __hash__(self) -> int:
         ...
     def __init__(self, name: str, camera: raylift._types.CameraLike, cam_from_world: raylift._types.PoseLike) -> None:
         ...
     def __repr__(self) -> str:
         ...
-    def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None:
+    def __setstate__(self, arg0: tuple[str, Camera, Rigid3]) -> None:
         ...
     @property
     def cam_from_world(self) -> Rigid3:
@@ -250,10 +256,15 @@ class PoseProblem:
     """
     All that an estimator sees of one query: 2D-3D matches, 2D-2D matches, or both.
     """
+    __hash__: typing.ClassVar[None]  # type: ignore[assignment]
     @staticmethod
     def read(file: raylift._types.PathLike) -> PoseProblem:
         """
         Raises InputError with the JSON path of what is wrong.
+        """
+    def __eq__(self, other: typing.Any) -> bool:
+        """
+        Equal in all that is kept when pickled.
         """
     def __getstate__(self) -> tuple[str, str]:
         ...
@@ -331,9 +342,20 @@ class PoseEstimate:
     """
     What an estimator found. True where there is a pose.
     """
+    __hash__: typing.ClassVar[None]  # type: ignore[assignment]
     def __bool__(self) -> bool:
         ...
+    def __eq__(self, other: typing.Any) -> bool:
+        """
+        Equal in all that is kept when pickled.
+        """
+    def __getstate__(self) -> str:
+        ...
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: str) -> None:
+        ...
+    def _repr_html_(self) -> str:
         ...
     @property
     def cam_from_world(self) -> Rigid3 | None:
@@ -437,6 +459,7 @@ class Mesh:
     """
     A triangle mesh.
     """
+    __hash__: typing.ClassVar[None]  # type: ignore[assignment]
     @staticmethod
     def read(files: typing.Any, *, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> Mesh:
         """
@@ -445,6 +468,12 @@ class Mesh:
 
         Raises InputError where a file cannot be read.
         """
+    def __eq__(self, other: typing.Any) -> bool:
+        """
+        Equal in all that is kept when pickled.
+        """
+    def __getstate__(self) -> tuple[typing.Any, ...]:
+        ...
     def __init__(self, vertices: numpy.typing.ArrayLike, triangles: numpy.typing.ArrayLike, colors: numpy.typing.ArrayLike | None = None) -> None:
         """
         From vertices (N, 3) in the world, triangles (M, 3) of indices and, where there are any,
@@ -455,6 +484,12 @@ class Mesh:
         """
     def __repr__(self) -> str:
         ...
+    def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None:
+        ...
+    def _repr_png_(self) -> bytes | None:
+        """
+        A picture of it from outside.
+        """
     @property
     def colors(self) -> numpy.typing.NDArray[numpy.uint8] | None:
         """
@@ -488,6 +523,10 @@ class RayCaster:
         """
     def __repr__(self) -> str:
         ...
+    def _repr_png_(self) -> bytes | None:
+        """
+        A picture of the mesh from outside.
+        """
     def cast(self, origins: numpy.typing.ArrayLike, directions: numpy.typing.ArrayLike, *, t_near: typing.SupportsFloat | typing.SupportsIndex = 0.0, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> dict[str, typing.Any]:
         """
         The nearest hits of rays from origins (N, 3), or one (1, 3) for all, along directions
@@ -671,9 +710,20 @@ class LocalizedQuery:
     """
     What became of a query. True where it was localized.
     """
+    __hash__: typing.ClassVar[None]  # type: ignore[assignment]
     def __bool__(self) -> bool:
         ...
+    def __eq__(self, other: typing.Any) -> bool:
+        """
+        Equal in all that is kept when pickled.
+        """
+    def __getstate__(self) -> tuple[str, str, tuple[str, str]]:
+        ...
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: tuple[str, str, tuple[str, str]]) -> None:
+        ...
+    def _repr_html_(self) -> str:
         ...
     @property
     def cam_from_world(self) -> Rigid3 | None:
