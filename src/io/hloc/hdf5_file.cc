@@ -1,7 +1,6 @@
 #include "io/hloc/hdf5_file.h"
 
 #include <algorithm>
-#include <cerrno>
 #include <cstring>
 #include <mutex>
 #include <utility>
@@ -10,7 +9,6 @@
 #include "base/read_limits.h"
 #include <Eigen/Core>
 #include <hdf5.h>
-#include <unistd.h>
 
 #include "raylift/base/error.h"
 
@@ -153,32 +151,6 @@ hid_t NativeType<int64_t>() {
   return H5T_NATIVE_INT64;
 }
 
-// Numbers as they lie in the file, little-endian.
-enum class StoredType { kHalf, kFloat, kDouble, kInt16, kInt32, kInt64 };
-
-// Returns nullopt for types that the library itself must convert.
-std::optional<StoredType> StoredTypeOf(hid_t type) {
-  const Handle half = HalfType();
-  const std::pair<hid_t, StoredType> known[] = {
-      {half.get(), StoredType::kHalf},       {H5T_IEEE_F32LE, StoredType::kFloat},
-      {H5T_IEEE_F64LE, StoredType::kDouble}, {H5T_STD_I16LE, StoredType::kInt16},
-      {H5T_STD_I32LE, StoredType::kInt32},   {H5T_STD_I64LE, StoredType::kInt64},
-  };
-  for (const auto& [one, stored] : known) {
-    if (H5Tequal(type, one) > 0) return stored;
-  }
-  return std::nullopt;
-}
-
-template <typename Stored, typename T>
-void ConvertAs(const std::string& bytes, std::vector<T>* values) {
-  for (size_t i = 0; i < values->size(); ++i) {
-    Stored stored;
-    std::memcpy(&stored, bytes.data() + i * sizeof(Stored), sizeof(Stored));
-    (*values)[i] = static_cast<T>(stored);
-  }
-}
-
 // The library's own conversion from float16 takes a tenth of a microsecond per number.
 template <typename T>
 void ConvertHalves(const std::string& bytes, std::vector<T>* values) {
@@ -188,65 +160,6 @@ void ConvertHalves(const std::string& bytes, std::vector<T>* values) {
     (*values)[i] =
         static_cast<T>(static_cast<float>(Eigen::half(Eigen::half_impl::raw_uint16_to_half(bits))));
   }
-}
-
-template <typename T>
-void Convert(StoredType type, const std::string& bytes, std::vector<T>* values) {
-  switch (type) {
-    case StoredType::kHalf:
-      return ConvertHalves(bytes, values);
-    case StoredType::kFloat:
-      return ConvertAs<float>(bytes, values);
-    case StoredType::kDouble:
-      return ConvertAs<double>(bytes, values);
-    case StoredType::kInt16:
-      return ConvertAs<int16_t>(bytes, values);
-    case StoredType::kInt32:
-      return ConvertAs<int32_t>(bytes, values);
-    case StoredType::kInt64:
-      return ConvertAs<int64_t>(bytes, values);
-  }
-}
-
-// Where all values of a data set lie one after the other, as h5py and hloc write them: from which
-// byte of the file on. None where they are in chunks, compressed, not written yet or elsewhere.
-std::optional<uint64_t> PlaceInFile(hid_t file, hid_t dataset) {
-  const Handle of_dataset(H5Dget_create_plist(dataset), H5Pclose);
-  const Handle of_file(H5Fget_create_plist(file), H5Pclose);
-  hsize_t before_file = 0;
-  if (H5Pget_layout(of_dataset.get()) != H5D_CONTIGUOUS ||
-      H5Pget_external_count(of_dataset.get()) != 0 ||
-      H5Pget_userblock(of_file.get(), &before_file) < 0 || before_file != 0) {
-    return std::nullopt;
-  }
-  const haddr_t place = H5Dget_offset(dataset);
-  if (place == HADDR_UNDEF) return std::nullopt;
-  return place;
-}
-
-// False at the file's end and where it cannot be read.
-bool ReadBytes(int descriptor, uint64_t from, std::string* bytes) {
-  size_t done = 0;
-  while (done < bytes->size()) {
-    const ssize_t count = pread(descriptor, bytes->data() + done, bytes->size() - done,
-                                static_cast<off_t>(from + done));
-    if (count < 0 && errno == EINTR) continue;
-    if (count <= 0) return false;
-    done += static_cast<size_t>(count);
-  }
-  return true;
-}
-
-template <typename T>
-bool ReadByLibrary(hid_t dataset, const std::optional<StoredType>& stored, std::vector<T>* values) {
-  if (stored != StoredType::kHalf) {
-    return H5Dread(dataset, NativeType<T>(), H5S_ALL, H5S_ALL, H5P_DEFAULT, values->data()) >= 0;
-  }
-  std::string bytes(values->size() * sizeof(uint16_t), '\0');
-  const Handle half = HalfType();
-  if (H5Dread(dataset, half.get(), H5S_ALL, H5S_ALL, H5P_DEFAULT, bytes.data()) < 0) return false;
-  ConvertHalves(bytes, values);
-  return true;
 }
 
 std::vector<size_t> ShapeOf(hid_t space) {
@@ -344,11 +257,6 @@ Hdf5Reader::Hdf5Reader(std::filesystem::path path) : path_(std::move(path)) {
   if (file_ < 0) {
     throw InputError(path_, fmt::format("cannot be opened: {}", LastError()));
   }
-  // The library's own: the path may stand for another file by now.
-  void* descriptor = nullptr;
-  if (H5Fget_vfd_handle(file_, H5P_DEFAULT, &descriptor) >= 0 && descriptor != nullptr) {
-    descriptor_ = *static_cast<const int*>(descriptor);
-  }
 }
 
 Hdf5Reader::~Hdf5Reader() {
@@ -378,9 +286,7 @@ std::vector<std::string> Hdf5Reader::GroupsWith(const std::string& member) const
 template <typename T>
 Hdf5Array<T> Hdf5Reader::Read(const std::string& name) const {
   Hdf5Array<T> array;
-  size_t size_each = 0;
-  std::optional<StoredType> stored;
-  std::optional<uint64_t> place;
+  std::string halves;
   {
     const Lock lock;
     if (!PathExists(file_, name)) {
@@ -402,11 +308,10 @@ Hdf5Array<T> Hdf5Reader::Read(const std::string& name) const {
     if (std::is_integral_v<T> && kind != Hdf5Kind::kInteger) {
       Fail(name, "expected integers, found floating-point numbers");
     }
-    size_each = H5Tget_size(type.get());
     array.shape = ShapeOf(space.get());
     array.kind_in_file = *kind;
     std::error_code ignored;
-    const auto count = CountElements(dataset.get(), size_each, array.shape,
+    const auto count = CountElements(dataset.get(), H5Tget_size(type.get()), array.shape,
                                      std::filesystem::file_size(path_, ignored));
     if (!count) {
       Fail(name,
@@ -414,19 +319,17 @@ Hdf5Array<T> Hdf5Reader::Read(const std::string& name) const {
     }
     array.values.resize(*count);
     if (*count == 0) return array;
-    stored = StoredTypeOf(type.get());
-    if (stored && descriptor_ >= 0) place = PlaceInFile(file_, dataset.get());
-    if (!place && !ReadByLibrary(dataset.get(), stored, &array.values)) {
+    const Handle half = HalfType();
+    const bool is_half = H5Tequal(type.get(), half.get()) > 0;
+    if (is_half) halves.resize(*count * sizeof(uint16_t));
+    void* const destination = is_half ? halves.data() : static_cast<void*>(array.values.data());
+    if (H5Dread(dataset.get(), is_half ? half.get() : NativeType<T>(), H5S_ALL, H5S_ALL,
+                H5P_DEFAULT, destination) < 0) {
       Fail(name, fmt::format("cannot be read: {}", LastError()));
     }
   }
-  if (!place) return array;
   // The bulk of the work, which the library need not know of: side by side with other threads.
-  std::string bytes(array.values.size() * size_each, '\0');
-  if (!ReadBytes(descriptor_, *place, &bytes)) {
-    Fail(name, "cannot be read to its end");
-  }
-  Convert(*stored, bytes, &array.values);
+  if (!halves.empty()) ConvertHalves(halves, &array.values);
   return array;
 }
 

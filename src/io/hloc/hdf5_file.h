@@ -1,8 +1,7 @@
 // HDF5 files in terms of arrays and paths; the C library stays behind it.
 //
-// The library is not thread-safe in most builds: all that it does holds one global lock. Data sets
-// that lie in the file in one piece are only found by it: several threads read them at once. It
-// does not print its errors; their text is in the InputErrors.
+// The library is not thread-safe in most builds: all that it does holds one global lock. It does
+// not print its errors; their text is in the InputErrors.
 
 #pragma once
 
@@ -60,8 +59,7 @@ class Hdf5Reader {
 
  private:
   std::filesystem::path path_;
-  int64_t file_ = -1;    // an hid_t
-  int descriptor_ = -1;  // the library's, to read what lies in one piece; -1: there is none
+  int64_t file_ = -1;  // an hid_t
 };
 
 // Makes a file that appears under its name when it is complete. Groups on the way are made.
