@@ -13,6 +13,7 @@
 #include "diagnosis/match_agreement.h"
 #include "diagnosis/stored_faults.h"
 #include "lifting/mesh_spec.h"
+#include "surfaces/surface_samples.h"
 #include <Eigen/Geometry>
 
 #include "raylift/base/error.h"
@@ -42,39 +43,6 @@ std::vector<Eigen::Matrix3d> AllAxes() {
     }
   } while (std::next_permutation(order.begin(), order.end()));
   return all;
-}
-
-// Points of the mesh, evenly over its area.
-std::vector<Eigen::Vector3d> SampleSurface(const TriangleMesh& mesh) {
-  constexpr size_t kSamples = 30000;
-  RAYLIFT_CHECK(!mesh.triangles.empty());
-  std::vector<double> area_up_to;
-  double total = 0;
-  for (const auto& t : mesh.triangles) {
-    const Eigen::Vector3d a = mesh.vertices[t[0]].cast<double>();
-    const Eigen::Vector3d b = mesh.vertices[t[1]].cast<double>();
-    const Eigen::Vector3d c = mesh.vertices[t[2]].cast<double>();
-    total += (b - a).cross(c - a).norm();
-    area_up_to.push_back(total);
-  }
-  std::vector<Eigen::Vector3d> points;
-  Rng rng(0);
-  for (size_t i = 0; i < kSamples; ++i) {
-    const double at = total * (static_cast<double>(i) + rng.Uniform()) / kSamples;
-    const auto found = std::lower_bound(area_up_to.begin(), area_up_to.end(), at);
-    const auto index = std::min<size_t>(static_cast<size_t>(found - area_up_to.begin()),
-                                        mesh.triangles.size() - 1);
-    double u = rng.Uniform();
-    double v = rng.Uniform();
-    if (u + v > 1) {
-      u = 1 - u;
-      v = 1 - v;
-    }
-    const auto& t = mesh.triangles[index];
-    points.push_back((1 - u - v) * mesh.VertexInWorld(t[0]) + u * mesh.VertexInWorld(t[1]) +
-                     v * mesh.VertexInWorld(t[2]));
-  }
-  return points;
 }
 
 Eigen::Vector3d Quantile(std::span<const Eigen::Vector3d> points, double share) {
@@ -351,7 +319,13 @@ std::vector<MeshFrameSearch::Candidate> MeshFrameSearch::Shifted() const {
   constexpr size_t kPoints = 100;
   points.resize(std::min(points.size(), kPoints));
   if (points.empty()) return {};
-  const SurfaceGrid grid(SampleSurface(mesh_.mesh()));
+  constexpr size_t kSurfaceSamples = 30000;
+  std::vector<Eigen::Vector3d> surface;
+  for (const SurfaceSample& sample : SampleSurface(mesh_.mesh(), kSurfaceSamples, 0)) {
+    surface.push_back(sample.point_in_world);
+  }
+  if (surface.empty()) return {};
+  const SurfaceGrid grid(surface);
   if (grid.IsFull()) return {};
   const double mesh_extent = (grid.high() - grid.low()).norm();
   const double extent = (high - low).norm();

@@ -3,6 +3,7 @@
 #include <numbers>
 
 #include "base/rng.h"
+#include "surfaces/surface_samples.h"
 #include "views/space_probe.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>

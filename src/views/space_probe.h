@@ -34,14 +34,6 @@ struct VisibleSurface {
 VisibleSurface MeasureView(const RayCaster& mesh, const Camera& camera,
                            const Rigid3& cam_from_world);
 
-struct SurfaceSample {
-  Eigen::Vector3d point_in_world;
-  Eigen::Vector3d normal_in_world;  // unit, by the triangle's winding
-};
-
-// Returns no samples if the mesh has no area.
-std::vector<SurfaceSample> SampleSurface(const TriangleMesh& mesh, size_t count, uint64_t seed);
-
 // Points of the ground, on a grid, of the largest connected area; empty where there is none. Room
 // for the eye height and the clearance is above each.
 std::vector<Eigen::Vector3d> FindWalkableGround(const RayCaster& mesh,
