@@ -188,7 +188,7 @@ std::string InOptions(std::string text) {
 }
 
 void PrintWarning(const std::string& warning) {
-  std::fputs(fmt::format("raylift: warning: {}\n", OneLine(InOptions(warning))).c_str(), stderr);
+  std::fputs(fmt::format("raylift: warning: {}\n", Printable(InOptions(warning))).c_str(), stderr);
 }
 
 void PrintWarnings(const std::vector<std::string>& warnings) {

@@ -22,7 +22,6 @@
 #include "raylift/io/depth_file.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/localization/scene.h"
-#include "raylift/renderers/frame_renderer.h"
 #include "raylift/views/render_job.h"
 
 namespace raylift {
@@ -48,16 +47,6 @@ struct PerturbFlags {
     return all;
   }
 };
-
-// The map as it is: stored maps keep their size, a surface is seen at the image's. None where there is
-// no map of an image.
-std::optional<DepthMap> LoadMap(const NamedGeometry& geometry, const PosedImage& image) {
-  if (const auto surface = geometry.Surface()) {
-    return RenderDepth(*surface, image.camera, image.cam_from_world, 1);
-  }
-  const auto map = geometry.maps->Load(image);
-  return map != nullptr ? std::optional(*map) : std::nullopt;
-}
 
 // Images in the order of their names, as of a video.
 class Frames {
@@ -130,7 +119,7 @@ void Run(const PerturbFlags& flags, const std::string& options_json) {
     Progress progress("maps", images.size(), flags.run.Show());
     ParallelFor(images.size(), flags.run.threads, [&](size_t i) {
       const PosedImage* seen = frames.At(i, flags.frames);
-      if (const auto map = seen != nullptr ? LoadMap(geometry, *seen) : std::nullopt) {
+      if (const auto map = seen != nullptr ? geometry.MapOf(*seen) : std::nullopt) {
         const DepthMap worse = PerturbDepth(MisalignDepth(*map, images[i].camera, misalignment),
                                             flags.perturbation, images[i].name);
         const DepthWriteReport report = WriteDepthFile(

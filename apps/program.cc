@@ -228,7 +228,8 @@ void AddProgramHelp(CLI::App& program) {
   }
 }
 
-// Writes manual pages from the same source as --help: raylift.1 and raylift-COMMAND.1 of each command.
+// Writes manual pages from the same source as --help: raylift.1 and raylift-COMMAND.1 of each
+// command.
 void WriteManPages(const CLI::App& program, const std::filesystem::path& folder) {
   WriteFile(folder / "raylift.1", ProgramPage(program));
   for (const CLI::App* command : program.get_subcommands({})) {
@@ -237,7 +238,7 @@ void WriteManPages(const CLI::App& program, const std::filesystem::path& folder)
 }
 
 int Fail(ExitCode code, const char* message) {
-  std::fprintf(stderr, "raylift: %s\n", OneLine(message).c_str());
+  std::fprintf(stderr, "raylift: %s\n", Printable(message).c_str());
   return code;
 }
 
@@ -365,8 +366,8 @@ Program Parsed(const Program& survey, const std::vector<std::string>& arguments)
   return program;
 }
 
-// "; did you mean NAME?" of the first argument that is no command or option but resembles one; kinds
-// of geometry stand for that option.
+// "; did you mean NAME?" of the first argument that is no command or option but resembles one;
+// kinds of geometry stand for that option.
 std::string Hint(const CLI::App& app, const std::vector<std::string>& arguments) {
   if (arguments.empty()) return {};
   std::vector<std::string> commands;
@@ -405,13 +406,6 @@ std::string OptionOfField(std::string_view field) {
 }
 
 }  // namespace
-
-std::string OneLine(std::string message) {
-  std::replace_if(
-      message.begin(), message.end(), [](char c) { return (c >= 0 && c < ' ') || c == '\x7f'; },
-      '?');
-  return message;
-}
 
 std::string MessageInOptions(const OptionError& error) {
   const std::string& name = error.name();

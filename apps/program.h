@@ -27,10 +27,6 @@ int RunProgram(const std::vector<std::string>& arguments);
 // an OptionError.
 void RunCommand(const std::vector<std::string>& arguments);
 
-// Returns a message as one line: names of files and images may hold what begins another or steers a
-// terminal, which becomes "?".
-std::string OneLine(std::string message);
-
 // The error's message in the words of the command line: "min_iterations = 0: ..." says
 // "--min-iterations = 0: ...".
 std::string MessageInOptions(const OptionError& error);

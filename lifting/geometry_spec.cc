@@ -16,6 +16,7 @@
 #include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/lifting/mesh_source.h"
+#include "raylift/renderers/frame_renderer.h"
 #include "raylift/surfaces/mesh_files.h"
 #include "raylift/surfaces/point_cloud.h"
 
@@ -220,6 +221,14 @@ NamedGeometry MakeSfm(SpecKeys keys, const GeometryContext& context) {
 }
 
 }  // namespace
+
+std::optional<DepthMap> NamedGeometry::MapOf(const PosedImage& image) const {
+  if (const auto surface = Surface()) {
+    return RenderDepth(*surface, image.camera, image.cam_from_world, 1);
+  }
+  const auto map = maps->Load(image);
+  return map != nullptr ? std::optional(*map) : std::nullopt;
+}
 
 std::string GeometrySpecOf(const std::string& text) {
   const std::string path = text.substr(0, text.find(','));

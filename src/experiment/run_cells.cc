@@ -22,20 +22,11 @@
 #include "raylift/localization/localize_all.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
-#include "raylift/renderers/frame_renderer.h"
 
 namespace raylift {
 namespace {
 
 using std::filesystem::path;
-
-std::optional<DepthMap> LoadMap(const NamedGeometry& geometry, const PosedImage& image) {
-  if (const auto surface = geometry.Surface()) {
-    return RenderDepth(*surface, image.camera, image.cam_from_world, 1);
-  }
-  const auto map = geometry.maps->Load(image);
-  return map != nullptr ? std::optional(*map) : std::nullopt;
-}
 
 // Where "depth:FOLDER" finds it.
 path FileOfImage(const path& folder, const std::string& image) {
@@ -63,7 +54,7 @@ std::string WritePerturbedDepth(const path& folder, const std::string& spec,
     }
     ParallelFor(context.references.size(), threads, [&](size_t i) {
       const PosedImage& image = context.references[i];
-      if (const auto map = LoadMap(geometry, image)) {
+      if (const auto map = geometry.MapOf(image)) {
         WriteDepthFile(FileOfImage(folder, image.name),
                        PerturbDepth(*map, perturbation, image.name));
       }

@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <functional>
@@ -19,6 +18,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/text.h"
 #include "raylift/scene/image.h"
 #include "raylift/surfaces/mesh_files.h"
 
@@ -36,11 +36,6 @@ Eigen::Affine3d ToEigen(const aiMatrix4x4& m) {
 
 double SrgbFromLinear(double c) {
   return c <= 0.0031308 ? 12.92 * c : 1.055 * std::pow(c, 1 / 2.4) - 0.055;
-}
-
-std::string OneLine(std::string text) {
-  std::replace(text.begin(), text.end(), '\n', ' ');
-  return text;
 }
 
 class SceneConverter {
@@ -231,11 +226,11 @@ RawMesh ReadWithAssimp(const std::filesystem::path& path) {
   } catch (const std::bad_alloc&) {
     throw;
   } catch (const std::exception& error) {
-    throw InputError(path, fmt::format("cannot be read as a mesh: {}", OneLine(error.what())));
+    throw InputError(path, fmt::format("cannot be read as a mesh: {}", Printable(error.what())));
   }
   if (scene == nullptr) {
     throw InputError(
-        path, fmt::format("cannot be read as a mesh: {}", OneLine(importer.GetErrorString())));
+        path, fmt::format("cannot be read as a mesh: {}", Printable(importer.GetErrorString())));
   }
   RawMesh mesh = SceneConverter(path, *scene, gltf).Convert();
   if (gltf) {

@@ -66,6 +66,10 @@ struct NamedGeometry {
 
   // Returns what can be rendered: the mesh, cloud or splats; null where there is none of them.
   std::shared_ptr<const RayCaster> Surface() const { return mesh != nullptr ? mesh : cloud; }
+
+  // Returns an image's depth: a stored map at its own size, a surface as seen at the image's;
+  // nullopt where there is no map of it. Only of geometry that has a surface or maps.
+  std::optional<DepthMap> MapOf(const PosedImage& image) const;
 };
 
 // The rest that it takes to open a specification.
@@ -83,10 +87,9 @@ struct GeometryContext {
 std::string GeometrySpecOf(const std::string& text);
 
 // Opens "mesh:PATH[,key=value...]", "cloud:PATH[,key=value...]", "splat:FILE[,key=value...]",
-// "depth:DIR[,key=value...]" or "sfm[:DIR][,key=value...]" (by default the references' own model), or
-// what GeometrySpecOf() makes one of;
-// GeometryHelp() lists the keys. OptionError for an unknown kind, key or value, InputError where a
-// file cannot be read.
+// "depth:DIR[,key=value...]" or "sfm[:DIR][,key=value...]" (by default the references' own model),
+// or what GeometrySpecOf() makes one of; GeometryHelp() lists the keys. OptionError for an unknown
+// kind, key or value, InputError where a file cannot be read.
 NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext& context = {});
 
 // The forms of a specification and their keys, for help texts.

@@ -24,6 +24,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/text.h"
 
 namespace raylift {
 namespace {
@@ -75,11 +76,6 @@ class MemoryOutput final : public Imf::OStream {
   std::string bytes_;
   size_t position_ = 0;
 };
-
-std::string OneLine(std::string text) {
-  std::replace(text.begin(), text.end(), '\n', ' ');
-  return text;
-}
 
 // OpenEXR takes the memory that an attribute claims before it reads it: refuses those that claim
 // more than the file has.
@@ -163,7 +159,7 @@ class AttributeCheck {
   [[noreturn]] void Fail(std::string_view name, std::string_view message) const {
     constexpr size_t kMaxShown = 40;
     throw InputError(
-        file_, fmt::format("EXR attribute {}", OneLine(std::string(name.substr(0, kMaxShown)))),
+        file_, fmt::format("EXR attribute {}", Printable(std::string(name.substr(0, kMaxShown)))),
         message);
   }
 
@@ -360,7 +356,7 @@ std::string EncodeSlices(const path& file, PlaneSize size, Imf::PixelType type,
   } catch (const std::bad_alloc&) {
     throw;
   } catch (const std::exception& error) {
-    throw InputError(file, fmt::format("the EXR file cannot be made: {}", OneLine(error.what())));
+    throw InputError(file, fmt::format("the EXR file cannot be made: {}", Printable(error.what())));
   }
 }
 
@@ -379,7 +375,7 @@ StoredDepth DecodeExr(const path& file, std::string_view bytes, const std::strin
   } catch (const std::bad_alloc&) {
     throw;
   } catch (const std::exception& error) {
-    throw InputError(file, fmt::format("the EXR file cannot be read: {}", OneLine(error.what())));
+    throw InputError(file, fmt::format("the EXR file cannot be read: {}", Printable(error.what())));
   }
 }
 
