@@ -134,8 +134,10 @@ void RequireIntegers(const py::object& numbers, std::string_view name, int64_t l
     const bool fits = value == std::floor(value) && value >= static_cast<double>(lowest) &&
                       value < static_cast<double>(highest) + 1;
     if (!fits) {
-      throw InputError(fmt::format("{}: expected integers from {} to {}, found {}", name, lowest,
-                                   highest, value));
+      const bool is_whole = value == std::floor(value);
+      throw InputError(fmt::format("{}: expected integers{}, found {}", name,
+                                   is_whole ? fmt::format(" from {} to {}", lowest, highest) : "",
+                                   value));
     }
   }
 }
@@ -236,6 +238,11 @@ std::vector<PosedImage> ToPosedImages(const std::vector<PosedImageLike>& images)
   return posed;
 }
 
+std::string ToText(const py::handle& text, std::string_view name) {
+  if (py::isinstance<py::str>(text)) return text.cast<std::string>();
+  throw InputError(fmt::format("{}: expected a str, found {}", name, TypeName(text)));
+}
+
 std::filesystem::path ToPath(const PathLike& path, std::string_view name) {
   const auto text = py::reinterpret_steal<py::object>(PyOS_FSPath(path.ptr()));
   if (text) return text.cast<std::string>();
@@ -319,10 +326,11 @@ Query ToQuery(const QueryLike& query) {
   if (!py::isinstance<py::sequence>(query) || py::isinstance<py::str>(query) ||
       py::len(query) != 2) {
     throw InputError("query: expected a raylift.Query or a pair (name, camera), found a " +
-                     std::string(py::str(py::type::of(query).attr("__name__"))));
+                     TypeName(query));
   }
-  const auto [name, camera] = query.cast<std::pair<std::string, CameraLike>>();
-  return {name, ToCamera(camera)};
+  const py::object name = query[py::int_(0)], camera = query[py::int_(1)];
+  if (camera.is_none()) throw InputError("query, camera: expected a camera, found None");
+  return {ToText(name, "query, name"), ToCamera(py::reinterpret_borrow<CameraLike>(camera))};
 }
 
 std::string HtmlTable(const std::string& title,
@@ -375,9 +383,8 @@ void Keywords::RequireAllTaken() const {
   }
 }
 
-void Keywords::ThrowKind(const char* name, const py::handle& found) {
-  throw OptionError(name, py::cast<std::string>(py::repr(found)),
-                    fmt::format("cannot be {}", TypeName(found)));
+void Keywords::ThrowKind(const char* name, const py::handle& found, const char* kind) {
+  throw OptionError(name, py::cast<std::string>(py::repr(found)), fmt::format("expected {}", kind));
 }
 
 void WatchedWithoutLock(const std::optional<ProgressCall>& progress,

@@ -89,6 +89,8 @@ using PositionArgument = std::optional<std::pair<ArrayLike, ArrayLike>>;
 using GravityArgument = std::optional<std::tuple<ArrayLike, ArrayLike, double>>;
 PosePriors ToPriors(const PositionArgument& position, const GravityArgument& gravity,
                     const std::optional<double>& focal_sigma, double focal_range = 1);
+// A str. InputError naming the argument for anything else.
+std::string ToText(const py::handle& text, std::string_view name);
 // A str, bytes or os.PathLike. InputError naming the argument for anything else.
 std::filesystem::path ToPath(const PathLike& path, std::string_view name);
 // uint8: height x width, or height x width x 3 (red, green, blue).
@@ -270,7 +272,7 @@ class Keywords {
         value = handle.cast<T>();
       }
     } catch (const py::cast_error&) {
-      ThrowKind(name, handle);
+      ThrowKind(name, handle, KindOf<T>());
     }
   }
 
@@ -281,7 +283,16 @@ class Keywords {
   void RequireAllTaken() const;
 
  private:
-  [[noreturn]] static void ThrowKind(const char* name, const py::handle& found);
+  template <typename T>
+  static constexpr const char* KindOf() {
+    if constexpr (std::is_same_v<T, bool>) return "True or False";
+    if constexpr (std::is_integral_v<T>) return "an integer";
+    if constexpr (std::is_floating_point_v<T>) return "a number";
+    if constexpr (std::is_same_v<T, std::optional<double>>) return "a number or None";
+    if constexpr (std::is_same_v<T, std::string> || NamedEnum<T>) return "a str";
+    return "another value";
+  }
+  [[noreturn]] static void ThrowKind(const char* name, const py::handle& found, const char* kind);
 
   py::kwargs given_;
   size_t left_;

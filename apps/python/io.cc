@@ -303,7 +303,7 @@ void BindLists(py::module_& module) {
         std::vector<NamedPose> named;
         for (const auto& [name, pose] : poses) {
           named.push_back(
-              {name.cast<std::string>(), ToPose(py::reinterpret_borrow<PoseLike>(pose))});
+              {ToText(name, "poses, name"), ToPose(py::reinterpret_borrow<PoseLike>(pose))});
         }
         WritePoseFile(ToPath(file, "file"), named);
       },

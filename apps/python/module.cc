@@ -43,12 +43,91 @@ void TranslateExceptions(py::module_& module) {
       PyErr_SetString(input_error, error.what());
     } catch (const OptionError& error) {
       PyErr_SetString(option_error, MessageInKeywords(error).c_str());
+    } catch (const py::cast_error&) {
+      PyErr_SetString(PyExc_TypeError, "an argument, or what it holds, is of a wrong type");
     } catch (const Interrupted& error) {
       PyErr_SetString(PyExc_KeyboardInterrupt, error.what());
     } catch (const std::filesystem::filesystem_error& error) {
       PyErr_SetString(input_error, error.what());
     }
   });
+}
+
+// Tells of arguments that fit no signature by raylift._arguments, in one line.
+void MendTypeError(const py::object& arguments, const py::object& keywords) {
+  py::error_already_set raised;
+  const std::string message = py::str(raised.value());
+  if (message.find("(): incompatible ") == std::string::npos) return raised.restore();
+  try {
+    const py::object explain = py::module_::import("raylift._arguments").attr("explain");
+    const auto line = explain(message, arguments, keywords).cast<std::string>();
+    PyErr_SetString(PyExc_TypeError, line.c_str());
+  } catch (const py::error_already_set&) {
+    raised.restore();
+  }
+}
+void Mend(PyObject* arguments, PyObject* keywords) {
+  const auto given = py::reinterpret_borrow<py::object>(arguments);
+  MendTypeError(given,
+                keywords == nullptr ? py::dict() : py::reinterpret_borrow<py::object>(keywords));
+}
+// As newer versions call it: with the values of the keywords behind the others.
+void Mend(PyObject* const* values, size_t flagged_count, PyObject* names) {
+  const auto count = static_cast<size_t>(PyVectorcall_NARGS(flagged_count));
+  py::list arguments;
+  for (size_t i = 0; i < count; ++i) arguments.append(py::handle(values[i]));
+  py::dict keywords;
+  if (names != nullptr) {
+    size_t next = count;
+    for (const py::handle name : py::handle(names)) keywords[name] = py::handle(values[next++]);
+  }
+  MendTypeError(arguments, keywords);
+}
+
+// pybind11's functions have one entry in common.
+template <typename... Arguments>
+struct Mended {
+  using Entry = PyObject* (*)(PyObject*, Arguments...);
+  static inline Entry entry = nullptr;
+
+  static PyObject* Call(PyObject* self, Arguments... arguments) {
+    PyObject* const result = entry(self, arguments...);
+    if (result == nullptr && PyErr_ExceptionMatches(PyExc_TypeError) != 0) Mend(arguments...);
+    return result;
+  }
+  static void Wrap(PyMethodDef& method) {
+    const auto found = reinterpret_cast<Entry>(reinterpret_cast<void (*)()>(method.ml_meth));
+    if (found == &Call) return;
+    entry = found;
+    method.ml_meth = reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(&Call));
+  }
+};
+
+void WrapFunction(py::handle function) {
+  if (PyInstanceMethod_Check(function.ptr()) != 0) {
+    function = PyInstanceMethod_GET_FUNCTION(function.ptr());
+  }
+  if (PyCFunction_Check(function.ptr()) == 0) return;
+  PyMethodDef& method = *reinterpret_cast<PyCFunctionObject*>(function.ptr())->m_ml;
+  if (method.ml_flags == (METH_VARARGS | METH_KEYWORDS)) {
+    Mended<PyObject*, PyObject*>::Wrap(method);
+  } else if (method.ml_flags == (METH_FASTCALL | METH_KEYWORDS)) {
+    Mended<PyObject* const*, size_t, PyObject*>::Wrap(method);
+  }
+}
+
+// All functions of a module, and the methods of its classes.
+void WrapFunctions(const py::handle& owner) {
+  const py::object members = py::module_::import("builtins").attr("vars")(owner);
+  for (const py::handle pair : py::list(members.attr("items")())) {
+    const py::object member = py::reinterpret_borrow<py::tuple>(pair)[1];
+    if (PyType_Check(member.ptr()) != 0 &&
+        py::object(member.attr("__module__")).equal(py::str("raylift._core"))) {
+      WrapFunctions(member);
+    } else {
+      WrapFunction(py::getattr(member, "__func__", member));
+    }
+  }
 }
 
 // pybind11 before 2.12 takes numpy 2's arrays for those of numpy 1, and all their rows for the first.
@@ -101,4 +180,5 @@ PYBIND11_MODULE(_core, module) {
   BindLocalization(module);
   BindIo(module);
   BindProgram(module);
+  WrapFunctions(module);
 }

@@ -166,7 +166,7 @@ def test_priors_of_position_and_gravity():
     (dict(points2d=np.zeros((1, 2)), points3d=np.zeros((1, 3)), point_sigmas=[-1]),
      "point_sigmas, row 0: expected a standard deviation, found -1"),
     (dict(query2d=np.zeros((1, 2)), reference2d=np.zeros((1, 2)), reference_index=[0.7],
-          references=[(CAMERA, np.eye(4))]), "reference_index: expected integers .* found 0.7"),
+          references=[(CAMERA, np.eye(4))]), "reference_index: expected integers, found 0.7"),
     (dict(query2d=np.zeros((1, 2)), reference2d=np.zeros((1, 2)), reference_index=np.array([2.0**63]),
           references=[(CAMERA, np.eye(4))]), "reference_index: expected integers .* found 9.2"),
     (dict(points2d=np.ma.zeros((1, 2)), points3d=np.zeros((1, 3))), "points2d: a masked array"),
@@ -184,7 +184,7 @@ def test_wrong_arrays_are_input_errors(arguments, message):
     (dict(method="p4p"), r"method = p4p: expected p3p\|e5p1"),
     (dict(min_iterations=-1), "^min_iterations = -1: "),
     (dict(reprojection_threshold_px=0), "^reprojection_threshold_px = 0: "),
-    (dict(confidence="high"), "confidence = 'high': cannot be str"),
+    (dict(confidence="high"), "confidence = 'high': expected a number"),
     (dict(min_iteration=3), "min_iteration: there is no such option; .*min_iterations"),
 ])
 def test_wrong_options_are_option_errors(option, message):

@@ -138,8 +138,9 @@ def attack(name, function, count):
     for arguments in calls(function, count):
         try:
             function(*arguments)
-        except Exception:
-            pass
+        except Exception as error:
+            told = str(error)
+            assert "C++" not in told and "Invoked with" not in told, told
 
 
 def parameters(node):

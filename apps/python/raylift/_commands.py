@@ -47,7 +47,7 @@ def run(command: str, *arguments: object, progress: Optional[Progress] = None, q
     Raises OptionError and InputError where the program would end with such a message, and
     KeyboardInterrupt after Ctrl-C, with what is on disk in good order.
     """
-    words = [command, *map(_text, arguments)]
+    words = [*map(_text, (command, *arguments))]
     for name, value in dict(options, quiet=quiet).items():
         words.extend(_option(name, value))
     _core.run_command(words, progress=progress)
