@@ -32,27 +32,29 @@ MatchNoise Describe(const JointNoise& noise, bool references_disagree, double sc
 }
 
 // Fills what follows from the final pose: scores, inliers, covariance.
-void DescribePose(const NormalizedProblem& problem, const PoseProblem& original,
-                  const RefinedPose& final_pose, PoseEstimate& estimate) {
+void DescribePose(const NormalizedProblem& problem, const RefinedPose& final_pose,
+                  PoseEstimate& estimate) {
   estimate.cam_from_world = problem.ToWorld(final_pose.pose);
   const Residuals residuals = ComputeResiduals(problem, final_pose.pose);
-  const auto describe = [](const auto& matches, const std::vector<double>& squared, size_t total,
-                           MatchSetScore& score, std::vector<bool>& inliers) {
-    inliers.assign(total, false);
-    score.num_matches = static_cast<int>(total);
-    score.num_inliers = 0;
-    score.msac_cost = static_cast<double>(total - matches.size());
+  const auto describe = [](const auto& matches, const std::vector<double>& squared,
+                           const std::vector<size_t>& repeats, MatchSetScore& score,
+                           std::vector<bool>& inliers) {
+    std::vector<double> costs(repeats.size(), 1);
     for (size_t i = 0; i < matches.size(); ++i) {
-      const bool inlier = squared[i] < 1;
-      inliers[matches[i].match] = inlier;
-      score.num_inliers += inlier ? 1 : 0;
-      score.msac_cost += inlier ? squared[i] : 1;
+      costs[static_cast<size_t>(matches[i].match)] = std::min(squared[i], 1.0);
+    }
+    score = {.num_matches = static_cast<int>(repeats.size())};
+    inliers.clear();
+    for (const size_t match : repeats) {
+      inliers.push_back(costs[match] < 1);
+      score.num_inliers += inliers.back() ? 1 : 0;
+      score.msac_cost += costs[match];
     }
   };
-  describe(problem.matches_2d3d, residuals.of_2d3d, original.matches_2d3d.size(),
-           estimate.score_2d3d, estimate.inliers_2d3d);
-  describe(problem.matches_2d2d, residuals.of_2d2d, original.matches_2d2d.size(),
-           estimate.score_2d2d, estimate.inliers_2d2d);
+  describe(problem.matches_2d3d, residuals.of_2d3d, problem.repeats.of_2d3d, estimate.score_2d3d,
+           estimate.inliers_2d3d);
+  describe(problem.matches_2d2d, residuals.of_2d2d, problem.repeats.of_2d2d, estimate.score_2d2d,
+           estimate.inliers_2d2d);
 
   if (final_pose.noise) {
     estimate.noise = Describe(*final_pose.noise, final_pose.references_disagree, problem.scale);
@@ -119,10 +121,10 @@ class Samplers {
   std::vector<RansacSolver> solvers_;
 };
 
-PoseEstimate WithoutPose(const PoseProblem& problem, const NormalizedProblem& normalized) {
+PoseEstimate WithoutPose(const PoseProblem& problem) {
   PoseEstimate estimate;
-  estimate.score_2d3d.num_matches = normalized.num_matches_2d3d;
-  estimate.score_2d2d.num_matches = normalized.num_matches_2d2d;
+  estimate.score_2d3d.num_matches = static_cast<int>(problem.matches_2d3d.size());
+  estimate.score_2d2d.num_matches = static_cast<int>(problem.matches_2d2d.size());
   estimate.inliers_2d3d.assign(problem.matches_2d3d.size(), false);
   estimate.inliers_2d2d.assign(problem.matches_2d2d.size(), false);
   return estimate;
@@ -182,7 +184,7 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem,
   Rng rng(StreamSeed(options_.seed, problem.name, ToString(options_.method)));
   NormalizedProblem normalized = Normalize(problem, rng);
   normalized.TakeFocalSigma(problem, focal_sigma);
-  PoseEstimate estimate = WithoutPose(problem, normalized);
+  PoseEstimate estimate = WithoutPose(problem);
   std::optional<KeypointEvidence> evidence;
   if (Draws(Solver::kD3p1)) evidence = GatherEvidence(problem, normalized);
   const Samplers samplers(normalized, method_.samplers, evidence, options_.refinement);
@@ -207,7 +209,7 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem,
   const auto conclude = [&](const RefinedPose& final_pose) {
     const double num_samples =
         std::min<double>(report.iterations, samplers.Of(estimate.solver).NumSamples());
-    DescribePose(normalized, problem, final_pose, estimate);
+    DescribePose(normalized, final_pose, estimate);
     // A sample gives some two poses; each solver has its share of the false alarms.
     AssessConfidence(
         problem, normalized,
@@ -279,9 +281,18 @@ RefinedPose RansacEstimator::Refine(const NormalizedProblem& problem,
   return refined;
 }
 
+// Two pixels of one point, each with noise, are as near as a fourth of it in one case of sixty, by what the
+// thresholds say of it: 1 - exp(-1/64). The paper's methods take each match for itself.
 NormalizedProblem RansacEstimator::Normalize(const PoseProblem& problem, Rng& rng) const {
-  return {problem, options_.reprojection_threshold_px, options_.sampson_threshold_px, rng,
-          options_.point_sigma};
+  const double noise_px =
+      std::min(options_.reprojection_threshold_px, options_.sampson_threshold_px) /
+      kSigmasOfThreshold;
+  return {problem,
+          options_.reprojection_threshold_px,
+          options_.sampson_threshold_px,
+          rng,
+          options_.point_sigma,
+          options_.refinement == Refinement::kRobust ? 0.25 * noise_px : 0};
 }
 
 void RansacEstimator::Describe(const PoseProblem& problem, const NormalizedProblem& normalized,
@@ -290,7 +301,7 @@ void RansacEstimator::Describe(const PoseProblem& problem, const NormalizedProbl
                                PoseEstimate& estimate) const {
   const std::optional<NormalizedProblem> refocused = Refocused(normalized, refined);
   const NormalizedProblem& seen = refocused ? *refocused : normalized;
-  DescribePose(seen, problem, refined, estimate);
+  DescribePose(seen, refined, estimate);
   AssessConfidence(problem, seen,
                    {.pose = refined.pose,
                     .position_sigma = estimate.position_sigma / seen.scale,
@@ -306,7 +317,7 @@ PoseEstimate RansacEstimator::RefineFrom(const PoseProblem& problem,
   Rng rng(StreamSeed(options_.seed, problem.name, "refine"));
   NormalizedProblem normalized = Normalize(problem, rng);
   normalized.TakeFocalSigma(problem, FocalSigma(problem, options_));
-  PoseEstimate estimate = WithoutPose(problem, normalized);
+  PoseEstimate estimate = WithoutPose(problem);
   std::optional<KeypointEvidence> evidence;
   if (Draws(Solver::kD3p1)) evidence = GatherEvidence(problem, normalized);
   const PoseScore pose_score = ScoreFor(normalized);

@@ -9,7 +9,6 @@
 #include "estimation/kernels/kernel_table.h"
 
 #include "raylift/geometry/residuals.h"
-#include "raylift/scene/keypoints.h"
 
 namespace raylift {
 namespace {
@@ -202,6 +201,13 @@ std::vector<int> RandomOrderByCamera(const PoseProblem& problem, Rng& rng) {
   return Joined(by_camera, problem.matches_2d3d.size());
 }
 
+// Counts the matches that repeat none.
+int CountFirst(const std::vector<size_t>& repeats) {
+  int count = 0;
+  for (size_t i = 0; i < repeats.size(); ++i) count += repeats[i] == i ? 1 : 0;
+  return count;
+}
+
 // How many blocks some matches fill, each with those of one `group`.
 template <typename Match>
 size_t CountBlocks(const std::vector<Match>& matches, int Match::*group,
@@ -298,15 +304,18 @@ template Blocks2D2D<double> MakeBlocks2D2D<double>(const std::vector<NormalizedM
                                                    const std::vector<int>&);
 
 NormalizedProblem::NormalizedProblem(const PoseProblem& problem, double threshold_2d3d_px,
-                                     double threshold_2d2d_px, Rng& rng, double point_sigma)
+                                     double threshold_2d2d_px, Rng& rng, double point_sigma,
+                                     double same_within_px)
     : reference_sigmas(problem.reference_sigmas),
       reprojection_threshold_px(threshold_2d3d_px),
-      sampson_threshold_px(threshold_2d2d_px),
-      num_matches_2d3d(static_cast<int>(problem.matches_2d3d.size())),
-      num_matches_2d2d(static_cast<int>(problem.matches_2d2d.size())) {
+      sampson_threshold_px(threshold_2d2d_px) {
   const Frame frame = ChooseFrame(problem);
   origin_in_world = frame.origin;
   scale = frame.scale;
+  repeats = FindRepeats(problem, same_within_px, frame.origin);
+  num_matches_2d3d = CountFirst(repeats.of_2d3d);
+  num_matches_2d2d = CountFirst(repeats.of_2d2d);
+  num_keypoints = repeats.keypoints.count;
   for (const PosedImage& reference : problem.references) {
     centers.push_back((reference.cam_from_world.OriginInSource() - frame.origin) / frame.scale);
   }
@@ -325,25 +334,25 @@ NormalizedProblem::NormalizedProblem(const PoseProblem& problem, double threshol
     if (camera > 0) TurnToQueryAxes(cam_from_query[static_cast<size_t>(camera - 1)], match);
   };
   priors = NormalizedPriors(problem.priors, frame.origin, frame.scale, centers);
-  const KeypointNumbers numbers = NumberQueryKeypoints(problem.matches_2d2d, problem.matches_2d3d);
-  num_keypoints = numbers.count;
   matches_2d3d.reserve(problem.matches_2d3d.size());
   for (const int i : RandomOrderByCamera(problem, rng)) {
-    const Match2D3D& match = problem.matches_2d3d[static_cast<size_t>(i)];
-    if (!is_near(match.camera)) continue;
+    const auto index = static_cast<size_t>(i);
+    const Match2D3D& match = problem.matches_2d3d[index];
+    if (repeats.of_2d3d[index] != index || !is_near(match.camera)) continue;
     if (const auto point = Normalize2D3D(problem.CameraAt(match.camera), match, frame,
                                          reprojection_threshold_px, point_sigma, i)) {
       matches_2d3d.push_back(*point);
-      finish(matches_2d3d.back(), match.camera, numbers.of_2d3d[static_cast<size_t>(i)]);
+      finish(matches_2d3d.back(), match.camera, repeats.keypoints.of_2d3d[index]);
     }
   }
   matches_2d2d.reserve(problem.matches_2d2d.size());
   for (const int i : RandomOrderByCameraReference(problem, rng)) {
-    const Match2D2D& match = problem.matches_2d2d[static_cast<size_t>(i)];
-    if (!is_near(match.camera)) continue;
+    const auto index = static_cast<size_t>(i);
+    const Match2D2D& match = problem.matches_2d2d[index];
+    if (repeats.of_2d2d[index] != index || !is_near(match.camera)) continue;
     if (const auto pair = Normalize2D2D(problem, match, sampson_threshold_px, i)) {
       matches_2d2d.push_back(*pair);
-      finish(matches_2d2d.back(), match.camera, numbers.of_2d2d[static_cast<size_t>(i)]);
+      finish(matches_2d2d.back(), match.camera, repeats.keypoints.of_2d2d[index]);
       matches_2d2d.back().camera_reference = CameraReferenceIndex(match.camera, match.reference);
     }
   }

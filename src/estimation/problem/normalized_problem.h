@@ -19,6 +19,7 @@
 #include "estimation/kernels/kernels.h"
 #include "estimation/problem/cam_from_local.h"
 #include "estimation/problem/priors.h"
+#include "estimation/problem/repeats.h"
 #include <Eigen/Core>
 
 #include "raylift/geometry/rigid3.h"
@@ -105,9 +106,10 @@ Blocks2D2D<T> MakeBlocks2D2D(const std::vector<NormalizedMatch2D2D>& pairs,
 
 struct NormalizedProblem {
   // `rng` shuffles the matches, so that any prefix of the blocks is a fair sample. `point_sigma`
-  // (scene units) is the standard deviation of 3D points that carry none.
+  // (scene units) is the standard deviation of 3D points that carry none. Pixels that are no farther
+  // apart than `same_within_px` show one feature (repeats.h).
   NormalizedProblem(const PoseProblem& problem, double threshold_2d3d_px, double threshold_2d2d_px,
-                    Rng& rng, double point_sigma = 0);
+                    Rng& rng, double point_sigma = 0, double same_within_px = 0);
 
   Eigen::Vector3d origin_in_world;
   double scale;
@@ -116,9 +118,10 @@ struct NormalizedProblem {
   double sampson_threshold_px;
 
   // The matches that can count; matches that are not finite or have no ray are left out here but
-  // stay in the totals.
+  // stay in the totals. Repeats are in neither.
   std::vector<NormalizedMatch2D3D> matches_2d3d;  // grouped by camera
   std::vector<NormalizedMatch2D2D> matches_2d2d;  // grouped by reference, and by camera
+  Repeats repeats;
   int num_matches_2d3d;
   int num_matches_2d2d;
   size_t num_keypoints;  // of the query, that matches are of (scene/keypoints.h)
