@@ -41,7 +41,7 @@ LocalizeOutput::LocalizeOutput(const LocalizeFlags& flags, size_t num_queries,
 
 std::vector<path> LocalizeOutput::Show(size_t index, const QueryResult& result) {
   LapClock clock;
-  const CommittedFiles written;
+  const CommittedFiles written(CommittedFiles::Sync::kByPromise);
   const std::string& name = result.localized.name;
   // A rig has one problem, which is written with the photograph that it belongs to.
   const bool is_of_another = !result.localized.rig.empty() && result.localized.rig != name;

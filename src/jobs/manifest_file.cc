@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cstring>
 #include <limits>
+#include <system_error>
 #include <thread>
 #include <utility>
 
@@ -165,19 +166,74 @@ ManifestAppender::ManifestAppender(path manifest)
     }
     std::this_thread::sleep_for(kBetweenTries);
   }
+  try {
+    writer_ = std::thread([this] { WriteLines(); });
+  } catch (const std::system_error& error) {
+    close(descriptor_);
+    throw ResourceError(fmt::format("a thread cannot be started: {}", error.what()));
+  }
 }
 
-ManifestAppender::~ManifestAppender() { close(descriptor_); }
+ManifestAppender::~ManifestAppender() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    ends_ = true;
+  }
+  changed_.notify_all();
+  writer_.join();
+  close(descriptor_);
+}
 
 void ManifestAppender::Append(std::string line) {
-  line += '\n';
   const std::lock_guard<std::mutex> lock(mutex_);
-  size_t written = 0;
-  while (written < line.size()) {
-    const ssize_t count = write(descriptor_, line.data() + written, line.size() - written);
+  if (failure_) std::rethrow_exception(failure_);
+  waiting_.push_back(std::move(line));
+  changed_.notify_all();
+}
+
+void ManifestAppender::Flush() {
+  std::unique_lock<std::mutex> lock(mutex_);
+  changed_.wait(lock, [this] { return failure_ || (waiting_.empty() && !writing_); });
+  if (failure_) std::rethrow_exception(failure_);
+}
+
+void ManifestAppender::WriteLines() {
+  std::unique_lock<std::mutex> lock(mutex_);
+  while (!failure_) {
+    changed_.wait(lock, [this] { return ends_ || !waiting_.empty(); });
+    if (waiting_.empty()) return;
+    const std::vector<std::string> lines = std::exchange(waiting_, {});
+    writing_ = true;
+    lock.unlock();
+    std::exception_ptr failure;
+    try {
+      Write(lines);
+    } catch (...) {
+      failure = std::current_exception();
+    }
+    lock.lock();
+    writing_ = false;
+    failure_ = failure;
+    changed_.notify_all();
+  }
+}
+
+void ManifestAppender::Write(std::span<const std::string> lines) const {
+  std::vector<path> files;
+  std::string text;
+  for (const std::string& line : lines) {
+    for (const PromisedFile& file : FilesOfLine(line)) {
+      files.push_back(path_.parent_path() / file.path);
+    }
+    text += line + '\n';
+  }
+  SyncFiles(files);
+  for (size_t written = 0; written < text.size();) {
+    const ssize_t count = write(descriptor_, text.data() + written, text.size() - written);
     if (count < 0 && errno != EINTR) FailToWrite(path_);
     written += static_cast<size_t>(std::max<ssize_t>(count, 0));
   }
+  if (fdatasync(descriptor_) != 0 && errno != EINVAL) FailToWrite(path_);
 }
 
 void ManifestAppender::RequireInPlace() const {

@@ -4,12 +4,15 @@
 
 #pragma once
 
+#include <condition_variable>
 #include <cstddef>
+#include <exception>
 #include <filesystem>
 #include <mutex>
 #include <optional>
 #include <span>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "raylift/jobs/shard.h"
@@ -47,7 +50,9 @@ bool IsBeingAppended(const std::filesystem::path& manifest);
 // Throws InputError where one has: to be called before a manifest is written anew.
 void RefuseIfAppended(const std::filesystem::path& manifest);
 
-// Adds lines to a manifest that is there. Thread safe.
+// Adds lines to a manifest that is there, on a thread of its own: the files that lines promise are
+// synced before the lines are written, and these then, as many together as have come meanwhile.
+// Thread safe.
 class ManifestAppender {
  public:
   // Throws OutputError where it cannot be opened, InputError where another one has it open.
@@ -56,16 +61,27 @@ class ManifestAppender {
   ManifestAppender(const ManifestAppender&) = delete;
   ManifestAppender& operator=(const ManifestAppender&) = delete;
 
-  // `line` is without its end. It is with the operating system when the call returns.
+  // `line` is without its end. Throws what a line before it could not be written for.
   void Append(std::string line);
+  // Returns when all lines would survive a loss of power; throws as Append().
+  void Flush();
 
   // Throws OutputError where the file has been removed or replaced.
   void RequireInPlace() const;
 
  private:
+  void WriteLines();
+  void Write(std::span<const std::string> lines) const;
+
   std::filesystem::path path_;
-  std::mutex mutex_;
   int descriptor_;
+  std::mutex mutex_;  // guards what follows, but for the thread
+  std::condition_variable changed_;
+  std::vector<std::string> waiting_;
+  bool writing_ = false;
+  bool ends_ = false;
+  std::exception_ptr failure_;
+  std::thread writer_;
 };
 
 // Keeps two runs from writing to the same folder at the same time.

@@ -189,6 +189,7 @@ void TaskJob::Add(size_t task, const std::string& line) {
 }
 
 std::optional<TaskManifest> TaskJob::Whole() const {
+  if (appender_) appender_->Flush();
   RequireFiles();
   if (folder_.shard.IsAll()) {
     return manifest_.records.size() == keys_.size() ? std::optional(manifest_) : std::nullopt;

@@ -307,14 +307,14 @@ class RenderJob {
                         .pixels = frame->depth.size(),
                         .hits = frame->num_hits,
                         .depth_range = DepthRange(frame->depth)};
-    std::vector<path> files;
+    const CommittedFiles written(CommittedFiles::Sync::kByPromise);
     for (const std::string& file : TaskFiles(task, options_.products)) {
-      files.push_back(options_.out / file);
-      entry.dropped += WriteProduct(files.back(), options_.products[files.size() - 1], *frame,
-                                    scene_->mesh(), options_.storage)
-                           .dropped;
+      const ProductOutput& product = options_.products[written.paths().size()];
+      entry.dropped +=
+          WriteProduct(options_.out / file, product, *frame, scene_->mesh(), options_.storage)
+              .dropped;
     }
-    entry.files = PromiseFiles(options_.out, files);
+    entry.files = PromiseFiles(options_.out, written.paths());
     frames_.Return(std::move(frame));
     job_.Add(index, ToJsonLine(entry));
     const std::lock_guard<std::mutex> lock(mutex_);

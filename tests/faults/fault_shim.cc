@@ -1,15 +1,19 @@
 // Preloaded into the program (LD_PRELOAD), it makes one call fail that hardly ever fails by itself:
-//   RAYLIFT_FAULT_CALL    memory|read|write|create|rename|sync|map|thread
+//   RAYLIFT_FAULT_CALL    memory|read|write|create|rename|sync|map|thread|power
 //   RAYLIFT_FAULT_AT      which of them, from 1; 0: none
 //   RAYLIFT_FAULT_REPORT  file for how many there were, written when main ends
 //   RAYLIFT_FAULT_STACKS  file for the call stacks they came from, a name a line, written then, too
 //   RAYLIFT_FAULT_STACK   name of the stack of which the first call fails, instead of AT
+//   RAYLIFT_FAULT_JOURNAL file for what was synced, renamed and made, a line each: of power
+// Of power the process ends instead of the chosen sync, rename or making of a folder.
 // It counts from main's beginning to its end. Of memory it counts what the program asks for itself
 // or through the standard library, and not what other libraries do: some of them end the process
 // where they get none (faults_test.py says which). Linux with the GNU C library alone.
 
 #include <atomic>
 #include <cerrno>
+#include <climits>
+#include <csignal>
 #include <cstdarg>
 #include <cstddef>
 #include <cstdio>
@@ -35,7 +39,7 @@ void* __libc_memalign(size_t alignment, size_t size);
 
 namespace {
 
-enum class Call { kNone, kMemory, kRead, kWrite, kCreate, kRename, kSync, kMap, kThread };
+enum class Call { kNone, kMemory, kRead, kWrite, kCreate, kRename, kSync, kMap, kThread, kPower };
 
 Call chosen = Call::kNone;
 long fails_at = 0;
@@ -125,9 +129,9 @@ int KeepOwnCode(dl_phdr_info* info, size_t, void*) {
 }
 
 Call FromName(const char* name) {
-  constexpr const char* kNames[] = {"",       "memory", "read", "write", "create",
-                                    "rename", "sync",   "map",  "thread"};
-  for (int i = 1; name != nullptr && i < 9; ++i) {
+  constexpr const char* kNames[] = {"",       "memory", "read", "write",  "create",
+                                    "rename", "sync",   "map",  "thread", "power"};
+  for (int i = 1; name != nullptr && i < 10; ++i) {
     if (std::strcmp(name, kNames[i]) == 0) return static_cast<Call>(i);
   }
   return Call::kNone;
@@ -161,6 +165,44 @@ void ReportStacks() {
   syscall(SYS_close, descriptor);
 }
 
+int journal = -1;
+std::atomic<int> num_kept = 0;
+
+// Ends the process at the chosen call; others are counted.
+void LosePower() {
+  if (Fails(Call::kPower)) syscall(SYS_kill, syscall(SYS_getpid), SIGKILL);
+}
+
+void Journal(const char* what, const char* file, const char* more = "", const char* kept = "") {
+  if (journal < 0 || !in_main) return;
+  char text[4 * PATH_MAX];
+  const int size = std::snprintf(text, sizeof(text), "%s\t%s\t%s\t%s\n", what, file, more, kept);
+  syscall(SYS_write, journal, text, size);
+}
+
+// All of the file that is there now, or the names in a folder.
+void JournalSync(const char* what, int descriptor) {
+  char link[64], file[PATH_MAX] = {}, bytes[32];
+  std::snprintf(link, sizeof(link), "/proc/self/fd/%d", descriptor);
+  if (journal < 0 || syscall(SYS_readlink, link, file, sizeof(file) - 1) < 0) return;
+  struct stat status {};
+  fstat(descriptor, &status);
+  std::snprintf(bytes, sizeof(bytes), "%ld", static_cast<long>(status.st_size));
+  Journal(what, file, bytes);
+}
+
+// The file that is to be replaced stays under another name, which the journal has.
+void KeepReplaced(const char* file, char (&kept)[PATH_MAX]) {
+  const char* const name = std::getenv("RAYLIFT_FAULT_JOURNAL");
+  std::snprintf(kept, sizeof(kept), "%s.%d", name, ++num_kept);
+  if (syscall(SYS_linkat, AT_FDCWD, file, AT_FDCWD, kept, 0) != 0) kept[0] = 0;
+}
+
+int Synced(int result, const char* what, int descriptor) {
+  if (result == 0) JournalSync(what, descriptor);
+  return result;
+}
+
 int (*real_main)(int, char**, char**) = nullptr;
 
 int CountedMain(int argc, char** argv, char** environment) {
@@ -171,6 +213,7 @@ int CountedMain(int argc, char** argv, char** environment) {
   keeps_stacks = std::getenv("RAYLIFT_FAULT_STACKS") != nullptr;
   const char* stack = std::getenv("RAYLIFT_FAULT_STACK");
   fails_stack = stack != nullptr ? std::strtoull(stack, nullptr, 16) : 0;
+  journal = ReportFile("RAYLIFT_FAULT_JOURNAL");
   in_main = true;
   const int code = real_main(argc, argv, environment);
   in_main = false;
@@ -309,21 +352,36 @@ FILE* fopen64(const char* file, const char* mode) {
 }
 int mkdir(const char* folder, mode_t mode) noexcept {
   NEXT(mkdir);
-  return Fails(Call::kCreate) ? FailWith(ENOSPC) : next(folder, mode);
+  LosePower();
+  const int result = Fails(Call::kCreate) ? FailWith(ENOSPC) : next(folder, mode);
+  if (result == 0) Journal("mkdir", folder);
+  return result;
 }
 
 int rename(const char* from, const char* to) noexcept {
   NEXT(rename);
-  return Fails(Call::kRename) ? FailWith(EIO) : next(from, to);
+  LosePower();
+  char kept[PATH_MAX] = {};
+  if (journal >= 0) KeepReplaced(to, kept);
+  const int result = Fails(Call::kRename) ? FailWith(EIO) : next(from, to);
+  if (result == 0) Journal("rename", from, to, kept);
+  return result;
 }
 
 int fsync(int descriptor) {
   NEXT(fsync);
-  return Fails(Call::kSync) ? FailWith(EIO) : next(descriptor);
+  LosePower();
+  return Fails(Call::kSync) ? FailWith(EIO) : Synced(next(descriptor), "sync", descriptor);
 }
 int fdatasync(int descriptor) {
   NEXT(fdatasync);
-  return Fails(Call::kSync) ? FailWith(EIO) : next(descriptor);
+  LosePower();
+  return Fails(Call::kSync) ? FailWith(EIO) : Synced(next(descriptor), "sync", descriptor);
+}
+int syncfs(int descriptor) noexcept {
+  NEXT(syncfs);
+  LosePower();
+  return Fails(Call::kSync) ? FailWith(EIO) : Synced(next(descriptor), "all", descriptor);
 }
 
 void* mmap(void* address, size_t size, int protection, int flags, int descriptor,

@@ -7,6 +7,10 @@ undisturbed run or with an exit code that fits and one line which says what is w
 whole or absent, nothing temporary is left, and the same command (with --resume where it has that) ends
 with the results of an undisturbed run.
 
+Of "power" the run ends instead of the n-th sync, rename or new folder, and all is lost that was not synced, names in
+folders, too. Whatever a manifest that is left promises must be there (`verify`), the same command must end as above;
+and of a run that has ended nothing may be lost.
+
 Of each command and call at most N points (3) are tried, evenly spread with the first and the last among
 them; 0: all of them. Of memory they begin where the command does, besides two before; with --stacks, instead,
 the first allocation of each call stack (its ten innermost functions) fails, of N stacks drawn at random (0: of all)
@@ -199,12 +203,14 @@ def run_plain(raylift, work, line):
     return done
 
 
-def run_with_fault(raylift, shim, work, line, call, at):
+def run_with_fault(raylift, shim, work, line, call, at, journal=None):
     """(exit code, stdout, stderr, how many such calls there were: None where main did not end); `at` is a call's
     number or a stack's name."""
     report = work / "report.txt"
     report.unlink(missing_ok=True)
     environment = dict(os.environ, LD_PRELOAD=str(shim), RAYLIFT_FAULT_CALL=call, RAYLIFT_FAULT_REPORT=str(report))
+    if journal:
+        environment["RAYLIFT_FAULT_JOURNAL"] = str(journal)
     environment["RAYLIFT_FAULT_STACK" if isinstance(at, str) else "RAYLIFT_FAULT_AT"] = str(at)
     try:
         done = subprocess.run([raylift, *line], cwd=work, env=environment, capture_output=True, text=True,
@@ -334,6 +340,95 @@ def faults_of(raylift, shim, work, command, call, at, undisturbed):
     return True, wrong
 
 
+# ---- loss of power ----
+
+class Disk:
+    """What is left of files when the power fails, after the shim's journal: of each what was synced, and of each name
+    that was given or changed since its folder was synced the one before."""
+
+    def __init__(self, work, journal, before):
+        self.bytes = {file: file.stat().st_size for file in before}
+        self.pending = []  # (name, file that had it before or None)
+        self.syncs = 0
+        for line in journal.read_text().splitlines():
+            what, name, more, kept = line.split("\t")
+            file = work / name
+            if what == "mkdir":
+                self.pending.append((file, None))
+            elif what == "rename":
+                self.rename(file, work / more, pathlib.Path(kept) if kept else None)
+            else:
+                self.syncs += 1
+                self.sync(file, int(more), what == "all")
+
+    def rename(self, file, target, kept):
+        self.pending.append((target, kept))
+        if kept:
+            self.bytes[kept] = self.bytes.get(target, 0)
+        self.bytes[target] = self.bytes.pop(file, 0)
+
+    def sync(self, file, size, whole_file_system):
+        if whole_file_system:
+            self.pending = []
+            # Manifests may have grown since.
+            whole = [other for other in self.bytes if not other.name.startswith("manifest")]
+            self.bytes.update(dict.fromkeys(whole, math.inf))
+        elif file.is_dir():
+            self.pending = [(name, before) for name, before in self.pending if name.parent != file]
+        else:
+            self.bytes[file] = size
+
+    def lose(self, out):
+        for file, before in reversed(self.pending):
+            if before is not None:
+                self.bytes[file] = self.bytes[before]
+                os.replace(before, file)
+            elif file.is_dir():
+                shutil.rmtree(file)
+            else:
+                file.unlink(missing_ok=True)
+        for file in out.rglob("*"):
+            if file.is_file() and self.bytes.get(file, 0) < file.stat().st_size:
+                os.truncate(file, self.bytes.get(file, 0))
+
+
+def power_loss_of(raylift, shim, work, command, at, undisturbed):
+    """(how many syncs, renames and new folders there were: None where the power failed, syncs, what is wrong)"""
+    out = f"power-{command.name}"
+    shutil.rmtree(work / out, ignore_errors=True)
+    for left in work.glob("journal*"):
+        left.unlink()
+    command.prepare(work, out)
+    journal, before = work / "journal", [file for file in (work / out).rglob("*") if file.is_file()]
+    code, _, stderr, count = run_with_fault(raylift, shim, work, command.line(out), "power", at, journal)
+    if code not in (0, -9):
+        return count, 0, [f"it ended with {code}: {stderr}"]
+    disk = Disk(work, journal, before)
+    disk.lose(work / out)
+    wrong = []
+    if (work / out / "o" / "manifest.jsonl").exists():
+        done = subprocess.run([raylift, "verify", f"{out}/o", "--quiet"], cwd=work, capture_output=True, text=True)
+        if done.returncode != 0:
+            wrong.append(f"what the manifest promises is lost: {done.stdout}{done.stderr}")
+    if code != 0:
+        again = subprocess.run([raylift, *command.line(out, again=True)], cwd=work, capture_output=True, text=True)
+        if again.returncode != 0:
+            return count, disk.syncs, [*wrong, f"run again, it ended with {again.returncode}: {again.stderr.strip()}"]
+    different = undisturbed.differences(work, out)
+    return count, disk.syncs, wrong + [text for text in different if code == 0 or ".tmp" not in text]
+
+
+def power_losses(raylift, shim, work, command, most, undisturbed):
+    """(what was tried, what is wrong)"""
+    count, syncs, found = power_loss_of(raylift, shim, work, command, 0, undisturbed)
+    wrong = [f"power after the end: {text}" for text in found]
+    chosen = points(1, count, most)
+    for at in chosen:
+        found = power_loss_of(raylift, shim, work, command, at, undisturbed)[2]
+        wrong += [f"power {at} of {count}: {text}" for text in found]
+    return f"power {len(chosen)}/{count} with {syncs} syncs", wrong
+
+
 def points(first, count, most):
     """At most so many of first ... count, evenly spread."""
     total = count - first + 1
@@ -363,7 +458,7 @@ def main():
     parser.add_argument("--points", type=int, default=3)
     parser.add_argument("--stacks", type=int)
     parser.add_argument("--command", action="append", choices=[command.name for command in COMMANDS])
-    parser.add_argument("--call", action="append", choices=CALLS)
+    parser.add_argument("--call", action="append", choices=(*CALLS, "power"))
     parser.add_argument("--at", help="this one alone: a call's number or a stack's name")
     options = parser.parse_args()
     raylift, shim, work = options.raylift.resolve(), options.shim.resolve(), options.work.resolve()
@@ -382,7 +477,14 @@ def main():
         undisturbed = Undisturbed(raylift, work, command)
         tried = []
         begin = time.monotonic()
-        for call in options.call or CALLS:
+        for call in options.call or (*CALLS, "power"):
+            if call == "power":
+                losses, wrong = power_losses(raylift, shim, work, command, options.points, undisturbed)
+                tried.append(losses)
+                failures += len(wrong)
+                for text in wrong:
+                    print(f"{command.name}, {text}", flush=True)
+                continue
             out = f"count-{command.name}"
             shutil.rmtree(work / out, ignore_errors=True)
             command.prepare(work, out)

@@ -258,7 +258,10 @@ TEST_F(RenderJob, AFullDiskIsAnErrorThatNamesAFile) {
   fs::create_symlink("/dev/full", out_ / "manifest.jsonl");
   std::ofstream probe(out_ / "manifest.jsonl");
   ASSERT_TRUE(probe);
-  EXPECT_THROW(ManifestAppender(out_ / "manifest.jsonl").Append("a line"), InputError);
+  ManifestAppender appender(out_ / "manifest.jsonl");
+  appender.Append("a line");
+  EXPECT_THROW(appender.Flush(), OutputError);
+  EXPECT_THROW(appender.Append("another"), OutputError);
 }
 
 TEST_F(RenderJob, TwoRunsDoNotWriteToOneFolder) {

@@ -24,12 +24,16 @@ void WriteFile(const std::filesystem::path& path, std::span<const std::string_vi
 // Throws OutputError naming the file or folder otherwise.
 void RequireWritable(const std::filesystem::path& path);
 
+// Makes a folder and its parents, which then would survive a loss of power. Throws OutputError.
+void MakeFolders(const std::filesystem::path& folder);
+
 // The file of an image that is named by a relative path: below `folder`, whatever the name says.
 std::filesystem::path PathBelow(const std::filesystem::path& folder,
                                 const std::filesystem::path& name);
 
-// Gives the temporary name for a writer that opens files itself (HDF5, OpenCV); Commit() renames.
-// Without Commit() the temporary file is removed.
+// Gives the temporary name for a writer that opens files itself (HDF5, OpenCV); Commit() renames,
+// and returns when the file would survive a loss of power (but see CommittedFiles). Without Commit()
+// the temporary file is removed.
 class AtomicFile {
  public:
   // The temporary name keeps the extension of `path`, as some writers choose the format by it.
@@ -47,10 +51,16 @@ class AtomicFile {
   bool committed_ = false;
 };
 
+// Syncs files and the folders that hold them; many by their whole file system. Throws OutputError
+// naming one that cannot be.
+void SyncFiles(std::span<const std::filesystem::path> files);
+
 // Keeps the names of the files that this thread commits while it is the last one that was made.
 class CommittedFiles {
  public:
-  CommittedFiles();
+  // kByPromise: a line of a manifest, before which the files are synced, is to promise them.
+  enum class Sync { kAtOnce, kByPromise };
+  explicit CommittedFiles(Sync sync = Sync::kAtOnce);
   ~CommittedFiles();
   CommittedFiles(const CommittedFiles&) = delete;
   CommittedFiles& operator=(const CommittedFiles&) = delete;
@@ -60,6 +70,7 @@ class CommittedFiles {
  private:
   friend class AtomicFile;
   CommittedFiles* outer_;
+  Sync sync_;
   std::vector<std::filesystem::path> paths_;
 };
 

@@ -157,8 +157,7 @@ class Cache {
         header_(options.extractor ? fmt::format("extractor {}", options.extractor_name)
                                   : fmt::format("rootsift version {} max_features {}",
                                                 kExtractionVersion, options.max_features)) {
-    std::error_code ignored;
-    std::filesystem::create_directories(options.folder, ignored);
+    MakeFolders(options.folder);
   }
 
   // Looks at the folder anew.
@@ -179,8 +178,6 @@ class Cache {
   }
 
   void Add(std::span<const Input> inputs) {
-    std::error_code ignored;
-    if (!inputs.empty()) std::filesystem::create_directories(Parts(), ignored);
     Progress progress("images", inputs.size(),
                       options_.show_progress ? Progress::Show::kAuto : Progress::Show::kNever);
     for (size_t begin = 0; begin < inputs.size(); begin += kImagesPerPart) {

@@ -111,8 +111,6 @@ std::optional<VladVectors> Read(const Files& files, std::span<const std::string>
 
 void Write(const Files& files, std::span<const std::string> references,
            const VladVectors& vectors) {
-  std::error_code ignored;
-  std::filesystem::create_directories(files.words.parent_path(), ignored);
   const Eigen::MatrixXf& words = vectors.vocabulary.words;
   WriteGlobalDescriptors(files.words, WordNames(static_cast<size_t>(words.cols())), words);
   WriteGlobalDescriptors(files.vectors, references, vectors.of_references);
