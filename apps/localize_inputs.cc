@@ -29,16 +29,6 @@ MatchingOptions MatchingOf(const LocalizeFlags& flags, const ReferenceSet& refer
   return matching;
 }
 
-// The first one that may look like the photographs.
-std::shared_ptr<const RayCaster> PicturedSurface(const Scene& scene) {
-  for (const SceneSource& source : scene.sources) {
-    const GeometryKind kind = source.geometry.kind;
-    const bool is_pictured = kind == GeometryKind::kMesh || kind == GeometryKind::kSplats;
-    if (const auto surface = source.geometry.Surface(); is_pictured && surface) return surface;
-  }
-  return nullptr;
-}
-
 std::shared_ptr<const Rerenderer> RerendererOf(const LocalizeFlags& flags, const Scene& scene,
                                                const EstimatorOptions& estimator) {
   if (flags.mesh_only.rerender == 0) return nullptr;
@@ -75,6 +65,15 @@ Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
 }
 
 }  // namespace
+
+std::shared_ptr<const RayCaster> PicturedSurface(const Scene& scene) {
+  for (const SceneSource& source : scene.sources) {
+    const GeometryKind kind = source.geometry.kind;
+    const bool is_pictured = kind == GeometryKind::kMesh || kind == GeometryKind::kSplats;
+    if (const auto surface = source.geometry.Surface(); is_pictured && surface) return surface;
+  }
+  return nullptr;
+}
 
 LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags) {
   LocalizeInputs inputs;

@@ -24,6 +24,9 @@ struct LocalizeInputs {
 };
 LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags);
 
+// Returns the first surface that may look like the photographs; null where there is none.
+std::shared_ptr<const RayCaster> PicturedSurface(const Scene& scene);
+
 // Opens the matches of the queries.
 std::unique_ptr<MatchSource> OpenMatchesOf(const LocalizeFlags& flags, const Scene& scene,
                                            std::span<const Query> queries, uint64_t seed);

@@ -271,8 +271,12 @@ py::tuple StateOf(const Query& query) {
     gravity =
         py::make_tuple(list(prior->down_in_cam), list(prior->down_in_world), prior->sigma_deg);
   }
+  py::object rig = py::none();
+  if (query.rig) {
+    rig = py::make_tuple(query.rig->frame, query.rig->sensor, query.rig->cam_from_rig);
+  }
   return py::make_tuple(query.name, query.camera, position, gravity, query.priors.focal_sigma,
-                        query.priors.focal_range);
+                        query.priors.focal_range, rig);
 }
 
 bool EqualsQuery(const Query& query, const py::object& other) {
@@ -313,15 +317,29 @@ to this factor either way.)")
           "None: nothing is known of it.")
       .def_property_readonly("focal_range",
                              [](const Query& query) { return query.priors.focal_range; })
+      .def_property_readonly(
+          "rig",
+          [](const Query& query) -> std::optional<std::pair<std::string, Rigid3>> {
+            if (!query.rig) return std::nullopt;
+            return std::pair(query.rig->frame, query.rig->cam_from_rig);
+          },
+          "The moment it was taken at and cam_from_rig, where a rig took it (read_queries()); or "
+          "None.")
       .def("__eq__", &EqualsQuery, py::arg("other"), "With another Query, or a pair.")
       .def("__hash__", [](const Query& query) { return std::hash<std::string>()(query.name); })
       .def(py::pickle(&StateOf,
                       [](const py::tuple& state) {
-                        return Query{state[0].cast<std::string>(), state[1].cast<Camera>(),
-                                     ToPriors(state[2].cast<PositionArgument>(),
-                                              state[3].cast<GravityArgument>(),
-                                              state[4].cast<std::optional<double>>(),
-                                              state[5].cast<double>())};
+                        Query query{state[0].cast<std::string>(), state[1].cast<Camera>(),
+                                    ToPriors(state[2].cast<PositionArgument>(),
+                                             state[3].cast<GravityArgument>(),
+                                             state[4].cast<std::optional<double>>(),
+                                             state[5].cast<double>())};
+                        if (!state[6].is_none()) {
+                          const auto [frame, sensor, cam_from_rig] =
+                              state[6].cast<std::tuple<std::string, int, Rigid3>>();
+                          query.rig = {frame, sensor, cam_from_rig};
+                        }
+                        return query;
                       }))
       .def("__iter__",
            [](const Query& query) { return py::iter(py::make_tuple(query.name, query.camera)); })

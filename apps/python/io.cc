@@ -309,11 +309,22 @@ void BindLists(py::module_& module) {
       },
       py::arg("file"), py::arg("poses"), "A dict of poses (cam_from_world) by name; in its order.");
   module.def(
-      "read_queries", [](const PathLike& file) { return ReadQueryList(ToPath(file, "file")); },
-      py::arg("file"),
-      "Lines `name MODEL width height params... [focal_sigma S]`: a list of Query, which unpack "
-      "as\n"
-      "(name, camera).");
+      "read_queries",
+      [](const PathLike& file, const std::optional<PathLike>& images,
+         const std::optional<PathLike>& priors, const std::optional<PathLike>& rigs) {
+        auto queries = ReadQueryList(ToPath(file, "file"),
+                                     images ? ToPath(*images, "images") : std::filesystem::path());
+        if (priors) TakePosePriors(ToPath(*priors, "priors"), queries);
+        if (rigs) TakeRigs(ToPath(*rigs, "rigs"), queries);
+        return queries;
+      },
+      py::arg("file"), py::kw_only(), py::arg("images") = py::none(),
+      py::arg("priors") = py::none(), py::arg("rigs") = py::none(),
+      R"(Lines `name MODEL width height params... [focal_sigma S]`: a list of Query, which unpack as
+(name, camera). images: folder of the photographs; a line may then be a name alone, whose
+focal length EXIF tells or localizing finds, and a folder stands for those in it. priors,
+rigs: files as of `raylift localize --priors` and `--rigs`; photographs that a rig took at
+one moment are then localized together.)");
   module.def(
       "write_queries",
       [](const PathLike& file, const std::vector<QueryLike>& queries) {

@@ -4,6 +4,7 @@
 #include <map>
 #include <mutex>
 
+#include "apps/localize_inputs.h"
 #include "apps/python/conversions.h"
 #include "apps/python/estimate_state.h"
 #include "apps/python/geometry_source.h"
@@ -11,16 +12,19 @@
 #include "estimation/fields.h"
 #include "lifting/fields.h"
 #include "localization/fields.h"
+#include "localization/rerender.h"
 #include "localization/results/result_json.h"
 
 #include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
+#include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/localization/localize_all.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/scene.h"
 #include "raylift/localization/scene_calibration.h"
+#include "raylift/views/rendered_references.h"
 
 namespace raylift::python {
 namespace {
@@ -208,7 +212,12 @@ class SceneLocalizer {
     matching_ = TakeMatchingOptions(keywords, *scene_, extractor, matcher);
     std::filesystem::path calibration;
     keywords.Take("scene_calibration", calibration);
+    keywords.Take("align_depth", align_);
+    int rounds = 0;
+    keywords.Take("rerender", rounds);
     keywords.RequireAllTaken();
+    RequireAtLeast("rerender", rounds, 0);
+    if (rounds > 0) rerenderer_ = MakeRerenderer(rounds);
     matching_.front_end.threads = threads;
     if (!calibration.empty()) {
       scene_ = std::make_shared<Scene>(Calibrated(*scene_, ReadSceneCalibration(calibration)));
@@ -240,7 +249,8 @@ class SceneLocalizer {
       calibrated_ = matching_.hloc
                         ? std::shared_ptr<const Scene>(scene_)
                         : std::make_shared<const Scene>(Calibrate(
-                              *scene_, source, {}, {.localizer = options_, .threads = threads_}));
+                              *scene_, source, {},
+                              {.localizer = options_, .align = align_, .threads = threads_}));
     }
     return calibrated_;
   }
@@ -248,10 +258,29 @@ class SceneLocalizer {
   const LocalizerOptions& options() const { return options_; }
   const MatchingOptions& matching() const { return matching_; }
   int threads() const { return threads_; }
+  LocalizeAllOptions BatchOptions(int threads) const {
+    return {.localizer = options_, .align = align_, .rerenderer = rerenderer_, .threads = threads};
+  }
+  const std::shared_ptr<const Rerenderer>& rerenderer() const { return rerenderer_; }
 
  private:
+  std::shared_ptr<const Rerenderer> MakeRerenderer(int rounds) const {
+    const auto surface = PicturedSurface(*scene_);
+    if (surface == nullptr) {
+      throw OptionError("rerender", std::to_string(rounds), "needs a mesh or splats in the scene");
+    }
+    return std::make_shared<const Rerenderer>(
+        surface, ColorsLikePhotographs(*surface), matching_.front_end.query_images,
+        RerenderOptions{.rounds = rounds,
+                        .use_pairs = Scores2D2DAlone(options_.estimator.method),
+                        .max_features = matching_.front_end.max_features,
+                        .reprojection_threshold_px = options_.estimator.reprojection_threshold_px});
+  }
+
   ScenePointer scene_;
   LocalizerOptions options_;
+  AlignMode align_ = AlignMode::kAuto;
+  std::shared_ptr<const Rerenderer> rerenderer_;  // null: poses are not sharpened
   MatchingOptions matching_;
   int threads_;
   std::mutex mutex_;
@@ -269,25 +298,66 @@ struct KnownResult : QueryResult {
 };
 using ResultPointer = std::shared_ptr<KnownResult>;
 
+using CameraArgument = std::optional<CameraLike>;
+
+// The query with what is known of it; `unknown` says what there is to know without a camera.
+Query AskedQuery(const std::string& name, const CameraArgument& camera, PosePriors priors,
+                 const std::function<Query()>& unknown) {
+  if (camera) return {name, ToCamera(*camera), std::move(priors)};
+  const Query query = unknown();
+  if (priors.focal_range == 1) priors.focal_range = query.priors.focal_range;
+  return {name, query.camera, std::move(priors)};
+}
+
+ResultPointer LocalizePhotograph(SceneLocalizer& localizer, const Query& asked,
+                                 const Image& photograph) {
+  return WithoutLock([&] {
+    const Localizer knowing = localizer.ForQueries();
+    QueryResult result = knowing.Localize(asked, photograph);
+    if (localizer.rerenderer() != nullptr) {
+      localizer.rerenderer()->Improve(asked, photograph, knowing.estimator(), result,
+                                      knowing.options().min_confidence);
+    }
+    return std::make_shared<KnownResult>(std::move(result), knowing);
+  });
+}
+
+ResultPointer LocalizeFeatures(SceneLocalizer& localizer, const Query& asked,
+                               const py::object& given) {
+  const Features features = ToFeatures(given, {asked.camera.width_px(), asked.camera.height_px()});
+  if (localizer.rerenderer() != nullptr) {
+    throw InputError("query: rerender needs the photograph, found its features");
+  }
+  return WithoutLock([&] {
+    const Localizer knowing = localizer.ForQueries();
+    return std::make_shared<KnownResult>(knowing.Localize(asked, features), knowing);
+  });
+}
+
 ResultPointer LocalizeOne(SceneLocalizer& localizer, const py::object& query,
-                          const CameraLike& camera, const std::string& name,
+                          const CameraArgument& camera, const std::string& name,
                           const PositionArgument& position, const GravityArgument& gravity,
                           const std::optional<double>& focal_sigma, double focal_range) {
-  const Query asked{name, ToCamera(camera), ToPriors(position, gravity, focal_sigma, focal_range)};
-  const auto run = [&](const auto& what) {
-    return WithoutLock([&] {
-      const Localizer knowing = localizer.ForQueries();
-      return std::make_shared<KnownResult>(knowing.Localize(asked, what), knowing);
-    });
-  };
-  if (IsMapping(query))
-    return run(ToFeatures(query, {asked.camera.width_px(), asked.camera.height_px()}));
-  if (py::isinstance<py::str>(query) || py::hasattr(query, "__fspath__")) {
-    const std::filesystem::path file = ToPath(py::reinterpret_borrow<PathLike>(query), "query");
-    return run(WithoutLock([&] { return ReadImage(file, ImageChannels::kRgb); }));
-  }
+  const PosePriors priors = ToPriors(position, gravity, focal_sigma, focal_range);
   if (query.is_none()) throw InputError("query: expected a photograph or features, found None");
-  return run(ToImage(py::reinterpret_borrow<ArrayLike>(query)));
+  if (IsMapping(query)) {
+    const Query asked = AskedQuery(name, camera, priors, []() -> Query {
+      throw InputError("camera: expected that of the features, found None");
+    });
+    return LocalizeFeatures(localizer, asked, query);
+  }
+  std::filesystem::path file;
+  if (py::isinstance<py::str>(query) || py::hasattr(query, "__fspath__")) {
+    file = ToPath(py::reinterpret_borrow<PathLike>(query), "query");
+  }
+  const Image photograph = file.empty()
+                               ? ToImage(py::reinterpret_borrow<ArrayLike>(query))
+                               : WithoutLock([&] { return ReadImage(file, ImageChannels::kRgb); });
+  const Query asked = AskedQuery(name, camera, priors, [&] {
+    return QueryOfUnknownCamera(name, {photograph.width_px, photograph.height_px},
+                                file.empty() ? std::nullopt : ReadFocalLengthOnFilm(file));
+  });
+  return LocalizePhotograph(localizer, asked, photograph);
 }
 
 ResultPointer LocalizeMatches(const SceneLocalizer& localizer, const CameraLike& camera,
@@ -343,8 +413,7 @@ py::dict LocalizeInParallel(SceneLocalizer& localizer, const std::vector<Query>&
     matching.front_end.threads = threads;
     std::shared_ptr<MatchSource> matches = OpenMatches(localizer.scene(), asked, matching);
     const auto scene = localizer.CalibratedScene(matches);
-    raylift::LocalizeAll batch(*scene, asked, std::move(matches),
-                               {.localizer = localizer.options(), .threads = threads});
+    raylift::LocalizeAll batch(*scene, asked, std::move(matches), localizer.BatchOptions(threads));
     Progress count("queries", asked.size(), Progress::Show::kNever);
     batch.Run([&](size_t i, const QueryResult& result) {
       results[i] = std::make_shared<KnownResult>(result, batch.configuration(0));
@@ -472,7 +541,10 @@ VLAD, made from the scene's photographs) max_features=4096, max_ratio=0.8, cache
 query_images; or hloc's files features, matches and pairs; or as matches alone COLMAP's
 database, or a folder of the matches of each pair (N, 4), with first_pixel=0, cell_px=0
 as of raylift.hloc.matches_from(); of matches in files, min_match_score;
-scene_calibration: the file that `raylift calibrate` or write_calibration() wrote.
+scene_calibration: the file that `raylift calibrate` or write_calibration() wrote; else
+align_depth="auto" (or "off", "scale", "affine", "grid") says how depth is corrected.
+rerender=0: rounds in which a pose is sharpened against the scene's mesh or splats, rendered
+as the query saw them.
 
 reference_features: features of one's own, a dict by the references' names of dicts with
 keypoints (N, 2) and descriptors (N, D) of unit length; their photographs are not read.
@@ -491,13 +563,14 @@ OpenCV's, whose first pixel's center is (0, 0).
 
 Raises OptionError for an option out of range.)")
       .def(
-          "localize", &LocalizeOne, py::arg("query"), py::arg("camera"), py::kw_only(),
+          "localize", &LocalizeOne, py::arg("query"), py::arg("camera") = py::none(), py::kw_only(),
           py::arg("name") = "query", py::arg("position_prior") = py::none(),
           py::arg("gravity_prior") = py::none(), py::arg("focal_sigma") = py::none(),
           py::arg("focal_range") = 1.0,
           R"(One query: a photograph, (H, W) or (H, W, 3) uint8, RGB, or its file; or features, a dict
 with keypoints (N, 2) and descriptors (N, D), as the references have. Priors and focal_...
-as of raylift.Query.
+as of raylift.Query. camera=None: of a photograph, a pinhole whose focal length EXIF tells
+roughly, or nothing, is found with the pose (estimate.refined_camera).
 
 Returns a LocalizedQuery. Raises InputError where a photograph is not of the camera's size.)")
       .def(

@@ -1,8 +1,10 @@
 import inspect
+import json
 import os
 import pickle
 import re
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,9 +31,9 @@ def cameras():
     return dict(raylift.read_queries(DEMO / "queries.txt"))
 
 
-def expect_near(query, name):
+def expect_near(query, name, units=0.1):
     assert query, query
-    assert np.linalg.norm(query.cam_from_world.center - truth()[name].cam_from_world.center) < 0.1
+    assert np.linalg.norm(query.cam_from_world.center - truth()[name].cam_from_world.center) < units
     assert query.verdict == "localized" and query.confidence > 0.95 and query.reason == ""
 
 
@@ -126,7 +128,7 @@ def test_options_are_those_of_the_program_with_its_defaults():
         assert of_program[name.replace("_", "-")] == default.rstrip("."), name
     scene = raylift.Scene(DEMO / "model")
     typed = {"filter": str, "candidates": str, "geometry_mode": str, "filter_min_views": int, "top_k": int,
-             "max_features": int, "filter_reprojection_px": float}
+             "max_features": int, "filter_reprojection_px": float, "align_depth": str, "rerender": int}
     raylift.Localizer(scene, **{name: typed.get(name, float)(default.rstrip(".")) for name, default in options})
 
 
@@ -309,3 +311,58 @@ def test_what_is_no_query(localizer):
     for wrong in ("a.jpg", ("a.jpg",), 5):
         with pytest.raises(raylift.InputError, match="query: expected a raylift.Query or a pair"):
             localizer.localize_all([wrong])
+
+
+def test_a_photograph_of_an_unknown_camera(localizer, tmp_path):
+    name = PHOTOGRAPHS[0]
+    file = DEMO / "images" / name
+    (tmp_path / "names.txt").write_text(name + "\n")
+    [listed] = raylift.read_queries(tmp_path / "names.txt", images=DEMO / "images")
+    found = [localizer.localize(file, name=name), localizer.localize(raylift.read_image(file), name=name),
+             localizer.localize_all([listed])[name]]
+    for query in found:
+        expect_near(query, name, 1.5)  # without its distortion
+        assert query.problem.camera == listed.camera and listed.focal_range > 1
+        assert query.estimate.refined_camera.params[0] == pytest.approx(cameras()[name].params[0], rel=0.1)
+    with pytest.raises(raylift.InputError, match="camera: expected that of the features"):
+        localizer.localize(raylift.extract_features(raylift.read_image(file)))
+
+
+def test_poses_are_sharpened_by_rendering(tmp_path):
+    scene = raylift.Scene(DEMO / "model", [MESH], images=DEMO / "images", every=3)
+    options = dict(max_features=1500, cache=tmp_path)
+    name = PHOTOGRAPHS[0]
+    camera = cameras()[name]
+    plain = raylift.Localizer(scene, **options).localize_all([(name, camera)])[name]
+    localizer = raylift.Localizer(scene, rerender=1, align_depth="off", **options)
+    for sharp in (localizer.localize_all([(name, camera)])[name],
+                  localizer.localize(DEMO / "images" / name, camera, name=name)):
+        expect_near(sharp, name)
+        assert len(sharp.problem.points3d) > len(plain.problem.points3d)
+    with pytest.raises(raylift.OptionError, match="rerender = 1: needs a mesh or splats"):
+        raylift.Localizer(raylift.Scene(DEMO / "model"), rerender=1)
+
+
+def test_photographs_of_a_rig_are_localized_together(localizer, tmp_path):
+    names = PHOTOGRAPHS[:2]
+    poses = [truth()[name].cam_from_world for name in names]
+    second_from_first = poses[1] * poses[0].inverse()
+    prefixes = [name[:-len(Path(name).suffix)] for name in names]
+    links = []
+    for folder, name in zip(("left", "right"), names):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "1.jpg").symlink_to(DEMO / "images" / name)
+        links.append(f"{folder}/1.jpg")
+    (tmp_path / "rigs.json").write_text(json.dumps([{"cameras": [
+        {"image_prefix": "left/", "ref_sensor": True},
+        {"image_prefix": "right/", "cam_from_rig_rotation": second_from_first.qvec.tolist(),
+         "cam_from_rig_translation": second_from_first.tvec.tolist()}]}]))
+    raylift.write_queries(tmp_path / "list.txt", [(link, cameras()[name]) for link, name in zip(links, names)])
+    queries = raylift.read_queries(tmp_path / "list.txt", rigs=tmp_path / "rigs.json")
+    assert queries[0].rig[0] == queries[1].rig[0] and queries[1].rig[1] == second_from_first
+    assert pickle.loads(pickle.dumps(queries)) == queries != raylift.read_queries(tmp_path / "list.txt")
+    scene = raylift.Scene(DEMO / "model", [MESH], images=DEMO / "images")
+    found = raylift.Localizer(scene, max_features=1500, query_images=tmp_path).localize_all(queries)
+    between = found[links[1]].cam_from_world * found[links[0]].cam_from_world.inverse()
+    assert between.matrix == pytest.approx(second_from_first.matrix, abs=1e-9)
+    assert np.linalg.norm(found[links[0]].cam_from_world.center - poses[0].center) < 0.05

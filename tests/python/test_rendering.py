@@ -9,6 +9,7 @@ import raylift
 from synthetic import CAMERA, pose
 
 DEMO = Path(os.environ["RAYLIFT_SOURCE"]) / "assets/demo"
+MESH = f"mesh:{DEMO / 'scene.obj'}"
 CORNERS = np.array(list(itertools.product([-1, 1], repeat=3)), float)
 FACES = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
                   [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])
@@ -196,3 +197,68 @@ def test_no_memory_is_lost(caster):
         caster.render(PINHOLE, FRONT, ["depth", "normals", "color"], threads=1)
     # 10000 depth maps alone are 120 MB.
     assert resident_kb() - before < 4000
+
+
+def wall_points(step=0.02):
+    x, y = np.meshgrid(np.arange(-1, 1, step), np.arange(-1, 1, step))
+    return np.stack([x.ravel(), y.ravel(), np.full(x.size, 5.0)], axis=1)
+
+
+def test_rays_at_points_and_splats_in_memory(tmp_path):
+    points = wall_points()
+    colors = np.full(points.shape, 200, np.uint8)
+    cloud = raylift.RayCaster.of_points(points, normals=np.tile([0, 0, -2.0], (len(points), 1)), colors=colors)
+    splats = raylift.RayCaster.of_splats(points, np.tile([1.0, 0, 0, 0], (len(points), 1)),
+                                         np.tile([0.02, 0.02, 1e-4], (len(points), 1)), np.full(len(points), 0.9),
+                                         colors / 255)
+    rows = "\n".join(" ".join(map(str, point)) for point in points)
+    (tmp_path / "wall.xyz").write_text(rows)
+    read = raylift.RayCaster(f"cloud:{tmp_path / 'wall.xyz'}")
+    directions = [[0.01, 0.02, 1], [0.05, -0.1, 1], [0, 0, -1]]
+    for caster in cloud, splats, read:
+        hits = caster.cast([[0, 0, 0]], directions)
+        assert hits["ray_t"][:2] == pytest.approx(5, abs=1e-3) and np.isnan(hits["ray_t"][2])
+    camera = raylift.Camera("PINHOLE", 32, 32, [200, 200, 16, 16])
+    for caster in cloud, splats:
+        maps = caster.render(camera, raylift.Rigid3(), ["depth", "color"])
+        assert maps["depth"][8:24, 8:24] == pytest.approx(5, abs=0.01)
+        assert np.abs(maps["color"][8:24, 8:24].astype(int) - 200).max() < 12
+    assert "discs" in repr(cloud) and "splats" in repr(splats) and cloud._repr_png_() is None
+    scene = raylift.Scene.of([raylift.PosedImage("a.jpg", camera, raylift.Rigid3())], [cloud])
+    assert scene.geometry[0].lift(scene.references[0], [[16, 16]])["points"][0] == pytest.approx([0, 0, 5], abs=1e-3)
+
+
+@pytest.mark.parametrize("wrong, message", [
+    (dict(normals=[[0, 0, 0]] * 3), "normals: expected directions"),
+    (dict(colors=[[1, 2, 3]]), "colors: expected 3 rows, found 1"),
+])
+def test_wrong_clouds_are_input_errors(wrong, message):
+    with pytest.raises(raylift.InputError, match=message):
+        raylift.RayCaster.of_points(np.eye(3), **wrong)
+    with pytest.raises(raylift.InputError, match="row 0: expected finite numbers, a rotation"):
+        raylift.RayCaster.of_splats([[0, 0, 0]], [[0, 0, 0, 0]], [[1, 1, 1]], [1])
+
+
+def test_views_are_placed_on_a_mesh():
+    caster = raylift.Scene(DEMO / "model", [MESH]).mesh
+    camera = raylift.Camera("PINHOLE", 64, 48, [50, 50, 32, 24])
+    for how in "around", "inside", "covering":
+        poses = caster.sample_views(camera, 6, how=how)
+        assert 0 < len(poses) <= 6 and poses == caster.sample_views(camera, 6, how=how, threads=1)
+        assert all((maps["depth"] > 0).mean() > 0.05 for maps in caster.render_many(camera, poses))
+    with pytest.raises(raylift.OptionError, match="how = above: expected around|inside|covering"):
+        caster.sample_views(camera, how="above")
+
+
+def test_rays_of_a_picture_hit_as_single_ones_do():
+    scene = raylift.Scene(DEMO / "model", [MESH])
+    view = scene.references[0]
+    pixels = np.stack(np.meshgrid(np.arange(320) * 2 + 0.5, np.arange(60) * 8 + 0.5), axis=-1).reshape(-1, 2)
+    directions = view.camera.rays(pixels) @ view.cam_from_world.rotation
+    origin = view.cam_from_world.center[None]
+    together = scene.mesh.cast(origin, directions)
+    order = np.random.default_rng(0).permutation(len(pixels))  # neighbors do not run together
+    single = scene.mesh.cast(origin, directions[order])
+    same = together["triangles"][order] == single["triangles"]
+    assert same.mean() > 0.999 and (together["triangles"] >= 0).mean() > 0.9
+    assert together["ray_t"][order][same] == pytest.approx(single["ray_t"][same], rel=1e-9, nan_ok=True)

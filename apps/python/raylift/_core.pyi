@@ -220,6 +220,11 @@ class Query:
     @property
     def name(self) -> str:
         ...
+    @property
+    def rig(self) -> tuple[str, Rigid3] | None:
+        """
+        The moment it was taken at and cam_from_rig, where a rig took it (read_queries()); or None.
+        """
 class PosedImage:
     """
     A reference photograph: its name, its camera and where it was taken.
@@ -517,9 +522,25 @@ class RayCaster:
     """
     Casts rays at a mesh, and renders what cameras see of it. Thread safe.
     """
-    def __init__(self, mesh: Mesh, *, build: str = 'medium') -> None:
+    @staticmethod
+    def of_points(points: numpy.typing.ArrayLike, normals: numpy.typing.ArrayLike | None = None, colors: numpy.typing.ArrayLike | None = None, *, radius: typing.SupportsFloat | typing.SupportsIndex | None = None, neighbors: typing.SupportsInt | typing.SupportsIndex = 16, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> RayCaster:
         """
-        Builds the acceleration structure. build: "medium" for many views, "low" for few.
+        Of a point cloud (N, 3) as small discs, with the points' normals (N, 3) and colors (N, 3),
+        uint8, where they are known. radius: of all discs; by default each has that of its nearest
+        `neighbors`. `triangles` of cast() are indices of discs.
+        """
+    @staticmethod
+    def of_splats(means: numpy.typing.ArrayLike, rotations: numpy.typing.ArrayLike, scales: numpy.typing.ArrayLike, opacities: numpy.typing.ArrayLike, colors: numpy.typing.ArrayLike | None = None, *, depth: str = 'median') -> RayCaster:
+        """
+        Of Gaussian splats: their means (N, 3), rotations (N, 4) as (w, x, y, z), standard
+        deviations along their axes (N, 3), opacities (N,) and colors (N, 3) from 0 to 1. depth:
+        "median", "expected" or "peak". `triangles` of cast() are indices of Gaussians.
+        """
+    def __init__(self, mesh: raylift._types.GeometryLike, *, build: str = 'medium') -> None:
+        """
+        Builds the acceleration structure of a Mesh, or of a text as the option --geometry takes it:
+        "mesh:...", "cloud:..." or "splat:...". build: "medium" for many views of a Mesh, "low" for
+        few.
         """
     def __repr__(self) -> str:
         ...
@@ -563,6 +584,12 @@ class RayCaster:
         """
         A list with the pictures of each pose, as of render(). `cameras` is one camera, or a list
         of as many as there are poses.
+        """
+    def sample_views(self, camera: raylift._types.CameraLike, count: typing.SupportsInt | typing.SupportsIndex = 48, *, how: str = 'around', up: numpy.typing.ArrayLike | None = None, clearance: typing.SupportsFloat | typing.SupportsIndex = 0.3, seed: typing.SupportsInt | typing.SupportsIndex = 0, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> list[Rigid3]:
+        """
+        Poses (cam_from_world) that see a mesh, as of `raylift views`: how="around" it from outside,
+        "inside" it at eye height, or "covering" its surfaces; up: direction (3,) in the world, by
+        default the one that its surfaces tell. Fewer than `count` where there is no more room.
         """
     def score_views(self, camera: raylift._types.CameraLike, poses: collections.abc.Sequence[raylift._types.PoseLike], *, mask: numpy.typing.ArrayLike | None = None, depth: numpy.typing.ArrayLike | None = None, edges: numpy.typing.ArrayLike | None = None, depth_tolerance: typing.SupportsFloat | typing.SupportsIndex = 0.05, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> dict[str, typing.Any]:
         """
@@ -777,7 +804,10 @@ class Localizer:
         query_images; or hloc's files features, matches and pairs; or as matches alone COLMAP's
         database, or a folder of the matches of each pair (N, 4), with first_pixel=0, cell_px=0
         as of raylift.hloc.matches_from(); of matches in files, min_match_score;
-        scene_calibration: the file that `raylift calibrate` or write_calibration() wrote.
+        scene_calibration: the file that `raylift calibrate` or write_calibration() wrote; else
+        align_depth="auto" (or "off", "scale", "affine", "grid") says how depth is corrected.
+        rerender=0: rounds in which a pose is sharpened against the scene's mesh or splats, rendered
+        as the query saw them.
 
         reference_features: features of one's own, a dict by the references' names of dicts with
         keypoints (N, 2) and descriptors (N, D) of unit length; their photographs are not read.
@@ -801,11 +831,12 @@ class Localizer:
         Each reference as a query of the others: what is to be expected where no query's pose
         is known. Returns a dict by name.
         """
-    def localize(self, query: typing.Any, camera: raylift._types.CameraLike, *, name: str = 'query', position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, focal_range: typing.SupportsFloat | typing.SupportsIndex = 1.0) -> LocalizedQuery:
+    def localize(self, query: typing.Any, camera: raylift._types.CameraLike | None = None, *, name: str = 'query', position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, focal_range: typing.SupportsFloat | typing.SupportsIndex = 1.0) -> LocalizedQuery:
         """
         One query: a photograph, (H, W) or (H, W, 3) uint8, RGB, or its file; or features, a dict
         with keypoints (N, 2) and descriptors (N, D), as the references have. Priors and focal_...
-        as of raylift.Query.
+        as of raylift.Query. camera=None: of a photograph, a pinhole whose focal length EXIF tells
+        roughly, or nothing, is found with the pose (estimate.refined_camera).
 
         Returns a LocalizedQuery. Raises InputError where a photograph is not of the camera's size.
         """
@@ -935,10 +966,13 @@ def read_poses(file: raylift._types.PathLike) -> dict[str, typing.Any]:
     Lines `name qw qx qy qz tx ty tz`, world to camera: a dict of Rigid3 by name. Raises InputError
     naming the line.
     """
-def read_queries(file: raylift._types.PathLike) -> list[Query]:
+def read_queries(file: raylift._types.PathLike, *, images: raylift._types.PathLike | None = None, priors: raylift._types.PathLike | None = None, rigs: raylift._types.PathLike | None = None) -> list[Query]:
     """
     Lines `name MODEL width height params... [focal_sigma S]`: a list of Query, which unpack as
-    (name, camera).
+    (name, camera). images: folder of the photographs; a line may then be a name alone, whose
+    focal length EXIF tells or localizing finds, and a folder stands for those in it. priors,
+    rigs: files as of `raylift localize --priors` and `--rigs`; photographs that a rig took at
+    one moment are then localized together.
     """
 def refine_pose(problem: PoseProblem, cam_from_world: raylift._types.PoseLike, **kwargs: typing_extensions.Unpack[raylift._types.EstimateOptions]) -> PoseEstimate:
     """

@@ -174,6 +174,8 @@ class LocalizerOptions(EstimatorOptions, FilterThresholds, CandidateOptions, tot
     first_pixel: float
     cell_px: float
     scene_calibration: PathLike
+    align_depth: Literal["off", "scale", "affine", "grid", "auto"]
+    rerender: int
 
 
 class RenderOptions(TypedDict, total=False):

@@ -5,12 +5,14 @@
 
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
+#include "raylift/scene/image.h"
 #include "raylift/scene/photographs.h"
 
 namespace raylift {
@@ -30,6 +32,11 @@ namespace raylift {
 // lies in that of the photographs, or is it where none is given.
 std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
                                  const std::filesystem::path& images = {});
+// A photograph of an unknown camera, so listed by its name alone; or one in memory of this size,
+// with the focal length that EXIF says on film where it is known.
+Query QueryOfUnknownCamera(const std::string& name, const std::filesystem::path& images);
+Query QueryOfUnknownCamera(const std::string& name, PlaneSize size,
+                           std::optional<double> film_mm = std::nullopt);
 void WriteQueryList(const std::filesystem::path& path, const std::vector<Query>& queries);
 
 // One image name per line.

@@ -90,20 +90,6 @@ void ReadCamera(LineTokens& tokens, Query& query) {
   tokens.ExpectEnd();
 }
 
-Query QueryOfUnknownCamera(const std::string& name, const std::filesystem::path& images) {
-  const std::filesystem::path file = PathBelow(images, name);
-  const PlaneSize size = ReadImageSize(file);
-  if (const auto film_mm = ReadFocalLengthOnFilm(file)) {
-    const double focal_px = *film_mm / kFilmDiagonalMm * std::hypot(size.width_px, size.height_px);
-    return {.name = name,
-            .camera = CameraOfFocalLength(size, focal_px),
-            .priors = {.focal_range = kExifFocalRange}};
-  }
-  return {.name = name,
-          .camera = CameraOfFocalLength(size, 1.2 * std::max(size.width_px, size.height_px)),
-          .priors = {.focal_range = kGuessedFocalRange}};
-}
-
 // Returns the name without quotes at the start of a line: what stands before the camera's model,
 // the first word where there is none.
 std::string_view PlainName(std::string_view line) {
@@ -284,6 +270,20 @@ std::map<std::string, RigMount> ReadMounts(const path& folder) {
 }
 
 }  // namespace
+
+Query QueryOfUnknownCamera(const std::string& name, PlaneSize size, std::optional<double> film_mm) {
+  const double diagonal_px = std::hypot(size.width_px, size.height_px);
+  const double focal_px = film_mm ? *film_mm / kFilmDiagonalMm * diagonal_px
+                                  : 1.2 * std::max(size.width_px, size.height_px);
+  return {.name = name,
+          .camera = CameraOfFocalLength(size, focal_px),
+          .priors = {.focal_range = film_mm ? kExifFocalRange : kGuessedFocalRange}};
+}
+
+Query QueryOfUnknownCamera(const std::string& name, const std::filesystem::path& images) {
+  const std::filesystem::path file = PathBelow(images, name);
+  return QueryOfUnknownCamera(name, ReadImageSize(file), ReadFocalLengthOnFilm(file));
+}
 
 std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
                                  const std::filesystem::path& images) {
