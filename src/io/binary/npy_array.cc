@@ -7,6 +7,7 @@
 #include <bit>
 #include <cstring>
 #include <set>
+#include <type_traits>
 
 #include <Eigen/Core>
 #include <fmt/format.h>
@@ -202,7 +203,8 @@ const NpySamples& SamplesOf(const path& file, const NpyHeader& header) {
                                descr, descr.find('O') != std::string::npos ? " (objects)" : ""));
 }
 
-NpyArray DecodeNpyArray(const path& file, std::string_view bytes) {
+template <typename Value>
+NpyArray<Value> DecodeNpyArray(const path& file, std::string_view bytes) {
   if (!IsNpy(bytes)) throw InputError(file, "expected an NPY array, found something else");
   const NpyHeader header = ReadNpyHeader(file, bytes);
   const NpySamples& type = SamplesOf(file, header);
@@ -217,18 +219,25 @@ NpyArray DecodeNpyArray(const path& file, std::string_view bytes) {
     throw InputError(file, fmt::format("expected an array of shape ({}), the file holds {} values",
                                        fmt::join(header.shape, ", "), num_in_file));
   }
-  NpyArray array{header.shape, std::vector<double>(count), type.name};
-  type.to_double(bytes.data() + header.data_offset, header.swapped(), array.values);
+  NpyArray<Value> array{header.shape, std::vector<Value>(count), type.name};
+  if constexpr (std::is_same_v<Value, float>) {
+    type.to_float(bytes.data() + header.data_offset, header.swapped(), array.values);
+  } else {
+    type.to_double(bytes.data() + header.data_offset, header.swapped(), array.values);
+  }
   if (!header.fortran_order || header.shape.size() < 2) return array;
   if (header.shape.size() > 2) {
     throw InputError(file, "expected at most two dimensions in Fortran's order");
   }
   const uint64_t rows = header.shape[0], columns = header.shape[1];
-  const std::vector<double> by_column = array.values;
+  const std::vector<Value> by_column = array.values;
   for (uint64_t r = 0; r < rows; ++r) {
     for (uint64_t c = 0; c < columns; ++c) array.values[r * columns + c] = by_column[c * rows + r];
   }
   return array;
 }
+
+template NpyArray<float> DecodeNpyArray(const path& file, std::string_view bytes);
+template NpyArray<double> DecodeNpyArray(const path& file, std::string_view bytes);
 
 }  // namespace raylift

@@ -36,13 +36,15 @@ struct NpySamples {
 // Throws InputError where the elements are no numbers.
 const NpySamples& SamplesOf(const std::filesystem::path& file, const NpyHeader& header);
 
+template <typename Value>
 struct NpyArray {
   std::vector<uint64_t> shape;
-  std::vector<double> values;  // in C's order, whatever the order in the file
+  std::vector<Value> values;  // in C's order, whatever the order in the file
   std::string_view sample_type;
 };
-// A whole file's array. Throws InputError where it is malformed; memory is not taken on a header's
-// word.
-NpyArray DecodeNpyArray(const std::filesystem::path& file, std::string_view bytes);
+// A whole file's array, as float or double. Throws InputError where it is malformed; memory is not
+// taken on a header's word.
+template <typename Value>
+NpyArray<Value> DecodeNpyArray(const std::filesystem::path& file, std::string_view bytes);
 
 }  // namespace raylift

@@ -6,8 +6,7 @@
 #include <string>
 #include <utility>
 
-#include "io/binary/npy_array.h"
-#include "io/binary/zip_archive.h"
+#include "io/binary/array_file.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -17,8 +16,7 @@ namespace raylift {
 namespace {
 
 using std::filesystem::path;
-
-constexpr const char* kOnlyArray = "";  // the name of what is in an NPY
+using Array = NpyArray<double>;
 
 constexpr std::pair<const char*, const char*> kPixelNames[] = {
     {"mkpts0", "mkpts1"}, {"kpts0", "kpts1"}, {"keypoints0", "keypoints1"}};
@@ -26,57 +24,12 @@ constexpr std::string_view kHalf = "float16";
 constexpr const char* kScoreNames[] = {
     "scores", "conf", "confidence", "mconf", "match_confidence", "matching_scores0", "certainty"};
 
-// The arrays of a file by name; decoded when they are asked for, as others beside those that are
-// wanted need not be numbers.
-class Arrays {
- public:
-  explicit Arrays(const path& file) : file_(file), bytes_(ReadFile(file)) {
-    if (!IsZip(bytes_)) {
-      names_ = {kOnlyArray};
-      return;
-    }
-    archive_.emplace(file, bytes_);
-    for (const std::string& name : archive_->names()) {
-      if (name.ends_with(".npy")) names_.insert(name.substr(0, name.size() - 4));
-    }
-  }
-
-  bool Has(const std::string& name) const { return names_.contains(name); }
-  const std::set<std::string>& names() const { return names_; }
-
-  // A batch of one is its one.
-  NpyArray Read(const std::string& name) const {
-    NpyArray array =
-        DecodeNpyArray(file_, archive_ ? archive_->Read(name + ".npy") : std::string_view(bytes_));
-    while (array.shape.size() > 2 && array.shape.front() == 1) {
-      array.shape.erase(array.shape.begin());
-    }
-    return array;
-  }
-
-  [[noreturn]] void Fail(const std::string& name, const std::string& message) const {
-    if (name == kOnlyArray) throw InputError(file_, message);
-    throw InputError(file_, name, message);
-  }
-  [[noreturn]] void FailShape(const std::string& name, const NpyArray& array,
-                              const char* expected) const {
-    Fail(name, fmt::format("expected {}, found an array of shape ({})", expected,
-                           fmt::join(array.shape, ", ")));
-  }
-
- private:
-  path file_;
-  std::string bytes_;
-  std::optional<ZipReader> archive_;
-  std::set<std::string> names_;
-};
-
-bool HasColumns(const NpyArray& array, uint64_t columns) {
+bool HasColumns(const Array& array, uint64_t columns) {
   return array.shape.size() == 2 && array.shape[1] == columns;
 }
-bool AreRows(const NpyArray& array) { return HasColumns(array, 4) || HasColumns(array, 5); }
+bool AreRows(const Array& array) { return HasColumns(array, 4) || HasColumns(array, 5); }
 
-Eigen::Vector2d PixelAt(const Arrays& arrays, const std::string& name, const NpyArray& array,
+Eigen::Vector2d PixelAt(const ArrayFile& arrays, const std::string& name, const Array& array,
                         size_t row, size_t column) {
   const size_t at = row * array.shape[1] + column;
   const Eigen::Vector2d pixel(array.values[at], array.values[at + 1]);
@@ -88,10 +41,10 @@ Eigen::Vector2d PixelAt(const Arrays& arrays, const std::string& name, const Npy
 }
 
 // A score of each match, or none.
-std::vector<double> Scores(const Arrays& arrays, size_t count) {
+std::vector<double> Scores(const ArrayFile& arrays, size_t count) {
   for (const char* name : kScoreNames) {
     if (!arrays.Has(name)) continue;
-    std::vector<double> scores = arrays.Read(name).values;
+    std::vector<double> scores = arrays.Read<double>(name).values;
     if (scores.size() != count) {
       arrays.Fail(name, fmt::format("expected {} scores, one of each match, found {}", count,
                                     scores.size()));
@@ -101,7 +54,7 @@ std::vector<double> Scores(const Arrays& arrays, size_t count) {
   return {};
 }
 
-PairPixels FromRows(const Arrays& arrays, const std::string& name, const NpyArray& rows) {
+PairPixels FromRows(const ArrayFile& arrays, const std::string& name, const Array& rows) {
   PairPixels pair;
   pair.is_half = rows.sample_type == kHalf;
   for (size_t row = 0; row < rows.shape[0]; ++row) {
@@ -113,8 +66,9 @@ PairPixels FromRows(const Arrays& arrays, const std::string& name, const NpyArra
   return pair;
 }
 
-std::vector<Eigen::Vector2d> Pixels(const Arrays& arrays, const std::string& name, bool& is_half) {
-  const NpyArray array = arrays.Read(name);
+std::vector<Eigen::Vector2d> Pixels(const ArrayFile& arrays, const std::string& name,
+                                    bool& is_half) {
+  const Array array = arrays.Read<double>(name);
   is_half = is_half || array.sample_type == kHalf;
   // A matcher that found nothing may leave a vector of nothing.
   if (array.values.empty()) return {};
@@ -127,7 +81,7 @@ std::vector<Eigen::Vector2d> Pixels(const Arrays& arrays, const std::string& nam
   return pixels;
 }
 
-const Eigen::Vector2d& Indexed(const Arrays& arrays, const std::string& name,
+const Eigen::Vector2d& Indexed(const ArrayFile& arrays, const std::string& name,
                                const std::vector<Eigen::Vector2d>& pixels, double index) {
   if (!(index >= 0 && index < static_cast<double>(pixels.size()) && index == std::floor(index))) {
     arrays.Fail(name, fmt::format("expected an index below {}, the number of keypoints, found {}",
@@ -137,8 +91,8 @@ const Eigen::Vector2d& Indexed(const Arrays& arrays, const std::string& name,
 }
 
 // Returns the matched ones of all keypoints, which `keypoints` holds.
-PairPixels Matched(const Arrays& arrays, const std::string& name, const PairPixels& keypoints) {
-  const NpyArray indices = arrays.Read(name);
+PairPixels Matched(const ArrayFile& arrays, const std::string& name, const PairPixels& keypoints) {
+  const Array indices = arrays.Read<double>(name);
   const bool in_pairs = HasColumns(indices, 2);
   const size_t count = in_pairs ? indices.shape[0] : indices.values.size();
   if (!in_pairs && count != keypoints.first_px.size()) {
@@ -158,7 +112,8 @@ PairPixels Matched(const Arrays& arrays, const std::string& name, const PairPixe
   return pair;
 }
 
-PairPixels FromTwoLists(const Arrays& arrays, const std::string& first, const std::string& second) {
+PairPixels FromTwoLists(const ArrayFile& arrays, const std::string& first,
+                        const std::string& second) {
   PairPixels pair;
   pair.first_px = Pixels(arrays, first, pair.is_half);
   pair.second_px = Pixels(arrays, second, pair.is_half);
@@ -182,9 +137,9 @@ bool IsPairFileName(const path& file) {
 }
 
 PairPixels ReadPairPixels(const path& file) {
-  const Arrays arrays(file);
+  const ArrayFile arrays(file);
   if (arrays.Has("matches")) {
-    const NpyArray matches = arrays.Read("matches");
+    const Array matches = arrays.Read<double>("matches");
     if (AreRows(matches)) return FromRows(arrays, "matches", matches);
   }
   for (const auto& [first, second] : kPixelNames) {
@@ -197,7 +152,7 @@ PairPixels ReadPairPixels(const path& file) {
                                  fmt::join(arrays.names(), ", ")));
   }
   const std::string& name = *arrays.names().begin();
-  const NpyArray only = arrays.Read(name);
+  const Array only = arrays.Read<double>(name);
   if (only.values.empty()) return {};
   if (!AreRows(only)) arrays.FailShape(name, only, "N x 4 numbers, or 5 with a score");
   return FromRows(arrays, name, only);
