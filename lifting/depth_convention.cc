@@ -94,11 +94,78 @@ DepthConvention Kapture() {
       .headerless = true};
 }
 
+// ByteDance-Seed/Depth-Anything-3, utils/export/npz.py (export_to_npz, export_to_mini_npz) and
+// npy.py: z, (N, H, W), at the network's size; camera from world, (N, 3, 4). utils/io/input_processor.py stretches images to
+// multiples of 14 ("upper_bound_resize", the default); those of "*_crop" have fit=crop.
+DepthConvention DepthAnything3() {
+  return {
+      .unit = 1,
+      .bundle = {.files = {"exports/npz/results.npz", "exports/mini_npz/results.npz", "results.npz",
+                           "exports/npy/depth.npy", "exports/mini_npy/depth.npy", "depth.npy"},
+                 .poses = "extrinsics"},
+      .layer = "depth",
+      .confidence_pattern = "conf"};
+}
+
+// facebookresearch/vggt, demo_gradio.py (gradio_demo) writes it: z, (N, H, W, 1), camera from world
+// (N, 3, 4), images sorted by path; utils/load_fn.py (load_and_preprocess_images, mode "crop") makes
+// them 518 wide and multiples of 14 high. Its mode "pad" has fit=pad.
+DepthConvention Vggt() {
+  return {.unit = 1,
+          .bundle = {.files = {"predictions.npz"}, .poses = "extrinsic"},
+          .fit = MapFit::kWidth,
+          .layer = "depth",
+          .confidence_pattern = "depth_conf"};
+}
+
+// facebookresearch/map-anything, scripts/gradio_app.py (run_model, gradio_demo) writes it: z,
+// (N, H, W, 1), world from camera (N, 4, 4), images sorted by name; utils/image.py (load_images,
+// "fixed_mapping") and cropping.py scale images to cover one of its sizes, and cut them.
+DepthConvention MapAnything() {
+  return {.unit = 1,
+          .bundle = {.files = {"predictions.npz"},
+                     .poses = "extrinsic",
+                     .pose_convention = PoseConvention::kWorldFromCam},
+          .fit = MapFit::kCropFloor,
+          .layer = "depth",
+          .confidence_pattern = "conf"};
+}
+
+// naver/mast3r, cloud_opt/sparse_ga.py (get_dense_pts3d, get_im_poses) gives depth, points in its
+// world and poses, world from camera, but writes no file: its user names the arrays. dust3r's
+// utils/image.py (load_images) scales images to 512 and cuts them to multiples of 16.
+DepthConvention Mast3r() {
+  return {.unit = 1,
+          .bundle = {.pose_convention = PoseConvention::kWorldFromCam},
+          .fit = MapFit::kCrop};
+}
+
+// microsoft/MoGe, scripts/infer.py (main, --maps): z, at the photograph's size, infinite where
+// there is none. Metric since version 2; of version 1 up to a scale.
+DepthConvention Moge() {
+  return {.unit = 1, .patterns = {"{dir}/{stem}/depth.exr", "{stem}/depth.exr"}};
+}
+
+// lpiccinelli-eth/UniDepth, models/unidepthv2/unidepthv2.py (infer): z, (1, 1, H, W), at the
+// photograph's size; it writes no file. Its "confidence" grows with the error
+// (ops/losses/confidence.py): it is not used.
+DepthConvention UniDepth() {
+  return {.unit = 1,
+          .patterns = {"{dir}/{stem}.npz", "{dir}/{stem}.npy", "{name}.npy", "{stem}.npz",
+                       "{stem}.npy"},
+          .layer = "depth"};
+}
+
+// apple/ml-depth-pro, cli/run.py (run): z in meters, at the photograph's size.
+DepthConvention DepthPro() {
+  return {.unit = 1, .patterns = {"{dir}/{stem}.npz", "{stem}.npz"}, .layer = "depth"};
+}
+
 struct Preset {
   std::string_view name;
   DepthConvention (*make)();
 };
-constexpr std::array<Preset, 12> kPresets = {{{"colmap", &Colmap},
+constexpr std::array<Preset, 19> kPresets = {{{"colmap", &Colmap},
                                               {"nerfstudio", &Nerfstudio},
                                               {"metric3d", &Metric3d},
                                               {"7scenes", &SevenScenes},
@@ -109,7 +176,14 @@ constexpr std::array<Preset, 12> kPresets = {{{"colmap", &Colmap},
                                               {"meshloc", &MeshLoc},
                                               {"lamar", &Lamar},
                                               {"eth3d", &Eth3d},
-                                              {"kapture", &Kapture}}};
+                                              {"kapture", &Kapture},
+                                              {"da3", &DepthAnything3},
+                                              {"vggt", &Vggt},
+                                              {"mapanything", &MapAnything},
+                                              {"mast3r", &Mast3r},
+                                              {"moge", &Moge},
+                                              {"unidepth", &UniDepth},
+                                              {"depthpro", &DepthPro}}};
 
 // The stored depth in scene units, 0 where it means none.
 class ValueReader {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <future>
 #include <iterator>
 #include <list>
@@ -11,8 +12,10 @@
 #include <numbers>
 #include <unordered_map>
 
+#include "lifting/depth_bundle.h"
 #include "lifting/depth_convention.h"
 #include "lifting/depth_sampling.h"
+#include "lifting/map_fit.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -130,9 +133,22 @@ FoundFiles FindByBestPattern(const path& folder, const std::vector<std::string>&
   return best;
 }
 
-std::string DescribeStored(const StoredDepth& stored, const DepthConvention& convention) {
-  std::string text = fmt::format("{} {} {} x {}, {}", ToString(stored.format), stored.sample_type,
-                                 stored.width_px, stored.height_px, ToString(convention.kind));
+// Returns the file that holds the maps of many images; nullopt where each has its own.
+std::optional<path> FindBundle(const path& place, const std::vector<std::string>& bundles) {
+  std::error_code ignored;
+  if (std::filesystem::is_regular_file(place, ignored)) return place;
+  for (const std::string& bundle : bundles) {
+    if (std::filesystem::is_regular_file(place / bundle, ignored)) return place / bundle;
+  }
+  return std::nullopt;
+}
+
+std::string DescribeStored(const StoredDepth& stored, const std::optional<DepthBundle>& bundle,
+                           const DepthConvention& convention) {
+  std::string text = bundle ? bundle->Description()
+                            : fmt::format("{} {} {} x {}", ToString(stored.format),
+                                          stored.sample_type, stored.width_px, stored.height_px);
+  text += fmt::format(", {}", ToString(convention.kind));
   if (!stored.layer.empty()) text += fmt::format(", layer {}", stored.layer);
   if (convention.sensor) text += ", registered into the photograph's camera";
   return text;
@@ -150,7 +166,8 @@ struct DepthFolder::Impl {
 
   path folder;
   DepthConvention convention;
-  FilesByImage files;
+  std::optional<DepthBundle> bundle;
+  FilesByImage files;  // where there is no bundle
   size_t max_cache_bytes = 0;
 
   mutable std::mutex mutex;
@@ -180,15 +197,72 @@ struct DepthFolder::Impl {
     return ray_z;
   }
 
-  MapPointer Read(const PosedImage& reference, const path& file) const {
-    const StoredDepth stored =
-        Oriented(ReadDepthFile(file, ReadOptions(reference.camera)), convention.orientation);
-    std::optional<StoredDepth> confidence;
-    if (!convention.confidence_pattern.empty()) {
-      confidence = Oriented(
-          ReadDepthFile(folder / ExpandPattern(convention.confidence_pattern, reference.name)),
-          convention.orientation);
+  bool Has(const std::string& name) const {
+    return bundle ? bundle->Has(name) : files.contains(name);
+  }
+
+  // Finds a file for each reference and returns their pattern. InputError where there are none.
+  std::string FindMaps(std::span<const PosedImage> references) {
+    const std::vector<std::string>& bundles = convention.bundle.files;
+    const std::vector<std::string> patterns =
+        convention.patterns.empty() && bundles.empty() ? UsualPatterns() : convention.patterns;
+    FoundFiles found = FindByBestPattern(folder, patterns, references);
+    files = std::move(found.files);
+    if (!files.empty()) return (folder / found.pattern).string();
+    throw InputError(
+        folder,
+        fmt::format("no depth map of any of the {} references is here; looked for {}",
+                    references.size(), fmt::join(patterns.empty() ? bundles : patterns, ", ")));
+  }
+
+  // Takes all maps from one file and returns what its poses say of their scale. InputError where it
+  // has no map of a reference.
+  DepthBundle::Scale OpenBundle(const path& file, std::span<const PosedImage> references) {
+    bundle.emplace(file, convention);
+    // The first camera is often the points' frame itself, the last one seldom.
+    const auto last =
+        std::find_if(references.rbegin(), references.rend(),
+                     [this](const PosedImage& reference) { return Has(reference.name); });
+    if (last == references.rend()) {
+      throw InputError(
+          file, fmt::format("none of the {} images that {} lists is a reference, not {}",
+                            convention.bundle.names.size(), convention.bundle.names_file.string(),
+                            convention.bundle.names.front()));
     }
+    bundle->CheckPoints(*last);
+    DepthBundle::Scale scale = bundle->FindScale(references);
+    const bool is_inverse = convention.kind == DepthKind::kInverse;
+    convention.scale *= is_inverse ? 1 / scale.factor : scale.factor;
+    return scale;
+  }
+
+  // The file that holds a reference's map.
+  const path& FileOf(const PosedImage& reference) const {
+    return bundle ? bundle->file() : files.at(reference.name);
+  }
+
+  StoredDepth ReadStored(const PosedImage& reference) const {
+    return bundle ? bundle->Map(reference)
+                  : ReadDepthFile(files.at(reference.name), ReadOptions(reference.camera));
+  }
+
+  std::optional<StoredDepth> ReadConfidence(const PosedImage& reference) const {
+    if (bundle) return bundle->Confidence(reference);
+    if (convention.confidence_pattern.empty()) return std::nullopt;
+    return ReadDepthFile(folder / ExpandPattern(convention.confidence_pattern, reference.name));
+  }
+
+  // The samples as they lie on the whole image.
+  StoredDepth OnImage(StoredDepth stored, const PosedImage& reference) const {
+    return OnWholeImage(Oriented(std::move(stored), convention.orientation), convention.fit,
+                        {reference.camera.width_px(), reference.camera.height_px()},
+                        FileOf(reference));
+  }
+
+  MapPointer Read(const PosedImage& reference) const {
+    const StoredDepth stored = OnImage(ReadStored(reference), reference);
+    std::optional<StoredDepth> confidence = ReadConfidence(reference);
+    if (confidence) confidence = OnImage(*std::move(confidence), reference);
     std::shared_ptr<const std::vector<float>> rays;
     if (convention.kind == DepthKind::kRay) {
       const Camera& camera = convention.sensor ? convention.sensor->camera : reference.camera;
@@ -234,11 +308,11 @@ struct DepthFolder::Impl {
     return std::nullopt;
   }
 
-  MapPointer Load(const PosedImage& reference, const path& file) const {
+  MapPointer Load(const PosedImage& reference) const {
     std::promise<MapPointer> promise;
     if (const auto other = FindOrEnter(reference.name, promise)) return other->get();
     try {
-      MapPointer map = Read(reference, file);
+      MapPointer map = Read(reference);
       promise.set_value(map);
       const std::lock_guard<std::mutex> lock(mutex);
       Entry& entry = cache.at(reference.name);
@@ -257,34 +331,36 @@ struct DepthFolder::Impl {
 DepthFolder::DepthFolder(path folder, DepthConvention convention,
                          std::span<const PosedImage> references, size_t max_cache_bytes)
     : impl_(std::make_unique<Impl>()) {
-  const std::vector<std::string> patterns =
-      convention.patterns.empty() ? UsualPatterns() : convention.patterns;
-  FoundFiles found = FindByBestPattern(folder, patterns, references);
   impl_->folder = std::move(folder);
   impl_->convention = std::move(convention);
-  impl_->files = std::move(found.files);
   impl_->max_cache_bytes = max_cache_bytes;
-  const auto first = std::find_if(
-      references.begin(), references.end(),
-      [this](const PosedImage& reference) { return impl_->files.contains(reference.name); });
-  if (first == references.end()) {
-    throw InputError(impl_->folder,
-                     fmt::format("no depth map of any of the {} references is here; looked for {}",
-                                 references.size(), fmt::join(patterns, ", ")));
+  const auto bundle = FindBundle(impl_->folder, impl_->convention.bundle.files);
+  std::string found_at;
+  if (bundle) {
+    found_at = bundle->string();
+    DepthBundle::Scale scale = impl_->OpenBundle(*bundle, references);
+    if (!scale.found.empty()) understood_ = ", " + scale.found;
+    warnings_ = std::move(scale.warnings);
+  } else {
+    found_at = impl_->FindMaps(references);
   }
-  const size_t missing = references.size() - impl_->files.size();
+  const auto has_map = [this](const PosedImage& reference) { return impl_->Has(reference.name); };
+  const auto first = std::ranges::find_if(references, has_map);
+  RAYLIFT_CHECK(first != references.end());
+  const auto missing = std::ranges::count_if(references, std::not_fn(has_map));
   if (missing > 0) {
-    const auto first_missing = std::find_if(
-        references.begin(), references.end(),
-        [this](const PosedImage& reference) { return !impl_->files.contains(reference.name); });
-    warnings_.push_back(fmt::format("{}: {} of {} references have no depth map, e.g. {}",
-                                    (impl_->folder / found.pattern).string(), missing,
-                                    references.size(), first_missing->name));
+    warnings_.push_back(fmt::format("{}: {} of {} references have no depth map, e.g. {}", found_at,
+                                    missing, references.size(),
+                                    std::ranges::find_if_not(references, has_map)->name));
   }
-  const StoredDepth stored =
-      ReadDepthFile(impl_->files.at(first->name), impl_->ReadOptions(first->camera));
-  understood_ = DescribeStored(stored, impl_->convention);
-  const std::string file = impl_->files.at(first->name).string();
+  LookAt(*first);
+}
+
+// Says how the maps are read, by the first one.
+void DepthFolder::LookAt(const PosedImage& first) {
+  const StoredDepth stored = impl_->ReadStored(first);
+  understood_ = DescribeStored(stored, impl_->bundle, impl_->convention) + understood_;
+  const std::string file = impl_->FileOf(first).string();
   if (stored.sample_type == "uint8") {
     throw InputError(file, "expected depth in 16 bits or floats, found 8 bits");
   }
@@ -292,17 +368,17 @@ DepthFolder::DepthFolder(path folder, DepthConvention convention,
     warnings_.push_back(fmt::format("{}: integers, taken as millimeters (unit=mm says so)", file));
   }
   unit_ = StoredUnit(stored, impl_->convention);
-  const StoredDepth oriented = Oriented(stored, impl_->convention.orientation);
-  size_px_ = {oriented.width_px, oriented.height_px};
+  const StoredDepth on_image = impl_->OnImage(stored, first);
+  size_px_ = {on_image.width_px, on_image.height_px};
   const double aspect = static_cast<double>(size_px_.width_px) / size_px_.height_px;
   const double image_aspect =
-      static_cast<double>(first->camera.width_px()) / first->camera.height_px();
+      static_cast<double>(first.camera.width_px()) / first.camera.height_px();
   if (std::abs(aspect / image_aspect - 1) > kMaxAspectDifference) {
     warnings_.push_back(
         fmt::format("{}: {} x {} is not the shape of its image, {} x {}: a map of a part of the "
-                    "image would be read wrongly",
-                    file, stored.width_px, stored.height_px, first->camera.width_px(),
-                    first->camera.height_px()));
+                    "image would be read wrongly (fit={} say which part it is)",
+                    file, stored.width_px, stored.height_px, first.camera.width_px(),
+                    first.camera.height_px(), NameList<MapFit>()));
   }
 }
 
@@ -311,8 +387,7 @@ DepthFolder::~DepthFolder() = default;
 const DepthConvention& DepthFolder::convention() const { return impl_->convention; }
 
 std::shared_ptr<const DepthMap> DepthFolder::Load(const PosedImage& reference) const {
-  const auto file = impl_->files.find(reference.name);
-  return file == impl_->files.end() ? nullptr : impl_->Load(reference, file->second);
+  return impl_->Has(reference.name) ? impl_->Load(reference) : nullptr;
 }
 
 namespace {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <unordered_set>
 #include <utility>
 
 #include "base/read_limits.h"
@@ -25,7 +26,7 @@ namespace {
 
 constexpr std::string_view kForms =
     "expected mesh:PATH[,key=value...], cloud:PATH[,key=value...], splat:FILE[,key=value...], "
-    "depth:DIR[,key=value...] or sfm[:DIR][,key=value...]";
+    "depth:PATH[,key=value...] or sfm[:DIR][,key=value...]";
 constexpr std::string_view kSfmKeys = "radius (px), min_track, max_error (px), near, far";
 
 using BackFaces = SurfaceLimits::BackFaces;
@@ -33,10 +34,13 @@ using BuildQuality = RayCasterOptions::BuildQuality;
 
 std::string DepthKeys() {
   return fmt::format(
-      "preset, pattern, kind={}, unit=m|cm|mm|NUMBER, scale, invalid, max_depth, layer, size=WxH, "
-      "orientation, first_sample_px, confidence, confidence_threshold, interpolation={}, max_jump, "
+      "preset, pattern, names=FILE, fit={}, points={}, poses, poses_are={}, kind={}, "
+      "unit=m|cm|mm|NUMBER, scale, invalid, "
+      "max_depth, layer, size=WxH, orientation, first_sample_px, confidence, confidence_threshold, "
+      "interpolation={}, max_jump, "
       "near, far, max_incidence_deg, max_depth_jump",
-      NameList<DepthKind>(), NameList<DepthInterpolation>());
+      NameList<MapFit>(), NameList<PointFrame>(), NameList<PoseConvention>(), NameList<DepthKind>(),
+      NameList<DepthInterpolation>());
 }
 
 // Looks at a few thousand discs, evenly spaced.
@@ -126,7 +130,27 @@ PlaneSize ParseSize(const SpecKeys& keys, const std::string& text) {
   return {static_cast<int>(*width), static_cast<int>(*height)};
 }
 
-DepthConvention TakeConvention(SpecKeys& keys) {
+// Returns the lines of a list of images, which are to be different.
+std::vector<std::string> ReadNames(const std::filesystem::path& file) {
+  LineReader lines(file);
+  std::vector<std::string> names;
+  std::unordered_set<std::string> seen;
+  while (const auto line = lines.NextContent()) {
+    names.emplace_back(Trim(*line));
+    if (!seen.insert(names.back()).second) lines.Fail(fmt::format("{} stands twice", names.back()));
+  }
+  if (names.empty()) throw InputError(file, "expected names of images, one a line, found none");
+  return names;
+}
+
+std::vector<std::string> SortedNames(const GeometryContext& context) {
+  std::vector<std::string> names(context.thinned_out.begin(), context.thinned_out.end());
+  for (const PosedImage& reference : context.references) names.push_back(reference.name);
+  std::ranges::sort(names);
+  return names;
+}
+
+DepthConvention TakeConvention(SpecKeys& keys, const GeometryContext& context) {
   DepthConvention convention;
   if (const auto name = keys.Take("preset")) {
     const auto preset = DepthPreset(*name);
@@ -149,7 +173,18 @@ DepthConvention TakeConvention(SpecKeys& keys) {
     convention.raw_size = ParseSize(keys, *size);
     convention.headerless = true;
   }
-  convention.confidence_pattern = keys.Take("confidence").value_or("");
+  convention.fit = keys.TakeNamed<MapFit>("fit").value_or(convention.fit);
+  convention.bundle.names_file = keys.Take("names").value_or("");
+  convention.bundle.names = convention.bundle.names_file.empty()
+                                ? SortedNames(context)
+                                : ReadNames(convention.bundle.names_file);
+  if (const auto points = keys.TakeNamed<PointFrame>("points")) convention.bundle.points = points;
+  convention.bundle.poses = keys.Take("poses").value_or(convention.bundle.poses);
+  convention.bundle.pose_convention =
+      keys.TakeNamed<PoseConvention>("poses_are").value_or(convention.bundle.pose_convention);
+  // The confidences that a preset knows are those of a threshold that is given.
+  if (!keys.Has("confidence_threshold")) convention.confidence_pattern.clear();
+  convention.confidence_pattern = keys.Take("confidence").value_or(convention.confidence_pattern);
   convention.confidence_threshold =
       keys.TakeNumber("confidence_threshold", 0).value_or(convention.confidence_threshold);
   return convention;
@@ -157,7 +192,7 @@ DepthConvention TakeConvention(SpecKeys& keys) {
 
 NamedGeometry MakeDepth(SpecKeys keys, const GeometryContext& context) {
   if (keys.path().empty()) keys.Fail(kForms);
-  DepthConvention convention = TakeConvention(keys);
+  DepthConvention convention = TakeConvention(keys, context);
   DepthSamplingOptions sampling;
   sampling.interpolation =
       keys.TakeNamed<DepthInterpolation>("interpolation").value_or(sampling.interpolation);
@@ -276,9 +311,14 @@ std::string GeometryHelp() {
       "  Keys: depth={} (of a ray), transform=FILE|none (nerfstudio's\n"
       "  dataparser_transforms.json; by default the one beside FILE), and those of a\n"
       "  mesh but for back_faces\n"
-      "depth:DIR[,key=value...]: depth maps. Keys:\n"
-      "  preset={}\n"
+      "depth:PATH[,key=value...]: depth maps, in a folder, or all in one NPZ, HDF5 or NPY.\n"
+      "  Keys: preset={}\n"
       "  pattern (file of an image: {{name}}, {{dir}}, {{stem}}, {{base}}),\n"
+      "  fit={} (the image's part that a map has),\n"
+      "  of maps in one file: names=FILE (of whose images; by default the\n"
+      "  references', by name), layer, confidence and poses (names of its arrays),\n"
+      "  poses_are={},\n"
+      "  points={} (it holds points in this frame),\n"
       "  kind={}, unit=m|cm|mm|NUMBER, scale, invalid=V[/V...],\n"
       "  max_depth, layer, size=WxH (of headerless files), confidence=PATTERN,\n"
       "  confidence_threshold, interpolation={}, max_jump, near, far,\n"
@@ -288,7 +328,8 @@ std::string GeometryHelp() {
       "  Keys: radius (px, of features that are not the model's), min_track,\n"
       "  max_error (px), near, far",
       NameList<BackFaces>(), NameList<BuildQuality>(), NameList<SplatDepth>(), DepthPresetNames(),
-      NameList<DepthKind>(), NameList<DepthInterpolation>(), NameList<MapOrientation>());
+      NameList<MapFit>(), NameList<PoseConvention>(), NameList<PointFrame>(), NameList<DepthKind>(),
+      NameList<DepthInterpolation>(), NameList<MapOrientation>());
 }
 
 }  // namespace raylift

@@ -164,7 +164,10 @@ TEST(DepthSource, PresetsFindTheFilesOfTheirWriters) {
            {"tum", "rgb/1305031102.175304.png", "depth/1305031102.160407.png", 10000},
            {"meshloc", "db/x.color.jpg", "db/x_depth.npz", 2},
            {"meshloc", "db/x.color.jpg", "db_x_depth.npz", 2},
-           {"lamar", "a/b.jpg", "a/b.png", 2000}}) {
+           {"lamar", "a/b.jpg", "a/b.png", 2000},
+           {"moge", "a/b.jpg", "a/b/depth.exr", 2},
+           {"unidepth", "a/b.jpg", "a/b.npz", 2},
+           {"depthpro", "a/b.jpg", "a/b.npz", 2}}) {
     Wall wall({c.image});
     const DepthMap map{64, 48, std::vector<float>(size_t{64} * 48, c.stored)};
     WriteDepthFile(wall.folder / c.file, map, {.png_step = 1});

@@ -52,10 +52,55 @@ inline constexpr auto kEnumNames<MapOrientation> = std::to_array<EnumName<MapOri
     {MapOrientation::kTransposed, "transposed"},
 });
 
+// The part of its image that a map covers.
+enum class MapFit {
+  kWhole,      // all of it, stretched to the map's size
+  kCrop,       // the image was scaled to cover the map, rounded, and cut about its middle
+  kCropFloor,  // the same, rounded down
+  // These round to multiples of 14.
+  kWidth,  // its whole width; height is cut or padded about its middle
+  kPad,    // all of it, padded about its middle
+};
+template <>
+inline constexpr auto kEnumNames<MapFit> = std::to_array<EnumName<MapFit>>({
+    {MapFit::kWhole, "whole"},
+    {MapFit::kCrop, "crop"},
+    {MapFit::kCropFloor, "crop_floor"},
+    {MapFit::kWidth, "width"},
+    {MapFit::kPad, "pad"},
+});
+
 // A sensor that stands beside the photograph's camera.
 struct DepthSensor {
   Camera camera;
   Rigid3 image_from_sensor;  // from the sensor's frame to that of the photograph's camera
+};
+
+// What maps of points are told in, whose z is then the depth.
+enum class PointFrame {
+  kCamera,        // x right, y down, z forward
+  kOpenGlCamera,  // y up, z backward
+  kWorld,         // that of the poses beside them
+};
+template <>
+inline constexpr auto kEnumNames<PointFrame> = std::to_array<EnumName<PointFrame>>({
+    {PointFrame::kCamera, "camera"},
+    {PointFrame::kOpenGlCamera, "opengl_camera"},
+    {PointFrame::kWorld, "world"},
+});
+
+// The maps of many images in one file.
+struct BundleLayout {
+  // Where it is, relative to the folder (which may itself be such a file), in the order of
+  // preference.
+  std::vector<std::string> files = {};
+  // Whose maps it holds, in their order, and the file that says it, if one does.
+  std::vector<std::string> names = {};
+  std::filesystem::path names_file = {};
+  std::optional<PointFrame> points = std::nullopt;  // the array is one of points, (N, H, W, 3)
+  // The array of poses in a frame and scale of their own, (N, 3, 4) or (N, 4, 4); empty: none.
+  std::string poses = {};
+  PoseConvention pose_convention = PoseConvention::kCamFromWorld;
 };
 
 struct DepthConvention {
@@ -75,6 +120,8 @@ struct DepthConvention {
   // same without the folder's "-", "{time}" the number in the folder nearest to {stem} as seconds
   // (within 20 ms). Empty: the usual ones are tried.
   std::vector<std::string> patterns = {};
+  BundleLayout bundle = {};
+  MapFit fit = MapFit::kWhole;
   std::string layer = {};   // the channel of an EXR, the key of an NPZ
   bool headerless = false;  // plain floats, of `raw_size` or else of the image's size
   std::optional<PlaneSize> raw_size = std::nullopt;
@@ -83,15 +130,15 @@ struct DepthConvention {
   std::optional<DepthSensor> sensor = std::nullopt;
 
   // A second map that says how far each depth can be trusted; below the threshold there is none.
-  std::string confidence_pattern = {};  // empty: there is no such map
+  std::string confidence_pattern = {};  // of a bundle: the array's name; empty: there is none
   double confidence_threshold = 0.5;    // in stored values
 };
 
 // The depth maps of the references of a scene, found, loaded and converted when they are needed.
 class DepthFolder {
  public:
-  // Finds the maps of these references. InputError where there is none at all. One is read, so
-  // that a wrong format is noticed at once.
+  // Finds the maps of these references: in a file for each in a folder, or all in one file.
+  // InputError where there is none at all. One is read, so that a wrong format is noticed at once.
   DepthFolder(std::filesystem::path folder, DepthConvention convention,
               std::span<const PosedImage> references, size_t max_cache_bytes = size_t{1} << 29);
   ~DepthFolder();
@@ -112,6 +159,8 @@ class DepthFolder {
   const std::vector<std::string>& warnings() const { return warnings_; }
 
  private:
+  void LookAt(const PosedImage& first);
+
   struct Impl;
   std::unique_ptr<Impl> impl_;
   std::string understood_;
