@@ -7,7 +7,7 @@ the program's. Work is done without the interpreter's lock; long calls take `thr
 and Ctrl-C ends them.
 """
 
-from . import hloc
+from . import hloc, onnx
 from ._commands import (
     color,
     colour,
@@ -95,6 +95,7 @@ __all__ = [
     "import_dataset",
     "localize",
     "merge_candidates",
+    "onnx",
     "read_depth",
     "read_image",
     "read_poses",

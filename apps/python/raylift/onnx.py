@@ -1,0 +1,304 @@
+"""Extractors, matchers and global descriptors that are ONNX files, for Localizer; run by onnxruntime
+(`pip install raylift[onnx]`).
+
+    extractor = raylift.onnx.Extractor("superpoint.onnx", longer_side=1024)
+    matcher = raylift.onnx.Matcher("lightglue.onnx", centered_keypoints=True)
+    localizer = raylift.Localizer(scene, extractor=extractor, matcher=matcher)
+
+Tensors are known by their names ("image", "keypoints0", "descriptors", "scores", "matches0", ...) or
+given: roles={"keypoints": "output_3"}. A photograph becomes (1, C, H, W), gray where C is 1, else RGB, as
+float from 0 to 1, or uint8 where the graph takes that.
+
+It is resized to the size that the graph's input has, or so that its longer side has `longer_side`
+pixels, by a triangle filter that averages what becomes smaller, and edge to edge: its corners stay
+corners. `first_pixel` says where the graph puts the center of its first pixel: (0, 0) as OpenCV and
+most networks do, or 0.5. What it finds at x on a picture of the width w is
+(x - first_pixel + 0.5) * W / w - 0.5 of the photograph's W: of all results the first pixel's center is
+(0, 0), as Localizer takes them by default.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any, Dict, List, Mapping, NamedTuple, NoReturn, Optional, Sequence, Tuple
+
+import numpy as np
+
+from . import _core
+
+if TYPE_CHECKING:
+    from ._types import PathLike
+
+Array = Any  # of numpy, of any type
+Roles = Optional[Mapping[str, str]]
+
+# What tensors of each role are called, as far as exporters agree; the first that is there counts.
+_NAMES = {
+    "image": ("image", "images", "input", "pixel_values"),
+    "keypoints": ("keypoints", "kpts"),
+    "descriptors": ("descriptors", "desc", "descs"),
+    "scores": ("scores", "mscores", "confidence", "conf", "mconf", "match_confidence", "matching_scores"),
+    "matches": ("matches", "matches0"),
+    "descriptor": ("descriptor", "global_descriptor", "embedding", "output"),
+}
+_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(double)": np.float64,
+          "tensor(uint8)": np.uint8, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
+
+
+class _Picture(NamedTuple):
+    tensor: Array
+    scale: Array  # (2,) of the photograph's pixels to the tensor's
+
+
+def _taps(count: int, of: int) -> Tuple[Array, Array]:
+    """The pixels (count, K) of `of` that each of `count` is made of, and their weights."""
+    step = of / count
+    width = max(1.0, step)
+    centers = (np.arange(count) + 0.5) * step - 0.5
+    pixels = np.floor(centers - width)[:, None] + np.arange(1, int(2 * width) + 3)
+    weights = np.clip(1 - np.abs(pixels - centers[:, None]) / width, 0, None)
+    weights[(pixels < 0) | (pixels >= of)] = 0
+    return np.clip(pixels, 0, of - 1).astype(int), weights / weights.sum(axis=1, keepdims=True)
+
+
+def _resized(image: Array, width: int, height: int) -> Array:
+    for axis, count in ((0, height), (1, width)):
+        if image.shape[axis] == count:
+            continue
+        pixels, weights = _taps(count, image.shape[axis])
+        shape = (count, 1, 1) if axis == 0 else (1, count, 1)
+        image = sum(np.take(image, pixels[:, k], axis=axis) * weights[:, k].reshape(shape)
+                    for k in range(pixels.shape[1]))
+    return image
+
+
+class _Graph:
+    """A file with its tensors by their roles."""
+
+    def __init__(self, file: PathLike, roles: Roles, providers: Optional[Sequence[str]], threads: int) -> None:
+        try:
+            import onnxruntime  # type: ignore[import-not-found, import-untyped, unused-ignore]
+        except ImportError:
+            raise ImportError("raylift.onnx needs onnxruntime: pip install raylift[onnx]") from None
+        self.file = os.fspath(file)
+        if not os.path.exists(self.file):
+            raise _core.InputError(f"{self.file!s}: no such file")
+        settings = onnxruntime.SessionOptions()
+        settings.intra_op_num_threads = threads
+        settings.log_severity_level = 3
+        try:
+            self.session = onnxruntime.InferenceSession(
+                self.file, settings, providers=list(providers or ["CPUExecutionProvider"]))
+        except Exception as error:
+            raise _core.InputError(f"{self.file!s}: {' '.join(str(error).split())}") from None
+        self.inputs = {one.name: one for one in self.session.get_inputs()}
+        self.outputs = {one.name: one for one in self.session.get_outputs()}
+        self.roles = dict(roles or {})
+        for role, name in self.roles.items():
+            if name not in self.inputs and name not in self.outputs:
+                self.fail(f"roles, {role}: there is no tensor {name}; there are {self.names()}")
+
+    def names(self) -> str:
+        return ", ".join([*self.inputs, *self.outputs])
+
+    def fail(self, message: str) -> NoReturn:
+        raise _core.InputError(f"{self.file!s}: {message}")
+
+    def find(self, role: str, among: Mapping[str, Any], suffix: str = "") -> Optional[str]:
+        """The tensor of a role, such as "keypoints" with the suffix "0"."""
+        if role + suffix in self.roles:
+            return self.roles[role + suffix]
+        names = [name + suffix for name in _NAMES[role]]
+        return next((name for name in names if name in among), None)
+
+    def need(self, role: str, among: Mapping[str, Any], suffix: str = "") -> str:
+        found = self.find(role, among, suffix)
+        if found is None:
+            self.fail(f"expected a tensor of {role + suffix} ({', '.join(n + suffix for n in _NAMES[role])}), "
+                      f"found {self.names()}; roles={{...}} names it")
+        return found
+
+    def run(self, feeds: Mapping[str, Array]) -> Dict[str, Array]:
+        typed = {name: np.ascontiguousarray(value, _TYPES.get(self.inputs[name].type)) for name, value in feeds.items()}
+        missing = [name for name in self.inputs if name not in typed]
+        if missing:
+            self.fail(f"expected inputs that are known, found {', '.join(missing)} as well")
+        try:
+            return dict(zip(self.outputs, self.session.run(None, typed)))
+        except Exception as error:
+            self.fail(" ".join(str(error).split()))
+
+    def picture(self, name: str, image: Array, longer_side: Optional[int]) -> _Picture:
+        image = np.asarray(image)
+        if image.dtype != np.uint8 or image.ndim not in (2, 3):
+            raise _core.InputError(f"image: expected a uint8 array of shape (height, width) or (height, width, 3), "
+                                   f"found {image.dtype} of shape {image.shape}")
+        shape = self.inputs[name].shape
+        if len(shape) != 4:
+            self.fail(f"{name}: expected a tensor (1, C, H, W), found {shape}")
+        gray = shape[1] == 1
+        pixels = np.atleast_3d(image).astype(np.float32)
+        if gray and pixels.shape[2] == 3:
+            pixels = pixels @ np.array([[0.299], [0.587], [0.114]], np.float32)
+        elif not gray and pixels.shape[2] == 1:
+            pixels = np.repeat(pixels, 3, axis=2)
+        height, width = pixels.shape[:2]
+        factor = 1.0 if longer_side is None else longer_side / max(height, width)
+        new_height, new_width = (size if isinstance(size, int) else max(1, round(factor * old))
+                                 for size, old in zip(shape[2:], (height, width)))
+        tensor = _resized(pixels, new_width, new_height).transpose(2, 0, 1)[None]
+        is_bytes = self.inputs[name].type == "tensor(uint8)"
+        return _Picture(np.rint(tensor) if is_bytes else tensor / 255,
+                        np.array([new_width / width, new_height / height]))
+
+
+def _rows(values: Array, columns: Optional[int] = None) -> Array:
+    """Without the axis of the batch."""
+    values = np.asarray(values)
+    if values.ndim == 3 and len(values) == 1:
+        values = values[0]
+    if columns is not None and (values.ndim != 2 or values.shape[1] != columns):
+        raise _core.InputError(f"expected a tensor (N, {columns}), found {values.shape}")
+    return values
+
+
+class _Model:
+    def __init__(self, file: PathLike, *, roles: Roles = None, longer_side: Optional[int] = None,
+                 first_pixel: float = 0, providers: Optional[Sequence[str]] = None, threads: int = 0) -> None:
+        """roles: names of tensors by their roles, where they are not called so. longer_side: pixels to
+        which photographs are resized where the graph leaves it open; None: as they are. first_pixel:
+        where the graph puts the center of the first pixel, from 0 to 1. providers: onnxruntime's, by
+        default the CPU's. threads: 0 is all."""
+        self._graph = _Graph(file, roles, providers, threads)
+        if longer_side is not None and longer_side < 1:
+            raise _core.OptionError(f"longer_side = {longer_side}: must be at least 1")
+        if not 0 <= first_pixel <= 1:
+            raise _core.OptionError(f"first_pixel = {first_pixel}: must lie between 0 and 1")
+        self._longer_side, self._first_pixel = longer_side, first_pixel
+
+    def __repr__(self) -> str:
+        return f"<raylift.onnx.{type(self).__name__} {os.fspath(self._graph.file)!s}>"
+
+    def _picture(self, image: Array, suffix: str = "") -> Tuple[str, _Picture]:
+        graph = self._graph
+        name = graph.find("image", graph.inputs, suffix)
+        if name is None and not suffix and len(graph.inputs) == 1:
+            name = next(iter(graph.inputs))
+        if name is None:
+            name = graph.need("image", graph.inputs, suffix)
+        return name, graph.picture(name, image, self._longer_side)
+
+    def _of_photograph(self, pixels: Array, scale: Array) -> Array:
+        return (_rows(pixels, 2).astype(float) - self._first_pixel + 0.5) / scale - 0.5
+
+
+class Extractor(_Model):
+    """A graph from a photograph to keypoints (N, 2) and descriptors (N, D) or (D, N), perhaps scores."""
+
+    def __call__(self, image: Array) -> Dict[str, Array]:
+        """The features of a photograph (H, W) or (H, W, 3), uint8, RGB: a dict with keypoints,
+        descriptors, image_size (width, height) and, where there are any, scores."""
+        graph = self._graph
+        name, picture = self._picture(image)
+        found = graph.run({name: picture.tensor})
+        keypoints = self._of_photograph(found[graph.need("keypoints", found)], picture.scale)
+        descriptors = _rows(found[graph.need("descriptors", found)])
+        if len(descriptors) != len(keypoints):
+            descriptors = descriptors.T
+        height, width = np.asarray(image).shape[:2]
+        features = {"keypoints": keypoints, "descriptors": descriptors, "image_size": np.array([width, height])}
+        scores = graph.find("scores", found)
+        if scores is not None:
+            features["scores"] = np.asarray(found[scores]).reshape(-1)
+        return features
+
+
+class Matcher(_Model):
+    """A graph from two photographs (image0, image1) to the pixels that match (keypoints0, keypoints1), or
+    from the features of both (keypoints0, descriptors0, ...) to indices: matches0 (N,), the second
+    keypoint of each first one or -1, or matches (K, 2)."""
+
+    def __init__(self, file: PathLike, *, centered_keypoints: bool = False, **options: Any) -> None:
+        """centered_keypoints: the graph takes keypoints as LightGlue does, from the photograph's middle
+        and by half of its longer side; their features need image_size, as Extractor gives it. options:
+        as of Extractor."""
+        super().__init__(file, **options)
+        self._centered = centered_keypoints
+
+    def __call__(self, first: Any, second: Any) -> Any:
+        """From photographs: pixels and scores of both, as a dict. From features: indices and scores."""
+        graph = self._graph
+        if graph.find("keypoints", graph.inputs, "0") is None:
+            return self._match_photographs(first, second)
+        feeds = {}
+        for suffix, features in (("0", first), ("1", second)):
+            for role in ("keypoints", "descriptors", "scores"):
+                name = graph.find(role, graph.inputs, suffix)
+                if name is None:
+                    continue
+                if role not in features:
+                    graph.fail(f"{name}: expected features with {role}, found {', '.join(features)}")
+                values = self._given(features) if role == "keypoints" else np.asarray(features[role])
+                feeds[name] = values[None] if len(graph.inputs[name].shape) == values.ndim + 1 else values
+        return self._named(graph.run(feeds), None)
+
+    def _given(self, features: Mapping[str, Any]) -> Array:
+        """Keypoints as the graph takes them."""
+        pixels = np.asarray(features["keypoints"], float)
+        if not self._centered:
+            return pixels + self._first_pixel
+        if "image_size" not in features:
+            self._graph.fail("centered_keypoints needs features with image_size")
+        size = np.asarray(features["image_size"], float)
+        return (pixels + 0.5 - size / 2) / (size.max() / 2)
+
+    def _match_photographs(self, first: Array, second: Array) -> Dict[str, Array]:
+        pictures = [self._picture(image, suffix) for image, suffix in ((first, "0"), (second, "1"))]
+        found = self._graph.run({name: picture.tensor for name, picture in pictures})
+        return self._named(found, [picture.scale for _, picture in pictures])
+
+    def _named(self, found: Mapping[str, Array], scales: Optional[List[Array]]) -> Dict[str, Array]:
+        """By the names that Localizer knows."""
+        graph, result = self._graph, dict[str, Array]()
+        if scales is not None:
+            for suffix, scale in zip("01", scales):
+                pixels = found[graph.need("keypoints", found, suffix)]
+                result[f"keypoints{suffix}"] = self._of_photograph(pixels, scale)
+        scores = graph.find("scores", found) or graph.find("scores", found, "0")
+        if scores is not None:
+            result["scores"] = np.asarray(found[scores]).reshape(-1)
+        matches = graph.find("matches", found)
+        if matches is not None:
+            rows = np.asarray(found[matches])
+            # Of a batch of one: (1, N), (1, K, 2), or rows that begin with its index.
+            rows = rows[0] if rows.ndim == 3 or (rows.ndim == 2 and len(rows) == 1 and rows.shape[1] != 2) else rows
+            result["matches"] = rows[:, 1:] if rows.ndim == 2 and rows.shape[1] == 3 else rows
+        elif scales is None:
+            graph.need("matches", found)
+        else:
+            result = {"mkpts0": result.pop("keypoints0"), "mkpts1": result.pop("keypoints1"), **result}
+        return result
+
+
+class GlobalDescriptor(_Model):
+    """A graph from a photograph to one vector, by which photographs of one place are found."""
+
+    def __call__(self, image: Array) -> Array:
+        """The vector of a photograph (D,), float32, of unit length."""
+        graph = self._graph
+        name, picture = self._picture(image)
+        found = graph.run({name: picture.tensor})
+        output = graph.find("descriptor", found) or (next(iter(found)) if len(found) == 1 else None)
+        vector = np.asarray(found[output or graph.need("descriptor", found)], np.float32).reshape(-1)
+        return vector / max(float(np.linalg.norm(vector)), 1e-12)
+
+    def retrieve(self, queries: Mapping[str, PathLike], references: Mapping[str, PathLike],
+                 top_k: int = 10) -> Dict[str, List[str]]:
+        """For the name of each query's photograph the names of the references most like it, best first."""
+        names = list(references)
+        vectors = np.array([self(_core.read_image(references[name])) for name in names])
+        found = {}
+        for name, file in queries.items():
+            order = np.argsort(-(vectors @ self(_core.read_image(file))), kind="stable")
+            found[name] = [names[i] for i in order if names[i] != name][:top_k]
+        return found

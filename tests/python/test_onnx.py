@@ -1,0 +1,197 @@
+"""raylift.onnx by small graphs whose answers are known exactly, made here as protobuf's bytes."""
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import raylift
+from synthetic import CAMERA, Problem
+
+FLOAT, UINT8, INT64 = 1, 2, 7
+
+
+def field(number, value):
+    """A field of a protobuf message: an integer, or bytes and text with their length."""
+    def varint(n):
+        out = b""
+        while n > 127:
+            out, n = out + bytes([n & 127 | 128]), n >> 7
+        return out + bytes([n])
+
+    if isinstance(value, int):
+        return varint(number << 3) + varint(value % 2**64)
+    data = value.encode() if isinstance(value, str) else value
+    return varint(number << 3 | 2) + varint(len(data)) + data
+
+
+def tensor(name, array):
+    array = np.asarray(array)
+    kind = {np.dtype(np.float32): FLOAT, np.dtype(np.int64): INT64}[array.dtype]
+    return b"".join(field(1, n) for n in array.shape) + field(2, kind) + field(8, name) + field(9, array.tobytes())
+
+
+def value(name, kind, shape):
+    dims = b"".join(field(1, field(1, n) if isinstance(n, int) else field(2, n)) for n in shape)
+    return field(1, name) + field(2, field(1, field(1, kind) + field(2, dims)))
+
+
+def node(kind, inputs, output, **attributes):
+    text = b"".join(field(1, name) for name in inputs) + field(2, output) + field(4, kind)
+    for name, number in attributes.items():
+        if isinstance(number, list):
+            text += field(5, field(1, name) + b"".join(field(8, n) for n in number) + field(20, 7))
+        else:
+            text += field(5, field(1, name) + field(3, number) + field(20, 2))
+    return text
+
+
+def write_graph(file, inputs, nodes, outputs, constants=()):
+    graph = b"".join(field(1, one) for one in nodes) + field(2, "g")
+    graph += b"".join(field(5, tensor(*one)) for one in constants)
+    graph += b"".join(field(11, value(*one)) for one in inputs) + b"".join(field(12, value(*one)) for one in outputs)
+    file.write_bytes(field(1, 8) + field(8, field(2, 13)) + field(7, graph))
+    return file
+
+
+def bright(image, suffix=""):
+    """Nodes that find pixels brighter than a half: `keypoints` (x, y) and `rows` (0, 0, y, x)."""
+    return [node("Greater", [image, "least"], "is_bright" + suffix), node("NonZero", ["is_bright" + suffix], "found" + suffix),
+            node("Transpose", ["found" + suffix], "indices" + suffix, perm=[1, 0]),
+            node("Cast", ["indices" + suffix], "rows" + suffix, to=FLOAT),
+            node("Gather", ["rows" + suffix, "xy"], "keypoints" + suffix, axis=1)]
+
+
+CONSTANTS = [("least", np.float32([0.5])), ("xy", np.int64([3, 2]))]
+SPOTS = np.array([[4, 8], [20, 12], [40, 24]])
+
+
+def photograph(spots=SPOTS, size=4):
+    image = np.zeros((48, 64, 3), np.uint8)
+    for x, y in spots:
+        image[y:y + size, x:x + size] = 255
+    return image
+
+
+def extractor_file(folder, height="h", width="w", channels=1):
+    return write_graph(folder / f"extractor_{height}.onnx", [("image", FLOAT, [1, channels, height, width])],
+                       bright("image") + [node("Identity", ["rows"], "descriptors")],
+                       [("keypoints", FLOAT, ["n", 2]), ("descriptors", FLOAT, ["n", 4])], CONSTANTS)
+
+
+def test_without_onnxruntime_the_error_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(ImportError, match=r"pip install raylift\[onnx\]"):
+        raylift.onnx.Extractor(tmp_path / "a.onnx")
+
+
+@pytest.fixture(autouse=True)
+def runtime(request):
+    if "without_onnxruntime" not in request.node.name:
+        pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: pip install raylift[onnx]")
+
+
+def test_pixels_are_the_photographs(tmp_path):
+    found = raylift.onnx.Extractor(extractor_file(tmp_path))(photograph(size=1))
+    assert sorted(map(tuple, found["keypoints"])) == sorted(map(tuple, SPOTS))
+    assert (found["descriptors"][:, [3, 2]] == found["keypoints"]).all() and found["image_size"].tolist() == [64, 48]
+
+
+@pytest.mark.parametrize("options, graph_size, factor", [(dict(longer_side=32), ("h", "w"), (2, 2)),
+                                                         (dict(), (24, 64), (1, 2)), (dict(), (12, 16), (4, 4))])
+def test_photographs_are_resized_edge_to_edge(tmp_path, options, graph_size, factor):
+    found = raylift.onnx.Extractor(extractor_file(tmp_path, *graph_size), **options)(photograph())
+    # The spots (x, y) to (x + 4, y + 4) are of whole pixels of the smaller picture, whose centers are these.
+    expected = [(x + (i + 0.5) * factor[0] - 0.5, y + (j + 0.5) * factor[1] - 0.5)
+                for x, y in SPOTS for j in range(4 // factor[1]) for i in range(4 // factor[0])]
+    assert sorted(map(tuple, found["keypoints"])) == sorted(expected)
+    shifted = raylift.onnx.Extractor(extractor_file(tmp_path, *graph_size), first_pixel=0.5, **options)(photograph())
+    assert shifted["keypoints"] == pytest.approx(found["keypoints"] - 0.5 * np.array(factor))
+
+
+def test_resizing_keeps_straight_lines_and_means():
+    ramp = np.repeat(np.arange(64, dtype=float)[None, :, None], 48, axis=0)
+    for width in 32, 20, 128:
+        middle = raylift.onnx._resized(ramp, width, 48)[0, 4:-4, 0]
+        assert middle == pytest.approx((np.arange(width) + 0.5)[4:-4] * 64 / width - 0.5, abs=0.05)
+
+
+def test_a_matcher_of_features(tmp_path):
+    values = [(f"{name}{i}", FLOAT, [1, f"n{i}", columns]) for i in "01" for name, columns in (("kpts", 2), ("desc", 4))]
+    file = write_graph(tmp_path / "matcher.onnx", values,
+                       [node("Transpose", ["desc1"], "other", perm=[0, 2, 1]), node("MatMul", ["desc0", "other"], "alike"),
+                        node("ArgMax", ["alike"], "matches0", axis=2, keepdims=0),
+                        node("ReduceMax", ["alike"], "mscores0", axes=[2], keepdims=0),
+                        node("Identity", ["kpts0"], "seen0"), node("Identity", ["kpts1"], "seen1")],
+                       [("matches0", INT64, [1, "n"]), ("mscores0", FLOAT, [1, "n"]), ("seen0", FLOAT, [1, "n", 2]),
+                        ("seen1", FLOAT, [1, "m", 2])])
+    unit = np.eye(4, dtype=np.float32)
+    size = np.array([64, 48])
+    first = {"keypoints": SPOTS[[0, 1, 2]], "descriptors": unit[[2, 0, 1]], "image_size": size}
+    second = {"keypoints": SPOTS[[0, 1, 2]] + 1, "descriptors": unit[:3], "image_size": size}
+    found = raylift.onnx.Matcher(file)(first, second)
+    assert found["matches"].reshape(-1).tolist() == [2, 0, 1] and found["scores"].tolist() == [1, 1, 1]
+    centered = raylift.onnx.Matcher(file, centered_keypoints=True)
+    assert centered._given(first) == pytest.approx((SPOTS + 0.5 - [32, 24]) / 32)
+    with pytest.raises(raylift.InputError, match="needs features with image_size"):
+        centered({"keypoints": SPOTS, "descriptors": unit[:3]}, second)
+
+
+def test_a_matcher_of_photographs_localizes(tmp_path):
+    file = write_graph(tmp_path / "matcher.onnx", [(f"image{i}", FLOAT, [1, 1, "h", "w"]) for i in "01"],
+                       bright("image0", "0") + bright("image1", "1"),
+                       [(f"keypoints{i}", FLOAT, ["n", 2]) for i in "01"], CONSTANTS)
+    found = raylift.onnx.Matcher(file, longer_side=64)(photograph(size=1), photograph(SPOTS + [3, 5], size=1))
+    assert (found["mkpts1"] - found["mkpts0"] == [3, 5]).all() and len(found["mkpts0"]) == 3
+    from raylift._matching import matcher_of
+    pixels = [tmp_path / f"{i}.png" for i in "01"]
+    for image, name in zip((photograph(size=1), photograph(SPOTS + [3, 5], size=1)), pixels):
+        write_png(name, image)
+    [(query, reference, scores)] = matcher_of(raylift.onnx.Matcher(file))(str(pixels[0]), None, [str(pixels[1])])
+    assert (reference - query == [3, 5]).all() and scores is None
+
+
+def write_png(file, image):
+    import struct
+    import zlib
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    height, width = image.shape[:2]
+    rows = b"".join(b"\0" + row.tobytes() for row in image)
+    file.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) +
+                     chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+
+
+def test_global_descriptors_retrieve(tmp_path):
+    file = write_graph(tmp_path / "global.onnx", [("pixels", UINT8, [1, 3, "h", "w"])],
+                       [node("Cast", ["pixels"], "floats", to=FLOAT),
+                        node("ReduceMean", ["floats"], "mean", axes=[2, 3], keepdims=0)], [("mean", FLOAT, [1, 3])])
+    describe = raylift.onnx.GlobalDescriptor(file)
+    files = {}
+    for name, color in dict(red=(200, 10, 0), pink=(200, 90, 90), blue=(0, 20, 200)).items():
+        files[name] = tmp_path / f"{name}.png"
+        write_png(files[name], np.full((8, 10, 3), color, np.uint8))
+    assert describe(np.full((8, 10, 3), (30, 40, 0), np.uint8)) == pytest.approx([0.6, 0.8, 0])
+    assert describe.retrieve(files, files, top_k=2) == {"red": ["pink", "blue"], "pink": ["red", "blue"],
+                                                        "blue": ["pink", "red"]}
+
+
+def test_wrong_files_and_roles_are_input_errors(tmp_path):
+    file = extractor_file(tmp_path)
+    (tmp_path / "bad.onnx").write_bytes(b"no graph")
+    with pytest.raises(raylift.InputError, match="nowhere.onnx: no such file"):
+        raylift.onnx.Extractor(tmp_path / "nowhere.onnx")
+    with pytest.raises(raylift.InputError, match="bad.onnx: "):
+        raylift.onnx.Extractor(tmp_path / "bad.onnx")
+    with pytest.raises(raylift.InputError, match="roles, keypoints: there is no tensor kp; there are image, keypoints"):
+        raylift.onnx.Extractor(file, roles={"keypoints": "kp"})
+    with pytest.raises(raylift.OptionError, match="first_pixel = 2: must lie between 0 and 1"):
+        raylift.onnx.Extractor(file, first_pixel=2)
+    with pytest.raises(raylift.InputError, match="expected a tensor of image0"):
+        raylift.onnx.Matcher(file)(photograph(), photograph())
+    with pytest.raises(raylift.InputError, match="image: expected a uint8 array"):
+        raylift.onnx.Extractor(file)(np.zeros((4, 4)))
