@@ -1,5 +1,7 @@
 """Depth as networks write it: bundles in each layout from rendered truth, read exactly."""
 
+import itertools
+
 import h5py
 import numpy as np
 import pytest
@@ -270,3 +272,41 @@ def test_another_order_of_the_list_shows_in_the_poses(tmp_path):
     (tmp_path / "names.txt").write_text("\n".join(image.name for image in images))
     maps = raylift.DepthMaps(tmp_path, images, preset="da3", names=tmp_path / "names.txt")
     assert maps.warnings == [] and "x 0.3333 +- " in maps.understood
+
+
+def write_reference_matches(caster, images, folder, per_pair=60):
+    """Files NAME__NAME.npy of pixels of one reference and of where another sees the same points."""
+    rng = np.random.default_rng(0)
+    lifter = raylift.Lifter(caster)
+    folder.mkdir()
+    for a, b in itertools.combinations(images, 2):
+        pixels = rng.uniform([0, 0], [a.camera.width, a.camera.height], (600, 2))
+        points = lifter.lift(a, pixels)["points"]
+        seen = b.camera.project(b.cam_from_world.transform(points))
+        with np.errstate(invalid="ignore"):
+            good = ((seen > 0) & (seen < [b.camera.width, b.camera.height])).all(axis=1)
+            back = lifter.lift(b, np.where(good[:, None], seen, 1))["points"]
+            good &= np.linalg.norm(back - points, axis=1) < 0.01  # nothing is in between
+        rows = np.hstack([pixels[good], seen[good]])[:per_pair] - 0.5
+        if len(rows) > 10:
+            np.save(folder / f"{'__'.join(x.name.replace('/', '-') for x in (a, b))}.npy", rows)
+
+
+def test_the_doctor_names_wrong_readings_of_a_bundle(caster, tmp_path):
+    images = sorted(raylift.ColmapModel.read(DEMO / "model").posed_images, key=lambda image: image.name)
+    depth = np.stack([caster.render(image.camera.scaled(160, 120), image.cam_from_world)["depth"]
+                      for image in images])
+    ray = np.stack([caster.render(image.camera.scaled(160, 120), image.cam_from_world, ["distance"])["distance"]
+                    for image in images])
+    write_reference_matches(caster, images, tmp_path / "pairs")
+    with np.errstate(divide="ignore"):
+        stored = {"right": depth, "ray": ray, "inverse": np.where(depth > 0, 1 / depth, 0),
+                  "flipped": depth[:, ::-1], "millimeters": 1000 * depth}
+    expected = {"right": "", "ray": "kind=ray", "inverse": "kind=inverse", "flipped": "orientation=flipped_y",
+                "millimeters": "scale=0.001"}
+    np.savez(tmp_path / "b.npz", **stored)
+    for layer, key in expected.items():
+        diagnosis = raylift.doctor(DEMO / "model", f"depth:{tmp_path / 'b.npz'},layer={layer}",
+                                   matches=tmp_path / "pairs")
+        assert diagnosis["verdict"] == ("repair" if key else "as_meant"), (layer, diagnosis["summary"])
+        assert key in str(diagnosis["repair"]), (layer, diagnosis["repair"])
