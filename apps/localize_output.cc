@@ -78,6 +78,9 @@ void LocalizeOutput::Finish(const std::vector<LocalizedQuery>& localized, const 
 
 void LocalizeOutput::Print(const std::vector<LocalizedQuery>& localized, const Run& run) const {
   for (const SceneSource& source : run.scene.sources) {
+    if (source.geometry.kind == GeometryKind::kDepth) {
+      fmt::print("read {} as {}\n", source.spec, source.geometry.understood);
+    }
     if (!source.alignment || source.alignment->mode == AlignMode::kOff) continue;
     fmt::print("aligned {} {}\n", source.spec, Describe(*source.alignment));
   }

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import raylift
+from scenes import HlocScene
 from synthetic import pose
 from test_rendering import DEMO
 
@@ -310,3 +311,20 @@ def test_the_doctor_names_wrong_readings_of_a_bundle(caster, tmp_path):
                                    matches=tmp_path / "pairs")
         assert diagnosis["verdict"] == ("repair" if key else "as_meant"), (layer, diagnosis["summary"])
         assert key in str(diagnosis["repair"]), (layer, diagnosis["repair"])
+
+
+def test_localize_takes_the_scale_of_the_poses(caster, tmp_path, capfd):
+    hloc = HlocScene(tmp_path / "hloc")
+    images = sorted(raylift.ColmapModel.read(DEMO / "model").posed_images, key=lambda image: image.name)
+    depth = np.stack([caster.render(image.camera.scaled(504, 378), image.cam_from_world)["depth"]
+                      for image in images])
+    np.savez(tmp_path / "results.npz", depth=0.37 * depth,
+             extrinsics=np.stack([rows(p) for p in of_a_network(images, 0.37)]))
+    raylift.localize(tmp_path / "out", model=DEMO / "model", geometry=f"depth:{tmp_path},preset=da3",
+                     queries=hloc.query_list, features=hloc.features, matches=hloc.matches_file,
+                     pairs=hloc.pairs, quiet=False)
+    said = capfd.readouterr()
+    assert f"read depth:{tmp_path},preset=da3 as 24 maps of float32 504 x 378, z, layer depth, x 2.703 +- " in said.out
+    assert "poses" not in said.err
+    for name, found in raylift.read_poses(tmp_path / "out/poses.txt").items():
+        hloc.expect_near(name, found)
