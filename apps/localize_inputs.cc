@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "lifting/alignment_text.h"
+#include "localization/checks/run_checks.h"
 #include "localization/rerender.h"
 #include <fmt/format.h>
 
@@ -90,6 +91,9 @@ LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags) {
   }
   if (!flags.priors.empty()) TakePosePriors(flags.priors, inputs.queries);
   if (!flags.rigs.empty()) TakeRigs(flags.rigs, inputs.queries);
+  if (auto warning = WarnOfAssumedLenses(inputs.queries)) {
+    inputs.scene.warnings.push_back(std::move(*warning));
+  }
   return inputs;
 }
 

@@ -195,6 +195,61 @@ TEST(RefineFocal, OfLensesWithDistortionAndMethodsThatUseOthers) {
   }
 }
 
+// Problems as seen through `lens`, of which no more than the size and a focal length within a factor
+// of two are known.
+std::vector<SyntheticProblem> OfUnknownLens(const std::vector<double>& lens, int count) {
+  std::vector<SyntheticProblem> problems = MakeRegime(RegimeByName("accurate"), count);
+  for (SyntheticProblem& synthetic : problems) {
+    PoseProblem& problem = synthetic.problem;
+    const Camera pinhole = problem.query_camera;
+    const int width_px = pinhole.width_px(), height_px = pinhole.height_px();
+    const double focal_px = pinhole.focal_x_px();
+    const Camera truth(CameraModel::kRadial, width_px, height_px,
+                       std::vector{focal_px, 0.5 * width_px + lens[0], 0.5 * height_px + lens[1],
+                                   lens[2], lens[3]});
+    const auto distort = [&](Eigen::Vector2d& px) {
+      if (const auto ray = pinhole.RayInCam(px)) px = truth.ImgFromCam(*ray).value_or(px);
+    };
+    for (Match2D2D& match : problem.matches_2d2d) distort(match.query_px);
+    for (Match2D3D& match : problem.matches_2d3d) distort(match.query_px);
+    problem.query_camera = Camera(CameraModel::kSimplePinhole, width_px, height_px,
+                                  std::vector{1.3 * focal_px, 0.5 * width_px, 0.5 * height_px});
+    problem.priors.focal_range = 2;
+  }
+  return problems;
+}
+
+// Of a photograph whose camera is not known, the whole lens is found with the pose.
+TEST(AssumedLens, IsFoundWithThePoseAndStandsInItsCovariance) {
+  for (const std::vector<double>& lens :
+       {std::vector{0., 0., 0., 0.}, {9., -7., -0.19, 0.045}, {-6., 4., 0.06, 0.}}) {
+    double squared_sigmas = 0;
+    constexpr int kProblems = 8;
+    for (const SyntheticProblem& synthetic : OfUnknownLens(lens, kProblems)) {
+      const PoseEstimate estimate =
+          MakePoseEstimator(StandardOptions(Method::kAdaptive))->Estimate(synthetic.problem);
+      ASSERT_TRUE(estimate.cam_from_world && estimate.covariance);
+      const double error =
+          (estimate.cam_from_world->OriginInSource() - synthetic.query_from_world.OriginInSource())
+              .norm();
+      EXPECT_LT(error, 4 * estimate.position_sigma) << lens[2];
+      squared_sigmas += error * error / (estimate.position_sigma * estimate.position_sigma);
+    }
+    // 1 on average.
+    EXPECT_LT(squared_sigmas / kProblems, 3) << lens[2];
+  }
+}
+
+// Without points nothing tells the lens: a pose is not sure, however well its matches fit.
+TEST(AssumedLens, LeavesPosesDoubtfulThatNoPointTells) {
+  for (SyntheticProblem& synthetic : OfUnknownLens({9, -7, -0.19, 0.045}, 3)) {
+    synthetic.problem.matches_2d3d.clear();
+    const PoseEstimate estimate =
+        MakePoseEstimator(StandardOptions(Method::kAdaptive))->Estimate(synthetic.problem);
+    EXPECT_NE(estimate.verdict, PoseVerdict::kLocalized);
+  }
+}
+
 TEST(RefineFocal, WhereNoPoseIsFoundTheReasonIs) {
   SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
   PoseProblem& problem = synthetic.problem;

@@ -90,5 +90,22 @@ TEST(RunCheck, NoticesGeometryThatIsElsewhere) {
   EXPECT_THAT(*WarnOfGeometry(run.localized), ::testing::HasSubstr("points fit the poses"));
 }
 
+TEST(WarnOfAssumedLenses, SaysWhatIsAssumedOfHowManyPhotographs) {
+  const auto camera = [](double center_x) {
+    return Camera(CameraModel::kSimplePinhole, 640, 480, std::vector{500., center_x, 240.});
+  };
+  std::vector<Query> queries = {{.name = "calibrated.jpg", .camera = camera(320)},
+                                {.name = "off.jpg", .camera = camera(321)}};
+  queries[1].priors.focal_range = 2;
+  EXPECT_FALSE(WarnOfAssumedLenses(queries));
+  queries.push_back({.name = "unknown.jpg", .camera = camera(320)});
+  queries[2].priors.focal_range = 2;
+  const auto warning = WarnOfAssumedLenses(queries);
+  ASSERT_TRUE(warning);
+  for (const std::string part : {"1 of 3 photographs", "principal point", "focal length"}) {
+    EXPECT_NE(warning->find(part), std::string::npos) << *warning;
+  }
+}
+
 }  // namespace
 }  // namespace raylift

@@ -1,13 +1,18 @@
 // The focal length of the query, found with its pose: RANSAC with some focal lengths of the range,
 // a search along one dimension for the lowest MSAC cost about the best of them, and from there,
-// where poses are refined by maximum likelihood, Newton's steps on the likelihood.
+// where poses are refined by maximum likelihood, Newton's steps on the likelihood. Where nobody has
+// calibrated the lens, a radial term is searched for in turn with the focal length.
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 #include "base/rng.h"
+#include "estimation/confidence/confidence.h"
+#include "estimation/methods/assumed_lens.h"
 #include "estimation/methods/methods.h"
 #include "estimation/problem/observations.h"
 #include "estimation/refinement/refinement.h"
@@ -25,6 +30,9 @@ namespace {
 constexpr double kCandidateReach = 0.1;
 constexpr double kSearchStep = 0.03;
 constexpr int kSearchSteps = 9;
+constexpr double kRadialStep = 0.05;
+constexpr int kRadialSteps = 16;  // from one end of what is looked for to the other
+constexpr int kLensRounds = 3;
 
 Camera WithFocalScaled(const Camera& camera, double factor) {
   std::vector<double> params(camera.params().begin(), camera.params().end());
@@ -50,7 +58,7 @@ PoseProblem WithCamera(const PoseProblem& problem, const Camera& camera) {
 }
 
 struct Trial {
-  double log_factor;  // over the focal length of the search's problem
+  double at;  // what was varied, over the search's start
   double cost;
   Camera camera;
   Rigid3 cam_from_world;
@@ -58,25 +66,35 @@ struct Trial {
 
 struct FocalRefinement {
   Camera camera;
-  // The part of the pose's covariance that is due to the focal length: that of the step (w, v) in
-  // the camera's tangent frame, scene units. nullopt where the matches do not tell.
-  std::optional<Matrix6d> covariance_by_focal;
+  // The part of the pose's covariance that is due to the lens: that of the step (w, v) in the
+  // camera's tangent frame, scene units. nullopt where the matches do not tell.
+  std::optional<Matrix6d> covariance_by_lens;
 };
 
-// Searches near the problem's focal length, from a pose of the problem as it is, by the sets in
-// use.
+// What is varied, in steps of `step`, at most so many either way and between two bounds.
+struct SearchedValue {
+  std::function<Camera(double)> camera_at;
+  double step;
+  int num_steps;
+  double low;
+  double high;
+};
+
+// Searches near the problem's lens, from a pose of the problem as it is, by the sets in use.
 class FocalSearch {
  public:
-  FocalSearch(const PoseProblem& problem, const Rigid3& start, MatchSets sets,
-              const EstimatorOptions& options)
-      : problem_(problem), start_(start), sets_(sets), options_(options) {}
+  FocalSearch(const PoseProblem& problem, MatchSets sets, const EstimatorOptions& options)
+      : problem_(problem), sets_(sets), options_(options) {}
 
-  Trial Best(double shortest, double longest) const;
+  // A focal length between factors of the problem's, as logarithms, and a radial term where the
+  // lens is assumed.
+  Trial Best(const Rigid3& start, double shortest, double longest) const;
   // Newton's steps from there.
   FocalRefinement Polish(const Trial& from, double shortest, double longest) const;
 
  private:
-  Trial Try(double log_factor) const;
+  Trial Try(const SearchedValue& value, double at, const Rigid3& start) const;
+  Trial Lowest(const SearchedValue& value, const Rigid3& start) const;
   // Refines the pose with this camera first.
   std::optional<FocalStep> StepFrom(const Camera& camera, CamFromLocal& pose) const;
   // With its matches in the same order for every camera.
@@ -87,18 +105,16 @@ class FocalSearch {
   }
 
   const PoseProblem& problem_;
-  const Rigid3& start_;
   MatchSets sets_;
   const EstimatorOptions& options_;
 };
 
-Trial FocalSearch::Try(double log_factor) const {
-  const PoseProblem scaled =
-      WithCamera(problem_, WithFocalScaled(problem_.query_camera, std::exp(log_factor)));
-  const NormalizedProblem prepared = Prepare(scaled);
+Trial FocalSearch::Try(const SearchedValue& value, double at, const Rigid3& start) const {
+  const PoseProblem changed = WithCamera(problem_, value.camera_at(at));
+  const NormalizedProblem prepared = Prepare(changed);
   // Inliers under a wrong focal length lie beyond the threshold: the local optimization reaches
   // for them first.
-  const CamFromLocal near = OptimizeLocally(prepared, prepared.ToLocal(start_), sets_, 10);
+  const CamFromLocal near = OptimizeLocally(prepared, prepared.ToLocal(start), sets_, 10);
   CamFromLocal pose = near;
   if (options_.refinement == Refinement::kRobust) {
     MaximumLikelihood likelihood(prepared, sets_);
@@ -110,40 +126,63 @@ Trial FocalSearch::Try(double log_factor) const {
   const double cost =
       (Has2D3D(sets_) ? TruncatedSum(residuals.of_2d3d, prepared.num_matches_2d3d) : 0) +
       (Has2D2D(sets_) ? TruncatedSum(residuals.of_2d2d, prepared.num_matches_2d2d) : 0);
-  return {log_factor, cost, scaled.query_camera, prepared.ToWorld(pose)};
+  return {at, cost, changed.query_camera, prepared.ToWorld(pose)};
 }
 
 // A coarse grid finds the basin, golden sections its lowest point.
-Trial FocalSearch::Best(double shortest, double longest) const {
-  Trial best = Try(0);
-  for (int i = -kSearchSteps; i <= kSearchSteps; ++i) {
-    const double log_factor = i * kSearchStep;
-    if (i == 0 || log_factor < shortest || log_factor > longest) continue;
-    Trial trial = Try(log_factor);
+Trial FocalSearch::Lowest(const SearchedValue& value, const Rigid3& start) const {
+  Trial best = Try(value, 0, start);
+  for (int i = -value.num_steps; i <= value.num_steps; ++i) {
+    const double at = i * value.step;
+    if (i == 0 || at < value.low || at > value.high) continue;
+    Trial trial = Try(value, at, start);
     if (trial.cost < best.cost) {
       best = std::move(trial);
     }
   }
-  double low = std::max(best.log_factor - kSearchStep, shortest);
-  double high = std::min(best.log_factor + kSearchStep, longest);
+  double low = std::max(best.at - value.step, value.low);
+  double high = std::min(best.at + value.step, value.high);
   constexpr double kGolden = 1 / std::numbers::phi;
-  Trial left = Try(high - kGolden * (high - low));
-  Trial right = Try(low + kGolden * (high - low));
+  Trial left = Try(value, high - kGolden * (high - low), start);
+  Trial right = Try(value, low + kGolden * (high - low), start);
   for (int i = 0; i < 14; ++i) {
     if (left.cost < right.cost) {
-      high = right.log_factor;
+      high = right.at;
       right = std::move(left);
-      left = Try(high - kGolden * (high - low));
+      left = Try(value, high - kGolden * (high - low), start);
     } else {
-      low = left.log_factor;
+      low = left.at;
       left = std::move(right);
-      right = Try(low + kGolden * (high - low));
+      right = Try(value, low + kGolden * (high - low), start);
     }
   }
   for (Trial* trial : {&left, &right}) {
     if (trial->cost < best.cost) {
       best = std::move(*trial);
     }
+  }
+  return best;
+}
+
+Trial FocalSearch::Best(const Rigid3& start, double shortest, double longest) const {
+  const auto best_focal = [&](const Trial& from) {
+    const double taken = from.at;
+    Trial found = Lowest({[&](double at) { return WithFocalScaled(from.camera, std::exp(at)); },
+                          kSearchStep, kSearchSteps, shortest - taken, longest - taken},
+                         from.cam_from_world);
+    found.at += taken;
+    return found;
+  };
+  Trial best = best_focal({0, 0, problem_.query_camera, start});
+  if (!LensIsAssumed(problem_.query_camera, problem_.priors)) return best;
+  best.camera = WithRadialTerms(best.camera);
+  for (int round = 0; round < kLensRounds; ++round) {
+    const double radial = RadialTerm(best.camera);
+    Trial found = Lowest({[&](double at) { return WithRadialMoved(best.camera, at); }, kRadialStep,
+                          kRadialSteps, -kFurthestRadial - radial, kFurthestRadial - radial},
+                         best.cam_from_world);
+    found.at = best.at;
+    best = best_focal(found);
   }
   return best;
 }
@@ -171,7 +210,7 @@ FocalRefinement FocalSearch::Polish(const Trial& from, double shortest, double l
   const NormalizedProblem frame = Prepare(problem_);  // the same for all cameras
   FocalRefinement result = {from.camera, std::nullopt};
   CamFromLocal pose = frame.ToLocal(from.cam_from_world);
-  double log_factor = from.log_factor;
+  double log_factor = from.at;
   for (int i = 0; i < kMaxSteps; ++i) {
     const std::optional<FocalStep> step = StepFrom(result.camera, pose);
     if (!step) break;
@@ -184,7 +223,7 @@ FocalRefinement FocalSearch::Polish(const Trial& from, double shortest, double l
     result.camera = WithFocalScaled(problem_.query_camera, std::exp(log_factor));
     pose = Moved(pose, taken * by_factor);
     by_factor.tail<3>() *= frame.scale;
-    result.covariance_by_focal = variance * by_factor * by_factor.transpose();
+    result.covariance_by_lens = variance * by_factor * by_factor.transpose();
     if (std::abs(taken) < kSettled * std::sqrt(variance)) break;
   }
   return result;
@@ -212,12 +251,33 @@ FocalRefinement RefineFocal(const PoseProblem& problem, const Rigid3& cam_from_w
   const double middle = std::log(middle_px / problem.query_camera.MeanFocalPx());
   const double shortest = middle - std::log(range);
   const double longest = middle + std::log(range);
-  const FocalSearch search(problem, cam_from_world, sets, options);
-  const Trial best = search.Best(shortest, longest);
+  const FocalSearch search(problem, sets, options);
+  const Trial best = search.Best(cam_from_world, shortest, longest);
   if (options.refinement == Refinement::kPaper) {
     return {best.camera, std::nullopt};
   }
+  if (LensIsAssumed(problem.query_camera, problem.priors)) {
+    const Camera assumed = WithRadialTerms(WithFocalScaled(problem.query_camera, std::exp(middle)));
+    const auto lens =
+        RefineAssumedLens(problem, best.camera, best.cam_from_world, assumed,
+                          std::log(range) / std::sqrt(3.0), options.reprojection_threshold_px);
+    if (!lens) return {best.camera, std::nullopt};
+    return {lens->camera, lens->pose_covariance};
+  }
   return search.Polish(best, shortest, longest);
+}
+
+// The lens leaves the position less certain than the estimate has known.
+void DoubtByPosition(const PoseProblem& problem, MatchSets sets, const EstimatorOptions& options,
+                     PoseEstimate& estimate) {
+  Rng rng(StreamSeed(options.seed, problem.name, "focal"));
+  const NormalizedProblem local(problem, options.reprojection_threshold_px,
+                                options.sampson_threshold_px, rng, options.point_sigma);
+  const double right =
+      ProbabilityOfPosition(estimate.position_sigma / local.scale,
+                            SceneDistance(local, local.ToLocal(*estimate.cam_from_world), sets));
+  estimate.confidence = std::min(estimate.confidence, std::max(kLeastConfidence, right));
+  if (estimate.confidence < kLocalizedConfidence) estimate.verdict = PoseVerdict::kDoubtful;
 }
 
 int NumInliers(const PoseEstimate& estimate) {
@@ -269,6 +329,7 @@ std::optional<double> UnknownFocalRange(const PoseProblem& problem,
 PoseEstimate EstimateWithFocal(const RansacEstimator& estimator, const PoseProblem& problem,
                                const EstimatorOptions& options, double range) {
   const double focal_px = problem.query_camera.MeanFocalPx();
+  const bool assumed = LensIsAssumed(problem.query_camera, problem.priors);
   PoseProblem changed = problem;
   std::optional<PoseEstimate> first;
   Camera camera;
@@ -299,13 +360,15 @@ PoseEstimate EstimateWithFocal(const RansacEstimator& estimator, const PoseProbl
   second.refined_camera = refined.camera;
   if (!second.cam_from_world || NumInliers(second) < kKeptGain * NumInliers(*first)) {
     DropCovariance(*first);  // it takes the camera for granted
+    if (assumed) DoubtByPosition(changed, estimator.RefinedSets(first->solver), options, *first);
     return *first;
   }
-  if (refined.covariance_by_focal && second.covariance) {
-    SetCovariance(*second.covariance + *refined.covariance_by_focal, second);
+  if (refined.covariance_by_lens && second.covariance) {
+    SetCovariance(*second.covariance + *refined.covariance_by_lens, second);
   } else {
     DropCovariance(second);
   }
+  if (assumed) DoubtByPosition(changed, estimator.RefinedSets(second.solver), options, second);
   return second;
 }
 

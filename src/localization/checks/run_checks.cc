@@ -1,11 +1,13 @@
 #include "localization/checks/run_checks.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <span>
 #include <unordered_map>
 
 #include "base/statistics.h"
+#include "estimation/methods/assumed_lens.h"
 #include "localization/calibration_images.h"
 #include <fmt/format.h>
 
@@ -85,6 +87,21 @@ std::vector<std::string> RunWarnings(std::span<const LocalizedQuery> queries,
   }
   if (auto warning = WarnOfFocalLength(log_factors)) warnings.push_back(std::move(*warning));
   return warnings;
+}
+
+std::optional<std::string> WarnOfAssumedLenses(std::span<const Query> queries) {
+  const auto assumed = std::count_if(queries.begin(), queries.end(), [](const Query& query) {
+    return LensIsAssumed(query.camera, query.priors);
+  });
+  if (assumed == 0) return std::nullopt;
+  return fmt::format(
+      "the cameras of {} of {} photographs are not known: a principal point near the middle (to "
+      "1.3 % "
+      "of the longer side), little distortion, and the focal length of EXIF (to a factor of 1.2) "
+      "or "
+      "1.2 times the longer side (to a factor of 2) are assumed; the rest is estimated with each "
+      "pose",
+      assumed, queries.size());
 }
 
 std::optional<std::string> WarnOfFocalLength(std::span<const double> log_factors) {

@@ -1,0 +1,181 @@
+#include "estimation/methods/assumed_lens.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <vector>
+
+#include "base/statistics.h"
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+// Standard deviations. The cameras that well-known data sets have calibrated (TUM RGB-D's first two,
+// EuRoC's, KITTI's) have a principal point that is 1.3 % of the width from the middle, root mean
+// square of both coordinates, and a radial term of .29; those of phones are less distorted.
+constexpr double kPrincipalPointSigma = 0.013;  // of the longer side
+constexpr double kRadialSigma = 0.2;
+constexpr double kRadial2Sigma = 0.1;  // of the term of the fourth power: EuRoC's is .07
+
+// Camera::params() of RADIAL.
+enum Param : size_t { kFocal, kCenterX, kCenterY, kRadial, kRadial2 };
+
+constexpr int kRounds = 15;
+constexpr int kLeastMatches = 11;  // as many as unknowns
+// The median of a squared residual over its variance per coordinate, and of Student's t the degrees of
+// freedom.
+constexpr double kMedianOfSquare = 1.386;
+constexpr double kDegrees = 4;
+
+constexpr int kLensSize = 5;
+using LensVector = Eigen::Matrix<double, kLensSize, 1>;
+using UnknownVector = Eigen::Matrix<double, 6 + kLensSize, 1>;
+using UnknownMatrix = Eigen::Matrix<double, 6 + kLensSize, 6 + kLensSize>;
+using Jacobian = Eigen::Matrix<double, 2, 6 + kLensSize>;
+
+// How far a lens is from the assumed one: the focal length's logarithm and the other parameters.
+LensVector OffsetOf(const Camera& camera, const Camera& assumed) {
+  LensVector offset;
+  for (int i = 0; i < kLensSize; ++i) offset[i] = camera.params()[i] - assumed.params()[i];
+  offset[kFocal] = std::log(camera.params()[kFocal] / assumed.params()[kFocal]);
+  return offset;
+}
+
+Camera WithParams(const Camera& camera, const std::vector<double>& params) {
+  return {camera.model(), camera.width_px(), camera.height_px(), params};
+}
+
+Camera Moved(const Camera& camera, const LensVector& step) {
+  std::vector<double> params(camera.params().begin(), camera.params().end());
+  params[kFocal] *= std::exp(step[kFocal]);
+  for (size_t i = kCenterX; i < kLensSize; ++i) params[i] += step[static_cast<int>(i)];
+  return WithParams(camera, params);
+}
+
+struct Residual {
+  Eigen::Vector2d px;
+  Jacobian by_unknowns;  // of the pose's step (w, v) and the lens
+};
+
+std::optional<Residual> ResidualOf(const Camera& camera, const Rigid3& pose,
+                                   const Match2D3D& match) {
+  const Eigen::Vector3d point = pose * match.point_in_world;
+  const auto seen = camera.ImgFromCamWithJacobian(point);
+  if (!seen) return std::nullopt;
+  Residual residual = {seen->pixel - match.query_px, Jacobian::Zero()};
+  residual.by_unknowns.leftCols<3>() = -seen->jacobian * Skew(point);
+  residual.by_unknowns.middleCols<3>(3) = seen->jacobian;
+  const Eigen::Vector2d undistorted = point.hnormalized();
+  residual.by_unknowns.col(6) = seen->pixel - camera.principal_point_px();
+  residual.by_unknowns.middleCols<2>(7).setIdentity();
+  const double radius2 = undistorted.squaredNorm();
+  residual.by_unknowns.col(9) = camera.params()[kFocal] * radius2 * undistorted;
+  residual.by_unknowns.col(10) = radius2 * residual.by_unknowns.col(9);
+  return residual;
+}
+
+// Matches near the pose, each with the share that a keypoint's matches have in it.
+struct WeightedMatch {
+  const Match2D3D* match;
+  double weight;
+};
+
+std::vector<WeightedMatch> MatchesNear(const PoseProblem& problem, const Camera& camera,
+                                       const Rigid3& pose, double threshold_px) {
+  std::map<std::pair<double, double>, int> count_at;
+  std::vector<WeightedMatch> near;
+  for (const Match2D3D& match : problem.matches_2d3d) {
+    const auto residual = ResidualOf(camera, pose, match);
+    if (!residual || !(residual->px.norm() < threshold_px)) continue;
+    near.push_back({&match, 1});
+    ++count_at[{match.query_px.x(), match.query_px.y()}];
+  }
+  for (auto& [match, weight] : near) {
+    weight = 1.0 / count_at.at({match->query_px.x(), match->query_px.y()});
+  }
+  return near;
+}
+
+// The normal equations of both, over the variance that the residuals show.
+struct Equations {
+  UnknownMatrix hessian = UnknownMatrix::Zero();
+  UnknownVector gradient = UnknownVector::Zero();
+};
+
+Equations Linearize(const std::vector<WeightedMatch>& matches, const Camera& camera,
+                    const Rigid3& pose) {
+  std::vector<double> squares;
+  std::vector<std::pair<Residual, double>> residuals;
+  for (const auto& [match, weight] : matches) {
+    const auto residual = ResidualOf(camera, pose, *match);
+    if (!residual) continue;
+    residuals.emplace_back(*residual, weight);
+    squares.push_back(residual->px.squaredNorm());
+  }
+  Equations equations;
+  const double variance = std::max(UpperMedianOr(squares, 1) / kMedianOfSquare, 1e-6);
+  for (const auto& [residual, share] : residuals) {
+    const double t = residual.px.squaredNorm() / (kDegrees * variance);
+    const double weight = share / (variance * (1 + t));
+    equations.hessian += weight * residual.by_unknowns.transpose() * residual.by_unknowns;
+    equations.gradient += weight * residual.by_unknowns.transpose() * residual.px;
+  }
+  return equations;
+}
+
+}  // namespace
+
+bool LensIsAssumed(const Camera& camera, const PosePriors& priors) {
+  return priors.focal_range > 1 && camera.model() == CameraModel::kSimplePinhole &&
+         camera.params()[kCenterX] == 0.5 * camera.width_px() &&
+         camera.params()[kCenterY] == 0.5 * camera.height_px();
+}
+
+Camera WithRadialTerms(const Camera& camera) {
+  std::vector<double> params(camera.params().begin(), camera.params().end());
+  params.insert(params.end(), 2, 0);
+  return {CameraModel::kRadial, camera.width_px(), camera.height_px(), params};
+}
+
+Camera WithRadialMoved(const Camera& camera, double by) {
+  return Moved(camera, by * LensVector::Unit(kRadial));
+}
+
+double RadialTerm(const Camera& camera) { return camera.params()[kRadial]; }
+
+std::optional<AssumedLens> RefineAssumedLens(const PoseProblem& problem, const Camera& start,
+                                             const Rigid3& cam_from_world, const Camera& assumed,
+                                             double focal_sigma, double threshold_px) {
+  const double center_sigma =
+      kPrincipalPointSigma * std::max(assumed.width_px(), assumed.height_px());
+  LensVector sigma;
+  sigma << focal_sigma, center_sigma, center_sigma, kRadialSigma, kRadial2Sigma;
+  const LensVector information = sigma.cwiseAbs2().cwiseInverse();
+  std::optional<AssumedLens> refined;
+  Camera camera = start;
+  Rigid3 pose = cam_from_world;
+  for (int round = 0; round < kRounds; ++round) {
+    const std::vector<WeightedMatch> matches = MatchesNear(problem, camera, pose, threshold_px);
+    if (matches.size() < kLeastMatches) break;
+    Equations equations = Linearize(matches, camera, pose);
+    equations.hessian.diagonal().tail<kLensSize>() += information;
+    equations.gradient.tail<kLensSize>() += information.cwiseProduct(OffsetOf(camera, assumed));
+    const Eigen::LDLT<UnknownMatrix> factors(equations.hessian);
+    const UnknownVector step = -factors.solve(equations.gradient);
+    if (!step.allFinite() || std::abs(step[6]) > 1) break;
+    camera = Moved(camera, step.tail<kLensSize>());
+    const Eigen::Quaterniond turn = RotationFromVector(step.head<3>());
+    pose = Rigid3{turn, step.segment<3>(3)} * pose;
+    const Eigen::Matrix<double, kLensSize, kLensSize> of_lens =
+        factors.solve(UnknownMatrix::Identity()).bottomRightCorner<kLensSize, kLensSize>();
+    const Eigen::Matrix<double, 6, kLensSize> pose_by_lens =
+        equations.hessian.topLeftCorner<6, 6>().ldlt().solve(
+            Eigen::Matrix<double, 6, kLensSize>(-equations.hessian.topRightCorner<6, kLensSize>()));
+    refined = {camera, pose_by_lens * of_lens * pose_by_lens.transpose()};
+  }
+  return refined;
+}
+
+}  // namespace raylift

@@ -1,0 +1,44 @@
+// The lens of a photograph of an unknown camera, of which no more than a range of focal lengths is
+// known: the principal point is somewhere near the middle, and the lens distorts.
+
+#pragma once
+
+#include <optional>
+
+#include "estimation/problem/cam_from_local.h"
+
+#include "raylift/geometry/camera.h"
+#include "raylift/geometry/rigid3.h"
+#include "raylift/scene/pose_problem.h"
+
+namespace raylift {
+
+// Radial terms are looked for up to this.
+inline constexpr double kFurthestRadial = 0.4;
+
+// Returns whether the query's camera is no more than a guess: its focal length is to be found, and
+// it has its principal point in the middle and no distortion.
+bool LensIsAssumed(const Camera& camera, const PosePriors& priors);
+
+// Returns a SIMPLE_PINHOLE camera as RADIAL.
+Camera WithRadialTerms(const Camera& camera);
+// Returns a RADIAL camera whose first radial term is more by so much.
+Camera WithRadialMoved(const Camera& camera, double by);
+double RadialTerm(const Camera& camera);
+
+struct AssumedLens {
+  Camera camera;
+  // The part of the pose's covariance that is due to the lens: that of the step (w, v) in the
+  // camera's tangent frame, scene units.
+  Matrix6d pose_covariance;
+};
+
+// Takes Gauss-Newton's steps of lens and pose on the 2D-3D matches and what is known of lenses, from a
+// lens (RADIAL) and a pose that they fit. `focal_sigma` is the standard deviation of the focal
+// length's logarithm about that of `assumed`. Where the matches tell little, the lens stays as
+// uncertain as lenses are; nullopt if there are too few.
+std::optional<AssumedLens> RefineAssumedLens(const PoseProblem& problem, const Camera& start,
+                                             const Rigid3& cam_from_world, const Camera& assumed,
+                                             double focal_sigma, double threshold_px);
+
+}  // namespace raylift
