@@ -460,14 +460,22 @@ int RunProgram(const std::vector<std::string>& arguments) {
   return kDone;
 }
 
-void RunCommand(const std::vector<std::string>& arguments) {
+void RunCommand(const std::vector<std::string>& all_arguments) {
   const Program survey = MakeSurvey();
+  std::vector<std::string> arguments = all_arguments;
+  // Of a command that there is not, its options tell nothing.
+  const auto names_it = [&](const CLI::App* command) {
+    return command->check_name(arguments.front());
+  };
+  const bool is_known = arguments.empty() || arguments.front().starts_with('-') ||
+                        !std::as_const(*survey.app).get_subcommands(names_it).empty();
+  if (!is_known) arguments.resize(1);
   try {
     Parsed(survey, arguments).Chosen().run();
   } catch (const CLI::Success& success) {  // --help, --version
     survey.app->exit(success);
   } catch (const CLI::ParseError& error) {
-    throw OptionError(error.what());
+    throw OptionError(error.what() + Hint(*survey.app, arguments));
   }
 }
 

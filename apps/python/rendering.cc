@@ -523,8 +523,8 @@ std::vector<Rigid3> SampleViews(const Caster& caster, const CameraLike& camera, 
     if (!up) options.up_in_world = EstimateUp(surface.mesh()).up_in_world;
     if (how == "around") return SampleAround(surface, options, {}).cam_from_world;
     if (how == "inside") return SampleInside(surface, options, {}).cam_from_world;
-    if (how == "covering") return SampleCovering(surface, options, {}).cam_from_world;
-    throw OptionError("how", how, "expected around|inside|covering");
+    if (how == "cover") return SampleCovering(surface, options, {}).cam_from_world;
+    throw OptionError("how", how, "expected around|inside|cover");
   });
 }
 
@@ -602,7 +602,7 @@ deviations along their axes (N, 3), opacities (N,) and colors (N, 3) from 0 to 1
           py::arg("how") = "around", py::arg("up") = py::none(), py::arg("clearance") = 0.3,
           py::arg("seed") = 0, py::arg("threads") = 0,
           R"(Poses (cam_from_world) that see a mesh, as of `raylift views`: how="around" it from outside,
-"inside" it at eye height, or "covering" its surfaces; up: direction (3,) in the world, by
+"inside" it at eye height, or "cover" its surfaces; up: direction (3,) in the world, by
 default the one that its surfaces tell. Fewer than `count` where there is no more room.)")
       .def_property_readonly(
           "mesh",

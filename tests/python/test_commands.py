@@ -174,3 +174,23 @@ def test_help_is_no_error(capfd):
 
 def test_colour_is_color():
     assert raylift.colour is raylift.color
+
+
+def test_poses_are_exported(tmp_path):
+    poses = {name: image.cam_from_world for name, image in truth().items()}
+    file = raylift.export("kitti", poses, tmp_path / "poses.kitti")
+    assert file == tmp_path / "poses.kitti" and len(file.read_text().splitlines()) == len(poses)
+    model = raylift.export("colmap", poses, tmp_path / "model", model=DEMO / "model", queries=DEMO / "queries.txt")
+    assert poses.keys() <= {image.name for image in raylift.ColmapModel.read(model).posed_images}
+
+
+def test_references_are_retrieved(tmp_path):
+    found = raylift.retrieve(tmp_path / "pairs.txt", model=DEMO / "model", retrieval="pose", top_k=3)
+    names = [image.name for image in raylift.ColmapModel.read(DEMO / "model").posed_images]
+    assert set(found) <= set(names) and all(0 < len(one) <= 3 and set(one) <= set(names) for one in found.values())
+
+
+def test_a_command_that_there_is_not():
+    with pytest.raises(raylift.OptionError, match="not expected: localise; did you mean localize"):
+        raylift.run("localise", model="x")
+    raylift.run("localize", "--help")

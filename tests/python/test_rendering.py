@@ -242,11 +242,11 @@ def test_wrong_clouds_are_input_errors(wrong, message):
 def test_views_are_placed_on_a_mesh():
     caster = raylift.Scene(DEMO / "model", [MESH]).mesh
     camera = raylift.Camera("PINHOLE", 64, 48, [50, 50, 32, 24])
-    for how in "around", "inside", "covering":
+    for how in "around", "inside", "cover":
         poses = caster.sample_views(camera, 6, how=how)
         assert 0 < len(poses) <= 6 and poses == caster.sample_views(camera, 6, how=how, threads=1)
         assert all((maps["depth"] > 0).mean() > 0.05 for maps in caster.render_many(camera, poses))
-    with pytest.raises(raylift.OptionError, match="how = above: expected around|inside|covering"):
+    with pytest.raises(raylift.OptionError, match="how = above: expected around|inside|cover"):
         caster.sample_views(camera, how="above")
 
 

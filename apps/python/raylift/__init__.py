@@ -15,9 +15,11 @@ from ._commands import (
     doctor,
     evaluate,
     experiment,
+    export,
     import_dataset,
     localize,
     render_dataset,
+    retrieve,
     run,
 )
 from ._core import (
@@ -89,6 +91,7 @@ __all__ = [
     "estimate_pose",
     "evaluate",
     "experiment",
+    "export",
     "extract_features",
     "filter_points",
     "hloc",
@@ -102,6 +105,7 @@ __all__ = [
     "read_queries",
     "refine_pose",
     "render_dataset",
+    "retrieve",
     "run",
     "solve_d3p1",
     "solve_e5p1",

@@ -196,6 +196,36 @@ def localize(out: PathLike, **options: Any) -> Dict[str, Any]:
     return summary
 
 
+def export(form: str, poses: Poses, out: PathLike, **options: Any) -> Path:
+    """`raylift export`: poses for other tools, form: "colmap", "glb", "hloc", "kapture", "kitti" or "tum".
+
+    poses: folder of a run of localize, a pose file, or a dict of poses or LocalizedQuery by name. out:
+    file, or folder for colmap and kapture. options: model, queries, geometry, names, times, ... as of
+    `raylift export --help`.
+
+    Returns out.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        run("export", form, _pose_file(poses, folder, "poses.txt"), out=out, **options)
+    return Path(out)
+
+
+def retrieve(out: PathLike, **options: Any) -> Dict[str, List[str]]:
+    """`raylift pairs`: which references look like each query, best first, written as hloc's pairs list.
+
+    options: model, queries (or none: for each reference), images, retrieval ("vlad", "global", "pose",
+    "overlap", "covisibility"), top_k, ... as of `raylift pairs --help`.
+
+    Returns the list, the references' names by the query's.
+    """
+    run("pairs", out=out, **options)
+    found: Dict[str, List[str]] = {}
+    for line in Path(out).read_text(encoding="utf-8").splitlines():
+        query, reference = line.split()
+        found.setdefault(query, []).append(reference)
+    return found
+
+
 def main() -> int:
     """The program itself, as the command `raylift` of an installed package."""
     import signal
