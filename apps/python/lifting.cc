@@ -158,7 +158,7 @@ void BindSources(py::module_& module) {
            py::arg("geometry"), py::kw_only(), py::arg("model") = py::none(),
            py::arg("references") = std::vector<PosedImageLike>(), py::arg("threads") = 0,
            R"(From a Mesh, a RayCaster, or a text as the option --geometry takes it:
-"mesh:PATH[,key=value...]", "depth:DIR[,...]" (needs the references), "sfm[:DIR][,...]"
+"mesh:PATH[,key=value...]", "depth:PATH[,...]" (needs the references), "sfm[:DIR][,...]"
 (without DIR, the points of `model`). Raises OptionError for what is none.)")
       .def_property_readonly(
           "description",
@@ -188,7 +188,7 @@ void BindSources(py::module_& module) {
              });
            }),
            py::arg("folder"), py::arg("references"),
-           R"(Finds the references' maps in a folder. Keywords are the keys of --geometry depth:...
+           R"(Finds the references' maps in a folder or file. Keywords are the keys of --geometry depth:...
 (preset, kind, unit, scale, pattern, ...; `raylift localize --help` lists them). Raises
 InputError where there is no map.)")
       .def_static(

@@ -120,6 +120,8 @@ TEST(Oriented, TellsWhereSamplesLie) {
 TEST(DepthConvention, ItsValuesHaveNames) {
   EXPECT_TRUE(NamesEveryValue<DepthKind>());
   EXPECT_TRUE(NamesEveryValue<MapOrientation>());
+  EXPECT_TRUE(NamesEveryValue<MapFit>());
+  EXPECT_TRUE(NamesEveryValue<PointFrame>());
 }
 
 }  // namespace

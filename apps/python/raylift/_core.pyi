@@ -613,7 +613,7 @@ class Geometry:
     def __init__(self, geometry: raylift._types.GeometryLike, *, model: raylift._types.PathLike | None = None, references: collections.abc.Sequence[raylift._types.PosedImageLike] = [], threads: typing.SupportsInt | typing.SupportsIndex = 0) -> None:
         """
         From a Mesh, a RayCaster, or a text as the option --geometry takes it:
-        "mesh:PATH[,key=value...]", "depth:DIR[,...]" (needs the references), "sfm[:DIR][,...]"
+        "mesh:PATH[,key=value...]", "depth:PATH[,...]" (needs the references), "sfm[:DIR][,...]"
         (without DIR, the points of `model`). Raises OptionError for what is none.
         """
     def __repr__(self) -> str:
@@ -651,7 +651,7 @@ class DepthMaps(Geometry):
         """
     def __init__(self, folder: raylift._types.PathLike, references: collections.abc.Sequence[raylift._types.PosedImageLike], **kwargs: typing.Any) -> None:
         """
-        Finds the references' maps in a folder. Keywords are the keys of --geometry depth:...
+        Finds the references' maps in a folder or file. Keywords are the keys of --geometry depth:...
         (preset, kind, unit, scale, pattern, ...; `raylift localize --help` lists them). Raises
         InputError where there is no map.
         """
