@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include "io/text/toml_file.h"
+#include "lifting/mesh_spec.h"
 #include <fmt/format.h>
 
 namespace raylift {
@@ -95,7 +96,7 @@ bool Fits(const SceneFile& scene, const CLI::App& command, std::string_view opti
 
 bool CanUse(const CLI::App& command, const SceneGeometry& geometry) {
   const std::string name = NameOf(command);
-  if (name == "render") return geometry.spec.starts_with("mesh:");
+  if (name == "render") return IsMeshSpec(geometry.spec);
   if (name == "doctor") return !geometry.spec.starts_with("sfm");
   return name != "evaluate";  // there it asks for another figure of merit
 }

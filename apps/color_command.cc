@@ -6,6 +6,7 @@
 #include "apps/interrupt.h"
 #include "apps/options.h"
 #include "base/progress.h"
+#include "lifting/mesh_spec.h"
 #include "surfaces/resampled_mesh.h"
 #include "views/vertex_coloring.h"
 #include <fmt/format.h>
@@ -72,7 +73,7 @@ void Color(const ColorFlags& flags) {
   const LoadedReferences loaded =
       LoadReferences(flags.references.model, flags.references.subsampling, flags.model_poses);
   PrintWarnings(loaded.warnings);
-  const std::string spec = flags.mesh.starts_with("mesh:") ? flags.mesh : "mesh:" + flags.mesh;
+  const std::string spec = IsMeshSpec(flags.mesh) ? flags.mesh : "mesh:" + flags.mesh;
   const MeshScene scene = LoadMeshScene({spec}, {.threads = flags.run.threads});
   PrintWarnings(scene.warnings);
   TriangleMesh mesh = FineMesh(scene.caster->mesh(), flags.max_edge);

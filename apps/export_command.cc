@@ -14,6 +14,7 @@
 #include "apps/interrupt.h"
 #include "apps/options.h"
 #include "io/scene/trajectory_file.h"
+#include "lifting/mesh_spec.h"
 #include "localization/results/exports.h"
 #include "surfaces/resampled_mesh.h"
 #include <fmt/format.h>
@@ -305,7 +306,7 @@ class Export {
   // The first of the geometries that is one; null where there is none.
   std::shared_ptr<const RayCaster> Mesh() const {
     for (const std::string& spec : run_.geometry) {
-      if (!spec.starts_with("mesh:")) continue;
+      if (!IsMeshSpec(spec)) continue;
       NamedGeometry geometry = MakeGeometrySource(spec, {.threads = flags_.running.threads});
       PrintWarnings(geometry.warnings);
       return geometry.mesh;

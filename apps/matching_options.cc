@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "apps/pose_files.h"
+#include "lifting/mesh_spec.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -22,8 +23,6 @@ void RequireMethod(const char* option, bool is_given, RetrievalMethod wanted,
                                   ToString(method)));
   }
 }
-
-bool IsMesh(const std::string& geometry) { return geometry.starts_with("mesh:"); }
 
 void CheckFrontEnd(const FrontEndOptions& options) {
   RequireAtLeast("--max-features", options.max_features, 1);
@@ -99,7 +98,7 @@ RetrievalOptions RetrievalFlags::Resolve(const std::vector<std::string>& geometr
                                   ToString(options.method)));
   }
   if (options.method == RetrievalMethod::kOverlap &&
-      std::none_of(geometry.begin(), geometry.end(), IsMesh)) {
+      std::none_of(geometry.begin(), geometry.end(), IsMeshSpec)) {
     throw OptionError("--retrieval overlap needs --geometry mesh:PATH");
   }
   if (!(max_angle_deg > 0 && max_angle_deg <= 180)) {

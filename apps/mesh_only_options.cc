@@ -5,6 +5,7 @@
 
 #include "apps/command_line.h"
 #include "apps/options.h"
+#include "lifting/mesh_spec.h"
 #include "views/task_list.h"
 #include <fmt/format.h>
 
@@ -77,7 +78,7 @@ void RequireMeshOnly(std::span<const std::string> geometry, std::string_view nee
         "--image_path PHOTOS "
         "--dense 0`, then --model sfm/sparse/0");
   }
-  if (geometry.size() != 1 || !geometry.front().starts_with("mesh:")) {
+  if (geometry.size() != 1 || !IsMeshSpec(geometry.front())) {
     throw OptionError("--geometry", fmt::format("{}", fmt::join(geometry, " ")),
                       "without --model the references are rendered from a mesh: expected one "
                       "mesh:PATH");
@@ -90,7 +91,7 @@ void CheckRerender(int rounds, std::span<const std::string> geometry, bool has_p
   if (rounds < 0) throw OptionError("--rerender", value, "must not be negative");
   if (rounds == 0) return;
   if (std::none_of(geometry.begin(), geometry.end(), [](const std::string& spec) {
-        return spec.starts_with("mesh:") || spec.starts_with("splat:");
+        return IsMeshSpec(spec) || spec.starts_with("splat:");
       })) {
     throw OptionError("--rerender", value, "needs --geometry mesh:PATH or splat:FILE");
   }

@@ -138,8 +138,8 @@ void AddInputOptions(CLI::App& command, RenderFlags& flags) {
            "mesh:PATH[,build=low|medium]: PLY, OBJ, glTF, STL, ...; a.ply+b.ply,\n"
            "tiles/*.ply or a folder, and several --geometry, are one scene; the\n"
            "acceleration structure is built in medium quality by default; or\n"
-           "cloud:PATH[,key=value...], a point cloud, or splat:FILE[,key=value...],\n"
-           "Gaussian splats, as localize takes them")
+           "dsm:FILE[,ortho=FILE], a surface model, cloud:PATH[,key=value...], a point\n"
+           "cloud, or splat:FILE[,key=value...], Gaussian splats, as localize takes them")
       .Required()
       .OnePerUse();
   scene.Add("--model", flags.model, "Cameras: COLMAP model folder, text or binary");

@@ -6,6 +6,7 @@
 #include <unordered_set>
 #include <utility>
 
+#include "base/input_paths.h"
 #include "base/read_limits.h"
 #include "base/statistics.h"
 #include "lifting/depth_convention.h"
@@ -25,8 +26,8 @@ namespace raylift {
 namespace {
 
 constexpr std::string_view kForms =
-    "expected mesh:PATH[,key=value...], cloud:PATH[,key=value...], splat:FILE[,key=value...], "
-    "depth:PATH[,key=value...] or sfm[:DIR][,key=value...]";
+    "expected mesh:PATH[,key=value...], dsm:FILE[,key=value...], cloud:PATH[,key=value...], "
+    "splat:FILE[,key=value...], depth:PATH[,key=value...] or sfm[:DIR][,key=value...]";
 constexpr std::string_view kSfmKeys = "radius (px), min_track, max_error (px), near, far";
 
 using BackFaces = SurfaceLimits::BackFaces;
@@ -56,16 +57,16 @@ double MedianRadius(const Surfels& surfels) {
 NamedGeometry MakeMesh(const MeshSpec& spec, int threads) {
   RayCasterOptions caster;
   caster.build_quality = spec.build.value_or(RayCasterOptions::BuildQuality::kLow);
-  auto mesh = std::make_shared<const TriangleMesh>(
-      Placed(ReadMeshes(ListMeshFiles(spec.files), {.threads = threads}), spec.placement));
+  auto mesh = std::make_shared<const TriangleMesh>(OpenMesh(spec, threads));
   NamedGeometry geometry;
   geometry.kind = GeometryKind::kMesh;
   geometry.placement = spec.placement;
   geometry.understood = fmt::format("{} triangles", mesh->triangles.size());
   geometry.warnings = mesh->warnings;
   geometry.mesh = std::make_shared<const RayCaster>(std::move(mesh), caster);
-  geometry.source = std::make_shared<const MeshSource>(fmt::format("mesh:{}", spec.files),
-                                                       geometry.mesh, spec.options);
+  geometry.source = std::make_shared<const MeshSource>(
+      fmt::format("{}:{}", spec.is_height_field ? "dsm" : "mesh", spec.files), geometry.mesh,
+      spec.options);
   return geometry;
 }
 
@@ -270,6 +271,8 @@ std::string GeometrySpecOf(const std::string& text) {
   if (path.find_first_of(":=") != std::string::npos) return text;
   // Of a PLY, which may hold anything, a mesh is the most usual.
   if (IsMeshFileName(path)) return "mesh:" + text;
+  const std::string extension = LowerExtension(path);
+  if (extension == ".tif" || extension == ".tiff") return "dsm:" + text;
   return IsCloudFileName(path) ? "cloud:" + text : text;
 }
 
@@ -279,7 +282,7 @@ NamedGeometry MakeGeometrySource(const std::string& text, const GeometryContext&
   const std::string kind = spec.substr(0, end);
   const bool has_path = end < spec.size() && spec[end] == ':';
   const std::string_view rest = std::string_view(spec).substr(end + (has_path ? 1 : 0));
-  if (kind == "mesh" && has_path && !rest.empty()) {
+  if (IsMeshSpec(spec) && !rest.empty()) {
     return MakeMesh(ParseMeshSpec(spec, MeshUse::kLift), context.threads);
   }
   if (kind == "cloud" && has_path && !rest.empty()) {
@@ -303,6 +306,8 @@ std::string GeometryHelp() {
       "  scale, axes (what the world's x/y/z are in the mesh: x/-z/y), shift=X/Y/Z,\n"
       "  matrix (in their place: 3 x 4 or 4 x 4 numbers, separated by /),\n"
       "  back_faces={}, build={} (low: few rays are cast)\n"
+      "dsm:FILE[,key=value...]: a surface model, a GeoTIFF of heights in a projected system\n"
+      "  (meters). Keys: ortho=FILE (an orthophoto, as its color), and those of a mesh\n"
       "cloud:PATH[,key=value...]: a point cloud, as discs: PLY, LAS (not LAZ), PCD\n"
       "  (ascii, binary) or text (.xyz, .txt, .asc, .pts, .csv). Keys:\n"
       "  radius=auto|NUMBER (auto: by the density), neighbors (points that a disc is\n"

@@ -11,6 +11,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 
@@ -79,6 +80,7 @@ void SpecKeys::Fail(std::string_view constraint) const {
 namespace {
 
 constexpr std::string_view kPrefix = "mesh:";
+constexpr std::string_view kHeightFieldPrefix = "dsm:";
 constexpr std::string_view kCloudPrefix = "cloud:";
 constexpr std::string_view kSplatPrefix = "splat:";
 
@@ -92,8 +94,8 @@ std::string PlaceKeys() {
 }
 
 std::string FormOf(MeshUse use) {
-  if (use == MeshUse::kLift) return "expected mesh:PATH[,key=value...]";
-  return "expected mesh:PATH[,key=value...], cloud:PATH[,key=value...] or "
+  if (use == MeshUse::kLift) return "expected mesh:PATH[,key=value...] or dsm:FILE[,key=value...]";
+  return "expected mesh:PATH[,key=value...], dsm:FILE[,key=value...], cloud:PATH[,key=value...] or "
          "splat:FILE[,key=value...]; nothing else is rendered";
 }
 
@@ -237,14 +239,39 @@ MeshPlacement ReadNerfstudioPlacement(const std::filesystem::path& path) {
 
 }  // namespace
 
+bool IsMeshSpec(std::string_view spec) {
+  return spec.starts_with(kPrefix) || spec.starts_with(kHeightFieldPrefix);
+}
+
 MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
-  SpecKeys keys = OpenKeys(spec, kPrefix, FormOf(use), use, KeysOf(use));
   MeshSpec mesh;
+  mesh.is_height_field = spec.starts_with(kHeightFieldPrefix);
+  const std::string known = (mesh.is_height_field ? "ortho=FILE, " : "") + KeysOf(use);
+  SpecKeys keys =
+      OpenKeys(spec, mesh.is_height_field ? kHeightFieldPrefix : kPrefix, FormOf(use), use, known);
   TakeSurfaceKeys(keys, mesh);
+  if (mesh.is_height_field) mesh.orthophoto = keys.Take("ortho");
   const auto back_faces = keys.TakeNamed<BackFaces>("back_faces");
   mesh.options.limits.back_faces = back_faces.value_or(mesh.options.limits.back_faces);
-  keys.ExpectAllTaken(KeysOf(use));
+  keys.ExpectAllTaken(known);
   return mesh;
+}
+
+std::vector<std::filesystem::path> FilesOf(const MeshSpec& spec) {
+  if (spec.is_height_field) return {spec.files};
+  return ListMeshFiles(spec.files);
+}
+
+TriangleMesh OpenMesh(const MeshSpec& spec, const std::filesystem::path& file, int threads) {
+  return Placed(spec.is_height_field ? ReadHeightField(file, spec.orthophoto)
+                                     : ReadMesh(file, {.threads = threads}),
+                spec.placement);
+}
+
+TriangleMesh OpenMesh(const MeshSpec& spec, int threads) {
+  const std::vector<std::filesystem::path> files = FilesOf(spec);
+  if (files.size() == 1) return OpenMesh(spec, files.front(), threads);
+  return Placed(ReadMeshes(files, {.threads = threads}), spec.placement);
 }
 
 CloudSpec ParseCloudSpec(const std::string& spec, MeshUse use) {

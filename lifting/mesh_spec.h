@@ -62,12 +62,14 @@ class SpecKeys {
   std::map<std::string, std::string> values_;
 };
 
-// A mesh by name, "mesh:PATH[,key=value...]", a point cloud, "cloud:PATH[,key=value...]", or
+// A mesh by name, "mesh:PATH[,key=value...]" or "dsm:FILE[,key=value...]", a point cloud, "cloud:PATH[,key=value...]", or
 // Gaussian splats, "splat:FILE[,key=value...]": one grammar for all who lift from them or render
 // them.
 
 struct MeshSpec {
-  std::string files;  // as ListMeshFiles takes them
+  std::string files;  // as ListMeshFiles takes them; the file of a height field
+  bool is_height_field = false;
+  std::optional<std::filesystem::path> orthophoto = std::nullopt;  // of a height field
   // How the acceleration structure is built, where the specification says it. What is not said is
   // low for lifting, which casts few rays, and medium for rendering.
   std::optional<RayCasterOptions::BuildQuality> build = std::nullopt;
@@ -81,8 +83,16 @@ enum class MeshUse {
   kRender,
 };
 
+// Returns whether it is "mesh:PATH..." or "dsm:FILE...", a height field.
+bool IsMeshSpec(std::string_view spec);
+
 // OptionError where the specification is not one of a mesh, or has an unknown key or value.
 MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use);
+
+// Returns its files, and reads one of them, or all as one mesh, put where they belong.
+std::vector<std::filesystem::path> FilesOf(const MeshSpec& spec);
+TriangleMesh OpenMesh(const MeshSpec& spec, const std::filesystem::path& file, int threads);
+TriangleMesh OpenMesh(const MeshSpec& spec, int threads);
 
 // A point cloud has what a mesh has but for front and back; `surfels` says how discs are made of
 // it.

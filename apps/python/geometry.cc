@@ -243,12 +243,10 @@ std::shared_ptr<TriangleMesh> MeshFromArrays(const ArrayLike& vertices, const Ar
 
 // "mesh:..." as the option --geometry takes it, or the files alone.
 std::shared_ptr<TriangleMesh> ReadMeshOf(const std::string& files_or_spec, int threads) {
-  const bool is_spec = files_or_spec.rfind("mesh:", 0) == 0;
   return WithoutLock([&] {
-    const MeshSpec spec =
-        is_spec ? ParseMeshSpec(files_or_spec, MeshUse::kRender) : MeshSpec{.files = files_or_spec};
-    return std::make_shared<TriangleMesh>(
-        Placed(ReadMeshes(ListMeshFiles(spec.files), {.threads = threads}), spec.placement));
+    const MeshSpec spec = IsMeshSpec(files_or_spec) ? ParseMeshSpec(files_or_spec, MeshUse::kRender)
+                                                    : MeshSpec{.files = files_or_spec};
+    return std::make_shared<TriangleMesh>(OpenMesh(spec, threads));
   });
 }
 

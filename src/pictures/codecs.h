@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -40,6 +41,22 @@ enum class TiffSample { kUint8, kUint16, kInt16, kInt32, kFloat32, kFloat64 };
 // The only channel of a file that holds such samples, row by row. std::runtime_error where it holds
 // others, or is damaged or truncated.
 std::vector<float> DecodeTiffPlane(std::string_view bytes, PlaneSize size, TiffSample sample);
+
+// Where the pixels of a GeoTIFF lie (OGC 19-008r4): its tags as they are; empty where it lacks one.
+struct GeoTiffTags {
+  std::vector<double> pixel_scale;     // ModelPixelScaleTag
+  std::vector<double> tie_points;      // ModelTiepointTag
+  std::vector<double> transformation;  // ModelTransformationTag
+  std::vector<uint16_t> keys;          // GeoKeyDirectoryTag
+  std::string no_data;                 // GDAL's GDAL_NODATA
+};
+struct TiffHeader {
+  PlaneSize size;
+  std::optional<TiffSample> sample;  // of the only channel; nullopt where there are several
+  GeoTiffTags place;
+};
+// std::runtime_error where the file is damaged.
+TiffHeader ReadTiffHeader(std::string_view bytes);
 
 // 32-bit floats without compression.
 std::string EncodeTiffPlane(PlaneSize size, std::span<const float> values);

@@ -138,7 +138,66 @@ void RequireForm(TIFF* tiff, PlaneSize size, TiffSample sample) {
   }
 }
 
+std::optional<TiffSample> SampleOf(TIFF* tiff) {
+  struct Form {
+    uint16_t bits, format;
+  };
+  // In the order of the enum.
+  constexpr std::array<Form, 6> kForms = {{{8, SAMPLEFORMAT_UINT},
+                                           {16, SAMPLEFORMAT_UINT},
+                                           {16, SAMPLEFORMAT_INT},
+                                           {32, SAMPLEFORMAT_INT},
+                                           {32, SAMPLEFORMAT_IEEEFP},
+                                           {64, SAMPLEFORMAT_IEEEFP}}};
+  if (Field<uint16_t>(tiff, TIFFTAG_SAMPLESPERPIXEL) != 1) return std::nullopt;
+  const auto bits = Field<uint16_t>(tiff, TIFFTAG_BITSPERSAMPLE);
+  const auto format = Field<uint16_t>(tiff, TIFFTAG_SAMPLEFORMAT);
+  for (size_t i = 0; i < kForms.size(); ++i) {
+    if (kForms[i].bits == bits && kForms[i].format == format) return static_cast<TiffSample>(i);
+  }
+  return std::nullopt;
+}
+
+// Returns the values of a tag that libtiff does not know, or that another library has told it of; none
+// where there is none of this type.
+template <typename T>
+std::vector<T> ValuesOf(TIFF* tiff, uint32_t tag, TIFFDataType type) {
+  const TIFFField* const field = TIFFFindField(tiff, tag, TIFF_ANY);
+  if (field == nullptr || TIFFFieldDataType(field) != type || TIFFFieldPassCount(field) == 0) {
+    return {};
+  }
+  const T* values = nullptr;
+  uint32_t count = 0;
+  uint16_t short_count = 0;
+  if (TIFFFieldReadCount(field) == TIFF_VARIABLE2) {
+    if (TIFFGetField(tiff, tag, &count, &values) == 0) return {};
+  } else {
+    if (TIFFGetField(tiff, tag, &short_count, &values) == 0) return {};
+    count = short_count;
+  }
+  return values == nullptr ? std::vector<T>() : std::vector<T>(values, values + count);
+}
+
 }  // namespace
+
+TiffHeader ReadTiffHeader(std::string_view bytes) {
+  Memory memory{.given = bytes};
+  const TiffPointer tiff = Open(memory, "rm");
+  const auto width = Field<uint32_t>(tiff.get(), TIFFTAG_IMAGEWIDTH);
+  const auto height = Field<uint32_t>(tiff.get(), TIFFTAG_IMAGELENGTH);
+  if (width == 0 || height == 0 || width > kMaxImageSidePx || height > kMaxImageSidePx) Fail();
+  TiffHeader header{.size = {static_cast<int>(width), static_cast<int>(height)},
+                    .sample = SampleOf(tiff.get()),
+                    .place = {}};
+  header.place.pixel_scale = ValuesOf<double>(tiff.get(), 33550, TIFF_DOUBLE);
+  header.place.tie_points = ValuesOf<double>(tiff.get(), 33922, TIFF_DOUBLE);
+  header.place.transformation = ValuesOf<double>(tiff.get(), 34264, TIFF_DOUBLE);
+  header.place.keys = ValuesOf<uint16_t>(tiff.get(), 34735, TIFF_SHORT);
+  for (const char c : ValuesOf<char>(tiff.get(), 42113, TIFF_ASCII)) {
+    if (c != 0) header.place.no_data += c;
+  }
+  return header;
+}
 
 Image DecodeTiff(std::string_view bytes) {
   Memory memory{.given = bytes};

@@ -18,11 +18,7 @@ using Clock = std::chrono::steady_clock;
 using BuildQuality = RayCasterOptions::BuildQuality;
 
 struct SceneSpec {
-  struct Part {
-    std::string files;
-    MeshPlacement placement;
-  };
-  std::vector<Part> parts;
+  std::vector<MeshSpec> parts;
   std::optional<BuildQuality> build;
 };
 
@@ -37,7 +33,7 @@ SceneSpec ParseSpecs(const std::vector<std::string>& specs) {
                                     ToString(*scene.build)));
     }
     if (mesh.build) scene.build = mesh.build;
-    scene.parts.push_back({std::move(mesh.files), mesh.placement});
+    scene.parts.push_back(std::move(mesh));
   }
   return scene;
 }
@@ -107,18 +103,16 @@ MeshScene LoadMeshScene(const std::vector<std::string>& specs, const MeshSceneOp
   const SceneSpec parsed = ParseSpecs(specs);
   RayCasterOptions build;
   build.build_quality = parsed.build.value_or(BuildQuality::kMedium);
-  std::vector<std::filesystem::path> files;
-  std::vector<MeshPlacement> placements;  // of each file
-  for (const SceneSpec::Part& part : parsed.parts) {
-    const auto listed = ListMeshFiles(part.files);
-    files.insert(files.end(), listed.begin(), listed.end());
-    placements.resize(files.size(), part.placement);
+  std::vector<std::pair<std::filesystem::path, const MeshSpec*>> files;
+  for (const MeshSpec& part : parsed.parts) {
+    for (std::filesystem::path& file : FilesOf(part)) files.emplace_back(std::move(file), &part);
   }
   const auto start = Clock::now();
   std::vector<TriangleMesh> meshes;
-  for (size_t i = 0; i < files.size(); ++i) {
-    on_step(fmt::format("reading mesh {} of {}: {}", i + 1, files.size(), files[i].string()));
-    meshes.push_back(Placed(ReadMesh(files[i], {.threads = options.threads}), placements[i]));
+  for (const auto& [file, part] : files) {
+    on_step(
+        fmt::format("reading mesh {} of {}: {}", meshes.size() + 1, files.size(), file.string()));
+    meshes.push_back(OpenMesh(*part, file, options.threads));
   }
   auto mesh = std::make_shared<const TriangleMesh>(
       meshes.size() == 1 ? std::move(meshes.front()) : MergeMeshes(std::move(meshes)));

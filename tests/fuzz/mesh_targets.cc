@@ -5,6 +5,7 @@
 #include <csignal>
 
 #include "fuzz/fuzz_targets.h"
+#include "pictures/codecs.h"
 #include <assimp/Exporter.hpp>
 #include <assimp/Importer.hpp>
 #include <assimp/scene.h>
@@ -134,6 +135,19 @@ std::vector<std::string> ObjSeeds() {
   return {JoinFiles(ScratchFolder() / "obj_seed", kObjFiles)};
 }
 
+constexpr auto kHeightFieldFiles = std::to_array<std::string_view>({"dsm.tif", "dsm.tfw"});
+
+void ReadHeightFieldFolder(std::string_view bytes) {
+  CheckMesh(ReadHeightField(SplitFiles(bytes, "dsm", kHeightFieldFiles) / "dsm.tif"));
+}
+
+std::vector<std::string> HeightFieldSeeds() {
+  const std::vector<float> heights = {1, 2, 3, 4, -9999, 6};
+  PutFile("dsm_seed/dsm.tif", EncodeTiffPlane({3, 2}, heights));
+  PutFile("dsm_seed/dsm.tfw", "0.5\n0\n0\n-0.5\n400000.25\n5000000\n");
+  return {JoinFiles(ScratchFolder() / "dsm_seed", kHeightFieldFiles)};
+}
+
 // As the program does it, but that the process that tries the file is a copy of this one.
 bool SurvivesInChild(const std::filesystem::path& file) {
   const pid_t child = fork();
@@ -183,6 +197,7 @@ std::vector<FuzzTarget> MeshFuzzTargets() {
       {"mesh_fbx", [](std::string_view bytes) { ReadAs("mesh.fbx", bytes); },
        [] { return AssimpSeeds("fbxa"); },
        "Vertices: PolygonVertexIndex: Connections: C: Objects: Geometry: Model: *4294967295 -1 a:"},
+      {"mesh_dsm", ReadHeightFieldFolder, HeightFieldSeeds, "=FILE= II* MM II+ -9999 nan 1e308"},
   };
 }
 

@@ -1,5 +1,5 @@
-// Geometry sources by specification: "mesh:scene.ply", "cloud:scan.las", "splat:point_cloud.ply",
-// "depth:maps,kind=ray", "sfm".
+// Geometry sources by specification: "mesh:scene.ply", "dsm:town.tif", "cloud:scan.las",
+// "splat:point_cloud.ply", "depth:maps,kind=ray", "sfm".
 
 #pragma once
 
@@ -86,10 +86,10 @@ struct GeometryContext {
 // scene.obj is mesh:scene.obj. Other texts stay as they are.
 std::string GeometrySpecOf(const std::string& text);
 
-// Opens "mesh:PATH[,key=value...]", "cloud:PATH[,key=value...]", "splat:FILE[,key=value...]",
-// "depth:PATH[,key=value...]" or "sfm[:DIR][,key=value...]" (by default the references' own model),
-// or what GeometrySpecOf() makes one of; GeometryHelp() lists the keys. OptionError for an unknown
-// kind, key or value, InputError where a file cannot be read.
+// Opens "mesh:PATH[,key=value...]", "dsm:FILE[,key=value...]", "cloud:PATH[,key=value...]",
+// "splat:FILE[,key=value...]", "depth:PATH[,key=value...]" or "sfm[:DIR][,key=value...]" (by default
+// the references' own model), or what GeometrySpecOf() makes one of; GeometryHelp() lists the keys.
+// OptionError for an unknown kind, key or value, InputError where a file cannot be read.
 NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext& context = {});
 
 // The forms of a specification and their keys, for help texts.

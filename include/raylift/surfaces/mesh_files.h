@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -25,6 +26,13 @@ struct MeshReadOptions {
 // missing, unreadable, has an index out of range (naming the face), or has no triangle left (a
 // point cloud says so).
 TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& options = {});
+
+// Reads a surface model (DSM, DTM): a GeoTIFF of heights on a grid in a projected system, as the
+// triangles between neighboring heights, x and y the system's, z the height. Cells without data are
+// holes. `orthophoto`, a GeoTIFF of the same system, is its texture. InputError naming the file where
+// it does not say where its pixels lie, is in degrees, or the two lie in different places.
+TriangleMesh ReadHeightField(const std::filesystem::path& path,
+                             const std::optional<std::filesystem::path>& orthophoto = std::nullopt);
 
 // The same from memory. Colors are one per vertex, or none at all. InputError where an index is out
 // of range, the counts differ, or no triangle is left.

@@ -1,0 +1,282 @@
+// Surface models: heights on a grid, from GeoTIFF files.
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+#include "base/input_paths.h"
+#include "base/read_limits.h"
+#include "pictures/codecs.h"
+#include "surfaces/raw_mesh.h"
+#include <Eigen/Geometry>
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/text.h"
+#include "raylift/surfaces/mesh_files.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Affine2d;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using std::filesystem::path;
+
+// Keys and codes of the GeoTIFF standard.
+constexpr uint16_t kModelType = 1024, kGeographic = 2, kGeocentric = 3;
+constexpr uint16_t kRasterType = 1025, kPixelIsPoint = 2;
+constexpr uint16_t kProjectedSystem = 3072, kUserDefined = 32767;
+
+std::optional<uint16_t> KeyOf(const GeoTiffTags& tags, uint16_t key) {
+  constexpr size_t kEntry = 4;  // key, where its value is (0: here), count, value; a header as long
+  for (size_t i = kEntry; i + kEntry <= tags.keys.size(); i += kEntry) {
+    if (tags.keys[i] == key && tags.keys[i + 1] == 0) return tags.keys[i + 3];
+  }
+  return std::nullopt;
+}
+
+Affine2d Affine(double xx, double xy, double yx, double yy, const Vector2d& origin) {
+  Affine2d affine = Affine2d::Identity();
+  affine.linear() << xx, xy, yx, yy;
+  affine.translation() = origin;
+  return affine;
+}
+
+// Returns what a world file beside the picture (.tfw) says, of pixel centers; nullopt where there is
+// none.
+std::optional<Affine2d> ReadWorldFile(const path& file) {
+  path beside = file;
+  std::error_code ignored;
+  if (!std::filesystem::exists(beside.replace_extension(".tfw"), ignored)) return std::nullopt;
+  std::vector<double> numbers;
+  std::string text = ReadFile(beside);
+  std::replace_if(
+      text.begin(), text.end(), [](char c) { return c == '\n' || c == '\r'; }, ' ');
+  for (const std::string_view word : SplitTokens(text)) {
+    const auto number = ParseDouble(word);
+    if (!number || !std::isfinite(*number)) {
+      throw InputError(beside, fmt::format("expected six numbers, found \"{}\"", word));
+    }
+    numbers.push_back(*number);
+  }
+  if (numbers.size() != 6) {
+    throw InputError(beside, fmt::format("expected six numbers, found {}", numbers.size()));
+  }
+  return Affine(numbers[0], numbers[2], numbers[1], numbers[3], {numbers[4], numbers[5]});
+}
+
+// Returns the way from the picture's pixels (the first one's center at (0.5, 0.5)) to the plane of the
+// coordinate system.
+Affine2d WorldFromImage(const path& file, const GeoTiffTags& tags) {
+  bool of_centers = KeyOf(tags, kRasterType) == kPixelIsPoint;
+  Affine2d place;
+  if (tags.transformation.size() == 16) {
+    const std::vector<double>& m = tags.transformation;
+    place = Affine(m[0], m[1], m[4], m[5], {m[3], m[7]});
+  } else if (tags.pixel_scale.size() >= 2 && tags.tie_points.size() >= 6) {
+    const std::vector<double>& tie = tags.tie_points;
+    place = Affine(tags.pixel_scale[0], 0, 0, -tags.pixel_scale[1], Vector2d::Zero());
+    place.translation() = Vector2d(tie[3], tie[4]) - place.linear() * Vector2d(tie[0], tie[1]);
+  } else if (const auto by_world_file = ReadWorldFile(file)) {
+    place = *by_world_file;
+    of_centers = true;
+  } else {
+    throw InputError(file,
+                     "does not say where its pixels lie: expected a GeoTIFF or a world file (.tfw) "
+                     "beside it");
+  }
+  if (!place.matrix().allFinite() || !(std::abs(place.linear().determinant()) > 0)) {
+    throw InputError(file, "its pixels have no area where they lie");
+  }
+  if (of_centers) place.translation() -= place.linear() * Vector2d(0.5, 0.5);
+  return place;
+}
+
+// Only lengths make a surface: degrees are none.
+void RequireLengths(const path& file, const GeoTiffTags& tags) {
+  const auto model = KeyOf(tags, kModelType);
+  if (model != kGeographic && model != kGeocentric) return;
+  throw InputError(
+      file, fmt::format("its coordinates are {}: expected a projected system in meters; "
+                        "`gdalwarp -t_srs EPSG:CODE {} projected.tif` makes it one",
+                        model == kGeographic ? "degrees" : "geocentric", file.filename().string()));
+}
+
+struct OpenedTiff {
+  std::string bytes;
+  TiffHeader header;
+  Affine2d world_from_image;
+};
+
+OpenedTiff OpenTiff(const path& file) {
+  OpenedTiff tiff{.bytes = ReadFile(file), .header = {}, .world_from_image = {}};
+  try {
+    tiff.header = ReadTiffHeader(tiff.bytes);
+  } catch (const std::runtime_error& error) {
+    throw InputError(file, error.what());
+  }
+  RequireLengths(file, tiff.header.place);
+  tiff.world_from_image = WorldFromImage(file, tiff.header.place);
+  return tiff;
+}
+
+// Heights, NaN where there are none.
+std::vector<float> ReadHeights(const path& file, const OpenedTiff& tiff,
+                               std::vector<std::string>& warnings) {
+  const auto [width, height] = tiff.header.size;
+  if (!tiff.header.sample) {
+    throw InputError(file,
+                     "expected heights: one channel of 8 or 16 bits, of 32 bits signed or of 32 or "
+                     "64 bits float");
+  }
+  const uint64_t count = static_cast<uint64_t>(width) * static_cast<uint64_t>(height);
+  if (count > kMaxDepthMapPixels) {
+    throw InputError(file, fmt::format("expected at most {} heights, found {} x {}; "
+                                       "`gdal_translate -srcwin` cuts out a part",
+                                       kMaxDepthMapPixels, width, height));
+  }
+  if (count > kMaxDeflateRatio * tiff.bytes.size()) {
+    throw InputError(file, fmt::format("the file is too short for {} x {} heights", width, height));
+  }
+  std::vector<float> heights;
+  try {
+    heights = DecodeTiffPlane(tiff.bytes, tiff.header.size, *tiff.header.sample);
+  } catch (const std::runtime_error& error) {
+    throw InputError(file, error.what());
+  }
+  std::optional<float> none;
+  if (const std::string& text = tiff.header.place.no_data; !text.empty()) {
+    const auto number = ParseDouble(Trim(text));
+    if (!number) {
+      throw InputError(
+          file, fmt::format("GDAL_NODATA: expected a number, found \"{}\"", Printable(text)));
+    }
+    none = static_cast<float>(*number);
+  } else {
+    // What programs write where they say no more.
+    const float lowest = *std::min_element(heights.begin(), heights.end());
+    constexpr std::array<float, 3> kUsual = {-9999, -32768, std::numeric_limits<float>::lowest()};
+    if (std::find(kUsual.begin(), kUsual.end(), lowest) != kUsual.end()) {
+      none = lowest;
+      warnings.push_back(
+          fmt::format("{}: heights of {:g} are taken for none, which the file does not say",
+                      file.string(), lowest));
+    }
+  }
+  for (float& value : heights) {
+    if (none && value == *none) value = std::numeric_limits<float>::quiet_NaN();
+  }
+  return heights;
+}
+
+// The triangles between neighboring heights; the shorter step in height is the diagonal.
+class GridMesh {
+ public:
+  GridMesh(const std::vector<float>& heights, PlaneSize size, const Affine2d& world_from_image,
+           RawMesh& mesh)
+      : heights_(heights),
+        width_(static_cast<size_t>(size.width_px)),
+        is_mirrored_(world_from_image.linear().determinant() > 0),
+        mesh_(mesh),
+        vertices_(heights.size(), RawMesh::kNone) {
+    for (size_t i = 0; i < heights.size(); ++i) {
+      if (!std::isfinite(heights[i])) continue;
+      const Vector2d pixel(static_cast<double>(i % width_) + 0.5,
+                           static_cast<double>(i / width_) + 0.5);
+      const Vector2d at = world_from_image * pixel;
+      vertices_[i] = static_cast<uint32_t>(mesh.positions.size());
+      mesh.positions.emplace_back(at.x(), at.y(), static_cast<double>(heights[i]));
+    }
+  }
+
+  void AddTriangles() {
+    for (size_t i = 0; i + width_ < heights_.size(); ++i) {
+      if (i % width_ + 1 == width_) continue;
+      const size_t right = i + 1, below = i + width_, across = below + 1;
+      const auto is_missing = [this](size_t k) { return vertices_[k] == RawMesh::kNone; };
+      const float down = std::abs(heights_[i] - heights_[across]);
+      const float up = std::abs(heights_[right] - heights_[below]);
+      const bool splits_down = !is_missing(i) && !is_missing(across) &&
+                               (is_missing(right) || is_missing(below) || down <= up);
+      if (splits_down) {
+        Add(i, below, across);
+        Add(i, across, right);
+      } else {
+        Add(i, below, right);
+        Add(right, below, across);
+      }
+    }
+  }
+
+ private:
+  // Seen from above, counterclockwise.
+  void Add(size_t a, size_t b, size_t c) {
+    const std::array<uint32_t, 3> triangle = {vertices_[a], vertices_[b], vertices_[c]};
+    if (std::find(triangle.begin(), triangle.end(), RawMesh::kNone) != triangle.end()) return;
+    mesh_.triangles.push_back(triangle);
+    if (is_mirrored_) std::swap(mesh_.triangles.back()[1], mesh_.triangles.back()[2]);
+  }
+
+  const std::vector<float>& heights_;
+  const size_t width_;
+  const bool is_mirrored_;
+  RawMesh& mesh_;
+  std::vector<uint32_t> vertices_;  // of each height; kNone where there is none
+};
+
+// Colors what the orthophoto shows by it.
+void AddOrthophoto(const path& file, const OpenedTiff& tiff, RawMesh& mesh) {
+  auto picture =
+      DecodeTexture({reinterpret_cast<const uint8_t*>(tiff.bytes.data()), tiff.bytes.size()});
+  if (!picture) throw InputError(file, "cannot be decoded as a picture");
+  mesh.textures.push_back(std::move(*picture));
+  mesh.materials.push_back({.texture = 0, .color_rgb = std::nullopt});
+  const Affine2d image_from_world = tiff.world_from_image.inverse();
+  const Eigen::Array2d size(tiff.header.size.width_px, tiff.header.size.height_px);
+  for (const Vector3d& position : mesh.positions) {
+    const Eigen::Array2d uv = (image_from_world * position.head<2>()).array() / size;
+    mesh.uvs.emplace_back(Vector2d(uv.x(), 1 - uv.y()).cast<float>());
+  }
+  size_t shown = 0;
+  for (const auto& triangle : mesh.triangles) {
+    const bool is_shown = std::all_of(triangle.begin(), triangle.end(), [&](uint32_t vertex) {
+      const Eigen::Array2f uv = mesh.uvs[vertex].array();
+      return (uv >= 0).all() && (uv <= 1).all();
+    });
+    shown += is_shown ? 1 : 0;
+    mesh.triangle_materials.push_back(is_shown ? 0 : RawMesh::kNone);
+  }
+  if (shown == 0) throw InputError(file, "shows nothing of the surface model: it lies elsewhere");
+}
+
+}  // namespace
+
+TriangleMesh ReadHeightField(const path& file, const std::optional<path>& orthophoto) {
+  const OpenedTiff tiff = OpenTiff(file);
+  RawMesh mesh;
+  const std::vector<float> heights = ReadHeights(file, tiff, mesh.warnings);
+  GridMesh(heights, tiff.header.size, tiff.world_from_image, mesh).AddTriangles();
+  if (mesh.triangles.empty()) throw InputError(file, "has no neighboring heights");
+  if (orthophoto) {
+    const OpenedTiff picture = OpenTiff(*orthophoto);
+    const auto system = KeyOf(tiff.header.place, kProjectedSystem);
+    const auto of_picture = KeyOf(picture.header.place, kProjectedSystem);
+    const bool may_differ =
+        !system || !of_picture || system == kUserDefined || of_picture == kUserDefined;
+    if (!may_differ && *system != *of_picture) {
+      throw InputError(*orthophoto, fmt::format("is in EPSG:{}, but {} is in EPSG:{}", *of_picture,
+                                                file.string(), *system));
+    }
+    AddOrthophoto(*orthophoto, picture, mesh);
+  }
+  return FinishMesh(file, std::move(mesh));
+}
+
+}  // namespace raylift
