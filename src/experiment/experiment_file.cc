@@ -3,6 +3,7 @@
 #include "estimation/fields.h"
 #include "evaluation/fields.h"
 #include "experiment/experiment_layouts.h"
+#include "io/scene/spec_paths.h"
 #include "io/text/toml_file.h"
 #include "lifting/fields.h"
 #include <fmt/format.h>
@@ -253,15 +254,9 @@ class ExperimentReader {
     }
   }
 
-  // "mesh:PATH,key=value": the path is relative to the file.
+  // The paths of a specification are relative to the file.
   std::string ResolveSpec(const std::string& spec) const {
-    const size_t colon = spec.find(':');
-    if (colon == std::string::npos) return spec;
-    const size_t comma = spec.find(',', colon);
-    const std::string place =
-        spec.substr(colon + 1, comma == std::string::npos ? std::string::npos : comma - colon - 1);
-    return spec.substr(0, colon + 1) + Resolve(place).string() +
-           (comma == std::string::npos ? std::string() : spec.substr(comma));
+    return MapSpecPaths(spec, [this](const path& given) { return Resolve(given.string()); });
   }
 
   void ReadFilters() {

@@ -34,6 +34,12 @@ TEST(SceneFile, PathsAreRelativeToTheFile) {
             "[[geometry]]\n"
             "name = 'sfm'\n"
             "spec = 'sfm,radius=3'\n"
+            "[[geometry]]\n"
+            "name = 'town'\n"
+            "spec = 'dsm:town.tif,far=100,ortho=maps/town.tif'\n"
+            "[[geometry]]\n"
+            "name = 'splats'\n"
+            "spec = 'splat:a.ply,transform=none'\n"
             "[provenance]\n"
             "dataset = '7scenes'\n");
   const SceneFile scene = ReadSceneFile(file);
@@ -47,12 +53,15 @@ TEST(SceneFile, PathsAreRelativeToTheFile) {
   EXPECT_EQ(scene.times, "");
   EXPECT_EQ(scene.groups, "");
   EXPECT_EQ(scene.thresholds, "7scenes");
-  ASSERT_EQ(scene.geometries.size(), 3u);
+  ASSERT_EQ(scene.geometries.size(), 5u);
   EXPECT_EQ(scene.geometries[0].name, "sensor");
   EXPECT_EQ(scene.geometries[0].spec,
             "depth:" + data.string() + ",preset=7scenes,pattern={dir}/a.png");
   EXPECT_EQ(scene.geometries[1].spec, "mesh:" + (folder / "a.ply").string() + "+/b/*.ply");
   EXPECT_EQ(scene.geometries[2].spec, "sfm,radius=3");
+  EXPECT_EQ(scene.geometries[3].spec, "dsm:" + (folder / "town.tif").string() + ",far=100,ortho=" +
+                                          (folder / "maps" / "town.tif").string());
+  EXPECT_EQ(scene.geometries[4].spec, "splat:" + (folder / "a.ply").string() + ",transform=none");
   EXPECT_THAT(scene.provenance, ElementsAre(Pair("dataset", "7scenes")));
 }
 

@@ -52,7 +52,8 @@ TEST(MakeGeometrySource, AFileAloneIsOfTheKindThatItsNameSays) {
 
 TEST(MakeGeometrySource, UnknownKindsKeysAndValuesAreOptionErrors) {
   const std::string forms =
-      ": expected mesh:PATH[,key=value...], cloud:PATH[,key=value...], splat:FILE[,key=value...], "
+      ": expected mesh:PATH[,key=value...], dsm:FILE[,key=value...], cloud:PATH[,key=value...], "
+      "splat:FILE[,key=value...], "
       "depth:PATH[,key=value...] or sfm[:DIR][,key=value...]";
   for (const std::string spec : {"foo:x", "cloud", "cloud:", "splat", "splat:", "mesh",
                                  "mesh:", "mesh,far=1", "depth:", "sfmx:a", ""}) {

@@ -152,12 +152,14 @@ TEST(MeshPlacement, SplatsLookTheSameWhereverTheyArePlaced) {
 
 TEST(ParseMeshSpec, WhatIsNoMeshSaysWhatIsWanted) {
   for (const std::string spec : {"depth:maps", "a.ply", "mesh:", "mesh:,build=low"}) {
-    EXPECT_EQ(OptionErrorOf(spec, MeshUse::kLift),
-              "geometry = " + spec + ": expected mesh:PATH[,key=value...]");
-    EXPECT_EQ(OptionErrorOf(spec, MeshUse::kRender),
-              "geometry = " + spec +
-                  ": expected mesh:PATH[,key=value...], cloud:PATH[,key=value...] or "
-                  "splat:FILE[,key=value...]; nothing else is rendered");
+    EXPECT_EQ(
+        OptionErrorOf(spec, MeshUse::kLift),
+        "geometry = " + spec + ": expected mesh:PATH[,key=value...] or dsm:FILE[,key=value...]");
+    EXPECT_EQ(
+        OptionErrorOf(spec, MeshUse::kRender),
+        "geometry = " + spec +
+            ": expected mesh:PATH[,key=value...], dsm:FILE[,key=value...], "
+            "cloud:PATH[,key=value...] or splat:FILE[,key=value...]; nothing else is rendered");
   }
 }
 

@@ -2,12 +2,15 @@
 
 #include <algorithm>
 #include <array>
-#include <functional>
+#include <span>
 #include <string_view>
+#include <vector>
 
+#include "io/scene/spec_paths.h"
 #include "io/text/line_tokens.h"
 #include "io/text/toml_file.h"
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
@@ -32,25 +35,6 @@ constexpr std::array<PathKey, 8> kPathKeys = {{{"references", &SceneFile::refere
                                                {"times", &SceneFile::times},
                                                {"groups", &SceneFile::groups},
                                                {"priors", &SceneFile::priors}}};
-
-// "kind:a.ply+b.ply,key=value" with each path moved; other forms stay as they are. Keys hold
-// patterns within the folder, not paths.
-std::string MapSpecPaths(const std::string& spec, const std::function<path(const path&)>& move) {
-  const size_t begin = spec.find(':');
-  const size_t end = std::min(spec.find(','), spec.size());
-  if (begin >= end) return spec;
-  std::string moved = spec.substr(0, begin + 1);
-  size_t at = begin + 1;
-  while (true) {
-    const size_t next = std::min(spec.find('+', at), end);
-    const std::string part = spec.substr(at, next - at);
-    moved += part.empty() ? part : move(part).string();
-    if (next == end) break;
-    moved += '+';
-    at = next + 1;
-  }
-  return moved + spec.substr(end);
-}
 
 path FolderOf(const path& file) { return file.has_parent_path() ? file.parent_path() : path("."); }
 
@@ -143,6 +127,30 @@ std::map<std::string, Value> ReadByName(const path& file, std::string_view field
 }
 
 }  // namespace
+
+std::string MapSpecPaths(const std::string& spec, const std::function<path(const path&)>& move) {
+  const std::vector<std::string_view> parts = SplitBy(spec, ',');
+  const size_t colon = parts.front().find(':');
+  if (colon == std::string_view::npos || colon + 1 == parts.front().size()) return spec;
+  const auto moved = [&move](std::string_view file) {
+    return file.empty() ? std::string() : move(file).string();
+  };
+  std::vector<std::string> files;
+  for (const std::string_view file : SplitBy(parts.front().substr(colon + 1), '+')) {
+    files.push_back(moved(file));
+  }
+  std::string all = fmt::format("{}{}", parts.front().substr(0, colon + 1), fmt::join(files, "+"));
+  for (const std::string_view part : std::span(parts).subspan(1)) {
+    const size_t equals = std::min(part.find('='), part.size());
+    const std::string_view key = part.substr(0, equals);
+    const bool is_file =
+        key == "ortho" || key == "names" || (key == "transform" && part.substr(equals) != "=none");
+    all += is_file
+               ? fmt::format(",{}={}", key, moved(part.substr(std::min(equals + 1, part.size()))))
+               : fmt::format(",{}", part);
+  }
+  return all;
+}
 
 SceneFile ReadSceneFile(const path& file) { return SceneReader(file).Read(); }
 
