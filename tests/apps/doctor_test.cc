@@ -117,6 +117,7 @@ TEST(Localize, WarnsByOneQueryAsByMany) {
       << result.err;
   const auto summary = nlohmann::json::parse(ReadFile(folder / "out" / "summary.json"));
   EXPECT_EQ(summary["verdicts"]["doubtful"], 1);
+  EXPECT_EQ(summary["localized"], 0);
 }
 
 }  // namespace

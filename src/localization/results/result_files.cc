@@ -214,9 +214,11 @@ void WriteTiming(const std::filesystem::path& path, std::span<const LocalizedQue
 
 void WriteSummary(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries,
                   const RunSummary& summary) {
+  const auto localized = std::count_if(
+      queries.begin(), queries.end(),
+      [](const LocalizedQuery& query) { return query.verdict() == PoseVerdict::kLocalized; });
   Json json = {{"queries", queries.size()},
-               {"localized", std::count_if(queries.begin(), queries.end(),
-                                           [](const LocalizedQuery& q) { return q.localized(); })},
+               {"localized", localized},  // doubtful poses are among the verdicts alone
                {"verdicts", VerdictsJson(queries)},
                {"least_confident", LeastConfidentJson(queries)},
                {"references", summary.num_references},
