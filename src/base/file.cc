@@ -157,6 +157,12 @@ bool FilesMayBeAnywhere() {
   return value != nullptr && std::string_view(value) == "1";
 }
 
+bool MayBeRead(const std::string& named) {
+  const std::filesystem::path file = std::filesystem::path(named).lexically_normal();
+  return FilesMayBeAnywhere() || (file.is_relative() && !file.empty() && *file.begin() != ".." &&
+                                  named.find("://") == std::string::npos);
+}
+
 std::string ReadFile(const std::filesystem::path& path) {
   // Without O_NONBLOCK, a pipe with a name waits for somebody to write.
   const OpenFile file(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));

@@ -24,4 +24,8 @@ std::string LowerExtension(const std::filesystem::path& path);
 // meant to show: only where the environment's RAYLIFT_FILES_ANYWHERE is 1.
 bool FilesMayBeAnywhere();
 
+// Returns whether a file that another one names may be read: it lies in or below that one's folder,
+// or may be anywhere.
+bool MayBeRead(const std::string& named);
+
 }  // namespace raylift

@@ -134,6 +134,7 @@ class ObjParser {
   }
 
   void ReadMaterialFile(const std::string& name) {
+    if (!IsBelow(path_, "material file", name, mesh_)) return;
     const std::filesystem::path path = path_.parent_path() / name;
     std::error_code ignored;
     if (!std::filesystem::is_regular_file(path, ignored)) {

@@ -4,6 +4,7 @@
 #include <limits>
 #include <numeric>
 
+#include "base/input_paths.h"
 #include "pictures/picture_codec.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -322,10 +323,21 @@ std::optional<Image> DecodeTexture(std::span<const uint8_t> bytes) {
   }
 }
 
+bool IsBelow(const std::filesystem::path& mesh_path, std::string_view what,
+             const std::string& named, RawMesh& mesh) {
+  if (MayBeRead(named)) return true;
+  mesh.warnings.push_back(
+      fmt::format("{}: {} {}: not read, as it is not below the mesh's folder; "
+                  "RAYLIFT_FILES_ANYWHERE=1 in the environment allows it",
+                  mesh_path.string(), what, named));
+  return false;
+}
+
 int32_t AddTextureFile(const std::filesystem::path& mesh_path, const std::string& name,
                        RawMesh& mesh) {
   std::string portable = name;
   std::replace(portable.begin(), portable.end(), '\\', '/');
+  if (!IsBelow(mesh_path, "texture", portable, mesh)) return -1;
   const std::filesystem::path path = mesh_path.parent_path() / portable;
   try {
     const std::string bytes = ReadFile(path);

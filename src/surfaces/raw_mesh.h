@@ -11,6 +11,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
@@ -82,6 +83,10 @@ TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw);
 
 // Returns the picture as RGB; nullopt if the bytes are no picture that can be decoded.
 std::optional<Image> DecodeTexture(std::span<const uint8_t> bytes);
+
+// Returns whether a file that the mesh file names may be read, and warns where it may not.
+bool IsBelow(const std::filesystem::path& mesh_path, std::string_view what,
+             const std::string& named, RawMesh& mesh);
 
 // Adds the picture `name`, as the mesh file calls it (relative to the mesh's folder; Windows
 // separators allowed), to the textures and returns its index. -1 and a warning where it cannot be

@@ -181,8 +181,11 @@ TEST_F(HlocFeatures, DataInOtherFilesIsRefused) {
 raw = f.create_dataset('raw/keypoints', (4, 2), 'f4', external=[('raw.bin', 0, h5.h5f.UNLIMITED)])
 layout = h5.VirtualLayout((4, 2), 'f4')
 layout[:] = h5.VirtualSource('other.h5', 'keypoints', (4, 2))
-f.create_virtual_dataset('virtual/keypoints', layout))");
-  for (const std::string name : {"raw", "virtual"}) {
+f.create_virtual_dataset('virtual/keypoints', layout)
+with h5.File(f.filename + '.other', 'w') as other: other.create_dataset('keypoints', (4, 2), 'f4')
+f['link'] = h5.ExternalLink(f.filename + '.other', '/')
+f['deep/keypoints'] = h5.ExternalLink(f.filename + '.other', '/keypoints'))");
+  for (const std::string name : {"raw", "virtual", "link", "deep"}) {
     EXPECT_TRUE(FailsWithInputError([&] { FeatureFile(path_).Read(name); },
                                     {"features.h5: " + name + "/keypoints: lies in other files"}));
   }

@@ -63,6 +63,26 @@ TEST(ReadObj, TextureOptionsAndWindowsPathsAreUnderstood) {
   EXPECT_EQ(ReadMesh(folder / "mesh.obj").triangle_textures, std::vector<int32_t>{0});
 }
 
+TEST(ReadObj, FilesOutsideOfItsFolderAreNotRead) {
+  const auto folder = TestFolder();
+  const std::string outside = (folder / "wall.png").string();
+  WriteFile(outside, TestPicturePng());
+  WriteFile(folder / "a.mtl", "newmtl a\nmap_Kd wall.png\n");
+  const std::string faces = "usemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n";
+  const auto file = folder / "scene" / "mesh.obj";
+  WriteFile(file, "mtllib ../a.mtl\n" + faces);
+  EXPECT_TRUE(ReadMesh(file).textures.empty());
+  for (const std::string& name :
+       {std::string("../wall.png"), std::string("a/..\\..\\wall.png"), outside}) {
+    WriteFile(folder / "scene" / "a.mtl", "newmtl a\nmap_Kd " + name + "\n");
+    WriteFile(file, "mtllib a.mtl\n" + faces);
+    const TriangleMesh mesh = ReadMesh(file);
+    EXPECT_TRUE(mesh.textures.empty()) << name;
+    ASSERT_EQ(mesh.warnings.size(), 1u) << name;
+    EXPECT_NE(mesh.warnings[0].find("not below the mesh's folder"), std::string::npos);
+  }
+}
+
 TEST(ReadObj, MissingMaterialsAndTexturesAreWarnings) {
   const auto folder = TestFolder();
   WriteFile(folder / "mesh.obj", kSquare);

@@ -235,8 +235,16 @@ std::optional<std::string> WriteDataset(hid_t file, const std::string& name,
   return std::nullopt;
 }
 
-// Returns whether its values lie in other files, wherever these are.
-bool LiesInOtherFiles(hid_t dataset) {
+std::string NameOfFileOf(hid_t object) {
+  const ssize_t size = H5Fget_name(object, nullptr, 0);
+  std::string name(static_cast<size_t>(std::max<ssize_t>(size, 0)) + 1, '\0');
+  H5Fget_name(object, name.data(), name.size());
+  return name;
+}
+
+// Returns whether it or its values lie in other files, wherever these are.
+bool LiesInOtherFiles(hid_t file, hid_t dataset) {
+  if (NameOfFileOf(file) != NameOfFileOf(dataset)) return true;  // by an external link
   const Handle properties(H5Dget_create_plist(dataset), H5Pclose);
   return H5Pget_external_count(properties.get()) != 0 ||
          H5Pget_layout(properties.get()) == H5D_VIRTUAL;
@@ -296,7 +304,7 @@ Hdf5Array<T> Hdf5Reader::Read(const std::string& name) const {
     if (!dataset.IsValid()) {
       Fail(name, fmt::format("expected a data set: {}", LastError()));
     }
-    if (LiesInOtherFiles(dataset.get()) && !FilesMayBeAnywhere()) {
+    if (LiesInOtherFiles(file_, dataset.get()) && !FilesMayBeAnywhere()) {
       Fail(name, "lies in other files; RAYLIFT_FILES_ANYWHERE=1 in the environment allows that");
     }
     const Handle type(H5Dget_type(dataset.get()), H5Tclose);
