@@ -1,7 +1,9 @@
 #include "estimation/confidence/confidence.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
+#include <utility>
 #include <vector>
 
 #include "support/coherent_problem.h"
@@ -349,6 +351,44 @@ TEST(Support, AChanceMatchOfAnotherReferenceDoesNotTellTheDistance) {
     EXPECT_EQ(estimate.verdict, PoseVerdict::kDoubtful);
     // Few distances are within 1.25 % of the right one by luck.
     EXPECT_LT(estimate.confidence, 0.25);
+  }
+}
+
+// Four photographs of a burst, a centimeter apart, whose depths come from single images: they have one
+// wrong scale in common, and are no more witnesses of the distance than one of them is.
+TEST(Support, DepthsOfABurstAreOneWitness) {
+  Rng rng = TestRng();
+  for (int i = 0; i < 10; ++i) {
+    PoseProblem problem =
+        MakeCoherentProblem("burst", {.num_references = 1, .seen = 0.9, .wrong = 0}, rng).problem;
+    const double factor = std::exp(0.08 * rng.Normal());
+    const std::vector<Match2D3D> points = std::exchange(problem.matches_2d3d, {});
+    const std::vector<Match2D2D> pairs = std::exchange(problem.matches_2d2d, {});
+    const PosedImage first = problem.references[0];
+    problem.references.assign(4, first);
+    std::vector<double> factors;  // of the keypoints' depths
+    for (size_t k = 0; k < points.size(); ++k) {
+      factors.push_back(factor * std::exp(0.03 * rng.Normal()));
+    }
+    for (int r = 0; r < 4; ++r) {
+      PosedImage& reference = problem.references[static_cast<size_t>(r)];
+      reference.cam_from_world.translation +=
+          0.01 * Eigen::Vector3d(rng.Normal(), rng.Normal(), rng.Normal());
+      const Eigen::Vector3d center = reference.cam_from_world.OriginInSource();
+      for (size_t k = 0; k < points.size(); ++k) {
+        const Eigen::Vector3d& at = points[k].point_in_world;
+        Match2D2D pair = pairs[*points[k].match_2d2d];
+        pair.reference = r;
+        pair.reference_px = *reference.camera.ImgFromCam(reference.cam_from_world * at);
+        Match2D3D point = points[k];
+        point.reference = r;
+        point.point_in_world = center + factors[k] * (at - center);
+        point.match_2d2d = problem.matches_2d2d.size();
+        problem.matches_2d2d.push_back(pair);
+        problem.matches_2d3d.push_back(point);
+      }
+    }
+    EXPECT_EQ(Estimate(problem).verdict, PoseVerdict::kDoubtful);
   }
 }
 

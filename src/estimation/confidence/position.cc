@@ -304,28 +304,6 @@ class PlacesOnLine {
   ExclusiveInliers exclusive_;  // of 0 and of here
 };
 
-// Whether each 2D-3D match is a depth of an explained 2D-2D match of the dominant reference: then its
-// point lies on that match's ray.
-std::vector<bool> OwnDepths(const NormalizedProblem& problem, const Residuals& residuals,
-                            int dominant, const Vector3d& center) {
-  std::vector<std::vector<Vector3d>> rays(problem.num_keypoints);
-  for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
-    const NormalizedMatch2D2D& match = problem.matches_2d2d[i];
-    const bool is_explained = match.camera_reference == dominant && residuals.of_2d2d[i] < 1;
-    if (is_explained) rays[match.keypoint].push_back(match.reference_ray);
-  }
-  std::vector<bool> own;
-  for (const NormalizedMatch2D3D& match : problem.matches_2d3d) {
-    const Vector3d to_point = (match.point - center).normalized();
-    constexpr double kOnRay = 1e-5;  // radians, well below a pixel
-    const std::vector<Vector3d>& of_keypoint = rays[match.keypoint];
-    own.push_back(std::any_of(of_keypoint.begin(), of_keypoint.end(), [&](const Vector3d& ray) {
-      return to_point.cross(ray).norm() < kOnRay;
-    }));
-  }
-  return own;
-}
-
 // Counts what may agree by chance: keypoints, and wrong matches by those in the ring (IsInRing).
 class WrongMatches {
  public:
@@ -344,31 +322,6 @@ class WrongMatches {
   std::vector<bool> has_match_;
   double expected_ = 0;  // wrong inliers
 };
-
-// A keypoint that the dominant reference and another one show: by the query's pixel and the
-// dominant's its point is C + z r, whose distance z grows as the camera's from C does, so that the
-// other reference sees it where it does in an interval alone. This tells the distance where all
-// centers are on one line, and pairs of pixels do not.
-std::vector<Interval> ByThreeViews(const NormalizedProblem& problem, const Residuals& residuals,
-                                   int dominant, const CameraOnLine& camera) {
-  std::vector<std::vector<const NormalizedMatch2D2D*>> explained(problem.num_keypoints);
-  for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
-    const NormalizedMatch2D2D& match = problem.matches_2d2d[i];
-    if (match.camera_reference == dominant && residuals.of_2d2d[i] < 1) {
-      explained[match.keypoint].push_back(&match);
-    }
-  }
-  std::vector<Interval> intervals;
-  for (const NormalizedMatch2D2D& match : problem.matches_2d2d) {
-    if (match.camera_reference == dominant) continue;
-    for (const NormalizedMatch2D2D* of_dominant : explained[match.keypoint]) {
-      if (const auto interval = camera.InlierInterval(*of_dominant, match)) {
-        intervals.push_back(*interval);
-      }
-    }
-  }
-  return intervals;
-}
 
 // The line from the dominant reference through the camera.
 struct LineFromReference {
@@ -389,6 +342,15 @@ struct LineFromReference {
         longest(std::max(length, 0.5 * scene_distance)),
         right_within(kRightPosition * scene_distance) {}
 
+  // Whether a match is with a reference at the dominant one's place, as those of a burst are: like its
+  // own, such matches fit wherever the camera is on the line, and depths of one view are wrong alike.
+  // Where the camera is at that place, too, both hardly matter.
+  bool IsFromPlace(const NormalizedProblem& problem, const NormalizedMatch2D2D& match) const {
+    const double extent = length > right_within ? right_within : 0;
+    const Vector3d& center = problem.centers[static_cast<size_t>(match.reference)];
+    return match.camera == problem.CameraOf(dominant) && (center - reference).norm() <= extent;
+  }
+
   // Whether a match fits where the camera would be at its reference: all of its pairs do there,
   // wrong ones, too, as there is no parallax.
   bool FitsAtReference(const Vector3d& center, const Interval& interval) const {
@@ -399,6 +361,56 @@ struct LineFromReference {
            interval.end > along - length - right_within;
   }
 };
+
+// A keypoint that the dominant reference and another one show: by the query's pixel and the
+// dominant's its point is C + z r, whose distance z grows as the camera's from C does, so that the
+// other reference sees it where it does in an interval alone. This tells the distance where all
+// centers are on one line, and pairs of pixels do not.
+std::vector<Interval> ByThreeViews(const NormalizedProblem& problem, const Residuals& residuals,
+                                   const LineFromReference& line, const CameraOnLine& camera) {
+  std::vector<std::vector<const NormalizedMatch2D2D*>> explained(problem.num_keypoints);
+  for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
+    const NormalizedMatch2D2D& match = problem.matches_2d2d[i];
+    if (match.camera_reference == line.dominant && residuals.of_2d2d[i] < 1) {
+      explained[match.keypoint].push_back(&match);
+    }
+  }
+  std::vector<Interval> intervals;
+  for (const NormalizedMatch2D2D& match : problem.matches_2d2d) {
+    if (line.IsFromPlace(problem, match)) continue;
+    for (const NormalizedMatch2D2D* of_dominant : explained[match.keypoint]) {
+      if (const auto interval = camera.InlierInterval(*of_dominant, match)) {
+        intervals.push_back(*interval);
+      }
+    }
+  }
+  return intervals;
+}
+
+// Whether each 2D-3D match is a depth of an explained 2D-2D match from the line's place: then its point
+// lies on that match's ray.
+std::vector<bool> OwnDepths(const NormalizedProblem& problem, const Residuals& residuals,
+                            const LineFromReference& line) {
+  struct Ray {
+    Vector3d center, direction;
+  };
+  std::vector<std::vector<Ray>> rays(problem.num_keypoints);
+  for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
+    const NormalizedMatch2D2D& match = problem.matches_2d2d[i];
+    if (!line.IsFromPlace(problem, match) || !(residuals.of_2d2d[i] < 1)) continue;
+    const Vector3d& center = problem.centers[static_cast<size_t>(match.reference)];
+    rays[match.keypoint].push_back({center, match.reference_ray});
+  }
+  std::vector<bool> own;
+  for (const NormalizedMatch2D3D& match : problem.matches_2d3d) {
+    constexpr double kOnRay = 1e-5;  // radians, well below a pixel
+    const std::vector<Ray>& of_keypoint = rays[match.keypoint];
+    own.push_back(std::any_of(of_keypoint.begin(), of_keypoint.end(), [&](const Ray& ray) {
+      return (match.point - ray.center).normalized().cross(ray.direction).norm() < kOnRay;
+    }));
+  }
+  return own;
+}
 
 // Where the matches fit on that line, but for those that fit everywhere.
 struct EvidenceOnLine {
@@ -417,21 +429,21 @@ struct EvidenceOnLine {
   void AddPairs() {
     for (size_t i = 0; i < problem_.matches_2d2d.size(); ++i) {
       const NormalizedMatch2D2D& match = problem_.matches_2d2d[i];
-      if (match.camera_reference == line_.dominant) continue;
+      if (line_.IsFromPlace(problem_, match)) continue;
       const std::optional<Interval> interval = camera_.InlierInterval(match);
       Add(interval, by_others);
       const Vector3d& center = problem_.centers[static_cast<size_t>(match.reference)];
       if (interval && !line_.FitsAtReference(center, *interval)) Add(interval, by_parallax);
       others.Add(match.keypoint, residuals_.of_2d2d[i], 1);
     }
-    for (const Interval& interval : ByThreeViews(problem_, residuals_, line_.dominant, camera_)) {
+    for (const Interval& interval : ByThreeViews(problem_, residuals_, line_, camera_)) {
       Add(interval, by_others);
       Add(interval, by_parallax);
     }
   }
 
   void AddDepths() {
-    const std::vector<bool> own = OwnDepths(problem_, residuals_, line_.dominant, line_.reference);
+    const std::vector<bool> own = OwnDepths(problem_, residuals_, line_);
     for (size_t i = 0; i < own.size(); ++i) {
       own_depths += own[i] ? 1 : 0;
       agreeing += own[i] && residuals_.of_2d3d[i] < 1 ? 1 : 0;
