@@ -19,6 +19,8 @@ REPAIRS = [
     (r"(?<=-> )list(?=:)", "list[typing.Any]"),
     (r"\*\*kwargs\)", "**kwargs: typing.Any)"),
     (r"(__hash__: typing.ClassVar\[None\]) = None", r"\1  # type: ignore[assignment]"),
+    (r"abc\.Iterator(?!\[)", "abc.Iterator[typing.Any]"),
+    (r"(def __array__\(.*-> )typing\.Any", r"\1numpy.typing.NDArray[typing.Any]"),
     (r"\*args,", "*args: raylift._types.GeometryLike,"),
     (r"(?m)^import typing$", "import typing\nimport typing_extensions"),
 ]

@@ -53,35 +53,44 @@ void TranslateExceptions(py::module_& module) {
   });
 }
 
-// Tells of arguments that fit no signature by raylift._arguments, in one line.
-void MendTypeError(const py::object& arguments, const py::object& keywords) {
+// What a function was called with.
+struct Given {
+  py::list arguments;
+  py::dict keywords;
+};
+Given ToGiven(PyObject* arguments, PyObject* keywords) {
+  Given given{py::list(py::reinterpret_borrow<py::object>(arguments)), {}};
+  if (keywords != nullptr) given.keywords = py::reinterpret_borrow<py::dict>(keywords);
+  return given;
+}
+// As newer versions are called: with the values of the keywords behind the others.
+Given ToGiven(PyObject* const* values, size_t flagged_count, PyObject* names) {
+  Given given;
+  auto next = static_cast<size_t>(PyVectorcall_NARGS(flagged_count));
+  for (size_t i = 0; i < next; ++i) given.arguments.append(py::handle(values[i]));
+  if (names == nullptr) return given;
+  for (const py::handle name : py::handle(names)) {
+    given.keywords[name] = py::handle(values[next++]);
+  }
+  return given;
+}
+
+// Tells of arguments that fit no signature by raylift._arguments, in one line. Python's functions
+// are called while no error is set.
+template <typename... Arguments>
+void MendTypeError(Arguments... arguments) {
   py::error_already_set raised;
-  const std::string message = py::str(raised.value());
-  if (message.find("(): incompatible ") == std::string::npos) return raised.restore();
   try {
+    const std::string message = py::str(raised.value());
+    if (message.find("(): incompatible ") == std::string::npos) return raised.restore();
+    const Given given = ToGiven(arguments...);
     const py::object explain = py::module_::import("raylift._arguments").attr("explain");
-    const auto line = explain(message, arguments, keywords).cast<std::string>();
+    const auto line =
+        explain(message, given.arguments, given.keywords).template cast<std::string>();
     PyErr_SetString(PyExc_TypeError, line.c_str());
-  } catch (const py::error_already_set&) {
+  } catch (const std::exception&) {
     raised.restore();
   }
-}
-void Mend(PyObject* arguments, PyObject* keywords) {
-  const auto given = py::reinterpret_borrow<py::object>(arguments);
-  MendTypeError(given,
-                keywords == nullptr ? py::dict() : py::reinterpret_borrow<py::object>(keywords));
-}
-// As newer versions call it: with the values of the keywords behind the others.
-void Mend(PyObject* const* values, size_t flagged_count, PyObject* names) {
-  const auto count = static_cast<size_t>(PyVectorcall_NARGS(flagged_count));
-  py::list arguments;
-  for (size_t i = 0; i < count; ++i) arguments.append(py::handle(values[i]));
-  py::dict keywords;
-  if (names != nullptr) {
-    size_t next = count;
-    for (const py::handle name : py::handle(names)) keywords[name] = py::handle(values[next++]);
-  }
-  MendTypeError(arguments, keywords);
 }
 
 // pybind11's functions have one entry in common.
@@ -92,7 +101,8 @@ struct Mended {
 
   static PyObject* Call(PyObject* self, Arguments... arguments) {
     PyObject* const result = entry(self, arguments...);
-    if (result == nullptr && PyErr_ExceptionMatches(PyExc_TypeError) != 0) Mend(arguments...);
+    if (result == nullptr && PyErr_ExceptionMatches(PyExc_TypeError) != 0)
+      MendTypeError(arguments...);
     return result;
   }
   static void Wrap(PyMethodDef& method) {

@@ -321,7 +321,7 @@ def test_a_photograph_of_an_unknown_camera(localizer, tmp_path):
     found = [localizer.localize(file, name=name), localizer.localize(raylift.read_image(file), name=name),
              localizer.localize_all([listed])[name]]
     for query in found:
-        expect_near(query, name, 1.5)  # without its distortion
+        expect_near(query, name, 0.15)
         assert query.problem.camera == listed.camera and listed.focal_range > 1
         assert query.estimate.refined_camera.params[0] == pytest.approx(cameras()[name].params[0], rel=0.1)
     with pytest.raises(raylift.InputError, match="camera: expected that of the features"):

@@ -390,7 +390,7 @@ class PoseEstimate:
         Of the query: one counts once, in however many references.
         """
     @property
-    def inlier_mask(self) -> numpy.typing.NDArray[numpy.bool_]:
+    def inlier_mask(self) -> numpy.typing.NDArray[numpy.bool]:
         """
         Which matches agree with the pose (N + M,), bool: inliers_2d3d and inliers_2d2d.
         """
@@ -708,7 +708,7 @@ class Scene:
     def __init__(self, model: raylift._types.ModelLike, geometry: collections.abc.Sequence[raylift._types.GeometryLike] = [], *, images: raylift._types.PathLike | None = None, model_poses: str = 'cam_from_world', every: typing.SupportsInt | typing.SupportsIndex = 1, every_offset: typing.SupportsInt | typing.SupportsIndex = 0, every_per_camera: bool = False, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> None:
         """
         From a COLMAP model: a folder (text or binary), a pycolmap.Reconstruction or a ColmapModel.
-        
+
         geometry: Mesh, RayCaster, Geometry, or texts as the option --geometry takes them, asked in
         order. images: folder of the references' photographs. every: only each N-th reference. Raises
         InputError where a file cannot be read.
@@ -835,8 +835,8 @@ class Localizer:
         """
         One query: a photograph, (H, W) or (H, W, 3) uint8, RGB, or its file; or features, a dict
         with keypoints (N, 2) and descriptors (N, D), as the references have. Priors and focal_...
-        as of raylift.Query. camera=None: of a photograph, a pinhole whose focal length EXIF tells
-        roughly, or nothing, is found with the pose (estimate.refined_camera).
+        as of raylift.Query. camera=None: of a photograph, the lens is found with the pose
+        (estimate.refined_camera), near the focal length that EXIF tells where it does.
 
         Returns a LocalizedQuery. Raises InputError where a photograph is not of the camera's size.
         """
