@@ -179,16 +179,17 @@ void BindSources(py::module_& module) {
       });
   py::class_<DepthMaps, Geometry, std::shared_ptr<DepthMaps>>(module, "DepthMaps",
                                                               "Depth maps of references.")
-      .def(py::init([](const PathLike& folder, const std::vector<PosedImageLike>& references,
-                       const py::kwargs& keys) {
-             const std::vector<PosedImage> images = ToPosedImages(references);
-             const std::string spec = SpecOf("depth", ToPath(folder, "folder"), keys);
-             return WithoutLock([&] {
-               return std::make_shared<DepthMaps>(MakeGeometrySource(spec, {.references = images}));
-             });
-           }),
-           py::arg("folder"), py::arg("references"),
-           R"(Finds the references' maps in a folder or file. Keywords are the keys of --geometry depth:...
+      .def(
+          py::init([](const PathLike& folder, const std::vector<PosedImageLike>& references,
+                      const py::kwargs& keys) {
+            const std::vector<PosedImage> images = ToPosedImages(references);
+            const std::string spec = SpecOf("depth", ToPath(folder, "folder"), keys);
+            return WithoutLock([&] {
+              return std::make_shared<DepthMaps>(MakeGeometrySource(spec, {.references = images}));
+            });
+          }),
+          py::arg("folder"), py::arg("references"),
+          R"(Finds the references' maps in a folder or file. Keywords are the keys of --geometry depth:...
 (preset, kind, unit, scale, pattern, ...; `raylift localize --help` lists them). Raises
 InputError where there is no map.)")
       .def_static(
