@@ -18,8 +18,13 @@ using ::testing::ElementsAre;
 
 constexpr double kWithinPx = 0.2;
 
-Match2D2D Pair(int reference, Eigen::Vector2d query_px, Eigen::Vector2d reference_px) {
-  return {.reference = reference, .query_px = query_px, .reference_px = reference_px};
+Match2D2D Pair(int reference, const Eigen::Vector2d& query_px,
+               const Eigen::Vector2d& reference_px) {
+  Match2D2D match;
+  match.reference = reference;
+  match.query_px = query_px;
+  match.reference_px = reference_px;
+  return match;
 }
 
 PoseProblem OfTwoReferences(std::vector<Match2D2D> pairs, std::vector<Match2D3D> points) {
@@ -75,7 +80,9 @@ TEST(Repeats, ChangeNeitherAPoseNorItsCovariance) {
   for (const CoherentOptions& options : kinds) {
     const CoherentProblem once = MakeCoherentProblem("once", options, rng);
     PoseProblem again = once.problem;
-    const auto off = [&] { return 0.05 * Eigen::Vector2d(rng.Normal(), rng.Normal()); };
+    const auto off = [&]() -> Eigen::Vector2d {
+      return 0.05 * Eigen::Vector2d(rng.Normal(), rng.Normal());
+    };
     std::vector<Eigen::Vector2d> query_off(1000);
     std::generate(query_off.begin(), query_off.end(), off);
     const auto repeat = [&](auto match) {
