@@ -274,8 +274,8 @@ class ExperimentRun {
   CellStore store_;
 };
 
-// As the options.json of a run has them, but for --out and how the work was shared. Throws InputError
-// where it is no such file.
+// As the options.json of a run has them, but for --out and how the work was shared. Throws
+// InputError where it is no such file.
 ExperimentFlags ReadExperimentFlags(const path& options_json) {
   try {
     const auto options = nlohmann::json::parse(ReadFile(options_json));

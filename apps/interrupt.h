@@ -16,10 +16,10 @@ class Interrupted : public std::runtime_error {
   explicit Interrupted(const std::string& message) : std::runtime_error(message) {}
 };
 
-// While one exists, the first signal sets stop(); a second one ends the program at once. So does the
-// end of 4 s in which the first one was not heeded, as in the midst of a large file: with its exit
-// code, and as outputs appear when they are whole, what is there is good. Where the call is watched
-// (base/parallel.h), signals are the watcher's.
+// While one exists, the first signal sets stop(); a second one ends the program at once. So does
+// the end of 4 s in which the first one was not heeded, as in the midst of a large file: with its
+// exit code, and as outputs appear when they are whole, what is there is good. Where the call is
+// watched (base/parallel.h), signals are the watcher's.
 class SignalGuard {
  public:
   SignalGuard();

@@ -1,5 +1,5 @@
-// raylift status, merge and verify: how far the jobs of a folder are, their results from shards, and
-// whether the files of a run are still as they were written.
+// raylift status, merge and verify: how far the jobs of a folder are, their results from shards,
+// and whether the files of a run are still as they were written.
 
 #include <algorithm>
 #include <memory>

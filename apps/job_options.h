@@ -1,5 +1,5 @@
-// Long commands that go on where they were, and share their work with other machines: their options,
-// and what their results depend on, as their manifests begin with it.
+// Long commands that go on where they were, and share their work with other machines: their
+// options, and what their results depend on, as their manifests begin with it.
 
 #pragma once
 

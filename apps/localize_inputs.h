@@ -46,7 +46,8 @@ std::vector<std::string> WriteCalibration(const LocalizeFlags& flags, const Scen
                                           const EstimatorOptions& estimator);
 
 // Returns the warnings of the input, or where there are none those of its depths' factors: what is
-// read wrongly makes factors that mean nothing. None of either where the input is not to be examined.
+// read wrongly makes factors that mean nothing. None of either where the input is not to be
+// examined.
 std::vector<std::string> InputOrDepthWarnings(const LocalizeFlags& flags,
                                               std::vector<std::string> of_input,
                                               const Scene& scene);

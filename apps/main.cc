@@ -30,8 +30,8 @@ void NoteAndThrow() {
 }
 
 // Where memory runs out in what must not throw (nlohmann's JSON takes some to destroy itself, the
-// standard library to go through a folder), all that is left to do is to say so: outputs appear when
-// they are whole, as in a run that is killed.
+// standard library to go through a folder), all that is left to do is to say so: outputs appear
+// when they are whole, as in a run that is killed.
 [[noreturn]] void End() {
   bool of_memory = without_memory;
   try {

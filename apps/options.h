@@ -43,8 +43,8 @@ struct GeometryFlags {
 };
 void AddGeometryOptions(CLI::App& command, GeometryFlags& flags);
 
-// Returns where the query photographs are: in `query_images`, or where `queries` is a folder that is
-// not in `images`, there, or in `images`.
+// Returns where the query photographs are: in `query_images`, or where `queries` is a folder that
+// is not in `images`, there, or in `images`.
 std::filesystem::path QueryImagesOf(const std::filesystem::path& query_images,
                                     const std::filesystem::path& images,
                                     const std::filesystem::path& queries);

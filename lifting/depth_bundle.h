@@ -30,8 +30,8 @@ class DepthBundle {
   StoredDepth Map(const PosedImage& image) const;
   std::optional<StoredDepth> Confidence(const PosedImage& image) const;
 
-  // InputError where points lie along the rays of their pixels in another frame than that which they
-  // are said to be in.
+  // InputError where points lie along the rays of their pixels in another frame than that which
+  // they are said to be in.
   void CheckPoints(const PosedImage& image) const;
 
   // What the poses say of the scale of the maps.

@@ -95,8 +95,9 @@ DepthConvention Kapture() {
 }
 
 // ByteDance-Seed/Depth-Anything-3, utils/export/npz.py (export_to_npz, export_to_mini_npz) and
-// npy.py: z, (N, H, W), at the network's size; camera from world, (N, 3, 4). utils/io/input_processor.py stretches images to
-// multiples of 14 ("upper_bound_resize", the default); those of "*_crop" have fit=crop.
+// npy.py: z, (N, H, W), at the network's size; camera from world, (N, 3, 4).
+// utils/io/input_processor.py stretches images to multiples of 14 ("upper_bound_resize", the
+// default); those of "*_crop" have fit=crop.
 DepthConvention DepthAnything3() {
   return {
       .unit = 1,
@@ -108,8 +109,8 @@ DepthConvention DepthAnything3() {
 }
 
 // facebookresearch/vggt, demo_gradio.py (gradio_demo) writes it: z, (N, H, W, 1), camera from world
-// (N, 3, 4), images sorted by path; utils/load_fn.py (load_and_preprocess_images, mode "crop") makes
-// them 518 wide and multiples of 14 high. Its mode "pad" has fit=pad.
+// (N, 3, 4), images sorted by path; utils/load_fn.py (load_and_preprocess_images, mode "crop")
+// makes them 518 wide and multiples of 14 high. Its mode "pad" has fit=pad.
 DepthConvention Vggt() {
   return {.unit = 1,
           .bundle = {.files = {"predictions.npz"}, .poses = "extrinsic"},

@@ -62,9 +62,9 @@ class SpecKeys {
   std::map<std::string, std::string> values_;
 };
 
-// A mesh by name, "mesh:PATH[,key=value...]" or "dsm:FILE[,key=value...]", a point cloud, "cloud:PATH[,key=value...]", or
-// Gaussian splats, "splat:FILE[,key=value...]": one grammar for all who lift from them or render
-// them.
+// A mesh by name, "mesh:PATH[,key=value...]" or "dsm:FILE[,key=value...]", a point cloud,
+// "cloud:PATH[,key=value...]", or Gaussian splats, "splat:FILE[,key=value...]": one grammar for all
+// who lift from them or render them.
 
 struct MeshSpec {
   std::string files;  // as ListMeshFiles takes them; the file of a height field

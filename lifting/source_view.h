@@ -11,12 +11,12 @@
 
 namespace raylift {
 
-// Looks at the middle pixel of every `stride` x `stride`, where maps of the image's size hold values
-// of their own: the view is that of Sparse().
+// Looks at the middle pixel of every `stride` x `stride`, where maps of the image's size hold
+// values of their own: the view is that of Sparse().
 SourceView LookThrough(const GeometrySource& source, const PosedImage& image, int stride = 1);
 
-// Returns the view whose pixels are those that LookThrough() looks at; of a panorama, within half of
-// one.
+// Returns the view whose pixels are those that LookThrough() looks at; of a panorama, within half
+// of one.
 PosedImage Sparse(const PosedImage& image, int stride);
 
 // Returns the same view with its longer side at most `max_side_px`.

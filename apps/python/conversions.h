@@ -71,11 +71,12 @@ namespace raylift::python {
 
 namespace py = pybind11;
 
-// A camera is a Camera, "MODEL width height params...", a mapping with the keys model, width, height
-// and params, or an object with attributes of these names (pycolmap's, PoseLib's).
+// A camera is a Camera, "MODEL width height params...", a mapping with the keys model, width,
+// height and params, or an object with attributes of these names (pycolmap's, PoseLib's).
 Camera ToCamera(const CameraLike& camera);
-// A pose is a Rigid3, a 4 x 4 or 3 x 4 matrix, a pair (qvec, tvec), a mapping with the keys qvec and
-// tvec, or an object with the attributes rotation and translation (pycolmap's) or q and t (PoseLib's).
+// A pose is a Rigid3, a 4 x 4 or 3 x 4 matrix, a pair (qvec, tvec), a mapping with the keys qvec
+// and tvec, or an object with the attributes rotation and translation (pycolmap's) or q and t
+// (PoseLib's).
 Rigid3 ToPose(const PoseLike& pose);
 // A reference is a PosedImage, a pair (camera, pose), or an object with the attributes name, camera
 // and cam_from_world (pycolmap's images), or camera and pose (PoseLib's).
@@ -84,7 +85,8 @@ std::vector<PosedImage> ToPosedImages(const std::vector<PosedImageLike>& images)
 // A query is a Query, or a pair (name, camera).
 Query ToQuery(const QueryLike& query);
 Eigen::Vector3d ToVector3(const ArrayLike& argument, std::string_view name);
-// (position, sigma), sigma being one number or one per axis; (down_in_cam, down_in_world, sigma_deg).
+// (position, sigma), sigma being one number or one per axis; (down_in_cam, down_in_world,
+// sigma_deg).
 using PositionArgument = std::optional<std::pair<ArrayLike, ArrayLike>>;
 using GravityArgument = std::optional<std::tuple<ArrayLike, ArrayLike, double>>;
 PosePriors ToPriors(const PositionArgument& position, const GravityArgument& gravity,

@@ -135,7 +135,8 @@ PoseProblem MakeProblem(const CameraLike& camera, const ProblemArrays& arrays,
   return problem;
 }
 
-// Properties that are arrays of what each match has: its pixels or its point, or an index (-1: none).
+// Properties that are arrays of what each match has: its pixels or its point, or an index (-1:
+// none).
 template <typename Match>
 class MatchProperties {
  public:
@@ -347,7 +348,8 @@ EstimatorOptions OptionsOf(const py::kwargs& given) {
   return options;
 }
 
-// The options for a problem that may know of its scene's noise, or of others that `learned` is from.
+// The options for a problem that may know of its scene's noise, or of others that `learned` is
+// from.
 EstimatorOptions OptionsFor(const KnownProblem& problem, EstimatorOptions options,
                             const std::optional<SceneNoise>& learned = std::nullopt) {
   if (!options.scene_noise) options.scene_noise = problem.scene_noise;

@@ -199,8 +199,8 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene,
   return options;
 }
 
-// What Localizer of the module holds. The front end extracts the references' features when the first
-// query needs them.
+// What Localizer of the module holds. The front end extracts the references' features when the
+// first query needs them.
 class SceneLocalizer {
  public:
   SceneLocalizer(ScenePointer scene, const py::dict& reference_features,

@@ -140,7 +140,8 @@ void WrapFunctions(const py::handle& owner) {
   }
 }
 
-// pybind11 before 2.12 takes numpy 2's arrays for those of numpy 1, and all their rows for the first.
+// pybind11 before 2.12 takes numpy 2's arrays for those of numpy 1, and all their rows for the
+// first.
 void RefuseNumpyThatIsNotKnown() {
 #if PYBIND11_VERSION_HEX < 0x020C0000
   const auto version = py::module_::import("numpy").attr("__version__").cast<std::string>();

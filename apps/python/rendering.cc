@@ -308,8 +308,8 @@ py::list RenderMany(Caster& caster, const py::object& cameras, const std::vector
   return maps;
 }
 
-// How alike a view of the mesh and what is known of the photograph are; each is compared where it is
-// given.
+// How alike a view of the mesh and what is known of the photograph are; each is compared where it
+// is given.
 struct Goal {
   std::optional<py::array_t<bool>> mask;
   std::optional<py::array_t<float>> depth;

@@ -1,5 +1,6 @@
-// Fields of options and of records. One table per struct, beside it, is what the command line, files,
-// Python's keywords, checks and results go by, so that an option or a count is added in one line:
+// Fields of options and of records. One table per struct, beside it, is what the command line,
+// files, Python's keywords, checks and results go by, so that an option or a count is added in one
+// line:
 //
 //   std::vector<Field> FieldsOf(ConsistencyThresholds& values) {
 //     return {{"filter_min_views", values.min_views, "References that must agree", kAtLeastOne},
@@ -122,8 +123,8 @@ std::vector<Field> ConstFieldsOf(const Struct& values) {
   return FieldsOf(const_cast<Struct&>(values));  // NOLINT(cppcoreguidelines-pro-type-const-cast)
 }
 
-// `take(name, value)` for each field of a record of counts or of numbers (Number: uint64_t, double),
-// as JSON or a Python dictionary takes them.
+// `take(name, value)` for each field of a record of counts or of numbers (Number: uint64_t,
+// double), as JSON or a Python dictionary takes them.
 template <typename Number, typename Take>
 void ForEachNumber(std::span<const Field> fields, const Take& take) {
   for (const Field& field : fields) {

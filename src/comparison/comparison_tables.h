@@ -29,11 +29,12 @@ const std::vector<DepthMetric>& DepthMetrics();
 // Returns the metric of a source as a whole.
 std::optional<double> ValueOfSource(const SourceComparison& source, const DepthMetric& metric);
 
-// Returns one line: which source is best, for what, by which number; empty where there is no choice.
+// Returns one line: which source is best, for what, by which number; empty where there is no
+// choice.
 std::string Advice(const DepthComparison& comparison);
 
-// Returns that line, one row per source, the truth marked, one line of findings each, and a table of the
-// standard metrics for each of `protocols`.
+// Returns that line, one row per source, the truth marked, one line of findings each, and a table
+// of the standard metrics for each of `protocols`.
 std::string FormatComparisonText(const DepthComparison& comparison,
                                  std::span<const DepthProtocol> protocols = {});
 

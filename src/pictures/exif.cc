@@ -40,7 +40,8 @@ class Tiff {
     return value;
   }
 
-  // Returns the first value of a tag in a directory; nullopt where it is not there, or not positive.
+  // Returns the first value of a tag in a directory; nullopt where it is not there, or not
+  // positive.
   std::optional<double> Value(size_t directory, uint32_t tag) const {
     constexpr uint32_t kShort = 3, kLong = 4, kRational = 5;
     const uint32_t num_entries = Number(directory, 2);

@@ -158,8 +158,8 @@ std::optional<TiffSample> SampleOf(TIFF* tiff) {
   return std::nullopt;
 }
 
-// Returns the values of a tag that libtiff does not know, or that another library has told it of; none
-// where there is none of this type.
+// Returns the values of a tag that libtiff does not know, or that another library has told it of;
+// none where there is none of this type.
 template <typename T>
 std::vector<T> ValuesOf(TIFF* tiff, uint32_t tag, TIFFDataType type) {
   const TIFFField* const field = TIFFFindField(tiff, tag, TIFF_ANY);

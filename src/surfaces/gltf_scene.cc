@@ -400,7 +400,8 @@ Eigen::Affine3d PlaceOf(const GltfDocument& document, const std::string& place, 
       .scale(Eigen::Vector3d(s[0], s[1], s[2]));
 }
 
-// translation * rotation * scale, where the rotation is counter-clockwise as a picture is looked at.
+// translation * rotation * scale, where the rotation is counter-clockwise as a picture is looked
+// at.
 Eigen::Affine2d UvTransformOf(const GltfDocument& document, const std::string& place,
                               const json& material) {
   const json none = json::object();

@@ -49,8 +49,8 @@ Affine2d Affine(double xx, double xy, double yx, double yy, const Vector2d& orig
   return affine;
 }
 
-// Returns what a world file beside the picture (.tfw) says, of pixel centers; nullopt where there is
-// none.
+// Returns what a world file beside the picture (.tfw) says, of pixel centers; nullopt where there
+// is none.
 std::optional<Affine2d> ReadWorldFile(const path& file) {
   path beside = file;
   std::error_code ignored;
@@ -72,8 +72,8 @@ std::optional<Affine2d> ReadWorldFile(const path& file) {
   return Affine(numbers[0], numbers[2], numbers[1], numbers[3], {numbers[4], numbers[5]});
 }
 
-// Returns the way from the picture's pixels (the first one's center at (0.5, 0.5)) to the plane of the
-// coordinate system.
+// Returns the way from the picture's pixels (the first one's center at (0.5, 0.5)) to the plane of
+// the coordinate system.
 Affine2d WorldFromImage(const path& file, const GeoTiffTags& tags) {
   bool of_centers = KeyOf(tags, kRasterType) == kPixelIsPoint;
   Affine2d place;

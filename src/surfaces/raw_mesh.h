@@ -73,8 +73,8 @@ bool TriangleHasNoArea(const Eigen::Vector3f& a, const Eigen::Vector3f& b,
                        const Eigen::Vector3f& c);
 
 // Throws InputError where so many of the file's triangles have no area that its vertices must have
-// been rounded to floats far from the origin: they are floats, whose step there is no small part of a
-// common edge of the triangles that are left.
+// been rounded to floats far from the origin: they are floats, whose step there is no small part of
+// a common edge of the triangles that are left.
 void RefuseCoarseFloats(const std::filesystem::path& path, const TriangleMesh& mesh,
                         size_t without_area, size_t triangles_in_file);
 

@@ -53,7 +53,8 @@ columns = ["geometry", "every"]
     return whole;
   }
 
-  // All files; those of depth that is made worse, which other machines make again, are of the cache.
+  // All files; those of depth that is made worse, which other machines make again, are of the
+  // cache.
   static std::map<std::string, std::string> Contents(const fs::path& folder) {
     std::map<std::string, std::string> contents;
     for (const std::string& file : FilesBelow(folder)) {

@@ -1,8 +1,8 @@
 // What a city costs: `raylift localize` as a process of its own on a city's mesh, references and
 // queries with features and matches as hloc's files hold them, at an eighth of the size, at eight
 // times that along each of triangles, references, queries and matches, and whole. Prints time, CPU
-// and peak memory of each run, their growth along each axis (1 is linear), the stages of a query, and
-// what shards on 1, 2, 4 ... 64 machines would take by the times measured.
+// and peak memory of each run, their growth along each axis (1 is linear), the stages of a query,
+// and what shards on 1, 2, 4 ... 64 machines would take by the times measured.
 //   bench_scale RAYLIFT FOLDER [million triangles = 50] [references = 100000] [queries = 10000]
 //               [keypoints of a query = 500]
 // The folder is made, holds some GB, and is kept; a mesh that is there is used.

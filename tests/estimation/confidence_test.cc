@@ -354,8 +354,8 @@ TEST(Support, AChanceMatchOfAnotherReferenceDoesNotTellTheDistance) {
   }
 }
 
-// Four photographs of a burst, a centimeter apart, whose depths come from single images: they have one
-// wrong scale in common, and are no more witnesses of the distance than one of them is.
+// Four photographs of a burst, a centimeter apart, whose depths come from single images: they have
+// one wrong scale in common, and are no more witnesses of the distance than one of them is.
 TEST(Support, DepthsOfABurstAreOneWitness) {
   Rng rng = TestRng();
   for (int i = 0; i < 10; ++i) {
@@ -428,8 +428,8 @@ TEST(ProbabilityOfDistance, IsSureWhereOtherReferencesAgree) {
             0.999);
 }
 
-// The depths of both references are too small by a fifth: a place between what they say and what the
-// pixels say is doubted, however many matches it explains.
+// The depths of both references are too small by a fifth: a place between what they say and what
+// the pixels say is doubted, however many matches it explains.
 TEST(ProbabilityOfDistance, DoubtsWhatPixelsContradict) {
   Rng rng = TestRng();
   for (int i = 0; i < 20; ++i) {
@@ -499,7 +499,8 @@ TEST(ProbabilityOfDistance, IsNotMovedByWrongMatchesOfTheDominantReference) {
 }
 
 // References that err as wholes by far more than the thresholds: no pose is sure, and counts are of
-// the pose that is returned: of RANSAC's, too, where it is taken after the refined one was described.
+// the pose that is returned: of RANSAC's, too, where it is taken after the refined one was
+// described.
 TEST(Support, ReferencesThatErrLeaveThePoseInDoubt) {
   Rng rng = TestRng();
   EstimatorOptions options;

@@ -1,5 +1,6 @@
-// Random problems and options that nobody wrote an estimator for: scenes seen right or wrong, most of
-// them tiny or degenerate, in which numbers and indices are then replaced by what should not be there.
+// Random problems and options that nobody wrote an estimator for: scenes seen right or wrong, most
+// of them tiny or degenerate, in which numbers and indices are then replaced by what should not be
+// there.
 
 #pragma once
 

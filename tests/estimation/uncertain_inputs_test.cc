@@ -195,8 +195,8 @@ TEST(RefineFocal, OfLensesWithDistortionAndMethodsThatUseOthers) {
   }
 }
 
-// Problems as seen through `lens`, of which no more than the size and a focal length within a factor
-// of two are known.
+// Problems as seen through `lens`, of which no more than the size and a focal length within a
+// factor of two are known.
 std::vector<SyntheticProblem> OfUnknownLens(const std::vector<double>& lens, int count) {
   std::vector<SyntheticProblem> problems = MakeRegime(RegimeByName("accurate"), count);
   for (SyntheticProblem& synthetic : problems) {
@@ -389,9 +389,9 @@ TEST(RefineFocal, IsOffByDefault) {
       MakePoseEstimator(StandardOptions(Method::kP3p))->Estimate(synthetic.problem).refined_camera);
 }
 
-// The depths of the one reference are all wrong by a factor, of which the standard deviation is known:
-// the covariance holds what follows from it. Said by the options or by the problem, it is the same;
-// without it the position is not sure.
+// The depths of the one reference are all wrong by a factor, of which the standard deviation is
+// known: the covariance holds what follows from it. Said by the options or by the problem, it is
+// the same; without it the position is not sure.
 TEST(ReferenceSigmas, HoldAFactorThatOneReferencesDepthsAreWrongBy) {
   Rng rng = TestRng();
   constexpr int kProblems = 60;

@@ -106,9 +106,9 @@ for value in [np.median(t) / np.median(e), scale, shift]:
 }
 
 // The evaluations of three papers, written down in numpy from their equations: Eigen et al. 2014
-// (metric, a range of depths, prediction clamped to it), Zhou et al. 2017 (ratio of the medians) and
-// Ranftl et al. 2020 (least squares of scale and shift of inverse depth; what lies beyond the cap is
-// put there), and the same of depth (Ke et al. 2024).
+// (metric, a range of depths, prediction clamped to it), Zhou et al. 2017 (ratio of the medians)
+// and Ranftl et al. 2020 (least squares of scale and shift of inverse depth; what lies beyond the
+// cap is put there), and the same of depth (Ke et al. 2024).
 TEST(DepthProtocols, AgreeWithNumpyTranscriptions) {
   const Maps maps = RandomMaps("DepthProtocols.AgreeWithNumpyTranscriptions");
   const DepthRange range = {1, 6};

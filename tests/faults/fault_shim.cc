@@ -54,7 +54,8 @@ struct Code {
 Code own_code[2];
 int num_own = 0;
 
-// An address as it is in every run, wherever the loader has put the code; 0 where that is another's.
+// An address as it is in every run, wherever the loader has put the code; 0 where that is
+// another's.
 uint64_t OwnPlace(uintptr_t address) {
   for (int i = 0; i < num_own; ++i) {
     const Code& code = own_code[i];

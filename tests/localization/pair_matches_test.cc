@@ -178,7 +178,8 @@ TEST_F(PairFolder, HlocsScoresAreUsed) {
 
 TEST_F(PairFolder, PixelsOutsideOfTheirImageAreLeftOutOrRefused) {
   const double w = QueryA().camera.width_px();
-  // The center of the last pixel is at w - 1 by first_pixel 0, and the margin of some matchers beyond.
+  // The center of the last pixel is at w - 1 by first_pixel 0, and the margin of some matchers
+  // beyond.
   WriteRows(folder_ / "a__00.npy", {{w - 1, 2, 3, 4}, {w + 7, 2, 3, 4}, {5, 6, 7, 8}});
   const auto source = Open();
   EXPECT_EQ(source->Match(QueryA()).matches.size(), 2u);

@@ -32,8 +32,8 @@ struct Layout {
 // 7-Scenes: seq-01 and seq-02 are for training, seq-03 is the test. The files hold the poses of the
 // depth camera.
 Layout Write7Scenes(const std::filesystem::path& folder, const LayoutInput& input);
-// 12 Scenes: the first sequence is the test. Its camera's center, and ScanNet's, is counted from the
-// center of the first pixel.
+// 12 Scenes: the first sequence is the test. Its camera's center, and ScanNet's, is counted from
+// the center of the first pixel.
 Layout Write12Scenes(const std::filesystem::path& folder, const LayoutInput& input);
 // Cambridge Landmarks: every photograph has a focal length of its own.
 Layout WriteCambridge(const std::filesystem::path& folder, const LayoutInput& input);

@@ -28,8 +28,8 @@ Eigen::Vector3f HarmonicOf(const Eigen::Vector3d& rgb);
 enum class SplatLayout { kEllipsoids, kDiscs };
 std::string SplatPly(std::span<const TestSplat> splats, SplatLayout layout);
 
-// Flat discs that cover a mesh in the colors of its texture or vertices: on a square lattice in each
-// triangle's plane, `spacing` apart or as far as a small triangle has room for.
+// Flat discs that cover a mesh in the colors of its texture or vertices: on a square lattice in
+// each triangle's plane, `spacing` apart or as far as a small triangle has room for.
 std::vector<TestSplat> DiscsOn(const TriangleMesh& mesh, double spacing);
 
 }  // namespace raylift

@@ -87,7 +87,8 @@ TEST(ReadGlb, NodesTexturesAndColorsAreApplied) {
   }
 }
 
-// A quad of 30 units under a node far from the origin, with what stands in the places of a glTF file.
+// A quad of 30 units under a node far from the origin, with what stands in the places of a glTF
+// file.
 std::string MakeFarQuad(const std::string& root, const std::string& node,
                         const std::string& material) {
   return fmt::format(

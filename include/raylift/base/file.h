@@ -32,8 +32,8 @@ std::filesystem::path PathBelow(const std::filesystem::path& folder,
                                 const std::filesystem::path& name);
 
 // Gives the temporary name for a writer that opens files itself (HDF5, OpenCV); Commit() renames,
-// and returns when the file would survive a loss of power (but see CommittedFiles). Without Commit()
-// the temporary file is removed.
+// and returns when the file would survive a loss of power (but see CommittedFiles). Without
+// Commit() the temporary file is removed.
 class AtomicFile {
  public:
   // The temporary name keeps the extension of `path`, as some writers choose the format by it.

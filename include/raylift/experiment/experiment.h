@@ -171,7 +171,8 @@ inline constexpr auto kEnumNames<FilterPart> = std::to_array<EnumName<FilterPart
 });
 using LayoutAxis = std::variant<Axis, FilterPart>;
 
-// A table, or a figure of curves over the subsampling: its rows are the lines, its columns the panels.
+// A table, or a figure of curves over the subsampling: its rows are the lines, its columns the
+// panels.
 struct TableLayout {
   std::string name;  // of its files
   std::string title;

@@ -87,9 +87,9 @@ struct GeometryContext {
 std::string GeometrySpecOf(const std::string& text);
 
 // Opens "mesh:PATH[,key=value...]", "dsm:FILE[,key=value...]", "cloud:PATH[,key=value...]",
-// "splat:FILE[,key=value...]", "depth:PATH[,key=value...]" or "sfm[:DIR][,key=value...]" (by default
-// the references' own model), or what GeometrySpecOf() makes one of; GeometryHelp() lists the keys.
-// OptionError for an unknown kind, key or value, InputError where a file cannot be read.
+// "splat:FILE[,key=value...]", "depth:PATH[,key=value...]" or "sfm[:DIR][,key=value...]" (by
+// default the references' own model), or what GeometrySpecOf() makes one of; GeometryHelp() lists
+// the keys. OptionError for an unknown kind, key or value, InputError where a file cannot be read.
 NamedGeometry MakeGeometrySource(const std::string& spec, const GeometryContext& context = {});
 
 // The forms of a specification and their keys, for help texts.

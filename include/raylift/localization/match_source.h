@@ -65,8 +65,8 @@ struct MatchReading {
   // Matches of a lower score are left out; matches without scores count as 1, as in hloc.
   std::optional<double> min_score = std::nullopt;
   // Of pixels that are no features' (a folder of pairs, a matcher of one's own): where the matcher
-  // puts the center of the first pixel, between 0 and 1, and the side of the cells in which query pixels are one keypoint;
-  // 0: equal pixels alone are.
+  // puts the center of the first pixel, between 0 and 1, and the side of the cells in which query
+  // pixels are one keypoint; 0: equal pixels alone are.
   double first_pixel = 0;
   double cell_px = 0;
 };

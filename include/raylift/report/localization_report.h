@@ -33,9 +33,9 @@ class LocalizationReport {
   explicit LocalizationReport(LocalizationReportOptions options);
   ~LocalizationReport();
 
-  // Writes a query's part of the page to a file in its folder, which needs no other part: queries may
-  // be taken in any order, from any thread and by several processes. OutputError where a file cannot
-  // be written.
+  // Writes a query's part of the page to a file in its folder, which needs no other part: queries
+  // may be taken in any order, from any thread and by several processes. OutputError where a file
+  // cannot be written.
   void Take(size_t index, const QueryResult& result);
 
   // Makes the page of all parts. `warnings`: of the run. Throws InputError where a part is missing.

@@ -29,8 +29,8 @@ TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& 
 
 // Reads a surface model (DSM, DTM): a GeoTIFF of heights on a grid in a projected system, as the
 // triangles between neighboring heights, x and y the system's, z the height. Cells without data are
-// holes. `orthophoto`, a GeoTIFF of the same system, is its texture. InputError naming the file where
-// it does not say where its pixels lie, is in degrees, or the two lie in different places.
+// holes. `orthophoto`, a GeoTIFF of the same system, is its texture. InputError naming the file
+// where it does not say where its pixels lie, is in degrees, or the two lie in different places.
 TriangleMesh ReadHeightField(const std::filesystem::path& path,
                              const std::optional<std::filesystem::path>& orthophoto = std::nullopt);
 

@@ -192,10 +192,10 @@ struct RenderSummary {
 //                         manifest.I-of-N.jsonl, until all shards are complete
 //   summary.json, preview.png, README.txt (file_guide.h)   when all images are complete
 // and timing.jsonl, which tells of the run. All other bytes depend on neither threads, shards,
-// interruptions nor the order of the tasks. Memory is that of the scene and of a few frames per thread.
-// Throws InputError naming the file where one cannot be written: what is complete stays, and
-// `resume` does the rest. Throws OptionError where a former run has left images in the folder and
-// neither `resume` nor `overwrite` says what is to become of them.
+// interruptions nor the order of the tasks. Memory is that of the scene and of a few frames per
+// thread. Throws InputError naming the file where one cannot be written: what is complete stays,
+// and `resume` does the rest. Throws OptionError where a former run has left images in the folder
+// and neither `resume` nor `overwrite` says what is to become of them.
 RenderSummary RunRenderJob(const std::shared_ptr<const RayCaster>& scene,
                            std::vector<RenderTask> tasks, const RenderJobOptions& options,
                            const RenderHooks& hooks);

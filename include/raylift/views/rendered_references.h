@@ -40,8 +40,8 @@ struct ViewsOfKind {
   ViewKind kind;  // that was taken for kAuto
   SampledViews views;
 };
-// Views of one kind. Around and covering views keep no further from surfaces than a twentieth of the
-// mesh's size. Throws InputError where there is no place for a camera.
+// Views of one kind. Around and covering views keep no further from surfaces than a twentieth of
+// the mesh's size. Throws InputError where there is no place for a camera.
 ViewsOfKind SampleViews(const RayCaster& mesh, ViewKind kind, const ViewSamplerOptions& options,
                         const InsideOptions& inside, const AroundOptions& around = {});
 

@@ -205,8 +205,8 @@ InlierEvidence InlierAssessor::Assess(const CamFromLocal& pose) const {
     if (of_2d3d.matches[k] == 0) rest_of_2d3d.Add(of_2d2d, k);
     if (of_2d2d.matches[k] == 0) rest_of_2d2d.Add(of_2d3d, k);
   }
-  // The sample, of one set, fits by construction. Where that has not as many inliers the pose is not
-  // of such a sample, and what fits it is no evidence beside one.
+  // The sample, of one set, fits by construction. Where that has not as many inliers the pose is
+  // not of such a sample, and what fits it is no evidence beside one.
   const bool both = sets_ == MatchSets::kBoth;
   const auto tail_of = [&](const Trials& set, double sample, const Trials& rest) {
     if (set.inliers < sample) return 0.0;

@@ -43,9 +43,9 @@ std::vector<int> OfOneReference(const PoseProblem& problem, const std::vector<in
   return largest != by_reference.end() && largest->size() >= 6 ? *largest : matches_2d3d;
 }
 
-// The problem without the explained matches, and without those that cannot count: its 2D-3D matches,
-// if they are scored and enough for a sample, else its 2D-2D matches. Of the 2D-3D matches only one
-// reference's: its matches agree on another answer where those of others may not.
+// The problem without the explained matches, and without those that cannot count: its 2D-3D
+// matches, if they are scored and enough for a sample, else its 2D-2D matches. Of the 2D-3D matches
+// only one reference's: its matches agree on another answer where those of others may not.
 PoseProblem Rest(const PoseProblem& problem, const NormalizedProblem& prepared,
                  const std::vector<bool>& explained, MatchSets scored) {
   PoseProblem rest;

@@ -15,11 +15,11 @@
 //
 // NFA is an a-contrario test (Moisan and Stival, IJCV 2004): how many poses with so many inliers
 // would wrong matches give? Wrong matches fall anywhere, so each is an inlier with the share of the
-// area of all matches that its threshold covers (more for uncertain points and references), or with the density
-// of the residuals well beyond the threshold if that is larger. A keypoint counts once, in however
-// many references it is matched; and keypoints that lie together count as fewer, as what repeats (a
-// sign, a window) repeats with all of its keypoints. The logarithm of the expected number of such
-// poses among those that were tried is bounded by Hoeffding's inequality.
+// area of all matches that its threshold covers (more for uncertain points and references), or with
+// the density of the residuals well beyond the threshold if that is larger. A keypoint counts once,
+// in however many references it is matched; and keypoints that lie together count as fewer, as what
+// repeats (a sign, a window) repeats with all of its keypoints. The logarithm of the expected
+// number of such poses among those that were tried is bounded by Hoeffding's inequality.
 
 #pragma once
 
@@ -58,9 +58,9 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
 // each by a chance.
 double LogBinomialTail(double trials, double successes, double chance);
 
-// Wrong residuals are counted between 5 and 15 thresholds, where even inaccurate right ones are rare.
-// Their number grows with their limit's `dimensions`th power: of so many there, one is within the
-// threshold.
+// Wrong residuals are counted between 5 and 15 thresholds, where even inaccurate right ones are
+// rare. Their number grows with their limit's `dimensions`th power: of so many there, one is within
+// the threshold.
 bool IsInRing(double squared);
 double RingPerInlier(int dimensions);
 
@@ -74,8 +74,8 @@ struct InlierEvidence {
   std::vector<bool> inlier = {};
   double clustering = 1;  // inlier keypoints per cell of the image
   double chance = 0;      // that a keypoint with wrong matches alone is an inlier, on average
-  // Keypoints with a 2D-3D match of which a 2D-2D match is an inlier, how many of these have a right
-  // one as chance would have it, and how many of them have a 2D-3D inlier.
+  // Keypoints with a 2D-3D match of which a 2D-2D match is an inlier, how many of these have a
+  // right one as chance would have it, and how many of them have a 2D-3D inlier.
   int paired = 0;
   double paired_right = 0;
   int paired_agreeing = 0;
@@ -114,8 +114,9 @@ class InlierAssessor {
   std::optional<ExclusiveInliers> Compare(const InlierEvidence& first,
                                           const InlierEvidence& second) const;
 
-  // Whether more of the keypoints that the best pose leaves a match of speak for the alternative than
-  // chance would have: then the scene holds something twice, or one of them is wrong as a whole.
+  // Whether more of the keypoints that the best pose leaves a match of speak for the alternative
+  // than chance would have: then the scene holds something twice, or one of them is wrong as a
+  // whole.
   bool IsBeyondChance(const InlierEvidence& alternative, const ExclusiveInliers& exclusive) const;
 
   // The share of the keypoints with matches that lie as near to the middle of the inliers as two
@@ -199,8 +200,8 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
                              const InlierEvidence& evidence);
 
 // Whether the depths of the reference that explains most 2D-2D matches would agree with the pose if
-// all were longer or shorter by one factor, between 1/2 and 2: more keypoints than chance has agree on
-// one. Then pose and geometry are right but for its scale.
+// all were longer or shorter by one factor, between 1/2 and 2: more keypoints than chance has agree
+// on one. Then pose and geometry are right but for its scale.
 bool DepthsAgreeUpToFactor(const NormalizedProblem& problem, const CamFromLocal& pose,
                            double scene_distance, const InlierEvidence& evidence);
 

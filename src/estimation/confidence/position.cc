@@ -97,8 +97,8 @@ class CameraOnLine {
   }
 
   // How another reference sees the point of a match with the one that the line goes through:
-  // |n.xy|^2 / (n.z^2 + v), with n = F^-1 (C + (1 + x / l) z r - C'), F the axes of its pixel, and v
-  // by how well query and dominant tell z.
+  // |n.xy|^2 / (n.z^2 + v), with n = F^-1 (C + (1 + x / l) z r - C'), F the axes of its pixel, and
+  // v by how well query and dominant tell z.
   std::optional<Interval> InlierInterval(const NormalizedMatch2D2D& of_dominant,
                                          const NormalizedMatch2D2D& of_other) const {
     const auto center_of = [&](const NormalizedMatch2D2D& match) -> const Vector3d& {
@@ -165,14 +165,14 @@ std::optional<int> DominantReference(const NormalizedProblem& problem, const Res
   return static_cast<int>(most - counts.begin());
 }
 
-// How many keypoints chance has agree on a place of the line: of so many that have matches, each does
-// with a chance.
+// How many keypoints chance has agree on a place of the line: of so many that have matches, each
+// does with a chance.
 struct ByChance {
   double keypoints = 0;
   double chance = 1;
 
-  // The logarithm of the expected number of places that as many keypoints agree on, of which one has
-  // chosen the place.
+  // The logarithm of the expected number of places that as many keypoints agree on, of which one
+  // has chosen the place.
   double LogFalseAlarms(double agreeing, double of, double clustering) const {
     return std::log(std::max(keypoints, 1.0)) +
            LogBinomialTail((of - 1) / clustering, (agreeing - 1) / clustering, chance);
@@ -206,7 +206,8 @@ class PlacesOnLine {
     // RANSAC's sample has chosen the place by one of the matches, which says nothing.
     if (!(exclusive_.only_first > 1)) return 0.5;
     double probability = AtLeastEven(OverChance(0, clustering));
-    // The more keypoints speak for a place alone, and the fewer for 0 alone, the less probable is 0.
+    // The more keypoints speak for a place alone, and the fewer for 0 alone, the less probable is
+    // 0.
     ExclusiveInliers worst{.only_first = std::numeric_limits<double>::infinity()};
     ForEachPlace([&](double) {
       if (4 * shared_ > matches_at_zero_) return;
@@ -342,9 +343,9 @@ struct LineFromReference {
         longest(std::max(length, 0.5 * scene_distance)),
         right_within(kRightPosition * scene_distance) {}
 
-  // Whether a match is with a reference at the dominant one's place, as those of a burst are: like its
-  // own, such matches fit wherever the camera is on the line, and depths of one view are wrong alike.
-  // Where the camera is at that place, too, both hardly matter.
+  // Whether a match is with a reference at the dominant one's place, as those of a burst are: like
+  // its own, such matches fit wherever the camera is on the line, and depths of one view are wrong
+  // alike. Where the camera is at that place, too, both hardly matter.
   bool IsFromPlace(const NormalizedProblem& problem, const NormalizedMatch2D2D& match) const {
     const double extent = length > right_within ? right_within : 0;
     const Vector3d& center = problem.centers[static_cast<size_t>(match.reference)];
@@ -387,8 +388,8 @@ std::vector<Interval> ByThreeViews(const NormalizedProblem& problem, const Resid
   return intervals;
 }
 
-// Whether each 2D-3D match is a depth of an explained 2D-2D match from the line's place: then its point
-// lies on that match's ray.
+// Whether each 2D-3D match is a depth of an explained 2D-2D match from the line's place: then its
+// point lies on that match's ray.
 std::vector<bool> OwnDepths(const NormalizedProblem& problem, const Residuals& residuals,
                             const LineFromReference& line) {
   struct Ray {
@@ -482,8 +483,8 @@ int MostAtOnePlace(std::span<const Interval> intervals) {
 }
 
 // What the dominant reference's depths say of the place: no surer for it than their scale is, and
-// nothing where the scale is off. Where they are alone, depths that err alike over a part of the image
-// turn the camera about the scene, by as large a share of its distance as they err by.
+// nothing where the scale is off. Where they are alone, depths that err alike over a part of the
+// image turn the camera about the scene, by as large a share of its distance as they err by.
 double OfOwnDepths(double by_depths, double scale_holds, const DepthScale& scale, bool alone) {
   const double probability = by_depths > 0.5 ? std::min(by_depths, std::max(0.5, scale_holds))
                                              : 0.5 + scale_holds * (by_depths - 0.5);

@@ -1,9 +1,11 @@
-// The joint refinement's keypoints in blocks of eight, and its kernels on them: the normal equations with
-// the points eliminated, their step, and the E step. README.md in src/estimation has the equations.
+// The joint refinement's keypoints in blocks of eight, and its kernels on them: the normal
+// equations with the points eliminated, their step, and the E step. README.md in src/estimation has
+// the equations.
 //
-// The blocks have the evidence and the unknowns that belong to keypoints. A block's pieces are slots:
-// slot j has the j-th observation of each of the block's keypoints. A lane that has none counts for
-// nothing. Plain declarations only: this header is compiled for several instruction sets.
+// The blocks have the evidence and the unknowns that belong to keypoints. A block's pieces are
+// slots: slot j has the j-th observation of each of the block's keypoints. A lane that has none
+// counts for nothing. Plain declarations only: this header is compiled for several instruction
+// sets.
 
 #pragma once
 
@@ -20,9 +22,9 @@ struct alignas(64) JointKeypoints {
   Row common;  // error of the depths
   Row query_right, query_precision;
 
-  // After linearizing: H_pp^-1, the upper triangle row by row, and g_p; both zero where nothing tells of
-  // the point. Then the query's Hessian by the point and the mean distance, d^2 cost / d p d focal
-  // length's logarithm, and the keypoint's part of the gradient by the query's unknowns.
+  // After linearizing: H_pp^-1, the upper triangle row by row, and g_p; both zero where nothing
+  // tells of the point. Then the query's Hessian by the point and the mean distance, d^2 cost / d p
+  // d focal length's logarithm, and the keypoint's part of the gradient by the query's unknowns.
   Row covariance[10];
   Row gradient[4];
   Row query_hessian[10];
@@ -46,15 +48,16 @@ struct alignas(64) JointObservations {
   // Probabilities that it is right, and its depth; the precision of its pixel over the mean one.
   Row weight, depth, precision;
 
-  // While voting: the pixel's residual as the point moves along the query's ray (at infinity, direction,
-  // offset, slope), its smallest square, and the density of a right depth over that of any.
+  // While voting: the pixel's residual as the point moves along the query's ray (at infinity,
+  // direction, offset, slope), its smallest square, and the density of a right depth over that of
+  // any.
   Row scan[6], smallest_px2, depth_ratio;
-  // Linearized: the pixel's residual and the depth's, their derivatives by the point and their weights
-  // over their variances.
+  // Linearized: the pixel's residual and the depth's, their derivatives by the point and their
+  // weights over their variances.
   Row jacobian[6], error_px[2], pixel_weight;
   Row log_gradient[3], depth_error, depth_weight;
-  // After the E step: the pixel's error as all else predicts it, its covariance (xx, xy, yy), and whether
-  // (1 or 0) it says something of the noise.
+  // After the E step: the pixel's error as all else predicts it, its covariance (xx, xy, yy), and
+  // whether (1 or 0) it says something of the noise.
   Row predicted_px[2], predicted_covariance[3], tells_noise;
 };
 

@@ -26,8 +26,9 @@ inline Real DensityOfAny(const Real& log_distance, const JointParameters& of) {
          Constant(kLeastDistanceDensity);
 }
 
-// The leave-one-out prediction of a pixel, and of a pixel with its depth, with variances of which a part
-// `information` is among the evidence that gave it; `evidence` is the evidence's uncertainty in it.
+// The leave-one-out prediction of a pixel, and of a pixel with its depth, with variances of which a
+// part `information` is among the evidence that gave it; `evidence` is the evidence's uncertainty
+// in it.
 struct PixelPrediction {
   Real x, y;
   Symmetric2 covariance;

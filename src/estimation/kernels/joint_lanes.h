@@ -1,4 +1,5 @@
-// The kernels of the joint refinement; see joint.h for what they take and lanes.h for how they compute.
+// The kernels of the joint refinement; see joint.h for what they take and lanes.h for how they
+// compute.
 
 #pragma once
 
@@ -116,7 +117,8 @@ struct PixelLanes {
   Real Squared() const { return x * x + y * y; }
 };
 
-// A quadratic in a point's displacement and one more unknown, that a distance's logarithm moves against.
+// A quadratic in a point's displacement and one more unknown, that a distance's logarithm moves
+// against.
 struct QuadraticLanes {
   Symmetric4 hessian{Symmetric3::Zero(), {Constant(0), Constant(0), Constant(0)}, Constant(0)};
   Real3 gradient{Constant(0), Constant(0), Constant(0)};
@@ -439,7 +441,8 @@ void AddFocal(JointKeypoints& keypoints, const QueryLanes& query, const Mask& us
   return sums.Sum();
 }
 
-// Adds to a keypoint's gradient, of its point and of its common error, what the references' steps do.
+// Adds to a keypoint's gradient, of its point and of its common error, what the references' steps
+// do.
 inline void AddReferenceSteps(const JointBlocks& blocks, const JointKeypoints& keypoints,
                               const WideParameters& parameters, Real3& pull, Real& common_pull) {
   const Real3 point = Load3(keypoints.point);
@@ -465,7 +468,8 @@ inline void AddReferenceSteps(const JointBlocks& blocks, const JointKeypoints& k
   }
 }
 
-// Moves the points after a step of the query, which `parameters` have taken already, and of references.
+// Moves the points after a step of the query, which `parameters` have taken already, and of
+// references.
 [[gnu::flatten]] void MoveJointly(const JointBlocks& blocks, const JointParameters& parameters,
                                   const double* step, double focal_step) {
   const WideParameters wide(parameters);

@@ -1,7 +1,7 @@
-// The kernels themselves, on vectors of RAYLIFT_KERNEL_BYTES bytes. Compiled once per instruction set
-// (CMakeLists.txt), each time with other flags: so everything here but RAYLIFT_KERNEL_TABLE has internal
-// linkage, and no library header is used whose inline functions could leak instructions that another
-// processor lacks into the rest of the program.
+// The kernels themselves, on vectors of RAYLIFT_KERNEL_BYTES bytes. Compiled once per instruction
+// set (CMakeLists.txt), each time with other flags: so everything here but RAYLIFT_KERNEL_TABLE has
+// internal linkage, and no library header is used whose inline functions could leak instructions
+// that another processor lacks into the rest of the program.
 
 #include "estimation/kernels/kernels.h"
 

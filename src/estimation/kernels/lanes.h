@@ -1,9 +1,10 @@
-// What kernels compute with: 64 bytes of numbers as native vectors of RAYLIFT_KERNEL_BYTES bytes, lane by
-// lane. For the files that are compiled once per instruction set alone; so everything here has
-// internal linkage, and no library header is used whose inline functions could leak instructions that
-// another processor lacks into the rest of the program.
+// What kernels compute with: 64 bytes of numbers as native vectors of RAYLIFT_KERNEL_BYTES bytes,
+// lane by lane. For the files that are compiled once per instruction set alone; so everything here
+// has internal linkage, and no library header is used whose inline functions could leak
+// instructions that another processor lacks into the rest of the program.
 //
-// Kernels are flattened, all that they call made part of them: calls would pass vectors through memory.
+// Kernels are flattened, all that they call made part of them: calls would pass vectors through
+// memory.
 
 #pragma once
 

@@ -12,9 +12,9 @@
 namespace raylift {
 namespace {
 
-// Standard deviations. The cameras that well-known data sets have calibrated (TUM RGB-D's first two,
-// EuRoC's, KITTI's) have a principal point that is 1.3 % of the width from the middle, root mean
-// square of both coordinates, and a radial term of .29; those of phones are less distorted.
+// Standard deviations. The cameras that well-known data sets have calibrated (TUM RGB-D's first
+// two, EuRoC's, KITTI's) have a principal point that is 1.3 % of the width from the middle, root
+// mean square of both coordinates, and a radial term of .29; those of phones are less distorted.
 constexpr double kPrincipalPointSigma = 0.013;  // of the longer side
 constexpr double kRadialSigma = 0.2;
 constexpr double kRadial2Sigma = 0.1;  // of the term of the fourth power: EuRoC's is .07
@@ -24,8 +24,8 @@ enum Param : size_t { kFocal, kCenterX, kCenterY, kRadial, kRadial2 };
 
 constexpr int kRounds = 15;
 constexpr int kLeastMatches = 11;  // as many as unknowns
-// The median of a squared residual over its variance per coordinate, and of Student's t the degrees of
-// freedom.
+// The median of a squared residual over its variance per coordinate, and of Student's t the degrees
+// of freedom.
 constexpr double kMedianOfSquare = 1.386;
 constexpr double kDegrees = 4;
 

@@ -33,10 +33,10 @@ struct AssumedLens {
   Matrix6d pose_covariance;
 };
 
-// Takes Gauss-Newton's steps of lens and pose on the 2D-3D matches and what is known of lenses, from a
-// lens (RADIAL) and a pose that they fit. `focal_sigma` is the standard deviation of the focal
-// length's logarithm about that of `assumed`. Where the matches tell little, the lens stays as
-// uncertain as lenses are; nullopt if there are too few.
+// Takes Gauss-Newton's steps of lens and pose on the 2D-3D matches and what is known of lenses,
+// from a lens (RADIAL) and a pose that they fit. `focal_sigma` is the standard deviation of the
+// focal length's logarithm about that of `assumed`. Where the matches tell little, the lens stays
+// as uncertain as lenses are; nullopt if there are too few.
 std::optional<AssumedLens> RefineAssumedLens(const PoseProblem& problem, const Camera& start,
                                              const Rigid3& cam_from_world, const Camera& assumed,
                                              double focal_sigma, double threshold_px);

@@ -234,8 +234,8 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem,
   return estimate;
 }
 
-// Where the 2D-2D matches alone like another pose best, the joint model's likelihood decides: it knows
-// that the depths of a reference are wrong together.
+// Where the 2D-2D matches alone like another pose best, the joint model's likelihood decides: it
+// knows that the depths of a reference are wrong together.
 //
 // The likeliest pose rarely has the best score, but one that explains far less has lost its way:
 // then RANSAC's pose is kept.
@@ -281,8 +281,8 @@ RefinedPose RansacEstimator::Refine(const NormalizedProblem& problem,
   return refined;
 }
 
-// Two pixels of one point, each with noise, are as near as a fourth of it in one case of sixty, by what the
-// thresholds say of it: 1 - exp(-1/64). The paper's methods take each match for itself.
+// Two pixels of one point, each with noise, are as near as a fourth of it in one case of sixty, by
+// what the thresholds say of it: 1 - exp(-1/64). The paper's methods take each match for itself.
 NormalizedProblem RansacEstimator::Normalize(const PoseProblem& problem, Rng& rng) const {
   const double noise_px =
       std::min(options_.reprojection_threshold_px, options_.sampson_threshold_px) /

@@ -106,8 +106,8 @@ Blocks2D2D<T> MakeBlocks2D2D(const std::vector<NormalizedMatch2D2D>& pairs,
 
 struct NormalizedProblem {
   // `rng` shuffles the matches, so that any prefix of the blocks is a fair sample. `point_sigma`
-  // (scene units) is the standard deviation of 3D points that carry none. Pixels that are no farther
-  // apart than `same_within_px` show one feature (repeats.h).
+  // (scene units) is the standard deviation of 3D points that carry none. Pixels that are no
+  // farther apart than `same_within_px` show one feature (repeats.h).
   NormalizedProblem(const PoseProblem& problem, double threshold_2d3d_px, double threshold_2d2d_px,
                     Rng& rng, double point_sigma = 0, double same_within_px = 0);
 
@@ -144,8 +144,8 @@ struct NormalizedProblem {
 
   // Takes the query's focal length, of which this problem was made, for uncertain.
   void TakeFocalSigma(const PoseProblem& original, double sigma);
-  // Makes the matches those that a focal length longer by this share shows, which must be uncertain.
-  // The blocks are then in the order of the matches.
+  // Makes the matches those that a focal length longer by this share shows, which must be
+  // uncertain. The blocks are then in the order of the matches.
   void TakeFocalError(double share);
 
   // Numbers the pairs of a camera of the query and a reference, below num_camera_references().

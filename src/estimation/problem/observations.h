@@ -109,9 +109,9 @@ int QueryImageCell(const PoseProblem& problem, const Match& match, int cells_per
          ImageCell(problem.CameraAt(match.camera), match.query_px, cells_per_side);
 }
 
-// Returns the area of the query's images over which its matches are spread, and wrong ones fall: that
-// of a rectangle in which uniform pixels would have their covariance, of one image on average and no
-// larger than it.
+// Returns the area of the query's images over which its matches are spread, and wrong ones fall:
+// that of a rectangle in which uniform pixels would have their covariance, of one image on average
+// and no larger than it.
 double MatchedAreaPx2(const PoseProblem& problem);
 
 }  // namespace raylift

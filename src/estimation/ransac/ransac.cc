@@ -134,8 +134,8 @@ class Ransac {
     }
   }
 
-  // What depths say that are wrong together may outvote the 2D-2D matches: the best of the poses that
-  // each solver made of these is kept.
+  // What depths say that are wrong together may outvote the 2D-2D matches: the best of the poses
+  // that each solver made of these is kept.
   void ConsiderBy2D2D(const RansacResult& hypothesis) {
     if (!scorer_of_2d2d_) return;
     for (BestOfSolver& best : best_of_2d2d_) {
@@ -167,9 +167,9 @@ class Ransac {
     return others;
   }
 
-  // Whether the 2D-2D matches contradict the best pose: it explains fewer of them than another pose,
-  // by three standard deviations of their number, or a much smaller share of the 2D-3D matches than
-  // of the 2D-2D matches. Then depths of some references are wrong together.
+  // Whether the 2D-2D matches contradict the best pose: it explains fewer of them than another
+  // pose, by three standard deviations of their number, or a much smaller share of the 2D-3D
+  // matches than of the 2D-2D matches. Then depths of some references are wrong together.
   bool IsInDoubt(const SetScores& of_best, const SetScores& of_other) const {
     constexpr double kShare = 0.75;
     const double inliers = of_best.of_2d2d.inliers;

@@ -50,8 +50,8 @@ Eigen::Vector3d Triangulate(const KeypointObservations& keypoint, const Observat
 }
 
 // Returns the logarithm by which each reference's depths are too small for where its matches are
-// triangulated, their median by weight: an error of a pixel moves the logarithm of a distance by the
-// inverse of the angle between the rays. 0 where fewer than five matches tell.
+// triangulated, their median by weight: an error of a pixel moves the logarithm of a distance by
+// the inverse of the angle between the rays. 0 where fewer than five matches tell.
 std::vector<double> LogScales(const KeypointEvidence& evidence, const CamFromLocal& pose,
                               double largest_error_px) {
   std::vector<std::vector<WeightedValue>> errors(evidence.num_references());

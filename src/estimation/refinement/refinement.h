@@ -61,10 +61,10 @@ RefinedPose RefineFinally(const NormalizedProblem& problem,
                           const std::optional<KeypointEvidence>& evidence, const CamFromLocal& pose,
                           MatchSets sets, const EstimatorOptions& options);
 
-// Refines a pose jointly where each reference's depths may have any scale, which triangulation at the
-// pose gives to begin with. For comparing poses that depths and 2D-2D matches disagree on: the log
-// likelihood is with a prior of the scales, the normal distribution that is known of them, or Cauchy's
-// as wide as the error of one depth.
+// Refines a pose jointly where each reference's depths may have any scale, which triangulation at
+// the pose gives to begin with. For comparing poses that depths and 2D-2D matches disagree on: the
+// log likelihood is with a prior of the scales, the normal distribution that is known of them, or
+// Cauchy's as wide as the error of one depth.
 RefinedPose RefineWithScales(const NormalizedProblem& problem, const KeypointEvidence& evidence,
                              const CamFromLocal& pose, const EstimatorOptions& options);
 

@@ -37,8 +37,8 @@ class GzipStream {
   z_stream stream_{};
 };
 
-// Inflates all members of a gzip file, one after the other. Throws InputError where it is damaged or
-// truncated.
+// Inflates all members of a gzip file, one after the other. Throws InputError where it is damaged
+// or truncated.
 std::string InflateGzip(const std::filesystem::path& path, std::string_view bytes) {
   if (bytes.size() > std::numeric_limits<uInt>::max()) {
     throw InputError(path, "the gzip file is too large");

@@ -62,9 +62,9 @@ std::vector<std::filesystem::path> ListedFiles(const std::filesystem::path& path
 
 // The guess for photographs whose camera is not known.
 constexpr double kGuessedFocalRange = 2;
-// EXIF rounds to whole millimeters, does not say whether the diagonal or the width is meant (4 % apart
-// at 4:3) nor that a 4:3 sensor's image was cropped to 16:9 (9 %), and nominal focal lengths are off
-// by some per cent.
+// EXIF rounds to whole millimeters, does not say whether the diagonal or the width is meant (4 %
+// apart at 4:3) nor that a 4:3 sensor's image was cropped to 16:9 (9 %), and nominal focal lengths
+// are off by some per cent.
 constexpr double kExifFocalRange = 1.2;
 constexpr double kFilmDiagonalMm = 43.267;
 Camera CameraOfFocalLength(const PlaneSize& size, double focal_px) {

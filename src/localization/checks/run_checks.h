@@ -45,8 +45,8 @@ std::optional<std::string> WarnOfFocalLength(std::span<const double> log_factors
 // Returns what is assumed of photographs whose camera is not known.
 std::optional<std::string> WarnOfAssumedLenses(std::span<const Query> queries);
 
-// Of the queries that have a pose, which is doubtful where the geometry does not fit: where no or few
-// points come from the geometry, or few of them fit, although the 2D-2D matches do.
+// Of the queries that have a pose, which is doubtful where the geometry does not fit: where no or
+// few points come from the geometry, or few of them fit, although the 2D-2D matches do.
 std::optional<std::string> WarnOfGeometry(std::span<const LocalizedQuery> queries);
 
 // Returns both warnings, that of the geometry where it is asked for.

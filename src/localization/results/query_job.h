@@ -82,8 +82,8 @@ class QueryJob {
   // The queries of this shard that are not done.
   std::vector<size_t> Missing() const { return job_.Missing(); }
 
-  // A query is done, and `files` of its own are written. `warnings` are those of all matches so far.
-  // Thread safe.
+  // A query is done, and `files` of its own are written. `warnings` are those of all matches so
+  // far. Thread safe.
   void Add(size_t query, const LocalizedQuery& localized, const std::vector<std::string>& warnings,
            const std::optional<double>& log_focal_factor,
            std::span<const std::filesystem::path> files);

@@ -27,8 +27,9 @@ class Covisibility {
 
   // Returns whether an image of this name observes points.
   bool Knows(const std::string& image) const;
-  // Returns, for each query, an image of the model, the k references that observe most of the points
-  // that it observes, their number being the score; without itself and those that observe none.
+  // Returns, for each query, an image of the model, the k references that observe most of the
+  // points that it observes, their number being the score; without itself and those that observe
+  // none.
   RetrievedLists MostShared(std::span<const std::string> queries,
                             std::span<const std::string> references, int k, int threads) const;
 

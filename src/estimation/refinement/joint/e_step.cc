@@ -16,8 +16,8 @@ using Eigen::Vector3d;
 // A query's pixel is wrong, although its matches agree with each other, as often as that.
 constexpr double kQueryWrong = 0.1;
 
-// Returns what errors show of their variance: their squares over how many of them are not explained by
-// the unknowns that were fitted to them (MacKay 1992).
+// Returns what errors show of their variance: their squares over how many of them are not explained
+// by the unknowns that were fitted to them (MacKay 1992).
 double Variance(const kernels::JointSum& sum, const VariancePrior& prior, double now, double least,
                 double largest) {
   const double total = std::max(sum.count, 0.0) + prior.count;
@@ -54,8 +54,8 @@ bool IsPoseCertain(const Matrix7d& query_covariance, const JointModel& model) {
   return variance < kNegligibleShare * count * model.noise.keypoint_px2;
 }
 
-// Returns the errors of pixels, as all else predicts them, that the tail is told by: some hundred, squared
-// and along the axis that is best predicted.
+// Returns the errors of pixels, as all else predicts them, that the tail is told by: some hundred,
+// squared and along the axis that is best predicted.
 std::vector<double> ErrorsAcross(const JointModel& model) {
   struct Place {
     const kernels::JointObservations* slot;

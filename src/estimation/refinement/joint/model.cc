@@ -28,8 +28,8 @@ void PutRowMajor(const Eigen::Matrix3d& matrix, size_t lane, kernels::Row* rows)
   }
 }
 
-// Returns a slot whose lanes see all points at finite pixels, as zero times them is added by those without
-// an observation.
+// Returns a slot whose lanes see all points at finite pixels, as zero times them is added by those
+// without an observation.
 kernels::JointObservations EmptySlot() {
   kernels::JointObservations slot{};
   for (size_t lane = 0; lane < kLanes; ++lane) {
@@ -38,7 +38,8 @@ kernels::JointObservations EmptySlot() {
   return slot;
 }
 
-// Returns the keypoints in an order that has those with the same kinds and numbers of pieces together.
+// Returns the keypoints in an order that has those with the same kinds and numbers of pieces
+// together.
 std::vector<size_t> BySize(const KeypointEvidence& evidence) {
   std::vector<uint64_t> keys;
   keys.reserve(evidence.keypoints.size());

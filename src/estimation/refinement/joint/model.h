@@ -128,8 +128,8 @@ struct Quadratic {
   }
 };
 
-// The evidence in blocks of eight keypoints, those with as many pieces together, and the unknowns that
-// belong to keypoints (kernels/joint.h).
+// The evidence in blocks of eight keypoints, those with as many pieces together, and the unknowns
+// that belong to keypoints (kernels/joint.h).
 class EvidenceBlocks {
  public:
   // A keypoint's lane in its block.
@@ -184,8 +184,8 @@ struct JointModel {
   double focal_error = 0;
   std::vector<ReferenceError> references;  // and last of the unanchored points, as of one more
   bool have_references_errors = false;
-  // The factor, at least 1, by which wrong matches with each reference are denser near epipolar lines
-  // than anywhere in the image: those with the next window of a row lie near them.
+  // The factor, at least 1, by which wrong matches with each reference are denser near epipolar
+  // lines than anywhere in the image: those with the next window of a row lie near them.
   std::vector<double> epipolar_clutter;
   // Of all matches, each as the others predict it, over that of uniform ones; set by EStep().
   double log_likelihood = 0;
@@ -198,8 +198,8 @@ struct JointModel {
   kernels::JointParameters ForKernels();
 };
 
-// Finds on each keypoint's ray, at the model's pose, the point that most of its evidence agrees on, and
-// how likely each piece is right there.
+// Finds on each keypoint's ray, at the model's pose, the point that most of its evidence agrees on,
+// and how likely each piece is right there.
 void InitializeByVoting(JointModel& model);
 
 // How likely each piece of evidence of the joint refinement is right, and how noisy its kind is.
