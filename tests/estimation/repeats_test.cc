@@ -54,13 +54,31 @@ TEST(FindRepeats, APairOfOneReferenceRepeatsOneThatCoincidesInBothImages) {
 
 TEST(FindRepeats, PointsOfOneReferenceRepeatThoseThatAreSeenAtTheirPixel) {
   const Eigen::Vector3d at(1, 2, 10), near(1.001, 2, 10), beyond(1, 2, 10.01);
-  const PoseProblem problem =
-      OfTwoReferences({}, {{{50, 60}, at},
-                           {{50.1, 60}, near},
-                           {{50, 60}, beyond},
-                           {.query_px = {50, 60}, .point_in_world = at, .reference = 1},
-                           {{70, 60}, at}});
+  const PoseProblem problem = OfTwoReferences(
+      {Pair(0, {90, 60}, {10, 10})}, {{{50, 60}, at},
+                                      {{50.1, 60}, near},
+                                      {{50, 60}, beyond},
+                                      {.query_px = {50, 60}, .point_in_world = at, .reference = 1},
+                                      {{70, 60}, at}});
   EXPECT_THAT(Find(problem).of_2d3d, ElementsAre(0, 0, 2, 3, 4));
+  const PoseProblem of_points = OfTwoReferences({}, problem.matches_2d3d);
+  EXPECT_THAT(Find(of_points).of_2d3d, ElementsAre(0, 1, 2, 3, 4));
+}
+
+// A depth is a depth of its own pair, however far it is from that of the pair's repeat.
+TEST(FindRepeats, PointsRepeatAsTheirPairsDo) {
+  const Match2D2D pair = Pair(0, {50, 60}, {10, 10}), again = Pair(0, {50.1, 60}, {10.1, 10});
+  const Match2D3D near = {.query_px = {50, 60}, .point_in_world = {1, 2, 10}, .match_2d2d = 0};
+  const Match2D3D far = {.query_px = {50.1, 60}, .point_in_world = {1, 2, 12}, .match_2d2d = 1};
+  const Repeats of_both = Find(OfTwoReferences({pair, again}, {near, far}));
+  EXPECT_THAT(of_both.of_2d2d, ElementsAre(0, 0));
+  EXPECT_THAT(of_both.of_2d3d, ElementsAre(0, 0));
+  const Repeats in_other_order = Find(OfTwoReferences({pair, again}, {far, near, near}));
+  EXPECT_THAT(in_other_order.of_2d2d, ElementsAre(1, 1));
+  EXPECT_THAT(in_other_order.of_2d3d, ElementsAre(0, 0, 0));
+  const Repeats with_hole = Find(OfTwoReferences({pair, again}, {far}));
+  EXPECT_THAT(with_hole.of_2d2d, ElementsAre(1, 1));
+  EXPECT_THAT(with_hole.of_2d3d, ElementsAre(0));
 }
 
 TEST(FindRepeats, WhatIsNotFiniteOrOfNoReferenceRepeatsNothing) {

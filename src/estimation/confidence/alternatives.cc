@@ -15,24 +15,19 @@
 namespace raylift {
 namespace {
 
-// The reference that a 3D point was lifted from: the one it names, or that of the match that it
-// names or has beside it in the lists; nullopt where it is of none.
-std::optional<int> ReferenceOf(const PoseProblem& problem, int match_2d3d) {
-  const auto index = static_cast<size_t>(match_2d3d);
-  const Match2D3D& point = problem.matches_2d3d[index];
+// Returns the reference that a 3D point names, or else that of its pair; nullopt where it is of none.
+std::optional<int> ReferenceOf(const PoseProblem& problem, size_t match_2d3d) {
+  const Match2D3D& point = problem.matches_2d3d[match_2d3d];
   if (point.reference) return point.reference;
-  const size_t likely = point.match_2d2d.value_or(index);
-  if (likely >= problem.matches_2d2d.size()) return std::nullopt;
-  const Match2D2D& match = problem.matches_2d2d[likely];
-  if (match.camera != point.camera || match.query_px != point.query_px) return std::nullopt;
-  return match.reference;
+  const std::optional<size_t> pair = PairOf(problem, match_2d3d);
+  return pair ? std::optional(problem.matches_2d2d[*pair].reference) : std::nullopt;
 }
 
 // Returns the matches of the reference that most of them are of; all where none has two samples.
 std::vector<int> OfOneReference(const PoseProblem& problem, const std::vector<int>& matches_2d3d) {
   std::vector<std::vector<int>> by_reference(problem.references.size());
   for (const int i : matches_2d3d) {
-    const std::optional<int> reference = ReferenceOf(problem, i);
+    const std::optional<int> reference = ReferenceOf(problem, static_cast<size_t>(i));
     if (!reference || *reference < 0) continue;
     if (static_cast<size_t>(*reference) >= by_reference.size()) continue;
     by_reference[static_cast<size_t>(*reference)].push_back(i);

@@ -113,15 +113,13 @@ class Gathering {
     }
   }
 
-  // Finds the keypoint's observation that a point was lifted from: the match that it names, or the
-  // one of its own index in the lists, or any; null where it lies on no observation's ray.
+  // Finds the keypoint's observation that a point was lifted from, by its pair or by any on whose
+  // ray it lies; null where it lies on no observation's ray.
   Observation* FindObservation(const NormalizedMatch2D3D& match,
                                const KeypointObservations& keypoint) {
-    const auto index = static_cast<size_t>(match.match);
-    const size_t likely = original_.matches_2d3d[index].match_2d2d.value_or(index);
-    if (likely < observation_of_match_.size() &&
-        observation_of_match_[likely] >= keypoint.first_observation) {
-      Observation& observation = evidence_.observations[observation_of_match_[likely]];
+    const std::optional<size_t> pair = PairOf(original_, static_cast<size_t>(match.match));
+    if (pair && observation_of_match_[*pair] >= keypoint.first_observation) {
+      Observation& observation = evidence_.observations[observation_of_match_[*pair]];
       if (IsShownBy(observation, match.point, kOnRayPx)) return &observation;
     }
     for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {

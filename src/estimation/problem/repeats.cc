@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <numeric>
+#include <optional>
 #include <span>
 #include <tuple>
 #include <utility>
@@ -91,28 +93,56 @@ void Unite(const PoseProblem& problem, double within_px, KeypointNumbers& keypoi
   for (size_t& keypoint : keypoints.of_2d3d) keypoint = first[keypoint];
 }
 
-// The reference that a point was lifted from, or -1.
-int ReferenceOf(const PoseProblem& problem, const Match2D3D& match) {
-  if (match.reference) return *match.reference;
-  if (!match.match_2d2d || *match.match_2d2d >= problem.matches_2d2d.size()) return -1;
-  return problem.matches_2d2d[*match.match_2d2d].reference;
+// Lets the points of a pair that repeats another one repeat that one's: a point is on its own pair's
+// ray, so that it stays only with that. Of pairs that repeat each other one that has a point is kept.
+void RepeatAsPairs(const std::vector<std::optional<size_t>>& pair_of, Repeats& repeats) {
+  constexpr size_t kNone = std::numeric_limits<size_t>::max();
+  std::vector<size_t> kept_point(repeats.of_2d2d.size(), kNone);
+  for (size_t i = 0; i < pair_of.size(); ++i) {
+    if (!pair_of[i]) continue;
+    size_t& kept = kept_point[repeats.of_2d2d[*pair_of[i]]];
+    if (kept == kNone) kept = i;
+    if (pair_of[i] != pair_of[kept]) repeats.of_2d3d[i] = kept;
+  }
+  for (size_t& pair : repeats.of_2d2d) {
+    if (kept_point[pair] != kNone) pair = *pair_of[kept_point[pair]];
+  }
 }
 
 }  // namespace
 
+std::optional<size_t> PairOf(const PoseProblem& problem, size_t match_2d3d) {
+  const Match2D3D& point = problem.matches_2d3d[match_2d3d];
+  const size_t likely = point.match_2d2d.value_or(match_2d3d);
+  if (likely >= problem.matches_2d2d.size()) return std::nullopt;
+  const Match2D2D& match = problem.matches_2d2d[likely];
+  const bool is_of_it = match.camera == point.camera && match.query_px == point.query_px &&
+                        point.reference.value_or(match.reference) == match.reference;
+  return is_of_it ? std::optional(likely) : std::nullopt;
+}
+
 Repeats FindRepeats(const PoseProblem& problem, double within_px, const Vector3d& from) {
   Repeats repeats{NumberQueryKeypoints(problem.matches_2d2d, problem.matches_2d3d), {}, {}};
+  const size_t num_points = problem.matches_2d3d.size();
+  std::vector<std::optional<size_t>> pair_of(num_points);
   std::vector<Member> pairs, points;
-  const auto add = [](std::vector<Member>& members, size_t keypoint, int reference) {
-    members.push_back({keypoint << 32 | static_cast<uint32_t>(reference), members.size()});
-  };
   if (within_px > 0) {
     Unite(problem, within_px, repeats.keypoints);
-    for (const Match2D2D& match : problem.matches_2d2d) {
-      add(pairs, repeats.keypoints.of_2d2d[pairs.size()], match.reference);
+    const auto group_of = [](size_t keypoint, int reference) {
+      return keypoint << 32 | static_cast<uint32_t>(reference);
+    };
+    for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
+      pairs.push_back(
+          {group_of(repeats.keypoints.of_2d2d[i], problem.matches_2d2d[i].reference), i});
     }
-    for (const Match2D3D& match : problem.matches_2d3d) {
-      add(points, repeats.keypoints.of_2d3d[points.size()], ReferenceOf(problem, match));
+    constexpr uint64_t kOfPair = uint64_t{1} << 63;
+    for (size_t i = 0; i < num_points; ++i) {
+      const Match2D3D& point = problem.matches_2d3d[i];
+      if (point.point_in_world.allFinite()) pair_of[i] = PairOf(problem, i);
+      points.push_back({pair_of[i]
+                            ? kOfPair | *pair_of[i]
+                            : group_of(repeats.keypoints.of_2d3d[i], point.reference.value_or(-1)),
+                        i});
     }
   }
   repeats.of_2d2d = Coinciding(
@@ -122,9 +152,11 @@ Repeats FindRepeats(const PoseProblem& problem, double within_px, const Vector3d
   const auto from_there = [&](size_t i) -> Vector3d {
     return problem.matches_2d3d[i].point_in_world - from;
   };
-  const double angle = within_px / problem.query_camera.MeanFocalPx();
-  repeats.of_2d3d = Coinciding(std::move(points), problem.matches_2d3d.size(), from_there,
+  const double angle =
+      problem.matches_2d2d.empty() ? 0 : within_px / problem.query_camera.MeanFocalPx();
+  repeats.of_2d3d = Coinciding(std::move(points), num_points, from_there,
                                [&](size_t i) { return angle * from_there(i).norm(); });
+  RepeatAsPairs(pair_of, repeats);
   return repeats;
 }
 

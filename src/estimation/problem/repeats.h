@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 #include <Eigen/Core>
@@ -21,8 +22,14 @@ struct Repeats {
   std::vector<size_t> of_2d2d, of_2d3d;
 };
 
-// Pixels that are no farther apart than `within_px` coincide; and points that are not, as seen by
-// the query's camera from `from` (world). 0: none does, and no match repeats another one.
+// Returns the 2D-2D match that a 3D point was lifted from: the one that it names or has beside it in
+// the lists; nullopt where it is of none.
+std::optional<size_t> PairOf(const PoseProblem& problem, size_t match_2d3d);
+
+// Pixels that are no farther apart than `within_px` coincide; 0: none does, and no match repeats
+// another one. The points of a pair that repeats another one repeat that one's. Points of no pair
+// coincide by their 3D distance, which may be what those pixels span at its distance from `from`
+// (world), about where the cameras are; without any pairs nothing tells where that is.
 Repeats FindRepeats(const PoseProblem& problem, double within_px, const Eigen::Vector3d& from);
 
 }  // namespace raylift
