@@ -394,7 +394,7 @@ void RansacEstimator::RejectUnsupported(bool e5p1_observes_position, PoseEstimat
 }
 
 void SetCovariance(const Matrix6d& covariance, PoseEstimate& estimate) {
-  estimate.covariance.reset();
+  DropCovariance(estimate);
   if (!covariance.allFinite()) return;
   estimate.covariance = covariance;
   estimate.rotation_sigma_deg =
