@@ -48,7 +48,8 @@ class Arrays {
                            fmt::join(shape, ", "), remedy));
   }
   [[noreturn]] void Fail(const std::string& name, std::string_view message) const {
-    throw InputError(file_, name.empty() ? file_.stem().string() : name, message);
+    throw InputError(IsBeside(name) ? Beside(name) : file_,
+                     name.empty() ? file_.stem().string() : name, message);
   }
 
  private:
@@ -119,8 +120,9 @@ NpyArray<float> ReadPoints(const Arrays& arrays, const std::string& name,
 
 std::vector<Rigid3> ReadPoses(const Arrays& arrays, const BundleLayout& layout) {
   constexpr double kMaxFromOrthonormal = 1e-2;  // float16 is good to 1e-3
-  const NpyArray<float> stored = arrays.Read(layout.poses);
-  const std::vector<uint64_t>& shape = stored.shape;
+  NpyArray<float> stored = arrays.Read(layout.poses);
+  std::vector<uint64_t>& shape = stored.shape;
+  if (shape.size() == 2) shape.insert(shape.begin(), 1);  // of the only image
   if (shape.size() != 3 || shape[0] != layout.names.size() || shape[1] < 3 || shape[1] > 4 ||
       shape[2] != 4) {
     arrays.FailShape(
@@ -269,6 +271,7 @@ DepthBundle::Scale DepthBundle::FindScale(std::span<const PosedImage> images) co
     }
     return AlignFrame(cam_from_frame, cam_from_world);
   };
+  if (cam_from_world.size() < 3) return scale;
   const auto found = align(layout_.pose_convention, index_);
   const auto is_far_better = [&](const std::optional<FrameAlignment>& other) {
     constexpr double kFar = 5;  // poses shifted in a list still agree roughly

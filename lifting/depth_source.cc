@@ -343,6 +343,11 @@ DepthFolder::DepthFolder(path folder, DepthConvention convention,
     warnings_ = std::move(scale.warnings);
   } else {
     found_at = impl_->FindMaps(references);
+    const BundleLayout& layout = impl_->convention.bundle;
+    if (layout.files.empty() &&
+        (!layout.names_file.empty() || layout.points || !layout.poses.empty())) {
+      throw InputError(impl_->folder, "names, points and poses are keys of maps that are one file");
+    }
   }
   const auto has_map = [this](const PosedImage& reference) { return impl_->Has(reference.name); };
   const auto first = std::ranges::find_if(references, has_map);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <vector>
 
 #include "base/statistics.h"
@@ -87,13 +88,16 @@ class Cameras {
     return {scale, rotation, mean_in_world - scale * (rotation * mean_in_frame)};
   }
 
-  // The square root of the sum of squared distances from the mean, in the world.
-  double Spread(const std::vector<size_t>& some) const {
-    const Eigen::Matrix3Xd points = Columns(in_world_, some);
-    return (points.colwise() - points.rowwise().mean()).norm();
-  }
+  // Return the square root of the sum of squared distances from the mean.
+  double Spread(const std::vector<size_t>& some) const { return SpreadOf(in_world_, some); }
+  double SpreadInFrame(const std::vector<size_t>& some) const { return SpreadOf(in_frame_, some); }
 
  private:
+  static double SpreadOf(const std::vector<Eigen::Vector3d>& points,
+                         const std::vector<size_t>& some) {
+    const Eigen::Matrix3Xd columns = Columns(points, some);
+    return (columns.colwise() - columns.rowwise().mean()).norm();
+  }
   static Eigen::Matrix3Xd Columns(const std::vector<Eigen::Vector3d>& points,
                                   const std::vector<size_t>& some) {
     Eigen::Matrix3Xd columns(3, some.size());
@@ -112,7 +116,8 @@ constexpr double kMedianDistancePerSigma = 1.538;
 
 std::optional<Similarity> LeastMedian(const Cameras& cameras) {
   const size_t count = cameras.size();
-  const size_t step = 1 + count * (count - 1) / kMaxPairs;
+  size_t step = 1 + count * (count - 1) / kMaxPairs;
+  while (std::gcd(step, count) > 1 && step > 1) ++step;  // else few cameras would be in all pairs
   std::optional<Similarity> best;
   double least = INFINITY;
   for (size_t pair = 0; pair < count * count; pair += step) {
@@ -153,12 +158,13 @@ std::optional<FrameAlignment> AlignFrame(std::span<const Rigid3> cam_from_frame,
     std::vector<size_t> all(errors.size());
     for (size_t i = 0; i < all.size(); ++i) all[i] = i;
     const auto agreeing = Agreeing(errors, sigma, cameras.Spread(all));
-    const double spread = cameras.Spread(agreeing);
-    if (agreeing.size() < kFewestCameras || 2 * agreeing.size() < cameras.size() ||
-        !(spread > kMaxSigmas * sigma)) {
+    if (agreeing.size() < kFewestCameras || 2 * agreeing.size() < cameras.size()) {
       return std::nullopt;
     }
     similarity = cameras.Fit(agreeing);
+    // Centers that have nothing to do with each other fit best where they shrink to one place.
+    const double spread = similarity->scale * cameras.SpreadInFrame(agreeing);
+    if (!(spread > kMaxSigmas * sigma)) return std::nullopt;
     alignment = {similarity->scale, sigma / spread, sigma, agreeing.size()};
   }
   return alignment;

@@ -180,6 +180,9 @@ DepthConvention TakeConvention(SpecKeys& keys, const GeometryContext& context) {
                                 ? SortedNames(context)
                                 : ReadNames(convention.bundle.names_file);
   if (const auto points = keys.TakeNamed<PointFrame>("points")) convention.bundle.points = points;
+  if (convention.bundle.points && convention.kind != DepthKind::kZ) {
+    keys.Fail("points tell z: expected kind=z");
+  }
   convention.bundle.poses = keys.Take("poses").value_or(convention.bundle.poses);
   convention.bundle.pose_convention =
       keys.TakeNamed<PoseConvention>("poses_are").value_or(convention.bundle.pose_convention);

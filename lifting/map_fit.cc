@@ -20,7 +20,9 @@ struct Layout {
 };
 
 int Rounded(double value, int multiple = 1) {
-  return multiple * static_cast<int>(std::nearbyint(value / multiple));  // as Python: half to even
+  const double bounded = std::min(value, 1e9);  // more than any map has
+  return multiple *
+         static_cast<int>(std::nearbyint(bounded / multiple));  // as Python: half to even
 }
 
 Layout LayoutOf(MapFit fit, PlaneSize map, PlaneSize image) {

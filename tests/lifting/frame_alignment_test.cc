@@ -72,6 +72,17 @@ TEST(AlignFrame, AThirdOfWrongPosesDoesNotMatter) {
   EXPECT_NEAR(found->scale, 2, 0.01);
 }
 
+TEST(AlignFrame, HasNoneWhereRotationsAloneAgree) {
+  Rng rng = TestRng();
+  for (const int count : {10, 30, 100}) {
+    Walk walk(count, 0.5, 0, rng);
+    for (Rigid3& pose : walk.in_frame) {
+      pose.translation = {rng.Uniform(-1, 1), rng.Uniform(-1, 1), rng.Uniform(-1, 1)};
+    }
+    EXPECT_FALSE(AlignFrame(walk.in_frame, walk.in_world)) << count;
+  }
+}
+
 TEST(AlignFrame, HasNoneForPosesOfAnotherConventionOnePlaceOrTwoCameras) {
   Rng rng = TestRng();
   Walk walk(12, 0.5, 0, rng);

@@ -139,6 +139,23 @@ def test_depth_anything_3(caster, tmp_path):
     assert "3 maps of float32 504 x 378, z, x 1 +- " in maps.understood
 
 
+def test_one_image_alone_is_a_bundle_too(caster, tmp_path):
+    images = references(count=1)
+    depth, resized = stack(caster, images, da3)
+    np.savez(tmp_path / "results.npz", depth=depth,
+             extrinsics=np.float32([rows(images[0].cam_from_world)]))
+    assert expect_exact(caster, images, resized, tmp_path, preset="da3").warnings == []
+
+
+def test_keys_of_bundles_are_refused_for_maps_in_files_of_their_own(tmp_path):
+    [image] = references(count=1)
+    np.save(tmp_path / f"{image.name.rsplit('.', 1)[0]}.npy".replace("/", "_"), np.ones((480, 640), np.float32))
+    for keys in {"points": "world"}, {"poses": "extrinsics"}:
+        with pytest.raises(raylift.InputError, match="keys of maps that are one file"):
+            raylift.DepthMaps(tmp_path, [raylift.PosedImage(image.name.rsplit("/", 1)[-1], image.camera,
+                                                            image.cam_from_world)], pattern="*.npy", **keys)
+
+
 def test_the_order_of_maps_is_that_of_the_references_names_or_of_a_list(caster, tmp_path):
     images = references()
     depth, resized = stack(caster, images, da3)

@@ -1,5 +1,10 @@
 #include "io/binary/array_file.h"
 
+#include <array>
+#include <fstream>
+#include <string_view>
+
+#include "base/input_paths.h"
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -12,17 +17,26 @@ namespace {
 
 constexpr std::string_view kHdf5Magic = "\x89HDF";
 
+bool BeginsAsHdf5(const std::filesystem::path& file) {
+  RequireRegularFile(file);
+  std::array<char, kHdf5Magic.size()> magic{};
+  std::ifstream(file, std::ios::binary).read(magic.data(), magic.size());
+  return std::string_view(magic.data(), magic.size()) == kHdf5Magic;
+}
+
 std::string_view SampleType(Hdf5Kind kind) {
   return kind == Hdf5Kind::kInteger ? "integer" : kind == Hdf5Kind::kHalf ? "float16" : "float";
 }
 
 }  // namespace
 
-ArrayFile::ArrayFile(const std::filesystem::path& file) : file_(file), bytes_(ReadFile(file)) {
-  if (bytes_.starts_with(kHdf5Magic)) {
-    bytes_.clear();
+ArrayFile::ArrayFile(const std::filesystem::path& file) : file_(file) {
+  if (BeginsAsHdf5(file)) {
     hdf5_.emplace(file);
-  } else if (!IsZip(bytes_)) {
+    return;
+  }
+  bytes_ = ReadFile(file);
+  if (!IsZip(bytes_)) {
     names_ = {kOnlyArray};
   } else {
     archive_.emplace(file, bytes_);
