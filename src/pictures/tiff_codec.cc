@@ -193,7 +193,15 @@ TiffHeader ReadTiffHeader(std::string_view bytes) {
   header.place.tie_points = ValuesOf<double>(tiff.get(), 33922, TIFF_DOUBLE);
   header.place.transformation = ValuesOf<double>(tiff.get(), 34264, TIFF_DOUBLE);
   header.place.keys = ValuesOf<uint16_t>(tiff.get(), 34735, TIFF_SHORT);
-  for (const char c : ValuesOf<char>(tiff.get(), 42113, TIFF_ASCII)) {
+  constexpr uint32_t kNoData = 42113;
+  const TIFFField* const field = TIFFFindField(tiff.get(), kNoData, TIFF_ANY);
+  if (const char* text = nullptr; field != nullptr && TIFFFieldPassCount(field) == 0) {
+    // As GDAL has told libtiff of it, where both are in one process.
+    if (TIFFGetField(tiff.get(), kNoData, &text) != 0 && text != nullptr) {
+      header.place.no_data = text;
+    }
+  }
+  for (const char c : ValuesOf<char>(tiff.get(), kNoData, TIFF_ASCII)) {
     if (c != 0) header.place.no_data += c;
   }
   return header;

@@ -33,6 +33,7 @@ using std::filesystem::path;
 constexpr uint16_t kModelType = 1024, kGeographic = 2, kGeocentric = 3;
 constexpr uint16_t kRasterType = 1025, kPixelIsPoint = 2;
 constexpr uint16_t kProjectedSystem = 3072, kUserDefined = 32767;
+constexpr uint16_t kProjectedUnit = 3076, kVerticalUnit = 4099, kMeters = 9001;
 
 std::optional<uint16_t> KeyOf(const GeoTiffTags& tags, uint16_t key) {
   constexpr size_t kEntry = 4;  // key, where its value is (0: here), count, value; a header as long
@@ -99,14 +100,21 @@ Affine2d WorldFromImage(const path& file, const GeoTiffTags& tags) {
   return place;
 }
 
-// Only lengths make a surface: degrees are none.
-void RequireLengths(const path& file, const GeoTiffTags& tags) {
+// Only lengths make a surface, and heights are meters: degrees and feet are refused.
+void RequireMeters(const path& file, const GeoTiffTags& tags) {
+  const auto fail = [&file](std::string_view found) {
+    throw InputError(file,
+                     fmt::format("its coordinates are {}: expected a projected system in meters; "
+                                 "`gdalwarp -t_srs EPSG:CODE {} projected.tif` makes it one",
+                                 found, file.filename().string()));
+  };
   const auto model = KeyOf(tags, kModelType);
-  if (model != kGeographic && model != kGeocentric) return;
-  throw InputError(
-      file, fmt::format("its coordinates are {}: expected a projected system in meters; "
-                        "`gdalwarp -t_srs EPSG:CODE {} projected.tif` makes it one",
-                        model == kGeographic ? "degrees" : "geocentric", file.filename().string()));
+  if (model == kGeographic) fail("degrees");
+  if (model == kGeocentric) fail("geocentric");
+  for (const uint16_t key : {kProjectedUnit, kVerticalUnit}) {
+    const uint16_t unit = KeyOf(tags, key).value_or(kMeters);
+    if (unit != kMeters && unit != kUserDefined) fail(fmt::format("of unit EPSG:{}", unit));
+  }
 }
 
 struct OpenedTiff {
@@ -122,7 +130,7 @@ OpenedTiff OpenTiff(const path& file) {
   } catch (const std::runtime_error& error) {
     throw InputError(file, error.what());
   }
-  RequireLengths(file, tiff.header.place);
+  RequireMeters(file, tiff.header.place);
   tiff.world_from_image = WorldFromImage(file, tiff.header.place);
   return tiff;
 }
@@ -137,10 +145,10 @@ std::vector<float> ReadHeights(const path& file, const OpenedTiff& tiff,
                      "64 bits float");
   }
   const uint64_t count = static_cast<uint64_t>(width) * static_cast<uint64_t>(height);
-  if (count > kMaxDepthMapPixels) {
+  if (count > kMaxHeights) {
     throw InputError(file, fmt::format("expected at most {} heights, found {} x {}; "
                                        "`gdal_translate -srcwin` cuts out a part",
-                                       kMaxDepthMapPixels, width, height));
+                                       kMaxHeights, width, height));
   }
   if (count > kMaxDeflateRatio * tiff.bytes.size()) {
     throw InputError(file, fmt::format("the file is too short for {} x {} heights", width, height));
@@ -161,7 +169,8 @@ std::vector<float> ReadHeights(const path& file, const OpenedTiff& tiff,
     none = static_cast<float>(*number);
   } else {
     // What programs write where they say no more.
-    const float lowest = *std::min_element(heights.begin(), heights.end());
+    float lowest = std::numeric_limits<float>::infinity();
+    for (const float value : heights) lowest = std::min(lowest, value);  // of NaN the first
     constexpr std::array<float, 3> kUsual = {-9999, -32768, std::numeric_limits<float>::lowest()};
     if (std::find(kUsual.begin(), kUsual.end(), lowest) != kUsual.end()) {
       none = lowest;
@@ -233,10 +242,11 @@ class GridMesh {
 
 // Colors what the orthophoto shows by it.
 void AddOrthophoto(const path& file, const OpenedTiff& tiff, RawMesh& mesh) {
-  auto picture =
-      DecodeTexture({reinterpret_cast<const uint8_t*>(tiff.bytes.data()), tiff.bytes.size()});
-  if (!picture) throw InputError(file, "cannot be decoded as a picture");
-  mesh.textures.push_back(std::move(*picture));
+  try {
+    mesh.textures.push_back(DecodePicture(tiff.bytes, ImageChannels::kRgb));
+  } catch (const InputError& error) {
+    throw InputError(file, error.what());
+  }
   mesh.materials.push_back({.texture = 0, .color_rgb = std::nullopt});
   const Affine2d image_from_world = tiff.world_from_image.inverse();
   const Eigen::Array2d size(tiff.header.size.width_px, tiff.header.size.height_px);

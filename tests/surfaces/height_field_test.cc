@@ -203,6 +203,16 @@ TEST_F(HeightField, UsualNumberOfNoHeightIsSaid) {
   EXPECT_NE(mesh.warnings.front().find("heights of -9999 are taken for none"), std::string::npos);
 }
 
+TEST_F(HeightField, NoNumberIsNoHeight) {
+  const float none = std::numeric_limits<float>::quiet_NaN();
+  TiffWriter tiff(3, 2, BytesOf<float>({none, 2, 3, 4, 5, -9999}), false);
+  tiff.Doubles(33550, {0.5, 0.5, 0});
+  tiff.Doubles(33922, {0, 0, 0, 0, 0, 0});
+  const TriangleMesh mesh = Read(tiff);
+  EXPECT_EQ(mesh.triangles.size(), 2u);
+  EXPECT_EQ(mesh.warnings.size(), 1u);
+}
+
 TEST_F(HeightField, OrthophotoIsItsTexture) {
   SmallField().Write(file());
   Picture(kEast).Write(picture());
@@ -228,6 +238,9 @@ TEST_F(HeightField, BadFilesAreNamed) {
   TiffWriter degrees = SmallField();
   degrees.Keys(2, 1, 4326);
   ExpectError(degrees, "its coordinates are degrees");
+  TiffWriter feet = SmallField();
+  feet.Shorts(34735, {1, 1, 0, 2, 1024, 0, 1, 1, 3076, 0, 1, 9003});
+  ExpectError(feet, "its coordinates are of unit EPSG:9003");
   ExpectError(TiffWriter(2, 2, BytesOf<float>({1, 2, 3, 4}), false),
               "does not say where its pixels lie");
   ExpectError(Picture(kEast), "expected heights: one channel");
