@@ -360,8 +360,14 @@ std::string KeyText(const py::handle& value) {
 NamedGeometry ToGeometry(const GeometryLike& geometry, const GeometryContext& context) {
   const auto of_caster = [](std::shared_ptr<const RayCaster> caster) {
     NamedGeometry named;
-    named.source = std::make_shared<const MeshSource>("mesh from memory", caster);
-    named.mesh = std::move(caster);
+    const bool is_mesh = caster->kind() == SurfaceKind::kMesh;
+    const bool is_cloud = caster->kind() == SurfaceKind::kCloud;
+    named.kind = is_mesh    ? GeometryKind::kMesh
+                 : is_cloud ? GeometryKind::kCloud
+                            : GeometryKind::kSplats;
+    const char* const name = is_mesh ? "mesh" : is_cloud ? "cloud" : "splats";
+    named.source = std::make_shared<const MeshSource>(fmt::format("{} from memory", name), caster);
+    (is_mesh ? named.mesh : named.cloud) = std::move(caster);
     return named;
   };
   if (py::isinstance<Geometry>(geometry)) return geometry.cast<const Geometry&>().named;

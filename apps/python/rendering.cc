@@ -111,7 +111,7 @@ bool AreCoherent(std::span<const Ray> rays) {
 RayBlock BlockOf(std::span<const Ray> rays) {
   RayBlock block;
   for (size_t i = 0; i < rays.size(); ++i) {
-    const Eigen::Vector3f along = rays[i].direction_in_world.cast<float>();
+    const Eigen::Vector3f along = rays[i].direction_in_world.normalized().cast<float>();
     block.x[i] = along.x();
     block.y[i] = along.y();
     block.z[i] = along.z();
@@ -128,8 +128,9 @@ void CastTogether(const RayCaster& caster, std::span<const Ray> rays,
   for (size_t i = 0; i < rays.size(); ++i) {
     hits.emplace_back();
     if (found.triangle[i] == HitBlock::kNoTriangle) continue;
-    hits.back() = caster.RefineHit(origin, rays[i].direction_in_world, found.triangle[i],
-                                   double{found.ray_t[i]});
+    const Eigen::Vector3d& direction = rays[i].direction_in_world;
+    hits.back() = caster.RefineHit(origin, direction, found.triangle[i],
+                                   double{found.ray_t[i]} / direction.norm());
   }
 }
 

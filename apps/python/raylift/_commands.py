@@ -221,7 +221,7 @@ def retrieve(out: PathLike, **options: Any) -> Dict[str, List[str]]:
     run("pairs", out=out, **options)
     found: Dict[str, List[str]] = {}
     for line in Path(out).read_text(encoding="utf-8").splitlines():
-        query, reference = line.split()
+        query, reference = line.split(", ") if ", " in line else line.split()  # of names with blanks
         found.setdefault(query, []).append(reference)
     return found
 

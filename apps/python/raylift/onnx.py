@@ -106,8 +106,9 @@ class _Graph:
 
     def find(self, role: str, among: Mapping[str, Any], suffix: str = "") -> Optional[str]:
         """The tensor of a role, such as "keypoints" with the suffix "0"."""
-        if role + suffix in self.roles:
-            return self.roles[role + suffix]
+        given = self.roles.get(role + suffix)
+        if given in among:
+            return given
         names = [name + suffix for name in _NAMES[role]]
         return next((name for name in names if name in among), None)
 
@@ -202,8 +203,12 @@ class Extractor(_Model):
         name, picture = self._picture(image)
         found = graph.run({name: picture.tensor})
         keypoints = self._of_photograph(found[graph.need("keypoints", found)], picture.scale)
-        descriptors = _rows(found[graph.need("descriptors", found)])
-        if len(descriptors) != len(keypoints):
+        name = graph.need("descriptors", found)
+        descriptors = _rows(found[name])
+        # Of as many keypoints as dimensions, the axis of a fixed size is that of the dimensions.
+        declared = graph.outputs[name].shape[-2:]
+        is_fixed = [isinstance(size, int) for size in declared]
+        if len(descriptors) != len(keypoints) or is_fixed == [True, False]:
             descriptors = descriptors.T
         height, width = np.asarray(image).shape[:2]
         features = {"keypoints": keypoints, "descriptors": descriptors, "image_size": np.array([width, height])}
@@ -271,7 +276,8 @@ class Matcher(_Model):
         if matches is not None:
             rows = np.asarray(found[matches])
             # Of a batch of one: (1, N), (1, K, 2), or rows that begin with its index.
-            rows = rows[0] if rows.ndim == 3 or (rows.ndim == 2 and len(rows) == 1 and rows.shape[1] != 2) else rows
+            is_list = matches.endswith("0")
+            rows = rows[0] if rows.ndim == 3 or (rows.ndim == 2 and is_list and len(rows) == 1) else rows
             result["matches"] = rows[:, 1:] if rows.ndim == 2 and rows.shape[1] == 3 else rows
         elif scales is None:
             graph.need("matches", found)
@@ -296,6 +302,8 @@ class GlobalDescriptor(_Model):
                  top_k: int = 10) -> Dict[str, List[str]]:
         """For the name of each query's photograph the names of the references most like it, best first."""
         names = list(references)
+        if not names:
+            return {name: [] for name in queries}
         vectors = np.array([self(_core.read_image(references[name])) for name in names])
         found = {}
         for name, file in queries.items():
