@@ -386,8 +386,8 @@ std::string Hint(const CLI::App& app, const std::vector<std::string>& arguments)
     const std::string kind = name.substr(2);
     const bool takes_geometry =
         std::find(options.begin(), options.end(), "--geometry") != options.end();
-    if (takes_geometry &&
-        (kind == "mesh" || kind == "cloud" || kind == "splat" || kind == "depth")) {
+    if (takes_geometry && (kind == "mesh" || kind == "dsm" || kind == "cloud" || kind == "splat" ||
+                           kind == "depth")) {
       return fmt::format("; did you mean --geometry {}:PATH?", kind);
     }
     const std::string hint = DidYouMean(name, options);
