@@ -77,6 +77,10 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
         std::min(of_position, ProbabilityOfDistance(normalized, assessed.pose, assessed.scored,
                                                     distance, scale, evidence));
   }
+  Conclude(confidence, of_position, estimate);
+}
+
+void Conclude(double confidence, double of_position, PoseEstimate& estimate) {
   estimate.confidence = std::min(confidence, std::max(kLeastConfidence, of_position));
   estimate.verdict = estimate.confidence >= kLocalizedConfidence ? PoseVerdict::kLocalized
                                                                  : PoseVerdict::kDoubtful;

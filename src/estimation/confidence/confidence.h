@@ -54,6 +54,10 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
                       const AssessedPose& assessed, const EstimatorOptions& options,
                       PoseEstimate& estimate);
 
+// Sets the confidence, no more than the position's unless that is less than what is needed for a
+// pose, and the verdict that follows.
+void Conclude(double confidence, double of_position, PoseEstimate& estimate);
+
 // The logarithm of Hoeffding's bound of the probability that of independent trials so many succeed,
 // each by a chance.
 double LogBinomialTail(double trials, double successes, double chance);

@@ -268,16 +268,14 @@ FocalRefinement RefineFocal(const PoseProblem& problem, const Rigid3& cam_from_w
 }
 
 // The lens leaves the position less certain than the estimate has known.
-void DoubtByPosition(const PoseProblem& problem, MatchSets sets, const EstimatorOptions& options,
+void DoubtByPosition(const PoseProblem& problem, MatchSets scored, const EstimatorOptions& options,
                      PoseEstimate& estimate) {
   Rng rng(StreamSeed(options.seed, problem.name, "focal"));
   const NormalizedProblem local(problem, options.reprojection_threshold_px,
                                 options.sampson_threshold_px, rng, options.point_sigma);
-  const double right =
-      ProbabilityOfPosition(estimate.position_sigma / local.scale,
-                            SceneDistance(local, local.ToLocal(*estimate.cam_from_world), sets));
-  estimate.confidence = std::min(estimate.confidence, std::max(kLeastConfidence, right));
-  if (estimate.confidence < kLocalizedConfidence) estimate.verdict = PoseVerdict::kDoubtful;
+  const double distance = SceneDistance(local, local.ToLocal(*estimate.cam_from_world), scored);
+  Conclude(estimate.confidence,
+           ProbabilityOfPosition(estimate.position_sigma / local.scale, distance), estimate);
 }
 
 int NumInliers(const PoseEstimate& estimate) {
@@ -329,7 +327,6 @@ std::optional<double> UnknownFocalRange(const PoseProblem& problem,
 PoseEstimate EstimateWithFocal(const RansacEstimator& estimator, const PoseProblem& problem,
                                const EstimatorOptions& options, double range) {
   const double focal_px = problem.query_camera.MeanFocalPx();
-  const bool assumed = LensIsAssumed(problem.query_camera, problem.priors);
   PoseProblem changed = problem;
   std::optional<PoseEstimate> first;
   Camera camera;
@@ -360,7 +357,8 @@ PoseEstimate EstimateWithFocal(const RansacEstimator& estimator, const PoseProbl
   second.refined_camera = refined.camera;
   if (!second.cam_from_world || NumInliers(second) < kKeptGain * NumInliers(*first)) {
     DropCovariance(*first);  // it takes the camera for granted
-    if (assumed) DoubtByPosition(changed, estimator.RefinedSets(first->solver), options, *first);
+    changed.query_camera = camera;
+    DoubtByPosition(changed, estimator.scored(), options, *first);
     return *first;
   }
   if (refined.covariance_by_lens && second.covariance) {
@@ -368,7 +366,7 @@ PoseEstimate EstimateWithFocal(const RansacEstimator& estimator, const PoseProbl
   } else {
     DropCovariance(second);
   }
-  if (assumed) DoubtByPosition(changed, estimator.RefinedSets(second.solver), options, second);
+  DoubtByPosition(changed, estimator.scored(), options, second);
   return second;
 }
 

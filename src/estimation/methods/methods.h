@@ -54,6 +54,7 @@ class RansacEstimator final : public PoseEstimator {
   // Refines a pose without RANSAC.
   PoseEstimate RefineFrom(const PoseProblem& problem, const Rigid3& cam_from_world) const;
 
+  MatchSets scored() const { return method_.scored; }
   // Returns the matches that refine a pose which this solver made.
   MatchSets RefinedSets(Solver solver) const;
 
