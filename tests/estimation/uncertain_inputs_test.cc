@@ -239,6 +239,7 @@ TEST(AssumedLens, IsFoundWithThePoseAndStandsInItsCovariance) {
     }
     // 1 on average.
     EXPECT_LT(squared_sigmas / kProblems, 3) << lens[2];
+    EXPECT_GT(squared_sigmas / kProblems, 0.3) << lens[2];
   }
 }
 

@@ -24,8 +24,8 @@ enum Param : size_t { kFocal, kCenterX, kCenterY, kRadial, kRadial2 };
 
 constexpr int kRounds = 15;
 constexpr int kLeastMatches = 11;  // as many as unknowns
-// The median of a squared residual over its variance per coordinate, and of Student's t the degrees
-// of freedom.
+// The median of a squared residual over its variance per coordinate, and the degrees of freedom of
+// Student's t, of which the weights are: 1 + 2 / nu at zero.
 constexpr double kMedianOfSquare = 1.386;
 constexpr double kDegrees = 4;
 
@@ -118,7 +118,7 @@ Equations Linearize(const std::vector<WeightedMatch>& matches, const Camera& cam
   const double variance = std::max(UpperMedianOr(squares, 1) / kMedianOfSquare, 1e-6);
   for (const auto& [residual, share] : residuals) {
     const double t = residual.px.squaredNorm() / (kDegrees * variance);
-    const double weight = share / (variance * (1 + t));
+    const double weight = share * (1 + 2 / kDegrees) / (variance * (1 + t));
     equations.hessian += weight * residual.by_unknowns.transpose() * residual.by_unknowns;
     equations.gradient += weight * residual.by_unknowns.transpose() * residual.px;
   }
