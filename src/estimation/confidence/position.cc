@@ -235,9 +235,10 @@ class PlacesOnLine {
   }
 
   // 1 / (1 + NFA_0 (1 + 1 / NFA_x)): 0 is as likely as it has fewer false alarms than another place
-  // and than chance.
+  // and than chance; 0 where no other keypoint has matches.
   double OverChance(double only_second, double clustering) const {
     if (!by_chance_) return 1;
+    if (by_chance_->keypoints <= 1) return 0;
     const double of_zero =
         by_chance_->LogFalseAlarms(speak_for_zero_, by_chance_->keypoints, clustering);
     const double of_other = LogFalseAlarmsOfOther(only_second, clustering);
