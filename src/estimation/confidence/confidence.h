@@ -36,8 +36,8 @@ namespace raylift {
 // A pose that is as surely wrong as a localized one is right is none.
 inline constexpr double kLeastConfidence = 1 - kLocalizedConfidence;
 
-// What a scene holds twice, a window or a sign, seldom is as large as this share of what the
-// photograph shows.
+// What a scene holds twice, a window or a sign, seldom is as large as this share: of what the
+// photograph shows, or of the keypoints that speak for one of two poses.
 inline constexpr double kOnePlace = 0.25;
 
 struct AssessedPose {
