@@ -14,16 +14,16 @@ namespace {
 
 // Standard deviations. The cameras that well-known data sets have calibrated (TUM RGB-D's first
 // two, EuRoC's, KITTI's) have a principal point that is 1.3 % of the width from the middle, root
-// mean square of both coordinates, and a radial term of .29; those of phones are less distorted.
+// mean square of both coordinates, and a radial term of .29. Those of phones are less distorted:
+// kRadialSigma is between the two.
 constexpr double kPrincipalPointSigma = 0.013;  // of the longer side
-constexpr double kRadialSigma = 0.2;
-constexpr double kRadial2Sigma = 0.1;  // of the term of the fourth power: EuRoC's is .07
+constexpr double kRadial2Sigma = 0.1;           // of the term of the fourth power: EuRoC's is .07
 
 // Camera::params() of RADIAL.
 enum Param : size_t { kFocal, kCenterX, kCenterY, kRadial, kRadial2 };
 
 constexpr int kRounds = 15;
-constexpr int kLeastMatches = 11;  // as many as unknowns
+constexpr size_t kLeastKeypoints = 11;  // as many as unknowns
 // The median of a squared residual over its variance per coordinate, and the degrees of freedom of
 // Student's t, of which the weights are: 1 + 2 / nu at zero.
 constexpr double kMedianOfSquare = 1.386;
@@ -82,19 +82,25 @@ struct WeightedMatch {
   double weight;
 };
 
-std::vector<WeightedMatch> MatchesNear(const PoseProblem& problem, const Camera& camera,
-                                       const Rigid3& pose, double threshold_px) {
-  std::map<std::pair<double, double>, int> count_at;
+// Returns none where they are of too few keypoints.
+std::vector<WeightedMatch> MatchesNear(const PoseProblem& problem, const Repeats& repeats,
+                                       const Camera& camera, const Rigid3& pose,
+                                       double threshold_px) {
+  std::map<size_t, int> count_of;
   std::vector<WeightedMatch> near;
-  for (const Match2D3D& match : problem.matches_2d3d) {
+  const auto keypoint_of = [&](const Match2D3D& match) {
+    return repeats.keypoints.of_2d3d[&match - problem.matches_2d3d.data()];
+  };
+  for (size_t i = 0; i < problem.matches_2d3d.size(); ++i) {
+    if (repeats.of_2d3d[i] != i) continue;
+    const Match2D3D& match = problem.matches_2d3d[i];
     const auto residual = ResidualOf(camera, pose, match);
     if (!residual || !(residual->px.norm() < threshold_px)) continue;
     near.push_back({&match, 1});
-    ++count_at[{match.query_px.x(), match.query_px.y()}];
+    ++count_of[keypoint_of(match)];
   }
-  for (auto& [match, weight] : near) {
-    weight = 1.0 / count_at.at({match->query_px.x(), match->query_px.y()});
-  }
+  if (count_of.size() < kLeastKeypoints) return {};
+  for (auto& [match, weight] : near) weight = 1.0 / count_of.at(keypoint_of(*match));
   return near;
 }
 
@@ -145,35 +151,41 @@ Camera WithRadialMoved(const Camera& camera, double by) {
 
 double RadialTerm(const Camera& camera) { return camera.params()[kRadial]; }
 
-std::optional<AssumedLens> RefineAssumedLens(const PoseProblem& problem, const Camera& start,
-                                             const Rigid3& cam_from_world, const Camera& assumed,
-                                             double focal_sigma, double threshold_px) {
+std::optional<AssumedLens> RefineAssumedLens(const PoseProblem& problem, const Repeats& repeats,
+                                             const Camera& start, const Rigid3& cam_from_world,
+                                             const Camera& assumed, double range,
+                                             double threshold_px) {
   const double center_sigma =
       kPrincipalPointSigma * std::max(assumed.width_px(), assumed.height_px());
   LensVector sigma;
-  sigma << focal_sigma, center_sigma, center_sigma, kRadialSigma, kRadial2Sigma;
+  sigma << std::log(range) / std::sqrt(3.0), center_sigma, center_sigma, kRadialSigma,
+      kRadial2Sigma;
   const LensVector information = sigma.cwiseAbs2().cwiseInverse();
   std::optional<AssumedLens> refined;
   Camera camera = start;
   Rigid3 pose = cam_from_world;
   for (int round = 0; round < kRounds; ++round) {
-    const std::vector<WeightedMatch> matches = MatchesNear(problem, camera, pose, threshold_px);
-    if (matches.size() < kLeastMatches) break;
+    const std::vector<WeightedMatch> matches =
+        MatchesNear(problem, repeats, camera, pose, threshold_px);
+    if (matches.empty()) break;
     Equations equations = Linearize(matches, camera, pose);
+    const LensVector offset = OffsetOf(camera, assumed);
     equations.hessian.diagonal().tail<kLensSize>() += information;
-    equations.gradient.tail<kLensSize>() += information.cwiseProduct(OffsetOf(camera, assumed));
+    equations.gradient.tail<kLensSize>() += information.cwiseProduct(offset);
     const Eigen::LDLT<UnknownMatrix> factors(equations.hessian);
-    const UnknownVector step = -factors.solve(equations.gradient);
+    UnknownVector step = -factors.solve(equations.gradient);
     if (!step.allFinite() || std::abs(step[6]) > 1) break;
-    camera = Moved(camera, step.tail<kLensSize>());
-    const Eigen::Quaterniond turn = RotationFromVector(step.head<3>());
-    pose = Rigid3{turn, step.segment<3>(3)} * pose;
     const Eigen::Matrix<double, kLensSize, kLensSize> of_lens =
         factors.solve(UnknownMatrix::Identity()).bottomRightCorner<kLensSize, kLensSize>();
     const Eigen::Matrix<double, 6, kLensSize> pose_by_lens =
         equations.hessian.topLeftCorner<6, 6>().ldlt().solve(
             Eigen::Matrix<double, 6, kLensSize>(-equations.hessian.topRightCorner<6, kLensSize>()));
     refined = {camera, pose_by_lens * of_lens * pose_by_lens.transpose()};
+    step[6] =
+        std::clamp(offset[kFocal] + step[6], -std::log(range), std::log(range)) - offset[kFocal];
+    camera = Moved(camera, step.tail<kLensSize>());
+    const Eigen::Quaterniond turn = RotationFromVector(step.head<3>());
+    pose = Rigid3{turn, step.segment<3>(3)} * pose;
   }
   return refined;
 }

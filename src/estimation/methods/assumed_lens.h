@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "estimation/problem/cam_from_local.h"
+#include "estimation/problem/repeats.h"
 
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
@@ -13,8 +14,9 @@
 
 namespace raylift {
 
-// Radial terms are looked for up to this.
-inline constexpr double kFurthestRadial = 0.4;
+// The standard deviation of a lens's radial term, and how far from none it is looked for.
+inline constexpr double kRadialSigma = 0.2;
+inline constexpr double kFurthestRadial = 2 * kRadialSigma;
 
 // Returns whether the query's camera is no more than a guess: its focal length is to be found, and
 // it has its principal point in the middle and no distortion.
@@ -34,11 +36,12 @@ struct AssumedLens {
 };
 
 // Takes Gauss-Newton's steps of lens and pose on the 2D-3D matches and what is known of lenses,
-// from a lens (RADIAL) and a pose that they fit. `focal_sigma` is the standard deviation of the
-// focal length's logarithm about that of `assumed`. Where the matches tell little, the lens stays
-// as uncertain as lenses are; nullopt if there are too few.
-std::optional<AssumedLens> RefineAssumedLens(const PoseProblem& problem, const Camera& start,
-                                             const Rigid3& cam_from_world, const Camera& assumed,
-                                             double focal_sigma, double threshold_px);
+// from a lens (RADIAL) and a pose that they fit. The focal length is within a factor of `range` of
+// that of `assumed`. Where the matches tell little, the lens stays as uncertain as lenses are;
+// nullopt if there are too few.
+std::optional<AssumedLens> RefineAssumedLens(const PoseProblem& problem, const Repeats& repeats,
+                                             const Camera& start, const Rigid3& cam_from_world,
+                                             const Camera& assumed, double range,
+                                             double threshold_px);
 
 }  // namespace raylift

@@ -80,6 +80,12 @@ struct SearchedValue {
   double high;
 };
 
+// Returns the problem with its matches in the same order for every camera.
+NormalizedProblem Prepare(const PoseProblem& problem, const EstimatorOptions& options) {
+  Rng rng(StreamSeed(options.seed, problem.name, "focal"));
+  return Normalize(problem, options, rng);
+}
+
 // Searches near the problem's lens, from a pose of the problem as it is, by the sets in use.
 class FocalSearch {
  public:
@@ -97,12 +103,6 @@ class FocalSearch {
   Trial Lowest(const SearchedValue& value, const Rigid3& start) const;
   // Refines the pose with this camera first.
   std::optional<FocalStep> StepFrom(const Camera& camera, CamFromLocal& pose) const;
-  // With its matches in the same order for every camera.
-  NormalizedProblem Prepare(const PoseProblem& problem) const {
-    Rng rng(StreamSeed(options_.seed, problem_.name, "focal"));
-    return {problem, options_.reprojection_threshold_px, options_.sampson_threshold_px, rng,
-            options_.point_sigma};
-  }
 
   const PoseProblem& problem_;
   MatchSets sets_;
@@ -111,7 +111,7 @@ class FocalSearch {
 
 Trial FocalSearch::Try(const SearchedValue& value, double at, const Rigid3& start) const {
   const PoseProblem changed = WithCamera(problem_, value.camera_at(at));
-  const NormalizedProblem prepared = Prepare(changed);
+  const NormalizedProblem prepared = Prepare(changed, options_);
   // Inliers under a wrong focal length lie beyond the threshold: the local optimization reaches
   // for them first.
   const CamFromLocal near = OptimizeLocally(prepared, prepared.ToLocal(start), sets_, 10);
@@ -189,7 +189,7 @@ Trial FocalSearch::Best(const Rigid3& start, double shortest, double longest) co
 
 std::optional<FocalStep> FocalSearch::StepFrom(const Camera& camera, CamFromLocal& pose) const {
   const PoseProblem problem = WithCamera(problem_, camera);
-  NormalizedProblem prepared = Prepare(problem);
+  NormalizedProblem prepared = Prepare(problem, options_);
   if (sets_ == MatchSets::kBoth) {
     const RefinedPose refined =
         RefineByEvidence(prepared, GatherEvidence(problem, prepared), pose,
@@ -206,8 +206,8 @@ std::optional<FocalStep> FocalSearch::StepFrom(const Camera& camera, CamFromLoca
 
 FocalRefinement FocalSearch::Polish(const Trial& from, double shortest, double longest) const {
   constexpr int kMaxSteps = 6;
-  constexpr double kSettled = 0.05;                   // standard deviations
-  const NormalizedProblem frame = Prepare(problem_);  // the same for all cameras
+  constexpr double kSettled = 0.05;                             // standard deviations
+  const NormalizedProblem frame = Prepare(problem_, options_);  // the same for all cameras
   FocalRefinement result = {from.camera, std::nullopt};
   CamFromLocal pose = frame.ToLocal(from.cam_from_world);
   double log_factor = from.at;
@@ -259,8 +259,8 @@ FocalRefinement RefineFocal(const PoseProblem& problem, const Rigid3& cam_from_w
   if (LensIsAssumed(problem.query_camera, problem.priors)) {
     const Camera assumed = WithRadialTerms(WithFocalScaled(problem.query_camera, std::exp(middle)));
     const auto lens =
-        RefineAssumedLens(problem, best.camera, best.cam_from_world, assumed,
-                          std::log(range) / std::sqrt(3.0), options.reprojection_threshold_px);
+        RefineAssumedLens(problem, Prepare(problem, options).repeats, best.camera,
+                          best.cam_from_world, assumed, range, options.reprojection_threshold_px);
     if (!lens) return {best.camera, std::nullopt};
     return {lens->camera, lens->pose_covariance};
   }
@@ -270,9 +270,7 @@ FocalRefinement RefineFocal(const PoseProblem& problem, const Rigid3& cam_from_w
 // The lens leaves the position less certain than the estimate has known.
 void DoubtByPosition(const PoseProblem& problem, MatchSets scored, const EstimatorOptions& options,
                      PoseEstimate& estimate) {
-  Rng rng(StreamSeed(options.seed, problem.name, "focal"));
-  const NormalizedProblem local(problem, options.reprojection_threshold_px,
-                                options.sampson_threshold_px, rng, options.point_sigma);
+  const NormalizedProblem local = Prepare(problem, options);
   const double distance = SceneDistance(local, local.ToLocal(*estimate.cam_from_world), scored);
   Conclude(estimate.confidence,
            ProbabilityOfPosition(estimate.position_sigma / local.scale, distance), estimate);

@@ -41,6 +41,9 @@ RansacMethod HybridRansacMethod();
 // A refined pose keeps at least this share of what RANSAC's gains over a pose that nothing fits.
 inline constexpr double kKeptGain = 0.5;
 
+// Returns the problem as these methods take it, with what repeats found.
+NormalizedProblem Normalize(const PoseProblem& problem, const EstimatorOptions& options, Rng& rng);
+
 // Any of those methods, from a problem to its estimate.
 class RansacEstimator final : public PoseEstimator {
  public:
@@ -65,7 +68,6 @@ class RansacEstimator final : public PoseEstimator {
   RefinedPose Refine(const NormalizedProblem& problem,
                      const std::optional<KeypointEvidence>& evidence, const PoseScore& pose_score,
                      const RansacReport& report, PoseEstimate& estimate) const;
-  NormalizedProblem Normalize(const PoseProblem& problem, Rng& rng) const;
   // Fills what follows from the refined pose, by the residuals through the lens that it was found
   // with.
   void Describe(const PoseProblem& problem, const NormalizedProblem& normalized,

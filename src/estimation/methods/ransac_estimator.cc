@@ -170,7 +170,25 @@ std::vector<CamFromLocal> OtherPoses(const RansacReport& report) {
   return poses;
 }
 
+// Two pixels of one point, each with noise, are as near as a fourth of it in one case of sixty, by
+// what the thresholds say of it: 1 - exp(-1/64). The paper's methods take each match for itself.
+double SameWithinPx(const EstimatorOptions& options) {
+  const double noise_px =
+      std::min(options.reprojection_threshold_px, options.sampson_threshold_px) /
+      kSigmasOfThreshold;
+  return options.refinement == Refinement::kRobust ? 0.25 * noise_px : 0;
+}
+
 }  // namespace
+
+NormalizedProblem Normalize(const PoseProblem& problem, const EstimatorOptions& options, Rng& rng) {
+  return {problem,
+          options.reprojection_threshold_px,
+          options.sampson_threshold_px,
+          rng,
+          options.point_sigma,
+          SameWithinPx(options)};
+}
 
 PoseEstimate RansacEstimator::Estimate(const PoseProblem& problem) const {
   const std::optional<double> range = UnknownFocalRange(problem, options_);
@@ -182,7 +200,7 @@ PoseEstimate RansacEstimator::Estimate(const PoseProblem& problem) const {
 PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem,
                                                  double focal_sigma) const {
   Rng rng(StreamSeed(options_.seed, problem.name, ToString(options_.method)));
-  NormalizedProblem normalized = Normalize(problem, rng);
+  NormalizedProblem normalized = Normalize(problem, options_, rng);
   normalized.TakeFocalSigma(problem, focal_sigma);
   PoseEstimate estimate = WithoutPose(problem);
   std::optional<KeypointEvidence> evidence;
@@ -281,20 +299,6 @@ RefinedPose RansacEstimator::Refine(const NormalizedProblem& problem,
   return refined;
 }
 
-// Two pixels of one point, each with noise, are as near as a fourth of it in one case of sixty, by
-// what the thresholds say of it: 1 - exp(-1/64). The paper's methods take each match for itself.
-NormalizedProblem RansacEstimator::Normalize(const PoseProblem& problem, Rng& rng) const {
-  const double noise_px =
-      std::min(options_.reprojection_threshold_px, options_.sampson_threshold_px) /
-      kSigmasOfThreshold;
-  return {problem,
-          options_.reprojection_threshold_px,
-          options_.sampson_threshold_px,
-          rng,
-          options_.point_sigma,
-          options_.refinement == Refinement::kRobust ? 0.25 * noise_px : 0};
-}
-
 void RansacEstimator::Describe(const PoseProblem& problem, const NormalizedProblem& normalized,
                                const RefinedPose& refined, double num_poses_tried,
                                const std::vector<CamFromLocal>& alternatives,
@@ -315,7 +319,7 @@ void RansacEstimator::Describe(const PoseProblem& problem, const NormalizedProbl
 PoseEstimate RansacEstimator::RefineFrom(const PoseProblem& problem,
                                          const Rigid3& cam_from_world) const {
   Rng rng(StreamSeed(options_.seed, problem.name, "refine"));
-  NormalizedProblem normalized = Normalize(problem, rng);
+  NormalizedProblem normalized = Normalize(problem, options_, rng);
   normalized.TakeFocalSigma(problem, FocalSigma(problem, options_));
   PoseEstimate estimate = WithoutPose(problem);
   std::optional<KeypointEvidence> evidence;
