@@ -170,13 +170,16 @@ std::vector<CamFromLocal> OtherPoses(const RansacReport& report) {
   return poses;
 }
 
-// Two pixels of one point, each with noise, are as near as a fourth of it in one case of sixty, by
-// what the thresholds say of it: 1 - exp(-1/64). The paper's methods take each match for itself.
+// Two pixels of one point, each with noise, are as near as a fourth of it in one case of sixty:
+// 1 - exp(-1/64). The noise is what is known of the scene's, else what the thresholds say of it.
+// The paper's methods take each match for itself.
 double SameWithinPx(const EstimatorOptions& options) {
-  const double noise_px =
+  if (options.refinement != Refinement::kRobust) return 0;
+  const double by_thresholds_px =
       std::min(options.reprojection_threshold_px, options.sampson_threshold_px) /
       kSigmasOfThreshold;
-  return options.refinement == Refinement::kRobust ? 0.25 * noise_px : 0;
+  const bool is_known = options.scene_noise && options.scene_noise->keypoint_px.errors > 4;
+  return 0.25 * (is_known ? options.scene_noise->keypoint_px.sigma : by_thresholds_px);
 }
 
 }  // namespace
