@@ -144,7 +144,12 @@ class EstimateRun {
       rows_.resize(files_.size());
       std::vector<size_t> all(files_.size());
       std::iota(all.begin(), all.end(), size_t{0});
-      Estimate(all, [this](size_t i, EstimateRow row) { rows_[i] = std::move(row); });
+      const size_t left =
+          Estimate(all, [this](size_t i, EstimateRow row) { rows_[i] = std::move(row); });
+      if (left > 0) {
+        throw Interrupted(fmt::format(
+            "stopped by a signal with {} problems left; --out keeps what is done", left));
+      }
     } else if (!RunAsJob()) {
       return;
     }
@@ -179,6 +184,10 @@ class EstimateRun {
       Estimate(missing, [&job](size_t i, const EstimateRow& row) {
         job.Add(i, EstimateLine(i, job.key(i), row));
       });
+      if (const size_t left = job.Missing().size(); left > 0) {
+        throw Interrupted(
+            fmt::format("stopped by a signal with {} problems left; --resume goes on", left));
+      }
     }
     const std::optional<TaskManifest> whole = job.Whole();
     if (!folder.shard.IsAll() && !flags_.run.quiet) {
@@ -223,9 +232,9 @@ class EstimateRun {
                      {"problems", "csv", "json", "poses", "scene-calibration"}, inputs);
   }
 
-  // Of these files, until a signal.
-  void Estimate(const std::vector<size_t>& places,
-                const std::function<void(size_t, EstimateRow)>& on_row) {
+  // Of these files, until a signal; returns how many it has left.
+  size_t Estimate(const std::vector<size_t>& places,
+                  const std::function<void(size_t, EstimateRow)>& on_row) {
     if (flags_.scene_calibration.empty()) {
       UntilSignal(
           [this] { options_.scene_noise = LearnSceneNoise(files_, flags_, filter_, options_); });
@@ -241,10 +250,7 @@ class EstimateRun {
       --left;
       progress.Advance();
     });
-    if (left == 0) return;
-    throw Interrupted(
-        fmt::format("stopped by a signal with {} problems left; {}", left.load(),
-                    flags_.out.empty() ? "--out keeps what is done" : "--resume goes on"));
+    return left;
   }
 
   const EstimateFlags& flags_;
@@ -288,7 +294,7 @@ Command AddEstimateCommand(CLI::App& program) {
   AddRunOptions(command, flags->run);
   SetFooter(
       command,
-      "With --out each problem that is done is kept at once; a signal finishes the problems in\n"
+      "With --out each problem that is done is kept; a signal finishes the problems in\n"
       "hand (exit code 4), and --shard, --resume, `raylift status` and `raylift merge` are as of\n"
       "localize.\n"
       "Examples:\n"

@@ -174,6 +174,7 @@ void TaskJob::Begin(const std::optional<std::string>& facts) {
 }
 
 std::vector<size_t> TaskJob::Missing() const {
+  if (appender_) appender_->Flush();
   const std::lock_guard<std::mutex> lock(mutex_);
   std::vector<size_t> missing;
   for (size_t i = 0; i < keys_.size(); ++i) {

@@ -253,7 +253,7 @@ class RenderJob {
     return {.images = done.size(),
             .rendered = rendered_,
             .kept = kept_,
-            .left = missing.size() - rendered_,
+            .left = job_.Missing().size(),
             .complete = complete,
             .foreign_files = std::move(foreign_files),
             .warnings = WarningsOf(done, tasks_, *scene_),
@@ -308,11 +308,11 @@ class RenderJob {
                         .hits = frame->num_hits,
                         .depth_range = DepthRange(frame->depth)};
     const CommittedFiles written(CommittedFiles::Sync::kByPromise);
-    for (const std::string& file : TaskFiles(task, options_.products)) {
-      const ProductOutput& product = options_.products[written.paths().size()];
-      entry.dropped +=
-          WriteProduct(options_.out / file, product, *frame, scene_->mesh(), options_.storage)
-              .dropped;
+    const std::vector<std::string> files = TaskFiles(task, options_.products);
+    for (size_t k = 0; k < files.size(); ++k) {
+      entry.dropped += WriteProduct(options_.out / files[k], options_.products[k], *frame,
+                                    scene_->mesh(), options_.storage)
+                           .dropped;
     }
     entry.files = PromiseFiles(options_.out, written.paths());
     frames_.Return(std::move(frame));

@@ -130,6 +130,21 @@ TEST_F(TaskJobs, DoNotEndWithoutTheirFiles) {
   EXPECT_TRUE(FailsWithInputError([&] { job.Whole(); }, {"1 of 5 files", "b is missing"}));
 }
 
+TEST_F(TaskJobs, DoNotCountWhatCannotBeKept) {
+  TaskJob job = Open({.out = out_});
+  job.Begin(std::nullopt);
+  Do(0, job);
+  EXPECT_EQ(job.Missing(), (std::vector<size_t>{1, 2, 3, 4}));
+  const nlohmann::ordered_json line = {
+      {"name", "b"},
+      {"place", 1},
+      {"key", job.key(1)},
+      {"files", FilesJson(std::vector{PromisedFile{.path = "manifest.jsonl/b"}})}};
+  job.Add(1, line.dump());
+  EXPECT_TRUE(FailsWithInputError([&] { job.Missing(); }, {"manifest.jsonl/b", "be synced"}));
+  EXPECT_TRUE(FailsWithInputError([&] { Do(2, job); }, {"manifest.jsonl/b", "be synced"}));
+}
+
 TEST_F(TaskJobs, DoNotEndWithoutTheirManifest) {
   TaskJob job = Open({.out = out_, .shard = {0, 2}});
   job.Begin(std::nullopt);

@@ -90,7 +90,8 @@ class TaskJob {
   // then. Throws OutputError where it cannot be written, InputError where another run is at work.
   void Begin(const std::optional<std::string>& facts);
 
-  // The tasks of this shard that are not done.
+  // Returns the tasks of this shard that are not done, once the others would survive a loss of
+  // power; throws what one of these could not be kept for.
   std::vector<size_t> Missing() const;
 
   // A task is done; `line` is {"name": ..., "place": `task`, "key": key(task), ...}. Thread safe.
