@@ -74,7 +74,7 @@ ContinuousRecords LocalizeInOrder(const LocalizeFlags& flags, LocalizeAll& local
                                  .weigh = !flags.continuous.trust_joined,
                                  .stop = &SignalGuard::stop(),
                                  .on_done = [&](size_t i, const QueryResult* result) {
-                                   if (result != nullptr) output.Show(i, *result);
+                                   if (result != nullptr) SyncFiles(output.Show(i, *result));
                                    progress.Advance();
                                  }});
   if (const size_t left = CountMissing(records); left > 0) {

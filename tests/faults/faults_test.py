@@ -165,6 +165,8 @@ class Command:
 COMMANDS = [
     Command("localize", LOCALIZE + ["--out", "OUT/o", "--cache", "OUT/cache", "--write-problems", "OUT/problems",
                                     "--pictures", "1", "--write-model", "OUT/model"], "--resume"),
+    Command("continuous", LOCALIZE + ["--continuous", "--out", "OUT/o", "--write-problems", "OUT/problems", "--pictures",
+                                      "1"], "--resume"),
     Command("estimate", ["estimate", "problems", "--out", "OUT/o", "--threads", "2", "--quiet"], "--resume"),
     Command("evaluate", ["evaluate", "--ground-truth", "truth", "--poses", "poses.txt", "--json", "OUT/t.json",
                          "--csv", "OUT/t.csv", "--report", "OUT/report", "--geometry", "mesh:room.ply"]),

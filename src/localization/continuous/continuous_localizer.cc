@@ -135,9 +135,9 @@ ContinuousRecords LocalizeContinuously(std::span<const Query> queries,
       if (hooks.on_localized) hooks.on_localized(query, *result);
       records[query] = MakeRecord(*result, place, scene, options);
     }
+    if (hooks.on_done) hooks.on_done(query, result ? &*result : nullptr);
     if (result) checkpoint.Write(place, *records[query]);
     if (records[query]->joined) scene.Join(*records[query]->joined);
-    if (hooks.on_done) hooks.on_done(query, result ? &*result : nullptr);
   }
   return records;
 }

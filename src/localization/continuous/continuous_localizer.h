@@ -76,7 +76,7 @@ struct ContinuousOptions {
 struct ContinuousHooks {
   // A query was localized with what the scene holds now, and may be changed before it is judged.
   std::function<void(size_t query, QueryResult& result)> on_localized = {};
-  // A query is done; `result` is null where it was done by an earlier run.
+  // A query is done, and is kept when this returns; `result` is null where an earlier run did it.
   std::function<void(size_t query, const QueryResult* result)> on_done = {};
 };
 
