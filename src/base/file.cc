@@ -1,6 +1,7 @@
 #include "raylift/base/file.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cctype>
 #include <cerrno>
@@ -16,6 +17,7 @@
 
 #include "base/hash.h"
 #include "base/input_paths.h"
+#include "base/sync_errors.h"
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <linux/magic.h>
@@ -118,12 +120,10 @@ int Sync(int descriptor, Synced what) {
   return 0;
 }
 
-// File systems of networks may have no such call for folders, and whoever promises a file that is
-// gone finds that out.
 void SyncOne(const std::filesystem::path& path, Synced what) {
   const OpenFile file(open(path.empty() ? "." : path.c_str(), O_RDONLY | O_CLOEXEC));
   if (file.descriptor() >= 0 && Sync(file.descriptor(), what) == 0) return;
-  if (errno == ENOENT || errno == EINVAL || errno == ENOTSUP || errno == ENOSYS) return;
+  if (CannotSyncHere(errno)) return;
   throw OutputError(path, fmt::format("cannot be synced: {}", std::strerror(errno)));
 }
 
@@ -136,6 +136,11 @@ bool HasEnded(const TemporaryFile& file) {
 }
 
 }  // namespace
+
+bool CannotSyncHere(int error) {
+  constexpr std::array kErrors = {EINVAL, ENOTSUP, ENOSYS, EACCES, EPERM, ENOENT};
+  return std::find(kErrors.begin(), kErrors.end(), error) != kErrors.end();
+}
 
 void RequireRegularFile(const std::filesystem::path& path) {
   using enum std::filesystem::file_type;
@@ -324,19 +329,17 @@ void AtomicFile::Commit() {
 void SyncFiles(std::span<const std::filesystem::path> files) {
   const bool alone = files.size() <= kMostSyncedAlone;
   std::set<std::filesystem::path> folders;
-  for (const std::filesystem::path& file : files) {
-    if (alone) SyncOne(file, Synced::kContents);
-    folders.insert(file.parent_path());
-  }
   std::set<dev_t> synced;
-  for (const std::filesystem::path& folder : folders) {
+  for (const std::filesystem::path& file : files) {
     struct stat status {};
-    if (alone) {
-      SyncOne(folder, Synced::kFolder);
-    } else if (stat(folder.c_str(), &status) == 0 && synced.insert(status.st_dev).second) {
-      SyncOne(folder, Synced::kFileSystem);
+    if (alone || stat(file.c_str(), &status) != 0) {
+      SyncOne(file, Synced::kContents);
+      folders.insert(file.parent_path());
+    } else if (synced.insert(status.st_dev).second) {
+      SyncOne(file, Synced::kFileSystem);
     }
   }
+  for (const std::filesystem::path& folder : folders) SyncOne(folder, Synced::kFolder);
 }
 
 CommittedFiles::CommittedFiles(Sync sync) : outer_(committed_files), sync_(sync) {

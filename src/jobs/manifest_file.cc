@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "base/json_text.h"
+#include "base/sync_errors.h"
 #include "jobs/file_promises.h"
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -233,7 +234,7 @@ void ManifestAppender::Write(std::span<const std::string> lines) const {
     if (count < 0 && errno != EINTR) FailToWrite(path_);
     written += static_cast<size_t>(std::max<ssize_t>(count, 0));
   }
-  if (fdatasync(descriptor_) != 0 && errno != EINVAL) FailToWrite(path_);
+  if (fdatasync(descriptor_) != 0 && !CannotSyncHere(errno)) FailToWrite(path_);
 }
 
 void ManifestAppender::RequireInPlace() const {

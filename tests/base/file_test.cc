@@ -35,6 +35,62 @@ TEST(File, PartsFollowEachOther) {
   EXPECT_EQ(ReadFile(path), "one two");
 }
 
+// A drop folder: whoever writes to it may not list it.
+TEST(File, IsWrittenToAFolderThatCannotBeRead) {
+  const fs::path folder = TestFolder() / "drop";
+  fs::create_directories(folder);
+  fs::permissions(folder, fs::perms(0333));
+  const fs::path before = fs::current_path();
+  fs::current_path(folder);
+  constexpr uid_t kNobody = 65534;
+  const uid_t user = geteuid();  // root may list all folders
+  const bool is_other = user != 0 || seteuid(kNobody) == 0;
+  if (is_other) {
+    EXPECT_NO_THROW(WriteFile("a", "a"));
+  }
+  EXPECT_EQ(seteuid(user), 0);
+  fs::current_path(before);
+  if (!is_other) GTEST_SKIP();
+  fs::permissions(folder, fs::perms::owner_all);
+  EXPECT_EQ(ReadFile(folder / "a"), "a");
+}
+
+TEST(MakeFolders, MakesParentsAndNamesWhatIsNoFolder) {
+  const fs::path folder = TestFolder();
+  MakeFolders(folder / "a/b/c");
+  MakeFolders(folder / "a/b/c");
+  EXPECT_TRUE(fs::is_directory(folder / "a/b/c"));
+  WriteFile(folder / "file", "");
+  EXPECT_TRUE(FailsWithInputError([&] { MakeFolders(folder / "file/d"); }, {"file/d", "folder"}));
+}
+
+// Few files are synced one by one, many by their file system.
+TEST(SyncFiles, PassesOverFilesThatAreGoneAndNamesOthers) {
+  const fs::path folder = TestFolder();
+  std::vector<fs::path> files = {folder / "a", folder / "gone/b"};
+  WriteFile(files[0], "a");
+  for (int more = 0; more < 2; ++more) {
+    EXPECT_NO_THROW(SyncFiles(files));
+    files.push_back(folder / "a/below-a-file");
+    EXPECT_TRUE(FailsWithInputError([&] { SyncFiles(files); }, {"below-a-file", "be synced"}));
+    files.back() = folder / "a";
+    files.resize(6, folder / "a");
+  }
+}
+
+TEST(CommittedFiles, AreNotedByTheLastThatWasMade) {
+  const fs::path folder = TestFolder();
+  const CommittedFiles outer;
+  WriteFile(folder / "a", "");
+  {
+    const CommittedFiles inner(CommittedFiles::Sync::kByPromise);
+    WriteFile(folder / "b", "");
+    EXPECT_EQ(inner.paths(), std::vector<fs::path>{folder / "b"});
+  }
+  WriteFile(folder / "c", "");
+  EXPECT_EQ(outer.paths(), (std::vector<fs::path>{folder / "a", folder / "c"}));
+}
+
 TEST(File, MissingFileAndFolderAreNamed) {
   const auto folder = TestFolder();
   EXPECT_TRUE(FailsWithInputError([&] { ReadFile(folder / "x.txt"); }, {"x.txt", "no such file"}));

@@ -1,7 +1,11 @@
 #include "jobs/manifest_file.h"
 
+#include <algorithm>
+#include <thread>
+
 #include "support/matchers.h"
 #include "support/test_data.h"
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
@@ -45,6 +49,37 @@ TEST(ManifestFile, LinesAreThereOnceTheyHaveTheirEnd) {
   EXPECT_EQ(ReadManifestText(file).lines, Strings{"a"});
   WriteFile(file, "head");
   EXPECT_EQ(ReadManifestText(file).header, "");
+}
+
+TEST(ManifestFile, LinesOfAThreadKeepTheirOrder) {
+  const fs::path file = TestFolder() / "manifest.jsonl";
+  WriteManifestText(file, "header", {});
+  constexpr int kThreads = 3, kLines = 100;
+  ManifestAppender appender(file);
+  std::vector<std::thread> threads;
+  for (int t = 0; t < kThreads; ++t) {
+    threads.emplace_back([&appender, t] {
+      for (int i = 0; i < kLines; ++i) appender.Append(fmt::format("{} {:02}", t, i));
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  appender.Flush();
+  Strings lines = ReadManifestText(file).lines;
+  ASSERT_EQ(lines.size(), size_t{kThreads * kLines});
+  std::stable_sort(lines.begin(), lines.end(),
+                   [](const std::string& a, const std::string& b) { return a[0] < b[0]; });
+  EXPECT_TRUE(std::is_sorted(lines.begin(), lines.end()));
+}
+
+// As where the disk is full.
+TEST(ManifestFile, AFailedWriteEndsFlushAndWhatFollows) {
+  const fs::path full = "/dev/full";
+  if (!fs::exists(full)) GTEST_SKIP();
+  ManifestAppender appender(full);
+  appender.Append("a");
+  EXPECT_TRUE(FailsWithInputError([&] { appender.Flush(); }, {"/dev/full", "cannot be written"}));
+  EXPECT_TRUE(
+      FailsWithInputError([&] { appender.Append("b"); }, {"/dev/full", "cannot be written"}));
 }
 
 TEST(ManifestFile, OneRunAppendsAtATime) {
