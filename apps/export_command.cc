@@ -312,7 +312,7 @@ class Export {
       return geometry.mesh;
     }
     if (!flags_.geometry.empty()) {
-      throw OptionError("--geometry", flags_.geometry, "expected mesh:PATH");
+      throw OptionError("--geometry", flags_.geometry, "expected mesh:PATH or dsm:FILE");
     }
     return nullptr;
   }
@@ -404,7 +404,7 @@ Command AddExportCommand(CLI::App& program) {
   group.Add("--queries", flags->queries, "List of queries: name MODEL width height params...");
   group.Add("--query-images", flags->query_images,
             "Folder of the query photographs, for names that stand alone in the list");
-  group.Add("--geometry", flags->geometry, "Of glb: mesh:PATH[,key=value...]");
+  group.Add("--geometry", flags->geometry, "Of glb: mesh:PATH or dsm:FILE[,key=value...]");
   options.Add("--names", flags->names,
               "Of hloc: {}; full as in the list, file the last part\n"
               "(hloc, Aachen, CMU), camera the last folder with it (RobotCar); by default file");

@@ -23,7 +23,8 @@ void OnSignal(int) {
 
 void OnAlarm(int) {
   constexpr std::string_view kMessage =
-      "raylift: stopped by a signal in the midst of its work; what is done is kept\n";
+      "raylift: stopped by a signal in the midst of its work; but for the last, what is done is "
+      "kept\n";
   [[maybe_unused]] const ssize_t count = write(STDERR_FILENO, kMessage.data(), kMessage.size());
   _exit(kInterrupted);
 }

@@ -99,7 +99,7 @@ RetrievalOptions RetrievalFlags::Resolve(const std::vector<std::string>& geometr
   }
   if (options.method == RetrievalMethod::kOverlap &&
       std::none_of(geometry.begin(), geometry.end(), IsMeshSpec)) {
-    throw OptionError("--retrieval overlap needs --geometry mesh:PATH");
+    throw OptionError("--retrieval overlap needs --geometry mesh:PATH or dsm:FILE");
   }
   if (!(max_angle_deg > 0 && max_angle_deg <= 180)) {
     throw OptionError("--max-angle-deg", FormatDouble(max_angle_deg),

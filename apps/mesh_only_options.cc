@@ -73,7 +73,8 @@ void RequireMeshOnly(std::span<const std::string> geometry, std::string_view nee
                      bool is_given) {
   if (geometry.empty()) {
     throw OptionError(
-        "--model is required (or --geometry mesh:PATH, to render the references from it); COLMAP "
+        "--model is required (or --geometry mesh:PATH or dsm:FILE, to render the references from "
+        "it); COLMAP "
         "makes one of photographs: `colmap automatic_reconstructor --workspace_path sfm "
         "--image_path PHOTOS "
         "--dense 0`, then --model sfm/sparse/0");
@@ -81,7 +82,7 @@ void RequireMeshOnly(std::span<const std::string> geometry, std::string_view nee
   if (geometry.size() != 1 || !IsMeshSpec(geometry.front())) {
     throw OptionError("--geometry", fmt::format("{}", fmt::join(geometry, " ")),
                       "without --model the references are rendered from a mesh: expected one "
-                      "mesh:PATH");
+                      "mesh:PATH or dsm:FILE");
   }
   if (is_given) throw OptionError(fmt::format("{} needs --model", needless));
 }
@@ -93,7 +94,7 @@ void CheckRerender(int rounds, std::span<const std::string> geometry, bool has_p
   if (std::none_of(geometry.begin(), geometry.end(), [](const std::string& spec) {
         return IsMeshSpec(spec) || spec.starts_with("splat:");
       })) {
-    throw OptionError("--rerender", value, "needs --geometry mesh:PATH or splat:FILE");
+    throw OptionError("--rerender", value, "needs --geometry mesh:PATH, dsm:FILE or splat:FILE");
   }
   if (!has_photographs) throw OptionError("--rerender", value, "needs --query-images");
 }

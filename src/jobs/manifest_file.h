@@ -1,5 +1,6 @@
 // The file in which a job keeps what is done: a line of JSON on the job (the header), then a line
-// for each task, added the moment it is complete, so that a killed run can go on where it was.
+// for each task, added once its files are synced, so that a killed run can go on where it was (and
+// may do the last ones again).
 // Shards have files of their own, until all of them are complete.
 
 #pragma once

@@ -109,7 +109,7 @@ Scene OpenMeshScene(const std::string& mesh_spec, const Subsampling& subsampling
   Scene scene;
   OpenGeometry(scene, mesh_spec, {.threads = rendered.threads});
   const auto mesh = scene.Mesh();
-  if (mesh == nullptr) throw OptionError("geometry", mesh_spec, "expected mesh:PATH");
+  if (mesh == nullptr) throw OptionError("geometry", mesh_spec, "expected mesh:PATH or dsm:FILE");
   scene.rendered =
       std::make_shared<const RenderedReferences>(RenderReferences(mesh, rendered, hooks));
   scene.images = scene.rendered->images;
