@@ -3,11 +3,13 @@
 #include <array>
 
 #include "fuzz/fuzz_targets.h"
+#include <fmt/format.h>
 #include <zlib.h>
 
 #include "raylift/base/error.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/io/image_file.h"
+#include "raylift/lifting/geometry_spec.h"
 #include "raylift/scene/image.h"
 
 namespace raylift {
@@ -57,6 +59,17 @@ std::string Gzipped(const std::string& text) {
   bytes.resize(stream.total_out);
   deflateEnd(&stream);
   return bytes;
+}
+
+// The maps of all references in one file; here there is one.
+void ReadBundle(std::string_view bytes) {
+  const auto file = PutFile("bundle.npz", bytes);
+  const PosedImage image{
+      "a", Camera(CameraModel::kPinhole, kWidth, kHeight, std::vector<double>{5, 5, 2.5, 1.5}), {}};
+  const NamedGeometry geometry = MakeGeometrySource(
+      fmt::format("depth:{},layer=depth", file.string()), {.references = {&image, 1}});
+  const auto map = geometry.maps->Load(image);
+  RAYLIFT_CHECK(map != nullptr);
 }
 
 uint32_t BigEndianAt(const std::string& bytes, size_t at) {
@@ -137,6 +150,7 @@ std::vector<FuzzTarget> DepthFuzzTargets() {
                                          DepthFile("half.npy", {.sample = FloatSample::kFloat16})};
        },
        kNpyWords},
+      {"depth_bundle", ReadBundle, [] { return One(DepthFile("seed.npz")); }, kNpyWords},
       {"depth_npz", ReadOtherDepth,
        [] {
          return std::vector<std::string>{DepthFile("seed.npz"),
