@@ -459,6 +459,16 @@ TEST(ProbabilityOfDistance, DoubtsWhatPixelsContradict) {
   }
 }
 
+// Pairs with one reference fit at any distance: no other match is no witness.
+TEST(ProbabilityOfDistance, IsNoneByThePairsOfOneReference) {
+  Rng rng = TestRng();
+  const CoherentProblem made = MakeCoherentProblem("alone", {.num_references = 1}, rng);
+  const NormalizedProblem prepared(made.problem, 8, 2, rng);
+  EXPECT_LT(ProbabilityOfDistance(prepared, prepared.ToLocal(made.query_from_world),
+                                  MatchSets::k2D2D, 20 / prepared.scale, {}, {.chance = 0.02}),
+            0.01);
+}
+
 // Wrong matches with the dominant reference say nothing of the distance from it.
 TEST(ProbabilityOfDistance, IsNotMovedByWrongMatchesOfTheDominantReference) {
   Rng rng = TestRng();

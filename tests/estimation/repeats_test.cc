@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "support/coherent_problem.h"
@@ -93,10 +94,14 @@ TEST(FindRepeats, WhatIsNotFiniteOrOfNoReferenceRepeatsNothing) {
 // Detectors find one feature twice, .05 px apart, which matches take for two keypoints.
 TEST(Repeats, ChangeNeitherAPoseNorItsCovariance) {
   Rng rng = TestRng();
-  const CoherentOptions kinds[] = {
-      {}, {.wrong = 0.1, .surface = 0.007}, {.vertical = 0.5, .reference_factor = 0.08}};
-  for (const CoherentOptions& options : kinds) {
-    const CoherentProblem once = MakeCoherentProblem("once", options, rng);
+  const std::pair<CoherentOptions, double> kinds[] = {
+      {{}, 1},
+      {{}, 1.2},
+      {{.wrong = 0.1, .surface = 0.007}, 1},
+      {{.vertical = 0.5, .reference_factor = 0.08}, 1}};
+  for (const auto& [options, focal_range] : kinds) {
+    CoherentProblem once = MakeCoherentProblem("once", options, rng);
+    once.problem.priors.focal_range = focal_range;
     PoseProblem again = once.problem;
     const auto off = [&]() -> Eigen::Vector2d {
       return 0.05 * Eigen::Vector2d(rng.Normal(), rng.Normal());
