@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <set>
 #include <span>
 #include <unordered_map>
 
@@ -90,18 +91,21 @@ std::vector<std::string> RunWarnings(std::span<const LocalizedQuery> queries,
 }
 
 std::optional<std::string> WarnOfAssumedLenses(std::span<const Query> queries) {
-  const auto assumed = std::count_if(queries.begin(), queries.end(), [](const Query& query) {
-    return LensIsAssumed(query.camera, query.priors);
-  });
+  std::set<double> factors;
+  size_t assumed = 0;
+  for (const Query& query : queries) {
+    if (!LensIsAssumed(query.camera, query.priors)) continue;
+    factors.insert(query.priors.focal_range);
+    ++assumed;
+  }
   if (assumed == 0) return std::nullopt;
+  const std::string up_to = factors.size() > 1 ? fmt::format(" to {}", *factors.rbegin()) : "";
   return fmt::format(
-      "the cameras of {} of {} photographs are not known: a principal point near the middle (to "
-      "1.3 % "
-      "of the longer side), little distortion, and the focal length of EXIF (to a factor of 1.2) "
-      "or "
-      "1.2 times the longer side (to a factor of 2) are assumed; the rest is estimated with each "
-      "pose",
-      assumed, queries.size());
+      "the cameras of {} of {} photographs are not known: a principal point near the middle, "
+      "little "
+      "distortion and a focal length that is right to a factor of {}{} are assumed; the rest is "
+      "estimated with each pose",
+      assumed, queries.size(), *factors.begin(), up_to);
 }
 
 std::optional<std::string> WarnOfFocalLength(std::span<const double> log_factors) {
