@@ -113,7 +113,7 @@ void Run(const PerturbFlags& flags, const std::string& options_json) {
   PrintWarnings(geometry.warnings);
   RequireWritable(flags.out / "perturbation.json");
   const Frames frames(images);
-  std::atomic<size_t> written{0};
+  std::vector<std::filesystem::path> files(images.size());
   std::atomic<size_t> dropped{0};
   {
     Progress progress("maps", images.size(), flags.run.Show());
@@ -122,21 +122,22 @@ void Run(const PerturbFlags& flags, const std::string& options_json) {
       if (const auto map = seen != nullptr ? geometry.MapOf(*seen) : std::nullopt) {
         const DepthMap worse = PerturbDepth(MisalignDepth(*map, images[i].camera, misalignment),
                                             flags.perturbation, images[i].name);
-        const DepthWriteReport report = WriteDepthFile(
-            FileOfImage(flags.out, images[i].name, flags.format), worse, write_options);
-        dropped += report.dropped;
-        ++written;
+        files[i] = FileOfImage(flags.out, images[i].name, flags.format);
+        const CommittedFiles synced_later(CommittedFiles::Sync::kByPromise);
+        dropped += WriteDepthFile(files[i], worse, write_options).dropped;
       }
       progress.Advance();
     });
   }
+  std::erase(files, std::filesystem::path());
+  SyncFiles(files);
   WriteFile(flags.out / "perturbation.json", options_json);
   if (dropped > 0) {
     PrintWarning(fmt::format("{} values that {} cannot hold were stored as holes", dropped.load(),
                              flags.format));
   }
   if (!flags.run.quiet) {
-    fmt::print("wrote {} depth maps: {}\n", written.load(), flags.out.string());
+    fmt::print("wrote {} depth maps: {}\n", files.size(), flags.out.string());
   }
 }
 

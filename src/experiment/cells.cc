@@ -366,6 +366,7 @@ std::optional<std::vector<QueryOutcome>> CellStore::Read(const Cell& cell) const
 
 void CellStore::Write(const Cell& cell, std::span<const QueryOutcome> outcomes) const {
   RAYLIFT_CHECK_EQ(outcomes.size(), cell.end - cell.begin);
+  const CommittedFiles synced_with_its_line(CommittedFiles::Sync::kByPromise);
   WriteFile(FileOf(cell),
             JsonText(ToJson(CellRecord{.setting = cell.setting.Name(),
                                        .inputs = Json::parse(cell.inputs),

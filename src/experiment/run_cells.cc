@@ -52,13 +52,17 @@ std::string WritePerturbedDepth(const path& folder, const std::string& spec,
       throw InputError("only meshes, point clouds, splats and depth maps can be perturbed, not " +
                        spec);
     }
-    ParallelFor(context.references.size(), threads, [&](size_t i) {
+    std::vector<path> files(context.references.size());
+    ParallelFor(files.size(), threads, [&](size_t i) {
       const PosedImage& image = context.references[i];
       if (const auto map = geometry.MapOf(image)) {
-        WriteDepthFile(FileOfImage(folder, image.name),
-                       PerturbDepth(*map, perturbation, image.name));
+        files[i] = FileOfImage(folder, image.name);
+        const CommittedFiles synced_later(CommittedFiles::Sync::kByPromise);
+        WriteDepthFile(files[i], PerturbDepth(*map, perturbation, image.name));
       }
     });
+    std::erase(files, path());
+    SyncFiles(files);
     WriteFile(complete, "");
   }
   return "depth:" + folder.string() + ",unit=1";
