@@ -197,8 +197,8 @@ class GridMesh {
         vertices_(heights.size(), RawMesh::kNone) {
     for (size_t i = 0; i < heights.size(); ++i) {
       if (!std::isfinite(heights[i])) continue;
-      const Vector2d pixel(static_cast<double>(i % width_) + 0.5,
-                           static_cast<double>(i / width_) + 0.5);
+      const size_t row = i / width_;
+      const Vector2d pixel(static_cast<double>(i % width_) + 0.5, static_cast<double>(row) + 0.5);
       const Vector2d at = world_from_image * pixel;
       vertices_[i] = static_cast<uint32_t>(mesh.positions.size());
       mesh.positions.emplace_back(at.x(), at.y(), static_cast<double>(heights[i]));
