@@ -173,9 +173,9 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
       command,
       R"(Each query that is done is kept once its files are synced. SIGINT and SIGTERM finish the
 queries in hand; the exit code then is 4, and 5 where a file cannot be written, as on a full
-disk: --resume goes on. Shards may write to one folder, where the last one to end writes the results, or to
-folders of their own for `raylift merge`. All shards learn the same of the scene, which
-OUT/scene_calibration.json says: poses do not depend on how they are shared.
+disk: --resume goes on. Shards may write to one folder, where the last one to end writes the
+results, or to folders of their own for `raylift merge`. All shards learn the same of the
+scene, which OUT/scene_calibration.json says: poses do not depend on how they are shared.
 Examples:
   From photographs alone:
     raylift localize --model sfm --images photos --geometry mesh:scene.ply \

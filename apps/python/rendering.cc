@@ -143,8 +143,9 @@ std::vector<std::optional<RayHit>> CastGiven(const RayCaster& caster, std::span<
     const auto found = caster.Cast(rays.subspan(hits.size(), end - hits.size()));
     hits.insert(hits.end(), found.begin(), found.end());
   };
-  for (size_t begin = 0; has_packets && begin < rays.size(); begin += RayBlock::kSize) {
-    const auto some = rays.subspan(begin, std::min(RayBlock::kSize, rays.size() - begin));
+  for (size_t begin = 0; has_packets && begin + RayBlock::kSize <= rays.size();
+       begin += RayBlock::kSize) {
+    const auto some = rays.subspan(begin, RayBlock::kSize);
     if (!AreCoherent(some)) continue;
     cast_until(begin);
     CastTogether(caster, some, hits);
