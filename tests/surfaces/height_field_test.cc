@@ -172,15 +172,38 @@ TEST_F(HeightField, PixelIsPointIsHalfACellElsewhere) {
 }
 
 TEST_F(HeightField, TransformationMayTurnAndMirror) {
-  // x = east + row / 2, y = north + column / 2: mirrored, so that triangles turn around.
-  TiffWriter tiff(2, 2, BytesOf<float>({1, 2, 3, 4}), false);
-  tiff.Doubles(34264, {0, 0.5, 0, kEast, 0.5, 0, 0, kNorth, 0, 0, 0, 0, 0, 0, 0, 1});
-  const TriangleMesh mesh = Read(tiff);
-  EXPECT_EQ(Corners(mesh)[1], (std::array<double, 3>{kEast + 0.25, kNorth + 0.75, 2}));
-  for (const auto& t : mesh.triangles) {
-    const Eigen::Vector3f normal = (mesh.vertices[t[1]] - mesh.vertices[t[0]])
-                                       .cross(mesh.vertices[t[2]] - mesh.vertices[t[0]]);
-    EXPECT_GT(normal.z(), 0);
+  // x = east + row / 2, y = north + column / 2 turns; x = east + column / 2, y = north + row / 2
+  // mirrors, so that triangles turn around.
+  for (const bool mirrors : {false, true}) {
+    TiffWriter tiff(2, 2, BytesOf<float>({1, 2, 3, 4}), false);
+    const double along = mirrors ? 0.5 : 0, across = 0.5 - along;
+    tiff.Doubles(34264,
+                 {along, across, 0, kEast, across, along, 0, kNorth, 0, 0, 0, 0, 0, 0, 0, 1});
+    const TriangleMesh mesh = Read(tiff);
+    EXPECT_EQ(Corners(mesh)[1],
+              (std::array<double, 3>{kEast + 0.25, kNorth + 0.75, mirrors ? 3.0 : 2.0}));
+    ASSERT_EQ(mesh.triangles.size(), 2u);
+    for (const auto& t : mesh.triangles) {
+      const Eigen::Vector3f normal = (mesh.vertices[t[1]] - mesh.vertices[t[0]])
+                                         .cross(mesh.vertices[t[2]] - mesh.vertices[t[0]]);
+      EXPECT_GT(normal.z(), 0);
+    }
+  }
+}
+
+TEST_F(HeightField, CellsAreCutAlongTheSmallerStepInHeight) {
+  for (const float step : {4.0f, -4.0f}) {
+    TiffWriter tiff(2, 2, BytesOf<float>({20, 30 + step, 30, 20 + step / 2}), false);
+    tiff.Doubles(33550, {1, 1, 0});
+    tiff.Doubles(33922, {0, 0, 0, 0, 0, 0});
+    const TriangleMesh mesh = Read(tiff);
+    ASSERT_EQ(mesh.triangles.size(), 2u);
+    for (const auto& t : mesh.triangles) {
+      // The lower two corners, opposite to each other, are of both.
+      EXPECT_EQ(std::count_if(t.begin(), t.end(),
+                              [&](uint32_t v) { return mesh.VertexInWorld(v).z() < 25; }),
+                2);
+    }
   }
 }
 
