@@ -40,6 +40,9 @@ TEST(SceneFile, PathsAreRelativeToTheFile) {
             "[[geometry]]\n"
             "name = 'splats'\n"
             "spec = 'splat:a.ply,transform=none'\n"
+            "[[geometry]]\n"
+            "name = 'network'\n"
+            "spec = 'depth:results.npz,names=lists/names.txt,layer=depth'\n"
             "[provenance]\n"
             "dataset = '7scenes'\n");
   const SceneFile scene = ReadSceneFile(file);
@@ -53,7 +56,7 @@ TEST(SceneFile, PathsAreRelativeToTheFile) {
   EXPECT_EQ(scene.times, "");
   EXPECT_EQ(scene.groups, "");
   EXPECT_EQ(scene.thresholds, "7scenes");
-  ASSERT_EQ(scene.geometries.size(), 5u);
+  ASSERT_EQ(scene.geometries.size(), 6u);
   EXPECT_EQ(scene.geometries[0].name, "sensor");
   EXPECT_EQ(scene.geometries[0].spec,
             "depth:" + data.string() + ",preset=7scenes,pattern={dir}/a.png");
@@ -62,6 +65,9 @@ TEST(SceneFile, PathsAreRelativeToTheFile) {
   EXPECT_EQ(scene.geometries[3].spec, "dsm:" + (folder / "town.tif").string() + ",far=100,ortho=" +
                                           (folder / "maps" / "town.tif").string());
   EXPECT_EQ(scene.geometries[4].spec, "splat:" + (folder / "a.ply").string() + ",transform=none");
+  EXPECT_EQ(scene.geometries[5].spec, "depth:" + (folder / "results.npz").string() +
+                                          ",names=" + (folder / "lists" / "names.txt").string() +
+                                          ",layer=depth");
   EXPECT_THAT(scene.provenance, ElementsAre(Pair("dataset", "7scenes")));
 }
 
