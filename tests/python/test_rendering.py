@@ -262,3 +262,23 @@ def test_rays_of_a_picture_hit_as_single_ones_do():
     same = together["triangles"][order] == single["triangles"]
     assert same.mean() > 0.999 and (together["triangles"] >= 0).mean() > 0.9
     assert together["ray_t"][order][same] == pytest.approx(single["ray_t"][same], rel=1e-9, nan_ok=True)
+
+
+@pytest.mark.parametrize("length", [1e-24, 1e-6, 1e6, 1e20])
+def test_rays_of_a_picture_hit_whatever_their_length(length):
+    scene = raylift.Scene(DEMO / "model", [MESH])
+    view = scene.references[0]
+    pixels = np.stack(np.meshgrid(np.arange(300, 332), np.arange(220, 228)), axis=-1).reshape(-1, 2)
+    directions = view.camera.rays(pixels) @ view.cam_from_world.rotation
+    origin = view.cam_from_world.center[None]
+    of_unit = scene.mesh.cast(origin, directions)
+    hits = scene.mesh.cast(origin, length * directions)
+    assert np.isfinite(of_unit["ray_t"]).all()
+    np.testing.assert_allclose(hits["points"], of_unit["points"], atol=1e-9)
+    np.testing.assert_allclose(length * hits["ray_t"], of_unit["ray_t"], rtol=1e-6)
+
+
+def test_a_cloud_in_memory_is_no_mesh_of_a_scene():
+    cloud = raylift.RayCaster.of_points(wall_points(0.1))
+    assert raylift.Scene(DEMO / "model", [cloud]).mesh is None
+    assert raylift.Geometry(cloud).description == "cloud from memory"
