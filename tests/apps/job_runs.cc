@@ -6,6 +6,7 @@
 
 #include "jobs/manifest_file.h"
 #include <gtest/gtest.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "raylift/base/file.h"
@@ -51,12 +52,32 @@ size_t CountDone(const fs::path& out) {
   return count;
 }
 
-int Interrupt(const Arguments& command, const fs::path& out, int signal, size_t count,
-              size_t microseconds) {
+namespace {
+
+pid_t StartUntil(size_t count, const Arguments& command, const fs::path& out) {
   const pid_t process = StartRaylift(command);
   while (count > 0 && CountDone(out) < count && !HasEnded(process)) usleep(1000);
+  return process;
+}
+
+}  // namespace
+
+int Interrupt(const Arguments& command, const fs::path& out, int signal, size_t count,
+              size_t microseconds) {
+  const pid_t process = StartUntil(count, command, out);
   usleep(static_cast<useconds_t>(microseconds));
   kill(process, signal);
+  return WaitFor(process);
+}
+
+int RemoveMidway(const Arguments& command, const fs::path& out, size_t count,
+                 const fs::path& removed) {
+  const pid_t process = StartUntil(count, command, out);
+  kill(process, SIGSTOP);
+  siginfo_t stopped{};
+  waitid(P_PID, static_cast<id_t>(process), &stopped, WSTOPPED | WEXITED | WNOWAIT);
+  fs::remove_all(removed);
+  kill(process, SIGCONT);
   return WaitFor(process);
 }
 

@@ -241,11 +241,9 @@ TEST_F(LocalizeJob, AFolderThatIsRemovedInMidRunIsAnError) {
   for (const std::string removed_is : {"beside", "out"}) {
     const fs::path out = folder_ / removed_is / "out";
     const fs::path removed = removed_is == "out" ? out : folder_ / "problems";
-    const pid_t process =
-        StartRaylift(Localize(out, {"--threads", "1", "--write-problems", removed / "problems"}));
-    while (CountDone(out) < 2 && !HasEnded(process)) usleep(1000);
-    fs::remove_all(removed);
-    EXPECT_EQ(WaitFor(process), 5) << removed;
+    const Arguments command =
+        Localize(out, {"--threads", "1", "--write-problems", removed / "problems"});
+    EXPECT_EQ(RemoveMidway(command, out, 2, removed), 5) << removed;
   }
 }
 
