@@ -11,9 +11,9 @@
 #include "base/hash.h"
 #include "base/index_sets.h"
 #include "base/statistics.h"
+#include "lifting/depth_correction_fit.h"
 #include "lifting/factor_belief.h"
 #include "lifting/reference_matches.h"
-#include <ceres/ceres.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
@@ -21,86 +21,6 @@
 
 namespace raylift {
 namespace {
-
-// The cell and the place in it, of a coordinate in [0, extent] over nodes from end to end.
-struct GridCoordinate {
-  int cell;
-  double fraction;
-};
-
-GridCoordinate LocateOnGrid(double coordinate, double extent, int nodes) {
-  const double position = std::clamp(coordinate / extent, 0.0, 1.0) * (nodes - 1);
-  const int cell = std::clamp(static_cast<int>(position), 0, std::max(nodes - 2, 0));
-  return {cell, position - cell};
-}
-
-}  // namespace
-
-std::array<GridWeight, 4> GridWeights(int columns, int rows, const Camera& camera,
-                                      const Eigen::Vector2d& pixel) {
-  const GridCoordinate x = LocateOnGrid(pixel.x(), camera.width_px(), columns);
-  const GridCoordinate y = LocateOnGrid(pixel.y(), camera.height_px(), rows);
-  const auto node = [&](int dx, int dy) {
-    const int column = std::min(x.cell + dx, columns - 1);
-    const int row = std::min(y.cell + dy, rows - 1);
-    return static_cast<size_t>(row) * static_cast<size_t>(columns) + static_cast<size_t>(column);
-  };
-  return {{{node(0, 0), (1 - x.fraction) * (1 - y.fraction)},
-           {node(1, 0), x.fraction * (1 - y.fraction)},
-           {node(0, 1), (1 - x.fraction) * y.fraction},
-           {node(1, 1), x.fraction * y.fraction}}};
-}
-
-double DepthCorrection::Correct(double z, const Camera& camera,
-                                const Eigen::Vector2d& pixel) const {
-  double log_factor = 0;
-  for (const auto& [node, weight] : GridWeights(columns, rows, camera, pixel)) {
-    log_factor += weight * log_factors[node];
-  }
-  return z * std::exp(log_factor) + shift;
-}
-
-AlignedSource::AlignedSource(std::shared_ptr<const GeometrySource> source,
-                             std::map<std::string, DepthCorrection> correction_of_reference)
-    : source_(std::move(source)), corrections_(std::move(correction_of_reference)) {
-  RAYLIFT_CHECK(source_ != nullptr);
-}
-
-std::string AlignedSource::Description() const { return source_->Description() + ", aligned"; }
-
-std::vector<std::optional<SurfacePoint>> AlignedSource::Lift(
-    const PosedImage& reference, std::span<const Eigen::Vector2d> pixels) const {
-  auto points = source_->Lift(reference, pixels);
-  const auto correction = corrections_.find(reference.name);
-  if (correction == corrections_.end()) return points;
-  const Eigen::Vector3d center_in_world = reference.cam_from_world.OriginInSource();
-  for (size_t i = 0; i < points.size(); ++i) {
-    if (!points[i]) continue;
-    SurfacePoint& point = *points[i];
-    const double z = correction->second.Correct(point.depth_z, reference.camera, pixels[i]);
-    if (!(z > 0)) {
-      points[i].reset();
-      continue;
-    }
-    const double factor = z / point.depth_z;
-    point.point_in_world = center_in_world + factor * (point.point_in_world - center_in_world);
-    point.depth_z = z;
-  }
-  return points;
-}
-
-namespace {
-
-// A keypoint of a map and its match in another image.
-struct DepthObservation {
-  Eigen::Vector2d pixel;
-  double z;  // as the source says
-  int other;
-  double epipolar_px;       // distance of the match from the epipolar line
-  SightLine line_in_other;  // ray_t is the depth in the map
-  const Camera* other_camera;
-  Eigen::Vector2d other_px;
-};
 
 std::optional<DepthObservation> MakeObservation(const PosedImage& map, const PosedImage& other,
                                                 const HalfMatch& match, double z,
@@ -118,96 +38,6 @@ std::optional<DepthObservation> MakeObservation(const PosedImage& map, const Pos
                           .line_in_other = *line_in_other,
                           .other_camera = &other.camera,
                           .other_px = match.other_px};
-}
-
-// The distance of a keypoint's projection from its match, over a map's log factors and, if there is
-// one more parameter, its shift.
-class ProjectedDepthCost final : public ceres::CostFunction {
- public:
-  ProjectedDepthCost(const DepthObservation& observation, const std::array<GridWeight, 4>& weights,
-                     size_t num_nodes, bool has_shift)
-      : observation_(observation), weights_(weights), num_nodes_(num_nodes), has_shift_(has_shift) {
-    set_num_residuals(2);
-    mutable_parameter_block_sizes()->push_back(static_cast<int>(num_nodes + (has_shift ? 1 : 0)));
-  }
-
-  bool Evaluate(double const* const* parameters, double* residuals,
-                double** jacobians) const override {
-    double log_factor = 0;
-    for (const auto& [node, weight] : weights_) log_factor += weight * parameters[0][node];
-    const double scaled_z = observation_.z * std::exp(log_factor);
-    const double z = scaled_z + (has_shift_ ? parameters[0][num_nodes_] : 0);
-    const auto projection =
-        observation_.other_camera->ImgFromCamWithJacobian(observation_.line_in_other.At(z));
-    if (!projection) return false;
-    Eigen::Map<Eigen::Vector2d> error(residuals);
-    error = projection->pixel - observation_.other_px;
-    if (jacobians != nullptr && jacobians[0] != nullptr) {
-      const Eigen::Vector2d along = projection->jacobian * observation_.line_in_other.direction;
-      Eigen::Map<Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>> jacobian(
-          jacobians[0], 2, parameter_block_sizes()[0]);
-      jacobian.setZero();
-      for (const auto& [node, weight] : weights_) {
-        jacobian.col(static_cast<Eigen::Index>(node)) += weight * scaled_z * along;
-      }
-      if (has_shift_) jacobian.rightCols(1) = along;
-    }
-    return true;
-  }
-
- private:
-  DepthObservation observation_;
-  std::array<GridWeight, 4> weights_;
-  size_t num_nodes_;
-  bool has_shift_;
-};
-
-// A weighted sum of parameters that should be near a value.
-class LinearPrior final : public ceres::CostFunction {
- public:
-  LinearPrior(std::vector<GridWeight> terms, double sigma, int num_parameters, double value = 0)
-      : terms_(std::move(terms)), sigma_(sigma), value_(value) {
-    set_num_residuals(1);
-    mutable_parameter_block_sizes()->push_back(num_parameters);
-  }
-
-  bool Evaluate(double const* const* parameters, double* residuals,
-                double** jacobians) const override {
-    residuals[0] = -value_ / sigma_;
-    for (const auto& [index, weight] : terms_) {
-      residuals[0] += weight * parameters[0][index] / sigma_;
-    }
-    if (jacobians != nullptr && jacobians[0] != nullptr) {
-      std::fill_n(jacobians[0], parameter_block_sizes()[0], 0.0);
-      for (const auto& [index, weight] : terms_) jacobians[0][index] += weight / sigma_;
-    }
-    return true;
-  }
-
- private:
-  std::vector<GridWeight> terms_;
-  double sigma_;
-  double value_;
-};
-
-// Monocular depth drifts by a few percent over a fifth of the image: where there are no matches,
-// neighboring nodes follow each other.
-void AddSmoothness(const DepthCorrection& correction, double* parameters, ceres::Problem& problem) {
-  constexpr double kSigma = 0.05;
-  const auto columns = static_cast<size_t>(correction.columns);
-  const auto rows = static_cast<size_t>(correction.rows);
-  const int size = static_cast<int>(correction.log_factors.size());
-  const auto add = [&](size_t a, size_t b) {
-    problem.AddResidualBlock(new LinearPrior({{a, 1.0}, {b, -1.0}}, kSigma, size), nullptr,
-                             parameters);
-  };
-  for (size_t y = 0; y < rows; ++y) {
-    for (size_t x = 0; x < columns; ++x) {
-      const size_t node = y * columns + x;
-      if (x + 1 < columns) add(node, node + 1);
-      if (y + 1 < rows) add(node, node + columns);
-    }
-  }
 }
 
 // Returns the matches near their epipolar lines whose keypoints have depth.
@@ -260,86 +90,6 @@ double RobustLogFactor(const std::vector<DepthObservation>& observations) {
     if (depth) factors.push_back({std::log(depth->z / o.z), depth->gain_px});
   }
   return WeightedMedian(std::move(factors));
-}
-
-// A map's log factor before a fit, and how surely it is known.
-struct KnownFactor {
-  double log_factor;
-  double sigma;
-  // Neighboring matches are no further evidence: so many times as many there are as independent.
-  double repeats;
-};
-
-// Cauchy's loss of width c, c^2 / 2 ln(1 + d^2 / c^2), is c^2 / 3 times the negative logarithm of
-// Cauchy's density in the plane, (1 + d^2 / c^2)^(-3/2): so much does a square of sigmas weigh. A
-// shift s is a factor 1 + s / z of the depth z: here of most.
-void AddKnownFactor(const KnownFactor& known, size_t num_nodes, double depth,
-                    const AlignOptions& options, std::vector<double>& parameters,
-                    ceres::Problem& problem) {
-  std::vector<GridWeight> factor;
-  for (size_t i = 0; i < num_nodes; ++i) {
-    factor.push_back({i, 1.0 / static_cast<double>(num_nodes)});
-  }
-  if (parameters.size() > num_nodes) factor.push_back({num_nodes, 1 / depth});
-  const double weight = options.loss_width_px * std::sqrt(known.repeats / 3);
-  problem.AddResidualBlock(new LinearPrior(std::move(factor), known.sigma / weight,
-                                           static_cast<int>(parameters.size()), known.log_factor),
-                           nullptr, parameters.data());
-}
-
-// Returns the correction of the options' mode (not off, not auto) that starts from one factor and
-// fits the observations best; the mean of its factors also fits what is known of it, if that is.
-DepthCorrection FitCorrection(const std::vector<DepthObservation>& observations,
-                              const Camera& camera, double log_factor,
-                              const std::optional<KnownFactor>& known,
-                              const AlignOptions& options) {
-  DepthCorrection correction;
-  if (options.mode == AlignMode::kGrid) {
-    correction.columns = options.grid_columns;
-    correction.rows = options.grid_rows;
-  }
-  const size_t num_nodes =
-      static_cast<size_t>(correction.columns) * static_cast<size_t>(correction.rows);
-  const bool has_shift = options.mode == AlignMode::kAffine;
-  correction.log_factors.assign(num_nodes, log_factor);
-
-  std::vector<double> parameters(num_nodes + (has_shift ? 1 : 0), 0);
-  std::fill_n(parameters.begin(), num_nodes, log_factor);
-  const DepthCorrection start = correction;
-  ceres::Problem problem;
-  std::vector<double> depths;
-  for (const DepthObservation& o : observations) {
-    const double z = start.Correct(o.z, camera, o.pixel);
-    if (!o.other_camera->ImgFromCam(o.line_in_other.At(z))) continue;
-    depths.push_back(z);
-    problem.AddResidualBlock(
-        new ProjectedDepthCost(o, GridWeights(correction.columns, correction.rows, camera, o.pixel),
-                               num_nodes, has_shift),
-        new ceres::CauchyLoss(options.loss_width_px), parameters.data());
-  }
-  if (depths.empty()) return correction;
-  if (num_nodes > 1) AddSmoothness(correction, parameters.data(), problem);
-  if (known) {
-    AddKnownFactor(*known, num_nodes, UpperMedianOr(depths, 0), options, parameters, problem);
-  }
-  if (has_shift) {
-    // Factor and shift are told apart by the range of depths alone; without one, no shift.
-    constexpr double kShareOfDepth = 0.3;
-    problem.AddResidualBlock(
-        new LinearPrior({{num_nodes, 1.0}}, kShareOfDepth * UpperMedianOr(depths, 0),
-                        static_cast<int>(parameters.size())),
-        nullptr, parameters.data());
-  }
-  ceres::Solver::Options solver_options;
-  solver_options.linear_solver_type = ceres::DENSE_QR;
-  solver_options.logging_type = ceres::SILENT;
-  ceres::Solver::Summary summary;
-  ceres::Solve(solver_options, &problem, &summary);
-  if (summary.IsSolutionUsable()) {
-    std::copy_n(parameters.begin(), num_nodes, correction.log_factors.begin());
-    if (has_shift) correction.shift = parameters[num_nodes];
-  }
-  return correction;
 }
 
 constexpr std::array kModes = {AlignMode::kOff, AlignMode::kScale, AlignMode::kAffine,

@@ -240,6 +240,7 @@ void BindEstimation(py::module_& module);
 void BindMesh(py::module_& module);
 void BindRendering(py::module_& module);
 void BindLifting(py::module_& module);
+void BindScene(py::module_& module);
 void BindLocalization(py::module_& module);
 void BindFeatures(py::module_& module);
 void BindIo(py::module_& module);

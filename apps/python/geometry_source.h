@@ -55,6 +55,11 @@ struct Caster {
   LastRenderer renderer;
 };
 
+// The class of the module, and what its parts add: how it is made, rays.
+using CasterClass = py::class_<Caster, std::shared_ptr<Caster>>;
+void BindMaking(CasterClass& caster_class);
+void BindCasting(CasterClass& caster_class);
+
 // A PNG of what a mesh looks like from outside; None where it has no triangles.
 std::optional<py::bytes> PictureOf(const Caster& caster);
 

@@ -188,6 +188,7 @@ PYBIND11_MODULE(_core, module) {
   BindMesh(module);
   BindRendering(module);
   BindLifting(module);
+  BindScene(module);
   BindLocalization(module);
   BindIo(module);
   BindProgram(module);

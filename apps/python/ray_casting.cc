@@ -1,0 +1,194 @@
+// Rays of arrays, cast at any surface.
+
+#include <limits>
+
+#include "apps/python/geometry_source.h"
+
+#include "raylift/base/parallel.h"
+#include "raylift/renderers/ray_caster.h"
+
+namespace raylift::python {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+// Rays whose arrays were given.
+class GivenRays {
+ public:
+  GivenRays(const ArrayLike& origins, const ArrayLike& directions, double t_near)
+      : from_(origins, "origins"), along_(directions, "directions"), t_near_(t_near) {
+    if (from_.size() != along_.size() && from_.size() != 1) {
+      throw InputError(
+          fmt::format("origins and directions: expected as many rows, or one origin, "
+                      "found {} and {}",
+                      from_.size(), along_.size()));
+    }
+  }
+
+  size_t size() const { return along_.size(); }
+  Ray operator[](size_t i) const { return {from_[from_.size() == 1 ? 0 : i], along_[i], t_near_}; }
+
+ private:
+  Rows<3> from_, along_;
+  double t_near_;
+};
+
+// In blocks, so that many rays are shared by many threads.
+template <typename Work>
+void ForRays(size_t count, int threads, const Work& work) {
+  constexpr size_t kBlock = 4096;
+  ParallelFor((count + kBlock - 1) / kBlock, threads,
+              [&](size_t block) { work(block * kBlock, std::min(count, (block + 1) * kBlock)); });
+}
+
+// What cast() returns, row by row.
+class HitArrays {
+ public:
+  explicit HitArrays(py::ssize_t count)
+      : ray_t_(count),
+        points_({count, py::ssize_t{3}}),
+        normals_({count, py::ssize_t{3}}),
+        triangles_(count),
+        barycentric_({count, py::ssize_t{2}}),
+        ray_t_data_(ray_t_.mutable_data()),
+        points_data_(points_.mutable_data()),
+        normals_data_(normals_.mutable_data()),
+        triangles_data_(triangles_.mutable_data()),
+        barycentric_data_(barycentric_.mutable_data()) {}
+
+  // Without the interpreter's lock.
+  void Set(size_t i, const Ray& ray, const std::optional<RayHit>& hit) {
+    const Eigen::Vector3d none = Eigen::Vector3d::Constant(kNaN);
+    ray_t_data_[i] = hit ? hit->ray_t : kNaN;
+    triangles_data_[i] = hit ? int64_t{hit->triangle} : -1;
+    Eigen::Vector3d::Map(points_data_ + 3 * i) =
+        hit ? ray.origin_in_world + hit->ray_t * ray.direction_in_world : none;
+    Eigen::Vector3d::Map(normals_data_ + 3 * i) = hit ? hit->normal_in_world : none;
+    Eigen::Vector2d::Map(barycentric_data_ + 2 * i) =
+        hit ? hit->barycentric : Eigen::Vector2d(kNaN, kNaN);
+  }
+
+  py::dict ToDict() const {
+    py::dict result;
+    result["ray_t"] = ray_t_;
+    result["points"] = points_;
+    result["normals"] = normals_;
+    result["triangles"] = triangles_;
+    result["barycentric"] = barycentric_;
+    return result;
+  }
+
+ private:
+  py::array_t<double> ray_t_, points_, normals_;
+  py::array_t<int64_t> triangles_;
+  py::array_t<double> barycentric_;
+  double *ray_t_data_, *points_data_, *normals_data_;
+  int64_t* triangles_data_;
+  double* barycentric_data_;
+};
+
+// Whether the rays run so close together, as those of a picture's row, that packets are faster.
+bool AreCoherent(std::span<const Ray> rays) {
+  constexpr double kLeastCosine = 0.99;
+  const Eigen::Vector3d& first = rays.front().direction_in_world;
+  return std::all_of(rays.begin(), rays.end(), [&](const Ray& ray) {
+    const Eigen::Vector3d& along = ray.direction_in_world;
+    return ray.origin_in_world == rays.front().origin_in_world &&
+           along.dot(first) > kLeastCosine * along.norm() * first.norm();
+  });
+}
+
+RayBlock BlockOf(std::span<const Ray> rays) {
+  RayBlock block;
+  for (size_t i = 0; i < rays.size(); ++i) {
+    const Eigen::Vector3f along = rays[i].direction_in_world.normalized().cast<float>();
+    block.x[i] = along.x();
+    block.y[i] = along.y();
+    block.z[i] = along.z();
+  }
+  return block;
+}
+
+void CastTogether(const RayCaster& caster, std::span<const Ray> rays,
+                  std::vector<std::optional<RayHit>>& hits) {
+  const Eigen::Vector3d& origin = rays.front().origin_in_world;
+  const RayBlock block = BlockOf(rays);
+  HitBlock found;
+  caster.CastBlocks(origin, {&block, 1}, {&found, 1});
+  for (size_t i = 0; i < rays.size(); ++i) {
+    hits.emplace_back();
+    if (found.triangle[i] == HitBlock::kNoTriangle) continue;
+    const Eigen::Vector3d& direction = rays[i].direction_in_world;
+    hits.back() = caster.RefineHit(origin, direction, found.triangle[i],
+                                   double{found.ray_t[i]} / direction.norm());
+  }
+}
+
+// RayCaster::Cast(), with coherent rays in packets.
+std::vector<std::optional<RayHit>> CastGiven(const RayCaster& caster, std::span<const Ray> rays) {
+  const bool has_packets = caster.kind() == SurfaceKind::kMesh && rays.front().ray_t_near == 0;
+  std::vector<std::optional<RayHit>> hits;
+  hits.reserve(rays.size());
+  const auto cast_until = [&](size_t end) {
+    const auto found = caster.Cast(rays.subspan(hits.size(), end - hits.size()));
+    hits.insert(hits.end(), found.begin(), found.end());
+  };
+  for (size_t begin = 0; has_packets && begin + RayBlock::kSize <= rays.size();
+       begin += RayBlock::kSize) {
+    const auto some = rays.subspan(begin, RayBlock::kSize);
+    if (!AreCoherent(some)) continue;
+    cast_until(begin);
+    CastTogether(caster, some, hits);
+  }
+  cast_until(rays.size());
+  return hits;
+}
+
+py::dict CastRays(const Caster& caster, const ArrayLike& origins, const ArrayLike& directions,
+                  double t_near, int threads) {
+  const GivenRays given(origins, directions, t_near);
+  HitArrays hits(static_cast<py::ssize_t>(given.size()));
+  WithoutLock([&] {
+    ForRays(given.size(), threads, [&](size_t begin, size_t end) {
+      std::vector<Ray> rays;
+      rays.reserve(end - begin);
+      for (size_t i = begin; i < end; ++i) rays.push_back(given[i]);
+      const auto found = CastGiven(*caster.caster, rays);
+      for (size_t i = begin; i < end; ++i) hits.Set(i, rays[i - begin], found[i - begin]);
+    });
+  });
+  return hits.ToDict();
+}
+
+}  // namespace
+
+void BindCasting(CasterClass& caster_class) {
+  caster_class
+      .def(
+          "cast", &CastRays, py::arg("origins"), py::arg("directions"), py::kw_only(),
+          py::arg("t_near") = 0.0, py::arg("threads") = 0,
+          "The nearest hits of rays from origins (N, 3), or one (1, 3) for all, along directions\n"
+          "(N, 3) of any length.\n\n"
+          "Returns a dict: ray_t (N,), in lengths of the directions, NaN where nothing is hit; "
+          "points\n"
+          "and normals (N, 3) in the world (unit, by the triangles' winding), triangles (N,), -1:\n"
+          "none; barycentric (N, 2): point = (1 - u - v) v0 + u v1 + v v2.")
+      .def(
+          "occluded",
+          [](const Caster& caster, const ArrayLike& origins, const ArrayLike& directions,
+             double t_near, int threads) {
+            const GivenRays rays(origins, directions, t_near);
+            py::array_t<bool> occluded(static_cast<py::ssize_t>(rays.size()));
+            bool* const data = occluded.mutable_data();
+            WithoutLock([&] {
+              ForRays(rays.size(), threads, [&](size_t begin, size_t end) {
+                for (size_t i = begin; i < end; ++i) data[i] = caster.caster->IsOccluded(rays[i]);
+              });
+            });
+            return occluded;
+          },
+          py::arg("origins"), py::arg("directions"), py::kw_only(), py::arg("t_near") = 0.0,
+          py::arg("threads") = 0, "Whether anything lies on each ray (N,), bool.");
+}
+
+}  // namespace raylift::python

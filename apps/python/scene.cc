@@ -1,0 +1,132 @@
+// Scenes: references, and the geometry that their keypoints are lifted by.
+
+#include "raylift/localization/scene.h"
+
+#include "apps/python/geometry_source.h"
+
+#include "raylift/base/error.h"
+#include "raylift/io/scene_file.h"
+
+namespace raylift::python {
+namespace {
+
+using ScenePointer = std::shared_ptr<Scene>;
+using SourceList = std::vector<GeometryLike>;
+
+// Texts are opened for the scene's references, as --geometry is.
+void AddSources(Scene& scene, const SourceList& geometry, int threads) {
+  for (const GeometryLike& one : geometry) {
+    if (py::isinstance<py::str>(one)) {
+      const auto spec = one.cast<std::string>();
+      WithoutLock([&] { OpenGeometry(scene, spec, {.threads = threads}); });
+      continue;
+    }
+    NamedGeometry named = ToGeometry(one);
+    const std::string description = named.source->Description();
+    scene.sources.push_back({std::move(named), description, description});
+  }
+}
+
+// The temporary folder into which an object that has a COLMAP model (pycolmap.Reconstruction,
+// ColmapModel) has written it; None for a path, and for what is none: an open file writes, too.
+py::object WrittenModel(const ModelLike& model) {
+  if (!py::hasattr(model, "write") || py::hasattr(model, "fileno")) return py::none();
+  const py::object folder = py::module_::import("tempfile").attr("TemporaryDirectory")();
+  model.attr("write")(folder.attr("name"));
+  return folder;
+}
+
+ScenePointer OpenModelScene(const ModelLike& model, const SourceList& geometry,
+                            const std::optional<PathLike>& images, const std::string& model_poses,
+                            const Subsampling& subsampling, int threads) {
+  const py::object written = WrittenModel(model);
+  const py::object path = written.is_none() ? py::object(model) : written.attr("name");
+  SceneOptions options{.model = ToPath(py::reinterpret_borrow<PathLike>(path), "model"),
+                       .model_poses = ToEnum<PoseConvention>("model_poses", model_poses),
+                       .subsampling = subsampling,
+                       .images = images ? ToPath(*images, "images") : std::filesystem::path(),
+                       .threads = threads};
+  RequireAtLeast("every", subsampling.every, 1);
+  auto scene = WithoutLock([&] { return std::make_shared<Scene>(OpenScene(options)); });
+  if (!written.is_none()) written.attr("cleanup")();
+  AddSources(*scene, geometry, threads);
+  return scene;
+}
+
+ScenePointer MakeScene(const std::vector<PosedImageLike>& references, const SourceList& geometry,
+                       const std::optional<PathLike>& images, int threads) {
+  auto scene = std::make_shared<Scene>();
+  scene->references.images = ToPosedImages(references);
+  if (images) scene->images = ToPath(*images, "images");
+  AddSources(*scene, geometry, threads);
+  return scene;
+}
+
+}  // namespace
+
+void BindScene(py::module_& module) {
+  const auto no_sources = SourceList();
+  py::class_<Scene, ScenePointer>(
+      module, "Scene",
+      "What photographs are localized in: references with known poses, and\n"
+      "the geometry that their keypoints are lifted by.")
+      .def(
+          py::init([](const ModelLike& model, const SourceList& geometry,
+                      const std::optional<PathLike>& images, const std::string& model_poses,
+                      int every, int every_offset, bool every_per_camera, int threads) {
+            return OpenModelScene(model, geometry, images, model_poses,
+                                  {every, every_offset, every_per_camera}, threads);
+          }),
+          py::arg("model"), py::arg("geometry") = no_sources, py::kw_only(),
+          py::arg("images") = py::none(), py::arg("model_poses") = "cam_from_world",
+          py::arg("every") = 1, py::arg("every_offset") = 0, py::arg("every_per_camera") = false,
+          py::arg("threads") = 0,
+          R"(From a COLMAP model: a folder (text or binary), a pycolmap.Reconstruction or a ColmapModel.
+
+geometry: Mesh, RayCaster, Geometry, or texts as the option --geometry takes them, asked in
+order. images: folder of the references' photographs. every: only each N-th reference. Raises
+InputError where a file cannot be read.)")
+      .def_static("of", &MakeScene, py::arg("references"), py::arg("geometry") = no_sources,
+                  py::kw_only(), py::arg("images") = py::none(), py::arg("threads") = 0,
+                  "From references in memory.")
+      .def_static(
+          "read",
+          [](const PathLike& file, const std::vector<std::string>& geometry, int threads) {
+            const std::filesystem::path path = ToPath(file, "file");
+            return WithoutLock([&] {
+              SceneOptions options = SceneOptionsOf(ReadSceneFile(path), geometry);
+              options.threads = threads;
+              return std::make_shared<Scene>(OpenScene(options));
+            });
+          },
+          py::arg("file"), py::kw_only(), py::arg("geometry") = std::vector<std::string>(),
+          py::arg("threads") = 0,
+          "From a scene file (TOML); geometry: names of its geometries, by default the first one.")
+      .def_property_readonly(
+          "references", [](const Scene& scene) { return scene.references.images; },
+          "A list of PosedImage.")
+      .def_property_readonly(
+          "geometry",
+          [](const Scene& scene) {
+            std::vector<std::shared_ptr<Geometry>> sources;
+            for (const SceneSource& source : scene.sources) {
+              sources.push_back(std::make_shared<Geometry>(source.geometry));
+            }
+            return sources;
+          },
+          "A list of Geometry.")
+      .def_property_readonly(
+          "mesh",
+          [](const Scene& scene) -> std::shared_ptr<Caster> {
+            const auto mesh = scene.Mesh();
+            return mesh ? std::make_shared<Caster>(mesh) : nullptr;
+          },
+          "The RayCaster of the first geometry that is a mesh, or None.")
+      .def_readonly("warnings", &Scene::warnings)
+      .def("__repr__", [](const Scene& scene) {
+        return fmt::format("<raylift.Scene {} references, {} sources of geometry>",
+                           scene.references.images.size(), scene.sources.size());
+      });
+}
+
+}  // namespace raylift::python

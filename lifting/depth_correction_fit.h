@@ -1,0 +1,40 @@
+// The correction of one map by the matches of its keypoints in other images.
+
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "geometry/triangulation.h"
+#include <Eigen/Core>
+
+#include "raylift/lifting/depth_alignment.h"
+
+namespace raylift {
+
+// A keypoint of a map and its match in another image.
+struct DepthObservation {
+  Eigen::Vector2d pixel;
+  double z;  // as the source says
+  int other;
+  double epipolar_px;       // distance of the match from the epipolar line
+  SightLine line_in_other;  // ray_t is the depth in the map
+  const Camera* other_camera;
+  Eigen::Vector2d other_px;
+};
+
+// A map's log factor before a fit, and how surely it is known.
+struct KnownFactor {
+  double log_factor;
+  double sigma;
+  // Neighboring matches are no further evidence: so many times as many there are as independent.
+  double repeats;
+};
+
+// Returns the correction of the options' mode (not off, not auto) that starts from one factor and
+// fits the observations best; the mean of its factors also fits what is known of it, if that is.
+DepthCorrection FitCorrection(const std::vector<DepthObservation>& observations,
+                              const Camera& camera, double log_factor,
+                              const std::optional<KnownFactor>& known, const AlignOptions& options);
+
+}  // namespace raylift
