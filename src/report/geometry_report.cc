@@ -1,12 +1,12 @@
 #include "raylift/report/geometry_report.h"
 
 #include <algorithm>
-#include <cmath>
 #include <vector>
 
 #include "base/index_sets.h"
 #include "base/json_text.h"
 #include "lifting/source_view.h"
+#include "renderers/view_frame.h"
 #include "report/page.h"
 #include "report/scene_json.h"
 #include <fmt/format.h>
@@ -46,21 +46,6 @@ Json Tile(const Image& image, std::string_view caption) {
   return {{"uri", JpegDataUri(image, kTileSidePx)}, {"caption", caption}};
 }
 
-Frame RenderTile(const FrameRenderer& renderer, const View& view) {
-  const double ratio =
-      static_cast<double>(kTileSidePx) / std::max(view.camera.width_px, view.camera.height_px);
-  const auto scaled = [ratio](int side) {
-    return std::max(1, static_cast<int>(std::lround(side * ratio)));
-  };
-  const ViewCamera camera =
-      view.camera.Scaled(scaled(view.camera.width_px), scaled(view.camera.height_px));
-  Frame frame;
-  renderer.Render(camera.lens ? PixelRays(*camera.lens, 1)
-                              : PixelRays::Equirectangular(camera.width_px, camera.height_px, 1),
-                  view.cam_from_world, 1, frame);
-  return frame;
-}
-
 Json RowJson(const RenderedView& image) {
   const auto depth = [&image](auto member) {
     return image.depth_range ? Json((*image.depth_range).*member) : Json();
@@ -96,7 +81,7 @@ std::string FormatRenderReport(const RenderReport& report) {
   std::vector<DepthMap> maps(shown.size());
   std::vector<Image> colors(shown.size());
   ParallelFor(shown.size(), report.threads, [&](size_t i) {
-    Frame frame = RenderTile(renderer, report.images[shown[i]].view);
+    Frame frame = RenderScaled(renderer, report.images[shown[i]].view, kTileSidePx);
     maps[i] = {frame.width_px, frame.height_px, std::move(frame.depth)};
     colors[i] = std::move(frame.color);
   });

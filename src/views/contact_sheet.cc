@@ -5,6 +5,7 @@
 
 #include "base/index_sets.h"
 #include "base/statistics.h"
+#include "renderers/view_frame.h"
 #include "views/job_files.h"
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -33,17 +34,7 @@ std::string FileName(const std::string& name, size_t max_length) {
 }
 
 Tile RenderTile(const FrameRenderer& renderer, const View& view) {
-  const double ratio =
-      static_cast<double>(kTileSide) / std::max(view.camera.width_px, view.camera.height_px);
-  const auto scaled = [ratio](int side) {
-    return std::max(1, static_cast<int>(std::lround(side * ratio)));
-  };
-  const ViewCamera camera =
-      view.camera.Scaled(scaled(view.camera.width_px), scaled(view.camera.height_px));
-  Frame frame;
-  renderer.Render(camera.lens ? PixelRays(*camera.lens, 1)
-                              : PixelRays::Equirectangular(camera.width_px, camera.height_px, 1),
-                  view.cam_from_world, 1, frame);
+  Frame frame = RenderScaled(renderer, view, kTileSide);
   Tile tile{"", frame.width_px, frame.height_px, std::move(frame.depth)};
   float low = 0;
   float high = 0;

@@ -10,6 +10,7 @@
 
 #include "jobs/file_promises.h"
 #include "jobs/manifest_file.h"
+#include "renderers/view_frame.h"
 #include "views/job_files.h"
 #include <fmt/format.h>
 
@@ -68,12 +69,6 @@ class RayTables {
   std::list<std::pair<std::string, Table>> tables_;  // the last used first
 };
 
-std::shared_ptr<const PixelRays> MakeTable(const ViewCamera& camera) {
-  return std::make_shared<const PixelRays>(
-      camera.lens ? PixelRays(*camera.lens, 1)
-                  : PixelRays::Equirectangular(camera.width_px, camera.height_px, 1));
-}
-
 std::shared_ptr<const PixelRays> RayTables::Get(const ViewCamera& camera) {
   const std::string key = camera.ToString();
   std::promise<std::shared_ptr<const PixelRays>> promise;
@@ -94,7 +89,7 @@ std::shared_ptr<const PixelRays> RayTables::Get(const ViewCamera& camera) {
   }
   if (make) {
     try {
-      promise.set_value(MakeTable(camera));
+      promise.set_value(std::make_shared<const PixelRays>(RaysOf(camera, 1)));
     } catch (...) {
       promise.set_exception(std::current_exception());
     }
