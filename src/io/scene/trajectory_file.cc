@@ -47,6 +47,27 @@ void WriteTumTrajectory(const std::filesystem::path& path, std::span<const Timed
   WriteFile(path, text);
 }
 
+std::vector<TimedPose> ReadTumTrajectory(const std::filesystem::path& path) {
+  std::vector<TimedPose> poses;
+  LineReader lines(path);
+  while (const auto line = lines.NextContent()) {
+    LineTokens tokens(lines, *line);
+    const double time_s = tokens.Double("time");
+    const Eigen::Vector3d translation = tokens.Vector<3>("tx ty tz");
+    const Eigen::Vector4d xyzw = tokens.Vector<4>("qx qy qz qw");
+    tokens.ExpectEnd();
+    const auto rotation = UnitQuaternion({xyzw[3], xyzw[0], xyzw[1], xyzw[2]});
+    if (!rotation) lines.Fail("expected a quaternion of length 1 (qx qy qz qw)");
+    if (!poses.empty() && !(time_s > poses.back().time_s)) {
+      lines.Fail(fmt::format("expected a time after {}, found {}",
+                             FormatDouble(poses.back().time_s), FormatDouble(time_s)));
+    }
+    poses.push_back({time_s, Rigid3{*rotation, translation}.Inverse()});
+  }
+  if (poses.empty()) throw InputError(path, "expected poses, found none");
+  return poses;
+}
+
 void WriteKittiTrajectory(const std::filesystem::path& path, std::span<const TimedPose> poses) {
   std::string text;
   for (const TimedPose& pose : poses) {

@@ -5,6 +5,7 @@
 
 #include <filesystem>
 #include <span>
+#include <vector>
 
 #include "raylift/geometry/rigid3.h"
 #include "raylift/scene/photographs.h"
@@ -18,6 +19,10 @@ struct TimedPose {
 
 // TUM's: lines `time tx ty tz qx qy qz qw`, in the given order.
 void WriteTumTrajectory(const std::filesystem::path& path, std::span<const TimedPose> poses);
+
+// Reads it back; `#` comments and empty lines are skipped. Throws InputError for anything else, for
+// a file without poses, and for times that do not grow.
+std::vector<TimedPose> ReadTumTrajectory(const std::filesystem::path& path);
 
 // KITTI's: a line per pose, the upper three rows of its matrix, row by row; times and names have no
 // place in it.

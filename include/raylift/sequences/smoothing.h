@@ -1,0 +1,74 @@
+// The poses of a walk's frames from what each frame says of its own pose and what odometry says of
+// how the camera moved: one graph, whose maximum of likelihood is found and whose covariances are
+// exact at it. How noisy the odometry is follows from the walk itself.
+//
+// Unknown are the poses T_i (cam_from_world), the odometry's scale s, its noise and by how much the
+// frames' covariances are too small. With the step e(A, B) that turns pose A into pose B
+// (StepBetween), minimized is
+//
+//   - 2 sum_i log( c_i N(e(Z_i, T_i); f^2 S_i) + (1 - c_i) u )      a frame's own pose Z_i
+//   - 2 sum_i log N(e(s O_i O_i-1^-1, T_i T_i-1^-1); V_i)           a step of the odometry's O
+//
+// each N with a broader part, so that a few large errors count little. c_i is the frame's confidence,
+// S_i its covariance, u the density of a wrong pose, which may be anywhere. V_i grows with how much
+// the camera moves and turns in the step. Where frames that agree on both sides show that the
+// odometry was lost in between, it may be anything there.
+
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/base/enum_names.h"
+#include "raylift/geometry/rigid3.h"
+
+namespace raylift {
+
+// A frame's pose by itself.
+struct SinglePose {
+  Rigid3 cam_from_world;
+  Eigen::Matrix<double, 6, 6> covariance;  // of the step, as PoseEstimate's
+  double confidence = 0;
+};
+
+struct WalkEvidence {
+  Rigid3 cam_from_odometry;
+  std::optional<SinglePose> single;
+};
+
+enum class OdometryScale { kKnown, kUnknown };
+template <>
+inline constexpr auto kEnumNames<OdometryScale> = std::to_array<EnumName<OdometryScale>>({
+    {OdometryScale::kKnown, "known", "the scene's units"},
+    {OdometryScale::kUnknown, "unknown", "any; it is found"},
+});
+
+struct SmoothedFrame {
+  Rigid3 cam_from_world;
+  Eigen::Matrix<double, 6, 6> covariance;  // marginal
+  // The probability that the frames which agree with this one by odometry are not all wrong.
+  double confidence = 0;
+  double single_agrees = 0;  // the probability that its own pose is right; 0 without one
+  bool lost_before = false;  // between the frame before and this one the odometry was lost
+};
+
+struct SmoothedWalk {
+  std::vector<SmoothedFrame> frames;  // empty where no frame has a pose of its own
+  double scale = 1;                   // scene units per unit of the odometry
+  double scale_sigma = 0;
+  // The odometry's noise over a step as long as the walk's mean one; scene units.
+  double step_sigma = 0;
+  double step_rotation_sigma_deg = 0;
+  double single_sigma_factor = 1;  // f
+  // The scale that frames see where they contradict a known one: the units are others.
+  std::optional<double> contradicting_scale = std::nullopt;
+};
+
+// Two frames at least.
+SmoothedWalk SmoothWalk(std::span<const WalkEvidence> frames, OdometryScale scale);
+
+}  // namespace raylift

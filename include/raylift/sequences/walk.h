@@ -1,0 +1,45 @@
+// A walk: photographs in the order in which they were taken, and how the camera moved between them
+// as odometry says (ARKit, ARCore, a VIO, visual odometry of unknown scale), in a frame of its own.
+
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raylift/geometry/rigid3.h"
+
+namespace raylift {
+
+// A frame of the walk.
+struct WalkFrame {
+  size_t query = 0;  // in the list of names
+  double time_s = 0;
+  Rigid3 cam_from_odometry;
+};
+
+struct Walk {
+  std::vector<WalkFrame> frames;  // at least two, in the order of their times, which differ
+  std::vector<std::string> warnings;
+};
+
+// Reads odometry of the named photographs. `odometry` is one of
+//
+//   a TUM trajectory, lines `time tx ty tz qx qy qz qw` (camera to odometry's world, x right, y down,
+//     z forward), whose times must grow. A photograph takes the pose that is nearest to its time,
+//     within half of the median step between poses.
+//   a COLMAP model's folder, or a pose file, lines `name qw qx qy qz tx ty tz` (world to camera):
+//     names tell.
+//
+// The times of the photographs are in the file `times` (lines `name seconds`) or, where that is
+// empty, in their names as TUM's data sets have them (rgb/1305031102.175304.png); where poses go by
+// names and these are no times, photographs were taken in the order of their names, one a second.
+// Photographs without a pose are left out, with a warning. Throws InputError for anything else, for
+// times of photographs that are the same, where fewer than two photographs have a pose, and where
+// the camera does not move at all.
+Walk ReadWalk(const std::filesystem::path& odometry, const std::filesystem::path& times,
+              std::span<const std::string> names);
+
+}  // namespace raylift

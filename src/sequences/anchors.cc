@@ -1,0 +1,259 @@
+#include "sequences/anchors.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <optional>
+#include <utility>
+
+#include <Eigen/Cholesky>
+
+#include "raylift/geometry/residuals.h"
+
+namespace raylift {
+namespace {
+
+// How many frames with a pose back one may be tied to.
+constexpr size_t kWindow = 30;
+// The probability that the odometry is lost in a step.
+constexpr double kLost = 0.01;
+constexpr double kScaleDrift = 0.02;
+// A step that hardly moves is noisy, too, by this share of the mean one.
+constexpr double kLeastAmount = 0.05;
+
+double Log2Pi3() { return 3 * std::log(2 * std::numbers::pi); }
+
+// - 2 log N.
+double CostOf(const Vector6& error, const Matrix6& covariance) {
+  const Eigen::LLT<Matrix6> factored(covariance);
+  if (factored.info() != Eigen::Success) return std::numeric_limits<double>::infinity();
+  const Matrix6 lower = factored.matrixL();
+  return lower.triangularView<Eigen::Lower>().solve(error).squaredNorm() +
+         2 * lower.diagonal().array().log().sum();
+}
+
+// The step (w, v) of the earlier camera's pose as it moves the later one's relative to it.
+Matrix6 Adjoint(const Rigid3& later_from_earlier) {
+  const Eigen::Matrix3d R = later_from_earlier.rotation.toRotationMatrix();
+  Matrix6 adjoint = Matrix6::Zero();
+  adjoint.topLeftCorner<3, 3>() = R;
+  adjoint.bottomRightCorner<3, 3>() = R;
+  adjoint.bottomLeftCorner<3, 3>() = Skew(later_from_earlier.translation) * R;
+  return adjoint;
+}
+
+class AnchorSearch {
+ public:
+  AnchorSearch(std::span<const WalkEvidence> frames, double scale, const StepNoise& noise)
+      : frames_(frames), scale_(scale), noise_(noise), way_(StepAmounts(frames)) {
+    for (size_t i = 1; i < way_.size(); ++i) way_[i] += way_[i - 1];
+    log_anywhere_ = LogDensityAnywhere(ExtentOf(frames, scale));
+    for (size_t i = 0; i < frames.size(); ++i) {
+      if (frames[i].single) with_pose_.push_back(i);
+    }
+  }
+
+  // The states are the last anchor so far; frames between two anchors are wrong.
+  std::vector<Anchor> Run() const {
+    struct State {
+      double cost;  // of all frames up to this one
+      std::optional<size_t> before;
+      bool lost = false;
+    };
+    std::vector<State> states;
+    double wrong_so_far = 0;  // cost of all frames before, if all are wrong
+    std::vector<double> wrong_before;
+    for (size_t k = 0; k < with_pose_.size(); ++k) {
+      const SinglePose& single = *frames_[with_pose_[k]].single;
+      const double right = -2 * std::log(Confidence(single));
+      State best{wrong_so_far + right - 2 * log_anywhere_, std::nullopt};
+      for (size_t j = k > kWindow ? k - kWindow : 0; j < k; ++j) {
+        const double wrong_between = wrong_so_far - wrong_before[j] - WrongCost(j);
+        const auto [cost, lost] = Tie(with_pose_[j], with_pose_[k]);
+        const double total = states[j].cost + wrong_between + right + cost;
+        if (total < best.cost) best = {total, j, lost};
+      }
+      states.push_back(best);
+      wrong_before.push_back(wrong_so_far);
+      wrong_so_far += WrongCost(k);
+    }
+    std::optional<size_t> last;
+    double least = std::numeric_limits<double>::infinity();
+    for (size_t k = 0; k < states.size(); ++k) {
+      const double total = states[k].cost + wrong_so_far - wrong_before[k] - WrongCost(k);
+      if (total < least) std::tie(least, last) = std::pair(total, k);
+    }
+    std::vector<Anchor> anchors;
+    for (; last; last = states[*last].before) {
+      anchors.push_back({with_pose_[*last], states[*last].lost});
+    }
+    std::reverse(anchors.begin(), anchors.end());
+    return WithoutReturns(anchors);
+  }
+
+ private:
+  // Odometry that is lost and later tells again what it told before was not lost: a repeated
+  // structure shows the place elsewhere in between, or before and after. The fewer are wrong.
+  std::vector<Anchor> WithoutReturns(const std::vector<Anchor>& anchors) const {
+    std::vector<std::vector<Anchor>> runs;
+    for (const Anchor& anchor : anchors) {
+      if (runs.empty() || anchor.lost_before) runs.emplace_back();
+      runs.back().push_back(anchor);
+    }
+    for (size_t i = 0; i < runs.size(); ++i) {
+      for (size_t k = runs.size() - 1; k > i + 1; --k) {
+        if (Tie(runs[i].back().frame, runs[k].front().frame).second) continue;
+        const auto begin = runs.begin() + static_cast<std::ptrdiff_t>(i);
+        const auto end = runs.begin() + static_cast<std::ptrdiff_t>(k);
+        size_t between = 0;
+        for (auto run = begin + 1; run < end; ++run) between += run->size();
+        if (runs[i].size() + runs[k].size() < between) {
+          runs.erase(end);
+          runs.erase(begin);
+          return WithoutReturns(Joined(runs));
+        }
+        runs[i].insert(runs[i].end(), runs[k].begin(), runs[k].end());
+        runs.erase(begin + 1, end + 1);
+        break;
+      }
+    }
+    return Joined(runs);
+  }
+
+  // The anchors of all runs, with whether the odometry is lost before each.
+  std::vector<Anchor> Joined(const std::vector<std::vector<Anchor>>& runs) const {
+    std::vector<Anchor> anchors;
+    for (const std::vector<Anchor>& run : runs) {
+      for (Anchor anchor : run) {
+        anchor.lost_before = !anchors.empty() && Tie(anchors.back().frame, anchor.frame).second;
+        anchors.push_back(anchor);
+      }
+    }
+    return anchors;
+  }
+
+  static double Confidence(const SinglePose& single) {
+    return std::clamp(single.confidence, 0.02, 0.99);
+  }
+  double WrongCost(size_t k) const {
+    return -2 * (std::log(1 - Confidence(*frames_[with_pose_[k]].single)) + log_anywhere_);
+  }
+
+  // The cost of both poses being right, and whether the odometry was lost between them then.
+  std::pair<double, bool> Tie(size_t earlier, size_t later) const {
+    const SinglePose &from = *frames_[earlier].single, &to = *frames_[later].single;
+    const Rigid3 step =
+        OdometryStep(frames_[later].cam_from_odometry, frames_[earlier].cam_from_odometry, scale_);
+    const Rigid3 seen = to.cam_from_world * from.cam_from_world.Inverse();
+    const Matrix6 adjoint = Adjoint(seen);
+    const double way = way_[later] - way_[earlier];
+    const double turn = noise_.rotation_variance * way;
+    // A turn on the way moves what comes after it, and the scale may drift.
+    const double shift = noise_.position_variance * way +
+                         (turn / 3 + kScaleDrift * kScaleDrift) * step.translation.squaredNorm();
+    Matrix6 covariance = to.covariance + adjoint * from.covariance * adjoint.transpose();
+    covariance.diagonal().head<3>().array() += turn;
+    covariance.diagonal().tail<3>().array() += shift;
+    const double tied = CostOf(StepBetween(step, seen), covariance);
+    const double lost =
+        -2 * (std::log(kLost * static_cast<double>(later - earlier)) + log_anywhere_);
+    return {std::min(tied, lost), lost < tied};
+  }
+
+  std::span<const WalkEvidence> frames_;
+  double scale_;
+  StepNoise noise_;
+  std::vector<double> way_;  // up to each frame
+  double log_anywhere_ = 0;
+  std::vector<size_t> with_pose_;
+};
+
+}  // namespace
+
+Rigid3 OdometryStep(const Rigid3& later, const Rigid3& earlier, double scale) {
+  Rigid3 step = later * earlier.Inverse();
+  step.translation *= scale;
+  return step;
+}
+
+std::vector<double> StepAmounts(std::span<const WalkEvidence> frames) {
+  std::vector<double> lengths, angles;
+  double length = 0, angle = 0;
+  for (size_t i = 1; i < frames.size(); ++i) {
+    const Rigid3 step =
+        OdometryStep(frames[i].cam_from_odometry, frames[i - 1].cam_from_odometry, 1);
+    length += lengths.emplace_back(step.OriginInSource().norm());
+    angle += angles.emplace_back(AngleBetweenDeg(step.rotation, Eigen::Quaterniond::Identity()));
+  }
+  const auto steps = static_cast<double>(lengths.size());
+  std::vector<double> amounts = {0};
+  for (size_t i = 0; i < lengths.size(); ++i) {
+    double amount = 0;
+    if (length > 0) amount += steps * lengths[i] / length;
+    if (angle > 0) amount += steps * angles[i] / angle;
+    amounts.push_back(std::max(length > 0 && angle > 0 ? 0.5 * amount : amount, kLeastAmount));
+  }
+  return amounts;
+}
+
+double LogDensityAnywhere(double extent) {
+  const double rotations = 8 * std::numbers::pi * std::numbers::pi;
+  return Log2Pi3() - std::log(rotations * extent * extent * extent);
+}
+
+double ExtentOf(std::span<const WalkEvidence> frames, double scale) {
+  Eigen::AlignedBox3d singles, odometry;
+  for (const WalkEvidence& frame : frames) {
+    odometry.extend(frame.cam_from_odometry.OriginInSource());
+    if (frame.single) singles.extend(frame.single->cam_from_world.OriginInSource());
+  }
+  const double walked = scale * odometry.diagonal().norm();
+  const double seen = singles.isEmpty() ? 0 : singles.diagonal().norm();
+  const double extent = 2 * std::max(walked, seen);
+  return extent > 0 ? extent : 1;
+}
+
+double ScaleByPairs(std::span<const WalkEvidence> frames) {
+  constexpr double kBand = 0.05;   // of the logarithm
+  constexpr double kFarApart = 4;  // standard deviations of the two positions
+  std::vector<double> logs;
+  std::vector<size_t> with_pose;
+  for (size_t i = 0; i < frames.size(); ++i) {
+    if (frames[i].single) with_pose.push_back(i);
+  }
+  for (size_t k = 0; k < with_pose.size(); ++k) {
+    const WalkEvidence& a = frames[with_pose[k]];
+    for (size_t j = k > kWindow ? k - kWindow : 0; j < k; ++j) {
+      const WalkEvidence& b = frames[with_pose[j]];
+      const double seen =
+          (a.single->cam_from_world.OriginInSource() - b.single->cam_from_world.OriginInSource())
+              .norm();
+      const double walked =
+          (a.cam_from_odometry.OriginInSource() - b.cam_from_odometry.OriginInSource()).norm();
+      const double variance = a.single->covariance.bottomRightCorner<3, 3>().trace() +
+                              b.single->covariance.bottomRightCorner<3, 3>().trace();
+      if (walked > 0 && seen > kFarApart * std::sqrt(variance)) {
+        logs.push_back(std::log(seen / walked));
+      }
+    }
+  }
+  std::sort(logs.begin(), logs.end());
+  size_t most = 0;
+  double best = 0;
+  for (size_t begin = 0, end = 0; begin < logs.size(); ++begin) {
+    while (end < logs.size() && logs[end] - logs[begin] <= kBand) ++end;
+    if (end - begin > most) {
+      most = end - begin;
+      best = logs[begin + (end - begin) / 2];
+    }
+  }
+  return std::exp(best);
+}
+
+std::vector<Anchor> FindAnchors(std::span<const WalkEvidence> frames, double scale,
+                                const StepNoise& noise) {
+  return AnchorSearch(frames, scale, noise).Run();
+}
+
+}  // namespace raylift

@@ -1,0 +1,388 @@
+#include "raylift/sequences/smoothing.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+#include "sequences/anchors.h"
+#include "sequences/chain.h"
+#include "sequences/mixture.h"
+#include <Eigen/LU>
+
+#include "raylift/base/error.h"
+#include "raylift/geometry/residuals.h"
+
+namespace raylift {
+namespace {
+
+constexpr double kDegPerRad = 180 / std::numbers::pi;
+
+// Errors have a broader part: a tenth of them, of three times the deviation.
+constexpr double kBroadShare = 0.1;
+constexpr double kBroadVariance = 9;
+
+// What is thought of the odometry before the walk says more, over a mean step: 3 % of its length
+// and 0.5 degrees, with the weight of so many observed numbers; and of the frames' covariances.
+constexpr double kPriorShare = 0.03;
+constexpr double kPriorRotation = 0.5 / kDegPerRad;
+constexpr double kPriorWeight = 0.3;
+constexpr double kPriorFactorWeight = 12;
+// Anchors are looked for with noise that rather is too large, by this factor of the deviation.
+constexpr double kSearchFactor = 3;
+// The scale by itself, where it is unknown: its logarithm's deviation.
+constexpr double kPriorLogScale = 0.1;
+
+constexpr int kRounds = 10;
+constexpr int kIterations = 50;
+
+// Frames whose own pose is as likely as this to be right agree with the walk.
+constexpr double kAgrees = 0.5;
+
+Matrix6 InverseDiagonal(double rotation_variance, double position_variance) {
+  Matrix6 information = Matrix6::Zero();
+  information.diagonal().head<3>().setConstant(1 / rotation_variance);
+  information.diagonal().tail<3>().setConstant(1 / position_variance);
+  return information;
+}
+
+// d e(from, to) as `to` moves by a step, where e is small.
+Matrix6 OfMoved(const Vector6& error) {
+  Matrix6 jacobian = Matrix6::Identity();
+  jacobian.topLeftCorner<3, 3>() -= 0.5 * Skew(error.head<3>());
+  jacobian.bottomLeftCorner<3, 3>() = -Skew(error.tail<3>());
+  return jacobian;
+}
+
+Rigid3 Moved(const Rigid3& pose, const Vector6& step) {
+  return Rigid3{RotationFromVector(step.head<3>()), step.tail<3>()} * pose;
+}
+
+class WalkGraph {
+ public:
+  WalkGraph(std::span<const WalkEvidence> frames, OdometryScale scale)
+      : frames_(frames),
+        scale_is_known_(scale == OdometryScale::kKnown),
+        amounts_(StepAmounts(frames)) {
+    log_scale_ = scale_is_known_ ? 0 : std::log(ScaleByPairs(frames));
+    prior_log_scale_ = log_scale_;
+    extent_ = ExtentOf(frames, Scale());
+    double way = 0;
+    for (size_t i = 1; i < frames.size(); ++i) way += Step(i).OriginInSource().norm();
+    const double mean_step = std::max(way / static_cast<double>(frames.size() - 1), 1e-6 * extent_);
+    prior_noise_ = {kPriorShare * kPriorShare * mean_step * mean_step,
+                    kPriorRotation * kPriorRotation};
+    noise_ = prior_noise_;
+  }
+
+  // False where no frame's pose is right.
+  bool Begin() {
+    const double wider = kSearchFactor * kSearchFactor;
+    const std::vector<Anchor> anchors = FindAnchors(
+        frames_, Scale(), {wider * noise_.position_variance, wider * noise_.rotation_variance});
+    if (anchors.empty()) return false;
+    lost_steps_.assign(frames_.size(), 0);
+    for (size_t k = 1; k < anchors.size(); ++k) {
+      if (!anchors[k].lost_before) continue;
+      const size_t between = anchors[k].frame - anchors[k - 1].frame;
+      for (size_t i = anchors[k - 1].frame + 1; i <= anchors[k].frame; ++i) {
+        lost_steps_[i] = between;
+      }
+    }
+    poses_ = FromAnchors(anchors);
+    return true;
+  }
+
+  void Minimize() {
+    for (int round = 0; round < kRounds; ++round) {
+      MinimizePoses();
+      if (!EstimateNoise()) break;
+    }
+    MinimizePoses();
+  }
+
+  SmoothedWalk Result() const {
+    SmoothedWalk walk;
+    walk.scale = Scale();
+    walk.step_sigma = std::sqrt(noise_.position_variance);
+    walk.step_rotation_sigma_deg = kDegPerRad * std::sqrt(noise_.rotation_variance);
+    walk.single_sigma_factor = std::sqrt(single_factor_);
+    const auto covariance = Invert(Equations(poses_, log_scale_));
+    if (!covariance) return walk;
+    walk.scale_sigma = scale_is_known_ ? 0 : Scale() * std::sqrt(covariance->corner);
+    for (size_t i = 0; i < frames_.size(); ++i) {
+      SmoothedFrame& frame = walk.frames.emplace_back();
+      frame.cam_from_world = poses_[i];
+      frame.covariance = covariance->diagonal[i];
+      frame.lost_before = lost_steps_[i] > 0;
+      if (!frames_[i].single) continue;
+      const auto shares = OfSingle(i).At(SingleError(i, poses_[i])).shares;
+      frame.single_agrees = shares[0] + shares[1];
+    }
+    return walk;
+  }
+
+ private:
+  double Scale() const { return std::exp(log_scale_); }
+  Rigid3 Step(size_t i, double log_scale) const {
+    return OdometryStep(frames_[i].cam_from_odometry, frames_[i - 1].cam_from_odometry,
+                        std::exp(log_scale));
+  }
+  Rigid3 Step(size_t i) const { return Step(i, log_scale_); }
+
+  // Each frame from the anchor with the shortest way to it.
+  std::vector<Rigid3> FromAnchors(const std::vector<Anchor>& anchors) const {
+    std::vector<Rigid3> poses(frames_.size());
+    std::vector<double> way(frames_.size(), HUGE_VAL);
+    for (const Anchor& anchor : anchors) {
+      poses[anchor.frame] = frames_[anchor.frame].single->cam_from_world;
+      way[anchor.frame] = 0;
+    }
+    for (size_t i = 1; i < poses.size(); ++i) {
+      const double from_before = way[i - 1] + amounts_[i];
+      if (!(from_before < way[i])) continue;
+      way[i] = from_before;
+      poses[i] = Step(i) * poses[i - 1];
+    }
+    for (size_t i = poses.size() - 1; i > 0; --i) {
+      const double from_after = way[i] + amounts_[i];
+      if (!(from_after < way[i - 1])) continue;
+      way[i - 1] = from_after;
+      poses[i - 1] = Step(i).Inverse() * poses[i];
+    }
+    return poses;
+  }
+
+  // e of a frame's own pose, and what it may be: right, right but less exact, anywhere.
+  Vector6 SingleError(size_t i, const Rigid3& pose) const {
+    return StepBetween(frames_[i].single->cam_from_world, pose);
+  }
+  Mixture OfSingle(size_t i) const {
+    const SinglePose& single = *frames_[i].single;
+    const double confidence = std::clamp(single.confidence, 0.02, 0.99);
+    const Matrix6 information = single.covariance.inverse() / single_factor_;
+    Mixture mixture;
+    mixture.Add(confidence * (1 - kBroadShare), information);
+    mixture.Add(confidence * kBroadShare, information / kBroadVariance);
+    mixture.AddAnywhere(1 - confidence, LogDensityAnywhere(extent_));
+    return mixture;
+  }
+
+  // e of a step, and what it may be.
+  Vector6 StepError(size_t i, const Rigid3& before, const Rigid3& pose, double log_scale) const {
+    return StepBetween(Step(i, log_scale), pose * before.Inverse());
+  }
+  Mixture OfStep(size_t i) const {
+    double rotation = noise_.rotation_variance * amounts_[i];
+    double position = noise_.position_variance * amounts_[i];
+    Mixture mixture;
+    if (lost_steps_[i] > 0) {
+      const auto among = static_cast<double>(lost_steps_[i]);
+      rotation += 1 / among;
+      position += 0.25 * extent_ * extent_ / among;
+      mixture.Add(1, InverseDiagonal(rotation, position));
+      return mixture;
+    }
+    mixture.Add(1 - kBroadShare, InverseDiagonal(rotation, position));
+    mixture.Add(kBroadShare, InverseDiagonal(kBroadVariance * rotation, kBroadVariance * position));
+    return mixture;
+  }
+
+  ChainEquations::Jacobians StepJacobians(size_t i, const std::vector<Rigid3>& poses,
+                                          const Vector6& error, double log_scale) const {
+    const Rigid3 seen = poses[i] * poses[i - 1].Inverse();
+    const Eigen::Matrix3d R = seen.rotation.toRotationMatrix();
+    const Eigen::Vector3d turned =
+        RotationFromVector(error.head<3>()) * Step(i, log_scale).translation;
+    ChainEquations::Jacobians jacobians{OfMoved(error), Matrix6::Zero(), Vector6::Zero()};
+    jacobians.of_before.topLeftCorner<3, 3>() = -OfMoved(error).topLeftCorner<3, 3>() * R;
+    jacobians.of_before.bottomRightCorner<3, 3>() = -R;
+    jacobians.of_before.bottomLeftCorner<3, 3>() = -Skew(turned) * R;
+    if (!scale_is_known_) jacobians.of_number.tail<3>() = -turned;
+    return jacobians;
+  }
+
+  double Cost(const std::vector<Rigid3>& poses, double log_scale) const {
+    double cost = 0;
+    for (size_t i = 0; i < poses.size(); ++i) {
+      if (frames_[i].single) cost += OfSingle(i).At(SingleError(i, poses[i])).cost;
+      if (i > 0) cost += OfStep(i).At(StepError(i, poses[i - 1], poses[i], log_scale)).cost;
+    }
+    const double off = (log_scale - prior_log_scale_) / kPriorLogScale;
+    return cost + off * off;
+  }
+
+  ChainEquations Equations(const std::vector<Rigid3>& poses, double log_scale) const {
+    ChainEquations equations(poses.size());
+    for (size_t i = 0; i < poses.size(); ++i) {
+      if (frames_[i].single) {
+        const Vector6 error = SingleError(i, poses[i]);
+        equations.Add(i, error, OfMoved(error), OfSingle(i).At(error).information);
+      }
+      if (i == 0) continue;
+      const Vector6 error = StepError(i, poses[i - 1], poses[i], log_scale);
+      equations.AddStep(i, error, StepJacobians(i, poses, error, log_scale),
+                        OfStep(i).At(error).information);
+    }
+    constexpr double kInformation = 1 / (kPriorLogScale * kPriorLogScale);
+    equations.corner += kInformation;
+    equations.corner_gradient += kInformation * (log_scale - prior_log_scale_);
+    return equations;
+  }
+
+  // Levenberg's and Marquardt's method.
+  void MinimizePoses() {
+    double damping = 1e-6;
+    double cost = Cost(poses_, log_scale_);
+    for (int iteration = 0; iteration < kIterations && damping < 1e6; ++iteration) {
+      const auto solution = Solve(Equations(poses_, log_scale_), damping);
+      if (!solution) {
+        damping *= 10;
+        continue;
+      }
+      std::vector<Rigid3> moved = poses_;
+      for (size_t i = 0; i < moved.size(); ++i) moved[i] = Moved(moved[i], solution->steps[i]);
+      const double log_scale = log_scale_ + solution->number;
+      const double moved_cost = Cost(moved, log_scale);
+      if (!(moved_cost < cost)) {
+        damping *= 10;
+        continue;
+      }
+      const bool converged = cost - moved_cost < 1e-9 * (1 + std::abs(cost));
+      poses_ = std::move(moved);
+      log_scale_ = log_scale;
+      cost = moved_cost;
+      damping = std::max(1e-9, 0.1 * damping);
+      if (converged) break;
+    }
+  }
+
+  // A variance by which squared errors are divided, estimated by MacKay's rule: the sum of squares
+  // over the number of those that the poses leave free.
+  struct Variance {
+    double squares, free;
+    double Over(double prior, double weight) const {
+      return (squares + weight * prior) / (std::max(free, 0.0) + weight);
+    }
+  };
+
+  // False once nothing changes.
+  bool EstimateNoise() {
+    const auto covariance = Invert(Equations(poses_, log_scale_));
+    if (!covariance) return false;
+    Variance rotation{}, position{}, single{};
+    for (size_t i = 0; i < frames_.size(); ++i) {
+      if (frames_[i].single) CountSingle(i, *covariance, single);
+      if (i > 0 && lost_steps_[i] == 0) CountStep(i, *covariance, rotation, position);
+    }
+    const StepNoise before =
+        std::exchange(noise_, {position.Over(prior_noise_.position_variance, kPriorWeight),
+                               rotation.Over(prior_noise_.rotation_variance, kPriorWeight)});
+    const double factor_before =
+        std::exchange(single_factor_, std::clamp(single.Over(1, kPriorFactorWeight), 0.5, 100.0));
+    constexpr double kSame = 0.01;
+    const auto differ = [](double a, double b) { return std::abs(std::log(a / b)) > kSame; };
+    return differ(before.position_variance, noise_.position_variance) ||
+           differ(before.rotation_variance, noise_.rotation_variance) ||
+           differ(factor_before, single_factor_);
+  }
+
+  void CountSingle(size_t i, const ChainCovariance& covariance, Variance& single) const {
+    const Vector6 error = SingleError(i, poses_[i]);
+    const auto shares = OfSingle(i).At(error).shares;
+    const double share = shares[0] + shares[1] / kBroadVariance;
+    const Matrix6 information = frames_[i].single->covariance.inverse();
+    single.squares += share * error.dot(information * error);
+    single.free += 6 * (shares[0] + shares[1]) -
+                   share * (information * covariance.diagonal[i]).trace() / single_factor_;
+  }
+
+  void CountStep(size_t i, const ChainCovariance& covariance, Variance& rotation,
+                 Variance& position) const {
+    const Vector6 error = StepError(i, poses_[i - 1], poses_[i], log_scale_);
+    const auto shares = OfStep(i).At(error).shares;
+    const double share = (shares[0] + shares[1] / kBroadVariance) / amounts_[i];
+    const auto J = StepJacobians(i, poses_, error, log_scale_);
+    const Matrix6 across = J.of_frame * covariance.below[i] * J.of_before.transpose();
+    const Vector6 variance = (J.of_frame * covariance.diagonal[i] * J.of_frame.transpose() +
+                              J.of_before * covariance.diagonal[i - 1] * J.of_before.transpose() +
+                              across + across.transpose())
+                                 .diagonal();
+    rotation.squares += share * error.head<3>().squaredNorm();
+    rotation.free += 3 - share * variance.head<3>().sum() / noise_.rotation_variance;
+    position.squares += share * error.tail<3>().squaredNorm();
+    position.free += 3 - share * variance.tail<3>().sum() / noise_.position_variance;
+  }
+
+  std::span<const WalkEvidence> frames_;
+  bool scale_is_known_;
+  std::vector<double> amounts_;
+  double extent_ = 1;
+  double prior_log_scale_ = 0;
+  StepNoise prior_noise_;
+
+  StepNoise noise_;
+  double single_factor_ = 1;
+  std::vector<size_t>
+      lost_steps_;  // how many steps the odometry may have been lost in; 0: it was not
+  std::vector<Rigid3> poses_;
+  double log_scale_ = 0;
+};
+
+// The probability that those which agree are right, where all that differ from them speak against
+// it.
+struct Votes {
+  double none_agreeing = 1;   // that all which agree are wrong
+  double none_differing = 1;  // that all which differ are wrong
+
+  double Probability() const {
+    const double right = (1 - none_agreeing) * none_differing;
+    const double wrong = none_agreeing * (1 - none_differing);
+    const double neither = none_agreeing * none_differing;
+    return right / (right + wrong + neither);
+  }
+};
+
+// Frames between which the odometry was not lost are right or wrong together.
+void Judge(std::span<const WalkEvidence> frames, std::vector<SmoothedFrame>& smoothed) {
+  for (size_t begin = 0, end = 0; begin < smoothed.size(); begin = end) {
+    Votes votes;
+    for (end = begin; end < smoothed.size() && (end == begin || !smoothed[end].lost_before);
+         ++end) {
+      if (!frames[end].single) continue;
+      const double wrong = 1 - std::clamp(frames[end].single->confidence, 0.0, 1.0);
+      const bool agrees = smoothed[end].single_agrees > kAgrees;
+      (agrees ? votes.none_agreeing : votes.none_differing) *= std::max(wrong, 1e-3);
+    }
+    for (size_t i = begin; i < end; ++i) smoothed[i].confidence = votes.Probability();
+  }
+}
+
+// The scale that pairs of frames tell, where it is not the known one.
+std::optional<double> ContradictingScale(std::span<const WalkEvidence> frames,
+                                         const SmoothedWalk& walk) {
+  constexpr double kSame = 1.2;
+  const double by_pairs = ScaleByPairs(frames);
+  if (by_pairs < kSame && by_pairs > 1 / kSame) return std::nullopt;
+  size_t with_pose = 0, agreeing = 0;
+  for (size_t i = 0; i < walk.frames.size(); ++i) {
+    with_pose += frames[i].single ? 1 : 0;
+    agreeing += walk.frames[i].single_agrees > kAgrees ? 1 : 0;
+  }
+  return 2 * agreeing < with_pose ? std::optional(by_pairs) : std::nullopt;
+}
+
+}  // namespace
+
+SmoothedWalk SmoothWalk(std::span<const WalkEvidence> frames, OdometryScale scale) {
+  RAYLIFT_CHECK(frames.size() >= 2);
+  WalkGraph graph(frames, scale);
+  if (!graph.Begin()) return {};
+  graph.Minimize();
+  SmoothedWalk walk = graph.Result();
+  Judge(frames, walk.frames);
+  if (scale == OdometryScale::kKnown) walk.contradicting_scale = ContradictingScale(frames, walk);
+  return walk;
+}
+
+}  // namespace raylift

@@ -1,0 +1,232 @@
+#include "raylift/sequences/smoothing.h"
+
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include "base/rng.h"
+#include "base/statistics.h"
+#include "support/matchers.h"
+#include "support/meshes.h"
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <gtest/gtest.h>
+
+#include "raylift/geometry/residuals.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector3d;
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
+using Vector6 = Eigen::Matrix<double, 6, 1>;
+
+constexpr double kRadPerDeg = std::numbers::pi / 180;
+
+struct Settings {
+  size_t frames = 60;
+  double single_deg = 0.2, single_position = 0.02;  // of the frames' own poses
+  double step_deg = 0.1, step_position = 0.005;     // of the odometry
+  double scale = 1;                                 // odometry's units per scene unit
+  Vector3d origin = Vector3d::Zero();
+};
+
+struct MadeWalk {
+  std::vector<Rigid3> truth;
+  std::vector<WalkEvidence> frames;
+
+  double Error(const SmoothedWalk& walk, size_t i) const {
+    return (walk.frames.at(i).cam_from_world.OriginInSource() - truth.at(i).OriginInSource())
+        .norm();
+  }
+};
+
+Vector6 Noise(Rng& rng, double deg, double position) {
+  Vector6 noise;
+  for (double& x : noise) x = rng.Normal();
+  noise.head<3>() *= kRadPerDeg * deg;
+  noise.tail<3>() *= position;
+  return noise;
+}
+
+Rigid3 Moved(const Rigid3& pose, const Vector6& step) {
+  return Rigid3{RotationFromVector(step.head<3>()), step.tail<3>()} * pose;
+}
+
+// Two rounds on a circle of radius 3, looking outwards.
+MadeWalk MakeWalk(Rng& rng, const Settings& settings) {
+  MadeWalk walk;
+  const Matrix6 covariance = [&] {
+    Vector6 variances;
+    variances << Vector3d::Constant(std::pow(kRadPerDeg * settings.single_deg, 2)),
+        Vector3d::Constant(std::pow(settings.single_position, 2));
+    return Matrix6(variances.asDiagonal());
+  }();
+  Rigid3 odometry;
+  for (size_t i = 0; i < settings.frames; ++i) {
+    const double angle = 4 * std::numbers::pi * static_cast<double>(i) / 60;
+    const Vector3d outwards(std::cos(angle), std::sin(angle), 0.1 * std::sin(3 * angle));
+    walk.truth.push_back(LookAt(settings.origin + 3 * outwards, settings.origin + 6 * outwards));
+    if (i > 0) {
+      Rigid3 step = Moved(walk.truth[i] * walk.truth[i - 1].Inverse(),
+                          Noise(rng, settings.step_deg, settings.step_position));
+      step.translation *= settings.scale;
+      odometry = step * odometry;
+    }
+    const Rigid3 single =
+        Moved(walk.truth[i], Noise(rng, settings.single_deg, settings.single_position));
+    walk.frames.push_back({odometry, SinglePose{single, covariance, 0.99}});
+  }
+  return walk;
+}
+
+void TakeAway(MadeWalk& walk, size_t begin, size_t end) {
+  for (size_t i = begin; i < end; ++i) walk.frames[i].single.reset();
+}
+
+double MedianError(const MadeWalk& made, const SmoothedWalk& walk) {
+  std::vector<double> errors;
+  for (size_t i = 0; i < made.truth.size(); ++i) errors.push_back(made.Error(walk, i));
+  return UpperMedianOr(errors, 0);
+}
+
+// Squared errors over their covariance, per number: 1 where right.
+double MeanNees(const MadeWalk& made, const SmoothedWalk& walk) {
+  double sum = 0;
+  for (size_t i = 0; i < made.truth.size(); ++i) {
+    const Vector6 error = StepBetween(walk.frames[i].cam_from_world, made.truth[i]);
+    sum += error.dot(walk.frames[i].covariance.inverse() * error) / 6;
+  }
+  return sum / static_cast<double>(made.truth.size());
+}
+
+TEST(SmoothWalk, IsNearerToTheTruthThanSingleFramesAndKnowsHowNear) {
+  Rng rng = TestRng();
+  double nees = 0;
+  constexpr int kWalks = 8;
+  for (int k = 0; k < kWalks; ++k) {
+    const MadeWalk made = MakeWalk(rng, {});
+    const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+    ASSERT_EQ(walk.frames.size(), made.frames.size());
+    // A single frame's median error is 1.54 sigma.
+    EXPECT_LT(MedianError(made, walk), 0.6 * 1.54 * 0.02);
+    // Within a third, as 177 numbers that are not seen directly tell it.
+    EXPECT_NEAR(walk.step_sigma, 0.005, 0.002);
+    EXPECT_NEAR(walk.step_rotation_sigma_deg, 0.1, 0.04);
+    nees += MeanNees(made, walk) / kWalks;
+  }
+  EXPECT_NEAR(nees, 1, 0.2);
+}
+
+TEST(SmoothWalk, FramesWithoutAPoseGetOneWithItsUncertainty) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {});
+  TakeAway(made, 10, 30);
+  const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+  ASSERT_EQ(walk.frames.size(), made.frames.size());
+  for (size_t i = 10; i < 30; ++i) {
+    const double sigma = std::sqrt(walk.frames[i].covariance.bottomRightCorner<3, 3>().trace());
+    EXPECT_LT(made.Error(walk, i), 4 * sigma);
+    EXPECT_LT(sigma, 0.1);
+    EXPECT_GT(walk.frames[i].confidence, 0.99);
+  }
+  EXPECT_GT(walk.frames[20].covariance(4, 4), 2 * walk.frames[5].covariance(4, 4));
+}
+
+TEST(SmoothWalk, WrongPosesOfHalfTheFramesDoNotWin) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {});
+  // A repeated structure: the same place, 2.5 units on.
+  const Rigid3 moved_from_world{Eigen::Quaterniond::Identity(), Vector3d(2.5, 0, 0)};
+  for (size_t i = 0; i < 60; ++i) {
+    if (rng.Uniform() < 0.5) continue;
+    Rigid3& pose = made.frames[i].single->cam_from_world;
+    pose = i % 3 == 0 ? LookAt(Vector3d(rng.Normal(), rng.Normal(), 0), Vector3d(9, 9, 9))
+                      : pose * moved_from_world;
+    made.frames[i].single->confidence = 0.6;
+  }
+  const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+  ASSERT_EQ(walk.frames.size(), made.frames.size());
+  for (size_t i = 0; i < 60; ++i) EXPECT_LT(made.Error(walk, i), 0.1) << i;
+}
+
+TEST(SmoothWalk, FindsAnUnknownScale) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {.scale = 0.013, .origin = {4.6e5, 5.4e6, 300}});
+  TakeAway(made, 20, 40);
+  const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kUnknown);
+  ASSERT_EQ(walk.frames.size(), made.frames.size());
+  EXPECT_NEAR(walk.scale * 0.013, 1, 4 * walk.scale_sigma * 0.013);
+  EXPECT_LT(walk.scale_sigma * 0.013, 0.02);
+  for (size_t i = 0; i < 60; ++i) EXPECT_LT(made.Error(walk, i), 0.15) << i;
+}
+
+TEST(SmoothWalk, SaysThatAKnownScaleIsWrong) {
+  Rng rng = TestRng();
+  const MadeWalk made = MakeWalk(rng, {.scale = 1000});
+  const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+  ASSERT_TRUE(walk.contradicting_scale);
+  EXPECT_NEAR(*walk.contradicting_scale, 1e-3, 1e-4);
+}
+
+TEST(SmoothWalk, LostOdometryDividesTheWalk) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {});
+  const Rigid3 jump = RandomRigid3(rng, 2);
+  for (size_t i = 31; i < 60; ++i) {
+    made.frames[i].cam_from_odometry = made.frames[i].cam_from_odometry * jump;
+  }
+  const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+  ASSERT_EQ(walk.frames.size(), made.frames.size());
+  for (size_t i = 0; i < 60; ++i) {
+    EXPECT_LT(made.Error(walk, i), 0.08) << i;
+    EXPECT_EQ(walk.frames[i].lost_before, i == 31) << i;
+  }
+}
+
+TEST(SmoothWalk, WhereTheOdometryWasLostFramesWithoutAPoseStayWithout) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {});
+  TakeAway(made, 28, 34);
+  const Rigid3 jump = RandomRigid3(rng, 2);
+  for (size_t i = 31; i < 60; ++i) {
+    made.frames[i].cam_from_odometry = made.frames[i].cam_from_odometry * jump;
+  }
+  const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+  ASSERT_EQ(walk.frames.size(), made.frames.size());
+  for (size_t i = 0; i < 60; ++i) {
+    const bool in_gap = i >= 28 && i < 34;
+    EXPECT_EQ(walk.frames[i].confidence > 0.5, !in_gap) << i;
+    EXPECT_LT(in_gap ? 0 : made.Error(walk, i), 0.08) << i;
+  }
+}
+
+TEST(SmoothWalk, PosesThatNeverAgreeAreNoneOfAMap) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {});
+  for (WalkEvidence& frame : made.frames) {
+    frame.single->cam_from_world = RandomRigid3(rng, 10);
+    frame.single->confidence = 0.2;
+  }
+  const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+  for (const SmoothedFrame& frame : walk.frames) EXPECT_LT(frame.confidence, 0.05);
+}
+
+TEST(SmoothWalk, WithoutAnyPoseThereIsNone) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {});
+  TakeAway(made, 0, 60);
+  EXPECT_TRUE(SmoothWalk(made.frames, OdometryScale::kUnknown).frames.empty());
+}
+
+TEST(SmoothWalk, CovariancesThatAreTooSmallAreFoundOut) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {});
+  for (WalkEvidence& frame : made.frames) frame.single->covariance /= 9;
+  const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+  EXPECT_NEAR(walk.single_sigma_factor, 3, 0.6);
+  EXPECT_NEAR(MeanNees(made, walk), 1, 0.5);
+}
+
+}  // namespace
+}  // namespace raylift
