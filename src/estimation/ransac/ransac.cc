@@ -1,9 +1,10 @@
 #include "estimation/ransac/ransac.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
+
+#include "estimation/ransac/best_of_2d2d.h"
 
 #include "raylift/base/parallel.h"
 
@@ -13,11 +14,9 @@ namespace {
 // A sample comes near the best one if it gains so much of what that gains over no fit at all.
 constexpr double kNearBestGain = 0.85;
 
-// Alternatives of the best pose, and how far off they are at least.
+// Alternatives of the best pose explain so much of what that explains.
 constexpr size_t kMaxAlternatives = 3;
 constexpr double kAlternativeGain = 0.5;
-constexpr double kAlternativeRotation = 0.01;    // radians
-constexpr double kAlternativeTranslation = 0.1;  // local units
 
 double SamplesForConfidence(double success_probability, double confidence) {
   if (success_probability <= 0) {
@@ -49,14 +48,12 @@ class Ransac {
         schedule_(schedule),
         options_(options),
         scorer_(problem, pose_score),
-        score_of_2d2d_(MatchSets::k2D2D, ScoreCombination::kSumMsac, problem.num_matches_2d3d,
-                       problem.num_matches_2d2d),
         near_best_left_(options.optimization.max_near_best) {
     for (const RansacSolver& solver : solvers) {
       solvers_.push_back({solver});
     }
     if (options.keeps_best_of_2d2d && pose_score.sets() == MatchSets::kBoth) {
-      scorer_of_2d2d_.emplace(problem, score_of_2d2d_);
+      by_2d2d_.emplace(problem, options.optimization.matches);
     }
     SetScores none;
     none.of_2d3d.cost = problem.num_matches_2d3d;
@@ -88,7 +85,9 @@ class Ransac {
       }
     }
     Optimize();
-    return {best_, best_value_, Alternatives(), BestOf2D2D(), iteration};
+    RansacReport report{best_, best_value_, Alternatives(), {}, iteration};
+    if (best_ && by_2d2d_) report.best_of_2d2d = by_2d2d_->ApartFrom(*best_, scorer_);
+    return report;
   }
 
  private:
@@ -130,53 +129,8 @@ class Ransac {
     for (const CamFromLocal& pose : poses_) {
       const RansacResult hypothesis{pose, progress.solver.solver, progress.solver.optimized_sets};
       Consider(hypothesis);
-      ConsiderBy2D2D(hypothesis);
+      if (by_2d2d_) by_2d2d_->Consider(hypothesis);
     }
-  }
-
-  // What depths say that are wrong together may outvote the 2D-2D matches: the best of the poses
-  // that each solver made of these is kept.
-  void ConsiderBy2D2D(const RansacResult& hypothesis) {
-    if (!scorer_of_2d2d_) return;
-    for (BestOfSolver& best : best_of_2d2d_) {
-      if (hypothesis.solver != best.solver) continue;
-      const auto score = scorer_of_2d2d_->ScoreIfBetter(hypothesis.pose, best.value);
-      if (!score) return;
-      best.result = hypothesis;
-      best.value = scorer_of_2d2d_->pose_score().Value(*score);
-    }
-  }
-
-  std::vector<RansacResult> BestOf2D2D() const {
-    std::vector<RansacResult> others;
-    if (!best_) return others;
-    const SetScores of_best = scorer_.ScoreAll(best_->pose);
-    for (const BestOfSolver& best : best_of_2d2d_) {
-      if (!best.result) continue;
-      RansacResult optimized = *best.result;
-      optimized.pose = OptimizeLocally(problem_, optimized.pose, MatchSets::k2D2D, kLocalSteps,
-                                       options_.optimization.matches);
-      const bool is_new = AreApart(optimized.pose, best_->pose) &&
-                          std::all_of(others.begin(), others.end(), [&](const RansacResult& other) {
-                            return AreApart(other.pose, optimized.pose);
-                          });
-      if (is_new && IsInDoubt(of_best, scorer_.ScoreAll(optimized.pose))) {
-        others.push_back(optimized);
-      }
-    }
-    return others;
-  }
-
-  // Whether the 2D-2D matches contradict the best pose: it explains fewer of them than another
-  // pose, by three standard deviations of their number, or a much smaller share of the 2D-3D
-  // matches than of the 2D-2D matches. Then depths of some references are wrong together.
-  bool IsInDoubt(const SetScores& of_best, const SetScores& of_other) const {
-    constexpr double kShare = 0.75;
-    const double inliers = of_best.of_2d2d.inliers;
-    const double of_2d3d = of_best.of_2d3d.inliers / std::max(1.0, 1.0 * problem_.num_matches_2d3d);
-    const double of_2d2d = inliers / std::max(1.0, 1.0 * problem_.num_matches_2d2d);
-    return of_2d3d < kShare * of_2d2d ||
-           of_best.of_2d2d.cost - of_other.of_2d2d.cost > 3 * std::sqrt(inliers);
   }
 
   // Keeps a sample's pose for optimization if it beats those of all samples before. As the optimum
@@ -250,18 +204,10 @@ class Ransac {
     return alternatives;
   }
 
-  static bool AreApart(const CamFromLocal& a, const CamFromLocal& b) {
-    const Eigen::Matrix3d rotation = a.rotation * b.rotation.transpose();
-    const Eigen::Vector3d translation =
-        a.rotation.transpose() * a.translation - b.rotation.transpose() * b.translation;
-    return rotation.trace() < 1 + 2 * std::cos(kAlternativeRotation) ||
-           translation.norm() > kAlternativeTranslation;
-  }
-
   void UpdateRequiredSamples() {
     const InlierCounts inliers = scorer_.CountInliers(best_->pose);
     scorer_.ExpectClusters(inliers.clustering_2d2d);
-    if (scorer_of_2d2d_) scorer_of_2d2d_->ExpectClusters(inliers.clustering_2d2d);
+    if (by_2d2d_) by_2d2d_->ExpectClusters(inliers.clustering_2d2d);
     for (SolverProgress& progress : solvers_) {
       progress.success_probability = progress.solver.sampler->SuccessProbability(inliers);
       progress.required = SamplesForConfidence(progress.success_probability, options_.confidence);
@@ -272,8 +218,7 @@ class Ransac {
   SolverSchedule schedule_;
   const RansacOptions& options_;
   Scorer scorer_;
-  PoseScore score_of_2d2d_;
-  std::optional<Scorer> scorer_of_2d2d_;
+  std::optional<BestOf2D2D> by_2d2d_;
   std::vector<SolverProgress> solvers_;
   std::vector<CamFromLocal> poses_;  // of the last sample
   double worst_value_;               // of a pose that nothing fits
@@ -287,12 +232,6 @@ class Ransac {
   int near_best_left_;
   std::optional<RansacResult> pending_;  // to be optimized
   double pending_value_ = std::numeric_limits<double>::infinity();
-  struct BestOfSolver {
-    Solver solver;
-    std::optional<RansacResult> result = std::nullopt;
-    double value = std::numeric_limits<double>::infinity();
-  };
-  std::array<BestOfSolver, 2> best_of_2d2d_ = {{{Solver::kE5p1}, {Solver::kD3p1}}};
   std::optional<RansacResult> best_;
   double best_value_ = std::numeric_limits<double>::infinity();
 };
