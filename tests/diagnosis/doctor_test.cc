@@ -627,7 +627,7 @@ TEST_F(MovedMesh, RepairStandsInPlaceOfTheKeysAsRead) {
     EXPECT_EQ(ToString(diagnosis.repair), "in the geometry: leave out " + keys);
   }
   // What is printed is right when it is read again.
-  const fs::path file = fs::temp_directory_path() / "raylift_moved_mesh.obj";
+  const fs::path file = TestFolder() / "moved.obj";
   {
     std::ofstream out(file);
     const TriangleMesh moved =
@@ -651,7 +651,6 @@ TEST_F(MovedMesh, RepairStandsInPlaceOfTheKeysAsRead) {
     EXPECT_EQ(again.verdict, InputVerdict::kAsMeant)
         << ToString(diagnosis.repair) << Describe(again);
   }
-  fs::remove(file);
 }
 
 TEST_F(MovedMesh, LimitsThatDropWhatIsSeenAreNoPlacement) {

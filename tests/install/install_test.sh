@@ -63,3 +63,22 @@ if grep -E '^build .*(_test\.dir|apps)/.*\.cc\.o' "$work/parent/build/build.ninj
   echo "The subproject builds programs." >&2
   exit 1
 fi
+
+# A subproject that estimates alone needs nothing of what the other libraries link.
+mkdir "$work/estimator"
+cat > "$work/estimator/CMakeLists.txt" << EOF
+cmake_minimum_required(VERSION 3.22)
+project(estimator LANGUAGES CXX)
+set(RAYLIFT_COMPONENTS estimation)
+add_subdirectory("$source" raylift)
+add_executable(estimator "$here/consumer/estimate_matches.cc")
+target_link_libraries(estimator raylift::estimation)
+EOF
+for package in HDF5 JPEG PNG SQLite3 TIFF WebP libzip nlohmann_json; do
+  without+=("-DCMAKE_DISABLE_FIND_PACKAGE_$package=ON")
+done
+cmake -S "$work/estimator" -B "$work/estimator/build" -G Ninja -DCMAKE_CXX_COMPILER="$compiler" "${without[@]}" > /dev/null
+if grep -E '^build .*/(io|renderers|lifting|apps)/.*\.cc\.o' "$work/estimator/build/build.ninja"; then
+  echo "The subproject builds more than estimation." >&2
+  exit 1
+fi
