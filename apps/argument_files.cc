@@ -84,7 +84,9 @@ bool Fits(const SceneFile& scene, const CLI::App& command, std::string_view opti
   const std::string name = NameOf(command);
   // Without a model, references are rendered.
   if (option == "--images" && scene.references.empty()) return IsGiven(command, "--model");
-  if (option == "--times") return IsGiven(command, "--continuous");
+  if (option == "--times") {
+    return IsGiven(command, "--continuous") || IsGiven(command, "--odometry");
+  }
   const bool of_queries = option == "--queries" || option == "--query-images" ||
                           option == "--ground-truth" || option == "--priors";
   if (of_queries && IsGiven(command, "--leave-one-out")) return false;

@@ -175,12 +175,6 @@ std::string NameIn(NameForm form, const std::string& name) {
   return folder == std::string::npos ? name : name.substr(folder + 1);
 }
 
-// A name that is a number, or ends in a file that is: as of TUM's frames, seconds.
-std::optional<double> TimeInName(const std::string& name) {
-  const std::string file = NameIn(NameForm::kFile, name);
-  return ParseDouble(file.substr(0, file.rfind('.')));
-}
-
 class Export {
  public:
   explicit Export(const ExportFlags& flags) : flags_(flags), run_(ReadFinishedRun(flags.run)) {

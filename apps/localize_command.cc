@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -14,6 +15,7 @@
 #include "apps/localize_flags.h"
 #include "apps/localize_inputs.h"
 #include "apps/localize_output.h"
+#include "apps/localize_walk.h"
 #include "apps/options.h"
 #include "base/hash.h"
 #include "base/progress.h"
@@ -48,7 +50,7 @@ std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& option
   return JobHeader(std::move(options), queries.size(),
                    {"scene", "model", "images", "queries", "priors", "rigs", "query-images",
                     "features", "matches", "pairs", "cache", "prior-poses", "global-features",
-                    "query-global-features", "write-model"},
+                    "query-global-features", "write-model", "odometry", "odometry-scale", "times"},
                    InputsJson({.model = flags.references.model,
                                .images = flags.images,
                                .query_images = flags.QueryImages(),
@@ -62,7 +64,7 @@ std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& option
 ContinuousRecords LocalizeInOrder(const LocalizeFlags& flags, LocalizeAll& localizer,
                                   LocalizeOutput& output, const std::string& options_json) {
   const ReferenceSet& references = localizer.scene().references;
-  const std::vector<size_t> order = flags.continuous.Order(localizer.queries(), references);
+  const std::vector<size_t> order = flags.Order(localizer.queries(), references);
   const ContinuousCheckpoint checkpoint(
       flags.out / "continuous",
       ContinuousRunKey(options_json, references, localizer.queries(), order), flags.running.resume);
@@ -166,6 +168,7 @@ class LocalizeRun {
       LocalizeInputs inputs = OpenLocalizeInputs(flags_);
       scene_ = std::move(inputs.scene);
       queries_ = std::move(inputs.queries);
+      if (flags_.walk.enabled()) walk_ = OpenWalk(flags_, queries_);
     });
     times_.reading = clock_.Lap();
     warnings_ = scene_.warnings;
@@ -252,27 +255,41 @@ class LocalizeRun {
 
   void Finish(QueryJob& job, size_t done) {
     const Shard shard = flags_.running.Resolve();
-    const auto records = job.Whole();
+    auto records = job.Whole();
     if (!shard.IsAll() && !flags_.run.quiet) {
       fmt::print("shard {}/{} of {} queries: {} localized now{}\n", shard.index, shard.count,
                  queries_.size(), done, records ? "; all shards are complete" : "");
     }
     if (!records) return;
-    const std::vector<std::string> warnings = AllWarnings(*job.facts(), *records);
+    RunFacts facts = *job.facts();
+    const std::optional<WalkedQueries> walked = Smooth(*records);
+    if (walked) {
+      facts.warnings.insert(facts.warnings.end(), walked->warnings.begin(), walked->warnings.end());
+    }
+    const std::vector<std::string> warnings = AllWarnings(facts, *records);
     PrintWarnings(warnings);
     const CommittedFiles results;
-    WriteResults(flags_.out, *job.facts(), *records, times_);
+    WriteResults(flags_.out, facts, *records, times_);
+    if (walked) WriteWalk(flags_.out, *walked);
     std::vector<LocalizedQuery> localized;
     for (const QueryRecord& record : *records) localized.push_back(record.localized);
     output_->Finish(localized, {scene_, queries_, warnings, times_},
                     OptionsOfResults(options_json_));
     job.Finish(results.paths());
+    if (walked && !flags_.run.quiet) PrintWalk(*walked);
+  }
+
+  // nullopt where no odometry is given.
+  std::optional<WalkedQueries> Smooth(std::vector<QueryRecord>& records) const {
+    if (!walk_) return std::nullopt;
+    return SmoothRecords(flags_, *walk_, scene_, queries_, records);
   }
 
   const LocalizeFlags& flags_;
   LocalizeAllOptions options_;
   const std::string& options_json_;
   std::vector<Query> queries_;
+  std::optional<Walk> walk_;
   Scene scene_;
   std::vector<std::string> warnings_;
   std::unique_ptr<LocalizeOutput> output_;

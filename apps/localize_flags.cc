@@ -58,6 +58,22 @@ void CheckRigs(const LocalizeFlags& flags) {
   refuse("--refine-focal", flags.estimator.refine_focal);
 }
 
+// A walk is smoothed when all of its photographs are localized.
+void CheckWalk(const LocalizeFlags& flags) {
+  const auto needs = [](const char* option, const char* others, bool given, bool fits) {
+    if (given && !fits) throw OptionError(fmt::format("{} needs {}", option, others));
+  };
+  const bool walks = flags.walk.enabled();
+  needs("--times", "--continuous or --odometry", !flags.times.empty(),
+        walks || flags.continuous.enabled);
+  needs("--odometry-scale", "--odometry", flags.walk.scale != OdometryScale::kKnown, walks);
+  const auto refuse = [&](const char* option, bool given) {
+    if (walks && given) throw OptionError(fmt::format("{} does not go with --odometry", option));
+  };
+  refuse("--continuous", flags.continuous.enabled);
+  refuse("--rigs", !flags.rigs.empty());
+}
+
 void CheckQueries(const LocalizeFlags& flags) {
   if (!flags.leave_one_out) {
     if (flags.queries.empty()) {
@@ -83,6 +99,7 @@ void LocalizeFlags::Check() const {
   geometry.Check();
   CheckQueries(*this);
   CheckRigs(*this);
+  CheckWalk(*this);
   CheckReferences(*this);
   if (pictures < 0) {
     throw OptionError("--pictures", std::to_string(pictures), "must not be negative");
@@ -148,6 +165,16 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
               "after the prefix are of one moment), or a COLMAP model with rigs and frames.\n"
               "Priors are those of the rig's first camera");
   AddMatchingOptions(command, flags.matching, "; without it, RootSIFT", "OUT/cache");
+  const OptionGroup walk(command, "Walks");
+  walk.Add("--odometry", flags.walk.odometry,
+           "How the camera moved between the queries, in any frame: TUM's trajectory\n"
+           "(time tx ty tz qx qy qz qw, camera to world), a COLMAP model or a pose file.\n"
+           "Poses are smoothed by it, and queries without one get the walk's");
+  walk.Add("--odometry-scale", flags.walk.scale, "{}: whether its unit is the scene's");
+  walk.Add("--times", flags.times,
+           "When photographs were taken: lines `name seconds`. With --odometry of the\n"
+           "queries (default: their names, if these are times), with --continuous also of\n"
+           "references; those older than these first, backwards (default: by name)");
   const OptionGroup output(command, "Output");
   output.Add("--out", flags.out, out_help).Required();
   output.Add("--write-problems", flags.write_problems,
@@ -196,7 +223,6 @@ void ContinuousFlags::Check() const {
   const auto needs_continuous = [this](std::string_view option, bool given) {
     if (given && !enabled) throw OptionError(fmt::format("{} needs --continuous", option));
   };
-  needs_continuous("--times", !times.empty());
   needs_continuous("--max-joined", max_joined.has_value());
   needs_continuous("--trust-joined", trust_joined);
   if (max_joined) RequireAtLeast("--max-joined", *max_joined, 0);
@@ -213,10 +239,10 @@ int ContinuousFlags::MaxJoined(int top_k) const {
   return std::min(max_joined.value_or(std::max(1, top_k / 2)), top_k);
 }
 
-std::vector<size_t> ContinuousFlags::Order(std::span<const Query> queries,
-                                           const ReferenceSet& references) const {
-  if (times.empty()) return OrderByName(queries);
-  return OrderByTime(queries, references.images, ReadTimes(times), times);
+std::vector<size_t> LocalizeFlags::Order(std::span<const Query> list,
+                                         const ReferenceSet& set) const {
+  if (times.empty()) return OrderByName(list);
+  return OrderByTime(list, set.images, ReadTimes(times), times);
 }
 
 void AddContinuousOptions(CLI::App& command, ContinuousFlags& flags) {
@@ -224,9 +250,6 @@ void AddContinuousOptions(CLI::App& command, ContinuousFlags& flags) {
   group.Flag("--continuous", flags.enabled,
              "Localize one query after the other; each that is localized well\n"
              "becomes a reference for those that follow");
-  group.Add("--times", flags.times,
-            "Their order: lines `name seconds` of queries and references. Those\n"
-            "older than the references first, backwards (default: by name)");
   group.Add("--max-joined", flags.max_joined,
             "Joined queries among a query's references (default: half of --top-k)");
   group.Flag("--trust-joined", flags.trust_joined, "Take the poses of joined queries for exact");

@@ -18,13 +18,13 @@
 #include "raylift/estimation/options.h"
 #include "raylift/localization/scene.h"
 #include "raylift/scene/photographs.h"
+#include "raylift/sequences/smoothing.h"
 
 namespace raylift {
 
 // The options of continuous localization: `localize --continuous`.
 struct ContinuousFlags {
   bool enabled = false;
-  std::filesystem::path times;
   std::optional<int> max_joined;
   bool trust_joined = false;
   bool join_any_difference = false;
@@ -35,8 +35,6 @@ struct ContinuousFlags {
   JoinGateOptions Gate() const;
   // Returns how many of the `top_k` references of a query may be joined queries.
   int MaxJoined(int top_k) const;
-  // Orders by the times file, or by name where there is none.
-  std::vector<size_t> Order(std::span<const Query> queries, const ReferenceSet& references) const;
 };
 void AddContinuousOptions(CLI::App& command, ContinuousFlags& flags);
 
@@ -44,6 +42,14 @@ void AddContinuousOptions(CLI::App& command, ContinuousFlags& flags);
 // change no result, of the references, and of the queries in their order.
 std::string ContinuousRunKey(const std::string& options_json, const ReferenceSet& references,
                              std::span<const Query> queries, std::span<const size_t> order);
+
+// The odometry of a walk: `localize --odometry`. The times are --times.
+struct WalkFlags {
+  std::filesystem::path odometry;
+  OdometryScale scale = OdometryScale::kKnown;
+
+  bool enabled() const { return !odometry.empty(); }
+};
 
 struct LocalizeFlags {
   ReferenceFlags references;
@@ -59,6 +65,8 @@ struct LocalizeFlags {
   FilterOptions filter;
   EstimatorOptions estimator;
   ContinuousFlags continuous;
+  WalkFlags walk;
+  std::filesystem::path times;
   RunFlags run;
   JobFlags running;
   MeshOnlyFlags mesh_only;
@@ -72,6 +80,9 @@ struct LocalizeFlags {
   RetrievalFlags::Queries QueriesAre() const {
     return leave_one_out ? RetrievalFlags::Queries::kReferences : RetrievalFlags::Queries::kOwn;
   }
+
+  // The order of --continuous: by the times file, or by name where there is none.
+  std::vector<size_t> Order(std::span<const Query> queries, const ReferenceSet& set) const;
 
   // OptionError for what the options alone can tell, before any work.
   void Check() const;

@@ -179,7 +179,9 @@ void AddConfigOption(CLI::App& command) {
 
 std::string InOptions(std::string text) {
   constexpr std::pair<std::string_view, std::string_view> kOptions[] = {
-      {"model_poses = ", "--model-poses "}, {"in the geometry: ", "in --geometry: "}};
+      {"model_poses = ", "--model-poses "},
+      {"odometry_scale = ", "--odometry-scale "},
+      {"in the geometry: ", "in --geometry: "}};
   for (const auto& [field, option] : kOptions) {
     const size_t at = text.find(field);
     if (at != std::string::npos) text.replace(at, field.size(), option);

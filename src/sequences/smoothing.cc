@@ -343,18 +343,42 @@ struct Votes {
   }
 };
 
-// Frames between which the odometry was not lost are right or wrong together.
+bool Agrees(const SmoothedFrame& frame) { return frame.single_agrees > kAgrees; }
+
+// How often the odometry is lost in a step.
+double ShareLost(const std::vector<SmoothedFrame>& smoothed) {
+  const auto lost = std::count_if(smoothed.begin(), smoothed.end(),
+                                  [](const SmoothedFrame& frame) { return frame.lost_before; });
+  return static_cast<double>(lost) / static_cast<double>(smoothed.size() - 1);
+}
+
+// The end of the frames from `begin` on between which the odometry was not lost.
+size_t EndOfRun(const std::vector<SmoothedFrame>& smoothed, size_t begin) {
+  size_t end = begin + 1;
+  while (end < smoothed.size() && !smoothed[end].lost_before) ++end;
+  return end;
+}
+
+// Frames between which the odometry was not lost are right or wrong together. Before the first and
+// after the last one that agrees it may have been lost without a sign of it.
 void Judge(std::span<const WalkEvidence> frames, std::vector<SmoothedFrame>& smoothed) {
+  const double kept = 1 - ShareLost(smoothed);
   for (size_t begin = 0, end = 0; begin < smoothed.size(); begin = end) {
+    end = EndOfRun(smoothed, begin);
     Votes votes;
-    for (end = begin; end < smoothed.size() && (end == begin || !smoothed[end].lost_before);
-         ++end) {
-      if (!frames[end].single) continue;
-      const double wrong = 1 - std::clamp(frames[end].single->confidence, 0.0, 1.0);
-      const bool agrees = smoothed[end].single_agrees > kAgrees;
-      (agrees ? votes.none_agreeing : votes.none_differing) *= std::max(wrong, 1e-3);
+    std::optional<size_t> first, last;
+    for (size_t i = begin; i < end; ++i) {
+      if (!frames[i].single) continue;
+      const double wrong = std::max(1 - frames[i].single->confidence, 1e-3);
+      (Agrees(smoothed[i]) ? votes.none_agreeing : votes.none_differing) *= wrong;
+      if (!Agrees(smoothed[i])) continue;
+      if (!first) first = i;
+      last = i;
     }
-    for (size_t i = begin; i < end; ++i) smoothed[i].confidence = votes.Probability();
+    for (size_t i = begin; i < end && first; ++i) {
+      const size_t beyond = i < *first ? *first - i : (i > *last ? i - *last : 0);
+      smoothed[i].confidence = votes.Probability() * std::pow(kept, beyond);
+    }
   }
 }
 
@@ -367,7 +391,7 @@ std::optional<double> ContradictingScale(std::span<const WalkEvidence> frames,
   size_t with_pose = 0, agreeing = 0;
   for (size_t i = 0; i < walk.frames.size(); ++i) {
     with_pose += frames[i].single ? 1 : 0;
-    agreeing += walk.frames[i].single_agrees > kAgrees ? 1 : 0;
+    agreeing += Agrees(walk.frames[i]) ? 1 : 0;
   }
   return 2 * agreeing < with_pose ? std::optional(by_pairs) : std::nullopt;
 }

@@ -38,11 +38,6 @@ bool IsTumTrajectory(const path& file) {
                      [](std::string_view token) { return ParseDouble(token).has_value(); });
 }
 
-// The time that stands in a photograph's name.
-std::optional<double> TimeInName(const std::string& name) {
-  return ParseDouble(path(name).stem().string());
-}
-
 // Returns the times that are known; empty where names hold none.
 TimesByName TimesOf(const path& times, std::span<const std::string> names) {
   if (!times.empty()) return ReadTimes(times);

@@ -35,6 +35,11 @@ void CheckNameInCsv(const path& file, const std::string& name) {
 
 }  // namespace
 
+std::optional<double> TimeInName(const std::string& name) {
+  const std::string file = name.substr(name.rfind('/') + 1);
+  return ParseDouble(file.substr(0, file.rfind('.')));
+}
+
 void WriteTumTrajectory(const std::filesystem::path& path, std::span<const TimedPose> poses) {
   std::string text = "# timestamp tx ty tz qx qy qz qw\n";
   for (const TimedPose& pose : poses) {

@@ -4,7 +4,9 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "raylift/geometry/rigid3.h"
@@ -16,6 +18,10 @@ struct TimedPose {
   double time_s;
   Rigid3 cam_from_world;
 };
+
+// Returns the time that is a photograph's name but for folder and extension, as of TUM's frames:
+// seconds; nullopt where it is none.
+std::optional<double> TimeInName(const std::string& name);
 
 // TUM's: lines `time tx ty tz qx qy qz qw`, in the given order.
 void WriteTumTrajectory(const std::filesystem::path& path, std::span<const TimedPose> poses);

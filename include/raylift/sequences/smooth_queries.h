@@ -1,0 +1,94 @@
+// The results of single photographs and the odometry of their walk become one trajectory: poses
+// are smoothed, photographs without a pose get the one that the walk tells, poses that contradict
+// it are replaced.
+
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/base/enum_names.h"
+#include "raylift/localization/localizer.h"
+#include "raylift/localization/scene.h"
+#include "raylift/sequences/smoothing.h"
+#include "raylift/sequences/walk.h"
+
+namespace raylift {
+
+// The distance from a camera to what it sees: that of the scene's points, which some pixels of the
+// references show.
+class SceneDistances {
+ public:
+  explicit SceneDistances(const Scene& scene, int threads = 0);
+
+  // The median over what the nearest references see of the camera's field of view; nullopt where
+  // that is nothing.
+  std::optional<double> At(const Camera& camera, const Rigid3& cam_from_world) const;
+
+ private:
+  struct Seen {
+    Eigen::Vector3d center;  // of the reference
+    std::vector<Eigen::Vector3d> points;
+  };
+  std::vector<Seen> seen_;
+};
+
+// What the walk did with a photograph.
+enum class WalkRole { kAlone, kSmoothed, kReplaced, kRescued, kDropped };
+template <>
+inline constexpr auto kEnumNames<WalkRole> = std::to_array<EnumName<WalkRole>>({
+    {WalkRole::kAlone, "alone", "its result is as it was: it is not in the walk, or that has none"},
+    {WalkRole::kSmoothed, "smoothed", "its pose agrees with the walk, which made it more exact"},
+    {WalkRole::kReplaced, "replaced", "its pose contradicts the walk, whose pose it has now"},
+    {WalkRole::kRescued, "rescued", "it had no pose and has the walk's"},
+    {WalkRole::kDropped, "dropped", "its pose contradicts the walk, which has no sure one either"},
+});
+
+struct WalkedQuery {
+  LocalizedQuery localized;
+  WalkRole role = WalkRole::kAlone;
+  std::optional<double> time_s = std::nullopt;  // in the walk
+  bool lost_before = false;                     // SmoothedFrame::lost_before
+  // Of the photograph by itself, where it had a pose.
+  std::optional<Rigid3> single_cam_from_world = std::nullopt;
+  double single_confidence = 0;
+};
+
+struct WalkedQueries {
+  std::vector<WalkedQuery> queries;  // in the given order
+  // What the walk told of the odometry, without the frames; nullopt where no photograph had a pose.
+  std::optional<SmoothedWalk> walk;
+  std::vector<std::string> warnings;
+
+  size_t Count(WalkRole role) const;
+};
+
+struct SmoothingOptions {
+  OdometryScale scale = OdometryScale::kKnown;
+  double min_confidence = 0;  // LocalizerOptions::min_confidence
+};
+
+// `queries` are the results of the photographs, in the order of the names that the walk was read
+// for.
+WalkedQueries SmoothQueries(std::span<const LocalizedQuery> queries,
+                            std::span<const Query> photographs, const Walk& walk,
+                            const SceneDistances& distances, const SmoothingOptions& options);
+
+// Its line of queries.jsonl, without the line's end: FormatQueryDiagnostics() and what the walk did.
+std::string FormatQueryDiagnostics(const WalkedQuery& query);
+
+// What the walk told, as JSON (walk.json).
+std::string FormatWalk(const WalkedQueries& walked);
+
+// `trajectory.txt`, TUM's, of the localized photographs of the walk in the order of their times, and
+// `trajectory_covariance.txt` beside it: lines `time` and the 21 numbers of the upper triangle, row
+// by row, of the covariance that queries.jsonl holds.
+void WriteTrajectory(const std::filesystem::path& folder, const WalkedQueries& walked);
+
+}  // namespace raylift

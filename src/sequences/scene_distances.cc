@@ -1,0 +1,69 @@
+#include <algorithm>
+#include <memory>
+#include <utility>
+
+#include "base/statistics.h"
+
+#include "raylift/base/parallel.h"
+#include "raylift/sequences/smooth_queries.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr int kColumns = 8, kRows = 6;  // of pixels that are looked through
+constexpr size_t kNearest = 20;         // references
+
+std::vector<Vector2d> GridOf(const Camera& camera) {
+  std::vector<Vector2d> pixels;
+  for (int row = 0; row < kRows; ++row) {
+    for (int column = 0; column < kColumns; ++column) {
+      pixels.emplace_back((column + 0.5) * camera.width_px() / kColumns,
+                          (row + 0.5) * camera.height_px() / kRows);
+    }
+  }
+  return pixels;
+}
+
+}  // namespace
+
+SceneDistances::SceneDistances(const Scene& scene, int threads)
+    : seen_(scene.references.images.size()) {
+  const auto sources = scene.Geometry();
+  ParallelFor(seen_.size(), threads, [&](size_t i) {
+    const PosedImage& reference = scene.references.images[i];
+    seen_[i].center = reference.cam_from_world.OriginInSource();
+    const std::vector<Vector2d> pixels = GridOf(reference.camera);
+    for (const auto& source : sources) {
+      for (const auto& point : source->Lift(reference, pixels)) {
+        if (point) seen_[i].points.push_back(point->point_in_world);
+      }
+      if (!seen_[i].points.empty()) break;
+    }
+  });
+  std::erase_if(seen_, [](const Seen& seen) { return seen.points.empty(); });
+}
+
+std::optional<double> SceneDistances::At(const Camera& camera, const Rigid3& cam_from_world) const {
+  const Vector3d center = cam_from_world.OriginInSource();
+  std::vector<std::pair<double, size_t>> nearest;
+  for (size_t i = 0; i < seen_.size(); ++i) {
+    nearest.emplace_back((seen_[i].center - center).squaredNorm(), i);
+  }
+  const size_t count = std::min(kNearest, nearest.size());
+  std::partial_sort(nearest.begin(), nearest.begin() + static_cast<std::ptrdiff_t>(count),
+                    nearest.end());
+  std::vector<double> distances;
+  for (size_t k = 0; k < count; ++k) {
+    for (const Vector3d& point : seen_[nearest[k].second].points) {
+      const auto pixel = camera.ImgFromCam(cam_from_world * point);
+      if (pixel && camera.Contains(*pixel)) distances.push_back((point - center).norm());
+    }
+  }
+  if (distances.empty()) return std::nullopt;
+  return UpperMedianInPlace(std::span(distances));
+}
+
+}  // namespace raylift

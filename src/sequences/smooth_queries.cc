@@ -1,0 +1,178 @@
+#include "raylift/sequences/smooth_queries.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "base/json_members.h"
+#include "base/json_text.h"
+#include "estimation/confidence/confidence.h"
+#include "estimation/methods/methods.h"
+#include "geometry/pose_json.h"
+#include "io/scene/trajectory_file.h"
+#include "localization/results/result_json.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+std::vector<WalkEvidence> EvidenceOf(std::span<const LocalizedQuery> queries, const Walk& walk) {
+  std::vector<WalkEvidence> evidence;
+  for (const WalkFrame& frame : walk.frames) {
+    WalkEvidence& of_frame = evidence.emplace_back();
+    of_frame.cam_from_odometry = frame.cam_from_odometry;
+    const PoseEstimate& single = queries[frame.query].estimate;
+    if (!queries[frame.query].localized() || !single.covariance) continue;
+    of_frame.single = SinglePose{*single.cam_from_world, *single.covariance, single.confidence};
+  }
+  return evidence;
+}
+
+// How sure the walk's pose of a photograph is.
+PoseEstimate EstimateOf(const SmoothedFrame& frame, const Query& photograph,
+                        const SceneDistances& distances, const LocalizedQuery& single) {
+  PoseEstimate estimate = single.estimate;
+  estimate.failure = FailureReason::kNone;
+  estimate.position_observable = true;
+  estimate.cam_from_world = frame.cam_from_world;
+  SetCovariance(frame.covariance, estimate);
+  const double distance = distances.At(photograph.camera, frame.cam_from_world).value_or(0);
+  // A turn moves the picture as a shift by that share of the distance does.
+  const double turn = std::sqrt(frame.covariance.topLeftCorner<3, 3>().trace());
+  double of_position =
+      std::min(ProbabilityOfPosition(distance > 0 ? estimate.position_sigma : 0, distance),
+               ProbabilityOfPosition(turn, 1));
+  // What its own matches tell, the walk does not make less sure.
+  if (frame.single_agrees > 0.5) of_position = std::max(of_position, single.confidence());
+  Conclude(frame.confidence, of_position, estimate);
+  return estimate;
+}
+
+// The walk's pose takes the place of a photograph's own unless that is surer.
+void Take(const SmoothedFrame& frame, const Query& photograph, const SceneDistances& distances,
+          double min_confidence, WalkedQuery& query) {
+  LocalizedQuery& localized = query.localized;
+  const bool had_pose = localized.localized();
+  const bool agrees = had_pose && frame.single_agrees > 0.5;
+  const PoseEstimate estimate = EstimateOf(frame, photograph, distances, localized);
+  query.lost_before = frame.lost_before;
+  if (had_pose) {
+    query.single_cam_from_world = localized.estimate.cam_from_world;
+    query.single_confidence = localized.confidence();
+  }
+  if (estimate.confidence > kLeastConfidence && frame.confidence > kLeastConfidence) {
+    query.role =
+        !had_pose ? WalkRole::kRescued : (agrees ? WalkRole::kSmoothed : WalkRole::kReplaced);
+    localized.estimate = estimate;
+    localized.reason = ReasonNotLocalized(estimate, min_confidence);
+  } else if (had_pose && frame.confidence <= kLeastConfidence) {
+    query.role = WalkRole::kDropped;
+    localized.reason = "its pose contradicts those of its walk";
+  }
+}
+
+std::vector<std::string> WarningsOf(const SmoothedWalk& walk) {
+  if (!walk.contradicting_scale) return {};
+  return {fmt::format(
+      "the odometry's unit seems to be {:.4g} of the scene's by the photographs' poses, which "
+      "contradict its scale: odometry_scale = unknown finds it",
+      *walk.contradicting_scale)};
+}
+
+// In the order of their times.
+std::vector<const WalkedQuery*> LocalizedInWalk(const WalkedQueries& walked) {
+  std::vector<const WalkedQuery*> sorted;
+  for (const WalkedQuery& query : walked.queries) {
+    if (query.time_s && query.localized.localized()) sorted.push_back(&query);
+  }
+  std::stable_sort(sorted.begin(), sorted.end(), [](const WalkedQuery* a, const WalkedQuery* b) {
+    return *a->time_s < *b->time_s;
+  });
+  return sorted;
+}
+
+}  // namespace
+
+static void Members(JsonMembers& members, WalkedQuery& query) {
+  members("role", query.role);
+  members("time_s", query.time_s);
+  members("lost_before", query.lost_before);
+  members("single_confidence", query.single_confidence);
+  members("single_cam_from_world", query.single_cam_from_world);
+}
+
+size_t WalkedQueries::Count(WalkRole role) const {
+  return static_cast<size_t>(
+      std::count_if(queries.begin(), queries.end(),
+                    [&](const WalkedQuery& query) { return query.role == role; }));
+}
+
+WalkedQueries SmoothQueries(std::span<const LocalizedQuery> queries,
+                            std::span<const Query> photographs, const Walk& walk,
+                            const SceneDistances& distances, const SmoothingOptions& options) {
+  RAYLIFT_CHECK_EQ(queries.size(), photographs.size());
+  WalkedQueries walked;
+  for (const LocalizedQuery& query : queries) walked.queries.push_back({query});
+  for (const WalkFrame& frame : walk.frames) walked.queries[frame.query].time_s = frame.time_s;
+  walked.warnings = walk.warnings;
+  SmoothedWalk smoothed = SmoothWalk(EvidenceOf(queries, walk), options.scale);
+  if (smoothed.frames.empty()) return walked;
+  for (size_t i = 0; i < walk.frames.size(); ++i) {
+    const size_t query = walk.frames[i].query;
+    Take(smoothed.frames[i], photographs[query], distances, options.min_confidence,
+         walked.queries[query]);
+  }
+  for (std::string& warning : WarningsOf(smoothed)) walked.warnings.push_back(std::move(warning));
+  walked.walk = std::move(smoothed);
+  return walked;
+}
+
+std::string FormatQueryDiagnostics(const WalkedQuery& query) {
+  auto json = ToJson(query.localized);
+  json["walk"] = ToJson(query);
+  return JsonText(json);
+}
+
+std::string FormatWalk(const WalkedQueries& walked) {
+  nlohmann::ordered_json json = nlohmann::ordered_json::object();
+  for (const EnumName<WalkRole>& role : kEnumNames<WalkRole>) {
+    json["photographs"][std::string(role.name)] = walked.Count(role.value);
+  }
+  if (walked.walk) {
+    const SmoothedWalk& walk = *walked.walk;
+    const auto lost = std::count_if(walk.frames.begin(), walk.frames.end(),
+                                    [](const SmoothedFrame& frame) { return frame.lost_before; });
+    json["odometry"] = {{"scale", walk.scale},
+                        {"scale_sigma", walk.scale_sigma},
+                        {"step_sigma", walk.step_sigma},
+                        {"step_rotation_sigma_deg", walk.step_rotation_sigma_deg},
+                        {"lost", lost}};
+    json["single_sigma_factor"] = walk.single_sigma_factor;
+  }
+  return JsonText(json, 2) + '\n';
+}
+
+void WriteTrajectory(const std::filesystem::path& folder, const WalkedQueries& walked) {
+  std::vector<TimedPose> poses;
+  std::string covariances = "# timestamp, covariance of the step (w, v): upper triangle by rows\n";
+  for (const WalkedQuery* query : LocalizedInWalk(walked)) {
+    const PoseEstimate& estimate = query->localized.estimate;
+    poses.push_back({*query->time_s, *estimate.cam_from_world});
+    if (!estimate.covariance) continue;
+    covariances += FormatDouble(*query->time_s);
+    for (Eigen::Index row = 0; row < 6; ++row) {
+      for (Eigen::Index column = row; column < 6; ++column) {
+        covariances += ' ' + FormatDouble((*estimate.covariance)(row, column));
+      }
+    }
+    covariances += '\n';
+  }
+  WriteTumTrajectory(folder / "trajectory.txt", poses);
+  WriteFile(folder / "trajectory_covariance.txt", covariances);
+}
+
+}  // namespace raylift

@@ -1,0 +1,150 @@
+// localize --odometry on the demo scene, with few references and features, so that photographs
+// alone often fail.
+
+#include <map>
+
+#include "apps/program.h"
+#include "io/scene/trajectory_file.h"
+#include "support/matchers.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/file.h"
+#include "raylift/io/colmap_model.h"
+#include "raylift/io/query_list.h"
+#include "raylift/io/scene_file.h"
+
+namespace raylift {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+const fs::path kDemo = RAYLIFT_DEMO_FOLDER;
+constexpr double kScale = 0.3;  // odometry's units per scene unit
+
+class Walks : public ::testing::Test {
+ protected:
+  // The true motion, seen from another origin, as a TUM trajectory, and the times.
+  Walks() : truth_(ReadColmapModel(kDemo / "ground_truth").PosedImages()) {
+    Rng rng = TestRng();
+    const Rigid3 world_from_odometry = RandomRigid3(rng, 50);
+    std::vector<TimedPose> poses;
+    std::map<std::string, double> times;
+    for (size_t i = 0; i < truth_.size(); ++i) {
+      Rigid3 pose = truth_[i].cam_from_world * world_from_odometry;
+      pose.translation *= kScale;
+      poses.push_back({10 + 0.5 * static_cast<double>(i), pose});
+      times[truth_[i].name] = poses.back().time_s + 0.1;
+    }
+    WriteTumTrajectory(folder_ / "odometry.txt", poses);
+    WriteTimes(folder_ / "times.txt", times);
+  }
+
+  Arguments Localize(const fs::path& out, const Arguments& more = {}) const {
+    return Arguments{"localize",
+                     "--model",
+                     kDemo / "model",
+                     "--images",
+                     kDemo / "images",
+                     "--geometry",
+                     "mesh:" + (kDemo / "scene.obj").string(),
+                     "--queries",
+                     kDemo / "queries.txt",
+                     "--cache",
+                     folder_ / "cache",
+                     "--every",
+                     "4",
+                     "--max-features",
+                     "500",
+                     "--out",
+                     out} +
+           more;
+  }
+
+  Arguments Odometry() const {
+    return {"--odometry", folder_ / "odometry.txt", "--odometry-scale", "unknown",
+            "--times",    folder_ / "times.txt"};
+  }
+
+  const fs::path folder_ = TestFolder();
+  std::vector<PosedImage> truth_;
+};
+
+TEST_F(Walks, PhotographsWithoutAPoseGetTheWalks) {
+  const fs::path alone = folder_ / "alone";
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(alone, {"--quiet"}))));
+  ASSERT_LT(PoseLines(alone / "poses.txt").size(), truth_.size());
+  const fs::path out = folder_ / "walk";
+  const CommandResult result = RunRaylift(Localize(out, Odometry() + Arguments{"--threads", "1"}));
+  ASSERT_TRUE(Succeeds(result));
+  EXPECT_TRUE(HoldsTruePoses(out / "poses.txt", truth_, 0.5, 0.1));
+  EXPECT_NE(result.out.find(" rescued, "), std::string::npos) << result.out;
+
+  const Json walk = Json::parse(ReadFile(out / "walk.json"));
+  EXPECT_NEAR(walk.at("odometry").at("scale").get<double>() * kScale, 1, 0.02);
+  EXPECT_GT(walk.at("photographs").at("rescued"), 0);
+  for (const auto& [name, line] : Diagnostics(out / "queries.jsonl")) {
+    const Json json = Json::parse(line);
+    EXPECT_EQ(json.at("status"), "ok");
+    EXPECT_EQ(json.at("walk").at("role") == "rescued",
+              json.at("walk").at("single_cam_from_world").is_null());
+  }
+  const auto trajectory = ReadTumTrajectory(out / "trajectory.txt");
+  ASSERT_EQ(trajectory.size(), truth_.size());
+  for (size_t i = 0; i < truth_.size(); ++i) {
+    EXPECT_TRUE(IsNearPose(trajectory[i].cam_from_world, truth_[i].cam_from_world, 0.5, 0.1));
+  }
+  EXPECT_EQ(Lines(ReadFile(out / "trajectory_covariance.txt")).size(), truth_.size() + 1);
+
+  // A run that is done takes its odometry afterwards, with the same bytes by any number of threads.
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(alone, Odometry() + Arguments{"--resume", "--quiet"}))));
+  for (const char* name :
+       {"poses.txt", "queries.jsonl", "summary.json", "walk.json", "trajectory_covariance.txt"}) {
+    EXPECT_EQ(ReadFile(alone / name), ReadFile(out / name)) << name;
+  }
+}
+
+TEST_F(Walks, OfAnotherPlaceIsNotInTheMap) {
+  // Each photograph's motion is another's.
+  auto poses = ReadTumTrajectory(folder_ / "odometry.txt");
+  for (size_t i = 0; i < poses.size(); ++i) {
+    Rng rng(i);
+    poses[i].cam_from_world = RandomRigid3(rng, 10);
+  }
+  WriteTumTrajectory(folder_ / "odometry.txt", poses);
+  const fs::path out = folder_ / "elsewhere";
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, Odometry() + Arguments{"--quiet"}))));
+  const Json walk = Json::parse(ReadFile(out / "walk.json"));
+  EXPECT_EQ(walk.at("photographs").at("rescued"), 0);
+}
+
+TEST_F(Walks, BadOptionsAndFilesAreRefusedBeforeTheWork) {
+  const fs::path out = folder_ / "refused";
+  const auto fails = [&](int code, const Arguments& more, const std::vector<std::string>& parts) {
+    return FailsWith(code, parts, RunRaylift(Localize(out, more)));
+  };
+  const fs::path odometry = folder_ / "odometry.txt";
+  EXPECT_TRUE(fails(2, {"--odometry-scale", "unknown"}, {"--odometry-scale needs --odometry"}));
+  EXPECT_TRUE(
+      fails(2, {"--times", folder_ / "times.txt"}, {"--times needs --continuous or --odometry"}));
+  EXPECT_TRUE(fails(2, Odometry() + Arguments{"--continuous"},
+                    {"--continuous does not go with --odometry"}));
+  EXPECT_TRUE(fails(3, {"--odometry", folder_ / "none.txt"}, {"none.txt", "no such file"}));
+  EXPECT_TRUE(fails(3, {"--odometry", odometry}, {"odometry.txt", "neither a list of times"}));
+  WriteFile(odometry, "1 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n");
+  EXPECT_TRUE(fails(3, Odometry(), {"odometry.txt", "line 2", "expected a time after 1"}));
+  EXPECT_FALSE(fs::exists(out / "poses.txt"));
+}
+
+TEST_F(Walks, OdometryOfOtherUnitsIsPointedOut) {
+  const fs::path out = folder_ / "units";
+  const CommandResult result = RunRaylift(Localize(
+      out, {"--odometry", folder_ / "odometry.txt", "--times", folder_ / "times.txt", "--quiet"}));
+  EXPECT_EQ(result.exit_code, 0);
+  EXPECT_NE(result.err.find("--odometry-scale unknown finds it"), std::string::npos) << result.err;
+}
+
+}  // namespace
+}  // namespace raylift
