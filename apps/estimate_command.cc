@@ -196,6 +196,7 @@ class EstimateRun {
                  whole ? "; all shards are complete" : "");
     }
     if (!whole) return false;
+    PrintWarnings(MachineWarnings(*whole));
     rows_ = EstimateRowsOf(*whole);
     const CommittedFiles results;
     WriteEstimates(flags_.out, rows_);

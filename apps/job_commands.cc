@@ -136,7 +136,10 @@ class Merger {
   // `tasks` names them. Throws Interrupted where some are not done.
   TaskManifest ReadAll(const JobForm& form, std::string_view tasks) const {
     TaskManifest all = ReadTaskManifests(files_, form.is_readable, out_);
-    if (all.records.size() >= header_.tasks) return all;
+    if (all.records.size() >= header_.tasks) {
+      PrintWarnings(MachineWarnings(all));
+      return all;
+    }
     throw Interrupted(fmt::format("{} of {} {} are not done in {}: nothing is merged",
                                   header_.tasks - all.records.size(), header_.tasks, tasks,
                                   files_.size() == 1 ? files_.front().string() : "these parts"));

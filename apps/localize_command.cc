@@ -268,6 +268,7 @@ class LocalizeRun {
     }
     const std::vector<std::string> warnings = AllWarnings(facts, *records);
     PrintWarnings(warnings);
+    PrintWarnings(job.machine_warnings());
     const CommittedFiles results;
     WriteResults(flags_.out, facts, *records, times_);
     if (walked) WriteWalk(flags_.out, *walked);

@@ -8,9 +8,30 @@
 
 #pragma once
 
+#include <string_view>
+
 #if defined(__x86_64__) && defined(__linux__) && defined(__GNUC__) && !defined(__clang__) && \
     !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 #define RAYLIFT_FOR_EACH_ISA __attribute__((target_clones("avx512f", "avx2", "default")))
 #else
 #define RAYLIFT_FOR_EACH_ISA
 #endif
+
+namespace raylift {
+
+// Returns the best vector instructions of this machine that the libraries tell apart: the last digits
+// of what Embree, OpenCV and the C library compute depend on them.
+inline std::string_view VectorInstructions() {
+#if defined(__x86_64__)
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
+      __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq")) {
+    return "avx512";
+  }
+  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return "avx2";
+  return __builtin_cpu_supports("avx") ? "avx" : "sse";
+#else
+  return "other";
+#endif
+}
+
+}  // namespace raylift

@@ -57,6 +57,17 @@ std::string TextIfThere(const path& file) {
 
 using Json = nlohmann::ordered_json;
 
+// The member of a shard's line that says what machine it ran on.
+constexpr const char* kInstructions = "instructions";
+
+bool TakeInstructions(const std::string& line, TaskManifest& manifest) {
+  if (!line.starts_with(fmt::format(R"({{"{}":)", kInstructions))) return false;
+  const Json json = Json::parse(line, nullptr, /*allow_exceptions=*/false);
+  if (!json.is_object() || !json.at(kInstructions).is_string()) return false;
+  manifest.instructions.insert(json.at(kInstructions).get<std::string>());
+  return true;
+}
+
 void TakeLine(const std::string& line, TaskManifest& manifest) {
   const Json json = Json::parse(line, nullptr, /*allow_exceptions=*/false);
   if (!json.is_object()) return;
@@ -274,6 +285,7 @@ TaskManifest ReadTaskManifest(const path& file, const IsReadable& is_readable) {
   const ManifestText text = ReadManifestText(file);
   manifest.header = text.header;
   for (const std::string& line : text.lines) {
+    if (TakeInstructions(line, manifest)) continue;
     if (is_readable(line)) TakeLine(line, manifest);
   }
   return manifest;
@@ -283,6 +295,7 @@ void AddPart(TaskManifest part, TaskManifest& all) {
   all.header = std::move(part.header);
   if (part.facts) all.facts = std::move(part.facts);
   for (auto& [key, record] : part.records) all.records.insert_or_assign(key, std::move(record));
+  all.instructions.merge(part.instructions);
 }
 
 TaskManifest ReadTaskManifests(std::span<const path> files, const IsReadable& is_readable,
@@ -302,10 +315,24 @@ TaskManifest ReadTaskManifests(std::span<const path> files, const IsReadable& is
   return all;
 }
 
+std::vector<std::string> MachineWarnings(const TaskManifest& manifest) {
+  if (manifest.instructions.size() < 2) return {};
+  return {fmt::format(
+      "the shards ran on machines whose vector instructions differ ({}): their last digits may not "
+      "be those of one run",
+      fmt::join(manifest.instructions, ", "))};
+}
+
 void WriteTaskManifest(const path& file, const TaskManifest& manifest) {
   std::multimap<size_t, const std::string*> in_order;
   for (const auto& [key, record] : manifest.records) in_order.emplace(record.place, &record.line);
   std::vector<std::string> lines;
+  const std::optional<Shard> shard = ShardOfManifest(file);
+  if (shard && !shard->IsAll()) {  // whose whole does not show who has done what
+    for (const std::string& instructions : manifest.instructions) {
+      lines.push_back(JsonText(Json{{kInstructions, instructions}}));
+    }
+  }
   if (manifest.facts) lines.push_back(*manifest.facts);
   for (const auto& [place, line] : in_order) lines.push_back(*line);
   if (!manifest.results.empty()) {

@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "base/hash.h"
+#include "base/instruction_sets.h"
 #include "base/json_text.h"
 #include "jobs/file_promises.h"
 #include "jobs/manifest_file.h"
@@ -87,6 +88,7 @@ void TaskJob::TakeFormerRuns(const std::string& header) {
     manifest_.facts = std::move(all.facts);
   }
   if (!folder_.resume) return;
+  manifest_.instructions = ReadTaskManifest(file_, form_.is_readable).instructions;
   for (size_t i = 0; i < keys_.size(); ++i) {
     if (folder_.shard.Contains(i)) TakeRecord(i, all, manifest_);
   }
@@ -169,6 +171,7 @@ void TaskJob::Begin(const std::optional<std::string>& facts) {
   if (folder_.overwrite) RemoveFormerRun();
   RemoveLeftTemporaries(folder_.out);
   manifest_.facts = facts;
+  manifest_.instructions.insert(std::string(VectorInstructions()));
   WriteTaskManifest(file_, manifest_);
   appender_ = std::make_unique<ManifestAppender>(file_);
 }
@@ -206,7 +209,10 @@ std::optional<TaskManifest> TaskJob::Whole() const {
 
 std::optional<TaskManifest> TaskJob::WholeOfShards() const {
   TaskManifest all = ReadAll(manifest_.header);
-  TaskManifest whole{manifest_.header, std::move(all.facts), {}};
+  TaskManifest whole;
+  whole.header = manifest_.header;
+  whole.facts = std::move(all.facts);
+  whole.instructions = std::move(all.instructions);
   for (size_t i = 0; i < keys_.size(); ++i) {
     if (!TakeRecord(i, all, whole)) return std::nullopt;
   }

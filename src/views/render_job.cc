@@ -245,13 +245,15 @@ class RenderJob {
     const bool complete = all_done && Finish();
     ManifestEntries done = EntriesOf(job_.manifest());
     const JobTotals totals = TotalsOf(done);
+    std::vector<std::string> warnings = WarningsOf(done, tasks_, *scene_);
+    warnings.insert(warnings.end(), of_machines_.begin(), of_machines_.end());
     return {.images = done.size(),
             .rendered = rendered_,
             .kept = kept_,
             .left = job_.Missing().size(),
             .complete = complete,
             .foreign_files = std::move(foreign_files),
-            .warnings = WarningsOf(done, tasks_, *scene_),
+            .warnings = std::move(warnings),
             .coverage = totals.Coverage(),
             .depth_range = totals.depth_range,
             .dropped = totals.dropped,
@@ -326,6 +328,7 @@ class RenderJob {
   bool Finish() {
     const std::optional<TaskManifest> whole = job_.Whole();
     if (!whole) return false;
+    of_machines_ = MachineWarnings(*whole);
     const ManifestEntries all = EntriesOf(*whole);
     const CommittedFiles results;
     if (options_.preview) {
@@ -344,6 +347,7 @@ class RenderJob {
     return true;
   }
 
+  std::vector<std::string> of_machines_;
   const Clock::time_point start_ = Clock::now();
   const std::chrono::system_clock::time_point wall_start_ = std::chrono::system_clock::now();
   const RenderJobOptions& options_;

@@ -176,5 +176,22 @@ TEST_F(EstimateJob, ShardsSideBySideOrInFoldersOfTheirOwnAreOneRun) {
   ExpectSame(whole, merged);
 }
 
+TEST_F(EstimateJob, ShardsOfOtherMachinesAreMergedWithAWarning) {
+  Arguments merge = {"merge", folder_ / "merged"};
+  for (const std::string shard : {"0/2", "1/2"}) {
+    const fs::path part = folder_ / ("part" + shard.substr(0, 1));
+    ASSERT_TRUE(Succeeds(RunRaylift(Estimate(part, {"--shard", shard}))));
+    merge.push_back(part);
+  }
+  Replace(folder_ / "part1/manifest.1-of-2.jsonl", R"({"instructions":")",
+          R"({"instructions":"another machine's, not )");
+  const CommandResult result = RunRaylift(merge);
+  EXPECT_EQ(result.exit_code, 0);
+  EXPECT_NE(result.err.find("machines whose vector instructions differ (another machine's"),
+            std::string::npos)
+      << result.err;
+  EXPECT_EQ(ReadFile(Whole() / "manifest.jsonl"), ReadFile(folder_ / "merged/manifest.jsonl"));
+}
+
 }  // namespace
 }  // namespace raylift

@@ -11,6 +11,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -49,7 +50,12 @@ struct TaskManifest {
   std::optional<std::string> facts;
   std::map<std::string, TaskRecord> records;  // by key
   std::vector<PromisedFile> results = {};     // of a job that is complete
+  // The vector instructions ("avx2") of the machines that shards ran on, whose last digits differ.
+  std::set<std::string> instructions = {};
 };
+
+// Says so where the machines of a job's shards differ; empty where they do not.
+std::vector<std::string> MachineWarnings(const TaskManifest& manifest);
 
 // Returns whether a line of facts or of a task can be read by the command that has written it.
 using IsReadable = std::function<bool(const std::string& line)>;

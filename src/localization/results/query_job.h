@@ -91,6 +91,8 @@ class QueryJob {
   // The records of all shards, in the order of the list, once all are done; none before. Throws as
   // TaskJob's does.
   std::optional<std::vector<QueryRecord>> Whole();
+  // After Whole(): MachineWarnings() of what it gave.
+  std::vector<std::string> machine_warnings() const { return MachineWarnings(whole_); }
   // After Whole(), when the results are written: the manifest becomes that of the whole run.
   void Finish(std::span<const std::filesystem::path> results);
 
