@@ -62,6 +62,13 @@ install(FILES
   ${PROJECT_SOURCE_DIR}/src/cmake/raylift-packages.cmake
   DESTINATION ${config_dir} COMPONENT libraylift-dev)
 
+# For builds without CMake: what estimates alone, whose needs have such files themselves.
+file(RELATIVE_PATH PC_PREFIX /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
+string(REGEX REPLACE "/$" "" PC_PREFIX "${PC_PREFIX}")
+configure_file(src/cmake/raylift-estimation.pc.in ${PROJECT_BINARY_DIR}/raylift-estimation.pc @ONLY)
+install(FILES ${PROJECT_BINARY_DIR}/raylift-estimation.pc
+  DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT libraylift-dev)
+
 # The Debian packages.
 set(CPACK_GENERATOR DEB)
 set(CPACK_PACKAGE_CONTACT "The Raylift authors <maintainers@raylift.invalid>")

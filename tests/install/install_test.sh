@@ -15,6 +15,18 @@ cmp "$source/assets/cluster/array.sbatch" "$work/prefix/share/raylift/cluster/ar
 as_consumer=(-DCMAKE_PREFIX_PATH="$work/prefix" -DCMAKE_CXX_COMPILER="$compiler")
 "$here/check_consumer.sh" "$work/consumer" "$source/assets/demo" "${as_consumer[@]}"
 
+# Without CMake.
+if command -v pkg-config > /dev/null; then
+  export PKG_CONFIG_PATH=$(dirname "$(find "$work/prefix" -name raylift-estimation.pc)")
+  linked=()
+  if [ -n "$(find "$work/prefix" -name libraylift_estimation.a)" ]; then linked=(--static); fi
+  # shellcheck disable=SC2046
+  "$compiler" -std=c++20 "$here/consumer/estimate_matches.cc" -o "$work/by_pkg_config" \
+    $(pkg-config "${linked[@]}" --cflags --libs raylift-estimation)
+  LD_LIBRARY_PATH=$(pkg-config --variable=libdir raylift-estimation) "$work/by_pkg_config" > "$work/by_pkg_config.txt"
+  diff <("$work/consumer/estimate_matches") "$work/by_pkg_config.txt"
+fi
+
 # Without the packages that the other libraries link, there is estimation; static libraries of the
 # others are then missing (shared ones bring their own).
 without=()
