@@ -85,6 +85,8 @@ bool Fits(const SceneFile& scene, const CLI::App& command, std::string_view opti
   // Without a model, references are rendered.
   if (option == "--images" && scene.references.empty()) return IsGiven(command, "--model");
   if (option == "--times") {
+    if (name == "evaluate") return IsGiven(command, "--trajectory-json");
+    if (name == "perturb") return IsGiven(command, "--walk");
     return IsGiven(command, "--continuous") || IsGiven(command, "--odometry");
   }
   const bool of_queries = option == "--queries" || option == "--query-images" ||

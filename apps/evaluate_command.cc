@@ -17,6 +17,7 @@
 #include "raylift/base/text.h"
 #include "raylift/comparison/report.h"
 #include "raylift/evaluation/pose_errors.h"
+#include "raylift/evaluation/trajectory_errors.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
@@ -35,6 +36,7 @@ struct EvaluateFlags {
   std::string thresholds = "0.25,2:0.5,5:5,10";
   path groups;
   path json, csv;
+  path trajectory_json, times;
   bool calibration = false;
   std::string geometry;
   path dcre_csv;
@@ -57,7 +59,28 @@ void Check(const EvaluateFlags& flags) {
   if (flags.geometry.empty() && !flags.dcre_csv.empty()) {
     throw OptionError("--dcre-csv", flags.dcre_csv.string(), "needs --geometry");
   }
+  if (flags.trajectory_json.empty() && !flags.times.empty()) {
+    throw OptionError("--times", flags.times.string(), "needs --trajectory-json");
+  }
   flags.run.Check();
+}
+
+// APE and RPE of all results, printed and written.
+void EvaluateTrajectories(const EvaluateFlags& flags, const std::vector<std::string>& names,
+                          const std::vector<TimedName>& order, const PosesByName& ground_truth,
+                          const std::vector<PosesByName>& estimated) {
+  std::vector<TrajectoryErrors> trajectories;
+  for (size_t i = 0; i < estimated.size(); ++i) {
+    const PosesByName matched = MatchNames(ground_truth, estimated[i]);
+    std::vector<TrajectoryPose> poses;
+    for (const auto& [time_s, name] : order) {
+      if (!matched.contains(name)) continue;
+      poses.push_back({matched.at(name), ground_truth.at(name)});
+    }
+    trajectories.push_back(CompareTrajectories(names[i], poses));
+  }
+  WriteFile(flags.trajectory_json, FormatTrajectoryJson(trajectories));
+  if (!flags.run.quiet) fmt::print("{}", FormatTrajectoryText(trajectories));
 }
 
 // Tells what is wrong with each file; InputError at the end where anything is.
@@ -186,11 +209,12 @@ void Run(const EvaluateFlags& flags) {
   Check(flags);
   if (flags.submission) CheckSubmissions(flags);
   if (flags.ground_truth.empty()) return;
-  for (const path& output : {flags.json, flags.csv, flags.dcre_csv}) {
+  for (const path& output : {flags.json, flags.csv, flags.dcre_csv, flags.trajectory_json}) {
     if (!output.empty()) RequireWritable(output);
   }
   if (!flags.report.empty()) RequireWritable(flags.report / "index.html");
   const PosesByName ground_truth = ReadGroundTruth(flags.ground_truth);
+  const std::vector<TimedName> order = InOrderOfTime(ground_truth, flags.times);
   std::vector<PosesByName> estimated;
   std::vector<std::string> names;
   std::vector<ResultSummary> results;
@@ -219,6 +243,9 @@ void Run(const EvaluateFlags& flags) {
   }
   if (!flags.report.empty())
     WriteReport(flags, thresholds, ground_truth, estimated, results, table);
+  if (!flags.trajectory_json.empty()) {
+    EvaluateTrajectories(flags, names, order, ground_truth, estimated);
+  }
   if (!flags.geometry.empty()) EvaluateDense(flags, names, ground_truth, estimated);
 }
 
@@ -246,6 +273,11 @@ Command AddEvaluateCommand(CLI::App& program) {
                "poses: squared errors over them (1 where right), share within their 90 %");
   options.Add("--json", flags->json, "The table as JSON");
   options.Add("--csv", flags->csv, "The table as CSV");
+  options.Add("--trajectory-json", flags->trajectory_json,
+              "Also APE of the poses and RPE of the steps between them, as evo defines\n"
+              "them, without alignment");
+  options.Add("--times", flags->times,
+              "Their order: lines `name seconds` of the ground truth (default: by name)");
   options.Add("--report", flags->report,
               "Folder for one HTML page to look at (index.html), and the table");
   const OptionGroup dense(command, "Dense errors");

@@ -1,8 +1,9 @@
-// raylift perturb: depth maps in, worse depth maps out.
+// raylift perturb: depth maps in, worse depth maps out; or a trajectory in, odometry out.
 
 #include <algorithm>
 #include <atomic>
 #include <cstdio>
+#include <map>
 #include <memory>
 #include <vector>
 
@@ -10,16 +11,20 @@
 #include "apps/commands.h"
 #include "apps/interrupt.h"
 #include "apps/options.h"
+#include "apps/pose_files.h"
 #include "base/progress.h"
 #include "diagnosis/depth_explanation.h"
 #include "evaluation/fields.h"
+#include "io/scene/trajectory_file.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/parallel.h"
 #include "raylift/evaluation/depth_perturbation.h"
+#include "raylift/evaluation/odometry_perturbation.h"
 #include "raylift/io/depth_file.h"
+#include "raylift/io/scene_file.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/localization/scene.h"
 #include "raylift/views/render_job.h"
@@ -38,6 +43,9 @@ struct PerturbFlags {
   DepthMisalignment misalignment;  // all but these two
   int frames = 0;
   DepthPerturbation perturbation;
+  bool walk = false;
+  path times;
+  OdometryPerturbation odometry;
   RunFlags run;
 
   DepthMisalignment Misalignment() const {
@@ -88,9 +96,40 @@ DepthWriteOptions WriteOptionsOf(const PerturbFlags& flags) {
   return options;
 }
 
+// The images as a walk: odometry.txt and times.txt.
+void MakeOdometry(const PerturbFlags& flags, const std::string& options_json) {
+  flags.odometry.Validate();
+  const LoadedReferences loaded =
+      LoadReferences(flags.references.model, flags.references.subsampling);
+  PrintWarnings(loaded.warnings);
+  const PosesByName poses = PosesOf(loaded.references);
+  const std::vector<TimedName> order = InOrderOfTime(poses, flags.times);
+  std::vector<Rigid3> trajectory;
+  std::map<std::string, double> times;
+  for (const auto& [time_s, name] : order) {
+    trajectory.push_back(poses.at(name));
+    times[name] = time_s;
+  }
+  std::vector<TimedPose> odometry;
+  for (const auto& [index, pose] :
+       PerturbOdometry(trajectory, flags.odometry, flags.perturbation.seed)) {
+    odometry.push_back({order[index].time_s, pose});
+  }
+  WriteTumTrajectory(flags.out / "odometry.txt", odometry);
+  WriteTimes(flags.out / "times.txt", times);
+  WriteFile(flags.out / "perturbation.json", options_json);
+  if (!flags.run.quiet) {
+    fmt::print("wrote odometry of {} of {} images: {}\n", odometry.size(), order.size(),
+               (flags.out / "odometry.txt").string());
+  }
+}
+
 void Run(const PerturbFlags& flags, const std::string& options_json) {
   flags.run.Check();
   flags.references.Check();
+  if (flags.walk) return MakeOdometry(flags, options_json);
+  if (!flags.times.empty()) throw OptionError("--times", flags.times.string(), "needs --walk");
+  if (flags.geometry.empty()) throw OptionError("--geometry is required (or --walk)");
   flags.perturbation.Validate();
   if (flags.rotation_deg.size() != 3) throw OptionError("--rotate: expected three numbers");
   if (flags.shift_px.size() != 2) throw OptionError("--shift: expected two numbers");
@@ -160,25 +199,36 @@ void AddMisalignmentOptions(CLI::App& command, PerturbFlags& flags) {
 Command AddPerturbCommand(CLI::App& program) {
   auto flags = std::make_shared<PerturbFlags>();
   CLI::App& command =
-      AddCommand(program, "perturb", "Depth maps made worse on purpose, to test with");
+      AddCommand(program, "perturb", "Depth maps and odometry made worse on purpose, to test with");
   AddSceneOption(command);
   AddReferenceOptions(command, flags->references);
   const OptionGroup options(command);
-  options.Add("--geometry", flags->geometry, GeometryHelp()).Required();
+  options.Add("--geometry", flags->geometry, GeometryHelp());
   const OptionGroup output(command, "Output");
-  output.Add("--out", flags->out, "Folder for the maps, DIR/STEM.FORMAT of each image").Required();
+  output
+      .Add("--out", flags->out,
+           "Folder for the maps, DIR/STEM.FORMAT of each image, or for the odometry")
+      .Required();
   output.Add("--format", flags->format,
              fmt::format("{}; png in millimeters, bin as COLMAP has it",
                          fmt::join(FormatsOf(Product::kDepth), "|")));
   AddMisalignmentOptions(command, *flags);
   OptionGroup(command, "Perturbation, in the order of application")
       .Add(FieldsOf(flags->perturbation));
+  const OptionGroup walk(command, "Odometry");
+  walk.Flag("--walk", flags->walk,
+            "The images are a walk: its odometry is made instead of maps, odometry.txt\n"
+            "(a TUM trajectory) and times.txt, for localize --odometry");
+  walk.Add("--times", flags->times,
+           "Their order: lines `name seconds` (default: by name, one a second)");
+  walk.Add(FieldsOf(flags->odometry));
   AddRunOptions(command, flags->run);
   SetFooter(command,
             "Example:\n"
             "  raylift perturb --model sfm --geometry mesh:scene.ply --out warped --warp 0.05\n"
             "  raylift compare --model sfm --geometry mesh=mesh:scene.ply \\\n"
-            "      --geometry warped=depth:warped --truth mesh");
+            "      --geometry warped=depth:warped --truth mesh\n"
+            "  raylift perturb --model truth --walk --out walk --drift 0.01 --turn-drift-deg 0.5");
   return {&command, [flags, &command] {
             UntilSignal([&] { Run(*flags, EffectiveOptionsJson(command)); }, &BeginsAnew);
           }};

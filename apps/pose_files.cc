@@ -1,5 +1,6 @@
 #include "apps/pose_files.h"
 
+#include <algorithm>
 #include <map>
 
 #include <fmt/format.h>
@@ -7,6 +8,7 @@
 #include "raylift/base/error.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
+#include "raylift/io/scene_file.h"
 
 namespace raylift {
 
@@ -51,6 +53,22 @@ std::vector<PosedImage> ReadPosedQueries(const path& model_or_file, const path& 
     images.push_back({name, camera->second, pose});
   }
   return images;
+}
+
+std::vector<TimedName> InOrderOfTime(const PosesByName& poses, const path& times_file) {
+  std::map<std::string, double> times;
+  if (!times_file.empty()) times = ReadTimes(times_file);
+  std::vector<TimedName> names;
+  for (const auto& [name, pose] : poses) {
+    const auto time = times.find(name);
+    if (time == times.end() && !times_file.empty()) {
+      throw InputError(times_file, fmt::format("the time of {} is missing", name));
+    }
+    names.push_back({times_file.empty() ? static_cast<double>(names.size()) : time->second, name});
+  }
+  std::stable_sort(names.begin(), names.end(),
+                   [](const TimedName& a, const TimedName& b) { return a.time_s < b.time_s; });
+  return names;
 }
 
 std::string ResultName(const path& file) {

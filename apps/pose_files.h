@@ -22,6 +22,15 @@ PosesByName ReadGroundTruth(const std::filesystem::path& model_or_file);
 std::vector<PosedImage> ReadPosedQueries(const std::filesystem::path& model_or_file,
                                          const std::filesystem::path& query_list);
 
+// The poses in the order of their times, in seconds: those of the file, which must know all, or
+// else their places in the order of names.
+struct TimedName {
+  double time_s = 0;
+  std::string name;
+};
+std::vector<TimedName> InOrderOfTime(const PosesByName& poses,
+                                     const std::filesystem::path& times_file);
+
 // Result files are mostly called poses.txt: then the folder tells them apart.
 std::string ResultName(const std::filesystem::path& file);
 

@@ -1,4 +1,4 @@
-// The perturbations of depth as fields.
+// The perturbations of depth and odometry as fields.
 
 #pragma once
 
@@ -7,9 +7,11 @@
 #include "base/fields.h"
 
 #include "raylift/evaluation/depth_perturbation.h"
+#include "raylift/evaluation/odometry_perturbation.h"
 
 namespace raylift {
 
 std::vector<Field> FieldsOf(DepthPerturbation& values);
+std::vector<Field> FieldsOf(OdometryPerturbation& values);
 
 }  // namespace raylift

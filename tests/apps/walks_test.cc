@@ -138,6 +138,45 @@ TEST_F(Walks, BadOptionsAndFilesAreRefusedBeforeTheWork) {
   EXPECT_FALSE(fs::exists(out / "poses.txt"));
 }
 
+TEST_F(Walks, PerturbMakesOdometryAndEvaluateJudgesTrajectories) {
+  const fs::path made = folder_ / "made";
+  ASSERT_TRUE(Succeeds(RunRaylift({"perturb", "--model", kDemo / "ground_truth", "--walk", "--out",
+                                   made, "--drift", "0.01", "--turn-drift-deg", "0.2"})));
+  const auto odometry = ReadTumTrajectory(made / "odometry.txt");
+  ASSERT_EQ(odometry.size(), truth_.size());
+  EXPECT_EQ(ReadTimes(made / "times.txt").at(truth_[3].name), odometry[3].time_s);
+  std::vector<NamedPose> poses;
+  for (size_t i = 0; i < truth_.size(); ++i) {
+    poses.push_back({truth_[i].name, odometry[i].cam_from_world * truth_[0].cam_from_world});
+  }
+  WritePoseFile(folder_ / "drifting.txt", poses);
+  const fs::path json = folder_ / "trajectory.json";
+  const CommandResult result = RunRaylift({"evaluate", "--ground-truth", kDemo / "ground_truth",
+                                           "--poses", folder_ / "drifting.txt", "--times",
+                                           made / "times.txt", "--trajectory-json", json});
+  ASSERT_TRUE(Succeeds(result));
+  EXPECT_NE(result.out.find("ape_rotation_deg"), std::string::npos) << result.out;
+  const Json errors = Json::parse(ReadFile(json)).at(0);
+  EXPECT_EQ(errors.at("ape_position").at("min"), 0);
+  // Steps err by drift alone, poses by what it adds up to.
+  EXPECT_LT(errors.at("rpe_position").at("rmse"), errors.at("ape_position").at("rmse"));
+
+  const fs::path short_times = folder_ / "short.txt";
+  WriteFile(short_times, truth_[0].name + " 1\n");
+  for (const Arguments& command :
+       {Arguments{"perturb", "--model", kDemo / "ground_truth", "--walk", "--out", made},
+        Arguments{"evaluate", "--ground-truth", kDemo / "ground_truth", "--poses",
+                  folder_ / "drifting.txt", "--trajectory-json", json}}) {
+    EXPECT_TRUE(FailsWith(3, {"short.txt", "the time of " + truth_[1].name + " is missing"},
+                          RunRaylift(command + Arguments{"--times", short_times})));
+  }
+  EXPECT_TRUE(FailsWith(2, {"--geometry is required (or --walk)"},
+                        RunRaylift({"perturb", "--model", kDemo / "ground_truth", "--out", made})));
+  EXPECT_TRUE(FailsWith(2, {"--drift", "must not be negative"},
+                        RunRaylift({"perturb", "--model", kDemo / "ground_truth", "--walk", "--out",
+                                    made, "--drift", "-1"})));
+}
+
 TEST_F(Walks, OdometryOfOtherUnitsIsPointedOut) {
   const fs::path out = folder_ / "units";
   const CommandResult result = RunRaylift(Localize(
