@@ -32,6 +32,7 @@ Command AddMergeCommand(CLI::App& program);
 Command AddVerifyCommand(CLI::App& program);
 Command AddExportCommand(CLI::App& program);
 Command AddColorCommand(CLI::App& program);
+Command AddFuseCommand(CLI::App& program);
 Command AddCalibrateCommand(CLI::App& program);
 Command AddPrepareCommand(CLI::App& program);
 

@@ -67,12 +67,8 @@ std::vector<Query> ReadQueries(const DoctorFlags& flags, const ReferenceSet& ref
 
 std::unique_ptr<MatchSource> Open(const DoctorFlags& flags, const Scene& scene,
                                   const std::vector<Query>& queries) {
-  MatchingOptions matching = flags.matching.Resolve({flags.geometry}, QueryImages(flags), {}, 0,
-                                                    flags.run, QueriesAre(flags));
-  if (matching.retrieval && flags.queries.empty()) {
-    matching.retrieval->prior_poses = PosesOf(scene.references);
-  }
-  return OpenMatches(scene, queries, matching);
+  return OpenMatchesBetween(flags.matching, {flags.geometry}, QueryImages(flags), flags.run, scene,
+                            queries, QueriesAre(flags));
 }
 
 Json OptionsOf(const RepairOptions& repair) {

@@ -180,6 +180,19 @@ MatchingOptions MatchingFlags::Resolve(const std::vector<std::string>& geometry,
   return matching;
 }
 
+std::unique_ptr<MatchSource> OpenMatchesBetween(const MatchingFlags& flags,
+                                                const std::vector<std::string>& geometry,
+                                                const std::filesystem::path& query_images,
+                                                const RunFlags& run, const Scene& scene,
+                                                const std::vector<Query>& queries,
+                                                RetrievalFlags::Queries queries_are) {
+  MatchingOptions matching = flags.Resolve(geometry, query_images, {}, 0, run, queries_are);
+  if (matching.retrieval && queries_are == RetrievalFlags::Queries::kReferences) {
+    matching.retrieval->prior_poses = PosesOf(scene.references);
+  }
+  return OpenMatches(scene, queries, matching);
+}
+
 void AddMatchingOptions(CLI::App& command, MatchingFlags& flags, const std::string& without_hloc,
                         const std::string& default_cache) {
   const OptionGroup group(command, "Matches");

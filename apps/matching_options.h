@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -15,6 +16,7 @@
 #include "localization/retrieval/retrieval.h"
 
 #include "raylift/localization/match_source.h"
+#include "raylift/localization/scene.h"
 
 namespace raylift {
 
@@ -69,6 +71,13 @@ struct MatchingFlags {
                           const RunFlags& run,
                           RetrievalFlags::Queries queries = RetrievalFlags::Queries::kOwn) const;
 };
+// Opens the matches of a scene's queries, or of its references with each other, keeping nothing.
+std::unique_ptr<MatchSource> OpenMatchesBetween(const MatchingFlags& flags,
+                                                const std::vector<std::string>& geometry,
+                                                const std::filesystem::path& query_images,
+                                                const RunFlags& run, const Scene& scene,
+                                                const std::vector<Query>& queries,
+                                                RetrievalFlags::Queries queries_are);
 // `without_hloc` ends the help of --features, `default_cache` that of --cache.
 void AddMatchingOptions(CLI::App& command, MatchingFlags& flags, const std::string& without_hloc,
                         const std::string& default_cache);

@@ -33,10 +33,10 @@
 namespace raylift {
 namespace {
 
-constexpr std::array<std::string_view, 16> kLibraries = {
-    "libassimp.", "libceres.",  "libembree", "libfmt.",    "libhdf5",   "libjpeg.",
-    "libopencv_", "libOpenEXR", "libpng",    "libraylift", "libsqlite", "libstdc++.",
-    "libtbb.",    "libtiff.",   "libwebp.",  "libzip."};
+constexpr std::array<std::string_view, 17> kLibraries = {
+    "libassimp.", "libceres.",  "libembree",  "libfmt.",  "libhdf5",    "libjpeg.",
+    "libopencv_", "libOpenEXR", "libopenvdb", "libpng",   "libraylift", "libsqlite",
+    "libstdc++.", "libtbb.",    "libtiff.",   "libwebp.", "libzip."};
 
 int Add(dl_phdr_info* library, size_t, void* names) {
   std::error_code failed;
@@ -90,7 +90,7 @@ constexpr std::string_view kLocalize = "Localize photographs";
 constexpr std::string_view kCompare = "Compare depth";
 constexpr std::string_view kRender = "Render depth";
 constexpr std::string_view kJobs = "Long runs, in parts";
-constexpr std::array<std::pair<std::string_view, std::string_view>, 18> kGroupOfCommand = {
+constexpr std::array<std::pair<std::string_view, std::string_view>, 19> kGroupOfCommand = {
     {{"localize", kLocalize},
      {"prepare", kLocalize},
      {"calibrate", kLocalize},
@@ -106,6 +106,7 @@ constexpr std::array<std::pair<std::string_view, std::string_view>, 18> kGroupOf
      {"render", kRender},
      {"views", kRender},
      {"color", kRender},
+     {"fuse", kRender},
      {"status", kJobs},
      {"merge", kJobs},
      {"verify", kJobs}}};
@@ -278,7 +279,8 @@ Program MakeProgram() {
                       AddDoctorCommand(app),     AddViewsCommand(app),    AddPairsCommand(app),
                       AddExperimentCommand(app), AddImportCommand(app),   AddStatusCommand(app),
                       AddMergeCommand(app),      AddVerifyCommand(app),   AddExportCommand(app),
-                      AddColorCommand(app),      AddPrepareCommand(app),  AddCalibrateCommand(app)};
+                      AddColorCommand(app),      AddPrepareCommand(app),  AddCalibrateCommand(app),
+                      AddFuseCommand(app)};
   for (const Command& command : program.commands) {
     CheckNumbers(*command.app);
     Translate(*command.app, "--geometry", &GeometrySpecOf);

@@ -1,0 +1,182 @@
+#include "raylift/mapping/fusion.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <numeric>
+#include <utility>
+
+#include "lifting/source_view.h"
+#include "mapping/distance_grid.h"
+#include "mapping/view_planes.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/parallel.h"
+#include "raylift/surfaces/mesh_files.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector3d;
+
+// Surfaces are finer than the grid where they are smooth.
+constexpr double kVoxelPixels = 2;
+constexpr double kTruncationVoxels = 4;
+constexpr double kTruncationSigmas = 3;
+constexpr double kLeastTruncationVoxels = 2, kMostTruncationVoxels = 50;
+
+// Throws OptionError.
+void Check(const FusionOptions& options) {
+  const auto require_positive = [](const char* name, const std::optional<double>& value) {
+    if (value && !(*value > 0 && std::isfinite(*value))) {
+      throw OptionError(name, fmt::format("{}", *value), "must be positive");
+    }
+  };
+  require_positive("voxel", options.voxel);
+  require_positive("truncation", options.truncation);
+}
+
+double VoxelOf(const FusionOptions& options, const ViewScale& scale) {
+  return options.voxel.value_or(std::max(kVoxelPixels * scale.pixel_width, scale.noise));
+}
+
+double TruncationOf(const FusionOptions& options, const ViewScale& scale, double voxel) {
+  if (!options.truncation) {
+    return std::clamp(kTruncationSigmas * scale.noise, kTruncationVoxels * voxel,
+                      kMostTruncationVoxels * voxel);
+  }
+  const double truncation = *options.truncation;
+  if (!(truncation >= kLeastTruncationVoxels * voxel &&
+        truncation <= kMostTruncationVoxels * voxel)) {
+    throw OptionError("truncation", fmt::format("{}", truncation),
+                      fmt::format("must be {} to {} voxels of {:.3g}", kLeastTruncationVoxels,
+                                  kMostTruncationVoxels, voxel));
+  }
+  return truncation;
+}
+
+// Near the scene, on whole voxels of a grid about the world's origin, so that a view more changes
+// no other place's points.
+Vector3d OriginOf(std::span<const PosedImage> views, double voxel) {
+  Vector3d mean = Vector3d::Zero();
+  for (const PosedImage& view : views) mean += view.cam_from_world.OriginInSource();
+  return (mean / (static_cast<double>(views.size()) * voxel)).array().round() * voxel;
+}
+
+// Takes the views in batches, each in parallel, as only a batch's pixels are in memory.
+template <typename Take>
+void ForBatches(const GeometrySource& source, std::span<const PosedImage> views,
+                const ViewScale& scale, double voxel, const FusionOptions& options,
+                const Take& take) {
+  const auto batch = static_cast<size_t>(ResolveThreads(options.threads));
+  for (size_t begin = 0; begin < views.size(); begin += batch) {
+    std::vector<ViewPlanes> seen(std::min(batch, views.size() - begin));
+    ParallelFor(seen.size(), options.threads, [&](size_t i) {
+      seen[i] = LookForPlanes(source, views[begin + i], scale.relative_noise, voxel);
+      if (options.on_view) options.on_view();
+    });
+    take(seen);
+  }
+}
+
+void RequireRoom(const DistanceGrid& grid, double voxel, const FusionOptions& options) {
+  if (grid.MemoryBytes() <= options.max_bytes) return;
+  throw OptionError("voxel", fmt::format("{:.3g}", voxel),
+                    fmt::format("the grid would take more than {:.1f} GB; {:.3g} takes a quarter",
+                                static_cast<double>(options.max_bytes) / 1e9, 2 * voxel));
+}
+
+double AreaOf(const ZeroSurface& surface, const std::array<uint32_t, 3>& triangle) {
+  const Vector3d& corner = surface.vertices[triangle[0]];
+  return 0.5 * (surface.vertices[triangle[1]] - corner)
+                   .cross(surface.vertices[triangle[2]] - corner)
+                   .norm();
+}
+
+// Leaves out the triangles of connected pieces that are smaller than that.
+void DropSmallPieces(double least_area, ZeroSurface& surface) {
+  std::vector<uint32_t> piece(surface.vertices.size());
+  std::iota(piece.begin(), piece.end(), 0U);
+  const auto root = [&piece](uint32_t vertex) {
+    while (piece[vertex] != vertex) vertex = piece[vertex] = piece[piece[vertex]];
+    return vertex;
+  };
+  for (const auto& [a, b, c] : surface.triangles) {
+    piece[root(b)] = root(a);
+    piece[root(c)] = root(a);
+  }
+  std::vector<double> areas(surface.vertices.size(), 0);
+  for (const auto& triangle : surface.triangles) {
+    areas[root(triangle[0])] += AreaOf(surface, triangle);
+  }
+  std::erase_if(surface.triangles,
+                [&](const auto& triangle) { return areas[root(triangle[0])] < least_area; });
+}
+
+}  // namespace
+
+void RequireFusion() {
+  if (CanFuse()) return;
+  throw OptionError(
+      "fusing needs OpenVDB, without which this program was built; on Debian and Ubuntu install "
+      "libopenvdb-dev and libboost-dev, and build it again");
+}
+
+std::vector<PosedImage> ViewsToFuse(const NamedGeometry& geometry,
+                                    std::span<const PosedImage> references, int max_side_px) {
+  std::vector<PosedImage> views;
+  for (const PosedImage& reference : references) {
+    if (geometry.maps == nullptr) {
+      views.push_back(ShrunkTo(reference, max_side_px));
+    } else if (geometry.maps->convention().fit != MapFit::kWhole) {
+      views.push_back(reference);  // which part it is goes by the image's size
+    } else {
+      const PlaneSize size = geometry.maps->size_px();
+      views.push_back({reference.name, reference.camera.Scaled(size.width_px, size.height_px),
+                       reference.cam_from_world});
+    }
+  }
+  return views;
+}
+
+FusedMesh FuseViews(const GeometrySource& source, std::span<const PosedImage> views,
+                    const FusionOptions& options) {
+  RequireFusion();
+  Check(options);
+  FusedMesh fused;
+  fused.scale = MeasureScale(source, views, options.threads);
+  if (fused.scale.pixel_width == 0) {
+    throw InputError(
+        fmt::format("{}: none of the {} views sees a surface", source.Description(), views.size()));
+  }
+  fused.voxel = VoxelOf(options, fused.scale);
+  fused.truncation = TruncationOf(options, fused.scale, fused.voxel);
+  DistanceGrid grid({.voxel = fused.voxel,
+                     .truncation = fused.truncation,
+                     .origin_in_world = OriginOf(views, fused.voxel),
+                     .threads = options.threads});
+  const auto for_batches = [&](const auto& take) {
+    ForBatches(source, views, fused.scale, fused.voxel, options, take);
+  };
+  for_batches([&](const std::vector<ViewPlanes>& seen) {
+    grid.MakeBlocks(seen);
+    RequireRoom(grid, fused.voxel, options);
+  });
+  for_batches([&](const std::vector<ViewPlanes>& seen) {
+    for (const ViewPlanes& view : seen) grid.Add(view);
+  });
+  fused.grid_bytes = grid.MemoryBytes();
+  ZeroSurface surface = grid.Surface();
+  const double least_side = options.min_piece_voxels * fused.voxel;
+  DropSmallPieces(least_side * least_side, surface);
+  if (surface.triangles.empty()) {
+    throw InputError(fmt::format("{}: the views leave no surface with a voxel of {:.3g}",
+                                 source.Description(), fused.voxel));
+  }
+  fused.mesh = MakeMesh(std::move(surface.vertices), std::move(surface.triangles));
+  return fused;
+}
+
+}  // namespace raylift

@@ -1,0 +1,42 @@
+// What a view sees, pixel by pixel, as planes.
+
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/lifting/geometry_source.h"
+#include "raylift/mapping/fusion.h"
+#include "raylift/scene/photographs.h"
+
+namespace raylift {
+
+// The plane of the surface about a pixel, in the camera's frame: its points have
+// normal . point = offset, and those before it, on the camera's side, more.
+struct PixelPlane {
+  Eigen::Vector3f normal_in_cam;
+  float offset;
+  float depth;
+  float weight = 0;  // 0: nothing is seen
+};
+
+struct ViewPlanes {
+  PosedImage view;
+  std::vector<PixelPlane> planes;  // row by row, of the view's size
+  double max_depth = 0;            // 0: nothing is seen at all
+};
+
+// Weights are those of a standard deviation of one `unit`, and fall as the surface is slanted: the
+// deviation is the source's own where it knows one, else `relative_noise` of the depth, and at
+// least half a unit. Pixels beside a jump of depth are left out: what they show is neither.
+ViewPlanes LookForPlanes(const GeometrySource& source, const PosedImage& view,
+                         double relative_noise, double unit);
+
+// By a sample of pixels of some 30 views, of which the views nearest to each are asked for the same
+// surface.
+ViewScale MeasureScale(const GeometrySource& source, std::span<const PosedImage> views,
+                       int threads);
+
+}  // namespace raylift
