@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "raylift/geometry/camera.h"
 #include "raylift/scene/image.h"
@@ -27,6 +28,8 @@ void RequireSizeOf(const Camera& camera, const std::string& name, PlaneSize size
 
 // Throws InputError where the file is missing or no image.
 Image ReadImage(const std::filesystem::path& path, ImageChannels channels);
+// The same of the bytes of such a file. InputError names none.
+Image DecodePhotograph(std::string_view bytes, ImageChannels channels);
 
 // The format follows the extension: png, jpg.
 void WriteImage(const std::filesystem::path& path, const Image& image, int jpeg_quality = 92);

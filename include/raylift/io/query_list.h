@@ -37,6 +37,9 @@ std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
 Query QueryOfUnknownCamera(const std::string& name, const std::filesystem::path& images);
 Query QueryOfUnknownCamera(const std::string& name, PlaneSize size,
                            std::optional<double> film_mm = std::nullopt);
+// Gives a query the camera of such a line: "MODEL width height params... [focal_sigma S]". Throws
+// InputError for anything else.
+void TakeCamera(const std::string& text, Query& query);
 void WriteQueryList(const std::filesystem::path& path, const std::vector<Query>& queries);
 
 // One image name per line.
@@ -71,10 +74,15 @@ void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPos
 // `#` comments and empty lines are skipped. Throws InputError for anything else, and for what is
 // said twice.
 std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& file);
+std::map<std::string, PosePriors> ParsePosePriors(const std::filesystem::path& path_for_messages,
+                                                  std::string text);
 
 // Gives each query what such a file knows of it; what the list says of the focal length holds where
 // the file does not mention it. Throws InputError where the file knows none of the queries.
 void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries);
+// The same of what was read from there.
+void TakePosePriors(const std::map<std::string, PosePriors>& priors,
+                    const std::filesystem::path& path_for_messages, std::span<Query> queries);
 
 // Gives each query that was taken by a rig its frame and its pose in the rig. The file is COLMAP's
 // rig configuration (rig_config.json of its rig_configurator), a list of rigs

@@ -106,12 +106,16 @@ void RequireSizeOf(const Camera& camera, const std::string& name, PlaneSize size
   throw InputError(file, message);
 }
 
+Image DecodePhotograph(std::string_view bytes, ImageChannels channels) {
+  if (bytes.empty()) throw InputError("expected an image, found an empty file");
+  if (IsCutShort(bytes)) throw InputError("the image ends too soon: the file is truncated");
+  return DecodePicture(bytes, channels);
+}
+
 Image ReadImage(const std::filesystem::path& path, ImageChannels channels) {
   const std::string bytes = ReadFile(path);
-  if (bytes.empty()) throw InputError(path, "expected an image, found an empty file");
-  if (IsCutShort(bytes)) throw InputError(path, "the image ends too soon: the file is truncated");
   try {
-    return DecodePicture(bytes, channels);
+    return DecodePhotograph(bytes, channels);
   } catch (const InputError& error) {
     throw InputError(path, error.what());
   }

@@ -308,6 +308,16 @@ std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
   return queries;
 }
 
+void TakeCamera(const std::string& text, Query& query) {
+  LineReader lines("camera", text);
+  const auto line = lines.NextContent();
+  if (!line || line->size() != text.size()) {
+    throw InputError("camera", "expected MODEL width height params... in one line");
+  }
+  LineTokens tokens(lines, *line);
+  ReadCamera(tokens, query);
+}
+
 void WriteQueryList(const std::filesystem::path& path, const std::vector<Query>& queries) {
   std::string text;
   for (const Query& query : queries) {
@@ -356,9 +366,14 @@ void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPos
 }
 
 std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& file) {
+  return ParsePosePriors(file, ReadFile(file));
+}
+
+std::map<std::string, PosePriors> ParsePosePriors(const std::filesystem::path& path_for_messages,
+                                                  std::string text) {
   std::map<std::string, PosePriors> priors;
   std::optional<Vector3d> world_down;
-  LineReader lines(file);
+  LineReader lines(path_for_messages, std::move(text));
   while (const auto line = lines.NextContent()) {
     LineTokens tokens(lines, *line);
     const std::string name(tokens.Name());
@@ -402,7 +417,11 @@ std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& fi
 }
 
 void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries) {
-  const std::map<std::string, PosePriors> priors = ReadPosePriors(file);
+  TakePosePriors(ReadPosePriors(file), file, queries);
+}
+
+void TakePosePriors(const std::map<std::string, PosePriors>& priors,
+                    const std::filesystem::path& path_for_messages, std::span<Query> queries) {
   bool any = false;
   for (Query& query : queries) {
     const auto known = priors.find(query.name);
@@ -414,7 +433,8 @@ void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries)
     any = true;
   }
   if (!any) {
-    throw InputError(file, fmt::format("knows none of the {} queries by name", queries.size()));
+    throw InputError(path_for_messages,
+                     fmt::format("knows none of the {} queries by name", queries.size()));
   }
 }
 

@@ -1,5 +1,6 @@
 #include "io/text/json_document.h"
 
+#include <algorithm>
 #include <climits>
 
 #include "io/text/line_tokens.h"
@@ -59,8 +60,19 @@ JsonPlace JsonPlace::Member(std::string_view name) const& {
 
 bool JsonPlace::IsNull() const { return Of(value_).is_null(); }
 
+bool JsonPlace::IsArray() const { return Of(value_).is_array(); }
+
 bool JsonPlace::Has(std::string_view name) const {
   return Of(value_).is_object() && Of(value_).contains(name);
+}
+
+void JsonPlace::ExpectMembers(std::initializer_list<std::string_view> names) const {
+  if (!Of(value_).is_object()) FailToBe("an object");
+  for (const auto& member : Of(value_).items()) {
+    if (std::find(names.begin(), names.end(), member.key()) != names.end()) continue;
+    JsonPlace(&member.value(), *this, member.key(), 0)
+        .Fail(fmt::format("is not known here; expected {}", fmt::join(names, ", ")));
+  }
 }
 
 JsonPlace JsonPlace::At(size_t index) const& {

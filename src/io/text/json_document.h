@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <initializer_list>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -22,6 +23,8 @@ class JsonPlace {
   JsonPlace Member(std::string_view name) const&;
   JsonPlace Member(std::string_view name) && = delete;
   bool Has(std::string_view name) const;
+  // Fails where this is no object, or has a member of another name.
+  void ExpectMembers(std::initializer_list<std::string_view> names) const;
   JsonPlace At(size_t index) const&;
   JsonPlace At(size_t index) && = delete;
   // The length of an array; fails where this is none.
@@ -29,6 +32,7 @@ class JsonPlace {
   void ExpectArraySize(size_t size) const;
 
   bool IsNull() const;
+  bool IsArray() const;
   std::string String() const;
   double Number() const;  // JSON has only finite ones
   int Int() const;
