@@ -66,6 +66,7 @@ void CheckWalk(const LocalizeFlags& flags) {
   const bool walks = flags.walk.enabled();
   needs("--times", "--continuous or --odometry", !flags.times.empty(),
         walks || flags.continuous.enabled);
+  needs("--online", "--odometry", flags.walk.online, walks);
   needs("--odometry-scale", "--odometry", flags.walk.scale != OdometryScale::kKnown, walks);
   const auto refuse = [&](const char* option, bool given) {
     if (walks && given) throw OptionError(fmt::format("{} does not go with --odometry", option));
@@ -171,6 +172,8 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
            "(time tx ty tz qx qy qz qw, camera to world), a COLMAP model or a pose file.\n"
            "Poses are smoothed by it, and queries without one get the walk's");
   walk.Add("--odometry-scale", flags.walk.scale, "{}: whether its unit is the scene's");
+  walk.Flag("--online", flags.walk.online,
+            "Each query's pose by those before it alone, as while the walk is taken");
   walk.Add("--times", flags.times,
            "When photographs were taken: lines `name seconds`. With --odometry of the\n"
            "queries (default: their names, if these are times), with --continuous also of\n"

@@ -47,6 +47,7 @@ std::string ContinuousRunKey(const std::string& options_json, const ReferenceSet
 struct WalkFlags {
   std::filesystem::path odometry;
   OdometryScale scale = OdometryScale::kKnown;
+  bool online = false;
 
   bool enabled() const { return !odometry.empty(); }
 };

@@ -21,7 +21,9 @@ WalkedQueries SmoothRecords(const LocalizeFlags& flags, const Walk& walk, const 
   for (const QueryRecord& record : records) alone.push_back(record.localized);
   WalkedQueries walked =
       SmoothQueries(alone, queries, walk, SceneDistances(scene, flags.run.threads),
-                    {.scale = flags.walk.scale, .min_confidence = flags.min_confidence});
+                    {.scale = flags.walk.scale,
+                     .min_confidence = flags.min_confidence,
+                     .online = flags.walk.online});
   for (size_t i = 0; i < records.size(); ++i) {
     records[i].localized = walked.queries[i].localized;
     records[i].diagnostics = FormatQueryDiagnostics(walked.queries[i]);

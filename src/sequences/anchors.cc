@@ -66,7 +66,7 @@ class AnchorSearch {
     std::vector<double> wrong_before;
     for (size_t k = 0; k < with_pose_.size(); ++k) {
       const SinglePose& single = *frames_[with_pose_[k]].single;
-      const double right = -2 * std::log(Confidence(single));
+      const double right = -2 * std::log(UsedConfidence(single));
       State best{wrong_so_far + right - 2 * log_anywhere_, std::nullopt};
       for (size_t j = k > kWindow ? k - kWindow : 0; j < k; ++j) {
         const double wrong_between = wrong_so_far - wrong_before[j] - WrongCost(j);
@@ -133,11 +133,8 @@ class AnchorSearch {
     return anchors;
   }
 
-  static double Confidence(const SinglePose& single) {
-    return std::clamp(single.confidence, 0.02, 0.99);
-  }
   double WrongCost(size_t k) const {
-    return -2 * (std::log(1 - Confidence(*frames_[with_pose_[k]].single)) + log_anywhere_);
+    return -2 * (std::log(1 - UsedConfidence(*frames_[with_pose_[k]].single)) + log_anywhere_);
   }
 
   // The cost of both poses being right, and whether the odometry was lost between them then.
@@ -175,6 +172,10 @@ Rigid3 OdometryStep(const Rigid3& later, const Rigid3& earlier, double scale) {
   Rigid3 step = later * earlier.Inverse();
   step.translation *= scale;
   return step;
+}
+
+double UsedConfidence(const SinglePose& single) {
+  return std::clamp(single.confidence, 0.02, 1 - 0.1 * kLost);
 }
 
 std::vector<double> StepAmounts(std::span<const WalkEvidence> frames) {

@@ -32,6 +32,10 @@ std::vector<double> StepAmounts(std::span<const WalkEvidence> frames);
 // cam_from_cam of the later frame from the earlier one by odometry.
 Rigid3 OdometryStep(const Rigid3& later, const Rigid3& earlier, double scale);
 
+// The confidence that a frame's pose counts with: neither surely wrong nor as sure as that the
+// odometry holds.
+double UsedConfidence(const SinglePose& single);
+
 // The density of wrong poses, as Mixture has it, where the scene has this size.
 double LogDensityAnywhere(double extent);
 

@@ -3,42 +3,62 @@
 
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
-#include <vector>
 
 #include "sequences/chain.h"
 #include <Eigen/LU>
 
 namespace raylift {
 
+// The inverse of a covariance, and the logarithm of its determinant.
+struct Information {
+  explicit Information(const Matrix6& inverse_covariance)
+      : matrix(inverse_covariance), log_determinant(std::log(inverse_covariance.determinant())) {}
+
+  // Of a covariance that is larger by a factor.
+  Information Over(double factor) const {
+    Information less = *this;
+    less.matrix /= factor;
+    less.log_determinant -= 6 * std::log(factor);
+    return less;
+  }
+
+  Matrix6 matrix;
+  double log_determinant;
+};
+
 class Mixture {
  public:
-  // A part of the weight, with this information (the inverse of a covariance).
-  void Add(double weight, const Matrix6& information) {
-    parts_.push_back({std::log(weight) + 0.5 * std::log(information.determinant()), information});
+  static constexpr size_t kMostParts = 3;
+
+  void Add(double weight, const Information& information) {
+    parts_[count_++] = {std::log(weight) + 0.5 * information.log_determinant, information.matrix};
   }
   // A part that is anywhere, with this density (that of a normal distribution has no (2 pi)^3).
   void AddAnywhere(double weight, double log_density) {
-    parts_.push_back({std::log(weight) + log_density, Matrix6::Zero()});
+    parts_[count_++] = {std::log(weight) + log_density, Matrix6::Zero()};
   }
 
   struct Value {
-    double cost = 0;                        // - 2 log likelihood
-    Matrix6 information = Matrix6::Zero();  // that the error counts with: the parts' mean
-    std::vector<double> shares;             // the probability of each part
+    double cost = 0;                          // - 2 log likelihood
+    Matrix6 information = Matrix6::Zero();    // that the error counts with: the parts' mean
+    std::array<double, kMostParts> shares{};  // the probability of each part
   };
   Value At(const Vector6& error) const {
-    std::vector<double> logs;
-    double largest = -HUGE_VAL;
-    for (const Part& part : parts_) {
-      logs.push_back(part.log_factor - 0.5 * error.dot(part.information * error));
-      largest = std::max(largest, logs.back());
-    }
     Value value;
+    double largest = -HUGE_VAL;
+    for (size_t k = 0; k < count_; ++k) {
+      value.shares[k] = parts_[k].log_factor - 0.5 * error.dot(parts_[k].information * error);
+      largest = std::max(largest, value.shares[k]);
+    }
     double sum = 0;
-    for (const double log : logs) sum += value.shares.emplace_back(std::exp(log - largest));
-    for (size_t k = 0; k < parts_.size(); ++k) {
+    for (size_t k = 0; k < count_; ++k) {
+      sum += value.shares[k] = std::exp(value.shares[k] - largest);
+    }
+    for (size_t k = 0; k < count_; ++k) {
       value.shares[k] /= sum;
       value.information += value.shares[k] * parts_[k].information;
     }
@@ -51,7 +71,8 @@ class Mixture {
     double log_factor;
     Matrix6 information;
   };
-  std::vector<Part> parts_;
+  std::array<Part, kMostParts> parts_;
+  size_t count_ = 0;
 };
 
 }  // namespace raylift

@@ -11,11 +11,13 @@
 #include "geometry/pose_json.h"
 #include "io/scene/trajectory_file.h"
 #include "localization/results/result_json.h"
+#include "sequences/walked_query.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
+#include "raylift/sequences/tracker.h"
 
 namespace raylift {
 namespace {
@@ -23,13 +25,23 @@ namespace {
 std::vector<WalkEvidence> EvidenceOf(std::span<const LocalizedQuery> queries, const Walk& walk) {
   std::vector<WalkEvidence> evidence;
   for (const WalkFrame& frame : walk.frames) {
-    WalkEvidence& of_frame = evidence.emplace_back();
-    of_frame.cam_from_odometry = frame.cam_from_odometry;
-    const PoseEstimate& single = queries[frame.query].estimate;
-    if (!queries[frame.query].localized() || !single.covariance) continue;
-    of_frame.single = SinglePose{*single.cam_from_world, *single.covariance, single.confidence};
+    evidence.push_back({frame.cam_from_odometry, SinglePoseOf(queries[frame.query])});
   }
   return evidence;
+}
+
+// All frames by all of them, or each by those before it.
+SmoothedWalk SmoothAll(std::span<const WalkEvidence> frames, const SmoothingOptions& options) {
+  if (!options.online) return SmoothWalk(frames, options.scale);
+  WalkFilter filter(options.scale);
+  SmoothedWalk walk;
+  std::vector<SmoothedFrame> newest;
+  for (const WalkEvidence& frame : frames) {
+    walk = filter.Add(frame);
+    newest.push_back(walk.frames.empty() ? SmoothedFrame() : walk.frames.back());
+  }
+  walk.frames = std::move(newest);
+  return walk;
 }
 
 // How sure the walk's pose of a photograph is.
@@ -50,29 +62,6 @@ PoseEstimate EstimateOf(const SmoothedFrame& frame, const Query& photograph,
   if (frame.single_agrees > 0.5) of_position = std::max(of_position, single.confidence());
   Conclude(frame.confidence, of_position, estimate);
   return estimate;
-}
-
-// The walk's pose takes the place of a photograph's own unless that is surer.
-void Take(const SmoothedFrame& frame, const Query& photograph, const SceneDistances& distances,
-          double min_confidence, WalkedQuery& query) {
-  LocalizedQuery& localized = query.localized;
-  const bool had_pose = localized.localized();
-  const bool agrees = had_pose && frame.single_agrees > 0.5;
-  const PoseEstimate estimate = EstimateOf(frame, photograph, distances, localized);
-  query.lost_before = frame.lost_before;
-  if (had_pose) {
-    query.single_cam_from_world = localized.estimate.cam_from_world;
-    query.single_confidence = localized.confidence();
-  }
-  if (estimate.confidence > kLeastConfidence && frame.confidence > kLeastConfidence) {
-    query.role =
-        !had_pose ? WalkRole::kRescued : (agrees ? WalkRole::kSmoothed : WalkRole::kReplaced);
-    localized.estimate = estimate;
-    localized.reason = ReasonNotLocalized(estimate, min_confidence);
-  } else if (had_pose && frame.confidence <= kLeastConfidence) {
-    query.role = WalkRole::kDropped;
-    localized.reason = "its pose contradicts those of its walk";
-  }
 }
 
 std::vector<std::string> WarningsOf(const SmoothedWalk& walk) {
@@ -105,6 +94,35 @@ static void Members(JsonMembers& members, WalkedQuery& query) {
   members("single_cam_from_world", query.single_cam_from_world);
 }
 
+std::optional<SinglePose> SinglePoseOf(const LocalizedQuery& query) {
+  const PoseEstimate& estimate = query.estimate;
+  if (!query.localized() || !estimate.covariance) return std::nullopt;
+  return SinglePose{*estimate.cam_from_world, *estimate.covariance, estimate.confidence};
+}
+
+void TakeFromWalk(const SmoothedFrame& frame, const Query& photograph,
+                  const SceneDistances& distances, double min_confidence, WalkedQuery& query) {
+  LocalizedQuery& localized = query.localized;
+  const bool had_pose = localized.localized();
+  if (!had_pose && frame.confidence <= kLeastConfidence) return;
+  const bool agrees = had_pose && frame.single_agrees > 0.5;
+  const PoseEstimate estimate = EstimateOf(frame, photograph, distances, localized);
+  query.lost_before = frame.lost_before;
+  if (had_pose) {
+    query.single_cam_from_world = localized.estimate.cam_from_world;
+    query.single_confidence = localized.confidence();
+  }
+  if (estimate.confidence > kLeastConfidence && frame.confidence > kLeastConfidence) {
+    query.role =
+        !had_pose ? WalkRole::kRescued : (agrees ? WalkRole::kSmoothed : WalkRole::kReplaced);
+    localized.estimate = estimate;
+    localized.reason = ReasonNotLocalized(estimate, min_confidence);
+  } else if (had_pose && frame.confidence <= kLeastConfidence) {
+    query.role = WalkRole::kDropped;
+    localized.reason = "its pose contradicts those of its walk";
+  }
+}
+
 size_t WalkedQueries::Count(WalkRole role) const {
   return static_cast<size_t>(
       std::count_if(queries.begin(), queries.end(),
@@ -119,12 +137,12 @@ WalkedQueries SmoothQueries(std::span<const LocalizedQuery> queries,
   for (const LocalizedQuery& query : queries) walked.queries.push_back({query});
   for (const WalkFrame& frame : walk.frames) walked.queries[frame.query].time_s = frame.time_s;
   walked.warnings = walk.warnings;
-  SmoothedWalk smoothed = SmoothWalk(EvidenceOf(queries, walk), options.scale);
+  SmoothedWalk smoothed = SmoothAll(EvidenceOf(queries, walk), options);
   if (smoothed.frames.empty()) return walked;
   for (size_t i = 0; i < walk.frames.size(); ++i) {
     const size_t query = walk.frames[i].query;
-    Take(smoothed.frames[i], photographs[query], distances, options.min_confidence,
-         walked.queries[query]);
+    TakeFromWalk(smoothed.frames[i], photographs[query], distances, options.min_confidence,
+                 walked.queries[query]);
   }
   for (std::string& warning : WarningsOf(smoothed)) walked.warnings.push_back(std::move(warning));
   walked.walk = std::move(smoothed);

@@ -34,16 +34,18 @@ constexpr double kSearchFactor = 3;
 constexpr double kPriorLogScale = 0.1;
 
 constexpr int kRounds = 10;
+// While the noise still changes, and at the end.
+constexpr int kIterationsOfRound = 4;
 constexpr int kIterations = 50;
 
 // Frames whose own pose is as likely as this to be right agree with the walk.
 constexpr double kAgrees = 0.5;
 
-Matrix6 InverseDiagonal(double rotation_variance, double position_variance) {
+Information InverseDiagonal(double rotation_variance, double position_variance) {
   Matrix6 information = Matrix6::Zero();
   information.diagonal().head<3>().setConstant(1 / rotation_variance);
   information.diagonal().tail<3>().setConstant(1 / position_variance);
-  return information;
+  return Information(information);
 }
 
 // d e(from, to) as `to` moves by a step, where e is small.
@@ -64,9 +66,14 @@ class WalkGraph {
       : frames_(frames),
         scale_is_known_(scale == OdometryScale::kKnown),
         amounts_(StepAmounts(frames)) {
+    for (const WalkEvidence& frame : frames) {
+      singles_.emplace_back(frame.single ? Matrix6(frame.single->covariance.inverse())
+                                         : Matrix6(Matrix6::Identity()));
+    }
     log_scale_ = scale_is_known_ ? 0 : std::log(ScaleByPairs(frames));
     prior_log_scale_ = log_scale_;
     extent_ = ExtentOf(frames, Scale());
+    log_anywhere_ = LogDensityAnywhere(extent_);
     double way = 0;
     for (size_t i = 1; i < frames.size(); ++i) way += Step(i).OriginInSource().norm();
     const double mean_step = std::max(way / static_cast<double>(frames.size() - 1), 1e-6 * extent_);
@@ -95,10 +102,10 @@ class WalkGraph {
 
   void Minimize() {
     for (int round = 0; round < kRounds; ++round) {
-      MinimizePoses();
+      MinimizePoses(kIterationsOfRound);
       if (!EstimateNoise()) break;
     }
-    MinimizePoses();
+    MinimizePoses(kIterations);
   }
 
   SmoothedWalk Result() const {
@@ -159,12 +166,12 @@ class WalkGraph {
   }
   Mixture OfSingle(size_t i) const {
     const SinglePose& single = *frames_[i].single;
-    const double confidence = std::clamp(single.confidence, 0.02, 0.99);
-    const Matrix6 information = single.covariance.inverse() / single_factor_;
+    const double confidence = UsedConfidence(single);
+    const Information information = singles_[i].Over(single_factor_);
     Mixture mixture;
     mixture.Add(confidence * (1 - kBroadShare), information);
-    mixture.Add(confidence * kBroadShare, information / kBroadVariance);
-    mixture.AddAnywhere(1 - confidence, LogDensityAnywhere(extent_));
+    mixture.Add(confidence * kBroadShare, information.Over(kBroadVariance));
+    mixture.AddAnywhere(1 - confidence, log_anywhere_);
     return mixture;
   }
 
@@ -183,8 +190,9 @@ class WalkGraph {
       mixture.Add(1, InverseDiagonal(rotation, position));
       return mixture;
     }
-    mixture.Add(1 - kBroadShare, InverseDiagonal(rotation, position));
-    mixture.Add(kBroadShare, InverseDiagonal(kBroadVariance * rotation, kBroadVariance * position));
+    const Information information = InverseDiagonal(rotation, position);
+    mixture.Add(1 - kBroadShare, information);
+    mixture.Add(kBroadShare, information.Over(kBroadVariance));
     return mixture;
   }
 
@@ -231,10 +239,10 @@ class WalkGraph {
   }
 
   // Levenberg's and Marquardt's method.
-  void MinimizePoses() {
+  void MinimizePoses(int iterations) {
     double damping = 1e-6;
     double cost = Cost(poses_, log_scale_);
-    for (int iteration = 0; iteration < kIterations && damping < 1e6; ++iteration) {
+    for (int iteration = 0; iteration < iterations && damping < 1e6; ++iteration) {
       const auto solution = Solve(Equations(poses_, log_scale_), damping);
       if (!solution) {
         damping *= 10;
@@ -291,7 +299,7 @@ class WalkGraph {
     const Vector6 error = SingleError(i, poses_[i]);
     const auto shares = OfSingle(i).At(error).shares;
     const double share = shares[0] + shares[1] / kBroadVariance;
-    const Matrix6 information = frames_[i].single->covariance.inverse();
+    const Matrix6& information = singles_[i].matrix;
     single.squares += share * error.dot(information * error);
     single.free += 6 * (shares[0] + shares[1]) -
                    share * (information * covariance.diagonal[i]).trace() / single_factor_;
@@ -317,7 +325,9 @@ class WalkGraph {
   std::span<const WalkEvidence> frames_;
   bool scale_is_known_;
   std::vector<double> amounts_;
+  std::vector<Information> singles_;  // of each frame's own pose
   double extent_ = 1;
+  double log_anywhere_ = 0;
   double prior_log_scale_ = 0;
   StepNoise prior_noise_;
 

@@ -106,6 +106,20 @@ TEST_F(Walks, PhotographsWithoutAPoseGetTheWalks) {
   }
 }
 
+TEST_F(Walks, OnlineKnowsThePastAlone) {
+  const fs::path out = folder_ / "online";
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, Odometry() + Arguments{"--online", "--quiet"}))));
+  const auto lines = Diagnostics(out / "queries.jsonl");
+  const Json first = Json::parse(lines.at(truth_[0].name));
+  EXPECT_NE(first.at("walk").at("role"), "rescued");
+  EXPECT_EQ(first.at("walk").at("single_cam_from_world"), first.at("cam_from_world"));
+  // The last one knows the whole walk.
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, Odometry() + Arguments{"--resume", "--quiet"}))));
+  const std::string& last = truth_.back().name;
+  EXPECT_EQ(Json::parse(lines.at(last)).at("covariance"),
+            Json::parse(Diagnostics(out / "queries.jsonl").at(last)).at("covariance"));
+}
+
 TEST_F(Walks, OfAnotherPlaceIsNotInTheMap) {
   // Each photograph's motion is another's.
   auto poses = ReadTumTrajectory(folder_ / "odometry.txt");
@@ -126,6 +140,7 @@ TEST_F(Walks, BadOptionsAndFilesAreRefusedBeforeTheWork) {
     return FailsWith(code, parts, RunRaylift(Localize(out, more)));
   };
   const fs::path odometry = folder_ / "odometry.txt";
+  EXPECT_TRUE(fails(2, {"--online"}, {"--online needs --odometry"}));
   EXPECT_TRUE(fails(2, {"--odometry-scale", "unknown"}, {"--odometry-scale needs --odometry"}));
   EXPECT_TRUE(
       fails(2, {"--times", folder_ / "times.txt"}, {"--times needs --continuous or --odometry"}));

@@ -1,13 +1,11 @@
 #include "raylift/sequences/smoothing.h"
 
 #include <cmath>
-#include <numbers>
 #include <vector>
 
-#include "base/rng.h"
 #include "base/statistics.h"
+#include "sequences/made_walk.h"
 #include "support/matchers.h"
-#include "support/meshes.h"
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <gtest/gtest.h>
@@ -18,71 +16,6 @@ namespace raylift {
 namespace {
 
 using Eigen::Vector3d;
-using Matrix6 = Eigen::Matrix<double, 6, 6>;
-using Vector6 = Eigen::Matrix<double, 6, 1>;
-
-constexpr double kRadPerDeg = std::numbers::pi / 180;
-
-struct Settings {
-  size_t frames = 60;
-  double single_deg = 0.2, single_position = 0.02;  // of the frames' own poses
-  double step_deg = 0.1, step_position = 0.005;     // of the odometry
-  double scale = 1;                                 // odometry's units per scene unit
-  Vector3d origin = Vector3d::Zero();
-};
-
-struct MadeWalk {
-  std::vector<Rigid3> truth;
-  std::vector<WalkEvidence> frames;
-
-  double Error(const SmoothedWalk& walk, size_t i) const {
-    return (walk.frames.at(i).cam_from_world.OriginInSource() - truth.at(i).OriginInSource())
-        .norm();
-  }
-};
-
-Vector6 Noise(Rng& rng, double deg, double position) {
-  Vector6 noise;
-  for (double& x : noise) x = rng.Normal();
-  noise.head<3>() *= kRadPerDeg * deg;
-  noise.tail<3>() *= position;
-  return noise;
-}
-
-Rigid3 Moved(const Rigid3& pose, const Vector6& step) {
-  return Rigid3{RotationFromVector(step.head<3>()), step.tail<3>()} * pose;
-}
-
-// Two rounds on a circle of radius 3, looking outwards.
-MadeWalk MakeWalk(Rng& rng, const Settings& settings) {
-  MadeWalk walk;
-  const Matrix6 covariance = [&] {
-    Vector6 variances;
-    variances << Vector3d::Constant(std::pow(kRadPerDeg * settings.single_deg, 2)),
-        Vector3d::Constant(std::pow(settings.single_position, 2));
-    return Matrix6(variances.asDiagonal());
-  }();
-  Rigid3 odometry;
-  for (size_t i = 0; i < settings.frames; ++i) {
-    const double angle = 4 * std::numbers::pi * static_cast<double>(i) / 60;
-    const Vector3d outwards(std::cos(angle), std::sin(angle), 0.1 * std::sin(3 * angle));
-    walk.truth.push_back(LookAt(settings.origin + 3 * outwards, settings.origin + 6 * outwards));
-    if (i > 0) {
-      Rigid3 step = Moved(walk.truth[i] * walk.truth[i - 1].Inverse(),
-                          Noise(rng, settings.step_deg, settings.step_position));
-      step.translation *= settings.scale;
-      odometry = step * odometry;
-    }
-    const Rigid3 single =
-        Moved(walk.truth[i], Noise(rng, settings.single_deg, settings.single_position));
-    walk.frames.push_back({odometry, SinglePose{single, covariance, 0.99}});
-  }
-  return walk;
-}
-
-void TakeAway(MadeWalk& walk, size_t begin, size_t end) {
-  for (size_t i = begin; i < end; ++i) walk.frames[i].single.reset();
-}
 
 double MedianError(const MadeWalk& made, const SmoothedWalk& walk) {
   std::vector<double> errors;
@@ -182,6 +115,18 @@ TEST(SmoothWalk, LostOdometryDividesTheWalk) {
     EXPECT_LT(made.Error(walk, i), 0.08) << i;
     EXPECT_EQ(walk.frames[i].lost_before, i == 31) << i;
   }
+}
+
+TEST(SmoothWalk, ASurePoseHoldsAgainstOdometryThatWasLostBeforeIt) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {});
+  made.frames.back().cam_from_odometry =
+      made.frames.back().cam_from_odometry * RandomRigid3(rng, 2);
+  made.frames.back().single->confidence = 0.9999;
+  const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+  EXPECT_LT(made.Error(walk, 59), 0.1);
+  EXPECT_TRUE(walk.frames.back().lost_before);
+  EXPECT_GT(walk.frames.back().confidence, 0.99);
 }
 
 TEST(SmoothWalk, WhereTheOdometryWasLostFramesWithoutAPoseStayWithout) {

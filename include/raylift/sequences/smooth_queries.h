@@ -72,6 +72,7 @@ struct WalkedQueries {
 struct SmoothingOptions {
   OdometryScale scale = OdometryScale::kKnown;
   double min_confidence = 0;  // LocalizerOptions::min_confidence
+  bool online = false;        // each frame by those before it alone, as Tracker has it
 };
 
 // `queries` are the results of the photographs, in the order of the names that the walk was read

@@ -1,0 +1,64 @@
+// A walk while it is taken: the pose of the newest photograph by those before it and the odometry.
+// What it costs and keeps is bounded, however long the walk is.
+
+#pragma once
+
+#include <cstddef>
+#include <deque>
+#include <optional>
+#include <vector>
+
+#include "raylift/localization/localizer.h"
+#include "raylift/scene/image.h"
+#include "raylift/sequences/smooth_queries.h"
+#include "raylift/sequences/smoothing.h"
+
+namespace raylift {
+
+// The newest frame of a walk by SmoothWalk() of the last frames: the most recent ones, and those
+// before them that have a pose of their own, so that it knows the way from there.
+class WalkFilter {
+ public:
+  explicit WalkFilter(OdometryScale scale) : scale_(scale) {}
+
+  // Returns the walk of the frames that are kept, the newest last; without frames where none so far
+  // has a pose.
+  SmoothedWalk Add(const WalkEvidence& frame);
+
+ private:
+  void Forget();
+
+  OdometryScale scale_;
+  std::deque<WalkEvidence> frames_;
+};
+
+struct TrackedPose {
+  WalkedQuery query;  // with the photograph's own result
+  // The odometry's frame in the world (its translations times the scale); nullopt where the
+  // photograph has no pose: the walk is lost, or has not been found in the map yet.
+  std::optional<Rigid3> world_from_odometry = std::nullopt;
+  double scale = 1;
+};
+
+// Localizes photographs of a walk one after the other.
+class Tracker {
+ public:
+  // `localizer` as for single photographs.
+  Tracker(Localizer localizer, const SmoothingOptions& options);
+
+  // The times must grow; InputError where one does not.
+  TrackedPose Add(const Query& query, const Image& photograph, const Rigid3& cam_from_odometry,
+                  double time_s);
+  // The same of a photograph that was localized by itself.
+  TrackedPose Add(const Query& query, const LocalizedQuery& alone, const Rigid3& cam_from_odometry,
+                  double time_s);
+
+ private:
+  Localizer localizer_;
+  SmoothingOptions options_;
+  SceneDistances distances_;
+  WalkFilter filter_;
+  std::optional<double> last_time_s_;
+};
+
+}  // namespace raylift

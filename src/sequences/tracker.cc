@@ -1,0 +1,73 @@
+#include "raylift/sequences/tracker.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "sequences/walked_query.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+// How many frames are kept: the newest ones, and those with a pose before them.
+constexpr size_t kNewest = 30;
+constexpr size_t kMost = 60;
+
+}  // namespace
+
+SmoothedWalk WalkFilter::Add(const WalkEvidence& frame) {
+  frames_.push_back(frame);
+  Forget();
+  if (frames_.size() > 1) {
+    return SmoothWalk(std::vector<WalkEvidence>(frames_.begin(), frames_.end()), scale_);
+  }
+  SmoothedWalk walk;
+  if (!frame.single) return walk;
+  walk.frames.push_back({.cam_from_world = frame.single->cam_from_world,
+                         .covariance = frame.single->covariance,
+                         .confidence = frame.single->confidence,
+                         .single_agrees = 1});
+  return walk;
+}
+
+void WalkFilter::Forget() {
+  if (frames_.size() <= kNewest) return;
+  const auto leaves_newest = frames_.end() - static_cast<std::ptrdiff_t>(kNewest) - 1;
+  if (!leaves_newest->single) frames_.erase(leaves_newest);
+  if (frames_.size() > kMost) frames_.pop_front();
+}
+
+Tracker::Tracker(Localizer localizer, const SmoothingOptions& options)
+    : localizer_(std::move(localizer)),
+      options_(options),
+      distances_(localizer_.scene()),
+      filter_(options.scale) {}
+
+TrackedPose Tracker::Add(const Query& query, const Image& photograph,
+                         const Rigid3& cam_from_odometry, double time_s) {
+  return Add(query, localizer_.Localize(query, photograph).localized, cam_from_odometry, time_s);
+}
+
+TrackedPose Tracker::Add(const Query& query, const LocalizedQuery& alone,
+                         const Rigid3& cam_from_odometry, double time_s) {
+  if (last_time_s_ && !(time_s > *last_time_s_)) {
+    throw InputError(fmt::format("{}: expected a time after {} s, found {} s", query.name,
+                                 FormatDouble(*last_time_s_), FormatDouble(time_s)));
+  }
+  last_time_s_ = time_s;
+  TrackedPose tracked{{.localized = alone, .time_s = time_s}};
+  const SmoothedWalk walk = filter_.Add({cam_from_odometry, SinglePoseOf(alone)});
+  if (walk.frames.empty()) return tracked;
+  TakeFromWalk(walk.frames.back(), query, distances_, options_.min_confidence, tracked.query);
+  tracked.scale = walk.scale;
+  if (!tracked.query.localized.localized()) return tracked;
+  Rigid3 scaled = cam_from_odometry;
+  scaled.translation *= walk.scale;
+  tracked.world_from_odometry = tracked.query.localized.estimate.cam_from_world->Inverse() * scaled;
+  return tracked;
+}
+
+}  // namespace raylift
