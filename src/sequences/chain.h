@@ -1,5 +1,5 @@
-// Linear least squares over a chain: unknown steps of 6 numbers, of which neighbors are tied to each
-// other, and one more number that all may depend on (the border). Exact in linear time.
+// Linear least squares over a chain: unknown steps of 6 numbers, of which neighbors are tied to
+// each other, and one more number that all may depend on (the border). Exact in linear time.
 
 #pragma once
 

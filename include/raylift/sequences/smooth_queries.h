@@ -81,15 +81,15 @@ WalkedQueries SmoothQueries(std::span<const LocalizedQuery> queries,
                             std::span<const Query> photographs, const Walk& walk,
                             const SceneDistances& distances, const SmoothingOptions& options);
 
-// Its line of queries.jsonl, without the line's end: FormatQueryDiagnostics() and what the walk did.
+// Its line of queries.jsonl, without the line's end: that of a single one, and what the walk did.
 std::string FormatQueryDiagnostics(const WalkedQuery& query);
 
 // What the walk told, as JSON (walk.json).
 std::string FormatWalk(const WalkedQueries& walked);
 
-// `trajectory.txt`, TUM's, of the localized photographs of the walk in the order of their times, and
-// `trajectory_covariance.txt` beside it: lines `time` and the 21 numbers of the upper triangle, row
-// by row, of the covariance that queries.jsonl holds.
+// `trajectory.txt`, TUM's, of the localized photographs of the walk in the order of their times,
+// and `trajectory_covariance.txt` beside it: lines `time` and the 21 numbers of the upper triangle,
+// row by row, of the covariance that queries.jsonl holds.
 void WriteTrajectory(const std::filesystem::path& folder, const WalkedQueries& walked);
 
 }  // namespace raylift

@@ -9,9 +9,9 @@
 //   - 2 sum_i log( c_i N(e(Z_i, T_i); f^2 S_i) + (1 - c_i) u )      a frame's own pose Z_i
 //   - 2 sum_i log N(e(s O_i O_i-1^-1, T_i T_i-1^-1); V_i)           a step of the odometry's O
 //
-// each N with a broader part, so that a few large errors count little. c_i is the frame's confidence,
-// S_i its covariance, u the density of a wrong pose, which may be anywhere. V_i grows with how much
-// the camera moves and turns in the step. Where frames that agree on both sides show that the
+// each N with a broader part, so that a few large errors count little. c_i is the frame's
+// confidence, S_i its covariance, u the density of a wrong pose, which may be anywhere. V_i grows
+// with how much the camera moves and turns in the step. Where frames that agree on both sides show that the
 // odometry was lost in between, it may be anything there.
 
 #pragma once
