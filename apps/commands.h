@@ -35,6 +35,7 @@ Command AddColorCommand(CLI::App& program);
 Command AddFuseCommand(CLI::App& program);
 Command AddCalibrateCommand(CLI::App& program);
 Command AddPrepareCommand(CLI::App& program);
+Command AddServeCommand(CLI::App& program);
 
 // The results from the cells of shards that had folders of their own; `parts` are their manifests.
 // Throws Interrupted where cells are missing.

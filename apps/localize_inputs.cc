@@ -42,6 +42,8 @@ std::shared_ptr<const Rerenderer> RerendererOf(const LocalizeFlags& flags, const
                       .reprojection_threshold_px = estimator.reprojection_threshold_px});
 }
 
+}  // namespace
+
 Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
   if (!flags.RendersReferences()) {
     return OpenScene({.model = flags.references.model,
@@ -65,7 +67,15 @@ Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
   return scene;
 }
 
-}  // namespace
+Scene WithKnownCalibration(const LocalizeFlags& flags, Scene scene) {
+  if (flags.scene_calibration.empty()) return scene;
+  const auto calibration = ReadSceneCalibration(flags.scene_calibration);
+  try {
+    return Calibrated(scene, calibration);
+  } catch (const InputError& error) {
+    throw InputError(flags.scene_calibration, error.what());
+  }
+}
 
 std::shared_ptr<const RayCaster> PicturedSurface(const Scene& scene) {
   for (const SceneSource& source : scene.sources) {
@@ -81,14 +91,7 @@ LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags) {
   if (!flags.leave_one_out) inputs.queries = ReadQueryList(flags.queries, flags.QueryImages());
   inputs.scene = OpenSceneOf(flags, inputs.queries);
   if (flags.leave_one_out) inputs.queries = QueriesOf(inputs.scene.references);
-  if (!flags.scene_calibration.empty()) {
-    const auto calibration = ReadSceneCalibration(flags.scene_calibration);
-    try {
-      inputs.scene = Calibrated(inputs.scene, calibration);
-    } catch (const InputError& error) {
-      throw InputError(flags.scene_calibration, error.what());
-    }
-  }
+  inputs.scene = WithKnownCalibration(flags, std::move(inputs.scene));
   if (!flags.priors.empty()) TakePosePriors(flags.priors, inputs.queries);
   if (!flags.rigs.empty()) TakeRigs(flags.rigs, inputs.queries);
   if (auto warning = WarnOfAssumedLenses(inputs.queries)) {

@@ -24,6 +24,12 @@ struct LocalizeInputs {
 };
 LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags);
 
+// Returns the references and the geometry alone; `queries` say what cameras references are rendered
+// for.
+Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries);
+// Returns the scene with the calibration of --scene-calibration, where that is given.
+Scene WithKnownCalibration(const LocalizeFlags& flags, Scene scene);
+
 // Returns the first surface that may look like the photographs; null where there is none.
 std::shared_ptr<const RayCaster> PicturedSurface(const Scene& scene);
 

@@ -64,7 +64,8 @@ TEST(Options, ManPagesNameWhatHelpNames) {
   const std::filesystem::path folder = TestFolder() / "man1";
   EXPECT_TRUE(Succeeds(RunRaylift({"--man-pages", folder})));
   const std::string program = ReadFile(folder / "raylift.1");
-  for (const std::string command : {"localize", "estimate", "render", "compare", "status"}) {
+  for (const std::string command :
+       {"localize", "estimate", "render", "compare", "status", "serve"}) {
     EXPECT_NE(program.find("raylift\\-" + command), std::string::npos);
     const std::string page = ReadFile(folder / ("raylift-" + command + ".1"));
     EXPECT_TRUE(page.starts_with(".TH RAYLIFT-"));

@@ -52,7 +52,7 @@ std::vector<FuzzTarget> AllFuzzTargets() {
   for (const auto group :
        {ColmapFuzzTargets, ConfigFuzzTargets, SceneFuzzTargets, DepthFuzzTargets,
         FeatureFuzzTargets, MeshFuzzTargets, CloudFuzzTargets, DatasetFuzzTargets, SplatFuzzTargets,
-        OptionFuzzTargets, RunFuzzTargets}) {
+        OptionFuzzTargets, RunFuzzTargets, ServiceFuzzTargets}) {
     std::ranges::copy(group(), std::back_inserter(all));
   }
   return all;

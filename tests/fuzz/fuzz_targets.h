@@ -37,6 +37,7 @@ std::vector<FuzzTarget> SplatFuzzTargets();
 std::vector<FuzzTarget> DatasetFuzzTargets();
 std::vector<FuzzTarget> OptionFuzzTargets();
 std::vector<FuzzTarget> RunFuzzTargets();
+std::vector<FuzzTarget> ServiceFuzzTargets();
 
 // Calls the target's reader. Returns the message of its error, empty where there was none; what it
 // may not throw leaves this function.

@@ -1,0 +1,193 @@
+// raylift serve: scenes that are opened once answer photographs over HTTP.
+
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "apps/commands.h"
+#include "apps/interrupt.h"
+#include "apps/localize_flags.h"
+#include "apps/localize_inputs.h"
+#include "apps/options.h"
+#include <fmt/format.h>
+#include <sys/resource.h>
+
+#include "raylift/base/error.h"
+#include "raylift/io/scene_file.h"
+#include "raylift/localization/scene_calibration.h"
+#include "raylift/service/server.h"
+
+namespace raylift {
+namespace {
+
+struct ServeFlags {
+  std::vector<std::filesystem::path> scenes;
+  LocalizeFlags localize;  // what all scenes have in common
+  ServerOptions server;
+  double body_mb = 32, held_mb = 512, megapixels = 64;
+
+  void Check() const {
+    localize.estimator.Validate();
+    localize.filter.thresholds.Validate();
+    localize.geometry.Check();
+    localize.run.Check();
+    RequireAtLeast("--max-connections", server.limits.connections, 1);
+    RequirePositive("--deadline", server.limits.answer_s);
+    RequirePositive("--header-deadline", server.limits.header_s);
+    RequirePositive("--body-deadline", server.limits.body_s);
+    RequirePositive("--max-body-mb", body_mb);
+    RequirePositive("--max-held-mb", held_mb);
+    RequirePositive("--max-megapixels", megapixels);
+    const auto refuse_several = [&](const char* option, const std::string& value) {
+      if (value.empty() || scenes.size() == 1) return;
+      throw OptionError(option, value, "is of one scene, but there are several");
+    };
+    refuse_several("--scene-calibration", localize.scene_calibration.string());
+  }
+};
+
+double ParseSeconds(std::string_view option, const std::string& text) {
+  return ParsePositive(option, text.ends_with('s') ? text.substr(0, text.size() - 1) : text);
+}
+
+// The name in the file, else the file's folder or its own name.
+std::string NameOf(const SceneFile& scene, const std::filesystem::path& file) {
+  if (!scene.name.empty()) return scene.name;
+  return file.stem() == "scene" ? std::filesystem::absolute(file).parent_path().filename().string()
+                                : file.stem().string();
+}
+
+// The flags with which `localize --scene FILE` would open the scene.
+LocalizeFlags FlagsOf(const ServeFlags& serve, const std::filesystem::path& file,
+                      const SceneFile& scene) {
+  LocalizeFlags flags = serve.localize;
+  flags.references.model = scene.references;
+  flags.images = scene.images;
+  flags.geometry.specs = SceneOptionsOf(scene, serve.localize.geometry.specs).geometry;
+  if (scene.references.empty()) {
+    throw InputError(file, "references: is missing: photographs are matched with references");
+  }
+  if (!flags.matching.front_end.cache.empty() && serve.scenes.size() > 1) {
+    flags.matching.front_end.cache /= NameOf(scene, file);
+  }
+  return flags;
+}
+
+ServedScene Open(const ServeFlags& serve, const std::filesystem::path& file) {
+  const SceneFile described = ReadSceneFile(file);
+  const LocalizeFlags flags = FlagsOf(serve, file, described);
+  Scene scene = WithKnownCalibration(flags, OpenSceneOf(flags, {}));
+  PrintWarnings(scene.warnings);
+  const std::shared_ptr<const MatchSource> matches =
+      OpenMatchesOf(flags, scene, {}, flags.estimator.seed);
+  const LocalizerOptions options{.estimator = flags.estimator,
+                                 .filter = flags.filter,
+                                 .geometry_mode = flags.geometry.mode,
+                                 .min_confidence = flags.min_confidence,
+                                 .candidates = flags.geometry.candidates};
+  scene = Calibrate(
+      scene, matches, {},
+      {.localizer = options, .align = flags.geometry.align, .threads = flags.run.threads});
+  return {.name = NameOf(described, file),
+          .localizer = std::make_shared<const Localizer>(
+              std::make_shared<const Scene>(std::move(scene)), matches, options)};
+}
+
+// As many files as the machine allows: each connection is one.
+void AllowManyFiles() {
+  rlimit files{};
+  if (getrlimit(RLIMIT_NOFILE, &files) != 0) return;
+  files.rlim_cur = files.rlim_max;
+  setrlimit(RLIMIT_NOFILE, &files);
+}
+
+void Serve(ServeFlags flags) {
+  flags.Check();
+  constexpr double kBytesPerMb = 1 << 20, kPixelsPerMegapixel = 1e6;
+  flags.server.limits.body_bytes = static_cast<size_t>(flags.body_mb * kBytesPerMb);
+  flags.server.limits.held_bytes = static_cast<size_t>(flags.held_mb * kBytesPerMb);
+  flags.server.limits.pixels = static_cast<uint64_t>(flags.megapixels * kPixelsPerMegapixel);
+  flags.server.threads = flags.localize.run.threads;
+  flags.server.log = [](const std::string& message) { PrintWarning(message); };
+  AllowManyFiles();
+  const auto open = [flags] {
+    std::vector<ServedScene> scenes;
+    for (const std::filesystem::path& file : flags.scenes) scenes.push_back(Open(flags, file));
+    return scenes;
+  };
+  std::unique_ptr<Server> server;
+  UntilSignal([&] { server = std::make_unique<Server>(open, flags.server); });
+  fmt::print("listening on {}\n", server->url());
+  std::fflush(stdout);
+  server->Run();
+}
+
+void AddServerOptions(CLI::App& command, ServeFlags& flags) {
+  ServerOptions& server = flags.server;
+  ServerLimits& limits = server.limits;
+  const OptionGroup group(command, "Server");
+  group.Add("--port", server.port, "Port to listen on; 0: any that is free");
+  group.Add("--listen", server.listen,
+            "Address to listen on; 0.0.0.0: all of this machine's. Nothing is\n"
+            "encrypted: leave what comes from elsewhere to a proxy");
+  group.Add("--tokens", server.tokens,
+            "File of those who may ask: lines TOKEN [REQUESTS_PER_MINUTE], sent as\n"
+            "\"Authorization: Bearer TOKEN\" (default: whoever reaches the port)");
+  group.Add("--cors", server.cors_origin,
+            "Origin of web pages that may ask from browsers (https://example.org)");
+  group.Add("--keep", server.keep, "Folder to keep photographs and answers in (default: none)");
+  const OptionGroup limit(command, "Limits");
+  limit.AddParsed("--deadline", limits.answer_s, &ParseSeconds,
+                  "Time from a request to its answer, after which it is given up (503)", "30s");
+  limit.AddParsed("--header-deadline", limits.header_s, &ParseSeconds,
+                  "Time for a request's header, and of a connection without one", "10s");
+  limit.AddParsed("--body-deadline", limits.body_s, &ParseSeconds, "Time for a request's body",
+                  "30s");
+  limit.Add("--max-queue", limits.queue,
+            "Photographs that wait for a thread; further ones are refused (429)");
+  limit.Add("--max-connections", limits.connections,
+            "Connections at once; further ones are refused (503)");
+  limit.Add("--max-body-mb", flags.body_mb, "Size of a request's body (413)");
+  limit.Add("--max-held-mb", flags.held_mb, "Size of all bodies at once (503)");
+  limit.Add("--max-megapixels", flags.megapixels, "Size of a photograph (413)");
+}
+
+}  // namespace
+
+Command AddServeCommand(CLI::App& program) {
+  auto flags = std::make_shared<ServeFlags>();
+  flags->localize.run.quiet = true;
+  CLI::App& command =
+      AddCommand(program, "serve", "Poses of photographs over HTTP, in scenes that stay open");
+  OptionGroup(command, "Scenes")
+      .Add("SCENE", flags->scenes, "Scene files (raylift import makes them)")
+      .Required();
+  AddServerOptions(command, *flags);
+  LocalizeFlags& localize = flags->localize;
+  const OptionGroup geometry(command, "Geometry");
+  geometry.Add("--scene-calibration", localize.scene_calibration,
+               "What is known of the scene: the file that calibrate or a run of\n"
+               "localize wrote (default: learned from the references)");
+  AddGeometryOptions(command, localize.geometry);
+  AddMatchingOptions(command, localize.matching, "; without it, RootSIFT", "none is kept");
+  AddFilterOptions(command, localize.filter);
+  AddEstimatorOptions(command, localize.estimator);
+  AddRunOptions(command, localize.run);
+  SetFooter(
+      command,
+      R"(Prints "listening on URL" once the scenes are open. POST URL/v1/localize?scene=NAME takes a
+photograph as the part `image` of a form, and beside it a part `query`, JSON with name, camera
+("MODEL width height params...") and priors (lines of a priors file); it answers with a line of
+queries.jsonl, the same as `raylift localize` writes with the same calibration. What is wrong
+with a request is told as JSON that names the field. SIGTERM answers what is there and ends
+with 0; SIGHUP opens the scenes anew. URL/openapi.json describes the rest.
+Example:
+  raylift serve scene.toml --port 8080
+  curl -F image=@photo.jpg http://127.0.0.1:8080/v1/localize)");
+  return {&command, [flags] { Serve(*flags); }};
+}
+
+}  // namespace raylift

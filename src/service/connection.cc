@@ -1,0 +1,264 @@
+#include "service/connection.h"
+
+#include <chrono>
+#include <cstdint>
+#include <string_view>
+
+#include <boost/asio/write.hpp>
+#include <fmt/format.h>
+
+namespace raylift {
+namespace {
+
+constexpr uint32_t kMaxHeaderBytes = 16 << 10;
+constexpr std::chrono::seconds kLinger(2);
+
+using Message = http::request<GrowingBody>;
+
+std::chrono::milliseconds Milliseconds(double seconds) {
+  constexpr double kMsPerS = 1000;
+  return std::chrono::milliseconds(static_cast<int64_t>(seconds * kMsPerS));
+}
+
+// Returns what is wrong with bytes that are no request; nullopt where the connection itself failed.
+std::optional<Problem> ProblemOf(const error_code& error) {
+  if (error == http::error::header_limit || error == http::error::buffer_overflow) {
+    return Problem(431, fmt::format("the header has more than {} bytes", kMaxHeaderBytes));
+  }
+  if (error == http::error::body_limit) return Problem(413, "the body is too large");
+  const bool is_of_connection =
+      error == http::error::end_of_stream || error == http::error::partial_message ||
+      error.category() != http::make_error_code(http::error::bad_target).category();
+  if (is_of_connection) return std::nullopt;
+  return Problem(400, fmt::format("this is no HTTP request: {}", error.message()));
+}
+
+std::string Text(beast::string_view view) { return {view.data(), view.size()}; }
+
+// Proxies and servers that disagree on where a request ends let one smuggle another.
+std::optional<Problem> FramingProblem(const Message& message) {
+  const size_t encodings = message.count(http::field::transfer_encoding);
+  const bool is_chunked =
+      encodings == 1 && beast::iequals(message[http::field::transfer_encoding], "chunked");
+  if (encodings > 0 && (!is_chunked || message.count(http::field::content_length) > 0)) {
+    return Problem(400, "Transfer-Encoding", "expected chunked alone, without Content-Length");
+  }
+  if (message.version() >= 11 && message.count(http::field::host) != 1) {
+    return Problem(400, "Host", "expected one Host");
+  }
+  return std::nullopt;
+}
+
+Problem QueueIsFull() { return TryLater(429, "too many photographs wait"); }
+
+HttpRequest HeadOf(const Message& message) {
+  return {.method = Text(message.method_string()),
+          .target = Text(message.target()),
+          .content_type = Text(message[http::field::content_type]),
+          .authorization = Text(message[http::field::authorization]),
+          .origin = Text(message[http::field::origin]),
+          .body = {}};
+}
+
+}  // namespace
+
+Connection::Connection(tcp::socket socket, Shared& shared)
+    : shared_(shared), stream_(std::move(socket)) {
+  shared_.connections.insert(this);
+}
+
+Connection::~Connection() {
+  shared_.held_bytes -= held_bytes_;
+  shared_.connections.erase(this);
+  if (shared_.on_closed) shared_.on_closed();
+}
+
+void Connection::ReadHeader() {
+  parser_.emplace();
+  parser_->header_limit(kMaxHeaderBytes);
+  parser_->body_limit(shared_.options.limits.body_bytes);
+  is_idle_ = true;
+  stream_.expires_after(Milliseconds(shared_.options.limits.header_s));
+  http::async_read_header(stream_, buffer_, *parser_,
+                          [self = shared_from_this()](error_code error, size_t) {
+                            self->is_idle_ = false;
+                            self->OnHeader(error);
+                          });
+}
+
+void Connection::CloseIfIdle() {
+  if (is_idle_) stream_.close();
+}
+
+void Connection::OnHeader(const error_code& error) {
+  request_ = {};
+  closes_ = true;
+  if (error) return Fail(error);
+  request_ = HeadOf(parser_->get());
+  if (const auto problem = FramingProblem(parser_->get())) return Refuse(*problem);
+  auto answer = shared_.service.AnswerHead(request_, !shared_.is_draining, shared_.Gauges());
+  // What is left of a body that is not read would be taken for the next request.
+  closes_ = !parser_->keep_alive() || (answer && !parser_->is_done());
+  if (answer) return Write(std::move(*answer));
+  if (shared_.queue.IsFull()) return Refuse(QueueIsFull());
+  if (beast::iequals(parser_->get()[http::field::expect], "100-continue")) return Continue();
+  ReadBody();
+}
+
+void Connection::Fail(const error_code& error) {
+  if (const auto problem = ProblemOf(error)) Refuse(*problem);
+}
+
+void Connection::Refuse(const Problem& problem) {
+  closes_ = closes_ || !parser_->is_done();
+  Write(shared_.service.Refuse(request_, problem));
+}
+
+void Connection::Continue() {
+  static constexpr std::string_view kContinue = "HTTP/1.1 100 Continue\r\n\r\n";
+  stream_.expires_after(Milliseconds(shared_.options.limits.write_s));
+  asio::async_write(stream_, asio::buffer(kContinue.data(), kContinue.size()),
+                    [self = shared_from_this()](error_code error, size_t) {
+                      if (!error) self->ReadBody();
+                    });
+}
+
+void Connection::ReadBody() {
+  stream_.expires_after(Milliseconds(shared_.options.limits.body_s));
+  ReadSome();
+}
+
+void Connection::ReadSome() {
+  if (parser_->is_done()) return Submit();
+  http::async_read_some(stream_, buffer_, *parser_,
+                        [self = shared_from_this()](error_code error, size_t) {
+                          if (error) return self->Fail(error);
+                          if (self->CountBody()) self->ReadSome();
+                        });
+}
+
+bool Connection::CountBody() {
+  const size_t bytes = parser_->get().body().size();
+  shared_.held_bytes += bytes - held_bytes_;
+  held_bytes_ = bytes;
+  if (shared_.held_bytes <= shared_.options.limits.held_bytes) return true;
+  Refuse(TryLater(503, "too many bodies are being read"));
+  return false;
+}
+
+void Connection::Submit() {
+  request_.body = std::move(parser_->get().body());
+  BeginWatch();
+  const bool has_room = shared_.queue.TryAdd(
+      Service::IsBatch(request_)
+          ? Task([](Connection& c) { return c.shared_.service.BeginBatch(std::move(c.request_)); },
+                 [](Connection& c, auto begun) { c.OnBatch(std::move(begun)); })
+          : Task([](Connection& c) { return c.shared_.service.Localize(c.request_, c.watch_); },
+                 [](Connection& c, HttpAnswer answer) { c.Write(std::move(answer)); }));
+  if (!has_room) return Refuse(QueueIsFull());
+  stream_.expires_never();
+  NoteIfGone();
+}
+
+void Connection::BeginWatch() {
+  is_gone_ = std::make_shared<std::atomic<bool>>(false);
+  watch_ = {.deadline = AnswerWatch::Clock::now() + Milliseconds(shared_.options.limits.answer_s),
+            .is_gone = is_gone_};
+}
+
+void Connection::NoteIfGone() {
+  stream_.socket().async_wait(tcp::socket::wait_read,
+                              [self = shared_from_this(), gone = is_gone_](error_code error) {
+                                if (error || self->is_gone_ != gone) return;
+                                const size_t available = self->stream_.socket().available(error);
+                                if (error || available == 0) *gone = true;
+                              });
+}
+
+void Connection::OnBatch(Service::BegunBatch begun) {
+  if (begun.refusal) return Write(std::move(*begun.refusal));
+  batch_ = std::move(begun.batch);
+  HttpAnswer head{.content_type = "application/x-ndjson"};
+  shared_.service.Complete(batch_->request, head);
+  SetResponse(head);
+  response_.chunked(true);
+  stream_.expires_after(Milliseconds(shared_.options.limits.write_s));
+  streamed_.emplace(response_);
+  http::async_write_header(stream_, *streamed_,
+                           [self = shared_from_this()](error_code error, size_t) {
+                             if (!error) self->GoOnWithBatch();
+                           });
+}
+
+void Connection::GoOnWithBatch() {
+  if (batch_->AtEnd()) {
+    asio::async_write(stream_, http::make_chunk_last(),
+                      [self = shared_from_this()](error_code error, size_t) {
+                        self->batch_.reset();
+                        self->OnWritten(error);
+                      });
+    return;
+  }
+  stream_.expires_never();
+  watch_.deadline = AnswerWatch::Clock::now() + Milliseconds(shared_.options.limits.answer_s);
+  shared_.queue.AddAgain(
+      Task([](Connection& c) { return c.shared_.service.Next(*c.batch_, c.watch_); },
+           [](Connection& c, std::string line) { c.WriteLine(std::move(line)); }));
+}
+
+void Connection::WriteLine(std::string line) {
+  line_ = std::move(line);
+  stream_.expires_after(Milliseconds(shared_.options.limits.write_s));
+  asio::async_write(stream_, http::make_chunk(asio::buffer(line_)),
+                    [self = shared_from_this()](error_code error, size_t) {
+                      if (!error) self->GoOnWithBatch();
+                    });
+}
+
+void Connection::SetResponse(const HttpAnswer& answer) {
+  response_ = http::response<http::string_body>(static_cast<http::status>(answer.status), 11);
+  response_.reason(PhraseOf(answer.status));
+  response_.set(http::field::server, "raylift");
+  response_.set(http::field::content_type, answer.content_type);
+  response_.set(http::field::cache_control, "no-store");
+  response_.set("X-Content-Type-Options", "nosniff");
+  for (const auto& [name, value] : answer.headers) response_.set(name, value);
+  closes_ = closes_ || shared_.is_draining;
+  response_.keep_alive(!closes_);
+}
+
+void Connection::Write(HttpAnswer answer) {
+  SetResponse(answer);
+  if (request_.method == "HEAD") {
+    response_.content_length(answer.body.size());
+  } else {
+    response_.body() = std::move(answer.body);
+    response_.prepare_payload();
+  }
+  stream_.expires_after(Milliseconds(shared_.options.limits.write_s));
+  http::async_write(stream_, response_, [self = shared_from_this()](error_code error, size_t) {
+    self->OnWritten(error);
+  });
+}
+
+void Connection::OnWritten(const error_code& error) {
+  is_gone_.reset();
+  request_ = {};
+  shared_.held_bytes -= std::exchange(held_bytes_, 0);
+  if (error) return;
+  if (!closes_) return ReadHeader();
+  error_code ignored;
+  stream_.socket().shutdown(tcp::socket::shutdown_send, ignored);
+  stream_.expires_after(kLinger);
+  Linger();
+}
+
+void Connection::Linger() {
+  buffer_.clear();
+  stream_.async_read_some(buffer_.prepare(kMaxBufferBytes),
+                          [self = shared_from_this()](error_code error, size_t) {
+                            if (!error) self->Linger();
+                          });
+}
+
+}  // namespace raylift

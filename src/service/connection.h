@@ -1,0 +1,158 @@
+// How requests travel: HTTP/1.1 by Boost.Beast. One thread moves bytes; photographs are worked on by
+// those of a queue, so that neither waits for the other.
+
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <exception>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "service/service.h"
+#include "service/work_queue.h"
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/http.hpp>
+
+namespace raylift {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace http = boost::beast::http;
+using asio::ip::tcp;
+using boost::system::error_code;
+
+// A body that takes memory as it comes, whatever length its header claims.
+struct GrowingBody {
+  using value_type = std::string;
+  class reader {
+   public:
+    template <bool is_request, typename Fields>
+    reader(http::header<is_request, Fields>&, value_type& body) : body_(body) {}
+    void init(const boost::optional<uint64_t>&, error_code& error) { error = {}; }
+    template <typename Buffers>
+    size_t put(const Buffers& buffers, error_code& error) {
+      const size_t before = body_.size();
+      for (const asio::const_buffer buffer : beast::buffers_range_ref(buffers)) {
+        body_.append(static_cast<const char*>(buffer.data()), buffer.size());
+      }
+      error = {};
+      return body_.size() - before;
+    }
+    void finish(error_code& error) { error = {}; }
+
+   private:
+    value_type& body_;
+  };
+};
+
+// What connections share. But for the queue's work, all is done on the one thread that runs `io`.
+struct Shared {
+  explicit Shared(const ServerOptions& asked)
+      : options(asked), service(asked), queue(asked.threads, asked.limits.queue) {}
+
+  std::vector<Gauge> Gauges() const {
+    return {
+        {"raylift_queue_waiting", "Requests that wait for a thread.",
+         static_cast<double>(queue.NumWaiting())},
+        {"raylift_queue_capacity", "How many may wait.", static_cast<double>(options.limits.queue)},
+        {"raylift_threads", "Photographs that are worked on at once, at most.",
+         static_cast<double>(queue.threads())},
+        {"raylift_threads_busy", "Photographs that are worked on.",
+         static_cast<double>(queue.NumInHand())},
+        {"raylift_connections", "Open connections.", static_cast<double>(connections.size())},
+        {"raylift_body_bytes", "Bodies that are held.", static_cast<double>(held_bytes)},
+        {"process_resident_memory_bytes", "Resident memory.", ResidentBytes()}};
+  }
+
+  ServerOptions options;
+  Service service;
+  size_t held_bytes = 0;  // of bodies
+  bool is_draining = false;
+  std::set<class Connection*> connections;
+  std::function<void()> on_closed;
+  // These end first: what they hold refers to the others.
+  asio::io_context io{1};
+  WorkQueue queue;
+};
+
+// One client: reads a request, has it answered, writes the answer, and so on. What waits for the
+// network holds it, and so does its work in the queue, which lets go of it on the thread of `io`.
+class Connection : public std::enable_shared_from_this<Connection> {
+ public:
+  Connection(tcp::socket socket, Shared& shared);
+  ~Connection();
+  Connection(const Connection&) = delete;
+  Connection& operator=(const Connection&) = delete;
+
+  void ReadHeader();
+  // Ends it unless a request is under way.
+  void CloseIfIdle();
+
+ private:
+  void OnHeader(const error_code& error);
+  void Fail(const error_code& error);
+  void Refuse(const Problem& problem);
+  void Continue();
+  void ReadBody();
+  void ReadSome();
+  // Returns whether there is room for what has come, and refuses the request where there is not.
+  bool CountBody();
+  void Submit();
+  void BeginWatch();
+
+  // Work for a thread of the queue, with whose result the one of `io` goes on.
+  template <typename Work, typename Then>
+  WorkQueue::Work Task(Work work, Then then) {
+    return [self = shared_from_this(), work, then]() mutable {
+      std::optional<decltype(work(*self))> result;
+      try {
+        result = work(*self);
+      } catch (const std::exception&) {  // there is no memory even to tell
+      }
+      asio::io_context& io = self->shared_.io;
+      asio::post(io, [self = std::move(self), then, result = std::move(result)]() mutable {
+        if (result) then(*self, std::move(*result));
+      });
+    };
+  }
+
+  // A client that sends nothing more while it waits has gone where the socket can be read: then
+  // that is its end. (What sends the next request already is not watched any more.)
+  void NoteIfGone();
+  void OnBatch(Service::BegunBatch begun);
+  void GoOnWithBatch();
+  void WriteLine(std::string line);
+  void SetResponse(const HttpAnswer& answer);
+  void Write(HttpAnswer answer);
+  void OnWritten(const error_code& error);
+  // Reads what still comes: to close before would take the answer from a client that still sends.
+  void Linger();
+
+  Shared& shared_;
+  beast::tcp_stream stream_;
+  static constexpr size_t kMaxBufferBytes = size_t{64} << 10;
+  beast::flat_buffer buffer_{kMaxBufferBytes};
+  std::optional<http::request_parser<GrowingBody>> parser_;
+  HttpRequest request_;
+  size_t held_bytes_ = 0;
+  std::shared_ptr<std::atomic<bool>> is_gone_;  // null: no work is done for it
+  AnswerWatch watch_;
+  http::response<http::string_body> response_;
+  std::unique_ptr<Service::Batch> batch_;  // null: it has asked for none
+  std::optional<http::response_serializer<http::string_body>> streamed_;
+  std::string line_;  // of the batch, on its way
+  bool is_idle_ = false;
+  bool closes_ = true;  // after the answer
+};
+
+}  // namespace raylift

@@ -1,0 +1,329 @@
+#include "service/localize_request.h"
+
+#include <array>
+#include <optional>
+#include <set>
+#include <sstream>
+#include <utility>
+
+#include "io/text/json_document.h"
+#include "localization/matching/pixel_matches.h"
+#include "pictures/exif.h"
+#include "pictures/picture_codec.h"
+#include "service/multipart.h"
+#include "service/problem.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/io/image_file.h"
+#include "raylift/io/query_list.h"
+
+namespace raylift {
+namespace {
+
+constexpr std::string_view kUnnamed = "photograph";
+constexpr size_t kMaxNameBytes = 1000;
+constexpr std::string_view kNameIs = "expected 1 to 1000 bytes";
+
+// Says of which field an error is.
+template <typename Function>
+auto InField(const std::string& field, const Function& read) {
+  try {
+    return read();
+  } catch (const InputError& error) {
+    throw InputError(field + ": " + error.what());
+  }
+}
+
+// What a request says of the photograph beside what it shows.
+struct QueryFacts {
+  std::string name;
+  std::optional<std::string> camera, priors;
+};
+
+// Priors are one text or a line each.
+std::string ReadLines(const JsonPlace& place) {
+  std::string text;
+  const bool is_list = place.IsArray();
+  for (size_t i = 0; i < (is_list ? place.ArraySize() : 1); ++i) {
+    text += is_list ? place.At(i).String() : place.String();
+    text += '\n';
+  }
+  return text;
+}
+
+bool IsName(const std::string& name) { return !name.empty() && name.size() <= kMaxNameBytes; }
+
+QueryFacts ReadFacts(const JsonPlace& json) {
+  QueryFacts facts;
+  if (json.Has("name")) {
+    const JsonPlace name = json.Member("name");
+    facts.name = name.String();
+    if (!IsName(facts.name)) name.Fail(kNameIs);
+  }
+  if (json.Has("camera")) facts.camera = json.Member("camera").String();
+  if (json.Has("priors")) {
+    const JsonPlace priors = json.Member("priors");
+    facts.priors = ReadLines(priors);
+  }
+  return facts;
+}
+
+// Returns the query with its camera, which is the one of `size` with an unknown focal length where
+// the request does not name it.
+Query QueryOf(const QueryFacts& facts, PlaneSize size, std::optional<double> film_mm) {
+  Query query;
+  if (facts.camera) {
+    query.name = facts.name;
+    TakeCamera(*facts.camera, query);
+    RequireSizeOf(query.camera, query.name, size, "camera");
+  } else {
+    query = QueryOfUnknownCamera(facts.name, size, film_mm);
+  }
+  if (facts.priors) {
+    TakePosePriors(ParsePosePriors("priors", *facts.priors), "priors", {&query, 1});
+  }
+  return query;
+}
+
+LocalizeRequest OfPicture(std::string bytes, const QueryFacts& facts, const std::string& of_facts,
+                          uint64_t max_pixels) {
+  LocalizeRequest request;
+  std::istringstream header(bytes);
+  const auto exif_mm = InField("image", [&] {
+    if (const auto why = WhyNoPicture(bytes)) throw InputError(*why);
+    const auto size = PictureSizeFromHeader(header);
+    if (static_cast<uint64_t>(size->width_px) * static_cast<uint64_t>(size->height_px) >
+        max_pixels) {
+      throw Problem(413, "image",
+                    fmt::format("image: has {} x {} pixels, more than {}", size->width_px,
+                                size->height_px, max_pixels));
+    }
+    request.evidence = DecodePhotograph(bytes, ImageChannels::kGray);
+    header.clear();
+    header.seekg(0);
+    return ReadExif(header).focal_35mm;
+  });
+  const Image& image = std::get<Image>(request.evidence);
+  const auto read = [&] { return QueryOf(facts, {image.width_px, image.height_px}, exif_mm); };
+  request.query = of_facts.empty() ? read() : InField(of_facts, read);
+  request.picture_bytes = std::move(bytes);
+  return request;
+}
+
+std::vector<Eigen::Vector2d> ReadPixels(const JsonPlace& list) {
+  std::vector<Eigen::Vector2d> pixels(list.ArraySize());
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    const JsonPlace pixel = list.At(i);
+    pixels[i] = pixel.Vector<2>();
+  }
+  return pixels;
+}
+
+Features ReadFeatures(const JsonPlace& json) {
+  json.ExpectMembers({"width", "height", "keypoints", "descriptors"});
+  constexpr Eigen::Index kSize = 128;  // RootSIFT's
+  Features features;
+  features.image_width_px = json.Member("width").Int();
+  features.image_height_px = json.Member("height").Int();
+  features.keypoints_px = ReadPixels(json.Member("keypoints"));
+  const JsonPlace descriptors = json.Member("descriptors");
+  descriptors.ExpectArraySize(features.keypoints_px.size());
+  features.descriptors.resize(kSize, static_cast<Eigen::Index>(features.keypoints_px.size()));
+  for (Eigen::Index i = 0; i < features.descriptors.cols(); ++i) {
+    const JsonPlace descriptor = descriptors.At(static_cast<size_t>(i));
+    features.descriptors.col(i) = descriptor.Vector<kSize>().cast<float>();
+    if (!features.descriptors.col(i).allFinite()) descriptor.Fail("is out of range");
+  }
+  return features;
+}
+
+// Each reference once.
+QueryMatches ReadMatches(const JsonPlace& list, const Query& query,
+                         const ReferencesByName& references) {
+  const MatchReading reading{.first_pixel = 0.5};
+  QueryPixels pixels(query, reading);
+  QueryMatches matches;
+  std::set<std::string> seen;
+  for (size_t i = 0; i < list.ArraySize(); ++i) {
+    const JsonPlace entry = list.At(i);
+    entry.ExpectMembers({"reference", "query_px", "reference_px"});
+    const JsonPlace name = entry.Member("reference");
+    const auto found = references.find(name.String());
+    if (found == references.end()) name.Fail("is no reference of the scene");
+    if (!seen.insert(found->first).second) name.Fail("stands twice");
+    const PosedImage& reference = *found->second;
+    const PixelMatches given{.query_px = ReadPixels(entry.Member("query_px")),
+                             .reference_px = ReadPixels(entry.Member("reference_px")),
+                             .scores = {}};
+    entry.Member("reference_px").ExpectArraySize(given.query_px.size());
+    pixels.Add(pixels.Inside(given, reference.name, reference.camera, "matches").matches,
+               static_cast<int>(matches.references.size()), &matches);
+    matches.references.push_back(reference);
+  }
+  return matches;
+}
+
+LocalizeRequest OfMatches(const JsonPlace& json, const QueryFacts& facts,
+                          const ReferencesByName& references) {
+  if (!facts.camera) throw InputError("camera: is required with matches");
+  LocalizeRequest request;
+  Query of_camera;
+  TakeCamera(*facts.camera, of_camera);
+  request.query = QueryOf(facts, {of_camera.camera.width_px(), of_camera.camera.height_px()}, {});
+  request.evidence = ReadMatches(json.Member("matches"), request.query, references);
+  return request;
+}
+
+LocalizeRequest OfFeatures(const JsonPlace& json, const QueryFacts& facts) {
+  LocalizeRequest request;
+  const JsonPlace place = json.Member("features");
+  Features features = ReadFeatures(place);
+  const PlaneSize size{features.image_width_px, features.image_height_px};
+  if (size.width_px < 1 || size.height_px < 1) place.Fail("expected a positive width and height");
+  request.query = QueryOf(facts, size, {});
+  request.evidence = std::move(features);
+  return request;
+}
+
+// Throws InputError for what would take many times its bytes as a document.
+void CheckJson(std::string_view text) {
+  constexpr size_t kMaxBytes = size_t{16} << 20;
+  constexpr int kMaxNesting = 8;
+  if (text.size() > kMaxBytes) {
+    throw Problem(413, fmt::format("JSON of {} bytes, more than {}", text.size(), kMaxBytes));
+  }
+  int nesting = 0;
+  bool in_string = false;
+  for (size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (in_string && c == '\\') {
+      ++i;
+    } else if (c == '"') {
+      in_string = !in_string;
+    } else if (!in_string && (c == '[' || c == '{')) {
+      if (++nesting > kMaxNesting) throw InputError("JSON is nested too deeply");
+    } else if (!in_string && (c == ']' || c == '}')) {
+      --nesting;
+    }
+  }
+}
+
+LocalizeRequest OfJson(std::string_view body, const ReferencesByName& references,
+                       uint64_t max_pixels) {
+  CheckJson(body);
+  const JsonDocument document(body, "body");
+  const JsonPlace json = document.Root();
+  json.ExpectMembers({"name", "camera", "priors", "image", "features", "matches"});
+  QueryFacts facts = ReadFacts(json);
+  if (facts.name.empty()) facts.name = kUnnamed;
+  const int given = static_cast<int>(json.Has("image")) + static_cast<int>(json.Has("features")) +
+                    static_cast<int>(json.Has("matches"));
+  if (given != 1) json.Fail("expected one of image, features and matches");
+  if (json.Has("features")) return OfFeatures(json, facts);
+  if (json.Has("matches")) return OfMatches(json, facts, references);
+  const std::string text = json.Member("image").String();
+  return OfPicture(InField("image", [&] { return DecodeBase64(text); }), facts, "", max_pixels);
+}
+
+struct Form {
+  std::vector<BatchEntry> images;
+  std::string query;
+};
+
+Form ReadForm(std::string_view content_type, std::string_view body) {
+  const auto boundary = HeaderParameter(content_type, "boundary");
+  if (!boundary) throw Problem(400, "multipart/form-data: the boundary is missing");
+  Form form;
+  bool has_query = false;
+  for (const FormPart& part : ParseMultipart(body, *boundary)) {
+    if (part.name == "image") {
+      form.images.push_back(
+          {part.file_name && !part.file_name->empty() ? *part.file_name : std::string(kUnnamed),
+           part.content});
+    } else if (part.name == "query") {
+      if (std::exchange(has_query, true)) throw Problem(400, "query", "query: stands twice");
+      form.query = part.content;
+    } else {
+      throw Problem(400, part.name, part.name + ": expected the parts image and query");
+    }
+  }
+  if (form.images.empty()) throw Problem(400, "image", "image: the part is missing");
+  return form;
+}
+
+QueryFacts FactsOfForm(const std::string& query) {
+  if (query.empty()) return {};
+  CheckJson(query);
+  const JsonDocument document(query, "query");
+  const JsonPlace json = document.Root();
+  json.ExpectMembers({"name", "camera", "priors"});
+  return ReadFacts(json);
+}
+
+LocalizeRequest OfFormPicture(const BatchEntry& photograph, QueryFacts facts, uint64_t max_pixels) {
+  if (facts.name.empty()) facts.name = photograph.name;
+  if (!IsName(facts.name)) throw Problem(400, "image", fmt::format("file name: {}", kNameIs));
+  return OfPicture(std::string(photograph.bytes), facts, "query", max_pixels);
+}
+
+}  // namespace
+
+LocalizeRequest ReadLocalizeRequest(std::string_view content_type, std::string_view body,
+                                    const ReferencesByName& references, uint64_t max_pixels) {
+  const std::string type = MediaType(content_type);
+  if (type == "application/json") return OfJson(body, references, max_pixels);
+  if (type != "multipart/form-data") {
+    throw Problem(415, "Content-Type", "expected multipart/form-data or application/json");
+  }
+  const Form form = ReadForm(content_type, body);
+  if (form.images.size() != 1) throw Problem(400, "image", "image: stands more than once");
+  return OfFormPicture(form.images.front(), FactsOfForm(form.query), max_pixels);
+}
+
+BatchRequest ReadBatchRequest(std::string_view content_type, std::string_view body) {
+  if (MediaType(content_type) != "multipart/form-data") {
+    throw Problem(415, "Content-Type", "expected multipart/form-data");
+  }
+  Form form = ReadForm(content_type, body);
+  if (!FactsOfForm(form.query).name.empty()) {
+    throw Problem(400, "query.name", "query: name: each photograph has its file's");
+  }
+  return {.photographs = std::move(form.images), .query_json = std::move(form.query)};
+}
+
+LocalizeRequest ReadBatchEntry(const BatchRequest& batch, size_t index, uint64_t max_pixels) {
+  return OfFormPicture(batch.photographs[index], FactsOfForm(batch.query_json), max_pixels);
+}
+
+std::string DecodeBase64(std::string_view text) {
+  constexpr std::string_view kDigits =
+      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  static const std::array<int8_t, 256> values = [&] {
+    std::array<int8_t, 256> table;
+    table.fill(-1);
+    for (size_t i = 0; i < kDigits.size(); ++i) {
+      table[static_cast<unsigned char>(kDigits[i])] = static_cast<int8_t>(i);
+    }
+    return table;
+  }();
+  for (int i = 0; i < 2 && text.ends_with('='); ++i) text.remove_suffix(1);
+  if (text.size() % 4 == 1) throw InputError("expected base64, found a text of another length");
+  std::string bytes;
+  bytes.reserve(text.size() / 4 * 3 + 2);
+  uint32_t bits = 0;
+  int num_bits = 0;
+  for (const char c : text) {
+    const int8_t value = values[static_cast<unsigned char>(c)];
+    if (value < 0) throw InputError("expected base64, found another character");
+    bits = bits << 6 | static_cast<uint32_t>(value);
+    num_bits += 6;
+    if (num_bits >= 8) {
+      num_bits -= 8;
+      bytes += static_cast<char>(bits >> num_bits & 0xFF);
+    }
+  }
+  return bytes;
+}
+
+}  // namespace raylift

@@ -1,0 +1,191 @@
+#include "raylift/service/server.h"
+
+#include <chrono>
+#include <csignal>
+#include <cstdint>
+#include <string_view>
+#include <thread>
+
+#include "service/connection.h"
+#include <boost/asio/executor_work_guard.hpp>
+#include <boost/asio/signal_set.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+constexpr std::chrono::milliseconds kAcceptAgain(100);
+
+}  // namespace
+
+class Server::Impl {
+ public:
+  Impl(OpenScenes open, const ServerOptions& options)
+      : open_(std::move(open)), shared_(options), acceptor_(shared_.io), signals_(shared_.io) {
+    Listen();
+    shared_.service.Take(open_());
+    shared_.on_closed = [this] { EndIfDone(); };
+  }
+  ~Impl() {
+    shared_.on_closed = nullptr;
+    if (reopening_.joinable()) reopening_.join();
+  }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+
+  tcp::endpoint endpoint() const { return acceptor_.local_endpoint(); }
+
+  void Run() {
+    signals_.add(SIGTERM);
+    signals_.add(SIGINT);
+    signals_.add(SIGHUP);
+    WaitForSignal();
+    Accept();
+    while (true) {
+      try {
+        shared_.io.run();
+        return;
+      } catch (const std::exception& error) {  // a connection's: it is closed by now
+        Log(error.what());
+      }
+    }
+  }
+
+  void Stop() {
+    asio::post(shared_.io, [this] { Drain(); });
+  }
+
+ private:
+  void Log(const std::string& message) const {
+    if (shared_.options.log) shared_.options.log(message);
+  }
+
+  void Listen() {
+    const ServerOptions& options = shared_.options;
+    error_code error;
+    const auto address = asio::ip::make_address(options.listen, error);
+    if (error) {
+      throw OptionError("listen", options.listen, "expected an IP address of this machine");
+    }
+    if (options.port < 0 || options.port > UINT16_MAX) {
+      throw OptionError("port", std::to_string(options.port), "must lie between 0 and 65535");
+    }
+    const tcp::endpoint asked(address, static_cast<uint16_t>(options.port));
+    acceptor_.open(asked.protocol(), error);
+    if (!error) acceptor_.set_option(tcp::acceptor::reuse_address(true), error);
+    if (!error) acceptor_.bind(asked, error);
+    if (!error) acceptor_.listen(asio::socket_base::max_listen_connections, error);
+    if (error) {
+      throw OptionError("port", std::to_string(options.port),
+                        fmt::format("{} at {}", error.message(), options.listen));
+    }
+  }
+
+  void Accept() {
+    acceptor_.async_accept([this](error_code error, tcp::socket socket) {
+      if (shared_.is_draining) return;
+      if (error) return AcceptLater();  // files have run out
+      const auto most = static_cast<size_t>(shared_.options.limits.connections);
+      if (shared_.connections.size() < most) {
+        std::make_shared<Connection>(std::move(socket), shared_)->ReadHeader();
+      } else {
+        SendAway(socket);
+      }
+      Accept();
+    });
+  }
+
+  void AcceptLater() {
+    accept_again_.expires_after(kAcceptAgain);
+    accept_again_.async_wait([this](error_code error) {
+      if (!error && !shared_.is_draining) Accept();
+    });
+  }
+
+  // What fits into a new socket's buffer goes out without waiting.
+  static void SendAway(tcp::socket& socket) {
+    static constexpr std::string_view kAnswer =
+        "HTTP/1.1 503 Service Unavailable\r\nRetry-After: 1\r\nConnection: close\r\n"
+        "Content-Length: 0\r\n\r\n";
+    error_code ignored;
+    socket.non_blocking(true, ignored);
+    socket.write_some(asio::buffer(kAnswer.data(), kAnswer.size()), ignored);
+    socket.shutdown(tcp::socket::shutdown_send, ignored);
+  }
+
+  void WaitForSignal() {
+    signals_.async_wait([this](error_code error, int signal) {
+      if (error) return;
+      WaitForSignal();  // first: what follows may end the waiting
+      if (signal == SIGHUP) {
+        Reopen();
+      } else if (shared_.is_draining) {
+        shared_.io.stop();
+      } else {
+        Drain();
+      }
+    });
+  }
+
+  void Drain() {
+    if (std::exchange(shared_.is_draining, true)) return;
+    error_code ignored;
+    acceptor_.close(ignored);
+    accept_again_.cancel();
+    const std::set<Connection*> all = shared_.connections;
+    for (Connection* connection : all) connection->CloseIfIdle();
+    EndIfDone();
+  }
+
+  void EndIfDone() {
+    if (!shared_.is_draining || !shared_.connections.empty()) return;
+    signals_.cancel();
+    working_.reset();
+  }
+
+  void Reopen() {
+    if (is_reopening_.exchange(true)) return;
+    if (reopening_.joinable()) reopening_.join();
+    reopening_ = std::thread([this] {
+      try {
+        shared_.service.Take(open_());
+        Log("the scenes are opened anew");
+      } catch (const std::exception& error) {
+        Log(fmt::format("the scenes stay as they are: {}", error.what()));
+      }
+      is_reopening_ = false;
+    });
+  }
+
+  const OpenScenes open_;
+  Shared shared_;
+  tcp::acceptor acceptor_;
+  asio::signal_set signals_;
+  asio::steady_timer accept_again_{shared_.io};
+  asio::executor_work_guard<asio::io_context::executor_type> working_{shared_.io.get_executor()};
+  std::thread reopening_;
+  std::atomic<bool> is_reopening_ = false;
+};
+
+Server::Server(OpenScenes open, const ServerOptions& options)
+    : impl_(std::make_unique<Impl>(std::move(open), options)) {}
+
+Server::~Server() = default;
+
+int Server::port() const { return impl_->endpoint().port(); }
+
+std::string Server::url() const {
+  const tcp::endpoint endpoint = impl_->endpoint();
+  std::string address = endpoint.address().to_string();
+  if (endpoint.address().is_v6()) address = "[" + address + "]";
+  return fmt::format("http://{}:{}", address, endpoint.port());
+}
+
+void Server::Run() { impl_->Run(); }
+
+void Server::Stop() { impl_->Stop(); }
+
+}  // namespace raylift

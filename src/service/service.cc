@@ -1,0 +1,344 @@
+#include "service/service.h"
+
+#include <algorithm>
+#include <array>
+#include <exception>
+#include <new>
+
+#include "base/json_text.h"
+#include "service/documents.h"
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/localization/result_files.h"
+#include "raylift/localization/scene_calibration.h"
+
+namespace raylift {
+
+struct Service::Opened {
+  ServedScene scene;
+  ReferencesByName references;
+};
+
+namespace {
+
+constexpr std::string_view kLocalizePath = "/v1/localize";
+constexpr std::string_view kBatchPath = "/v1/localize/batch";
+constexpr std::array<std::string_view, 6> kGetPaths = {"/",       "/v1/scenes", "/healthz",
+                                                       "/readyz", "/metrics",   "/openapi.json"};
+
+bool IsGet(std::string_view path) {
+  return std::find(kGetPaths.begin(), kGetPaths.end(), path) != kGetPaths.end();
+}
+
+bool IsPost(std::string_view path) { return path == kLocalizePath || path == kBatchPath; }
+
+// The path where it is one of ours: what clients make up is not counted by its name.
+std::string RouteOf(const HttpRequest& request) {
+  const std::string_view path =
+      std::string_view(request.target).substr(0, request.target.find('?'));
+  return IsGet(path) || IsPost(path) ? std::string(path) : "other";
+}
+
+std::string Decoded(std::string_view text) {
+  const auto digit = [](char c) {
+    if (c >= '0' && c <= '9') return c - '0';
+    if (c >= 'a' && c <= 'f') return c - 'a' + 10;
+    if (c >= 'A' && c <= 'F') return c - 'A' + 10;
+    throw Problem(400, "the target is badly encoded");
+  };
+  std::string decoded;
+  for (size_t i = 0; i < text.size(); ++i) {
+    if (text[i] == '%') {
+      if (i + 2 >= text.size()) throw Problem(400, "the target is badly encoded");
+      decoded += static_cast<char>(digit(text[i + 1]) * 16 + digit(text[i + 2]));
+      i += 2;
+    } else {
+      decoded += text[i] == '+' ? ' ' : text[i];
+    }
+  }
+  return decoded;
+}
+
+// Turns what localization throws into what the client is told. What is our own fault is told to
+// the log alone.
+template <typename Function>
+auto AsProblems(const ServerOptions& options, const Function& work) {
+  try {
+    return work();
+  } catch (const Problem&) {
+    throw;
+  } catch (const OutputError& error) {
+    if (options.log) options.log(error.what());
+    throw Problem(503, "the answer could not be kept");
+  } catch (const InputError& error) {
+    throw ProblemOfInput(error.what());
+  } catch (const std::bad_alloc&) {
+    throw TryLater(503, "out of memory");
+  } catch (const std::exception& error) {
+    if (options.log) options.log(fmt::format("this is a bug: {}", error.what()));
+    throw Problem(500, "this is a bug; the server's log says more");
+  }
+}
+
+std::string ServerTiming(const StageTimes& times) {
+  return fmt::format("match;dur={:.3f}, lift;dur={:.3f}, filter;dur={:.3f}, estimate;dur={:.3f}",
+                     times.match_ms, times.lift_ms, times.filter_ms, times.estimate_ms);
+}
+
+std::string NameList(const std::vector<std::string>& names) {
+  return fmt::format("{}", fmt::join(names, "|"));
+}
+
+}  // namespace
+
+Target ParseTarget(std::string_view target) {
+  Target parsed;
+  const size_t question = std::min(target.find('?'), target.size());
+  parsed.path = Decoded(target.substr(0, question));
+  std::string_view rest = target.substr(std::min(question + 1, target.size()));
+  while (!rest.empty()) {
+    const std::string_view pair = rest.substr(0, rest.find('&'));
+    rest.remove_prefix(std::min(pair.size() + 1, rest.size()));
+    const size_t equals = std::min(pair.find('='), pair.size());
+    const std::string name = Decoded(pair.substr(0, equals));
+    const std::string value = Decoded(pair.substr(std::min(equals + 1, pair.size())));
+    if (!parsed.parameters.emplace(name, value).second) {
+      throw Problem(400, name, name + ": stands twice");
+    }
+  }
+  return parsed;
+}
+
+void AnswerWatch::Check() const {
+  if (*is_gone) throw Problem(503, "the client has gone");
+  if (Clock::now() < deadline) return;
+  throw TryLater(503, "the photograph could not be localized in time");
+}
+
+Service::Service(const ServerOptions& options) : options_(options) {
+  if (!options.tokens.empty()) tokens_ = std::make_unique<Tokens>(options.tokens);
+  if (!options.keep.empty()) RequireWritable(options.keep / "photograph");
+}
+
+void Service::Take(std::vector<ServedScene> scenes) {
+  auto opened = std::make_shared<OpenedScenes>();
+  for (ServedScene& scene : scenes) {
+    auto entry = std::make_shared<Opened>();
+    for (const PosedImage& image : scene.localizer->scene().references.images) {
+      entry->references.emplace(image.name, &image);
+    }
+    entry->scene = std::move(scene);
+    const std::string name = entry->scene.name;
+    if (!opened->emplace(name, std::move(entry)).second) {
+      throw InputError(fmt::format("two scenes have the name {}", name));
+    }
+  }
+  const std::lock_guard lock(mutex_);
+  scenes_ = std::move(opened);
+}
+
+std::shared_ptr<const Service::OpenedScenes> Service::Scenes() const {
+  const std::lock_guard lock(mutex_);
+  return scenes_;
+}
+
+std::shared_ptr<const Service::Opened> Service::SceneOf(const HttpRequest& request) const {
+  const Target target = ParseTarget(request.target);
+  const auto scenes = Scenes();
+  std::vector<std::string> names;
+  for (const auto& [name, scene] : *scenes) names.push_back(name);
+  std::optional<std::string> wanted;
+  for (const auto& [name, value] : target.parameters) {
+    if (name != "scene") throw Problem(400, name, name + ": is not known here; expected scene");
+    wanted = value;
+  }
+  if (!wanted) {
+    if (names.size() == 1) return scenes->begin()->second;
+    throw Problem(400, "scene", "scene: is required: expected " + NameList(names));
+  }
+  const auto found = scenes->find(*wanted);
+  if (found != scenes->end()) return found->second;
+  throw Problem(404, "scene", "scene: expected " + NameList(names));
+}
+
+std::optional<HttpAnswer> Service::AnswerHead(const HttpRequest& head, bool is_ready,
+                                              const std::vector<Gauge>& gauges) {
+  try {
+    const Target target = ParseTarget(head.target);
+    const bool is_get = IsGet(target.path);
+    if (!is_get && !IsPost(target.path)) throw Problem(404, "there is nothing at this path");
+    const bool is_preflight = head.method == "OPTIONS" && !options_.cors_origin.empty();
+    if (is_preflight) {
+      HttpAnswer answer{.status = 204};
+      answer.headers = {{"Access-Control-Allow-Methods", is_get ? "GET" : "POST"},
+                        {"Access-Control-Allow-Headers", "Authorization, Content-Type"}};
+      Complete(head, answer);
+      return answer;
+    }
+    const bool fits =
+        is_get ? head.method == "GET" || head.method == "HEAD" : head.method == "POST";
+    if (!fits) {
+      HttpAnswer answer = Refuse(head, Problem(405, "another method is expected here"));
+      answer.headers.emplace_back("Allow", is_get ? "GET, HEAD" : "POST");
+      return answer;
+    }
+    // Whether it is well is no secret.
+    const bool is_probe = target.path == "/healthz" || target.path == "/readyz";
+    if (tokens_ && !is_probe) tokens_->Admit(head.authorization, AnswerWatch::Clock::now());
+    if (!is_get) {
+      SceneOf(head);
+      return std::nullopt;
+    }
+    HttpAnswer answer = Get(target.path, is_ready, gauges);
+    Complete(head, answer);
+    return answer;
+  } catch (const Problem& problem) {
+    return Refuse(head, problem);
+  }
+}
+
+bool Service::IsBatch(const HttpRequest& request) { return RouteOf(request) == kBatchPath; }
+
+HttpAnswer Service::Get(std::string_view path, bool is_ready,
+                        const std::vector<Gauge>& gauges) const {
+  if (path == "/v1/scenes") return ListScenes();
+  if (path == "/metrics") {
+    return {.content_type = "text/plain; version=0.0.4", .body = metrics_.Text(gauges)};
+  }
+  if (path == "/openapi.json") return {.body = std::string(kOpenApi)};
+  if (path == "/") {
+    return {.content_type = "text/html; charset=utf-8", .body = std::string(kStartPage)};
+  }
+  if (path == "/readyz" && !is_ready) throw Problem(503, "the server is about to end");
+  return {.content_type = "text/plain", .body = "ok\n"};
+}
+
+HttpAnswer Service::ListScenes() const {
+  auto list = nlohmann::ordered_json::array();
+  const auto scenes = Scenes();
+  for (const auto& [name, opened] : *scenes) {
+    const Scene& scene = opened->scene.localizer->scene();
+    auto kinds = nlohmann::ordered_json::array();
+    for (const SceneSource& source : scene.sources) {
+      kinds.push_back(std::string(source.spec.substr(0, source.spec.find(':'))));
+    }
+    list.push_back({{"name", name},
+                    {"references", scene.references.images.size()},
+                    {"geometry", kinds},
+                    {"calibrated", scene.calibration != nullptr}});
+  }
+  return {.body = JsonText(nlohmann::ordered_json{{"scenes", list}})};
+}
+
+LocalizedQuery Service::Run(const Opened& opened, LocalizeRequest request,
+                            const AnswerWatch& watch) {
+  const Localizer& localizer = *opened.scene.localizer;
+  watch.Check();
+  QueryResult result = std::visit(
+      [&](auto& evidence) { return localizer.Match(request.query, std::move(evidence)); },
+      request.evidence);
+  watch.Check();
+  localizer.Lift(result);
+  watch.Check();
+  localizer.Filter(result);
+  watch.Check();
+  localizer.Estimate(result);
+  const StageTimes& times = result.localized.times;
+  constexpr double kMsPerS = 1000;
+  metrics_.ObserveStage("match", times.match_ms / kMsPerS);
+  metrics_.ObserveStage("lift", times.lift_ms / kMsPerS);
+  metrics_.ObserveStage("filter", times.filter_ms / kMsPerS);
+  metrics_.ObserveStage("estimate", times.estimate_ms / kMsPerS);
+  metrics_.CountVerdict(opened.scene.name, ToString(result.localized.verdict()));
+  if (!options_.keep.empty()) {
+    Keep(request.picture_bytes, FormatQueryDiagnostics(result.localized));
+  }
+  return std::move(result.localized);
+}
+
+HttpAnswer Service::Localize(const HttpRequest& request, const AnswerWatch& watch) {
+  try {
+    return AsProblems(options_, [&] {
+      watch.Check();
+      const auto opened = SceneOf(request);
+      const auto begin = AnswerWatch::Clock::now();
+      LocalizeRequest read = ReadLocalizeRequest(request.content_type, request.body,
+                                                 opened->references, options_.limits.pixels);
+      const std::chrono::duration<double> reading = AnswerWatch::Clock::now() - begin;
+      metrics_.ObserveStage("read", reading.count());
+      const LocalizedQuery localized = Run(*opened, std::move(read), watch);
+      HttpAnswer answer{.body = FormatQueryDiagnostics(localized)};
+      answer.headers.emplace_back("Server-Timing", ServerTiming(localized.times));
+      Complete(request, answer);
+      return answer;
+    });
+  } catch (const Problem& problem) {
+    return Refuse(request, problem);
+  }
+}
+
+Service::BegunBatch Service::BeginBatch(HttpRequest request) {
+  auto batch = std::make_unique<Batch>();
+  batch->request = std::move(request);
+  try {
+    AsProblems(options_, [&] {
+      batch->scene = SceneOf(batch->request);
+      batch->photographs = ReadBatchRequest(batch->request.content_type, batch->request.body);
+    });
+    return {.refusal = std::nullopt, .batch = std::move(batch)};
+  } catch (const Problem& problem) {
+    return {.refusal = Refuse(batch->request, problem), .batch = nullptr};
+  }
+}
+
+std::string Service::Next(Batch& batch, const AnswerWatch& watch) {
+  const size_t index = batch.next++;
+  try {
+    return AsProblems(options_, [&] {
+      watch.Check();
+      LocalizeRequest read = ReadBatchEntry(batch.photographs, index, options_.limits.pixels);
+      return FormatQueryDiagnostics(Run(*batch.scene, std::move(read), watch)) + '\n';
+    });
+  } catch (const Problem& problem) {
+    nlohmann::ordered_json line = {
+        {"name", batch.photographs.photographs[index].name},
+        {"status", "refused"},
+        {"problem", nlohmann::ordered_json::parse(ProblemJson(problem))}};
+    return JsonText(line) + '\n';
+  }
+}
+
+HttpAnswer Service::Refuse(const HttpRequest& request, const Problem& problem) {
+  HttpAnswer answer{.status = problem.status(),
+                    .content_type = "application/problem+json",
+                    .body = ProblemJson(problem)};
+  if (problem.retry_after_s) {
+    answer.headers.emplace_back("Retry-After", std::to_string(*problem.retry_after_s));
+  }
+  if (problem.status() == 401) answer.headers.emplace_back("WWW-Authenticate", "Bearer");
+  Complete(request, answer);
+  return answer;
+}
+
+void Service::Complete(const HttpRequest& request, HttpAnswer& answer) {
+  metrics_.CountRequest(RouteOf(request), answer.status);
+  if (options_.cors_origin.empty() || request.origin != options_.cors_origin) return;
+  answer.headers.emplace_back("Access-Control-Allow-Origin", options_.cors_origin);
+  answer.headers.emplace_back("Vary", "Origin");
+}
+
+// The names are ours: of the time and a number.
+void Service::Keep(const std::string& picture, const std::string& line) {
+  const std::string name = fmt::format(
+      "{:%Y%m%d-%H%M%S}-{:06}",
+      std::chrono::time_point_cast<std::chrono::seconds>(std::chrono::system_clock::now()),
+      ++num_kept_);
+  if (!picture.empty()) WriteFile(options_.keep / (name + ".photograph"), picture);
+  WriteFile(options_.keep / (name + ".json"), line + '\n');
+}
+
+}  // namespace raylift

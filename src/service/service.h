@@ -1,0 +1,114 @@
+// What the server answers, apart from how requests travel (server.cc).
+
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "service/localize_request.h"
+#include "service/metrics.h"
+#include "service/problem.h"
+#include "service/tokens.h"
+
+#include "raylift/service/server.h"
+
+namespace raylift {
+
+struct HttpRequest {
+  std::string method, target;                             // as they stand in its first line
+  std::string content_type, authorization, origin, body;  // empty: it has none
+};
+
+struct HttpAnswer {
+  int status = 200;
+  std::string content_type = "application/json";
+  std::string body = {};
+  std::vector<std::pair<std::string, std::string>> headers = {};
+};
+
+// Whether somebody still waits for an answer.
+struct AnswerWatch {
+  using Clock = std::chrono::steady_clock;
+  Clock::time_point deadline;
+  std::shared_ptr<const std::atomic<bool>> is_gone;  // the client
+
+  // Throws Problem where nobody does.
+  void Check() const;
+};
+
+// Thread safe.
+class Service {
+ public:
+  explicit Service(const ServerOptions& options);
+
+  // From now on these scenes are asked; work in hand goes on with those that it has begun with.
+  // Throws InputError where a name stands twice.
+  void Take(std::vector<ServedScene> scenes);
+
+  // Answers what needs no body and refuses what is to be refused before it is read. nullopt where
+  // the request is one for Localize() or for a batch.
+  std::optional<HttpAnswer> AnswerHead(const HttpRequest& head, bool is_ready,
+                                       const std::vector<Gauge>& gauges);
+  static bool IsBatch(const HttpRequest& request);
+
+  HttpAnswer Localize(const HttpRequest& request, const AnswerWatch& watch);
+
+  // Photographs of one request, one after the other.
+  struct Opened;
+  struct Batch {
+    HttpRequest request;  // whose body the photographs are views into
+    BatchRequest photographs;
+    std::shared_ptr<const Opened> scene;
+    size_t next = 0;
+
+    bool AtEnd() const { return next == photographs.photographs.size(); }
+  };
+  struct BegunBatch {
+    std::optional<HttpAnswer> refusal;  // where there is one, there is no batch
+    std::unique_ptr<Batch> batch;
+  };
+  BegunBatch BeginBatch(HttpRequest request);
+  // A line for the next photograph: its answer, or its name and what was wrong with it.
+  std::string Next(Batch& batch, const AnswerWatch& watch);
+
+  // Returns the answer that tells a problem, and counts it.
+  HttpAnswer Refuse(const HttpRequest& request, const Problem& problem);
+  // Counts an answer and adds what belongs to all of them.
+  void Complete(const HttpRequest& request, HttpAnswer& answer);
+
+ private:
+  using OpenedScenes = std::map<std::string, std::shared_ptr<const Opened>>;
+
+  std::shared_ptr<const OpenedScenes> Scenes() const;
+  std::shared_ptr<const Opened> SceneOf(const HttpRequest& request) const;
+  HttpAnswer Get(std::string_view path, bool is_ready, const std::vector<Gauge>& gauges) const;
+  HttpAnswer ListScenes() const;
+  LocalizedQuery Run(const Opened& scene, LocalizeRequest request, const AnswerWatch& watch);
+  void Keep(const std::string& picture, const std::string& line);
+
+  const ServerOptions options_;
+  std::unique_ptr<Tokens> tokens_;  // null: everybody may ask
+  Metrics metrics_;
+  std::atomic<uint64_t> num_kept_ = 0;
+  mutable std::mutex mutex_;
+  std::shared_ptr<const OpenedScenes> scenes_;  // guarded by it
+};
+
+// A request's target: "/v1/localize?scene=a".
+struct Target {
+  std::string path;
+  std::map<std::string, std::string> parameters;
+};
+// Throws Problem for what cannot be decoded, and for a parameter that stands twice.
+Target ParseTarget(std::string_view target);
+
+}  // namespace raylift

@@ -1,0 +1,40 @@
+// Who may ask: bearer tokens of a file, and how often each of them.
+
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raylift {
+
+// Thread safe.
+class Tokens {
+ public:
+  using Time = std::chrono::steady_clock::time_point;
+
+  // Lines `TOKEN [REQUESTS_PER_MINUTE]`; `#` comments and empty lines are skipped. Throws
+  // InputError for anything else, and where there is none.
+  explicit Tokens(const std::filesystem::path& file);
+
+  // Throws Problem unless the header "Authorization" holds a known token ("Bearer TOKEN") that has
+  // not been used too often. Takes as long for a wrong token as for a right one.
+  void Admit(std::string_view authorization, Time now);
+
+ private:
+  struct Entry {
+    std::string token;
+    std::optional<double> per_minute;
+    double left = 0;  // requests; at most those of a minute
+    Time counted = {};
+  };
+
+  std::mutex mutex_;
+  std::vector<Entry> entries_;
+};
+
+}  // namespace raylift

@@ -1,0 +1,87 @@
+"""The program's server on the demo scene, and requests to it."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+RAYLIFT = os.environ["RAYLIFT"]
+DEMO = Path(os.environ["RAYLIFT_SOURCE"]) / "assets/demo"
+SCENE = DEMO / "scene.toml"
+QUERIES = dict(line.split(" ", 1) for line in (DEMO / "queries.txt").read_text().splitlines())
+
+
+def photograph(name):
+    return (DEMO / "images" / name).read_bytes()
+
+
+def form(parts):
+    """A body of multipart/form-data and its headers; `parts` are (name, file name or None, bytes)."""
+    boundary = "raylift-test-boundary"
+    body = b""
+    for name, file_name, content in parts:
+        disposition = f'form-data; name="{name}"' + (f'; filename="{file_name}"' if file_name else "")
+        body += f"--{boundary}\r\nContent-Disposition: {disposition}\r\n\r\n".encode() + content + b"\r\n"
+    return body + f"--{boundary}--\r\n".encode(), {"Content-Type": f"multipart/form-data; boundary={boundary}"}
+
+
+def query_form(name):
+    query = json.dumps({"name": name, "camera": QUERIES[name]}).encode()
+    return form([("image", "any.jpg", photograph(name)), ("query", None, query)])
+
+
+class Server:
+    def __init__(self, *options, scenes=(SCENE,)):
+        self.process = subprocess.Popen([RAYLIFT, "serve", *map(str, scenes), "--port", "0", *map(str, options)],
+                                        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        line = self.process.stdout.readline()
+        if not line.startswith("listening on "):
+            raise AssertionError(line + self.process.stderr.read())
+        self.url = line.split()[-1]
+        self.address = ("127.0.0.1", int(self.url.rsplit(":", 1)[1]))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self.process.stdout.close()
+        self.process.stderr.close()
+
+    def ask(self, path, body=None, headers={}, method=None):
+        """The status, the headers and the body of an answer."""
+        request = urllib.request.Request(self.url + path, data=body, headers=headers, method=method)
+        try:
+            with urllib.request.urlopen(request, timeout=60) as answer:
+                return answer.status, answer.headers, answer.read()
+        except urllib.error.HTTPError as error:
+            return error.code, error.headers, error.read()
+
+    def localize(self, name):
+        status, _, body = self.ask("/v1/localize", *query_form(name))
+        assert status == 200, body
+        return body.decode()
+
+    def raw(self, request, timeout=20):
+        """All that is answered to these bytes until the server closes, or the first part of it."""
+        with socket.create_connection(self.address, timeout=timeout) as connection:
+            connection.sendall(request)
+            answer = b""
+            try:
+                while part := connection.recv(65536):
+                    answer += part
+            except (TimeoutError, ConnectionResetError):
+                pass
+            return answer
+
+    def end(self, sent=signal.SIGTERM):
+        """Its exit code and what it said on stderr."""
+        self.process.send_signal(sent)
+        _, told = self.process.communicate(timeout=60)
+        return self.process.returncode, told

@@ -1,0 +1,158 @@
+"""raylift serve: the answers of the command line, to many clients at once."""
+
+import base64
+import json
+import random
+import signal
+import subprocess
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from served import DEMO, QUERIES, RAYLIFT, SCENE, Server, form, photograph, query_form
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A run of `localize` on the demo."""
+    out = tmp_path_factory.mktemp("run")
+    subprocess.run([RAYLIFT, "localize", "--scene", SCENE, "--out", out, "--quiet"], check=True)
+    return out
+
+
+@pytest.fixture(scope="module")
+def server(run):
+    with Server("--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json") as server:
+        yield server
+
+
+def problem(answer, status, field=None):
+    """Checks that an answer tells this problem, and returns its text."""
+    found, headers, body = answer
+    told = json.loads(body)
+    assert found == status, told
+    assert headers["Content-Type"] == "application/problem+json"
+    assert told["status"] == status and told.get("field") == field, told
+    return told["detail"]
+
+
+def test_answers_are_those_of_the_command_line_to_8_clients_at_once(run, server):
+    lines = {json.loads(line)["name"]: line for line in (run / "queries.jsonl").read_text().splitlines()}
+    assert len(lines) == len(QUERIES)
+    asked = sorted(QUERIES) * 2
+    random.Random(0).shuffle(asked)
+    with ThreadPoolExecutor(8) as clients:
+        for name, answer in zip(asked, clients.map(server.localize, asked)):
+            assert answer == lines[name]
+
+
+def test_a_photograph_alone_has_an_unknown_focal_length(server):
+    name = sorted(QUERIES)[0]
+    status, headers, body = server.ask("/v1/localize?scene=demo", *form([("image", name, photograph(name))]))
+    answer = json.loads(body)
+    assert status == 200 and answer["name"] == name and answer["verdict"] == "localized"
+    assert "estimate;dur=" in headers["Server-Timing"]
+
+
+def test_json_holds_the_image_in_base64(run, server):
+    name = sorted(QUERIES)[0]
+    body = json.dumps({"name": name, "camera": QUERIES[name], "image": base64.b64encode(photograph(name)).decode()})
+    answer = server.ask("/v1/localize", body.encode(), {"Content-Type": "application/json"})
+    assert answer[0] == 200 and answer[2].decode() == server.localize(name)
+
+
+def test_what_it_is_and_holds(server):
+    assert server.ask("/healthz")[0] == server.ask("/readyz")[0] == 200
+    scenes = json.loads(server.ask("/v1/scenes")[2])["scenes"]
+    assert scenes == [{"name": "demo", "references": len(list((DEMO / "images/ref").iterdir())),
+                       "geometry": ["mesh"], "calibrated": True}]
+    api = json.loads(server.ask("/openapi.json")[2])
+    for path in api["paths"]:
+        assert server.ask(path)[0] in (200, 405)
+    assert b"<title>Raylift" in server.ask("/")[2]
+    server.localize(sorted(QUERIES)[0])
+    metrics = server.ask("/metrics")[2].decode()
+    assert 'raylift_requests_total{route="/v1/localize",status="200"}' in metrics
+    assert 'raylift_verdicts_total{scene="demo",verdict="localized"}' in metrics
+    assert 'raylift_stage_seconds_bucket{stage="estimate",le="+Inf"}' in metrics
+    status, headers, body = server.ask("/healthz", method="HEAD")
+    assert status == 200 and body == b"" and headers["Content-Length"] == "3"
+
+
+def test_what_is_wrong_with_a_request_is_named(server):
+    name = sorted(QUERIES)[0]
+    image = ("image", "a.jpg", photograph(name))
+
+    def ask(*parts, path="/v1/localize"):
+        return server.ask(path, *form(parts))
+
+    def ask_query(query):
+        return ask(image, ("query", None, query.encode()))
+
+    def ask_json(text):
+        return server.ask("/v1/localize", text.encode(), {"Content-Type": "application/json"})
+
+    assert "demo" in problem(ask(image, path="/v1/localize?scene=other"), 404, "scene")
+    problem(ask(image, path="/v1/localize?where=demo"), 400, "where")
+    problem(ask(("query", None, b"{}")), 400, "image")
+    problem(ask(image, image), 400, "image")
+    problem(ask(image, ("more", None, b"")), 400, "more")
+    problem(ask(("image", "a.jpg", b"no photograph")), 400, "image")
+    problem(ask(("image", "a.jpg", b"")), 400, "image")
+    assert "truncated" in problem(ask(("image", "a.jpg", photograph(name)[:-5000])), 400, "image")
+    problem(ask_query('{"camera": 3}'), 400, "query.camera")
+    problem(ask_query('{"camera": "PINHOLE 640 480 500"}'), 400, "query.camera")
+    problem(ask_query('{"camera": "PINHOLE 640 480 nan 500 320 240"}'), 400, "query.camera")
+    problem(ask_query('{"camera": "PINHOLE 320 240 500 500 160 120"}'), 400, "query.camera")
+    problem(ask_query('{"name": "a.jpg", "priors": "b.jpg position 1 2 3 4"}'), 400, "query.priors")
+    problem(ask_query('{"name": "a.jpg", "priors": ["a.jpg position 1 2 nan 4"]}'), 400, "query.priors")
+    problem(ask_query('{"kamera": ""}'), 400, "query.kamera")
+    problem(ask_query('{"name": NaN}'), 400, "query")
+    problem(ask_query('[]'), 400, "query")
+    problem(ask_query('{"name": ""}'), 400, "query.name")
+    problem(ask_json('{"image": "%%%"}'), 400, "image")
+    problem(ask_json('{"name": "a"}'), 400, "body")
+    problem(ask_json('{"image": 3}'), 400, "body.image")
+    problem(ask_json("[" * 100000), 400)
+    problem(ask_json('{"matches": []}'), 400, "camera")
+    match = '{"camera": "PINHOLE 640 480 500 500 320 240", "matches": [%s]}'
+    problem(ask_json(match % '{"reference": "no", "query_px": [], "reference_px": []}'), 400,
+            "body.matches[0].reference")
+    problem(ask_json(match % '{"reference": "no", "query_px": [[1, 1e999]], "reference_px": []}'), 400, "body")
+    features = '{"features": {"width": 640, "height": 480, "keypoints": [[1, 2]], "descriptors": %s}}'
+    problem(ask_json(features % "[]"), 400, "body.features.descriptors")
+    problem(ask_json(features % "[[1, 2]]"), 400, "body.features.descriptors[0]")
+    problem(server.ask("/v1/localize", b"a", {"Content-Type": "text/plain"}), 415, "Content-Type")
+    problem(server.ask("/v1/localize"), 405)
+    problem(server.ask("/nothing"), 404)
+    problem(server.ask("/healthz", b"", method="POST"), 405)
+
+
+def test_matches_and_features_stand_for_the_image(server):
+    import raylift
+    name = sorted(QUERIES)[0]
+    features = raylift.extract_features(raylift.read_image(DEMO / "images" / name))
+    asked = {"name": name, "camera": QUERIES[name],
+             "features": {"width": 640, "height": 480, "keypoints": features["keypoints"].tolist(),
+                          "descriptors": features["descriptors"].tolist()}}
+    status, _, body = server.ask("/v1/localize", json.dumps(asked).encode(), {"Content-Type": "application/json"})
+    assert status == 200, body
+    assert json.loads(body)["cam_from_world"] == json.loads(server.localize(name))["cam_from_world"]
+
+
+def test_sigterm_answers_what_is_there_and_ends_with_0(run):
+    with Server("--cache", run / "cache") as server, ThreadPoolExecutor(4) as clients:
+        answers = [clients.submit(server.localize, name) for name in sorted(QUERIES)[:4]]
+        while b"raylift_body_bytes 0\n" in server.ask("/metrics")[2]:
+            time.sleep(0.005)
+        code, _ = server.end()
+        assert code == 0
+        localized = [a for a in answers if a.exception() is None]
+        assert localized and all(json.loads(a.result())["verdict"] == "localized" for a in localized)
+
+
+def test_sigterm_ends_an_idle_server_with_0(run):
+    with Server("--cache", run / "cache") as server:
+        assert server.ask("/healthz")[0] == 200
+        assert server.end() == (0, "")

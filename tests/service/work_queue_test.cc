@@ -1,0 +1,33 @@
+#include "service/work_queue.h"
+
+#include <future>
+
+#include <gtest/gtest.h>
+
+namespace raylift {
+namespace {
+
+TEST(WorkQueue, TakesNoMoreThanMayWait) {
+  WorkQueue queue(1, 2);
+  std::promise<void> begun, go_on;
+  auto may_go_on = go_on.get_future().share();
+  ASSERT_TRUE(queue.TryAdd([&] {
+    begun.set_value();
+    may_go_on.wait();
+  }));
+  begun.get_future().wait();  // it waits no more
+  std::vector<int> done;
+  EXPECT_TRUE(queue.TryAdd([&] { done.push_back(1); }));
+  EXPECT_TRUE(queue.TryAdd([&] { done.push_back(2); }));
+  EXPECT_TRUE(queue.IsFull());
+  EXPECT_EQ(queue.NumInHand(), 1u);
+  EXPECT_FALSE(queue.TryAdd([&] { done.push_back(3); }));
+  std::promise<void> ended;
+  queue.AddAgain([&] { ended.set_value(); });
+  go_on.set_value();
+  ended.get_future().wait();
+  EXPECT_EQ(done, (std::vector<int>{1, 2}));
+}
+
+}  // namespace
+}  // namespace raylift
