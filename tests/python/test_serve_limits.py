@@ -1,0 +1,185 @@
+"""raylift serve: who may ask, how much, and what becomes of clients that mean no good."""
+
+import json
+import signal
+import socket
+import struct
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from served import QUERIES, SCENE, Server, form, photograph, query_form
+
+NAMES = sorted(QUERIES)
+FAST = ("--method", "p3p", "--max-features", "512", "--align-depth", "off", "--filter", "off")
+TOKEN = {"Authorization": "Bearer secret"}
+HEAD = "POST /v1/localize HTTP/1.1\r\nHost: a\r\nAuthorization: Bearer secret\r\n"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("limits")
+    (folder / "tokens.txt").write_text("secret\nrare 1\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def server(folder):
+    with Server(*FAST, "--cache", folder / "cache", "--threads", "1", "--max-queue", "1", "--header-deadline", "1s",
+                "--body-deadline", "2s", "--max-body-mb", "1", "--max-connections", "40", "--keep", folder / "kept",
+                "--tokens", folder / "tokens.txt", "--cors", "https://a.example") as server:
+        yield server
+
+
+def ask(server, name, path="/v1/localize", **headers):
+    body, of_form = query_form(name)
+    return server.ask(path, body, {**TOKEN, **of_form, **headers})
+
+
+def status_of(answer):
+    return int(answer.split()[1]) if answer else None
+
+
+def test_tokens_say_who_may_ask_and_how_often(server):
+    assert server.ask("/healthz")[0] == 200
+    status, headers, _ = server.ask("/v1/scenes")
+    assert status == 401 and headers["WWW-Authenticate"] == "Bearer"
+    assert server.ask("/v1/scenes", headers=TOKEN)[0] == 200
+    rare = {"Authorization": "Bearer rare"}
+    assert server.ask("/v1/scenes", headers=rare)[0] == 200
+    status, headers, _ = server.ask("/v1/scenes", headers=rare)
+    assert status == 429 and 0 < int(headers["Retry-After"]) <= 60
+
+
+def test_pages_of_the_named_origin_may_ask(server):
+    def allowed(origin, **more):
+        status, headers, _ = server.ask("/v1/localize", headers={"Origin": origin}, **more)
+        return status, headers["Access-Control-Allow-Origin"]
+
+    assert allowed("https://a.example", method="OPTIONS") == (204, "https://a.example")
+    assert allowed("https://b.example", method="OPTIONS")[1] is None
+
+
+def test_what_is_asked_for_is_kept_under_names_of_our_own(server, folder):
+    body, of_form = form([("image", "../../evil.jpg", photograph(NAMES[0])), ("query", None, b'{"name": "/etc/a"}')])
+    status, _, answer = server.ask("/v1/localize", body, {**TOKEN, **of_form})
+    assert status == 200 and json.loads(answer)["name"] == "/etc/a"
+    kept = sorted((folder / "kept").iterdir())
+    assert [file.suffix for file in kept[-2:]] == [".json", ".photograph"]
+    assert kept[-1].read_bytes() == photograph(NAMES[0])
+    assert all(file.name[:8].isdigit() for file in kept)
+
+
+def test_a_batch_has_a_line_for_each_photograph(server):
+    parts = [("image", name, photograph(name)) for name in NAMES[:2]]
+    body, of_form = form([*parts, ("image", "bad.jpg", b"no photograph")])
+    status, headers, answer = server.ask("/v1/localize/batch", body, {**TOKEN, **of_form})
+    assert status == 200 and headers["Content-Type"] == "application/x-ndjson"
+    lines = [json.loads(line) for line in answer.splitlines()]
+    assert [line["name"] for line in lines] == [*NAMES[:2], "bad.jpg"]
+    assert lines[0]["verdict"] in ("localized", "doubtful") and lines[2]["problem"]["field"] == "image"
+    body, of_form = form([("query", None, b"{}")])
+    assert server.ask("/v1/localize/batch", body, {**TOKEN, **of_form})[0] == 400
+
+
+def test_photographs_beyond_the_queue_are_refused_and_all_others_answered(server):
+    with ThreadPoolExecutor(8) as clients:
+        answers = list(clients.map(lambda i: ask(server, NAMES[i % len(NAMES)]), range(16)))
+    assert {status for status, _, _ in answers} == {200, 429}
+    assert all(headers["Retry-After"] == "1" for status, headers, _ in answers if status == 429)
+
+
+def test_a_picture_is_refused_by_its_header(server):
+    png = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sIIBBBBB", 13, b"IHDR", 60000, 60000, 8, 0, 0, 0, 0) + b"\0" * 4
+    # As large a file as its pixels would need to be believed.
+    body, of_form = form([("image", "a.png", png + b"\0" * 900_000)])
+    status, _, answer = server.ask("/v1/localize", body, {**TOKEN, **of_form})
+    assert status in (400, 413) and json.loads(answer)["field"] == "image"
+
+
+def test_requests_that_end_in_two_places_are_refused(server):
+    both = "Content-Type: application/json\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\nGET / "
+    for more in (both, both.replace("chunked", "xchunked"), both.replace("chunked", "identity"),
+                 "Transfer-Encoding: chunked, identity\r\n\r\n0\r\n\r\n",
+                 "Transfer-Encoding: chunked\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n",
+                 "Content-Length: 5\r\nContent-Length: 6\r\n\r\nabcdef",
+                 "Content-Length: -1\r\n\r\n", "Content-Length: 1 1\r\n\r\n", "Content-Length : 1\r\n\r\na",
+                 "Host: b\r\nContent-Length: 0\r\n\r\n"):
+        answer = server.raw((HEAD + more).encode())
+        assert status_of(answer) == 400, more
+        assert answer.count(b"HTTP/1.1 ") == 1 and b"Connection: close" in answer
+    for nothing in (b"\0\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/2.0\r\nHost: a\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n"):
+        assert status_of(server.raw(nothing)) == 400, nothing
+
+
+def test_bodies_are_limited_however_they_come(server):
+    json_head = HEAD + "Content-Type: application/json\r\n"
+    assert status_of(server.raw((json_head + "Content-Length: 2000000\r\n\r\n").encode())) == 413
+    chunks = b"10000\r\n" + b"a" * 65536 + b"\r\n"
+    answer = server.raw((json_head + "Transfer-Encoding: chunked\r\n\r\n").encode() + chunks * 20)
+    assert status_of(answer) == 413
+    assert status_of(server.raw(b"GET / HTTP/1.1\r\nA: " + b"a" * 100000 + b"\r\n\r\n")) == 431
+    assert server.raw((json_head + "Content-Length: 50\r\n\r\n{").encode()) == b""  # within the body's deadline
+
+
+def test_pipelined_requests_are_answered_in_their_order(server):
+    body, of_form = query_form(NAMES[0])
+    one = (HEAD + f"Content-Type: {of_form['Content-Type']}\r\nContent-Length: {len(body)}\r\n\r\n").encode() + body
+    last = b"GET /healthz HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n"
+    answer = server.raw(one + b"GET /readyz HTTP/1.1\r\nHost: a\r\n\r\n" + last, timeout=60)
+    assert answer.count(b"HTTP/1.1 200 OK") == 3
+    assert answer.index(b'"verdict"') < answer.index(b"ok\n") and answer.endswith(b"ok\n")
+
+
+def test_slow_clients_block_nobody_and_are_let_go(server):
+    slow = [socket.create_connection(server.address) for _ in range(30)]
+    for connection in slow:
+        connection.sendall(b"POST /v1/localize HTTP/1.1\r\nHo")
+    assert ask(server, NAMES[0])[0] == 200
+    time.sleep(1.5)
+    for connection in slow:
+        connection.settimeout(10)
+        assert connection.recv(1) == b""
+        connection.close()
+
+
+def test_connections_beyond_the_limit_are_sent_away(server):
+    many = [socket.create_connection(server.address) for _ in range(60)]
+    answers = []
+    for connection in many[45:]:
+        connection.settimeout(10)
+        answers.append(connection.recv(1000))
+    assert answers[-1].startswith(b"HTTP/1.1 503")
+    for connection in many:
+        connection.close()
+    time.sleep(1.2)
+    assert ask(server, NAMES[0])[0] == 200
+
+
+def test_work_is_given_up_at_the_deadline(folder):
+    with Server(*FAST, "--cache", folder / "cache", "--deadline", "0.001s") as server:
+        status, headers, answer = server.ask("/v1/localize", *query_form(NAMES[0]))
+        assert status == 503 and headers["Retry-After"] == "1" and "in time" in json.loads(answer)["detail"]
+
+
+def test_sighup_opens_the_scenes_anew(folder):
+    scene = folder / "scene.toml"
+    text = SCENE.read_text()
+    for path in ("model", "images", "queries.txt", "ground_truth"):
+        text = text.replace(f'"{path}"', f'"{SCENE.parent / path}"')
+    scene.write_text(text.replace("mesh:scene.obj", f"mesh:{SCENE.parent / 'scene.obj'}"))
+    with Server(*FAST, "--cache", folder / "cache", scenes=[scene]) as server:
+        before = server.ask("/v1/localize?scene=demo", *query_form(NAMES[0]))[2]
+        scene.write_text(scene.read_text().replace('name = "demo"', 'name = "other"'))
+        server.process.send_signal(signal.SIGHUP)
+        while b"other" not in server.ask("/v1/scenes")[2]:
+            time.sleep(0.1)
+        assert server.ask("/v1/localize?scene=demo", *query_form(NAMES[0]))[0] == 404
+        assert server.ask("/v1/localize?scene=other", *query_form(NAMES[0]))[2] == before
+        scene.write_text("nonsense")
+        server.process.send_signal(signal.SIGHUP)
+        time.sleep(0.5)
+        assert server.ask("/v1/localize?scene=other", *query_form(NAMES[0]))[2] == before
+        code, told = server.end()
+        assert code == 0 and "stay as they are" in told
