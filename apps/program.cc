@@ -33,10 +33,10 @@
 namespace raylift {
 namespace {
 
-constexpr std::array<std::string_view, 17> kLibraries = {
-    "libassimp.", "libceres.",  "libembree",  "libfmt.",  "libhdf5",    "libjpeg.",
-    "libopencv_", "libOpenEXR", "libopenvdb", "libpng",   "libraylift", "libsqlite",
-    "libstdc++.", "libtbb.",    "libtiff.",   "libwebp.", "libzip."};
+constexpr std::array<std::string_view, 19> kLibraries = {
+    "libassimp.", "libceres.",  "libembree", "libfmt.",  "libhdf5",     "libjpeg.",   "libopencv_",
+    "libOpenEXR", "libopenvdb", "libpng",    "libproj.", "libpugixml.", "libraylift", "libsqlite",
+    "libstdc++.", "libtbb.",    "libtiff.",  "libwebp.", "libzip."};
 
 int Add(dl_phdr_info* library, size_t, void* names) {
   std::error_code failed;

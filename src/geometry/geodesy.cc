@@ -1,0 +1,335 @@
+#include "raylift/geometry/geodesy.h"
+
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <numbers>
+#include <utility>
+
+#include <Eigen/SVD>
+#include <dlfcn.h>
+#include <fmt/format.h>
+#include <proj.h>
+#include <proj_experimental.h>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+struct Destroy {
+  void operator()(PJ* object) const { proj_destroy(object); }
+  void operator()(PJ_CONTEXT* context) const { proj_context_destroy(context); }
+  void operator()(PJ_OBJ_LIST* list) const { proj_list_destroy(list); }
+  void operator()(PJ_OPERATION_FACTORY_CONTEXT* factory) const {
+    proj_operation_factory_context_destroy(factory);
+  }
+};
+template <typename T>
+using Owned = std::unique_ptr<T, Destroy>;
+using Context = Owned<PJ_CONTEXT>;
+using Object = Owned<PJ>;
+
+// A wheel carries PROJ's database beside the module that has this code.
+std::filesystem::path CarriedDatabase() {
+  Dl_info module{};
+  if (dladdr(reinterpret_cast<const void*>(&CarriedDatabase), &module) == 0) return {};
+  const std::filesystem::path folder = std::filesystem::path(module.dli_fname).parent_path();
+  std::error_code ignored;
+  return std::filesystem::exists(folder / "proj" / "proj.db", ignored) ? folder / "proj" : "";
+}
+
+Context NewContext() {
+  Context context(proj_context_create());
+  if (!context) throw std::bad_alloc();
+  proj_log_level(context.get(), PJ_LOG_NONE);
+  proj_context_set_enable_network(context.get(), 0);
+  if (const std::string carried = CarriedDatabase().string(); !carried.empty()) {
+    const char* const path = carried.c_str();
+    proj_context_set_search_paths(context.get(), 1, &path);
+  }
+  return context;
+}
+
+[[noreturn]] void FailCrs(const std::string& definition, std::string_view message) {
+  throw InputError(fmt::format("CRS \"{}\": {}", definition, message));
+}
+
+// Returns the system behind what a system with a transformation to another one is bound to.
+Object Parsed(const Context& context, const std::string& definition) {
+  // PROJ's own strings may name files of grids anywhere.
+  Object crs(definition.find("proj=") == std::string::npos &&
+                     definition.find("init=") == std::string::npos
+                 ? proj_create(context.get(), definition.c_str())
+                 : nullptr);
+  if (crs && proj_get_type(crs.get()) == PJ_TYPE_BOUND_CRS) {
+    crs.reset(proj_get_source_crs(context.get(), crs.get()));
+  }
+  if (!crs) {
+    FailCrs(definition,
+            "expected one like EPSG:25832, EPSG:25832+7837 or WKT, found none that is "
+            "known");
+  }
+  return crs;
+}
+
+// Returns the part that says where on the map a point is.
+Object Horizontal(const Context& context, const Object& crs) {
+  Object part(proj_get_type(crs.get()) == PJ_TYPE_COMPOUND_CRS
+                  ? proj_crs_get_sub_crs(context.get(), crs.get(), 0)
+                  : proj_clone(context.get(), crs.get()));
+  if (part && proj_get_type(part.get()) == PJ_TYPE_BOUND_CRS) {
+    part.reset(proj_get_source_crs(context.get(), part.get()));
+  }
+  return part;
+}
+
+std::optional<CrsKind> KindOf(PJ_TYPE type) {
+  switch (type) {
+    case PJ_TYPE_GEOGRAPHIC_2D_CRS:
+    case PJ_TYPE_GEOGRAPHIC_3D_CRS:
+      return CrsKind::kGeographic;
+    case PJ_TYPE_PROJECTED_CRS:
+      return CrsKind::kProjected;
+    case PJ_TYPE_GEOCENTRIC_CRS:
+      return CrsKind::kGeocentric;
+    default:
+      return std::nullopt;
+  }
+}
+
+int NumAxes(const Context& context, const Object& crs) {
+  const Object axes(proj_crs_get_coordinate_system(context.get(), crs.get()));
+  return axes ? proj_cs_get_axis_count(context.get(), axes.get()) : 0;
+}
+
+bool HasHeights(const Context& context, const Object& crs) {
+  return proj_get_type(crs.get()) == PJ_TYPE_COMPOUND_CRS || NumAxes(context, crs) == 3;
+}
+
+Object WithHeights(const Context& context, Object crs) {
+  if (HasHeights(context, crs)) return crs;
+  return Object(proj_crs_promote_to_3D(context.get(), nullptr, crs.get()));
+}
+
+Object Operation(const Context& context, const Object& from, const Object& to) {
+  if (!from || !to) return nullptr;
+  const Object found(
+      proj_create_crs_to_crs_from_pj(context.get(), from.get(), to.get(), nullptr, nullptr));
+  return Object(found ? proj_normalize_for_visualization(context.get(), found.get()) : nullptr);
+}
+
+std::optional<Vector3d> Transformed(const Object& operation, const Vector3d& point) {
+  proj_errno_reset(operation.get());
+  const PJ_COORD in = proj_coord(point.x(), point.y(), point.z(), HUGE_VAL);
+  const PJ_COORD out = proj_trans(operation.get(), PJ_FWD, in);
+  const Vector3d result(out.xyz.x, out.xyz.y, out.xyz.z);
+  if (proj_errno(operation.get()) != 0 || !result.allFinite()) return std::nullopt;
+  return result;
+}
+
+// Returns the operation to longitude, latitude and height of the system's own datum.
+Object ToGeographic(const Context& context, const Object& horizontal) {
+  Object geodetic(proj_crs_get_geodetic_crs(context.get(), horizontal.get()));
+  if (geodetic && proj_get_type(geodetic.get()) == PJ_TYPE_GEOCENTRIC_CRS) {
+    const Object datum(proj_crs_get_datum_forced(context.get(), geodetic.get()));
+    const Object degrees(proj_create_ellipsoidal_3D_cs(
+        context.get(), PJ_ELLPS3D_LONGITUDE_LATITUDE_HEIGHT, nullptr, 0, nullptr, 0));
+    geodetic.reset(proj_create_geographic_crs_from_datum(context.get(), "geographic", datum.get(),
+                                                         degrees.get()));
+  }
+  if (!geodetic) return nullptr;
+  const Object from = WithHeights(context, Object(proj_clone(context.get(), horizontal.get())));
+  return Operation(context, from, WithHeights(context, std::move(geodetic)));
+}
+
+struct Geographic {
+  Context context = NewContext();
+  Object crs, horizontal, operation;
+  double semi_major = 0, semi_minor = 0;
+
+  explicit Geographic(const std::string& definition)
+      : crs(Parsed(context, definition)), horizontal(Horizontal(context, crs)) {
+    operation = ToGeographic(context, horizontal);
+    const Object ellipsoid(proj_get_ellipsoid(context.get(), horizontal.get()));
+    if (!operation || !ellipsoid ||
+        proj_ellipsoid_get_parameters(context.get(), ellipsoid.get(), &semi_major, &semi_minor,
+                                      nullptr, nullptr) == 0) {
+      FailCrs(definition, "it has no way to longitude and latitude");
+    }
+  }
+};
+
+std::string PointText(const Vector3d& p) {
+  return fmt::format("({:.9g}, {:.9g}, {:.9g})", p.x(), p.y(), p.z());
+}
+
+// Degrees beyond the area where a system is meant for that its coordinates may still be used in.
+constexpr double kMarginDeg = 6;
+
+}  // namespace
+
+Crs::Crs(const std::string& definition) : definition_(definition) {
+  const Context context = NewContext();
+  const Object crs = Parsed(context, definition);
+  const Object horizontal = Horizontal(context, crs);
+  const auto kind = horizontal ? KindOf(proj_get_type(horizontal.get())) : std::nullopt;
+  if (!kind) FailCrs(definition, "expected a geographic, projected or earth-centered one");
+  kind_ = *kind;
+  name_ = proj_get_name(crs.get());
+  has_heights_ = HasHeights(context, crs);
+  Area area{};
+  if (proj_get_area_of_use(context.get(), horizontal.get(), &area.west, &area.south, &area.east,
+                           &area.north, nullptr) != 0 &&
+      area.west >= -180) {
+    area_ = area;
+  }
+}
+
+bool Crs::Holds(const Vector3d& point) const {
+  Vector3d degrees = point;
+  if (kind_ != CrsKind::kGeographic) {
+    const Geographic geographic(definition_);
+    const auto found = Transformed(geographic.operation, point);
+    if (!found) return false;
+    degrees = *found;
+  }
+  if (std::abs(degrees.x()) > 360 || std::abs(degrees.y()) > 90) return false;
+  if (!area_) return true;
+  const double width = std::remainder(area_->east - area_->west - 180, 360) + 180;
+  const double from_west = std::fmod(degrees.x() - area_->west + kMarginDeg + 720, 360);
+  return (width <= 0 || from_west <= width + 2 * kMarginDeg) &&
+         degrees.y() >= area_->south - kMarginDeg && degrees.y() <= area_->north + kMarginDeg;
+}
+
+void Crs::Check(const Vector3d& point) const {
+  if (kind_ == CrsKind::kGeocentric) {
+    constexpr double kLeast = 6.3e6, kMost = 6.5e6;
+    if (point.norm() >= kLeast && point.norm() <= kMost) return;
+    throw InputError(fmt::format("{} is not on the earth's surface in {} (earth-centered, meters)",
+                                 PointText(point), definition_));
+  }
+  if (Holds(point)) return;
+  const bool swapped = Holds({point.y(), point.x(), point.z()});
+  throw InputError(fmt::format(
+      "{} is not where {} ({}) is meant for{}", PointText(point), definition_, name_,
+      swapped
+          ? fmt::format("; its first two numbers seem to be swapped, expected {}",
+                        kind_ == CrsKind::kGeographic ? "longitude, latitude" : "easting, northing")
+          : ""));
+}
+
+struct CrsTransform::Operation {
+  Context context = NewContext();
+  Object from, to, operation;
+};
+
+CrsTransform::CrsTransform(const Crs& from, const Crs& to)
+    : from_(from.definition()), to_(to.definition()), operation_(std::make_shared<Operation>()) {
+  Operation& it = *operation_;
+  it.from = Parsed(it.context, from_);
+  it.to = Parsed(it.context, to_);
+  if (from.has_heights() != to.has_heights()) {
+    it.from = WithHeights(it.context, std::move(it.from));
+    it.to = WithHeights(it.context, std::move(it.to));
+  }
+  it.operation = raylift::Operation(it.context, it.from, it.to);
+  if (!it.operation) {
+    throw InputError(fmt::format("no transformation is known from {} to {}", from_, to_));
+  }
+}
+
+Vector3d CrsTransform::operator()(const Vector3d& point) const {
+  const auto result = Transformed(operation_->operation, point);
+  if (!result) {
+    throw InputError(fmt::format("{} of {} has no place in {}", PointText(point), from_, to_));
+  }
+  return *result;
+}
+
+std::optional<double> CrsTransform::AccuracyMeters() const {
+  const Object used(proj_trans_get_last_used_operation(operation_->operation.get()));
+  const double accuracy =
+      used ? proj_coordoperation_get_accuracy(operation_->context.get(), used.get()) : -1;
+  return accuracy >= 0 ? std::optional(accuracy) : std::nullopt;
+}
+
+std::optional<std::string> CrsTransform::Warning() const {
+  PJ_CONTEXT* const context = operation_->context.get();
+  const Object used(proj_trans_get_last_used_operation(operation_->operation.get()));
+  if (used && proj_coordoperation_has_ballpark_transformation(context, used.get()) == 0) {
+    return std::nullopt;
+  }
+  std::string grids;
+  const Owned<PJ_OPERATION_FACTORY_CONTEXT> factory(
+      proj_create_operation_factory_context(context, nullptr));
+  proj_operation_factory_context_set_grid_availability_use(context, factory.get(),
+                                                           PROJ_GRID_AVAILABILITY_IGNORED);
+  const Owned<PJ_OBJ_LIST> known(
+      proj_create_operations(context, operation_->from.get(), operation_->to.get(), factory.get()));
+  const Object best(known ? proj_list_get(context, known.get(), 0) : nullptr);
+  for (int i = 0; best && i < proj_coordoperation_get_grid_used_count(context, best.get()); ++i) {
+    const char* name = nullptr;
+    int available = 1;
+    if (proj_coordoperation_get_grid_used(context, best.get(), i, &name, nullptr, nullptr, nullptr,
+                                          nullptr, nullptr, &available) != 0 &&
+        available == 0) {
+      grids += fmt::format("{}{}", grids.empty() ? "" : ", ", name);
+    }
+  }
+  return fmt::format(
+      "{} to {} is a rough transformation: datums or heights are taken as they are, which may be "
+      "off by up to 100 m{}",
+      from_, to_, grids.empty() ? "" : fmt::format(" (grid {} of PROJ is not installed)", grids));
+}
+
+Matrix3d LocalFrame::Axes() const {
+  const Eigen::JacobiSVD<Matrix3d> svd(crs_from_enu, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  return svd.matrixU() * svd.matrixV().transpose();
+}
+
+double LocalFrame::Scale() const { return crs_from_enu.col(1).norm(); }
+
+double LocalFrame::ConvergenceDeg() const {
+  return std::atan2(-crs_from_enu(0, 1), crs_from_enu(1, 1)) * 180 / std::numbers::pi;
+}
+
+LocalFrame LocalFrameAt(const Crs& crs, const Vector3d& point) {
+  const Geographic geographic(crs.definition());
+  const auto there = Transformed(geographic.operation, point);
+  if (!there) {
+    throw InputError(fmt::format("{} has no place in {}", PointText(point), crs.definition()));
+  }
+  LocalFrame frame{.geographic = *there, .crs_from_enu = Matrix3d::Identity()};
+  // Degrees per meter along the parallel and the meridian.
+  const double rad = std::numbers::pi / 180, sin_latitude = std::sin(there->y() * rad);
+  const double a = geographic.semi_major,
+               e2 = 1 - std::pow(geographic.semi_minor / geographic.semi_major, 2);
+  const double w2 = 1 - e2 * sin_latitude * sin_latitude;
+  const double across = a / std::sqrt(w2) + there->z();
+  const double along = a * (1 - e2) / std::pow(w2, 1.5) + there->z();
+  const Vector3d degrees_per_meter(1 / (across * std::cos(there->y() * rad) * rad),
+                                   1 / (along * rad), 1);
+  constexpr double kStepMeters = 10;  // coordinates of 1e7 m then tell directions to 1e-10
+  for (int axis = 0; axis < 3; ++axis) {
+    const Vector3d step = Vector3d::Unit(axis) * degrees_per_meter[axis] * kStepMeters;
+    std::array<Vector3d, 2> ends;
+    for (size_t end = 0; end < 2; ++end) {
+      const Vector3d at = *there + (end == 0 ? -step : step);
+      const PJ_COORD back = proj_trans(geographic.operation.get(), PJ_INV,
+                                       proj_coord(at.x(), at.y(), at.z(), HUGE_VAL));
+      ends[end] = {back.xyz.x, back.xyz.y, back.xyz.z};
+    }
+    frame.crs_from_enu.col(axis) = (ends[1] - ends[0]) / (2 * kStepMeters);
+  }
+  if (!frame.crs_from_enu.allFinite()) {
+    throw InputError(
+        fmt::format("{} of {} has no directions of its own", PointText(point), crs.definition()));
+  }
+  return frame;
+}
+
+}  // namespace raylift

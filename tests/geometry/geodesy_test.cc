@@ -1,0 +1,119 @@
+#include "raylift/geometry/geodesy.h"
+
+#include <string>
+#include <vector>
+
+#include "support/matchers.h"
+#include <Eigen/LU>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector3d;
+
+// Below what rounding to doubles makes of seven digits, and far below what one surveys.
+constexpr double kMicrometer = 1e-6;
+
+struct Known {
+  std::string from, to;
+  Vector3d point, expected;
+};
+
+// By pyproj 3.4 with always_xy (tests/python/test_geodesy.py asks the one that is installed).
+TEST(CrsTransform, IsPyprojs) {
+  const std::vector<Known> known = {
+      {"EPSG:4326",
+       "EPSG:32615",
+       {-91.9945, 46.8426, 198.3},
+       {576667.674399668, 5188163.827476512, 198.3}},
+      {"EPSG:4979",
+       "EPSG:4978",
+       {10.8265, 51.3, 250.5},
+       {3925064.548839588, 750627.724716086, 4954675.902014167}},
+      {"EPSG:4978",
+       "EPSG:32632",
+       {3919871, 749219, 4957101},
+       {626781.876885768, 5690462.909626660, -1209.188159123}},
+      {"EPSG:4326", "EPSG:25832", {9.9, 53.55, 12}, {559628.278925155, 5933833.052425547, 12}},
+      {"EPSG:4326", "EPSG:2056", {7.44, 46.95, 500}, {2600104.103834321, 1199879.616696087, 500}}};
+  for (const Known& it : known) {
+    const Crs from(it.from), to(it.to);
+    EXPECT_LT((CrsTransform(from, to)(it.point) - it.expected).norm(), kMicrometer) << it.to;
+    EXPECT_NO_THROW(to.Check(it.expected)) << it.to;
+    EXPECT_NO_THROW(from.Check(it.point)) << it.from;
+  }
+}
+
+TEST(CrsTransform, ReturnsWhereItCameFrom) {
+  const Crs geographic("EPSG:4979"), earth("EPSG:4978"), map("EPSG:32632");
+  const Vector3d point(10.8265, 51.3, 250.5);
+  const Vector3d there = CrsTransform(earth, map)(CrsTransform(geographic, earth)(point));
+  const CrsTransform back(map, geographic);
+  EXPECT_LT((back(there) - point).norm(), 1e-9);
+  EXPECT_FALSE(back.Warning());
+}
+
+TEST(CrsTransform, HeightsWithoutTheirGridAreWarnedOf) {
+  const Crs ellipsoid("EPSG:4979"), germany("EPSG:25832+7837");
+  const CrsTransform transform(ellipsoid, germany);
+  transform({9.9, 53.55, 52});
+  const auto warning = transform.Warning();
+  if (!warning) GTEST_SKIP() << "the German quasigeoid is installed";
+  EXPECT_NE(warning->find("heights are taken as they are"), std::string::npos);
+  EXPECT_NE(warning->find("grid "), std::string::npos) << *warning;
+}
+
+TEST(Crs, KindsAndHeightsAreKnown) {
+  EXPECT_EQ(Crs("EPSG:4326").kind(), CrsKind::kGeographic);
+  EXPECT_EQ(Crs("EPSG:25832").kind(), CrsKind::kProjected);
+  EXPECT_EQ(Crs("EPSG:4978").kind(), CrsKind::kGeocentric);
+  EXPECT_EQ(Crs("EPSG:25832").name(), "ETRS89 / UTM zone 32N");
+  EXPECT_FALSE(Crs("EPSG:25832").has_heights());
+  EXPECT_TRUE(Crs("EPSG:25832+7837").has_heights());
+  EXPECT_TRUE(Crs("EPSG:4979").has_heights());
+}
+
+TEST(Crs, WhatIsNoneIsRefused) {
+  for (const char* bad : {"", "EPSG:999999", "32615", "UTM", "EPSG:7837", "PROJCS[\"broken\"",
+                          "+proj=utm +zone=32 +type=crs"}) {
+    EXPECT_TRUE(FailsWithInputError([&] { Crs{bad}; }, {"CRS \"", "expected"})) << bad;
+  }
+}
+
+TEST(Crs, PointsOffTheEarthAreRefused) {
+  const auto fails = [](const char* crs, const Vector3d& point,
+                        const std::vector<std::string>& parts) {
+    return FailsWithInputError([&] { Crs(crs).Check(point); }, parts);
+  };
+  EXPECT_TRUE(
+      fails("EPSG:4326", {46.84, -91.99, 0}, {"seem to be swapped", "longitude, latitude"}));
+  EXPECT_TRUE(fails("EPSG:4326", {576667, 5188163, 0}, {"EPSG:4326", "WGS 84"}));
+  EXPECT_TRUE(fails("EPSG:32615", {5188163, 576667, 0}, {"swapped", "easting, northing"}));
+  EXPECT_TRUE(fails("EPSG:4978", {0, 0, 10}, {"not on the earth's surface"}));
+  EXPECT_TRUE(fails("EPSG:2056", {2600104, 5188163, 0}, {"not where EPSG:2056"}));
+}
+
+TEST(LocalFrame, OfAMapHasItsScaleAndConvergence) {
+  const LocalFrame frame =
+      LocalFrameAt(Crs("EPSG:32615"), {576667.674399668, 5188163.827476512, 198.3});
+  EXPECT_LT((frame.geographic - Vector3d(-91.9945, 46.8426, 198.3)).norm(), 1e-9);
+  // By pyproj's get_factors on the ellipsoid; 198.3 m above it the map is smaller by 31 ppm.
+  EXPECT_NEAR(frame.ConvergenceDeg(), 0.7335250840, 1e-7);
+  EXPECT_NEAR(frame.Scale() * (1 + 198.3 / 6375e3), 0.9996722442, 1e-6);
+  EXPECT_LT((frame.crs_from_enu.col(2) - Vector3d::UnitZ()).norm(), 1e-9);
+}
+
+TEST(LocalFrame, OfTheEarthIsARotation) {
+  const Vector3d point(3925064.548839588, 750627.724716086, 4954675.902014167);
+  const LocalFrame frame = LocalFrameAt(Crs("EPSG:4978"), point);
+  EXPECT_LT((frame.Axes() - frame.crs_from_enu).norm(), 1e-9);
+  EXPECT_NEAR(frame.crs_from_enu.determinant(), 1, 1e-9);
+  EXPECT_NEAR(frame.geographic.y(), 51.3, 1e-9);
+  EXPECT_NEAR(frame.crs_from_enu.col(0).z(), 0, 1e-9);  // east is along the equator's plane
+  EXPECT_GT(frame.crs_from_enu.col(2).dot(point), 6.3e6);
+}
+
+}  // namespace
+}  // namespace raylift
