@@ -37,6 +37,14 @@ std::string PriorsText(const PosePriors& priors) {
     text += " gravity" + NumbersText(known->down_in_cam) + NumbersText(known->down_in_world) +
             NumbersText(std::span(&known->sigma_deg, 1));
   }
+  if (const auto& known = priors.heading) {
+    text += " heading" + NumbersText(known->right_in_cam) + NumbersText(known->right_in_world) +
+            NumbersText(known->down_in_world) + NumbersText(std::span(&known->sigma_deg, 1));
+  }
+  if (const auto& known = priors.orientation) {
+    text += " orientation" + NumbersText(std::span(known->cam_from_world.coeffs().data(), 4)) +
+            NumbersText(std::span(&known->sigma_deg, 1));
+  }
   if (priors.focal_range != 1) text += " focal_range " + FormatDouble(priors.focal_range);
   if (priors.focal_sigma) text += " focal_sigma " + FormatDouble(*priors.focal_sigma);
   return text;

@@ -258,7 +258,11 @@ py::array_t<T> View(const T* data, const std::vector<py::ssize_t>& shape, const 
   return array;
 }
 
-// As the arguments of Query, but for the priors' arrays, which are lists.
+using List3 = std::array<double, 3>;
+using HeadingState = std::tuple<List3, List3, List3, double>;
+using OrientationState = std::pair<std::array<double, 4>, double>;
+
+// As the arguments of Query, but for the priors' arrays, which are lists; then what only files say.
 py::tuple StateOf(const Query& query) {
   const auto list = [](const Eigen::Vector3d& v) { return std::array{v.x(), v.y(), v.z()}; };
   py::object position = py::none(), gravity = py::none();
@@ -273,8 +277,18 @@ py::tuple StateOf(const Query& query) {
   if (query.rig) {
     rig = py::make_tuple(query.rig->frame, query.rig->sensor, query.rig->cam_from_rig);
   }
+  std::optional<HeadingState> heading;
+  if (const auto& prior = query.priors.heading) {
+    heading = {list(prior->right_in_cam), list(prior->right_in_world), list(prior->down_in_world),
+               prior->sigma_deg};
+  }
+  std::optional<OrientationState> orientation;
+  if (const auto& prior = query.priors.orientation) {
+    const Eigen::Quaterniond& q = prior->cam_from_world;
+    orientation = {{q.w(), q.x(), q.y(), q.z()}, prior->sigma_deg};
+  }
   return py::make_tuple(query.name, query.camera, position, gravity, query.priors.focal_sigma,
-                        query.priors.focal_range, rig);
+                        query.priors.focal_range, rig, heading, orientation);
 }
 
 bool EqualsQuery(const Query& query, const py::object& other) {
@@ -325,20 +339,29 @@ to this factor either way.)")
           "None.")
       .def("__eq__", &EqualsQuery, py::arg("other"), "With another Query, or a pair.")
       .def("__hash__", [](const Query& query) { return std::hash<std::string>()(query.name); })
-      .def(py::pickle(&StateOf,
-                      [](const py::tuple& state) {
-                        Query query{state[0].cast<std::string>(), state[1].cast<Camera>(),
-                                    ToPriors(state[2].cast<PositionArgument>(),
-                                             state[3].cast<GravityArgument>(),
-                                             state[4].cast<std::optional<double>>(),
-                                             state[5].cast<double>())};
-                        if (!state[6].is_none()) {
-                          const auto [frame, sensor, cam_from_rig] =
-                              state[6].cast<std::tuple<std::string, int, Rigid3>>();
-                          query.rig = {frame, sensor, cam_from_rig};
-                        }
-                        return query;
-                      }))
+      .def(py::pickle(
+          &StateOf,
+          [](const py::tuple& state) {
+            Query query{
+                state[0].cast<std::string>(), state[1].cast<Camera>(),
+                ToPriors(state[2].cast<PositionArgument>(), state[3].cast<GravityArgument>(),
+                         state[4].cast<std::optional<double>>(), state[5].cast<double>())};
+            if (!state[6].is_none()) {
+              const auto [frame, sensor, cam_from_rig] =
+                  state[6].cast<std::tuple<std::string, int, Rigid3>>();
+              query.rig = {frame, sensor, cam_from_rig};
+            }
+            if (const auto known = state[7].cast<std::optional<HeadingState>>()) {
+              const auto& [in_cam, in_world, down, sigma_deg] = *known;
+              const auto vector = [](const List3& v) { return Eigen::Vector3d(v[0], v[1], v[2]); };
+              query.priors.heading = {vector(in_cam), vector(in_world), vector(down), sigma_deg};
+            }
+            if (const auto known = state[8].cast<std::optional<OrientationState>>()) {
+              const auto& [q, sigma_deg] = *known;
+              query.priors.orientation = {Eigen::Quaterniond(q[0], q[1], q[2], q[3]), sigma_deg};
+            }
+            return query;
+          }))
       .def("__iter__",
            [](const Query& query) { return py::iter(py::make_tuple(query.name, query.camera)); })
       .def("__len__", [](const Query&) { return 2; })

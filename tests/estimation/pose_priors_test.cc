@@ -32,7 +32,11 @@ Vector3d RandomDirection(Rng& rng) {
 PosePriors RightPriors(const Rigid3& truth, double sigma, double sigma_deg) {
   const Vector3d down(0.1, -0.2, -2);
   return {.position = PositionPrior{truth.OriginInSource(), Vector3d::Constant(sigma)},
-          .gravity = GravityPrior{truth.rotation * down, down, sigma_deg}};
+          .gravity = GravityPrior{truth.rotation * down, down, sigma_deg},
+          .heading = HeadingPrior{.right_in_world = truth.rotation.conjugate() * Vector3d::UnitX(),
+                                  .down_in_world = down,
+                                  .sigma_deg = sigma_deg},
+          .orientation = OrientationPrior{truth.rotation, sigma_deg}};
 }
 
 TEST(PosePriors, GradientIsHalfOfTheCostsSlope) {
@@ -70,7 +74,7 @@ TEST(PosePriors, ACostIsBoundedAndNoneIsNone) {
   EXPECT_EQ(none.WorstCost(), 0);
   const NormalizedPriors priors(RightPriors(Rigid3(), 1, 2), Vector3d::Zero(), 1, {});
   EXPECT_LE(priors.Cost(pose), priors.WorstCost());
-  EXPECT_LT(priors.WorstCost(), 20);  // matches
+  EXPECT_LT(priors.WorstCost(), 40);  // matches
   EXPECT_NEAR(priors.ProbabilityOfPosition(pose), 0, 1e-12);
   EXPECT_GT(priors.ProbabilityOfGravity(pose), 0.95);
 }
@@ -90,6 +94,33 @@ TEST(PosePriors, WhatIsNotFiniteIsNamed) {
       {"gravity prior, down_in_cam"}));
   EXPECT_TRUE(FailsWithInputError(prepare({.gravity = GravityPrior{Vector3d::UnitZ(), nan, 1}}),
                                   {"gravity prior, down_in_world"}));
+  EXPECT_TRUE(
+      FailsWithInputError(prepare({.heading = HeadingPrior{.right_in_world = Vector3d::UnitZ(),
+                                                           .down_in_world = Vector3d::UnitZ()}}),
+                          {"heading prior, right_in_world"}));
+  EXPECT_TRUE(FailsWithInputError(
+      prepare({.orientation = OrientationPrior{Eigen::Quaterniond(2, 0, 0, 0), 1}}),
+      {"orientation prior: expected a unit quaternion"}));
+}
+
+// East is right of a camera that looks north; one that looks east is off by a right angle.
+TEST(PosePriors, AHeadingTurnsAboutTheVertical) {
+  const NormalizedPriors priors({.heading = HeadingPrior{.right_in_world = Vector3d::UnitX(),
+                                                         .down_in_world = -Vector3d::UnitZ(),
+                                                         .sigma_deg = 10}},
+                                Vector3d::Zero(), 1, {});
+  const auto cost = [&](const Vector3d& right, const Vector3d& down) {
+    Eigen::Matrix3d rotation;
+    rotation << right.transpose(), down.transpose(), right.cross(down).transpose();
+    return priors.Cost({rotation, Vector3d::Zero()});
+  };
+  const Vector3d east = Vector3d::UnitX(), north = Vector3d::UnitY(), up = Vector3d::UnitZ();
+  EXPECT_NEAR(cost(east, -up), 0, 1e-12);
+  EXPECT_NEAR(cost(east, -north), 0, 1e-12) << "straight down, north at the top";
+  EXPECT_GT(cost(-north, -up), 0.9 * priors.WorstCost()) << "looks east";
+  EXPECT_GT(cost(-east, -up), 0.9 * priors.WorstCost()) << "looks south";
+  // Rolled by a right angle: right points down, and the heading says nothing.
+  EXPECT_EQ(cost(-up, -east), 0);
 }
 
 double PositionError(const PoseEstimate& estimate, const Rigid3& truth) {
@@ -149,6 +180,8 @@ TEST(PosePriors, AWrongOneTakesNothingFromManyMatches) {
     made.problem.priors = RightPriors(made.query_from_world, 1, 1);
     made.problem.priors.position->position += 50 * RandomDirection(rng);
     made.problem.priors.gravity->down_in_cam = RandomDirection(rng);
+    made.problem.priors.heading->right_in_world = RandomDirection(rng);
+    made.problem.priors.orientation->cam_from_world = RandomRigid3(rng, 1).rotation;
     const PoseEstimate with = EstimateWith(Method::kAdaptive, made.problem);
     ASSERT_TRUE(without.cam_from_world && with.cam_from_world);
     log_ratio += std::log(PositionError(with, made.query_from_world) /

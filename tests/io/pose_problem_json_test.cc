@@ -308,6 +308,8 @@ TEST(PoseProblemJson, PriorsComeBack) {
   file.problem.priors = {
       .position = PositionPrior{{1, 2, 0.1}, {3, 4, 5}},
       .gravity = GravityPrior{{0.1, 1, 0}, {0, 0, -1}, 0.5},
+      .heading = HeadingPrior{{0, 1, 0}, {1, 0.1, 0}, {0, 0, -1}, 12},
+      .orientation = OrientationPrior{Eigen::Quaterniond(0.6, 0, 0.8, 0), 3},
       .focal_range = 1.5,
   };
   const std::string text = FormatPoseProblem(file);
@@ -318,6 +320,12 @@ TEST(PoseProblemJson, PriorsComeBack) {
   EXPECT_EQ(read.gravity->down_in_cam, file.problem.priors.gravity->down_in_cam);
   EXPECT_EQ(read.gravity->down_in_world, file.problem.priors.gravity->down_in_world);
   EXPECT_EQ(read.gravity->sigma_deg, 0.5);
+  EXPECT_EQ(read.heading->right_in_cam, Eigen::Vector3d(0, 1, 0));
+  EXPECT_EQ(read.heading->right_in_world, Eigen::Vector3d(1, 0.1, 0));
+  EXPECT_EQ(read.heading->down_in_world, Eigen::Vector3d(0, 0, -1));
+  EXPECT_EQ(read.heading->sigma_deg, 12);
+  EXPECT_EQ(read.orientation->cam_from_world.coeffs(), Eigen::Vector4d(0, 0.8, 0, 0.6));
+  EXPECT_EQ(read.orientation->sigma_deg, 3);
   EXPECT_EQ(read.focal_range, 1.5);
   file.problem.priors = {.focal_sigma = 0.03};
   EXPECT_EQ(ParsePoseProblem(FormatPoseProblem(file), "p.json").problem.priors.focal_sigma, 0.03);

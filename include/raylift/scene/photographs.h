@@ -9,6 +9,7 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
@@ -67,15 +68,32 @@ struct GravityPrior {
   double sigma_deg = 1;  // standard deviation of the angle about each axis across; 0: exact
 };
 
+// Which way the camera looks on the map: right in its image is a horizontal direction of the world.
+// It says nothing of cameras that are rolled by so much that their right points up or down.
+struct HeadingPrior {
+  Eigen::Vector3d right_in_cam = Eigen::Vector3d::UnitX();  // any length but 0
+  Eigen::Vector3d right_in_world;                           // any length but 0
+  Eigen::Vector3d down_in_world;                            // not along right_in_world
+  double sigma_deg = 10;  // standard deviation of the angle about the vertical; 0: exact
+};
+
+struct OrientationPrior {
+  Eigen::Quaterniond cam_from_world = Eigen::Quaterniond::Identity();  // unit
+  double sigma_deg = 1;  // standard deviation of the angle about each axis; 0: exact
+};
+
 inline constexpr double kMaxFocalRange = 10;
 // Focal lengths that are less certain are looked for, see PosePriors::focal_range.
 inline constexpr double kMaxFocalSigma = 0.3;
 
-// The prior knowledge of a query's pose: a position from GNSS, the
-// direction of gravity from an accelerometer; and what is not known of its camera.
+// The prior knowledge of a query's pose: a position from GNSS, the direction of gravity from an
+// accelerometer, the heading from a compass, or all of the orientation; and what is not known of
+// its camera.
 struct PosePriors {
   std::optional<PositionPrior> position = std::nullopt;
   std::optional<GravityPrior> gravity = std::nullopt;
+  std::optional<HeadingPrior> heading = std::nullopt;
+  std::optional<OrientationPrior> orientation = std::nullopt;
   // The focal length is the given camera's up to this factor either way, of 1 (it is known) to
   // kMaxFocalRange. Where an estimator is asked to refine it, too, the wider range counts.
   double focal_range = 1;
@@ -85,7 +103,9 @@ struct PosePriors {
   std::optional<double> focal_sigma = std::nullopt;
 
   // Nothing is known of the pose, and the focal length is not to be looked for.
-  bool empty() const { return !position && !gravity && focal_range == 1; }
+  bool empty() const {
+    return !position && !gravity && !heading && !orientation && focal_range == 1;
+  }
 };
 
 // The place of a photograph's camera on a rig. Photographs of one frame were taken at one moment

@@ -3,6 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <string_view>
+
+#include <Eigen/Geometry>
+#include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/geometry/rigid3.h"
@@ -10,6 +14,7 @@
 namespace raylift {
 namespace {
 
+using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 // How often a prior says nothing.
@@ -18,6 +23,9 @@ constexpr double kWrong = 0.05;
 // Where nothing is known, the position is within so many times the furthest reference's distance
 // from the references' middle, at least of so many local units.
 constexpr double kReach = 3;
+
+// A heading says something where right in the image points along the ground by so much.
+constexpr double kLeastHorizontal = 0.2;
 
 // A prior that is said to be exact is exact to so much of a local unit, or radian.
 constexpr double kExact = 1e-6;
@@ -35,13 +43,21 @@ double LogDensity(const Vector3d& residual, double log_peak) {
   return log_peak - 0.5 * residual.squaredNorm();
 }
 
-Vector3d Direction(const Vector3d& vector, const char* field) {
+Vector3d Direction(const Vector3d& vector, std::string_view prior, std::string_view field) {
   const double length = vector.norm();
   if (!(length > 0) || !std::isfinite(length)) {
-    throw InputError(std::string("gravity prior, ") + field +
-                     ": expected a finite vector that is not zero");
+    throw InputError(
+        fmt::format("{} prior, {}: expected a finite vector that is not zero", prior, field));
   }
   return vector / length;
+}
+
+// Returns the standard deviation of an angle in radians.
+double AngleSigma(double sigma_deg, std::string_view prior) {
+  if (!(sigma_deg >= 0) || !std::isfinite(sigma_deg)) {
+    throw InputError(fmt::format("{} prior: expected a standard deviation of at least 0", prior));
+  }
+  return std::max(sigma_deg * std::numbers::pi / 180, kExact);
 }
 
 }  // namespace
@@ -66,14 +82,35 @@ NormalizedPriors::NormalizedPriors(const PosePriors& priors, const Vector3d& ori
   }
   if (priors.gravity) {
     const GravityPrior& prior = *priors.gravity;
-    if (!(prior.sigma_deg >= 0) || !std::isfinite(prior.sigma_deg)) {
-      throw InputError("gravity prior: expected a standard deviation of at least 0");
-    }
-    gravity_ = {.down_in_cam = Direction(prior.down_in_cam, "down_in_cam"),
-                .down_in_local = Direction(prior.down_in_world, "down_in_world"),
-                .sigma = std::max(prior.sigma_deg * std::numbers::pi / 180, kExact)};
+    gravity_ = {.down_in_cam = Direction(prior.down_in_cam, "gravity", "down_in_cam"),
+                .down_in_local = Direction(prior.down_in_world, "gravity", "down_in_world"),
+                .sigma = AngleSigma(prior.sigma_deg, "gravity")};
     // A normal distribution about the direction over a uniform one on the sphere.
     gravity_log_peak_ = std::log(2 / (gravity_->sigma * gravity_->sigma));
+  }
+  if (priors.heading) {
+    const HeadingPrior& prior = *priors.heading;
+    const Vector3d down = Direction(prior.down_in_world, "heading", "down_in_world");
+    const Vector3d right = Direction(prior.right_in_world, "heading", "right_in_world");
+    const Vector3d ahead = Direction(right.cross(down), "heading", "right_in_world across");
+    heading_ = {.right_in_cam = Direction(prior.right_in_cam, "heading", "right_in_cam"),
+                .right_in_local = down.cross(ahead),
+                .ahead_in_local = ahead,
+                .sigma = AngleSigma(prior.sigma_deg, "heading")};
+    // Over any angle of the circle.
+    heading_log_peak_ = 0.5 * std::log(2 * std::numbers::pi) - std::log(heading_->sigma);
+  }
+  if (priors.orientation) {
+    const OrientationPrior& prior = *priors.orientation;
+    if (!(std::abs(prior.cam_from_world.norm() - 1) < 1e-6)) {
+      throw InputError("orientation prior: expected a unit quaternion");
+    }
+    orientation_ = {.cam_from_local = prior.cam_from_world.toRotationMatrix(),
+                    .sigma = AngleSigma(prior.sigma_deg, "orientation")};
+    // Over all rotations, whose volume in angles about the axes is 8 pi^2.
+    orientation_log_peak_ = std::log(8 * std::numbers::pi * std::numbers::pi) -
+                            1.5 * std::log(2 * std::numbers::pi) -
+                            3 * std::log(orientation_->sigma);
   }
 }
 
@@ -87,8 +124,7 @@ double NormalizedPriors::Term::Probability() const {
 
 double NormalizedPriors::Term::Shortfall() const { return LogMixture(log_peak) - LogEvidence(); }
 
-void NormalizedPriors::Term::AddTo(const Eigen::Matrix<double, 3, 6>& jacobian, double weight,
-                                   NormalEquations& equations) const {
+void NormalizedPriors::Term::AddTo(double weight, NormalEquations& equations) const {
   const double right = weight * Probability();
   equations.hessian += right * jacobian.transpose() * jacobian;
   equations.gradient += right * jacobian.transpose() * residual;
@@ -99,14 +135,56 @@ std::optional<NormalizedPriors::Term> NormalizedPriors::PositionTerm(
     const CamFromLocal& pose) const {
   if (!position_) return std::nullopt;
   const Vector3d center = -pose.rotation.transpose() * pose.translation;
-  return Term{(center - position_->center).cwiseQuotient(position_->sigma), position_log_peak_};
+  Term term{(center - position_->center).cwiseQuotient(position_->sigma), position_log_peak_, {}};
+  // A step moves the center by -R' v, whatever w is.
+  term.jacobian << Matrix3d::Zero(),
+      -(position_->sigma.cwiseInverse().asDiagonal() * pose.rotation.transpose());
+  return term;
 }
 
 std::optional<NormalizedPriors::Term> NormalizedPriors::GravityTerm(
     const CamFromLocal& pose) const {
   if (!gravity_) return std::nullopt;
   const Vector3d down = pose.rotation * gravity_->down_in_local;
-  return Term{(down - gravity_->down_in_cam) / gravity_->sigma, gravity_log_peak_};
+  Term term{(down - gravity_->down_in_cam) / gravity_->sigma, gravity_log_peak_, {}};
+  term.jacobian << -Skew(down) / gravity_->sigma, Matrix3d::Zero();
+  return term;
+}
+
+// The angle about the vertical from where right was said to be to where it is.
+std::optional<NormalizedPriors::Term> NormalizedPriors::HeadingTerm(
+    const CamFromLocal& pose) const {
+  if (!heading_) return std::nullopt;
+  const Vector3d right_in_local = pose.rotation.transpose() * heading_->right_in_cam;
+  const double x = right_in_local.dot(heading_->right_in_local),
+               y = right_in_local.dot(heading_->ahead_in_local);
+  const double horizontal2 = x * x + y * y;
+  if (horizontal2 < kLeastHorizontal * kLeastHorizontal) return std::nullopt;
+  Term term{Vector3d(std::atan2(y, x) / heading_->sigma, 0, 0), heading_log_peak_,
+            Eigen::Matrix<double, 3, 6>::Zero()};
+  // A step w turns right in the world by R' (right x w).
+  const Vector3d slope_in_local =
+      (x * heading_->ahead_in_local - y * heading_->right_in_local) / horizontal2;
+  term.jacobian.block<1, 3>(0, 0) =
+      (pose.rotation * slope_in_local).transpose() * Skew(heading_->right_in_cam) / heading_->sigma;
+  return term;
+}
+
+// Twice the vector of the quaternion that is left: 2 sin(angle / 2) about its axis.
+std::optional<NormalizedPriors::Term> NormalizedPriors::OrientationTerm(
+    const CamFromLocal& pose) const {
+  if (!orientation_) return std::nullopt;
+  Eigen::Quaterniond off(Matrix3d(pose.rotation * orientation_->cam_from_local.transpose()));
+  if (off.w() < 0) off.coeffs() *= -1;
+  Term term{2 * off.vec() / orientation_->sigma, orientation_log_peak_, {}};
+  term.jacobian << (off.w() * Matrix3d::Identity() - Skew(off.vec())) / orientation_->sigma,
+      Matrix3d::Zero();
+  return term;
+}
+
+std::array<std::optional<NormalizedPriors::Term>, 4> NormalizedPriors::Terms(
+    const CamFromLocal& pose) const {
+  return {PositionTerm(pose), GravityTerm(pose), HeadingTerm(pose), OrientationTerm(pose)};
 }
 
 double NormalizedPriors::ProbabilityOfPosition(const CamFromLocal& pose) const {
@@ -121,7 +199,7 @@ double NormalizedPriors::ProbabilityOfGravity(const CamFromLocal& pose) const {
 
 double NormalizedPriors::LogEvidence(const CamFromLocal& pose) const {
   double sum = 0;
-  for (const auto& term : {PositionTerm(pose), GravityTerm(pose)}) {
+  for (const auto& term : Terms(pose)) {
     if (term) sum += term->LogEvidence();
   }
   return sum;
@@ -129,32 +207,27 @@ double NormalizedPriors::LogEvidence(const CamFromLocal& pose) const {
 
 double NormalizedPriors::Cost(const CamFromLocal& pose) const {
   double sum = 0;
-  for (const auto& term : {PositionTerm(pose), GravityTerm(pose)}) {
+  for (const auto& term : Terms(pose)) {
     if (term) sum += term->Shortfall();
   }
   return 2 * kSquaredSigma * sum;
 }
 
 double NormalizedPriors::WorstCost() const {
-  const auto shortfall = [](double log_peak) { return LogMixture(log_peak) - std::log(kWrong); };
+  const auto shortfall = [](bool is_known, double log_peak) {
+    return is_known ? LogMixture(log_peak) - std::log(kWrong) : 0;
+  };
   return 2 * kSquaredSigma *
-         ((position_ ? shortfall(position_log_peak_) : 0) +
-          (gravity_ ? shortfall(gravity_log_peak_) : 0));
+         (shortfall(position_.has_value(), position_log_peak_) +
+          shortfall(gravity_.has_value(), gravity_log_peak_) +
+          shortfall(heading_.has_value(), heading_log_peak_) +
+          shortfall(orientation_.has_value(), orientation_log_peak_));
 }
 
 void NormalizedPriors::AddTo(const CamFromLocal& pose, double weight,
                              NormalEquations& equations) const {
-  Eigen::Matrix<double, 3, 6> jacobian;
-  if (const auto term = PositionTerm(pose)) {
-    // A step moves the center by -R' v, whatever w is.
-    jacobian << Eigen::Matrix3d::Zero(),
-        -(position_->sigma.cwiseInverse().asDiagonal() * pose.rotation.transpose());
-    term->AddTo(jacobian, weight, equations);
-  }
-  if (const auto term = GravityTerm(pose)) {
-    jacobian << -Skew(pose.rotation * gravity_->down_in_local) / gravity_->sigma,
-        Eigen::Matrix3d::Zero();
-    term->AddTo(jacobian, weight, equations);
+  for (const auto& term : Terms(pose)) {
+    if (term) term->AddTo(weight, equations);
   }
 }
 

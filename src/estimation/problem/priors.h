@@ -1,12 +1,13 @@
 // The pose's priors, each as one more residual.
 //
 // A prior may be wrong, as a match may: with a chance of one in twenty it says nothing, and the
-// position is anywhere about the references, the direction of gravity any. The probability of a
+// position is anywhere about the references, gravity, heading or orientation any. The probability of a
 // pose is a mixture of both, so that a prior's cost is bounded: one that contradicts what the
 // matches say costs all poses there the same.
 
 #pragma once
 
+#include <array>
 #include <optional>
 #include <span>
 
@@ -36,7 +37,7 @@ class NormalizedPriors {
   };
   const std::optional<Position>& position() const { return position_; }
   const std::optional<Gravity>& gravity() const { return gravity_; }
-  bool empty() const { return !position_ && !gravity_; }
+  bool empty() const { return !position_ && !gravity_ && !heading_ && !orientation_; }
 
   // The probabilities that the position's and gravity's priors are right, at a pose; 0 without one.
   double ProbabilityOfPosition(const CamFromLocal& pose) const;
@@ -55,25 +56,42 @@ class NormalizedPriors {
   void AddTo(const CamFromLocal& pose, double weight, NormalEquations& equations) const;
 
  private:
+  struct Heading {
+    Eigen::Vector3d right_in_cam;                    // unit
+    Eigen::Vector3d right_in_local, ahead_in_local;  // unit, horizontal
+    double sigma;                                    // radians
+  };
+  struct Orientation {
+    Eigen::Matrix3d cam_from_local;
+    double sigma;  // radians
+  };
+
   // One kind of knowledge at a pose.
   struct Term {
     Eigen::Vector3d residual;  // over its standard deviations
     double log_peak;  // the logarithm of the density at its greatest, over that of knowing nothing
+    Eigen::Matrix<double, 3, 6> jacobian;  // of the residual by a step (w, v)
 
     double LogEvidence() const;
     double Probability() const;  // that the prior is right
     double Shortfall() const;    // of the evidence from its greatest
 
-    void AddTo(const Eigen::Matrix<double, 3, 6>& jacobian, double weight,
-               NormalEquations& equations) const;
+    void AddTo(double weight, NormalEquations& equations) const;
   };
   std::optional<Term> PositionTerm(const CamFromLocal& pose) const;
   std::optional<Term> GravityTerm(const CamFromLocal& pose) const;
+  std::optional<Term> HeadingTerm(const CamFromLocal& pose) const;
+  std::optional<Term> OrientationTerm(const CamFromLocal& pose) const;
+  std::array<std::optional<Term>, 4> Terms(const CamFromLocal& pose) const;
 
   std::optional<Position> position_;
   std::optional<Gravity> gravity_;
+  std::optional<Heading> heading_;
+  std::optional<Orientation> orientation_;
   double position_log_peak_ = 0;
   double gravity_log_peak_ = 0;
+  double heading_log_peak_ = 0;
+  double orientation_log_peak_ = 0;
 };
 
 // A threshold is some two and a half standard deviations of the keypoints' noise, and stays so of

@@ -162,6 +162,11 @@ void AppendPriors(const PosePriors& priors, std::string* text) {
     *text += fmt::format("\"{}\": ", name);
     AppendNumbers(vector, text);
   };
+  const auto append_sigma = [text](double sigma_deg) {
+    *text += ", \"sigma_deg\": ";
+    AppendNumber(sigma_deg, text);
+    *text += '}';
+  };
   if (priors.position) {
     *text += ", \"position_prior\": {";
     append("position", priors.position->position);
@@ -174,9 +179,22 @@ void AppendPriors(const PosePriors& priors, std::string* text) {
     append("down_in_cam", priors.gravity->down_in_cam);
     *text += ", ";
     append("down_in_world", priors.gravity->down_in_world);
-    *text += ", \"sigma_deg\": ";
-    AppendNumber(priors.gravity->sigma_deg, text);
-    *text += '}';
+    append_sigma(priors.gravity->sigma_deg);
+  }
+  if (priors.heading) {
+    *text += ", \"heading_prior\": {";
+    append("right_in_cam", priors.heading->right_in_cam);
+    *text += ", ";
+    append("right_in_world", priors.heading->right_in_world);
+    *text += ", ";
+    append("down_in_world", priors.heading->down_in_world);
+    append_sigma(priors.heading->sigma_deg);
+  }
+  if (priors.orientation) {
+    const Eigen::Quaterniond& q = priors.orientation->cam_from_world;
+    *text += ", \"orientation_prior\": {\"qvec\": ";
+    AppendNumbers(Eigen::Vector4d(q.w(), q.x(), q.y(), q.z()), text);
+    append_sigma(priors.orientation->sigma_deg);
   }
   if (priors.focal_range != 1) {
     *text += ", \"focal_range\": ";

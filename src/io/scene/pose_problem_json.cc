@@ -172,6 +172,13 @@ Eigen::Vector3d ReadDirection(const JsonPlace& place) {
   return direction;
 }
 
+double ReadSigmaDeg(const JsonPlace& prior) {
+  const JsonPlace place = prior.Member("sigma_deg");
+  const std::optional<double> sigma_deg = ReadSigma(place);
+  if (!sigma_deg) place.Fail("expected a standard deviation, found null");
+  return *sigma_deg;
+}
+
 PosePriors ReadPriors(const JsonPlace& query) {
   PosePriors priors;
   if (query.Has("position_prior")) {
@@ -183,11 +190,21 @@ PosePriors ReadPriors(const JsonPlace& query) {
   }
   if (query.Has("gravity_prior")) {
     const JsonPlace place = query.Member("gravity_prior");
-    const std::optional<double> sigma_deg = ReadSigma(place.Member("sigma_deg"));
-    if (!sigma_deg) place.Member("sigma_deg").Fail("expected a standard deviation, found null");
     priors.gravity = {.down_in_cam = ReadDirection(place.Member("down_in_cam")),
                       .down_in_world = ReadDirection(place.Member("down_in_world")),
-                      .sigma_deg = *sigma_deg};
+                      .sigma_deg = ReadSigmaDeg(place)};
+  }
+  if (query.Has("heading_prior")) {
+    const JsonPlace place = query.Member("heading_prior");
+    priors.heading = {.right_in_cam = ReadDirection(place.Member("right_in_cam")),
+                      .right_in_world = ReadDirection(place.Member("right_in_world")),
+                      .down_in_world = ReadDirection(place.Member("down_in_world")),
+                      .sigma_deg = ReadSigmaDeg(place)};
+  }
+  if (query.Has("orientation_prior")) {
+    const JsonPlace place = query.Member("orientation_prior");
+    priors.orientation = {.cam_from_world = place.Member("qvec").Rotation(),
+                          .sigma_deg = ReadSigmaDeg(place)};
   }
   if (query.Has("focal_range")) {
     const JsonPlace place = query.Member("focal_range");
