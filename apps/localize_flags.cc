@@ -80,6 +80,12 @@ void CheckQueries(const LocalizeFlags& flags) {
     if (flags.queries.empty()) {
       throw OptionError("--queries is required (or --leave-one-out)");
     }
+    if (flags.PriorsOfPhotographs() && !flags.world) {
+      throw OptionError("--priors", "exif", "needs --crs, what the world's coordinates are");
+    }
+    if (flags.PriorsOfPhotographs() && flags.QueryImages().empty()) {
+      throw OptionError("--priors", "exif", "needs --query-images or --images");
+    }
     return;
   }
   const auto refuse = [](const char* option, bool given) {
@@ -156,10 +162,15 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
               "Folder of the query photographs (default: --images)");
   queries.Add("--priors", flags.priors,
               "What is known of the queries' poses: lines `name position x y z sigma`\n"
-              "(world), `name gravity x y z sigma_deg` (down in the camera's frame),\n"
+              "(world; or of another system, with crs=EPSG:4326: longitude first),\n"
+              "`name gravity x y z sigma_deg` (down in the camera's frame),\n"
+              "`name heading deg sigma_deg` (clockwise from north),\n"
+              "`name orientation qw qx qy qz sigma_deg` (world to camera),\n"
               "`name focal_range F` (the focal length, up to a factor),\n"
               "`name focal_sigma S` (its standard deviation as a share of it),\n"
-              "`* world_down x y z` (default: 0 0 -1)");
+              "`* world_down x y z` (default: 0 0 -1), `* world_north x y z` (0 1 0);\n"
+              "or exif: what the photographs say themselves, as `queries` shows it");
+  AddCrsOption(queries, flags.world);
   queries.Add("--rigs", flags.rigs,
               "Queries that are photographs of one rig have one pose together:\n"
               "rig_config.json of COLMAP's rig_configurator with cam_from_rig_* (names alike\n"

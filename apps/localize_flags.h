@@ -55,6 +55,7 @@ struct WalkFlags {
 struct LocalizeFlags {
   ReferenceFlags references;
   std::filesystem::path images, queries, query_images, priors, rigs, scene_calibration;
+  std::optional<WorldFrame> world;
   PoseConvention model_poses = PoseConvention::kCamFromWorld;
   GeometryFlags geometry;
   MatchingFlags matching;
@@ -76,6 +77,9 @@ struct LocalizeFlags {
   bool RendersReferences() const { return references.model.empty(); }
 
   std::filesystem::path QueryImages() const { return QueryImagesOf(query_images, images, queries); }
+
+  // The priors are what the photographs say of themselves.
+  bool PriorsOfPhotographs() const { return priors == "exif"; }
 
   // Whose poses queries have.
   RetrievalFlags::Queries QueriesAre() const {

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/io/pose_priors.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/localization/result_files.h"
@@ -92,7 +93,11 @@ LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags) {
   inputs.scene = OpenSceneOf(flags, inputs.queries);
   if (flags.leave_one_out) inputs.queries = QueriesOf(inputs.scene.references);
   inputs.scene = WithKnownCalibration(flags, std::move(inputs.scene));
-  if (!flags.priors.empty()) TakePosePriors(flags.priors, inputs.queries);
+  if (flags.PriorsOfPhotographs()) {
+    TakePhotographPriors(flags.QueryImages(), *flags.world, inputs.queries);
+  } else if (!flags.priors.empty()) {
+    TakePosePriors(flags.priors, inputs.queries, flags.world);
+  }
   if (!flags.rigs.empty()) TakeRigs(flags.rigs, inputs.queries);
   if (auto warning = WarnOfAssumedLenses(inputs.queries)) {
     inputs.scene.warnings.push_back(std::move(*warning));

@@ -158,6 +158,19 @@ void AddUpOption(const OptionGroup& group, const std::string& name,
                   "auto");
 }
 
+void AddCrsOption(const OptionGroup& group, std::optional<WorldFrame>& world) {
+  const auto parse = [](std::string_view name, const std::string& text) {
+    try {
+      return WorldFrame::Parse(text);
+    } catch (const InputError& error) {
+      throw OptionError(name, text, error.what());
+    }
+  };
+  group.AddParsed("--crs", world, parse,
+                  "What the world's coordinates are: EPSG:25832, with heights EPSG:25832+7837;\n"
+                  "EPSG:25832@X,Y,Z where X,Y,Z were taken off all of them");
+}
+
 void AddRunOptions(CLI::App& command, RunFlags& flags) {
   const OptionGroup running(command, "Running");
   running.Add("--threads", flags.threads, "Threads; 0: all. Never changes a result");

@@ -13,6 +13,7 @@
 #include <Eigen/Core>
 
 #include "raylift/estimation/options.h"
+#include "raylift/geometry/geodesy.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/lifting/consistency_filter.h"
 #include "raylift/lifting/depth_alignment.h"
@@ -68,6 +69,9 @@ void AddReferenceOptions(CLI::App& command, ReferenceFlags& flags, bool model_is
 // "x", "-y", ... or "X,Y,Z"; none, "auto", unless given: what the mesh tells (EstimateUp).
 void AddUpOption(const OptionGroup& group, const std::string& name,
                  std::optional<Eigen::Vector3d>& up_in_world);
+
+// `--crs`: the system that the world's coordinates are of.
+void AddCrsOption(const OptionGroup& group, std::optional<WorldFrame>& world);
 
 struct RunFlags {
   int threads = 0;

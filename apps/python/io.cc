@@ -7,6 +7,7 @@
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/io/image_file.h"
+#include "raylift/io/pose_priors.h"
 #include "raylift/io/query_list.h"
 
 namespace raylift::python {

@@ -16,6 +16,7 @@
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
 #include "raylift/experiment/run_cells.h"
+#include "raylift/io/pose_priors.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
 

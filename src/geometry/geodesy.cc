@@ -4,7 +4,9 @@
 #include <cmath>
 #include <filesystem>
 #include <numbers>
+#include <string_view>
 #include <utility>
+#include <vector>
 
 #include <Eigen/SVD>
 #include <dlfcn.h>
@@ -13,6 +15,7 @@
 #include <proj_experimental.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/text.h"
 
 namespace raylift {
 namespace {
@@ -115,6 +118,10 @@ Object WithHeights(const Context& context, Object crs) {
   return Object(proj_crs_promote_to_3D(context.get(), nullptr, crs.get()));
 }
 
+Object WithoutHeights(const Context& context, const Object& crs) {
+  return Object(proj_crs_demote_to_2D(context.get(), nullptr, crs.get()));
+}
+
 Object Operation(const Context& context, const Object& from, const Object& to) {
   if (!from || !to) return nullptr;
   const Object found(
@@ -146,7 +153,16 @@ Object ToGeographic(const Context& context, const Object& horizontal) {
   return Operation(context, from, WithHeights(context, std::move(geodetic)));
 }
 
-struct Geographic {
+std::string PointText(const Vector3d& p) {
+  return fmt::format("({:.9g}, {:.9g}, {:.9g})", p.x(), p.y(), p.z());
+}
+
+// Degrees beyond the area where a system is meant for that its coordinates may still be used in.
+constexpr double kMarginDeg = 6;
+
+}  // namespace
+
+struct Crs::Geographic {
   Context context = NewContext();
   Object crs, horizontal, operation;
   double semi_major = 0, semi_minor = 0;
@@ -163,15 +179,6 @@ struct Geographic {
   }
 };
 
-std::string PointText(const Vector3d& p) {
-  return fmt::format("({:.9g}, {:.9g}, {:.9g})", p.x(), p.y(), p.z());
-}
-
-// Degrees beyond the area where a system is meant for that its coordinates may still be used in.
-constexpr double kMarginDeg = 6;
-
-}  // namespace
-
 Crs::Crs(const std::string& definition) : definition_(definition) {
   const Context context = NewContext();
   const Object crs = Parsed(context, definition);
@@ -181,6 +188,7 @@ Crs::Crs(const std::string& definition) : definition_(definition) {
   kind_ = *kind;
   name_ = proj_get_name(crs.get());
   has_heights_ = HasHeights(context, crs);
+  geographic_ = std::make_shared<const Geographic>(definition);
   Area area{};
   if (proj_get_area_of_use(context.get(), horizontal.get(), &area.west, &area.south, &area.east,
                            &area.north, nullptr) != 0 &&
@@ -192,8 +200,7 @@ Crs::Crs(const std::string& definition) : definition_(definition) {
 bool Crs::Holds(const Vector3d& point) const {
   Vector3d degrees = point;
   if (kind_ != CrsKind::kGeographic) {
-    const Geographic geographic(definition_);
-    const auto found = Transformed(geographic.operation, point);
+    const auto found = Transformed(geographic_->operation, point);
     if (!found) return false;
     degrees = *found;
   }
@@ -222,6 +229,21 @@ void Crs::Check(const Vector3d& point) const {
           : ""));
 }
 
+WorldFrame WorldFrame::Parse(const std::string& text) {
+  const size_t at = text.rfind('@');
+  if (at == std::string::npos) return {.text = text, .crs = Crs(text)};
+  WorldFrame frame{.text = text, .crs = Crs(text.substr(0, at))};
+  const std::vector<std::string_view> numbers = SplitBy(std::string_view(text).substr(at + 1), ',');
+  for (size_t i = 0; i < 3; ++i) {
+    const auto number = numbers.size() == 3 ? ParseDouble(numbers[i]) : std::nullopt;
+    if (!number || !std::isfinite(*number)) {
+      FailCrs(text, "expected an origin X,Y,Z of three numbers behind @");
+    }
+    frame.origin[static_cast<Eigen::Index>(i)] = *number;
+  }
+  return frame;
+}
+
 struct CrsTransform::Operation {
   Context context = NewContext();
   Object from, to, operation;
@@ -232,7 +254,10 @@ CrsTransform::CrsTransform(const Crs& from, const Crs& to)
   Operation& it = *operation_;
   it.from = Parsed(it.context, from_);
   it.to = Parsed(it.context, to_);
-  if (from.has_heights() != to.has_heights()) {
+  const bool is_centered = from.kind() == CrsKind::kGeocentric || to.kind() == CrsKind::kGeocentric;
+  if (from.has_heights() && !to.has_heights() && !is_centered) {
+    it.from = WithoutHeights(it.context, Horizontal(it.context, it.from));
+  } else if (from.has_heights() != to.has_heights()) {
     it.from = WithHeights(it.context, std::move(it.from));
     it.to = WithHeights(it.context, std::move(it.to));
   }
@@ -298,7 +323,7 @@ double LocalFrame::ConvergenceDeg() const {
 }
 
 LocalFrame LocalFrameAt(const Crs& crs, const Vector3d& point) {
-  const Geographic geographic(crs.definition());
+  const Crs::Geographic& geographic = crs.geographic();
   const auto there = Transformed(geographic.operation, point);
   if (!there) {
     throw InputError(fmt::format("{} has no place in {}", PointText(point), crs.definition()));

@@ -16,6 +16,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
+#include "raylift/io/pose_priors.h"
 #include "raylift/io/query_list.h"
 
 namespace raylift {

@@ -5,6 +5,7 @@
 
 #include "raylift/base/file.h"
 #include "raylift/io/hloc_files.h"
+#include "raylift/io/pose_priors.h"
 #include "raylift/io/pose_problem_json.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
@@ -14,8 +15,10 @@ namespace raylift {
 namespace {
 
 constexpr std::string_view kListWords =
-    "# * PINHOLE SIMPLE_RADIAL OPENCV FULL_OPENCV FOV EQUIRECTANGULAR position gravity focal_range "
-    "world_down nan inf 1e308 1e-320 -0 2147483648 18446744073709551616";
+    "# * PINHOLE SIMPLE_RADIAL OPENCV FULL_OPENCV FOV EQUIRECTANGULAR position gravity heading "
+    "orientation focal_range "
+    "world_down world_north world_crs crs= EPSG:4326 EPSG:32615 EPSG:4978 @1,2,3 nan inf 1e308 "
+    "1e-320 -0 2147483648 18446744073709551616";
 
 std::vector<std::string> Lines(std::string text) { return {std::move(text)}; }
 
@@ -60,9 +63,26 @@ std::vector<FuzzTarget> SceneFuzzTargets() {
       {"pose_priors", [](std::string_view bytes) { ReadPosePriors(PutFile("priors.txt", bytes)); },
        [] {
          return Lines(
-             "a position 1 2 3 5\na gravity 0 1 0 1\nb focal_range 1.5\n* world_down 0 0 -1\n");
+             "* world_crs EPSG:32615@1,2,3\na position -92 46 3 5 crs=EPSG:4326\na gravity 0 1 0 "
+             "1\n"
+             "b focal_range 1.5\nb heading 46 10 0 1 0\nb orientation 1 0 0 0 2\n"
+             "* world_down 0 0 -1\n* world_north 0 1 0\n");
        },
        kListWords},
+      {"photograph_tags",
+       [](std::string_view bytes) {
+         FormatPhotographPriors("a", ReadPhotographTags(PutFile("photograph.jpg", bytes)));
+       },
+       [] {
+         const std::string xmp = "http://ns.adobe.com/xap/1.0/" + std::string(1, '\0') +
+                                 "<x><rdf:Description d:GimbalYawDegree=\"+46\" "
+                                 "d:GimbalPitchDegree=\"-90\" d:GimbalRollDegree=\"0\"/></x>";
+         return Lines("\xFF\xD8\xFF\xE1" + std::string(1, '\0') +
+                      static_cast<char>(xmp.size() + 2) + xmp);
+       },
+       "Exif II* MM RtkFlag RtkStdLon RtkStdLat RtkStdHgt AbsoluteAltitude RelativeAltitude < > / "
+       "= "
+       "\" &amp; <!DOCTYPE <![CDATA["},
       {"rig_config",
        [](std::string_view bytes) {
          std::vector<Query> queries(2);

@@ -55,6 +55,23 @@ TEST(CrsTransform, ReturnsWhereItCameFrom) {
   EXPECT_FALSE(back.Warning());
 }
 
+TEST(CrsTransform, AHeightStaysWhereTheTargetHasNone) {
+  for (const char* from : {"EPSG:4326", "EPSG:4979", "EPSG:4326+5773"}) {
+    EXPECT_EQ(CrsTransform(Crs(from), Crs("EPSG:32632"))({9.9, 53.55, 52}).z(), 52) << from;
+  }
+  EXPECT_NEAR(CrsTransform(Crs("EPSG:4326"), Crs("EPSG:4978"))({0, 0, 52}).x(), 6378137 + 52, 1e-8);
+}
+
+TEST(WorldFrame, HasAnOrigin) {
+  EXPECT_EQ(WorldFrame::Parse("EPSG:32615@576000,5188000,-1.5").origin,
+            Vector3d(576000, 5188000, -1.5));
+  EXPECT_EQ(WorldFrame::Parse("EPSG:32615").origin, Vector3d::Zero());
+  for (const char* bad : {"EPSG:32615@", "EPSG:32615@1,2", "EPSG:32615@1,2,x", "@1,2,3"}) {
+    EXPECT_TRUE(FailsWithInputError([&] { WorldFrame::Parse(bad); }, {"CRS \"", "expected"}))
+        << bad;
+  }
+}
+
 TEST(CrsTransform, HeightsWithoutTheirGridAreWarnedOf) {
   const Crs ellipsoid("EPSG:4979"), germany("EPSG:25832+7837");
   const CrsTransform transform(ellipsoid, germany);

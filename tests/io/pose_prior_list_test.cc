@@ -1,9 +1,11 @@
+#include <cmath>
 #include <vector>
 
 #include "support/matchers.h"
 #include "support/test_data.h"
 
 #include "raylift/base/file.h"
+#include "raylift/io/pose_priors.h"
 #include "raylift/io/query_list.h"
 
 namespace raylift {
@@ -33,6 +35,28 @@ TEST(PosePriorList, IsReadInAnyOrder) {
   EXPECT_EQ(ReadPosePriors(FileOf("a focal_sigma 0.002")).at("a").focal_sigma, 0.002);
 }
 
+// Grid north of zone 15 is .73 degrees east of true north there.
+TEST(PosePriorList, PlacesAndHeadingsAreLedToTheWorld) {
+  const auto priors = ReadPosePriors(
+      FileOf("* world_crs EPSG:32615@576000,5188000,100\n"
+             "a position -91.9945 46.8426 198.3 1 2 3 crs=EPSG:4326\na heading 90 5\n"
+             "b heading 90 5 0 1 0\nc orientation 0.6 0 0.8 0 2\n"));
+  const PosePriors& a = priors.at("a");
+  EXPECT_LT((a.position->position - Eigen::Vector3d(667.674399668, 163.827476512, 98.3)).norm(),
+            1e-6);
+  EXPECT_LT((a.position->sigma - Eigen::Vector3d(1, 2, 3)).norm(), 0.01);
+  const double right = (180 - 0.7335250840) * 3.14159265358979 / 180;
+  EXPECT_LT(
+      (a.heading->right_in_world - Eigen::Vector3d(std::sin(right), std::cos(right), 0)).norm(),
+      1e-6);
+  EXPECT_LT((priors.at("b").heading->right_in_world - Eigen::Vector3d(0, -1, 0)).norm(), 1e-12);
+  EXPECT_EQ(priors.at("b").heading->right_in_cam, Eigen::Vector3d(0, 1, 0));
+  EXPECT_EQ(priors.at("c").orientation->sigma_deg, 2);
+  const auto turned =
+      ReadPosePriors(FileOf("a heading 0 5\n* world_down 0 1 0\n* world_north 0 0 1"));
+  EXPECT_LT((turned.at("a").heading->right_in_world - Eigen::Vector3d(1, 0, 0)).norm(), 1e-12);
+}
+
 TEST(PosePriorList, MistakesAreNamedByLineAndField) {
   const auto fails = [](const std::string& text, const std::vector<std::string>& parts) {
     const auto file = FileOf(text);
@@ -51,6 +75,8 @@ TEST(PosePriorList, MistakesAreNamedByLineAndField) {
       fails("a focal_range 0.5", {"line 1", "focal_range: expected a factor above 1, up to 10"}));
   EXPECT_TRUE(fails("a focal_sigma 1", {"line 1", "focal_sigma: expected a share"}));
   EXPECT_TRUE(fails("a focal_sigma 0\na focal_sigma 0", {"line 2", "stands twice"}));
+  EXPECT_TRUE(fails("a position 1 2 3 1 crs=EPSG:4326", {"line 1", "system", "is not known"}));
+  EXPECT_TRUE(fails("* world_down 0 0 1\na heading 0 1\n* world_north 0 0 -1", {"world_north"}));
   EXPECT_TRUE(fails("* world_down 0 0 1\n* world_down 0 0 1", {"line 2", "stands twice"}));
 }
 

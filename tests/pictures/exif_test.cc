@@ -16,6 +16,7 @@ enum class ByteOrder { kLittle, kBig };
 struct Entry {
   int tag, type;
   uint32_t value;
+  uint32_t count = 1;
 };
 
 // Writes numbers of either byte order, one behind the other.
@@ -34,9 +35,11 @@ class Writer {
     for (const Entry& entry : entries) {
       Number(static_cast<uint32_t>(entry.tag), 2);
       Number(static_cast<uint32_t>(entry.type), 2);
-      Number(1, 4);
-      Number(entry.value, entry.type == 3 ? 2 : 4);
-      if (entry.type == 3) Number(0, 2);
+      Number(entry.count, 4);
+      // Of letters, bytes and short numbers the first bytes.
+      const int num_bytes = entry.type < 3 ? 1 : entry.type == 3 ? 2 : 4;
+      Number(entry.value, num_bytes);
+      for (int i = num_bytes; i < 4; ++i) Number(0, 1);
     }
     Number(0, 4);
   }
@@ -47,17 +50,31 @@ class Writer {
   ByteOrder order_;
 };
 
-// A JPEG's header with a turned photograph of a 4.2 mm lens, 26 mm on film, 5000 pixels per cm.
+// A JPEG's header with a turned photograph of a 4.2 mm lens, 26 mm on film, 5000 pixels per cm, at
+// 22 deg 54' 36" south, 15 deg 0' 9" east and 12.5 m below the sea, looking to magnetic west.
 std::string Jpeg(ByteOrder order) {
-  constexpr uint32_t kCameraAt = 38, kFractionsAt = kCameraAt + 2 + 4 * 12 + 4;
+  constexpr uint32_t kCameraAt = 50, kGpsAt = kCameraAt + 2 + 4 * 12 + 4,
+                     kFractionsAt = kGpsAt + 2 + 9 * 12 + 4;
   Writer tiff(order);
   tiff.text = order == ByteOrder::kBig ? "MM" : "II";
   tiff.Number(42, 2);
   tiff.Number(8, 4);
-  tiff.Directory({{0x0112, 3, 6}, {0x8769, 4, kCameraAt}});
+  tiff.Directory({{0x0112, 3, 6}, {0x8769, 4, kCameraAt}, {0x8825, 4, kGpsAt}});
   tiff.Directory(
       {{0x920A, 5, kFractionsAt}, {0xA20E, 5, kFractionsAt + 8}, {0xA210, 3, 3}, {0xA405, 3, 26}});
-  for (const uint32_t number : {42u, 10u, 5000u, 1u}) tiff.Number(number, 4);
+  tiff.Directory({{1, 2, 'S', 2},
+                  {2, 5, kFractionsAt + 16, 3},
+                  {3, 2, 'E', 2},
+                  {4, 5, kFractionsAt + 40, 3},
+                  {5, 1, 1},
+                  {6, 5, kFractionsAt + 64},
+                  {16, 2, 'M', 2},
+                  {17, 5, kFractionsAt + 72},
+                  {31, 5, kFractionsAt + 80}});
+  for (const uint32_t number : {42u, 10u, 5000u, 1u, 22u, 1u,  54u, 1u,   36u, 1u,  15u,
+                                1u,  0u,  1u,    9u, 1u,  25u, 2u,  270u, 1u,  13u, 2u}) {
+    tiff.Number(number, 4);
+  }
   Writer jpeg(ByteOrder::kBig);
   jpeg.Number(0xFFD8FFE0, 4);  // a segment before that of EXIF
   jpeg.Number(4, 2);
@@ -80,6 +97,14 @@ TEST(Exif, IsReadInEitherByteOrder) {
     EXPECT_EQ(exif.focal_mm, 4.2);
     EXPECT_EQ(exif.focal_35mm, 26);
     EXPECT_EQ(exif.pixels_per_mm, 500);
+    ASSERT_TRUE(exif.gps);
+    EXPECT_DOUBLE_EQ(exif.gps->latitude_deg, -22.91);
+    EXPECT_DOUBLE_EQ(exif.gps->longitude_deg, 15.0025);
+    EXPECT_EQ(exif.gps->altitude_m, -12.5);
+    EXPECT_FALSE(exif.gps->altitude_is_of_ellipsoid);
+    EXPECT_EQ(exif.gps->direction_deg, 270);
+    EXPECT_TRUE(exif.gps->direction_is_magnetic);
+    EXPECT_EQ(exif.gps->horizontal_error_m, 6.5);
   }
 }
 
@@ -101,6 +126,28 @@ TEST(Exif, DamageIsNothingKnown) {
     EXPECT_LE(exif.orientation, 8);
     EXPECT_GT(exif.focal_mm.value_or(1), 0);
   }
+}
+
+TEST(Xmp, DronesTagsAreAttributesOrElements) {
+  const std::string begin =
+      "<x:xmpmeta xmlns:x=\"adobe:ns:meta/\"><rdf:RDF "
+      "xmlns:rdf=\"http://www.w3.org/1999/02/22-rdf-syntax-ns#\"><rdf:Description ";
+  const std::string end = "</rdf:Description></rdf:RDF></x:xmpmeta>";
+  const auto tags = ParseDroneTags(
+      begin +
+      "drone-dji:GimbalYawDegree=\"+46.00\" drone-dji:RtkFlag=\"50\" drone-dji:RtkStdLon=\"0.01\" "
+      "drone-dji:RtkStdLat=\"0.02\" drone-dji:RtkStdHgt=\"0.03\" tiff:Make=\"DJI\">"
+      "<drone-dji:GimbalPitchDegree> -89.9 </drone-dji:GimbalPitchDegree>"
+      "<drone-dji:GimbalRollDegree>level</drone-dji:GimbalRollDegree>" +
+      end);
+  ASSERT_TRUE(tags);
+  EXPECT_EQ(tags->yaw_deg, 46);
+  EXPECT_EQ(tags->pitch_deg, -89.9);
+  EXPECT_FALSE(tags->roll_deg);
+  EXPECT_EQ(tags->rtk_sigma_m, Eigen::Vector3d(0.01, 0.02, 0.03));
+  EXPECT_FALSE(ParseDroneTags(begin + "a:Make=\"Canon\">" + end));
+  EXPECT_FALSE(ParseDroneTags("<x:xmpmeta"));
+  EXPECT_FALSE(ParseDroneTags(""));
 }
 
 }  // namespace

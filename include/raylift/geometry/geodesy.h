@@ -18,6 +18,7 @@ namespace raylift {
 
 enum class CrsKind { kGeographic, kProjected, kGeocentric };
 
+// A system and its copies are for one thread at a time.
 class Crs {
  public:
   // "EPSG:25832", with a vertical one behind it "EPSG:25832+7837"; or WKT. Throws InputError for
@@ -34,6 +35,9 @@ class Crs {
   // where the system is meant for; it says so where its axes seem to be swapped.
   void Check(const Eigen::Vector3d& point) const;
 
+  struct Geographic;  // the way to longitude and latitude
+  const Geographic& geographic() const { return *geographic_; }
+
  private:
   bool Holds(const Eigen::Vector3d& point) const;
 
@@ -45,10 +49,23 @@ class Crs {
     double west, south, east, north;
   };
   std::optional<Area> area_;
+  std::shared_ptr<const Geographic> geographic_;
 };
 
-// Leads points from one system to another. A height passes unchanged where neither has heights, and
-// is above the other's ellipsoid where one has none. A transform and its copies are for one thread
+// The frame of a scene: a system, and the point of it that is the world's origin.
+struct WorldFrame {
+  std::string text;  // that it was parsed from
+  Crs crs;
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
+
+  // "EPSG:32615", or with an origin that was taken off all coordinates,
+  // "EPSG:32615@576000,5188000,0". Throws InputError.
+  static WorldFrame Parse(const std::string& text);
+};
+
+// Leads points from one system to another. A height passes unchanged where the target has no
+// heights; where the source alone has none, it is above the ellipsoid. To and from earth-centered
+// coordinates it always is. A transform and its copies are for one thread
 // at a time.
 class CrsTransform {
  public:

@@ -1,10 +1,9 @@
-// Lists of query photographs with intrinsics, what is known of them beforehand, which of them one
-// rig has taken, and lists of poses: the field's plain text files.
+// Lists of query photographs with intrinsics, which of them one rig has taken, and lists of poses:
+// the field's plain text files.
 
 #pragma once
 
 #include <filesystem>
-#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -56,33 +55,6 @@ struct NamedPose {
 std::vector<NamedPose> ReadPoseFile(const std::filesystem::path& path);
 // Numbers in their shortest form that reads back as the same double.
 void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPose>& poses);
-
-// Reads what is known of queries' poses beforehand, by the query's name. Lines of such a file:
-//
-//   # of a query: the camera's center in the world and its standard deviation, one or per axis
-//   day/001.jpg position 465203.1 5428113.9 248.0 5
-//   day/002.jpg position 465210.6 5428115.2 247.1 3 3 10
-//   # of a query: down in the camera's frame (x right, y down, z forward), standard deviation, deg
-//   day/001.jpg gravity 0.02 0.998 0.05 1
-//   # of a query's camera: its focal length is the given one up to this factor either way
-//   day/002.jpg focal_range 1.5
-//   # the focal length's standard deviation as a share of it
-//   day/001.jpg focal_sigma 0.002
-//   # down in the world; 0 0 -1 where no line says it
-//   * world_down 0 0 -1
-//
-// `#` comments and empty lines are skipped. Throws InputError for anything else, and for what is
-// said twice.
-std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& file);
-std::map<std::string, PosePriors> ParsePosePriors(const std::filesystem::path& path_for_messages,
-                                                  std::string text);
-
-// Gives each query what such a file knows of it; what the list says of the focal length holds where
-// the file does not mention it. Throws InputError where the file knows none of the queries.
-void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries);
-// The same of what was read from there.
-void TakePosePriors(const std::map<std::string, PosePriors>& priors,
-                    const std::filesystem::path& path_for_messages, std::span<Query> queries);
 
 // Gives each query that was taken by a rig its frame and its pose in the rig. The file is COLMAP's
 // rig configuration (rig_config.json of its rig_configurator), a list of rigs

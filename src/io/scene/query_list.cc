@@ -7,6 +7,7 @@
 #include <cctype>
 #include <cmath>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string_view>
 #include <unordered_map>
@@ -72,21 +73,12 @@ Camera CameraOfFocalLength(const PlaneSize& size, double focal_px) {
   return {CameraModel::kSimplePinhole, size.width_px, size.height_px, params};
 }
 
-double ReadFocalSigma(LineTokens& tokens) {
-  const double sigma = tokens.Double("focal_sigma");
-  if (!(sigma >= 0 && sigma <= kMaxFocalSigma)) {
-    tokens.Fail(fmt::format("focal_sigma: expected a share of the focal length from 0 to {}",
-                            kMaxFocalSigma));
-  }
-  return sigma;
-}
-
 // A camera that was calibrated, with what the line says of how well.
 void ReadCamera(LineTokens& tokens, Query& query) {
   query.camera = tokens.CameraToEnd("focal_sigma");
   if (tokens.AtEnd()) return;
   tokens.Token("focal_sigma");
-  query.priors.focal_sigma = ReadFocalSigma(tokens);
+  query.priors.focal_sigma = tokens.FocalSigma();
   tokens.ExpectEnd();
 }
 
@@ -141,39 +133,6 @@ std::vector<Query> QueriesBelow(const std::filesystem::path& folder,
   std::vector<Query> queries;
   for (const std::string& name : names) queries.push_back(QueryOfUnknownCamera(name, root));
   return queries;
-}
-
-using Eigen::Vector3d;
-
-Vector3d ReadDirection(LineTokens& tokens, std::string_view field) {
-  Vector3d direction = tokens.Vector<3>(field);
-  if (!HasDirection(direction)) {
-    tokens.Fail(fmt::format("{}: expected a direction, found {}", field,
-                            direction.isZero(0) ? "zeros" : "numbers out of range"));
-  }
-  return direction;
-}
-
-double ReadSigma(LineTokens& tokens, std::string_view field) {
-  const double sigma = tokens.Double(field);
-  if (sigma < 0) tokens.Fail(fmt::format("{}: expected at least 0, found {}", field, sigma));
-  return sigma;
-}
-
-PositionPrior ReadPosition(LineTokens& tokens) {
-  PositionPrior prior;
-  prior.position = tokens.Vector<3>("position");
-  prior.sigma.setConstant(ReadSigma(tokens, "sigma"));
-  if (!tokens.AtEnd()) {
-    prior.sigma.y() = ReadSigma(tokens, "sigma_y");
-    prior.sigma.z() = ReadSigma(tokens, "sigma_z");
-  }
-  return prior;
-}
-
-void RequireNew(bool is_new, const LineTokens& tokens, std::string_view name,
-                std::string_view kind) {
-  if (!is_new) tokens.Fail(fmt::format("{} of \"{}\" stands twice", kind, name));
 }
 
 using std::filesystem::path;
@@ -363,79 +322,6 @@ void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPos
     text += fmt::format("{} {}\n", NameText(path, pose.name), FormatPose(pose.cam_from_world));
   }
   WriteFile(path, text);
-}
-
-std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& file) {
-  return ParsePosePriors(file, ReadFile(file));
-}
-
-std::map<std::string, PosePriors> ParsePosePriors(const std::filesystem::path& path_for_messages,
-                                                  std::string text) {
-  std::map<std::string, PosePriors> priors;
-  std::optional<Vector3d> world_down;
-  LineReader lines(path_for_messages, std::move(text));
-  while (const auto line = lines.NextContent()) {
-    LineTokens tokens(lines, *line);
-    const std::string name(tokens.Name());
-    const std::string kind(tokens.Token("kind"));
-    if (name == "*" && kind == "world_down") {
-      RequireNew(!world_down, tokens, name, kind);
-      world_down = ReadDirection(tokens, kind);
-    } else if (kind == "position") {
-      RequireNew(!priors[name].position, tokens, name, kind);
-      priors[name].position = ReadPosition(tokens);
-    } else if (kind == "gravity") {
-      RequireNew(!priors[name].gravity, tokens, name, kind);
-      const Vector3d down = ReadDirection(tokens, kind);
-      priors[name].gravity = {.down_in_cam = down,
-                              .down_in_world = -Vector3d::UnitZ(),
-                              .sigma_deg = ReadSigma(tokens, "sigma_deg")};
-    } else if (kind == "focal_range") {
-      RequireNew(priors[name].focal_range == 1, tokens, name, kind);
-      priors[name].focal_range = tokens.Double(kind);
-      if (!(priors[name].focal_range > 1 && priors[name].focal_range <= kMaxFocalRange)) {
-        tokens.Fail(
-            fmt::format("focal_range: expected a factor above 1, up to {}", kMaxFocalRange));
-      }
-    } else if (kind == "focal_sigma") {
-      RequireNew(!priors[name].focal_sigma, tokens, name, kind);
-      priors[name].focal_sigma = ReadFocalSigma(tokens);
-    } else {
-      tokens.Fail(
-          fmt::format("expected \"position\", \"gravity\", \"focal_range\" or \"focal_sigma\", or "
-                      "\"* world_down\", found \"{} {}\"",
-                      name, kind));
-    }
-    tokens.ExpectEnd();
-  }
-  if (world_down) {
-    for (auto& [name, prior] : priors) {
-      if (prior.gravity) prior.gravity->down_in_world = *world_down;
-    }
-  }
-  return priors;
-}
-
-void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries) {
-  TakePosePriors(ReadPosePriors(file), file, queries);
-}
-
-void TakePosePriors(const std::map<std::string, PosePriors>& priors,
-                    const std::filesystem::path& path_for_messages, std::span<Query> queries) {
-  bool any = false;
-  for (Query& query : queries) {
-    const auto known = priors.find(query.name);
-    if (known == priors.end()) continue;
-    const PosePriors of_list = query.priors;
-    query.priors = known->second;
-    if (query.priors.focal_range == 1) query.priors.focal_range = of_list.focal_range;
-    if (!query.priors.focal_sigma) query.priors.focal_sigma = of_list.focal_sigma;
-    any = true;
-  }
-  if (!any) {
-    throw InputError(path_for_messages,
-                     fmt::format("knows none of the {} queries by name", queries.size()));
-  }
 }
 
 void TakeRigs(const path& file_or_model, std::span<Query> queries) {

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 
@@ -98,6 +99,15 @@ void LineTokens::ExpectEnd() {
   if (!AtEnd()) {
     Fail(fmt::format("expected the end of the line, found \"{}\"", Token("")));
   }
+}
+
+double LineTokens::FocalSigma() {
+  const double sigma = Double("focal_sigma");
+  if (!(sigma >= 0 && sigma <= kMaxFocalSigma)) {
+    Fail(fmt::format("focal_sigma: expected a share of the focal length from 0 to {}",
+                     kMaxFocalSigma));
+  }
+  return sigma;
 }
 
 Eigen::Vector4d LineTokens::Quaternion(std::string_view field) {

@@ -34,6 +34,7 @@ class LineTokens {
   int Int(std::string_view field);
   // All that is left, without blanks at its ends.
   std::string_view Rest();
+  bool NextStartsWith(std::string_view start) { return !AtEnd() && rest_.starts_with(start); }
   // Fails where there are tokens left.
   void ExpectEnd();
   [[noreturn]] void Fail(std::string_view message) const { lines_->Fail(message); }
@@ -46,6 +47,8 @@ class LineTokens {
     }
     return vector;
   }
+  // A standard deviation of a focal length as a share of it.
+  double FocalSigma();
   // Four numbers, w first, not normalized but not all zero.
   Eigen::Vector4d Quaternion(std::string_view field);
 

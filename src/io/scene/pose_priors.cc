@@ -1,0 +1,285 @@
+// The file of pose priors.
+
+#include "raylift/io/pose_priors.h"
+
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <string_view>
+#include <utility>
+
+#include "base/input_paths.h"
+#include "io/text/line_tokens.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector3d;
+
+Vector3d ReadDirection(LineTokens& tokens, std::string_view field) {
+  Vector3d direction = tokens.Vector<3>(field);
+  if (!HasDirection(direction)) {
+    tokens.Fail(fmt::format("{}: expected a direction, found {}", field,
+                            direction.isZero(0) ? "zeros" : "numbers out of range"));
+  }
+  return direction;
+}
+
+double ReadSigma(LineTokens& tokens, std::string_view field) {
+  const double sigma = tokens.Double(field);
+  if (sigma < 0) tokens.Fail(fmt::format("{}: expected at least 0, found {}", field, sigma));
+  return sigma;
+}
+
+// Takes the lines of a file one after the other.
+class PriorReader {
+ public:
+  explicit PriorReader(std::optional<WorldFrame> world) : world_(std::move(world)) {}
+
+  void ReadLine(LineTokens& tokens);
+  // Returns what the lines said, directions of the world filled in.
+  std::map<std::string, PosePriors> Finish();
+
+ private:
+  PositionPrior InWorld(const Eigen::Vector3d& point, const Eigen::Vector3d& sigma_m,
+                        const std::string& crs);
+  void ReadPosition(LineTokens& tokens, PosePriors& priors);
+  void ReadHeading(LineTokens& tokens, const std::string& name, PosePriors& priors);
+  void ReadWorld(LineTokens& tokens, std::string_view kind);
+
+  std::optional<WorldFrame> world_;
+  bool says_world_ = false;                                         // a line does
+  std::map<std::string, std::pair<Crs, CrsTransform>> transforms_;  // into the world's system
+  std::map<std::string, PosePriors> priors_;
+  std::map<std::string, double> heading_deg_;
+  std::optional<Eigen::Vector3d> down_, north_;
+};
+
+WorldFrame FrameOf(const LineTokens& tokens, const std::string& text) {
+  try {
+    return WorldFrame::Parse(text);
+  } catch (const InputError& error) {
+    tokens.Fail(error.what());
+  }
+}
+
+// A point of another system in the world, with standard deviations along its axes.
+PositionPrior PriorReader::InWorld(const Vector3d& point, const Vector3d& sigma_m,
+                                   const std::string& crs) {
+  if (!world_)
+    throw InputError(
+        "crs: the world's own system, which it is to be led to, is not known (* world_crs above "
+        "this)");
+  auto known = transforms_.find(crs);
+  if (known == transforms_.end()) {
+    const Crs from(crs);
+    known = transforms_.emplace(crs, std::pair(from, CrsTransform(from, world_->crs))).first;
+  }
+  const auto& [from, transform] = known->second;
+  from.Check(point);
+  const Vector3d in_crs = transform(point);
+  world_->crs.Check(in_crs);
+  const LocalFrame frame = LocalFrameAt(world_->crs, in_crs);
+  return {.position = in_crs - world_->origin,
+          .sigma = (frame.crs_from_enu * sigma_m.asDiagonal()).rowwise().norm()};
+}
+
+void PriorReader::ReadPosition(LineTokens& tokens, PosePriors& priors) {
+  const Vector3d point = tokens.Vector<3>("position");
+  Vector3d sigma = Vector3d::Constant(ReadSigma(tokens, "sigma"));
+  constexpr std::string_view kCrs = "crs=";
+  if (!tokens.AtEnd() && !tokens.NextStartsWith(kCrs)) {
+    sigma.y() = ReadSigma(tokens, "sigma_y");
+    sigma.z() = ReadSigma(tokens, "sigma_z");
+  }
+  priors.position = {.position = point, .sigma = sigma};
+  if (tokens.AtEnd()) return;
+  const std::string_view crs = tokens.Token("crs");
+  if (!crs.starts_with(kCrs)) {
+    tokens.Fail(fmt::format("expected crs=NAME or the end of the line, found \"{}\"", crs));
+  }
+  try {
+    priors.position = InWorld(point, sigma, std::string(crs.substr(kCrs.size())));
+  } catch (const InputError& error) {
+    tokens.Fail(error.what());
+  }
+}
+
+void PriorReader::ReadHeading(LineTokens& tokens, const std::string& name, PosePriors& priors) {
+  const double heading_deg = tokens.Double("heading");
+  priors.heading = {.right_in_world = Vector3d::UnitX(),
+                    .down_in_world = -Vector3d::UnitZ(),
+                    .sigma_deg = ReadSigma(tokens, "sigma_deg")};
+  if (!tokens.AtEnd()) priors.heading->right_in_cam = ReadDirection(tokens, "right");
+  heading_deg_[name] = heading_deg;
+}
+
+void PriorReader::ReadWorld(LineTokens& tokens, std::string_view kind) {
+  if (kind == "world_crs") {
+    const std::string text(tokens.Token(kind));
+    if (says_world_) tokens.Fail("world_crs of \"*\" stands twice");
+    says_world_ = true;
+    const WorldFrame frame = FrameOf(tokens, text);
+    if (world_ && world_->text != text) {
+      tokens.Fail(
+          fmt::format("world_crs: expected {}, as elsewhere, found {}", world_->text, text));
+    }
+    world_ = frame;
+    return;
+  }
+  std::optional<Vector3d>& direction = kind == "world_down" ? down_ : north_;
+  if (direction) tokens.Fail(fmt::format("{} of \"*\" stands twice", kind));
+  direction = ReadDirection(tokens, kind);
+}
+
+void PriorReader::ReadLine(LineTokens& tokens) {
+  const std::string name(tokens.Name());
+  const std::string kind(tokens.Token("kind"));
+  if (name == "*" && (kind == "world_down" || kind == "world_north" || kind == "world_crs")) {
+    ReadWorld(tokens, kind);
+    return tokens.ExpectEnd();
+  }
+  PosePriors& priors = priors_[name];
+  const std::array<std::pair<std::string_view, bool>, 6> kinds = {
+      {{"position", priors.position.has_value()},
+       {"gravity", priors.gravity.has_value()},
+       {"heading", priors.heading.has_value()},
+       {"orientation", priors.orientation.has_value()},
+       {"focal_range", priors.focal_range != 1},
+       {"focal_sigma", priors.focal_sigma.has_value()}}};
+  for (const auto& [known, is_said] : kinds) {
+    if (kind == known && is_said) {
+      tokens.Fail(fmt::format("{} of \"{}\" stands twice", kind, name));
+    }
+  }
+  if (kind == "position") {
+    ReadPosition(tokens, priors);
+  } else if (kind == "gravity") {
+    const Vector3d down = ReadDirection(tokens, kind);
+    priors.gravity = {.down_in_cam = down,
+                      .down_in_world = -Vector3d::UnitZ(),
+                      .sigma_deg = ReadSigma(tokens, "sigma_deg")};
+  } else if (kind == "heading") {
+    ReadHeading(tokens, name, priors);
+  } else if (kind == "orientation") {
+    const auto rotation = UnitQuaternion(tokens.Quaternion(kind));
+    if (!rotation) tokens.Fail("orientation: expected a quaternion of length 1");
+    priors.orientation = {.cam_from_world = *rotation, .sigma_deg = ReadSigma(tokens, "sigma_deg")};
+  } else if (kind == "focal_range") {
+    priors.focal_range = tokens.Double(kind);
+    if (!(priors.focal_range > 1 && priors.focal_range <= kMaxFocalRange)) {
+      tokens.Fail(fmt::format("focal_range: expected a factor above 1, up to {}", kMaxFocalRange));
+    }
+  } else if (kind == "focal_sigma") {
+    priors.focal_sigma = tokens.FocalSigma();
+  } else {
+    tokens.Fail(fmt::format(
+        "expected \"position\", \"gravity\", \"heading\", \"orientation\", \"focal_range\" or "
+        "\"focal_sigma\", or \"* world_crs\", \"* world_down\" or \"* world_north\", found \"{} "
+        "{}\"",
+        name, kind));
+  }
+  tokens.ExpectEnd();
+}
+
+std::map<std::string, PosePriors> PriorReader::Finish() {
+  for (auto& [name, priors] : priors_) {
+    Vector3d down = -Vector3d::UnitZ(), north = Vector3d::UnitY();
+    if (world_ && priors.position && (priors.gravity || priors.heading)) {
+      const Eigen::Matrix3d axes =
+          LocalFrameAt(world_->crs, priors.position->position + world_->origin).Axes();
+      down = -axes.col(2);
+      north = axes.col(1);
+    }
+    down = down_.value_or(down);
+    north = north_.value_or(north);
+    if (priors.gravity) priors.gravity->down_in_world = down;
+    if (!priors.heading) continue;
+    const Vector3d east = down.cross(north), ahead = east.cross(down);
+    if (!HasDirection(east)) throw InputError("world_north: expected another direction than down");
+    // Right is east for a camera that looks north.
+    const double angle = heading_deg_[name] * std::numbers::pi / 180;
+    priors.heading->down_in_world = down;
+    priors.heading->right_in_world =
+        std::cos(angle) * east.normalized() - std::sin(angle) * ahead.normalized();
+  }
+  return std::move(priors_);
+}
+
+// Gives a query what is known of it; what the list says of the focal length stays where that is
+// not mentioned.
+void Take(const PosePriors& known, Query& query) {
+  const PosePriors of_list = query.priors;
+  query.priors = known;
+  if (query.priors.focal_range == 1) query.priors.focal_range = of_list.focal_range;
+  if (!query.priors.focal_sigma) query.priors.focal_sigma = of_list.focal_sigma;
+}
+
+}  // namespace
+
+std::map<std::string, PosePriors> ParsePosePriors(const std::filesystem::path& path_for_messages,
+                                                  std::string text,
+                                                  const std::optional<WorldFrame>& world) {
+  PriorReader reader(world);
+  LineReader lines(path_for_messages, std::move(text));
+  while (const auto line = lines.NextContent()) {
+    LineTokens tokens(lines, *line);
+    reader.ReadLine(tokens);
+  }
+  try {
+    return reader.Finish();
+  } catch (const InputError& error) {
+    throw InputError(path_for_messages, error.what());
+  }
+}
+
+std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& file,
+                                                 const std::optional<WorldFrame>& world) {
+  return ParsePosePriors(file, ReadFile(file), world);
+}
+
+void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries,
+                    const std::optional<WorldFrame>& world) {
+  TakePosePriors(ReadPosePriors(file, world), file, queries);
+}
+
+void TakePosePriors(const std::map<std::string, PosePriors>& priors,
+                    const std::filesystem::path& path_for_messages, std::span<Query> queries) {
+  bool any = false;
+  for (Query& query : queries) {
+    const auto known = priors.find(query.name);
+    if (known == priors.end()) continue;
+    Take(known->second, query);
+    any = true;
+  }
+  if (!any) {
+    throw InputError(path_for_messages,
+                     fmt::format("knows none of the {} queries by name", queries.size()));
+  }
+}
+
+std::string FormatFocalRange(const std::string& name, double factor) {
+  return fmt::format("{} focal_range {}\n", NameText(name, name), FormatDouble(factor));
+}
+
+void TakePhotographPriors(const std::filesystem::path& images, const WorldFrame& world,
+                          std::span<Query> queries) {
+  bool any = false;
+  for (Query& query : queries) {
+    const std::filesystem::path file = PathBelow(images, query.name);
+    const std::string text = FormatPhotographPriors("photograph", ReadPhotographTags(file));
+    if (text.empty()) continue;
+    Take(ParsePosePriors(file, text, world).at("photograph"), query);
+    any = true;
+  }
+  if (!any) {
+    throw InputError(images, fmt::format("none of {} photographs says where it was taken (EXIF)",
+                                         queries.size()));
+  }
+}
+
+}  // namespace raylift
