@@ -1,24 +1,25 @@
 // raylift export: the poses of a run of localize in the formats of others.
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <set>
 #include <string>
-#include <unordered_map>
 #include <vector>
 
 #include "apps/command_line.h"
 #include "apps/commands.h"
+#include "apps/finished_run.h"
 #include "apps/interrupt.h"
 #include "apps/options.h"
 #include "io/scene/trajectory_file.h"
 #include "lifting/mesh_spec.h"
+#include "localization/results/earth_exports.h"
 #include "localization/results/exports.h"
 #include "surfaces/resampled_mesh.h"
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
@@ -35,16 +36,21 @@
 
 namespace raylift {
 
-enum class ExportFormat { kColmap, kGlb, kHloc, kKapture, kKitti, kTum };
+enum class ExportFormat { kColmap, kGeojson, kGeopose, kGlb, kHloc, kKapture, kKitti, kTum, kUtm };
 template <>
 inline constexpr auto kEnumNames<ExportFormat> = std::to_array<EnumName<ExportFormat>>({
     {ExportFormat::kColmap, "colmap", "", "model of references and queries (OUT is a folder)"},
+    {ExportFormat::kGeojson, "geojson", "",
+     "positions on the earth with 95 % error ellipses, for QGIS"},
+    {ExportFormat::kGeopose, "geopose", "", "OGC GeoPose, a file per query (OUT is a folder)"},
     {ExportFormat::kGlb, "glb", "",
      "mesh and cameras: blue references, green and (doubtful) orange"},
     {ExportFormat::kHloc, "hloc", "", "list for hloc and visuallocalization.net"},
     {ExportFormat::kKapture, "kapture", "", "kapture data set of the queries (OUT is a folder)"},
     {ExportFormat::kKitti, "kitti", "", "camera to world, 3 x 4; OUT_images.txt has the names"},
     {ExportFormat::kTum, "tum", "", "time and camera to world, in the order of time"},
+    {ExportFormat::kUtm, "utm", "",
+     "lines `name qw qx qy qz E N H`, camera (x right, y up, z back, as Pix4D's) to map"},
 });
 
 enum class NameForm { kFull, kFile, kCamera };
@@ -59,66 +65,6 @@ namespace {
 
 using std::filesystem::path;
 
-// What a run of localize has left behind.
-struct FinishedRun {
-  std::vector<LocalizedQuery> queries;  // in the order of the list, with and without poses
-  // As its options.json has them: relative paths start where it ran. Empty where it has none.
-  std::filesystem::path query_list, query_images, model;
-  bool leave_one_out = false;  // the queries are the model's images, and there is no list
-  PoseConvention model_poses = PoseConvention::kCamFromWorld;
-  Subsampling subsampling;
-  std::vector<std::string> geometry;
-};
-
-using Json = nlohmann::json;
-
-// Empty where the option has no value.
-path PathOption(const Json& options, const char* name) {
-  const Json& value = options.at(name);
-  return value.is_null() ? path() : path(value.get<std::string>());
-}
-
-void TakeOptions(const path& folder, FinishedRun& run) {
-  const path file = folder / "options.json";
-  try {
-    const Json options = Json::parse(ReadFile(file));
-    run.query_list = PathOption(options, "queries");
-    run.leave_one_out = options.value("leave-one-out", false);
-    run.query_images = PathOption(options, "query-images");
-    if (run.query_images.empty()) run.query_images = PathOption(options, "images");
-    run.model = PathOption(options, "model");
-    if (run.model.empty()) run.model = folder / "references" / "model";  // rendered
-    const auto poses = FromName<PoseConvention>(options.at("model-poses").get<std::string>());
-    if (!poses) throw InputError(file, "model-poses", "expected " + NameList<PoseConvention>());
-    run.model_poses = *poses;
-    run.subsampling = {.every = options.at("every").get<int>(),
-                       .offset = options.at("every-offset").get<int>(),
-                       .per_camera = options.at("every-per-camera").get<bool>()};
-    run.geometry = options.at("geometry").get<std::vector<std::string>>();
-  } catch (const Json::exception& error) {
-    throw InputError(file, "is not what localize writes: " + std::string(error.what()));
-  }
-}
-
-// From the folder of a run, or from a pose file alone, whose poses all count as localized. Throws
-// InputError where it is neither.
-FinishedRun ReadFinishedRun(const path& folder_or_pose_file) {
-  FinishedRun run;
-  if (std::filesystem::is_directory(folder_or_pose_file)) {
-    run.queries = ReadQueryDiagnostics(folder_or_pose_file / "queries.jsonl");
-    TakeOptions(folder_or_pose_file, run);
-    return run;
-  }
-  for (const NamedPose& pose : ReadPoseFile(folder_or_pose_file)) {
-    LocalizedQuery& query = run.queries.emplace_back();
-    query.name = pose.name;
-    query.estimate.cam_from_world = pose.cam_from_world;
-    query.estimate.verdict = PoseVerdict::kLocalized;
-    query.estimate.confidence = 1;
-  }
-  return run;
-}
-
 struct ExportFlags {
   ExportFormat format = ExportFormat::kColmap;
   path run, out, queries, query_images, model, times;
@@ -127,6 +73,9 @@ struct ExportFlags {
   std::optional<double> frustum_size;
   int max_triangles = 0;  // 0: all
   double min_confidence = 0;
+  std::optional<WorldFrame> world;
+  std::optional<Crs> to_crs;
+  bool angles = false;
   RunFlags running;
 };
 
@@ -145,6 +94,9 @@ void Check(const ExportFlags& flags) {
   only_for("--model", !flags.model.empty(), {kColmap, kGlb});
   only_for("--queries", !flags.queries.empty(), {kColmap, kGlb, kKapture});
   only_for("--query-images", !flags.query_images.empty(), {kColmap, kGlb, kKapture});
+  only_for("--crs", flags.world.has_value(), {kGeojson, kGeopose, kUtm});
+  only_for("--to-crs", flags.to_crs.has_value(), {kUtm});
+  only_for("--angles", flags.angles, {kGeopose});
   only_for("--geometry", !flags.geometry.empty(), {kGlb});
   only_for("--up", !flags.up.empty(), {kGlb});
   RequireAtLeast("--max-triangles", flags.max_triangles, 0);
@@ -186,6 +138,7 @@ class Export {
     if (!flags.queries.empty()) run_.query_list = flags.queries;
     if (!flags.query_images.empty()) run_.query_images = flags.query_images;
     if (!flags.geometry.empty()) run_.geometry = {flags.geometry};
+    if (flags.world) run_.world = flags.world;
     num_queries_ = run_.queries.size();
     std::erase_if(run_.queries, [&](const LocalizedQuery& query) {
       return !query.localized() || query.confidence() < flags.min_confidence;
@@ -197,6 +150,10 @@ class Export {
     switch (flags_.format) {
       case ExportFormat::kColmap:
         return WriteModel();
+      case ExportFormat::kGeojson:
+      case ExportFormat::kGeopose:
+      case ExportFormat::kUtm:
+        return WriteOnEarth();
       case ExportFormat::kGlb:
         return WriteScene();
       case ExportFormat::kHloc:
@@ -223,35 +180,8 @@ class Export {
     return loaded.references;
   }
 
-  std::vector<Query> ListedQueries() const {
-    if (!run_.query_list.empty()) return ReadQueryList(run_.query_list, run_.query_images);
-    if (!run_.leave_one_out) {
-      throw OptionError("--queries is required where RUN is a pose file");
-    }
-    return QueriesOf(LoadReferences(run_.model, run_.subsampling, run_.model_poses).references);
-  }
-
-  // Those that have a pose, in the order of the run's.
-  std::vector<Query> Queries() const {
-    std::unordered_map<std::string, Query> listed;
-    for (Query& query : ListedQueries()) {
-      const std::string name = query.name;
-      listed.emplace(name, std::move(query));
-    }
-    std::vector<Query> queries;
-    for (const LocalizedQuery& query : run_.queries) {
-      const auto found = listed.find(query.name);
-      if (found == listed.end()) {
-        throw InputError(run_.query_list.empty() ? run_.model : run_.query_list,
-                         fmt::format("{} has a pose, but is missing here", query.name));
-      }
-      queries.push_back(found->second);
-    }
-    return queries;
-  }
-
   std::vector<PosedImage> PosedQueries() const {
-    const std::vector<Query> queries = Queries();
+    const std::vector<Query> queries = run_.PosedQueries();
     std::vector<PosedImage> images;
     for (size_t i = 0; i < queries.size(); ++i) {
       const PoseEstimate& estimate = run_.queries[i].estimate;
@@ -261,12 +191,48 @@ class Export {
     return images;
   }
 
+  void WriteOnEarth() {
+    if (!run_.world) {
+      throw OptionError(
+          fmt::format("--crs is required by the format {}: what the world's "
+                      "coordinates are (localize --crs)",
+                      ToString(flags_.format)));
+    }
+    const EarthFrame earth(*run_.world);
+    if (flags_.format == ExportFormat::kGeojson) {
+      WriteGeoJson(flags_.out, earth, run_.queries);
+    } else if (flags_.format == ExportFormat::kGeopose) {
+      WriteGeoPoses(flags_.out, earth, run_.queries,
+                    flags_.angles ? GeoPoseForm::kYawPitchRoll : GeoPoseForm::kQuaternion);
+    } else {
+      const Crs target = flags_.to_crs ? *flags_.to_crs : UtmZoneOf(earth);
+      WriteMapPoses(flags_.out, earth, target, run_.queries);
+      note_ = fmt::format(" in {} ({})", target.definition(), target.name());
+    }
+    if (const auto warning = earth.Warning()) PrintWarning(*warning);
+    if (!run_.world->crs.has_heights() && flags_.format != ExportFormat::kUtm) {
+      PrintWarning(
+          fmt::format("{} says not what heights are above: they count as above the "
+                      "ellipsoid",
+                      run_.world->crs.definition()));
+    }
+  }
+
+  // That of the world itself where it is on a map, else the zone of the first position.
+  Crs UtmZoneOf(const EarthFrame& earth) const {
+    if (run_.world->crs.kind() == CrsKind::kProjected) return run_.world->crs;
+    const Eigen::Vector3d at =
+        earth.At(run_.queries.front().estimate.cam_from_world->OriginInSource()).geographic;
+    const int zone = std::clamp(static_cast<int>(std::floor((at.x() + 180) / 6)) + 1, 1, 60);
+    return Crs(fmt::format("EPSG:{}", (at.y() < 0 ? 32700 : 32600) + zone));
+  }
+
   void WriteModel() {
     std::error_code none;
     if (std::filesystem::equivalent(flags_.out, run_.model, none)) {
       throw OptionError("--out", flags_.out.string(), "is the folder of the references' model");
     }
-    WriteColmapModel(flags_.out, LocalizedModel(References(), Queries(), run_.queries),
+    WriteColmapModel(flags_.out, LocalizedModel(References(), run_.PosedQueries(), run_.queries),
                      ColmapForm::kBinary);
   }
 
@@ -399,6 +365,20 @@ Command AddExportCommand(CLI::App& program) {
   group.Add("--query-images", flags->query_images,
             "Folder of the query photographs, for names that stand alone in the list");
   group.Add("--geometry", flags->geometry, "Of glb: mesh:PATH or dsm:FILE[,key=value...]");
+  AddCrsOption(group, flags->world);
+  options.AddParsed(
+      "--to-crs", flags->to_crs,
+      [](std::string_view name, const std::string& text) {
+        try {
+          return Crs(text);
+        } catch (const InputError& error) {
+          throw OptionError(name, text, error.what());
+        }
+      },
+      "Of utm: the system of the positions (default: the world's own where it\n"
+      "is a map's, else WGS 84's zone of UTM)");
+  options.Flag("--angles", flags->angles,
+               "Of geopose: Basic-YPR, yaw, pitch and roll, in place of Basic-Quaternion");
   options.Add("--names", flags->names,
               "Of hloc: {}; full as in the list, file the last part\n"
               "(hloc, Aachen, CMU), camera the last folder with it (RobotCar); by default file");
@@ -418,6 +398,7 @@ Command AddExportCommand(CLI::App& program) {
             "Examples:\n"
             "  raylift export colmap result --out result/model\n"
             "  raylift export glb result --out result/scene.glb --up z\n"
+            "  raylift export geojson result --crs EPSG:32632 --out result/poses.geojson\n"
             "  raylift export hloc result --names camera --out robotcar.txt");
   return {&command, [flags] { UntilSignal([&] { Run(*flags); }, &BeginsAnew); }};
 }

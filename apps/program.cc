@@ -90,14 +90,15 @@ constexpr std::string_view kLocalize = "Localize photographs";
 constexpr std::string_view kCompare = "Compare depth";
 constexpr std::string_view kRender = "Render depth";
 constexpr std::string_view kJobs = "Long runs, in parts";
-constexpr std::array<std::pair<std::string_view, std::string_view>, 21> kGroupOfCommand = {
-    {{"localize", kLocalize}, {"prepare", kLocalize},    {"calibrate", kLocalize},
-     {"serve", kLocalize},    {"estimate", kLocalize},   {"evaluate", kLocalize},
-     {"export", kLocalize},   {"pairs", kLocalize},      {"queries", kLocalize},
-     {"import", kLocalize},   {"experiment", kLocalize}, {"compare", kCompare},
-     {"doctor", kCompare},    {"perturb", kCompare},     {"render", kRender},
-     {"views", kRender},      {"color", kRender},        {"fuse", kRender},
-     {"status", kJobs},       {"merge", kJobs},          {"verify", kJobs}}};
+constexpr std::array<std::pair<std::string_view, std::string_view>, 22> kGroupOfCommand = {
+    {{"localize", kLocalize}, {"prepare", kLocalize},  {"calibrate", kLocalize},
+     {"serve", kLocalize},    {"estimate", kLocalize}, {"evaluate", kLocalize},
+     {"export", kLocalize},   {"pairs", kLocalize},    {"queries", kLocalize},
+     {"locate", kLocalize},   {"import", kLocalize},   {"experiment", kLocalize},
+     {"compare", kCompare},   {"doctor", kCompare},    {"perturb", kCompare},
+     {"render", kRender},     {"views", kRender},      {"color", kRender},
+     {"fuse", kRender},       {"status", kJobs},       {"merge", kJobs},
+     {"verify", kJobs}}};
 
 constexpr std::string_view kExitStatus = R"(.SH EXIT STATUS
 .TP
@@ -268,7 +269,8 @@ Program MakeProgram() {
                       AddExperimentCommand(app), AddImportCommand(app),   AddStatusCommand(app),
                       AddMergeCommand(app),      AddVerifyCommand(app),   AddExportCommand(app),
                       AddColorCommand(app),      AddPrepareCommand(app),  AddCalibrateCommand(app),
-                      AddFuseCommand(app),       AddServeCommand(app),    AddQueriesCommand(app)};
+                      AddFuseCommand(app),       AddServeCommand(app),    AddQueriesCommand(app),
+                      AddLocateCommand(app)};
   for (const Command& command : program.commands) {
     CheckNumbers(*command.app);
     Translate(*command.app, "--geometry", &GeometrySpecOf);
