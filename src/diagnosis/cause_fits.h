@@ -49,6 +49,11 @@ inline double MeanError(const Residual& residual, std::span<const CauseSample> s
   return sum / static_cast<double>(samples.size());
 }
 
+// The mean error that no cause takes off.
+inline double ErrorAsItIs(std::span<const CauseSample> samples) {
+  return MeanError([](const CauseSample&) { return std::nullopt; }, samples);
+}
+
 using Parameters = std::vector<double>;
 
 // Returns the parameters of least cost near the best of `starts`: along each axis by steps that
@@ -98,6 +103,13 @@ using CauseFitter = std::function<std::optional<CauseFit>()>;
 // Motions of pixels or of the camera:
 std::vector<CauseFitter> MotionFitters(std::span<const ExplainedView> views,
                                        std::span<const CauseSample> training);
+// Depths of neighbors:
+std::vector<CauseFitter> FilterFitters(std::span<const ExplainedView> views,
+                                       std::span<const CauseSample> training);
+// Returns the share of pixels at depth edges of the truth that lie between its two surfaces, on
+// none of their neighbors', in percent. Neither a factor of a view counts, nor what errors as they
+// are elsewhere would do.
+double FlyingPercent(std::span<const ExplainedView> views, std::span<const CauseSample> samples);
 // Changes of the values (value_models.h):
 std::vector<CauseFitter> ValueFitters(std::span<const ExplainedView> views,
                                       std::span<const CauseSample> training);

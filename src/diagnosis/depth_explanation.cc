@@ -30,6 +30,8 @@ constexpr double kMinExplained = 0.5;  // most of it
 // what there was, lest rounding does.
 constexpr double kMinLeadOfRest = 0.1;
 constexpr double kMinLeadOfAll = 0.01;
+constexpr double kMostOfAll = 0.5;  // a wrong unit does not count as more
+constexpr double kLeastFlyingPercent = 8;
 constexpr double kLeastError = 0.008;  // as of the finding "noise"
 
 // A mean over samples and its standard error over blocks.
@@ -129,9 +131,57 @@ std::string Describe(const CauseFit& fitted) {
                          size[2] > 0 ? "1 / " : "", size[0], size[1]);
     case kSmoothing:
       return fmt::format("smoothing: by {:.1f} px", size[0]);
+    case kFlipped:
+      return fmt::format("flipped: maps are {}", size[0] == 0   ? "upside down"
+                                                 : size[1] == 0 ? "mirrored, left for right"
+                                                                : "turned by 180 degrees");
+    case kRayLength:
+      return size[0] > 0 ? "ray length: lengths of rays are read as depth z (kind=ray)"
+                         : "ray length: depth z is read as lengths of rays (kind=z)";
+    case kDisparity:
+      return fmt::format(
+          "disparity: depth is {:.4g} / the true one{}: inverse depth is read as depth, or the "
+          "reverse (kind=)",
+          size[0], std::abs(size[1]) < 1e-4 * size[0] ? "" : fmt::format(" {:+.3g}", size[1]));
+    case kPowerLaw:
+      return fmt::format("power law: depth is {:.3g} times the true one to the power of {:.3f}",
+                         size[1], size[0]);
+    case kCurve:
+      return fmt::format(
+          "depth curve: errors go by the depth alone: {:+.1f} % at {:.3g}, {:+.1f} % "
+          "at {:.3g}, {:+.1f} % at {:.3g} units",
+          100 * size[1], size[0], 100 * size[3], size[2], 100 * size[5], size[4]);
+    case kMedian:
+      return fmt::format("median: maps look like after a median of {:.0f} x {:.0f} px", size[0],
+                         size[0]);
+    case kFattening:
+      return fmt::format("fattened foreground: what is in front reaches {:.0f} px too {}",
+                         std::abs(size[0]), size[0] > 0 ? "far" : "short");
     default:
       return {};
   }
+}
+
+// Returns the image and pixel in the middle of the block with the largest mean error.
+std::string WorstPlace(std::span<const ExplainedView> views, std::span<const CauseSample> samples) {
+  double worst = -1;
+  std::string place;
+  for (size_t begin = 0; begin < samples.size();) {
+    size_t end = begin;
+    double sum = 0;
+    while (end < samples.size() && samples[end].block == samples[begin].block) {
+      sum += IdentityError(samples[end++]);
+    }
+    const double mean = sum / static_cast<double>(end - begin);
+    if (mean > worst) {
+      worst = mean;
+      const ExplainedView& view = views[samples[begin].view];
+      const Vector2d px = samples[(begin + end) / 2].pixel * view.image_px;
+      place = fmt::format("{} at {:.0f}, {:.0f}", view.name, px.x(), px.y());
+    }
+    begin = end;
+  }
+  return place;
 }
 
 bool Contains(std::span<const DepthFault> faults, DepthFault fault) {
@@ -159,8 +209,12 @@ std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView
   result.is_beyond_noise = error.IsSurelyAbove(result.noise);
   const double beyond = std::max(0.0, result.error - result.noise);
 
+  result.flying_percent = FlyingPercent(views, judging);
+  result.worst_place = WorstPlace(views, judging);
+
   std::vector<CauseFitter> tries = MotionFitters(views, halves.training);
   for (auto& fitter : ValueFitters(views, halves.training)) tries.push_back(std::move(fitter));
+  for (auto& fitter : FilterFitters(views, halves.training)) tries.push_back(std::move(fitter));
   std::vector<std::optional<CauseFit>> causes(tries.size());
   std::vector<std::vector<double>> gains(tries.size());  // of each sample
   std::vector<std::vector<bool>> predicted(tries.size());
@@ -186,7 +240,7 @@ std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView
     const Estimate estimate = lead(a, b);
     const double rest = error.mean - MeanOverBlocks(judging, gains[a]).mean;
     return estimate.IsSurelyAbove(0) && estimate.mean > kMinLeadOfRest * rest &&
-           estimate.mean > kMinLeadOfAll * beyond;
+           estimate.mean > kMinLeadOfAll * std::min(beyond, kMostOfAll);
   };
   std::vector<size_t> good;
   for (size_t i = 0; i < causes.size(); ++i) {
@@ -233,6 +287,15 @@ void AddExplanation(const DepthExplanation& explanation, std::vector<Finding>& f
                                        explanation.severity, explanation.text});
     return;
   }
+  if (explanation.flying_percent >= kLeastFlyingPercent) {
+    const double severity = explanation.flying_percent / kLeastFlyingPercent;
+    const auto less = std::find_if(findings.begin(), findings.end(),
+                                   [&](const Finding& f) { return f.severity < severity; });
+    findings.insert(less, {kFlying, explanation.flying_percent, severity,
+                           fmt::format("flying pixels: {:.0f} % of the pixels at depth edges lie "
+                                       "between the two surfaces",
+                                       explanation.flying_percent)});
+  }
   if (!explanation.alike.empty()) {
     std::vector<std::string_view> names;
     for (const DepthFault fault : explanation.alike) names.push_back(ToString(fault));
@@ -240,8 +303,9 @@ void AddExplanation(const DepthExplanation& explanation, std::vector<Finding>& f
                         fmt::format("not explained: {} would do alike", fmt::join(names, " or "))});
   } else if (findings.empty() && explanation.is_beyond_noise && explanation.error >= kLeastError) {
     findings.push_back({kUnexplained, explanation.error, explanation.error / kLeastError,
-                        fmt::format("not explained: errors of {:.1f} % that no one cause makes",
-                                    100 * explanation.error)});
+                        fmt::format("not explained: errors of {:.1f} % that no one cause makes, "
+                                    "the largest in {}",
+                                    100 * explanation.error, explanation.worst_place)});
   }
 }
 
@@ -268,6 +332,7 @@ std::vector<ExplainedView> ViewsToExplain(const GeometrySource& source, const Ge
     const PosedImage& original = images[by_name[place]];
     const PosedImage image = ShrunkTo(original, kMaxSidePx);
     ExplainedView& view = views[k];
+    view.name = image.name;
     view.camera = image.camera;
     view.image_px = static_cast<double>(original.camera.width_px()) / image.camera.width_px();
     view.estimated = LookThrough(source, image).depth;

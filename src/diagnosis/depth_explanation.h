@@ -5,9 +5,13 @@
 //   rotation, displacement,  e is what a camera sees that is turned, moved, or where the images of
 //   time offset              a neighboring frame were taken
 //   factor, offset, affine,  e = a t, t + b, a t + b; 1 / e = a / t + b; e = min(t, c) or max(t,
-// c);
+//                            c);
 //   inverse offset, clamp    e in steps; e = t after a Gaussian
 //   quantization, smoothing
+//   flipped, ray length,     e is the mirrored t; t times the length of the ray of z = 1;
+//   disparity, power law,    a / t + b; a t^p; another function of t; t after a median; the least
+//   depth curve, median,     (or largest) t near p, everywhere or where t jumps
+//   fattened foreground
 //
 // and its parameters are those with the least mean |r|, r = ln(e / predicted), over half of the
 // blocks of pixels of all views together. The other half judges: a cause is named if it explains
@@ -21,6 +25,7 @@
 #include <array>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include <Eigen/Core>
@@ -43,6 +48,7 @@ struct ExplainedView {
   double image_px = 1;        // of the image, that a pixel of the maps is wide
   // The cameras of the frames from kMaxFrames before to kMaxFrames after; the middle one is itself.
   std::array<std::optional<Rigid3>, 2 * kMaxFrames + 1> frames_from_cam;
+  std::string name = {};  // of the image
 };
 
 // Returns a few of the images, evenly spread. Frames follow each other in the order of their names.

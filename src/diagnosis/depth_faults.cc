@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <utility>
 
 #include "base/statistics.h"
@@ -139,6 +140,9 @@ struct Rule {
 std::string Describe(DepthFault fault, double value) {
   switch (fault) {
     case DepthFault::kScale:
+      if (std::abs(value) > std::numbers::ln2) {
+        return fmt::format("scale: depth is {:.4g} times the true one", std::exp(value));
+      }
       return fmt::format("scale: depth is {:.1f} % too {}", 100 * std::abs(std::expm1(value)),
                          value > 0 ? "large" : "small");
     case DepthFault::kPerImageScale:
@@ -163,18 +167,7 @@ std::string Describe(DepthFault fault, double value) {
       return fmt::format("quantization: steps of {:.2f} % of the depth", 100 * value);
     case DepthFault::kHoles:
       return fmt::format("holes: {:.1f} % of the scene is missing", value);
-    case DepthFault::kShift:
-    case DepthFault::kZoom:
-    case DepthFault::kLens:
-    case DepthFault::kRotation:
-    case DepthFault::kDisplacement:
-    case DepthFault::kTimeOffset:
-    case DepthFault::kOffset:
-    case DepthFault::kAffine:
-    case DepthFault::kInverseOffset:
-    case DepthFault::kClamp:
-    case DepthFault::kSmoothing:
-    case DepthFault::kUnexplained:
+    default:
       break;  // an explanation has its own words
   }
   return {};

@@ -1,5 +1,5 @@
-// Causes that move what a map shows: pixels (shift, zoom, lens) or the camera (rotation,
-// displacement, time offset).
+// Causes that move what a map shows: pixels (shift, zoom, lens, flipped maps) or the camera
+// (rotation, displacement, time offset).
 
 #include <algorithm>
 #include <array>
@@ -62,6 +62,17 @@ class MotionFitter {
     });
     for (double& size : fitted->size) size *= views_.front().image_px;
     return fitted;
+  }
+
+  std::optional<CauseFit> Flipped(bool in_x, bool in_y) const {
+    return CauseFit{DepthFault::kFlipped,
+                    {in_x ? 1.0 : 0.0, in_y ? 1.0 : 0.0},
+                    2,
+                    PixelMotion([this, in_x, in_y](const CauseSample& sample) -> Vector2d {
+                      const DepthMap& map = views_[sample.view].truth;
+                      return {in_x ? map.width_px - sample.pixel.x() : sample.pixel.x(),
+                              in_y ? map.height_px - sample.pixel.y() : sample.pixel.y()};
+                    })};
   }
 
   std::optional<CauseFit> Zoom() const {
@@ -229,9 +240,15 @@ double MedianTrueDepth(std::span<const CauseSample> samples) {
 std::vector<CauseFitter> MotionFitters(std::span<const ExplainedView> views,
                                        std::span<const CauseSample> training) {
   const auto fitter = std::make_shared<const MotionFitter>(views, training);
-  return {[fitter] { return fitter->Shift(); },        [fitter] { return fitter->Zoom(); },
-          [fitter] { return fitter->Lens(); },         [fitter] { return fitter->Rotation(); },
-          [fitter] { return fitter->Displacement(); }, [fitter] { return fitter->TimeOffset(); }};
+  return {[fitter] { return fitter->Shift(); },
+          [fitter] { return fitter->Zoom(); },
+          [fitter] { return fitter->Lens(); },
+          [fitter] { return fitter->Rotation(); },
+          [fitter] { return fitter->Displacement(); },
+          [fitter] { return fitter->TimeOffset(); },
+          [fitter] { return fitter->Flipped(true, false); },
+          [fitter] { return fitter->Flipped(false, true); },
+          [fitter] { return fitter->Flipped(true, true); }};
 }
 
 void DepthMisalignment::Validate() const {

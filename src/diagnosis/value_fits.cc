@@ -1,4 +1,4 @@
-// Causes that change the values of depth: factor, offset, lines, clamps, steps, smoothing.
+// Causes that change the values of depth: factor, offset, lines, other functions, clamps, steps.
 
 #include <algorithm>
 #include <cmath>
@@ -10,18 +10,28 @@
 #include "diagnosis/cause_fits.h"
 #include "diagnosis/value_models.h"
 
-#include "raylift/evaluation/depth_perturbation.h"
-
 namespace raylift {
 namespace {
 
-// A map of half the size, interpolated, is smoothed by about this.
-constexpr double kLeastSmoothingPx = 0.5;
 constexpr double kLeastScale = 0.02;  // of the depth, as of the finding "scale"
 // Values in steps of 0.4 % of the depth, as of the finding "quantization", are wrong by a quarter
 // of a step on average.
 constexpr double kLeastQuantizationError = 0.001;
 constexpr double kLeastClampedShare = 0.01;
+
+// Functions of the depth, of which a curve through any points is the general form.
+constexpr DepthFault kGeneral = DepthFault::kCurve;
+
+// Returns the value at `x` of the line through points whose `at` rises; as at the nearest end
+// outside.
+double Interpolated(std::span<const double> at, std::span<const double> values, double x) {
+  const auto above = std::upper_bound(at.begin(), at.end(), x);
+  if (above == at.begin()) return values.front();
+  if (above == at.end()) return values.back();
+  const auto i = static_cast<size_t>(above - at.begin());
+  const double t = (x - at[i - 1]) / (at[i] - at[i - 1]);
+  return (1 - t) * values[i - 1] + t * values[i];
+}
 
 class ValueFitter {
  public:
@@ -36,13 +46,14 @@ class ValueFitter {
       if (!values.empty()) logs[view] = MidpointMedianInPlace(std::span(values));
     }
     // Other measures name it.
-    return CauseFit{DepthFault::kScale,
-                    {},
-                    1,
-                    [logs](const CauseSample& s) -> std::optional<double> {
-                      return std::log(s.estimated / s.truth) - logs[s.view];
-                    },
-                    {DepthFault::kAffine, DepthFault::kInverseOffset}};
+    return CauseFit{
+        DepthFault::kScale,
+        {},
+        1,
+        [logs](const CauseSample& s) -> std::optional<double> {
+          return std::log(s.estimated / s.truth) - logs[s.view];
+        },
+        {DepthFault::kAffine, DepthFault::kInverseOffset, DepthFault::kPowerLaw, kGeneral}};
   }
 
   std::optional<CauseFit> Offset() const {
@@ -54,7 +65,7 @@ class ValueFitter {
         {offset},
         std::abs(offset) / median_depth_ / kLeastScale,
         [offset](const CauseSample& s) { return LogRatio(s.estimated, s.truth + offset); },
-        {DepthFault::kAffine}};
+        {DepthFault::kAffine, kGeneral}};
   }
 
   std::optional<CauseFit> Affine() const {
@@ -92,40 +103,76 @@ class ValueFitter {
     }
     if (widths.empty()) return std::nullopt;
     const auto first = std::find_if(steps.begin(), steps.end(), [](const auto& s) { return !!s; });
-    const double error = MeanError([](const CauseSample&) { return std::nullopt; }, training_);
     return CauseFit{DepthFault::kQuantization,
                     {MidpointMedianInPlace(std::span(widths)),
                      MidpointMedianInPlace(std::span(bits)), (*first)->of_inverse ? 1.0 : 0.0},
-                    error / kLeastQuantizationError,
+                    ErrorAsItIs(training_) / kLeastQuantizationError,
                     [steps](const CauseSample& s) -> std::optional<double> {
                       if (!steps[s.view]) return std::nullopt;
                       return LogRatio(s.estimated, steps[s.view]->Nearest(s.truth));
                     }};
   }
 
-  std::optional<CauseFit> Smoothing() const {
-    const auto smoothed = [this](double sigma_px) {
-      std::vector<DepthMap> maps;
-      for (const ExplainedView& view : views_) maps.push_back(SmoothDepth(view.truth, sigma_px));
-      return maps;
-    };
-    const auto model = [](std::vector<DepthMap> maps) -> Residual {
-      return [maps = std::move(maps)](const CauseSample& s) {
-        return LogRatio(s.estimated,
-                        static_cast<double>(maps[s.view].At(static_cast<int>(s.pixel.x()),
-                                                            static_cast<int>(s.pixel.y()))));
-      };
-    };
-    std::vector<Parameters> starts;  // log2 of the width
-    for (double log_sigma = -1; log_sigma <= 3; log_sigma += 0.5) starts.push_back({log_sigma});
-    const Parameters found = FindLeast(starts, 0.25, 0.06, [&](const Parameters& parameters) {
-      return MeanError(model(smoothed(std::exp2(parameters[0]))), training_);
-    });
-    const double sigma_px = std::exp2(found[0]);
-    return CauseFit{DepthFault::kSmoothing,
-                    {sigma_px * views_.front().image_px},
-                    sigma_px / kLeastSmoothingPx,
-                    model(smoothed(sigma_px))};
+  // Values are a / depth + b, or the depth is taken for such a value.
+  std::optional<CauseFit> Disparity() const {
+    auto fit = Lines(
+        DepthFault::kDisparity, [](const CauseSample& s) { return 1 / s.truth; },
+        [](const CauseSample& s) { return s.estimated; },
+        [](const ValueLine& line, double t) { return line(1 / t); });
+    if (fit) fit->special_case_of.push_back(DepthFault::kPowerLaw);
+    return fit;
+  }
+
+  std::optional<CauseFit> PowerLaw() const {
+    auto fit = Lines(
+        DepthFault::kPowerLaw, [](const CauseSample& s) { return std::log(s.truth); },
+        [](const CauseSample& s) { return std::log(s.estimated); },
+        [](const ValueLine& line, double t) { return std::exp(line(std::log(t))); });
+    if (fit) fit->size[1] = std::exp(fit->size[1]);
+    return fit;
+  }
+
+  // Lengths of rays read as z (power 1), or z as lengths (-1).
+  std::optional<CauseFit> RayLength(double power) const {
+    return CauseFit{DepthFault::kRayLength,
+                    {power},
+                    ErrorAsItIs(training_) / kLeastScale,
+                    [power](const CauseSample& s) {
+                      return LogRatio(s.estimated, s.truth * std::pow(s.ray.norm(), power));
+                    }};
+  }
+
+  // Any function of the depth: ln(estimated / true) is linear in ln(true) between the medians of
+  // parts of the samples.
+  std::optional<CauseFit> Curve() const {
+    constexpr size_t kParts = 12;
+    std::vector<std::pair<double, double>> samples;
+    for (const CauseSample& s : training_) {
+      samples.emplace_back(std::log(s.truth), std::log(s.estimated / s.truth));
+    }
+    std::sort(samples.begin(), samples.end());
+    std::vector<double> at, ratios;
+    for (size_t part = 0; part < kParts; ++part) {
+      std::vector<double> x, y;
+      for (size_t i = part * samples.size() / kParts; i < (part + 1) * samples.size() / kParts;
+           ++i) {
+        x.push_back(samples[i].first);
+        y.push_back(samples[i].second);
+      }
+      if (x.empty()) return std::nullopt;
+      at.push_back(MidpointMedianInPlace(std::span(x)));
+      ratios.push_back(MidpointMedianInPlace(std::span(y)));
+    }
+    std::vector<double> size;
+    for (const size_t part : {size_t{0}, kParts / 2, kParts - 1}) {
+      size.push_back(std::exp(at[part]));
+      size.push_back(std::expm1(ratios[part]));
+    }
+    return CauseFit{DepthFault::kCurve, std::move(size), ErrorAsItIs(training_) / kLeastScale,
+                    [at, ratios](const CauseSample& s) -> std::optional<double> {
+                      return std::log(s.estimated / s.truth) -
+                             Interpolated(at, ratios, std::log(s.truth));
+                    }};
   }
 
  private:
@@ -156,12 +203,12 @@ class ValueFitter {
     const Residual residual = [lines, predict](const CauseSample& s) {
       return LogRatio(s.estimated, predict(lines[s.view], s.truth));
     };
-    const double error = MeanError([](const CauseSample&) { return std::nullopt; }, training_);
     return CauseFit{
         cause,
         {MidpointMedianInPlace(std::span(scales)), MidpointMedianInPlace(std::span(shifts))},
-        error / kLeastScale,
-        residual};
+        ErrorAsItIs(training_) / kLeastScale,
+        residual,
+        {kGeneral}};
   }
 
   template <typename Predict>
@@ -174,7 +221,8 @@ class ValueFitter {
         DepthFault::kClamp,
         {limit, 100 * share},
         share / kLeastClampedShare,
-        [predict](const CauseSample& s) { return LogRatio(s.estimated, predict(s.truth)); }};
+        [predict](const CauseSample& s) { return LogRatio(s.estimated, predict(s.truth)); },
+        {kGeneral}};
   }
 
   std::span<const ExplainedView> views_;
@@ -190,7 +238,9 @@ std::vector<CauseFitter> ValueFitters(std::span<const ExplainedView> views,
   return {[fitter] { return fitter->Factor(); },       [fitter] { return fitter->Offset(); },
           [fitter] { return fitter->Affine(); },       [fitter] { return fitter->InverseAffine(); },
           [fitter] { return fitter->FarClamp(); },     [fitter] { return fitter->NearClamp(); },
-          [fitter] { return fitter->Quantization(); }, [fitter] { return fitter->Smoothing(); }};
+          [fitter] { return fitter->Quantization(); }, [fitter] { return fitter->Disparity(); },
+          [fitter] { return fitter->PowerLaw(); },     [fitter] { return fitter->RayLength(1); },
+          [fitter] { return fitter->RayLength(-1); },  [fitter] { return fitter->Curve(); }};
 }
 
 }  // namespace raylift

@@ -192,6 +192,77 @@ TEST(DepthExplanation, SmoothingHasItsWidth) {
   }
 }
 
+// Changes each pixel of the exact map.
+template <typename Value>
+Planted EachPixel(Value value) {
+  return [value](const ComparedRoom& room, const PosedImage& image) {
+    const DepthMap z = Cast(room, image.camera, image.cam_from_world);
+    DepthMap planted = z;
+    for (int y = 0; y < z.height_px; ++y) {
+      for (int x = 0; x < z.width_px; ++x) {
+        planted.z[static_cast<size_t>(y * z.width_px + x)] = value(z, x, y);
+      }
+    }
+    return planted;
+  };
+}
+
+TEST(DepthExplanation, ConventionsThatWereMisreadAreNamed) {
+  for (const auto& [x, y] : {std::pair(true, false), std::pair(false, true)}) {
+    const auto found = Explain(EachPixel([x = x, y = y](const DepthMap& z, int u, int v) {
+      return z.At(x ? z.width_px - 1 - u : u, y ? z.height_px - 1 - v : v);
+    }));
+    ASSERT_THAT(found, IsCause(DepthFault::kFlipped));
+    EXPECT_EQ(found.size, (std::vector<double>{x ? 1.0 : 0.0, y ? 1.0 : 0.0}));
+  }
+  for (const int power : {1, -1}) {
+    const auto found = Explain(EachPixel([power](const DepthMap& z, int u, int v) {
+      const double length = std::hypot((u + 0.5 - 192) / 300, (v + 0.5 - 144) / 300, 1);
+      return z.At(u, v) * static_cast<float>(std::pow(length, power));
+    }));
+    ASSERT_THAT(found, IsCause(DepthFault::kRayLength));
+    EXPECT_EQ(found.size, std::vector<double>{double(power)});
+  }
+  for (const float shift : {0.0F, 20.0F}) {
+    const auto found = Explain(
+        EachPixel([shift](const DepthMap& z, int u, int v) { return 300 / z.At(u, v) + shift; }));
+    ASSERT_THAT(found, IsCause(DepthFault::kDisparity));
+    EXPECT_NEAR(found.size[0], 300, 0.1);
+    EXPECT_NEAR(found.size[1], shift, 0.1);
+  }
+  const auto power = Explain(
+      EachPixel([](const DepthMap& z, int u, int v) { return std::pow(z.At(u, v), 0.8F); }));
+  ASSERT_THAT(power, IsCause(DepthFault::kPowerLaw));
+  EXPECT_NEAR(power.size[0], 0.8, 1e-3);
+}
+
+TEST(DepthExplanation, FattenedForegroundHasItsReach) {
+  const auto found = Explain(EachPixel([](const DepthMap& z, int u, int v) {
+    float nearest = z.At(u, v);
+    for (int y = std::max(0, v - 4); y <= std::min(z.height_px - 1, v + 4); ++y) {
+      for (int x = std::max(0, u - 4); x <= std::min(z.width_px - 1, u + 4); ++x) {
+        nearest = std::min(nearest, z.At(x, y));
+      }
+    }
+    return nearest < 0.8F * z.At(u, v) ? nearest : z.At(u, v);
+  }));
+  ASSERT_THAT(found, IsCause(DepthFault::kFattening));
+  EXPECT_EQ(found.size[0], 4);
+}
+
+TEST(DepthExplanation, PixelsThatFlyBetweenSurfacesAreNamed) {
+  std::vector<Finding> findings;
+  const auto flying = Explain(Perturbed({.flying_share = 0.8}));
+  AddExplanation(flying, findings);
+  ASSERT_FALSE(findings.empty());
+  EXPECT_EQ(findings[0].fault, DepthFault::kFlying) << findings[0].text;
+  for (const DepthPerturbation& other :
+       {DepthPerturbation{}, DepthPerturbation{.relative_noise_sigma = 0.02},
+        DepthPerturbation{.warp_sigma = 0.06}, DepthPerturbation{.scale_sigma = 0.05}}) {
+    EXPECT_LT(Explain(Perturbed(other)).flying_percent, 4);
+  }
+}
+
 TEST(DepthExplanation, NoiseDoesNotHideAMisalignment) {
   const auto found = Explain(
       [&](const ComparedRoom& room, const PosedImage& image) {

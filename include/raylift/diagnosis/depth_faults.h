@@ -6,6 +6,7 @@
 //   noise            differences of r between neighbors: additive where they fall as 1 / depth,
 //                    multiplicative where they are the same at every depth
 //   edges            outliers within 3 px of true depth edges that are none in the interior
+//   flying pixels    pixels at a true edge between its two surfaces (depth_explanation.h)
 //   floaters         interior pixels well in front of the surface, with edges of their own
 //   bubbles          the same, but smooth
 //   quantization     few different values of depth
@@ -62,6 +63,7 @@ enum class DepthFault {
   kAdditiveNoise,
   kMultiplicativeNoise,
   kEdges,
+  kFlying,
   kFloaters,
   kBubbles,
   kQuantization,
@@ -78,6 +80,13 @@ enum class DepthFault {
   kInverseOffset,
   kClamp,
   kSmoothing,
+  kFlipped,
+  kRayLength,
+  kDisparity,
+  kPowerLaw,
+  kCurve,
+  kMedian,
+  kFattening,
   kUnexplained,
 };
 template <>
@@ -89,6 +98,7 @@ inline constexpr auto kEnumNames<DepthFault> = std::to_array<EnumName<DepthFault
     {DepthFault::kAdditiveNoise, "additive noise"},
     {DepthFault::kMultiplicativeNoise, "multiplicative noise"},
     {DepthFault::kEdges, "edges"},
+    {DepthFault::kFlying, "flying pixels"},
     {DepthFault::kFloaters, "floaters"},
     {DepthFault::kBubbles, "bubbles"},
     {DepthFault::kQuantization, "quantization"},
@@ -104,6 +114,13 @@ inline constexpr auto kEnumNames<DepthFault> = std::to_array<EnumName<DepthFault
     {DepthFault::kInverseOffset, "inverse offset"},
     {DepthFault::kClamp, "clamp"},
     {DepthFault::kSmoothing, "smoothing"},
+    {DepthFault::kFlipped, "flipped"},
+    {DepthFault::kRayLength, "ray length"},
+    {DepthFault::kDisparity, "disparity"},
+    {DepthFault::kPowerLaw, "power law"},
+    {DepthFault::kCurve, "depth curve"},
+    {DepthFault::kMedian, "median"},
+    {DepthFault::kFattening, "fattened foreground"},
     {DepthFault::kUnexplained, "not explained"},
 });
 
@@ -148,12 +165,19 @@ struct DepthExplanation {
   // one. Lens: k in w(p) = c + (p - c) (1 + k (|p - c| / f)^2). Time offset: frames. Offset: b,
   // scene units. Affine, inverse offset: medians of a and b over the views. Clamp: c. Quantization:
   // step (scene units, or of inverse depth: 1 / scene units) and bits of the largest value.
-  // Smoothing: standard deviation in pixels of the image.
+  // Smoothing: standard deviation in pixels of the image. Flipped: 1 or 0 for x, y. Ray length: 1
+  // if lengths are read as z, -1 for the reverse. Disparity: medians of a and b in a / true + b.
+  // Power law: medians of p and a in a true^p. Depth curve: true depth and relative error, three
+  // times. Median: side of the window in pixels of the image; fattened foreground: pixels of the
+  // image by which it reaches too far.
   std::vector<double> size;
   double explained_percent = 0;   // of what is beyond noise
   std::vector<DepthFault> alike;  // the best causes where they explain it alike; none is named
-  std::string text;               // "shift: maps lie 2.0, -1.0 px off"
-  double severity = 0;            // in units of the least that is worth a word
+  // Of the pixels at depth edges, those that lie between the two surfaces.
+  double flying_percent = 0;
+  std::string worst_place;  // "cam/1.jpg at 320, 240": of the largest errors
+  std::string text;         // "shift: maps lie 2.0, -1.0 px off"
+  double severity = 0;      // in units of the least that is worth a word
 };
 
 }  // namespace raylift
