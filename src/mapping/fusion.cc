@@ -120,7 +120,7 @@ void DropSmallPieces(double least_area, ZeroSurface& surface) {
 void RequireFusion() {
   if (CanFuse()) return;
   throw OptionError(
-      "fusing needs OpenVDB, without which this program was built; on Debian and Ubuntu install "
+      "fusing needs OpenVDB 9, without which this program was built; on Debian and Ubuntu install "
       "libopenvdb-dev and libboost-dev, and build it again");
 }
 
