@@ -93,14 +93,15 @@ void Run(const QueriesFlags& flags) {
     if (tags.position && !first) first = tags.position;
     num_positions += tags.position ? 1 : 0;
     num_headings += tags.heading_deg ? 1 : 0;
-    priors += FormatPhotographPriors(query.name, tags);
+    const std::string known = FormatPhotographPriors(query.name, tags);
+    // Places where the system is not meant for are errors before anything is written.
+    if (flags.world) ParsePosePriors(root / query.name, known, flags.world);
+    priors += known;
     if (query.priors.focal_range != 1) {
       priors += FormatFocalRange(query.name, query.priors.focal_range);
     }
     if (!flags.quiet) fmt::print("{}: {}\n", query.name, tags.summary);
   }
-  // Places where the system is not meant for are errors before anything is written.
-  if (flags.world) ParsePosePriors(flags.priors, priors);
   WriteQueryList(flags.out, queries);
   WriteFile(flags.priors, priors);
   if (flags.quiet) return;
