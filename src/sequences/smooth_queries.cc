@@ -104,23 +104,25 @@ void TakeFromWalk(const SmoothedFrame& frame, const Query& photograph,
                   const SceneDistances& distances, double min_confidence, WalkedQuery& query) {
   LocalizedQuery& localized = query.localized;
   const bool had_pose = localized.localized();
-  if (!had_pose && frame.confidence <= kLeastConfidence) return;
   const bool agrees = had_pose && frame.single_agrees > 0.5;
-  const PoseEstimate estimate = EstimateOf(frame, photograph, distances, localized);
+  // The walk speaks for photographs that do not agree where it rather is right than wrong.
+  if (!had_pose && frame.confidence < 0.5) return;
   query.lost_before = frame.lost_before;
   if (had_pose) {
     query.single_cam_from_world = localized.estimate.cam_from_world;
     query.single_confidence = localized.confidence();
   }
-  if (estimate.confidence > kLeastConfidence && frame.confidence > kLeastConfidence) {
-    query.role =
-        !had_pose ? WalkRole::kRescued : (agrees ? WalkRole::kSmoothed : WalkRole::kReplaced);
-    localized.estimate = estimate;
-    localized.reason = ReasonNotLocalized(estimate, min_confidence);
-  } else if (had_pose && frame.confidence <= kLeastConfidence) {
+  if (frame.confidence <= kLeastConfidence) {
     query.role = WalkRole::kDropped;
     localized.reason = "its pose contradicts those of its walk";
+    return;
   }
+  const PoseEstimate estimate = EstimateOf(frame, photograph, distances, localized);
+  if (!agrees && (frame.confidence < 0.5 || estimate.confidence <= kLeastConfidence)) return;
+  query.role =
+      !had_pose ? WalkRole::kRescued : (agrees ? WalkRole::kSmoothed : WalkRole::kReplaced);
+  localized.estimate = estimate;
+  localized.reason = ReasonNotLocalized(estimate, min_confidence);
 }
 
 size_t WalkedQueries::Count(WalkRole role) const {

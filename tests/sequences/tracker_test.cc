@@ -76,6 +76,19 @@ Inputs InputsOf(const MadeWalk& made) {
   return inputs;
 }
 
+TEST(SmoothQueries, OneWeakPoseOfAWalkDoesNotSpeakForTheOthers) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {.frames = 20});
+  TakeAway(made, 0, 12);
+  TakeAway(made, 13, 20);
+  made.frames[12].single->confidence = 0.08;
+  const Inputs inputs = InputsOf(made);
+  const WalkedQueries walked =
+      SmoothQueries(inputs.alone, inputs.photographs, inputs.walk, SceneDistances(Scene()), {});
+  EXPECT_EQ(walked.Count(WalkRole::kRescued), 0U);
+  EXPECT_EQ(walked.Count(WalkRole::kSmoothed), 1U);
+}
+
 TEST(Tracker, EqualsTheWholeWalkOnline) {
   Rng rng = TestRng();
   MadeWalk made = MakeWalk(rng, {.frames = 70, .scale = 0.2});
