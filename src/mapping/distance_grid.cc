@@ -174,7 +174,9 @@ void AddCrossings(const Coord& at, float distance, const Accessor& distances,
     const float other = distances.getValue(next);
     const bool crosses = (distance < 0) != (other < 0) && std::abs(other - distance) <= kMostStep;
     if (!crosses || !(weights.getValue(next) > 0)) continue;
-    crossings.push_back({at, axis, distance / (distance - other), distance >= 0});
+    // Not at its very ends, where the vertices of several cells would be one.
+    const float share = std::clamp(distance / (distance - other), 0.02F, 0.98F);
+    crossings.push_back({at, axis, share, distance >= 0});
   }
 }
 

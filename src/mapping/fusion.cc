@@ -74,7 +74,7 @@ void ForBatches(const GeometrySource& source, std::span<const PosedImage> views,
   for (size_t begin = 0; begin < views.size(); begin += batch) {
     std::vector<ViewPlanes> seen(std::min(batch, views.size() - begin));
     ParallelFor(seen.size(), options.threads, [&](size_t i) {
-      seen[i] = LookForPlanes(source, views[begin + i], scale.relative_noise, voxel);
+      seen[i] = LookForPlanes(source, views[begin + i], scale, voxel);
       if (options.on_view) options.on_view();
     });
     take(seen);

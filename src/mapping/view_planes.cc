@@ -1,14 +1,17 @@
 #include "mapping/view_planes.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
-#include <numeric>
+#include <optional>
 #include <utility>
 
 #include "base/index_sets.h"
 #include "base/statistics.h"
 #include "lifting/source_view.h"
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 
 #include "raylift/base/parallel.h"
 
@@ -25,24 +28,96 @@ constexpr size_t kNeighbors = 6;
 // Two depths that differ by more are of different surfaces.
 constexpr double kSameSurface = 0.2;
 
-double CosineOf(const SurfacePoint& point) {
-  return std::cos(point.incidence_deg * std::numbers::pi / 180);
-}
-
 bool IsClear(const SurfacePoint& point) {
-  return point.depth_z > 0 && CosineOf(point) >= kLeastCosine &&
-         point.depth_jump.value_or(0) <= kMaxJump;
+  return point.depth_z > 0 && point.depth_jump.value_or(0) <= kMaxJump;
 }
 
-PixelPlane PlaneOf(const SurfacePoint& point, const PosedImage& view, double relative_noise,
-                   double unit) {
-  const Eigen::Vector3d normal = view.cam_from_world.rotation * point.normal_in_world;
-  const Eigen::Vector3d in_cam = view.cam_from_world * point.point_in_world;
-  const double sigma =
-      std::hypot(point.point_sigma.value_or(relative_noise * point.depth_z), unit / 2);
-  return {normal.cast<float>(), static_cast<float>(normal.dot(in_cam)),
-          static_cast<float>(point.depth_z),
-          static_cast<float>(CosineOf(point) * unit * unit / (sigma * sigma))};
+// Sets the plane through a point, whose depth has this standard deviation.
+void SetPlane(const Eigen::Vector3d& normal, const Eigen::Vector3d& point, double sigma,
+              double unit, PixelPlane& plane) {
+  const double cosine = -normal.dot(point.normalized());
+  plane.normal_in_cam = normal.cast<float>();
+  plane.offset = static_cast<float>(normal.dot(point));
+  plane.weight = cosine < kLeastCosine
+                     ? 0
+                     : static_cast<float>(cosine * unit * unit / (sigma * sigma + unit * unit / 4));
+}
+
+// How many pixels about one tell the slopes of a plane to kSlopeNoise: their deviation is that of the
+// depth over the root of the sum of the squares of the pixels' distances.
+int RadiusOf(const ViewScale& scale, double focal_px) {
+  constexpr double kSlopeNoise = 0.15;
+  constexpr int kMostRadius = 5;
+  const double noise_px = scale.relative_roughness * focal_px;
+  int radius = 0;
+  for (double sum = 0.5; radius < kMostRadius && noise_px > kSlopeNoise * std::sqrt(sum);) {
+    ++radius;
+    sum = (2 * radius + 1) * radius * (radius + 1) * (2 * radius + 1) / 3.0;
+  }
+  return radius;
+}
+
+// The inverse depth about a pixel, which is linear on a plane: its value there, and its slopes.
+std::optional<Eigen::Vector3d> FitInverseDepth(std::span<const float> depths, PlaneSize size, int x,
+                                               int y, int radius, double same_share) {
+  constexpr double kLeastPixels = 6;
+  const auto depth_at = [&](int column, int row) {
+    return static_cast<double>(depths[static_cast<size_t>(row) * size.width_px + column]);
+  };
+  const double center = depth_at(x, y);
+  double count = 0, x_sum = 0, y_sum = 0, xx = 0, xy = 0, yy = 0;
+  Eigen::Vector3d values = Eigen::Vector3d::Zero();
+  for (int row = std::max(0, y - radius); row <= std::min(size.height_px - 1, y + radius); ++row) {
+    for (int column = std::max(0, x - radius); column <= std::min(size.width_px - 1, x + radius);
+         ++column) {
+      const double depth = depth_at(column, row);
+      if (!(std::abs(depth - center) <= same_share * center)) continue;
+      const double dx = column - x, dy = row - y;
+      count += 1;
+      x_sum += dx;
+      y_sum += dy;
+      xx += dx * dx;
+      xy += dx * dy;
+      yy += dy * dy;
+      values += Eigen::Vector3d(1, dx, dy) / depth;
+    }
+  }
+  Eigen::Matrix3d squares;
+  squares << count, x_sum, y_sum, x_sum, xx, xy, y_sum, xy, yy;
+  const Eigen::Vector3d fit = squares.ldlt().solve(values);
+  if (count < kLeastPixels || !fit.allFinite() || !(fit[0] > 0)) return std::nullopt;
+  return fit;
+}
+
+// Puts planes in the place of those of single pixels.
+void FitPlanes(int radius, const ViewScale& scale, double unit, ViewPlanes& seen) {
+  const Camera& camera = seen.view.camera;
+  const PlaneSize size = {camera.width_px(), camera.height_px()};
+  std::vector<float> depths;
+  depths.reserve(seen.planes.size());
+  for (const PixelPlane& plane : seen.planes) depths.push_back(plane.depth);
+  const double same_share = std::max(kMaxJump, 4 * scale.relative_roughness);
+  const auto point_at = [&](double x, double y, double inverse_depth) {
+    const Eigen::Vector3d ray = camera.RayInCam({x, y}).value_or(Eigen::Vector3d::Zero());
+    return Eigen::Vector3d(ray / (inverse_depth * camera.DepthOf(ray)));
+  };
+  for (size_t i = 0; i < seen.planes.size(); ++i) {
+    PixelPlane& plane = seen.planes[i];
+    if (plane.depth == 0) continue;
+    plane.weight = 0;
+    const int x = static_cast<int>(i) % size.width_px, y = static_cast<int>(i) / size.width_px;
+    const auto fit = FitInverseDepth(depths, size, x, y, radius, same_share);
+    if (!fit) continue;
+    const double inverse = (*fit)[0];
+    const Eigen::Vector3d point = point_at(x + 0.5, y + 0.5, inverse);
+    // Half a pixel to the right and half a pixel down.
+    const Eigen::Vector3d right = point_at(x + 1, y + 0.5, inverse + (*fit)[1] / 2) - point;
+    const Eigen::Vector3d down = point_at(x + 0.5, y + 1, inverse + (*fit)[2] / 2) - point;
+    const Eigen::Vector3d normal = down.cross(right).normalized();
+    if (!normal.allFinite()) continue;
+    plane.depth = static_cast<float>(1 / inverse);
+    SetPlane(normal, point, scale.relative_noise / inverse, unit, plane);
+  }
 }
 
 // The indices of the views whose centers are the nearest to that of one.
@@ -63,29 +138,45 @@ std::vector<size_t> NearestViews(std::span<const PosedImage> views, size_t to) {
 
 // Values of a view's sampled pixels.
 struct ScaleSample {
-  std::vector<double> depths, pixel_widths, relative_differences;
+  std::vector<double> depths, pixel_widths, relative_differences, roughness;
 };
 
-// Adds how far the points are from the planes that another view shows in their place, as a share of
+// Adds how far the points are from those that another view shows in their place, as a share of
 // their depth there.
 void Compare(const GeometrySource& source, const PosedImage& other,
              std::span<const SurfacePoint> points, std::vector<double>& relative_differences) {
   std::vector<Eigen::Vector2d> pixels;
-  std::vector<const SurfacePoint*> seen;
+  std::vector<double> depths;
   for (const SurfacePoint& point : points) {
-    const auto pixel = other.camera.ImgFromCam(other.cam_from_world * point.point_in_world);
+    const Eigen::Vector3d in_cam = other.cam_from_world * point.point_in_world;
+    const auto pixel = other.camera.ImgFromCam(in_cam);
     if (!pixel || !other.camera.Contains(*pixel)) continue;
     pixels.push_back(*pixel);
-    seen.push_back(&point);
+    depths.push_back(other.camera.DepthOf(in_cam));
   }
   const auto lifted = source.Lift(other, pixels);
   for (size_t i = 0; i < lifted.size(); ++i) {
     if (!lifted[i] || !IsClear(*lifted[i])) continue;
-    const Eigen::Vector3d& point = seen[i]->point_in_world;
-    const double depth = other.camera.DepthOf(other.cam_from_world * point);
-    if (std::abs(depth / lifted[i]->depth_z - 1) > kSameSurface) continue;
-    const double distance = lifted[i]->normal_in_world.dot(point - lifted[i]->point_in_world);
-    relative_differences.push_back(std::abs(distance) / depth);
+    const double difference = std::abs(depths[i] / lifted[i]->depth_z - 1);
+    if (difference <= kSameSurface) relative_differences.push_back(difference);
+  }
+}
+
+// Adds by how much the inverse depth of pixels is not that between their neighbors, as a share of
+// it: the root of 6 times the noise.
+void AddRoughness(const GeometrySource& source, const PosedImage& view,
+                  std::span<const Eigen::Vector2d> pixels, std::vector<double>& roughness) {
+  std::array<std::vector<std::optional<SurfacePoint>>, 3> lifted;
+  for (size_t i = 0; i < lifted.size(); ++i) {
+    std::vector<Eigen::Vector2d> moved(pixels.begin(), pixels.end());
+    for (Eigen::Vector2d& pixel : moved) pixel.x() += static_cast<double>(i) - 1;
+    lifted[i] = source.Lift(view, moved);
+  }
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    const auto &left = lifted[0][i], &middle = lifted[1][i], &right = lifted[2][i];
+    if (!left || !middle || !right || !IsClear(*middle)) continue;
+    const double share = middle->depth_z * (1 / left->depth_z + 1 / right->depth_z) - 2;
+    roughness.push_back(std::abs(share) / std::sqrt(6.0));
   }
 }
 
@@ -94,7 +185,9 @@ ScaleSample SampleView(const GeometrySource& source, std::span<const PosedImage>
   const PosedImage& view = views[index];
   ScaleSample sample;
   std::vector<SurfacePoint> points;
-  for (const auto& point : source.Lift(view, GridPixels(view.camera, kSampledPixels))) {
+  const std::vector<Eigen::Vector2d> pixels = GridPixels(view.camera, kSampledPixels);
+  AddRoughness(source, view, pixels, sample.roughness);
+  for (const auto& point : source.Lift(view, pixels)) {
     if (!point || !IsClear(*point)) continue;
     points.push_back(*point);
     sample.depths.push_back(point->depth_z);
@@ -109,7 +202,7 @@ ScaleSample SampleView(const GeometrySource& source, std::span<const PosedImage>
 }  // namespace
 
 ViewPlanes LookForPlanes(const GeometrySource& source, const PosedImage& view,
-                         double relative_noise, double unit) {
+                         const ViewScale& scale, double unit) {
   const int width = view.camera.width_px(), height = view.camera.height_px();
   ViewPlanes seen{.view = view, .planes = {}};
   seen.planes.resize(static_cast<size_t>(width) * static_cast<size_t>(height));
@@ -123,9 +216,18 @@ ViewPlanes LookForPlanes(const GeometrySource& source, const PosedImage& view,
     const size_t first = static_cast<size_t>(begin) * static_cast<size_t>(width);
     for (size_t i = 0; i < points.size(); ++i) {
       if (!points[i] || !IsClear(*points[i])) continue;
-      seen.planes[first + i] = PlaneOf(*points[i], view, relative_noise, unit);
-      seen.max_depth = std::max(seen.max_depth, points[i]->depth_z);
+      const SurfacePoint& point = *points[i];
+      PixelPlane& plane = seen.planes[first + i];
+      plane.depth = static_cast<float>(point.depth_z);
+      SetPlane(view.cam_from_world.rotation * point.normal_in_world,
+               view.cam_from_world * point.point_in_world,
+               point.point_sigma.value_or(scale.relative_noise * point.depth_z), unit, plane);
     }
+  }
+  const int radius = RadiusOf(scale, view.camera.MeanFocalPx());
+  if (radius > 0) FitPlanes(radius, scale, unit, seen);
+  for (const PixelPlane& plane : seen.planes) {
+    if (plane.weight > 0) seen.max_depth = std::max(seen.max_depth, double{plane.depth});
   }
   return seen;
 }
@@ -144,6 +246,7 @@ ViewScale MeasureScale(const GeometrySource& source, std::span<const PosedImage>
     add(sample.depths, all.depths);
     add(sample.pixel_widths, all.pixel_widths);
     add(sample.relative_differences, all.relative_differences);
+    add(sample.roughness, all.roughness);
   }
   ViewScale scale;
   scale.pixel_width = UpperMedianOr(std::move(all.pixel_widths), 0);
@@ -151,6 +254,7 @@ ViewScale MeasureScale(const GeometrySource& source, std::span<const PosedImage>
   // The difference of two is more than the noise of one.
   scale.relative_noise =
       kSigmaPerMad * UpperMedianOr(std::move(all.relative_differences), 0) / std::numbers::sqrt2;
+  scale.relative_roughness = kSigmaPerMad * UpperMedianOr(std::move(all.roughness), 0);
   scale.noise = scale.relative_noise * UpperMedianOr(std::move(all.depths), 0);
   return scale;
 }

@@ -18,7 +18,7 @@ namespace raylift {
 struct PixelPlane {
   Eigen::Vector3f normal_in_cam;
   float offset;
-  float depth;
+  float depth = 0;
   float weight = 0;  // 0: nothing is seen
 };
 
@@ -28,11 +28,12 @@ struct ViewPlanes {
   double max_depth = 0;            // 0: nothing is seen at all
 };
 
-// Weights are those of a standard deviation of one `unit`, and fall as the surface is slanted: the
-// deviation is the source's own where it knows one, else `relative_noise` of the depth, and at
+// Where the depth is rough, planes are fitted to the depth about each pixel, as far around as their
+// normals need it. Weights are those of a standard deviation of one `unit`, and fall as the surface is slanted: the
+// deviation is the source's own where it knows one, else the noise of the views, and at
 // least half a unit. Pixels beside a jump of depth are left out: what they show is neither.
 ViewPlanes LookForPlanes(const GeometrySource& source, const PosedImage& view,
-                         double relative_noise, double unit);
+                         const ViewScale& scale, double unit);
 
 // By a sample of pixels of some 30 views, of which the views nearest to each are asked for the same
 // surface.

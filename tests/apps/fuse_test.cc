@@ -1,5 +1,8 @@
 // fuse: depth maps become a mesh that localize takes.
 
+#include <string>
+#include <vector>
+
 #include "apps/program.h"
 #include "support/room_scene.h"
 #include "support/test_data.h"
@@ -55,7 +58,9 @@ TEST_F(Fuse, MapsBecomeAMeshThatLocalizeTakes) {
   const CommandResult result = RunRaylift(Command(Maps({"--relative-noise", "0.002"})));
   ASSERT_TRUE(Succeeds(result));
   EXPECT_NE(result.out.find("views disagree by"), std::string::npos) << result.out;
-  EXPECT_TRUE(ReadMesh(out_).vertex_colors_rgb.empty());
+  const TriangleMesh fused = ReadMesh(out_);
+  EXPECT_TRUE(fused.vertex_colors_rgb.empty());
+  EXPECT_EQ(fused.warnings, std::vector<std::string>());
   EXPECT_TRUE(LocalizesAsWell());
 }
 
