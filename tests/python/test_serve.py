@@ -129,7 +129,7 @@ def test_what_is_wrong_with_a_request_is_named(server):
     problem(server.ask("/healthz", b"", method="POST"), 405)
 
 
-def test_matches_and_features_stand_for_the_image(server):
+def test_features_stand_for_the_image(server):
     import raylift
     name = sorted(QUERIES)[0]
     features = raylift.extract_features(raylift.read_image(DEMO / "images" / name))
@@ -138,7 +138,10 @@ def test_matches_and_features_stand_for_the_image(server):
                           "descriptors": features["descriptors"].tolist()}}
     status, _, body = server.ask("/v1/localize", json.dumps(asked).encode(), {"Content-Type": "application/json"})
     assert status == 200, body
-    assert json.loads(body)["cam_from_world"] == json.loads(server.localize(name))["cam_from_world"]
+    # Gray of the decoder's own and gray of color round differently.
+    found, expected = (json.loads(text)["cam_from_world"] for text in (body, server.localize(name)))
+    for part in ("qvec", "tvec"):
+        assert found[part] == pytest.approx(expected[part], abs=1e-4)
 
 
 def test_sigterm_answers_what_is_there_and_ends_with_0(run):

@@ -1,15 +1,18 @@
 """raylift serve: who may ask, how much, and what becomes of clients that mean no good."""
 
 import json
+import re
 import signal
 import socket
 import struct
+import subprocess
 import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from served import QUERIES, SCENE, Server, form, photograph, query_form
+import raylift
+from served import QUERIES, RAYLIFT, SCENE, Server, form, photograph, query_form
 
 NAMES = sorted(QUERIES)
 FAST = ("--method", "p3p", "--max-features", "512", "--align-depth", "off", "--filter", "off")
@@ -157,10 +160,39 @@ def test_connections_beyond_the_limit_are_sent_away(server):
     assert ask(server, NAMES[0])[0] == 200
 
 
+def test_a_client_asks_from_python(server):
+    client = raylift.Client(server.url, token="secret")
+    assert [scene["name"] for scene in client.scenes()] == ["demo"]
+    file = SCENE.parent / "images" / NAMES[0]
+    answer = client.localize(file, name=NAMES[0], camera=QUERIES[NAMES[0]], scene="demo")
+    assert answer == json.loads(ask(server, NAMES[0])[2])
+    assert client.localize(file.read_bytes(), priors=["photograph focal_range 1.5"])["name"] == "photograph"
+    with ThreadPoolExecutor(8) as threads:  # more than the queue takes: they come again
+        assert all(one["verdict"] for one in threads.map(client.localize, [file] * 8))
+    with pytest.raises(raylift.InputError, match="scene: expected demo"):
+        client.localize(file, scene="a&b")
+    with pytest.raises(raylift.InputError, match="Bearer"):
+        raylift.Client(server.url).scenes()
+
+
 def test_work_is_given_up_at_the_deadline(folder):
     with Server(*FAST, "--cache", folder / "cache", "--deadline", "0.001s") as server:
         status, headers, answer = server.ask("/v1/localize", *query_form(NAMES[0]))
         assert status == 503 and headers["Retry-After"] == "1" and "in time" in json.loads(answer)["detail"]
+
+
+def test_the_ready_files_name_options_that_there_are():
+    known = subprocess.run([RAYLIFT, "serve", "--help"], capture_output=True, text=True, check=True).stdout
+    folder = SCENE.parents[1] / "serve"
+    used = {}
+    for name in ("raylift.service", "compose.yaml", "kubernetes.yaml"):
+        used[name] = set(re.findall(r"--[a-z][a-z-]+", (folder / name).read_text()))
+        assert used[name] >= {"--scene-calibration", "--cache", "--tokens"}
+        assert all(f"  {option} " in known for option in used[name]), used[name]
+    yaml = pytest.importorskip("yaml")
+    kinds = [part["kind"] for part in yaml.safe_load_all((folder / "kubernetes.yaml").read_text())]
+    assert kinds == ["Deployment", "Service", "HorizontalPodAutoscaler"]
+    assert set(yaml.safe_load((folder / "compose.yaml").read_text())["services"]) == {"raylift", "caddy"}
 
 
 def test_sighup_opens_the_scenes_anew(folder):

@@ -8,6 +8,7 @@ and Ctrl-C ends them.
 """
 
 from . import hloc, onnx
+from ._client import Client
 from ._commands import (
     color,
     colour,
@@ -65,6 +66,7 @@ from ._estimation import estimate_pose
 
 __all__ = [
     "Camera",
+    "Client",
     "ColmapModel",
     "DepthMaps",
     "Geometry",
