@@ -199,7 +199,12 @@ void AddOutputOptions(CLI::App& command, RenderFlags& flags) {
       .Required();
   output.Add("--pattern", flags.selection.pattern,
              "Names of the files without extension: {name}, {dir}, {stem}, {base} of the\n"
-             "image; {name}.geometric for COLMAP, {dir}/{base}_depth for MeshLoc");
+             "image, or {index}, its place by name; {name}.geometric for COLMAP, "
+             "{dir}/{base}_depth for MeshLoc");
+  output.AddList("--camera-files", flags.job.camera_files,
+                 "Also the cameras for other tools: list of {}\n" + Descriptions<CameraFiles>());
+  output.Add("--photographs", flags.job.photographs,
+             "Of transforms: folder of the photographs (default: the product color)");
   output.Add("--report", flags.report,
              "Folder for one HTML page to look at (index.html): images, pictures, 3D view");
   output.Flag("--preview", flags.job.preview, "Also write preview.png, a sheet of small depths");
@@ -229,6 +234,9 @@ void CheckRenderFlags(const RenderFlags& flags) {
   }
   flags.running.Check();
   CheckSelection(flags.selection);
+  if (!flags.job.photographs.empty() && (flags.selection.scale || flags.selection.size)) {
+    throw OptionError("--photographs are not of the size of --scale or --size");
+  }
   CheckStorage(flags.job.storage);
   const int supersampling = flags.job.frame.color_options.samples_per_pixel_side;
   if (supersampling < 1 || supersampling > 16) {

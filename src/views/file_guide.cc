@@ -13,7 +13,10 @@ constexpr std::string_view kFrame =
     "PRODUCT/NAME.FORMAT, one of each image; NAME is the image's without its extension, or what\n"
     "the pattern made of it. Rows from the top, the first pixel's center at (0.5, 0.5) as in\n"
     "COLMAP. Units are those of mesh and poses. manifest.jsonl lists the files, summary.json has\n"
-    "counts, options and warnings. OpenCV reads EXR where OPENCV_IO_ENABLE_OPENEXR=1 is set.\n";
+    "counts, options and warnings. numpy reads NPY and NPZ; OpenCV reads TIFF, PNG, PFM (with\n"
+    "IMREAD_UNCHANGED) and JPEG. EXR is read by the Python package OpenEXR, and by an OpenCV that\n"
+    "was built with it (Debian's; PyPI's OpenCV 5 is not): OPENCV_IO_ENABLE_OPENEXR=1, set "
+    "before.\n";
 
 std::string_view MeaningOf(Product product) {
   switch (product) {

@@ -11,6 +11,7 @@
 #include "jobs/file_promises.h"
 #include "jobs/manifest_file.h"
 #include "renderers/view_frame.h"
+#include "views/camera_files.h"
 #include "views/job_files.h"
 #include <fmt/format.h>
 
@@ -208,12 +209,10 @@ void WriteGuide(const RenderJobOptions& options) {
   WriteFile(file, FileGuide(options.products, options.storage, options.frame.normals_in));
 }
 
-std::vector<View> ViewsByName(std::span<const RenderTask> tasks) {
-  std::vector<View> views;
-  for (const RenderTask& task : tasks) views.push_back(task.view);
-  std::sort(views.begin(), views.end(),
-            [](const View& a, const View& b) { return a.name < b.name; });
-  return views;
+std::vector<RenderTask> ByName(std::vector<RenderTask> tasks) {
+  std::sort(tasks.begin(), tasks.end(),
+            [](const RenderTask& a, const RenderTask& b) { return a.view.name < b.view.name; });
+  return tasks;
 }
 
 class RenderJob {
@@ -331,9 +330,18 @@ class RenderJob {
     of_machines_ = MachineWarnings(*whole);
     const ManifestEntries all = EntriesOf(*whole);
     const CommittedFiles results;
+    const std::vector<RenderTask> by_name = ByName(tasks_);
+    std::vector<View> views;
+    for (const RenderTask& task : by_name) views.push_back(task.view);
     if (options_.preview) {
-      WriteImage(options_.out / "preview.png",
-                 MakeContactSheet(scene_, ViewsByName(tasks_), threads_));
+      WriteImage(options_.out / "preview.png", MakeContactSheet(scene_, views, threads_));
+    }
+    for (const CameraFiles files : options_.camera_files) {
+      if (files == CameraFiles::kTransforms) {
+        WriteFile(options_.out / "transforms.json", TransformsJson(by_name, options_));
+      } else {
+        WriteMvsnetCameras(options_.out, *scene_, views, threads_);
+      }
     }
     WriteGuide(options_);
     WriteFile(options_.out / "summary.json",
@@ -374,6 +382,7 @@ RenderSummary RunRenderJob(const std::shared_ptr<const RayCaster>& scene,
                            const RenderHooks& hooks) {
   RAYLIFT_CHECK(scene != nullptr);
   RAYLIFT_CHECK(!options.products.empty());
+  CheckCameraFiles(tasks, options);
   return RenderJob(scene, std::move(tasks), options, hooks).Run();
 }
 

@@ -68,7 +68,11 @@ ViewCamera CameraOf(const View& view, const TaskSelection& selection) {
 }
 
 // A relative path without "..", so that nothing is written elsewhere.
-std::string StemOf(const std::string& name, const std::string& pattern) {
+std::string StemOf(const std::string& name, size_t index, std::string pattern) {
+  constexpr std::string_view kIndex = "{index}";
+  if (const size_t at = pattern.find(kIndex); at != std::string::npos) {
+    pattern.replace(at, kIndex.size(), fmt::format("{:08}", index));
+  }
   const std::filesystem::path path =
       std::filesystem::path(ExpandPattern(pattern, name)).lexically_normal();
   const bool leaves = path.is_absolute() || path.empty() || *path.begin() == "..";
@@ -134,7 +138,7 @@ std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection
   std::vector<RenderTask> tasks;
   std::unordered_map<std::string, std::string> name_of_stem;
   for (View& view : views) {
-    std::string stem = StemOf(view.name, selection.pattern);
+    std::string stem = StemOf(view.name, tasks.size(), selection.pattern);
     const auto [other, is_new] = name_of_stem.emplace(stem, view.name);
     if (!is_new) {
       throw InputError(fmt::format(

@@ -28,7 +28,8 @@ struct TaskSelection {
   std::optional<PlaneSize> size = std::nullopt;
   // Instead of the cameras: a panorama of this size from each camera's place.
   std::optional<PlaneSize> panorama = std::nullopt;
-  // How files are called, without extension: {name}, {dir}, {stem}, {base}, see ExpandPattern.
+  // How files are called, without extension: {name}, {dir}, {stem}, {base}, see ExpandPattern, or
+  // {index}: the place among the tasks, 00000000.
   std::string pattern = "{dir}/{stem}";
 };
 

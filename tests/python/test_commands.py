@@ -1,3 +1,4 @@
+import json
 import subprocess
 import sys
 
@@ -42,6 +43,89 @@ def test_render_perturb_and_compare(tmp_path):
     scaled = [s for s in result["depth"]["sources"] if s["name"] == "scaled"][0]
     assert scaled["means"]["abs_rel"] == pytest.approx(0.1, abs=0.01)
     assert scaled["scale_percent"] == pytest.approx(10, abs=1)
+
+
+def read_pfm(file):
+    """As MVSNet's readers do: the lowest row is the first."""
+    kind, size, scale, values = file.read_bytes().split(b"\n", 3)
+    assert kind == b"Pf" and float(scale) < 0
+    width, height = map(int, size.split())
+    return np.frombuffer(values, "<f4").reshape(height, width)[::-1]
+
+
+def test_mvsnet_has_cameras_and_pairs(tmp_path):
+    raylift.run("render", geometry=MESH, model=DEMO / "model", out=tmp_path, glob="ref/ref_0*",
+                products="depth", format="depth=pfm", pattern="{index}", camera_files="mvsnet")
+    images = [image for image in raylift.ColmapModel.read(DEMO / "model").posed_images
+              if image.name.startswith("ref/ref_0")]
+    images.sort(key=lambda image: image.name)
+    depths, cameras = [], []
+    for i, image in enumerate(images):
+        lines = (tmp_path / f"cams/{i:08d}_cam.txt").read_text().splitlines()
+        extrinsic = np.array([line.split() for line in lines[1:5]], float)
+        intrinsic = np.array([line.split() for line in lines[7:10]], float)
+        low, interval, number, high = map(float, lines[11].split())
+        assert lines[0] == "extrinsic" and lines[6] == "intrinsic"
+        assert extrinsic[:3] == pytest.approx(image.cam_from_world.matrix[:3])
+        fx, fy, cx, cy = image.camera.params
+        assert intrinsic == pytest.approx(np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]))
+        depths.append(read_pfm(tmp_path / f"depth/{i:08d}.pfm"))
+        assert low + (number - 1) * interval == pytest.approx(high)
+        seen = depths[-1][depths[-1] > 0]
+        assert ((seen >= 0.95 * low) & (seen <= 1.05 * high)).mean() > 0.95
+        cameras.append((extrinsic, intrinsic))
+    pairs = (tmp_path / "pair.txt").read_text().split("\n")
+    assert int(pairs[0]) == len(images)
+    for i in range(len(images)):
+        assert int(pairs[1 + 2 * i]) == i
+        count, *rest = pairs[2 + 2 * i].split()
+        sources, scores = np.array(rest[::2], int), np.array(rest[1::2], float)
+        assert int(count) == len(sources) > 2 and i not in sources
+        assert (np.diff(scores) <= 0).all()
+        # The depth of a view, seen from its best source, is what that one sees of most of it.
+        y, x = np.mgrid[4:480:16, 4:640:16].reshape(2, -1)
+        z = depths[i][y, x]
+        (from_world, k), (to_world, to_k) = cameras[i], cameras[sources[0]]
+        in_cam = np.linalg.inv(k) @ np.stack([(x + 0.5) * z, (y + 0.5) * z, z])
+        in_other = to_world @ np.linalg.inv(from_world) @ np.vstack([in_cam, np.ones(len(x))])
+        u, v, w = to_k @ in_other[:3]
+        inside = (z > 0) & (w > 0) & (u > 0) & (u < 640 * w) & (v > 0) & (v < 480 * w)
+        u, v = (u[inside] / w[inside]).astype(int), (v[inside] / w[inside]).astype(int)
+        agrees = np.abs(depths[sources[0]][v, u] - w[inside]) < 0.02 * w[inside]
+        assert agrees.sum() > 100
+    with pytest.raises(raylift.InputError, match="mvsnet takes pinholes alone"):
+        raylift.run("render", geometry=MESH, model=DEMO / "model", out=tmp_path / "all",
+                    camera_files="mvsnet")
+
+
+def test_transforms_has_depth_beside_pictures(tmp_path):
+    raylift.run("render", geometry=MESH, model=DEMO / "model", out=tmp_path / "out", every=4, scale=0.5,
+                products="depth,color", format="depth=png", png_step=0.002, camera_files="transforms")
+    file = tmp_path / "out/transforms.json"
+    transforms = json.loads(file.read_text())
+    assert transforms["depth_unit_scale_factor"] == 0.002
+    images = {image.name: image for image in raylift.Scene(DEMO / "model", every=4).references}
+    caster = raylift.RayCaster(raylift.Mesh.read(DEMO / "scene.obj"))
+    assert len(transforms["frames"]) == len(images)
+    for frame in transforms["frames"]:
+        image = images[frame["file_path"].removeprefix("color/").replace(".png", ".jpg")]
+        world_from_gl = np.array(frame["transform_matrix"])
+        cam_from_world = np.linalg.inv(world_from_gl @ np.diag([1, -1, -1, 1]))
+        assert cam_from_world[:3] == pytest.approx(image.cam_from_world.matrix[:3])
+        camera = image.camera.scaled(frame["w"], frame["h"])
+        assert (frame["w"], frame["fl_x"]) == (320, pytest.approx(camera.params[0]))
+        assert frame.get("k1", 0) == (image.camera.params[3] if len(image.camera.params) == 4
+                                      and image.camera.model == "SIMPLE_RADIAL" else 0)
+        depth = raylift.DepthMaps(tmp_path / "out/depth", [image], unit=0.002).load(image)
+        assert (tmp_path / "out" / frame["depth_file_path"]).exists()
+        truth = caster.render(camera, image.cam_from_world)["depth"]
+        assert depth == pytest.approx(truth, abs=0.0011)
+    # What is written is what is read as cameras.
+    again = raylift.render_dataset(MESH, tmp_path / "again", cameras=file, products=["depth"])
+    assert again["images"] == len(images)
+    with pytest.raises(raylift.InputError, match="needs depth as npy or png"):
+        raylift.run("render", geometry=MESH, model=DEMO / "model", out=tmp_path / "exr",
+                    products="depth,color", camera_files="transforms")
 
 
 def test_color(tmp_path):

@@ -128,6 +128,19 @@ ManifestEntries ReadManifest(const std::filesystem::path& path);
 // One line of JSON.
 std::string ToJsonLine(const ManifestEntry& entry);
 
+// The job's cameras in the files of others, beside the products.
+enum class CameraFiles {
+  kTransforms,  // OUT/transforms.json
+  kMvsnet,      // OUT/cams, OUT/pair.txt
+};
+template <>
+inline constexpr auto kEnumNames<CameraFiles> = std::to_array<EnumName<CameraFiles>>({
+    {CameraFiles::kTransforms, "transforms", "",
+     "nerfstudio's transforms.json, with depth_file_path (npy or png)"},
+    {CameraFiles::kMvsnet, "mvsnet", "",
+     "cams/00000000_cam.txt, ... by name and pair.txt, for --pattern {index}"},
+});
+
 struct RenderTask {
   View view;
   // OUT/PRODUCT/stem.FORMAT are the files; a relative path that stays below the folder.
@@ -146,6 +159,9 @@ struct RenderJobOptions {
   Shard shard = {};
   // Where another run writes to the folder, wait until it has ended.
   bool wait = false;
+  std::vector<CameraFiles> camera_files = {};
+  // Of transforms: the folder of the photographs; empty: what is rendered in color.
+  std::filesystem::path photographs = {};
   bool preview = false;  // also make OUT/preview.png
   // The command line, for timing.jsonl, which has it and the run's times. Empty: no such file.
   std::string command = {};
