@@ -1,5 +1,5 @@
-// How requests travel: HTTP/1.1 by Boost.Beast. One thread moves bytes; photographs are worked on by
-// those of a queue, so that neither waits for the other.
+// How requests travel: HTTP/1.1 by Boost.Beast. One thread moves bytes; those of a queue work on
+// photographs, so that neither waits for the other.
 
 #pragma once
 
