@@ -128,6 +128,7 @@ Json QueryFacts(const LocalizedQuery& query) {
                {"inlier_keypoints", estimate.inlier_keypoints}};
   if (query.localized()) {
     json["solver"] = ToString(estimate.solver);
+    if (estimate.refined_camera) json["focal_px"] = estimate.refined_camera->MeanFocalPx();
     if (estimate.covariance) {
       json["position_sigma"] = estimate.position_sigma;
       json["rotation_sigma_deg"] = estimate.rotation_sigma_deg;

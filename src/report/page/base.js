@@ -54,7 +54,7 @@ function sortableTable(columns, rows, options) {
       const cells = columns.map((column, index) => {
         const value = column.value(row);
         const place = row.unranked ? undefined : places[index].get(value);
-        const cell = element("td", { class: place ? `place${place}` : null });
+        const cell = element("td", { class: place ? `place${place}` : column.class || null });
         if (column.node) cell.append(column.node(row));
         else cell.append(column.text ? column.text(row) : String(value));
         if (place) cell.append(element("sup", { title: ["best", "second", "third"][place - 1] }, String(place)));

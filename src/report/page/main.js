@@ -160,21 +160,22 @@ function querySection(rows) {
   function draw() {
     const row = rows[chosen.row];
     const query = row.queries[chosen.query];
-    const facts = [query.reason ? `not localized: ${query.reason}` : query.verdict ? null : query.position === null ? "no pose" : `position error ${number(query.position)}, rotation error ${number(query.rotation_deg)}°`];
+    const facts = [query.reason ? `not localized: ${query.reason}` : query.verdict ? null : query.position === null ? "no pose" : `position error ${number(query.position)} units, rotation error ${number(query.rotation_deg)}°`];
     facts.push(...verdictFacts(query));
     if (query.solver) facts.push(`the pose comes from ${query.solver}`);
     if (query.position_sigma !== undefined) {
-      facts.push(`expected error: position ${number(query.position_sigma)}, rotation ${number(query.rotation_sigma_deg)}° (one standard deviation)`);
+      facts.push(`expected error: position ${number(query.position_sigma)} units, rotation ${number(query.rotation_sigma_deg)}° (one standard deviation)`);
     }
     for (const candidate of query.candidates || []) {
-      facts.push(`${candidate.solver} candidate: position ${number(candidate.position)}, rotation ${number(candidate.rotation_deg)}°, `
+      facts.push(`${candidate.solver} candidate: position ${number(candidate.position)} units, rotation ${number(candidate.rotation_deg)}°, `
         + `${candidate.inliers_2d2d} 2D-2D inliers${candidate.chosen ? " (chosen)" : ""}`);
     }
     if ((query.candidates || []).length === 2) {
       facts.push(`Select keeps P3P's pose where it has more than ${row.method.split(":")[1]} times the 2D-2D inliers of E5+1's`);
     }
-    const cards = [element("article", { class: "panel" }, element("h3", {}, `${query.query}, ${row.name}`),
-      element("ul", {}, ...facts.filter(Boolean).map((fact) => element("li", {}, fact))), query.retrieved !== undefined ? funnel(query) : null)];
+    const cards = [element("article", { class: "panel wide" }, element("h3", {}, `${query.query}, ${row.name}`),
+      element("div", { class: "facts" }, element("ul", {}, ...facts.filter(Boolean).map((fact) => element("li", {}, fact))),
+        query.retrieved !== undefined ? funnel(query) : null))];
     const photo = (data.query_photos || {})[query.query];
     if (photo && Array.isArray(query.keypoints)) {
       const drawing = element("div", { class: "photo" }, element("img", { src: photo.uri, alt: `photograph ${query.query}` }));
@@ -190,11 +191,12 @@ function querySection(rows) {
   }
   const list = element("div");
   const columns = [["retrieved", "retrieved"], ["matched", "matched"], ["hit", "hit"], ["consistent", "consistent"],
-    ["inliers_2d3d", "inliers 2D-3D"], ["inliers_2d2d", "inliers 2D-2D"], ["position", "position error"], ["rotation_deg", "rotation error, °"],
-    ["confidence", "probability"], ["position_sigma", "position ±"], ["rotation_sigma_deg", "rotation ±, °"]];
+    ["inliers_2d3d", "inliers 2D-3D"], ["inliers_2d2d", "inliers 2D-2D"], ["position", "position error, units"], ["rotation_deg", "rotation error, °"],
+    ["wrong", "probability of being wrong"], ["position_sigma", "position ±, units"], ["rotation_sigma_deg", "rotation ±, °"]];
   function drawList() {
     const queries = rows[chosen.row].queries.filter((query) => query.query.toLowerCase().includes(chosen.search));
     if (queries.some((query) => query.verdict)) queries.sort(worseFirst);
+    for (const query of queries) if (query.verdict && query.verdict !== "failed") query.wrong = 1 - query.confidence;
     const known = columns.filter(([key]) => queries.some((query) => query[key] !== undefined && query[key] !== null));
     list.replaceChildren(element("p", {}), sortableTable([
       { title: "query", value: (query) => query.query,
@@ -203,7 +205,7 @@ function querySection(rows) {
         node: (query) => element("span", { class: `verdict ${query.verdict}` }, query.verdict) }] : []),
       ...known.map(([key, title]) => ({ title, value: (query) => query[key], text: (query) => number(query[key]) })),
       ...(queries.some((query) => query.reason !== undefined)
-        ? [{ title: "why not", value: (query) => query.reason }] : []),
+        ? [{ title: "why not", value: (query) => query.reason, class: "text" }] : []),
     ], queries, { tall: true, onRow: (query) => show(query.query) }),
     ...(chosen.search ? [element("p", { class: "soft" }, `${queries.length} of ${names.length} queries`)] : []));
   }

@@ -68,11 +68,11 @@ function comparedPhoto(query, photo) {
     points.firstChild.innerHTML = markPaths(query.points, photo, factors[which]);
     pairs.firstChild.innerHTML = markPaths(query.pairs, photo, factors[which]);
   };
-  draw(1);
+  draw(0);
   stack.append(points, pairs);
   box(`2D-3D matches (${query.inliers_2d3d} inliers)`, true, points);
   box(`2D-2D matches (${query.inliers_2d2d} inliers)`, false, pairs);
-  controls.append(choice("residuals", ["as long as they are", "5 times", "20 times", "none"], draw, 1));
+  controls.append(choice("residuals", ["as long as they are", "5 times", "20 times", "none"], draw, 0));
   return element("article", { class: "panel wide" }, element("h3", {}, "Photograph and pose"), controls, stack,
     element("p", { class: "soft" }, query.rendering
       ? "Left of the line the photograph, right of it the mesh from the pose. Circles are inliers, crosses are not; lines are residuals."
@@ -103,8 +103,9 @@ function verdictFacts(query) {
   if (!query.verdict) return [];
   const facts = [];
   if (query.verdict !== "failed") {
-    facts.push(`${query.verdict}: right with probability ${number(query.confidence)}`);
+    facts.push(`${query.verdict}: wrong with probability ${number(1 - query.confidence)}`);
     facts.push(`${query.inlier_keypoints} of ${query.keypoints} keypoints are inliers`);
+    if (query.focal_px) facts.push(`focal length found with the pose: ${number(query.focal_px)} px`);
   }
   return facts;
 }

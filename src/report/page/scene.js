@@ -228,6 +228,9 @@ class SceneView {
       const dx = vertices[3 * i] - eye[0], dy = vertices[3 * i + 1] - eye[1], dz = vertices[3 * i + 2] - eye[2];
       for (let k = 0; k < 3; ++k) seen[3 * i + k] = axes[k][0] * dx + axes[k][1] * dy + axes[k][2] * dz;
     }
+    // What stands between a viewer outside and all cameras, as the near wall of a room, is cut away.
+    const cameraDepths = this.cameras.map((camera) => camera.center.reduce((sum, value, i) => sum + axes[2][i] * (value - eye[i]), 0));
+    const cut = (cameraDepths.length ? Math.min(...cameraDepths) : 0) - 0.1 * this.radius;
     const near = 0.01 * this.radius;
     for (let t = 0; t < triangles.length; t += 3) {
       const a = 3 * triangles[t], b = 3 * triangles[t + 1], c = 3 * triangles[t + 2];
@@ -257,7 +260,7 @@ class SceneView {
           // Inverse depth is linear in the picture.
           const z = 1 / ((1 - wb - wc) / za + wb / zb + wc / zc);
           const at = y * width + x;
-          if (z < depths[at]) { depths[at] = z; pixels[at] = color; }
+          if (z > cut && z < depths[at]) { depths[at] = z; pixels[at] = color; }
         }
       }
     }
