@@ -19,8 +19,8 @@
 
 namespace raylift {
 
-// Returns the best vector instructions of this machine that the libraries tell apart: the last digits
-// of what Embree, OpenCV and the C library compute depend on them.
+// Returns the best vector instructions of this machine that the libraries tell apart: the last
+// digits of what Embree, OpenCV and the C library compute depend on them.
 inline std::string_view VectorInstructions() {
 #if defined(__x86_64__)
   if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&

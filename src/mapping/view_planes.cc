@@ -43,8 +43,8 @@ void SetPlane(const Eigen::Vector3d& normal, const Eigen::Vector3d& point, doubl
                      : static_cast<float>(cosine * unit * unit / (sigma * sigma + unit * unit / 4));
 }
 
-// How many pixels about one tell the slopes of a plane to kSlopeNoise: their deviation is that of the
-// depth over the root of the sum of the squares of the pixels' distances.
+// How many pixels about one tell the slopes of a plane to kSlopeNoise: their deviation is that of
+// the depth over the root of the sum of the squares of the pixels' distances.
 int RadiusOf(const ViewScale& scale, double focal_px) {
   constexpr double kSlopeNoise = 0.15;
   constexpr int kMostRadius = 5;

@@ -29,9 +29,9 @@ struct ViewPlanes {
 };
 
 // Where the depth is rough, planes are fitted to the depth about each pixel, as far around as their
-// normals need it. Weights are those of a standard deviation of one `unit`, and fall as the surface is slanted: the
-// deviation is the source's own where it knows one, else the noise of the views, and at
-// least half a unit. Pixels beside a jump of depth are left out: what they show is neither.
+// normals need it. Weights are those of a standard deviation of one `unit`, and fall as the surface
+// is slanted: the deviation is the source's own where it knows one, else the noise of the views,
+// and at least half a unit. Pixels beside a jump of depth are left out: what they show is neither.
 ViewPlanes LookForPlanes(const GeometrySource& source, const PosedImage& view,
                          const ViewScale& scale, double unit);
 

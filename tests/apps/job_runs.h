@@ -27,8 +27,8 @@ size_t CountDone(const std::filesystem::path& out);
 int Interrupt(const Arguments& command, const std::filesystem::path& out, int signal, size_t count,
               size_t microseconds);
 
-// Stops a run when `count` tasks are done, removes a folder while nothing is written, and lets it go
-// on. Its exit code.
+// Stops a run when `count` tasks are done, removes a folder while nothing is written, and lets it
+// go on. Its exit code.
 int RemoveMidway(const Arguments& command, const std::filesystem::path& out, size_t count,
                  const std::filesystem::path& removed);
 

@@ -1,5 +1,5 @@
-// Odometry made from a true trajectory, with the faults that odometry has: to try how a walk's poses
-// are smoothed on a scene of one's own.
+// Odometry made from a true trajectory, with the faults that odometry has: to try how a walk's
+// poses are smoothed on a scene of one's own.
 
 #pragma once
 
@@ -12,8 +12,8 @@
 
 namespace raylift {
 
-// Errors of drift are drawn for each step of the way, so that they add up as in a random walk: their
-// deviation grows with the way's root.
+// Errors of drift are drawn for each step of the way, so that they add up as in a random walk:
+// their deviation grows with the way's root.
 struct OdometryPerturbation {
   double drift_sigma = 0;     // of the position over a scene unit of way, per axis, scene units
   double turn_sigma_deg = 0;  // of the orientation over a scene unit of way, per axis

@@ -1,5 +1,5 @@
-// Errors of a trajectory as evo (Grupp 2017) defines them, without alignment: APE, of each pose, and
-// RPE, of each step from one pose to the next.
+// Errors of a trajectory as evo (Grupp 2017) defines them, without alignment: APE, of each pose,
+// and RPE, of each step from one pose to the next.
 
 #pragma once
 

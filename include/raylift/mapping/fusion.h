@@ -39,9 +39,9 @@ struct FusionOptions {
 
 // What the views say of the scale of things.
 struct ViewScale {
-  double pixel_width = 0;      // median, on the surface, scene units
-  double relative_noise = 0;   // standard deviation of depth as a share of it, by other views
-  double noise = 0;            // the same in scene units, at the median depth
+  double pixel_width = 0;     // median, on the surface, scene units
+  double relative_noise = 0;  // standard deviation of depth as a share of it, by other views
+  double noise = 0;           // the same in scene units, at the median depth
   // The part of the noise in which neighboring pixels differ, as a share of the depth.
   double relative_roughness = 0;
   size_t num_comparisons = 0;  // that tell the noise; 0: it is not known

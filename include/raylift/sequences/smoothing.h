@@ -11,8 +11,8 @@
 //
 // each N with a broader part, so that a few large errors count little. c_i is the frame's
 // confidence, S_i its covariance, u the density of a wrong pose, which may be anywhere. V_i grows
-// with how much the camera moves and turns in the step. Where frames that agree on both sides show that the
-// odometry was lost in between, it may be anything there.
+// with how much the camera moves and turns in the step. Where frames that agree on both sides show
+// that the odometry was lost in between, it may be anything there.
 
 #pragma once
 

@@ -28,8 +28,8 @@ struct Walk {
 // Reads odometry of the named photographs. `odometry` is one of
 //
 //   a TUM trajectory, lines `time tx ty tz qx qy qz qw` (camera to odometry's world, x right, y
-//     down, z forward), whose times must grow. A photograph takes the pose that is nearest to its time,
-//     within half of the median step between poses.
+//     down, z forward), whose times must grow. A photograph takes the pose that is nearest to its
+//     time, within half of the median step between poses.
 //   a COLMAP model's folder, or a pose file, lines `name qw qx qy qz tx ty tz` (world to camera):
 //     names tell.
 //

@@ -1,8 +1,8 @@
 // The pose's priors, each as one more residual.
 //
 // A prior may be wrong, as a match may: with a chance of one in twenty it says nothing, and the
-// position is anywhere about the references, gravity, heading or orientation any. The probability of a
-// pose is a mixture of both, so that a prior's cost is bounded: one that contradicts what the
+// position is anywhere about the references, gravity, heading or orientation any. The probability
+// of a pose is a mixture of both, so that a prior's cost is bounded: one that contradicts what the
 // matches say costs all poses there the same.
 
 #pragma once

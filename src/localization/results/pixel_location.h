@@ -23,8 +23,8 @@ struct LocatedPixel {
 // Returns nullopt where the pixel has no ray or its ray leaves the surface: sky.
 //
 // With the ray X = C + t d and the surface's plane of normal n there, an error of the pose moves
-// the point within the plane by (I - d n' / (n' d)) (dC + t dd); an error of the surface, a share of
-// its depth as the query's matches show it (MatchNoise), moves it along the ray.
+// the point within the plane by (I - d n' / (n' d)) (dC + t dd); an error of the surface, a share
+// of its depth as the query's matches show it (MatchNoise), moves it along the ray.
 std::optional<LocatedPixel> LocatePixel(const RayCaster& surface, const PoseEstimate& estimate,
                                         const Camera& camera, const Eigen::Vector2d& pixel);
 
