@@ -103,10 +103,10 @@ class Finder {
                                          .toRotationMatrix();
     Matrix3d body_from_cam;
     body_from_cam << 0, 0, 1, 1, 0, 0, 0, 1, 0;
-    tags_.down_in_cam = (level_from_body * body_from_cam).transpose() * Vector3d::UnitZ();
+    const Matrix3d level_from_cam = level_from_body * body_from_cam;
+    tags_.down_in_cam = level_from_cam.row(2);
     // A gimbal that is turned over has the image's right on its left.
-    const Vector3d right_in_level(0, 1, 0);
-    tags_.right_in_cam = (level_from_body * body_from_cam).transpose() * right_in_level;
+    tags_.right_in_cam = level_from_cam.row(1);
     tags_.heading_deg = exif_.drone->yaw_deg;
     tags_.heading_sigma_deg = kGimbalHeadingSigmaDeg;
     Say(fmt::format("gimbal pitch {:.1f}, roll {:.1f}", *exif_.drone->pitch_deg,
