@@ -59,6 +59,9 @@ macro(raylift_find package)
     endif()
     if(NOT raylift_Boost_INCLUDE_DIR OR raylift_OpenVDB_VERSION LESS 9)
       set(OpenVDB_FOUND FALSE)
+    elseif(NOT raylift_Boost_INCLUDE_DIR STREQUAL raylift_OpenVDB_INCLUDE_DIR)
+      set_property(TARGET raylift_package::OpenVDB APPEND PROPERTY
+        INTERFACE_INCLUDE_DIRECTORIES "${raylift_Boost_INCLUDE_DIR}")
     endif()
   elseif("${package}" STREQUAL "HDF5")
     # FindHDF5 needs C enabled and adds all that HDF5 itself is linked with.

@@ -91,6 +91,7 @@ function(raylift_add_library layer)
   list(TRANSFORM packages REPLACE "^opencv_.*" "OpenCV")
   list(TRANSFORM packages REPLACE "^SQLite::.*" "SQLite3")
   list(TRANSFORM packages REPLACE "::.*" "")
+  list(REMOVE_ITEM packages "" ${CMAKE_DL_LIBS})  # a part of the C library, and no package
   list(REMOVE_DUPLICATES packages)
   set_property(TARGET ${target} PROPERTY RAYLIFT_COMPONENTS "${components}")
   set_property(TARGET ${target} PROPERTY RAYLIFT_PACKAGES "${packages}")
