@@ -16,8 +16,6 @@ namespace {
 
 // How many frames with a pose back one may be tied to.
 constexpr size_t kWindow = 30;
-// The probability that the odometry is lost in a step.
-constexpr double kLost = 0.01;
 constexpr double kScaleDrift = 0.02;
 // A step that hardly moves is noisy, too, by this share of the mean one.
 constexpr double kLeastAmount = 0.05;
@@ -153,8 +151,8 @@ class AnchorSearch {
     covariance.diagonal().head<3>().array() += turn;
     covariance.diagonal().tail<3>().array() += shift;
     const double tied = CostOf(StepBetween(step, seen), covariance);
-    const double lost =
-        -2 * (std::log(kLost * static_cast<double>(later - earlier)) + log_anywhere_);
+    const double ever_lost = 1 - std::pow(1 - kLost, static_cast<double>(later - earlier));
+    const double lost = -2 * (std::log(ever_lost) + log_anywhere_);
     return {std::min(tied, lost), lost < tied};
   }
 

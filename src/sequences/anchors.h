@@ -19,6 +19,9 @@ struct StepNoise {
   double rotation_variance = 0;  // radians squared
 };
 
+// The probability that the odometry is lost in a step.
+inline constexpr double kLost = 0.01;
+
 // A frame whose own pose is right.
 struct Anchor {
   size_t frame = 0;

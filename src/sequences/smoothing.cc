@@ -3,11 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
+#include <optional>
 #include <utility>
 
 #include "sequences/anchors.h"
 #include "sequences/chain.h"
 #include "sequences/mixture.h"
+#include <Eigen/Cholesky>
 #include <Eigen/LU>
 
 #include "raylift/base/error.h"
@@ -339,27 +342,64 @@ class WalkGraph {
   double log_scale_ = 0;
 };
 
+// What the poses of some frames say. What makes one wrong makes those of the same place wrong, too:
+// they are one witness, as sure as the surest of them.
+class Witnesses {
+ public:
+  // `pose` is where the frame says that it is.
+  void Add(const SinglePose& single, const Rigid3& pose) {
+    const double log_wrong = std::log(std::clamp(1 - single.confidence, 1e-3, 1.0));
+    if (last_ && IsOfLastPlace(single, pose)) {
+      log_wrong_.back() = std::min(log_wrong_.back(), log_wrong);
+      return;
+    }
+    last_ = {pose, single.covariance, single.confidence};
+    log_wrong_.push_back(log_wrong);
+  }
+
+  // The logarithm of the probability that all are wrong.
+  double LogAllWrong() const { return std::accumulate(log_wrong_.begin(), log_wrong_.end(), 0.0); }
+  // That of the surest alone: what repeats along the walk makes all of them wrong, however many.
+  double LogSurestWrong() const {
+    constexpr size_t kMost = 3;
+    std::vector<double> surest(std::min(kMost, log_wrong_.size()));
+    std::partial_sort_copy(log_wrong_.begin(), log_wrong_.end(), surest.begin(), surest.end());
+    return std::accumulate(surest.begin(), surest.end(), 0.0);
+  }
+
+ private:
+  bool IsOfLastPlace(const SinglePose& single, const Rigid3& pose) const {
+    constexpr double kWithin = 12.6;  // 95 % of errors of six numbers
+    const Vector6 step = StepBetween(last_->cam_from_world, pose);
+    const Matrix6 covariance = last_->covariance + single.covariance;
+    return step.dot(covariance.ldlt().solve(step)) < kWithin;
+  }
+
+  std::optional<SinglePose> last_;
+  std::vector<double> log_wrong_;
+};
+
 // The probability that those which agree are right, where all that differ from them speak against
 // it.
-struct Votes {
-  double none_agreeing = 1;   // that all which agree are wrong
-  double none_differing = 1;  // that all which differ are wrong
-
-  double Probability() const {
-    const double right = (1 - none_agreeing) * none_differing;
-    const double wrong = none_agreeing * (1 - none_differing);
-    const double neither = none_agreeing * none_differing;
-    return right / (right + wrong + neither);
-  }
-};
+double ProbabilityOfAgreeing(const Witnesses& agreeing, const Witnesses& differing) {
+  const double all_agreeing = agreeing.LogAllWrong();
+  if (all_agreeing == 0) return 0;
+  const double none_agreeing = agreeing.LogSurestWrong();
+  // Both sides count as fewer by the same share.
+  const double none_differing = differing.LogAllWrong() * none_agreeing / all_agreeing;
+  const double some_agreeing = -std::expm1(none_agreeing);
+  return some_agreeing / (some_agreeing + std::exp(none_agreeing - none_differing));
+}
 
 bool Agrees(const SmoothedFrame& frame) { return frame.single_agrees > kAgrees; }
 
-// How often the odometry is lost in a step.
+// How often the odometry is lost in a step, by what is thought before and by the walk.
 double ShareLost(const std::vector<SmoothedFrame>& smoothed) {
   const auto lost = std::count_if(smoothed.begin(), smoothed.end(),
                                   [](const SmoothedFrame& frame) { return frame.lost_before; });
-  return static_cast<double>(lost) / static_cast<double>(smoothed.size() - 1);
+  constexpr double kPriorSteps = 30;
+  return (static_cast<double>(lost) + kLost * kPriorSteps) /
+         (static_cast<double>(smoothed.size() - 1) + kPriorSteps);
 }
 
 // The end of the frames from `begin` on between which the odometry was not lost.
@@ -375,19 +415,23 @@ void Judge(std::span<const WalkEvidence> frames, std::vector<SmoothedFrame>& smo
   const double kept = 1 - ShareLost(smoothed);
   for (size_t begin = 0, end = 0; begin < smoothed.size(); begin = end) {
     end = EndOfRun(smoothed, begin);
-    Votes votes;
+    Witnesses agreeing, differing;
     std::optional<size_t> first, last;
     for (size_t i = begin; i < end; ++i) {
       if (!frames[i].single) continue;
-      const double wrong = std::max(1 - frames[i].single->confidence, 1e-3);
-      (Agrees(smoothed[i]) ? votes.none_agreeing : votes.none_differing) *= wrong;
-      if (!Agrees(smoothed[i])) continue;
+      const SinglePose& single = *frames[i].single;
+      if (!Agrees(smoothed[i])) {
+        differing.Add(single, single.cam_from_world);
+        continue;
+      }
+      agreeing.Add(single, smoothed[i].cam_from_world);
       if (!first) first = i;
       last = i;
     }
+    const double probability = ProbabilityOfAgreeing(agreeing, differing);
     for (size_t i = begin; i < end && first; ++i) {
       const size_t beyond = i < *first ? *first - i : (i > *last ? i - *last : 0);
-      smoothed[i].confidence = votes.Probability() * std::pow(kept, beyond);
+      smoothed[i].confidence = probability * std::pow(kept, beyond);
     }
   }
 }

@@ -157,6 +157,43 @@ TEST(SmoothWalk, PosesThatNeverAgreeAreNoneOfAMap) {
   for (const SmoothedFrame& frame : walk.frames) EXPECT_LT(frame.confidence, 0.05);
 }
 
+TEST(SmoothWalk, StandingStillIsOneWitness) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {.frames = 30});
+  const Rigid3 wrong = RandomRigid3(rng, 5);
+  for (WalkEvidence& frame : made.frames) {
+    frame.cam_from_odometry = Moved(Rigid3(), Noise(rng, 0.02, 0.001));
+    frame.single->cam_from_world = Moved(wrong, Noise(rng, 0.2, 0.02));
+    frame.single->confidence = 0.3;
+  }
+  const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+  ASSERT_EQ(walk.frames.size(), made.frames.size());
+  for (const SmoothedFrame& frame : walk.frames) EXPECT_LT(frame.confidence, 0.35);
+}
+
+TEST(SmoothWalk, AWalkThroughATwinCorridorStaysDoubtful) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {});
+  for (WalkEvidence& frame : made.frames) frame.single->confidence = 0.5;
+  const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+  ASSERT_EQ(walk.frames.size(), made.frames.size());
+  for (const SmoothedFrame& frame : walk.frames) EXPECT_NEAR(frame.confidence, 0.875, 1e-9);
+}
+
+TEST(SmoothWalk, IsSureOfItselfHoweverLongItIs) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {.frames = 600});
+  for (size_t i = 0; i < 600; i += 3) {
+    made.frames[i].single->cam_from_world = RandomRigid3(rng, 10);
+  }
+  TakeAway(made, 598, 600);
+  const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+  ASSERT_EQ(walk.frames.size(), made.frames.size());
+  for (size_t i = 0; i < 598; ++i) EXPECT_GT(walk.frames[i].confidence, 0.99) << i;
+  // Beyond the last frame that agrees it may have been lost, though it never was before.
+  EXPECT_LT(walk.frames[599].confidence, 0.9995 * walk.frames[597].confidence);
+}
+
 TEST(SmoothWalk, WithoutAnyPoseThereIsNone) {
   Rng rng = TestRng();
   MadeWalk made = MakeWalk(rng, {});

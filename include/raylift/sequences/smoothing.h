@@ -50,7 +50,8 @@ inline constexpr auto kEnumNames<OdometryScale> = std::to_array<EnumName<Odometr
 struct SmoothedFrame {
   Rigid3 cam_from_world;
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();  // marginal
-  // The probability that the frames which agree with this one by odometry are not all wrong.
+  // The probability that the frames which agree with this one by odometry are not all wrong: those
+  // of one place are wrong together, and no more than three count.
   double confidence = 0;
   double single_agrees = 0;  // the probability that its own pose is right; 0 without one
   bool lost_before = false;  // between the frame before and this one the odometry was lost
