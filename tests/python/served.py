@@ -35,9 +35,11 @@ def query_form(name):
 
 
 class Server:
-    def __init__(self, *options, scenes=(SCENE,)):
-        self.process = subprocess.Popen([RAYLIFT, "serve", *map(str, scenes), "--port", "0", *map(str, options)],
-                                        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    def __init__(self, *options, scenes=(SCENE,), deadline="600s"):
+        """The deadline is no bound that a loaded machine reaches."""
+        command = [RAYLIFT, "serve", *scenes, "--port", "0", "--deadline", deadline, *options]
+        self.process = subprocess.Popen([str(word) for word in command], stdout=subprocess.PIPE,
+                                        stderr=subprocess.PIPE, text=True)
         line = self.process.stdout.readline()
         if not line.startswith("listening on "):
             raise AssertionError(line + self.process.stderr.read())
@@ -58,7 +60,7 @@ class Server:
         """The status, the headers and the body of an answer."""
         request = urllib.request.Request(self.url + path, data=body, headers=headers, method=method)
         try:
-            with urllib.request.urlopen(request, timeout=60) as answer:
+            with urllib.request.urlopen(request, timeout=600) as answer:
                 return answer.status, answer.headers, answer.read()
         except urllib.error.HTTPError as error:
             return error.code, error.headers, error.read()
@@ -68,11 +70,14 @@ class Server:
         assert status == 200, body
         return body.decode()
 
-    def raw(self, request, timeout=20):
+    def raw(self, request, timeout=120):
         """All that is answered to these bytes until the server closes, or the first part of it."""
         with socket.create_connection(self.address, timeout=timeout) as connection:
-            connection.sendall(request)
             answer = b""
+            try:
+                connection.sendall(request)
+            except ConnectionError:  # it has answered before it has seen them all
+                pass
             try:
                 while part := connection.recv(65536):
                     answer += part
@@ -80,8 +85,12 @@ class Server:
                 pass
             return answer
 
+    def wait_until_told(self, text):
+        """Reads what it says on stderr until this."""
+        assert any(text in line for line in self.process.stderr), f"{text} was not told"
+
     def end(self, sent=signal.SIGTERM):
         """Its exit code and what it said on stderr."""
         self.process.send_signal(sent)
-        _, told = self.process.communicate(timeout=60)
+        _, told = self.process.communicate(timeout=600)
         return self.process.returncode, told

@@ -21,9 +21,13 @@ def run(tmp_path_factory):
     return out
 
 
+def serve(run):
+    return Server("--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json")
+
+
 @pytest.fixture(scope="module")
 def server(run):
-    with Server("--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json") as server:
+    with serve(run) as server:
         yield server
 
 
@@ -145,9 +149,9 @@ def test_features_stand_for_the_image(server):
 
 
 def test_sigterm_answers_what_is_there_and_ends_with_0(run):
-    with Server("--cache", run / "cache") as server, ThreadPoolExecutor(4) as clients:
+    with serve(run) as server, ThreadPoolExecutor(4) as clients:
         answers = [clients.submit(server.localize, name) for name in sorted(QUERIES)[:4]]
-        while b"raylift_body_bytes 0\n" in server.ask("/metrics")[2]:
+        while b"raylift_body_bytes 0\n" in server.ask("/metrics")[2] and not all(a.done() for a in answers):
             time.sleep(0.005)
         code, _ = server.end()
         assert code == 0
@@ -156,6 +160,6 @@ def test_sigterm_answers_what_is_there_and_ends_with_0(run):
 
 
 def test_sigterm_ends_an_idle_server_with_0(run):
-    with Server("--cache", run / "cache") as server:
+    with serve(run) as server:
         assert server.ask("/healthz")[0] == 200
         assert server.end() == (0, "")

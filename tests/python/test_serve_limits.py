@@ -29,15 +29,21 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def server(folder):
-    with Server(*FAST, "--cache", folder / "cache", "--threads", "1", "--max-queue", "1", "--header-deadline", "1s",
-                "--body-deadline", "2s", "--max-body-mb", "1", "--max-connections", "40", "--keep", folder / "kept",
-                "--tokens", folder / "tokens.txt", "--cors", "https://a.example") as server:
+    with Server(*FAST, "--cache", folder / "cache", "--threads", "1", "--max-queue", "1", "--max-body-mb", "1",
+                "--keep", folder / "kept", "--tokens", folder / "tokens.txt", "--cors", "https://a.example") as server:
         yield server
 
 
 def ask(server, name, path="/v1/localize", **headers):
     body, of_form = query_form(name)
     return server.ask(path, body, {**TOKEN, **of_form, **headers})
+
+
+def is_well(server):
+    try:
+        return server.ask("/healthz")[0] == 200
+    except OSError:
+        return False
 
 
 def status_of(answer):
@@ -123,41 +129,38 @@ def test_bodies_are_limited_however_they_come(server):
     answer = server.raw((json_head + "Transfer-Encoding: chunked\r\n\r\n").encode() + chunks * 20)
     assert status_of(answer) == 413
     assert status_of(server.raw(b"GET / HTTP/1.1\r\nA: " + b"a" * 100000 + b"\r\n\r\n")) == 431
-    assert server.raw((json_head + "Content-Length: 50\r\n\r\n{").encode()) == b""  # within the body's deadline
 
 
 def test_pipelined_requests_are_answered_in_their_order(server):
     body, of_form = query_form(NAMES[0])
     one = (HEAD + f"Content-Type: {of_form['Content-Type']}\r\nContent-Length: {len(body)}\r\n\r\n").encode() + body
     last = b"GET /healthz HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n"
-    answer = server.raw(one + b"GET /readyz HTTP/1.1\r\nHost: a\r\n\r\n" + last, timeout=60)
+    answer = server.raw(one + b"GET /readyz HTTP/1.1\r\nHost: a\r\n\r\n" + last)
     assert answer.count(b"HTTP/1.1 200 OK") == 3
     assert answer.index(b'"verdict"') < answer.index(b"ok\n") and answer.endswith(b"ok\n")
 
 
-def test_slow_clients_block_nobody_and_are_let_go(server):
-    slow = [socket.create_connection(server.address) for _ in range(30)]
-    for connection in slow:
-        connection.sendall(b"POST /v1/localize HTTP/1.1\r\nHo")
-    assert ask(server, NAMES[0])[0] == 200
-    time.sleep(1.5)
-    for connection in slow:
-        connection.settimeout(10)
-        assert connection.recv(1) == b""
-        connection.close()
+def test_slow_clients_block_nobody_and_are_let_go(folder):
+    with Server(*FAST, "--cache", folder / "cache", "--header-deadline", "3s", "--body-deadline", "3s") as server:
+        slow = [socket.create_connection(server.address, timeout=60) for _ in range(30)]
+        for connection in slow[1:]:
+            connection.sendall(b"POST /v1/localize HTTP/1.1\r\nHo")
+        slow[0].sendall((HEAD + "Content-Type: application/json\r\nContent-Length: 50\r\n\r\n{").encode())
+        assert ask(server, NAMES[0])[0] == 200
+        for connection in slow:
+            assert connection.recv(1) == b""
+            connection.close()
 
 
-def test_connections_beyond_the_limit_are_sent_away(server):
-    many = [socket.create_connection(server.address) for _ in range(60)]
-    answers = []
-    for connection in many[45:]:
-        connection.settimeout(10)
-        answers.append(connection.recv(1000))
-    assert answers[-1].startswith(b"HTTP/1.1 503")
-    for connection in many:
-        connection.close()
-    time.sleep(1.2)
-    assert ask(server, NAMES[0])[0] == 200
+def test_connections_beyond_the_limit_are_sent_away(folder):
+    with Server(*FAST, "--cache", folder / "cache", "--max-connections", "5") as server:
+        many = [socket.create_connection(server.address, timeout=60) for _ in range(8)]
+        assert all(connection.recv(1000).startswith(b"HTTP/1.1 503") for connection in many[5:])
+        for connection in many:
+            connection.close()
+        while not is_well(server):  # until it has seen them go
+            time.sleep(0.1)
+        assert ask(server, NAMES[0])[0] == 200
 
 
 def test_a_client_asks_from_python(server):
@@ -176,7 +179,7 @@ def test_a_client_asks_from_python(server):
 
 
 def test_work_is_given_up_at_the_deadline(folder):
-    with Server(*FAST, "--cache", folder / "cache", "--deadline", "0.001s") as server:
+    with Server(*FAST, "--cache", folder / "cache", deadline="0.001s") as server:
         status, headers, answer = server.ask("/v1/localize", *query_form(NAMES[0]))
         assert status == 503 and headers["Retry-After"] == "1" and "in time" in json.loads(answer)["detail"]
 
@@ -211,7 +214,6 @@ def test_sighup_opens_the_scenes_anew(folder):
         assert server.ask("/v1/localize?scene=other", *query_form(NAMES[0]))[2] == before
         scene.write_text("nonsense")
         server.process.send_signal(signal.SIGHUP)
-        time.sleep(0.5)
+        server.wait_until_told("stay as they are")
         assert server.ask("/v1/localize?scene=other", *query_form(NAMES[0]))[2] == before
-        code, told = server.end()
-        assert code == 0 and "stay as they are" in told
+        assert server.end()[0] == 0
