@@ -1,9 +1,12 @@
 #include "raylift/service/server.h"
 
+#include <atomic>
 #include <chrono>
 #include <csignal>
 #include <cstdint>
+#include <exception>
 #include <string_view>
+#include <system_error>
 #include <thread>
 
 #include "service/connection.h"
@@ -28,6 +31,8 @@ class Server::Impl {
     Listen();
     shared_.service.Take(open_());
     shared_.on_closed = [this] { EndIfDone(); };
+    // They wait for Run() from now on; before, they end the opening.
+    for (const int signal : {SIGTERM, SIGINT, SIGHUP}) signals_.add(signal);
   }
   ~Impl() {
     shared_.on_closed = nullptr;
@@ -39,9 +44,6 @@ class Server::Impl {
   tcp::endpoint endpoint() const { return acceptor_.local_endpoint(); }
 
   void Run() {
-    signals_.add(SIGTERM);
-    signals_.add(SIGINT);
-    signals_.add(SIGHUP);
     WaitForSignal();
     Accept();
     while (true) {
@@ -88,14 +90,23 @@ class Server::Impl {
     acceptor_.async_accept([this](error_code error, tcp::socket socket) {
       if (shared_.is_draining) return;
       if (error) return AcceptLater();  // files have run out
-      const auto most = static_cast<size_t>(shared_.options.limits.connections);
-      if (shared_.connections.size() < most) {
-        std::make_shared<Connection>(std::move(socket), shared_)->ReadHeader();
-      } else {
-        SendAway(socket);
+      try {
+        Take(std::move(socket));
+        Accept();
+      } catch (const std::exception& failure) {  // memory has run out
+        Log(failure.what());
+        AcceptLater();
       }
-      Accept();
     });
+  }
+
+  void Take(tcp::socket socket) {
+    const auto most = static_cast<size_t>(shared_.options.limits.connections);
+    if (shared_.connections.size() < most) {
+      std::make_shared<Connection>(std::move(socket), shared_)->ReadHeader();
+    } else {
+      SendAway(socket);
+    }
   }
 
   void AcceptLater() {
@@ -147,17 +158,32 @@ class Server::Impl {
   }
 
   void Reopen() {
-    if (is_reopening_.exchange(true)) return;
+    if (reopenings_asked_++ > 0) return;  // the thread sees it
     if (reopening_.joinable()) reopening_.join();
-    reopening_ = std::thread([this] {
+    try {
+      reopening_ = std::thread([this] { ReopenWhileAsked(); });
+    } catch (const std::system_error& error) {
+      reopenings_asked_ = 0;
+      LogStays(error);
+    }
+  }
+
+  // What is asked for while the scenes are opened may be about later files: they are opened again.
+  void ReopenWhileAsked() {
+    int asked = 0;
+    do {
+      asked = reopenings_asked_;
       try {
         shared_.service.Take(open_());
         Log("the scenes are opened anew");
       } catch (const std::exception& error) {
-        Log(fmt::format("the scenes stay as they are: {}", error.what()));
+        LogStays(error);
       }
-      is_reopening_ = false;
-    });
+    } while (reopenings_asked_.fetch_sub(asked) != asked);
+  }
+
+  void LogStays(const std::exception& error) const {
+    Log(fmt::format("the scenes stay as they are: {}", error.what()));
   }
 
   const OpenScenes open_;
@@ -167,7 +193,7 @@ class Server::Impl {
   asio::steady_timer accept_again_{shared_.io};
   asio::executor_work_guard<asio::io_context::executor_type> working_{shared_.io.get_executor()};
   std::thread reopening_;
-  std::atomic<bool> is_reopening_ = false;
+  std::atomic<int> reopenings_asked_ = 0;
 };
 
 Server::Server(OpenScenes open, const ServerOptions& options)
