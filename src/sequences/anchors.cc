@@ -213,7 +213,7 @@ double ExtentOf(std::span<const WalkEvidence> frames, double scale) {
   return extent > 0 ? extent : 1;
 }
 
-double ScaleByPairs(std::span<const WalkEvidence> frames) {
+std::optional<double> ScaleByPairs(std::span<const WalkEvidence> frames) {
   constexpr double kBand = 0.05;   // of the logarithm
   constexpr double kFarApart = 4;  // standard deviations of the two positions
   std::vector<double> logs;
@@ -247,6 +247,7 @@ double ScaleByPairs(std::span<const WalkEvidence> frames) {
       best = logs[begin + (end - begin) / 2];
     }
   }
+  if (most < 2) return std::nullopt;
   return std::exp(best);
 }
 

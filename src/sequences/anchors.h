@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -45,9 +46,9 @@ double LogDensityAnywhere(double extent);
 // How far the walk reaches in the scene.
 double ExtentOf(std::span<const WalkEvidence> frames, double scale);
 
-// Scene units per unit of odometry, the one that most pairs of frames with a pose agree on; 1 where
-// no pair tells.
-double ScaleByPairs(std::span<const WalkEvidence> frames);
+// Scene units per unit of odometry, the one that most pairs of frames with a pose agree on; nullopt
+// where no three frames, which lie apart, do.
+std::optional<double> ScaleByPairs(std::span<const WalkEvidence> frames);
 
 std::vector<Anchor> FindAnchors(std::span<const WalkEvidence> frames, double scale,
                                 const StepNoise& noise);

@@ -11,7 +11,9 @@
 #include "geometry/pose_json.h"
 #include "io/scene/trajectory_file.h"
 #include "localization/results/result_json.h"
+#include "sequences/chain.h"
 #include "sequences/walked_query.h"
+#include <Eigen/Cholesky>
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -30,18 +32,41 @@ std::vector<WalkEvidence> EvidenceOf(std::span<const LocalizedQuery> queries, co
   return evidence;
 }
 
+// What the walk tells of each of its frames; nullopt where that is nothing.
+struct ToldFrames {
+  SmoothedWalk walk;  // the last one that tells something, with the frames that it tells of
+  std::vector<std::optional<SmoothedFrame>> frames = {};
+};
+
 // All frames by all of them, or each by those before it.
-SmoothedWalk SmoothAll(std::span<const WalkEvidence> frames, const SmoothingOptions& options) {
-  if (!options.online) return SmoothWalk(frames, options.scale);
+ToldFrames SmoothAll(std::span<const WalkEvidence> frames, const SmoothingOptions& options) {
+  if (!options.online) {
+    ToldFrames told{SmoothWalk(frames, options.scale)};
+    told.frames.assign(told.walk.frames.begin(), told.walk.frames.end());
+    return told;
+  }
   WalkFilter filter(options.scale);
-  SmoothedWalk walk;
+  ToldFrames told;
   std::vector<SmoothedFrame> newest;
   for (const WalkEvidence& frame : frames) {
-    walk = filter.Add(frame);
-    newest.push_back(walk.frames.empty() ? SmoothedFrame() : walk.frames.back());
+    SmoothedWalk walk = filter.Add(frame);
+    told.frames.emplace_back();
+    if (!walk.frames.empty()) newest.push_back(told.frames.back().emplace(walk.frames.back()));
+    if (!walk.frames.empty() || newest.empty()) told.walk = std::move(walk);
   }
-  walk.frames = std::move(newest);
-  return walk;
+  told.walk.frames = std::move(newest);
+  return told;
+}
+
+// The inliers and the camera of a pose that the photograph has no more say nothing of the walk's.
+void ForgetInliers(PoseEstimate& estimate) {
+  for (MatchSetScore* score : {&estimate.score_2d3d, &estimate.score_2d2d}) {
+    *score = {score->num_matches, 0, static_cast<double>(score->num_matches)};
+  }
+  estimate.inliers_2d3d.assign(estimate.inliers_2d3d.size(), false);
+  estimate.inliers_2d2d.assign(estimate.inliers_2d2d.size(), false);
+  estimate.inlier_keypoints = 0;
+  estimate.refined_camera.reset();
 }
 
 // How sure the walk's pose of a photograph is.
@@ -65,6 +90,16 @@ PoseEstimate EstimateOf(const SmoothedFrame& frame, const Query& photograph,
 }
 
 std::vector<std::string> WarningsOf(const SmoothedWalk& walk) {
+  if (!walk.scale_is_observable) {
+    return {
+        "the odometry's unknown scale is not observable, as no three photographs of the walk have "
+        "poses that lie apart and agree on one: the results are those of single photographs"};
+  }
+  if (walk.frames.empty()) {
+    return {
+        "the walk tells nothing, as no photograph of it has a pose with a covariance: the results "
+        "are those of single photographs"};
+  }
   if (!walk.contradicting_scale) return {};
   return {fmt::format(
       "the odometry's unit seems to be {:.4g} of the scene's by the photographs' poses, which "
@@ -97,6 +132,9 @@ static void Members(JsonMembers& members, WalkedQuery& query) {
 std::optional<SinglePose> SinglePoseOf(const LocalizedQuery& query) {
   const PoseEstimate& estimate = query.estimate;
   if (!query.localized() || !estimate.covariance) return std::nullopt;
+  const Eigen::LLT<Matrix6> factored(*estimate.covariance);
+  constexpr double kSingular = 1e-15;
+  if (factored.info() != Eigen::Success || !(factored.rcond() > kSingular)) return std::nullopt;
   return SinglePose{*estimate.cam_from_world, *estimate.covariance, estimate.confidence};
 }
 
@@ -105,8 +143,8 @@ void TakeFromWalk(const SmoothedFrame& frame, const Query& photograph,
   LocalizedQuery& localized = query.localized;
   const bool had_pose = localized.localized();
   const bool agrees = had_pose && frame.single_agrees > 0.5;
-  // The walk speaks for photographs that do not agree where it rather is right than wrong.
-  if (!had_pose && frame.confidence < 0.5) return;
+  // The walk speaks for photographs that told it nothing where it rather is right than wrong.
+  if (!SinglePoseOf(localized) && frame.confidence < 0.5) return;
   query.lost_before = frame.lost_before;
   if (had_pose) {
     query.single_cam_from_world = localized.estimate.cam_from_world;
@@ -117,12 +155,13 @@ void TakeFromWalk(const SmoothedFrame& frame, const Query& photograph,
     localized.reason = "its pose contradicts those of its walk";
     return;
   }
-  const PoseEstimate estimate = EstimateOf(frame, photograph, distances, localized);
+  PoseEstimate estimate = EstimateOf(frame, photograph, distances, localized);
   if (!agrees && (frame.confidence < 0.5 || estimate.confidence <= kLeastConfidence)) return;
   query.role =
       !had_pose ? WalkRole::kRescued : (agrees ? WalkRole::kSmoothed : WalkRole::kReplaced);
-  localized.estimate = estimate;
-  localized.reason = ReasonNotLocalized(estimate, min_confidence);
+  if (!agrees) ForgetInliers(estimate);
+  localized.TakeEstimate(std::move(estimate));
+  localized.reason = ReasonNotLocalized(localized.estimate, min_confidence);
 }
 
 size_t WalkedQueries::Count(WalkRole role) const {
@@ -139,15 +178,15 @@ WalkedQueries SmoothQueries(std::span<const LocalizedQuery> queries,
   for (const LocalizedQuery& query : queries) walked.queries.push_back({query});
   for (const WalkFrame& frame : walk.frames) walked.queries[frame.query].time_s = frame.time_s;
   walked.warnings = walk.warnings;
-  SmoothedWalk smoothed = SmoothAll(EvidenceOf(queries, walk), options);
-  if (smoothed.frames.empty()) return walked;
-  for (size_t i = 0; i < walk.frames.size(); ++i) {
+  ToldFrames told = SmoothAll(EvidenceOf(queries, walk), options);
+  for (std::string& warning : WarningsOf(told.walk)) walked.warnings.push_back(std::move(warning));
+  for (size_t i = 0; i < told.frames.size(); ++i) {
+    if (!told.frames[i]) continue;
     const size_t query = walk.frames[i].query;
-    TakeFromWalk(smoothed.frames[i], photographs[query], distances, options.min_confidence,
+    TakeFromWalk(*told.frames[i], photographs[query], distances, options.min_confidence,
                  walked.queries[query]);
   }
-  for (std::string& warning : WarningsOf(smoothed)) walked.warnings.push_back(std::move(warning));
-  walked.walk = std::move(smoothed);
+  if (!told.walk.frames.empty()) walked.walk = std::move(told.walk);
   return walked;
 }
 

@@ -65,16 +65,14 @@ Rigid3 Moved(const Rigid3& pose, const Vector6& step) {
 
 class WalkGraph {
  public:
-  WalkGraph(std::span<const WalkEvidence> frames, OdometryScale scale)
-      : frames_(frames),
-        scale_is_known_(scale == OdometryScale::kKnown),
-        amounts_(StepAmounts(frames)) {
+  // `scale` is known or about right.
+  WalkGraph(std::span<const WalkEvidence> frames, double scale, bool scale_is_known)
+      : frames_(frames), scale_is_known_(scale_is_known), amounts_(StepAmounts(frames)) {
     for (const WalkEvidence& frame : frames) {
       singles_.emplace_back(frame.single ? Matrix6(frame.single->covariance.inverse())
                                          : Matrix6(Matrix6::Identity()));
     }
-    log_scale_ = scale_is_known_ ? 0 : std::log(ScaleByPairs(frames));
-    prior_log_scale_ = log_scale_;
+    log_scale_ = prior_log_scale_ = std::log(scale);
     extent_ = ExtentOf(frames, Scale());
     log_anywhere_ = LogDensityAnywhere(extent_);
     double way = 0;
@@ -438,28 +436,30 @@ void Judge(std::span<const WalkEvidence> frames, std::vector<SmoothedFrame>& smo
 
 // The scale that pairs of frames tell, where it is not the known one.
 std::optional<double> ContradictingScale(std::span<const WalkEvidence> frames,
-                                         const SmoothedWalk& walk) {
+                                         std::optional<double> by_pairs, const SmoothedWalk& walk) {
   constexpr double kSame = 1.2;
-  const double by_pairs = ScaleByPairs(frames);
-  if (by_pairs < kSame && by_pairs > 1 / kSame) return std::nullopt;
+  if (!by_pairs || (*by_pairs<kSame&& * by_pairs> 1 / kSame)) return std::nullopt;
   size_t with_pose = 0, agreeing = 0;
   for (size_t i = 0; i < walk.frames.size(); ++i) {
     with_pose += frames[i].single ? 1 : 0;
     agreeing += Agrees(walk.frames[i]) ? 1 : 0;
   }
-  return 2 * agreeing < with_pose ? std::optional(by_pairs) : std::nullopt;
+  return 2 * agreeing < with_pose ? by_pairs : std::nullopt;
 }
 
 }  // namespace
 
 SmoothedWalk SmoothWalk(std::span<const WalkEvidence> frames, OdometryScale scale) {
   RAYLIFT_CHECK(frames.size() >= 2);
-  WalkGraph graph(frames, scale);
+  const bool is_known = scale == OdometryScale::kKnown;
+  const std::optional<double> by_pairs = ScaleByPairs(frames);
+  if (!is_known && !by_pairs) return {.scale_is_observable = false};
+  WalkGraph graph(frames, is_known ? 1 : *by_pairs, is_known);
   if (!graph.Begin()) return {};
   graph.Minimize();
   SmoothedWalk walk = graph.Result();
   Judge(frames, walk.frames);
-  if (scale == OdometryScale::kKnown) walk.contradicting_scale = ContradictingScale(frames, walk);
+  if (is_known) walk.contradicting_scale = ContradictingScale(frames, by_pairs, walk);
   return walk;
 }
 

@@ -24,8 +24,8 @@ SmoothedWalk WalkFilter::Add(const WalkEvidence& frame) {
   if (frames_.size() > 1) {
     return SmoothWalk(std::vector<WalkEvidence>(frames_.begin(), frames_.end()), scale_);
   }
-  SmoothedWalk walk;
-  if (!frame.single) return walk;
+  SmoothedWalk walk{.scale_is_observable = scale_ == OdometryScale::kKnown};
+  if (!frame.single || !walk.scale_is_observable) return walk;
   walk.frames.push_back({.cam_from_world = frame.single->cam_from_world,
                          .covariance = frame.single->covariance,
                          .confidence = frame.single->confidence,
@@ -60,10 +60,11 @@ TrackedPose Tracker::Add(const Query& query, const LocalizedQuery& alone,
   last_time_s_ = time_s;
   TrackedPose tracked{{.localized = alone, .time_s = time_s}};
   const SmoothedWalk walk = filter_.Add({cam_from_odometry, SinglePoseOf(alone)});
-  if (walk.frames.empty()) return tracked;
-  TakeFromWalk(walk.frames.back(), query, distances_, options_.min_confidence, tracked.query);
+  if (!walk.frames.empty()) {
+    TakeFromWalk(walk.frames.back(), query, distances_, options_.min_confidence, tracked.query);
+  }
   tracked.scale = walk.scale;
-  if (!tracked.query.localized.localized()) return tracked;
+  if (!tracked.query.localized.localized() || !walk.scale_is_observable) return tracked;
   Rigid3 scaled = cam_from_odometry;
   scaled.translation *= walk.scale;
   tracked.world_from_odometry = tracked.query.localized.estimate.cam_from_world->Inverse() * scaled;

@@ -94,6 +94,29 @@ TEST(SmoothWalk, FindsAnUnknownScale) {
   for (size_t i = 0; i < 60; ++i) EXPECT_LT(made.Error(walk, i), 0.15) << i;
 }
 
+TEST(SmoothWalk, TellsNothingWhereAnUnknownScaleIsNotObservable) {
+  Rng rng = TestRng();
+  const auto is_unobservable = [](const MadeWalk& made) {
+    const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kUnknown);
+    return walk.frames.empty() && !walk.scale_is_observable;
+  };
+  MadeWalk few = MakeWalk(rng, {});
+  TakeAway(few, 0, 20);
+  TakeAway(few, 21, 50);
+  TakeAway(few, 51, 60);
+  EXPECT_TRUE(is_unobservable(few));
+  few.frames[50].single.reset();
+  EXPECT_TRUE(is_unobservable(few));
+  EXPECT_FALSE(SmoothWalk(few.frames, OdometryScale::kKnown).frames.empty());
+
+  MadeWalk turning = MakeWalk(rng, {});
+  for (WalkEvidence& frame : turning.frames) {
+    frame.single->cam_from_world.translation = 0.02 * Vector3d(rng.Normal(), rng.Normal(), 0);
+    frame.cam_from_odometry.translation = 0.01 * Vector3d(rng.Normal(), rng.Normal(), 0);
+  }
+  EXPECT_TRUE(is_unobservable(turning));
+}
+
 TEST(SmoothWalk, SaysThatAKnownScaleIsWrong) {
   Rng rng = TestRng();
   const MadeWalk made = MakeWalk(rng, {.scale = 1000});

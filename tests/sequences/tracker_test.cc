@@ -1,15 +1,20 @@
 #include "raylift/sequences/tracker.h"
 
+#include <cmath>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "sequences/made_walk.h"
 #include "support/matchers.h"
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 namespace raylift {
 namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
 
 TEST(WalkFilter, IsTheWalkSoFar) {
   Rng rng = TestRng();
@@ -89,12 +94,62 @@ TEST(SmoothQueries, OneWeakPoseOfAWalkDoesNotSpeakForTheOthers) {
   EXPECT_EQ(walked.Count(WalkRole::kSmoothed), 1U);
 }
 
+TEST(SmoothQueries, APoseWithoutAUsableCovarianceNeitherSpeaksNorIsDropped) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {.frames = 20});
+  Inputs inputs = InputsOf(made);
+  inputs.alone[4].estimate.covariance->setZero();
+  inputs.alone[5].estimate.covariance->setConstant(NAN);
+  inputs.alone[6].estimate.covariance.reset();
+  inputs.alone[6].estimate.inlier_keypoints = 40;
+  const auto smooth = [&] {
+    return SmoothQueries(inputs.alone, inputs.photographs, inputs.walk, SceneDistances(Scene()),
+                         {});
+  };
+  const WalkedQueries walked = smooth();
+  EXPECT_EQ(walked.Count(WalkRole::kSmoothed), 17U);
+  EXPECT_EQ(walked.Count(WalkRole::kReplaced), 3U);
+  EXPECT_EQ(walked.queries[6].localized.estimate.inlier_keypoints, 0);
+
+  // Where the walk is not sure, such a pose stays.
+  for (size_t i = 0; i < 20; ++i) {
+    if (i == 4) continue;
+    inputs.alone[i].estimate.confidence = 0.04;
+    if (i < 4 || i > 6) inputs.alone[i].reason = "too few matches";
+  }
+  inputs.alone[6].estimate.covariance = made.frames[6].single->covariance;
+  EXPECT_EQ(smooth().queries[4].role, WalkRole::kAlone);
+  EXPECT_TRUE(smooth().queries[4].localized.localized());
+
+  inputs.alone[6].estimate.covariance.reset();
+  EXPECT_EQ(smooth().Count(WalkRole::kAlone), 20U);
+  EXPECT_THAT(smooth().warnings, ElementsAre(HasSubstr("no photograph of it has a pose")));
+}
+
+TEST(SmoothQueries, WithoutAnObservableScaleResultsStayAsTheyAre) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {.frames = 20, .scale = 7});
+  TakeAway(made, 1, 20);
+  const Inputs inputs = InputsOf(made);
+  for (const bool online : {false, true}) {
+    const WalkedQueries walked =
+        SmoothQueries(inputs.alone, inputs.photographs, inputs.walk, SceneDistances(Scene()),
+                      {.scale = OdometryScale::kUnknown, .online = online});
+    EXPECT_EQ(walked.Count(WalkRole::kAlone), 20U);
+    EXPECT_TRUE(walked.queries[0].localized.localized());
+    EXPECT_FALSE(walked.walk);
+    EXPECT_THAT(walked.warnings, ElementsAre(HasSubstr("scale is not observable")));
+  }
+}
+
 TEST(Tracker, EqualsTheWholeWalkOnline) {
   Rng rng = TestRng();
   MadeWalk made = MakeWalk(rng, {.frames = 70, .scale = 0.2});
   TakeAway(made, 0, 4);
   TakeAway(made, 20, 30);
-  const Inputs inputs = InputsOf(made);
+  Inputs inputs = InputsOf(made);
+  inputs.alone[10].estimate.covariance.reset();
+  inputs.alone[12].estimate.covariance->setZero();
   const auto scene = std::make_shared<const Scene>();
   const SmoothingOptions options{.scale = OdometryScale::kUnknown, .online = true};
   const WalkedQueries walked =
@@ -106,7 +161,8 @@ TEST(Tracker, EqualsTheWholeWalkOnline) {
         tracker.Add(inputs.photographs[i], inputs.alone[i], made.frames[i].cam_from_odometry,
                     static_cast<double>(i));
     EXPECT_EQ(FormatQueryDiagnostics(tracked.query), FormatQueryDiagnostics(walked.queries[i]));
-    EXPECT_EQ(tracked.world_from_odometry.has_value(), i >= 4);
+    // The third photograph with a pose tells the scale.
+    EXPECT_EQ(tracked.world_from_odometry.has_value(), i >= 6) << i;
     if (!tracked.world_from_odometry) continue;
     Rigid3 odometry = made.frames[i].cam_from_odometry;
     odometry.translation *= tracked.scale;

@@ -62,7 +62,7 @@ struct WalkedQuery {
 
 struct WalkedQueries {
   std::vector<WalkedQuery> queries;  // in the given order
-  // What the walk told of the odometry, without the frames; nullopt where no photograph had a pose.
+  // What the walk told of the odometry, without the frames; nullopt where it told nothing.
   std::optional<SmoothedWalk> walk;
   std::vector<std::string> warnings;
 

@@ -58,8 +58,11 @@ struct SmoothedFrame {
 };
 
 struct SmoothedWalk {
-  std::vector<SmoothedFrame> frames;  // empty where no frame has a pose of its own
-  double scale = 1;                   // scene units per unit of the odometry
+  // Empty where no frame has a pose of its own, or an unknown scale is not observable.
+  std::vector<SmoothedFrame> frames = {};
+  // False where the scale is unknown and no three frames, whose poses lie apart, tell it.
+  bool scale_is_observable = true;
+  double scale = 1;  // scene units per unit of the odometry
   double scale_sigma = 0;
   // The odometry's noise over a step as long as the walk's mean one; scene units.
   double step_sigma = 0;

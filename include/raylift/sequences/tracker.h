@@ -21,8 +21,8 @@ class WalkFilter {
  public:
   explicit WalkFilter(OdometryScale scale) : scale_(scale) {}
 
-  // Returns the walk of the frames that are kept, the newest last; without frames where none so far
-  // has a pose.
+  // Returns the walk of the frames that are kept, the newest last; without frames where SmoothWalk()
+  // has none.
   SmoothedWalk Add(const WalkEvidence& frame);
 
  private:
@@ -35,7 +35,8 @@ class WalkFilter {
 struct TrackedPose {
   WalkedQuery query;  // with the photograph's own result
   // The odometry's frame in the world (its translations times the scale); nullopt where the
-  // photograph has no pose: the walk is lost, or has not been found in the map yet.
+  // photograph has no pose: the walk is lost, or has not been found in the map yet. Nor does one
+  // photograph tell it while an unknown scale is not observable.
   std::optional<Rigid3> world_from_odometry = std::nullopt;
   double scale = 1;
 };
