@@ -93,10 +93,12 @@ LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags) {
   inputs.scene = OpenSceneOf(flags, inputs.queries);
   if (flags.leave_one_out) inputs.queries = QueriesOf(inputs.scene.references);
   inputs.scene = WithKnownCalibration(flags, std::move(inputs.scene));
-  if (flags.PriorsOfPhotographs()) {
-    TakePhotographPriors(flags.QueryImages(), *flags.world, inputs.queries);
-  } else if (!flags.priors.empty()) {
-    TakePosePriors(flags.priors, inputs.queries, flags.world);
+  if (!flags.priors.empty()) {
+    const std::vector<std::string> warnings =
+        flags.PriorsOfPhotographs()
+            ? TakePhotographPriors(flags.QueryImages(), *flags.world, inputs.queries)
+            : TakePosePriors(flags.priors, inputs.queries, flags.world);
+    inputs.scene.warnings.insert(inputs.scene.warnings.end(), warnings.begin(), warnings.end());
   }
   if (!flags.rigs.empty()) TakeRigs(flags.rigs, inputs.queries);
   if (auto warning = WarnOfAssumedLenses(inputs.queries)) {

@@ -99,6 +99,9 @@ class Locating {
     } else {
       WriteFile(flags_.out, text);
     }
+    if (earth_ && num_located_ > 0) {
+      if (const auto warning = earth_->Warning()) PrintWarning(*warning);
+    }
     if (flags_.out.empty() || flags_.running.quiet) return;
     fmt::print(
         "{} pixels, {} on the surface, {} sky, {} of photographs that are not localized: {}\n",

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -32,12 +33,18 @@ struct QueriesFlags {
   bool quiet = false;
 };
 
+// A photograph that is a link keeps its own name.
+path Whole(const path& given) {
+  const path whole = std::filesystem::absolute(given).lexically_normal();
+  return whole.has_filename() ? whole : whole.parent_path();
+}
+
 // The folder that names start at: the given one, a folder of photographs, or that of all files.
 path RootOf(const QueriesFlags& flags) {
-  if (!flags.query_images.empty()) return std::filesystem::weakly_canonical(flags.query_images);
+  if (!flags.query_images.empty()) return Whole(flags.query_images);
   std::optional<path> root;
   for (const path& photograph : flags.photographs) {
-    const path whole = std::filesystem::weakly_canonical(photograph);
+    const path whole = Whole(photograph);
     const path folder = std::filesystem::is_directory(whole) ? whole : whole.parent_path();
     if (!root) root = folder;
     const auto [in_root, in_folder] =
@@ -52,14 +59,14 @@ path RootOf(const QueriesFlags& flags) {
 std::vector<Query> QueriesOf(const QueriesFlags& flags, const path& root) {
   std::vector<Query> queries;
   for (const path& photograph : flags.photographs) {
-    const path whole = std::filesystem::weakly_canonical(photograph);
+    const path whole = Whole(photograph);
     if (std::filesystem::is_directory(whole)) {
       const std::vector<Query> below = ReadQueryList(whole, root);
       queries.insert(queries.end(), below.begin(), below.end());
       continue;
     }
     const std::string name = whole.lexically_relative(root).string();
-    if (name.starts_with("..")) {
+    if (name == ".." || name.starts_with("../")) {
       throw InputError(photograph, fmt::format("expected a photograph in {}", root.string()));
     }
     queries.push_back(QueryOfUnknownCamera(name, root));
@@ -86,6 +93,7 @@ void Run(const QueriesFlags& flags) {
   const path root = RootOf(flags);
   const std::vector<Query> queries = QueriesOf(flags, root);
   std::string priors = flags.world ? fmt::format("* world_crs {}\n", flags.world->text) : "";
+  std::set<std::string> warnings;
   std::optional<PhotographTags::Position> first;
   size_t num_positions = 0, num_headings = 0;
   for (const Query& query : queries) {
@@ -95,7 +103,11 @@ void Run(const QueriesFlags& flags) {
     num_headings += tags.heading_deg ? 1 : 0;
     const std::string known = FormatPhotographPriors(query.name, tags);
     // Places where the system is not meant for are errors before anything is written.
-    if (flags.world) ParsePosePriors(root / query.name, known, flags.world);
+    if (flags.world) {
+      std::vector<std::string> rough;
+      ParsePosePriors(root / query.name, known, flags.world, &rough);
+      warnings.insert(rough.begin(), rough.end());
+    }
     priors += known;
     if (query.priors.focal_range != 1) {
       priors += FormatFocalRange(query.name, query.priors.focal_range);
@@ -104,6 +116,7 @@ void Run(const QueriesFlags& flags) {
   }
   WriteQueryList(flags.out, queries);
   WriteFile(flags.priors, priors);
+  for (const std::string& warning : warnings) PrintWarning(warning);
   if (flags.quiet) return;
   if (first) PrintHeights(*first);
   fmt::print("{} photographs, {} with a position, {} with a heading: {}, {}\n", queries.size(),

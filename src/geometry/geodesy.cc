@@ -1,7 +1,9 @@
 #include "raylift/geometry/geodesy.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <numbers>
 #include <string_view>
@@ -45,14 +47,28 @@ std::filesystem::path CarriedDatabase() {
   return std::filesystem::exists(folder / "proj" / "proj.db", ignored) ? folder / "proj" : "";
 }
 
+// Where PROJ looks beside a carried database, which goes first: grids are found elsewhere, too.
+std::vector<std::string> FoldersOfProj(const std::string& carried) {
+  std::vector<std::string> folders = {carried};
+  for (const char* name : {"PROJ_DATA", "PROJ_LIB"}) {
+    const char* const value = std::getenv(name);
+    if (value == nullptr) continue;
+    for (const std::string_view folder : SplitBy(value, ':')) folders.emplace_back(folder);
+  }
+  folders.emplace_back("/usr/share/proj");
+  return folders;
+}
+
 Context NewContext() {
   Context context(proj_context_create());
   if (!context) throw std::bad_alloc();
   proj_log_level(context.get(), PJ_LOG_NONE);
   proj_context_set_enable_network(context.get(), 0);
   if (const std::string carried = CarriedDatabase().string(); !carried.empty()) {
-    const char* const path = carried.c_str();
-    proj_context_set_search_paths(context.get(), 1, &path);
+    const std::vector<std::string> folders = FoldersOfProj(carried);
+    std::vector<const char*> paths;
+    for (const std::string& folder : folders) paths.push_back(folder.c_str());
+    proj_context_set_search_paths(context.get(), static_cast<int>(paths.size()), paths.data());
   }
   return context;
 }
@@ -229,10 +245,20 @@ void Crs::Check(const Vector3d& point) const {
           : ""));
 }
 
-WorldFrame WorldFrame::Parse(const std::string& text) {
-  const size_t at = text.rfind('@');
-  if (at == std::string::npos) return {.text = text, .crs = Crs(text)};
+WorldFrame WorldFrame::Parse(const std::string& given) {
+  std::string text(Trim(given));
+  std::ranges::replace_if(
+      text, [](char c) { return c == '\n' || c == '\r'; }, ' ');
+  // Names in WKT may hold an @.
+  const size_t wkt_end = text.rfind(']');
+  const size_t at = text.find('@', wkt_end == std::string::npos ? 0 : wkt_end);
   WorldFrame frame{.text = text, .crs = Crs(text.substr(0, at))};
+  if (frame.crs.kind() == CrsKind::kGeographic) {
+    FailCrs(text,
+            "degrees are no coordinates of a scene: expected a projected (EPSG:32632) or "
+            "earth-centered one");
+  }
+  if (at == std::string::npos) return frame;
   const std::vector<std::string_view> numbers = SplitBy(std::string_view(text).substr(at + 1), ',');
   for (size_t i = 0; i < 3; ++i) {
     const auto number = numbers.size() == 3 ? ParseDouble(numbers[i]) : std::nullopt;

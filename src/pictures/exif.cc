@@ -12,6 +12,7 @@ namespace {
 
 // What a JPEG holds before its pixels; empty where there is none.
 struct Segments {
+  bool is_jpeg = false;
   std::string exif, xmp;
 };
 
@@ -20,6 +21,7 @@ Segments ReadSegments(std::istream& file) {
   constexpr int kStartOfScan = 0xDA, kApp1 = 0xE1;
   Segments segments;
   if (file.get() != 0xFF || file.get() != 0xD8) return {};
+  segments.is_jpeg = true;
   while (file.get() == 0xFF) {
     int marker = file.get();
     while (marker == 0xFF) marker = file.get();  // fill
@@ -73,7 +75,10 @@ class Tiff {
       if (type == kLong) value = Number(*entry + 8, 4);
       if (type == kRational) {
         const size_t at = Number(*entry + 8, 4) + 8 * i;
-        value = static_cast<double>(Number(at, 4)) / static_cast<double>(Number(at + 4, 4));
+        const uint32_t numerator = Number(at, 4), denominator = Number(at + 4, 4);
+        // Seconds are 0/0 where minutes are decimal.
+        const bool is_left_out = i == 2 && numerator == 0 && denominator == 0;
+        value = is_left_out ? 0 : static_cast<double>(numerator) / denominator;
       }
       if (!std::isfinite(value)) return std::nullopt;
     }
@@ -126,11 +131,10 @@ std::optional<GpsTags> ReadGps(const Tiff& tiff, size_t directory) {
   const auto longitude = Degrees(tiff, directory, kLongitude, 'W');
   if (!latitude || !longitude) return std::nullopt;
   GpsTags gps{.latitude_deg = *latitude, .longitude_deg = *longitude};
-  // 0 and 1: above and below the sea's level; 2 and 3, since EXIF 3: the ellipsoid.
+  // 1 and, since EXIF 3, 3: below. Above what, devices do not say reliably.
   const double altitude_is = tiff.Value(directory, kAltitudeIs).value_or(0);
   if (const auto altitude = tiff.Values<1>(directory, kAltitude)) {
     gps.altitude_m = altitude_is == 1 || altitude_is == 3 ? -(*altitude)[0] : (*altitude)[0];
-    gps.altitude_is_of_ellipsoid = altitude_is >= 2;
   }
   gps.horizontal_error_m = tiff.Value(directory, kHorizontalError);
   if (const auto direction = tiff.Values<1>(directory, kDirection)) {
@@ -148,7 +152,7 @@ Exif ReadExif(std::istream& file) {
                      kPlaneUnit = 0xA210;
   const Segments segments = ReadSegments(file);
   const Tiff tiff(segments.exif);
-  Exif exif;
+  Exif exif{.is_jpeg = segments.is_jpeg};
   if (!segments.xmp.empty()) exif.drone = ParseDroneTags(segments.xmp);
   const size_t first = tiff.Number(4, 4);
   const double orientation = tiff.Value(first, kOrientation).value_or(1);

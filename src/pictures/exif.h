@@ -17,7 +17,6 @@ struct GpsTags {
   double latitude_deg = 0;
   double longitude_deg = 0;
   std::optional<double> altitude_m = std::nullopt;
-  bool altitude_is_of_ellipsoid = false;  // else it is above the sea's level
   std::optional<double> horizontal_error_m = std::nullopt;
   // The direction that the camera looks in, clockwise from north.
   std::optional<double> direction_deg = std::nullopt;
@@ -35,6 +34,7 @@ struct DroneTags {
 };
 
 struct Exif {
+  bool is_jpeg = false;  // else nothing is read
   // 1: as stored; 2 to 8: viewers flip and turn it, from 5 on so that the sides change places.
   int orientation = 1;
   std::optional<double> focal_mm = std::nullopt;

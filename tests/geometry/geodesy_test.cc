@@ -70,6 +70,24 @@ TEST(WorldFrame, HasAnOrigin) {
     EXPECT_TRUE(FailsWithInputError([&] { WorldFrame::Parse(bad); }, {"CRS \"", "expected"}))
         << bad;
   }
+  for (const char* of_degrees : {"EPSG:4326", "EPSG:4979", "EPSG:4326+5773@9,53,0"}) {
+    EXPECT_TRUE(FailsWithInputError([&] { WorldFrame::Parse(of_degrees); },
+                                    {of_degrees, "degrees are no coordinates of a scene"}));
+  }
+}
+
+TEST(WorldFrame, OfWktIsOneLine) {
+  const std::string wkt = R"(PROJCS["me@here",
+  GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],
+    PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]],
+  PROJECTION["Transverse_Mercator"],PARAMETER["latitude_of_origin",0],
+  PARAMETER["central_meridian",9],PARAMETER["scale_factor",0.9996],
+  PARAMETER["false_easting",500000],PARAMETER["false_northing",0],UNIT["metre",1]])";
+  const WorldFrame frame = WorldFrame::Parse(wkt + "\n");
+  EXPECT_EQ(frame.origin, Vector3d::Zero());
+  EXPECT_EQ(frame.text.find('\n'), std::string::npos);
+  EXPECT_EQ(WorldFrame::Parse(frame.text).text, frame.text);
+  EXPECT_EQ(WorldFrame::Parse(frame.text + "@1,2,3").origin, Vector3d(1, 2, 3));
 }
 
 TEST(CrsTransform, HeightsWithoutTheirGridAreWarnedOf) {

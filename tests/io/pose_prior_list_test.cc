@@ -57,6 +57,46 @@ TEST(PosePriorList, PlacesAndHeadingsAreLedToTheWorld) {
   EXPECT_LT((turned.at("a").heading->right_in_world - Eigen::Vector3d(1, 0, 0)).norm(), 1e-12);
 }
 
+// A projected system of Duluth in WKT, whose names have blanks.
+TEST(PosePriorList, TheWorldMayBeWkt) {
+  const auto frame = WorldFrame::Parse(
+      "PROJCS[\"zone 15\", GEOGCS[\"WGS 84\",DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,"
+      "298.257223563]],PRIMEM[\"Greenwich\",0],UNIT[\"degree\",0.0174532925199433]],\n"
+      "PROJECTION[\"Transverse_Mercator\"],PARAMETER[\"latitude_of_origin\",0],"
+      "PARAMETER[\"central_meridian\",-93],PARAMETER[\"scale_factor\",0.9996],"
+      "PARAMETER[\"false_easting\",500000],PARAMETER[\"false_northing\",0],UNIT[\"metre\",1]]");
+  const auto priors = ReadPosePriors(
+      FileOf("* world_crs " + frame.text + "\na position -91.9945 46.8426 198.3 1 crs=EPSG:4326"),
+      frame);
+  const Eigen::Vector3d place(576667.674399668, 5188163.827476512, 198.3);
+  EXPECT_LT((priors.at("a").position->position - place).norm(), 1e-6);
+}
+
+TEST(PosePriorList, DirectionsOnTheEarthNeedAPlace) {
+  const auto file = FileOf("* world_crs EPSG:4978\na/1.jpg gravity 0 1 0 1");
+  EXPECT_TRUE(FailsWithInputError([&] { ReadPosePriors(file); },
+                                  {"priors.txt", "a/1.jpg: gravity and heading need a position"}));
+  EXPECT_NO_THROW(
+      ReadPosePriors(FileOf("* world_crs EPSG:4978\na gravity 0 1 0 1\n* world_down 0 0 -1")));
+  const Eigen::Vector3d origin(3925064.548839588, 750627.724716086, 4954675.902014167);
+  const auto priors = ReadPosePriors(
+      FileOf("* world_crs EPSG:4978@3925064.5,750627.7,4954675.9\na gravity 0 1 0 1"));
+  EXPECT_GT(priors.at("a").gravity->down_in_world.dot(-origin.normalized()), 0.9999);
+}
+
+TEST(PosePriorList, RoughTransformationsAreWarnedOf) {
+  std::vector<std::string> warnings;
+  const auto read = [&](const std::string& world) {
+    ReadPosePriors(FileOf("* world_crs " + world + "\na position 9.9 53.55 52 1 crs=EPSG:4979"), {},
+                   &warnings);
+  };
+  read("EPSG:25832");
+  EXPECT_TRUE(warnings.empty());
+  read("EPSG:25832+7837");
+  if (warnings.empty()) GTEST_SKIP() << "the German quasigeoid is installed";
+  EXPECT_NE(warnings.front().find("EPSG:4979 to EPSG:25832+7837"), std::string::npos);
+}
+
 TEST(PosePriorList, MistakesAreNamedByLineAndField) {
   const auto fails = [](const std::string& text, const std::vector<std::string>& parts) {
     const auto file = FileOf(text);
@@ -76,6 +116,8 @@ TEST(PosePriorList, MistakesAreNamedByLineAndField) {
   EXPECT_TRUE(fails("a focal_sigma 1", {"line 1", "focal_sigma: expected a share"}));
   EXPECT_TRUE(fails("a focal_sigma 0\na focal_sigma 0", {"line 2", "stands twice"}));
   EXPECT_TRUE(fails("a position 1 2 3 1 crs=EPSG:4326", {"line 1", "system", "is not known"}));
+  EXPECT_TRUE(fails("* world_crs EPSG:25832\na position 53.55 9.9 3 1 crs=EPSG:4326",
+                    {"line 2", "seem to be swapped, expected longitude, latitude"}));
   EXPECT_TRUE(fails("* world_down 0 0 1\na heading 0 1\n* world_north 0 0 -1", {"world_north"}));
   EXPECT_TRUE(fails("* world_down 0 0 1\n* world_down 0 0 1", {"line 2", "stands twice"}));
 }

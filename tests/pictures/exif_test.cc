@@ -101,11 +101,28 @@ TEST(Exif, IsReadInEitherByteOrder) {
     EXPECT_DOUBLE_EQ(exif.gps->latitude_deg, -22.91);
     EXPECT_DOUBLE_EQ(exif.gps->longitude_deg, 15.0025);
     EXPECT_EQ(exif.gps->altitude_m, -12.5);
-    EXPECT_FALSE(exif.gps->altitude_is_of_ellipsoid);
     EXPECT_EQ(exif.gps->direction_deg, 270);
     EXPECT_TRUE(exif.gps->direction_is_magnetic);
     EXPECT_EQ(exif.gps->horizontal_error_m, 6.5);
   }
+}
+
+TEST(Exif, SecondsMayBeLeftOut) {
+  std::string bytes = Jpeg(ByteOrder::kBig);
+  const std::string seconds("\0\0\0\x24\0\0\0\x01", 8);
+  const size_t at = bytes.find(seconds);
+  ASSERT_NE(at, std::string::npos);
+  bytes.replace(at, 8, 8, '\0');
+  const auto gps = Read(bytes).gps;
+  ASSERT_TRUE(gps);
+  EXPECT_DOUBLE_EQ(gps->latitude_deg, -22.9);
+  bytes.replace(at - 8, 8, 8, '\0');
+  EXPECT_FALSE(Read(bytes).gps) << "minutes may not";
+}
+
+TEST(Exif, OfWhatIsNoJpegNothingIsRead) {
+  EXPECT_FALSE(Read("\x89PNG\r\n").is_jpeg);
+  EXPECT_TRUE(Read(Jpeg(ByteOrder::kBig)).is_jpeg);
 }
 
 TEST(Exif, DamageIsNothingKnown) {

@@ -139,12 +139,24 @@ def test_photographs_that_say_nothing_or_nonsense(tmp_path):
     (folder / "zero.jpg").write_bytes(jpeg(0, 0, 0))
     (folder / "far.jpg").write_bytes(jpeg(95.5, 10))
     (folder / "none.jpg").write_bytes(b"\xff\xd8" + jpeg(1, 1)[-13:])
+    (folder / "scan.png").write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR\0\0\0\x08\0\0\0\x08\x08\0\0\0\0")
     result = queries(folder, *lists(tmp_path))
     assert result.returncode == 0
+    assert "scan.png: not a JPEG: tags are not read" in result.stdout
     assert "zero.jpg: GPS position of 0, 0 (no fix), not taken" in result.stdout
     assert "far.jpg: GPS position of latitude 95.5 and longitude 10 is not on the earth" in result.stdout
     assert "none.jpg: no GPS position" in result.stdout
-    assert "3 photographs, 0 with a position" in result.stdout
+    assert "4 photographs, 0 with a position" in result.stdout
+
+
+def test_names_are_those_of_links_and_may_begin_with_dots(tmp_path, photographs):
+    (photographs / "link.jpg").symlink_to(photographs / "phone.jpg")
+    (photographs / "..odd.jpg").write_bytes((photographs / "phone.jpg").read_bytes())
+    result = queries(photographs / "link.jpg", photographs / "..odd.jpg", *lists(tmp_path), "--quiet")
+    assert result.returncode == 0, result.stderr
+    assert {q.name for q in raylift.read_queries(tmp_path / "queries.txt")} == {"link.jpg", "..odd.jpg"}
+    result = queries(photographs / "link.jpg", *lists(tmp_path), "--query-images", photographs / "below")
+    assert "expected a photograph in" in result.stderr
 
 
 @pytest.mark.parametrize("crs, message", [

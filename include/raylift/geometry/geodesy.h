@@ -54,13 +54,13 @@ class Crs {
 
 // The frame of a scene: a system, and the point of it that is the world's origin.
 struct WorldFrame {
-  std::string text;  // that it was parsed from
+  std::string text;  // that it was parsed from, in one line
   Crs crs;
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();
 
   // "EPSG:32615", or with an origin that was taken off all coordinates,
-  // "EPSG:32615@576000,5188000,0". Throws InputError.
-  static WorldFrame Parse(const std::string& text);
+  // "EPSG:32615@576000,5188000,0". Throws InputError, for systems of degrees, too.
+  static WorldFrame Parse(const std::string& given);
 };
 
 // Leads points from one system to another. A height passes unchanged where the target has no

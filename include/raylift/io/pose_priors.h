@@ -45,19 +45,23 @@ namespace raylift {
 //   * world_north 0 1 0
 //
 // `#` comments and empty lines are skipped. Throws InputError for anything else, for what is said
-// twice, and for places where the world's system is not meant for.
+// twice, and for places where the world's system is not meant for. Where transformations are rough,
+// `warnings` says so.
 std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& file,
-                                                 const std::optional<WorldFrame>& world = {});
+                                                 const std::optional<WorldFrame>& world = {},
+                                                 std::vector<std::string>* warnings = nullptr);
 
 // The same of a file's text.
 std::map<std::string, PosePriors> ParsePosePriors(const std::filesystem::path& path_for_messages,
                                                   std::string text,
-                                                  const std::optional<WorldFrame>& world = {});
+                                                  const std::optional<WorldFrame>& world = {},
+                                                  std::vector<std::string>* warnings = nullptr);
 
 // Gives each query what such a file knows of it; what the list says of the focal length holds where
-// the file does not mention it. Throws InputError where the file knows none of the queries.
-void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries,
-                    const std::optional<WorldFrame>& world = {});
+// the file does not mention it. Returns the warnings. Throws InputError where the file knows none of
+// the queries.
+std::vector<std::string> TakePosePriors(const std::filesystem::path& file, std::span<Query> queries,
+                                        const std::optional<WorldFrame>& world = {});
 // The same of what was read from there.
 void TakePosePriors(const std::map<std::string, PosePriors>& priors,
                     const std::filesystem::path& path_for_messages, std::span<Query> queries);
@@ -86,8 +90,9 @@ std::string FormatPhotographPriors(const std::string& name, const PhotographTags
 // The line that says a focal length to be known up to a factor.
 std::string FormatFocalRange(const std::string& name, double factor);
 
-// Gives each query what its photograph says. Throws InputError where none says anything.
-void TakePhotographPriors(const std::filesystem::path& images, const WorldFrame& world,
-                          std::span<Query> queries);
+// Gives each query what its photograph says. Returns the warnings. Throws InputError where none says
+// anything.
+std::vector<std::string> TakePhotographPriors(const std::filesystem::path& images,
+                                              const WorldFrame& world, std::span<Query> queries);
 
 }  // namespace raylift

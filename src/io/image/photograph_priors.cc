@@ -32,6 +32,8 @@ constexpr double kLeastRtkSigma = 0.05;
 constexpr double kUnknownHeightSigma = 3000;
 // A circle of the radius that cameras state holds two thirds of all errors, of both axes.
 constexpr double kSigmaOfError = 1 / 1.5;
+// Devices without RTK that state less are wrong.
+constexpr double kLeastStatedSigma = 0.5;
 // Of gimbals' tilts and compasses; where north is magnetic, declination comes to it.
 constexpr double kTiltSigmaDeg = 2, kGimbalHeadingSigmaDeg = 10, kHeadingSigmaDeg = 15,
                  kMagneticSigmaDeg = 25;
@@ -53,6 +55,7 @@ class Finder {
   }
 
   void FindPosition() {
+    if (!exif_.is_jpeg) return Say("not a JPEG: tags are not read");
     if (!exif_.gps) return Say("no GPS position");
     const GpsTags& gps = *exif_.gps;
     const double latitude = gps.latitude_deg, longitude = gps.longitude_deg;
@@ -69,8 +72,7 @@ class Finder {
     position.point = {longitude, latitude, altitude.value_or(0)};
     position.sigma_m = SigmaMeters();
     if (!altitude) position.sigma_m.z() = kUnknownHeightSigma;
-    const bool is_ellipsoid =
-        gps.altitude_is_of_ellipsoid || (exif_.drone && exif_.drone->rtk_sigma_m);
+    const bool is_ellipsoid = exif_.drone && exif_.drone->rtk_sigma_m;
     position.crs = !altitude ? "EPSG:4326" : is_ellipsoid ? "EPSG:4979" : "EPSG:4326+5773";
     Say(fmt::format("GPS position +-{:.2g} m{}", position.sigma_m.x(),
                     !altitude      ? ", no height"
@@ -85,10 +87,11 @@ class Finder {
       sigma.z() = std::hypot(sigma.z(), kHeightSigma);  // by what the map's heights are
       return sigma;
     }
-    const double across = exif_.gps->horizontal_error_m
-                              ? kSigmaOfError * *exif_.gps->horizontal_error_m
-                          : exif_.drone ? kGnssSigma
-                                        : kPhoneSigma;
+    const double across =
+        exif_.gps->horizontal_error_m
+            ? std::max(kSigmaOfError * *exif_.gps->horizontal_error_m, kLeastStatedSigma)
+        : exif_.drone ? kGnssSigma
+                      : kPhoneSigma;
     return {across, across, std::hypot(kHeightSigma, 2 * across)};
   }
 

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <set>
 #include <string_view>
 #include <utility>
 
@@ -43,8 +44,13 @@ class PriorReader {
   void ReadLine(LineTokens& tokens);
   // Returns what the lines said, directions of the world filled in.
   std::map<std::string, PosePriors> Finish();
+  // Says which transformations are rough.
+  std::vector<std::string> Warnings() const;
 
  private:
+  // Down and north in the world where a query is.
+  std::pair<Vector3d, Vector3d> DirectionsOf(const std::string& name,
+                                             const PosePriors& priors) const;
   PositionPrior InWorld(const Eigen::Vector3d& point, const Eigen::Vector3d& sigma_m,
                         const std::string& crs);
   void ReadPosition(LineTokens& tokens, PosePriors& priors);
@@ -80,9 +86,26 @@ PositionPrior PriorReader::InWorld(const Vector3d& point, const Vector3d& sigma_
     known = transforms_.emplace(crs, std::pair(from, CrsTransform(from, world_->crs))).first;
   }
   const auto& [from, transform] = known->second;
-  from.Check(point);
-  const Vector3d in_crs = transform(point);
-  world_->crs.Check(in_crs);
+  const auto led = [&](const Vector3d& to_lead) {
+    from.Check(to_lead);
+    const Vector3d there = transform(to_lead);
+    world_->crs.Check(there);
+    return there;
+  };
+  const auto is_place = [&](const Vector3d& to_lead) {
+    try {
+      led(to_lead);
+      return true;
+    } catch (const InputError&) {
+      return false;
+    }
+  };
+  if (from.kind() == CrsKind::kGeographic && !is_place(point) &&
+      is_place({point.y(), point.x(), point.z()})) {
+    throw InputError(
+        "position: its first two numbers seem to be swapped, expected longitude, latitude");
+  }
+  const Vector3d in_crs = led(point);
   const LocalFrame frame = LocalFrameAt(world_->crs, in_crs);
   return {.position = in_crs - world_->origin,
           .sigma = (frame.crs_from_enu * sigma_m.asDiagonal()).rowwise().norm()};
@@ -120,13 +143,13 @@ void PriorReader::ReadHeading(LineTokens& tokens, const std::string& name, PoseP
 
 void PriorReader::ReadWorld(LineTokens& tokens, std::string_view kind) {
   if (kind == "world_crs") {
-    const std::string text(tokens.Token(kind));
+    const std::string text(tokens.Rest());  // WKT has blanks
     if (says_world_) tokens.Fail("world_crs of \"*\" stands twice");
     says_world_ = true;
     const WorldFrame frame = FrameOf(tokens, text);
-    if (world_ && world_->text != text) {
+    if (world_ && world_->text != frame.text) {
       tokens.Fail(
-          fmt::format("world_crs: expected {}, as elsewhere, found {}", world_->text, text));
+          fmt::format("world_crs: expected {}, as elsewhere, found {}", world_->text, frame.text));
     }
     world_ = frame;
     return;
@@ -186,17 +209,37 @@ void PriorReader::ReadLine(LineTokens& tokens) {
   tokens.ExpectEnd();
 }
 
+std::vector<std::string> PriorReader::Warnings() const {
+  std::vector<std::string> warnings;
+  for (const auto& [name, way] : transforms_) {
+    if (auto warning = way.second.Warning()) warnings.push_back(std::move(*warning));
+  }
+  return warnings;
+}
+
+std::pair<Vector3d, Vector3d> PriorReader::DirectionsOf(const std::string& name,
+                                                        const PosePriors& priors) const {
+  const std::pair of_map(down_.value_or(-Vector3d::UnitZ()), north_.value_or(Vector3d::UnitY()));
+  const bool is_said = down_ && (north_ || !priors.heading);
+  if (!world_ || is_said || (!priors.gravity && !priors.heading)) return of_map;
+  const bool is_centered = world_->crs.kind() == CrsKind::kGeocentric;
+  if (!priors.position && !is_centered) return of_map;
+  if (!priors.position && world_->origin.isZero(0)) {
+    throw InputError(fmt::format(
+        "{}: gravity and heading need a position, or * world_down and * world_north", name));
+  }
+  const Vector3d offset = priors.position ? priors.position->position : Vector3d::Zero();
+  try {
+    const Eigen::Matrix3d axes = LocalFrameAt(world_->crs, world_->origin + offset).Axes();
+    return {down_.value_or(-axes.col(2)), north_.value_or(axes.col(1))};
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("{}: {}", name, error.what()));
+  }
+}
+
 std::map<std::string, PosePriors> PriorReader::Finish() {
   for (auto& [name, priors] : priors_) {
-    Vector3d down = -Vector3d::UnitZ(), north = Vector3d::UnitY();
-    if (world_ && priors.position && (priors.gravity || priors.heading)) {
-      const Eigen::Matrix3d axes =
-          LocalFrameAt(world_->crs, priors.position->position + world_->origin).Axes();
-      down = -axes.col(2);
-      north = axes.col(1);
-    }
-    down = down_.value_or(down);
-    north = north_.value_or(north);
+    const auto [down, north] = DirectionsOf(name, priors);
     if (priors.gravity) priors.gravity->down_in_world = down;
     if (!priors.heading) continue;
     const Vector3d east = down.cross(north), ahead = east.cross(down);
@@ -223,13 +266,15 @@ void Take(const PosePriors& known, Query& query) {
 
 std::map<std::string, PosePriors> ParsePosePriors(const std::filesystem::path& path_for_messages,
                                                   std::string text,
-                                                  const std::optional<WorldFrame>& world) {
+                                                  const std::optional<WorldFrame>& world,
+                                                  std::vector<std::string>* warnings) {
   PriorReader reader(world);
   LineReader lines(path_for_messages, std::move(text));
   while (const auto line = lines.NextContent()) {
     LineTokens tokens(lines, *line);
     reader.ReadLine(tokens);
   }
+  if (warnings != nullptr) *warnings = reader.Warnings();
   try {
     return reader.Finish();
   } catch (const InputError& error) {
@@ -238,13 +283,16 @@ std::map<std::string, PosePriors> ParsePosePriors(const std::filesystem::path& p
 }
 
 std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& file,
-                                                 const std::optional<WorldFrame>& world) {
-  return ParsePosePriors(file, ReadFile(file), world);
+                                                 const std::optional<WorldFrame>& world,
+                                                 std::vector<std::string>* warnings) {
+  return ParsePosePriors(file, ReadFile(file), world, warnings);
 }
 
-void TakePosePriors(const std::filesystem::path& file, std::span<Query> queries,
-                    const std::optional<WorldFrame>& world) {
-  TakePosePriors(ReadPosePriors(file, world), file, queries);
+std::vector<std::string> TakePosePriors(const std::filesystem::path& file, std::span<Query> queries,
+                                        const std::optional<WorldFrame>& world) {
+  std::vector<std::string> warnings;
+  TakePosePriors(ReadPosePriors(file, world, &warnings), file, queries);
+  return warnings;
 }
 
 void TakePosePriors(const std::map<std::string, PosePriors>& priors,
@@ -266,20 +314,24 @@ std::string FormatFocalRange(const std::string& name, double factor) {
   return fmt::format("{} focal_range {}\n", NameText(name, name), FormatDouble(factor));
 }
 
-void TakePhotographPriors(const std::filesystem::path& images, const WorldFrame& world,
-                          std::span<Query> queries) {
+std::vector<std::string> TakePhotographPriors(const std::filesystem::path& images,
+                                              const WorldFrame& world, std::span<Query> queries) {
+  std::set<std::string> warnings;
   bool any = false;
   for (Query& query : queries) {
     const std::filesystem::path file = PathBelow(images, query.name);
     const std::string text = FormatPhotographPriors("photograph", ReadPhotographTags(file));
     if (text.empty()) continue;
-    Take(ParsePosePriors(file, text, world).at("photograph"), query);
+    std::vector<std::string> of_photograph;
+    Take(ParsePosePriors(file, text, world, &of_photograph).at("photograph"), query);
+    warnings.insert(of_photograph.begin(), of_photograph.end());
     any = true;
   }
   if (!any) {
     throw InputError(images, fmt::format("none of {} photographs says where it was taken (EXIF)",
                                          queries.size()));
   }
+  return {warnings.begin(), warnings.end()};
 }
 
 }  // namespace raylift
