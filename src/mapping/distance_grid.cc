@@ -22,6 +22,8 @@ using Coord = openvdb::Coord;
 
 constexpr int kSide = Leaf::DIM;
 constexpr size_t kBlocksPerItem = 64;
+// Distances and weights.
+constexpr size_t kBlockBytes = 2 * (sizeof(Leaf) + Leaf::SIZE * sizeof(float));
 // Of a slanted surface, what lies behind it is not said farther along the ray than that, in
 // truncations.
 constexpr double kMostReach = 1.5;
@@ -35,18 +37,26 @@ class BlockList {
   BlockList(const ViewPlanes& seen, const DistanceGridOptions& options)
       : seen_(seen), options_(options), world_from_cam_(seen.view.cam_from_world.Inverse()) {
     const int width = seen.view.camera.width_px();
-    for (size_t i = 0; i < seen.planes.size(); ++i) {
+    for (size_t i = 0; i < seen.planes.size() && !IsFull(); ++i) {
       if (seen.planes[i].weight == 0) continue;
       const auto pixel = static_cast<int>(i);
       AddAlong({pixel % width + 0.5, pixel / width + 0.5}, seen.planes[i]);
     }
-    std::sort(blocks_.begin(), blocks_.end());
-    blocks_.erase(std::unique(blocks_.begin(), blocks_.end()), blocks_.end());
+    LeaveOutDuplicates();
   }
 
+  // In order; not all of them where they are more than there may be.
   const std::vector<Coord>& blocks() const { return blocks_; }
 
  private:
+  bool IsFull() const { return num_different_ > options_.max_bytes / kBlockBytes; }
+
+  void LeaveOutDuplicates() {
+    std::sort(blocks_.begin(), blocks_.end());
+    blocks_.erase(std::unique(blocks_.begin(), blocks_.end()), blocks_.end());
+    num_different_ = blocks_.size();
+  }
+
   void AddAlong(const Eigen::Vector2d& pixel, const PixelPlane& plane) {
     const Camera& camera = seen_.view.camera;
     const auto ray = camera.RayInCam(pixel);
@@ -69,13 +79,17 @@ class BlockList {
     const Vector3d corner = place.array().floor();
     const Coord block(static_cast<int>(corner.x()) * kSide, static_cast<int>(corner.y()) * kSide,
                       static_cast<int>(corner.z()) * kSide);
-    if (blocks_.empty() || blocks_.back() != block) blocks_.push_back(block);
+    if (!blocks_.empty() && blocks_.back() == block) return;
+    blocks_.push_back(block);
+    constexpr size_t kLeast = 4096;
+    if (blocks_.size() > 2 * std::max(num_different_, kLeast)) LeaveOutDuplicates();
   }
 
   const ViewPlanes& seen_;
   const DistanceGridOptions& options_;
   Rigid3 world_from_cam_;
   std::vector<Coord> blocks_;
+  size_t num_different_ = 0;  // of those before duplicates were left out last
 };
 
 // What a view says of points of the grid; distances in voxels.
@@ -302,6 +316,7 @@ struct DistanceGrid::Impl {
   DistanceGridOptions options;
   Tree distances;  // at first sums of distances times weights, in voxels
   Tree weights;
+  size_t num_blocks = 0;
   std::vector<Leaf*> blocks, weight_blocks;
 };
 
@@ -322,6 +337,8 @@ void DistanceGrid::MakeBlocks(std::span<const ViewPlanes> views) {
         Leaf* leaf = tree->touchLeaf(corner);
         leaf->fill(0.0F, true);
       }
+      ++impl_->num_blocks;
+      if (MemoryBytes() > impl_->options.max_bytes) return;
     }
   }
 }
@@ -343,9 +360,6 @@ ZeroSurface DistanceGrid::Surface() {
   return net.ToSurface();
 }
 
-size_t DistanceGrid::MemoryBytes() const {
-  return 2 * impl_->distances.leafCount() * sizeof(Leaf) +
-         2 * impl_->distances.leafCount() * Leaf::SIZE * sizeof(float);
-}
+size_t DistanceGrid::MemoryBytes() const { return impl_->num_blocks * kBlockBytes; }
 
 }  // namespace raylift

@@ -5,6 +5,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <span>
 #include <vector>
@@ -20,6 +21,8 @@ struct DistanceGridOptions {
   // About which coordinates are counted, near the scene.
   Eigen::Vector3d origin_in_world = Eigen::Vector3d::Zero();
   int threads = 0;
+  // With a block that goes beyond it, no more are made.
+  size_t max_bytes = std::numeric_limits<size_t>::max();
 };
 
 // Vertices in the world, and triangles that look at the side of positive distances.

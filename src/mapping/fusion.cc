@@ -156,7 +156,8 @@ FusedMesh FuseViews(const GeometrySource& source, std::span<const PosedImage> vi
   DistanceGrid grid({.voxel = fused.voxel,
                      .truncation = fused.truncation,
                      .origin_in_world = OriginOf(views, fused.voxel),
-                     .threads = options.threads});
+                     .threads = options.threads,
+                     .max_bytes = options.max_bytes});
   const auto for_batches = [&](const auto& take) {
     ForBatches(source, views, fused.scale, fused.voxel, options, take);
   };

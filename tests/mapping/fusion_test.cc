@@ -10,6 +10,8 @@
 #include <vector>
 
 #include "base/rng.h"
+#include "mapping/distance_grid.h"
+#include "mapping/view_planes.h"
 #include "support/meshes.h"
 #include <Eigen/Core>
 #include <gtest/gtest.h>
@@ -225,6 +227,17 @@ TEST_F(Fusion, SaysWhatCannotBe) {
             std::string::npos);
   const Room nothing(Vector3d::Zero(), [](const PosedImage&, const Eigen::Vector2d&) { return 0; });
   EXPECT_NE(MessageOf<InputError>({}, nothing).find("none of the 24 views"), std::string::npos);
+}
+
+TEST_F(Fusion, MakesNoMoreBlocksThanItsMemoryHolds) {
+  const Room room;
+  const std::vector<PosedImage> views = Views();
+  const std::vector<ViewPlanes> seen = {
+      LookForPlanes(room, views.front(), MeasureScale(room, views, 1), 0.01)};
+  DistanceGrid grid({.voxel = 0.01, .truncation = 0.05, .max_bytes = 1000000});
+  grid.MakeBlocks(seen);
+  EXPECT_GT(grid.MemoryBytes(), 1000000U);
+  EXPECT_LT(grid.MemoryBytes(), 1010000U);
 }
 
 TEST(FusionWithoutOpenVdb, SaysHowToGetIt) {
