@@ -391,13 +391,15 @@ double ProbabilityOfAgreeing(const Witnesses& agreeing, const Witnesses& differi
 
 bool Agrees(const SmoothedFrame& frame) { return frame.single_agrees > kAgrees; }
 
-// How often the odometry is lost in a step, by what is thought before and by the walk.
+// How often the odometry is lost in a step: as in the walk, but where it seldom or never was there,
+// what is thought before counts, too.
 double ShareLost(const std::vector<SmoothedFrame>& smoothed) {
-  const auto lost = std::count_if(smoothed.begin(), smoothed.end(),
-                                  [](const SmoothedFrame& frame) { return frame.lost_before; });
   constexpr double kPriorSteps = 30;
-  return (static_cast<double>(lost) + kLost * kPriorSteps) /
-         (static_cast<double>(smoothed.size() - 1) + kPriorSteps);
+  const auto lost = static_cast<double>(
+      std::count_if(smoothed.begin(), smoothed.end(),
+                    [](const SmoothedFrame& frame) { return frame.lost_before; }));
+  const auto steps = static_cast<double>(smoothed.size() - 1);
+  return std::max(lost / steps, (lost + kLost * kPriorSteps) / (steps + kPriorSteps));
 }
 
 // The end of the frames from `begin` on between which the odometry was not lost.
