@@ -111,6 +111,14 @@ void TakeFile(const std::string& name, const path& out, std::span<const path> fi
   }
 }
 
+// Whether a run of localize with these options had a walk.
+bool HasOdometry(const path& options) {
+  if (std::error_code ignored; !std::filesystem::exists(options, ignored)) return false;
+  const auto json = nlohmann::json::parse(ReadFile(options), nullptr, /*allow_exceptions=*/false);
+  const auto odometry = json.is_object() ? json.find("odometry") : json.end();
+  return odometry != json.end() && odometry->is_string() && *odometry != "";
+}
+
 // The parts of one run that is complete.
 class Merger {
  public:
@@ -157,10 +165,16 @@ class Merger {
     const CommittedFiles results;
     WriteResults(out_, *facts, records, std::nullopt);
     TakeFile("options.json", out_, files_);
+    RemoveWalkFiles(out_);
     TaskManifest whole = WithRecords(all, records);
     whole.results = PromiseFiles(out_, results.paths());
     WriteWholeManifest(out_, whole);
     PrintWarnings(AllWarnings(*facts, records));
+    if (HasOdometry(out_ / "options.json")) {
+      PrintWarnings(
+          {"the walk is not smoothed by merge: localize with the same --out, --odometry "
+           "and --resume does so"});
+    }
     const auto localized =
         std::count_if(records.begin(), records.end(),
                       [](const QueryRecord& record) { return record.localized.localized(); });

@@ -199,10 +199,7 @@ class LocalizeRun {
       std::unique_ptr<LocalizeAll> localizer;
       RunFacts facts;
       UntilSignal([&] {
-        if (job.facts() && scene_.calibration == nullptr) {
-          scene_ = Calibrated(scene_,
-                              std::make_shared<const SceneCalibration>(job.facts()->calibration));
-        }
+        if (job.facts()) TakeCalibration(*job.facts());
         localizer = OpenLocalizer(flags_, scene_, queries_, options_);
         times_.matching = clock_.Lap();
         facts = FactsOf(*localizer, job.facts());
@@ -216,6 +213,12 @@ class LocalizeRun {
       scene_ = localizer->scene();
     }
     Finish(job, missing.size());
+  }
+
+  // What a run before this one has found, unless another one is given.
+  void TakeCalibration(const RunFacts& facts) {
+    if (scene_.calibration != nullptr) return;
+    scene_ = Calibrated(scene_, std::make_shared<const SceneCalibration>(facts.calibration));
   }
 
   // `known`: what a run before this one has found.
@@ -263,7 +266,7 @@ class LocalizeRun {
     }
     if (!records) return;
     RunFacts facts = *job.facts();
-    const std::optional<WalkedQueries> walked = Smooth(*records);
+    const std::optional<WalkedQueries> walked = Smooth(facts, *records);
     if (walked) {
       facts.warnings.insert(facts.warnings.end(), walked->warnings.begin(), walked->warnings.end());
     }
@@ -272,7 +275,7 @@ class LocalizeRun {
     PrintWarnings(job.machine_warnings());
     const CommittedFiles results;
     WriteResults(flags_.out, facts, *records, times_);
-    if (walked) WriteWalk(flags_.out, *walked);
+    WriteWalk(flags_.out, walked);
     std::vector<LocalizedQuery> localized;
     for (const QueryRecord& record : *records) localized.push_back(record.localized);
     output_->Finish(localized, {scene_, queries_, warnings, times_},
@@ -282,8 +285,9 @@ class LocalizeRun {
   }
 
   // nullopt where no odometry is given.
-  std::optional<WalkedQueries> Smooth(std::vector<QueryRecord>& records) const {
+  std::optional<WalkedQueries> Smooth(const RunFacts& facts, std::vector<QueryRecord>& records) {
     if (!walk_) return std::nullopt;
+    TakeCalibration(facts);
     return SmoothRecords(flags_, *walk_, scene_, queries_, records);
   }
 

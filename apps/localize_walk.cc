@@ -31,9 +31,13 @@ WalkedQueries SmoothRecords(const LocalizeFlags& flags, const Walk& walk, const 
   return walked;
 }
 
-void WriteWalk(const std::filesystem::path& folder, const WalkedQueries& walked) {
-  WriteFile(folder / "walk.json", FormatWalk(walked));
-  WriteTrajectory(folder, walked);
+void WriteWalk(const std::filesystem::path& folder, const std::optional<WalkedQueries>& walked) {
+  if (!walked) {
+    RemoveWalkFiles(folder);
+    return;
+  }
+  WriteFile(folder / "walk.json", FormatWalk(*walked));
+  WriteTrajectory(folder, *walked);
 }
 
 void PrintWalk(const WalkedQueries& walked) {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -23,8 +24,9 @@ Walk OpenWalk(const LocalizeFlags& flags, std::span<const Query> queries);
 WalkedQueries SmoothRecords(const LocalizeFlags& flags, const Walk& walk, const Scene& scene,
                             std::span<const Query> queries, std::vector<QueryRecord>& records);
 
-// walk.json, trajectory.txt and trajectory_covariance.txt.
-void WriteWalk(const std::filesystem::path& folder, const WalkedQueries& walked);
+// walk.json, trajectory.txt and trajectory_covariance.txt; without a walk, those of a run before
+// this one are removed.
+void WriteWalk(const std::filesystem::path& folder, const std::optional<WalkedQueries>& walked);
 
 // What it says on stdout.
 void PrintWalk(const WalkedQueries& walked);

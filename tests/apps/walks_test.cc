@@ -104,6 +104,15 @@ TEST_F(Walks, PhotographsWithoutAPoseGetTheWalks) {
        {"poses.txt", "queries.jsonl", "summary.json", "walk.json", "trajectory_covariance.txt"}) {
     EXPECT_EQ(ReadFile(alone / name), ReadFile(out / name)) << name;
   }
+
+  // Without odometry, nothing of the walk stays; what is merged says that it has none.
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(alone, {"--resume", "--quiet"}))));
+  for (const char* name : {"walk.json", "trajectory.txt", "trajectory_covariance.txt"}) {
+    EXPECT_FALSE(fs::exists(alone / name)) << name;
+  }
+  const CommandResult merged = RunRaylift({"merge", folder_ / "merged", out});
+  EXPECT_EQ(merged.exit_code, 0);
+  EXPECT_NE(merged.err.find("the walk is not smoothed by merge"), std::string::npos) << merged.err;
 }
 
 TEST_F(Walks, OnlineKnowsThePastAlone) {

@@ -1,7 +1,9 @@
 #include "localization/results/query_job.h"
 
 #include <algorithm>
+#include <array>
 #include <set>
+#include <system_error>
 #include <utility>
 
 #include "jobs/file_promises.h"
@@ -15,6 +17,8 @@ namespace raylift {
 
 namespace {
 
+constexpr std::array kWalkFiles = {"walk.json", "trajectory.txt", "trajectory_covariance.txt"};
+
 std::vector<std::string> NamesOf(std::span<const Query> queries) {
   std::vector<std::string> names;
   names.reserve(queries.size());
@@ -25,8 +29,17 @@ std::vector<std::string> NamesOf(std::span<const Query> queries) {
 }  // namespace
 
 JobForm QueryJobForm() {
-  return {.results = {"queries.jsonl", "poses.txt", "summary.json"},
-          .is_readable = &IsReadableLine};
+  JobForm form{.results = {"queries.jsonl", "poses.txt", "summary.json"},
+               .is_readable = &IsReadableLine};
+  form.results.insert(form.results.end(), kWalkFiles.begin(), kWalkFiles.end());
+  return form;
+}
+
+void RemoveWalkFiles(const std::filesystem::path& out) {
+  // Without the first, the others are not a run's.
+  std::error_code ignored;
+  if (!std::filesystem::exists(out / kWalkFiles.front(), ignored)) return;
+  for (const char* name : kWalkFiles) std::filesystem::remove(out / name, ignored);
 }
 
 QueryJob::QueryJob(std::span<const Query> queries, const std::string& header,

@@ -69,6 +69,9 @@ void WriteResults(const std::filesystem::path& out, const RunFacts& facts,
 
 JobForm QueryJobForm();
 
+// Removes what a run that smoothed its walk left, where the results are none of a walk.
+void RemoveWalkFiles(const std::filesystem::path& out);
+
 class QueryJob {
  public:
   // `header`: JSON of all that the results depend on. Throws as TaskJob's does.
