@@ -119,8 +119,15 @@ TEST(PosePriors, AHeadingTurnsAboutTheVertical) {
   EXPECT_NEAR(cost(east, -north), 0, 1e-12) << "straight down, north at the top";
   EXPECT_GT(cost(-north, -up), 0.9 * priors.WorstCost()) << "looks east";
   EXPECT_GT(cost(-east, -up), 0.9 * priors.WorstCost()) << "looks south";
-  // Rolled by a right angle: right points down, and the heading says nothing.
-  EXPECT_EQ(cost(-up, -east), 0);
+  // Rolled by a right angle: right points down, and the heading says nothing. That is better than
+  // a wrong one, and no way to make up for it.
+  EXPECT_GT(cost(-up, -east), 0.2 * priors.WorstCost());
+  EXPECT_LT(cost(-up, -east), cost(-north, -up));
+  NormalEquations equations;
+  Eigen::Matrix3d rolled;
+  rolled << -up.transpose(), -east.transpose(), up.cross(east).transpose();
+  priors.AddTo({rolled, Vector3d::Zero()}, 1, equations);
+  EXPECT_NEAR(equations.cost * kSquaredSigma, cost(-up, -east), 1e-12);
 }
 
 double PositionError(const PoseEstimate& estimate, const Rigid3& truth) {

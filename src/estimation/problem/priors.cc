@@ -205,12 +205,16 @@ double NormalizedPriors::LogEvidence(const CamFromLocal& pose) const {
   return sum;
 }
 
+double NormalizedPriors::SilenceOfHeading(const CamFromLocal& pose) const {
+  return heading_ && !HeadingTerm(pose) ? std::max(0.0, LogMixture(heading_log_peak_)) : 0;
+}
+
 double NormalizedPriors::Cost(const CamFromLocal& pose) const {
   double sum = 0;
   for (const auto& term : Terms(pose)) {
     if (term) sum += term->Shortfall();
   }
-  return 2 * kSquaredSigma * sum;
+  return 2 * kSquaredSigma * (sum + SilenceOfHeading(pose));
 }
 
 double NormalizedPriors::WorstCost() const {
@@ -229,6 +233,7 @@ void NormalizedPriors::AddTo(const CamFromLocal& pose, double weight,
   for (const auto& term : Terms(pose)) {
     if (term) term->AddTo(weight, equations);
   }
+  equations.cost += weight * 2 * SilenceOfHeading(pose);
 }
 
 }  // namespace raylift
