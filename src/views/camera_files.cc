@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/json_text.h"
 #include "base/statistics.h"
 #include <Eigen/Core>
 #include <fmt/format.h>
@@ -96,8 +97,11 @@ std::string CameraText(const View& view, std::vector<double> depths) {
   text += fmt::format("0 0 0 1\n\nintrinsic\n{} 0 {}\n0 {} {}\n0 0 1\n\n", camera.focal_x_px(),
                       camera.principal_point_px().x(), camera.focal_y_px(),
                       camera.principal_point_px().y());
-  const double low = QuantileInPlace(std::span(depths), 0.01);
-  const double high = QuantileInPlace(std::span(depths), 0.99);
+  // A wall straight ahead has one depth, and planes are at several.
+  constexpr double kLeastHalf = 0.005;
+  const double middle = QuantileInPlace(std::span(depths), 0.5);
+  const double low = std::min(QuantileInPlace(std::span(depths), 0.01), (1 - kLeastHalf) * middle);
+  const double high = std::max(QuantileInPlace(std::span(depths), 0.99), (1 + kLeastHalf) * middle);
   return text + fmt::format("{} {} {} {}\n", low, (high - low) / (kDepths - 1), kDepths, high);
 }
 
@@ -116,7 +120,7 @@ class PairScorer {
     constexpr size_t kSources = 10, kAsked = 30;
     std::vector<size_t> others;
     for (size_t i = 0; i < views_.size(); ++i) {
-      if (i != view) others.push_back(i);
+      if (i != view && !depths_[i].empty()) others.push_back(i);
     }
     auto best = Scored(view, others, false);
     others.clear();
@@ -128,7 +132,7 @@ class PairScorer {
 
  private:
   void Sample(size_t index) {
-    constexpr int kSide = 12;
+    constexpr int kSide = 48;
     const Camera& camera = *views_[index].camera.lens;
     const Rigid3 world_from_cam = views_[index].cam_from_world.Inverse();
     std::vector<Ray> rays;
@@ -146,6 +150,14 @@ class PairScorer {
                                hits[k]->ray_t * rays[k].direction_in_world);
       depths_[index].push_back((views_[index].cam_from_world * points_[index].back()).z());
     }
+    // The scores of all pairs need fewer. An odd step changes columns from row to row.
+    constexpr size_t kScored = 150;
+    const size_t step = points_[index].size() / kScored | 1;
+    size_t num_kept = 0;
+    for (size_t k = 0; k < points_[index].size(); k += step) {
+      points_[index][num_kept++] = points_[index][k];
+    }
+    points_[index].resize(num_kept);
   }
 
   std::vector<std::pair<double, size_t>> Scored(size_t view, const std::vector<size_t>& others,
@@ -248,11 +260,11 @@ std::string TransformsJson(std::span<const RenderTask> tasks, const RenderJobOpt
     frame["transform_matrix"] = PoseJson(view.cam_from_world);
     json["frames"].push_back(std::move(frame));
   }
-  return json.dump(1) + '\n';
+  return JsonText(json, 1) + '\n';
 }
 
-void WriteMvsnetCameras(const path& out, const RayCaster& scene, std::span<const View> views,
-                        int threads) {
+std::vector<std::string> WriteMvsnetCameras(const path& out, const RayCaster& scene,
+                                            std::span<const View> views, int threads) {
   const PairScorer scorer(scene, views, threads);
   std::vector<std::string> pairs(views.size());
   ParallelFor(views.size(), threads, [&](size_t i) {
@@ -260,17 +272,21 @@ void WriteMvsnetCameras(const path& out, const RayCaster& scene, std::span<const
     pairs[i] = fmt::format("{}\n{}", i, best.size());
     for (const auto& [score, other] : best) pairs[i] += fmt::format(" {} {:.4f}", other, score);
   });
-  std::string text = fmt::format("{}\n", views.size());
+  std::vector<std::string> warnings;
+  std::string text;
   for (size_t i = 0; i < views.size(); ++i) {
     if (scorer.depths(i).empty()) {
-      throw InputError(
-          fmt::format("{} sees nothing: MVSNet needs a range of depth", views[i].name));
+      warnings.push_back(
+          fmt::format("{} sees nothing, and MVSNet needs a range of depth: it is not in pair.txt",
+                      views[i].name));
+      continue;
     }
     WriteFile(out / "cams" / fmt::format("{:08}_cam.txt", i),
               CameraText(views[i], scorer.depths(i)));
     text += pairs[i] + "\n";
   }
-  WriteFile(out / "pair.txt", text);
+  WriteFile(out / "pair.txt", fmt::format("{}\n", views.size() - warnings.size()) + text);
+  return warnings;
 }
 
 }  // namespace raylift

@@ -7,6 +7,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/views/render_job.h"
@@ -24,8 +25,9 @@ std::string TransformsJson(std::span<const RenderTask> tasks, const RenderJobOpt
 // from world), intrinsic, and "depth_min depth_interval depth_num depth_max" of 192 planes from
 // the 1st to the 99th percentile of the depth that is seen. Pairs have the score of Yao et al.
 // 2018 (MVSNet, Sec. 4.1): the sum over points that both see of a function of the angle between
-// the rays.
-void WriteMvsnetCameras(const std::filesystem::path& out, const RayCaster& scene,
-                        std::span<const View> views, int threads);
+// the rays. Returns warnings: views that see nothing are left out.
+std::vector<std::string> WriteMvsnetCameras(const std::filesystem::path& out,
+                                            const RayCaster& scene, std::span<const View> views,
+                                            int threads);
 
 }  // namespace raylift

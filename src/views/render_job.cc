@@ -246,6 +246,7 @@ class RenderJob {
     const JobTotals totals = TotalsOf(done);
     std::vector<std::string> warnings = WarningsOf(done, tasks_, *scene_);
     warnings.insert(warnings.end(), of_machines_.begin(), of_machines_.end());
+    warnings.insert(warnings.end(), of_cameras_.begin(), of_cameras_.end());
     return {.images = done.size(),
             .rendered = rendered_,
             .kept = kept_,
@@ -340,7 +341,7 @@ class RenderJob {
       if (files == CameraFiles::kTransforms) {
         WriteFile(options_.out / "transforms.json", TransformsJson(by_name, options_));
       } else {
-        WriteMvsnetCameras(options_.out, *scene_, views, threads_);
+        of_cameras_ = WriteMvsnetCameras(options_.out, *scene_, views, threads_);
       }
     }
     WriteGuide(options_);
@@ -355,7 +356,7 @@ class RenderJob {
     return true;
   }
 
-  std::vector<std::string> of_machines_;
+  std::vector<std::string> of_machines_, of_cameras_;
   const Clock::time_point start_ = Clock::now();
   const std::chrono::system_clock::time_point wall_start_ = std::chrono::system_clock::now();
   const RenderJobOptions& options_;
