@@ -123,7 +123,7 @@ std::vector<Query> QueriesBelow(const std::filesystem::path& folder,
   for (const std::filesystem::path& file : ListFilesBelow(std::filesystem::canonical(folder))) {
     if (!HasPictureExtension(file)) continue;
     names.push_back(file.lexically_relative(root).string());
-    if (names.back().starts_with("..")) {
+    if (names.back().starts_with("../")) {
       throw InputError(
           folder, fmt::format("expected a folder in {}, that of the photographs", images.string()));
     }
