@@ -50,6 +50,24 @@ TimesByName TimesOf(const path& times, std::span<const std::string> names) {
   return in_names;
 }
 
+// By which names are in the order of the numbers in them: img_2 before img_10.
+std::string OrderKey(std::string_view name) {
+  constexpr size_t kDigits = 20;
+  constexpr std::string_view kAllDigits = "0123456789";
+  std::string key;
+  while (!name.empty()) {
+    std::string_view digits = name.substr(0, name.find_first_not_of(kAllDigits));
+    name.remove_prefix(digits.size());
+    digits.remove_prefix(std::min(digits.find_first_not_of('0'), digits.size()));
+    if (digits.size() < kDigits) key.append(kDigits - digits.size(), '0');
+    key += digits;
+    const std::string_view text = name.substr(0, name.find_first_of(kAllDigits));
+    key += text;
+    name.remove_prefix(text.size());
+  }
+  return key;
+}
+
 double MedianStep(std::span<const TimedPose> poses) {
   std::vector<double> steps;
   for (size_t i = 1; i < poses.size(); ++i) {
@@ -101,7 +119,9 @@ void AddByName(const path& odometry, TimesByName times, std::span<const std::str
   }
   if (times.empty()) {
     std::vector<std::string> sorted(names.begin(), names.end());
-    std::sort(sorted.begin(), sorted.end());
+    std::sort(sorted.begin(), sorted.end(), [](const std::string& a, const std::string& b) {
+      return std::pair(OrderKey(a), a) < std::pair(OrderKey(b), b);
+    });
     for (const std::string& name : sorted) times.emplace(name, static_cast<double>(times.size()));
   }
   for (size_t i = 0; i < names.size(); ++i) {

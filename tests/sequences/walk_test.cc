@@ -77,6 +77,15 @@ TEST_F(ReadWalkTest, PosesMayGoByNames) {
   EXPECT_EQ(walk.frames[1].cam_from_odometry.OriginInSource(), Eigen::Vector3d(1, 0, 0));
 }
 
+TEST_F(ReadWalkTest, NumbersInNamesAreTheOrder) {
+  const path odometry = Written("numbers.txt",
+                                "a/img_10.jpg 1 0 0 0 0 0 0\na/img_9.jpg 1 0 0 0 1 0 0\n"
+                                "a/img_011.jpg 1 0 0 0 2 0 0\nB/img_12.jpg 1 0 0 0 3 0 0\n");
+  const std::vector<std::string> names = {"a/img_10.jpg", "a/img_011.jpg", "B/img_12.jpg",
+                                          "a/img_9.jpg"};
+  EXPECT_THAT(QueriesOf(ReadWalk(odometry, {}, names)), ElementsAre(2, 3, 0, 1));
+}
+
 TEST_F(ReadWalkTest, WhatIsNoWalkIsRefused) {
   const path times = Written("times.txt", "a.jpg 1.0\nb.jpg 1.1\nc.jpg 1.2\n");
   const auto fails = [&](const std::string& text, const path& with_times,
