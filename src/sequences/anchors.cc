@@ -176,14 +176,20 @@ double UsedConfidence(const SinglePose& single) {
   return std::clamp(single.confidence, 0.02, 1 - 0.1 * kLost);
 }
 
+StepLength LengthOfStep(const WalkEvidence& before, const WalkEvidence& frame) {
+  const Rigid3 step = OdometryStep(frame.cam_from_odometry, before.cam_from_odometry, 1);
+  return {std::max(frame.since_before.way, step.OriginInSource().norm()),
+          std::max(frame.since_before.turn_deg,
+                   AngleBetweenDeg(step.rotation, Eigen::Quaterniond::Identity()))};
+}
+
 std::vector<double> StepAmounts(std::span<const WalkEvidence> frames) {
   std::vector<double> lengths, angles;
   double length = 0, angle = 0;
   for (size_t i = 1; i < frames.size(); ++i) {
-    const Rigid3 step =
-        OdometryStep(frames[i].cam_from_odometry, frames[i - 1].cam_from_odometry, 1);
-    length += lengths.emplace_back(step.OriginInSource().norm());
-    angle += angles.emplace_back(AngleBetweenDeg(step.rotation, Eigen::Quaterniond::Identity()));
+    const StepLength step = LengthOfStep(frames[i - 1], frames[i]);
+    length += lengths.emplace_back(step.way);
+    angle += angles.emplace_back(step.turn_deg);
   }
   const auto steps = static_cast<double>(lengths.size());
   std::vector<double> amounts = {0};

@@ -29,6 +29,9 @@ struct Anchor {
   bool lost_before = false;  // the odometry does not tell how it lies to the anchor before
 };
 
+// How far the camera went and turned from the frame before.
+StepLength LengthOfStep(const WalkEvidence& before, const WalkEvidence& frame);
+
 // The steps before each frame, each over the walk's mean one: half by their length, half by their
 // angle; 0 for the first.
 std::vector<double> StepAmounts(std::span<const WalkEvidence> frames);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "sequences/anchors.h"
 #include "sequences/walked_query.h"
 #include <fmt/format.h>
 
@@ -15,6 +16,11 @@ namespace {
 // How many frames are kept: the newest ones, and those with a pose before them.
 constexpr size_t kNewest = 30;
 constexpr size_t kMost = 60;
+
+// How far the camera went and turned over both steps.
+StepLength Sum(const StepLength& a, const StepLength& b) {
+  return {a.way + b.way, a.turn_deg + b.turn_deg};
+}
 
 }  // namespace
 
@@ -36,7 +42,14 @@ SmoothedWalk WalkFilter::Add(const WalkEvidence& frame) {
 void WalkFilter::Forget() {
   if (frames_.size() <= kNewest) return;
   const auto leaves_newest = frames_.end() - static_cast<std::ptrdiff_t>(kNewest) - 1;
-  if (!leaves_newest->single) frames_.erase(leaves_newest);
+  if (!leaves_newest->single) {
+    const auto next = leaves_newest + 1;
+    if (leaves_newest != frames_.begin()) {
+      next->since_before = Sum(LengthOfStep(*(leaves_newest - 1), *leaves_newest),
+                               LengthOfStep(*leaves_newest, *next));
+    }
+    frames_.erase(leaves_newest);
+  }
   if (frames_.size() > kMost) frames_.pop_front();
 }
 

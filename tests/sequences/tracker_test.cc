@@ -51,6 +51,22 @@ TEST(WalkFilter, KeepsNoMoreThanItNeedsOfALongWalk) {
   }
 }
 
+TEST(WalkFilter, KnowsTheWayOfFramesThatItForgets) {
+  Rng rng = TestRng();
+  // A round and a half without a pose: back and on, which is farther than the odometry's ends are.
+  MadeWalk made = MakeWalk(rng, {.frames = 90});
+  TakeAway(made, 20, 90);
+  WalkFilter filter(OdometryScale::kKnown);
+  SmoothedWalk walk;
+  for (const WalkEvidence& frame : made.frames) walk = filter.Add(frame);
+  const SmoothedWalk whole = SmoothWalk(made.frames, OdometryScale::kKnown);
+  const auto sigma = [](const SmoothedWalk& of) {
+    return std::sqrt(of.frames.back().covariance.bottomRightCorner<3, 3>().trace());
+  };
+  EXPECT_GT(sigma(walk), 0.6 * sigma(whole));
+  EXPECT_LT(sigma(walk), 1.6 * sigma(whole));
+}
+
 LocalizedQuery ResultOf(const WalkEvidence& frame, const std::string& name) {
   LocalizedQuery query;
   query.name = name;

@@ -35,9 +35,17 @@ struct SinglePose {
   double confidence = 0;
 };
 
+struct StepLength {
+  double way = 0;  // units of the odometry
+  double turn_deg = 0;
+};
+
 struct WalkEvidence {
   Rigid3 cam_from_odometry;
   std::optional<SinglePose> single;
+  // How far the camera went and turned since the frame before, at least: where frames between them
+  // are left out, that is more than the odometry's poses differ.
+  StepLength since_before = {};
 };
 
 enum class OdometryScale { kKnown, kUnknown };
