@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -79,11 +80,15 @@ Context NewContext() {
 
 // Returns the system behind what a system with a transformation to another one is bound to.
 Object Parsed(const Context& context, const std::string& definition) {
-  // PROJ's own strings may name files of grids anywhere.
-  Object crs(definition.find("proj=") == std::string::npos &&
-                     definition.find("init=") == std::string::npos
-                 ? proj_create(context.get(), definition.c_str())
-                 : nullptr);
+  // These may name files of grids anywhere.
+  constexpr std::array<std::string_view, 4> kNamesFiles = {"proj=", "init=", "proj4_grids",
+                                                           "parameterfile"};
+  std::string lower = definition;
+  for (char& c : lower) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  const bool names_files = std::any_of(kNamesFiles.begin(), kNamesFiles.end(), [&](auto word) {
+    return lower.find(word) != std::string::npos;
+  });
+  Object crs(names_files ? nullptr : proj_create(context.get(), definition.c_str()));
   if (crs && proj_get_type(crs.get()) == PJ_TYPE_BOUND_CRS) {
     crs.reset(proj_get_source_crs(context.get(), crs.get()));
   }

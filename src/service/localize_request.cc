@@ -53,6 +53,17 @@ std::string ReadLines(const JsonPlace& place) {
   return text;
 }
 
+// Definitions of systems of coordinates can name files and cost time and memory each.
+void CheckPriors(std::string_view text, const JsonPlace& place) {
+  constexpr size_t kMaxBytes = size_t{64} << 10;
+  if (text.size() > kMaxBytes) place.Fail(fmt::format("is longer than {} bytes", kMaxBytes));
+  for (const std::string_view crs : {"crs=", "world_crs"}) {
+    if (text.find(crs) != std::string_view::npos) {
+      place.Fail("systems of coordinates are not taken from clients");
+    }
+  }
+}
+
 bool IsName(const std::string& name) { return !name.empty() && name.size() <= kMaxNameBytes; }
 
 QueryFacts ReadFacts(const JsonPlace& json) {
@@ -66,6 +77,7 @@ QueryFacts ReadFacts(const JsonPlace& json) {
   if (json.Has("priors")) {
     const JsonPlace priors = json.Member("priors");
     facts.priors = ReadLines(priors);
+    CheckPriors(*facts.priors, priors);
   }
   return facts;
 }

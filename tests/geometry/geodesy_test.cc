@@ -111,8 +111,10 @@ TEST(Crs, KindsAndHeightsAreKnown) {
 }
 
 TEST(Crs, WhatIsNoneIsRefused) {
-  for (const char* bad : {"", "EPSG:999999", "32615", "UTM", "EPSG:7837", "PROJCS[\"broken\"",
-                          "+proj=utm +zone=32 +type=crs"}) {
+  for (const char* bad :
+       {"", "EPSG:999999", "32615", "UTM", "EPSG:7837", "PROJCS[\"broken\"",
+        "+proj=utm +zone=32 +type=crs",
+        "VERT_CS[\"a\",VERT_DATUM[\"a\",2005,EXTENSION[\"PROJ4_GRIDS\",\"a\"]]]"}) {
     EXPECT_TRUE(FailsWithInputError([&] { Crs{bad}; }, {"CRS \"", "expected"})) << bad;
   }
 }

@@ -66,6 +66,12 @@ TEST(LocalizeRequest, WhatIsWrongIsNamedByItsField) {
   EXPECT_EQ(ProblemOf(Picture(), R"({"camera": "a\nb"})").field(), "query.camera");
   EXPECT_EQ(ProblemOf(Picture(), R"({"camera": ""})").field(), "query.camera");
   EXPECT_EQ(ProblemOf(Picture(), R"({"priors": [1]})").field(), "query.priors[0]");
+  const std::string long_priors(70'000, '#');
+  for (const char* priors :
+       {"a.pgm position 1 2 3 4 crs=EPSG:4326", "* world_crs EPSG:4326", long_priors.c_str()}) {
+    EXPECT_EQ(ProblemOf(Picture(), fmt::format(R"({{"priors": "{}"}})", priors)).field(),
+              "query.priors");
+  }
   EXPECT_EQ(ProblemOf(Picture(), R"({"image": ""})").field(), "query.image");
   EXPECT_EQ(ProblemOf(Picture(), "{").field(), "query");
 }

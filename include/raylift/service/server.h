@@ -64,8 +64,9 @@ struct ServerOptions {
 
 class Server {
  public:
-  // Opens the scenes and the port. Throws what `open` throws, OptionError for options that are out
-  // of range, and ResourceError where the port cannot be had.
+  // Opens the scenes and the port; signals wait for Run() from then on. Throws what `open` throws,
+  // OptionError for options that are out of range and for a port that cannot be had, and
+  // ResourceError where threads cannot be started.
   Server(OpenScenes open, const ServerOptions& options);
   ~Server();
   Server(const Server&) = delete;
