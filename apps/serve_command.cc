@@ -23,6 +23,12 @@
 namespace raylift {
 namespace {
 
+void RequireBetween(const char* option, double value, double least, double most) {
+  if (value >= least && value <= most) return;
+  throw OptionError(option, fmt::format("{}", value),
+                    fmt::format("must lie between {} and {}", least, most));
+}
+
 struct ServeFlags {
   std::vector<std::filesystem::path> scenes;
   LocalizeFlags localize;  // what all scenes have in common
@@ -35,12 +41,14 @@ struct ServeFlags {
     localize.geometry.Check();
     localize.run.Check();
     RequireAtLeast("--max-connections", server.limits.connections, 1);
-    RequirePositive("--deadline", server.limits.answer_s);
-    RequirePositive("--header-deadline", server.limits.header_s);
-    RequirePositive("--body-deadline", server.limits.body_s);
-    RequirePositive("--max-body-mb", body_mb);
-    RequirePositive("--max-held-mb", held_mb);
-    RequirePositive("--max-megapixels", megapixels);
+    RequireAtLeast("--max-queue", static_cast<double>(server.limits.queue), 1);
+    constexpr double kShortest = 0.001, kDay = 86'400, kSmallest = 1e-6, kMost = 1e6;
+    RequireBetween("--deadline", server.limits.answer_s, kShortest, kDay);
+    RequireBetween("--header-deadline", server.limits.header_s, kShortest, kDay);
+    RequireBetween("--body-deadline", server.limits.body_s, kShortest, kDay);
+    RequireBetween("--max-body-mb", body_mb, kSmallest, kMost);
+    RequireBetween("--max-held-mb", held_mb, kSmallest, kMost);
+    RequireBetween("--max-megapixels", megapixels, kSmallest, kMost);
     const auto refuse_several = [&](const char* option, const std::string& value) {
       if (value.empty() || scenes.size() == 1) return;
       throw OptionError(option, value, "is of one scene, but there are several");

@@ -10,6 +10,7 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <unistd.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
@@ -98,7 +99,7 @@ std::string NameList(const std::vector<std::string>& names) {
 Target ParseTarget(std::string_view target) {
   Target parsed;
   const size_t question = std::min(target.find('?'), target.size());
-  parsed.path = Decoded(target.substr(0, question));
+  parsed.path = target.substr(0, question);  // undecoded, as RouteOf() compares it
   std::string_view rest = target.substr(std::min(question + 1, target.size()));
   while (!rest.empty()) {
     const std::string_view pair = rest.substr(0, rest.find('&'));
@@ -137,8 +138,9 @@ void Service::Take(std::vector<ServedScene> scenes) {
       throw InputError(fmt::format("two scenes have the name {}", name));
     }
   }
+  std::shared_ptr<const OpenedScenes> taken = std::move(opened);
   const std::lock_guard lock(mutex_);
-  scenes_ = std::move(opened);
+  scenes_.swap(taken);  // the old ones are freed without the lock
 }
 
 std::shared_ptr<const Service::OpenedScenes> Service::Scenes() const {
@@ -331,12 +333,12 @@ void Service::Complete(const HttpRequest& request, HttpAnswer& answer) {
   answer.headers.emplace_back("Vary", "Origin");
 }
 
-// The names are ours: of the time and a number.
+// The names are ours: of the time, the process and a number.
 void Service::Keep(const std::string& picture, const std::string& line) {
   const std::string name = fmt::format(
-      "{:%Y%m%d-%H%M%S}-{:06}",
+      "{:%Y%m%d-%H%M%S}-{}-{:06}",
       std::chrono::time_point_cast<std::chrono::seconds>(std::chrono::system_clock::now()),
-      ++num_kept_);
+      getpid(), ++num_kept_);
   if (!picture.empty()) WriteFile(options_.keep / (name + ".photograph"), picture);
   WriteFile(options_.keep / (name + ".json"), line + '\n');
 }

@@ -67,7 +67,9 @@ void Tokens::Admit(std::string_view authorization, Time now) {
   found->counted = now;
   if (found->left < 1) {
     Problem problem(429, "Authorization", "the token's requests of this minute are used up");
-    problem.retry_after_s = static_cast<int>(std::ceil((1 - found->left) / rate));
+    constexpr double kLongestWait = 3600;
+    problem.retry_after_s =
+        static_cast<int>(std::min(kLongestWait, std::ceil((1 - found->left) / rate)));
     throw problem;
   }
   found->left -= 1;
