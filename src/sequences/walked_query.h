@@ -8,7 +8,7 @@
 
 namespace raylift {
 
-// A photograph's own pose; nullopt where it has none, or none with a covariance that has an inverse.
+// A photograph's own pose; nullopt where it has none, or no covariance that has an inverse.
 std::optional<SinglePose> SinglePoseOf(const LocalizedQuery& query);
 
 // The walk's pose takes the place of a photograph's own unless that is surer.

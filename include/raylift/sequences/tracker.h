@@ -21,8 +21,8 @@ class WalkFilter {
  public:
   explicit WalkFilter(OdometryScale scale) : scale_(scale) {}
 
-  // Returns the walk of the frames that are kept, the newest last; without frames where SmoothWalk()
-  // has none.
+  // Returns the walk of the frames that are kept, the newest last; without frames where
+  // SmoothWalk() has none.
   SmoothedWalk Add(const WalkEvidence& frame);
 
  private:

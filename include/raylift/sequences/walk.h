@@ -35,10 +35,10 @@ struct Walk {
 //
 // The times of the photographs are in the file `times` (lines `name seconds`) or, where that is
 // empty, in their names as TUM's data sets have them (rgb/1305031102.175304.png); where poses go by
-// names and these are no times, photographs were taken in the order of their names, in which numbers
-// count as such, one a second. Photographs without a pose are left out, with a warning. Throws
-// InputError for anything else, for times of photographs that are the same, where fewer than two
-// photographs have a pose, and where the camera does not move at all.
+// names and these are no times, photographs were taken in the order of their names, in which
+// numbers count as such, one a second. Photographs without a pose are left out, with a warning.
+// Throws InputError for anything else, for times of photographs that are the same, where fewer than
+// two photographs have a pose, and where the camera does not move at all.
 Walk ReadWalk(const std::filesystem::path& odometry, const std::filesystem::path& times,
               std::span<const std::string> names);
 
