@@ -40,10 +40,12 @@ std::optional<Problem> FramingProblem(const Message& message) {
   const size_t encodings = message.count(http::field::transfer_encoding);
   const bool is_chunked =
       encodings == 1 && beast::iequals(message[http::field::transfer_encoding], "chunked");
-  if (encodings > 0 && (!is_chunked || message.count(http::field::content_length) > 0)) {
-    return Problem(400, "Transfer-Encoding", "expected chunked alone, without Content-Length");
+  const bool is_old = message.version() < 11;
+  if (encodings > 0 && (is_old || !is_chunked || message.count(http::field::content_length) > 0)) {
+    return Problem(400, "Transfer-Encoding",
+                   "expected chunked alone, without Content-Length, of HTTP/1.1");
   }
-  if (message.version() >= 11 && message.count(http::field::host) != 1) {
+  if (!is_old && message.count(http::field::host) != 1) {
     return Problem(400, "Host", "expected one Host");
   }
   return std::nullopt;
@@ -100,6 +102,9 @@ void Connection::OnHeader(const error_code& error) {
   // What is left of a body that is not read would be taken for the next request.
   closes_ = !parser_->keep_alive() || (answer && !parser_->is_done());
   if (answer) return Write(std::move(*answer));
+  if (Service::IsBatch(request_) && parser_->get().version() < 11) {
+    return Refuse(Problem(400, "a batch is answered in chunks, as HTTP/1.1 has them"));
+  }
   if (shared_.queue.IsFull()) return Refuse(QueueIsFull());
   if (beast::iequals(parser_->get()[http::field::expect], "100-continue")) return Continue();
   ReadBody();
@@ -244,9 +249,10 @@ void Connection::Write(HttpAnswer answer) {
 void Connection::OnWritten(const error_code& error) {
   is_gone_.reset();
   request_ = {};
+  parser_.reset();  // and with it a body that was refused
   shared_.held_bytes -= std::exchange(held_bytes_, 0);
   if (error) return;
-  if (!closes_) return ReadHeader();
+  if (!closes_ && !shared_.is_draining) return ReadHeader();
   error_code ignored;
   stream_.socket().shutdown(tcp::socket::shutdown_send, ignored);
   stream_.expires_after(kLinger);

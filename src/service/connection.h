@@ -4,14 +4,17 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <exception>
 #include <functional>
 #include <memory>
+#include <new>
 #include <optional>
 #include <set>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -110,20 +113,49 @@ class Connection : public std::enable_shared_from_this<Connection> {
   void Submit();
   void BeginWatch();
 
-  // Work for a thread of the queue, with whose result the one of `io` goes on.
+  template <typename Result>
+  struct Job {
+    std::shared_ptr<Connection> self;
+    std::optional<Result> result = {};
+    std::exception_ptr failure = {};
+  };
+
+  // Work for a thread of the queue, with whose result the one of `io` goes on. Where either fails,
+  // the connection is closed: there is no memory even to tell.
   template <typename Work, typename Then>
   WorkQueue::Work Task(Work work, Then then) {
-    return [self = shared_from_this(), work, then]() mutable {
-      std::optional<decltype(work(*self))> result;
+    using Result = decltype(work(*this));
+    auto job = std::make_shared<Job<Result>>(Job<Result>{.self = shared_from_this()});
+    return [job = std::move(job), work, then] {
       try {
-        result = work(*self);
-      } catch (const std::exception&) {  // there is no memory even to tell
+        job->result = work(*job->self);
+      } catch (const std::exception&) {
+        job->failure = std::current_exception();
       }
-      asio::io_context& io = self->shared_.io;
-      asio::post(io, [self = std::move(self), then, result = std::move(result)]() mutable {
-        if (result) then(*self, std::move(*result));
+      PostUntilTaken(job->self->shared_.io, [job, then] {
+        const std::shared_ptr<Connection> self = std::move(job->self);
+        try {
+          if (job->failure) std::rethrow_exception(job->failure);
+          then(*self, std::move(*job->result));
+        } catch (const std::exception&) {
+          self->stream_.close();
+          throw;
+        }
       });
     };
+  }
+
+  // There may be no memory for a while.
+  template <typename Handler>
+  static void PostUntilTaken(asio::io_context& io, const Handler& handler) {
+    constexpr std::chrono::milliseconds kAgain(10);
+    while (true) {
+      try {
+        return asio::post(io, handler);
+      } catch (const std::bad_alloc&) {
+        std::this_thread::sleep_for(kAgain);
+      }
+    }
   }
 
   // A client that sends nothing more while it waits has gone where the socket can be read: then

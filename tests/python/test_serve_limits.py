@@ -118,6 +118,10 @@ def test_requests_that_end_in_two_places_are_refused(server):
         answer = server.raw((HEAD + more).encode())
         assert status_of(answer) == 400, more
         assert answer.count(b"HTTP/1.1 ") == 1 and b"Connection: close" in answer
+    old = HEAD.replace("HTTP/1.1", "HTTP/1.0")
+    assert status_of(server.raw((old + "Transfer-Encoding: chunked\r\n\r\n0\r\n\r\n").encode())) == 400
+    batch = old.replace("localize", "localize/batch") + "Content-Length: 0\r\n\r\n"
+    assert status_of(server.raw(batch.encode())) == 400
     for nothing in (b"\0\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/2.0\r\nHost: a\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n"):
         assert status_of(server.raw(nothing)) == 400, nothing
 
