@@ -25,6 +25,13 @@ namespace {
 
 void Ignore(j_common_ptr, int) {}
 
+// Scans of a few bytes each take as long as those of a whole picture.
+void RefuseManyScans(j_common_ptr jpeg) {
+  constexpr int kMaxScans = 100;
+  if (reinterpret_cast<j_decompress_ptr>(jpeg)->input_scan_number <= kMaxScans) return;
+  throw std::runtime_error("has too many scans");
+}
+
 jpeg_error_mgr* SetUp(jpeg_error_mgr& errors) {
   jpeg_std_error(&errors);
   errors.error_exit = &Throw;
@@ -47,6 +54,8 @@ class Decoder {
   explicit Decoder(std::string_view bytes) {
     jpeg_.err = SetUp(errors_);
     jpeg_create_decompress(&jpeg_);
+    progress_.progress_monitor = &RefuseManyScans;
+    jpeg_.progress = &progress_;
     jpeg_mem_src(&jpeg_, reinterpret_cast<const unsigned char*>(bytes.data()),
                  static_cast<unsigned long>(bytes.size()));
   }
@@ -77,6 +86,7 @@ class Decoder {
 
  private:
   jpeg_error_mgr errors_{};
+  jpeg_progress_mgr progress_{};
   jpeg_decompress_struct jpeg_{};
 };
 
