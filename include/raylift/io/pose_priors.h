@@ -58,8 +58,8 @@ std::map<std::string, PosePriors> ParsePosePriors(const std::filesystem::path& p
                                                   std::vector<std::string>* warnings = nullptr);
 
 // Gives each query what such a file knows of it; what the list says of the focal length holds where
-// the file does not mention it. Returns the warnings. Throws InputError where the file knows none of
-// the queries.
+// the file does not mention it. Returns the warnings. Throws InputError where the file knows none
+// of the queries.
 std::vector<std::string> TakePosePriors(const std::filesystem::path& file, std::span<Query> queries,
                                         const std::optional<WorldFrame>& world = {});
 // The same of what was read from there.
@@ -90,8 +90,8 @@ std::string FormatPhotographPriors(const std::string& name, const PhotographTags
 // The line that says a focal length to be known up to a factor.
 std::string FormatFocalRange(const std::string& name, double factor);
 
-// Gives each query what its photograph says. Returns the warnings. Throws InputError where none says
-// anything.
+// Gives each query what its photograph says. Returns the warnings. Throws InputError where none
+// says anything.
 std::vector<std::string> TakePhotographPriors(const std::filesystem::path& images,
                                               const WorldFrame& world, std::span<Query> queries);
 
