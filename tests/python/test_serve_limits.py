@@ -180,6 +180,8 @@ def test_a_client_asks_from_python(server):
         client.localize(file, scene="a&b")
     with pytest.raises(raylift.InputError, match="Bearer"):
         raylift.Client(server.url).scenes()
+    with pytest.raises(ConnectionError, match="http://127.0.0.1:9: "):  # nobody listens there
+        raylift.Client("http://127.0.0.1:9").scenes()
 
 
 def test_work_is_given_up_at_the_deadline(folder):

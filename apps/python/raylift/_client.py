@@ -73,10 +73,18 @@ class Client:
                     found: Dict[str, Any] = json.load(answer)
                     return found
             except urllib.error.HTTPError as error:
-                wait = float(error.headers.get("Retry-After") or 0)
-                if not wait or time.monotonic() + wait > give_up:
-                    raise _problem(error) from None
-                time.sleep(wait)
+                with error:
+                    after = error.headers.get("Retry-After") or ""
+                    wait = float(after) if after.isdigit() else 0.0
+                    if not wait or time.monotonic() + wait > give_up:
+                        raise _problem(error) from None
+            except OSError as error:
+                # A busy server closes what it does not read to its end.
+                cause = getattr(error, "reason", error)
+                wait = 1.0
+                if not isinstance(cause, (ConnectionResetError, BrokenPipeError)) or time.monotonic() + wait > give_up:
+                    raise ConnectionError(f"{self._url}: {cause}") from None
+            time.sleep(wait)
 
 
 def _problem(error: urllib.error.HTTPError) -> Exception:
@@ -84,5 +92,5 @@ def _problem(error: urllib.error.HTTPError) -> Exception:
         detail = str(json.load(error)["detail"])
     except (ValueError, KeyError):
         detail = str(error.reason)
-    kind = _core.InputError if 400 <= error.code < 500 else ConnectionError
+    kind = _core.InputError if 400 <= error.code < 500 and error.code != 429 else ConnectionError
     return kind(detail)
