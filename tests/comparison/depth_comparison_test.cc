@@ -34,7 +34,7 @@ std::vector<Planted> EveryDistortion() {
           {"scales", {.scale_sigma = 0.1}, DepthFault::kPerImageScale},
           {"warp", {.warp_sigma = 0.06}, DepthFault::kWarp},
           {"noise", {.relative_noise_sigma = 0.02}, DepthFault::kMultiplicativeNoise},
-          {"edges", {.flying_share = 0.8}, DepthFault::kEdges},
+          {"flying pixels", {.flying_share = 0.8}, DepthFault::kFlying},
           {"floaters", {.floaters = 25}, DepthFault::kFloaters},
           {"bubbles", {.bubbles = 4}, DepthFault::kBubbles},
           {"steps", {.quantization_step = 0.2}, DepthFault::kQuantization},
