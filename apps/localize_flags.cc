@@ -6,6 +6,7 @@
 #include "apps/argument_files.h"
 #include "apps/options.h"
 #include "base/hash.h"
+#include "lifting/mesh_spec.h"
 #include "localization/continuous/continuous_localizer.h"
 #include "localization/fields.h"
 #include <fmt/format.h>
@@ -31,6 +32,30 @@ void CheckReferences(const LocalizeFlags& flags) {
   RequireMeshOnly(flags.geometry.specs, flags.matching.hloc.Any() ? "--features" : "--images",
                   flags.matching.hloc.Any() || !flags.images.empty());
   if (flags.QueryImages().empty()) throw OptionError("--query-images is required without --model");
+}
+
+// Refuses what belongs to matches.
+void CheckEdges(const LocalizeFlags& flags) {
+  if (!flags.AlignsEdges()) return;
+  const auto refuse = [](const char* option, bool given) {
+    if (given) throw OptionError(fmt::format("{} does not go with --align edges", option));
+  };
+  refuse("--model", !flags.references.model.empty());
+  refuse("--features", flags.matching.hloc.Any());
+  refuse("--leave-one-out", flags.leave_one_out);
+  refuse("--continuous", flags.continuous.enabled);
+  refuse("--rigs", !flags.rigs.empty());
+  refuse("--rerender", flags.mesh_only.rerender > 0);
+  refuse("--scene-calibration", !flags.scene_calibration.empty());
+  refuse("--write-model", !flags.write_model.empty());
+  refuse("--write-problems", !flags.write_problems.empty());
+  if (flags.geometry.specs.size() != 1 || !IsMeshSpec(flags.geometry.specs.front())) {
+    throw OptionError("--align edges needs one --geometry mesh:PATH or dsm:FILE");
+  }
+  if (flags.QueryImages().empty()) throw OptionError("--align edges needs --query-images");
+  if (flags.priors.empty()) {
+    throw OptionError("--align edges needs --priors with a pose of each query");
+  }
 }
 
 // Refuses what goes with neither --resume nor shards.
@@ -107,7 +132,8 @@ void LocalizeFlags::Check() const {
   CheckQueries(*this);
   CheckRigs(*this);
   CheckWalk(*this);
-  CheckReferences(*this);
+  CheckEdges(*this);
+  if (!AlignsEdges()) CheckReferences(*this);
   if (pictures < 0) {
     throw OptionError("--pictures", std::to_string(pictures), "must not be negative");
   }
@@ -125,7 +151,7 @@ void LocalizeFlags::Check() const {
   run.Check();
   CheckRunning(*this);
   continuous.Check();
-  matching.Check(geometry.specs, QueriesAre());
+  if (!AlignsEdges()) matching.Check(geometry.specs, QueriesAre());
   if (geometry.specs.empty() && Uses2D3D(estimator.method) &&
       geometry.candidates.mode != CandidateMode::kTriangulate) {
     throw OptionError(fmt::format(
@@ -163,7 +189,8 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
   queries.Add("--priors", flags.priors,
               "What is known of the queries' poses: lines `name position x y z sigma`\n"
               "(world; or of another system, with crs=EPSG:4326: longitude first),\n"
-              "`name gravity x y z sigma_deg` (down in the camera's frame),\n"
+              "`name pose qw qx qy qz tx ty tz sigma sigma_deg` (world to camera; a position\n"
+              "and an orientation), `name gravity x y z sigma_deg` (down in the camera's frame),\n"
               "`name heading deg sigma_deg` (clockwise from north),\n"
               "`name orientation qw qx qy qz sigma_deg` (world to camera),\n"
               "`name focal_range F` (the focal length, up to a factor),\n"
@@ -171,6 +198,9 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
               "`* world_down x y z` (default: 0 0 -1), `* world_north x y z` (0 1 0);\n"
               "or exif: what the photographs say themselves, as `queries` shows it");
   AddCrsOption(queries, flags.world);
+  queries.Add("--align", flags.align,
+              "What poses come from: {}. edges: those of the mesh, which may have no\n"
+              "colors, in the photographs, around the poses of --priors");
   queries.Add("--rigs", flags.rigs,
               "Queries that are photographs of one rig have one pose together:\n"
               "rig_config.json of COLMAP's rig_configurator with cam_from_rig_* (names alike\n"
@@ -227,6 +257,9 @@ Examples:
   With features and matches made by hloc:
     raylift localize --model sfm --geometry mesh:scene.ply --queries queries.txt \
         --features features.h5 --matches matches.h5 --pairs pairs.txt --out result
+  From a mesh without colors, and what is known of the queries' poses:
+    raylift localize --geometry mesh:scene.ply --queries queries.txt \
+        --query-images photos --priors priors.txt --align edges --out result
   How well do references, whose poses are known, localize each other?
     raylift localize --model sfm --images photos --geometry mesh:scene.ply \
         --leave-one-out --out result

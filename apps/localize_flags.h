@@ -52,9 +52,18 @@ struct WalkFlags {
   bool enabled() const { return !odometry.empty(); }
 };
 
+// What poses come from.
+enum class AlignBy { kMatches, kEdges };
+template <>
+inline constexpr auto kEnumNames<AlignBy> = std::to_array<EnumName<AlignBy>>({
+    {AlignBy::kMatches, "matches"},
+    {AlignBy::kEdges, "edges"},
+});
+
 struct LocalizeFlags {
   ReferenceFlags references;
   std::filesystem::path images, queries, query_images, priors, rigs, scene_calibration;
+  AlignBy align = AlignBy::kMatches;
   std::optional<WorldFrame> world;
   PoseConvention model_poses = PoseConvention::kCamFromWorld;
   GeometryFlags geometry;
@@ -74,7 +83,8 @@ struct LocalizeFlags {
   MeshOnlyFlags mesh_only;
 
   // The references are rendered from the mesh.
-  bool RendersReferences() const { return references.model.empty(); }
+  bool RendersReferences() const { return references.model.empty() && !AlignsEdges(); }
+  bool AlignsEdges() const { return align == AlignBy::kEdges; }
 
   std::filesystem::path QueryImages() const { return QueryImagesOf(query_images, images, queries); }
 

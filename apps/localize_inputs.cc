@@ -1,10 +1,12 @@
 #include "apps/localize_inputs.h"
 
 #include <algorithm>
+#include <map>
 #include <utility>
 #include <vector>
 
 #include "lifting/alignment_text.h"
+#include "localization/alignment/edge_aligner.h"
 #include "localization/checks/run_checks.h"
 #include "localization/rerender.h"
 #include <fmt/format.h>
@@ -43,9 +45,48 @@ std::shared_ptr<const Rerenderer> RerendererOf(const LocalizeFlags& flags, const
                       .reprojection_threshold_px = estimator.reprojection_threshold_px});
 }
 
+// A mesh that needs no references.
+Scene OpenMeshAlone(const LocalizeFlags& flags) {
+  Scene scene;
+  OpenGeometry(scene, flags.geometry.specs.front(), {.threads = flags.run.threads});
+  return Calibrated(scene, std::make_shared<const SceneCalibration>());
+}
+
+// Throws InputError where nothing is known of a query's pose.
+void RequirePosePriors(const LocalizeFlags& flags, std::span<const Query> queries) {
+  for (const Query& query : queries) {
+    if (query.priors.position && query.priors.orientation) continue;
+    throw InputError(flags.priors,
+                     fmt::format("expected a pose, or a position and an orientation, of each query "
+                                 "for alignment by edges, found none of \"{}\"",
+                                 query.name));
+  }
+}
+
+class NoMatches final : public MatchSource {
+ public:
+  QueryMatches Match(const Query&) const override { return {}; }
+  std::vector<std::string> Warnings() const override { return {}; }
+};
+
+std::unique_ptr<LocalizeAll> OpenEdgeLocalizer(const LocalizeFlags& flags, const Scene& scene,
+                                               std::span<const Query> queries,
+                                               const LocalizerOptions& options) {
+  RequirePosePriors(flags, queries);
+  const auto aligner = std::make_shared<const EdgeAligner>(
+      PicturedSurface(scene), flags.QueryImages(), options.estimator.seed);
+  const auto matches = std::make_shared<const NoMatches>();
+  std::vector<Localizer> localizers;
+  localizers.emplace_back(std::make_shared<const Scene>(scene), matches, options, aligner);
+  return std::make_unique<LocalizeAll>(std::move(localizers),
+                                       std::vector<Query>(queries.begin(), queries.end()), matches,
+                                       flags.run.threads);
+}
+
 }  // namespace
 
 Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
+  if (flags.AlignsEdges()) return OpenMeshAlone(flags);
   if (!flags.RendersReferences()) {
     return OpenScene({.model = flags.references.model,
                       .model_poses = flags.model_poses,
@@ -121,6 +162,7 @@ std::unique_ptr<MatchSource> OpenMatchesOf(const LocalizeFlags& flags, const Sce
 std::unique_ptr<LocalizeAll> OpenLocalizer(const LocalizeFlags& flags, const Scene& scene,
                                            std::span<const Query> queries,
                                            LocalizeAllOptions options) {
+  if (flags.AlignsEdges()) return OpenEdgeLocalizer(flags, scene, queries, options.localizer);
   options.rerenderer = RerendererOf(flags, scene, options.localizer.estimator);
   return std::make_unique<LocalizeAll>(
       scene, std::vector<Query>(queries.begin(), queries.end()),

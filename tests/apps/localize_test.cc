@@ -58,6 +58,20 @@ TEST(Localize, WhatIsKnownOfAQueryIsPartOfItsProblem) {
       FailsWith(3, {priors.string(), "knows none of the 2 queries"}, RunRaylift(with_priors)));
 }
 
+TEST(Localize, AlignmentByEdgesNeedsAPoseOfEachQuery) {
+  const RoomScene scene = WriteRoomScene(TestFolder(), {.pictures = true});
+  const fs::path priors = scene.folder / "priors.txt";
+  WriteFile(priors, fmt::format("{} pose 1 0 0 0 0 0 0 1 5\n", scene.queries[0].name));
+  const Arguments alone = {
+      "localize",       "--align",      "edges", "--queries",           scene.query_list(),
+      "--query-images", scene.images(), "--out", scene.folder / "edges"};
+  const Arguments with_mesh = alone + Arguments{"--geometry", "mesh:" + scene.mesh().string()};
+  EXPECT_TRUE(FailsWith(2, {"--align edges needs one --geometry mesh:PATH"}, RunRaylift(alone)));
+  EXPECT_TRUE(FailsWith(2, {"--align edges needs --priors"}, RunRaylift(with_mesh)));
+  EXPECT_TRUE(FailsWith(3, {priors.string(), "expected a pose", scene.queries[1].name},
+                        RunRaylift(with_mesh + Arguments{"--priors", priors})));
+}
+
 TEST(Localize, APhotographThatIsListedByItsNameAloneHasAnUnknownFocalLength) {
   const RoomScene scene = WriteRoomScene(TestFolder(), {.pictures = true});
   const fs::path out = scene.folder / "out";

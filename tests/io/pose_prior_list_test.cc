@@ -97,6 +97,14 @@ TEST(PosePriorList, RoughTransformationsAreWarnedOf) {
   EXPECT_NE(warnings.front().find("EPSG:4979 to EPSG:25832+7837"), std::string::npos);
 }
 
+TEST(PosePriorList, APoseIsAPositionAndAnOrientation) {
+  const PosePriors priors = ReadPosePriors(FileOf("a pose 0 1 0 0 1 2 3 0.5 4")).at("a");
+  EXPECT_EQ(priors.position.value().position, Eigen::Vector3d(-1, 2, 3));
+  EXPECT_EQ(priors.position->sigma, Eigen::Vector3d::Constant(0.5));
+  EXPECT_EQ(priors.orientation.value().cam_from_world.coeffs(), Eigen::Vector4d(1, 0, 0, 0));
+  EXPECT_EQ(priors.orientation->sigma_deg, 4);
+}
+
 TEST(PosePriorList, MistakesAreNamedByLineAndField) {
   const auto fails = [](const std::string& text, const std::vector<std::string>& parts) {
     const auto file = FileOf(text);
@@ -108,6 +116,10 @@ TEST(PosePriorList, MistakesAreNamedByLineAndField) {
   EXPECT_TRUE(fails("a position 1 2 3 1 1 1 1", {"line 1"}));
   EXPECT_TRUE(fails("a position 1 x 3 1", {"line 1", "position", "x"}));
   EXPECT_TRUE(fails("a gravity 0 0 0 1", {"line 1", "expected a direction"}));
+  EXPECT_TRUE(fails("a pose 1 0 0 0 0 0 0 1", {"line 1", "sigma_deg"}));
+  EXPECT_TRUE(fails("a pose 1 0 0 0 0 0 0 -1 1", {"line 1", "sigma: expected at least 0"}));
+  EXPECT_TRUE(fails("a orientation 1 0 0 0 1\na pose 1 0 0 0 0 0 0 1 1",
+                    {"line 2", "pose of \"a\" stands twice"}));
   EXPECT_TRUE(fails("a gps 0 0 0 1", {"line 1", "found \"a gps\""}));
   EXPECT_TRUE(fails("a position 1 2 3 1\na position 1 2 3 1",
                     {"line 2", "position of \"a\" stands twice"}));

@@ -33,6 +33,9 @@ namespace raylift {
 //   day/002.jpg heading 46 10 0 -1 0
 //   # all of the rotation, world to camera (qw qx qy qz), standard deviation in degrees
 //   day/001.jpg orientation 0.1 -0.7 0.7 0.1 2
+//   # a position and an orientation: qw qx qy qz tx ty tz, world to camera, as in pose files, and
+//   # the standard deviations of both
+//   day/004.jpg pose 0.5 0.5 -0.5 0.5 2.5 1.2 -4 1 5
 //   # the camera's focal length is the given one up to this factor either way
 //   day/002.jpg focal_range 1.5
 //   # the focal length's standard deviation as a share of it

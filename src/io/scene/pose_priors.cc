@@ -167,11 +167,12 @@ void PriorReader::ReadLine(LineTokens& tokens) {
     return tokens.ExpectEnd();
   }
   PosePriors& priors = priors_[name];
-  const std::array<std::pair<std::string_view, bool>, 6> kinds = {
+  const std::array<std::pair<std::string_view, bool>, 7> kinds = {
       {{"position", priors.position.has_value()},
        {"gravity", priors.gravity.has_value()},
        {"heading", priors.heading.has_value()},
        {"orientation", priors.orientation.has_value()},
+       {"pose", priors.position.has_value() || priors.orientation.has_value()},
        {"focal_range", priors.focal_range != 1},
        {"focal_sigma", priors.focal_sigma.has_value()}}};
   for (const auto& [known, is_said] : kinds) {
@@ -192,6 +193,12 @@ void PriorReader::ReadLine(LineTokens& tokens) {
     const auto rotation = UnitQuaternion(tokens.Quaternion(kind));
     if (!rotation) tokens.Fail("orientation: expected a quaternion of length 1");
     priors.orientation = {.cam_from_world = *rotation, .sigma_deg = ReadSigma(tokens, "sigma_deg")};
+  } else if (kind == "pose") {
+    const Rigid3 cam_from_world = tokens.Pose();
+    priors.position = {.position = cam_from_world.OriginInSource(),
+                       .sigma = Vector3d::Constant(ReadSigma(tokens, "sigma"))};
+    priors.orientation = {.cam_from_world = cam_from_world.rotation,
+                          .sigma_deg = ReadSigma(tokens, "sigma_deg")};
   } else if (kind == "focal_range") {
     priors.focal_range = tokens.Double(kind);
     if (!(priors.focal_range > 1 && priors.focal_range <= kMaxFocalRange)) {
@@ -201,7 +208,8 @@ void PriorReader::ReadLine(LineTokens& tokens) {
     priors.focal_sigma = tokens.FocalSigma();
   } else {
     tokens.Fail(fmt::format(
-        "expected \"position\", \"gravity\", \"heading\", \"orientation\", \"focal_range\" or "
+        "expected \"position\", \"pose\", \"gravity\", \"heading\", \"orientation\", "
+        "\"focal_range\" or "
         "\"focal_sigma\", or \"* world_crs\", \"* world_down\" or \"* world_north\", found \"{} "
         "{}\"",
         name, kind));

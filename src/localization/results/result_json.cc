@@ -100,7 +100,8 @@ void Members(JsonMembers& members, PoseEstimate& estimate) {
   members("inlier_keypoints", estimate.inlier_keypoints);
   members("iterations", estimate.iterations);
   const bool has_pose = estimate.cam_from_world.has_value();
-  members.If(has_pose, "solver", estimate.solver);
+  // Where no keypoint has a match, no solver made the pose.
+  members.If(has_pose && estimate.num_keypoints > 0, "solver", estimate.solver);
   members.If(has_pose, "score_2d3d", estimate.score_2d3d);
   members.If(has_pose, "score_2d2d", estimate.score_2d2d);
   members.If(has_pose, "ransac_value", estimate.ransac_value);

@@ -1,0 +1,288 @@
+#include "localization/alignment/edge_score.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+
+#include "raylift/geometry/residuals.h"
+
+namespace raylift {
+namespace {
+
+using Vector6 = Eigen::Matrix<double, 6, 1>;
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
+
+// Where nothing says which, a piece of an edge is shown or not with equal odds.
+constexpr double kEvenOdds = 0.5;
+
+// Shares of edges that are shown, among which the likeliest one is looked for.
+constexpr int kNumShares = 4;
+using ShareScores = Eigen::Array<double, kNumShares, 1>;
+constexpr size_t kNumKinds = 3;
+
+ShareScores ScoresOf(const SceneEdge& edge, double evidence) {
+  static const ShareScores kShares(0.05, 0.2, 0.5, 0.8);
+  return edge.length_px * (1 + kShares * evidence).log();
+}
+
+// A piece of an edge in the picture.
+struct SeenEdge {
+  Eigen::Vector2d pixel;
+  Eigen::Vector2d normal;                      // unit
+  Eigen::Matrix<double, 2, 3> pixel_from_cam;  // its derivative
+  Eigen::Vector3d point_in_cam;
+};
+
+class Viewer {
+ public:
+  Viewer(const Camera& camera, const Rigid3& cam_from_world)
+      : camera_(camera),
+        rotation_(cam_from_world.rotation.toRotationMatrix()),
+        translation_(cam_from_world.translation) {}
+
+  std::optional<SeenEdge> See(const SceneEdge& edge) const {
+    SeenEdge seen;
+    seen.point_in_cam = rotation_ * edge.point_in_world + translation_;
+    const auto projected = camera_.ImgFromCamWithJacobian(seen.point_in_cam);
+    if (!projected || !camera_.Contains(projected->pixel)) return std::nullopt;
+    const Eigen::Vector2d along = projected->jacobian * (rotation_ * edge.tangent_in_world);
+    if (!(along.squaredNorm() > 0)) return std::nullopt;
+    seen.pixel = projected->pixel;
+    seen.normal = Eigen::Vector2d(-along.y(), along.x()).normalized();
+    seen.pixel_from_cam = projected->jacobian;
+    return seen;
+  }
+
+ private:
+  const Camera& camera_;
+  Eigen::Matrix3d rotation_;
+  Eigen::Vector3d translation_;
+};
+
+size_t CellOf(const Camera& camera, const Eigen::Vector2d& pixel) {
+  const auto part = [](double at, int size) {
+    return std::clamp(static_cast<int>(at / size * kCellsPerSide), 0, kCellsPerSide - 1);
+  };
+  return static_cast<size_t>(part(pixel.y(), camera.height_px()) * kCellsPerSide +
+                             part(pixel.x(), camera.width_px()));
+}
+
+// The prior as normal equations of the step (w, v).
+void AddPrior(const PosePrior& prior, const Rigid3& pose, Matrix6& normal, Vector6& gradient) {
+  const double sigma_rad = prior.sigma_deg * std::numbers::pi / 180;
+  const double of_turn = 1 / (sigma_rad * sigma_rad);
+  const Vector6 step = StepBetween(prior.cam_from_world, pose);
+  const Eigen::Matrix3d rotation = pose.rotation.toRotationMatrix();
+  const Eigen::Vector3d of_shift = prior.sigma_position.cwiseAbs2().cwiseInverse();
+  const Eigen::Vector3d shift = pose.OriginInSource() - prior.cam_from_world.OriginInSource();
+  normal.topLeftCorner<3, 3>().diagonal().array() += of_turn;
+  normal.bottomRightCorner<3, 3>() += rotation * of_shift.asDiagonal() * rotation.transpose();
+  gradient.head<3>() += of_turn * step.head<3>();
+  gradient.tail<3>() -= rotation * of_shift.cwiseProduct(shift);
+}
+
+// A distance between an edge of the scene and one of the photograph.
+struct Residual {
+  double distance_px;
+  Vector6 slope;  // d distance / d (w, v)
+  double length_px;
+  double chance_rate;
+};
+
+struct Residuals {
+  std::vector<Residual> found;
+  double length_px = 0;  // of all that are in the picture
+};
+
+Residuals ResidualsAt(const EdgeImage& image, std::span<const SceneEdge> edges, const Rigid3& pose,
+                      double reach_px) {
+  Residuals residuals;
+  const Viewer viewer(image.camera(), pose);
+  for (const SceneEdge& edge : edges) {
+    const auto seen = viewer.See(edge);
+    if (!seen) continue;
+    residuals.length_px += edge.length_px;
+    const auto near = image.NearestAlong(seen->pixel, seen->normal, reach_px);
+    if (!near) continue;
+    Residual residual;
+    residual.distance_px = seen->normal.dot(seen->pixel - near->position_px.cast<double>());
+    const Eigen::RowVector3d of_point = seen->normal.transpose() * seen->pixel_from_cam;
+    residual.slope.head<3>() = (of_point * -Skew(seen->point_in_cam)).transpose();
+    residual.slope.tail<3>() = of_point.transpose();
+    residual.length_px = edge.length_px;
+    residual.chance_rate = image.ChanceRate(seen->pixel, seen->normal);
+    residuals.found.push_back(residual);
+  }
+  return residuals;
+}
+
+// The odds that a distance is none by chance, of those that are found.
+double Weight(const Residual& residual, double sigma_px) {
+  const double z = residual.distance_px / sigma_px;
+  const double density =
+      std::exp(-0.5 * z * z) / (sigma_px * std::sqrt(2 * std::numbers::pi)) * kEvenOdds;
+  return density / (density + (1 - kEvenOdds) * residual.chance_rate);
+}
+
+struct Spread {
+  double sigma_px;
+  double weight_px;  // the length that is there
+};
+Spread SpreadOf(const Residuals& residuals, double sigma_px) {
+  double squares = 0;
+  double weights = 0;
+  for (const Residual& residual : residuals.found) {
+    const double weight = residual.length_px * Weight(residual, sigma_px);
+    squares += weight * residual.distance_px * residual.distance_px;
+    weights += weight;
+  }
+  return {weights > 0 ? std::sqrt(squares / weights) : sigma_px, weights};
+}
+
+struct Equations {
+  Matrix6 normal = Matrix6::Zero();
+  Vector6 gradient = Vector6::Zero();
+};
+
+// Each weighted piece counts by its length in units of a pixel.
+Equations EquationsOf(const Residuals& residuals, double sigma_px) {
+  Equations equations;
+  const double precision = 1 / (sigma_px * sigma_px);
+  for (const Residual& residual : residuals.found) {
+    const double weight = precision * residual.length_px * Weight(residual, sigma_px);
+    equations.normal += weight * residual.slope * residual.slope.transpose();
+    equations.gradient += weight * residual.distance_px * residual.slope;
+  }
+  return equations;
+}
+
+Rigid3 Stepped(const Rigid3& pose, const Vector6& step) {
+  const Eigen::Quaterniond turn = RotationFromVector(step.head<3>());
+  return {(turn * pose.rotation).normalized(), turn * pose.translation + step.tail<3>()};
+}
+
+// What independent pixels would give.
+std::optional<Matrix6> CovarianceOf(const Equations& equations, const PosePrior& prior,
+                                    const Rigid3& pose) {
+  Matrix6 normal = equations.normal;
+  Vector6 unused = Vector6::Zero();
+  AddPrior(prior, pose, normal, unused);
+  const Eigen::LDLT<Matrix6> solver(normal);
+  const Matrix6 covariance = solver.solve(Matrix6::Identity());
+  if (!covariance.allFinite() || !(covariance.diagonal().minCoeff() > 0)) return std::nullopt;
+  return covariance;
+}
+
+}  // namespace
+
+double EdgeScore(const EdgeImage& image, std::span<const SceneEdge> edges,
+                 const Rigid3& cam_from_world) {
+  const Viewer viewer(image.camera(), cam_from_world);
+  std::array<ShareScores, kNumKinds> by_kind;
+  by_kind.fill(ShareScores::Zero());
+  for (const SceneEdge& edge : edges) {
+    if (const auto seen = viewer.See(edge)) {
+      by_kind[static_cast<size_t>(edge.kind)] +=
+          ScoresOf(edge, image.Evidence(seen->pixel, seen->normal));
+    }
+  }
+  double score = 0;
+  for (const ShareScores& scores : by_kind) score += scores.maxCoeff();
+  return score;
+}
+
+CellScores EdgeScoreByCell(const EdgeImage& image, std::span<const SceneEdge> edges,
+                           const Rigid3& cam_from_world) {
+  const Viewer viewer(image.camera(), cam_from_world);
+  using ScoresOfCells = Eigen::Array<double, kNumCells, kNumShares>;
+  std::array<ScoresOfCells, kNumKinds> by_kind;
+  by_kind.fill(ScoresOfCells::Zero());
+  for (const SceneEdge& edge : edges) {
+    if (const auto seen = viewer.See(edge)) {
+      by_kind[static_cast<size_t>(edge.kind)].row(
+          static_cast<Eigen::Index>(CellOf(image.camera(), seen->pixel))) +=
+          ScoresOf(edge, image.Evidence(seen->pixel, seen->normal)).transpose();
+    }
+  }
+  CellScores scores = CellScores::Zero();
+  for (const ScoresOfCells& of_kind : by_kind) {
+    Eigen::Index likeliest = 0;
+    of_kind.colwise().sum().maxCoeff(&likeliest);
+    scores += of_kind.col(likeliest);
+  }
+  return scores;
+}
+
+double LogPrior(const PosePrior& prior, const Rigid3& cam_from_world) {
+  const double turn =
+      AngleBetweenDeg(prior.cam_from_world.rotation, cam_from_world.rotation) / prior.sigma_deg;
+  const Eigen::Vector3d shift =
+      (prior.cam_from_world.OriginInSource() - cam_from_world.OriginInSource())
+          .cwiseQuotient(prior.sigma_position);
+  return -0.5 * (turn * turn + shift.squaredNorm());
+}
+
+std::optional<EdgeFit> FitEdges(const EdgeImage& image, std::span<const SceneEdge> edges,
+                                const PosePrior& prior, const Rigid3& start, double reach_px) {
+  constexpr int kMaxIterations = 12;
+  constexpr double kLeastSigmaPx = 0.3;  // rounding of the picture that the edges were seen in
+  EdgeFit fit{.cam_from_world = start, .covariance = Matrix6::Zero()};
+  double sigma_px = std::max(kLeastSigmaPx, reach_px / 3);
+  Residuals residuals;
+  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
+    residuals = ResidualsAt(image, edges, fit.cam_from_world, reach_px);
+    if (residuals.found.size() < 6) return std::nullopt;
+    sigma_px = std::clamp(SpreadOf(residuals, sigma_px).sigma_px, kLeastSigmaPx, sigma_px);
+    Equations equations = EquationsOf(residuals, sigma_px);
+    AddPrior(prior, fit.cam_from_world, equations.normal, equations.gradient);
+    equations.normal.diagonal() *= 1 + 1e-3;
+    const Vector6 step = -equations.normal.ldlt().solve(equations.gradient);
+    if (!step.allFinite()) return std::nullopt;
+    fit.cam_from_world = Stepped(fit.cam_from_world, step);
+  }
+  residuals = ResidualsAt(image, edges, fit.cam_from_world, reach_px);
+  const Spread spread = SpreadOf(residuals, sigma_px);
+  fit.sigma_px = sigma_px;
+  fit.shown = residuals.length_px > 0 ? spread.weight_px / residuals.length_px : 0;
+  const auto covariance = CovarianceOf(EquationsOf(residuals, sigma_px), prior, fit.cam_from_world);
+  if (!covariance) return std::nullopt;
+  fit.covariance = *covariance;
+  return fit;
+}
+
+void AddCovarianceByResampling(const EdgeImage& image, std::span<const SceneEdge> edges,
+                               const PosePrior& prior, double reach_px, Rng& rng, EdgeFit& fit) {
+  constexpr int kReplicates = 24;
+  constexpr int kBlocksPerSide = kCellsPerSide / 2;
+  const Viewer viewer(image.camera(), fit.cam_from_world);
+  std::vector<size_t> blocks;
+  for (const SceneEdge& edge : edges) {
+    const auto seen = viewer.See(edge);
+    const size_t cell = seen ? CellOf(image.camera(), seen->pixel) : 0;
+    blocks.push_back(cell / (2 * kCellsPerSide) * kBlocksPerSide + cell % kCellsPerSide / 2);
+  }
+  Matrix6 scatter = Matrix6::Zero();
+  int count = 0;
+  std::vector<SceneEdge> resampled(edges.begin(), edges.end());
+  for (int i = 0; i < kReplicates; ++i) {
+    std::array<double, kBlocksPerSide * kBlocksPerSide> weights;
+    for (double& weight : weights) weight = -std::log(1 - rng.Uniform());
+    for (size_t k = 0; k < edges.size(); ++k) {
+      resampled[k].length_px = edges[k].length_px * weights[blocks[k]];
+    }
+    const auto other = FitEdges(image, resampled, prior, fit.cam_from_world, reach_px);
+    if (!other) continue;
+    const Vector6 step = StepBetween(fit.cam_from_world, other->cam_from_world);
+    scatter += step * step.transpose();
+    ++count;
+  }
+  // The inverse of a covariance of so few samples is too large by this (Hotelling).
+  constexpr int kParameters = 6;
+  if (count > kParameters + 1) fit.covariance += scatter / (count - kParameters - 1);
+}
+
+}  // namespace raylift

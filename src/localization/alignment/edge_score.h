@@ -1,0 +1,62 @@
+// How well a photograph shows the edges of a scene from a pose, and the pose that it shows best.
+
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "base/rng.h"
+#include "localization/alignment/edge_image.h"
+#include "localization/alignment/scene_edges.h"
+#include <Eigen/Core>
+
+#include "raylift/geometry/rigid3.h"
+
+namespace raylift {
+
+// What is known of a photograph's pose beforehand.
+struct PosePrior {
+  Rigid3 cam_from_world;
+  // Standard deviations of the center along the world's axes and of the angles; above 0.
+  Eigen::Vector3d sigma_position;
+  double sigma_deg;
+};
+
+// The logarithm of the likelihood ratio of all pieces, weighted by their lengths: the sum of
+// log(1 + s e) with the evidence e (EdgeImage), s being the share of the scene's edges that the
+// photograph shows, of each kind the likeliest.
+double EdgeScore(const EdgeImage& image, std::span<const SceneEdge> edges,
+                 const Rigid3& cam_from_world);
+
+// The same in cells of the picture, which are taken for independent of each other: neighbors on
+// one edge are right or wrong together.
+inline constexpr int kCellsPerSide = 8;
+inline constexpr int kNumCells = kCellsPerSide * kCellsPerSide;
+using CellScores = Eigen::Array<double, kNumCells, 1>;
+CellScores EdgeScoreByCell(const EdgeImage& image, std::span<const SceneEdge> edges,
+                           const Rigid3& cam_from_world);
+
+// The logarithm of the prior's density, up to a constant.
+double LogPrior(const PosePrior& prior, const Rigid3& cam_from_world);
+
+struct EdgeFit {
+  Rigid3 cam_from_world;
+  Eigen::Matrix<double, 6, 6> covariance;  // of the step (w, v), see geometry/residuals.h
+  double sigma_px = 0;                     // of the distances between edges, those by chance aside
+  double shown = 0;                        // the share of the scene's edges that are there
+};
+
+// Levenberg-Marquardt on the distances of edges along their normals, up to `reach_px`, each with
+// the weight of its odds to be no chance; the distances' spread is estimated. nullopt where the
+// edges do not determine the pose.
+std::optional<EdgeFit> FitEdges(const EdgeImage& image, std::span<const SceneEdge> edges,
+                                const PosePrior& prior, const Rigid3& start, double reach_px);
+
+// Adds to a fit's covariance, which takes pixels for independent, the scatter of fits in which
+// blocks of the picture have other weights (the Bayesian bootstrap): edges of one thing err
+// together, and from elsewhere other edges are the nearest ones.
+void AddCovarianceByResampling(const EdgeImage& image, std::span<const SceneEdge> edges,
+                               const PosePrior& prior, double reach_px, Rng& rng, EdgeFit& fit);
+
+}  // namespace raylift

@@ -1,0 +1,40 @@
+// The pose of a photograph in a scene of which nothing but the shape is known, from a prior.
+
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "localization/alignment/edge_score.h"
+
+#include "raylift/renderers/ray_caster.h"
+#include "raylift/scene/image.h"
+
+namespace raylift {
+
+// A pose that explains the photograph better than those around it.
+struct EdgeMode {
+  EdgeFit fit;
+  double score = 0;  // EdgeScore at the finest size, and the prior's
+  CellScores cells;  // of the score
+  std::vector<SceneEdge> edges;
+};
+
+struct FoundByEdges {
+  std::vector<EdgeMode> modes;  // best first; none where the scene shows too few edges
+  size_t num_tried = 0;         // poses at the coarsest size, each drawn by itself
+};
+
+// Looks for the modes within the prior. The same for the same seed.
+FoundByEdges SearchByEdges(const std::shared_ptr<const RayCaster>& mesh, const Image& gray,
+                           const Camera& camera, const PosePrior& prior, uint64_t seed);
+
+// The probability that the best mode is right. The cells of the picture are taken for independent;
+// with z = sum / sqrt(sum of squares) of their scores, or of their differences between two modes,
+// and Q the normal distribution's tail, it is
+//   (1 - tried Q(z)) product over the other modes of (1 - Q(z of the difference)),
+// the first being what chance alone would give among as many poses as were tried.
+double ConfidenceOf(const FoundByEdges& found);
+
+}  // namespace raylift

@@ -1,0 +1,115 @@
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <numbers>
+
+#include "localization/alignment/edge_aligner.h"
+#include "localization/alignment/edge_image.h"
+#include "localization/alignment/scene_edges.h"
+#include "support/meshes.h"
+#include <gtest/gtest.h>
+
+#include "raylift/io/image_file.h"
+#include "raylift/io/query_list.h"
+#include "raylift/localization/scene.h"
+#include "raylift/views/mesh_scene.h"
+
+namespace raylift {
+namespace {
+
+const std::filesystem::path kDemo = RAYLIFT_DEMO_DIR;
+
+Camera Pinhole() {
+  const double params[] = {100, 80, 60};
+  return {CameraModel::kSimplePinhole, 160, 120, params};
+}
+
+// Black to the left of x, white to the right of it, the pixel that it lies in in between.
+Image StepAt(double x, int width_px, int height_px) {
+  Image image{width_px, height_px, 1, {}};
+  for (int row = 0; row < height_px; ++row) {
+    for (int column = 0; column < width_px; ++column) {
+      image.data.push_back(NearestByte(255 * std::clamp(column + 1 - x, 0.0, 1.0)));
+    }
+  }
+  return image;
+}
+
+TEST(EdgeImage, AStepIsAnEdgeThereAndAcrossItAlone) {
+  const EdgeImage image(StepAt(70.3, 160, 120), Pinhole());
+  ASSERT_GT(image.num_edges(), 100u);
+  // The parabola through three magnitudes of a step is off by some tenth of a pixel.
+  for (const EdgePixel& edge : image.edges()) EXPECT_NEAR(edge.position_px.x(), 70.3, 0.15);
+  const Eigen::Vector2d across(1, 0);
+  EXPECT_GT(image.Evidence({70.3, 60}, across), 1);
+  EXPECT_LT(image.Evidence({80, 60}, across), -0.9);
+  EXPECT_LT(image.Evidence({70.3, 60}, {0, 1}), -0.9);
+  EXPECT_EQ(image.Evidence({-1, 60}, across), 0);
+  const auto near = image.NearestAlong({68, 60}, across, 4);
+  ASSERT_TRUE(near);
+  EXPECT_NEAR(near->position_px.x(), 70.3, 0.15);
+  EXPECT_FALSE(image.NearestAlong({68, 60}, {0, 1}, 4));
+  EXPECT_FALSE(image.NearestAlong({60, 60}, across, 4));
+}
+
+TEST(SceneEdges, OfABoxLieOnItsOutlineAndItsCreases) {
+  const Eigen::Vector3d half(1, 0.8, 0.6);
+  const auto mesh = std::make_shared<const RayCaster>(
+      std::make_shared<const TriangleMesh>(MakeBox(Eigen::Vector3d::Zero(), half)));
+  const Rigid3 pose = LookAt({2.5, -2, -3}, Eigen::Vector3d::Zero());
+  const PixelRays rays(Pinhole(), 1);
+  Frame frame;
+  FrameRenderer(mesh, FrameOfEdges()).Render(rays, pose, 1, frame);
+  const std::vector<SceneEdge> edges = SceneEdges(frame, rays, pose, 10000);
+  ASSERT_GT(edges.size(), 200u);
+  int creases = 0;
+  for (const SceneEdge& edge : edges) {
+    // On an edge of a box two coordinates are at their limits. A pixel is 4 cm wide there,
+    // and wider on a face that is seen from aside.
+    const Eigen::Array3d inside = half.array() - edge.point_in_world.array().abs();
+    const int at_limits = static_cast<int>((inside.abs() < 0.15).count());
+    EXPECT_GE(at_limits, 2) << edge.point_in_world.transpose();
+    creases += edge.kind == SceneEdgeKind::kCrease ? 1 : 0;
+  }
+  EXPECT_GT(creases, 30);
+}
+
+// The demo's mesh, of whose textures alignment by edges sees nothing.
+class DemoAlignment : public testing::Test {
+ protected:
+  PoseEstimate Align(const Eigen::Vector3d& turn_deg, const Eigen::Vector3d& shift,
+                     uint64_t seed = 1) {
+    static const MeshScene mesh = LoadMeshScene({"mesh:" + (kDemo / "scene.obj").string()});
+    const Query query = ReadQueryList(kDemo / "queries.txt").at(1);
+    truth_ = PosesOf(LoadReferences(kDemo / "ground_truth", 1).references).at(query.name);
+    const Eigen::Quaterniond rotation =
+        RotationFromVector(turn_deg * std::numbers::pi / 180) * truth_.rotation;
+    PoseProblem problem;
+    problem.name = query.name;
+    problem.query_camera = query.camera;
+    problem.priors.position = {.position = truth_.OriginInSource() + shift,
+                               .sigma = Eigen::Vector3d::Constant(0.3)};
+    problem.priors.orientation = {.cam_from_world = rotation, .sigma_deg = 2};
+    return EdgeAligner(mesh.caster, kDemo / "images", seed).Estimate(problem);
+  }
+  Rigid3 truth_;
+};
+
+TEST_F(DemoAlignment, FromAPriorNearByIsExactAndSure) {
+  const PoseEstimate estimate = Align({2, -1, 1}, {0.2, -0.3, 0.1});
+  ASSERT_TRUE(estimate.cam_from_world && estimate.covariance);
+  EXPECT_EQ(estimate.verdict, PoseVerdict::kLocalized);
+  EXPECT_LT((estimate.cam_from_world->OriginInSource() - truth_.OriginInSource()).norm(), 0.03);
+  EXPECT_LT(AngleBetweenDeg(estimate.cam_from_world->rotation, truth_.rotation), 0.2);
+  const PoseEstimate again = Align({2, -1, 1}, {0.2, -0.3, 0.1});
+  EXPECT_EQ(again.cam_from_world->translation, estimate.cam_from_world->translation);
+}
+
+TEST_F(DemoAlignment, FromAPriorSomewhereElseIsNotSure) {
+  for (const Eigen::Vector3d& shift : {Eigen::Vector3d(4, 0, 0), Eigen::Vector3d(0, 20, 0)}) {
+    EXPECT_NE(Align({0, 0, 0}, shift).verdict, PoseVerdict::kLocalized);
+  }
+}
+
+}  // namespace
+}  // namespace raylift
