@@ -1,5 +1,6 @@
 #include "service/connection.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <string_view>
@@ -51,6 +52,8 @@ std::optional<Problem> FramingProblem(const Message& message) {
   return std::nullopt;
 }
 
+Problem TooManyBatches() { return TryLater(429, "too many batches are under way"); }
+
 Problem QueueIsFull() { return TryLater(429, "too many photographs wait"); }
 
 HttpRequest HeadOf(const Message& message) {
@@ -63,6 +66,11 @@ HttpRequest HeadOf(const Message& message) {
 }
 
 }  // namespace
+
+int Shared::NumBatches() const {
+  return static_cast<int>(std::count_if(connections.begin(), connections.end(),
+                                        [](const Connection* one) { return one->runs_batch(); }));
+}
 
 Connection::Connection(tcp::socket socket, Shared& shared)
     : shared_(shared), stream_(std::move(socket)) {
@@ -98,7 +106,8 @@ void Connection::OnHeader(const error_code& error) {
   if (error) return Fail(error);
   request_ = HeadOf(parser_->get());
   if (const auto problem = FramingProblem(parser_->get())) return Refuse(*problem);
-  auto answer = shared_.service.AnswerHead(request_, !shared_.is_draining, shared_.Gauges());
+  auto answer = shared_.service.AnswerHead(request_, !shared_.is_draining,
+                                           [this] { return shared_.Gauges(); });
   // What is left of a body that is not read would be taken for the next request.
   closes_ = !parser_->keep_alive() || (answer && !parser_->is_done());
   if (answer) return Write(std::move(*answer));
@@ -153,9 +162,11 @@ bool Connection::CountBody() {
 
 void Connection::Submit() {
   request_.body = std::move(parser_->get().body());
+  runs_batch_ = Service::IsBatch(request_);
+  if (shared_.NumBatches() > shared_.queue.threads()) return Refuse(TooManyBatches());
   BeginWatch();
   const bool has_room = shared_.queue.TryAdd(
-      Service::IsBatch(request_)
+      runs_batch_
           ? Task([](Connection& c) { return c.shared_.service.BeginBatch(std::move(c.request_)); },
                  [](Connection& c, auto begun) { c.OnBatch(std::move(begun)); })
           : Task([](Connection& c) { return c.shared_.service.Localize(c.request_, c.watch_); },
@@ -248,6 +259,7 @@ void Connection::Write(HttpAnswer answer) {
 
 void Connection::OnWritten(const error_code& error) {
   is_gone_.reset();
+  runs_batch_ = false;
   request_ = {};
   parser_.reset();  // and with it a body that was refused
   shared_.held_bytes -= std::exchange(held_bytes_, 0);

@@ -77,6 +77,8 @@ struct Shared {
         {"process_resident_memory_bytes", "Resident memory.", ResidentBytes()}};
   }
 
+  int NumBatches() const;  // under way
+
   ServerOptions options;
   Service service;
   size_t held_bytes = 0;  // of bodies
@@ -100,6 +102,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   void ReadHeader();
   // Ends it unless a request is under way.
   void CloseIfIdle();
+  bool runs_batch() const { return runs_batch_; }
 
  private:
   void OnHeader(const error_code& error);
@@ -184,6 +187,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   std::optional<http::response_serializer<http::string_body>> streamed_;
   std::string line_;  // of the batch, on its way
   bool is_idle_ = false;
+  bool runs_batch_ = false;
   bool closes_ = true;  // after the answer
 };
 

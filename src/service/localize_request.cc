@@ -1,7 +1,6 @@
 #include "service/localize_request.h"
 
 #include <array>
-#include <optional>
 #include <set>
 #include <sstream>
 #include <utility>
@@ -35,12 +34,6 @@ auto InField(const std::string& field, const Function& read) {
     throw InputError(field + ": " + error.what());
   }
 }
-
-// What a request says of the photograph beside what it shows.
-struct QueryFacts {
-  std::string name;
-  std::optional<std::string> camera, priors;
-};
 
 // Priors are one text or a line each.
 std::string ReadLines(const JsonPlace& place) {
@@ -299,14 +292,15 @@ BatchRequest ReadBatchRequest(std::string_view content_type, std::string_view bo
     throw Problem(415, "Content-Type", "expected multipart/form-data");
   }
   Form form = ReadForm(content_type, body);
-  if (!FactsOfForm(form.query).name.empty()) {
+  BatchRequest batch{.photographs = std::move(form.images), .facts = FactsOfForm(form.query)};
+  if (!batch.facts.name.empty()) {
     throw Problem(400, "query.name", "query: name: each photograph has its file's");
   }
-  return {.photographs = std::move(form.images), .query_json = std::move(form.query)};
+  return batch;
 }
 
 LocalizeRequest ReadBatchEntry(const BatchRequest& batch, size_t index, uint64_t max_pixels) {
-  return OfFormPicture(batch.photographs[index], FactsOfForm(batch.query_json), max_pixels);
+  return OfFormPicture(batch.photographs[index], batch.facts, max_pixels);
 }
 
 std::string DecodeBase64(std::string_view text) {

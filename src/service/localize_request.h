@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -43,6 +44,12 @@ inline constexpr uint64_t kUsualMaxPixels = 64'000'000;
 LocalizeRequest ReadLocalizeRequest(std::string_view content_type, std::string_view body,
                                     const ReferencesByName& references, uint64_t max_pixels);
 
+// What a request says of the photograph beside what it shows.
+struct QueryFacts {
+  std::string name = {};
+  std::optional<std::string> camera = std::nullopt, priors = std::nullopt;
+};
+
 // The photographs of a form with several, each a request. The camera of "query" is that of all of
 // them, and priors are by the photographs' names.
 struct BatchEntry {
@@ -51,7 +58,7 @@ struct BatchEntry {
 };
 struct BatchRequest {
   std::vector<BatchEntry> photographs;
-  std::string query_json;  // empty where there is none
+  QueryFacts facts;  // without a name
 };
 BatchRequest ReadBatchRequest(std::string_view content_type, std::string_view body);
 LocalizeRequest ReadBatchEntry(const BatchRequest& batch, size_t index, uint64_t max_pixels);

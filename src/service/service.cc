@@ -37,10 +37,14 @@ bool IsGet(std::string_view path) {
 
 bool IsPost(std::string_view path) { return path == kLocalizePath || path == kBatchPath; }
 
+// Undecoded: all of ours are plain.
+std::string_view PathOf(const HttpRequest& request) {
+  return std::string_view(request.target).substr(0, request.target.find('?'));
+}
+
 // The path where it is one of ours: what clients make up is not counted by its name.
 std::string RouteOf(const HttpRequest& request) {
-  const std::string_view path =
-      std::string_view(request.target).substr(0, request.target.find('?'));
+  const std::string_view path = PathOf(request);
   return IsGet(path) || IsPost(path) ? std::string(path) : "other";
 }
 
@@ -96,10 +100,9 @@ std::string NameList(const std::vector<std::string>& names) {
 
 }  // namespace
 
-Target ParseTarget(std::string_view target) {
-  Target parsed;
+std::map<std::string, std::string> ParseParameters(std::string_view target) {
+  std::map<std::string, std::string> parameters;
   const size_t question = std::min(target.find('?'), target.size());
-  parsed.path = target.substr(0, question);  // undecoded, as RouteOf() compares it
   std::string_view rest = target.substr(std::min(question + 1, target.size()));
   while (!rest.empty()) {
     const std::string_view pair = rest.substr(0, rest.find('&'));
@@ -107,11 +110,11 @@ Target ParseTarget(std::string_view target) {
     const size_t equals = std::min(pair.find('='), pair.size());
     const std::string name = Decoded(pair.substr(0, equals));
     const std::string value = Decoded(pair.substr(std::min(equals + 1, pair.size())));
-    if (!parsed.parameters.emplace(name, value).second) {
+    if (!parameters.emplace(name, value).second) {
       throw Problem(400, name, name + ": stands twice");
     }
   }
-  return parsed;
+  return parameters;
 }
 
 void AnswerWatch::Check() const {
@@ -149,12 +152,11 @@ std::shared_ptr<const Service::OpenedScenes> Service::Scenes() const {
 }
 
 std::shared_ptr<const Service::Opened> Service::SceneOf(const HttpRequest& request) const {
-  const Target target = ParseTarget(request.target);
   const auto scenes = Scenes();
   std::vector<std::string> names;
   for (const auto& [name, scene] : *scenes) names.push_back(name);
   std::optional<std::string> wanted;
-  for (const auto& [name, value] : target.parameters) {
+  for (const auto& [name, value] : ParseParameters(request.target)) {
     if (name != "scene") throw Problem(400, name, name + ": is not known here; expected scene");
     wanted = value;
   }
@@ -168,11 +170,11 @@ std::shared_ptr<const Service::Opened> Service::SceneOf(const HttpRequest& reque
 }
 
 std::optional<HttpAnswer> Service::AnswerHead(const HttpRequest& head, bool is_ready,
-                                              const std::vector<Gauge>& gauges) {
+                                              const ReadGauges& gauges) {
   try {
-    const Target target = ParseTarget(head.target);
-    const bool is_get = IsGet(target.path);
-    if (!is_get && !IsPost(target.path)) throw Problem(404, "there is nothing at this path");
+    const std::string_view path = PathOf(head);
+    const bool is_get = IsGet(path);
+    if (!is_get && !IsPost(path)) throw Problem(404, "there is nothing at this path");
     const bool is_preflight = head.method == "OPTIONS" && !options_.cors_origin.empty();
     if (is_preflight) {
       HttpAnswer answer{.status = 204};
@@ -189,13 +191,13 @@ std::optional<HttpAnswer> Service::AnswerHead(const HttpRequest& head, bool is_r
       return answer;
     }
     // Whether it is well is no secret.
-    const bool is_probe = target.path == "/healthz" || target.path == "/readyz";
+    const bool is_probe = path == "/healthz" || path == "/readyz";
     if (tokens_ && !is_probe) tokens_->Admit(head.authorization, AnswerWatch::Clock::now());
     if (!is_get) {
       SceneOf(head);
       return std::nullopt;
     }
-    HttpAnswer answer = Get(target.path, is_ready, gauges);
+    HttpAnswer answer = Get(path, is_ready, gauges);
     Complete(head, answer);
     return answer;
   } catch (const Problem& problem) {
@@ -205,11 +207,10 @@ std::optional<HttpAnswer> Service::AnswerHead(const HttpRequest& head, bool is_r
 
 bool Service::IsBatch(const HttpRequest& request) { return RouteOf(request) == kBatchPath; }
 
-HttpAnswer Service::Get(std::string_view path, bool is_ready,
-                        const std::vector<Gauge>& gauges) const {
+HttpAnswer Service::Get(std::string_view path, bool is_ready, const ReadGauges& gauges) const {
   if (path == "/v1/scenes") return ListScenes();
   if (path == "/metrics") {
-    return {.content_type = "text/plain; version=0.0.4", .body = metrics_.Text(gauges)};
+    return {.content_type = "text/plain; version=0.0.4", .body = metrics_.Text(gauges())};
   }
   if (path == "/openapi.json") return {.body = std::string(kOpenApi)};
   if (path == "/") {
@@ -302,6 +303,10 @@ std::string Service::Next(Batch& batch, const AnswerWatch& watch) {
   try {
     return AsProblems(options_, [&] {
       watch.Check();
+      // The batch was admitted for its first.
+      if (tokens_ && index > 0) {
+        tokens_->Admit(batch.request.authorization, AnswerWatch::Clock::now());
+      }
       LocalizeRequest read = ReadBatchEntry(batch.photographs, index, options_.limits.pixels);
       return FormatQueryDiagnostics(Run(*batch.scene, std::move(read), watch)) + '\n';
     });

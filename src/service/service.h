@@ -5,6 +5,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -45,6 +46,9 @@ struct AnswerWatch {
   void Check() const;
 };
 
+// Asked where somebody wants to see them.
+using ReadGauges = std::function<std::vector<Gauge>()>;
+
 // Thread safe.
 class Service {
  public:
@@ -57,7 +61,7 @@ class Service {
   // Answers what needs no body and refuses what is to be refused before it is read. nullopt where
   // the request is one for Localize() or for a batch.
   std::optional<HttpAnswer> AnswerHead(const HttpRequest& head, bool is_ready,
-                                       const std::vector<Gauge>& gauges);
+                                       const ReadGauges& gauges);
   static bool IsBatch(const HttpRequest& request);
 
   HttpAnswer Localize(const HttpRequest& request, const AnswerWatch& watch);
@@ -90,7 +94,7 @@ class Service {
 
   std::shared_ptr<const OpenedScenes> Scenes() const;
   std::shared_ptr<const Opened> SceneOf(const HttpRequest& request) const;
-  HttpAnswer Get(std::string_view path, bool is_ready, const std::vector<Gauge>& gauges) const;
+  HttpAnswer Get(std::string_view path, bool is_ready, const ReadGauges& gauges) const;
   HttpAnswer ListScenes() const;
   LocalizedQuery Run(const Opened& scene, LocalizeRequest request, const AnswerWatch& watch);
   void Keep(const std::string& picture, const std::string& line);
@@ -103,12 +107,8 @@ class Service {
   std::shared_ptr<const OpenedScenes> scenes_;  // guarded by it
 };
 
-// A request's target: "/v1/localize?scene=a".
-struct Target {
-  std::string path;
-  std::map<std::string, std::string> parameters;
-};
-// Throws Problem for what cannot be decoded, and for a parameter that stands twice.
-Target ParseTarget(std::string_view target);
+// Returns those of a request's target: "/v1/localize?scene=a". Throws Problem for what cannot be
+// decoded, and for a parameter that stands twice.
+std::map<std::string, std::string> ParseParameters(std::string_view target);
 
 }  // namespace raylift

@@ -36,8 +36,9 @@ WorkQueue::~WorkQueue() {
 bool WorkQueue::TryAdd(Work work) {
   {
     const std::lock_guard lock(mutex_);
-    if (waiting_.size() >= most_waiting_) return false;
-    waiting_.push_back(std::move(work));
+    if (num_new_ >= most_waiting_) return false;
+    waiting_.push_back({std::move(work), true});
+    ++num_new_;
   }
   changed_.notify_one();
   return true;
@@ -46,7 +47,7 @@ bool WorkQueue::TryAdd(Work work) {
 void WorkQueue::AddAgain(Work work) {
   {
     const std::lock_guard lock(mutex_);
-    waiting_.push_back(std::move(work));
+    waiting_.push_back({std::move(work), false});
   }
   changed_.notify_one();
 }
@@ -55,7 +56,7 @@ bool WorkQueue::IsFull() const { return NumWaiting() >= most_waiting_; }
 
 size_t WorkQueue::NumWaiting() const {
   const std::lock_guard lock(mutex_);
-  return waiting_.size();
+  return num_new_;
 }
 
 size_t WorkQueue::NumInHand() const {
@@ -69,7 +70,8 @@ void WorkQueue::Serve() {
     changed_.wait(lock, [this] { return ends_ || !waiting_.empty(); });
     if (ends_) return;
     {
-      const Work work = std::move(waiting_.front());
+      const Work work = std::move(waiting_.front().work);
+      num_new_ -= waiting_.front().is_new ? 1 : 0;
       waiting_.pop_front();
       ++in_hand_;
       lock.unlock();

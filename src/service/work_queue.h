@@ -25,21 +25,27 @@ class WorkQueue {
 
   // Returns whether there was room. Thread safe, as all of these.
   bool TryAdd(Work work);
-  // What was admitted before goes on behind all that waits, so that others have their turn.
+  // What was admitted before goes on behind all that waits, so that others have their turn, and
+  // takes the room of none of them.
   void AddAgain(Work work);
 
   bool IsFull() const;
-  size_t NumWaiting() const;
+  size_t NumWaiting() const;  // for the first time
   size_t NumInHand() const;
   int threads() const { return static_cast<int>(threads_.size()); }
 
  private:
+  struct Waiting {
+    Work work;
+    bool is_new;
+  };
   void Serve();
 
   const size_t most_waiting_;
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable changed_;
-  std::deque<Work> waiting_;
+  std::deque<Waiting> waiting_;
+  size_t num_new_ = 0;  // of those that wait
   size_t in_hand_ = 0;
   bool ends_ = false;
   std::vector<std::thread> threads_;

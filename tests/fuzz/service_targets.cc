@@ -37,40 +37,41 @@ std::string Form() {
 }  // namespace
 
 std::vector<FuzzTarget> ServiceFuzzTargets() {
-  return {{"service_form",
-           [](std::string_view bytes) {
-             AsInput([&] {
-               ReadLocalizeRequest("multipart/form-data; boundary=b", bytes, {}, kMaxPixels);
-             });
-           },
-           [] { return std::vector<std::string>{Form()}; },
-           "\r\n --b -- Content-Disposition: form-data; name= filename= image query camera priors"},
-          {"service_json",
-           [](std::string_view bytes) {
-             static const PosedImage reference{.name = "r", .camera = {}, .cam_from_world = {}};
-             AsInput([&] {
-               ReadLocalizeRequest("application/json", bytes, {{"r", &reference}}, kMaxPixels);
-             });
-           },
-           [] {
-             return std::vector<std::string>{
-                 R"({"image": "UDUgMiAxIDI1NQphYg=="})",
-                 R"({"camera": "SIMPLE_PINHOLE 2 1 3 1 0.5", "matches": [{"reference": "r",)"
-                 R"("query_px": [[1, 0.5]], "reference_px": [[0.5, 0.5]]}]})",
-                 R"({"features": {"width": 2, "height": 1, "keypoints": [], "descriptors": []}})"};
-           },
-           "image features matches name camera priors width height keypoints descriptors "
-           "reference query_px reference_px"},
-          {"service_target", [](std::string_view bytes) { AsInput([&] { ParseTarget(bytes); }); },
-           [] { return std::vector<std::string>{"/v1/localize?scene=a%20b"}; },
-           "/v1/localize ? scene= & %2F +"},
-          {"service_header",
-           [](std::string_view bytes) {
-             MediaType(bytes);
-             HeaderParameter(bytes, "boundary");
-           },
-           [] { return std::vector<std::string>{"multipart/form-data; boundary=\"a\\\"b\""}; },
-           "boundary = ; \""}};
+  return {
+      {"service_form",
+       [](std::string_view bytes) {
+         AsInput([&] {
+           ReadLocalizeRequest("multipart/form-data; boundary=b", bytes, {}, kMaxPixels);
+         });
+       },
+       [] { return std::vector<std::string>{Form()}; },
+       "\r\n --b -- Content-Disposition: form-data; name= filename= image query camera priors"},
+      {"service_json",
+       [](std::string_view bytes) {
+         static const PosedImage reference{.name = "r", .camera = {}, .cam_from_world = {}};
+         AsInput([&] {
+           ReadLocalizeRequest("application/json", bytes, {{"r", &reference}}, kMaxPixels);
+         });
+       },
+       [] {
+         return std::vector<std::string>{
+             R"({"image": "UDUgMiAxIDI1NQphYg=="})",
+             R"({"camera": "SIMPLE_PINHOLE 2 1 3 1 0.5", "matches": [{"reference": "r",)"
+             R"("query_px": [[1, 0.5]], "reference_px": [[0.5, 0.5]]}]})",
+             R"({"features": {"width": 2, "height": 1, "keypoints": [], "descriptors": []}})"};
+       },
+       "image features matches name camera priors width height keypoints descriptors "
+       "reference query_px reference_px"},
+      {"service_target", [](std::string_view bytes) { AsInput([&] { ParseParameters(bytes); }); },
+       [] { return std::vector<std::string>{"/v1/localize?scene=a%20b"}; },
+       "/v1/localize ? scene= & %2F +"},
+      {"service_header",
+       [](std::string_view bytes) {
+         MediaType(bytes);
+         HeaderParameter(bytes, "boundary");
+       },
+       [] { return std::vector<std::string>{"multipart/form-data; boundary=\"a\\\"b\""}; },
+       "boundary = ; \""}};
 }
 
 }  // namespace raylift

@@ -1,5 +1,6 @@
 """raylift serve: who may ask, how much, and what becomes of clients that mean no good."""
 
+import http.client
 import json
 import re
 import signal
@@ -23,7 +24,7 @@ HEAD = "POST /v1/localize HTTP/1.1\r\nHost: a\r\nAuthorization: Bearer secret\r\
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("limits")
-    (folder / "tokens.txt").write_text("secret\nrare 1\n")
+    (folder / "tokens.txt").write_text("secret\nrare 1\nonce 1\n")
     return folder
 
 
@@ -90,6 +91,26 @@ def test_a_batch_has_a_line_for_each_photograph(server):
     assert lines[0]["verdict"] in ("localized", "doubtful") and lines[2]["problem"]["field"] == "image"
     body, of_form = form([("query", None, b"{}")])
     assert server.ask("/v1/localize/batch", body, {**TOKEN, **of_form})[0] == 400
+
+
+def test_batches_leave_room_for_others(server):
+    body, of_form = form([("image", name, photograph(name)) for name in NAMES[:8]])
+    batch = http.client.HTTPConnection(*server.address, timeout=600)
+    batch.request("POST", "/v1/localize/batch", body, {**TOKEN, **of_form})
+    answer = batch.getresponse()  # its head: it is under way
+    assert answer.status == 200
+    status, headers, refused = server.ask("/v1/localize/batch", body, {**TOKEN, **of_form})
+    assert status == 429 and headers["Retry-After"] and b"batches" in refused
+    assert ask(server, NAMES[8])[0] == 200
+    assert len(answer.read().splitlines()) == 8
+    batch.close()
+
+
+def test_each_photograph_of_a_batch_counts_for_its_token(server):
+    body, of_form = form([("image", name, photograph(name)) for name in NAMES[:2]])
+    once = {"Authorization": "Bearer once"}
+    first, second = map(json.loads, server.ask("/v1/localize/batch", body, {**once, **of_form})[2].splitlines())
+    assert first["verdict"] and second["problem"]["status"] == 429
 
 
 def test_photographs_beyond_the_queue_are_refused_and_all_others_answered(server):

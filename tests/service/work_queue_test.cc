@@ -29,5 +29,22 @@ TEST(WorkQueue, TakesNoMoreThanMayWait) {
   EXPECT_EQ(done, (std::vector<int>{1, 2}));
 }
 
+TEST(WorkQueue, WhatGoesOnTakesNoRoom) {
+  WorkQueue queue(1, 1);
+  std::promise<void> begun, go_on, ended;
+  auto may_go_on = go_on.get_future().share();
+  ASSERT_TRUE(queue.TryAdd([&] {
+    begun.set_value();
+    may_go_on.wait();
+  }));
+  begun.get_future().wait();
+  queue.AddAgain([] {});
+  EXPECT_FALSE(queue.IsFull());
+  EXPECT_TRUE(queue.TryAdd([&] { ended.set_value(); }));
+  EXPECT_TRUE(queue.IsFull());
+  go_on.set_value();
+  ended.get_future().wait();
+}
+
 }  // namespace
 }  // namespace raylift
