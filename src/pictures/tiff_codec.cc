@@ -70,16 +70,22 @@ TiffPointer Open(Memory& memory, const char* mode) {
   return tiff;
 }
 
-void RefuseLargeBlocks(TIFF* tiff) {
-  const tmsize_t bytes = TIFFIsTiled(tiff) != 0 ? TIFFTileSize(tiff) : TIFFStripSize(tiff);
-  if (bytes <= 0 || bytes > kMaxTiffBlockBytes) Fail();
-}
-
 template <typename T>
 T Field(TIFF* tiff, uint32_t tag) {
   T value = 0;
   TIFFGetFieldDefaulted(tiff, tag, &value);
   return value;
+}
+
+// A tile may be larger than its picture, but not by far.
+void RefuseLargeBlocks(TIFF* tiff) {
+  constexpr uint64_t kUsualBytes = uint64_t{1} << 26;
+  constexpr uint64_t kMaxPixelBytes = 32;  // four numbers in double precision
+  const tmsize_t bytes = TIFFIsTiled(tiff) != 0 ? TIFFTileSize(tiff) : TIFFStripSize(tiff);
+  if (bytes <= 0 || bytes > kMaxTiffBlockBytes) Fail();
+  const uint64_t pixels = uint64_t{Field<uint32_t>(tiff, TIFFTAG_IMAGEWIDTH)} *
+                          Field<uint32_t>(tiff, TIFFTAG_IMAGELENGTH);
+  if (static_cast<uint64_t>(bytes) > std::max(kUsualBytes, kMaxPixelBytes * pixels)) Fail();
 }
 
 // The pixels of one strip or tile, as far as they are in the picture.

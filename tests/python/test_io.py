@@ -1,3 +1,6 @@
+import struct
+import zlib
+
 import numpy as np
 import pytest
 
@@ -128,3 +131,22 @@ def test_photographs(tmp_path):
     assert image.shape == (640, 480, 3) and image.dtype == np.uint8
     with pytest.raises(raylift.InputError, match="missing.jpg"):
         raylift.read_image(tmp_path / "missing.jpg")
+
+
+def tiled_tiff(side, tile):
+    """A picture of side^2 gray pixels, all 7, in one tile of tile^2."""
+    packer = zlib.compressobj(1)
+    row = b"\7" * tile
+    data = b"".join([packer.compress(row) for _ in range(tile)]) + packer.flush()
+    tags = [(256, side), (257, side), (258, 8), (259, 8), (262, 1), (277, 1), (322, tile), (323, tile), (324, 8),
+            (325, len(data))]
+    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags)
+    return struct.pack("<2sHI", b"II", 42, 8 + len(data)) + data + struct.pack("<H", len(tags)) + entries + b"\0" * 4
+
+
+def test_tiles_far_larger_than_their_picture_are_refused(tmp_path):
+    (tmp_path / "usual.tif").write_bytes(tiled_tiff(10, 1024))
+    assert (raylift.read_image(tmp_path / "usual.tif") == 7).all()
+    (tmp_path / "large.tif").write_bytes(tiled_tiff(10, 16384))  # 256 MB
+    with pytest.raises(raylift.InputError, match="large.tif"):
+        raylift.read_image(tmp_path / "large.tif")
