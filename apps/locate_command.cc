@@ -182,7 +182,7 @@ Command AddLocateCommand(CLI::App& program) {
   group.Add("--queries", flags->queries, "List of queries: name MODEL width height params...");
   group.Add("--query-images", flags->query_images,
             "Folder of the query photographs, for names that stand alone in the list");
-  group.Add("--geometry", flags->geometry, "mesh:PATH, dsm:FILE, cloud:PATH or splats:PATH");
+  group.Add("--geometry", flags->geometry, "mesh:PATH, dsm:FILE, cloud:PATH or splat:PATH");
   AddCrsOption(group, flags->world);
   AddRunOptions(command, flags->running);
   SetFooter(

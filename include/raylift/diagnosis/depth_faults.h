@@ -6,7 +6,7 @@
 //   noise            differences of r between neighbors: additive where they fall as 1 / depth,
 //                    multiplicative where they are the same at every depth
 //   edges            outliers within 3 px of true depth edges that are none in the interior
-//   flying pixels    pixels at a true edge between its two surfaces (depth_explanation.h)
+//   flying pixels    pixels at a true edge between its two surfaces (FlyingPercent, cause_fits.h)
 //   floaters         interior pixels well in front of the surface, with edges of their own
 //   bubbles          the same, but smooth
 //   quantization     few different values of depth
