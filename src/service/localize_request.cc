@@ -77,14 +77,15 @@ QueryFacts ReadFacts(const JsonPlace& json) {
 
 // Returns the query with its camera, which is the one of `size` with an unknown focal length where
 // the request does not name it.
-Query QueryOf(const QueryFacts& facts, PlaneSize size, std::optional<double> film_mm) {
+Query QueryOf(const QueryFacts& facts, PlaneSize size, const Exif& exif = {}) {
   Query query;
   if (facts.camera) {
     query.name = facts.name;
     TakeCamera(*facts.camera, query);
-    RequireSizeOf(query.camera, query.name, size, "camera");
+    const auto why = WhyOtherSize(query.camera, query.name, size, exif.SwapsSides());
+    if (why) throw InputError("camera: " + *why);
   } else {
-    query = QueryOfUnknownCamera(facts.name, size, film_mm);
+    query = QueryOfUnknownCamera(facts.name, size, exif.focal_35mm);
   }
   if (facts.priors) {
     TakePosePriors(ParsePosePriors("priors", *facts.priors), "priors", {&query, 1});
@@ -96,7 +97,7 @@ LocalizeRequest OfPicture(std::string bytes, const QueryFacts& facts, const std:
                           uint64_t max_pixels) {
   LocalizeRequest request;
   std::istringstream header(bytes);
-  const auto exif_mm = InField("image", [&] {
+  const Exif exif = InField("image", [&] {
     if (const auto why = WhyNoPicture(bytes)) throw InputError(*why);
     const auto size = PictureSizeFromHeader(header);
     if (static_cast<uint64_t>(size->width_px) * static_cast<uint64_t>(size->height_px) >
@@ -108,10 +109,10 @@ LocalizeRequest OfPicture(std::string bytes, const QueryFacts& facts, const std:
     request.evidence = DecodePhotograph(bytes, ImageChannels::kGray);
     header.clear();
     header.seekg(0);
-    return ReadExif(header).focal_35mm;
+    return ReadExif(header);
   });
   const Image& image = std::get<Image>(request.evidence);
-  const auto read = [&] { return QueryOf(facts, {image.width_px, image.height_px}, exif_mm); };
+  const auto read = [&] { return QueryOf(facts, {image.width_px, image.height_px}, exif); };
   request.query = of_facts.empty() ? read() : InField(of_facts, read);
   request.picture_bytes = std::move(bytes);
   return request;
@@ -176,7 +177,7 @@ LocalizeRequest OfMatches(const JsonPlace& json, const QueryFacts& facts,
   LocalizeRequest request;
   Query of_camera;
   TakeCamera(*facts.camera, of_camera);
-  request.query = QueryOf(facts, {of_camera.camera.width_px(), of_camera.camera.height_px()}, {});
+  request.query = QueryOf(facts, {of_camera.camera.width_px(), of_camera.camera.height_px()});
   request.evidence = ReadMatches(json.Member("matches"), request.query, references);
   return request;
 }
@@ -187,7 +188,7 @@ LocalizeRequest OfFeatures(const JsonPlace& json, const QueryFacts& facts) {
   Features features = ReadFeatures(place);
   const PlaneSize size{features.image_width_px, features.image_height_px};
   if (size.width_px < 1 || size.height_px < 1) place.Fail("expected a positive width and height");
-  request.query = QueryOf(facts, size, {});
+  request.query = QueryOf(facts, size);
   request.evidence = std::move(features);
   return request;
 }

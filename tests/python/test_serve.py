@@ -3,7 +3,6 @@
 import base64
 import json
 import random
-import signal
 import subprocess
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -109,6 +108,11 @@ def test_what_is_wrong_with_a_request_is_named(server):
     problem(ask_query('{"camera": "PINHOLE 640 480 500"}'), 400, "query.camera")
     problem(ask_query('{"camera": "PINHOLE 640 480 nan 500 320 240"}'), 400, "query.camera")
     problem(ask_query('{"camera": "PINHOLE 320 240 500 500 160 120"}'), 400, "query.camera")
+    turned = b"\xff\xe1\0\x22Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06" + b"\0" * 7
+    upright = ("query", None, b'{"camera": "PINHOLE 480 640 500 500 240 320"}')
+    assert "turn the image" in problem(ask(image, upright), 400, "query.camera")
+    image_of_turned = ("image", "a.jpg", image[2][:2] + turned + image[2][2:])
+    assert "EXIF turns it" in problem(ask(image_of_turned, upright), 400, "query.camera")
     problem(ask_query('{"name": "a.jpg", "priors": "b.jpg position 1 2 3 4"}'), 400, "query.priors")
     problem(ask_query('{"name": "a.jpg", "priors": ["a.jpg position 1 2 nan 4"]}'), 400, "query.priors")
     problem(ask_query('{"kamera": ""}'), 400, "query.kamera")

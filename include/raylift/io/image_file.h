@@ -21,8 +21,11 @@ PlaneSize ReadImageSize(const std::filesystem::path& path);
 // where it says none.
 std::optional<double> ReadFocalLengthOnFilm(const std::filesystem::path& path);
 
-// Throws InputError where the photograph `name`, whose file it is, has another size than its
-// camera: it says whether viewers turn it, and what the camera is at the photograph's size.
+// Returns what is wrong where the photograph `name` has another size than its camera: whether
+// viewers turn it, as its EXIF says, and what the camera is at the photograph's size.
+std::optional<std::string> WhyOtherSize(const Camera& camera, const std::string& name,
+                                        PlaneSize size, bool is_turned);
+// Throws InputError with that where there is something; `file` is the photograph's.
 void RequireSizeOf(const Camera& camera, const std::string& name, PlaneSize size,
                    const std::filesystem::path& file);
 

@@ -84,9 +84,9 @@ std::optional<double> ReadFocalLengthOnFilm(const std::filesystem::path& path) {
   return ReadExif(file).focal_35mm;
 }
 
-void RequireSizeOf(const Camera& camera, const std::string& name, PlaneSize size,
-                   const std::filesystem::path& file) {
-  if (size == PlaneSize{camera.width_px(), camera.height_px()}) return;
+std::optional<std::string> WhyOtherSize(const Camera& camera, const std::string& name,
+                                        PlaneSize size, bool is_turned) {
+  if (size == PlaneSize{camera.width_px(), camera.height_px()}) return std::nullopt;
   std::string message = fmt::format("the image is {} x {}, its camera {} x {}", size.width_px,
                                     size.height_px, camera.width_px(), camera.height_px());
   // Rounded sides change the ratio by so much.
@@ -94,16 +94,22 @@ void RequireSizeOf(const Camera& camera, const std::string& name, PlaneSize size
   const double ratio_x = static_cast<double>(size.width_px) / camera.width_px();
   const double ratio_y = static_cast<double>(size.height_px) / camera.height_px();
   if (size == PlaneSize{camera.height_px(), camera.width_px()}) {
-    std::ifstream stream(file, std::ios::binary);
     message +=
-        ReadExif(stream).SwapsSides()
+        is_turned
             ? ": EXIF turns it in viewers; expected the camera of its pixels as they are stored"
             : ": turn the image, or take a camera of it as it stands";
   } else if (std::abs(ratio_x / ratio_y - 1) < rounding) {
     message += fmt::format("; scaled to the image it is: {} {}", name,
                            camera.Scaled(size.width_px, size.height_px).ToString());
   }
-  throw InputError(file, message);
+  return message;
+}
+
+void RequireSizeOf(const Camera& camera, const std::string& name, PlaneSize size,
+                   const std::filesystem::path& file) {
+  if (!WhyOtherSize(camera, name, size, false)) return;
+  std::ifstream stream(file, std::ios::binary);
+  throw InputError(file, *WhyOtherSize(camera, name, size, ReadExif(stream).SwapsSides()));
 }
 
 Image DecodePhotograph(std::string_view bytes, ImageChannels channels) {
