@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "base/statistics.h"
+#include "sequences/anchors.h"
 #include "sequences/made_walk.h"
 #include "support/matchers.h"
 #include <Eigen/Cholesky>
@@ -31,6 +32,22 @@ double MeanNees(const MadeWalk& made, const SmoothedWalk& walk) {
     sum += error.dot(walk.frames[i].covariance.inverse() * error) / 6;
   }
   return sum / static_cast<double>(made.truth.size());
+}
+
+// From a first pose that is turned by its deviation the odometry leads a meter past the second one.
+TEST(FindAnchors, ATurnOfAPoseMovesWhatIsFarFromIt) {
+  constexpr double kTurnDeg = 5;
+  Vector6 turn = Vector6::Zero();
+  turn.y() = kRadPerDeg * kTurnDeg;
+  Matrix6 exact = 1e-6 * Matrix6::Identity(), turned = exact;
+  turned.diagonal().head<3>().setConstant(std::pow(kRadPerDeg * kTurnDeg, 2));
+  const Rigid3 later{Eigen::Quaterniond::Identity(), Vector3d(0, 0, 10)};
+  const std::vector<WalkEvidence> frames = {
+      {Rigid3(), SinglePose{Moved(Rigid3(), turn), turned, 0.99}},
+      {later, SinglePose{later, exact, 0.99}}};
+  const auto anchors = FindAnchors(frames, 1, {1e-6, 1e-6});
+  ASSERT_EQ(anchors.size(), 2U);
+  EXPECT_FALSE(anchors[1].lost_before);
 }
 
 TEST(SmoothWalk, IsNearerToTheTruthThanSingleFramesAndKnowsHowNear) {

@@ -6,9 +6,14 @@
 #include <vector>
 
 #include "sequences/made_walk.h"
+#include "sequences/walked_query.h"
 #include "support/matchers.h"
+#include "support/test_data.h"
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "raylift/base/file.h"
+#include "raylift/base/text.h"
 
 namespace raylift {
 namespace {
@@ -140,6 +145,39 @@ TEST(SmoothQueries, APoseWithoutAUsableCovarianceNeitherSpeaksNorIsDropped) {
   inputs.alone[6].estimate.covariance.reset();
   EXPECT_EQ(smooth().Count(WalkRole::kAlone), 20U);
   EXPECT_THAT(smooth().warnings, ElementsAre(HasSubstr("no photograph of it has a pose")));
+}
+
+TEST(SmoothQueries, AWalkThatKnowsNoDirectionIsNoSurePose) {
+  const Inputs inputs = InputsOf({.truth = {}, .frames = {{Rigid3(), std::nullopt}}});
+  const auto confidence = [&](double turn_sigma) {
+    SmoothedFrame frame;
+    frame.confidence = 1;
+    frame.covariance = 1e-6 * Matrix6::Identity();
+    frame.covariance.diagonal().head<3>().setConstant(turn_sigma * turn_sigma);
+    WalkedQuery rescued{inputs.alone[0]};
+    TakeFromWalk(frame, inputs.photographs[0], SceneDistances(Scene()), 0, rescued);
+    return rescued.localized.confidence();
+  };
+  // How far away the scene is, is not known.
+  EXPECT_NEAR(confidence(1e-3), 0.5, 1e-6);
+  EXPECT_LT(confidence(0.3), 0.4);
+}
+
+TEST(WriteTrajectory, CovariancesAreTheirUpperTriangleByRows) {
+  Rng rng = TestRng();
+  const MadeWalk made = MakeWalk(rng, {.frames = 20});
+  const Inputs inputs = InputsOf(made);
+  const WalkedQueries walked =
+      SmoothQueries(inputs.alone, inputs.photographs, inputs.walk, SceneDistances(Scene()), {});
+  const auto folder = TestFolder();
+  WriteTrajectory(folder, walked);
+  const std::string text = ReadFile(folder / "trajectory_covariance.txt");
+  const Matrix6& covariance = *walked.queries[7].localized.estimate.covariance;
+  std::string expected = "\n7";
+  for (Eigen::Index i = 0; i < 6; ++i) {
+    for (Eigen::Index k = i; k < 6; ++k) expected += ' ' + FormatDouble(covariance(i, k));
+  }
+  EXPECT_THAT(text, HasSubstr(expected + '\n'));
 }
 
 TEST(SmoothQueries, WithoutAnObservableScaleResultsStayAsTheyAre) {
