@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "base/rng.h"
+#include "base/statistics.h"
 #include "mapping/distance_grid.h"
 #include "mapping/view_planes.h"
 #include "support/meshes.h"
@@ -181,6 +182,57 @@ TEST_F(Fusion, FindsTheNoiseAndAveragesIt) {
   }
   const double mean = sum / static_cast<double>(fused.mesh.vertices.size());
   EXPECT_LT(mean, 0.3 * fused.scale.noise);
+}
+
+TEST_F(Fusion, VoxelsAreTwoPixelsOrAsLargeAsTheNoise) {
+  const FusedMesh exact = FuseViews(Room(), Views());
+  EXPECT_DOUBLE_EQ(exact.voxel, 2 * exact.scale.pixel_width);
+  EXPECT_DOUBLE_EQ(exact.truncation, 4 * exact.voxel);
+  // Each view sees everything larger or smaller than it is.
+  const Room room(Vector3d::Zero(), [](const PosedImage& view, const Eigen::Vector2d&) {
+    return view.name.back() % 2 == 0 ? 0.95 : 1.05;
+  });
+  const FusedMesh noisy = FuseViews(room, Views());
+  EXPECT_GT(noisy.scale.noise, 2 * noisy.scale.pixel_width);
+  EXPECT_DOUBLE_EQ(noisy.voxel, noisy.scale.noise);
+}
+
+TEST(ViewPlanes, WeighLessWhereTheyAreSlantedOrNoisy) {
+  const PosedImage view = Views().front();
+  for (const double noise : {0.0, 0.05}) {
+    const ViewPlanes seen = LookForPlanes(Room(), view, {.relative_noise = noise}, 0.1);
+    for (size_t i = 0; i < seen.planes.size(); ++i) {
+      const PixelPlane& plane = seen.planes[i];
+      const Eigen::Vector2d pixel(static_cast<double>(i % 160) + 0.5,
+                                  static_cast<double>(i / 160) + 0.5);
+      const double cosine = -plane.normal_in_cam.cast<double>().dot(*view.camera.RayInCam(pixel));
+      const double sigma = noise * static_cast<double>(plane.depth);
+      const double weight = cosine * 0.01 / (sigma * sigma + 0.0025);
+      if (plane.weight == 0) continue;
+      EXPECT_NEAR(plane.weight, weight, 1e-4 * weight);
+    }
+    EXPECT_GT(seen.max_depth, 1);
+  }
+}
+
+// Where depth is rough, planes are fitted to that of some pixels; that of the room is exact.
+TEST(ViewPlanes, FittedToRoughDepthGoThroughTheSurface) {
+  const PosedImage view = Views().front();
+  const ViewPlanes exact = LookForPlanes(Room(), view, {}, 0.1);
+  const ViewPlanes fitted = LookForPlanes(Room(), view, {.relative_roughness = 0.01}, 0.1);
+  std::vector<double> distances;
+  for (size_t i = 0; i < fitted.planes.size(); ++i) {
+    const PixelPlane& plane = fitted.planes[i];
+    const Eigen::Vector2d pixel(static_cast<double>(i % 160) + 0.5,
+                                static_cast<double>(i / 160) + 0.5);
+    const Vector3d ray = *view.camera.RayInCam(pixel);
+    const Vector3d point = static_cast<double>(exact.planes[i].depth) / ray.z() * ray;
+    if (plane.weight == 0) continue;
+    distances.push_back(std::abs(plane.normal_in_cam.cast<double>().dot(point) -
+                                 static_cast<double>(plane.offset)));
+  }
+  ASSERT_GT(distances.size(), 10000U);
+  EXPECT_LT(UpperMedianOr(distances, 1), 1e-4);
 }
 
 TEST_F(Fusion, WhatOthersLookThroughIsFree) {
