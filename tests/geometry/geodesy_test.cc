@@ -132,6 +132,15 @@ TEST(Crs, PointsOffTheEarthAreRefused) {
   EXPECT_TRUE(fails("EPSG:2056", {2600104, 5188163, 0}, {"not where EPSG:2056"}));
 }
 
+// New Zealand with the Chatham Islands, from 160 degrees east to 171 degrees west.
+TEST(Crs, AnAreaMayLieOnBothSidesOfTheDateLine) {
+  const Crs crs("EPSG:4167");
+  EXPECT_NO_THROW(crs.Check({174.8, -41.3, 0}));
+  EXPECT_NO_THROW(crs.Check({-176.5, -44, 0}));
+  EXPECT_TRUE(FailsWithInputError([&] { crs.Check({9.9, -41.3, 0}); }, {"not where EPSG:4167"}));
+  EXPECT_TRUE(FailsWithInputError([&] { crs.Check({-120, -41.3, 0}); }, {"not where EPSG:4167"}));
+}
+
 TEST(LocalFrame, OfAMapHasItsScaleAndConvergence) {
   const LocalFrame frame =
       LocalFrameAt(Crs("EPSG:32615"), {576667.674399668, 5188163.827476512, 198.3});
