@@ -57,6 +57,15 @@ TEST(PosePriorList, PlacesAndHeadingsAreLedToTheWorld) {
   EXPECT_LT((turned.at("a").heading->right_in_world - Eigen::Vector3d(1, 0, 0)).norm(), 1e-12);
 }
 
+// Where the equator meets the prime meridian, east is the earth's y, north its z and up its x.
+TEST(PosePriorList, DeviationsAreLedToTheWorldsAxes) {
+  const auto priors =
+      ReadPosePriors(FileOf("* world_crs EPSG:4978\na position 0 0 0 1 2 3 crs=EPSG:4979\n"
+                            "b position 90 45 0 1 2 2 crs=EPSG:4979"));
+  EXPECT_LT((priors.at("a").position->sigma - Eigen::Vector3d(3, 1, 2)).norm(), 1e-6);
+  EXPECT_LT((priors.at("b").position->sigma - Eigen::Vector3d(1, 2, 2)).norm(), 1e-6);
+}
+
 // A projected system of Duluth in WKT, whose names have blanks.
 TEST(PosePriorList, TheWorldMayBeWkt) {
   const auto frame = WorldFrame::Parse(
